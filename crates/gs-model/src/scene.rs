@@ -1,0 +1,79 @@
+//! [`Scene`]: a trained 3DGS model as a struct of arrays.
+
+/// The constant of the degree-0 spherical harmonic, 1 / (2 sqrt(pi)).
+///
+/// A Gaussian without view dependence has colour `0.5 + SH_C0 * sh[0]`.
+pub const SH_C0: f32 = 0.282_094_79;
+
+/// A trained 3DGS model: `len()` Gaussians as a struct of arrays, in training parametrisation.
+///
+/// Every array has one entry per Gaussian, except [`Scene::sh`], which has
+/// [`Scene::sh_len`] consecutive entries per Gaussian.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Means (positions), world units.
+    pub means: Vec<[f32; 3]>,
+    /// Rotations as quaternions `[w, x, y, z]`, not necessarily of unit norm.
+    pub rotations: Vec<[f32; 4]>,
+    /// Natural logarithms of the three standard deviations, world units.
+    pub log_scales: Vec<[f32; 3]>,
+    /// Opacity before the sigmoid.
+    pub opacity_logits: Vec<f32>,
+    /// Highest spherical-harmonic degree, 0 to 3.
+    pub sh_degree: u8,
+    /// SH coefficients, **coefficient-major RGB**: entry `i * sh_len() + k` is the `[r, g, b]`
+    /// triple of basis function `k` of Gaussian `i`; `k = 0` is the DC term. (Inria PLY files
+    /// store `f_rest` channel-major; the reader and the writer convert.)
+    pub sh: Vec<[f32; 3]>,
+}
+
+impl Scene {
+    /// Number of Gaussians.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// True if the scene holds no Gaussian.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// SH coefficients per Gaussian and colour channel: `(sh_degree + 1)^2`, DC included.
+    #[must_use]
+    pub fn sh_len(&self) -> usize {
+        sh_len(self.sh_degree)
+    }
+
+    /// The SH coefficients of Gaussian `i`, DC first; `sh_len()` RGB triples.
+    #[must_use]
+    pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {
+        let k = self.sh_len();
+        &self.sh[i * k..(i + 1) * k]
+    }
+
+    /// A scene with the Gaussians at `indices`, in that order (repeats allowed).
+    #[must_use]
+    pub fn select(&self, indices: &[usize]) -> Self {
+        let k = self.sh_len();
+        let mut out = Self {
+            means: indices.iter().map(|&i| self.means[i]).collect(),
+            rotations: indices.iter().map(|&i| self.rotations[i]).collect(),
+            log_scales: indices.iter().map(|&i| self.log_scales[i]).collect(),
+            opacity_logits: indices.iter().map(|&i| self.opacity_logits[i]).collect(),
+            sh_degree: self.sh_degree,
+            sh: Vec::with_capacity(indices.len() * k),
+        };
+        for &i in indices {
+            out.sh.extend_from_slice(self.sh_of(i));
+        }
+        out
+    }
+}
+
+/// SH coefficients per colour channel of a given degree, DC included.
+#[must_use]
+pub const fn sh_len(degree: u8) -> usize {
+    (degree as usize + 1) * (degree as usize + 1)
+}
