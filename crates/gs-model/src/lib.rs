@@ -1,7 +1,12 @@
 //! 3D Gaussian splatting scenes in memory, and the files they live in.
 
 pub mod camera;
+pub mod error;
+mod fs;
+pub mod ply;
 pub mod scene;
+pub mod validate;
 
 pub use camera::Camera;
+pub use error::{Error, Result};
 pub use scene::{SH_C0, Scene};

@@ -1,0 +1,54 @@
+//! Reading a file whole, and writing one so that it appears whole or not at all.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::error::{Error, Result};
+
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).map_err(|e| Error::io(path, "read", e))
+}
+
+/// Calls `write` on a new file beside `path`, then renames it to `path`.
+///
+/// On any failure the temporary file is removed and what was at `path` stays. The file is not
+/// synced: this guards against a full disk or a killed process, not against a power cut.
+pub(crate) fn write_atomically(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<()> {
+    // A device or a pipe (/dev/stdout) must be written, not replaced by a file.
+    if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
+        let mut out =
+            OpenOptions::new().write(true).open(path).map_err(|e| Error::io(path, "open", e))?;
+        return write(&mut out).map_err(|e| Error::io(path, "write", e));
+    }
+    let (temporary, mut out) = create_beside(path).map_err(|e| Error::io(path, "create", e))?;
+    let outcome = write(&mut out)
+        .and_then(|()| out.flush())
+        .map_err(|e| Error::io(path, "write", e))
+        .and_then(|()| fs::rename(&temporary, path).map_err(|e| Error::io(path, "rename", e)));
+    if outcome.is_err() {
+        // Best effort: the first error is the one to report.
+        let _ = fs::remove_file(&temporary);
+    }
+    outcome
+}
+
+/// A new file in the folder of `path`, under a name that no other process uses.
+fn create_beside(path: &Path) -> io::Result<(PathBuf, File)> {
+    let name = path.file_name().ok_or_else(|| io::Error::from(io::ErrorKind::IsADirectory))?;
+    let mut attempt = 0u32;
+    loop {
+        let mut temporary = std::ffi::OsString::from(".");
+        temporary.push(name);
+        temporary.push(format!(".{}-{attempt}.tmp", std::process::id()));
+        let temporary = path.with_file_name(temporary);
+        match OpenOptions::new().write(true).create_new(true).open(&temporary) {
+            Ok(file) => return Ok((temporary, file)),
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists && attempt < 1000 => attempt += 1,
+            Err(e) => return Err(e),
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! The rows of an ASCII PLY file: one row per line, blank lines ignored.
+
+use std::path::Path;
+
+use super::columns::Columns;
+use super::header::{Element, Format, Header, Property, Scalar};
+use super::rows;
+use crate::error::{Error, Result, excerpt};
+use crate::scene::Scene;
+
+/// The lines of an ASCII file that are still to be read.
+pub(super) struct Lines<'a> {
+    file: &'a Path,
+    bytes: &'a [u8],
+    at: usize,
+    line: usize,
+    line_end: u8,
+}
+
+impl<'a> Lines<'a> {
+    pub(super) fn new(file: &'a Path, bytes: &'a [u8], header: &Header) -> Self {
+        Self { file, bytes, at: header.len, line: header.lines, line_end: header.line_end }
+    }
+
+    /// Skips the rows of an element.
+    pub(super) fn skip(&mut self, element: &Element) -> Result<()> {
+        self.check_fits(element)?;
+        // A row without properties is an empty line, and those are ignored.
+        let rows = if element.properties.is_empty() { 0 } else { element.count };
+        for row in 0..rows {
+            self.next_row().ok_or_else(|| self.truncated(element, row))?;
+        }
+        Ok(())
+    }
+
+    /// Reads the Gaussians of `vertex`.
+    pub(super) fn vertices(&mut self, vertex: &Element, columns: &Columns) -> Result<Scene> {
+        self.check_fits(vertex)?;
+        let n = vertex.count as usize;
+        let mut lines = Vec::with_capacity(n);
+        for row in 0..vertex.count {
+            lines.push(self.next_row().ok_or_else(|| self.truncated(vertex, row))?);
+        }
+        let file = self.file;
+        rows::scene(n, columns.sh_degree, |mut rows| {
+            let mut numbers = Vec::with_capacity(vertex.properties.len());
+            for i in 0..rows.len() {
+                let (line, text) = lines[rows.first + i];
+                parse_row(file, line, text, vertex, &mut numbers)?;
+                rows.set(i, |c| numbers[columns.properties[c]]);
+            }
+            Ok(())
+        })
+    }
+
+    /// Bytes after the last row read, surrounding white space left out.
+    pub(super) fn trailing(&self) -> usize {
+        self.bytes[self.at..].trim_ascii().len()
+    }
+
+    /// The next line that is not blank, and its number.
+    fn next_row(&mut self) -> Option<(usize, &'a [u8])> {
+        while self.at < self.bytes.len() {
+            let rest = &self.bytes[self.at..];
+            let length = rest.iter().position(|&b| b == self.line_end).unwrap_or(rest.len());
+            self.at += (length + 1).min(rest.len());
+            self.line += 1;
+            let text = rest[..length].trim_ascii();
+            if !text.is_empty() {
+                return Some((self.line, text));
+            }
+        }
+        None
+    }
+
+    /// Refuses an element whose rows, at one digit per number, do not fit in the rest of the file.
+    fn check_fits(&self, element: &Element) -> Result<()> {
+        // One more byte: the last line need not end.
+        let bytes = self.bytes.len() - self.at + 1;
+        let least = element.least_row_bytes(Format::Ascii);
+        let fitting = bytes.checked_div(least).map_or(u64::MAX, |n| n as u64);
+        if element.count > fitting { Err(self.truncated(element, fitting)) } else { Ok(()) }
+    }
+
+    fn truncated(&self, element: &Element, row: u64) -> Error {
+        Error::PlyTruncated {
+            file: self.file.into(),
+            len: self.bytes.len(),
+            element: element.name.clone(),
+            promised: element.count,
+            row,
+        }
+    }
+}
+
+/// Parses one row into one number per property; of a list, 0.
+fn parse_row(
+    file: &Path,
+    line: usize,
+    text: &[u8],
+    element: &Element,
+    out: &mut Vec<f32>,
+) -> Result<()> {
+    out.clear();
+    let words = || text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
+    let short = || Error::PlyRow {
+        file: file.into(),
+        line,
+        found: words().count(),
+        expected: element.properties.len(),
+    };
+    let mut rest = words();
+    for property in &element.properties {
+        let word = rest.next().ok_or_else(short)?;
+        let bad = || bad_number(file, line, property, word);
+        if property.list.is_some() {
+            let length: usize = ascii(word).and_then(|w| w.parse().ok()).ok_or_else(bad)?;
+            if length > 0 {
+                rest.nth(length - 1).ok_or_else(short)?;
+            }
+            out.push(0.0);
+        } else {
+            out.push(number(word, property.scalar).ok_or_else(bad)?);
+        }
+    }
+    if rest.next().is_some() { Err(short()) } else { Ok(()) }
+}
+
+fn bad_number(file: &Path, line: usize, property: &Property, word: &[u8]) -> Error {
+    let (property, text) = (property.name.clone(), excerpt(word));
+    Error::PlyNumber { file: file.into(), line, property, text }
+}
+
+fn ascii(word: &[u8]) -> Option<&str> {
+    std::str::from_utf8(word).ok()
+}
+
+/// A number as the property's type rounds it. Fractions in integer columns are let through:
+/// some writers put them there, and no other meaning is possible.
+fn number(word: &[u8], scalar: Scalar) -> Option<f32> {
+    let word = ascii(word)?;
+    match scalar {
+        Scalar::F32 => word.parse().ok(),
+        _ => word.parse::<f64>().ok().map(|v| v as f32),
+    }
+}

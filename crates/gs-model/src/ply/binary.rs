@@ -1,0 +1,215 @@
+//! The rows of a binary PLY file.
+
+use std::path::Path;
+
+use super::columns::Columns;
+use super::header::{Element, Format, Scalar};
+use super::rows::{self, Rows};
+use crate::error::{Error, Result};
+use crate::scene::Scene;
+
+/// The body of a binary file.
+pub(super) struct Body<'a> {
+    pub(super) file: &'a Path,
+    /// The whole file, so that offsets in messages are file offsets.
+    pub(super) bytes: &'a [u8],
+    pub(super) big_endian: bool,
+}
+
+impl Body<'_> {
+    /// The offset after all rows of `element`, which start at `at`.
+    ///
+    /// Rows with lists are walked; the walk ends with the file, since a list has a length of at
+    /// least one byte.
+    pub(super) fn skip(&self, element: &Element, at: usize) -> Result<usize> {
+        self.check_fits(element, at)?;
+        if !element.has_list() {
+            // Fits, as just checked: `least_row_bytes` is exact without lists.
+            return Ok(at + element.count as usize * self.least(element));
+        }
+        let mut end = at;
+        for row in 0..element.count {
+            end = self.walk(element, row, end, |_| {})?;
+        }
+        Ok(end)
+    }
+
+    /// Reads the Gaussians of `vertex`, whose rows start at `at`. Returns the offset after them.
+    pub(super) fn vertices(
+        &self,
+        vertex: &Element,
+        columns: &Columns,
+        at: usize,
+    ) -> Result<(Scene, usize)> {
+        self.check_fits(vertex, at)?;
+        let n = vertex.count as usize;
+        if vertex.has_list() {
+            return self.uneven_vertices(vertex, columns, at, n);
+        }
+        let starts = property_offsets(vertex);
+        let stride = self.least(vertex);
+        let sources: Vec<(usize, Scalar)> =
+            columns.properties.iter().map(|&p| (starts[p], vertex.properties[p].scalar)).collect();
+        let body = &self.bytes[at..at + n * stride];
+        let all_f32 = sources.iter().all(|s| s.1 == Scalar::F32);
+        let offsets: Vec<usize> = sources.iter().map(|s| s.0).collect();
+        let scene = rows::scene(n, columns.sh_degree, |rows| {
+            let part = &body[rows.first * stride..(rows.first + rows.len()) * stride];
+            match (all_f32, self.big_endian) {
+                (true, false) => {
+                    fill(rows, part, stride, |row, c| f32::from_le_bytes(bytes_at(row, offsets[c])))
+                }
+                (true, true) => {
+                    fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes_at(row, offsets[c])))
+                }
+                (false, big) => fill(rows, part, stride, |row, c| {
+                    number(row, sources[c].0, sources[c].1, big) as f32
+                }),
+            }
+            Ok(())
+        })?;
+        Ok((scene, at + n * stride))
+    }
+
+    /// As [`Body::vertices`], for rows of varying length.
+    fn uneven_vertices(
+        &self,
+        vertex: &Element,
+        columns: &Columns,
+        at: usize,
+        n: usize,
+    ) -> Result<(Scene, usize)> {
+        let mut starts = Vec::with_capacity(n);
+        let mut end = at;
+        for row in 0..vertex.count {
+            starts.push(end);
+            end = self.walk(vertex, row, end, |_| {})?;
+        }
+        let scene = rows::scene(n, columns.sh_degree, |mut rows| {
+            let mut offsets = Vec::with_capacity(vertex.properties.len());
+            for i in 0..rows.len() {
+                offsets.clear();
+                let row = rows.first + i;
+                self.walk(vertex, row as u64, starts[row], |o| offsets.push(o))?;
+                rows.set(i, |c| {
+                    let p = columns.properties[c];
+                    number(self.bytes, offsets[p], vertex.properties[p].scalar, self.big_endian)
+                        as f32
+                });
+            }
+            Ok(())
+        })?;
+        Ok((scene, end))
+    }
+
+    /// Walks one row that starts at `at`: calls `visit` with the offset of each property, and
+    /// returns the offset after the row.
+    fn walk(
+        &self,
+        element: &Element,
+        row: u64,
+        at: usize,
+        mut visit: impl FnMut(usize),
+    ) -> Result<usize> {
+        let len = self.bytes.len();
+        let mut end = at;
+        for property in &element.properties {
+            visit(end);
+            let size = property.list.unwrap_or(property.scalar).size();
+            if len - end < size {
+                return Err(self.truncated(element, row));
+            }
+            if let Some(length_type) = property.list {
+                let length = number(self.bytes, end, length_type, self.big_endian);
+                if !(length >= 0.0 && length.fract() == 0.0) {
+                    let element = element.name.clone();
+                    return Err(Error::PlyListLength {
+                        file: self.file.into(),
+                        offset: end,
+                        element,
+                    });
+                }
+                // A float above usize::MAX saturates, and then does not fit.
+                let items = (length as usize).saturating_mul(property.scalar.size());
+                if items > len - end - size {
+                    return Err(self.truncated(element, row));
+                }
+                end += items;
+            }
+            end += size;
+        }
+        Ok(end)
+    }
+
+    /// Refuses an element whose rows, at their least size, do not fit in the rest of the file.
+    ///
+    /// This is what bounds every allocation by the size of the input.
+    fn check_fits(&self, element: &Element, at: usize) -> Result<()> {
+        let least = self.least(element);
+        let fitting = (self.bytes.len() - at).checked_div(least).map_or(u64::MAX, |n| n as u64);
+        if element.count > fitting { Err(self.truncated(element, fitting)) } else { Ok(()) }
+    }
+
+    fn least(&self, element: &Element) -> usize {
+        element.least_row_bytes(Format::BinaryLittleEndian)
+    }
+
+    fn truncated(&self, element: &Element, row: u64) -> Error {
+        Error::PlyTruncated {
+            file: self.file.into(),
+            len: self.bytes.len(),
+            element: element.name.clone(),
+            promised: element.count,
+            row,
+        }
+    }
+}
+
+/// Offset of each property in a row without lists.
+fn property_offsets(element: &Element) -> Vec<usize> {
+    let ends = element.properties.iter().scan(0, |end, p| {
+        let start = *end;
+        *end += p.scalar.size();
+        Some(start)
+    });
+    ends.collect()
+}
+
+#[inline]
+fn fill(mut rows: Rows, part: &[u8], stride: usize, get: impl Fn(&[u8], usize) -> f32) {
+    for (i, row) in part.chunks_exact(stride).enumerate() {
+        rows.set(i, |c| get(row, c));
+    }
+}
+
+#[inline]
+fn bytes_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    let mut out = [0; N];
+    out.copy_from_slice(&bytes[at..at + N]);
+    out
+}
+
+/// The number of type `scalar` at offset `at`; exact, since `f64` holds every value of every
+/// PLY type.
+#[inline]
+fn number(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> f64 {
+    macro_rules! read {
+        ($t:ty) => {
+            if big_endian {
+                f64::from(<$t>::from_be_bytes(bytes_at(bytes, at)))
+            } else {
+                f64::from(<$t>::from_le_bytes(bytes_at(bytes, at)))
+            }
+        };
+    }
+    match scalar {
+        Scalar::I8 => read!(i8),
+        Scalar::U8 => read!(u8),
+        Scalar::I16 => read!(i16),
+        Scalar::U16 => read!(u16),
+        Scalar::I32 => read!(i32),
+        Scalar::U32 => read!(u32),
+        Scalar::F32 => read!(f32),
+        Scalar::F64 => read!(f64),
+    }
+}

@@ -1,0 +1,121 @@
+//! Which property of `vertex` holds which number of a Gaussian.
+//!
+//! Inside the readers and the writer a Gaussian is a row of numbers in *scene order*: mean
+//! (3), rotation (4), log-scale (3), opacity logit (1), then the SH coefficients
+//! coefficient-major (`3 * sh_len`).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::header::Element;
+use crate::error::{Error, Result};
+use crate::scene::sh_len;
+
+/// First SH number of a row in scene order.
+pub(super) const SH: usize = 11;
+
+/// Names of the first [`SH`] numbers of a row in scene order.
+const NAMES: [&str; SH] =
+    ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2", "opacity"];
+
+/// `f_rest` counts of SH degrees 0 to 3.
+const REST_COUNTS: [usize; 4] = [0, 9, 24, 45];
+
+/// Numbers per Gaussian at an SH degree.
+pub(super) const fn row_len(sh_degree: u8) -> usize {
+    SH + 3 * sh_len(sh_degree)
+}
+
+/// Property name of number `i` of a row in scene order.
+pub(super) fn name(i: usize, sh_degree: u8) -> String {
+    if i < SH {
+        return NAMES[i].to_owned();
+    }
+    let (k, channel) = ((i - SH) / 3, (i - SH) % 3);
+    if k == 0 {
+        format!("f_dc_{channel}")
+    } else {
+        // f_rest is channel-major: all of red, then green, then blue.
+        format!("f_rest_{}", channel * (sh_len(sh_degree) - 1) + k - 1)
+    }
+}
+
+/// Property names of the Inria layout, in file order.
+pub(super) fn inria_names(sh_degree: u8) -> Vec<String> {
+    let fixed = |names: &[&str]| names.iter().map(|&n| n.to_owned()).collect::<Vec<_>>();
+    let mut all = fixed(&["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]);
+    all.extend((0..3 * (sh_len(sh_degree) - 1)).map(|i| format!("f_rest_{i}")));
+    all.extend(fixed(&["opacity", "scale_0", "scale_1", "scale_2"]));
+    all.extend(fixed(&["rot_0", "rot_1", "rot_2", "rot_3"]));
+    all
+}
+
+/// The properties of `vertex` that make a Gaussian.
+#[derive(Debug)]
+pub(super) struct Columns {
+    pub(super) sh_degree: u8,
+    /// Property index of each number, in scene order; [`row_len`] entries.
+    pub(super) properties: Vec<usize>,
+    /// Names of the properties that are not part of the Inria layout, in file order.
+    pub(super) unknown: Vec<String>,
+}
+
+impl Columns {
+    /// Finds the columns of a `vertex` element.
+    pub(super) fn of(file: &Path, vertex: &Element) -> Result<Self> {
+        let index: BTreeMap<&str, usize> =
+            vertex.properties.iter().enumerate().map(|(i, p)| (p.name.as_str(), i)).collect();
+
+        if index.contains_key("packed_position") && !index.contains_key("x") {
+            return Err(Error::PlyCompressed { file: file.into() });
+        }
+        let rest = index.keys().filter(|n| is_rest(n)).count();
+        let missing = |names: Vec<String>| {
+            let properties = names.join(", ");
+            Error::PlyMissingProperty { file: file.into(), properties }
+        };
+        let absent: Vec<String> = inria_names(0)
+            .into_iter()
+            .filter(|n| !is_normal(n) && !index.contains_key(n.as_str()))
+            .collect();
+        if !absent.is_empty() {
+            return Err(missing(absent));
+        }
+        let Some(sh_degree) = (0..4u8).find(|&d| REST_COUNTS[usize::from(d)] == rest) else {
+            return Err(Error::PlyRestCount { file: file.into(), count: rest });
+        };
+
+        let mut properties = Vec::with_capacity(row_len(sh_degree));
+        for i in 0..row_len(sh_degree) {
+            let name = name(i, sh_degree);
+            let Some(&at) = index.get(name.as_str()) else {
+                return Err(missing(vec![name]));
+            };
+            if vertex.properties[at].list.is_some() {
+                return Err(Error::PlyListProperty { file: file.into(), property: name });
+            }
+            properties.push(at);
+        }
+        let mut known = vec![false; vertex.properties.len()];
+        for &p in &properties {
+            known[p] = true;
+        }
+        let unknown = vertex
+            .properties
+            .iter()
+            .zip(known)
+            .filter(|(p, known)| !known && !is_normal(&p.name))
+            .map(|(p, _)| p.name.clone())
+            .collect();
+        Ok(Self { sh_degree, properties, unknown })
+    }
+}
+
+fn is_normal(name: &str) -> bool {
+    matches!(name, "nx" | "ny" | "nz")
+}
+
+fn is_rest(name: &str) -> bool {
+    name.strip_prefix("f_rest_")
+        .is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+}

@@ -1,0 +1,271 @@
+//! The text header of a PLY file.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::path::Path;
+
+use crate::error::{Error, Result, excerpt};
+
+/// A header longer than this is refused.
+///
+/// A 3DGS header takes about 1.5 kB. The bound keeps a file without `end_header` from being
+/// searched whole, and the work per declared property from adding up.
+pub const MAX_HEADER_BYTES: usize = 1 << 20;
+
+/// How the rows of a PLY file are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Decimal numbers, one row per line.
+    Ascii,
+    /// Packed, least significant byte first.
+    BinaryLittleEndian,
+    /// Packed, most significant byte first.
+    BinaryBigEndian,
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ascii => "ascii",
+            Self::BinaryLittleEndian => "binary_little_endian",
+            Self::BinaryBigEndian => "binary_big_endian",
+        })
+    }
+}
+
+/// A PLY scalar type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn parse(word: &[u8]) -> Option<Self> {
+        Some(match word {
+            b"char" | b"int8" => Self::I8,
+            b"uchar" | b"uint8" => Self::U8,
+            b"short" | b"int16" => Self::I16,
+            b"ushort" | b"uint16" => Self::U16,
+            b"int" | b"int32" => Self::I32,
+            b"uint" | b"uint32" => Self::U32,
+            b"float" | b"float32" => Self::F32,
+            b"double" | b"float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub(super) const fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
+/// One property of an element.
+#[derive(Clone, Debug)]
+pub(super) struct Property {
+    pub(super) name: String,
+    pub(super) scalar: Scalar,
+    /// The type of the length, if the property is a list.
+    pub(super) list: Option<Scalar>,
+}
+
+/// One element: `count` rows of the same properties.
+#[derive(Clone, Debug)]
+pub(super) struct Element {
+    pub(super) name: String,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+}
+
+impl Element {
+    /// The least number of bytes that a row can take.
+    pub(super) fn least_row_bytes(&self, format: Format) -> usize {
+        match format {
+            // A digit and a separator each; the last line may end with the file.
+            Format::Ascii => 2 * self.properties.len(),
+            _ => self.properties.iter().map(|p| p.list.unwrap_or(p.scalar).size()).sum(),
+        }
+    }
+
+    pub(super) fn has_list(&self) -> bool {
+        self.properties.iter().any(|p| p.list.is_some())
+    }
+}
+
+/// A parsed header.
+#[derive(Clone, Debug)]
+pub(super) struct Header {
+    pub(super) format: Format,
+    pub(super) elements: Vec<Element>,
+    pub(super) comments: Vec<String>,
+    /// Offset of the first byte after the header.
+    pub(super) len: usize,
+    /// Number of lines of the header.
+    pub(super) lines: usize,
+    /// What ends a line.
+    pub(super) line_end: u8,
+}
+
+/// Parses the header at the start of `bytes`.
+pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Header> {
+    // Lines end as the first one does: \n, \r\n, or the \r of old Mac files.
+    let line_end = match bytes {
+        [b'p', b'l', b'y', b'\n', ..] | [b'p', b'l', b'y', b'\r', b'\n', ..] => b'\n',
+        [b'p', b'l', b'y', b'\r', ..] => b'\r',
+        _ => {
+            let line = bytes.split(|&b| b == b'\n').next().unwrap_or_default();
+            return Err(Error::PlyMagic { file: file.into(), found: excerpt(line) });
+        }
+    };
+    let mut parser = Parser {
+        file,
+        line: 1,
+        format: None,
+        elements: Vec::new(),
+        comments: Vec::new(),
+        elements_seen: BTreeSet::new(),
+        properties_seen: BTreeSet::new(),
+    };
+    let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
+    let mut at = 0;
+    while let Some(length) = searched[at..].iter().position(|&b| b == line_end) {
+        let text = searched[at..at + length].trim_ascii();
+        at += length + 1;
+        if text == b"end_header" {
+            let Some(format) = parser.format else {
+                return Err(parser.error("no format line before it", text));
+            };
+            return Ok(Header {
+                format,
+                elements: parser.elements,
+                comments: parser.comments,
+                len: at,
+                lines: parser.line,
+                line_end,
+            });
+        }
+        if parser.line > 1 {
+            parser.take(text)?;
+        }
+        parser.line += 1;
+    }
+    Err(if bytes.len() > searched.len() {
+        Error::PlyHeaderTooLong { file: file.into(), limit: MAX_HEADER_BYTES }
+    } else {
+        Error::PlyHeaderTruncated { file: file.into(), len: bytes.len() }
+    })
+}
+
+struct Parser<'a> {
+    file: &'a Path,
+    line: usize,
+    format: Option<Format>,
+    elements: Vec<Element>,
+    comments: Vec<String>,
+    elements_seen: BTreeSet<String>,
+    properties_seen: BTreeSet<String>,
+}
+
+impl Parser<'_> {
+    fn error(&self, reason: &'static str, text: &[u8]) -> Error {
+        let file = self.file.into();
+        Error::PlyHeader { file, line: self.line, reason, text: excerpt(text) }
+    }
+
+    /// One header line between the magic and `end_header`.
+    fn take(&mut self, text: &[u8]) -> Result<()> {
+        let mut words = text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
+        match words.next() {
+            None => {}
+            Some(b"comment" | b"obj_info") => {
+                let rest = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
+                self.comments.push(String::from_utf8_lossy(text[rest..].trim_ascii()).into_owned());
+            }
+            Some(b"format") => self.format(text, words.next(), words.next())?,
+            Some(b"element") => self.element(text, words.next(), words.next())?,
+            Some(b"property") => self.property(text, &words.collect::<Vec<_>>())?,
+            Some(_) => return Err(self.error("unknown keyword", text)),
+        }
+        Ok(())
+    }
+
+    fn format(&mut self, text: &[u8], name: Option<&[u8]>, version: Option<&[u8]>) -> Result<()> {
+        if self.format.is_some() {
+            return Err(self.error("second format line", text));
+        }
+        if version != Some(b"1.0") {
+            return Err(self.error("format version is not 1.0", text));
+        }
+        self.format = Some(match name {
+            Some(b"ascii") => Format::Ascii,
+            Some(b"binary_little_endian") => Format::BinaryLittleEndian,
+            Some(b"binary_big_endian") => Format::BinaryBigEndian,
+            _ => return Err(self.error("unknown format", text)),
+        });
+        Ok(())
+    }
+
+    fn element(&mut self, text: &[u8], name: Option<&[u8]>, count: Option<&[u8]>) -> Result<()> {
+        let (Some(name), Some(count)) = (name, count) else {
+            return Err(self.error("expected: element NAME COUNT", text));
+        };
+        let name = self.name(text, name)?;
+        let Some(count) = std::str::from_utf8(count).ok().and_then(|c| c.parse::<u64>().ok())
+        else {
+            return Err(self.error("bad element count", text));
+        };
+        if !self.elements_seen.insert(name.clone()) {
+            let (file, line) = (self.file.into(), self.line);
+            return Err(Error::PlyDuplicate { file, line, what: "element", name });
+        }
+        self.properties_seen.clear();
+        self.elements.push(Element { name, count, properties: Vec::new() });
+        Ok(())
+    }
+
+    fn property(&mut self, text: &[u8], words: &[&[u8]]) -> Result<()> {
+        let (list, scalar, name) = match words {
+            [b"list", length, scalar, name] => {
+                let Some(length) = Scalar::parse(length) else {
+                    return Err(self.error("unknown type of list length", text));
+                };
+                (Some(length), scalar, name)
+            }
+            [scalar, name] => (None, scalar, name),
+            _ => return Err(self.error("expected: property [list LENGTH_TYPE] TYPE NAME", text)),
+        };
+        let Some(scalar) = Scalar::parse(scalar) else {
+            return Err(self.error("unknown property type", text));
+        };
+        let name = self.name(text, name)?;
+        if self.elements.is_empty() {
+            return Err(self.error("property before the first element", text));
+        }
+        if !self.properties_seen.insert(name.clone()) {
+            let (file, line) = (self.file.into(), self.line);
+            return Err(Error::PlyDuplicate { file, line, what: "property", name });
+        }
+        if let Some(element) = self.elements.last_mut() {
+            element.properties.push(Property { name, scalar, list });
+        }
+        Ok(())
+    }
+
+    fn name(&self, text: &[u8], name: &[u8]) -> Result<String> {
+        match std::str::from_utf8(name) {
+            Ok(name) => Ok(name.to_owned()),
+            Err(_) => Err(self.error("name is not UTF-8", text)),
+        }
+    }
+}

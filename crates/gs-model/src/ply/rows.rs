@@ -1,0 +1,76 @@
+//! Filling a [`Scene`] row by row, in parallel.
+
+use rayon::prelude::*;
+
+use super::columns::SH;
+use crate::error::Result;
+use crate::scene::{Scene, sh_len};
+
+/// Rows per task: about 250 kB of a degree-3 file, enough to hide the cost of a task.
+const ROWS_PER_TASK: usize = 1024;
+
+/// Some consecutive Gaussians of a scene under construction.
+pub(super) struct Rows<'a> {
+    /// Index of the first one.
+    pub(super) first: usize,
+    means: &'a mut [[f32; 3]],
+    rotations: &'a mut [[f32; 4]],
+    log_scales: &'a mut [[f32; 3]],
+    opacity_logits: &'a mut [f32],
+    sh: &'a mut [[f32; 3]],
+}
+
+impl Rows<'_> {
+    pub(super) fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// Sets Gaussian `first + i` from the numbers of its row; `get(c)` is number `c` in scene order.
+    #[inline]
+    pub(super) fn set(&mut self, i: usize, get: impl Fn(usize) -> f32) {
+        let k = self.sh.len() / self.means.len();
+        self.means[i] = [get(0), get(1), get(2)];
+        self.rotations[i] = [get(3), get(4), get(5), get(6)];
+        self.log_scales[i] = [get(7), get(8), get(9)];
+        self.opacity_logits[i] = get(10);
+        for (j, rgb) in self.sh[i * k..(i + 1) * k].iter_mut().enumerate() {
+            let c = SH + 3 * j;
+            *rgb = [get(c), get(c + 1), get(c + 2)];
+        }
+    }
+}
+
+/// A scene of `n` Gaussians, filled by `fill` in parallel over disjoint runs of rows.
+///
+/// The caller has checked that the input is long enough to hold `n` rows, which bounds the
+/// allocation. Of several errors, the one of the first rows is returned.
+pub(super) fn scene(
+    n: usize,
+    sh_degree: u8,
+    fill: impl Fn(Rows) -> Result<()> + Sync,
+) -> Result<Scene> {
+    let k = sh_len(sh_degree);
+    let mut scene = Scene {
+        means: vec![[0.0; 3]; n],
+        rotations: vec![[0.0; 4]; n],
+        log_scales: vec![[0.0; 3]; n],
+        opacity_logits: vec![0.0; n],
+        sh_degree,
+        sh: vec![[0.0; 3]; n * k],
+    };
+    let outcomes: Vec<Result<()>> = scene
+        .means
+        .par_chunks_mut(ROWS_PER_TASK)
+        .zip(scene.rotations.par_chunks_mut(ROWS_PER_TASK))
+        .zip(scene.log_scales.par_chunks_mut(ROWS_PER_TASK))
+        .zip(scene.opacity_logits.par_chunks_mut(ROWS_PER_TASK))
+        .zip(scene.sh.par_chunks_mut(ROWS_PER_TASK * k))
+        .enumerate()
+        .map(|(task, ((((means, rotations), log_scales), opacity_logits), sh))| {
+            let first = task * ROWS_PER_TASK;
+            fill(Rows { first, means, rotations, log_scales, opacity_logits, sh })
+        })
+        .collect();
+    outcomes.into_iter().collect::<Result<()>>()?;
+    Ok(scene)
+}
