@@ -1,6 +1,8 @@
 //! 3D Gaussian splatting scenes in memory, and the files they live in.
 
 pub mod camera;
+pub mod colmap;
+pub mod dataset;
 pub mod error;
 mod fs;
 pub mod ply;

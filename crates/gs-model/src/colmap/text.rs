@@ -1,0 +1,111 @@
+//! The `.txt` files: words separated by white space, `#` starts a comment line.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use super::{Image, Intrinsics, MODELS, Model, SfmPoint};
+use crate::error::{Error, Result, excerpt};
+
+/// One line, taken apart word by word.
+struct Line<'a> {
+    file: &'a Path,
+    number: usize,
+    whole: &'a [u8],
+    rest: &'a [u8],
+}
+
+impl<'a> Line<'a> {
+    fn word(&mut self) -> &'a [u8] {
+        let text = self.rest.trim_ascii_start();
+        let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
+        self.rest = &text[end..];
+        &text[..end]
+    }
+
+    fn next<T: FromStr>(&mut self, what: &'static str) -> Result<T> {
+        let word = std::str::from_utf8(self.word()).ok();
+        word.and_then(|w| w.parse().ok()).ok_or_else(|| self.error(what))
+    }
+
+    fn f64s<const N: usize>(&mut self, what: &'static str) -> Result<[f64; N]> {
+        let mut out = [0.0; N];
+        for v in &mut out {
+            *v = self.next(what)?;
+        }
+        Ok(out)
+    }
+
+    fn error(&self, what: &'static str) -> Error {
+        let (file, text) = (self.file.into(), excerpt(self.whole));
+        Error::ColmapLine { file, line: self.number, what, text }
+    }
+}
+
+/// All lines, with their numbers.
+fn lines<'a>(file: &'a Path, bytes: &'a [u8]) -> impl Iterator<Item = Line<'a>> {
+    bytes.split(|&b| b == b'\n').enumerate().map(move |(i, line)| {
+        let whole = line.trim_ascii();
+        Line { file, number: i + 1, whole, rest: whole }
+    })
+}
+
+fn holds_data(line: &Line) -> bool {
+    !line.whole.is_empty() && !line.whole.starts_with(b"#")
+}
+
+pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
+    let mut cameras = Vec::new();
+    for mut line in lines(file, bytes).filter(holds_data) {
+        let id = line.next("camera id")?;
+        let name: String = line.next("camera model")?;
+        let Some(model) = MODELS.iter().position(|m| m.0 == name).map(Model) else {
+            return Err(Error::UnknownCameraModel { file: file.into(), camera: id, model: name });
+        };
+        let width = line.next("width")?;
+        let height = line.next("height")?;
+        let mut params = Vec::with_capacity(model.params());
+        for _ in 0..model.params() {
+            params.push(line.next("camera parameter")?);
+        }
+        if !line.word().is_empty() {
+            return Err(line.error("number of camera parameters"));
+        }
+        cameras.push(Intrinsics { id, model, width, height, params });
+    }
+    Ok(cameras)
+}
+
+/// Two lines per image; the second lists its points and is empty if it has none.
+pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
+    let mut images = Vec::new();
+    let mut all = lines(file, bytes);
+    while let Some(mut line) = all.next() {
+        if !holds_data(&line) {
+            continue;
+        }
+        let _id: u32 = line.next("image id")?;
+        let rotation = line.f64s("rotation")?;
+        let translation = line.f64s("translation")?;
+        let camera = line.next("camera id")?;
+        // The name is the rest of the line: it may hold spaces.
+        let name = std::str::from_utf8(line.rest.trim_ascii()).unwrap_or_default().to_owned();
+        if name.is_empty() {
+            return Err(line.error("image name"));
+        }
+        images.push(Image { name, camera, rotation, translation });
+        all.next();
+    }
+    Ok(images)
+}
+
+pub(super) fn points(file: &Path, bytes: &[u8]) -> Result<Vec<SfmPoint>> {
+    let mut points = Vec::new();
+    for mut line in lines(file, bytes).filter(holds_data) {
+        let _id: u64 = line.next("point id")?;
+        let position = line.f64s("position")?;
+        let rgb = [line.next("colour")?, line.next("colour")?, line.next("colour")?];
+        let error = line.next("error")?;
+        points.push(SfmPoint { position, rgb, error });
+    }
+    Ok(points)
+}

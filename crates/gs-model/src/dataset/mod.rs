@@ -1,0 +1,113 @@
+//! [`Dataset`]: photos with cameras, and a model trained on them.
+
+mod model;
+
+use std::path::{Path, PathBuf};
+
+use crate::camera::Camera;
+use crate::colmap;
+use crate::error::{Error, Result};
+
+/// Every how many views one is held out.
+pub const HOLD_OUT_EVERY: usize = 8;
+
+/// One posed photo.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// Where the photo was taken from.
+    pub camera: Camera,
+    /// Where the photo is expected. It may be missing: see [`View::has_photo`].
+    pub image_path: PathBuf,
+}
+
+impl View {
+    /// True if the photo is there.
+    #[must_use]
+    pub fn has_photo(&self) -> bool {
+        self.image_path.is_file()
+    }
+}
+
+/// What kind of folder a [`Dataset`] was opened from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A COLMAP project: `sparse/0/` and `images/`.
+    Colmap,
+    /// An output folder of the Inria trainer: `cameras.json`.
+    Inria,
+    /// `transforms.json`, as NeRF tools write it.
+    Nerf,
+}
+
+/// A folder with posed photos and a trained model of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dataset {
+    /// The folder.
+    pub dir: PathBuf,
+    /// What the cameras were read from.
+    pub kind: Kind,
+    /// All views, sorted by image name (bytewise).
+    pub views: Vec<View>,
+    /// The trained model, a PLY file.
+    pub model_path: PathBuf,
+}
+
+impl Dataset {
+    /// Opens a folder.
+    ///
+    /// Cameras are those of the first of these that is there:
+    /// - `sparse/0/` (or `sparse/`), a COLMAP model; photos in `images/`;
+    /// - `cameras.json`, an output folder of the Inria trainer; photos where [`crate::inria`]
+    ///   finds them;
+    /// - `transforms.json`; photos at the paths it names.
+    ///
+    /// The model is the first of `point_cloud.ply`, `point_cloud/iteration_N/point_cloud.ply`
+    /// with the largest `N`, and a single `*.ply` in the folder.
+    ///
+    /// # Errors
+    /// [`Error::NoCameras`], [`Error::NoModel`], [`Error::ManyModels`],
+    /// [`Error::DuplicateView`] if two images share a name, and those of the readers in
+    /// [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]. A photo that is missing is not
+    /// an error here.
+    pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
+        let dir = dir.as_ref();
+        let (kind, views) = open_views(dir)?;
+        Ok(Self { dir: dir.into(), kind, views, model_path: model::find(dir)? })
+    }
+
+    /// The held-out views: the first and every [`HOLD_OUT_EVERY`]th after it, by sorted name.
+    pub fn held_out(&self) -> impl ExactSizeIterator<Item = &View> {
+        self.views.iter().step_by(HOLD_OUT_EVERY)
+    }
+
+    /// The views that are not held out.
+    pub fn training(&self) -> impl Iterator<Item = &View> {
+        let views = self.views.iter().enumerate();
+        views.filter(|(i, _)| i % HOLD_OUT_EVERY != 0).map(|(_, view)| view)
+    }
+}
+
+/// The views of a folder, sorted by image name, whether or not it holds a model.
+///
+/// # Errors
+/// As [`Dataset::open`], without those about the model.
+pub fn open_views(dir: impl AsRef<Path>) -> Result<(Kind, Vec<View>)> {
+    let dir = dir.as_ref();
+    let sparse = [dir.join("sparse/0"), dir.join("sparse")];
+    let (kind, mut views) = if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
+        let cameras = colmap::read_cameras(sparse)?;
+        let images = dir.join("images");
+        let views = cameras
+            .into_iter()
+            .map(|camera| View { image_path: images.join(&camera.name), camera });
+        (Kind::Colmap, views.collect::<Vec<_>>())
+    } else {
+        return Err(Error::NoCameras { dir: dir.into() });
+    };
+    views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
+    if let Some(pair) = views.windows(2).find(|pair| pair[0].camera.name == pair[1].camera.name) {
+        let name = pair[0].camera.name.clone();
+        return Err(Error::DuplicateView { file: dir.into(), what: "image", name });
+    }
+    Ok((kind, views))
+}

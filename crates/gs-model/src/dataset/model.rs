@@ -1,0 +1,56 @@
+//! Finding the model in a folder.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::error::{Error, Result};
+
+/// See [`super::Dataset::open`].
+pub(super) fn find(dir: &Path) -> Result<PathBuf> {
+    let direct = dir.join("point_cloud.ply");
+    if direct.is_file() {
+        return Ok(direct);
+    }
+    let iterations = dir.join("point_cloud");
+    let last = names(&iterations)?
+        .iter()
+        .filter_map(|name| {
+            let n: u64 = name.to_str()?.strip_prefix("iteration_")?.parse().ok()?;
+            let file = iterations.join(name).join("point_cloud.ply");
+            file.is_file().then_some((n, file))
+        })
+        .max();
+    if let Some((_, file)) = last {
+        return Ok(file);
+    }
+    let mut models: Vec<PathBuf> = names(dir)?
+        .iter()
+        .map(|name| dir.join(name))
+        .filter(|p| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) && p.is_file())
+        .collect();
+    // The Inria trainer puts the SfM points that it started from beside its output.
+    models.retain(|p| !p.ends_with("input.ply"));
+    match models.len() {
+        0 => Err(Error::NoModel { dir: dir.into() }),
+        1 => Ok(models.remove(0)),
+        _ => {
+            let names: Vec<_> =
+                models.iter().filter_map(|p| p.file_name()).map(|n| n.to_string_lossy()).collect();
+            Err(Error::ManyModels { dir: dir.into(), names: names.join(", ") })
+        }
+    }
+}
+
+/// The names in a folder, sorted; none if the folder is not there.
+fn names(dir: &Path) -> Result<Vec<OsString>> {
+    if !dir.is_dir() {
+        return Ok(Vec::new());
+    }
+    let list = || -> std::io::Result<Vec<OsString>> {
+        fs::read_dir(dir)?.map(|entry| entry.map(|e| e.file_name())).collect()
+    };
+    let mut names = list().map_err(|e| Error::io(dir, "list", e))?;
+    names.sort();
+    Ok(names)
+}

@@ -1,0 +1,80 @@
+//! The readers on real files: see `../shared` beside the workspace.
+
+mod common;
+
+use common::shared;
+use gs_model::dataset::{Dataset, Kind};
+use gs_model::{Error, colmap, ply};
+
+/// Share of SfM points that a camera sees in front of it and inside its image.
+fn share_in_view(camera: &gs_model::Camera, points: &[[f64; 3]]) -> f64 {
+    let seen = points.iter().filter(|&&p| {
+        let c = camera.rotation * glam::DVec3::from_array(p) + camera.translation;
+        let u = camera.fx * c.x / c.z + camera.cx;
+        let v = camera.fy * c.y / c.z + camera.cy;
+        c.z > 0.0
+            && (0.0..f64::from(camera.width)).contains(&u)
+            && (0.0..f64::from(camera.height)).contains(&v)
+    });
+    seen.count() as f64 / points.len() as f64
+}
+
+#[test]
+fn scenes_open_as_colmap_projects() {
+    for (name, views, held_out, gaussians, size) in
+        [("fox", 50, 7, 119_980, (265, 474)), ("bonsai", 148, 19, 179_918, (400, 266))]
+    {
+        let Some(dir) = shared(&format!("scenes/{name}")) else { return };
+        let dataset = Dataset::open(&dir).unwrap();
+        assert_eq!(dataset.kind, Kind::Colmap);
+        assert_eq!(dataset.views.len(), views, "{name}");
+        assert_eq!(dataset.held_out().len(), held_out, "{name}");
+        assert_eq!(dataset.training().count(), views - held_out, "{name}");
+        assert_eq!(dataset.held_out().next(), dataset.views.first());
+        assert!(dataset.views.is_sorted_by(|a, b| a.camera.name < b.camera.name));
+        assert!(dataset.views.iter().all(|v| v.has_photo()), "{name}");
+        assert!(dataset.views.iter().all(|v| (v.camera.width, v.camera.height) == size), "{name}");
+
+        let points = colmap::read_points(dir.join("sparse/0")).unwrap();
+        let points: Vec<[f64; 3]> = points.iter().map(|p| p.position).collect();
+        let share: f64 =
+            dataset.views.iter().map(|v| share_in_view(&v.camera, &points)).sum::<f64>()
+                / views as f64;
+        println!("{name}: {} points, {share:.3} of them in an average view", points.len());
+        assert!(share > 0.3, "{name}: {share}");
+
+        let (scene, report) = ply::read(&dataset.model_path).unwrap();
+        assert_eq!((scene.len(), scene.sh_degree), (gaussians, 3));
+        assert_eq!(report.unknown_properties, [""; 0]);
+        assert_eq!(report.trailing_bytes, 0);
+    }
+}
+
+#[test]
+fn models_are_read() {
+    for (name, gaussians, unknown) in [
+        ("leica-sofort-top8192.ply", 8192, &[][..]),
+        ("kacy_7000.ply", 9080, &[]),
+        ("fruit_drops_minimal.ply", 4721, &["transform"]),
+    ] {
+        let Some(path) = shared(&format!("models/{name}")) else { return };
+        let (scene, report) = ply::read(&path).unwrap();
+        assert_eq!((scene.len(), scene.sh_degree), (gaussians, 3), "{name}");
+        assert_eq!(report.unknown_properties, unknown, "{name}");
+        let mut bytes = Vec::new();
+        ply::write_to(&mut bytes, &scene).unwrap();
+        assert_eq!(ply::read_bytes(&bytes).unwrap().0, scene, "{name}");
+    }
+}
+
+#[test]
+fn other_ply_files_are_refused_by_name() {
+    let Some(path) = shared("models/biker.compressed.ply") else { return };
+    let error = ply::read(&path).unwrap_err();
+    assert!(matches!(error, Error::PlyCompressed { .. }), "{error}");
+    assert!(error.to_string().contains("compressed PLY"), "{error}");
+    let Some(path) = shared("scenes/cameras/playroom/points.ply") else { return };
+    let error = ply::read(&path).unwrap_err();
+    assert!(matches!(error, Error::PlyMissingProperty { .. }), "{error}");
+    println!("{error}");
+}
