@@ -1,1 +1,12 @@
-//! Placeholder: being written.
+//! A deterministic rasterizer of 3D Gaussians.
+
+mod forward;
+mod image;
+pub mod metrics;
+mod options;
+mod simd;
+mod stages;
+
+pub use forward::render;
+pub use image::Image;
+pub use options::{Profile, RenderOptions};

@@ -1,0 +1,60 @@
+//! The forward pass of the Rust executor.
+
+use gs_model::{Camera, Scene};
+
+use crate::image::Image;
+use crate::options::RenderOptions;
+use crate::stages::blend::{LANES, TilePixels, blend};
+use crate::stages::project::{Projected, View, project};
+use crate::stages::sort_depth::sort_depth;
+use crate::stages::tiles::{TileLists, tile_lists};
+
+/// Buffers of the forward pass, reused from one render to the next.
+#[derive(Default)]
+pub(crate) struct Forward {
+    pub(crate) projected: Projected,
+    pub(crate) order: Vec<u32>,
+    pub(crate) lists: TileLists,
+    pub(crate) tiles: Vec<TilePixels>,
+    pub(crate) last: Vec<u32>,
+}
+
+impl Forward {
+    /// Runs project .. blend.
+    pub(crate) fn run(&mut self, scene: &Scene, view: &View) {
+        project(view, scene, &mut self.projected);
+        sort_depth(&self.projected.keys, &mut self.order);
+        let (splats, boxes) = (&self.projected.splats, &self.projected.boxes);
+        tile_lists(view, splats, boxes, &self.order, &mut self.lists);
+        blend(view, splats, &self.lists, &mut self.tiles, &mut self.last);
+    }
+
+    /// The blended tiles as an image, over the background.
+    pub(crate) fn image(&self, view: &View) -> Image {
+        let mut image = Image::new(view.width, view.height);
+        let width = view.width as usize;
+        for (y, row) in image.rgb.chunks_exact_mut(3 * width.max(1)).enumerate() {
+            let tiles = &self.tiles[y / LANES * view.tiles_x as usize..];
+            let ly = y % LANES;
+            for (x, rgb) in row.chunks_exact_mut(3).enumerate() {
+                let (tile, lx) = (&tiles[x / LANES], x % LANES);
+                let t = tile.t[ly][lx].abs();
+                rgb[0] = tile.red[ly][lx] + t * view.background[0];
+                rgb[1] = tile.green[ly][lx] + t * view.background[1];
+                rgb[2] = tile.blue[ly][lx] + t * view.background[2];
+            }
+        }
+        image
+    }
+}
+
+/// Renders `scene` as `camera` sees it. Values are not clamped above 1.
+///
+/// Runs on all threads of the current rayon pool; the result does not depend on their number.
+#[must_use]
+pub fn render(scene: &Scene, camera: &Camera, options: &RenderOptions) -> Image {
+    let view = View::new(camera, options);
+    let mut forward = Forward::default();
+    forward.run(scene, &view);
+    forward.image(&view)
+}

@@ -1,0 +1,98 @@
+//! PSNR and SSIM.
+#![allow(clippy::disallowed_methods, reason = "reports, not bitstreams")]
+
+use crate::image::Image;
+
+/// PSNR in dB, peak 1, over all pixels and channels; values of `a` and `b` are clamped to 0..=1
+/// first. Infinite for equal images; NaN if the sizes differ or the images are empty.
+///
+/// For a figure of a scene, average the dB over the views (not the errors), with the float
+/// render as `a` and the 8-bit photo as `b`: the convention of the 3DGS literature.
+#[must_use]
+pub fn psnr(a: &Image, b: &Image) -> f64 {
+    if (a.width, a.height) != (b.width, b.height) || a.rgb.is_empty() {
+        return f64::NAN;
+    }
+    let sum: f64 = a
+        .rgb
+        .iter()
+        .zip(&b.rgb)
+        .map(|(&x, &y)| {
+            let d = f64::from(x.clamp(0.0, 1.0)) - f64::from(y.clamp(0.0, 1.0));
+            d * d
+        })
+        .sum();
+    -10.0 * (sum / a.rgb.len() as f64).log10()
+}
+
+/// The same, with `a` rounded to 8 bits first: the figure that one gets from saved PNGs, as
+/// the reference code does.
+#[must_use]
+pub fn psnr8(a: &Image, b: &Image) -> f64 {
+    match Image::from_rgb8(a.width, a.height, &a.to_rgb8()) {
+        Some(a8) => psnr(&a8, b),
+        None => f64::NAN,
+    }
+}
+
+/// Mean SSIM over pixels and channels: 11x11 Gaussian window of sigma 1.5, zero padding,
+/// C1 = 1e-4, C2 = 9e-4, values clamped to 0..=1. NaN if the sizes differ or are zero.
+#[must_use]
+pub fn ssim(a: &Image, b: &Image) -> f64 {
+    if (a.width, a.height) != (b.width, b.height) || a.rgb.is_empty() {
+        return f64::NAN;
+    }
+    let (w, h) = (a.width as usize, a.height as usize);
+    let mut total = 0.0;
+    for channel in 0..3 {
+        let plane = |i: &Image| -> Vec<f64> {
+            i.rgb[channel..].iter().step_by(3).map(|&v| f64::from(v.clamp(0.0, 1.0))).collect()
+        };
+        let (x, y) = (plane(a), plane(b));
+        let product = |p: &[f64], q: &[f64]| -> Vec<f64> {
+            blur(&p.iter().zip(q).map(|(a, b)| a * b).collect::<Vec<_>>(), w, h)
+        };
+        let (mx, my) = (blur(&x, w, h), blur(&y, w, h));
+        let (xx, yy, xy) = (product(&x, &x), product(&y, &y), product(&x, &y));
+        for i in 0..w * h {
+            let (vx, vy) = (xx[i] - mx[i] * mx[i], yy[i] - my[i] * my[i]);
+            let cov = xy[i] - mx[i] * my[i];
+            total += (2.0 * mx[i] * my[i] + 1e-4) * (2.0 * cov + 9e-4)
+                / ((mx[i] * mx[i] + my[i] * my[i] + 1e-4) * (vx + vy + 9e-4));
+        }
+    }
+    total / (3 * w * h) as f64
+}
+
+/// The 11 taps of the SSIM window along one axis; they sum to 1.
+pub(crate) fn taps() -> [f64; 11] {
+    let mut taps = [0.0; 11];
+    for (i, t) in taps.iter_mut().enumerate() {
+        let d = i as f64 - 5.0;
+        *t = (-d * d / (2.0 * 1.5 * 1.5)).exp();
+    }
+    let sum: f64 = taps.iter().sum();
+    taps.map(|t| t / sum)
+}
+
+/// Separable blur with zero padding.
+fn blur(plane: &[f64], w: usize, h: usize) -> Vec<f64> {
+    let taps = taps();
+    let mut rows = vec![0.0; w * h];
+    for y in 0..h {
+        for x in 0..w {
+            rows[y * w + x] =
+                (x.max(5) - 5..(x + 6).min(w)).map(|i| taps[i + 5 - x] * plane[y * w + i]).sum();
+        }
+    }
+    let mut out = vec![0.0; w * h];
+    for y in 0..h {
+        for i in y.max(5) - 5..(y + 6).min(h) {
+            let t = taps[i + 5 - y];
+            for x in 0..w {
+                out[y * w + x] += t * rows[i * w + x];
+            }
+        }
+    }
+    out
+}

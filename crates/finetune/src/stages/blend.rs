@@ -1,0 +1,159 @@
+//! Stage `blend`: front-to-back blending, tile by tile.
+
+use rayon::prelude::*;
+
+use super::project::{Splat, View};
+use super::tiles::TileLists;
+use super::*;
+use crate::simd;
+
+/// Pixels of a row of a tile: the vector width that the inner loops are written for.
+pub(crate) const LANES: usize = TILE as usize;
+
+/// State of a tile's pixels, row-major within the tile, before the background.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+pub(crate) struct TilePixels {
+    pub(crate) red: [[f32; LANES]; LANES],
+    pub(crate) green: [[f32; LANES]; LANES],
+    pub(crate) blue: [[f32; LANES]; LANES],
+    /// Transmittance; negative where blending stopped early.
+    pub(crate) t: [[f32; LANES]; LANES],
+}
+
+impl TilePixels {
+    pub(crate) const CLEAR: Self = Self {
+        red: [[0.0; LANES]; LANES],
+        green: [[0.0; LANES]; LANES],
+        blue: [[0.0; LANES]; LANES],
+        t: [[1.0; LANES]; LANES],
+    };
+}
+
+/// One splat on one row of pixels.
+#[inline(always)]
+fn blend_row(
+    s: &Splat,
+    dx: &[f32; LANES],
+    dy: f32,
+    t: &mut [f32; LANES],
+    red: &mut [f32; LANES],
+    green: &mut [f32; LANES],
+    blue: &mut [f32; LANES],
+) {
+    let qy = s.q * dy;
+    let e1 = s.r * dy;
+    for l in 0..LANES {
+        let px = s.p * dx[l];
+        let e0 = px + qy;
+        let step = blend_step(e0, e1, s.cut, s.opacity, t[l]);
+        let r = step.w * s.red;
+        let g = step.w * s.green;
+        let b = step.w * s.blue;
+        red[l] += r;
+        green[l] += g;
+        blue[l] += b;
+        t[l] = step.t;
+    }
+}
+
+/// Number of pixels of a row that still blend; integer arithmetic, so that it vectorises.
+#[inline(always)]
+pub(crate) fn live(t: &[f32; LANES]) -> u32 {
+    let mut n = 0;
+    for v in t {
+        n += 1 - (v.to_bits() >> 31);
+    }
+    n
+}
+
+struct BlendTile<'a> {
+    view: &'a View,
+    splats: &'a [Splat],
+    ids: &'a [u32],
+    tx: u32,
+    ty: u32,
+    out: &'a mut TilePixels,
+}
+
+impl simd::Kernel for BlendTile<'_> {
+    /// Number of leading splats of the list that some pixel may have blended.
+    type Output = u32;
+
+    #[inline(always)]
+    fn call(self) -> u32 {
+        let Self { view, splats, ids, tx, ty, out } = self;
+        let mut px = [0.0f32; LANES];
+        for (l, p) in px.iter_mut().enumerate() {
+            *p = (tx * TILE + l as u32) as f32 + 0.5;
+        }
+        let y0 = ty * TILE;
+        let rows = (view.height - y0).min(TILE);
+        let mut px_state = TilePixels::CLEAR;
+        // Lanes beyond the image's edge never start.
+        for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
+            for row in &mut px_state.t {
+                row[l] = -1.0;
+            }
+        }
+        let mut row_live = [true; LANES];
+        let mut last = 0;
+        // Rows are re-examined once per batch: a stopped pixel is skipped by its sign anyway.
+        const BATCH: usize = 16;
+        for (batch, list) in ids.chunks(BATCH).enumerate() {
+            for &i in list {
+                let s = splats[i as usize];
+                let mut dx = [0.0f32; LANES];
+                for l in 0..LANES {
+                    dx[l] = s.x - px[l];
+                }
+                let first = s.row0.max(y0) - y0;
+                let end = (s.row1 - y0.min(s.row1)).min(rows);
+                for y in first..end {
+                    let y = y as usize;
+                    if !row_live[y] {
+                        continue;
+                    }
+                    let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
+                    blend_row(
+                        &s,
+                        &dx,
+                        dy,
+                        &mut px_state.t[y],
+                        &mut px_state.red[y],
+                        &mut px_state.green[y],
+                        &mut px_state.blue[y],
+                    );
+                }
+            }
+            last = (batch * BATCH + list.len()) as u32;
+            let mut any = false;
+            for y in 0..rows as usize {
+                row_live[y] = row_live[y] && live(&px_state.t[y]) != 0;
+                any |= row_live[y];
+            }
+            if !any {
+                break;
+            }
+        }
+        *out = px_state;
+        last
+    }
+}
+
+/// Blends every tile. `last[tile]` becomes the length of the tile's list that was needed.
+pub(crate) fn blend(
+    view: &View,
+    splats: &[Splat],
+    lists: &TileLists,
+    tiles: &mut Vec<TilePixels>,
+    last: &mut Vec<u32>,
+) {
+    tiles.resize(view.tiles(), TilePixels::CLEAR);
+    last.resize(view.tiles(), 0);
+    tiles.par_iter_mut().zip(last.par_iter_mut()).enumerate().for_each(|(tile, (out, last))| {
+        let ids = lists.of(tile);
+        let (tx, ty) = (tile as u32 % view.tiles_x, tile as u32 / view.tiles_x);
+        *last = simd::run(BlendTile { view, splats, ids, tx, ty, out });
+    });
+}

@@ -1,0 +1,95 @@
+//! Stages `emit`, `sort_tile` and `ranges`: which splats each tile blends, near to far.
+
+use rayon::prelude::*;
+
+use super::project::{Splat, TileBox, View};
+use super::*;
+
+/// Per-tile lists of Gaussian indices.
+#[derive(Default)]
+pub(crate) struct TileLists {
+    /// Start of each tile's list in `ids`; one entry more than there are tiles.
+    pub(crate) offsets: Vec<u32>,
+    /// Gaussian indices, tile by tile in row-major order, near to far within a tile.
+    pub(crate) ids: Vec<u32>,
+}
+
+impl TileLists {
+    pub(crate) fn of(&self, tile: usize) -> &[u32] {
+        &self.ids[self.offsets[tile] as usize..self.offsets[tile + 1] as usize]
+    }
+}
+
+/// Whether the splat reaches a pixel centre of tile (tx, ty).
+#[inline]
+pub(crate) fn touches(view: &View, s: &Splat, tx: u32, ty: u32) -> bool {
+    if view.reference == 1 {
+        return true;
+    }
+    let edge = (TILE - 1) as f32;
+    let dx1 = s.x - ((tx * TILE) as f32 + 0.5);
+    let dy1 = s.y - ((ty * TILE) as f32 + 0.5);
+    let least = least_sigma(s.p, s.q, s.r, dx1 - edge, dx1, dy1 - edge, dy1);
+    least <= s.cut
+}
+
+/// Builds the lists from the depth order: first one list per row of tiles (serial, one write
+/// per Gaussian and row), then each row sorts its own into tiles by counting (parallel).
+pub(crate) fn tile_lists(
+    view: &View,
+    splats: &[Splat],
+    boxes: &[TileBox],
+    order: &[u32],
+    out: &mut TileLists,
+) {
+    let rows = view.tiles_y as usize;
+    let columns = view.tiles_x as usize;
+    let mut by_row: Vec<Vec<u32>> = vec![Vec::new(); rows];
+    for &i in order {
+        let b = boxes[i as usize];
+        for list in &mut by_row[b.y0 as usize..b.y1 as usize] {
+            list.push(i);
+        }
+    }
+    let sorted: Vec<(Vec<u32>, Vec<u32>)> = by_row
+        .par_iter()
+        .enumerate()
+        .map(|(ty, list)| {
+            let mut pairs = Vec::with_capacity(list.len() * 2);
+            let mut counts = vec![0u32; columns];
+            for &i in list {
+                let (b, s) = (boxes[i as usize], &splats[i as usize]);
+                for tx in b.x0..b.x1 {
+                    if touches(view, s, tx, ty as u32) {
+                        counts[tx as usize] += 1;
+                        pairs.push((tx, i));
+                    }
+                }
+            }
+            let mut next = vec![0u32; columns];
+            let mut sum = 0;
+            for (n, &c) in next.iter_mut().zip(&counts) {
+                *n = sum;
+                sum += c;
+            }
+            let mut ids = vec![0u32; pairs.len()];
+            for (tx, i) in pairs {
+                let slot = &mut next[tx as usize];
+                ids[*slot as usize] = i;
+                *slot += 1;
+            }
+            (counts, ids)
+        })
+        .collect();
+    out.offsets.clear();
+    out.ids.clear();
+    let mut sum = 0;
+    out.offsets.push(0);
+    for (counts, ids) in &sorted {
+        for &c in counts {
+            sum += c;
+            out.offsets.push(sum);
+        }
+        out.ids.extend_from_slice(ids);
+    }
+}
