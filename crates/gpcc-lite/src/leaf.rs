@@ -1,5 +1,8 @@
 //! [`Leaf`]: one cell of a pruned octree.
 
+use crate::error::{Error, Result};
+use crate::morton::MAX_DEPTH;
+
 /// A leaf cell of a pruned octree whose finest level is `j_high`.
 ///
 /// `morton` is the Morton code, at depth `j_high`, of the cell's minimum corner: its low
@@ -11,4 +14,29 @@ pub struct Leaf {
     pub morton: u64,
     /// Depth of the cell, 0 (the root) to `j_high`.
     pub depth: u8,
+}
+
+/// Checks that `leaves` are cells of a tree of depth `j_high`, disjoint and in Morton order.
+///
+/// # Errors
+/// The first leaf that is too deep, misaligned or out of order.
+pub fn check_leaves(leaves: &[Leaf], j_high: u8) -> Result<()> {
+    if j_high > MAX_DEPTH {
+        return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
+    }
+    let mut end = 0u64;
+    for (index, leaf) in leaves.iter().enumerate() {
+        if leaf.depth > j_high {
+            return Err(Error::Depth { depth: leaf.depth, max: j_high });
+        }
+        let size = 1u64 << (3 * (j_high - leaf.depth));
+        if leaf.morton & (size - 1) != 0 || leaf.morton >> (3 * j_high) != 0 {
+            return Err(Error::LeafAlign { index, morton: leaf.morton, depth: leaf.depth });
+        }
+        if leaf.morton < end {
+            return Err(Error::LeafOrder { index });
+        }
+        end = leaf.morton + size;
+    }
+    Ok(())
 }

@@ -1,0 +1,133 @@
+//! Bytes, variable-length integers and bit fields: the plumbing under every stream.
+
+use crate::error::{Error, Result};
+
+/// Appends `v` in base 128, low digits first, high bit = "more follow".
+pub(crate) fn put_varint(out: &mut Vec<u8>, mut v: u64) {
+    while v >= 0x80 {
+        out.push((v as u8) | 0x80);
+        v >>= 7;
+    }
+    out.push(v as u8);
+}
+
+/// Reads a stream front to back; every read is checked.
+#[derive(Clone, Debug)]
+pub(crate) struct Reader<'a> {
+    data: &'a [u8],
+    pos: usize,
+}
+
+impl<'a> Reader<'a> {
+    pub(crate) fn new(data: &'a [u8]) -> Self {
+        Self { data, pos: 0 }
+    }
+
+    pub(crate) fn pos(&self) -> usize {
+        self.pos
+    }
+
+    pub(crate) fn remaining(&self) -> usize {
+        self.data.len() - self.pos
+    }
+
+    pub(crate) fn u8(&mut self, what: &'static str) -> Result<u8> {
+        let v = *self.data.get(self.pos).ok_or(Error::Truncated { offset: self.pos, what })?;
+        self.pos += 1;
+        Ok(v)
+    }
+
+    pub(crate) fn varint(&mut self, what: &'static str) -> Result<u64> {
+        let mut v = 0u64;
+        for shift in (0..63).step_by(7) {
+            let b = self.u8(what)?;
+            v |= u64::from(b & 0x7f) << shift;
+            if b & 0x80 == 0 {
+                return Ok(v);
+            }
+        }
+        Err(Error::Corrupt { what, offset: self.pos })
+    }
+
+    pub(crate) fn bytes(&mut self, n: u64, what: &'static str) -> Result<&'a [u8]> {
+        if n > self.remaining() as u64 {
+            return Err(Error::Truncated { offset: self.data.len(), what });
+        }
+        let s = &self.data[self.pos..self.pos + n as usize];
+        self.pos += n as usize;
+        Ok(s)
+    }
+
+    pub(crate) fn corrupt(&self, what: &'static str) -> Error {
+        Error::Corrupt { what, offset: self.pos }
+    }
+}
+
+/// Writes bit fields, most significant bit first.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct BitWriter {
+    out: Vec<u8>,
+    acc: u64,
+    fill: u32,
+}
+
+impl BitWriter {
+    /// Appends the low `n` bits of `v`; `n` is at most 32.
+    #[inline]
+    pub(crate) fn put(&mut self, v: u32, n: u32) {
+        debug_assert!(n <= 32 && (n == 32 || v >> n == 0));
+        self.acc = (self.acc << n) | u64::from(v);
+        self.fill += n;
+        while self.fill >= 8 {
+            self.fill -= 8;
+            self.out.push((self.acc >> self.fill) as u8);
+        }
+    }
+
+    /// Pads the last byte with zeros and returns the bytes.
+    pub(crate) fn finish(mut self) -> Vec<u8> {
+        if self.fill > 0 {
+            self.out.push((self.acc << (8 - self.fill)) as u8);
+        }
+        self.out
+    }
+}
+
+/// Reads what [`BitWriter`] wrote; zeros after the end.
+#[derive(Clone, Debug)]
+pub(crate) struct BitReader<'a> {
+    data: &'a [u8],
+    pos: usize,
+    acc: u64,
+    fill: u32,
+}
+
+impl<'a> BitReader<'a> {
+    pub(crate) fn new(data: &'a [u8]) -> Self {
+        Self { data, pos: 0, acc: 0, fill: 0 }
+    }
+
+    /// Reads `n` bits, at most 32.
+    #[inline]
+    pub(crate) fn get(&mut self, n: u32) -> u32 {
+        while self.fill < n {
+            let b = self.data.get(self.pos).copied().unwrap_or(0);
+            self.acc = (self.acc << 8) | u64::from(b);
+            self.pos += 1;
+            self.fill += 8;
+        }
+        self.fill -= n;
+        let mask = (1u64 << n) - 1;
+        ((self.acc >> self.fill) & mask) as u32
+    }
+
+    /// True once more bytes were taken than there are.
+    pub(crate) fn overrun(&self) -> bool {
+        self.pos > self.data.len()
+    }
+
+    /// Bytes consumed so far, whole or in part.
+    pub(crate) fn consumed(&self) -> usize {
+        self.pos
+    }
+}

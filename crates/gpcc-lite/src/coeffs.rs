@@ -1,0 +1,237 @@
+//! Entropy coding of quantised RAHT coefficients, a group of channels at a time.
+//!
+//! A group is one independent stream: channels that resemble each other (Y, U, V of one triple)
+//! belong together, and groups can be coded on different cores. Inside a group the coder goes
+//! coefficient by coefficient, coarse to fine, so that the magnitude of a coefficient is
+//! predicted from its ancestors, from the two before it and from the channels already coded.
+
+use crate::bytes::{Reader, put_varint};
+use crate::error::{Error, Result};
+use crate::model::Bit;
+use crate::raht::Plan;
+use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
+use crate::rlgr;
+
+/// Entropy coder of a stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Adaptive binary range coder with magnitude contexts: the small mode.
+    #[default]
+    Range,
+    /// RLGR with [`rlgr::Params::REMOTE_FX`], channel after channel: the fast mode.
+    Rlgr,
+    /// RLGR with [`rlgr::Params::MALVAR`].
+    RlgrMalvar,
+}
+
+const RAW: u8 = 0;
+const RANGE: u8 = 1;
+const RLGR_RFX: u8 = 2;
+const RLGR_MALVAR: u8 = 3;
+
+/// Codes a group of channels of quantised coefficients, each in coefficient order.
+///
+/// The result never exceeds 4 bytes per coefficient plus 1.
+///
+/// # Errors
+/// If a channel's length is not `plan.len()`.
+pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
+    for (channel, c) in channels.iter().enumerate() {
+        if c.len() != plan.len() {
+            return Err(Error::ChannelLength { channel, got: c.len(), want: plan.len() });
+        }
+    }
+    let mut out = Vec::new();
+    match mode {
+        Mode::Range => {
+            out.push(RANGE);
+            let mut coder = RangeEncoder::new();
+            let mut copy: Vec<Vec<i32>> = channels.iter().map(|c| c.to_vec()).collect();
+            code_channels(plan, &mut copy, &mut coder);
+            out.extend(coder.finish());
+        }
+        Mode::Rlgr | Mode::RlgrMalvar => {
+            let (tag, params) = rlgr_params(mode);
+            out.push(tag);
+            for c in channels {
+                let bytes = rlgr::encode(c, &params);
+                put_varint(&mut out, bytes.len() as u64);
+                out.extend(bytes);
+            }
+        }
+    }
+    if out.len() > 1 + 4 * plan.len() * channels.len() {
+        out.clear();
+        out.push(RAW);
+        for c in channels {
+            for v in *c {
+                out.extend_from_slice(&v.to_le_bytes());
+            }
+        }
+    }
+    Ok(out)
+}
+
+fn rlgr_params(mode: Mode) -> (u8, rlgr::Params) {
+    match mode {
+        Mode::RlgrMalvar => (RLGR_MALVAR, rlgr::Params::MALVAR),
+        Mode::Rlgr | Mode::Range => (RLGR_RFX, rlgr::Params::REMOTE_FX),
+    }
+}
+
+/// Decodes a group of `channels` channels.
+///
+/// Memory is that of the result plus 8 bytes per coefficient, whatever the stream says.
+///
+/// # Errors
+/// If the stream is truncated or holds what no encoder writes.
+pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>>> {
+    let n = plan.len();
+    let mut r = Reader::new(bytes);
+    match r.u8("coefficient mode")? {
+        RAW => {
+            let mut out = Vec::with_capacity(channels);
+            for _ in 0..channels {
+                let raw = r.bytes(4 * n as u64, "raw coefficients")?;
+                out.push(
+                    raw.chunks_exact(4)
+                        .map(|b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+                        .collect(),
+                );
+            }
+            Ok(out)
+        }
+        RANGE => {
+            let mut coder = RangeDecoder::new(&bytes[1..]);
+            let mut out = vec![vec![0; n]; channels];
+            code_channels(plan, &mut out, &mut coder);
+            if coder.exhausted() {
+                return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
+            }
+            Ok(out)
+        }
+        tag @ (RLGR_RFX | RLGR_MALVAR) => {
+            let params =
+                if tag == RLGR_RFX { rlgr::Params::REMOTE_FX } else { rlgr::Params::MALVAR };
+            let mut out = Vec::with_capacity(channels);
+            for _ in 0..channels {
+                let len = r.varint("RLGR length")?;
+                out.push(rlgr::decode(r.bytes(len, "RLGR stream")?, n, &params)?);
+            }
+            Ok(out)
+        }
+        _ => Err(r.corrupt("coefficient mode")),
+    }
+}
+
+/// Contexts by expected magnitude.
+const BUCKETS: usize = 48;
+/// Unary decisions before the exponential-Golomb escape.
+const UNARY: usize = 20;
+const LIMIT: u32 = 250;
+
+/// Models of one channel.
+struct ChannelModel {
+    unary: Vec<[Bit; UNARY]>,
+    escape: [Bit; 32],
+}
+
+impl ChannelModel {
+    fn new() -> Self {
+        Self { unary: vec![[Bit::default(); UNARY]; BUCKETS], escape: [Bit::default(); 32] }
+    }
+}
+
+/// Half-octave of a magnitude with 8 fraction bits.
+#[inline]
+fn bucket(m: u64) -> usize {
+    if m == 0 {
+        return 0;
+    }
+    let log = m.ilog2();
+    let half = if log == 0 { 0 } else { (m >> (log - 1)) & 1 };
+    ((2 * log) as usize + half as usize + 1).min(BUCKETS - 1)
+}
+
+#[inline]
+fn code_magnitude<C: BinaryCoder>(coder: &mut C, model: &mut ChannelModel, m: u64, v: u32) -> u32 {
+    let ctx = &mut model.unary[bucket(m)];
+    // Low bits whose distribution is flat at this scale go out unmodelled.
+    let shift = if m >= 8 << 8 { (m >> 10).ilog2() } else { 0 };
+    let high = v >> shift;
+    let mut u = 0;
+    while (u as usize) < UNARY && ctx[u as usize].code(coder, high > u, LIMIT) {
+        u += 1;
+    }
+    if u as usize == UNARY {
+        u = (u64::from(u)
+            + u64::from(code_exp_golomb(
+                coder,
+                &mut model.escape,
+                high - if C::ENCODING { u } else { high },
+            )))
+        .min(u64::from(u32::MAX >> shift)) as u32;
+    }
+    if shift == 0 {
+        return u;
+    }
+    let low = coder.code_raw_wide(v & ((1 << shift) - 1), shift);
+    (u << shift) | low
+}
+
+/// Exponential Golomb with modelled prefix.
+fn code_exp_golomb<C: BinaryCoder>(coder: &mut C, model: &mut [Bit; 32], v: u32) -> u32 {
+    let v1 = u64::from(v) + 1;
+    let bits = v1.ilog2();
+    let mut k = 0;
+    while k < 31 && model[k as usize].code(coder, bits > k, LIMIT) {
+        k += 1;
+    }
+    let low = coder.code_raw_wide((v1 & ((1 << k) - 1)) as u32, k);
+    (((1u64 << k) | u64::from(low)) - 1) as u32
+}
+
+/// Codes or decodes all channels; the decoder gets zeros and fills them in.
+fn code_channels<C: BinaryCoder>(plan: &Plan, channels: &mut [Vec<i32>], coder: &mut C) {
+    let n = plan.len();
+    let width = channels.len();
+    if n == 0 || width == 0 {
+        return;
+    }
+    for c in channels.iter_mut() {
+        c[0] = coder.code_raw_wide(c[0] as u32, 32) as i32;
+    }
+    let mut models: Vec<ChannelModel> = (0..width).map(|_| ChannelModel::new()).collect();
+    // Running magnitude of the ancestors, 8 fraction bits, interleaved by channel.
+    let mut activity = vec![0u32; n * width];
+    let ends = plan.levels().iter().skip(1).map(|&(_, s)| s as usize).chain([n]);
+    let starts = plan.levels().iter().map(|&(_, s)| s as usize);
+    for (start, end) in starts.zip(ends) {
+        let mut previous = vec![[0u32; 2]; width];
+        for k in start..end {
+            if !C::ENCODING && coder.exhausted() {
+                return;
+            }
+            let parent = plan.parents()[k - 1] as usize;
+            let mut coded = 0u64;
+            for ch in 0..width {
+                let a = u64::from(activity[parent * width + ch]);
+                let [p1, p2] = previous[ch].map(u64::from);
+                let near = 54 * p1 + 36 * p2;
+                let m = if ch == 0 {
+                    (150 * a >> 8) + (near + (near >> 3))
+                } else {
+                    (128 * a >> 8) + near + 38 * coded / ch as u64
+                };
+                let value = channels[ch][k];
+                let mag = code_magnitude(coder, &mut models[ch], m, value.unsigned_abs());
+                let negative = mag != 0 && coder.code_raw(u32::from(value < 0), 1) == 1;
+                channels[ch][k] = if negative { (mag as i32).wrapping_neg() } else { mag as i32 };
+                activity[k * width + ch] =
+                    ((141 * a + 115 * (u64::from(mag) << 8)) >> 8).min(u64::from(u32::MAX)) as u32;
+                previous[ch] = [mag.min(1 << 24), p1 as u32];
+                coded += u64::from(mag.min(1 << 24));
+            }
+        }
+    }
+}

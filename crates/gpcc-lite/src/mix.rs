@@ -1,0 +1,85 @@
+//! Logistic mixing of binary predictions, in integers.
+//!
+//! Predictions are added in the logistic domain, `stretch(p) = ln(p / (1 - p))`, with weights
+//! that follow the coding error (Mahoney's PAQ mixer). Tables are computed at compile time from
+//! one integer constant, so they are the same everywhere.
+
+/// `e^(1/256)` with 62 fraction bits.
+const EXP_STEP: u128 = 4629735647166717428;
+
+const SQUASH: [u16; 4096] = {
+    let mut t = [0u16; 4096];
+    let mut e: u128 = 1 << 40; // e^(i/256), 40 fraction bits
+    let mut i = 0;
+    while i < 2048 {
+        let p = (65536 * e + (((1 << 40) + e) >> 1)) / ((1 << 40) + e);
+        let p = if p > 65535 - 31 { 65535 - 31 } else { p };
+        t[2048 + i] = p as u16;
+        t[2048 - i] = (65536 - p) as u16;
+        e = (e * EXP_STEP) >> 62;
+        i += 1;
+    }
+    t[0] = t[1];
+    t
+};
+
+const STRETCH: [i16; 4096] = {
+    let mut t = [0i16; 4096];
+    let mut i = 0usize;
+    let mut p = 0usize;
+    while p < 4096 {
+        while i < 4095 && (SQUASH[i] as usize) < 16 * p + 8 {
+            i += 1;
+        }
+        t[p] = i as i16 - 2048;
+        p += 1;
+    }
+    t
+};
+
+/// `ln(p / (65536 - p))` with 8 fraction bits, for a 16-bit probability.
+#[inline]
+#[must_use]
+pub fn stretch(p: u32) -> i32 {
+    i32::from(STRETCH[(p >> 4) as usize & 4095])
+}
+
+/// The 16-bit probability whose [`stretch`] is `x / 256`, within `[32, 65504]`.
+#[inline]
+#[must_use]
+pub fn squash(x: i32) -> u32 {
+    u32::from(SQUASH[(x.clamp(-2047, 2047) + 2048) as usize])
+}
+
+/// Weights of `N` predictions in one mixing context.
+#[derive(Clone, Copy, Debug)]
+pub struct Mixer<const N: usize>([i32; N]);
+
+impl<const N: usize> Mixer<N> {
+    /// Equal weights that sum to `sum / 65536`.
+    #[must_use]
+    pub fn new(sum: i32) -> Self {
+        Self([sum / N as i32; N])
+    }
+
+    /// The mixed probability of inputs in the stretched domain.
+    #[inline]
+    #[must_use]
+    pub fn mix(&self, inputs: &[i32; N]) -> u32 {
+        let mut dot = 0i64;
+        for (w, x) in self.0.iter().zip(inputs) {
+            dot += i64::from(*w) * i64::from(*x);
+        }
+        squash((dot >> 16) as i32)
+    }
+
+    /// Moves the weights along the coding error; `rate` is about 2 (slow) to 16 (fast).
+    #[inline]
+    pub fn update(&mut self, inputs: &[i32; N], p1: u32, bit: bool, rate: i32) {
+        let err = ((i32::from(bit) << 16) - p1 as i32) * rate;
+        for (w, x) in self.0.iter_mut().zip(inputs) {
+            let step = (i64::from(*x) * i64::from(err) + (1 << 17)) >> 18;
+            *w = (*w + step as i32).clamp(-(1 << 20), 1 << 20);
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! Coding order and nearest coded neighbours, from the Morton order alone.
+
+use crate::error::Result;
+use crate::leaf::{Leaf, check_leaves};
+use crate::morton;
+
+/// Neighbours kept per point.
+pub const MAX_NEIGHBOURS: usize = 12;
+/// Candidates examined before a point in Morton order.
+const BEFORE: usize = 32;
+/// Candidates examined after it.
+const AFTER: usize = 16;
+/// Points of one level of detail per point of the next coarser one.
+const STRIDE_LOG2: u32 = 2;
+
+/// Coding order (coarse to fine by Morton stride `4^m`) and nearest coded neighbours.
+#[derive(Clone, Debug)]
+pub struct Neighbours {
+    order: Vec<u32>,
+    /// Neighbours in coding order, `MAX_NEIGHBOURS` per point, nearest first.
+    index: Vec<u32>,
+    /// Squared distances in half-cells, saturating.
+    distance: Vec<u32>,
+    count: Vec<u8>,
+}
+
+impl Neighbours {
+    /// Orders `leaves` and finds each one's neighbours.
+    ///
+    /// # Errors
+    /// If the leaves are not valid.
+    pub fn new(leaves: &[Leaf], j_high: u8) -> Result<Self> {
+        check_leaves(leaves, j_high)?;
+        let n = leaves.len();
+        let centre = |l: &Leaf| {
+            let size = 1i32 << (j_high - l.depth);
+            morton::decode(l.morton).map(|v| 2 * v as i32 + size)
+        };
+        let position: Vec<[i32; 3]> = leaves.iter().map(centre).collect();
+        let mut this = Self {
+            order: Vec::with_capacity(n),
+            index: vec![0; n * MAX_NEIGHBOURS],
+            distance: vec![0; n * MAX_NEIGHBOURS],
+            count: vec![0; n],
+        };
+        let mut level = 0;
+        while 1usize << (STRIDE_LOG2 * (level + 1)) < n {
+            level += 1;
+        }
+        let mut coarsest = true;
+        loop {
+            let stride = 1usize << (STRIDE_LOG2 * level);
+            let coarser = stride << STRIDE_LOG2;
+            for i in (0..n).step_by(stride) {
+                if !coarsest && i % coarser == 0 {
+                    continue;
+                }
+                this.search(&position, i, stride, if coarsest { usize::MAX } else { coarser });
+            }
+            coarsest = false;
+            if level == 0 {
+                break;
+            }
+            level -= 1;
+        }
+        Ok(this)
+    }
+
+    fn search(&mut self, position: &[[i32; 3]], i: usize, stride: usize, coarser: usize) {
+        let n = position.len();
+        let at = self.order.len();
+        self.order.push(i as u32);
+        let base = at * MAX_NEIGHBOURS;
+        let best_i = &mut self.index[base..base + MAX_NEIGHBOURS];
+        let best_d = &mut self.distance[base..base + MAX_NEIGHBOURS];
+        let mut kept = 0usize;
+        let here = position[i];
+        let mut consider = |j: usize| {
+            let p = position[j];
+            let mut d = 0u64;
+            for k in 0..3 {
+                let e = i64::from(p[k] - here[k]).unsigned_abs();
+                d += e * e;
+            }
+            let d = d.min(u64::from(u32::MAX)) as u32;
+            if kept == MAX_NEIGHBOURS && d >= best_d[kept - 1] {
+                return;
+            }
+            let mut slot = kept.min(MAX_NEIGHBOURS - 1);
+            kept = (kept + 1).min(MAX_NEIGHBOURS);
+            while slot > 0 && best_d[slot - 1] > d {
+                best_d[slot] = best_d[slot - 1];
+                best_i[slot] = best_i[slot - 1];
+                slot -= 1;
+            }
+            best_d[slot] = d;
+            best_i[slot] = j as u32;
+        };
+        for t in 1..=BEFORE {
+            let Some(j) = i.checked_sub(t * stride) else { break };
+            consider(j);
+        }
+        if coarser != usize::MAX {
+            let first = i.div_ceil(coarser);
+            for t in 0..AFTER {
+                let j = (first + t) * coarser;
+                if j >= n {
+                    break;
+                }
+                consider(j);
+            }
+        }
+        self.count[at] = kept as u8;
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// True for no points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.order.is_empty()
+    }
+
+    /// Leaf indices in coding order.
+    #[must_use]
+    pub fn order(&self) -> &[u32] {
+        &self.order
+    }
+
+    /// Leaf indices and squared distances (in half-cells) of the neighbours of the `at`-th point
+    /// in coding order, nearest first; all of them precede it.
+    #[must_use]
+    pub fn of(&self, at: usize) -> (&[u32], &[u32]) {
+        let range = at * MAX_NEIGHBOURS..at * MAX_NEIGHBOURS + usize::from(self.count[at]);
+        (&self.index[range.clone()], &self.distance[range])
+    }
+}

@@ -1,0 +1,303 @@
+//! RAHT: the region-adaptive hierarchical transform (de Queiroz and Chou, 2016).
+//!
+//! Sorted Morton codes form a binary radix tree with exactly `N - 1` merges, whatever the depth.
+//! [`Plan`] finds them once, in `O(N)`; every channel then goes through the same list. The
+//! transform is orthonormal: for children with weights `w1`, `w2`
+//!
+//! ```text
+//! low  = (sqrt(w1) a + sqrt(w2) b) / sqrt(w1 + w2)
+//! high = (sqrt(w1) b - sqrt(w2) a) / sqrt(w1 + w2)
+//! ```
+//!
+//! Leaf weights other than 1 state importance: the leaf enters as `sqrt(w) * value`, so a
+//! uniform quantiser of the coefficients leaves it an error smaller by `sqrt(w)`.
+//!
+//! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine (descending
+//! bit of the Morton code), in Morton order within a bit.
+
+use crate::error::{Error, Result};
+use crate::leaf::{Leaf, check_leaves};
+
+/// Fraction bits of the butterfly factors of the fixed-point transform.
+pub const FACTOR_BITS: u32 = 30;
+
+/// Greatest sum of leaf weights (exclusive): keeps `|value| 2^12 sqrt(sum)` below 2^62 for
+/// every `i32` value.
+pub const MAX_WEIGHT_SUM: u64 = 1 << 36;
+
+/// The merges of a set of leaves, shared by all channels.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    points: usize,
+    /// Per merge, coarse to fine: position of the low-pass value (first leaf of the left child).
+    left: Vec<u32>,
+    /// Per merge: position of the high-pass value (first leaf of the right child).
+    right: Vec<u32>,
+    /// Per merge: coefficient index of the merge above, 0 for the root.
+    parent: Vec<u32>,
+    /// Per merge: weights of the two children.
+    weight: Vec<[u64; 2]>,
+    /// Per merge: `[sqrt(w1 / w), sqrt(w2 / w)]` with [`FACTOR_BITS`] fraction bits.
+    factor: Vec<[i32; 2]>,
+    /// `(bit of the Morton code, first coefficient)` per non-empty level, coarse to fine.
+    levels: Vec<(u8, u32)>,
+    /// `sqrt(w)` of each leaf, or empty if all are 1.
+    root_weight: Vec<f64>,
+}
+
+impl Plan {
+    /// The plan for `leaves` with weight 1 each.
+    ///
+    /// # Errors
+    /// If the leaves are not sorted, disjoint cells of a tree of depth `j_high`.
+    pub fn new(leaves: &[Leaf], j_high: u8) -> Result<Self> {
+        check_leaves(leaves, j_high)?;
+        Ok(Self::build(leaves, None))
+    }
+
+    /// The plan for `leaves` with an importance weight each.
+    ///
+    /// # Errors
+    /// As [`Plan::new`]; also if a weight is 0, the sum reaches [`MAX_WEIGHT_SUM`], or the counts
+    /// differ.
+    pub fn with_weights(leaves: &[Leaf], j_high: u8, weights: &[u32]) -> Result<Self> {
+        check_leaves(leaves, j_high)?;
+        if weights.len() != leaves.len() {
+            return Err(Error::Count {
+                what: "leaf weights",
+                got: weights.len(),
+                want: leaves.len(),
+            });
+        }
+        let mut sum = 0u64;
+        for (index, &w) in weights.iter().enumerate() {
+            sum += u64::from(w);
+            if w == 0 || sum >= MAX_WEIGHT_SUM {
+                return Err(Error::Weight { index, weight: u64::from(w) });
+            }
+        }
+        Ok(Self::build(leaves, Some(weights)))
+    }
+
+    fn build(leaves: &[Leaf], weights: Option<&[u32]>) -> Self {
+        let n = leaves.len();
+        let merges = n.saturating_sub(1);
+        let mut prefix: Vec<u64> = Vec::new();
+        if let Some(w) = weights {
+            prefix.reserve(n + 1);
+            prefix.push(0);
+            let mut sum = 0;
+            for &x in w {
+                sum += u64::from(x);
+                prefix.push(sum);
+            }
+        }
+        let weight_of = |a: u32, b: u32| -> u64 {
+            if prefix.is_empty() {
+                u64::from(b - a)
+            } else {
+                prefix[b as usize] - prefix[a as usize]
+            }
+        };
+        // Boundary j lies between leaves j-1 and j; its bit is the highest in which they differ.
+        // A boundary's subtree reaches to the nearest boundaries with a higher bit.
+        let mut bit = vec![0u8; n.max(1)];
+        let mut first = vec![0u32; n.max(1)];
+        let mut last = vec![n as u32; n.max(1)];
+        let mut above = vec![0u32; n.max(1)];
+        let mut stack: Vec<u32> = Vec::with_capacity(64);
+        let mut histogram = [0u32; 65];
+        for j in 1..n {
+            let b = 63 - (leaves[j - 1].morton ^ leaves[j].morton).leading_zeros() as u8;
+            bit[j] = b;
+            histogram[b as usize] += 1;
+            while let Some(&t) = stack.last() {
+                if bit[t as usize] >= b {
+                    break;
+                }
+                stack.pop();
+                last[t as usize] = j as u32;
+                let left = stack.last().copied();
+                // The smaller of the two enclosing boundaries is the parent.
+                above[t as usize] = match left {
+                    Some(l) if bit[l as usize] < b => l,
+                    _ => j as u32,
+                };
+            }
+            first[j] = stack.last().copied().unwrap_or(0);
+            stack.push(j as u32);
+        }
+        while let Some(t) = stack.pop() {
+            above[t as usize] = stack.last().copied().unwrap_or(0);
+        }
+        // Counting sort by bit, descending; Morton order within a bit.
+        let mut start = [0u32; 65];
+        let mut levels = Vec::new();
+        let mut at = 1u32;
+        for b in (0..64).rev() {
+            start[b] = at;
+            if histogram[b] > 0 {
+                levels.push((b as u8, at));
+            }
+            at += histogram[b];
+        }
+        let mut plan = Self {
+            points: n,
+            left: vec![0; merges],
+            right: vec![0; merges],
+            parent: vec![0; merges],
+            weight: vec![[0; 2]; merges],
+            factor: vec![[0; 2]; merges],
+            levels,
+            root_weight: weights
+                .map(|w| w.iter().map(|&x| f64::from(x).sqrt()).collect())
+                .unwrap_or_default(),
+        };
+        let mut index = vec![0u32; n.max(1)];
+        for j in 1..n {
+            let slot = &mut start[bit[j] as usize];
+            index[j] = *slot;
+            *slot += 1;
+        }
+        for j in 1..n {
+            let m = index[j] as usize - 1;
+            plan.left[m] = first[j];
+            plan.right[m] = j as u32;
+            plan.parent[m] = if above[j] == 0 { 0 } else { index[above[j] as usize] };
+            let w1 = weight_of(first[j], j as u32);
+            let w2 = weight_of(j as u32, last[j]);
+            plan.weight[m] = [w1, w2];
+            plan.factor[m] = factors(w1, w2);
+        }
+        plan
+    }
+
+    /// Number of points, and of coefficients.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points
+    }
+
+    /// True for a plan of no points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points == 0
+    }
+
+    /// Coefficient index of the merge above coefficient `k`; 0 (the DC) for the root merge.
+    #[must_use]
+    pub fn parent(&self, k: usize) -> usize {
+        if k == 0 { 0 } else { self.parent[k - 1] as usize }
+    }
+
+    /// The parents of coefficients `1..len()`, in order.
+    #[must_use]
+    pub fn parents(&self) -> &[u32] {
+        &self.parent
+    }
+
+    /// `(bit of the Morton code, first coefficient)` of each level that has merges, coarse to
+    /// fine. The DC (coefficient 0) precedes the first.
+    #[must_use]
+    pub fn levels(&self) -> &[(u8, u32)] {
+        &self.levels
+    }
+
+    /// Weights of the two children of coefficient `k >= 1`.
+    #[must_use]
+    pub fn child_weights(&self, k: usize) -> [u64; 2] {
+        self.weight[k - 1]
+    }
+
+    fn check(&self, len: usize) -> Result<()> {
+        if len == self.points {
+            Ok(())
+        } else {
+            Err(Error::ChannelLength { channel: 0, got: len, want: self.points })
+        }
+    }
+
+    /// Forward transform in fixed point, from leaf order to coefficient order, in place.
+    ///
+    /// The scale of `values` is the caller's; rounding errors are a few units of its last place,
+    /// so give it fraction bits (this crate's attribute coder uses 12).
+    ///
+    /// # Errors
+    /// If `values` is not one per point.
+    pub fn forward_fixed(&self, values: &mut Vec<i64>) -> Result<()> {
+        self.check(values.len())?;
+        for (v, &r) in values.iter_mut().zip(&self.root_weight) {
+            *v = scale_up(*v, r);
+        }
+        for m in (0..self.left.len()).rev() {
+            let [c, s] = self.factor[m].map(i128::from);
+            let (i, j) = (self.left[m] as usize, self.right[m] as usize);
+            let (a, b) = (i128::from(values[i]), i128::from(values[j]));
+            values[i] = round_shift(c * a + s * b);
+            values[j] = round_shift(c * b - s * a);
+        }
+        *values = self.to_coefficient_order(values);
+        Ok(())
+    }
+
+    /// Inverse of [`Plan::forward_fixed`]: integers only (and correctly rounded IEEE square
+    /// roots for the factors), hence the same bits on every machine.
+    ///
+    /// # Errors
+    /// If `coefficients` is not one per point.
+    pub fn inverse_fixed(&self, coefficients: &mut Vec<i64>) -> Result<()> {
+        self.check(coefficients.len())?;
+        let mut values = self.to_leaf_order(coefficients);
+        for m in 0..self.left.len() {
+            let [c, s] = self.factor[m].map(i128::from);
+            let (i, j) = (self.left[m] as usize, self.right[m] as usize);
+            let (low, high) = (i128::from(values[i]), i128::from(values[j]));
+            values[i] = round_shift(c * low - s * high);
+            values[j] = round_shift(s * low + c * high);
+        }
+        for (v, &r) in values.iter_mut().zip(&self.root_weight) {
+            *v = scale_down(*v, r);
+        }
+        *coefficients = values;
+        Ok(())
+    }
+
+    fn to_coefficient_order<T: Copy>(&self, values: &[T]) -> Vec<T> {
+        let dc = values.first().copied();
+        dc.into_iter().chain(self.right.iter().map(|&j| values[j as usize])).collect()
+    }
+
+    fn to_leaf_order<T: Copy + Default>(&self, coefficients: &[T]) -> Vec<T> {
+        let mut values = vec![T::default(); coefficients.len()];
+        if let Some((&dc, rest)) = coefficients.split_first() {
+            values[0] = dc;
+            for (&j, &c) in self.right.iter().zip(rest) {
+                values[j as usize] = c;
+            }
+        }
+        values
+    }
+}
+
+/// `[sqrt(w1 / (w1 + w2)), sqrt(w2 / (w1 + w2))]`: IEEE division and square root, then exact
+/// scaling by a power of two, so the integers agree everywhere.
+fn factors(w1: u64, w2: u64) -> [i32; 2] {
+    let one = f64::from(1u32 << FACTOR_BITS);
+    let w = (w1 + w2) as f64;
+    let f = |x: u64| ((x as f64 / w).sqrt() * one + 0.5) as i32;
+    [f(w1), f(w2)]
+}
+
+#[inline]
+fn round_shift(v: i128) -> i64 {
+    ((v + (1 << (FACTOR_BITS - 1))) >> FACTOR_BITS) as i64
+}
+
+fn scale_up(v: i64, root: f64) -> i64 {
+    ((i128::from(v) * i128::from((root * 65536.0) as i64)) >> 16) as i64
+}
+
+fn scale_down(v: i64, root: f64) -> i64 {
+    // proof: root >= 1, so the divisor is at least 65536.
+    ((i128::from(v) << 16) / i128::from((root * 65536.0) as i64)) as i64
+}

@@ -1,0 +1,191 @@
+//! RLGR: adaptive run-length / Golomb-Rice coding (Malvar, DCC 2006), the fast entropy coder.
+//!
+//! Two states adapt backwards, both scaled by `L`: `k_p` chooses between Golomb-Rice mode
+//! (`k = 0`) and run mode with runs of `2^k` zeros; `k_rp` is the Rice parameter. The decoder
+//! knows the number of values, which settles the last run: a run of zeros that reaches the end is
+//! written as one full run whatever its length. A full run is bit 0, a broken one bit 1, then its
+//! length in `k` bits, then the non-zero value less one. After 32 ones the Golomb-Rice quotient
+//! gives way to the value itself in 32 bits, so no value costs more than 64 bits.
+
+use crate::bytes::{BitReader, BitWriter};
+use crate::error::{Error, Result};
+
+/// Constants of the adaptation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Params {
+    /// Scale of both states, as a power of two.
+    pub l_log2: u32,
+    /// Increment of `k_p` on a zero in Golomb-Rice mode.
+    pub u0: u32,
+    /// Decrement of `k_p` on a non-zero in Golomb-Rice mode.
+    pub d0: u32,
+    /// Increment of `k_p` on a full run.
+    pub u1: u32,
+    /// Decrement of `k_p` on a broken run.
+    pub d1: u32,
+    /// Greatest `k_p`.
+    pub k_p_max: u32,
+    /// Greatest `k_rp`.
+    pub k_rp_max: u32,
+}
+
+impl Params {
+    /// Malvar's constants: L = 4, U0 = 3, D0 = 1, U1 = 2, D1 = 1.
+    pub const MALVAR: Self =
+        Self { l_log2: 2, u0: 3, d0: 1, u1: 2, d1: 1, k_p_max: 64, k_rp_max: 96 };
+    /// The RemoteFX constants: L = 8, U0 = 3, D0 = 3, U1 = 4, D1 = 6. Smaller on RAHT coefficients.
+    pub const REMOTE_FX: Self =
+        Self { l_log2: 3, u0: 3, d0: 3, u1: 4, d1: 6, k_p_max: 80, k_rp_max: 192 };
+}
+
+/// Quotients from here on escape to a plain 32-bit value.
+const ESCAPE: u32 = 32;
+
+struct State {
+    k_p: u32,
+    k_rp: u32,
+}
+
+impl State {
+    fn new(p: &Params) -> Self {
+        Self { k_p: 0, k_rp: 2 << p.l_log2 }
+    }
+
+    #[inline]
+    fn adapt_rice(&mut self, quotient: u32, p: &Params) {
+        match quotient {
+            0 => self.k_rp = self.k_rp.saturating_sub(2),
+            1 => {}
+            q => self.k_rp = (self.k_rp + q).min(p.k_rp_max),
+        }
+    }
+
+    #[inline]
+    fn up(&mut self, by: u32, p: &Params) {
+        self.k_p = (self.k_p + by).min(p.k_p_max);
+    }
+
+    #[inline]
+    fn down(&mut self, by: u32) {
+        self.k_p = self.k_p.saturating_sub(by);
+    }
+}
+
+#[inline]
+fn zigzag(v: i32) -> u32 {
+    ((v << 1) ^ (v >> 31)) as u32
+}
+
+#[inline]
+fn unzigzag(u: u32) -> i32 {
+    ((u >> 1) as i32) ^ -((u & 1) as i32)
+}
+
+#[inline]
+fn put_rice(w: &mut BitWriter, u: u32, s: &mut State, p: &Params) {
+    let k = s.k_rp >> p.l_log2;
+    let q = u >> k;
+    if q >= ESCAPE {
+        w.put(u32::MAX, 32);
+        w.put(u, 32);
+        s.adapt_rice(ESCAPE, p);
+        return;
+    }
+    w.put(((1u64 << (q + 1)) - 2) as u32, q + 1);
+    w.put(u & ((1u32 << k) - 1), k);
+    s.adapt_rice(q, p);
+}
+
+#[inline]
+fn get_rice(r: &mut BitReader<'_>, s: &mut State, p: &Params) -> u32 {
+    let k = s.k_rp >> p.l_log2;
+    let mut q = 0;
+    while q < ESCAPE && r.get(1) == 1 {
+        q += 1;
+    }
+    s.adapt_rice(q, p);
+    if q == ESCAPE { r.get(32) } else { (q << k) | r.get(k) }
+}
+
+/// Codes `values`; the decoder must be told how many there are.
+#[must_use]
+pub fn encode(values: &[i32], p: &Params) -> Vec<u8> {
+    let mut w = BitWriter::default();
+    let mut s = State::new(p);
+    let mut i = 0;
+    while i < values.len() {
+        let k = s.k_p >> p.l_log2;
+        if k == 0 {
+            let u = zigzag(values[i]);
+            i += 1;
+            put_rice(&mut w, u, &mut s, p);
+            if u == 0 {
+                s.up(p.u0, p)
+            } else {
+                s.down(p.d0)
+            }
+            continue;
+        }
+        let full = 1usize << k;
+        let window = &values[i..values.len().min(i + full)];
+        match window.iter().position(|&v| v != 0) {
+            None => {
+                w.put(0, 1);
+                s.up(p.u1, p);
+                i += window.len();
+            }
+            Some(run) => {
+                w.put(1, 1);
+                w.put(run as u32, k);
+                put_rice(&mut w, zigzag(values[i + run]) - 1, &mut s, p);
+                s.down(p.d1);
+                i += run + 1;
+            }
+        }
+    }
+    w.finish()
+}
+
+/// Decodes `count` values.
+///
+/// # Errors
+/// [`Error::Truncated`] if the stream ends early.
+pub fn decode(bytes: &[u8], count: usize, p: &Params) -> Result<Vec<i32>> {
+    let mut r = BitReader::new(bytes);
+    let mut s = State::new(p);
+    let mut values = Vec::with_capacity(count);
+    while values.len() < count {
+        if r.overrun() {
+            return Err(Error::Truncated { offset: bytes.len(), what: "RLGR stream" });
+        }
+        let k = s.k_p >> p.l_log2;
+        if k == 0 {
+            let u = get_rice(&mut r, &mut s, p);
+            values.push(unzigzag(u));
+            if u == 0 {
+                s.up(p.u0, p)
+            } else {
+                s.down(p.d0)
+            }
+            continue;
+        }
+        let left = count - values.len();
+        if r.get(1) == 0 {
+            values.resize(values.len() + left.min(1 << k), 0);
+            s.up(p.u1, p);
+        } else {
+            let run = r.get(k) as usize;
+            if run >= left {
+                return Err(Error::Corrupt { what: "RLGR run past the end", offset: r.consumed() });
+            }
+            values.resize(values.len() + run, 0);
+            let u = get_rice(&mut r, &mut s, p);
+            values.push(unzigzag(u.wrapping_add(1)));
+            s.down(p.d1);
+        }
+    }
+    if r.overrun() {
+        return Err(Error::Truncated { offset: bytes.len(), what: "RLGR stream" });
+    }
+    Ok(values)
+}
