@@ -248,7 +248,11 @@ pub enum Error {
         model: String,
     },
     /// A camera model that COLMAP did not have when this was written.
-    #[error("{}: camera {camera}: unknown camera model {model}", file.display())]
+    #[error(
+        "{}: camera {camera}: unknown camera model {model}; only PINHOLE and SIMPLE_PINHOLE are read: \
+         undistort the images first with `colmap image_undistorter`",
+        file.display()
+    )]
     UnknownCameraModel {
         /// The file.
         file: PathBuf,

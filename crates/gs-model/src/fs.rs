@@ -1,5 +1,6 @@
-//! Reading a file whole, and writing one so that it appears whole or not at all.
+//! Reading a file whole, listing a folder, and writing one so that it appears whole or not at all.
 
+use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -8,6 +9,19 @@ use crate::error::{Error, Result};
 
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::io(path, "read", e))
+}
+
+/// The names in a folder, sorted; none if the folder is not there.
+pub(crate) fn names(dir: &Path) -> Result<Vec<OsString>> {
+    if !dir.is_dir() {
+        return Ok(Vec::new());
+    }
+    let list = || -> io::Result<Vec<OsString>> {
+        fs::read_dir(dir)?.map(|entry| entry.map(|e| e.file_name())).collect()
+    };
+    let mut names = list().map_err(|e| Error::io(dir, "list", e))?;
+    names.sort();
+    Ok(names)
 }
 
 /// Calls `write` on a new file beside `path`, then renames it to `path`.
@@ -41,7 +55,7 @@ fn create_beside(path: &Path) -> io::Result<(PathBuf, File)> {
     let name = path.file_name().ok_or_else(|| io::Error::from(io::ErrorKind::IsADirectory))?;
     let mut attempt = 0u32;
     loop {
-        let mut temporary = std::ffi::OsString::from(".");
+        let mut temporary = OsString::from(".");
         temporary.push(name);
         temporary.push(format!(".{}-{attempt}.tmp", std::process::id()));
         let temporary = path.with_file_name(temporary);

@@ -5,8 +5,8 @@ mod model;
 use std::path::{Path, PathBuf};
 
 use crate::camera::Camera;
-use crate::colmap;
 use crate::error::{Error, Result};
+use crate::{colmap, inria, nerf};
 
 /// Every how many views one is held out.
 pub const HOLD_OUT_EVERY: usize = 8;
@@ -101,6 +101,10 @@ pub fn open_views(dir: impl AsRef<Path>) -> Result<(Kind, Vec<View>)> {
             .into_iter()
             .map(|camera| View { image_path: images.join(&camera.name), camera });
         (Kind::Colmap, views.collect::<Vec<_>>())
+    } else if dir.join("cameras.json").is_file() {
+        (Kind::Inria, inria::read_views(dir)?)
+    } else if dir.join("transforms.json").is_file() {
+        (Kind::Nerf, nerf::read_views(dir.join("transforms.json"))?)
     } else {
         return Err(Error::NoCameras { dir: dir.into() });
     };

@@ -1,10 +1,9 @@
 //! Finding the model in a folder.
 
-use std::ffi::OsString;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::fs::names;
 
 /// See [`super::Dataset::open`].
 pub(super) fn find(dir: &Path) -> Result<PathBuf> {
@@ -40,17 +39,4 @@ pub(super) fn find(dir: &Path) -> Result<PathBuf> {
             Err(Error::ManyModels { dir: dir.into(), names: names.join(", ") })
         }
     }
-}
-
-/// The names in a folder, sorted; none if the folder is not there.
-fn names(dir: &Path) -> Result<Vec<OsString>> {
-    if !dir.is_dir() {
-        return Ok(Vec::new());
-    }
-    let list = || -> std::io::Result<Vec<OsString>> {
-        fs::read_dir(dir)?.map(|entry| entry.map(|e| e.file_name())).collect()
-    };
-    let mut names = list().map_err(|e| Error::io(dir, "list", e))?;
-    names.sort();
-    Ok(names)
 }

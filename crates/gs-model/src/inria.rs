@@ -1,0 +1,160 @@
+//! Output folders of the Inria trainer: `cameras.json` and `cfg_args`.
+//!
+//! `cameras.json` holds the pose as the camera's centre and its camera-to-world rotation
+//! (camera axes as in [`Camera`]), the focal lengths in pixels, the size of the original
+//! photo, and the photo's name, in older versions without extension. It holds no principal
+//! point: the trainer renders as if it were the image's centre, and so does this reader.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+use serde::Deserialize;
+
+use crate::camera::Camera;
+use crate::dataset::View;
+use crate::error::{Error, Result};
+use crate::fs;
+
+#[derive(Deserialize)]
+struct Entry {
+    img_name: String,
+    width: u32,
+    height: u32,
+    /// Camera centre, world units.
+    position: [f64; 3],
+    /// Camera to world, row by row.
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+}
+
+/// Reads a `cameras.json`, in file order.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`].
+pub fn read_cameras(file: impl AsRef<Path>) -> Result<Vec<Camera>> {
+    let file = file.as_ref();
+    let entries: Vec<Entry> = serde_json::from_slice(&fs::read(file)?)
+        .map_err(|source| Error::Json { file: file.into(), source })?;
+    entries
+        .into_iter()
+        .map(|e| {
+            // Columns from rows: the transpose, which is world to camera.
+            let rotation = DMat3::from_cols_array_2d(&e.rotation);
+            Camera {
+                name: e.img_name,
+                width: e.width,
+                height: e.height,
+                fx: e.fx,
+                fy: e.fy,
+                cx: f64::from(e.width) / 2.0,
+                cy: f64::from(e.height) / 2.0,
+                rotation,
+                translation: -(rotation * DVec3::from_array(e.position)),
+            }
+            .checked(file)
+        })
+        .collect()
+}
+
+/// Reads the views of an output folder, in the order of its `cameras.json`.
+///
+/// Photos are looked for in the images folder of the data set that the trainer was given
+/// (`source_path` and `images` in `cfg_args`, if that folder still exists) and in `images/` in
+/// the output folder. A name without extension matches the photo whose name up to the first
+/// dot it is. A photo that is in neither place is expected in `images/`.
+///
+/// # Errors
+/// As [`read_cameras`], and [`Error::Io`] if a folder cannot be listed.
+pub fn read_views(dir: impl AsRef<Path>) -> Result<Vec<View>> {
+    let dir = dir.as_ref();
+    let cameras = read_cameras(dir.join("cameras.json"))?;
+    let own = dir.join("images");
+    let mut photos = Vec::new();
+    for folder in source_images(dir).into_iter().chain([own.clone()]) {
+        photos.push(Photos::list(folder)?);
+    }
+    let place = |camera: Camera| View {
+        image_path: photos
+            .iter()
+            .find_map(|p| p.find(&camera.name))
+            .unwrap_or_else(|| own.join(&camera.name)),
+        camera,
+    };
+    Ok(cameras.into_iter().map(place).collect())
+}
+
+/// The images folder that `cfg_args` names: absolute, or relative to the output folder.
+fn source_images(dir: &Path) -> Option<PathBuf> {
+    let text = std::fs::read_to_string(dir.join("cfg_args")).ok()?;
+    let source = python_string(&text, "source_path")?;
+    let images = python_string(&text, "images").unwrap_or_else(|| "images".to_owned());
+    Some(dir.join(source).join(images))
+}
+
+/// The value of `key='...'` or `key="..."` in Python's notation of a `Namespace`.
+fn python_string(text: &str, key: &str) -> Option<String> {
+    let start = text.match_indices(key).find_map(|(at, _)| {
+        let before = text[..at].chars().next_back();
+        let is_whole = !before.is_some_and(|c| c.is_alphanumeric() || c == '_');
+        let value = text[at + key.len()..].strip_prefix('=')?;
+        is_whole.then_some(value)
+    })?;
+    let mut chars = start.chars();
+    let quote = chars.next().filter(|c| matches!(c, '\'' | '"'))?;
+    let mut value = String::new();
+    while let Some(c) = chars.next() {
+        match c {
+            // Only the escapes that paths have: backslashes (Windows) and quotes.
+            '\\' => value.push(chars.next()?),
+            c if c == quote => return Some(value),
+            c => value.push(c),
+        }
+    }
+    None
+}
+
+/// The files of an images folder.
+struct Photos {
+    folder: PathBuf,
+    /// From the name up to the first dot to the name; the first in sorted order wins.
+    by_stem: BTreeMap<String, String>,
+}
+
+impl Photos {
+    fn list(folder: PathBuf) -> Result<Self> {
+        let mut by_stem = BTreeMap::new();
+        for name in fs::names(&folder)? {
+            let Some(name) = name.to_str() else { continue };
+            let stem = name.split('.').next().unwrap_or(name);
+            by_stem.entry(stem.to_owned()).or_insert_with(|| name.to_owned());
+        }
+        Ok(Self { folder, by_stem })
+    }
+
+    fn find(&self, name: &str) -> Option<PathBuf> {
+        let exact = self.folder.join(name);
+        if exact.is_file() {
+            return Some(exact);
+        }
+        self.by_stem.get(name).map(|file| self.folder.join(file))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::python_string;
+
+    #[test]
+    fn cfg_args_are_read_as_python_writes_them() {
+        let text = r#"Namespace(data_device='cuda', eval=True, images='images_4', model_path='/o',
+            resolution=-1, sh_degree=3, source_path="/d/it's", x_source_path='no', w='c:\\d')"#;
+        assert_eq!(python_string(text, "images").as_deref(), Some("images_4"));
+        assert_eq!(python_string(text, "source_path").as_deref(), Some("/d/it's"));
+        assert_eq!(python_string(text, "w").as_deref(), Some(r"c:\d"));
+        assert_eq!(python_string(text, "eval"), None);
+        assert_eq!(python_string("images='unterminated", "images"), None);
+        assert_eq!(python_string("images='x\\", "images"), None);
+    }
+}
