@@ -32,7 +32,7 @@ impl TilePixels {
 
 /// One splat on one row of pixels.
 #[inline(always)]
-fn blend_row(
+fn blend_row<const WEIGHTS: bool>(
     s: &Splat,
     dx: &[f32; LANES],
     dy: f32,
@@ -40,6 +40,7 @@ fn blend_row(
     red: &mut [f32; LANES],
     green: &mut [f32; LANES],
     blue: &mut [f32; LANES],
+    weight: &mut [f32; LANES],
 ) {
     let qy = s.q * dy;
     let e1 = s.r * dy;
@@ -54,6 +55,9 @@ fn blend_row(
         green[l] += g;
         blue[l] += b;
         t[l] = step.t;
+        if WEIGHTS {
+            weight[l] += step.w;
+        }
     }
 }
 
@@ -67,22 +71,38 @@ pub(crate) fn live(t: &[f32; LANES]) -> u32 {
     n
 }
 
-struct BlendTile<'a> {
+/// Sum of 16 lanes in the fixed order that every reduction here uses: halves onto halves.
+#[inline(always)]
+pub(crate) fn sum_lanes(v: &[f32; LANES]) -> f32 {
+    let mut s = *v;
+    let mut half = LANES / 2;
+    while half > 0 {
+        for l in 0..half {
+            s[l] += s[l + half];
+        }
+        half /= 2;
+    }
+    s[0]
+}
+
+struct BlendTile<'a, const WEIGHTS: bool> {
     view: &'a View,
     splats: &'a [Splat],
     ids: &'a [u32],
     tx: u32,
     ty: u32,
     out: &'a mut TilePixels,
+    /// With `WEIGHTS`, one entry per slot of the list: the sum of its weights alpha T.
+    weights: &'a mut [f32],
 }
 
-impl simd::Kernel for BlendTile<'_> {
+impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
     /// Number of leading splats of the list that some pixel may have blended.
     type Output = u32;
 
     #[inline(always)]
     fn call(self) -> u32 {
-        let Self { view, splats, ids, tx, ty, out } = self;
+        let Self { view, splats, ids, tx, ty, out, weights } = self;
         let mut px = [0.0f32; LANES];
         for (l, p) in px.iter_mut().enumerate() {
             *p = (tx * TILE + l as u32) as f32 + 0.5;
@@ -101,12 +121,13 @@ impl simd::Kernel for BlendTile<'_> {
         // Rows are re-examined once per batch: a stopped pixel is skipped by its sign anyway.
         const BATCH: usize = 16;
         for (batch, list) in ids.chunks(BATCH).enumerate() {
-            for &i in list {
+            for (k, &i) in list.iter().enumerate() {
                 let s = splats[i as usize];
                 let mut dx = [0.0f32; LANES];
                 for l in 0..LANES {
                     dx[l] = s.x - px[l];
                 }
+                let mut weight = [0.0f32; LANES];
                 let first = s.row0.max(y0) - y0;
                 let end = (s.row1 - y0.min(s.row1)).min(rows);
                 for y in first..end {
@@ -115,7 +136,7 @@ impl simd::Kernel for BlendTile<'_> {
                         continue;
                     }
                     let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                    blend_row(
+                    blend_row::<WEIGHTS>(
                         &s,
                         &dx,
                         dy,
@@ -123,7 +144,11 @@ impl simd::Kernel for BlendTile<'_> {
                         &mut px_state.red[y],
                         &mut px_state.green[y],
                         &mut px_state.blue[y],
+                        &mut weight,
                     );
+                }
+                if WEIGHTS {
+                    weights[batch * BATCH + k] = sum_lanes(&weight);
                 }
             }
             last = (batch * BATCH + list.len()) as u32;
@@ -153,7 +178,27 @@ pub(crate) fn blend(
     last.resize(view.tiles(), 0);
     tiles.par_iter_mut().zip(last.par_iter_mut()).enumerate().for_each(|(tile, (out, last))| {
         let ids = lists.of(tile);
-        let (tx, ty) = (tile as u32 % view.tiles_x, tile as u32 / view.tiles_x);
-        *last = simd::run(BlendTile { view, splats, ids, tx, ty, out });
+        let (tx, ty) = view.tile_at(tile);
+        let weights = &mut [];
+        *last = simd::run(BlendTile::<false> { view, splats, ids, tx, ty, out, weights });
+    });
+}
+
+/// Blends every tile for the weights alone: `weights[slot]` becomes the sum over the tile's
+/// pixels of alpha T.
+pub(crate) fn blend_weights(
+    view: &View,
+    splats: &[Splat],
+    lists: &TileLists,
+    weights: &mut Vec<f32>,
+) {
+    weights.clear();
+    weights.resize(lists.ids.len(), 0.0);
+    lists.split_mut(weights).into_par_iter().enumerate().for_each(|(tile, weights)| {
+        let ids = lists.of(tile);
+        let (tx, ty) = view.tile_at(tile);
+        let mut pixels = TilePixels::CLEAR;
+        let out = &mut pixels;
+        simd::run(BlendTile::<true> { view, splats, ids, tx, ty, out, weights });
     });
 }

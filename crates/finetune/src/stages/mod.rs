@@ -17,6 +17,7 @@
 )]
 
 pub(crate) mod blend;
+pub(crate) mod gather;
 pub(crate) mod project;
 pub(crate) mod sort_depth;
 pub(crate) mod tiles;

@@ -98,6 +98,10 @@ impl View {
         self.tiles_x as usize * self.tiles_y as usize
     }
 
+    pub(crate) fn tile_at(&self, tile: usize) -> (u32, u32) {
+        (tile as u32 % self.tiles_x, tile as u32 / self.tiles_x)
+    }
+
     fn rows(&self) -> (V3, V3, V3) {
         let v = |r: [f32; 4]| V3(r[0], r[1], r[2]);
         (v(self.rotation[0]), v(self.rotation[1]), v(self.rotation[2]))

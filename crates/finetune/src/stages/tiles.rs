@@ -18,6 +18,17 @@ impl TileLists {
     pub(crate) fn of(&self, tile: usize) -> &[u32] {
         &self.ids[self.offsets[tile] as usize..self.offsets[tile + 1] as usize]
     }
+
+    /// Splits an array with one entry per slot into one slice per tile.
+    pub(crate) fn split_mut<'a, T>(&self, mut slots: &'a mut [T]) -> Vec<&'a mut [T]> {
+        let mut out = Vec::with_capacity(self.offsets.len());
+        for w in self.offsets.windows(2) {
+            let (head, tail) = slots.split_at_mut((w[1] - w[0]) as usize);
+            out.push(head);
+            slots = tail;
+        }
+        out
+    }
 }
 
 /// Whether the splat reaches a pixel centre of tile (tx, ty).

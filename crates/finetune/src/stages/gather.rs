@@ -1,0 +1,30 @@
+//! Stage `gather`: sums the records of a Gaussian's slots.
+
+use rayon::prelude::*;
+
+use super::tiles::TileLists;
+
+/// `out[i]` = sum of `records[slot]` over the slots of Gaussian `i`, in tile order, which is
+/// the order of emission. Each worker owns a range of Gaussians and scans all slots, so the
+/// order of the additions does not depend on the workers.
+pub(crate) fn gather<const N: usize>(
+    lists: &TileLists,
+    records: &[[f32; N]],
+    gaussians: usize,
+    out: &mut Vec<[f32; N]>,
+) {
+    out.clear();
+    out.resize(gaussians, [0.0; N]);
+    // The number of ranges is a matter of speed only: every range sums in the same order.
+    let chunk = gaussians.div_ceil(2 * rayon::current_num_threads()).max(1);
+    out.par_chunks_mut(chunk).enumerate().for_each(|(c, sums)| {
+        let first = (c * chunk) as u32;
+        for (&i, record) in lists.ids.iter().zip(records) {
+            if let Some(sum) = sums.get_mut(i.wrapping_sub(first) as usize) {
+                for (s, r) in sum.iter_mut().zip(record) {
+                    *s += r;
+                }
+            }
+        }
+    });
+}
