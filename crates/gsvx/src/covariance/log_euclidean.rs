@@ -1,0 +1,200 @@
+//! Covariance as the matrix logarithm of its square root, in six orthonormal coordinates.
+//!
+//! With rotation `R` and log-scales `l`, the matrix `L = R diag(l) R^T` has no sign or
+//! permutation symmetry (the 48 pairs of quaternion and scales that mean the same Gaussian
+//! give one `L`), is smooth in space where shapes are, and measures what a renderer sees: an
+//! error `e` in `L` changes each axis by the factor `exp(e)`, and turns the Gaussian the less
+//! the rounder it is. Measured on `fox` at equal error of the projected footprints it needs
+//! about a fifth fewer bits than quaternion plus log-scales.
+//!
+//! Arithmetic: `f64`, only `+ - * /` and square roots, so every machine decodes the same.
+
+/// Coordinates of a symmetric 3x3 matrix in an orthonormal basis (Frobenius norm).
+pub type Coordinates = [f64; 6];
+
+const SQRT_2: f64 = std::f64::consts::SQRT_2;
+const INV_SQRT_2: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// 1 / sqrt 3.
+const INV_SQRT_3: f64 = 0.577_350_269_189_625_8;
+/// 1 / sqrt 6.
+const INV_SQRT_6: f64 = 0.408_248_290_463_863;
+
+/// Sweeps of the Jacobi iteration; convergence is quadratic, four reach 1e-15 in practice.
+const MAX_SWEEPS: usize = 8;
+/// Off-diagonal energy below which a matrix counts as diagonal, relative to its norm.
+const CONVERGED: f64 = 1e-26;
+
+/// Coordinates of `L` from a quaternion `[w, x, y, z]` (any non-zero norm) and log-scales.
+#[must_use]
+pub fn coordinates(quaternion: [f32; 4], log_scales: [f32; 3]) -> Coordinates {
+    let r = rotation_matrix(quaternion);
+    let l = log_scales.map(f64::from);
+    let entry = |i: usize, j: usize| {
+        r[i][0] * l[0] * r[j][0] + r[i][1] * l[1] * r[j][1] + r[i][2] * l[2] * r[j][2]
+    };
+    let (xx, yy, zz) = (entry(0, 0), entry(1, 1), entry(2, 2));
+    [
+        (xx + yy + zz) * INV_SQRT_3,
+        (xx - yy) * INV_SQRT_2,
+        (zz + zz - xx - yy) * INV_SQRT_6,
+        entry(0, 1) * SQRT_2,
+        entry(0, 2) * SQRT_2,
+        entry(1, 2) * SQRT_2,
+    ]
+}
+
+/// Unit quaternion and log-scales of the matrix with these coordinates.
+///
+/// Log-scales come in the order the iteration leaves them; the pair is one of the equivalent
+/// descriptions of the same Gaussian.
+#[must_use]
+pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
+    let t = c[0] * INV_SQRT_3;
+    let d = c[1] * INV_SQRT_2;
+    let e = c[2] * INV_SQRT_6;
+    let mut a = [
+        [t + d - e, c[3] * INV_SQRT_2, c[4] * INV_SQRT_2],
+        [c[3] * INV_SQRT_2, t - d - e, c[5] * INV_SQRT_2],
+        [c[4] * INV_SQRT_2, c[5] * INV_SQRT_2, t + e + e],
+    ];
+    // Columns of v converge to the eigenvectors; rotations keep its determinant at +1.
+    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let norm: f64 = c.iter().map(|x| x * x).sum();
+    for _ in 0..MAX_SWEEPS {
+        let off = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2];
+        if off <= CONVERGED * norm {
+            break;
+        }
+        rotate(&mut a, &mut v, 0, 1, 2);
+        rotate(&mut a, &mut v, 0, 2, 1);
+        rotate(&mut a, &mut v, 1, 2, 0);
+    }
+    (quaternion_of(&v), [a[0][0] as f32, a[1][1] as f32, a[2][2] as f32])
+}
+
+/// One Jacobi rotation in the plane `(p, q)`; `r` is the remaining axis.
+fn rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize, r: usize) {
+    let apq = a[p][q];
+    if apq == 0.0 {
+        return;
+    }
+    let theta = (a[q][q] - a[p][p]) / (2.0 * apq);
+    // The smaller root of t^2 + 2 theta t - 1; theta may overflow to infinity, t is then 0.
+    let root = theta.abs() + (theta * theta + 1.0).sqrt();
+    let t = if theta >= 0.0 { 1.0 / root } else { -1.0 / root };
+    let c = 1.0 / (t * t + 1.0).sqrt();
+    let s = t * c;
+    a[p][p] -= t * apq;
+    a[q][q] += t * apq;
+    a[p][q] = 0.0;
+    a[q][p] = 0.0;
+    let (arp, arq) = (a[r][p], a[r][q]);
+    a[r][p] = c * arp - s * arq;
+    a[p][r] = a[r][p];
+    a[r][q] = s * arp + c * arq;
+    a[q][r] = a[r][q];
+    for row in v {
+        let (x, y) = (row[p], row[q]);
+        row[p] = c * x - s * y;
+        row[q] = s * x + c * y;
+    }
+}
+
+/// Row-major rotation matrix of a quaternion of any non-zero norm; identity for zero.
+fn rotation_matrix(q: [f32; 4]) -> [[f64; 3]; 3] {
+    let [w, x, y, z] = q.map(f64::from);
+    let n = w * w + x * x + y * y + z * z;
+    if n <= 0.0 {
+        return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    }
+    let s = 2.0 / n;
+    [
+        [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+        [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
+        [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)],
+    ]
+}
+
+/// Unit quaternion with `w >= 0` of a rotation matrix (Shepperd's method).
+fn quaternion_of(m: &[[f64; 3]; 3]) -> [f32; 4] {
+    let (xx, yy, zz) = (m[0][0], m[1][1], m[2][2]);
+    let candidates = [1.0 + xx + yy + zz, 1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz];
+    let mut best = 0;
+    for k in 1..4 {
+        if candidates[k] > candidates[best] {
+            best = k;
+        }
+    }
+    let (a, b, c) = (m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]);
+    let (d, e, f) = (m[1][0] + m[0][1], m[0][2] + m[2][0], m[2][1] + m[1][2]);
+    let s = candidates[best].max(1.0);
+    let q = match best {
+        0 => [s, a, b, c],
+        1 => [a, s, d, e],
+        2 => [b, d, s, f],
+        _ => [c, e, f, s],
+    };
+    let n = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]).sqrt();
+    let sign = if q[0] < 0.0 { -n } else { n };
+    [(q[0] / sign) as f32, (q[1] / sign) as f32, (q[2] / sign) as f32, (q[3] / sign) as f32]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn close(a: Coordinates, b: Coordinates, tolerance: f64) -> bool {
+        a.iter().zip(&b).all(|(x, y)| (x - y).abs() <= tolerance)
+    }
+
+    #[test]
+    fn the_identity_has_only_a_trace() {
+        let c = coordinates([1.0, 0.0, 0.0, 0.0], [-2.0; 3]);
+        assert!((c[0] + 2.0 * 3f64.sqrt()).abs() < 1e-12);
+        assert!(c[1..].iter().all(|v| v.abs() < 1e-12));
+    }
+
+    #[test]
+    fn hostile_coordinates_stay_finite() {
+        for v in [0.0, 1e-300, 1e12, -1e12] {
+            for k in 0..6 {
+                let mut c = [0.0; 6];
+                c[k] = v;
+                let (q, l) = decompose(c);
+                assert!(q.iter().chain(&l).all(|x| x.is_finite()), "{c:?} -> {q:?} {l:?}");
+            }
+        }
+    }
+
+    proptest! {
+        // The same covariance comes back: coordinates determine it, so compare those.
+        #[test]
+        fn decompose_undoes_coordinates(
+            q in prop::array::uniform4(-1f32..1.0),
+            l in prop::array::uniform3(-14f32..4.0),
+        ) {
+            prop_assume!(q.iter().map(|x| x * x).sum::<f32>() > 1e-4);
+            let c = coordinates(q, l);
+            let (q2, l2) = decompose(c);
+            prop_assert!(close(c, coordinates(q2, l2), 3e-5), "{c:?} {:?}", coordinates(q2, l2));
+            let n: f32 = q2.iter().map(|x| x * x).sum();
+            prop_assert!((n - 1.0).abs() < 1e-5 && q2[0] >= 0.0);
+        }
+
+        // q and -q, and permuted axes, are the same Gaussian and give the same coordinates.
+        #[test]
+        fn symmetric_descriptions_agree(
+            q in prop::array::uniform4(-1f32..1.0),
+            l in prop::array::uniform3(-9f32..1.0),
+        ) {
+            prop_assume!(q.iter().map(|x| x * x).sum::<f32>() > 1e-2);
+            let c = coordinates(q, l);
+            prop_assert!(close(c, coordinates(q.map(|x| -x), l), 1e-9));
+            // A quarter turn about the body's z axis swaps the x and y scales.
+            let [w, x, y, z] = q;
+            let turned = [w - z, x + y, y - x, z + w];
+            prop_assert!(close(c, coordinates(turned, [l[1], l[0], l[2]]), 1e-5));
+        }
+    }
+}

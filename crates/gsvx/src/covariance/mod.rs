@@ -1,0 +1,76 @@
+//! The covariance section: rotations and log-scales in one of several modes.
+//!
+//! A payload starts with a byte that names the mode.
+
+mod integers;
+pub mod log_euclidean;
+
+use crate::attributes::group::Transform;
+use crate::error::{Error, Result};
+use crate::options::{CovarianceMode, EncodeOptions};
+use gpcc_lite::Leaf;
+use gs_model::Scene;
+use rayon::prelude::*;
+use voxel::Voxelization;
+
+const TRANSFORM: u8 = 0;
+const INTEGERS: u8 = 1;
+
+/// Rotations (unit quaternions) and log-scales.
+pub(crate) type Covariances = (Vec<[f32; 4]>, Vec<[f32; 3]>);
+
+pub(crate) fn encode(
+    scene: &Scene,
+    voxels: &Voxelization,
+    transform: &Transform,
+    options: &EncodeOptions,
+) -> Result<Vec<u8>> {
+    match options.covariance {
+        CovarianceMode::Transform => {
+            let coordinates: Vec<_> = scene
+                .rotations
+                .par_iter()
+                .zip(&scene.log_scales)
+                .map(|(&q, &l)| log_euclidean::coordinates(q, l))
+                .collect();
+            let channels: Vec<Vec<f64>> =
+                (0..6).map(|k| coordinates.iter().map(|c| c[k]).collect()).collect();
+            let step = f64::from(options.steps.covariance);
+            let mut out = vec![TRANSFORM];
+            out.extend(transform.encode(&channels, &[step; 6], options.entropy)?);
+            Ok(out)
+        }
+        CovarianceMode::Lossless { bits } => {
+            let mut out = vec![INTEGERS];
+            out.extend(integers::encode(scene, voxels, bits)?);
+            Ok(out)
+        }
+        CovarianceMode::Vq { bits } => Err(Error::Option {
+            option: "covariance codebook bits",
+            value: f64::from(bits),
+            range: "not yet available",
+        }),
+    }
+}
+
+pub(crate) fn decode(
+    payload: &[u8],
+    transform: &Transform,
+    leaves: &[Leaf],
+    j_high: u8,
+) -> Result<Covariances> {
+    let Some((&mode, payload)) = payload.split_first() else {
+        return Err(Error::Truncated { what: "covariance", offset: 0, need: 1, have: 0 });
+    };
+    match mode {
+        TRANSFORM => {
+            let channels = transform.decode(payload, 6)?;
+            Ok((0..leaves.len())
+                .into_par_iter()
+                .map(|i| log_euclidean::decompose(std::array::from_fn(|k| channels[k][i])))
+                .unzip())
+        }
+        INTEGERS => integers::decode(payload, leaves, j_high),
+        other => Err(Error::Corrupt { what: "covariance mode", value: other.into() }),
+    }
+}

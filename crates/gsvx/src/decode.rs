@@ -1,0 +1,189 @@
+//! The decoder. Needs nothing but the stream.
+
+use crate::attributes::group::{Transform, coding, limits};
+use crate::attributes::{colour, opacity};
+use crate::error::{Error, Result};
+use crate::importance;
+use crate::stream::{Container, Header, SectionKind};
+use gpcc_lite::Leaf;
+use gs_model::Scene;
+use rayon::prelude::*;
+
+/// Gaussians per stream byte that a decoder accepts by default. Coded scenes have fewer than
+/// one per byte; a solid block of equal Gaussians could have more, and then the caller says so.
+pub const DEFAULT_GAUSSIANS_PER_BYTE: u64 = 64;
+
+/// Options of [`decode`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct DecodeOptions {
+    /// Highest SH degree to decode.
+    pub max_sh_degree: u8,
+    /// Decode what a truncated stream still holds instead of failing. Geometry, importance,
+    /// opacity and DC must be whole.
+    pub allow_truncated: bool,
+    /// Greatest number of Gaussians accepted; `None` derives it from the stream's length.
+    pub max_gaussians: Option<u64>,
+}
+
+impl Default for DecodeOptions {
+    fn default() -> Self {
+        Self { max_sh_degree: 3, allow_truncated: false, max_gaussians: None }
+    }
+}
+
+/// A decoded scene.
+#[derive(Clone, Debug)]
+pub struct Decoded {
+    /// The scene; Gaussians in Morton order.
+    pub scene: Scene,
+    /// The octree leaves, one per Gaussian.
+    pub leaves: Vec<Leaf>,
+    /// The stream's header.
+    pub header: Header,
+    /// What was not decoded, and why; one line each.
+    pub skipped: Vec<String>,
+}
+
+/// Decodes a stream.
+///
+/// # Errors
+/// Any damage to the stream is reported as an [`Error`]; see [`DecodeOptions`] for truncation.
+pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
+    let container = Container::parse(bytes)?;
+    let header = container.header.clone();
+    let limit = options
+        .max_gaussians
+        .unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + 1024);
+    if header.count > limit {
+        return Err(Error::Limit { points: header.count, limit });
+    }
+    let need = |kind| match container.section(kind)? {
+        Some(payload) => Ok(payload),
+        None => Err(Error::MissingSection { kind }),
+    };
+    let geometry = gpcc_lite::geometry::decode(need(SectionKind::Geometry)?, &limits(header.count))
+        .map_err(coding("geometry"))?;
+    let leaves = geometry.leaves;
+    if leaves.len() as u64 != header.count {
+        return Err(Error::Corrupt { what: "leaf count", value: leaves.len() as u64 });
+    }
+    if geometry.j_high != header.j_high {
+        return Err(Error::Corrupt { what: "geometry depth", value: geometry.j_high.into() });
+    }
+    let classes = match container.section(SectionKind::Importance)? {
+        Some(payload) => Some(importance::decode(payload, &leaves, header.j_high)?),
+        None => None,
+    };
+    let transform = Transform::new(&leaves, header.j_high, classes.as_deref())?;
+
+    let wanted = header.sh_degree.min(options.max_sh_degree);
+    let mut skipped = Vec::new();
+    for degree in wanted + 1..=header.sh_degree {
+        skipped.push(format!("{}: not asked for", SectionKind::of_sh_degree(degree)));
+    }
+    for entry in &container.toc {
+        if let SectionKind::Unknown(code) = entry.kind {
+            skipped.push(format!("section of unknown kind {code}: written by a newer version"));
+        }
+    }
+    let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
+    kinds.extend((1..=wanted).map(SectionKind::of_sh_degree));
+    let parts: Vec<Result<Part>> = kinds
+        .par_iter()
+        .map(|&kind| section(kind, need(kind)?, &transform, &leaves, header.j_high))
+        .collect();
+
+    let n = leaves.len();
+    let mut scene = Scene {
+        means: leaves.iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect(),
+        ..Default::default()
+    };
+    let mut sh: Vec<Vec<Vec<f64>>> = Vec::new();
+    let mut broken = false;
+    for (&kind, part) in kinds.iter().zip(parts) {
+        match part {
+            Ok(Part::Opacity(v)) => scene.opacity_logits = v,
+            Ok(Part::Covariance(q, l)) => (scene.rotations, scene.log_scales) = (q, l),
+            // A later degree is of no use when an earlier one is missing.
+            Ok(Part::Sh(_)) if broken => skipped.push(format!("{kind}: a lower degree is missing")),
+            Ok(Part::Sh(channels)) => sh.push(channels),
+            Err(e @ Error::Truncated { .. })
+                if options.allow_truncated && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
+            {
+                skipped.push(format!("{kind}: {e}"));
+                if kind == SectionKind::Covariance {
+                    (scene.rotations, scene.log_scales) = spheres(&leaves, &header);
+                }
+                broken = true;
+            }
+            Err(e) => return Err(e),
+        }
+    }
+    scene.sh_degree = sh.len() as u8 - 1;
+    scene.sh = interleave(&sh, n);
+    Ok(Decoded { scene, leaves, header, skipped })
+}
+
+enum Part {
+    Opacity(Vec<f32>),
+    Covariance(Vec<[f32; 4]>, Vec<[f32; 3]>),
+    /// Three planes (Y, Co, Cg) per coefficient.
+    Sh(Vec<Vec<f64>>),
+}
+
+fn section(
+    kind: SectionKind,
+    payload: &[u8],
+    transform: &Transform,
+    leaves: &[Leaf],
+    j_high: u8,
+) -> Result<Part> {
+    Ok(match kind {
+        SectionKind::Opacity => {
+            let channels = transform.decode(payload, 1)?;
+            Part::Opacity(channels[0].iter().map(|&v| opacity::logit_of_log_alpha(v)).collect())
+        }
+        SectionKind::Covariance => {
+            let (q, l) = crate::covariance::decode(payload, transform, leaves, j_high)?;
+            Part::Covariance(q, l)
+        }
+        _ => {
+            let coefficients = match kind {
+                SectionKind::Sh1 => 3,
+                SectionKind::Sh2 => 5,
+                SectionKind::Sh3 => 7,
+                _ => 1,
+            };
+            Part::Sh(transform.decode(payload, 3 * coefficients)?)
+        }
+    })
+}
+
+/// Stand-in covariances where that section is missing: balls that fill their voxels.
+fn spheres(leaves: &[Leaf], header: &Header) -> (Vec<[f32; 4]>, Vec<[f32; 3]>) {
+    let log_scales = leaves
+        .iter()
+        .map(|leaf| {
+            let cell = header.cube.side / (1u64 << leaf.depth) as f64;
+            [libm::log((0.5 * cell).max(f64::MIN_POSITIVE)) as f32; 3]
+        })
+        .collect();
+    (vec![[1.0, 0.0, 0.0, 0.0]; leaves.len()], log_scales)
+}
+
+/// Planes of all degrees to coefficient-major RGB.
+fn interleave(degrees: &[Vec<Vec<f64>>], n: usize) -> Vec<[f32; 3]> {
+    let planes: Vec<&Vec<f64>> = degrees.iter().flatten().collect();
+    let per_gaussian = planes.len() / 3;
+    let mut sh = vec![[0.0; 3]; n * per_gaussian];
+    const CHUNK: usize = 4096;
+    sh.par_chunks_mut(CHUNK * per_gaussian.max(1)).enumerate().for_each(|(chunk, out)| {
+        for (j, coefficients) in out.chunks_exact_mut(per_gaussian).enumerate() {
+            let i = chunk * CHUNK + j;
+            for (k, rgb) in coefficients.iter_mut().enumerate() {
+                *rgb = colour::inverse(std::array::from_fn(|c| planes[3 * k + c][i]));
+            }
+        }
+    });
+    sh
+}

@@ -1,0 +1,136 @@
+//! The crate's one error type.
+
+use crate::stream::SectionKind;
+
+/// Everything that can go wrong while encoding or decoding a stream.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The input does not start with the gsvx signature.
+    #[error("not a gsvx stream: the first 8 bytes are not the gsvx signature")]
+    NotGsvx,
+    /// The stream was written by an incompatible version.
+    #[error(
+        "stream version {major}.{minor} is not readable by this build (reads {ours}.x); decode it with a newer gsvx"
+    )]
+    Version {
+        /// Major version in the stream.
+        major: u8,
+        /// Minor version in the stream.
+        minor: u8,
+        /// Major version this build reads.
+        ours: u8,
+    },
+    /// The stream ends before a promised byte.
+    #[error("stream truncated in {what}: {need} bytes needed at offset {offset}, {have} there")]
+    Truncated {
+        /// Which part was being read.
+        what: &'static str,
+        /// Offset from the start of the stream or section.
+        offset: usize,
+        /// Bytes wanted.
+        need: usize,
+        /// Bytes available.
+        have: usize,
+    },
+    /// A field holds a value that no encoder writes.
+    #[error("corrupt stream: {what} is {value}")]
+    Corrupt {
+        /// The field.
+        what: &'static str,
+        /// Its value.
+        value: u64,
+    },
+    /// A section's checksum does not match its bytes.
+    #[error(
+        "section {kind} at offset {offset} is damaged: CRC-32C is {found:08x}, the table says {expected:08x}"
+    )]
+    Checksum {
+        /// The section.
+        kind: SectionKind,
+        /// Its first byte in the stream.
+        offset: usize,
+        /// Checksum in the table of contents.
+        expected: u32,
+        /// Checksum of the bytes.
+        found: u32,
+    },
+    /// The header's checksum does not match.
+    #[error("header is damaged: CRC-32C is {found:08x}, the header says {expected:08x}")]
+    HeaderChecksum {
+        /// Checksum in the header.
+        expected: u32,
+        /// Checksum of the bytes.
+        found: u32,
+    },
+    /// A section that the request needs is not in the stream.
+    #[error("the stream has no {kind} section, which this decode needs")]
+    MissingSection {
+        /// The section.
+        kind: SectionKind,
+    },
+    /// The stream would need more memory than the caller allows.
+    #[error(
+        "stream claims {points} Gaussians, more than the limit of {limit}; raise the limit if you trust it"
+    )]
+    Limit {
+        /// Gaussians claimed.
+        points: u64,
+        /// Greatest number allowed.
+        limit: u64,
+    },
+    /// Scene and voxelization do not belong together.
+    #[error("scene has {scene} Gaussians but the voxelization has {leaves} leaves")]
+    CountMismatch {
+        /// Gaussians in the scene.
+        scene: usize,
+        /// Leaves in the voxelization.
+        leaves: usize,
+    },
+    /// A Gaussian's mean is not its leaf's centre.
+    #[error("Gaussian {index} is not at the centre of its voxel; merge the scene first")]
+    OffCentre {
+        /// Index of the first such Gaussian.
+        index: usize,
+    },
+    /// A value is NaN or infinite.
+    #[error("Gaussian {index} has a non-finite {field}; drop invalid Gaussians before encoding")]
+    NonFinite {
+        /// Index of the first such Gaussian.
+        index: usize,
+        /// The attribute.
+        field: &'static str,
+    },
+    /// An option is out of its range.
+    #[error("{option} is {value}, must be {range}")]
+    Option {
+        /// The option's name.
+        option: &'static str,
+        /// The value given.
+        value: f64,
+        /// The accepted range.
+        range: &'static str,
+    },
+    /// A rate target lies below what the coarsest settings reach.
+    #[error("target of {target} bytes is below the smallest stream of this scene, {smallest} bytes; reduce the number of Gaussians (coarser voxels) or the SH degree")]
+    TargetTooSmall {
+        /// Bytes asked for.
+        target: u64,
+        /// Bytes of the smallest stream.
+        smallest: u64,
+    },
+    /// Geometry or attribute coding failed.
+    #[error("{what}: {source}")]
+    Coding {
+        /// Which part.
+        what: &'static str,
+        /// The cause.
+        source: gpcc_lite::Error,
+    },
+    /// Codebook coding failed.
+    #[error("covariance codebook: {0}")]
+    Codebook(#[from] vq::Error),
+}
+
+/// Result with [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;

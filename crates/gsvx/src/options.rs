@@ -1,0 +1,122 @@
+//! What an encoder may choose, and the defaults measured best.
+
+use crate::error::{Error, Result};
+
+/// Quantisation steps, in natural units, of a Gaussian of the mean importance class.
+///
+/// A Gaussian `c` classes above the mean gets steps `2^c` times finer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps {
+    /// Of `ln(alpha)`.
+    pub opacity: f32,
+    /// Of the DC coefficients, luma plane.
+    pub dc: f32,
+    /// Of the AC coefficients of SH degree 1, 2, 3, luma plane.
+    pub sh: [f32; 3],
+    /// Factor on the steps of the two chroma planes.
+    pub chroma: f32,
+    /// Of the six log-Euclidean covariance coordinates (natural logarithms).
+    pub covariance: f32,
+}
+
+/// How covariances are coded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum CovarianceMode {
+    /// Log-Euclidean coordinates through RAHT; the smallest at equal rendered error.
+    #[default]
+    Transform,
+    /// A codebook of `2^bits` normalised covariances and one scale factor per Gaussian.
+    Vq {
+        /// Binary logarithm of the number of codewords, 8 to 16.
+        bits: u8,
+    },
+    /// Log-scales and quaternions as integers of `bits` bits over each channel's range, coded
+    /// without further loss by prediction from neighbours (the paper's lossless mode).
+    Lossless {
+        /// Bits per integer, 8 to 24; the paper uses 16.
+        bits: u8,
+    },
+}
+
+/// Entropy coder of transformed attributes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Entropy {
+    /// Context-adaptive range coder: smallest.
+    #[default]
+    Range,
+    /// RLGR: fastest, and what the paper names.
+    Rlgr,
+}
+
+/// Options of [`crate::encode`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct EncodeOptions {
+    /// Quantisation steps.
+    pub steps: Steps,
+    /// Covariance mode.
+    pub covariance: CovarianceMode,
+    /// Entropy coder.
+    pub entropy: Entropy,
+    /// Highest SH degree kept; higher ones are dropped. 3 keeps all.
+    pub max_sh_degree: u8,
+    /// Per Gaussian importance (see [`crate::importance`]), in leaf order; any unit.
+    /// `None` uses [`crate::importance::without_cameras`].
+    pub importance: Option<Vec<f32>>,
+    /// Code all Gaussians with the same precision: no importance section. The paper does this.
+    pub uniform_precision: bool,
+}
+
+impl Default for EncodeOptions {
+    fn default() -> Self {
+        Self::at(DEFAULT_QUALITY)
+    }
+}
+
+/// Quality used when none is asked for: visually lossless on the scenes measured.
+pub const DEFAULT_QUALITY: f32 = 60.0;
+
+/// Step of the DC luma plane at quality 0 and the number of quality points that halve it.
+const DC_STEP_AT_ZERO: f32 = 1.6;
+const QUALITY_PER_OCTAVE: f32 = 15.0;
+
+impl EncodeOptions {
+    /// Options for a quality from 0 (smallest) to 100 (best).
+    ///
+    /// Each 15 points halve all steps. The ratios between the attributes are those that
+    /// equalise the rendered error per bit on the measured scenes (docs/results/rd.md).
+    ///
+    /// # Errors
+    /// [`Error::Option`] if `quality` is outside 0 to 100 or NaN.
+    pub fn from_quality(quality: f32) -> Result<Self> {
+        if (0.0..=100.0).contains(&quality) {
+            Ok(Self::at(quality))
+        } else {
+            Err(Error::Option {
+                option: "quality",
+                value: f64::from(quality),
+                range: "between 0 and 100",
+            })
+        }
+    }
+
+    fn at(quality: f32) -> Self {
+        let dc = DC_STEP_AT_ZERO * libm::exp2f(-quality / QUALITY_PER_OCTAVE);
+        Self {
+            steps: Steps::from_dc(dc),
+            covariance: CovarianceMode::Transform,
+            entropy: Entropy::Range,
+            max_sh_degree: 3,
+            importance: None,
+            uniform_precision: false,
+        }
+    }
+}
+
+impl Steps {
+    /// All steps from the DC step, in the default proportions.
+    #[must_use]
+    pub fn from_dc(dc: f32) -> Self {
+        Self { opacity: dc, dc, sh: [dc; 3], chroma: 1.0, covariance: dc }
+    }
+}

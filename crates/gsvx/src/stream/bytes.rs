@@ -1,0 +1,165 @@
+//! Little-endian reading and writing with bounds checks.
+
+use crate::error::{Error, Result};
+
+/// Appends little-endian values to a byte vector.
+#[derive(Debug, Default)]
+pub struct Writer {
+    /// The bytes written so far.
+    pub bytes: Vec<u8>,
+}
+
+impl Writer {
+    /// One byte.
+    pub fn u8(&mut self, v: u8) {
+        self.bytes.push(v);
+    }
+
+    /// Four bytes.
+    pub fn u32(&mut self, v: u32) {
+        self.bytes.extend_from_slice(&v.to_le_bytes());
+    }
+
+    /// An IEEE 754 single.
+    pub fn f32(&mut self, v: f32) {
+        self.bytes.extend_from_slice(&v.to_le_bytes());
+    }
+
+    /// An IEEE 754 double.
+    pub fn f64(&mut self, v: f64) {
+        self.bytes.extend_from_slice(&v.to_le_bytes());
+    }
+
+    /// LEB128: seven bits per byte, least significant first, high bit = more follow.
+    pub fn varint(&mut self, mut v: u64) {
+        while v >= 0x80 {
+            self.bytes.push(v as u8 | 0x80);
+            v >>= 7;
+        }
+        self.bytes.push(v as u8);
+    }
+
+    /// A varint length followed by that many bytes.
+    pub fn block(&mut self, payload: &[u8]) {
+        self.varint(payload.len() as u64);
+        self.bytes.extend_from_slice(payload);
+    }
+}
+
+/// Reads little-endian values from a slice; every read is bounds-checked.
+#[derive(Clone, Debug)]
+pub struct Reader<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    what: &'static str,
+}
+
+impl<'a> Reader<'a> {
+    /// Reads `bytes`; `what` names the part in errors.
+    #[must_use]
+    pub fn new(bytes: &'a [u8], what: &'static str) -> Self {
+        Self { bytes, at: 0, what }
+    }
+
+    /// Bytes consumed so far.
+    #[must_use]
+    pub fn position(&self) -> usize {
+        self.at
+    }
+
+    /// Bytes left.
+    #[must_use]
+    pub fn remaining(&self) -> usize {
+        self.bytes.len() - self.at
+    }
+
+    /// The next `n` bytes.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] if fewer are left.
+    pub fn take(&mut self, n: usize) -> Result<&'a [u8]> {
+        if n > self.remaining() {
+            return Err(Error::Truncated {
+                what: self.what,
+                offset: self.at,
+                need: n,
+                have: self.remaining(),
+            });
+        }
+        let out = &self.bytes[self.at..self.at + n];
+        self.at += n;
+        Ok(out)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut out = [0; N];
+        out.copy_from_slice(self.take(N)?);
+        Ok(out)
+    }
+
+    /// One byte.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`].
+    pub fn u8(&mut self) -> Result<u8> {
+        Ok(self.array::<1>()?[0])
+    }
+
+    /// Four bytes.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`].
+    pub fn u32(&mut self) -> Result<u32> {
+        Ok(u32::from_le_bytes(self.array()?))
+    }
+
+    /// An IEEE 754 single that must be finite.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`]; [`Error::Corrupt`] if NaN or infinite.
+    pub fn finite_f32(&mut self, what: &'static str) -> Result<f32> {
+        let v = f32::from_le_bytes(self.array()?);
+        if v.is_finite() {
+            Ok(v)
+        } else {
+            Err(Error::Corrupt { what, value: u64::from(v.to_bits()) })
+        }
+    }
+
+    /// An IEEE 754 double that must be finite.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`]; [`Error::Corrupt`] if NaN or infinite.
+    pub fn finite_f64(&mut self, what: &'static str) -> Result<f64> {
+        let v = f64::from_le_bytes(self.array()?);
+        if v.is_finite() { Ok(v) } else { Err(Error::Corrupt { what, value: v.to_bits() }) }
+    }
+
+    /// A LEB128 integer of at most ten bytes.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`]; [`Error::Corrupt`] if it does not fit 64 bits.
+    pub fn varint(&mut self) -> Result<u64> {
+        let mut v = 0u64;
+        for shift in (0..64).step_by(7) {
+            let byte = self.u8()?;
+            if shift == 63 && byte > 1 {
+                return Err(Error::Corrupt { what: "varint", value: u64::from(byte) });
+            }
+            v |= u64::from(byte & 0x7f) << shift;
+            if byte & 0x80 == 0 {
+                return Ok(v);
+            }
+        }
+        Err(Error::Corrupt { what: "varint", value: v })
+    }
+
+    /// A block written by [`Writer::block`].
+    ///
+    /// # Errors
+    /// [`Error::Truncated`].
+    pub fn block(&mut self) -> Result<&'a [u8]> {
+        let n = self.varint()?;
+        self.take(usize::try_from(n).unwrap_or(usize::MAX))
+    }
+}
