@@ -137,8 +137,8 @@ pub enum Error {
         /// cannot fit even at the least size.
         row: u64,
     },
-    /// A list with a negative or fractional length.
-    #[error("{}: byte {offset}: bad list length in element {element:?}", file.display())]
+    /// A list with a negative length.
+    #[error("{}: byte {offset}: negative list length in element {element:?}", file.display())]
     PlyListLength {
         /// The file.
         file: PathBuf,

@@ -27,8 +27,11 @@ impl<'a> Lines<'a> {
         self.check_fits(element)?;
         // A row without properties is an empty line, and those are ignored.
         let rows = if element.properties.is_empty() { 0 } else { element.count };
+        let mut numbers = Vec::new();
         for row in 0..rows {
-            self.next_row().ok_or_else(|| self.truncated(element, row))?;
+            let (line, text) = self.next_row().ok_or_else(|| self.truncated(element, row))?;
+            // Parsed, so that a file cut inside its last row is noticed.
+            parse_row(self.file, line, text, element, &mut numbers)?;
         }
         Ok(())
     }

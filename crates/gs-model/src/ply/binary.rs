@@ -121,7 +121,7 @@ impl Body<'_> {
             }
             if let Some(length_type) = property.list {
                 let length = number(self.bytes, end, length_type, self.big_endian);
-                if !(length >= 0.0 && length.fract() == 0.0) {
+                if length < 0.0 {
                     let element = element.name.clone();
                     return Err(Error::PlyListLength {
                         file: self.file.into(),
@@ -129,7 +129,7 @@ impl Body<'_> {
                         element,
                     });
                 }
-                // A float above usize::MAX saturates, and then does not fit.
+                // At most 2^32 - 1, which can still overflow where usize has 32 bits.
                 let items = (length as usize).saturating_mul(property.scalar.size());
                 if items > len - end - size {
                     return Err(self.truncated(element, row));

@@ -61,6 +61,10 @@ impl Scalar {
         })
     }
 
+    const fn is_integer(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+
     pub(super) const fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -237,8 +241,8 @@ impl Parser<'_> {
     fn property(&mut self, text: &[u8], words: &[&[u8]]) -> Result<()> {
         let (list, scalar, name) = match words {
             [b"list", length, scalar, name] => {
-                let Some(length) = Scalar::parse(length) else {
-                    return Err(self.error("unknown type of list length", text));
+                let Some(length) = Scalar::parse(length).filter(|&s| s.is_integer()) else {
+                    return Err(self.error("type of list length is not an integer type", text));
                 };
                 (Some(length), scalar, name)
             }

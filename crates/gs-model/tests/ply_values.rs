@@ -1,0 +1,251 @@
+//! Numbers: writing then reading is the identity on bits, and invalid ones are found.
+
+mod common;
+
+use common::{FORMATS, File, bits, scene};
+use gs_model::ply::{self, CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions};
+use gs_model::validate::Field;
+use gs_model::{Error, Scene};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+/// Any finite number: zeros of both signs, subnormals, the largest.
+fn finite() -> impl Strategy<Value = f32> {
+    any::<u32>().prop_map(|bits| {
+        let value = f32::from_bits(bits);
+        // An exponent of all ones (NaN, infinity) becomes that of subnormals.
+        if value.is_finite() { value } else { f32::from_bits(bits & 0x807f_ffff) }
+    })
+}
+
+fn triple() -> impl Strategy<Value = [f32; 3]> {
+    prop::array::uniform3(finite())
+}
+
+/// Any quaternion whose norm is far from both ends, with any small components.
+fn quaternion() -> impl Strategy<Value = [f32; 4]> {
+    (0..4usize, 1e-15f32..1e15, any::<bool>(), prop::array::uniform4(finite())).prop_map(
+        |(largest, size, negative, mut q)| {
+            for v in &mut q {
+                if v.abs() > 1e15 {
+                    *v = 1.0 / *v;
+                }
+            }
+            q[largest] = if negative { -size } else { size };
+            q
+        },
+    )
+}
+
+fn any_scene() -> impl Strategy<Value = Scene> {
+    (0..40usize, 0..4u8).prop_flat_map(|(n, sh_degree)| {
+        let k = usize::from(sh_degree + 1) * usize::from(sh_degree + 1);
+        (
+            vec(triple(), n),
+            vec(quaternion(), n),
+            vec(triple(), n),
+            vec(finite(), n),
+            vec(triple(), n * k),
+        )
+            .prop_map(move |(means, rotations, log_scales, opacity_logits, sh)| Scene {
+                means,
+                rotations,
+                log_scales,
+                opacity_logits,
+                sh_degree,
+                sh,
+            })
+    })
+}
+
+proptest! {
+    #[test]
+    fn writing_then_reading_is_the_identity(scene in any_scene()) {
+        prop_assert!(scene.validate().is_ok());
+        let mut bytes = Vec::new();
+        ply::write_to(&mut bytes, &scene).unwrap();
+        let (back, report) = ply::read_bytes(&bytes).unwrap();
+        prop_assert_eq!(bits(&back), bits(&scene));
+        prop_assert_eq!(back.sh_degree, scene.sh_degree);
+        prop_assert_eq!(report.gaussians, scene.len());
+    }
+
+    #[test]
+    fn every_format_holds_the_same_bits(scene in any_scene()) {
+        // Text of the shortest form that parses back; -0 and subnormals included.
+        for format in FORMATS {
+            let (bytes, _) = File::inria(format, scene.sh_degree).bytes(&scene);
+            let (back, _) = ply::read_bytes(&bytes).unwrap();
+            prop_assert_eq!(bits(&back), bits(&scene), "{}", format);
+        }
+    }
+
+    #[test]
+    fn any_bytes_at_all_never_panic(
+        head in prop::sample::select(vec!["", "ply\n", "ply\nformat ascii 1.0\nelement vertex 2\n"]),
+        body in vec(any::<u8>(), 0..300),
+    ) {
+        let mut bytes = head.as_bytes().to_vec();
+        bytes.extend(body);
+        prop_assert!(ply::read_bytes(&bytes).is_err());
+    }
+}
+
+/// Every number of Gaussian `i`, with its field.
+fn numbers(scene: &mut Scene, i: usize) -> Vec<(Field, &mut f32)> {
+    let k = scene.sh_len();
+    let mut all = Vec::new();
+    all.extend(scene.means[i].iter_mut().map(|v| (Field::Mean, v)));
+    all.extend(scene.rotations[i].iter_mut().map(|v| (Field::Rotation, v)));
+    all.extend(scene.log_scales[i].iter_mut().map(|v| (Field::LogScale, v)));
+    all.push((Field::OpacityLogit, &mut scene.opacity_logits[i]));
+    let sh = scene.sh[i * k..(i + 1) * k].as_flattened_mut();
+    all.extend(sh.iter_mut().map(|v| (Field::Sh, v)));
+    all
+}
+
+#[test]
+fn every_bad_number_is_found_wherever_it_is() {
+    let good = scene(5, 1);
+    let per_gaussian = numbers(&mut good.clone(), 0).len();
+    for number in 0..per_gaussian {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut scene = good.clone();
+            let field = {
+                let mut all = numbers(&mut scene, 3);
+                *all[number].1 = bad;
+                all[number].0
+            };
+            let mut bytes = Vec::new();
+            ply::write_to(&mut bytes, &scene).unwrap();
+            match ply::read_bytes(&bytes) {
+                Err(Error::InvalidGaussian { index: 3, field: found, value, count: 1, .. }) => {
+                    assert_eq!(found, field);
+                    assert_eq!(value.to_bits(), bad.to_bits());
+                }
+                other => panic!("{number}: {other:?}"),
+            }
+            let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
+            let (kept, report) = ply::read_bytes_with(&bytes, &drop).unwrap();
+            assert_eq!(kept, good.select(&[0, 1, 2, 4]));
+            assert_eq!((report.gaussians_in_file, report.gaussians), (5, 4));
+            assert_eq!(report.dropped.count, 1);
+            assert_eq!(report.dropped.first.unwrap().index, 3);
+        }
+    }
+}
+
+#[test]
+fn quaternions_without_direction_are_found() {
+    let good = scene(4, 0);
+    for q in [[0.0; 4], [-0.0, 0.0, -0.0, 0.0], [1e-25, 0.0, 0.0, 1e-30], [1e20, 0.0, 0.0, 1.0]] {
+        let mut scene = good.clone();
+        scene.rotations[1] = q;
+        match scene.validate() {
+            Err(Error::InvalidGaussian { index: 1, field: Field::Rotation, .. }) => {}
+            other => panic!("{q:?}: {other:?}"),
+        }
+        assert_eq!(scene.drop_invalid().by_field, [0, 1, 0, 0, 0]);
+        assert_eq!(scene, good.select(&[0, 2, 3]));
+    }
+    let mut scene = good;
+    scene.rotations[1] = [1e-15, 0.0, 0.0, 0.0];
+    assert!(scene.validate().is_ok());
+    assert_eq!(scene.drop_invalid().count, 0);
+}
+
+#[test]
+fn invalid_gaussians_are_counted_once_and_by_field() {
+    // Many, in every task of the parallel search.
+    let mut scene = scene(50_000, 0);
+    for i in (0..50_000).step_by(10) {
+        scene.means[i][1] = f32::NAN;
+        scene.sh[i][2] = f32::INFINITY;
+    }
+    scene.rotations[7] = [0.0; 4];
+    let report = scene.invalid();
+    assert_eq!(report.count, 5001);
+    assert_eq!(report.by_field, [5000, 1, 0, 0, 5000]);
+    let first = report.first.unwrap();
+    assert_eq!((first.index, first.field), (0, Field::Mean));
+    let message = scene.validate().unwrap_err().to_string();
+    assert!(message.contains("Gaussian 0: mean is NaN (5001 invalid"), "{message}");
+    assert_eq!(scene.drop_invalid().count, 5001);
+    assert_eq!(scene.len(), 44_999);
+    assert!(scene.validate().is_ok());
+}
+
+#[test]
+fn infinite_opacities_are_clamped_on_request() {
+    let mut scene = scene(4, 0);
+    scene.opacity_logits[1] = f32::INFINITY;
+    scene.opacity_logits[2] = f32::NEG_INFINITY;
+    let mut bytes = Vec::new();
+    ply::write_to(&mut bytes, &scene).unwrap();
+    assert!(ply::read_bytes(&bytes).is_err());
+    let clamp = ReadOptions {
+        clamp_infinite_opacity: Some(CLAMPED_OPACITY_LOGIT),
+        ..ReadOptions::default()
+    };
+    let (back, report) = ply::read_bytes_with(&bytes, &clamp).unwrap();
+    assert_eq!(report.clamped_opacities, 2);
+    assert_eq!(back.opacity_logits[1..3], [CLAMPED_OPACITY_LOGIT, -CLAMPED_OPACITY_LOGIT]);
+    assert_eq!(back.opacity_logits[0], scene.opacity_logits[0]);
+    // NaN is not an opacity that any tool means.
+    scene.opacity_logits[1] = f32::NAN;
+    let mut bytes = Vec::new();
+    ply::write_to(&mut bytes, &scene).unwrap();
+    assert!(ply::read_bytes_with(&bytes, &clamp).is_err());
+}
+
+#[test]
+fn arrays_that_do_not_fit_together_are_refused() {
+    let good = scene(3, 1);
+    type Breakage = (Field, fn(&mut Scene));
+    let breakages: [Breakage; 4] = [
+        (Field::Rotation, |s| s.rotations.truncate(2)),
+        (Field::LogScale, |s| s.log_scales.push([0.0; 3])),
+        (Field::OpacityLogit, |s| s.opacity_logits.clear()),
+        (Field::Sh, |s| s.sh.truncate(11)),
+    ];
+    for (expected, breakage) in breakages {
+        let mut scene = good.clone();
+        breakage(&mut scene);
+        match (scene.validate(), ply::write_to(Vec::new(), &scene)) {
+            (Err(Error::SceneShape { field, .. }), Err(Error::SceneShape { .. })) => {
+                assert_eq!(field, expected);
+            }
+            other => panic!("{other:?}"),
+        }
+        scene.drop_invalid();
+        assert!(scene.validate().is_ok());
+    }
+    let scene = Scene { sh_degree: 4, ..Scene::default() };
+    assert!(matches!(scene.validate(), Err(Error::SceneDegree { degree: 4 })));
+}
+
+#[test]
+fn a_file_appears_whole_or_not_at_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("model.ply");
+    let scene = scene(3, 1);
+    ply::write(&path, &scene).unwrap();
+    assert_eq!(ply::read(&path).unwrap().0, scene);
+    // Over an existing file, and refused: the old one stays.
+    let smaller = scene.select(&[0]);
+    ply::write(&path, &smaller).unwrap();
+    let broken = Scene { rotations: Vec::new(), ..scene.clone() };
+    assert!(ply::write(&path, &broken).is_err());
+    assert_eq!(ply::read(&path).unwrap().0, smaller);
+    // A folder in the way: the rename fails, and no temporary file stays.
+    let folder = dir.path().join("folder.ply");
+    std::fs::create_dir(&folder).unwrap();
+    let outcome = ply::write(&folder, &scene);
+    assert!(matches!(outcome, Err(Error::Io { action: "rename", .. })), "{outcome:?}");
+    let outcome = ply::write(dir.path().join("missing/model.ply"), &scene);
+    assert!(matches!(outcome, Err(Error::Io { action: "create", .. })), "{outcome:?}");
+    let mut left: Vec<_> =
+        std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["folder.ply", "model.ply"]);
+}
