@@ -5,6 +5,7 @@
 )]
 
 mod fixture;
+mod measure;
 mod progress;
 
 use std::process::ExitCode;
