@@ -29,4 +29,88 @@ pub enum Error {
         /// The index given.
         index: u8,
     },
+    /// A log-scale that is NaN, infinite or absurdly large.
+    #[error("log-scale {value} is not a finite number within ±1e4")]
+    BadLogScale {
+        /// The log-scale given.
+        value: f32,
+    },
+    /// Entries that do not form a positive semi-definite matrix other than zero.
+    #[error("entries {entries:?} (xx, xy, xz, yy, yz, zz) are not a covariance")]
+    NotACovariance {
+        /// The entries given.
+        entries: [f64; 6],
+    },
+    /// Slices that should run in parallel and do not.
+    #[error("{covariances} covariances with {others} sensitivities or indices")]
+    LengthMismatch {
+        /// Number of covariances.
+        covariances: usize,
+        /// Length of the other slice.
+        others: usize,
+    },
+    /// No covariances, or more than indices can name.
+    #[error("{count} covariances: 1 to 2^31 - 1 are possible")]
+    BadCount {
+        /// The number given.
+        count: usize,
+    },
+    /// A sensitivity that is negative, NaN or infinite.
+    #[error("sensitivity {index} is {value}")]
+    BadSensitivity {
+        /// Position in the slice.
+        index: usize,
+        /// The value there.
+        value: f32,
+    },
+    /// A number of codewords outside its range.
+    #[error("{count} codewords: 1 to 2^20 are possible, kept ones included")]
+    TooManyCodewords {
+        /// The number asked for or read.
+        count: usize,
+    },
+    /// An index beyond the codebook.
+    #[error("codeword {index} of {length}")]
+    BadIndex {
+        /// The index given.
+        index: u32,
+        /// Number of codewords.
+        length: usize,
+    },
+    /// A stream that ends too early.
+    #[error("stream of {length} bytes ends too early")]
+    Truncated {
+        /// Length of the stream in bytes.
+        length: usize,
+    },
+    /// A stream that goes on after its end.
+    #[error("stream ends after {used} of {length} bytes")]
+    TrailingBytes {
+        /// Bytes that belong to the stream's contents.
+        used: usize,
+        /// Length of the stream in bytes.
+        length: usize,
+    },
+    /// A codebook of a version this crate does not know.
+    #[error("codebook version {version} is unknown")]
+    UnknownVersion {
+        /// The version read.
+        version: u8,
+    },
+    /// A metric this crate does not know.
+    #[error("codebook metric {value} is unknown")]
+    BadMetric {
+        /// The code read.
+        value: u8,
+    },
+    /// A codeword component outside its range.
+    #[error("component {component} of codeword {index} is {value}")]
+    BadCodeword {
+        /// Position of the codeword.
+        index: usize,
+        /// 0..=2 rotation, 3..=5 log-scale.
+        component: usize,
+        /// The value read.
+        value: i32,
+    },
 }

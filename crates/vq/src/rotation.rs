@@ -94,8 +94,8 @@ impl Chart {
             (Chart::Rodrigues, Form::NearestIdentity) => 0.414_213_562_373_095_1, // tan 22.5°
             (Chart::ModifiedRodrigues, Form::NearestIdentity) => 0.198_912_367_379_658, // tan 11.25°
             // Sorted: a turn of 90 degrees about a world axis.
-            (Chart::Vector, Form::Sorted) => 0.707_106_781_186_547_6, // sin 45°
-            (Chart::Rodrigues, Form::Sorted) => 1.0,                  // tan 45°
+            (Chart::Vector, Form::Sorted) => std::f64::consts::FRAC_1_SQRT_2, // sin 45°
+            (Chart::Rodrigues, Form::Sorted) => 1.0,                          // tan 45°
             (Chart::ModifiedRodrigues, Form::Sorted) => 0.414_213_562_373_095_1, // tan 22.5°
         }
     }

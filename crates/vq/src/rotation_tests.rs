@@ -9,7 +9,7 @@ const FORMS: [Form; 2] = [Form::NearestIdentity, Form::Sorted];
 fn angle_between(a: [f32; 4], b: [f32; 4]) -> f64 {
     // 2 asin of half the chord: exact for small angles, where acos of the dot is not.
     let (a, b) = (normalised(a), normalised(b));
-    let chord = |sign: f64| (0..4).map(|k| (a[k] - sign * b[k]).powi(2)).sum::<f64>().sqrt();
+    let chord = |sign: f64| (0..4).map(|k| a[k] - sign * b[k]).map(|d| d * d).sum::<f64>().sqrt();
     4.0 * libm::asin((chord(1.0).min(chord(-1.0)) / 2.0).min(1.0))
 }
 

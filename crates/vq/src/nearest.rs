@@ -1,0 +1,259 @@
+//! Exact nearest-codeword search in six dimensions.
+//!
+//! A tree of bounding boxes with eight children a node; boxes and codewords lie as eight lanes
+//! per dimension, so the compiler turns the inner loops into vector instructions. The answer is
+//! that of a scan over all codewords, ties included (lowest index): the bound of a box and the
+//! distance to a codeword sum the same six squares in the same order, and IEEE rounding is
+//! monotone, so a bound never exceeds the computed distance of a codeword inside.
+
+use crate::covariance::Feature;
+
+const LANES: usize = 8;
+
+/// Squared distance, always summed in this order.
+#[inline]
+pub(crate) fn squared_distance(a: &Feature, b: &Feature) -> f32 {
+    let mut sum = 0.0;
+    for k in 0..6 {
+        let d = a[k] - b[k];
+        sum += d * d;
+    }
+    sum
+}
+
+/// Eight bounding boxes and what lies below them.
+#[derive(Debug, Clone)]
+struct Node {
+    low: [[f32; LANES]; 6],
+    high: [[f32; LANES]; 6],
+    /// Index of a node, or of a leaf with [`LEAF`] set.
+    child: [u32; LANES],
+}
+
+const LEAF: u32 = 1 << 31;
+
+/// Up to eight codewords; unused lanes lie at infinity.
+#[derive(Debug, Clone)]
+struct Leaf {
+    position: [[f32; LANES]; 6],
+    id: [u32; LANES],
+}
+
+/// A search structure over a fixed list of codewords.
+#[derive(Debug, Clone)]
+pub(crate) struct Nearest {
+    nodes: Vec<Node>,
+    leaves: Vec<Leaf>,
+    root: u32,
+}
+
+/// The nearest codeword so far.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Hit {
+    pub(crate) id: u32,
+    pub(crate) squared_distance: f32,
+}
+
+impl Nearest {
+    /// `codewords` must be finite, at least one and fewer than 2^31.
+    pub(crate) fn new(codewords: &[Feature]) -> Self {
+        let mut ids: Vec<u32> = (0..codewords.len() as u32).collect();
+        let mut tree = Self { nodes: Vec::new(), leaves: Vec::new(), root: 0 };
+        tree.root = tree.build(codewords, &mut ids);
+        tree
+    }
+
+    fn build(&mut self, codewords: &[Feature], ids: &mut [u32]) -> u32 {
+        if ids.len() <= LANES {
+            ids.sort_unstable();
+            let mut leaf = Leaf { position: [[f32::INFINITY; LANES]; 6], id: [u32::MAX; LANES] };
+            for (lane, &id) in ids.iter().enumerate() {
+                leaf.id[lane] = id;
+                for k in 0..6 {
+                    leaf.position[k][lane] = codewords[id as usize][k];
+                }
+            }
+            self.leaves.push(leaf);
+            return LEAF | (self.leaves.len() - 1) as u32;
+        }
+        let index = self.nodes.len();
+        self.nodes.push(Node {
+            low: [[f32::INFINITY; LANES]; 6],
+            high: [[f32::INFINITY; LANES]; 6],
+            child: [u32::MAX; LANES],
+        });
+        let mut parts: Vec<&mut [u32]> = vec![ids];
+        while parts.len() < LANES {
+            parts = parts.into_iter().flat_map(|p| split_in_two(codewords, p)).collect();
+        }
+        for (lane, part) in parts.into_iter().enumerate().filter(|(_, p)| !p.is_empty()) {
+            let (low, high) = bounds(codewords, part);
+            let child = self.build(codewords, part);
+            let node = &mut self.nodes[index];
+            for k in 0..6 {
+                node.low[k][lane] = low[k];
+                node.high[k][lane] = high[k];
+            }
+            node.child[lane] = child;
+        }
+        index as u32
+    }
+
+    /// The nearest codeword to `x`; of equally near ones the lowest index. `hint` is a codeword
+    /// likely to be near: it saves time and does not change the answer.
+    pub(crate) fn find(&self, x: &Feature, hint: Option<(u32, &Feature)>) -> Hit {
+        let mut best = match hint {
+            Some((id, codeword)) => Hit { id, squared_distance: squared_distance(x, codeword) },
+            None => Hit { id: u32::MAX, squared_distance: f32::INFINITY },
+        };
+        self.descend(self.root, x, &mut best);
+        best
+    }
+
+    fn descend(&self, at: u32, x: &Feature, best: &mut Hit) {
+        if at & LEAF != 0 {
+            let leaf = &self.leaves[(at & !LEAF) as usize];
+            let distance = lane_distances(&leaf.position, x);
+            for lane in 0..LANES {
+                let (d, id) = (distance[lane], leaf.id[lane]);
+                if d < best.squared_distance || (d == best.squared_distance && id < best.id) {
+                    *best = Hit { id, squared_distance: d };
+                }
+            }
+            return;
+        }
+        let node = &self.nodes[at as usize];
+        let mut bound = box_distances(&node.low, &node.high, x);
+        loop {
+            let mut lane = 0;
+            for l in 1..LANES {
+                if bound[l] < bound[lane] {
+                    lane = l;
+                }
+            }
+            // A box at exactly the best distance may hold a lower index.
+            if bound[lane] > best.squared_distance || bound[lane] == f32::INFINITY {
+                return;
+            }
+            self.descend(node.child[lane], x, best);
+            bound[lane] = f32::INFINITY;
+        }
+    }
+}
+
+#[inline]
+fn lane_distances(position: &[[f32; LANES]; 6], x: &Feature) -> [f32; LANES] {
+    let mut sum = [0.0f32; LANES];
+    for k in 0..6 {
+        for lane in 0..LANES {
+            let d = x[k] - position[k][lane];
+            sum[lane] += d * d;
+        }
+    }
+    sum
+}
+
+/// Lower bounds of the squared distance to anything in each box; infinite for unused lanes.
+#[inline]
+fn box_distances(low: &[[f32; LANES]; 6], high: &[[f32; LANES]; 6], x: &Feature) -> [f32; LANES] {
+    let mut sum = [0.0f32; LANES];
+    for k in 0..6 {
+        for lane in 0..LANES {
+            let (below, above) = (low[k][lane] - x[k], x[k] - high[k][lane]);
+            let d = if below > above { below } else { above };
+            let d = if d > 0.0 { d } else { 0.0 };
+            sum[lane] += d * d;
+        }
+    }
+    sum
+}
+
+/// Smallest box around points.
+pub(crate) fn bounds(points: &[Feature], ids: &[u32]) -> (Feature, Feature) {
+    let mut low = [f32::INFINITY; 6];
+    let mut high = [f32::NEG_INFINITY; 6];
+    for &id in ids {
+        for k in 0..6 {
+            low[k] = low[k].min(points[id as usize][k]);
+            high[k] = high[k].max(points[id as usize][k]);
+        }
+    }
+    (low, high)
+}
+
+/// Halves at the median of the widest dimension; equal values are told apart by index, so the
+/// two sets do not depend on the sort's inner workings.
+pub(crate) fn split_in_two<'a>(points: &[Feature], ids: &'a mut [u32]) -> [&'a mut [u32]; 2] {
+    if ids.len() < 2 {
+        let (a, b) = ids.split_at_mut(ids.len());
+        return [a, b];
+    }
+    let (low, high) = bounds(points, ids);
+    let mut widest = 0;
+    for k in 1..6 {
+        if high[k] - low[k] > high[widest] - low[widest] {
+            widest = k;
+        }
+    }
+    let middle = ids.len() / 2;
+    ids.select_nth_unstable_by(middle, |&a, &b| {
+        points[a as usize][widest].total_cmp(&points[b as usize][widest]).then(a.cmp(&b))
+    });
+    let (a, b) = ids.split_at_mut(middle);
+    [a, b]
+}
+
+/// The reference: a scan over all codewords.
+#[cfg(test)]
+pub(crate) fn brute_force(codewords: &[Feature], x: &Feature) -> Hit {
+    let mut best = Hit { id: 0, squared_distance: f32::INFINITY };
+    for (id, codeword) in codewords.iter().enumerate() {
+        let d = squared_distance(x, codeword);
+        if d < best.squared_distance {
+            best = Hit { id: id as u32, squared_distance: d };
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Coordinates on a coarse grid: many exact ties and duplicates.
+    fn coarse() -> impl Strategy<Value = Feature> {
+        prop::array::uniform6((-3i8..=3).prop_map(|i| f32::from(i) / 3.0))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn equals_brute_force_with_ties(
+            codewords in prop::collection::vec(coarse(), 1..700),
+            queries in prop::collection::vec(coarse(), 1..50), hint in any::<prop::sample::Index>(),
+        ) {
+            let tree = Nearest::new(&codewords);
+            let hint = hint.index(codewords.len());
+            for x in &queries {
+                let reference = brute_force(&codewords, x);
+                prop_assert_eq!(tree.find(x, None), reference);
+                let hinted = tree.find(x, Some((hint as u32, &codewords[hint])));
+                prop_assert_eq!(hinted, reference);
+            }
+        }
+
+        #[test]
+        fn equals_brute_force_on_any_floats(
+            codewords in prop::collection::vec(prop::array::uniform6(-1.0f32..1.0), 1..2000),
+            queries in prop::collection::vec(prop::array::uniform6(-1.1f32..1.1), 1..20),
+        ) {
+            let tree = Nearest::new(&codewords);
+            for x in &queries {
+                prop_assert_eq!(tree.find(x, None), brute_force(&codewords, x));
+            }
+        }
+    }
+}

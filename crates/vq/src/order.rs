@@ -1,0 +1,97 @@
+//! A line through the codewords along which neighbours are similar: the Hilbert curve over the
+//! covariance features.
+
+use crate::covariance::Feature;
+
+const BITS: u32 = 10;
+
+/// Position of each feature along the Hilbert curve through the bounding box of all of them.
+pub(crate) fn hilbert_keys(features: &[Feature]) -> Vec<u64> {
+    let mut low = [f32::INFINITY; 6];
+    let mut high = [f32::NEG_INFINITY; 6];
+    for f in features {
+        for k in 0..6 {
+            low[k] = low[k].min(f[k]);
+            high[k] = high[k].max(f[k]);
+        }
+    }
+    let top = ((1u32 << BITS) - 1) as f32;
+    features
+        .iter()
+        .map(|f| {
+            let mut cell = [0u32; 6];
+            for k in 0..6 {
+                let width = high[k] - low[k];
+                if width > 0.0 {
+                    cell[k] = ((f[k] - low[k]) / width * top) as u32;
+                }
+            }
+            hilbert_key(cell)
+        })
+        .collect()
+}
+
+/// Distance along the six-dimensional Hilbert curve of a cell with [`BITS`] bits a side
+/// (Skilling, "Programming the Hilbert curve", 2004).
+fn hilbert_key(mut x: [u32; 6]) -> u64 {
+    let mut q = 1 << (BITS - 1);
+    while q > 1 {
+        let p = q - 1;
+        for i in 0..6 {
+            if x[i] & q != 0 {
+                x[0] ^= p;
+            } else {
+                let t = (x[0] ^ x[i]) & p;
+                x[0] ^= t;
+                x[i] ^= t;
+            }
+        }
+        q >>= 1;
+    }
+    for i in 1..6 {
+        x[i] ^= x[i - 1];
+    }
+    let mut t = 0;
+    let mut q = 1 << (BITS - 1);
+    while q > 1 {
+        if x[5] & q != 0 {
+            t ^= q - 1;
+        }
+        q >>= 1;
+    }
+    let mut key = 0;
+    for bit in (0..BITS).rev() {
+        for coordinate in x {
+            key = key << 1 | u64::from(((coordinate ^ t) >> bit) & 1);
+        }
+    }
+    key
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_curve_takes_unit_steps() {
+        // All cells of a 4x4x4x4x4x4 corner: keys are distinct, successive cells are adjacent.
+        let mut cells: Vec<(u64, [u32; 6])> = (0..4096u32)
+            .map(|n| {
+                let cell = [0, 2, 4, 6, 8, 10].map(|shift| n >> shift & 3);
+                (hilbert_key(cell), cell)
+            })
+            .collect();
+        cells.sort_unstable();
+        for pair in cells.windows(2) {
+            assert_eq!(pair[1].0, pair[0].0 + 1, "the corner is one stretch of the curve");
+            let step: u32 = (0..6).map(|k| pair[0].1[k].abs_diff(pair[1].1[k])).sum();
+            assert_eq!(step, 1, "{pair:?}");
+        }
+    }
+
+    #[test]
+    fn flat_input_is_fine() {
+        assert_eq!(hilbert_keys(&[[0.5; 6]; 3]), [0, 0, 0]);
+        assert!(hilbert_keys(&[]).is_empty());
+    }
+}
