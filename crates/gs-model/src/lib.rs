@@ -1,4 +1,46 @@
 //! 3D Gaussian splatting scenes in memory, and the files they live in.
+//!
+//! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
+//! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
+//! the layout of the Inria reference implementation; [`Dataset`] opens a folder with a model,
+//! cameras and photos, whether COLMAP, the Inria trainer or a NeRF tool made it.
+//!
+//! ```
+//! use gs_model::{Scene, ply};
+//!
+//! // One opaque red Gaussian, a tenth of a unit wide, at (1, 2, 3).
+//! let scene = Scene {
+//!     means: vec![[1.0, 2.0, 3.0]],
+//!     rotations: vec![[1.0, 0.0, 0.0, 0.0]],
+//!     log_scales: vec![[0.1f32.ln(); 3]],
+//!     opacity_logits: vec![6.0],
+//!     sh_degree: 0,
+//!     sh: vec![[0.5 / gs_model::SH_C0, -0.5 / gs_model::SH_C0, -0.5 / gs_model::SH_C0]],
+//! };
+//! scene.validate()?;
+//!
+//! let mut file = Vec::new();
+//! ply::write_to(&mut file, &scene)?;
+//! let (back, report) = ply::read_bytes(&file)?;
+//! assert_eq!(back, scene);
+//! assert_eq!((report.gaussians, report.sh_degree), (1, 0));
+//!
+//! // A file that is cut short says where, and what it promised.
+//! let error = ply::read_bytes(&file[..file.len() - 1]).unwrap_err();
+//! assert!(error.to_string().contains("promises 1 rows of element \"vertex\""));
+//! # Ok::<(), gs_model::Error>(())
+//! ```
+//!
+//! # What holds
+//!
+//! - Nothing here panics on input, and no allocation exceeds a small multiple of the input's
+//!   size, whatever counts the input claims.
+//! - Writing a scene and reading it back gives the same bits.
+//! - Results do not depend on the number of threads.
+//! - A scene that [`ply::read`] returns is valid: every number finite, every quaternion with a
+//!   direction ([`Scene::validate`]).
+//!
+//! The crate does not know how a scene is rendered or coded, and decodes no photos.
 
 pub mod camera;
 pub mod colmap;
@@ -16,3 +58,8 @@ pub use camera::Camera;
 pub use dataset::{Dataset, View};
 pub use error::{Error, Result};
 pub use scene::{SH_C0, Scene};
+
+// The README's example is a test too.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

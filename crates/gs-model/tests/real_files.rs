@@ -2,22 +2,9 @@
 
 mod common;
 
-use common::shared;
+use common::{share_in_view, shared};
 use gs_model::dataset::{Dataset, Kind};
 use gs_model::{Error, colmap, ply};
-
-/// Share of SfM points that a camera sees in front of it and inside its image.
-fn share_in_view(camera: &gs_model::Camera, points: &[[f64; 3]]) -> f64 {
-    let seen = points.iter().filter(|&&p| {
-        let c = camera.rotation * glam::DVec3::from_array(p) + camera.translation;
-        let u = camera.fx * c.x / c.z + camera.cx;
-        let v = camera.fy * c.y / c.z + camera.cy;
-        c.z > 0.0
-            && (0.0..f64::from(camera.width)).contains(&u)
-            && (0.0..f64::from(camera.height)).contains(&v)
-    });
-    seen.count() as f64 / points.len() as f64
-}
 
 #[test]
 fn scenes_open_as_colmap_projects() {

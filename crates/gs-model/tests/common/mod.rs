@@ -185,3 +185,16 @@ impl File {
 
 pub(crate) const FORMATS: [Format; 3] =
     [Format::Ascii, Format::BinaryLittleEndian, Format::BinaryBigEndian];
+
+/// Share of SfM points that a camera sees in front of it and inside its image.
+pub(crate) fn share_in_view(camera: &gs_model::Camera, points: &[[f64; 3]]) -> f64 {
+    let seen = points.iter().filter(|&&p| {
+        let c = camera.rotation * glam::DVec3::from_array(p) + camera.translation;
+        let u = camera.fx * c.x / c.z + camera.cx;
+        let v = camera.fy * c.y / c.z + camera.cy;
+        c.z > 0.0
+            && (0.0..f64::from(camera.width)).contains(&u)
+            && (0.0..f64::from(camera.height)).contains(&v)
+    });
+    seen.count() as f64 / points.len() as f64
+}

@@ -1,0 +1,321 @@
+//! COLMAP models: one fixture written as `.bin` and as `.txt`, whole, cut, and wrong.
+
+mod common;
+
+use std::path::Path;
+
+use gs_model::colmap::{self, SfmPoint};
+use gs_model::{Camera, Error};
+use tempfile::TempDir;
+
+struct CameraRow {
+    id: u32,
+    model: (u32, &'static str),
+    size: (u64, u64),
+    params: Vec<f64>,
+}
+
+struct ImageRow {
+    id: u32,
+    rotation: [f64; 4],
+    translation: [f64; 3],
+    camera: u32,
+    name: &'static str,
+    observations: usize,
+}
+
+struct Model {
+    cameras: Vec<CameraRow>,
+    images: Vec<ImageRow>,
+    points: Vec<(SfmPoint, usize)>,
+}
+
+fn model() -> Model {
+    let camera = |id, model, params: &[f64]| CameraRow {
+        id,
+        model,
+        size: (640, 480),
+        params: params.into(),
+    };
+    let image = |id, rotation, camera, name, observations| ImageRow {
+        id,
+        rotation,
+        translation: [0.1, -2.5, 1e-3 * f64::from(id)],
+        camera,
+        name,
+        observations,
+    };
+    let point = |v: f64, track| {
+        (SfmPoint { position: [v, -v, v / 3.0], rgb: [1, 128, 255], error: 0.5 * v }, track)
+    };
+    Model {
+        cameras: vec![
+            camera(7, (1, "PINHOLE"), &[500.25, 501.5, 320.5, 239.0]),
+            camera(2, (0, "SIMPLE_PINHOLE"), &[450.0, 321.0, 240.0]),
+        ],
+        images: vec![
+            image(1, [1.0, 0.0, 0.0, 0.0], 7, "b.jpg", 2),
+            image(9, [0.5, -0.5, 0.5, 0.5], 2, "sub/a photo.png", 0),
+            image(4, [0.6, 0.0, 0.8, 0.0], 7, "c.jpg", 1),
+        ],
+        points: vec![point(1.0, 3), point(-7.25, 0), point(0.1, 2)],
+    }
+}
+
+impl Model {
+    fn binary(&self) -> [(&'static str, Vec<u8>); 3] {
+        let mut cameras = (self.cameras.len() as u64).to_le_bytes().to_vec();
+        for c in &self.cameras {
+            cameras.extend(c.id.to_le_bytes());
+            cameras.extend(c.model.0.to_le_bytes());
+            cameras.extend(c.size.0.to_le_bytes());
+            cameras.extend(c.size.1.to_le_bytes());
+            cameras.extend(c.params.iter().flat_map(|p| p.to_le_bytes()));
+        }
+        let mut images = (self.images.len() as u64).to_le_bytes().to_vec();
+        for i in &self.images {
+            images.extend(i.id.to_le_bytes());
+            images.extend(i.rotation.iter().chain(&i.translation).flat_map(|p| p.to_le_bytes()));
+            images.extend(i.camera.to_le_bytes());
+            images.extend(i.name.bytes());
+            images.push(0);
+            images.extend((i.observations as u64).to_le_bytes());
+            for o in 0..i.observations {
+                images.extend((o as f64).to_le_bytes());
+                images.extend((o as f64).to_le_bytes());
+                images.extend((-1i64).to_le_bytes());
+            }
+        }
+        let mut points = (self.points.len() as u64).to_le_bytes().to_vec();
+        for (i, (p, track)) in self.points.iter().enumerate() {
+            points.extend((i as u64).to_le_bytes());
+            points.extend(p.position.iter().flat_map(|v| v.to_le_bytes()));
+            points.extend(p.rgb);
+            points.extend(p.error.to_le_bytes());
+            points.extend((*track as u64).to_le_bytes());
+            points.extend(vec![0; 8 * track]);
+        }
+        [("cameras.bin", cameras), ("images.bin", images), ("points3D.bin", points)]
+    }
+
+    fn text(&self) -> [(&'static str, Vec<u8>); 3] {
+        let join = |v: &[f64]| v.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
+        let mut cameras = "# Camera list\n#   CAMERA_ID, MODEL, ...\n\n".to_owned();
+        for c in &self.cameras {
+            let params = join(&c.params);
+            cameras += &format!("{} {} {} {} {params}\n", c.id, c.model.1, c.size.0, c.size.1);
+        }
+        let mut images = "# Image list with two lines per image\n".to_owned();
+        for i in &self.images {
+            let pose = join(&[&i.rotation[..], &i.translation[..]].concat());
+            images += &format!("{} {pose} {} {}\n", i.id, i.camera, i.name);
+            images += &"1.5 2.5 -1 ".repeat(i.observations);
+            images += "\n";
+        }
+        let mut points = "# Points\n".to_owned();
+        for (i, (p, track)) in self.points.iter().enumerate() {
+            let [r, g, b] = p.rgb;
+            let tracks = "1 0 ".repeat(*track);
+            points += &format!("{i} {} {r} {g} {b} {} {tracks}\n", join(&p.position), p.error);
+        }
+        [
+            ("cameras.txt", cameras.into_bytes()),
+            ("images.txt", images.into_bytes()),
+            ("points3D.txt", points.into_bytes()),
+        ]
+    }
+}
+
+fn folder(files: &[(&str, Vec<u8>)]) -> TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, bytes) in files {
+        std::fs::write(dir.path().join(name), bytes).unwrap();
+    }
+    dir
+}
+
+fn read(dir: &Path) -> Result<(Vec<Camera>, Vec<SfmPoint>), Error> {
+    Ok((colmap::read_cameras(dir)?, colmap::read_points(dir)?))
+}
+
+#[test]
+fn binary_and_text_say_the_same() {
+    let model = model();
+    let from_binary = read(folder(&model.binary()).path()).unwrap();
+    let from_text = read(folder(&model.text()).path()).unwrap();
+    assert_eq!(from_binary, from_text);
+
+    let (cameras, points) = from_binary;
+    let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(names, ["b.jpg", "sub/a photo.png", "c.jpg"]);
+    assert_eq!(
+        (cameras[0].fx, cameras[0].fy, cameras[0].cx, cameras[0].cy),
+        (500.25, 501.5, 320.5, 239.0)
+    );
+    assert_eq!(
+        (cameras[1].fx, cameras[1].fy, cameras[1].cx, cameras[1].cy),
+        (450.0, 450.0, 321.0, 240.0)
+    );
+    assert_eq!((cameras[2].width, cameras[2].height), (640, 480));
+    assert_eq!(cameras[0].rotation, glam::DMat3::IDENTITY);
+    assert_eq!(cameras[0].translation.to_array(), [0.1, -2.5, 1e-3]);
+    // (0.6, 0, 0.8, 0) turns by 2 acos(0.6) about y.
+    let turned = cameras[2].rotation * glam::DVec3::Z;
+    assert!((turned - glam::DVec3::new(0.96, 0.0, -0.28)).length() < 1e-12, "{turned}");
+    assert!(
+        (cameras[2].rotation * cameras[2].position() + cameras[2].translation).length() < 1e-12
+    );
+    let expected: Vec<SfmPoint> = model.points.iter().map(|p| p.0).collect();
+    assert_eq!(points, expected);
+}
+
+#[test]
+fn text_with_windows_line_ends_is_read() {
+    let crlf = model().text().map(|(name, bytes)| {
+        (name, String::from_utf8(bytes).unwrap().replace('\n', "\r\n").into_bytes())
+    });
+    assert_eq!(read(folder(&crlf).path()).unwrap(), read(folder(&model().text()).path()).unwrap());
+}
+
+#[test]
+fn binary_files_cut_at_every_byte_are_errors() {
+    let whole = model().binary();
+    for file in 0..3 {
+        for len in 0..whole[file].1.len() {
+            let mut files = whole.clone();
+            files[file].1.truncate(len);
+            match read(folder(&files).path()) {
+                Err(Error::ColmapTruncated { file: name, len: at, offset, .. }) => {
+                    assert!(name.ends_with(whole[file].0) && at == len && offset <= len);
+                }
+                other => panic!("{} {len}: {other:?}", whole[file].0),
+            }
+        }
+    }
+}
+
+#[test]
+fn text_files_cut_at_every_byte_never_panic() {
+    let whole = model().text();
+    for file in 0..3 {
+        for len in 0..whole[file].1.len() {
+            let mut files = whole.clone();
+            files[file].1.truncate(len);
+            // Text does not say how much of it there should be, so some cuts are still whole.
+            if let Err(error) = read(folder(&files).path()) {
+                assert_eq!(error.to_string().lines().count(), 1);
+            }
+        }
+    }
+}
+
+#[test]
+fn promises_beyond_the_file_fail_before_any_allocation() {
+    for file in 0..3 {
+        let mut files = model().binary();
+        files[file].1[..8].copy_from_slice(&u64::MAX.to_le_bytes());
+        match read(folder(&files).path()) {
+            Err(Error::ColmapTruncated { promised: u64::MAX, .. }) => {}
+            // What follows the last camera is nothing, so the id of the next is missing.
+            other => panic!("{other:?}"),
+        }
+    }
+    // The same for the number of observations of the first image.
+    let mut files = model().binary();
+    let at = 8 + 4 + 7 * 8 + 4 + "b.jpg\0".len();
+    for count in [u64::MAX, u64::MAX / 24 + 1] {
+        files[1].1[at..at + 8].copy_from_slice(&count.to_le_bytes());
+        let outcome = read(folder(&files).path());
+        assert!(matches!(outcome, Err(Error::ColmapTruncated { .. })), "{outcome:?}");
+    }
+}
+
+/// Reads the model, changed, in both forms, which must fail alike.
+fn broken(change: impl Fn(&mut Model), expected: impl Fn(&Error) -> bool) {
+    let mut model = model();
+    change(&mut model);
+    for files in [model.binary(), model.text()] {
+        match read(folder(&files).path()) {
+            Err(error) if expected(&error) => assert_eq!(error.to_string().lines().count(), 1),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn distorted_cameras_are_refused_by_name() {
+    let models = [
+        ("SIMPLE_RADIAL", 4),
+        ("RADIAL", 5),
+        ("OPENCV", 8),
+        ("OPENCV_FISHEYE", 8),
+        ("FULL_OPENCV", 12),
+        ("FOV", 5),
+        ("SIMPLE_RADIAL_FISHEYE", 4),
+        ("RADIAL_FISHEYE", 5),
+        ("THIN_PRISM_FISHEYE", 12),
+        ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ];
+    for (i, (name, params)) in models.into_iter().enumerate() {
+        let distort = |m: &mut Model| {
+            m.cameras[1].model = (i as u32 + 2, name);
+            m.cameras[1].params = vec![100.0; params];
+        };
+        broken(distort, |e| {
+            let message = e.to_string();
+            matches!(e, Error::DistortedCamera { model, camera, .. } if model == name && camera == "2")
+                && message.contains("colmap image_undistorter")
+        });
+        // One that no image uses does not matter.
+        let mut model = model();
+        distort(&mut model);
+        model.images.iter_mut().for_each(|i| i.camera = 7);
+        assert!(read(folder(&model.binary()).path()).is_ok());
+        assert!(read(folder(&model.text()).path()).is_ok());
+    }
+    broken(
+        |m| m.cameras[1].model = (99, "NEW"),
+        |e| matches!(e, Error::UnknownCameraModel { camera: 2, .. }),
+    );
+}
+
+#[test]
+fn what_does_not_fit_together_is_named() {
+    broken(
+        |m| m.images[2].camera = 3,
+        |e| matches!(e, Error::UnknownCamera { image, camera: 3, .. } if image == "c.jpg"),
+    );
+    broken(
+        |m| m.cameras[1].id = 7,
+        |e| matches!(e, Error::DuplicateView { what: "camera", name, .. } if name == "7"),
+    );
+    let bad = |part: &'static str| move |e: &Error| matches!(e, Error::BadCamera { reason, .. } if reason.contains(part));
+    broken(|m| m.cameras[0].size = (0, 480), bad("size is zero"));
+    broken(|m| m.cameras[0].size = (1 << 32, 480), bad("above 2^32"));
+    broken(|m| m.cameras[0].params[0] = 0.0, bad("not positive"));
+    broken(|m| m.cameras[0].params[1] = -5.0, bad("not positive"));
+    broken(|m| m.cameras[0].params[2] = f64::NAN, bad("not finite"));
+    broken(|m| m.images[0].translation[1] = f64::INFINITY, bad("pose is not finite"));
+    broken(|m| m.images[0].rotation = [0.0; 4], bad("no direction"));
+    broken(|m| m.images[0].rotation[2] = f64::NAN, bad("no direction"));
+}
+
+#[test]
+fn text_mistakes_name_the_line() {
+    let wrong = |file: usize, from: &str, to: &str| {
+        let mut files = model().text();
+        let text = String::from_utf8(files[file].1.clone()).unwrap();
+        assert!(text.contains(from));
+        files[file].1 = text.replacen(from, to, 1).into_bytes();
+        match read(folder(&files).path()) {
+            Err(Error::ColmapLine { line, what, .. }) => (line, what),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(wrong(0, "7 PINHOLE", "seven PINHOLE"), (4, "camera id"));
+    assert_eq!(wrong(0, " 239", ""), (4, "camera parameter"));
+    assert_eq!(wrong(0, " 239", " 239 1"), (4, "number of camera parameters"));
+    assert_eq!(wrong(1, "-2.5", "-2,5"), (2, "translation"));
+    assert_eq!(wrong(1, " b.jpg", ""), (2, "image name"));
+    assert_eq!(wrong(2, " 255 ", " 256 "), (2, "colour"));
+}

@@ -1,0 +1,342 @@
+//! Folders of every kind: finding cameras, photos and the model.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{scene, share_in_view, shared};
+use gs_model::dataset::{self, Dataset, Kind};
+use gs_model::{Camera, Error, inria, nerf, ply};
+use serde_json::json;
+use tempfile::TempDir;
+
+fn put(dir: &TempDir, name: &str, contents: impl AsRef<[u8]>) {
+    let path = dir.path().join(name);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, contents).unwrap();
+}
+
+fn put_model(dir: &TempDir, name: &str) {
+    let path = dir.path().join(name);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    ply::write(path, &scene(1, 0)).unwrap();
+}
+
+/// A COLMAP text model with these images, all from one camera.
+fn put_colmap(dir: &TempDir, under: &str, images: &[&str]) {
+    put(dir, &format!("{under}/cameras.txt"), "1 PINHOLE 8 6 10 10 4 3\n");
+    let rows: String = images.iter().map(|n| format!("1 1 0 0 0 0 0 0 1 {n}\n\n")).collect();
+    put(dir, &format!("{under}/images.txt"), rows);
+}
+
+/// Some camera that has nothing special about it.
+fn camera(name: &str) -> Camera {
+    let rotation = glam::DMat3::from_quat(glam::DQuat::from_xyzw(0.1, -0.5, 0.3, 0.8).normalize());
+    let translation = glam::DVec3::new(0.3, -2.0, 5.0);
+    Camera {
+        name: name.into(),
+        width: 640,
+        height: 480,
+        fx: 500.5,
+        fy: 498.0,
+        cx: 320.0,
+        cy: 240.0,
+        rotation,
+        translation,
+    }
+}
+
+fn assert_same(a: &Camera, b: &Camera) {
+    let close = |x: f64, y: f64| (x - y).abs() < 1e-9;
+    assert_eq!((&a.name, a.width, a.height), (&b.name, b.width, b.height));
+    assert!(
+        close(a.fx, b.fx) && close(a.fy, b.fy) && close(a.cx, b.cx) && close(a.cy, b.cy),
+        "{a:?} {b:?}"
+    );
+    assert!(a.rotation.abs_diff_eq(b.rotation, 1e-12), "{a:?} {b:?}");
+    assert!(a.translation.abs_diff_eq(b.translation, 1e-12), "{a:?} {b:?}");
+}
+
+/// An entry of `cameras.json`, from the definition: centre and camera-to-world rows.
+fn inria_entry(c: &Camera) -> serde_json::Value {
+    let rows = c.rotation.to_cols_array_2d();
+    json!({"id": 0, "img_name": c.name, "width": c.width, "height": c.height,
+        "position": c.position().to_array(), "rotation": rows, "fx": c.fx, "fy": c.fy})
+}
+
+/// A `transform_matrix`, from the definition: camera-to-world, columns right, up, back, centre.
+fn nerf_matrix(c: &Camera) -> serde_json::Value {
+    let to_world = c.rotation.transpose();
+    let (right, up, back) = (to_world.x_axis, -to_world.y_axis, -to_world.z_axis);
+    let centre = c.position();
+    let row = |i: usize| json!([right[i], up[i], back[i], centre[i]]);
+    json!([row(0), row(1), row(2), [0, 0, 0, 1]])
+}
+
+#[test]
+fn views_are_sorted_and_every_eighth_is_held_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let names: Vec<String> = (0..17).map(|i| format!("{:02}.png", 16 - i)).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    put_colmap(&dir, "sparse/0", &names);
+    put_model(&dir, "point_cloud.ply");
+    put(&dir, "images/03.png", "photo");
+    let dataset = Dataset::open(dir.path()).unwrap();
+    assert_eq!(dataset.kind, Kind::Colmap);
+    let held_out: Vec<&str> = dataset.held_out().map(|v| v.camera.name.as_str()).collect();
+    assert_eq!(held_out, ["00.png", "08.png", "16.png"]);
+    let training: Vec<&str> = dataset.training().map(|v| v.camera.name.as_str()).collect();
+    assert_eq!(training.len(), 14);
+    assert_eq!(
+        training[..8],
+        ["01.png", "02.png", "03.png", "04.png", "05.png", "06.png", "07.png", "09.png"]
+    );
+    assert_eq!(dataset.views[3].image_path, dir.path().join("images/03.png"));
+    assert!(dataset.views[3].has_photo() && !dataset.views[4].has_photo());
+}
+
+#[test]
+fn two_images_of_one_name_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    put_colmap(&dir, "sparse", &["a.png", "b.png", "a.png"]);
+    match dataset::open_views(dir.path()) {
+        Err(Error::DuplicateView { what: "image", name, .. }) => assert_eq!(name, "a.png"),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn the_model_is_found() {
+    let open = |models: &[&str]| {
+        let dir = tempfile::tempdir().unwrap();
+        put_colmap(&dir, "sparse/0", &["a.png"]);
+        models.iter().for_each(|m| put_model(&dir, m));
+        let model = Dataset::open(dir.path()).map(|d| d.model_path);
+        model.map(|m| m.strip_prefix(dir.path()).unwrap().to_str().unwrap().to_owned())
+    };
+    let iteration = |n: &str| format!("point_cloud/iteration_{n}/point_cloud.ply");
+    let (seven, thirty) = (iteration("7000"), iteration("30000"));
+    assert_eq!(open(&["scene.PLY"]).unwrap(), "scene.PLY");
+    assert_eq!(open(&["scene.ply", "input.ply"]).unwrap(), "scene.ply");
+    // By number, not by name: 7000 sorts after 30000.
+    assert_eq!(open(&["scene.ply", &seven, &thirty]).unwrap(), thirty);
+    assert_eq!(open(&[&seven, &iteration("best")]).unwrap(), seven);
+    assert_eq!(open(&["point_cloud.ply", &thirty, "other.ply"]).unwrap(), "point_cloud.ply");
+    assert!(matches!(open(&[]), Err(Error::NoModel { .. })));
+    match open(&["b.ply", "a.ply"]) {
+        Err(Error::ManyModels { names, .. }) => assert_eq!(names, "a.ply, b.ply"),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_folder_without_cameras_says_what_to_put_there() {
+    let dir = tempfile::tempdir().unwrap();
+    for path in [dir.path(), Path::new("/nowhere/at/all")] {
+        let error = Dataset::open(path).unwrap_err();
+        assert!(matches!(error, Error::NoCameras { .. }));
+        assert!(error.to_string().contains("transforms.json"), "{error}");
+    }
+}
+
+#[test]
+fn inria_output_finds_its_photos() {
+    let source = tempfile::tempdir().unwrap();
+    put(&source, "images_2/b.x.JPG", "photo");
+    let dir = tempfile::tempdir().unwrap();
+    let cameras = ["c", "b", "a.png", "d"].map(camera);
+    let entries: Vec<_> = cameras.iter().map(inria_entry).collect();
+    put(&dir, "cameras.json", serde_json::to_vec(&entries).unwrap());
+    let source_path = source.path().display();
+    put(
+        &dir,
+        "cfg_args",
+        format!("Namespace(eval=True, images='images_2', source_path='{source_path}')"),
+    );
+    put(&dir, "images/a.png", "photo");
+    put(&dir, "images/b.png", "photo, but not the trainer's");
+    put(&dir, "images/d.png", "photo");
+    put_model(&dir, "point_cloud/iteration_30000/point_cloud.ply");
+
+    let dataset = Dataset::open(dir.path()).unwrap();
+    assert_eq!(dataset.kind, Kind::Inria);
+    let expected = ["a.png", "b", "c", "d"];
+    for (view, name) in dataset.views.iter().zip(expected) {
+        assert_same(&view.camera, &camera(name));
+    }
+    let photos: Vec<_> = dataset.views.iter().map(|v| v.image_path.clone()).collect();
+    let images = dir.path().join("images");
+    assert_eq!(photos[0], images.join("a.png"));
+    assert_eq!(photos[1], source.path().join("images_2/b.x.JPG"));
+    assert_eq!((photos[2].clone(), dataset.views[2].has_photo()), (images.join("c"), false));
+    assert_eq!(photos[3], images.join("d.png"));
+    // Without cfg_args, and with one that leads nowhere, the folder's own photos are left.
+    put(&dir, "cfg_args", "Namespace(source_path='/nowhere/at/all')");
+    assert_eq!(inria::read_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
+    fs::remove_file(dir.path().join("cfg_args")).unwrap();
+    assert_eq!(inria::read_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
+}
+
+#[test]
+fn transforms_turn_opengl_cameras_around() {
+    let dir = tempfile::tempdir().unwrap();
+    let (a, mut b) = (camera("images/a.png"), camera("images/b.png"));
+    (b.fx, b.fy, b.cx, b.width) = (400.0, 400.0, 300.0, 600);
+    let json = json!({
+        "fl_x": a.fx, "fl_y": a.fy, "cx": a.cx, "cy": a.cy, "w": 640.0, "h": 480.0,
+        "k1": 0.0, "aabb_scale": 16, "camera_model": "OPENCV",
+        "frames": [
+            {"file_path": "./images/b.png", "sharpness": 3.5, "transform_matrix": nerf_matrix(&b),
+                "fl_x": 400.0, "cx": 300, "w": 600},
+            {"file_path": "images/a.png", "transform_matrix": nerf_matrix(&a)},
+        ]
+    });
+    put(&dir, "transforms.json", json.to_string());
+    put_model(&dir, "model.ply");
+    put(&dir, "images/a.png", "photo");
+    let dataset = Dataset::open(dir.path()).unwrap();
+    assert_eq!(dataset.kind, Kind::Nerf);
+    assert_same(&dataset.views[0].camera, &a);
+    assert_same(&dataset.views[1].camera, &b);
+    assert!(dataset.views[0].has_photo());
+}
+
+#[test]
+fn transforms_with_an_angle_take_the_size_from_the_photo() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut c = camera("train/r_0");
+    (c.width, c.height, c.cx, c.cy) = (800, 600, 400.0, 300.0);
+    c.fx = 400.0 / (0.69f64 / 2.0).tan();
+    c.fy = c.fx;
+    let frame =
+        json!({"file_path": "./train/r_0", "rotation": 0.1, "transform_matrix": nerf_matrix(&c)});
+    put(&dir, "transforms.json", json!({"camera_angle_x": 0.69, "frames": [frame]}).to_string());
+    put(
+        &dir,
+        "train/r_0.png",
+        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\x03\x20\0\0\x02\x58\x08\x02\0\0\0",
+    );
+    let views = nerf::read_views(dir.path().join("transforms.json")).unwrap();
+    assert_same(&views[0].camera, &c);
+    assert_eq!(views[0].image_path, dir.path().join("train/r_0.png"));
+    // The photo is no image, then gone.
+    put(&dir, "train/r_0.png", "GIF89a");
+    let outcome = nerf::read_views(dir.path().join("transforms.json"));
+    assert!(matches!(outcome, Err(Error::ImageSize { .. })), "{outcome:?}");
+    fs::remove_file(dir.path().join("train/r_0.png")).unwrap();
+    let outcome = nerf::read_views(dir.path().join("transforms.json"));
+    assert!(matches!(outcome, Err(Error::Io { .. })), "{outcome:?}");
+}
+
+#[test]
+fn wrong_transforms_are_named() {
+    let good = json!({"fl_x": 500.0, "w": 640, "h": 480,
+        "frames": [{"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))}]});
+    let read = |change: &dyn Fn(&mut serde_json::Value)| {
+        let dir = tempfile::tempdir().unwrap();
+        let mut json = good.clone();
+        change(&mut json);
+        put(&dir, "transforms.json", json.to_string());
+        nerf::read_views(dir.path().join("transforms.json"))
+    };
+    assert!(read(&|_| {}).is_ok());
+    for (key, value, model) in [
+        ("k1", json!(0.1), "k1 = 0.1"),
+        ("p2", json!(-1e-3), "p2 = -0.001"),
+        ("camera_model", json!("OPENCV_FISHEYE"), "OPENCV_FISHEYE"),
+    ] {
+        let file = read(&|j| j[key] = value.clone());
+        let frame = read(&|j| j["frames"][0][key] = value.clone());
+        for outcome in [file, frame] {
+            assert!(
+                matches!(&outcome, Err(Error::DistortedCamera { model: m, .. }) if m == model),
+                "{outcome:?}"
+            );
+        }
+    }
+    let reason = |change: &dyn Fn(&mut serde_json::Value)| match read(change) {
+        Err(Error::BadCamera { reason, .. }) => reason,
+        other => panic!("{other:?}"),
+    };
+    assert!(reason(&|j| j["fl_x"] = json!(null)).contains("no focal length"));
+    assert!(reason(&|j| j["w"] = json!(640.5)).contains("whole number"));
+    assert!(reason(&|j| j["h"] = json!(-480)).contains("whole number"));
+    assert!(reason(&|j| j["h"] = json!(0)).contains("size is zero"));
+    assert!(
+        reason(&|j| j["frames"][0]["transform_matrix"] = json!([[1, 0, 0, 0]])).contains("4x4")
+    );
+    assert!(reason(&|j| j["frames"][0]["transform_matrix"][3][3] = json!(2)).contains("4x4"));
+    assert!(
+        reason(&|j| j["frames"][0]["transform_matrix"][0][0] = json!(3)).contains("not a rotation")
+    );
+    // A mirrored camera.
+    let mirrored = json!([[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+    assert!(
+        reason(&|j| j["frames"][0]["transform_matrix"] = mirrored.clone())
+            .contains("not a rotation")
+    );
+    for outcome in [read(&|j| j["frames"] = json!({})), read(&|j| *j = json!([]))] {
+        assert!(matches!(outcome, Err(Error::Json { .. })), "{outcome:?}");
+    }
+}
+
+#[test]
+fn wrong_inria_cameras_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let read = |json: &str| {
+        put(&dir, "cameras.json", json);
+        inria::read_views(dir.path())
+    };
+    assert_eq!(read("[]").unwrap(), []);
+    for json in ["", "{}", "[{\"id\": 0}]", "[", "[[[[[[[["] {
+        let outcome = read(json);
+        assert!(matches!(outcome, Err(Error::Json { .. })), "{json}: {outcome:?}");
+    }
+    let deep = "[".repeat(100_000);
+    assert!(matches!(read(&deep), Err(Error::Json { .. })));
+    let mut entry = inria_entry(&camera("a"));
+    entry["fx"] = json!(-1.0);
+    assert!(matches!(read(&json!([entry]).to_string()), Err(Error::BadCamera { .. })));
+}
+
+/// Reads the positions of a binary PLY of SfM points: x y z nx ny nz as floats, then 3 bytes.
+fn sfm_points(path: &Path) -> Vec<[f64; 3]> {
+    let bytes = fs::read(path).unwrap();
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let number = |b: &[u8]| f64::from(f32::from_le_bytes(b.try_into().unwrap()));
+    let rows = bytes[end..].chunks_exact(27);
+    rows.map(|r| [number(&r[0..4]), number(&r[4..8]), number(&r[8..12])]).collect()
+}
+
+#[test]
+fn real_inria_cameras_see_their_points() {
+    for (name, views) in [("playroom", 225), ("truck", 251), ("train", 301), ("drjohnson", 263)] {
+        let Some(dir) = shared(&format!("scenes/cameras/{name}")) else { return };
+        let (kind, all) = dataset::open_views(&dir).unwrap();
+        assert_eq!((kind, all.len()), (Kind::Inria, views), "{name}");
+        assert!(all.is_sorted_by(|a, b| a.camera.name < b.camera.name), "{name}");
+        let file = dir.join("points.ply");
+        if !file.exists() {
+            continue;
+        }
+        let points = sfm_points(&file);
+        // A reader that mistook the convention would look the other way, or along the rows of
+        // the rotation instead of its columns: fewer points would be in view.
+        let [right, behind, transposed] = [0, 1, 2].map(|mistake| {
+            let seen = all.iter().map(|v| {
+                let mut c = v.camera.clone();
+                c.rotation = match mistake {
+                    0 => c.rotation,
+                    1 => glam::DMat3::from_diagonal(glam::dvec3(-1.0, 1.0, -1.0)) * c.rotation,
+                    _ => c.rotation.transpose(),
+                };
+                c.translation = -(c.rotation * v.camera.position());
+                share_in_view(&c, &points)
+            });
+            seen.sum::<f64>() / views as f64
+        });
+        println!("{name}: {right:.3} in view, {behind:.3} behind, {transposed:.3} transposed");
+        assert!(right > 1.5 * behind.max(transposed), "{name}");
+    }
+}
