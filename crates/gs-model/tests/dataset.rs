@@ -133,11 +133,14 @@ fn the_model_is_found() {
 #[test]
 fn a_folder_without_cameras_says_what_to_put_there() {
     let dir = tempfile::tempdir().unwrap();
-    for path in [dir.path(), Path::new("/nowhere/at/all")] {
-        let error = Dataset::open(path).unwrap_err();
-        assert!(matches!(error, Error::NoCameras { .. }));
-        assert!(error.to_string().contains("transforms.json"), "{error}");
-    }
+    let error = Dataset::open(dir.path()).unwrap_err();
+    assert!(matches!(error, Error::NoCameras { .. }));
+    assert!(error.to_string().contains("transforms.json"), "{error}");
+    let error = Dataset::open(dir.path().join("gone")).unwrap_err();
+    assert!(matches!(error, Error::Io { action: "list", .. }), "{error}");
+    put(&dir, "file", "");
+    let error = Dataset::open(dir.path().join("file")).unwrap_err();
+    assert!(matches!(error, Error::Io { action: "list", .. }), "{error}");
 }
 
 #[test]
@@ -207,7 +210,7 @@ fn transforms_with_an_angle_take_the_size_from_the_photo() {
     let dir = tempfile::tempdir().unwrap();
     let mut c = camera("train/r_0");
     (c.width, c.height, c.cx, c.cy) = (800, 600, 400.0, 300.0);
-    c.fx = 400.0 / (0.69f64 / 2.0).tan();
+    c.fx = 400.0 / libm::tan(0.69 / 2.0);
     c.fy = c.fx;
     let frame =
         json!({"file_path": "./train/r_0", "rotation": 0.1, "transform_matrix": nerf_matrix(&c)});

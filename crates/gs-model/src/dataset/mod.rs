@@ -65,7 +65,7 @@ impl Dataset {
     /// with the largest `N`, and a single `*.ply` in the folder.
     ///
     /// # Errors
-    /// [`Error::NoCameras`], [`Error::NoModel`], [`Error::ManyModels`],
+    /// [`Error::Io`] if the folder is not there, [`Error::NoCameras`], [`Error::NoModel`], [`Error::ManyModels`],
     /// [`Error::DuplicateView`] if two images share a name, and those of the readers in
     /// [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]. A photo that is missing is not
     /// an error here.
@@ -106,6 +106,8 @@ pub fn open_views(dir: impl AsRef<Path>) -> Result<(Kind, Vec<View>)> {
     } else if dir.join("transforms.json").is_file() {
         (Kind::Nerf, nerf::read_views(dir.join("transforms.json"))?)
     } else {
+        // A folder that is not there is another mistake than one with the wrong files.
+        std::fs::read_dir(dir).map_err(|e| Error::io(dir, "list", e))?;
         return Err(Error::NoCameras { dir: dir.into() });
     };
     views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));

@@ -30,10 +30,10 @@ pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
     fs::write_atomically(path, |out| write_rows(out, scene))
 }
 
-/// Writes a scene as [`write`] does, to anything that takes bytes. No buffering is needed.
+/// Writes a scene as [`write()`] does, to anything that takes bytes. No buffering is needed.
 ///
 /// # Errors
-/// As [`write`]; the file in an [`Error::Io`] is `<writer>`.
+/// As [`write()`]; the file in an [`Error::Io`] is `<writer>`.
 pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
     scene.check_shape()?;
     write_rows(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
