@@ -2,6 +2,8 @@
 
 use gpcc_lite::{Leaf, morton};
 
+use crate::error::{Error, Result};
+
 /// The half-open cube `origin + [0, side)^3` in world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cube {
@@ -11,17 +13,165 @@ pub struct Cube {
     pub side: f64,
 }
 
+/// Significant bits of the side that [`Cube::of`] chooses.
+///
+/// With 20 bits, index times cell (21 + 1 + 20 bits) is exact in `f64`, and the cube is at
+/// most 2^-19 longer than the scene.
+const SIDE_BITS: u32 = 20;
+
+/// Side of the cube of a scene whose means all coincide (or that has none).
+///
+/// The smallest normal `f32`: the centre of the root then rounds to the mean itself, unless
+/// that is smaller still.
+const POINT_SIDE: f64 = f32::MIN_POSITIVE as f64;
+
 impl Cube {
+    /// The smallest cube of this form that holds all means.
+    ///
+    /// Rule: `origin` is the per-axis minimum; `side` is the smallest number of 20
+    /// significant bits that is *strictly greater* than the longest extent. So no mean sits on
+    /// the upper face (the authors' closed cube gives the extreme point index 2^J and needs an
+    /// extra level), indices and cell corners are exact, and scaling the scene by a power of
+    /// two, or translating it exactly, changes no index. If all means coincide, `side` is
+    /// 2^-126; no mean at all gives that cube at 0.
+    ///
+    /// # Errors
+    /// [`Error::NonFiniteMean`].
+    pub fn of(means: &[[f32; 3]]) -> Result<Self> {
+        let Some(first) = means.first() else {
+            return Ok(Self { origin: [0.0; 3], side: POINT_SIDE });
+        };
+        let (mut low, mut high) = (*first, *first);
+        for (index, mean) in means.iter().enumerate() {
+            if !mean.iter().all(|x| x.is_finite()) {
+                return Err(Error::NonFiniteMean { index });
+            }
+            for k in 0..3 {
+                low[k] = low[k].min(mean[k]);
+                high[k] = high[k].max(mean[k]);
+            }
+        }
+        let extent = (0..3).map(|k| f64::from(high[k]) - f64::from(low[k])).fold(0.0, f64::max);
+        // `+ 0.0` makes -0.0 into 0.0, so that the cube does not depend on the order of means.
+        let origin = low.map(|x| f64::from(x) + 0.0);
+        let side = if extent > 0.0 { above(extent) } else { POINT_SIDE };
+        Ok(Self { origin, side })
+    }
+
+    /// Checks that the cube can be divided.
+    ///
+    /// # Errors
+    /// [`Error::InvalidCube`].
+    pub fn validate(&self) -> Result<()> {
+        let finite = self.origin.iter().all(|x| x.is_finite()) && self.side.is_finite();
+        if finite && self.side > 0.0 {
+            Ok(())
+        } else {
+            Err(Error::InvalidCube { origin: self.origin, side: self.side })
+        }
+    }
+
+    /// Side of a cell at `depth`. Exact: a division by a power of two.
+    #[must_use]
+    pub fn cell(&self, depth: u8) -> f64 {
+        self.side / (1u64 << depth) as f64
+    }
+
+    /// Indices of the cell at `depth` that holds `mean`, or `None` outside the cube.
+    ///
+    /// Cell `i` of an axis holds the offsets `d = mean - origin` with
+    /// `i * cell <= d < (i + 1) * cell`, compared in `f64`.
+    #[must_use]
+    pub fn index_of(&self, mean: [f32; 3], depth: u8) -> Option<[u32; 3]> {
+        let cell = self.cell(depth);
+        let scale = 1.0 / cell;
+        let mut index = [0u32; 3];
+        for k in 0..3 {
+            let d = f64::from(mean[k]) - self.origin[k];
+            if !(d >= 0.0 && d < self.side) {
+                return None;
+            }
+            // The product may round across a cell face; the two comparisons undo that. The
+            // conversion saturates, so a reciprocal that overflows does no harm.
+            let mut i = (d * scale) as u32;
+            i = i.min((1u32 << depth) - 1);
+            if i > 0 && f64::from(i) * cell > d {
+                i -= 1;
+            } else if f64::from(i + 1) * cell <= d && i + 1 < 1u32 << depth {
+                i += 1;
+            }
+            index[k] = i;
+        }
+        Some(index)
+    }
+
+    /// Centre of a leaf, in world units, not rounded to `f32`.
+    #[must_use]
+    pub fn leaf_centre_f64(&self, leaf: Leaf, j_high: u8) -> [f64; 3] {
+        let index = morton::decode(leaf.morton);
+        let cell = self.cell(j_high);
+        // Exact: powers of two, and indices below 2^21.
+        let half = 0.5 * (1u64 << (j_high - leaf.depth)) as f64;
+        std::array::from_fn(|k| self.origin[k] + (f64::from(index[k]) + half) * cell)
+    }
+
     /// Centre of a leaf, in world units, rounded to `f32`.
     ///
     /// Encoder and decoder both call this, so voxelized means survive coding exactly. Only
-    /// IEEE additions and multiplications are used, in a fixed order.
+    /// IEEE additions and multiplications are used, in a fixed order. Where cells are finer
+    /// than the spacing of `f32` there (coordinates of 1e7 at a cell below 1), neighbouring
+    /// leaves share a centre.
     #[must_use]
     pub fn leaf_centre(&self, leaf: Leaf, j_high: u8) -> [f32; 3] {
-        let index = morton::decode(leaf.morton);
-        // Exact: powers of two, and indices below 2^21.
-        let cell = self.side / (1u64 << j_high) as f64;
-        let half = 0.5 * (1u64 << (j_high - leaf.depth)) as f64;
-        std::array::from_fn(|k| (self.origin[k] + (f64::from(index[k]) + half) * cell) as f32)
+        self.leaf_centre_f64(leaf, j_high).map(|x| x as f32)
+    }
+}
+
+/// The smallest number of [`SIDE_BITS`] significant bits strictly above a positive `x`.
+fn above(x: f64) -> f64 {
+    // Every difference of two f32 is a normal f64, so its mantissa is its low 52 bits.
+    let drop = 52 - (SIDE_BITS - 1);
+    // The carry runs into the exponent, which is what rounding up to a power of two means.
+    f64::from_bits(((x.to_bits() >> drop) + 1) << drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn side_is_strictly_longer_and_short() {
+        for extent in [1.0, 0.75, 1.0 - f64::EPSILON, 3.0e38, 1.0e-40, 12.345_678_9] {
+            let side = above(extent);
+            assert!(side > extent && side <= extent * (1.0 + 1.0 / 524_288.0));
+            assert_eq!(side.to_bits() & ((1 << 33) - 1), 0);
+        }
+    }
+
+    #[test]
+    fn index_agrees_with_its_definition_at_every_face() {
+        let cube = Cube { origin: [-1.5, 0.0, 7.0], side: above(3.1) };
+        for depth in [0, 1, 5, 21] {
+            let cell = cube.cell(depth);
+            for i in [0u32, 1, 2, 1 << (depth / 2), (1 << depth) - 1] {
+                let i = i.min((1 << depth) - 1);
+                for mean in [
+                    (cube.origin[0] + f64::from(i) * cell) as f32,
+                    (cube.origin[0] + (f64::from(i) + 0.5) * cell) as f32,
+                ] {
+                    let Some(index) = cube.index_of([mean, 0.0, 7.0], depth) else { continue };
+                    let d = f64::from(mean) - cube.origin[0];
+                    assert!(f64::from(index[0]) * cell <= d && d < f64::from(index[0] + 1) * cell);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn outside_is_none() {
+        let cube = Cube { origin: [0.0; 3], side: 1.0 };
+        assert_eq!(cube.index_of([1.0, 0.0, 0.0], 4), None);
+        assert_eq!(cube.index_of([0.0, -1e-30, 0.0], 4), None);
+        assert_eq!(cube.index_of([f32::NAN, 0.0, 0.0], 4), None);
     }
 }

@@ -1,5 +1,53 @@
 //! Octree voxelization of 3D Gaussians, uniform and adaptive.
+//!
+//! A trained 3DGS scene has Gaussians at arbitrary positions. Here the cube that holds them is
+//! divided into an octree; each leaf becomes one Gaussian at the leaf's centre. What decides
+//! is where the octree stops: a [`Strategy`]. [`voxelize`] gives the leaves, in Morton order,
+//! each with its own depth and its members; [`merge`] gives the merged scene.
+//!
+//! The crate does no I/O, knows neither bitstreams nor renderers, and gives the same bits for
+//! any number of threads and on any machine.
+//!
+//! ```
+//! use gs_model::Scene;
+//! use voxel::{Cube, Merge, Strategy, merge, voxelize};
+//!
+//! // Three Gaussians of SH degree 0; two of them almost coincide.
+//! let scene = Scene {
+//!     means: vec![[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [1.0, 1.0, 1.0]],
+//!     rotations: vec![[1.0, 0.0, 0.0, 0.0]; 3],
+//!     log_scales: vec![[-4.0; 3]; 3],
+//!     opacity_logits: vec![0.5; 3],
+//!     sh_degree: 0,
+//!     sh: vec![[0.1, 0.2, 0.3]; 3],
+//! };
+//! let cube = Cube::of(&scene.means)?;
+//! let voxels = voxelize(&scene, &cube, &Strategy::Uniform { depth: 6 })?;
+//! assert_eq!(voxels.len(), 2);
+//! assert_eq!(voxels.members_of(0), [0, 1]);
+//!
+//! let merged = merge(&scene, &voxels, Merge::Moments)?;
+//! assert_eq!(merged.len(), 2);
+//! assert_eq!(merged.means[0], cube.leaf_centre(voxels.leaves[0], voxels.j_high));
+//! # Ok::<(), voxel::Error>(())
+//! ```
 
-pub mod cube;
+mod cube;
+mod eigen;
+mod error;
+mod gaussian;
+mod merge;
+mod order;
+mod paper;
+mod strategy;
+mod voxelize;
 
 pub use cube::Cube;
+pub use error::{Error, Result};
+pub use merge::{Merge, merge};
+pub use strategy::Strategy;
+pub use voxelize::{Voxelization, voxelize};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}

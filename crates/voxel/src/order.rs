@@ -1,0 +1,147 @@
+//! [`MortonOrder`]: the one sort of the crate.
+
+use gpcc_lite::morton;
+use gs_model::Scene;
+use rayon::prelude::*;
+
+use crate::cube::Cube;
+use crate::error::{Error, Result};
+
+/// Gaussians per parallel work item. Fixed, so that no result depends on the thread count.
+pub(crate) const CHUNK: usize = 4096;
+
+/// Bits per pass of the radix sort: 2^11 counters fit the first-level cache, and 63 bits take
+/// six passes.
+const DIGIT_BITS: u32 = 11;
+
+/// The Gaussians of a scene in Morton order at one depth.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct MortonOrder {
+    /// Ascending Morton codes at `depth`.
+    pub(crate) codes: Vec<u64>,
+    /// `members[i]` is the Gaussian whose code is `codes[i]`; ties ascend.
+    pub(crate) members: Vec<u32>,
+}
+
+impl MortonOrder {
+    /// Codes every mean at `depth` and sorts. Linear in the number of Gaussians.
+    pub(crate) fn of(scene: &Scene, cube: &Cube, depth: u8) -> Result<Self> {
+        let len = scene.len();
+        if u32::try_from(len).is_err() {
+            return Err(Error::TooMany(len));
+        }
+        let mut codes = vec![0u64; len];
+        let first_outside = codes
+            .par_chunks_mut(CHUNK)
+            .zip(scene.means.par_chunks(CHUNK))
+            .enumerate()
+            .filter_map(|(chunk, (codes, means))| {
+                for (i, (code, mean)) in codes.iter_mut().zip(means).enumerate() {
+                    match cube.index_of(*mean, depth) {
+                        Some(index) => *code = morton::encode(index),
+                        None => return Some(chunk * CHUNK + i),
+                    }
+                }
+                None
+            })
+            .min();
+        if let Some(index) = first_outside {
+            let finite = scene.means[index].iter().all(|x| x.is_finite());
+            return Err(if finite {
+                Error::OutsideCube { index }
+            } else {
+                Error::NonFiniteMean { index }
+            });
+        }
+        let members = (0..len as u32).collect();
+        let mut order = Self { codes, members };
+        order.sort();
+        Ok(order)
+    }
+
+    /// Least-significant-digit radix sort; stable, so ties keep the order of the scene.
+    fn sort(&mut self) {
+        let len = self.codes.len();
+        let mut codes = vec![0u64; len];
+        let mut members = vec![0u32; len];
+        let differing = self.codes.iter().fold((u64::MAX, 0), |(a, o), &c| (a & c, o | c));
+        let differing = differing.0 ^ differing.1;
+        for pass in 0..u64::BITS.div_ceil(DIGIT_BITS) {
+            let shift = pass * DIGIT_BITS;
+            let mask = (1u64 << DIGIT_BITS) - 1;
+            // All codes agree in this digit: the pass would move nothing.
+            if len == 0 || (differing >> shift) & mask == 0 {
+                continue;
+            }
+            let mut starts = vec![0usize; 1 << DIGIT_BITS];
+            for &code in &self.codes {
+                starts[((code >> shift) & mask) as usize] += 1;
+            }
+            let mut total = 0;
+            for start in &mut starts {
+                total += std::mem::replace(start, total);
+            }
+            for (&code, &member) in self.codes.iter().zip(&self.members) {
+                let to = &mut starts[((code >> shift) & mask) as usize];
+                codes[*to] = code;
+                members[*to] = member;
+                *to += 1;
+            }
+            std::mem::swap(&mut self.codes, &mut codes);
+            std::mem::swap(&mut self.members, &mut members);
+        }
+    }
+}
+
+/// End of the run, starting at `start`, of codes that share their cell at `depth`.
+pub(crate) fn cell_end(codes: &[u64], start: usize, j_high: u8, depth: u8) -> usize {
+    let shift = 3 * u32::from(j_high - depth);
+    let cell = codes[start] >> shift;
+    // Galloping: cheap for the short runs that most cells are, logarithmic for long ones.
+    let mut step = 1;
+    let mut low = start;
+    while low + step < codes.len() && codes[low + step] >> shift == cell {
+        low += step;
+        step *= 2;
+    }
+    let high = (low + step).min(codes.len());
+    low + codes[low..high].partition_point(|&c| c >> shift == cell)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sorts_like_the_standard_library() {
+        let mut x = 0x9e37_79b9_7f4a_7c15_u64;
+        let codes: Vec<u64> = (0..5000)
+            .map(|i| {
+                x ^= x << 13;
+                x ^= x >> 7;
+                x ^= x << 17;
+                if i % 3 == 0 { x % 17 } else { x >> 1 }
+            })
+            .collect();
+        let mut want: Vec<(u64, u32)> = codes.iter().copied().zip(0..).collect();
+        want.sort();
+        let mut order = MortonOrder { members: (0..codes.len() as u32).collect(), codes };
+        order.sort();
+        let got: Vec<_> = order.codes.iter().copied().zip(order.members).collect();
+        assert_eq!(got, want);
+    }
+
+    #[test]
+    fn cell_end_agrees_with_a_scan() {
+        let codes: Vec<u64> = (0..300u64).map(|i| i * i / 7).collect();
+        for depth in 0..=6 {
+            let shift = 3 * (6 - depth);
+            for start in 0..codes.len() {
+                let scan = (start..codes.len())
+                    .find(|&i| codes[i] >> shift != codes[start] >> shift)
+                    .unwrap_or(codes.len());
+                assert_eq!(cell_end(&codes, start, 6, depth as u8), scan);
+            }
+        }
+    }
+}

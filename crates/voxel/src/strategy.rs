@@ -1,0 +1,82 @@
+//! [`Strategy`]: which cells of the octree become leaves.
+
+use gpcc_lite::morton::MAX_DEPTH;
+
+use crate::error::{Error, Result};
+
+/// A criterion for where the octree stops. All strategies prune the same full octree.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Strategy {
+    /// Every occupied cell at one depth is a leaf (paper section 3.1).
+    Uniform {
+        /// Depth of all leaves, 0 to 21.
+        depth: u8,
+    },
+    /// The paper's criteria, per voxel, as its text states them (section 3.2.2): from `j_low`
+    /// on, a voxel above `j_high` is divided if it holds one of the largest Gaussians, or more
+    /// than `tau1` Gaussians, or one whose mean is farther than `tau2` voxel sides from the
+    /// voxel's centre.
+    Paper {
+        /// The paper's v: the percentage of Gaussians that are "large", by volume, and go to
+        /// `j_high`; 0 to 100. The authors' code uses 20.
+        large_percent: f64,
+        /// Lowest leaf depth.
+        j_low: u8,
+        /// Highest leaf depth.
+        j_high: u8,
+        /// Greatest number of Gaussians in a leaf above `j_high`. The authors' code uses 30
+        /// (and divides at 30).
+        tau1: u32,
+        /// Greatest distance of a member's mean from the centre of a leaf above `j_high`, in
+        /// sides of that leaf; the paper's `W / 2^(J+1)` is 0.5, the inscribed ball.
+        tau2: f64,
+    },
+}
+
+impl Strategy {
+    /// The paper's criteria with the thresholds of its authors' code.
+    #[must_use]
+    pub fn paper(j_low: u8, j_high: u8) -> Self {
+        Self::Paper { large_percent: 20.0, j_low, j_high, tau1: 30, tau2: 0.5 }
+    }
+
+    /// Checks every parameter.
+    ///
+    /// # Errors
+    /// [`Error::DepthTooGreat`], [`Error::DepthRange`], [`Error::Parameter`].
+    pub fn validate(&self) -> Result<()> {
+        match *self {
+            Self::Uniform { depth } => check_depths(depth, depth),
+            Self::Paper { large_percent, j_low, j_high, tau1: _, tau2 } => {
+                check_depths(j_low, j_high)?;
+                check("large_percent", large_percent, 0.0, 100.0, "0 to 100")?;
+                check("tau2", tau2, 0.0, f64::MAX, "0 upwards")
+            }
+        }
+    }
+}
+
+pub(crate) fn check_depths(j_low: u8, j_high: u8) -> Result<()> {
+    if j_high > MAX_DEPTH {
+        return Err(Error::DepthTooGreat { depth: j_high, max: MAX_DEPTH });
+    }
+    if j_low > j_high {
+        return Err(Error::DepthRange { j_low, j_high });
+    }
+    Ok(())
+}
+
+pub(crate) fn check(
+    name: &'static str,
+    value: f64,
+    low: f64,
+    high: f64,
+    range: &'static str,
+) -> Result<()> {
+    if value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(Error::Parameter { name, value, range })
+    }
+}

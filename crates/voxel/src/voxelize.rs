@@ -1,0 +1,111 @@
+//! [`voxelize`]: from Gaussians and a strategy to the leaves of a pruned octree.
+
+use gpcc_lite::Leaf;
+use gs_model::Scene;
+
+use crate::cube::Cube;
+use crate::error::Result;
+use crate::order::{MortonOrder, cell_end};
+use crate::paper;
+use crate::strategy::Strategy;
+
+/// The leaves of a pruned octree and the Gaussians in each.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Voxelization {
+    /// The cube that the octree divides.
+    pub cube: Cube,
+    /// Depth of the finest possible leaf; Morton codes are at this depth.
+    pub j_high: u8,
+    /// Leaves, ascending in Morton code; none contains another.
+    pub leaves: Vec<Leaf>,
+    /// `leaves.len() + 1` ascending offsets into `members`.
+    pub member_offsets: Vec<u32>,
+    /// Indices into the scene, each exactly once, grouped by leaf and in Morton order (at
+    /// `j_high`) inside a leaf; ties ascend.
+    pub members: Vec<u32>,
+}
+
+impl Voxelization {
+    /// Number of leaves.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.leaves.len()
+    }
+
+    /// True if there is no leaf.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.leaves.is_empty()
+    }
+
+    /// The Gaussians in leaf `i`.
+    #[must_use]
+    pub fn members_of(&self, i: usize) -> &[u32] {
+        &self.members[self.member_offsets[i] as usize..self.member_offsets[i + 1] as usize]
+    }
+
+    /// Centre of leaf `i` in world units: the mean of the merged Gaussian.
+    #[must_use]
+    pub fn centre(&self, i: usize) -> [f32; 3] {
+        self.cube.leaf_centre(self.leaves[i], self.j_high)
+    }
+
+    /// Number of leaves at every depth, 0 to `j_high`.
+    #[must_use]
+    pub fn depth_histogram(&self) -> Vec<usize> {
+        let mut counts = vec![0; usize::from(self.j_high) + 1];
+        for leaf in &self.leaves {
+            counts[usize::from(leaf.depth)] += 1;
+        }
+        counts
+    }
+
+    /// Cuts the sorted Gaussians into leaves. `depths[i]` is the depth of the leaf that holds
+    /// the `i`-th Gaussian of `order`; all Gaussians of one such cell carry the same depth.
+    pub(crate) fn from_depths(
+        cube: Cube,
+        j_high: u8,
+        order: MortonOrder,
+        mut depth_at: impl FnMut(usize) -> u8,
+    ) -> Self {
+        let MortonOrder { codes, members } = order;
+        let (mut leaves, mut member_offsets) = (Vec::new(), vec![0]);
+        let mut start = 0;
+        while start < codes.len() {
+            let depth = depth_at(start);
+            let shift = 3 * u32::from(j_high - depth);
+            leaves.push(Leaf { morton: codes[start] >> shift << shift, depth });
+            start = cell_end(&codes, start, j_high, depth);
+            member_offsets.push(start as u32);
+        }
+        Self { cube, j_high, leaves, member_offsets, members }
+    }
+}
+
+/// Divides `cube` by `strategy` and assigns every Gaussian of `scene` to the leaf that
+/// contains its mean.
+///
+/// One radix sort, then linear in the number of Gaussians times the number of levels that
+/// branch. The result does not depend on the number of threads. An empty scene gives no leaf.
+///
+/// # Errors
+/// [`Error::OutsideCube`](crate::Error::OutsideCube) and
+/// [`Error::NonFiniteMean`](crate::Error::NonFiniteMean) name the first offending Gaussian;
+/// parameters out of range are named too.
+pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxelization> {
+    strategy.validate()?;
+    cube.validate()?;
+    match *strategy {
+        Strategy::Uniform { depth } => {
+            let order = MortonOrder::of(scene, cube, depth)?;
+            Ok(Voxelization::from_depths(*cube, depth, order, |_| depth))
+        }
+        Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => {
+            let order = MortonOrder::of(scene, cube, j_high)?;
+            let large = paper::large(scene, large_percent);
+            let rule = paper::Rule { scene, cube, large: &large, j_low, j_high, tau1, tau2 };
+            let depths = rule.depths(&order);
+            Ok(Voxelization::from_depths(*cube, j_high, order, |i| depths[i]))
+        }
+    }
+}
