@@ -47,7 +47,7 @@ fn blend_row<const WEIGHTS: bool>(
     for l in 0..LANES {
         let px = s.p * dx[l];
         let e0 = px + qy;
-        let step = blend_step(e0, e1, s.cut, s.opacity, t[l]);
+        let step = gate(e0, e1, s.cut, s.opacity, t[l]);
         let r = step.w * s.red;
         let g = step.w * s.green;
         let b = step.w * s.blue;

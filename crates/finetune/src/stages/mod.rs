@@ -16,9 +16,13 @@
     reason = "the included text is WGSL too: its idiom, its literals, its argument lists"
 )]
 
+pub(crate) mod adam;
 pub(crate) mod blend;
+pub(crate) mod blend_adjoint;
 pub(crate) mod gather;
+pub(crate) mod loss;
 pub(crate) mod project;
+pub(crate) mod project_adjoint;
 pub(crate) mod sort_depth;
 pub(crate) mod tiles;
 
@@ -34,12 +38,19 @@ pub(crate) mod consts {
     pub(crate) const T_STOP: f32 = 1.0e-4;
     /// Cap of alpha.
     pub(crate) const ALPHA_MAX: f32 = 0.99;
+    /// Bound of sigma before the exponential; above every possible cut, ln 255 = 5.54.
+    pub(crate) const SIGMA_MAX: f32 = 6.0;
+    /// Log-scales are clamped to this magnitude before the exponential.
+    pub(crate) const LOG_SCALE_MAX: f32 = 40.0;
     /// Variance of the screen-space low-pass filter, pixels squared.
     pub(crate) const BLUR: f32 = 0.3;
     /// Gaussians whose depth is at most this are culled, as in the reference rasterizer.
     pub(crate) const NEAR: f32 = 0.2;
-    /// Quaternions of a smaller squared norm are culled: they have no direction to normalise.
-    pub(crate) const MIN_QUATERNION_NORM2: f32 = 1.0e-20;
+    /// Quaternions whose squared norm is outside this range are culled: they cannot be
+    /// normalised in f32. The bounds are those of `gs_model`'s validation.
+    pub(crate) const MIN_QUATERNION_NORM2: f32 = f32::MIN_POSITIVE;
+    /// See [`MIN_QUATERNION_NORM2`].
+    pub(crate) const MAX_QUATERNION_NORM2: f32 = f32::MAX;
 }
 
 // --- the f32 prelude of math/*.wgsl ---
@@ -109,5 +120,7 @@ fn finite(x: F) -> B {
 include!("math/prelude.rs");
 include!("math/scalar.wgsl");
 include!("math/project.wgsl");
+include!("math/project_adjoint.wgsl");
 include!("math/sh.wgsl");
 include!("math/blend.wgsl");
+include!("math/frame.rs");

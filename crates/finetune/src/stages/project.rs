@@ -43,54 +43,28 @@ pub(crate) struct TileBox {
 }
 
 /// A camera and the options, in the form that the stages use.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct View {
-    /// Rows of the world-to-camera rotation; the fourth component is unused.
-    pub(crate) rotation: [[f32; 4]; 3],
-    /// Camera position; the fourth component is unused.
-    pub(crate) position: [f32; 4],
-    pub(crate) fx: f32,
-    pub(crate) fy: f32,
-    pub(crate) cx: f32,
-    pub(crate) cy: f32,
-    /// Clamp of the slopes x/z and y/z: 15 % of the image beyond each edge.
-    pub(crate) lo_x: f32,
-    pub(crate) hi_x: f32,
-    pub(crate) lo_y: f32,
-    pub(crate) hi_y: f32,
+    pub(crate) lens: Lens,
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) tiles_x: u32,
     pub(crate) tiles_y: u32,
     pub(crate) background: [f32; 3],
-    /// 1 for [`Profile::Reference`].
-    pub(crate) reference: u32,
+    /// [`Profile::Reference`].
+    pub(crate) reference: bool,
 }
 
 impl View {
     pub(crate) fn new(camera: &Camera, options: &RenderOptions) -> Self {
-        let rows = camera.rotation.transpose();
-        let row = |r: glam::DVec3| [r.x as f32, r.y as f32, r.z as f32, 0.0];
-        let eye = camera.position();
-        let (w, h) = (f64::from(camera.width), f64::from(camera.height));
         Self {
-            rotation: [row(rows.x_axis), row(rows.y_axis), row(rows.z_axis)],
-            position: row(eye),
-            fx: camera.fx as f32,
-            fy: camera.fy as f32,
-            cx: camera.cx as f32,
-            cy: camera.cy as f32,
-            lo_x: ((-0.15 * w - camera.cx) / camera.fx) as f32,
-            hi_x: ((1.15 * w - camera.cx) / camera.fx) as f32,
-            lo_y: ((-0.15 * h - camera.cy) / camera.fy) as f32,
-            hi_y: ((1.15 * h - camera.cy) / camera.fy) as f32,
+            lens: Lens::new(camera),
             width: camera.width,
             height: camera.height,
             tiles_x: camera.width.div_ceil(TILE),
             tiles_y: camera.height.div_ceil(TILE),
             background: options.background,
-            reference: u32::from(options.profile == Profile::Reference),
+            reference: options.profile == Profile::Reference,
         }
     }
 
@@ -101,110 +75,6 @@ impl View {
     pub(crate) fn tile_at(&self, tile: usize) -> (u32, u32) {
         (tile as u32 % self.tiles_x, tile as u32 / self.tiles_x)
     }
-
-    fn rows(&self) -> (V3, V3, V3) {
-        let v = |r: [f32; 4]| V3(r[0], r[1], r[2]);
-        (v(self.rotation[0]), v(self.rotation[1]), v(self.rotation[2]))
-    }
-
-    fn eye(&self) -> V3 {
-        V3(self.position[0], self.position[1], self.position[2])
-    }
-}
-
-/// What projection and its adjoint share: everything up to the 2D shape.
-pub(crate) struct Frame {
-    /// Mean minus camera position, world axes.
-    pub(crate) from_eye: V3,
-    /// Mean in camera axes.
-    pub(crate) m: V3,
-    pub(crate) inv_z: F,
-    /// Clamped slopes.
-    pub(crate) u: F,
-    pub(crate) v: F,
-    /// Normalised quaternion and 1 / |q|.
-    pub(crate) unit: [F; 4],
-    pub(crate) inv_norm: F,
-    pub(crate) rot: Rot,
-    pub(crate) s: V3,
-    pub(crate) ewa: Ewa,
-    pub(crate) v0: V3,
-    pub(crate) v1: V3,
-    pub(crate) shape: Shape,
-}
-
-impl Frame {
-    /// `None` if the Gaussian is at or behind the near plane or has no rotation. Guards are
-    /// phrased so that NaN fails them.
-    #[inline]
-    pub(crate) fn new(
-        view: &View,
-        mean: [f32; 3],
-        q: [f32; 4],
-        log_scale: [f32; 3],
-    ) -> Option<Self> {
-        let from_eye = sub3(V3(mean[0], mean[1], mean[2]), view.eye());
-        let (w0, w1, w2) = view.rows();
-        let m = V3(dot3(w0, from_eye), dot3(w1, from_eye), dot3(w2, from_eye));
-        let n01 = q[0] * q[0] + q[1] * q[1];
-        let n23 = q[2] * q[2] + q[3] * q[3];
-        let norm2 = n01 + n23;
-        if !(m.z > NEAR && norm2 >= MIN_QUATERNION_NORM2) {
-            return None;
-        }
-        let inv_norm = 1.0 / sqrt(norm2);
-        let unit = q.map(|c| c * inv_norm);
-        let rot = rotation_of(unit[0], unit[1], unit[2], unit[3]);
-        let scale = |l: f32| exp_own(clamp(l, -80.0, 80.0));
-        let s = V3(scale(log_scale[0]), scale(log_scale[1]), scale(log_scale[2]));
-        let inv_z = 1.0 / m.z;
-        let u = clamp(m.x * inv_z, view.lo_x, view.hi_x);
-        let v = clamp(m.y * inv_z, view.lo_y, view.hi_y);
-        let ewa = ewa_of(view.fx, view.fy, u, v, inv_z, w0, w1, w2);
-        let v0 = half_cov_row(ewa.t0, rot, s);
-        let v1 = half_cov_row(ewa.t1, rot, s);
-        let shape = shape_of(v0, v1, BLUR);
-        Some(Self { from_eye, m, inv_z, u, v, unit, inv_norm, rot, s, ewa, v0, v1, shape })
-    }
-}
-
-/// View direction: the unit vector from the camera to the mean.
-#[inline]
-pub(crate) fn direction(from_eye: V3) -> (V3, F) {
-    let inv = 1.0 / sqrt(dot3(from_eye, from_eye));
-    (scale3(from_eye, inv), inv)
-}
-
-/// The SH basis of `degree` at unit direction `d`; entries beyond it stay zero.
-#[inline]
-pub(crate) fn sh_basis(degree: u8, d: V3) -> [F; 16] {
-    let mut b = [0.0; 16];
-    b[0] = 0.282_094_8;
-    if degree >= 1 {
-        let s = sh_band1(d);
-        b[1..4].copy_from_slice(&[s.x, s.y, s.z]);
-    }
-    if degree >= 2 {
-        let s = sh_band2(d);
-        b[4..9].copy_from_slice(&[s.b0, s.b1, s.b2, s.b3, s.b4]);
-    }
-    if degree >= 3 {
-        let s = sh_band3(d);
-        b[9..16].copy_from_slice(&[s.b0, s.b1, s.b2, s.b3, s.b4, s.b5, s.b6]);
-    }
-    b
-}
-
-/// Colour before the clamp at zero.
-#[inline]
-pub(crate) fn raw_colour(basis: &[F; 16], sh: &[[f32; 3]]) -> [F; 3] {
-    let mut c = [0.5; 3];
-    for (b, k) in basis.iter().zip(sh) {
-        for ch in 0..3 {
-            c[ch] += b * k[ch];
-        }
-    }
-    c
 }
 
 /// Index range of the pixels (or tiles) whose centres lie in `centre` +- `half`, within
@@ -225,12 +95,12 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
     if !(o255 > 1.0) {
         return None;
     }
-    let f = Frame::new(view, scene.means[i], scene.rotations[i], scene.log_scales[i])?;
-    let x = view.fx * (f.m.x * f.inv_z) + view.cx;
-    let y = view.fy * (f.m.y * f.inv_z) + view.cy;
+    let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i])?;
+    let x = view.lens.fx * (f.m.x * f.inv_z) + view.lens.cx;
+    let y = view.lens.fy * (f.m.y * f.inv_z) + view.lens.cy;
     let cut = ln_own(o255);
     let shape = f.shape;
-    let (cols, rows) = if view.reference == 1 {
+    let (cols, rows) = if view.reference {
         let half = reference_radius(&shape);
         let x_span = square_tiles(x, half, view.tiles_x);
         let y_span = square_tiles(y, half, view.tiles_y);

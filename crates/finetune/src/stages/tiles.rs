@@ -34,7 +34,7 @@ impl TileLists {
 /// Whether the splat reaches a pixel centre of tile (tx, ty).
 #[inline]
 pub(crate) fn touches(view: &View, s: &Splat, tx: u32, ty: u32) -> bool {
-    if view.reference == 1 {
+    if view.reference {
         return true;
     }
     let edge = (TILE - 1) as f32;

@@ -1,25 +1,48 @@
 // One splat on one pixel. Valid WGSL and a valid Rust module body; see ../mod.rs. In WGSL, F
 // is f32 or vec4<f32> (four pixels).
 
-// Result of one blend step: the weight alpha T (zero where the splat does not count) and the
-// transmittance after it. A negative transmittance marks a pixel that has stopped.
-struct Step { w: F, t: F }
+// What a splat does at a pixel: opacity times the Gaussian, alpha (capped), the weight
+// alpha T (zero where the splat does not count), and the transmittance after it. A negative
+// transmittance marks a pixel that has stopped.
+struct Gate { og: F, alpha: F, w: F, t: F, counts: B }
 
-// Weight of a splat on a pixel: `e0` and `e1` as in Shape, `cut` = ln(255 opacity). The
-// test is on sigma rather than on alpha: the same set, up to one rounding, as
-// alpha >= 1/255, and it keeps the exponential within [-5.55, 0].
-fn blend_step(e0: F, e1: F, cut: F, opacity: F, t: F) -> Step {
+// One adjoint step: the weight and transmittance as in Gate, the light still to come dotted
+// with the gradient, and the gradient with respect to sigma.
+struct Replay { w: F, t: F, rg: F, v_sigma: F }
+
+// `e0` and `e1` as in Shape, `cut` = ln(255 opacity), `t` the transmittance so far. The test
+// is on sigma rather than on alpha: the same set, up to one rounding, as alpha >= 1/255, and
+// it keeps the exponential within [-5.55, 0]. A splat that would take the transmittance below
+// T_STOP is not blended and stops the pixel.
+fn gate(e0: F, e1: F, cut: F, opacity: F, t: F) -> Gate {
     let s0 = e0 * e0;
     let s1 = e1 * e1;
     let sigma = s0 + s1;
     let inside = (sigma <= cut) & (t > F(0.0));
-    let g = exp_own(-min(sigma, F(6.0)));
+    let g = exp_own(-min(sigma, F(SIGMA_MAX)));
     let og = opacity * g;
-    let alpha = min(og, F(0.99));
+    let alpha = min(og, F(ALPHA_MAX));
     let w = alpha * t;
     let rest = t - w;
-    let stop = inside & (rest < F(T_STOP));
     let counts = inside & (rest >= F(T_STOP));
+    let stop = inside & (rest < F(T_STOP));
     let kept = select(t, rest, counts);
-    return Step(select(F(0.0), w, counts), select(kept, -t, stop));
+    return Gate(og, alpha, select(F(0.0), w, counts), select(kept, -t, stop), counts);
+}
+
+// The adjoint of `gate`, front to back. `cg` is the splat's colour dotted with the pixel's
+// gradient, `rg` the colour of everything from here on, background included, dotted with it.
+// Gates and transmittance are recomputed as in the forward pass; nothing is divided by T.
+fn replay(e0: F, e1: F, cut: F, opacity: F, t: F, rg: F, cg: F) -> Replay {
+    let a = gate(e0, e1, cut, opacity, t);
+    let shown = a.w * cg;
+    let behind = rg - shown;
+    let clear = 1.0 - a.alpha;
+    let lit = t * cg;
+    let shaded = behind / clear;
+    let v_alpha = lit - shaded;
+    let v = -(a.og * v_alpha);
+    // The cap is exact: above it, alpha does not move.
+    let moves = a.counts & (a.og <= F(ALPHA_MAX));
+    return Replay(a.w, a.t, behind, select(F(0.0), v, moves));
 }

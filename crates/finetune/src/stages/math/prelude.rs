@@ -22,5 +22,14 @@ positional! {
     Shape { p: F, q: F, r: F, cov_xx: F, cov_xy: F, cov_yy: F, det_over_m: F, m: F }
     Band2 { b0: F, b1: F, b2: F, b3: F, b4: F }
     Band3 { b0: F, b1: F, b2: F, b3: F, b4: F, b5: F, b6: F }
-    Step { w: F, t: F }
+    Gate { og: F, alpha: F, w: F, t: F, counts: B }
+    Replay { w: F, t: F, rg: F, v_sigma: F }
+    Sym2 { xx: F, xy: F, yy: F }
+    Cols { a0: F, b0: F, a1: F, b1: F, a2: F, b2: F }
+    Q4 { w: F, x: F, y: F, z: F }
+}
+impl std::fmt::Debug for V3 {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "({}, {}, {})", self.x, self.y, self.z)
+    }
 }
