@@ -6,10 +6,12 @@
 //! predicted from its ancestors, from the two before it and from the channels already coded.
 
 use crate::bytes::{Reader, put_varint};
+use crate::context::Magnitudes;
 use crate::error::{Error, Result};
 use crate::model::Bit;
 use crate::raht::Plan;
 use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
+use crate::rdoq::{BUCKETS, bucket};
 use crate::rlgr;
 
 /// Entropy coder of a stream.
@@ -124,8 +126,6 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
     }
 }
 
-/// Contexts by expected magnitude.
-const BUCKETS: usize = 48;
 /// Unary decisions before the exponential-Golomb escape.
 const UNARY: usize = 20;
 const LIMIT: u32 = 250;
@@ -142,19 +142,8 @@ impl ChannelModel {
     }
 }
 
-/// Half-octave of a magnitude with 8 fraction bits.
 #[inline]
-fn bucket(m: u64) -> usize {
-    if m == 0 {
-        return 0;
-    }
-    let log = m.ilog2();
-    let half = if log == 0 { 0 } else { (m >> (log - 1)) & 1 };
-    ((2 * log) as usize + half as usize + 1).min(BUCKETS - 1)
-}
-
-#[inline]
-fn code_magnitude<C: BinaryCoder>(coder: &mut C, model: &mut ChannelModel, m: u64, v: u32) -> u32 {
+fn code_magnitude<C: BinaryCoder>(coder: &mut C, model: &mut ChannelModel, m: u32, v: u32) -> u32 {
     let ctx = &mut model.unary[bucket(m)];
     // Low bits whose distribution is flat at this scale go out unmodelled.
     let shift = if m >= 8 << 8 { (m >> 10).ilog2() } else { 0 };
@@ -202,35 +191,24 @@ fn code_channels<C: BinaryCoder>(plan: &Plan, channels: &mut [Vec<i32>], coder: 
         c[0] = coder.code_raw_wide(c[0] as u32, 32) as i32;
     }
     let mut models: Vec<ChannelModel> = (0..width).map(|_| ChannelModel::new()).collect();
-    // Running magnitude of the ancestors, 8 fraction bits, interleaved by channel.
-    let mut activity = vec![0u32; n * width];
-    let ends = plan.levels().iter().skip(1).map(|&(_, s)| s as usize).chain([n]);
-    let starts = plan.levels().iter().map(|&(_, s)| s as usize);
-    for (start, end) in starts.zip(ends) {
-        let mut previous = vec![[0u32; 2]; width];
-        for k in start..end {
+    let mut context: Vec<Magnitudes> = (0..width).map(|_| Magnitudes::new(plan)).collect();
+    for level in plan.levels().windows(2) {
+        context.iter_mut().for_each(Magnitudes::start_level);
+        for k in level[0] as usize..level[1] as usize {
             if !C::ENCODING && coder.exhausted() {
                 return;
             }
-            let parent = plan.parents()[k - 1] as usize;
-            let mut coded = 0u64;
+            let (parent, axis) = (plan.parents()[k - 1] as usize, plan.axes()[k - 1]);
+            let mut coded = 0u32;
             for ch in 0..width {
-                let a = u64::from(activity[parent * width + ch]);
-                let [p1, p2] = previous[ch].map(u64::from);
-                let near = 54 * p1 + 36 * p2;
-                let m = if ch == 0 {
-                    (150 * a >> 8) + (near + (near >> 3))
-                } else {
-                    (128 * a >> 8) + near + 38 * coded / ch as u64
-                };
+                let m = context[ch].expected(parent, axis, coded, ch as u32);
                 let value = channels[ch][k];
-                let mag = code_magnitude(coder, &mut models[ch], m, value.unsigned_abs());
-                let negative = mag != 0 && coder.code_raw(u32::from(value < 0), 1) == 1;
-                channels[ch][k] = if negative { (mag as i32).wrapping_neg() } else { mag as i32 };
-                activity[k * width + ch] =
-                    ((141 * a + 115 * (u64::from(mag) << 8)) >> 8).min(u64::from(u32::MAX)) as u32;
-                previous[ch] = [mag.min(1 << 24), p1 as u32];
-                coded += u64::from(mag.min(1 << 24));
+                let magnitude = code_magnitude(coder, &mut models[ch], m, value.unsigned_abs());
+                let negative = magnitude != 0 && coder.code_raw(u32::from(value < 0), 1) == 1;
+                channels[ch][k] =
+                    if negative { (magnitude as i32).wrapping_neg() } else { magnitude as i32 };
+                context[ch].update(k, parent, axis, magnitude);
+                coded = coded.saturating_add(magnitude);
             }
         }
     }

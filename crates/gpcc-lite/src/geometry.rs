@@ -6,7 +6,6 @@
 //! occupancy of the eight children. A single leaf leaves the tree: the rest of its path goes out
 //! in bulk, three bits a level, a well-known floor for isolated points.
 
-mod hood;
 mod tree;
 
 use crate::bytes::{BitReader, BitWriter, Reader, put_varint};

@@ -3,8 +3,10 @@
 pub mod attribute;
 mod bytes;
 pub mod coeffs;
+mod context;
 mod error;
 pub mod geometry;
+mod hood;
 pub mod leaf;
 mod limits;
 pub mod mix;
@@ -14,6 +16,7 @@ pub mod predict;
 pub mod quant;
 pub mod raht;
 pub mod range;
+mod rdoq;
 pub mod rlgr;
 
 pub use error::{Error, Result};

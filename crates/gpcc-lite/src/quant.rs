@@ -32,44 +32,21 @@ impl Step {
 }
 
 impl Step {
-    /// Quantises coefficients with [`VALUE_BITS`] fraction bits: `sign(c) floor(|c| / step + r)`
-    /// with the rounding offset `r = rounding / 256`. The DC (index 0) is rounded to nearest.
-    #[must_use]
-    pub fn quantise(self, coefficients: &[i64], rounding: u8) -> Vec<i32> {
-        let scale = self.per_unit();
-        let offset = f64::from(rounding) / 256.0;
-        let one = |c: i64, offset: f64| {
-            let q = (c.unsigned_abs() as f64 * scale + offset) as i32;
-            if c < 0 { -q } else { q }
-        };
-        let mut out: Vec<i32> = coefficients.iter().map(|&c| one(c, offset)).collect();
-        if let (Some(q), Some(&c)) = (out.first_mut(), coefficients.first()) {
-            *q = one(c, 0.5);
-        }
-        out
-    }
-
     /// Steps per unit of the coefficients' last place.
-    fn per_unit(self) -> f64 {
+    pub(crate) fn per_unit(self) -> f64 {
         f64::from(1u32 << (16 - VALUE_BITS)) / self.0.max(1) as f64
     }
 
-    /// Reconstructs coefficients with [`VALUE_BITS`] fraction bits.
-    #[must_use]
-    pub fn dequantise(self, quantised: &[i32], centroids: Centroids) -> Vec<i64> {
-        let step = i128::from(self.0);
-        let one = |q: i32, shift: i64| {
-            let magnitude = ((i64::from(q).abs() << 8) - shift).max(0);
-            let v = (i128::from(magnitude) * step) >> (8 + 16 - VALUE_BITS);
-            let v = v.min(1 << 61) as i64;
-            if q < 0 { -v } else { v }
-        };
-        let mut out: Vec<i64> =
-            quantised.iter().map(|&q| one(q, centroids.of(q.unsigned_abs()))).collect();
-        if let (Some(v), Some(&q)) = (out.first_mut(), quantised.first()) {
-            *v = one(q, 0);
+    /// Reconstructs one coefficient with [`VALUE_BITS`] fraction bits.
+    #[inline]
+    pub(crate) fn dequantise_one(self, q: i32, centroids: Centroids) -> i64 {
+        if q == 0 {
+            return 0;
         }
-        out
+        let magnitude = ((i64::from(q).abs() << 8) - centroids.of(q.unsigned_abs())).max(0);
+        let v = (i128::from(magnitude) * i128::from(self.0)) >> (8 + 16 - VALUE_BITS);
+        let v = v.min(1 << 61) as i64;
+        if q < 0 { -v } else { v }
     }
 }
 
@@ -79,27 +56,7 @@ impl Step {
 pub struct Centroids([i8; 3]);
 
 impl Centroids {
-    /// The shifts that minimise the squared error of `quantised`.
-    #[must_use]
-    pub fn measure(coefficients: &[i64], quantised: &[i32], step: Step) -> Self {
-        let scale = step.per_unit() * 256.0;
-        let mut sum = [0i64; 3];
-        let mut count = [0i64; 3];
-        for (&c, &q) in coefficients.iter().zip(quantised).skip(1) {
-            if q == 0 {
-                continue;
-            }
-            let m = q.unsigned_abs();
-            let class = (m as usize).min(3) - 1;
-            let exact = (c.unsigned_abs() as f64 * scale) as i64;
-            sum[class] += (i64::from(m) << 8).saturating_sub(exact).clamp(-512, 512);
-            count[class] += 1;
-        }
-        let mean = |i: usize| (sum[i] / count[i].max(1)).clamp(-127, 127) as i8;
-        Self([mean(0), mean(1), mean(2)])
-    }
-
-    fn of(self, magnitude: u32) -> i64 {
+    pub(crate) fn of(self, magnitude: u32) -> i64 {
         match magnitude {
             0 => 0,
             m => i64::from(self.0[(m as usize).min(3) - 1]),
@@ -112,5 +69,29 @@ impl Centroids {
 
     pub(crate) fn from_bytes(b: [u8; 3]) -> Self {
         Self(b.map(|v| v as i8))
+    }
+}
+
+/// Sums from which [`Centroids`] are measured.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct CentroidSums {
+    sum: [i64; 3],
+    count: [i64; 3],
+}
+
+impl CentroidSums {
+    /// Adds a value of `exact` steps that was quantised to `magnitude > 0`.
+    #[inline]
+    pub(crate) fn add(&mut self, magnitude: u32, exact: f64) {
+        let class = (magnitude as usize).min(3) - 1;
+        let below = (f64::from(magnitude) - exact) * 256.0;
+        self.sum[class] += below.clamp(-512.0, 512.0) as i64;
+        self.count[class] += 1;
+    }
+
+    /// The shifts that minimise the squared error of the values added.
+    pub(crate) fn centroids(&self) -> Centroids {
+        let mean = |i: usize| (self.sum[i] / self.count[i].max(1)).clamp(-127, 127) as i8;
+        Centroids([mean(0), mean(1), mean(2)])
     }
 }

@@ -12,14 +12,25 @@
 //! Leaf weights other than 1 state importance: the leaf enters as `sqrt(w) * value`, so a
 //! uniform quantiser of the coefficients leaves it an error smaller by `sqrt(w)`.
 //!
-//! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine (descending
-//! bit of the Morton code), in Morton order within a bit.
+//! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine by octree
+//! level; within a level block by block in Morton order (a block is a node with two children or
+//! more, hence 1 to 7 merges), within a block x, then y, then z.
+
+mod closed_loop;
+mod pyramid;
+
+pub(crate) use closed_loop::{ClosedLoop, Residual};
+use pyramid::Pyramid;
+use std::sync::OnceLock;
 
 use crate::error::{Error, Result};
 use crate::leaf::{Leaf, check_leaves};
 
 /// Fraction bits of the butterfly factors of the fixed-point transform.
 pub const FACTOR_BITS: u32 = 30;
+
+/// Fraction bits of the gains that take means to high-pass values.
+const GAIN_BITS: u32 = 12;
 
 /// Greatest sum of leaf weights (exclusive): keeps `|value| 2^12 sqrt(sum)` below 2^62 for
 /// every `i32` value.
@@ -39,10 +50,21 @@ pub struct Plan {
     weight: Vec<[u64; 2]>,
     /// Per merge: `[sqrt(w1 / w), sqrt(w2 / w)]` with [`FACTOR_BITS`] fraction bits.
     factor: Vec<[i32; 2]>,
-    /// `(bit of the Morton code, first coefficient)` per non-empty level, coarse to fine.
-    levels: Vec<(u8, u32)>,
+    /// Per merge: `sqrt(w1 w2 / w)` with [`GAIN_BITS`] fraction bits, which takes a difference of
+    /// the children's means to the high-pass value.
+    gain: Vec<u32>,
+    /// Per merge: axis it splits, 0 = x, 1 = y, 2 = z.
+    axis: Vec<u8>,
+    /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `N`.
+    levels: Vec<u32>,
     /// `sqrt(w)` of each leaf, or empty if all are 1.
     root_weight: Vec<f64>,
+    leaves: Vec<Leaf>,
+    j_high: u8,
+    /// Neighbour relations, built on first use.
+    pyramid: OnceLock<Pyramid>,
+    /// Sums of the weights of the leaves before each; empty if all weights are 1.
+    prefix: Vec<u64>,
 }
 
 impl Plan {
@@ -52,7 +74,7 @@ impl Plan {
     /// If the leaves are not sorted, disjoint cells of a tree of depth `j_high`.
     pub fn new(leaves: &[Leaf], j_high: u8) -> Result<Self> {
         check_leaves(leaves, j_high)?;
-        Ok(Self::build(leaves, None))
+        Ok(Self::build(leaves, j_high, None))
     }
 
     /// The plan for `leaves` with an importance weight each.
@@ -76,10 +98,10 @@ impl Plan {
                 return Err(Error::Weight { index, weight: u64::from(w) });
             }
         }
-        Ok(Self::build(leaves, Some(weights)))
+        Ok(Self::build(leaves, j_high, Some(weights)))
     }
 
-    fn build(leaves: &[Leaf], weights: Option<&[u32]>) -> Self {
+    fn build(leaves: &[Leaf], j_high: u8, weights: Option<&[u32]>) -> Self {
         let n = leaves.len();
         let merges = n.saturating_sub(1);
         let mut prefix: Vec<u64> = Vec::new();
@@ -92,13 +114,6 @@ impl Plan {
                 prefix.push(sum);
             }
         }
-        let weight_of = |a: u32, b: u32| -> u64 {
-            if prefix.is_empty() {
-                u64::from(b - a)
-            } else {
-                prefix[b as usize] - prefix[a as usize]
-            }
-        };
         // Boundary j lies between leaves j-1 and j; its bit is the highest in which they differ.
         // A boundary's subtree reaches to the nearest boundaries with a higher bit.
         let mut bit = vec![0u8; n.max(1)];
@@ -106,11 +121,11 @@ impl Plan {
         let mut last = vec![n as u32; n.max(1)];
         let mut above = vec![0u32; n.max(1)];
         let mut stack: Vec<u32> = Vec::with_capacity(64);
-        let mut histogram = [0u32; 65];
+        let mut histogram = [0u32; 22];
         for j in 1..n {
             let b = 63 - (leaves[j - 1].morton ^ leaves[j].morton).leading_zeros() as u8;
             bit[j] = b;
-            histogram[b as usize] += 1;
+            histogram[b as usize / 3] += 1;
             while let Some(&t) = stack.last() {
                 if bit[t as usize] >= b {
                     break;
@@ -130,16 +145,27 @@ impl Plan {
         while let Some(t) = stack.pop() {
             above[t as usize] = stack.last().copied().unwrap_or(0);
         }
-        // Counting sort by bit, descending; Morton order within a bit.
-        let mut start = [0u32; 65];
-        let mut levels = Vec::new();
-        let mut at = 1u32;
-        for b in (0..64).rev() {
-            start[b] = at;
-            if histogram[b] > 0 {
-                levels.push((b as u8, at));
+        // Counting sort by octree level, coarse first; Morton order within it.
+        let mut levels = vec![1u32];
+        for depth in 0..j_high {
+            let before = levels[depth as usize];
+            levels.push(before + histogram[(j_high - 1 - depth) as usize]);
+        }
+        let mut slot = levels.clone();
+        let mut sorted = vec![0u32; merges];
+        for j in 1..n {
+            let s = &mut slot[(j_high - 1 - bit[j] / 3) as usize];
+            sorted[*s as usize - 1] = j as u32;
+            *s += 1;
+        }
+        // Within a block (boundaries under one node) the higher bit comes first.
+        for level in 0..j_high as usize {
+            let shift = 3 * (u32::from(j_high) - level as u32);
+            let run = &mut sorted[levels[level] as usize - 1..levels[level + 1] as usize - 1];
+            let node = |j: u32| leaves[j as usize].morton >> shift;
+            for block in run.chunk_by_mut(|&a, &b| node(a) == node(b)) {
+                block.sort_by_key(|&j| std::cmp::Reverse(bit[j as usize]));
             }
-            at += histogram[b];
         }
         let mut plan = Self {
             points: n,
@@ -148,26 +174,32 @@ impl Plan {
             parent: vec![0; merges],
             weight: vec![[0; 2]; merges],
             factor: vec![[0; 2]; merges],
+            gain: vec![0; merges],
+            axis: vec![0; merges],
             levels,
             root_weight: weights
                 .map(|w| w.iter().map(|&x| f64::from(x).sqrt()).collect())
                 .unwrap_or_default(),
+            leaves: leaves.to_vec(),
+            j_high,
+            pyramid: OnceLock::new(),
+            prefix,
         };
         let mut index = vec![0u32; n.max(1)];
-        for j in 1..n {
-            let slot = &mut start[bit[j] as usize];
-            index[j] = *slot;
-            *slot += 1;
+        for (m, &j) in sorted.iter().enumerate() {
+            index[j as usize] = m as u32 + 1;
         }
-        for j in 1..n {
-            let m = index[j] as usize - 1;
+        for (m, &j) in sorted.iter().enumerate() {
+            let (j, at) = (j as usize, j);
             plan.left[m] = first[j];
-            plan.right[m] = j as u32;
+            plan.right[m] = at;
             plan.parent[m] = if above[j] == 0 { 0 } else { index[above[j] as usize] };
-            let w1 = weight_of(first[j], j as u32);
-            let w2 = weight_of(j as u32, last[j]);
+            plan.axis[m] = 2 - bit[j] % 3;
+            let w1 = plan.weight_of(first[j], at);
+            let w2 = plan.weight_of(at, last[j]);
             plan.weight[m] = [w1, w2];
             plan.factor[m] = factors(w1, w2);
+            plan.gain[m] = gain(w1, w2);
         }
         plan
     }
@@ -196,11 +228,30 @@ impl Plan {
         &self.parent
     }
 
-    /// `(bit of the Morton code, first coefficient)` of each level that has merges, coarse to
-    /// fine. The DC (coefficient 0) precedes the first.
+    /// The axis (0 = x, 1 = y, 2 = z) that coefficients `1..len()` split, in order.
     #[must_use]
-    pub fn levels(&self) -> &[(u8, u32)] {
+    pub fn axes(&self) -> &[u8] {
+        &self.axis
+    }
+
+    /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `len()`
+    /// (or 1 if that is greater). The DC (coefficient 0) precedes the first.
+    #[must_use]
+    pub fn levels(&self) -> &[u32] {
         &self.levels
+    }
+
+    /// Sum of the weights of leaves `a..b`.
+    fn weight_of(&self, a: u32, b: u32) -> u64 {
+        if self.prefix.is_empty() {
+            u64::from(b - a)
+        } else {
+            self.prefix[b as usize] - self.prefix[a as usize]
+        }
+    }
+
+    fn pyramid(&self) -> &Pyramid {
+        self.pyramid.get_or_init(|| Pyramid::new(self))
     }
 
     /// Weights of the two children of coefficient `k >= 1`.
@@ -255,11 +306,16 @@ impl Plan {
             values[i] = round_shift(c * low - s * high);
             values[j] = round_shift(s * low + c * high);
         }
+        self.unweight(&mut values);
+        *coefficients = values;
+        Ok(())
+    }
+
+    /// Divides values in leaf order by the roots of the leaf weights.
+    pub(crate) fn unweight(&self, values: &mut [i64]) {
         for (v, &r) in values.iter_mut().zip(&self.root_weight) {
             *v = scale_down(*v, r);
         }
-        *coefficients = values;
-        Ok(())
     }
 
     fn to_coefficient_order<T: Copy>(&self, values: &[T]) -> Vec<T> {
@@ -286,6 +342,16 @@ fn factors(w1: u64, w2: u64) -> [i32; 2] {
     let w = (w1 + w2) as f64;
     let f = |x: u64| ((x as f64 / w).sqrt() * one + 0.5) as i32;
     [f(w1), f(w2)]
+}
+
+fn gain(w1: u64, w2: u64) -> u32 {
+    let g = (w1 as f64 * (w2 as f64 / (w1 + w2) as f64)).sqrt();
+    (g * f64::from(1u32 << GAIN_BITS) + 0.5) as u32
+}
+
+/// `1 / sqrt(w)` with [`FACTOR_BITS`] fraction bits.
+fn inverse_root(w: u64) -> u32 {
+    (f64::from(1u32 << FACTOR_BITS) / (w as f64).sqrt() + 0.5) as u32
 }
 
 #[inline]

@@ -72,8 +72,8 @@ pub(super) struct Peer {
 
 /// Reads `tmc13.jsonl`.
 pub(super) fn peers(path: &Path) -> Result<Vec<Peer>> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("cannot read {}", path.display()))?;
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     text.lines()
         .map(|line| {
             let v: serde_json::Value = serde_json::from_str(line)?;

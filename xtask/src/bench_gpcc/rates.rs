@@ -185,9 +185,8 @@ pub(super) fn lossless_table(
             let dec = t.elapsed().as_secs_f64();
             ensure!(back == cloud.channels, "{name} {attr}: channels differ");
             let bpp = bytes.len() as f64 * 8.0 / n;
-            let of = |p: &&Peer| {
-                p.cloud == *name && p.attr == *attr && p.mse == 0.0 && p.attr_bpp > 0.0
-            };
+            let of =
+                |p: &&Peer| p.cloud == *name && p.attr == *attr && p.mse == 0.0 && p.attr_bpp > 0.0;
             let authors = peers
                 .iter()
                 .filter(of)

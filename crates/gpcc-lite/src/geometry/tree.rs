@@ -1,7 +1,7 @@
 //! One traversal of the tree for both directions.
 
-use super::hood::{CENTRE, Hood, NONE, child_hood};
 use crate::error::{Error, Result};
+use crate::hood::{CENTRE, Hood, NONE, child_hood};
 use crate::leaf::Leaf;
 use crate::mix::{Mixer, stretch};
 use crate::model::Bit;

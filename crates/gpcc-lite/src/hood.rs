@@ -1,12 +1,12 @@
 //! The 3x3x3 neighbourhood of a node, derived from its parent's: no hashing, no search.
 
 /// No such node.
-pub(super) const NONE: u32 = u32::MAX;
+pub(crate) const NONE: u32 = u32::MAX;
 /// Index of the node itself in its neighbourhood.
-pub(super) const CENTRE: usize = 13;
+pub(crate) const CENTRE: usize = 13;
 
 /// Indices, in the level's list, of the 27 cells around a node; `9 x + 3 y + z`, each 0 to 2.
-pub(super) type Hood = [u32; 27];
+pub(crate) type Hood = [u32; 27];
 
 /// For child `c` and neighbour `n` of the child: which neighbour of the parent holds that cell,
 /// and which of its children it is.
@@ -39,7 +39,7 @@ const CHILD_STEP: [[(u8, u8); 27]; 8] = {
 /// The neighbourhood of child `c` of a node with neighbourhood `hood`, given each node's child
 /// mask and the index of its first child in the next level's list.
 #[inline]
-pub(super) fn child_hood(hood: &Hood, c: usize, mask: &[u8], first: &[u32]) -> Hood {
+pub(crate) fn child_hood(hood: &Hood, c: usize, mask: &[u8], first: &[u32]) -> Hood {
     let mut out = [NONE; 27];
     for (n, slot) in out.iter_mut().enumerate() {
         let (p, k) = CHILD_STEP[c][n];
