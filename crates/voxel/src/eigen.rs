@@ -21,7 +21,7 @@ pub(crate) fn jacobi(a: Symmetric) -> ([f64; 3], [[f64; 3]; 3]) {
             // Negligible against the geometric mean of the two diagonal entries: this keeps
             // the small axes of flat Gaussians to full relative accuracy.
             let scale = (m[p][p].abs() * m[q][q].abs()).sqrt();
-            if !(off.abs() > 1e-15 * scale) || off == 0.0 {
+            if off == 0.0 || off.abs() <= 1e-15 * scale {
                 continue;
             }
             rotated = true;

@@ -32,19 +32,26 @@
 //! # Ok::<(), voxel::Error>(())
 //! ```
 
+mod cost;
 mod cube;
 mod eigen;
 mod error;
 mod gaussian;
+mod importance;
 mod merge;
 mod order;
 mod paper;
+mod rate_distortion;
+mod stats;
 mod strategy;
 mod voxelize;
 
+pub use cost::CostModel;
 pub use cube::Cube;
 pub use error::{Error, Result};
+pub use importance::Importance;
 pub use merge::{Merge, merge};
+pub use rate_distortion::{RateDistortion, RateDistortionReport, rate_distortion};
 pub use strategy::Strategy;
 pub use voxelize::{Voxelization, voxelize};
 

@@ -3,6 +3,7 @@
 use gpcc_lite::morton::MAX_DEPTH;
 
 use crate::error::{Error, Result};
+use crate::rate_distortion::RateDistortion;
 
 /// A criterion for where the octree stops. All strategies prune the same full octree.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +33,8 @@ pub enum Strategy {
         /// sides of that leaf; the paper's `W / 2^(J+1)` is 0.5, the inscribed ball.
         tau2: f64,
     },
+    /// The pruning that minimises distortion + lambda * bits.
+    RateDistortion(RateDistortion),
 }
 
 impl Strategy {
@@ -46,13 +49,14 @@ impl Strategy {
     /// # Errors
     /// [`Error::DepthTooGreat`], [`Error::DepthRange`], [`Error::Parameter`].
     pub fn validate(&self) -> Result<()> {
-        match *self {
-            Self::Uniform { depth } => check_depths(depth, depth),
-            Self::Paper { large_percent, j_low, j_high, tau1: _, tau2 } => {
+        match self {
+            &Self::Uniform { depth } => check_depths(depth, depth),
+            &Self::Paper { large_percent, j_low, j_high, tau1: _, tau2 } => {
                 check_depths(j_low, j_high)?;
                 check("large_percent", large_percent, 0.0, 100.0, "0 to 100")?;
                 check("tau2", tau2, 0.0, f64::MAX, "0 upwards")
             }
+            Self::RateDistortion(options) => options.validate(),
         }
     }
 }

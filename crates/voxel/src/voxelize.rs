@@ -7,6 +7,7 @@ use crate::cube::Cube;
 use crate::error::Result;
 use crate::order::{MortonOrder, cell_end};
 use crate::paper;
+use crate::rate_distortion::rate_distortion;
 use crate::strategy::Strategy;
 
 /// The leaves of a pruned octree and the Gaussians in each.
@@ -95,17 +96,20 @@ impl Voxelization {
 pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxelization> {
     strategy.validate()?;
     cube.validate()?;
-    match *strategy {
-        Strategy::Uniform { depth } => {
+    match strategy {
+        &Strategy::Uniform { depth } => {
             let order = MortonOrder::of(scene, cube, depth)?;
             Ok(Voxelization::from_depths(*cube, depth, order, |_| depth))
         }
-        Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => {
+        &Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => {
             let order = MortonOrder::of(scene, cube, j_high)?;
             let large = paper::large(scene, large_percent);
             let rule = paper::Rule { scene, cube, large: &large, j_low, j_high, tau1, tau2 };
             let depths = rule.depths(&order);
             Ok(Voxelization::from_depths(*cube, j_high, order, |i| depths[i]))
+        }
+        Strategy::RateDistortion(options) => {
+            rate_distortion(scene, cube, options).map(|(voxelization, _)| voxelization)
         }
     }
 }

@@ -1,0 +1,68 @@
+//! [`Importance`]: what each Gaussian counts.
+
+use gs_model::Scene;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::gaussian::{area, opacity, scales};
+use crate::stats::Weights;
+
+/// What each Gaussian counts in the distortion.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub enum Importance {
+    /// Opacity times area: the image energy where nothing covers it, at equal distances.
+    #[default]
+    OpacityArea,
+    /// One entry per Gaussian, finite and not negative; in any one unit. Meant for the
+    /// rasterizer's saliency: the sum of blending weights over pixels and views, which knows
+    /// distance and occlusion.
+    Given(Vec<f32>),
+}
+
+/// Weights of every Gaussian, such that `geometry * area + feature`-type sums are in units of
+/// the mean importance.
+///
+/// `size_exponent` p turns importance I into `geometry = I / area^p`. A displacement by d of a
+/// Gaussian of area A on the screen changes about `I d^2 / A` of the image, which is p = 1.
+pub(crate) fn weights(
+    scene: &Scene,
+    importance: &Importance,
+    size_exponent: f64,
+) -> Result<Vec<Weights>> {
+    let len = scene.len();
+    if let Importance::Given(given) = importance {
+        if given.len() != len {
+            return Err(Error::Length { name: "importance", got: given.len(), want: len });
+        }
+        if let Some(bad) = given.iter().find(|w| !(w.is_finite() && **w >= 0.0)) {
+            return Err(Error::Parameter {
+                name: "importance",
+                value: f64::from(*bad),
+                range: "0 upwards, finite",
+            });
+        }
+    }
+    let mut out: Vec<Weights> = (0..len)
+        .into_par_iter()
+        .map(|i| {
+            let area = area(scales(scene.log_scales[i]));
+            let importance = match importance {
+                Importance::OpacityArea => opacity(scene.opacity_logits[i]) * area,
+                Importance::Given(given) => f64::from(given[i]),
+            };
+            Weights { geometry: importance * libm::pow(area, -size_exponent), feature: importance }
+        })
+        .collect();
+    // Summed in index order: the sum must not depend on the threads.
+    let mean = out.iter().map(|w| w.feature).sum::<f64>() / len as f64;
+    let energy: f64 =
+        out.iter().zip(&scene.log_scales).map(|(w, &l)| w.geometry * area(scales(l))).sum();
+    let per_feature = if mean > 0.0 { mean.recip() } else { 1.0 };
+    let per_geometry = if energy > 0.0 { len as f64 / energy } else { 1.0 };
+    for w in &mut out {
+        w.feature *= per_feature;
+        w.geometry *= per_geometry;
+    }
+    Ok(out)
+}

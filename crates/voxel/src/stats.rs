@@ -1,0 +1,122 @@
+//! [`Stats`]: what the distortion of a leaf needs to know of its members.
+
+use gs_model::Scene;
+
+use crate::gaussian::{Symmetric, congruence, rotation, scales};
+
+/// Additive statistics of a set of weighted Gaussians, positions relative to some point.
+///
+/// From these the weighted 2-Wasserstein distortion of merging the set follows in closed form.
+/// For Gaussians, `W2^2 = |mu - mu'|^2 + B^2(S, S')` with the Bures distance `B`, and
+/// `B^2(S, S') <= |S^(1/2) - S'^(1/2)|_F^2`, with equality where the covariances commute. The
+/// right side is a squared distance in a linear space: the best merged covariance is the square
+/// of the weighted mean of square roots, and the total distance to it is a variance. So no
+/// barycenter is iterated, and what is minimised is an upper bound of what eq. 5 measures.
+/// (Square roots are free: `R diag(s) R^T`.)
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Stats {
+    /// Sum of weights.
+    pub(crate) weight: f64,
+    /// Sum of weight times offset.
+    first: [f64; 3],
+    /// Sum of weight times squared offset.
+    second: f64,
+    /// Sum of weight times the square root of the covariance.
+    root: Symmetric,
+    /// Sum of weight times the trace of the covariance.
+    trace: f64,
+    /// Sum of the feature weights.
+    feature_weight: f64,
+    /// Sum of feature weight times feature, the DC colour.
+    feature: [f64; FEATURES],
+    /// Sum of feature weight times squared feature.
+    feature_second: f64,
+}
+
+/// Length of the feature vector of a Gaussian.
+pub(crate) const FEATURES: usize = 3;
+
+
+/// What one Gaussian counts in the two kinds of distortion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Weights {
+    /// Per squared length of displacement and of change of shape.
+    pub(crate) geometry: f64,
+    /// Per squared difference of the features.
+    pub(crate) feature: f64,
+}
+
+impl Stats {
+    /// One Gaussian, relative to `origin`.
+    pub(crate) fn of(scene: &Scene, i: usize, origin: [f64; 3], weights: Weights) -> Self {
+        let w = weights.geometry;
+        let features = scene.sh_of(i)[0].map(f64::from);
+        let v = weights.feature;
+        let s = scales(scene.log_scales[i]);
+        let root = congruence(&rotation(scene.rotations[i]), s);
+        let d: [f64; 3] = std::array::from_fn(|k| f64::from(scene.means[i][k]) - origin[k]);
+        Self {
+            weight: w,
+            first: d.map(|x| w * x),
+            second: w * square(&d),
+            root: root.map(|x| w * x),
+            trace: w * square(&s),
+            feature_weight: v,
+            feature: features.map(|x| v * x),
+            feature_second: v * square(&features),
+        }
+    }
+
+    /// Adds a set whose positions are relative to the same point.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.weight += other.weight;
+        self.second += other.second;
+        self.trace += other.trace;
+        self.feature_weight += other.feature_weight;
+        self.feature_second += other.feature_second;
+        for k in 0..3 {
+            self.first[k] += other.first[k];
+        }
+        for k in 0..6 {
+            self.root[k] += other.root[k];
+        }
+        for k in 0..FEATURES {
+            self.feature[k] += other.feature[k];
+        }
+    }
+
+    /// The same set with positions relative to the old point plus `shift`.
+    pub(crate) fn moved(mut self, shift: [f64; 3]) -> Self {
+        self.second +=
+            (0..3).map(|k| shift[k] * (self.weight * shift[k] - 2.0 * self.first[k])).sum::<f64>();
+        for (first, shift) in self.first.iter_mut().zip(shift) {
+            *first -= self.weight * shift;
+        }
+        self
+    }
+
+    /// Weighted sum of squared distances of the means from `point` (relative like them).
+    pub(crate) fn displacement(&self, point: [f64; 3]) -> f64 {
+        self.moved(point).second.max(0.0)
+    }
+
+    /// Weighted sum of squared distances of the covariances' square roots from their mean.
+    pub(crate) fn shape(&self) -> f64 {
+        let r = &self.root;
+        let square = r[0] * r[0]
+            + r[1] * r[1]
+            + r[2] * r[2]
+            + 2.0 * (r[3] * r[3] + r[4] * r[4] + r[5] * r[5]);
+        (self.trace - square / self.weight.max(f64::MIN_POSITIVE)).max(0.0)
+    }
+
+    /// Weighted sum of squared distances of the features from their mean.
+    pub(crate) fn features(&self) -> f64 {
+        (self.feature_second - square(&self.feature) / self.feature_weight.max(f64::MIN_POSITIVE))
+            .max(0.0)
+    }
+}
+
+fn square(x: &[f64]) -> f64 {
+    x.iter().map(|x| x * x).sum()
+}
