@@ -4,9 +4,18 @@
     reason = "reports and pictures, never the bitstream; fixtures use libm"
 )]
 
+mod bd;
+mod cache;
 mod fixture;
+mod manifest;
 mod measure;
+mod pictures;
+mod plot;
 mod progress;
+mod published;
+mod rd_curve;
+mod report;
+mod scenes;
 
 use std::process::ExitCode;
 
@@ -22,12 +31,15 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Task {
+    /// Rate-distortion curves of a scene: voxelize, encode, decode, render, compare, report
+    RdCurve(rd_curve::RdArgs),
     /// Make the default scene, fixtures/room, from its seed
     Fixture(fixture::FixtureArgs),
 }
 
 fn main() -> ExitCode {
     let done = match Cli::parse().task {
+        Task::RdCurve(args) => rd_curve::run(&args),
         Task::Fixture(args) => fixture::run(&args),
     };
     match done {

@@ -1,0 +1,302 @@
+//! `cargo xtask rd-curve`: rate-distortion curves of a scene, from real streams.
+
+pub(crate) mod plan;
+pub(crate) mod record;
+mod stages;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail, ensure};
+use gs_model::Camera;
+use gs_model::dataset::View;
+use serde::Serialize;
+use voxel::Merge;
+
+use crate::bd::{self, Method};
+use crate::cache::{self, Cache};
+use crate::manifest::{self, Manifest};
+use crate::measure;
+use crate::published::{self, PAPER_CHAIN};
+use crate::scenes::{self, Found};
+use crate::{pictures, plot, report};
+use record::{Bd, Curve, Picture, Run};
+use stages::{Branch, PICTURE_VIEWS, Study};
+
+/// Flags of `cargo xtask rd-curve`.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct RdArgs {
+    /// A folder with model, cameras and photos, or a name from xtask/scenes.toml
+    #[arg(default_value = scenes::DEFAULT)]
+    scene: String,
+    /// Folder of the report [default: out/rd/SCENE]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Measure at most this many held-out views
+    #[arg(long)]
+    views: Option<usize>,
+    /// Rates per curve
+    #[arg(long)]
+    rates: Option<usize>,
+    /// Two views, five rates
+    #[arg(long)]
+    quick: bool,
+    /// Depth of the uniform octree [default: chosen by rendering]
+    #[arg(long)]
+    depth: Option<u8>,
+    /// Depths of the adaptive octree, LOW:HIGH [default: about the uniform depth]
+    #[arg(long, value_parser = plan::parse_depths)]
+    adaptive: Option<(u8, u8)>,
+    /// Run every stage, done before or not
+    #[arg(long)]
+    fresh: bool,
+}
+
+/// Rates per curve unless told otherwise.
+const RATES: usize = 6;
+/// `--quick`.
+const QUICK_RATES: usize = 5;
+/// `--quick`.
+const QUICK_VIEWS: usize = 2;
+
+/// What every stage depends on.
+#[derive(Serialize)]
+struct Inputs<'a> {
+    program: &'a str,
+    model: &'a str,
+    views: &'a str,
+}
+
+/// Runs the whole chain and writes the report.
+pub(crate) fn run(args: &RdArgs) -> Result<()> {
+    let started = Instant::now();
+    let found = scenes::find(&args.scene)?;
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => scenes::root().join("out/rd").join(&found.name),
+    };
+    fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
+    let qualities =
+        plan::qualities(args.rates.unwrap_or(if args.quick { QUICK_RATES } else { RATES }))?;
+    let most = args.views.unwrap_or(if args.quick { QUICK_VIEWS } else { usize::MAX });
+    ensure!(most > 0, "--views must be at least 1");
+    let views = spread(found.dataset.held_out().collect(), most);
+    let shots = measure::load(views.iter().copied())?;
+
+    let program = cache::program_hash()?;
+    let model = cache::hash_file(&found.dataset.model_path)?;
+    let view_hash = hash_views(&views)?;
+    let inputs = Inputs { program: &program, model: &model, views: &view_hash };
+    let cache = Cache::open(&out.join("stages"), &inputs, args.fresh)?;
+
+    let (mut scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
+    let before = scene.len();
+    scene.drop_invalid();
+    let invalid = before - scene.len();
+    if scene.is_empty() {
+        bail!("{}: no valid Gaussian in it", found.dataset.model_path.display());
+    }
+    println!(
+        "{}: {} Gaussians of SH degree {}, {} of {} held-out views",
+        found.name,
+        scene.len(),
+        scene.sh_degree,
+        shots.len(),
+        found.dataset.held_out().len()
+    );
+
+    let context = Study { cache: &cache, out: &out, scene: &scene, shots: &shots };
+    let file_bytes = fs::metadata(&found.dataset.model_path).map_or(0, |m| m.len());
+    let original = context.original(invalid, file_bytes)?;
+    let merge = Merge::default();
+    let depth = match args.depth {
+        Some(depth) => depth,
+        None => {
+            let training: Vec<&Camera> = found.dataset.training().map(|v| &v.camera).collect();
+            // Training cameras are not part of the inputs' hash; the choice depends on them.
+            let key: Vec<String> = training.iter().map(|c| format!("{c:?}")).collect();
+            cache.run("depth", &key, || plan::choose_depth(&scene, &training, merge))?
+        }
+    };
+    let mut curves = Vec::new();
+    for config in plan::configs(depth, args.adaptive, merge) {
+        let branch = Branch::new(&context, &config);
+        let voxelized = branch.voxelized()?;
+        let points = qualities.iter().map(|&q| branch.coded(q)).collect::<Result<_>>()?;
+        curves.push(Curve {
+            name: config.name.into(),
+            what: config.what.clone(),
+            voxelized,
+            points,
+        });
+    }
+
+    let others = published::others(&found.dataset.dir, &found.name)?;
+    let mut run = Run {
+        scene: found.name.clone(),
+        what: found.what.clone(),
+        views: found.dataset.views.len(),
+        held_out: found.dataset.held_out().len(),
+        measured: shots.len(),
+        original,
+        bd: compare(&curves, &others),
+        curves,
+        others,
+        pictures: Vec::new(),
+        manifest: provenance(program, model, view_hash),
+    };
+    run.pictures = side_by_sides(&run, &context)?;
+    write_out(&run, &out, &found)?;
+
+    report::print_table(&run);
+    let (skipped, ran) = cache.tally();
+    if !skipped.is_empty() {
+        println!(
+            "{} of {} stages were already done for the same inputs and were skipped",
+            skipped.len(),
+            skipped.len() + ran.len()
+        );
+    }
+    println!("report: {}", out.join("report.md").display());
+    println!("{:.1} s in all", started.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// At most `most` of the views, evenly spread.
+fn spread(views: Vec<&View>, most: usize) -> Vec<&View> {
+    let n = views.len();
+    if n <= most {
+        return views;
+    }
+    (0..most).map(|i| views[i * n / most]).collect()
+}
+
+fn hash_views(views: &[&View]) -> Result<String> {
+    let mut all = String::new();
+    for view in views {
+        all.push_str(&format!("{:?}", view.camera));
+        all.push_str(&cache::hash_file(&view.image_path)?);
+    }
+    Ok(cache::hash_bytes(all.as_bytes()))
+}
+
+/// Hull against hull, by both methods.
+fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
+    let pair = |test: (&str, &[bd::Point]), anchor: (&str, &[bd::Point])| {
+        let (t, a) = (bd::hull(test.1), bd::hull(anchor.1));
+        Bd {
+            test: test.0.to_owned(),
+            anchor: anchor.0.to_owned(),
+            rate_cubic: bd::bd_rate(&a, &t, Method::Cubic),
+            rate_pchip: bd::bd_rate(&a, &t, Method::Pchip),
+            psnr_cubic: bd::bd_psnr(&a, &t, Method::Cubic),
+            psnr_pchip: bd::bd_psnr(&a, &t, Method::Pchip),
+        }
+    };
+    let mut out = Vec::new();
+    if let [uniform, adaptive] = curves {
+        let (u, a) = (uniform.curve(), adaptive.curve());
+        out.push(pair((&adaptive.name, &a), (&uniform.name, &u)));
+    }
+    for other in others.iter().filter(|o| o.points.len() >= 4) {
+        // A published curve is of another model; only the chain recorded on this very model and
+        // the peers recorded with it can be compared by rate.
+        if other.name == PAPER_CHAIN || other.source.starts_with("peers.json") {
+            let anchor = other.curve();
+            for curve in curves {
+                out.push(pair((&curve.name, &curve.curve()), (&other.name, &anchor)));
+            }
+        }
+    }
+    out
+}
+
+fn provenance(program: String, model: String, views: String) -> Manifest {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    Manifest {
+        command: format!("cargo xtask {}", args.join(" ")),
+        commit: manifest::commit(),
+        program_sha256: program,
+        model_sha256: model,
+        views_sha256: views,
+        threads: rayon::current_num_threads(),
+        processor: manifest::processor(),
+        target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
+    }
+}
+
+/// Pictures of the first views at the lowest, a middle and the highest rate of the last curve.
+fn side_by_sides(run: &Run, context: &Study<'_>) -> Result<Vec<Picture>> {
+    let Some(curve) = run.curves.last() else { return Ok(Vec::new()) };
+    let dir = context.out.join("pictures");
+    fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
+    let originals = context.render_names("original");
+    let n = curve.points.len();
+    let mut chosen = vec![0, n / 2, n - 1];
+    chosen.dedup();
+    let mut out = Vec::new();
+    for (v, shot) in context.shots.iter().take(PICTURE_VIEWS).enumerate() {
+        let read = |name: &String| measure::read_photo(&context.out.join(name));
+        let original = read(&originals[v])?;
+        for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
+            let view = &shot.view.camera.name;
+            let stem = pictures::stem(view);
+            let file = format!("pictures/{stem}-{}-q{:.0}.png", curve.name, point.quality);
+            let decoded = read(&point.renders[v])?;
+            let panel = pictures::side_by_side(&[&shot.photo, &original, &decoded]);
+            pictures::write(&context.out.join(&file), &panel)?;
+            let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
+            let caption = format!(
+                "photo | original model, {} MB, {:.2} dB | decoded from {} MB ({}, quality {:.0}), {:.2} dB",
+                report::megabytes(run.original.file_bytes),
+                db(&run.original.score),
+                report::megabytes(point.bytes),
+                curve.name,
+                point.quality,
+                db(&point.score)
+            );
+            out.push(Picture { file, view: view.clone(), caption });
+        }
+    }
+    Ok(out)
+}
+
+fn write_out(run: &Run, out: &Path, found: &Found) -> Result<()> {
+    let put = |name: &str, text: String| {
+        fs::write(out.join(name), text)
+            .with_context(|| format!("write {}", out.join(name).display()))
+    };
+    put("rd.json", serde_json::to_string_pretty(run).context("rd.json")? + "\n")?;
+    put("rd.svg", plot::svg(run).with_context(|| format!("plot {}", found.name))?)?;
+    put("report.md", report::markdown(run))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spread_keeps_the_first_and_reaches_far() {
+        let view = |i: usize| View {
+            camera: Camera {
+                name: i.to_string(),
+                width: 1,
+                height: 1,
+                fx: 1.0,
+                fy: 1.0,
+                cx: 0.5,
+                cy: 0.5,
+                rotation: glam::DMat3::IDENTITY,
+                translation: glam::DVec3::ZERO,
+            },
+            image_path: PathBuf::new(),
+        };
+        let views: Vec<View> = (0..7).map(view).collect();
+        let names = |most| -> Vec<String> {
+            spread(views.iter().collect(), most).iter().map(|v| v.camera.name.clone()).collect()
+        };
+        assert_eq!(names(3), ["0", "2", "4"]);
+        assert_eq!(names(9).len(), 7);
+    }
+}

@@ -1,0 +1,150 @@
+//! What the stages of a run produce: the contents of `rd.json`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::bd::Point;
+use crate::manifest::Manifest;
+use crate::measure::Score;
+use crate::published::Other;
+
+/// The uncompressed model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Original {
+    /// Gaussians in the file that are valid and used.
+    pub(crate) gaussians: usize,
+    /// Gaussians left out because they are not finite.
+    pub(crate) invalid: usize,
+    /// SH degree.
+    pub(crate) sh_degree: u8,
+    /// Size of the PLY in bytes.
+    pub(crate) file_bytes: u64,
+    /// Quality at the held-out views.
+    pub(crate) score: Score,
+    /// Seconds to render and score all views.
+    pub(crate) render_seconds: f64,
+}
+
+/// One voxelization of the model, before coding.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Voxelized {
+    /// Greatest depth.
+    pub(crate) j_high: u8,
+    /// Leaves at each depth from 0.
+    pub(crate) depth_histogram: Vec<usize>,
+    /// Gaussians kept: one per leaf.
+    pub(crate) gaussians: usize,
+    /// Quality of the merged model before coding.
+    pub(crate) score: Score,
+    /// Seconds to voxelize and merge.
+    pub(crate) voxelize_seconds: f64,
+    /// Seconds to render and score all views.
+    pub(crate) render_seconds: f64,
+}
+
+/// One stream, decoded and scored.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Coded {
+    /// Encoder quality, 0 to 100.
+    pub(crate) quality: f32,
+    /// Size of the stream.
+    pub(crate) bytes: u64,
+    /// Bytes of each section.
+    pub(crate) sections: Vec<(String, u64)>,
+    /// Gaussians decoded.
+    pub(crate) gaussians: usize,
+    /// Quality of the decoded model.
+    pub(crate) score: Score,
+    /// Seconds to encode.
+    pub(crate) encode_seconds: f64,
+    /// Seconds to decode.
+    pub(crate) decode_seconds: f64,
+    /// Seconds to render and score all views.
+    pub(crate) render_seconds: f64,
+    /// Stream file, relative to the report.
+    pub(crate) stream: String,
+    /// Renders of the first views, relative to the report.
+    pub(crate) renders: Vec<String>,
+}
+
+impl Coded {
+    /// Bits per decoded Gaussian.
+    pub(crate) fn bits_per_gaussian(&self) -> f64 {
+        self.bytes as f64 * 8.0 / self.gaussians.max(1) as f64
+    }
+}
+
+/// All points of one voxelization.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Curve {
+    /// "uniform" or "adaptive".
+    pub(crate) name: String,
+    /// Parameters in words.
+    pub(crate) what: String,
+    /// The voxelized model.
+    pub(crate) voxelized: Voxelized,
+    /// Coded at each quality, ascending.
+    pub(crate) points: Vec<Coded>,
+}
+
+impl Curve {
+    /// Points with rates in bytes.
+    pub(crate) fn curve(&self) -> Vec<Point> {
+        let point = |p: &Coded| Point { rate: p.bytes as f64, psnr_db: p.score.psnr_db };
+        self.points.iter().map(point).collect()
+    }
+}
+
+/// A comparison of two curves.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Bd {
+    /// The curve under test.
+    pub(crate) test: String,
+    /// What it is compared with.
+    pub(crate) anchor: String,
+    /// BD-rate by cubic fit of the hulls, per cent.
+    pub(crate) rate_cubic: Option<f64>,
+    /// BD-rate by pchip on the hulls, per cent.
+    pub(crate) rate_pchip: Option<f64>,
+    /// BD-PSNR by cubic fit of the hulls, dB.
+    pub(crate) psnr_cubic: Option<f64>,
+    /// BD-PSNR by pchip on the hulls, dB.
+    pub(crate) psnr_pchip: Option<f64>,
+}
+
+/// One picture: photo, original, decoded side by side.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Picture {
+    /// File, relative to the report.
+    pub(crate) file: String,
+    /// Photo name.
+    pub(crate) view: String,
+    /// Which decoded model is on the right.
+    pub(crate) caption: String,
+}
+
+/// A whole run.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Run {
+    /// Scene name.
+    pub(crate) scene: String,
+    /// One line about it.
+    pub(crate) what: String,
+    /// Cameras in the data set, and how many are held out.
+    pub(crate) views: usize,
+    /// Held-out views in all.
+    pub(crate) held_out: usize,
+    /// Held-out views measured here.
+    pub(crate) measured: usize,
+    /// The uncompressed model.
+    pub(crate) original: Original,
+    /// Ours.
+    pub(crate) curves: Vec<Curve>,
+    /// Others, recorded or published.
+    pub(crate) others: Vec<Other>,
+    /// Bjontegaard differences.
+    pub(crate) bd: Vec<Bd>,
+    /// Side-by-side pictures.
+    pub(crate) pictures: Vec<Picture>,
+    /// Where all this came from.
+    pub(crate) manifest: Manifest,
+}
