@@ -8,6 +8,7 @@
 use crate::bytes::{Reader, put_varint};
 use crate::context::Magnitudes;
 use crate::error::{Error, Result};
+use crate::mix::{Mixer, stretch};
 use crate::model::Bit;
 use crate::raht::Plan;
 use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
@@ -128,44 +129,105 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
 
 /// Unary decisions before the exponential-Golomb escape.
 const UNARY: usize = 20;
+/// Memory of the counters.
 const LIMIT: u32 = 250;
+/// Counters that are mixed for each decision.
+const INPUTS: usize = 3;
+/// Logarithmic classes of a magnitude in the finer contexts.
+const CLASSES: usize = 6;
 
-/// Models of one channel.
-struct ChannelModel {
-    unary: Vec<[Bit; UNARY]>,
+/// The three contexts of a coefficient.
+#[derive(Clone, Copy)]
+struct Place {
+    expected: u32,
+    tables: [usize; INPUTS],
+    mixer: usize,
+}
+
+/// Counters of the unary decisions of one coefficient context.
+type Unary = [Bit; UNARY];
+
+/// All adaptive state of a group.
+struct Models {
+    /// By channel and expected magnitude.
+    expected: Vec<Unary>,
+    /// By ancestors, previous and other channels, each in classes.
+    parts: Vec<Unary>,
+    /// By octree level, axis and coarse expected magnitude.
+    level: Vec<Unary>,
+    mixers: Vec<Mixer<INPUTS>>,
     escape: [Bit; 32],
+    sign: Vec<Bit>,
 }
 
-impl ChannelModel {
-    fn new() -> Self {
-        Self { unary: vec![[Bit::default(); UNARY]; BUCKETS], escape: [Bit::default(); 32] }
-    }
-}
-
+/// 0, 1, 2, 3-4, 5-8, above.
 #[inline]
-fn code_magnitude<C: BinaryCoder>(coder: &mut C, model: &mut ChannelModel, m: u32, v: u32) -> u32 {
-    let ctx = &mut model.unary[bucket(m)];
-    // Low bits whose distribution is flat at this scale go out unmodelled.
-    let shift = if m >= 8 << 8 { (m >> 10).ilog2() } else { 0 };
-    let high = v >> shift;
-    let mut u = 0;
-    while (u as usize) < UNARY && ctx[u as usize].code(coder, high > u, LIMIT) {
-        u += 1;
+fn class(v: u32) -> usize {
+    match v {
+        0..=2 => v as usize,
+        3..=4 => 3,
+        5..=8 => 4,
+        _ => 5,
     }
-    if u as usize == UNARY {
-        u = (u64::from(u)
-            + u64::from(code_exp_golomb(
-                coder,
-                &mut model.escape,
-                high - if C::ENCODING { u } else { high },
-            )))
-        .min(u64::from(u32::MAX >> shift)) as u32;
+}
+
+/// A counter that starts where magnitudes are geometric with the mean of `bucket`.
+fn prior(bucket: usize) -> Unary {
+    let m = 1u64 << (bucket.min(40) / 2 + 8);
+    let mean = if bucket % 2 == 1 { m } else { m + m / 2 };
+    let shift = if bucket >= 23 { (bucket - 19) / 2 } else { 0 };
+    let mean = mean >> shift;
+    let p1 = (mean * 65536 / (mean + (1 << 16))).clamp(300, 65000);
+    [Bit::with_prior(p1 as u32, 3); UNARY]
+}
+
+impl Models {
+    fn new(channels: usize) -> Self {
+        let expected: Vec<Unary> = (0..channels * BUCKETS).map(|i| prior(i % BUCKETS)).collect();
+        Self {
+            expected,
+            parts: vec![[Bit::default(); UNARY]; 16 * CLASSES * CLASSES * 4],
+            level: (0..64 * BUCKETS).map(|i| prior(i % BUCKETS)).collect(),
+            mixers: vec![Mixer::new(68_000); channels * UNARY],
+            escape: [Bit::default(); 32],
+            sign: vec![Bit::default(); channels * 9 * 4],
+        }
     }
-    if shift == 0 {
-        return u;
+
+    #[inline]
+    fn magnitude<C: BinaryCoder>(&mut self, coder: &mut C, place: &Place, v: u32) -> u32 {
+        let m = place.expected;
+        // Low bits whose distribution is flat at this scale go out unmodelled.
+        let shift = if m >= 8 << 8 { (m >> 10).ilog2() } else { 0 };
+        let high = v >> shift;
+        let [a, b, c] = place.tables;
+        let (a, b, c) = (&mut self.expected[a], &mut self.parts[b], &mut self.level[c]);
+        let mut u = 0;
+        while u < UNARY {
+            let inputs = [stretch(a[u].p1()), stretch(b[u].p1()), stretch(c[u].p1())];
+            let mixer = &mut self.mixers[place.mixer + u];
+            let p1 = mixer.mix(&inputs);
+            let bit = coder.code(p1, high > u as u32);
+            mixer.update(&inputs, p1, bit, 2);
+            a[u].update(bit, LIMIT);
+            b[u].update(bit, LIMIT);
+            c[u].update(bit, LIMIT);
+            if !bit {
+                break;
+            }
+            u += 1;
+        }
+        let mut u = u as u32;
+        if u as usize == UNARY {
+            let rest = code_exp_golomb(coder, &mut self.escape, high.saturating_sub(u));
+            u = u.saturating_add(rest).min(u32::MAX >> shift);
+        }
+        if shift == 0 {
+            return u;
+        }
+        let low = coder.code_raw_wide(v & ((1 << shift) - 1), shift);
+        (u << shift) | low
     }
-    let low = coder.code_raw_wide(v & ((1 << shift) - 1), shift);
-    (u << shift) | low
 }
 
 /// Exponential Golomb with modelled prefix.
@@ -190,9 +252,9 @@ fn code_channels<C: BinaryCoder>(plan: &Plan, channels: &mut [Vec<i32>], coder: 
     for c in channels.iter_mut() {
         c[0] = coder.code_raw_wide(c[0] as u32, 32) as i32;
     }
-    let mut models: Vec<ChannelModel> = (0..width).map(|_| ChannelModel::new()).collect();
+    let mut models = Models::new(width);
     let mut context: Vec<Magnitudes> = (0..width).map(|_| Magnitudes::new(plan)).collect();
-    for level in plan.levels().windows(2) {
+    for (depth, level) in plan.levels().windows(2).enumerate() {
         context.iter_mut().for_each(Magnitudes::start_level);
         for k in level[0] as usize..level[1] as usize {
             if !C::ENCODING && coder.exhausted() {
@@ -200,11 +262,28 @@ fn code_channels<C: BinaryCoder>(plan: &Plan, channels: &mut [Vec<i32>], coder: 
             }
             let (parent, axis) = (plan.parents()[k - 1] as usize, plan.axes()[k - 1]);
             let mut coded = 0u32;
+            let mut signs = 0;
             for ch in 0..width {
                 let m = context[ch].expected(parent, axis, coded, ch as u32);
+                let (activity, [p1, p2]) = context[ch].parts(parent, axis);
+                let parts = (bucket(activity) / 2).min(15) * CLASSES + class(p1.saturating_add(p2));
+                let place = Place {
+                    expected: m,
+                    tables: [
+                        ch * BUCKETS + bucket(m),
+                        (parts * CLASSES + class(coded)) * 4 + ch.min(3),
+                        (depth * 3 + usize::from(axis)) * BUCKETS + bucket(m),
+                    ],
+                    mixer: ch * UNARY,
+                };
                 let value = channels[ch][k];
-                let magnitude = code_magnitude(coder, &mut models[ch], m, value.unsigned_abs());
-                let negative = magnitude != 0 && coder.code_raw(u32::from(value < 0), 1) == 1;
+                let magnitude = models.magnitude(coder, &place, value.unsigned_abs());
+                let mut negative = false;
+                if magnitude != 0 {
+                    let ctx = (ch * 9 + signs) * 4;
+                    negative = models.sign[ctx].code(coder, value < 0, 1023);
+                }
+                signs = (signs * 3 + if magnitude == 0 { 0 } else { 1 + usize::from(negative) }) % 9;
                 channels[ch][k] =
                     if negative { (magnitude as i32).wrapping_neg() } else { magnitude as i32 };
                 context[ch].update(k, parent, axis, magnitude);

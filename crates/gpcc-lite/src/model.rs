@@ -24,6 +24,12 @@ const RATE: [u32; 1024] = {
 };
 
 impl Bit {
+    /// A counter that believes the 16-bit probability `p1` as if after `count` observations.
+    #[must_use]
+    pub fn with_prior(p1: u32, count: u32) -> Self {
+        Self(((p1.min(65535) << 6) << 10) | count.min(1023))
+    }
+
     /// Probability that the next decision is true, 16 bits, never 0 or 65536.
     #[inline]
     #[must_use]
