@@ -20,7 +20,7 @@ pub enum Error {
     Io {
         /// The file or folder.
         file: PathBuf,
-        /// What was tried: `read`, `create`, `write`, `rename`, `list`.
+        /// What was tried: `read`, `decompress`, `open`, `create`, `write`, `rename`, `list`.
         action: &'static str,
         /// The operating system's reason.
         source: std::io::Error,
@@ -170,6 +170,47 @@ pub enum Error {
         property: String,
         /// The word.
         text: String,
+    },
+
+    /// Not an SPZ file.
+    #[error("{}: not an SPZ file: {reason}", file.display())]
+    SpzHeader {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with its header.
+        reason: &'static str,
+    },
+    /// An SPZ version that is not read.
+    #[error("{}: SPZ version {version} is not read (2 and 3 are): convert it to PLY first", file.display())]
+    SpzVersion {
+        /// The file.
+        file: PathBuf,
+        /// The version.
+        version: u32,
+    },
+    /// An SPZ file that holds less than its header promises.
+    #[error(
+        "{}: truncated: the header promises {promised} Gaussians, {needed} bytes after decompression, \
+         there are {len}",
+        file.display()
+    )]
+    SpzTruncated {
+        /// The file.
+        file: PathBuf,
+        /// Gaussians that the header promises.
+        promised: u32,
+        /// Bytes that they take, header included.
+        needed: u64,
+        /// Bytes that there are.
+        len: usize,
+    },
+    /// A `.splat` file that is not made of whole rows.
+    #[error("{}: {len} bytes are no whole number of 32-byte rows of a .splat file", file.display())]
+    SplatLength {
+        /// The file.
+        file: PathBuf,
+        /// Its length, bytes.
+        len: usize,
     },
 
     /// Gaussians with a value that is not finite, or whose quaternion has no direction.

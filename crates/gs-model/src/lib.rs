@@ -2,7 +2,8 @@
 //!
 //! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
 //! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
-//! the layout of the Inria reference implementation; [`Dataset`] opens a folder with a model,
+//! the layout of the Inria reference implementation; [`model`] also reads SPZ and `.splat`;
+//! [`Dataset`] opens a folder with a model,
 //! cameras and photos, whether COLMAP, the Inria trainer or a NeRF tool made it.
 //!
 //! ```
@@ -49,14 +50,20 @@ pub mod error;
 mod fs;
 mod image_size;
 pub mod inria;
+pub mod model;
 pub mod nerf;
+pub mod options;
 pub mod ply;
+mod rows;
 pub mod scene;
+pub mod splat;
+pub mod spz;
 pub mod validate;
 
 pub use camera::Camera;
 pub use dataset::{Dataset, View};
 pub use error::{Error, Result};
+pub use options::ReadOptions;
 pub use scene::{SH_C0, Scene};
 
 // The README's example is a test too.

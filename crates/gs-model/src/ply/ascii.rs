@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::columns::Columns;
 use super::header::{Element, Format, Header, Property, Scalar};
-use super::rows;
 use crate::error::{Error, Result, excerpt};
+use crate::rows;
 use crate::scene::Scene;
 
 /// The lines of an ASCII file that are still to be read.

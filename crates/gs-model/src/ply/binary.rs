@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::columns::Columns;
 use super::header::{Element, Format, Scalar};
-use super::rows::{self, Rows};
 use crate::error::{Error, Result};
+use crate::rows::{self, Rows};
 use crate::scene::Scene;
 
 /// The body of a binary file.

@@ -1,18 +1,12 @@
 //! Which property of `vertex` holds which number of a Gaussian.
-//!
-//! Inside the readers and the writer a Gaussian is a row of numbers in *scene order*: mean
-//! (3), rotation (4), log-scale (3), opacity logit (1), then the SH coefficients
-//! coefficient-major (`3 * sh_len`).
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::header::Element;
 use crate::error::{Error, Result};
+use crate::rows::{SH, row_len};
 use crate::scene::sh_len;
-
-/// First SH number of a row in scene order.
-pub(super) const SH: usize = 11;
 
 /// Names of the first [`SH`] numbers of a row in scene order.
 const NAMES: [&str; SH] =
@@ -20,11 +14,6 @@ const NAMES: [&str; SH] =
 
 /// `f_rest` counts of SH degrees 0 to 3.
 const REST_COUNTS: [usize; 4] = [0, 9, 24, 45];
-
-/// Numbers per Gaussian at an SH degree.
-pub(super) const fn row_len(sh_degree: u8) -> usize {
-    SH + 3 * sh_len(sh_degree)
-}
 
 /// Property name of number `i` of a row in scene order.
 pub(super) fn name(i: usize, sh_degree: u8) -> String {

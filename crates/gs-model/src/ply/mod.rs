@@ -10,7 +10,6 @@ mod ascii;
 mod binary;
 mod columns;
 mod header;
-mod rows;
 mod write;
 
 use std::path::Path;
@@ -20,37 +19,9 @@ pub use write::{write, write_to};
 
 use crate::error::{Error, Result};
 use crate::fs;
+pub use crate::options::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions};
 use crate::scene::Scene;
 use crate::validate::InvalidReport;
-
-/// What to do with Gaussians that are invalid (see [`InvalidReport`]).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Invalid {
-    /// Fail with [`Error::InvalidGaussian`], which names the first one and their number.
-    #[default]
-    Error,
-    /// Leave them out; [`ReadReport::dropped`] counts them.
-    Drop,
-}
-
-/// The opacity logit that [`ReadOptions::clamp_infinite_opacity`] is meant for.
-///
-/// The sigmoid of -10 is 4.5e-5, far below the 1/255 under which a Gaussian is not drawn, and
-/// that of +10 is as near to 1, above the 0.99 at which renderers cap alpha.
-pub const CLAMPED_OPACITY_LOGIT: f32 = 10.0;
-
-/// How to read a PLY file. The default is strict: any invalid Gaussian is an error.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ReadOptions {
-    /// What to do with invalid Gaussians.
-    pub invalid: Invalid,
-    /// Replace opacity logits of -inf and +inf by minus and plus this number (say
-    /// [`CLAMPED_OPACITY_LOGIT`]) before looking for invalid Gaussians.
-    ///
-    /// Tools that convert 8-bit opacities (SPZ, compressed.ply) write 0 and 255 as infinite
-    /// logits; these Gaussians are fully transparent or opaque rather than broken.
-    pub clamp_infinite_opacity: Option<f32>,
-}
 
 /// What a PLY file held.
 #[derive(Clone, Debug)]
@@ -118,7 +89,11 @@ pub fn read_bytes_with(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Re
     read_named(Path::new("<bytes>"), bytes, options)
 }
 
-fn read_named(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, ReadReport)> {
+pub(crate) fn read_named(
+    file: &Path,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<(Scene, ReadReport)> {
     let header = header::parse(file, bytes)?;
     let Some(vertex_at) = header.elements.iter().position(|e| e.name == "vertex") else {
         return Err(Error::PlyNoVertex { file: file.into() });
@@ -146,17 +121,7 @@ fn read_named(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene
     };
 
     let gaussians_in_file = scene.len();
-    let clamped_opacities = match options.clamp_infinite_opacity {
-        Some(limit) => clamp_infinite(&mut scene.opacity_logits, limit),
-        None => 0,
-    };
-    let dropped = match options.invalid {
-        Invalid::Drop => scene.drop_invalid(),
-        Invalid::Error => match scene.invalid().error(file) {
-            Some(error) => return Err(error),
-            None => InvalidReport::default(),
-        },
-    };
+    let (clamped_opacities, dropped) = options.apply(&mut scene, file)?;
     let report = ReadReport {
         format: header.format,
         sh_degree: columns.sh_degree,
@@ -171,13 +136,4 @@ fn read_named(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene
         trailing_bytes,
     };
     Ok((scene, report))
-}
-
-fn clamp_infinite(opacity_logits: &mut [f32], limit: f32) -> usize {
-    let mut clamped = 0;
-    for logit in opacity_logits.iter_mut().filter(|l| l.is_infinite()) {
-        *logit = limit.copysign(*logit);
-        clamped += 1;
-    }
-    clamped
 }

@@ -6,9 +6,10 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::columns::{self, SH};
+use super::columns;
 use crate::error::{Error, Result};
 use crate::fs;
+use crate::rows::SH;
 use crate::scene::Scene;
 
 /// Rows encoded by one task, and rows encoded before they are written.

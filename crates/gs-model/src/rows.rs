@@ -1,18 +1,29 @@
 //! Filling a [`Scene`] row by row, in parallel.
+//!
+//! Inside the readers and the writer a Gaussian is a row of numbers in *scene order*: mean
+//! (3), rotation (4), log-scale (3), opacity logit (1), then the SH coefficients
+//! coefficient-major (`3 * sh_len`).
 
 use rayon::prelude::*;
 
-use super::columns::SH;
 use crate::error::Result;
 use crate::scene::{Scene, sh_len};
+
+/// First SH number of a row in scene order.
+pub(crate) const SH: usize = 11;
+
+/// Numbers per Gaussian at an SH degree.
+pub(crate) const fn row_len(sh_degree: u8) -> usize {
+    SH + 3 * sh_len(sh_degree)
+}
 
 /// Rows per task: about 250 kB of a degree-3 file, enough to hide the cost of a task.
 const ROWS_PER_TASK: usize = 1024;
 
 /// Some consecutive Gaussians of a scene under construction.
-pub(super) struct Rows<'a> {
+pub(crate) struct Rows<'a> {
     /// Index of the first one.
-    pub(super) first: usize,
+    pub(crate) first: usize,
     means: &'a mut [[f32; 3]],
     rotations: &'a mut [[f32; 4]],
     log_scales: &'a mut [[f32; 3]],
@@ -21,13 +32,13 @@ pub(super) struct Rows<'a> {
 }
 
 impl Rows<'_> {
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.means.len()
     }
 
     /// Sets Gaussian `first + i` from the numbers of its row; `get(c)` is number `c` in scene order.
     #[inline]
-    pub(super) fn set(&mut self, i: usize, get: impl Fn(usize) -> f32) {
+    pub(crate) fn set(&mut self, i: usize, get: impl Fn(usize) -> f32) {
         let k = self.sh.len() / self.means.len();
         self.means[i] = [get(0), get(1), get(2)];
         self.rotations[i] = [get(3), get(4), get(5), get(6)];
@@ -44,7 +55,7 @@ impl Rows<'_> {
 ///
 /// The caller has checked that the input is long enough to hold `n` rows, which bounds the
 /// allocation. Of several errors, the one of the first rows is returned.
-pub(super) fn scene(
+pub(crate) fn scene(
     n: usize,
     sh_degree: u8,
     fill: impl Fn(Rows) -> Result<()> + Sync,

@@ -1,0 +1,77 @@
+//! Reading a model of any format that this crate knows.
+
+use std::path::Path;
+
+use crate::error::Result;
+use crate::options::ReadOptions;
+use crate::scene::Scene;
+use crate::validate::InvalidReport;
+use crate::{fs, ply, splat, spz};
+
+/// The format of a model file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Format {
+    /// PLY in the Inria layout: see [`crate::ply`].
+    Ply(ply::Format),
+    /// SPZ: see [`crate::spz`].
+    Spz {
+        /// 2 or 3.
+        version: u32,
+    },
+    /// `.splat`: see [`crate::splat`].
+    Splat,
+}
+
+/// What a model file held.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Report {
+    /// The format.
+    pub format: Format,
+    /// Gaussians in the file.
+    pub gaussians_in_file: usize,
+    /// Invalid Gaussians that were left out; indices are those of the file.
+    pub dropped: InvalidReport,
+    /// Infinite opacity logits that were replaced.
+    pub clamped_opacities: usize,
+    /// What only a PLY file has to report.
+    pub ply: Option<ply::ReadReport>,
+}
+
+/// Reads a model: SPZ if the file starts like one (gzip or `NGSP`), `.splat` if it is called
+/// that, else PLY.
+///
+/// # Errors
+/// Those of [`ply::read_with`], [`spz::read`] and [`splat::read`].
+pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
+    let path = path.as_ref();
+    let bytes = fs::read(path)?;
+    if bytes.starts_with(&[0x1f, 0x8b]) || bytes.starts_with(b"NGSP") {
+        return spz::decode(path, &bytes, options);
+    }
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("splat")) {
+        return splat::decode(path, &bytes, options);
+    }
+    let (scene, ply) = ply::read_named(path, &bytes, options)?;
+    let report = Report {
+        format: Format::Ply(ply.format),
+        gaussians_in_file: ply.gaussians_in_file,
+        dropped: ply.dropped.clone(),
+        clamped_opacities: ply.clamped_opacities,
+        ply: Some(ply),
+    };
+    Ok((scene, report))
+}
+
+/// Applies the options to a scene just decoded, and reports.
+pub(crate) fn finish(
+    file: &Path,
+    mut scene: Scene,
+    format: Format,
+    options: &ReadOptions,
+) -> Result<(Scene, Report)> {
+    let gaussians_in_file = scene.len();
+    let (clamped_opacities, dropped) = options.apply(&mut scene, file)?;
+    Ok((scene, Report { format, gaussians_in_file, dropped, clamped_opacities, ply: None }))
+}

@@ -1,0 +1,63 @@
+//! `.splat` files: 32 bytes per Gaussian, no header, no view dependence.
+//!
+//! A row is the mean and the standard deviations (three little-endian `f32` each, the latter
+//! linear), then four bytes colour and opacity, then four bytes quaternion, w first. The format
+//! is that of antimatter15/splat; world axes are those of the PLY file that it was made from.
+
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::options::ReadOptions;
+use crate::rows;
+use crate::scene::{SH_C0, Scene};
+use crate::{fs, model};
+
+const ROW: usize = 32;
+
+/// The logit of an opacity stored as a byte.
+///
+/// A byte `b` stands for the opacities that round to it; its logit is that of `b / 255`. For 0
+/// and 255 that would be infinite, so they stand for the middle of their half step, 1/4 and
+/// 254 3/4.
+pub(crate) fn opacity_logit(byte: u8) -> f32 {
+    let opacity = f64::from(byte).clamp(0.25, 254.75) / 255.0;
+    libm::log(opacity / (1.0 - opacity)) as f32
+}
+
+/// Reads a `.splat` file.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::SplatLength`]; [`Error::InvalidGaussian`] as the options say: the
+/// means and scales in such a file can be anything.
+pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, model::Report)> {
+    let path = path.as_ref();
+    decode(path, &fs::read(path)?, options)
+}
+
+pub(crate) fn decode(
+    file: &Path,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<(Scene, model::Report)> {
+    if !bytes.len().is_multiple_of(ROW) {
+        return Err(Error::SplatLength { file: file.into(), len: bytes.len() });
+    }
+    let scene = rows::scene(bytes.len() / ROW, 0, |mut rows| {
+        for i in 0..rows.len() {
+            let at = ROW * (rows.first + i);
+            let row = &bytes[at..at + ROW];
+            let float = |k: usize| {
+                f32::from_le_bytes([row[4 * k], row[4 * k + 1], row[4 * k + 2], row[4 * k + 3]])
+            };
+            rows.set(i, |c| match c {
+                0..3 => float(c),
+                3..7 => (f32::from(row[28 + c - 3]) - 128.0) / 128.0,
+                7..10 => libm::logf(float(3 + c - 7)),
+                10 => opacity_logit(row[27]),
+                _ => (f32::from(row[24 + c - rows::SH]) / 255.0 - 0.5) / SH_C0,
+            });
+        }
+        Ok(())
+    })?;
+    model::finish(file, scene, model::Format::Splat, options)
+}
