@@ -177,7 +177,8 @@ pub(crate) struct Projected {
 /// Projects every Gaussian of `scene`.
 pub(crate) fn project(view: &View, scene: &Scene, out: &mut Projected) {
     const CHUNK: usize = 1024;
-    let n = scene.len();
+    // Arrays of inconsistent lengths: nothing can be drawn.
+    let n = if scene.check_shape().is_ok() { scene.len() } else { 0 };
     out.splats.resize(n, Splat::default());
     out.boxes.resize(n, TileBox::default());
     out.keys.resize(n, CULLED);

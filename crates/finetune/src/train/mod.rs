@@ -1,0 +1,219 @@
+//! The fine-tune: attributes follow the photos, means stay where the voxelizer put them.
+
+mod checkpoint;
+mod cpu;
+mod options;
+mod progress;
+
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use gs_model::{Camera, Scene};
+
+use crate::backend::{self, Backend, BackendReport};
+use crate::error::{Error, Result};
+use crate::image::Image;
+use crate::shuffle::permutation;
+use crate::stages::adam::{AdamStep, Moments};
+use crate::stages::loss::LossValue;
+
+pub use options::FineTuneOptions;
+pub use progress::{Outcome, Progress, StopReason};
+
+use checkpoint::Checkpoint;
+use progress::Tracker;
+
+/// Largest edge of a training view, pixels.
+pub const MAX_IMAGE_EDGE: u32 = 1 << 15;
+
+/// A posed photo to train on.
+#[derive(Clone, Debug)]
+pub struct TrainView {
+    /// Where the photo was taken from.
+    pub camera: Camera,
+    /// The photo, of the camera's size.
+    pub photo: Image,
+}
+
+/// What carries out the steps of a fine-tune: the Rust executor or the WGSL one.
+pub(crate) trait Executor {
+    /// Renders view `view`, adds its loss to the queue, updates the parameters. `step` counts
+    /// from 1.
+    fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()>;
+    /// Moves the losses of the steps since the last call to the end of `out`, in order.
+    fn drain_losses(&mut self, out: &mut Vec<LossValue>) -> Result<()>;
+    /// The parameters and the optimiser's moments.
+    fn snapshot(&mut self) -> Result<(Scene, Moments)>;
+}
+
+/// A fine-tune of one scene on a set of photos.
+///
+/// Means are frozen; nothing is added, removed or reset (the reference implementation resets
+/// opacities every 3000 steps, which hurts a mature model). The result is a function of the
+/// scene, the views and the options alone, whatever the number of threads.
+pub struct FineTune {
+    executor: Box<dyn Executor>,
+    report: BackendReport,
+    options: FineTuneOptions,
+    views: usize,
+    fingerprint: u64,
+    /// Steps done.
+    step: u64,
+    tracker: Tracker,
+}
+
+impl std::fmt::Debug for FineTune {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FineTune")
+            .field("backend", &self.report)
+            .field("views", &self.views)
+            .field("step", &self.step)
+            .finish_non_exhaustive()
+    }
+}
+
+impl FineTune {
+    /// Prepares a run. If [`FineTuneOptions::checkpoint`] names a file that exists, the run
+    /// continues from it.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if the scene is not valid, [`Error::NoViews`], [`Error::PhotoSize`],
+    /// [`Error::ViewSize`], [`Error::Option`]; [`Error::NoAdapter`] for [`Backend::Gpu`] without
+    /// one; [`Error::Io`], [`Error::Checkpoint`] and [`Error::CheckpointMismatch`] for an
+    /// existing checkpoint.
+    pub fn new(scene: Scene, views: Vec<TrainView>, options: FineTuneOptions) -> Result<Self> {
+        scene.validate()?;
+        options.validate()?;
+        check_views(&views)?;
+        let fingerprint = checkpoint::fingerprint(&scene, &views);
+        let mut start = Checkpoint {
+            step: 0,
+            tracker: Tracker::new(views.len()),
+            moments: Moments::zeros(&scene),
+            scene,
+        };
+        if let Some(path) = options.checkpoint.as_deref().filter(|p| p.exists()) {
+            start = Checkpoint::read(path, fingerprint, start)?;
+        }
+        let Checkpoint { step, tracker, moments, scene } = start;
+        let count = views.len();
+        let (executor, report) = executor(scene, moments, views, &options)?;
+        Ok(Self { executor, report, options, views: count, fingerprint, step, tracker })
+    }
+
+    /// Which executor was chosen, and why.
+    #[must_use]
+    pub fn backend(&self) -> &BackendReport {
+        &self.report
+    }
+
+    /// Steps already done, by this run or by the one whose checkpoint it continues.
+    #[must_use]
+    pub fn steps_done(&self) -> u64 {
+        self.step
+    }
+
+    /// Runs to the end, calling `progress` every [`FineTuneOptions::report_every`] steps.
+    ///
+    /// Ends after [`FineTuneOptions::steps`] steps, or earlier as the options say, or when the
+    /// cancellation flag is set. In every case the last checkpoint is written, if one was asked
+    /// for, and the outcome holds the scene as it is then.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if a checkpoint cannot be written, [`Error::Gpu`].
+    pub fn run(mut self, mut progress: impl FnMut(&Progress)) -> Result<Outcome> {
+        let started = Instant::now();
+        let first = self.step;
+        let mut order = Vec::new();
+        let mut losses = Vec::new();
+        let reason = loop {
+            if self.options.cancel.as_ref().is_some_and(|c| c.load(Ordering::Relaxed)) {
+                break StopReason::Cancelled;
+            }
+            if self.step >= self.options.steps {
+                break StopReason::Steps;
+            }
+            if let Some(reason) = self.tracker.stop(&self.options) {
+                break reason;
+            }
+            let (epoch, within) = (self.step / self.views as u64, self.step % self.views as u64);
+            if order.is_empty() || within == 0 {
+                order = permutation(self.options.seed, epoch, self.views);
+            }
+            let step = self.step + 1;
+            let adam = AdamStep::new(&self.options.rates, step, self.options.decay_at(step));
+            self.executor.step(order[within as usize] as usize, step, &adam)?;
+            self.step = step;
+            let epoch_ends = within + 1 == self.views as u64;
+            let reports = step % self.options.report_every == 0 || step == self.options.steps;
+            if reports || epoch_ends {
+                self.drain(&mut losses)?;
+            }
+            if reports {
+                progress(&self.tracker.progress(step, first, started, &self.options));
+            }
+            if step % self.options.checkpoint_every == 0 && step < self.options.steps {
+                self.write_checkpoint(&mut losses)?;
+            }
+        };
+        self.drain(&mut losses)?;
+        if let Some(path) = self.options.checkpoint.clone() {
+            let (scene, moments) = self.executor.snapshot()?;
+            let state = Checkpoint { step: self.step, tracker: self.tracker, moments, scene };
+            state.write(&path, self.fingerprint)?;
+            return Ok(state.tracker.outcome(state.scene, state.step, started, reason));
+        }
+        let (scene, _) = self.executor.snapshot()?;
+        Ok(self.tracker.outcome(scene, self.step, started, reason))
+    }
+
+    fn drain(&mut self, losses: &mut Vec<LossValue>) -> Result<()> {
+        losses.clear();
+        self.executor.drain_losses(losses)?;
+        for loss in losses {
+            self.tracker.add(*loss);
+        }
+        Ok(())
+    }
+
+    fn write_checkpoint(&mut self, losses: &mut Vec<LossValue>) -> Result<()> {
+        let Some(path) = self.options.checkpoint.clone() else { return Ok(()) };
+        self.drain(losses)?;
+        let (scene, moments) = self.executor.snapshot()?;
+        let tracker = self.tracker.clone();
+        Checkpoint { step: self.step, tracker, moments, scene }.write(&path, self.fingerprint)
+    }
+}
+
+fn check_views(views: &[TrainView]) -> Result<()> {
+    if views.is_empty() {
+        return Err(Error::NoViews);
+    }
+    for (index, TrainView { camera, photo }) in views.iter().enumerate() {
+        let (width, height) = (camera.width, camera.height);
+        let name = camera.name.clone();
+        let edge = 1..=MAX_IMAGE_EDGE;
+        if !edge.contains(&width) || !edge.contains(&height) {
+            return Err(Error::ViewSize { index, name, width, height });
+        }
+        let whole = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
+        if (photo.width, photo.height) != (width, height) || !whole {
+            let photo = (photo.width, photo.height);
+            return Err(Error::PhotoSize { index, name, photo, camera: (width, height) });
+        }
+    }
+    Ok(())
+}
+
+fn executor(
+    scene: Scene,
+    moments: Moments,
+    views: Vec<TrainView>,
+    options: &FineTuneOptions,
+) -> Result<(Box<dyn Executor>, BackendReport)> {
+    let report = backend::choose(options.backend)?;
+    match report.used {
+        Backend::Gpu => Err(Error::NoAdapter { reason: report.reason }),
+        _ => Ok((Box::new(cpu::CpuExecutor::new(scene, moments, views, options)), report)),
+    }
+}
