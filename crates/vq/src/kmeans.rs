@@ -11,7 +11,7 @@ use crate::nearest::{Hit, Nearest};
 use crate::rng::SplitMix64;
 
 /// Points handed to a thread at a time.
-const CHUNK: usize = 4096;
+pub(crate) const CHUNK: usize = 4096;
 
 /// How long to train; see the fields of the same name in [`crate::Options`].
 pub(crate) struct Schedule {
@@ -24,7 +24,7 @@ pub(crate) struct Schedule {
 /// Nearest centre of every point. `hints` (one centre a point) make it faster.
 pub(crate) fn assign(points: &[Feature], centres: &[Feature], hints: Option<&[u32]>) -> Vec<Hit> {
     let tree = Nearest::new(centres);
-    let mut hits = vec![Hit { id: 0, squared_distance: 0.0 }; points.len()];
+    let mut hits = vec![Hit { id: 0, cost: 0.0 }; points.len()];
     hits.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
         let first = chunk * CHUNK;
         for (k, hit) in out.iter_mut().enumerate() {
@@ -35,9 +35,9 @@ pub(crate) fn assign(points: &[Feature], centres: &[Feature], hints: Option<&[u3
     hits
 }
 
-/// Sum of weight times squared distance.
-pub(crate) fn weighted_distortion(hits: &[Hit], weights: &[f32]) -> f64 {
-    hits.iter().zip(weights).map(|(h, &w)| f64::from(w) * f64::from(h.squared_distance)).sum()
+/// Sum of weight times cost.
+pub(crate) fn weighted_cost(hits: &[Hit], weights: &[f32]) -> f64 {
+    hits.iter().zip(weights).map(|(h, &w)| f64::from(w) * f64::from(h.cost)).sum()
 }
 
 /// Moves `centres` and returns the weighted distortion (divided by the total weight) before
@@ -57,14 +57,14 @@ pub(crate) fn train(
     }
     let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
     let mut hits = assign(points, centres, None);
-    let mut history = vec![weighted_distortion(&hits, weights) / total];
+    let mut history = vec![weighted_cost(&hits, weights) / total];
     for _ in 0..schedule.full_iterations {
         let dead = move_to_means(points, weights, &hits, centres);
         revive(points, weights, &hits, centres, &dead);
         let hints: Vec<u32> = hits.iter().map(|h| h.id).collect();
         hits = assign(points, centres, Some(&hints));
         let before = history[history.len() - 1];
-        let after = weighted_distortion(&hits, weights) / total;
+        let after = weighted_cost(&hits, weights) / total;
         history.push(after);
         if before - after <= schedule.tolerance * before && dead.is_empty() {
             break;
@@ -122,7 +122,7 @@ fn weighted_sums(
 }
 
 /// Every centre becomes the weighted mean of its points; returns those that have none.
-fn move_to_means(
+pub(crate) fn move_to_means(
     points: &[Feature],
     weights: &[f32],
     hits: &[Hit],
@@ -151,7 +151,7 @@ fn revive(
     if dead.is_empty() {
         return;
     }
-    let cost = |i: u32| weights[i as usize] * hits[i as usize].squared_distance;
+    let cost = |i: u32| weights[i as usize] * hits[i as usize].cost;
     let mut costly: Vec<u32> = (0..points.len() as u32).filter(|&i| cost(i) > 0.0).collect();
     costly.sort_unstable_by(|&a, &b| cost(b).total_cmp(&cost(a)).then(a.cmp(&b)));
     for (&c, &i) in dead.iter().zip(&costly) {

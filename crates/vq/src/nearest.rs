@@ -4,7 +4,8 @@
 //! per dimension, so the compiler turns the inner loops into vector instructions. The answer is
 //! that of a scan over all codewords, ties included (lowest index): the bound of a box and the
 //! distance to a codeword sum the same six squares in the same order, and IEEE rounding is
-//! monotone, so a bound never exceeds the computed distance of a codeword inside.
+//! monotone, so a bound never exceeds the computed distance of a codeword inside. The same holds
+//! with a penalty per codeword (its rate), of which a box knows the smallest.
 
 use crate::covariance::Feature;
 
@@ -26,6 +27,8 @@ pub(crate) fn squared_distance(a: &Feature, b: &Feature) -> f32 {
 struct Node {
     low: [[f32; LANES]; 6],
     high: [[f32; LANES]; 6],
+    /// Smallest penalty below.
+    penalty: [f32; LANES],
     /// Index of a node, or of a leaf with [`LEAF`] set.
     child: [u32; LANES],
 }
@@ -36,6 +39,7 @@ const LEAF: u32 = 1 << 31;
 #[derive(Debug, Clone)]
 struct Leaf {
     position: [[f32; LANES]; 6],
+    penalty: [f32; LANES],
     id: [u32; LANES],
 }
 
@@ -51,24 +55,35 @@ pub(crate) struct Nearest {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Hit {
     pub(crate) id: u32,
-    pub(crate) squared_distance: f32,
+    /// Squared distance plus, if asked for, weighted penalty.
+    pub(crate) cost: f32,
 }
 
 impl Nearest {
     /// `codewords` must be finite, at least one and fewer than 2^31.
     pub(crate) fn new(codewords: &[Feature]) -> Self {
+        Self::with_penalties(codewords, &vec![0.0; codewords.len()])
+    }
+
+    /// A search that also weighs a penalty (finite, >= 0) of each codeword.
+    pub(crate) fn with_penalties(codewords: &[Feature], penalties: &[f32]) -> Self {
         let mut ids: Vec<u32> = (0..codewords.len() as u32).collect();
         let mut tree = Self { nodes: Vec::new(), leaves: Vec::new(), root: 0 };
-        tree.root = tree.build(codewords, &mut ids);
+        tree.root = tree.build(codewords, penalties, &mut ids);
         tree
     }
 
-    fn build(&mut self, codewords: &[Feature], ids: &mut [u32]) -> u32 {
+    fn build(&mut self, codewords: &[Feature], penalties: &[f32], ids: &mut [u32]) -> u32 {
         if ids.len() <= LANES {
             ids.sort_unstable();
-            let mut leaf = Leaf { position: [[f32::INFINITY; LANES]; 6], id: [u32::MAX; LANES] };
+            let mut leaf = Leaf {
+                position: [[f32::INFINITY; LANES]; 6],
+                penalty: [0.0; LANES],
+                id: [u32::MAX; LANES],
+            };
             for (lane, &id) in ids.iter().enumerate() {
                 leaf.id[lane] = id;
+                leaf.penalty[lane] = penalties[id as usize];
                 for k in 0..6 {
                     leaf.position[k][lane] = codewords[id as usize][k];
                 }
@@ -80,6 +95,7 @@ impl Nearest {
         self.nodes.push(Node {
             low: [[f32::INFINITY; LANES]; 6],
             high: [[f32::INFINITY; LANES]; 6],
+            penalty: [0.0; LANES],
             child: [u32::MAX; LANES],
         });
         let mut parts: Vec<&mut [u32]> = vec![ids];
@@ -88,13 +104,15 @@ impl Nearest {
         }
         for (lane, part) in parts.into_iter().enumerate().filter(|(_, p)| !p.is_empty()) {
             let (low, high) = bounds(codewords, part);
-            let child = self.build(codewords, part);
+            let penalty = part.iter().map(|&i| penalties[i as usize]).fold(f32::INFINITY, f32::min);
+            let child = self.build(codewords, penalties, part);
             let node = &mut self.nodes[index];
             for k in 0..6 {
                 node.low[k][lane] = low[k];
                 node.high[k][lane] = high[k];
             }
             node.child[lane] = child;
+            node.penalty[lane] = penalty;
         }
         index as u32
     }
@@ -103,27 +121,41 @@ impl Nearest {
     /// likely to be near: it saves time and does not change the answer.
     pub(crate) fn find(&self, x: &Feature, hint: Option<(u32, &Feature)>) -> Hit {
         let mut best = match hint {
-            Some((id, codeword)) => Hit { id, squared_distance: squared_distance(x, codeword) },
-            None => Hit { id: u32::MAX, squared_distance: f32::INFINITY },
+            Some((id, codeword)) => Hit { id, cost: squared_distance(x, codeword) },
+            None => Hit { id: u32::MAX, cost: f32::INFINITY },
         };
-        self.descend(self.root, x, &mut best);
+        self.descend(self.root, x, 0.0, &mut best);
         best
     }
 
-    fn descend(&self, at: u32, x: &Feature, best: &mut Hit) {
+    /// The codeword of least squared distance plus `rate` (finite, >= 0) times penalty; of
+    /// equal ones the lowest index.
+    pub(crate) fn find_penalised(&self, x: &Feature, rate: f32) -> Hit {
+        let mut best = Hit { id: u32::MAX, cost: f32::INFINITY };
+        self.descend(self.root, x, rate, &mut best);
+        best
+    }
+
+    fn descend(&self, at: u32, x: &Feature, rate: f32, best: &mut Hit) {
         if at & LEAF != 0 {
             let leaf = &self.leaves[(at & !LEAF) as usize];
-            let distance = lane_distances(&leaf.position, x);
+            let mut cost = lane_distances(&leaf.position, x);
             for lane in 0..LANES {
-                let (d, id) = (distance[lane], leaf.id[lane]);
-                if d < best.squared_distance || (d == best.squared_distance && id < best.id) {
-                    *best = Hit { id, squared_distance: d };
+                cost[lane] += rate * leaf.penalty[lane];
+            }
+            for lane in 0..LANES {
+                let (d, id) = (cost[lane], leaf.id[lane]);
+                if d < best.cost || (d == best.cost && id < best.id) {
+                    *best = Hit { id, cost: d };
                 }
             }
             return;
         }
         let node = &self.nodes[at as usize];
         let mut bound = box_distances(&node.low, &node.high, x);
+        for lane in 0..LANES {
+            bound[lane] += rate * node.penalty[lane];
+        }
         loop {
             let mut lane = 0;
             for l in 1..LANES {
@@ -132,10 +164,10 @@ impl Nearest {
                 }
             }
             // A box at exactly the best distance may hold a lower index.
-            if bound[lane] > best.squared_distance || bound[lane] == f32::INFINITY {
+            if bound[lane] > best.cost || bound[lane] == f32::INFINITY {
                 return;
             }
-            self.descend(node.child[lane], x, best);
+            self.descend(node.child[lane], x, rate, best);
             bound[lane] = f32::INFINITY;
         }
     }
@@ -206,11 +238,11 @@ pub(crate) fn split_in_two<'a>(points: &[Feature], ids: &'a mut [u32]) -> [&'a m
 /// The reference: a scan over all codewords.
 #[cfg(test)]
 pub(crate) fn brute_force(codewords: &[Feature], x: &Feature) -> Hit {
-    let mut best = Hit { id: 0, squared_distance: f32::INFINITY };
+    let mut best = Hit { id: 0, cost: f32::INFINITY };
     for (id, codeword) in codewords.iter().enumerate() {
         let d = squared_distance(x, codeword);
-        if d < best.squared_distance {
-            best = Hit { id: id as u32, squared_distance: d };
+        if d < best.cost {
+            best = Hit { id: id as u32, cost: d };
         }
     }
     best
@@ -242,6 +274,26 @@ mod tests {
                 prop_assert_eq!(tree.find(x, None), reference);
                 let hinted = tree.find(x, Some((hint as u32, &codewords[hint])));
                 prop_assert_eq!(hinted, reference);
+            }
+        }
+
+        #[test]
+        fn penalties_are_weighed_exactly(
+            codewords in prop::collection::vec((coarse(), 0u8..5), 1..900),
+            queries in prop::collection::vec(coarse(), 1..30), rate in 0.0f32..0.5,
+        ) {
+            let positions: Vec<Feature> = codewords.iter().map(|c| c.0).collect();
+            let penalties: Vec<f32> = codewords.iter().map(|c| f32::from(c.1)).collect();
+            let tree = Nearest::with_penalties(&positions, &penalties);
+            for x in &queries {
+                let mut reference = Hit { id: 0, cost: f32::INFINITY };
+                for (id, (c, p)) in positions.iter().zip(&penalties).enumerate() {
+                    let cost = squared_distance(x, c) + rate * p;
+                    if cost < reference.cost {
+                        reference = Hit { id: id as u32, cost };
+                    }
+                }
+                prop_assert_eq!(tree.find_penalised(x, rate), reference);
             }
         }
 
