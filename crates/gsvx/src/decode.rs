@@ -51,9 +51,8 @@ pub struct Decoded {
 pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     let container = Container::parse(bytes)?;
     let header = container.header.clone();
-    let limit = options
-        .max_gaussians
-        .unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + 1024);
+    let limit =
+        options.max_gaussians.unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + 1024);
     if header.count > limit {
         return Err(Error::Limit { points: header.count, limit });
     }
@@ -108,7 +107,8 @@ pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
             Ok(Part::Sh(_)) if broken => skipped.push(format!("{kind}: a lower degree is missing")),
             Ok(Part::Sh(channels)) => sh.push(channels),
             Err(e @ Error::Truncated { .. })
-                if options.allow_truncated && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
+                if options.allow_truncated
+                    && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
             {
                 skipped.push(format!("{kind}: {e}"));
                 if kind == SectionKind::Covariance {

@@ -112,7 +112,9 @@ pub enum Error {
         range: &'static str,
     },
     /// A rate target lies below what the coarsest settings reach.
-    #[error("target of {target} bytes is below the smallest stream of this scene, {smallest} bytes; reduce the number of Gaussians (coarser voxels) or the SH degree")]
+    #[error(
+        "target of {target} bytes is below the smallest stream of this scene, {smallest} bytes; reduce the number of Gaussians (coarser voxels) or the SH degree"
+    )]
     TargetTooSmall {
         /// Bytes asked for.
         target: u64,

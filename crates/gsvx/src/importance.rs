@@ -4,7 +4,10 @@
 //! `e^2 * sum((alpha T)^2)` over its pixels. That sum varies over six orders of magnitude
 //! within a scene, so one quantisation step for all Gaussians wastes most of its bits.
 //! Each Gaussian gets a class `c`; attributes are transformed with weight `4^c`, which makes
-//! the effective step of a Gaussian `step / 2^c`. Classes are coded once, in a section of
+//! the effective step of a Gaussian finer by `2^c`. Squared error suggests one class per factor
+//! of four in importance; measured, a smaller slope with a floor is better, because steps far
+//! above the mean one leave the range in which errors stay small (a log-scale off by 1.5
+//! makes a Gaussian twenty times as large). Classes are coded once, in a section of
 //! their own, and every attribute section depends only on geometry and classes.
 
 use crate::attributes::group::Transform;
@@ -44,9 +47,14 @@ pub fn without_cameras(scene: &Scene) -> Vec<f32> {
         .collect()
 }
 
-/// Real-valued classes from importances (any unit; negative and NaN count as 0).
-///
-/// Relative to the mean importance of the scene, one class per factor of four.
+/// Classes per factor of four in importance. On `fox` at equal rendered error the streams of
+/// slopes 0, 0.5, 0.7, 1 are 1.00, 0.87, 0.86, 0.91 in size.
+const SLOPE: f64 = 0.7;
+/// Lowest class, relative to [`MEAN_CLASS`]: steps are at most `2^3` times the mean one.
+const FLOOR: f64 = 3.0;
+
+/// Real-valued classes from importances (any unit; negative and NaN count as 0), relative to
+/// the mean importance of the scene.
 #[must_use]
 pub fn log_classes(importance: &[f32]) -> Vec<f64> {
     let clean = |v: f32| if v.is_finite() && v > 0.0 { f64::from(v) } else { 0.0 };
@@ -56,11 +64,12 @@ pub fn log_classes(importance: &[f32]) -> Vec<f64> {
         .iter()
         .map(|&v| {
             let v = clean(v);
+            let lowest = f64::from(MEAN_CLASS) - FLOOR;
             if v == 0.0 || mean == 0.0 {
-                return 0.0;
+                return lowest;
             }
-            let class = f64::from(MEAN_CLASS) + 0.5 * libm::log2(v / mean);
-            class.clamp(0.0, f64::from(CLASSES - 1))
+            let class = f64::from(MEAN_CLASS) + 0.5 * SLOPE * libm::log2(v / mean);
+            class.clamp(lowest, f64::from(CLASSES - 1))
         })
         .collect()
 }
@@ -113,15 +122,16 @@ mod tests {
     #[test]
     fn broken_importances_get_the_lowest_class() {
         let c = rounded(&[f32::NAN, -1.0, 0.0, f32::INFINITY, 1.0]);
-        assert_eq!(&c[..4], &[0, 0, 0, 0]);
-        assert!(c[4] > 0);
+        let lowest = MEAN_CLASS - FLOOR as u8;
+        assert_eq!(&c[..4], &[lowest; 4]);
+        assert!(c[4] > lowest);
         assert_eq!(rounded(&[]), Vec::<u8>::new());
     }
 
     #[test]
-    fn a_factor_of_four_is_one_class() {
+    fn a_factor_of_four_is_one_slope() {
         let c = log_classes(&[1.0, 4.0, 16.0]);
-        assert!((c[1] - c[0] - 1.0).abs() < 1e-9 && (c[2] - c[1] - 1.0).abs() < 1e-9);
+        assert!((c[1] - c[0] - SLOPE).abs() < 1e-9 && (c[2] - c[1] - SLOPE).abs() < 1e-9);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! let (scene, _) = gs_model::ply::read("point_cloud.ply")?;
 //! let cube = Cube::of(&scene.means)?;
 //! let voxels = voxelize(&scene, &cube, &Strategy::Uniform { depth: 12 })?;
-//! let merged = merge(&scene, &voxels, Merge::Moments);
+//! let merged = merge(&scene, &voxels, Merge::Moments)?;
 //! let encoded = gsvx::encode(&merged, &voxels, &EncodeOptions::from_quality(60.0)?)?;
 //! let decoded = gsvx::decode(&encoded.bytes, &DecodeOptions::default())?;
 //! assert_eq!(decoded.scene.means, merged.means);

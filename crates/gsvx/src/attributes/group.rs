@@ -44,7 +44,12 @@ impl Transform {
     ///
     /// # Errors
     /// [`Error::Coding`].
-    pub fn encode(&self, channels: &[Vec<f64>], steps: &[f64], entropy: Entropy) -> Result<Vec<u8>> {
+    pub fn encode(
+        &self,
+        channels: &[Vec<f64>],
+        steps: &[f64],
+        entropy: Entropy,
+    ) -> Result<Vec<u8>> {
         let fixed: Vec<Vec<i32>> =
             channels.iter().map(|c| c.iter().map(|&v| to_fixed(v)).collect()).collect();
         let views: Vec<&[i32]> = fixed.iter().map(Vec::as_slice).collect();
@@ -64,8 +69,7 @@ impl Transform {
     /// # Errors
     /// [`Error::Coding`]; [`Error::Corrupt`] if the stream holds another number of channels.
     pub fn decode(&self, bytes: &[u8], channels: usize) -> Result<Vec<Vec<f64>>> {
-        let fixed =
-            attribute::decode(&self.plan, bytes, channels).map_err(coding("attribute"))?;
+        let fixed = attribute::decode(&self.plan, bytes, channels).map_err(coding("attribute"))?;
         if fixed.len() != channels {
             return Err(Error::Corrupt { what: "channel count", value: fixed.len() as u64 });
         }

@@ -8,8 +8,8 @@ use super::Covariances;
 use crate::attributes::group::coding;
 use crate::error::{Error, Result};
 use crate::stream::{Reader, Writer};
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
 use gpcc_lite::Leaf;
+use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
 use gs_model::Scene;
 use voxel::Voxelization;
 

@@ -118,7 +118,8 @@ fn rotation_matrix(q: [f32; 4]) -> [[f64; 3]; 3] {
 /// Unit quaternion with `w >= 0` of a rotation matrix (Shepperd's method).
 fn quaternion_of(m: &[[f64; 3]; 3]) -> [f32; 4] {
     let (xx, yy, zz) = (m[0][0], m[1][1], m[2][2]);
-    let candidates = [1.0 + xx + yy + zz, 1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz];
+    let candidates =
+        [1.0 + xx + yy + zz, 1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz];
     let mut best = 0;
     for k in 1..4 {
         if candidates[k] > candidates[best] {

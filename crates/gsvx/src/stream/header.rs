@@ -138,7 +138,13 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Header, Vec<TocEntry>, usize)> {
         }
         toc.push(TocEntry { kind, len: r.varint()?, crc: r.u32()? });
     }
-    let header =
-        Header { count, sh_degree, j_high, cube: Cube { origin, side }, colour_space, coordinate_system };
+    let header = Header {
+        count,
+        sh_degree,
+        j_high,
+        cube: Cube { origin, side },
+        colour_space,
+        coordinate_system,
+    };
     Ok((header, toc, end + 4))
 }
