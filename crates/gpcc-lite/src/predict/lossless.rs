@@ -30,7 +30,7 @@ pub fn encode_lossless(near: &Neighbours, channels: &[&[i32]]) -> Result<Vec<u8>
         out.push(width as u8);
         let mut coder = RangeEncoder::new();
         let mut copy = values.to_vec();
-        code_channel(near, &mut copy, min, max, &mut coder);
+        code_channel(near, &mut copy, bounds(min, width), &mut coder);
         let coded = coder.finish();
         if coded.len() as u64 * 8 <= u64::from(width) * values.len() as u64 {
             out.push(PREDICTED);
@@ -87,9 +87,8 @@ pub fn decode_lossless(
                 }
             }
             PREDICTED => {
-                let span = ((1u64 << width) - 1) as u32;
                 let mut coder = RangeDecoder::new(data);
-                code_channel(near, &mut values, min, min.wrapping_add_unsigned(span), &mut coder);
+                code_channel(near, &mut values, bounds(min, width), &mut coder);
                 if coder.exhausted() {
                     return Err(Error::Truncated { offset: r.pos(), what: "channel" });
                 }
@@ -172,15 +171,19 @@ fn bucket(m: u64) -> usize {
     ((2 * log) as usize + half as usize + 1).min(BUCKETS - 1)
 }
 
+/// Least and greatest value of a channel whose offsets from `min` have `width` bits. Both sides
+/// must derive them from the header: the first prediction is their middle.
+fn bounds(min: i32, width: u32) -> (i64, i64) {
+    (i64::from(min), (i64::from(min) + (1i64 << width) - 1).min(i64::from(i32::MAX)))
+}
+
 fn code_channel<C: BinaryCoder>(
     near: &Neighbours,
     values: &mut [i32],
-    min: i32,
-    max: i32,
+    (lo, hi): (i64, i64),
     coder: &mut C,
 ) {
     let mut model = Residual::new();
-    let (lo, hi) = (i64::from(min.min(max)), i64::from(max.max(min)));
     let mut error = vec![0u32; values.len()];
     for at in 0..near.len() {
         if !C::ENCODING && coder.exhausted() {
