@@ -4,6 +4,8 @@
 mod cloud;
 #[path = "bench_gpcc/rates.rs"]
 mod rates;
+#[path = "bench_gpcc/speed.rs"]
+mod speed;
 
 use std::path::PathBuf;
 
@@ -46,6 +48,9 @@ pub fn run(args: &BenchArgs) -> Result<()> {
     let qps = if args.qp.is_empty() { vec![4, 16, 28, 34, 40] } else { args.qp.clone() };
     let wants = |part: &str| args.only.is_empty() || args.only.iter().any(|o| o == part);
     let peers = cloud::peers(&args.clouds.join("tmc13.jsonl"))?;
+    if wants("speed") {
+        println!("{}", speed::speed_table(&args.clouds)?);
+    }
     if wants("geometry") {
         println!("{}", rates::geometry_table(&args.clouds, &clouds, &peers)?);
     }
