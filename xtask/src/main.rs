@@ -5,6 +5,7 @@
 )]
 
 mod bd;
+mod bench_gpcc;
 mod cache;
 mod fixture;
 mod manifest;
@@ -33,6 +34,8 @@ struct Cli {
 enum Task {
     /// Rate-distortion curves of a scene: voxelize, encode, decode, render, compare, report
     RdCurve(rd_curve::RdArgs),
+    /// Measure gpcc-lite beside the peer's recorded figures
+    BenchGpcc(bench_gpcc::BenchArgs),
     /// Make the default scene, fixtures/room, from its seed
     Fixture(fixture::FixtureArgs),
 }
@@ -40,6 +43,7 @@ enum Task {
 fn main() -> ExitCode {
     let done = match Cli::parse().task {
         Task::RdCurve(args) => rd_curve::run(&args),
+        Task::BenchGpcc(args) => bench_gpcc::run(&args),
         Task::Fixture(args) => fixture::run(&args),
     };
     match done {
