@@ -23,6 +23,7 @@ mod encode;
 mod error;
 pub mod importance;
 mod options;
+pub mod rate;
 pub mod stream;
 
 pub use decode::{DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, decode};
