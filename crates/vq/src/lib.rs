@@ -1,5 +1,30 @@
-//! Covariances of 3D Gaussians: canonical forms, rotation charts and a sensitivity-weighted
-//! codebook.
+//! Covariances of 3D Gaussians for a codec: canonical forms ([`canonical`]), three-parameter
+//! rotations as integers ([`rotation`]) and a sensitivity-weighted codebook ([`Codebook`]) after
+//! Compressed 3DGS (Niedermayr et al., CVPR 2024).
+//!
+//! A Gaussian's covariance is split into a normalised covariance of trace 1 and the scale factor
+//! gamma = |s| ([`Covariance::split`]). The codebook holds normalised covariances as integers of a
+//! canonical rotation and normalised log-scales, so that a decoder multiplies out what the stream
+//! says and computes no eigenvectors. The crate knows nothing of files, scenes or streams.
+//!
+//! ```
+//! use vq::{Codebook, Covariance, Options};
+//!
+//! let covariances: Vec<Covariance> = (0..1000u32)
+//!     .map(|i| {
+//!         let t = i as f32 / 1000.0;
+//!         let split = Covariance::split([1.0, t, 0.3, t * t], [-3.0, -4.0 + t, -6.0]);
+//!         split.map(|(covariance, _log_gamma)| covariance)
+//!     })
+//!     .collect::<Result<_, _>>()?;
+//! let sensitivities = vec![1.0; 1000];
+//! let codebook = Codebook::train(&covariances, &sensitivities, &Options::with_codewords(64))?;
+//! let indices = codebook.assign(&covariances);
+//! let fit = codebook.distortion(&covariances, &sensitivities, &indices)?;
+//! assert!(fit.mean < 1e-4);
+//! assert_eq!(Codebook::from_bytes(&codebook.to_bytes())?, codebook);
+//! # Ok::<(), vq::Error>(())
+//! ```
 
 #![allow(
     clippy::needless_range_loop,
@@ -27,3 +52,8 @@ pub use codebook::{Codebook, Distortion, Keep, MAX_CODEWORDS, Options, TrainingR
 pub use covariance::{Covariance, MIN_LOG_SCALE, Metric};
 pub use error::{Error, Result};
 pub use sensitivity::default_sensitivity;
+
+/// The README's example, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -143,6 +143,10 @@ impl Nearest {
             for lane in 0..LANES {
                 cost[lane] += rate * leaf.penalty[lane];
             }
+            // Most leaves hold nothing better: one vector minimum says so.
+            if least(&cost) > best.cost {
+                return;
+            }
             for lane in 0..LANES {
                 let (d, id) = (cost[lane], leaf.id[lane]);
                 if d < best.cost || (d == best.cost && id < best.id) {
@@ -157,20 +161,27 @@ impl Nearest {
             bound[lane] += rate * node.penalty[lane];
         }
         loop {
-            let mut lane = 0;
-            for l in 1..LANES {
-                if bound[l] < bound[lane] {
-                    lane = l;
-                }
-            }
+            let nearest = least(&bound);
             // A box at exactly the best distance may hold a lower index.
-            if bound[lane] > best.cost || bound[lane] == f32::INFINITY {
+            if nearest > best.cost || nearest == f32::INFINITY {
                 return;
             }
+            let lane = bound.iter().position(|&b| b == nearest).unwrap_or(0);
             self.descend(node.child[lane], x, rate, best);
             bound[lane] = f32::INFINITY;
         }
     }
+}
+
+/// Smallest of eight, none of them NaN.
+#[inline]
+fn least(values: &[f32; LANES]) -> f32 {
+    let smaller = |a: f32, b: f32| if b < a { b } else { a };
+    let mut half = [0.0f32; LANES / 2];
+    for lane in 0..LANES / 2 {
+        half[lane] = smaller(values[lane], values[lane + LANES / 2]);
+    }
+    smaller(smaller(half[0], half[2]), smaller(half[1], half[3]))
 }
 
 #[inline]

@@ -141,6 +141,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
     // Several chunks, a seeding sample and mini-batches are all in play.
     let (covariances, sensitivities) = cloud(30_000, 4);
     let mut options = options(512, Metric::Covariance);
+    options.training_sample = 20_000;
     options.seeding_sample = 5000;
     options.batch_size = 9000;
     options.full_iterations = 3;

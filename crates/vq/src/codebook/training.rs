@@ -35,7 +35,10 @@ pub struct Options {
     pub metric: Metric,
     /// Covariances that become codewords of their own.
     pub keep: Keep,
-    /// Points drawn for the k-means++ start; at least 4 K are taken if there are as many.
+    /// Points drawn for the clustering; at least 16 K are taken if there are as many. Kept ones
+    /// are not drawn from.
+    pub training_sample: usize,
+    /// Points of those drawn for the k-means++ start; at least 4 K are taken if there are as many.
     pub seeding_sample: usize,
     /// Points in a mini-batch; with no more points than this there are only full iterations.
     pub batch_size: usize,
@@ -64,6 +67,7 @@ impl Default for Options {
             seed: 0,
             metric: Metric::default(),
             keep: Keep::default(),
+            training_sample: 1 << 18,
             seeding_sample: 1 << 17,
             batch_size: 1 << 18,
             mini_batches: 4,
@@ -100,10 +104,12 @@ pub(super) fn train(
         kept.iter().map(|&i| precision.quantise(&covariances[i as usize])).collect();
     let mut history = Vec::new();
     if !clustered.is_empty() {
+        let mut rng = SplitMix64::new(options.seed);
+        let wanted = options.training_sample.max(16 * options.codewords);
+        let clustered = sample(&clustered, wanted, &mut rng);
         let chosen: Vec<Covariance> = clustered.iter().map(|&i| covariances[i as usize]).collect();
         let points = super::features(&chosen, options.metric);
         let (weights, unit) = weights(sensitivities, &clustered);
-        let mut rng = SplitMix64::new(options.seed);
         let mut centres = seed(&points, &weights, options, &mut rng);
         let schedule = Schedule {
             batch_size: options.batch_size.max(1),
@@ -202,18 +208,54 @@ fn seed(
     rng: &mut SplitMix64,
 ) -> Vec<Feature> {
     let wanted = options.seeding_sample.max(4 * options.codewords);
-    let (chosen, from): (Vec<u32>, Vec<Feature>) = if points.len() <= wanted {
-        (kmeans_plus_plus(points, weights, options.codewords, rng), points.to_vec())
-    } else {
-        // Selection sampling (Knuth's algorithm S): each subset equally likely, in order.
-        let (mut sample, mut sample_weights) = (Vec::new(), Vec::new());
-        for (i, point) in points.iter().enumerate() {
-            if rng.below(points.len() - i) < wanted - sample.len() {
-                sample.push(*point);
-                sample_weights.push(weights[i]);
-            }
-        }
-        (kmeans_plus_plus(&sample, &sample_weights, options.codewords, rng), sample)
-    };
+    let all: Vec<u32> = (0..points.len() as u32).collect();
+    let drawn = sample(&all, wanted, rng);
+    let from: Vec<Feature> = drawn.iter().map(|&i| points[i as usize]).collect();
+    let from_weights: Vec<f32> = drawn.iter().map(|&i| weights[i as usize]).collect();
+    let chosen = kmeans_plus_plus(&from, &from_weights, options.codewords, rng);
     chosen.into_iter().map(|i| from[i as usize]).collect()
+}
+
+/// `wanted` of the ids in order, every subset equally likely (Knuth's algorithm S), or all.
+fn sample(ids: &[u32], wanted: usize, rng: &mut SplitMix64) -> Vec<u32> {
+    if ids.len() <= wanted {
+        return ids.to_vec();
+    }
+    let mut drawn = Vec::with_capacity(wanted);
+    for (i, &id) in ids.iter().enumerate() {
+        if rng.below(ids.len() - i) < wanted - drawn.len() {
+            drawn.push(id);
+        }
+    }
+    drawn
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_even_subsets() {
+        let ids: Vec<u32> = (0..1000).map(|i| 3 * i).collect();
+        let mut uses = vec![0; 3000];
+        let mut rng = SplitMix64::new(5);
+        for _ in 0..400 {
+            let drawn = sample(&ids, 100, &mut rng);
+            assert_eq!(drawn.len(), 100);
+            assert!(drawn.windows(2).all(|p| p[0] < p[1]));
+            drawn.iter().for_each(|&i| uses[i as usize] += 1);
+        }
+        // Expected 40 each, standard deviation 6.
+        assert!(ids.iter().all(|&i| (12..=70).contains(&uses[i as usize])));
+        assert_eq!(sample(&ids, 1000, &mut rng), ids);
+    }
+
+    #[test]
+    fn the_kept_share_takes_the_most_sensitive() {
+        let sensitivities = [1.0, 5.0, 2.0, 5.0, 0.0];
+        assert_eq!(split(&sensitivities, Keep::Share(0.4)), (vec![1, 3], vec![0, 2, 4]));
+        assert_eq!(split(&sensitivities, Keep::Share(0.2)), (vec![1], vec![0, 2, 3, 4]));
+        assert_eq!(split(&sensitivities, Keep::Above(1.0)), (vec![1, 2, 3], vec![0, 4]));
+        assert_eq!(split(&sensitivities, Keep::Nothing).0, vec![]);
+    }
 }
