@@ -140,8 +140,12 @@ fn section(
 ) -> Result<Part> {
     Ok(match kind {
         SectionKind::Opacity => {
-            let channels = transform.decode(payload, 1)?;
-            Part::Opacity(channels[0].iter().map(|&v| opacity::logit_of_log_alpha(v)).collect())
+            let Some((&code, rest)) = payload.split_first() else {
+                return Err(Error::Truncated { what: "opacity", offset: 0, need: 1, have: 0 });
+            };
+            let domain = opacity::domain(code)?;
+            let channels = transform.decode(rest, 1)?;
+            Part::Opacity(channels[0].iter().map(|&v| opacity::inverse(domain, v)).collect())
         }
         SectionKind::Covariance => {
             let (q, l) = crate::covariance::decode(payload, transform, leaves, j_high)?;

@@ -5,7 +5,7 @@ use crate::attributes::{colour, opacity};
 use crate::covariance;
 use crate::error::{Error, Result};
 use crate::importance;
-use crate::options::EncodeOptions;
+use crate::options::{EncodeOptions, PaperQp};
 use crate::stream::{self, Header, SectionKind};
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -80,9 +80,16 @@ fn attribute_section(
     let steps = &options.steps;
     match kind {
         SectionKind::Opacity => {
-            let channel =
-                scene.opacity_logits.iter().map(|&l| opacity::log_alpha_of_logit(l)).collect();
-            transform.encode(&[channel], &[f64::from(steps.opacity)], options.entropy)
+            let domain = options.opacity_domain;
+            let channel: Vec<f64> =
+                scene.opacity_logits.iter().map(|&l| opacity::forward(domain, l)).collect();
+            let step = match options.paper_qp {
+                Some(qp) => PaperQp::step(qp.opacity, &channel),
+                None => f64::from(steps.opacity),
+            };
+            let mut out = vec![opacity::code(domain)];
+            out.extend(transform.encode(&[channel], &[step], options.entropy)?);
+            Ok(out)
         }
         SectionKind::Covariance => covariance::encode(scene, voxels, transform, options),
         _ => {
@@ -101,8 +108,14 @@ fn attribute_section(
                     }
                 }
             }
-            let steps: Vec<f64> = (0..channels.len())
-                .map(|c| f64::from(if c % 3 == 0 { luma } else { chroma }))
+            let qp = options.paper_qp.map(|qp| if kind == SectionKind::Dc { qp.dc } else { qp.ac });
+            let steps: Vec<f64> = channels
+                .iter()
+                .enumerate()
+                .map(|(c, channel)| match qp {
+                    Some(qp) => PaperQp::step(qp, channel),
+                    None => f64::from(if c % 3 == 0 { luma } else { chroma }),
+                })
                 .collect();
             transform.encode(&channels, &steps, options.entropy)
         }

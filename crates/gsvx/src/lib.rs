@@ -29,4 +29,6 @@ pub mod stream;
 pub use decode::{DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, decode};
 pub use encode::{Encoded, encode};
 pub use error::{Error, Result};
-pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, Steps};
+pub use options::{
+    CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, OpacityDomain, PaperQp, Steps,
+};

@@ -2,6 +2,7 @@
 //!
 //! A payload starts with a byte that names the mode.
 
+mod codebook;
 mod integers;
 pub mod log_euclidean;
 
@@ -15,6 +16,7 @@ use voxel::Voxelization;
 
 const TRANSFORM: u8 = 0;
 const INTEGERS: u8 = 1;
+const CODEBOOK: u8 = 2;
 
 /// Rotations (unit quaternions) and log-scales.
 pub(crate) type Covariances = (Vec<[f32; 4]>, Vec<[f32; 3]>);
@@ -45,11 +47,11 @@ pub(crate) fn encode(
             out.extend(integers::encode(scene, voxels, bits)?);
             Ok(out)
         }
-        CovarianceMode::Vq { bits } => Err(Error::Option {
-            option: "covariance codebook bits",
-            value: f64::from(bits),
-            range: "not yet available",
-        }),
+        CovarianceMode::Vq { bits } => {
+            let mut out = vec![CODEBOOK];
+            out.extend(codebook::encode(scene, bits, transform, options)?);
+            Ok(out)
+        }
     }
 }
 
@@ -71,6 +73,7 @@ pub(crate) fn decode(
                 .unzip())
         }
         INTEGERS => integers::decode(payload, leaves, j_high),
+        CODEBOOK => codebook::decode(payload, transform, leaves.len()),
         other => Err(Error::Corrupt { what: "covariance mode", value: other.into() }),
     }
 }
