@@ -25,7 +25,11 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { mode: Mode::Range, lambda: std::env::var("LAM").map_or(28, |v| v.parse().unwrap()), prediction: true }
+        Self {
+            mode: Mode::Range,
+            lambda: std::env::var("LAM").map_or(28, |v| v.parse().unwrap()),
+            prediction: true,
+        }
     }
 }
 
@@ -55,35 +59,35 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> 
     if steps.len() != channels.len() {
         return Err(Error::Count { what: "steps", got: steps.len(), want: channels.len() });
     }
-    let mut bytes = Vec::new();
-    put_varint(&mut bytes, channels.len() as u64);
-    let mut quantised: Vec<Vec<i32>> = Vec::with_capacity(channels.len());
-    let mut reconstruction = Vec::with_capacity(channels.len());
-    let mut coded = vec![0u32; plan.len()];
-    for (channel, (values, &step)) in channels.iter().zip(steps).enumerate() {
+    let mut exact = Vec::with_capacity(channels.len());
+    for (channel, values) in channels.iter().enumerate() {
         if values.len() != plan.len() {
             return Err(Error::ChannelLength { channel, got: values.len(), want: plan.len() });
         }
         let mut c: Vec<i64> = values.iter().map(|&v| i64::from(v) << VALUE_BITS).collect();
         plan.forward_fixed(&mut c)?;
-        let mut head = Head { step, centroids: Centroids::default(), strength: Vec::new() };
-        if o.prediction {
-            head.strength = measure_strength(plan, &c);
-        }
-        let first = Quantiser::run(plan, &c, &coded, channel, &head, o.lambda);
-        head.centroids = first.sums.centroids();
-        let last = Quantiser::run(plan, &c, &coded, channel, &head, o.lambda);
-        let (levels, low) = (last.quantised, last.low);
-        head.write(&mut bytes);
-        for (sum, q) in coded.iter_mut().zip(&levels) {
-            *sum = sum.saturating_add(q.unsigned_abs());
-        }
-        quantised.push(levels);
-        reconstruction.push(to_values(plan, low));
+        exact.push(c);
     }
-    let refs: Vec<&[i32]> = quantised.iter().map(Vec::as_slice).collect();
+    let mut bytes = Vec::new();
+    put_varint(&mut bytes, channels.len() as u64);
+    let mut done = Quantised { coded: vec![0; plan.len()], ..Quantised::default() };
+    let mut at = 0;
+    while at < channels.len() {
+        match (&exact[at..], &steps[at..]) {
+            ([a, b, c, ..], [p, q, r, ..]) => {
+                done.add(plan, [a, b, c], [*p, *q, *r], o)?;
+                at += 3;
+            }
+            _ => {
+                done.add(plan, [&exact[at]], [steps[at]], o)?;
+                at += 1;
+            }
+        }
+    }
+    done.heads.iter().for_each(|h| h.write(&mut bytes));
+    let refs: Vec<&[i32]> = done.quantised.iter().map(Vec::as_slice).collect();
     bytes.extend(coeffs::encode(plan, &refs, o.mode)?);
-    Ok(Encoded { bytes, reconstruction })
+    Ok(Encoded { bytes, reconstruction: done.values })
 }
 
 /// Decodes what [`encode`] wrote; `max_channels` bounds the memory.
@@ -99,19 +103,64 @@ pub fn decode(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<Vec<Vec<
     let heads: Vec<Head> =
         (0..channels).map(|_| Head::read(&mut r, plan)).collect::<Result<_>>()?;
     let quantised = coeffs::decode(plan, &bytes[r.pos()..], heads.len())?;
-    let reconstruct = |(q, head): (&Vec<i32>, &Head)| {
-        let dc = q.first().map_or(0, |&q| head.step.dequantise_one(q, Centroids::default()));
-        let mut source = Dequantiser { quantised: q, head };
-        to_values(plan, ClosedLoop::run(plan, dc, &mut source))
-    };
-    Ok(quantised.iter().zip(&heads).map(reconstruct).collect())
+    let mut out = Vec::with_capacity(heads.len());
+    let mut at = 0;
+    while at < heads.len() {
+        match (&quantised[at..], &heads[at..]) {
+            ([a, b, c, ..], [p, q, r, ..]) => {
+                out.extend(reconstruct(plan, [a, b, c], [p, q, r])?);
+                at += 3;
+            }
+            _ => {
+                out.extend(reconstruct(plan, [&quantised[at]], [&heads[at]])?);
+                at += 1;
+            }
+        }
+    }
+    Ok(out)
 }
 
-fn to_values(plan: &Plan, mut low: Vec<i64>) -> Vec<i32> {
-    plan.unweight(&mut low);
+/// Values of `C` channels from their coefficients.
+fn reconstruct<const C: usize>(
+    plan: &Plan,
+    quantised: [&Vec<i32>; C],
+    heads: [&Head; C],
+) -> Result<[Vec<i32>; C]> {
+    if heads.iter().any(|h| !h.strength.is_empty()) {
+        let dc = std::array::from_fn(|i| dequantise_dc(quantised[i], heads[i]));
+        let mut source = Dequantiser { quantised, heads };
+        return Ok(to_values(plan, &ClosedLoop::run(plan, dc, &mut source)));
+    }
+    let mut out = std::array::from_fn(|_| Vec::new());
+    for (i, values) in out.iter_mut().enumerate() {
+        let dequantise = |&q| heads[i].step.dequantise_one(q, heads[i].centroids);
+        let mut c: Vec<i64> = quantised[i].iter().map(dequantise).collect();
+        if let Some(dc) = c.first_mut() {
+            *dc = dequantise_dc(quantised[i], heads[i]);
+        }
+        plan.inverse_fixed(&mut c)?;
+        *values = c.iter().map(|&v| round_value(v)).collect();
+    }
+    Ok(out)
+}
+
+fn dequantise_dc(quantised: &[i32], head: &Head) -> i64 {
+    quantised.first().map_or(0, |&q| head.step.dequantise_one(q, Centroids::default()))
+}
+
+fn round_value(v: i64) -> i32 {
     let half = 1i64 << (VALUE_BITS - 1);
-    let clamp = |v: i64| v.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
-    low.iter().map(|&v| clamp(v.saturating_add(half) >> VALUE_BITS)).collect()
+    let v = v.saturating_add(half) >> VALUE_BITS;
+    v.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+}
+
+/// Splits interleaved channels, takes the leaf weights out and rounds.
+fn to_values<const C: usize>(plan: &Plan, low: &[[i64; C]]) -> [Vec<i32>; C] {
+    std::array::from_fn(|i| {
+        let mut one: Vec<i64> = low.iter().map(|v| v[i]).collect();
+        plan.unweight(&mut one);
+        one.iter().map(|&v| round_value(v)).collect()
+    })
 }
 
 impl Head {
@@ -147,127 +196,203 @@ impl Head {
 }
 
 /// Decoder: residual from the stream.
-struct Dequantiser<'a> {
-    quantised: &'a [i32],
-    head: &'a Head,
+struct Dequantiser<'a, const C: usize> {
+    quantised: [&'a Vec<i32>; C],
+    heads: [&'a Head; C],
 }
 
-impl Residual for Dequantiser<'_> {
-    fn start_level(&mut self, depth: usize) -> i64 {
-        self.head.strength(depth)
+impl<const C: usize> Residual<C> for Dequantiser<'_, C> {
+    fn start_level(&mut self, depth: usize) -> [i64; C] {
+        self.heads.map(|h| h.strength(depth))
     }
 
     #[inline]
-    fn high(&mut self, k: usize, predicted: i64) -> i64 {
-        let r = self.head.step.dequantise_one(self.quantised[k], self.head.centroids);
-        r.wrapping_add(predicted)
+    fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
+        std::array::from_fn(|i| {
+            let h = self.heads[i];
+            let r = h.step.dequantise_one(self.quantised[i][k], h.centroids);
+            r.wrapping_add(predicted[i])
+        })
     }
+}
+
+/// Channels that are done, as the encoder goes through a group.
+#[derive(Default)]
+struct Quantised {
+    heads: Vec<Head>,
+    quantised: Vec<Vec<i32>>,
+    values: Vec<Vec<i32>>,
+    /// Per coefficient: sum of the magnitudes of the channels done.
+    coded: Vec<u32>,
+}
+
+impl Quantised {
+    /// Quantises the next `C` channels.
+    fn add<const C: usize>(
+        &mut self,
+        plan: &Plan,
+        exact: [&Vec<i64>; C],
+        steps: [Step; C],
+        o: &Options,
+    ) -> Result<()> {
+        let first = self.heads.len() as u32;
+        let mut heads =
+            steps.map(|step| Head { step, centroids: Centroids::default(), strength: Vec::new() });
+        if o.prediction {
+            for (h, s) in heads.iter_mut().zip(measure_strength(plan, exact)) {
+                h.strength = s;
+            }
+        }
+        let (_, sums, _) = quantise(plan, exact, &self.coded, first, &heads, o.lambda);
+        for (h, s) in heads.iter_mut().zip(&sums) {
+            h.centroids = s.centroids();
+        }
+        let (levels, _, low) = quantise(plan, exact, &self.coded, first, &heads, o.lambda);
+        let values = match low {
+            Some(low) => to_values(plan, &low),
+            None => reconstruct(plan, levels.each_ref(), heads.each_ref())?,
+        };
+        for channel in &levels {
+            for (sum, q) in self.coded.iter_mut().zip(channel) {
+                *sum = sum.saturating_add(q.unsigned_abs());
+            }
+        }
+        self.quantised.extend(levels);
+        self.values.extend(values);
+        self.heads.extend(heads);
+        Ok(())
+    }
+}
+
+/// Quantised coefficients, centroid sums and, if anything was predicted, reconstructed values.
+type Pass<const C: usize> = ([Vec<i32>; C], [CentroidSums; C], Option<Vec<[i64; C]>>);
+
+/// One pass of the encoder over `C` channels.
+fn quantise<const C: usize>(
+    plan: &Plan,
+    exact: [&Vec<i64>; C],
+    coded: &[u32],
+    first: u32,
+    heads: &[Head; C],
+    lambda: u8,
+) -> Pass<C> {
+    let mut q = Quantiser {
+        plan,
+        exact,
+        coded,
+        first,
+        heads,
+        thresholds: Thresholds::new(lambda),
+        per_unit: std::array::from_fn(|i| heads[i].step.per_unit()),
+        context: std::array::from_fn(|_| Magnitudes::new(plan)),
+        quantised: std::array::from_fn(|_| vec![0; plan.len()]),
+        sums: [CentroidSums::default(); C],
+    };
+    let mut dc = [0; C];
+    for i in 0..C {
+        if let Some(&exact) = exact[i].first() {
+            let level = (exact.unsigned_abs() as f64 * q.per_unit[i] + 0.5) as i32;
+            q.quantised[i][0] = if exact < 0 { -level } else { level };
+            dc[i] = dequantise_dc(&q.quantised[i], &heads[i]);
+        }
+    }
+    let mut low = None;
+    if heads.iter().any(|h| !h.strength.is_empty()) {
+        low = Some(ClosedLoop::run(plan, dc, &mut q));
+    } else {
+        for (depth, level) in plan.levels().windows(2).enumerate() {
+            q.start_level(depth);
+            for k in level[0] as usize..level[1] as usize {
+                q.high(k, [0; C]);
+            }
+        }
+    }
+    (q.quantised, q.sums, low)
 }
 
 /// Encoder: quantises the residual as it goes.
-struct Quantiser<'a> {
+struct Quantiser<'a, const C: usize> {
     plan: &'a Plan,
-    exact: &'a [i64],
+    exact: [&'a Vec<i64>; C],
     coded: &'a [u32],
-    channel: u32,
-    head: &'a Head,
+    first: u32,
+    heads: &'a [Head; C],
     thresholds: Thresholds,
-    per_unit: f64,
-    context: Magnitudes,
-    quantised: Vec<i32>,
-    sums: CentroidSums,
-    low: Vec<i64>,
+    per_unit: [f64; C],
+    context: [Magnitudes; C],
+    quantised: [Vec<i32>; C],
+    sums: [CentroidSums; C],
 }
 
-impl<'a> Quantiser<'a> {
-    fn run(
-        plan: &'a Plan,
-        exact: &'a [i64],
-        coded: &'a [u32],
-        channel: usize,
-        head: &'a Head,
-        lambda: u8,
-    ) -> Self {
-        let mut this = Self {
-            plan,
-            exact,
-            coded,
-            channel: channel as u32,
-            head,
-            thresholds: Thresholds::new(lambda),
-            per_unit: head.step.per_unit(),
-            context: Magnitudes::new(plan),
-            quantised: vec![0; plan.len()],
-            sums: CentroidSums::default(),
-            low: Vec::new(),
-        };
-        let mut dc = 0;
-        if let Some(&exact) = exact.first() {
-            let q = (exact.unsigned_abs() as f64 * this.per_unit + 0.5) as i32;
-            this.quantised[0] = if exact < 0 { -q } else { q };
-            dc = head.step.dequantise_one(this.quantised[0], Centroids::default());
-        }
-        this.low = ClosedLoop::run(plan, dc, &mut this);
-        this
-    }
-}
-
-impl Residual for Quantiser<'_> {
-    fn start_level(&mut self, depth: usize) -> i64 {
-        self.context.start_level();
-        self.head.strength(depth)
+impl<const C: usize> Residual<C> for Quantiser<'_, C> {
+    fn start_level(&mut self, depth: usize) -> [i64; C] {
+        self.context.iter_mut().for_each(Magnitudes::start_level);
+        std::array::from_fn(|i| self.heads[i].strength(depth))
     }
 
     #[inline]
-    fn high(&mut self, k: usize, predicted: i64) -> i64 {
-        let residual = self.exact[k] - predicted;
+    fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
         let (parent, axis) = (self.plan.parents()[k - 1] as usize, self.plan.axes()[k - 1]);
-        let m = self.context.expected(parent, axis, self.coded[k], self.channel);
-        let x = residual.unsigned_abs() as f64 * self.per_unit;
-        let magnitude = self.thresholds.quantise(x, m);
-        self.context.update(k, parent, axis, magnitude);
-        if magnitude == 0 {
-            return predicted;
-        }
-        self.sums.add(magnitude, x);
-        let q = if residual < 0 { -(magnitude as i32) } else { magnitude as i32 };
-        self.quantised[k] = q;
-        predicted.wrapping_add(self.head.step.dequantise_one(q, self.head.centroids))
+        let mut coded = self.coded[k];
+        std::array::from_fn(|i| {
+            let residual = self.exact[i][k] - predicted[i];
+            let m = self.context[i].expected(parent, axis, coded, self.first + i as u32);
+            let x = residual.unsigned_abs() as f64 * self.per_unit[i];
+            let magnitude = self.thresholds.quantise(x, m);
+            self.context[i].update(k, parent, axis, magnitude);
+            coded = coded.saturating_add(magnitude);
+            if magnitude == 0 {
+                return predicted[i];
+            }
+            self.sums[i].add(magnitude, x);
+            let q = if residual < 0 { -(magnitude as i32) } else { magnitude as i32 };
+            self.quantised[i][k] = q;
+            let h = &self.heads[i];
+            predicted[i].wrapping_add(h.step.dequantise_one(q, h.centroids))
+        })
     }
 }
 
 /// How much of each level its prediction explains, from the exact coefficients; empty if little.
-fn measure_strength(plan: &Plan, exact: &[i64]) -> Vec<u8> {
-    struct Measure<'a> {
-        exact: &'a [i64],
-        /// Per level: sums of `exact * predicted` and `predicted^2`.
-        sums: Vec<[f64; 2]>,
+fn measure_strength<const C: usize>(plan: &Plan, exact: [&Vec<i64>; C]) -> [Vec<u8>; C] {
+    struct Measure<'a, const C: usize> {
+        exact: [&'a Vec<i64>; C],
+        /// Sums of `exact * predicted` and of `predicted^2` in the current level.
+        sums: [[f64; 2]; C],
+        strength: [Vec<u8>; C],
     }
-    impl Residual for Measure<'_> {
-        fn start_level(&mut self, _depth: usize) -> i64 {
-            self.sums.push([0.0; 2]);
-            16
+    impl<const C: usize> Measure<'_, C> {
+        fn close(&mut self) {
+            for (s, out) in self.sums.iter_mut().zip(&mut self.strength) {
+                let ratio = if s[1] > 0.0 { 16.0 * s[0] / s[1] } else { 0.0 };
+                out.push((ratio + 0.5).clamp(0.0, 15.0) as u8);
+                *s = [0.0; 2];
+            }
+        }
+    }
+    impl<const C: usize> Residual<C> for Measure<'_, C> {
+        fn start_level(&mut self, depth: usize) -> [i64; C] {
+            if depth > 0 {
+                self.close();
+            }
+            [16; C]
         }
 
         #[inline]
-        fn high(&mut self, k: usize, predicted: i64) -> i64 {
-            if predicted != 0 {
-                if let Some(s) = self.sums.last_mut() {
-                    let (e, p) = (self.exact[k] as f64, predicted as f64);
-                    s[0] += e * p;
-                    s[1] += p * p;
-                }
-            }
-            self.exact[k]
+        fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
+            std::array::from_fn(|i| {
+                let exact = self.exact[i][k];
+                let p = predicted[i] as f64;
+                self.sums[i][0] += exact as f64 * p;
+                self.sums[i][1] += p * p;
+                exact
+            })
         }
     }
-    let mut m = Measure { exact, sums: Vec::new() };
-    let dc = exact.first().copied().unwrap_or(0);
+    let dc = std::array::from_fn(|i| exact[i].first().copied().unwrap_or(0));
+    let mut m =
+        Measure { exact, sums: [[0.0; 2]; C], strength: std::array::from_fn(|_| Vec::new()) };
     let _ = ClosedLoop::run(plan, dc, &mut m);
-    let strength: Vec<u8> = m
-        .sums
-        .iter()
-        .map(|s| if s[1] > 0.0 { (16.0 * s[0] / s[1] + 0.5).clamp(0.0, 15.0) as u8 } else { 0 })
-        .collect();
-    if strength.iter().all(|&s| s == 0) { Vec::new() } else { strength }
+    m.close();
+    m.strength.map(|s| if s.iter().all(|&s| s == 0) { Vec::new() } else { s })
 }

@@ -283,7 +283,8 @@ fn code_channels<C: BinaryCoder>(plan: &Plan, channels: &mut [Vec<i32>], coder: 
                     let ctx = (ch * 9 + signs) * 4;
                     negative = models.sign[ctx].code(coder, value < 0, 1023);
                 }
-                signs = (signs * 3 + if magnitude == 0 { 0 } else { 1 + usize::from(negative) }) % 9;
+                signs =
+                    (signs * 3 + if magnitude == 0 { 0 } else { 1 + usize::from(negative) }) % 9;
                 channels[ch][k] =
                     if negative { (magnitude as i32).wrapping_neg() } else { magnitude as i32 };
                 context[ch].update(k, parent, axis, magnitude);

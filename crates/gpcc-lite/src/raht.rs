@@ -250,6 +250,12 @@ impl Plan {
         }
     }
 
+    /// Builds the neighbour relations that prediction needs, which otherwise happens at its first
+    /// use. They are kept, and shared by all channels and threads.
+    pub fn prepare_prediction(&self) {
+        let _ = self.pyramid();
+    }
+
     fn pyramid(&self) -> &Pyramid {
         self.pyramid.get_or_init(|| Pyramid::new(self))
     }

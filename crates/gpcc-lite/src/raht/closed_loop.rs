@@ -4,22 +4,17 @@
 //! its neighbours and of those neighbours' children that are already known; the prediction goes
 //! through the same butterflies, and only the difference of the high-pass values is coded.
 
+use super::pyramid::{Pyramid, SELF};
 use super::{FACTOR_BITS, GAIN_BITS, Plan, round_shift};
 
-/// Where the high-pass values come from.
-pub(crate) trait Residual {
+/// Where the high-pass values of `C` channels come from.
+pub(crate) trait Residual<const C: usize> {
     /// Called before each octree level; the strength of the prediction there, in 1/16.
-    fn start_level(&mut self, depth: usize) -> i64;
+    fn start_level(&mut self, depth: usize) -> [i64; C];
 
-    /// The reconstructed high-pass value `k`, given its prediction.
-    fn high(&mut self, k: usize, predicted: i64) -> i64;
+    /// The reconstructed high-pass values `k`, given their predictions.
+    fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C];
 }
-
-/// Weights of the prediction: the node itself, then by faces, edges, corners shared.
-const SELF: i64 = 9;
-const NODE: [i64; 4] = [0, 3, 1, 0];
-/// The same for a neighbour's child that is already reconstructed.
-const CHILD: [i64; 4] = [0, 5, 2, 0];
 
 /// Bounds of a mean: keeps sums of weighted means of a hostile stream within 63 bits.
 const MEAN_MAX: i64 = 1 << 50;
@@ -52,29 +47,6 @@ const MERGES: [([(u8, u8); 7], u8); 256] = {
     t
 };
 
-/// For each place of the 3x3x3 neighbourhood: the axes it is off along, and on which sides, as
-/// bits of a child index.
-const OFFSET: [(u8, u8); 27] = {
-    let mut t = [(0u8, 0u8); 27];
-    let mut n = 0;
-    while n < 27 {
-        let d = [n / 9, n / 3 % 3, n % 3];
-        let mut k = 0;
-        while k < 3 {
-            let bit = 4 >> k;
-            if d[k] != 1 {
-                t[n].0 |= bit;
-            }
-            if d[k] == 2 {
-                t[n].1 |= bit;
-            }
-            k += 1;
-        }
-        n += 1;
-    }
-    t
-};
-
 /// Reciprocals of the weight sums, 32 fraction bits.
 const RECIPROCAL: [i64; 64] = {
     let mut t = [0i64; 64];
@@ -91,103 +63,103 @@ pub(crate) struct ClosedLoop;
 impl ClosedLoop {
     /// Reconstructs all values (leaf order, still multiplied by the roots of the leaf weights)
     /// from the DC and from what `source` returns, which is asked for `1..plan.len()` in order.
-    pub(crate) fn run<R: Residual>(plan: &Plan, dc: i64, source: &mut R) -> Vec<i64> {
-        let mut low = vec![0i64; plan.len()];
-        if low.is_empty() {
-            return low;
-        }
-        low[0] = dc;
+    pub(crate) fn run<const C: usize, R: Residual<C>>(
+        plan: &Plan,
+        dc: [i64; C],
+        source: &mut R,
+    ) -> Vec<[i64; C]> {
         let pyramid = plan.pyramid();
-        let mut mean = vec![mean_of(dc, pyramid.levels[0].inverse_root[0])];
+        let nodes = pyramid.inverse_root.len();
+        let mut low: Vec<[i64; C]> = Vec::with_capacity(nodes);
+        let mut mean: Vec<[i64; C]> = Vec::with_capacity(nodes);
+        if nodes > 0 {
+            low.push(dc);
+            mean.push(dc.map(|v| mean_of(v, pyramid.inverse_root[0])));
+        }
         let mut k = 1usize;
-        for (depth, pair) in pyramid.levels.windows(2).enumerate() {
-            let [level, next] = pair else { continue };
+        for (depth, range) in pyramid.levels.windows(2).enumerate() {
             let strength = source.start_level(depth);
-            let mut next_mean = vec![0i64; next.first.len()];
-            let mut block = 0usize;
-            let mut link = 0usize;
-            for (at, &mask) in level.mask.iter().enumerate() {
-                let base = level.child[at] as usize;
-                let (merges, count) = &MERGES[usize::from(mask)];
+            let predicts = strength.iter().any(|&s| s != 0);
+            for block in range[0] as usize..range[1] as usize {
+                let (merges, count) = &MERGES[usize::from(pyramid.mask[block])];
                 let count = usize::from(*count);
-                if count == 0 {
-                    if mask != 0 {
-                        next_mean[base] = mean[at];
+                let parent = pyramid.node[block] as usize;
+                let base = low.len();
+                let mut predicted = [[0i64; C]; 7];
+                if predicts && pyramid.terms_end[base + count] > pyramid.terms_end[base - 1] {
+                    let mut value = [[0i64; C]; 8];
+                    for (i, v) in value[..=count].iter_mut().enumerate() {
+                        *v = predict(pyramid, base + i, &mean[parent], &mean);
                     }
-                    continue;
+                    forward(plan, &merges[..count], k, &mut value, &strength, &mut predicted);
                 }
-                let links = &level.links[link..level.link_end[block] as usize];
-                link = level.link_end[block] as usize;
-                block += 1;
-                let children = count + 1;
-                let mut predicted = [0i64; 7];
-                if strength != 0 && !links.is_empty() {
-                    let mut acc = [mean[at] * SELF; 8];
-                    let mut sum = [SELF; 8];
-                    for l in links {
-                        let (axes, sides) = OFFSET[usize::from(l.place)];
-                        let kind = axes.count_ones() as usize;
-                        if NODE[kind] == 0 {
-                            continue;
-                        }
-                        let other = l.node as usize;
-                        let other_mask = if other < at { level.mask[other] } else { 0 };
-                        let other_mean = mean[other];
-                        let mut rank = 0;
-                        let mut rest = mask;
-                        while rest != 0 {
-                            let c = rest.trailing_zeros() as u8;
-                            rest &= rest - 1;
-                            if (c ^ sides) & axes == 0 {
-                                let touching = c ^ axes;
-                                if other_mask >> touching & 1 == 1 {
-                                    let before = other_mask & ((1u16 << touching) - 1) as u8;
-                                    let child = level.child[other] + before.count_ones();
-                                    acc[rank] += next_mean[child as usize] * CHILD[kind];
-                                    sum[rank] += CHILD[kind];
-                                } else {
-                                    acc[rank] += other_mean * NODE[kind];
-                                    sum[rank] += NODE[kind];
-                                }
-                            }
-                            rank += 1;
-                        }
-                    }
-                    let mut value = [0i64; 8];
-                    for i in 0..children {
-                        let r = i128::from(RECIPROCAL[sum[i] as usize]);
-                        value[i] = ((i128::from(acc[i]) * r) >> 32) as i64;
-                    }
-                    for m in (0..count).rev() {
-                        let (l, r) = (usize::from(merges[m].0), usize::from(merges[m].1));
-                        let difference = value[r] - value[l];
-                        let gain = i128::from(plan.gain[k + m - 1]);
-                        let high = (i128::from(difference) * gain) >> GAIN_BITS;
-                        predicted[m] = ((high * i128::from(strength)) >> 4) as i64;
-                        let s = i64::from(plan.factor[k + m - 1][1]);
-                        let share = i128::from((s * s) >> FACTOR_BITS);
-                        value[l] += ((i128::from(difference) * share) >> FACTOR_BITS) as i64;
-                    }
-                }
-                let mut value = [0i64; 8];
-                value[0] = low[level.first[at] as usize];
-                for m in 0..count {
-                    let (l, r) = (usize::from(merges[m].0), usize::from(merges[m].1));
-                    let high = i128::from(source.high(k, predicted[m]));
+                let mut value = [[0i64; C]; 8];
+                value[0] = low[parent];
+                for (m, p) in merges[..count].iter().zip(predicted) {
+                    let (l, r) = (usize::from(m.0), usize::from(m.1));
+                    let high = source.high(k, p);
                     let [c, s] = plan.factor[k - 1].map(i128::from);
-                    let v = i128::from(value[l]);
-                    value[l] = round_shift(c * v - s * high);
-                    value[r] = round_shift(s * v + c * high);
+                    for ch in 0..C {
+                        let (v, h) = (i128::from(value[l][ch]), i128::from(high[ch]));
+                        value[l][ch] = round_shift(c * v - s * h);
+                        value[r][ch] = round_shift(s * v + c * h);
+                    }
                     k += 1;
                 }
-                for (i, &v) in value[..children].iter().enumerate() {
-                    low[next.first[base + i] as usize] = v;
-                    next_mean[base + i] = mean_of(v, next.inverse_root[base + i]);
+                for (i, v) in value[..=count].iter().enumerate() {
+                    low.push(*v);
+                    mean.push(v.map(|v| mean_of(v, pyramid.inverse_root[base + i])));
                 }
             }
-            mean = next_mean;
         }
-        low
+        pyramid.leaf_node.iter().map(|&node| low[node as usize]).collect()
+    }
+}
+
+/// The weighted mean of the terms of a node.
+#[inline]
+fn predict<const C: usize>(
+    pyramid: &Pyramid,
+    node: usize,
+    own: &[i64; C],
+    mean: &[[i64; C]],
+) -> [i64; C] {
+    let terms = pyramid.terms_end[node - 1] as usize..pyramid.terms_end[node] as usize;
+    if terms.is_empty() {
+        return *own;
+    }
+    let mut acc = own.map(|v| v * i64::from(SELF));
+    for t in &pyramid.terms[terms] {
+        let other = &mean[t.node as usize];
+        for ch in 0..C {
+            acc[ch] += other[ch] * i64::from(t.weight);
+        }
+    }
+    let reciprocal = i128::from(RECIPROCAL[usize::from(pyramid.total[node])]);
+    acc.map(|v| ((i128::from(v) * reciprocal) >> 32) as i64)
+}
+
+/// High-pass values of predicted means, times the strength.
+#[inline]
+fn forward<const C: usize>(
+    plan: &Plan,
+    merges: &[(u8, u8)],
+    k: usize,
+    value: &mut [[i64; C]; 8],
+    strength: &[i64; C],
+    predicted: &mut [[i64; C]; 7],
+) {
+    for (m, &(l, r)) in merges.iter().enumerate().rev() {
+        let (l, r) = (usize::from(l), usize::from(r));
+        let gain = i128::from(plan.gain[k + m - 1]);
+        let s = i64::from(plan.factor[k + m - 1][1]);
+        let share = i128::from((s * s) >> FACTOR_BITS);
+        for ch in 0..C {
+            let difference = i128::from(value[r][ch] - value[l][ch]);
+            predicted[m][ch] =
+                ((((difference * gain) >> GAIN_BITS) * i128::from(strength[ch])) >> 4) as i64;
+            value[l][ch] += ((difference * share) >> FACTOR_BITS) as i64;
+        }
     }
 }
 

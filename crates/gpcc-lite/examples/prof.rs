@@ -1,0 +1,77 @@
+//! temporary
+#![allow(
+    missing_docs,
+    clippy::disallowed_methods,
+    unreachable_pub,
+    dead_code,
+    reason = "temporary"
+)]
+#[path = "../../../xtask/src/bench_gpcc/cloud.rs"]
+mod cloud;
+use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::quant::Step;
+use gpcc_lite::raht::Plan;
+use std::time::Instant;
+fn t<T>(name: &str, mut f: impl FnMut() -> T) -> T {
+    let mut best = f64::MAX;
+    let mut r = None;
+    for _ in 0..7 {
+        let s = Instant::now();
+        r = Some(f());
+        best = best.min(s.elapsed().as_secs_f64());
+    }
+    println!("{name:30} {:8.1} ms", best * 1e3);
+    r.unwrap()
+}
+fn main() -> anyhow::Result<()> {
+    let c = cloud::read(std::path::Path::new("../shared/clouds/syn15_dc.ply"), 15)?;
+    let mut x = 88172645463325252u64;
+    let r: Vec<u64> = (0..500000)
+        .map(|_| {
+            x ^= x << 13;
+            x ^= x >> 7;
+            x ^= x << 17;
+            x
+        })
+        .collect();
+    t("sort", || {
+        let mut v = r.clone();
+        v.sort_unstable();
+        v
+    });
+    let b = t("geometry enc", || gpcc_lite::geometry::encode(&c.leaves, 15).unwrap());
+    t("geometry dec", || {
+        gpcc_lite::geometry::decode(&b, &gpcc_lite::Limits::for_stream(b.len())).unwrap()
+    });
+    let plan = t("plan", || Plan::new(&c.leaves, 15).unwrap());
+    t("plan+pyramid", || {
+        let p = Plan::new(&c.leaves, 15).unwrap();
+        p.prepare_prediction();
+        p
+    });
+    plan.prepare_prediction();
+    let v: Vec<i64> = c.channels[0].iter().map(|&v| (v as i64) << 12).collect();
+    let f = t("forward", || {
+        let mut v = v.clone();
+        plan.forward_fixed(&mut v).unwrap();
+        v
+    });
+    t("inverse", || {
+        let mut v = f.clone();
+        plan.inverse_fixed(&mut v).unwrap();
+        v
+    });
+    let refs: Vec<&[i32]> = c.channels.iter().map(Vec::as_slice).collect();
+    for qp in [16, 28] {
+        for prediction in [true, false] {
+            for mode in [gpcc_lite::coeffs::Mode::Range, gpcc_lite::coeffs::Mode::Rlgr] {
+                let o = Options { prediction, mode, ..Options::default() };
+                let e = t(&format!("attr enc {qp} {prediction} {mode:?}"), || {
+                    attribute::encode(&plan, &refs, &[Step::from_qp(qp); 3], &o).unwrap()
+                });
+                t("  dec", || attribute::decode(&plan, &e.bytes, 3).unwrap());
+            }
+        }
+    }
+    Ok(())
+}
