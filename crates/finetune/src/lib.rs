@@ -9,6 +9,8 @@ pub mod metrics;
 mod options;
 mod quantization;
 mod saliency;
+#[cfg(any(test, feature = "gpu"))]
+mod shaders;
 mod shuffle;
 mod simd;
 mod stages;

@@ -60,7 +60,7 @@ impl Quantization {
                 return value;
             }
             match self.mode {
-                QuantizationMode::StraightThrough => (value / width).round() * width,
+                QuantizationMode::StraightThrough => (value / width).round_ties_even() * width,
                 QuantizationMode::UniformNoise => {
                     value
                         + noise(seed ^ class.wrapping_mul(0xc2b2_ae35), step, index as u32) * width

@@ -61,9 +61,9 @@ pub(crate) struct AdamStep {
     pub(crate) inv_sqrt_bias2: f32,
 }
 
-const BETA1: f32 = 0.9;
-const BETA2: f32 = 0.999;
-const EPSILON: f32 = 1.0e-15;
+pub(crate) const BETA1: f32 = 0.9;
+pub(crate) const BETA2: f32 = 0.999;
+pub(crate) const EPSILON: f32 = 1.0e-15;
 
 impl AdamStep {
     /// `step` counts from 1; `decay` multiplies all rates.

@@ -119,7 +119,7 @@ impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
         let mut row_live = [true; LANES];
         let mut last = 0;
         // Rows are re-examined once per batch: a stopped pixel is skipped by its sign anyway.
-        const BATCH: usize = 16;
+        const BATCH: usize = 32;
         for (batch, list) in ids.chunks(BATCH).enumerate() {
             for (k, &i) in list.iter().enumerate() {
                 let s = splats[i as usize];

@@ -130,7 +130,7 @@ impl<const N: usize> simd::Kernel for ReplayTile<'_, N> {
             }
         }
         let mut row_live = [true; LANES];
-        const BATCH: usize = 16;
+        const BATCH: usize = 32;
         for (list, records) in ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
             for (&i, record) in list.iter().zip(records) {
                 let s = splats[i as usize];

@@ -1,0 +1,276 @@
+//! The WGSL sources: stage files, the shared mathematics they use, and the constants, which
+//! come from the Rust side.
+
+use std::fmt::Write as _;
+
+use crate::metrics::taps;
+use crate::stages::adam::{BETA1, BETA2, EPSILON};
+use crate::stages::consts::*;
+
+/// Workgroups per row of a dispatch; more are folded into further rows.
+pub(crate) const DISPATCH_ROW: u32 = 32_768;
+/// Pairs that one workgroup of the radix sort handles.
+pub(crate) const RADIX_BLOCK: u32 = 1024;
+#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
+/// Values that one workgroup of the scan handles.
+pub(crate) const SCAN_BLOCK: u32 = 1024;
+/// Splats whose partial sums `blend_adjoint` keeps in workgroup memory: 16 KiB hold no more.
+const RECORD_BATCH: u32 = 16;
+
+/// What F means in the shared mathematics of a shader.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Width {
+    One,
+    Four,
+}
+
+/// A shader module: its own file and the pieces before it.
+#[derive(Debug)]
+pub(crate) struct Shader {
+    pub(crate) name: &'static str,
+    pub(crate) entries: &'static [&'static str],
+    width: Width,
+    parts: &'static [&'static str],
+}
+
+const PRELUDE: &str = include_str!("stages/math/prelude.wgsl");
+const SCALAR: &str = include_str!("stages/math/scalar.wgsl");
+const PROJECT: &str = include_str!("stages/math/project.wgsl");
+const PROJECT_ADJOINT: &str = include_str!("stages/math/project_adjoint.wgsl");
+const SH: &str = include_str!("stages/math/sh.wgsl");
+const BLEND: &str = include_str!("stages/math/blend.wgsl");
+const STEP: &str = include_str!("stages/step.wgsl");
+const PARAMS: &str = include_str!("stages/params.wgsl");
+const TOUCHES: &str = include_str!("stages/touches.wgsl");
+/// `struct Splat` for stages that do not test tiles.
+const SPLAT: &str = "struct Splat { a: vec4<f32>, b: vec4<f32>, c: vec4<f32> }\n";
+
+/// All shaders, in the order of the stages.
+pub(crate) const SHADERS: &[Shader] = &[
+    Shader {
+        name: "project",
+        entries: &["project"],
+        width: Width::One,
+        parts: &[SCALAR, PROJECT, SH, STEP, PARAMS, TOUCHES, include_str!("stages/project.wgsl")],
+    },
+    Shader {
+        name: "sort",
+        entries: &["sort_count", "sort_scatter"],
+        width: Width::One,
+        parts: &[STEP, include_str!("stages/sort.wgsl")],
+    },
+    Shader {
+        name: "scan",
+        entries: &["scan_local", "scan_add"],
+        width: Width::One,
+        parts: &[STEP, include_str!("stages/scan.wgsl")],
+    },
+    Shader {
+        name: "emit",
+        entries: &["rank_counts", "check_capacity", "emit"],
+        width: Width::One,
+        parts: &[SCALAR, PROJECT, STEP, TOUCHES, include_str!("stages/emit.wgsl")],
+    },
+    Shader {
+        name: "ranges",
+        entries: &["ranges"],
+        width: Width::One,
+        parts: &[STEP, include_str!("stages/ranges.wgsl")],
+    },
+    Shader {
+        name: "blend",
+        entries: &["blend"],
+        width: Width::Four,
+        parts: &[SCALAR, BLEND, STEP, SPLAT, include_str!("stages/blend.wgsl")],
+    },
+    Shader {
+        name: "loss",
+        entries: &[
+            "ssim_rows",
+            "ssim_values",
+            "ssim_spread",
+            "loss_gradient",
+            "loss_clear",
+            "loss_blocks",
+            "loss_total",
+        ],
+        width: Width::One,
+        parts: &[STEP, include_str!("stages/loss.wgsl")],
+    },
+    Shader {
+        name: "blend_adjoint",
+        entries: &["blend_adjoint"],
+        width: Width::Four,
+        parts: &[SCALAR, BLEND, STEP, SPLAT, include_str!("stages/blend_adjoint.wgsl")],
+    },
+    Shader {
+        name: "gather",
+        entries: &["gather"],
+        width: Width::One,
+        parts: &[STEP, include_str!("stages/gather.wgsl")],
+    },
+    Shader {
+        name: "adam",
+        entries: &["adam"],
+        width: Width::One,
+        parts: &[
+            SCALAR,
+            PROJECT,
+            PROJECT_ADJOINT,
+            SH,
+            STEP,
+            PARAMS,
+            include_str!("stages/adam.wgsl"),
+        ],
+    },
+];
+
+impl Shader {
+    /// The whole text.
+    pub(crate) fn source(&self) -> String {
+        let mut out = String::new();
+        // Formatting into a String cannot fail.
+        let _ = self.constants(&mut out);
+        out.push_str(PRELUDE);
+        for part in self.parts {
+            out.push_str(part);
+        }
+        let taps: Vec<String> = taps().iter().map(|&t| exact(t as f32)).collect();
+        out.replace("SSIM_TAPS", &taps.join(", "))
+    }
+
+    fn constants(&self, out: &mut String) -> std::fmt::Result {
+        let aliases = match self.width {
+            Width::One => ["f32", "bool", "i32", "u32"].map(String::from),
+            Width::Four => ["f32", "bool", "i32", "u32"].map(|t| format!("vec4<{t}>")),
+        };
+        for (name, alias) in ["F", "B", "I", "U"].iter().zip(&aliases) {
+            writeln!(out, "alias {name} = {alias};")?;
+        }
+        for (name, value) in [
+            ("TILE", TILE),
+            ("DISPATCH_ROW", DISPATCH_ROW),
+            ("RADIX_BLOCK", RADIX_BLOCK),
+            ("RADIX_PER_LANE", RADIX_BLOCK / 64),
+            ("RECORD_BATCH", RECORD_BATCH),
+            ("RECORD_WORDS", RECORD_BATCH * 7 * 33),
+        ] {
+            writeln!(out, "const {name}: u32 = {value}u;")?;
+        }
+        for (name, value) in [
+            ("T_STOP", T_STOP),
+            ("ALPHA_MAX", ALPHA_MAX),
+            ("SIGMA_MAX", SIGMA_MAX),
+            ("BLUR", BLUR),
+            ("NEAR", NEAR),
+            ("LOG_SCALE_MAX", LOG_SCALE_MAX),
+            ("MIN_QUATERNION_NORM2", MIN_QUATERNION_NORM2),
+            ("MAX_QUATERNION_NORM2", MAX_QUATERNION_NORM2),
+            ("ADAM_BETA1", BETA1),
+            ("ADAM_BETA1_REST", 1.0 - BETA1),
+            ("ADAM_BETA2", BETA2),
+            ("ADAM_BETA2_REST", 1.0 - BETA2),
+            ("ADAM_EPSILON", EPSILON),
+        ] {
+            writeln!(out, "const {name}: f32 = {};", exact(value))?;
+        }
+        Ok(())
+    }
+}
+
+/// The exact decimal value: no parser can round it to another f32.
+fn exact(value: f32) -> String {
+    format!("{:e}", f64::from(value))
+}
+
+/// How a shader sees a binding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Access {
+    Uniform,
+    Read,
+    ReadWrite,
+}
+
+/// A binding of a shader, as its text declares it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Binding {
+    pub(crate) index: u32,
+    pub(crate) name: String,
+    pub(crate) access: Access,
+}
+
+/// The bindings of one of our own sources: lines of the form
+/// `@group(0) @binding(3) var<storage, read> name: type;`.
+pub(crate) fn bindings(source: &str) -> Vec<Binding> {
+    let mut out = Vec::new();
+    for line in source.lines() {
+        let Some(rest) = line.strip_prefix("@group(0) @binding(") else { continue };
+        let Some((index, rest)) = rest.split_once(") var<") else { continue };
+        let Some((access, rest)) = rest.split_once("> ") else { continue };
+        let Some((name, _)) = rest.split_once(':') else { continue };
+        let access = match access {
+            "uniform" => Access::Uniform,
+            "storage, read" => Access::Read,
+            _ => Access::ReadWrite,
+        };
+        if let Ok(index) = index.parse() {
+            out.push(Binding { index, name: name.into(), access });
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use naga::back;
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    /// Every shader, with no optional capability, to every language that a backend of wgpu
+    /// reads. There is no adapter in this test.
+    #[test]
+    fn every_shader_is_valid_and_translates_everywhere() {
+        for shader in SHADERS {
+            let source = shader.source();
+            let module = naga::front::wgsl::parse_str(&source)
+                .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&source)));
+            let entries: Vec<_> = module.entry_points.iter().map(|e| e.name.as_str()).collect();
+            assert_eq!(entries, shader.entries, "{}", shader.name);
+            let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
+                .validate(&module)
+                .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&source)));
+            let bindings = bindings(&source);
+            assert_eq!(bindings.len(), source.matches("@binding(").count(), "{}", shader.name);
+            let storage = bindings.iter().filter(|b| b.access != Access::Uniform).count();
+            assert!(storage <= 8, "{}: {storage} storage buffers", shader.name);
+
+            let words =
+                back::spv::write_vec(&module, &info, &back::spv::Options::default(), None).unwrap();
+            assert!(words.len() > 100);
+
+            let options = back::msl::Options { fake_missing_bindings: true, ..Default::default() };
+            let pipeline = back::msl::PipelineOptions::default();
+            let (msl, _) = back::msl::write_string(&module, &info, &options, &pipeline).unwrap();
+
+            let options = back::hlsl::Options {
+                shader_model: back::hlsl::ShaderModel::V6_0,
+                fake_missing_bindings: true,
+                ..Default::default()
+            };
+            let mut hlsl = String::new();
+            let pipeline = back::hlsl::PipelineOptions::default();
+            back::hlsl::Writer::new(&mut hlsl, &options, &pipeline)
+                .write(&module, &info, None)
+                .unwrap();
+            for entry in shader.entries {
+                assert!(msl.contains(entry) && hlsl.contains(entry), "{}", shader.name);
+            }
+        }
+    }
+
+    #[test]
+    fn workgroup_memory_stays_within_the_portable_limit() {
+        let adjoint = RECORD_BATCH * (7 * 33 * 4 + 48);
+        assert!(adjoint <= 16 * 1024, "{adjoint} bytes");
+    }
+}

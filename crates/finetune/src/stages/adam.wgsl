@@ -1,0 +1,89 @@
+// Stages `project_adjoint` and `adam`: one lane per Gaussian, all its parameters.
+
+@group(0) @binding(1) var<storage, read> sums: array<f32>;
+@group(0) @binding(2) var<storage, read> means: array<f32>;
+@group(0) @binding(3) var<storage, read_write> geo: array<f32>;
+@group(0) @binding(4) var<storage, read_write> geo_m: array<f32>;
+@group(0) @binding(5) var<storage, read_write> geo_v: array<f32>;
+@group(0) @binding(6) var<storage, read_write> sh: array<f32>;
+@group(0) @binding(7) var<storage, read_write> sh_m: array<f32>;
+@group(0) @binding(8) var<storage, read_write> sh_v: array<f32>;
+
+// New first and second moment, and the amount to subtract from the parameter.
+fn moments(m: f32, v: f32, gradient: f32, rate: f32) -> vec3<f32> {
+    let g = select(0.0, gradient, finite(gradient));
+    let m0 = m * ADAM_BETA1;
+    let m1 = g * ADAM_BETA1_REST;
+    let first = m0 + m1;
+    let gg = g * g;
+    let v0 = v * ADAM_BETA2;
+    let v1 = gg * ADAM_BETA2_REST;
+    let second = v0 + v1;
+    let root = sqrt(second) * u.inv_sqrt_bias2;
+    let ratio = first / (root + ADAM_EPSILON);
+    return vec3<f32>(first, second, ratio * rate);
+}
+
+fn update_geo(at: u32, gradient: f32, rate: f32) {
+    let r = moments(geo_m[at], geo_v[at], gradient, rate);
+    geo_m[at] = r.x;
+    geo_v[at] = r.y;
+    geo[at] -= r.z;
+}
+
+fn update_sh(at: u32, gradient: f32, rate: f32) {
+    let r = moments(sh_m[at], sh_v[at], gradient, rate);
+    sh_m[at] = r.x;
+    sh_v[at] = r.y;
+    sh[at] -= r.z;
+}
+
+@compute @workgroup_size(64)
+fn adam(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group) * 64u + lane;
+    if (i >= u.count || sums[7u * u.count] != 0.0) {
+        return;
+    }
+    let f = frame_of(i);
+    var basis = array<f32, 16>();
+    var v_raw = vec3<f32>();
+    var d_opacity = 0.0;
+    var d_log_scale = V3(0.0, 0.0, 0.0);
+    var d_rotation = Q4(0.0, 0.0, 0.0, 0.0);
+    if (f.visible) {
+        let at = 7u * i;
+        basis = sh_basis(direction_of(f.from_eye));
+        let raw = raw_colour(&basis, i);
+        let v = vec3<f32>(sums[at], sums[at + 1u], sums[at + 2u]);
+        v_raw = select(vec3<f32>(), v, raw >= vec3<f32>());
+        let o = sigmoid(load_opacity(i));
+        d_opacity = -(sums[at + 3u] * (1.0 - o));
+        let e = Sym2(sums[at + 4u], sums[at + 5u], sums[at + 6u]);
+        let v_s = covariance_adjoint(f.shape.p, f.shape.q, f.shape.r, e);
+        let h = v_cols(v_s, f.v0, f.v1);
+        d_log_scale = log_scale_adjoint(h, f.v0, f.v1);
+        let g = Rot(
+            rotation_col_adjoint(f.ewa, h.a0, h.b0, f.s.x),
+            rotation_col_adjoint(f.ewa, h.a1, h.b1, f.s.y),
+            rotation_col_adjoint(f.ewa, h.a2, h.b2, f.s.z),
+        );
+        d_rotation = quaternion_adjoint(f.unit.x, f.unit.y, f.unit.z, f.unit.w, f.inv_norm, g);
+    }
+    for (var k = 0u; k < u.sh_len; k++) {
+        let at = 3u * (i * u.sh_len + k);
+        let rate = select(u.rates.y, u.rates.x, k == 0u);
+        let g = basis[k] * v_raw;
+        update_sh(at, g.x, rate);
+        update_sh(at + 1u, g.y, rate);
+        update_sh(at + 2u, g.z, rate);
+    }
+    let at = 8u * i;
+    update_geo(at, d_opacity, u.rates.z);
+    update_geo(at + 1u, d_log_scale.x, u.rates.w);
+    update_geo(at + 2u, d_log_scale.y, u.rates.w);
+    update_geo(at + 3u, d_log_scale.z, u.rates.w);
+    update_geo(at + 4u, d_rotation.w, u.rotation_rate);
+    update_geo(at + 5u, d_rotation.x, u.rotation_rate);
+    update_geo(at + 6u, d_rotation.y, u.rotation_rate);
+    update_geo(at + 7u, d_rotation.z, u.rotation_rate);
+}

@@ -1,0 +1,173 @@
+// Loading parameters, through the quantiser if there is one. `geo` holds eight floats per
+// Gaussian: opacity logit, log-scales, quaternion.
+
+fn noise_of(class_id: u32, index: u32) -> f32 {
+    let seed = u.seed ^ (class_id * 0xc2b2ae35u);
+    var h = (seed ^ (u.step * 0x9e3779b9u)) ^ (index * 0x85ebca6bu);
+    h ^= h >> 16u;
+    h *= 0x7feb352du;
+    h ^= h >> 15u;
+    h *= 0x846ca68bu;
+    h ^= h >> 16u;
+    return f32(h >> 8u) / 16777216.0 - 0.5;
+}
+
+fn disturb(value: f32, width: f32, class_id: u32, index: u32) -> f32 {
+    if (width == 0.0) {
+        return value;
+    }
+    if (u.noise == 1u) {
+        let amount = noise_of(class_id, index) * width;
+        return value + amount;
+    }
+    return round(value / width) * width;
+}
+
+fn load_opacity(i: u32) -> f32 {
+    return disturb(geo[8u * i], u.widths.z, 1u, i);
+}
+
+fn load_log_scale(i: u32) -> vec3<f32> {
+    let at = 8u * i + 1u;
+    return vec3<f32>(
+        disturb(geo[at], u.widths.w, 2u, 3u * i),
+        disturb(geo[at + 1u], u.widths.w, 2u, 3u * i + 1u),
+        disturb(geo[at + 2u], u.widths.w, 2u, 3u * i + 2u),
+    );
+}
+
+fn load_rotation(i: u32) -> vec4<f32> {
+    let at = 8u * i + 4u;
+    let q = vec4<f32>(geo[at], geo[at + 1u], geo[at + 2u], geo[at + 3u]);
+    if (u.rotation_width == 0.0) {
+        return q;
+    }
+    let n0 = q.x * q.x;
+    let n1 = q.y * q.y;
+    let n2 = q.z * q.z;
+    let n3 = q.w * q.w;
+    let n01 = n0 + n1;
+    let n012 = n01 + n2;
+    let norm = sqrt(n012 + n3);
+    return vec4<f32>(
+        disturb(q.x / norm, u.rotation_width, 3u, 4u * i),
+        disturb(q.y / norm, u.rotation_width, 3u, 4u * i + 1u),
+        disturb(q.z / norm, u.rotation_width, 3u, 4u * i + 2u),
+        disturb(q.w / norm, u.rotation_width, 3u, 4u * i + 3u),
+    ) * norm;
+}
+
+fn load_sh(i: u32, k: u32) -> vec3<f32> {
+    let entry = i * u.sh_len + k;
+    let width = select(u.widths.y, u.widths.x, k == 0u);
+    return vec3<f32>(
+        disturb(sh[3u * entry], width, 0u, 3u * entry),
+        disturb(sh[3u * entry + 1u], width, 0u, 3u * entry + 1u),
+        disturb(sh[3u * entry + 2u], width, 0u, 3u * entry + 2u),
+    );
+}
+
+// The SH basis; entries beyond the degree stay zero.
+fn sh_basis(d: V3) -> array<f32, 16> {
+    var b = array<f32, 16>();
+    b[0] = 0.28209479177387814;
+    if (u.sh_len >= 4u) {
+        let s = sh_band1(d);
+        b[1] = s.x;
+        b[2] = s.y;
+        b[3] = s.z;
+    }
+    if (u.sh_len >= 9u) {
+        let s = sh_band2(d);
+        b[4] = s.b0;
+        b[5] = s.b1;
+        b[6] = s.b2;
+        b[7] = s.b3;
+        b[8] = s.b4;
+    }
+    if (u.sh_len >= 16u) {
+        let s = sh_band3(d);
+        b[9] = s.b0;
+        b[10] = s.b1;
+        b[11] = s.b2;
+        b[12] = s.b3;
+        b[13] = s.b4;
+        b[14] = s.b5;
+        b[15] = s.b6;
+    }
+    return b;
+}
+
+fn v3(a: vec4<f32>) -> V3 {
+    return V3(a.x, a.y, a.z);
+}
+
+struct Frame {
+    visible: bool,
+    from_eye: V3,
+    m: V3,
+    inv_z: f32,
+    // Normalised quaternion, w first.
+    unit: vec4<f32>,
+    inv_norm: f32,
+    rot: Rot,
+    s: V3,
+    ewa: Ewa,
+    v0: V3,
+    v1: V3,
+    shape: Shape,
+}
+
+fn scale_of(l: f32) -> f32 {
+    return exp_own(clamp(l, -LOG_SCALE_MAX, LOG_SCALE_MAX));
+}
+
+fn frame_of(i: u32) -> Frame {
+    var f: Frame;
+    let mean = V3(means[3u * i], means[3u * i + 1u], means[3u * i + 2u]);
+    f.from_eye = sub3(mean, v3(u.eye));
+    let w0 = v3(u.w0);
+    let w1 = v3(u.w1);
+    let w2 = v3(u.w2);
+    f.m = V3(dot3(w0, f.from_eye), dot3(w1, f.from_eye), dot3(w2, f.from_eye));
+    let q = load_rotation(i);
+    let q0 = q.x * q.x;
+    let q1 = q.y * q.y;
+    let q2 = q.z * q.z;
+    let q3 = q.w * q.w;
+    let n01 = q0 + q1;
+    let n23 = q2 + q3;
+    let norm2 = n01 + n23;
+    let turned = norm2 >= MIN_QUATERNION_NORM2 && norm2 <= MAX_QUATERNION_NORM2;
+    f.visible = f.m.z > NEAR && turned && finite(norm2);
+    if (!f.visible) {
+        return f;
+    }
+    f.inv_norm = 1.0 / sqrt(norm2);
+    f.unit = q * f.inv_norm;
+    f.rot = rotation_of(f.unit.x, f.unit.y, f.unit.z, f.unit.w);
+    let l = load_log_scale(i);
+    f.s = V3(scale_of(l.x), scale_of(l.y), scale_of(l.z));
+    f.inv_z = 1.0 / f.m.z;
+    let slope_u = clamp(f.m.x * f.inv_z, u.limits.x, u.limits.y);
+    let slope_v = clamp(f.m.y * f.inv_z, u.limits.z, u.limits.w);
+    f.ewa = ewa_of(u.lens.x, u.lens.y, slope_u, slope_v, f.inv_z, w0, w1, w2);
+    f.v0 = half_cov_row(f.ewa.t0, f.rot, f.s);
+    f.v1 = half_cov_row(f.ewa.t1, f.rot, f.s);
+    f.shape = shape_of(f.v0, f.v1, BLUR);
+    return f;
+}
+
+fn direction_of(from_eye: V3) -> V3 {
+    let inv = 1.0 / sqrt(dot3(from_eye, from_eye));
+    return scale3(from_eye, inv);
+}
+
+fn raw_colour(basis: ptr<function, array<f32, 16>>, i: u32) -> vec3<f32> {
+    var c = vec3<f32>(0.5);
+    for (var k = 0u; k < u.sh_len; k++) {
+        let term = load_sh(i, k) * (*basis)[k];
+        c += term;
+    }
+    return c;
+}

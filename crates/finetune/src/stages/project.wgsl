@@ -1,0 +1,111 @@
+// Stage `project`: one splat per (Gaussian, view), its tile box, its depth key, and the number
+// of tiles that it touches.
+
+@group(0) @binding(1) var<storage, read> means: array<f32>;
+@group(0) @binding(2) var<storage, read> geo: array<f32>;
+@group(0) @binding(3) var<storage, read> sh: array<f32>;
+@group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
+@group(0) @binding(5) var<storage, read_write> boxes: array<vec4<u32>>;
+@group(0) @binding(6) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(7) var<storage, read_write> counts: array<u32>;
+
+// Index range of the pixels whose centres lie in `centre` +- `half`, within 0..limit.
+fn span(centre: f32, half: f32, limit: u32) -> vec2<u32> {
+    let bound = f32(limit);
+    let below = centre - half;
+    let above = centre + half;
+    let first = clamp(ceil(below - 0.5), 0.0, bound);
+    let last = clamp(floor(above - 0.5) + 1.0, 0.0, bound);
+    return vec2<u32>(u32(first), u32(last));
+}
+
+fn square_tiles(centre: f32, half: f32, limit: u32) -> vec2<u32> {
+    let tile = f32(TILE);
+    let bound = f32(limit);
+    let c = centre - 0.5;
+    let first = clamp((c - half) / tile, 0.0, bound);
+    let last = clamp((c + half + tile - 1.0) / tile, 0.0, bound);
+    return vec2<u32>(u32(first), u32(last));
+}
+
+fn reference_radius(shape: Shape) -> f32 {
+    let mid = 0.5 * (shape.cov_xx + shape.cov_yy);
+    let det = shape.det_over_m * shape.m;
+    let root = sqrt(max(mid * mid - det, 0.1));
+    return ceil(3.0 * sqrt(mid + root));
+}
+
+@compute @workgroup_size(64)
+fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group) * 64u + lane;
+    if (i >= u.count) {
+        return;
+    }
+    keys[i] = 0xffffffffu;
+    counts[i] = 0u;
+    let opacity = sigmoid(load_opacity(i));
+    let o255 = opacity * 255.0;
+    let f = frame_of(i);
+    if (!(o255 > 1.0 && f.visible)) {
+        return;
+    }
+    let slope_x = f.m.x * f.inv_z;
+    let slope_y = f.m.y * f.inv_z;
+    let px = u.lens.x * slope_x;
+    let py = u.lens.y * slope_y;
+    let x = px + u.lens.z;
+    let y = py + u.lens.w;
+    let shape = f.shape;
+    let sane = finite(x) && finite(y) && finite(shape.p) && finite(shape.q) && finite(shape.r);
+    if (!sane) {
+        return;
+    }
+    let cut = ln_own(o255);
+    var cols: vec2<u32>;
+    var rows: vec2<u32>;
+    if (u.reference == 1u) {
+        let half = reference_radius(shape);
+        let xs = square_tiles(x, half, u.tiles_x);
+        let ys = square_tiles(y, half, u.tiles_y);
+        cols = vec2<u32>(xs.x * TILE, min(xs.y * TILE, u.width));
+        rows = vec2<u32>(ys.x * TILE, min(ys.y * TILE, u.height));
+    } else {
+        let t = 2.0 * cut * 1.0001;
+        let half_x = sqrt(t * shape.cov_xx) + 0.01;
+        let half_y = sqrt(t * shape.cov_yy) + 0.01;
+        cols = span(x, half_x, u.width);
+        rows = span(y, half_y, u.height);
+    }
+    if (!(cols.x < cols.y && rows.x < rows.y)) {
+        return;
+    }
+    var basis = sh_basis(direction_of(f.from_eye));
+    let raw = raw_colour(&basis, i);
+    if (!(finite(raw.x) && finite(raw.y) && finite(raw.z))) {
+        return;
+    }
+    let colour = max(raw, vec3<f32>(0.0));
+    let s = Splat(
+        vec4<f32>(x, y, shape.p, shape.q),
+        vec4<f32>(shape.r, cut, opacity, bitcast<f32>(rows.x)),
+        vec4<f32>(colour, bitcast<f32>(rows.y)),
+    );
+    let box = vec4<u32>(
+        cols.x / TILE,
+        (cols.y + TILE - 1u) / TILE,
+        rows.x / TILE,
+        (rows.y + TILE - 1u) / TILE,
+    );
+    var n = 0u;
+    for (var ty = box.z; ty < box.w; ty++) {
+        for (var tx = box.x; tx < box.y; tx++) {
+            if (touches(s, tx, ty)) {
+                n++;
+            }
+        }
+    }
+    splats[i] = s;
+    boxes[i] = box;
+    keys[i] = bitcast<u32>(f.m.z);
+    counts[i] = n;
+}

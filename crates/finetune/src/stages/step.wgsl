@@ -1,0 +1,45 @@
+// Everything about a step that is not an array; `gpu::StepUniform` in Rust.
+struct StepUniform {
+    w0: vec4<f32>,
+    w1: vec4<f32>,
+    w2: vec4<f32>,
+    eye: vec4<f32>,
+    // fx, fy, cx, cy
+    lens: vec4<f32>,
+    // lo_x, hi_x, lo_y, hi_y
+    limits: vec4<f32>,
+    background: vec4<f32>,
+    width: u32,
+    height: u32,
+    tiles_x: u32,
+    tiles_y: u32,
+    // Number of Gaussians, SH coefficients of each, 1 for the reference profile, slots.
+    count: u32,
+    sh_len: u32,
+    reference: u32,
+    capacity: u32,
+    // Entry of the loss ring, number of the step, seed, 1 for L1 + SSIM.
+    loss_slot: u32,
+    step: u32,
+    seed: u32,
+    l1_ssim: u32,
+    // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction.
+    rates: vec4<f32>,
+    rotation_rate: f32,
+    inv_sqrt_bias2: f32,
+    ssim_weight: f32,
+    pad2: u32,
+    // Quantiser steps: SH DC, other SH, opacity, log-scale; rotation; 1 for noise.
+    widths: vec4<f32>,
+    rotation_width: f32,
+    noise: u32,
+    pad0: u32,
+    pad1: u32,
+}
+
+@group(0) @binding(0) var<uniform> u: StepUniform;
+
+// Dispatches of more than 65535 workgroups are folded into rows of this length.
+fn group_index(group: vec3<u32>) -> u32 {
+    return group.y * DISPATCH_ROW + group.x;
+}
