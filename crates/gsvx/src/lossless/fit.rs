@@ -1,0 +1,192 @@
+//! Least squares for the encoder's choice of predictor weights.
+//!
+//! The weights are rounded to integers and sent, so nothing here has to agree between machines
+//! for a stream to decode; only + - * / on f64 in a fixed order is used all the same.
+
+use super::layout::MEANS;
+use super::neighbours::{NEIGHBOURS, Neighbours};
+use super::predictor::{MAX_SHIFT, NEIGHBOUR_BITS, Predictor};
+
+/// Rows the weights are fitted to, at most.
+const SAMPLE: usize = 8192;
+/// Reweighted least-squares rounds; the last weights rows by 1/|error|, for code length rather
+/// than energy.
+const ROUNDS: usize = 2;
+
+/// One chunk as the fit sees it.
+pub(super) struct Chunk {
+    /// Cell indices by column.
+    pub(super) q: Vec<Vec<i32>>,
+    /// Neighbours by row.
+    pub(super) near: Neighbours,
+}
+
+/// Fits the predictor of column `c`, and the mean level of its remainders; `skip(chunk, row)`
+/// tells values coded otherwise.
+pub(super) fn fit(chunks: &[Chunk], c: usize, skip: impl Fn(usize, usize) -> bool) -> (Predictor, u8) {
+    let total: usize = chunks.iter().map(|k| k.near.len()).sum();
+    let stride = (total / SAMPLE).max(1);
+    let mut rows = Vec::new();
+    for (k, chunk) in chunks.iter().enumerate() {
+        rows.extend(
+            (stride / 2..chunk.near.len()).step_by(stride).filter(|&i| !skip(k, i)).map(|i| (k, i)),
+        );
+    }
+    let mut predictor = Predictor { shift: 0, ..Default::default() };
+    if rows.len() < 64 {
+        return (predictor, 0);
+    }
+    // The last column of the sample is the target, the one before it the constant.
+    let inputs: Vec<usize> = (MEANS..c).collect();
+    let n = inputs.len() + 1;
+    let mut scale = vec![0.0f64; n + 1];
+    let mut sample = Vec::with_capacity(rows.len() * (n + 1));
+    for &(k, i) in &rows {
+        let q = &chunks[k].q;
+        sample.extend(inputs.iter().map(|&j| f64::from(q[j][i])));
+        sample.push(1.0);
+        sample.push(f64::from(q[c][i]));
+    }
+    for row in sample.chunks_exact(n + 1) {
+        for (s, v) in scale.iter_mut().zip(row) {
+            *s += v.abs();
+        }
+    }
+    for s in &mut scale {
+        *s = (*s / rows.len() as f64).max(1e-9);
+    }
+    for row in sample.chunks_exact_mut(n + 1) {
+        for (s, v) in scale.iter().zip(row) {
+            *v /= s;
+        }
+    }
+    let mut weights: Vec<f64> = sample
+        .chunks_exact(n + 1)
+        .map(|row| 1.0 / (0.25 + row.iter().map(|v| v.abs()).sum::<f64>() / (n + 1) as f64))
+        .collect();
+    let mut solution = vec![0.0; n];
+    for round in 0..ROUNDS {
+        solution = solve(&sample, &weights, n);
+        if round + 1 < ROUNDS {
+            let errors: Vec<f64> =
+                sample.chunks_exact(n + 1).map(|row| error(row, &solution).abs()).collect();
+            let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+            for (w, e) in weights.iter_mut().zip(errors) {
+                *w = 1.0 / (e + 0.1 * mean + 1e-12);
+            }
+        }
+    }
+    quantise(&mut predictor, &inputs, &solution, &scale);
+    // Neighbours, on the remainders of the integer predictor.
+    let rest = |k: usize, i: usize| {
+        let q = &chunks[k].q;
+        let mut sum = predictor.bias;
+        for &(j, w) in &predictor.own {
+            sum = sum.wrapping_add(i64::from(w) * i64::from(q[usize::from(j)][i]));
+        }
+        (i64::from(q[c][i]) - (sum >> predictor.shift)) as f64
+    };
+    let m = NEIGHBOURS;
+    let mut sample = Vec::with_capacity(rows.len() * (m + 1));
+    for &(k, i) in &rows {
+        sample.extend(chunks[k].near[i].map(|j| rest(k, j as usize)));
+        sample.push(rest(k, i));
+    }
+    let mut weights: Vec<f64> = sample
+        .chunks_exact(m + 1)
+        .map(|row| 1.0 / (1.0 + row.iter().map(|v| v.abs()).sum::<f64>()))
+        .collect();
+    let mut solution = vec![0.0; m];
+    for _ in 0..ROUNDS {
+        solution = solve(&sample, &weights, m);
+        for (w, row) in weights.iter_mut().zip(sample.chunks_exact(m + 1)) {
+            let typical = row.iter().map(|v| v.abs()).sum::<f64>() / (m + 1) as f64;
+            *w = 1.0 / (error(row, &solution).abs() + 0.1 * typical + 1.0);
+        }
+    }
+    let one = f64::from(1u32 << NEIGHBOUR_BITS);
+    for (near, w) in predictor.near.iter_mut().zip(&solution) {
+        *near = (w.clamp(-2.0, 2.0) * one).round() as i32;
+    }
+    let levels: u64 = sample
+        .chunks_exact(m + 1)
+        .map(|row| super::residual::level(error(row, &solution).abs().min(3e7) as u32) as u64)
+        .sum();
+    (predictor, (levels / rows.len() as u64) as u8)
+}
+
+fn error(row: &[f64], solution: &[f64]) -> f64 {
+    let mut e = row[solution.len()];
+    for (v, w) in row.iter().zip(solution) {
+        e -= v * w;
+    }
+    e
+}
+
+/// Weighted least squares of the last of `n + 1` columns on the others, slightly ridged.
+fn solve(sample: &[f64], weights: &[f64], n: usize) -> Vec<f64> {
+    let width = n + 1;
+    let mut gram = vec![0.0f64; width * width];
+    for (row, &w) in sample.chunks_exact(width).zip(weights) {
+        for i in 0..width {
+            let v = w * row[i];
+            for (g, r) in gram[i * width..i * width + i + 1].iter_mut().zip(row) {
+                *g += v * r;
+            }
+        }
+    }
+    // Cholesky of the leading n x n block, row by row; the target is the last row.
+    for i in 0..n {
+        gram[i * width + i] = gram[i * width + i] * (1.0 + 1e-5) + 1e-12;
+    }
+    for i in 0..width {
+        for j in 0..=i.min(n - 1) {
+            let mut s = gram[i * width + j];
+            for k in 0..j {
+                s -= gram[i * width + k] * gram[j * width + k];
+            }
+            gram[i * width + j] = if i == j {
+                s.max(1e-12).sqrt()
+            } else {
+                s / gram[j * width + j]
+            };
+        }
+    }
+    let mut x = vec![0.0; n];
+    for i in (0..n).rev() {
+        let mut s = gram[n * width + i];
+        for k in i + 1..n {
+            s -= gram[k * width + i] * x[k];
+        }
+        x[i] = s / gram[i * width + i];
+    }
+    x
+}
+
+/// Rounds weights in units of the columns to integers with a common number of fraction bits.
+fn quantise(predictor: &mut Predictor, inputs: &[usize], solution: &[f64], scale: &[f64]) {
+    let n = inputs.len();
+    let target = scale[n + 1];
+    // Weights that move the prediction by less than a thousandth of its size are left out.
+    let kept: Vec<(u8, f64)> = inputs
+        .iter()
+        .zip(solution)
+        .zip(scale)
+        .filter(|((_, w), _)| w.abs() > 1e-3)
+        .map(|((&j, w), s)| (j as u8, w * target / s))
+        .collect();
+    let bias = solution[n] * target / scale[n];
+    let largest = kept.iter().fold(1e-9f64, |m, (_, w)| m.max(w.abs()));
+    let mut shift = 0u8;
+    while shift < MAX_SHIFT && largest * ((1u64 << (shift + 1)) as f64) < f64::from(1 << 26) {
+        shift += 1;
+    }
+    let one = (1u64 << shift) as f64;
+    predictor.shift = shift;
+    predictor.bias = (bias.clamp(-1.7e7, 1.7e7) * one).round() as i64;
+    predictor.own = kept
+        .into_iter()
+        .map(|(j, w)| (j, (w * one).clamp(-2e9, 2e9).round() as i32))
+        .filter(|&(_, w)| w != 0)
+        .collect();
+}

@@ -1,0 +1,76 @@
+//! A scene as columns of bit patterns, in coding order.
+//!
+//! Means first (they decide the order and the neighbours), then opacity, log-scales, rotation,
+//! and SH coefficients, colour channels innermost.
+
+use gs_model::Scene;
+
+/// Columns of the means.
+pub(super) const MEANS: usize = 3;
+/// Columns that are not SH.
+pub(super) const PLAIN: usize = MEANS + 1 + 3 + 4;
+
+/// Number of columns of a scene of this SH degree.
+pub(super) fn columns(sh_degree: u8) -> usize {
+    PLAIN + 3 * (usize::from(sh_degree) + 1) * (usize::from(sh_degree) + 1)
+}
+
+/// What a column holds; columns of one kind share their probability models.
+pub(super) fn kind(column: usize) -> usize {
+    match column {
+        0..=3 => 0,
+        4..=6 => 1,
+        7..=10 => 2,
+        11..=13 => 3,
+        _ => 4 + (column - PLAIN) % 3,
+    }
+}
+
+/// Number of values of [`kind`].
+pub(super) const KINDS: usize = 7;
+
+/// Column `c` of the scene, Gaussians in the order of `order`.
+pub(super) fn gather(scene: &Scene, c: usize, order: &[u32]) -> Vec<u32> {
+    let k = scene.sh_len();
+    order
+        .iter()
+        .map(|&i| {
+            let i = i as usize;
+            match c {
+                0..=2 => scene.means[i][c],
+                3 => scene.opacity_logits[i],
+                4..=6 => scene.log_scales[i][c - 4],
+                7..=10 => scene.rotations[i][c - 7],
+                _ => scene.sh[i * k + (c - PLAIN) / 3][(c - PLAIN) % 3],
+            }
+            .to_bits()
+        })
+        .collect()
+}
+
+/// An all-zero scene to scatter columns into.
+pub(super) fn blank(n: usize, sh_degree: u8) -> Scene {
+    Scene {
+        means: vec![[0.0; 3]; n],
+        rotations: vec![[0.0; 4]; n],
+        log_scales: vec![[0.0; 3]; n],
+        opacity_logits: vec![0.0; n],
+        sh_degree,
+        sh: vec![[0.0; 3]; n * (usize::from(sh_degree) + 1) * (usize::from(sh_degree) + 1)],
+    }
+}
+
+/// Puts values of column `c` at the Gaussians `target(0)`, `target(1)`, ...
+pub(super) fn scatter(scene: &mut Scene, c: usize, values: &[u32], target: impl Fn(usize) -> usize) {
+    let k = scene.sh_len();
+    for (row, &bits) in values.iter().enumerate() {
+        let (i, v) = (target(row), f32::from_bits(bits));
+        match c {
+            0..=2 => scene.means[i][c] = v,
+            3 => scene.opacity_logits[i] = v,
+            4..=6 => scene.log_scales[i][c - 4] = v,
+            7..=10 => scene.rotations[i][c - 7] = v,
+            _ => scene.sh[i * k + (c - PLAIN) / 3][(c - PLAIN) % 3] = v,
+        }
+    }
+}

@@ -1,0 +1,374 @@
+//! Bit-exact coding of every float of a scene.
+//!
+//! Normative description: `docs/bitstream-lossless.md`. Gaussians come back in Morton order of
+//! their means unless the original order is asked for; every value comes back bit for bit,
+//! NaN payloads included. Columns are cut into cells whose index is predicted (from the
+//! Gaussian's earlier columns by a linear form fitted by the encoder, and from what that form
+//! leaves at neighbours) and coded with mixed adaptive contexts; the bits inside a cell are
+//! noise and stored as they are.
+
+mod chunk;
+mod column;
+mod fit;
+mod layout;
+mod neighbours;
+mod predictor;
+mod residual;
+
+use crate::encode::Encoded;
+use crate::error::{Error, Result};
+use crate::stream::{self, Header, Reader, SectionKind, Writer};
+use chunk::{Coded, Column, Means};
+use column::{Cell, Map};
+use gpcc_lite::range::{BinaryCoder, RangeDecoder, RangeEncoder};
+use gs_model::Scene;
+use layout::MEANS;
+use rayon::prelude::*;
+use voxel::Cube;
+
+/// Gaussians per chunk, at most; chunks are coded independently of each other.
+const CHUNK: usize = 1 << 16;
+/// A value this frequent (one in so many) gets a flag of its own.
+const COMMON: usize = 256;
+/// Gaussians that one byte of a chunk can stand for: a decision costs at least 2^-11 bit, and
+/// a Gaussian takes at least eleven.
+const ROWS_PER_BYTE: u64 = 2048;
+
+/// Options of [`encode`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LosslessOptions {
+    /// Keep the order of the Gaussians; costs `ceil(log2 N)` bits for each.
+    pub keep_order: bool,
+}
+
+/// Encodes a scene bit for bit; Gaussians come back in Morton order of their means.
+///
+/// Values need not be valid: NaN, infinities and zero quaternions are kept.
+///
+/// # Errors
+/// [`Error::CountMismatch`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
+/// 2^32 - 1 Gaussians.
+pub fn encode_lossless(scene: &Scene) -> Result<Encoded> {
+    encode(scene, &LosslessOptions::default())
+}
+
+/// [`encode_lossless`] with options.
+///
+/// # Errors
+/// As [`encode_lossless`].
+pub fn encode(scene: &Scene, options: &LosslessOptions) -> Result<Encoded> {
+    let n = scene.len();
+    for len in [scene.opacity_logits.len(), scene.log_scales.len(), scene.rotations.len()] {
+        if len != n {
+            return Err(Error::CountMismatch { scene: n, leaves: len });
+        }
+    }
+    if scene.sh_degree > 3 || scene.sh.len() != n * scene.sh_len() {
+        return Err(Error::CountMismatch { scene: n * scene.sh_len(), leaves: scene.sh.len() });
+    }
+    if n as u64 > u64::from(u32::MAX) {
+        return Err(Error::Limit { points: n as u64, limit: u32::MAX.into() });
+    }
+    let payload = encode_payload(scene, options);
+    let header = Header {
+        count: n as u64,
+        sh_degree: scene.sh_degree,
+        j_high: 0,
+        cube: Cube { origin: [0.0; 3], side: 1.0 },
+        colour_space: Default::default(),
+        coordinate_system: Default::default(),
+    };
+    let sections = vec![(SectionKind::Lossless, payload)];
+    let bytes = stream::assemble(&header, &sections);
+    let sections = sections.iter().map(|(kind, payload)| (*kind, payload.len())).collect();
+    Ok(Encoded { bytes, sections })
+}
+
+/// First row of each chunk, and the end.
+fn chunk_bounds(n: usize, chunks: usize) -> Vec<usize> {
+    (0..=chunks).map(|k| (n as u64 * k as u64 / chunks.max(1) as u64) as usize).collect()
+}
+
+fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
+    let n = scene.len();
+    let columns = layout::columns(scene.sh_degree);
+    let identity: Vec<u32> = (0..n as u32).collect();
+    let means: Vec<Vec<u32>> = (0..MEANS).map(|c| layout::gather(scene, c, &identity)).collect();
+    let all = means.concat();
+    let grid = Map::grid(&all);
+    let escapes = grid.has_escapes(&all);
+    drop(all);
+    let mean_column = Column {
+        map: grid,
+        predictor: Default::default(),
+        centre: 0,
+        common: None,
+        escapes,
+    };
+    let cells: Vec<[i32; 3]> = (0..n)
+        .map(|i| {
+            std::array::from_fn(|a| match mean_column.map.split(means[a][i]) {
+                Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
+            })
+        })
+        .collect();
+    drop(means);
+    let least: [i32; 3] =
+        std::array::from_fn(|a| cells.iter().map(|q| q[a]).min().unwrap_or_default());
+    let span = (0..3)
+        .flat_map(|a| cells.iter().map(move |q| (q[a] - least[a]) as u32))
+        .max()
+        .unwrap_or_default();
+    let below = (32 - span.leading_zeros()).saturating_sub(21);
+    let code = Means { column: &mean_column, least, below };
+    let mut order: Vec<(u64, u32)> =
+        cells.iter().enumerate().map(|(i, &q)| (code.key(q), i as u32)).collect();
+    drop(cells);
+    order.par_sort_unstable();
+    let order: Vec<u32> = order.into_iter().map(|(_, i)| i).collect();
+
+    let count = n.div_ceil(CHUNK);
+    let bounds = chunk_bounds(n, count);
+    let bits: Vec<Vec<u32>> =
+        (0..columns).into_par_iter().map(|c| layout::gather(scene, c, &order)).collect();
+    let mut specs: Vec<Column> = (0..columns)
+        .into_par_iter()
+        .map(|c| {
+            if c < MEANS {
+                return mean_column.clone();
+            }
+            let map = Map::choose(&bits[c]);
+            let escapes = map.has_escapes(&bits[c]);
+            Column {
+                map,
+                predictor: Default::default(),
+                centre: 0,
+                common: common_value(&bits[c]),
+                escapes,
+            }
+        })
+        .collect();
+    let chunks: Vec<fit::Chunk> = (0..count)
+        .into_par_iter()
+        .map(|k| {
+            let rows = bounds[k]..bounds[k + 1];
+            let q: Vec<Vec<i32>> = (0..columns)
+                .map(|c| {
+                    let map = &specs[c].map;
+                    bits[c][rows.clone()]
+                        .iter()
+                        .map(|&v| match map.split(v) {
+                            Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
+                        })
+                        .collect()
+                })
+                .collect();
+            let near = neighbours::find(&q[..MEANS]);
+            fit::Chunk { q, near }
+        })
+        .collect();
+    let fitted: Vec<_> = (MEANS..columns)
+        .into_par_iter()
+        .map(|c| {
+            let skip = |k: usize, i: usize| {
+                let v = bits[c][bounds[k] + i];
+                specs[c].common == Some(v)
+                    || (specs[c].escapes && matches!(specs[c].map.split(v), Cell::Escape { .. }))
+            };
+            fit::fit(&chunks, c, skip)
+        })
+        .collect();
+    for (spec, (predictor, centre)) in specs[MEANS..].iter_mut().zip(fitted) {
+        spec.predictor = predictor;
+        spec.centre = centre;
+    }
+
+    let mut w = Writer::default();
+    w.u8(u8::from(options.keep_order));
+    w.varint(count as u64);
+    w.u8(below as u8);
+    for v in least {
+        w.varint((v + column::CELLS) as u64);
+    }
+    for (c, spec) in specs.iter().enumerate().filter(|&(c, _)| c == 0 || c >= MEANS) {
+        write_column(&mut w, c, spec);
+    }
+    let code = Means { column: &specs[0], least, below };
+    let coded: Vec<Vec<u8>> = (0..count)
+        .into_par_iter()
+        .map(|k| {
+            let rows = bounds[k]..bounds[k + 1];
+            let mut coder = RangeEncoder::new();
+            let mut coded = Coded::new(rows.len());
+            let given: Vec<Vec<u32>> =
+                bits[..MEANS].iter().map(|c| c[rows.clone()].to_vec()).collect();
+            code.code(&mut coder, &mut coded, rows.len(), &given);
+            for c in MEANS..columns {
+                let given = &bits[c][rows.clone()];
+                coded.column(&mut coder, &specs[c], &chunks[k].near, given);
+            }
+            if options.keep_order {
+                let width = index_bits(n);
+                for &i in &order[rows] {
+                    coder.code_raw_wide(i, width);
+                }
+            }
+            coder.finish()
+        })
+        .collect();
+    for block in coded {
+        w.block(&block);
+    }
+    w.bytes
+}
+
+/// Bits of an index below `n`.
+fn index_bits(n: usize) -> u32 {
+    64 - (n.max(1) as u64 - 1).leading_zeros()
+}
+
+/// The value of a column that deserves a flag.
+fn common_value(values: &[u32]) -> Option<u32> {
+    // Any value this frequent shows up in a sample of a few thousand.
+    let stride = (values.len() / 8192).max(1);
+    let mut sample: Vec<u32> = values.iter().step_by(stride).copied().collect();
+    sample.sort_unstable();
+    let run = sample.chunk_by(|a, b| a == b).max_by_key(|run| run.len())?;
+    (run.len() >= 4 && run.len() * COMMON >= sample.len()).then(|| run[0])
+}
+
+fn write_column(w: &mut Writer, c: usize, spec: &Column) {
+    spec.map.write(w);
+    w.u8(u8::from(spec.escapes) | u8::from(spec.common.is_some()) << 1);
+    if let Some(v) = spec.common {
+        w.u32(v);
+    }
+    if c >= MEANS {
+        w.u8(spec.centre);
+        spec.predictor.write(w);
+    }
+}
+
+fn read_column(r: &mut Reader<'_>, c: usize) -> Result<Column> {
+    let map = Map::read(r)?;
+    let flags = r.u8()?;
+    if flags > 3 {
+        return Err(Error::Corrupt { what: "lossless column flags", value: flags.into() });
+    }
+    let common = if flags & 2 != 0 { Some(r.u32()?) } else { None };
+    let (mut centre, mut predictor) = (0, Default::default());
+    if c >= MEANS {
+        centre = r.u8()?;
+        if centre > 120 {
+            return Err(Error::Corrupt { what: "lossless error level", value: centre.into() });
+        }
+        predictor = predictor::Predictor::read(r, c)?;
+    }
+    Ok(Column { map, predictor, centre, common, escapes: flags & 1 != 0 })
+}
+
+/// Decodes the payload of a lossless section into a scene of `count` Gaussians.
+///
+/// # Errors
+/// [`Error::Truncated`], [`Error::Corrupt`] or [`Error::Limit`]. Memory and time are bounded by
+/// the payload's length; damage that no check sees gives wrong values, which is what the
+/// section's checksum is for.
+pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene> {
+    let corrupt = |what, value: u64| Error::Corrupt { what, value };
+    if sh_degree > 3 {
+        return Err(corrupt("SH degree", sh_degree.into()));
+    }
+    let limit = ROWS_PER_BYTE * payload.len() as u64;
+    if count > limit.min(u32::MAX.into()) {
+        return Err(Error::Limit { points: count, limit });
+    }
+    let n = count as usize;
+    let mut r = Reader::new(payload, "lossless");
+    let flags = r.u8()?;
+    if flags > 1 {
+        return Err(corrupt("lossless flags", flags.into()));
+    }
+    let keep_order = flags == 1;
+    let chunks = r.varint()?;
+    if chunks != (n.div_ceil(CHUNK)) as u64 {
+        return Err(corrupt("chunk count", chunks));
+    }
+    let below = r.u8()?;
+    if below > 4 {
+        return Err(corrupt("bits below the Morton code", below.into()));
+    }
+    let mut least = [0i32; 3];
+    for v in &mut least {
+        let raw = r.varint()?;
+        if raw >= 2 * column::CELLS as u64 {
+            return Err(corrupt("least mean", raw));
+        }
+        *v = raw as i32 - column::CELLS;
+    }
+    let columns = layout::columns(sh_degree);
+    let mut specs = vec![read_column(&mut r, 0)?];
+    for c in MEANS..columns {
+        specs.push(read_column(&mut r, c)?);
+    }
+    let blocks: Vec<&[u8]> = (0..chunks).map(|_| r.block()).collect::<Result<_>>()?;
+    if r.remaining() != 0 {
+        return Err(corrupt("bytes after the last chunk", r.remaining() as u64));
+    }
+    let bounds = chunk_bounds(n, blocks.len());
+    let code = Means { column: &specs[0], least, below: below.into() };
+    let parts: Vec<Result<(Coded, Vec<u32>)>> = blocks
+        .par_iter()
+        .enumerate()
+        .map(|(k, block)| {
+            let rows = bounds[k + 1] - bounds[k];
+            let limit = ROWS_PER_BYTE * block.len() as u64 + 64;
+            if rows as u64 > limit {
+                return Err(Error::Limit { points: rows as u64, limit });
+            }
+            let short = || Error::Truncated {
+                what: "lossless chunk",
+                offset: block.len(),
+                need: 1,
+                have: 0,
+            };
+            let mut coder = RangeDecoder::new(block);
+            let mut coded = Coded::new(rows);
+            if !code.code(&mut coder, &mut coded, rows, &[]) {
+                return Err(short());
+            }
+            let near = neighbours::find(&coded.q);
+            for spec in &specs[1..] {
+                if !coded.column(&mut coder, spec, &near, &[]) {
+                    return Err(short());
+                }
+            }
+            let mut order = Vec::new();
+            if keep_order {
+                let width = index_bits(n);
+                order.extend((0..rows).map(|_| coder.code_raw_wide(0, width)));
+                if coder.exhausted() {
+                    return Err(short());
+                }
+            }
+            Ok((coded, order))
+        })
+        .collect();
+    let mut scene = layout::blank(n, sh_degree);
+    let mut seen = vec![false; if keep_order { n } else { 0 }];
+    for (k, part) in parts.into_iter().enumerate() {
+        let (coded, order) = part?;
+        for &i in &order {
+            match seen.get_mut(i as usize) {
+                Some(seen) if !*seen => *seen = true,
+                _ => return Err(corrupt("index of a Gaussian", i.into())),
+            }
+        }
+        for (c, values) in coded.bits.iter().enumerate() {
+            layout::scatter(&mut scene, c, values, |row| match order.get(row) {
+                Some(&i) => i as usize,
+                None => bounds[k] + row,
+            });
+        }
+    }
+    Ok(scene)
+}
