@@ -34,9 +34,10 @@ impl Default for DecodeOptions {
 /// A decoded scene.
 #[derive(Clone, Debug)]
 pub struct Decoded {
-    /// The scene; Gaussians in Morton order.
+    /// The scene; Gaussians in Morton order (of a lossless stream: of the means, unless it keeps
+    /// the order of the input).
     pub scene: Scene,
-    /// The octree leaves, one per Gaussian.
+    /// The octree leaves, one per Gaussian; none of a lossless stream.
     pub leaves: Vec<Leaf>,
     /// The stream's header.
     pub header: Header,
@@ -55,6 +56,10 @@ pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         options.max_gaussians.unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + 1024);
     if header.count > limit {
         return Err(Error::Limit { points: header.count, limit });
+    }
+    if let Some(payload) = container.section(SectionKind::Lossless)? {
+        let scene = crate::lossless::decode_payload(payload, header.count, header.sh_degree)?;
+        return Ok(Decoded { scene, leaves: Vec::new(), header, skipped: Vec::new() });
     }
     let need = |kind| match container.section(kind)? {
         Some(payload) => Ok(payload),

@@ -6,6 +6,7 @@ mod decode;
 mod encode;
 mod error;
 pub mod importance;
+pub mod lossless;
 mod options;
 pub mod rate;
 pub mod stream;
@@ -13,6 +14,7 @@ pub mod stream;
 pub use decode::{DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, decode};
 pub use encode::{Encoded, encode};
 pub use error::{Error, Result};
+pub use lossless::encode_lossless;
 pub use options::{
     CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, OpacityDomain, PaperQp, Steps,
 };

@@ -65,7 +65,7 @@ fn pattern() -> impl Strategy<Value = u32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn arbitrary_patterns_come_back(bits in prop::collection::vec(pattern(), 0..59 * 24), degree in 0u8..=3) {
@@ -152,10 +152,9 @@ fn shared(path: &str) -> Option<Scene> {
 /// fox and 34,820,419 on bonsai.
 #[test]
 fn real_scenes_come_back_small() {
-    for (path, most) in [
-        ("scenes/fox/point_cloud.ply", 23_000_000),
-        ("scenes/bonsai/point_cloud.ply", 34_000_000),
-    ] {
+    for (path, most) in
+        [("scenes/fox/point_cloud.ply", 23_000_000), ("scenes/bonsai/point_cloud.ply", 34_000_000)]
+    {
         // A debug build takes minutes for both; the first is enough there.
         if cfg!(debug_assertions) && path.contains("bonsai") {
             eprintln!("SKIPPED: {path} in a debug build");

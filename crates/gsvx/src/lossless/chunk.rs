@@ -202,11 +202,7 @@ impl Tail {
                 while k < 24 && k < top && self.tiny[k as usize].code(coder, down > k, MEMORY) {
                     k += 1;
                 }
-                let exponent = if k == 24 {
-                    coder.code_raw(exponent, 8).min(top)
-                } else {
-                    top - k
-                };
+                let exponent = if k == 24 { coder.code_raw(exponent, 8).min(top) } else { top - k };
                 map.join(q, 0) | exponent << 23 | coder.code_raw_wide(mantissa, 23)
             }
         }

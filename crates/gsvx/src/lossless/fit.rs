@@ -23,7 +23,11 @@ pub(super) struct Chunk {
 
 /// Fits the predictor of column `c`, and the mean level of its remainders; `skip(chunk, row)`
 /// tells values coded otherwise.
-pub(super) fn fit(chunks: &[Chunk], c: usize, skip: impl Fn(usize, usize) -> bool) -> (Predictor, u8) {
+pub(super) fn fit(
+    chunks: &[Chunk],
+    c: usize,
+    skip: impl Fn(usize, usize) -> bool,
+) -> (Predictor, u8) {
     let total: usize = chunks.iter().map(|k| k.near.len()).sum();
     let stride = (total / SAMPLE).max(1);
     let mut rows = Vec::new();
@@ -145,11 +149,8 @@ fn solve(sample: &[f64], weights: &[f64], n: usize) -> Vec<f64> {
             for k in 0..j {
                 s -= gram[i * width + k] * gram[j * width + k];
             }
-            gram[i * width + j] = if i == j {
-                s.max(1e-12).sqrt()
-            } else {
-                s / gram[j * width + j]
-            };
+            gram[i * width + j] =
+                if i == j { s.max(1e-12).sqrt() } else { s / gram[j * width + j] };
         }
     }
     let mut x = vec![0.0; n];

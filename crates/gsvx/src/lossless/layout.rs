@@ -61,7 +61,12 @@ pub(super) fn blank(n: usize, sh_degree: u8) -> Scene {
 }
 
 /// Puts values of column `c` at the Gaussians `target(0)`, `target(1)`, ...
-pub(super) fn scatter(scene: &mut Scene, c: usize, values: &[u32], target: impl Fn(usize) -> usize) {
+pub(super) fn scatter(
+    scene: &mut Scene,
+    c: usize,
+    values: &[u32],
+    target: impl Fn(usize) -> usize,
+) {
     let k = scene.sh_len();
     for (row, &bits) in values.iter().enumerate() {
         let (i, v) = (target(row), f32::from_bits(bits));

@@ -30,9 +30,9 @@ use voxel::Cube;
 const CHUNK: usize = 1 << 16;
 /// A value this frequent (one in so many) gets a flag of its own.
 const COMMON: usize = 256;
-/// Gaussians that one byte of a chunk can stand for: a decision costs at least 2^-11 bit, and
-/// a Gaussian takes at least eleven.
-const ROWS_PER_BYTE: u64 = 2048;
+/// Gaussians that one byte of a chunk can stand for: a decision costs at least 0.0007 bit, and
+/// a Gaussian of degree 0 takes more than twenty-five.
+const ROWS_PER_BYTE: u64 = 512;
 
 /// Options of [`encode`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -98,13 +98,8 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
     let grid = Map::grid(&all);
     let escapes = grid.has_escapes(&all);
     drop(all);
-    let mean_column = Column {
-        map: grid,
-        predictor: Default::default(),
-        centre: 0,
-        common: None,
-        escapes,
-    };
+    let mean_column =
+        Column { map: grid, predictor: Default::default(), centre: 0, common: None, escapes };
     let cells: Vec<[i32; 3]> = (0..n)
         .map(|i| {
             std::array::from_fn(|a| match mean_column.map.split(means[a][i]) {

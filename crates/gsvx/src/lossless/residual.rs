@@ -79,8 +79,9 @@ impl Models {
     pub(super) fn code<C: BinaryCoder>(&mut self, coder: &mut C, x: Expect, e: i32) -> i32 {
         let estimate = (x.near + x.own + 1) >> 1;
         let centre = (estimate >> 2).clamp(0, TOP);
-        let relative =
-            |level: i32| (level - 4 * centre + CONTEXTS as i32 / 2).clamp(0, CONTEXTS as i32 - 1) as usize;
+        let relative = |level: i32| {
+            (level - 4 * centre + CONTEXTS as i32 / 2).clamp(0, CONTEXTS as i32 - 1) as usize
+        };
         let (near, own, last) = (relative(x.near), relative(x.own), relative(x.last));
         let at = [near * NODES, own * NODES, (near * CONTEXTS + own) * NODES, last * NODES];
         let size = e.unsigned_abs();
@@ -125,7 +126,13 @@ impl Models {
     }
 
     #[inline]
-    fn step<C: BinaryCoder>(&mut self, coder: &mut C, at: [usize; 4], offset: i32, bit: bool) -> bool {
+    fn step<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        at: [usize; 4],
+        offset: i32,
+        bit: bool,
+    ) -> bool {
         let node = (offset + 16).clamp(0, 31) as usize;
         let bits = [
             &mut self.near[at[0] + node],
@@ -149,7 +156,6 @@ impl Models {
         bit
     }
 }
-
 
 #[cfg(test)]
 mod tests {
