@@ -20,6 +20,35 @@ pub enum Importance {
     Given(Vec<f32>),
 }
 
+impl Importance {
+    /// Importance of Gaussian `i`.
+    pub(crate) fn of(&self, scene: &Scene, i: usize) -> f64 {
+        match self {
+            Self::OpacityArea => {
+                opacity(scene.opacity_logits[i]) * area(scales(scene.log_scales[i]))
+            }
+            Self::Given(given) => f64::from(given[i]),
+        }
+    }
+
+    /// Checks that there is one finite entry, not negative, per Gaussian.
+    pub(crate) fn validate(&self, scene: &Scene) -> Result<()> {
+        let Self::Given(given) = self else { return Ok(()) };
+        if given.len() != scene.len() {
+            let (got, want) = (given.len(), scene.len());
+            return Err(Error::Length { name: "importance", got, want });
+        }
+        match given.iter().find(|w| !(w.is_finite() && **w >= 0.0)) {
+            Some(&bad) => Err(Error::Parameter {
+                name: "importance",
+                value: f64::from(bad),
+                range: "0 upwards, finite",
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Weights of every Gaussian, such that `geometry * area + feature`-type sums are in units of
 /// the mean importance.
 ///
@@ -31,26 +60,12 @@ pub(crate) fn weights(
     size_exponent: f64,
 ) -> Result<Vec<Weights>> {
     let len = scene.len();
-    if let Importance::Given(given) = importance {
-        if given.len() != len {
-            return Err(Error::Length { name: "importance", got: given.len(), want: len });
-        }
-        if let Some(bad) = given.iter().find(|w| !(w.is_finite() && **w >= 0.0)) {
-            return Err(Error::Parameter {
-                name: "importance",
-                value: f64::from(*bad),
-                range: "0 upwards, finite",
-            });
-        }
-    }
+    importance.validate(scene)?;
     let mut out: Vec<Weights> = (0..len)
         .into_par_iter()
         .map(|i| {
             let area = area(scales(scene.log_scales[i]));
-            let importance = match importance {
-                Importance::OpacityArea => opacity(scene.opacity_logits[i]) * area,
-                Importance::Given(given) => f64::from(given[i]),
-            };
+            let importance = importance.of(scene, i);
             Weights { geometry: importance * libm::pow(area, -size_exponent), feature: importance }
         })
         .collect();

@@ -50,7 +50,7 @@ pub use cost::CostModel;
 pub use cube::Cube;
 pub use error::{Error, Result};
 pub use importance::Importance;
-pub use merge::{Merge, merge};
+pub use merge::{Merge, merge, merge_weighted};
 pub use rate_distortion::{RateDistortion, RateDistortionReport, rate_distortion};
 pub use strategy::Strategy;
 pub use voxelize::{Voxelization, voxelize};

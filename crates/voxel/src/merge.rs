@@ -7,6 +7,7 @@ use gs_model::Scene;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::importance::Importance;
 use crate::order::CHUNK;
 use crate::voxelize::Voxelization;
 
@@ -39,6 +40,21 @@ struct Shape {
 /// # Errors
 /// [`Error::Member`] if `voxelization` is not of this scene.
 pub fn merge(scene: &Scene, voxelization: &Voxelization, rule: Merge) -> Result<Scene> {
+    merge_weighted(scene, voxelization, rule, &Importance::OpacityArea)
+}
+
+/// As [`merge`], with [`Merge::Moments`] weighting members by `importance` (the rasterizer's
+/// saliency knows what is hidden) instead of opacity times area. [`Merge::Paper`] ignores it.
+///
+/// # Errors
+/// As [`merge`]; [`Error::Length`] if `importance` does not fit the scene.
+pub fn merge_weighted(
+    scene: &Scene,
+    voxelization: &Voxelization,
+    rule: Merge,
+    importance: &Importance,
+) -> Result<Scene> {
+    importance.validate(scene)?;
     if let Some(&member) = voxelization.members.iter().find(|&&m| m as usize >= scene.len()) {
         return Err(Error::Member { member, len: scene.len() });
     }
@@ -80,7 +96,7 @@ pub fn merge(scene: &Scene, voxelization: &Voxelization, rule: Merge) -> Result<
                         paper::shape(scene, members)
                     }
                     (_, Merge::Moments) => {
-                        moments::weights(scene, members, &mut weights);
+                        moments::weights(scene, members, importance, &mut weights);
                         average_sh(scene, members, &weights, sh);
                         moments::shape(scene, members, &weights)
                     }

@@ -11,7 +11,7 @@ use crate::importance::{Importance, weights};
 use crate::order::{MortonOrder, cell_end};
 use crate::stats::{Stats, Weights};
 use crate::strategy::{check, check_depths};
-use crate::voxelize::Voxelization;
+use crate::voxelize::{DROPPED, Voxelization};
 
 /// Parameters of the rate-distortion strategy.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +33,10 @@ pub struct RateDistortion {
     pub shape: f64,
     /// Weight of the squared difference of DC colours inside a leaf.
     pub colour: f64,
+    /// Distortion of leaving a Gaussian out, per unit of its importance; `None` keeps all.
+    /// Gaussians that cost more bits than they are worth then get no leaf, see
+    /// [`Voxelization::dropped`].
+    pub drop: Option<f64>,
 }
 
 impl RateDistortion {
@@ -48,6 +52,7 @@ impl RateDistortion {
             size_exponent: 1.0,
             shape: 1.0,
             colour: 1.0,
+            drop: None,
         }
     }
 
@@ -60,6 +65,7 @@ impl RateDistortion {
         check("lambda", self.lambda, 0.0, f64::MAX, "0 upwards")?;
         check("size_exponent", self.size_exponent, -2.0, 2.0, "-2 to 2")?;
         check("shape", self.shape, 0.0, f64::MAX, "0 upwards")?;
+        check("drop", self.drop.unwrap_or(0.0), 0.0, f64::MAX, "0 upwards")?;
         check("colour", self.colour, 0.0, f64::MAX, "0 upwards")?;
         check("cost.gaussian", self.cost.gaussian, 0.0, f64::MAX, "0 upwards")?;
         check("cost.stop", self.cost.stop, 0.0, f64::MAX, "0 upwards")?;
@@ -132,6 +138,8 @@ struct Best {
     cost: f64,
     /// Of all Gaussians in the cell, relative to the cell's centre.
     stats: Stats,
+    /// Every Gaussian in the cell is dropped: the cell is not occupied.
+    empty: bool,
     decided: u64,
     skipped: u64,
 }
@@ -155,24 +163,29 @@ impl Pruning<'_> {
             let cost = self.leaf_cost(&stats, depth);
             // Any division costs at least this, had it no distortion at all.
             let bound = o.lambda * (o.cost.go_on + o.cost.occupancy[0] + o.cost.gaussian);
-            if depth == o.j_high || cost <= bound {
+            // Dropping all of it is cheaper than any leaf; dropping a part still is a division.
+            if depth == o.j_high || (cost <= bound && o.drop.is_none()) {
                 depths.fill(depth);
                 let skipped = u64::from(depth < o.j_high);
-                return Best { cost, stats, decided: 1, skipped };
+                let best = Best { cost, stats, empty: false, decided: 1, skipped };
+                return self.or_drop(best, depths);
             }
         }
         let mut best = self.solve_children(codes, members, depth, depths, centre);
         best.decided += 1;
+        if best.empty {
+            return best;
+        }
         if may_stop {
             best.cost += o.lambda * o.cost.go_on;
             let leaf = self.leaf_cost(&best.stats, depth);
             // Equal costs: the leaf, which codes faster.
             if leaf <= best.cost {
-                best.cost = leaf;
+                (best.cost, best.empty) = (leaf, false);
                 depths.fill(depth);
             }
         }
-        best
+        self.or_drop(best, depths)
     }
 
     fn solve_children(
@@ -208,8 +221,11 @@ impl Pruning<'_> {
         } else {
             tasks.each_mut().map(solve)
         };
-        let mut sum = Best { cost: o.lambda * o.cost.occupancy[count - 1], ..Best::default() };
-        for child in &children[..count] {
+        let children = &children[..count];
+        let occupied = children.iter().filter(|child| !child.empty).count();
+        let bits = if occupied > 0 { o.cost.occupancy[occupied - 1] } else { 0.0 };
+        let mut sum = Best { cost: o.lambda * bits, empty: occupied == 0, ..Best::default() };
+        for child in children {
             sum.cost += child.cost;
             sum.stats.add(&child.stats);
             sum.decided += child.decided;
@@ -251,7 +267,20 @@ impl Pruning<'_> {
         }
         depths.fill(at);
         let stats = Stats::of(self.scene, i, centre, self.weights[i]);
-        Best { cost, stats, decided: 1, skipped: u64::from(at < o.j_high) }
+        let skipped = u64::from(at < o.j_high);
+        self.or_drop(Best { cost, stats, empty: false, decided: 1, skipped }, depths)
+    }
+
+    /// Drops every Gaussian of the cell if that costs less.
+    fn or_drop(&self, mut best: Best, depths: &mut [u8]) -> Best {
+        if let Some(drop) = self.options.drop {
+            let cost = drop * best.stats.importance();
+            if cost < best.cost {
+                (best.cost, best.empty) = (cost, true);
+                depths.fill(DROPPED);
+            }
+        }
+        best
     }
 
     fn leaf_cost(&self, stats: &Stats, depth: u8) -> f64 {

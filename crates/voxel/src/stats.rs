@@ -36,7 +36,6 @@ pub(crate) struct Stats {
 /// Length of the feature vector of a Gaussian.
 pub(crate) const FEATURES: usize = 3;
 
-
 /// What one Gaussian counts in the two kinds of distortion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Weights {
@@ -108,6 +107,11 @@ impl Stats {
             + r[2] * r[2]
             + 2.0 * (r[3] * r[3] + r[4] * r[4] + r[5] * r[5]);
         (self.trace - square / self.weight.max(f64::MIN_POSITIVE)).max(0.0)
+    }
+
+    /// Sum of the importances.
+    pub(crate) fn importance(&self) -> f64 {
+        self.feature_weight
     }
 
     /// Weighted sum of squared distances of the features from their mean.

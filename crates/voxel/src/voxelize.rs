@@ -21,10 +21,16 @@ pub struct Voxelization {
     pub leaves: Vec<Leaf>,
     /// `leaves.len() + 1` ascending offsets into `members`.
     pub member_offsets: Vec<u32>,
-    /// Indices into the scene, each exactly once, grouped by leaf and in Morton order (at
+    /// Indices into the scene, each at most once (see `dropped`), grouped by leaf and in Morton order (at
     /// `j_high`) inside a leaf; ties ascend.
     pub members: Vec<u32>,
+    /// Gaussians that got no leaf, in Morton order: only
+    /// [`RateDistortion::drop`](crate::RateDistortion::drop) leaves any out.
+    pub dropped: Vec<u32>,
 }
+
+/// Depth that stands for "no leaf".
+pub(crate) const DROPPED: u8 = u8::MAX;
 
 impl Voxelization {
     /// Number of leaves.
@@ -62,24 +68,34 @@ impl Voxelization {
     }
 
     /// Cuts the sorted Gaussians into leaves. `depths[i]` is the depth of the leaf that holds
-    /// the `i`-th Gaussian of `order`; all Gaussians of one such cell carry the same depth.
+    /// the `i`-th Gaussian of `order`; all Gaussians of one such cell carry the same depth,
+    /// [`DROPPED`] if the cell gets no leaf.
     pub(crate) fn from_depths(
         cube: Cube,
         j_high: u8,
         order: MortonOrder,
         mut depth_at: impl FnMut(usize) -> u8,
     ) -> Self {
-        let MortonOrder { codes, members } = order;
-        let (mut leaves, mut member_offsets) = (Vec::new(), vec![0]);
-        let mut start = 0;
+        let MortonOrder { codes, members: mut sorted } = order;
+        let (mut leaves, mut member_offsets, mut dropped) = (Vec::new(), vec![0], Vec::new());
+        let (mut start, mut kept) = (0, 0);
         while start < codes.len() {
             let depth = depth_at(start);
+            if depth == DROPPED {
+                dropped.push(sorted[start]);
+                start += 1;
+                continue;
+            }
             let shift = 3 * u32::from(j_high - depth);
             leaves.push(Leaf { morton: codes[start] >> shift << shift, depth });
-            start = cell_end(&codes, start, j_high, depth);
-            member_offsets.push(start as u32);
+            let end = cell_end(&codes, start, j_high, depth);
+            sorted.copy_within(start..end, kept);
+            kept += end - start;
+            start = end;
+            member_offsets.push(kept as u32);
         }
-        Self { cube, j_high, leaves, member_offsets, members }
+        sorted.truncate(kept);
+        Self { cube, j_high, leaves, member_offsets, members: sorted, dropped }
     }
 }
 

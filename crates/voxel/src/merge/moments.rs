@@ -5,15 +5,12 @@ use gs_model::Scene;
 use super::Shape;
 use crate::eigen::{jacobi, multiply, quaternion};
 use crate::gaussian::{MAX_ALPHA, area, congruence, logit, opacity, rotation, scales};
+use crate::importance::Importance;
 
-/// Opacity times area of every member, divided by their greatest: what each contributes to
-/// the image where nothing covers it.
-pub(super) fn weights(scene: &Scene, members: &[u32], out: &mut Vec<f64>) {
+/// Importance of every member, divided by their greatest.
+pub(super) fn weights(scene: &Scene, members: &[u32], importance: &Importance, out: &mut Vec<f64>) {
     out.clear();
-    out.extend(members.iter().map(|&i| {
-        let i = i as usize;
-        opacity(scene.opacity_logits[i]) * area(scales(scene.log_scales[i]))
-    }));
+    out.extend(members.iter().map(|&i| importance.of(scene, i as usize)));
     let greatest = out.iter().fold(0.0, |m: f64, &w| m.max(w));
     for w in out.iter_mut() {
         // Invisible members only: all count alike. (Also the way out for NaN.)
