@@ -56,7 +56,11 @@ pub fn choose(wanted: Backend) -> Result<BackendReport> {
     }
 }
 
+#[cfg(feature = "gpu")]
+use crate::gpu::find;
+
 /// Name of the hardware adapter that would be used, or why there is none.
+#[cfg(not(feature = "gpu"))]
 fn find() -> std::result::Result<String, String> {
     Err("built without the feature `gpu`".into())
 }

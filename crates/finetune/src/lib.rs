@@ -3,6 +3,8 @@
 pub mod backend;
 mod error;
 mod forward;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod gradients;
 mod image;
 pub mod metrics;

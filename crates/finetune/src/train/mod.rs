@@ -213,7 +213,23 @@ fn executor(
 ) -> Result<(Box<dyn Executor>, BackendReport)> {
     let report = backend::choose(options.backend)?;
     match report.used {
-        Backend::Gpu => Err(Error::NoAdapter { reason: report.reason }),
+        #[cfg(feature = "gpu")]
+        Backend::Gpu => {
+            let context = crate::gpu::Context::hardware()?;
+            let gpu = crate::gpu::GpuExecutor::new(context, scene, &moments, views, options)?;
+            Ok((Box::new(gpu), report))
+        }
         _ => Ok((Box::new(cpu::CpuExecutor::new(scene, moments, views, options)), report)),
     }
+}
+
+/// The Rust executor, for comparison.
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) fn cpu_executor(
+    scene: Scene,
+    moments: Moments,
+    views: Vec<TrainView>,
+    options: &FineTuneOptions,
+) -> Box<dyn Executor> {
+    Box::new(cpu::CpuExecutor::new(scene, moments, views, options))
 }

@@ -1,0 +1,15 @@
+//! The WGSL executor, on wgpu: the stages of [`crate::stages`] with everything on the device.
+//!
+//! No kernel adds floats with atomics or across subgroups, so the result does not depend on the
+//! scheduling. Nothing is read back during a run but the losses, every few steps.
+
+mod device;
+mod executor;
+mod passes;
+#[cfg(test)]
+mod tests;
+mod uniform;
+mod workspace;
+
+pub(crate) use device::{Context, find};
+pub(crate) use executor::GpuExecutor;

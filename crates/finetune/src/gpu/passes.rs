@@ -1,0 +1,152 @@
+//! Recording the stages.
+
+use super::uniform::StepUniform;
+use super::workspace::{Scan, Workspace};
+use crate::shaders::DISPATCH_ROW;
+
+/// A stage, as tests and the executor name it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    Project,
+    SortDepth,
+    Emit,
+    SortTile,
+    Ranges,
+    Blend,
+    Loss,
+    BlendAdjoint,
+    Gather,
+    Adam,
+}
+
+/// All stages of a step, in order.
+pub(crate) const STEP: [Stage; 10] = [
+    Stage::Project,
+    Stage::SortDepth,
+    Stage::Emit,
+    Stage::SortTile,
+    Stage::Ranges,
+    Stage::Blend,
+    Stage::Loss,
+    Stage::BlendAdjoint,
+    Stage::Gather,
+    Stage::Adam,
+];
+
+impl Workspace {
+    /// Records and submits stages for the view in `u`. `photo` is the loss stage's bind group.
+    pub(crate) fn run(&self, stages: &[Stage], u: &StepUniform, photo: Option<&wgpu::BindGroup>) {
+        let queue = &self.context.queue;
+        queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(u));
+        let mut encoder = self.context.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            for stage in stages {
+                self.record(&mut pass, *stage, u, photo);
+            }
+        }
+        queue.submit([encoder.finish()]);
+    }
+
+    fn record(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        stage: Stage,
+        u: &StepUniform,
+        photo: Option<&wgpu::BindGroup>,
+    ) {
+        let gaussians = (u.count + 1).div_ceil(64);
+        let tiles = u.tiles_x * u.tiles_y;
+        let one = |pass: &mut wgpu::ComputePass<'_>, shader, groups| {
+            self.dispatch(pass, shader, shader, self.group(shader), groups, 1);
+        };
+        match stage {
+            Stage::Project => one(pass, "project", gaussians),
+            Stage::SortDepth => {
+                let blocks = self.sizes.depth_blocks() as u32;
+                // The number of pairs is in `state`; `check_capacity` writes it, and the host
+                // wrote it before the first step.
+                self.sort(pass, &self.depth_passes, Scan::DepthHistogram, blocks);
+            }
+            Stage::Emit => {
+                let group = self.group("emit");
+                self.dispatch(pass, "emit", "rank_counts", group, gaussians, 1);
+                self.scan(pass, Scan::Starts);
+                self.dispatch(pass, "emit", "check_capacity", group, 1, 1);
+                self.dispatch(pass, "emit", "emit", group, gaussians, 1);
+            }
+            Stage::SortTile => {
+                let blocks = self.sizes.tile_blocks() as u32;
+                self.sort(pass, &self.tile_passes, Scan::TileHistogram, blocks);
+            }
+            Stage::Ranges => {
+                let n = (self.sizes.capacity as u32).max(tiles + 1);
+                one(pass, "ranges", n.div_ceil(64));
+            }
+            Stage::Blend => one(pass, "blend", tiles),
+            Stage::Loss => {
+                let Some(group) = photo else { return };
+                let pixels = u.width * u.height;
+                let each = pixels.div_ceil(64);
+                let clear = (3 * pixels).max(768 * tiles).div_ceil(64);
+                self.dispatch(pass, "loss", "loss_clear", group, clear, 1);
+                if u.is_l1_ssim() {
+                    self.dispatch(pass, "loss", "ssim_rows", group, each, 3);
+                    self.dispatch(pass, "loss", "ssim_values", group, each, 3);
+                    self.dispatch(pass, "loss", "ssim_spread", group, each, 3);
+                }
+                self.dispatch(pass, "loss", "loss_gradient", group, each, 3);
+                self.dispatch(pass, "loss", "loss_blocks", group, (3 * pixels).div_ceil(4096), 1);
+                self.dispatch(pass, "loss", "loss_total", group, 1, 1);
+            }
+            Stage::BlendAdjoint => one(pass, "blend_adjoint", tiles),
+            Stage::Gather => one(pass, "gather", gaussians),
+            Stage::Adam => one(pass, "adam", gaussians),
+        }
+    }
+
+    fn sort(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        passes: &[wgpu::BindGroup],
+        scan: Scan,
+        blocks: u32,
+    ) {
+        for group in passes {
+            self.dispatch(pass, "sort", "sort_count", group, blocks, 1);
+            self.scan(pass, scan);
+            self.dispatch(pass, "sort", "sort_scatter", group, blocks, 1);
+        }
+    }
+
+    fn scan(&self, pass: &mut wgpu::ComputePass<'_>, scan: Scan) {
+        let levels = self.scan_levels(scan);
+        for level in levels {
+            self.dispatch(pass, "scan", "scan_local", &level.group, level.blocks, 1);
+        }
+        // The last level has one workgroup, whose total nobody needs.
+        for level in levels.iter().rev().skip(1) {
+            self.dispatch(pass, "scan", "scan_add", &level.group, level.blocks, 1);
+        }
+    }
+
+    fn dispatch(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        shader: &'static str,
+        entry: &'static str,
+        group: &wgpu::BindGroup,
+        groups: u32,
+        depth: u32,
+    ) {
+        pass.set_pipeline(self.pipeline(shader, entry));
+        pass.set_bind_group(0, group, &[]);
+        let (x, y) = fold(groups);
+        pass.dispatch_workgroups(x, y, depth);
+    }
+}
+
+/// Workgroups as rows of at most [`DISPATCH_ROW`]: a dimension may not pass 65535.
+pub(crate) fn fold(groups: u32) -> (u32, u32) {
+    (groups.min(DISPATCH_ROW), groups.div_ceil(DISPATCH_ROW).max(1))
+}

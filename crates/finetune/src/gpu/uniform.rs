@@ -1,0 +1,93 @@
+//! [`StepUniform`].
+
+use crate::options::Loss;
+use crate::quantization::{Quantization, QuantizationMode};
+use crate::stages::adam::AdamStep;
+use crate::stages::project::View;
+
+/// `StepUniform` of `stages/step.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+pub(crate) struct StepUniform {
+    pub(crate) rotation: [[f32; 4]; 3],
+    pub(crate) eye: [f32; 4],
+    pub(crate) lens: [f32; 4],
+    pub(crate) limits: [f32; 4],
+    pub(crate) background: [f32; 4],
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) tiles_x: u32,
+    pub(crate) tiles_y: u32,
+    pub(crate) count: u32,
+    pub(crate) sh_len: u32,
+    pub(crate) reference: u32,
+    pub(crate) capacity: u32,
+    pub(crate) loss_slot: u32,
+    pub(crate) step: u32,
+    pub(crate) seed: u32,
+    pub(crate) l1_ssim: u32,
+    pub(crate) rates: [f32; 4],
+    pub(crate) rotation_rate: f32,
+    pub(crate) inv_sqrt_bias2: f32,
+    pub(crate) ssim_weight: f32,
+    pub(crate) pad2: u32,
+    pub(crate) widths: [f32; 4],
+    pub(crate) rotation_width: f32,
+    pub(crate) noise: u32,
+    pub(crate) pad: [u32; 2],
+}
+
+impl StepUniform {
+    /// Everything about `view`; the rest zero.
+    pub(crate) fn of_view(view: &View) -> Self {
+        let v = |a: [f32; 3]| [a[0], a[1], a[2], 0.0];
+        let l = &view.lens;
+        let (rows, eye) = l.arrays();
+        Self {
+            rotation: rows.map(v),
+            eye: v(eye),
+            lens: [l.fx, l.fy, l.cx, l.cy],
+            limits: [l.lo_x, l.hi_x, l.lo_y, l.hi_y],
+            background: v(view.background),
+            width: view.width,
+            height: view.height,
+            tiles_x: view.tiles_x,
+            tiles_y: view.tiles_y,
+            reference: u32::from(view.reference),
+            ..Default::default()
+        }
+    }
+
+    pub(crate) fn with_loss(mut self, loss: Loss) -> Self {
+        if let Loss::L1Ssim { ssim_weight } = loss {
+            (self.l1_ssim, self.ssim_weight) = (1, ssim_weight);
+        }
+        self
+    }
+
+    pub(crate) fn with_quantization(mut self, q: &Quantization) -> Self {
+        self.widths = [q.sh_dc, q.sh_rest, q.opacity_logit, q.log_scale];
+        self.rotation_width = q.rotation;
+        self.noise = u32::from(q.mode == QuantizationMode::UniformNoise);
+        self
+    }
+
+    pub(crate) fn with_adam(mut self, a: &AdamStep) -> Self {
+        self.rates = [a.sh_dc, a.sh_rest, a.opacity, a.log_scale];
+        (self.rotation_rate, self.inv_sqrt_bias2) = (a.rotation, a.inv_sqrt_bias2);
+        self
+    }
+
+    /// The view of `self` with the scene, loss and quantiser of `base`.
+    pub(crate) fn merge(mut self, base: &Self) -> Self {
+        (self.count, self.sh_len, self.seed) = (base.count, base.sh_len, base.seed);
+        (self.l1_ssim, self.ssim_weight) = (base.l1_ssim, base.ssim_weight);
+        (self.widths, self.rotation_width) = (base.widths, base.rotation_width);
+        self.noise = base.noise;
+        self
+    }
+
+    pub(crate) fn is_l1_ssim(&self) -> bool {
+        self.l1_ssim == 1
+    }
+}
