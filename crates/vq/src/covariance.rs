@@ -102,10 +102,7 @@ impl Covariance {
 
     /// The point whose squared distances the given metric compares.
     pub(crate) fn feature(&self, metric: Metric) -> Feature {
-        let [xx, xy, xz, yy, yz, zz] = match metric {
-            Metric::Covariance => self.power(2.0),
-            Metric::SquareRoot => self.power(1.0),
-        };
+        let [xx, xy, xz, yy, yz, zz] = self.power(metric.exponent());
         // Off-diagonal entries appear twice in the matrix: with the factor, the squared
         // distance of two features is the squared Frobenius norm of the difference.
         let off = std::f64::consts::SQRT_2;
@@ -124,13 +121,7 @@ pub(crate) fn from_feature(feature: [f64; 6], metric: Metric) -> Result<Covarian
     let off = std::f64::consts::FRAC_1_SQRT_2;
     let [xx, yy, zz, xy, xz, yz] = feature;
     let entries = [xx, off * xy, off * xz, yy, off * yz, zz];
-    Covariance::from_power(
-        entries,
-        match metric {
-            Metric::Covariance => 0.5,
-            Metric::SquareRoot => 1.0,
-        },
-    )
+    Covariance::from_power(entries, 1.0 / metric.exponent())
 }
 
 /// What "near" means for two normalised covariances A and B.
@@ -138,11 +129,23 @@ pub(crate) fn from_feature(feature: [f64; 6], metric: Metric) -> Result<Covarian
 pub enum Metric {
     /// Frobenius norm of A - B, the choice of Compressed 3DGS (there without the factor 2 of
     /// the off-diagonal entries, which makes it depend on the orientation of the axes).
-    #[default]
     Covariance,
     /// Frobenius norm of sqrt(A) - sqrt(B): the 2-Wasserstein distance where A and B commute.
-    /// Takes thin axes more seriously: flat Gaussians stay flat.
+    /// Takes thin axes more seriously: flat Gaussians stay flat. The better one by far: 4.0 to
+    /// 5.2 dB of rendered PSNR at equal bits on the fox scene (README). The fourth root was no
+    /// better than the square root.
+    #[default]
     SquareRoot,
+}
+
+impl Metric {
+    /// The power of the scales that features are linear in.
+    fn exponent(self) -> f64 {
+        match self {
+            Metric::Covariance => 2.0,
+            Metric::SquareRoot => 1.0,
+        }
+    }
 }
 
 /// Log-scales less log(gamma), floored, and log(gamma).

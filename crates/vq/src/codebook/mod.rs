@@ -170,24 +170,6 @@ impl Codebook {
         Ok(hits.into_iter().map(|h| h.id).collect())
     }
 
-    /// What to add to the log(gamma) of a Gaussian of covariance `original` that is coded as
-    /// codeword `index`, to bring gamma² times the codeword nearest to the Gaussian's covariance
-    /// in Frobenius norm. An encoder may use it: gamma is coded per Gaussian anyway. Never
-    /// positive beyond rounding: it shrinks badly matched Gaussians.
-    ///
-    /// # Errors
-    /// [`Error::BadIndex`] if there is no such codeword.
-    pub fn gain(&self, original: &Covariance, index: u32) -> Result<f32> {
-        let (a, b) = (original.entries(), self.covariance(index)?.entries());
-        let inner = |a: [f64; 6], b: [f64; 6]| {
-            a[0] * b[0]
-                + a[3] * b[3]
-                + a[5] * b[5]
-                + 2.0 * (a[1] * b[1] + a[2] * b[2] + a[4] * b[4])
-        };
-        Ok((0.5 * libm::log(inner(a, b) / inner(b, b))) as f32)
-    }
-
     /// Features of the codewords and the tree over them.
     fn search(&self) -> &(Vec<Feature>, Nearest) {
         self.search.get_or_init(|| {

@@ -75,8 +75,8 @@ impl Default for Options {
             tolerance: 2e-3,
             lambda: 0.0,
             priced_iterations: 4,
-            rotation_bits: 9,
-            log_scale_bits: 6,
+            rotation_bits: 8,
+            log_scale_bits: 5,
         }
     }
 }
