@@ -129,6 +129,9 @@ pub enum Error {
         /// The cause.
         source: gpcc_lite::Error,
     },
+    /// Voxelization failed.
+    #[error("voxelization: {0}")]
+    Voxel(#[from] voxel::Error),
     /// Codebook coding failed.
     #[error("covariance codebook: {0}")]
     Codebook(#[from] vq::Error),

@@ -8,6 +8,7 @@ mod error;
 pub mod importance;
 pub mod lossless;
 mod options;
+mod prepare;
 pub mod rate;
 pub mod stream;
 
@@ -18,3 +19,4 @@ pub use lossless::encode_lossless;
 pub use options::{
     CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, OpacityDomain, PaperQp, Steps,
 };
+pub use prepare::{Prepared, default_strategy, prepare};

@@ -29,9 +29,7 @@ pub fn inverse(domain: OpacityDomain, value: f64) -> f32 {
     match domain {
         OpacityDomain::LogAlpha => logit_of_log_alpha(value),
         OpacityDomain::Logit => (value as f32).clamp(LOGIT_RANGE[0], LOGIT_RANGE[1]),
-        OpacityDomain::Alpha => {
-            logit_of_log_alpha(libm::log(value.clamp(f64::MIN_POSITIVE, 1.0)))
-        }
+        OpacityDomain::Alpha => logit_of_log_alpha(libm::log(value.clamp(f64::MIN_POSITIVE, 1.0))),
     }
 }
 

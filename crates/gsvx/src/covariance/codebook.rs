@@ -39,9 +39,7 @@ pub(super) fn encode(
         .rotations
         .par_iter()
         .zip(&scene.log_scales)
-        .map(|(&q, l)| {
-            Covariance::split(q, l.map(|v| v.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT)))
-        })
+        .map(|(&q, l)| Covariance::split(q, l.map(|v| v.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT))))
         .collect::<std::result::Result<_, _>>()?;
     let covariances: Vec<Covariance> = parts.iter().map(|p| p.0).collect();
     let sensitivities = match &options.importance {
@@ -53,13 +51,7 @@ pub(super) fn encode(
     let settings = vq::Options::with_codewords(1 << bits);
     let book = Codebook::train(&covariances, &sensitivities, &settings)?;
     let indices = book.assign(&covariances);
-    let log_gamma: Vec<f64> = parts
-        .par_iter()
-        .zip(&indices)
-        .map(|((covariance, log_gamma), &index)| {
-            Ok(f64::from(*log_gamma) + f64::from(book.gain(covariance, index)?))
-        })
-        .collect::<Result<_>>()?;
+    let log_gamma: Vec<f64> = parts.iter().map(|p| f64::from(p.1)).collect();
     out.block(&book.to_bytes());
     out.block(&vq::index::encode(&indices, book.len())?);
     let step = f64::from(options.steps.covariance);

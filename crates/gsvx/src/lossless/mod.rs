@@ -198,9 +198,27 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
             let given: Vec<Vec<u32>> =
                 bits[..MEANS].iter().map(|c| c[rows.clone()].to_vec()).collect();
             code.code(&mut coder, &mut coded, rows.len(), &given);
+            if k == 0 {
+                eprintln!("DEBUG means {:.3}", coder.len() as f64 * 8.0 / rows.len() as f64);
+            } // DEBUG
             for c in MEANS..columns {
                 let given = &bits[c][rows.clone()];
+                let before = coder.len(); // DEBUG
                 coded.column(&mut coder, &specs[c], &chunks[k].near, given);
+                if k == 0 {
+                    eprintln!(
+                        "DEBUG col {c} bits {:.3} common {:?} centre {} map {:?} near {:?} own {}",
+                        (coder.len() - before) as f64 * 8.0 / rows.len() as f64,
+                        specs[c].common,
+                        specs[c].centre,
+                        match &specs[c].map {
+                            Map::Palette(p) => format!("palette {}", p.len()),
+                            m => format!("{m:?}"),
+                        },
+                        specs[c].predictor.near,
+                        specs[c].predictor.own.len()
+                    );
+                } // DEBUG
             }
             if options.keep_order {
                 let width = index_bits(n);
