@@ -11,17 +11,19 @@ mod cloud;
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Plan;
-use std::time::Instant;
+fn cpu() -> f64 {
+    let s = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
+    s.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-6
+}
 fn t<T>(name: &str, mut f: impl FnMut() -> T) -> T {
-    let mut best = f64::MAX;
-    let mut r = None;
-    for _ in 0..7 {
-        let s = Instant::now();
-        r = Some(f());
-        best = best.min(s.elapsed().as_secs_f64());
+    let s = cpu();
+    let runs = if name == "sort" { 40 } else { 5 };
+    for _ in 0..runs - 1 {
+        f();
     }
-    println!("{name:30} {:8.1} ms", best * 1e3);
-    r.unwrap()
+    let r = f();
+    println!("{name:30} {:8.1} ms cpu", (cpu() - s) / runs as f64);
+    r
 }
 fn main() -> anyhow::Result<()> {
     let c = cloud::read(std::path::Path::new("../shared/clouds/syn15_dc.ply"), 15)?;

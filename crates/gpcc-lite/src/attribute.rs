@@ -335,7 +335,7 @@ impl<const C: usize> Residual<C> for Quantiser<'_, C> {
         let (parent, axis) = (self.plan.parents()[k - 1] as usize, self.plan.axes()[k - 1]);
         let mut coded = self.coded[k];
         std::array::from_fn(|i| {
-            let residual = self.exact[i][k] - predicted[i];
+            let residual = self.exact[i][k].wrapping_sub(predicted[i]);
             let m = self.context[i].expected(parent, axis, coded, self.first + i as u32);
             let x = residual.unsigned_abs() as f64 * self.per_unit[i];
             let magnitude = self.thresholds.quantise(x, m);

@@ -6,6 +6,9 @@
 //! occupancy of the eight children. A single leaf leaves the tree: the rest of its path goes out
 //! in bulk, three bits a level, a well-known floor for isolated points.
 
+mod cells;
+mod lattice;
+mod models;
 mod tree;
 
 use crate::bytes::{BitReader, BitWriter, Reader, put_varint};
@@ -14,7 +17,8 @@ use crate::leaf::{Leaf, check_leaves};
 use crate::limits::Limits;
 use crate::morton::MAX_DEPTH;
 use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
-use tree::{Models, Source, Tree};
+use models::Models;
+use tree::{Source, Tree};
 
 /// Version of the geometry stream.
 const VERSION: u8 = 1;
@@ -43,12 +47,13 @@ pub fn encode(leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
         });
     }
     let mixed = leaves.iter().any(|l| l.depth != j_high);
-    let mut out = vec![VERSION, j_high | (u8::from(mixed) << 7)];
+    let lattice = lattice::detect(leaves, j_high);
+    let mut out = vec![VERSION, j_high | (u8::from(mixed) << 7) | (u8::from(lattice) << 6)];
     put_varint(&mut out, leaves.len() as u64);
     if leaves.is_empty() {
         return Ok(out);
     }
-    let mut models = Models::new(mixed);
+    let mut models = Models::new(mixed, lattice);
     let mut tree = Tree::new(Source::Leaves(leaves), j_high);
     let mut depth = 0;
     while depth < j_high {
@@ -94,7 +99,7 @@ pub fn decode_lod(bytes: &[u8], max_depth: u8, limits: &Limits) -> Result<Geomet
         return Err(r.corrupt("geometry version"));
     }
     let head = r.u8("geometry header")?;
-    let (j_high, mixed) = (head & 0x7f, head >> 7 == 1);
+    let (j_high, mixed, lattice) = (head & 0x3f, head >> 7 == 1, head >> 6 & 1 == 1);
     if j_high > MAX_DEPTH {
         return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
     }
@@ -107,7 +112,7 @@ pub fn decode_lod(bytes: &[u8], max_depth: u8, limits: &Limits) -> Result<Geomet
         return Ok(Geometry { leaves: Vec::new(), j_high: target });
     }
     let points = points as usize;
-    let mut models = Models::new(mixed);
+    let mut models = Models::new(mixed, lattice);
     let mut tree = Tree::new(Source::Stream, j_high);
     let mut depth = 0;
     while depth < target {

@@ -1,17 +1,49 @@
 //! The 3x3x3 neighbourhood of a node, derived from its parent's: no hashing, no search.
 
-/// No such node.
-pub(crate) const NONE: u32 = u32::MAX;
 /// Index of the node itself in its neighbourhood.
 pub(crate) const CENTRE: usize = 13;
 
-/// Indices, in the level's list, of the 27 cells around a node; `9 x + 3 y + z`, each 0 to 2.
-pub(crate) type Hood = [u32; 27];
+/// The 27 cells around a node, numbered `9 x + 3 y + z`, each 0 to 2.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hood {
+    /// Which of them exist; bit [`CENTRE`] is the node itself.
+    pub(crate) present: u32,
+    /// Index of each in the level's list; meaningless where not present.
+    pub(crate) index: [u32; 27],
+}
 
-/// For child `c` and neighbour `n` of the child: which neighbour of the parent holds that cell,
-/// and which of its children it is.
-const CHILD_STEP: [[(u8, u8); 27]; 8] = {
-    let mut t = [[(0u8, 0u8); 27]; 8];
+impl Hood {
+    /// The root: nobody around.
+    pub(crate) const ROOT: Self = Self { present: 1 << CENTRE, index: [0; 27] };
+
+    /// True if the node touches no other.
+    #[inline]
+    pub(crate) fn alone(&self) -> bool {
+        self.present == 1 << CENTRE
+    }
+}
+
+/// Number of set bits of a byte: the baseline x86-64 has no instruction for it.
+pub(crate) const ONES: [u8; 256] = {
+    let mut t = [0u8; 256];
+    let mut i = 0;
+    while i < 256 {
+        t[i] = (i as u8).count_ones() as u8;
+        i += 1;
+    }
+    t
+};
+
+/// Rank of child `c` among the children in `mask`.
+#[inline]
+pub(crate) fn rank(mask: u8, c: u32) -> u32 {
+    u32::from(ONES[usize::from(mask) & ((1 << c) - 1)])
+}
+
+/// `STEP[c][p]`: the children of the parent's neighbour `p` that touch its child `c`, as a mask,
+/// and the place each of them takes in the neighbourhood of `c`.
+const STEP: [[(u8, [u8; 8]); 27]; 8] = {
+    let mut t = [[(0u8, [0u8; 8]); 27]; 8];
     let mut c = 0;
     while c < 8 {
         let mut n = 0;
@@ -28,7 +60,8 @@ const CHILD_STEP: [[(u8, u8); 27]; 8] = {
                 child = child * 2 + x % 2;
                 k += 1;
             }
-            t[c][n] = (parent as u8, child as u8);
+            t[c][parent].0 |= 1 << child;
+            t[c][parent].1[child] = n as u8;
             n += 1;
         }
         c += 1;
@@ -36,21 +69,25 @@ const CHILD_STEP: [[(u8, u8); 27]; 8] = {
     t
 };
 
-/// The neighbourhood of child `c` of a node with neighbourhood `hood`, given each node's child
+/// The neighbourhood of child `c` of a node with neighbourhood `parent`, given each node's child
 /// mask and the index of its first child in the next level's list.
 #[inline]
-pub(crate) fn child_hood(hood: &Hood, c: usize, mask: &[u8], first: &[u32]) -> Hood {
-    let mut out = [NONE; 27];
-    for (n, slot) in out.iter_mut().enumerate() {
-        let (p, k) = CHILD_STEP[c][n];
-        let at = hood[p as usize];
-        if at == NONE {
-            continue;
-        }
-        let m = mask[at as usize];
-        if m >> k & 1 == 1 {
-            let before = (m & ((1u16 << k) - 1) as u8).count_ones();
-            *slot = first[at as usize] + before;
+pub(crate) fn child_hood(parent: &Hood, c: usize, mask: &[u8], first: &[u32]) -> Hood {
+    let mut out = Hood { present: 0, index: [0; 27] };
+    let mut rest = parent.present;
+    while rest != 0 {
+        let p = rest.trailing_zeros() as usize;
+        rest &= rest - 1;
+        let (touching, places) = &STEP[c][p];
+        let at = parent.index[p] as usize;
+        let occupied = mask[at];
+        let mut near = occupied & touching;
+        while near != 0 {
+            let k = near.trailing_zeros();
+            near &= near - 1;
+            let n = places[k as usize];
+            out.present |= 1 << n;
+            out.index[usize::from(n)] = first[at] + rank(occupied, k);
         }
     }
     out

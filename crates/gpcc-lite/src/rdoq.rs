@@ -52,8 +52,9 @@ impl Thresholds {
         if x < self.zero[b] {
             return 0;
         }
-        let q = x as u32;
+        // Saturates: a level is an i32.
+        let q = (x as u32).min(i32::MAX as u32 - 1);
         let up = x - f64::from(q) >= self.rest[b];
-        (q + u32::from(up)).max(1).min(i32::MAX as u32)
+        (q + u32::from(up)).max(1)
     }
 }

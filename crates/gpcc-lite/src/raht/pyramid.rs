@@ -1,6 +1,6 @@
 //! Which reconstructed means predict each child of each block, found once per plan.
 
-use crate::hood::{CENTRE, Hood, NONE, child_hood};
+use crate::hood::{Hood, ONES, child_hood, rank};
 use crate::leaf::Leaf;
 use crate::raht::{Plan, inverse_root};
 
@@ -78,7 +78,26 @@ struct Level {
     first: Vec<u32>,
     end: Vec<u32>,
     node: Vec<u32>,
+    /// Index of the parent in `above`, and which child of it.
+    parent: Vec<(u32, u8)>,
+    above: Above,
+}
+
+/// What the children of a level's nodes need to find their neighbours.
+#[derive(Default)]
+struct Above {
+    mask: Vec<u8>,
+    child: Vec<u32>,
     hood: Vec<Hood>,
+    /// Index into `hood` of each node; those without children have none.
+    hood_of: Vec<u32>,
+}
+
+impl Above {
+    fn child_hood(&self, (parent, c): (u32, u8)) -> Hood {
+        let hood = &self.hood[self.hood_of[parent as usize] as usize];
+        child_hood(hood, usize::from(c), &self.mask, &self.child)
+    }
 }
 
 impl Pyramid {
@@ -88,12 +107,9 @@ impl Pyramid {
         let mut this = Self { levels: vec![0], leaf_node: vec![0; n], ..Self::default() };
         let mut level = Level::default();
         if n > 0 {
-            let mut root = [NONE; 27];
-            root[CENTRE] = 0;
             level.first.push(0);
             level.end.push(n as u32);
             level.node.push(0);
-            level.hood.push(root);
             this.push_node(inverse_root(plan.weight_of(0, n as u32)), 0);
         }
         for depth in 0..j_high {
@@ -118,85 +134,101 @@ impl Pyramid {
     /// is predicted, and nobody is predicted from it.
     fn split(&mut self, plan: &Plan, leaves: &[Leaf], depth: u8, level: &Level) -> Level {
         let shift = 3 * (plan.j_high - depth - 1);
+        let child_of = |i: u32| ((leaves[i as usize].morton >> shift) & 7) as u8;
         let nodes = level.first.len();
-        let mut mask = vec![0u8; nodes];
-        let mut child = vec![0u32; nodes];
         let mut next = Level::default();
+        let mut above = Above {
+            mask: vec![0; nodes],
+            child: vec![0; nodes],
+            hood: Vec::with_capacity(nodes),
+            hood_of: vec![0; nodes],
+        };
         for at in 0..nodes {
             let (lo, hi) = (level.first[at], level.end[at]);
-            child[at] = next.first.len() as u32;
+            above.child[at] = next.first.len() as u32;
+            let hood = match level.parent.get(at) {
+                Some(&parent) => level.above.child_hood(parent),
+                None => Hood::ROOT,
+            };
             if hi - lo == 1 {
-                let alone = level.hood[at].iter().filter(|&&n| n != NONE).count() == 1;
-                if alone || leaves[lo as usize].depth <= depth {
+                if hood.alone() || leaves[lo as usize].depth <= depth {
                     self.leaf_node[lo as usize] = level.node[at];
-                } else {
-                    mask[at] = 1 << ((leaves[lo as usize].morton >> shift) & 7);
-                    next.first.push(lo);
-                    next.end.push(hi);
-                    next.node.push(level.node[at]);
-                }
-                continue;
-            }
-            let mut start = lo;
-            while start < hi {
-                let c = (leaves[start as usize].morton >> shift) & 7;
-                let same = |l: &Leaf| (l.morton >> shift) & 7 == c;
-                let run = &leaves[start as usize..hi as usize];
-                let len = if run.len() > 32 {
-                    run.partition_point(same)
-                } else {
-                    run.iter().take_while(|l| same(l)).count()
-                };
-                mask[at] |= 1 << c;
-                next.first.push(start);
-                start += len as u32;
-                next.end.push(start);
-            }
-            if mask[at].count_ones() == 1 {
-                next.node.push(level.node[at]);
-                continue;
-            }
-            self.node.push(level.node[at]);
-            self.mask.push(mask[at]);
-            let base = child[at] as usize;
-            let mut rank = 0;
-            for c in 0..8 {
-                if mask[at] >> c & 1 == 0 {
                     continue;
                 }
-                let mut total = SELF;
-                for &(place, axes) in &TOUCHING[c] {
-                    let other = level.hood[at][usize::from(place)];
-                    if other == NONE {
+                let c = child_of(lo);
+                above.mask[at] = 1 << c;
+                next.first.push(lo);
+                next.end.push(hi);
+                next.node.push(level.node[at]);
+                next.parent.push((at as u32, c));
+            } else {
+                let mut start = lo;
+                while start < hi {
+                    let c = child_of(start);
+                    let run = &leaves[start as usize..hi as usize];
+                    let same = |l: &Leaf| ((l.morton >> shift) & 7) as u8 == c;
+                    let len = if run.len() > 32 {
+                        run.partition_point(same)
+                    } else {
+                        run.iter().take_while(|l| same(l)).count()
+                    };
+                    above.mask[at] |= 1 << c;
+                    next.first.push(start);
+                    start += len as u32;
+                    next.end.push(start);
+                    next.parent.push((at as u32, c));
+                }
+                if above.mask[at].is_power_of_two() {
+                    next.node.push(level.node[at]);
+                } else {
+                    self.block(plan, level, &mut next, &above, &hood, at);
+                }
+            }
+            above.hood_of[at] = above.hood.len() as u32;
+            above.hood.push(hood);
+        }
+        next.above = above;
+        next
+    }
+
+    /// Adds the block that splits node `at` and numbers its children.
+    fn block(
+        &mut self,
+        plan: &Plan,
+        level: &Level,
+        next: &mut Level,
+        above: &Above,
+        hood: &Hood,
+        at: usize,
+    ) {
+        let mask = above.mask[at];
+        self.node.push(level.node[at]);
+        self.mask.push(mask);
+        let base = above.child[at] as usize;
+        for i in base..base + usize::from(ONES[usize::from(mask)]) {
+            let c = next.parent[i].1;
+            let mut total = SELF;
+            if !hood.alone() {
+                for &(place, axes) in &TOUCHING[usize::from(c)] {
+                    if hood.present >> place & 1 == 0 {
                         continue;
                     }
-                    let other = other as usize;
-                    let kind = axes.count_ones() as usize;
-                    let touching = c as u8 ^ axes;
-                    let (node, weight) = if other < at && mask[other] >> touching & 1 == 1 {
-                        let before = mask[other] & ((1u16 << touching) - 1) as u8;
-                        let i = child[other] + before.count_ones();
-                        (next.node[i as usize], CHILD[kind])
+                    let other = hood.index[usize::from(place)] as usize;
+                    let kind = usize::from(ONES[usize::from(axes)]);
+                    let touching = u32::from(c ^ axes);
+                    let (node, weight) = if other < at && above.mask[other] >> touching & 1 == 1 {
+                        let j = above.child[other] + rank(above.mask[other], touching);
+                        (next.node[j as usize], CHILD[kind])
                     } else {
                         (level.node[other], NODE[kind])
                     };
                     self.terms.push(Term { node, weight });
                     total += weight;
                 }
-                next.node.push(self.inverse_root.len() as u32);
-                let (a, b) = (next.first[base + rank], next.end[base + rank]);
-                self.push_node(inverse_root(plan.weight_of(a, b)), total);
-                rank += 1;
             }
+            next.node.push(self.inverse_root.len() as u32);
+            let (a, b) = (next.first[i], next.end[i]);
+            self.push_node(inverse_root(plan.weight_of(a, b)), total);
         }
-        next.hood.reserve(next.first.len());
-        for at in 0..nodes {
-            for c in 0..8 {
-                if mask[at] >> c & 1 == 1 {
-                    next.hood.push(child_hood(&level.hood[at], c, &mask, &child));
-                }
-            }
-        }
-        next
     }
 }

@@ -1,0 +1,121 @@
+//! Clouds born on a lattice: coordinates along an axis repeat all over the scene.
+//!
+//! Positions that were quantised once (SPZ, SOG, compressed PLY) and voxelized again fall on few
+//! of the coordinates of each axis. A counter per axis and coordinate prefix learns which.
+
+use crate::leaf::Leaf;
+use crate::model::Bit;
+use crate::morton;
+use crate::range::BinaryCoder;
+
+/// Levels below this one share no counters: 2^16 prefixes per axis are enough.
+const DEEPEST: u32 = 16;
+/// Memory of the counters.
+const LIMIT: u32 = 255;
+/// Bits per decision (in 1/256) that the finest levels must save on average.
+const WORTH: u64 = 13;
+
+/// Counters by axis and coordinate prefix: of "this child is occupied" and of the next bit of a
+/// single's path.
+pub(super) struct Lattice {
+    occupied: Vec<Bit>,
+    path: Vec<Bit>,
+}
+
+impl Lattice {
+    pub(super) fn new() -> Self {
+        let table = || vec![Bit::default(); 3 << (DEEPEST + 1)];
+        Self { occupied: table(), path: table() }
+    }
+
+    fn slot(axis: usize, level: u32, coordinate: u32) -> usize {
+        let level = level.min(DEEPEST);
+        (axis << (DEEPEST + 1)) + (1 << level) + (coordinate & ((1 << level) - 1)) as usize
+    }
+
+    /// Slots of the counters for a child at `level` with coordinates `xyz` there.
+    #[inline]
+    pub(super) fn slots(level: u32, xyz: [u32; 3]) -> [usize; 3] {
+        std::array::from_fn(|k| Self::slot(k, level, xyz[k]))
+    }
+
+    pub(super) fn counter(&mut self, slot: usize) -> &mut Bit {
+        &mut self.occupied[slot]
+    }
+
+    /// Codes the child of a single at `level - 1` with Morton code `code`.
+    pub(super) fn path<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        level: u32,
+        code: u64,
+        truth: u32,
+    ) -> u32 {
+        if level > DEEPEST {
+            return coder.code_raw(truth, 3);
+        }
+        let xyz = morton::decode(code);
+        let mut child = 0;
+        for (k, &x) in xyz.iter().enumerate() {
+            let bit = &mut self.path[Self::slot(k, level - 1, x)];
+            let one = bit.code(coder, truth >> (2 - k) & 1 == 1, LIMIT);
+            child = child << 1 | u32::from(one);
+        }
+        child
+    }
+}
+
+/// True if the finest three levels of the coordinates are far from equally likely.
+pub(super) fn detect(leaves: &[Leaf], j_high: u8) -> bool {
+    let depth = u32::from(j_high).min(DEEPEST);
+    if depth < 4 || leaves.len() < 256 {
+        return false;
+    }
+    let mut saved = 0i64;
+    let mut decisions = 0u64;
+    for axis in 0..3 {
+        let mut count = vec![0u32; 1 << depth];
+        for l in leaves {
+            let x = morton::decode(l.morton)[axis] >> (u32::from(j_high) - depth);
+            count[x as usize] += 1;
+        }
+        for _ in 0..3 {
+            let pairs = count.chunks_exact(2);
+            for pair in pairs.clone() {
+                let (a, b) = (u64::from(pair[0]), u64::from(pair[1]));
+                if a + b > 0 {
+                    // Entropy, and what learning one probability costs.
+                    let cost = n_log2(a + b) - n_log2(a) - n_log2(b) + log2(a + b) / 2 + 256;
+                    saved += (256 * (a + b)) as i64 - cost as i64;
+                }
+            }
+            decisions += leaves.len() as u64;
+            count = pairs.map(|p| p[0] + p[1]).collect();
+        }
+    }
+    saved > 0 && saved as u64 > WORTH * decisions
+}
+
+/// `256 log2(n)`, 0 for 0.
+fn log2(n: u64) -> u64 {
+    if n == 0 {
+        return 0;
+    }
+    let whole = n.ilog2();
+    // Eight squarings give eight bits of the fraction.
+    let mut x = (u128::from(n) << 32) >> whole;
+    let mut bits = u64::from(whole);
+    for _ in 0..8 {
+        x = (x * x) >> 32;
+        bits <<= 1;
+        if x >= 2 << 32 {
+            bits |= 1;
+            x >>= 1;
+        }
+    }
+    bits
+}
+
+fn n_log2(n: u64) -> u64 {
+    n * log2(n)
+}
