@@ -131,9 +131,9 @@ pub enum Metric {
     /// the off-diagonal entries, which makes it depend on the orientation of the axes).
     Covariance,
     /// Frobenius norm of sqrt(A) - sqrt(B): the 2-Wasserstein distance where A and B commute.
-    /// Takes thin axes more seriously: flat Gaussians stay flat. The better one by far: 4.0 to
-    /// 5.2 dB of rendered PSNR at equal bits on the fox scene (README). The fourth root was no
-    /// better than the square root.
+    /// Takes thin axes more seriously: flat Gaussians stay flat. The better one by far: 3.5 to
+    /// 7 dB of rendered PSNR at equal bits on two scenes (README). The fourth root was no better
+    /// than the square root.
     #[default]
     SquareRoot,
 }
