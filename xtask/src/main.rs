@@ -7,6 +7,7 @@
 mod bd;
 mod bench_gpcc;
 mod cache;
+mod fetch;
 mod fixture;
 mod manifest;
 mod measure;
@@ -36,6 +37,8 @@ enum Task {
     RdCurve(rd_curve::RdArgs),
     /// Measure gpcc-lite beside the peer's recorded figures
     BenchGpcc(bench_gpcc::BenchArgs),
+    /// Fetch a scene of the paper out of the public archives
+    Fetch(fetch::Args),
     /// Make the default scene, fixtures/room, from its seed
     Fixture(fixture::FixtureArgs),
 }
@@ -44,6 +47,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().task {
         Task::RdCurve(args) => rd_curve::run(&args),
         Task::BenchGpcc(args) => bench_gpcc::run(&args),
+        Task::Fetch(args) => fetch::run(&args),
         Task::Fixture(args) => fixture::run(&args),
     };
     match done {

@@ -44,6 +44,13 @@ pub(crate) fn registry() -> Result<BTreeMap<String, Entry>> {
     toml::from_str(include_str!("../scenes.toml")).context("xtask/scenes.toml")
 }
 
+/// The folder of a scene of the registry.
+pub(crate) fn dir_of(name: &str) -> Result<PathBuf> {
+    let registry = registry()?;
+    let entry = registry.get(name).with_context(|| format!("xtask/scenes.toml has no {name}"))?;
+    Ok(root().join(&entry.dir))
+}
+
 /// Finds a scene by registry name or as a folder. A name wins over a folder of that name; write
 /// `./name` for the folder.
 pub(crate) fn find(scene: &str) -> Result<Found> {

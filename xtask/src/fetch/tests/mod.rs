@@ -1,0 +1,123 @@
+//! Whole fetches from a server on loopback and from disk.
+
+mod archive;
+mod archives;
+mod disk;
+mod line;
+mod server;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use tempfile::TempDir;
+
+use super::catalogue::SCENES;
+use super::job::{Options, Summary, fetch};
+use super::ranged::Patience;
+use archive::Entry;
+use server::{Manners, Server};
+
+/// Both archives on disk, and a folder to fetch playroom into.
+struct Bench {
+    temp: TempDir,
+    expected: Vec<Entry>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self::with(&archive::models(), &archive::photos(), 0)
+    }
+
+    fn with(models: &[Entry], photos: &[Entry], hole: u64) -> Self {
+        let temp = tempfile::tempdir().unwrap();
+        fs::create_dir(temp.path().join("archives")).unwrap();
+        let bench = Self { temp, expected: archive::expected(models, photos) };
+        archive::write_zip(&bench.models(), models, hole);
+        archive::write_zip(&bench.photos(), photos, hole);
+        bench
+    }
+
+    fn archives(&self) -> PathBuf {
+        self.temp.path().join("archives")
+    }
+
+    fn models(&self) -> PathBuf {
+        self.archives().join("models.zip")
+    }
+
+    fn photos(&self) -> PathBuf {
+        self.archives().join("tandt_db.zip")
+    }
+
+    /// The scene's folder.
+    fn dir(&self) -> PathBuf {
+        self.temp.path().join("scenes/playroom")
+    }
+
+    /// A server with the archives where the public one has them.
+    fn serve(&self, manners: Manners) -> Server {
+        let (models, photos) = (self.models(), self.photos());
+        let files =
+            [("/d/pretrained/models.zip", models.as_path()), ("/d/input/tandt_db.zip", &photos)];
+        Server::start(&files, manners)
+    }
+
+    fn fetch(&self, options: &Options) -> anyhow::Result<Summary> {
+        fetch(SCENES[0], &self.dir(), options)
+    }
+
+    /// The error's line.
+    fn fails(&self, options: &Options) -> String {
+        let line = format!("{:#}", self.fetch(options).unwrap_err());
+        assert!(!line.contains('\n'), "one line: {line}");
+        line
+    }
+
+    /// Every wanted file, and no other, is there with its bytes.
+    fn assert_complete(&self) {
+        let mut found = Vec::new();
+        walk(&self.dir(), &self.dir(), &mut found);
+        found.retain(|(name, _)| name != "fetch.toml" && name != ".fetch/lock");
+        found.sort();
+        let names = |list: &[Entry]| list.iter().map(|(n, _)| n.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&found), names(&self.expected));
+        assert!(found == self.expected, "bytes differ");
+    }
+
+    /// Bytes in unfinished pieces.
+    fn pieces(&self) -> u64 {
+        let dir = fs::read_dir(self.dir().join(".fetch")).unwrap();
+        let files = dir.map(|e| e.unwrap()).filter(|e| e.file_name() != "unpacked.part");
+        files.map(|e| e.metadata().unwrap().len()).sum()
+    }
+}
+
+fn walk(root: &Path, dir: &Path, found: &mut Vec<Entry>) {
+    for entry in fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            walk(root, &path, found);
+        } else {
+            let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
+            found.push((name, fs::read(&path).unwrap()));
+        }
+    }
+}
+
+/// Options that neither wait nor speak.
+fn options(mirrors: &[String]) -> Options {
+    Options {
+        // Nobody listens there: what is not mirrored is not fetched.
+        public: "http://127.0.0.1:1/d".to_owned(),
+        patience: Patience { tries: 3, pause: Duration::from_millis(1) },
+        tail: 2048,
+        free: |_| Ok(1 << 40),
+        quiet: true,
+        ..Options::new(mirrors, Duration::from_secs(20))
+    }
+}
+
+fn from(server: &Server) -> Options {
+    options(&[server.url("/d")])
+}
