@@ -1,26 +1,29 @@
 //! The rate-distortion plot, as SVG.
 
 use anyhow::{Result, anyhow};
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use crate::bd::{self, Point};
 use crate::rd_curve::record::Run;
 
-const SIZE: (u32, u32) = (960, 640);
+const SIZE: (u32, u32) = (1180, 640);
+/// Width of the legend beside the plot.
+const LEGEND: u32 = 330;
 /// Colours by hand: distinct in grey and to colour-blind eyes (Okabe and Ito).
-const OURS: [RGBColor; 2] = [RGBColor(0, 114, 178), RGBColor(213, 94, 0)];
+const OURS: [RGBColor; 3] = [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(213, 94, 0)];
 const THEIRS: [RGBColor; 6] = [
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(120, 120, 120),
-    RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
+    RGBColor(128, 128, 0),
     RGBColor(90, 60, 20),
 ];
 /// Points larger than this many times our largest stream are left out of the picture (the
 /// report's tables have them): raw PLY would squeeze all curves into a corner.
-const WIDEST: f64 = 1.5;
+const WIDEST: f64 = 4.5;
+/// From this ratio of largest to smallest size on, the size axis is logarithmic.
+const LOG_FROM: f64 = 5.0;
 
 /// One line of the plot, rates in MB.
 struct Line {
@@ -75,81 +78,141 @@ pub(crate) fn svg(run: &Run) -> Result<String> {
     Ok(text)
 }
 
+/// How sizes lie along the axis.
+#[derive(Clone, Copy)]
+enum Scale {
+    Linear,
+    /// Octaves.
+    Log,
+}
+
+impl Scale {
+    fn of(lines: &[Line]) -> Self {
+        let rates = || lines.iter().flat_map(|l| &l.points).map(|p| p.rate);
+        let (low, high) = (rates().fold(f64::INFINITY, f64::min), rates().fold(0.0, f64::max));
+        if low > 0.0 && high / low >= LOG_FROM { Self::Log } else { Self::Linear }
+    }
+
+    fn place(self, megabytes: f64) -> f64 {
+        match self {
+            Self::Linear => megabytes,
+            Self::Log => megabytes.log2(),
+        }
+    }
+
+    fn label(self, place: f64, range: &std::ops::Range<f64>) -> String {
+        match self {
+            Self::Linear => label(place, range.end - range.start),
+            Self::Log => label(place.exp2(), place.exp2()),
+        }
+    }
+}
+
 fn draw(run: &Run, text: &mut String) -> Result<(), Box<dyn std::error::Error>> {
     let lines = lines(run);
+    let scale = Scale::of(&lines);
     let reference = run.original.score.psnr_db;
     let all = || lines.iter().flat_map(|l| &l.points);
-    let xs = range(all().map(|p| p.rate), 0.05, 0.0);
-    let ys = range(all().map(|p| p.psnr_db).chain([reference]), 0.06, f64::NEG_INFINITY);
+    let xs = range(all().map(|p| scale.place(p.rate)), 0.04, f64::NEG_INFINITY);
+    let ys = range(all().map(|p| p.psnr_db).chain([reference]), 0.05, f64::NEG_INFINITY);
     let root = SVGBackend::with_string(text, SIZE).into_drawing_area();
     root.fill(&WHITE)?;
+    let (left, right) = root.split_horizontally(SIZE.0 - LEGEND);
     let title = format!("{}: held-out PSNR over size ({} views)", run.scene, run.measured);
-    let mut chart = ChartBuilder::on(&root)
+    let mut chart = ChartBuilder::on(&left)
         .caption(title, ("sans-serif", 22))
         .margin(14)
         .x_label_area_size(48)
         .y_label_area_size(62)
         .build_cartesian_2d(xs.clone(), ys)?;
+    let axis = match scale {
+        Scale::Linear => "size, MB (10^6 bytes)",
+        Scale::Log => "size, MB (10^6 bytes), logarithmic",
+    };
     chart
         .configure_mesh()
-        .x_desc("size, MB (10^6 bytes)")
+        .x_desc(axis)
         .y_desc("PSNR, dB")
-        .x_label_formatter(&|x| label(*x, &xs))
+        .x_labels(9)
+        .x_label_formatter(&|x| scale.label(*x, &xs))
         .y_label_formatter(&|y| format!("{y:.1}"))
         .label_style(("sans-serif", 15))
         .axis_desc_style(("sans-serif", 16))
-        .light_line_style(RGBColor(244, 244, 244))
+        .light_line_style(TRANSPARENT)
         .bold_line_style(RGBColor(225, 225, 225))
         .draw()?;
     // The uncompressed model: a dashed level.
-    let dash = BLACK.mix(0.6).stroke_width(1);
-    chart
-        .draw_series(DashedLineSeries::new(
-            [(xs.start, reference), (xs.end, reference)],
-            6,
-            4,
-            dash,
-        ))?
-        .label(format!("uncompressed model, {reference:.2} dB"))
-        .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 22, y)], dash));
+    let level = [(xs.start, reference), (xs.end, reference)];
+    chart.draw_series(DashedLineSeries::new(level, 6, 4, BLACK.mix(0.6).stroke_width(1)))?;
     for line in &lines {
-        series(&mut chart, line)?;
+        let xy = || line.points.iter().map(|p| (scale.place(p.rate), p.psnr_db));
+        let (width, radius) = line.weight();
+        chart.draw_series(LineSeries::new(xy(), line.colour.stroke_width(width)))?;
+        chart.draw_series(xy().map(|at| Circle::new(at, radius, line.colour.filled())))?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .margin(12)
-        .legend_area_size(30)
-        .label_font(("sans-serif", 15))
-        .background_style(WHITE.mix(0.9))
-        .border_style(RGBColor(180, 180, 180))
-        .draw()?;
+    legend(&right, &lines, reference)?;
     root.present()?;
     Ok(())
 }
 
-type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+impl Line {
+    /// Stroke width and dot radius.
+    fn weight(&self) -> (u32, i32) {
+        if self.ours { (3, 5) } else { (1, 3) }
+    }
+}
 
-fn series<'a>(chart: &mut Chart<'a>, line: &Line) -> Result<(), Box<dyn std::error::Error>> {
-    let (colour, ours) = (line.colour, line.ours);
-    let width = if ours { 3 } else { 1 };
-    let xy = || line.points.iter().map(|p| (p.rate, p.psnr_db));
-    chart
-        .draw_series(LineSeries::new(xy(), colour.stroke_width(width)))?
-        .label(line.name.clone())
-        .legend(move |(x, y)| {
-            let stroke = PathElement::new(vec![(x, y), (x + 22, y)], colour.stroke_width(width));
-            let dot = Circle::new((x + 11, y), if ours { 5 } else { 3 }, colour.filled());
-            EmptyElement::at((0, 0)) + stroke + dot
-        });
-    chart.draw_series(xy().map(|at| Circle::new(at, if ours { 5 } else { 3 }, colour.filled())))?;
+type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+
+/// Names beside the plot: inside it they would hide points.
+fn legend(
+    area: &Area<'_>,
+    lines: &[Line],
+    reference: f64,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let font = ("sans-serif", 14).into_font();
+    let mut y = 62;
+    let dash = BLACK.mix(0.6).stroke_width(1);
+    for x in [4, 13, 22] {
+        area.draw(&PathElement::new(vec![(x, y), (x + 6, y)], dash))?;
+    }
+    let name = format!("uncompressed model, {reference:.2} dB");
+    area.draw(&Text::new(name, (38, y - 7), font.clone()))?;
+    for line in lines {
+        y += 26;
+        let (width, radius) = line.weight();
+        let stroke = line.colour.stroke_width(width);
+        area.draw(&PathElement::new(vec![(4, y), (28, y)], stroke))?;
+        area.draw(&Circle::new((16, y), radius, line.colour.filled()))?;
+        for (i, part) in wrap(&line.name).iter().enumerate() {
+            y += if i > 0 { 17 } else { 0 };
+            area.draw(&Text::new(part.clone(), (38, y - 7), font.clone()))?;
+        }
+    }
     Ok(())
 }
 
-/// Enough digits to tell the labels of an axis apart.
-fn label(x: f64, range: &std::ops::Range<f64>) -> String {
-    let span = range.end - range.start;
+/// Characters that fit on a line of the legend.
+const LEGEND_CHARS: usize = 38;
+
+fn wrap(name: &str) -> Vec<String> {
+    let mut out: Vec<String> = Vec::new();
+    for word in name.split(' ') {
+        match out.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= LEGEND_CHARS => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => out.push(word.to_owned()),
+        }
+    }
+    out
+}
+
+/// Three significant digits: enough to tell the labels of an axis apart.
+fn label(x: f64, span: f64) -> String {
     match span {
+        s if s < 0.05 => format!("{x:.4}"),
         s if s < 0.5 => format!("{x:.3}"),
         s if s < 5.0 => format!("{x:.2}"),
         s if s < 50.0 => format!("{x:.1}"),
@@ -160,6 +223,13 @@ fn label(x: f64, range: &std::ops::Range<f64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_names_wrap_at_words() {
+        let parts = wrap("gsvx, adaptive (paper's criteria), J = 10 to 13 .. J = 12 to 15");
+        assert!(parts.len() == 2 && parts.iter().all(|p| p.chars().count() <= LEGEND_CHARS));
+        assert_eq!(wrap("short"), ["short"]);
+    }
 
     #[test]
     fn ranges_are_never_empty() {

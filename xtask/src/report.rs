@@ -15,7 +15,7 @@ fn megabits(bytes: u64) -> String {
     format!("{:.3}", bytes as f64 * 8.0 / 1e6)
 }
 
-const COLUMNS: [&str; 11] = [
+const COLUMNS: [&str; 12] = [
     "curve",
     "quality",
     "bytes",
@@ -24,12 +24,13 @@ const COLUMNS: [&str; 11] = [
     "PSNR dB",
     "SSIM",
     "Gaussians",
+    "voxelize s",
     "encode s",
     "decode s",
     "render s",
 ];
 
-fn cells(curve: &Curve, p: &Coded) -> [String; 11] {
+fn cells(curve: &Curve, p: &Coded) -> [String; 12] {
     [
         curve.name.clone(),
         format!("{:.0}", p.quality),
@@ -39,13 +40,14 @@ fn cells(curve: &Curve, p: &Coded) -> [String; 11] {
         format!("{:.3}", p.score.psnr_db),
         format!("{:.4}", p.score.ssim),
         p.gaussians.to_string(),
+        curve.voxels_of(p).map_or("-".into(), |v| format!("{:.2}", v.voxelize_seconds)),
         format!("{:.2}", p.encode_seconds),
         format!("{:.2}", p.decode_seconds),
         format!("{:.2}", p.render_seconds),
     ]
 }
 
-fn rows(run: &Run) -> Vec<[String; 11]> {
+fn rows(run: &Run) -> Vec<[String; 12]> {
     let mut rows = Vec::new();
     let none = || "-".to_owned();
     let o = &run.original;
@@ -60,23 +62,10 @@ fn rows(run: &Run) -> Vec<[String; 11]> {
         o.gaussians.to_string(),
         none(),
         none(),
+        none(),
         format!("{:.2}", o.render_seconds),
     ]);
     for curve in &run.curves {
-        let v = &curve.voxelized;
-        rows.push([
-            format!("{}, not coded", curve.name),
-            none(),
-            none(),
-            none(),
-            none(),
-            format!("{:.3}", v.score.psnr_db),
-            format!("{:.4}", v.score.ssim),
-            v.gaussians.to_string(),
-            format!("{:.2} (voxelize)", v.voxelize_seconds),
-            none(),
-            format!("{:.2}", v.render_seconds),
-        ]);
         rows.extend(curve.points.iter().map(|p| cells(curve, p)));
     }
     rows
@@ -175,26 +164,47 @@ pub(crate) fn markdown(run: &Run) -> String {
 }
 
 fn voxelizations(out: &mut String, run: &Run) {
-    out.push_str("## Voxelizations\n\n");
+    let found = run.curves.iter().flat_map(|c| &c.voxelized).map(|v| v.importance_seconds);
+    let _ = writeln!(
+        out,
+        "## Voxelizations\n\nQuality of the voxelized and merged models before coding. Merging \
+         and coding weigh each Gaussian by its contribution to the training views (cameras only, \
+         no photos; {:.1} s).\n",
+        found.fold(0.0, f64::max)
+    );
+    let mut rows = Vec::new();
     for curve in &run.curves {
-        let v = &curve.voxelized;
-        let kept = 100.0 * v.gaussians as f64 / run.original.gaussians.max(1) as f64;
-        let depths: Vec<String> = (0..)
-            .zip(&v.depth_histogram)
-            .filter(|&(_, &n)| n > 0)
-            .map(|(d, n): (usize, _)| format!("{d}: {n}"))
-            .collect();
-        let _ = writeln!(
-            out,
-            "- **{}** ({}): {} of {} Gaussians kept ({kept:.1} %); leaves by depth: {}.",
-            curve.name,
-            curve.what,
-            v.gaussians,
-            run.original.gaussians,
-            depths.join(", ")
-        );
+        for v in &curve.voxelized {
+            let kept = 100.0 * v.gaussians as f64 / run.original.gaussians.max(1) as f64;
+            let depths = (0..).zip(&v.depth_histogram).filter(|&(_, &n)| n > 0);
+            let depths: Vec<String> =
+                depths.map(|(d, n): (usize, _)| format!("{d}: {n}")).collect();
+            rows.push(vec![
+                format!("{}, {}", curve.name, v.what),
+                v.gaussians.to_string(),
+                format!("{kept:.1} %"),
+                format!("{:.3}", v.score.psnr_db),
+                format!("{:.4}", v.score.ssim),
+                format!("{:.2}", v.voxelize_seconds),
+                format!("{:.2}", v.render_seconds),
+                depths.join(", "),
+            ]);
+        }
     }
-    out.push('\n');
+    table(
+        out,
+        &[
+            "voxelization",
+            "Gaussians",
+            "kept",
+            "PSNR dB",
+            "SSIM",
+            "voxelize s",
+            "render s",
+            "leaves by depth",
+        ],
+        &rows,
+    );
 }
 
 fn sections(out: &mut String, run: &Run) {

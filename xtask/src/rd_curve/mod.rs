@@ -10,9 +10,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::Camera;
-use gs_model::dataset::View;
+use gs_model::dataset::{Dataset, View};
 use serde::Serialize;
-use voxel::Merge;
 
 use crate::bd::{self, Method};
 use crate::cache::{self, Cache};
@@ -42,10 +41,10 @@ pub(crate) struct RdArgs {
     /// Two views, five rates
     #[arg(long)]
     quick: bool,
-    /// Depth of the uniform octree [default: chosen by rendering]
+    /// Depth of the uniform octree [default: chosen by rendering, deeper at higher rates]
     #[arg(long)]
     depth: Option<u8>,
-    /// Depths of the adaptive octree, LOW:HIGH [default: about the uniform depth]
+    /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
     #[arg(long, value_parser = plan::parse_depths)]
     adaptive: Option<(u8, u8)>,
     /// Run every stage, done before or not
@@ -55,6 +54,8 @@ pub(crate) struct RdArgs {
 
 /// Rates per curve unless told otherwise.
 const RATES: usize = 6;
+/// Training cameras that importances are found from: more change them little and cost time.
+const IMPORTANCE_VIEWS: usize = 24;
 /// `--quick`.
 const QUICK_RATES: usize = 5;
 /// `--quick`.
@@ -86,7 +87,7 @@ pub(crate) fn run(args: &RdArgs) -> Result<()> {
 
     let program = cache::program_hash()?;
     let model = cache::hash_file(&found.dataset.model_path)?;
-    let view_hash = hash_views(&views)?;
+    let view_hash = hash_views(&found.dataset, &views)?;
     let inputs = Inputs { program: &program, model: &model, views: &view_hash };
     let cache = Cache::open(&out.join("stages"), &inputs, args.fresh)?;
 
@@ -106,30 +107,26 @@ pub(crate) fn run(args: &RdArgs) -> Result<()> {
         found.dataset.held_out().len()
     );
 
-    let context = Study { cache: &cache, out: &out, scene: &scene, shots: &shots };
+    let training: Vec<Camera> = found.dataset.training().map(|v| v.camera.clone()).collect();
+    let cameras = thin(&training, IMPORTANCE_VIEWS);
+    let study = Study::new(&cache, &out, &scene, &shots, &cameras);
     let file_bytes = fs::metadata(&found.dataset.model_path).map_or(0, |m| m.len());
-    let original = context.original(invalid, file_bytes)?;
-    let merge = Merge::default();
-    let depth = match args.depth {
+    let original = study.original(invalid, file_bytes)?;
+    let base = match args.depth {
         Some(depth) => depth,
-        None => {
-            let training: Vec<&Camera> = found.dataset.training().map(|v| &v.camera).collect();
-            // Training cameras are not part of the inputs' hash; the choice depends on them.
-            let key: Vec<String> = training.iter().map(|c| format!("{c:?}")).collect();
-            cache.run("depth", &key, || plan::choose_depth(&scene, &training, merge))?
-        }
+        None => cache.run("depth", &(), || plan::choose_depth(&scene, &training))?,
     };
     let mut curves = Vec::new();
-    for config in plan::configs(depth, args.adaptive, merge) {
-        let branch = Branch::new(&context, &config);
-        let voxelized = branch.voxelized()?;
-        let points = qualities.iter().map(|&q| branch.coded(q)).collect::<Result<_>>()?;
-        curves.push(Curve {
-            name: config.name.into(),
-            what: config.what.clone(),
-            voxelized,
-            points,
-        });
+    for plan in plan::curves(base, args.depth, args.adaptive, &qualities) {
+        let (mut voxelized, mut points) = (Vec::new(), Vec::new());
+        for (voxels, qualities) in &plan.steps {
+            let branch = Branch::new(&study, voxels);
+            voxelized.push(branch.voxelized()?);
+            for &quality in qualities {
+                points.push(branch.coded(plan.name, quality)?);
+            }
+        }
+        curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
 
     let others = published::others(&found.dataset.dir, &found.name)?;
@@ -146,7 +143,7 @@ pub(crate) fn run(args: &RdArgs) -> Result<()> {
         pictures: Vec::new(),
         manifest: provenance(program, model, view_hash),
     };
-    run.pictures = side_by_sides(&run, &context)?;
+    run.pictures = side_by_sides(&run, &study)?;
     write_out(&run, &out, &found)?;
 
     report::print_table(&run);
@@ -172,10 +169,17 @@ fn spread(views: Vec<&View>, most: usize) -> Vec<&View> {
     (0..most).map(|i| views[i * n / most]).collect()
 }
 
-fn hash_views(views: &[&View]) -> Result<String> {
-    let mut all = String::new();
-    for view in views {
-        all.push_str(&format!("{:?}", view.camera));
+/// At most `most` of the cameras, evenly spread.
+fn thin(cameras: &[Camera], most: usize) -> Vec<Camera> {
+    let n = cameras.len();
+    (0..n.min(most)).map(|i| cameras[i * n / n.min(most)].clone()).collect()
+}
+
+/// All cameras, and the photos of the measured views.
+fn hash_views(dataset: &Dataset, measured: &[&View]) -> Result<String> {
+    let mut all: String = dataset.views.iter().map(|v| format!("{:?}", v.camera)).collect();
+    for view in measured {
+        all.push_str(&view.camera.name);
         all.push_str(&cache::hash_file(&view.image_path)?);
     }
     Ok(cache::hash_bytes(all.as_bytes()))
@@ -195,9 +199,10 @@ fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
         }
     };
     let mut out = Vec::new();
-    if let [uniform, adaptive] = curves {
-        let (u, a) = (uniform.curve(), adaptive.curve());
-        out.push(pair((&adaptive.name, &a), (&uniform.name, &u)));
+    if let [uniform, adaptives @ ..] = curves {
+        for adaptive in adaptives {
+            out.push(pair((&adaptive.name, &adaptive.curve()), (&uniform.name, &uniform.curve())));
+        }
     }
     for other in others.iter().filter(|o| o.points.len() >= 4) {
         // A published curve is of another model; only the chain recorded on this very model and
@@ -227,17 +232,17 @@ fn provenance(program: String, model: String, views: String) -> Manifest {
 }
 
 /// Pictures of the first views at the lowest, a middle and the highest rate of the last curve.
-fn side_by_sides(run: &Run, context: &Study<'_>) -> Result<Vec<Picture>> {
+fn side_by_sides(run: &Run, study: &Study<'_>) -> Result<Vec<Picture>> {
     let Some(curve) = run.curves.last() else { return Ok(Vec::new()) };
-    let dir = context.out.join("pictures");
+    let dir = study.out.join("pictures");
     fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
-    let originals = context.render_names("original");
+    let originals = study.render_names("original");
     let n = curve.points.len();
     let mut chosen = vec![0, n / 2, n - 1];
     chosen.dedup();
     let mut out = Vec::new();
-    for (v, shot) in context.shots.iter().take(PICTURE_VIEWS).enumerate() {
-        let read = |name: &String| measure::read_photo(&context.out.join(name));
+    for (v, shot) in study.shots.iter().take(PICTURE_VIEWS).enumerate() {
+        let read = |name: &String| measure::read_photo(&study.out.join(name));
         let original = read(&originals[v])?;
         for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
             let view = &shot.view.camera.name;
@@ -245,7 +250,7 @@ fn side_by_sides(run: &Run, context: &Study<'_>) -> Result<Vec<Picture>> {
             let file = format!("pictures/{stem}-{}-q{:.0}.png", curve.name, point.quality);
             let decoded = read(&point.renders[v])?;
             let panel = pictures::side_by_side(&[&shot.photo, &original, &decoded]);
-            pictures::write(&context.out.join(&file), &panel)?;
+            pictures::write(&study.out.join(&file), &panel)?;
             let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
             let caption = format!(
                 "photo | original model, {} MB, {:.2} dB | decoded from {} MB ({}, quality {:.0}), {:.2} dB",

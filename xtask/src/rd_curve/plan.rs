@@ -2,7 +2,6 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Camera, Scene};
-use serde::Serialize;
 use voxel::{Cube, Merge, Strategy};
 
 use crate::progress::Bar;
@@ -16,49 +15,97 @@ const ENOUGH_DB: f64 = 40.0;
 /// Training cameras used for that choice.
 const CHOICE_VIEWS: usize = 3;
 
-/// One curve to make.
-#[derive(Clone, Debug)]
-pub(crate) struct Config {
-    /// "uniform" or "adaptive", used in file names.
-    pub(crate) name: &'static str,
+/// One voxelization.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Voxels {
+    /// File-name part.
+    pub(crate) name: String,
     /// Parameters in words.
     pub(crate) what: String,
-    /// The voxelization.
-    pub(crate) strategy: Strategy,
-    /// The merge rule.
-    pub(crate) merge: Merge,
+    /// Where the octree stops.
+    pub(crate) rule: Rule,
 }
 
-/// Settings that the records of a configuration depend on.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct ConfigKey {
-    strategy: String,
-    merge: String,
+/// Where the octree stops.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Rule {
+    /// As given.
+    Fixed(Strategy),
+    /// The codec's default at a quality: rate-distortion pruning.
+    Default(f32),
 }
 
-impl Config {
-    /// What identifies the configuration in a record's key.
-    pub(crate) fn key(&self) -> ConfigKey {
-        ConfigKey { strategy: format!("{:?}", self.strategy), merge: format!("{:?}", self.merge) }
+/// One curve to make: qualities grouped by the voxelization they are coded with.
+#[derive(Clone, Debug)]
+pub(crate) struct CurvePlan {
+    /// Short name, used in file names.
+    pub(crate) name: &'static str,
+    /// One line for the legend.
+    pub(crate) what: String,
+    /// Each voxelization with its qualities, ascending.
+    pub(crate) steps: Vec<(Voxels, Vec<f32>)>,
+}
+
+/// How many levels the octree of a quality is deeper than the base depth. At low rates geometry
+/// is half the stream and shallower leaves cost less than they lose; at high rates the leaf size
+/// is what limits. Break points measured on fox (uniform 10 to 13, qualities 34, 62, 90).
+fn levels_deeper(quality: f32) -> i32 {
+    match quality {
+        q if q < 27.0 => -1,
+        q if q < 55.0 => 0,
+        q if q < 83.0 => 1,
+        _ => 2,
     }
 }
 
-/// The two curves of a run.
-pub(crate) fn configs(depth: u8, adaptive: Option<(u8, u8)>, merge: Merge) -> Vec<Config> {
-    let (j_low, j_high) = adaptive.unwrap_or((depth.saturating_sub(1), depth + 2));
+/// The curves of a run: uniform, the paper's adaptive criteria, rate-distortion pruning.
+/// A given depth holds for all qualities.
+pub(crate) fn curves(
+    base: u8,
+    depth: Option<u8>,
+    adaptive: Option<(u8, u8)>,
+    qualities: &[f32],
+) -> Vec<CurvePlan> {
+    let shifted = |by: i32| (i32::from(base) + by).clamp(1, 20) as u8;
+    let uniform = |q: f32| {
+        let depth = depth.unwrap_or_else(|| shifted(levels_deeper(q)));
+        Voxels {
+            name: format!("uniform-{depth}"),
+            what: format!("J = {depth}"),
+            rule: Rule::Fixed(Strategy::Uniform { depth }),
+        }
+    };
+    let paper = |q: f32| {
+        let by = levels_deeper(q);
+        let (low, high) = adaptive.unwrap_or_else(|| (shifted(by - 1), shifted(by + 2)));
+        Voxels {
+            name: format!("adaptive-{low}-{high}"),
+            what: format!("J = {low} to {high}"),
+            rule: Rule::Fixed(Strategy::paper(low, high)),
+        }
+    };
+    let pruned = |q: f32| Voxels {
+        name: format!("pruned-q{q:.0}"),
+        what: format!("quality {q:.0}"),
+        rule: Rule::Default(q),
+    };
+    let plan = |name, what: &str, voxels: &dyn Fn(f32) -> Voxels| {
+        let mut steps: Vec<(Voxels, Vec<f32>)> = Vec::new();
+        for &q in qualities {
+            match steps.last_mut() {
+                Some((last, list)) if *last == voxels(q) => list.push(q),
+                _ => steps.push((voxels(q), vec![q])),
+            }
+        }
+        let parameters = |s: Option<&(Voxels, Vec<f32>)>| s.map_or("", |(v, _)| &v.what).to_owned();
+        let (first, last) = (parameters(steps.first()), parameters(steps.last()));
+        let span = if first == last { first } else { format!("{first} .. {last}") };
+        CurvePlan { name, what: format!("{what}, {span}"), steps }
+    };
     vec![
-        Config {
-            name: "uniform",
-            what: format!("uniform, J = {depth}"),
-            strategy: Strategy::Uniform { depth },
-            merge,
-        },
-        Config {
-            name: "adaptive",
-            what: format!("adaptive, J = {j_low} to {j_high}"),
-            strategy: Strategy::paper(j_low, j_high),
-            merge,
-        },
+        plan("uniform", "uniform", &uniform),
+        plan("adaptive", "adaptive (paper's criteria)", &paper),
+        plan("pruned", "adaptive (default: rate-distortion)", &pruned),
     ]
 }
 
@@ -80,9 +127,9 @@ pub(crate) fn parse_depths(text: &str) -> Result<(u8, u8)> {
 }
 
 /// Chooses the depth of the uniform octree.
-pub(crate) fn choose_depth(scene: &Scene, cameras: &[&Camera], merge: Merge) -> Result<u8> {
+pub(crate) fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
     let step = cameras.len().div_ceil(CHOICE_VIEWS).max(1);
-    let cameras: Vec<&Camera> = cameras.iter().copied().step_by(step).collect();
+    let cameras: Vec<&Camera> = cameras.iter().step_by(step).collect();
     if cameras.is_empty() {
         bail!("the scene has no training camera to choose the depth with: give --depth");
     }
@@ -92,7 +139,7 @@ pub(crate) fn choose_depth(scene: &Scene, cameras: &[&Camera], merge: Merge) -> 
     let cube = Cube::of(&scene.means)?;
     for depth in DEPTHS {
         let voxels = voxel::voxelize(scene, &cube, &Strategy::Uniform { depth })?;
-        let merged = voxel::merge(scene, &voxels, merge)?;
+        let merged = voxel::merge(scene, &voxels, Merge::Moments)?;
         let total: f64 = cameras
             .iter()
             .zip(&originals)
@@ -118,6 +165,18 @@ mod tests {
         assert_eq!(q.len(), 5);
         assert!(q.windows(2).all(|w| w[0] < w[1]) && q[4] <= 100.0);
         assert!(qualities(1).is_err());
+    }
+
+    #[test]
+    fn qualities_of_one_voxelization_stay_together() {
+        let q = qualities(6).unwrap();
+        for plan in curves(11, None, None, &q) {
+            let all: Vec<f32> = plan.steps.iter().flat_map(|(_, q)| q.clone()).collect();
+            assert_eq!(all, q, "{}", plan.name);
+        }
+        let fixed = curves(11, Some(12), Some((9, 14)), &q);
+        assert_eq!((fixed[0].steps.len(), fixed[1].steps.len()), (1, 1));
+        assert_eq!(fixed[0].steps[0].0.rule, Rule::Fixed(Strategy::Uniform { depth: 12 }));
     }
 
     #[test]
@@ -150,7 +209,7 @@ mod tests {
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::new(0.0, 0.0, 1.0),
         };
-        let depth = choose_depth(&scene, &[&camera], Merge::Moments).unwrap();
+        let depth = choose_depth(&scene, &[camera]).unwrap();
         let cube = Cube::of(&scene.means).unwrap();
         let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth }).unwrap();
         assert_eq!(voxels.len(), 3, "depth {depth}");

@@ -27,6 +27,10 @@ pub(crate) struct Original {
 /// One voxelization of the model, before coding.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Voxelized {
+    /// File-name part; [`Coded::voxels`] refers to it.
+    pub(crate) name: String,
+    /// Parameters in words.
+    pub(crate) what: String,
     /// Greatest depth.
     pub(crate) j_high: u8,
     /// Leaves at each depth from 0.
@@ -37,6 +41,8 @@ pub(crate) struct Voxelized {
     pub(crate) score: Score,
     /// Seconds to voxelize and merge.
     pub(crate) voxelize_seconds: f64,
+    /// Seconds to find the importances from the training cameras, once for all voxelizations.
+    pub(crate) importance_seconds: f64,
     /// Seconds to render and score all views.
     pub(crate) render_seconds: f64,
 }
@@ -44,6 +50,8 @@ pub(crate) struct Voxelized {
 /// One stream, decoded and scored.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Coded {
+    /// Name of the voxelization.
+    pub(crate) voxels: String,
     /// Encoder quality, 0 to 100.
     pub(crate) quality: f32,
     /// Size of the stream.
@@ -76,17 +84,22 @@ impl Coded {
 /// All points of one voxelization.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Curve {
-    /// "uniform" or "adaptive".
+    /// Short name.
     pub(crate) name: String,
     /// Parameters in words.
     pub(crate) what: String,
-    /// The voxelized model.
-    pub(crate) voxelized: Voxelized,
+    /// The voxelized models, in the order of their first quality.
+    pub(crate) voxelized: Vec<Voxelized>,
     /// Coded at each quality, ascending.
     pub(crate) points: Vec<Coded>,
 }
 
 impl Curve {
+    /// The voxelization that a point was coded with.
+    pub(crate) fn voxels_of(&self, point: &Coded) -> Option<&Voxelized> {
+        self.voxelized.iter().find(|v| v.name == point.voxels)
+    }
+
     /// Points with rates in bytes.
     pub(crate) fn curve(&self) -> Vec<Point> {
         let point = |p: &Coded| Point { rate: p.bytes as f64, psnr_db: p.score.psnr_db };

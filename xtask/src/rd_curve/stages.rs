@@ -6,10 +6,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
-use gs_model::Scene;
-use voxel::{Cube, Voxelization};
+use gs_model::{Camera, Scene};
+use gsvx::Prepared;
 
-use super::plan::Config;
+use super::plan::{Rule, Voxels};
 use super::record::{Coded, Original, Voxelized};
 use crate::cache::Cache;
 use crate::measure::{self, Shot};
@@ -28,6 +28,9 @@ pub(crate) struct Study<'a> {
     pub(crate) scene: &'a Scene,
     /// Held-out views that are measured.
     pub(crate) shots: &'a [Shot],
+    /// Training cameras (no photos) from which importances are found.
+    pub(crate) cameras: &'a [Camera],
+    saliency: OnceCell<(Option<Vec<f32>>, f64)>,
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
@@ -36,7 +39,27 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
     (value, start.elapsed().as_secs_f64())
 }
 
-impl Study<'_> {
+impl<'a> Study<'a> {
+    /// Nothing is computed yet.
+    pub(crate) fn new(
+        cache: &'a Cache,
+        out: &'a Path,
+        scene: &'a Scene,
+        shots: &'a [Shot],
+        cameras: &'a [Camera],
+    ) -> Self {
+        Self { cache, out, scene, shots, cameras, saliency: OnceCell::new() }
+    }
+
+    /// What each Gaussian of the model contributes to the training views, and the seconds to
+    /// find it. None without training cameras: the codec then has its own estimate.
+    fn importance(&self) -> &(Option<Vec<f32>>, f64) {
+        self.saliency.get_or_init(|| {
+            let some = !self.cameras.is_empty();
+            timed(|| some.then(|| finetune::saliency(self.scene, self.cameras)))
+        })
+    }
+
     /// Renders and scores the model as it is.
     pub(crate) fn original(&self, invalid: usize, file_bytes: u64) -> Result<Original> {
         let renders = self.render_names("original");
@@ -81,75 +104,85 @@ impl Study<'_> {
 
 /// The stages of one voxelization; the voxelized model is made when first needed.
 pub(crate) struct Branch<'a> {
-    pub(crate) context: &'a Study<'a>,
-    pub(crate) config: &'a Config,
-    merged: OnceCell<(Scene, Voxelization, f64)>,
+    study: &'a Study<'a>,
+    plan: &'a Voxels,
+    made: OnceCell<Made>,
+}
+
+struct Made {
+    prepared: Prepared,
+    seconds: f64,
 }
 
 impl<'a> Branch<'a> {
     /// Nothing is computed yet.
-    pub(crate) fn new(context: &'a Study<'a>, config: &'a Config) -> Self {
-        Self { context, config, merged: OnceCell::new() }
+    pub(crate) fn new(study: &'a Study<'a>, plan: &'a Voxels) -> Self {
+        Self { study, plan, made: OnceCell::new() }
     }
 
-    fn merged(&self) -> Result<&(Scene, Voxelization, f64)> {
-        if let Some(done) = self.merged.get() {
-            return Ok(done);
+    /// What identifies the voxelization in a record's key.
+    fn key(&self) -> String {
+        format!("{:?}", self.plan)
+    }
+
+    fn made(&self) -> Result<&Made> {
+        if let Some(made) = self.made.get() {
+            return Ok(made);
         }
-        let scene = self.context.scene;
-        let (made, seconds) = timed(|| -> Result<_> {
-            let cube = Cube::of(&scene.means)?;
-            let voxels = voxel::voxelize(scene, &cube, &self.config.strategy)?;
-            Ok((voxel::merge(scene, &voxels, self.config.merge)?, voxels))
-        });
-        let (merged, voxels) = made.with_context(|| format!("voxelize ({})", self.config.what))?;
-        Ok(self.merged.get_or_init(|| (merged, voxels, seconds)))
+        let (importance, _) = self.study.importance();
+        let strategy = |found: &[f32]| match &self.plan.rule {
+            Rule::Fixed(strategy) => Ok(strategy.clone()),
+            &Rule::Default(quality) => gsvx::default_strategy(quality, found),
+        };
+        let (prepared, seconds) =
+            timed(|| gsvx::prepare(self.study.scene, strategy, importance.as_deref()));
+        let prepared = prepared.with_context(|| format!("voxelize ({})", self.plan.name))?;
+        Ok(self.made.get_or_init(|| Made { prepared, seconds }))
     }
 
     /// Voxelizes, merges and scores the result.
     pub(crate) fn voxelized(&self) -> Result<Voxelized> {
-        let stage = format!("voxelize-{}", self.config.name);
-        self.context.cache.run(&stage, &self.config.key(), || {
-            let (merged, voxels, voxelize_seconds) = self.merged()?;
-            let bar = Bar::new(&format!("render {}", self.config.name), self.shots().len() as u64);
-            let (score, _) = measure::score(merged, self.shots(), &bar);
+        let name = &self.plan.name;
+        self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
+            let Made { prepared: Prepared { scene: merged, voxels, .. }, seconds } = self.made()?;
+            let bar = Bar::new(&format!("render {name}"), self.study.shots.len() as u64);
+            let (score, _) = measure::score(merged, self.study.shots, &bar);
             Ok(Voxelized {
+                name: name.clone(),
+                what: self.plan.what.clone(),
                 j_high: voxels.j_high,
                 depth_histogram: voxels.depth_histogram(),
                 gaussians: merged.len(),
                 score,
-                voxelize_seconds: *voxelize_seconds,
+                voxelize_seconds: *seconds,
+                importance_seconds: self.study.importance().1,
                 render_seconds: bar.done(),
             })
         })
     }
 
-    fn shots(&self) -> &'a [Shot] {
-        self.context.shots
-    }
-
     /// Encodes at `quality`, decodes the bytes and scores what comes out.
-    pub(crate) fn coded(&self, quality: f32) -> Result<Coded> {
-        let config = self.config;
-        let name = format!("{}-q{quality:.0}", config.name);
-        let settings = (config.key(), quality);
+    pub(crate) fn coded(&self, curve: &str, quality: f32) -> Result<Coded> {
+        let study = self.study;
+        let name = format!("{curve}-q{quality:.0}");
+        let stage = format!("code-{name}");
+        let settings = (self.key(), quality);
         let stream = format!("streams/{name}.gsvx");
-        let renders = self.context.render_names(&name);
-        let out = self.context.out;
         let usable = |record: &Coded| {
-            let size = fs::metadata(out.join(&record.stream)).map(|m| m.len());
-            size.is_ok_and(|s| s == record.bytes) && self.context.all_there(&record.renders)
+            let size = fs::metadata(study.out.join(&record.stream)).map(|m| m.len());
+            size.is_ok_and(|s| s == record.bytes) && study.all_there(&record.renders)
         };
-        if let Some(record) = self.context.cache.find(&format!("code-{name}"), &settings, usable)? {
+        if let Some(record) = study.cache.find(&stage, &settings, usable)? {
             return Ok(record);
         }
 
-        let (merged, voxels, _) = self.merged()?;
-        let options = gsvx::EncodeOptions::from_quality(quality)?;
+        let Prepared { scene: merged, voxels, importance } = &self.made()?.prepared;
+        let mut options = gsvx::EncodeOptions::from_quality(quality)?;
+        options.importance = Some(importance.clone());
         let (encoded, encode_seconds) = timed(|| gsvx::encode(merged, voxels, &options));
         let encoded = encoded.with_context(|| format!("encode {name}"))?;
-        let path = out.join(&stream);
-        fs::create_dir_all(out.join("streams")).context("create streams/")?;
+        let path = study.out.join(&stream);
+        fs::create_dir_all(study.out.join("streams")).context("create streams/")?;
         fs::write(&path, &encoded.bytes).with_context(|| format!("write {}", path.display()))?;
 
         // From the file, not from memory: what is measured is what anyone can decode.
@@ -159,11 +192,13 @@ impl<'a> Branch<'a> {
         let decoded = decoded.with_context(|| format!("decode {}", path.display()))?.scene;
         ensure!(decoded.means == merged.means, "{name}: decoded means are not the voxelized ones");
 
-        let bar = Bar::new(&format!("render {name}"), self.shots().len() as u64);
-        let (score, images) = measure::score(&decoded, self.shots(), &bar);
+        let bar = Bar::new(&format!("render {name}"), study.shots.len() as u64);
+        let (score, images) = measure::score(&decoded, study.shots, &bar);
         let render_seconds = bar.done();
-        self.context.save(&renders, &images)?;
+        let renders = study.render_names(&name);
+        study.save(&renders, &images)?;
         let record = Coded {
+            voxels: self.plan.name.clone(),
             quality,
             bytes: bytes.len() as u64,
             sections: encoded.sections.iter().map(|(k, n)| (format!("{k:?}"), *n as u64)).collect(),
@@ -175,7 +210,7 @@ impl<'a> Branch<'a> {
             stream,
             renders,
         };
-        self.context.cache.store(&format!("code-{name}"), &settings, &record)?;
+        study.cache.store(&stage, &settings, &record)?;
         Ok(record)
     }
 }
