@@ -15,6 +15,9 @@ use crate::stages::tiles::tile_lists;
 pub struct Saliency {
     /// Sum over all pixels of all views of alpha T.
     pub total: Vec<f32>,
+    /// Sum over all pixels of all views of (alpha T)^2: how much the squared error of the views
+    /// grows with an error of this Gaussian's colour.
+    pub squared: Vec<f32>,
     /// Largest sum over the pixels of a single view.
     pub peak: Vec<f32>,
     /// Number of views to which the Gaussian contributes at all.
@@ -33,7 +36,12 @@ pub fn saliency(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
 #[must_use]
 pub fn saliency_per_view(scene: &Scene, cameras: &[Camera]) -> Saliency {
     let n = scene.len();
-    let mut out = Saliency { total: vec![0.0; n], peak: vec![0.0; n], views: vec![0; n] };
+    let mut out = Saliency {
+        total: vec![0.0; n],
+        squared: vec![0.0; n],
+        peak: vec![0.0; n],
+        views: vec![0; n],
+    };
     let mut f = Forward::default();
     let (mut weights, mut sums) = (Vec::new(), Vec::new());
     for camera in cameras {
@@ -43,9 +51,10 @@ pub fn saliency_per_view(scene: &Scene, cameras: &[Camera]) -> Saliency {
         let (splats, boxes) = (&f.projected.splats, &f.projected.boxes);
         tile_lists(&view, splats, boxes, &f.order, &mut f.lists);
         blend_weights(&view, splats, &f.lists, &mut weights);
-        gather::<1>(&f.lists, bytemuck::cast_slice(&weights), n, &mut sums);
-        for (i, &[w]) in sums.iter().enumerate() {
+        gather::<2>(&f.lists, &weights, n, &mut sums);
+        for (i, &[w, w2]) in sums.iter().enumerate() {
             out.total[i] += w;
+            out.squared[i] += w2;
             out.peak[i] = out.peak[i].max(w);
             out.views[i] += u32::from(w > 0.0);
         }

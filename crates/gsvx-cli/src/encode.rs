@@ -1,32 +1,57 @@
 //! `gsvx encode`.
 
 use crate::output::{self, megabytes};
-use anyhow::{Context, Result};
+use crate::{progress, views};
+use anyhow::{Context, Result, bail};
+use gs_model::Scene;
 use gs_model::ply::{Invalid, ReadOptions};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, Prepared, rate};
 use std::path::PathBuf;
 use std::time::Instant;
-use voxel::{Cube, Merge, Strategy};
+use voxel::Strategy;
 
 /// Arguments of `gsvx encode`.
 #[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Args {
-    /// The trained model, a PLY in the Inria layout.
+    /// The trained model: a PLY in the Inria layout, .splat or .spz.
     input: PathBuf,
     /// The stream to write.
     #[arg(short, long)]
     output: PathBuf,
     /// Quality from 0 (smallest) to 100 (best).
-    #[arg(short, long, default_value_t = gsvx::DEFAULT_QUALITY)]
+    #[arg(short, long, group = "rate", default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// Octree depth: means are moved to the centres of voxels of 1/2^DEPTH of the scene's side.
-    #[arg(short, long, default_value_t = 13, value_parser = clap::value_parser!(u8).range(1..=21))]
-    depth: u8,
-    /// Voxelize adaptively, from this depth for small Gaussians in dense regions to DEPTH.
-    #[arg(long, value_name = "J_LOW", value_parser = clap::value_parser!(u8).range(1..=21))]
-    adaptive: Option<u8>,
+    /// Largest stream of at most this many bytes.
+    #[arg(long, value_name = "BYTES", group = "rate")]
+    target_bytes: Option<u64>,
+    /// The same in megabits (10^6 bits).
+    #[arg(long, value_name = "MBIT", group = "rate")]
+    target_mbit: Option<f64>,
+    /// Smallest stream whose renders reach this PSNR, in dB, against renders of the input;
+    /// needs --cameras.
+    #[arg(long, value_name = "DB", group = "rate", requires = "cameras")]
+    target_psnr: Option<f64>,
+    /// Scene folder with the cameras of the training photos (COLMAP project, Inria output or
+    /// transforms.json). Bits then go where those cameras look.
+    #[arg(long, value_name = "DIR")]
+    cameras: Option<PathBuf>,
+    /// Voxelize uniformly at this octree depth instead of by rate and distortion.
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=21))]
+    depth: Option<u8>,
+    /// With --depth: adaptively by the paper's criteria, from this depth to DEPTH.
+    #[arg(long, value_name = "DEPTH", requires = "depth",
+          value_parser = clap::value_parser!(u8).range(1..=21))]
+    j_low: Option<u8>,
+    /// Covariance mode: transform, vq:BITS (a codebook of 2^BITS) or lossless:BITS (integers).
+    #[arg(long, default_value = "transform", value_parser = covariance)]
+    covariance: CovarianceMode,
     /// Highest SH degree to keep.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3))]
     max_sh_degree: u8,
+    /// Every float of the model comes back bit for bit (in another order).
+    #[arg(long, conflicts_with_all = ["rate", "depth", "cameras", "covariance", "max_sh_degree"])]
+    lossless: bool,
     /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
     #[arg(long)]
     drop_invalid: bool,
@@ -35,54 +60,133 @@ pub(crate) struct Args {
     force: bool,
 }
 
-/// Encodes a PLY model.
+fn covariance(text: &str) -> std::result::Result<CovarianceMode, String> {
+    let bits = |b: &str, low: u8, high: u8| match b.parse() {
+        Ok(bits) if (low..=high).contains(&bits) => Ok(bits),
+        _ => Err(format!("BITS must be {low} to {high}")),
+    };
+    match text.split_once(':') {
+        None if text == "transform" => Ok(CovarianceMode::Transform),
+        None if text == "vq" => Ok(CovarianceMode::Vq { bits: 12 }),
+        None if text == "lossless" => Ok(CovarianceMode::Lossless { bits: 16 }),
+        Some(("vq", b)) => Ok(CovarianceMode::Vq { bits: bits(b, 8, 16)? }),
+        Some(("lossless", b)) => Ok(CovarianceMode::Lossless { bits: bits(b, 8, 24)? }),
+        _ => Err("use transform, vq:BITS or lossless:BITS".into()),
+    }
+}
+
+/// Encodes a model.
 pub(crate) fn run(args: &Args) -> Result<()> {
     output::check(&args.output, args.force)?;
-    let options = gsvx::EncodeOptions {
-        max_sh_degree: args.max_sh_degree,
-        ..gsvx::EncodeOptions::from_quality(args.quality)?
-    };
+    // Refuse a bad quality before reading anything.
+    EncodeOptions::from_quality(args.quality)?;
     let start = Instant::now();
     let invalid = if args.drop_invalid { Invalid::Drop } else { Invalid::Error };
     let read = ReadOptions { invalid, ..Default::default() };
-    let (scene, report) = gs_model::ply::read_with(&args.input, &read)?;
-    for property in &report.unknown_properties {
+    let (scene, report) = gs_model::model::read(&args.input, &read)?;
+    for property in report.ply.iter().flat_map(|p| &p.unknown_properties) {
         eprintln!("skipped: property {property} is not part of a 3DGS model");
     }
-    if report.gaussians < report.gaussians_in_file {
-        let dropped = report.gaussians_in_file - report.gaussians;
+    if scene.len() < report.gaussians_in_file {
+        let dropped = report.gaussians_in_file - scene.len();
         eprintln!("skipped: {dropped} invalid Gaussians of {}", report.gaussians_in_file);
     }
     let read_seconds = start.elapsed().as_secs_f64();
-
-    let strategy = match args.adaptive {
-        Some(j_low) => Strategy::paper(j_low.min(args.depth), args.depth),
-        None => Strategy::Uniform { depth: args.depth },
+    let step = Instant::now();
+    let made = if args.lossless {
+        let encoded = gsvx::encode_lossless(&scene).with_context(|| name(args))?;
+        Made { encoded, gaussians: scene.len(), note: "every float bit for bit".into() }
+    } else {
+        lossy(args, &scene)?
     };
-    let name = || args.input.display().to_string();
-    let step = Instant::now();
-    let cube = Cube::of(&scene.means).with_context(name)?;
-    let voxels = voxel::voxelize(&scene, &cube, &strategy).with_context(name)?;
-    let merged = voxel::merge(&scene, &voxels, Merge::Moments).with_context(name)?;
-    let voxelize_seconds = step.elapsed().as_secs_f64();
-    let step = Instant::now();
-    let encoded = gsvx::encode(&merged, &voxels, &options).with_context(name)?;
     let encode_seconds = step.elapsed().as_secs_f64();
-    output::write(&args.output, |out| Ok(out.write_all(&encoded.bytes)?))?;
+    output::write(&args.output, |out| Ok(out.write_all(&made.encoded.bytes)?))?;
 
-    let bytes = encoded.bytes.len() as u64;
+    let bytes = made.encoded.bytes.len() as u64;
+    let input_bytes = std::fs::metadata(&args.input).map_or(0, |m| m.len());
     println!(
-        "{}: {} Gaussians in {} voxels, {} -> {} ({:.1}x, {:.1} bits per Gaussian)",
+        "{}: {} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}",
         args.output.display(),
         scene.len(),
-        merged.len(),
-        megabytes(report.file_bytes as u64),
+        made.gaussians,
+        megabytes(input_bytes),
         megabytes(bytes),
-        report.file_bytes as f64 / bytes as f64,
-        8.0 * bytes as f64 / merged.len().max(1) as f64,
+        input_bytes as f64 / bytes as f64,
+        8.0 * bytes as f64 / made.gaussians.max(1) as f64,
+        made.note,
     );
-    println!(
-        "read {read_seconds:.2} s, voxelize {voxelize_seconds:.2} s, encode {encode_seconds:.2} s"
-    );
+    println!("read {read_seconds:.2} s, encode {encode_seconds:.2} s");
     Ok(())
+}
+
+struct Made {
+    encoded: Encoded,
+    gaussians: usize,
+    note: String,
+}
+
+fn name(args: &Args) -> String {
+    args.input.display().to_string()
+}
+
+fn lossy(args: &Args, scene: &Scene) -> Result<Made> {
+    let cameras = args.cameras.as_deref().map(views::cameras).transpose()?;
+    let importance = cameras.as_ref().map(|c| views::importance(scene, c));
+    let mut gaussians = 0;
+    let mut at = |quality: f32| -> gsvx::Result<Encoded> {
+        let bar = progress::spinner(format!("encoding at quality {quality:.1}"));
+        let strategy = |importance: &[f32]| match (args.depth, args.j_low) {
+            (Some(depth), Some(j_low)) => Ok(Strategy::paper(j_low.min(depth), depth)),
+            (Some(depth), None) => Ok(Strategy::Uniform { depth }),
+            (None, _) => gsvx::default_strategy(quality, importance),
+        };
+        let Prepared { scene, voxels, importance } =
+            gsvx::prepare(scene, strategy, importance.as_deref())?;
+        let options = EncodeOptions {
+            max_sh_degree: args.max_sh_degree,
+            covariance: args.covariance,
+            importance: Some(importance),
+            ..EncodeOptions::from_quality(quality)?
+        };
+        gaussians = scene.len();
+        let encoded = gsvx::encode(&scene, &voxels, &options);
+        bar.finish_and_clear();
+        encoded
+    };
+    let bytes = match args.target_mbit {
+        Some(mbit) if mbit.is_finite() && mbit > 0.0 => Some((mbit * 1e6 / 8.0) as u64),
+        Some(mbit) => bail!("--target-mbit {mbit}: must be a positive number"),
+        None => args.target_bytes,
+    };
+    if let Some(bytes) = bytes {
+        let found = rate::to_bytes(bytes, &mut at).with_context(|| name(args))?;
+        let share = 100.0 * found.encoded.bytes.len() as f64 / bytes as f64;
+        let note = format!(
+            "quality {:.1}, {share:.1}% of the target, {} encodes",
+            found.quality, found.encodes
+        );
+        return Ok(Made { encoded: found.encoded, gaussians, note });
+    }
+    if let (Some(target), Some(cameras)) = (args.target_psnr, &cameras) {
+        if !target.is_finite() {
+            bail!("--target-psnr {target}: must be a number of dB");
+        }
+        let reference = views::Reference::new(scene, cameras)?;
+        let measure = |encoded: &Encoded| {
+            let decoded = gsvx::decode(&encoded.bytes, &gsvx::DecodeOptions::default())?;
+            Ok(reference.psnr(&decoded.scene))
+        };
+        let found = rate::to_measure(target, &mut at, measure).with_context(|| name(args))?;
+        let got = found.measured.unwrap_or(f64::NAN);
+        if got < target {
+            eprintln!("warning: the best quality reaches {got:.2} dB, not {target:.2} dB");
+        }
+        let note = format!(
+            "quality {:.1}, {got:.2} dB from the input's renders, {} encodes",
+            found.quality, found.encodes
+        );
+        return Ok(Made { encoded: found.encoded, gaussians, note });
+    }
+    let encoded = at(args.quality).with_context(|| name(args))?;
+    Ok(Made { encoded, gaussians, note: format!("quality {}", args.quality) })
 }

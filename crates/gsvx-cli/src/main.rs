@@ -4,6 +4,8 @@ mod decode;
 mod encode;
 mod info;
 mod output;
+mod progress;
+mod views;
 
 use clap::{Parser, Subcommand};
 

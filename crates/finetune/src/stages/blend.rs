@@ -41,6 +41,7 @@ fn blend_row<const WEIGHTS: bool>(
     green: &mut [f32; LANES],
     blue: &mut [f32; LANES],
     weight: &mut [f32; LANES],
+    square: &mut [f32; LANES],
 ) {
     let qy = s.q * dy;
     let e1 = s.r * dy;
@@ -57,6 +58,8 @@ fn blend_row<const WEIGHTS: bool>(
         t[l] = step.t;
         if WEIGHTS {
             weight[l] += step.w;
+            let w2 = step.w * step.w;
+            square[l] += w2;
         }
     }
 }
@@ -92,8 +95,9 @@ struct BlendTile<'a, const WEIGHTS: bool> {
     tx: u32,
     ty: u32,
     out: &'a mut TilePixels,
-    /// With `WEIGHTS`, one entry per slot of the list: the sum of its weights alpha T.
-    weights: &'a mut [f32],
+    /// With `WEIGHTS`, one entry per slot of the list: the sums of its weights alpha T and of
+    /// their squares.
+    weights: &'a mut [[f32; 2]],
 }
 
 impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
@@ -110,11 +114,15 @@ impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
         let y0 = ty * TILE;
         let rows = (view.height - y0).min(TILE);
         let mut px_state = TilePixels::CLEAR;
-        // Lanes beyond the image's edge never start.
+        // Pixels beyond the image's edge never start: first lanes.
         for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
             for row in &mut px_state.t {
                 row[l] = -1.0;
             }
+        }
+        // Then rows.
+        for row in &mut px_state.t[rows as usize..] {
+            *row = [-1.0; LANES];
         }
         let mut row_live = [true; LANES];
         let mut last = 0;
@@ -128,6 +136,7 @@ impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
                     dx[l] = s.x - px[l];
                 }
                 let mut weight = [0.0f32; LANES];
+                let mut square = [0.0f32; LANES];
                 let first = s.row0.max(y0) - y0;
                 let end = (s.row1 - y0.min(s.row1)).min(rows);
                 for y in first..end {
@@ -145,10 +154,11 @@ impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
                         &mut px_state.green[y],
                         &mut px_state.blue[y],
                         &mut weight,
+                        &mut square,
                     );
                 }
                 if WEIGHTS {
-                    weights[batch * BATCH + k] = sum_lanes(&weight);
+                    weights[batch * BATCH + k] = [sum_lanes(&weight), sum_lanes(&square)];
                 }
             }
             last = (batch * BATCH + list.len()) as u32;
@@ -184,16 +194,16 @@ pub(crate) fn blend(
     });
 }
 
-/// Blends every tile for the weights alone: `weights[slot]` becomes the sum over the tile's
-/// pixels of alpha T.
+/// Blends every tile for the weights alone: `weights[slot]` becomes the sums over the tile's
+/// pixels of alpha T and of its square.
 pub(crate) fn blend_weights(
     view: &View,
     splats: &[Splat],
     lists: &TileLists,
-    weights: &mut Vec<f32>,
+    weights: &mut Vec<[f32; 2]>,
 ) {
     weights.clear();
-    weights.resize(lists.ids.len(), 0.0);
+    weights.resize(lists.ids.len(), [0.0; 2]);
     lists.split_mut(weights).into_par_iter().enumerate().for_each(|(tile, weights)| {
         let ids = lists.of(tile);
         let (tx, ty) = view.tile_at(tile);

@@ -1,0 +1,68 @@
+#![allow(clippy::disallowed_methods, reason = "a test of a rasterizer, not of a bitstream")]
+//! Blending weights: what they add up to, and what their squares are.
+
+use finetune::{RenderOptions, render, saliency_per_view};
+use glam::{DMat3, DVec3};
+use gs_model::{Camera, SH_C0, Scene};
+
+fn camera() -> Camera {
+    Camera {
+        name: "test".into(),
+        width: 50,
+        height: 40,
+        fx: 45.0,
+        fy: 45.0,
+        cx: 25.0,
+        cy: 20.0,
+        rotation: DMat3::IDENTITY,
+        translation: DVec3::new(0.0, 0.0, 4.0),
+    }
+}
+
+/// White Gaussians in a small cloud.
+fn scene(n: usize) -> Scene {
+    let mut seed = 1u32;
+    let mut unit = || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (seed >> 8) as f32 / (1 << 23) as f32 - 1.0
+    };
+    let mut scene = Scene::default();
+    for _ in 0..n {
+        scene.means.push([unit(), unit(), unit()]);
+        scene.rotations.push([1.0, unit(), unit(), unit()]);
+        scene.log_scales.push([-2.0 + unit(), -2.0 + unit(), -2.0 + unit()]);
+        scene.opacity_logits.push(3.0 * unit());
+        scene.sh.push([0.5 / SH_C0; 3]);
+    }
+    scene
+}
+
+// With every colour 1 a pixel is the sum of its weights.
+#[test]
+fn weights_add_up_to_the_white_image() {
+    let (scene, camera) = (scene(60), camera());
+    let image = render(&scene, &camera, &RenderOptions::default());
+    let pixels: f64 = image.rgb.iter().step_by(3).map(|&v| f64::from(v)).sum();
+    let found = saliency_per_view(&scene, &[camera]);
+    let total: f64 = found.total.iter().map(|&v| f64::from(v)).sum();
+    assert!(pixels > 100.0 && (pixels - total).abs() < 1e-4 * pixels, "{pixels} {total}");
+}
+
+// The derivative of half the squared image with respect to one Gaussian's colour, taken at a
+// scene where only that Gaussian is white, is its sum of squared weights.
+#[test]
+fn squares_are_the_energy_of_one_gaussian() {
+    let (white, camera) = (scene(25), camera());
+    let found = saliency_per_view(&white, std::slice::from_ref(&camera));
+    for i in 0..white.len() {
+        let mut one = white.clone();
+        for (k, sh) in one.sh.iter_mut().enumerate() {
+            *sh = [if k == i { 0.5 } else { -0.5 } / SH_C0; 3];
+        }
+        let image = render(&one, &camera, &RenderOptions::default());
+        let energy: f64 = image.rgb.iter().step_by(3).map(|&v| f64::from(v).powi(2)).sum();
+        let squared = f64::from(found.squared[i]);
+        assert!((energy - squared).abs() <= 1e-4 * (energy + 1e-3), "{i}: {energy} {squared}");
+        assert!(found.squared[i] <= found.total[i]);
+    }
+}
