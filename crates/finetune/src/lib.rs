@@ -1,4 +1,59 @@
-//! A deterministic rasterizer of 3D Gaussians.
+//! A deterministic, differentiable rasterizer of 3D Gaussians, and the fine-tune that uses it.
+//!
+//! Voxelization moves and merges Gaussians, and quality falls. The fine-tune ([`FineTune`])
+//! brings it back: it renders the scene from the cameras of posed photos, compares, and moves
+//! SH coefficients, opacities, scales and rotations, but not the means, which stay at the
+//! centres of their voxels.
+//!
+//! - [`render`] draws a scene, [`metrics`] scores it, [`saliency`] says which Gaussians matter.
+//! - [`gradients`] gives one loss with all its gradients, for an optimiser of your own.
+//! - [`FineTune`] runs Adam with a decaying rate, early stop, checkpoints, and, if asked, the
+//!   codec's quantiser in the loop ([`Quantization`]).
+//!
+//! There is one list of stages (project, depth sort, tile lists, blend, loss, blend adjoint,
+//! gather, projection adjoint and Adam) and two executors of it: Rust on all cores, and WGSL on
+//! wgpu with the feature `gpu`. The mathematics of a splat is one text that is both Rust and
+//! WGSL. Every float sum has one fixed order, so the result does not depend on the number of
+//! threads or on the scheduling. The conventions are those of Inria's 2023 rasterizer (0.3
+//! pixels of blur, alpha capped at 0.99 and cut at 1/255, stop at a transmittance of 1e-4).
+//!
+//! ```
+//! use finetune::{FineTune, FineTuneOptions, Image, RenderOptions, TrainView, metrics, render};
+//! use gs_model::{Camera, Scene};
+//!
+//! let camera = Camera {
+//!     name: "front".into(),
+//!     width: 32,
+//!     height: 24,
+//!     fx: 30.0,
+//!     fy: 30.0,
+//!     cx: 16.0,
+//!     cy: 12.0,
+//!     rotation: glam::DMat3::IDENTITY,
+//!     translation: glam::DVec3::new(0.0, 0.0, 2.0),
+//! };
+//! let mut scene = Scene {
+//!     means: vec![[0.0; 3]],
+//!     rotations: vec![[1.0, 0.0, 0.0, 0.0]],
+//!     log_scales: vec![[-1.0, -2.0, -1.5]],
+//!     opacity_logits: vec![2.0],
+//!     sh_degree: 0,
+//!     sh: vec![[1.0, 0.2, -0.5]],
+//! };
+//! let photo = render(&scene, &camera, &RenderOptions::default());
+//!
+//! // Spoil the colour, then let the photo bring it back.
+//! scene.sh[0] = [0.5, 0.5, 0.5];
+//! let before = metrics::psnr(&render(&scene, &camera, &RenderOptions::default()), &photo);
+//! let views = vec![TrainView { camera: camera.clone(), photo: photo.clone() }];
+//! let options = FineTuneOptions { steps: 300, ..FineTuneOptions::default() };
+//! let outcome = FineTune::new(scene, views, options)?.run(|progress| {
+//!     assert!(progress.loss.is_finite());
+//! })?;
+//! let after = metrics::psnr(&render(&outcome.scene, &camera, &RenderOptions::default()), &photo);
+//! assert!(after > before + 10.0);
+//! # Ok::<(), finetune::Error>(())
+//! ```
 
 pub mod backend;
 mod error;
@@ -9,6 +64,8 @@ mod gradients;
 mod image;
 pub mod metrics;
 mod options;
+#[doc(hidden)]
+pub mod probe;
 mod quantization;
 mod saliency;
 #[cfg(any(test, feature = "gpu"))]

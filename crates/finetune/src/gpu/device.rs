@@ -67,8 +67,8 @@ impl Context {
         Self::on(&adapter)
     }
 
-    /// A device on the software adapter if there is one, else on any: for conformance tests.
-    #[cfg(test)]
+    /// A device on the software adapter if there is one, else on any: for conformance tests and
+    /// benchmarks.
     pub(crate) fn software() -> Result<Self> {
         let all = adapters();
         let adapter = all.iter().find(|a| is_software(a)).or_else(|| all.first());

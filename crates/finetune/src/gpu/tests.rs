@@ -42,8 +42,8 @@ fn scene(n: usize, degree: u8, seed: u64) -> Scene {
         let cell = |r: &mut Rng, low, high| (uniform(r, low, high) * 8.0).round() / 8.0;
         s.means.push([cell(&mut r, -3.0, 3.0), cell(&mut r, -2.0, 2.0), cell(&mut r, -1.0, 8.0)]);
         s.rotations.push([0; 4].map(|_| uniform(&mut r, -1.0, 1.0)));
-        s.log_scales.push([0; 3].map(|_| uniform(&mut r, -6.0, -1.0)));
-        s.opacity_logits.push(uniform(&mut r, -7.0, 5.0));
+        s.log_scales.push([0; 3].map(|_| uniform(&mut r, -5.0, 0.0)));
+        s.opacity_logits.push(uniform(&mut r, -7.0, 6.0));
         for k in 0..s.sh_len() {
             let a = if k == 0 { 1.5 } else { 0.3 };
             s.sh.push([0; 3].map(|_| uniform(&mut r, -a, a)));
@@ -159,7 +159,20 @@ fn project_agrees() {
         ours.extend_from_slice(&splats[i]);
         theirs.extend_from_slice(bytemuck::cast_slice::<_, f32>(&[f.splats[i]]));
     }
-    assert!(worst_ulps("project", &ours, &theirs) <= 4);
+    const FIELDS: [&str; 12] =
+        ["x", "y", "p", "q", "r", "cut", "opacity", "row0", "red", "green", "blue", "row1"];
+    // Mesa reassociates the products of the rotation and the sums of the colour.
+    const INEXACT: [&str; 6] = ["p", "q", "r", "red", "green", "blue"];
+    for (k, field) in FIELDS.iter().enumerate() {
+        let column = |v: &[f32]| v.iter().skip(k).step_by(12).copied().collect::<Vec<_>>();
+        let (a, b) = (column(&ours), column(&theirs));
+        let ulps = worst_ulps(field, &a, &b);
+        if INEXACT.contains(field) {
+            assert!(relative(field, &a, &b) < 2e-6, "{field}");
+        } else {
+            assert_eq!(ulps, 0, "{field}");
+        }
+    }
 }
 
 #[test]
@@ -284,12 +297,14 @@ fn adam_agrees() {
         }
         // Adam divides by the gradient's own size: compare where that is not noise.
         let mut compared = 0;
-        for (i, m) in moments.log_scale[0].iter().enumerate().filter(|(_, m)| m.abs() > 1e-9) {
+        let largest = moments.log_scale[0].iter().fold(0.0f32, |a, m| a.max(m.abs()));
+        let counts = |(_, m): &(usize, &f32)| m.abs() > 1e-5 * largest;
+        for (i, m) in moments.log_scale[0].iter().enumerate().filter(counts) {
             let (a, b) = (got.log_scales[i / 3][i % 3], scene.log_scales[i / 3][i % 3]);
-            assert!((a - b).abs() <= 1e-6 + 1e-6 * b.abs(), "{i}: {a} {b}, moment {m}");
+            assert!((a - b).abs() <= 1e-5, "{i}: {a} {b}, moment {m}");
             compared += 1;
         }
-        assert!(compared > 1000, "{compared}");
+        assert!(compared > 100, "{compared}");
         worst_ulps("SH after a step", got.sh.as_flattened(), scene.sh.as_flattened());
     }
 }
@@ -301,7 +316,7 @@ fn whole_steps_agree_and_slots_grow() {
     let (width, height) = (120, 80);
     // Large Gaussians: more than the four slots each that the executor begins with.
     let mut scene = scene(6000, 1, 5);
-    scene.log_scales.iter_mut().flatten().for_each(|l| *l = l.max(-2.0));
+    scene.log_scales.iter_mut().flatten().for_each(|l| *l = l.max(-1.0));
     let views: Vec<TrainView> = (0..3)
         .map(|i| {
             let mut camera = camera(width, height);
@@ -333,7 +348,7 @@ fn whole_steps_agree_and_slots_grow() {
         println!("{a:?} {b:?}");
         assert!((a.loss / b.loss - 1.0).abs() < 1e-4 && (a.mse / b.mse - 1.0).abs() < 1e-4);
     }
-    assert!(cpu_losses[5].loss < cpu_losses[0].loss);
+    assert!(cpu_losses[5].loss < cpu_losses[2].loss, "the same view, three steps later");
     assert!(relative("SH", on_gpu.sh.as_flattened(), on_cpu.sh.as_flattened()) < 1e-3);
     // Twice on the device: the same bits.
     let mut again =

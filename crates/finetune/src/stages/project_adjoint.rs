@@ -48,13 +48,17 @@ impl<'a> Gaussian<'a> {
 }
 
 /// `record` holds the sums of `blend_adjoint` over the Gaussian's slots, 7 or 9 of them.
-/// `None` if the Gaussian was culled.
+/// `None` if the Gaussian was culled or no pixel saw it: its gradient is zero, and whatever
+/// made it invisible (an overflow, say) must not turn zero into NaN.
 #[inline(always)]
 pub(crate) fn gaussian_gradient<const N: usize>(
     view: &View,
     a: &Gaussian<'_>,
     record: &[f32; N],
 ) -> Option<GaussianGradient> {
+    if record.iter().all(|&v| v == 0.0) {
+        return None;
+    }
     let f = Frame::new(&view.lens, a.mean, a.rotation, a.log_scale)?;
     let e = Sym2(record[4], record[5], record[6]);
     let shape = shape_adjoint(&f, e);

@@ -10,7 +10,9 @@ use std::time::Instant;
 
 use gs_model::{Camera, Scene};
 
-use crate::backend::{self, Backend, BackendReport};
+#[cfg(feature = "gpu")]
+use crate::backend::Backend;
+use crate::backend::{self, BackendReport};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::shuffle::permutation;

@@ -85,7 +85,8 @@ fn basis(d: [f64; 3]) -> [f64; 16] {
 fn project(p: &Parameters, camera: &Camera, i: usize) -> Option<Projected> {
     let mu = glam::DVec3::from(p.means[i]);
     let m = camera.rotation * mu + camera.translation;
-    if m.z <= 0.2 {
+    // The executor's comparison: 0.2 itself is not the same number in f32 and f64.
+    if m.z as f32 <= 0.2f32 {
         return None;
     }
     let r = matrix(p.rotations[i]);

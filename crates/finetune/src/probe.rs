@@ -1,0 +1,140 @@
+//! Single stages for benchmarks. Not part of the API.
+
+use gs_model::{Camera, Scene};
+
+use crate::forward::Forward;
+use crate::gradients::{Backward, planes_of};
+use crate::image::Image;
+use crate::options::{Loss, RenderOptions};
+use crate::stages::blend::blend;
+use crate::stages::blend_adjoint::{FROZEN, blend_adjoint};
+use crate::stages::project::View;
+use crate::stages::reference;
+
+/// A scene and a view, run once, whose stages can be repeated.
+#[derive(Debug)]
+pub struct Probe {
+    view: View,
+    pass: Backward<FROZEN>,
+}
+
+impl std::fmt::Debug for Backward<FROZEN> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Backward").finish_non_exhaustive()
+    }
+}
+
+impl Probe {
+    /// Runs everything once.
+    #[must_use]
+    pub fn new(scene: &Scene, camera: &Camera, photo: &Image) -> Self {
+        let view = View::new(camera, &RenderOptions::default());
+        let mut pass = Backward::default();
+        pass.run(scene, &view, &planes_of(photo), Loss::default());
+        Self { view, pass }
+    }
+
+    /// (Splat, pixel) pairs that a kernel without any skipping evaluates: per tile, the splats
+    /// up to the last that some pixel needs, times 256.
+    #[must_use]
+    pub fn pairs(&self) -> u64 {
+        self.pass.forward.last.iter().map(|&l| u64::from(l) * 256).sum()
+    }
+
+    /// The stage `blend` of the Rust executor.
+    pub fn blend(&mut self) {
+        let Forward { projected, lists, tiles, last, .. } = &mut self.pass.forward;
+        blend(&self.view, &projected.splats, lists, tiles, last);
+    }
+
+    /// The stage `blend_adjoint` of the Rust executor.
+    pub fn blend_adjoint(&mut self) {
+        let f = &self.pass.forward;
+        let (splats, gradients) = (&f.projected.splats, &self.pass.tiles);
+        let records = &mut self.pass.records;
+        blend_adjoint(&self.view, splats, &f.lists, &f.tiles, &f.last, gradients, records);
+    }
+
+    /// Both stages of the scalar reference.
+    pub fn scalar(&self) {
+        let f = &self.pass.forward;
+        let splats = &f.projected.splats;
+        let tiles = reference::blend(&self.view, splats, &f.lists);
+        let records =
+            reference::blend_adjoint(&self.view, splats, &f.lists, &tiles, &self.pass.tiles);
+        std::hint::black_box(records);
+    }
+
+    /// The same stages of the WGSL executor on a software adapter (or any, if there is none):
+    /// `None` without an adapter.
+    #[cfg(feature = "gpu")]
+    #[must_use]
+    pub fn on_device(&self) -> Option<DeviceProbe> {
+        use crate::gpu::{Context, Sizes, StepUniform, Workspace};
+        let f = &self.pass.forward;
+        let sizes = Sizes {
+            count: f.projected.splats.len(),
+            sh_len: 1,
+            capacity: f.lists.ids.len(),
+            tiles: self.view.tiles(),
+            pixels: (self.view.width * self.view.height) as usize,
+        };
+        let gpu = Workspace::new(Context::software().ok()?, sizes).ok()?;
+        gpu.write("splats", &f.projected.splats);
+        gpu.write("ids", &f.lists.ids);
+        gpu.write("offsets", &f.lists.offsets);
+        gpu.write("gradient", &self.pass.tiles);
+        let mut u = StepUniform::of_view(&self.view);
+        u.count = sizes.count as u32;
+        Some(DeviceProbe { gpu, u })
+    }
+}
+
+/// [`Probe`] on a device.
+#[cfg(feature = "gpu")]
+pub struct DeviceProbe {
+    gpu: crate::gpu::Workspace,
+    u: crate::gpu::StepUniform,
+}
+
+#[cfg(feature = "gpu")]
+impl DeviceProbe {
+    /// Both stages; waits for the device.
+    pub fn run(&self) {
+        use crate::gpu::Stage;
+        self.gpu.run(&[Stage::Blend, Stage::BlendAdjoint], &self.u, None);
+        std::hint::black_box(self.gpu.read::<u32>("last", 1).is_ok());
+    }
+}
+
+/// Whole steps of a fine-tune on the software adapter, for timing lavapipe.
+///
+/// # Errors
+/// Those of [`crate::FineTune`].
+#[cfg(feature = "gpu")]
+pub fn software_steps(
+    scene: &Scene,
+    views: Vec<crate::TrainView>,
+    steps: u64,
+) -> crate::Result<std::time::Duration> {
+    use crate::gpu::{Context, GpuExecutor};
+    use crate::stages::adam::{AdamStep, Moments};
+    use crate::train::Executor as _;
+    let options = crate::FineTuneOptions::default();
+    let count = views.len();
+    let moments = Moments::zeros(scene);
+    let context = Context::software()?;
+    let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, views, &options)?;
+    let mut losses = Vec::new();
+    let mut started = std::time::Instant::now();
+    for step in 1..=steps + 1 {
+        gpu.step(step as usize % count, step, &AdamStep::new(&options.rates, step, 1.0))?;
+        if step == 1 {
+            // The first step compiles the kernels and finds room for the slots.
+            gpu.drain_losses(&mut losses)?;
+            started = std::time::Instant::now();
+        }
+    }
+    gpu.drain_losses(&mut losses)?;
+    Ok(started.elapsed())
+}
