@@ -57,8 +57,10 @@ pub(crate) struct ByHand {
     pub(crate) url: String,
     /// How large it is, in words.
     pub(crate) size: &'static str,
-    /// Where this program looks for a copy of it.
+    /// Folder where this program looks for a copy of it.
     pub(crate) put: PathBuf,
+    /// The other archives that are not at hand, as "address (size)".
+    pub(crate) others: Vec<String>,
     /// True if the address came from `--mirror`.
     pub(crate) mirrored: bool,
 }
@@ -91,12 +93,14 @@ impl Error {
 
     /// What to do, as the end of the message.
     pub(crate) fn remedy(&self, hand: &ByHand) -> String {
-        let download = format!(
-            "download {} ({}) by hand to {} and run this again",
-            hand.url,
-            hand.size,
-            hand.put.display()
-        );
+        let download = |others: &[String]| {
+            let all: Vec<String> = others.iter().map(|other| format!(" and {other}")).collect();
+            let (put, all) = (hand.put.display(), all.concat());
+            format!(
+                "download {} ({}){all} by hand into {put} and run this again",
+                hand.url, hand.size
+            )
+        };
         match self {
             Self::Unreachable { .. } if hand.mirrored => {
                 "check --mirror and the network, then run this again".to_owned()
@@ -104,9 +108,11 @@ impl Error {
             Self::Address { .. } | Self::Io { .. } | Self::Status { .. } if hand.mirrored => {
                 format!("check --mirror; without it, {} is used", hand.url)
             }
-            Self::Unreachable { .. } => format!("{download}, or name another place by --mirror"),
+            Self::Unreachable { .. } => {
+                format!("{}, or name another place by --mirror", download(&hand.others))
+            }
             Self::NoRanges { .. } | Self::Status { .. } | Self::Address { .. } => {
-                format!("{download}, or name a server that does by --mirror")
+                format!("{}, or name another place by --mirror", download(&[]))
             }
             Self::Stalled { .. } | Self::Broken { .. } | Self::Moved { .. } => {
                 "what has arrived is kept: run this again to go on".to_owned()

@@ -99,7 +99,7 @@ impl Http {
             ureq::Error::Io(e) if e.kind() == io::ErrorKind::TimedOut => {
                 Error::Stalled { url, seconds }
             }
-            ureq::Error::Io(e) if unreachable_kind(e.kind()) => {
+            ureq::Error::Io(e) if !ends_early(e.kind()) => {
                 Error::Unreachable { url, why: one_line(e) }
             }
             ureq::Error::Io(_) | ureq::Error::Protocol(_) => Error::Broken { url, at, why },
@@ -160,12 +160,11 @@ impl<R: Read> Read for BodyRead<R> {
     }
 }
 
-fn unreachable_kind(kind: io::ErrorKind) -> bool {
+/// True if a connection was there and went away. All else means that none came about; a name
+/// that cannot be looked up has no kind of its own.
+fn ends_early(kind: io::ErrorKind) -> bool {
     use io::ErrorKind as K;
-    matches!(
-        kind,
-        K::ConnectionRefused | K::HostUnreachable | K::NetworkUnreachable | K::NetworkDown
-    )
+    matches!(kind, K::ConnectionReset | K::ConnectionAborted | K::BrokenPipe | K::UnexpectedEof)
 }
 
 fn is_loopback(url: &str) -> bool {
@@ -196,6 +195,22 @@ mod tests {
         for bad in ["bytes */1234", "bytes 0-99/*", "0-99/1234", "bytes 0-99", ""] {
             assert_eq!(content_range(bad), None, "{bad}");
         }
+    }
+
+    #[test]
+    fn a_name_that_is_not_found_means_no_network() {
+        let agent = Agent::new_with_defaults();
+        let (url, timeout) = ("http://x/".to_owned(), Duration::from_secs(1));
+        let http = Http { agent, url, timeout, size: 0, etag: None };
+        let failure = |e| http.failure(0, ureq::Error::Io(e));
+        // As Linux reports it, without a kind.
+        let lookup = io::Error::other("failed to lookup address information");
+        assert!(matches!(failure(lookup), Error::Unreachable { .. }));
+        let refused = io::ErrorKind::ConnectionRefused.into();
+        assert!(matches!(failure(refused), Error::Unreachable { .. }));
+        let reset = io::ErrorKind::ConnectionReset.into();
+        assert!(matches!(failure(reset), Error::Broken { .. }));
+        assert!(matches!(http.failure(0, ureq::Error::HostNotFound), Error::Unreachable { .. }));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::fs::{self, File, TryLockError};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use anyhow::anyhow;
@@ -94,7 +94,7 @@ pub(crate) fn fetch(scene: Scene, dir: &Path, options: &Options) -> anyhow::Resu
 
     let mut tasks = Vec::new();
     for (archive, folder) in scene.archives() {
-        let hand = by_hand(archive, dir, options);
+        let hand = by_hand(scene, archive, dir, options);
         let explain = |e: Error| anyhow!("{e}; {}", e.remedy(&hand));
         let mut reader = open(archive, &hand, options).map_err(explain)?;
         options.say(format!("{}: from {}", scene.name, reader.url()));
@@ -215,7 +215,9 @@ fn check_space(dir: &Path, tasks: &[Task], options: &Options) -> Result<u64> {
 fn open(archive: &Archive, hand: &ByHand, options: &Options) -> Result<Ranged> {
     let places = match mirrored(archive, &options.mirrors)? {
         Some(places) => places,
-        None if hand.put.is_file() => vec![Place::Disk(hand.put.clone())],
+        None if hand.put.join(archive.file).is_file() => {
+            vec![Place::Disk(hand.put.join(archive.file))]
+        }
         None => vec![Place::Server(hand.url.clone())],
     };
     let mut first_error = None;
@@ -232,13 +234,21 @@ fn open(archive: &Archive, hand: &ByHand, options: &Options) -> Result<Ranged> {
     }))
 }
 
-fn by_hand(archive: &Archive, dir: &Path, options: &Options) -> ByHand {
-    let mirrored = mirrored(archive, &options.mirrors).is_ok_and(|m| m.is_some());
+fn by_hand(scene: Scene, archive: &Archive, dir: &Path, options: &Options) -> ByHand {
+    let put = dir.parent().unwrap_or(dir).to_path_buf();
+    let url = |archive: &Archive| format!("{}/{}/{}", options.public, archive.folder, archive.file);
+    let is_mirrored =
+        |archive: &Archive| mirrored(archive, &options.mirrors).is_ok_and(|m| m.is_some());
+    let all = scene.archives();
+    let others = all.iter().map(|(other, _)| *other).filter(|other| {
+        other.file != archive.file && !is_mirrored(other) && !put.join(other.file).is_file()
+    });
     ByHand {
-        url: format!("{}/{}/{}", options.public, archive.folder, archive.file),
+        url: url(archive),
         size: archive.size,
-        put: dir.parent().map_or_else(|| PathBuf::from(archive.file), |p| p.join(archive.file)),
-        mirrored,
+        others: others.map(|other| format!("{} ({})", url(other), other.size)).collect(),
+        mirrored: is_mirrored(archive),
+        put,
     }
 }
 

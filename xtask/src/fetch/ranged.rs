@@ -145,13 +145,19 @@ impl Ranged {
     /// Reads at least one byte from `at`, with patience.
     fn network(&mut self, at: u64, buf: &mut [u8]) -> Result<usize> {
         let patience = self.patience;
-        patience.run(true, || {
-            let read = self.try_network(at, buf);
-            if read.is_err() {
-                self.stream = None;
-            }
-            read
-        })
+        patience
+            .run(true, || {
+                let read = self.try_network(at, buf);
+                if read.is_err() {
+                    self.stream = None;
+                }
+                read
+            })
+            .map_err(|e| match e {
+                // It was reached before: an outage under way, to be waited for.
+                Error::Unreachable { url, why } => Error::Broken { url, at, why },
+                e => e,
+            })
     }
 
     fn try_network(&mut self, at: u64, buf: &mut [u8]) -> Result<usize> {

@@ -1,10 +1,13 @@
 //! Servers, good and bad.
 
 use std::fs;
+use std::io::Read;
 use std::time::{Duration, Instant};
 
 use super::*;
+use crate::fetch::error::Error;
 use crate::fetch::http::Http;
+use crate::fetch::ranged::Ranged;
 use crate::fetch::source::Source;
 
 #[test]
@@ -53,6 +56,20 @@ fn a_fetch_goes_on_where_the_last_one_was_cut() {
 }
 
 #[test]
+fn an_outage_under_way_is_not_taken_for_no_network() {
+    let bench = Bench::new();
+    let server = bench.serve(Manners::default());
+    let url = server.url("/d/input/tandt_db.zip");
+    let source = Box::new(Http::connect(&url, Duration::from_secs(20)).unwrap());
+    let patience = Patience { tries: 2, pause: Duration::from_millis(1) };
+    let mut reader = Ranged::new(source, patience, 64).unwrap();
+    server.behave(Manners { cut_all: Some(0), ..Manners::default() });
+    drop(server);
+    assert!(reader.read(&mut [0; 10]).is_err());
+    assert!(matches!(reader.failure(), Some(Error::Broken { at: 0, .. })));
+}
+
+#[test]
 fn a_line_that_keeps_breaking_costs_nothing_but_requests() {
     let bench = Bench::new();
     let server = bench.serve(Manners { cut_each: Some(30_000), ..Manners::default() });
@@ -80,8 +97,8 @@ fn without_ranges_nothing_is_downloaded_and_the_way_by_hand_is_told() {
     let public = Options { public: server.url("/d"), ..options(&[]) };
     let line = bench.fails(&public);
     assert!(line.contains("does not serve byte ranges"), "{line}");
-    assert!(line.contains("/d/input/tandt_db.zip (650 MB) by hand to"), "{line}");
-    assert!(line.contains("scenes/tandt_db.zip and run this again"), "{line}");
+    assert!(line.contains("/d/input/tandt_db.zip (650 MB) by hand into"), "{line}");
+    assert!(line.contains("/scenes and run this again"), "{line}");
     let (requests, _) = server.take_counts();
     assert_eq!(requests, 1);
 }
@@ -95,7 +112,7 @@ fn nothing_at_the_address() {
     assert!(line.contains("check --mirror"), "{line}");
     let public = Options { public: server.url("/elsewhere"), ..options(&[]) };
     let line = bench.fails(&public);
-    assert!(line.contains("status 404") && line.contains("by hand to"), "{line}");
+    assert!(line.contains("status 404") && line.contains("by hand into"), "{line}");
 }
 
 #[test]
@@ -103,14 +120,22 @@ fn without_a_network_one_line_says_what_to_do() {
     let bench = Bench::new();
     let line = bench.fails(&options(&[]));
     assert!(line.contains("cannot reach the server"), "{line}");
-    assert!(line.contains("download http://127.0.0.1:1/d/input/tandt_db.zip (650 MB)"), "{line}");
-    let put = bench.temp.path().join("scenes/tandt_db.zip");
-    assert!(line.contains(&format!("by hand to {}", put.display())), "{line}");
+    let public = "http://127.0.0.1:1/d";
+    let scenes = bench.temp.path().join("scenes");
+    let by_hand = format!(
+        "download {public}/input/tandt_db.zip (650 MB) and {public}/pretrained/models.zip (14 GB) \
+         by hand into {} and run this again",
+        scenes.display()
+    );
+    assert!(line.contains(&by_hand), "{line}");
     // Doing that helps, up to the other archive.
-    fs::copy(bench.photos(), put).unwrap();
+    fs::copy(bench.photos(), scenes.join("tandt_db.zip")).unwrap();
     let line = bench.fails(&options(&[]));
-    assert!(line.contains("models.zip (14 GB) by hand to"), "{line}");
-    fs::copy(bench.models(), bench.temp.path().join("scenes/models.zip")).unwrap();
+    assert!(
+        line.contains("download http://127.0.0.1:1/d/pretrained/models.zip (14 GB) by hand into"),
+        "{line}"
+    );
+    fs::copy(bench.models(), scenes.join("models.zip")).unwrap();
     bench.fetch(&options(&[])).unwrap();
     bench.assert_complete();
 }
