@@ -103,7 +103,7 @@ impl Scale {
     fn label(self, place: f64, range: &std::ops::Range<f64>) -> String {
         match self {
             Self::Linear => label(place, range.end - range.start),
-            Self::Log => label(place.exp2(), place.exp2()),
+            Self::Log => two_digits(place.exp2()),
         }
     }
 }
@@ -209,6 +209,12 @@ fn wrap(name: &str) -> Vec<String> {
     out
 }
 
+/// Two significant digits, or all before the point.
+fn two_digits(x: f64) -> String {
+    let decimals = (1.0 - x.log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{x:.decimals$}")
+}
+
 /// Three significant digits: enough to tell the labels of an axis apart.
 fn label(x: f64, span: f64) -> String {
     match span {
@@ -229,6 +235,12 @@ mod tests {
         let parts = wrap("gsvx, adaptive (paper's criteria), J = 10 to 13 .. J = 12 to 15");
         assert!(parts.len() == 2 && parts.iter().all(|p| p.chars().count() <= LEGEND_CHARS));
         assert_eq!(wrap("short"), ["short"]);
+    }
+
+    #[test]
+    fn octave_labels_are_short() {
+        let labels = [0.022097, 0.0625, 0.25, 1.0, 8.0, 16.0, 128.0].map(two_digits);
+        assert_eq!(labels, ["0.022", "0.062", "0.25", "1.0", "8.0", "16", "128"]);
     }
 
     #[test]

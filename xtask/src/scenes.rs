@@ -60,9 +60,12 @@ pub(crate) fn find(scene: &str) -> Result<Found> {
 fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Result<Found> {
     if let Some(entry) = registry.get(scene) {
         let dir = root.join(&entry.dir);
-        let dataset = open(&dir).with_context(|| {
-            format!("scene {scene} is not there: put into {}: {}", entry.dir.display(), entry.put)
-        })?;
+        let remedy = || format!("put into {}: {}", entry.dir.display(), entry.put);
+        if !dir.is_dir() {
+            bail!("scene {scene} is not there; {}", remedy());
+        }
+        let dataset =
+            open(&dir).with_context(|| format!("scene {scene} is not whole; {}", remedy()))?;
         return Ok(Found { name: scene.to_owned(), what: entry.what.clone(), dataset });
     }
     let dir = Path::new(scene);
@@ -72,8 +75,8 @@ fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Resu
     }
     let dataset = open(dir).with_context(|| {
         format!(
-            "{scene} is not a scene: it needs a model (point_cloud.ply) and cameras with photos \
-             (sparse/0 and images/, cameras.json or transforms.json)"
+            "{scene}: a scene is a model (point_cloud.ply) and cameras with photos (sparse/0 and \
+             images/, cameras.json or transforms.json)"
         )
     })?;
     let name = dir.canonicalize().ok().and_then(|d| d.file_name().map(|n| n.to_owned()));

@@ -56,7 +56,7 @@ impl<'a> Study<'a> {
     fn importance(&self) -> &(Option<Vec<f32>>, f64) {
         self.saliency.get_or_init(|| {
             let some = !self.cameras.is_empty();
-            timed(|| some.then(|| finetune::saliency(self.scene, self.cameras)))
+            timed(|| some.then(|| finetune::saliency_per_view(self.scene, self.cameras).squared))
         })
     }
 

@@ -1,0 +1,188 @@
+//! `cargo xtask bench-finetune`: how much of a voxelized model's quality the fine-tune brings
+//! back, from the merged attributes and from none. Voxelizes uniformly and adaptively at two
+//! depths each, fine-tunes on the training views, scores on the held-out ones.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use finetune::{FineTune, FineTuneOptions, Image, RenderOptions, TrainView, metrics, render};
+use gs_model::Scene;
+use gs_model::dataset::{Dataset, View};
+use plotters::prelude::*;
+use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
+
+/// How much of a voxelized model's quality the fine-tune brings back.
+#[derive(Debug, Args)]
+pub struct FinetuneArgs {
+    /// Directory of a scene: photos, cameras, model
+    pub scene: PathBuf,
+    /// Steps of every run
+    #[arg(long, default_value_t = 1000)]
+    pub steps: u64,
+    /// Where `recover-SCENE.json` and `recover-SCENE.svg` go
+    #[arg(long, default_value = "docs/results/finetune")]
+    pub out: PathBuf,
+}
+
+struct Run {
+    label: String,
+    gaussians: usize,
+    steps: u64,
+    seconds: f64,
+    /// Mean PSNR over the held-out views.
+    before: f64,
+    after: f64,
+    /// Mean PSNR over the training views per epoch.
+    epochs: Vec<f64>,
+}
+
+fn photo(view: &View) -> Result<TrainView> {
+    let rgb = image::open(&view.image_path)?.to_rgb8();
+    let photo = Image::from_rgb8(rgb.width(), rgb.height(), &rgb).context("photo of no size")?;
+    Ok(TrainView { camera: view.camera.clone(), photo })
+}
+
+fn score(scene: &Scene, views: &[TrainView]) -> f64 {
+    let db = |v: &TrainView| {
+        metrics::psnr(&render(scene, &v.camera, &RenderOptions::default()), &v.photo)
+    };
+    views.iter().map(db).sum::<f64>() / views.len() as f64
+}
+
+/// What a trainer without any initialisation would begin with: grey, round, translucent
+/// Gaussians of their cell's size at the same means.
+fn blank(merged: &Scene, cells: &Voxelization) -> Scene {
+    let n = merged.len();
+    let log_scales =
+        cells.leaves.iter().map(|leaf| [(cells.cube.cell(leaf.depth) as f32 * 0.5).ln(); 3]);
+    Scene {
+        means: merged.means.clone(),
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+        log_scales: log_scales.collect(),
+        // Opacity 0.1, as the reference implementation begins with.
+        opacity_logits: vec![-2.197_224_6; n],
+        sh_degree: merged.sh_degree,
+        sh: vec![[0.0; 3]; merged.sh.len()],
+    }
+}
+
+fn tune(
+    label: String,
+    scene: Scene,
+    train: &[TrainView],
+    held_out: &[TrainView],
+    steps: u64,
+) -> Result<Run> {
+    let before = score(&scene, held_out);
+    let gaussians = scene.len();
+    let options = FineTuneOptions { steps, report_every: 100, ..FineTuneOptions::default() };
+    let run = FineTune::new(scene, train.to_vec(), options)?;
+    let out = run.run(|p| {
+        println!(
+            "  {label}: step {} of {}, {:.2} dB, {:.0} s left",
+            p.step, p.steps, p.psnr, p.eta_seconds
+        );
+    })?;
+    let after = score(&out.scene, held_out);
+    println!(
+        "{label}: {gaussians} Gaussians, {before:.3} -> {after:.3} dB in {:.0} s",
+        out.seconds
+    );
+    let (seconds, epochs) = (out.seconds, out.epoch_psnr);
+    Ok(Run { label, gaussians, steps, seconds, before, after, epochs })
+}
+
+fn plot(path: &Path, runs: &[Run], views: usize, title: &str) -> Result<()> {
+    let root = SVGBackend::new(path, (900, 560)).into_drawing_area();
+    root.fill(&WHITE)?;
+    let last = runs.iter().map(|r| r.steps).max().unwrap_or(1) as f64;
+    let all = || runs.iter().flat_map(|r| r.epochs.iter().copied());
+    let (low, high) = (all().fold(f64::MAX, f64::min), all().fold(f64::MIN, f64::max));
+    let mut chart = ChartBuilder::on(&root)
+        .caption(title, ("sans-serif", 18))
+        .margin(12)
+        .x_label_area_size(36)
+        .y_label_area_size(46)
+        .build_cartesian_2d(0.0..last, low - 0.5..high + 0.5)?;
+    chart.configure_mesh().x_desc("steps").y_desc("PSNR of the epoch's views, dB").draw()?;
+    for (i, run) in runs.iter().enumerate() {
+        let colour = Palette99::pick(i / 2).to_rgba();
+        let width = if i % 2 == 0 { 3 } else { 1 };
+        let points = run.epochs.iter().enumerate().map(|(e, &v)| (((e + 1) * views) as f64, v));
+        chart
+            .draw_series(LineSeries::new(points, colour.stroke_width(width)))?
+            .label(run.label.as_str())
+            .legend(move |(x, y)| {
+                PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(width))
+            });
+    }
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::LowerRight)
+        .background_style(WHITE.mix(0.8))
+        .border_style(BLACK)
+        .draw()?;
+    root.present()?;
+    Ok(())
+}
+
+/// Runs the benchmark.
+pub fn run(args: &FinetuneArgs) -> Result<()> {
+    let (dir, steps, out) = (&args.scene, args.steps, &args.out);
+    let dataset = Dataset::open(dir)?;
+    let (scene, _) = gs_model::ply::read(&dataset.model_path)?;
+    let train = dataset.training().map(photo).collect::<Result<Vec<_>>>()?;
+    let held_out = dataset.held_out().map(photo).collect::<Result<Vec<_>>>()?;
+    let model = score(&scene, &held_out);
+    let name = dir.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
+    println!(
+        "{name}: {} Gaussians, {model:.3} dB at {} held-out views",
+        scene.len(),
+        held_out.len()
+    );
+    let cube = Cube::of(&scene.means)?;
+    let mut runs = Vec::new();
+    for strategy in [
+        Strategy::Uniform { depth: 9 },
+        Strategy::Uniform { depth: 11 },
+        Strategy::paper(7, 10),
+        Strategy::paper(8, 12),
+    ] {
+        let label = match &strategy {
+            Strategy::Uniform { depth } => format!("uniform {depth}"),
+            Strategy::Paper { j_low, j_high, .. } => format!("adaptive {j_low}-{j_high}"),
+            _ => continue,
+        };
+        let cells = voxelize(&scene, &cube, &strategy)?;
+        let merged = merge(&scene, &cells, Merge::default())?;
+        let none = blank(&merged, &cells);
+        for (scene, from) in [(merged, "merged"), (none, "none")] {
+            let label = format!("{label} from {from}");
+            runs.push(tune(label, scene, &train, &held_out, steps)?);
+        }
+    }
+    let mut json = format!("{{\n  \"scene\": \"{name}\", \"model_db\": {model:.3}, \"runs\": [\n");
+    for (i, r) in runs.iter().enumerate() {
+        let epochs: Vec<String> = r.epochs.iter().map(|v| format!("{v:.3}")).collect();
+        let comma = if i + 1 < runs.len() { "," } else { "" };
+        writeln!(
+            json,
+            "    {{\"run\": \"{}\", \"gaussians\": {}, \"steps\": {}, \"seconds\": {:.1}, \
+             \"before_db\": {:.3}, \"after_db\": {:.3}, \"epoch_db\": [{}]}}{comma}",
+            r.label,
+            r.gaussians,
+            r.steps,
+            r.seconds,
+            r.before,
+            r.after,
+            epochs.join(", ")
+        )?;
+    }
+    json.push_str("  ]\n}\n");
+    std::fs::create_dir_all(out)?;
+    std::fs::write(out.join(format!("recover-{name}.json")), json)?;
+    let title = format!("{name}: fine-tune of voxelized models (original {model:.2} dB held out)");
+    plot(&out.join(format!("recover-{name}.svg")), &runs, train.len(), &title)
+}

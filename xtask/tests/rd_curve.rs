@@ -1,0 +1,107 @@
+//! The whole chain on the embedded scene, as a user runs it.
+#![allow(unused_crate_dependencies, reason = "an integration test of the binary")]
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn xtask(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_xtask")).args(args).output().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+#[test]
+fn the_room_gives_a_report_and_a_second_run_skips_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_str().unwrap();
+    let args = ["rd-curve", "--quick", "--out", out];
+    let first = stdout(&xtask(&args));
+    assert!(!first.contains("skipped"), "{first}");
+
+    let run: serde_json::Value =
+        serde_json::from_slice(&fs::read(dir.path().join("rd.json")).unwrap()).unwrap();
+    let original = run["original"]["score"]["psnr_db"].as_f64().unwrap();
+    assert!(original > 26.0, "{original}");
+    let curves = run["curves"].as_array().unwrap();
+    assert_eq!(curves.len(), 3);
+    for curve in curves {
+        let points = curve["points"].as_array().unwrap();
+        assert!(points.len() >= 5);
+        for point in points {
+            let stream = dir.path().join(point["stream"].as_str().unwrap());
+            assert_eq!(fs::metadata(stream).unwrap().len(), point["bytes"].as_u64().unwrap());
+        }
+        let db = |i: usize| points[i]["score"]["psnr_db"].as_f64().unwrap();
+        let best = db(points.len() - 1);
+        assert!(best > db(0) + 1.0 && best > original - 0.5, "{} {best} {original}", db(0));
+    }
+    let report = fs::read_to_string(dir.path().join("report.md")).unwrap();
+    for file in linked(&report) {
+        assert!(dir.path().join(&file).is_file(), "{file}");
+    }
+    assert!(linked(&report).len() >= 5);
+
+    let second = stdout(&xtask(&args));
+    let all = second.lines().find(|l| l.contains("skipped")).unwrap();
+    let mut numbers = all.split(' ').filter_map(|w| w.parse::<usize>().ok());
+    let (skipped, stages) = (numbers.next().unwrap(), numbers.next().unwrap());
+    assert!(skipped == stages && stages > 15, "{all}");
+
+    // A stream that is gone is made again, and only that.
+    fs::remove_file(dir.path().join("streams/uniform-q20.gsvx")).unwrap();
+    let third = stdout(&xtask(&args));
+    assert!(third.contains(&format!("{} of {stages} stages", stages - 1)), "{third}");
+}
+
+/// Targets of the report's pictures.
+fn linked(report: &str) -> Vec<String> {
+    let after = |part: &str| part.split_once(')').map(|(target, _)| target.to_owned());
+    report.split("](").skip(1).filter_map(after).collect()
+}
+
+/// Copies the room with its model cut to `bytes`.
+fn broken_room(dir: &Path, bytes: usize) {
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/room");
+    for folder in ["images", "sparse/0"] {
+        fs::create_dir_all(dir.join(folder)).unwrap();
+        for entry in fs::read_dir(room.join(folder)).unwrap() {
+            let entry = entry.unwrap();
+            fs::copy(entry.path(), dir.join(folder).join(entry.file_name())).unwrap();
+        }
+    }
+    let model = fs::read(room.join("point_cloud.ply")).unwrap();
+    fs::write(dir.join("point_cloud.ply"), &model[..bytes.min(model.len())]).unwrap();
+}
+
+#[test]
+fn bad_input_is_one_line_and_exit_code_1() {
+    let dir = tempfile::tempdir().unwrap();
+    let cut = dir.path().join("cut");
+    broken_room(&cut, 100_000);
+    let bare = dir.path().join("bare");
+    broken_room(&bare, usize::MAX);
+    fs::remove_file(bare.join("images/view_008.png")).unwrap();
+    let garbled = dir.path().join("garbled");
+    broken_room(&garbled, usize::MAX);
+    fs::write(garbled.join("images/view_008.png"), "no picture").unwrap();
+    let empty = dir.path().join("empty");
+    fs::create_dir(&empty).unwrap();
+    let out = dir.path().join("out");
+    for (scene, says) in [
+        (cut.to_str().unwrap(), "point_cloud.ply"),
+        (bare.to_str().unwrap(), "view_008.png"),
+        (garbled.to_str().unwrap(), "view_008.png"),
+        (empty.to_str().unwrap(), "point_cloud.ply"),
+        ("no-such-scene", "playroom"),
+    ] {
+        let output = xtask(&["rd-curve", scene, "--out", out.to_str().unwrap()]);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{scene}: {error}");
+        assert!(error.starts_with("error: ") && error.contains(says), "{scene}: {error}");
+        assert_eq!(error.trim_end().lines().count(), 1, "{scene}: {error}");
+    }
+}
