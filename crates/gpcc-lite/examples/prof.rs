@@ -45,6 +45,9 @@ fn main() -> anyhow::Result<()> {
     t("geometry dec", || {
         gpcc_lite::geometry::decode(&b, &gpcc_lite::Limits::for_stream(b.len())).unwrap()
     });
+    if std::env::args().nth(1).is_some() {
+        return Ok(());
+    }
     let plan = t("plan", || Plan::new(&c.leaves, 15).unwrap());
     t("plan+pyramid", || {
         let p = Plan::new(&c.leaves, 15).unwrap();

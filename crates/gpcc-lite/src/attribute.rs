@@ -208,11 +208,13 @@ impl<const C: usize> Residual<C> for Dequantiser<'_, C> {
 
     #[inline]
     fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
-        std::array::from_fn(|i| {
+        let mut high = predicted;
+        for i in 0..C {
             let h = self.heads[i];
             let r = h.step.dequantise_one(self.quantised[i][k], h.centroids);
-            r.wrapping_add(predicted[i])
-        })
+            high[i] = high[i].wrapping_add(r);
+        }
+        high
     }
 }
 
@@ -237,17 +239,19 @@ impl Quantised {
     ) -> Result<()> {
         let first = self.heads.len() as u32;
         let mut heads =
-            steps.map(|step| Head { step, centroids: Centroids::default(), strength: Vec::new() });
+            steps.map(|step| Head { step, centroids: Centroids::TYPICAL, strength: Vec::new() });
         if o.prediction {
             for (h, s) in heads.iter_mut().zip(measure_strength(plan, exact)) {
                 h.strength = s;
             }
         }
-        let (_, sums, _) = quantise(plan, exact, &self.coded, first, &heads, o.lambda);
-        for (h, s) in heads.iter_mut().zip(&sums) {
-            h.centroids = s.centroids();
+        let (levels, sums, low) = quantise(plan, exact, &self.coded, first, &heads, o.lambda);
+        if low.is_none() {
+            // Nothing was predicted from reconstructed values, so the shifts can still be chosen.
+            for (h, s) in heads.iter_mut().zip(&sums) {
+                h.centroids = s.centroids();
+            }
         }
-        let (levels, _, low) = quantise(plan, exact, &self.coded, first, &heads, o.lambda);
         let values = match low {
             Some(low) => to_values(plan, &low),
             None => reconstruct(plan, levels.each_ref(), heads.each_ref())?,
@@ -334,22 +338,23 @@ impl<const C: usize> Residual<C> for Quantiser<'_, C> {
     fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
         let (parent, axis) = (self.plan.parents()[k - 1] as usize, self.plan.axes()[k - 1]);
         let mut coded = self.coded[k];
-        std::array::from_fn(|i| {
+        let mut high = predicted;
+        for i in 0..C {
             let residual = self.exact[i][k].wrapping_sub(predicted[i]);
             let m = self.context[i].expected(parent, axis, coded, self.first + i as u32);
             let x = residual.unsigned_abs() as f64 * self.per_unit[i];
             let magnitude = self.thresholds.quantise(x, m);
             self.context[i].update(k, parent, axis, magnitude);
             coded = coded.saturating_add(magnitude);
-            if magnitude == 0 {
-                return predicted[i];
+            if magnitude != 0 {
+                self.sums[i].add(magnitude, x);
+                let q = if residual < 0 { -(magnitude as i32) } else { magnitude as i32 };
+                self.quantised[i][k] = q;
+                let h = &self.heads[i];
+                high[i] = high[i].wrapping_add(h.step.dequantise_one(q, h.centroids));
             }
-            self.sums[i].add(magnitude, x);
-            let q = if residual < 0 { -(magnitude as i32) } else { magnitude as i32 };
-            self.quantised[i][k] = q;
-            let h = &self.heads[i];
-            predicted[i].wrapping_add(h.step.dequantise_one(q, h.centroids))
-        })
+        }
+        high
     }
 }
 
@@ -380,13 +385,14 @@ fn measure_strength<const C: usize>(plan: &Plan, exact: [&Vec<i64>; C]) -> [Vec<
 
         #[inline]
         fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
-            std::array::from_fn(|i| {
-                let exact = self.exact[i][k];
+            let mut high = [0; C];
+            for i in 0..C {
+                high[i] = self.exact[i][k];
                 let p = predicted[i] as f64;
-                self.sums[i][0] += exact as f64 * p;
+                self.sums[i][0] += high[i] as f64 * p;
                 self.sums[i][1] += p * p;
-                exact
-            })
+            }
+            high
         }
     }
     let dc = std::array::from_fn(|i| exact[i].first().copied().unwrap_or(0));

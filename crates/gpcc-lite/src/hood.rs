@@ -69,25 +69,32 @@ const STEP: [[(u8, [u8; 8]); 27]; 8] = {
     t
 };
 
-/// The neighbourhood of child `c` of a node with neighbourhood `parent`, given each node's child
-/// mask and the index of its first child in the next level's list.
+/// The children of a node.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Children {
+    /// Index of the first in the next level's list.
+    pub(crate) first: u32,
+    /// Which of the eight there are.
+    pub(crate) mask: u8,
+}
+
+/// The neighbourhood of child `c` of a node with neighbourhood `parent`.
 #[inline]
-pub(crate) fn child_hood(parent: &Hood, c: usize, mask: &[u8], first: &[u32]) -> Hood {
+pub(crate) fn child_hood(parent: &Hood, c: usize, children: &[Children]) -> Hood {
     let mut out = Hood { present: 0, index: [0; 27] };
     let mut rest = parent.present;
     while rest != 0 {
         let p = rest.trailing_zeros() as usize;
         rest &= rest - 1;
         let (touching, places) = &STEP[c][p];
-        let at = parent.index[p] as usize;
-        let occupied = mask[at];
+        let Children { first, mask: occupied } = children[parent.index[p] as usize];
         let mut near = occupied & touching;
         while near != 0 {
             let k = near.trailing_zeros();
             near &= near - 1;
             let n = places[k as usize];
             out.present |= 1 << n;
-            out.index[usize::from(n)] = first[at] + rank(occupied, k);
+            out.index[usize::from(n)] = first + rank(occupied, k);
         }
     }
     out

@@ -56,6 +56,11 @@ impl Step {
 pub struct Centroids([i8; 3]);
 
 impl Centroids {
+    /// What predicted residuals of real scenes ask for, within 0.1 of a step at every rate tried;
+    /// measuring them would take another pass, for they must be known before the first level is
+    /// reconstructed.
+    pub const TYPICAL: Self = Self([4, 12, 7]);
+
     pub(crate) fn of(self, magnitude: u32) -> i64 {
         match magnitude {
             0 => 0,

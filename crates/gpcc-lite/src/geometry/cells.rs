@@ -1,6 +1,6 @@
 //! The 4x4x4 cells, of the size of a child, around and in a node.
 
-use crate::hood::{CENTRE, Hood};
+use crate::hood::{CENTRE, Children, Hood};
 
 /// Bit of cell `(x, y, z)`, each 0 to 3; the node is 1 and 2.
 const fn cell(x: usize, y: usize, z: usize) -> u8 {
@@ -72,8 +72,8 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// `mask` holds the occupancy of the nodes before `at`, 0 for those not yet coded.
-    pub(super) fn around(hood: &Hood, mask: &[u8], at: usize) -> Self {
+    /// `children` is known for the nodes before `at`.
+    pub(super) fn around(hood: &Hood, children: &[Children], at: usize) -> Self {
         let mut cells = Self { high: 0, low: 0 };
         let mut rest = hood.present & !(1 << CENTRE);
         while rest != 0 {
@@ -86,7 +86,7 @@ impl Cells {
                 continue;
             }
             cells.high |= all;
-            let mut occupied = mask[i];
+            let mut occupied = children[i].mask;
             while occupied != 0 {
                 let c = occupied.trailing_zeros() as usize;
                 occupied &= occupied - 1;

@@ -27,8 +27,6 @@ pub(super) struct NodeContext {
     pub(super) faces: u8,
     /// Occupied neighbours of all 26.
     pub(super) around: u8,
-    /// Exactly one leaf below.
-    pub(super) single: bool,
     /// Fewest children it can have.
     pub(super) least: u8,
 }
@@ -44,7 +42,6 @@ impl NodeContext {
             chain: chain.min(3),
             faces: ones(hood.present & FACES),
             around: ones(hood.present) - 1,
-            single: false,
             least: 1,
         }
     }
@@ -76,12 +73,12 @@ impl Models {
             tail_stop: bits(32),
             single: [bits(32 * 32), bits(256 * 8 * 4)],
             single_mixer: vec![Mixer::new(72_000); 32],
-            near: bits(1 << 18),
-            shape: bits(256 * 64),
-            density: bits(32 * 32 * 64),
-            family: bits(256 * 64 * 2),
-            mixers: vec![Mixer::new(80_000); 8 * 8],
-            lattice_mixers: vec![Mixer::new(100_000); if lattice { 8 * 8 } else { 0 }],
+            near: bits(1 << 16),
+            shape: bits(256 * 32),
+            density: bits(32 * 32 * 32),
+            family: bits(256 * 64),
+            mixers: vec![Mixer::new(80_000); 8 * 4],
+            lattice_mixers: vec![Mixer::new(100_000); if lattice { 8 * 4 } else { 0 }],
             lattice: lattice.then(Lattice::new),
         }
     }
@@ -94,7 +91,6 @@ impl Models {
         truth: bool,
     ) -> bool {
         let ctx = usize::from(node.depth) * 32
-            + usize::from(node.single) * 16
             + usize::from(node.around.min(3)) * 4
             + usize::from(ONES[usize::from(node.siblings)].min(4) - 1);
         self.mixed && self.stop[ctx].code(coder, truth, LIMIT)
@@ -141,8 +137,11 @@ impl Models {
         cells: &Cells,
         truth: u8,
     ) -> u8 {
-        let single = usize::from(node.single);
         let xyz = self.lattice.as_ref().map(|_| morton::decode(node.code));
+        let outside: [usize; 8] = std::array::from_fn(|c| cells.outside(c) << 2);
+        // Touching the counters of all eight at once overlaps their cache misses.
+        let warm = outside.iter().fold(0, |sum, &o| sum + self.near[o].count());
+        std::hint::black_box(warm);
         let mut occupancy = 0u8;
         let mut count = 0u8;
         for c in 0..8usize {
@@ -153,15 +152,12 @@ impl Models {
                 continue;
             }
             let so_far = usize::from(count.min(3));
-            let near = (cells.outside(c) << 3 | so_far << 1 | single) & ((1 << 18) - 1);
+            let near = outside[c] | so_far;
             let shape = (1usize << c) | usize::from(occupancy);
-            let shape =
-                shape * 64 + (usize::from(node.chain) * 8 + usize::from(node.faces)) * 2 + single;
-            let density = ((usize::from(node.depth) * 32 + usize::from(node.around)) * 8 + c) * 8
-                + so_far * 2
-                + single;
-            let family =
-                ((usize::from(node.siblings) * 8 + (node.code & 7) as usize) * 8 + c) * 2 + single;
+            let shape = (shape * 4 + usize::from(node.chain)) * 8 + usize::from(node.faces);
+            let density = usize::from(node.depth) * 32 + usize::from(node.around);
+            let density = (density * 8 + c) * 4 + so_far;
+            let family = (usize::from(node.siblings) * 8 + (node.code & 7) as usize) * 8 + c;
             let near = &mut self.near[near];
             let shape = &mut self.shape[shape];
             let density = &mut self.density[density];
@@ -173,7 +169,7 @@ impl Models {
                 stretch(family.p1()),
             ];
             let bit = truth >> c & 1 == 1;
-            let select = c * 8 + so_far * 2 + single;
+            let select = c * 4 + so_far;
             let bit = match (&mut self.lattice, xyz) {
                 (Some(lattice), Some(xyz)) => {
                     let child = [4, 2, 1].map(|b| u32::from(c & b != 0));
@@ -206,9 +202,6 @@ impl Models {
             if bit {
                 occupancy |= 1 << c;
                 count += 1;
-                if node.single {
-                    break;
-                }
             }
         }
         occupancy

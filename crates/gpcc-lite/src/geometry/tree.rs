@@ -3,7 +3,7 @@
 use super::cells::Cells;
 use super::models::{Models, NodeContext};
 use crate::error::{Error, Result};
-use crate::hood::{Hood, ONES, child_hood};
+use crate::hood::{Children, Hood, ONES, child_hood};
 use crate::leaf::Leaf;
 use crate::range::BinaryCoder;
 
@@ -22,15 +22,14 @@ struct Nodes {
     code: Vec<u64>,
     /// Encoder only: range of leaves under each node.
     range: Vec<[u32; 2]>,
-    /// Index of the parent in the level above, and whether one leaf is known to be below.
-    parent: Vec<(u32, bool)>,
+    /// Index of the parent in the level above.
+    parent: Vec<u32>,
 }
 
 /// What a level leaves behind for the one below.
 #[derive(Default)]
 struct Above {
-    mask: Vec<u8>,
-    first: Vec<u32>,
+    children: Vec<Children>,
     hood: Vec<Hood>,
     /// Index into `hood` and `chain` of each node with children.
     hood_of: Vec<u32>,
@@ -80,8 +79,7 @@ impl<'a> Tree<'a> {
         let count = self.nodes.code.len();
         let old_tails = self.tails.len();
         let mut above = Above {
-            mask: vec![0; count],
-            first: vec![0; count],
+            children: vec![Children::default(); count],
             hood: Vec::with_capacity(count / 2),
             hood_of: vec![0; count],
             chain: Vec::with_capacity(count / 2),
@@ -89,39 +87,36 @@ impl<'a> Tree<'a> {
         let mut next = Nodes::default();
         for at in 0..count {
             let code = self.nodes.code[at];
-            let (hood, siblings, chain, single) = match self.nodes.parent.get(at) {
-                Some(&(p, single)) => {
+            let (hood, siblings, chain) = match self.nodes.parent.get(at) {
+                Some(&p) => {
                     let p = p as usize;
                     let of = self.above.hood_of[p] as usize;
-                    let (mask, first) = (&self.above.mask, &self.above.first);
-                    let hood = child_hood(&self.above.hood[of], (code & 7) as usize, mask, first);
-                    (hood, mask[p], self.above.chain[of], single)
+                    let children = &self.above.children;
+                    let hood = child_hood(&self.above.hood[of], (code & 7) as usize, children);
+                    (hood, children[p].mask, self.above.chain[of])
                 }
-                None => (Hood::ROOT, 1, 0, false),
+                None => (Hood::ROOT, 1, 0),
             };
             let mut truth = Truth::default();
             if let Source::Leaves(leaves) = self.source {
                 truth = Truth::of(leaves, self.nodes.range[at], depth, shift);
             }
             let mut node = NodeContext::new(depth, code, siblings, chain, &hood);
-            node.single = single;
             if models.stop(coder, &node, truth.stops) {
                 self.done.push(Leaf { morton: code << (shift + 3), depth });
                 continue;
             }
-            node.single = single || models.single(coder, &node, truth.single);
-            if node.single && hood.alone() {
+            if models.single(coder, &node, truth.single) {
                 self.tails.push(code);
                 if C::ENCODING {
                     self.tail_leaf.push(self.nodes.range[at][0]);
                 }
                 continue;
             }
-            node.least = if !node.single && depth + 1 == self.j_high { 2 } else { 1 };
-            let cells = Cells::around(&hood, &above.mask, at);
+            node.least = if depth + 1 == self.j_high { 2 } else { 1 };
+            let cells = Cells::around(&hood, &above.children, at);
             let mask = models.occupancy(coder, &node, &cells, truth.mask);
-            above.mask[at] = mask;
-            above.first[at] = next.code.len() as u32;
+            above.children[at] = Children { first: next.code.len() as u32, mask };
             above.hood_of[at] = above.hood.len() as u32;
             above.hood.push(hood);
             let only = ONES[usize::from(mask)] == 1;
@@ -129,7 +124,7 @@ impl<'a> Tree<'a> {
             for c in 0..8 {
                 if mask >> c & 1 == 1 {
                     next.code.push((code << 3) | c as u64);
-                    next.parent.push((at as u32, node.single));
+                    next.parent.push(at as u32);
                     if C::ENCODING {
                         next.range.push([truth.bounds[c], truth.bounds[c + 1]]);
                     }
@@ -216,9 +211,6 @@ impl Truth {
         let mut truth = Self { single: hi - lo == 1, ..Self::default() };
         if truth.single {
             truth.stops = leaf.depth == depth;
-            truth.mask = 1 << child(&leaf);
-            truth.bounds = [lo; 9];
-            truth.bounds[usize::from(child(&leaf)) + 1..].fill(hi);
             return truth;
         }
         let mut at = lo;

@@ -1,6 +1,6 @@
 //! Which reconstructed means predict each child of each block, found once per plan.
 
-use crate::hood::{Hood, ONES, child_hood, rank};
+use crate::hood::{Children, Hood, ONES, child_hood, rank};
 use crate::leaf::Leaf;
 use crate::raht::{Plan, inverse_root};
 
@@ -86,17 +86,17 @@ struct Level {
 /// What the children of a level's nodes need to find their neighbours.
 #[derive(Default)]
 struct Above {
-    mask: Vec<u8>,
-    child: Vec<u32>,
+    children: Vec<Children>,
+    /// Neighbourhoods of the nodes with two leaves or more, in order.
     hood: Vec<Hood>,
-    /// Index into `hood` of each node; those without children have none.
+    /// Index into `hood` of each such node.
     hood_of: Vec<u32>,
 }
 
 impl Above {
     fn child_hood(&self, (parent, c): (u32, u8)) -> Hood {
         let hood = &self.hood[self.hood_of[parent as usize] as usize];
-        child_hood(hood, usize::from(c), &self.mask, &self.child)
+        child_hood(hood, usize::from(c), &self.children)
     }
 }
 
@@ -130,81 +130,82 @@ impl Pyramid {
 
     /// Adds the blocks of one depth; returns the nodes of the next.
     ///
-    /// A node that holds one leaf and touches nobody is not followed further: nothing below it
-    /// is predicted, and nobody is predicted from it.
+    /// A node with one leaf that touches no node with more is not followed further: none of its
+    /// cells can touch a block below.
     fn split(&mut self, plan: &Plan, leaves: &[Leaf], depth: u8, level: &Level) -> Level {
         let shift = 3 * (plan.j_high - depth - 1);
         let child_of = |i: u32| ((leaves[i as usize].morton >> shift) & 7) as u8;
         let nodes = level.first.len();
-        let mut next = Level::default();
+        let many = |at: usize| level.end[at] - level.first[at] > 1;
         let mut above = Above {
-            mask: vec![0; nodes],
-            child: vec![0; nodes],
-            hood: Vec::with_capacity(nodes),
+            children: vec![Children::default(); nodes],
+            hood: Vec::new(),
             hood_of: vec![0; nodes],
         };
-        for at in 0..nodes {
-            let (lo, hi) = (level.first[at], level.end[at]);
-            above.child[at] = next.first.len() as u32;
+        let mut touched = vec![false; nodes];
+        for at in (0..nodes).filter(|&at| many(at)) {
             let hood = match level.parent.get(at) {
                 Some(&parent) => level.above.child_hood(parent),
                 None => Hood::ROOT,
             };
-            if hi - lo == 1 {
-                if hood.alone() || leaves[lo as usize].depth <= depth {
+            let mut rest = hood.present;
+            while rest != 0 {
+                touched[hood.index[rest.trailing_zeros() as usize] as usize] = true;
+                rest &= rest - 1;
+            }
+            above.hood_of[at] = above.hood.len() as u32;
+            above.hood.push(hood);
+        }
+        let mut next = Level::default();
+        for at in 0..nodes {
+            let (lo, hi) = (level.first[at], level.end[at]);
+            above.children[at].first = next.first.len() as u32;
+            if !many(at) {
+                if !touched[at] || leaves[lo as usize].depth <= depth {
                     self.leaf_node[lo as usize] = level.node[at];
                     continue;
                 }
                 let c = child_of(lo);
-                above.mask[at] = 1 << c;
+                above.children[at].mask = 1 << c;
                 next.first.push(lo);
                 next.end.push(hi);
                 next.node.push(level.node[at]);
                 next.parent.push((at as u32, c));
-            } else {
-                let mut start = lo;
-                while start < hi {
-                    let c = child_of(start);
-                    let run = &leaves[start as usize..hi as usize];
-                    let same = |l: &Leaf| ((l.morton >> shift) & 7) as u8 == c;
-                    let len = if run.len() > 32 {
-                        run.partition_point(same)
-                    } else {
-                        run.iter().take_while(|l| same(l)).count()
-                    };
-                    above.mask[at] |= 1 << c;
-                    next.first.push(start);
-                    start += len as u32;
-                    next.end.push(start);
-                    next.parent.push((at as u32, c));
-                }
-                if above.mask[at].is_power_of_two() {
-                    next.node.push(level.node[at]);
-                } else {
-                    self.block(plan, level, &mut next, &above, &hood, at);
-                }
+                continue;
             }
-            above.hood_of[at] = above.hood.len() as u32;
-            above.hood.push(hood);
+            let mut start = lo;
+            while start < hi {
+                let c = child_of(start);
+                let run = &leaves[start as usize..hi as usize];
+                let same = |l: &Leaf| ((l.morton >> shift) & 7) as u8 == c;
+                let len = if run.len() > 32 {
+                    run.partition_point(same)
+                } else {
+                    run.iter().take_while(|l| same(l)).count()
+                };
+                above.children[at].mask |= 1 << c;
+                next.first.push(start);
+                start += len as u32;
+                next.end.push(start);
+                next.parent.push((at as u32, c));
+            }
+            if above.children[at].mask.is_power_of_two() {
+                next.node.push(level.node[at]);
+            } else {
+                self.block(plan, level, &mut next, &above, at);
+            }
         }
         next.above = above;
         next
     }
 
     /// Adds the block that splits node `at` and numbers its children.
-    fn block(
-        &mut self,
-        plan: &Plan,
-        level: &Level,
-        next: &mut Level,
-        above: &Above,
-        hood: &Hood,
-        at: usize,
-    ) {
-        let mask = above.mask[at];
+    fn block(&mut self, plan: &Plan, level: &Level, next: &mut Level, above: &Above, at: usize) {
+        let hood = &above.hood[above.hood_of[at] as usize];
+        let mask = above.children[at].mask;
         self.node.push(level.node[at]);
         self.mask.push(mask);
-        let base = above.child[at] as usize;
+        let base = above.children[at].first as usize;
         for i in base..base + usize::from(ONES[usize::from(mask)]) {
             let c = next.parent[i].1;
             let mut total = SELF;
@@ -216,12 +217,14 @@ impl Pyramid {
                     let other = hood.index[usize::from(place)] as usize;
                     let kind = usize::from(ONES[usize::from(axes)]);
                     let touching = u32::from(c ^ axes);
-                    let (node, weight) = if other < at && above.mask[other] >> touching & 1 == 1 {
-                        let j = above.child[other] + rank(above.mask[other], touching);
-                        (next.node[j as usize], CHILD[kind])
-                    } else {
-                        (level.node[other], NODE[kind])
-                    };
+                    let (node, weight) =
+                        if other < at && above.children[other].mask >> touching & 1 == 1 {
+                            let j = above.children[other].first
+                                + rank(above.children[other].mask, touching);
+                            (next.node[j as usize], CHILD[kind])
+                        } else {
+                            (level.node[other], NODE[kind])
+                        };
                     self.terms.push(Term { node, weight });
                     total += weight;
                 }
