@@ -135,10 +135,10 @@ fn lossy(args: &Args, scene: &Scene) -> Result<Made> {
     let mut gaussians = 0;
     let mut at = |quality: f32| -> gsvx::Result<Encoded> {
         let bar = progress::spinner(format!("encoding at quality {quality:.1}"));
-        let strategy = |importance: &[f32]| match (args.depth, args.j_low) {
+        let strategy = |importance: &[f32], seen| match (args.depth, args.j_low) {
             (Some(depth), Some(j_low)) => Ok(Strategy::paper(j_low.min(depth), depth)),
             (Some(depth), None) => Ok(Strategy::Uniform { depth }),
-            (None, _) => gsvx::default_strategy(quality, importance),
+            (None, _) => gsvx::default_strategy(quality, importance, seen),
         };
         let Prepared { scene, voxels, importance } =
             gsvx::prepare(scene, strategy, importance.as_deref())?;

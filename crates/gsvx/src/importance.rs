@@ -28,10 +28,13 @@ pub fn weight(class: u8) -> u32 {
     1 << (2 * u32::from(class.min(CLASSES - 1)))
 }
 
-/// Importance without cameras: `alpha^2` times the area of the two largest axes.
+/// Importance without cameras: alpha times the root of the area of the two largest axes.
 ///
-/// This ignores occlusion and distance; a rasterizer's sum of squared blending weights over
-/// the training views is better where cameras are known.
+/// A rasterizer's sum of squared blending weights over the training views is better where
+/// cameras are known: this guess does not know what is hidden or far. Hence the square roots:
+/// `alpha^2` times the area itself, right where everything is seen alike, measures worse than
+/// no weights at all (`fox`, equal error: guess squared 1.12, no weights 1.04, this 1.00; from
+/// cameras 0.84).
 #[must_use]
 pub fn without_cameras(scene: &Scene) -> Vec<f32> {
     scene
@@ -42,7 +45,7 @@ pub fn without_cameras(scene: &Scene) -> Vec<f32> {
             let thin = ls.iter().copied().fold(f32::INFINITY, f32::min);
             let log_area = f64::from(ls[0]) + f64::from(ls[1]) + f64::from(ls[2]) - f64::from(thin);
             let log_alpha = crate::attributes::opacity::log_alpha_of_logit(logit);
-            libm::exp((2.0 * log_alpha + log_area).clamp(-80.0, 80.0)) as f32
+            libm::exp((log_alpha + 0.5 * log_area).clamp(-80.0, 80.0)) as f32
         })
         .collect()
 }

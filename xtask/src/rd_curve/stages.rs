@@ -130,9 +130,9 @@ impl<'a> Branch<'a> {
             return Ok(made);
         }
         let (importance, _) = self.study.importance();
-        let strategy = |found: &[f32]| match &self.plan.rule {
+        let strategy = |found: &[f32], seen| match &self.plan.rule {
             Rule::Fixed(strategy) => Ok(strategy.clone()),
-            &Rule::Default(quality) => gsvx::default_strategy(quality, found),
+            &Rule::Default(quality) => gsvx::default_strategy(quality, found, seen),
         };
         let (prepared, seconds) =
             timed(|| gsvx::prepare(self.study.scene, strategy, importance.as_deref()));
