@@ -84,10 +84,11 @@ impl Cube {
     #[must_use]
     pub fn index_of(&self, mean: [f32; 3], depth: u8) -> Option<[u32; 3]> {
         let cell = self.cell(depth);
+        let offset = self.offset(mean);
         let scale = 1.0 / cell;
         let mut index = [0u32; 3];
         for k in 0..3 {
-            let d = f64::from(mean[k]) - self.origin[k];
+            let d = offset[k];
             if !(d >= 0.0 && d < self.side) {
                 return None;
             }
@@ -105,14 +106,18 @@ impl Cube {
         Some(index)
     }
 
-    /// Centre of a leaf, in world units, not rounded to `f32`.
-    #[must_use]
-    pub fn leaf_centre_f64(&self, leaf: Leaf, j_high: u8) -> [f64; 3] {
-        let index = morton::decode(leaf.morton);
+    /// A mean relative to the origin. Decisions are made on such offsets, so that an exact
+    /// translation of the scene cannot change the rounding of anything.
+    pub(crate) fn offset(&self, mean: [f32; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| f64::from(mean[k]) - self.origin[k])
+    }
+
+    /// Centre of a leaf relative to the origin; exact for the cubes of [`Cube::of`].
+    pub(crate) fn centre_offset(&self, leaf: Leaf, j_high: u8) -> [f64; 3] {
         let cell = self.cell(j_high);
         // Exact: powers of two, and indices below 2^21.
         let half = 0.5 * (1u64 << (j_high - leaf.depth)) as f64;
-        std::array::from_fn(|k| self.origin[k] + (f64::from(index[k]) + half) * cell)
+        morton::decode(leaf.morton).map(|i| (f64::from(i) + half) * cell)
     }
 
     /// Centre of a leaf, in world units, rounded to `f32`.
@@ -123,7 +128,8 @@ impl Cube {
     /// leaves share a centre.
     #[must_use]
     pub fn leaf_centre(&self, leaf: Leaf, j_high: u8) -> [f32; 3] {
-        self.leaf_centre_f64(leaf, j_high).map(|x| x as f32)
+        let offset = self.centre_offset(leaf, j_high);
+        std::array::from_fn(|k| (self.origin[k] + offset[k]) as f32)
     }
 }
 

@@ -34,6 +34,7 @@
 
 mod cost;
 mod cube;
+mod descend;
 mod eigen;
 mod error;
 mod gaussian;
@@ -41,18 +42,25 @@ mod importance;
 mod merge;
 mod order;
 mod paper;
+mod prune;
 mod rate_distortion;
+mod released;
 mod stats;
 mod strategy;
+mod trim;
 mod voxelize;
+pub mod w2;
 
 pub use cost::CostModel;
 pub use cube::Cube;
 pub use error::{Error, Result};
 pub use importance::Importance;
 pub use merge::{Merge, merge, merge_weighted};
+pub use prune::{ALPHA_CUT, Prune, Pruned, prune};
 pub use rate_distortion::{RateDistortion, RateDistortionReport, rate_distortion};
+pub use released::{Released, released};
 pub use strategy::Strategy;
+pub use trim::{Trim, Trimmed, trim};
 pub use voxelize::{Voxelization, voxelize};
 
 #[cfg(doctest)]

@@ -53,10 +53,15 @@ impl MortonOrder {
                 Error::NonFiniteMean { index }
             });
         }
-        let members = (0..len as u32).collect();
+        Ok(Self::sorted(codes))
+    }
+
+    /// Sorts the codes of Gaussians 0, 1, ... (fewer than 2^32).
+    pub(crate) fn sorted(codes: Vec<u64>) -> Self {
+        let members = (0..codes.len() as u32).collect();
         let mut order = Self { codes, members };
         order.sort();
-        Ok(order)
+        order
     }
 
     /// Least-significant-digit radix sort; stable, so ties keep the order of the scene.
@@ -125,8 +130,7 @@ mod tests {
             .collect();
         let mut want: Vec<(u64, u32)> = codes.iter().copied().zip(0..).collect();
         want.sort();
-        let mut order = MortonOrder { members: (0..codes.len() as u32).collect(), codes };
-        order.sort();
+        let order = MortonOrder::sorted(codes);
         let got: Vec<_> = order.codes.iter().copied().zip(order.members).collect();
         assert_eq!(got, want);
     }

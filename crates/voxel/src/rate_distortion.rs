@@ -40,7 +40,9 @@ pub struct RateDistortion {
 }
 
 impl RateDistortion {
-    /// Default weights over depths 0 to 16.
+    /// Plain settings over depths 0 to 16: opacity times area, nothing dropped.
+    ///
+    /// [`RateDistortion::seen`] and [`RateDistortion::unseen`] are measured to do better.
     #[must_use]
     pub fn new(lambda: f64) -> Self {
         Self {
@@ -54,6 +56,32 @@ impl RateDistortion {
             colour: 1.0,
             drop: None,
         }
+    }
+
+    /// The best known settings for an encoder that has the training cameras; depths 0 to 18.
+    ///
+    /// `importance` is one entry per Gaussian: the rasterizer's saliency (sum of alpha T over
+    /// pixels and training views) times the Gaussian's opacity. Gaussians that are worth less
+    /// than their bits are dropped.
+    #[must_use]
+    pub fn seen(lambda: f64, importance: Vec<f32>) -> Self {
+        Self {
+            j_high: 18,
+            importance: Importance::Given(importance),
+            size_exponent: 0.75,
+            shape: 0.3,
+            drop: Some(10.0),
+            ..Self::new(lambda)
+        }
+    }
+
+    /// The best known settings for an encoder that has no cameras; depths 0 to 18.
+    ///
+    /// Trained Gaussians are larger the farther they are from the cameras, so the size exponent
+    /// above 1 stands in for the distance.
+    #[must_use]
+    pub fn unseen(lambda: f64) -> Self {
+        Self { j_high: 18, size_exponent: 1.5, shape: 0.3, ..Self::new(lambda) }
     }
 
     /// Checks every parameter.
@@ -158,7 +186,7 @@ impl Pruning<'_> {
             let mut stats = Stats::default();
             for &i in members {
                 let i = i as usize;
-                stats.add(&Stats::of(self.scene, i, centre, self.weights[i]));
+                stats.add(&Stats::of(self.scene, i, self.from(i, centre), self.weights[i]));
             }
             let cost = self.leaf_cost(&stats, depth);
             // Any division costs at least this, had it no distortion at all.
@@ -173,11 +201,9 @@ impl Pruning<'_> {
         }
         let mut best = self.solve_children(codes, members, depth, depths, centre);
         best.decided += 1;
-        if best.empty {
-            return best;
-        }
         if may_stop {
-            best.cost += o.lambda * o.cost.go_on;
+            // A cell that turned out empty is not coded at all.
+            best.cost += if best.empty { 0.0 } else { o.lambda * o.cost.go_on };
             let leaf = self.leaf_cost(&best.stats, depth);
             // Equal costs: the leaf, which codes faster.
             if leaf <= best.cost {
@@ -245,14 +271,14 @@ impl Pruning<'_> {
     ) -> Best {
         let o = self.options;
         let w = self.weights[i].geometry;
-        let mean = self.scene.means[i].map(f64::from);
+        let offset = self.cube.offset(self.scene.means[i]);
         let mut bits = 0.0;
         let (mut cost, mut at) = (f64::INFINITY, o.j_high);
         for d in depth..=o.j_high {
             let flag = d >= o.j_low && d < o.j_high;
             if d >= o.j_low {
                 let c = self.centre(code, d);
-                let square: f64 = (0..3).map(|k| (mean[k] - c[k]) * (mean[k] - c[k])).sum();
+                let square: f64 = (0..3).map(|k| (offset[k] - c[k]) * (offset[k] - c[k])).sum();
                 let stop = if flag { o.cost.stop } else { 0.0 };
                 let here = w * square + o.lambda * (bits + stop + o.cost.gaussian);
                 if here < cost {
@@ -266,7 +292,7 @@ impl Pruning<'_> {
             bits += o.cost.occupancy[0] + if flag { o.cost.go_on } else { 0.0 };
         }
         depths.fill(at);
-        let stats = Stats::of(self.scene, i, centre, self.weights[i]);
+        let stats = Stats::of(self.scene, i, self.from(i, centre), self.weights[i]);
         let skipped = u64::from(at < o.j_high);
         self.or_drop(Best { cost, stats, empty: false, decided: 1, skipped }, depths)
     }
@@ -291,9 +317,16 @@ impl Pruning<'_> {
         distortion + o.lambda * (flag + o.cost.gaussian)
     }
 
+    /// Mean of Gaussian `i` relative to `centre`.
+    fn from(&self, i: usize, centre: [f64; 3]) -> [f64; 3] {
+        let offset = self.cube.offset(self.scene.means[i]);
+        std::array::from_fn(|k| offset[k] - centre[k])
+    }
+
+    /// Centre of a cell relative to the cube's origin.
     fn centre(&self, code: u64, depth: u8) -> [f64; 3] {
         let shift = 3 * u32::from(self.options.j_high - depth);
         let leaf = Leaf { morton: code >> shift << shift, depth };
-        self.cube.leaf_centre_f64(leaf, self.options.j_high)
+        self.cube.centre_offset(leaf, self.options.j_high)
     }
 }

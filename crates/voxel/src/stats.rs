@@ -46,14 +46,13 @@ pub(crate) struct Weights {
 }
 
 impl Stats {
-    /// One Gaussian, relative to `origin`.
-    pub(crate) fn of(scene: &Scene, i: usize, origin: [f64; 3], weights: Weights) -> Self {
+    /// Gaussian `i`, whose mean is `d` from the point of reference.
+    pub(crate) fn of(scene: &Scene, i: usize, d: [f64; 3], weights: Weights) -> Self {
         let w = weights.geometry;
         let features = scene.sh_of(i)[0].map(f64::from);
         let v = weights.feature;
         let s = scales(scene.log_scales[i]);
         let root = congruence(&rotation(scene.rotations[i]), s);
-        let d: [f64; 3] = std::array::from_fn(|k| f64::from(scene.means[i][k]) - origin[k]);
         Self {
             weight: w,
             first: d.map(|x| w * x),

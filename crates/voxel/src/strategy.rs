@@ -4,6 +4,7 @@ use gpcc_lite::morton::MAX_DEPTH;
 
 use crate::error::{Error, Result};
 use crate::rate_distortion::RateDistortion;
+use crate::released::Released;
 
 /// A criterion for where the octree stops. All strategies prune the same full octree.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +34,9 @@ pub enum Strategy {
         /// sides of that leaf; the paper's `W / 2^(J+1)` is 0.5, the inscribed ball.
         tau2: f64,
     },
+    /// The authors' released code, per Gaussian, for reproduction. It has a cube of its own,
+    /// that of the scene, and ignores the one given to [`voxelize`](crate::voxelize).
+    Released(Released),
     /// The pruning that minimises distortion + lambda * bits.
     RateDistortion(RateDistortion),
 }
@@ -56,6 +60,8 @@ impl Strategy {
                 check("large_percent", large_percent, 0.0, 100.0, "0 to 100")?;
                 check("tau2", tau2, 0.0, f64::MAX, "0 upwards")
             }
+            // Checked where it runs.
+            Self::Released(_) => Ok(()),
             Self::RateDistortion(options) => options.validate(),
         }
     }

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::order::{MortonOrder, cell_end};
 use crate::paper;
 use crate::rate_distortion::rate_distortion;
+use crate::released::released;
 use crate::strategy::Strategy;
 
 /// The leaves of a pruned octree and the Gaussians in each.
@@ -76,6 +77,8 @@ impl Voxelization {
         order: MortonOrder,
         mut depth_at: impl FnMut(usize) -> u8,
     ) -> Self {
+        // The leaf of `sorted[i]` is that of the code, not of its own mean: the authors' code
+        // moves Gaussians before it voxelizes them.
         let MortonOrder { codes, members: mut sorted } = order;
         let (mut leaves, mut member_offsets, mut dropped) = (Vec::new(), vec![0], Vec::new());
         let (mut start, mut kept) = (0, 0);
@@ -124,6 +127,7 @@ pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxel
             let depths = rule.depths(&order);
             Ok(Voxelization::from_depths(*cube, j_high, order, |i| depths[i]))
         }
+        Strategy::Released(options) => released(scene, options),
         Strategy::RateDistortion(options) => {
             rate_distortion(scene, cube, options).map(|(voxelization, _)| voxelization)
         }

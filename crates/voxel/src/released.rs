@@ -1,0 +1,116 @@
+//! The authors' released criteria, per Gaussian, for reproduction.
+//!
+//! What their `adapt_voxel_recolor.py` does, in `f32` like it, rather than what the paper's
+//! text says ([`Strategy::Paper`](crate::Strategy::Paper)). From `j_low` on, at every depth:
+//! cells of fewer than `tau1` Gaussians are *small*; in a small cell every Gaussian that is not
+//! large, has not moved yet and is closer to the centre than half a side moves to the centre;
+//! the loop ends after the first depth at which every cell is small. Then everything, moved or
+//! not, is voxelized one level below that depth: no leaf depth is ever recorded, so all leaves
+//! are at `j_high`, which is a result, not a parameter.
+
+use gpcc_lite::morton::{self, MAX_DEPTH};
+use gs_model::Scene;
+
+use crate::cube::Cube;
+use crate::error::{Error, Result};
+use crate::order::MortonOrder;
+use crate::paper::large;
+use crate::strategy::check_depths;
+use crate::voxelize::Voxelization;
+
+/// Parameters of the authors' released code.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Released {
+    /// First depth (`depth_start` there).
+    pub j_low: u8,
+    /// Cells of at least this many Gaussians are divided (`voxel_thr`; 30 in all their runs).
+    pub tau1: u32,
+    /// Percentage of large Gaussians, by volume (20, hard-coded there).
+    pub large_percent: f64,
+    /// Greatest depth of the loop; the authors' code has no bound. At most 19, since their
+    /// cube includes its upper faces and so takes one level more here.
+    pub max_depth: u8,
+}
+
+impl Released {
+    /// The published settings.
+    #[must_use]
+    pub fn new(j_low: u8) -> Self {
+        Self { j_low, tau1: 30, large_percent: 20.0, max_depth: MAX_DEPTH - 2 }
+    }
+}
+
+/// Runs the authors' voxelizer.
+///
+/// The cube in the result is twice as wide as theirs, whose extreme point sits *on* the upper
+/// face, and `j_high` one more; leaf centres are the same. Merging with
+/// [`Merge::Paper`](crate::Merge::Paper) is the paper's rule; their code also averages
+/// rotations, which is not reproduced.
+///
+/// # Errors
+/// [`Error::NonFiniteMean`], [`Error::DepthTooGreat`], [`Error::DepthRange`];
+/// [`Error::InvalidCube`] if the extent overflows the `f32` of the authors' arithmetic.
+pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
+    let &Released { j_low, tau1, large_percent, max_depth } = options;
+    if max_depth > MAX_DEPTH - 2 {
+        return Err(Error::DepthTooGreat { depth: max_depth, max: MAX_DEPTH - 2 });
+    }
+    check_depths(j_low, max_depth)?;
+    let tight = Cube::of(&scene.means)?;
+    let origin = tight.origin.map(|x| x as f32);
+    let width = (0..3)
+        .map(|k| scene.means.iter().map(|p| p[k] - origin[k]).fold(0.0, f32::max))
+        .fold(0.0, f32::max);
+    if !width.is_finite() {
+        return Err(Error::InvalidCube { origin: tight.origin, side: f64::from(width) });
+    }
+    // All means coincide: their code divides by zero here.
+    let width = if width > 0.0 { width } else { tight.side as f32 };
+
+    let large = large(scene, large_percent);
+    let mut points = scene.means.clone();
+    let mut moved = vec![false; points.len()];
+    let mut depth = j_low;
+    loop {
+        let cell = width / (1u32 << depth) as f32;
+        let order = MortonOrder::sorted(points.iter().map(|p| code(*p, origin, cell)).collect());
+        let mut all_small = true;
+        let mut start = 0;
+        while start < order.codes.len() {
+            let run = order.codes[start..].partition_point(|&c| c == order.codes[start]);
+            if run as u64 >= u64::from(tau1) {
+                all_small = false;
+            } else {
+                let index = morton::decode(order.codes[start]);
+                let centre: [f32; 3] =
+                    std::array::from_fn(|k| (index[k] as f32 + 0.5) * cell + origin[k]);
+                for &i in &order.members[start..start + run] {
+                    let i = i as usize;
+                    let near = distance(points[i], centre) < cell / 2.0;
+                    if near && !large[i] && !moved[i] {
+                        points[i] = centre;
+                        moved[i] = true;
+                    }
+                }
+            }
+            start += run;
+        }
+        depth += 1;
+        if all_small || depth > max_depth {
+            break;
+        }
+    }
+    let cell = width / (1u32 << depth) as f32;
+    let order = MortonOrder::sorted(points.iter().map(|p| code(*p, origin, cell)).collect());
+    let cube = Cube { origin: tight.origin, side: 2.0 * f64::from(width) };
+    Ok(Voxelization::from_depths(cube, depth + 1, order, |_| depth + 1))
+}
+
+fn code(p: [f32; 3], origin: [f32; 3], cell: f32) -> u64 {
+    morton::encode(std::array::from_fn(|k| ((p[k] - origin[k]) / cell) as u32))
+}
+
+fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
+    let d: [f32; 3] = std::array::from_fn(|k| a[k] - b[k]);
+    (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
+}

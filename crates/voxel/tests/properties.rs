@@ -1,0 +1,174 @@
+//! What every strategy promises, on many scenes.
+
+mod common;
+
+use common::{clustered, cube, strategies};
+use gpcc_lite::morton;
+use gs_model::Scene;
+use proptest::prelude::*;
+use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
+
+/// Every Gaussian is in exactly one leaf (or dropped, where that is asked for); leaves ascend
+/// and do not overlap; depths are in range.
+fn check_partition(scene: &Scene, v: &Voxelization, may_drop: bool) {
+    let mut all: Vec<u32> = v.members.iter().chain(&v.dropped).copied().collect();
+    all.sort_unstable();
+    assert!(all.iter().copied().eq(0..scene.len() as u32));
+    assert!(may_drop || v.dropped.is_empty());
+    assert_eq!(v.member_offsets.len(), v.leaves.len() + 1);
+    assert_eq!(v.member_offsets[0], 0);
+    assert_eq!(*v.member_offsets.last().unwrap() as usize, v.members.len());
+    assert!(v.member_offsets.windows(2).all(|w| w[0] < w[1]), "no empty leaf");
+    for leaf in &v.leaves {
+        assert!(leaf.depth <= v.j_high);
+        assert_eq!(leaf.morton & ((1 << (3 * (v.j_high - leaf.depth))) - 1), 0);
+    }
+    for pair in v.leaves.windows(2) {
+        let end = pair[0].morton + (1u64 << (3 * (v.j_high - pair[0].depth)));
+        assert!(end <= pair[1].morton, "leaves overlap or are out of order");
+    }
+}
+
+/// Every leaf contains the means of its members, in exact arithmetic on corners.
+fn check_containment(scene: &Scene, v: &Voxelization) {
+    for (l, leaf) in v.leaves.iter().enumerate() {
+        let cell = v.cube.cell(v.j_high);
+        let width = (1u64 << (v.j_high - leaf.depth)) as f64;
+        let index = morton::decode(leaf.morton).map(f64::from);
+        for &m in v.members_of(l) {
+            for k in 0..3 {
+                let d = f64::from(scene.means[m as usize][k]) - v.cube.origin[k];
+                assert!(index[k] * cell <= d && d < (index[k] + width) * cell);
+            }
+        }
+    }
+}
+
+fn check(scene: &Scene, cube: &Cube, j_low: u8, j_high: u8) {
+    let uniform = voxelize(scene, cube, &Strategy::Uniform { depth: j_high }).unwrap();
+    for strategy in strategies(scene.len(), j_low, j_high) {
+        let v = voxelize(scene, cube, &strategy).unwrap();
+        let may_drop = matches!(&strategy, Strategy::RateDistortion(o) if o.drop.is_some());
+        check_partition(scene, &v, may_drop);
+        if matches!(strategy, Strategy::Released(_)) {
+            continue; // Its means move before they are voxelized, and J_high is a result.
+        }
+        check_containment(scene, &v);
+        assert!(v.leaves.iter().all(|l| l.depth >= j_low && l.depth <= j_high));
+        // A pruning of the full octree: every full-depth cell with a kept member lies in a leaf.
+        if !may_drop && v.j_high == j_high {
+            let mut at = 0;
+            for full in &uniform.leaves {
+                let end =
+                    |i: usize| v.leaves[i].morton + (1u64 << (3 * (j_high - v.leaves[i].depth)));
+                while end(at) <= full.morton {
+                    at += 1;
+                }
+                assert!(v.leaves[at].morton <= full.morton);
+            }
+            assert_eq!(at + 1, v.leaves.len());
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn leaves_partition_the_scene(len in 1usize..400, seed: u64, low in 0u8..8, more in 0u8..14) {
+        let scene = clustered(len, seed);
+        check(&scene, &cube(&scene), low, low + more);
+    }
+
+    #[test]
+    fn translation_and_scaling_by_powers_of_two_change_nothing(
+        len in 1usize..300, seed: u64, shift in -3i32..4, power in -8i32..9,
+    ) {
+        let scene = clustered(len, seed);
+        let factor = libm::exp2f(power as f32);
+        let ln = power as f32 * std::f32::consts::LN_2;
+        let mut moved = scene.clone();
+        let mut scaled = scene.clone();
+        for (i, mean) in scene.means.iter().enumerate() {
+            moved.means[i] = mean.map(|x| x + shift as f32);
+            scaled.means[i] = mean.map(|x| x * factor);
+            scaled.log_scales[i] = scene.log_scales[i].map(|l| l + ln);
+        }
+        for strategy in strategies(len, 2, 12) {
+            let want = voxelize(&scene, &cube(&scene), &strategy).unwrap();
+            let by_shift = voxelize(&moved, &cube(&moved), &strategy).unwrap();
+            // The authors' f32 centres are not translation-invariant; ours are.
+            if !matches!(strategy, Strategy::Released(_)) {
+                prop_assert_eq!(&want.leaves, &by_shift.leaves);
+                prop_assert_eq!(&want.members, &by_shift.members);
+            }
+            // The log-scales of a scaled scene are rounded, which may tip a rate-distortion
+            // decision whose two sides are equal to 7 digits; positions alone may not.
+            let exact = !matches!(strategy, Strategy::RateDistortion(_));
+            let by_factor = voxelize(&scaled, &cube(&scaled), &strategy).unwrap();
+            if exact {
+                prop_assert_eq!(&want.leaves, &by_factor.leaves);
+                prop_assert_eq!(&want.members, &by_factor.members);
+            } else {
+                let differing = want.leaves.iter().filter(|l| !by_factor.leaves.contains(l)).count();
+                prop_assert!(differing * 100 <= want.leaves.len(), "{} leaves", differing);
+            }
+        }
+    }
+
+    #[test]
+    fn merging_one_member_is_the_identity(len in 1usize..300, seed: u64) {
+        let scene = clustered(len, seed);
+        let cube = cube(&scene);
+        let v = voxelize(&scene, &cube, &Strategy::Uniform { depth: 14 }).unwrap();
+        for rule in [Merge::Paper, Merge::Moments] {
+            let merged = merge(&scene, &v, rule).unwrap();
+            prop_assert_eq!(merged.len(), v.len());
+            for l in 0..v.len() {
+                prop_assert_eq!(merged.means[l], cube.leaf_centre(v.leaves[l], v.j_high));
+                if let &[m] = v.members_of(l) {
+                    let m = m as usize;
+                    prop_assert_eq!(merged.rotations[l], scene.rotations[m]);
+                    prop_assert_eq!(merged.log_scales[l], scene.log_scales[m]);
+                    prop_assert_eq!(merged.opacity_logits[l], scene.opacity_logits[m]);
+                    prop_assert_eq!(merged.sh_of(l), scene.sh_of(m));
+                }
+            }
+        }
+    }
+}
+
+/// The same bits for one thread and for several.
+#[test]
+fn thread_count_does_not_matter() {
+    let scene = clustered(30_000, 5);
+    let cube = cube(&scene);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            strategies(scene.len(), 3, 12)
+                .iter()
+                .map(|s| {
+                    let v = voxelize(&scene, &cube, s).unwrap();
+                    let merged = merge(&scene, &v, Merge::Moments).unwrap();
+                    (v, merged)
+                })
+                .collect::<Vec<_>>()
+        })
+    };
+    let one = run(1);
+    for threads in [2, 8] {
+        assert!(run(threads) == one, "{threads} threads");
+    }
+}
+
+/// Half-open: the extreme mean gets the last index, not one past it.
+#[test]
+fn extreme_means_stay_inside() {
+    for depth in [0, 1, 7, 21] {
+        let scene = common::at(&[[0.0; 3], [1.0; 3], [0.5, 0.25, 1.0]], -3.0);
+        let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth }).unwrap();
+        let last = v.leaves.last().unwrap();
+        assert!(morton::decode(last.morton).iter().all(|&i| i < 1 << depth));
+    }
+}

@@ -1,0 +1,61 @@
+//! Leaving Gaussians out before voxelizing: the invisible ones, and the floaters.
+
+mod common;
+
+use common::{at, clustered};
+use voxel::{Cube, Prune, Trim, prune, trim};
+
+#[test]
+fn prune_counts_and_keeps() {
+    let mut scene = at(&[[0.0; 3]; 6], -2.0);
+    // Opacity 1/255 is a logit of -ln 254 = -5.537.
+    scene.opacity_logits = vec![-6.0, -5.54, -5.53, 0.0, 3.0, 3.0];
+    let saliency = vec![1.0, 1.0, 1.0, 0.0, 0.0, 2.0];
+    let all = prune(&scene, &Prune::default()).unwrap();
+    assert_eq!(all.kept, [0, 1, 2, 3, 4, 5]);
+    let clear = prune(&scene, &Prune { transparent: true, saliency: None }).unwrap();
+    assert_eq!((clear.kept, clear.transparent, clear.unseen), (vec![2, 3, 4, 5], 2, 0));
+    let both = Prune { transparent: true, saliency: Some((saliency, 0.0)) };
+    let both = prune(&scene, &both).unwrap();
+    assert_eq!((both.kept, both.transparent, both.unseen), (vec![2, 5], 2, 2));
+    assert!(prune(&scene, &Prune { transparent: false, saliency: Some((vec![], 0.0)) }).is_err());
+}
+
+/// An octree that can reach the wanted cells keeps its floaters: they cost 3 bits a level.
+#[test]
+fn floaters_stay_while_levels_suffice() {
+    let mut scene = clustered(1000, 3);
+    scene.means.push([900.0, 0.0, 0.0]);
+    let t = trim(&scene.means, &Trim::new(0.01)).unwrap();
+    assert_eq!(t.outliers, [0usize; 0]);
+    assert_eq!(t.cube, Cube::of(&scene.means).unwrap());
+    assert_eq!(t.j_high, 17);
+}
+
+/// A floater so far away that 21 levels do not reach the wanted cells is cut off.
+#[test]
+fn floaters_beyond_the_levels_are_trimmed() {
+    let mut scene = clustered(1000, 3);
+    scene.means.insert(500, [1e6, -3e5, 0.0]);
+    scene.means.push([0.0, 0.0, -2e6]);
+    let t = trim(&scene.means, &Trim::new(1e-3)).unwrap();
+    assert_eq!(t.outliers, [500, 1001]);
+    assert_eq!(t.inside.len(), 1000);
+    assert!(t.cube.side < 4.0 && t.j_high <= 12 && t.saved_bits > 0.0);
+    assert!(t.inside.iter().all(|&i| t.cube.index_of(scene.means[i], t.j_high).is_some()));
+    assert!(t.cube.cell(t.j_high) <= 1e-3 && t.cube.cell(t.j_high - 1) > 1e-3);
+}
+
+#[test]
+fn trim_of_degenerate_scenes() {
+    assert!(trim(&[], &Trim::new(1.0)).unwrap().inside.is_empty());
+    let same = trim(&[[5.0; 3]; 9], &Trim::new(1e-30)).unwrap();
+    assert_eq!(same.inside.len(), 9);
+    assert!(trim(&[[0.0; 3]], &Trim::new(0.0)).is_err());
+    assert!(trim(&[[0.0; 3]], &Trim::new(f64::NAN)).is_err());
+    // Half the scene far away is no floater, whatever it costs.
+    let split: Vec<_> =
+        (0..100).map(|i| [if i % 2 == 0 { 0.0 } else { 1e9 }, i as f32, 0.0]).collect();
+    let t = trim(&split, &Trim::new(1e-3)).unwrap();
+    assert!(t.outliers.len() <= 50);
+}
