@@ -15,15 +15,15 @@ use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
 
 /// How much of a voxelized model's quality the fine-tune brings back.
 #[derive(Debug, Args)]
-pub struct FinetuneArgs {
+pub(crate) struct FinetuneArgs {
     /// Directory of a scene: photos, cameras, model
-    pub scene: PathBuf,
+    pub(crate) scene: PathBuf,
     /// Steps of every run
     #[arg(long, default_value_t = 1000)]
-    pub steps: u64,
+    pub(crate) steps: u64,
     /// Where `recover-SCENE.json` and `recover-SCENE.svg` go
     #[arg(long, default_value = "docs/results/finetune")]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
 }
 
 struct Run {
@@ -129,7 +129,7 @@ fn plot(path: &Path, runs: &[Run], views: usize, title: &str) -> Result<()> {
 }
 
 /// Runs the benchmark.
-pub fn run(args: &FinetuneArgs) -> Result<()> {
+pub(crate) fn run(args: &FinetuneArgs) -> Result<()> {
     let (dir, steps, out) = (&args.scene, args.steps, &args.out);
     let dataset = Dataset::open(dir)?;
     let (scene, _) = gs_model::ply::read(&dataset.model_path)?;

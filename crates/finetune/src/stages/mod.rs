@@ -19,6 +19,8 @@
 pub(crate) mod adam;
 pub(crate) mod blend;
 pub(crate) mod blend_adjoint;
+#[cfg(test)]
+mod f64_instance;
 pub(crate) mod gather;
 pub(crate) mod loss;
 pub(crate) mod project;
