@@ -5,6 +5,7 @@
 )]
 
 mod bd;
+mod bench_finetune;
 mod bench_gpcc;
 mod cache;
 mod fetch;
@@ -37,6 +38,8 @@ enum Task {
     RdCurve(rd_curve::RdArgs),
     /// Measure gpcc-lite beside the peer's recorded figures
     BenchGpcc(bench_gpcc::BenchArgs),
+    /// How much of a voxelized model's quality the fine-tune brings back
+    BenchFinetune(bench_finetune::FinetuneArgs),
     /// Fetch a scene of the paper out of the public archives
     Fetch(fetch::Args),
     /// Make the default scene, fixtures/room, from its seed
@@ -47,6 +50,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().task {
         Task::RdCurve(args) => rd_curve::run(&args),
         Task::BenchGpcc(args) => bench_gpcc::run(&args),
+        Task::BenchFinetune(args) => bench_finetune::run(&args),
         Task::Fetch(args) => fetch::run(&args),
         Task::Fixture(args) => fixture::run(&args),
     };

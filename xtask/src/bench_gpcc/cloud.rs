@@ -66,8 +66,6 @@ pub(super) struct Peer {
     pub(super) attr_bpp: f64,
     /// Sum over channels, in stored 8-bit units (16-bit ones divided by 257).
     pub(super) mse: f64,
-    pub(super) enc_s: f64,
-    pub(super) dec_s: f64,
 }
 
 /// Reads `tmc13.jsonl`.
@@ -94,8 +92,6 @@ pub(super) fn peers(path: &Path) -> Result<Vec<Peer>> {
                 geo_bpp: f("geo_bpp"),
                 attr_bpp: f("col_bpp") + f("ref_bpp"),
                 mse,
-                enc_s: f("enc_geo_s") + f("enc_att_s"),
-                dec_s: f("dec_geo_s") + f("dec_att_s"),
             })
         })
         .collect()

@@ -62,7 +62,7 @@ fn mse(a: &[Vec<i32>], b: &[Vec<i32>]) -> f64 {
 fn rate_at(plan: &Plan, cloud: &Cloud, target: f64, o: &Options) -> Result<(f64, f64)> {
     let refs: Vec<&[i32]> = cloud.channels.iter().map(Vec::as_slice).collect();
     let n = cloud.leaves.len() as f64;
-    let mut run = |log_step: f64| -> Result<(f64, f64)> {
+    let run = |log_step: f64| -> Result<(f64, f64)> {
         let steps = vec![Step::new(log_step.exp()); refs.len()];
         let e = attribute::encode(plan, &refs, &steps, o)?;
         Ok((e.bytes.len() as f64 * 8.0 / n, mse(&cloud.channels, &e.reconstruction)))
