@@ -1,6 +1,7 @@
 //! Stress inputs: nothing that leaves the rasterizer is NaN or infinite, and where the f64
 //! oracle can follow, the image agrees with it. Prints the table of docs/results/stability.md:
 //! `cargo test -p finetune --test stability -- --nocapture --test-threads 1`.
+#![allow(clippy::disallowed_methods, reason = "a test")]
 
 mod common;
 

@@ -1,6 +1,5 @@
 //! Stage `adam`: the optimiser, fused with the projection's adjoint so that a Gaussian's
 //! gradient never reaches memory.
-#![allow(clippy::disallowed_methods, reason = "an optimiser's schedule, not a bitstream")]
 
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -69,8 +68,8 @@ impl AdamStep {
     /// `step` counts from 1; `decay` multiplies all rates.
     pub(crate) fn new(rates: &LearningRates, step: u64, decay: f64) -> Self {
         let t = step.min(1 << 30) as f64;
-        let bias1 = 1.0 - f64::from(BETA1).powf(t);
-        let bias2 = 1.0 - f64::from(BETA2).powf(t);
+        let bias1 = 1.0 - libm::pow(f64::from(BETA1), t);
+        let bias2 = 1.0 - libm::pow(f64::from(BETA2), t);
         let rate = |r: f32| (f64::from(r) * decay / bias1) as f32;
         Self {
             sh_dc: rate(rates.sh_dc),

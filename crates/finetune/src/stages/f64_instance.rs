@@ -1,5 +1,6 @@
 //! The shared mathematics in f64, against central differences: the formulae themselves, without
 //! the rounding of f32. The smooth part only: no cut, no stop; the cap is not reached.
+#![allow(clippy::disallowed_methods, reason = "a test")]
 
 mod consts {
     pub(super) const T_STOP: f64 = 0.0;
@@ -37,7 +38,6 @@ fn abs(x: F) -> F {
 fn sqrt(x: F) -> F {
     x.sqrt()
 }
-#[allow(clippy::disallowed_methods, reason = "a test")]
 fn exp_own(x: F) -> F {
     x.exp()
 }

@@ -1,5 +1,4 @@
 //! Stage `loss`: value and per-pixel gradient.
-#![allow(clippy::disallowed_methods, reason = "a loss for an optimiser, not a bitstream")]
 
 use rayon::prelude::*;
 

@@ -92,7 +92,8 @@ fn span(centre: F, half: F, limit: u32) -> (u32, u32) {
 fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, u32)> {
     let opacity = sigmoid(scene.opacity_logits[i]);
     let o255 = opacity * 255.0;
-    if !(o255 > 1.0) {
+    // NaN is culled too.
+    if o255.partial_cmp(&1.0) != Some(std::cmp::Ordering::Greater) {
         return None;
     }
     let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i])?;

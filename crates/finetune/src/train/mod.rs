@@ -38,7 +38,7 @@ pub struct TrainView {
 }
 
 /// What carries out the steps of a fine-tune: the Rust executor or the WGSL one.
-pub(crate) trait Executor {
+pub(crate) trait Executor: Send {
     /// Renders view `view`, adds its loss to the queue, updates the parameters. `step` counts
     /// from 1.
     fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()>;
@@ -147,14 +147,15 @@ impl FineTune {
             self.executor.step(order[within as usize] as usize, step, &adam)?;
             self.step = step;
             let epoch_ends = within + 1 == self.views as u64;
-            let reports = step % self.options.report_every == 0 || step == self.options.steps;
+            let reports =
+                step.is_multiple_of(self.options.report_every) || step == self.options.steps;
             if reports || epoch_ends {
                 self.drain(&mut losses)?;
             }
             if reports {
                 progress(&self.tracker.progress(step, first, started, &self.options));
             }
-            if step % self.options.checkpoint_every == 0 && step < self.options.steps {
+            if step.is_multiple_of(self.options.checkpoint_every) && step < self.options.steps {
                 self.write_checkpoint(&mut losses)?;
             }
         };

@@ -1,5 +1,4 @@
 //! [`FineTuneOptions`].
-#![allow(clippy::disallowed_methods, reason = "a learning-rate schedule, not a bitstream")]
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -111,6 +110,6 @@ impl FineTuneOptions {
     /// Factor of the learning rates at `step`, counted from 1.
     pub(crate) fn decay_at(&self, step: u64) -> f64 {
         let last = self.steps.saturating_sub(1).max(1) as f64;
-        self.final_rate.powf((step - 1) as f64 / last)
+        libm::pow(self.final_rate, (step - 1) as f64 / last)
     }
 }

@@ -1,5 +1,4 @@
 //! [`Progress`], [`Outcome`], and the bookkeeping behind both.
-#![allow(clippy::disallowed_methods, reason = "reports, not bitstreams")]
 
 use std::time::Instant;
 
@@ -78,7 +77,7 @@ impl Tracker {
 
     pub(crate) fn add(&mut self, loss: LossValue) {
         // A perfect view would be infinite and hide all others; 100 dB is beyond 8-bit photos.
-        let psnr = (-10.0 * loss.mse.log10()).min(100.0);
+        let psnr = (-10.0 * libm::log10(loss.mse)).min(100.0);
         if self.recent.len() < self.views {
             self.recent.push((loss.loss, psnr));
         } else {

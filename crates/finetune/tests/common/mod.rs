@@ -1,5 +1,10 @@
 //! Shared by the tests: random scenes and the f64 oracle.
-#![allow(dead_code, unreachable_pub, reason = "each test binary uses a part")]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    clippy::disallowed_methods,
+    reason = "each test binary uses a part"
+)]
 
 pub mod oracle;
 
