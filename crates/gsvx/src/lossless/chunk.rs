@@ -2,8 +2,9 @@
 
 use super::column::{CELLS, Cell, Map};
 use super::layout::{KINDS, MEANS, kind};
-use super::neighbours::{NEIGHBOURS, Neighbours};
-use super::predictor::Predictor;
+use super::local::Local;
+use super::neighbours::Neighbours;
+use super::predictor::{NEIGHBOUR_BITS, Predictor};
 use super::residual::{Expect, Models, level};
 use gpcc_lite::model::Bit;
 use gpcc_lite::range::BinaryCoder;
@@ -24,152 +25,138 @@ pub(super) struct Column {
     pub(super) escapes: bool,
 }
 
-/// Adaptive state and the columns coded so far of one chunk.
+/// What a decoded chunk is made of.
+#[derive(Debug, Default)]
 pub(super) struct Coded {
-    /// Cell indices by column.
-    pub(super) q: Vec<Vec<i32>>,
-    /// Bit patterns by column.
-    pub(super) bits: Vec<Vec<u32>>,
-    models: Vec<Models>,
-    /// Whether the last three columns held their common value, by column modulo 3.
-    common: [Vec<bool>; 3],
-    /// Slow and fast mean, over columns, of how far a Gaussian's error levels lie above those
-    /// of the column; 1/16 levels.
-    slow: Vec<i16>,
-    fast: Vec<i16>,
-    /// Signs of the errors of the last column, -1 to 1.
-    signs: Vec<i8>,
-    rest: Vec<i32>,
-    levels: Vec<u8>,
+    /// Cell indices of the means, by column.
+    pub(super) means: Vec<Vec<i32>>,
+    /// Bit patterns, one row of all columns per Gaussian.
+    pub(super) bits: Vec<u32>,
 }
 
-impl Coded {
-    pub(super) fn new(rows: usize) -> Self {
-        Self {
-            q: Vec::new(),
-            bits: Vec::new(),
-            models: vec![Models::default(); KINDS],
-            common: std::array::from_fn(|_| vec![false; rows]),
-            slow: vec![0; rows],
-            fast: vec![0; rows],
-            signs: vec![0; rows],
-            rest: Vec::new(),
-            levels: Vec::new(),
+/// Codes all columns but the means of a chunk whose means are coded, row by row. The encoder
+/// gives the rows, the decoder an empty slice. Returns false if the stream ended early.
+pub(super) fn rows<C: BinaryCoder>(
+    coder: &mut C,
+    columns: &[Column],
+    near: &Neighbours,
+    given: &[u32],
+    coded: &mut Coded,
+) -> bool {
+    let width = columns.len();
+    let n = width - MEANS;
+    let mut models = vec![Models::default(); KINDS];
+    let mut tails = vec![Tail::default(); n];
+    let mut flags = vec![[Bit::default(); 16]; n];
+    let mut local = Local::new(n);
+    // Per Gaussian and column: what the own part leaves, error level, common value or not.
+    let mut rests = vec![0i32; near.len() * n];
+    let mut levels = vec![0u8; near.len() * n];
+    let mut commons = vec![false; near.len() * n];
+    let mut q = vec![0i32; width];
+    let mut nearby = vec![0i64; n];
+    let mut near_levels = vec![0i32; n];
+    let limit = i64::from(CELLS);
+    for (i, around) in near.iter().enumerate() {
+        if i % 64 == 0 && coder.exhausted() {
+            return false;
         }
-    }
-
-    /// Codes the next column. The encoder gives its values, the decoder an empty slice.
-    /// Returns false if the stream ended early.
-    pub(super) fn column<C: BinaryCoder>(
-        &mut self,
-        coder: &mut C,
-        column: &Column,
-        near: &Neighbours,
-        given: &[u32],
-    ) -> bool {
-        let rows = near.len();
-        let c = self.q.len();
-        let mut own = Vec::new();
-        column.predictor.own(&self.q, &mut own, rows);
-        self.rest.clear();
-        self.rest.resize(rows, 0);
-        self.levels.clear();
-        self.levels.resize(rows, column.centre);
-        let mut q = vec![0i32; rows];
-        let mut bits = vec![0u32; rows];
-        let mut tail = Tail::default();
-        let mut flags = [Bit::default(); 16];
-        let centre = i32::from(column.centre);
-        for i in 0..rows {
-            if i % 256 == 0 && coder.exhausted() {
-                return false;
+        if i == 0 {
+            for (l, column) in levels[..n].iter_mut().zip(&columns[MEANS..]) {
+                *l = column.centre;
             }
-            let around = &near[i];
-            let deviation = i32::from(self.slow[i]);
-            if let Some(value) = column.common {
-                let here = |row: u32| usize::from(self.common[c % 3][row as usize]);
-                // The slot of this column still holds the column three before at this row.
-                let context = here(i as u32)
-                    | usize::from(self.common[(c + 2) % 3][i]) << 1
-                    | here(around[0]) << 2
-                    | here(around[1]) << 3;
-                let is = flags[context].code(coder, C::ENCODING && given[i] == value, MEMORY);
-                self.common[c % 3][i] = is;
+        }
+        nearby.fill(0);
+        near_levels.fill(0);
+        for (k, &row) in around.iter().enumerate() {
+            let at = row as usize * n;
+            let row = &rests[at..at + n];
+            for ((sum, &rest), column) in nearby.iter_mut().zip(row).zip(&columns[MEANS..]) {
+                *sum += i64::from(column.predictor.near[k]) * i64::from(rest);
+            }
+            if k < 4 {
+                for (sum, &l) in near_levels.iter_mut().zip(&levels[at..at + n]) {
+                    *sum += i32::from(l);
+                }
+            }
+        }
+        for a in 0..MEANS {
+            q[a] = coded.means[a][i];
+        }
+        // How far the error levels of this Gaussian lie above those of the columns; 1/16 levels.
+        let (mut slow, mut fast, mut sign) = (0i32, 0i32, 0i32);
+        for c in 0..n {
+            let column = &columns[MEANS + c];
+            let at = i * n + c;
+            let value = if C::ENCODING { given[i * width + MEANS + c] } else { 0 };
+            let centre = i32::from(column.centre);
+            let neutral = (centre + (slow >> 4)).clamp(0, 120);
+            let own = column.predictor.own(&q);
+            if let Some(common) = column.common {
+                let before = |k: usize| usize::from(c >= k && commons[at - k]);
+                let beside = |k: usize| usize::from(commons[around[k] as usize * n + c]);
+                let context = before(3) | before(1) << 1 | beside(0) << 2 | beside(1) << 3;
+                let is = flags[c][context].code(coder, C::ENCODING && value == common, MEMORY);
+                commons[at] = is;
                 if is {
-                    q[i] = stand_in(&column.map, value);
-                    bits[i] = value;
-                    self.rest[i] = q[i] - own[i];
-                    self.levels[i] = (centre + (deviation >> 4)).clamp(0, 120) as u8;
-                    self.signs[i] = 0;
+                    q[MEANS + c] = column.map.stand_in(common);
+                    coded.bits[i * width + MEANS + c] = common;
+                    rests[at] = q[MEANS + c] - own;
+                    levels[at] = neutral as u8;
+                    local.set(c, 0, None);
+                    sign = 0;
                     continue;
                 }
-            } else {
-                self.common[c % 3][i] = false;
             }
-            let cell = if C::ENCODING { column.map.split(given[i]) } else { Cell::Escape { q: 0 } };
+            let cell = if C::ENCODING { column.map.split(value) } else { Cell::Escape { q: 0 } };
             if column.escapes {
                 let escape = C::ENCODING && matches!(cell, Cell::Escape { .. });
-                if tail.escape.code(coder, escape, MEMORY) {
-                    bits[i] = coder.code_raw_wide(if C::ENCODING { given[i] } else { 0 }, 32);
-                    q[i] = stand_in(&column.map, bits[i]);
-                    self.rest[i] = q[i] - own[i];
-                    self.levels[i] = (centre + (deviation >> 4)).clamp(0, 120) as u8;
-                    self.signs[i] = 0;
+                if tails[c].escape.code(coder, escape, MEMORY) {
+                    let bits = coder.code_raw_wide(value, 32);
+                    coded.bits[i * width + MEANS + c] = bits;
+                    q[MEANS + c] = column.map.stand_in(bits);
+                    rests[at] = q[MEANS + c] - own;
+                    levels[at] = neutral as u8;
+                    local.set(c, 0, None);
+                    sign = 0;
                     continue;
                 }
             }
-            let limit = i64::from(CELLS);
-            let predicted = (i64::from(own[i]) + column.predictor.near(&self.rest, around))
-                .clamp(-limit, limit - 1) as i32;
-            let mut sum = 0;
-            for &row in &around[..4] {
-                sum += i32::from(self.levels[row as usize]);
-            }
-            let sign = (self.signs[i] + 1) as usize;
+            let scale = u32::from(column.centre >> 2).saturating_sub(1);
+            let global = i64::from(own) + (nearby[c] >> NEIGHBOUR_BITS);
+            let predicted = (global + local.predict(c, scale)).clamp(-limit, limit - 1) as i32;
             let expect = Expect {
-                near: sum >> 2,
-                own: (centre + (deviation >> 4)).max(0),
-                last: (centre + (i32::from(self.fast[i]) >> 4)).max(0),
-                sign,
+                near: near_levels[c] >> 2,
+                own: (centre + (slow >> 4)).max(0),
+                last: (centre + (fast >> 4)).max(0),
+                sign: (sign + 1) as usize,
             };
             let e = match cell {
                 Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q - predicted,
             };
-            let e = self.models[kind(c)].code(coder, expect, e);
-            q[i] = (predicted + e).clamp(-CELLS, CELLS - 1);
-            bits[i] = tail.code(coder, &column.map, q[i], cell);
-            self.rest[i] = q[i] - own[i];
+            let e = models[kind(MEANS + c)].code(coder, expect, e);
+            let here = (predicted + e).clamp(-CELLS, CELLS - 1);
+            q[MEANS + c] = here;
+            coded.bits[i * width + MEANS + c] = tails[c].code(coder, &column.map, here, cell);
+            rests[at] = here - own;
+            local.set(c, scale, Some(i64::from(here) - global));
             let l = level(e.unsigned_abs());
-            self.levels[i] = l as u8;
-            self.signs[i] = e.signum() as i8;
+            levels[at] = l as u8;
+            sign = e.signum();
             let off = (l - centre) << 4;
-            self.slow[i] += ((off - deviation) >> 3) as i16;
-            self.fast[i] += ((off - i32::from(self.fast[i])) >> 1) as i16;
+            slow += (off - slow) >> 3;
+            fast += (off - fast) >> 1;
         }
-        self.q.push(q);
-        self.bits.push(bits);
-        !coder.exhausted()
+        local.end_row();
     }
-}
-
-/// The cell index that stands for a value in predictions.
-fn stand_in(map: &Map, bits: u32) -> i32 {
-    match map.split(bits) {
-        Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
-    }
+    !coder.exhausted()
 }
 
 /// State of what follows a cell index.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Tail {
     pub(super) escape: Bit,
     tiny: [Bit; 25],
-}
-
-impl Default for Tail {
-    fn default() -> Self {
-        Self { escape: Bit::default(), tiny: [Bit::default(); 25] }
-    }
 }
 
 impl Tail {
@@ -235,11 +222,11 @@ impl Means<'_> {
         coder: &mut C,
         coded: &mut Coded,
         rows: usize,
-        given: &[Vec<u32>],
+        width: usize,
+        given: &[u32],
     ) -> bool {
         let map = &self.column.map;
         let mut q = vec![vec![0i32; rows]; MEANS];
-        let mut bits = vec![vec![0u32; rows]; MEANS];
         let mut octaves = vec![Bit::default(); 64 * 64];
         let mut leading = vec![Bit::default(); 64 * 8];
         let mut tails: [Tail; 3] = Default::default();
@@ -249,8 +236,8 @@ impl Means<'_> {
             if i % 256 == 0 && coder.exhausted() {
                 return false;
             }
-            let cells: [Cell; 3] = std::array::from_fn(|a| match given.get(a) {
-                Some(column) => map.split(column[i]),
+            let cells: [Cell; 3] = std::array::from_fn(|a| match given.get(i * width + a) {
+                Some(&v) => map.split(v),
                 None => Cell::Escape { q: 0 },
             });
             let at = cells.map(|cell| match cell {
@@ -291,18 +278,15 @@ impl Means<'_> {
                 let cell = i64::from(self.least[a]) + i64::from(grid[a] << self.below | offset);
                 q[a][i] = cell.clamp(i64::from(-CELLS), i64::from(CELLS) - 1) as i32;
                 let escape = C::ENCODING && matches!(cells[a], Cell::Escape { .. });
-                bits[a][i] = if self.column.escapes && tails[a].escape.code(coder, escape, 255) {
-                    coder.code_raw_wide(given.get(a).map_or(0, |column| column[i]), 32)
-                } else {
-                    tails[a].code(coder, map, q[a][i], cells[a])
-                };
+                coded.bits[i * width + a] =
+                    if self.column.escapes && tails[a].escape.code(coder, escape, 255) {
+                        coder.code_raw_wide(given.get(i * width + a).copied().unwrap_or(0), 32)
+                    } else {
+                        tails[a].code(coder, map, q[a][i], cells[a])
+                    };
             }
         }
-        coded.q.extend(q);
-        coded.bits.extend(bits);
+        coded.means = q;
         !coder.exhausted()
     }
 }
-
-/// Neighbours that count when there are fewer rows than neighbours.
-const _: () = assert!(NEIGHBOURS >= 4);

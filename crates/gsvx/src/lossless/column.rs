@@ -145,6 +145,13 @@ impl Map {
         values.iter().any(|&v| matches!(self.split(v), Cell::Escape { .. }))
     }
 
+    /// The cell index that stands for a value in predictions.
+    pub(super) fn stand_in(&self, bits: u32) -> i32 {
+        match self.split(bits) {
+            Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
+        }
+    }
+
     /// The cell of a bit pattern.
     pub(super) fn split(&self, bits: u32) -> Cell {
         let (step, zeros, exact) = match self {

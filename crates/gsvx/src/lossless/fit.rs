@@ -15,8 +15,12 @@ const ROUNDS: usize = 2;
 
 /// One chunk as the fit sees it.
 pub(super) struct Chunk {
-    /// Cell indices by column.
-    pub(super) q: Vec<Vec<i32>>,
+    /// Bit patterns, one row of all columns per Gaussian.
+    pub(super) bits: Vec<u32>,
+    /// Cell indices in the same layout.
+    pub(super) q: Vec<i32>,
+    /// Columns.
+    pub(super) width: usize,
     /// Neighbours by row.
     pub(super) near: Neighbours,
 }
@@ -46,10 +50,10 @@ pub(super) fn fit(
     let mut scale = vec![0.0f64; n + 1];
     let mut sample = Vec::with_capacity(rows.len() * (n + 1));
     for &(k, i) in &rows {
-        let q = &chunks[k].q;
-        sample.extend(inputs.iter().map(|&j| f64::from(q[j][i])));
+        let q = &chunks[k].q[i * chunks[k].width..][..c + 1];
+        sample.extend(inputs.iter().map(|&j| f64::from(q[j])));
         sample.push(1.0);
-        sample.push(f64::from(q[c][i]));
+        sample.push(f64::from(q[c]));
     }
     for row in sample.chunks_exact(n + 1) {
         for (s, v) in scale.iter_mut().zip(row) {
@@ -83,12 +87,8 @@ pub(super) fn fit(
     quantise(&mut predictor, &inputs, &solution, &scale);
     // Neighbours, on the remainders of the integer predictor.
     let rest = |k: usize, i: usize| {
-        let q = &chunks[k].q;
-        let mut sum = predictor.bias;
-        for &(j, w) in &predictor.own {
-            sum = sum.wrapping_add(i64::from(w) * i64::from(q[usize::from(j)][i]));
-        }
-        (i64::from(q[c][i]) - (sum >> predictor.shift)) as f64
+        let q = &chunks[k].q[i * chunks[k].width..][..c + 1];
+        f64::from(q[c] - predictor.own(q))
     };
     let m = NEIGHBOURS;
     let mut sample = Vec::with_capacity(rows.len() * (m + 1));

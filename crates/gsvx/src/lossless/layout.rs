@@ -60,22 +60,29 @@ pub(super) fn blank(n: usize, sh_degree: u8) -> Scene {
     }
 }
 
-/// Puts values of column `c` at the Gaussians `target(0)`, `target(1)`, ...
-pub(super) fn scatter(
-    scene: &mut Scene,
-    c: usize,
-    values: &[u32],
-    target: impl Fn(usize) -> usize,
-) {
+/// Rows of all columns, Gaussians in the order of `order`.
+pub(super) fn gather_rows(scene: &Scene, order: &[u32]) -> Vec<u32> {
+    let mut out = Vec::with_capacity(order.len() * columns(scene.sh_degree));
+    for &i in order {
+        let i = i as usize;
+        out.extend(scene.means[i].map(f32::to_bits));
+        out.push(scene.opacity_logits[i].to_bits());
+        out.extend(scene.log_scales[i].map(f32::to_bits));
+        out.extend(scene.rotations[i].map(f32::to_bits));
+        out.extend(scene.sh_of(i).as_flattened().iter().map(|v| v.to_bits()));
+    }
+    out
+}
+
+/// Puts one row at Gaussian `i`.
+pub(super) fn scatter(scene: &mut Scene, i: usize, row: &[u32]) {
+    let v = |c: usize| f32::from_bits(row[c]);
+    scene.means[i] = [v(0), v(1), v(2)];
+    scene.opacity_logits[i] = v(3);
+    scene.log_scales[i] = [v(4), v(5), v(6)];
+    scene.rotations[i] = [v(7), v(8), v(9), v(10)];
     let k = scene.sh_len();
-    for (row, &bits) in values.iter().enumerate() {
-        let (i, v) = (target(row), f32::from_bits(bits));
-        match c {
-            0..=2 => scene.means[i][c] = v,
-            3 => scene.opacity_logits[i] = v,
-            4..=6 => scene.log_scales[i][c - 4] = v,
-            7..=10 => scene.rotations[i][c - 7] = v,
-            _ => scene.sh[i * k + (c - PLAIN) / 3][(c - PLAIN) % 3] = v,
-        }
+    for (j, rgb) in scene.sh[i * k..(i + 1) * k].iter_mut().enumerate() {
+        *rgb = std::array::from_fn(|a| v(PLAIN + 3 * j + a));
     }
 }

@@ -3,14 +3,15 @@
 //! Normative description: `docs/bitstream-lossless.md`. Gaussians come back in Morton order of
 //! their means unless the original order is asked for; every value comes back bit for bit,
 //! NaN payloads included. Columns are cut into cells whose index is predicted (from the
-//! Gaussian's earlier columns by a linear form fitted by the encoder, and from what that form
-//! leaves at neighbours) and coded with mixed adaptive contexts; the bits inside a cell are
-//! noise and stored as they are.
+//! Gaussian's earlier columns by a linear form fitted by the encoder, from what that form leaves
+//! at neighbours, and from a covariance of the columns that follows the place in the scene) and
+//! coded with mixed adaptive contexts; the bits inside a cell are noise and stored as they are.
 
 mod chunk;
 mod column;
 mod fit;
 mod layout;
+mod local;
 mod neighbours;
 mod predictor;
 mod residual;
@@ -124,49 +125,38 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
 
     let count = n.div_ceil(CHUNK);
     let bounds = chunk_bounds(n, count);
-    let bits: Vec<Vec<u32>> =
-        (0..columns).into_par_iter().map(|c| layout::gather(scene, c, &order)).collect();
     let mut specs: Vec<Column> = (0..columns)
         .into_par_iter()
         .map(|c| {
             if c < MEANS {
                 return mean_column.clone();
             }
-            let map = Map::choose(&bits[c]);
-            let escapes = map.has_escapes(&bits[c]);
-            Column {
-                map,
-                predictor: Default::default(),
-                centre: 0,
-                common: common_value(&bits[c]),
-                escapes,
-            }
+            let values = layout::gather(scene, c, &order);
+            let map = Map::choose(&values);
+            let escapes = map.has_escapes(&values);
+            let common = common_value(&values);
+            Column { map, predictor: Default::default(), centre: 0, common, escapes }
         })
         .collect();
     let chunks: Vec<fit::Chunk> = (0..count)
         .into_par_iter()
         .map(|k| {
-            let rows = bounds[k]..bounds[k + 1];
-            let q: Vec<Vec<i32>> = (0..columns)
-                .map(|c| {
-                    let map = &specs[c].map;
-                    bits[c][rows.clone()]
-                        .iter()
-                        .map(|&v| match map.split(v) {
-                            Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
-                        })
-                        .collect()
-                })
+            let order = &order[bounds[k]..bounds[k + 1]];
+            let bits = layout::gather_rows(scene, order);
+            let q: Vec<i32> = bits
+                .chunks_exact(columns)
+                .flat_map(|row| row.iter().zip(&specs).map(|(&v, spec)| spec.map.stand_in(v)))
                 .collect();
-            let near = neighbours::find(&q[..MEANS]);
-            fit::Chunk { q, near }
+            let means: Vec<Vec<i32>> =
+                (0..MEANS).map(|a| q.iter().skip(a).step_by(columns).copied().collect()).collect();
+            fit::Chunk { bits, q, width: columns, near: neighbours::find(&means) }
         })
         .collect();
     let fitted: Vec<_> = (MEANS..columns)
         .into_par_iter()
         .map(|c| {
             let skip = |k: usize, i: usize| {
-                let v = bits[c][bounds[k] + i];
+                let v = chunks[k].bits[i * columns + c];
                 specs[c].common == Some(v)
                     || (specs[c].escapes && matches!(specs[c].map.split(v), Cell::Escape { .. }))
             };
@@ -193,33 +183,11 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
         .into_par_iter()
         .map(|k| {
             let rows = bounds[k]..bounds[k + 1];
+            let chunk = &chunks[k];
             let mut coder = RangeEncoder::new();
-            let mut coded = Coded::new(rows.len());
-            let given: Vec<Vec<u32>> =
-                bits[..MEANS].iter().map(|c| c[rows.clone()].to_vec()).collect();
-            code.code(&mut coder, &mut coded, rows.len(), &given);
-            if k == 0 {
-                eprintln!("DEBUG means {:.3}", coder.len() as f64 * 8.0 / rows.len() as f64);
-            } // DEBUG
-            for c in MEANS..columns {
-                let given = &bits[c][rows.clone()];
-                let before = coder.len(); // DEBUG
-                coded.column(&mut coder, &specs[c], &chunks[k].near, given);
-                if k == 0 {
-                    eprintln!(
-                        "DEBUG col {c} bits {:.3} common {:?} centre {} map {:?} near {:?} own {}",
-                        (coder.len() - before) as f64 * 8.0 / rows.len() as f64,
-                        specs[c].common,
-                        specs[c].centre,
-                        match &specs[c].map {
-                            Map::Palette(p) => format!("palette {}", p.len()),
-                            m => format!("{m:?}"),
-                        },
-                        specs[c].predictor.near,
-                        specs[c].predictor.own.len()
-                    );
-                } // DEBUG
-            }
+            let mut coded = Coded { bits: vec![0; chunk.bits.len()], ..Default::default() };
+            code.code(&mut coder, &mut coded, rows.len(), columns, &chunk.bits);
+            chunk::rows(&mut coder, &specs, &chunk.near, &chunk.bits, &mut coded);
             if options.keep_order {
                 let width = index_bits(n);
                 for &i in &order[rows] {
@@ -319,7 +287,7 @@ pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene
         *v = raw as i32 - column::CELLS;
     }
     let columns = layout::columns(sh_degree);
-    let mut specs = vec![read_column(&mut r, 0)?];
+    let mut specs = vec![read_column(&mut r, 0)?; MEANS];
     for c in MEANS..columns {
         specs.push(read_column(&mut r, c)?);
     }
@@ -345,15 +313,13 @@ pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene
                 have: 0,
             };
             let mut coder = RangeDecoder::new(block);
-            let mut coded = Coded::new(rows);
-            if !code.code(&mut coder, &mut coded, rows, &[]) {
+            let mut coded = Coded { bits: vec![0; rows * columns], ..Default::default() };
+            if !code.code(&mut coder, &mut coded, rows, columns, &[]) {
                 return Err(short());
             }
-            let near = neighbours::find(&coded.q);
-            for spec in &specs[1..] {
-                if !coded.column(&mut coder, spec, &near, &[]) {
-                    return Err(short());
-                }
+            let near = neighbours::find(&coded.means);
+            if !chunk::rows(&mut coder, &specs, &near, &[], &mut coded) {
+                return Err(short());
             }
             let mut order = Vec::new();
             if keep_order {
@@ -376,11 +342,9 @@ pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene
                 _ => return Err(corrupt("index of a Gaussian", i.into())),
             }
         }
-        for (c, values) in coded.bits.iter().enumerate() {
-            layout::scatter(&mut scene, c, values, |row| match order.get(row) {
-                Some(&i) => i as usize,
-                None => bounds[k] + row,
-            });
+        for (row, values) in coded.bits.chunks_exact(columns).enumerate() {
+            let i = order.get(row).map_or(bounds[k] + row, |&i| i as usize);
+            layout::scatter(&mut scene, i, values);
         }
     }
     Ok(scene)

@@ -1,9 +1,9 @@
 //! Earlier Gaussians near each Gaussian of a chunk.
 
 /// Neighbours per Gaussian.
-pub(super) const NEIGHBOURS: usize = 6;
+pub(super) const NEIGHBOURS: usize = 8;
 /// Gaussians before the current one, in Morton order, that are looked at.
-const WINDOW: usize = 32;
+const WINDOW: usize = 64;
 
 /// The rows of the nearest earlier Gaussians, nearest first; the first rows of a chunk repeat
 /// what there is, and row 0 names itself.

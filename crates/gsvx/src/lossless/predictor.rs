@@ -8,7 +8,7 @@ use crate::stream::{Reader, Writer};
 /// Fraction bits of neighbour weights.
 pub(super) const NEIGHBOUR_BITS: u32 = 16;
 /// Greatest fraction bits of own weights.
-pub(super) const MAX_SHIFT: u8 = 40;
+pub(super) const MAX_SHIFT: u8 = 36;
 
 /// Predicts a cell index from earlier columns of the same Gaussian, then the rest from what the
 /// same step left over at its neighbours.
@@ -25,28 +25,15 @@ pub(super) struct Predictor {
 }
 
 impl Predictor {
-    /// The part that depends on the Gaussian's own earlier columns.
-    pub(super) fn own(&self, columns: &[Vec<i32>], out: &mut Vec<i32>, rows: usize) {
-        let mut sums = vec![self.bias; rows];
+    /// The part that depends on the cell indices of the Gaussian's own earlier columns.
+    #[inline]
+    pub(super) fn own(&self, q: &[i32]) -> i32 {
+        let mut sum = self.bias;
         for &(c, w) in &self.own {
-            let w = i64::from(w);
-            for (s, &q) in sums.iter_mut().zip(&columns[usize::from(c)]) {
-                *s = s.wrapping_add(w * i64::from(q));
-            }
+            sum = sum.wrapping_add(i64::from(w) * i64::from(q[usize::from(c)]));
         }
         let limit = i64::from(CELLS);
-        out.clear();
-        out.extend(sums.iter().map(|&s| (s >> self.shift).clamp(-limit, limit - 1) as i32));
-    }
-
-    /// The part that depends on the neighbours' remainders.
-    #[inline]
-    pub(super) fn near(&self, rest: &[i32], rows: &[u32; NEIGHBOURS]) -> i64 {
-        let mut sum = 0i64;
-        for (&w, &row) in self.near.iter().zip(rows) {
-            sum = sum.wrapping_add(i64::from(w) * i64::from(rest[row as usize]));
-        }
-        sum >> NEIGHBOUR_BITS
+        (sum >> self.shift).clamp(-limit, limit - 1) as i32
     }
 
     pub(super) fn write(&self, w: &mut Writer) {
