@@ -57,18 +57,18 @@ pub(crate) fn load<'a>(views: impl IntoIterator<Item = &'a View>) -> Result<Vec<
     let load = |view: &View| {
         let photo = read_photo(&view.image_path)?;
         let camera = &view.camera;
-        if (photo.width, photo.height) != (camera.width, camera.height) {
+        let Some(scaled) = camera.scaled_to(photo.width, photo.height) else {
             bail!(
-                "photo {} is {}x{} pixels but its camera says {}x{}: use the photos that the \
-                 cameras were made for",
+                "photo {} is {}x{} pixels but its camera says {}x{}, which is not the same view: \
+                 use the photos that the cameras were made for",
                 view.image_path.display(),
                 photo.width,
                 photo.height,
                 camera.width,
                 camera.height
             );
-        }
-        Ok(Shot { view: view.clone(), photo })
+        };
+        Ok(Shot { view: View { camera: scaled, ..view.clone() }, photo })
     };
     views.into_iter().map(load).collect()
 }

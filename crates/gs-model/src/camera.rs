@@ -64,4 +64,69 @@ impl Camera {
         };
         Err(Error::BadCamera { file: file.into(), view: self.name, reason })
     }
+
+    /// The same view for a photo of another size: focal lengths and principal point scaled per
+    /// axis. `None` if the photo's aspect ratio is not the camera's to within a pixel (it was
+    /// cropped, or belongs to another camera).
+    ///
+    /// Inria's trainer keeps the field of view and takes the size from the photo; the Tanks and
+    /// Temples scenes rely on it (cameras at full size, photos at half).
+    #[must_use]
+    pub fn scaled_to(&self, width: u32, height: u32) -> Option<Self> {
+        let sx = f64::from(width) / f64::from(self.width);
+        let sy = f64::from(height) / f64::from(self.height);
+        let fits = |scale: f64| {
+            (f64::from(self.width) * scale - f64::from(width)).abs() <= 1.0
+                && (f64::from(self.height) * scale - f64::from(height)).abs() <= 1.0
+        };
+        if !(fits(sx) || fits(sy)) {
+            return None;
+        }
+        Some(Self {
+            name: self.name.clone(),
+            width,
+            height,
+            fx: self.fx * sx,
+            fy: self.fy * sy,
+            cx: self.cx * sx,
+            cy: self.cy * sy,
+            ..*self
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(width: u32, height: u32) -> Camera {
+        Camera {
+            name: "a".into(),
+            width,
+            height,
+            fx: 100.0,
+            fy: 90.0,
+            cx: f64::from(width) / 2.0,
+            cy: f64::from(height) / 2.0,
+            rotation: DMat3::IDENTITY,
+            translation: DVec3::ZERO,
+        }
+    }
+
+    #[test]
+    fn half_size_photos_keep_the_field_of_view() {
+        // The sizes of Truck.
+        let half = camera(1957, 1091).scaled_to(979, 546).unwrap();
+        assert_eq!((half.width, half.height, half.cx, half.cy), (979, 546, 489.5, 273.0));
+        assert!((half.fx / 979.0 - 100.0 / 1957.0).abs() < 1e-12);
+        assert!((half.fy / 546.0 - 90.0 / 1091.0).abs() < 1e-12);
+        let same = camera(640, 480).scaled_to(640, 480).unwrap();
+        assert_eq!(same, camera(640, 480));
+    }
+
+    #[test]
+    fn another_aspect_ratio_is_refused() {
+        assert_eq!(camera(640, 480).scaled_to(480, 640), None);
+        assert_eq!(camera(640, 480).scaled_to(320, 200), None);
+    }
 }
