@@ -234,7 +234,11 @@ fn provenance(program: String, model: String, views: String) -> Manifest {
 /// Pictures of the first views at the lowest, a middle and the highest rate of the last curve.
 fn side_by_sides(run: &Run, study: &Study<'_>) -> Result<Vec<Picture>> {
     let Some(curve) = run.curves.last() else { return Ok(Vec::new()) };
+    // Pictures of earlier settings would stay beside the report and contradict it.
     let dir = study.out.join("pictures");
+    if dir.is_dir() {
+        fs::remove_dir_all(&dir).with_context(|| format!("clear {}", dir.display()))?;
+    }
     fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
     let originals = study.render_names("original");
     let n = curve.points.len();
