@@ -86,3 +86,8 @@ pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use train::{
     FineTune, FineTuneOptions, MAX_IMAGE_EDGE, Outcome, Progress, StopReason, TrainView,
 };
+
+// The README's example is a test too.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
