@@ -25,11 +25,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            mode: Mode::Range,
-            lambda: std::env::var("LAM").map_or(28, |v| v.parse().unwrap()),
-            prediction: true,
-        }
+        Self { mode: Mode::Range, lambda: 28, prediction: true }
     }
 }
 

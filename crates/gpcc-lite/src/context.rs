@@ -37,10 +37,9 @@ impl Magnitudes {
         let a = u64::from(self.activity[parent]);
         let [p1, p2] = self.previous[usize::from(axis)].map(u64::from);
         let near = 54 * p1 + 36 * p2;
-        let m = if channels == 0 {
-            ((150 * a) >> 8) + near + (near >> 3)
-        } else {
-            ((128 * a) >> 8) + near + u64::from(38 * coded.min(CAP) / channels)
+        let m = match (38 * coded.min(CAP)).checked_div(channels) {
+            Some(others) => ((128 * a) >> 8) + near + u64::from(others),
+            None => ((150 * a) >> 8) + near + (near >> 3),
         };
         m as u32
     }

@@ -17,6 +17,7 @@
 //! more, hence 1 to 7 merges), within a block x, then y, then z.
 
 mod closed_loop;
+mod float;
 mod pyramid;
 
 pub(crate) use closed_loop::{ClosedLoop, Residual};
@@ -258,6 +259,13 @@ impl Plan {
 
     fn pyramid(&self) -> &Pyramid {
         self.pyramid.get_or_init(|| Pyramid::new(self))
+    }
+
+    /// The first leaf on the far side of the split of coefficient `k >= 1`: one coefficient per
+    /// leaf but the first.
+    #[must_use]
+    pub fn split_leaf(&self, k: usize) -> usize {
+        self.right[k - 1] as usize
     }
 
     /// Weights of the two children of coefficient `k >= 1`.

@@ -2,63 +2,16 @@
 
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coeffs::{self, Mode};
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::predict::{
+    Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
+};
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Plan;
 use gpcc_lite::{Leaf, Limits, geometry, rlgr};
 use proptest::prelude::*;
 
-/// Leaves from arbitrary codes and depths: sorted, overlapping ones dropped.
-fn leaves_from(codes: &[(u64, u8)], j_high: u8) -> Vec<Leaf> {
-    let mut cells: Vec<Leaf> = codes
-        .iter()
-        .map(|&(code, depth)| {
-            let depth = depth % (j_high + 1);
-            let cut = 3 * (j_high - depth);
-            let code = if j_high == 0 { 0 } else { code & ((1u64 << (3 * j_high)) - 1) };
-            Leaf { morton: code >> cut << cut, depth }
-        })
-        .collect();
-    cells.sort();
-    let mut end = 0u64;
-    cells.retain(|l| {
-        let keep = l.morton >= end;
-        if keep {
-            end = l.morton + (1u64 << (3 * (j_high - l.depth)));
-        }
-        keep
-    });
-    cells
-}
-
-fn any_leaves() -> impl Strategy<Value = (Vec<Leaf>, u8)> {
-    let deep = (1u8..=21, prop::collection::vec((any::<u64>(), any::<u8>()), 0..300));
-    let dense = (1u8..=4, prop::collection::vec((any::<u64>(), any::<u8>()), 0..900));
-    prop_oneof![deep, dense, (Just(0u8), prop::collection::vec((Just(0u64), any::<u8>()), 0..3))]
-        .prop_flat_map(|(j, codes)| (Just(j), Just(codes), any::<bool>()))
-        .prop_map(|(j, codes, uniform)| {
-            let codes: Vec<_> =
-                codes.into_iter().map(|(c, d)| (c, if uniform { j } else { d })).collect();
-            (leaves_from(&codes, j), j)
-        })
-}
-
-fn channel(n: usize, seed: u64, kind: u8) -> Vec<i32> {
-    let mut s = seed | 1;
-    (0..n)
-        .map(|_| {
-            s ^= s << 13;
-            s ^= s >> 7;
-            s ^= s << 17;
-            match kind % 4 {
-                0 => 7,
-                1 => (s as i32) % 200,
-                2 => s as i32,
-                _ => [i32::MIN, i32::MAX, 0][(s % 3) as usize],
-            }
-        })
-        .collect()
-}
+mod common;
+use common::{any_leaves, channel, shapes};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
@@ -140,4 +93,112 @@ proptest! {
             prop_assert_eq!(&rlgr::decode(&bytes, values.len(), &p).unwrap(), &values);
         }
     }
+
+    #[test]
+    fn lifting_inverts_exactly((leaves, j) in any_leaves(), seed: u64, kind: u8) {
+        let near = Neighbours::coarser(&leaves, j).unwrap();
+        let lift = Lifting::new(&near);
+        let c: Vec<i64> = channel(leaves.len(), seed, kind).iter().map(|&v| i64::from(v) << 12).collect();
+        let mut v = c.clone();
+        lift.forward(&mut v).unwrap();
+        lift.inverse(&mut v).unwrap();
+        prop_assert_eq!(v, c);
+    }
+
+    #[test]
+    fn lifting_with_small_steps_is_nearly_lossless((leaves, j) in any_leaves(), seed: u64) {
+        let near = Neighbours::coarser(&leaves, j).unwrap();
+        let lift = Lifting::new(&near);
+        let c = channel(leaves.len(), seed, 1);
+        let bytes = encode_lifting(&lift, &[&c], &[Step::new(0.05)]).unwrap();
+        let back = decode_lifting(&lift, &bytes, 1).unwrap();
+        for (a, b) in back[0].iter().zip(&c) {
+            prop_assert!((a - b).abs() <= 1, "{} {}", a, b);
+        }
+    }
+
+    #[test]
+    fn weighted_raht_inverts((leaves, j) in any_leaves(), seed: u64, kind in 0u8..2) {
+        let weights: Vec<u32> = (0..leaves.len()).map(|i| 1 + (seed.rotate_left(i as u32) % 1000) as u32).collect();
+        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+        let c = channel(leaves.len(), seed, kind);
+        let mut v: Vec<i64> = c.iter().map(|&v| i64::from(v) << 12).collect();
+        plan.forward_fixed(&mut v).unwrap();
+        plan.inverse_fixed(&mut v).unwrap();
+        for (a, b) in v.iter().zip(&c) {
+            prop_assert!((*a as f64 / 4096.0 - f64::from(*b)).abs() < 0.05);
+        }
+        let coded = attribute::encode(&plan, &[&c], &[Step::from_qp(16)], &Options::default()).unwrap();
+        prop_assert_eq!(attribute::decode(&plan, &coded.bytes, 1).unwrap(), coded.reconstruction);
+    }
+}
+
+/// Everything on every odd shape.
+#[test]
+fn shapes_survive_every_coder() {
+    for (name, leaves, j) in shapes() {
+        let limits = Limits { max_points: leaves.len() };
+        let bytes = geometry::encode(&leaves, j).unwrap();
+        assert_eq!(geometry::decode(&bytes, &limits).unwrap().leaves, leaves, "{name}");
+        let plan = Plan::new(&leaves, j).unwrap();
+        let near = Neighbours::new(&leaves, j).unwrap();
+        for kind in 0..4 {
+            let c = channel(leaves.len(), 99, kind);
+            let d = channel(leaves.len(), 7, kind);
+            let bytes = encode_lossless(&near, &[&c, &d]).unwrap();
+            assert_eq!(
+                decode_lossless(&near, &bytes, 2).unwrap(),
+                [c.clone(), d.clone()],
+                "{name}"
+            );
+            for mode in [Mode::Range, Mode::Rlgr] {
+                for prediction in [false, true] {
+                    let o = Options { mode, prediction, ..Options::default() };
+                    let steps = [Step::from_qp(22); 4];
+                    let coded = attribute::encode(&plan, &[&c, &d, &c, &d], &steps, &o).unwrap();
+                    let back = attribute::decode(&plan, &coded.bytes, 4).unwrap();
+                    assert_eq!(back, coded.reconstruction, "{name} {kind} {mode:?}");
+                }
+            }
+        }
+    }
+}
+
+/// A constant costs next to nothing and comes back exactly.
+#[test]
+fn constants_are_almost_free() {
+    let (_, leaves, j) = shapes().pop().unwrap();
+    let plan = Plan::new(&leaves, j).unwrap();
+    let c = vec![200; leaves.len()];
+    let coded = attribute::encode(&plan, &[&c], &[Step::from_qp(16)], &Options::default()).unwrap();
+    assert!(coded.bytes.len() < 40, "{}", coded.bytes.len());
+    assert_eq!(coded.reconstruction[0], c);
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads() {
+    let leaves: Vec<Leaf> = (0..2000u64).map(|i| Leaf { morton: i * i * 7, depth: 9 }).collect();
+    let near = Neighbours::new(&leaves, 9).unwrap();
+    let channels: Vec<Vec<i32>> = (0..6).map(|k| channel(leaves.len(), 5, k)).collect();
+    let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| encode_lossless(&near, &refs).unwrap())
+    };
+    assert_eq!(run(1), run(2));
+    assert_eq!(run(1), run(8));
+}
+
+/// Eight-bit values stored in sixteen bits: the palette must find them.
+#[test]
+fn gaps_are_closed_by_a_palette() {
+    let leaves: Vec<Leaf> = (0..4000u64).map(|i| Leaf { morton: i, depth: 4 }).collect();
+    let leaves = &leaves[..4000];
+    let near = Neighbours::new(leaves, 4).unwrap();
+    let narrow: Vec<i32> = channel(4000, 3, 1).iter().map(|v| v.rem_euclid(60)).collect();
+    let wide: Vec<i32> = narrow.iter().map(|v| v * 1021 - 30_000).collect();
+    let a = encode_lossless(&near, &[&narrow]).unwrap().len();
+    let b = encode_lossless(&near, &[&wide]).unwrap();
+    assert!(b.len() < a + 200, "{} {a}", b.len());
+    assert_eq!(decode_lossless(&near, &b, 1).unwrap()[0], wide);
 }

@@ -131,14 +131,6 @@ pub(super) fn raht_table(
                 let Some(auth) = find("r_auth") else { continue };
                 let o = Options::default();
                 let (rate, _) = rate_at(&plan, &cloud, auth.mse, &o)?;
-                if std::env::var("NORLGR").is_ok() {
-                    writeln!(
-                        out,
-                        "| {name} | {attr} | {qp} | | | | {rate:.3} | {:+.2} % | | | |",
-                        (rate / auth.attr_bpp - 1.0) * 100.0
-                    )?;
-                    continue;
-                }
                 let rlgr = Options { mode: Mode::Rlgr, ..o };
                 let (fast, _) = rate_at(&plan, &cloud, auth.mse, &rlgr)?;
                 let (pred, versus) = match find("r_pred") {

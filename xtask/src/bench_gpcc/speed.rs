@@ -24,7 +24,7 @@ fn thread_seconds(start: Instant) -> f64 {
 }
 
 /// Least time of `runs` runs on one thread, in seconds.
-fn best<T>(runs: usize, mut f: impl FnMut() -> T) -> (f64, T) {
+pub(super) fn best<T>(runs: usize, mut f: impl FnMut() -> T) -> (f64, T) {
     let mut least = f64::INFINITY;
     let mut out = None;
     let start = Instant::now();
@@ -38,7 +38,8 @@ fn best<T>(runs: usize, mut f: impl FnMut() -> T) -> (f64, T) {
     (least, out.unwrap_or_else(|| unreachable!()))
 }
 
-fn random(n: usize) -> Vec<u64> {
+/// Reproducible random words.
+pub(super) fn random(n: usize) -> Vec<u64> {
     let mut s = 0x9e37_79b9_7f4a_7c15u64;
     let mut next = || {
         s ^= s << 13;
@@ -49,15 +50,17 @@ fn random(n: usize) -> Vec<u64> {
     (0..n).map(|_| next()).collect()
 }
 
-/// `sort_unstable` of 500 k random u64.
-fn yardstick() -> f64 {
+/// `sort_unstable` of 500 k random u64, the mean of 40: the thread clock has ticks of some ms.
+pub(super) fn yardstick() -> f64 {
     let source = random(500_000);
-    best(7, || {
-        let mut v = source.clone();
-        v.sort_unstable();
-        v
-    })
-    .0
+    let many = best(2, || {
+        for _ in 0..20 {
+            let mut v = source.clone();
+            v.sort_unstable();
+            std::hint::black_box(&v);
+        }
+    });
+    many.0 / 20.0
 }
 
 /// One thread, 500 k points, J = 15: geometry and three-channel RAHT.

@@ -22,14 +22,29 @@ pub struct Neighbours {
     /// Squared distances in half-cells, saturating.
     distance: Vec<u32>,
     count: Vec<u8>,
+    /// First point (in coding order) of each level of detail, then their number.
+    levels: Vec<u32>,
 }
 
 impl Neighbours {
-    /// Orders `leaves` and finds each one's neighbours.
+    /// Orders `leaves` and finds each one's neighbours among all that precede it.
     ///
     /// # Errors
     /// If the leaves are not valid.
     pub fn new(leaves: &[Leaf], j_high: u8) -> Result<Self> {
+        Self::build(leaves, j_high, true)
+    }
+
+    /// As [`Neighbours::new`], but finds neighbours in coarser levels of detail only, as lifting
+    /// needs them.
+    ///
+    /// # Errors
+    /// If the leaves are not valid.
+    pub fn coarser(leaves: &[Leaf], j_high: u8) -> Result<Self> {
+        Self::build(leaves, j_high, false)
+    }
+
+    fn build(leaves: &[Leaf], j_high: u8, same_level: bool) -> Result<Self> {
         check_leaves(leaves, j_high)?;
         let n = leaves.len();
         let centre = |l: &Leaf| {
@@ -42,6 +57,7 @@ impl Neighbours {
             index: vec![0; n * MAX_NEIGHBOURS],
             distance: vec![0; n * MAX_NEIGHBOURS],
             count: vec![0; n],
+            levels: vec![0],
         };
         let mut level = 0;
         while 1usize << (STRIDE_LOG2 * (level + 1)) < n {
@@ -55,8 +71,19 @@ impl Neighbours {
                 if !coarsest && i % coarser == 0 {
                     continue;
                 }
-                this.search(&position, i, stride, if coarsest { usize::MAX } else { coarser });
+                let near = if same_level { stride } else { coarser };
+                if coarsest {
+                    this.search(
+                        &position,
+                        i,
+                        if same_level { near } else { usize::MAX },
+                        usize::MAX,
+                    );
+                } else {
+                    this.search(&position, i, near, coarser);
+                }
             }
+            this.levels.push(this.order.len() as u32);
             coarsest = false;
             if level == 0 {
                 break;
@@ -66,7 +93,9 @@ impl Neighbours {
         Ok(this)
     }
 
-    fn search(&mut self, position: &[[i32; 3]], i: usize, stride: usize, coarser: usize) {
+    /// Looks for the neighbours of leaf `i` among multiples of `before` below it and multiples of
+    /// `after` from it on; `usize::MAX` means none.
+    fn search(&mut self, position: &[[i32; 3]], i: usize, before: usize, after: usize) {
         let n = position.len();
         let at = self.order.len();
         self.order.push(i as u32);
@@ -96,14 +125,16 @@ impl Neighbours {
             best_d[slot] = d;
             best_i[slot] = j as u32;
         };
-        for t in 1..=BEFORE {
-            let Some(j) = i.checked_sub(t * stride) else { break };
-            consider(j);
+        if before != usize::MAX && i > 0 {
+            let last = (i - 1) / before;
+            for t in 0..=last.min(BEFORE - 1) {
+                consider((last - t) * before);
+            }
         }
-        if coarser != usize::MAX {
-            let first = i.div_ceil(coarser);
+        if after != usize::MAX {
+            let first = i.div_ceil(after);
             for t in 0..AFTER {
-                let j = (first + t) * coarser;
+                let j = (first + t) * after;
                 if j >= n {
                     break;
                 }
@@ -129,6 +160,12 @@ impl Neighbours {
     #[must_use]
     pub fn order(&self) -> &[u32] {
         &self.order
+    }
+
+    /// First point (in coding order) of each level of detail, coarse to fine, then [`Self::len`].
+    #[must_use]
+    pub fn levels(&self) -> &[u32] {
+        &self.levels
     }
 
     /// Leaf indices and squared distances (in half-cells) of the neighbours of the `at`-th point

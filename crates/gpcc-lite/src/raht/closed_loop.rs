@@ -69,12 +69,12 @@ impl ClosedLoop {
         source: &mut R,
     ) -> Vec<[i64; C]> {
         let pyramid = plan.pyramid();
-        let nodes = pyramid.inverse_root.len();
-        let mut low: Vec<[i64; C]> = Vec::with_capacity(nodes);
-        let mut mean: Vec<[i64; C]> = Vec::with_capacity(nodes);
-        if nodes > 0 {
-            low.push(dc);
-            mean.push(dc.map(|v| mean_of(v, pyramid.inverse_root[0])));
+        // Low-pass values at the first leaf of their node, means by node.
+        let mut low = vec![[0i64; C]; plan.len()];
+        let mut mean: Vec<[i64; C]> = Vec::with_capacity(pyramid.inverse_root.len());
+        if let (Some(first), Some(&root)) = (low.first_mut(), pyramid.inverse_root.first()) {
+            *first = dc;
+            mean.push(dc.map(|v| mean_of(v, root)));
         }
         let mut k = 1usize;
         for (depth, range) in pyramid.levels.windows(2).enumerate() {
@@ -84,7 +84,7 @@ impl ClosedLoop {
                 let (merges, count) = &MERGES[usize::from(pyramid.mask[block])];
                 let count = usize::from(*count);
                 let parent = pyramid.node[block] as usize;
-                let base = low.len();
+                let base = mean.len();
                 let mut predicted = [[0i64; C]; 7];
                 if predicts && pyramid.terms_end[base + count] > pyramid.terms_end[base - 1] {
                     let mut value = [[0i64; C]; 8];
@@ -94,7 +94,9 @@ impl ClosedLoop {
                     forward(plan, &merges[..count], k, &mut value, &strength, &mut predicted);
                 }
                 let mut value = [[0i64; C]; 8];
-                value[0] = low[parent];
+                let mut leaf = [0usize; 8];
+                leaf[0] = plan.left[k - 1] as usize;
+                value[0] = low[leaf[0]];
                 for (m, p) in merges[..count].iter().zip(predicted) {
                     let (l, r) = (usize::from(m.0), usize::from(m.1));
                     let high = source.high(k, p);
@@ -104,15 +106,16 @@ impl ClosedLoop {
                         value[l][ch] = round_shift(c * v - s * h);
                         value[r][ch] = round_shift(s * v + c * h);
                     }
+                    leaf[r] = plan.right[k - 1] as usize;
                     k += 1;
                 }
                 for (i, v) in value[..=count].iter().enumerate() {
-                    low.push(*v);
+                    low[leaf[i]] = *v;
                     mean.push(v.map(|v| mean_of(v, pyramid.inverse_root[base + i])));
                 }
             }
         }
-        pyramid.leaf_node.iter().map(|&node| low[node as usize]).collect()
+        low
     }
 }
 

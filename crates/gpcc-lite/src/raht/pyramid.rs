@@ -38,8 +38,6 @@ pub(super) struct Pyramid {
     pub(super) total: Vec<u8>,
     /// Terms besides the block's own mean.
     pub(super) terms: Vec<Term>,
-    /// Node of each leaf.
-    pub(super) leaf_node: Vec<u32>,
 }
 
 /// The places around child `c` that touch it: place, axes it is off along, as child bits.
@@ -104,7 +102,7 @@ impl Pyramid {
     pub(super) fn new(plan: &Plan) -> Self {
         let (leaves, j_high): (&[Leaf], u8) = (&plan.leaves, plan.j_high);
         let n = leaves.len();
-        let mut this = Self { levels: vec![0], leaf_node: vec![0; n], ..Self::default() };
+        let mut this = Self { levels: vec![0], ..Self::default() };
         let mut level = Level::default();
         if n > 0 {
             level.first.push(0);
@@ -115,9 +113,6 @@ impl Pyramid {
         for depth in 0..j_high {
             level = this.split(plan, leaves, depth, &level);
             this.levels.push(this.node.len() as u32);
-        }
-        for (&first, &node) in level.first.iter().zip(&level.node) {
-            this.leaf_node[first as usize] = node;
         }
         this
     }
@@ -162,7 +157,6 @@ impl Pyramid {
             above.children[at].first = next.first.len() as u32;
             if !many(at) {
                 if !touched[at] || leaves[lo as usize].depth <= depth {
-                    self.leaf_node[lo as usize] = level.node[at];
                     continue;
                 }
                 let c = child_of(lo);

@@ -1,0 +1,126 @@
+//! Every stage on a synthetic cloud: `cargo bench -p gpcc-lite`.
+//!
+//! `GPCC_POINTS` sets the number of points (default 100 000).
+#![allow(missing_docs, reason = "criterion_group! makes undocumented functions")]
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::coeffs::{self, Mode};
+use gpcc_lite::predict::{Lifting, Neighbours, decode_lossless, encode_lifting, encode_lossless};
+use gpcc_lite::quant::Step;
+use gpcc_lite::raht::Plan;
+use gpcc_lite::{Leaf, Limits, geometry, morton, rlgr};
+
+const J: u8 = 15;
+
+/// A noisy sphere with a smooth colour.
+fn cloud(n: usize) -> (Vec<Leaf>, Vec<Vec<i32>>) {
+    let mut s = 0x9e37_79b9_7f4a_7c15u64;
+    let mut next = || {
+        s ^= s << 13;
+        s ^= s >> 7;
+        s ^= s << 17;
+        (s >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    };
+    let mut points: Vec<(u64, [i32; 3])> = (0..n)
+        .map(|_| {
+            let v = [next(), next(), next()];
+            let r = (v.iter().map(|x| x * x).sum::<f64>()).sqrt().max(1e-9);
+            let p = v.map(|x| x / r * 0.4 + 0.5 + next() * 0.002);
+            let code = morton::encode(p.map(|x| (x * f64::from(1 << J)) as u32));
+            (code, p.map(|x| (x * 255.0 + next() * 20.0) as i32))
+        })
+        .collect();
+    points.sort_unstable();
+    points.dedup_by_key(|p| p.0);
+    let leaves = points.iter().map(|p| Leaf { morton: p.0, depth: J }).collect();
+    (leaves, (0..3).map(|c| points.iter().map(|p| p.1[c]).collect()).collect())
+}
+
+fn stages(c: &mut Criterion) {
+    let n = std::env::var("GPCC_POINTS").ok().and_then(|v| v.parse().ok()).unwrap_or(100_000);
+    let (leaves, channels) = cloud(n);
+    let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
+    let random: Vec<u64> =
+        leaves.iter().map(|l| l.morton.wrapping_mul(0x9e37_79b9_7f4a_7c15)).collect();
+    let mut g = c.benchmark_group("stages");
+    g.sample_size(10);
+    g.bench_function("yardstick: sort_unstable of as many u64", |b| {
+        b.iter_batched(
+            || random.clone(),
+            |mut v| v.sort_unstable(),
+            criterion::BatchSize::LargeInput,
+        );
+    });
+    let bytes = geometry::encode(&leaves, J).expect("valid leaves");
+    let limits = Limits { max_points: leaves.len() };
+    g.bench_function("geometry encode", |b| b.iter(|| geometry::encode(&leaves, J)));
+    g.bench_function("geometry decode", |b| b.iter(|| geometry::decode(&bytes, &limits)));
+    g.bench_function("geometry decode to depth 9", |b| {
+        b.iter(|| geometry::decode_lod(&bytes, 9, &limits));
+    });
+    g.bench_function("RAHT plan", |b| b.iter(|| Plan::new(&leaves, J)));
+    let plan = Plan::new(&leaves, J).expect("valid leaves");
+    g.bench_function("RAHT plan with prediction", |b| {
+        b.iter(|| Plan::new(&leaves, J).map(|p| p.prepare_prediction()));
+    });
+    plan.prepare_prediction();
+    let fixed: Vec<i64> = channels[0].iter().map(|&v| i64::from(v) << 12).collect();
+    g.bench_function("RAHT forward fixed, one channel", |b| {
+        b.iter(|| {
+            let mut v = fixed.clone();
+            plan.forward_fixed(&mut v).map(|()| v)
+        });
+    });
+    let f32s: Vec<f32> = channels[0].iter().map(|&v| v as f32).collect();
+    g.bench_function("RAHT forward f32, one channel", |b| {
+        b.iter(|| {
+            let mut v = f32s.clone();
+            plan.forward_f32(&mut v).map(|()| v)
+        });
+    });
+    let f64s: Vec<f64> = channels[0].iter().map(|&v| f64::from(v)).collect();
+    g.bench_function("RAHT forward f64, one channel", |b| {
+        b.iter(|| {
+            let mut v = f64s.clone();
+            plan.forward_f64(&mut v).map(|()| v)
+        });
+    });
+    let steps = [Step::from_qp(22); 3];
+    for (name, mode) in [("range", Mode::Range), ("RLGR", Mode::Rlgr)] {
+        for prediction in [true, false] {
+            let o = Options { mode, prediction, ..Options::default() };
+            let coded = attribute::encode(&plan, &refs, &steps, &o).expect("valid channels");
+            let what = if prediction { "predicted" } else { "plain" };
+            g.bench_function(format!("attributes encode, {name}, {what}"), |b| {
+                b.iter(|| attribute::encode(&plan, &refs, &steps, &o));
+            });
+            g.bench_function(format!("attributes decode, {name}, {what}"), |b| {
+                b.iter(|| attribute::decode(&plan, &coded.bytes, 3));
+            });
+        }
+    }
+    let levels: Vec<Vec<i32>> =
+        channels.iter().map(|c| c.iter().map(|v| (v - 128) / 8).collect()).collect();
+    let level_refs: Vec<&[i32]> = levels.iter().map(Vec::as_slice).collect();
+    g.bench_function("coefficients encode, range", |b| {
+        b.iter(|| coeffs::encode(&plan, &level_refs, Mode::Range));
+    });
+    g.bench_function("RLGR encode, one channel", |b| {
+        b.iter(|| rlgr::encode(black_box(&levels[0]), &rlgr::Params::REMOTE_FX));
+    });
+    g.bench_function("neighbours", |b| b.iter(|| Neighbours::new(&leaves, J)));
+    let near = Neighbours::new(&leaves, J).expect("valid leaves");
+    let lossless = encode_lossless(&near, &refs).expect("valid channels");
+    g.bench_function("lossless encode", |b| b.iter(|| encode_lossless(&near, &refs)));
+    g.bench_function("lossless decode", |b| b.iter(|| decode_lossless(&near, &lossless, 3)));
+    let coarser = Neighbours::coarser(&leaves, J).expect("valid leaves");
+    let lift = Lifting::new(&coarser);
+    g.bench_function("lifting encode", |b| b.iter(|| encode_lifting(&lift, &refs, &steps)));
+    g.finish();
+}
+
+criterion_group!(benches, stages);
+criterion_main!(benches);
