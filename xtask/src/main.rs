@@ -7,6 +7,7 @@
 mod bd;
 mod bench_finetune;
 mod bench_gpcc;
+mod bench_voxel;
 mod cache;
 mod fetch;
 mod fixture;
@@ -38,6 +39,8 @@ enum Task {
     RdCurve(rd_curve::RdArgs),
     /// Measure gpcc-lite beside the peer's recorded figures
     BenchGpcc(bench_gpcc::BenchArgs),
+    /// Measure the voxelization strategies: speed, eq. 5, merging, curves at equal bytes
+    BenchVoxel(bench_voxel::BenchArgs),
     /// How much of a voxelized model's quality the fine-tune brings back
     BenchFinetune(bench_finetune::FinetuneArgs),
     /// Fetch a scene of the paper out of the public archives
@@ -50,6 +53,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().task {
         Task::RdCurve(args) => rd_curve::run(&args),
         Task::BenchGpcc(args) => bench_gpcc::run(&args),
+        Task::BenchVoxel(args) => bench_voxel::run(&args),
         Task::BenchFinetune(args) => bench_finetune::run(&args),
         Task::Fetch(args) => fetch::run(&args),
         Task::Fixture(args) => fixture::run(&args),

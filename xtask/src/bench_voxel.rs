@@ -1,0 +1,72 @@
+//! `cargo xtask bench-voxel`: what adaptive voxelization costs and what it brings.
+
+#[path = "bench_voxel/chart.rs"]
+mod chart;
+#[path = "bench_voxel/cost.rs"]
+mod cost;
+#[path = "bench_voxel/criteria.rs"]
+mod criteria;
+#[path = "bench_voxel/curves.rs"]
+mod curves;
+#[path = "bench_voxel/merging.rs"]
+mod merging;
+#[path = "bench_voxel/models.rs"]
+mod models;
+#[path = "bench_voxel/speed.rs"]
+mod speed;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+
+/// Measures the voxelization strategies and prints the tables of docs/results/voxel.md.
+#[derive(Debug, Args)]
+pub(crate) struct BenchArgs {
+    /// Directory with `scenes` and `models`
+    #[arg(long, default_value = "../shared")]
+    pub(crate) shared: PathBuf,
+    /// Only these parts: speed, criteria, merging, rates, cost (all if none)
+    #[arg(long)]
+    pub(crate) only: Vec<String>,
+    /// Only these scenes
+    #[arg(long, default_values_t = ["fox".to_owned(), "bonsai".to_owned()])]
+    pub(crate) scene: Vec<String>,
+    /// Gaussians of the speed runs, in thousands
+    #[arg(long, default_value_t = 2500)]
+    pub(crate) thousands: usize,
+    /// Folder for the plots of `rates` and `criteria`
+    #[arg(long, default_value = "docs/results")]
+    pub(crate) plots: PathBuf,
+    /// In `rates`, also try variants of the rate-distortion settings
+    #[arg(long)]
+    pub(crate) variants: bool,
+}
+
+/// Runs the parts asked for.
+pub(crate) fn run(args: &BenchArgs) -> Result<()> {
+    let wants = |part: &str| args.only.is_empty() || args.only.iter().any(|o| o == part);
+    if wants("speed") {
+        println!("{}", speed::table(args)?);
+    }
+    if wants("criteria") {
+        println!("{}", criteria::table(args)?);
+    }
+    for name in &args.scene {
+        if !["merging", "rates", "cost"].into_iter().any(wants) {
+            break;
+        }
+        let study = models::Study::open(&args.shared.join("scenes").join(name), name)
+            .with_context(|| format!("scene {name}"))?;
+        if wants("cost") {
+            println!("{}", cost::table(&study)?);
+        }
+        if wants("merging") {
+            println!("{}", merging::table(&study)?);
+        }
+        if wants("rates") {
+            println!("{}", curves::table(&study, args)?);
+        }
+    }
+    Ok(())
+}

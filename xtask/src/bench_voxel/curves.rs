@@ -1,0 +1,192 @@
+//! Rate-distortion curves of the strategies at real bytes.
+
+use std::fmt::Write;
+
+use anyhow::{Result, ensure};
+use voxel::{Importance, Merge, RateDistortion, Strategy, merge_weighted, voxelize};
+
+use super::models::Study;
+use super::{BenchArgs, chart};
+use crate::bd::{self, Method, Point};
+
+/// One strategy with its operating points: all combinations of which the hull is compared.
+struct Curve {
+    name: String,
+    points: Vec<(Point, String)>,
+}
+
+/// Encodes, decodes and renders one operating point.
+fn point(
+    study: &Study,
+    strategy: &Strategy,
+    merging: Merge,
+    quality: f32,
+) -> Result<(Point, usize)> {
+    let v = voxelize(&study.scene, &study.cube, strategy)?;
+    let seen = Importance::Given(study.seen.clone());
+    let merged = merge_weighted(&study.scene, &v, merging, &seen)?;
+    let mut options = gsvx::EncodeOptions::from_quality(quality)?;
+    let sum = |i: usize| v.members_of(i).iter().map(|&m| study.seen[m as usize]).sum();
+    options.importance = Some((0..v.len()).map(sum).collect());
+    let bytes = gsvx::encode(&merged, &v, &options)?.bytes;
+    let decoded = gsvx::decode(&bytes, &gsvx::DecodeOptions::default())?.scene;
+    ensure!(decoded.means == merged.means, "decoded means are not the voxelized ones");
+    let psnr_db = study.psnr(&decoded);
+    Ok((Point { rate: bytes.len() as f64, psnr_db }, v.len()))
+}
+
+fn curve(
+    study: &Study,
+    name: &str,
+    merging: Merge,
+    settings: impl IntoIterator<Item = (Strategy, f32, String)>,
+) -> Result<Curve> {
+    let mut points = Vec::new();
+    for (strategy, quality, what) in settings {
+        let (p, leaves) = point(study, &strategy, merging, quality)?;
+        let what = format!("{what}, quality {quality:.0}, {leaves} Gaussians");
+        eprintln!("{name}: {what}: {:.0} bytes, {:.2} dB", p.rate, p.psnr_db);
+        points.push((p, what));
+    }
+    Ok(Curve { name: name.to_owned(), points })
+}
+
+/// lambda that keeps positions in balance with attributes: a quality of 15 more halves steps.
+fn lambda(at_50: f64, quality: f32) -> f64 {
+    at_50 * (-2.0 * (f64::from(quality) - 50.0) / 15.0).exp2()
+}
+
+/// lambda at quality 50.
+const AT_50: f64 = 4e-3;
+/// Attribute bits per Gaussian at quality 50 and per point (measured streams).
+fn bits(quality: f32) -> f64 {
+    (60.0 + 1.2 * (f64::from(quality) - 50.0)).max(10.0)
+}
+
+const QUALITIES: [f32; 5] = [26.0, 40.0, 54.0, 68.0, 82.0];
+
+pub(super) fn table(study: &Study, args: &BenchArgs) -> Result<String> {
+    let d = study.depth;
+    // Each quality at the depths that can be on the hull there.
+    let around = |i: usize| -> Vec<u8> {
+        match i {
+            0 | 1 => vec![d - 2, d - 1, d],
+            2 => vec![d - 1, d, d + 1],
+            _ => vec![d, d + 1, d + 2],
+        }
+    };
+    let grid: Vec<(u8, f32)> = QUALITIES
+        .iter()
+        .enumerate()
+        .flat_map(|(i, &q)| around(i).into_iter().map(move |depth| (depth, q)))
+        .collect();
+    let uniform = |merging| {
+        let settings =
+            grid.iter().map(|&(depth, q)| (Strategy::Uniform { depth }, q, format!("J = {depth}")));
+        curve(study, &format!("Uniform, {merging:?} merging"), merging, settings)
+    };
+    let paper = |merging| {
+        let settings = grid.iter().map(|&(depth, q)| {
+            let (low, high) = (depth - 1, depth + 3);
+            (Strategy::paper(low, high), q, format!("J = {low} to {high}"))
+        });
+        curve(study, &format!("Paper, {merging:?} merging"), merging, settings)
+    };
+    let pruned = |name: &str, at_50: f64, options: &dyn Fn(f64) -> RateDistortion| {
+        let settings = QUALITIES.iter().map(|&q| {
+            let mut o = options(lambda(at_50, q));
+            o.cost.gaussian = bits(q);
+            let what = format!("lambda {:.1e}", o.lambda);
+            (Strategy::RateDistortion(o), q, what)
+        });
+        curve(study, name, Merge::Moments, settings)
+    };
+    let seen = |l: f64| RateDistortion::seen(l, study.seen.clone());
+    let mut curves = vec![
+        uniform(Merge::Paper)?,
+        uniform(Merge::Moments)?,
+        paper(Merge::Paper)?,
+        paper(Merge::Moments)?,
+        pruned("RateDistortion, no cameras", AT_50, &RateDistortion::unseen)?,
+        pruned("RateDistortion, nothing dropped", AT_50, &|l| RateDistortion {
+            drop: None,
+            ..seen(l)
+        })?,
+        pruned("RateDistortion", AT_50, &seen)?,
+    ];
+    if args.variants {
+        for at_50 in [1e-3, 1e-2] {
+            curves.push(pruned(&format!("... lambda at 50 {at_50}"), at_50, &seen)?);
+        }
+        for drop in [5.0, 20.0, 40.0] {
+            curves.push(pruned(&format!("... drop {drop}"), AT_50, &|l| RateDistortion {
+                drop: Some(drop),
+                ..seen(l)
+            })?);
+        }
+        for size_exponent in [0.5, 1.0] {
+            curves.push(pruned(&format!("... p {size_exponent}"), AT_50, &|l| RateDistortion {
+                size_exponent,
+                ..seen(l)
+            })?);
+        }
+        for colour in [0.0, 5.0] {
+            curves.push(pruned(&format!("... colour {colour}"), AT_50, &|l| RateDistortion {
+                colour,
+                ..seen(l)
+            })?);
+        }
+        for p in [1.0, 2.0] {
+            curves.push(pruned(&format!("... no cameras, p {p}"), AT_50, &|l| RateDistortion {
+                size_exponent: p,
+                ..RateDistortion::unseen(l)
+            })?);
+        }
+    }
+    std::fs::create_dir_all(&args.plots)?;
+    let lines: Vec<(String, Vec<Point>)> =
+        curves.iter().map(|c| (c.name.clone(), bd::hull(&plain(c)))).collect();
+    let file = args.plots.join(format!("voxel-{}.svg", study.name));
+    std::fs::write(
+        &file,
+        chart::svg(&format!("{}: held-out PSNR, no fine-tune", study.name), &lines)?,
+    )?;
+    report(study, &curves)
+}
+
+fn plain(curve: &Curve) -> Vec<Point> {
+    curve.points.iter().map(|(p, _)| *p).collect()
+}
+
+fn report(study: &Study, curves: &[Curve]) -> Result<String> {
+    let anchor = |i: usize| bd::hull(&plain(&curves[i]));
+    let mut out = format!(
+        "## Equal bytes on {} (real streams, decoded, held-out views, no fine-tune)\n\n\
+         Hull of all settings of each strategy; BD-rate by pchip of hulls, negative is smaller.\n\n\
+         | strategy | points on hull | against Uniform, Paper merging | against Uniform, Moments merging |\n\
+         |---|---|---|---|\n",
+        study.name
+    );
+    let percent = |a: &[Point], b: &[Point]| {
+        bd::bd_rate(a, b, Method::Pchip).map_or("-".into(), |r| format!("{r:+.1} %"))
+    };
+    for c in curves {
+        let hull = bd::hull(&plain(c));
+        writeln!(
+            out,
+            "| {} | {} | {} | {} |",
+            c.name,
+            hull.len(),
+            percent(&anchor(0), &hull),
+            percent(&anchor(1), &hull)
+        )?;
+    }
+    out += "\nPoints on the hulls:\n\n| strategy | setting | bytes | dB |\n|---|---|---|---|\n";
+    for c in curves {
+        let hull = bd::hull(&plain(c));
+        for (p, what) in c.points.iter().filter(|(p, _)| hull.contains(p)) {
+            writeln!(out, "| {} | {what} | {:.0} | {:.2} |", c.name, p.rate, p.psnr_db)?;
+        }
+    }
+    Ok(out)
+}

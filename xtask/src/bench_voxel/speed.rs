@@ -1,0 +1,95 @@
+//! Time and memory on millions of Gaussians, beside a sort in the same run.
+
+use std::fmt::Write;
+use std::fs;
+use std::time::Instant;
+
+use anyhow::Result;
+use voxel::{Cube, Merge, RateDistortion, Strategy, merge, voxelize};
+
+use super::BenchArgs;
+use super::models;
+
+/// Repetitions; the fastest counts, since other programs share the machine.
+const RUNS: usize = 3;
+
+pub(super) fn table(args: &BenchArgs) -> Result<String> {
+    let fox = models::read(&args.shared.join("scenes/fox/point_cloud.ply"))?;
+    let scene = models::replicated(&fox, &Cube::of(&fox.means)?, args.thousands * 1000);
+    drop(fox);
+    let cube = Cube::of(&scene.means)?;
+    let depth = models::depth_of(&scene, &cube)?;
+    let seen: Vec<f32> = (0..scene.len()).map(|i| (i % 101) as f32).collect();
+
+    let mut sort = f64::INFINITY;
+    for run in 0..RUNS {
+        let mut x = run as u64 + 1;
+        let mut keys: Vec<u64> = (0..scene.len())
+            .map(|_| {
+                x ^= x << 13;
+                x ^= x >> 7;
+                x ^= x << 17;
+                x
+            })
+            .collect();
+        let start = Instant::now();
+        keys.sort_unstable();
+        sort = sort.min(start.elapsed().as_secs_f64());
+        assert!(keys.is_sorted());
+    }
+
+    let mut out = format!(
+        "## Speed: {} Gaussians (SH degree {}), {} threads\n\n\
+         `sort_unstable` of as many random u64: {sort:.3} s.\n\n\
+         | strategy | leaves | voxelize s | merge s | both / sort | voxelize: peak bytes per Gaussian above input | ... of which result |\n\
+         |---|---|---|---|---|---|---|\n",
+        scene.len(),
+        scene.sh_degree,
+        rayon::current_num_threads()
+    );
+    let strategies = [
+        ("Uniform", Strategy::Uniform { depth }),
+        ("Paper", Strategy::paper(depth - 2, depth + 2)),
+        ("RateDistortion::unseen", Strategy::RateDistortion(RateDistortion::unseen(3e-3))),
+        ("RateDistortion::seen", Strategy::RateDistortion(RateDistortion::seen(3e-3, seen))),
+    ];
+    for (name, strategy) in strategies {
+        let (mut voxelizing, mut merging, mut leaves) = (f64::INFINITY, f64::INFINITY, 0);
+        let (mut peak, mut kept) = (0, 0);
+        for _ in 0..RUNS {
+            let before = reset_peak();
+            let start = Instant::now();
+            let v = voxelize(&scene, &cube, &strategy)?;
+            voxelizing = voxelizing.min(start.elapsed().as_secs_f64());
+            peak = peak.max(resident("VmHWM").saturating_sub(before));
+            kept = v.leaves.len() * 16 + (v.members.len() + v.member_offsets.len()) * 4;
+            let start = Instant::now();
+            let merged = merge(&scene, &v, Merge::Moments)?;
+            merging = merging.min(start.elapsed().as_secs_f64());
+            leaves = merged.len();
+        }
+        let per = |bytes: usize| bytes as f64 / scene.len() as f64;
+        writeln!(
+            out,
+            "| {name} | {leaves} | {voxelizing:.3} | {merging:.3} | {:.1} | {:.0} | {:.0} |",
+            (voxelizing + merging) / sort,
+            per(peak),
+            per(kept)
+        )?;
+    }
+    Ok(out)
+}
+
+/// Sets the peak of resident memory to its present value and returns that (Linux; 0 elsewhere).
+fn reset_peak() -> usize {
+    // Failure leaves the old peak: the figure is then too high, never too low.
+    let _ = fs::write("/proc/self/clear_refs", "5");
+    resident("VmRSS")
+}
+
+/// A line of /proc/self/status, in bytes; 0 where there is none.
+fn resident(field: &str) -> usize {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find(|l| l.starts_with(field)).unwrap_or_default();
+    line.split_whitespace().nth(1).and_then(|n| n.parse::<usize>().ok()).unwrap_or(0) * 1024
+}
