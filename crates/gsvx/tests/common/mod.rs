@@ -45,3 +45,55 @@ pub fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelization) {
     let voxels = voxelize(scene, &cube, strategy).unwrap();
     (merge(scene, &voxels, Merge::Moments).unwrap(), voxels)
 }
+
+/// The golden streams: what they are made from, and the hash of what they decode to.
+pub mod golden {
+    use super::{scene, voxelized};
+    use gs_model::Scene;
+    use gsvx::{CovarianceMode, EncodeOptions, PaperQp};
+    use sha2::{Digest, Sha256};
+    use voxel::Strategy;
+
+    /// SHA-256 of all floats, little-endian: means, rotations, log-scales, opacity logits, SH.
+    pub fn hash(s: &Scene) -> String {
+        let mut sha = Sha256::new();
+        let parts: [&[f32]; 5] = [
+            s.means.as_flattened(),
+            s.rotations.as_flattened(),
+            s.log_scales.as_flattened(),
+            &s.opacity_logits,
+            s.sh.as_flattened(),
+        ];
+        for v in parts.concat() {
+            sha.update(v.to_le_bytes());
+        }
+        sha.finalize().iter().map(|b| format!("{b:02x}")).collect()
+    }
+
+    /// Names and bytes.
+    pub fn streams() -> Vec<(String, Vec<u8>)> {
+        let mut out = Vec::new();
+        let mut add = |name: &str, n, degree, strategy: Strategy, options: &EncodeOptions| {
+            let (merged, voxels) = voxelized(&scene(n, degree, 42), &strategy);
+            let bytes = gsvx::encode(&merged, &voxels, options).expect(name).bytes;
+            out.push((format!("{name}.gsvx"), bytes));
+        };
+        let uniform = Strategy::Uniform { depth: 10 };
+        let adaptive = Strategy::paper(4, 12);
+        let base = EncodeOptions::default();
+        let vq = EncodeOptions { covariance: CovarianceMode::Vq { bits: 8 }, ..base.clone() };
+        let paper = EncodeOptions::paper(
+            PaperQp { ac: 34, dc: 16, opacity: 16 },
+            CovarianceMode::Lossless { bits: 16 },
+        );
+        add("empty", 0, 3, uniform.clone(), &base);
+        add("one", 1, 2, uniform.clone(), &base);
+        add("default", 600, 3, adaptive.clone(), &base);
+        add("codebook", 500, 1, uniform.clone(), &vq);
+        add("paper", 400, 3, uniform, &paper);
+        add("degree-0", 600, 0, adaptive, &base);
+        let lossless = gsvx::encode_lossless(&scene(300, 2, 42)).expect("lossless");
+        out.push(("lossless.gsvx".into(), lossless.bytes));
+        out
+    }
+}

@@ -1,0 +1,22 @@
+//! Rewrites the golden streams in `fixtures/streams`.
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::golden;
+use std::path::Path;
+
+fn main() -> std::io::Result<()> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
+    std::fs::create_dir_all(&folder)?;
+    let mut list = String::from("# SHA-256 of the decoded floats, name. Written by: cargo run --release -p gsvx --example bless\n");
+    for (name, bytes) in golden::streams() {
+        match gsvx::decode(&bytes, &gsvx::DecodeOptions::default()) {
+            Ok(decoded) => list += &format!("{}  {name}\n", golden::hash(&decoded.scene)),
+            Err(error) => return Err(std::io::Error::other(error)),
+        }
+        println!("{name}: {} bytes", bytes.len());
+        std::fs::write(folder.join(&name), bytes)?;
+    }
+    std::fs::write(folder.join("hashes.txt"), list)
+}

@@ -1,0 +1,37 @@
+//! Streams written once must decode to the same floats for ever, on every machine.
+//!
+//! `cargo run --release -p gsvx --example bless` rewrites `fixtures/streams` after a deliberate
+//! change of the format (and of its version).
+
+mod common;
+
+use common::golden;
+use gsvx::{DecodeOptions, decode};
+use std::path::{Path, PathBuf};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams")
+}
+
+#[test]
+fn golden_streams_decode_to_the_recorded_floats() {
+    let list = std::fs::read_to_string(folder().join("hashes.txt")).expect("hashes.txt is there");
+    let mut checked = 0;
+    for line in list.lines().filter(|l| !l.starts_with('#')) {
+        let (hash, name) = line.split_once("  ").expect("hash and name");
+        let bytes = std::fs::read(folder().join(name)).expect(name);
+        let decoded = decode(&bytes, &DecodeOptions::default()).expect(name);
+        assert_eq!(golden::hash(&decoded.scene), hash, "{name}");
+        checked += 1;
+    }
+    assert_eq!(checked, golden::streams().len());
+}
+
+/// The encoder still writes these very bytes: the same for any machine and thread count.
+#[test]
+fn the_encoder_writes_the_golden_streams() {
+    for (name, bytes) in golden::streams() {
+        let golden = std::fs::read(folder().join(&name)).expect(&name);
+        assert!(golden == bytes, "{name} differs from what this build encodes");
+    }
+}
