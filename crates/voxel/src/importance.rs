@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::gaussian::{area, opacity, scales};
+use crate::order::CHUNK;
 use crate::stats::Weights;
 
 /// What each Gaussian counts in the distortion.
@@ -61,23 +62,34 @@ pub(crate) fn weights(
 ) -> Result<Vec<Weights>> {
     let len = scene.len();
     importance.validate(scene)?;
-    let mut out: Vec<Weights> = (0..len)
-        .into_par_iter()
-        .map(|i| {
-            let area = area(scales(scene.log_scales[i]));
-            let importance = importance.of(scene, i);
-            Weights { geometry: importance * libm::pow(area, -size_exponent), feature: importance }
+    let mut out = vec![Weights::default(); len];
+    // Sums per fixed chunk, added in order: they must not depend on the threads.
+    let sums: Vec<(f64, f64)> = out
+        .par_chunks_mut(CHUNK)
+        .enumerate()
+        .map(|(chunk, out)| {
+            let mut sums = (0.0, 0.0);
+            for (i, w) in out.iter_mut().enumerate() {
+                let i = chunk * CHUNK + i;
+                let area = area(scales(scene.log_scales[i]));
+                let importance = match importance {
+                    Importance::OpacityArea => opacity(scene.opacity_logits[i]) * area,
+                    Importance::Given(given) => f64::from(given[i]),
+                };
+                let geometry = importance * libm::pow(area, -size_exponent);
+                *w = Weights { geometry, feature: importance };
+                sums.0 += importance;
+                sums.1 += geometry * area;
+            }
+            sums
         })
         .collect();
-    // Summed in index order: the sum must not depend on the threads.
-    let mean = out.iter().map(|w| w.feature).sum::<f64>() / len as f64;
-    let energy: f64 =
-        out.iter().zip(&scene.log_scales).map(|(w, &l)| w.geometry * area(scales(l))).sum();
-    let per_feature = if mean > 0.0 { mean.recip() } else { 1.0 };
-    let per_geometry = if energy > 0.0 { len as f64 / energy } else { 1.0 };
-    for w in &mut out {
+    let (total, energy) = sums.iter().fold((0.0, 0.0), |(a, b), s| (a + s.0, b + s.1));
+    let scale = |sum: f64| if sum > 0.0 { len as f64 / sum } else { 1.0 };
+    let (per_feature, per_geometry) = (scale(total), scale(energy));
+    out.par_iter_mut().for_each(|w| {
         w.feature *= per_feature;
         w.geometry *= per_geometry;
-    }
+    });
     Ok(out)
 }

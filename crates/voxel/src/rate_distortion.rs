@@ -1,6 +1,6 @@
 //! [`RateDistortion`]: bottom-up pruning that minimises distortion + lambda * bits.
 
-use gpcc_lite::Leaf;
+use gpcc_lite::{Leaf, morton};
 use gs_model::Scene;
 use rayon::prelude::*;
 
@@ -164,7 +164,7 @@ struct Pruning<'a> {
 struct Best {
     /// Distortion + lambda * bits.
     cost: f64,
-    /// Of all Gaussians in the cell, relative to the cell's centre.
+    /// Of all Gaussians in the cell, relative to the cell's centre or the given base.
     stats: Stats,
     /// Every Gaussian in the cell is dropped: the cell is not occupied.
     empty: bool,
@@ -172,115 +172,152 @@ struct Best {
     skipped: u64,
 }
 
+impl Best {
+    /// Adds what a child costs, but not its statistics.
+    fn add(&mut self, child: &Self) {
+        self.cost += child.cost;
+        self.empty &= child.empty;
+        self.decided += child.decided;
+        self.skipped += child.skipped;
+    }
+}
+
+/// A cell of few Gaussians with the statistics of each, relative to `base`.
+#[derive(Clone, Copy)]
+struct Small<'a> {
+    codes: &'a [u64],
+    members: &'a [u32],
+    stats: &'a [Stats],
+    base: [f64; 3],
+}
+
+impl Small<'_> {
+    fn part(&self, range: std::ops::Range<usize>) -> Self {
+        Self {
+            codes: &self.codes[range.clone()],
+            members: &self.members[range.clone()],
+            stats: &self.stats[range],
+            base: self.base,
+        }
+    }
+}
+
 impl Pruning<'_> {
     /// Finds the best pruning of the cell at `depth` that holds all of `codes` and writes the
     /// leaf depth of each Gaussian.
     fn solve(&self, codes: &[u64], members: &[u32], depth: u8, depths: &mut [u8]) -> Best {
-        let o = self.options;
         let centre = self.centre(codes[0], depth);
-        if let &[only] = members {
-            return self.solve_one(codes[0], only as usize, depth, centre, depths);
+        if members.len() <= SMALL {
+            let mut stats = [Stats::default(); SMALL];
+            for (stats, &i) in stats.iter_mut().zip(members) {
+                let i = i as usize;
+                *stats = Stats::of(self.scene, i, self.from(i, centre), self.weights[i]);
+            }
+            let cell = Small { codes, members, stats: &stats[..members.len()], base: centre };
+            return self.solve_small(cell, depth, depths);
         }
-        let may_stop = depth >= o.j_low;
-        if depth == o.j_high || (may_stop && members.len() <= SMALL) {
-            let mut stats = Stats::default();
+        let o = self.options;
+        let mut best = Best { empty: true, decided: 1, ..Best::default() };
+        if depth == o.j_high {
+            // More than SMALL Gaussians in one finest cell.
             for &i in members {
                 let i = i as usize;
-                stats.add(&Stats::of(self.scene, i, self.from(i, centre), self.weights[i]));
+                best.stats.add(&Stats::of(self.scene, i, self.from(i, centre), self.weights[i]));
             }
-            let cost = self.leaf_cost(&stats, depth);
-            // Any division costs at least this, had it no distortion at all.
-            let bound = o.lambda * (o.cost.go_on + o.cost.occupancy[0] + o.cost.gaussian);
-            // Dropping all of it is cheaper than any leaf; dropping a part still is a division.
-            if depth == o.j_high || (cost <= bound && o.drop.is_none()) {
-                depths.fill(depth);
-                let skipped = u64::from(depth < o.j_high);
-                let best = Best { cost, stats, empty: false, decided: 1, skipped };
-                return self.or_drop(best, depths);
+            best.cost = f64::INFINITY;
+        } else {
+            let mut occupied = 0;
+            for (child, child_centre) in self.solve_children(codes, members, depth, depths) {
+                let shift = std::array::from_fn(|k| centre[k] - child_centre[k]);
+                best.stats.add(&child.stats.moved(shift));
+                occupied += usize::from(!child.empty);
+                best.add(&child);
             }
+            best.cost += self.division(occupied, depth);
         }
-        let mut best = self.solve_children(codes, members, depth, depths, centre);
-        best.decided += 1;
-        if may_stop {
-            // A cell that turned out empty is not coded at all.
-            best.cost += if best.empty { 0.0 } else { o.lambda * o.cost.go_on };
-            let leaf = self.leaf_cost(&best.stats, depth);
-            // Equal costs: the leaf, which codes faster.
-            if leaf <= best.cost {
-                (best.cost, best.empty) = (leaf, false);
-                depths.fill(depth);
-            }
-        }
-        self.or_drop(best, depths)
+        self.leaf_or(best, self.leaf_cost(&best.stats, depth), depth, depths)
     }
 
+    /// The occupied children of a cell, solved, each with its centre, to which its statistics
+    /// refer. In parallel where that pays; always combined in Morton order.
     fn solve_children(
         &self,
         codes: &[u64],
         members: &[u32],
         depth: u8,
         depths: &mut [u8],
-        centre: [f64; 3],
-    ) -> Best {
-        let o = self.options;
-        let mut tasks: [Option<Task<'_>>; 8] = [const { None }; 8];
-        let (mut count, mut start, mut rest) = (0, 0, depths);
+    ) -> Vec<(Best, [f64; 3])> {
+        let mut tasks: Vec<Task<'_>> = Vec::with_capacity(8);
+        let (mut start, mut rest) = (0, depths);
         while start < codes.len() {
-            let end = cell_end(codes, start, o.j_high, depth + 1);
+            let end = cell_end(codes, start, self.options.j_high, depth + 1);
             let (head, tail) = std::mem::take(&mut rest).split_at_mut(end - start);
-            tasks[count] = Some((&codes[start..end], &members[start..end], head));
-            (count, start, rest) = (count + 1, end, tail);
+            tasks.push((&codes[start..end], &members[start..end], head));
+            (start, rest) = (end, tail);
         }
-        let solve = |task: &mut Option<Task<'_>>| match task {
-            Some((codes, members, depths)) => {
-                let best = self.solve(codes, members, depth + 1, depths);
-                let child = self.centre(codes[0], depth + 1);
-                let shift = std::array::from_fn(|k| centre[k] - child[k]);
-                Best { stats: best.stats.moved(shift), ..best }
-            }
-            None => Best::default(),
+        let solve = |(codes, members, depths): &mut Task<'_>| {
+            let best = self.solve(codes, members, depth + 1, depths);
+            (best, self.centre(codes[0], depth + 1))
         };
-        let children: [Best; 8] = if codes.len() > PARALLEL {
-            let mut out = [Best::default(); 8];
-            out.par_iter_mut().zip(&mut tasks).for_each(|(out, task)| *out = solve(task));
-            out
+        if codes.len() > PARALLEL {
+            tasks.par_iter_mut().map(solve).collect()
         } else {
-            tasks.each_mut().map(solve)
-        };
-        let children = &children[..count];
-        let occupied = children.iter().filter(|child| !child.empty).count();
-        let bits = if occupied > 0 { o.cost.occupancy[occupied - 1] } else { 0.0 };
-        let mut sum = Best { cost: o.lambda * bits, empty: occupied == 0, ..Best::default() };
-        for child in children {
-            sum.cost += child.cost;
-            sum.stats.add(&child.stats);
-            sum.decided += child.decided;
-            sum.skipped += child.skipped;
+            tasks.iter_mut().map(solve).collect()
         }
-        sum
+    }
+
+    /// As [`Pruning::solve`] for few Gaussians, whose statistics are at hand: all sums refer to
+    /// `cell.base`, and a cell that cannot gain by division is not looked into.
+    fn solve_small(&self, cell: Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
+        let o = self.options;
+        if cell.members.len() == 1 {
+            return self.solve_one(&cell, depth, depths);
+        }
+        let mut best = Best { empty: true, decided: 1, ..Best::default() };
+        for stats in cell.stats {
+            best.stats.add(stats);
+        }
+        let centre = self.centre(cell.codes[0], depth);
+        let from_base = std::array::from_fn(|k| centre[k] - cell.base[k]);
+        let leaf = self.leaf_cost(&best.stats.moved(from_base), depth);
+        // Any division that leaves something costs at least this, had it no distortion at all;
+        // one that drops everything costs as much as dropping it here.
+        let bound = o.lambda * (o.cost.go_on + o.cost.occupancy[0] + o.cost.gaussian);
+        if depth == o.j_high || (depth >= o.j_low && leaf <= bound) {
+            best.skipped = u64::from(depth < o.j_high);
+            best.cost = f64::INFINITY;
+            return self.leaf_or(best, leaf, depth, depths);
+        }
+        let (mut start, mut occupied) = (0, 0);
+        while start < cell.codes.len() {
+            let end = cell_end(cell.codes, start, o.j_high, depth + 1);
+            let child = self.solve_small(cell.part(start..end), depth + 1, &mut depths[start..end]);
+            occupied += usize::from(!child.empty);
+            best.add(&child);
+            start = end;
+        }
+        best.cost += self.division(occupied, depth);
+        self.leaf_or(best, leaf, depth, depths)
     }
 
     /// A cell of one Gaussian: every depth below is tried, none is visited.
-    fn solve_one(
-        &self,
-        code: u64,
-        i: usize,
-        depth: u8,
-        centre: [f64; 3],
-        depths: &mut [u8],
-    ) -> Best {
+    fn solve_one(&self, cell: &Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
-        let w = self.weights[i].geometry;
+        let (stats, i) = (cell.stats[0], cell.members[0] as usize);
         let offset = self.cube.offset(self.scene.means[i]);
+        let index = morton::decode(cell.codes[0]);
         let mut bits = 0.0;
         let (mut cost, mut at) = (f64::INFINITY, o.j_high);
         for d in depth..=o.j_high {
             let flag = d >= o.j_low && d < o.j_high;
             if d >= o.j_low {
-                let c = self.centre(code, d);
-                let square: f64 = (0..3).map(|k| (offset[k] - c[k]) * (offset[k] - c[k])).sum();
+                let side = self.cube.cell(d);
+                let square: f64 = (0..3)
+                    .map(|k| (f64::from(index[k] >> (o.j_high - d)) + 0.5) * side - offset[k])
+                    .map(|x| x * x)
+                    .sum();
                 let stop = if flag { o.cost.stop } else { 0.0 };
-                let here = w * square + o.lambda * (bits + stop + o.cost.gaussian);
+                let here = stats.weight * square + o.lambda * (bits + stop + o.cost.gaussian);
                 if here < cost {
                     (cost, at) = (here, d);
                 }
@@ -292,9 +329,29 @@ impl Pruning<'_> {
             bits += o.cost.occupancy[0] + if flag { o.cost.go_on } else { 0.0 };
         }
         depths.fill(at);
-        let stats = Stats::of(self.scene, i, self.from(i, centre), self.weights[i]);
         let skipped = u64::from(at < o.j_high);
         self.or_drop(Best { cost, stats, empty: false, decided: 1, skipped }, depths)
+    }
+
+    /// Cost of dividing a cell into `occupied` children; a cell that turned out empty is not
+    /// coded at all.
+    fn division(&self, occupied: usize, depth: u8) -> f64 {
+        let c = &self.options.cost;
+        let go_on = if depth >= self.options.j_low { c.go_on } else { 0.0 };
+        match occupied {
+            0 => 0.0,
+            n => self.options.lambda * (c.occupancy[n - 1] + go_on),
+        }
+    }
+
+    /// The cheaper of a division and a leaf, if there may be one here, or of dropping all.
+    fn leaf_or(&self, mut best: Best, leaf: f64, depth: u8, depths: &mut [u8]) -> Best {
+        // Equal costs: the leaf, which codes faster.
+        if depth >= self.options.j_low && leaf <= best.cost {
+            (best.cost, best.empty) = (leaf, false);
+            depths.fill(depth);
+        }
+        self.or_drop(best, depths)
     }
 
     /// Drops every Gaussian of the cell if that costs less.
