@@ -54,8 +54,9 @@ pub(crate) struct RdArgs {
 
 /// Rates per curve unless told otherwise.
 const RATES: usize = 6;
-/// Training cameras that importances are found from: more change them little and cost time.
-const IMPORTANCE_VIEWS: usize = 24;
+/// Training cameras that importances are found from. As good as all: what no camera sees is left
+/// out, so on `bonsai` 24 of 129 cameras cost 0.6 dB at the held-out views.
+const IMPORTANCE_VIEWS: usize = 1000;
 /// `--quick`.
 const QUICK_RATES: usize = 5;
 /// `--quick`.
