@@ -2,8 +2,8 @@
 
 use super::column::{CELLS, Cell, Map};
 use super::layout::{KINDS, MEANS, kind};
-use super::local::Local;
-use super::neighbours::Neighbours;
+use super::local::{self, Local};
+use super::neighbours::{NEIGHBOURS, Neighbours};
 use super::predictor::{NEIGHBOUR_BITS, Predictor};
 use super::residual::{Expect, Models, level};
 use gpcc_lite::model::Bit;
@@ -48,7 +48,10 @@ pub(super) fn rows<C: BinaryCoder>(
     let mut models = vec![Models::default(); KINDS];
     let mut tails = vec![Tail::default(); n];
     let mut flags = vec![[Bit::default(); 16]; n];
-    let mut local = Local::new(n);
+    let mut covariance = Local::new(n);
+    let near_weights: Vec<i64> = (0..NEIGHBOURS)
+        .flat_map(|k| columns[MEANS..].iter().map(move |c| i64::from(c.predictor.near[k])))
+        .collect();
     // Per Gaussian and column: what the own part leaves, error level, common value or not.
     let mut rests = vec![0i32; near.len() * n];
     let mut levels = vec![0u8; near.len() * n];
@@ -71,8 +74,9 @@ pub(super) fn rows<C: BinaryCoder>(
         for (k, &row) in around.iter().enumerate() {
             let at = row as usize * n;
             let row = &rests[at..at + n];
-            for ((sum, &rest), column) in nearby.iter_mut().zip(row).zip(&columns[MEANS..]) {
-                *sum += i64::from(column.predictor.near[k]) * i64::from(rest);
+            let weights = &near_weights[k * n..(k + 1) * n];
+            for ((sum, &rest), &weight) in nearby.iter_mut().zip(row).zip(weights) {
+                *sum += weight * i64::from(rest);
             }
             if k < 4 {
                 for (sum, &l) in near_levels.iter_mut().zip(&levels[at..at + n]) {
@@ -92,6 +96,7 @@ pub(super) fn rows<C: BinaryCoder>(
             let centre = i32::from(column.centre);
             let neutral = (centre + (slow >> 4)).clamp(0, 120);
             let own = column.predictor.own(&q);
+            let expected = covariance.predict(c);
             if let Some(common) = column.common {
                 let before = |k: usize| usize::from(c >= k && commons[at - k]);
                 let beside = |k: usize| usize::from(commons[around[k] as usize * n + c]);
@@ -103,7 +108,7 @@ pub(super) fn rows<C: BinaryCoder>(
                     coded.bits[i * width + MEANS + c] = common;
                     rests[at] = q[MEANS + c] - own;
                     levels[at] = neutral as u8;
-                    local.set(c, 0, None);
+                    covariance.set(c, 0, expected, None);
                     sign = 0;
                     continue;
                 }
@@ -117,14 +122,15 @@ pub(super) fn rows<C: BinaryCoder>(
                     q[MEANS + c] = column.map.stand_in(bits);
                     rests[at] = q[MEANS + c] - own;
                     levels[at] = neutral as u8;
-                    local.set(c, 0, None);
+                    covariance.set(c, 0, expected, None);
                     sign = 0;
                     continue;
                 }
             }
             let scale = u32::from(column.centre >> 2).saturating_sub(1);
             let global = i64::from(own) + (nearby[c] >> NEIGHBOUR_BITS);
-            let predicted = (global + local.predict(c, scale)).clamp(-limit, limit - 1) as i32;
+            let predicted =
+                (global + local::unscale(expected, scale)).clamp(-limit, limit - 1) as i32;
             let expect = Expect {
                 near: near_levels[c] >> 2,
                 own: (centre + (slow >> 4)).max(0),
@@ -139,7 +145,7 @@ pub(super) fn rows<C: BinaryCoder>(
             q[MEANS + c] = here;
             coded.bits[i * width + MEANS + c] = tails[c].code(coder, &column.map, here, cell);
             rests[at] = here - own;
-            local.set(c, scale, Some(i64::from(here) - global));
+            covariance.set(c, scale, expected, Some(i64::from(here) - global));
             let l = level(e.unsigned_abs());
             levels[at] = l as u8;
             sign = e.signum();
@@ -147,7 +153,7 @@ pub(super) fn rows<C: BinaryCoder>(
             slow += (off - slow) >> 3;
             fast += (off - fast) >> 1;
         }
-        local.end_row();
+        covariance.end_row();
     }
     !coder.exhausted()
 }

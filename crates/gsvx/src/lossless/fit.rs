@@ -8,7 +8,7 @@ use super::neighbours::{NEIGHBOURS, Neighbours};
 use super::predictor::{MAX_SHIFT, NEIGHBOUR_BITS, Predictor};
 
 /// Rows the weights are fitted to, at most.
-const SAMPLE: usize = 8192;
+const SAMPLE: usize = 5000;
 /// Reweighted least-squares rounds; the last weights rows by 1/|error|, for code length rather
 /// than energy.
 const ROUNDS: usize = 2;
@@ -168,12 +168,12 @@ fn solve(sample: &[f64], weights: &[f64], n: usize) -> Vec<f64> {
 fn quantise(predictor: &mut Predictor, inputs: &[usize], solution: &[f64], scale: &[f64]) {
     let n = inputs.len();
     let target = scale[n + 1];
-    // Weights that move the prediction by less than a thousandth of its size are left out.
+    // Weights that move the prediction by less than 2 % of its size are left out: time, not bits.
     let kept: Vec<(u8, f64)> = inputs
         .iter()
         .zip(solution)
         .zip(scale)
-        .filter(|((_, w), _)| w.abs() > 1e-3)
+        .filter(|((_, w), _)| w.abs() > 2e-2)
         .map(|((&j, w), s)| (j as u8, w * target / s))
         .collect();
     let bias = solution[n] * target / scale[n];

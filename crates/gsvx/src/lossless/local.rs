@@ -9,18 +9,24 @@
 /// Fraction bits of a normalised entry: 256 is the column's typical error.
 const UNIT: u32 = 8;
 /// Entries are cut off here.
-const CLIP: i64 = 6 << UNIT;
-/// Fraction bits of the factor.
-const FACTOR_BITS: u32 = 16;
+const CLIP: i32 = 6 << UNIT;
+/// An entry in units of the column, `2^scale`.
+#[inline]
+pub(super) fn unscale(entry: i32, scale: u32) -> i64 {
+    i64::from(entry) << scale >> UNIT
+}
+
+/// Fraction bits of the factor. Factor and innovations fit 16 bits, their products' sum 32.
+const FACTOR_BITS: u32 = 12;
 /// Entries of the factor are cut off here.
 const FACTOR_CLIP: i64 = 2 << FACTOR_BITS;
 /// Numerators of the factor are cut off here, so that no sum can leave 64 bits; a clipped factor
 /// need not belong to any covariance.
 const NUMERATOR_CLIP: i64 = 1 << 36;
 /// Rows between two factorisations.
-const BLOCK: u32 = 16;
+const BLOCK: u32 = 32;
 /// Each block forgets 1 / 2^FADE of what was known.
-const FADE: u32 = 4;
+const FADE: u32 = 3;
 /// Rows of no correlation that the covariance starts with and never forgets.
 const RIDGE: i64 = 6 << (2 * UNIT);
 
@@ -32,9 +38,9 @@ pub(super) struct Local {
     covariance: Vec<i64>,
     /// The same of the rows since the last factorisation.
     recent: Vec<i32>,
-    factor: Vec<i32>,
-    innovations: Vec<i32>,
-    row: Vec<i32>,
+    factor: Vec<i16>,
+    innovations: Vec<i16>,
+    row: Vec<i16>,
     rows: u32,
 }
 
@@ -51,34 +57,27 @@ impl Local {
         }
     }
 
-    /// The predicted entry `c`, in units of `2^scale / 256`.
+    /// The predicted entry `c`; a column's typical error is 256.
     #[inline]
-    pub(super) fn predict(&self, c: usize, scale: u32) -> i64 {
-        i64::from(self.entry(c)) << scale >> UNIT
-    }
-
-    #[inline]
-    fn entry(&self, c: usize) -> i32 {
+    pub(super) fn predict(&self, c: usize) -> i32 {
         let factor = &self.factor[c * self.columns..c * self.columns + c];
-        let mut sum = 0i64;
-        for (&l, &e) in factor.iter().zip(&self.innovations) {
-            sum += i64::from(l) * i64::from(e);
+        let mut sum = 0i32;
+        for (&l, &e) in factor.iter().zip(&self.innovations[..c]) {
+            sum += i32::from(l) * i32::from(e);
         }
-        (sum >> FACTOR_BITS).clamp(-CLIP, CLIP) as i32
+        (sum >> FACTOR_BITS).clamp(-CLIP, CLIP)
     }
 
-    /// Tells the true entry `c`; `None` if the value was coded without prediction.
+    /// Tells entry `c`, which was predicted as `predicted`; `rest` is in units of
+    /// `2^scale / 256`, or `None` if the value was coded without prediction.
     #[inline]
-    pub(super) fn set(&mut self, c: usize, scale: u32, rest: Option<i64>) {
-        let (z, e) = match rest {
-            Some(rest) => {
-                let z = ((rest << UNIT) >> scale).clamp(-CLIP, CLIP) as i32;
-                (z, z - self.entry(c))
-            }
-            None => (self.entry(c), 0),
+    pub(super) fn set(&mut self, c: usize, scale: u32, predicted: i32, rest: Option<i64>) {
+        let z = match rest {
+            Some(rest) => ((rest << UNIT) >> scale).clamp(-i64::from(CLIP), i64::from(CLIP)) as i32,
+            None => predicted,
         };
-        self.row[c] = z;
-        self.innovations[c] = e;
+        self.row[c] = z as i16;
+        self.innovations[c] = (z - predicted) as i16;
     }
 
     /// Ends a row.
@@ -90,7 +89,7 @@ impl Local {
         let gain = (1 << (UNIT + 8))
             / ((energy.unsigned_abs() + (1 << (2 * UNIT - 2))).isqrt() as i32 + 1);
         for z in &mut self.row {
-            *z = (*z * gain) >> 8;
+            *z = ((i32::from(*z) * gain) >> 8) as i16;
         }
         for i in 0..n {
             let zi = self.row[i];
@@ -99,7 +98,7 @@ impl Local {
             }
             let out = &mut self.recent[i * n..i * n + i + 1];
             for (r, &z) in out.iter_mut().zip(&self.row) {
-                *r += zi * z;
+                *r += i32::from(zi) * i32::from(z);
             }
         }
         self.rows += 1;
@@ -128,7 +127,7 @@ impl Local {
                 let s = s.clamp(-NUMERATOR_CLIP, NUMERATOR_CLIP);
                 scaled[j] = s;
                 let l = (s << FACTOR_BITS) / pivots[j];
-                self.factor[i * n + j] = l.clamp(-FACTOR_CLIP, FACTOR_CLIP) as i32;
+                self.factor[i * n + j] = l.clamp(-FACTOR_CLIP, FACTOR_CLIP) as i16;
             }
             let mut sum = 0i64;
             for (&s, &l) in scaled[..i].iter().zip(&self.factor[i * n..]) {

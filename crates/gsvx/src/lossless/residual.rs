@@ -13,7 +13,7 @@ use gpcc_lite::range::BinaryCoder;
 pub(super) const TOP: i32 = 26;
 /// Memory of the adaptive bits, in observations.
 const MEMORY: u32 = 400;
-const NODES: usize = 32;
+const NODES: usize = 16;
 const CONTEXTS: usize = 24;
 
 /// Size of an error in quarter octaves: 0 for 0, 4 for 1, 8 for 2, 10 for 3, 12 for 4, ...
@@ -133,7 +133,7 @@ impl Models {
         offset: i32,
         bit: bool,
     ) -> bool {
-        let node = (offset + 16).clamp(0, 31) as usize;
+        let node = (offset + 8).clamp(0, 15) as usize;
         let bits = [
             &mut self.near[at[0] + node],
             &mut self.own[at[1] + node],
