@@ -16,6 +16,9 @@ pub(crate) struct Args {
     /// Highest SH degree to decode; less is faster and needs less of the stream.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3))]
     max_sh_degree: u8,
+    /// Level of detail: at most one Gaussian per octree cell of this depth.
+    #[arg(long, value_name = "DEPTH", value_parser = clap::value_parser!(u8).range(0..=21))]
+    lod: Option<u8>,
     /// Decode what a truncated stream still holds instead of failing.
     #[arg(long)]
     allow_truncated: bool,
@@ -35,13 +38,14 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let bytes = std::fs::read(&args.input).with_context(|| format!("{name}: cannot be read"))?;
     let options = gsvx::DecodeOptions {
         max_sh_degree: args.max_sh_degree,
+        lod: args.lod,
         allow_truncated: args.allow_truncated,
         max_gaussians: args.max_gaussians,
     };
     let decoded = gsvx::decode(&bytes, &options).with_context(|| name.to_string())?;
     let seconds = start.elapsed().as_secs_f64();
     for skipped in &decoded.skipped {
-        eprintln!("skipped: {skipped}");
+        eprintln!("note: {skipped}");
     }
     output::write(&args.output, |out| Ok(gs_model::ply::write_to(out, &decoded.scene)?))?;
     println!(

@@ -18,6 +18,8 @@ pub const DEFAULT_GAUSSIANS_PER_BYTE: u64 = 64;
 pub struct DecodeOptions {
     /// Highest SH degree to decode.
     pub max_sh_degree: u8,
+    /// Merge Gaussians to at most one per octree cell of this depth; `None` keeps all.
+    pub lod: Option<u8>,
     /// Decode what a truncated stream still holds instead of failing. Geometry, importance,
     /// opacity and DC must be whole.
     pub allow_truncated: bool,
@@ -27,7 +29,7 @@ pub struct DecodeOptions {
 
 impl Default for DecodeOptions {
     fn default() -> Self {
-        Self { max_sh_degree: 3, allow_truncated: false, max_gaussians: None }
+        Self { max_sh_degree: 3, lod: None, allow_truncated: false, max_gaussians: None }
     }
 }
 
@@ -50,6 +52,14 @@ pub struct Decoded {
 /// # Errors
 /// Any damage to the stream is reported as an [`Error`]; see [`DecodeOptions`] for truncation.
 pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
+    let decoded = decode_all(bytes, options)?;
+    match options.lod {
+        Some(depth) => crate::lod::reduce(decoded, depth),
+        None => Ok(decoded),
+    }
+}
+
+fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     let container = Container::parse(bytes)?;
     let header = container.header.clone();
     let limit =

@@ -6,6 +6,7 @@ mod decode;
 mod encode;
 mod error;
 pub mod importance;
+pub mod lod;
 pub mod lossless;
 mod options;
 mod prepare;

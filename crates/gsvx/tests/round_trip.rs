@@ -126,3 +126,22 @@ fn misfits_are_errors() {
     assert!(EncodeOptions::from_quality(f32::NAN).is_err());
     assert!(EncodeOptions::from_quality(101.0).is_err());
 }
+
+#[test]
+fn levels_of_detail_shrink_and_keep_the_tree() {
+    let (merged, voxels) = voxelized(&scene(1500, 2, 5), &Strategy::paper(4, 12));
+    let bytes = encode(&merged, &voxels, &EncodeOptions::default()).unwrap().bytes;
+    let mut last = usize::MAX;
+    for depth in [12, 8, 5, 2, 0] {
+        let options = DecodeOptions { lod: Some(depth), ..Default::default() };
+        let part = decode(&bytes, &options).unwrap();
+        assert!(part.scene.validate().is_ok() && part.scene.len() == part.leaves.len());
+        assert!(part.leaves.iter().all(|l| l.depth <= depth));
+        for (leaf, mean) in part.leaves.iter().zip(&part.scene.means) {
+            assert_eq!(*mean, voxels.cube.leaf_centre(*leaf, voxels.j_high));
+        }
+        assert!(part.scene.len() <= last);
+        last = part.scene.len();
+    }
+    assert_eq!(last, 1);
+}
