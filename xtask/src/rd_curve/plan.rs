@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Camera, Scene};
+use gsvx::{CovarianceMode, EncodeOptions, PaperQp};
 use voxel::{Cube, Merge, Strategy};
 
 use crate::progress::Bar;
@@ -58,7 +59,8 @@ fn levels_deeper(quality: f32) -> i32 {
     }
 }
 
-/// The curves of a run: uniform, the paper's adaptive criteria, rate-distortion pruning.
+/// The curves of a run: uniform, the paper's adaptive criteria, the paper's way of coding,
+/// rate-distortion pruning.
 /// A given depth holds for all qualities.
 pub(crate) fn curves(
     base: u8,
@@ -105,8 +107,33 @@ pub(crate) fn curves(
     vec![
         plan("uniform", "uniform", &uniform),
         plan("adaptive", "adaptive (paper's criteria)", &paper),
+        plan(
+            PAPER_PROFILE,
+            "the paper's coding (uniform, RLGR, QP triples, VQ with its indices)",
+            &uniform,
+        ),
         plan("pruned", "adaptive (default: rate-distortion)", &pruned),
     ]
+}
+
+/// Name of the curve coded as the paper codes.
+pub(crate) const PAPER_PROFILE: &str = "paper";
+
+/// Encoder options of a curve at a quality.
+pub(crate) fn options(curve: &str, quality: f32) -> gsvx::Result<EncodeOptions> {
+    if curve != PAPER_PROFILE {
+        return EncodeOptions::from_quality(quality);
+    }
+    // QP triples on the hulls of the authors' published curves, lowest rate first.
+    let (ac, dc, opacity) = match quality {
+        q if q < 27.0 => (40, 28, 40),
+        q if q < 41.0 => (38, 16, 28),
+        q if q < 55.0 => (34, 16, 16),
+        q if q < 69.0 => (31, 4, 16),
+        q if q < 83.0 => (28, 4, 4),
+        _ => (16, 4, 4),
+    };
+    Ok(EncodeOptions::paper(PaperQp { ac, dc, opacity }, CovarianceMode::Vq { bits: 12 }))
 }
 
 /// `count` encoder qualities from low to high.

@@ -177,7 +177,7 @@ impl<'a> Branch<'a> {
         }
 
         let Prepared { scene: merged, voxels, importance } = &self.made()?.prepared;
-        let mut options = gsvx::EncodeOptions::from_quality(quality)?;
+        let mut options = super::plan::options(curve, quality)?;
         options.importance = Some(importance.clone());
         let (encoded, encode_seconds) = timed(|| gsvx::encode(merged, voxels, &options));
         let encoded = encoded.with_context(|| format!("encode {name}"))?;
