@@ -25,7 +25,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { mode: Mode::Range, lambda: 28, prediction: true }
+        Self { mode: Mode::Range, lambda: 24, prediction: true }
     }
 }
 
@@ -48,6 +48,9 @@ struct Head {
 }
 
 /// Codes `channels` (leaf order, one value per point) with a quantiser step each.
+///
+/// A level saturates at 2^31 - 1 steps: keep `|value| sqrt(points) / step` below that. The
+/// reconstruction tells the truth either way.
 ///
 /// # Errors
 /// If a channel's length is not the number of points, or the steps are not one per channel.
