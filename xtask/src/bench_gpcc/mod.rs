@@ -14,32 +14,32 @@ use clap::Args;
 
 /// Measures gpcc-lite on the test clouds and writes docs/results/gpcc.md.
 #[derive(Debug, Args)]
-pub struct BenchArgs {
+pub(crate) struct BenchArgs {
     /// Directory of the clouds and `tmc13.jsonl`
     #[arg(long, default_value = "../shared/clouds")]
-    pub clouds: PathBuf,
+    pub(crate) clouds: PathBuf,
     /// Only these parts: model, geometry, adaptive, lossless, raht, speed, accuracy (all if none);
     /// a partial run is printed, not written
     #[arg(long)]
-    pub only: Vec<String>,
+    pub(crate) only: Vec<String>,
     /// Only these clouds (all if none)
     #[arg(long)]
-    pub cloud: Vec<String>,
+    pub(crate) cloud: Vec<String>,
     /// Only these attributes (all if none)
     #[arg(long)]
-    pub attr: Vec<String>,
+    pub(crate) attr: Vec<String>,
     /// Only these quantisation parameters
     #[arg(long)]
-    pub qp: Vec<u8>,
+    pub(crate) qp: Vec<u8>,
     /// Where the whole report goes
     #[arg(long, default_value = "docs/results/gpcc.md")]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
 }
 
 const CLOUDS: [&str; 6] = ["vic12", "vic15", "jus15", "gsv12", "kac15", "syn15"];
 
 /// Runs the benchmark.
-pub fn run(args: &BenchArgs) -> Result<()> {
+pub(crate) fn run(args: &BenchArgs) -> Result<()> {
     let pick = |chosen: &[String], all: &[&'static str]| -> Vec<&'static str> {
         let keep = |x: &&&str| chosen.is_empty() || chosen.iter().any(|c| c == **x);
         all.iter().filter(keep).copied().collect()
