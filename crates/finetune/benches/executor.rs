@@ -108,5 +108,65 @@ fn steps(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, pairs, steps);
+/// Processor seconds of this process so far, all threads; Linux only.
+fn cpu_seconds() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let fields: Vec<&str> = stat.rsplit(") ").next()?.split(' ').collect();
+    let ticks = |i: usize| fields.get(i)?.parse::<f64>().ok();
+    // utime and stime, in hundredths of a second.
+    Some((ticks(11)? + ticks(12)?) / 100.0)
+}
+
+/// The same in processor time, which other processes on the machine do not disturb.
+fn processor_time(_: &mut Criterion) {
+    let (scene, camera, photo) = setup();
+    let mut probe = Probe::new(&scene, &camera, &photo);
+    let pairs = 2.0 * probe.pairs() as f64;
+    let measure = |name: &str, work: &mut dyn FnMut()| {
+        work();
+        let Some(start) = cpu_seconds() else { return };
+        let mut n = 0;
+        let seconds = loop {
+            work();
+            n += 1;
+            match cpu_seconds() {
+                Some(now) if now - start < 2.0 => {}
+                Some(now) => break (now - start) / f64::from(n),
+                None => return,
+            }
+        };
+        println!(
+            "{name}: {:.1} ms of processor time, {:.0} M pairs/s",
+            seconds * 1e3,
+            pairs / seconds / 1e6
+        );
+    };
+    println!("{:.1} M pairs forward and as many backward", pairs / 2e6);
+    measure("scalar reference", &mut || probe.scalar());
+    let one = pool(1);
+    measure("rust, one thread", &mut || {
+        one.install(|| {
+            probe.blend();
+            probe.blend_adjoint();
+        });
+    });
+    measure("rust, blend alone", &mut || one.install(|| probe.blend()));
+    measure("rust, adjoint alone", &mut || one.install(|| probe.blend_adjoint()));
+    #[cfg(feature = "gpu")]
+    if let Some(device) = probe.on_device() {
+        measure("wgsl on a software adapter", &mut || device.run());
+    }
+    let views = || vec![TrainView { camera: camera.clone(), photo: photo.clone() }];
+    let options = FineTuneOptions { steps: 10, ..FineTuneOptions::default() };
+    measure("ten whole steps, rust (pairs do not apply)", &mut || {
+        let run = FineTune::new(scene.clone(), views(), options.clone()).expect("valid input");
+        one.install(|| run.run(|_| {})).expect("no file is involved");
+    });
+    #[cfg(feature = "gpu")]
+    measure("eleven whole steps, wgsl (pairs do not apply)", &mut || {
+        let _ = finetune::probe::software_steps(&scene, views(), 10);
+    });
+}
+
+criterion_group!(benches, processor_time, pairs, steps);
 criterion_main!(benches);
