@@ -14,6 +14,16 @@ use gpcc_lite::{Limits, geometry};
 
 use super::cloud::{Cloud, Peer, read};
 
+/// Bits per point, or a dash where the peer has no record.
+fn bits(x: f64) -> String {
+    if x.is_nan() { "-".into() } else { format!("{x:.3}") }
+}
+
+/// `ours` against `theirs` in percent.
+fn against(ours: f64, theirs: f64) -> String {
+    if theirs.is_nan() { "-".into() } else { format!("{:+.2} %", (ours / theirs - 1.0) * 100.0) }
+}
+
 fn depth_of(name: &str) -> Result<u8> {
     name.trim_start_matches(char::is_alphabetic).parse().context("cloud name without depth")
 }
@@ -40,9 +50,11 @@ pub(super) fn geometry_table(dir: &Path, clouds: &[&str], peers: &[Peer]) -> Res
         let best = peers.iter().filter(of).map(|p| p.geo_bpp).fold(f64::NAN, f64::min);
         writeln!(
             out,
-            "| {name} | {n} | {authors:.3} | {best:.3} | {bpp:.3} | {:+.2} % | {:+.2} % | {enc:.3} / {dec:.3} |",
-            (bpp / authors - 1.0) * 100.0,
-            (bpp / best - 1.0) * 100.0,
+            "| {name} | {n} | {} | {} | {bpp:.3} | {} | {} | {enc:.3} / {dec:.3} |",
+            bits(authors),
+            bits(best),
+            against(bpp, authors),
+            against(bpp, best),
         )?;
     }
     Ok(out)
@@ -195,9 +207,11 @@ pub(super) fn lossless_table(
             let best = peers.iter().filter(of).map(|p| p.attr_bpp).fold(f64::NAN, f64::min);
             writeln!(
                 out,
-                "| {name} | {attr} | {authors:.3} | {best:.3} | {bpp:.3} | {:+.2} % | {:+.2} % | {find:.3} | {enc:.3} / {dec:.3} |",
-                (bpp / authors - 1.0) * 100.0,
-                (bpp / best - 1.0) * 100.0,
+                "| {name} | {attr} | {} | {} | {bpp:.3} | {} | {} | {find:.3} | {enc:.3} / {dec:.3} |",
+                bits(authors),
+                bits(best),
+                against(bpp, authors),
+                against(bpp, best),
             )?;
         }
     }
