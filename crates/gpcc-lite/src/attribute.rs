@@ -83,6 +83,9 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> 
             }
         }
     }
+    // Eight bytes a value that the entropy coder does not need.
+    drop(exact);
+    done.coded = Vec::new();
     done.heads.iter().for_each(|h| h.write(&mut bytes));
     let refs: Vec<&[i32]> = done.quantised.iter().map(Vec::as_slice).collect();
     bytes.extend(coeffs::encode(plan, &refs, o.mode)?);
