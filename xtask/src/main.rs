@@ -7,6 +7,7 @@
 mod bd;
 mod bench_finetune;
 mod bench_gpcc;
+mod bench_gsvx;
 mod bench_voxel;
 mod cache;
 mod fetch;
@@ -43,6 +44,8 @@ enum Task {
     BenchVoxel(bench_voxel::BenchArgs),
     /// How much of a voxelized model's quality the fine-tune brings back
     BenchFinetune(bench_finetune::FinetuneArgs),
+    /// The `gsvx` command on models of growing size: seconds and peak memory
+    BenchGsvx(bench_gsvx::Args),
     /// Fetch a scene of the paper out of the public archives
     Fetch(fetch::Args),
     /// Make the default scene, fixtures/room, from its seed
@@ -55,6 +58,7 @@ fn main() -> ExitCode {
         Task::BenchGpcc(args) => bench_gpcc::run(&args),
         Task::BenchVoxel(args) => bench_voxel::run(&args),
         Task::BenchFinetune(args) => bench_finetune::run(&args),
+        Task::BenchGsvx(args) => bench_gsvx::run(&args),
         Task::Fetch(args) => fetch::run(&args),
         Task::Fixture(args) => fixture::run(&args),
     };
