@@ -5,6 +5,7 @@ mod encode;
 mod info;
 mod output;
 mod progress;
+mod tune;
 mod views;
 
 use clap::{Parser, Subcommand};
@@ -23,6 +24,8 @@ enum Command {
     Encode(encode::Args),
     /// Write the model in a stream as a PLY that any 3DGS viewer opens.
     Decode(decode::Args),
+    /// Voxelize and fine-tune a model against its photos, means frozen.
+    Finetune(tune::Args),
     /// Show what a stream holds: sections, sizes, bits per Gaussian.
     Info(info::Args),
 }
@@ -31,6 +34,7 @@ fn main() -> std::process::ExitCode {
     let result = match Cli::parse().command {
         Command::Encode(args) => encode::run(&args),
         Command::Decode(args) => decode::run(&args),
+        Command::Finetune(args) => tune::run(&args),
         Command::Info(args) => info::run(&args),
     };
     match result {

@@ -143,3 +143,35 @@ fn mistakes_get_one_line() {
     flipped[middle] ^= 4;
     fails(&["decode", path(&file("flip.gsvx", &flipped)), "-o", out, "--force"], "CRC-32C");
 }
+
+#[test]
+fn a_short_finetune_writes_a_stream_that_decodes() {
+    let dir = tempfile::tempdir().unwrap();
+    let (room, stream, back) = (room(), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
+    let model = room.join("point_cloud.ply");
+    let said = ok(&[
+        "finetune",
+        path(&model),
+        "--cameras",
+        path(&room),
+        "-o",
+        path(&stream),
+        "--steps",
+        "20",
+        "--backend",
+        "cpu",
+    ]);
+    assert!(said.contains("20 steps"), "{said}");
+    ok(&["decode", path(&stream), "-o", path(&back)]);
+    fails(
+        &[
+            "finetune",
+            path(&model),
+            "--cameras",
+            path(&room),
+            "-o",
+            path(&dir.path().join("x.txt")),
+        ],
+        ".gsvx or .ply",
+    );
+}

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
+use finetune::TrainView;
 use gs_model::Camera;
 use gs_model::dataset::{Dataset, View};
 use serde::Serialize;
@@ -21,7 +22,7 @@ use crate::published::{self, PAPER_CHAIN};
 use crate::scenes::{self, Found};
 use crate::{pictures, plot, report};
 use record::{Bd, Curve, Picture, Run};
-use stages::{Branch, PICTURE_VIEWS, Study};
+use stages::{Branch, PICTURE_VIEWS, Study, Tuning};
 
 /// Flags of `cargo xtask rd-curve`.
 #[derive(Clone, Debug, clap::Args)]
@@ -47,6 +48,9 @@ pub(crate) struct RdArgs {
     /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
     #[arg(long, value_parser = plan::parse_depths)]
     adaptive: Option<(u8, u8)>,
+    /// Fine-tune each voxelized model against the training photos for this many steps
+    #[arg(long, value_name = "STEPS")]
+    finetune: Option<u64>,
     /// Run every stage, done before or not
     #[arg(long)]
     fresh: bool,
@@ -110,7 +114,17 @@ pub(crate) fn run(args: &RdArgs) -> Result<()> {
 
     let training: Vec<Camera> = found.dataset.training().map(|v| v.camera.clone()).collect();
     let cameras = thin(&training, IMPORTANCE_VIEWS);
-    let study = Study::new(&cache, &out, &scene, &shots, &cameras);
+    let tuning = match args.finetune {
+        Some(steps) => Some(Tuning {
+            steps,
+            views: measure::load(found.dataset.training())?
+                .into_iter()
+                .map(|shot| TrainView { camera: shot.view.camera, photo: shot.photo })
+                .collect(),
+        }),
+        None => None,
+    };
+    let study = Study::new(&cache, &out, &scene, &shots, &cameras, tuning);
     let file_bytes = fs::metadata(&found.dataset.model_path).map_or(0, |m| m.len());
     let original = study.original(invalid, file_bytes)?;
     let base = match args.depth {

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
+use finetune::{FineTune, FineTuneOptions, TrainView};
 use gs_model::{Camera, Scene};
 use gsvx::Prepared;
 
@@ -30,7 +31,17 @@ pub(crate) struct Study<'a> {
     pub(crate) shots: &'a [Shot],
     /// Training cameras (no photos) from which importances are found.
     pub(crate) cameras: &'a [Camera],
+    /// How voxelized models are fine-tuned, if at all.
+    tuning: Option<Tuning>,
     saliency: OnceCell<(Option<Vec<f32>>, f64)>,
+}
+
+/// Fine-tuning of voxelized models.
+pub(crate) struct Tuning {
+    /// Steps, one view each.
+    pub(crate) steps: u64,
+    /// Training cameras and photos.
+    pub(crate) views: Vec<TrainView>,
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
@@ -47,8 +58,9 @@ impl<'a> Study<'a> {
         scene: &'a Scene,
         shots: &'a [Shot],
         cameras: &'a [Camera],
+        tuning: Option<Tuning>,
     ) -> Self {
-        Self { cache, out, scene, shots, cameras, saliency: OnceCell::new() }
+        Self { cache, out, scene, shots, cameras, tuning, saliency: OnceCell::new() }
     }
 
     /// What each Gaussian of the model contributes to the training views, and the seconds to
@@ -122,7 +134,8 @@ impl<'a> Branch<'a> {
 
     /// What identifies the voxelization in a record's key.
     fn key(&self) -> String {
-        format!("{:?}", self.plan)
+        let steps = self.study.tuning.as_ref().map_or(0, |t| t.steps);
+        format!("{:?}, {steps} steps", self.plan)
     }
 
     fn made(&self) -> Result<&Made> {
@@ -136,11 +149,35 @@ impl<'a> Branch<'a> {
         };
         let (prepared, seconds) =
             timed(|| gsvx::prepare(self.study.scene, strategy, importance.as_deref()));
-        let prepared = prepared.with_context(|| format!("voxelize ({})", self.plan.name))?;
+        let mut prepared = prepared.with_context(|| format!("voxelize ({})", self.plan.name))?;
+        if let Some(tuning) = &self.study.tuning {
+            prepared.scene = self.tuned(prepared.scene, tuning)?;
+        }
         Ok(self.made.get_or_init(|| Made { prepared, seconds }))
     }
 
-    /// Voxelizes, merges and scores the result.
+    /// The scene after fine-tuning; means stay where they are.
+    fn tuned(&self, scene: Scene, tuning: &Tuning) -> Result<Scene> {
+        let options = FineTuneOptions {
+            steps: tuning.steps,
+            report_every: (tuning.steps / 100).max(1),
+            ..Default::default()
+        };
+        let bar = Bar::new(&format!("fine-tune {}", self.plan.name), tuning.steps);
+        let mut done = 0;
+        let outcome = FineTune::new(scene, tuning.views.clone(), options)
+            .and_then(|tune| {
+                tune.run(|p| {
+                    bar.step(p.step.saturating_sub(done));
+                    done = p.step;
+                })
+            })
+            .with_context(|| format!("fine-tune ({})", self.plan.name))?;
+        bar.done();
+        Ok(outcome.scene)
+    }
+
+    /// Voxelizes, merges, perhaps fine-tunes, and scores the result.
     pub(crate) fn voxelized(&self) -> Result<Voxelized> {
         let name = &self.plan.name;
         self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {

@@ -59,7 +59,9 @@ impl Transform {
             Entropy::Range => Mode::Range,
             Entropy::Rlgr => Mode::Rlgr,
         };
-        let options = attribute::Options { mode, ..Default::default() };
+        // RLGR is the fast mode; prediction from the parent level costs more than it does.
+        let prediction = entropy == Entropy::Range;
+        let options = attribute::Options { mode, prediction, ..Default::default() };
         let coded = attribute::encode(&self.plan, &views, &steps, &options);
         Ok(coded.map_err(coding("attribute"))?.bytes)
     }

@@ -1,0 +1,134 @@
+//! `gsvx finetune`.
+
+use crate::output::{self, megabytes};
+use crate::{progress, views};
+use anyhow::{Context, Result, bail};
+use finetune::backend::Backend;
+use finetune::{FineTune, FineTuneOptions, Image, TrainView};
+use gsvx::{EncodeOptions, Prepared};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Arguments of `gsvx finetune`.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The trained model: a PLY in the Inria layout, .splat or .spz.
+    input: PathBuf,
+    /// Scene folder with cameras and photos.
+    #[arg(long, value_name = "DIR")]
+    cameras: PathBuf,
+    /// What to write: NAME.gsvx for a stream, NAME.ply for the tuned model.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Largest number of steps, one photo each.
+    #[arg(long, default_value_t = 8000)]
+    steps: u64,
+    /// Quality of the voxelization and of the stream, 0 to 100.
+    #[arg(short, long, default_value_t = gsvx::DEFAULT_QUALITY)]
+    quality: f32,
+    /// Executor: cpu, gpu or auto.
+    #[arg(long, default_value = "auto", value_parser = backend)]
+    backend: Backend,
+    /// Checkpoint file; an existing one is continued.
+    #[arg(long)]
+    checkpoint: Option<PathBuf>,
+    /// Replace an existing output.
+    #[arg(long)]
+    force: bool,
+}
+
+fn backend(text: &str) -> std::result::Result<Backend, String> {
+    match text {
+        "cpu" => Ok(Backend::Cpu),
+        "gpu" => Ok(Backend::Gpu),
+        "auto" => Ok(Backend::Auto),
+        _ => Err("use cpu, gpu or auto".into()),
+    }
+}
+
+/// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    output::check(&args.output, args.force)?;
+    let extension = args.output.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    if extension != "gsvx" && extension != "ply" {
+        bail!("{}: the output must end in .gsvx or .ply", args.output.display());
+    }
+    let options = EncodeOptions::from_quality(args.quality)?;
+    let (scene, _) = gs_model::model::read(&args.input, &Default::default())?;
+    let name = || args.input.display().to_string();
+    let training = photos(&args.cameras)?;
+    let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
+    let importance = views::importance(&scene, &cameras);
+    let strategy = |found: &[f32], seen| gsvx::default_strategy(args.quality, found, seen);
+    let Prepared { scene, voxels, importance } =
+        gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
+
+    let cancel = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&cancel);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
+        .context("Ctrl-C cannot be caught")?;
+    let tuning = FineTuneOptions {
+        steps: args.steps,
+        checkpoint: args.checkpoint.clone(),
+        cancel: Some(cancel),
+        backend: args.backend,
+        report_every: (args.steps / 200).clamp(1, 50),
+        ..Default::default()
+    };
+    let tune = FineTune::new(scene, training, tuning).with_context(name)?;
+    eprintln!("backend: {:?}: {}", tune.backend().used, tune.backend().reason);
+    let bar = progress::bar("fine-tune", args.steps);
+    let outcome = tune
+        .run(|p| {
+            bar.set_position(p.step);
+            bar.set_message(format!(
+                "loss {:.4}, {:.2} dB, {:.1} steps/s",
+                p.loss, p.psnr, p.steps_per_second
+            ));
+        })
+        .with_context(name)?;
+    bar.finish_and_clear();
+    println!("{} steps in {:.1} s, ended: {:?}", outcome.steps, outcome.seconds, outcome.reason);
+
+    let tuned = outcome.scene;
+    if extension == "ply" {
+        output::write(&args.output, |out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
+        println!("{}: {} Gaussians", args.output.display(), tuned.len());
+        return Ok(());
+    }
+    let options = EncodeOptions { importance: Some(importance), ..options };
+    let encoded = gsvx::encode(&tuned, &voxels, &options).with_context(name)?;
+    output::write(&args.output, |out| Ok(out.write_all(&encoded.bytes)?))?;
+    let bytes = encoded.bytes.len() as u64;
+    println!("{}: {} Gaussians, {}", args.output.display(), tuned.len(), megabytes(bytes));
+    Ok(())
+}
+
+/// Training cameras with their photos.
+fn photos(dir: &Path) -> Result<Vec<TrainView>> {
+    let (_, found) = gs_model::dataset::open_views(dir)?;
+    let training = found.into_iter().enumerate().filter(|(i, _)| i % 8 != 0);
+    let mut out = Vec::new();
+    for (_, view) in training {
+        let file = view.image_path.display();
+        let photo = image::ImageReader::open(&view.image_path)
+            .with_context(|| format!("photo {file}"))?
+            .with_guessed_format()
+            .with_context(|| format!("photo {file}"))?
+            .decode()
+            .with_context(|| format!("photo {file}: PNG or JPEG expected"))?
+            .to_rgb8();
+        let (width, height) = photo.dimensions();
+        let Some(camera) = view.camera.scaled_to(width, height) else {
+            bail!("photo {file} is {width}x{height}, which is not its camera's aspect ratio");
+        };
+        let photo = Image::from_rgb8(width, height, photo.as_raw())
+            .with_context(|| format!("photo {file} is empty"))?;
+        out.push(TrainView { camera, photo });
+    }
+    if out.is_empty() {
+        bail!("{}: no training photos", dir.display());
+    }
+    Ok(out)
+}
