@@ -76,7 +76,7 @@ pub(crate) fn weights(
                     Importance::OpacityArea => opacity(scene.opacity_logits[i]) * area,
                     Importance::Given(given) => f64::from(given[i]),
                 };
-                let geometry = importance * libm::pow(area, -size_exponent);
+                let geometry = importance * power(area, size_exponent);
                 *w = Weights { geometry, feature: importance };
                 sums.0 += importance;
                 sums.1 += geometry * area;
@@ -92,4 +92,15 @@ pub(crate) fn weights(
         w.geometry *= per_geometry;
     });
     Ok(out)
+}
+
+/// `area^-p`, without the detour through logarithms for the common exponents.
+fn power(area: f64, p: f64) -> f64 {
+    match p {
+        0.0 => 1.0,
+        1.0 => area.recip(),
+        0.75 => (area * area.sqrt()).sqrt().recip(),
+        1.5 => (area * area.sqrt()).recip(),
+        _ => libm::pow(area, -p),
+    }
 }

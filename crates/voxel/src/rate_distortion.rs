@@ -134,7 +134,7 @@ pub fn rate_distortion(
     let mut report = RateDistortionReport::default();
     if !order.codes.is_empty() {
         let pruning = Pruning { scene, cube, options, weights: &weights };
-        let best = pruning.solve(&order.codes, &order.members, 0, &mut depths);
+        let (best, _) = pruning.solve(&order.codes, &order.members, 0, &mut depths);
         report =
             RateDistortionReport { decided: best.decided, skipped: best.skipped, cost: best.cost };
     }
@@ -164,8 +164,6 @@ struct Pruning<'a> {
 struct Best {
     /// Distortion + lambda * bits.
     cost: f64,
-    /// Of all Gaussians in the cell, relative to the cell's centre or the given base.
-    stats: Stats,
     /// Every Gaussian in the cell is dropped: the cell is not occupied.
     empty: bool,
     decided: u64,
@@ -204,17 +202,19 @@ impl Small<'_> {
 
 impl Pruning<'_> {
     /// Finds the best pruning of the cell at `depth` that holds all of `codes` and writes the
-    /// leaf depth of each Gaussian.
-    fn solve(&self, codes: &[u64], members: &[u32], depth: u8, depths: &mut [u8]) -> Best {
+    /// leaf depth of each Gaussian. The statistics are relative to the cell's centre.
+    fn solve(&self, codes: &[u64], members: &[u32], depth: u8, depths: &mut [u8]) -> (Best, Stats) {
+        let mut sum = Stats::default();
         let centre = self.centre(codes[0], depth);
         if members.len() <= SMALL {
             let mut stats = [Stats::default(); SMALL];
             for (stats, &i) in stats.iter_mut().zip(members) {
                 let i = i as usize;
                 *stats = Stats::of(self.scene, i, self.from(i, centre), self.weights[i]);
+                sum.add(stats);
             }
             let cell = Small { codes, members, stats: &stats[..members.len()], base: centre };
-            return self.solve_small(cell, depth, depths);
+            return (self.solve_small(cell, depth, depths), sum);
         }
         let o = self.options;
         let mut best = Best { empty: true, decided: 1, ..Best::default() };
@@ -222,31 +222,30 @@ impl Pruning<'_> {
             // More than SMALL Gaussians in one finest cell.
             for &i in members {
                 let i = i as usize;
-                best.stats.add(&Stats::of(self.scene, i, self.from(i, centre), self.weights[i]));
+                sum.add(&Stats::of(self.scene, i, self.from(i, centre), self.weights[i]));
             }
             best.cost = f64::INFINITY;
         } else {
             let mut occupied = 0;
-            for (child, child_centre) in self.solve_children(codes, members, depth, depths) {
-                let shift = std::array::from_fn(|k| centre[k] - child_centre[k]);
-                best.stats.add(&child.stats.moved(shift));
+            for (child, stats) in self.solve_children(codes, members, depth, depths) {
+                sum.add(&stats);
                 occupied += usize::from(!child.empty);
                 best.add(&child);
             }
             best.cost += self.division(occupied, depth);
         }
-        self.leaf_or(best, self.leaf_cost(&best.stats, depth), depth, depths)
+        (self.leaf_or(best, &sum, self.leaf_cost(&sum, [0.0; 3], depth), depth, depths), sum)
     }
 
-    /// The occupied children of a cell, solved, each with its centre, to which its statistics
-    /// refer. In parallel where that pays; always combined in Morton order.
+    /// The occupied children of a cell, solved; statistics relative to the cell's centre. In parallel where that pays; always combined in Morton order.
     fn solve_children(
         &self,
         codes: &[u64],
         members: &[u32],
         depth: u8,
         depths: &mut [u8],
-    ) -> Vec<(Best, [f64; 3])> {
+    ) -> Vec<(Best, Stats)> {
+        let centre = self.centre(codes[0], depth);
         let mut tasks: Vec<Task<'_>> = Vec::with_capacity(8);
         let (mut start, mut rest) = (0, depths);
         while start < codes.len() {
@@ -256,8 +255,9 @@ impl Pruning<'_> {
             (start, rest) = (end, tail);
         }
         let solve = |(codes, members, depths): &mut Task<'_>| {
-            let best = self.solve(codes, members, depth + 1, depths);
-            (best, self.centre(codes[0], depth + 1))
+            let (best, stats) = self.solve(codes, members, depth + 1, depths);
+            let child = self.centre(codes[0], depth + 1);
+            (best, stats.moved(std::array::from_fn(|k| centre[k] - child[k])))
         };
         if codes.len() > PARALLEL {
             tasks.par_iter_mut().map(solve).collect()
@@ -274,19 +274,20 @@ impl Pruning<'_> {
             return self.solve_one(&cell, depth, depths);
         }
         let mut best = Best { empty: true, decided: 1, ..Best::default() };
+        let mut sum = Stats::default();
         for stats in cell.stats {
-            best.stats.add(stats);
+            sum.add(stats);
         }
         let centre = self.centre(cell.codes[0], depth);
         let from_base = std::array::from_fn(|k| centre[k] - cell.base[k]);
-        let leaf = self.leaf_cost(&best.stats.moved(from_base), depth);
+        let leaf = self.leaf_cost(&sum, from_base, depth);
         // Any division that leaves something costs at least this, had it no distortion at all;
         // one that drops everything costs as much as dropping it here.
         let bound = o.lambda * (o.cost.go_on + o.cost.occupancy[0] + o.cost.gaussian);
         if depth == o.j_high || (depth >= o.j_low && leaf <= bound) {
             best.skipped = u64::from(depth < o.j_high);
             best.cost = f64::INFINITY;
-            return self.leaf_or(best, leaf, depth, depths);
+            return self.leaf_or(best, &sum, leaf, depth, depths);
         }
         let (mut start, mut occupied) = (0, 0);
         while start < cell.codes.len() {
@@ -297,13 +298,13 @@ impl Pruning<'_> {
             start = end;
         }
         best.cost += self.division(occupied, depth);
-        self.leaf_or(best, leaf, depth, depths)
+        self.leaf_or(best, &sum, leaf, depth, depths)
     }
 
     /// A cell of one Gaussian: every depth below is tried, none is visited.
     fn solve_one(&self, cell: &Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
-        let (stats, i) = (cell.stats[0], cell.members[0] as usize);
+        let (stats, i) = (&cell.stats[0], cell.members[0] as usize);
         let offset = self.cube.offset(self.scene.means[i]);
         let index = morton::decode(cell.codes[0]);
         let mut bits = 0.0;
@@ -330,7 +331,7 @@ impl Pruning<'_> {
         }
         depths.fill(at);
         let skipped = u64::from(at < o.j_high);
-        self.or_drop(Best { cost, stats, empty: false, decided: 1, skipped }, depths)
+        self.or_drop(Best { cost, empty: false, decided: 1, skipped }, stats, depths)
     }
 
     /// Cost of dividing a cell into `occupied` children; a cell that turned out empty is not
@@ -345,19 +346,26 @@ impl Pruning<'_> {
     }
 
     /// The cheaper of a division and a leaf, if there may be one here, or of dropping all.
-    fn leaf_or(&self, mut best: Best, leaf: f64, depth: u8, depths: &mut [u8]) -> Best {
+    fn leaf_or(
+        &self,
+        mut best: Best,
+        stats: &Stats,
+        leaf: f64,
+        depth: u8,
+        depths: &mut [u8],
+    ) -> Best {
         // Equal costs: the leaf, which codes faster.
         if depth >= self.options.j_low && leaf <= best.cost {
             (best.cost, best.empty) = (leaf, false);
             depths.fill(depth);
         }
-        self.or_drop(best, depths)
+        self.or_drop(best, stats, depths)
     }
 
     /// Drops every Gaussian of the cell if that costs less.
-    fn or_drop(&self, mut best: Best, depths: &mut [u8]) -> Best {
+    fn or_drop(&self, mut best: Best, stats: &Stats, depths: &mut [u8]) -> Best {
         if let Some(drop) = self.options.drop {
-            let cost = drop * best.stats.importance();
+            let cost = drop * stats.importance();
             if cost < best.cost {
                 (best.cost, best.empty) = (cost, true);
                 depths.fill(DROPPED);
@@ -366,10 +374,11 @@ impl Pruning<'_> {
         best
     }
 
-    fn leaf_cost(&self, stats: &Stats, depth: u8) -> f64 {
+    /// Cost of one leaf at `centre`, relative like `stats`.
+    fn leaf_cost(&self, stats: &Stats, centre: [f64; 3], depth: u8) -> f64 {
         let o = self.options;
         let distortion =
-            stats.displacement([0.0; 3]) + o.shape * stats.shape() + o.colour * stats.features();
+            stats.displacement(centre) + o.shape * stats.shape() + o.colour * stats.features();
         let flag = if depth < o.j_high { o.cost.stop } else { 0.0 };
         distortion + o.lambda * (flag + o.cost.gaussian)
     }

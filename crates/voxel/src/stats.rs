@@ -85,8 +85,7 @@ impl Stats {
 
     /// The same set with positions relative to the old point plus `shift`.
     pub(crate) fn moved(mut self, shift: [f64; 3]) -> Self {
-        self.second +=
-            (0..3).map(|k| shift[k] * (self.weight * shift[k] - 2.0 * self.first[k])).sum::<f64>();
+        self.second += self.second_shift(shift);
         for (first, shift) in self.first.iter_mut().zip(shift) {
             *first -= self.weight * shift;
         }
@@ -95,7 +94,11 @@ impl Stats {
 
     /// Weighted sum of squared distances of the means from `point` (relative like them).
     pub(crate) fn displacement(&self, point: [f64; 3]) -> f64 {
-        self.moved(point).second.max(0.0)
+        (self.second + self.second_shift(point)).max(0.0)
+    }
+
+    fn second_shift(&self, shift: [f64; 3]) -> f64 {
+        (0..3).map(|k| shift[k] * (self.weight * shift[k] - 2.0 * self.first[k])).sum()
     }
 
     /// Weighted sum of squared distances of the covariances' square roots from their mean.

@@ -56,8 +56,8 @@ fn lambda(at_50: f64, quality: f32) -> f64 {
     at_50 * (-2.0 * (f64::from(quality) - 50.0) / 15.0).exp2()
 }
 
-/// lambda at quality 50.
-const AT_50: f64 = 4e-3;
+/// lambdas at quality 50: as many per quality as there are depths for the other strategies.
+const AT_50: [f64; 3] = [2e-3, 4e-3, 8e-3];
 /// Attribute bits per Gaussian at quality 50 and per point (measured streams).
 fn bits(quality: f32) -> f64 {
     (60.0 + 1.2 * (f64::from(quality) - 50.0)).max(10.0)
@@ -92,12 +92,12 @@ pub(super) fn table(study: &Study, args: &BenchArgs) -> Result<String> {
         });
         curve(study, &format!("Paper, {merging:?} merging"), merging, settings)
     };
-    let pruned = |name: &str, at_50: f64, options: &dyn Fn(f64) -> RateDistortion| {
-        let settings = QUALITIES.iter().map(|&q| {
-            let mut o = options(lambda(at_50, q));
+    let pruned = |name: &str, at_50: &[f64], options: &dyn Fn(f64) -> RateDistortion| {
+        let grid = QUALITIES.iter().flat_map(|&q| at_50.iter().map(move |&l| (q, lambda(l, q))));
+        let settings = grid.map(|(q, l)| {
+            let mut o = options(l);
             o.cost.gaussian = bits(q);
-            let what = format!("lambda {:.1e}", o.lambda);
-            (Strategy::RateDistortion(o), q, what)
+            (Strategy::RateDistortion(o), q, format!("lambda {l:.1e}"))
         });
         curve(study, name, Merge::Moments, settings)
     };
@@ -107,39 +107,36 @@ pub(super) fn table(study: &Study, args: &BenchArgs) -> Result<String> {
         uniform(Merge::Moments)?,
         paper(Merge::Paper)?,
         paper(Merge::Moments)?,
-        pruned("RateDistortion, no cameras", AT_50, &RateDistortion::unseen)?,
-        pruned("RateDistortion, nothing dropped", AT_50, &|l| RateDistortion {
+        pruned("RateDistortion, no cameras", &AT_50, &RateDistortion::unseen)?,
+        pruned("RateDistortion, nothing dropped", &AT_50[1..2], &|l| RateDistortion {
             drop: None,
             ..seen(l)
         })?,
-        pruned("RateDistortion", AT_50, &seen)?,
+        pruned("RateDistortion", &AT_50, &seen)?,
     ];
     if args.variants {
         for at_50 in [1e-3, 1e-2] {
-            curves.push(pruned(&format!("... lambda at 50 {at_50}"), at_50, &seen)?);
+            curves.push(pruned(&format!("... lambda at 50 {at_50}"), &[at_50], &seen)?);
         }
         for drop in [5.0, 20.0, 40.0] {
-            curves.push(pruned(&format!("... drop {drop}"), AT_50, &|l| RateDistortion {
+            curves.push(pruned(&format!("... drop {drop}"), &AT_50[1..2], &|l| RateDistortion {
                 drop: Some(drop),
                 ..seen(l)
             })?);
         }
         for size_exponent in [0.5, 1.0] {
-            curves.push(pruned(&format!("... p {size_exponent}"), AT_50, &|l| RateDistortion {
-                size_exponent,
-                ..seen(l)
+            curves.push(pruned(&format!("... p {size_exponent}"), &AT_50[1..2], &|l| {
+                RateDistortion { size_exponent, ..seen(l) }
             })?);
         }
         for colour in [0.0, 5.0] {
-            curves.push(pruned(&format!("... colour {colour}"), AT_50, &|l| RateDistortion {
-                colour,
-                ..seen(l)
+            curves.push(pruned(&format!("... colour {colour}"), &AT_50[1..2], &|l| {
+                RateDistortion { colour, ..seen(l) }
             })?);
         }
         for p in [1.0, 2.0] {
-            curves.push(pruned(&format!("... no cameras, p {p}"), AT_50, &|l| RateDistortion {
-                size_exponent: p,
-                ..RateDistortion::unseen(l)
+            curves.push(pruned(&format!("... no cameras, p {p}"), &AT_50[1..2], &|l| {
+                RateDistortion { size_exponent: p, ..RateDistortion::unseen(l) }
             })?);
         }
     }
@@ -160,12 +157,26 @@ fn plain(curve: &Curve) -> Vec<Point> {
 
 fn report(study: &Study, curves: &[Curve]) -> Result<String> {
     let anchor = |i: usize| bd::hull(&plain(&curves[i]));
+    // The depth that uniform voxelization needs when it may choose only one: the one nearest
+    // to the hull of all.
+    let at = |depth: u8| -> Vec<Point> {
+        let wanted = format!("J = {depth},");
+        let points = curves[1].points.iter().filter(|(_, what)| what.starts_with(&wanted));
+        bd::hull(&points.map(|(p, _)| *p).collect::<Vec<_>>())
+    };
+    let excess = |depth: u8| bd::bd_rate(&anchor(1), &at(depth), Method::Pchip).unwrap_or(f64::MAX);
+    let best = (study.depth - 1..=study.depth + 1)
+        .filter(|&d| at(d).len() > 1)
+        .min_by(|&a, &b| excess(a).total_cmp(&excess(b)))
+        .unwrap_or(study.depth);
     let mut out = format!(
         "## Equal bytes on {} (real streams, decoded, held-out views, no fine-tune)\n\n\
          Hull of all settings of each strategy; BD-rate by pchip of hulls, negative is smaller.\n\n\
-         | strategy | points on hull | against Uniform, Paper merging | against Uniform, Moments merging |\n\
-         |---|---|---|---|\n",
-        study.name
+         The last column is against Uniform (Moments) kept at J = {d}, its best single depth.\n\n\
+         | strategy | points on hull | against Uniform, Paper merging | against Uniform, Moments merging | against J = {d} |\n\
+         |---|---|---|---|---|\n",
+        study.name,
+        d = best
     );
     let percent = |a: &[Point], b: &[Point]| {
         bd::bd_rate(a, b, Method::Pchip).map_or("-".into(), |r| format!("{r:+.1} %"))
@@ -174,11 +185,12 @@ fn report(study: &Study, curves: &[Curve]) -> Result<String> {
         let hull = bd::hull(&plain(c));
         writeln!(
             out,
-            "| {} | {} | {} | {} |",
+            "| {} | {} | {} | {} | {} |",
             c.name,
             hull.len(),
             percent(&anchor(0), &hull),
-            percent(&anchor(1), &hull)
+            percent(&anchor(1), &hull),
+            percent(&at(best), &hull)
         )?;
     }
     out += "\nPoints on the hulls:\n\n| strategy | setting | bytes | dB |\n|---|---|---|---|\n";
