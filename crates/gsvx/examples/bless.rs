@@ -9,7 +9,9 @@ use std::path::Path;
 fn main() -> std::io::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
     std::fs::create_dir_all(&folder)?;
-    let mut list = String::from("# SHA-256 of the decoded floats, name. Written by: cargo run --release -p gsvx --example bless\n");
+    let mut list = String::from(
+        "# SHA-256 of the decoded floats, name. Written by: cargo run --release -p gsvx --example bless\n",
+    );
     for (name, bytes) in golden::streams() {
         match gsvx::decode(&bytes, &gsvx::DecodeOptions::default()) {
             Ok(decoded) => list += &format!("{}  {name}\n", golden::hash(&decoded.scene)),
