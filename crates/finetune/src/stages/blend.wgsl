@@ -60,44 +60,33 @@ fn blend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
             let row0 = vec4<u32>(bitcast<u32>(s.b.w));
             let row1 = vec4<u32>(bitcast<u32>(s.c.w));
             let dx = s.a.x - px;
-            // Whether the splat can reach this half column: its rows, and the smallest sigma of
-            // any row at this dx, with a margin far above its rounding error. As a loop, because
-            // Mesa 22.3.6 runs both sides of an `if` but skips a loop that no lane enters.
-            let e0_column = s.a.z * dx;
-            let rr = s.b.x * s.b.x;
-            let qq = s.a.w * s.a.w;
-            let least = e0_column * e0_column * rr;
-            let in_rows = y0 + row < bitcast<u32>(s.c.w) && y0 + row + 8u > bitcast<u32>(s.b.w);
-            let reaches = in_rows && least <= (s.b.y * 1.01 + 0.01) * (qq + rr);
-            for (var visit = select(1u, 0u, reaches); visit < 1u; visit++) {
-                let e0x = vec4<f32>(s.a.z * dx);
-                let cut = vec4<f32>(s.b.y);
-                let opacity = vec4<f32>(s.b.z);
-                // Rows outside the splat's box get a cut that nothing passes.
-                let none = vec4<f32>(-1.0);
-                let cut_a = select(none, cut, (row_a >= row0) & (row_a < row1));
-                let cut_b = select(none, cut, (row_b >= row0) & (row_b < row1));
-                let dy_a = vec4<f32>(s.a.y) - py_a;
-                let dy_b = vec4<f32>(s.a.y) - py_b;
-                let qy_a = s.a.w * dy_a;
-                let qy_b = s.a.w * dy_b;
-                let step_a = gate(e0x + qy_a, s.b.x * dy_a, cut_a, opacity, t_a);
-                let step_b = gate(e0x + qy_b, s.b.x * dy_b, cut_b, opacity, t_b);
-                let r_a = step_a.w * s.c.x;
-                let g_a = step_a.w * s.c.y;
-                let b_a = step_a.w * s.c.z;
-                let r_b = step_b.w * s.c.x;
-                let g_b = step_b.w * s.c.y;
-                let b_b = step_b.w * s.c.z;
-                red_a += r_a;
-                red_b += r_b;
-                green_a += g_a;
-                green_b += g_b;
-                blue_a += b_a;
-                blue_b += b_b;
-                t_a = step_a.t;
-                t_b = step_b.t;
-            }
+            let e0x = vec4<f32>(s.a.z * dx);
+            let cut = vec4<f32>(s.b.y);
+            let opacity = vec4<f32>(s.b.z);
+            // Rows outside the splat's box get a cut that nothing passes.
+            let none = vec4<f32>(-1.0);
+            let cut_a = select(none, cut, (row_a >= row0) & (row_a < row1));
+            let cut_b = select(none, cut, (row_b >= row0) & (row_b < row1));
+            let dy_a = vec4<f32>(s.a.y) - py_a;
+            let dy_b = vec4<f32>(s.a.y) - py_b;
+            let qy_a = s.a.w * dy_a;
+            let qy_b = s.a.w * dy_b;
+            let step_a = gate(e0x + qy_a, s.b.x * dy_a, cut_a, opacity, t_a);
+            let step_b = gate(e0x + qy_b, s.b.x * dy_b, cut_b, opacity, t_b);
+            let r_a = step_a.w * s.c.x;
+            let g_a = step_a.w * s.c.y;
+            let b_a = step_a.w * s.c.z;
+            let r_b = step_b.w * s.c.x;
+            let g_b = step_b.w * s.c.y;
+            let b_b = step_b.w * s.c.z;
+            red_a += r_a;
+            red_b += r_b;
+            green_a += g_a;
+            green_b += g_b;
+            blue_a += b_a;
+            blue_b += b_b;
+            t_a = step_a.t;
+            t_b = step_b.t;
         }
         done += n;
         if (any(t_a > vec4<f32>(0.0)) || any(t_b > vec4<f32>(0.0))) {

@@ -115,62 +115,48 @@ fn blend_adjoint(
             let row0 = vec4<u32>(bitcast<u32>(s.b.w));
             let row1 = vec4<u32>(bitcast<u32>(s.c.w));
             let dx = s.a.x - px;
+            let e0x = vec4<f32>(s.a.z * dx);
+            let cut = vec4<f32>(s.b.y);
+            let opacity = vec4<f32>(s.b.z);
+            let none = vec4<f32>(-1.0);
+            let cut_a = select(none, cut, (row_a >= row0) & (row_a < row1));
+            let cut_b = select(none, cut, (row_b >= row0) & (row_b < row1));
+            let dy_a = vec4<f32>(s.a.y) - py_a;
+            let dy_b = vec4<f32>(s.a.y) - py_b;
+            let qy_a = s.a.w * dy_a;
+            let qy_b = s.a.w * dy_b;
+            let e0_a = e0x + qy_a;
+            let e0_b = e0x + qy_b;
+            let e1_a = s.b.x * dy_a;
+            let e1_b = s.b.x * dy_b;
+            let e11_a = e1_a * e1_a;
+            let e11_b = e1_b * e1_b;
+            let cr_a = s.c.x * red_a;
+            let cr_b = s.c.x * red_b;
+            let cgr_a = s.c.y * green_a;
+            let cgr_b = s.c.y * green_b;
+            let cb_a = s.c.z * blue_a;
+            let cb_b = s.c.z * blue_b;
+            let crg_a = cr_a + cgr_a;
+            let crg_b = cr_b + cgr_b;
+            let cg_a = crg_a + cb_a;
+            let cg_b = crg_b + cb_b;
+            let step_a = replay(e0_a, e1_a, cut_a, opacity, t_a, rg_a, cg_a);
+            let step_b = replay(e0_b, e1_b, cut_b, opacity, t_b, rg_b, cg_b);
+            t_a = step_a.t;
+            t_b = step_b.t;
+            rg_a = step_a.rg;
+            rg_b = step_b.rg;
+            let v0_a = step_a.v_sigma * e0_a;
+            let v0_b = step_b.v_sigma * e0_b;
             let slot = k * 7u * STRIDE + lane;
-            for (var c = 0u; c < 7u; c++) {
-                partial[slot + c * STRIDE] = 0.0;
-            }
-            // Whether the splat can reach this half column: its rows, and the smallest sigma of
-            // any row at this dx, with a margin far above its rounding error. As a loop, because
-            // Mesa 22.3.6 runs both sides of an `if` but skips a loop that no lane enters.
-            let e0_column = s.a.z * dx;
-            let rr = s.b.x * s.b.x;
-            let qq = s.a.w * s.a.w;
-            let least = e0_column * e0_column * rr;
-            let in_rows = y0 + row < bitcast<u32>(s.c.w) && y0 + row + 8u > bitcast<u32>(s.b.w);
-            let reaches = in_rows && least <= (s.b.y * 1.01 + 0.01) * (qq + rr);
-            for (var visit = select(1u, 0u, reaches); visit < 1u; visit++) {
-                let e0x = vec4<f32>(s.a.z * dx);
-                let cut = vec4<f32>(s.b.y);
-                let opacity = vec4<f32>(s.b.z);
-                let none = vec4<f32>(-1.0);
-                let cut_a = select(none, cut, (row_a >= row0) & (row_a < row1));
-                let cut_b = select(none, cut, (row_b >= row0) & (row_b < row1));
-                let dy_a = vec4<f32>(s.a.y) - py_a;
-                let dy_b = vec4<f32>(s.a.y) - py_b;
-                let qy_a = s.a.w * dy_a;
-                let qy_b = s.a.w * dy_b;
-                let e0_a = e0x + qy_a;
-                let e0_b = e0x + qy_b;
-                let e1_a = s.b.x * dy_a;
-                let e1_b = s.b.x * dy_b;
-                let e11_a = e1_a * e1_a;
-                let e11_b = e1_b * e1_b;
-                let cr_a = s.c.x * red_a;
-                let cr_b = s.c.x * red_b;
-                let cgr_a = s.c.y * green_a;
-                let cgr_b = s.c.y * green_b;
-                let cb_a = s.c.z * blue_a;
-                let cb_b = s.c.z * blue_b;
-                let crg_a = cr_a + cgr_a;
-                let crg_b = cr_b + cgr_b;
-                let cg_a = crg_a + cb_a;
-                let cg_b = crg_b + cb_b;
-                let step_a = replay(e0_a, e1_a, cut_a, opacity, t_a, rg_a, cg_a);
-                let step_b = replay(e0_b, e1_b, cut_b, opacity, t_b, rg_b, cg_b);
-                t_a = step_a.t;
-                t_b = step_b.t;
-                rg_a = step_a.rg;
-                rg_b = step_b.rg;
-                let v0_a = step_a.v_sigma * e0_a;
-                let v0_b = step_b.v_sigma * e0_b;
-                partial[slot] = add_rows(0.0, step_a.w * red_a, step_b.w * red_b);
-                partial[slot + STRIDE] = add_rows(0.0, step_a.w * green_a, step_b.w * green_b);
-                partial[slot + 2u * STRIDE] = add_rows(0.0, step_a.w * blue_a, step_b.w * blue_b);
-                partial[slot + 3u * STRIDE] = add_rows(0.0, step_a.v_sigma, step_b.v_sigma);
-                partial[slot + 4u * STRIDE] = add_rows(0.0, v0_a * e0_a, v0_b * e0_b);
-                partial[slot + 5u * STRIDE] = add_rows(0.0, v0_a * e1_a, v0_b * e1_b);
-                partial[slot + 6u * STRIDE] = add_rows(0.0, step_a.v_sigma * e11_a, step_b.v_sigma * e11_b);
-            }
+            partial[slot] = add_rows(0.0, step_a.w * red_a, step_b.w * red_b);
+            partial[slot + STRIDE] = add_rows(0.0, step_a.w * green_a, step_b.w * green_b);
+            partial[slot + 2u * STRIDE] = add_rows(0.0, step_a.w * blue_a, step_b.w * blue_b);
+            partial[slot + 3u * STRIDE] = add_rows(0.0, step_a.v_sigma, step_b.v_sigma);
+            partial[slot + 4u * STRIDE] = add_rows(0.0, v0_a * e0_a, v0_b * e0_b);
+            partial[slot + 5u * STRIDE] = add_rows(0.0, v0_a * e1_a, v0_b * e1_b);
+            partial[slot + 6u * STRIDE] = add_rows(0.0, step_a.v_sigma * e11_a, step_b.v_sigma * e11_b);
         }
         workgroupBarrier();
         for (var j = lane; j < n * 7u; j += LANES) {
