@@ -10,12 +10,8 @@ const SIZE: (u32, u32) = (1180, 640);
 /// Width of the legend beside the plot.
 const LEGEND: u32 = 330;
 /// Colours by hand: distinct in grey and to colour-blind eyes (Okabe and Ito).
-const OURS: [RGBColor; 4] = [
-    RGBColor(0, 114, 178),
-    RGBColor(230, 159, 0),
-    RGBColor(110, 110, 110),
-    RGBColor(213, 94, 0),
-];
+const OURS: [RGBColor; 4] =
+    [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(110, 110, 110), RGBColor(213, 94, 0)];
 const THEIRS: [RGBColor; 6] = [
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
