@@ -54,7 +54,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         drop(many);
         let stream = dir.path().join("model.gsvx");
         let back = dir.path().join("back.ply");
-        let steps: [(&str, [&Path; 2], &[&str]); 3] = [
+        let steps: [(&str, [&Path; 2], &[&str]); 5] = [
+            ("encode --fast", [&model, &stream], &["encode", "--fast"]),
+            ("decode of that", [&stream, &back], &["decode"]),
             ("encode", [&model, &stream], &["encode"]),
             ("decode", [&stream, &back], &["decode"]),
             ("decode, SH degree 0", [&stream, &back], &["decode", "--max-sh-degree", "0"]),

@@ -5,7 +5,7 @@ use crate::{progress, views};
 use anyhow::{Context, Result, bail};
 use gs_model::Scene;
 use gs_model::ply::{Invalid, ReadOptions};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, Prepared, rate};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, Entropy, Prepared, rate};
 use std::path::PathBuf;
 use std::time::Instant;
 use voxel::Strategy;
@@ -46,6 +46,9 @@ pub(crate) struct Args {
     /// Covariance mode: transform, vq:BITS (a codebook of 2^BITS) or lossless:BITS (integers).
     #[arg(long, default_value = "transform", value_parser = covariance)]
     covariance: CovarianceMode,
+    /// Code with RLGR and without prediction: several times faster, about 8 % larger.
+    #[arg(long)]
+    fast: bool,
     /// Highest SH degree to keep.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3))]
     max_sh_degree: u8,
@@ -145,6 +148,7 @@ fn lossy(args: &Args, scene: &Scene) -> Result<Made> {
         let options = EncodeOptions {
             max_sh_degree: args.max_sh_degree,
             covariance: args.covariance,
+            entropy: if args.fast { Entropy::Rlgr } else { Entropy::Range },
             importance: Some(importance),
             ..EncodeOptions::from_quality(quality)?
         };
