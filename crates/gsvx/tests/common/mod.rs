@@ -5,10 +5,10 @@ use gs_model::Scene;
 use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
 
 /// SplitMix64, so that seeds stay valid for ever.
-pub struct Rng(pub u64);
+pub(crate) struct Rng(pub(crate) u64);
 
 impl Rng {
-    pub fn next(&mut self) -> u64 {
+    pub(crate) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -17,12 +17,12 @@ impl Rng {
     }
 
     /// Uniform in -1..1.
-    pub fn unit(&mut self) -> f32 {
+    pub(crate) fn unit(&mut self) -> f32 {
         (self.next() >> 40) as f32 / (1u64 << 23) as f32 - 1.0
     }
 }
 
-pub fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
+pub(crate) fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
     let mut r = Rng(seed);
     let mut scene = Scene { sh_degree, ..Default::default() };
     for i in 0..n {
@@ -40,14 +40,14 @@ pub fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
     scene
 }
 
-pub fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelization) {
+pub(crate) fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelization) {
     let cube = Cube::of(&scene.means).unwrap();
     let voxels = voxelize(scene, &cube, strategy).unwrap();
     (merge(scene, &voxels, Merge::Moments).unwrap(), voxels)
 }
 
 /// The golden streams: what they are made from, and the hash of what they decode to.
-pub mod golden {
+pub(crate) mod golden {
     use super::{scene, voxelized};
     use gs_model::Scene;
     use gsvx::{CovarianceMode, EncodeOptions, PaperQp};
@@ -55,7 +55,7 @@ pub mod golden {
     use voxel::Strategy;
 
     /// SHA-256 of all floats, little-endian: means, rotations, log-scales, opacity logits, SH.
-    pub fn hash(s: &Scene) -> String {
+    pub(crate) fn hash(s: &Scene) -> String {
         let mut sha = Sha256::new();
         let parts: [&[f32]; 5] = [
             s.means.as_flattened(),
@@ -71,7 +71,7 @@ pub mod golden {
     }
 
     /// Names and bytes.
-    pub fn streams() -> Vec<(String, Vec<u8>)> {
+    pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
         let mut out = Vec::new();
         let mut add = |name: &str, n, degree, strategy: Strategy, options: &EncodeOptions| {
             let (merged, voxels) = voxelized(&scene(n, degree, 42), &strategy);
