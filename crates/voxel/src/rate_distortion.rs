@@ -9,7 +9,7 @@ use crate::cube::Cube;
 use crate::error::Result;
 use crate::importance::{Importance, weights};
 use crate::order::{MortonOrder, cell_end};
-use crate::stats::{Stats, Weights};
+use crate::stats::{Raw, Stats, Weights};
 use crate::strategy::{check, check_depths};
 use crate::voxelize::{DROPPED, Voxelization};
 
@@ -207,10 +207,13 @@ impl Pruning<'_> {
         let mut sum = Stats::default();
         let centre = self.centre(codes[0], depth);
         if members.len() <= SMALL {
+            let mut raw = [Raw::default(); SMALL];
+            for (raw, &i) in raw.iter_mut().zip(members) {
+                *raw = Raw::of(self.scene, self.weights, i as usize);
+            }
             let mut stats = [Stats::default(); SMALL];
-            for (stats, &i) in stats.iter_mut().zip(members) {
-                let i = i as usize;
-                *stats = Stats::of(self.scene, i, self.from(i, centre), self.weights[i]);
+            for (stats, raw) in stats.iter_mut().zip(&raw[..members.len()]) {
+                *stats = Stats::of(raw, self.from(raw.mean, centre));
                 sum.add(stats);
             }
             let cell = Small { codes, members, stats: &stats[..members.len()], base: centre };
@@ -221,8 +224,8 @@ impl Pruning<'_> {
         if depth == o.j_high {
             // More than SMALL Gaussians in one finest cell.
             for &i in members {
-                let i = i as usize;
-                sum.add(&Stats::of(self.scene, i, self.from(i, centre), self.weights[i]));
+                let raw = Raw::of(self.scene, self.weights, i as usize);
+                sum.add(&Stats::of(&raw, self.from(raw.mean, centre)));
             }
             best.cost = f64::INFINITY;
         } else {
@@ -383,9 +386,9 @@ impl Pruning<'_> {
         distortion + o.lambda * (flag + o.cost.gaussian)
     }
 
-    /// Mean of Gaussian `i` relative to `centre`.
-    fn from(&self, i: usize, centre: [f64; 3]) -> [f64; 3] {
-        let offset = self.cube.offset(self.scene.means[i]);
+    /// A mean relative to `centre`.
+    fn from(&self, mean: [f32; 3], centre: [f64; 3]) -> [f64; 3] {
+        let offset = self.cube.offset(mean);
         std::array::from_fn(|k| offset[k] - centre[k])
     }
 

@@ -45,14 +45,36 @@ pub(crate) struct Weights {
     pub(crate) feature: f64,
 }
 
+/// What [`Stats`] are made of. Gathered for many Gaussians before anything is computed: members
+/// lie all over the scene, and only plain loads overlap their cache misses.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Raw {
+    pub(crate) mean: [f32; 3],
+    log_scale: [f32; 3],
+    rotation: [f32; 4],
+    dc: [f32; 3],
+    weights: Weights,
+}
+
+impl Raw {
+    pub(crate) fn of(scene: &Scene, weights: &[Weights], i: usize) -> Self {
+        Self {
+            mean: scene.means[i],
+            log_scale: scene.log_scales[i],
+            rotation: scene.rotations[i],
+            dc: scene.sh_of(i)[0],
+            weights: weights[i],
+        }
+    }
+}
+
 impl Stats {
-    /// Gaussian `i`, whose mean is `d` from the point of reference.
-    pub(crate) fn of(scene: &Scene, i: usize, d: [f64; 3], weights: Weights) -> Self {
-        let w = weights.geometry;
-        let features = scene.sh_of(i)[0].map(f64::from);
-        let v = weights.feature;
-        let s = scales(scene.log_scales[i]);
-        let root = congruence(&rotation(scene.rotations[i]), s);
+    /// One Gaussian, whose mean is `d` from the point of reference.
+    pub(crate) fn of(raw: &Raw, d: [f64; 3]) -> Self {
+        let (w, v) = (raw.weights.geometry, raw.weights.feature);
+        let features = raw.dc.map(f64::from);
+        let s = scales(raw.log_scale);
+        let root = congruence(&rotation(raw.rotation), s);
         Self {
             weight: w,
             first: d.map(|x| w * x),
