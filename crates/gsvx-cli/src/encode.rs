@@ -86,7 +86,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
     let invalid = if args.drop_invalid { Invalid::Drop } else { Invalid::Error };
     let read = ReadOptions { invalid, ..Default::default() };
-    let (scene, report) = gs_model::model::read(&args.input, &read)?;
+    let (scene, report) = gs_model::model::read(&args.input, &read).map_err(|error| {
+        let hint = matches!(error, gs_model::Error::InvalidGaussian { .. });
+        let error = anyhow::Error::from(error);
+        if hint { anyhow::anyhow!("{error}: pass --drop-invalid to leave them out") } else { error }
+    })?;
     for property in report.ply.iter().flat_map(|p| &p.unknown_properties) {
         eprintln!("skipped: property {property} is not part of a 3DGS model");
     }

@@ -9,6 +9,10 @@ pub(crate) fn check(path: &Path, force: bool) -> Result<()> {
     if path.is_dir() {
         bail!("{}: is a directory; give a file name", path.display());
     }
+    // Renaming onto a device or a pipe would replace it by a file.
+    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+        bail!("{}: is not a regular file; give another name", path.display());
+    }
     if path.exists() && !force {
         bail!("{}: already exists; pass --force to replace it", path.display());
     }

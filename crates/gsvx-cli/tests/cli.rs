@@ -126,6 +126,16 @@ fn mistakes_get_one_line() {
     let header =
         b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n";
     encode(&file("bare.ply", header), "bare.ply");
+    // The first float of the first row becomes NaN.
+    let start = model.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let mut nan = model.clone();
+    nan[start..start + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let nan = file("nan.ply", &nan);
+    encode(&nan, "--drop-invalid");
+    let dropped = dir.path().join("dropped.gsvx");
+    ok(&["encode", path(&nan), "-o", path(&dropped), "--drop-invalid"]);
+    #[cfg(unix)]
+    fails(&["encode", path(&whole), "-o", "/dev/null", "--force"], "regular file");
     fails(&["encode", path(&whole), "-o", path(dir.path())], "directory");
     fails(&["encode", path(&whole), "-o", "/nonexistent-folder/a.gsvx"], "no such directory");
     fails(&["encode", path(&whole), "-o", out, "--quality", "101"], "quality");
