@@ -14,6 +14,8 @@ mod merging;
 mod models;
 #[path = "bench_voxel/speed.rs"]
 mod speed;
+#[path = "bench_voxel/tuned.rs"]
+mod tuned;
 
 use std::path::PathBuf;
 
@@ -26,7 +28,7 @@ pub(crate) struct BenchArgs {
     /// Directory with `scenes` and `models`
     #[arg(long, default_value = "../shared")]
     pub(crate) shared: PathBuf,
-    /// Only these parts: speed, criteria, merging, rates, cost (all if none)
+    /// Only these parts: speed, criteria, merging, rates, tuned, cost (all if none)
     #[arg(long)]
     pub(crate) only: Vec<String>,
     /// Only these scenes
@@ -35,6 +37,9 @@ pub(crate) struct BenchArgs {
     /// Gaussians of the speed runs, in thousands
     #[arg(long, default_value_t = 2500)]
     pub(crate) thousands: usize,
+    /// Steps of fine-tune in `tuned`
+    #[arg(long, default_value_t = 300)]
+    pub(crate) steps: u64,
     /// Folder for the plots of `rates` and `criteria`
     #[arg(long, default_value = "docs/results")]
     pub(crate) plots: PathBuf,
@@ -53,7 +58,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         println!("{}", criteria::table(args)?);
     }
     for name in &args.scene {
-        if !["merging", "rates", "cost"].into_iter().any(wants) {
+        if !["merging", "rates", "tuned", "cost"].into_iter().any(wants) {
             break;
         }
         let study = models::Study::open(&args.shared.join("scenes").join(name), name)
@@ -66,6 +71,9 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         }
         if wants("rates") {
             println!("{}", curves::table(&study, args)?);
+        }
+        if wants("tuned") {
+            println!("{}", tuned::table(&study, args.steps)?);
         }
     }
     Ok(())

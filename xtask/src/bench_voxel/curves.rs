@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use anyhow::{Result, ensure};
-use voxel::{Importance, Merge, RateDistortion, Strategy, merge_weighted, voxelize};
+use gs_model::Scene;
+use voxel::{Importance, Merge, RateDistortion, Strategy, Voxelization, merge_weighted, voxelize};
 
 use super::models::Study;
 use super::{BenchArgs, chart};
@@ -15,7 +16,7 @@ struct Curve {
     points: Vec<(Point, String)>,
 }
 
-/// Encodes, decodes and renders one operating point.
+/// Voxelizes, merges, encodes, decodes and renders one operating point.
 fn point(
     study: &Study,
     strategy: &Strategy,
@@ -25,14 +26,23 @@ fn point(
     let v = voxelize(&study.scene, &study.cube, strategy)?;
     let seen = Importance::Given(study.seen.clone());
     let merged = merge_weighted(&study.scene, &v, merging, &seen)?;
+    Ok((coded(study, &merged, &v, quality)?, v.len()))
+}
+
+/// Encodes a merged scene, decodes the bytes and renders what comes out.
+pub(super) fn coded(
+    study: &Study,
+    merged: &Scene,
+    v: &Voxelization,
+    quality: f32,
+) -> Result<Point> {
     let mut options = gsvx::EncodeOptions::from_quality(quality)?;
     let sum = |i: usize| v.members_of(i).iter().map(|&m| study.seen[m as usize]).sum();
     options.importance = Some((0..v.len()).map(sum).collect());
-    let bytes = gsvx::encode(&merged, &v, &options)?.bytes;
+    let bytes = gsvx::encode(merged, v, &options)?.bytes;
     let decoded = gsvx::decode(&bytes, &gsvx::DecodeOptions::default())?.scene;
     ensure!(decoded.means == merged.means, "decoded means are not the voxelized ones");
-    let psnr_db = study.psnr(&decoded);
-    Ok((Point { rate: bytes.len() as f64, psnr_db }, v.len()))
+    Ok(Point { rate: bytes.len() as f64, psnr_db: study.psnr(&decoded) })
 }
 
 fn curve(
@@ -52,14 +62,14 @@ fn curve(
 }
 
 /// lambda that keeps positions in balance with attributes: a quality of 15 more halves steps.
-fn lambda(at_50: f64, quality: f32) -> f64 {
+pub(super) fn lambda(at_50: f64, quality: f32) -> f64 {
     at_50 * (-2.0 * (f64::from(quality) - 50.0) / 15.0).exp2()
 }
 
 /// lambdas at quality 50: as many per quality as there are depths for the other strategies.
-const AT_50: [f64; 3] = [2e-3, 4e-3, 8e-3];
+pub(super) const AT_50: [f64; 3] = [2e-3, 4e-3, 8e-3];
 /// Attribute bits per Gaussian at quality 50 and per point (measured streams).
-fn bits(quality: f32) -> f64 {
+pub(super) fn bits(quality: f32) -> f64 {
     (60.0 + 1.2 * (f64::from(quality) - 50.0)).max(10.0)
 }
 
@@ -115,28 +125,29 @@ pub(super) fn table(study: &Study, args: &BenchArgs) -> Result<String> {
         pruned("RateDistortion", &AT_50, &seen)?,
     ];
     if args.variants {
-        for at_50 in [1e-3, 1e-2] {
-            curves.push(pruned(&format!("... lambda at 50 {at_50}"), &[at_50], &seen)?);
+        let few = |q: f32| 30.0 * ((f64::from(q) - 50.0) / 20.5).exp2();
+        let variant = |name: &str, at_50: f64, options: &dyn Fn(f64, f32) -> RateDistortion| {
+            let settings = QUALITIES.iter().map(|&q| {
+                let l = lambda(at_50, q);
+                (Strategy::RateDistortion(options(l, q)), q, format!("lambda {l:.1e}"))
+            });
+            curve(study, name, Merge::Moments, settings)
+        };
+        for at_50 in [2e-3, 4e-3, 8e-3, 1.6e-2] {
+            for factor in [0.5, 1.0] {
+                let name = format!("... bits {factor}, lambda {at_50:.0e}");
+                curves.push(variant(&name, at_50, &|l, q| {
+                    let mut o = seen(l);
+                    o.cost.gaussian = few(q) * factor;
+                    o
+                })?);
+            }
         }
-        for drop in [5.0, 20.0, 40.0] {
-            curves.push(pruned(&format!("... drop {drop}"), &AT_50[1..2], &|l| RateDistortion {
-                drop: Some(drop),
-                ..seen(l)
-            })?);
-        }
-        for size_exponent in [0.5, 1.0] {
-            curves.push(pruned(&format!("... p {size_exponent}"), &AT_50[1..2], &|l| {
-                RateDistortion { size_exponent, ..seen(l) }
-            })?);
-        }
-        for colour in [0.0, 5.0] {
-            curves.push(pruned(&format!("... colour {colour}"), &AT_50[1..2], &|l| {
-                RateDistortion { colour, ..seen(l) }
-            })?);
-        }
-        for p in [1.0, 2.0] {
-            curves.push(pruned(&format!("... no cameras, p {p}"), &AT_50[1..2], &|l| {
-                RateDistortion { size_exponent: p, ..RateDistortion::unseen(l) }
+        for (name, shape, colour) in [("shape 0", 0.0, 1.0), ("shape 1", 1.0, 1.0)] {
+            curves.push(variant(&format!("... {name}"), AT_50[1], &|l, q| {
+                let mut o = RateDistortion { shape, colour, ..seen(l) };
+                o.cost.gaussian = bits(q);
+                o
             })?);
         }
     }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use finetune::TrainView;
 use gs_model::{Camera, Scene, dataset::Dataset, ply};
 use voxel::Cube;
 
@@ -15,6 +16,7 @@ pub(super) struct Study {
     pub(super) scene: Scene,
     pub(super) cube: Cube,
     pub(super) shots: Vec<Shot>,
+    dir: std::path::PathBuf,
     /// Sum of squared blending weights of each Gaussian over the training views.
     pub(super) seen: Vec<f32>,
     /// The uniform depth that all strategies are compared around.
@@ -31,7 +33,13 @@ impl Study {
         let seen = finetune::saliency_per_view(&scene, &cameras).squared;
         let cube = Cube::of(&scene.means)?;
         let depth = depth_of(&scene, &cube)?;
-        Ok(Self { name: name.to_owned(), scene, cube, shots, seen, depth })
+        Ok(Self { name: name.to_owned(), dir: dir.to_owned(), scene, cube, shots, seen, depth })
+    }
+
+    /// The training views with their photos.
+    pub(super) fn training(&self) -> Result<Vec<TrainView>> {
+        let shots = measure::load(Dataset::open(&self.dir)?.training())?;
+        Ok(shots.into_iter().map(|s| TrainView { camera: s.view.camera, photo: s.photo }).collect())
     }
 
     pub(super) fn psnr(&self, scene: &Scene) -> f64 {
