@@ -81,7 +81,11 @@ impl Cache {
         if !usable(&record) {
             return Ok(None);
         }
-        self.skipped.borrow_mut().push(stage.to_owned());
+        // Curves share voxelizations: a stage counts once, and not as skipped if this run made it.
+        let seen = |list: &RefCell<Vec<String>>| list.borrow().iter().any(|s| s == stage);
+        if !seen(&self.ran) && !seen(&self.skipped) {
+            self.skipped.borrow_mut().push(stage.to_owned());
+        }
         Ok(Some(record))
     }
 

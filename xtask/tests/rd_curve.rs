@@ -27,7 +27,7 @@ fn the_room_gives_a_report_and_a_second_run_skips_it() {
     let original = run["original"]["score"]["psnr_db"].as_f64().unwrap();
     assert!(original > 26.0, "{original}");
     let curves = run["curves"].as_array().unwrap();
-    assert_eq!(curves.len(), 3);
+    assert_eq!(curves.len(), 4);
     for curve in curves {
         let points = curve["points"].as_array().unwrap();
         assert!(points.len() >= 5);
