@@ -16,8 +16,8 @@ pub enum Importance {
     #[default]
     OpacityArea,
     /// One entry per Gaussian, finite and not negative; in any one unit. Meant for the
-    /// rasterizer's saliency: the sum of blending weights over pixels and views, which knows
-    /// distance and occlusion.
+    /// rasterizer's sum of squared blending weights over pixels and views, which knows distance
+    /// and occlusion.
     Given(Vec<f32>),
 }
 

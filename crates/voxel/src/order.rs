@@ -64,37 +64,88 @@ impl MortonOrder {
         order
     }
 
-    /// Least-significant-digit radix sort; stable, so ties keep the order of the scene.
+    /// Radix sort; stable, so ties keep the order of the scene. One pass by the most significant
+    /// digit that differs, then the buckets on their own, in parallel.
     fn sort(&mut self) {
         let len = self.codes.len();
+        let (all, any) = self.codes.iter().fold((u64::MAX, 0), |(a, o), &c| (a & c, o | c));
+        let significant = u64::BITS - (all ^ any).leading_zeros();
+        if len == 0 || significant == 0 {
+            return;
+        }
+        let shift = significant.saturating_sub(DIGIT_BITS);
         let mut codes = vec![0u64; len];
         let mut members = vec![0u32; len];
-        let differing = self.codes.iter().fold((u64::MAX, 0), |(a, o), &c| (a & c, o | c));
-        let differing = differing.0 ^ differing.1;
-        for pass in 0..u64::BITS.div_ceil(DIGIT_BITS) {
-            let shift = pass * DIGIT_BITS;
-            let mask = (1u64 << DIGIT_BITS) - 1;
-            // All codes agree in this digit: the pass would move nothing.
-            if len == 0 || (differing >> shift) & mask == 0 {
-                continue;
-            }
-            let mut starts = vec![0usize; 1 << DIGIT_BITS];
-            for &code in &self.codes {
-                starts[((code >> shift) & mask) as usize] += 1;
-            }
-            let mut total = 0;
-            for start in &mut starts {
-                total += std::mem::replace(start, total);
-            }
-            for (&code, &member) in self.codes.iter().zip(&self.members) {
-                let to = &mut starts[((code >> shift) & mask) as usize];
-                codes[*to] = code;
-                members[*to] = member;
-                *to += 1;
-            }
-            std::mem::swap(&mut self.codes, &mut codes);
-            std::mem::swap(&mut self.members, &mut members);
+        let ends = scatter(&self.codes, &self.members, &mut codes, &mut members, shift);
+        let mut buckets = Vec::new();
+        let mut rest =
+            (&mut codes[..], &mut members[..], &mut self.codes[..], &mut self.members[..]);
+        let mut start = 0;
+        for end in ends {
+            let (a, b, c, d) = rest;
+            let (a, b) = (a.split_at_mut(end - start), b.split_at_mut(end - start));
+            let (c, d) = (c.split_at_mut(end - start), d.split_at_mut(end - start));
+            buckets.push((a.0, b.0, c.0, d.0));
+            rest = (a.1, b.1, c.1, d.1);
+            start = end;
         }
+        buckets.par_iter_mut().for_each(|(codes, members, spare_codes, spare_members)| {
+            sort_bucket(codes, members, spare_codes, spare_members, shift);
+        });
+        drop(buckets);
+        (self.codes, self.members) = (codes, members);
+    }
+}
+
+/// Stable counting sort by the digit at `shift`; returns the end of every digit's bucket.
+fn scatter(
+    codes: &[u64],
+    members: &[u32],
+    to_codes: &mut [u64],
+    to_members: &mut [u32],
+    shift: u32,
+) -> Vec<usize> {
+    let mask = (1u64 << DIGIT_BITS) - 1;
+    let mut starts = vec![0usize; 1 << DIGIT_BITS];
+    for &code in codes {
+        starts[((code >> shift) & mask) as usize] += 1;
+    }
+    let mut total = 0;
+    for start in &mut starts {
+        total += std::mem::replace(start, total);
+    }
+    for (&code, &member) in codes.iter().zip(members) {
+        let to = &mut starts[((code >> shift) & mask) as usize];
+        to_codes[*to] = code;
+        to_members[*to] = member;
+        *to += 1;
+    }
+    // Every start has moved to its bucket's end.
+    starts
+}
+
+/// Sorts by the `bits` low bits, in place; the spare slices are as long.
+fn sort_bucket(
+    codes: &mut [u64],
+    members: &mut [u32],
+    spare_codes: &mut [u64],
+    spare_members: &mut [u32],
+    bits: u32,
+) {
+    // Clearing the counters of a radix pass costs more than comparing so few.
+    if codes.len() < 1 << DIGIT_BITS {
+        let mut pairs: Vec<(u64, u32)> =
+            codes.iter().copied().zip(members.iter().copied()).collect();
+        pairs.sort_by_key(|&(code, _)| code);
+        for ((code, member), pair) in codes.iter_mut().zip(members.iter_mut()).zip(pairs) {
+            (*code, *member) = pair;
+        }
+        return;
+    }
+    for pass in 0..bits.div_ceil(DIGIT_BITS) {
+        scatter(codes, members, spare_codes, spare_members, pass * DIGIT_BITS);
+        codes.copy_from_slice(spare_codes);
+        members.copy_from_slice(spare_members);
     }
 }
 
@@ -119,13 +170,20 @@ mod tests {
 
     #[test]
     fn sorts_like_the_standard_library() {
+        for (len, bits) in [(0, 0), (1, 5), (5000, 63), (50_000, 63), (50_000, 12), (9000, 0)] {
+            check_sort(len, bits);
+        }
+    }
+
+    fn check_sort(len: usize, bits: u32) {
         let mut x = 0x9e37_79b9_7f4a_7c15_u64;
-        let codes: Vec<u64> = (0..5000)
+        let codes: Vec<u64> = (0..len)
             .map(|i| {
                 x ^= x << 13;
                 x ^= x >> 7;
                 x ^= x << 17;
-                if i % 3 == 0 { x % 17 } else { x >> 1 }
+                let code = if i % 3 == 0 { x % 17 } else { x >> 1 };
+                code & ((1 << bits) - 1)
             })
             .collect();
         let mut want: Vec<(u64, u32)> = codes.iter().copied().zip(0..).collect();

@@ -60,8 +60,8 @@ impl RateDistortion {
 
     /// The best known settings for an encoder that has the training cameras; depths 0 to 18.
     ///
-    /// `importance` is one entry per Gaussian: the rasterizer's saliency (sum of alpha T over
-    /// pixels and training views) times the Gaussian's opacity. Gaussians that are worth less
+    /// `importance` is one entry per Gaussian: the rasterizer's sum of squared blending weights
+    /// (alpha T) over pixels and training views. Gaussians that are worth less
     /// than their bits are dropped.
     #[must_use]
     pub fn seen(lambda: f64, importance: Vec<f32>) -> Self {
@@ -69,7 +69,6 @@ impl RateDistortion {
             j_high: 18,
             importance: Importance::Given(importance),
             size_exponent: 0.75,
-            shape: 0.3,
             drop: Some(10.0),
             ..Self::new(lambda)
         }

@@ -67,10 +67,10 @@ pub(super) fn lambda(at_50: f64, quality: f32) -> f64 {
 }
 
 /// lambdas at quality 50: as many per quality as there are depths for the other strategies.
-pub(super) const AT_50: [f64; 3] = [2e-3, 4e-3, 8e-3];
-/// Attribute bits per Gaussian at quality 50 and per point (measured streams).
+pub(super) const AT_50: [f64; 3] = [4e-3, 8e-3, 1.6e-2];
+/// Attribute bits per Gaussian, as measured in streams of pruned scenes.
 pub(super) fn bits(quality: f32) -> f64 {
-    (60.0 + 1.2 * (f64::from(quality) - 50.0)).max(10.0)
+    30.0 * ((f64::from(quality) - 50.0) / 20.5).exp2()
 }
 
 const QUALITIES: [f32; 5] = [26.0, 40.0, 54.0, 68.0, 82.0];
@@ -125,7 +125,6 @@ pub(super) fn table(study: &Study, args: &BenchArgs) -> Result<String> {
         pruned("RateDistortion", &AT_50, &seen)?,
     ];
     if args.variants {
-        let few = |q: f32| 30.0 * ((f64::from(q) - 50.0) / 20.5).exp2();
         let variant = |name: &str, at_50: f64, options: &dyn Fn(f64, f32) -> RateDistortion| {
             let settings = QUALITIES.iter().map(|&q| {
                 let l = lambda(at_50, q);
@@ -133,17 +132,23 @@ pub(super) fn table(study: &Study, args: &BenchArgs) -> Result<String> {
             });
             curve(study, name, Merge::Moments, settings)
         };
-        for at_50 in [2e-3, 4e-3, 8e-3, 1.6e-2] {
-            for factor in [0.5, 1.0] {
-                let name = format!("... bits {factor}, lambda {at_50:.0e}");
-                curves.push(variant(&name, at_50, &|l, q| {
-                    let mut o = seen(l);
-                    o.cost.gaussian = few(q) * factor;
-                    o
-                })?);
-            }
+        for drop in [5.0, 20.0] {
+            curves.push(variant(&format!("... drop {drop}"), AT_50[1], &|l, q| {
+                let mut o = RateDistortion { drop: Some(drop), ..seen(l) };
+                o.cost.gaussian = bits(q);
+                o
+            })?);
         }
-        for (name, shape, colour) in [("shape 0", 0.0, 1.0), ("shape 1", 1.0, 1.0)] {
+        for size_exponent in [0.5, 1.0] {
+            curves.push(variant(&format!("... p {size_exponent}"), AT_50[1], &|l, q| {
+                let mut o = RateDistortion { size_exponent, ..seen(l) };
+                o.cost.gaussian = bits(q);
+                o
+            })?);
+        }
+        for (name, shape, colour) in
+            [("shape 0.3", 0.3, 1.0), ("shape 2", 2.0, 1.0), ("colour 0", 1.0, 0.0)]
+        {
             curves.push(variant(&format!("... {name}"), AT_50[1], &|l, q| {
                 let mut o = RateDistortion { shape, colour, ..seen(l) };
                 o.cost.gaussian = bits(q);
