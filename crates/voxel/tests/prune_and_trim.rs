@@ -59,3 +59,19 @@ fn trim_of_degenerate_scenes() {
     let t = trim(&split, &Trim::new(1e-3)).unwrap();
     assert!(t.outliers.len() <= 50);
 }
+
+/// What docs/results/voxel.md says of the shared scenes.
+#[test]
+fn real_scenes_keep_their_floaters() {
+    for name in ["fox", "bonsai"] {
+        let Some(path) = common::shared(&format!("scenes/{name}/point_cloud.ply")) else { return };
+        let (scene, _) = gs_model::ply::read(&path).unwrap();
+        let cube = Cube::of(&scene.means).unwrap();
+        for depth in [10, 15, 21] {
+            let t = trim(&scene.means, &Trim::new(cube.cell(depth))).unwrap();
+            assert_eq!((t.outliers.len(), t.j_high), (0, depth), "{name} at {depth}");
+        }
+        let clear = prune(&scene, &Prune { transparent: true, saliency: None }).unwrap();
+        eprintln!("{name}: {} of {} below the alpha cut", clear.transparent, scene.len());
+    }
+}
