@@ -10,6 +10,25 @@ use crate::stages::blend::blend;
 use crate::stages::blend_adjoint::{FROZEN, blend_adjoint};
 use crate::stages::project::View;
 use crate::stages::reference;
+use crate::train::Checkpoint;
+
+/// Reads the bytes of a checkpoint of a run on `scene` with `views` views, fingerprint 0.
+///
+/// # Errors
+/// Those of [`crate::FineTune::new`] about a checkpoint.
+pub fn read_checkpoint(scene: &Scene, views: usize, bytes: &[u8]) -> crate::Result<u64> {
+    let path = std::path::Path::new("<bytes>");
+    let start = Checkpoint::start(scene.clone(), views);
+    Ok(Checkpoint::parse(path, bytes, 0, start)?.step)
+}
+
+/// Writes a checkpoint that [`read_checkpoint`] takes.
+///
+/// # Errors
+/// [`crate::Error::Io`].
+pub fn write_checkpoint(scene: &Scene, views: usize, path: &std::path::Path) -> crate::Result<()> {
+    Checkpoint::start(scene.clone(), views).write(path, 0)
+}
 
 /// A scene and a view, run once, whose stages can be repeated.
 #[derive(Debug)]

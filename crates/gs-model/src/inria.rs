@@ -35,7 +35,19 @@ struct Entry {
 /// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`].
 pub fn read_cameras(file: impl AsRef<Path>) -> Result<Vec<Camera>> {
     let file = file.as_ref();
-    let entries: Vec<Entry> = serde_json::from_slice(&fs::read(file)?)
+    parse(file, &fs::read(file)?)
+}
+
+/// Reads a `cameras.json` from its bytes.
+///
+/// # Errors
+/// As [`read_cameras`]; the file in the errors is `<bytes>`.
+pub fn cameras_from_bytes(bytes: &[u8]) -> Result<Vec<Camera>> {
+    parse(Path::new("<bytes>"), bytes)
+}
+
+fn parse(file: &Path, bytes: &[u8]) -> Result<Vec<Camera>> {
+    let entries: Vec<Entry> = serde_json::from_slice(bytes)
         .map_err(|source| Error::Json { file: file.into(), source })?;
     entries
         .into_iter()

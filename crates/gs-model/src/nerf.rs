@@ -107,7 +107,20 @@ impl Intrinsics {
 /// not zero or the camera model is a fisheye, [`Error::ImageSize`], [`Error::BadCamera`].
 pub fn read_views(file: impl AsRef<Path>) -> Result<Vec<View>> {
     let file = file.as_ref();
-    let transforms: Transforms = serde_json::from_slice(&fs::read(file)?)
+    parse(file, &fs::read(file)?)
+}
+
+/// Reads the views from the bytes of a `transforms.json`; `file` is where it would lie, which
+/// decides where its photos are.
+///
+/// # Errors
+/// As [`read_views`].
+pub fn views_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<View>> {
+    parse(file.as_ref(), bytes)
+}
+
+fn parse(file: &Path, bytes: &[u8]) -> Result<Vec<View>> {
+    let transforms: Transforms = serde_json::from_slice(bytes)
         .map_err(|source| Error::Json { file: file.into(), source })?;
     let dir = file.parent().unwrap_or(Path::new(""));
     let Transforms { intrinsics, camera_model, frames } = transforms;

@@ -44,6 +44,14 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, mod
     decode(path, &fs::read(path)?, options)
 }
 
+/// Reads an SPZ file from its bytes.
+///
+/// # Errors
+/// As [`read`]; the file in the errors is `<bytes>`.
+pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, model::Report)> {
+    decode(Path::new("<bytes>"), bytes, options)
+}
+
 pub(crate) fn decode(
     file: &Path,
     bytes: &[u8],

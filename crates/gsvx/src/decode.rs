@@ -109,7 +109,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
 
     let n = leaves.len();
     let mut scene = Scene {
-        means: leaves.iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect(),
+        means: centres(&leaves, &header)?,
         ..Default::default()
     };
     let mut sh: Vec<Vec<Vec<f64>>> = Vec::new();
@@ -137,6 +137,17 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     scene.sh_degree = sh.len() as u8 - 1;
     scene.sh = interleave(&sh, n);
     Ok(Decoded { scene, leaves, header, skipped })
+}
+
+/// Centres of the leaves. A cube that reaches beyond what an f32 holds is damage: an encoder
+/// refuses such scenes.
+pub(crate) fn centres(leaves: &[Leaf], header: &Header) -> Result<Vec<[f32; 3]>> {
+    let means: Vec<[f32; 3]> =
+        leaves.iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect();
+    match means.iter().position(|m| m.iter().any(|v| !v.is_finite())) {
+        Some(index) => Err(Error::Corrupt { what: "Gaussian beyond f32", value: index as u64 }),
+        None => Ok(means),
+    }
 }
 
 enum Part {

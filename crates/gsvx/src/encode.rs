@@ -135,6 +135,7 @@ fn check(scene: &Scene, voxels: &Voxelization) -> Result<()> {
         Some(index) => Err(Error::NonFinite { index, field }),
         None => Ok(()),
     };
+    finite("mean", &|i| scene.means[i].iter().all(|v| v.is_finite()))?;
     finite("opacity", &|i| scene.opacity_logits[i].is_finite())?;
     finite("rotation", &|i| {
         let q = scene.rotations[i];

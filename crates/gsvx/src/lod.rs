@@ -47,6 +47,7 @@ pub fn reduce(mut decoded: Decoded, depth: u8) -> Result<Decoded> {
         members: (0..decoded.leaves.len() as u32).collect(),
         dropped: Vec::new(),
     };
+    crate::decode::centres(&voxels.leaves, &decoded.header)?;
     let before = decoded.scene.len();
     decoded.scene = voxel::merge(&decoded.scene, &voxels, Merge::Moments)?;
     decoded.leaves = voxels.leaves;

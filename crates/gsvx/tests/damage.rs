@@ -105,3 +105,22 @@ fn other_files_are_named_as_such() {
     newer[8] = 2;
     assert!(matches!(decode(&newer, &default), Err(Error::Version { major: 2, .. })));
 }
+
+/// A cube whose cells lie beyond f32 once decoded to infinite means.
+#[test]
+fn a_cube_beyond_f32_is_damage() {
+    let bytes = stream(20);
+    let container = gsvx::stream::Container::parse(&bytes).unwrap();
+    let sections: Vec<_> = container
+        .toc
+        .iter()
+        .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
+        .collect();
+    let mut header = container.header.clone();
+    header.cube.side = 1e300;
+    let broken = gsvx::stream::assemble(&header, &sections);
+    for lod in [None, Some(2)] {
+        let options = DecodeOptions { lod, ..Default::default() };
+        assert!(matches!(decode(&broken, &options), Err(Error::Corrupt { .. })), "{lod:?}");
+    }
+}

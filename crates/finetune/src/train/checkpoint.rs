@@ -53,6 +53,12 @@ pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView]) -> u64 {
 }
 
 impl Checkpoint {
+    /// A run on `scene` with `views` views that has not begun.
+    pub(crate) fn start(scene: Scene, views: usize) -> Self {
+        let moments = Moments::zeros(&scene);
+        Self { step: 0, tracker: Tracker::new(views), moments, scene }
+    }
+
     /// Writes to a neighbouring file first and renames it, so that an interruption leaves the
     /// previous checkpoint or the new one.
     pub(crate) fn write(&self, path: &Path, fingerprint: u64) -> Result<()> {
@@ -89,9 +95,19 @@ impl Checkpoint {
 
     /// Reads a checkpoint of the run that would otherwise begin at `start`; its arrays have the
     /// lengths to expect, so that the file's counts are never trusted with an allocation.
-    pub(crate) fn read(path: &Path, fingerprint: u64, mut start: Self) -> Result<Self> {
+    pub(crate) fn read(path: &Path, fingerprint: u64, start: Self) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
-        let mut r = Reader { path, bytes: &bytes, at: 0 };
+        Self::parse(path, &bytes, fingerprint, start)
+    }
+
+    /// As [`Checkpoint::read`], of a file that is in memory.
+    pub(crate) fn parse(
+        path: &Path,
+        bytes: &[u8],
+        fingerprint: u64,
+        mut start: Self,
+    ) -> Result<Self> {
+        let mut r = Reader { path, bytes, at: 0 };
         if r.take::<8>()? != MAGIC {
             return Err(r.error("wrong magic"));
         }
@@ -118,6 +134,10 @@ impl Checkpoint {
         start.step = r.u64()?;
         let epochs = r.f64_list()?;
         let current = r.f64_list()?;
+        // An epoch ends when its length is reached: one that is beyond it would never end.
+        if current.len() >= start.tracker.views {
+            return Err(r.error("more steps in an epoch than views"));
+        }
         start.tracker.resume(epochs, current);
         let s = &mut start.scene;
         let scene: [&mut [f32]; 5] = [

@@ -22,7 +22,7 @@ use crate::stages::loss::LossValue;
 pub use options::FineTuneOptions;
 pub use progress::{Outcome, Progress, StopReason};
 
-use checkpoint::Checkpoint;
+pub(crate) use checkpoint::Checkpoint;
 use progress::Tracker;
 
 /// Largest edge of a training view, pixels.
@@ -88,12 +88,7 @@ impl FineTune {
         options.validate()?;
         check_views(&views)?;
         let fingerprint = checkpoint::fingerprint(&scene, &views);
-        let mut start = Checkpoint {
-            step: 0,
-            tracker: Tracker::new(views.len()),
-            moments: Moments::zeros(&scene),
-            scene,
-        };
+        let mut start = Checkpoint::start(scene, views.len());
         if let Some(path) = options.checkpoint.as_deref().filter(|p| p.exists()) {
             start = Checkpoint::read(path, fingerprint, start)?;
         }

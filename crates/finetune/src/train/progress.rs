@@ -56,7 +56,7 @@ pub struct Outcome {
 /// Losses of the current epoch and PSNRs of the past ones.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tracker {
-    views: usize,
+    pub(crate) views: usize,
     /// Losses and PSNRs of the last `views` steps, as a ring.
     recent: Vec<(f64, f64)>,
     next: usize,

@@ -47,30 +47,65 @@ pub fn is_model(dir: impl AsRef<Path>) -> bool {
 /// [`Error::DuplicateView`], [`Error::BadCamera`].
 pub fn read_cameras(dir: impl AsRef<Path>) -> Result<Vec<Camera>> {
     let dir = dir.as_ref();
-    let (cameras_file, cameras) = match choose(dir, "cameras") {
-        Form::Binary(file) => (file.clone(), binary::cameras(&file, &fs::read(&file)?)?),
-        Form::Text(file) => (file.clone(), text::cameras(&file, &fs::read(&file)?)?),
-    };
-    let (images_file, images) = match choose(dir, "images") {
-        Form::Binary(file) => (file.clone(), binary::images(&file, &fs::read(&file)?)?),
-        Form::Text(file) => (file.clone(), text::images(&file, &fs::read(&file)?)?),
-    };
+    let (cameras_file, form) = choose(dir, "cameras");
+    let cameras = cameras(&cameras_file, &fs::read(&cameras_file)?, form)?;
+    let (images_file, form) = choose(dir, "images");
+    let images = images(&images_file, &fs::read(&images_file)?, form)?;
+    posed(&cameras_file, cameras, &images_file, images)
+}
 
+/// Reads the posed images from the bytes of a `cameras` and an `images` file of one form.
+///
+/// # Errors
+/// As [`read_cameras`]; the files in the errors are `<cameras>` and `<images>`.
+pub fn cameras_from_bytes(
+    cameras_file: &[u8],
+    images_file: &[u8],
+    form: Form,
+) -> Result<Vec<Camera>> {
+    let names = [Path::new("<cameras>"), Path::new("<images>")];
+    let cameras = cameras(names[0], cameras_file, form)?;
+    let images = images(names[1], images_file, form)?;
+    posed(names[0], cameras, names[1], images)
+}
+
+fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {
+    match form {
+        Form::Binary => binary::cameras(file, bytes),
+        Form::Text => text::cameras(file, bytes),
+    }
+}
+
+fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Image>> {
+    match form {
+        Form::Binary => binary::images(file, bytes),
+        Form::Text => text::images(file, bytes),
+    }
+}
+
+/// Each image with the intrinsics of its camera.
+fn posed(
+    cameras_file: &Path,
+    cameras: Vec<Intrinsics>,
+    images_file: &Path,
+    images: Vec<Image>,
+) -> Result<Vec<Camera>> {
     let mut by_id = BTreeMap::new();
     for camera in cameras {
         let id = camera.id;
         if by_id.insert(id, camera).is_some() {
             let name = id.to_string();
-            return Err(Error::DuplicateView { file: cameras_file, what: "camera", name });
+            let file = cameras_file.into();
+            return Err(Error::DuplicateView { file, what: "camera", name });
         }
     }
     images
         .into_iter()
         .map(|image| match by_id.get(&image.camera) {
-            Some(camera) => pose(&cameras_file, &images_file, camera, image),
+            Some(camera) => pose(cameras_file, images_file, camera, image),
             None => {
                 let (image, camera) = (image.name, image.camera);
-                Err(Error::UnknownCamera { file: images_file.clone(), image, camera })
+                Err(Error::UnknownCamera { file: images_file.into(), image, camera })
             }
         })
         .collect()
@@ -81,21 +116,42 @@ pub fn read_cameras(dir: impl AsRef<Path>) -> Result<Vec<Camera>> {
 /// # Errors
 /// [`Error::Io`], [`Error::ColmapTruncated`], [`Error::ColmapLine`].
 pub fn read_points(dir: impl AsRef<Path>) -> Result<Vec<SfmPoint>> {
-    match choose(dir.as_ref(), "points3D") {
-        Form::Binary(file) => binary::points(&file, &fs::read(&file)?),
-        Form::Text(file) => text::points(&file, &fs::read(&file)?),
+    let (file, form) = choose(dir.as_ref(), "points3D");
+    points(&file, &fs::read(&file)?, form)
+}
+
+/// Reads the points from the bytes of a `points3D` file.
+///
+/// # Errors
+/// As [`read_points`]; the file in the errors is `<points3D>`.
+pub fn points_from_bytes(bytes: &[u8], form: Form) -> Result<Vec<SfmPoint>> {
+    points(Path::new("<points3D>"), bytes, form)
+}
+
+fn points(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<SfmPoint>> {
+    match form {
+        Form::Binary => binary::points(file, bytes),
+        Form::Text => text::points(file, bytes),
     }
 }
 
-enum Form {
-    Binary(PathBuf),
-    Text(PathBuf),
+/// How a file of a sparse model is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// `.bin`: little-endian, packed.
+    Binary,
+    /// `.txt`: words separated by white space.
+    Text,
 }
 
 /// The text file if it is the only one there; else the binary one, present or not.
-fn choose(dir: &Path, stem: &str) -> Form {
+fn choose(dir: &Path, stem: &str) -> (PathBuf, Form) {
     let (binary, text) = (dir.join(format!("{stem}.bin")), dir.join(format!("{stem}.txt")));
-    if !binary.is_file() && text.is_file() { Form::Text(text) } else { Form::Binary(binary) }
+    if !binary.is_file() && text.is_file() {
+        (text, Form::Text)
+    } else {
+        (binary, Form::Binary)
+    }
 }
 
 /// A row of the cameras file.

@@ -1,0 +1,130 @@
+//! Files: models, cameras, streams, checkpoints.
+
+use std::sync::OnceLock;
+
+use gs_model::ply::{self, Invalid};
+use gs_model::{ReadOptions, Scene, colmap as sfm, inria, nerf};
+
+use crate::{choice, number, seal};
+
+/// Strict or lenient, as the two lowest bits say.
+fn options(byte: u8) -> ReadOptions {
+    ReadOptions {
+        invalid: if byte & 1 == 0 { Invalid::Error } else { Invalid::Drop },
+        clamp_infinite_opacity: (byte & 2 != 0).then_some(10.0),
+    }
+}
+
+/// A model that was read is valid, and survives being written.
+fn check_model(scene: &Scene) {
+    scene.validate().expect("a reader returned an invalid scene");
+    let mut file = Vec::new();
+    ply::write_to(&mut file, scene).expect("a valid scene was not written");
+    let (back, _) = ply::read_bytes(&file).expect("a written scene was not read");
+    assert!(back == *scene, "a scene changed by being written and read");
+}
+
+/// PLY: options, then the file.
+pub fn ply(data: &[u8]) -> bool {
+    let (byte, file) = choice(data);
+    let Ok((scene, report)) = ply::read_bytes_with(file, &options(byte)) else { return false };
+    assert_eq!(report.gaussians, scene.len());
+    check_model(&scene);
+    true
+}
+
+/// SPZ: options, then the file; with bit 2, what is inside the gzip file instead.
+pub fn spz(data: &[u8]) -> bool {
+    let (byte, file) = choice(data);
+    let zipped = if byte & 4 != 0 { &seal::gzip(file) } else { file };
+    let Ok((scene, _)) = gs_model::spz::read_bytes(zipped, &options(byte)) else { return false };
+    check_model(&scene);
+    true
+}
+
+/// `.splat`: options, then the file.
+pub fn splat(data: &[u8]) -> bool {
+    let (byte, file) = choice(data);
+    let Ok((scene, _)) = gs_model::splat::read_bytes(file, &options(byte)) else { return false };
+    check_model(&scene);
+    true
+}
+
+/// COLMAP: form and file, then a points file, or the length of a cameras file, that file, and an
+/// images file.
+pub fn colmap(data: &[u8]) -> bool {
+    let (byte, data) = choice(data);
+    let form = if byte & 1 == 0 { sfm::Form::Binary } else { sfm::Form::Text };
+    if byte & 2 != 0 {
+        return sfm::points_from_bytes(data, form).is_ok();
+    }
+    let (len, rest) = number(data);
+    let (cameras, images) = rest.split_at(len.min(rest.len()));
+    let Ok(cameras) = sfm::cameras_from_bytes(cameras, images, form) else { return false };
+    cameras.iter().for_each(check_camera);
+    true
+}
+
+/// `cameras.json` or `transforms.json`.
+pub fn cameras(data: &[u8]) -> bool {
+    let (byte, file) = choice(data);
+    if byte & 1 == 0 {
+        let Ok(cameras) = inria::cameras_from_bytes(file) else { return false };
+        cameras.iter().for_each(check_camera);
+    } else {
+        let place = "/nowhere/transforms.json";
+        let Ok(views) = nerf::views_from_bytes(place, file) else { return false };
+        views.iter().for_each(|v| check_camera(&v.camera));
+    }
+    true
+}
+
+fn check_camera(c: &gs_model::Camera) {
+    assert!(c.fx.is_finite() && c.fy.is_finite() && c.cx.is_finite() && c.cy.is_finite());
+    assert!(c.rotation.is_finite() && c.translation.is_finite());
+}
+
+/// A gsvx stream, its checksums repaired: options, LoD depth, then the stream.
+pub fn gsvx(data: &[u8]) -> bool {
+    let (byte, data) = choice(data);
+    let (depth, file) = choice(data);
+    let mut file = file.to_vec();
+    seal::stream(&mut file);
+    let options = gsvx::DecodeOptions {
+        max_sh_degree: byte & 3,
+        lod: (byte & 4 != 0).then_some(depth % 22),
+        allow_truncated: byte & 8 != 0,
+        max_gaussians: Some(256),
+    };
+    let Ok(decoded) = gsvx::decode(&file, &options) else { return false };
+    let scene = &decoded.scene;
+    assert!(scene.len() <= 256);
+    assert_eq!(scene.sh.len(), scene.len() * scene.sh_len());
+    // A lossless stream gives back whatever was put in.
+    if !decoded.leaves.is_empty() {
+        assert_eq!(decoded.leaves.len(), scene.len());
+        scene.validate().expect("the decoder returned an invalid scene");
+    }
+    true
+}
+
+/// The scene whose checkpoints the target `checkpoint` reads.
+#[must_use]
+pub fn tiny_scene() -> Scene {
+    Scene {
+        means: vec![[0.0; 3], [1.0; 3]],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+        log_scales: vec![[-3.0; 3]; 2],
+        opacity_logits: vec![0.5; 2],
+        sh_degree: 0,
+        sh: vec![[0.1; 3]; 2],
+    }
+}
+
+/// A fine-tune's checkpoint, its checksum repaired.
+pub fn checkpoint(data: &[u8]) -> bool {
+    static SCENE: OnceLock<Scene> = OnceLock::new();
+    let mut file = data.to_vec();
+    seal::checkpoint(&mut file);
+    finetune::probe::read_checkpoint(SCENE.get_or_init(tiny_scene), 3, &file).is_ok()
+}
