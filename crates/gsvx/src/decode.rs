@@ -108,10 +108,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         .collect();
 
     let n = leaves.len();
-    let mut scene = Scene {
-        means: centres(&leaves, &header)?,
-        ..Default::default()
-    };
+    let mut scene = Scene { means: centres(&leaves, &header)?, ..Default::default() };
     let mut sh: Vec<Vec<Vec<f64>>> = Vec::new();
     let mut broken = false;
     for (&kind, part) in kinds.iter().zip(parts) {

@@ -94,11 +94,11 @@ pub fn gsvx(data: &[u8]) -> bool {
         max_sh_degree: byte & 3,
         lod: (byte & 4 != 0).then_some(depth % 22),
         allow_truncated: byte & 8 != 0,
-        max_gaussians: Some(256),
+        max_gaussians: Some(64),
     };
     let Ok(decoded) = gsvx::decode(&file, &options) else { return false };
     let scene = &decoded.scene;
-    assert!(scene.len() <= 256);
+    assert!(scene.len() <= 64);
     assert_eq!(scene.sh.len(), scene.len() * scene.sh_len());
     // A lossless stream gives back whatever was put in.
     if !decoded.leaves.is_empty() {

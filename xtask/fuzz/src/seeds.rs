@@ -201,6 +201,7 @@ fn octrees() -> Vec<Vec<u8>> {
     let code = |(l, j): &(Vec<_>, u8)| geometry::encode(l, *j).expect("encoded");
     let mut out: Vec<Vec<u8>> = leaves().iter().map(|set| with(22, &code(set))).collect();
     out.push(with(4, &code(&leaves()[3])));
+    out.push(with(128 + 22, &code(&leaves()[3])));
     let far = (0..20u64).map(|i| gpcc_lite::Leaf { morton: i << 55, depth: 21 }).collect();
     out.push(with(22, &code(&(far, 21))));
     out
@@ -230,6 +231,7 @@ fn coefficients() -> Vec<Vec<u8>> {
             let v: Vec<i32> = values(plan.len(), at as u64).iter().map(|v| v / 30).collect();
             let coded = coeffs::encode(plan, &[&v, &v], mode).expect("encoded");
             out.push(with(at as u8 + 8, &coded));
+            out.push(with(at as u8 + 8 + 64, &coded));
         }
     }
     out

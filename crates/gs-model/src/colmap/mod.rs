@@ -147,11 +147,7 @@ pub enum Form {
 /// The text file if it is the only one there; else the binary one, present or not.
 fn choose(dir: &Path, stem: &str) -> (PathBuf, Form) {
     let (binary, text) = (dir.join(format!("{stem}.bin")), dir.join(format!("{stem}.txt")));
-    if !binary.is_file() && text.is_file() {
-        (text, Form::Text)
-    } else {
-        (binary, Form::Binary)
-    }
+    if !binary.is_file() && text.is_file() { (text, Form::Text) } else { (binary, Form::Binary) }
 }
 
 /// A row of the cameras file.
