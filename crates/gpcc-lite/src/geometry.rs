@@ -10,6 +10,7 @@ mod cells;
 mod lattice;
 mod models;
 mod tree;
+mod truth;
 
 use crate::bytes::{BitReader, BitWriter, Reader, put_varint};
 use crate::error::{Error, Result};
@@ -18,7 +19,7 @@ use crate::limits::Limits;
 use crate::morton::MAX_DEPTH;
 use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
 use models::Models;
-use tree::{Source, Tree};
+use tree::Tree;
 
 /// Version of the geometry stream.
 const VERSION: u8 = 1;
@@ -54,7 +55,7 @@ pub fn encode(leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
         return Ok(out);
     }
     let mut models = Models::new(mixed, lattice);
-    let mut tree = Tree::new(Source::Leaves(leaves), j_high);
+    let mut tree = Tree::new(Some(leaves), j_high);
     let mut depth = 0;
     while depth < j_high {
         let mut coder = RangeEncoder::new();
@@ -113,7 +114,7 @@ pub fn decode_lod(bytes: &[u8], max_depth: u8, limits: &Limits) -> Result<Geomet
     }
     let points = points as usize;
     let mut models = Models::new(mixed, lattice);
-    let mut tree = Tree::new(Source::Stream, j_high);
+    let mut tree = Tree::new(None, j_high);
     let mut depth = 0;
     while depth < target {
         let levels = r.u8("levels of a sub-stream")?;

@@ -1,27 +1,16 @@
-//! The 3x3x3 neighbourhood of a node, derived from its parent's: no hashing, no search.
+//! Neighbourhoods of the nodes of an octree level, derived from those of their parents: no
+//! hashing, no search.
+//!
+//! A *block* is the 4x4x4 cells of a parent's children (1 and 2 on each axis) and of the cells
+//! that touch them, cell `(x, y, z)` at bit `16 x + 4 y + z` of a `u64`. The 3x3x3 cells around
+//! one child are a *window* of it, numbered the same way with 0 to 2 on each axis.
 
-/// Index of the node itself in its neighbourhood.
-pub(crate) const CENTRE: usize = 13;
-
-/// The 27 cells around a node, numbered `9 x + 3 y + z`, each 0 to 2.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Hood {
-    /// Which of them exist; bit [`CENTRE`] is the node itself.
-    pub(crate) present: u32,
-    /// Index of each in the level's list; meaningless where not present.
-    pub(crate) index: [u32; 27],
-}
-
-impl Hood {
-    /// The root: nobody around.
-    pub(crate) const ROOT: Self = Self { present: 1 << CENTRE, index: [0; 27] };
-
-    /// True if the node touches no other.
-    #[inline]
-    pub(crate) fn alone(&self) -> bool {
-        self.present == 1 << CENTRE
-    }
-}
+/// Bit of the node itself in a window.
+pub(crate) const CENTRE: u32 = 21;
+/// The 27 bits of a window.
+const WINDOW: u64 = 0x0000_0777_0777_0777;
+/// The six cells of a window that share a face with its centre.
+const FACES: u64 = 1 << 5 | 1 << 37 | 1 << 17 | 1 << 25 | 1 << 20 | 1 << 22;
 
 /// Number of set bits of a byte: the baseline x86-64 has no instruction for it.
 pub(crate) const ONES: [u8; 256] = {
@@ -40,35 +29,6 @@ pub(crate) fn rank(mask: u8, c: u32) -> u32 {
     u32::from(ONES[usize::from(mask) & ((1 << c) - 1)])
 }
 
-/// `STEP[c][p]`: the children of the parent's neighbour `p` that touch its child `c`, as a mask,
-/// and the place each of them takes in the neighbourhood of `c`.
-const STEP: [[(u8, [u8; 8]); 27]; 8] = {
-    let mut t = [[(0u8, [0u8; 8]); 27]; 8];
-    let mut c = 0;
-    while c < 8 {
-        let mut n = 0;
-        while n < 27 {
-            let d = [n / 9, n / 3 % 3, n % 3];
-            let b = [c >> 2 & 1, c >> 1 & 1, c & 1];
-            let mut parent = 0;
-            let mut child = 0;
-            let mut k = 0;
-            while k < 3 {
-                // Coordinate in units of children, from -1 to 2, shifted by 2.
-                let x = b[k] + d[k] + 1;
-                parent = parent * 3 + x / 2;
-                child = child * 2 + x % 2;
-                k += 1;
-            }
-            t[c][parent].0 |= 1 << child;
-            t[c][parent].1[child] = n as u8;
-            n += 1;
-        }
-        c += 1;
-    }
-    t
-};
-
 /// The children of a node.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Children {
@@ -78,24 +38,166 @@ pub(crate) struct Children {
     pub(crate) mask: u8,
 }
 
-/// The neighbourhood of child `c` of a node with neighbourhood `parent`.
-#[inline]
-pub(crate) fn child_hood(parent: &Hood, c: usize, children: &[Children]) -> Hood {
-    let mut out = Hood { present: 0, index: [0; 27] };
-    let mut rest = parent.present;
-    while rest != 0 {
-        let p = rest.trailing_zeros() as usize;
-        rest &= rest - 1;
-        let (touching, places) = &STEP[c][p];
-        let Children { first, mask: occupied } = children[parent.index[p] as usize];
-        let mut near = occupied & touching;
-        while near != 0 {
-            let k = near.trailing_zeros();
-            near &= near - 1;
-            let n = places[k as usize];
-            out.present |= 1 << n;
-            out.index[usize::from(n)] = first + rank(occupied, k);
+/// The children in a mask as the cells `(x, y, z)`, each 0 or 1.
+const SPREAD: [u64; 256] = {
+    let mut t = [0u64; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let mut c = 0;
+        while c < 8 {
+            if mask >> c & 1 == 1 {
+                t[mask] |= 1 << (16 * (c >> 2 & 1) + 4 * (c >> 1 & 1) + (c & 1));
+            }
+            c += 1;
         }
+        mask += 1;
     }
-    out
+    t
+};
+
+/// How the children of the neighbour at each bit of a window enter the block.
+#[derive(Clone, Copy)]
+struct Entry {
+    /// Those that are in it.
+    keep: u8,
+    /// Where [`SPREAD`] goes.
+    rotate: u8,
+    /// All of them, in place.
+    all: u64,
+}
+
+const ENTRY: [Entry; 64] = {
+    let mut t = [Entry { keep: 0, rotate: 0, all: 0 }; 64];
+    let mut place = 0;
+    while place < 64 {
+        let d = [place / 16, place / 4 % 4, place % 4];
+        if d[0] < 3 && d[1] < 3 && d[2] < 3 {
+            let mut c = 0;
+            while c < 8 {
+                let x = [2 * d[0] + (c >> 2 & 1), 2 * d[1] + (c >> 1 & 1), 2 * d[2] + (c & 1)];
+                // Cells 0 and 5 of the six do not touch the parent's children.
+                if x[0] > 0 && x[0] < 5 && x[1] > 0 && x[1] < 5 && x[2] > 0 && x[2] < 5 {
+                    t[place].keep |= 1 << c;
+                    t[place].all |= 1 << (16 * (x[0] - 1) + 4 * (x[1] - 1) + (x[2] - 1));
+                }
+                c += 1;
+            }
+            // Child cell 0 goes to cell 2 d - 1.
+            let rotate = 16 * (2 * d[0]) + 4 * (2 * d[1]) + 2 * d[2] + 64 - 21;
+            t[place].rotate = (rotate % 64) as u8;
+        }
+        place += 1;
+    }
+    t
+};
+
+/// For each cell of the block: bit of its parent in the window around the block's own, and which
+/// child of that it is.
+const OWNER: [(u8, u8); 64] = {
+    let mut t = [(0u8, 0u8); 64];
+    let mut at = 0;
+    while at < 64 {
+        let x = [at / 16 + 1, at / 4 % 4 + 1, at % 4 + 1];
+        t[at] = (
+            (16 * (x[0] / 2) + 4 * (x[1] / 2) + x[2] / 2) as u8,
+            (4 * (x[0] % 2) + 2 * (x[1] % 2) + x[2] % 2) as u8,
+        );
+        at += 1;
+    }
+    t
+};
+
+/// What the children `mask` of the neighbour at bit `place` of a window contribute to the block.
+#[inline]
+pub(crate) fn cells_of(place: usize, mask: u8) -> u64 {
+    let e = &ENTRY[place & 63];
+    SPREAD[usize::from(mask & e.keep)].rotate_left(u32::from(e.rotate))
+}
+
+/// All cells of the neighbour at bit `place` that are in the block.
+#[inline]
+pub(crate) fn all_cells_of(place: usize) -> u64 {
+    ENTRY[place & 63].all
+}
+
+/// Number of cells around the centre of a window, and of those that share a face with it.
+#[inline]
+pub(crate) fn count(window: u64) -> (u8, u8) {
+    let around = (window & !(1 << CENTRE)).count_ones();
+    (around as u8, (window & FACES).count_ones() as u8)
+}
+
+/// Neighbourhoods of the nodes of a level that have children, in order.
+#[derive(Default)]
+pub(crate) struct Hoods {
+    /// Window of each: which cells around it are nodes of the list.
+    pub(crate) present: Vec<u64>,
+    /// Their indices in the list, bit by bit, itself included; node after node.
+    pub(crate) near: Vec<u32>,
+}
+
+impl Hoods {
+    /// The neighbourhood above the root: a node whose only child is the root.
+    pub(crate) fn above_root() -> Self {
+        Self { present: vec![1 << CENTRE], near: vec![0] }
+    }
+}
+
+/// The cells around and in a node, with the children of its neighbours.
+pub(crate) struct Block {
+    cells: u64,
+    children: [Children; 64],
+}
+
+impl Block {
+    pub(crate) fn new() -> Self {
+        Self { cells: 0, children: [Children::default(); 64] }
+    }
+
+    /// Takes in the node with this window; `near` starts at its neighbours. Returns how many
+    /// there are.
+    #[inline]
+    pub(crate) fn enter(&mut self, present: u64, near: &[u32], children: &[Children]) -> usize {
+        self.cells = 0;
+        let mut rest = present;
+        let mut used = 0;
+        for &i in near {
+            if rest == 0 {
+                break;
+            }
+            let place = rest.trailing_zeros() as usize & 63;
+            rest &= rest - 1;
+            let c = children[i as usize];
+            self.children[place] = c;
+            self.cells |= cells_of(place, c.mask);
+            used += 1;
+        }
+        used
+    }
+
+    /// Children of the node itself.
+    #[inline]
+    pub(crate) fn own(&self) -> Children {
+        self.children[CENTRE as usize]
+    }
+
+    /// Window around child `c`.
+    #[inline]
+    pub(crate) fn window(&self, c: u32) -> u64 {
+        (self.cells >> offset(c)) & WINDOW
+    }
+
+    /// Index in the list of the node at bit `place` of the window around child `c`.
+    #[inline]
+    pub(crate) fn index(&self, c: u32, place: u32) -> u32 {
+        let (owner, child) = OWNER[(place + offset(c)) as usize & 63];
+        let children = self.children[usize::from(owner) & 63];
+        children.first + rank(children.mask, u32::from(child))
+    }
+}
+
+/// Bit of the block at which the window around child `c` begins.
+#[inline]
+fn offset(c: u32) -> u32 {
+    16 * (c >> 2 & 1) + 4 * (c >> 1 & 1) + (c & 1)
 }

@@ -4,6 +4,9 @@
 //! that follow the coding error (Mahoney's PAQ mixer). Tables are computed at compile time from
 //! one integer constant, so they are the same everywhere.
 
+use crate::model::Bit;
+use crate::range::BinaryCoder;
+
 /// `e^(1/256)` with 62 fraction bits.
 const EXP_STEP: u128 = 4629735647166717428;
 
@@ -36,6 +39,22 @@ const STRETCH: [i16; 4096] = {
     }
     t
 };
+
+/// [`STRETCH`] of the probabilities that a counter admits, by the top 12 bits of its state.
+const STRETCH_STATE: [i16; 4096] = {
+    let mut t = STRETCH;
+    // A counter's probability is at least 32 and at most 65504.
+    t[0] = t[2];
+    t[1] = t[2];
+    t[4095] = t[4094];
+    t
+};
+
+/// [`stretch`] of a counter's probability, from its state.
+#[inline]
+pub(crate) fn stretch_of_state(state: u32) -> i32 {
+    i32::from(STRETCH_STATE[(state >> 20) as usize])
+}
 
 /// `ln(p / (65536 - p))` with 8 fraction bits, for a 16-bit probability.
 #[inline]
@@ -82,4 +101,27 @@ impl<const N: usize> Mixer<N> {
             *w = (*w + step as i32).clamp(-(1 << 20), 1 << 20);
         }
     }
+}
+
+/// Codes one decision with the mixed prediction of `bits`, then all of them learn it.
+#[inline(always)]
+pub(crate) fn code_mixed<const N: usize, C: BinaryCoder>(
+    coder: &mut C,
+    mixer: &mut Mixer<N>,
+    bits: [&mut Bit; N],
+    bit: bool,
+    rate: i32,
+    limit: u32,
+) -> bool {
+    let mut inputs = [0; N];
+    for (x, b) in inputs.iter_mut().zip(&bits) {
+        *x = b.stretched();
+    }
+    let p1 = mixer.mix(&inputs);
+    let bit = coder.code(p1, bit);
+    mixer.update(&inputs, p1, bit, rate);
+    for b in bits {
+        b.update(bit, limit);
+    }
+    bit
 }

@@ -23,6 +23,14 @@ const RATE: [u32; 1024] = {
     t
 };
 
+/// `N` counters that know nothing.
+pub(crate) fn table<const N: usize>() -> Box<[Bit; N]> {
+    match vec![Bit::default(); N].try_into() {
+        Ok(t) => t,
+        Err(_) => unreachable!("the vector has N elements"),
+    }
+}
+
 impl Bit {
     /// A counter that believes the 16-bit probability `p1` as if after `count` observations.
     #[must_use]
@@ -44,6 +52,13 @@ impl Bit {
         self.0 & 1023
     }
 
+    /// [`crate::mix::stretch`] of [`Bit::p1`].
+    #[inline]
+    #[must_use]
+    pub fn stretched(self) -> i32 {
+        crate::mix::stretch_of_state(self.0)
+    }
+
     /// Learns `bit`; `limit` (at most 1023) is the memory in observations.
     #[inline]
     pub fn update(&mut self, bit: bool, limit: u32) {
@@ -52,7 +67,7 @@ impl Bit {
         let target = if bit { (1 << 22) - 1 } else { 0 };
         let delta = ((i64::from(target) - i64::from(p)) * i64::from(RATE[n as usize])) >> 16;
         let p = (i64::from(p) + delta) as u32;
-        self.0 = (p << 10) | if n < limit { n + 1 } else { n };
+        self.0 = (p << 10) | (n + u32::from(n < limit));
     }
 
     /// Codes one decision and learns it.

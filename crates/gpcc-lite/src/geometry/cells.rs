@@ -1,113 +1,65 @@
-//! The 4x4x4 cells, of the size of a child, around and in a node.
+//! What is known of the cells, of the size of a child, around a node.
 
-use crate::hood::{CENTRE, Children, Hood};
+use crate::hood::{all_cells_of, cells_of};
 
-/// Bit of cell `(x, y, z)`, each 0 to 3; the node is 1 and 2.
-const fn cell(x: usize, y: usize, z: usize) -> u8 {
-    (16 * x + 4 * y + z) as u8
-}
-
-/// For neighbour `n`: all its cells that touch the node, and which cell each child takes (64 for
-/// children that do not touch).
-const TOUCHING: [(u64, [u8; 8]); 27] = {
-    let mut t = [(0u64, [64u8; 8]); 27];
-    let mut n = 0;
-    while n < 27 {
-        let d = [n / 9, n / 3 % 3, n % 3];
-        let mut c = 0;
-        while c < 8 && n != CENTRE {
-            let b = [c >> 2 & 1, c >> 1 & 1, c & 1];
-            // Cells -2..3 along an axis; the node is 0 and 1; kept: -1..2.
-            let x = 2 * d[0] + b[0];
-            let y = 2 * d[1] + b[1];
-            let z = 2 * d[2] + b[2];
-            if x >= 1 && x <= 4 && y >= 1 && y <= 4 && z >= 1 && z <= 4 {
-                let at = cell(x - 1, y - 1, z - 1);
-                t[n].0 |= 1 << at;
-                t[n].1[c] = at;
-            }
-            c += 1;
-        }
-        n += 1;
-    }
-    t
-};
-
-/// The seven cells outside the node that touch child `c` at its corner: faces, edges, corner.
-const OUTSIDE: [[u8; 7]; 8] = {
-    let mut t = [[0u8; 7]; 8];
+/// For child `c` and the eight cells at its corner, `4 x + 2 y + z` of the corner: which of the
+/// seven outside the node are set, in the order z, y, yz, x, xz, xy, xyz of the axes along which
+/// they are outside.
+const MIRROR: [[u8; 256]; 8] = {
+    let mut t = [[0u8; 256]; 8];
     let mut c = 0;
     while c < 8 {
-        let b = [c >> 2 & 1, c >> 1 & 1, c & 1];
-        let order = [4, 2, 1, 6, 5, 3, 7];
-        let mut i = 0;
-        while i < 7 {
-            let mut xyz = [0usize; 3];
-            let mut k = 0;
-            while k < 3 {
-                let out = order[i] >> (2 - k) & 1;
-                xyz[k] = if out == 0 {
-                    b[k] + 1
-                } else if b[k] == 1 {
-                    3
-                } else {
-                    0
-                };
-                k += 1;
+        let mut cells = 0;
+        while cells < 256 {
+            let mut outside = 1;
+            while outside < 8 {
+                // At the low side of an axis outside is cell 0 of the corner, else cell 1.
+                let at = outside ^ (7 - c);
+                if cells >> at & 1 == 1 {
+                    t[c][cells] |= 1 << (outside - 1);
+                }
+                outside += 1;
             }
-            t[c][i] = cell(xyz[0], xyz[1], xyz[2]);
-            i += 1;
+            cells += 1;
         }
         c += 1;
     }
     t
 };
 
-/// States of the cells around a node in two bits: 0 outside any node, 1 in a node not yet coded,
+/// States of the cells of a block in two bits: 0 outside any node, 1 in a node not yet coded,
 /// 2 empty, 3 occupied.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Cells {
     high: u64,
     low: u64,
 }
 
 impl Cells {
-    /// `children` is known for the nodes before `at`.
-    pub(super) fn around(hood: &Hood, children: &[Children], at: usize) -> Self {
-        let mut cells = Self { high: 0, low: 0 };
-        let mut rest = hood.present & !(1 << CENTRE);
-        while rest != 0 {
-            let n = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            let i = hood.index[n] as usize;
-            let (all, place) = &TOUCHING[n];
-            if i > at {
-                cells.low |= all;
-                continue;
-            }
-            cells.high |= all;
-            let mut occupied = children[i].mask;
-            while occupied != 0 {
-                let c = occupied.trailing_zeros() as usize;
-                occupied &= occupied - 1;
-                if place[c] < 64 {
-                    cells.low |= 1 << place[c];
-                }
-            }
-        }
-        cells
+    /// Adds the neighbour at bit `place` of the window, whose children are known.
+    #[inline]
+    pub(super) fn add_coded(&mut self, place: usize, mask: u8) {
+        self.high |= all_cells_of(place);
+        self.low |= cells_of(place, mask);
     }
 
-    /// States of the seven cells outside that touch child `c`, in 14 bits.
+    /// Adds a neighbour that is not coded yet.
     #[inline]
-    pub(super) fn outside(&self, c: usize) -> usize {
-        let mut state = 0usize;
-        if self.high | self.low != 0 {
-            for &o in &OUTSIDE[c] {
-                let two = (self.high >> o & 1) << 1 | (self.low >> o & 1);
-                state = state << 2 | two as usize;
-            }
-        }
-        state
+    pub(super) fn add_later(&mut self, place: usize) {
+        self.low |= all_cells_of(place);
+    }
+
+    /// States of the seven cells outside that touch child `c`, in 14 bits: the high bits of all
+    /// seven, then the low bits.
+    #[inline]
+    pub(super) fn outside(self, c: usize) -> u16 {
+        let corner = |cells: u64| -> u16 {
+            // The corner's eight cells are at bits 0, 1, 4, 5, 16, 17, 20, 21.
+            let w = cells >> (32 * (c >> 2 & 1) + 8 * (c >> 1 & 1) + 2 * (c & 1));
+            let w = w as u32;
+            let w = (w & 0x0003_0003) | ((w & 0x0030_0030) >> 2);
+            u16::from(MIRROR[c & 7][(w | w >> 12) as usize & 255])
+        };
+        corner(self.high) << 7 | corner(self.low)
     }
 }

@@ -4,7 +4,7 @@
 //! of the coordinates of each axis. A counter per axis and coordinate prefix learns which.
 
 use crate::leaf::Leaf;
-use crate::model::Bit;
+use crate::model::{Bit, table};
 use crate::morton;
 use crate::range::BinaryCoder;
 
@@ -15,32 +15,33 @@ const LIMIT: u32 = 255;
 /// Bits per decision (in 1/256) that the finest levels must save on average.
 const WORTH: u64 = 13;
 
+/// Counters of one axis.
+const SLOTS: usize = 1 << (DEEPEST + 1);
+
+#[inline]
+fn slot(level: u32, coordinate: u32) -> usize {
+    let level = level.min(DEEPEST);
+    ((1 << level) + (coordinate & ((1 << level) - 1)) as usize) & (SLOTS - 1)
+}
+
 /// Counters by axis and coordinate prefix: of "this child is occupied" and of the next bit of a
 /// single's path.
 pub(super) struct Lattice {
-    occupied: Vec<Bit>,
-    path: Vec<Bit>,
+    occupied: [Box<[Bit; SLOTS]>; 3],
+    path: [Box<[Bit; SLOTS]>; 3],
 }
 
 impl Lattice {
     pub(super) fn new() -> Self {
-        let table = || vec![Bit::default(); 3 << (DEEPEST + 1)];
-        Self { occupied: table(), path: table() }
+        let tables = || [table(), table(), table()];
+        Self { occupied: tables(), path: tables() }
     }
 
-    fn slot(axis: usize, level: u32, coordinate: u32) -> usize {
-        let level = level.min(DEEPEST);
-        (axis << (DEEPEST + 1)) + (1 << level) + (coordinate & ((1 << level) - 1)) as usize
-    }
-
-    /// Slots of the counters for a child at `level` with coordinates `xyz` there.
+    /// The counters for a child at `level` with coordinates `xyz` there.
     #[inline]
-    pub(super) fn slots(level: u32, xyz: [u32; 3]) -> [usize; 3] {
-        std::array::from_fn(|k| Self::slot(k, level, xyz[k]))
-    }
-
-    pub(super) fn counter(&mut self, slot: usize) -> &mut Bit {
-        &mut self.occupied[slot]
+    pub(super) fn counters(&mut self, level: u32, [x, y, z]: [u32; 3]) -> [&mut Bit; 3] {
+        let [a, b, c] = &mut self.occupied;
+        [&mut a[slot(level, x)], &mut b[slot(level, y)], &mut c[slot(level, z)]]
     }
 
     /// Codes the child of a single at `level - 1` with Morton code `code`.
@@ -57,7 +58,7 @@ impl Lattice {
         let xyz = morton::decode(code);
         let mut child = 0;
         for (k, &x) in xyz.iter().enumerate() {
-            let bit = &mut self.path[Self::slot(k, level - 1, x)];
+            let bit = &mut self.path[k][slot(level - 1, x)];
             let one = bit.code(coder, truth >> (2 - k) & 1 == 1, LIMIT);
             child = child << 1 | u32::from(one);
         }

@@ -2,9 +2,9 @@
 
 use super::cells::Cells;
 use super::lattice::Lattice;
-use crate::hood::{Hood, ONES};
-use crate::mix::{Mixer, stretch};
-use crate::model::Bit;
+use crate::hood::ONES;
+use crate::mix::{Mixer, code_mixed};
+use crate::model::{Bit, table};
 use crate::morton;
 use crate::range::BinaryCoder;
 
@@ -32,18 +32,14 @@ pub(super) struct NodeContext {
 }
 
 impl NodeContext {
-    pub(super) fn new(depth: u8, code: u64, siblings: u8, chain: u8, hood: &Hood) -> Self {
-        const FACES: u32 = 1 << 4 | 1 << 10 | 1 << 12 | 1 << 14 | 1 << 16 | 1 << 22;
-        let ones = |m: u32| -> u8 { m.to_le_bytes().iter().map(|&b| ONES[usize::from(b)]).sum() };
-        Self {
-            depth,
-            code,
-            siblings,
-            chain: chain.min(3),
-            faces: ones(hood.present & FACES),
-            around: ones(hood.present) - 1,
-            least: 1,
-        }
+    pub(super) fn new(
+        depth: u8,
+        code: u64,
+        siblings: u8,
+        chain: u8,
+        (around, faces): (u8, u8),
+    ) -> Self {
+        Self { depth, code, siblings, chain: chain.min(3), faces, around, least: 1 }
     }
 }
 
@@ -53,34 +49,42 @@ pub(super) struct Models {
     mixed: bool,
     stop: Vec<Bit>,
     tail_stop: Vec<Bit>,
-    single: [Vec<Bit>; 2],
-    single_mixer: Vec<Mixer<2>>,
-    near: Vec<Bit>,
-    shape: Vec<Bit>,
-    density: Vec<Bit>,
-    family: Vec<Bit>,
-    mixers: Vec<Mixer<PLAIN>>,
-    lattice_mixers: Vec<Mixer<WITH_LATTICE>>,
+    /// Of a node having a single leaf.
+    by_depth: Box<[Bit; 32 * 32]>,
+    by_family: Box<[Bit; 256 * 8 * 4]>,
+    single_mixer: [Mixer<2>; 32],
+    /// Of a child being occupied.
+    near: Box<[Bit; 1 << 16]>,
+    shape: Box<[Bit; 256 * 32]>,
+    density: Box<[Bit; 32 * 32 * 32]>,
+    family: Box<[Bit; 256 * 64]>,
+    mixers: [Mixer<PLAIN>; 8 * 4],
+    lattice_mixers: [Mixer<WITH_LATTICE>; 8 * 4],
     pub(super) lattice: Option<Lattice>,
 }
 
 impl Models {
     pub(super) fn new(mixed: bool, lattice: bool) -> Self {
-        let bits = |n: usize| vec![Bit::default(); n];
         Self {
             mixed,
-            stop: bits(32 * 32),
-            tail_stop: bits(32),
-            single: [bits(32 * 32), bits(256 * 8 * 4)],
-            single_mixer: vec![Mixer::new(72_000); 32],
-            near: bits(1 << 16),
-            shape: bits(256 * 32),
-            density: bits(32 * 32 * 32),
-            family: bits(256 * 64),
-            mixers: vec![Mixer::new(80_000); 8 * 4],
-            lattice_mixers: vec![Mixer::new(100_000); if lattice { 8 * 4 } else { 0 }],
+            stop: vec![Bit::default(); 32 * 32],
+            tail_stop: vec![Bit::default(); 32],
+            by_depth: table(),
+            by_family: table(),
+            single_mixer: [Mixer::new(72_000); 32],
+            near: table(),
+            shape: table(),
+            density: table(),
+            family: table(),
+            mixers: [Mixer::new(80_000); 8 * 4],
+            lattice_mixers: [Mixer::new(100_000); 8 * 4],
             lattice: lattice.then(Lattice::new),
         }
+    }
+
+    /// Whether leaves end at different depths.
+    pub(super) fn mixed(&self) -> bool {
+        self.mixed
     }
 
     /// Codes whether a node is a leaf.
@@ -90,10 +94,13 @@ impl Models {
         node: &NodeContext,
         truth: bool,
     ) -> bool {
+        if !self.mixed {
+            return false;
+        }
         let ctx = usize::from(node.depth) * 32
             + usize::from(node.around.min(3)) * 4
             + usize::from(ONES[usize::from(node.siblings)].min(4) - 1);
-        self.mixed && self.stop[ctx].code(coder, truth, LIMIT)
+        self.stop[ctx].code(coder, truth, LIMIT)
     }
 
     /// Codes whether a single's path ends at `depth`.
@@ -117,16 +124,9 @@ impl Models {
         let a = usize::from(node.depth) * 32 + usize::from(node.chain) * 8 + around;
         let b = (usize::from(node.siblings) * 8 + (node.code & 7) as usize) * 4
             + usize::from(node.faces.min(3));
-        let [ta, tb] = &mut self.single;
-        let (a, b) = (&mut ta[a], &mut tb[b]);
-        let inputs = [stretch(a.p1()), stretch(b.p1())];
-        let mixer = &mut self.single_mixer[usize::from(node.depth)];
-        let p1 = mixer.mix(&inputs);
-        let bit = coder.code(p1, truth);
-        mixer.update(&inputs, p1, bit, 2);
-        a.update(bit, LIMIT);
-        b.update(bit, LIMIT);
-        bit
+        let bits = [&mut self.by_depth[a & 1023], &mut self.by_family[b & 0x1fff]];
+        let mixer = &mut self.single_mixer[usize::from(node.depth) & 31];
+        code_mixed(coder, mixer, bits, truth, 2, LIMIT)
     }
 
     /// Codes which children of a node are occupied.
@@ -134,14 +134,17 @@ impl Models {
         &mut self,
         coder: &mut C,
         node: &NodeContext,
-        cells: &Cells,
+        cells: Cells,
         truth: u8,
     ) -> u8 {
         let xyz = self.lattice.as_ref().map(|_| morton::decode(node.code));
-        let outside: [usize; 8] = std::array::from_fn(|c| cells.outside(c) << 2);
+        let outside: [usize; 8] = std::array::from_fn(|c| usize::from(cells.outside(c)) << 2);
         // Touching the counters of all eight at once overlaps their cache misses.
-        let warm = outside.iter().fold(0, |sum, &o| sum + self.near[o].count());
+        let warm = outside.iter().fold(0, |sum, &o| sum + self.near[o & 0xffff].count());
         std::hint::black_box(warm);
+        let shape = (usize::from(node.chain) * 8 + usize::from(node.faces)) & 31;
+        let density = (usize::from(node.depth & 31) * 32 + usize::from(node.around & 31)) * 32;
+        let family = (usize::from(node.siblings) * 8 + (node.code & 7) as usize) * 8;
         let mut occupancy = 0u8;
         let mut count = 0u8;
         for c in 0..8usize {
@@ -152,57 +155,29 @@ impl Models {
                 continue;
             }
             let so_far = usize::from(count.min(3));
-            let near = outside[c] | so_far;
-            let shape = (1usize << c) | usize::from(occupancy);
-            let shape = (shape * 4 + usize::from(node.chain)) * 8 + usize::from(node.faces);
-            let density = usize::from(node.depth) * 32 + usize::from(node.around);
-            let density = (density * 8 + c) * 4 + so_far;
-            let family = (usize::from(node.siblings) * 8 + (node.code & 7) as usize) * 8 + c;
-            let near = &mut self.near[near];
-            let shape = &mut self.shape[shape];
-            let density = &mut self.density[density];
-            let family = &mut self.family[family];
-            let plain = [
-                stretch(near.p1()),
-                stretch(shape.p1()),
-                stretch(density.p1()),
-                stretch(family.p1()),
-            ];
+            let at = (1usize << c) | usize::from(occupancy);
+            let near = &mut self.near[(outside[c] | so_far) & 0xffff];
+            let shape = &mut self.shape[(at * 32 + shape) & 0x1fff];
+            let density = &mut self.density[(density + 4 * c + so_far) & 0x7fff];
+            let family = &mut self.family[(family + c) & 0x3fff];
             let bit = truth >> c & 1 == 1;
-            let select = c * 4 + so_far;
+            let select = (c * 4 + so_far) & 31;
             let bit = match (&mut self.lattice, xyz) {
                 (Some(lattice), Some(xyz)) => {
                     let child = [4, 2, 1].map(|b| u32::from(c & b != 0));
                     let at = std::array::from_fn(|k| xyz[k] << 1 | child[k]);
-                    let slots = Lattice::slots(u32::from(node.depth) + 1, at);
-                    let mut inputs = [0; WITH_LATTICE];
-                    inputs[..PLAIN].copy_from_slice(&plain);
-                    for (input, &slot) in inputs[PLAIN..].iter_mut().zip(&slots) {
-                        *input = stretch(lattice.counter(slot).p1());
-                    }
+                    let [x, y, z] = lattice.counters(u32::from(node.depth) + 1, at);
                     let mixer = &mut self.lattice_mixers[select];
-                    let p1 = mixer.mix(&inputs);
-                    let bit = coder.code(p1, bit);
-                    mixer.update(&inputs, p1, bit, 4);
-                    slots.iter().for_each(|&s| lattice.counter(s).update(bit, LIMIT));
-                    bit
+                    let bits = [near, shape, density, family, x, y, z];
+                    code_mixed(coder, mixer, bits, bit, 4, LIMIT)
                 }
                 _ => {
-                    let mixer = &mut self.mixers[select];
-                    let p1 = mixer.mix(&plain);
-                    let bit = coder.code(p1, bit);
-                    mixer.update(&plain, p1, bit, 4);
-                    bit
+                    let bits = [near, shape, density, family];
+                    code_mixed(coder, &mut self.mixers[select], bits, bit, 4, LIMIT)
                 }
             };
-            near.update(bit, LIMIT);
-            shape.update(bit, LIMIT);
-            density.update(bit, LIMIT);
-            family.update(bit, LIMIT);
-            if bit {
-                occupancy |= 1 << c;
-                count += 1;
-            }
+            occupancy |= u8::from(bit) << c;
+            count += u8::from(bit);
         }
         occupancy
     }

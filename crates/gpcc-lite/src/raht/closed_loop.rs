@@ -4,7 +4,7 @@
 //! its neighbours and of those neighbours' children that are already known; the prediction goes
 //! through the same butterflies, and only the difference of the high-pass values is coded.
 
-use super::pyramid::{Pyramid, SELF};
+use super::pyramid::{NODE_BITS, SELF, WEIGHT};
 use super::{FACTOR_BITS, GAIN_BITS, Plan, round_shift};
 
 /// Where the high-pass values of `C` channels come from.
@@ -77,6 +77,7 @@ impl ClosedLoop {
             mean.push(dc.map(|v| mean_of(v, root)));
         }
         let mut k = 1usize;
+        let mut terms = pyramid.terms.as_slice();
         for (depth, range) in pyramid.levels.windows(2).enumerate() {
             let strength = source.start_level(depth);
             let predicts = strength.iter().any(|&s| s != 0);
@@ -86,10 +87,17 @@ impl ClosedLoop {
                 let parent = pyramid.node[block] as usize;
                 let base = mean.len();
                 let mut predicted = [[0i64; C]; 7];
-                if predicts && pyramid.terms_end[base + count] > pyramid.terms_end[base - 1] {
+                let counts = &pyramid.count[base..=base + count];
+                let all: usize = counts.iter().map(|&n| usize::from(n)).sum();
+                let (here, rest) = terms.split_at(all);
+                terms = rest;
+                if predicts && all > 0 {
                     let mut value = [[0i64; C]; 8];
-                    for (i, v) in value[..=count].iter_mut().enumerate() {
-                        *v = predict(pyramid, base + i, &mean[parent], &mean);
+                    let mut from = here;
+                    for (v, &n) in value[..=count].iter_mut().zip(counts) {
+                        let (own, rest) = from.split_at(usize::from(n));
+                        *v = predict(own, &mean[parent], &mean);
+                        from = rest;
                     }
                     forward(plan, &merges[..count], k, &mut value, &strength, &mut predicted);
                 }
@@ -121,24 +129,21 @@ impl ClosedLoop {
 
 /// The weighted mean of the terms of a node.
 #[inline]
-fn predict<const C: usize>(
-    pyramid: &Pyramid,
-    node: usize,
-    own: &[i64; C],
-    mean: &[[i64; C]],
-) -> [i64; C] {
-    let terms = pyramid.terms_end[node - 1] as usize..pyramid.terms_end[node] as usize;
+fn predict<const C: usize>(terms: &[u32], own: &[i64; C], mean: &[[i64; C]]) -> [i64; C] {
     if terms.is_empty() {
         return *own;
     }
     let mut acc = own.map(|v| v * i64::from(SELF));
-    for t in &pyramid.terms[terms] {
-        let other = &mean[t.node as usize];
+    let mut total = usize::from(SELF);
+    for &t in terms {
+        let other = &mean[(t & ((1 << NODE_BITS) - 1)) as usize];
+        let weight = WEIGHT[(t >> NODE_BITS) as usize];
+        total += usize::from(weight);
         for ch in 0..C {
-            acc[ch] += other[ch] * i64::from(t.weight);
+            acc[ch] += other[ch] * i64::from(weight);
         }
     }
-    let reciprocal = i128::from(RECIPROCAL[usize::from(pyramid.total[node])]);
+    let reciprocal = i128::from(RECIPROCAL[total & 63]);
     acc.map(|v| ((i128::from(v) * reciprocal) >> 32) as i64)
 }
 

@@ -1,7 +1,6 @@
 //! Which reconstructed means predict each child of each block, found once per plan.
 
-use crate::hood::{Children, Hood, ONES, child_hood, rank};
-use crate::leaf::Leaf;
+use crate::hood::{Block, CENTRE, Children, Hoods, ONES, rank};
 use crate::raht::{Plan, inverse_root};
 
 /// Weight of the node itself in the prediction of its children.
@@ -11,12 +10,10 @@ const NODE: [u8; 4] = [0, 3, 1, 0];
 /// The same for a neighbour's child that touches and is already reconstructed.
 const CHILD: [u8; 4] = [0, 5, 2, 0];
 
-/// One mean with its weight.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Term {
-    pub(super) node: u32,
-    pub(super) weight: u8,
-}
+/// Bits of a term that hold the node; the two above tell the weight.
+pub(super) const NODE_BITS: u32 = 30;
+/// Weight of a term by its top bits: the child or the node itself, across a face or an edge.
+pub(super) const WEIGHT: [u8; 4] = [CHILD[1], CHILD[2], NODE[1], NODE[2]];
 
 /// Blocks (nodes with two children or more) in coefficient order.
 ///
@@ -32,15 +29,14 @@ pub(super) struct Pyramid {
     pub(super) levels: Vec<u32>,
     /// `1 / sqrt(weight)` per node.
     pub(super) inverse_root: Vec<u32>,
-    /// Per node: end of the terms that predict it.
-    pub(super) terms_end: Vec<u32>,
-    /// Per node: sum of their weights, [`SELF`] included.
-    pub(super) total: Vec<u8>,
-    /// Terms besides the block's own mean.
-    pub(super) terms: Vec<Term>,
+    /// Per node: number of terms that predict it besides its block's own mean.
+    pub(super) count: Vec<u8>,
+    /// The terms, node after node: number of the node, and above [`NODE_BITS`] the weight.
+    pub(super) terms: Vec<u32>,
 }
 
-/// The places around child `c` that touch it: place, axes it is off along, as child bits.
+/// The places around child `c` that touch it: bit of the window, axes it is off along, as child
+/// bits.
 const TOUCHING: [[(u8, u8); 6]; 8] = {
     let mut t = [[(0u8, 0u8); 6]; 8];
     let mut c = 0;
@@ -59,7 +55,7 @@ const TOUCHING: [[(u8, u8); 6]; 8] = {
                 } else {
                     0
                 };
-                place = 3 * place + d;
+                place = 4 * place + d;
                 k += 1;
             }
             t[c][i] = (place as u8, axes[i] as u8);
@@ -73,159 +69,175 @@ const TOUCHING: [[(u8, u8); 6]; 8] = {
 /// The nodes of one depth that still matter, in Morton order.
 #[derive(Default)]
 struct Level {
-    first: Vec<u32>,
-    end: Vec<u32>,
+    /// First leaf of each and the one after its last.
+    range: Vec<[u32; 2]>,
+    /// Number of each.
     node: Vec<u32>,
-    /// Index of the parent in `above`, and which child of it.
-    parent: Vec<(u32, u8)>,
-    above: Above,
-}
-
-/// What the children of a level's nodes need to find their neighbours.
-#[derive(Default)]
-struct Above {
+    /// Their children, once known.
     children: Vec<Children>,
-    /// Neighbourhoods of the nodes with two leaves or more, in order.
-    hood: Vec<Hood>,
-    /// Index into `hood` of each such node.
-    hood_of: Vec<u32>,
+    /// Neighbourhoods of those with two leaves or more.
+    hoods: Hoods,
 }
 
-impl Above {
-    fn child_hood(&self, (parent, c): (u32, u8)) -> Hood {
-        let hood = &self.hood[self.hood_of[parent as usize] as usize];
-        child_hood(hood, usize::from(c), &self.children)
+impl Level {
+    fn push(&mut self, range: [u32; 2], node: u32) {
+        self.range.push(range);
+        self.node.push(node);
+    }
+
+    /// Finds the neighbourhoods of the nodes with two leaves or more from those above; returns
+    /// which nodes are in one.
+    fn find_hoods(&mut self, above: &Level) -> Vec<bool> {
+        let mut touched = vec![false; self.range.len()];
+        let mut block = Block::new();
+        let mut near = above.hoods.near.as_slice();
+        for &present in &above.hoods.present {
+            let used = block.enter(present, near, &above.children);
+            near = &near[used..];
+            let Children { first, mask } = block.own();
+            let mut rest = mask;
+            let mut at = first as usize;
+            while rest != 0 {
+                let c = rest.trailing_zeros();
+                rest &= rest - 1;
+                let [lo, hi] = self.range[at];
+                at += 1;
+                if hi - lo == 1 {
+                    continue;
+                }
+                let window = block.window(c);
+                self.hoods.present.push(window);
+                let mut around = window;
+                while around != 0 {
+                    let i = block.index(c, around.trailing_zeros());
+                    around &= around - 1;
+                    self.hoods.near.push(i);
+                    touched[i as usize] = true;
+                }
+            }
+        }
+        touched
     }
 }
 
 impl Pyramid {
     pub(super) fn new(plan: &Plan) -> Self {
-        let (leaves, j_high): (&[Leaf], u8) = (&plan.leaves, plan.j_high);
-        let n = leaves.len();
+        let n = plan.points;
         let mut this = Self { levels: vec![0], ..Self::default() };
         let mut level = Level::default();
+        let mut above = Level {
+            children: vec![Children { first: 0, mask: 1 }],
+            hoods: Hoods::above_root(),
+            ..Level::default()
+        };
         if n > 0 {
-            level.first.push(0);
-            level.end.push(n as u32);
-            level.node.push(0);
+            level.push([0, n as u32], 0);
             this.push_node(inverse_root(plan.weight_of(0, n as u32)), 0);
+        } else {
+            above.hoods.present.clear();
         }
-        for depth in 0..j_high {
-            level = this.split(plan, leaves, depth, &level);
+        for depth in 0..plan.j_high {
+            let touched = level.find_hoods(&above);
+            let below = this.split(plan, depth, &mut level, &touched);
+            above = level;
+            level = below;
             this.levels.push(this.node.len() as u32);
         }
         this
     }
 
-    fn push_node(&mut self, inverse_root: u32, total: u8) {
+    fn push_node(&mut self, inverse_root: u32, count: u8) {
         self.inverse_root.push(inverse_root);
-        self.terms_end.push(self.terms.len() as u32);
-        self.total.push(total);
+        self.count.push(count);
     }
 
     /// Adds the blocks of one depth; returns the nodes of the next.
     ///
     /// A node with one leaf that touches no node with more is not followed further: none of its
     /// cells can touch a block below.
-    fn split(&mut self, plan: &Plan, leaves: &[Leaf], depth: u8, level: &Level) -> Level {
+    fn split(&mut self, plan: &Plan, depth: u8, level: &mut Level, touched: &[bool]) -> Level {
+        let leaves = plan.leaves.as_slice();
         let shift = 3 * (plan.j_high - depth - 1);
-        let child_of = |i: u32| ((leaves[i as usize].morton >> shift) & 7) as u8;
-        let nodes = level.first.len();
-        let many = |at: usize| level.end[at] - level.first[at] > 1;
-        let mut above = Above {
-            children: vec![Children::default(); nodes],
-            hood: Vec::new(),
-            hood_of: vec![0; nodes],
-        };
-        let mut touched = vec![false; nodes];
-        for at in (0..nodes).filter(|&at| many(at)) {
-            let hood = match level.parent.get(at) {
-                Some(&parent) => level.above.child_hood(parent),
-                None => Hood::ROOT,
-            };
-            let mut rest = hood.present;
-            while rest != 0 {
-                touched[hood.index[rest.trailing_zeros() as usize] as usize] = true;
-                rest &= rest - 1;
-            }
-            above.hood_of[at] = above.hood.len() as u32;
-            above.hood.push(hood);
-        }
+        let child_of = |i: u32| (leaves[i as usize].morton >> shift) as u8 & 7;
+        let coefficients = plan.levels[usize::from(depth)] as usize - 1
+            ..plan.levels[usize::from(depth) + 1] as usize - 1;
+        let mut boundaries = &plan.right[coefficients];
         let mut next = Level::default();
-        for at in 0..nodes {
-            let (lo, hi) = (level.first[at], level.end[at]);
-            above.children[at].first = next.first.len() as u32;
-            if !many(at) {
-                if !touched[at] || leaves[lo as usize].depth <= depth {
-                    continue;
+        let mut present = level.hoods.present.iter();
+        let mut near = level.hoods.near.as_slice();
+        level.children = vec![Children::default(); level.range.len()];
+        for at in 0..level.range.len() {
+            let [lo, hi] = level.range[at];
+            let first = next.range.len() as u32;
+            if hi - lo == 1 {
+                if touched[at] && leaves[lo as usize].depth > depth {
+                    level.children[at] = Children { first, mask: 1 << child_of(lo) };
+                    next.push([lo, hi], level.node[at]);
                 }
-                let c = child_of(lo);
-                above.children[at].mask = 1 << c;
-                next.first.push(lo);
-                next.end.push(hi);
-                next.node.push(level.node[at]);
-                next.parent.push((at as u32, c));
                 continue;
             }
-            let mut start = lo;
-            while start < hi {
-                let c = child_of(start);
-                let run = &leaves[start as usize..hi as usize];
-                let same = |l: &Leaf| ((l.morton >> shift) & 7) as u8 == c;
-                let len = if run.len() > 32 {
-                    run.partition_point(same)
-                } else {
-                    run.iter().take_while(|l| same(l)).count()
-                };
-                above.children[at].mask |= 1 << c;
-                next.first.push(start);
-                start += len as u32;
-                next.end.push(start);
-                next.parent.push((at as u32, c));
+            let Some(&window) = present.next() else { continue };
+            let (own, rest) = near.split_at((window.count_ones() as usize).min(near.len()));
+            near = rest;
+            // The block's merges are stored top down; their boundaries in order split the node.
+            let count = boundaries.iter().take(7).take_while(|&&b| b < hi).count();
+            let mut starts = [lo; 8];
+            starts[1..=count].copy_from_slice(&boundaries[..count]);
+            boundaries = &boundaries[count..];
+            starts[1..=count].sort_unstable();
+            let mask = starts[..=count].iter().fold(0, |m, &s| m | 1 << child_of(s));
+            level.children[at] = Children { first, mask };
+            if count == 0 {
+                next.push([lo, hi], level.node[at]);
+                continue;
             }
-            if above.children[at].mask.is_power_of_two() {
-                next.node.push(level.node[at]);
-            } else {
-                self.block(plan, level, &mut next, &above, at);
+            self.node.push(level.node[at]);
+            self.mask.push(mask);
+            let base = self.inverse_root.len() as u32;
+            for i in 0..=count {
+                let end = if i == count { hi } else { starts[i + 1] };
+                next.push([starts[i], end], base + i as u32);
+                self.push_node(inverse_root(plan.weight_of(starts[i], end)), 0);
+            }
+            if window != 1 << CENTRE {
+                self.add_terms(level, &next, at, window, own);
             }
         }
-        next.above = above;
         next
     }
 
-    /// Adds the block that splits node `at` and numbers its children.
-    fn block(&mut self, plan: &Plan, level: &Level, next: &mut Level, above: &Above, at: usize) {
-        let hood = &above.hood[above.hood_of[at] as usize];
-        let mask = above.children[at].mask;
-        self.node.push(level.node[at]);
-        self.mask.push(mask);
-        let base = above.children[at].first as usize;
-        for i in base..base + usize::from(ONES[usize::from(mask)]) {
-            let c = next.parent[i].1;
-            let mut total = SELF;
-            if !hood.alone() {
-                for &(place, axes) in &TOUCHING[usize::from(c)] {
-                    if hood.present >> place & 1 == 0 {
-                        continue;
-                    }
-                    let other = hood.index[usize::from(place)] as usize;
-                    let kind = usize::from(ONES[usize::from(axes)]);
-                    let touching = u32::from(c ^ axes);
-                    let (node, weight) =
-                        if other < at && above.children[other].mask >> touching & 1 == 1 {
-                            let j = above.children[other].first
-                                + rank(above.children[other].mask, touching);
-                            (next.node[j as usize], CHILD[kind])
-                        } else {
-                            (level.node[other], NODE[kind])
-                        };
-                    self.terms.push(Term { node, weight });
-                    total += weight;
+    /// Finds the terms of the children of the block just added, which splits node `at`.
+    fn add_terms(&mut self, level: &Level, next: &Level, at: usize, window: u64, own: &[u32]) {
+        let mut place_of = [0u32; 64];
+        let mut around = window;
+        for &i in own {
+            place_of[around.trailing_zeros() as usize & 63] = i;
+            around &= around - 1;
+        }
+        let mut mask = level.children[at].mask;
+        let mut child = self.count.len() - usize::from(ONES[usize::from(mask)]);
+        while mask != 0 {
+            let c = mask.trailing_zeros() as usize & 7;
+            mask &= mask - 1;
+            let before = self.terms.len();
+            for &(place, axes) in &TOUCHING[c] {
+                if window >> place & 1 == 0 {
+                    continue;
                 }
+                let other = place_of[usize::from(place) & 63] as usize;
+                let edge = u32::from(!axes.is_power_of_two());
+                let touching = (c as u8 ^ axes) & 7;
+                let of = level.children[other];
+                let term = if other < at && of.mask >> touching & 1 == 1 {
+                    let j = of.first + rank(of.mask, u32::from(touching));
+                    next.node[j as usize] | edge << NODE_BITS
+                } else {
+                    level.node[other] | (2 + edge) << NODE_BITS
+                };
+                self.terms.push(term);
             }
-            next.node.push(self.inverse_root.len() as u32);
-            let (a, b) = (next.first[i], next.end[i]);
-            self.push_node(inverse_root(plan.weight_of(a, b)), total);
+            self.count[child] = (self.terms.len() - before) as u8;
+            child += 1;
         }
     }
 }
