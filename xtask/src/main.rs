@@ -10,17 +10,21 @@ mod bench_gpcc;
 mod bench_gsvx;
 mod bench_voxel;
 mod cache;
+mod chart;
+mod conformance;
+mod experiments;
 mod fetch;
 mod fixture;
 mod manifest;
 mod measure;
+mod peers;
 mod pictures;
-mod plot;
 mod progress;
 mod published;
 mod rd_curve;
 mod report;
 mod scenes;
+mod usage;
 
 use std::process::ExitCode;
 
@@ -46,6 +50,8 @@ enum Task {
     BenchFinetune(bench_finetune::FinetuneArgs),
     /// The `gsvx` command on models of growing size: seconds and peak memory
     BenchGsvx(bench_gsvx::Args),
+    /// Check this build: golden streams, threads, twins, broken streams
+    Conformance(conformance::Args),
     /// Fetch a scene of the paper out of the public archives
     Fetch(fetch::Args),
     /// Make the default scene, fixtures/room, from its seed
@@ -59,6 +65,7 @@ fn main() -> ExitCode {
         Task::BenchVoxel(args) => bench_voxel::run(&args),
         Task::BenchFinetune(args) => bench_finetune::run(&args),
         Task::BenchGsvx(args) => bench_gsvx::run(&args),
+        Task::Conformance(args) => conformance::run(&args),
         Task::Fetch(args) => fetch::run(&args),
         Task::Fixture(args) => fixture::run(&args),
     };

@@ -11,6 +11,10 @@ pub(crate) struct Manifest {
     pub(crate) command: String,
     /// Commit of the checkout, "-dirty" if it has changes; empty without git.
     pub(crate) commit: String,
+    /// Program, compiler and stream format, with their versions.
+    pub(crate) versions: Vec<(String, String)>,
+    /// Seed of the fine-tune's order of views.
+    pub(crate) seed: u64,
     /// SHA-256 of the program.
     pub(crate) program_sha256: String,
     /// SHA-256 of the model file.
@@ -23,6 +27,35 @@ pub(crate) struct Manifest {
     pub(crate) processor: String,
     /// Target architecture and system.
     pub(crate) target: String,
+}
+
+/// What this run is made of: hashes of its inputs, and everything the machine tells.
+pub(crate) fn of(program: &str, model: &str, views: &str) -> Manifest {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    Manifest {
+        command: format!("cargo xtask {}", args.join(" ")),
+        commit: commit(),
+        versions: versions(),
+        seed: finetune::FineTuneOptions::default().seed,
+        program_sha256: program.to_owned(),
+        model_sha256: model.to_owned(),
+        views_sha256: views.to_owned(),
+        threads: rayon::current_num_threads(),
+        processor: processor(),
+        target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
+    }
+}
+
+fn versions() -> Vec<(String, String)> {
+    let own = env!("CARGO_PKG_VERSION").to_owned();
+    let compiler = Command::new("rustc").arg("--version").output().ok();
+    let compiler = compiler.and_then(|o| String::from_utf8(o.stdout).ok()).unwrap_or_default();
+    let compiler = compiler.trim().trim_start_matches("rustc ").to_owned();
+    let mut out = vec![("gsvx".to_owned(), own)];
+    if !compiler.is_empty() {
+        out.push(("rustc".to_owned(), compiler));
+    }
+    out
 }
 
 /// Commit of the checkout.

@@ -28,9 +28,28 @@ pub(crate) fn write(path: &Path, image: &Image) -> Result<()> {
 pub(crate) fn write_rgb8(path: &Path, rgb: &[u8], width: u32, height: u32) -> Result<()> {
     let file = fs::File::create(path).with_context(|| format!("create {}", path.display()))?;
     let file = std::io::BufWriter::new(file);
-    PngEncoder::new_with_quality(file, CompressionType::Best, FilterType::Adaptive)
-        .write_image(rgb, width, height, ExtendedColorType::Rgb8)
-        .with_context(|| format!("write {}", path.display()))
+    encode_rgb8(file, rgb, width, height).with_context(|| format!("write {}", path.display()))
+}
+
+/// An image as the bytes of an 8-bit PNG file.
+pub(crate) fn encode(image: &Image) -> Result<Vec<u8>> {
+    let mut out = Vec::new();
+    encode_rgb8(&mut out, &image.to_rgb8(), image.width, image.height).context("encode a PNG")?;
+    Ok(out)
+}
+
+fn encode_rgb8(
+    out: impl std::io::Write,
+    rgb: &[u8],
+    width: u32,
+    height: u32,
+) -> image::ImageResult<()> {
+    PngEncoder::new_with_quality(out, CompressionType::Best, FilterType::Adaptive).write_image(
+        rgb,
+        width,
+        height,
+        ExtendedColorType::Rgb8,
+    )
 }
 
 /// Images of equal height next to each other, with a gap.

@@ -32,9 +32,8 @@ impl Bar {
         Self { bar, label: label.to_owned(), started: Instant::now(), quiet: false }
     }
 
-    /// A stage nobody watches (tests).
-    #[cfg(test)]
-    pub(crate) fn silent() -> Self {
+    /// Part of a stage that has its own bar.
+    pub(crate) fn hidden() -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
         Self { bar, label: String::new(), started: Instant::now(), quiet: true }
     }

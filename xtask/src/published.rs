@@ -70,6 +70,11 @@ pub(crate) struct OtherPoint {
 }
 
 impl Other {
+    /// Whether the points are of another model of the same photos.
+    pub(crate) fn is_published(&self) -> bool {
+        self.source.starts_with("published")
+    }
+
     /// The points with rates in bytes.
     pub(crate) fn curve(&self) -> Vec<Point> {
         let point = |p: &OtherPoint| Point { rate: p.bytes as f64, psnr_db: p.psnr_db };
@@ -100,6 +105,10 @@ struct Peer {
     psnr_db: f64,
     ssim: f64,
 }
+
+/// How the names of the paper's lists without initialisation (Fig. 6 and 7) begin; only the
+/// experiments show them.
+pub(crate) const NO_INIT: &str = "paper, no initialisation";
 
 /// Name of the curve that holds the paper's coding chain as recorded beside a scene.
 pub(crate) const PAPER_CHAIN: &str = "paper's chain (TMC13)";

@@ -18,7 +18,7 @@ fn stdout(output: &Output) -> String {
 fn the_room_gives_a_report_and_a_second_run_skips_it() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().unwrap();
-    let args = ["rd-curve", "--quick", "--out", out];
+    let args = ["rd-curve", "--quick", "--no-peers", "--out", out];
     let first = stdout(&xtask(&args));
     assert!(!first.contains("skipped"), "{first}");
 
@@ -55,6 +55,62 @@ fn the_room_gives_a_report_and_a_second_run_skips_it() {
     fs::remove_file(dir.path().join("streams/uniform-q20.gsvx")).unwrap();
     let third = stdout(&xtask(&args));
     assert!(third.contains(&format!("{} of {stages} stages", stages - 1)), "{third}");
+}
+
+#[test]
+fn every_experiment_of_the_paper_draws_its_figure() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_str().unwrap();
+    let args = |experiment| {
+        let quick = ["rd-curve", "--quick", "--rates", "4", "--finetune", "4", "--no-peers"];
+        [&quick[..], &["--depth", "9", "--experiment", experiment, "--out", out]].concat()
+    };
+    for (experiment, curves, says) in [
+        ("init", 2, "from nothing"),
+        ("baseline", 2, "no initialisation"),
+        ("adaptive", 5, "13.42"),
+        ("sota", 3, "no fine-tune"),
+    ] {
+        let printed = stdout(&xtask(&args(experiment)));
+        // Models that an earlier experiment tuned are not tuned again.
+        assert!(experiment == "init" || printed.contains("skipped"), "{printed}");
+        let file = |name: String| dir.path().join(experiment).join(name);
+        let json = fs::read(file(format!("{experiment}.json"))).unwrap();
+        let run: serde_json::Value = serde_json::from_slice(&json).unwrap();
+        let made = run["curves"].as_array().unwrap();
+        assert_eq!(made.len(), curves, "{experiment}");
+        for curve in made {
+            assert!(curve["points"].as_array().unwrap().len() >= 4);
+        }
+        let report = fs::read_to_string(file("report.md".into())).unwrap();
+        assert!(report.contains(says) && report.contains("Provenance"), "{experiment}");
+        for picture in linked(&report) {
+            assert!(file(picture.clone()).is_file(), "{experiment}: {picture}");
+            assert!(file(picture.replace(".svg", ".png")).is_file(), "{experiment}: {picture}");
+        }
+        let page = fs::read_to_string(file("report.html".into())).unwrap();
+        assert!(page.contains("<svg") && !page.contains("src=\"http"), "{experiment}");
+    }
+    // The initialisation is worth more than four steps can make up for.
+    let json = fs::read(dir.path().join("init/init.json")).unwrap();
+    let run: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let after = |i: usize| {
+        let steps = &run["curves"][i]["voxelized"][0]["tuned"]["held_out_db"];
+        steps.as_array().unwrap().last().unwrap()[1].as_f64().unwrap()
+    };
+    assert!(after(0) > after(1) + 3.0, "{} {}", after(0), after(1));
+
+    let again = stdout(&xtask(&args("adaptive")));
+    let all = again.lines().find(|l| l.contains("skipped")).unwrap();
+    let mut numbers = all.split(' ').filter_map(|w| w.parse::<usize>().ok());
+    assert_eq!(numbers.next(), numbers.next(), "{all}");
+}
+
+#[test]
+fn this_build_conforms() {
+    let printed = stdout(&xtask(&["conformance", "--no-gpu", "--broken", "20"]));
+    assert!(printed.lines().filter(|l| l.starts_with("ok ")).count() >= 15, "{printed}");
+    assert!(!printed.contains("FAIL") && printed.contains("0 fail"), "{printed}");
 }
 
 /// Targets of the report's pictures.

@@ -2,27 +2,31 @@
 
 pub(crate) mod plan;
 pub(crate) mod record;
-mod stages;
+pub(crate) mod stages;
+pub(crate) mod tune;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use finetune::TrainView;
-use gs_model::Camera;
 use gs_model::dataset::{Dataset, View};
+use gs_model::{Camera, Scene};
 use serde::Serialize;
 
-use crate::bd::{self, Method};
 use crate::cache::{self, Cache};
+use crate::experiments::{self, Experiment};
 use crate::manifest::{self, Manifest};
-use crate::measure;
-use crate::published::{self, PAPER_CHAIN};
+use crate::measure::{self, Shot};
+use crate::peers;
+use crate::pictures;
+use crate::published;
+use crate::report::{self, sections};
 use crate::scenes::{self, Found};
-use crate::{pictures, plot, report};
+use plan::Coding;
 use record::{Bd, Curve, Picture, Run};
-use stages::{Branch, PICTURE_VIEWS, Study, Tuning};
+use stages::{Branch, PICTURE_VIEWS, Study};
+use tune::Tuning;
 
 /// Flags of `cargo xtask rd-curve`.
 #[derive(Clone, Debug, clap::Args)]
@@ -44,20 +48,26 @@ pub(crate) struct RdArgs {
     quick: bool,
     /// Depth of the uniform octree [default: chosen by rendering, deeper at higher rates]
     #[arg(long)]
-    depth: Option<u8>,
+    pub(crate) depth: Option<u8>,
     /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
     #[arg(long, value_parser = plan::parse_depths)]
-    adaptive: Option<(u8, u8)>,
-    /// Fine-tune each voxelized model against the training photos for this many steps
-    #[arg(long, value_name = "STEPS")]
-    finetune: Option<u64>,
+    pub(crate) adaptive: Option<(u8, u8)>,
+    /// Fine-tune each voxelized model against the training photos for this many steps [default:
+    /// none; experiments: 400]
+    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) finetune: Option<u64>,
+    /// One of the paper's experiments instead of the default curves
+    #[arg(long, value_enum)]
+    experiment: Option<Experiment>,
     /// Run every stage, done before or not
     #[arg(long)]
     fresh: bool,
+    #[command(flatten)]
+    pub(crate) peers: peers::Flags,
 }
 
 /// Rates per curve unless told otherwise.
-const RATES: usize = 6;
+pub(crate) const RATES: usize = 6;
 /// Training cameras that importances are found from. As good as all: what no camera sees is left
 /// out, so on `bonsai` 24 of 129 cameras cost 0.6 dB at the held-out views.
 const IMPORTANCE_VIEWS: usize = 1000;
@@ -74,105 +84,180 @@ struct Inputs<'a> {
     views: &'a str,
 }
 
-/// Runs the whole chain and writes the report.
+/// A scene made ready, and where its results go.
+pub(crate) struct Setup {
+    /// Where its files are.
+    pub(crate) found: Found,
+    /// Folder of finished stages, streams and renders.
+    pub(crate) out: PathBuf,
+    /// The valid Gaussians of the model.
+    pub(crate) scene: Scene,
+    /// Gaussians left out because they are not finite.
+    pub(crate) invalid: usize,
+    /// Held-out views that are measured.
+    pub(crate) shots: Vec<Shot>,
+    /// All training cameras.
+    pub(crate) training: Vec<Camera>,
+    /// Finished stages.
+    pub(crate) cache: Cache,
+    /// Hashes of program, model, and cameras with photos.
+    pub(crate) hashes: [String; 3],
+}
+
+impl Setup {
+    /// Finds and reads everything.
+    pub(crate) fn new(args: &RdArgs) -> Result<Self> {
+        let found = scenes::find(&args.scene)?;
+        let out = match &args.out {
+            Some(out) => out.clone(),
+            None => scenes::root().join("out/rd").join(&found.name),
+        };
+        fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
+        let most = args.views.unwrap_or(if args.quick { QUICK_VIEWS } else { usize::MAX });
+        ensure!(most > 0, "--views must be at least 1");
+        let views = spread(found.dataset.held_out().collect(), most);
+        let shots = measure::load(views.iter().copied())?;
+
+        let program = cache::program_hash()?;
+        let model = cache::hash_file(&found.dataset.model_path)?;
+        let view_hash = hash_views(&found.dataset, &views)?;
+        let inputs = Inputs { program: &program, model: &model, views: &view_hash };
+        let cache = Cache::open(&out.join("stages"), &inputs, args.fresh)?;
+
+        let (mut scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
+        let before = scene.len();
+        scene.drop_invalid();
+        let invalid = before - scene.len();
+        if scene.is_empty() {
+            bail!("{}: no valid Gaussian in it", found.dataset.model_path.display());
+        }
+        println!(
+            "{}: {} Gaussians of SH degree {}, {} of {} held-out views",
+            found.name,
+            scene.len(),
+            scene.sh_degree,
+            shots.len(),
+            found.dataset.held_out().len()
+        );
+        let training = found.dataset.training().map(|v| v.camera.clone()).collect();
+        let hashes = [program, model, view_hash];
+        Ok(Self { found, out, scene, invalid, shots, training, cache, hashes })
+    }
+
+    /// Cameras that importances are found from.
+    pub(crate) fn cameras(&self) -> Vec<Camera> {
+        thin(&self.training, IMPORTANCE_VIEWS)
+    }
+
+    /// Stages on this scene.
+    pub(crate) fn study<'a>(&'a self, cameras: &'a [Camera]) -> Study<'a> {
+        let training = self.found.dataset.training().cloned().collect();
+        Study::new(&self.cache, &self.out, &self.scene, &self.shots, cameras, training)
+    }
+
+    /// The uncompressed model.
+    pub(crate) fn original(&self, study: &Study<'_>) -> Result<record::Original> {
+        let bytes = fs::metadata(&self.found.dataset.model_path).map_or(0, |m| m.len());
+        study.original(self.invalid, bytes)
+    }
+
+    /// Depth of the uniform octree: the given one, or the one that rendering asks for.
+    pub(crate) fn depth(&self, given: Option<u8>) -> Result<u8> {
+        let choose = || plan::choose_depth(&self.scene, &self.training);
+        given.map_or_else(|| self.cache.run("depth", &(), choose), Ok)
+    }
+
+    /// Runs the peers whose tools are there.
+    pub(crate) fn peers(&self, flags: &peers::Flags, depth: u8) -> Result<Vec<peers::Outcome>> {
+        let model = &self.found.dataset.model_path;
+        let (cache, scene, shots) = (&self.cache, &self.scene, &self.shots);
+        peers::run(flags, &peers::Task { cache, model, scene, shots, depth })
+    }
+
+    /// Provenance of a report.
+    pub(crate) fn manifest(&self) -> Manifest {
+        manifest::of(&self.hashes[0], &self.hashes[1], &self.hashes[2])
+    }
+
+    /// Stages found done, and stages in all.
+    pub(crate) fn tally(&self) -> (usize, usize) {
+        let (skipped, ran) = self.cache.tally();
+        (skipped.len(), skipped.len() + ran.len())
+    }
+}
+
+/// Runs the whole chain, or an experiment, and writes the report.
 pub(crate) fn run(args: &RdArgs) -> Result<()> {
     let started = Instant::now();
-    let found = scenes::find(&args.scene)?;
-    let out = match &args.out {
-        Some(out) => out.clone(),
-        None => scenes::root().join("out/rd").join(&found.name),
-    };
-    fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
+    // Before anything long: what cannot be right is said at once.
     let qualities =
         plan::qualities(args.rates.unwrap_or(if args.quick { QUICK_RATES } else { RATES }))?;
-    let most = args.views.unwrap_or(if args.quick { QUICK_VIEWS } else { usize::MAX });
-    ensure!(most > 0, "--views must be at least 1");
-    let views = spread(found.dataset.held_out().collect(), most);
-    let shots = measure::load(views.iter().copied())?;
-
-    let program = cache::program_hash()?;
-    let model = cache::hash_file(&found.dataset.model_path)?;
-    let view_hash = hash_views(&found.dataset, &views)?;
-    let inputs = Inputs { program: &program, model: &model, views: &view_hash };
-    let cache = Cache::open(&out.join("stages"), &inputs, args.fresh)?;
-
-    let (mut scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
-    let before = scene.len();
-    scene.drop_invalid();
-    let invalid = before - scene.len();
-    if scene.is_empty() {
-        bail!("{}: no valid Gaussian in it", found.dataset.model_path.display());
+    let setup = Setup::new(args)?;
+    let report = match args.experiment {
+        Some(experiment) => experiments::run(experiment, &setup, args, &qualities)?,
+        None => curves(&setup, args, &qualities)?,
+    };
+    let (skipped, stages) = setup.tally();
+    if skipped > 0 {
+        println!(
+            "{skipped} of {stages} stages were already done for the same inputs and were skipped"
+        );
     }
-    println!(
-        "{}: {} Gaussians of SH degree {}, {} of {} held-out views",
-        found.name,
-        scene.len(),
-        scene.sh_degree,
-        shots.len(),
-        found.dataset.held_out().len()
-    );
+    println!("report: {}", report.display());
+    println!("{:.1} s in all", started.elapsed().as_secs_f64());
+    Ok(())
+}
 
-    let training: Vec<Camera> = found.dataset.training().map(|v| v.camera.clone()).collect();
-    let cameras = thin(&training, IMPORTANCE_VIEWS);
-    let tuning = match args.finetune {
-        Some(steps) => Some(Tuning {
-            steps,
-            views: measure::load(found.dataset.training())?
-                .into_iter()
-                .map(|shot| TrainView { camera: shot.view.camera, photo: shot.photo })
-                .collect(),
-        }),
-        None => None,
-    };
-    let study = Study::new(&cache, &out, &scene, &shots, &cameras, tuning);
-    let file_bytes = fs::metadata(&found.dataset.model_path).map_or(0, |m| m.len());
-    let original = study.original(invalid, file_bytes)?;
-    let base = match args.depth {
-        Some(depth) => depth,
-        None => cache.run("depth", &(), || plan::choose_depth(&scene, &training))?,
-    };
+/// The default run: all curves of a scene.
+fn curves(setup: &Setup, args: &RdArgs, qualities: &[f32]) -> Result<PathBuf> {
+    let cameras = setup.cameras();
+    let study = setup.study(&cameras);
+    let original = setup.original(&study)?;
+    let base = setup.depth(args.depth)?;
+    let tuning = args.finetune.map(|steps| Tuning { steps, initialised: true });
     let mut curves = Vec::new();
-    for plan in plan::curves(base, args.depth, args.adaptive, &qualities) {
+    for plan in plan::curves(base, args.depth, args.adaptive, qualities) {
         let (mut voxelized, mut points) = (Vec::new(), Vec::new());
         for (voxels, qualities) in &plan.steps {
-            let branch = Branch::new(&study, voxels);
+            let branch = Branch::new(&study, voxels, tuning);
             voxelized.push(branch.voxelized()?);
             for &quality in qualities {
-                points.push(branch.coded(plan.name, quality)?);
+                points.push(branch.coded(plan.name, Coding::of(plan.name, quality))?);
             }
         }
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
+    let tools = setup.peers(&args.peers, base)?;
 
-    let others = published::others(&found.dataset.dir, &found.name)?;
+    let found = &setup.found;
+    let mut others = published::others(&found.dataset.dir, &found.name)?;
+    others.retain(|o| !o.name.starts_with(published::NO_INIT));
+    others.extend(peers::curves(&tools));
+    let (skipped, stages) = setup.tally();
     let mut run = Run {
         scene: found.name.clone(),
         what: found.what.clone(),
         views: found.dataset.views.len(),
         held_out: found.dataset.held_out().len(),
-        measured: shots.len(),
+        measured: setup.shots.len(),
         original,
         bd: compare(&curves, &others),
         curves,
         others,
+        tools,
         pictures: Vec::new(),
-        manifest: provenance(program, model, view_hash),
+        skipped,
+        stages,
+        manifest: setup.manifest(),
     };
-    run.pictures = side_by_sides(&run, &study)?;
-    write_out(&run, &out, &found)?;
-
-    report::print_table(&run);
-    let (skipped, ran) = cache.tally();
-    if !skipped.is_empty() {
-        println!(
-            "{} of {} stages were already done for the same inputs and were skipped",
-            skipped.len(),
-            skipped.len() + ran.len()
-        );
-    }
-    println!("report: {}", out.join("report.md").display());
-    println!("{:.1} s in all", started.elapsed().as_secs_f64());
-    Ok(())
+    let (files, views) = side_by_sides(&run, &study)?;
+    run.pictures = files;
+    let json = setup.out.join("rd.json");
+    let text = serde_json::to_string_pretty(&run).context("rd.json")? + "\n";
+    fs::write(&json, text).with_context(|| format!("write {}", json.display()))?;
+    report::run::document(&run, views).write(&setup.out)?;
+    report::run::print(&run);
+    Ok(setup.out.join("report.html"))
 }
 
 /// At most `most` of the views, evenly spread.
@@ -200,55 +285,31 @@ fn hash_views(dataset: &Dataset, measured: &[&View]) -> Result<String> {
     Ok(cache::hash_bytes(all.as_bytes()))
 }
 
-/// Hull against hull, by both methods.
+/// Hull against hull: the adaptive curves against the uniform one, all against the others.
 fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
-    let pair = |test: (&str, &[bd::Point]), anchor: (&str, &[bd::Point])| {
-        let (t, a) = (bd::hull(test.1), bd::hull(anchor.1));
-        Bd {
-            test: test.0.to_owned(),
-            anchor: anchor.0.to_owned(),
-            rate_cubic: bd::bd_rate(&a, &t, Method::Cubic),
-            rate_pchip: bd::bd_rate(&a, &t, Method::Pchip),
-            psnr_cubic: bd::bd_psnr(&a, &t, Method::Cubic),
-            psnr_pchip: bd::bd_psnr(&a, &t, Method::Pchip),
-        }
-    };
     let mut out = Vec::new();
     if let [uniform, adaptives @ ..] = curves {
         for adaptive in adaptives {
-            out.push(pair((&adaptive.name, &adaptive.curve()), (&uniform.name, &uniform.curve())));
+            let (test, anchor) = (adaptive.curve(), uniform.curve());
+            out.push(sections::compare((&adaptive.name, &test), (&uniform.name, &anchor)));
         }
     }
-    for other in others.iter().filter(|o| o.points.len() >= 4) {
-        // A published curve is of another model; only the chain recorded on this very model and
-        // the peers recorded with it can be compared by rate.
-        if other.name == PAPER_CHAIN || other.source.starts_with("peers.json") {
-            let anchor = other.curve();
-            for curve in curves {
-                out.push(pair((&curve.name, &curve.curve()), (&other.name, &anchor)));
-            }
+    // A published curve is of another model; only what was measured on this very model can be
+    // compared by rate.
+    for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
+        let anchor = other.curve();
+        for curve in curves {
+            out.push(sections::compare((&curve.name, &curve.curve()), (&other.name, &anchor)));
         }
     }
     out
 }
 
-fn provenance(program: String, model: String, views: String) -> Manifest {
-    let args: Vec<String> = std::env::args().skip(1).collect();
-    Manifest {
-        command: format!("cargo xtask {}", args.join(" ")),
-        commit: manifest::commit(),
-        program_sha256: program,
-        model_sha256: model,
-        views_sha256: views,
-        threads: rayon::current_num_threads(),
-        processor: manifest::processor(),
-        target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
-    }
-}
-
-/// Pictures of the first views at the lowest, a middle and the highest rate of the last curve.
-fn side_by_sides(run: &Run, study: &Study<'_>) -> Result<Vec<Picture>> {
-    let Some(curve) = run.curves.last() else { return Ok(Vec::new()) };
+/// Pictures of the first views at the lowest, a middle and the highest rate of the last curve:
+/// whole views side by side as files, and crops for the page.
+fn side_by_sides(run: &Run, study: &Study<'_>) -> Result<(Vec<Picture>, Vec<report::View>)> {
+    let (mut files, mut views) = (Vec::new(), Vec::new());
+    let Some(curve) = run.curves.last() else { return Ok((files, views)) };
     // Pictures of earlier settings would stay beside the report and contradict it.
     let dir = study.out.join("pictures");
     if dir.is_dir() {
@@ -259,41 +320,38 @@ fn side_by_sides(run: &Run, study: &Study<'_>) -> Result<Vec<Picture>> {
     let n = curve.points.len();
     let mut chosen = vec![0, n / 2, n - 1];
     chosen.dedup();
-    let mut out = Vec::new();
     for (v, shot) in study.shots.iter().take(PICTURE_VIEWS).enumerate() {
         let read = |name: &String| measure::read_photo(&study.out.join(name));
         let original = read(&originals[v])?;
+        let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
+        let view = &shot.view.camera.name;
+        let stem = pictures::stem(view);
+        let original_says = format!(
+            "original model, {} MB, {:.2} dB",
+            report::megabytes(run.original.file_bytes),
+            db(&run.original.score)
+        );
+        let mut decoded = Vec::new();
         for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
-            let view = &shot.view.camera.name;
-            let stem = pictures::stem(view);
             let file = format!("pictures/{stem}-{}-q{:.0}.png", curve.name, point.quality);
-            let decoded = read(&point.renders[v])?;
-            let panel = pictures::side_by_side(&[&shot.photo, &original, &decoded]);
+            let image = read(&point.renders[v])?;
+            let panel = pictures::side_by_side(&[&shot.photo, &original, &image]);
             pictures::write(&study.out.join(&file), &panel)?;
-            let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
-            let caption = format!(
-                "photo | original model, {} MB, {:.2} dB | decoded from {} MB ({}, quality {:.0}), {:.2} dB",
-                report::megabytes(run.original.file_bytes),
-                db(&run.original.score),
+            let says = format!(
+                "decoded from {} MB ({}, quality {:.0}), {:.2} dB",
                 report::megabytes(point.bytes),
                 curve.name,
                 point.quality,
                 db(&point.score)
             );
-            out.push(Picture { file, view: view.clone(), caption });
+            let caption = format!("photo | {original_says} | {says}");
+            files.push(Picture { file, view: view.clone(), caption });
+            decoded.push((image, format!("{} MB", report::megabytes(point.bytes)), says));
         }
+        let crops = report::crops(&shot.photo, (&original, &original_says), &decoded)?;
+        views.push(report::View { name: view.clone(), crops });
     }
-    Ok(out)
-}
-
-fn write_out(run: &Run, out: &Path, found: &Found) -> Result<()> {
-    let put = |name: &str, text: String| {
-        fs::write(out.join(name), text)
-            .with_context(|| format!("write {}", out.join(name).display()))
-    };
-    put("rd.json", serde_json::to_string_pretty(run).context("rd.json")? + "\n")?;
-    put("rd.svg", plot::svg(run).with_context(|| format!("plot {}", found.name))?)?;
-    put("report.md", report::markdown(run))
+    Ok((files, views))
 }
 
 #[cfg(test)]

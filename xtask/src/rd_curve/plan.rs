@@ -119,21 +119,88 @@ pub(crate) fn curves(
 /// Name of the curve coded as the paper codes.
 pub(crate) const PAPER_PROFILE: &str = "paper";
 
-/// Encoder options of a curve at a quality.
-pub(crate) fn options(curve: &str, quality: f32) -> gsvx::Result<EncodeOptions> {
-    if curve != PAPER_PROFILE {
-        return EncodeOptions::from_quality(quality);
+/// How a voxelized model is coded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Coding {
+    /// As the codec does by itself, at a quality.
+    Quality(f32),
+    /// As the paper does.
+    Paper {
+        /// What stands for the QPs on an axis of qualities.
+        quality: f32,
+        /// Its QPs.
+        qp: PaperQp,
+        /// 16-bit integers without further loss instead of a codebook.
+        lossless_covariance: bool,
+    },
+}
+
+/// QP triples on the hulls of the authors' published curves, lowest rate first: AC, DC, opacity,
+/// and the quality that each stands for.
+pub(crate) const PAPER_QPS: [(u8, u8, u8, f32); 6] = [
+    (40, 28, 40, 20.0),
+    (38, 16, 28, 34.0),
+    (34, 16, 16, 48.0),
+    (31, 4, 16, 62.0),
+    (28, 4, 4, 76.0),
+    (16, 4, 4, 90.0),
+];
+/// Codewords of the paper's lossy covariance, as a power of two.
+const CODEBOOK_BITS: u8 = 12;
+/// Bits per integer of its lossless covariance.
+const LOSSLESS_BITS: u8 = 16;
+
+impl Coding {
+    /// The coding of a curve at a quality.
+    pub(crate) fn of(curve: &str, quality: f32) -> Self {
+        if curve != PAPER_PROFILE {
+            return Self::Quality(quality);
+        }
+        // Half-way between the qualities that the triples stand for.
+        let index = PAPER_QPS.iter().position(|p| quality < p.3 + 7.0);
+        Self::paper(index.unwrap_or(PAPER_QPS.len() - 1), false, Some(quality))
     }
-    // QP triples on the hulls of the authors' published curves, lowest rate first.
-    let (ac, dc, opacity) = match quality {
-        q if q < 27.0 => (40, 28, 40),
-        q if q < 41.0 => (38, 16, 28),
-        q if q < 55.0 => (34, 16, 16),
-        q if q < 69.0 => (31, 4, 16),
-        q if q < 83.0 => (28, 4, 4),
-        _ => (16, 4, 4),
-    };
-    Ok(EncodeOptions::paper(PaperQp { ac, dc, opacity }, CovarianceMode::Vq { bits: 12 }))
+
+    /// The paper's coding at one of its triples.
+    pub(crate) fn paper(index: usize, lossless_covariance: bool, quality: Option<f32>) -> Self {
+        let (ac, dc, opacity, own) = PAPER_QPS[index.min(PAPER_QPS.len() - 1)];
+        let quality = quality.unwrap_or(own);
+        Self::Paper { quality, qp: PaperQp { ac, dc, opacity }, lossless_covariance }
+    }
+
+    /// Quality, or what stands for it.
+    pub(crate) fn quality(&self) -> f32 {
+        match *self {
+            Self::Quality(quality) | Self::Paper { quality, .. } => quality,
+        }
+    }
+
+    /// File-name part.
+    pub(crate) fn name(&self) -> String {
+        let lossless = matches!(self, Self::Paper { lossless_covariance: true, .. });
+        format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
+    }
+
+    /// The paper's QPs in words.
+    pub(crate) fn paper_setting(&self) -> Option<String> {
+        let Self::Paper { qp, lossless_covariance, .. } = self else { return None };
+        let covariance = if *lossless_covariance { ", lossless covariance" } else { "" };
+        Some(format!("QP {}/{}/{}{covariance}", qp.ac, qp.dc, qp.opacity))
+    }
+
+    /// Encoder options.
+    pub(crate) fn options(&self) -> gsvx::Result<EncodeOptions> {
+        match *self {
+            Self::Quality(quality) => EncodeOptions::from_quality(quality),
+            Self::Paper { qp, lossless_covariance: true, .. } => {
+                let mode = CovarianceMode::Lossless { bits: LOSSLESS_BITS };
+                Ok(EncodeOptions::paper(qp, mode))
+            }
+            Self::Paper { qp, .. } => {
+                Ok(EncodeOptions::paper(qp, CovarianceMode::Vq { bits: CODEBOOK_BITS }))
+            }
+        }
+    }
 }
 
 /// `count` encoder qualities from low to high.
@@ -185,6 +252,18 @@ pub(crate) fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_quality_has_its_qp_triple() {
+        let setting = |q| Coding::of(PAPER_PROFILE, q).paper_setting().unwrap();
+        assert_eq!(setting(20.0), "QP 40/28/40");
+        assert_eq!((setting(34.0), setting(62.0)), ("QP 38/16/28".into(), "QP 31/4/16".into()));
+        assert_eq!((setting(90.0), setting(100.0)), ("QP 16/4/4".into(), "QP 16/4/4".into()));
+        assert_eq!(Coding::of("uniform", 20.0), Coding::Quality(20.0));
+        let lossless = Coding::paper(3, true, None);
+        assert_eq!(lossless.name(), "q62-lossless");
+        assert!(lossless.paper_setting().unwrap().contains("lossless"));
+    }
 
     #[test]
     fn qualities_span_the_range() {

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::bd::Point;
 use crate::manifest::Manifest;
 use crate::measure::Score;
+use crate::peers::Outcome;
 use crate::published::Other;
 
 /// The uncompressed model.
@@ -45,6 +46,27 @@ pub(crate) struct Voxelized {
     pub(crate) importance_seconds: f64,
     /// Seconds to render and score all views.
     pub(crate) render_seconds: f64,
+    /// The fine-tune, if there was one; the scores are of the tuned model.
+    pub(crate) tuned: Option<Tuned>,
+}
+
+/// A fine-tune of a voxelized model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Tuned {
+    /// Steps, one training view each.
+    pub(crate) steps: u64,
+    /// Whether it began with the merged attributes.
+    pub(crate) initialised: bool,
+    /// Mean PSNR at the held-out views after so many steps, dB.
+    pub(crate) held_out_db: Vec<(u64, f64)>,
+    /// Wall-clock seconds of the steps.
+    pub(crate) seconds: f64,
+    /// Processor seconds of the steps, all threads; 0 where the system does not tell.
+    pub(crate) user_seconds: f64,
+    /// Greatest memory of the process meanwhile, bytes; 0 where the system does not tell.
+    pub(crate) peak_bytes: u64,
+    /// The tuned model, relative to the cache.
+    pub(crate) file: String,
 }
 
 /// One stream, decoded and scored.
@@ -52,8 +74,10 @@ pub(crate) struct Voxelized {
 pub(crate) struct Coded {
     /// Name of the voxelization.
     pub(crate) voxels: String,
-    /// Encoder quality, 0 to 100.
+    /// Encoder quality, 0 to 100; for the paper's way of coding, what stands for its QPs.
     pub(crate) quality: f32,
+    /// The QPs of the paper's way of coding.
+    pub(crate) paper: Option<String>,
     /// Size of the stream.
     pub(crate) bytes: u64,
     /// Bytes of each section.
@@ -75,6 +99,11 @@ pub(crate) struct Coded {
 }
 
 impl Coded {
+    /// Quality or QPs.
+    pub(crate) fn setting(&self) -> String {
+        self.paper.clone().unwrap_or_else(|| format!("{:.0}", self.quality))
+    }
+
     /// Bits per decoded Gaussian.
     pub(crate) fn bits_per_gaussian(&self) -> f64 {
         self.bytes as f64 * 8.0 / self.gaussians.max(1) as f64
@@ -154,10 +183,16 @@ pub(crate) struct Run {
     pub(crate) curves: Vec<Curve>,
     /// Others, recorded or published.
     pub(crate) others: Vec<Other>,
+    /// Others whose tools were run here.
+    pub(crate) tools: Vec<Outcome>,
     /// Bjontegaard differences.
     pub(crate) bd: Vec<Bd>,
     /// Side-by-side pictures.
     pub(crate) pictures: Vec<Picture>,
+    /// Stages found done, and stages in all.
+    pub(crate) skipped: usize,
+    /// See [`Run::skipped`].
+    pub(crate) stages: usize,
     /// Where all this came from.
     pub(crate) manifest: Manifest,
 }

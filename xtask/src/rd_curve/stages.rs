@@ -6,12 +6,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
-use finetune::{FineTune, FineTuneOptions, TrainView};
+use finetune::TrainView;
+use gs_model::dataset::View;
 use gs_model::{Camera, Scene};
 use gsvx::Prepared;
 
-use super::plan::{Rule, Voxels};
+use super::plan::{Coding, Rule, Voxels};
 use super::record::{Coded, Original, Voxelized};
+use super::tune::{self, Tuning};
 use crate::cache::Cache;
 use crate::measure::{self, Shot};
 use crate::pictures;
@@ -31,17 +33,10 @@ pub(crate) struct Study<'a> {
     pub(crate) shots: &'a [Shot],
     /// Training cameras (no photos) from which importances are found.
     pub(crate) cameras: &'a [Camera],
-    /// How voxelized models are fine-tuned, if at all.
-    tuning: Option<Tuning>,
+    /// Training views, whose photos are read when a fine-tune first needs them.
+    training: Vec<View>,
+    photos: OnceCell<Vec<TrainView>>,
     saliency: OnceCell<(Option<Vec<f32>>, f64)>,
-}
-
-/// Fine-tuning of voxelized models.
-pub(crate) struct Tuning {
-    /// Steps, one view each.
-    pub(crate) steps: u64,
-    /// Training cameras and photos.
-    pub(crate) views: Vec<TrainView>,
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
@@ -58,9 +53,20 @@ impl<'a> Study<'a> {
         scene: &'a Scene,
         shots: &'a [Shot],
         cameras: &'a [Camera],
-        tuning: Option<Tuning>,
+        training: Vec<View>,
     ) -> Self {
-        Self { cache, out, scene, shots, cameras, tuning, saliency: OnceCell::new() }
+        let (photos, saliency) = (OnceCell::new(), OnceCell::new());
+        Self { cache, out, scene, shots, cameras, training, photos, saliency }
+    }
+
+    /// Training cameras and photos.
+    pub(super) fn photos(&self) -> Result<&[TrainView]> {
+        if let Some(photos) = self.photos.get() {
+            return Ok(photos);
+        }
+        let shots = measure::load(&self.training)?;
+        let views = shots.into_iter().map(|s| TrainView { camera: s.view.camera, photo: s.photo });
+        Ok(self.photos.get_or_init(|| views.collect()))
     }
 
     /// What each Gaussian of the model contributes to the training views, and the seconds to
@@ -118,6 +124,7 @@ impl<'a> Study<'a> {
 pub(crate) struct Branch<'a> {
     study: &'a Study<'a>,
     plan: &'a Voxels,
+    tuning: Option<Tuning>,
     made: OnceCell<Made>,
 }
 
@@ -128,16 +135,24 @@ struct Made {
 
 impl<'a> Branch<'a> {
     /// Nothing is computed yet.
-    pub(crate) fn new(study: &'a Study<'a>, plan: &'a Voxels) -> Self {
-        Self { study, plan, made: OnceCell::new() }
+    pub(crate) fn new(study: &'a Study<'a>, plan: &'a Voxels, tuning: Option<Tuning>) -> Self {
+        Self { study, plan, tuning, made: OnceCell::new() }
     }
 
-    /// What identifies the voxelization in a record's key.
+    /// Name of the model, for files and tables.
+    pub(crate) fn name(&self) -> String {
+        match &self.tuning {
+            Some(tuning) => format!("{}-{}", self.plan.name, tuning.name()),
+            None => self.plan.name.clone(),
+        }
+    }
+
+    /// What identifies the model in a record's key.
     fn key(&self) -> String {
-        let steps = self.study.tuning.as_ref().map_or(0, |t| t.steps);
-        format!("{:?}, {steps} steps", self.plan)
+        format!("{:?}, {:?}", self.plan, self.tuning)
     }
 
+    /// Voxelized, merged, and tuned if the branch says so.
     fn made(&self) -> Result<&Made> {
         if let Some(made) = self.made.get() {
             return Ok(made);
@@ -150,60 +165,45 @@ impl<'a> Branch<'a> {
         let (prepared, seconds) =
             timed(|| gsvx::prepare(self.study.scene, strategy, importance.as_deref()));
         let mut prepared = prepared.with_context(|| format!("voxelize ({})", self.plan.name))?;
-        if let Some(tuning) = &self.study.tuning {
-            prepared.scene = self.tuned(prepared.scene, tuning)?;
+        if let Some(tuning) = self.tuning {
+            let record = tune::tuned(self.study, &self.name(), &self.key(), &prepared, tuning)?;
+            let path = self.study.out.join(&record.file);
+            let (scene, _) = gs_model::ply::read(&path)?;
+            ensure!(scene.means == prepared.scene.means, "{}: other means", path.display());
+            prepared.scene = scene;
         }
         Ok(self.made.get_or_init(|| Made { prepared, seconds }))
     }
 
-    /// The scene after fine-tuning; means stay where they are.
-    fn tuned(&self, scene: Scene, tuning: &Tuning) -> Result<Scene> {
-        let options = FineTuneOptions {
-            steps: tuning.steps,
-            report_every: (tuning.steps / 100).max(1),
-            ..Default::default()
-        };
-        let bar = Bar::new(&format!("fine-tune {}", self.plan.name), tuning.steps);
-        let mut done = 0;
-        let outcome = FineTune::new(scene, tuning.views.clone(), options)
-            .and_then(|tune| {
-                tune.run(|p| {
-                    bar.step(p.step.saturating_sub(done));
-                    done = p.step;
-                })
-            })
-            .with_context(|| format!("fine-tune ({})", self.plan.name))?;
-        bar.done();
-        Ok(outcome.scene)
-    }
-
     /// Voxelizes, merges, perhaps fine-tunes, and scores the result.
     pub(crate) fn voxelized(&self) -> Result<Voxelized> {
-        let name = &self.plan.name;
+        let name = self.name();
         self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
-            let Made { prepared: Prepared { scene: merged, voxels, .. }, seconds } = self.made()?;
+            let Made { prepared: Prepared { scene, voxels, .. }, seconds } = self.made()?;
             let bar = Bar::new(&format!("render {name}"), self.study.shots.len() as u64);
-            let (score, _) = measure::score(merged, self.study.shots, &bar);
+            let (score, _) = measure::score(scene, self.study.shots, &bar);
+            let tuned = self.tuning.map(|_| tune::find(self.study, &name, &self.key()));
             Ok(Voxelized {
                 name: name.clone(),
                 what: self.plan.what.clone(),
                 j_high: voxels.j_high,
                 depth_histogram: voxels.depth_histogram(),
-                gaussians: merged.len(),
+                gaussians: scene.len(),
                 score,
                 voxelize_seconds: *seconds,
                 importance_seconds: self.study.importance().1,
                 render_seconds: bar.done(),
+                tuned: tuned.transpose()?.flatten(),
             })
         })
     }
 
-    /// Encodes at `quality`, decodes the bytes and scores what comes out.
-    pub(crate) fn coded(&self, curve: &str, quality: f32) -> Result<Coded> {
+    /// Encodes, decodes the bytes and scores what comes out.
+    pub(crate) fn coded(&self, curve: &str, coding: Coding) -> Result<Coded> {
         let study = self.study;
-        let name = format!("{curve}-q{quality:.0}");
+        let name = format!("{curve}-{}", coding.name());
         let stage = format!("code-{name}");
-        let settings = (self.key(), quality);
+        let settings = (self.key(), format!("{coding:?}"));
         let stream = format!("streams/{name}.gsvx");
         let usable = |record: &Coded| {
             let size = fs::metadata(study.out.join(&record.stream)).map(|m| m.len());
@@ -214,7 +214,7 @@ impl<'a> Branch<'a> {
         }
 
         let Prepared { scene: merged, voxels, importance } = &self.made()?.prepared;
-        let mut options = super::plan::options(curve, quality)?;
+        let mut options = coding.options()?;
         options.importance = Some(importance.clone());
         let (encoded, encode_seconds) = timed(|| gsvx::encode(merged, voxels, &options));
         let encoded = encoded.with_context(|| format!("encode {name}"))?;
@@ -235,8 +235,9 @@ impl<'a> Branch<'a> {
         let renders = study.render_names(&name);
         study.save(&renders, &images)?;
         let record = Coded {
-            voxels: self.plan.name.clone(),
-            quality,
+            voxels: self.name(),
+            quality: coding.quality(),
+            paper: coding.paper_setting(),
             bytes: bytes.len() as u64,
             sections: encoded.sections.iter().map(|(k, n)| (format!("{k:?}"), *n as u64)).collect(),
             gaussians: decoded.len(),

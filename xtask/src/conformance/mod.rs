@@ -1,0 +1,108 @@
+//! `cargo xtask conformance`: whether this build decodes what it must, encodes the same for any
+//! number of threads, agrees with its references and refuses what is broken. One line per check.
+
+mod damage;
+mod golden;
+mod threads;
+mod twins;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+
+/// Flags of `cargo xtask conformance`.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Leave out the WGSL executor, whose tests are built first
+    #[arg(long)]
+    no_gpu: bool,
+    /// Broken streams of each kind per golden stream
+    #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..))]
+    broken: u32,
+}
+
+/// What a check says when it holds.
+enum Verdict {
+    /// It holds; with figures.
+    Holds(String),
+    /// It could not be made here; why.
+    Skipped(String),
+}
+
+/// Outcomes so far.
+#[derive(Default)]
+struct Tally {
+    held: usize,
+    failed: Vec<String>,
+    skipped: usize,
+}
+
+impl Tally {
+    /// Makes one check and prints its line.
+    fn check(&mut self, name: &str, work: impl FnOnce() -> Result<Verdict>) {
+        let started = Instant::now();
+        // A panic is a failure of this check, not the end of the others.
+        let outcome = catch_unwind(AssertUnwindSafe(work));
+        let seconds = started.elapsed().as_secs_f64();
+        match outcome {
+            Ok(Ok(Verdict::Holds(says))) => {
+                self.held += 1;
+                println!("ok    {name}: {says} ({seconds:.1} s)");
+            }
+            Ok(Ok(Verdict::Skipped(why))) => {
+                self.skipped += 1;
+                println!("skip  {name}: {why}");
+            }
+            Ok(Err(why)) => {
+                println!("FAIL  {name}: {}", crate::one_line(&why));
+                self.failed.push(name.to_owned());
+            }
+            Err(_) => {
+                println!("FAIL  {name}: it panicked");
+                self.failed.push(name.to_owned());
+            }
+        }
+    }
+}
+
+/// Makes all checks.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let started = Instant::now();
+    let mut tally = Tally::default();
+    golden::checks(&mut tally);
+    threads::checks(&mut tally);
+    twins::checks(&mut tally, args.no_gpu);
+    damage::checks(&mut tally, args.broken);
+    println!(
+        "{} checks hold, {} fail, {} skipped, {:.1} s",
+        tally.held,
+        tally.failed.len(),
+        tally.skipped,
+        started.elapsed().as_secs_f64()
+    );
+    if tally.failed.is_empty() {
+        return Ok(());
+    }
+    bail!("not conforming: {}", tally.failed.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_and_panics_are_counted_and_do_not_end_the_run() {
+        let mut tally = Tally::default();
+        tally.check("a", || Ok(Verdict::Holds("yes".into())));
+        tally.check("b", || bail!("no"));
+        tally.check("c", || {
+            // Any panic: an index out of range.
+            let empty: Vec<u8> = Vec::new();
+            Ok(Verdict::Holds(empty[empty.len()].to_string()))
+        });
+        tally.check("d", || Ok(Verdict::Skipped("not here".into())));
+        assert_eq!((tally.held, tally.skipped), (1, 1));
+        assert_eq!(tally.failed, ["b", "c"]);
+    }
+}

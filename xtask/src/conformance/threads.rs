@@ -1,0 +1,90 @@
+//! The same bytes, floats and pixels for any number of threads.
+
+use anyhow::{Context, Result, ensure};
+use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
+use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, PaperQp};
+
+use super::{Tally, Verdict, golden};
+use crate::cache::hash_bytes;
+use crate::{measure, scenes};
+
+const THREADS: [usize; 4] = [1, 2, 3, 8];
+
+/// What `work` gives on each number of threads; an error if they differ.
+fn same(what: &str, work: impl Fn() -> Result<String> + Send + Sync) -> Result<Verdict> {
+    let mut first: Option<String> = None;
+    for threads in THREADS {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let got = pool.context("start threads")?.install(&work)?;
+        let want = first.get_or_insert_with(|| got.clone());
+        ensure!(*want == got, "{threads} threads give {got}, {} give {want}", THREADS[0]);
+    }
+    let hash = first.unwrap_or_default();
+    Ok(Verdict::Holds(format!(
+        "{what} with 1, 2, 3 and 8 threads, {}",
+        &hash[..hash.len().min(12)]
+    )))
+}
+
+pub(super) fn checks(tally: &mut Tally) {
+    let room = scenes::find(scenes::DEFAULT);
+    let (room, scene) = match room.and_then(|r| {
+        let (scene, _) = gs_model::ply::read(&r.dataset.model_path)?;
+        Ok((r.dataset, scene))
+    }) {
+        Ok(both) => both,
+        Err(why) => return tally.check("threads", || Err(why)),
+    };
+    let default = || EncodeOptions::from_quality(60.0);
+    let paper = || {
+        let qp = PaperQp { ac: 34, dc: 16, opacity: 16 };
+        Ok(EncodeOptions::paper(qp, CovarianceMode::Vq { bits: 10 }))
+    };
+    type Options = dyn Fn() -> gsvx::Result<EncodeOptions> + Send + Sync;
+    let profiles: [(&str, &Options); 2] = [("default", &default), ("paper's profile", &paper)];
+    for (name, options) in profiles {
+        tally.check(&format!("encoder over threads, {name}"), || {
+            same("the same bytes", || {
+                let prepared =
+                    gsvx::prepare(&scene, |i, seen| gsvx::default_strategy(60.0, i, seen), None)?;
+                let mut options = options()?;
+                options.importance = Some(prepared.importance.clone());
+                let encoded = gsvx::encode(&prepared.scene, &prepared.voxels, &options)?;
+                Ok(hash_bytes(&encoded.bytes))
+            })
+        });
+    }
+    tally.check("encoder over threads, lossless", || {
+        same("the same bytes", || Ok(hash_bytes(&gsvx::encode_lossless(&scene)?.bytes)))
+    });
+    tally.check("decoder over threads", || {
+        let prepared =
+            gsvx::prepare(&scene, |i, seen| gsvx::default_strategy(60.0, i, seen), None)?;
+        let bytes = gsvx::encode(&prepared.scene, &prepared.voxels, &default()?)?.bytes;
+        same("the same floats", || {
+            Ok(golden::hash(&gsvx::decode(&bytes, &DecodeOptions::default())?.scene))
+        })
+    });
+    let shots = match measure::load(room.training().take(2)) {
+        Ok(shots) => shots,
+        Err(why) => return tally.check("rasterizer over threads", || Err(why)),
+    };
+    tally.check("rasterizer over threads", || {
+        same("the same pixels", || {
+            let image = finetune::render(&scene, &shots[0].view.camera, &RenderOptions::default());
+            let bytes: Vec<u8> = image.rgb.iter().flat_map(|v| v.to_le_bytes()).collect();
+            Ok(hash_bytes(&bytes))
+        })
+    });
+    tally.check("fine-tune over threads", || {
+        let views: Vec<TrainView> = shots
+            .iter()
+            .map(|s| TrainView { camera: s.view.camera.clone(), photo: s.photo.clone() })
+            .collect();
+        same("the same floats after 4 steps", || {
+            let options = FineTuneOptions { steps: 4, ..FineTuneOptions::default() };
+            let tune = FineTune::new(scene.clone(), views.clone(), options)?;
+            Ok(golden::hash(&tune.run(|_| ())?.scene))
+        })
+    });
+}

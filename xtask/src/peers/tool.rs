@@ -1,0 +1,102 @@
+//! Finding and running somebody else's program.
+
+use std::env;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+/// The tool that a flag names, or the one on the PATH; or why there is none.
+pub(super) fn find(given: Option<&Path>, name: &str) -> Result<PathBuf, String> {
+    if let Some(path) = given {
+        return if path.is_file() {
+            // Tools run in a folder of their own.
+            path.canonicalize().map_err(|e| format!("{}: {e}", path.display()))
+        } else {
+            Err(format!("{} is not a file", path.display()))
+        };
+    }
+    let dirs = env::var_os("PATH").unwrap_or_default();
+    let found = env::split_paths(&dirs).map(|dir| dir.join(name)).find(|p| p.is_file());
+    let flag = name.replace('_', "-");
+    found.ok_or_else(|| format!("{name} is not on the PATH (or give --{flag} FILE)"))
+}
+
+/// Two tools of one folder.
+pub(super) fn pair(dir: Option<&Path>, names: [&str; 2]) -> Result<[PathBuf; 2], String> {
+    let one = |name: &str| match dir {
+        Some(dir) => find(Some(&dir.join(name)), name),
+        None => find(None, name).map_err(|_| {
+            format!("{} and {} are not on the PATH (or give --spz DIR)", names[0], names[1])
+        }),
+    };
+    Ok([one(names[0])?, one(names[1])?])
+}
+
+/// What a tool left.
+pub(super) struct Done {
+    /// Wall-clock seconds of the process.
+    pub(super) seconds: f64,
+    /// What it printed.
+    pub(super) stdout: String,
+}
+
+/// Runs `tool` in `dir` and waits, at most `limit`.
+pub(super) fn run<S: AsRef<OsStr>>(
+    tool: &Path,
+    args: &[S],
+    dir: &Path,
+    limit: Duration,
+) -> Result<Done> {
+    let name = tool.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    // Into files: a pipe that nobody reads would stop a chatty tool.
+    let (out, err) = (dir.join("stdout.txt"), dir.join("stderr.txt"));
+    let open =
+        |path: &Path| fs::File::create(path).with_context(|| format!("create {}", path.display()));
+    let started = Instant::now();
+    let mut child = Command::new(tool)
+        .args(args)
+        .current_dir(dir)
+        .stdin(Stdio::null())
+        .stdout(open(&out)?)
+        .stderr(open(&err)?)
+        .spawn()
+        .with_context(|| format!("start {}", tool.display()))?;
+    let status = loop {
+        if let Some(status) = child.try_wait().with_context(|| format!("wait for {name}"))? {
+            break status;
+        }
+        if started.elapsed() > limit {
+            // It may end by itself meanwhile; either way it is gone afterwards.
+            let _ = child.kill();
+            let _ = child.wait();
+            bail!("{name} was stopped after {} s (--peer-seconds)", limit.as_secs());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let seconds = started.elapsed().as_secs_f64();
+    let text = |path: &Path| -> String {
+        fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned()).unwrap_or_default()
+    };
+    if !status.success() {
+        let said = text(&err);
+        let last = said.lines().rev().find(|l| !l.trim().is_empty()).unwrap_or("without a word");
+        bail!("{name} ended with {status}: {}", last.trim());
+    }
+    Ok(Done { seconds, stdout: text(&out) })
+}
+
+/// Size of what a tool wrote; some of them report success and write nothing.
+pub(super) fn size(path: &Path) -> Result<u64> {
+    let bytes = fs::metadata(path).map(|m| m.len()).unwrap_or(0);
+    if bytes == 0 {
+        bail!(
+            "it reported success but wrote no {}",
+            path.file_name().unwrap_or_default().to_string_lossy()
+        );
+    }
+    Ok(bytes)
+}

@@ -1,0 +1,160 @@
+//! The part of a view where the decoded model differs most, as pictures to flip through.
+
+use anyhow::Result;
+use finetune::Image;
+
+use crate::pictures;
+
+/// Largest crop, pixels.
+const CROP: (usize, usize) = (320, 240);
+/// Differences are shown this many times as strong.
+const AMPLIFY: f32 = 8.0;
+/// Crops begin at multiples of this.
+const STRIDE: usize = 8;
+
+/// A view with its crops.
+#[derive(Clone, Debug)]
+pub(crate) struct View {
+    /// Photo name.
+    pub(crate) name: String,
+    /// The same window of several pictures.
+    pub(crate) crops: Vec<Crop>,
+}
+
+/// One picture.
+#[derive(Clone, Debug)]
+pub(crate) struct Crop {
+    /// On its button.
+    pub(crate) label: String,
+    /// Below it.
+    pub(crate) caption: String,
+    /// Shown first.
+    pub(crate) shown: bool,
+    /// Width and height, pixels.
+    pub(crate) size: (u32, u32),
+    /// PNG file.
+    pub(crate) png: Vec<u8>,
+}
+
+/// Cuts one window out of photo, original and decoded renders, and adds the differences of the
+/// decoded from the original. `decoded` has a label and a caption each; the window is where the
+/// first of them differs most.
+pub(crate) fn crops(
+    photo: &Image,
+    original: (&Image, &str),
+    decoded: &[(Image, String, String)],
+) -> Result<Vec<Crop>> {
+    let Some((worst, ..)) = decoded.first() else { return Ok(Vec::new()) };
+    let window = window(original.0, worst);
+    let cut = |image: &Image, label: String, caption: String, shown| -> Result<Crop> {
+        let part = cut(image, window);
+        let size = (part.width, part.height);
+        Ok(Crop { label, caption, shown, size, png: pictures::encode(&part)? })
+    };
+    let mut out = vec![
+        cut(photo, "photo".into(), "The photo, held out from training.".into(), false)?,
+        cut(original.0, "original".into(), original.1.to_owned(), false)?,
+    ];
+    for (i, (image, label, caption)) in decoded.iter().enumerate() {
+        out.push(cut(image, label.clone(), caption.clone(), i == decoded.len() / 2)?);
+    }
+    for (image, label, _) in decoded {
+        let caption = format!(
+            "Difference of {label} from the original model's render, {AMPLIFY:.0} times as strong."
+        );
+        out.push(cut(
+            &difference(original.0, image),
+            format!("difference, {label}"),
+            caption,
+            false,
+        )?);
+    }
+    Ok(out)
+}
+
+/// Column, row, width, height.
+type Window = (usize, usize, usize, usize);
+
+/// The window of greatest squared difference.
+fn window(a: &Image, b: &Image) -> Window {
+    let (w, h) = (a.width as usize, a.height as usize);
+    let (cw, ch) = (CROP.0.min(w), CROP.1.min(h));
+    // Sums over all rectangles from the corner.
+    let mut sums = vec![0.0f64; (w + 1) * (h + 1)];
+    for y in 0..h {
+        let mut row = 0.0;
+        for x in 0..w {
+            let at = 3 * (y * w + x);
+            let d = |i: usize| f64::from(a.rgb[at + i] - b.rgb.get(at + i).copied().unwrap_or(0.0));
+            row += (0..3).map(|i| d(i) * d(i)).sum::<f64>();
+            sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
+        }
+    }
+    let sum = |x: usize, y: usize| {
+        let s = |x: usize, y: usize| sums[y * (w + 1) + x];
+        s(x + cw, y + ch) - s(x, y + ch) - s(x + cw, y) + s(x, y)
+    };
+    let mut best = (0, 0, f64::NEG_INFINITY);
+    for y in (0..=h - ch).step_by(STRIDE) {
+        for x in (0..=w - cw).step_by(STRIDE) {
+            let value = sum(x, y);
+            if value > best.2 {
+                best = (x, y, value);
+            }
+        }
+    }
+    (best.0, best.1, cw, ch)
+}
+
+fn cut(image: &Image, (x, y, w, h): Window) -> Image {
+    let mut out = Image::new(w as u32, h as u32);
+    let width = image.width as usize;
+    for (row, line) in out.rgb.chunks_exact_mut(3 * w.max(1)).enumerate() {
+        let at = 3 * ((y + row) * width + x);
+        line.copy_from_slice(&image.rgb[at..at + 3 * w]);
+    }
+    out
+}
+
+fn difference(a: &Image, b: &Image) -> Image {
+    let mut out = Image::new(a.width, a.height);
+    for (o, (x, y)) in out.rgb.iter_mut().zip(a.rgb.iter().zip(&b.rgb)) {
+        *o = ((x - y).abs() * AMPLIFY).min(1.0);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_window_is_where_the_error_is() {
+        let plain = Image::new(800, 600);
+        let mut spoilt = plain.clone();
+        for y in 400..420 {
+            for x in 700..720 {
+                spoilt.rgb[3 * (y * 800 + x)] = 0.1;
+            }
+        }
+        let (x, y, w, h) = window(&plain, &spoilt);
+        assert_eq!((w, h), CROP);
+        assert!(
+            (x..x + w).contains(&700) && x + w >= 720 && (y..y + h).contains(&400) && y + h >= 420
+        );
+        let seen = difference(&cut(&plain, (x, y, w, h)), &cut(&spoilt, (x, y, w, h)));
+        let bright = seen.rgb.iter().filter(|v| (**v - 0.8).abs() < 1e-5).count();
+        assert_eq!(bright, 400);
+    }
+
+    #[test]
+    fn a_view_has_photo_original_decoded_and_differences() {
+        let image = Image::new(40, 30);
+        let decoded = |name: &str| (image.clone(), name.to_owned(), String::new());
+        let all = crops(&image, (&image, ""), &[decoded("a"), decoded("b")]).unwrap();
+        let labels: Vec<&str> = all.iter().map(|c| c.label.as_str()).collect();
+        assert_eq!(labels, ["photo", "original", "a", "b", "difference, a", "difference, b"]);
+        assert_eq!(all.iter().filter(|c| c.shown).count(), 1);
+        assert_eq!(all[0].size, (40, 30));
+    }
+}

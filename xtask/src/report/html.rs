@@ -1,0 +1,149 @@
+//! A report as one page that needs nothing else: style, charts and pictures are inside.
+
+use std::fmt::Write as _;
+
+use anyhow::Result;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
+use super::{Block, Document, Table, View};
+use crate::chart::escape;
+
+/// The whole page.
+pub(super) fn render(document: &Document) -> Result<String> {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{}</title>\n\
+         <style>\n{}</style>\n</head>\n<body>\n<main>\n<h1>{}</h1>\n<p class=\"lead\">{}</p>",
+        escape(&document.title),
+        include_str!("page.css"),
+        escape(&document.title),
+        inline(&document.lead)
+    );
+    if !document.highlights.is_empty() {
+        out.push_str("<ul class=\"highlights\">\n");
+        for (figure, what) in &document.highlights {
+            let _ =
+                writeln!(out, "<li><b>{}</b><span>{}</span></li>", escape(figure), inline(what));
+        }
+        out.push_str("</ul>\n");
+    }
+    for (index, section) in document.sections.iter().enumerate() {
+        // A section that only Markdown needs would be an empty heading here.
+        if section.blocks.iter().all(|b| matches!(b, Block::Files(_))) {
+            continue;
+        }
+        let title = escape(&section.title);
+        if section.open {
+            let _ = writeln!(out, "<section>\n<h2>{title}</h2>");
+        } else {
+            let _ = writeln!(out, "<details>\n<summary><h2>{title}</h2></summary>");
+        }
+        for block in &section.blocks {
+            render_block(&mut out, block, index)?;
+        }
+        out.push_str(if section.open { "</section>\n" } else { "</details>\n" });
+    }
+    out.push_str("</main>\n</body>\n</html>\n");
+    Ok(out)
+}
+
+/// Escaped text with `code` marked up.
+fn inline(text: &str) -> String {
+    let mut out = String::new();
+    for (i, part) in text.split('`').enumerate() {
+        let part = escape(part);
+        let _ = if i % 2 == 1 { write!(out, "<code>{part}</code>") } else { write!(out, "{part}") };
+    }
+    out
+}
+
+fn render_block(out: &mut String, block: &Block, section: usize) -> Result<()> {
+    match block {
+        Block::Text(text) => {
+            let _ = writeln!(out, "<p>{}</p>", inline(text));
+        }
+        Block::List(items) => {
+            out.push_str("<ul>\n");
+            for item in items {
+                let _ = writeln!(out, "<li>{}</li>", inline(item));
+            }
+            out.push_str("</ul>\n");
+        }
+        Block::Table(table) => render_table(out, table),
+        Block::Chart(chart, _) => {
+            let _ = writeln!(
+                out,
+                "<figure class=\"chart\">\n<figcaption>{}</figcaption>\n{}<ul class=\"legend\">",
+                escape(&chart.title),
+                chart.inline_svg()
+            );
+            for (sample, name) in chart.legend() {
+                let _ = writeln!(out, "<li>{sample}<span>{}</span></li>", escape(&name));
+            }
+            out.push_str("</ul>\n</figure>\n");
+        }
+        Block::Views(views) => {
+            for (i, view) in views.iter().enumerate() {
+                render_view(out, view, &format!("s{section}v{i}"))?;
+            }
+        }
+        Block::Files(_) => {}
+    }
+    Ok(())
+}
+
+fn render_table(out: &mut String, table: &Table) {
+    out.push_str("<div class=\"table\"><table>\n<thead><tr>");
+    for cell in &table.header {
+        let _ = write!(out, "<th>{}</th>", escape(cell));
+    }
+    out.push_str("</tr></thead>\n<tbody>\n");
+    let mut last = "";
+    for row in &table.rows {
+        let name = row.first().map_or("", String::as_str);
+        // A new name begins a new group of rows.
+        out.push_str(if name == last || last.is_empty() { "<tr>" } else { "<tr class=\"group\">" });
+        last = name;
+        for (c, cell) in row.iter().enumerate() {
+            let cell = inline(cell);
+            let _ = if c == 0 {
+                write!(out, "<th>{cell}</th>")
+            } else {
+                write!(out, "<td>{cell}</td>")
+            };
+        }
+        out.push_str("</tr>\n");
+    }
+    out.push_str("</tbody>\n</table></div>\n");
+}
+
+/// Crops of one view on top of each other, one shown at a time: buttons, no script.
+fn render_view(out: &mut String, view: &View, id: &str) -> Result<()> {
+    let _ = writeln!(out, "<fieldset class=\"view\">\n<legend>{}</legend>", escape(&view.name));
+    let shown = view.crops.iter().position(|c| c.shown).unwrap_or(0);
+    for (i, crop) in view.crops.iter().enumerate() {
+        let checked = if i == shown { " checked" } else { "" };
+        let _ = writeln!(
+            out,
+            "<input type=\"radio\" name=\"{id}\" id=\"{id}c{i}\"{checked}><label for=\"{id}c{i}\">{}</label>",
+            escape(&crop.label)
+        );
+    }
+    for crop in &view.crops {
+        let _ = writeln!(
+            out,
+            "<figure><img alt=\"{}\" width=\"{}\" height=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>",
+            escape(&crop.label),
+            crop.size.0,
+            crop.size.1,
+            STANDARD.encode(&crop.png),
+            escape(&crop.caption)
+        );
+    }
+    out.push_str("</fieldset>\n");
+    Ok(())
+}
