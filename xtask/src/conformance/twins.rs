@@ -55,9 +55,9 @@ fn raht() -> Result<Verdict> {
 
 /// Greatest difference of a coefficient, in units of the values: rounding of each of some forty
 /// butterflies.
-const APART: f64 = 64.0;
+const APART: f64 = 8.0;
 /// The same after the inverse.
-const BACK: i64 = 64;
+const BACK: i64 = 8;
 
 fn lossless() -> Result<Verdict> {
     let scene = room()?;
