@@ -4,10 +4,6 @@ use std::fmt::Write as _;
 
 use super::{Chart, Kind};
 
-/// Width of a chart.
-const WIDTH: f64 = 640.0;
-/// Height of the plot with its axes.
-const HEIGHT: f64 = 430.0;
 /// Room for the numbers on the left, and for the last number on the right.
 const LEFT: f64 = 66.0;
 const RIGHT: f64 = 18.0;
@@ -21,8 +17,12 @@ const ROW: f64 = 23.0;
 /// Radius of a mark.
 const MARK: f64 = 4.6;
 
-/// Colours of everything but the lines.
+/// Size of the plot with its axes, and colours of everything but the lines.
 struct Theme {
+    width: f64,
+    height: f64,
+    /// Of the numbers.
+    font_size: u32,
     ground: Option<&'static str>,
     ink: &'static str,
     grid: &'static str,
@@ -30,13 +30,25 @@ struct Theme {
 }
 
 const PAPER: Theme = Theme {
+    width: 640.0,
+    height: 430.0,
+    font_size: 15,
     ground: Some("#ffffff"),
     ink: "#222222",
     grid: "#e2e2e2",
     font: "DejaVu Sans, Helvetica, Arial, sans-serif",
 };
-/// The page's own colours, by custom properties, so that they follow its light and dark.
-const PAGE: Theme = Theme { ground: None, ink: "var(--ink)", grid: "var(--rule)", font: "inherit" };
+/// The page's own colours, by custom properties, so that they follow its light and dark. Small:
+/// on a phone the numbers must still be legible.
+const PAGE: Theme = Theme {
+    width: 470.0,
+    height: 370.0,
+    font_size: 14,
+    ground: None,
+    ink: "var(--ink)",
+    grid: "var(--rule)",
+    font: "inherit",
+};
 
 /// Text that is safe inside SVG and HTML.
 pub(crate) fn escape(text: &str) -> String {
@@ -47,8 +59,8 @@ impl Chart {
     /// The whole chart.
     pub(crate) fn svg(&self) -> String {
         let rows = self.series.len() + usize::from(self.level.is_some());
-        let height = TITLE + HEIGHT + ROW * rows as f64 + 14.0;
-        let mut out = open(WIDTH, height, &PAPER);
+        let height = TITLE + PAPER.height + ROW * rows as f64 + 14.0;
+        let mut out = open(PAPER.width, height, &PAPER);
         let _ = writeln!(
             out,
             r#"<text x="{:.0}" y="22" font-size="16" font-weight="600" fill="{}">{}</text>"#,
@@ -57,7 +69,7 @@ impl Chart {
             escape(&self.title)
         );
         self.plot(&mut out, TITLE, &PAPER);
-        let mut y = TITLE + HEIGHT + ROW / 2.0;
+        let mut y = TITLE + PAPER.height + ROW / 2.0;
         for (i, series) in self.series.iter().enumerate() {
             self.sample(&mut out, i, 20.0, y, &PAPER);
             row(&mut out, &series.name, y);
@@ -73,7 +85,7 @@ impl Chart {
 
     /// The plot alone, for a page: its colours are the page's `--ink` and `--rule`.
     pub(crate) fn inline_svg(&self) -> String {
-        let mut out = open(WIDTH, HEIGHT, &PAGE);
+        let mut out = open(PAGE.width, PAGE.height, &PAGE);
         self.plot(&mut out, 0.0, &PAGE);
         out.push_str("</svg>\n");
         out
@@ -101,16 +113,16 @@ impl Chart {
 
     fn plot(&self, out: &mut String, top: f64, theme: &Theme) {
         let (xs, ys) = (self.x_ticks(), self.y_ticks());
-        let (x0, x1) = (LEFT, WIDTH - RIGHT);
-        let (y0, y1) = (top + TOP, top + HEIGHT - BOTTOM);
+        let (x0, x1) = (LEFT, theme.width - RIGHT);
+        let (y0, y1) = (top + TOP, top + theme.height - BOTTOM);
         let px = |v: f64| x0 + (v - xs.range.0) / (xs.range.1 - xs.range.0) * (x1 - x0);
         let py = |v: f64| y1 - (v - ys.range.0) / (ys.range.1 - ys.range.0) * (y1 - y0);
-        let (grid, ink) = (theme.grid, theme.ink);
+        let (grid, ink, size) = (theme.grid, theme.ink, theme.font_size);
         for (at, text) in &ys.ticks {
             let y = py(*at);
             let _ = writeln!(
                 out,
-                r#"<path d="M{x0} {y:.1}H{x1}" stroke="{grid}"/><text x="{:.0}" y="{:.1}" font-size="15" text-anchor="end" fill="{ink}">{text}</text>"#,
+                r#"<path d="M{x0} {y:.1}H{x1}" stroke="{grid}"/><text x="{:.0}" y="{:.1}" font-size="{size}" text-anchor="end" fill="{ink}">{text}</text>"#,
                 x0 - 8.0,
                 y + 5.0
             );
@@ -119,7 +131,7 @@ impl Chart {
             let x = px(*at);
             let _ = writeln!(
                 out,
-                r#"<path d="M{x:.1} {y0}V{y1}" stroke="{grid}"/><text x="{x:.1}" y="{:.1}" font-size="15" text-anchor="middle" fill="{ink}">{text}</text>"#,
+                r#"<path d="M{x:.1} {y0}V{y1}" stroke="{grid}"/><text x="{x:.1}" y="{:.1}" font-size="{size}" text-anchor="middle" fill="{ink}">{text}</text>"#,
                 y1 + 21.0
             );
         }
@@ -128,7 +140,7 @@ impl Chart {
         let (middle, centre) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
         let _ = writeln!(
             out,
-            r#"<text x="{middle:.0}" y="{:.0}" font-size="15" text-anchor="middle" fill="{ink}">{}{scale}</text><text transform="translate(17 {centre:.0}) rotate(-90)" font-size="15" text-anchor="middle" fill="{ink}">{}</text>"#,
+            r#"<text x="{middle:.0}" y="{:.0}" font-size="{size}" text-anchor="middle" fill="{ink}">{}{scale}</text><text transform="translate(17 {centre:.0}) rotate(-90)" font-size="{size}" text-anchor="middle" fill="{ink}">{}</text>"#,
             y1 + 46.0,
             escape(&self.x.label),
             escape(&self.y.label)

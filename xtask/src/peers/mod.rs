@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use gs_model::Scene;
+use gs_model::ply::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions};
 use serde::{Deserialize, Serialize};
 
 use crate::cache::{self, Cache};
@@ -152,6 +153,14 @@ impl Task<'_> {
         };
         Ok(Outcome { peer: peer.into(), settings: settings.into(), fate })
     }
+}
+
+/// Reads what a peer decoded. Opacities of 0 and 1 come as infinite logits from codecs of 8-bit
+/// opacities: such Gaussians are transparent or opaque, not broken.
+fn read(path: &Path) -> Result<Scene> {
+    let options =
+        ReadOptions { invalid: Invalid::Drop, clamp_infinite_opacity: Some(CLAMPED_OPACITY_LOGIT) };
+    Ok(gs_model::ply::read_with(path, &options)?.0)
 }
 
 /// Runs the peers that are there.

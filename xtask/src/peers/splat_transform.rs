@@ -38,7 +38,7 @@ pub(super) fn run(
             let args = [OsStr::new("-q"), OsStr::new("-w"), stream.as_os_str(), back.as_os_str()];
             let decode = tool::run(program, &args, dir, limit)?;
             tool::size(&back)?;
-            let (scene, _) = gs_model::ply::read(&back)?;
+            let scene = super::read(&back)?;
             Ok(Coded {
                 bytes,
                 scene,

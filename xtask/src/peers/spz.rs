@@ -21,7 +21,7 @@ pub(super) fn run(
         let bytes = tool::size(&stream)?;
         let decode = tool::run(decoder, &[&stream, &back], dir, limit)?;
         tool::size(&back)?;
-        let (scene, _) = gs_model::ply::read(&back)?;
+        let scene = super::read(&back)?;
         Ok(Coded { bytes, scene, encode_seconds: encode.seconds, decode_seconds: decode.seconds })
     })
 }
