@@ -69,7 +69,7 @@ fn every_experiment_of_the_paper_draws_its_figure() {
         ("init", 2, "from nothing"),
         ("baseline", 2, "no initialisation"),
         ("adaptive", 5, "13.42"),
-        ("sota", 3, "no fine-tune"),
+        ("sota", 3, "without any"),
     ] {
         let printed = stdout(&xtask(&args(experiment)));
         // Models that an earlier experiment tuned are not tuned again.

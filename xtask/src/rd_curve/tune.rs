@@ -123,19 +123,51 @@ pub(super) fn tuned(
     Ok(record)
 }
 
-/// What a trainer without any initialisation begins with: grey, round, translucent Gaussians of
-/// their cell's size at the same means.
+/// Leaves before and after one in Morton order among which its nearest are looked for.
+const REACH: usize = 16;
+/// Nearest leaves that a size is taken from, as in the reference implementation.
+const NEAREST: usize = 3;
+
+/// What a trainer without any initialisation begins with, at the same means: grey, round,
+/// translucent Gaussians of the size of the gaps between them.
 fn blank(prepared: &Prepared) -> Scene {
-    let (merged, voxels) = (&prepared.scene, &prepared.voxels);
+    let merged = &prepared.scene;
     let n = merged.len();
-    let size = |depth: u8| [libm::log(0.5 * voxels.cube.cell(depth)) as f32; 3];
     Scene {
         means: merged.means.clone(),
         rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
-        log_scales: voxels.leaves.iter().map(|leaf| size(leaf.depth)).collect(),
+        log_scales: (0..n).map(|i| [gap(&merged.means, i).ln() as f32; 3]).collect(),
         // Opacity 0.1, as the reference implementation begins with.
         opacity_logits: vec![-2.197_224_6; n],
         sh_degree: merged.sh_degree,
         sh: vec![[0.0; 3]; merged.sh.len()],
+    }
+}
+
+/// Root of the mean squared distance to the nearest means. The means are in Morton order, where
+/// near ones are near most of the time.
+fn gap(means: &[[f32; 3]], i: usize) -> f64 {
+    let squared =
+        |j: usize| -> f64 { (0..3).map(|k| f64::from(means[i][k] - means[j][k]).powi(2)).sum() };
+    let around = i.saturating_sub(REACH)..(i + REACH + 1).min(means.len());
+    let mut all: Vec<f64> = around.filter(|&j| j != i).map(squared).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all.truncate(NEAREST);
+    // A lone Gaussian has no gap.
+    let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+    mean.max(1e-14).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_are_those_of_a_line() {
+        let means: Vec<[f32; 3]> = (0..40).map(|i| [i as f32, 0.0, 0.0]).collect();
+        // Neighbours at 1, 1 and 2; at the end 1, 2 and 3.
+        assert!((gap(&means, 20) - 2f64.sqrt()).abs() < 1e-9);
+        assert!((gap(&means, 0) - (14.0f64 / 3.0).sqrt()).abs() < 1e-9);
+        assert!(gap(&means[..1], 0) > 0.0);
     }
 }
