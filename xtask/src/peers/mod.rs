@@ -215,7 +215,7 @@ pub(crate) fn table(all: &[Outcome]) -> Table {
     table
 }
 
-/// The points as curves, one per peer.
+/// The points as curves: tmc3's settings are one, each format of the other tools is its own.
 pub(crate) fn curves(all: &[Outcome]) -> Vec<Other> {
     let mut out: Vec<Other> = Vec::new();
     for outcome in all {
@@ -226,7 +226,10 @@ pub(crate) fn curves(all: &[Outcome]) -> Vec<Other> {
             psnr_db: m.psnr_db,
             ssim: Some(m.ssim),
         };
-        let name = format!("{}, run here", outcome.peer);
+        let name = match outcome.peer.as_str() {
+            "tmc3" => "paper's chain (tmc3), run here".to_owned(),
+            peer => format!("{peer}, {}, run here", outcome.settings),
+        };
         match out.iter_mut().find(|o| o.name == name) {
             Some(other) => other.points.push(point),
             None => out.push(Other { name, source: "run here".into(), points: vec![point] }),

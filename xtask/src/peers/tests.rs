@@ -96,7 +96,7 @@ fn every_peer_is_run_decoded_and_scored() {
     assert_eq!(chain[0].bytes, 100 + 16 * 20 + 8 * 3);
     assert!(chain[0].psnr_db > original - 3.0, "{} of {original}", chain[0].psnr_db);
     assert_eq!(table(&all).rows.len(), 6);
-    assert_eq!(curves(&all).len(), 3);
+    assert_eq!(curves(&all).len(), 4);
     let again = bench.run(&flags);
     assert_eq!(measured(&again, "SPZ")[0].encode_seconds, measured(&all, "SPZ")[0].encode_seconds);
 }

@@ -303,7 +303,7 @@ fn pictures(run: &Run, views: Vec<View>) -> Section {
             0,
             Block::Text(
                 "The window of each view where the smallest stream differs most from the original \
-                 model; Markdown readers find whole views side by side below."
+                 model. Whole views, side by side, are in `pictures/`."
                     .into(),
             ),
         );
