@@ -1,17 +1,24 @@
 //! `cargo xtask bench-finetune`: how much of a voxelized model's quality the fine-tune brings
 //! back, from the merged attributes and from none. Voxelizes uniformly and adaptively at two
-//! depths each, fine-tunes on the training views, scores on the held-out ones.
+//! depths each, fine-tunes on the training views, scores on the held-out ones. With `--variants`,
+//! time and image error of the rasterizer's variants.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::Args;
-use finetune::{FineTune, FineTuneOptions, Image, RenderOptions, TrainView, metrics, render};
+use finetune::{
+    FineTune, FineTuneOptions, Image, LearningRates, Loss, RenderOptions, TrainView, metrics,
+    render,
+};
 use gs_model::Scene;
 use gs_model::dataset::{Dataset, View};
 use plotters::prelude::*;
-use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
+use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge_weighted, voxelize};
+
+mod process;
+mod variants;
 
 /// How much of a voxelized model's quality the fine-tune brings back.
 #[derive(Debug, Args)]
@@ -21,9 +28,49 @@ pub(crate) struct FinetuneArgs {
     /// Steps of every run
     #[arg(long, default_value_t = 1000)]
     pub(crate) steps: u64,
-    /// Where `recover-SCENE.json` and `recover-SCENE.svg` go
+    /// Voxelization: uniform:DEPTH or adaptive:LOW-HIGH; may be repeated
+    #[arg(
+        long = "voxels",
+        value_name = "KIND",
+        value_parser = strategy,
+        default_values = ["uniform:9", "uniform:11", "adaptive:7-10", "adaptive:8-12"]
+    )]
+    pub(crate) voxels: Vec<Strategy>,
+    /// What is minimised
+    #[arg(long, default_value = "l1-ssim", value_parser = ["l1-ssim", "mse"])]
+    pub(crate) loss: String,
+    /// Factor on all learning rates
+    #[arg(long, default_value_t = 1.0)]
+    pub(crate) rate: f32,
+    /// Fraction of the learning rates at the last step
+    #[arg(long, default_value_t = 0.1)]
+    pub(crate) final_rate: f64,
+    /// Merge by blending weights over the training views rather than by opacity and area
+    #[arg(long)]
+    pub(crate) weigh: bool,
+    /// Leave out the runs that begin from no initialisation
+    #[arg(long)]
+    pub(crate) merged_only: bool,
+    /// Time and image error of the rasterizer's variants instead
+    #[arg(long)]
+    pub(crate) variants: bool,
+    /// Where `recover-SCENE.json` and `recover-SCENE.svg` go, `variants-SCENE` likewise
     #[arg(long, default_value = "docs/results/finetune")]
     pub(crate) out: PathBuf,
+    /// Name of the files instead of `recover-SCENE`
+    #[arg(long)]
+    pub(crate) name: Option<String>,
+}
+
+fn strategy(text: &str) -> Result<Strategy, String> {
+    let parsed = match text.split_once(':') {
+        Some(("uniform", depth)) => depth.parse().ok().map(|depth| Strategy::Uniform { depth }),
+        Some(("adaptive", range)) => range
+            .split_once('-')
+            .and_then(|(low, high)| Some(Strategy::paper(low.parse().ok()?, high.parse().ok()?))),
+        _ => None,
+    };
+    parsed.ok_or_else(|| format!("{text}: uniform:DEPTH or adaptive:LOW-HIGH expected"))
 }
 
 struct Run {
@@ -31,6 +78,8 @@ struct Run {
     gaussians: usize,
     steps: u64,
     seconds: f64,
+    /// Processor seconds, all threads.
+    cpu: f64,
     /// Mean PSNR over the held-out views.
     before: f64,
     after: f64,
@@ -73,11 +122,27 @@ fn tune(
     scene: Scene,
     train: &[TrainView],
     held_out: &[TrainView],
-    steps: u64,
+    args: &FinetuneArgs,
 ) -> Result<Run> {
+    let steps = args.steps;
     let before = score(&scene, held_out);
     let gaussians = scene.len();
-    let options = FineTuneOptions { steps, report_every: 100, ..FineTuneOptions::default() };
+    let r = LearningRates::default();
+    let options = FineTuneOptions {
+        steps,
+        loss: if args.loss == "mse" { Loss::Mse } else { Loss::default() },
+        rates: LearningRates {
+            sh_dc: args.rate * r.sh_dc,
+            sh_rest: args.rate * r.sh_rest,
+            opacity: args.rate * r.opacity,
+            log_scale: args.rate * r.log_scale,
+            rotation: args.rate * r.rotation,
+        },
+        final_rate: args.final_rate,
+        report_every: 100,
+        ..FineTuneOptions::default()
+    };
+    let cpu = process::cpu_seconds();
     let run = FineTune::new(scene, train.to_vec(), options)?;
     let out = run.run(|p| {
         println!(
@@ -85,13 +150,16 @@ fn tune(
             p.step, p.steps, p.psnr, p.eta_seconds
         );
     })?;
+    let cpu = process::cpu_seconds() - cpu;
     let after = score(&out.scene, held_out);
     println!(
-        "{label}: {gaussians} Gaussians, {before:.3} -> {after:.3} dB in {:.0} s",
-        out.seconds
+        "{label}: {gaussians} Gaussians, {before:.3} -> {after:.3} dB in {steps} steps, {:.0} s, {cpu:.0} \
+         processor s, {:.0} MB at most so far",
+        out.seconds,
+        process::peak_bytes() as f64 / 1e6,
     );
     let (seconds, epochs) = (out.seconds, out.epoch_psnr);
-    Ok(Run { label, gaussians, steps, seconds, before, after, epochs })
+    Ok(Run { label, gaussians, steps, seconds, cpu, before, after, epochs })
 }
 
 fn plot(path: &Path, runs: &[Run], views: usize, title: &str) -> Result<()> {
@@ -108,8 +176,10 @@ fn plot(path: &Path, runs: &[Run], views: usize, title: &str) -> Result<()> {
         .build_cartesian_2d(0.0..last, low - 0.5..high + 0.5)?;
     chart.configure_mesh().x_desc("steps").y_desc("PSNR of the epoch's views, dB").draw()?;
     for (i, run) in runs.iter().enumerate() {
-        let colour = Palette99::pick(i / 2).to_rgba();
-        let width = if i % 2 == 0 { 3 } else { 1 };
+        let from_none = run.label.ends_with("none");
+        let kinds = runs[..=i].iter().filter(|r| r.label.ends_with("merged")).count();
+        let colour = Palette99::pick(kinds.max(1) - 1).to_rgba();
+        let width = if from_none { 1 } else { 3 };
         let points = run.epochs.iter().enumerate().map(|(e, &v)| (((e + 1) * views) as f64, v));
         chart
             .draw_series(LineSeries::new(points, colour.stroke_width(width)))?
@@ -130,7 +200,7 @@ fn plot(path: &Path, runs: &[Run], views: usize, title: &str) -> Result<()> {
 
 /// Runs the benchmark.
 pub(crate) fn run(args: &FinetuneArgs) -> Result<()> {
-    let (dir, steps, out) = (&args.scene, args.steps, &args.out);
+    let (dir, out) = (&args.scene, &args.out);
     let dataset = Dataset::open(dir)?;
     let (scene, _) = gs_model::ply::read(&dataset.model_path)?;
     let train = dataset.training().map(photo).collect::<Result<Vec<_>>>()?;
@@ -142,39 +212,55 @@ pub(crate) fn run(args: &FinetuneArgs) -> Result<()> {
         scene.len(),
         held_out.len()
     );
+    if args.variants {
+        return variants::run(&name, &scene, &train, out);
+    }
+    let importance = if args.weigh {
+        let cameras: Vec<_> = train.iter().map(|v| v.camera.clone()).collect();
+        Importance::Given(finetune::saliency_per_view(&scene, &cameras).squared)
+    } else {
+        Importance::OpacityArea
+    };
     let cube = Cube::of(&scene.means)?;
     let mut runs = Vec::new();
-    for strategy in [
-        Strategy::Uniform { depth: 9 },
-        Strategy::Uniform { depth: 11 },
-        Strategy::paper(7, 10),
-        Strategy::paper(8, 12),
-    ] {
-        let label = match &strategy {
+    for strategy in &args.voxels {
+        let label = match strategy {
             Strategy::Uniform { depth } => format!("uniform {depth}"),
             Strategy::Paper { j_low, j_high, .. } => format!("adaptive {j_low}-{j_high}"),
             _ => continue,
         };
-        let cells = voxelize(&scene, &cube, &strategy)?;
-        let merged = merge(&scene, &cells, Merge::default())?;
+        let cells = voxelize(&scene, &cube, strategy)?;
+        let merged = merge_weighted(&scene, &cells, Merge::default(), &importance)?;
         let none = blank(&merged, &cells);
         for (scene, from) in [(merged, "merged"), (none, "none")] {
+            if from == "none" && args.merged_only {
+                continue;
+            }
             let label = format!("{label} from {from}");
-            runs.push(tune(label, scene, &train, &held_out, steps)?);
+            runs.push(tune(label, scene, &train, &held_out, args)?);
         }
     }
-    let mut json = format!("{{\n  \"scene\": \"{name}\", \"model_db\": {model:.3}, \"runs\": [\n");
+    let mut json = format!(
+        "{{\n  \"scene\": \"{name}\", \"model_db\": {model:.3}, \"loss\": \"{}\", \"rate\": {}, \
+         \"final_rate\": {}, \"weighed\": {}, \"peak_bytes\": {}, \"runs\": [\n",
+        args.loss,
+        args.rate,
+        args.final_rate,
+        args.weigh,
+        process::peak_bytes(),
+    );
     for (i, r) in runs.iter().enumerate() {
         let epochs: Vec<String> = r.epochs.iter().map(|v| format!("{v:.3}")).collect();
         let comma = if i + 1 < runs.len() { "," } else { "" };
         writeln!(
             json,
             "    {{\"run\": \"{}\", \"gaussians\": {}, \"steps\": {}, \"seconds\": {:.1}, \
-             \"before_db\": {:.3}, \"after_db\": {:.3}, \"epoch_db\": [{}]}}{comma}",
+             \"processor_seconds\": {:.1}, \"before_db\": {:.3}, \"after_db\": {:.3}, \"epoch_db\": [{}]}}{comma}",
             r.label,
             r.gaussians,
             r.steps,
             r.seconds,
+            r.cpu,
             r.before,
             r.after,
             epochs.join(", ")
@@ -182,7 +268,8 @@ pub(crate) fn run(args: &FinetuneArgs) -> Result<()> {
     }
     json.push_str("  ]\n}\n");
     std::fs::create_dir_all(out)?;
-    std::fs::write(out.join(format!("recover-{name}.json")), json)?;
+    let file = args.name.clone().unwrap_or_else(|| format!("recover-{name}"));
+    std::fs::write(out.join(format!("{file}.json")), json)?;
     let title = format!("{name}: fine-tune of voxelized models (original {model:.2} dB held out)");
-    plot(&out.join(format!("recover-{name}.svg")), &runs, train.len(), &title)
+    plot(&out.join(format!("{file}.svg")), &runs, train.len(), &title)
 }

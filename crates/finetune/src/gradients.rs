@@ -6,7 +6,7 @@ use crate::forward::Forward;
 use crate::image::Image;
 use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING, TileGradient, blend_adjoint};
-use crate::stages::gather::gather;
+use crate::stages::gather::gather_gradients;
 use crate::stages::loss::{LossValue, SsimScratch, l1_ssim, mse, to_planes, to_tiles};
 use crate::stages::project::View;
 use crate::stages::project_adjoint::{Gaussian, gaussian_gradient};
@@ -116,8 +116,17 @@ impl<const N: usize> Backward<N> {
         loss: Loss,
     ) -> LossValue {
         self.forward.run(scene, view);
+        let value = self.loss(view, photo, loss);
         let f = &self.forward;
-        to_planes(view, &f.tiles, &mut self.planes);
+        let splats = &f.projected.splats;
+        blend_adjoint(view, splats, &f.lists, &f.tiles, &f.last, &self.tiles, &mut self.records);
+        gather_gradients(&f.lists, &self.records, splats, &mut self.sums);
+        value
+    }
+
+    /// The stage `loss` on the blended tiles.
+    pub(crate) fn loss(&mut self, view: &View, photo: &[f32], loss: Loss) -> LossValue {
+        to_planes(view, &self.forward.tiles, &mut self.planes);
         let (w, h) = (view.width as usize, view.height as usize);
         let value = match loss {
             Loss::Mse => mse(w, &self.planes, photo, &mut self.gradient),
@@ -131,9 +140,6 @@ impl<const N: usize> Backward<N> {
             ),
         };
         to_tiles(view, &self.gradient, &mut self.tiles);
-        let splats = &f.projected.splats;
-        blend_adjoint(view, splats, &f.lists, &f.tiles, &f.last, &self.tiles, &mut self.records);
-        gather(&f.lists, &self.records, scene.len(), &mut self.sums);
         value
     }
 }

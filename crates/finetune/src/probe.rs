@@ -99,12 +99,10 @@ impl Probe {
             pixels: (self.view.width * self.view.height) as usize,
         };
         let gpu = Workspace::new(Context::software().ok()?, sizes).ok()?;
-        gpu.write("splats", &f.projected.splats);
-        gpu.write("ids", &f.lists.ids);
-        gpu.write("offsets", &f.lists.offsets);
         gpu.write("gradient", &self.pass.tiles);
         let mut u = StepUniform::of_view(&self.view);
-        u.count = sizes.count as u32;
+        (u.count, u.capacity) = (sizes.count as u32, sizes.capacity as u32);
+        gpu.upload_lists(f, &u);
         Some(DeviceProbe { gpu, u })
     }
 }
@@ -123,6 +121,170 @@ impl DeviceProbe {
         use crate::gpu::Stage;
         self.gpu.run(&[Stage::Blend, Stage::BlendAdjoint], &self.u, None);
         std::hint::black_box(self.gpu.read::<u32>("last", 1).is_ok());
+    }
+}
+
+pub use crate::stages::project::TileTest;
+
+/// What a rasterizer may do otherwise, to trade time for accuracy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Variant {
+    /// Which tiles a splat is listed in.
+    pub tile_test: TileTest,
+    /// Blending stops before the transmittance would fall below this.
+    pub t_stop: f32,
+    /// Colours rounded to half precision.
+    pub half_colour: bool,
+}
+
+impl Default for Variant {
+    fn default() -> Self {
+        let t_stop = crate::stages::T_STOP;
+        Self { tile_test: TileTest::Ellipse, t_stop, half_colour: false }
+    }
+}
+
+/// Passes of the Rust executor in a variant, for timing.
+pub struct VariantPass {
+    view: View,
+    photo: Vec<f32>,
+    pass: Backward<FROZEN>,
+}
+
+impl VariantPass {
+    /// For one camera and photo of the same size.
+    #[must_use]
+    pub fn new(camera: &Camera, photo: &Image, variant: Variant) -> Self {
+        let mut view = View::new(camera, &RenderOptions::default());
+        view.tile_test = variant.tile_test;
+        view.t_stop = variant.t_stop;
+        view.half_colour = variant.half_colour;
+        Self { view, photo: planes_of(photo), pass: Backward::default() }
+    }
+
+    /// project .. blend.
+    pub fn forward(&mut self, scene: &Scene) {
+        self.pass.forward.run(scene, &self.view);
+    }
+
+    /// project .. gather, with the default loss.
+    pub fn step(&mut self, scene: &Scene) {
+        self.pass.run(scene, &self.view, &self.photo, Loss::default());
+    }
+
+    /// What the last pass rendered, over black.
+    #[must_use]
+    pub fn image(&self) -> Image {
+        self.pass.forward.image(&self.view)
+    }
+
+    /// Slots (splat and tile) of the last pass.
+    #[must_use]
+    pub fn slots(&self) -> usize {
+        self.pass.forward.lists.ids.len()
+    }
+}
+
+/// The stages of a step on the software adapter, one at a time, after a whole step has been run.
+#[cfg(feature = "gpu")]
+pub struct DeviceStages(crate::gpu::GpuExecutor);
+
+#[cfg(feature = "gpu")]
+impl DeviceStages {
+    /// Uploads everything and runs two whole steps.
+    ///
+    /// # Errors
+    /// [`crate::Error::NoAdapter`] without an adapter, [`crate::Error::Gpu`].
+    pub fn new(scene: &Scene, view: crate::TrainView) -> crate::Result<Self> {
+        use crate::gpu::{Context, GpuExecutor};
+        use crate::stages::adam::{AdamStep, Moments};
+        use crate::train::Executor as _;
+        let options = crate::FineTuneOptions::default();
+        let moments = Moments::zeros(scene);
+        let context = Context::software()?;
+        let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, vec![view], &options)?;
+        for step in 1..=2 {
+            gpu.step(0, step, &AdamStep::new(&options.rates, step, 1.0))?;
+            gpu.drain_losses(&mut Vec::new())?;
+        }
+        Ok(Self(gpu))
+    }
+
+    /// Names of the stages, in order.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        crate::gpu::STEP.iter().map(|s| format!("{s:?}")).collect()
+    }
+
+    /// Repeats stage number `k`; waits for the device.
+    pub fn run(&self, k: usize) {
+        self.0.repeat(&crate::gpu::STEP[k..=k]);
+    }
+}
+
+/// The stages of a step of the Rust executor, one at a time, after a whole step has been run.
+pub struct Stages {
+    scene: Scene,
+    photo: Vec<f32>,
+    probe: Probe,
+    moments: crate::stages::adam::Moments,
+}
+
+impl Stages {
+    /// Runs everything once.
+    #[must_use]
+    pub fn new(scene: &Scene, camera: &Camera, photo: &Image) -> Self {
+        Self {
+            scene: scene.clone(),
+            photo: planes_of(photo),
+            probe: Probe::new(scene, camera, photo),
+            moments: crate::stages::adam::Moments::zeros(scene),
+        }
+    }
+
+    /// Names of the stages, in order.
+    pub const NAMES: [&str; 8] = [
+        "project",
+        "sort_depth",
+        "emit, sort_tile, ranges",
+        "blend",
+        "loss",
+        "blend_adjoint",
+        "gather",
+        "project_adjoint + adam",
+    ];
+
+    /// Repeats stage number `k`.
+    pub fn run(&mut self, k: usize) {
+        use crate::stages::adam::{AdamStep, adam};
+        use crate::stages::gather::gather_gradients;
+        use crate::stages::project::project;
+        use crate::stages::sort_depth::sort_depth;
+        use crate::stages::tiles::tile_lists;
+        let view = self.probe.view;
+        let pass = &mut self.probe.pass;
+        let f = &mut pass.forward;
+        match k {
+            0 => project(&view, &self.scene, &mut f.projected),
+            1 => sort_depth(&f.projected.keys, &mut f.order),
+            2 => {
+                let p = &f.projected;
+                tile_lists(&view, &p.splats, &p.boxes, &f.order, &mut f.lists);
+            }
+            3 => self.probe.blend(),
+            4 => {
+                pass.loss(&view, &self.photo, Loss::default());
+            }
+            5 => self.probe.blend_adjoint(),
+            6 => {
+                let splats = &f.projected.splats;
+                gather_gradients(&f.lists, &pass.records, splats, &mut pass.sums);
+            }
+            _ => {
+                let step = AdamStep::new(&crate::LearningRates::default(), 1000, 1e-6);
+                adam(&view, &step, &pass.sums, None, &mut self.scene, &mut self.moments);
+            }
+        }
     }
 }
 

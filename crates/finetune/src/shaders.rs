@@ -16,6 +16,13 @@ pub(crate) const RADIX_BLOCK: u32 = 1024;
 pub(crate) const SCAN_BLOCK: u32 = 1024;
 /// Splats whose partial sums `blend_adjoint` keeps in workgroup memory: 16 KiB hold no more.
 const RECORD_BATCH: u32 = 16;
+/// Tiles that one workgroup of `blend` and `blend_adjoint` handles.
+pub(crate) const GROUP_TILES: u32 = 4;
+/// Blocks of a tile, a lane each: two columns of four.
+pub(crate) const BLOCKS: u32 = 8;
+/// Pixels of a run, a lane each, in the stage `loss`.
+#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
+pub(crate) const LOSS_RUN: u32 = 8;
 
 /// What F means in the shared mathematics of a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +46,8 @@ const PROJECT: &str = include_str!("stages/math/project.wgsl");
 const PROJECT_ADJOINT: &str = include_str!("stages/math/project_adjoint.wgsl");
 const SH: &str = include_str!("stages/math/sh.wgsl");
 const BLEND: &str = include_str!("stages/math/blend.wgsl");
+const REACH: &str = include_str!("stages/math/reach.wgsl");
+const BLOCK: &str = include_str!("stages/block.wgsl");
 const STEP: &str = include_str!("stages/step.wgsl");
 const PARAMS: &str = include_str!("stages/params.wgsl");
 const TOUCHES: &str = include_str!("stages/touches.wgsl");
@@ -51,7 +60,16 @@ pub(crate) const SHADERS: &[Shader] = &[
         name: "project",
         entries: &["project"],
         width: Width::One,
-        parts: &[SCALAR, PROJECT, SH, STEP, PARAMS, TOUCHES, include_str!("stages/project.wgsl")],
+        parts: &[
+            SCALAR,
+            PROJECT,
+            REACH,
+            SH,
+            STEP,
+            PARAMS,
+            TOUCHES,
+            include_str!("stages/project.wgsl"),
+        ],
     },
     Shader {
         name: "sort",
@@ -69,7 +87,7 @@ pub(crate) const SHADERS: &[Shader] = &[
         name: "emit",
         entries: &["rank_counts", "check_capacity", "emit"],
         width: Width::One,
-        parts: &[SCALAR, PROJECT, STEP, TOUCHES, include_str!("stages/emit.wgsl")],
+        parts: &[REACH, STEP, TOUCHES, include_str!("stages/emit.wgsl")],
     },
     Shader {
         name: "ranges",
@@ -78,10 +96,16 @@ pub(crate) const SHADERS: &[Shader] = &[
         parts: &[STEP, include_str!("stages/ranges.wgsl")],
     },
     Shader {
+        name: "reach",
+        entries: &["reach"],
+        width: Width::Four,
+        parts: &[REACH, STEP, SPLAT, include_str!("stages/reach.wgsl")],
+    },
+    Shader {
         name: "blend",
         entries: &["blend"],
         width: Width::Four,
-        parts: &[SCALAR, BLEND, STEP, SPLAT, include_str!("stages/blend.wgsl")],
+        parts: &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend.wgsl")],
     },
     Shader {
         name: "loss",
@@ -90,7 +114,6 @@ pub(crate) const SHADERS: &[Shader] = &[
             "ssim_values",
             "ssim_spread",
             "loss_gradient",
-            "loss_clear",
             "loss_blocks",
             "loss_total",
         ],
@@ -101,13 +124,13 @@ pub(crate) const SHADERS: &[Shader] = &[
         name: "blend_adjoint",
         entries: &["blend_adjoint"],
         width: Width::Four,
-        parts: &[SCALAR, BLEND, STEP, SPLAT, include_str!("stages/blend_adjoint.wgsl")],
+        parts: &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend_adjoint.wgsl")],
     },
     Shader {
         name: "gather",
         entries: &["gather"],
         width: Width::One,
-        parts: &[STEP, include_str!("stages/gather.wgsl")],
+        parts: &[STEP, SPLAT, include_str!("stages/gather.wgsl")],
     },
     Shader {
         name: "adam",
@@ -136,7 +159,7 @@ impl Shader {
             out.push_str(part);
         }
         let taps: Vec<String> = taps().iter().map(|&t| exact(t as f32)).collect();
-        out.replace("SSIM_TAPS", &taps.join(", "))
+        repeat(&out.replace("SSIM_TAPS", &taps.join(", ")))
     }
 
     fn constants(&self, out: &mut String) -> std::fmt::Result {
@@ -153,7 +176,10 @@ impl Shader {
             ("RADIX_BLOCK", RADIX_BLOCK),
             ("RADIX_PER_LANE", RADIX_BLOCK / 64),
             ("RECORD_BATCH", RECORD_BATCH),
-            ("RECORD_WORDS", RECORD_BATCH * 7 * 33),
+            ("RECORD_WORDS", GROUP_TILES * RECORD_BATCH * 7 * BLOCKS),
+            ("TILES", GROUP_TILES),
+            ("BLOCKS", BLOCKS),
+            ("RUN", LOSS_RUN),
         ] {
             writeln!(out, "const {name}: u32 = {value}u;")?;
         }
@@ -176,6 +202,37 @@ impl Shader {
         }
         Ok(())
     }
+}
+
+/// Unrolls blocks of lines between `//@each NAME VALUES` and `//@end`: once per value, with `$NAME`
+/// replaced by it; blocks may nest. WGSL has no macros, and compilers keep an array that a loop
+/// indexes in memory, where the eight vectors of a lane's pixels have to be in registers.
+fn repeat(source: &str) -> String {
+    let mut out = String::with_capacity(source.len());
+    let mut lines = source.lines();
+    while let Some(line) = lines.next() {
+        let Some(rest) = line.trim_start().strip_prefix("//@each ") else {
+            out.push_str(line);
+            out.push('\n');
+            continue;
+        };
+        let (name, values) = rest.split_once(' ').unwrap_or((rest, ""));
+        let (mut body, mut depth) = (String::new(), 1);
+        for line in lines.by_ref() {
+            let command = line.trim_start();
+            depth += i32::from(command.starts_with("//@each "));
+            depth -= i32::from(command.starts_with("//@end"));
+            if depth == 0 {
+                break;
+            }
+            body.push_str(line);
+            body.push('\n');
+        }
+        for value in values.split_whitespace() {
+            out.push_str(&repeat(&body.replace(&format!("${name}"), value)));
+        }
+    }
+    out
 }
 
 /// The exact decimal value: no parser can round it to another f32.
@@ -269,8 +326,19 @@ mod tests {
     }
 
     #[test]
+    fn blocks_of_lines_repeat_and_nest() {
+        let text = "a\n  //@each i 0 1\nb$i\n//@each k x y\nc$i$k\n//@end\n  //@end\nd";
+        assert_eq!(repeat(text), "a\nb0\nc0x\nc0y\nb1\nc1x\nc1y\nd\n");
+        for shader in SHADERS {
+            let source = shader.source();
+            assert!(!source.contains('$') && !source.contains("//@"), "{}", shader.name);
+        }
+    }
+
+    #[test]
     fn workgroup_memory_stays_within_the_portable_limit() {
-        let adjoint = RECORD_BATCH * (7 * 33 * 4 + 48);
+        let words = GROUP_TILES * RECORD_BATCH * 7 * BLOCKS + 2;
+        let adjoint = 4 * words;
         assert!(adjoint <= 16 * 1024, "{adjoint} bytes");
     }
 }

@@ -13,6 +13,6 @@ mod workspace;
 
 pub(crate) use device::{Context, find};
 pub(crate) use executor::GpuExecutor;
-pub(crate) use passes::Stage;
+pub(crate) use passes::{STEP, Stage};
 pub(crate) use uniform::StepUniform;
 pub(crate) use workspace::{Sizes, Workspace};

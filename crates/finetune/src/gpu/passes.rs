@@ -2,7 +2,8 @@
 
 use super::uniform::StepUniform;
 use super::workspace::{Scan, Workspace};
-use crate::shaders::DISPATCH_ROW;
+use crate::shaders::{DISPATCH_ROW, GROUP_TILES, LOSS_RUN};
+use crate::stages::TILE;
 
 /// A stage, as tests and the executor name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,24 +83,26 @@ impl Workspace {
             Stage::Ranges => {
                 let n = (self.sizes.capacity as u32).max(tiles + 1);
                 one(pass, "ranges", n.div_ceil(64));
+                one(pass, "reach", (self.sizes.capacity as u32).div_ceil(4 * 64));
             }
-            Stage::Blend => one(pass, "blend", tiles),
+            Stage::Blend => one(pass, "blend", tiles.div_ceil(GROUP_TILES)),
             Stage::Loss => {
                 let Some(group) = photo else { return };
                 let pixels = u.width * u.height;
-                let each = pixels.div_ceil(64);
-                let clear = (3 * pixels).max(768 * tiles).div_ceil(64);
-                self.dispatch(pass, "loss", "loss_clear", group, clear, 1);
+                let lanes = |n: u32| n.div_ceil(64);
                 if u.is_l1_ssim() {
-                    self.dispatch(pass, "loss", "ssim_rows", group, each, 3);
-                    self.dispatch(pass, "loss", "ssim_values", group, each, 3);
-                    self.dispatch(pass, "loss", "ssim_spread", group, each, 3);
+                    let rows = lanes(u.width.div_ceil(LOSS_RUN) * u.height);
+                    let columns = lanes(u.width * u.height.div_ceil(LOSS_RUN));
+                    self.dispatch(pass, "loss", "ssim_rows", group, rows, 3);
+                    self.dispatch(pass, "loss", "ssim_values", group, columns, 3);
+                    self.dispatch(pass, "loss", "ssim_spread", group, rows, 3);
                 }
-                self.dispatch(pass, "loss", "loss_gradient", group, each, 3);
+                let every = lanes(tiles * TILE * TILE / LOSS_RUN);
+                self.dispatch(pass, "loss", "loss_gradient", group, every, 3);
                 self.dispatch(pass, "loss", "loss_blocks", group, (3 * pixels).div_ceil(4096), 1);
                 self.dispatch(pass, "loss", "loss_total", group, 1, 1);
             }
-            Stage::BlendAdjoint => one(pass, "blend_adjoint", tiles),
+            Stage::BlendAdjoint => one(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
             Stage::Gather => one(pass, "gather", gaussians),
             Stage::Adam => one(pass, "adam", gaussians),
         }

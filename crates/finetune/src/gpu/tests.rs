@@ -5,7 +5,7 @@ use gs_model::{Camera, Scene};
 
 use super::device::Context;
 use super::executor::GpuExecutor;
-use super::passes::{STEP, Stage, fold};
+use super::passes::{Stage, fold};
 use super::uniform::StepUniform;
 use super::workspace::{Sizes, Workspace};
 use crate::forward::Forward;
@@ -13,6 +13,7 @@ use crate::gradients::{Backward, planes_of};
 use crate::image::Image;
 use crate::options::{LearningRates, Loss, RenderOptions};
 use crate::quantization::{Quantization, QuantizationMode};
+use crate::shaders::BLOCKS;
 use crate::shuffle::Rng;
 use crate::stages::adam::{AdamStep, Moments, adam};
 use crate::stages::blend_adjoint::{FROZEN, TileGradient};
@@ -200,10 +201,37 @@ fn lists_are_equal() {
 }
 
 fn upload_lists(p: &Pair) {
+    p.gpu.upload_lists(&p.cpu.forward, &p.u);
+}
+
+/// A block that a splat does not reach is skipped: every reached pixel is in a reached block.
+#[test]
+fn skipped_blocks_have_no_pixel_that_counts() {
+    let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
+    upload_lists(&p);
     let f = &p.cpu.forward;
-    p.gpu.write("splats", &f.projected.splats);
-    p.gpu.write("ids", &f.lists.ids);
-    p.gpu.write("offsets", &f.lists.offsets);
+    let words: Vec<u32> = p.gpu.read("hits", f.lists.ids.len().div_ceil(4)).unwrap();
+    let (mut reached, mut skipped) = (0, 0);
+    for tile in 0..p.view.tiles() {
+        let (tx, ty) = p.view.tile_at(tile);
+        let first = f.lists.offsets[tile] as usize;
+        for (k, &i) in f.lists.of(tile).iter().enumerate() {
+            let s = &f.projected.splats[i as usize];
+            let byte = words[(first + k) / 4] >> (8 * ((first + k) % 4));
+            for pixel in 0..256u32 {
+                let (lx, ly) = (pixel % 16, pixel / 16);
+                let dx = s.x - ((tx * 16 + lx) as f32 + 0.5);
+                let dy = s.y - ((ty * 16 + ly) as f32 + 0.5);
+                let (e0, e1) = (s.p * dx + s.q * dy, s.r * dy);
+                let hit = byte >> (lx / 8 * 4 + ly / 4) & 1 == 1;
+                assert!(hit || e0 * e0 + e1 * e1 > s.cut, "tile {tile}, splat {i}, {lx} {ly}");
+                reached += u32::from(hit);
+                skipped += u32::from(!hit);
+            }
+        }
+    }
+    println!("{skipped} of {} pairs skipped", reached + skipped);
+    assert!(4 * skipped > reached, "{skipped} skipped, {reached} not");
 }
 
 #[test]
@@ -216,8 +244,11 @@ fn blend_is_equal_to_the_bit() {
     assert!(f.tiles.iter().any(|t| t.t[3][3] < 0.0), "no pixel stops early");
     let got: Vec<f32> = p.gpu.read("pixels", wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend", &got, &wanted), 0);
-    let last: Vec<u32> = p.gpu.read("last", f.last.len()).unwrap();
+    let blocks: Vec<u32> = p.gpu.read("last", BLOCKS as usize * f.last.len()).unwrap();
+    let last: Vec<u32> =
+        blocks.chunks(BLOCKS as usize).map(|b| b.iter().copied().max().unwrap()).collect();
     assert_eq!(last, f.last);
+    assert!(blocks.iter().zip(0..).any(|(&b, i)| b < last[i / BLOCKS as usize]));
 }
 
 #[test]
@@ -226,7 +257,8 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     upload_lists(&p);
     let f = &p.cpu.forward;
     p.gpu.write("pixels", &flat(&f.tiles));
-    p.gpu.write("last", &f.last);
+    let last: Vec<u32> = f.last.iter().flat_map(|&l| [l; BLOCKS as usize]).collect();
+    p.gpu.write("last", &last);
     p.gpu.write("gradient", &flat(&p.cpu.tiles));
     p.gpu.run(&[Stage::BlendAdjoint], &p.u, None);
     let wanted = flat(&p.cpu.records);
@@ -234,13 +266,13 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     let got: Vec<f32> = p.gpu.read("records", wanted.len()).unwrap();
     let bits = |v: &[f32]| v.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
     worst_ulps("blend_adjoint", &got, &wanted);
-    assert_eq!(bits(&got), bits(&wanted));
-    // Gather needs the places of the slots: the sorts, on the same lists.
-    p.gpu.run(&STEP[..5], &p.u, None);
+    assert!(bits(&got) == bits(&wanted), "records differ");
     p.gpu.write("records", &wanted);
     p.gpu.run(&[Stage::Gather], &p.u, None);
     let sums: Vec<f32> = p.gpu.read("sums", 7 * 3000).unwrap();
-    assert_eq!(bits(&sums), bits(&flat(&p.cpu.sums)));
+    assert!(bits(&sums) == bits(&flat(&p.cpu.sums)), "sums differ");
+    let clamped = |s: &[f32; 7]| s[..3].contains(&0.0) && s[3] != 0.0;
+    assert!(p.cpu.sums.iter().any(clamped), "no colour is clamped");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use gs_model::Scene;
 use super::device::Context;
 use super::uniform::StepUniform;
 use crate::error::{Error, Result};
-use crate::shaders::{Access, RADIX_BLOCK, SCAN_BLOCK, SHADERS, bindings};
+use crate::shaders::{Access, BLOCKS, RADIX_BLOCK, SCAN_BLOCK, SHADERS, bindings};
 use crate::stages::adam::Moments;
 
 /// Losses that the device keeps before the host has to fetch them.
@@ -72,9 +72,11 @@ impl Sizes {
             ("tile_histogram", 16 * self.tile_blocks()),
             ("ids", capacity),
             ("places", capacity),
+            // One more than there are: `reaching` looks ahead.
+            ("hits", capacity.div_ceil(4) + 2),
             ("offsets", tiles + 1),
             ("pixels", 1024 * tiles),
-            ("last", tiles),
+            ("last", BLOCKS as usize * tiles),
             ("gradient", 768 * tiles),
             ("records", 7 * capacity),
             ("sums", 7 * n + 1),
@@ -275,7 +277,9 @@ impl Workspace {
             "tile_histogram",
         );
         let (keys, slots) = self.sorted_tiles();
-        for shader in ["project", "emit", "ranges", "blend", "blend_adjoint", "gather", "adam"] {
+        for shader in
+            ["project", "emit", "ranges", "reach", "blend", "blend_adjoint", "gather", "adam"]
+        {
             let group = self.bind_group(shader, &[("tile_keys", keys), ("tile_slots", slots)], &[]);
             self.groups.insert(shader, group);
         }
@@ -391,6 +395,25 @@ impl Workspace {
             let m = moments;
             self.write(name, &geo(&m.opacity[k], &m.log_scale[k], &m.rotation[k]));
         }
+    }
+
+    /// Uploads what the Rust executor projected and repeats the stages that make the lists of it,
+    /// so that `blend` and its adjoint have the same inputs on both sides.
+    pub(crate) fn upload_lists(&self, forward: &crate::forward::Forward, u: &StepUniform) {
+        use super::passes::Stage;
+        let (projected, lists) = (&forward.projected, &forward.lists);
+        let mut counts = vec![0u32; projected.splats.len()];
+        for &i in &lists.ids {
+            counts[i as usize] += 1;
+        }
+        self.write("keys", &projected.keys);
+        self.write("splats", &projected.splats);
+        self.write("boxes", &projected.boxes);
+        self.write("counts", &counts);
+        self.write("state", &[counts.len() as u32, lists.ids.len() as u32, 0, 0]);
+        self.run(&[Stage::SortDepth, Stage::Emit, Stage::SortTile, Stage::Ranges], u, None);
+        self.write("ids", &lists.ids);
+        self.write("offsets", &lists.offsets);
     }
 
     /// The inverse of [`Workspace::upload`], but for the means and the degree, which stay.

@@ -53,9 +53,7 @@ fn adam(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (f.visible) {
         let at = 7u * i;
         basis = sh_basis(direction_of(f.from_eye));
-        let raw = raw_colour(&basis, i);
-        let v = vec3<f32>(sums[at], sums[at + 1u], sums[at + 2u]);
-        v_raw = select(vec3<f32>(), v, raw >= vec3<f32>());
+        v_raw = vec3<f32>(sums[at], sums[at + 1u], sums[at + 2u]);
         let o = sigmoid(load_opacity(i));
         d_opacity = -(sums[at + 3u] * (1.0 - o));
         let e = Sym2(sums[at + 4u], sums[at + 5u], sums[at + 6u]);

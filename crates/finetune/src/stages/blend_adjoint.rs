@@ -1,8 +1,9 @@
 //! Stage `blend_adjoint`: one record of gradients per slot (splat and tile).
 
+use glam::{Mat4, Vec4};
 use rayon::prelude::*;
 
-use super::blend::{LANES, TilePixels, live, sum_lanes};
+use super::blend::{LANES, TilePixels, live};
 use super::project::{Splat, View};
 use super::tiles::TileLists;
 use super::*;
@@ -31,8 +32,23 @@ pub(crate) const FROZEN: usize = 7;
 /// With means: also v_sigma times e0 and e1.
 pub(crate) const MOVING: usize = 9;
 
-/// Rows of a tile are summed in two halves: on a GPU, 32 lanes own half a column each.
-const HALF: u32 = TILE / 2;
+/// Sums are formed per block of eight columns and four rows, then over the blocks: on a GPU a lane
+/// owns a block.
+const BLOCK_ROWS: usize = 4;
+/// Vectors of four that hold the sums of a record.
+const QUADS: usize = MOVING.div_ceil(4);
+
+/// Sums of up to four vectors over eight lanes from `side` on, halves onto halves. Vec4 because it is
+/// four lanes wide on every processor: compilers turn the same in plain arrays into scalars.
+#[inline(always)]
+fn sum_eight(v: &[[f32; LANES]], side: usize) -> Vec4 {
+    let four = |k: usize| match v.get(k) {
+        Some(v) => Vec4::from_slice(&v[side..side + 4]) + Vec4::from_slice(&v[side + 4..side + 8]),
+        None => Vec4::ZERO,
+    };
+    let m = Mat4::from_cols(four(0), four(1), four(2), four(3)).transpose();
+    (m.x_axis + m.z_axis) + (m.y_axis + m.w_axis)
+}
 
 #[derive(Clone, Copy)]
 struct PixelRow {
@@ -47,6 +63,7 @@ fn replay_row<const N: usize>(
     dy: f32,
     state: &mut PixelRow,
     g: [&[f32; LANES]; 3],
+    stop: f32,
     acc: &mut [[f32; LANES]; N],
 ) {
     let qy = s.q * dy;
@@ -61,7 +78,7 @@ fn replay_row<const N: usize>(
         let cb = s.blue * gb;
         let crg = cr + cgr;
         let cg = crg + cb;
-        let step = replay(e0, e1, s.cut, s.opacity, state.t[l], state.rg[l], cg);
+        let step = replay(e0, e1, s.cut, s.opacity, stop, state.t[l], state.rg[l], cg);
         state.t[l] = step.t;
         state.rg[l] = step.rg;
         let v = step.v_sigma;
@@ -140,25 +157,30 @@ impl<const N: usize> simd::Kernel for ReplayTile<'_, N> {
                 }
                 let first = s.row0.max(y0) - y0;
                 let end = (s.row1 - y0.min(s.row1)).min(rows);
-                let mut halves = [[[0.0f32; LANES]; N]; 2];
-                for (h, acc) in halves.iter_mut().enumerate() {
-                    let h = h as u32 * HALF;
-                    for y in first.max(h)..end.min(h + HALF) {
+                // Left and right, four sums a vector.
+                let mut sides = [[Vec4::ZERO; 2]; QUADS];
+                for top in (0..TILE).step_by(BLOCK_ROWS) {
+                    let (first, end) = (first.max(top), end.min(top + BLOCK_ROWS as u32));
+                    if first >= end {
+                        continue;
+                    }
+                    let mut acc = [[0.0f32; LANES]; N];
+                    for y in first..end {
                         let y = y as usize;
                         if !row_live[y] {
                             continue;
                         }
                         let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
                         let g = [&gradient.red[y], &gradient.green[y], &gradient.blue[y]];
-                        replay_row::<N>(&s, &dx, dy, &mut state[y], g, acc);
+                        replay_row::<N>(&s, &dx, dy, &mut state[y], g, view.t_stop, &mut acc);
+                    }
+                    for (side, part) in sides.iter_mut().zip(acc.chunks(4)) {
+                        side[0] += sum_eight(part, 0);
+                        side[1] += sum_eight(part, 8);
                     }
                 }
-                let [upper, lower] = &mut halves;
-                for n in 0..N {
-                    for l in 0..LANES {
-                        upper[n][l] += lower[n][l];
-                    }
-                    record[n] = sum_lanes(&upper[n]);
+                for (value, [left, right]) in record.chunks_mut(4).zip(sides) {
+                    value.copy_from_slice(&(left + right).to_array()[..value.len()]);
                 }
             }
             let mut any = false;

@@ -1,51 +1,41 @@
-// Stage `blend_adjoint`: one record of seven sums per slot. One workgroup per tile, 32 lanes
-// with half a column each. A lane keeps its partial sums of RECORD_BATCH splats in workgroup memory;
-// then each lane adds up some of the (splat, sum) pairs over the lanes, in the fixed order of
-// `sum_lanes` in Rust.
+// Stage `blend_adjoint`: one record of seven sums per slot; the shape is that of block.wgsl. A
+// lane adds up its block's pixels in registers and leaves a sum per splat in workgroup memory;
+// then the lanes of a tile add up the blocks, in the fixed order of `blend_adjoint.rs.
 
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 @group(0) @binding(2) var<storage, read> ids: array<u32>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
 @group(0) @binding(4) var<storage, read> pixels: array<f32>;
+// Per block, as `blend` left it.
 @group(0) @binding(5) var<storage, read> last: array<u32>;
 // Per tile: gradients with respect to red, green, blue, 256 each.
 @group(0) @binding(6) var<storage, read> gradient: array<f32>;
 @group(0) @binding(7) var<storage, read_write> records: array<f32>;
+// Per place of the lists, a byte: which blocks the splat reaches.
+@group(0) @binding(8) var<storage, read> hits: array<u32>;
 
-const LANES: u32 = 32u;
-// Lanes of one sum, padded by one so that lanes hit different banks.
-const STRIDE: u32 = 33u;
+// Per tile of the workgroup, splat of the batch, sum, block.
+var<workgroup> sums: array<f32, RECORD_WORDS>;
+var<workgroup> longest: atomic<u32>;
+var<workgroup> rounds: u32;
 
-var<workgroup> batch: array<Splat, RECORD_BATCH>;
-var<workgroup> partial: array<f32, RECORD_WORDS>;
-
-fn column(base: u32) -> vec4<f32> {
-    return vec4<f32>(
-        gradient[base],
-        gradient[base + TILE],
-        gradient[base + 2u * TILE],
-        gradient[base + 3u * TILE],
-    );
+fn gradients_at(at: u32) -> vec4<f32> {
+    return vec4<f32>(gradient[at], gradient[at + 1u], gradient[at + 2u], gradient[at + 3u]);
 }
 
-fn column_of_pixels(base: u32) -> vec4<f32> {
-    return vec4<f32>(
-        pixels[base],
-        pixels[base + TILE],
-        pixels[base + 2u * TILE],
-        pixels[base + 3u * TILE],
-    );
+fn pixels_at(at: u32) -> vec4<f32> {
+    return vec4<f32>(pixels[at], pixels[at + 1u], pixels[at + 2u], pixels[at + 3u]);
 }
 
 // Colour over the background, dotted with the gradient.
 fn light(at: u32, g_red: vec4<f32>, g_green: vec4<f32>, g_blue: vec4<f32>) -> vec4<f32> {
-    let t = abs(column_of_pixels(at + 768u));
+    let t = abs(pixels_at(at + 768u));
     let tr = t * u.background.x;
     let tg = t * u.background.y;
     let tb = t * u.background.z;
-    let red = column_of_pixels(at) + tr;
-    let green = column_of_pixels(at + 256u) + tg;
-    let blue = column_of_pixels(at + 512u) + tb;
+    let red = pixels_at(at) + tr;
+    let green = pixels_at(at + 256u) + tg;
+    let blue = pixels_at(at + 512u) + tb;
     let mr = red * g_red;
     let mg = green * g_green;
     let mb = blue * g_blue;
@@ -53,16 +43,11 @@ fn light(at: u32, g_red: vec4<f32>, g_green: vec4<f32>, g_blue: vec4<f32>) -> ve
     return mrg + mb;
 }
 
-// Adds the rows of both halves of a lane's column to `sum`, top to bottom.
-fn add_rows(sum: f32, a: vec4<f32>, b: vec4<f32>) -> f32 {
-    let s0 = sum + a.x;
-    let s1 = s0 + a.y;
-    let s2 = s1 + a.z;
-    let s3 = s2 + a.w;
-    let s4 = s3 + b.x;
-    let s5 = s4 + b.y;
-    let s6 = s5 + b.z;
-    return s6 + b.w;
+// Eight columns, halves onto halves.
+fn sum_columns(l: vec4<f32>, r: vec4<f32>) -> f32 {
+    let four = l + r;
+    let two = four.xy + four.zw;
+    return two.x + two.y;
 }
 
 @compute @workgroup_size(32)
@@ -70,113 +55,127 @@ fn blend_adjoint(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let tile = group_index(group);
-    if (tile >= u.tiles_x * u.tiles_y) {
-        return;
-    }
-    let x0 = (tile % u.tiles_x) * TILE;
-    let y0 = (tile / u.tiles_x) * TILE;
-    let x = lane % TILE;
-    let row = (lane / TILE) * 8u;
-    let px = f32(x0 + x) + 0.5;
-    let below = vec4<u32>(0u, 1u, 2u, 3u);
-    let row_a = vec4<u32>(y0 + row) + below;
-    let row_b = row_a + vec4<u32>(4u);
-    let py_a = vec4<f32>(row_a) + vec4<f32>(0.5);
-    let py_b = vec4<f32>(row_b) + vec4<f32>(0.5);
-    let within = x0 + x < u.width;
-    let on_a = vec4<bool>(within) & (row_a < vec4<u32>(u.height));
-    let on_b = vec4<bool>(within) & (row_b < vec4<u32>(u.height));
-    var t_a = select(vec4<f32>(-1.0), vec4<f32>(1.0), on_a);
-    var t_b = select(vec4<f32>(-1.0), vec4<f32>(1.0), on_b);
-    let at = row * TILE + x;
-    let g_at = tile * 768u + at;
-    let half = 4u * TILE;
-    let red_a = column(g_at);
-    let red_b = column(g_at + half);
-    let green_a = column(g_at + 256u);
-    let green_b = column(g_at + 256u + half);
-    let blue_a = column(g_at + 512u);
-    let blue_b = column(g_at + 512u + half);
-    let p_at = tile * 1024u + at;
-    var rg_a = light(p_at, red_a, green_a, blue_a);
-    var rg_b = light(p_at + half, red_b, green_b, blue_b);
+    let tiles = u.tiles_x * u.tiles_y;
+    let wanted = group_index(group) * TILES + lane / BLOCKS;
+    let tile = min(wanted, tiles - 1u);
+    let block = lane % BLOCKS;
+    let pixel = corner_of(tile, block);
+    let corner = vec2<f32>(pixel);
+    let column_l = vec4<u32>(pixel.x) + vec4<u32>(0u, 1u, 2u, 3u);
+    let column_r = column_l + vec4<u32>(4u);
+    let x_l = vec4<f32>(column_l) + vec4<f32>(0.5);
+    let x_r = vec4<f32>(column_r) + vec4<f32>(0.5);
+    let g_at = tile * 768u + offset_of(block);
+    let p_at = tile * 1024u + offset_of(block);
+    //@each row 0 1 2 3
+    let at_$rowl = $rowu * TILE;
+    let at_$rowr = $rowu * TILE + 4u;
+    //@each side l r
+    var t_$row$side = start_of(column_$side, pixel.y + $rowu);
+    let red_$row$side = gradients_at(g_at + at_$row$side);
+    let green_$row$side = gradients_at(g_at + at_$row$side + 256u);
+    let blue_$row$side = gradients_at(g_at + at_$row$side + 512u);
+    var rg_$row$side =
+        light(p_at + at_$row$side, red_$row$side, green_$row$side, blue_$row$side);
+    //@end
+    //@end
+    // Tiles past the last have empty lists.
     let first = offsets[tile];
-    let end = first + last[tile];
-    for (var start = first; start < end; start += RECORD_BATCH) {
-        workgroupBarrier();
-        if (lane < RECORD_BATCH && start + lane < end) {
-            batch[lane] = splats[ids[start + lane]];
-        }
-        workgroupBarrier();
-        let n = min(RECORD_BATCH, end - start);
-        for (var k = 0u; k < n; k++) {
-            let s = batch[k];
-            let row0 = vec4<u32>(bitcast<u32>(s.b.w));
-            let row1 = vec4<u32>(bitcast<u32>(s.c.w));
-            let dx = s.a.x - px;
-            let e0x = vec4<f32>(s.a.z * dx);
+    let list_end = select(first, offsets[tile + 1u], wanted < tiles);
+    var tile_last = 0u;
+    for (var b = 0u; b < BLOCKS; b++) {
+        tile_last = max(tile_last, last[tile * BLOCKS + b]);
+    }
+    let end = min(first + tile_last, list_end);
+    atomicMax(&longest, end - first);
+    workgroupBarrier();
+    if (lane == 0u) {
+        rounds = (atomicLoad(&longest) + RECORD_BATCH - 1u) / RECORD_BATCH;
+    }
+    let last_round = workgroupUniformLoad(&rounds);
+    let of_tile = (lane / BLOCKS) * RECORD_BATCH * 7u * BLOCKS;
+    for (var round = 0u; round < last_round; round++) {
+        let start = first + round * RECORD_BATCH;
+        let n = min(RECORD_BATCH, max(end, start) - start);
+        var mask = reaching(start, n, block);
+        while (mask != 0u) {
+            let k = firstTrailingBit(mask);
+            mask &= mask - 1u;
+            let s = splats[ids[start + k]];
             let cut = vec4<f32>(s.b.y);
             let opacity = vec4<f32>(s.b.z);
-            let none = vec4<f32>(-1.0);
-            let cut_a = select(none, cut, (row_a >= row0) & (row_a < row1));
-            let cut_b = select(none, cut, (row_b >= row0) & (row_b < row1));
-            let dy_a = vec4<f32>(s.a.y) - py_a;
-            let dy_b = vec4<f32>(s.a.y) - py_b;
-            let qy_a = s.a.w * dy_a;
-            let qy_b = s.a.w * dy_b;
-            let e0_a = e0x + qy_a;
-            let e0_b = e0x + qy_b;
-            let e1_a = s.b.x * dy_a;
-            let e1_b = s.b.x * dy_b;
-            let e11_a = e1_a * e1_a;
-            let e11_b = e1_b * e1_b;
-            let cr_a = s.c.x * red_a;
-            let cr_b = s.c.x * red_b;
-            let cgr_a = s.c.y * green_a;
-            let cgr_b = s.c.y * green_b;
-            let cb_a = s.c.z * blue_a;
-            let cb_b = s.c.z * blue_b;
-            let crg_a = cr_a + cgr_a;
-            let crg_b = cr_b + cgr_b;
-            let cg_a = crg_a + cb_a;
-            let cg_b = crg_b + cb_b;
-            let step_a = replay(e0_a, e1_a, cut_a, opacity, t_a, rg_a, cg_a);
-            let step_b = replay(e0_b, e1_b, cut_b, opacity, t_b, rg_b, cg_b);
-            t_a = step_a.t;
-            t_b = step_b.t;
-            rg_a = step_a.rg;
-            rg_b = step_b.rg;
-            let v0_a = step_a.v_sigma * e0_a;
-            let v0_b = step_b.v_sigma * e0_b;
-            let slot = k * 7u * STRIDE + lane;
-            partial[slot] = add_rows(0.0, step_a.w * red_a, step_b.w * red_b);
-            partial[slot + STRIDE] = add_rows(0.0, step_a.w * green_a, step_b.w * green_b);
-            partial[slot + 2u * STRIDE] = add_rows(0.0, step_a.w * blue_a, step_b.w * blue_b);
-            partial[slot + 3u * STRIDE] = add_rows(0.0, step_a.v_sigma, step_b.v_sigma);
-            partial[slot + 4u * STRIDE] = add_rows(0.0, v0_a * e0_a, v0_b * e0_b);
-            partial[slot + 5u * STRIDE] = add_rows(0.0, v0_a * e1_a, v0_b * e1_b);
-            partial[slot + 6u * STRIDE] = add_rows(0.0, step_a.v_sigma * e11_a, step_b.v_sigma * e11_b);
+            let px_l = s.a.z * (s.a.x - x_l);
+            let px_r = s.a.z * (s.a.x - x_r);
+            //@each side l r
+            //@each sum 0 1 2 3 4 5 6
+            var sum$sum$side = vec4<f32>();
+            //@end
+            //@end
+            //@each row 0 1 2 3
+            let dy_$row = s.a.y - (corner.y + $row.5);
+            let qy_$row = vec4<f32>(s.a.w * dy_$row);
+            let e1_$row = vec4<f32>(s.b.x * dy_$row);
+            let e11_$row = e1_$row * e1_$row;
+            //@each side l r
+            let e0_$row$side = px_$side + qy_$row;
+            let cr_$row$side = s.c.x * red_$row$side;
+            let cgr_$row$side = s.c.y * green_$row$side;
+            let cb_$row$side = s.c.z * blue_$row$side;
+            let crg_$row$side = cr_$row$side + cgr_$row$side;
+            let cg_$row$side = crg_$row$side + cb_$row$side;
+            let step_$row$side = replay(
+                e0_$row$side,
+                e1_$row,
+                cut,
+                opacity,
+                STOP,
+                t_$row$side,
+                rg_$row$side,
+                cg_$row$side,
+            );
+            t_$row$side = step_$row$side.t;
+            rg_$row$side = step_$row$side.rg;
+            let v_$row$side = step_$row$side.v_sigma;
+            let v0_$row$side = v_$row$side * e0_$row$side;
+            let wr_$row$side = step_$row$side.w * red_$row$side;
+            let wg_$row$side = step_$row$side.w * green_$row$side;
+            let wb_$row$side = step_$row$side.w * blue_$row$side;
+            let v00_$row$side = v0_$row$side * e0_$row$side;
+            let v01_$row$side = v0_$row$side * e1_$row;
+            let v11_$row$side = v_$row$side * e11_$row;
+            sum0$side += wr_$row$side;
+            sum1$side += wg_$row$side;
+            sum2$side += wb_$row$side;
+            sum3$side += v_$row$side;
+            sum4$side += v00_$row$side;
+            sum5$side += v01_$row$side;
+            sum6$side += v11_$row$side;
+            //@end
+            //@end
+            let slot = of_tile + k * 7u * BLOCKS + block;
+            //@each sum 0 1 2 3 4 5 6
+            sums[slot + $sumu * BLOCKS] = sum_columns(sum$suml, sum$sumr);
+            //@end
         }
         workgroupBarrier();
-        for (var j = lane; j < n * 7u; j += LANES) {
-            var v: array<f32, 16>;
-            for (var l = 0u; l < 16u; l++) {
-                v[l] = partial[j * STRIDE + l] + partial[j * STRIDE + l + 16u];
+        for (var j = block; j < n * 7u; j += BLOCKS) {
+            let place = start + j / 7u;
+            var bits = (hits[place / 4u] >> (8u * (place % 4u))) & 255u;
+            var left = 0.0;
+            var right = 0.0;
+            while (bits != 0u) {
+                let b = firstTrailingBit(bits);
+                bits &= bits - 1u;
+                let v = sums[of_tile + j * BLOCKS + b];
+                left += select(v, 0.0, b >= 4u);
+                right += select(0.0, v, b >= 4u);
             }
-            for (var l = 0u; l < 8u; l++) {
-                v[l] += v[l + 8u];
-            }
-            for (var l = 0u; l < 4u; l++) {
-                v[l] += v[l + 4u];
-            }
-            v[0] += v[2];
-            v[1] += v[3];
-            records[(start * 7u) + j] = v[0] + v[1];
+            records[start * 7u + j] = left + right;
         }
+        workgroupBarrier();
     }
     // Slots that no pixel got to.
-    for (var j = end * 7u + lane; j < offsets[tile + 1u] * 7u; j += LANES) {
+    for (var j = end * 7u + block; j < list_end * 7u; j += BLOCKS) {
         records[j] = 0.0;
     }
 }

@@ -47,6 +47,7 @@ fn sigmoid(l: F) -> F {
 
 include!("math/prelude.rs");
 include!("math/project.wgsl");
+include!("math/reach.wgsl");
 include!("math/project_adjoint.wgsl");
 include!("math/sh.wgsl");
 include!("math/blend.wgsl");
@@ -109,7 +110,7 @@ fn evaluate(lens: &Lens, p: &[f64]) -> (f64, Vec<f64>) {
             let (mut t, mut c) = (1.0, [0.0; 3]);
             for d in &drawn {
                 let (e0, e1) = offsets(d);
-                let step = gate(e0, e1, f64::INFINITY, d.opacity, t);
+                let step = gate(e0, e1, f64::INFINITY, d.opacity, T_STOP, t);
                 for ch in 0..3 {
                     c[ch] += step.w * d.colour[ch];
                 }
@@ -128,7 +129,7 @@ fn evaluate(lens: &Lens, p: &[f64]) -> (f64, Vec<f64>) {
             for (d, r) in drawn.iter().zip(&mut records) {
                 let (e0, e1) = offsets(d);
                 let cg = d.colour[0] * g[0] + d.colour[1] * g[1] + d.colour[2] * g[2];
-                let step = replay(e0, e1, f64::INFINITY, d.opacity, t, rg, cg);
+                let step = replay(e0, e1, f64::INFINITY, d.opacity, T_STOP, t, rg, cg);
                 let v = step.v_sigma;
                 let w = step.w;
                 let add = [

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::project::Splat;
 use super::tiles::TileLists;
 
 /// `out[i]` = sum of `records[slot]` over the slots of Gaussian `i`, in tile order, which is
@@ -12,6 +13,32 @@ pub(crate) fn gather<const N: usize>(
     records: &[[f32; N]],
     gaussians: usize,
     out: &mut Vec<[f32; N]>,
+) {
+    gather_then(lists, records, gaussians, out, |_, _| {});
+}
+
+/// [`gather`] for the records of `blend_adjoint`: the gradient of a colour that was clamped at
+/// zero is zero.
+pub(crate) fn gather_gradients<const N: usize>(
+    lists: &TileLists,
+    records: &[[f32; N]],
+    splats: &[Splat],
+    out: &mut Vec<[f32; N]>,
+) {
+    gather_then(lists, records, splats.len(), out, |i, sum| {
+        let s = &splats[i];
+        for (v, shown) in sum.iter_mut().zip([s.red, s.green, s.blue]) {
+            *v = if shown > 0.0 { *v } else { 0.0 };
+        }
+    });
+}
+
+fn gather_then<const N: usize>(
+    lists: &TileLists,
+    records: &[[f32; N]],
+    gaussians: usize,
+    out: &mut Vec<[f32; N]>,
+    finish: impl Fn(usize, &mut [f32; N]) + Sync,
 ) {
     out.clear();
     out.resize(gaussians, [0.0; N]);
@@ -25,6 +52,9 @@ pub(crate) fn gather<const N: usize>(
                     *s += r;
                 }
             }
+        }
+        for (j, sum) in sums.iter_mut().enumerate() {
+            finish(c * chunk + j, sum);
         }
     });
 }

@@ -7,6 +7,7 @@
 @group(0) @binding(5) var<storage, read> records: array<f32>;
 // Seven sums per Gaussian; after them, 1.0 if the step is void.
 @group(0) @binding(6) var<storage, read_write> sums: array<f32>;
+@group(0) @binding(7) var<storage, read> splats: array<Splat>;
 
 @compute @workgroup_size(64)
 fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -17,16 +18,23 @@ fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     if (rank >= u.count || state[2] != 0u) {
         return;
     }
-    var s: array<f32, 7>;
+    //@each c 0 1 2 3 4 5 6
+    var s$c = 0.0;
+    //@end
     let end = starts[rank + 1u];
     for (var k = starts[rank]; k < end; k++) {
         let at = 7u * places[k];
-        for (var c = 0u; c < 7u; c++) {
-            s[c] += records[at + c];
-        }
+        //@each c 0 1 2 3 4 5 6
+        s$c += records[at + $cu];
+        //@end
     }
     let i = order[rank];
-    for (var c = 0u; c < 7u; c++) {
-        sums[7u * i + c] = s[c];
-    }
+    // A colour that was clamped at zero does not move.
+    let shown = splats[i].c;
+    s0 = select(0.0, s0, shown.x > 0.0);
+    s1 = select(0.0, s1, shown.y > 0.0);
+    s2 = select(0.0, s2, shown.z > 0.0);
+    //@each c 0 1 2 3 4 5 6
+    sums[7u * i + $cu] = s$c;
+    //@end
 }

@@ -1,4 +1,6 @@
-// Stage `loss`: value and gradient. The third coordinate of a workgroup is the colour channel.
+// Stage `loss`: value and gradient. The third coordinate of a workgroup is the colour channel. A
+// lane blurs a run of eight pixels along a row or a column: a window of eight slides over the
+// run, so that a value is loaded twice or thrice and not eleven times.
 
 @group(0) @binding(1) var<storage, read> pixels: array<f32>;
 // Three planes of the photo.
@@ -16,6 +18,7 @@
 
 const C1: f32 = 1.0e-4;
 const C2: f32 = 9.0e-4;
+const TAPS = array<f32, 11>(SSIM_TAPS);
 
 fn rendered(channel: u32, x: u32, y: u32) -> f32 {
     let tile = (y / TILE) * u.tiles_x + x / TILE;
@@ -28,152 +31,274 @@ fn target_at(channel: u32, x: u32, y: u32) -> f32 {
     return photo[channel * u.width * u.height + y * u.width + x];
 }
 
-struct Place { channel: u32, x: u32, y: u32, at: u32, inside: bool }
+// Eight consecutive values.
+struct Run { a: vec4<f32>, b: vec4<f32> }
 
-fn place_of(group: vec3<u32>, lane: u32) -> Place {
-    let at = group_index(group) * 64u + lane;
-    return Place(group.z, at % u.width, at / u.width, at, at < u.width * u.height);
+fn slide(r: Run, next: f32) -> Run {
+    return Run(vec4<f32>(r.a.yzw, r.b.x), vec4<f32>(r.b.yzw, next));
 }
 
-fn taps() -> array<f32, 11> {
-    return array<f32, 11>(SSIM_TAPS);
+fn weigh(sum: Run, tap: f32, r: Run) -> Run {
+    return Run(sum.a + tap * r.a, sum.b + tap * r.b);
 }
 
-// Index range of the taps that stay within 0..limit around `centre`.
-fn window(centre: u32, limit: u32) -> vec2<u32> {
-    let low = select(0u, 5u - centre, centre < 5u);
-    let high = min(11u, limit + 5u - centre);
-    return vec2<u32>(low, high);
+fn multiply(p: Run, q: Run) -> Run {
+    return Run(p.a * q.a, p.b * q.b);
+}
+
+// The value `k - 5` pixels from `at` along a row or column of `limit` pixels; zero beyond it.
+struct Reach { at: u32, inside: bool }
+
+fn reach_of(at: u32, k: u32, limit: u32) -> Reach {
+    let inside = at + k >= 5u && at + k < limit + 5u;
+    return Reach(select(0u, at + k - 5u, inside), inside);
+}
+
+// Where a lane's run begins: along the rows, or down the columns.
+struct Place { channel: u32, x: u32, y: u32, inside: bool }
+
+fn along_row(group: vec3<u32>, lane: u32) -> Place {
+    let runs = (u.width + RUN - 1u) / RUN;
+    let index = group_index(group) * 64u + lane;
+    return Place(group.z, (index % runs) * RUN, index / runs, index < runs * u.height);
+}
+
+fn down_column(group: vec3<u32>, lane: u32, width: u32, height: u32) -> Place {
+    let index = group_index(group) * 64u + lane;
+    return Place(group.z, index % width, (index / width) * RUN, index < width * (height / RUN));
+}
+
+fn pair_at(p: Place, k: u32) -> vec2<f32> {
+    let r = reach_of(p.x, k, u.width);
+    let v = vec2<f32>(rendered(p.channel, r.at, p.y), target_at(p.channel, r.at, p.y));
+    return select(vec2<f32>(), v, r.inside);
+}
+
+fn store_moments(plane: u32, p: Place, r: Run) {
+    let at = plane * u.width * u.height + p.y * u.width + p.x;
+    //@each k 0 1 2 3
+    if (p.x + $ku < u.width) { moments[at + $ku] = r.a[$k]; }
+    if (p.x + $ku + 4u < u.width) { moments[at + $ku + 4u] = r.b[$k]; }
+    //@end
 }
 
 @compute @workgroup_size(64)
 fn ssim_rows(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let p = place_of(group, lane);
+    let p = along_row(group, lane);
     if (!p.inside) {
         return;
     }
-    let n = u.width * u.height;
-    var t = taps();
-    var sums: array<f32, 5>;
-    let w = window(p.x, u.width);
-    for (var k = w.x; k < w.y; k++) {
-        let a = rendered(p.channel, p.x + k - 5u, p.y);
-        let b = target_at(p.channel, p.x + k - 5u, p.y);
-        sums[0] += t[k] * a;
-        sums[1] += t[k] * b;
-        sums[2] += t[k] * (a * a);
-        sums[3] += t[k] * (b * b);
-        sums[4] += t[k] * (a * b);
+    //@each k 0 1 2 3 4 5 6 7
+    let v$k = pair_at(p, $ku);
+    //@end
+    var a = Run(vec4<f32>(v0.x, v1.x, v2.x, v3.x), vec4<f32>(v4.x, v5.x, v6.x, v7.x));
+    var b = Run(vec4<f32>(v0.y, v1.y, v2.y, v3.y), vec4<f32>(v4.y, v5.y, v6.y, v7.y));
+    var m0: Run;
+    var m1: Run;
+    var m2: Run;
+    var m3: Run;
+    var m4: Run;
+    //@each tap 0 1 2 3 4 5 6 7 8 9 10
+    m0 = weigh(m0, TAPS[$tap], a);
+    m1 = weigh(m1, TAPS[$tap], b);
+    m2 = weigh(m2, TAPS[$tap], multiply(a, a));
+    m3 = weigh(m3, TAPS[$tap], multiply(b, b));
+    m4 = weigh(m4, TAPS[$tap], multiply(a, b));
+    if ($tap < 10) {
+        let next = pair_at(p, $tapu + RUN);
+        a = slide(a, next.x);
+        b = slide(b, next.y);
     }
-    for (var c = 0u; c < 5u; c++) {
-        moments[(p.channel * 5u + c) * n + p.at] = sums[c];
+    //@end
+    //@each plane 0 1 2 3 4
+    store_moments(p.channel * 5u + $planeu, p, m$plane);
+    //@end
+}
+
+fn moment_at(plane: u32, p: Place, k: u32) -> f32 {
+    let r = reach_of(p.y, k, u.height);
+    let v = moments[plane * u.width * u.height + r.at * u.width + p.x];
+    return select(0.0, v, r.inside);
+}
+
+// A plane of `moments`, blurred down the column.
+fn moment_run(plane: u32, p: Place) -> Run {
+    //@each k 0 1 2 3 4 5 6 7
+    let v$k = moment_at(plane, p, $ku);
+    //@end
+    var r = Run(vec4<f32>(v0, v1, v2, v3), vec4<f32>(v4, v5, v6, v7));
+    var sum: Run;
+    //@each tap 0 1 2 3 4 5 6 7 8 9 10
+    sum = weigh(sum, TAPS[$tap], r);
+    if ($tap < 10) {
+        r = slide(r, moment_at(plane, p, $tapu + RUN));
+    }
+    //@end
+    return sum;
+}
+
+struct Ssim { value: vec4<f32>, d_mean: vec4<f32>, d_var: vec4<f32>, d_cov: vec4<f32> }
+
+fn ssim_of(x: vec4<f32>, y: vec4<f32>, xx: vec4<f32>, yy: vec4<f32>, xy: vec4<f32>) -> Ssim {
+    let uxx = x * x;
+    let uyy = y * y;
+    let uxy = x * y;
+    let a1 = 2.0 * uxy + C1;
+    let a2 = 2.0 * (xy - uxy) + C2;
+    let b1 = uxx + uyy + C1;
+    let b2 = (xx - uxx) + (yy - uyy) + C2;
+    let inv = 1.0 / (b1 * b2);
+    let s = a1 * a2 * inv;
+    let d_var = -(s / b2);
+    let d_cov = 2.0 * a1 * inv;
+    let d_mean = 2.0 * y * a2 * inv - 2.0 * x * (s / b1);
+    return Ssim(s, d_mean - 2.0 * x * d_var - y * d_cov, d_var, d_cov);
+}
+
+fn store_ssim(channel: u32, x: u32, y: u32, value: f32, mean: f32, variance: f32, cov: f32) {
+    if (y < u.height) {
+        let n = u.width * u.height;
+        let at = y * u.width + x;
+        partials[channel * 6u * n + at] = mean;
+        partials[(channel * 6u + 1u) * n + at] = variance;
+        partials[(channel * 6u + 2u) * n + at] = cov;
+        values[channel * n + at] = vec2<f32>(u.ssim_weight * (1.0 - value), 0.0);
     }
 }
 
 @compute @workgroup_size(64)
 fn ssim_values(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let p = place_of(group, lane);
+    let p = down_column(group, lane, u.width, u.height + RUN - 1u);
     if (!p.inside) {
         return;
     }
-    let n = u.width * u.height;
-    var t = taps();
-    var m: array<f32, 5>;
-    let w = window(p.y, u.height);
-    for (var k = w.x; k < w.y; k++) {
-        let at = p.at + (k * u.width) - 5u * u.width;
-        for (var c = 0u; c < 5u; c++) {
-            m[c] += t[k] * moments[(p.channel * 5u + c) * n + at];
-        }
-    }
-    let uxx = m[0] * m[0];
-    let uyy = m[1] * m[1];
-    let uxy = m[0] * m[1];
-    let a1 = 2.0 * uxy + C1;
-    let a2 = 2.0 * (m[4] - uxy) + C2;
-    let b1 = uxx + uyy + C1;
-    let b2 = (m[2] - uxx) + (m[3] - uyy) + C2;
-    let inv = 1.0 / (b1 * b2);
-    let s = a1 * a2 * inv;
-    let d_var = -(s / b2);
-    let d_cov = 2.0 * a1 * inv;
-    let d_mean = 2.0 * m[1] * a2 * inv - 2.0 * m[0] * (s / b1);
-    partials[(p.channel * 6u) * n + p.at] = d_mean - 2.0 * m[0] * d_var - m[1] * d_cov;
-    partials[(p.channel * 6u + 1u) * n + p.at] = d_var;
-    partials[(p.channel * 6u + 2u) * n + p.at] = d_cov;
-    add_value(p, u.ssim_weight * (1.0 - s), 0.0);
+    //@each plane 0 1 2 3 4
+    let m$plane = moment_run(p.channel * 5u + $planeu, p);
+    //@end
+    let s_a = ssim_of(m0.a, m1.a, m2.a, m3.a, m4.a);
+    let s_b = ssim_of(m0.b, m1.b, m2.b, m3.b, m4.b);
+    //@each k 0 1 2 3
+    //@each half a b
+    store_ssim(
+        p.channel,
+        p.x,
+        p.y + $ku + HALF_$half,
+        s_$half.value[$k],
+        s_$half.d_mean[$k],
+        s_$half.d_var[$k],
+        s_$half.d_cov[$k],
+    );
+    //@end
+    //@end
 }
 
-fn add_value(p: Place, loss: f32, error: f32) {
-    values[p.channel * u.width * u.height + p.at] += vec2<f32>(loss, error);
+// First pixel of a run's halves.
+const HALF_a: u32 = 0u;
+const HALF_b: u32 = 4u;
+
+fn partial_along(plane: u32, p: Place, k: u32) -> f32 {
+    let r = reach_of(p.x, k, u.width);
+    let v = partials[plane * u.width * u.height + p.y * u.width + r.at];
+    return select(0.0, v, r.inside);
 }
 
 @compute @workgroup_size(64)
 fn ssim_spread(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let p = place_of(group, lane);
+    let p = along_row(group, lane);
     if (!p.inside) {
         return;
     }
     let n = u.width * u.height;
-    var t = taps();
-    let w = window(p.x, u.width);
     for (var c = 0u; c < 3u; c++) {
-        var sum = 0.0;
-        for (var k = w.x; k < w.y; k++) {
-            sum += t[k] * partials[(p.channel * 6u + c) * n + p.at + k - 5u];
+        let plane = p.channel * 6u + c;
+        //@each k 0 1 2 3 4 5 6 7
+        let v$k = partial_along(plane, p, $ku);
+        //@end
+        var r = Run(vec4<f32>(v0, v1, v2, v3), vec4<f32>(v4, v5, v6, v7));
+        var sum: Run;
+        //@each tap 0 1 2 3 4 5 6 7 8 9 10
+        sum = weigh(sum, TAPS[$tap], r);
+        if ($tap < 10) {
+            r = slide(r, partial_along(plane, p, $tapu + RUN));
         }
-        partials[(p.channel * 6u + c + 3u) * n + p.at] = sum;
+        //@end
+        let at = (plane + 3u) * n + p.y * u.width + p.x;
+        //@each k 0 1 2 3
+        if (p.x + $ku < u.width) { partials[at + $ku] = sum.a[$k]; }
+        if (p.x + $ku + 4u < u.width) { partials[at + $ku + 4u] = sum.b[$k]; }
+        //@end
     }
 }
 
-// The gradient, and the pixel's share of everything but SSIM.
+fn spread_at(plane: u32, p: Place, k: u32) -> f32 {
+    let r = reach_of(p.y, k, u.height);
+    let v = partials[plane * u.width * u.height + r.at * u.width + min(p.x, u.width - 1u)];
+    return select(0.0, v, r.inside);
+}
+
+fn spread_run(plane: u32, p: Place) -> Run {
+    //@each k 0 1 2 3 4 5 6 7
+    let v$k = spread_at(plane, p, $ku);
+    //@end
+    var r = Run(vec4<f32>(v0, v1, v2, v3), vec4<f32>(v4, v5, v6, v7));
+    var sum: Run;
+    //@each tap 0 1 2 3 4 5 6 7 8 9 10
+    sum = weigh(sum, TAPS[$tap], r);
+    if ($tap < 10) {
+        r = slide(r, spread_at(plane, p, $tapu + RUN));
+    }
+    //@end
+    return sum;
+}
+
+// One pixel of the gradient, and its share of everything but SSIM.
+fn finish(channel: u32, x: u32, y: u32, mean: f32, variance: f32, cov: f32) {
+    var g = 0.0;
+    if (x < u.width && y < u.height) {
+        let n = u.width * u.height;
+        let total = f32(3u * n);
+        let a = rendered(channel, x, y);
+        let b = target_at(channel, x, y);
+        let d = a - b;
+        let shown = clamp(a, 0.0, 1.0) - b;
+        let at = channel * n + y * u.width + x;
+        if (u.l1_ssim == 1u) {
+            let s = mean + 2.0 * a * variance + b * cov;
+            let l1 = sign(d) * ((1.0 - u.ssim_weight) / total);
+            g = l1 - (u.ssim_weight / total) * s;
+            values[at] = vec2<f32>(values[at].x + (1.0 - u.ssim_weight) * abs(d), shown * shown);
+        } else {
+            g = 2.0 / total * d;
+            values[at] = vec2<f32>(d * d, shown * shown);
+        }
+    }
+    // Zero beyond the image's edge.
+    let tile = (y / TILE) * u.tiles_x + x / TILE;
+    gradient[tile * 768u + channel * 256u + (y % TILE) * TILE + x % TILE] = g;
+}
+
+// Over all pixels of all tiles.
 @compute @workgroup_size(64)
 fn loss_gradient(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let p = place_of(group, lane);
+    let p = down_column(group, lane, u.tiles_x * TILE, u.tiles_y * TILE);
     if (!p.inside) {
         return;
     }
-    let n = u.width * u.height;
-    let total = f32(3u * n);
-    let a = rendered(p.channel, p.x, p.y);
-    let b = target_at(p.channel, p.x, p.y);
-    let d = a - b;
-    let shown = clamp(a, 0.0, 1.0) - b;
-    var g = 2.0 / total * d;
+    var mean: Run;
+    var variance: Run;
+    var cov: Run;
     if (u.l1_ssim == 1u) {
-        var t = taps();
-        let w = window(p.y, u.height);
-        var m: array<f32, 3>;
-        for (var k = w.x; k < w.y; k++) {
-            let at = p.at + (k * u.width) - 5u * u.width;
-            for (var c = 0u; c < 3u; c++) {
-                m[c] += t[k] * partials[(p.channel * 6u + c + 3u) * n + at];
-            }
-        }
-        let s = m[0] + 2.0 * a * m[1] + b * m[2];
-        let l1 = sign(d) * ((1.0 - u.ssim_weight) / total);
-        g = l1 - (u.ssim_weight / total) * s;
-        add_value(p, (1.0 - u.ssim_weight) * abs(d), shown * shown);
-    } else {
-        add_value(p, d * d, shown * shown);
+        mean = spread_run(p.channel * 6u + 3u, p);
+        variance = spread_run(p.channel * 6u + 4u, p);
+        cov = spread_run(p.channel * 6u + 5u, p);
     }
-    let tile = (p.y / TILE) * u.tiles_x + p.x / TILE;
-    gradient[tile * 768u + p.channel * 256u + (p.y % TILE) * TILE + p.x % TILE] = g;
-}
-
-// Clears what the channels add to, and the gradients beyond the image's edge.
-@compute @workgroup_size(64)
-fn loss_clear(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let at = group_index(group) * 64u + lane;
-    if (at < 3u * u.width * u.height) {
-        values[at] = vec2<f32>();
-    }
-    if (at < u.tiles_x * u.tiles_y * 768u) {
-        gradient[at] = 0.0;
-    }
+    //@each k 0 1 2 3
+    finish(p.channel, p.x, p.y + $ku, mean.a[$k], variance.a[$k], cov.a[$k]);
+    finish(p.channel, p.x, p.y + $ku + 4u, mean.b[$k], variance.b[$k], cov.b[$k]);
+    //@end
 }
 
 var<workgroup> lanes: array<vec2<f32>, 64>;

@@ -123,6 +123,7 @@ fn finite(x: F) -> B {
 include!("math/prelude.rs");
 include!("math/scalar.wgsl");
 include!("math/project.wgsl");
+include!("math/reach.wgsl");
 include!("math/project_adjoint.wgsl");
 include!("math/sh.wgsl");
 include!("math/blend.wgsl");

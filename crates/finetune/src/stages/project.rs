@@ -53,6 +53,23 @@ pub(crate) struct View {
     pub(crate) background: [f32; 3],
     /// [`Profile::Reference`].
     pub(crate) reference: bool,
+    /// [`T_STOP`], [`TileTest::Ellipse`] and `false` but in benchmarks.
+    pub(crate) t_stop: f32,
+    pub(crate) tile_test: TileTest,
+    /// Colours rounded to half precision.
+    pub(crate) half_colour: bool,
+}
+
+/// Which tiles a splat is listed in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TileTest {
+    /// All that touch the square around the ellipse of alpha = 1/255.
+    Square,
+    /// All that touch its bounding rectangle.
+    Rectangle,
+    /// Only those with a pixel centre that the ellipse reaches.
+    #[default]
+    Ellipse,
 }
 
 impl View {
@@ -65,6 +82,9 @@ impl View {
             tiles_y: camera.height.div_ceil(TILE),
             background: options.background,
             reference: options.profile == Profile::Reference,
+            t_stop: T_STOP,
+            tile_test: TileTest::Ellipse,
+            half_colour: false,
         }
     }
 
@@ -112,6 +132,10 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
         let t = 2.0 * cut * 1.0001;
         let half_x = sqrt(t * shape.cov_xx) + 0.01;
         let half_y = sqrt(t * shape.cov_yy) + 0.01;
+        let (half_x, half_y) = match view.tile_test {
+            TileTest::Square => (max(half_x, half_y), max(half_x, half_y)),
+            _ => (half_x, half_y),
+        };
         (span(x, half_x, view.width), span(y, half_y, view.height))
     };
     if !(cols.0 < cols.1 && rows.0 < rows.1) {
@@ -126,6 +150,7 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
     if !(finite(raw[0]) & finite(raw[1]) & finite(raw[2])) {
         return None;
     }
+    let raw = if view.half_colour { raw.map(to_half) } else { raw };
     let splat = Splat {
         x,
         y,
@@ -147,6 +172,13 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
         y1: rows.1.div_ceil(TILE),
     };
     Some((splat, tiles, f.m.z.to_bits()))
+}
+
+/// `v` rounded to the 11 significant bits of half precision, ties to even; its range is left alone.
+fn to_half(v: f32) -> f32 {
+    let bits = v.to_bits();
+    let odd = (bits >> 13) & 1;
+    f32::from_bits(bits.wrapping_add(0xfff + odd) & !0x1fff)
 }
 
 /// Inria's radius: three standard deviations of the major axis, rounded up.

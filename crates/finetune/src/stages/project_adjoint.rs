@@ -47,7 +47,7 @@ impl<'a> Gaussian<'a> {
     }
 }
 
-/// `record` holds the sums of `blend_adjoint` over the Gaussian's slots, 7 or 9 of them.
+/// `record` is the Gaussian's from `gather_gradients`, 7 or 9 sums.
 /// `None` if the Gaussian was culled or no pixel saw it: its gradient is zero, and whatever
 /// made it invisible (an overflow, say) must not turn zero into NaN.
 #[inline(always)]
@@ -64,11 +64,7 @@ pub(crate) fn gaussian_gradient<const N: usize>(
     let shape = shape_adjoint(&f, e);
     let (d, _) = direction(f.from_eye);
     let basis = sh_basis(a.sh_degree, d);
-    let raw = raw_colour(&basis, a.sh);
-    let mut v_raw = [0.0; 3];
-    for ch in 0..3 {
-        v_raw[ch] = select(0.0, record[ch], raw[ch] >= 0.0);
-    }
+    let v_raw = [record[0], record[1], record[2]];
     let o = sigmoid(a.opacity_logit);
     // v_o = -(sum of v_sigma) / o and do/dl = o (1 - o).
     let d_opacity_logit = -(record[3] * (1.0 - o));

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::project::{Splat, TileBox, View};
+use super::project::{Splat, TileBox, TileTest, View};
 use super::*;
 
 /// Per-tile lists of Gaussian indices.
@@ -34,7 +34,7 @@ impl TileLists {
 /// Whether the splat reaches a pixel centre of tile (tx, ty).
 #[inline]
 pub(crate) fn touches(view: &View, s: &Splat, tx: u32, ty: u32) -> bool {
-    if view.reference {
+    if view.reference || view.tile_test != TileTest::Ellipse {
         return true;
     }
     let edge = (TILE - 1) as f32;

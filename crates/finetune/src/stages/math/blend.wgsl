@@ -10,11 +10,11 @@ struct Gate { og: F, alpha: F, w: F, t: F, counts: B }
 // with the gradient, and the gradient with respect to sigma.
 struct Replay { w: F, t: F, rg: F, v_sigma: F }
 
-// `e0` and `e1` as in Shape, `cut` = ln(255 opacity), `t` the transmittance so far. The test
-// is on sigma rather than on alpha: the same set, up to one rounding, as alpha >= 1/255, and
-// it keeps the exponential within [-5.55, 0]. A splat that would take the transmittance below
-// T_STOP is not blended and stops the pixel.
-fn gate(e0: F, e1: F, cut: F, opacity: F, t: F) -> Gate {
+// `e0` and `e1` as in Shape, `cut` = ln(255 opacity), `t` the transmittance so far, `least` the
+// least that blending may leave of it. The test is on sigma rather than on alpha: the same set, up
+// to one rounding, as alpha >= 1/255, and it keeps the exponential within [-5.55, 0]. A splat that
+// would take the transmittance below `least` is not blended and stops the pixel.
+fn gate(e0: F, e1: F, cut: F, opacity: F, least: F, t: F) -> Gate {
     let s0 = e0 * e0;
     let s1 = e1 * e1;
     let sigma = s0 + s1;
@@ -24,8 +24,8 @@ fn gate(e0: F, e1: F, cut: F, opacity: F, t: F) -> Gate {
     let alpha = min(og, F(ALPHA_MAX));
     let w = alpha * t;
     let rest = t - w;
-    let counts = inside & (rest >= F(T_STOP));
-    let stop = inside & (rest < F(T_STOP));
+    let counts = inside & (rest >= least);
+    let stop = inside & (rest < least);
     let kept = select(t, rest, counts);
     return Gate(og, alpha, select(F(0.0), w, counts), select(kept, -t, stop), counts);
 }
@@ -33,8 +33,8 @@ fn gate(e0: F, e1: F, cut: F, opacity: F, t: F) -> Gate {
 // The adjoint of `gate`, front to back. `cg` is the splat's colour dotted with the pixel's
 // gradient, `rg` the colour of everything from here on, background included, dotted with it.
 // Gates and transmittance are recomputed as in the forward pass; nothing is divided by T.
-fn replay(e0: F, e1: F, cut: F, opacity: F, t: F, rg: F, cg: F) -> Replay {
-    let a = gate(e0, e1, cut, opacity, t);
+fn replay(e0: F, e1: F, cut: F, opacity: F, least: F, t: F, rg: F, cg: F) -> Replay {
+    let a = gate(e0, e1, cut, opacity, least, t);
     let shown = a.w * cg;
     let behind = rg - shown;
     let clear = 1.0 - a.alpha;
