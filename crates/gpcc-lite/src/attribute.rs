@@ -5,10 +5,10 @@
 
 use crate::bytes::{Reader, put_varint};
 use crate::coeffs::{self, Mode};
-use crate::context::Magnitudes;
+use crate::context::{CHUNK, Magnitudes, chunk_size};
 use crate::error::{Error, Result};
 use crate::quant::{CentroidSums, Centroids, Step, VALUE_BITS};
-use crate::raht::{ClosedLoop, Plan, Residual};
+use crate::raht::{self, Forward, Plan, Residual};
 use crate::rdoq::Thresholds;
 
 /// What the encoder may choose.
@@ -21,11 +21,13 @@ pub struct Options {
     pub lambda: u8,
     /// Allow prediction of each octree level from the one above.
     pub prediction: bool,
+    /// Return what the decoder will, at the cost of half a decoding.
+    pub reconstruction: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { mode: Mode::Range, lambda: 24, prediction: true }
+        Self { mode: Mode::Range, lambda: 24, prediction: true, reconstruction: true }
     }
 }
 
@@ -34,7 +36,7 @@ impl Default for Options {
 pub struct Encoded {
     /// The stream.
     pub bytes: Vec<u8>,
-    /// What [`decode`] returns for it.
+    /// What [`decode`] returns for it; empty unless asked for.
     pub reconstruction: Vec<Vec<i32>>,
 }
 
@@ -58,33 +60,25 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> 
     if steps.len() != channels.len() {
         return Err(Error::Count { what: "steps", got: steps.len(), want: channels.len() });
     }
-    let mut exact = Vec::with_capacity(channels.len());
     for (channel, values) in channels.iter().enumerate() {
         if values.len() != plan.len() {
             return Err(Error::ChannelLength { channel, got: values.len(), want: plan.len() });
         }
-        let mut c: Vec<i64> = values.iter().map(|&v| i64::from(v) << VALUE_BITS).collect();
-        plan.forward_fixed(&mut c)?;
-        exact.push(c);
     }
     let mut bytes = Vec::new();
     put_varint(&mut bytes, channels.len() as u64);
     let mut done = Quantised { coded: vec![0; plan.len()], ..Quantised::default() };
     let mut at = 0;
     while at < channels.len() {
-        match (&exact[at..], &steps[at..]) {
-            ([a, b, c, ..], [p, q, r, ..]) => {
-                done.add(plan, [a, b, c], [*p, *q, *r], o)?;
-                at += 3;
-            }
-            _ => {
-                done.add(plan, [&exact[at]], [steps[at]], o)?;
-                at += 1;
-            }
+        let size = chunk_size(channels.len() - at);
+        match (&channels[at..at + size], &steps[at..at + size]) {
+            (&[a, b, c, d], &[p, q, r, s]) => done.add(plan, [a, b, c, d], [p, q, r, s], o)?,
+            (&[a, b, c], &[p, q, r]) => done.add(plan, [a, b, c], [p, q, r], o)?,
+            (&[a, b], &[p, q]) => done.add(plan, [a, b], [p, q], o)?,
+            (c, p) => done.add(plan, [c[0]], [p[0]], o)?,
         }
+        at += size;
     }
-    // Eight bytes a value that the entropy coder does not need.
-    drop(exact);
     done.coded = Vec::new();
     done.heads.iter().for_each(|h| h.write(&mut bytes));
     let refs: Vec<&[i32]> = done.quantised.iter().map(Vec::as_slice).collect();
@@ -106,18 +100,21 @@ pub fn decode(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<Vec<Vec<
         (0..channels).map(|_| Head::read(&mut r, plan)).collect::<Result<_>>()?;
     let quantised = coeffs::decode(plan, &bytes[r.pos()..], heads.len())?;
     let mut out = Vec::with_capacity(heads.len());
+    let mut quantised = quantised.into_iter();
     let mut at = 0;
     while at < heads.len() {
-        match (&quantised[at..], &heads[at..]) {
-            ([a, b, c, ..], [p, q, r, ..]) => {
-                out.extend(reconstruct(plan, [a, b, c], [p, q, r])?);
-                at += 3;
+        let size = chunk_size(heads.len() - at);
+        // Levels are dropped as soon as they have become values.
+        let levels: Vec<Vec<i32>> = quantised.by_ref().take(size).collect();
+        match (&levels[..], &heads[at..at + size]) {
+            ([a, b, c, d], [p, q, r, s]) => {
+                out.extend(reconstruct(plan, [a, b, c, d], [p, q, r, s])?);
             }
-            _ => {
-                out.extend(reconstruct(plan, [&quantised[at]], [&heads[at]])?);
-                at += 1;
-            }
+            ([a, b, c], [p, q, r]) => out.extend(reconstruct(plan, [a, b, c], [p, q, r])?),
+            ([a, b], [p, q]) => out.extend(reconstruct(plan, [a, b], [p, q])?),
+            (l, h) => out.extend(reconstruct(plan, [&l[0]], [&h[0]])?),
         }
+        at += size;
     }
     Ok(out)
 }
@@ -131,7 +128,7 @@ fn reconstruct<const C: usize>(
     if heads.iter().any(|h| !h.strength.is_empty()) {
         let dc = std::array::from_fn(|i| dequantise_dc(quantised[i], heads[i]));
         let mut source = Dequantiser { quantised, heads };
-        return Ok(to_values(plan, &ClosedLoop::run(plan, dc, &mut source)));
+        return Ok(to_values(plan, &raht::reconstruct(plan, dc, &mut source)));
     }
     let mut out = std::array::from_fn(|_| Vec::new());
     for (i, values) in out.iter_mut().enumerate() {
@@ -159,9 +156,8 @@ fn round_value(v: i64) -> i32 {
 /// Splits interleaved channels, takes the leaf weights out and rounds.
 fn to_values<const C: usize>(plan: &Plan, low: &[[i64; C]]) -> [Vec<i32>; C] {
     std::array::from_fn(|i| {
-        let mut one: Vec<i64> = low.iter().map(|v| v[i]).collect();
-        plan.unweight(&mut one);
-        one.iter().map(|&v| round_value(v)).collect()
+        let one = low.iter().enumerate();
+        one.map(|(leaf, v)| round_value(plan.unweight_one(leaf, v[i]))).collect()
     })
 }
 
@@ -192,8 +188,8 @@ impl Head {
         Ok(Self { step, centroids, strength })
     }
 
-    fn strength(&self, depth: usize) -> i64 {
-        self.strength.get(depth).map_or(0, |&s| i64::from(s))
+    fn strength(&self, depth: usize) -> f32 {
+        self.strength.get(depth).map_or(0.0, |&s| f32::from(s) / 16.0)
     }
 }
 
@@ -204,7 +200,7 @@ struct Dequantiser<'a, const C: usize> {
 }
 
 impl<const C: usize> Residual<C> for Dequantiser<'_, C> {
-    fn start_level(&mut self, depth: usize) -> [i64; C] {
+    fn start_level(&mut self, depth: usize) -> [f32; C] {
         self.heads.map(|h| h.strength(depth))
     }
 
@@ -235,118 +231,119 @@ impl Quantised {
     fn add<const C: usize>(
         &mut self,
         plan: &Plan,
-        exact: [&Vec<i64>; C],
+        channels: [&[i32]; C],
         steps: [Step; C],
         o: &Options,
     ) -> Result<()> {
-        let first = self.heads.len() as u32;
         let mut heads =
             steps.map(|step| Head { step, centroids: Centroids::TYPICAL, strength: Vec::new() });
+        let mut forward = Forward::new(plan, channels, VALUE_BITS, o.prediction);
         if o.prediction {
-            for (h, s) in heads.iter_mut().zip(measure_strength(plan, exact)) {
+            for (h, s) in heads.iter_mut().zip(forward.measure_strength(plan)) {
                 h.strength = s;
             }
         }
-        let (levels, sums, low) = quantise(plan, exact, &self.coded, first, &heads, o.lambda);
+        let (levels, sums, low) = self.quantise(plan, &forward.exact, &heads, o.lambda);
+        drop(forward);
         if low.is_none() {
             // Nothing was predicted from reconstructed values, so the shifts can still be chosen.
             for (h, s) in heads.iter_mut().zip(&sums) {
                 h.centroids = s.centroids();
             }
         }
-        let values = match low {
-            Some(low) => to_values(plan, &low),
-            None => reconstruct(plan, levels.each_ref(), heads.each_ref())?,
-        };
-        for channel in &levels {
-            for (sum, q) in self.coded.iter_mut().zip(channel) {
-                *sum = sum.saturating_add(q.unsigned_abs());
-            }
+        if o.reconstruction {
+            self.values.extend(match low {
+                Some(low) => to_values(plan, &low),
+                None => reconstruct(plan, levels.each_ref(), heads.each_ref())?,
+            });
         }
         self.quantised.extend(levels);
-        self.values.extend(values);
         self.heads.extend(heads);
         Ok(())
+    }
+
+    /// One pass of the encoder over `C` channels.
+    fn quantise<const C: usize>(
+        &mut self,
+        plan: &Plan,
+        exact: &[[i64; C]],
+        heads: &[Head; C],
+        lambda: u8,
+    ) -> Pass<C> {
+        let n = plan.len();
+        let mut q = Quantiser {
+            plan,
+            exact,
+            first: self.heads.len(),
+            coded: &mut self.coded,
+            heads,
+            thresholds: Thresholds::new(lambda),
+            per_unit: std::array::from_fn(|i| heads[i].step.per_unit()),
+            context: Magnitudes::new(n, 1),
+            quantised: std::array::from_fn(|_| vec![0; n]),
+            sums: [CentroidSums::default(); C],
+        };
+        let mut dc = [0; C];
+        if let Some(exact) = exact.first() {
+            for i in 0..C {
+                let level = (exact[i].unsigned_abs() as f64 * q.per_unit[i] + 0.5) as i32;
+                q.quantised[i][0] = if exact[i] < 0 { -level } else { level };
+                dc[i] = dequantise_dc(&q.quantised[i], &heads[i]);
+            }
+        }
+        let mut low = None;
+        if heads.iter().any(|h| !h.strength.is_empty()) {
+            low = Some(raht::reconstruct(plan, dc, &mut q));
+        } else {
+            for (depth, level) in plan.levels().windows(2).enumerate() {
+                q.start_level(depth);
+                for k in level[0] as usize..level[1] as usize {
+                    q.high(k, [0; C]);
+                }
+            }
+        }
+        (q.quantised, q.sums, low)
     }
 }
 
 /// Quantised coefficients, centroid sums and, if anything was predicted, reconstructed values.
 type Pass<const C: usize> = ([Vec<i32>; C], [CentroidSums; C], Option<Vec<[i64; C]>>);
 
-/// One pass of the encoder over `C` channels.
-fn quantise<const C: usize>(
-    plan: &Plan,
-    exact: [&Vec<i64>; C],
-    coded: &[u32],
-    first: u32,
-    heads: &[Head; C],
-    lambda: u8,
-) -> Pass<C> {
-    let mut q = Quantiser {
-        plan,
-        exact,
-        coded,
-        first,
-        heads,
-        thresholds: Thresholds::new(lambda),
-        per_unit: std::array::from_fn(|i| heads[i].step.per_unit()),
-        context: std::array::from_fn(|_| Magnitudes::new(plan)),
-        quantised: std::array::from_fn(|_| vec![0; plan.len()]),
-        sums: [CentroidSums::default(); C],
-    };
-    let mut dc = [0; C];
-    for i in 0..C {
-        if let Some(&exact) = exact[i].first() {
-            let level = (exact.unsigned_abs() as f64 * q.per_unit[i] + 0.5) as i32;
-            q.quantised[i][0] = if exact < 0 { -level } else { level };
-            dc[i] = dequantise_dc(&q.quantised[i], &heads[i]);
-        }
-    }
-    let mut low = None;
-    if heads.iter().any(|h| !h.strength.is_empty()) {
-        low = Some(ClosedLoop::run(plan, dc, &mut q));
-    } else {
-        for (depth, level) in plan.levels().windows(2).enumerate() {
-            q.start_level(depth);
-            for k in level[0] as usize..level[1] as usize {
-                q.high(k, [0; C]);
-            }
-        }
-    }
-    (q.quantised, q.sums, low)
-}
-
 /// Encoder: quantises the residual as it goes.
 struct Quantiser<'a, const C: usize> {
     plan: &'a Plan,
-    exact: [&'a Vec<i64>; C],
-    coded: &'a [u32],
-    first: u32,
+    exact: &'a [[i64; C]],
+    /// Number of channels done before these, and the sums of their magnitudes.
+    first: usize,
+    coded: &'a mut [u32],
     heads: &'a [Head; C],
     thresholds: Thresholds,
     per_unit: [f64; C],
-    context: [Magnitudes; C],
+    context: Magnitudes,
     quantised: [Vec<i32>; C],
     sums: [CentroidSums; C],
 }
 
 impl<const C: usize> Residual<C> for Quantiser<'_, C> {
-    fn start_level(&mut self, depth: usize) -> [i64; C] {
-        self.context.iter_mut().for_each(Magnitudes::start_level);
+    fn start_level(&mut self, depth: usize) -> [f32; C] {
+        self.context.start_level();
         std::array::from_fn(|i| self.heads[i].strength(depth))
     }
 
     #[inline]
     fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
-        let (parent, axis) = (self.plan.parents()[k - 1] as usize, self.plan.axes()[k - 1]);
+        let (parent, axis) = (self.plan.parents()[k - 1], self.plan.axes()[k - 1]);
+        let here = self.context.at(k, parent, axis, 0, self.first);
         let mut coded = self.coded[k];
         let mut high = predicted;
+        let mut magnitudes = [0; CHUNK];
+        let exact = &self.exact[k];
         for i in 0..C {
-            let residual = self.exact[i][k].wrapping_sub(predicted[i]);
-            let m = self.context[i].expected(parent, axis, coded, self.first + i as u32);
+            let residual = exact[i].wrapping_sub(predicted[i]);
+            let m = here.expected(i, coded);
             let x = residual.unsigned_abs() as f64 * self.per_unit[i];
             let magnitude = self.thresholds.quantise(x, m);
-            self.context[i].update(k, parent, axis, magnitude);
+            magnitudes[i] = magnitude;
             coded = coded.saturating_add(magnitude);
             if magnitude != 0 {
                 self.sums[i].add(magnitude, x);
@@ -356,51 +353,8 @@ impl<const C: usize> Residual<C> for Quantiser<'_, C> {
                 high[i] = high[i].wrapping_add(h.step.dequantise_one(q, h.centroids));
             }
         }
+        self.context.update(&here, &magnitudes);
+        self.coded[k] = coded;
         high
     }
-}
-
-/// How much of each level its prediction explains, from the exact coefficients; empty if little.
-fn measure_strength<const C: usize>(plan: &Plan, exact: [&Vec<i64>; C]) -> [Vec<u8>; C] {
-    struct Measure<'a, const C: usize> {
-        exact: [&'a Vec<i64>; C],
-        /// Sums of `exact * predicted` and of `predicted^2` in the current level.
-        sums: [[f64; 2]; C],
-        strength: [Vec<u8>; C],
-    }
-    impl<const C: usize> Measure<'_, C> {
-        fn close(&mut self) {
-            for (s, out) in self.sums.iter_mut().zip(&mut self.strength) {
-                let ratio = if s[1] > 0.0 { 16.0 * s[0] / s[1] } else { 0.0 };
-                out.push((ratio + 0.5).clamp(0.0, 15.0) as u8);
-                *s = [0.0; 2];
-            }
-        }
-    }
-    impl<const C: usize> Residual<C> for Measure<'_, C> {
-        fn start_level(&mut self, depth: usize) -> [i64; C] {
-            if depth > 0 {
-                self.close();
-            }
-            [16; C]
-        }
-
-        #[inline]
-        fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
-            let mut high = [0; C];
-            for i in 0..C {
-                high[i] = self.exact[i][k];
-                let p = predicted[i] as f64;
-                self.sums[i][0] += high[i] as f64 * p;
-                self.sums[i][1] += p * p;
-            }
-            high
-        }
-    }
-    let dc = std::array::from_fn(|i| exact[i].first().copied().unwrap_or(0));
-    let mut m =
-        Measure { exact, sums: [[0.0; 2]; C], strength: std::array::from_fn(|_| Vec::new()) };
-    let _ = ClosedLoop::run(plan, dc, &mut m);
-    m.close();
-    m.strength.map(|s| if s.iter().all(|&s| s == 0) { Vec::new() } else { s })
 }

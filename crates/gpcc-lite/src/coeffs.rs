@@ -5,15 +5,15 @@
 //! coefficient by coefficient, coarse to fine, so that the magnitude of a coefficient is
 //! predicted from its ancestors, from the two before it and from the channels already coded.
 
+mod models;
+
 use crate::bytes::{Reader, put_varint};
-use crate::context::Magnitudes;
+use crate::context::{CHUNK, Magnitudes, chunk_size};
 use crate::error::{Error, Result};
-use crate::mix::{Mixer, stretch};
-use crate::model::Bit;
 use crate::raht::Plan;
 use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
-use crate::rdoq::{BUCKETS, bucket};
 use crate::rlgr;
+use models::{Known, Models, Place};
 
 /// Entropy coder of a stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,8 +49,7 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
         Mode::Range => {
             out.push(RANGE);
             let mut coder = RangeEncoder::new();
-            let mut copy: Vec<Vec<i32>> = channels.iter().map(|c| c.to_vec()).collect();
-            code_channels(plan, &mut copy, &mut coder);
+            code_channels(plan, &mut Given(channels), &mut coder);
             out.extend(coder.finish());
         }
         Mode::Rlgr | Mode::RlgrMalvar => {
@@ -107,7 +106,7 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
         RANGE => {
             let mut coder = RangeDecoder::new(&bytes[1..]);
             let mut out = vec![vec![0; n]; channels];
-            code_channels(plan, &mut out, &mut coder);
+            code_channels(plan, &mut Wanted(&mut out), &mut coder);
             if coder.exhausted() {
                 return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
             }
@@ -127,168 +126,112 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
     }
 }
 
-/// Unary decisions before the exponential-Golomb escape.
-const UNARY: usize = 20;
-/// Memory of the counters.
-const LIMIT: u32 = 250;
-/// Counters that are mixed for each decision.
-const INPUTS: usize = 3;
-/// Logarithmic classes of a magnitude in the finer contexts.
-const CLASSES: usize = 6;
-
-/// The three contexts of a coefficient.
-#[derive(Clone, Copy)]
-struct Place {
-    expected: u32,
-    tables: [usize; INPUTS],
-    mixer: usize,
+/// Where levels come from, or go.
+trait Levels {
+    fn width(&self) -> usize;
+    fn get(&self, channel: usize, k: usize) -> i32;
+    fn set(&mut self, channel: usize, k: usize, level: i32);
 }
 
-/// Counters of the unary decisions of one coefficient context.
-type Unary = [Bit; UNARY];
+/// The encoder's channels.
+struct Given<'a>(&'a [&'a [i32]]);
 
-/// All adaptive state of a group.
-struct Models {
-    /// By channel and expected magnitude.
-    expected: Vec<Unary>,
-    /// By ancestors, previous and other channels, each in classes.
-    parts: Vec<Unary>,
-    /// By octree level, axis and coarse expected magnitude.
-    level: Vec<Unary>,
-    mixers: Vec<Mixer<INPUTS>>,
-    escape: [Bit; 32],
-    sign: Vec<Bit>,
-}
-
-/// 0, 1, 2, 3-4, 5-8, above.
-#[inline]
-fn class(v: u32) -> usize {
-    match v {
-        0..=2 => v as usize,
-        3..=4 => 3,
-        5..=8 => 4,
-        _ => 5,
-    }
-}
-
-/// A counter that starts where magnitudes are geometric with the mean of `bucket`.
-fn prior(bucket: usize) -> Unary {
-    let m = 1u64 << (bucket.min(40) / 2 + 8);
-    let mean = if bucket % 2 == 1 { m } else { m + m / 2 };
-    let shift = if bucket >= 23 { (bucket - 19) / 2 } else { 0 };
-    let mean = mean >> shift;
-    let p1 = (mean * 65536 / (mean + (1 << 16))).clamp(300, 65000);
-    [Bit::with_prior(p1 as u32, 3); UNARY]
-}
-
-impl Models {
-    fn new(channels: usize) -> Self {
-        let expected: Vec<Unary> = (0..channels * BUCKETS).map(|i| prior(i % BUCKETS)).collect();
-        Self {
-            expected,
-            parts: vec![[Bit::default(); UNARY]; 16 * CLASSES * CLASSES * 4],
-            level: (0..64 * BUCKETS).map(|i| prior(i % BUCKETS)).collect(),
-            mixers: vec![Mixer::new(68_000); channels * UNARY],
-            escape: [Bit::default(); 32],
-            sign: vec![Bit::default(); channels * 9 * 4],
-        }
+impl Levels for Given<'_> {
+    fn width(&self) -> usize {
+        self.0.len()
     }
 
     #[inline]
-    fn magnitude<C: BinaryCoder>(&mut self, coder: &mut C, place: &Place, v: u32) -> u32 {
-        let m = place.expected;
-        // Low bits whose distribution is flat at this scale go out unmodelled.
-        let shift = if m >= 8 << 8 { (m >> 10).ilog2() } else { 0 };
-        let high = v >> shift;
-        let [a, b, c] = place.tables;
-        let (a, b, c) = (&mut self.expected[a], &mut self.parts[b], &mut self.level[c]);
-        let mut u = 0;
-        while u < UNARY {
-            let inputs = [stretch(a[u].p1()), stretch(b[u].p1()), stretch(c[u].p1())];
-            let mixer = &mut self.mixers[place.mixer + u];
-            let p1 = mixer.mix(&inputs);
-            let bit = coder.code(p1, high > u as u32);
-            mixer.update(&inputs, p1, bit, 2);
-            a[u].update(bit, LIMIT);
-            b[u].update(bit, LIMIT);
-            c[u].update(bit, LIMIT);
-            if !bit {
-                break;
-            }
-            u += 1;
-        }
-        let mut u = u as u32;
-        if u as usize == UNARY {
-            let rest = code_exp_golomb(coder, &mut self.escape, high.saturating_sub(u));
-            u = u.saturating_add(rest).min(u32::MAX >> shift);
-        }
-        if shift == 0 {
-            return u;
-        }
-        let low = coder.code_raw_wide(v & ((1 << shift) - 1), shift);
-        (u << shift) | low
+    fn get(&self, channel: usize, k: usize) -> i32 {
+        self.0[channel][k]
+    }
+
+    #[inline]
+    fn set(&mut self, _: usize, _: usize, _: i32) {}
+}
+
+/// The decoder's channels, zeros at first.
+struct Wanted<'a>(&'a mut [Vec<i32>]);
+
+impl Levels for Wanted<'_> {
+    fn width(&self) -> usize {
+        self.0.len()
+    }
+
+    #[inline]
+    fn get(&self, _: usize, _: usize) -> i32 {
+        0
+    }
+
+    #[inline]
+    fn set(&mut self, channel: usize, k: usize, level: i32) {
+        self.0[channel][k] = level;
     }
 }
 
-/// Exponential Golomb with modelled prefix.
-fn code_exp_golomb<C: BinaryCoder>(coder: &mut C, model: &mut [Bit; 32], v: u32) -> u32 {
-    let v1 = u64::from(v) + 1;
-    let bits = v1.ilog2();
-    let mut k = 0;
-    while k < 31 && model[k as usize].code(coder, bits > k, LIMIT) {
-        k += 1;
-    }
-    let low = coder.code_raw_wide((v1 & ((1 << k) - 1)) as u32, k);
-    (((1u64 << k) | u64::from(low)) - 1) as u32
-}
-
-/// Codes or decodes all channels; the decoder gets zeros and fills them in.
-fn code_channels<C: BinaryCoder>(plan: &Plan, channels: &mut [Vec<i32>], coder: &mut C) {
+/// Codes or decodes all channels.
+fn code_channels<C: BinaryCoder, L: Levels>(plan: &Plan, levels: &mut L, coder: &mut C) {
     let n = plan.len();
-    let width = channels.len();
+    let width = levels.width();
     if n == 0 || width == 0 {
         return;
     }
-    for c in channels.iter_mut() {
-        c[0] = coder.code_raw_wide(c[0] as u32, 32) as i32;
+    for ch in 0..width {
+        let dc = coder.code_raw_wide(levels.get(ch, 0) as u32, 32) as i32;
+        levels.set(ch, 0, dc);
     }
-    let mut models = Models::new(width);
-    let mut context: Vec<Magnitudes> = (0..width).map(|_| Magnitudes::new(plan)).collect();
+    let mut sizes = Vec::new();
+    let mut left = width;
+    while left > 0 {
+        sizes.push(chunk_size(left));
+        left -= chunk_size(left);
+    }
+    let mut models = Models::new(width, sizes.len());
+    let mut context = Magnitudes::new(n, sizes.len());
     for (depth, level) in plan.levels().windows(2).enumerate() {
-        context.iter_mut().for_each(Magnitudes::start_level);
-        for k in level[0] as usize..level[1] as usize {
+        context.start_level();
+        let range = level[0] as usize - 1..level[1] as usize - 1;
+        let places = plan.parents()[range.clone()].iter().zip(&plan.axes()[range.clone()]);
+        for (k, (&parent, &axis)) in (range.start + 1..).zip(places) {
             if !C::ENCODING && coder.exhausted() {
                 return;
             }
-            let (parent, axis) = (plan.parents()[k - 1] as usize, plan.axes()[k - 1]);
-            let mut coded = 0u32;
-            let mut signs = 0;
-            for ch in 0..width {
-                let m = context[ch].expected(parent, axis, coded, ch as u32);
-                let (activity, [p1, p2]) = context[ch].parts(parent, axis);
-                let parts = (bucket(activity) / 2).min(15) * CLASSES + class(p1.saturating_add(p2));
-                let place = Place {
-                    expected: m,
-                    tables: [
-                        ch * BUCKETS + bucket(m),
-                        (parts * CLASSES + class(coded)) * 4 + ch.min(3),
-                        (depth * 3 + usize::from(axis)) * BUCKETS + bucket(m),
-                    ],
-                    mixer: ch * UNARY,
-                };
-                let value = channels[ch][k];
-                let magnitude = models.magnitude(coder, &place, value.unsigned_abs());
-                let mut negative = false;
-                if magnitude != 0 {
-                    let ctx = (ch * 9 + signs) * 4;
-                    negative = models.sign[ctx].code(coder, value < 0, 1023);
+            let mut place = Place { level: depth * 3 + usize::from(axis), coded: 0 };
+            let (mut first, mut signs) = (0, 0);
+            for (chunk, &size) in sizes.iter().enumerate() {
+                let here = context.at(k, parent, axis, chunk, first);
+                let mut magnitude = [0; CHUNK];
+                let some = C::ENCODING && (first..first + size).any(|ch| levels.get(ch, k) != 0);
+                let flag = models.any(coder, &here, place, (chunk, size), some);
+                if flag == Some(false) {
+                    // As many zeros shift all signs out.
+                    signs = 0;
+                } else {
+                    for i in 0..size {
+                        let ch = first + i;
+                        let known = match flag {
+                            Some(true) if magnitude != [0; CHUNK] => Known::Nothing,
+                            Some(true) if i + 1 == size => Known::NotZero,
+                            Some(true) => Known::SomeNotZero,
+                            _ => Known::Nothing,
+                        };
+                        let v = levels.get(ch, k);
+                        let who = (i, ch);
+                        let m = models.magnitude(coder, &here, place, who, known, v.unsigned_abs());
+                        let mut t = 0;
+                        if m != 0 {
+                            let negative = models.sign(coder, ch, signs, v < 0);
+                            let level = m as i32;
+                            levels.set(ch, k, if negative { level.wrapping_neg() } else { level });
+                            t = 1 + usize::from(negative);
+                        }
+                        signs = (signs * 3 + t) % 9;
+                        magnitude[i & 3] = m;
+                        place.coded = place.coded.saturating_add(m);
+                    }
                 }
-                signs =
-                    (signs * 3 + if magnitude == 0 { 0 } else { 1 + usize::from(negative) }) % 9;
-                channels[ch][k] =
-                    if negative { (magnitude as i32).wrapping_neg() } else { magnitude as i32 };
-                context[ch].update(k, parent, axis, magnitude);
-                coded = coded.saturating_add(magnitude);
+                context.update(&here, &magnitude);
+                first += size;
             }
         }
     }

@@ -97,8 +97,8 @@ impl<const N: usize> Mixer<N> {
     pub fn update(&mut self, inputs: &[i32; N], p1: u32, bit: bool, rate: i32) {
         let err = ((i32::from(bit) << 16) - p1 as i32) * rate;
         for (w, x) in self.0.iter_mut().zip(inputs) {
-            let step = (i64::from(*x) * i64::from(err) + (1 << 17)) >> 18;
-            *w = (*w + step as i32).clamp(-(1 << 20), 1 << 20);
+            // At most 2^11 times 2^16 times the rate; a stream no encoder wrote may wrap a weight.
+            *w = w.wrapping_add((*x * err + (1 << 17)) >> 18);
         }
     }
 }

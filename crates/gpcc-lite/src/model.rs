@@ -66,8 +66,7 @@ impl Bit {
         let p = self.0 >> 10;
         let target = if bit { (1 << 22) - 1 } else { 0 };
         let delta = ((i64::from(target) - i64::from(p)) * i64::from(RATE[n as usize])) >> 16;
-        let p = (i64::from(p) + delta) as u32;
-        self.0 = (p << 10) | (n + u32::from(n < limit));
+        self.0 = self.0.wrapping_add((delta as u32) << 10) + u32::from(n < limit);
     }
 
     /// Codes one decision and learns it.

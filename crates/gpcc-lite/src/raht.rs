@@ -16,11 +16,14 @@
 //! level; within a level block by block in Morton order (a block is a node with two children or
 //! more, hence 1 to 7 merges), within a block x, then y, then z.
 
+mod blocks;
 mod closed_loop;
 mod float;
+mod forward;
 mod pyramid;
 
-pub(crate) use closed_loop::{ClosedLoop, Residual};
+pub(crate) use closed_loop::{Residual, reconstruct};
+pub(crate) use forward::Forward;
 use pyramid::Pyramid;
 use std::sync::OnceLock;
 
@@ -29,9 +32,6 @@ use crate::leaf::{Leaf, check_leaves};
 
 /// Fraction bits of the butterfly factors of the fixed-point transform.
 pub const FACTOR_BITS: u32 = 30;
-
-/// Fraction bits of the gains that take means to high-pass values.
-const GAIN_BITS: u32 = 12;
 
 /// Greatest sum of leaf weights (exclusive): keeps `|value| 2^12 sqrt(sum)` below 2^62 for
 /// every `i32` value.
@@ -51,9 +51,9 @@ pub struct Plan {
     weight: Vec<[u64; 2]>,
     /// Per merge: `[sqrt(w1 / w), sqrt(w2 / w)]` with [`FACTOR_BITS`] fraction bits.
     factor: Vec<[i32; 2]>,
-    /// Per merge: `sqrt(w1 w2 / w)` with [`GAIN_BITS`] fraction bits, which takes a difference of
-    /// the children's means to the high-pass value.
-    gain: Vec<u32>,
+    /// Per merge: `sqrt(w1 w2 / w)`, which takes a difference of the children's means to the
+    /// high-pass value.
+    gain: Vec<f32>,
     /// Per merge: axis it splits, 0 = x, 1 = y, 2 = z.
     axis: Vec<u8>,
     /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `N`.
@@ -175,7 +175,7 @@ impl Plan {
             parent: vec![0; merges],
             weight: vec![[0; 2]; merges],
             factor: vec![[0; 2]; merges],
-            gain: vec![0; merges],
+            gain: vec![0.0; merges],
             axis: vec![0; merges],
             levels,
             root_weight: weights
@@ -332,6 +332,15 @@ impl Plan {
         }
     }
 
+    /// One such value.
+    #[inline]
+    pub(crate) fn unweight_one(&self, leaf: usize, value: i64) -> i64 {
+        match self.root_weight.get(leaf) {
+            Some(&r) => scale_down(value, r),
+            None => value,
+        }
+    }
+
     fn to_coefficient_order<T: Copy>(&self, values: &[T]) -> Vec<T> {
         let dc = values.first().copied();
         dc.into_iter().chain(self.right.iter().map(|&j| values[j as usize])).collect()
@@ -358,14 +367,13 @@ fn factors(w1: u64, w2: u64) -> [i32; 2] {
     [f(w1), f(w2)]
 }
 
-fn gain(w1: u64, w2: u64) -> u32 {
-    let g = (w1 as f64 * (w2 as f64 / (w1 + w2) as f64)).sqrt();
-    (g * f64::from(1u32 << GAIN_BITS) + 0.5) as u32
+fn gain(w1: u64, w2: u64) -> f32 {
+    (w1 as f64 * (w2 as f64 / (w1 + w2) as f64)).sqrt() as f32
 }
 
-/// `1 / sqrt(w)` with [`FACTOR_BITS`] fraction bits.
-fn inverse_root(w: u64) -> u32 {
-    (f64::from(1u32 << FACTOR_BITS) / (w as f64).sqrt() + 0.5) as u32
+/// `1 / sqrt(w)`.
+fn inverse_root(w: u64) -> f32 {
+    (1.0 / (w as f64).sqrt()) as f32
 }
 
 #[inline]

@@ -28,7 +28,7 @@ pub(super) struct Pyramid {
     /// First block of each depth, then their number.
     pub(super) levels: Vec<u32>,
     /// `1 / sqrt(weight)` per node.
-    pub(super) inverse_root: Vec<u32>,
+    pub(super) inverse_root: Vec<f32>,
     /// Per node: number of terms that predict it besides its block's own mean.
     pub(super) count: Vec<u8>,
     /// The terms, node after node: number of the node, and above [`NODE_BITS`] the weight.
@@ -146,7 +146,7 @@ impl Pyramid {
         this
     }
 
-    fn push_node(&mut self, inverse_root: u32, count: u8) {
+    fn push_node(&mut self, inverse_root: f32, count: u8) {
         self.inverse_root.push(inverse_root);
         self.count.push(count);
     }

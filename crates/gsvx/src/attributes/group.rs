@@ -61,7 +61,8 @@ impl Transform {
         };
         // RLGR is the fast mode; prediction from the parent level costs more than it does.
         let prediction = entropy == Entropy::Range;
-        let options = attribute::Options { mode, prediction, ..Default::default() };
+        let options =
+            attribute::Options { mode, prediction, reconstruction: false, ..Default::default() };
         let coded = attribute::encode(&self.plan, &views, &steps, &options);
         Ok(coded.map_err(coding("attribute"))?.bytes)
     }

@@ -1,0 +1,206 @@
+//! Contexts and counters of the magnitudes and signs of coefficients.
+
+use crate::context::Here;
+use crate::mix::{Mixer, code_mixed};
+use crate::model::Bit;
+use crate::range::BinaryCoder;
+use crate::rdoq::{BUCKETS, bucket};
+
+/// Unary decisions before the exponential-Golomb escape.
+const UNARY: usize = 14;
+/// Memory of the counters.
+const LIMIT: u32 = 250;
+/// Counters that are mixed for each decision.
+const INPUTS: usize = 3;
+/// Logarithmic classes of a magnitude in the finer contexts.
+const CLASSES: usize = 6;
+/// Expected magnitudes from here on (8 fraction bits) are coded without their low bits.
+const COARSE: u32 = 768;
+/// Expected sums of a chunk from here on have no flag that says all are zero.
+const BUSY: u32 = 224;
+
+/// What the context of a decision is made of.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    /// Octree level and axis: `3 depth + axis`.
+    pub(super) level: usize,
+    /// Sum of the magnitudes already coded here.
+    pub(super) coded: u32,
+}
+
+/// What the flag of a chunk tells of a magnitude.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Known {
+    Nothing,
+    /// This one or a later one of the chunk is not zero.
+    SomeNotZero,
+    /// This one is not zero.
+    NotZero,
+}
+
+/// Counters of the unary decisions of one coefficient context. The first decision has two: one
+/// where the chunk is known not to be zero and its channels before are, then the plain one.
+type Unary = [Bit; UNARY + 1];
+
+/// All adaptive state of a group.
+pub(super) struct Models {
+    /// By channel and expected magnitude.
+    expected: Vec<Unary>,
+    /// By ancestors, previous and other channels, each in classes.
+    parts: Vec<Unary>,
+    /// By octree level, axis and coarse expected magnitude.
+    level: Vec<Unary>,
+    mixers: Vec<[Mixer<INPUTS>; UNARY + 1]>,
+    /// Of the highest of the low bits, by expected magnitude and what is above.
+    low: Vec<[Bit; 4]>,
+    escape: [Bit; 32],
+    sign: Vec<Bit>,
+    /// The same three tables and mixers for the flags of chunks.
+    flag: [Vec<Bit>; INPUTS],
+    flag_mixers: Vec<Mixer<INPUTS>>,
+}
+
+/// 0, 1, 2, 3-4, 5-8, above.
+#[inline]
+fn class(v: u32) -> usize {
+    const CLASS: [u8; 10] = [0, 1, 2, 3, 3, 4, 4, 4, 4, 5];
+    usize::from(CLASS[v.min(9) as usize])
+}
+
+/// Index into `parts`.
+#[inline]
+fn parts(above: u32, previous: u32, coded: u32, who: usize) -> usize {
+    let parts = (bucket(above) / 2).min(15) * CLASSES + class(previous);
+    (parts * CLASSES + class(coded)) * 4 + who.min(3)
+}
+
+/// Low bits of a magnitude with this expectation.
+#[inline]
+fn low_bits(expected: u32) -> u32 {
+    if expected < COARSE { 0 } else { (expected / (COARSE / 2)).ilog2() }
+}
+
+/// A counter that starts where magnitudes are geometric with the mean of `bucket`.
+fn prior(bucket: usize) -> Unary {
+    let m = 1u64 << (bucket.min(40) / 2 + 8);
+    let mean = if bucket % 2 == 1 { m } else { m + m / 2 };
+    let mean = mean >> low_bits((mean >> 8) as u32);
+    let p1 = (mean * 65536 / (mean + (1 << 16))).clamp(300, 65000);
+    let mut unary = [Bit::with_prior(p1 as u32, 3); UNARY + 1];
+    unary[0] = Bit::default();
+    unary
+}
+
+impl Models {
+    pub(super) fn new(channels: usize, chunks: usize) -> Self {
+        let parts = 16 * CLASSES * CLASSES * 4;
+        let plain = |n: usize| vec![Bit::default(); n];
+        Self {
+            expected: (0..channels * BUCKETS).map(|i| prior(i % BUCKETS)).collect(),
+            parts: vec![[Bit::default(); UNARY + 1]; parts],
+            level: (0..64 * BUCKETS).map(|i| prior(i % BUCKETS)).collect(),
+            mixers: vec![[Mixer::new(68_000); UNARY + 1]; channels],
+            low: vec![[Bit::default(); 4]; BUCKETS],
+            escape: [Bit::default(); 32],
+            sign: plain(channels * 9),
+            flag: [plain(chunks * BUCKETS), plain(parts), plain(64 * BUCKETS)],
+            flag_mixers: vec![Mixer::new(68_000); chunks],
+        }
+    }
+
+    /// Codes whether any of the `size` channels of chunk `chunk` is not zero; `None` if there is
+    /// no flag to code.
+    #[inline]
+    pub(super) fn any<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        here: &Here,
+        place: Place,
+        (chunk, size): (usize, usize),
+        truth: bool,
+    ) -> Option<bool> {
+        let [expected, above, previous] = here.sums(size, place.coded);
+        if size == 1 || expected >= BUSY {
+            return None;
+        }
+        let m = bucket(expected);
+        let [a, b, c] = &mut self.flag;
+        let bits = [
+            &mut a[chunk * BUCKETS + m],
+            &mut b[parts(above, previous, place.coded, chunk)],
+            &mut c[place.level * BUCKETS + m],
+        ];
+        Some(code_mixed(coder, &mut self.flag_mixers[chunk], bits, truth, 2, LIMIT))
+    }
+
+    /// Codes the magnitude of the chunk's channel `i`, which is number `channel`, and begins
+    /// with what is known.
+    #[inline]
+    pub(super) fn magnitude<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        here: &Here,
+        place: Place,
+        (i, channel): (usize, usize),
+        known: Known,
+        v: u32,
+    ) -> u32 {
+        let m = here.expected(i, place.coded);
+        let b = bucket(m);
+        // Low bits whose distribution is flat at this scale go out unmodelled.
+        let shift = low_bits(m);
+        let high = v >> shift;
+        let previous = here.previous[0][i] + here.previous[1][i];
+        let x = &mut self.expected[channel * BUCKETS + b];
+        let y = &mut self.parts[parts(here.above[i], previous, place.coded, channel)];
+        let z = &mut self.level[place.level * BUCKETS + b];
+        let mixers = &mut self.mixers[channel];
+        let mut u = usize::from(known == Known::NotZero && shift == 0);
+        let mut slot = if known == Known::Nothing { 1 } else { 0 };
+        while u < UNARY {
+            slot = slot.max(u + usize::from(u > 0));
+            let bits = [&mut x[slot], &mut y[slot], &mut z[slot]];
+            if !code_mixed(coder, &mut mixers[slot], bits, high > u as u32, 2, LIMIT) {
+                break;
+            }
+            u += 1;
+        }
+        let mut u = u as u32;
+        if u as usize == UNARY {
+            let rest = code_exp_golomb(coder, &mut self.escape, high.saturating_sub(u));
+            u = u.saturating_add(rest).min(u32::MAX >> shift);
+        }
+        if shift == 0 {
+            return u;
+        }
+        let top = &mut self.low[b][u.min(3) as usize];
+        let top = u32::from(top.code(coder, v >> (shift - 1) & 1 == 1, LIMIT));
+        let rest = shift - 1;
+        let low = coder.code_raw_wide(v & ((1 << rest) - 1), rest);
+        (u << shift) | (top << rest) | low
+    }
+
+    /// Codes a sign, true for negative; `signs` sums up those of the two channels before.
+    #[inline]
+    pub(super) fn sign<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        channel: usize,
+        signs: usize,
+        truth: bool,
+    ) -> bool {
+        self.sign[channel * 9 + signs].code(coder, truth, 1023)
+    }
+}
+
+/// Exponential Golomb with modelled prefix.
+fn code_exp_golomb<C: BinaryCoder>(coder: &mut C, model: &mut [Bit; 32], v: u32) -> u32 {
+    let v1 = u64::from(v) + 1;
+    let bits = v1.ilog2();
+    let mut k = 0;
+    while k < 31 && model[k as usize].code(coder, bits > k, LIMIT) {
+        k += 1;
+    }
+    let low = coder.code_raw_wide((v1 & ((1 << k) - 1)) as u32, k);
+    (((1u64 << k) | u64::from(low)) - 1) as u32
+}
