@@ -44,6 +44,7 @@ mod order;
 mod paper;
 mod prune;
 mod rate_distortion;
+mod record;
 mod released;
 mod stats;
 mod strategy;

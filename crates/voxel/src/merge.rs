@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::importance::Importance;
-use crate::order::CHUNK;
 use crate::voxelize::Voxelization;
 
 /// How the members of a leaf become one Gaussian.
@@ -55,7 +54,8 @@ pub fn merge_weighted(
     importance: &Importance,
 ) -> Result<Scene> {
     importance.validate(scene)?;
-    if let Some(&member) = voxelization.members.iter().find(|&&m| m as usize >= scene.len()) {
+    let outside = voxelization.members.par_iter().find_first(|&&m| m as usize >= scene.len());
+    if let Some(&member) = outside {
         return Err(Error::Member { member, len: scene.len() });
     }
     let len = voxelization.len();
@@ -68,45 +68,130 @@ pub fn merge_weighted(
         sh_degree: scene.sh_degree,
         sh: vec![[0.0; 3]; len * sh_len],
     };
-    let leaf_of = |chunk: usize, i: usize| chunk * CHUNK + i;
-    out.means.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, means)| {
+    out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
         for (i, mean) in means.iter_mut().enumerate() {
-            *mean = voxelization.centre(leaf_of(chunk, i));
+            *mean = voxelization.centre(batch * BATCH + i);
         }
     });
     out.rotations
-        .par_chunks_mut(CHUNK)
-        .zip(out.log_scales.par_chunks_mut(CHUNK))
-        .zip(out.opacity_logits.par_chunks_mut(CHUNK))
-        .zip(out.sh.par_chunks_mut(CHUNK * sh_len))
+        .par_chunks_mut(BATCH)
+        .zip(out.log_scales.par_chunks_mut(BATCH))
+        .zip(out.opacity_logits.par_chunks_mut(BATCH))
+        .zip(out.sh.par_chunks_mut(BATCH * sh_len))
         .enumerate()
-        .for_each(|(chunk, (((rotations, log_scales), opacity_logits), sh))| {
-            let mut weights = Vec::new();
-            for (i, sh) in sh.chunks_exact_mut(sh_len).enumerate() {
-                let members = voxelization.members_of(leaf_of(chunk, i));
-                let shape = match (members, rule) {
-                    (&[one], _) => {
-                        sh.copy_from_slice(scene.sh_of(one as usize));
-                        Shape::of(scene, one as usize)
-                    }
-                    (_, Merge::Paper) => {
-                        weights.clear();
-                        weights.resize(members.len(), 1.0);
-                        average_sh(scene, members, &weights, sh);
-                        paper::shape(scene, members)
-                    }
-                    (_, Merge::Moments) => {
-                        moments::weights(scene, members, importance, &mut weights);
-                        average_sh(scene, members, &weights, sh);
-                        moments::shape(scene, members, &weights)
-                    }
-                };
-                rotations[i] = shape.rotation;
-                log_scales[i] = shape.log_scale;
-                opacity_logits[i] = shape.opacity_logit;
-            }
-        });
+        .for_each_init(
+            Scratch::default,
+            |scratch, (batch, (((rotations, scales), logits), sh))| {
+                let first = batch * BATCH;
+                let out = Batch { rotations, log_scales: scales, opacity_logits: logits, sh };
+                out.fill(scene, voxelization, first, rule, importance, scratch);
+            },
+        );
     Ok(out)
+}
+
+/// Leaves that are merged together. Fixed, and few enough that what is read of the octree
+/// stays in the first-level cache from attribute to attribute.
+const BATCH: usize = 1024;
+
+/// The attributes of some leaves.
+struct Batch<'a> {
+    rotations: &'a mut [[f32; 4]],
+    log_scales: &'a mut [[f32; 3]],
+    opacity_logits: &'a mut [f32],
+    sh: &'a mut [[f32; 3]],
+}
+
+/// What a thread keeps from batch to batch, to allocate it once.
+#[derive(Default)]
+struct Scratch {
+    /// Leaves of more than one member, counted from the first of the batch.
+    shared: Vec<usize>,
+    /// Members of these, one leaf after the other.
+    members: Vec<u32>,
+    /// ... their weights,
+    weights: Vec<f64>,
+    /// ... and, for [`Merge::Moments`], their shapes.
+    looks: Vec<moments::Look>,
+}
+
+impl Batch<'_> {
+    /// Merges the leaves from `first` on.
+    ///
+    /// Attribute by attribute, in loops that do little: members lie all over the scene, and
+    /// only then do the cache misses of many leaves overlap.
+    fn fill(
+        self,
+        scene: &Scene,
+        voxelization: &Voxelization,
+        first: usize,
+        rule: Merge,
+        importance: &Importance,
+        scratch: &mut Scratch,
+    ) {
+        let len = self.rotations.len();
+        let offsets = &voxelization.member_offsets[first..=first + len];
+        let members_of =
+            |i: usize| &voxelization.members[offsets[i] as usize..offsets[i + 1] as usize];
+        // Every leaf as if its first member were the only one.
+        let only = |i: usize| voxelization.members[offsets[i] as usize] as usize;
+        let sh_len = scene.sh_len();
+        for (i, sh) in self.sh.chunks_exact_mut(sh_len).enumerate() {
+            sh.copy_from_slice(scene.sh_of(only(i)));
+        }
+        for (i, rotation) in self.rotations.iter_mut().enumerate() {
+            *rotation = scene.rotations[only(i)];
+        }
+        for (i, log_scale) in self.log_scales.iter_mut().enumerate() {
+            *log_scale = scene.log_scales[only(i)];
+        }
+        for (i, logit) in self.opacity_logits.iter_mut().enumerate() {
+            *logit = scene.opacity_logits[only(i)];
+        }
+        // Then those that have more.
+        let Scratch { shared, members, weights, looks } = scratch;
+        shared.clear();
+        shared.extend((0..len).filter(|&i| offsets[i + 1] - offsets[i] > 1));
+        members.clear();
+        shared.iter().for_each(|&i| members.extend_from_slice(members_of(i)));
+        weights.clear();
+        match rule {
+            Merge::Paper => weights.resize(members.len(), 1.0),
+            Merge::Moments => {
+                looks.clear();
+                looks.extend(members.iter().map(|&m| moments::Look::of(scene, m)));
+                weights.extend(members.iter().zip(&*looks).map(|(&m, look)| match importance {
+                    Importance::OpacityArea => look.opacity * look.area,
+                    Importance::Given(given) => f64::from(given[m as usize]),
+                }));
+            }
+        }
+        let mut start = 0;
+        for &i in &*shared {
+            let range = start..start + members_of(i).len();
+            start = range.end;
+            if rule == Merge::Moments {
+                moments::normalise(&mut weights[range.clone()]);
+            }
+            let sh = &mut self.sh[i * sh_len..(i + 1) * sh_len];
+            average_sh(scene, &members[range.clone()], &weights[range], sh);
+        }
+        start = 0;
+        for &i in &*shared {
+            let range = start..start + members_of(i).len();
+            start = range.end;
+            let members = &members[range.clone()];
+            let shape = match rule {
+                Merge::Paper => paper::shape(scene, members),
+                Merge::Moments => {
+                    moments::shape(scene, members, &looks[range.clone()], &weights[range])
+                }
+            };
+            self.rotations[i] = shape.rotation;
+            self.log_scales[i] = shape.log_scale;
+            self.opacity_logits[i] = shape.opacity_logit;
+        }
+    }
 }
 
 impl Shape {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::cube::Cube;
 use crate::descend;
 use crate::gaussian::log_volume;
-use crate::order::MortonOrder;
+use crate::order::{CHUNK, MortonOrder};
 
 /// Flags the Gaussians whose volume reaches the `100 - percent` percentile.
 ///
@@ -18,11 +18,50 @@ pub(crate) fn large(scene: &Scene, percent: f64) -> Vec<bool> {
     if count == 0 {
         return vec![false; len];
     }
-    let volumes: Vec<f64> = scene.log_scales.par_iter().map(|&l| log_volume(l)).collect();
-    let mut sorted = volumes.clone();
-    let (_, threshold, _) = sorted.select_nth_unstable_by(len - count, f64::total_cmp);
-    let threshold = *threshold;
-    volumes.par_iter().map(|v| v.total_cmp(&threshold).is_ge()).collect()
+    let key = |i: usize| ascending(log_volume(scene.log_scales[i]));
+    // The bucket that holds the threshold, by counting, then the threshold inside it.
+    let chunks = (0..len.div_ceil(CHUNK)).into_par_iter();
+    let range = |chunk: usize| chunk * CHUNK..len.min((chunk + 1) * CHUNK);
+    let counts = chunks
+        .clone()
+        .fold(
+            || vec![0u32; BUCKETS],
+            |mut counts, chunk| {
+                range(chunk).for_each(|i| counts[bucket(key(i))] += 1);
+                counts
+            },
+        )
+        .reduce(
+            || vec![0u32; BUCKETS],
+            |mut a, b| {
+                a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+                a
+            },
+        );
+    let (mut wanted, mut rank) = (0, len - count);
+    while rank >= counts[wanted] as usize {
+        rank -= counts[wanted] as usize;
+        wanted += 1;
+    }
+    let mut inside: Vec<u64> = chunks
+        .flat_map_iter(|chunk| range(chunk).map(key).filter(|&k| bucket(k) == wanted))
+        .collect();
+    let (_, &mut threshold, _) = inside.select_nth_unstable(rank);
+    (0..len).into_par_iter().with_min_len(CHUNK).map(|i| key(i) >= threshold).collect()
+}
+
+/// Bits of a key that name its bucket: sign, exponent and one bit of the mantissa.
+const BUCKET_BITS: u32 = 13;
+const BUCKETS: usize = 1 << BUCKET_BITS;
+
+fn bucket(key: u64) -> usize {
+    (key >> (u64::BITS - BUCKET_BITS)) as usize
+}
+
+/// An integer that is ordered as `f64::total_cmp` orders `x`.
+fn ascending(x: f64) -> u64 {
+    let bits = x.to_bits();
+    if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
 }
 
 /// The criteria and what they look at.
@@ -36,27 +75,72 @@ pub(crate) struct Rule<'a> {
     pub(crate) tau2: f64,
 }
 
+/// What the criteria look at in one Gaussian.
+#[derive(Clone, Copy)]
+struct Point {
+    mean: [f32; 3],
+    large: bool,
+}
+
 impl Rule<'_> {
     /// Depth of the leaf of every Gaussian of `order`.
     pub(crate) fn depths(&self, order: &MortonOrder) -> Vec<u8> {
-        descend::depths(order, self.j_low, self.j_high, |code, members, depth| {
-            self.splits(code, members, depth)
+        // In Morton order, because cells are looked at level by level.
+        let points: Vec<Point> = order
+            .members
+            .par_iter()
+            .map(|&i| Point { mean: self.scene.means[i as usize], large: self.large[i as usize] })
+            .collect();
+        descend::depths(&order.codes, self.j_low, self.j_high, |code, range, depth| {
+            self.splits(code, &points[range], depth)
         })
     }
 
-    fn splits(&self, code: u64, members: &[u32], depth: u8) -> bool {
-        if members.len() as u64 > u64::from(self.tau1) {
+    fn splits(&self, code: u64, points: &[Point], depth: u8) -> bool {
+        if points.len() as u64 > u64::from(self.tau1) {
             return true;
         }
         let shift = 3 * u32::from(self.j_high - depth);
         let leaf = Leaf { morton: code >> shift << shift, depth };
         let centre = self.cube.centre_offset(leaf, self.j_high);
         let limit = self.tau2 * self.cube.cell(depth);
-        members.iter().any(|&i| {
-            let i = i as usize;
-            let offset = self.cube.offset(self.scene.means[i]);
+        points.iter().any(|point| {
+            let offset = self.cube.offset(point.mean);
             let square: f64 = (0..3).map(|k| offset[k] - centre[k]).map(|d| d * d).sum();
-            self.large[i] || square > limit * limit
+            point.large || square > limit * limit
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against sorting, with many ties.
+    #[test]
+    fn large_is_the_percentile() {
+        let mut scene = Scene { sh_degree: 0, ..Scene::default() };
+        let mut x = 1u64;
+        for _ in 0..10_000 {
+            x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            scene.log_scales.push(std::array::from_fn(|k| ((x >> (40 + 8 * k)) % 7) as f32 - 3.0));
+        }
+        scene.means = vec![[0.0; 3]; 10_000];
+        let unsorted: Vec<f64> = scene.log_scales.iter().map(|&l| log_volume(l)).collect();
+        let mut volumes = unsorted.clone();
+        volumes.sort_by(f64::total_cmp);
+        for (percent, count) in [(0.01, 1), (1.0, 100), (20.0, 2000), (99.0, 9900), (100.0, 10_000)]
+        {
+            let threshold = volumes[10_000 - count];
+            let want: Vec<bool> = unsorted.iter().map(|v| *v >= threshold).collect();
+            assert_eq!(large(&scene, percent), want, "{percent}");
+        }
+        assert!(large(&scene, 0.0).iter().all(|l| !l));
+    }
+
+    #[test]
+    fn keys_order_as_the_numbers() {
+        let x = [f64::NEG_INFINITY, -3.0, -1e-300, -0.0, 0.0, 1e-300, 2.5, f64::INFINITY];
+        assert!(x.map(ascending).is_sorted_by(|a, b| a < b));
     }
 }

@@ -1,15 +1,16 @@
 //! [`RateDistortion`]: bottom-up pruning that minimises distortion + lambda * bits.
 
-use gpcc_lite::{Leaf, morton};
+use gpcc_lite::morton::{self, MAX_DEPTH};
 use gs_model::Scene;
 use rayon::prelude::*;
 
 use crate::cost::CostModel;
 use crate::cube::Cube;
 use crate::error::Result;
-use crate::importance::{Importance, weights};
+use crate::importance::Importance;
 use crate::order::{MortonOrder, cell_end};
-use crate::stats::{Raw, Stats, Weights};
+use crate::record::{Record, Records};
+use crate::stats::Stats;
 use crate::strategy::{check, check_depths};
 use crate::voxelize::{DROPPED, Voxelization};
 
@@ -128,34 +129,35 @@ pub fn rate_distortion(
     options.validate()?;
     cube.validate()?;
     let order = MortonOrder::of(scene, cube, options.j_high)?;
-    let weights = weights(scene, &options.importance, options.size_exponent)?;
+    let records = Records::of(scene, &options.importance, options.size_exponent)?;
     let mut depths = vec![0u8; order.codes.len()];
     let mut report = RateDistortionReport::default();
     if !order.codes.is_empty() {
-        let pruning = Pruning { scene, cube, options, weights: &weights };
-        let (best, _) = pruning.solve(&order.codes, &order.members, 0, &mut depths);
+        let cells = std::array::from_fn(|depth| cube.cell(depth as u8));
+        let pruning = Pruning { cube, cells, options, records: &records };
+        let best = pruning.run(&order, &mut depths);
         report =
             RateDistortionReport { decided: best.decided, skipped: best.skipped, cost: best.cost };
     }
+    drop(records);
     let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]);
     Ok((voxelization, report))
 }
 
-/// Cells of more Gaussians than this solve their children in parallel.
-const PARALLEL: usize = 8192;
+/// Cells of at most this many Gaussians are solved by one thread, in its second-level cache.
+/// Fixed, so that no sum depends on the threads.
+const BLOCK: usize = 2048;
 
 /// Cells of at most this many Gaussians sum their statistics from the members, before the
 /// children are looked at; so a cell that cannot gain by division skips its subtree.
 const SMALL: usize = 24;
 
-/// Codes and members of a cell, and where its leaf depths go.
-type Task<'a> = (&'a [u64], &'a [u32], &'a mut [u8]);
-
 struct Pruning<'a> {
-    scene: &'a Scene,
     cube: &'a Cube,
+    /// Sides of the cells of every depth.
+    cells: [f64; MAX_DEPTH as usize + 1],
     options: &'a RateDistortion,
-    weights: &'a [Weights],
+    records: &'a Records,
 }
 
 /// The best pruning below a cell.
@@ -179,142 +181,216 @@ impl Best {
     }
 }
 
+/// Codes and records of the Gaussians of a cell.
+#[derive(Clone, Copy)]
+struct Cell<'a> {
+    codes: &'a [u64],
+    records: &'a [Record],
+}
+
 /// A cell of few Gaussians with the statistics of each, relative to `base`.
 #[derive(Clone, Copy)]
 struct Small<'a> {
     codes: &'a [u64],
-    members: &'a [u32],
+    records: &'a [Record],
     stats: &'a [Stats],
     base: [f64; 3],
 }
 
-impl Small<'_> {
-    fn part(&self, range: std::ops::Range<usize>) -> Self {
-        Self {
-            codes: &self.codes[range.clone()],
-            members: &self.members[range.clone()],
-            stats: &self.stats[range],
-            base: self.base,
-        }
-    }
+/// What a thread keeps from block to block, to allocate it once.
+#[derive(Default)]
+struct Scratch {
+    records: Vec<Record>,
+    stats: Vec<Stats>,
+}
+
+/// A cell that one thread solves.
+struct Block<'a> {
+    depth: u8,
+    codes: &'a [u64],
+    members: &'a [u32],
+    depths: &'a mut [u8],
 }
 
 impl Pruning<'_> {
-    /// Finds the best pruning of the cell at `depth` that holds all of `codes` and writes the
-    /// leaf depth of each Gaussian. The statistics are relative to the cell's centre.
-    fn solve(&self, codes: &[u64], members: &[u32], depth: u8, depths: &mut [u8]) -> (Best, Stats) {
-        let mut sum = Stats::default();
-        let centre = self.centre(codes[0], depth);
-        if members.len() <= SMALL {
-            let mut raw = [Raw::default(); SMALL];
-            for (raw, &i) in raw.iter_mut().zip(members) {
-                *raw = Raw::of(self.scene, self.weights, i as usize);
-            }
-            let mut stats = [Stats::default(); SMALL];
-            for (stats, raw) in stats.iter_mut().zip(&raw[..members.len()]) {
-                *stats = Stats::of(raw, self.from(raw.mean, centre));
-                sum.add(stats);
-            }
-            let cell = Small { codes, members, stats: &stats[..members.len()], base: centre };
-            return (self.solve_small(cell, depth, depths), sum);
-        }
-        let o = self.options;
-        let mut best = Best { empty: true, decided: 1, ..Best::default() };
-        if depth == o.j_high {
-            // More than SMALL Gaussians in one finest cell.
-            for &i in members {
-                let raw = Raw::of(self.scene, self.weights, i as usize);
-                sum.add(&Stats::of(&raw, self.from(raw.mean, centre)));
-            }
-            best.cost = f64::INFINITY;
-        } else {
-            let mut occupied = 0;
-            for (child, stats) in self.solve_children(codes, members, depth, depths) {
-                sum.add(&stats);
-                occupied += usize::from(!child.empty);
-                best.add(&child);
-            }
-            best.cost += self.division(occupied, depth);
-        }
-        (self.leaf_or(best, &sum, self.leaf_cost(&sum, [0.0; 3], depth), depth, depths), sum)
+    /// Finds the best pruning and writes the leaf depth of each Gaussian.
+    fn run(&self, order: &MortonOrder, depths: &mut [u8]) -> Best {
+        let mut blocks = Vec::new();
+        self.divide(&order.codes, &order.members, 0, depths, &mut blocks);
+        let solved: Vec<(Best, Stats)> = blocks
+            .into_par_iter()
+            .map_init(Scratch::default, |scratch, block| self.solve_block(scratch, block))
+            .collect();
+        let mut solved = solved.into_iter();
+        self.combine(&order.codes, 0, depths, &mut solved).0
     }
 
-    /// The occupied children of a cell, solved; statistics relative to the cell's centre. In parallel where that pays; always combined in Morton order.
-    fn solve_children(
+    /// Cuts the octree into blocks: cells of at most [`BLOCK`] Gaussians, or of the last depth.
+    fn divide<'b>(
         &self,
-        codes: &[u64],
-        members: &[u32],
+        codes: &'b [u64],
+        members: &'b [u32],
         depth: u8,
-        depths: &mut [u8],
-    ) -> Vec<(Best, Stats)> {
-        let centre = self.centre(codes[0], depth);
-        let mut tasks: Vec<Task<'_>> = Vec::with_capacity(8);
+        depths: &'b mut [u8],
+        blocks: &mut Vec<Block<'b>>,
+    ) {
+        if self.is_block(codes, depth) {
+            blocks.push(Block { depth, codes, members, depths });
+            return;
+        }
         let (mut start, mut rest) = (0, depths);
         while start < codes.len() {
             let end = cell_end(codes, start, self.options.j_high, depth + 1);
-            let (head, tail) = std::mem::take(&mut rest).split_at_mut(end - start);
-            tasks.push((&codes[start..end], &members[start..end], head));
+            let (head, tail) = rest.split_at_mut(end - start);
+            self.divide(&codes[start..end], &members[start..end], depth + 1, head, blocks);
             (start, rest) = (end, tail);
-        }
-        let solve = |(codes, members, depths): &mut Task<'_>| {
-            let (best, stats) = self.solve(codes, members, depth + 1, depths);
-            let child = self.centre(codes[0], depth + 1);
-            (best, stats.moved(std::array::from_fn(|k| centre[k] - child[k])))
-        };
-        if codes.len() > PARALLEL {
-            tasks.par_iter_mut().map(solve).collect()
-        } else {
-            tasks.iter_mut().map(solve).collect()
         }
     }
 
-    /// As [`Pruning::solve`] for few Gaussians, whose statistics are at hand: all sums refer to
-    /// `cell.base`, and a cell that cannot gain by division is not looked into.
-    fn solve_small(&self, cell: Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
+    fn is_block(&self, codes: &[u64], depth: u8) -> bool {
+        codes.len() <= BLOCK || depth == self.options.j_high
+    }
+
+    fn solve_block(&self, scratch: &mut Scratch, block: Block<'_>) -> (Best, Stats) {
+        let Block { depth, codes, members, depths } = block;
+        if codes.len() > BLOCK {
+            // That many in one finest cell.
+            let mut sum = Stats::default();
+            let centre = self.centre(codes[0], depth);
+            for &i in members {
+                let record = self.records.get(i);
+                sum.add(&Stats::of(&record, self.from(&record, centre)));
+            }
+            let best = Best { cost: f64::INFINITY, empty: true, decided: 1, ..Best::default() };
+            let leaf = self.leaf_cost(&sum, [0.0; 3], depth);
+            return (self.leaf_or(best, &sum, leaf, depth, depths), sum);
+        }
+        // Together, so that the cache misses overlap.
+        let Scratch { records, stats } = scratch;
+        records.clear();
+        records.extend(members.iter().map(|&i| self.records.get(i)));
+        self.solve(Cell { codes, records }, depth, depths, stats)
+    }
+
+    /// Solves the cells above the blocks, whose results come in Morton order.
+    fn combine(
+        &self,
+        codes: &[u64],
+        depth: u8,
+        depths: &mut [u8],
+        blocks: &mut impl Iterator<Item = (Best, Stats)>,
+    ) -> (Best, Stats) {
+        if self.is_block(codes, depth) {
+            // There are as many results as blocks.
+            return blocks.next().unwrap_or_default();
+        }
+        let children =
+            |codes: &[u64], depths: &mut [u8]| self.combine(codes, depth + 1, depths, blocks);
+        self.combine_children(codes, depth, depths, children)
+    }
+
+    /// Finds the best pruning of the cell at `depth` that holds all of `codes`, at most
+    /// [`BLOCK`]. The statistics are relative to the cell's centre.
+    fn solve(
+        &self,
+        cell: Cell<'_>,
+        depth: u8,
+        depths: &mut [u8],
+        scratch: &mut Vec<Stats>,
+    ) -> (Best, Stats) {
+        let Cell { codes, records } = cell;
+        if codes.len() > SMALL && depth < self.options.j_high {
+            let mut at = 0;
+            return self.combine_children(codes, depth, depths, |codes, depths| {
+                let records = &records[at..at + codes.len()];
+                at += codes.len();
+                self.solve(Cell { codes, records }, depth + 1, depths, scratch)
+            });
+        }
+        let base = self.centre(codes[0], depth);
+        scratch.clear();
+        scratch.extend(records.iter().map(|r| Stats::of(r, self.from(r, base))));
+        let small = Small { codes, records, stats: scratch, base };
+        let sum = small.sum();
+        (self.solve_small(small, &sum, depth, depths), sum)
+    }
+
+    /// A cell whose children are solved one by one, by `child`.
+    fn combine_children(
+        &self,
+        codes: &[u64],
+        depth: u8,
+        depths: &mut [u8],
+        mut child: impl FnMut(&[u64], &mut [u8]) -> (Best, Stats),
+    ) -> (Best, Stats) {
+        let mut best = Best { empty: true, decided: 1, ..Best::default() };
+        let mut sum = Stats::default();
+        let centre = self.centre(codes[0], depth);
+        let (mut start, mut occupied) = (0, 0);
+        while start < codes.len() {
+            let end = cell_end(codes, start, self.options.j_high, depth + 1);
+            let (solved, stats) = child(&codes[start..end], &mut depths[start..end]);
+            let from = self.centre(codes[start], depth + 1);
+            sum.add(&stats.moved(std::array::from_fn(|k| centre[k] - from[k])));
+            occupied += usize::from(!solved.empty);
+            best.add(&solved);
+            start = end;
+        }
+        best.cost += self.division(occupied, depth);
+        (self.leaf_or(best, &sum, self.leaf_cost(&sum, [0.0; 3], depth), depth, depths), sum)
+    }
+
+    /// A cell of few Gaussians, whose statistics are at hand: all sums refer to `cell.base`,
+    /// and a cell that cannot gain by division is not looked into. `sum` is that of the cell.
+    fn solve_small(&self, cell: Small<'_>, sum: &Stats, depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
-        if cell.members.len() == 1 {
+        if cell.codes.len() == 1 {
             return self.solve_one(&cell, depth, depths);
         }
         let mut best = Best { empty: true, decided: 1, ..Best::default() };
-        let mut sum = Stats::default();
-        for stats in cell.stats {
-            sum.add(stats);
-        }
         let centre = self.centre(cell.codes[0], depth);
         let from_base = std::array::from_fn(|k| centre[k] - cell.base[k]);
-        let leaf = self.leaf_cost(&sum, from_base, depth);
+        let leaf = self.leaf_cost(sum, from_base, depth);
         // Any division that leaves something costs at least this, had it no distortion at all;
         // one that drops everything costs as much as dropping it here.
         let bound = o.lambda * (o.cost.go_on + o.cost.occupancy[0] + o.cost.gaussian);
         if depth == o.j_high || (depth >= o.j_low && leaf <= bound) {
             best.skipped = u64::from(depth < o.j_high);
             best.cost = f64::INFINITY;
-            return self.leaf_or(best, &sum, leaf, depth, depths);
+            return self.leaf_or(best, sum, leaf, depth, depths);
         }
+        let shift = 3 * u32::from(o.j_high - depth - 1);
         let (mut start, mut occupied) = (0, 0);
         while start < cell.codes.len() {
-            let end = cell_end(cell.codes, start, o.j_high, depth + 1);
-            let child = self.solve_small(cell.part(start..end), depth + 1, &mut depths[start..end]);
+            let code = cell.codes[start] >> shift;
+            let mut end = start + 1;
+            while end < cell.codes.len() && cell.codes[end] >> shift == code {
+                end += 1;
+            }
+            let part = cell.part(start..end);
+            // An only child has the sum of its parent.
+            let own = if end - start == cell.codes.len() { *sum } else { part.sum() };
+            let child = self.solve_small(part, &own, depth + 1, &mut depths[start..end]);
             occupied += usize::from(!child.empty);
             best.add(&child);
             start = end;
         }
         best.cost += self.division(occupied, depth);
-        self.leaf_or(best, &sum, leaf, depth, depths)
+        self.leaf_or(best, sum, leaf, depth, depths)
     }
 
     /// A cell of one Gaussian: every depth below is tried, none is visited.
     fn solve_one(&self, cell: &Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
-        let (stats, i) = (&cell.stats[0], cell.members[0] as usize);
-        let offset = self.cube.offset(self.scene.means[i]);
+        let stats = &cell.stats[0];
+        let offset = self.cube.offset(cell.records[0].mean);
         let index = morton::decode(cell.codes[0]);
         let mut bits = 0.0;
         let (mut cost, mut at) = (f64::INFINITY, o.j_high);
         for d in depth..=o.j_high {
             let flag = d >= o.j_low && d < o.j_high;
             if d >= o.j_low {
-                let side = self.cube.cell(d);
+                let side = self.cells[usize::from(d)];
                 let square: f64 = (0..3)
                     .map(|k| (f64::from(index[k] >> (o.j_high - d)) + 0.5) * side - offset[k])
                     .map(|x| x * x)
@@ -385,16 +461,35 @@ impl Pruning<'_> {
         distortion + o.lambda * (flag + o.cost.gaussian)
     }
 
-    /// A mean relative to `centre`.
-    fn from(&self, mean: [f32; 3], centre: [f64; 3]) -> [f64; 3] {
-        let offset = self.cube.offset(mean);
+    /// The mean of a Gaussian relative to `centre`.
+    fn from(&self, record: &Record, centre: [f64; 3]) -> [f64; 3] {
+        let offset = self.cube.offset(record.mean);
         std::array::from_fn(|k| offset[k] - centre[k])
     }
 
-    /// Centre of a cell relative to the cube's origin.
+    /// Centre of a cell relative to the cube's origin; as `Cube::centre_offset`.
     fn centre(&self, code: u64, depth: u8) -> [f64; 3] {
         let shift = 3 * u32::from(self.options.j_high - depth);
-        let leaf = Leaf { morton: code >> shift << shift, depth };
-        self.cube.centre_offset(leaf, self.options.j_high)
+        let side = self.cells[usize::from(depth)];
+        morton::decode(code >> shift).map(|i| (f64::from(i) + 0.5) * side)
+    }
+}
+
+impl Small<'_> {
+    fn part(&self, range: std::ops::Range<usize>) -> Self {
+        Self {
+            codes: &self.codes[range.clone()],
+            records: &self.records[range.clone()],
+            stats: &self.stats[range],
+            base: self.base,
+        }
+    }
+
+    fn sum(&self) -> Stats {
+        let mut sum = self.stats[0];
+        for stats in &self.stats[1..] {
+            sum.add(stats);
+        }
+        sum
     }
 }

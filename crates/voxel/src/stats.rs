@@ -1,8 +1,7 @@
 //! [`Stats`]: what the distortion of a leaf needs to know of its members.
 
-use gs_model::Scene;
-
-use crate::gaussian::{Symmetric, congruence, rotation, scales};
+use crate::gaussian::Symmetric;
+use crate::record::{FEATURES, Record};
 
 /// Additive statistics of a set of weighted Gaussians, positions relative to some point.
 ///
@@ -33,54 +32,19 @@ pub(crate) struct Stats {
     feature_second: f64,
 }
 
-/// Length of the feature vector of a Gaussian.
-pub(crate) const FEATURES: usize = 3;
-
-/// What one Gaussian counts in the two kinds of distortion.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Weights {
-    /// Per squared length of displacement and of change of shape.
-    pub(crate) geometry: f64,
-    /// Per squared difference of the features.
-    pub(crate) feature: f64,
-}
-
-/// What [`Stats`] are made of. Gathered for many Gaussians before anything is computed: members
-/// lie all over the scene, and only plain loads overlap their cache misses.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Raw {
-    pub(crate) mean: [f32; 3],
-    log_scale: [f32; 3],
-    rotation: [f32; 4],
-    dc: [f32; 3],
-    weights: Weights,
-}
-
-impl Raw {
-    pub(crate) fn of(scene: &Scene, weights: &[Weights], i: usize) -> Self {
-        Self {
-            mean: scene.means[i],
-            log_scale: scene.log_scales[i],
-            rotation: scene.rotations[i],
-            dc: scene.sh_of(i)[0],
-            weights: weights[i],
-        }
-    }
-}
-
 impl Stats {
     /// One Gaussian, whose mean is `d` from the point of reference.
-    pub(crate) fn of(raw: &Raw, d: [f64; 3]) -> Self {
-        let (w, v) = (raw.weights.geometry, raw.weights.feature);
-        let features = raw.dc.map(f64::from);
-        let s = scales(raw.log_scale);
-        let root = congruence(&rotation(raw.rotation), s);
+    pub(crate) fn of(record: &Record, d: [f64; 3]) -> Self {
+        let (w, v) = (record.geometry, record.importance);
+        let features = record.dc.map(f64::from);
+        let root = record.root.map(f64::from);
         Self {
             weight: w,
             first: d.map(|x| w * x),
             second: w * square(&d),
             root: root.map(|x| w * x),
-            trace: w * square(&s),
+            // Of the rounded root: a set of one must come out without distortion.
+            trace: w * norm_squared(&root),
             feature_weight: v,
             feature: features.map(|x| v * x),
             feature_second: v * square(&features),
@@ -125,11 +89,7 @@ impl Stats {
 
     /// Weighted sum of squared distances of the covariances' square roots from their mean.
     pub(crate) fn shape(&self) -> f64 {
-        let r = &self.root;
-        let square = r[0] * r[0]
-            + r[1] * r[1]
-            + r[2] * r[2]
-            + 2.0 * (r[3] * r[3] + r[4] * r[4] + r[5] * r[5]);
+        let square = norm_squared(&self.root);
         (self.trace - square / self.weight.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
@@ -147,4 +107,9 @@ impl Stats {
 
 fn square(x: &[f64]) -> f64 {
     x.iter().map(|x| x * x).sum()
+}
+
+/// Squared Frobenius norm of a symmetric matrix.
+fn norm_squared(m: &Symmetric) -> f64 {
+    square(&m[..3]) + 2.0 * square(&m[3..])
 }

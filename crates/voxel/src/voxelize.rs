@@ -2,10 +2,11 @@
 
 use gpcc_lite::Leaf;
 use gs_model::Scene;
+use rayon::prelude::*;
 
 use crate::cube::Cube;
 use crate::error::Result;
-use crate::order::{MortonOrder, cell_end};
+use crate::order::{CHUNK, MortonOrder};
 use crate::paper;
 use crate::rate_distortion::rate_distortion;
 use crate::released::released;
@@ -68,38 +69,72 @@ impl Voxelization {
         counts
     }
 
-    /// Cuts the sorted Gaussians into leaves. `depths[i]` is the depth of the leaf that holds
+    /// Cuts the sorted Gaussians into leaves. `depth_at(i)` is the depth of the leaf that holds
     /// the `i`-th Gaussian of `order`; all Gaussians of one such cell carry the same depth,
     /// [`DROPPED`] if the cell gets no leaf.
     pub(crate) fn from_depths(
         cube: Cube,
         j_high: u8,
         order: MortonOrder,
-        mut depth_at: impl FnMut(usize) -> u8,
+        depth_at: impl Fn(usize) -> u8 + Sync,
     ) -> Self {
-        // The leaf of `sorted[i]` is that of the code, not of its own mean: the authors' code
-        // moves Gaussians before it voxelizes them.
-        let MortonOrder { codes, members: mut sorted } = order;
-        let (mut leaves, mut member_offsets, mut dropped) = (Vec::new(), vec![0], Vec::new());
-        let (mut start, mut kept) = (0, 0);
-        while start < codes.len() {
-            let depth = depth_at(start);
-            if depth == DROPPED {
-                dropped.push(sorted[start]);
-                start += 1;
-                continue;
-            }
-            let shift = 3 * u32::from(j_high - depth);
-            leaves.push(Leaf { morton: codes[start] >> shift << shift, depth });
-            let end = cell_end(&codes, start, j_high, depth);
-            sorted.copy_within(start..end, kept);
-            kept += end - start;
-            start = end;
-            member_offsets.push(kept as u32);
+        // The leaf of a Gaussian is that of its code, not of its mean: the authors' code moves
+        // Gaussians before it voxelizes them.
+        let MortonOrder { codes, members: sorted } = order;
+        let shift = |depth: u8| 3 * u32::from(j_high - depth);
+        // Whether a leaf starts at a Gaussian depends on the one before only, so all can be
+        // asked at the same time.
+        let starts_leaf = |i: usize| {
+            let depth = depth_at(i);
+            i == 0 || depth_at(i - 1) != depth || (codes[i] ^ codes[i - 1]) >> shift(depth) != 0
+        };
+        let is_dropped = |i: usize| depth_at(i) == DROPPED;
+        let leaf = |i: usize| {
+            let depth = depth_at(i);
+            Leaf { morton: codes[i] >> shift(depth) << shift(depth), depth }
+        };
+        if !(0..codes.len()).into_par_iter().with_min_len(CHUNK).any(is_dropped) {
+            let member_offsets = positions(codes.len(), starts_leaf);
+            let starts = &member_offsets[..member_offsets.len() - 1];
+            let leaves = starts.par_iter().map(|&i| leaf(i as usize)).collect();
+            return Self { cube, j_high, leaves, member_offsets, members: sorted, dropped: vec![] };
         }
-        sorted.truncate(kept);
-        Self { cube, j_high, leaves, member_offsets, members: sorted, dropped }
+        let pick = |mut positions: Vec<u32>| -> (Vec<u32>, Vec<u32>) {
+            positions.pop();
+            let members = positions.par_iter().map(|&i| sorted[i as usize]).collect();
+            (positions, members)
+        };
+        let (_, dropped) = pick(positions(codes.len(), is_dropped));
+        let (kept, members) = pick(positions(codes.len(), |i| !is_dropped(i)));
+        let member_offsets = positions(kept.len(), |j| starts_leaf(kept[j] as usize));
+        let starts = &member_offsets[..member_offsets.len() - 1];
+        let leaves = starts.par_iter().map(|&j| leaf(kept[j as usize] as usize)).collect();
+        Self { cube, j_high, leaves, member_offsets, members, dropped }
     }
+}
+
+/// Ascending indices below `len` for which `wanted` holds, then `len` itself.
+fn positions(len: usize, wanted: impl Fn(usize) -> bool + Sync) -> Vec<u32> {
+    let range = |chunk: usize| chunk * CHUNK..len.min((chunk + 1) * CHUNK);
+    let counts: Vec<usize> = (0..len.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|chunk| range(chunk).filter(|&i| wanted(i)).count())
+        .collect();
+    let mut out = vec![0u32; counts.iter().sum::<usize>() + 1];
+    let mut parts = Vec::with_capacity(counts.len());
+    let mut rest = out.as_mut_slice();
+    for count in counts {
+        let (head, tail) = rest.split_at_mut(count);
+        parts.push(head);
+        rest = tail;
+    }
+    rest.fill(len as u32);
+    parts.into_par_iter().enumerate().for_each(|(chunk, part)| {
+        for (slot, i) in part.iter_mut().zip(range(chunk).filter(|&i| wanted(i))) {
+            *slot = i as u32;
+        }
+    });
+    out
 }
 
 /// Divides `cube` by `strategy` and assigns every Gaussian of `scene` to the leaf that

@@ -231,8 +231,8 @@ pub fn voxelize_exact(
     crate::strategy::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
     cube.validate()?;
     let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
-    let depths = crate::descend::depths(&order, j_low, j_high, |_, members, _| {
-        voxel_distortion(scene, members) > limit
+    let depths = crate::descend::depths(&order.codes, j_low, j_high, |_, range, _| {
+        voxel_distortion(scene, &order.members[range]) > limit
     });
     Ok(Voxelization::from_depths(*cube, j_high, order, |i| depths[i]))
 }

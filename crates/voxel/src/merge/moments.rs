@@ -4,22 +4,35 @@ use gs_model::Scene;
 
 use super::Shape;
 use crate::eigen::{jacobi, multiply, quaternion};
-use crate::gaussian::{MAX_ALPHA, area, congruence, logit, opacity, rotation, scales};
-use crate::importance::Importance;
+use crate::gaussian::{MAX_ALPHA, area, congruence, exp, logit, opacity, rotation, scales};
 
-/// Importance of every member, divided by their greatest.
-pub(super) fn weights(scene: &Scene, members: &[u32], importance: &Importance, out: &mut Vec<f64>) {
-    out.clear();
-    out.extend(members.iter().map(|&i| importance.of(scene, i as usize)));
-    let greatest = out.iter().fold(0.0, |m: f64, &w| m.max(w));
-    for w in out.iter_mut() {
+/// What is computed once of every member.
+#[derive(Clone, Copy)]
+pub(super) struct Look {
+    scales: [f64; 3],
+    pub(super) area: f64,
+    pub(super) opacity: f64,
+}
+
+impl Look {
+    pub(super) fn of(scene: &Scene, member: u32) -> Self {
+        let i = member as usize;
+        let scales = scales(scene.log_scales[i]);
+        Self { scales, area: area(scales), opacity: opacity(scene.opacity_logits[i]) }
+    }
+}
+
+/// Divides the weights of a leaf by the greatest.
+pub(super) fn normalise(weights: &mut [f64]) {
+    let greatest = weights.iter().fold(0.0, |m: f64, &w| m.max(w));
+    for w in weights {
         // Invisible members only: all count alike. (Also the way out for NaN.)
         *w = if greatest > 0.0 { *w / greatest } else { 1.0 };
     }
 }
 
 /// Covariance and opacity of the merged Gaussian.
-pub(super) fn shape(scene: &Scene, members: &[u32], weights: &[f64]) -> Shape {
+pub(super) fn shape(scene: &Scene, members: &[u32], looks: &[Look], weights: &[f64]) -> Shape {
     let total: f64 = weights.iter().sum();
     let first = scene.means[members[0] as usize].map(f64::from);
     let offset =
@@ -39,9 +52,9 @@ pub(super) fn shape(scene: &Scene, members: &[u32], weights: &[f64]) -> Shape {
     let frame = rotation(scene.rotations[dominant]);
     let mut covariance = [0.0; 6];
     let mut density = 0.0;
-    for (&i, &w) in members.iter().zip(weights) {
+    for ((&i, look), &w) in members.iter().zip(looks).zip(weights) {
         let i = i as usize;
-        let s = scales(scene.log_scales[i]);
+        let s = look.scales;
         let own = rotation(scene.rotations[i]);
         // frame^T own: columns are the member's axes in the dominant frame.
         let relative: [[f64; 3]; 3] = std::array::from_fn(|a| {
@@ -55,8 +68,7 @@ pub(super) fn shape(scene: &Scene, members: &[u32], weights: &[f64]) -> Shape {
         {
             covariance[e] += w / total * (c[e] + d[a] * d[b]);
         }
-        let alpha = opacity(scene.opacity_logits[i]).min(MAX_ALPHA);
-        density -= libm::log1p(-alpha) * area(s);
+        density -= libm::log1p(-look.opacity.min(MAX_ALPHA)) * look.area;
     }
     let (variances, axes) = jacobi(covariance);
     let base = quaternion(&frame);
@@ -69,7 +81,7 @@ pub(super) fn shape(scene: &Scene, members: &[u32], weights: &[f64]) -> Shape {
     let log_scale = variances.map(|v| 0.5 * libm::log(v.max(f64::MIN_POSITIVE)));
     // Optical depth times area is conserved: members on top of each other give
     // 1 - prod(1 - alpha), members side by side their mean.
-    let merged_area = area(log_scale.map(libm::exp));
+    let merged_area = area(log_scale.map(exp));
     let alpha = -libm::expm1(-density / merged_area);
     Shape {
         rotation: q.map(|x| x as f32),
