@@ -83,27 +83,13 @@ impl Cube {
     /// `i * cell <= d < (i + 1) * cell`, compared in `f64`.
     #[must_use]
     pub fn index_of(&self, mean: [f32; 3], depth: u8) -> Option<[u32; 3]> {
+        self.grid(depth).index_of(mean)
+    }
+
+    /// What [`Cube::index_of`] needs to know of a depth.
+    pub(crate) fn grid(&self, depth: u8) -> Grid {
         let cell = self.cell(depth);
-        let offset = self.offset(mean);
-        let scale = 1.0 / cell;
-        let mut index = [0u32; 3];
-        for k in 0..3 {
-            let d = offset[k];
-            if !(d >= 0.0 && d < self.side) {
-                return None;
-            }
-            // The product may round across a cell face; the two comparisons undo that. The
-            // conversion saturates, so a reciprocal that overflows does no harm.
-            let mut i = (d * scale) as u32;
-            i = i.min((1u32 << depth) - 1);
-            if i > 0 && f64::from(i) * cell > d {
-                i -= 1;
-            } else if f64::from(i + 1) * cell <= d && i + 1 < 1u32 << depth {
-                i += 1;
-            }
-            index[k] = i;
-        }
-        Some(index)
+        Grid { cube: *self, cell, scale: 1.0 / cell, last: (1u32 << depth) - 1 }
     }
 
     /// A mean relative to the origin. Decisions are made on such offsets, so that an exact
@@ -130,6 +116,34 @@ impl Cube {
     pub fn leaf_centre(&self, leaf: Leaf, j_high: u8) -> [f32; 3] {
         let offset = self.centre_offset(leaf, j_high);
         std::array::from_fn(|k| (self.origin[k] + offset[k]) as f32)
+    }
+}
+
+/// The cells of one depth.
+#[derive(Clone, Copy)]
+pub(crate) struct Grid {
+    cube: Cube,
+    cell: f64,
+    scale: f64,
+    last: u32,
+}
+
+impl Grid {
+    /// As [`Cube::index_of`].
+    #[inline]
+    pub(crate) fn index_of(&self, mean: [f32; 3]) -> Option<[u32; 3]> {
+        let offset = self.cube.offset(mean);
+        if !offset.iter().all(|d| (0.0..self.cube.side).contains(d)) {
+            return None;
+        }
+        Some(offset.map(|d| {
+            // Adding 2^52 rounds to an integer, which then sits in the low bits: one too many
+            // for the upper half of a cell, or where the product rounded across a face.
+            let i = (d * self.scale + 4_503_599_627_370_496.0).to_bits() as u32;
+            let above = f64::from(i) * self.cell > d;
+            // Only a reciprocal that overflows gives more than the last.
+            i.saturating_sub(u32::from(above)).min(self.last)
+        }))
     }
 }
 

@@ -53,6 +53,24 @@ pub fn merge_weighted(
     rule: Merge,
     importance: &Importance,
 ) -> Result<Scene> {
+    let mut out = Scene::default();
+    merge_into(scene, voxelization, rule, importance, &mut out)?;
+    Ok(out)
+}
+
+/// As [`merge_weighted`], into a scene whose memory is used again: with millions of Gaussians
+/// the first touch of new memory is a large part of the time. For searches that merge one scene
+/// many times. After an error `out` is unchanged.
+///
+/// # Errors
+/// As [`merge_weighted`].
+pub fn merge_into(
+    scene: &Scene,
+    voxelization: &Voxelization,
+    rule: Merge,
+    importance: &Importance,
+    out: &mut Scene,
+) -> Result<()> {
     importance.validate(scene)?;
     let outside = voxelization.members.par_iter().find_first(|&&m| m as usize >= scene.len());
     if let Some(&member) = outside {
@@ -60,14 +78,12 @@ pub fn merge_weighted(
     }
     let len = voxelization.len();
     let sh_len = scene.sh_len();
-    let mut out = Scene {
-        means: vec![[0.0; 3]; len],
-        rotations: vec![[0.0; 4]; len],
-        log_scales: vec![[0.0; 3]; len],
-        opacity_logits: vec![0.0; len],
-        sh_degree: scene.sh_degree,
-        sh: vec![[0.0; 3]; len * sh_len],
-    };
+    out.sh_degree = scene.sh_degree;
+    room_for(&mut out.means, len);
+    room_for(&mut out.rotations, len);
+    room_for(&mut out.log_scales, len);
+    room_for(&mut out.opacity_logits, len);
+    room_for(&mut out.sh, len * sh_len);
     out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
         for (i, mean) in means.iter_mut().enumerate() {
             *mean = voxelization.centre(batch * BATCH + i);
@@ -87,7 +103,17 @@ pub fn merge_weighted(
                 out.fill(scene, voxelization, first, rule, importance, scratch);
             },
         );
-    Ok(out)
+    Ok(())
+}
+
+/// Makes `list` that long; what is in it does not matter.
+fn room_for<T: Clone + Default>(list: &mut Vec<T>, len: usize) {
+    if list.capacity() < len {
+        // Zeroed pages of the system, first touched by the threads that fill them.
+        *list = vec![T::default(); len];
+    } else {
+        list.resize(len, T::default());
+    }
 }
 
 /// Leaves that are merged together. Fixed, and few enough that what is read of the octree
@@ -180,12 +206,9 @@ impl Batch<'_> {
         for &i in &*shared {
             let range = start..start + members_of(i).len();
             start = range.end;
-            let members = &members[range.clone()];
             let shape = match rule {
-                Merge::Paper => paper::shape(scene, members),
-                Merge::Moments => {
-                    moments::shape(scene, members, &looks[range.clone()], &weights[range])
-                }
+                Merge::Paper => paper::shape(scene, &members[range]),
+                Merge::Moments => moments::shape(&looks[range.clone()], &weights[range]),
             };
             self.rotations[i] = shape.rotation;
             self.log_scales[i] = shape.log_scale;

@@ -40,13 +40,14 @@ impl MortonOrder {
             return Err(Error::TooMany(len));
         }
         let mut codes = vec![0u64; len];
+        let grid = cube.grid(depth);
         let first_outside = codes
             .par_chunks_mut(CHUNK)
             .zip(scene.means.par_chunks(CHUNK))
             .enumerate()
             .filter_map(|(chunk, (codes, means))| {
                 for (i, (code, mean)) in codes.iter_mut().zip(means).enumerate() {
-                    match cube.index_of(*mean, depth) {
+                    match grid.index_of(*mean) {
                         Some(index) => *code = morton::encode(index),
                         None => return Some(chunk * CHUNK + i),
                     }

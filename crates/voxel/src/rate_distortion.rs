@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::importance::Importance;
 use crate::order::{MortonOrder, cell_end};
 use crate::record::{Record, Records};
-use crate::stats::Stats;
+use crate::stats::{Place, Stats};
 use crate::strategy::{check, check_depths};
 use crate::voxelize::{DROPPED, Voxelization};
 
@@ -262,8 +262,16 @@ impl Pruning<'_> {
                 sum.add(&Stats::of(&record, self.from(&record, centre)));
             }
             let best = Best { cost: f64::INFINITY, empty: true, decided: 1, ..Best::default() };
-            let leaf = self.leaf_cost(&sum, [0.0; 3], depth);
-            return (self.leaf_or(best, &sum, leaf, depth, depths), sum);
+            return (
+                self.leaf_or(
+                    best,
+                    sum.place.importance,
+                    self.leaf_cost(&sum, depth),
+                    depth,
+                    depths,
+                ),
+                sum,
+            );
         }
         // Together, so that the cache misses overlap.
         let Scratch { records, stats } = scratch;
@@ -312,7 +320,7 @@ impl Pruning<'_> {
         scratch.extend(records.iter().map(|r| Stats::of(r, self.from(r, base))));
         let small = Small { codes, records, stats: scratch, base };
         let sum = small.sum();
-        (self.solve_small(small, &sum, depth, depths), sum)
+        (self.solve_small(small, &sum.place, depth, depths), sum)
     }
 
     /// A cell whose children are solved one by one, by `child`.
@@ -337,27 +345,35 @@ impl Pruning<'_> {
             start = end;
         }
         best.cost += self.division(occupied, depth);
-        (self.leaf_or(best, &sum, self.leaf_cost(&sum, [0.0; 3], depth), depth, depths), sum)
+        let leaf = self.leaf_cost(&sum, depth);
+        (self.leaf_or(best, sum.place.importance, leaf, depth, depths), sum)
     }
 
     /// A cell of few Gaussians, whose statistics are at hand: all sums refer to `cell.base`,
-    /// and a cell that cannot gain by division is not looked into. `sum` is that of the cell.
-    fn solve_small(&self, cell: Small<'_>, sum: &Stats, depth: u8, depths: &mut [u8]) -> Best {
+    /// and a cell that cannot gain by division is not looked into. `place` is that of the cell.
+    fn solve_small(&self, cell: Small<'_>, place: &Place, depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
         if cell.codes.len() == 1 {
             return self.solve_one(&cell, depth, depths);
         }
         let mut best = Best { empty: true, decided: 1, ..Best::default() };
         let centre = self.centre(cell.codes[0], depth);
-        let from_base = std::array::from_fn(|k| centre[k] - cell.base[k]);
-        let leaf = self.leaf_cost(sum, from_base, depth);
+        // What a leaf costs for its place alone mostly rules it out; the rest is summed only
+        // where it does not.
+        let floor = place.displacement(std::array::from_fn(|k| centre[k] - cell.base[k]))
+            + self.leaf_rate(depth);
+        let mut leaf = None;
         // Any division that leaves something costs at least this, had it no distortion at all;
         // one that drops everything costs as much as dropping it here.
         let bound = o.lambda * (o.cost.go_on + o.cost.occupancy[0] + o.cost.gaussian);
-        if depth == o.j_high || (depth >= o.j_low && leaf <= bound) {
-            best.skipped = u64::from(depth < o.j_high);
-            best.cost = f64::INFINITY;
-            return self.leaf_or(best, sum, leaf, depth, depths);
+        if depth == o.j_high || (depth >= o.j_low && floor <= bound) {
+            let cost = floor + self.mixing(&cell.sum());
+            if depth == o.j_high || cost <= bound {
+                best.skipped = u64::from(depth < o.j_high);
+                best.cost = f64::INFINITY;
+                return self.leaf_or(best, place.importance, cost, depth, depths);
+            }
+            leaf = Some(cost);
         }
         let shift = 3 * u32::from(o.j_high - depth - 1);
         let (mut start, mut occupied) = (0, 0);
@@ -368,21 +384,26 @@ impl Pruning<'_> {
                 end += 1;
             }
             let part = cell.part(start..end);
-            // An only child has the sum of its parent.
-            let own = if end - start == cell.codes.len() { *sum } else { part.sum() };
+            // An only child has the place of its parent.
+            let own = if end - start == cell.codes.len() { *place } else { part.place() };
             let child = self.solve_small(part, &own, depth + 1, &mut depths[start..end]);
             occupied += usize::from(!child.empty);
             best.add(&child);
             start = end;
         }
         best.cost += self.division(occupied, depth);
-        self.leaf_or(best, sum, leaf, depth, depths)
+        let leaf = match leaf {
+            Some(cost) => cost,
+            None if depth >= o.j_low && floor <= best.cost => floor + self.mixing(&cell.sum()),
+            None => f64::INFINITY,
+        };
+        self.leaf_or(best, place.importance, leaf, depth, depths)
     }
 
     /// A cell of one Gaussian: every depth below is tried, none is visited.
     fn solve_one(&self, cell: &Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
-        let stats = &cell.stats[0];
+        let place = &cell.stats[0].place;
         let offset = self.cube.offset(cell.records[0].mean);
         let index = morton::decode(cell.codes[0]);
         let mut bits = 0.0;
@@ -396,7 +417,7 @@ impl Pruning<'_> {
                     .map(|x| x * x)
                     .sum();
                 let stop = if flag { o.cost.stop } else { 0.0 };
-                let here = stats.weight * square + o.lambda * (bits + stop + o.cost.gaussian);
+                let here = place.weight * square + o.lambda * (bits + stop + o.cost.gaussian);
                 if here < cost {
                     (cost, at) = (here, d);
                 }
@@ -409,7 +430,7 @@ impl Pruning<'_> {
         }
         depths.fill(at);
         let skipped = u64::from(at < o.j_high);
-        self.or_drop(Best { cost, empty: false, decided: 1, skipped }, stats, depths)
+        self.or_drop(Best { cost, empty: false, decided: 1, skipped }, place.importance, depths)
     }
 
     /// Cost of dividing a cell into `occupied` children; a cell that turned out empty is not
@@ -427,7 +448,7 @@ impl Pruning<'_> {
     fn leaf_or(
         &self,
         mut best: Best,
-        stats: &Stats,
+        importance: f64,
         leaf: f64,
         depth: u8,
         depths: &mut [u8],
@@ -437,13 +458,13 @@ impl Pruning<'_> {
             (best.cost, best.empty) = (leaf, false);
             depths.fill(depth);
         }
-        self.or_drop(best, stats, depths)
+        self.or_drop(best, importance, depths)
     }
 
     /// Drops every Gaussian of the cell if that costs less.
-    fn or_drop(&self, mut best: Best, stats: &Stats, depths: &mut [u8]) -> Best {
+    fn or_drop(&self, mut best: Best, importance: f64, depths: &mut [u8]) -> Best {
         if let Some(drop) = self.options.drop {
-            let cost = drop * stats.importance();
+            let cost = drop * importance;
             if cost < best.cost {
                 (best.cost, best.empty) = (cost, true);
                 depths.fill(DROPPED);
@@ -452,13 +473,20 @@ impl Pruning<'_> {
         best
     }
 
-    /// Cost of one leaf at `centre`, relative like `stats`.
-    fn leaf_cost(&self, stats: &Stats, centre: [f64; 3], depth: u8) -> f64 {
+    /// Cost of one leaf; `stats` relative to its centre.
+    fn leaf_cost(&self, stats: &Stats, depth: u8) -> f64 {
+        stats.place.displacement([0.0; 3]) + self.leaf_rate(depth) + self.mixing(stats)
+    }
+
+    /// Distortion of giving all members one shape and one colour.
+    fn mixing(&self, stats: &Stats) -> f64 {
+        self.options.shape * stats.shape() + self.options.colour * stats.features()
+    }
+
+    fn leaf_rate(&self, depth: u8) -> f64 {
         let o = self.options;
-        let distortion =
-            stats.displacement(centre) + o.shape * stats.shape() + o.colour * stats.features();
         let flag = if depth < o.j_high { o.cost.stop } else { 0.0 };
-        distortion + o.lambda * (flag + o.cost.gaussian)
+        o.lambda * (flag + o.cost.gaussian)
     }
 
     /// The mean of a Gaussian relative to `centre`.
@@ -483,6 +511,14 @@ impl Small<'_> {
             stats: &self.stats[range],
             base: self.base,
         }
+    }
+
+    fn place(&self) -> Place {
+        let mut sum = self.stats[0].place;
+        for stats in &self.stats[1..] {
+            sum.add(&stats.place);
+        }
+        sum
     }
 
     fn sum(&self) -> Stats {

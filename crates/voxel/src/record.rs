@@ -4,7 +4,7 @@ use gs_model::Scene;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::gaussian::{area, congruence, opacity, rotation, scales};
+use crate::gaussian::{area, congruence, opacity, rotation, scale};
 use crate::importance::Importance;
 
 /// Length of the feature vector of a Gaussian: its DC colour.
@@ -80,15 +80,18 @@ impl Block {
         let sh_len = scene.sh_len();
         // In loops over plain arrays, which the compiler turns into vector instructions.
         let mut s = [[0.0f64; 3]; BLOCK];
-        for (s, &l) in s.iter_mut().zip(&scene.log_scales[range.clone()]) {
-            *s = scales(l);
+        let log_scales = scene.log_scales[range.clone()].as_flattened();
+        for (s, &l) in s.as_flattened_mut().iter_mut().zip(log_scales) {
+            *s = scale(l);
         }
         let mut weight = [0.0f64; BLOCK];
         match importance {
             Importance::OpacityArea => {
-                let logits = &scene.opacity_logits[range.clone()];
-                for ((w, s), &logit) in weight.iter_mut().zip(&s).zip(logits) {
-                    *w = opacity(logit) * area(*s);
+                for (w, &logit) in weight.iter_mut().zip(&scene.opacity_logits[range.clone()]) {
+                    *w = opacity(logit);
+                }
+                for (w, s) in weight.iter_mut().zip(&s) {
+                    *w *= area(*s);
                 }
             }
             Importance::Given(given) => {

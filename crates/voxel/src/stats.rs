@@ -14,68 +14,39 @@ use crate::record::{FEATURES, Record};
 /// (Square roots are free: `R diag(s) R^T`.)
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Stats {
+    /// Where they are.
+    pub(crate) place: Place,
+    /// Sum of weight times the square root of the covariance.
+    root: Symmetric,
+    /// Sum of weight times the trace of the covariance.
+    trace: f64,
+    /// Sum of importance times feature, the DC colour.
+    feature: [f64; FEATURES],
+    /// Sum of importance times squared feature.
+    feature_second: f64,
+}
+
+/// The part of [`Stats`] that is about position: enough to tell, mostly, that a cell is no leaf.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Place {
     /// Sum of weights.
     pub(crate) weight: f64,
     /// Sum of weight times offset.
     first: [f64; 3],
     /// Sum of weight times squared offset.
     second: f64,
-    /// Sum of weight times the square root of the covariance.
-    root: Symmetric,
-    /// Sum of weight times the trace of the covariance.
-    trace: f64,
-    /// Sum of the feature weights.
-    feature_weight: f64,
-    /// Sum of feature weight times feature, the DC colour.
-    feature: [f64; FEATURES],
-    /// Sum of feature weight times squared feature.
-    feature_second: f64,
+    /// Sum of importances.
+    pub(crate) importance: f64,
 }
 
-impl Stats {
-    /// One Gaussian, whose mean is `d` from the point of reference.
-    pub(crate) fn of(record: &Record, d: [f64; 3]) -> Self {
-        let (w, v) = (record.geometry, record.importance);
-        let features = record.dc.map(f64::from);
-        let root = record.root.map(f64::from);
-        Self {
-            weight: w,
-            first: d.map(|x| w * x),
-            second: w * square(&d),
-            root: root.map(|x| w * x),
-            // Of the rounded root: a set of one must come out without distortion.
-            trace: w * norm_squared(&root),
-            feature_weight: v,
-            feature: features.map(|x| v * x),
-            feature_second: v * square(&features),
-        }
-    }
-
-    /// Adds a set whose positions are relative to the same point.
+impl Place {
     pub(crate) fn add(&mut self, other: &Self) {
         self.weight += other.weight;
         self.second += other.second;
-        self.trace += other.trace;
-        self.feature_weight += other.feature_weight;
-        self.feature_second += other.feature_second;
+        self.importance += other.importance;
         for k in 0..3 {
             self.first[k] += other.first[k];
         }
-        for k in 0..6 {
-            self.root[k] += other.root[k];
-        }
-        for k in 0..FEATURES {
-            self.feature[k] += other.feature[k];
-        }
-    }
-
-    /// The same set with positions relative to the old point plus `shift`.
-    pub(crate) fn moved(mut self, shift: [f64; 3]) -> Self {
-        self.second += self.second_shift(shift);
-        for (first, shift) in self.first.iter_mut().zip(shift) {
-            *first -= self.weight * shift;
-        }
-        self
     }
 
     /// Weighted sum of squared distances of the means from `point` (relative like them).
@@ -86,22 +57,62 @@ impl Stats {
     fn second_shift(&self, shift: [f64; 3]) -> f64 {
         (0..3).map(|k| shift[k] * (self.weight * shift[k] - 2.0 * self.first[k])).sum()
     }
+}
+
+impl Stats {
+    /// One Gaussian, whose mean is `d` from the point of reference.
+    pub(crate) fn of(record: &Record, d: [f64; 3]) -> Self {
+        let (weight, importance) = (record.geometry, record.importance);
+        let features = record.dc.map(f64::from);
+        let root = record.root.map(f64::from);
+        Self {
+            place: Place {
+                weight,
+                first: d.map(|x| weight * x),
+                second: weight * square(&d),
+                importance,
+            },
+            root: root.map(|x| weight * x),
+            // Of the rounded root: a set of one must come out without distortion.
+            trace: weight * norm_squared(&root),
+            feature: features.map(|x| importance * x),
+            feature_second: importance * square(&features),
+        }
+    }
+
+    /// Adds a set whose positions are relative to the same point.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.place.add(&other.place);
+        self.trace += other.trace;
+        self.feature_second += other.feature_second;
+        for k in 0..6 {
+            self.root[k] += other.root[k];
+        }
+        for k in 0..FEATURES {
+            self.feature[k] += other.feature[k];
+        }
+    }
+
+    /// The same set with positions relative to the old point plus `shift`.
+    pub(crate) fn moved(mut self, shift: [f64; 3]) -> Self {
+        let place = &mut self.place;
+        place.second += place.second_shift(shift);
+        for (first, shift) in place.first.iter_mut().zip(shift) {
+            *first -= place.weight * shift;
+        }
+        self
+    }
 
     /// Weighted sum of squared distances of the covariances' square roots from their mean.
     pub(crate) fn shape(&self) -> f64 {
         let square = norm_squared(&self.root);
-        (self.trace - square / self.weight.max(f64::MIN_POSITIVE)).max(0.0)
-    }
-
-    /// Sum of the importances.
-    pub(crate) fn importance(&self) -> f64 {
-        self.feature_weight
+        (self.trace - square / self.place.weight.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
     /// Weighted sum of squared distances of the features from their mean.
     pub(crate) fn features(&self) -> f64 {
-        (self.feature_second - square(&self.feature) / self.feature_weight.max(f64::MIN_POSITIVE))
-            .max(0.0)
+        let weight = self.place.importance.max(f64::MIN_POSITIVE);
+        (self.feature_second - square(&self.feature) / weight).max(0.0)
     }
 }
 

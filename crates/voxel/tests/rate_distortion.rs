@@ -123,7 +123,8 @@ fn pruning_is_the_optimum() {
                 let all: Vec<usize> = (0..len).collect();
                 let (cost, leaves, _) = Naive::new(&scene, &cube, &o).solve(&all, [0; 3], 0);
                 assert!(
-                    (report.cost - cost).abs() <= 1e-9 * cost,
+                    // Square roots of covariances are kept as f32.
+                    (report.cost - cost).abs() <= 1e-6 * cost,
                     "{seed} {lambda} {j_low} {drop:?}: {} against {cost}",
                     report.cost
                 );

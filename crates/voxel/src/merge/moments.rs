@@ -6,9 +6,11 @@ use super::Shape;
 use crate::eigen::{jacobi, multiply, quaternion};
 use crate::gaussian::{MAX_ALPHA, area, congruence, exp, logit, opacity, rotation, scales};
 
-/// What is computed once of every member.
+/// What is read and computed once of every member.
 #[derive(Clone, Copy)]
 pub(super) struct Look {
+    mean: [f32; 3],
+    rotation: [f32; 4],
     scales: [f64; 3],
     pub(super) area: f64,
     pub(super) opacity: f64,
@@ -18,7 +20,13 @@ impl Look {
     pub(super) fn of(scene: &Scene, member: u32) -> Self {
         let i = member as usize;
         let scales = scales(scene.log_scales[i]);
-        Self { scales, area: area(scales), opacity: opacity(scene.opacity_logits[i]) }
+        Self {
+            mean: scene.means[i],
+            rotation: scene.rotations[i],
+            scales,
+            area: area(scales),
+            opacity: opacity(scene.opacity_logits[i]),
+        }
     }
 }
 
@@ -32,38 +40,36 @@ pub(super) fn normalise(weights: &mut [f64]) {
 }
 
 /// Covariance and opacity of the merged Gaussian.
-pub(super) fn shape(scene: &Scene, members: &[u32], looks: &[Look], weights: &[f64]) -> Shape {
+pub(super) fn shape(looks: &[Look], weights: &[f64]) -> Shape {
     let total: f64 = weights.iter().sum();
-    let first = scene.means[members[0] as usize].map(f64::from);
+    let first = looks[0].mean.map(f64::from);
     let offset =
-        |i: usize| -> [f64; 3] { std::array::from_fn(|k| f64::from(scene.means[i][k]) - first[k]) };
+        |look: &Look| -> [f64; 3] { std::array::from_fn(|k| f64::from(look.mean[k]) - first[k]) };
     let mut mean = [0.0; 3];
-    let (mut dominant, mut dominant_weight) = (members[0] as usize, f64::NEG_INFINITY);
-    for (&i, &w) in members.iter().zip(weights) {
-        let d = offset(i as usize);
+    let (mut dominant, mut dominant_weight) = (&looks[0], f64::NEG_INFINITY);
+    for (look, &w) in looks.iter().zip(weights) {
+        let d = offset(look);
         for k in 0..3 {
             mean[k] += w * d[k] / total;
         }
         if w > dominant_weight {
-            (dominant, dominant_weight) = (i as usize, w);
+            (dominant, dominant_weight) = (look, w);
         }
     }
     // Second moments, in the frame of the dominant member.
-    let frame = rotation(scene.rotations[dominant]);
+    let frame = rotation(dominant.rotation);
     let mut covariance = [0.0; 6];
     let mut density = 0.0;
-    for ((&i, look), &w) in members.iter().zip(looks).zip(weights) {
-        let i = i as usize;
-        let s = look.scales;
-        let own = rotation(scene.rotations[i]);
+    for (look, &w) in looks.iter().zip(weights) {
+        let own = rotation(look.rotation);
         // frame^T own: columns are the member's axes in the dominant frame.
         let relative: [[f64; 3]; 3] = std::array::from_fn(|a| {
             std::array::from_fn(|b| (0..3).map(|k| frame[k][a] * own[k][b]).sum())
         });
-        let d = offset(i);
+        let d = offset(look);
         let d: [f64; 3] =
             std::array::from_fn(|a| (0..3).map(|k| frame[k][a] * (d[k] - mean[k])).sum());
-        let c = congruence(&relative, s.map(|x| x * x));
+        let c = congruence(&relative, look.scales.map(|x| x * x));
         for (e, (a, b)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate()
         {
             covariance[e] += w / total * (c[e] + d[a] * d[b]);
@@ -74,7 +80,7 @@ pub(super) fn shape(scene: &Scene, members: &[u32], looks: &[Look], weights: &[f
     let base = quaternion(&frame);
     let mut q = multiply(base, quaternion(&axes));
     // The sign of the dominant member's quaternion, so that neighbours stay comparable.
-    let dot: f64 = q.iter().zip(scene.rotations[dominant]).map(|(a, b)| a * f64::from(b)).sum();
+    let dot: f64 = q.iter().zip(dominant.rotation).map(|(a, b)| a * f64::from(b)).sum();
     if dot < 0.0 {
         q = q.map(|x| -x);
     }
