@@ -31,12 +31,15 @@ pub(crate) struct BenchArgs {
     /// Only these parts: speed, criteria, merging, rates, tuned, cost (all if none)
     #[arg(long)]
     pub(crate) only: Vec<String>,
-    /// Only these scenes
-    #[arg(long, default_values_t = ["fox".to_owned(), "bonsai".to_owned()])]
+    /// Only these scenes; `room` is the fixture, the others lie in `scenes` of the shared folder
+    #[arg(long, default_values_t = ["fox".to_owned(), "bonsai".to_owned(), "room".to_owned()])]
     pub(crate) scene: Vec<String>,
     /// Gaussians of the speed runs, in thousands
     #[arg(long, default_value_t = 2500)]
     pub(crate) thousands: usize,
+    /// Folder of the room
+    #[arg(long, default_value = "fixtures/room")]
+    pub(crate) room: PathBuf,
     /// Steps of fine-tune in `tuned`
     #[arg(long, default_value_t = 300)]
     pub(crate) steps: u64,
@@ -61,8 +64,9 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         if !["merging", "rates", "tuned", "cost"].into_iter().any(wants) {
             break;
         }
-        let study = models::Study::open(&args.shared.join("scenes").join(name), name)
-            .with_context(|| format!("scene {name}"))?;
+        let folder =
+            if name == "room" { args.room.clone() } else { args.shared.join("scenes").join(name) };
+        let study = models::Study::open(&folder, name).with_context(|| format!("scene {name}"))?;
         if wants("cost") {
             println!("{}", cost::table(&study)?);
         }

@@ -18,6 +18,11 @@ const BELOW: u8 = 2;
 const ABOVE: u8 = 2;
 /// Bisection steps that match the number of leaves.
 const STEPS: usize = 16;
+/// Repetitions of runs shorter than [`LONG`]; the fastest counts, since other programs share the
+/// machine. Longer ones are run once.
+const RUNS: usize = 9;
+/// Seconds.
+const LONG: f64 = 5.0;
 /// Gaussians of the replicated model, in thousands.
 const LARGE: usize = 2000;
 
@@ -25,9 +30,10 @@ pub(super) fn table(args: &BenchArgs) -> Result<String> {
     let mut out = "## Run time against eq. 5\n\n\
          All octrees span the same depths; the limit of the exact criterion and lambda are set \
          so that the number of leaves is that of `Paper`. `d` is the total of eq. 5 over all \
-         leaves, exact barycenters, in squared world units.\n\n\
-         | model | Gaussians | depths | criterion | leaves | seconds | times faster | d | d / exact |\n\
-         |---|---|---|---|---|---|---|---|---|\n"
+         leaves, exact barycenters, in squared world units. Runs below 5 s are the fastest of \
+         9. `skipped`: cells whose subtrees the pruning did not look into, of those decided.\n\n\
+         | model | Gaussians | depths | criterion | leaves | seconds | times faster | d | d / exact | skipped |\n\
+         |---|---|---|---|---|---|---|---|---|---|\n"
         .to_owned();
     let shared = &args.shared;
     let models = [
@@ -61,9 +67,18 @@ fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Re
     let depth = models::depth_of(scene, &cube)?;
     let (low, high) = (depth - BELOW, depth + ABOVE);
     let timed = |run: &dyn Fn() -> Result<Voxelization>| -> Result<(Voxelization, f64)> {
+        let mut best = f64::INFINITY;
+        for _ in 1..RUNS {
+            let start = Instant::now();
+            let v = run()?;
+            best = best.min(start.elapsed().as_secs_f64());
+            if best > LONG {
+                return Ok((v, best));
+            }
+        }
         let start = Instant::now();
         let v = run()?;
-        Ok((v, start.elapsed().as_secs_f64()))
+        Ok((v, best.min(start.elapsed().as_secs_f64())))
     };
 
     let (paper, paper_s) = timed(&|| Ok(voxelize(scene, &cube, &Strategy::paper(low, high))?))?;
@@ -97,17 +112,19 @@ fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Re
     };
     let prepared = options(lambda);
     let (ours, ours_s) = timed(&|| Ok(rate_distortion(scene, &cube, &prepared)?.0))?;
+    let (_, report) = rate_distortion(scene, &cube, &prepared)?;
+    let skipped = format!("{} of {}", report.skipped, report.decided);
 
     let exact_d = w2::total_distortion(scene, &exact);
-    for (criterion, v, seconds) in [
-        ("exact barycenter", &exact, exact_s),
-        ("Paper", &paper, paper_s),
-        ("RateDistortion", &ours, ours_s),
+    for (criterion, v, seconds, skipped) in [
+        ("exact barycenter", &exact, exact_s, "-"),
+        ("Paper", &paper, paper_s, "-"),
+        ("RateDistortion", &ours, ours_s, &skipped),
     ] {
         let d = w2::total_distortion(scene, v);
         writeln!(
             out,
-            "| {name} | {} | {low} to {high} | {criterion} | {} | {seconds:.4} | {:.1} | {d:.4e} | {:.3} |",
+            "| {name} | {} | {low} to {high} | {criterion} | {} | {seconds:.4} | {:.1} | {d:.4e} | {:.3} | {skipped} |",
             scene.len(),
             v.len(),
             exact_s / seconds,
