@@ -404,29 +404,37 @@ impl Pruning<'_> {
     fn solve_one(&self, cell: &Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
         let place = &cell.stats[0].place;
+        let code = cell.codes[0];
+        let first = depth.max(o.j_low);
+        let centre = self.centre(code, first);
         let offset = self.cube.offset(cell.records[0].mean);
-        let index = morton::decode(cell.codes[0]);
-        let mut bits = 0.0;
+        // From the centre of the cell to the mean; one level down that moves by half a side of
+        // the child, up or down by a bit of the code.
+        let mut from: [f64; 3] = std::array::from_fn(|k| offset[k] - centre[k]);
+        let mut rate = f64::from(first - depth) * o.lambda * o.cost.occupancy[0];
+        let deeper = o.lambda * (o.cost.occupancy[0] + o.cost.go_on);
+        let gaussian = o.lambda * o.cost.gaussian;
+        let flagged = o.lambda * (o.cost.stop + o.cost.gaussian);
         let (mut cost, mut at) = (f64::INFINITY, o.j_high);
-        for d in depth..=o.j_high {
-            let flag = d >= o.j_low && d < o.j_high;
-            if d >= o.j_low {
-                let side = self.cells[usize::from(d)];
-                let square: f64 = (0..3)
-                    .map(|k| (f64::from(index[k] >> (o.j_high - d)) + 0.5) * side - offset[k])
-                    .map(|x| x * x)
-                    .sum();
-                let stop = if flag { o.cost.stop } else { 0.0 };
-                let here = place.weight * square + o.lambda * (bits + stop + o.cost.gaussian);
-                if here < cost {
-                    (cost, at) = (here, d);
-                }
-                // Deeper leaves cost more bits than all that is left to save.
-                if o.lambda * (bits + o.cost.occupancy[0] + o.cost.gaussian) >= cost {
-                    break;
-                }
+        for d in first..=o.j_high {
+            let square = from[0] * from[0] + from[1] * from[1] + from[2] * from[2];
+            let leaf = if d < o.j_high { flagged } else { gaussian };
+            let here = place.weight * square + rate + leaf;
+            if here < cost {
+                (cost, at) = (here, d);
             }
-            bits += o.cost.occupancy[0] + if flag { o.cost.go_on } else { 0.0 };
+            // Deeper leaves cost more bits than all that is left to save.
+            if d == o.j_high || rate + o.lambda * o.cost.occupancy[0] + gaussian >= cost {
+                break;
+            }
+            rate += deeper;
+            let half = (0.5 * self.cells[usize::from(d) + 1]).to_bits();
+            // The bits of x, y and z that tell the children of this cell apart, as signs.
+            let shift = 63 - 3 * u32::from(o.j_high - d - 1);
+            let sign = |k: u32| (code << (shift - k)) & (1 << 63);
+            from[0] += f64::from_bits(half ^ sign(2));
+            from[1] += f64::from_bits(half ^ sign(1));
+            from[2] += f64::from_bits(half ^ sign(0));
         }
         depths.fill(at);
         let skipped = u64::from(at < o.j_high);
