@@ -59,8 +59,8 @@ pub(crate) fn scales(log_scale: [f32; 3]) -> [f64; 3] {
 
 /// Standard deviation, world units.
 #[inline]
+#[allow(clippy::manual_clamp, reason = "NaN must end up in range, as exp needs")]
 pub(crate) fn scale(log_scale: f32) -> f64 {
-    // Not `clamp`, so that loops become vector instructions; NaN ends up in range.
     exp(f64::from(log_scale.max(-MAX_LOG_SCALE).min(MAX_LOG_SCALE)))
 }
 
@@ -73,6 +73,7 @@ pub(crate) fn log_volume(log_scale: [f32; 3]) -> f64 {
 
 /// Opacity in (0, 1) from its logit.
 #[inline]
+#[allow(clippy::manual_clamp, reason = "NaN must end up in range, as exp needs")]
 pub(crate) fn opacity(logit: f32) -> f64 {
     // Beyond 700 the opacity is 0 or 1 in `f64` all the same.
     1.0 / (1.0 + exp(f64::from((-logit).max(-700.0).min(700.0))))

@@ -6,7 +6,7 @@ use common::{clustered, cube, strategies};
 use gpcc_lite::morton;
 use gs_model::Scene;
 use proptest::prelude::*;
-use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
+use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge, merge_into, voxelize};
 
 /// Every Gaussian is in exactly one leaf (or dropped, where that is asked for); leaves ascend
 /// and do not overlap; depths are in range.
@@ -160,6 +160,25 @@ fn thread_count_does_not_matter() {
     for threads in [2, 8] {
         assert!(run(threads) == one, "{threads} threads");
     }
+}
+
+/// Memory that held another scene, larger or smaller, leaves no trace.
+#[test]
+fn merging_into_used_memory_is_merging() {
+    let mut out = Scene::default();
+    for (len, rule) in [(900, Merge::Moments), (2000, Merge::Paper), (300, Merge::Moments)] {
+        let scene = clustered(len, 7);
+        let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 6 }).unwrap();
+        merge_into(&scene, &v, rule, &Importance::OpacityArea, &mut out).unwrap();
+        assert!(out == merge(&scene, &v, rule).unwrap());
+    }
+    // An error leaves it alone.
+    let before = out.clone();
+    let scene = clustered(40, 8);
+    let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 6 }).unwrap();
+    let short = Importance::Given(vec![1.0; 3]);
+    assert!(merge_into(&scene, &v, Merge::Moments, &short, &mut out).is_err());
+    assert!(out == before);
 }
 
 /// Half-open: the extreme mean gets the last index, not one past it.
