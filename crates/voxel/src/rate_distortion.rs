@@ -222,7 +222,8 @@ impl Pruning<'_> {
             .map_init(Scratch::default, |scratch, block| self.solve_block(scratch, block))
             .collect();
         let mut solved = solved.into_iter();
-        self.combine(&order.codes, 0, depths, &mut solved).0
+        let centre = self.centre(order.codes[0], 0);
+        self.combine(&order.codes, centre, 0, depths, &mut solved).0
     }
 
     /// Cuts the octree into blocks: cells of at most [`BLOCK`] Gaussians, or of the last depth.
@@ -277,13 +278,14 @@ impl Pruning<'_> {
         let Scratch { records, stats } = scratch;
         records.clear();
         records.extend(members.iter().map(|&i| self.records.get(i)));
-        self.solve(Cell { codes, records }, depth, depths, stats)
+        self.solve(Cell { codes, records }, self.centre(codes[0], depth), depth, depths, stats)
     }
 
     /// Solves the cells above the blocks, whose results come in Morton order.
     fn combine(
         &self,
         codes: &[u64],
+        centre: [f64; 3],
         depth: u8,
         depths: &mut [u8],
         blocks: &mut impl Iterator<Item = (Best, Stats)>,
@@ -292,9 +294,9 @@ impl Pruning<'_> {
             // There are as many results as blocks.
             return blocks.next().unwrap_or_default();
         }
-        let children =
-            |codes: &[u64], depths: &mut [u8]| self.combine(codes, depth + 1, depths, blocks);
-        self.combine_children(codes, depth, depths, children)
+        self.combine_children(codes, centre, depth, depths, |codes, centre, depths| {
+            self.combine(codes, centre, depth + 1, depths, blocks)
+        })
     }
 
     /// Finds the best pruning of the cell at `depth` that holds all of `codes`, at most
@@ -302,6 +304,7 @@ impl Pruning<'_> {
     fn solve(
         &self,
         cell: Cell<'_>,
+        centre: [f64; 3],
         depth: u8,
         depths: &mut [u8],
         scratch: &mut Vec<Stats>,
@@ -309,36 +312,35 @@ impl Pruning<'_> {
         let Cell { codes, records } = cell;
         if codes.len() > SMALL && depth < self.options.j_high {
             let mut at = 0;
-            return self.combine_children(codes, depth, depths, |codes, depths| {
+            return self.combine_children(codes, centre, depth, depths, |codes, centre, depths| {
                 let records = &records[at..at + codes.len()];
                 at += codes.len();
-                self.solve(Cell { codes, records }, depth + 1, depths, scratch)
+                self.solve(Cell { codes, records }, centre, depth + 1, depths, scratch)
             });
         }
-        let base = self.centre(codes[0], depth);
         scratch.clear();
-        scratch.extend(records.iter().map(|r| Stats::of(r, self.from(r, base))));
-        let small = Small { codes, records, stats: scratch, base };
+        scratch.extend(records.iter().map(|r| Stats::of(r, self.from(r, centre))));
+        let small = Small { codes, records, stats: scratch, base: centre };
         let sum = small.sum();
-        (self.solve_small(small, &sum.place, depth, depths), sum)
+        (self.solve_small(small, &sum.place, centre, depth, depths), sum)
     }
 
     /// A cell whose children are solved one by one, by `child`.
     fn combine_children(
         &self,
         codes: &[u64],
+        centre: [f64; 3],
         depth: u8,
         depths: &mut [u8],
-        mut child: impl FnMut(&[u64], &mut [u8]) -> (Best, Stats),
+        mut child: impl FnMut(&[u64], [f64; 3], &mut [u8]) -> (Best, Stats),
     ) -> (Best, Stats) {
         let mut best = Best { empty: true, decided: 1, ..Best::default() };
         let mut sum = Stats::default();
-        let centre = self.centre(codes[0], depth);
         let (mut start, mut occupied) = (0, 0);
         while start < codes.len() {
             let end = cell_end(codes, start, self.options.j_high, depth + 1);
-            let (solved, stats) = child(&codes[start..end], &mut depths[start..end]);
-            let from = self.centre(codes[start], depth + 1);
+            let from = self.child(centre, codes[start], depth);
+            let (solved, stats) = child(&codes[start..end], from, &mut depths[start..end]);
             sum.add(&stats.moved(std::array::from_fn(|k| centre[k] - from[k])));
             occupied += usize::from(!solved.empty);
             best.add(&solved);
@@ -351,13 +353,19 @@ impl Pruning<'_> {
 
     /// A cell of few Gaussians, whose statistics are at hand: all sums refer to `cell.base`,
     /// and a cell that cannot gain by division is not looked into. `place` is that of the cell.
-    fn solve_small(&self, cell: Small<'_>, place: &Place, depth: u8, depths: &mut [u8]) -> Best {
+    fn solve_small(
+        &self,
+        cell: Small<'_>,
+        place: &Place,
+        centre: [f64; 3],
+        depth: u8,
+        depths: &mut [u8],
+    ) -> Best {
         let o = self.options;
         if cell.codes.len() == 1 {
-            return self.solve_one(&cell, depth, depths);
+            return self.solve_one(&cell, centre, depth, depths);
         }
         let mut best = Best { empty: true, decided: 1, ..Best::default() };
-        let centre = self.centre(cell.codes[0], depth);
         // What a leaf costs for its place alone mostly rules it out; the rest is summed only
         // where it does not.
         let floor = place.displacement(std::array::from_fn(|k| centre[k] - cell.base[k]))
@@ -386,7 +394,8 @@ impl Pruning<'_> {
             let part = cell.part(start..end);
             // An only child has the place of its parent.
             let own = if end - start == cell.codes.len() { *place } else { part.place() };
-            let child = self.solve_small(part, &own, depth + 1, &mut depths[start..end]);
+            let centre = self.child(centre, part.codes[0], depth);
+            let child = self.solve_small(part, &own, centre, depth + 1, &mut depths[start..end]);
             occupied += usize::from(!child.empty);
             best.add(&child);
             start = end;
@@ -401,15 +410,14 @@ impl Pruning<'_> {
     }
 
     /// A cell of one Gaussian: every depth below is tried, none is visited.
-    fn solve_one(&self, cell: &Small<'_>, depth: u8, depths: &mut [u8]) -> Best {
+    fn solve_one(&self, cell: &Small<'_>, centre: [f64; 3], depth: u8, depths: &mut [u8]) -> Best {
         let o = self.options;
         let place = &cell.stats[0].place;
         let code = cell.codes[0];
         let first = depth.max(o.j_low);
-        let centre = self.centre(code, first);
+        let centre = if first == depth { centre } else { self.centre(code, first) };
         let offset = self.cube.offset(cell.records[0].mean);
-        // From the centre of the cell to the mean; one level down that moves by half a side of
-        // the child, up or down by a bit of the code.
+        // From the centre of the cell to the mean.
         let mut from: [f64; 3] = std::array::from_fn(|k| offset[k] - centre[k]);
         let mut rate = f64::from(first - depth) * o.lambda * o.cost.occupancy[0];
         let deeper = o.lambda * (o.cost.occupancy[0] + o.cost.go_on);
@@ -428,13 +436,8 @@ impl Pruning<'_> {
                 break;
             }
             rate += deeper;
-            let half = (0.5 * self.cells[usize::from(d) + 1]).to_bits();
-            // The bits of x, y and z that tell the children of this cell apart, as signs.
-            let shift = 63 - 3 * u32::from(o.j_high - d - 1);
-            let sign = |k: u32| (code << (shift - k)) & (1 << 63);
-            from[0] += f64::from_bits(half ^ sign(2));
-            from[1] += f64::from_bits(half ^ sign(1));
-            from[2] += f64::from_bits(half ^ sign(0));
+            let step = self.step(code, d);
+            (0..3).for_each(|k| from[k] -= step[k]);
         }
         depths.fill(at);
         let skipped = u64::from(at < o.j_high);
@@ -501,6 +504,22 @@ impl Pruning<'_> {
     fn from(&self, record: &Record, centre: [f64; 3]) -> [f64; 3] {
         let offset = self.cube.offset(record.mean);
         std::array::from_fn(|k| offset[k] - centre[k])
+    }
+
+    /// From the centre of the cell at `depth` that holds `code` to that of its child: half a
+    /// side of the child along each axis, up or down by a bit of the code.
+    fn step(&self, code: u64, depth: u8) -> [f64; 3] {
+        let half = (-0.5 * self.cells[usize::from(depth) + 1]).to_bits();
+        // The bits of x, y and z that tell the children apart, as signs.
+        let shift = 61 - 3 * u32::from(self.options.j_high - depth - 1);
+        [0, 1, 2].map(|k| f64::from_bits(half ^ (code << (shift + k)) & (1 << 63)))
+    }
+
+    /// Centre of the child that holds `code`, of a cell with this centre. Exact for the cubes of
+    /// [`Cube::of`].
+    fn child(&self, centre: [f64; 3], code: u64, depth: u8) -> [f64; 3] {
+        let step = self.step(code, depth);
+        std::array::from_fn(|k| centre[k] + step[k])
     }
 
     /// Centre of a cell relative to the cube's origin; as `Cube::centre_offset`.
