@@ -5,11 +5,6 @@ use crate::gaussian::Symmetric;
 /// Sweeps of the cyclic Jacobi method. Convergence is quadratic: 3x3 matrices take 4 to 6.
 const MAX_SWEEPS: usize = 16;
 
-/// Square of an off-diagonal entry that counts as zero, relative to the product of its diagonal
-/// entries: leaves an error of 1e-10 in the axes, far below the `f32` they end up in, and of its
-/// square in the variances.
-const NEGLIGIBLE: f64 = 1e-20;
-
 /// Diagonalises `a`: `a = v diag(d) v^T` with `v` a rotation, as `(d, v)`.
 ///
 /// Cyclic Jacobi with the smaller of the two possible angles in every step, so a nearly
@@ -25,7 +20,8 @@ pub(crate) fn jacobi(a: Symmetric) -> ([f64; 3], [[f64; 3]; 3]) {
             let off = m[p][q];
             // Negligible against the geometric mean of the two diagonal entries: this keeps
             // the small axes of flat Gaussians to full relative accuracy.
-            if off * off <= NEGLIGIBLE * (m[p][p] * m[q][q]).abs() {
+            let scale = (m[p][p].abs() * m[q][q].abs()).sqrt();
+            if off == 0.0 || off.abs() <= 1e-15 * scale {
                 continue;
             }
             rotated = true;
@@ -97,7 +93,7 @@ mod tests {
             let back = congruence(&v, values);
             let scale = d.iter().fold(0.0, |m: f64, x| m.max(*x));
             for (x, y) in a.iter().zip(back) {
-                assert!((x - y).abs() <= 1e-10 * scale, "{a:?} {back:?}");
+                assert!((x - y).abs() <= 1e-13 * scale, "{a:?} {back:?}");
             }
             // Axes stay in order: each column is within 45 degrees of its own axis.
             assert!((0..3).all(|k| v[k][k] > 0.7), "{v:?}");

@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use super::Shape;
 use crate::eigen::{jacobi, multiply, quaternion};
-use crate::gaussian::{MAX_ALPHA, area, congruence, exp, logit, opacity, rotation, scales};
+use crate::gaussian::{MAX_ALPHA, area, congruence, logit, opacity, rotation, scales};
 
 /// What is read and computed once of every member.
 #[derive(Clone, Copy)]
@@ -87,7 +87,7 @@ pub(super) fn shape(looks: &[Look], weights: &[f64]) -> Shape {
     let log_scale = variances.map(|v| 0.5 * libm::log(v.max(f64::MIN_POSITIVE)));
     // Optical depth times area is conserved: members on top of each other give
     // 1 - prod(1 - alpha), members side by side their mean.
-    let merged_area = area(log_scale.map(exp));
+    let merged_area = area(log_scale.map(libm::exp));
     let alpha = -libm::expm1(-density / merged_area);
     Shape {
         rotation: q.map(|x| x as f32),
