@@ -4,7 +4,11 @@ use crate::output::{self, megabytes};
 use crate::{progress, views};
 use anyhow::{Context, Result, bail};
 use finetune::backend::Backend;
-use finetune::{FineTune, FineTuneOptions, Image, TrainView};
+use finetune::{
+    FineTune, FineTuneOptions, Image, Quantization, QuantizationMode, RenderOptions, TrainView,
+    metrics, render,
+};
+use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -30,6 +34,15 @@ pub(crate) struct Args {
     /// Executor: cpu, gpu or auto.
     #[arg(long, default_value = "auto", value_parser = backend)]
     backend: Backend,
+    /// Stop after so many passes over the photos without improvement; 0 for never.
+    #[arg(long, default_value_t = 5)]
+    patience: u32,
+    /// Go on when the photos are matched as well as by the input model.
+    #[arg(long)]
+    past_input: bool,
+    /// Quantise attributes in the loop at the steps of the quality: round or noise.
+    #[arg(long, value_name = "MODE", value_parser = quantizer)]
+    quantize: Option<QuantizationMode>,
     /// Checkpoint file; an existing one is continued.
     #[arg(long)]
     checkpoint: Option<PathBuf>,
@@ -47,6 +60,41 @@ fn backend(text: &str) -> std::result::Result<Backend, String> {
     }
 }
 
+fn quantizer(text: &str) -> std::result::Result<QuantizationMode, String> {
+    match text {
+        "round" => Ok(QuantizationMode::StraightThrough),
+        "noise" => Ok(QuantizationMode::UniformNoise),
+        _ => Err("use round or noise".into()),
+    }
+}
+
+/// The codec's steps of the middle importance class, in the space of the scene's arrays: ln(alpha)
+/// moves at most as far as the logit, and a covariance's logarithm twice as far as the log-scale.
+fn quantization(mode: QuantizationMode, options: &EncodeOptions) -> Quantization {
+    let steps = &options.steps;
+    Quantization {
+        mode,
+        sh_dc: steps.dc,
+        sh_rest: steps.sh[0],
+        opacity_logit: steps.opacity,
+        log_scale: 0.5 * steps.covariance,
+        ..Default::default()
+    }
+}
+
+/// Mean PSNR of the model at the training views, dB.
+fn quality(scene: &Scene, views: &[TrainView]) -> f64 {
+    let bar = progress::bar("input model", views.len() as u64);
+    let mut sum = 0.0;
+    for view in views {
+        let image = render(scene, &view.camera, &RenderOptions::default());
+        sum += metrics::psnr(&image, &view.photo);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    sum / views.len() as f64
+}
+
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
 pub(crate) fn run(args: &Args) -> Result<()> {
     output::check(&args.output, args.force)?;
@@ -60,6 +108,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let training = photos(&args.cameras)?;
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
     let importance = views::importance(&scene, &cameras);
+    let unseen = importance.iter().filter(|&&v| v == 0.0).count();
+    if unseen > 0 {
+        let n = scene.len();
+        eprintln!("{unseen} of {n} Gaussians contribute to no training view: left out");
+    }
+    let target = (!args.past_input).then(|| quality(&scene, &training));
+    if let Some(db) = target {
+        eprintln!("input model: {db:.2} dB at the training views; the fine-tune ends there");
+    }
     let strategy = |found: &[f32], seen| gsvx::default_strategy(args.quality, found, seen);
     let Prepared { scene, voxels, importance } =
         gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
@@ -70,6 +127,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         .context("Ctrl-C cannot be caught")?;
     let tuning = FineTuneOptions {
         steps: args.steps,
+        target_psnr: target,
+        patience: (args.patience > 0).then_some(args.patience),
+        quantization: args.quantize.map(|mode| quantization(mode, &options)),
         checkpoint: args.checkpoint.clone(),
         cancel: Some(cancel),
         backend: args.backend,
