@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Chart, Kind};
+use super::{COLOURS, Chart, Kind};
 
 /// Room for the numbers on the left, and for the last number on the right.
 const LEFT: f64 = 66.0;
@@ -194,7 +194,8 @@ impl Chart {
         let hollow = self.series[index].kind == Kind::Published;
         let fill = if hollow { theme.ground.unwrap_or("var(--ground)") } else { colour };
         let r = MARK;
-        let shape = match index % 4 {
+        // Colours come again after eight lines; then with another shape.
+        let shape = match (index + index / COLOURS.len()) % 4 {
             0 => format!(
                 "M{:.1} {y:.1}a{r} {r} 0 1 0 {} 0a{r} {r} 0 1 0 -{} 0z",
                 x - r,

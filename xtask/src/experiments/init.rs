@@ -44,7 +44,12 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
     })?;
     let over_size =
         page::chart(bench, "with and without initialisation (Fig. 7)", &curves, &others);
-    let over_steps = steps_chart(bench, tuned());
+    let over_steps = steps_chart(bench, "PSNR over steps of the fine-tune", tuned());
+    let near = steps_chart(
+        bench,
+        "the same, initialised models only",
+        tuned().filter(|(_, t)| t.initialised),
+    );
     let original = bench.original.score.psnr_db;
     let lead = format!(
         "The paper's Fig. 7: voxelized models fine-tuned for {} steps, beginning with the attributes of the \
@@ -54,7 +59,13 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
         bench.steps
     );
     let parts = vec![
-        Section::open("PSNR over steps", vec![Block::Chart(over_steps, "init-steps".into())]),
+        Section::open(
+            "PSNR over steps",
+            vec![
+                Block::Chart(over_steps, "init-steps".into()),
+                Block::Chart(near, "init-steps-near".into()),
+            ],
+        ),
         page::tunes(bench, tuned().map(|(m, t)| (m.name.as_str(), m.gaussians, t))),
         Section::open("Curves", vec![Block::Chart(over_size, "init".into())]),
         Section::open(
@@ -103,6 +114,7 @@ fn highlights<'a>(
 
 fn steps_chart<'a>(
     bench: &Bench<'_>,
+    title: &str,
     models: impl Iterator<Item = (&'a Voxelized, &'a Tuned)>,
 ) -> Chart {
     let line = |(m, t): (&Voxelized, &Tuned)| Series {
@@ -112,7 +124,7 @@ fn steps_chart<'a>(
     };
     let original = bench.original.score.psnr_db;
     Chart::new(
-        format!("{}: PSNR over steps of the fine-tune", bench.scene()),
+        format!("{}: {title}", bench.scene()),
         Axis::linear("steps, one training view each"),
         Axis::linear("PSNR at held-out views, dB"),
         models.map(line).collect(),
