@@ -50,6 +50,14 @@ const DEEPER: u8 = 2;
 const ABOVE: u8 = 3;
 const BELOW: u8 = 1;
 
+/// Qualities whose own voxelizations are tuned.
+const TUNED_AT: [f32; 3] = [34.0, 62.0, 90.0];
+
+fn nearest(quality: f32) -> f32 {
+    let distance = |at: &f32| (at - quality).abs();
+    TUNED_AT.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(TUNED_AT[0])
+}
+
 impl Experiment {
     /// Name, as given on the command line.
     fn name(self) -> &'static str {
@@ -167,6 +175,17 @@ impl Bench<'_> {
         }
     }
 
+    /// The codec's own voxelizations that are tuned, each with the qualities near it: as without
+    /// a fine-tune, the tree follows the rate.
+    fn tuned_parts(&self) -> Vec<(Voxels, Vec<Coding>)> {
+        let codings = |at: f32| -> Vec<Coding> {
+            let near = self.qualities.iter().filter(|q| nearest(**q) == at);
+            near.map(|&q| Coding::Quality(q)).collect()
+        };
+        let parts = TUNED_AT.iter().map(|&at| (self.pruned(at), codings(at)));
+        parts.filter(|(_, codings)| !codings.is_empty()).collect()
+    }
+
     /// Both uniform depths.
     fn depths(&self) -> [u8; 2] {
         [self.depth, (self.depth + DEEPER).min(20)]
@@ -233,6 +252,13 @@ fn points(curve: &Curve) -> Vec<crate::bd::Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_quality_has_a_tuned_voxelization() {
+        for q in crate::rd_curve::plan::qualities(6).unwrap() {
+            assert!((nearest(q) - q).abs() <= 14.0, "{q}");
+        }
+    }
 
     #[test]
     fn names_are_those_of_the_command_line() {

@@ -10,23 +10,12 @@ use crate::rd_curve::record::{Bd, Curve};
 use crate::report::sections::{self, BD_TEXT};
 use crate::report::{Block, Section, run};
 
-/// Qualities whose voxelizations are tuned; each is coded at the run's qualities nearest to it.
-const TUNED_AT: [f32; 3] = [34.0, 62.0, 90.0];
-
 pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
     let each: Vec<(Voxels, Vec<Coding>)> =
         bench.qualities.iter().map(|&q| (bench.pruned(q), vec![Coding::Quality(q)])).collect();
     let mut curves = Vec::new();
-    let tuned: Vec<(Voxels, Vec<Coding>)> = TUNED_AT
-        .iter()
-        .map(|&at| {
-            let near = bench.qualities.iter().filter(|q| nearest(**q) == at);
-            (bench.pruned(at), near.map(|&q| Coding::Quality(q)).collect::<Vec<_>>())
-        })
-        .filter(|(_, codings)| !codings.is_empty())
-        .collect();
     let what = format!("gsvx, default, fine-tuned for {} steps", bench.steps);
-    curves.push(bench.curve("gsvx, fine-tuned", what, &tuned, bench.tuning(true))?);
+    curves.push(bench.curve("gsvx, fine-tuned", what, &bench.tuned_parts(), bench.tuning(true))?);
     curves.push(bench.curve("gsvx", "gsvx, default, no fine-tune".into(), &each, None)?);
     let adaptive = bench.adaptive(bench.depth);
     let what = format!("{}, fine-tuned, paper's coding", adaptive.what);
@@ -78,11 +67,6 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
     let highlights = highlights(&bd);
     let document = page::document(bench, "State of the art (Fig. 9)", lead, highlights, parts);
     Ok(Results { document, curves, bd, others, tools })
-}
-
-fn nearest(quality: f32) -> f32 {
-    let distance = |at: &f32| (at - quality).abs();
-    TUNED_AT.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(TUNED_AT[0])
 }
 
 fn highlights(bd: &[Bd]) -> Vec<(String, String)> {
@@ -154,12 +138,5 @@ mod tests {
         assert_eq!(bytes_at(&curve, 32.0), Some(400.0));
         assert_eq!(bytes_at(&curve, 33.0), None);
         assert_eq!(bytes_at(&curve, 19.0), None);
-    }
-
-    #[test]
-    fn every_quality_has_a_tuned_voxelization() {
-        for q in crate::rd_curve::plan::qualities(6).unwrap() {
-            assert!((nearest(q) - q).abs() <= 14.0, "{q}");
-        }
     }
 }
