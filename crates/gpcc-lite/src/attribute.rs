@@ -5,7 +5,7 @@
 
 use crate::bytes::{Reader, put_varint};
 use crate::coeffs::{self, Mode};
-use crate::context::{CHUNK, Magnitudes, chunk_size};
+use crate::context::{Magnitudes, Packed, chunk_size};
 use crate::error::{Error, Result};
 use crate::quant::{CentroidSums, Centroids, Step, VALUE_BITS};
 use crate::raht::{self, Forward, Plan, Residual};
@@ -128,7 +128,8 @@ fn reconstruct<const C: usize>(
     if heads.iter().any(|h| !h.strength.is_empty()) {
         let dc = std::array::from_fn(|i| dequantise_dc(quantised[i], heads[i]));
         let mut source = Dequantiser { quantised, heads };
-        return Ok(to_values(plan, &raht::reconstruct(plan, dc, &mut source)));
+        let low = vec![[0; C]; plan.len()];
+        return Ok(to_values(plan, &raht::reconstruct(plan, dc, &mut source, low)));
     }
     let mut out = std::array::from_fn(|_| Vec::new());
     for (i, values) in out.iter_mut().enumerate() {
@@ -205,7 +206,7 @@ impl<const C: usize> Residual<C> for Dequantiser<'_, C> {
     }
 
     #[inline]
-    fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
+    fn high(&mut self, k: usize, predicted: [i64; C], _: [i64; C]) -> [i64; C] {
         let mut high = predicted;
         for i in 0..C {
             let h = self.heads[i];
@@ -243,8 +244,7 @@ impl Quantised {
                 h.strength = s;
             }
         }
-        let (levels, sums, low) = self.quantise(plan, &forward.exact, &heads, o.lambda);
-        drop(forward);
+        let (levels, sums, low) = self.quantise(plan, forward.exact, &heads, o.lambda);
         if low.is_none() {
             // Nothing was predicted from reconstructed values, so the shifts can still be chosen.
             for (h, s) in heads.iter_mut().zip(&sums) {
@@ -266,14 +266,13 @@ impl Quantised {
     fn quantise<const C: usize>(
         &mut self,
         plan: &Plan,
-        exact: &[[i64; C]],
+        exact: Vec<[i64; C]>,
         heads: &[Head; C],
         lambda: u8,
     ) -> Pass<C> {
         let n = plan.len();
         let mut q = Quantiser {
             plan,
-            exact,
             first: self.heads.len(),
             coded: &mut self.coded,
             heads,
@@ -293,12 +292,12 @@ impl Quantised {
         }
         let mut low = None;
         if heads.iter().any(|h| !h.strength.is_empty()) {
-            low = Some(raht::reconstruct(plan, dc, &mut q));
+            low = Some(raht::reconstruct(plan, dc, &mut q, exact));
         } else {
             for (depth, level) in plan.levels().windows(2).enumerate() {
                 q.start_level(depth);
                 for k in level[0] as usize..level[1] as usize {
-                    q.high(k, [0; C]);
+                    q.high(k, [0; C], exact[plan.split_leaf(k)]);
                 }
             }
         }
@@ -312,7 +311,6 @@ type Pass<const C: usize> = ([Vec<i32>; C], [CentroidSums; C], Option<Vec<[i64; 
 /// Encoder: quantises the residual as it goes.
 struct Quantiser<'a, const C: usize> {
     plan: &'a Plan,
-    exact: &'a [[i64; C]],
     /// Number of channels done before these, and the sums of their magnitudes.
     first: usize,
     coded: &'a mut [u32],
@@ -331,19 +329,18 @@ impl<const C: usize> Residual<C> for Quantiser<'_, C> {
     }
 
     #[inline]
-    fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C] {
+    fn high(&mut self, k: usize, predicted: [i64; C], exact: [i64; C]) -> [i64; C] {
         let (parent, axis) = (self.plan.parents()[k - 1], self.plan.axes()[k - 1]);
         let here = self.context.at(k, parent, axis, 0, self.first);
         let mut coded = self.coded[k];
         let mut high = predicted;
-        let mut magnitudes = [0; CHUNK];
-        let exact = &self.exact[k];
+        let mut magnitudes = Packed::default();
         for i in 0..C {
             let residual = exact[i].wrapping_sub(predicted[i]);
             let m = here.expected(i, coded);
             let x = residual.unsigned_abs() as f64 * self.per_unit[i];
             let magnitude = self.thresholds.quantise(x, m);
-            magnitudes[i] = magnitude;
+            magnitudes.set(i, magnitude);
             coded = coded.saturating_add(magnitude);
             if magnitude != 0 {
                 self.sums[i].add(magnitude, x);
@@ -353,7 +350,7 @@ impl<const C: usize> Residual<C> for Quantiser<'_, C> {
                 high[i] = high[i].wrapping_add(h.step.dequantise_one(q, h.centroids));
             }
         }
-        self.context.update(&here, &magnitudes);
+        self.context.update(&here, magnitudes);
         self.coded[k] = coded;
         high
     }

@@ -8,7 +8,7 @@
 mod models;
 
 use crate::bytes::{Reader, put_varint};
-use crate::context::{CHUNK, Magnitudes, chunk_size};
+use crate::context::{Magnitudes, Packed, chunk_size};
 use crate::error::{Error, Result};
 use crate::raht::Plan;
 use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
@@ -200,7 +200,7 @@ fn code_channels<C: BinaryCoder, L: Levels>(plan: &Plan, levels: &mut L, coder: 
             let (mut first, mut signs) = (0, 0);
             for (chunk, &size) in sizes.iter().enumerate() {
                 let here = context.at(k, parent, axis, chunk, first);
-                let mut magnitude = [0; CHUNK];
+                let mut magnitude = Packed::default();
                 let some = C::ENCODING && (first..first + size).any(|ch| levels.get(ch, k) != 0);
                 let flag = models.any(coder, &here, place, (chunk, size), some);
                 if flag == Some(false) {
@@ -210,7 +210,7 @@ fn code_channels<C: BinaryCoder, L: Levels>(plan: &Plan, levels: &mut L, coder: 
                     for i in 0..size {
                         let ch = first + i;
                         let known = match flag {
-                            Some(true) if magnitude != [0; CHUNK] => Known::Nothing,
+                            Some(true) if !magnitude.is_zero() => Known::Nothing,
                             Some(true) if i + 1 == size => Known::NotZero,
                             Some(true) => Known::SomeNotZero,
                             _ => Known::Nothing,
@@ -226,11 +226,11 @@ fn code_channels<C: BinaryCoder, L: Levels>(plan: &Plan, levels: &mut L, coder: 
                             t = 1 + usize::from(negative);
                         }
                         signs = (signs * 3 + t) % 9;
-                        magnitude[i & 3] = m;
+                        magnitude.set(i, m);
                         place.coded = place.coded.saturating_add(m);
                     }
                 }
-                context.update(&here, &magnitude);
+                context.update(&here, magnitude);
                 first += size;
             }
         }

@@ -6,6 +6,35 @@ pub(crate) const CHUNK: usize = 4;
 /// One number per channel of a chunk; those of channels that are not there are 0.
 pub(crate) type Lanes = [u32; CHUNK];
 
+/// Magnitudes of a chunk, 16 bits each, the first lowest. In one register, for an array written a
+/// channel at a time and read as a whole stalls the processor at every coefficient.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Packed(u64);
+
+impl Packed {
+    /// Sets channel `i`, which was 0.
+    #[inline]
+    pub(crate) fn set(&mut self, i: usize, magnitude: u32) {
+        self.0 |= u64::from(magnitude.min(CAP)) << (16 * (i & 3));
+    }
+
+    #[inline]
+    pub(crate) fn get(self, i: usize) -> u32 {
+        (self.0 >> (16 * (i & 3))) as u32 & CAP
+    }
+
+    #[inline]
+    pub(crate) fn is_zero(self) -> bool {
+        self.0 == 0
+    }
+
+    #[inline]
+    fn sum(self) -> u32 {
+        let pairs = (self.0 & 0x0000_ffff_0000_ffff) + (self.0 >> 16 & 0x0000_ffff_0000_ffff);
+        (pairs as u32) + (pairs >> 32) as u32
+    }
+}
+
 /// How many of `left` channels make the next chunk: as even as can be.
 pub(crate) fn chunk_size(left: usize) -> usize {
     left.div_ceil(left.div_ceil(CHUNK).max(1))
@@ -18,8 +47,9 @@ pub(crate) struct Magnitudes {
     /// Magnitudes inherited from the ancestors, 8 fraction bits: coefficient by coefficient, each
     /// with all chunks.
     activity: Vec<Lanes>,
-    /// The two previous magnitudes, by axis and chunk.
-    previous: Vec<[Lanes; 2]>,
+    /// The previous magnitudes and those before them, by axis and chunk.
+    last: Vec<Packed>,
+    before_last: Vec<Packed>,
 }
 
 /// What is known of a chunk at one coefficient.
@@ -28,7 +58,7 @@ pub(crate) struct Here {
     /// Activity of the coefficient above.
     pub(crate) above: Lanes,
     /// The two previous magnitudes.
-    pub(crate) previous: [Lanes; 2],
+    pub(crate) previous: [Packed; 2],
     /// Number of channels before those of the chunk.
     first: usize,
     at: usize,
@@ -43,13 +73,15 @@ impl Magnitudes {
         Self {
             chunks,
             activity: vec![[0; CHUNK]; coefficients * chunks],
-            previous: vec![[[0; CHUNK]; 2]; 3 * chunks],
+            last: vec![Packed(0); 3 * chunks],
+            before_last: vec![Packed(0); 3 * chunks],
         }
     }
 
     /// Forgets the previous magnitudes: a new octree level begins.
     pub(crate) fn start_level(&mut self) {
-        self.previous.fill([[0; CHUNK]; 2]);
+        self.last.fill(Packed(0));
+        self.before_last.fill(Packed(0));
     }
 
     /// Goes to a chunk of coefficient `k`, which splits `axis`; `first` channels precede it.
@@ -58,7 +90,7 @@ impl Magnitudes {
         let axis = usize::from(axis) * self.chunks + chunk;
         Here {
             above: self.activity[parent as usize * self.chunks + chunk],
-            previous: self.previous[axis],
+            previous: [self.last[axis], self.before_last[axis]],
             first,
             at: k * self.chunks + chunk,
             axis,
@@ -67,15 +99,13 @@ impl Magnitudes {
 
     /// Learns the magnitudes of a chunk.
     #[inline]
-    pub(crate) fn update(&mut self, here: &Here, magnitude: &Lanes) {
+    pub(crate) fn update(&mut self, here: &Here, magnitude: Packed) {
         let activity = &mut self.activity[here.at];
-        let mut capped = [0; CHUNK];
         for i in 0..CHUNK {
-            let (a, m) = (here.above[i], magnitude[i].min(CAP));
-            activity[i] = (141 * a + 115 * 256 * m) >> 8;
-            capped[i] = m;
+            activity[i] = (141 * here.above[i] + 115 * 256 * magnitude.get(i)) >> 8;
         }
-        self.previous[here.axis] = [capped, here.previous[0]];
+        self.before_last[here.axis] = here.previous[0];
+        self.last[here.axis] = magnitude;
     }
 }
 
@@ -106,7 +136,7 @@ fn expected(above: u32, near: u32, coded: u32, before: usize) -> u32 {
 impl Here {
     #[inline]
     fn near(&self, i: usize) -> u32 {
-        54 * self.previous[0][i] + 36 * self.previous[1][i]
+        54 * self.previous[0].get(i) + 36 * self.previous[1].get(i)
     }
 
     /// Expected magnitude of the chunk's channel `i` with 8 fraction bits; `coded` is the sum of
@@ -120,7 +150,7 @@ impl Here {
     #[inline]
     pub(crate) fn sums(&self, size: usize, coded: u32) -> [u32; 3] {
         let above: u32 = self.above.iter().sum();
-        let [p1, p2] = self.previous.map(|p| p.iter().sum::<u32>());
+        let [p1, p2] = self.previous.map(Packed::sum);
         let near = 54 * p1 + 36 * p2;
         let mut m = expected(above, near, coded, self.first);
         if self.first != 0 {

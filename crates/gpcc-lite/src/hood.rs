@@ -201,3 +201,86 @@ impl Block {
 fn offset(c: u32) -> u32 {
     16 * (c >> 2 & 1) + 4 * (c >> 1 & 1) + (c & 1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cells of a plane, a line and some strays, as coordinates at depth 6.
+    fn points() -> Vec<[u32; 3]> {
+        let mut s = 7u32;
+        let mut next = || {
+            s = s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            s >> 16 & 63
+        };
+        let mut all: Vec<[u32; 3]> = (0..300).map(|_| [next(), next(), 20 + next() % 3]).collect();
+        all.extend((0..64).map(|i| [i, 33, i]));
+        all.extend((0..60).map(|_| [next(), next(), next()]));
+        all
+    }
+
+    /// Windows and indices derived level by level are what a search in each level's list finds.
+    #[test]
+    fn neighbourhoods_agree_with_a_search() {
+        let mut codes: Vec<u64> = points().into_iter().map(crate::morton::encode).collect();
+        codes.sort_unstable();
+        codes.dedup();
+        let level = |depth: u32| {
+            let mut l: Vec<u64> = codes.iter().map(|c| c >> (3 * (6 - depth))).collect();
+            l.dedup();
+            l
+        };
+        let mut hoods = Hoods::above_root();
+        let mut children = vec![Children { first: 0, mask: 1 }];
+        for depth in 0..=6 {
+            let list = level(depth);
+            let mut below = Hoods::default();
+            let mut block = Block::new();
+            let mut near = hoods.near.as_slice();
+            let mut at = 0;
+            for &present in &hoods.present {
+                near = &near[block.enter(present, near, &children)..];
+                for c in (0..8).filter(|c| block.own().mask >> c & 1 == 1) {
+                    let window = block.window(c);
+                    let here = crate::morton::decode(list[at]);
+                    for place in 0..64u32 {
+                        let d = [place / 16, place / 4 % 4, place % 4];
+                        if d.contains(&3) {
+                            continue;
+                        }
+                        let there: Vec<i64> =
+                            (0..3).map(|k| i64::from(here[k]) + i64::from(d[k]) - 1).collect();
+                        let inside = there.iter().all(|&x| (0..1 << depth).contains(&x));
+                        let code = crate::morton::encode([0, 1, 2].map(|k| there[k] as u32));
+                        let want = if inside { list.binary_search(&code).ok() } else { None };
+                        let found = window >> place & 1 == 1;
+                        assert_eq!(want.is_some(), found, "{depth} {here:?} {d:?}");
+                        if let Some(want) = want {
+                            assert_eq!(block.index(c, place) as usize, want);
+                            below.near.push(want as u32);
+                        }
+                    }
+                    assert_eq!(u32::from(count(window).0), window.count_ones() - 1);
+                    below.present.push(window);
+                    at += 1;
+                }
+            }
+            assert_eq!(at, list.len());
+            if depth < 6 {
+                let next = level(depth + 1);
+                let mut first = 0;
+                children = list
+                    .iter()
+                    .map(|code| {
+                        let own: Vec<u64> =
+                            next.iter().filter(|&c| c >> 3 == *code).map(|c| c & 7).collect();
+                        let mask = own.iter().fold(0, |m, c| m | 1 << c);
+                        first += own.len() as u32;
+                        Children { first: first - own.len() as u32, mask }
+                    })
+                    .collect();
+            }
+            hoods = below;
+        }
+    }
+}

@@ -47,8 +47,8 @@ pub struct Plan {
     right: Vec<u32>,
     /// Per merge: coefficient index of the merge above, 0 for the root.
     parent: Vec<u32>,
-    /// Per merge: weights of the two children.
-    weight: Vec<[u64; 2]>,
+    /// Per merge: the leaf after its last.
+    end: Vec<u32>,
     /// Per merge: `[sqrt(w1 / w), sqrt(w2 / w)]` with [`FACTOR_BITS`] fraction bits.
     factor: Vec<[i32; 2]>,
     /// Per merge: `sqrt(w1 w2 / w)`, which takes a difference of the children's means to the
@@ -173,7 +173,7 @@ impl Plan {
             left: vec![0; merges],
             right: vec![0; merges],
             parent: vec![0; merges],
-            weight: vec![[0; 2]; merges],
+            end: vec![0; merges],
             factor: vec![[0; 2]; merges],
             gain: vec![0.0; merges],
             axis: vec![0; merges],
@@ -186,6 +186,10 @@ impl Plan {
             pyramid: OnceLock::new(),
             prefix,
         };
+        // Most merges are of few leaves: square roots and divisions would be half of the time.
+        const FEW: u64 = 16;
+        let known: Vec<([i32; 2], f32)> =
+            (0..FEW * FEW).map(|i| (factors(i / FEW, i % FEW), gain(i / FEW, i % FEW))).collect();
         let mut index = vec![0u32; n.max(1)];
         for (m, &j) in sorted.iter().enumerate() {
             index[j as usize] = m as u32 + 1;
@@ -198,9 +202,12 @@ impl Plan {
             plan.axis[m] = 2 - bit[j] % 3;
             let w1 = plan.weight_of(first[j], at);
             let w2 = plan.weight_of(at, last[j]);
-            plan.weight[m] = [w1, w2];
-            plan.factor[m] = factors(w1, w2);
-            plan.gain[m] = gain(w1, w2);
+            plan.end[m] = last[j];
+            (plan.factor[m], plan.gain[m]) = if w1 < FEW && w2 < FEW {
+                known[(w1 * FEW + w2) as usize]
+            } else {
+                (factors(w1, w2), gain(w1, w2))
+            };
         }
         plan
     }
@@ -271,7 +278,8 @@ impl Plan {
     /// Weights of the two children of coefficient `k >= 1`.
     #[must_use]
     pub fn child_weights(&self, k: usize) -> [u64; 2] {
-        self.weight[k - 1]
+        let (left, right) = (self.left[k - 1], self.right[k - 1]);
+        [self.weight_of(left, right), self.weight_of(right, self.end[k - 1])]
     }
 
     fn check(&self, len: usize) -> Result<()> {

@@ -51,9 +51,11 @@ fn leaves() -> (Vec<Leaf>, u8) {
 fn geometry() {
     let (leaves, j) = leaves();
     let uniform: Vec<Leaf> = leaves.iter().map(|l| Leaf { depth: j, ..*l }).collect();
-    for leaves in [leaves, uniform] {
-        let bytes = geometry::encode(&leaves, j).unwrap();
-        let limits = Limits { max_points: 2 * leaves.len() };
+    let fast = geometry::encode_fast(&uniform, j).unwrap();
+    let streams = [leaves, uniform].map(|l| (geometry::encode(&l, j).unwrap(), l.len()));
+    let points = streams[1].1;
+    for (bytes, points) in streams.into_iter().chain([(fast, points)]) {
+        let limits = Limits { max_points: 2 * points };
         torment(&bytes, |b| {
             if let Ok(g) = geometry::decode(b, &limits) {
                 assert!(g.leaves.len() <= limits.max_points);

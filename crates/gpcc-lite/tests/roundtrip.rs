@@ -18,10 +18,12 @@ proptest! {
 
     #[test]
     fn geometry_is_lossless((leaves, j) in any_leaves()) {
-        let bytes = geometry::encode(&leaves, j).unwrap();
-        let back = geometry::decode(&bytes, &Limits { max_points: leaves.len() }).unwrap();
-        prop_assert_eq!(back.leaves, leaves);
-        prop_assert_eq!(back.j_high, j);
+        for encode in [geometry::encode, geometry::encode_fast] {
+            let bytes = encode(&leaves, j).unwrap();
+            let back = geometry::decode(&bytes, &Limits { max_points: leaves.len() }).unwrap();
+            prop_assert_eq!(&back.leaves, &leaves);
+            prop_assert_eq!(back.j_high, j);
+        }
     }
 
     #[test]
@@ -39,7 +41,7 @@ proptest! {
     }
 
     #[test]
-    fn coefficients_are_lossless((leaves, j) in any_leaves(), seed: u64, kinds in prop::collection::vec(any::<u8>(), 0..4)) {
+    fn coefficients_are_lossless((leaves, j) in any_leaves(), seed: u64, kinds in prop::collection::vec(any::<u8>(), 0..10)) {
         let plan = Plan::new(&leaves, j).unwrap();
         let channels: Vec<Vec<i32>> = kinds.iter().map(|&k| channel(leaves.len(), seed, k)).collect();
         let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
@@ -60,11 +62,12 @@ proptest! {
     }
 
     #[test]
-    fn attribute_decoder_agrees_with_encoder((leaves, j) in any_leaves(), seed: u64, kind: u8, qp in 4u8..52) {
+    fn attribute_decoder_agrees_with_encoder((leaves, j) in any_leaves(), seed: u64, kind: u8, qp in 4u8..52, channels in 1usize..10) {
         let plan = Plan::new(&leaves, j).unwrap();
         let c = channel(leaves.len(), seed, kind);
-        let coded = attribute::encode(&plan, &[&c, &c], &[Step::from_qp(qp); 2], &Options::default()).unwrap();
-        let back = attribute::decode(&plan, &coded.bytes, 2).unwrap();
+        let (refs, steps) = (vec![c.as_slice(); channels], vec![Step::from_qp(qp); channels]);
+        let coded = attribute::encode(&plan, &refs, &steps, &Options::default()).unwrap();
+        let back = attribute::decode(&plan, &coded.bytes, channels).unwrap();
         prop_assert_eq!(&back, &coded.reconstruction);
     }
 

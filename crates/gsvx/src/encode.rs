@@ -5,7 +5,7 @@ use crate::attributes::{colour, opacity};
 use crate::covariance;
 use crate::error::{Error, Result};
 use crate::importance;
-use crate::options::{EncodeOptions, PaperQp};
+use crate::options::{EncodeOptions, Entropy, PaperQp};
 use crate::stream::{self, Header, SectionKind};
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -31,10 +31,14 @@ pub struct Encoded {
 pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Encoded> {
     check(scene, voxels)?;
     let sh_degree = scene.sh_degree.min(options.max_sh_degree);
-    let mut sections = vec![(
-        SectionKind::Geometry,
-        gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high).map_err(coding("geometry"))?,
-    )];
+    // The paper's profile codes geometry as small as can be; RLGR by itself asks for speed.
+    let fast = options.entropy == Entropy::Rlgr && options.paper_qp.is_none();
+    let geometry = if fast {
+        gpcc_lite::geometry::encode_fast(&voxels.leaves, voxels.j_high)
+    } else {
+        gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high)
+    };
+    let mut sections = vec![(SectionKind::Geometry, geometry.map_err(coding("geometry"))?)];
     let classes = if options.uniform_precision {
         None
     } else {

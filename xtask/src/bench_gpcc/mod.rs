@@ -100,6 +100,6 @@ Rates are bits per point. \"Authors\" are the settings of the paper's scripts; \
 all recorded option sets. Lossy rates are compared at the peer's squared error, summed over the
 stored 8-bit channels after clipping to 0..255 (opacity: the 16-bit attribute divided by 257, as the
 peer codes it); our step is searched until the error agrees within 0.2 %, the rest interpolated.
-Times are CPU time of the one thread (wall time for the model), taken on a shared machine; the
-yardstick, a sort, was taken in the same run.
+Times are CPU time (of the one thread; of all for the model, with the wall time of a machine that
+others were using beside it); streams only, no reconstruction at the encoder. The yardstick, a sort, was taken in the same run.
 ";

@@ -13,6 +13,7 @@ use gpcc_lite::raht::Plan;
 use gpcc_lite::{Limits, geometry};
 
 use super::cloud::{Cloud, Peer, read};
+use super::speed::best;
 
 /// Bits per point, or a dash where the peer has no record.
 fn bits(x: f64) -> String {
@@ -36,12 +37,10 @@ pub(super) fn geometry_table(dir: &Path, clouds: &[&str], peers: &[Peer]) -> Res
     for name in clouds {
         let cloud = read(&dir.join(format!("{name}_dc.ply")), depth_of(name)?)?;
         let n = cloud.leaves.len() as f64;
-        let t = Instant::now();
-        let bytes = geometry::encode(&cloud.leaves, cloud.j)?;
-        let enc = t.elapsed().as_secs_f64();
-        let t = Instant::now();
-        let back = geometry::decode(&bytes, &Limits::for_stream(bytes.len()))?;
-        let dec = t.elapsed().as_secs_f64();
+        let (enc, bytes) = best(3, || geometry::encode(&cloud.leaves, cloud.j));
+        let bytes = bytes?;
+        let (dec, back) = best(3, || geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
+        let back = back?;
         ensure!(back.leaves == cloud.leaves, "{name}: geometry differs");
         let bpp = bytes.len() as f64 * 8.0 / n;
         let of = |p: &&Peer| p.cloud == *name && p.name.starts_with("g_") && p.geo_bpp > 0.0;

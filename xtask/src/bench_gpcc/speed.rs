@@ -88,9 +88,21 @@ pub(super) fn speed_table(dir: &Path) -> Result<String> {
         let (g_dec, back) = best(3, || geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
         ensure!(back?.leaves == cloud.leaves, "geometry differs");
         row("geometry", g_enc, g_dec)?;
+        let (f_enc, bytes) = best(3, || geometry::encode_fast(&cloud.leaves, cloud.j));
+        let bytes = bytes?;
+        let (f_dec, back) = best(3, || geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
+        ensure!(back?.leaves == cloud.leaves, "geometry differs");
+        row("geometry, fast", f_enc, f_dec)?;
         let (plan_s, plan) = best(3, || Plan::new(&cloud.leaves, cloud.j));
-        let plan = plan?;
+        drop(plan?);
         row("RAHT plan (merges)", plan_s, plan_s)?;
+        let (near_s, plan) = best(3, || -> Result<Plan> {
+            let plan = Plan::new(&cloud.leaves, cloud.j)?;
+            plan.prepare_prediction();
+            Ok(plan)
+        });
+        drop(plan?);
+        row("RAHT plan with what prediction needs", near_s, near_s)?;
         let refs: Vec<&[i32]> = cloud.channels.iter().map(Vec::as_slice).collect();
         for (name, mode, prediction) in [
             ("range", Mode::Range, true),
@@ -98,8 +110,13 @@ pub(super) fn speed_table(dir: &Path) -> Result<String> {
             ("RLGR", Mode::Rlgr, true),
             ("RLGR, no prediction", Mode::Rlgr, false),
         ] {
+            let (geometry, shape_enc, shape_dec) = match mode {
+                Mode::Range => ("geometry", g_enc, g_dec),
+                _ => ("fast geometry", f_enc, f_dec),
+            };
             for qp in [16, 28] {
-                let o = Options { mode, prediction, ..Options::default() };
+                let truth = Options { mode, prediction, ..Options::default() };
+                let o = Options { reconstruction: false, ..truth };
                 let steps = vec![Step::from_qp(qp); refs.len()];
                 // A fresh plan each time: relations built on first use are part of the cost.
                 let (enc, coded) = best(3, || {
@@ -111,12 +128,15 @@ pub(super) fn speed_table(dir: &Path) -> Result<String> {
                     let plan = Plan::new(&cloud.leaves, cloud.j)?;
                     attribute::decode(&plan, &coded.bytes, refs.len())
                 });
-                ensure!(values? == coded.reconstruction, "values differ");
+                let told =
+                    attribute::encode(&Plan::new(&cloud.leaves, cloud.j)?, &refs, &steps, &truth)?;
+                ensure!(told.bytes == coded.bytes, "streams differ");
+                ensure!(values? == told.reconstruction, "values differ");
                 row(&format!("plan + 3 channels, {name}, QP {qp}"), enc, dec)?;
-                row(&format!("total with geometry, {name}, QP {qp}"), enc + g_enc, dec + g_dec)?;
+                let total = format!("total with {geometry}, {name}, QP {qp}");
+                row(&total, enc + shape_enc, dec + shape_dec)?;
             }
         }
-        drop(plan);
         Ok(())
     })?;
     Ok(out)

@@ -150,7 +150,7 @@ impl Models {
         // Low bits whose distribution is flat at this scale go out unmodelled.
         let shift = low_bits(m);
         let high = v >> shift;
-        let previous = here.previous[0][i] + here.previous[1][i];
+        let previous = here.previous[0].get(i) + here.previous[1].get(i);
         let x = &mut self.expected[channel * BUCKETS + b];
         let y = &mut self.parts[parts(here.above[i], previous, place.coded, channel)];
         let z = &mut self.level[place.level * BUCKETS + b];

@@ -72,14 +72,16 @@ pub(super) fn detect(leaves: &[Leaf], j_high: u8) -> bool {
     if depth < 4 || leaves.len() < 256 {
         return false;
     }
+    let mut counts = [0; 3].map(|_: u32| vec![0u32; 1 << depth]);
+    for l in leaves {
+        let xyz = morton::decode(l.morton);
+        for (count, x) in counts.iter_mut().zip(xyz) {
+            count[(x >> (u32::from(j_high) - depth)) as usize] += 1;
+        }
+    }
     let mut saved = 0i64;
     let mut decisions = 0u64;
-    for axis in 0..3 {
-        let mut count = vec![0u32; 1 << depth];
-        for l in leaves {
-            let x = morton::decode(l.morton)[axis] >> (u32::from(j_high) - depth);
-            count[x as usize] += 1;
-        }
+    for mut count in counts {
         for _ in 0..3 {
             let pairs = count.chunks_exact(2);
             for pair in pairs.clone() {

@@ -47,6 +47,8 @@ impl NodeContext {
 pub(super) struct Models {
     /// Leaves end at different depths.
     mixed: bool,
+    /// One counter per decision, nothing mixed.
+    fast: bool,
     stop: Vec<Bit>,
     tail_stop: Vec<Bit>,
     /// Of a node having a single leaf.
@@ -64,9 +66,10 @@ pub(super) struct Models {
 }
 
 impl Models {
-    pub(super) fn new(mixed: bool, lattice: bool) -> Self {
+    pub(super) fn new(mixed: bool, lattice: bool, fast: bool) -> Self {
         Self {
             mixed,
+            fast,
             stop: vec![Bit::default(); 32 * 32],
             tail_stop: vec![Bit::default(); 32],
             by_depth: table(),
@@ -124,6 +127,9 @@ impl Models {
         let a = usize::from(node.depth) * 32 + usize::from(node.chain) * 8 + around;
         let b = (usize::from(node.siblings) * 8 + (node.code & 7) as usize) * 4
             + usize::from(node.faces.min(3));
+        if self.fast {
+            return self.by_depth[a & 1023].code(coder, truth, LIMIT);
+        }
         let bits = [&mut self.by_depth[a & 1023], &mut self.by_family[b & 0x1fff]];
         let mixer = &mut self.single_mixer[usize::from(node.depth) & 31];
         code_mixed(coder, mixer, bits, truth, 2, LIMIT)
@@ -142,8 +148,11 @@ impl Models {
         // Touching the counters of all eight at once overlaps their cache misses.
         let warm = outside.iter().fold(0, |sum, &o| sum + self.near[o & 0xffff].count());
         std::hint::black_box(warm);
-        let shape = (usize::from(node.chain) * 8 + usize::from(node.faces)) & 31;
         let density = (usize::from(node.depth & 31) * 32 + usize::from(node.around & 31)) * 32;
+        if self.fast {
+            return self.occupancy_fast(coder, node, &outside, density, truth);
+        }
+        let shape = (usize::from(node.chain) * 8 + usize::from(node.faces)) & 31;
         let family = (usize::from(node.siblings) * 8 + (node.code & 7) as usize) * 8;
         let mut occupancy = 0u8;
         let mut count = 0u8;
@@ -176,6 +185,36 @@ impl Models {
                     code_mixed(coder, &mut self.mixers[select], bits, bit, 4, LIMIT)
                 }
             };
+            occupancy |= u8::from(bit) << c;
+            count += u8::from(bit);
+        }
+        occupancy
+    }
+
+    /// The same with one counter each: what touches the child, or if nothing does, the density.
+    fn occupancy_fast<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        node: &NodeContext,
+        outside: &[usize; 8],
+        density: usize,
+        truth: u8,
+    ) -> u8 {
+        let mut occupancy = 0u8;
+        let mut count = 0u8;
+        for c in 0..8usize {
+            if 8 - c as u8 == node.least.saturating_sub(count) {
+                occupancy |= 1 << c;
+                count += 1;
+                continue;
+            }
+            let so_far = usize::from(count.min(3));
+            let bit = if outside[c] == 0 {
+                &mut self.density[(density + 4 * c + so_far) & 0x7fff]
+            } else {
+                &mut self.near[(outside[c] | so_far) & 0xffff]
+            };
+            let bit = bit.code(coder, truth >> c & 1 == 1, LIMIT);
             occupancy |= u8::from(bit) << c;
             count += u8::from(bit);
         }

@@ -13,21 +13,25 @@ pub(crate) trait Residual<const C: usize> {
     /// Called before each octree level; the strength of the prediction there.
     fn start_level(&mut self, depth: usize) -> [f32; C];
 
-    /// The reconstructed high-pass values `k`, given their predictions.
-    fn high(&mut self, k: usize, predicted: [i64; C]) -> [i64; C];
+    /// The reconstructed high-pass values `k`, given their predictions and what was stored in
+    /// their place.
+    fn high(&mut self, k: usize, predicted: [i64; C], stored: [i64; C]) -> [i64; C];
 }
 
 /// Reconstructs all values (leaf order, still multiplied by the roots of the leaf weights)
 /// from the DC and from what `source` returns, which is asked for `1..plan.len()` in order.
+///
+/// `low` holds what the source wants to be told of each coefficient, at the first leaf of its
+/// right child; an encoder's exact coefficients need no second array.
 pub(crate) fn reconstruct<const C: usize, R: Residual<C>>(
     plan: &Plan,
     dc: [i64; C],
     source: &mut R,
+    mut low: Vec<[i64; C]>,
 ) -> Vec<[i64; C]> {
     const { assert!(C <= CHUNK) };
     let pyramid = plan.pyramid();
-    // Low-pass values at the first leaf of their node, means by node.
-    let mut low = vec![[0i64; C]; plan.len()];
+    // Low-pass values will be at the first leaf of their node; means by node.
     let mut mean: Vec<Lanes> = vec![[0.0; 4]; pyramid.inverse_root.len()];
     if let (Some(first), Some(&root)) = (low.first_mut(), pyramid.inverse_root.first()) {
         *first = dc;
@@ -51,30 +55,27 @@ pub(crate) fn reconstruct<const C: usize, R: Residual<C>>(
             let factors = &plan.factor[block.k - 1..][..count];
             let roots = &pyramid.inverse_root[block.base..][..=count];
             let means = &mut mean[block.base..][..=count];
-            let mut value = [[0i64; C]; 8];
-            value[0] = low[left];
+            let mut leaf = [left; 8];
+            for (&(_, r), &right) in block.merges.iter().zip(rights) {
+                leaf[usize::from(r & 7)] = right as usize;
+            }
             for (m, &(l, r)) in block.merges.iter().enumerate() {
-                let (l, r) = (usize::from(l & 7), usize::from(r & 7));
+                let (l, r) = (leaf[usize::from(l & 7)], leaf[usize::from(r & 7)]);
                 let mut p = [0i64; C];
                 for (p, &v) in p.iter_mut().zip(&predicted[m]) {
                     *p = v as i64;
                 }
-                let high = source.high(block.k + m, p);
+                let high = source.high(block.k + m, p, std::array::from_fn(|ch| low[r][ch]));
                 let [c, s] = factors[m].map(i128::from);
+                // In place: a copy of all channels would wait for the stores of each.
                 for ch in 0..C {
-                    let (v, h) = (i128::from(value[l][ch]), i128::from(high[ch]));
-                    value[l][ch] = round_shift(c * v - s * h);
-                    value[r][ch] = round_shift(s * v + c * h);
+                    let (v, h) = (i128::from(low[l][ch]), i128::from(high[ch]));
+                    low[l][ch] = round_shift(c * v - s * h);
+                    low[r][ch] = round_shift(s * v + c * h);
                 }
             }
-            low[left] = value[0];
-            means[0] = mean_of(&value[0], roots[0]);
-            for (&(_, r), &leaf) in block.merges.iter().zip(rights) {
-                let r = usize::from(r & 7);
-                low[leaf as usize] = value[r];
-                if let (Some(mean), Some(&root)) = (means.get_mut(r), roots.get(r)) {
-                    *mean = mean_of(&value[r], root);
-                }
+            for ((mean, &root), &leaf) in means.iter_mut().zip(roots).zip(&leaf) {
+                *mean = mean_of(&low[leaf], root);
             }
         }
     }

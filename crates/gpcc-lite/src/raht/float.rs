@@ -57,7 +57,7 @@ float_forms!(f64, forward_f64, inverse_f64);
 
 impl Plan {
     fn exact_factors(&self, merge: usize) -> [f64; 2] {
-        let [a, b] = self.weight[merge];
+        let [a, b] = self.child_weights(merge + 1);
         let sum = (a + b) as f64;
         [(a as f64 / sum).sqrt(), (b as f64 / sum).sqrt()]
     }

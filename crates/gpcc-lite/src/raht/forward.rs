@@ -10,7 +10,7 @@ const ONE_OF: usize = 4;
 
 /// Exact coefficients of `C` channels, with the means of all nodes if asked for.
 pub(crate) struct Forward<const C: usize> {
-    /// In coefficient order.
+    /// High-pass values at the first leaf of their right child, the DC at leaf 0.
     pub(crate) exact: Vec<[i64; C]>,
     mean: Vec<Lanes>,
 }
@@ -25,18 +25,14 @@ impl<const C: usize> Forward<C> {
         for (v, &r) in low.iter_mut().zip(&plan.root_weight) {
             *v = v.map(|v| scale_up(v, r));
         }
-        let mut exact = vec![[0i64; C]; n];
-        let mut merge = |low: &mut [[i64; C]], k: usize| {
+        let merge = |low: &mut [[i64; C]], k: usize| {
             let [c, s] = plan.factor[k - 1].map(i128::from);
             let (i, j) = (plan.left[k - 1] as usize, plan.right[k - 1] as usize);
-            let (mut up, mut high) = ([0; C], [0; C]);
             for ch in 0..C {
                 let (a, b) = (i128::from(low[i][ch]), i128::from(low[j][ch]));
-                up[ch] = round_shift(c * a + s * b);
-                high[ch] = round_shift(c * b - s * a);
+                low[i][ch] = round_shift(c * a + s * b);
+                low[j][ch] = round_shift(c * b - s * a);
             }
-            low[i] = up;
-            exact[k] = high;
         };
         let mut mean = Vec::new();
         if means && n > 0 {
@@ -60,10 +56,7 @@ impl<const C: usize> Forward<C> {
         } else {
             (1..n).rev().for_each(|k| merge(&mut low, k));
         }
-        if let (Some(dc), Some(&low)) = (exact.first_mut(), low.first()) {
-            *dc = low;
-        }
-        Self { exact, mean }
+        Self { exact: low, mean }
     }
 
     /// How much of each level its prediction explains, in 1/16 and at most 15; empty if none.
@@ -87,8 +80,9 @@ impl<const C: usize> Forward<C> {
                         continue;
                     }
                     let predicted = block.predict(plan, &self.mean, &[1.0; 4]);
-                    let exact = &self.exact[block.k..][..block.merges.len()];
-                    for (e, p) in exact.iter().zip(&predicted) {
+                    let leaves = &plan.right[block.k - 1..][..block.merges.len()];
+                    for (&leaf, p) in leaves.iter().zip(&predicted) {
+                        let e = &self.exact[leaf as usize];
                         for ch in 0..C {
                             let p = f64::from(p[ch]);
                             sums[ch][0] += e[ch] as f64 * p;

@@ -1,5 +1,6 @@
 //! Which reconstructed means predict each child of each block, found once per plan.
 
+use super::blocks::MERGES;
 use crate::hood::{Block, CENTRE, Children, Hoods, ONES, rank};
 use crate::raht::{Plan, inverse_root};
 
@@ -35,20 +36,18 @@ pub(super) struct Pyramid {
     pub(super) terms: Vec<u32>,
 }
 
-/// The places around child `c` that touch it: bit of the window, axes it is off along, as child
-/// bits.
-const TOUCHING: [[(u8, u8); 6]; 8] = {
-    let mut t = [[(0u8, 0u8); 6]; 8];
+/// The places that touch child `c` across a face or an edge, as bits of a window.
+const TOUCHING: [u64; 8] = {
+    let mut t = [0u64; 8];
     let mut c = 0;
     while c < 8 {
-        let axes = [4usize, 2, 1, 6, 5, 3];
-        let mut i = 0;
-        while i < 6 {
+        let mut axes = 1;
+        while axes < 7 {
             let mut place = 0;
             let mut k = 0;
             while k < 3 {
                 let bit = 4 >> k;
-                let d = if axes[i] & bit == 0 {
+                let d = if axes & bit == 0 {
                     1
                 } else if c & bit != 0 {
                     2
@@ -58,10 +57,35 @@ const TOUCHING: [[(u8, u8); 6]; 8] = {
                 place = 4 * place + d;
                 k += 1;
             }
-            t[c][i] = (place as u8, axes[i] as u8);
-            i += 1;
+            t[c] |= 1 << place;
+            axes += 1;
         }
         c += 1;
+    }
+    t
+};
+
+/// A node, and all places that share a face or an edge with it. Those of its children lie in
+/// these, so nothing else needs to be followed.
+const NEAR: u64 = {
+    let mut t = 1 << CENTRE;
+    let mut c = 0;
+    while c < 8 {
+        t |= TOUCHING[c];
+        c += 1;
+    }
+    t
+};
+
+/// The axes along which the place at each bit of a window is off, as child bits.
+const AXES: [u8; 64] = {
+    let mut t = [0u8; 64];
+    let mut place = 0;
+    while place < 64 {
+        t[place] = ((place / 16 != 1) as u8) << 2
+            | ((place / 4 % 4 != 1) as u8) << 1
+            | (place % 4 != 1) as u8;
+        place += 1;
     }
     t
 };
@@ -105,7 +129,7 @@ impl Level {
                 if hi - lo == 1 {
                     continue;
                 }
-                let window = block.window(c);
+                let window = block.window(c) & NEAR;
                 self.hoods.present.push(window);
                 let mut around = window;
                 while around != 0 {
@@ -124,6 +148,11 @@ impl Pyramid {
     pub(super) fn new(plan: &Plan) -> Self {
         let n = plan.points;
         let mut this = Self { levels: vec![0], ..Self::default() };
+        this.inverse_root.reserve(n + n / 2);
+        this.count.reserve(n + n / 2);
+        this.terms.reserve(3 * n);
+        // Most nodes have few leaves.
+        let roots: Vec<f32> = (0..256).map(inverse_root).collect();
         let mut level = Level::default();
         let mut above = Level {
             children: vec![Children { first: 0, mask: 1 }],
@@ -138,7 +167,7 @@ impl Pyramid {
         }
         for depth in 0..plan.j_high {
             let touched = level.find_hoods(&above);
-            let below = this.split(plan, depth, &mut level, &touched);
+            let below = this.split(plan, depth, &mut level, &touched, &roots);
             above = level;
             level = below;
             this.levels.push(this.node.len() as u32);
@@ -155,14 +184,23 @@ impl Pyramid {
     ///
     /// A node with one leaf that touches no node with more is not followed further: none of its
     /// cells can touch a block below.
-    fn split(&mut self, plan: &Plan, depth: u8, level: &mut Level, touched: &[bool]) -> Level {
+    fn split(
+        &mut self,
+        plan: &Plan,
+        depth: u8,
+        level: &mut Level,
+        touched: &[bool],
+        roots: &[f32],
+    ) -> Level {
         let leaves = plan.leaves.as_slice();
         let shift = 3 * (plan.j_high - depth - 1);
         let child_of = |i: u32| (leaves[i as usize].morton >> shift) as u8 & 7;
         let coefficients = plan.levels[usize::from(depth)] as usize - 1
             ..plan.levels[usize::from(depth) + 1] as usize - 1;
-        let mut boundaries = &plan.right[coefficients];
         let mut next = Level::default();
+        next.range.reserve(level.range.len() + coefficients.len());
+        next.node.reserve(level.range.len() + coefficients.len());
+        let mut boundaries = &plan.right[coefficients];
         let mut present = level.hoods.present.iter();
         let mut near = level.hoods.near.as_slice();
         level.children = vec![Children::default(); level.range.len()];
@@ -182,10 +220,12 @@ impl Pyramid {
             // The block's merges are stored top down; their boundaries in order split the node.
             let count = boundaries.iter().take(7).take_while(|&&b| b < hi).count();
             let mut starts = [lo; 8];
-            starts[1..=count].copy_from_slice(&boundaries[..count]);
-            boundaries = &boundaries[count..];
-            starts[1..=count].sort_unstable();
-            let mask = starts[..=count].iter().fold(0, |m, &s| m | 1 << child_of(s));
+            let (own_boundaries, rest) = boundaries.split_at(count);
+            boundaries = rest;
+            let mask = own_boundaries.iter().fold(1 << child_of(lo), |m, &s| m | 1 << child_of(s));
+            for (&(_, r), &b) in MERGES[usize::from(mask)].0.iter().zip(own_boundaries) {
+                starts[usize::from(r) & 7] = b;
+            }
             level.children[at] = Children { first, mask };
             if count == 0 {
                 next.push([lo, hi], level.node[at]);
@@ -197,7 +237,9 @@ impl Pyramid {
             for i in 0..=count {
                 let end = if i == count { hi } else { starts[i + 1] };
                 next.push([starts[i], end], base + i as u32);
-                self.push_node(inverse_root(plan.weight_of(starts[i], end)), 0);
+                let w = plan.weight_of(starts[i], end);
+                let root = roots.get(w as usize).copied().unwrap_or_else(|| inverse_root(w));
+                self.push_node(root, 0);
             }
             if window != 1 << CENTRE {
                 self.add_terms(level, &next, at, window, own);
@@ -220,16 +262,17 @@ impl Pyramid {
             let c = mask.trailing_zeros() as usize & 7;
             mask &= mask - 1;
             let before = self.terms.len();
-            for &(place, axes) in &TOUCHING[c] {
-                if window >> place & 1 == 0 {
-                    continue;
-                }
-                let other = place_of[usize::from(place) & 63] as usize;
+            let mut touching = window & TOUCHING[c];
+            while touching != 0 {
+                let place = touching.trailing_zeros() as usize & 63;
+                touching &= touching - 1;
+                let axes = AXES[place];
+                let other = place_of[place] as usize;
                 let edge = u32::from(!axes.is_power_of_two());
-                let touching = (c as u8 ^ axes) & 7;
+                let twin = (c as u8 ^ axes) & 7;
                 let of = level.children[other];
-                let term = if other < at && of.mask >> touching & 1 == 1 {
-                    let j = of.first + rank(of.mask, u32::from(touching));
+                let term = if other < at && of.mask >> twin & 1 == 1 {
+                    let j = of.first + rank(of.mask, u32::from(twin));
                     next.node[j as usize] | edge << NODE_BITS
                 } else {
                     level.node[other] | (2 + edge) << NODE_BITS
