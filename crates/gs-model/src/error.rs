@@ -181,7 +181,7 @@ pub enum Error {
         reason: &'static str,
     },
     /// An SPZ version that is not read.
-    #[error("{}: SPZ version {version} is not read (2 and 3 are): convert it to PLY first", file.display())]
+    #[error("{}: SPZ version {version} is not read (2 to 4 are): convert it to PLY first", file.display())]
     SpzVersion {
         /// The file.
         file: PathBuf,
@@ -203,6 +203,16 @@ pub enum Error {
         needed: u64,
         /// Bytes that there are.
         len: usize,
+    },
+    /// A scene that SPZ cannot hold.
+    #[error("{}: Gaussian {index}: coordinate {value} is beyond what SPZ holds (+-524287)", file.display())]
+    SpzRange {
+        /// The file to be written.
+        file: PathBuf,
+        /// Index of the Gaussian.
+        index: usize,
+        /// The coordinate.
+        value: f32,
     },
     /// A `.splat` file that is not made of whole rows.
     #[error("{}: {len} bytes are no whole number of 32-byte rows of a .splat file", file.display())]

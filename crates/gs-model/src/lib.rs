@@ -2,9 +2,8 @@
 //!
 //! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
 //! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
-//! the layout of the Inria reference implementation; [`model`] also reads SPZ and `.splat`;
-//! [`Dataset`] opens a folder with a model,
-//! cameras and photos, whether COLMAP, the Inria trainer or a NeRF tool made it.
+//! the layout of the Inria reference implementation; [`model`] also reads SPZ and `.splat`,
+//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos, whether COLMAP, the Inria trainer or a NeRF tool made it.
 //!
 //! ```
 //! use gs_model::{Scene, ply};

@@ -16,7 +16,7 @@ pub enum Format {
     Ply(ply::Format),
     /// SPZ: see [`crate::spz`].
     Spz {
-        /// 2 or 3.
+        /// 2 to 4.
         version: u32,
     },
     /// `.splat`: see [`crate::splat`].
@@ -46,14 +46,27 @@ pub struct Report {
 /// Those of [`ply::read_with`], [`spz::read`] and [`splat::read`].
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
-    let bytes = fs::read(path)?;
+    read_named(path, &fs::read(path)?, options)
+}
+
+/// Reads a model from bytes, as [`read`] does from a file; `name` stands in for the file's path,
+/// in the choice of the format and in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_named(
+    name: impl AsRef<Path>,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<(Scene, Report)> {
+    let path = name.as_ref();
     if bytes.starts_with(&[0x1f, 0x8b]) || bytes.starts_with(b"NGSP") {
-        return spz::decode(path, &bytes, options);
+        return spz::decode(path, bytes, options);
     }
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("splat")) {
-        return splat::decode(path, &bytes, options);
+        return splat::decode(path, bytes, options);
     }
-    let (scene, ply) = ply::read_named(path, &bytes, options)?;
+    let (scene, ply) = ply::read_named(path, bytes, options)?;
     let report = Report {
         format: Format::Ply(ply.format),
         gaussians_in_file: ply.gaussians_in_file,

@@ -4,7 +4,10 @@
 //! linear), then four bytes colour and opacity, then four bytes quaternion, w first. The format
 //! is that of antimatter15/splat; world axes are those of the PLY file that it was made from.
 
+use std::io::Write;
 use std::path::Path;
+
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
@@ -68,4 +71,47 @@ pub(crate) fn decode(
         Ok(())
     })?;
     model::finish(file, scene, model::Format::Splat, options)
+}
+
+/// Writes a scene as a `.splat` file: SH coefficients above the DC are left out, colours and
+/// opacities become bytes, rotations are good to about half a degree. Rows keep their order.
+/// The file appears whole or not at all.
+///
+/// # Errors
+/// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
+/// [`Error::Io`].
+pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
+    let path = path.as_ref();
+    scene.check_shape()?;
+    fs::write_atomically(path, |out| out.write_all(&rows_of(scene)))
+}
+
+/// Writes a scene as [`write()`] does, to anything that takes bytes.
+///
+/// # Errors
+/// As [`write()`]; the file in an [`Error::Io`] is `<writer>`.
+pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
+    scene.check_shape()?;
+    out.write_all(&rows_of(scene)).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
+}
+
+fn rows_of(scene: &Scene) -> Vec<u8> {
+    let mut bytes = vec![0; ROW * scene.len()];
+    bytes.par_chunks_mut(ROW).with_min_len(1024).enumerate().for_each(|(i, row)| {
+        // A scale of zero or infinity could not be read back.
+        let scales = scene.log_scales[i].map(|l| libm::expf(l).clamp(f32::MIN_POSITIVE, f32::MAX));
+        for (slot, v) in row.chunks_exact_mut(4).zip(scene.means[i].into_iter().chain(scales)) {
+            slot.copy_from_slice(&v.to_le_bytes());
+        }
+        for (o, v) in row[24..27].iter_mut().zip(scene.sh_of(i)[0]) {
+            *o = libm::roundf(255.0 * (0.5 + SH_C0 * v)) as u8;
+        }
+        row[27] = libm::roundf(255.0 / (1.0 + libm::expf(-scene.opacity_logits[i]))) as u8;
+        let q = scene.rotations[i];
+        let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+        for (o, v) in row[28..].iter_mut().zip(q) {
+            *o = libm::roundf(128.0 + 128.0 * v / norm) as u8;
+        }
+    });
+    bytes
 }

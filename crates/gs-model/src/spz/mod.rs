@@ -1,14 +1,19 @@
-//! SPZ files (Niantic), versions 2 and 3: gzip over quantised attributes.
+//! SPZ files (Niantic): versions 2 to 4 are read, version 4 is written.
 //!
-//! After a 16-byte header (`NGSP`, version, number of Gaussians, SH degree, fractional bits of
-//! the positions, flags) come, each for all Gaussians: positions (3 x 24-bit fixed point),
-//! opacities (a byte), colours (3 bytes), log-scales (3 bytes), rotations (version 2: x y z as
-//! bytes; version 3: the three smallest components, 10 bits each) and the higher SH
-//! coefficients (bytes, coefficient-major).
+//! A header (`NGSP`, version, number of Gaussians, SH degree, fractional bits of the positions,
+//! flags), then, each for all Gaussians: positions (3 x 24-bit fixed point), opacities (a byte),
+//! colours (3 bytes), log-scales (3 bytes), rotations (version 2: x y z as bytes; from version 3:
+//! the three smallest components, 10 bits each) and the higher SH coefficients (bytes,
+//! coefficient-major). Versions 2 and 3 are all of this in one gzip stream. Version 4 has a plain
+//! header of 32 bytes, optional extension records (skipped here), a table of contents and one
+//! Zstandard stream per attribute.
 //!
 //! SPZ's axes are x right, y up, z back; a PLY file's y points down and z forward. The reader
 //! turns both around, in means, rotations and SH coefficients, so that a model converted to
 //! SPZ comes back where it was.
+
+mod streams;
+mod write;
 
 use std::io::Read;
 use std::path::Path;
@@ -22,6 +27,8 @@ use crate::scene::{Scene, sh_len};
 use crate::splat::opacity_logit;
 use crate::{fs, model};
 
+pub use write::{WriteOptions, write, write_to};
+
 const HEADER: usize = 16;
 
 /// What the byte of a colour is scaled by before the offset of one half.
@@ -34,10 +41,11 @@ const SH_SIGNS: [f32; 16] =
 /// Reads an SPZ file.
 ///
 /// Memory: the scene and the decompressed file, of which no more is kept than the header's
-/// count needs; DEFLATE cannot make it longer than 1,032 times the file.
+/// count needs; DEFLATE cannot make it longer than 1,032 times the file, and Zstandard streams
+/// that claim more than 1,024 times the file are refused.
 ///
 /// # Errors
-/// [`Error::Io`] (also if the gzip data is broken), [`Error::SpzHeader`],
+/// [`Error::Io`] (also if the compressed data is broken), [`Error::SpzHeader`],
 /// [`Error::SpzVersion`], [`Error::SpzTruncated`].
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, model::Report)> {
     let path = path.as_ref();
@@ -57,11 +65,13 @@ pub(crate) fn decode(
     bytes: &[u8],
     options: &ReadOptions,
 ) -> Result<(Scene, model::Report)> {
-    let bad = |reason| Error::SpzHeader { file: file.into(), reason };
-    if let Some(header) = bytes.strip_prefix(b"NGSP").filter(|b| b.len() >= 4) {
+    if bytes.starts_with(b"NGSP") {
         // From version 4 the header is not compressed.
-        return Err(Error::SpzVersion { file: file.into(), version: word(header, 0) });
+        let (layout, n, streams) = streams::parse(file, bytes)?;
+        let scene = layout.scene(streams.each_ref().map(|s| &s[..]), n)?;
+        return model::finish(file, scene, model::Format::Spz { version: 4 }, options);
     }
+    let bad = |reason| Error::SpzHeader { file: file.into(), reason };
     let mut unzip = GzDecoder::new(bytes);
     let mut data = Vec::new();
     let mut inflate = |data: &mut Vec<u8>, len: u64| {
@@ -73,17 +83,10 @@ pub(crate) fn decode(
         return Err(bad("no NGSP header in a gzip stream"));
     }
     let (version, promised) = (word(&data, 4), word(&data, 8));
-    let (sh_degree, fractional_bits) = (data[12], data[13]);
     if !matches!(version, 2 | 3) {
         return Err(Error::SpzVersion { file: file.into(), version });
     }
-    if sh_degree > 3 {
-        return Err(bad("SH degree above 3"));
-    }
-    if fractional_bits > 31 {
-        return Err(bad("more than 31 fractional bits"));
-    }
-    let layout = Layout { version, sh_degree, fractional_bits };
+    let layout = Layout::new(file, version, data[12], data[13])?;
     let needed = u64::from(promised) * layout.sizes().iter().sum::<usize>() as u64;
     inflate(&mut data, needed)?;
     let body = &data[HEADER..];
@@ -93,7 +96,13 @@ pub(crate) fn decode(
     }
     // Reaching the end of the stream is what checks gzip's CRC; more data is let through.
     inflate(&mut Vec::new(), 1)?;
-    let scene = layout.scene(body, promised as usize)?;
+    let mut rest = body;
+    let attributes = layout.sizes().map(|size| {
+        let (attribute, after) = rest.split_at(promised as usize * size);
+        rest = after;
+        attribute
+    });
+    let scene = layout.scene(attributes, promised as usize)?;
     model::finish(file, scene, model::Format::Spz { version }, options)
 }
 
@@ -108,19 +117,27 @@ struct Layout {
 }
 
 impl Layout {
+    fn new(file: &Path, version: u32, sh_degree: u8, fractional_bits: u8) -> Result<Self> {
+        let bad = |reason| Err(Error::SpzHeader { file: file.into(), reason });
+        if sh_degree > 3 {
+            return bad("SH degree above 3");
+        }
+        if fractional_bits > 31 {
+            return bad("more than 31 fractional bits");
+        }
+        Ok(Self { version, sh_degree, fractional_bits })
+    }
+
     /// Bytes per Gaussian of each attribute, in file order.
     fn sizes(&self) -> [usize; 6] {
         let rotation = if self.version == 2 { 3 } else { 4 };
         [9, 1, 3, 3, rotation, 3 * (sh_len(self.sh_degree) - 1)]
     }
 
-    fn scene(&self, body: &[u8], n: usize) -> Result<Scene> {
-        let mut rest = body;
-        let attributes = self.sizes().map(|size| {
-            let (attribute, after) = rest.split_at(n * size);
-            rest = after;
-            (attribute, size)
-        });
+    /// The scene of `n` Gaussians whose attributes are `streams`, in file order.
+    fn scene(&self, streams: [&[u8]; 6], n: usize) -> Result<Scene> {
+        let sizes = self.sizes();
+        let attributes: [(&[u8], usize); 6] = std::array::from_fn(|k| (streams[k], sizes[k]));
         let unit = 1.0 / f64::from(1u32 << self.fractional_bits);
         rows::scene(n, self.sh_degree, |mut rows| {
             for i in 0..rows.len() {
