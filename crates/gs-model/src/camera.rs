@@ -40,6 +40,40 @@ impl Camera {
         -(self.rotation.transpose() * self.translation)
     }
 
+    /// A camera at `eye` that looks at `target`, with square pixels of focal length `focal` (in
+    /// pixels) and its principal point at the image's centre. `up` is the world direction that is
+    /// up in the image; where it is that of the view, some other one stands in.
+    #[must_use]
+    pub fn looking_at(
+        name: String,
+        eye: [f64; 3],
+        target: [f64; 3],
+        up: [f64; 3],
+        size: [u32; 2],
+        focal: f64,
+    ) -> Self {
+        let eye = DVec3::from_array(eye);
+        let forward = (DVec3::from_array(target) - eye).try_normalize().unwrap_or(DVec3::Z);
+        let right = forward
+            .cross(DVec3::from_array(up))
+            .try_normalize()
+            .unwrap_or_else(|| forward.any_orthonormal_vector());
+        // Camera axes are rows: x right, y down, z forward.
+        let down = forward.cross(right);
+        let rotation = DMat3::from_cols(right, down, forward).transpose();
+        Self {
+            name,
+            width: size[0],
+            height: size[1],
+            fx: focal,
+            fy: focal,
+            cx: 0.5 * f64::from(size[0]),
+            cy: 0.5 * f64::from(size[1]),
+            rotation,
+            translation: -(rotation * eye),
+        }
+    }
+
     /// This camera if it can be one: a size, positive focal lengths, finite numbers, and a
     /// rotation that is orthonormal to 1e-3 with determinant +1.
     ///
@@ -122,6 +156,22 @@ mod tests {
         assert!((half.fy / 546.0 - 90.0 / 1091.0).abs() < 1e-12);
         let same = camera(640, 480).scaled_to(640, 480).unwrap();
         assert_eq!(same, camera(640, 480));
+    }
+
+    #[test]
+    fn a_camera_looks_where_it_is_told() {
+        for (eye, up) in [([3.0, -1.0, 2.0], [0.0, -1.0, 0.0]), ([0.0, 5.0, 0.0], [0.0, 1.0, 0.0])]
+        {
+            let target = [0.0, 0.5, 0.0];
+            let c = Camera::looking_at("a".into(), eye, target, up, [64, 48], 50.0)
+                .checked(Path::new("-"))
+                .unwrap();
+            assert!((c.position() - DVec3::from_array(eye)).length() < 1e-12);
+            let seen = c.rotation * DVec3::from_array(target) + c.translation;
+            assert!(seen.truncate().length() < 1e-12 && seen.z > 0.0, "{seen}");
+            // Up in the world is up in the image, where y points down.
+            assert!((c.rotation * DVec3::from_array(up)).y <= 1e-12);
+        }
     }
 
     #[test]

@@ -1,22 +1,33 @@
 //! `gsvx encode`.
 
-use crate::output::{self, megabytes};
-use crate::{progress, views};
+use crate::output::{Output, megabytes};
+use crate::report::Reporter;
+use crate::{input, progress, views};
 use anyhow::{Context, Result, bail};
 use gs_model::Scene;
-use gs_model::ply::{Invalid, ReadOptions};
 use gsvx::{CovarianceMode, EncodeOptions, Encoded, Entropy, Prepared, rate};
+use serde_json::json;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxel::Strategy;
+
+/// Shown after the help.
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  gsvx encode model.ply -o scene.gsvx                          default quality
+  gsvx encode model.ply -o scene.gsvx --quality 75 --cameras data/fox
+  gsvx encode model.ply -o scene.gsvx --target-bytes 1000000
+  gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
+  gsvx encode model.ply -o scene.gsvx --lossless
+  gsvx encode - -o - < model.ply > scene.gsvx";
 
 /// Arguments of `gsvx encode`.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Args {
-    /// The trained model: a PLY in the Inria layout, .splat or .spz.
+    /// The trained model: a PLY in the Inria layout, .splat or .spz; `-` for standard input.
     input: PathBuf,
-    /// The stream to write.
+    /// The stream to write; `-` for standard output.
     #[arg(short, long)]
     output: PathBuf,
     /// Quality from 0 (smallest) to 100 (best).
@@ -32,9 +43,9 @@ pub(crate) struct Args {
     /// needs --cameras.
     #[arg(long, value_name = "DB", group = "rate", requires = "cameras")]
     target_psnr: Option<f64>,
-    /// Scene folder with the cameras of the training photos (COLMAP project, Inria output or
-    /// transforms.json). Bits then go where those cameras look.
-    #[arg(long, value_name = "DIR")]
+    /// Cameras of the training photos: a scene folder (COLMAP project, Inria output or
+    /// transforms.json), a cameras.json or a transforms.json. Bits then go where they look.
+    #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
     /// Voxelize uniformly at this octree depth instead of by rate and distortion.
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=21))]
@@ -79,42 +90,35 @@ fn covariance(text: &str) -> std::result::Result<CovarianceMode, String> {
 }
 
 /// Encodes a model.
-pub(crate) fn run(args: &Args) -> Result<()> {
-    output::check(&args.output, args.force)?;
-    // Refuse a bad quality before reading anything.
+pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+    // Refuse a bad quality and an output that cannot be before reading anything.
     EncodeOptions::from_quality(args.quality)?;
+    let output = Output::open(&args.output, args.force)?;
     let start = Instant::now();
-    let invalid = if args.drop_invalid { Invalid::Drop } else { Invalid::Error };
-    let read = ReadOptions { invalid, ..Default::default() };
-    let (scene, report) = gs_model::model::read(&args.input, &read).map_err(|error| {
-        let hint = matches!(error, gs_model::Error::InvalidGaussian { .. });
-        let error = anyhow::Error::from(error);
-        if hint { anyhow::anyhow!("{error}: pass --drop-invalid to leave them out") } else { error }
-    })?;
-    for property in report.ply.iter().flat_map(|p| &p.unknown_properties) {
-        eprintln!("skipped: property {property} is not part of a 3DGS model");
-    }
-    if scene.len() < report.gaussians_in_file {
-        let dropped = report.gaussians_in_file - scene.len();
-        eprintln!("skipped: {dropped} invalid Gaussians of {}", report.gaussians_in_file);
-    }
+    let (scene, input_bytes) = input::model(&args.input, args.drop_invalid)?;
+    let in_input = scene.len();
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
     let made = if args.lossless {
-        let encoded = gsvx::encode_lossless(&scene).with_context(|| name(args))?;
-        Made { encoded, gaussians: scene.len(), note: "every float bit for bit".into() }
+        let encoded = gsvx::encode_lossless(&scene).with_context(|| input::name(&args.input))?;
+        Made {
+            encoded,
+            gaussians: scene.len(),
+            note: "every float bit for bit".into(),
+            ..Made::default()
+        }
     } else {
         lossy(args, &scene)?
     };
+    drop(scene);
     let encode_seconds = step.elapsed().as_secs_f64();
-    output::write(&args.output, |out| Ok(out.write_all(&made.encoded.bytes)?))?;
+    let (name, stdout) = (output.name(), output.is_stdout());
+    output.write(|out| Ok(out.write_all(&made.encoded.bytes)?))?;
 
     let bytes = made.encoded.bytes.len() as u64;
-    let input_bytes = std::fs::metadata(&args.input).map_or(0, |m| m.len());
-    println!(
-        "{}: {} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}",
-        args.output.display(),
-        scene.len(),
+    let human = format!(
+        "{name}: {in_input} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
+         read {read_seconds:.2} s, encode {encode_seconds:.2} s",
         made.gaussians,
         megabytes(input_bytes),
         megabytes(bytes),
@@ -122,18 +126,37 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         8.0 * bytes as f64 / made.gaussians.max(1) as f64,
         made.note,
     );
-    println!("read {read_seconds:.2} s, encode {encode_seconds:.2} s");
+    let sections: serde_json::Map<String, serde_json::Value> =
+        made.encoded.sections.iter().map(|(kind, n)| (kind.to_string(), json!(n))).collect();
+    report.say(
+        stdout,
+        &human,
+        &json!({
+            "output": name,
+            "bytes": bytes,
+            "input_bytes": input_bytes,
+            "input_gaussians": in_input,
+            "gaussians": made.gaussians,
+            "quality": made.quality,
+            "psnr": made.psnr,
+            "encodes": made.encodes,
+            "sections": sections,
+            "read_seconds": read_seconds,
+            "encode_seconds": encode_seconds,
+        }),
+    );
     Ok(())
 }
 
+#[derive(Default)]
 struct Made {
     encoded: Encoded,
     gaussians: usize,
     note: String,
-}
-
-fn name(args: &Args) -> String {
-    args.input.display().to_string()
+    quality: Option<f32>,
+    /// Against renders of the input, where it was measured.
+    psnr: Option<f64>,
+    encodes: usize,
 }
 
 fn lossy(args: &Args, scene: &Scene) -> Result<Made> {
@@ -167,13 +190,14 @@ fn lossy(args: &Args, scene: &Scene) -> Result<Made> {
         None => args.target_bytes,
     };
     if let Some(bytes) = bytes {
-        let found = rate::to_bytes(bytes, &mut at).with_context(|| name(args))?;
+        let found = rate::to_bytes(bytes, &mut at).with_context(|| input::name(&args.input))?;
         let share = 100.0 * found.encoded.bytes.len() as f64 / bytes as f64;
         let note = format!(
             "quality {:.1}, {share:.1}% of the target, {} encodes",
             found.quality, found.encodes
         );
-        return Ok(Made { encoded: found.encoded, gaussians, note });
+        let (quality, encodes) = (Some(found.quality), found.encodes);
+        return Ok(Made { encoded: found.encoded, gaussians, note, quality, psnr: None, encodes });
     }
     if let (Some(target), Some(cameras)) = (args.target_psnr, &cameras) {
         if !target.is_finite() {
@@ -184,7 +208,8 @@ fn lossy(args: &Args, scene: &Scene) -> Result<Made> {
             let decoded = gsvx::decode(&encoded.bytes, &gsvx::DecodeOptions::default())?;
             Ok(reference.psnr(&decoded.scene))
         };
-        let found = rate::to_measure(target, &mut at, measure).with_context(|| name(args))?;
+        let found =
+            rate::to_measure(target, &mut at, measure).with_context(|| input::name(&args.input))?;
         let got = found.measured.unwrap_or(f64::NAN);
         if got < target {
             eprintln!("warning: the best quality reaches {got:.2} dB, not {target:.2} dB");
@@ -193,8 +218,11 @@ fn lossy(args: &Args, scene: &Scene) -> Result<Made> {
             "quality {:.1}, {got:.2} dB from the input's renders, {} encodes",
             found.quality, found.encodes
         );
-        return Ok(Made { encoded: found.encoded, gaussians, note });
+        let (quality, encodes) = (Some(found.quality), found.encodes);
+        let psnr = Some(got);
+        return Ok(Made { encoded: found.encoded, gaussians, note, quality, psnr, encodes });
     }
-    let encoded = at(args.quality).with_context(|| name(args))?;
-    Ok(Made { encoded, gaussians, note: format!("quality {}", args.quality) })
+    let encoded = at(args.quality).with_context(|| input::name(&args.input))?;
+    let note = format!("quality {}", args.quality);
+    Ok(Made { encoded, gaussians, note, quality: Some(args.quality), psnr: None, encodes: 1 })
 }

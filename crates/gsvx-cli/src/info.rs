@@ -1,55 +1,77 @@
 //! `gsvx info`.
 
+use crate::input;
 use crate::output::megabytes;
+use crate::report::Reporter;
 use anyhow::{Context, Result};
 use gsvx::stream::Container;
+use serde_json::json;
+use std::fmt::Write;
 use std::path::PathBuf;
+
+/// Shown after the help.
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  gsvx info scene.gsvx
+  gsvx info scene.gsvx --json";
 
 /// Arguments of `gsvx info`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The stream.
+    /// The stream; `-` for standard input.
     input: PathBuf,
 }
 
 /// Prints header, sections and what a truncated file still holds.
-pub(crate) fn run(args: &Args) -> Result<()> {
-    let name = args.input.display();
-    let bytes = std::fs::read(&args.input).with_context(|| format!("{name}: cannot be read"))?;
-    let container = Container::parse(&bytes).with_context(|| name.to_string())?;
+pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+    let name = input::name(&args.input);
+    let bytes = input::bytes(&args.input)?;
+    let container = Container::parse(&bytes).with_context(|| name.clone())?;
     let h = &container.header;
-    let total = container.expected_len();
+    let (have, total) = (bytes.len() as u64, container.expected_len());
     let per = |n: u64| 8.0 * n as f64 / (h.count.max(1) as f64);
-    println!("{name}: {} ({} bytes)", megabytes(bytes.len() as u64), bytes.len());
-    println!("  Gaussians      {}", h.count);
-    println!("  SH degree      {}", h.sh_degree);
-    println!("  octree depth   {}", h.j_high);
-    println!(
-        "  cube           side {} at ({}, {}, {})",
-        h.cube.side, h.cube.origin[0], h.cube.origin[1], h.cube.origin[2]
-    );
-    println!("  bits/Gaussian  {:.2}", per(total));
-    println!();
-    println!("  {:<14} {:>12} {:>14} {:>7}", "section", "bytes", "bits/Gaussian", "share");
-    let line = |what: &str, n: u64, note: &str| {
-        let share = 100.0 * n as f64 / total.max(1) as f64;
-        println!("  {what:<14} {n:>12} {:>14.2} {share:>6.1}% {note}", per(n));
-    };
-    line("header", container.body_offset() as u64, "");
+    let mut sections = vec![("header".to_owned(), container.body_offset() as u64, None)];
     for entry in &container.toc {
-        let note = match container.section(entry.kind) {
-            Ok(_) => String::new(),
-            Err(e) => format!("  {e}"),
-        };
-        line(&entry.kind.to_string(), entry.len, &note);
+        let fault = container.section(entry.kind).err().map(|e| e.to_string());
+        sections.push((entry.kind.to_string(), entry.len, fault));
     }
-    let have = bytes.len() as u64;
+    let mut text = String::new();
+    let mut line = |s: String| {
+        // Writing to a String does not fail.
+        let _ = writeln!(text, "{s}");
+    };
+    line(format!("{name}: {} ({have} bytes)", megabytes(have)));
+    line(format!("  Gaussians      {}", h.count));
+    line(format!("  SH degree      {}", h.sh_degree));
+    line(format!("  octree depth   {}", h.j_high));
+    let [x, y, z] = h.cube.origin;
+    line(format!("  cube           side {} at ({x}, {y}, {z})", h.cube.side));
+    line(format!("  bits/Gaussian  {:.2}\n", per(total)));
+    line(format!("  {:<14} {:>12} {:>14} {:>7}", "section", "bytes", "bits/Gaussian", "share"));
+    for (what, n, fault) in &sections {
+        let share = 100.0 * *n as f64 / total.max(1) as f64;
+        let fault = fault.as_ref().map_or(String::new(), |f| format!("  {f}"));
+        line(format!("  {what:<14} {n:>12} {:>14.2} {share:>6.1}% {fault}", per(*n)));
+    }
     if have < total {
-        println!(
+        line(format!(
             "\n  truncated: {have} of {total} bytes; the sections above without a remark decode"
-        );
+        ));
     } else if have > total {
-        println!("\n  {} bytes after the last section are not part of the stream", have - total);
+        line(format!("\n  {} bytes after the last section are not part of it", have - total));
     }
+    let json = json!({
+        "bytes": have,
+        "expected_bytes": total,
+        "gaussians": h.count,
+        "sh_degree": h.sh_degree,
+        "octree_depth": h.j_high,
+        "cube": { "origin": h.cube.origin, "side": h.cube.side },
+        "sections": sections
+            .iter()
+            .map(|(what, n, fault)| json!({ "name": what, "bytes": n, "fault": fault }))
+            .collect::<Vec<_>>(),
+    });
+    report.say(false, text.trim_end(), &json);
     Ok(())
 }

@@ -1,61 +1,131 @@
 //! Writing files so that an interrupted run, a full disk or an existing file loses nothing.
+//!
+//! An [`Output`] is opened before the work, so that a folder that cannot be written fails at once.
+//! The bytes go to a temporary file beside the final name, which is renamed when it is complete.
 
 use anyhow::{Context, Result, bail};
-use std::io::Write;
-use std::path::Path;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use tempfile::NamedTempFile;
 
-/// Fails early, before the work, if `path` cannot become the output.
-pub(crate) fn check(path: &Path, force: bool) -> Result<()> {
-    if path.is_dir() {
-        bail!("{}: is a directory; give a file name", path.display());
+/// Temporary files to remove when the process is interrupted.
+static PENDING: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Removes what an interrupted run has begun to write. The files' final names are untouched.
+pub(crate) fn remove_pending() {
+    if let Ok(mut pending) = PENDING.lock() {
+        for path in pending.drain(..) {
+            // Best effort: the process is about to end.
+            let _ = std::fs::remove_file(path);
+        }
     }
-    // Renaming onto a device or a pipe would replace it by a file.
-    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
-        bail!("{}: is not a regular file; give another name", path.display());
-    }
-    if path.exists() && !force {
-        bail!("{}: already exists; pass --force to replace it", path.display());
-    }
-    let dir = parent(path);
-    if !dir.is_dir() {
-        bail!("{}: no such directory; create it first", dir.display());
-    }
-    Ok(())
 }
 
-/// Writes through a temporary file beside `path` that is renamed when it is complete.
-pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
-    let dir = parent(path);
-    let mut file = tempfile::Builder::new()
-        .prefix(".gsvx-")
-        .suffix(".part")
-        .tempfile_in(dir)
-        .with_context(|| format!("{}: cannot write here", dir.display()))?;
-    let incomplete = || format!("{}: could not be written (is the disk full?)", path.display());
-    {
-        let mut out = std::io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
-        fill(&mut out).with_context(incomplete)?;
-        out.flush().with_context(incomplete)?;
-    }
-    file.as_file().sync_all().with_context(incomplete)?;
-    // A temporary file is private; an output is not.
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        let mode = std::fs::metadata(path).map_or(0o644, |m| m.permissions().mode());
-        file.as_file()
-            .set_permissions(std::fs::Permissions::from_mode(mode))
-            .with_context(incomplete)?;
-    }
-    file.persist(path).map_err(|e| e.error).with_context(incomplete)?;
-    Ok(())
+/// A file that will appear whole or not at all, or standard output.
+pub(crate) struct Output {
+    path: PathBuf,
+    /// None: standard output.
+    file: Option<NamedTempFile>,
+    force: bool,
 }
 
-fn parent(path: &Path) -> &Path {
-    match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
+impl Output {
+    /// Opens `path`, or standard output for `-`.
+    pub(crate) fn open(path: &Path, force: bool) -> Result<Self> {
+        if is_stdio(path) {
+            if std::io::stdout().is_terminal() {
+                bail!("standard output is a terminal; redirect it, or name a file with -o");
+            }
+            return Ok(Self { path: path.into(), file: None, force });
+        }
+        let name = path.display();
+        if path.is_dir() {
+            bail!("{name}: is a directory; give a file name");
+        }
+        if let Ok(there) = std::fs::metadata(path) {
+            // Renaming onto a device or a pipe would replace it by a file.
+            if !there.is_file() {
+                bail!("{name}: is not a regular file; give another name");
+            }
+            if !force {
+                bail!("{name}: already exists; pass --force to replace it");
+            }
+            if there.permissions().readonly() {
+                bail!("{name}: is read-only; make it writable or give another name");
+            }
+        }
+        let dir = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p,
+            _ => Path::new("."),
+        };
+        if !dir.is_dir() {
+            bail!("{}: no such directory; create it first", dir.display());
+        }
+        let file = tempfile::Builder::new()
+            .prefix(".gsvx-")
+            .suffix(".part")
+            .tempfile_in(dir)
+            .with_context(|| format!("{}: cannot write here", dir.display()))?;
+        if let Ok(mut pending) = PENDING.lock() {
+            pending.push(file.path().into());
+        }
+        Ok(Self { path: path.into(), file: Some(file), force })
     }
+
+    /// True if the bytes go to standard output.
+    pub(crate) fn is_stdout(&self) -> bool {
+        self.file.is_none()
+    }
+
+    /// The name as given.
+    pub(crate) fn name(&self) -> String {
+        if self.is_stdout() { "standard output".into() } else { self.path.display().to_string() }
+    }
+
+    /// Writes everything and gives the file its name.
+    pub(crate) fn write(self, fill: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
+        let name = self.name();
+        let Some(mut file) = self.file else {
+            let mut out = std::io::stdout().lock();
+            fill(&mut out).with_context(|| name.clone())?;
+            return out.flush().with_context(|| name.clone());
+        };
+        let incomplete = || format!("{name}: could not be written (is the disk full?)");
+        {
+            let mut out = std::io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
+            fill(&mut out).with_context(incomplete)?;
+            out.flush().with_context(incomplete)?;
+        }
+        file.as_file().sync_all().with_context(incomplete)?;
+        // A temporary file is private; an output is not.
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let mode = std::fs::metadata(&self.path).map_or(0o644, |m| m.permissions().mode());
+            file.as_file()
+                .set_permissions(std::fs::Permissions::from_mode(mode))
+                .with_context(incomplete)?;
+        }
+        let temporary = file.path().to_path_buf();
+        if self.force {
+            file.persist(&self.path).map_err(|e| e.error).with_context(incomplete)?;
+        } else {
+            // Something else may have made the file meanwhile.
+            file.persist_noclobber(&self.path)
+                .map_err(|e| e.error)
+                .with_context(|| format!("{name}: could not be put in place"))?;
+        }
+        if let Ok(mut pending) = PENDING.lock() {
+            pending.retain(|p| *p != temporary);
+        }
+        Ok(())
+    }
+}
+
+/// True for `-`, which stands for standard input or output.
+pub(crate) fn is_stdio(path: &Path) -> bool {
+    path.as_os_str() == "-"
 }
 
 /// Bytes as a person reads them (decimal megabytes).

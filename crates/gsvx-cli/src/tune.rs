@@ -1,7 +1,8 @@
 //! `gsvx finetune`.
 
-use crate::output::{self, megabytes};
-use crate::{progress, views};
+use crate::output::{Output, megabytes};
+use crate::report::Reporter;
+use crate::{input, interrupt, progress, views};
 use anyhow::{Context, Result, bail};
 use finetune::backend::Backend;
 use finetune::{
@@ -10,9 +11,17 @@ use finetune::{
 };
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
+use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Shown after the help.
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  gsvx finetune model.ply --cameras data/fox -o tuned.gsvx
+  gsvx finetune model.ply --cameras data/fox -o tuned.ply --steps 3000 --backend cpu
+  gsvx finetune model.ply --cameras data/fox -o tuned.gsvx --checkpoint run.ckpt
+
+Ctrl-C ends the tuning early; what has been reached is written.";
 
 /// Arguments of `gsvx finetune`.
 #[derive(clap::Args)]
@@ -46,6 +55,9 @@ pub(crate) struct Args {
     /// Checkpoint file; an existing one is continued.
     #[arg(long)]
     checkpoint: Option<PathBuf>,
+    /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
+    #[arg(long)]
+    drop_invalid: bool,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
@@ -96,15 +108,15 @@ fn quality(scene: &Scene, views: &[TrainView]) -> f64 {
 }
 
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
-pub(crate) fn run(args: &Args) -> Result<()> {
-    output::check(&args.output, args.force)?;
+pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let extension = args.output.extension().and_then(|e| e.to_str()).unwrap_or_default();
     if extension != "gsvx" && extension != "ply" {
         bail!("{}: the output must end in .gsvx or .ply", args.output.display());
     }
     let options = EncodeOptions::from_quality(args.quality)?;
-    let (scene, _) = gs_model::model::read(&args.input, &Default::default())?;
-    let name = || args.input.display().to_string();
+    let output = Output::open(&args.output, args.force)?;
+    let (scene, _) = input::model(&args.input, args.drop_invalid)?;
+    let name = || input::name(&args.input);
     let training = photos(&args.cameras)?;
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
     let importance = views::importance(&scene, &cameras);
@@ -121,23 +133,20 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let Prepared { scene, voxels, importance } =
         gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
 
-    let cancel = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&cancel);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
-        .context("Ctrl-C cannot be caught")?;
     let tuning = FineTuneOptions {
         steps: args.steps,
         target_psnr: target,
         patience: (args.patience > 0).then_some(args.patience),
         quantization: args.quantize.map(|mode| quantization(mode, &options)),
         checkpoint: args.checkpoint.clone(),
-        cancel: Some(cancel),
+        cancel: Some(interrupt::cancel_flag()),
         backend: args.backend,
         report_every: (args.steps / 200).clamp(1, 50),
         ..Default::default()
     };
     let tune = FineTune::new(scene, training, tuning).with_context(name)?;
-    eprintln!("backend: {:?}: {}", tune.backend().used, tune.backend().reason);
+    let backend = tune.backend().used;
+    eprintln!("backend: {backend:?}: {}", tune.backend().reason);
     let bar = progress::bar("fine-tune", args.steps);
     let outcome = tune
         .run(|p| {
@@ -149,19 +158,33 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         })
         .with_context(name)?;
     bar.finish_and_clear();
-    println!("{} steps in {:.1} s, ended: {:?}", outcome.steps, outcome.seconds, outcome.reason);
-
-    let tuned = outcome.scene;
+    let how =
+        format!("{} steps in {:.1} s, ended: {:?}", outcome.steps, outcome.seconds, outcome.reason);
+    let (target, tuned) = (output.name(), outcome.scene);
+    let mut bytes = 0;
     if extension == "ply" {
-        output::write(&args.output, |out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
-        println!("{}: {} Gaussians", args.output.display(), tuned.len());
-        return Ok(());
+        output.write(|out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
+    } else {
+        let options = EncodeOptions { importance: Some(importance), ..options };
+        let encoded = gsvx::encode(&tuned, &voxels, &options).with_context(name)?;
+        bytes = encoded.bytes.len() as u64;
+        output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
     }
-    let options = EncodeOptions { importance: Some(importance), ..options };
-    let encoded = gsvx::encode(&tuned, &voxels, &options).with_context(name)?;
-    output::write(&args.output, |out| Ok(out.write_all(&encoded.bytes)?))?;
-    let bytes = encoded.bytes.len() as u64;
-    println!("{}: {} Gaussians, {}", args.output.display(), tuned.len(), megabytes(bytes));
+    let size = if bytes > 0 { format!(", {}", megabytes(bytes)) } else { String::new() };
+    let human = format!("{how}\n{target}: {} Gaussians{size}", tuned.len());
+    report.say(
+        false,
+        &human,
+        &json!({
+            "output": target,
+            "gaussians": tuned.len(),
+            "bytes": bytes,
+            "steps": outcome.steps,
+            "seconds": outcome.seconds,
+            "reason": format!("{:?}", outcome.reason),
+            "backend": format!("{backend:?}"),
+        }),
+    );
     Ok(())
 }
 

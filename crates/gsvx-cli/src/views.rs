@@ -1,25 +1,112 @@
 //! Cameras at encode time: importance of each Gaussian, and quality as seen.
 
+use crate::orbit::Orbit;
 use crate::progress;
 use anyhow::{Context, Result, bail};
 use finetune::{Image, RenderOptions, metrics, render, saliency_per_view};
-use gs_model::{Camera, Scene, dataset};
-use std::path::Path;
+use gs_model::{Camera, Scene, View, dataset, inria, nerf};
+use std::path::{Path, PathBuf};
 
 /// Views used to measure quality; more only slow the search down.
 const MEASURED_VIEWS: usize = 12;
 
-/// The training cameras of a scene folder.
-pub(crate) fn cameras(dir: &Path) -> Result<Vec<Camera>> {
-    let (_, views) = dataset::open_views(dir)?;
+/// Which views to look at a model from.
+#[derive(clap::Args, Clone, Debug)]
+#[command(group = clap::ArgGroup::new("from").required(true).args(["cameras", "orbit"]))]
+pub(crate) struct ViewArgs {
+    /// Cameras: a scene folder (COLMAP project, Inria output, transforms.json), or a cameras.json
+    /// or transforms.json itself.
+    #[arg(long, value_name = "PATH")]
+    cameras: Option<PathBuf>,
+    #[command(flatten)]
+    orbit: Orbit,
+    /// Only the first camera and every Nth after it, by name (8: the views held out for measuring).
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    every: u32,
+    /// Only the camera of this name.
+    #[arg(long, value_name = "NAME")]
+    view: Option<String>,
+    /// Factor on the image sizes.
+    #[arg(long, default_value_t = 1.0)]
+    scale: f64,
+}
+
+impl ViewArgs {
+    /// The cameras; `scene` is what generated ones look at.
+    pub(crate) fn cameras(&self, scene: &Scene) -> Result<Vec<Camera>> {
+        let all = match (&self.cameras, self.orbit.orbit) {
+            (Some(path), _) => open(path)?.into_iter().map(|v| v.camera).collect(),
+            (None, Some(n)) => self.orbit.cameras(scene, n)?,
+            (None, None) => bail!("give --cameras or --orbit"),
+        };
+        if !(self.scale > 0.0 && self.scale <= 16.0) {
+            bail!("--scale {}: must be above 0 and at most 16", self.scale);
+        }
+        let chosen: Vec<Camera> = all
+            .into_iter()
+            .step_by(self.every as usize)
+            .filter(|c| self.view.as_ref().is_none_or(|name| c.name == *name))
+            .map(|c| scaled(&c, self.scale))
+            .collect();
+        if chosen.is_empty() {
+            match &self.view {
+                Some(name) => bail!("--view {name}: no camera of that name"),
+                None => bail!("no cameras"),
+            }
+        }
+        Ok(chosen)
+    }
+}
+
+fn scaled(camera: &Camera, factor: f64) -> Camera {
+    if factor == 1.0 {
+        return camera.clone();
+    }
+    let size = |s: u32| ((f64::from(s) * factor).round() as u32).max(1);
+    let (width, height) = (size(camera.width), size(camera.height));
+    let (sx, sy) =
+        (f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
+    Camera {
+        width,
+        height,
+        fx: camera.fx * sx,
+        fy: camera.fy * sy,
+        cx: camera.cx * sx,
+        cy: camera.cy * sy,
+        ..camera.clone()
+    }
+}
+
+/// The views of a scene folder or of a camera file, by name.
+pub(crate) fn open(path: &Path) -> Result<Vec<View>> {
+    if !path.is_file() {
+        return Ok(dataset::open_views(path)?.1);
+    }
+    // Inria's cameras.json is a list, a transforms.json an object.
+    let text =
+        std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let list = text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[');
+    let mut views = if list {
+        let place = |camera: Camera| View { image_path: camera.name.clone().into(), camera };
+        inria::read_cameras(path)?.into_iter().map(place).collect()
+    } else {
+        nerf::read_views(path)?
+    };
+    views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
+    Ok(views)
+}
+
+/// The training cameras of a scene folder or of a camera file.
+pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
+    let views = open(path)?;
     if views.is_empty() {
-        bail!("{}: no cameras", dir.display());
+        bail!("{}: no cameras", path.display());
     }
     // Every 8th is held out for measuring, as everywhere in this project.
     let training: Vec<Camera> =
         views.into_iter().enumerate().filter(|(i, _)| i % 8 != 0).map(|(_, v)| v.camera).collect();
     if training.is_empty() {
-        bail!("{}: a single camera is held out for measuring; give two or more", dir.display());
+        bail!("{}: a single camera is held out for measuring; give two or more", path.display());
     }
     Ok(training)
 }

@@ -185,3 +185,151 @@ fn a_short_finetune_writes_a_stream_that_decodes() {
         ".gsvx or .ply",
     );
 }
+
+fn gsvx_piped(args: &[&str], input: &[u8]) -> Output {
+    use std::io::Write;
+    use std::process::Stdio;
+    let mut child = Command::new(env!("CARGO_BIN_EXE_gsvx"))
+        .args(args)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("gsvx starts");
+    let (mut stdin, input) = (child.stdin.take().unwrap(), input.to_vec());
+    let feeder = std::thread::spawn(move || stdin.write_all(&input));
+    let out = child.wait_with_output().unwrap();
+    feeder.join().unwrap().unwrap();
+    out
+}
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
+}
+
+#[test]
+fn pipes_threads_and_json() {
+    let dir = tempfile::tempdir().unwrap();
+    let model = room().join("point_cloud.ply");
+    let (one, two) = (dir.path().join("1.gsvx"), dir.path().join("2.gsvx"));
+    let said = json(&ok(&["encode", path(&model), "-o", path(&one), "--threads", "1", "--json"]));
+    assert_eq!(said["bytes"], std::fs::metadata(&one).unwrap().len());
+    assert!(said["sections"]["geometry"].as_u64().unwrap() > 100, "{said}");
+    ok(&["--threads", "3", "encode", path(&model), "-o", path(&two)]);
+    let stream = std::fs::read(&one).unwrap();
+    assert!(stream == std::fs::read(&two).unwrap(), "the bytes depend on the number of threads");
+    let piped = gsvx_piped(&["encode", "-", "-o", "-"], &std::fs::read(&model).unwrap());
+    assert!(piped.status.success() && piped.stdout == stream);
+    // The report goes where the data does not.
+    assert!(String::from_utf8_lossy(&piped.stderr).contains("bits per Gaussian"));
+    let ply = gsvx_piped(&["decode", "-", "-o", "-"], &stream);
+    let (scene, _) = gs_model::ply::read_bytes(&ply.stdout).unwrap();
+    let info = json(&ok(&["info", path(&one), "--json"]));
+    assert_eq!(info["gaussians"], scene.len());
+    assert_eq!(info["expected_bytes"], stream.len());
+    let usage = gsvx(&["encode", path(&model)]);
+    assert_eq!(usage.status.code(), Some(2), "no output given");
+}
+
+#[test]
+fn render_writes_one_png_per_camera() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, out) = (room().join("point_cloud.ply"), dir.path().join("views"));
+    let room = room();
+    let render = ["render", path(&model), "--cameras", path(&room), "--every", "8"];
+    let args = |more: &[&'static str]| [&render[..], &["-o", path(&out)], more].concat();
+    let said = json(&ok(&args(&["--json", "--scale", "0.5"])));
+    let images = said["images"].as_array().unwrap();
+    assert_eq!(images.len(), std::fs::read_dir(&out).unwrap().count());
+    let first = image::open(images[0].as_str().unwrap()).unwrap().to_rgb8();
+    assert!(first.width() > 16);
+    let mean =
+        first.as_raw().iter().map(|&v| u64::from(v)).sum::<u64>() / first.as_raw().len() as u64;
+    assert!((20..236).contains(&mean), "{mean}");
+    fails(&args(&[]), "--force");
+    let orbit = dir.path().join("orbit.png");
+    ok(&["render", path(&model), "--orbit", "1", "--size", "80x60", "-o", path(&orbit)]);
+    assert_eq!(image::image_dimensions(&orbit).unwrap(), (80, 60));
+    fails(&["render", path(&model), "--orbit", "2", "-o", path(&orbit), "--force"], "folder");
+    fails(
+        &["render", path(&model), "--cameras", path(&room), "--view", "none", "-o", path(&out)],
+        "none",
+    );
+    assert_eq!(gsvx(&["render", path(&model), "-o", path(&out)]).status.code(), Some(2));
+}
+
+#[test]
+fn convert_and_compare() {
+    let dir = tempfile::tempdir().unwrap();
+    let model = room().join("point_cloud.ply");
+    let file = |name: &str| dir.path().join(name);
+    let (spz, small, splat) = (file("a.spz"), file("small.spz"), file("a.splat"));
+    ok(&["convert", path(&model), path(&spz)]);
+    ok(&["convert", path(&model), path(&small), "--spz-sh-bits", "5,4"]);
+    ok(&["convert", path(&model), path(&splat)]);
+    let len = |p: &Path| std::fs::metadata(p).unwrap().len();
+    assert!(len(&small) < len(&spz));
+    let compare = |b: &Path| {
+        json(&ok(&[
+            "compare",
+            path(&model),
+            path(b),
+            "--orbit",
+            "3",
+            "--size",
+            "160x120",
+            "--json",
+        ]))
+    };
+    let same = compare(&model);
+    assert!(same["psnr"].is_null() && same["ssim"] == 1.0, "{same}");
+    assert_eq!(same["attributes"]["mean"], 0.0);
+    let psnr = |b: &Path| compare(b)["psnr"].as_f64().unwrap();
+    let (fine, coarse, flat) = (psnr(&spz), psnr(&small), psnr(&splat));
+    assert!(fine > 40.0 && fine > coarse && coarse > 25.0 && flat > 15.0, "{fine} {coarse} {flat}");
+    // A stream is a model too, and its Gaussians are another number in another order.
+    let (stream, back) = (file("a.gsvx"), file("b.ply"));
+    ok(&["encode", path(&model), "-o", path(&stream), "-q", "90"]);
+    let seen = compare(&stream);
+    assert_eq!(seen["attributes"]["pairing"], "nearest");
+    assert!(seen["psnr"].as_f64().unwrap() > 35.0, "{seen}");
+    ok(&["convert", path(&stream), path(&back)]);
+    let said = ok(&["compare", path(&stream), path(&back), "--orbit", "1"]);
+    assert!(said.contains("row by row") && said.contains("PSNR"), "{said}");
+    // PLY to PLY keeps every bit.
+    let copy = file("copy.ply");
+    ok(&["convert", path(&model), path(&copy)]);
+    let read = |p: &Path| gs_model::ply::read(p).unwrap().0;
+    assert_eq!(read(&model), read(&copy));
+    fails(&["convert", path(&model), path(&file("a.gsvx"))], "gsvx encode");
+    fails(&["convert", path(&model), path(&file("a.xyz"))], "--to");
+    fails(&["convert", path(&model), "-"], "--to");
+    let piped = gsvx_piped(&["convert", "-", "-", "--to", "spz"], &std::fs::read(&model).unwrap());
+    assert!(piped.stdout == std::fs::read(&spz).unwrap());
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_encode_leaves_nothing_and_keeps_what_was_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let (room, stream) = (room(), dir.path().join("a.gsvx"));
+    std::fs::write(&stream, b"before").unwrap();
+    let model = room.join("point_cloud.ply");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_gsvx"))
+        .args(["encode", path(&model), "-o", path(&stream), "--force", "--target-bytes", "60000"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The temporary file is there before the work begins.
+    while std::fs::read_dir(dir.path()).unwrap().count() < 2 {
+        assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let out = child.wait_with_output().unwrap();
+    assert_eq!(out.status.code(), Some(130));
+    assert!(String::from_utf8_lossy(&out.stderr).contains("interrupted"));
+    assert_eq!(std::fs::read(&stream).unwrap(), b"before");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+}

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use voxel::Voxelization;
 
 /// A finished stream and what it is made of.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Encoded {
     /// The stream.
     pub bytes: Vec<u8>,
