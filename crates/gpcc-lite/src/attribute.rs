@@ -3,6 +3,8 @@
 //! One call codes one group of channels that belong together (say Y, U, V of a colour); groups
 //! are independent, so they can be coded on different cores.
 
+use std::borrow::Cow;
+
 use crate::bytes::{Reader, put_varint};
 use crate::coeffs::{self, Mode};
 use crate::context::{Magnitudes, Packed, chunk_size};
@@ -60,18 +62,50 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> 
     if steps.len() != channels.len() {
         return Err(Error::Count { what: "steps", got: steps.len(), want: channels.len() });
     }
-    for (channel, values) in channels.iter().enumerate() {
-        if values.len() != plan.len() {
-            return Err(Error::ChannelLength { channel, got: values.len(), want: plan.len() });
-        }
-    }
+    let (bytes, done) = encode_channels(plan, steps, o, |c| Cow::Borrowed(channels[c]))?;
+    Ok(Encoded { bytes, reconstruction: done.values })
+}
+
+/// As [`encode`], for callers that make each channel when it is needed and want the stream only:
+/// `channel(i)` is asked for channels `0..steps.len()` in order and its answer soon dropped. Also
+/// says whether every coefficient was quantised to zero, so that nothing is lost without the group.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_with(
+    plan: &Plan,
+    steps: &[Step],
+    o: &Options,
+    mut channel: impl FnMut(usize) -> Vec<i32>,
+) -> Result<(Vec<u8>, bool)> {
+    let o = Options { reconstruction: false, ..*o };
+    let (bytes, done) = encode_channels(plan, steps, &o, |c| Cow::Owned(channel(c)))?;
+    Ok((bytes, done.quantised.iter().all(|q| q.iter().all(|&level| level == 0))))
+}
+
+fn encode_channels<'a>(
+    plan: &Plan,
+    steps: &[Step],
+    o: &Options,
+    mut channel: impl FnMut(usize) -> Cow<'a, [i32]>,
+) -> Result<(Vec<u8>, Quantised)> {
     let mut bytes = Vec::new();
-    put_varint(&mut bytes, channels.len() as u64);
+    put_varint(&mut bytes, steps.len() as u64);
     let mut done = Quantised { coded: vec![0; plan.len()], ..Quantised::default() };
     let mut at = 0;
-    while at < channels.len() {
-        let size = chunk_size(channels.len() - at);
-        match (&channels[at..at + size], &steps[at..at + size]) {
+    while at < steps.len() {
+        let size = chunk_size(steps.len() - at);
+        let mut chunk = Vec::with_capacity(size);
+        for channel_at in at..at + size {
+            let values = channel(channel_at);
+            if values.len() != plan.len() {
+                let (got, want) = (values.len(), plan.len());
+                return Err(Error::ChannelLength { channel: channel_at, got, want });
+            }
+            chunk.push(values);
+        }
+        let views: Vec<&[i32]> = chunk.iter().map(|values| &values[..]).collect();
+        match (&views[..], &steps[at..at + size]) {
             (&[a, b, c, d], &[p, q, r, s]) => done.add(plan, [a, b, c, d], [p, q, r, s], o)?,
             (&[a, b, c], &[p, q, r]) => done.add(plan, [a, b, c], [p, q, r], o)?,
             (&[a, b], &[p, q]) => done.add(plan, [a, b], [p, q], o)?,
@@ -83,7 +117,7 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> 
     done.heads.iter().for_each(|h| h.write(&mut bytes));
     let refs: Vec<&[i32]> = done.quantised.iter().map(Vec::as_slice).collect();
     bytes.extend(coeffs::encode(plan, &refs, o.mode)?);
-    Ok(Encoded { bytes, reconstruction: done.values })
+    Ok((bytes, done))
 }
 
 /// Decodes what [`encode`] wrote; `max_channels` bounds the memory.
@@ -91,6 +125,22 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> 
 /// # Errors
 /// If the stream is truncated, corrupt or has more channels than allowed.
 pub fn decode(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<Vec<Vec<i32>>> {
+    let mut out = Vec::new();
+    decode_with(plan, bytes, max_channels, |_, values| out.push(values))?;
+    Ok(out)
+}
+
+/// As [`decode`], for callers that use up each channel when it is there: `channel(i, values)` is
+/// called for every channel in order. Returns the number of channels.
+///
+/// # Errors
+/// As [`decode`]; `channel` is not called before the levels of all channels have been read.
+pub fn decode_with(
+    plan: &Plan,
+    bytes: &[u8],
+    max_channels: usize,
+    mut channel: impl FnMut(usize, Vec<i32>),
+) -> Result<usize> {
     let mut r = Reader::new(bytes);
     let channels = r.varint("channel count")?;
     if channels > max_channels as u64 {
@@ -99,24 +149,28 @@ pub fn decode(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<Vec<Vec<
     let heads: Vec<Head> =
         (0..channels).map(|_| Head::read(&mut r, plan)).collect::<Result<_>>()?;
     let quantised = coeffs::decode(plan, &bytes[r.pos()..], heads.len())?;
-    let mut out = Vec::with_capacity(heads.len());
     let mut quantised = quantised.into_iter();
     let mut at = 0;
     while at < heads.len() {
         let size = chunk_size(heads.len() - at);
         // Levels are dropped as soon as they have become values.
         let levels: Vec<Vec<i32>> = quantised.by_ref().take(size).collect();
+        let mut give = |values: &mut [Vec<i32>]| {
+            for (i, v) in values.iter_mut().enumerate() {
+                channel(at + i, std::mem::take(v));
+            }
+        };
         match (&levels[..], &heads[at..at + size]) {
             ([a, b, c, d], [p, q, r, s]) => {
-                out.extend(reconstruct(plan, [a, b, c, d], [p, q, r, s])?);
+                give(&mut reconstruct(plan, [a, b, c, d], [p, q, r, s])?);
             }
-            ([a, b, c], [p, q, r]) => out.extend(reconstruct(plan, [a, b, c], [p, q, r])?),
-            ([a, b], [p, q]) => out.extend(reconstruct(plan, [a, b], [p, q])?),
-            (l, h) => out.extend(reconstruct(plan, [&l[0]], [&h[0]])?),
+            ([a, b, c], [p, q, r]) => give(&mut reconstruct(plan, [a, b, c], [p, q, r])?),
+            ([a, b], [p, q]) => give(&mut reconstruct(plan, [a, b], [p, q])?),
+            (l, h) => give(&mut reconstruct(plan, [&l[0]], [&h[0]])?),
         }
         at += size;
     }
-    Ok(out)
+    Ok(heads.len())
 }
 
 /// Values of `C` channels from their coefficients.

@@ -1,8 +1,9 @@
 //! Reading a model of any format that this crate knows.
 
+use std::io::Read;
 use std::path::Path;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::options::ReadOptions;
 use crate::scene::Scene;
 use crate::validate::InvalidReport;
@@ -46,7 +47,35 @@ pub struct Report {
 /// Those of [`ply::read_with`], [`spz::read`] and [`splat::read`].
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
+    let splat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("splat"));
+    if !splat && starts_like_ply(path)? {
+        let (scene, report) = ply::read_with(path, options)?;
+        return Ok((scene, of_ply(report)));
+    }
     read_named(path, &fs::read(path)?, options)
+}
+
+/// True for a PLY file that can be read again from its start. A pipe cannot: what is looked at is
+/// gone.
+fn starts_like_ply(path: &Path) -> Result<bool> {
+    let io = |e| Error::io(path, "read", e);
+    let mut file = std::fs::File::open(path).map_err(io)?;
+    if !file.metadata().map_err(io)?.is_file() {
+        return Ok(false);
+    }
+    let mut start = Vec::new();
+    file.by_ref().take(3).read_to_end(&mut start).map_err(io)?;
+    Ok(start == b"ply")
+}
+
+fn of_ply(ply: ply::ReadReport) -> Report {
+    Report {
+        format: Format::Ply(ply.format),
+        gaussians_in_file: ply.gaussians_in_file,
+        dropped: ply.dropped.clone(),
+        clamped_opacities: ply.clamped_opacities,
+        ply: Some(ply),
+    }
 }
 
 /// Reads a model from bytes, as [`read`] does from a file; `name` stands in for the file's path,
@@ -67,14 +96,7 @@ pub fn read_named(
         return splat::decode(path, bytes, options);
     }
     let (scene, ply) = ply::read_named(path, bytes, options)?;
-    let report = Report {
-        format: Format::Ply(ply.format),
-        gaussians_in_file: ply.gaussians_in_file,
-        dropped: ply.dropped.clone(),
-        clamped_opacities: ply.clamped_opacities,
-        ply: Some(ply),
-    };
-    Ok((scene, report))
+    Ok((scene, of_ply(ply)))
 }
 
 /// Applies the options to a scene just decoded, and reports.

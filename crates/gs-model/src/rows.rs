@@ -4,6 +4,8 @@
 //! (3), rotation (4), log-scale (3), opacity logit (1), then the SH coefficients
 //! coefficient-major (`3 * sh_len`).
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::error::Result;
@@ -60,28 +62,41 @@ pub(crate) fn scene(
     sh_degree: u8,
     fill: impl Fn(Rows) -> Result<()> + Sync,
 ) -> Result<Scene> {
-    let k = sh_len(sh_degree);
-    let mut scene = Scene {
+    let mut scene = blank(n, sh_degree);
+    fill_range(&mut scene, 0..n, fill)?;
+    Ok(scene)
+}
+
+/// A scene of `n` Gaussians, all numbers 0.
+pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
+    Scene {
         means: vec![[0.0; 3]; n],
         rotations: vec![[0.0; 4]; n],
         log_scales: vec![[0.0; 3]; n],
         opacity_logits: vec![0.0; n],
         sh_degree,
-        sh: vec![[0.0; 3]; n * k],
-    };
-    let outcomes: Vec<Result<()>> = scene
-        .means
+        sh: vec![[0.0; 3]; n * sh_len(sh_degree)],
+    }
+}
+
+/// As [`scene`], for some rows of a scene that is there.
+pub(crate) fn fill_range(
+    scene: &mut Scene,
+    range: Range<usize>,
+    fill: impl Fn(Rows) -> Result<()> + Sync,
+) -> Result<()> {
+    let k = scene.sh_len();
+    let outcomes: Vec<Result<()>> = scene.means[range.clone()]
         .par_chunks_mut(ROWS_PER_TASK)
-        .zip(scene.rotations.par_chunks_mut(ROWS_PER_TASK))
-        .zip(scene.log_scales.par_chunks_mut(ROWS_PER_TASK))
-        .zip(scene.opacity_logits.par_chunks_mut(ROWS_PER_TASK))
-        .zip(scene.sh.par_chunks_mut(ROWS_PER_TASK * k))
+        .zip(scene.rotations[range.clone()].par_chunks_mut(ROWS_PER_TASK))
+        .zip(scene.log_scales[range.clone()].par_chunks_mut(ROWS_PER_TASK))
+        .zip(scene.opacity_logits[range.clone()].par_chunks_mut(ROWS_PER_TASK))
+        .zip(scene.sh[range.start * k..range.end * k].par_chunks_mut(ROWS_PER_TASK * k))
         .enumerate()
         .map(|(task, ((((means, rotations), log_scales), opacity_logits), sh))| {
-            let first = task * ROWS_PER_TASK;
+            let first = range.start + task * ROWS_PER_TASK;
             fill(Rows { first, means, rotations, log_scales, opacity_logits, sh })
         })
         .collect();
-    outcomes.into_iter().collect::<Result<()>>()?;
-    Ok(scene)
+    outcomes.into_iter().collect()
 }

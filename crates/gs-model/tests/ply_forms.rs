@@ -184,3 +184,30 @@ fn what_is_missing_is_named() {
         other => panic!("{other:?}"),
     }
 }
+
+/// Files that are read in parts: several parts, rows across their borders, trailing bytes.
+#[test]
+fn large_files_are_read_as_small_ones_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("large.ply");
+    let scene = common::scene(90_000, 3);
+    let mut bytes = Vec::new();
+    gs_model::ply::write_to(&mut bytes, &scene).unwrap();
+    assert!(bytes.len() > 16 << 20);
+    std::fs::write(&path, &bytes).unwrap();
+    let (whole, _) = gs_model::ply::read_bytes(&bytes).unwrap();
+    let (parts, report) = gs_model::ply::read(&path).unwrap();
+    assert!(parts == whole && parts == scene);
+    assert_eq!((report.file_bytes, report.trailing_bytes), (bytes.len(), 0));
+    let (model, _) = gs_model::model::read(&path, &Default::default()).unwrap();
+    assert!(model == scene);
+    bytes.extend([1, 2, 3]);
+    std::fs::write(&path, &bytes).unwrap();
+    let (again, report) = gs_model::ply::read(&path).unwrap();
+    assert!(again == scene);
+    assert_eq!((report.file_bytes, report.trailing_bytes), (bytes.len(), 3));
+    // Cut short, the error is that of the reader of whole files.
+    std::fs::write(&path, &bytes[..bytes.len() - 100]).unwrap();
+    let error = gs_model::ply::read(&path).unwrap_err();
+    assert!(error.to_string().contains("row 89999 is not whole"), "{error}");
+}

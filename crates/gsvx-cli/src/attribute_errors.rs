@@ -1,6 +1,6 @@
 //! Errors of the attributes of one model against another.
 
-use crate::nearest::Tree;
+use crate::nearest::{Tree, square};
 use gs_model::Scene;
 use gsvx::covariance::log_euclidean::coordinates;
 use rayon::prelude::*;
@@ -127,7 +127,7 @@ fn pair(a: &Scene, b: &Scene) -> Option<(Pairing, Vec<u32>)> {
 }
 
 fn distance2(a: [f32; 3], b: [f32; 3]) -> f64 {
-    a.iter().zip(b).map(|(&x, y)| (f64::from(x) - f64::from(y)).powi(2)).sum()
+    a.iter().zip(b).map(|(&x, y)| square(f64::from(x) - f64::from(y))).sum()
 }
 
 /// Diagonal of the bounding box; 1 if that is a point.

@@ -44,7 +44,7 @@ fn search(points: &[[f32; 3]], order: &[u32], axis: usize, p: [f32; 3], best: &m
     let middle = order.len() / 2;
     let here = order[middle];
     let q = points[here as usize];
-    let distance: f64 = (0..3).map(|k| (f64::from(q[k]) - f64::from(p[k])).powi(2)).sum();
+    let distance: f64 = (0..3).map(|k| square(f64::from(q[k]) - f64::from(p[k]))).sum();
     if distance < best.0 || (distance == best.0 && here < best.1) {
         *best = (distance, here);
     }
@@ -58,6 +58,11 @@ fn search(points: &[[f32; 3]], order: &[u32], axis: usize, p: [f32; 3], best: &m
     if gap * gap <= best.0 {
         search(points, far, (axis + 1) % 3, p, best);
     }
+}
+
+/// `v^2`.
+pub(crate) fn square(v: f64) -> f64 {
+    v * v
 }
 
 #[cfg(test)]
@@ -77,7 +82,7 @@ mod tests {
         for _ in 0..300 {
             let p = [next() + 0.3, next() - 0.2, next()];
             let distance = |q: [f32; 3]| -> f64 {
-                (0..3).map(|k| (f64::from(q[k]) - f64::from(p[k])).powi(2)).sum()
+                (0..3).map(|k| square(f64::from(q[k]) - f64::from(p[k]))).sum()
             };
             let slow = (0..points.len())
                 .min_by(|&a, &b| distance(points[a]).total_cmp(&distance(points[b])))

@@ -95,8 +95,12 @@ fn centre_and_spread(scene: &Scene) -> ([f64; 3], f64) {
         median(chosen.iter().map(|&i| f64::from(scene.means[i][k])).collect())
     });
     let distance = |&i: &usize| {
-        let d: f64 = (0..3).map(|k| (f64::from(scene.means[i][k]) - centre[k]).powi(2)).sum();
+        let d: f64 = (0..3).map(|k| square(f64::from(scene.means[i][k]) - centre[k])).sum();
         d.sqrt()
     };
     (centre, median(chosen.iter().map(distance).collect()))
+}
+
+fn square(v: f64) -> f64 {
+    v * v
 }

@@ -1,7 +1,8 @@
 //! The decoder. Needs nothing but the stream.
 
-use crate::attributes::group::{Transform, coding, limits};
+use crate::attributes::group::{Transform, coding, from_fixed, limits};
 use crate::attributes::{colour, opacity};
+use crate::encode::largest_first;
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::stream::{Container, Header, SectionKind};
@@ -102,14 +103,14 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     }
     let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
     kinds.extend((1..=wanted).map(SectionKind::of_sh_degree));
-    let parts: Vec<Result<Part>> = kinds
-        .par_iter()
-        .map(|&kind| section(kind, need(kind)?, &transform, &leaves, header.j_high))
-        .collect();
+    let parts = largest_first(&kinds, |kind| {
+        section(kind, need(kind)?, &transform, &leaves, header.j_high)
+    });
+    drop(transform);
 
     let n = leaves.len();
     let mut scene = Scene { means: centres(&leaves, &header)?, ..Default::default() };
-    let mut sh: Vec<Vec<Vec<f64>>> = Vec::new();
+    let mut sh: Vec<Vec<Plane>> = Vec::new();
     let mut broken = false;
     for (&kind, part) in kinds.iter().zip(parts) {
         match part {
@@ -117,7 +118,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
             Ok(Part::Covariance(q, l)) => (scene.rotations, scene.log_scales) = (q, l),
             // A later degree is of no use when an earlier one is missing.
             Ok(Part::Sh(_)) if broken => skipped.push(format!("{kind}: a lower degree is missing")),
-            Ok(Part::Sh(channels)) => sh.push(channels),
+            Ok(Part::Sh(planes)) => sh.push(planes),
             Err(e @ Error::Truncated { .. })
                 if options.allow_truncated
                     && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
@@ -132,7 +133,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         }
     }
     scene.sh_degree = sh.len() as u8 - 1;
-    scene.sh = interleave(&sh, n);
+    scene.sh = interleave(sh, n);
     Ok(Decoded { scene, leaves, header, skipped })
 }
 
@@ -140,18 +141,20 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
 /// refuses such scenes.
 pub(crate) fn centres(leaves: &[Leaf], header: &Header) -> Result<Vec<[f32; 3]>> {
     let means: Vec<[f32; 3]> =
-        leaves.iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect();
+        leaves.par_iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect();
     match means.iter().position(|m| m.iter().any(|v| !v.is_finite())) {
         Some(index) => Err(Error::Corrupt { what: "Gaussian beyond f32", value: index as u64 }),
         None => Ok(means),
     }
 }
 
+/// One SH coefficient of every Gaussian, RGB.
+type Plane = Vec<[f32; 3]>;
+
 enum Part {
     Opacity(Vec<f32>),
     Covariance(Vec<[f32; 4]>, Vec<[f32; 3]>),
-    /// Three planes (Y, Co, Cg) per coefficient.
-    Sh(Vec<Vec<f64>>),
+    Sh(Vec<Plane>),
 }
 
 fn section(
@@ -168,7 +171,8 @@ fn section(
             };
             let domain = opacity::domain(code)?;
             let channels = transform.decode(rest, 1)?;
-            Part::Opacity(channels[0].iter().map(|&v| opacity::inverse(domain, v)).collect())
+            let logit = |&v: &i32| opacity::inverse(domain, from_fixed(v));
+            Part::Opacity(channels[0].par_iter().with_min_len(4096).map(logit).collect())
         }
         SectionKind::Covariance => {
             let (q, l) = crate::covariance::decode(payload, transform, leaves, j_high)?;
@@ -181,7 +185,21 @@ fn section(
                 SectionKind::Sh3 => 7,
                 _ => 1,
             };
-            Part::Sh(transform.decode(payload, 3 * coefficients)?)
+            let mut planes = Vec::with_capacity(coefficients);
+            let mut waiting = Vec::with_capacity(2);
+            transform.decode_with(payload, 3 * coefficients, |_, cg| {
+                if waiting.len() < 2 {
+                    waiting.push(cg);
+                    return;
+                }
+                let luma_chroma = waiting[0].iter().zip(&waiting[1]).zip(&cg);
+                let plane: Plane = luma_chroma
+                    .map(|((&y, &co), &cg)| colour::inverse([y, co, cg].map(from_fixed)))
+                    .collect();
+                planes.push(plane);
+                waiting.clear();
+            })?;
+            Part::Sh(planes)
         }
     })
 }
@@ -199,16 +217,15 @@ fn spheres(leaves: &[Leaf], header: &Header) -> (Vec<[f32; 4]>, Vec<[f32; 3]>) {
 }
 
 /// Planes of all degrees to coefficient-major RGB.
-fn interleave(degrees: &[Vec<Vec<f64>>], n: usize) -> Vec<[f32; 3]> {
-    let planes: Vec<&Vec<f64>> = degrees.iter().flatten().collect();
-    let per_gaussian = planes.len() / 3;
+fn interleave(degrees: Vec<Vec<Plane>>, n: usize) -> Vec<[f32; 3]> {
+    let planes: Vec<Plane> = degrees.into_iter().flatten().collect();
+    let per_gaussian = planes.len();
     let mut sh = vec![[0.0; 3]; n * per_gaussian];
     const CHUNK: usize = 4096;
     sh.par_chunks_mut(CHUNK * per_gaussian.max(1)).enumerate().for_each(|(chunk, out)| {
         for (j, coefficients) in out.chunks_exact_mut(per_gaussian).enumerate() {
-            let i = chunk * CHUNK + j;
-            for (k, rgb) in coefficients.iter_mut().enumerate() {
-                *rgb = colour::inverse(std::array::from_fn(|c| planes[3 * k + c][i]));
+            for (rgb, plane) in coefficients.iter_mut().zip(&planes) {
+                *rgb = plane[chunk * CHUNK + j];
             }
         }
     });

@@ -1,6 +1,6 @@
 //! The encoder.
 
-use crate::attributes::group::{Transform, coding};
+use crate::attributes::group::{Transform, coding, to_fixed};
 use crate::attributes::{colour, opacity};
 use crate::covariance;
 use crate::error::{Error, Result};
@@ -30,15 +30,66 @@ pub struct Encoded {
 /// fit; [`Error::Coding`] if the leaves are not a valid pruned octree.
 pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Encoded> {
     check(scene, voxels)?;
-    let sh_degree = scene.sh_degree.min(options.max_sh_degree);
+    let sh_degree = used_degree(scene, options.max_sh_degree);
     // The paper's profile codes geometry as small as can be; RLGR by itself asks for speed.
     let fast = options.entropy == Entropy::Rlgr && options.paper_qp.is_none();
-    let geometry = if fast {
-        gpcc_lite::geometry::encode_fast(&voxels.leaves, voxels.j_high)
-    } else {
-        gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high)
+    let geometry = || {
+        let coded = if fast {
+            gpcc_lite::geometry::encode_fast(&voxels.leaves, voxels.j_high)
+        } else {
+            gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high)
+        };
+        coded.map_err(coding("geometry"))
     };
-    let mut sections = vec![(SectionKind::Geometry, geometry.map_err(coding("geometry"))?)];
+    // Geometry needs nothing of the rest, and the rest nothing of its bytes.
+    let (geometry, attributes) =
+        rayon::join(geometry, || attribute_sections(scene, voxels, sh_degree, options));
+    let mut sections = vec![(SectionKind::Geometry, geometry?)];
+    sections.extend(attributes?);
+    let is_sh = |kind| matches!(kind, SectionKind::Sh1 | SectionKind::Sh2 | SectionKind::Sh3);
+    let header = Header {
+        count: scene.len() as u64,
+        sh_degree: sections.iter().filter(|(kind, _)| is_sh(*kind)).count() as u8,
+        j_high: voxels.j_high,
+        cube: voxels.cube,
+        colour_space: Default::default(),
+        coordinate_system: Default::default(),
+    };
+    let bytes = stream::assemble(&header, &sections);
+    let sections = sections.iter().map(|(kind, payload)| (*kind, payload.len())).collect();
+    Ok(Encoded { bytes, sections })
+}
+
+/// The highest degree, up to `most`, with a coefficient that is not zero: what is zero throughout
+/// costs nothing, not even its section.
+fn used_degree(scene: &Scene, most: u8) -> u8 {
+    let mut degree = scene.sh_degree.min(most);
+    if scene.is_empty() {
+        return degree;
+    }
+    let zero = |v: &[f32; 3]| v.iter().all(|&x| x == 0.0);
+    while degree > 0 {
+        let d = usize::from(degree);
+        let empty = scene
+            .sh
+            .par_chunks(scene.sh_len())
+            .all(|sh| sh[d * d..(d + 1) * (d + 1)].iter().all(zero));
+        if !empty {
+            break;
+        }
+        degree -= 1;
+    }
+    degree
+}
+
+/// Every section but the geometry, in stream order.
+fn attribute_sections(
+    scene: &Scene,
+    voxels: &Voxelization,
+    sh_degree: u8,
+    options: &EncodeOptions,
+) -> Result<Vec<(SectionKind, Vec<u8>)>> {
+    let mut sections = Vec::new();
     let classes = if options.uniform_precision {
         None
     } else {
@@ -54,48 +105,73 @@ pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> 
         Some(classes)
     };
     let transform = Transform::new(&voxels.leaves, voxels.j_high, classes.as_deref())?;
+    drop(classes);
     let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
     kinds.extend((1..=sh_degree).map(SectionKind::of_sh_degree));
-    let coded: Result<Vec<_>> = kinds
-        .par_iter()
-        .map(|&kind| Ok((kind, attribute_section(kind, scene, voxels, &transform, options)?)))
-        .collect();
-    sections.extend(coded?);
-    let header = Header {
-        count: scene.len() as u64,
-        sh_degree,
-        j_high: voxels.j_high,
-        cube: voxels.cube,
-        colour_space: Default::default(),
-        coordinate_system: Default::default(),
-    };
-    let bytes = stream::assemble(&header, &sections);
-    let sections = sections.iter().map(|(kind, payload)| (*kind, payload.len())).collect();
-    Ok(Encoded { bytes, sections })
+    let coded =
+        largest_first(&kinds, |kind| attribute_section(kind, scene, voxels, &transform, options));
+    let mut zero = Vec::new();
+    for (kind, payload) in kinds.into_iter().zip(coded) {
+        let (payload, all_zero) = payload?;
+        sections.push((kind, payload));
+        zero.push(all_zero && !scene.is_empty() && kind != SectionKind::Dc);
+    }
+    // Degrees at the end that say nothing are left out, and the header's degree falls.
+    while zero.pop() == Some(true) {
+        sections.pop();
+    }
+    Ok(sections)
 }
 
+/// Runs `work` on every kind, those of most channels first, so that no core waits for a long one
+/// that was begun last; results in the order of `kinds`.
+pub(crate) fn largest_first<T: Send>(
+    kinds: &[SectionKind],
+    work: impl Fn(SectionKind) -> T + Sync,
+) -> Vec<T> {
+    let mut order: Vec<usize> = (0..kinds.len()).collect();
+    order.sort_by_key(|&i| std::cmp::Reverse(kinds[i].channels()));
+    let mut slots: Vec<Option<T>> = kinds.iter().map(|_| None).collect();
+    rayon::scope_fifo(|scope| {
+        let mut free: Vec<Option<&mut Option<T>>> = slots.iter_mut().map(Some).collect();
+        for i in order {
+            if let Some(slot) = free[i].take() {
+                let (kind, work) = (kinds[i], &work);
+                scope.spawn_fifo(move |_| *slot = Some(work(kind)));
+            }
+        }
+    });
+    slots.into_iter().flatten().collect()
+}
+
+/// The payload of a section, and whether it says nothing (an SH degree that is zero throughout).
 fn attribute_section(
     kind: SectionKind,
     scene: &Scene,
     voxels: &Voxelization,
     transform: &Transform,
     options: &EncodeOptions,
-) -> Result<Vec<u8>> {
+) -> Result<(Vec<u8>, bool)> {
     let steps = &options.steps;
     match kind {
         SectionKind::Opacity => {
             let domain = options.opacity_domain;
-            let channel: Vec<f64> =
-                scene.opacity_logits.iter().map(|&l| opacity::forward(domain, l)).collect();
+            let value = |&l: &f32| opacity::forward(domain, l);
             let step = match options.paper_qp {
-                Some(qp) => PaperQp::step(qp.opacity, &channel),
+                Some(qp) => PaperQp::step(qp.opacity, scene.opacity_logits.iter().map(value)),
                 None => f64::from(steps.opacity),
             };
+            let channel: Vec<i32> =
+                scene.opacity_logits.par_iter().map(|l| to_fixed(value(l))).collect();
+            let mut channel = Some(channel);
             let mut out = vec![opacity::code(domain)];
-            out.extend(transform.encode(&[channel], &[step], options.entropy)?);
-            Ok(out)
+            let take = |_| channel.take().unwrap_or_default();
+            out.extend(transform.encode(&[step], options.entropy, take)?.0);
+            Ok((out, false))
         }
-        SectionKind::Covariance => covariance::encode(scene, voxels, transform, options),
+        SectionKind::Covariance => {
+            Ok((covariance::encode(scene, voxels, transform, options)?, false))
+        }
         _ => {
             let (range, luma) = match kind {
                 SectionKind::Sh1 => (1..4, steps.sh[0]),
@@ -104,24 +180,30 @@ fn attribute_section(
                 _ => (0..1, steps.dc),
             };
             let chroma = luma * steps.chroma;
-            let mut channels = vec![Vec::with_capacity(scene.len()); 3 * range.len()];
-            for i in 0..scene.len() {
-                for (k, &rgb) in scene.sh_of(i)[range.clone()].iter().enumerate() {
-                    for (c, v) in colour::forward(rgb).into_iter().enumerate() {
-                        channels[3 * k + c].push(v);
-                    }
-                }
-            }
+            let value = |i: usize, c: usize| {
+                colour::forward_plane(scene.sh_of(i)[range.start + c / 3], c % 3)
+            };
             let qp = options.paper_qp.map(|qp| if kind == SectionKind::Dc { qp.dc } else { qp.ac });
-            let steps: Vec<f64> = channels
-                .iter()
-                .enumerate()
-                .map(|(c, channel)| match qp {
-                    Some(qp) => PaperQp::step(qp, channel),
+            let steps: Vec<f64> = (0..3 * range.len())
+                .map(|c| match qp {
+                    Some(qp) => PaperQp::step(qp, (0..scene.len()).map(|i| value(i, c))),
                     None => f64::from(if c % 3 == 0 { luma } else { chroma }),
                 })
                 .collect();
-            transform.encode(&channels, &steps, options.entropy)
+            // The three planes of a coefficient in one walk over the scene, whose rows are long.
+            let mut planes: [Vec<i32>; 3] = Default::default();
+            transform.encode(&steps, options.entropy, |c| {
+                if c % 3 == 0 {
+                    planes = std::array::from_fn(|_| Vec::with_capacity(scene.len()));
+                    for i in 0..scene.len() {
+                        let ycc = colour::forward(scene.sh_of(i)[range.start + c / 3]);
+                        for (plane, v) in planes.iter_mut().zip(ycc) {
+                            plane.push(to_fixed(v));
+                        }
+                    }
+                }
+                std::mem::take(&mut planes[c % 3])
+            })
         }
     }
 }
@@ -130,12 +212,20 @@ fn check(scene: &Scene, voxels: &Voxelization) -> Result<()> {
     if scene.len() != voxels.leaves.len() {
         return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.leaves.len() });
     }
-    for (index, (&leaf, mean)) in voxels.leaves.iter().zip(&scene.means).enumerate() {
-        if voxels.cube.leaf_centre(leaf, voxels.j_high) != *mean {
-            return Err(Error::OffCentre { index });
-        }
+    let off = voxels
+        .leaves
+        .par_iter()
+        .with_min_len(4096)
+        .zip(&scene.means)
+        .position_first(|(&leaf, mean)| voxels.cube.leaf_centre(leaf, voxels.j_high) != *mean);
+    if let Some(index) = off {
+        return Err(Error::OffCentre { index });
     }
-    let finite = |field, ok: &dyn Fn(usize) -> bool| match (0..scene.len()).find(|&i| !ok(i)) {
+    let finite = |field, ok: &(dyn Fn(usize) -> bool + Sync)| match (0..scene.len())
+        .into_par_iter()
+        .with_min_len(4096)
+        .find_first(|&i| !ok(i))
+    {
         Some(index) => Err(Error::NonFinite { index, field }),
         None => Ok(()),
     };

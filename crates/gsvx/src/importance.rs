@@ -10,11 +10,12 @@
 //! makes a Gaussian twenty times as large). Classes are coded once, in a section of
 //! their own, and every attribute section depends only on geometry and classes.
 
-use crate::attributes::group::Transform;
+use crate::attributes::group::{Transform, from_fixed, to_fixed};
 use crate::error::Result;
 use crate::options::Entropy;
 use gpcc_lite::Leaf;
 use gs_model::Scene;
+use rayon::prelude::*;
 
 /// Number of classes; weights run from 1 to `4^(CLASSES - 1)`.
 pub const CLASSES: u8 = 12;
@@ -39,7 +40,7 @@ pub fn weight(class: u8) -> u32 {
 pub fn without_cameras(scene: &Scene) -> Vec<f32> {
     scene
         .opacity_logits
-        .iter()
+        .par_iter()
         .zip(&scene.log_scales)
         .map(|(&logit, ls)| {
             let thin = ls.iter().copied().fold(f32::INFINITY, f32::min);
@@ -64,7 +65,7 @@ pub fn log_classes(importance: &[f32]) -> Vec<f64> {
     let sum: f64 = importance.iter().map(|&v| clean(v)).sum();
     let mean = sum / importance.len().max(1) as f64;
     importance
-        .iter()
+        .par_iter()
         .map(|&v| {
             let v = clean(v);
             let lowest = f64::from(MEAN_CLASS) - FLOOR;
@@ -88,10 +89,9 @@ const CLASS_STEP: f64 = 1.0;
 /// [`crate::Error::Coding`] if the leaves are not a valid pruned octree.
 pub fn encode(log_classes: &[f64], leaves: &[Leaf], j_high: u8) -> Result<(Vec<u8>, Vec<u8>)> {
     let transform = Transform::new(leaves, j_high, None)?;
-    let channel = log_classes.to_vec();
-    let payload = transform.encode(&[channel], &[CLASS_STEP], Entropy::Range)?;
-    let classes = decode_with(&transform, &payload)?;
-    Ok((payload, classes))
+    let channel: Vec<i32> = log_classes.iter().map(|&v| to_fixed(v)).collect();
+    let (payload, decoded) = transform.encode_one(&channel, CLASS_STEP, Entropy::Range)?;
+    Ok((payload, decoded.into_iter().map(class_of).collect()))
 }
 
 /// Decodes the classes of [`encode`].
@@ -99,14 +99,14 @@ pub fn encode(log_classes: &[f64], leaves: &[Leaf], j_high: u8) -> Result<(Vec<u
 /// # Errors
 /// [`crate::Error::Coding`] or [`crate::Error::Corrupt`] for a damaged payload.
 pub fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
-    decode_with(&Transform::new(leaves, j_high, None)?, payload)
+    let channels = Transform::new(leaves, j_high, None)?.decode(payload, 1)?;
+    Ok(channels[0].iter().map(|&v| class_of(v)).collect())
 }
 
-fn decode_with(transform: &Transform, payload: &[u8]) -> Result<Vec<u8>> {
-    let channels = transform.decode(payload, 1)?;
-    // Adding a half and truncating: exact for the fixed-point values that come in.
-    let class = |v: f64| (v + 0.5).clamp(0.0, f64::from(CLASSES - 1)) as u8;
-    Ok(channels[0].iter().map(|&v| class(v)).collect())
+/// The class of a decoded value.
+fn class_of(fixed: i32) -> u8 {
+    // Adding a half and truncating: exact for fixed-point values.
+    (from_fixed(fixed) + 0.5).clamp(0.0, f64::from(CLASSES - 1)) as u8
 }
 
 #[cfg(test)]

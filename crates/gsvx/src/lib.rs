@@ -20,4 +20,4 @@ pub use lossless::encode_lossless;
 pub use options::{
     CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, OpacityDomain, PaperQp, Steps,
 };
-pub use prepare::{Prepared, Seen, default_strategy, prepare};
+pub use prepare::{Prepared, Seen, default_strategy, prepare, prune};

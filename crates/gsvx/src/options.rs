@@ -167,11 +167,26 @@ impl EncodeOptions {
 }
 
 impl PaperQp {
+    /// The triple at a quality of 0 to 100: those on the hulls of the authors' published curves,
+    /// lowest rate first.
+    #[must_use]
+    pub fn of_quality(quality: f32) -> Self {
+        let (ac, dc, opacity) = match quality {
+            q if q < 27.0 => (40, 28, 40),
+            q if q < 41.0 => (38, 16, 28),
+            q if q < 55.0 => (34, 16, 16),
+            q if q < 69.0 => (31, 4, 16),
+            q if q < 83.0 => (28, 4, 4),
+            _ => (16, 4, 4),
+        };
+        Self { ac, dc, opacity }
+    }
+
     /// The step of `qp` for a channel: `2^((qp - 4) / 6)` 255ths of its range.
     #[must_use]
-    pub fn step(qp: u8, channel: &[f64]) -> f64 {
+    pub fn step(qp: u8, channel: impl IntoIterator<Item = f64>) -> f64 {
         let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
-        for &v in channel {
+        for v in channel {
             min = min.min(v);
             max = max.max(v);
         }

@@ -9,6 +9,11 @@ use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Voxelization};
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
 /// unbounded scene needs for its nearest Gaussians.
 const J_HIGH: u8 = 17;
+/// Where floaters blow the cube up, the finest leaves are as deep as it takes for this many of them
+/// along the largest axis of a median Gaussian (at most `MAX_DEPTH`). Deeper than that, position
+/// errors no longer show. An octree charges a floater about three bits a level, less than exact
+/// floats would cost, so nothing is cut off: see `voxel::trim`.
+const CELLS_PER_AXIS: f64 = 8.0;
 /// Lagrangian weight at quality 50, in the units of [`RateDistortion::lambda`]. It follows the
 /// square of the attribute steps, so that positions and attributes stay in balance.
 const LAMBDA_AT_50: f64 = 3e-3;
@@ -96,11 +101,97 @@ pub fn prepare(
         }
     };
     let cube = Cube::of(&scene.means)?;
-    let voxels = voxel::voxelize(scene, &cube, &strategy(importance, seen)?)?;
+    let mut strategy = strategy(importance, seen)?;
+    if let Strategy::RateDistortion(options) = &mut strategy {
+        options.j_high = options.j_high.max(needed_depth(scene, &cube));
+    }
+    let voxels = voxel::voxelize(scene, &cube, &strategy)?;
+    drop(strategy);
     let weights = Importance::Given(importance.to_vec());
     let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;
+    drop(weights);
     let importance = (0..voxels.len())
         .map(|i| voxels.members_of(i).iter().map(|&m| importance[m as usize]).sum())
         .collect();
     Ok(Prepared { scene: merged, voxels, importance })
+}
+
+/// Depth at which a cell is [`CELLS_PER_AXIS`] times smaller than the median Gaussian's largest axis.
+fn needed_depth(scene: &Scene, cube: &Cube) -> u8 {
+    let mut sizes: Vec<f32> = scene
+        .log_scales
+        .iter()
+        .map(|l| l.iter().copied().fold(f32::NEG_INFINITY, f32::max))
+        .collect();
+    if sizes.is_empty() {
+        return 0;
+    }
+    let middle = sizes.len() / 2;
+    let median = f64::from(*sizes.select_nth_unstable_by(middle, f32::total_cmp).1);
+    let depth = libm::log2(cube.side * CELLS_PER_AXIS) - median * std::f64::consts::LOG2_E;
+    depth.ceil().clamp(0.0, f64::from(gpcc_lite::morton::MAX_DEPTH)) as u8
+}
+
+/// Ascending indices of the Gaussians that stay when the given fraction, those of least
+/// importance, is left out. Among equals the later ones go first; what is not a positive number
+/// counts as 0.
+///
+/// # Errors
+/// [`Error::Option`] if `fraction` is not from 0 to below 1.
+pub fn prune(importance: &[f32], fraction: f64) -> Result<Vec<usize>> {
+    if !(0.0..1.0).contains(&fraction) {
+        return Err(Error::Option { option: "prune", value: fraction, range: "from 0 to below 1" });
+    }
+    let out = (fraction * importance.len() as f64) as usize;
+    let clean = |i: usize| {
+        let v = importance[i];
+        if v.is_finite() { v.max(0.0) } else { 0.0 }
+    };
+    let mut order: Vec<usize> = (0..importance.len()).collect();
+    order.sort_unstable_by(|&a, &b| clean(a).total_cmp(&clean(b)).then(b.cmp(&a)));
+    let mut kept = order.split_off(out);
+    kept.sort_unstable();
+    Ok(kept)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pruning_leaves_out_the_least_important() {
+        let importance = [3.0, 0.0, f32::NAN, 5.0, 1.0, 0.0];
+        assert_eq!(prune(&importance, 0.0).unwrap(), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(prune(&importance, 0.34).unwrap(), [0, 1, 3, 4]);
+        assert_eq!(prune(&importance, 0.5).unwrap(), [0, 3, 4]);
+        assert_eq!(prune(&[], 0.5).unwrap(), Vec::<usize>::new());
+        for fraction in [-0.1, 1.0, f64::NAN] {
+            assert!(matches!(prune(&importance, fraction), Err(Error::Option { .. })));
+        }
+    }
+
+    /// A cluster and one floater, far away.
+    #[test]
+    fn a_floater_does_not_coarsen_the_rest() {
+        let mut scene = Scene {
+            means: (0..64)
+                .map(|i| [0.1 * (i % 4) as f32, 0.1 * (i / 4 % 4) as f32, 0.1 * (i / 16) as f32])
+                .collect(),
+            rotations: vec![[1.0, 0.0, 0.0, 0.0]; 64],
+            log_scales: vec![[-4.0; 3]; 64],
+            opacity_logits: vec![2.0; 64],
+            sh_degree: 0,
+            sh: vec![[0.3; 3]; 64],
+        };
+        scene.means[63] = [3000.0, 0.0, 0.0];
+        let strategy = |importance: &[f32], seen| default_strategy(60.0, importance, seen);
+        let prepared = prepare(&scene, strategy, None).unwrap();
+        assert_eq!(prepared.voxels.len(), 64);
+        for (i, &member) in prepared.voxels.members.iter().enumerate() {
+            for k in 0..3 {
+                let error = prepared.scene.means[i][k] - scene.means[member as usize][k];
+                assert!(error.abs() < 0.0092, "{error}: half the size of a Gaussian");
+            }
+        }
+    }
 }

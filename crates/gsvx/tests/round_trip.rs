@@ -145,3 +145,23 @@ fn levels_of_detail_shrink_and_keep_the_tree() {
     }
     assert_eq!(last, 1);
 }
+
+/// Degrees that carry nothing cost nothing: the header's degree falls, the scene is the same.
+#[test]
+fn degrees_that_are_zero_are_left_out() {
+    let (mut merged, voxels) = voxelized(&scene(500, 3, 5), &Strategy::Uniform { depth: 11 });
+    let k = merged.sh_len();
+    merged.sh.chunks_exact_mut(k).for_each(|sh| sh[9..].fill([0.0; 3]));
+    let options = EncodeOptions::from_quality(70.0).unwrap();
+    let degree = |merged: &gs_model::Scene, options: &EncodeOptions| {
+        let encoded = encode(merged, &voxels, options).unwrap();
+        decode(&encoded.bytes, &DecodeOptions::default()).unwrap().scene.sh_degree
+    };
+    assert_eq!(degree(&merged, &options), 2);
+    // What quantises to zero is as good as zero, but a degree below one that does not stays.
+    let mut coarse = options.clone();
+    coarse.steps.sh = [options.steps.sh[0], 1e6, 1e6];
+    assert_eq!(degree(&merged, &coarse), 1);
+    coarse.steps.sh = [1e6, options.steps.sh[1], 1e6];
+    assert_eq!(degree(&merged, &coarse), 2);
+}

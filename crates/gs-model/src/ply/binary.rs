@@ -46,26 +46,12 @@ impl Body<'_> {
         if vertex.has_list() {
             return self.uneven_vertices(vertex, columns, at, n);
         }
-        let starts = property_offsets(vertex);
-        let stride = self.least(vertex);
-        let sources: Vec<(usize, Scalar)> =
-            columns.properties.iter().map(|&p| (starts[p], vertex.properties[p].scalar)).collect();
+        let source = Source::of(vertex, columns, self.big_endian);
+        let stride = source.stride;
         let body = &self.bytes[at..at + n * stride];
-        let all_f32 = sources.iter().all(|s| s.1 == Scalar::F32);
-        let offsets: Vec<usize> = sources.iter().map(|s| s.0).collect();
         let scene = rows::scene(n, columns.sh_degree, |rows| {
             let part = &body[rows.first * stride..(rows.first + rows.len()) * stride];
-            match (all_f32, self.big_endian) {
-                (true, false) => {
-                    fill(rows, part, stride, |row, c| f32::from_le_bytes(bytes_at(row, offsets[c])))
-                }
-                (true, true) => {
-                    fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes_at(row, offsets[c])))
-                }
-                (false, big) => fill(rows, part, stride, |row, c| {
-                    number(row, sources[c].0, sources[c].1, big) as f32
-                }),
-            }
+            source.fill(rows, part);
             Ok(())
         })?;
         Ok((scene, at + n * stride))
@@ -161,6 +147,46 @@ impl Body<'_> {
             element: element.name.clone(),
             promised: element.count,
             row,
+        }
+    }
+}
+
+/// Where a row without lists holds what.
+pub(super) struct Source {
+    /// Bytes per row.
+    pub(super) stride: usize,
+    /// Offset and type of each number in scene order.
+    numbers: Vec<(usize, Scalar)>,
+    all_f32: bool,
+    big_endian: bool,
+}
+
+impl Source {
+    pub(super) fn of(vertex: &Element, columns: &Columns, big_endian: bool) -> Self {
+        let starts = property_offsets(vertex);
+        let numbers: Vec<(usize, Scalar)> =
+            columns.properties.iter().map(|&p| (starts[p], vertex.properties[p].scalar)).collect();
+        Self {
+            stride: vertex.least_row_bytes(Format::BinaryLittleEndian),
+            all_f32: numbers.iter().all(|s| s.1 == Scalar::F32),
+            numbers,
+            big_endian,
+        }
+    }
+
+    /// Fills `rows` from the bytes that hold them.
+    pub(super) fn fill(&self, rows: Rows, part: &[u8]) {
+        let (stride, at) = (self.stride, &self.numbers);
+        match (self.all_f32, self.big_endian) {
+            (true, false) => {
+                fill(rows, part, stride, |row, c| f32::from_le_bytes(bytes_at(row, at[c].0)));
+            }
+            (true, true) => {
+                fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes_at(row, at[c].0)));
+            }
+            (false, big) => {
+                fill(rows, part, stride, |row, c| number(row, at[c].0, at[c].1, big) as f32);
+            }
         }
     }
 }

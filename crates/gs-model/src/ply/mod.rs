@@ -10,6 +10,7 @@ mod ascii;
 mod binary;
 mod columns;
 mod header;
+mod stream;
 mod write;
 
 use std::path::Path;
@@ -63,14 +64,18 @@ pub fn read(path: impl AsRef<Path>) -> Result<(Scene, ReadReport)> {
 
 /// Reads a 3DGS model.
 ///
-/// Memory: the file plus the scene; a header that promises more rows than the file holds is an
+/// Memory: the scene, and the file too if it is not plain (ASCII, lists, other elements before the
+/// Gaussians); a header that promises more rows than the file holds is an
 /// error before anything is allocated for them.
 ///
 /// # Errors
 /// As [`read`]; with [`Invalid::Drop`] no invalid Gaussian is an error.
 pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, ReadReport)> {
     let path = path.as_ref();
-    read_named(path, &fs::read(path)?, options)
+    match stream::read(path, options)? {
+        Some(read) => Ok(read),
+        None => read_named(path, &fs::read(path)?, options),
+    }
 }
 
 /// Reads a 3DGS model from the bytes of a PLY file, with the default [`ReadOptions`].
@@ -102,7 +107,7 @@ pub(crate) fn read_named(
     let (before, after) = (&header.elements[..vertex_at], &header.elements[vertex_at + 1..]);
     let columns = columns::Columns::of(file, vertex)?;
 
-    let (mut scene, trailing_bytes) = match header.format {
+    let (scene, trailing_bytes) = match header.format {
         Format::Ascii => {
             let mut lines = ascii::Lines::new(file, bytes, &header);
             before.iter().try_for_each(|e| lines.skip(e))?;
@@ -120,6 +125,22 @@ pub(crate) fn read_named(
         }
     };
 
+    let skipped = before.iter().chain(after).map(|e| (e.name.clone(), e.count)).collect();
+    let lengths = [bytes.len(), trailing_bytes];
+    finish(file, scene, options, &header, columns, skipped, lengths)
+}
+
+/// Applies the options to a scene just read, and reports. `lengths`: of the file, and of what
+/// follows its last row, bytes.
+fn finish(
+    file: &Path,
+    mut scene: Scene,
+    options: &ReadOptions,
+    header: &header::Header,
+    columns: columns::Columns,
+    skipped_elements: Vec<(String, u64)>,
+    lengths: [usize; 2],
+) -> Result<(Scene, ReadReport)> {
     let gaussians_in_file = scene.len();
     let (clamped_opacities, dropped) = options.apply(&mut scene, file)?;
     let report = ReadReport {
@@ -130,10 +151,10 @@ pub(crate) fn read_named(
         dropped,
         clamped_opacities,
         unknown_properties: columns.unknown,
-        skipped_elements: before.iter().chain(after).map(|e| (e.name.clone(), e.count)).collect(),
-        comments: header.comments,
-        file_bytes: bytes.len(),
-        trailing_bytes,
+        skipped_elements,
+        comments: header.comments.clone(),
+        file_bytes: lengths[0],
+        trailing_bytes: lengths[1],
     };
     Ok((scene, report))
 }

@@ -15,6 +15,17 @@ pub fn forward(rgb: [f32; 3]) -> [f64; 3] {
     [(r + g + b) * A, (r - b) * B, (g + g - r - b) * C]
 }
 
+/// One plane of [`forward`]: 0 luma, 1 and 2 chroma.
+#[must_use]
+pub fn forward_plane(rgb: [f32; 3], plane: usize) -> f64 {
+    let [r, g, b] = rgb.map(f64::from);
+    match plane {
+        0 => (r + g + b) * A,
+        1 => (r - b) * B,
+        _ => (g + g - r - b) * C,
+    }
+}
+
 /// The inverse of [`forward`].
 #[must_use]
 pub fn inverse(ycc: [f64; 3]) -> [f32; 3] {
@@ -34,6 +45,12 @@ mod tests {
             for (x, y) in back.iter().zip([r, g, b]) {
                 prop_assert!((x - y).abs() < 1e-5);
             }
+        }
+
+        #[test]
+        fn planes_are_those_of_forward(r in -10f32..10.0, g in -10f32..10.0, b in -10f32..10.0) {
+            let rgb = [r, g, b];
+            prop_assert_eq!([0, 1, 2].map(|p| forward_plane(rgb, p)), forward(rgb));
         }
 
         #[test]

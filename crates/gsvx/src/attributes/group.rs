@@ -40,52 +40,92 @@ impl Transform {
         Ok(Self { plan: plan.map_err(coding("transform"))?, step_factor })
     }
 
-    /// Codes channels (leaf order) with one natural step each.
+    /// Codes channels with one natural step each. `channel(i)` makes channel `i`, one value per
+    /// leaf; it is asked in order and its answer soon dropped, so that a group of many channels
+    /// needs the memory of a few. Also says whether all of it came out as zero.
     ///
     /// # Errors
     /// [`Error::Coding`].
     pub fn encode(
         &self,
-        channels: &[Vec<f64>],
         steps: &[f64],
         entropy: Entropy,
-    ) -> Result<Vec<u8>> {
-        let fixed: Vec<Vec<i32>> =
-            channels.iter().map(|c| c.iter().map(|&v| to_fixed(v)).collect()).collect();
-        let views: Vec<&[i32]> = fixed.iter().map(Vec::as_slice).collect();
-        let steps: Vec<Step> =
-            steps.iter().map(|&s| Step::new(s * self.step_factor * UNITS)).collect();
-        let mode = match entropy {
-            Entropy::Range => Mode::Range,
-            Entropy::Rlgr => Mode::Rlgr,
-        };
-        // RLGR is the fast mode; prediction from the parent level costs more than it does.
-        let prediction = entropy == Entropy::Range;
-        let options =
-            attribute::Options { mode, prediction, reconstruction: false, ..Default::default() };
-        let coded = attribute::encode(&self.plan, &views, &steps, &options);
-        Ok(coded.map_err(coding("attribute"))?.bytes)
+        channel: impl FnMut(usize) -> Vec<i32>,
+    ) -> Result<(Vec<u8>, bool)> {
+        let o = options(entropy);
+        let coded = attribute::encode_with(&self.plan, &self.steps(steps), &o, channel);
+        coded.map_err(coding("attribute"))
     }
 
-    /// Decodes exactly `channels` channels.
+    /// As [`Transform::encode`] for a single channel; also returns what the decoder will read.
+    ///
+    /// # Errors
+    /// [`Error::Coding`].
+    pub fn encode_one(
+        &self,
+        channel: &[i32],
+        step: f64,
+        entropy: Entropy,
+    ) -> Result<(Vec<u8>, Vec<i32>)> {
+        let coded =
+            attribute::encode(&self.plan, &[channel], &self.steps(&[step]), &options(entropy));
+        let mut coded = coded.map_err(coding("attribute"))?;
+        Ok((coded.bytes, coded.reconstruction.pop().unwrap_or_default()))
+    }
+
+    fn steps(&self, steps: &[f64]) -> Vec<Step> {
+        steps.iter().map(|&s| Step::new(s * self.step_factor * UNITS)).collect()
+    }
+
+    /// Decodes exactly `channels` channels: `channel(i, values)` is called for each, in order.
     ///
     /// # Errors
     /// [`Error::Coding`]; [`Error::Corrupt`] if the stream holds another number of channels.
-    pub fn decode(&self, bytes: &[u8], channels: usize) -> Result<Vec<Vec<f64>>> {
-        let fixed = attribute::decode(&self.plan, bytes, channels).map_err(coding("attribute"))?;
-        if fixed.len() != channels {
-            return Err(Error::Corrupt { what: "channel count", value: fixed.len() as u64 });
+    pub fn decode_with(
+        &self,
+        bytes: &[u8],
+        channels: usize,
+        channel: impl FnMut(usize, Vec<i32>),
+    ) -> Result<()> {
+        let n = attribute::decode_with(&self.plan, bytes, channels, channel)
+            .map_err(coding("attribute"))?;
+        if n != channels {
+            return Err(Error::Corrupt { what: "channel count", value: n as u64 });
         }
-        Ok(fixed
-            .iter()
-            .map(|c| c.iter().map(|&v| f64::from(v) * (1.0 / UNITS)).collect())
-            .collect())
+        Ok(())
+    }
+
+    /// As [`Transform::decode_with`], all channels at once.
+    ///
+    /// # Errors
+    /// As [`Transform::decode_with`].
+    pub fn decode(&self, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>>> {
+        let mut all = Vec::new();
+        self.decode_with(bytes, channels, |_, values| all.push(values))?;
+        Ok(all)
     }
 }
 
-/// Nearest multiple of 2^-16; clamps, NaN gives 0.
-fn to_fixed(v: f64) -> i32 {
+fn options(entropy: Entropy) -> attribute::Options {
+    let mode = match entropy {
+        Entropy::Range => Mode::Range,
+        Entropy::Rlgr => Mode::Rlgr,
+    };
+    // RLGR is the fast mode; prediction from the parent level costs more than it does.
+    let prediction = entropy == Entropy::Range;
+    attribute::Options { mode, prediction, ..Default::default() }
+}
+
+/// Nearest multiple of 2^-16, as an integer of that unit; clamps, NaN gives 0.
+#[must_use]
+pub fn to_fixed(v: f64) -> i32 {
     libm::round(v * UNITS) as i32
+}
+
+/// The value of a fixed-point integer.
+#[must_use]
+pub fn from_fixed(v: i32) -> f64 {
+    f64::from(v) * (1.0 / UNITS)
 }
 
 /// Wraps an error of the coder with the part it happened in.

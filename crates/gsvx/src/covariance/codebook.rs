@@ -3,9 +3,13 @@
 //! The paper's lossy mode (after Compressed 3DGS), with everything a decoder needs in the
 //! stream and counted: the codebook, the entropy-coded indices, and the scale factors, which
 //! go through the same weighted transform as the other attributes.
+//!
+//! Sensitivities are the importances of the encoder's options: from cameras the sum over all pixels
+//! of `(d pixel / d colour)^2 = (alpha T)^2`, the rasterizer's own gradient squared, which is also
+//! what an error of the footprint is multiplied by; without cameras opacity times size.
 
 use super::Covariances;
-use crate::attributes::group::Transform;
+use crate::attributes::group::{Transform, from_fixed, to_fixed};
 use crate::error::{Error, Result};
 use crate::options::EncodeOptions;
 use crate::stream::{Reader, Writer};
@@ -51,11 +55,11 @@ pub(super) fn encode(
     let settings = vq::Options::with_codewords(1 << bits);
     let book = Codebook::train(&covariances, &sensitivities, &settings)?;
     let indices = book.assign(&covariances);
-    let log_gamma: Vec<f64> = parts.iter().map(|p| f64::from(p.1)).collect();
+    let log_gamma: Vec<i32> = parts.iter().map(|p| to_fixed(f64::from(p.1))).collect();
     out.block(&book.to_bytes());
     out.block(&vq::index::encode(&indices, book.len())?);
     let step = f64::from(options.steps.covariance);
-    out.bytes.extend(transform.encode(&[log_gamma], &[step], options.entropy)?);
+    out.bytes.extend(transform.encode(&[step], options.entropy, |_| log_gamma.clone())?.0);
     Ok(out.bytes)
 }
 
@@ -75,7 +79,7 @@ pub(super) fn decode(payload: &[u8], transform: &Transform, count: usize) -> Res
             let (q, l) = *codewords
                 .get(index as usize)
                 .ok_or(Error::Corrupt { what: "covariance index", value: index.into() })?;
-            Ok((q, l.map(|v| (f64::from(v) + gamma) as f32)))
+            Ok((q, l.map(|v| (f64::from(v) + from_fixed(gamma)) as f32)))
         })
         .collect()
 }

@@ -6,7 +6,7 @@ mod codebook;
 mod integers;
 pub mod log_euclidean;
 
-use crate::attributes::group::Transform;
+use crate::attributes::group::{Transform, from_fixed, to_fixed};
 use crate::error::{Error, Result};
 use crate::options::{CovarianceMode, EncodeOptions};
 use gpcc_lite::Leaf;
@@ -29,17 +29,17 @@ pub(crate) fn encode(
 ) -> Result<Vec<u8>> {
     match options.covariance {
         CovarianceMode::Transform => {
-            let coordinates: Vec<_> = scene
+            // All six at once: they share the rotation matrix. Half of what f64 would take.
+            let coordinates: Vec<[i32; 6]> = scene
                 .rotations
                 .par_iter()
                 .zip(&scene.log_scales)
-                .map(|(&q, &l)| log_euclidean::coordinates(q, l))
+                .map(|(&q, &l)| log_euclidean::coordinates(q, l).map(to_fixed))
                 .collect();
-            let channels: Vec<Vec<f64>> =
-                (0..6).map(|k| coordinates.iter().map(|c| c[k]).collect()).collect();
             let step = f64::from(options.steps.covariance);
             let mut out = vec![TRANSFORM];
-            out.extend(transform.encode(&channels, &[step; 6], options.entropy)?);
+            let channel = |k| coordinates.iter().map(|c| c[k]).collect();
+            out.extend(transform.encode(&[step; 6], options.entropy, channel)?.0);
             Ok(out)
         }
         CovarianceMode::Lossless { bits } => {
@@ -69,7 +69,9 @@ pub(crate) fn decode(
             let channels = transform.decode(payload, 6)?;
             Ok((0..leaves.len())
                 .into_par_iter()
-                .map(|i| log_euclidean::decompose(std::array::from_fn(|k| channels[k][i])))
+                .map(|i| {
+                    log_euclidean::decompose(std::array::from_fn(|k| from_fixed(channels[k][i])))
+                })
                 .unzip())
         }
         INTEGERS => integers::decode(payload, leaves, j_high),

@@ -73,6 +73,18 @@ impl SectionKind {
         }
     }
 
+    /// Channels that its transform carries: how long it takes, about.
+    pub(crate) fn channels(self) -> usize {
+        match self {
+            Self::Dc => 3,
+            Self::Covariance => 6,
+            Self::Sh1 => 9,
+            Self::Sh2 => 15,
+            Self::Sh3 => 21,
+            _ => 1,
+        }
+    }
+
     /// Short name for reports.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -3,6 +3,9 @@
 //! Models are a real scene, replicated side by side and jittered: their attributes are real,
 //! their number is chosen. Memory is the peak resident set that Linux reports.
 
+mod choices;
+mod targets;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -24,19 +27,32 @@ pub(crate) struct Args {
     /// The command to measure.
     #[arg(long, default_value = "target/release/gsvx")]
     gsvx: PathBuf,
-    /// Where the table goes.
+    /// Instead: five byte targets and three PSNR targets per scene (comma-separated), as a table.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    targets: Vec<String>,
+    /// Instead: the ways of coding covariance, opacity and AC coefficients at equal rendered error,
+    /// per scene (comma-separated), as a table.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    choices: Vec<String>,
+    /// Where the table of the speeds goes.
     #[arg(long, default_value = "docs/results/gsvx-speed.md")]
     out: PathBuf,
 }
 
 /// Measures and writes the table.
 pub(crate) fn run(args: &Args) -> Result<()> {
+    if !args.choices.is_empty() {
+        return choices::run(&args.choices);
+    }
     let gsvx = scenes::root().join(&args.gsvx);
     ensure!(
         gsvx.is_file(),
         "{}: not there; run `cargo build --release -p gsvx-cli` first",
         gsvx.display()
     );
+    if !args.targets.is_empty() {
+        return targets::run(&gsvx, &args.targets);
+    }
     let found = scenes::find(&args.scene)?;
     let (scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
     ensure!(!scene.is_empty(), "{}: the model is empty", found.name);
