@@ -100,7 +100,9 @@ fn attribute_sections(
             Some(given) => importance::log_classes(given),
             None => importance::log_classes(&importance::without_cameras(scene)),
         };
-        let (payload, classes) = importance::encode(&log_classes, &voxels.leaves, voxels.j_high)?;
+        let entropy = options.entropy;
+        let (payload, classes) =
+            importance::encode(&log_classes, &voxels.leaves, voxels.j_high, entropy)?;
         sections.push((SectionKind::Importance, payload));
         Some(classes)
     };

@@ -87,10 +87,15 @@ const CLASS_STEP: f64 = 1.0;
 ///
 /// # Errors
 /// [`crate::Error::Coding`] if the leaves are not a valid pruned octree.
-pub fn encode(log_classes: &[f64], leaves: &[Leaf], j_high: u8) -> Result<(Vec<u8>, Vec<u8>)> {
+pub fn encode(
+    log_classes: &[f64],
+    leaves: &[Leaf],
+    j_high: u8,
+    entropy: Entropy,
+) -> Result<(Vec<u8>, Vec<u8>)> {
     let transform = Transform::new(leaves, j_high, None)?;
     let channel: Vec<i32> = log_classes.iter().map(|&v| to_fixed(v)).collect();
-    let (payload, decoded) = transform.encode_one(&channel, CLASS_STEP, Entropy::Range)?;
+    let (payload, decoded) = transform.encode_one(&channel, CLASS_STEP, entropy)?;
     Ok((payload, decoded.into_iter().map(class_of).collect()))
 }
 
@@ -141,9 +146,11 @@ mod tests {
     fn decoder_reads_the_classes_the_encoder_used() {
         let leaves: Vec<Leaf> = (0..500u64).map(|i| Leaf { morton: i * i, depth: 7 }).collect();
         let values: Vec<f64> = (0..500).map(|i| f64::from(i * 37 % 110) / 10.0).collect();
-        let (payload, classes) = encode(&values, &leaves, 7).unwrap();
-        assert_eq!(decode(&payload, &leaves, 7).unwrap(), classes);
-        let worst = classes.iter().zip(&values).map(|(&c, v)| (f64::from(c) - v).abs());
-        assert!(worst.fold(0.0, f64::max) <= 3.0);
+        for entropy in [Entropy::Range, Entropy::Rlgr] {
+            let (payload, classes) = encode(&values, &leaves, 7, entropy).unwrap();
+            assert_eq!(decode(&payload, &leaves, 7).unwrap(), classes);
+            let worst = classes.iter().zip(&values).map(|(&c, v)| (f64::from(c) - v).abs());
+            assert!(worst.fold(0.0, f64::max) <= 3.0);
+        }
     }
 }

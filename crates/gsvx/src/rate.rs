@@ -15,7 +15,15 @@ const MAX_ENCODES: usize = 14;
 /// A stream this close below the byte target ends the search.
 const BYTES_TOLERANCE: f64 = 0.005;
 /// A measure this close above its target ends the search (dB for PSNR).
-const MEASURE_TOLERANCE: f64 = 0.01;
+const MEASURE_TOLERANCE: f64 = 0.02;
+/// Where a search begins.
+const FIRST: f32 = 50.0;
+/// How the logarithm of the size and a PSNR in dB grow per quality point, on the scenes measured:
+/// only how far the second encode goes depends on it.
+const LOG_BYTES_PER_POINT: f64 = 0.034;
+const DB_PER_POINT: f64 = 0.34;
+/// Steps out of the known range go this much too far, so that the target ends up between.
+const OVERSHOOT: f64 = 1.2;
 
 /// The outcome of a search.
 #[derive(Clone, Debug)]
@@ -38,42 +46,57 @@ pub struct Found {
 /// # Errors
 /// [`Error::TargetTooSmall`] if quality 0 is still larger; errors of `encode`.
 pub fn to_bytes(target: u64, mut encode: impl FnMut(f32) -> Result<Encoded>) -> Result<Found> {
-    let mut encodes = 1;
-    let low = encode(LOWEST)?;
-    let smallest = low.bytes.len() as u64;
-    if smallest > target {
-        return Err(Error::TargetTooSmall { target, smallest });
-    }
-    let mut below = (LOWEST, low);
+    // Aim a little below the target: from above counts as a miss.
+    let aim = target as f64 * (1.0 - 0.5 * BYTES_TOLERANCE);
+    let points = |from: f64| libm::log(aim / from.max(1.0)) / LOG_BYTES_PER_POINT;
+    let mut below: Option<(f32, Encoded)> = None;
     let mut above: Option<(f32, u64)> = None;
-    while encodes < MAX_ENCODES {
-        let have = below.1.bytes.len() as f64;
-        if have >= target as f64 * (1.0 - BYTES_TOLERANCE) {
-            break;
-        }
-        let quality = match above {
-            None => HIGHEST,
-            Some((high, bytes)) => {
-                // Aim a little below the target: from above counts as a miss.
-                let aim = target as f64 * (1.0 - 0.5 * BYTES_TOLERANCE);
+    let mut encodes = 0;
+    loop {
+        let quality = match (&below, above) {
+            (None, None) => FIRST,
+            (Some((low, found)), None) => outwards(*low, points(found.bytes.len() as f64)),
+            // The last attempt at all is the smallest stream.
+            (None, Some(_)) if encodes + 1 == MAX_ENCODES => LOWEST,
+            (None, Some((high, bytes))) => outwards(high, points(bytes as f64)),
+            (Some((low, found)), Some((high, bytes))) => {
+                let have = found.bytes.len() as f64;
                 let t = libm::log(aim / have) / libm::log(bytes as f64 / have);
-                // Away from the ends, so that a bend in the curve cannot stall the search.
-                below.0 + (high - below.0) * (t as f32).clamp(0.05, 0.95)
+                between(*low, high, t)
             }
         };
         let next = encode(quality)?;
         encodes += 1;
         let bytes = next.bytes.len() as u64;
-        if bytes <= target {
-            below = (quality, next);
-            if quality >= HIGHEST {
-                break;
+        if bytes > target {
+            if quality <= LOWEST {
+                return Err(Error::TargetTooSmall { target, smallest: bytes });
             }
-        } else {
             above = Some((quality, bytes));
+        } else {
+            let near = bytes as f64 >= target as f64 * (1.0 - BYTES_TOLERANCE);
+            if near || quality >= HIGHEST {
+                return Ok(Found { quality, encoded: next, encodes, measured: None });
+            }
+            below = Some((quality, next));
+        }
+        if encodes >= MAX_ENCODES
+            && let Some((quality, encoded)) = below.take()
+        {
+            return Ok(Found { quality, encoded, encodes, measured: None });
         }
     }
-    Ok(Found { quality: below.0, encoded: below.1, encodes, measured: None })
+}
+
+/// A quality beyond `from` by about `points`, in either direction.
+fn outwards(from: f32, points: f64) -> f32 {
+    (from + (OVERSHOOT * points + f64::from(points.signum() as f32)) as f32).clamp(LOWEST, HIGHEST)
+}
+
+/// A quality at the share `t` of the way from `low` to `high`, away from the ends, so that a bend
+/// in the curve cannot stall the search.
+fn between(low: f32, high: f32, t: f64) -> f32 {
+    low + (high - low) * (t as f32).clamp(0.05, 0.95)
 }
 
 /// The smallest stream found whose measure (larger is better, say PSNR in dB) reaches `target`.
@@ -88,35 +111,42 @@ pub fn to_measure(
     mut encode: impl FnMut(f32) -> Result<Encoded>,
     mut measure: impl FnMut(&Encoded) -> Result<f64>,
 ) -> Result<Found> {
-    let mut at = |quality: f32| -> Result<(f32, Encoded, f64)> {
-        let encoded = encode(quality)?;
-        let value = measure(&encoded)?;
-        Ok((quality, encoded, value))
-    };
-    let mut good = at(HIGHEST)?;
-    let mut encodes = 1;
-    let mut bad: Option<(f32, f64)> = None;
-    while good.2 > target + MEASURE_TOLERANCE && encodes < MAX_ENCODES {
-        let quality = match bad {
-            None => LOWEST,
-            Some((low, value)) => {
-                // Quality curves flatten towards the top: lean to the middle.
-                let t = (target + 0.5 * MEASURE_TOLERANCE - value) / (good.2 - value);
-                low + (good.0 - low) * (0.5 * (t as f32) + 0.25).clamp(0.05, 0.95)
+    let aim = target + 0.5 * MEASURE_TOLERANCE;
+    let mut good: Option<(f32, Encoded, f64)> = None;
+    let mut bad: Option<(f32, Encoded, f64)> = None;
+    let mut encodes = 0;
+    loop {
+        let quality = match (&bad, &good) {
+            (None, None) => FIRST,
+            (Some((low, _, value)), None) if encodes + 1 < MAX_ENCODES => {
+                outwards(*low, (aim - value) / DB_PER_POINT)
+            }
+            // The last attempt at all is the best quality.
+            (Some(_), None) => HIGHEST,
+            (None, Some((high, _, value))) => outwards(*high, (aim - value) / DB_PER_POINT),
+            (Some((low, _, under)), Some((high, _, over))) => {
+                between(*low, *high, (aim - under) / (over - under))
             }
         };
-        let next = at(quality)?;
+        let encoded = encode(quality)?;
+        let value = measure(&encoded)?;
         encodes += 1;
-        if next.2 >= target {
-            good = next;
-            if quality <= LOWEST {
-                break;
-            }
-        } else {
-            bad = Some((quality, next.2));
+        let reached = value >= target;
+        let done = encodes >= MAX_ENCODES
+            || if reached {
+                value <= target + MEASURE_TOLERANCE || quality <= LOWEST
+            } else {
+                quality >= HIGHEST
+            };
+        let slot = if reached { &mut good } else { &mut bad };
+        *slot = Some((quality, encoded, value));
+        if done {
+            break;
         }
     }
-    Ok(Found { quality: good.0, encoded: good.1, encodes, measured: Some(good.2) })
+    // Without one that is good, the last bad one is that of the best quality.
+    let (quality, encoded, value) = good.or(bad).unwrap_or_default();
+    Ok(Found { quality, encoded, encodes, measured: Some(value) })
 }
 
 #[cfg(test)]
