@@ -5,6 +5,7 @@
 )]
 
 mod bd;
+mod bench;
 mod bench_finetune;
 mod bench_gpcc;
 mod bench_gsvx;
@@ -12,11 +13,13 @@ mod bench_voxel;
 mod cache;
 mod chart;
 mod conformance;
+mod determinism;
 mod experiments;
 mod fetch;
 mod fixture;
 mod manifest;
 mod measure;
+mod peak;
 mod peers;
 mod pictures;
 mod progress;
@@ -24,6 +27,7 @@ mod published;
 mod rd_curve;
 mod report;
 mod scenes;
+mod stress;
 mod usage;
 
 use std::process::ExitCode;
@@ -42,6 +46,10 @@ struct Cli {
 enum Task {
     /// Rate-distortion curves of a scene: voxelize, encode, decode, render, compare, report
     RdCurve(rd_curve::RdArgs),
+    /// Time against error of every stage, peak memory, regressions: one report
+    Bench(bench::Args),
+    /// What the pipeline skips on real scenes, with the proof that nothing is lost
+    Skips(bench::SkipsArgs),
     /// Measure gpcc-lite beside the peer's recorded figures
     BenchGpcc(bench_gpcc::BenchArgs),
     /// Measure the voxelization strategies: speed, eq. 5, merging, curves at equal bytes
@@ -52,6 +60,10 @@ enum Task {
     BenchGsvx(bench_gsvx::Args),
     /// Check this build: golden streams, threads, twins, broken streams
     Conformance(conformance::Args),
+    /// Coded bytes and decoded floats for any threads, build and processor: hashes compared
+    Determinism(determinism::Args),
+    /// Pathological scenes through the whole chain in every mode: errors against their bounds
+    Stress(stress::Args),
     /// Fetch a scene of the paper out of the public archives
     Fetch(fetch::Args),
     /// Make the default scene, fixtures/room, from its seed
@@ -61,11 +73,15 @@ enum Task {
 fn main() -> ExitCode {
     let done = match Cli::parse().task {
         Task::RdCurve(args) => rd_curve::run(&args),
+        Task::Bench(args) => bench::run(&args),
+        Task::Skips(args) => bench::run_skips(&args),
         Task::BenchGpcc(args) => bench_gpcc::run(&args),
         Task::BenchVoxel(args) => bench_voxel::run(&args),
         Task::BenchFinetune(args) => bench_finetune::run(&args),
         Task::BenchGsvx(args) => bench_gsvx::run(&args),
         Task::Conformance(args) => conformance::run(&args),
+        Task::Determinism(args) => determinism::run(&args),
+        Task::Stress(args) => stress::run(&args),
         Task::Fetch(args) => fetch::run(&args),
         Task::Fixture(args) => fixture::run(&args),
     };

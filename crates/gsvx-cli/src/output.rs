@@ -4,9 +4,11 @@
 //! The bytes go to a temporary file beside the final name, which is renamed when it is complete.
 
 use anyhow::{Context, Result, bail};
+use std::fs::File;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::time::Duration;
 use tempfile::NamedTempFile;
 
 /// Temporary files to remove when the process is interrupted.
@@ -18,6 +20,29 @@ pub(crate) fn remove_pending() {
         for path in pending.drain(..) {
             // Best effort: the process is about to end.
             let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+/// Names of temporary files.
+const PREFIX: &str = ".gsvx-";
+const SUFFIX: &str = ".part";
+/// Age from which a temporary file without an owner is taken for left behind: long enough for one
+/// just created to get its lock.
+const STALE: Duration = Duration::from_secs(60);
+
+/// Removes what killed runs left in `dir`. Best effort: what cannot be removed stays.
+fn sweep(dir: &Path) {
+    for entry in std::fs::read_dir(dir).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let Some(name) = name.to_str() else { continue };
+        if !(name.starts_with(PREFIX) && name.ends_with(SUFFIX)) {
+            continue;
+        }
+        let Ok(file) = File::open(entry.path()) else { continue };
+        let age = file.metadata().and_then(|m| m.modified()).map(|t| t.elapsed());
+        if age.is_ok_and(|a| a.is_ok_and(|a| a > STALE)) && file.try_lock().is_ok() {
+            let _ = std::fs::remove_file(entry.path());
         }
     }
 }
@@ -62,11 +87,15 @@ impl Output {
         if !dir.is_dir() {
             bail!("{}: no such directory; create it first", dir.display());
         }
+        sweep(dir);
         let file = tempfile::Builder::new()
-            .prefix(".gsvx-")
-            .suffix(".part")
+            .prefix(PREFIX)
+            .suffix(SUFFIX)
             .tempfile_in(dir)
             .with_context(|| format!("{}: cannot write here", dir.display()))?;
+        // Says to other runs that this file has an owner. A file system without locks costs no
+        // more than that.
+        let _ = file.as_file().lock();
         if let Ok(mut pending) = PENDING.lock() {
             pending.push(file.path().into());
         }

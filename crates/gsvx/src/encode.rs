@@ -238,5 +238,21 @@ fn check(scene: &Scene, voxels: &Voxelization) -> Result<()> {
         q.iter().all(|v| v.is_finite()) && q.iter().any(|&v| v != 0.0)
     })?;
     finite("log-scale", &|i| scene.log_scales[i].iter().all(|v| v.is_finite()))?;
-    finite("SH coefficient", &|i| scene.sh_of(i).as_flattened().iter().all(|v| v.is_finite()))
+    finite("SH coefficient", &|i| scene.sh_of(i).as_flattened().iter().all(|v| v.is_finite()))?;
+    let fits = |field, of: &dyn Fn(usize) -> f32| {
+        let found = (0..scene.len()).map(|i| (i, of(i))).find(|(_, v)| v.abs() > LARGEST);
+        match found {
+            Some((index, value)) => Err(Error::TooLarge { index, field, value, limit: LARGEST }),
+            None => Ok(()),
+        }
+    };
+    let largest =
+        |v: &[f32]| v.iter().copied().fold(0.0, |m: f32, v| if v.abs() > m.abs() { v } else { m });
+    fits("log-scale", &|i| largest(&scene.log_scales[i]))?;
+    fits("SH coefficient", &|i| largest(scene.sh_of(i).as_flattened()))
 }
+
+/// Greatest magnitude of a log-scale or an SH coefficient: the transform's fixed point ends at
+/// 2^15, and its inputs are sums of three values over the root of three. What is beyond would be
+/// clamped without a word.
+const LARGEST: f32 = 18_900.0;

@@ -101,6 +101,20 @@ pub enum Error {
         /// The attribute.
         field: &'static str,
     },
+    /// A value is finite, but beyond what lossy coding can hold.
+    #[error(
+        "Gaussian {index} has a {field} of {value:e}, and lossy coding holds +-{limit}; drop the Gaussian or encode without loss"
+    )]
+    TooLarge {
+        /// Index of the first such Gaussian.
+        index: usize,
+        /// The attribute.
+        field: &'static str,
+        /// Its value.
+        value: f32,
+        /// Greatest magnitude accepted.
+        limit: f32,
+    },
     /// An option is out of its range.
     #[error("{option} is {value}, must be {range}")]
     Option {

@@ -106,6 +106,27 @@ fn other_files_are_named_as_such() {
     assert!(matches!(decode(&newer, &default), Err(Error::Version { major: 2, .. })));
 }
 
+/// Found by the fuzz target `gsvx`: quaternions too long to have a direction were returned.
+#[test]
+fn a_rotation_without_direction_is_damage() {
+    let (merged, voxels) = voxelized(&scene(9, 0, 9), &Strategy::paper(3, 9));
+    let covariance = gsvx::CovarianceMode::Lossless { bits: 8 };
+    let options = EncodeOptions { covariance, ..Default::default() };
+    let bytes = encode(&merged, &voxels, &options).unwrap().bytes;
+    let container = gsvx::stream::Container::parse(&bytes).unwrap();
+    let mut sections: Vec<_> = container
+        .toc
+        .iter()
+        .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
+        .collect();
+    let covariance = &mut sections.iter_mut().find(|s| s.0.code() == 4).unwrap().1;
+    // Mode, width, three ranges of log-scales, then the least and greatest w.
+    covariance[2 + 24..2 + 28].copy_from_slice(&1e30f32.to_le_bytes());
+    covariance[2 + 28..2 + 32].copy_from_slice(&2e30f32.to_le_bytes());
+    let broken = gsvx::stream::assemble(&container.header, &sections);
+    assert!(matches!(decode(&broken, &DecodeOptions::default()), Err(Error::Corrupt { .. })));
+}
+
 /// A cube whose cells lie beyond f32 once decoded to infinite means.
 #[test]
 fn a_cube_beyond_f32_is_damage() {

@@ -127,6 +127,22 @@ fn misfits_are_errors() {
     assert!(EncodeOptions::from_quality(101.0).is_err());
 }
 
+/// Found by `cargo xtask stress`: the transform's fixed point clamped these without a word.
+#[test]
+fn values_beyond_the_fixed_point_are_refused() {
+    let (merged, voxels) = voxelized(&scene(50, 1, 5), &Strategy::Uniform { depth: 9 });
+    let mut huge = merged.clone();
+    huge.sh[7][2] = -2e4;
+    assert!(matches!(
+        encode(&huge, &voxels, &EncodeOptions::default()),
+        Err(gsvx::Error::TooLarge { index: 1, field: "SH coefficient", .. })
+    ));
+    huge.sh[7][2] = -1.8e4;
+    let bytes = encode(&huge, &voxels, &EncodeOptions::default()).unwrap().bytes;
+    let back = decode(&bytes, &DecodeOptions::default()).unwrap().scene;
+    assert!((back.sh[7][2] + 1.8e4).abs() < 10.0, "{}", back.sh[7][2]);
+}
+
 #[test]
 fn levels_of_detail_shrink_and_keep_the_tree() {
     let (merged, voxels) = voxelized(&scene(1500, 2, 5), &Strategy::paper(4, 12));

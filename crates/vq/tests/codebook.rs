@@ -283,3 +283,16 @@ fn a_price_on_bits_buys_a_lower_total_cost() {
     });
     assert!(matches!(bad, Err(Error::BadLambda { .. })));
 }
+
+/// Found by the fuzz target `codebook`: a few bytes stood for a million codewords and a tenth of a
+/// second.
+#[test]
+fn a_count_beyond_the_callers_limit_is_refused() {
+    let mut bytes = vec![1, 8, 5, 0];
+    bytes.extend((1u32 << 20).to_le_bytes());
+    bytes.extend([0; 24]);
+    assert!(matches!(
+        vq::Codebook::from_bytes_within(&bytes, 1 << 16),
+        Err(vq::Error::TooManyCodewords { count: 0x10_0000 })
+    ));
+}

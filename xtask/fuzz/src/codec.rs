@@ -141,7 +141,7 @@ pub fn predict(data: &[u8]) -> bool {
 pub fn codebook(data: &[u8]) -> bool {
     let (byte, bytes) = choice(data);
     if byte & 1 == 0 {
-        let Ok(book) = vq::Codebook::from_bytes(bytes) else { return false };
+        let Ok(book) = vq::Codebook::from_bytes_within(bytes, 512) else { return false };
         if book.len() <= 256 {
             let again = book.to_bytes();
             let back = vq::Codebook::from_bytes(&again).expect("own codebook was refused");

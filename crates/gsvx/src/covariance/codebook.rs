@@ -68,7 +68,7 @@ pub(super) fn decode(payload: &[u8], transform: &Transform, count: usize) -> Res
         return Ok(Covariances::default());
     }
     let mut r = Reader::new(payload, "covariance");
-    let book = Codebook::from_bytes(r.block()?)?;
+    let book = Codebook::from_bytes_within(r.block()?, 1 << BITS.end())?;
     let indices = vq::index::decode(r.block()?, count, book.len())?;
     let log_gamma = transform.decode(r.take(r.remaining())?, 1)?;
     let codewords = book.decode_all();

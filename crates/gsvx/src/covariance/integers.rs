@@ -81,12 +81,17 @@ pub(super) fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Cova
         let [min, max] = ranges[k];
         (min + f64::from(channels[k][i]) * ((max - min) / top)) as f32
     };
-    Ok((0..leaves.len())
+    (0..leaves.len())
         .map(|i| {
             let q: [f32; 4] = std::array::from_fn(|k| value(k + 3, i));
             // Rounding may hit the zero quaternion, which means no rotation at all.
             let q = if q == [0.0; 4] { [1.0, 0.0, 0.0, 0.0] } else { q };
-            (q, std::array::from_fn(|k| value(k, i)))
+            // Ranges from an enemy: a quaternion too long or too short to have a direction.
+            let norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+            if !norm2.is_normal() {
+                return Err(Error::Corrupt { what: "rotation of Gaussian", value: i as u64 });
+            }
+            Ok((q, std::array::from_fn(|k| value(k, i))))
         })
-        .unzip())
+        .collect()
 }

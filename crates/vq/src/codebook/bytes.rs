@@ -51,6 +51,15 @@ impl Codebook {
     /// [`Error::BadMetric`], [`Error::BadBits`], [`Error::TooManyCodewords`],
     /// [`Error::BadCodeword`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        Self::from_bytes_within(bytes, MAX_CODEWORDS)
+    }
+
+    /// As [`Self::from_bytes`], of at most `most` codewords. Likely codewords cost next to
+    /// nothing, so a few bytes can stand for a million: time and memory are bounded by `most`.
+    ///
+    /// # Errors
+    /// As [`Self::from_bytes`].
+    pub fn from_bytes_within(bytes: &[u8], most: usize) -> Result<Self> {
         let truncated = Error::Truncated { length: bytes.len() };
         let (header, payload) = bytes.split_at_checked(HEADER).ok_or(truncated)?;
         if header[0] != VERSION {
@@ -63,7 +72,7 @@ impl Codebook {
             value => return Err(Error::BadMetric { value }),
         };
         let count = u32::from_le_bytes([header[4], header[5], header[6], header[7]]) as usize;
-        if !(1..=MAX_CODEWORDS).contains(&count) {
+        if !(1..=MAX_CODEWORDS.min(most)).contains(&count) {
             return Err(Error::TooManyCodewords { count });
         }
         let (rotation_limit, log_scale_limit) =

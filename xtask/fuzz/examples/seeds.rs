@@ -1,4 +1,4 @@
-//! Writes the seeds of all targets: `seeds FOLDER` makes FOLDER/TARGET/N.
+//! Writes the seeds of all targets: `cargo run --release --example seeds FOLDER` makes FOLDER/TARGET/N.
 
 use std::path::PathBuf;
 

@@ -1,0 +1,200 @@
+//! What happens to the command: killed, out of space, robbed of its input, without a GPU. In every
+//! case the target is the old file or the new one, whole.
+#![cfg(unix)]
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant, SystemTime};
+
+fn gsvx() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_gsvx"))
+}
+
+fn room() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
+}
+
+fn model() -> PathBuf {
+    room().join("point_cloud.ply")
+}
+
+/// Exit code 1 and one line that holds `needle`.
+fn one_line(out: &Output, needle: &str) {
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{error}");
+    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
+    assert!(error.contains(needle), "{error}");
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let list = std::fs::read_dir(dir).unwrap();
+    let mut names: Vec<_> = list.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// A stream of the room, and the PLY it decodes to.
+fn outputs(dir: &Path) -> (PathBuf, PathBuf) {
+    let (stream, ply) = (dir.join("room.gsvx"), dir.join("room.ply"));
+    assert!(gsvx().arg("encode").arg(model()).arg("-o").arg(&stream).status().unwrap().success());
+    assert!(gsvx().arg("decode").arg(&stream).arg("-o").arg(&ply).status().unwrap().success());
+    (stream, ply)
+}
+
+#[test]
+fn killed_at_any_moment_the_target_is_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stream, ply) = outputs(dir.path());
+    let whole = [std::fs::read(&stream).unwrap(), std::fs::read(&ply).unwrap()];
+    let mut seed = 1u64;
+    for round in 0..24 {
+        let encode = round % 2 == 0;
+        let target = dir.path().join("target");
+        let old = b"what was there before";
+        std::fs::write(&target, old).unwrap();
+        let mut command = gsvx();
+        match encode {
+            true => command.arg("encode").arg(model()),
+            false => command.arg("decode").arg(&stream),
+        };
+        let started = Instant::now();
+        let mut child = command
+            .args(["--force", "-o"])
+            .arg(&target)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // Anywhere between the start and a little after the end of a run, by a fixed sequence.
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let wait = Duration::from_micros((seed >> 40) % if encode { 400_000 } else { 150_000 });
+        while started.elapsed() < wait && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        let _ = child.kill();
+        child.wait().unwrap();
+        let found = std::fs::read(&target).unwrap();
+        let new = &whole[usize::from(!encode)];
+        assert!(found == old || found == *new, "round {round}: {} bytes", found.len());
+        for name in names(dir.path()) {
+            let known = ["room.gsvx", "room.ply", "target"].contains(&name.as_str());
+            assert!(known || name.starts_with(".gsvx-"), "{name}");
+        }
+    }
+}
+
+#[test]
+fn what_a_killed_run_left_is_swept_but_not_what_a_running_one_holds() {
+    let dir = tempfile::tempdir().unwrap();
+    let hour_ago = SystemTime::now() - Duration::from_secs(3600);
+    let part = |name: &str, age: SystemTime| {
+        let file = File::create(dir.path().join(name)).unwrap();
+        file.set_modified(age).unwrap();
+        file
+    };
+    drop(part(".gsvx-left.part", hour_ago));
+    drop(part(".gsvx-fresh.part", SystemTime::now()));
+    drop(part("other.part", hour_ago));
+    let held = part(".gsvx-held.part", hour_ago);
+    held.lock().unwrap();
+    let target = dir.path().join("a.gsvx");
+    assert!(gsvx().arg("encode").arg(model()).arg("-o").arg(&target).status().unwrap().success());
+    let left = [".gsvx-fresh.part", ".gsvx-held.part", "a.gsvx", "other.part"];
+    assert_eq!(names(dir.path()), left);
+}
+
+/// A limit on the size of files stands for a full disk: the write fails in the same place.
+#[test]
+fn without_space_the_old_file_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stream, _) = outputs(dir.path());
+    std::fs::remove_file(dir.path().join("room.ply")).unwrap();
+    for (words, input) in [("encode --force", model()), ("decode --force", stream.clone())] {
+        let target = dir.path().join("target");
+        std::fs::write(&target, b"old").unwrap();
+        // The signal that comes with the limit is ignored, so that the write itself fails.
+        let script = format!("trap '' XFSZ; ulimit -f 16; exec \"$0\" {words} \"$1\" -o \"$2\"");
+        let out = Command::new("sh")
+            .args(["-c", &script, env!("CARGO_BIN_EXE_gsvx")])
+            .arg(&input)
+            .arg(&target)
+            .output()
+            .unwrap();
+        one_line(&out, "disk full");
+        assert_eq!(std::fs::read(&target).unwrap(), b"old");
+        assert_eq!(names(dir.path()), ["room.gsvx", "target"]);
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_target_that_cannot_be_written_is_named() {
+    // No one can create files in /proc, root included.
+    let out = gsvx().arg("encode").arg(model()).args(["-o", "/proc/a.gsvx"]).output().unwrap();
+    one_line(&out, "/proc: cannot write here");
+    let out = gsvx().arg("encode").arg(model()).args(["-o", "/proc/version/a"]).output().unwrap();
+    one_line(&out, "no such directory");
+}
+
+/// The input shrinks and grows while it is read: a stream of what was whole at some moment, or
+/// one line.
+#[test]
+fn an_input_that_changes_while_it_is_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let input = dir.path().join("model.ply");
+    let bytes = std::fs::read(model()).unwrap();
+    let stop = std::sync::atomic::AtomicBool::new(false);
+    let running = || !stop.load(std::sync::atomic::Ordering::Relaxed);
+    std::fs::write(&input, &bytes).unwrap();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let file = File::options().write(true).open(&input).unwrap();
+            let mut step = 0u64;
+            while running() {
+                // Half, whole again (the lost half reads as zeros), and one byte too long.
+                let len = bytes.len() as u64;
+                file.set_len([len / 2, len, len + 1][step as usize % 3]).unwrap();
+                step += 1;
+                std::thread::sleep(Duration::from_micros(300));
+            }
+        });
+        for round in 0..8 {
+            let target = dir.path().join(format!("{round}.gsvx"));
+            let out = gsvx().arg("encode").arg(&input).arg("-o").arg(&target).output().unwrap();
+            if out.status.success() {
+                let stream = std::fs::read(&target).unwrap();
+                gsvx::decode(&stream, &gsvx::DecodeOptions::default()).unwrap();
+            } else {
+                one_line(&out, "model.ply");
+                assert!(!target.exists());
+            }
+        }
+        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+    });
+}
+
+/// Without a driver `auto` falls back to the processor and says so; `gpu` fails with one line.
+#[test]
+fn without_a_gpu_the_finetune_falls_back_or_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |backend: &str| {
+        gsvx()
+            .arg("finetune")
+            .arg(model())
+            .arg("--cameras")
+            .arg(room())
+            .args(["--steps", "2", "--backend", backend, "-o"])
+            .arg(dir.path().join(format!("{backend}.gsvx")))
+            // Where the Vulkan loader looks for drivers, in its old and its new name.
+            .env("VK_ICD_FILENAMES", "/nonexistent.json")
+            .env("VK_DRIVER_FILES", "/nonexistent.json")
+            .output()
+            .unwrap()
+    };
+    let out = run("auto");
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    assert!(String::from_utf8_lossy(&out.stderr).contains("Cpu"));
+    one_line(&run("gpu"), "adapter");
+    assert_eq!(names(dir.path()), ["auto.gsvx"]);
+}

@@ -1,0 +1,5 @@
+//! Prints the report.
+
+fn main() {
+    print!("{}", gsvx_determinism::report());
+}

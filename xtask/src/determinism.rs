@@ -1,0 +1,181 @@
+//! `cargo xtask determinism`: the same bytes and floats for any number of threads, in debug and
+//! release, and on other processors.
+//!
+//! What is hashed is in `xtask/determinism`, a package that also builds for WebAssembly (run in
+//! Node) and 64-bit Arm (run by qemu's user mode). What is not installed is skipped, and said.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+
+/// Arguments of `determinism`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Fail where a target or a tool is missing instead of skipping it.
+    #[arg(long)]
+    strict: bool,
+    /// Where the table goes.
+    #[arg(long, default_value = "docs/results/determinism.md")]
+    out: PathBuf,
+}
+
+const THREADS: [&str; 4] = ["1", "2", "3", "8"];
+const WASM: &str = "wasm32-unknown-unknown";
+const ARM: &str = "aarch64-unknown-linux-gnu";
+const ARM_LINKER: &str = "aarch64-linux-gnu-gcc";
+
+/// Builds, runs, compares and writes the table.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let mut runs: Vec<(String, String)> = Vec::new();
+    let mut skipped = Vec::new();
+    for profile in ["release", "debug"] {
+        let binary = build(None, profile)?.join("gsvx-determinism");
+        for threads in THREADS {
+            let text = output(Command::new(&binary).env("RAYON_NUM_THREADS", threads))?;
+            println!("{profile}, {threads} threads");
+            runs.push((format!("{}, {profile}, {threads} threads", std::env::consts::ARCH), text));
+        }
+    }
+    match missing(WASM, &["node"]) {
+        Some(what) => skipped.push(format!("{WASM}: {what}")),
+        None => {
+            let module = build(Some(WASM), "release")?.join("gsvx_determinism.wasm");
+            let script = package().join("run.mjs");
+            let text = output(Command::new("node").arg(script).arg(module))?;
+            println!("{WASM}");
+            runs.push((format!("{WASM} in Node, release, no threads"), text));
+        }
+    }
+    match missing(ARM, &["qemu-aarch64", ARM_LINKER]) {
+        Some(what) => skipped.push(format!("{ARM}: {what}")),
+        None => {
+            let binary = build(Some(ARM), "release")?.join("gsvx-determinism");
+            for threads in ["1", "3"] {
+                // The C library of the cross compiler's package.
+                let mut qemu = Command::new("qemu-aarch64");
+                qemu.args(["-L", "/usr/aarch64-linux-gnu"]).arg(&binary);
+                let text = output(qemu.env("RAYON_NUM_THREADS", threads))?;
+                println!("{ARM}, {threads} threads");
+                runs.push((format!("{ARM} in qemu, release, {threads} threads"), text));
+            }
+        }
+    }
+    for what in &skipped {
+        eprintln!("SKIPPED: {what}");
+    }
+    if args.strict && !skipped.is_empty() {
+        bail!("{} targets were skipped", skipped.len());
+    }
+    let differing = differing(&runs);
+    std::fs::write(crate::scenes::root().join(&args.out), report(&runs, &skipped, &differing))
+        .with_context(|| format!("write {}", args.out.display()))?;
+    println!("{} runs, {} lines each; written: {}", runs.len(), lines(&runs), args.out.display());
+    ensure!(differing.is_empty(), "hashes differ: {}", differing.join("; "));
+    Ok(())
+}
+
+fn package() -> PathBuf {
+    crate::scenes::root().join("xtask/determinism")
+}
+
+/// What is not there of a target and its tools.
+fn missing(target: &str, tools: &[&str]) -> Option<String> {
+    let dir = Command::new("rustc").args(["--print", "target-libdir", "--target", target]).output();
+    let installed = dir.is_ok_and(|o| {
+        Path::new(String::from_utf8_lossy(&o.stdout).trim()).read_dir().is_ok_and(|d| d.count() > 0)
+    });
+    if !installed {
+        return Some(format!("not installed; run `rustup target add {target}`"));
+    }
+    let absent = tools.iter().find(|t| Command::new(t).arg("--version").output().is_err());
+    absent.map(|t| format!("{t} is not installed"))
+}
+
+/// Builds the package; returns the folder of what was made.
+fn build(target: Option<&str>, profile: &str) -> Result<PathBuf> {
+    let dir = crate::scenes::root().join("target/determinism");
+    let mut cargo = Command::new("cargo");
+    cargo.current_dir(package()).args(["build", "--quiet", "--target-dir"]).arg(&dir);
+    if profile == "release" {
+        cargo.arg("--release");
+    }
+    let mut made = dir;
+    if let Some(target) = target {
+        cargo.args(["--target", target]);
+        let name = target.to_uppercase().replace('-', "_");
+        if target == ARM {
+            cargo.env(format!("CARGO_TARGET_{name}_LINKER"), ARM_LINKER);
+        }
+        made.push(target);
+    }
+    let status = cargo.status().context("start cargo")?;
+    ensure!(status.success(), "{}: does not build for {target:?}", package().display());
+    Ok(made.join(profile))
+}
+
+fn output(command: &mut Command) -> Result<String> {
+    let out = command.output().with_context(|| format!("start {command:?}"))?;
+    let error = String::from_utf8_lossy(&out.stderr);
+    ensure!(out.status.success(), "{command:?}: {}: {error}", out.status);
+    Ok(String::from_utf8(out.stdout)?)
+}
+
+fn lines(runs: &[(String, String)]) -> usize {
+    runs.first().map_or(0, |r| r.1.lines().count())
+}
+
+/// The lines in which a run is not the first one.
+fn differing(runs: &[(String, String)]) -> Vec<String> {
+    let Some((_, first)) = runs.first() else { return Vec::new() };
+    let mut out = Vec::new();
+    for (name, text) in &runs[1..] {
+        if text.lines().count() != first.lines().count() {
+            out.push(format!("{name}: another number of lines"));
+        }
+        let pairs = text.lines().zip(first.lines()).filter(|(a, b)| a != b);
+        out.extend(pairs.map(|(a, b)| format!("{name}: {a}, not {b}")));
+    }
+    out
+}
+
+fn report(runs: &[(String, String)], skipped: &[String], differing: &[String]) -> String {
+    let mut text = String::from(
+        "# Determinism\n\n`cargo xtask determinism`: every golden stream and the fixture room are \
+         voxelized, encoded in every mode and decoded (whole and at a level of detail) by builds \
+         for several processors, and the SHA-256 (first 12 bytes) of coded bytes and decoded \
+         floats are compared.\n\n| run | lines equal to the first run's |\n|---|---:|\n",
+    );
+    let total = lines(runs);
+    for (name, _) in runs {
+        let start = format!("{name}: ");
+        let bad = differing.iter().filter(|d| d.starts_with(&start)).count();
+        let _ = writeln!(text, "| {name} | {} of {total} |", total - bad.min(total));
+    }
+    for what in skipped {
+        let _ = writeln!(text, "\nSkipped: {what}.");
+    }
+    text += "\n| stream | coded bytes | decoded floats |\n|---|---|---|\n";
+    for line in runs.first().map_or("", |r| r.1.as_str()).lines() {
+        let mut parts = line.rsplitn(3, ' ');
+        let (decoded, coded) = (parts.next().unwrap_or("-"), parts.next().unwrap_or("-"));
+        let _ = writeln!(text, "| {} | {coded} | {decoded} |", parts.next().unwrap_or("-"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_differs_is_named_with_its_line() {
+        let run = |name: &str, text: &str| (name.to_owned(), text.to_owned());
+        let runs = [run("a", "x 1 2\ny 3 4\n"), run("b", "x 1 2\ny 3 5\n"), run("c", "x 1 2\n")];
+        let found = differing(&runs);
+        assert_eq!(found, ["b: y 3 5, not y 3 4", "c: another number of lines"]);
+        assert!(report(&runs, &[], &found).contains("| b | 1 of 2 |"));
+        assert!(differing(&runs[..1]).is_empty());
+    }
+}
