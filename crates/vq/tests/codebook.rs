@@ -284,8 +284,7 @@ fn a_price_on_bits_buys_a_lower_total_cost() {
     assert!(matches!(bad, Err(Error::BadLambda { .. })));
 }
 
-/// Found by the fuzz target `codebook`: a few bytes stood for a million codewords and a tenth of a
-/// second.
+/// Likely codewords cost next to nothing: a few bytes can stand for a million.
 #[test]
 fn a_count_beyond_the_callers_limit_is_refused() {
     let mut bytes = vec![1, 8, 5, 0];

@@ -127,10 +127,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     stages.dedup();
     let mut text = format!(
         "# Time against error\n\n\
-         `cargo xtask bench {}`: {}, {} threads, {}. The fastest of {} repetitions. Times are also \
+         `cargo xtask bench {}`: {}, {} threads, {}. Repetitions: {}, the fastest counts. Times are also \
          given in yardsticks, the time to sort 2^22 integers on one core in the same run \
          ({:.0} ms): yardsticks are compared with the committed baseline, `--bless` replaces it. \
-         A star marks the Pareto front: nothing else in the table is both faster and nearer. \
+         A star marks the Pareto front: nothing else in the table is as fast, as near and as small, \
+         and better in one. \
          Peak is the resident memory of the process while the stage ran, its inputs included.\n",
         args.scene,
         found.what,
@@ -150,9 +151,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         );
         for r in &of {
             let beaten = of.iter().any(|o| {
-                o.seconds <= r.seconds
-                    && o.error <= r.error
-                    && (o.seconds < r.seconds || o.error < r.error)
+                let (no_worse, better) = (
+                    o.seconds <= r.seconds && o.error <= r.error && o.bytes <= r.bytes,
+                    o.seconds < r.seconds || o.error < r.error || o.bytes < r.bytes,
+                );
+                no_worse && better
             });
             let was = old.get(&format!("{}: {}: {}", found.name, r.stage, r.setting));
             let ratio = was.map_or("new".into(), |w| format!("{:.2}", r.seconds / yard / w));
