@@ -2,7 +2,7 @@
 
 use gs_model::Scene;
 
-/// One input: its name, its SH degree, and whether a reader should take it.
+/// One input: its name, its SH degree, and what is done to an ordinary scene to make it.
 pub(crate) struct Input {
     pub(crate) name: &'static str,
     pub(crate) sh_degree: u8,

@@ -76,7 +76,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
                         Some(_) => refused += 1,
                         None => accepted += 1,
                     }
-                    if outcome.worst.iter().any(|w| !(w.1 <= 1.0)) {
+                    if outcome.worst.iter().any(|w| w.1 > 1.0 || w.1.is_nan()) {
                         failures.push(format!("{}, {mode}: {:?}", input.name, outcome.worst));
                     }
                     table += &row(input, mode, &outcome);
