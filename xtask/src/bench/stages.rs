@@ -141,7 +141,7 @@ fn attributes(
     for (name, mode) in [("range", Mode::Range), ("RLGR", Mode::Rlgr)] {
         for (dead_zone, lambda) in [("RDOQ", Options::default().lambda), ("no RDOQ", 0)] {
             for (predicts, prediction) in [("prediction", true), ("no prediction", false)] {
-                let options = Options { mode, lambda, prediction };
+                let options = Options { mode, lambda, prediction, ..Options::default() };
                 let (coded, seconds, peak_mb) =
                     timed(repeat, || Ok(attribute::encode(&plan, &views, &steps, &options)?))?;
                 let square: f64 = coded
