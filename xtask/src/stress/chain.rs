@@ -113,7 +113,9 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<Outcome> {
     add("opacity", bound.ratio(&merged, &decoded.scene, steps.opacity, log_alpha));
     for k in 0..merged.sh_len() {
         let step = if k == 0 { steps.dc } else { steps.sh[0] };
-        let planes = |s: &Scene, i: usize| colour::forward(s.sh_of(i)[k]);
+        // A degree of zeros is left out of the stream.
+        let planes =
+            |s: &Scene, i: usize| colour::forward(s.sh_of(i).get(k).copied().unwrap_or_default());
         add("SH", bound.ratio(&merged, &decoded.scene, step, planes));
     }
     match options.covariance {
