@@ -131,7 +131,7 @@ fn attributes(
 ) -> Result<()> {
     let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
     plan.prepare_prediction();
-    let mut planes = vec![Vec::with_capacity(merged.len()); 3];
+    let mut planes = vec![Vec::new(); 3];
     for i in 0..merged.len() {
         let ycc = gsvx::attributes::colour::forward(merged.sh_of(i)[0]);
         (0..3).for_each(|c| planes[c].push((ycc[c] * UNITS).round() as i32));
