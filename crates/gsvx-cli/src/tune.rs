@@ -41,7 +41,7 @@ pub(crate) struct Args {
     #[arg(short, long, default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
     /// Executor: cpu, gpu or auto.
-    #[arg(long, default_value = "auto", value_parser = backend)]
+    #[arg(long, default_value = "auto")]
     backend: Backend,
     /// Stop after so many passes over the photos without improvement; 0 for never.
     #[arg(long, default_value_t = 5)]
@@ -61,15 +61,6 @@ pub(crate) struct Args {
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
-}
-
-fn backend(text: &str) -> std::result::Result<Backend, String> {
-    match text {
-        "cpu" => Ok(Backend::Cpu),
-        "gpu" => Ok(Backend::Gpu),
-        "auto" => Ok(Backend::Auto),
-        _ => Err("use cpu, gpu or auto".into()),
-    }
 }
 
 fn quantizer(text: &str) -> std::result::Result<QuantizationMode, String> {
@@ -115,6 +106,9 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     let options = EncodeOptions::from_quality(args.quality)?;
     let output = Output::open(&args.output, args.force)?;
+    // Before any work: whoever asked for a GPU should not wait to hear that there is none.
+    let backend = finetune::backend::choose(args.backend).context("try --backend cpu or auto")?;
+    eprintln!("backend: {}", backend.reason);
     let (scene, _) = input::model(&args.input, args.drop_invalid)?;
     let name = || input::name(&args.input);
     let training = photos(&args.cameras)?;
@@ -145,8 +139,6 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         ..Default::default()
     };
     let tune = FineTune::new(scene, training, tuning).with_context(name)?;
-    let backend = tune.backend().used;
-    eprintln!("backend: {backend:?}: {}", tune.backend().reason);
     let bar = progress::bar("fine-tune", args.steps);
     let outcome = tune
         .run(|p| {
@@ -182,7 +174,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             "steps": outcome.steps,
             "seconds": outcome.seconds,
             "reason": format!("{:?}", outcome.reason),
-            "backend": format!("{backend:?}"),
+            "backend": format!("{:?}", backend.used).to_lowercase(),
         }),
     );
     Ok(())

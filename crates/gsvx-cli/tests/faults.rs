@@ -194,7 +194,7 @@ fn without_a_gpu_the_finetune_falls_back_or_says_so() {
     };
     let out = run("auto");
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-    assert!(String::from_utf8_lossy(&out.stderr).contains("Cpu"));
+    assert!(String::from_utf8_lossy(&out.stderr).contains("backend: cpu"));
     one_line(&run("gpu"), "adapter");
     assert_eq!(names(dir.path()), ["auto.gsvx"]);
 }
