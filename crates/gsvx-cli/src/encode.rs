@@ -68,6 +68,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DEPTH", requires = "depth",
           value_parser = clap::value_parser!(u8).range(1..=21))]
     j_low: Option<u8>,
+    /// Floaters so far away that the others lose octree levels: auto codes them exactly where that
+    /// is cheaper, off keeps them in the octree.
+    #[arg(long, default_value = "auto")]
+    trim: Trim,
     /// Covariance mode: transform, vq:BITS (a codebook of 2^BITS) or lossless:BITS (integers)
     /// [default: transform; of --profile paper: vq:12].
     #[arg(long, value_parser = covariance)]
@@ -79,7 +83,7 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3))]
     max_sh_degree: u8,
     /// Every float of the model comes back bit for bit (in another order).
-    #[arg(long, conflicts_with_all = ["rate", "depth", "cameras", "covariance", "max_sh_degree", "profile", "prune"])]
+    #[arg(long, conflicts_with_all = ["rate", "depth", "cameras", "covariance", "max_sh_degree", "profile", "prune", "trim"])]
     lossless: bool,
     /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
     #[arg(long)]
@@ -87,6 +91,13 @@ pub(crate) struct Args {
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
+}
+
+/// What becomes of floaters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Trim {
+    Auto,
+    Off,
 }
 
 /// Coding choices.
@@ -149,6 +160,11 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     if made.pruned > 0 {
         made.note += &format!("; {} pruned", made.pruned);
     }
+    match made.outliers {
+        0 => {}
+        1 => made.note += "; 1 outlier coded exactly",
+        n => made.note += &format!("; {n} outliers coded exactly"),
+    }
     let encode_seconds = step.elapsed().as_secs_f64();
     let (name, stdout) = (output.name(), output.is_stdout());
     output.write(|out| Ok(out.write_all(&made.encoded.bytes)?))?;
@@ -178,7 +194,8 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             "quality": made.quality,
             "psnr": made.psnr,
             "encodes": made.encodes,
-        "pruned": made.pruned,
+            "pruned": made.pruned,
+            "outliers": made.outliers,
             "sections": sections,
             "read_seconds": read_seconds,
             "encode_seconds": encode_seconds,
@@ -198,6 +215,8 @@ struct Made {
     encodes: usize,
     /// Gaussians left out by --prune.
     pruned: usize,
+    /// Gaussians coded exactly by --trim.
+    outliers: usize,
 }
 
 /// Octree depth of the paper's profile where none is given: finer with the rate.
@@ -217,6 +236,7 @@ type One = (Encoded, usize);
 fn encode_at(
     args: &Args,
     scene: Cow<'_, Scene>,
+    outliers: Option<&Scene>,
     seen: Option<&[f32]>,
     q: f32,
 ) -> gsvx::Result<One> {
@@ -242,9 +262,10 @@ fn encode_at(
     };
     options.max_sh_degree = args.max_sh_degree;
     options.importance = Some(importance);
+    options.outliers = outliers.cloned();
     let encoded = gsvx::encode(&merged, &voxels, &options)?;
     bar.finish_and_clear();
-    Ok((encoded, merged.len()))
+    Ok((encoded, merged.len() + outliers.map_or(0, Scene::len)))
 }
 
 fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
@@ -273,6 +294,20 @@ fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
         }
         scene = scene.select(&kept);
     }
+    let split = match args.trim {
+        Trim::Auto => gsvx::split_outliers(&scene).with_context(name)?,
+        Trim::Off => None,
+    };
+    let outliers = split.map(|split| {
+        if let Some(seen) = &mut seen {
+            *seen = split.inside.iter().map(|&i| seen[i]).collect();
+        }
+        let outliers = scene.select(&split.outliers);
+        scene = scene.select(&split.inside);
+        outliers
+    });
+    let outliers = outliers.as_ref();
+    let exact = outliers.map_or(0, Scene::len);
     let bytes = match args.target_mbit {
         Some(mbit) if mbit.is_finite() && mbit > 0.0 => Some((mbit * 1e6 / 8.0) as u64),
         Some(mbit) => bail!("--target-mbit {mbit}: must be a positive number"),
@@ -280,13 +315,24 @@ fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
     };
     if bytes.is_none() && args.target_psnr.is_none() {
         let (encoded, gaussians) =
-            encode_at(args, Cow::Owned(scene), seen.as_deref(), args.quality).with_context(name)?;
+            encode_at(args, Cow::Owned(scene), outliers, seen.as_deref(), args.quality)
+                .with_context(name)?;
         let (note, quality) = (format!("quality {}", args.quality), Some(args.quality));
-        return Ok(Made { encoded, gaussians, note, quality, psnr: None, encodes: 1, pruned });
+        return Ok(Made {
+            encoded,
+            gaussians,
+            note,
+            quality,
+            psnr: None,
+            encodes: 1,
+            pruned,
+            outliers: exact,
+        });
     }
     let mut counts = Vec::new();
     let mut at = |q: f32| {
-        let (encoded, gaussians) = encode_at(args, Cow::Borrowed(&scene), seen.as_deref(), q)?;
+        let (encoded, gaussians) =
+            encode_at(args, Cow::Borrowed(&scene), outliers, seen.as_deref(), q)?;
         counts.push((q, gaussians));
         Ok(encoded)
     };
@@ -321,5 +367,6 @@ fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
         psnr: found.measured,
         encodes: found.encodes,
         pruned,
+        outliers: exact,
     })
 }

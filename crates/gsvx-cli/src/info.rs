@@ -29,7 +29,9 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let container = Container::parse(&bytes).with_context(|| name.clone())?;
     let h = &container.header;
     let (have, total) = (bytes.len() as u64, container.expected_len());
-    let per = |n: u64| 8.0 * n as f64 / (h.count.max(1) as f64);
+    let outliers = container.outliers();
+    let gaussians = h.count.saturating_add(outliers);
+    let per = |n: u64| 8.0 * n as f64 / (gaussians.max(1) as f64);
     let mut sections = vec![("header".to_owned(), container.body_offset() as u64, None)];
     for entry in &container.toc {
         let fault = container.section(entry.kind).err().map(|e| e.to_string());
@@ -41,7 +43,12 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         let _ = writeln!(text, "{s}");
     };
     line(format!("{name}: {} ({have} bytes)", megabytes(have)));
-    line(format!("  Gaussians      {}", h.count));
+    let exact = match outliers {
+        0 => String::new(),
+        1 => ", 1 outlier of them coded exactly".into(),
+        n => format!(", {n} outliers of them coded exactly"),
+    };
+    line(format!("  Gaussians      {gaussians}{exact}"));
     line(format!("  SH degree      {}", h.sh_degree));
     line(format!("  octree depth   {}", h.j_high));
     let [x, y, z] = h.cube.origin;
@@ -63,7 +70,8 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let json = json!({
         "bytes": have,
         "expected_bytes": total,
-        "gaussians": h.count,
+        "gaussians": gaussians,
+        "outliers": outliers,
         "sh_degree": h.sh_degree,
         "octree_depth": h.j_high,
         "cube": { "origin": h.cube.origin, "side": h.cube.side },

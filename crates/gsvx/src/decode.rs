@@ -5,6 +5,7 @@ use crate::attributes::{colour, opacity};
 use crate::encode::largest_first;
 use crate::error::{Error, Result};
 use crate::importance;
+use crate::outliers;
 use crate::stream::{Container, Header, SectionKind};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
@@ -38,9 +39,9 @@ impl Default for DecodeOptions {
 #[derive(Clone, Debug)]
 pub struct Decoded {
     /// The scene; Gaussians in Morton order (of a lossless stream: of the means, unless it keeps
-    /// the order of the input).
+    /// the order of the input), then those that were coded exactly.
     pub scene: Scene,
-    /// The octree leaves, one per Gaussian; none of a lossless stream.
+    /// The octree leaves, one per Gaussian that was not coded exactly; none of a lossless stream.
     pub leaves: Vec<Leaf>,
     /// The stream's header.
     pub header: Header,
@@ -90,9 +91,24 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         None => None,
     };
     let transform = Transform::new(&leaves, header.j_high, classes.as_deref())?;
+    let mut skipped = Vec::new();
+    let outliers = match container.section(SectionKind::Outliers) {
+        Ok(None) => None,
+        Ok(Some(payload)) => {
+            let points = header.count.saturating_add(container.outliers());
+            if points > limit {
+                return Err(Error::Limit { points, limit });
+            }
+            Some(outliers::decode(payload, header.sh_degree)?)
+        }
+        Err(e @ Error::Truncated { .. }) if options.allow_truncated => {
+            skipped.push(format!("{}: {e}", SectionKind::Outliers));
+            None
+        }
+        Err(e) => return Err(e),
+    };
 
     let wanted = header.sh_degree.min(options.max_sh_degree);
-    let mut skipped = Vec::new();
     for degree in wanted + 1..=header.sh_degree {
         skipped.push(format!("{}: not asked for", SectionKind::of_sh_degree(degree)));
     }
@@ -134,6 +150,9 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     }
     scene.sh_degree = sh.len() as u8 - 1;
     scene.sh = interleave(sh, n);
+    if let Some(outliers) = outliers {
+        outliers::append(&mut scene, &outliers);
+    }
     Ok(Decoded { scene, leaves, header, skipped })
 }
 

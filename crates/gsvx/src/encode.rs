@@ -6,9 +6,11 @@ use crate::covariance;
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::{EncodeOptions, Entropy, PaperQp};
+use crate::outliers;
 use crate::stream::{self, Header, SectionKind};
 use gs_model::Scene;
 use rayon::prelude::*;
+use std::ops::RangeInclusive;
 use voxel::Voxelization;
 
 /// A finished stream and what it is made of.
@@ -27,10 +29,13 @@ pub struct Encoded {
 ///
 /// # Errors
 /// [`Error::CountMismatch`], [`Error::OffCentre`] or [`Error::NonFinite`] if the scene does not
-/// fit; [`Error::Coding`] if the leaves are not a valid pruned octree.
+/// fit, [`Error::InvalidOutlier`] if an outlier does not; [`Error::Coding`] if the leaves are not a valid pruned octree.
 pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Encoded> {
     check(scene, voxels)?;
-    let sh_degree = used_degree(scene, options.max_sh_degree);
+    let outliers = outliers::of(options.outliers.as_ref(), scene)?;
+    // The degree of the exact coefficients is the header's: it must not fall below theirs.
+    let least = outliers::degree(outliers, options.max_sh_degree);
+    let sh_degree = used_degree(scene, options.max_sh_degree).max(least);
     // The paper's profile codes geometry as small as can be; RLGR by itself asks for speed.
     let fast = options.entropy == Entropy::Rlgr && options.paper_qp.is_none();
     let geometry = || {
@@ -43,7 +48,7 @@ pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> 
     };
     // Geometry needs nothing of the rest, and the rest nothing of its bytes.
     let (geometry, attributes) =
-        rayon::join(geometry, || attribute_sections(scene, voxels, sh_degree, options));
+        rayon::join(geometry, || attribute_sections(scene, voxels, least..=sh_degree, options));
     let mut sections = vec![(SectionKind::Geometry, geometry?)];
     sections.extend(attributes?);
     let is_sh = |kind| matches!(kind, SectionKind::Sh1 | SectionKind::Sh2 | SectionKind::Sh3);
@@ -55,6 +60,12 @@ pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> 
         colour_space: Default::default(),
         coordinate_system: Default::default(),
     };
+    if let Some(outliers) = outliers {
+        // Before what a decoder may not ask for.
+        let at = sections.iter().position(|(kind, _)| is_sh(*kind)).unwrap_or(sections.len());
+        let payload = outliers::encode(outliers, header.sh_degree);
+        sections.insert(at, (SectionKind::Outliers, payload));
+    }
     let bytes = stream::assemble(&header, &sections);
     let sections = sections.iter().map(|(kind, payload)| (*kind, payload.len())).collect();
     Ok(Encoded { bytes, sections })
@@ -62,7 +73,7 @@ pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> 
 
 /// The highest degree, up to `most`, with a coefficient that is not zero: what is zero throughout
 /// costs nothing, not even its section.
-fn used_degree(scene: &Scene, most: u8) -> u8 {
+pub(crate) fn used_degree(scene: &Scene, most: u8) -> u8 {
     let mut degree = scene.sh_degree.min(most);
     if scene.is_empty() {
         return degree;
@@ -82,11 +93,12 @@ fn used_degree(scene: &Scene, most: u8) -> u8 {
     degree
 }
 
-/// Every section but the geometry, in stream order.
+/// Every section that follows from the leaves but the geometry, in stream order; SH degrees up to
+/// the highest that says something or the least wanted.
 fn attribute_sections(
     scene: &Scene,
     voxels: &Voxelization,
-    sh_degree: u8,
+    sh_degrees: RangeInclusive<u8>,
     options: &EncodeOptions,
 ) -> Result<Vec<(SectionKind, Vec<u8>)>> {
     let mut sections = Vec::new();
@@ -109,17 +121,18 @@ fn attribute_sections(
     let transform = Transform::new(&voxels.leaves, voxels.j_high, classes.as_deref())?;
     drop(classes);
     let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
-    kinds.extend((1..=sh_degree).map(SectionKind::of_sh_degree));
+    kinds.extend((1..=*sh_degrees.end()).map(SectionKind::of_sh_degree));
     let coded =
         largest_first(&kinds, |kind| attribute_section(kind, scene, voxels, &transform, options));
     let mut zero = Vec::new();
-    for (kind, payload) in kinds.into_iter().zip(coded) {
+    for (&kind, payload) in kinds.iter().zip(coded) {
         let (payload, all_zero) = payload?;
         sections.push((kind, payload));
         zero.push(all_zero && !scene.is_empty() && kind != SectionKind::Dc);
     }
     // Degrees at the end that say nothing are left out, and the header's degree falls.
-    while zero.pop() == Some(true) {
+    let least = kinds.len() - usize::from(sh_degrees.end() - sh_degrees.start());
+    while zero.len() > least && zero.pop() == Some(true) {
         sections.pop();
     }
     Ok(sections)

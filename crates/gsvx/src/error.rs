@@ -115,6 +115,14 @@ pub enum Error {
         /// Greatest magnitude accepted.
         limit: f32,
     },
+    /// An outlier holds a number that no Gaussian has.
+    #[error("outlier {index} has an invalid {field}; drop invalid Gaussians before encoding")]
+    InvalidOutlier {
+        /// Index of the first such outlier.
+        index: usize,
+        /// The attribute.
+        field: gs_model::validate::Field,
+    },
     /// An option is out of its range.
     #[error("{option} is {value}, must be {range}")]
     Option {

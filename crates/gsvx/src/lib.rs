@@ -9,6 +9,7 @@ pub mod importance;
 pub mod lod;
 pub mod lossless;
 mod options;
+mod outliers;
 mod prepare;
 pub mod rate;
 pub mod stream;
@@ -20,4 +21,4 @@ pub use lossless::encode_lossless;
 pub use options::{
     CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, OpacityDomain, PaperQp, Steps,
 };
-pub use prepare::{Prepared, Seen, default_strategy, prepare, prune};
+pub use prepare::{Prepared, Seen, default_strategy, prepare, prune, split_outliers};

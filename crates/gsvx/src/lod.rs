@@ -8,7 +8,7 @@ use voxel::{Merge, Voxelization};
 /// Merges the Gaussians of a decoded scene whose leaves lie in the same cell at `depth`.
 ///
 /// Means become the centres of those cells, shapes match the second moments of what they
-/// replace. Leaves at or above `depth` stay as they are. A lossless stream has no leaves and is
+/// replace. Leaves at or above `depth` and Gaussians that were coded exactly stay as they are. A lossless stream has no leaves and is
 /// returned unchanged, with a remark. The whole stream is decoded first: this saves drawing,
 /// not reading.
 ///
@@ -16,7 +16,7 @@ use voxel::{Merge, Voxelization};
 /// [`crate::Error::Voxel`] if merging fails.
 pub fn reduce(mut decoded: Decoded, depth: u8) -> Result<Decoded> {
     if decoded.leaves.is_empty() || depth >= decoded.header.j_high {
-        if decoded.leaves.is_empty() && !decoded.scene.is_empty() {
+        if decoded.leaves.is_empty() && decoded.header.count > 0 {
             decoded.skipped.push("level of detail: a lossless stream has no octree".into());
         }
         return Ok(decoded);
@@ -48,12 +48,20 @@ pub fn reduce(mut decoded: Decoded, depth: u8) -> Result<Decoded> {
         dropped: Vec::new(),
     };
     crate::decode::centres(&voxels.leaves, &decoded.header)?;
-    let before = decoded.scene.len();
+    let before = decoded.leaves.len();
+    let outliers: Vec<usize> = (before..decoded.scene.len()).collect();
+    let outliers = (!outliers.is_empty()).then(|| decoded.scene.select(&outliers));
+    if outliers.is_some() {
+        decoded.scene = decoded.scene.select(&(0..before).collect::<Vec<_>>());
+    }
     decoded.scene = voxel::merge(&decoded.scene, &voxels, Merge::Moments)?;
-    decoded.leaves = voxels.leaves;
     decoded.skipped.push(format!(
         "level of detail: {before} Gaussians merged into {} at depth {depth}",
-        decoded.scene.len()
+        voxels.leaves.len()
     ));
+    if let Some(outliers) = outliers {
+        crate::outliers::append(&mut decoded.scene, &outliers);
+    }
+    decoded.leaves = voxels.leaves;
     Ok(decoded)
 }

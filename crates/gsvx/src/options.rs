@@ -1,6 +1,7 @@
 //! What an encoder may choose, and the defaults measured best.
 
 use crate::error::{Error, Result};
+use gs_model::Scene;
 
 /// Quantisation steps, in natural units, of a Gaussian of the mean importance class.
 ///
@@ -93,6 +94,10 @@ pub struct EncodeOptions {
     pub paper_qp: Option<PaperQp>,
     /// Code all Gaussians with the same precision: no importance section. The paper does this.
     pub uniform_precision: bool,
+    /// Gaussians coded bit for bit beside the leaves, such as those of
+    /// [`crate::split_outliers`]; the decoder returns them after the leaves, in this order. Of at
+    /// most the scene's SH degree; [`EncodeOptions::max_sh_degree`] holds for them too.
+    pub outliers: Option<Scene>,
 }
 
 impl Default for EncodeOptions {
@@ -145,6 +150,7 @@ impl EncodeOptions {
             opacity_domain: OpacityDomain::LogAlpha,
             paper_qp: None,
             uniform_precision: false,
+            outliers: None,
         }
     }
 

@@ -3,8 +3,9 @@
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::EncodeOptions;
+use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
-use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Voxelization};
+use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Trim, Trimmed, Voxelization};
 
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
 /// unbounded scene needs for its nearest Gaussians.
@@ -12,7 +13,7 @@ const J_HIGH: u8 = 17;
 /// Where floaters blow the cube up, the finest leaves are as deep as it takes for this many of them
 /// along the largest axis of a median Gaussian (at most `MAX_DEPTH`). Deeper than that, position
 /// errors no longer show. An octree charges a floater about three bits a level, less than exact
-/// floats would cost, so nothing is cut off: see `voxel::trim`.
+/// floats would cost, so nothing is cut off before the levels run out: see [`split_outliers`].
 const CELLS_PER_AXIS: f64 = 8.0;
 /// Lagrangian weight at quality 50, in the units of [`RateDistortion::lambda`]. It follows the
 /// square of the attribute steps, so that positions and attributes stay in balance.
@@ -118,18 +119,50 @@ pub fn prepare(
 
 /// Depth at which a cell is [`CELLS_PER_AXIS`] times smaller than the median Gaussian's largest axis.
 fn needed_depth(scene: &Scene, cube: &Cube) -> u8 {
+    let depth = median_log_scale(scene).map_or(0.0, |median| wanted_depth(median, cube));
+    depth.ceil().clamp(0.0, f64::from(MAX_DEPTH)) as u8
+}
+
+/// The same, if there were no limit to depth.
+fn wanted_depth(median_log_scale: f64, cube: &Cube) -> f64 {
+    libm::log2(cube.side * CELLS_PER_AXIS) - median_log_scale * std::f64::consts::LOG2_E
+}
+
+/// Of the largest axes.
+fn median_log_scale(scene: &Scene) -> Option<f64> {
     let mut sizes: Vec<f32> = scene
         .log_scales
         .iter()
         .map(|l| l.iter().copied().fold(f32::NEG_INFINITY, f32::max))
         .collect();
     if sizes.is_empty() {
-        return 0;
+        return None;
     }
     let middle = sizes.len() / 2;
-    let median = f64::from(*sizes.select_nth_unstable_by(middle, f32::total_cmp).1);
-    let depth = libm::log2(cube.side * CELLS_PER_AXIS) - median * std::f64::consts::LOG2_E;
-    depth.ceil().clamp(0.0, f64::from(gpcc_lite::morton::MAX_DEPTH)) as u8
+    Some(f64::from(*sizes.select_nth_unstable_by(middle, f32::total_cmp).1))
+}
+
+/// The floaters that cost the rest levels, and the cube without them; `None` if there are none.
+///
+/// Where cells an eighth as wide as the median Gaussian lie deeper than an octree's 21 levels,
+/// [`voxel::trim`] weighs what a smaller cube gives the inliers against the floats of the
+/// outliers. Select [`Trimmed::inside`] for [`prepare`], and [`Trimmed::outliers`] for
+/// [`EncodeOptions::outliers`].
+///
+/// # Errors
+/// [`Error::Voxel`] if a mean or the median log-scale is not finite.
+pub fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
+    let cube = Cube::of(&scene.means)?;
+    let Some(median) = median_log_scale(scene) else { return Ok(None) };
+    let cell = libm::exp(median) / CELLS_PER_AXIS;
+    // No trimmed cube pays before that, and most scenes need not be searched.
+    if wanted_depth(median, &cube) <= f64::from(MAX_DEPTH) || cell <= 0.0 {
+        return Ok(None);
+    }
+    let exact = 32.0 * crate::lossless::layout::columns(scene.sh_degree) as f64;
+    let weighed = Trim { bits_per_outlier: exact - BITS_AT_50, ..Trim::new(cell) };
+    let trimmed = voxel::trim(&scene.means, &weighed)?;
+    Ok((!trimmed.outliers.is_empty()).then_some(trimmed))
 }
 
 /// Ascending indices of the Gaussians that stay when the given fraction, those of least

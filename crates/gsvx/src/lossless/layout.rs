@@ -11,7 +11,7 @@ pub(super) const MEANS: usize = 3;
 pub(super) const PLAIN: usize = MEANS + 1 + 3 + 4;
 
 /// Number of columns of a scene of this SH degree.
-pub(super) fn columns(sh_degree: u8) -> usize {
+pub(crate) fn columns(sh_degree: u8) -> usize {
     PLAIN + 3 * (usize::from(sh_degree) + 1) * (usize::from(sh_degree) + 1)
 }
 
@@ -49,7 +49,7 @@ pub(super) fn gather(scene: &Scene, c: usize, order: &[u32]) -> Vec<u32> {
 }
 
 /// An all-zero scene to scatter columns into.
-pub(super) fn blank(n: usize, sh_degree: u8) -> Scene {
+pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
     Scene {
         means: vec![[0.0; 3]; n],
         rotations: vec![[0.0; 4]; n],
@@ -61,7 +61,7 @@ pub(super) fn blank(n: usize, sh_degree: u8) -> Scene {
 }
 
 /// Rows of all columns, Gaussians in the order of `order`.
-pub(super) fn gather_rows(scene: &Scene, order: &[u32]) -> Vec<u32> {
+pub(crate) fn gather_rows(scene: &Scene, order: &[u32]) -> Vec<u32> {
     let mut out = Vec::with_capacity(order.len() * columns(scene.sh_degree));
     for &i in order {
         let i = i as usize;
@@ -75,7 +75,7 @@ pub(super) fn gather_rows(scene: &Scene, order: &[u32]) -> Vec<u32> {
 }
 
 /// Puts one row at Gaussian `i`.
-pub(super) fn scatter(scene: &mut Scene, i: usize, row: &[u32]) {
+pub(crate) fn scatter(scene: &mut Scene, i: usize, row: &[u32]) {
     let v = |c: usize| f32::from_bits(row[c]);
     scene.means[i] = [v(0), v(1), v(2)];
     scene.opacity_logits[i] = v(3);

@@ -10,7 +10,7 @@
 mod chunk;
 mod column;
 mod fit;
-mod layout;
+pub(crate) mod layout;
 mod local;
 mod neighbours;
 mod predictor;

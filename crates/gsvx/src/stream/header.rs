@@ -9,8 +9,9 @@ use voxel::Cube;
 pub const SIGNATURE: [u8; 8] = [0x89, b'G', b'S', b'V', b'X', 0x0d, 0x0a, 0x1a];
 /// Major version: a reader refuses any other.
 pub const MAJOR: u8 = 1;
-/// Minor version: a reader accepts later ones and skips the sections it does not know.
-pub const MINOR: u8 = 0;
+/// Latest minor version: a reader accepts later ones and skips the sections it does not know. A
+/// stream says the earliest minor version that has all its sections.
+pub const MINOR: u8 = 1;
 /// Greatest table of contents accepted; no encoder writes more than one entry per kind.
 const MAX_SECTIONS: u64 = 64;
 
@@ -70,7 +71,8 @@ pub(super) fn write(header: &Header, toc: &[TocEntry]) -> Vec<u8> {
     }
     let mut out = Writer { bytes: SIGNATURE.to_vec() };
     out.u8(MAJOR);
-    out.u8(MINOR);
+    let latest = toc.iter().any(|entry| entry.kind == SectionKind::Outliers);
+    out.u8(if latest { MINOR } else { 0 });
     out.block(&body.bytes);
     let crc = crc32c::crc32c(&out.bytes);
     out.u32(crc);

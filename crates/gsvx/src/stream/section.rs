@@ -16,6 +16,8 @@ pub enum SectionKind {
     Dc,
     /// Covariances (rotations and log-scales).
     Covariance,
+    /// Gaussians outside the cube, bit for bit.
+    Outliers,
     /// SH coefficients of degree 1.
     Sh1,
     /// SH coefficients of degree 2.
@@ -42,6 +44,7 @@ impl SectionKind {
             Self::Sh2 => 6,
             Self::Sh3 => 7,
             Self::Lossless => 8,
+            Self::Outliers => 10,
             Self::Unknown(c) => c,
         }
     }
@@ -59,6 +62,7 @@ impl SectionKind {
             7 => Self::Sh3,
             8 => Self::Lossless,
             9 => Self::Importance,
+            10 => Self::Outliers,
             c => Self::Unknown(c),
         }
     }
@@ -94,6 +98,7 @@ impl SectionKind {
             Self::Opacity => "opacity",
             Self::Dc => "DC",
             Self::Covariance => "covariance",
+            Self::Outliers => "outliers",
             Self::Sh1 => "SH degree 1",
             Self::Sh2 => "SH degree 2",
             Self::Sh3 => "SH degree 3",

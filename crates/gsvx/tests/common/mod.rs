@@ -40,6 +40,15 @@ pub(crate) fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
     scene
 }
 
+/// Three Gaussians a million units away, of any SH degree, among the others.
+pub(crate) fn with_floaters(mut scene: Scene) -> (Scene, [usize; 3]) {
+    let at = [scene.len() / 7, scene.len() / 2, scene.len() - 1];
+    scene.means[at[0]] = [1e6, 0.3, -0.7];
+    scene.means[at[1]] = [0.1, -1.1e6, 0.2];
+    scene.means[at[2]] = [-2e5, 3.3, 1e6];
+    (scene, at)
+}
+
 pub(crate) fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelization) {
     let cube = Cube::of(&scene.means).unwrap();
     let voxels = voxelize(scene, &cube, strategy).unwrap();
@@ -92,6 +101,14 @@ pub(crate) mod golden {
         add("codebook", 500, 1, uniform.clone(), &vq);
         add("paper", 400, 3, uniform, &paper);
         add("degree-0", 600, 0, adaptive, &base);
+        let (floaters, _) = super::with_floaters(scene(400, 1, 42));
+        let split = gsvx::split_outliers(&floaters).expect("finite").expect("floaters");
+        let (merged, voxels) =
+            voxelized(&floaters.select(&split.inside), &Strategy::Uniform { depth: 10 });
+        let outliers = Some(floaters.select(&split.outliers));
+        let options = EncodeOptions { outliers, ..base };
+        let bytes = gsvx::encode(&merged, &voxels, &options).expect("outliers").bytes;
+        out.push(("outliers.gsvx".into(), bytes));
         let lossless = gsvx::encode_lossless(&scene(300, 2, 42)).expect("lossless");
         out.push(("lossless.gsvx".into(), lossless.bytes));
         out
