@@ -152,7 +152,8 @@ pub fn decode_lod(bytes: &[u8], max_depth: u8, limits: &Limits) -> Result<Geomet
         }
     }
     let leaves = tree.finish(target);
-    if target == j_high && leaves.len() != points {
+    // A level has at most as many nodes as the tree has leaves.
+    if leaves.len() > points || target == j_high && leaves.len() != points {
         return Err(r.corrupt("point count"));
     }
     Ok(Geometry { leaves, j_high: target })
