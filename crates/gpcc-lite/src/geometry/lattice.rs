@@ -67,33 +67,32 @@ impl Lattice {
 }
 
 /// True if the finest three levels of the coordinates are far from equally likely.
+///
+/// A leaf says nothing below its own depth: the low bits of its corner are zeros that nobody codes,
+/// and leaves of different depths would look like a lattice.
 pub(super) fn detect(leaves: &[Leaf], j_high: u8) -> bool {
-    let depth = u32::from(j_high).min(DEEPEST);
+    let depth = j_high.min(DEEPEST as u8);
     if depth < 4 || leaves.len() < 256 {
         return false;
     }
-    let mut counts = [0; 3].map(|_: u32| vec![0u32; 1 << depth]);
-    for l in leaves {
-        let xyz = morton::decode(l.morton);
-        for (count, x) in counts.iter_mut().zip(xyz) {
-            count[(x >> (u32::from(j_high) - depth)) as usize] += 1;
-        }
-    }
     let mut saved = 0i64;
     let mut decisions = 0u64;
-    for mut count in counts {
-        for _ in 0..3 {
-            let pairs = count.chunks_exact(2);
-            for pair in pairs.clone() {
-                let (a, b) = (u64::from(pair[0]), u64::from(pair[1]));
-                if a + b > 0 {
-                    // Entropy, and what learning one probability costs.
-                    let cost = n_log2(a + b) - n_log2(a) - n_log2(b) + log2(a + b) / 2 + 256;
-                    saved += (256 * (a + b)) as i64 - cost as i64;
-                }
+    for level in depth - 2..=depth {
+        let mut counts = [0; 3].map(|_: u32| vec![0u32; 1 << level]);
+        for l in leaves.iter().filter(|l| l.depth >= level) {
+            let xyz = morton::decode(l.morton);
+            for (count, x) in counts.iter_mut().zip(xyz) {
+                count[(x >> (j_high - level)) as usize] += 1;
             }
-            decisions += leaves.len() as u64;
-            count = pairs.map(|p| p[0] + p[1]).collect();
+            decisions += 3;
+        }
+        for pair in counts.iter().flat_map(|count| count.chunks_exact(2)) {
+            let (a, b) = (u64::from(pair[0]), u64::from(pair[1]));
+            if a + b > 0 {
+                // Entropy, and what learning one probability costs.
+                let cost = n_log2(a + b) - n_log2(a) - n_log2(b) + log2(a + b) / 2 + 256;
+                saved += (256 * (a + b)) as i64 - cost as i64;
+            }
         }
     }
     saved > 0 && saved as u64 > WORTH * decisions
