@@ -60,6 +60,24 @@ impl Probe {
         self.pass.forward.last.iter().map(|&l| u64::from(l) * 256).sum()
     }
 
+    /// Those of [`Probe::pairs`] in rows that the splat reaches: what the Rust executor's `blend`
+    /// evaluates, less the rows that have stopped.
+    #[must_use]
+    pub fn visited(&self) -> u64 {
+        use crate::stages::TILE;
+        let f = &self.pass.forward;
+        let rows_of = |tile: usize| -> u64 {
+            let y0 = self.view.tile_at(tile).1 * TILE;
+            let needed = f.lists.of(tile).iter().take(f.last[tile] as usize);
+            let rows = needed.map(|&i| {
+                let s = &f.projected.splats[i as usize];
+                u64::from(s.row1.min(y0 + TILE).saturating_sub(s.row0.max(y0)))
+            });
+            rows.sum()
+        };
+        (0..self.view.tiles()).map(rows_of).sum::<u64>() * u64::from(TILE)
+    }
+
     /// The stage `blend` of the Rust executor.
     pub fn blend(&mut self) {
         let Forward { projected, lists, tiles, last, .. } = &mut self.pass.forward;
@@ -202,7 +220,7 @@ impl DeviceStages {
         let options = crate::FineTuneOptions::default();
         let moments = Moments::zeros(scene);
         let context = Context::software()?;
-        let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, vec![view], &options)?;
+        let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, &[view], &options)?;
         for step in 1..=2 {
             gpu.step(0, step, &AdamStep::new(&options.rates, step, 1.0))?;
             gpu.drain_losses(&mut Vec::new())?;
@@ -305,7 +323,7 @@ pub fn software_steps(
     let count = views.len();
     let moments = Moments::zeros(scene);
     let context = Context::software()?;
-    let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, views, &options)?;
+    let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, &views, &options)?;
     let mut losses = Vec::new();
     let mut started = std::time::Instant::now();
     for step in 1..=steps + 1 {

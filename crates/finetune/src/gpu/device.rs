@@ -9,8 +9,19 @@ pub(crate) struct Context {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) limits: wgpu::Limits,
-    /// First validation or out-of-memory error that no call returned.
-    complaint: Arc<Mutex<Option<String>>>,
+    /// Iterations after which the driver ends the loops of an invocation without a word, if it
+    /// does: Mesa's software Vulkan (22.3.6) counts to 65,535.
+    pub(crate) loop_limit: Option<u32>,
+    complaints: Arc<Mutex<Complaints>>,
+}
+
+/// What no call returned.
+#[derive(Default)]
+struct Complaints {
+    /// Why the device was lost.
+    lost: Option<String>,
+    /// First validation or out-of-memory error; of a lost device, what the loss led to.
+    first: Option<String>,
 }
 
 fn instance() -> Option<wgpu::Instance> {
@@ -94,26 +105,39 @@ impl Context {
         });
         let (device, queue) = pollster::block_on(request)
             .map_err(|e| Error::Gpu { reason: format!("{}: {e}", describe(adapter)) })?;
-        let complaint = Arc::new(Mutex::new(None));
-        let sink = complaint.clone();
+        let complaints = Arc::new(Mutex::new(Complaints::default()));
         // Without a handler, wgpu panics.
+        let sink = complaints.clone();
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| {
-            if let Ok(mut first) = sink.lock() {
-                first.get_or_insert_with(|| e.to_string());
+            if let Ok(mut c) = sink.lock() {
+                c.first.get_or_insert_with(|| one_line(&e.to_string()));
             }
         }));
-        Ok(Self { device, queue, limits, complaint })
+        // Calls on a lost device return nothing that says so.
+        let sink = complaints.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            if let Ok(mut c) = sink.lock() {
+                let text = format!("the device was lost ({reason:?}) {message}");
+                c.lost.get_or_insert_with(|| one_line(&text));
+            }
+        });
+        let mut context = Self { device, queue, limits, loop_limit: None, complaints };
+        context.loop_limit = super::loops::limit(&context)?;
+        Ok(context)
     }
 
     /// Fails if anything went wrong since the device was made.
     pub(crate) fn check(&self) -> Result<()> {
-        match self.complaint.lock() {
-            Ok(first) => match &*first {
-                Some(reason) => Err(Error::Gpu { reason: reason.clone() }),
-                None => Ok(()),
-            },
-            Err(_) => Err(Error::Gpu { reason: "error handler panicked".into() }),
+        let said = |pick: fn(&Complaints) -> Option<String>| match self.complaints.lock() {
+            Ok(c) => pick(&c),
+            Err(_) => Some("error handler panicked".into()),
+        };
+        if let Some(first) = said(|c| c.lost.clone().or(c.first.clone())) {
+            // A loss is told to whoever polls, after the errors that it led to.
+            let _ = wait(|| self.device.poll(wgpu::PollType::Poll));
+            return Err(Error::Gpu { reason: said(|c| c.lost.clone()).unwrap_or(first) });
         }
+        Ok(())
     }
 
     /// Waits for the device and copies `size` bytes of `buffer` back.
@@ -134,7 +158,7 @@ impl Context {
             let _ = send.send(result);
         });
         let gpu = |reason: String| Error::Gpu { reason };
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| gpu(e.to_string()))?;
+        wait(|| self.device.poll(wgpu::PollType::wait_indefinitely()))?;
         self.check()?;
         match receive.try_recv() {
             Ok(Ok(())) => {}
@@ -143,5 +167,20 @@ impl Context {
         }
         let view = staging.slice(..).get_mapped_range().map_err(|e| gpu(e.to_string()))?;
         Ok(view[..size as usize].to_vec())
+    }
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Runs `poll`. wgpu panics where the device is lost while someone waits for it: that is an
+/// error like any other here.
+pub(super) fn wait<T>(poll: impl FnOnce() -> std::result::Result<T, wgpu::PollError>) -> Result<T> {
+    let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(poll));
+    match done {
+        Ok(Ok(status)) => Ok(status),
+        Ok(Err(e)) => Err(Error::Gpu { reason: e.to_string() }),
+        Err(_) => Err(Error::Gpu { reason: "the device was lost during a wait".into() }),
     }
 }

@@ -3,7 +3,8 @@
 use gs_model::Scene;
 
 use super::device::Context;
-use super::passes::STEP;
+use super::loops;
+use super::passes::{STEP, Stage};
 use super::uniform::StepUniform;
 use super::workspace::{LOSS_RING, Sizes, Workspace};
 use crate::error::Result;
@@ -37,7 +38,7 @@ impl GpuExecutor {
         context: Context,
         scene: Scene,
         moments: &Moments,
-        views: Vec<TrainView>,
+        views: &[TrainView],
         options: &FineTuneOptions,
     ) -> Result<Self> {
         let render = RenderOptions { background: options.background, ..Default::default() };
@@ -68,13 +69,16 @@ impl GpuExecutor {
             base = base.with_quantization(&q);
         }
         let views = views
-            .into_iter()
+            .iter()
             .map(|v| {
                 let photo = workspace.storage("photo", v.photo.rgb.len())?;
                 let planes = planes_of(&v.photo);
                 workspace.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(&planes));
                 let group = workspace.bind_group("loss", &[], &[("photo", &photo)]);
                 let view = StepUniform::of_view(&View::new(&v.camera, &render));
+                if let Some(limit) = workspace.context.loop_limit {
+                    loops::check_view(limit, &view)?;
+                }
                 Ok(OnDevice { view, photo, group })
             })
             .collect::<Result<Vec<_>>>()?;
@@ -98,12 +102,24 @@ impl GpuExecutor {
         std::hint::black_box(self.workspace.read::<u32>("state", 4).is_ok());
     }
 
-    fn submit(&mut self, view: usize, mut u: StepUniform) {
+    fn submit(&mut self, view: usize, mut u: StepUniform) -> Result<()> {
         u.capacity = self.workspace.sizes.capacity as u32;
         u.loss_slot = self.pending.len() as u32;
-        self.workspace.run(&STEP, &u, Some(&self.views[view].group));
+        let group = Some(&self.views[view].group);
+        match self.workspace.context.loop_limit {
+            None => self.workspace.run(&STEP, &u, group),
+            // Slower, but only software is like this.
+            Some(limit) => {
+                let lists = STEP.iter().take_while(|s| **s != Stage::Blend).count();
+                self.workspace.run(&STEP[..lists], &u, group);
+                let tiles = (u.tiles_x * u.tiles_y) as usize;
+                loops::check_lists(limit, &self.workspace.read::<u32>("offsets", tiles + 1)?)?;
+                self.workspace.run(&STEP[lists..], &u, group);
+            }
+        }
         self.pending.push(u);
         self.pending_views.push(view);
+        Ok(())
     }
 
     /// Fetches the losses of all pending steps. If one of them did not have enough slots, it and
@@ -133,7 +149,7 @@ impl GpuExecutor {
             }
             self.workspace.write("state", &[self.scene.len() as u32, 0, 0, 0]);
             for (view, u) in views.into_iter().zip(steps) {
-                self.submit(view, u);
+                self.submit(view, u)?;
             }
         }
         Ok(())
@@ -144,7 +160,7 @@ impl Executor for GpuExecutor {
     fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()> {
         let mut u = self.views[view].view.merge(&self.base).with_adam(adam);
         u.step = step as u32;
-        self.submit(view, u);
+        self.submit(view, u)?;
         if self.pending.len() == LOSS_RING {
             self.settle()?;
         }

@@ -5,6 +5,7 @@
 
 mod device;
 mod executor;
+mod loops;
 mod passes;
 #[cfg(test)]
 mod tests;

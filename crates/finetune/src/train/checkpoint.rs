@@ -18,6 +18,7 @@ const MAGIC: [u8; 8] = *b"GSFTCKPT";
 const VERSION: u32 = 1;
 
 /// State of a run between two steps.
+#[derive(Clone)]
 pub(crate) struct Checkpoint {
     pub(crate) step: u64,
     pub(crate) tracker: Tracker,
@@ -89,8 +90,14 @@ impl Checkpoint {
         let mut name = path.file_name().unwrap_or_default().to_os_string();
         name.push(".tmp");
         let temporary = path.with_file_name(name);
-        std::fs::write(&temporary, &out).map_err(Error::io(&temporary, "write"))?;
-        std::fs::rename(&temporary, path).map_err(Error::io(path, "rename"))
+        let written = std::fs::write(&temporary, &out)
+            .map_err(Error::io(&temporary, "write"))
+            .and_then(|()| std::fs::rename(&temporary, path).map_err(Error::io(path, "rename")));
+        if written.is_err() {
+            // A part of a checkpoint is of no use, and takes space where there may be none.
+            let _ = std::fs::remove_file(&temporary);
+        }
+        written
     }
 
     /// Reads a checkpoint of the run that would otherwise begin at `start`; its arrays have the

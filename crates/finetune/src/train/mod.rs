@@ -10,9 +10,7 @@ use std::time::Instant;
 
 use gs_model::{Camera, Scene};
 
-#[cfg(feature = "gpu")]
-use crate::backend::Backend;
-use crate::backend::{self, BackendReport};
+use crate::backend::{self, Backend, BackendReport};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::shuffle::permutation;
@@ -53,6 +51,11 @@ pub(crate) trait Executor: Send {
 /// Means are frozen; nothing is added, removed or reset (the reference implementation resets
 /// opacities every 3000 steps, which hurts a mature model). The result is a function of the
 /// scene, the views and the options alone, whatever the number of threads.
+///
+/// If the GPU fails, is lost or runs out of memory, a run under [`Backend::Auto`] goes on in Rust
+/// from the last step that was kept: every [`FineTuneOptions::checkpoint_every`] steps, with or
+/// without a checkpoint file. Under [`Backend::Gpu`] it ends with [`Error::Gpu`], and the last
+/// checkpoint stays.
 pub struct FineTune {
     executor: Box<dyn Executor>,
     report: BackendReport,
@@ -62,6 +65,14 @@ pub struct FineTune {
     /// Steps done.
     step: u64,
     tracker: Tracker,
+    /// What the Rust executor needs to take over.
+    kept: Option<Kept>,
+}
+
+/// A run on the GPU, on the host.
+struct Kept {
+    views: Vec<TrainView>,
+    state: Checkpoint,
 }
 
 impl std::fmt::Debug for FineTune {
@@ -84,6 +95,16 @@ impl FineTune {
     /// one; [`Error::Io`], [`Error::Checkpoint`] and [`Error::CheckpointMismatch`] for an
     /// existing checkpoint.
     pub fn new(scene: Scene, views: Vec<TrainView>, options: FineTuneOptions) -> Result<Self> {
+        Self::build(scene, views, options, backend::choose, on_gpu)
+    }
+
+    fn build(
+        scene: Scene,
+        views: Vec<TrainView>,
+        options: FineTuneOptions,
+        choose: impl FnOnce(Backend) -> Result<BackendReport>,
+        on_gpu: impl FnOnce(&Checkpoint, &[TrainView], &FineTuneOptions) -> Result<Box<dyn Executor>>,
+    ) -> Result<Self> {
         scene.validate()?;
         options.validate()?;
         check_views(&views)?;
@@ -92,10 +113,26 @@ impl FineTune {
         if let Some(path) = options.checkpoint.as_deref().filter(|p| p.exists()) {
             start = Checkpoint::read(path, fingerprint, start)?;
         }
-        let Checkpoint { step, tracker, moments, scene } = start;
-        let count = views.len();
-        let (executor, report) = executor(scene, moments, views, &options)?;
-        Ok(Self { executor, report, options, views: count, fingerprint, step, tracker })
+        let (step, count, tracker) = (start.step, views.len(), start.tracker.clone());
+        let may_fall_back = options.backend == Backend::Auto;
+        let mut report = choose(options.backend)?;
+        let mut kept = None;
+        let executor: Box<dyn Executor> = if report.used == Backend::Gpu {
+            match on_gpu(&start, &views, &options) {
+                Ok(executor) => {
+                    kept = may_fall_back.then_some(Kept { views, state: start });
+                    executor
+                }
+                Err(Error::Gpu { reason }) if may_fall_back => {
+                    report = took_over(&reason, step);
+                    on_cpu(start, views, &options)
+                }
+                Err(e) => return Err(e),
+            }
+        } else {
+            on_cpu(start, views, &options)
+        };
+        Ok(Self { executor, report, options, views: count, fingerprint, step, tracker, kept })
     }
 
     /// Which executor was chosen, and why.
@@ -117,10 +154,36 @@ impl FineTune {
     /// for, and the outcome holds the scene as it is then.
     ///
     /// # Errors
-    /// [`Error::Io`] if a checkpoint cannot be written, [`Error::Gpu`].
+    /// [`Error::Io`] if a checkpoint cannot be written; [`Error::Gpu`], but not under
+    /// [`Backend::Auto`], which goes on in Rust.
     pub fn run(mut self, mut progress: impl FnMut(&Progress)) -> Result<Outcome> {
         let started = Instant::now();
         let first = self.step;
+        loop {
+            let failure = match self.steps(first, started, &mut progress) {
+                Ok((reason, end)) => {
+                    let Checkpoint { step, tracker, scene, .. } = end;
+                    return Ok(tracker.outcome(scene, step, started, reason, self.report));
+                }
+                Err(Error::Gpu { reason }) => reason,
+                Err(e) => return Err(e),
+            };
+            let Some(Kept { views, state }) = self.kept.take() else {
+                return Err(Error::Gpu { reason: failure });
+            };
+            self.report = took_over(&failure, state.step);
+            (self.step, self.tracker) = (state.step, state.tracker.clone());
+            self.executor = on_cpu(state, views, &self.options);
+        }
+    }
+
+    /// Steps on the present executor until the run ends; returns why, and its last state.
+    fn steps(
+        &mut self,
+        first: u64,
+        started: Instant,
+        progress: &mut impl FnMut(&Progress),
+    ) -> Result<(StopReason, Checkpoint)> {
         let mut order = Vec::new();
         let mut losses = Vec::new();
         let reason = loop {
@@ -148,21 +211,19 @@ impl FineTune {
                 self.drain(&mut losses)?;
             }
             if reports {
-                progress(&self.tracker.progress(step, first, started, &self.options));
+                let used = self.report.used;
+                progress(&self.tracker.progress(step, first, started, &self.options, used));
             }
-            if step.is_multiple_of(self.options.checkpoint_every) && step < self.options.steps {
-                self.write_checkpoint(&mut losses)?;
+            let due = step.is_multiple_of(self.options.checkpoint_every);
+            let wanted = self.kept.is_some() || self.options.checkpoint.is_some();
+            if due && wanted && step < self.options.steps {
+                let state = self.checkpoint(&mut losses)?;
+                if let Some(kept) = &mut self.kept {
+                    kept.state = state;
+                }
             }
         };
-        self.drain(&mut losses)?;
-        if let Some(path) = self.options.checkpoint.clone() {
-            let (scene, moments) = self.executor.snapshot()?;
-            let state = Checkpoint { step: self.step, tracker: self.tracker, moments, scene };
-            state.write(&path, self.fingerprint)?;
-            return Ok(state.tracker.outcome(state.scene, state.step, started, reason));
-        }
-        let (scene, _) = self.executor.snapshot()?;
-        Ok(self.tracker.outcome(scene, self.step, started, reason))
+        Ok((reason, self.checkpoint(&mut losses)?))
     }
 
     fn drain(&mut self, losses: &mut Vec<LossValue>) -> Result<()> {
@@ -174,13 +235,23 @@ impl FineTune {
         Ok(())
     }
 
-    fn write_checkpoint(&mut self, losses: &mut Vec<LossValue>) -> Result<()> {
-        let Some(path) = self.options.checkpoint.clone() else { return Ok(()) };
+    /// The state after the last step, written if that was asked for.
+    fn checkpoint(&mut self, losses: &mut Vec<LossValue>) -> Result<Checkpoint> {
         self.drain(losses)?;
         let (scene, moments) = self.executor.snapshot()?;
-        let tracker = self.tracker.clone();
-        Checkpoint { step: self.step, tracker, moments, scene }.write(&path, self.fingerprint)
+        let state = Checkpoint { step: self.step, tracker: self.tracker.clone(), moments, scene };
+        if let Some(path) = &self.options.checkpoint {
+            state.write(path, self.fingerprint)?;
+        }
+        Ok(state)
     }
+}
+
+/// The report of a run that the processor took over.
+fn took_over(reason: &str, step: u64) -> BackendReport {
+    let threads = rayon::current_num_threads();
+    let reason = format!("cpu: the GPU failed ({reason}); from step {step} on; {threads} threads");
+    BackendReport { used: Backend::Cpu, reason }
 }
 
 fn check_views(views: &[TrainView]) -> Result<()> {
@@ -203,22 +274,51 @@ fn check_views(views: &[TrainView]) -> Result<()> {
     Ok(())
 }
 
-fn executor(
-    scene: Scene,
-    moments: Moments,
+fn on_cpu(
+    start: Checkpoint,
     views: Vec<TrainView>,
     options: &FineTuneOptions,
-) -> Result<(Box<dyn Executor>, BackendReport)> {
-    let report = backend::choose(options.backend)?;
-    match report.used {
-        #[cfg(feature = "gpu")]
-        Backend::Gpu => {
-            let context = crate::gpu::Context::hardware()?;
-            let gpu = crate::gpu::GpuExecutor::new(context, scene, &moments, views, options)?;
-            Ok((Box::new(gpu), report))
-        }
-        _ => Ok((Box::new(cpu::CpuExecutor::new(scene, moments, views, options)), report)),
-    }
+) -> Box<dyn Executor> {
+    Box::new(cpu::CpuExecutor::new(start.scene, start.moments, views, options))
+}
+
+#[cfg(feature = "gpu")]
+fn on_gpu(
+    start: &Checkpoint,
+    views: &[TrainView],
+    options: &FineTuneOptions,
+) -> Result<Box<dyn Executor>> {
+    on_device(crate::gpu::Context::hardware()?, start, views, options)
+}
+
+#[cfg(not(feature = "gpu"))]
+fn on_gpu(_: &Checkpoint, _: &[TrainView], _: &FineTuneOptions) -> Result<Box<dyn Executor>> {
+    Err(Error::NoAdapter { reason: "built without the feature `gpu`".into() })
+}
+
+#[cfg(feature = "gpu")]
+fn on_device(
+    context: crate::gpu::Context,
+    start: &Checkpoint,
+    views: &[TrainView],
+    options: &FineTuneOptions,
+) -> Result<Box<dyn Executor>> {
+    let (scene, moments) = (start.scene.clone(), &start.moments);
+    Ok(Box::new(crate::gpu::GpuExecutor::new(context, scene, moments, views, options)?))
+}
+
+/// A run on a given device, for tests of what happens when it fails.
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) fn fine_tune_on(
+    context: crate::gpu::Context,
+    scene: Scene,
+    views: Vec<TrainView>,
+    options: FineTuneOptions,
+) -> Result<FineTune> {
+    let choose = |_| Ok(BackendReport { used: Backend::Gpu, reason: "gpu: given".into() });
+    FineTune::build(scene, views, options, choose, |start, views, options| {
+        on_device(context, start, views, options)
+    })
 }
 
 /// The Rust executor, for comparison.

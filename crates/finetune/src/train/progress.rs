@@ -5,6 +5,7 @@ use std::time::Instant;
 use gs_model::Scene;
 
 use super::options::FineTuneOptions;
+use crate::backend::{Backend, BackendReport};
 use crate::stages::loss::LossValue;
 
 /// A report from a running fine-tune.
@@ -22,6 +23,8 @@ pub struct Progress {
     pub steps_per_second: f64,
     /// Seconds to the last step at this speed.
     pub eta_seconds: f64,
+    /// Which executor did the last step: it changes if the GPU fails under [`Backend::Auto`].
+    pub backend: Backend,
 }
 
 /// Why a fine-tune ended.
@@ -51,6 +54,8 @@ pub struct Outcome {
     pub reason: StopReason,
     /// Mean PSNR over each whole epoch, each view as rendered in its step, dB.
     pub epoch_psnr: Vec<f64>,
+    /// Which executor finished the run, and why.
+    pub backend: BackendReport,
 }
 
 /// Losses of the current epoch and PSNRs of the past ones.
@@ -114,6 +119,7 @@ impl Tracker {
         first: u64,
         started: Instant,
         options: &FineTuneOptions,
+        backend: Backend,
     ) -> Progress {
         let n = self.recent.len().max(1) as f64;
         let seconds = started.elapsed().as_secs_f64().max(1e-9);
@@ -125,6 +131,7 @@ impl Tracker {
             psnr: self.recent.iter().map(|r| r.1).sum::<f64>() / n,
             steps_per_second,
             eta_seconds: options.steps.saturating_sub(step) as f64 / steps_per_second,
+            backend,
         }
     }
 
@@ -134,8 +141,9 @@ impl Tracker {
         steps: u64,
         started: Instant,
         reason: StopReason,
+        backend: BackendReport,
     ) -> Outcome {
         let seconds = started.elapsed().as_secs_f64();
-        Outcome { scene, steps, seconds, reason, epoch_psnr: self.epochs }
+        Outcome { scene, steps, seconds, reason, epoch_psnr: self.epochs, backend }
     }
 }
