@@ -3,7 +3,7 @@
 use crate::output::{Output, megabytes};
 use crate::report::Reporter;
 use crate::{input, interrupt, progress, views};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use finetune::backend::Backend;
 use finetune::{
     FineTune, FineTuneOptions, Image, Quantization, QuantizationMode, RenderOptions, TrainView,
@@ -55,6 +55,9 @@ pub(crate) struct Args {
     /// Checkpoint file; an existing one is continued.
     #[arg(long)]
     checkpoint: Option<PathBuf>,
+    /// Steps between checkpoints; also how far back a run goes if the GPU fails.
+    #[arg(long, value_name = "STEPS", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
+    checkpoint_every: u64,
     /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
     #[arg(long)]
     drop_invalid: bool,
@@ -133,23 +136,38 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         patience: (args.patience > 0).then_some(args.patience),
         quantization: args.quantize.map(|mode| quantization(mode, &options)),
         checkpoint: args.checkpoint.clone(),
+        checkpoint_every: args.checkpoint_every,
         cancel: Some(interrupt::cancel_flag()),
         backend: args.backend,
         report_every: (args.steps / 200).clamp(1, 50),
         ..Default::default()
     };
-    let tune = FineTune::new(scene, training, tuning).with_context(name)?;
+    let tune =
+        FineTune::new(scene, training, tuning).map_err(|e| gpu_hint(e, args)).with_context(name)?;
     let bar = progress::bar("fine-tune", args.steps);
+    let begun = tune.backend().used;
+    let mut used = begun;
+    if begun != backend.used {
+        eprintln!("backend: {}", tune.backend().reason);
+    }
     let outcome = tune
         .run(|p| {
+            if p.backend != used {
+                bar.println("the GPU failed: going on without it");
+                used = p.backend;
+            }
             bar.set_position(p.step);
             bar.set_message(format!(
                 "loss {:.4}, {:.2} dB, {:.1} steps/s",
                 p.loss, p.psnr, p.steps_per_second
             ));
         })
+        .map_err(|e| gpu_hint(e, args))
         .with_context(name)?;
     bar.finish_and_clear();
+    if outcome.backend.used != begun {
+        eprintln!("backend: {}", outcome.backend.reason);
+    }
     let how =
         format!("{} steps in {:.1} s, ended: {:?}", outcome.steps, outcome.seconds, outcome.reason);
     let (target, tuned) = (output.name(), outcome.scene);
@@ -174,10 +192,20 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             "steps": outcome.steps,
             "seconds": outcome.seconds,
             "reason": format!("{:?}", outcome.reason),
-            "backend": format!("{:?}", backend.used).to_lowercase(),
+            "backend": format!("{:?}", outcome.backend.used).to_lowercase(),
         }),
     );
     Ok(())
+}
+
+/// Says what to do about a GPU that failed.
+fn gpu_hint(error: finetune::Error, args: &Args) -> anyhow::Error {
+    if !matches!(error, finetune::Error::Gpu { .. }) {
+        return error.into();
+    }
+    let kept = args.checkpoint.as_deref().filter(|p| p.exists());
+    let kept = kept.map(|p| format!(", from {}", p.display())).unwrap_or_default();
+    anyhow!("{error}: --backend auto or cpu goes on without it{kept}")
 }
 
 /// Training cameras with their photos.

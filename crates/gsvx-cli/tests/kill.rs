@@ -1,0 +1,373 @@
+//! The command killed at moments that nobody chose, and its inputs changed under its hands. A
+//! target is absent, the old file or the new one, whole; a checkpoint is one that can be continued.
+#![cfg(unix)]
+
+use std::io::{Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+fn gsvx() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_gsvx"))
+}
+
+fn room() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
+}
+
+fn model() -> PathBuf {
+    room().join("point_cloud.ply")
+}
+
+/// Other moments every run. A failure prints the seed; `GSVX_KILL_SEED` sets it.
+struct Moments(u64);
+
+impl Moments {
+    fn new() -> Self {
+        let given = std::env::var("GSVX_KILL_SEED").ok().and_then(|s| s.parse().ok());
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
+        let seed = given.unwrap_or(now.as_nanos() as u64);
+        println!("GSVX_KILL_SEED={seed}");
+        Self(seed)
+    }
+
+    /// Anywhere from the start of a run to a little after the end of one that takes `whole`.
+    fn next(&mut self, whole: Duration) -> Duration {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        whole.mul_f64(1.1 * ((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 53) as f64)
+    }
+}
+
+/// Starts the command and kills it after `wait`, unless it ended before. True if it was killed.
+fn killed(command: &mut Command, wait: Duration) -> bool {
+    let started = Instant::now();
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            assert!(status.success(), "{status}");
+            return false;
+        }
+        if started.elapsed() >= wait {
+            child.kill().unwrap();
+            child.wait().unwrap();
+            return true;
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let list = std::fs::read_dir(dir).unwrap();
+    let mut names: Vec<_> = list.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Exit code 1 and one line that holds `needle`.
+fn one_line(out: &Output, needle: &str) {
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{error}");
+    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
+    assert!(error.contains(needle), "{error}");
+}
+
+/// Every command that writes one file, its arguments before the target.
+fn writers(dir: &Path) -> Vec<(&'static str, Vec<PathBuf>)> {
+    let stream = dir.join("in.gsvx");
+    let made = gsvx().arg("encode").arg(model()).arg("-o").arg(&stream).output().unwrap();
+    assert!(made.status.success());
+    let word = |w: &str| PathBuf::from(w);
+    let args = |words: &[&str], rest: Vec<PathBuf>| {
+        words.iter().copied().map(word).chain(rest).collect::<Vec<_>>()
+    };
+    vec![
+        ("encode", args(&["encode"], vec![model(), word("-o")])),
+        ("encode --lossless", args(&["encode", "--lossless"], vec![model(), word("-o")])),
+        ("decode", args(&["decode"], vec![stream.clone(), word("-o")])),
+        ("convert to spz", args(&["convert", "--to", "spz"], vec![model()])),
+        ("convert to splat", args(&["convert", "--to", "splat"], vec![stream])),
+        ("convert to ply", args(&["convert", "--to", "ply"], vec![model()])),
+    ]
+}
+
+#[test]
+fn killed_at_random_the_target_is_absent_or_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut moments = Moments::new();
+    let commands = writers(dir.path());
+    let (mut kills, mut ends) = (0, 0);
+    for (name, words) in &commands {
+        let target = dir.path().join("target");
+        let started = Instant::now();
+        assert!(!killed(gsvx().args(words).arg(&target), Duration::from_secs(600)), "{name}");
+        let whole = started.elapsed();
+        let new = std::fs::read(&target).unwrap();
+        for round in 0..8 {
+            // In turn onto nothing, and onto an old file.
+            let old = (round % 2 == 1).then_some(b"what was there before".as_slice());
+            std::fs::remove_file(&target).unwrap_or_default();
+            if let Some(old) = old {
+                std::fs::write(&target, old).unwrap();
+            }
+            let mut command = gsvx();
+            command.args(words).arg(&target).arg("--force");
+            let killed = killed(&mut command, moments.next(whole));
+            *(if killed { &mut kills } else { &mut ends }) += 1;
+            let found = std::fs::read(&target).ok();
+            let is_old = found.as_deref() == old;
+            let is_new = found.as_deref() == Some(&new);
+            assert!(
+                is_new || (killed && is_old),
+                "{name}, round {round}: {:?}",
+                found.map(|f| f.len())
+            );
+            for left in names(dir.path()) {
+                let known = ["in.gsvx", "target"].contains(&left.as_str());
+                assert!(known || left.starts_with(".gsvx-"), "{name}: {left}");
+            }
+        }
+        std::fs::remove_file(&target).unwrap_or_default();
+    }
+    println!("{kills} runs killed, {ends} had ended");
+    assert!(kills > 8, "the kills came too late");
+}
+
+/// A fine-tune of 24 steps that keeps a checkpoint every 4.
+fn tune(dir: &Path, output: &str, checkpoint: &str) -> Command {
+    let mut command = gsvx();
+    command
+        .arg("finetune")
+        .arg(model())
+        .arg("--cameras")
+        .arg(room())
+        .args(["--steps", "24", "--checkpoint-every", "4", "--backend", "cpu", "--past-input"])
+        .arg("--checkpoint")
+        .arg(dir.join(checkpoint))
+        .arg("-o")
+        .arg(dir.join(output));
+    command
+}
+
+/// Killed again and again, a fine-tune goes on from its checkpoint, to the bytes of a run that
+/// nobody disturbed.
+#[test]
+fn a_finetune_killed_at_random_loses_no_checkpoint() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut moments = Moments::new();
+    let started = Instant::now();
+    assert!(!killed(&mut tune(dir.path(), "whole.gsvx", "whole.ckpt"), Duration::MAX));
+    let whole = started.elapsed();
+    let at = |name: &str| dir.path().join(name);
+    let read = |name: &str| std::fs::read(at(name)).unwrap();
+    let (mut kills, mut kept, mut ends) = (0, 0, 0);
+    while kills < 6 || ends == 0 || at("b.ckpt").exists() {
+        let wait = if kills < 6 { moments.next(whole) } else { Duration::MAX };
+        if killed(&mut tune(dir.path(), "b.gsvx", "b.ckpt"), wait) {
+            kills += 1;
+            kept += usize::from(at("b.ckpt").exists());
+            // Killed after the output got its name, or before.
+            assert!(!at("b.gsvx").exists() || read("b.gsvx") == read("whole.gsvx"));
+        } else {
+            ends += 1;
+            assert!(read("b.gsvx") == read("whole.gsvx"), "another result after {kills} kills");
+            assert!(read("b.ckpt") == read("whole.ckpt"), "another state after {kills} kills");
+        }
+        if at("b.gsvx").exists() {
+            // Another life.
+            std::fs::remove_file(at("b.gsvx")).unwrap();
+            std::fs::remove_file(at("b.ckpt")).unwrap();
+        }
+    }
+    println!("{kills} kills, {kept} of them with a checkpoint, {ends} runs to the end");
+    for name in names(dir.path()) {
+        let known = ["whole.gsvx", "whole.ckpt", "b.ckpt.tmp"].contains(&name.as_str());
+        assert!(known || name.starts_with(".gsvx-"), "{name}");
+    }
+}
+
+/// A limit on the size of files stands for a full disk.
+#[test]
+fn a_checkpoint_that_does_not_fit_leaves_the_old_one() {
+    let dir = tempfile::tempdir().unwrap();
+    assert!(!killed(&mut tune(dir.path(), "a.gsvx", "run.ckpt"), Duration::MAX));
+    let checkpoint = dir.path().join("run.ckpt");
+    let old = std::fs::read(&checkpoint).unwrap();
+    let command = tune(dir.path(), "b.gsvx", "run.ckpt");
+    // The signal that comes with the limit is ignored, so that the write itself fails.
+    let out = Command::new("sh")
+        .args(["-c", "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\" --steps 40"])
+        .arg(command.get_program())
+        .args(command.get_args().filter(|a| *a != "--steps" && *a != "24"))
+        .output()
+        .unwrap();
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{error}");
+    let last = error.trim_end().lines().last().unwrap_or_default();
+    assert!(last.starts_with("error: ") && last.contains("run.ckpt"), "{error}");
+    assert!(std::fs::read(&checkpoint).unwrap() == old);
+    assert_eq!(names(dir.path()), ["a.gsvx", "run.ckpt"]);
+}
+
+/// Runs `command` while `change` is done to `input` over and over.
+fn while_changing(
+    input: &Path,
+    change: impl Fn(&mut std::fs::File, usize) + Sync,
+    run: impl FnOnce(),
+) {
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut file = std::fs::File::options().write(true).open(input).unwrap();
+            for step in 0.. {
+                if stop.load(Ordering::Relaxed) {
+                    break;
+                }
+                change(&mut file, step);
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        });
+        run();
+        stop.store(true, Ordering::Relaxed);
+    });
+}
+
+/// A stream is overwritten by another, shortened, emptied and lengthened while it is decoded:
+/// checksums tell, so what is decoded is one of the two, whole, or nothing.
+#[test]
+fn a_stream_that_changes_is_decoded_whole_or_not_at_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    for (name, quality) in [("a", "60"), ("b", "40")] {
+        let stream = at(&format!("{name}.gsvx"));
+        let encode =
+            gsvx().args(["encode", "-q", quality]).arg(model()).arg("-o").arg(&stream).status();
+        assert!(encode.unwrap().success());
+        let ply = at(&format!("{name}.ply"));
+        assert!(gsvx().arg("decode").arg(&stream).arg("-o").arg(ply).status().unwrap().success());
+    }
+    let streams = ["a", "b"].map(|n| std::fs::read(at(&format!("{n}.gsvx"))).unwrap());
+    let models = ["a", "b"].map(|n| std::fs::read(at(&format!("{n}.ply"))).unwrap());
+    let input = at("input.gsvx");
+    std::fs::write(&input, &streams[0]).unwrap();
+    let change = |file: &mut std::fs::File, step: usize| {
+        file.seek(SeekFrom::Start(0)).unwrap();
+        match step % 6 {
+            0 | 3 => file.write_all(&streams[step / 3 % 2]).unwrap(),
+            1 => file.set_len(streams[0].len() as u64).unwrap(),
+            2 => file.set_len(1000).unwrap(),
+            4 => file.set_len(0).unwrap(),
+            _ => file.set_len(3 * streams[0].len() as u64).unwrap(),
+        }
+    };
+    let (mut decoded, mut refused) = (0, 0);
+    while_changing(&input, change, || {
+        for round in 0..24 {
+            let target = at(&format!("out-{round}.ply"));
+            let out = gsvx().arg("decode").arg(&input).arg("-o").arg(&target).output().unwrap();
+            if out.status.success() {
+                decoded += 1;
+                let found = std::fs::read(&target).unwrap();
+                assert!(models.contains(&found), "round {round}: a scene that nobody encoded");
+            } else {
+                refused += 1;
+                one_line(&out, "input.gsvx");
+                assert!(!target.exists());
+            }
+        }
+    });
+    println!("{decoded} decoded, {refused} refused");
+    assert!(refused > 0, "nothing changed while it was read");
+}
+
+/// A PLY has no checksum: a mixture of two models of one length may be taken for a third, but it
+/// is whole, or refused with a line that names the file.
+#[test]
+fn a_model_that_changes_is_converted_or_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = std::fs::read(model()).unwrap();
+    let input = dir.path().join("input.ply");
+    std::fs::write(&input, &bytes).unwrap();
+    let header = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    // The same model, its Gaussians in reverse.
+    let row = 62 * 4;
+    assert_eq!((bytes.len() - header) % row, 0, "a model of degree 3");
+    let mut other = bytes[..header].to_vec();
+    bytes[header..].chunks_exact(row).rev().for_each(|r| other.extend(r));
+    let change = |file: &mut std::fs::File, step: usize| {
+        file.seek(SeekFrom::Start(0)).unwrap();
+        match step % 4 {
+            0 => file.write_all(&other).unwrap(),
+            1 => file.set_len(bytes.len() as u64 / 3).unwrap(),
+            2 => file.write_all(&bytes).unwrap(),
+            _ => file.set_len(bytes.len() as u64 + 77).unwrap(),
+        }
+    };
+    let (mut taken, mut refused) = (0, 0);
+    while_changing(&input, change, || {
+        for round in 0..18 {
+            let target = dir.path().join(format!("out-{round}.gsvx"));
+            let mut command = gsvx();
+            match round % 3 {
+                0 => command.args(["encode", "--lossless"]).arg(&input).arg("-o"),
+                1 => command.arg("encode").arg(&input).arg("-o"),
+                _ => command.args(["convert", "--to", "ply"]).arg(&input),
+            };
+            let out = command.arg(&target).output().unwrap();
+            if out.status.success() {
+                taken += 1;
+                let made = std::fs::read(&target).unwrap();
+                let valid = match round % 3 {
+                    2 => gs_model::ply::read_bytes(&made).is_ok(),
+                    _ => gsvx::decode(&made, &gsvx::DecodeOptions::default()).is_ok(),
+                };
+                assert!(valid, "round {round}");
+            } else {
+                refused += 1;
+                one_line(&out, "input.ply");
+                assert!(!target.exists());
+            }
+        }
+    });
+    println!("{taken} taken, {refused} refused");
+    assert!(refused > 0, "nothing changed while it was read");
+}
+
+/// Cameras and photos are inputs as well.
+#[test]
+fn a_photo_or_camera_that_was_cut_short_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let copy = dir.path().join("room");
+    for folder in ["images", "sparse/0"] {
+        std::fs::create_dir_all(copy.join(folder)).unwrap();
+        for entry in std::fs::read_dir(room().join(folder)).unwrap().flatten() {
+            std::fs::copy(entry.path(), copy.join(folder).join(entry.file_name())).unwrap();
+        }
+    }
+    let cut = |name: &str| {
+        let path = copy.join(name);
+        let whole = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+        let out = gsvx()
+            .arg("finetune")
+            .arg(model())
+            .arg("--cameras")
+            .arg(&copy)
+            .args(["--steps", "1", "--backend", "cpu", "-o"])
+            .arg(dir.path().join("a.gsvx"))
+            .output()
+            .unwrap();
+        std::fs::write(&path, whole).unwrap();
+        let error = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(1), "{error}");
+        let last = error.trim_end().lines().last().unwrap_or_default();
+        let file = Path::new(name).file_name().unwrap().to_str().unwrap();
+        assert!(last.starts_with("error: ") && last.contains(file), "{error}");
+        assert_eq!(names(dir.path()), ["room"]);
+    };
+    cut("images/view_001.png");
+    let listed = names(&copy.join("sparse/0"));
+    let images = listed.iter().find(|n| n.starts_with("images")).unwrap();
+    cut(&format!("sparse/0/{images}"));
+}
