@@ -295,3 +295,45 @@ fn a_count_beyond_the_callers_limit_is_refused() {
         Err(vq::Error::TooManyCodewords { count: 0x10_0000 })
     ));
 }
+
+/// docs/accuracy.md: whatever the shape and the codeword, the roots of their covariances are no
+/// further apart than this, and along no direction does the standard deviation differ by more.
+#[test]
+fn no_codeword_is_further_than_the_bound() {
+    let needle = |q: [f32; 4]| Covariance::split(q, [0.0, -9.0, -9.0]).unwrap().0;
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    let axes = [[1.0, 0.0, 0.0, 0.0], [half, 0.0, 0.0, half], [half, 0.0, half, 0.0]];
+    let mut shapes = cloud(500, 3).0;
+    shapes.extend(axes.map(needle));
+    shapes.push(Covariance::split([1.0; 4], [0.0, 0.0, -20.0]).unwrap().0);
+    shapes.push(Covariance::split([1.0; 4], [0.0; 3]).unwrap().0);
+    let mut keep = options(64, Metric::SquareRoot);
+    keep.keep = Keep::Above(0.9);
+    let mut sensitivities = vec![0.1; shapes.len()];
+    sensitivities[500..].fill(1.0);
+    let book = Codebook::train(&shapes, &sensitivities, &keep).unwrap();
+    let bound = 2.0 + book.trace_tolerance();
+    assert!(bound <= 2.04, "docs/accuracy.md says 2.04, not {bound}");
+    let deviation = |e: [f64; 6], u: [f64; 3]| {
+        let [xx, xy, xz, yy, yz, zz] = e;
+        let [x, y, z] = u;
+        let v = xx * x * x + yy * y * y + zz * z * z;
+        (v + 2.0 * (xy * x * y + xz * x * z + yz * y * z)).max(0.0).sqrt()
+    };
+    let mut worst = 0.0f64;
+    for shape in &shapes {
+        for index in 0..book.len() as u32 {
+            let fit = book.distortion(&[*shape], &[1.0], &[index]).unwrap();
+            let square = fit.mean;
+            assert!(square <= bound, "{shape:?}, codeword {index}: {square}");
+            worst = worst.max(square);
+            let codeword = book.covariance(index).unwrap();
+            let d = square.sqrt() + 1e-3;
+            for u in [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.48, 0.6, 0.64]] {
+                let (a, b) = (deviation(shape.entries(), u), deviation(codeword.entries(), u));
+                assert!((a - b).abs() <= d, "{shape:?}, codeword {index}: {a} {b}");
+            }
+        }
+    }
+    assert!(worst > 1.95, "needles at right angles should come near the bound: {worst}");
+}

@@ -5,7 +5,7 @@ use anyhow::{Result, anyhow};
 use gs_model::{Scene, ply};
 use gsvx::attributes::{colour, opacity};
 use gsvx::covariance::log_euclidean;
-use gsvx::stream::{Container, SectionKind};
+use gsvx::stream::{Container, Reader, SectionKind};
 use gsvx::{
     CovarianceMode, DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, importance,
 };
@@ -128,13 +128,69 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<Outcome> {
             add("covariance", integers(&merged, &decoded.scene, bits));
         }
         _ => {
-            // The shape is a codeword's, and has no bound; the size has.
+            add("covariance (shape)", shapes(&bytes, &merged, &decoded.scene)?);
             let size = |s: &Scene, i: usize| [log_size(s.log_scales[i])];
             let bound = Bound { rounding: CODEWORD_SIZE, ..bound };
             add("covariance (size)", bound.ratio(&merged, &decoded.scene, steps.covariance, size));
         }
     }
     Ok(outcome)
+}
+
+/// Worst distance of a shape from its codeword's over the bound. Every Gaussian (or every so many)
+/// must have the nearest codeword of the stream.
+fn shapes(bytes: &[u8], want: &Scene, got: &Scene) -> Result<f64> {
+    use vq::{Codebook, Covariance, index};
+    if want.is_empty() {
+        return Ok(0.0);
+    }
+    let container = Container::parse(bytes)?;
+    let payload = container.section(SectionKind::Covariance)?.unwrap_or_default();
+    // A byte that names the mode, the codebook, the indices (docs/bitstream.md).
+    let mut r = Reader::new(payload.get(1..).unwrap_or_default(), "covariance");
+    let book = Codebook::from_bytes(r.block()?)?;
+    let indices = index::decode(r.block()?, want.len(), book.len())?;
+    let words: Vec<[f64; 6]> = book.decode_all().iter().map(|&(q, l)| root(q, l)).collect();
+    let bound = (2.0 + book.trace_tolerance()).sqrt();
+    let mut worst = 0.0f64;
+    for i in (0..want.len()).step_by(1 + want.len() / SHAPES) {
+        let clamped = want.log_scales[i].map(|v| v.clamp(-100.0, 100.0));
+        let (shape, _) = Covariance::split(want.rotations[i], clamped)?;
+        let shape = root(shape.quaternion(), shape.log_scales());
+        let square = |w: &[f64; 6]| (0..6).map(|k| (w[k] - shape[k]) * (w[k] - shape[k])).sum();
+        let index = indices[i];
+        let (q, l) = book.decode(index)?;
+        let own: f64 = square(&words[index as usize]);
+        let nearest: f64 = words.iter().map(square).fold(f64::INFINITY, f64::min);
+        // The search compares squares in f32.
+        if own > nearest + 1e-6 {
+            return Err(anyhow!("Gaussian {i}: {own} from its codeword, {nearest} from another"));
+        }
+        let apart = |k: usize| (got.log_scales[i][k] - got.log_scales[i][0]) - (l[k] - l[0]);
+        let ulp = 1e-6 * got.log_scales[i].iter().fold(1.0f32, |m, v| m.max(v.abs()));
+        if got.rotations[i] != q || (1..3).any(|k| apart(k).abs() > 4.0 * ulp) {
+            return Err(anyhow!("Gaussian {i} was not decoded to the shape of its codeword"));
+        }
+        worst = worst.max(own.sqrt() / bound);
+    }
+    Ok(worst)
+}
+
+/// Shapes compared with all codewords, at most.
+const SHAPES: usize = 100_000;
+
+/// Root of a covariance as a vector whose norm is the matrix's (off-diagonal entries count twice).
+fn root(q: [f32; 4], l: [f32; 3]) -> [f64; 6] {
+    let [w, x, y, z] = q.map(f64::from);
+    let r = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ];
+    let s = l.map(|v| libm::exp(f64::from(v)));
+    let entry = |i: usize, j: usize| (0..3).map(|k| r[i][k] * s[k] * r[j][k]).sum::<f64>();
+    let off = std::f64::consts::SQRT_2;
+    [entry(0, 0), entry(1, 1), entry(2, 2), off * entry(0, 1), off * entry(0, 2), off * entry(1, 2)]
 }
 
 /// How far the logarithm of a codeword's size can be from 0 (`vq::Codebook::trace_tolerance`).
