@@ -33,6 +33,14 @@ pub(crate) struct Found {
     pub(crate) dataset: Dataset,
 }
 
+impl Found {
+    /// MB (10^6 bytes) of the model's floats: 59 a Gaussian at SH degree 3.
+    pub(crate) fn raw_mb(&self) -> Result<f64> {
+        let (scene, _) = gs_model::ply::read(&self.dataset.model_path)?;
+        Ok((scene.len() * (11 + 3 * scene.sh_len()) * 4) as f64 / 1e6)
+    }
+}
+
 /// The workspace root: xtask is only ever run from its checkout.
 pub(crate) fn root() -> PathBuf {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -17,7 +17,7 @@ pub(super) fn svg(title: &str, rows: &[&Row]) -> Result<String> {
 fn draw(title: &str, rows: &[&Row], text: &mut String) -> Result<(), Box<dyn std::error::Error>> {
     let positive = rows.iter().map(|r| r.error).filter(|&e| e > 0.0).fold(f64::INFINITY, f64::min);
     let floor = if positive.is_finite() { positive / 4.0 } else { 1e-3 };
-    let at = |r: &Row| (1e3 * r.seconds.max(1e-9), r.error.max(floor));
+    let at = |r: &Row| (1e3 * r.time.wall.max(1e-9), r.error.max(floor));
     let bounds = |value: &dyn Fn(&Row) -> f64| {
         let all = || rows.iter().map(|r| value(r));
         (all().fold(f64::INFINITY, f64::min) / 1.6, all().fold(0.0, f64::max) * 1.6)

@@ -3,6 +3,7 @@
 
 mod chart;
 mod criterion;
+mod memory;
 mod skips;
 mod stages;
 
@@ -27,6 +28,15 @@ pub(crate) struct Args {
     /// Write the times of this run as the baseline that later ones are compared with.
     #[arg(long)]
     bless: bool,
+    /// Run `cargo bench` of every crate first, with short measurements (minutes).
+    #[arg(long)]
+    criterion: bool,
+    /// Run one stage in this process and print its peak memory as JSON.
+    #[arg(long, hide = true, requires = "scratch")]
+    memory_of: Option<String>,
+    /// Folder for what stages pass on.
+    #[arg(long, hide = true)]
+    scratch: Option<PathBuf>,
     /// Folder of the report and its plots.
     #[arg(long, default_value = "docs/results")]
     out: PathBuf,
@@ -48,7 +58,7 @@ pub(crate) struct Row {
     /// Stages of one name share a plot.
     pub(crate) stage: &'static str,
     pub(crate) setting: String,
-    pub(crate) seconds: f64,
+    pub(crate) time: Time,
     /// The error, and what it is.
     pub(crate) error: f64,
     pub(crate) of: &'static str,
@@ -57,21 +67,30 @@ pub(crate) struct Row {
     pub(crate) peak_mb: f64,
 }
 
-/// Runs `f` `repeat` times; returns its result, the fastest time and the peak memory.
-pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Result<(T, f64, f64)> {
+/// The least of the repetitions, seconds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Time {
+    pub(crate) wall: f64,
+    /// Of all threads of the process.
+    pub(crate) cpu: f64,
+}
+
+/// Runs `f` `repeat` times; returns its result, the least time and the peak memory.
+pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Result<(T, Time, f64)> {
     crate::peak::reset();
-    let (mut best, mut result) = (f64::INFINITY, None);
+    let (mut best, mut result) = (Time { wall: f64::INFINITY, cpu: f64::INFINITY }, None);
     for _ in 0..repeat.max(1) {
-        let start = Instant::now();
+        let (start, cpu) = (Instant::now(), crate::usage::cpu_seconds());
         result = Some(f()?);
-        best = best.min(start.elapsed().as_secs_f64());
+        best.cpu = best.cpu.min(crate::usage::cpu_seconds() - cpu);
+        best.wall = best.wall.min(start.elapsed().as_secs_f64());
     }
     Ok((result.context("nothing ran")?, best, crate::peak::own_mb()))
 }
 
 /// Seconds to sort four million pseudo-random integers on one core: what times are divided by
 /// before they are compared between runs.
-fn yardstick() -> f64 {
+fn yardstick() -> Time {
     let mut seed = 1u64;
     let numbers: Vec<u64> = (0..4 << 20)
         .map(|_| {
@@ -79,15 +98,21 @@ fn yardstick() -> f64 {
             seed
         })
         .collect();
-    let best = (0..3).map(|_| {
+    let mut best = Time { wall: f64::INFINITY, cpu: f64::INFINITY };
+    for _ in 0..3 {
         let mut copy = numbers.clone();
-        let start = Instant::now();
+        let (start, cpu) = (Instant::now(), crate::usage::cpu_seconds());
         copy.sort_unstable();
         std::hint::black_box(&copy);
-        start.elapsed().as_secs_f64()
-    });
-    best.fold(f64::INFINITY, f64::min)
+        best.cpu = best.cpu.min(crate::usage::cpu_seconds() - cpu);
+        best.wall = best.wall.min(start.elapsed().as_secs_f64());
+    }
+    best
 }
+
+/// Ratio to the baseline from which a time is called a regression: what remains of the noise of a
+/// shared machine when times are divided by the yardstick's.
+const REGRESSION: f64 = 1.3;
 
 /// Times over the yardstick, by name.
 type Times = BTreeMap<String, f64>;
@@ -98,28 +123,47 @@ fn baseline() -> PathBuf {
 
 /// Measures, writes the report, prints regressions.
 pub(crate) fn run(args: &Args) -> Result<()> {
+    if let (Some(stage), Some(scratch)) = (&args.memory_of, &args.scratch) {
+        return match stage.as_str() {
+            "stream" => memory::write_stream(&args.scene, scratch),
+            stage => memory::child(&args.scene, stage, scratch),
+        };
+    }
     let found = scenes::find(&args.scene)?;
+    let targets = criterion::targets(&scenes::root());
+    if args.criterion {
+        criterion::run(&scenes::root(), &targets)?;
+    }
     let before = yardstick();
     let rows = stages::measure(&found, args.repeat)?;
-    let yard = before.min(yardstick());
+    let after = yardstick();
+    // Stages are compared by processor time, criterion's by the wall-clock time that it measures.
+    let (yard, yard_wall) = (before.cpu.min(after.cpu), before.wall.min(after.wall));
+    let peaks = memory::measure(&args.scene)?;
     let micro = criterion::estimates(&scenes::root().join("target/criterion"));
     let mut times: Times = Times::new();
     for r in &rows {
-        times.insert(format!("{}: {}: {}", found.name, r.stage, r.setting), r.seconds / yard);
+        times.insert(format!("{}: {}: {}", found.name, r.stage, r.setting), r.time.cpu / yard);
     }
-    for (name, seconds) in &micro {
-        times.insert(format!("criterion: {name}"), seconds / yard);
+    for m in &micro {
+        times.insert(format!("criterion: {}", m.name), m.seconds / yard_wall);
     }
     let old: Times = match std::fs::read(baseline()) {
         Ok(bytes) => serde_json::from_slice(&bytes).context("xtask/data/bench-baseline.json")?,
         Err(_) => Times::new(),
     };
+    let mut slower = 0;
     for (name, time) in &times {
         match old.get(name) {
-            Some(was) => println!("{:6.2}x {name}", time / was),
+            Some(was) => {
+                let worse = time / was > REGRESSION;
+                slower += usize::from(worse);
+                println!("{:6.2}x {name}{}", time / was, if worse { "  REGRESSION" } else { "" });
+            }
             None => println!("   new  {name}"),
         }
     }
+    println!("{slower} of {} take {REGRESSION} times the baseline or more", times.len());
     let out = scenes::root().join(&args.out);
     let plots = out.join("bench");
     std::fs::create_dir_all(&plots)?;
@@ -127,8 +171,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     stages.dedup();
     let mut text = format!(
         "# Time against error\n\n\
-         `cargo xtask bench {}`: {}, {} threads, {}. Repetitions: {}, the fastest counts. Times are also \
-         given in yardsticks, the time to sort 2^22 integers on one core in the same run \
+         `cargo xtask bench {}`: {}, {} threads, {}. Repetitions: {}, the least counts. Processor time \
+         is also given in yardsticks, what sorting 2^22 integers on one core takes in the same run \
          ({:.0} ms): yardsticks are compared with the committed baseline, `--bless` replaces it. \
          A star marks the Pareto front: nothing else in the table is as fast, as near and as small, \
          and better in one. \
@@ -145,27 +189,28 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let _ = write!(
             text,
             "\n## {stage}\n\nError: {}.\n\n\
-             | setting | ms | yardsticks | to baseline | error | bytes | peak MB | front |\n\
-             |---|---:|---:|---:|---:|---:|---:|---|\n",
+             | setting | ms | CPU ms | yardsticks | to baseline | error | bytes | peak MB | front |\n\
+             |---|---:|---:|---:|---:|---:|---:|---:|---|\n",
             of[0].of
         );
         for r in &of {
             let beaten = of.iter().any(|o| {
                 let (no_worse, better) = (
-                    o.seconds <= r.seconds && o.error <= r.error && o.bytes <= r.bytes,
-                    o.seconds < r.seconds || o.error < r.error || o.bytes < r.bytes,
+                    o.time.wall <= r.time.wall && o.error <= r.error && o.bytes <= r.bytes,
+                    o.time.wall < r.time.wall || o.error < r.error || o.bytes < r.bytes,
                 );
                 no_worse && better
             });
             let was = old.get(&format!("{}: {}: {}", found.name, r.stage, r.setting));
-            let ratio = was.map_or("new".into(), |w| format!("{:.2}", r.seconds / yard / w));
+            let ratio = was.map_or("new".into(), |w| format!("{:.2}", r.time.cpu / yard / w));
             let bytes = r.bytes.map_or("-".into(), |b| b.to_string());
             let _ = writeln!(
                 text,
-                "| {} | {:.2} | {:.3} | {ratio} | {:.4e} | {bytes} | {:.0} | {} |",
+                "| {} | {:.2} | {:.2} | {:.3} | {ratio} | {:.4e} | {bytes} | {:.0} | {} |",
                 r.setting,
-                1e3 * r.seconds,
-                r.seconds / yard,
+                1e3 * r.time.wall,
+                1e3 * r.time.cpu,
+                r.time.cpu / yard,
                 r.error,
                 r.peak_mb,
                 if beaten { "" } else { "*" }
@@ -177,22 +222,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             let _ = write!(text, "\n![{stage}](bench/{file})\n");
         }
     }
-    if micro.is_empty() {
-        text +=
-            "\nNo criterion estimates in target/criterion: run `cargo bench` first to add them.\n";
-    } else {
-        text += "\n## Criterion\n\n| benchmark | ms | yardsticks | to baseline |\n|---|---:|---:|---:|\n";
-        for (name, seconds) in &micro {
-            let was = old.get(&format!("criterion: {name}"));
-            let ratio = was.map_or("new".into(), |w| format!("{:.2}", seconds / yard / w));
-            let _ = writeln!(
-                text,
-                "| {name} | {:.3} | {:.4} | {ratio} |",
-                1e3 * seconds,
-                seconds / yard
-            );
-        }
-    }
+    text += &memory_section(&peaks, found.raw_mb()?);
+    text += &criterion_section(&micro, &targets, &old, yard_wall);
     let report = out.join("bench.md");
     std::fs::write(&report, text).with_context(|| format!("write {}", report.display()))?;
     println!("written: {}", report.display());
@@ -201,6 +232,61 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         println!("blessed: {}", baseline().display());
     }
     Ok(())
+}
+
+fn memory_section(peaks: &[memory::Peak], raw: f64) -> String {
+    let mut text = format!(
+        "\n## Peak memory\n\nEach stage in a process of its own; the raw floats of the model are \
+         {raw:.0} MB. Inputs: what is resident when the stage starts, the program included.\n\n\
+         | stage | inputs MB | peak MB | over the inputs MB | over the inputs / raw floats |\n\
+         |---|---:|---:|---:|---:|\n"
+    );
+    for p in peaks {
+        let over = (p.peak - p.before).max(0.0);
+        let _ = writeln!(
+            text,
+            "| {} | {:.0} | {:.0} | {over:.0} | {:.2} |",
+            p.stage,
+            p.before,
+            p.peak,
+            over / raw
+        );
+    }
+    text
+}
+
+fn criterion_section(
+    micro: &[criterion::Micro],
+    targets: &[criterion::Target],
+    old: &Times,
+    yard: f64,
+) -> String {
+    let mut text = String::from(
+        "\n## Criterion\n\nMedians of `cargo bench`, as found in target/criterion; `--criterion` \
+         runs them first.\n\n",
+    );
+    for target in targets {
+        let missing = criterion::missing(target, micro);
+        if !missing.is_empty() {
+            let _ =
+                writeln!(text, "Missing: {}: run `{}`.\n", missing.join("; "), target.command());
+        }
+    }
+    text += "| crate | benchmark | ms | yardsticks | to baseline |\n|---|---|---:|---:|---:|\n";
+    for m in micro {
+        let of = targets.iter().find(|t| t.groups.contains(&m.group));
+        let package = of.map_or("-", |t| t.package.as_str());
+        let was = old.get(&format!("criterion: {}", m.name));
+        let ratio = was.map_or("new".into(), |w| format!("{:.2}", m.seconds / yard / w));
+        let _ = writeln!(
+            text,
+            "| {package} | {} | {:.3} | {:.4} | {ratio} |",
+            m.name,
+            1e3 * m.seconds,
+            m.seconds / yard
+        );
+    }
+    text
 }
 
 /// Counts what is skipped, and writes the table.

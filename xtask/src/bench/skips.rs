@@ -2,7 +2,10 @@
 
 use std::fmt::Write as _;
 
-use anyhow::Result;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use finetune::probe::{Probe, TileTest, Variant, VariantPass};
 use finetune::{RenderOptions, render};
 use gpcc_lite::{Limits, geometry};
 use gs_model::{Camera, ply};
@@ -18,11 +21,53 @@ struct Skip {
     condition: &'static str,
     /// Skipped and of how many, per scene.
     counts: Vec<[u64; 2]>,
-    proof: &'static str,
+    proof: Proof,
+}
+
+/// Why nothing is lost: tests as `crates/.../file.rs::name`, and what was checked in this run.
+#[derive(Clone, Copy)]
+struct Proof {
+    tests: &'static [&'static str],
+    note: &'static str,
+}
+
+impl Proof {
+    const fn new(tests: &'static [&'static str], note: &'static str) -> Self {
+        Self { tests, note }
+    }
+
+    fn text(&self) -> String {
+        let tests = self.tests.iter().map(|t| format!("`{}`", t.trim_start_matches("crates/")));
+        let parts: Vec<String> = tests.chain([self.note.to_owned()]).collect();
+        parts.into_iter().filter(|p| !p.is_empty()).collect::<Vec<_>>().join("; ")
+    }
+}
+
+/// Fails unless there is a test of that name in that file.
+fn check_test(root: &Path, test: &str) -> Result<()> {
+    let (file, name) = test.split_once("::").with_context(|| format!("{test}: file::test"))?;
+    let text = std::fs::read_to_string(root.join(file)).with_context(|| file.to_owned())?;
+    let lines: Vec<&str> = text.lines().map(str::trim_start).collect();
+    let head = format!("fn {name}(");
+    // Attributes and comments may stand between a test and its mark.
+    let marked = |at: usize| {
+        let above =
+            lines[..at].iter().rev().take_while(|l| l.starts_with('#') || l.starts_with("//"));
+        above.into_iter().any(|l| l.starts_with("#[test]"))
+    };
+    let found = (0..lines.len()).any(|i| lines[i].starts_with(&head) && marked(i));
+    ensure!(found, "{file} has no test {name}: the proof of a skip is gone");
+    Ok(())
 }
 
 /// Measures all skips on the scenes.
+///
+/// # Errors
+/// Also if a test that is named as a proof does not exist.
 pub(super) fn report(names: &[String]) -> Result<String> {
+    for test in PROOFS.iter().flat_map(|p| p.tests) {
+        check_test(&scenes::root(), test)?;
+    }
     let mut skips: Vec<Skip> = Vec::new();
     let mut found = Vec::new();
     for name in names {
@@ -38,8 +83,9 @@ pub(super) fn report(names: &[String]) -> Result<String> {
     }
     let mut text = format!(
         "# What is skipped\n\n`cargo xtask skips {}`, default quality; cameras are the held-out \
-         views at up to 640 pixels. Skipped of how many, and the test that shows that the result \
-         is the same, or its bound.\n\n| stage | skipped | {} | proof or bound |\n|---|---|{}---|\n",
+         views at up to 640 pixels. Skipped of how many, and the test (`file::test` in `crates`) that \
+         shows that the result is the same, or its bound; the command fails if one of these tests \
+         does not exist.\n\n| stage | skipped | {} | proof or bound |\n|---|---|{}---|\n",
         names.join(" "),
         found.join(" | "),
         "---:|".repeat(found.len())
@@ -58,13 +104,51 @@ pub(super) fn report(names: &[String]) -> Result<String> {
             s.stage,
             s.condition,
             cells.join(" | "),
-            s.proof
+            s.proof.text()
         );
     }
     Ok(text)
 }
 
-type Counted = (&'static str, &'static str, [u64; 2], &'static str);
+type Counted = (&'static str, &'static str, [u64; 2], Proof);
+
+const PRUNED: Proof = Proof::new(
+    &["crates/voxel/tests/rate_distortion.rs::pruning_is_the_optimum"],
+    "same leaves as the exhaustive search",
+);
+const COPIED: Proof = Proof::new(
+    &["crates/voxel/tests/properties.rs::merging_one_member_is_the_identity"],
+    "same bits but the mean",
+);
+const DROPPED: Proof = Proof::new(
+    &["crates/voxel/tests/rate_distortion.rs::pruning_is_the_optimum"],
+    "part of the minimised cost, distortion counted",
+);
+const UNSEEN: Proof = Proof::new(
+    &["crates/finetune/tests/skips.rs::gaussians_without_weight_can_be_dropped"],
+    "the first view was rendered without them in this run, same bits",
+);
+const TILES: Proof = Proof::new(
+    &["crates/finetune/tests/skips.rs::every_tile_test_gives_the_same_image"],
+    "the first view was rendered both ways in this run, same bits",
+);
+const CULLED: Proof = Proof::new(
+    &["crates/finetune/tests/oracle.rs::images_agree"],
+    "within 1e-5 of a renderer that skips nothing but below 1/255 and behind 1e-4",
+);
+const LANES: Proof = Proof::new(
+    &["crates/finetune/src/stages/reference.rs::the_executor_agrees_with_the_scalar_reference"],
+    "same bits as where every pixel of a tile is visited",
+);
+const DEGREES: Proof = Proof::new(
+    &["crates/gsvx/tests/round_trip.rs::sections_can_be_left_out"],
+    "decoded without these bytes in this run, same floats",
+);
+const LEVELS: Proof = Proof::new(
+    &["crates/gpcc-lite/tests/roundtrip.rs::level_of_detail_is_the_tree_cut"],
+    "decoded from that prefix in this run, same leaves",
+);
+const PROOFS: [Proof; 9] = [PRUNED, COPIED, DROPPED, UNSEEN, TILES, CULLED, LANES, DEGREES, LEVELS];
 
 fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
     let (mut scene, _) = ply::read(&found.dataset.model_path)?;
@@ -91,7 +175,7 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
             "voxel, rate-distortion",
             "subtrees of cells that no division can pay for",
             [report.skipped, report.decided],
-            "voxel `pruning_is_the_optimum`: same leaves as the exhaustive search",
+            PRUNED,
         ));
     }
     let choose = |f: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, f, seen);
@@ -101,7 +185,7 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
         "voxel, merge",
         "moments of leaves with one member: copied",
         [single, voxels.len() as u64],
-        "voxel `merging_one_member_is_the_identity`: same bits but the mean",
+        COPIED,
     ));
 
     let seen = finetune::saliency_per_view(&scene, &cameras);
@@ -111,13 +195,13 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
         "voxel, with cameras",
         "Gaussians that cost more than they show",
         [with_cameras.voxels.dropped.len() as u64, n],
-        "part of the minimised cost, distortion counted: voxel `pruning_is_the_optimum`",
+        DROPPED,
     ));
     let unseen: Vec<usize> = (0..scene.len()).filter(|&i| seen.total[i] > 0.0).collect();
     let less = scene.select(&unseen);
     let options = RenderOptions::default();
     if let Some(c) = cameras.first() {
-        anyhow::ensure!(
+        ensure!(
             render(&scene, c, &options) == render(&less, c, &options),
             "{}: leaving out unseen Gaussians changed a render",
             found.name
@@ -127,16 +211,40 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
         "finetune, rasterizer",
         "Gaussians without weight in any view",
         [n - unseen.len() as u64, n],
-        "finetune `gaussians_without_weight_can_be_dropped`; the first view was rendered \
-         without them in this run, same bits",
+        UNSEEN,
     ));
     let shown: u64 = seen.views.iter().map(|&v| u64::from(v)).sum();
     out.push((
         "finetune, rasterizer",
         "(Gaussian, view) pairs culled, cut at 1/255 or behind a stopped pixel",
         [n * cameras.len() as u64 - shown, n * cameras.len() as u64],
-        "finetune `stability` and `oracle`: against a renderer that skips nothing",
+        CULLED,
     ));
+
+    if let Some(c) = cameras.first() {
+        let photo = render(&scene, c, &options);
+        let pass = |tile_test| {
+            let mut pass = VariantPass::new(c, &photo, Variant { tile_test, ..Variant::default() });
+            pass.forward(&scene);
+            (pass.image(), pass.slots() as u64)
+        };
+        let ((image, slots), (all, most)) = (pass(TileTest::Ellipse), pass(TileTest::Square));
+        ensure!(image == all, "{}: the tile test changed a render", found.name);
+        out.push((
+            "finetune, rasterizer",
+            "(Gaussian, tile) pairs of the bounding square that the ellipse does not reach, one view",
+            [most - slots, most],
+            TILES,
+        ));
+        let probe = Probe::new(&scene, c, &photo);
+        let (visited, all) = (probe.visited(), probe.pairs());
+        out.push((
+            "finetune, blend",
+            "(Gaussian, pixel) pairs in rows of a tile that the Gaussian does not reach, one view",
+            [all - visited, all],
+            LANES,
+        ));
+    }
 
     let options = EncodeOptions { importance: Some(importance), ..EncodeOptions::default() };
     let bytes = gsvx::encode(&merged, &voxels, &options)?.bytes;
@@ -146,7 +254,7 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
     let skipped: u64 = container.toc.iter().filter(|e| higher(e.kind)).map(|e| e.len).sum();
     let base = DecodeOptions { max_sh_degree: 0, ..Default::default() };
     let short = gsvx::decode(&bytes[..bytes.len() - skipped as usize], &base)?;
-    anyhow::ensure!(
+    ensure!(
         short.scene == gsvx::decode(&bytes, &base)?.scene,
         "{}: degree 0 depends on higher sections",
         found.name
@@ -155,7 +263,7 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
         "gsvx, decoder",
         "bytes of SH degrees that were not asked for (degree 0 of 3)",
         [skipped, bytes.len() as u64],
-        "gsvx `sections_can_be_left_out`; decoded without these bytes in this run, same floats",
+        DEGREES,
     ));
     if let Some(payload) = container.section(SectionKind::Geometry)? {
         let depth = voxels.j_high.saturating_sub(6);
@@ -171,8 +279,25 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
             "gpcc-lite, geometry",
             "bytes of octree levels below the depth asked for (six levels up)",
             [(payload.len() - low) as u64, payload.len() as u64],
-            "decoded from that prefix in this run, same leaves; gpcc-lite's round-trip tests",
+            LEVELS,
         ));
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_proof_exists() {
+        for test in PROOFS.iter().flat_map(|p| p.tests) {
+            check_test(&scenes::root(), test).unwrap();
+        }
+        let gone = "crates/voxel/tests/rate_distortion.rs::no_such_test";
+        assert!(check_test(&scenes::root(), gone).is_err());
+        // A function, but no test.
+        let helper = "crates/gsvx/tests/round_trip.rs::modes";
+        assert!(check_test(&scenes::root(), helper).is_err());
+    }
 }

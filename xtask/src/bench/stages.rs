@@ -1,6 +1,7 @@
 //! The stages, each in the settings that trade time for error.
 
 use anyhow::Result;
+use finetune::probe::{TileTest, Variant, VariantPass};
 use finetune::{RenderOptions, metrics, render};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coeffs::Mode;
@@ -11,7 +12,7 @@ use gs_model::{Camera, Scene, ply};
 use gsvx::{DecodeOptions, EncodeOptions, Entropy, Prepared, Seen, importance};
 use voxel::{Cube, Merge, Strategy, Voxelization};
 
-use super::{Row, timed};
+use super::{Row, Time, timed};
 use crate::scenes::Found;
 
 /// Fraction bits of the fixed-point transform's values.
@@ -23,12 +24,12 @@ const UNITS: f64 = 65536.0;
 pub(super) fn measure(found: &Found, repeat: usize) -> Result<Vec<Row>> {
     let path = &found.dataset.model_path;
     let mut rows = Vec::new();
-    let ((mut scene, _), seconds, peak_mb) = timed(repeat, || Ok(ply::read(path)?))?;
+    let ((mut scene, _), time, peak_mb) = timed(repeat, || Ok(ply::read(path)?))?;
     scene.drop_invalid();
     rows.push(Row {
         stage: "Reading the model",
         setting: "PLY".into(),
-        seconds,
+        time,
         error: 0.0,
         of: "none, every float comes back",
         bytes: std::fs::metadata(path).ok().map(|m| m.len() as usize),
@@ -45,6 +46,7 @@ pub(super) fn measure(found: &Found, repeat: usize) -> Result<Vec<Row>> {
     codebooks(&mut rows, &merged, repeat)?;
     voxelizations(&mut rows, &scene, &cube, &cameras, repeat)?;
     rasterizers(&mut rows, &scene, &cameras[..1], repeat)?;
+    variants(&mut rows, &scene, &cameras[..1], repeat)?;
     chain(&mut rows, &scene, &cameras, repeat)?;
     Ok(rows)
 }
@@ -76,13 +78,13 @@ fn luma(scene: &Scene) -> Vec<f64> {
 fn raht(rows: &mut Vec<Row>, merged: &Scene, voxels: &Voxelization, repeat: usize) -> Result<()> {
     let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
     let values = luma(merged);
-    let mut add = |setting: &str, measured: (Vec<f64>, f64, f64)| {
-        let (back, seconds, peak_mb) = measured;
+    let mut add = |setting: &str, measured: (Vec<f64>, Time, f64)| {
+        let (back, time, peak_mb) = measured;
         let error = back.iter().zip(&values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         rows.push(Row {
             stage: "RAHT and its inverse, one channel",
             setting: setting.into(),
-            seconds,
+            time,
             error,
             of: "largest difference after the way there and back, in units of SH (the fixed-point \
                  input is rounded to 2^-16)",
@@ -142,7 +144,7 @@ fn attributes(
         for (dead_zone, lambda) in [("RDOQ", Options::default().lambda), ("no RDOQ", 0)] {
             for (predicts, prediction) in [("prediction", true), ("no prediction", false)] {
                 let options = Options { mode, lambda, prediction, ..Options::default() };
-                let (coded, seconds, peak_mb) =
+                let (coded, time, peak_mb) =
                     timed(repeat, || Ok(attribute::encode(&plan, &views, &steps, &options)?))?;
                 let square: f64 = coded
                     .reconstruction
@@ -154,7 +156,7 @@ fn attributes(
                 rows.push(Row {
                     stage: "Coding DC colours",
                     setting: format!("{name}, {dead_zone}, {predicts}"),
-                    seconds,
+                    time,
                     error: (square / (3 * merged.len()).max(1) as f64).sqrt(),
                     of: "root mean square, units of SH, at a step of 0.1; compare bytes at equal \
                          error",
@@ -178,7 +180,7 @@ fn neighbours(
     let values: Vec<i64> =
         merged.log_scales.iter().map(|l| (f64::from(l[0]) * 4096.0) as i64).collect();
     for k in [1, 2, 3, 4, 6, 8, 12] {
-        let (sum, seconds, peak_mb) = timed(repeat, || {
+        let (sum, time, peak_mb) = timed(repeat, || {
             let mut sum = 0.0;
             for at in 0..near.len() {
                 let (index, distance) = near.of(at);
@@ -196,7 +198,7 @@ fn neighbours(
         rows.push(Row {
             stage: "Neighbours that predict",
             setting: format!("k = {k}"),
-            seconds,
+            time,
             error: sum / 4096.0 / near.len().max(1) as f64,
             of: "mean absolute residual of the first log-scale; finding the neighbours is not \
                  in the time (the stream's k is 12)",
@@ -218,7 +220,7 @@ fn codebooks(rows: &mut Vec<Row>, merged: &Scene, repeat: usize) -> Result<()> {
         .collect::<Result<_>>()?;
     for bits in [6, 8, 10, 12] {
         let options = vq::Options::with_codewords(1 << bits);
-        let ((book, indices), seconds, peak_mb) = timed(repeat.min(2), || {
+        let ((book, indices), time, peak_mb) = timed(repeat.min(2), || {
             let book = vq::Codebook::train(&covariances, &weights, &options)?;
             let indices = book.assign(&covariances);
             Ok((book, indices))
@@ -228,7 +230,7 @@ fn codebooks(rows: &mut Vec<Row>, merged: &Scene, repeat: usize) -> Result<()> {
         rows.push(Row {
             stage: "Covariance codebook",
             setting: format!("2^{bits} codewords"),
-            seconds,
+            time,
             error: d.weighted_mean.sqrt(),
             of: "root of the weighted mean squared distance of normalised covariances",
             bytes: Some(bytes),
@@ -254,7 +256,7 @@ fn voxelizations(
         ("paper, 8 to 12", Strategy::paper(8, 12)),
         ("rate-distortion, default", default),
     ] {
-        let ((voxels, merged), seconds, peak_mb) = timed(repeat, || {
+        let ((voxels, merged), time, peak_mb) = timed(repeat, || {
             let voxels = voxel::voxelize(scene, cube, &strategy)?;
             let merged = voxel::merge(scene, &voxels, Merge::Moments)?;
             Ok((voxels, merged))
@@ -262,7 +264,7 @@ fn voxelizations(
         rows.push(Row {
             stage: "Voxelizing and merging",
             setting: format!("{name} ({} leaves)", voxels.len()),
-            seconds,
+            time,
             error: render_error(scene, &merged, cameras),
             of: "root mean square difference of renders from those of the input, two held-out \
                  views",
@@ -285,20 +287,62 @@ fn rasterizers(
     let mut probe = finetune::probe::Probe::new(scene, camera, &photo);
     let of = "none: both give the same bits (finetune's test `the_executor_agrees_with_the_scalar_reference`); \
               blend and its adjoint of one view";
-    let (_, seconds, peak_mb) = timed(repeat, || {
+    let (_, time, peak_mb) = timed(repeat, || {
         probe.blend();
         probe.blend_adjoint();
         Ok(())
     })?;
     let stage = "Blending a view";
     let setting = "rows and lanes tested".to_owned();
-    rows.push(Row { stage, setting, seconds, error: 0.0, of, bytes: None, peak_mb });
-    let (_, seconds, peak_mb) = timed(1, || {
+    rows.push(Row { stage, setting, time, error: 0.0, of, bytes: None, peak_mb });
+    let (_, time, peak_mb) = timed(1, || {
         probe.scalar();
         Ok(())
     })?;
     let setting = "every pixel of a tile".to_owned();
-    rows.push(Row { stage, setting, seconds, error: 0.0, of, bytes: None, peak_mb });
+    rows.push(Row { stage, setting, time, error: 0.0, of, bytes: None, peak_mb });
+    Ok(())
+}
+
+/// Which tiles a splat is listed in, where blending stops, and the precision of colours: one step of
+/// a fine-tune, against a render that lists every tile of a splat's square and never stops.
+fn variants(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usize) -> Result<()> {
+    let Some(camera) = cameras.first() else { return Ok(()) };
+    let photo = render(scene, camera, &RenderOptions::default());
+    let d = Variant::default();
+    let mut whole =
+        VariantPass::new(camera, &photo, Variant { tile_test: TileTest::Square, t_stop: 0.0, ..d });
+    whole.forward(scene);
+    let whole = whole.image();
+    let mut list = vec![
+        ("tiles of the ellipse (default)".to_owned(), d),
+        ("tiles of the rectangle".to_owned(), Variant { tile_test: TileTest::Rectangle, ..d }),
+        ("tiles of the square".to_owned(), Variant { tile_test: TileTest::Square, ..d }),
+    ];
+    for t_stop in [0.0, 1e-3, 1e-2] {
+        list.push((format!("stop at {t_stop:.0e} (default 1e-4)"), Variant { t_stop, ..d }));
+    }
+    list.push(("colours in half precision".to_owned(), Variant { half_colour: true, ..d }));
+    for (setting, variant) in list {
+        let mut pass = VariantPass::new(camera, &photo, variant);
+        let (_, time, peak_mb) = timed(repeat, || {
+            pass.step(scene);
+            Ok(())
+        })?;
+        let image = pass.image();
+        let pairs = image.rgb.iter().zip(&whole.rgb);
+        let square: f64 = pairs.map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum();
+        rows.push(Row {
+            stage: "Rasterizer: tile test, early stop, colour",
+            setting,
+            time,
+            error: (square / image.rgb.len().max(1) as f64).sqrt(),
+            of: "root mean square difference of the view from one with the square's tiles and \
+                 without early stop; the time is of a whole step of one view",
+            bytes: None,
+            peak_mb,
+        });
+    }
     Ok(())
 }
 
@@ -311,7 +355,7 @@ fn chain(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usize) 
         ("quality 80", 80.0, Entropy::Range),
         ("quality 60, --fast", 60.0, Entropy::Rlgr),
     ] {
-        let (bytes, seconds, peak_mb) = timed(repeat.min(2), || {
+        let (bytes, time, peak_mb) = timed(repeat.min(2), || {
             let choose = |found: &[f32], seen| gsvx::default_strategy(quality, found, seen);
             let Prepared { scene, voxels, importance } = gsvx::prepare(scene, choose, None)?;
             let base = EncodeOptions::from_quality(quality)?;
@@ -319,30 +363,30 @@ fn chain(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usize) 
             Ok(gsvx::encode(&scene, &voxels, &options)?.bytes)
         })?;
         let decode = || Ok(gsvx::decode(&bytes, &DecodeOptions::default())?.scene);
-        let (decoded, decode_seconds, decode_peak) = timed(repeat, decode)?;
+        let (decoded, decode_time, decode_peak) = timed(repeat, decode)?;
         let error = render_error(scene, &decoded, cameras);
         let size = Some(bytes.len());
-        let row = |stage, seconds, peak_mb| Row {
+        let row = |stage, time, peak_mb| Row {
             stage,
             setting: setting.into(),
-            seconds,
+            time,
             error,
             of,
             bytes: size,
             peak_mb,
         };
-        rows.push(row("Voxelizing and encoding", seconds, peak_mb));
-        rows.push(row("Decoding", decode_seconds, decode_peak));
+        rows.push(row("Voxelizing and encoding", time, peak_mb));
+        rows.push(row("Decoding", decode_time, decode_peak));
     }
-    let (bytes, seconds, peak_mb) = timed(1, || Ok(gsvx::encode_lossless(scene)?.bytes))?;
-    let (_, decode_seconds, decode_peak) =
+    let (bytes, time, peak_mb) = timed(1, || Ok(gsvx::encode_lossless(scene)?.bytes))?;
+    let (_, decode_time, decode_peak) =
         timed(1, || Ok(gsvx::decode(&bytes, &DecodeOptions::default())?.scene))?;
     let size = Some(bytes.len());
-    for (stage, seconds, peak_mb) in
-        [("Voxelizing and encoding", seconds, peak_mb), ("Decoding", decode_seconds, decode_peak)]
+    for (stage, time, peak_mb) in
+        [("Voxelizing and encoding", time, peak_mb), ("Decoding", decode_time, decode_peak)]
     {
         let setting = "--lossless".to_owned();
-        rows.push(Row { stage, setting, seconds, error: 0.0, of, bytes: size, peak_mb });
+        rows.push(Row { stage, setting, time, error: 0.0, of, bytes: size, peak_mb });
     }
     rows.sort_by_key(|r| match r.stage {
         "Voxelizing and encoding" => 1,

@@ -1,0 +1,234 @@
+//! Peak memory of every stage, each in a process of its own, so that no stage's peak hides
+//! another's.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
+use gs_model::{Scene, ply};
+use gsvx::attributes::group::{Transform, to_fixed};
+use gsvx::attributes::{colour, opacity};
+use gsvx::covariance::log_euclidean;
+use gsvx::{DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, Seen, importance};
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::{self, Found};
+
+/// Every stage, in the order of the chain.
+const STAGES: [&str; 18] = [
+    "read PLY",
+    "voxelize",
+    "merge",
+    "encode: geometry",
+    "encode: importance",
+    "encode: transform",
+    "encode: opacity",
+    "encode: DC",
+    "encode: covariance",
+    "encode: SH 1",
+    "encode: SH 2",
+    "encode: SH 3",
+    "encode, all sections",
+    "decode",
+    "write PLY",
+    "render one view",
+    "fine-tune, one step",
+    "encode --lossless",
+];
+
+/// What one stage took, MB (10^6 bytes).
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Peak {
+    #[serde(default)]
+    pub(super) stage: String,
+    /// Resident before the stage: its inputs, and what the allocator kept of making them.
+    pub(super) before: f64,
+    /// Greatest while it ran.
+    pub(super) peak: f64,
+}
+
+/// Runs every stage on the scene in a child process.
+pub(super) fn measure(scene: &str) -> Result<Vec<Peak>> {
+    let dir = tempfile::tempdir().context("make a temporary folder")?;
+    let child = |stage: &str| -> Result<Peak> {
+        let out = Command::new(std::env::current_exe()?)
+            .args(["bench", scene, "--memory-of", stage, "--scratch"])
+            .arg(dir.path())
+            .output()?;
+        let error = String::from_utf8_lossy(&out.stderr);
+        ensure!(out.status.success(), "memory of {stage}: {error}");
+        let peak: Peak = serde_json::from_slice(&out.stdout).context("the child's answer")?;
+        Ok(Peak { stage: stage.into(), ..peak })
+    };
+    STAGES.iter().map(|stage| child(stage)).collect()
+}
+
+/// Peak of `f`, after what is resident already.
+fn peak_of<T>(f: impl FnOnce() -> Result<T>) -> Result<Peak> {
+    let before = crate::peak::now_mb();
+    crate::peak::reset();
+    let made = f()?;
+    let peak = crate::peak::own_mb();
+    drop(made);
+    Ok(Peak { stage: String::new(), before, peak })
+}
+
+/// The child: makes the inputs of one stage, runs it, prints its peak.
+pub(super) fn child(scene: &str, stage: &str, scratch: &Path) -> Result<()> {
+    let found = scenes::find(scene)?;
+    let peak = match stage {
+        "read PLY" => peak_of(|| Ok(ply::read(&found.dataset.model_path)?))?,
+        "decode" | "write PLY" | "render one view" | "fine-tune, one step" => {
+            of_decoded(&found, stage, &stream(&found, scratch)?, scratch)?
+        }
+        _ => of_encoder(&found, stage)?,
+    };
+    println!("{}", serde_json::to_string(&peak)?);
+    Ok(())
+}
+
+fn model(found: &Found) -> Result<Scene> {
+    let (mut scene, _) = ply::read(&found.dataset.model_path)?;
+    scene.drop_invalid();
+    Ok(scene)
+}
+
+fn prepared(scene: &Scene) -> Result<Prepared> {
+    let choose = |found: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, seen);
+    Ok(gsvx::prepare(scene, choose, None)?)
+}
+
+/// The scene's stream at default quality, made by another process: nothing of making it stays.
+fn stream(found: &Found, scratch: &Path) -> Result<PathBuf> {
+    let path = scratch.join("model.gsvx");
+    if !path.exists() {
+        let out = Command::new(std::env::current_exe()?)
+            .args(["bench", &found.name, "--memory-of", "stream", "--scratch"])
+            .arg(scratch)
+            .output()?;
+        let error = String::from_utf8_lossy(&out.stderr);
+        ensure!(out.status.success() && path.exists(), "make a stream: {error}");
+    }
+    Ok(path)
+}
+
+/// Writes the stream of [`stream`].
+pub(super) fn write_stream(scene: &str, scratch: &Path) -> Result<()> {
+    let scene = model(&scenes::find(scene)?)?;
+    let Prepared { scene, voxels, importance } = prepared(&scene)?;
+    let options = EncodeOptions { importance: Some(importance), ..Default::default() };
+    let path = scratch.join("model.gsvx");
+    std::fs::write(&path, gsvx::encode(&scene, &voxels, &options)?.bytes)
+        .with_context(|| format!("write {}", path.display()))
+}
+
+fn of_encoder(found: &Found, stage: &str) -> Result<Peak> {
+    let scene = model(found)?;
+    let choose =
+        |found: &[f32]| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, Seen::Guessed);
+    match stage {
+        "encode --lossless" => return peak_of(|| Ok(gsvx::encode_lossless(&scene)?)),
+        "voxelize" => {
+            return peak_of(|| {
+                let strategy = choose(&importance::without_cameras(&scene))?;
+                Ok(voxel::voxelize(&scene, &voxel::Cube::of(&scene.means)?, &strategy)?)
+            });
+        }
+        "merge" => {
+            let strategy = choose(&importance::without_cameras(&scene))?;
+            let voxels = voxel::voxelize(&scene, &voxel::Cube::of(&scene.means)?, &strategy)?;
+            return peak_of(|| Ok(voxel::merge(&scene, &voxels, voxel::Merge::Moments)?));
+        }
+        _ => {}
+    }
+    let Prepared { scene: merged, voxels, importance: given } = prepared(&scene)?;
+    drop(scene);
+    let (leaves, j_high) = (&voxels.leaves, voxels.j_high);
+    if stage == "encode: geometry" {
+        return peak_of(|| Ok(gpcc_lite::geometry::encode(leaves, j_high)?));
+    }
+    let log_classes = importance::log_classes(&given);
+    let options = EncodeOptions { importance: Some(given), ..Default::default() };
+    if stage == "encode, all sections" {
+        drop(log_classes);
+        return peak_of(|| Ok(gsvx::encode(&merged, &voxels, &options)?));
+    }
+    let classes = || Ok(importance::encode(&log_classes, leaves, j_high, Entropy::Range)?);
+    if stage == "encode: importance" {
+        return peak_of(classes);
+    }
+    let (_, classes) = classes()?;
+    let plan = || Ok(Transform::new(leaves, j_high, Some(&classes))?);
+    if stage == "encode: transform" {
+        return peak_of(plan);
+    }
+    let transform = plan()?;
+    section(stage, &merged, &transform, &options)
+}
+
+/// A section of transform-coded attributes, as the encoder codes it.
+fn section(
+    stage: &str,
+    scene: &Scene,
+    transform: &Transform,
+    options: &EncodeOptions,
+) -> Result<Peak> {
+    let n = scene.len();
+    let steps = &options.steps;
+    let code = |steps: &[f64], channel: &dyn Fn(usize) -> Vec<i32>| {
+        peak_of(|| Ok(transform.encode(steps, options.entropy, channel)?))
+    };
+    let (range, step) = match stage {
+        "encode: opacity" => {
+            let value = |&l: &f32| to_fixed(opacity::forward(OpacityDomain::LogAlpha, l));
+            return code(&[f64::from(steps.opacity)], &|_| {
+                scene.opacity_logits.iter().map(value).collect()
+            });
+        }
+        "encode: covariance" => {
+            return peak_of(|| {
+                let rows: Vec<[i32; 6]> = (0..n)
+                    .map(|i| log_euclidean::coordinates(scene.rotations[i], scene.log_scales[i]))
+                    .map(|c| c.map(to_fixed))
+                    .collect();
+                let channel = |k: usize| rows.iter().map(|c| c[k]).collect();
+                Ok(transform.encode(&[f64::from(steps.covariance); 6], options.entropy, channel)?)
+            });
+        }
+        "encode: DC" => (0..1, steps.dc),
+        "encode: SH 1" => (1..4, steps.sh[0]),
+        "encode: SH 2" => (4..9, steps.sh[1]),
+        "encode: SH 3" => (9..16, steps.sh[2]),
+        _ => bail!("no stage {stage}; stages: {}", STAGES.join(", ")),
+    };
+    let all = vec![f64::from(step); 3 * range.len()];
+    code(&all, &|c| {
+        let row = |i: usize| scene.sh_of(i).get(range.start + c / 3).copied().unwrap_or_default();
+        (0..n).map(|i| to_fixed(colour::forward_plane(row(i), c % 3))).collect()
+    })
+}
+
+fn of_decoded(found: &Found, stage: &str, stream: &Path, scratch: &Path) -> Result<Peak> {
+    let bytes = std::fs::read(stream)?;
+    let decode = || Ok(gsvx::decode(&bytes, &DecodeOptions::default())?.scene);
+    if stage == "decode" {
+        return peak_of(decode);
+    }
+    let scene = decode()?;
+    let view = found.dataset.held_out().next().context("no view")?;
+    match stage {
+        "write PLY" => peak_of(|| Ok(ply::write(scratch.join("model.ply"), &scene)?)),
+        "render one view" => {
+            peak_of(|| Ok(finetune::render(&scene, &view.camera, &RenderOptions::default())))
+        }
+        _ => {
+            let photo = crate::measure::read_photo(&view.image_path)?;
+            let camera = view.camera.scaled_to(photo.width, photo.height);
+            let camera = camera.with_context(|| format!("{}", view.image_path.display()))?;
+            let options = FineTuneOptions { steps: 1, ..Default::default() };
+            let tune = FineTune::new(scene, vec![TrainView { camera, photo }], options)?;
+            peak_of(|| Ok(tune.run(|_| ())?))
+        }
+    }
+}
