@@ -5,6 +5,55 @@ use crate::gaussian::Symmetric;
 /// Sweeps of the cyclic Jacobi method. Convergence is quadratic: 3x3 matrices take 4 to 6.
 const MAX_SWEEPS: usize = 16;
 
+/// Off-diagonal entries of at most this, squared and relative to the product of the two diagonal
+/// ones, are gone after one more rotation each: what they leave is as their square.
+const LAST: f64 = 1e-16;
+
+/// ... and these are zero. Relative to the geometric mean of the diagonal entries: this keeps the
+/// small axes of flat Gaussians to full relative accuracy.
+const NEGLIGIBLE: f64 = 1e-30;
+
+/// A symmetric matrix on its way to a diagonal one, and the axes so far.
+struct Jacobi {
+    m: [[f64; 3]; 3],
+    v: [[f64; 3]; 3],
+}
+
+impl Jacobi {
+    /// Makes entry `P`, `Q` zero; `R` is the third index. True if another sweep is needed.
+    #[inline(always)]
+    fn rotate<const P: usize, const Q: usize, const R: usize>(&mut self) -> bool {
+        let (m, v) = (&mut self.m, &mut self.v);
+        let off = m[P][Q];
+        let product = (m[P][P] * m[Q][Q]).abs();
+        let square = off * off;
+        if square <= NEGLIGIBLE * product {
+            return false;
+        }
+        // tan of the smaller angle: t^2 + 2 t cot(2 angle) = 1.
+        let difference = m[Q][Q] - m[P][P];
+        let hypotenuse = (difference * difference + 4.0 * square).sqrt();
+        let t = 2.0 * off / (difference + hypotenuse.copysign(difference));
+        let c = 1.0 / (t * t + 1.0).sqrt();
+        let s = t * c;
+        m[P][P] -= t * off;
+        m[Q][Q] += t * off;
+        m[P][Q] = 0.0;
+        m[Q][P] = 0.0;
+        let (x, y) = (m[R][P], m[R][Q]);
+        m[R][P] = c * x - s * y;
+        m[P][R] = m[R][P];
+        m[R][Q] = s * x + c * y;
+        m[Q][R] = m[R][Q];
+        for row in v {
+            let (x, y) = (row[P], row[Q]);
+            row[P] = c * x - s * y;
+            row[Q] = s * x + c * y;
+        }
+        square > LAST * product
+    }
+}
+
 /// Diagonalises `a`: `a = v diag(d) v^T` with `v` a rotation, as `(d, v)`.
 ///
 /// Cyclic Jacobi with the smaller of the two possible angles in every step, so a nearly
@@ -12,43 +61,21 @@ const MAX_SWEEPS: usize = 16;
 /// this is not a library's routine, which sorts eigenvalues: a merged Gaussian's rotation
 /// should differ as little as possible from that of the member it mostly is.
 pub(crate) fn jacobi(a: Symmetric) -> ([f64; 3], [[f64; 3]; 3]) {
-    let mut m = [[a[0], a[3], a[4]], [a[3], a[1], a[5]], [a[4], a[5], a[2]]];
-    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let mut state = Jacobi {
+        m: [[a[0], a[3], a[4]], [a[3], a[1], a[5]], [a[4], a[5], a[2]]],
+        v: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    };
     for _ in 0..MAX_SWEEPS {
-        let mut rotated = false;
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            let off = m[p][q];
-            // Negligible against the geometric mean of the two diagonal entries: this keeps
-            // the small axes of flat Gaussians to full relative accuracy.
-            let scale = (m[p][p].abs() * m[q][q].abs()).sqrt();
-            if off == 0.0 || off.abs() <= 1e-15 * scale {
-                continue;
-            }
-            rotated = true;
-            let theta = (m[q][q] - m[p][p]) / (2.0 * off);
-            let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-            let c = 1.0 / (t * t + 1.0).sqrt();
-            let s = t * c;
-            m[p][p] -= t * off;
-            m[q][q] += t * off;
-            m[p][q] = 0.0;
-            m[q][p] = 0.0;
-            let r = 3 - p - q;
-            let (x, y) = (m[r][p], m[r][q]);
-            m[r][p] = c * x - s * y;
-            m[p][r] = m[r][p];
-            m[r][q] = s * x + c * y;
-            m[q][r] = m[r][q];
-            for row in &mut v {
-                let (x, y) = (row[p], row[q]);
-                row[p] = c * x - s * y;
-                row[q] = s * x + c * y;
-            }
-        }
-        if !rotated {
+        let again = [
+            state.rotate::<0, 1, 2>(),
+            state.rotate::<0, 2, 1>(),
+            state.rotate::<1, 2, 0>(),
+        ];
+        if again == [false; 3] {
             break;
         }
     }
+    let Jacobi { m, v } = state;
     ([m[0][0], m[1][1], m[2][2]], v)
 }
 

@@ -184,8 +184,7 @@ impl Batch<'_> {
         match rule {
             Merge::Paper => weights.resize(members.len(), 1.0),
             Merge::Moments => {
-                looks.clear();
-                looks.extend(members.iter().map(|&m| moments::Look::of(scene, m)));
+                moments::look(scene, members, looks);
                 weights.extend(members.iter().zip(&*looks).map(|(&m, look)| match importance {
                     Importance::OpacityArea => look.opacity * look.area,
                     Importance::Given(given) => f64::from(given[m as usize]),
@@ -227,23 +226,34 @@ impl Shape {
     }
 }
 
-/// Weighted mean of the SH coefficients, summed in `f64` in member order.
+/// Members whose SH coefficients are summed in `f32`, before the sums are added in `f64`.
+const SHORT: usize = 16;
+
+/// Weighted mean of the SH coefficients, summed in member order: within 1.2e-6 of the greatest
+/// coefficient of a member.
 fn average_sh(scene: &Scene, members: &[u32], weights: &[f64], out: &mut [[f32; 3]]) {
-    // 16 triples: SH degree 3.
-    let mut sums = [[0.0f64; 3]; 16];
-    let sums = &mut sums[..out.len()];
-    let mut total = 0.0;
-    for (&member, &weight) in members.iter().zip(weights) {
-        total += weight;
-        for (sum, coefficient) in sums.iter_mut().zip(scene.sh_of(member as usize)) {
-            for c in 0..3 {
-                sum[c] += weight * f64::from(coefficient[c]);
+    let share = 1.0 / weights.iter().sum::<f64>();
+    let short = |members: &[u32], weights: &[f64], out: &mut [[f32; 3]]| {
+        let out = out.as_flattened_mut();
+        out.fill(0.0);
+        for (&member, &weight) in members.iter().zip(weights) {
+            let weight = (weight * share) as f32;
+            for (sum, x) in out.iter_mut().zip(scene.sh_of(member as usize).as_flattened()) {
+                *sum += weight * x;
             }
         }
+    };
+    if members.len() <= SHORT {
+        short(members, weights, out);
+        return;
     }
-    for (out, sum) in out.iter_mut().zip(sums) {
-        *out = sum.map(|s| (s / total) as f32);
+    // 16 triples: SH degree 3.
+    let (mut sums, mut part) = ([0.0f64; 48], [[0.0f32; 3]; 16]);
+    for (members, weights) in members.chunks(SHORT).zip(weights.chunks(SHORT)) {
+        short(members, weights, &mut part[..out.len()]);
+        sums.iter_mut().zip(part.as_flattened()).for_each(|(sum, &x)| *sum += f64::from(x));
     }
+    out.as_flattened_mut().iter_mut().zip(sums).for_each(|(out, sum)| *out = sum as f32);
 }
 
 /// Keeps a computed logit inside the range of the members' logits, where every average of
