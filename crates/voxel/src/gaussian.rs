@@ -169,7 +169,10 @@ mod tests {
         for i in -70_000..=70_000 {
             let x = exp(f64::from(i) * 0.01 + f64::from(i % 97) * 1e-5);
             let (got, want) = (ln(x), libm::log(x));
-            assert!((got - want).abs() <= 2.3e-16 * want.abs(), "ln({x:e}) = {got:e}, not {want:e}");
+            assert!(
+                (got - want).abs() <= 2.3e-16 * want.abs(),
+                "ln({x:e}) = {got:e}, not {want:e}"
+            );
         }
         // Near 1, and at the ends.
         for i in -1000..=1000 {

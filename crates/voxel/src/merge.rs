@@ -201,18 +201,28 @@ impl Batch<'_> {
             let sh = &mut self.sh[i * sh_len..(i + 1) * sh_len];
             average_sh(scene, &members[range.clone()], &weights[range], sh);
         }
-        start = 0;
-        for &i in &*shared {
-            let range = start..start + members_of(i).len();
-            start = range.end;
-            let shape = match rule {
-                Merge::Paper => paper::shape(scene, &members[range]),
-                Merge::Moments => moments::shape(&looks[range.clone()], &weights[range]),
-            };
+        let mut put = |i: usize, shape: Shape| {
             self.rotations[i] = shape.rotation;
             self.log_scales[i] = shape.log_scale;
             self.opacity_logits[i] = shape.opacity_logit;
+        };
+        start = 0;
+        // Some leaves at a time, because of the latencies of roots and quotients.
+        let mut shapes = moments::Shapes::default();
+        let mut finished = shared.iter();
+        for &i in &*shared {
+            let range = start..start + members_of(i).len();
+            start = range.end;
+            match rule {
+                Merge::Paper => put(i, paper::shape(scene, &members[range])),
+                Merge::Moments => {
+                    if shapes.push(&looks[range.clone()], &weights[range]) {
+                        shapes.finish(&mut finished, &mut put);
+                    }
+                }
+            }
         }
+        shapes.finish(&mut finished, &mut put);
     }
 }
 

@@ -7,21 +7,20 @@ use crate::error::Result;
 use crate::gaussian::{area, congruence, opacity, rotation, scale};
 use crate::importance::Importance;
 
-/// Length of the feature vector of a Gaussian: its DC colour.
-pub(crate) const FEATURES: usize = 3;
-
 /// One Gaussian. A cache line: the members of a cell lie all over the scene, and each of the
-/// scene's arrays would be another miss.
+/// scene's arrays would be another miss. (Roots and colours are asked of one Gaussian in four
+/// only, but to fetch those from the scene takes longer than to compute all of them in its order.)
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
 pub(crate) struct Record {
-    /// Square root of the covariance, world units.
+    /// Square root of the covariance, world units, to some 1e-6 of the greatest scale.
     pub(crate) root: [f32; 6],
     pub(crate) mean: [f32; 3],
-    pub(crate) dc: [f32; FEATURES],
+    /// DC coefficients.
+    pub(crate) colour: [f32; 3],
     /// What a squared length of displacement or change of shape counts.
     pub(crate) geometry: f64,
-    /// What a squared difference of the features counts.
+    /// What a squared difference of colours counts.
     pub(crate) importance: f64,
 }
 
@@ -84,15 +83,15 @@ impl Block {
         for (s, &l) in s.as_flattened_mut().iter_mut().zip(log_scales) {
             *s = scale(l);
         }
+        let mut areas = [1.0f64; BLOCK];
+        areas[..n].iter_mut().zip(&s).for_each(|(a, s)| *a = area(*s));
         let mut weight = [0.0f64; BLOCK];
         match importance {
             Importance::OpacityArea => {
                 for (w, &logit) in weight.iter_mut().zip(&scene.opacity_logits[range.clone()]) {
                     *w = opacity(logit);
                 }
-                for (w, s) in weight.iter_mut().zip(&s) {
-                    *w *= area(*s);
-                }
+                weight[..n].iter_mut().zip(&areas).for_each(|(w, a)| *w *= a);
             }
             Importance::Given(given) => {
                 for (w, &g) in weight.iter_mut().zip(&given[range.clone()]) {
@@ -100,21 +99,19 @@ impl Block {
                 }
             }
         }
+        let mut geometry = areas;
+        power(&mut geometry, size_exponent);
+        geometry.iter_mut().zip(&weight).for_each(|(g, w)| *g *= w);
+        let roots = roots(&scene.rotations[range], &s);
         let mut out = Self { records: [Record::default(); BLOCK], sums: [0.0; 2] };
-        for (i, record) in out.records[..n].iter_mut().enumerate() {
-            let area = area(s[i]);
-            let geometry = weight[i] * power(area, size_exponent);
+        for i in 0..n {
             out.sums[0] += weight[i];
-            out.sums[1] += geometry * area;
-            *record = Record {
-                root: congruence(
-                    &rotation(scene.rotations[first + i]),
-                    s[i].map(|x| x.min(WIDEST)),
-                )
-                .map(|x| x as f32),
+            out.sums[1] += geometry[i] * areas[i];
+            out.records[i] = Record {
+                root: roots[i],
                 mean: scene.means[first + i],
-                dc: scene.sh[(first + i) * sh_len],
-                geometry,
+                colour: scene.sh[(first + i) * sh_len],
+                geometry: geometry[i],
                 importance: weight[i],
             };
         }
@@ -122,13 +119,50 @@ impl Block {
     }
 }
 
-/// `area^-p`, without the detour through logarithms for the common exponents.
-fn power(area: f64, p: f64) -> f64 {
+/// `R diag(s) R^T` of up to [`BLOCK`] rotations and scales, in `f32` and for four at a time in
+/// vector instructions: what differs between the members of a leaf is far above its rounding.
+fn roots(rotations: &[[f32; 4]], scales: &[[f64; 3]; BLOCK]) -> [[f32; 6]; BLOCK] {
+    let mut q = [[0.0f32; BLOCK]; 4];
+    let mut s = [[0.0f32; BLOCK]; 3];
+    for (i, rotation) in rotations.iter().enumerate() {
+        (0..4).for_each(|k| q[k][i] = rotation[k]);
+        (0..3).for_each(|k| s[k][i] = scales[i][k].min(WIDEST) as f32);
+    }
+    let mut roots = [[0.0f32; BLOCK]; 6];
+    for i in 0..BLOCK {
+        let [w, x, y, z] = [q[0][i], q[1][i], q[2][i], q[3][i]];
+        let two = 2.0 / (w * w + x * x + y * y + z * z);
+        let r = [
+            [1.0 - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
+            [two * (x * y + w * z), 1.0 - two * (x * x + z * z), two * (y * z - w * x)],
+            [two * (x * z - w * y), two * (y * z + w * x), 1.0 - two * (x * x + y * y)],
+        ];
+        for (e, (a, b)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate()
+        {
+            roots[e][i] = r[a][0] * s[0][i] * r[b][0]
+                + r[a][1] * s[1][i] * r[b][1]
+                + r[a][2] * s[2][i] * r[b][2];
+        }
+    }
+    let mut out: [[f32; 6]; BLOCK] = std::array::from_fn(|i| roots.map(|root| root[i]));
+    // Quaternions whose norm is no f32, and the zero one.
+    for ((out, q), s) in out.iter_mut().zip(rotations).zip(scales) {
+        let norm: f32 = q.iter().map(|x| x * x).sum();
+        if !(1e-20..1e20).contains(&norm) {
+            *out = congruence(&rotation(*q), s.map(|x| x.min(WIDEST))).map(|x| x as f32);
+        }
+    }
+    out
+}
+
+/// Raises areas to the power of `-p`, without the detour through logarithms for the common
+/// exponents.
+fn power(areas: &mut [f64], p: f64) {
     match p {
-        0.0 => 1.0,
-        1.0 => area.recip(),
-        0.75 => (area * area.sqrt()).sqrt().recip(),
-        1.5 => (area * area.sqrt()).recip(),
-        _ => libm::pow(area, -p),
+        0.0 => areas.fill(1.0),
+        1.0 => areas.iter_mut().for_each(|a| *a = a.recip()),
+        0.75 => areas.iter_mut().for_each(|a| *a = (*a * a.sqrt()).sqrt().recip()),
+        1.5 => areas.iter_mut().for_each(|a| *a = (*a * a.sqrt()).recip()),
+        _ => areas.iter_mut().for_each(|a| *a = libm::pow(*a, -p)),
     }
 }
