@@ -37,6 +37,8 @@ pub(crate) struct Outcome {
     /// Per attribute: the worst error over its bound.
     pub(crate) worst: Vec<(String, f64)>,
     pub(crate) seconds: f64,
+    /// Of all threads.
+    pub(crate) cpu_seconds: f64,
     pub(crate) peak_mb: f64,
 }
 

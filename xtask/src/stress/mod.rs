@@ -64,8 +64,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     let started = Instant::now();
     let mut table = String::from(
-        "| input | mode | outcome | worst error / bound | Gaussians out | bytes | s | peak MB |\n\
-         |---|---|---|---|---:|---:|---:|---:|\n",
+        "| input | mode | outcome | worst error / bound | Gaussians out | bytes | s | CPU s | peak MB |\n\
+         |---|---|---|---|---:|---:|---:|---:|---:|\n",
     );
     let (mut accepted, mut refused, mut failures) = (0, 0, Vec::new());
     for input in &inputs {
@@ -83,7 +83,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
                 }
                 Err(e) => {
                     let e = format!("{e:#}").replace(['\n', '|'], " ");
-                    let _ = writeln!(table, "| {} | {mode} | FAILED: {e} | | | | | |", input.name);
+                    let _ = writeln!(
+                        table,
+                        "| {} | {mode} | FAILED: {e} | - | - | - | - | - | - |",
+                        input.name
+                    );
                     failures.push(format!("{}, {mode}: {e}", input.name));
                 }
             }
@@ -148,20 +152,22 @@ fn row(input: &Input, mode: &str, o: &Outcome) -> String {
     };
     let number = |n: usize| if o.refused.is_some() { "-".into() } else { n.to_string() };
     format!(
-        "| {} | {mode} | {outcome} | {worst} | {} | {} | {:.2} | {:.0} |\n",
+        "| {} | {mode} | {outcome} | {worst} | {} | {} | {:.2} | {:.2} | {:.0} |\n",
         input.name,
         number(o.gaussians),
         number(o.bytes),
         o.seconds,
+        o.cpu_seconds,
         o.peak_mb
     )
 }
 
 fn child(input: &Input, mode: &str, args: &Args) -> Result<()> {
     let scene = input.scene(size_of(input, args));
-    let start = Instant::now();
+    let (start, cpu) = (Instant::now(), crate::usage::cpu_seconds());
     let mut outcome = chain::run(&scene, mode)?;
     outcome.seconds = start.elapsed().as_secs_f64();
+    outcome.cpu_seconds = crate::usage::cpu_seconds() - cpu;
     outcome.peak_mb = crate::peak::own_mb();
     println!("{}", serde_json::to_string(&outcome)?);
     Ok(())
