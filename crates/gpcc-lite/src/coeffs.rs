@@ -8,7 +8,7 @@
 mod models;
 
 use crate::bytes::{Reader, put_varint};
-use crate::context::{Magnitudes, Packed, chunk_size};
+use crate::context::{CHUNK, Magnitudes, Packed, Row, chunk_sizes};
 use crate::error::{Error, Result};
 use crate::raht::Plan;
 use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
@@ -27,8 +27,11 @@ pub enum Mode {
     RlgrMalvar,
 }
 
-const RAW: u8 = 0;
-const RANGE: u8 = 1;
+/// Levels of the channels of a chunk; those that are not there are 0.
+pub(crate) type Levels = [i32; CHUNK];
+
+pub(crate) const RAW: u8 = 0;
+pub(crate) const RANGE: u8 = 1;
 const RLGR_RFX: u8 = 2;
 const RLGR_MALVAR: u8 = 3;
 
@@ -49,7 +52,12 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
         Mode::Range => {
             out.push(RANGE);
             let mut coder = RangeEncoder::new();
-            code_channels(plan, &mut Given(channels), &mut coder);
+            let get = |k: usize, levels: &mut [Levels]| {
+                for ((chunk, i), channel) in places(channels.len()).zip(channels) {
+                    levels[chunk][i] = channel[k];
+                }
+            };
+            code_channels(plan, channels.len(), &mut coder, get, |_, _| {});
             out.extend(coder.finish());
         }
         Mode::Rlgr | Mode::RlgrMalvar => {
@@ -83,7 +91,8 @@ fn rlgr_params(mode: Mode) -> (u8, rlgr::Params) {
 
 /// Decodes a group of `channels` channels.
 ///
-/// Memory is that of the result plus 8 bytes per coefficient, whatever the stream says.
+/// Memory is that of the result, as much again for contexts and 12 bytes per coefficient, whatever
+/// the stream says.
 ///
 /// # Errors
 /// If the stream is truncated or holds what no encoder writes.
@@ -106,7 +115,12 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
         RANGE => {
             let mut coder = RangeDecoder::new(&bytes[1..]);
             let mut out = vec![vec![0; n]; channels];
-            code_channels(plan, &mut Wanted(&mut out), &mut coder);
+            let put = |k: usize, levels: &[Levels]| {
+                for ((chunk, i), channel) in places(channels).zip(&mut out) {
+                    channel[k] = levels[chunk][i];
+                }
+            };
+            code_channels(plan, channels, &mut coder, |_, _| {}, put);
             if coder.exhausted() {
                 return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
             }
@@ -126,113 +140,186 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
     }
 }
 
-/// Where levels come from, or go.
-trait Levels {
-    fn width(&self) -> usize;
-    fn get(&self, channel: usize, k: usize) -> i32;
-    fn set(&mut self, channel: usize, k: usize, level: i32);
+/// Codes or decodes the coefficients of a group one after another.
+pub(crate) struct RowCoder {
+    sizes: Vec<usize>,
+    models: Models,
+    context: Magnitudes,
+    magnitudes: Vec<Packed>,
+    depth: usize,
 }
 
-/// The encoder's channels.
-struct Given<'a>(&'a [&'a [i32]]);
-
-impl Levels for Given<'_> {
-    fn width(&self) -> usize {
-        self.0.len()
+impl RowCoder {
+    pub(crate) fn new(coefficients: usize, channels: usize) -> Self {
+        let sizes = chunk_sizes(channels);
+        Self {
+            models: Models::new(channels, sizes.len()),
+            context: Magnitudes::new(coefficients, sizes.len()),
+            magnitudes: vec![Packed::default(); sizes.len()],
+            sizes,
+            depth: 0,
+        }
     }
 
-    #[inline]
-    fn get(&self, channel: usize, k: usize) -> i32 {
-        self.0[channel][k]
+    /// A new octree level begins.
+    pub(crate) fn start_level(&mut self, depth: usize) {
+        self.context.start_level();
+        self.depth = depth;
     }
 
+    /// What magnitudes are expected, until the next call of [`RowCoder::code`] or
+    /// [`RowCoder::learn`].
+    pub(crate) fn context(&self) -> &Magnitudes {
+        &self.context
+    }
+
+    /// Learns the levels of coefficient `k` without coding them.
+    pub(crate) fn learn(&mut self, k: usize, row: &Row, levels: &[Levels]) {
+        let mut any = false;
+        for (magnitude, levels) in self.magnitudes.iter_mut().zip(levels) {
+            *magnitude = Packed::default();
+            for (i, level) in levels.iter().enumerate() {
+                magnitude.set(i, level.unsigned_abs());
+            }
+            any |= !magnitude.is_zero();
+        }
+        if any {
+            self.context.learn(k, row, &self.magnitudes);
+        } else {
+            self.context.learn_zeros(k, row);
+        }
+    }
+
+    /// Codes the levels of coefficient `k >= 1`, one entry per chunk; false if all are zero, and
+    /// then a decoder does not touch them.
     #[inline]
-    fn set(&mut self, _: usize, _: usize, _: i32) {}
+    pub(crate) fn code<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        k: usize,
+        (parent, axis): (u32, u8),
+        levels: &mut [Levels],
+    ) -> bool {
+        let row = self.context.at(parent, axis);
+        let mut place = Place { level: self.depth * 3 + usize::from(axis), coded: 0 };
+        let mut pending = false;
+        if self.sizes.len() > 1 {
+            let some = C::ENCODING && levels.iter().any(|l| *l != [0; CHUNK]);
+            match self.models.row(coder, &row, place.level, some) {
+                Some(false) => {
+                    self.context.learn_zeros(k, &row);
+                    return false;
+                }
+                Some(true) => pending = true,
+                None => {}
+            }
+        }
+        let (mut first, mut signs) = (0, 0);
+        let mut any = false;
+        for (chunk, &size) in self.sizes.iter().enumerate() {
+            let here = self.context.chunk(&row, chunk, first);
+            let levels = &mut levels[chunk];
+            let mut magnitude = Packed::default();
+            let some = C::ENCODING && *levels != [0; CHUNK];
+            let flag = if pending && chunk + 1 == self.sizes.len() {
+                Some(true)
+            } else {
+                self.models.any(coder, &here, place, (chunk, size), pending, some)
+            };
+            let truth = *levels;
+            *levels = [0; CHUNK];
+            if flag == Some(false) {
+                // As many zeros shift all signs out.
+                signs = 0;
+            } else {
+                for i in 0..size {
+                    let ch = first + i;
+                    let known = match flag {
+                        Some(true) if !magnitude.is_zero() => Known::Nothing,
+                        Some(true) if i + 1 == size => Known::NotZero,
+                        Some(true) => Known::SomeNotZero,
+                        _ => Known::Nothing,
+                    };
+                    let v = truth[i];
+                    let m = self.models.magnitude(
+                        coder,
+                        &here,
+                        place,
+                        (i, ch),
+                        known,
+                        v.unsigned_abs(),
+                    );
+                    let mut t = 0;
+                    if m != 0 {
+                        let negative = self.models.sign(coder, ch, signs, v < 0);
+                        let level = m as i32;
+                        levels[i] = if negative { level.wrapping_neg() } else { level };
+                        t = 1 + usize::from(negative);
+                    }
+                    signs = (signs * 3 + t) % 9;
+                    magnitude.set(i, m);
+                    place.coded = place.coded.saturating_add(m);
+                }
+                if !magnitude.is_zero() {
+                    any = true;
+                    pending = false;
+                }
+            }
+            self.magnitudes[chunk] = magnitude;
+            first += size;
+        }
+        if any {
+            self.context.learn(k, &row, &self.magnitudes);
+        } else {
+            self.context.learn_zeros(k, &row);
+        }
+        any
+    }
 }
 
-/// The decoder's channels, zeros at first.
-struct Wanted<'a>(&'a mut [Vec<i32>]);
-
-impl Levels for Wanted<'_> {
-    fn width(&self) -> usize {
-        self.0.len()
-    }
-
-    #[inline]
-    fn get(&self, _: usize, _: usize) -> i32 {
-        0
-    }
-
-    #[inline]
-    fn set(&mut self, channel: usize, k: usize, level: i32) {
-        self.0[channel][k] = level;
-    }
+/// Where each channel is: its chunk and its place there.
+pub(crate) fn places(channels: usize) -> impl Iterator<Item = (usize, usize)> {
+    let sizes = chunk_sizes(channels);
+    sizes.into_iter().enumerate().flat_map(|(chunk, size)| (0..size).map(move |i| (chunk, i)))
 }
 
-/// Codes or decodes all channels.
-fn code_channels<C: BinaryCoder, L: Levels>(plan: &Plan, levels: &mut L, coder: &mut C) {
+/// Codes or decodes whole channels: `channels(k, levels, out)` gives the levels of coefficient `k`
+/// or takes them.
+fn code_channels<C: BinaryCoder>(
+    plan: &Plan,
+    channels: usize,
+    coder: &mut C,
+    mut get: impl FnMut(usize, &mut [Levels]),
+    mut put: impl FnMut(usize, &[Levels]),
+) {
     let n = plan.len();
-    let width = levels.width();
-    if n == 0 || width == 0 {
+    if n == 0 || channels == 0 {
         return;
     }
-    for ch in 0..width {
-        let dc = coder.code_raw_wide(levels.get(ch, 0) as u32, 32) as i32;
-        levels.set(ch, 0, dc);
-    }
-    let mut sizes = Vec::new();
-    let mut left = width;
-    while left > 0 {
-        sizes.push(chunk_size(left));
-        left -= chunk_size(left);
-    }
-    let mut models = Models::new(width, sizes.len());
-    let mut context = Magnitudes::new(n, sizes.len());
+    let mut rows = RowCoder::new(n, channels);
+    let mut levels = vec![[0; CHUNK]; rows.sizes.len()];
+    get(0, &mut levels);
+    code_dc(coder, channels, &mut levels);
+    put(0, &levels);
     for (depth, level) in plan.levels().windows(2).enumerate() {
-        context.start_level();
+        rows.start_level(depth);
         let range = level[0] as usize - 1..level[1] as usize - 1;
         let places = plan.parents()[range.clone()].iter().zip(&plan.axes()[range.clone()]);
         for (k, (&parent, &axis)) in (range.start + 1..).zip(places) {
             if !C::ENCODING && coder.exhausted() {
                 return;
             }
-            let mut place = Place { level: depth * 3 + usize::from(axis), coded: 0 };
-            let (mut first, mut signs) = (0, 0);
-            for (chunk, &size) in sizes.iter().enumerate() {
-                let here = context.at(k, parent, axis, chunk, first);
-                let mut magnitude = Packed::default();
-                let some = C::ENCODING && (first..first + size).any(|ch| levels.get(ch, k) != 0);
-                let flag = models.any(coder, &here, place, (chunk, size), some);
-                if flag == Some(false) {
-                    // As many zeros shift all signs out.
-                    signs = 0;
-                } else {
-                    for i in 0..size {
-                        let ch = first + i;
-                        let known = match flag {
-                            Some(true) if !magnitude.is_zero() => Known::Nothing,
-                            Some(true) if i + 1 == size => Known::NotZero,
-                            Some(true) => Known::SomeNotZero,
-                            _ => Known::Nothing,
-                        };
-                        let v = levels.get(ch, k);
-                        let who = (i, ch);
-                        let m = models.magnitude(coder, &here, place, who, known, v.unsigned_abs());
-                        let mut t = 0;
-                        if m != 0 {
-                            let negative = models.sign(coder, ch, signs, v < 0);
-                            let level = m as i32;
-                            levels.set(ch, k, if negative { level.wrapping_neg() } else { level });
-                            t = 1 + usize::from(negative);
-                        }
-                        signs = (signs * 3 + t) % 9;
-                        magnitude.set(i, m);
-                        place.coded = place.coded.saturating_add(m);
-                    }
-                }
-                context.update(&here, magnitude);
-                first += size;
+            get(k, &mut levels);
+            if rows.code(coder, k, (parent, axis), &mut levels) {
+                put(k, &levels);
             }
         }
+    }
+}
+
+/// Codes or decodes the levels of coefficient 0.
+pub(crate) fn code_dc<C: BinaryCoder>(coder: &mut C, channels: usize, levels: &mut [Levels]) {
+    for (chunk, i) in places(channels) {
+        levels[chunk][i] = coder.code_raw_wide(levels[chunk][i] as u32, 32) as i32;
     }
 }

@@ -40,16 +40,56 @@ pub(crate) fn chunk_size(left: usize) -> usize {
     left.div_ceil(left.div_ceil(CHUNK).max(1))
 }
 
-/// Running state of the chunks of a group.
+/// Sizes of the chunks of so many channels.
+pub(crate) fn chunk_sizes(channels: usize) -> Vec<usize> {
+    let mut sizes = Vec::new();
+    let mut left = channels;
+    while left > 0 {
+        sizes.push(chunk_size(left));
+        left -= chunk_size(left);
+    }
+    sizes
+}
+
+/// Running state of the chunks of a group. What a coefficient with zeros only hands down is the
+/// activity of the last ancestor with more, faded: no channel is touched.
 #[derive(Clone, Debug)]
 pub(crate) struct Magnitudes {
     chunks: usize,
-    /// Magnitudes inherited from the ancestors, 8 fraction bits: coefficient by coefficient, each
-    /// with all chunks.
+    nodes: Vec<Node>,
+    /// Magnitudes inherited from the ancestors, 8 fraction bits: of each coefficient that is not
+    /// all zero, all chunks. The first row is zeros.
     activity: Vec<Lanes>,
-    /// The previous magnitudes and those before them, by axis and chunk.
-    last: Vec<Packed>,
-    before_last: Vec<Packed>,
+    /// Per axis two rows of previous magnitudes, and at the end one of zeros.
+    previous: Vec<Packed>,
+    /// Per axis: where the previous magnitudes and those before are.
+    recent: [[Recent; 2]; 3],
+}
+
+/// Activity that a coefficient hands down.
+#[derive(Clone, Copy, Debug, Default)]
+struct Node {
+    /// Sum over all channels.
+    sum: u32,
+    /// Row of the activities.
+    row: u32,
+    /// How often they have faded.
+    age: u8,
+}
+
+/// A row of previous magnitudes and its sum.
+#[derive(Clone, Copy, Debug, Default)]
+struct Recent {
+    row: u8,
+    sum: u32,
+}
+
+/// What is known of the channels at one coefficient.
+#[derive(Clone, Copy)]
+pub(crate) struct Row {
+    above: Node,
+    axis: u8,
+    recent: [Recent; 2],
 }
 
 /// What is known of a chunk at one coefficient.
@@ -61,51 +101,108 @@ pub(crate) struct Here {
     pub(crate) previous: [Packed; 2],
     /// Number of channels before those of the chunk.
     first: usize,
-    at: usize,
-    axis: usize,
 }
+
+/// Share of an activity that is handed down again, 16 bits, by how often it was.
+const FADE: [u32; 32] = {
+    let mut t = [1 << 16; 32];
+    let mut i = 1;
+    while i < 32 {
+        t[i] = (t[i - 1] * 141) >> 8;
+        i += 1;
+    }
+    t
+};
 
 /// Magnitudes above this count as this in a context: the sums below then fit 32 bits.
 const CAP: u32 = (1 << 16) - 1;
 
+/// Number of the row of zeros in `previous`.
+const ZEROS: u8 = 6;
+
 impl Magnitudes {
     pub(crate) fn new(coefficients: usize, chunks: usize) -> Self {
-        Self {
+        let mut this = Self {
             chunks,
-            activity: vec![[0; CHUNK]; coefficients * chunks],
-            last: vec![Packed(0); 3 * chunks],
-            before_last: vec![Packed(0); 3 * chunks],
-        }
+            nodes: vec![Node::default(); coefficients],
+            activity: vec![[0; CHUNK]; chunks],
+            previous: vec![Packed(0); (usize::from(ZEROS) + 1) * chunks],
+            recent: Default::default(),
+        };
+        this.start_level();
+        this
     }
 
     /// Forgets the previous magnitudes: a new octree level begins.
     pub(crate) fn start_level(&mut self) {
-        self.last.fill(Packed(0));
-        self.before_last.fill(Packed(0));
+        self.recent = [[Recent { row: ZEROS, sum: 0 }; 2]; 3];
     }
 
-    /// Goes to a chunk of coefficient `k`, which splits `axis`; `first` channels precede it.
+    /// Goes to a coefficient that splits `axis`.
     #[inline]
-    pub(crate) fn at(&self, k: usize, parent: u32, axis: u8, chunk: usize, first: usize) -> Here {
-        let axis = usize::from(axis) * self.chunks + chunk;
+    pub(crate) fn at(&self, parent: u32, axis: u8) -> Row {
+        Row { above: self.nodes[parent as usize], axis, recent: self.recent[usize::from(axis)] }
+    }
+
+    /// Goes to a chunk there; `first` channels precede it.
+    #[inline]
+    pub(crate) fn chunk(&self, row: &Row, chunk: usize, first: usize) -> Here {
+        let above = &self.activity[row.above.row as usize * self.chunks + chunk];
+        let fade = u64::from(FADE[usize::from(row.above.age) & 31]);
         Here {
-            above: self.activity[parent as usize * self.chunks + chunk],
-            previous: [self.last[axis], self.before_last[axis]],
+            above: above.map(|a| ((u64::from(a) * fade) >> 16) as u32),
+            previous: row.recent.map(|r| self.previous[usize::from(r.row) * self.chunks + chunk]),
             first,
-            at: k * self.chunks + chunk,
-            axis,
         }
     }
 
-    /// Learns the magnitudes of a chunk.
+    /// Learns that all of coefficient `k` is zero.
     #[inline]
-    pub(crate) fn update(&mut self, here: &Here, magnitude: Packed) {
-        let activity = &mut self.activity[here.at];
-        for i in 0..CHUNK {
-            activity[i] = (141 * here.above[i] + 115 * 256 * magnitude.get(i)) >> 8;
+    pub(crate) fn learn_zeros(&mut self, k: usize, row: &Row) {
+        let Node { sum, row: at, age } = row.above;
+        let sum = ((u64::from(sum) * 141) >> 8) as u32;
+        self.nodes[k] = Node { sum, row: at, age: (age + 1).min(31) };
+        self.recent[usize::from(row.axis)] = [Recent { row: ZEROS, sum: 0 }, row.recent[0]];
+    }
+
+    /// Learns the magnitudes of coefficient `k`, one entry per chunk.
+    #[inline]
+    pub(crate) fn learn(&mut self, k: usize, row: &Row, magnitudes: &[Packed]) {
+        let start = self.activity.len();
+        // The row of the two that does not hold the previous magnitudes.
+        let free = 2 * row.axis + u8::from(row.recent[0].row == 2 * row.axis);
+        let mut activity = 0u32;
+        let mut sum = 0;
+        for (chunk, &magnitude) in magnitudes.iter().enumerate() {
+            let above = self.chunk(row, chunk, 0).above;
+            let mut lanes = [0; CHUNK];
+            for i in 0..CHUNK {
+                lanes[i] = ((141 * u64::from(above[i]) + 115 * 256 * u64::from(magnitude.get(i)))
+                    >> 8) as u32;
+                activity = activity.saturating_add(lanes[i]);
+            }
+            self.activity.push(lanes);
+            self.previous[usize::from(free) * self.chunks + chunk] = magnitude;
+            sum += magnitude.sum();
         }
-        self.before_last[here.axis] = here.previous[0];
-        self.last[here.axis] = magnitude;
+        self.nodes[k] = Node { sum: activity, row: (start / self.chunks.max(1)) as u32, age: 0 };
+        self.recent[usize::from(row.axis)] = [Recent { row: free, sum }, row.recent[0]];
+    }
+}
+
+impl Row {
+    /// How many coefficients above were all zero, in a row.
+    #[inline]
+    pub(crate) fn age(&self) -> usize {
+        usize::from(self.above.age)
+    }
+
+    /// Sums over all channels: expected magnitude, activity above, previous magnitudes.
+    #[inline]
+    pub(crate) fn sums(&self) -> (u32, u32, [u32; 2]) {
+        let above = self.above.sum;
+        let [p1, p2] = self.recent.map(|r| r.sum.min(CAP));
+        (expected(above, 54 * p1 + 36 * p2, 0, 0), above, [p1, p2])
     }
 }
 
@@ -127,7 +224,7 @@ fn others(coded: u32, before: usize) -> u32 {
 #[inline]
 fn expected(above: u32, near: u32, coded: u32, before: usize) -> u32 {
     if before == 0 {
-        ((150 * u64::from(above)) >> 8) as u32 + near + (near >> 3)
+        (((150 * u64::from(above)) >> 8) as u32).saturating_add(near + (near >> 3))
     } else {
         (above >> 1) + near + others(coded, before)
     }
@@ -149,7 +246,7 @@ impl Here {
     /// Sums over the chunk: expected magnitude, activity above, previous magnitudes.
     #[inline]
     pub(crate) fn sums(&self, size: usize, coded: u32) -> [u32; 3] {
-        let above: u32 = self.above.iter().sum();
+        let above = self.above.iter().fold(0u32, |sum, &a| sum.saturating_add(a));
         let [p1, p2] = self.previous.map(Packed::sum);
         let near = 54 * p1 + 36 * p2;
         let mut m = expected(above, near, coded, self.first);

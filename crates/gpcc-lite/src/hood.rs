@@ -128,7 +128,7 @@ pub(crate) fn count(window: u64) -> (u8, u8) {
 }
 
 /// Neighbourhoods of the nodes of a level that have children, in order.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Hoods {
     /// Window of each: which cells around it are nodes of the list.
     pub(crate) present: Vec<u64>,

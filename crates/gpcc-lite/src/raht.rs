@@ -17,15 +17,14 @@
 //! more, hence 1 to 7 merges), within a block x, then y, then z.
 
 mod blocks;
-mod closed_loop;
+mod fixed;
 mod float;
-mod forward;
 mod pyramid;
+mod rows;
 
-pub(crate) use closed_loop::{Residual, reconstruct};
-pub(crate) use forward::Forward;
 use pyramid::Pyramid;
-use std::sync::OnceLock;
+pub(crate) use rows::{Gains, Lanes, Residual, forward, reconstruct};
+use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::leaf::{Leaf, check_leaves};
@@ -36,6 +35,10 @@ pub const FACTOR_BITS: u32 = 30;
 /// Greatest sum of leaf weights (exclusive): keeps `|value| 2^12 sqrt(sum)` below 2^62 for
 /// every `i32` value.
 pub const MAX_WEIGHT_SUM: u64 = 1 << 36;
+
+/// Levels that end within so many coefficients of a thousand, or within so many, are not fine.
+const PREDICTED_PER_MILLE: usize = 650;
+const PREDICTED_AT_LEAST: usize = 20_000;
 
 /// The merges of a set of leaves, shared by all channels.
 #[derive(Clone, Debug)]
@@ -49,11 +52,11 @@ pub struct Plan {
     parent: Vec<u32>,
     /// Per merge: the leaf after its last.
     end: Vec<u32>,
-    /// Per merge: `[sqrt(w1 / w), sqrt(w2 / w)]` with [`FACTOR_BITS`] fraction bits.
-    factor: Vec<[i32; 2]>,
-    /// Per merge: `sqrt(w1 w2 / w)`, which takes a difference of the children's means to the
-    /// high-pass value.
-    gain: Vec<f32>,
+    /// Per merge: `w2 / w`, the share of the right child in the mean.
+    share: Vec<f32>,
+    /// Per merge: `sqrt(w / (w1 w2))`, which takes a high-pass value to the difference of the
+    /// children's means.
+    scale: Vec<f32>,
     /// Per merge: axis it splits, 0 = x, 1 = y, 2 = z.
     axis: Vec<u8>,
     /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `N`.
@@ -62,8 +65,8 @@ pub struct Plan {
     root_weight: Vec<f64>,
     leaves: Vec<Leaf>,
     j_high: u8,
-    /// Neighbour relations, built on first use.
-    pyramid: OnceLock<Pyramid>,
+    /// Neighbour relations, built level by level on first use.
+    pyramid: Arc<Pyramid>,
     /// Sums of the weights of the leaves before each; empty if all weights are 1.
     prefix: Vec<u64>,
 }
@@ -174,8 +177,8 @@ impl Plan {
             right: vec![0; merges],
             parent: vec![0; merges],
             end: vec![0; merges],
-            factor: vec![[0; 2]; merges],
-            gain: vec![0.0; merges],
+            share: vec![0.0; merges],
+            scale: vec![0.0; merges],
             axis: vec![0; merges],
             levels,
             root_weight: weights
@@ -183,13 +186,9 @@ impl Plan {
                 .unwrap_or_default(),
             leaves: leaves.to_vec(),
             j_high,
-            pyramid: OnceLock::new(),
+            pyramid: Arc::default(),
             prefix,
         };
-        // Most merges are of few leaves: square roots and divisions would be half of the time.
-        const FEW: u64 = 16;
-        let known: Vec<([i32; 2], f32)> =
-            (0..FEW * FEW).map(|i| (factors(i / FEW, i % FEW), gain(i / FEW, i % FEW))).collect();
         let mut index = vec![0u32; n.max(1)];
         for (m, &j) in sorted.iter().enumerate() {
             index[j as usize] = m as u32 + 1;
@@ -203,11 +202,9 @@ impl Plan {
             let w1 = plan.weight_of(first[j], at);
             let w2 = plan.weight_of(at, last[j]);
             plan.end[m] = last[j];
-            (plan.factor[m], plan.gain[m]) = if w1 < FEW && w2 < FEW {
-                known[(w1 * FEW + w2) as usize]
-            } else {
-                (factors(w1, w2), gain(w1, w2))
-            };
+            let (w1, w2) = (w1 as f64, w2 as f64);
+            plan.share[m] = (w2 / (w1 + w2)) as f32;
+            plan.scale[m] = ((w1 + w2) / (w1 * w2)).sqrt() as f32;
         }
         plan
     }
@@ -261,11 +258,33 @@ impl Plan {
     /// Builds the neighbour relations that prediction needs, which otherwise happens at its first
     /// use. They are kept, and shared by all channels and threads.
     pub fn prepare_prediction(&self) {
-        let _ = self.pyramid();
+        if let Some(last) = self.predicted_levels(true).checked_sub(1) {
+            let _ = self.pyramid.level(self, last);
+        }
     }
 
-    fn pyramid(&self) -> &Pyramid {
-        self.pyramid.get_or_init(|| Pyramid::new(self))
+    /// Of coefficient `k >= 1`: what takes a high-pass value to a difference of means.
+    #[inline]
+    pub(crate) fn scale_of(&self, k: usize) -> f32 {
+        self.scale[k - 1]
+    }
+
+    /// The root of the sum of all weights: what takes the mean of all leaves to coefficient 0.
+    pub(crate) fn root_of_weight(&self) -> f64 {
+        (self.weight_of(0, self.points as u32).max(1) as f64).sqrt()
+    }
+
+    /// Number of octree levels, from the top, that may be predicted from the one above: all if
+    /// `fine`, else as long as they have few of the coefficients.
+    pub(crate) fn predicted_levels(&self, fine: bool) -> usize {
+        if self.points >= 1 << pyramid::LEAF_BITS {
+            return 0;
+        }
+        if fine {
+            return self.levels.len() - 1;
+        }
+        let most = PREDICTED_AT_LEAST.max(self.points / 1000 * PREDICTED_PER_MILLE);
+        self.levels[1..].iter().take_while(|&&k| k as usize <= most).count()
     }
 
     /// The first leaf on the far side of the split of coefficient `k >= 1`: one coefficient per
@@ -290,65 +309,6 @@ impl Plan {
         }
     }
 
-    /// Forward transform in fixed point, from leaf order to coefficient order, in place.
-    ///
-    /// The scale of `values` is the caller's; rounding errors are a few units of its last place,
-    /// so give it fraction bits (this crate's attribute coder uses 12).
-    ///
-    /// # Errors
-    /// If `values` is not one per point.
-    pub fn forward_fixed(&self, values: &mut Vec<i64>) -> Result<()> {
-        self.check(values.len())?;
-        for (v, &r) in values.iter_mut().zip(&self.root_weight) {
-            *v = scale_up(*v, r);
-        }
-        for m in (0..self.left.len()).rev() {
-            let [c, s] = self.factor[m].map(i128::from);
-            let (i, j) = (self.left[m] as usize, self.right[m] as usize);
-            let (a, b) = (i128::from(values[i]), i128::from(values[j]));
-            values[i] = round_shift(c * a + s * b);
-            values[j] = round_shift(c * b - s * a);
-        }
-        *values = self.to_coefficient_order(values);
-        Ok(())
-    }
-
-    /// Inverse of [`Plan::forward_fixed`]: integers only (and correctly rounded IEEE square
-    /// roots for the factors), hence the same bits on every machine.
-    ///
-    /// # Errors
-    /// If `coefficients` is not one per point.
-    pub fn inverse_fixed(&self, coefficients: &mut Vec<i64>) -> Result<()> {
-        self.check(coefficients.len())?;
-        let mut values = self.to_leaf_order(coefficients);
-        for m in 0..self.left.len() {
-            let [c, s] = self.factor[m].map(i128::from);
-            let (i, j) = (self.left[m] as usize, self.right[m] as usize);
-            let (low, high) = (i128::from(values[i]), i128::from(values[j]));
-            values[i] = round_shift(c * low - s * high);
-            values[j] = round_shift(s * low + c * high);
-        }
-        self.unweight(&mut values);
-        *coefficients = values;
-        Ok(())
-    }
-
-    /// Divides values in leaf order by the roots of the leaf weights.
-    pub(crate) fn unweight(&self, values: &mut [i64]) {
-        for (v, &r) in values.iter_mut().zip(&self.root_weight) {
-            *v = scale_down(*v, r);
-        }
-    }
-
-    /// One such value.
-    #[inline]
-    pub(crate) fn unweight_one(&self, leaf: usize, value: i64) -> i64 {
-        match self.root_weight.get(leaf) {
-            Some(&r) => scale_down(value, r),
-            None => value,
-        }
-    }
-
     fn to_coefficient_order<T: Copy>(&self, values: &[T]) -> Vec<T> {
         let dc = values.first().copied();
         dc.into_iter().chain(self.right.iter().map(|&j| values[j as usize])).collect()
@@ -364,36 +324,4 @@ impl Plan {
         }
         values
     }
-}
-
-/// `[sqrt(w1 / (w1 + w2)), sqrt(w2 / (w1 + w2))]`: IEEE division and square root, then exact
-/// scaling by a power of two, so the integers agree everywhere.
-fn factors(w1: u64, w2: u64) -> [i32; 2] {
-    let one = f64::from(1u32 << FACTOR_BITS);
-    let w = (w1 + w2) as f64;
-    let f = |x: u64| ((x as f64 / w).sqrt() * one + 0.5) as i32;
-    [f(w1), f(w2)]
-}
-
-fn gain(w1: u64, w2: u64) -> f32 {
-    (w1 as f64 * (w2 as f64 / (w1 + w2) as f64)).sqrt() as f32
-}
-
-/// `1 / sqrt(w)`.
-fn inverse_root(w: u64) -> f32 {
-    (1.0 / (w as f64).sqrt()) as f32
-}
-
-#[inline]
-fn round_shift(v: i128) -> i64 {
-    ((v + (1 << (FACTOR_BITS - 1))) >> FACTOR_BITS) as i64
-}
-
-fn scale_up(v: i64, root: f64) -> i64 {
-    ((i128::from(v) * i128::from((root * 65536.0) as i64)) >> 16) as i64
-}
-
-fn scale_down(v: i64, root: f64) -> i64 {
-    // proof: root >= 1, so the divisor is at least 65536.
-    ((i128::from(v) << 16) / i128::from((root * 65536.0) as i64)) as i64
 }

@@ -136,6 +136,41 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    /// The transform is orthonormal in the weights: the weighted squared error of the values is
+    /// that of the coefficients, each of which is off by half a step and a shift at most.
+    #[test]
+    fn errors_are_those_of_the_coefficients((leaves, j) in any_leaves(), seed: u64, kind in 0u8..2, qp in 4u8..40, channels in 1usize..10, prediction: bool) {
+        let n = leaves.len();
+        let weights: Vec<u32> = (0..n).map(|i| 1 + (seed.rotate_left(i as u32) % 1000) as u32).collect();
+        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+        let c: Vec<Vec<i32>> = (0..channels).map(|k| channel(n, seed ^ k as u64, kind)).collect();
+        let step = Step::from_qp(qp);
+        let o = Options { lambda: 0, prediction, ..Options::default() };
+        let fill = |i: usize, row: &mut [f32]| {
+            row.iter_mut().zip(&c).for_each(|(v, c)| *v = c[i] as f32);
+        };
+        let (bytes, _) = attribute::encode_with(&plan, &vec![step; channels], &o, fill).unwrap();
+        let mut errors = vec![0.0; channels];
+        let mut points = 0;
+        let read = attribute::decode_with(&plan, &bytes, channels, |i, row| {
+            for ((e, v), c) in errors.iter_mut().zip(row).zip(&c) {
+                *e += f64::from(weights[i]) * (f64::from(*v) - f64::from(c[i])).powi(2);
+            }
+            points += 1;
+        });
+        prop_assert_eq!((read.unwrap(), points), (channels, n));
+        let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
+        for (e, c) in errors.iter().zip(&c) {
+            let scale = c.iter().map(|v| f64::from(v.unsigned_abs())).fold(0.0, f64::max);
+            let bound = n as f64 * step.value().powi(2) + total * (1e-5 * scale).powi(2);
+            prop_assert!(*e <= bound, "{} {}", e, bound);
+        }
+    }
+}
+
 /// Everything on every odd shape.
 #[test]
 fn shapes_survive_every_coder() {

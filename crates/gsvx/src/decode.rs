@@ -1,6 +1,6 @@
 //! The decoder. Needs nothing but the stream.
 
-use crate::attributes::group::{Transform, coding, from_fixed, limits};
+use crate::attributes::group::{Transform, coding, limits};
 use crate::attributes::{colour, opacity};
 use crate::encode::largest_first;
 use crate::error::{Error, Result};
@@ -126,7 +126,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
 
     let n = leaves.len();
     let mut scene = Scene { means: centres(&leaves, &header)?, ..Default::default() };
-    let mut sh: Vec<Vec<Plane>> = Vec::new();
+    let mut sh: Vec<Degree> = Vec::new();
     let mut broken = false;
     for (&kind, part) in kinds.iter().zip(parts) {
         match part {
@@ -134,7 +134,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
             Ok(Part::Covariance(q, l)) => (scene.rotations, scene.log_scales) = (q, l),
             // A later degree is of no use when an earlier one is missing.
             Ok(Part::Sh(_)) if broken => skipped.push(format!("{kind}: a lower degree is missing")),
-            Ok(Part::Sh(planes)) => sh.push(planes),
+            Ok(Part::Sh(degree)) => sh.push(degree),
             Err(e @ Error::Truncated { .. })
                 if options.allow_truncated
                     && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
@@ -149,7 +149,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         }
     }
     scene.sh_degree = sh.len() as u8 - 1;
-    scene.sh = interleave(sh, n);
+    scene.sh = interleave(&sh, n);
     if let Some(outliers) = outliers {
         outliers::append(&mut scene, &outliers);
     }
@@ -167,13 +167,16 @@ pub(crate) fn centres(leaves: &[Leaf], header: &Header) -> Result<Vec<[f32; 3]>>
     }
 }
 
-/// One SH coefficient of every Gaussian, RGB.
-type Plane = Vec<[f32; 3]>;
+/// The coefficients of one SH degree, RGB: those of one Gaussian after another.
+struct Degree {
+    coefficients: usize,
+    rgb: Vec<[f32; 3]>,
+}
 
 enum Part {
     Opacity(Vec<f32>),
     Covariance(Vec<[f32; 4]>, Vec<[f32; 3]>),
-    Sh(Vec<Plane>),
+    Sh(Degree),
 }
 
 fn section(
@@ -189,9 +192,10 @@ fn section(
                 return Err(Error::Truncated { what: "opacity", offset: 0, need: 1, have: 0 });
             };
             let domain = opacity::domain(code)?;
-            let channels = transform.decode(rest, 1)?;
-            let logit = |&v: &i32| opacity::inverse(domain, from_fixed(v));
-            Part::Opacity(channels[0].par_iter().with_min_len(4096).map(logit).collect())
+            let mut values = Vec::with_capacity(leaves.len());
+            transform.decode(rest, 1, |_, row| values.push(row[0]))?;
+            let logit = |v| opacity::inverse(domain, v);
+            Part::Opacity(values.into_par_iter().with_min_len(4096).map(logit).collect())
         }
         SectionKind::Covariance => {
             let (q, l) = crate::covariance::decode(payload, transform, leaves, j_high)?;
@@ -204,21 +208,13 @@ fn section(
                 SectionKind::Sh3 => 7,
                 _ => 1,
             };
-            let mut planes = Vec::with_capacity(coefficients);
-            let mut waiting = Vec::with_capacity(2);
-            transform.decode_with(payload, 3 * coefficients, |_, cg| {
-                if waiting.len() < 2 {
-                    waiting.push(cg);
-                    return;
+            let mut rgb = Vec::with_capacity(coefficients * leaves.len());
+            transform.decode(payload, 3 * coefficients, |_, row| {
+                for ycc in row.chunks_exact(3) {
+                    rgb.push(colour::inverse([ycc[0], ycc[1], ycc[2]]));
                 }
-                let luma_chroma = waiting[0].iter().zip(&waiting[1]).zip(&cg);
-                let plane: Plane = luma_chroma
-                    .map(|((&y, &co), &cg)| colour::inverse([y, co, cg].map(from_fixed)))
-                    .collect();
-                planes.push(plane);
-                waiting.clear();
             })?;
-            Part::Sh(planes)
+            Part::Sh(Degree { coefficients, rgb })
         }
     })
 }
@@ -235,16 +231,18 @@ fn spheres(leaves: &[Leaf], header: &Header) -> (Vec<[f32; 4]>, Vec<[f32; 3]>) {
     (vec![[1.0, 0.0, 0.0, 0.0]; leaves.len()], log_scales)
 }
 
-/// Planes of all degrees to coefficient-major RGB.
-fn interleave(degrees: Vec<Vec<Plane>>, n: usize) -> Vec<[f32; 3]> {
-    let planes: Vec<Plane> = degrees.into_iter().flatten().collect();
-    let per_gaussian = planes.len();
+/// Degrees to rows of all coefficients.
+fn interleave(degrees: &[Degree], n: usize) -> Vec<[f32; 3]> {
+    let per_gaussian: usize = degrees.iter().map(|d| d.coefficients).sum();
     let mut sh = vec![[0.0; 3]; n * per_gaussian];
     const CHUNK: usize = 4096;
     sh.par_chunks_mut(CHUNK * per_gaussian.max(1)).enumerate().for_each(|(chunk, out)| {
-        for (j, coefficients) in out.chunks_exact_mut(per_gaussian).enumerate() {
-            for (rgb, plane) in coefficients.iter_mut().zip(&planes) {
-                *rgb = plane[chunk * CHUNK + j];
+        for (j, row) in out.chunks_exact_mut(per_gaussian).enumerate() {
+            let (i, mut at) = (chunk * CHUNK + j, 0);
+            for Degree { coefficients, rgb } in degrees {
+                row[at..at + coefficients]
+                    .copy_from_slice(&rgb[i * coefficients..][..*coefficients]);
+                at += coefficients;
             }
         }
     });

@@ -1,6 +1,6 @@
 //! The encoder.
 
-use crate::attributes::group::{Transform, coding, to_fixed};
+use crate::attributes::group::{Transform, coding};
 use crate::attributes::{colour, opacity};
 use crate::covariance;
 use crate::error::{Error, Result};
@@ -176,12 +176,10 @@ fn attribute_section(
                 Some(qp) => PaperQp::step(qp.opacity, scene.opacity_logits.iter().map(value)),
                 None => f64::from(steps.opacity),
             };
-            let channel: Vec<i32> =
-                scene.opacity_logits.par_iter().map(|l| to_fixed(value(l))).collect();
-            let mut channel = Some(channel);
             let mut out = vec![opacity::code(domain)];
-            let take = |_| channel.take().unwrap_or_default();
-            out.extend(transform.encode(&[step], options.entropy, take)?.0);
+            let values: Vec<f64> = scene.opacity_logits.par_iter().map(value).collect();
+            let leaf = |i: usize, row: &mut [f64]| row.fill(values[i]);
+            out.extend(transform.encode(&[step], options.entropy, leaf)?.0);
             Ok((out, false))
         }
         SectionKind::Covariance => {
@@ -205,19 +203,10 @@ fn attribute_section(
                     None => f64::from(if c % 3 == 0 { luma } else { chroma }),
                 })
                 .collect();
-            // The three planes of a coefficient in one walk over the scene, whose rows are long.
-            let mut planes: [Vec<i32>; 3] = Default::default();
-            transform.encode(&steps, options.entropy, |c| {
-                if c % 3 == 0 {
-                    planes = std::array::from_fn(|_| Vec::with_capacity(scene.len()));
-                    for i in 0..scene.len() {
-                        let ycc = colour::forward(scene.sh_of(i)[range.start + c / 3]);
-                        for (plane, v) in planes.iter_mut().zip(ycc) {
-                            plane.push(to_fixed(v));
-                        }
-                    }
+            transform.encode(&steps, options.entropy, |i, row| {
+                for (planes, &rgb) in row.chunks_exact_mut(3).zip(&scene.sh_of(i)[range.clone()]) {
+                    planes.copy_from_slice(&colour::forward(rgb));
                 }
-                std::mem::take(&mut planes[c % 3])
             })
         }
     }
@@ -265,7 +254,7 @@ fn check(scene: &Scene, voxels: &Voxelization) -> Result<()> {
     fits("SH coefficient", &|i| largest(scene.sh_of(i).as_flattened()))
 }
 
-/// Greatest magnitude of a log-scale or an SH coefficient: the transform's fixed point ends at
-/// 2^15, and its inputs are sums of three values over the root of three. What is beyond would be
-/// clamped without a word.
+/// Greatest magnitude of a log-scale or an SH coefficient: what an `i32` in units of 2^-16 holds of
+/// sums of three values over the root of three, far beyond any trained attribute. A DC beyond
+/// would saturate its 32 bits without a word.
 const LARGEST: f32 = 18_900.0;

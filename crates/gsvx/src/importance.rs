@@ -10,7 +10,7 @@
 //! makes a Gaussian twenty times as large). Classes are coded once, in a section of
 //! their own, and every attribute section depends only on geometry and classes.
 
-use crate::attributes::group::{Transform, from_fixed, to_fixed};
+use crate::attributes::group::Transform;
 use crate::error::Result;
 use crate::options::Entropy;
 use gpcc_lite::Leaf;
@@ -94,9 +94,10 @@ pub fn encode(
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
     let transform = Transform::new(leaves, j_high, None)?;
-    let channel: Vec<i32> = log_classes.iter().map(|&v| to_fixed(v)).collect();
-    let (payload, decoded) = transform.encode_one(&channel, CLASS_STEP, entropy)?;
-    Ok((payload, decoded.into_iter().map(class_of).collect()))
+    let (payload, _) =
+        transform.encode(&[CLASS_STEP], entropy, |i, row| row.fill(log_classes[i]))?;
+    let classes = decode_by(&transform, &payload)?;
+    Ok((payload, classes))
 }
 
 /// Decodes the classes of [`encode`].
@@ -104,14 +105,18 @@ pub fn encode(
 /// # Errors
 /// [`crate::Error::Coding`] or [`crate::Error::Corrupt`] for a damaged payload.
 pub fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
-    let channels = Transform::new(leaves, j_high, None)?.decode(payload, 1)?;
-    Ok(channels[0].iter().map(|&v| class_of(v)).collect())
+    decode_by(&Transform::new(leaves, j_high, None)?, payload)
 }
 
-/// The class of a decoded value.
-fn class_of(fixed: i32) -> u8 {
-    // Adding a half and truncating: exact for fixed-point values.
-    (from_fixed(fixed) + 0.5).clamp(0.0, f64::from(CLASSES - 1)) as u8
+fn decode_by(transform: &Transform, payload: &[u8]) -> Result<Vec<u8>> {
+    let mut classes = Vec::new();
+    transform.decode(payload, 1, |_, row| classes.push(class_of(row[0])))?;
+    Ok(classes)
+}
+
+/// The class of a decoded value. Adding a half and truncating: exact in f64.
+fn class_of(value: f64) -> u8 {
+    (value + 0.5).clamp(0.0, f64::from(CLASSES - 1)) as u8
 }
 
 #[cfg(test)]

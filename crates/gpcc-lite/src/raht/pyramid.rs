@@ -1,8 +1,11 @@
 //! Which reconstructed means predict each child of each block, found once per plan.
 
-use super::blocks::MERGES;
-use crate::hood::{Block, CENTRE, Children, Hoods, ONES, rank};
-use crate::raht::{Plan, inverse_root};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use super::blocks::{Block, MERGES};
+use crate::hood::{self, CENTRE, Children, Hoods, rank};
+use crate::morton::MAX_DEPTH;
+use crate::raht::Plan;
 
 /// Weight of the node itself in the prediction of its children.
 pub(super) const SELF: u8 = 9;
@@ -11,29 +14,95 @@ const NODE: [u8; 4] = [0, 3, 1, 0];
 /// The same for a neighbour's child that touches and is already reconstructed.
 const CHILD: [u8; 4] = [0, 5, 2, 0];
 
-/// Bits of a term that hold the node; the two above tell the weight.
-pub(super) const NODE_BITS: u32 = 30;
+/// Bits of a term that hold a leaf, the first of a node; the two above tell the weight.
+pub(super) const LEAF_BITS: u32 = 30;
 /// Weight of a term by its top bits: the child or the node itself, across a face or an edge.
 pub(super) const WEIGHT: [u8; 4] = [CHILD[1], CHILD[2], NODE[1], NODE[2]];
 
-/// Blocks (nodes with two children or more) in coefficient order.
-///
-/// Nodes are numbered as blocks create them: 0 is the root, then the children of each block. A
-/// node with one child has that child's number, for it has the same points and the same mean.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Pyramid {
-    /// Number of the node that each block splits.
-    pub(super) node: Vec<u32>,
+/// The blocks (nodes with two children or more) of one octree level, in coefficient order.
+#[derive(Debug, Default)]
+pub(super) struct Terms {
     /// Occupied children of each block.
-    pub(super) mask: Vec<u8>,
-    /// First block of each depth, then their number.
-    pub(super) levels: Vec<u32>,
-    /// `1 / sqrt(weight)` per node.
-    pub(super) inverse_root: Vec<f32>,
-    /// Per node: number of terms that predict it besides its block's own mean.
-    pub(super) count: Vec<u8>,
-    /// The terms, node after node: number of the node, and above [`NODE_BITS`] the weight.
-    pub(super) terms: Vec<u32>,
+    masks: Vec<u8>,
+    /// Per child of each block: number of terms that predict it besides its block's own mean.
+    counts: Vec<u8>,
+    /// The terms, child after child: first leaf of a node, and above [`LEAF_BITS`] the weight.
+    terms: Vec<u32>,
+}
+
+impl Terms {
+    /// Number of blocks.
+    pub(super) fn len(&self) -> usize {
+        self.masks.len()
+    }
+
+    /// The blocks in order.
+    pub(super) fn blocks(&self) -> impl Iterator<Item = Block<'_>> {
+        let (mut counts, mut terms) = (&self.counts[..], &self.terms[..]);
+        self.masks.iter().map(move |&mask| {
+            let (merges, n) = &MERGES[usize::from(mask)];
+            let n = usize::from(*n);
+            let (own_counts, rest) = counts.split_at(n + 1);
+            counts = rest;
+            let (own_terms, rest) = terms.split_at(sum(own_counts));
+            terms = rest;
+            Block { merges: &merges[..n], counts: own_counts, terms: own_terms }
+        })
+    }
+
+    /// The blocks from the last to the first.
+    pub(super) fn blocks_backwards(&self) -> impl Iterator<Item = Block<'_>> {
+        let (mut counts, mut terms) = (&self.counts[..], &self.terms[..]);
+        self.masks.iter().rev().map(move |&mask| {
+            let (merges, n) = &MERGES[usize::from(mask)];
+            let n = usize::from(*n);
+            let (rest, own_counts) = counts.split_at(counts.len() - n - 1);
+            counts = rest;
+            let (rest, own_terms) = terms.split_at(terms.len() - sum(own_counts));
+            terms = rest;
+            Block { merges: &merges[..n], counts: own_counts, terms: own_terms }
+        })
+    }
+}
+
+#[inline]
+fn sum(counts: &[u8]) -> usize {
+    counts.iter().map(|&n| usize::from(n)).sum()
+}
+
+/// The terms of the levels that were asked for.
+#[derive(Debug, Default)]
+pub(super) struct Pyramid {
+    levels: [OnceLock<Terms>; MAX_DEPTH as usize],
+    builder: Mutex<Option<Builder>>,
+}
+
+/// Where building has got to.
+#[derive(Debug)]
+struct Builder {
+    depth: u8,
+    above: Level,
+    level: Level,
+}
+
+impl Pyramid {
+    /// The terms of the blocks that split nodes of `depth < plan.j_high`.
+    pub(super) fn level(&self, plan: &Plan, depth: usize) -> &Terms {
+        if let Some(found) = self.levels[depth].get() {
+            return found;
+        }
+        // Nothing can be left half done: a level is stored whole or not at all.
+        let mut builder = self.builder.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = builder.take().unwrap_or_else(|| Builder::new(plan));
+        while usize::from(state.depth) <= depth {
+            let at = usize::from(state.depth);
+            let terms = state.next(plan);
+            let _ = self.levels[at].set(terms);
+        }
+        *builder = Some(state);
+        drop(builder);
+        self.levels[depth].get_or_init(Terms::default)
+    }
 }
 
 /// The places that touch child `c` across a face or an edge, as bits of a window.
@@ -91,12 +160,10 @@ const AXES: [u8; 64] = {
 };
 
 /// The nodes of one depth that still matter, in Morton order.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Level {
     /// First leaf of each and the one after its last.
     range: Vec<[u32; 2]>,
-    /// Number of each.
-    node: Vec<u32>,
     /// Their children, once known.
     children: Vec<Children>,
     /// Neighbourhoods of those with two leaves or more.
@@ -104,16 +171,11 @@ struct Level {
 }
 
 impl Level {
-    fn push(&mut self, range: [u32; 2], node: u32) {
-        self.range.push(range);
-        self.node.push(node);
-    }
-
     /// Finds the neighbourhoods of the nodes with two leaves or more from those above; returns
     /// which nodes are in one.
     fn find_hoods(&mut self, above: &Level) -> Vec<bool> {
         let mut touched = vec![false; self.range.len()];
-        let mut block = Block::new();
+        let mut block = hood::Block::new();
         let mut near = above.hoods.near.as_slice();
         for &present in &above.hoods.present {
             let used = block.enter(present, near, &above.children);
@@ -144,54 +206,40 @@ impl Level {
     }
 }
 
-impl Pyramid {
-    pub(super) fn new(plan: &Plan) -> Self {
-        let n = plan.points;
-        let mut this = Self { levels: vec![0], ..Self::default() };
-        this.inverse_root.reserve(n + n / 2);
-        this.count.reserve(n + n / 2);
-        this.terms.reserve(3 * n);
-        // Most nodes have few leaves.
-        let roots: Vec<f32> = (0..256).map(inverse_root).collect();
-        let mut level = Level::default();
+impl Builder {
+    fn new(plan: &Plan) -> Self {
         let mut above = Level {
             children: vec![Children { first: 0, mask: 1 }],
             hoods: Hoods::above_root(),
             ..Level::default()
         };
-        if n > 0 {
-            level.push([0, n as u32], 0);
-            this.push_node(inverse_root(plan.weight_of(0, n as u32)), 0);
+        let mut level = Level::default();
+        if plan.points > 0 {
+            level.range.push([0, plan.points as u32]);
         } else {
             above.hoods.present.clear();
         }
-        for depth in 0..plan.j_high {
-            let touched = level.find_hoods(&above);
-            let below = this.split(plan, depth, &mut level, &touched, &roots);
-            above = level;
-            level = below;
-            this.levels.push(this.node.len() as u32);
-        }
-        this
+        Self { depth: 0, above, level }
     }
 
-    fn push_node(&mut self, inverse_root: f32, count: u8) {
-        self.inverse_root.push(inverse_root);
-        self.count.push(count);
+    /// The terms of the next level.
+    fn next(&mut self, plan: &Plan) -> Terms {
+        let mut level = std::mem::take(&mut self.level);
+        let touched = level.find_hoods(&self.above);
+        let mut terms = Terms::default();
+        self.level = terms.split(plan, self.depth, &mut level, &touched);
+        self.above = level;
+        self.depth += 1;
+        terms
     }
+}
 
+impl Terms {
     /// Adds the blocks of one depth; returns the nodes of the next.
     ///
     /// A node with one leaf that touches no node with more is not followed further: none of its
     /// cells can touch a block below.
-    fn split(
-        &mut self,
-        plan: &Plan,
-        depth: u8,
-        level: &mut Level,
-        touched: &[bool],
-        roots: &[f32],
-    ) -> Level {
+    fn split(&mut self, plan: &Plan, depth: u8, level: &mut Level, touched: &[bool]) -> Level {
         let leaves = plan.leaves.as_slice();
         let shift = 3 * (plan.j_high - depth - 1);
         let child_of = |i: u32| (leaves[i as usize].morton >> shift) as u8 & 7;
@@ -199,7 +247,6 @@ impl Pyramid {
             ..plan.levels[usize::from(depth) + 1] as usize - 1;
         let mut next = Level::default();
         next.range.reserve(level.range.len() + coefficients.len());
-        next.node.reserve(level.range.len() + coefficients.len());
         let mut boundaries = &plan.right[coefficients];
         let mut present = level.hoods.present.iter();
         let mut near = level.hoods.near.as_slice();
@@ -210,7 +257,7 @@ impl Pyramid {
             if hi - lo == 1 {
                 if touched[at] && leaves[lo as usize].depth > depth {
                     level.children[at] = Children { first, mask: 1 << child_of(lo) };
-                    next.push([lo, hi], level.node[at]);
+                    next.range.push([lo, hi]);
                 }
                 continue;
             }
@@ -228,18 +275,14 @@ impl Pyramid {
             }
             level.children[at] = Children { first, mask };
             if count == 0 {
-                next.push([lo, hi], level.node[at]);
+                next.range.push([lo, hi]);
                 continue;
             }
-            self.node.push(level.node[at]);
-            self.mask.push(mask);
-            let base = self.inverse_root.len() as u32;
+            self.masks.push(mask);
             for i in 0..=count {
                 let end = if i == count { hi } else { starts[i + 1] };
-                next.push([starts[i], end], base + i as u32);
-                let w = plan.weight_of(starts[i], end);
-                let root = roots.get(w as usize).copied().unwrap_or_else(|| inverse_root(w));
-                self.push_node(root, 0);
+                next.range.push([starts[i], end]);
+                self.counts.push(0);
             }
             if window != 1 << CENTRE {
                 self.add_terms(level, &next, at, window, own);
@@ -257,7 +300,7 @@ impl Pyramid {
             around &= around - 1;
         }
         let mut mask = level.children[at].mask;
-        let mut child = self.count.len() - usize::from(ONES[usize::from(mask)]);
+        let mut child = self.counts.len() - usize::from(hood::ONES[usize::from(mask)]);
         while mask != 0 {
             let c = mask.trailing_zeros() as usize & 7;
             mask &= mask - 1;
@@ -273,13 +316,13 @@ impl Pyramid {
                 let of = level.children[other];
                 let term = if other < at && of.mask >> twin & 1 == 1 {
                     let j = of.first + rank(of.mask, u32::from(twin));
-                    next.node[j as usize] | edge << NODE_BITS
+                    next.range[j as usize][0] | edge << LEAF_BITS
                 } else {
-                    level.node[other] | (2 + edge) << NODE_BITS
+                    level.range[other][0] | (2 + edge) << LEAF_BITS
                 };
                 self.terms.push(term);
             }
-            self.count[child] = (self.terms.len() - before) as u8;
+            self.counts[child] = (self.terms.len() - before) as u8;
             child += 1;
         }
     }

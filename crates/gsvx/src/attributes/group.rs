@@ -1,7 +1,6 @@
-//! A group of real-valued channels through weighted RAHT, as fixed-point integers.
+//! A group of real-valued channels through weighted RAHT.
 //!
-//! Values enter the transform in units of 2^-16 and are clamped to what `i32` holds (about
-//! +-32768), far beyond any trained attribute.
+//! Values enter the transform in units of 2^-16, in single precision.
 
 use crate::error::{Error, Result};
 use crate::importance;
@@ -12,7 +11,7 @@ use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Plan;
 use gpcc_lite::{Leaf, Limits};
 
-/// Units of the fixed-point values per natural unit.
+/// Units of the transform's values per natural unit.
 const UNITS: f64 = 65536.0;
 /// Effective step of a class is `step / 2^(class - MEAN_CLASS)`; RAHT's step is that of weight 1.
 const STEP_OF_WEIGHT_ONE: f64 = (1u32 << importance::MEAN_CLASS) as f64;
@@ -40,9 +39,9 @@ impl Transform {
         Ok(Self { plan: plan.map_err(coding("transform"))?, step_factor })
     }
 
-    /// Codes channels with one natural step each. `channel(i)` makes channel `i`, one value per
-    /// leaf; it is asked in order and its answer soon dropped, so that a group of many channels
-    /// needs the memory of a few. Also says whether all of it came out as zero.
+    /// Codes channels with one natural step each. `leaf(i, row)` fills in the values of leaf `i`,
+    /// one per step; it is called for all leaves in order. Also says whether all of it came out as
+    /// zero.
     ///
     /// # Errors
     /// [`Error::Coding`].
@@ -50,59 +49,47 @@ impl Transform {
         &self,
         steps: &[f64],
         entropy: Entropy,
-        channel: impl FnMut(usize) -> Vec<i32>,
+        mut leaf: impl FnMut(usize, &mut [f64]),
     ) -> Result<(Vec<u8>, bool)> {
         let o = options(entropy);
-        let coded = attribute::encode_with(&self.plan, &self.steps(steps), &o, channel);
+        let mut values = vec![0.0; steps.len()];
+        let scaled = |i: usize, row: &mut [f32]| {
+            leaf(i, &mut values);
+            for (out, v) in row.iter_mut().zip(&values) {
+                *out = (v * UNITS) as f32;
+            }
+        };
+        let coded = attribute::encode_with(&self.plan, &self.steps(steps), &o, scaled);
         coded.map_err(coding("attribute"))
-    }
-
-    /// As [`Transform::encode`] for a single channel; also returns what the decoder will read.
-    ///
-    /// # Errors
-    /// [`Error::Coding`].
-    pub fn encode_one(
-        &self,
-        channel: &[i32],
-        step: f64,
-        entropy: Entropy,
-    ) -> Result<(Vec<u8>, Vec<i32>)> {
-        let coded =
-            attribute::encode(&self.plan, &[channel], &self.steps(&[step]), &options(entropy));
-        let mut coded = coded.map_err(coding("attribute"))?;
-        Ok((coded.bytes, coded.reconstruction.pop().unwrap_or_default()))
     }
 
     fn steps(&self, steps: &[f64]) -> Vec<Step> {
         steps.iter().map(|&s| Step::new(s * self.step_factor * UNITS)).collect()
     }
 
-    /// Decodes exactly `channels` channels: `channel(i, values)` is called for each, in order.
+    /// Decodes exactly `channels` channels: `leaf(i, row)` is called for all leaves in order, with
+    /// one value per channel.
     ///
     /// # Errors
     /// [`Error::Coding`]; [`Error::Corrupt`] if the stream holds another number of channels.
-    pub fn decode_with(
+    pub fn decode(
         &self,
         bytes: &[u8],
         channels: usize,
-        channel: impl FnMut(usize, Vec<i32>),
+        mut leaf: impl FnMut(usize, &[f64]),
     ) -> Result<()> {
-        let n = attribute::decode_with(&self.plan, bytes, channels, channel)
-            .map_err(coding("attribute"))?;
+        let mut values = vec![0.0; channels];
+        let n = attribute::decode_with(&self.plan, bytes, channels, |i, row| {
+            for (out, &v) in values.iter_mut().zip(row) {
+                *out = f64::from(v) * (1.0 / UNITS);
+            }
+            leaf(i, &values);
+        })
+        .map_err(coding("attribute"))?;
         if n != channels {
             return Err(Error::Corrupt { what: "channel count", value: n as u64 });
         }
         Ok(())
-    }
-
-    /// As [`Transform::decode_with`], all channels at once.
-    ///
-    /// # Errors
-    /// As [`Transform::decode_with`].
-    pub fn decode(&self, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>>> {
-        let mut all = Vec::new();
-        self.decode_with(bytes, channels, |_, values| all.push(values))?;
-        Ok(all)
     }
 }
 
@@ -113,19 +100,8 @@ fn options(entropy: Entropy) -> attribute::Options {
     };
     // RLGR is the fast mode; prediction from the parent level costs more than it does.
     let prediction = entropy == Entropy::Range;
-    attribute::Options { mode, prediction, ..Default::default() }
-}
-
-/// Nearest multiple of 2^-16, as an integer of that unit; clamps, NaN gives 0.
-#[must_use]
-pub fn to_fixed(v: f64) -> i32 {
-    libm::round(v * UNITS) as i32
-}
-
-/// The value of a fixed-point integer.
-#[must_use]
-pub fn from_fixed(v: i32) -> f64 {
-    f64::from(v) * (1.0 / UNITS)
+    // Leaves are as deep as it takes to tell Gaussians apart, which then have little in common.
+    attribute::Options { mode, prediction, fine_prediction: false, ..Default::default() }
 }
 
 /// Wraps an error of the coder with the part it happened in.

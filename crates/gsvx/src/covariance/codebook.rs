@@ -9,7 +9,7 @@
 //! what an error of the footprint is multiplied by; without cameras opacity times size.
 
 use super::Covariances;
-use crate::attributes::group::{Transform, from_fixed, to_fixed};
+use crate::attributes::group::Transform;
 use crate::error::{Error, Result};
 use crate::options::EncodeOptions;
 use crate::stream::{Reader, Writer};
@@ -55,11 +55,11 @@ pub(super) fn encode(
     let settings = vq::Options::with_codewords(1 << bits);
     let book = Codebook::train(&covariances, &sensitivities, &settings)?;
     let indices = book.assign(&covariances);
-    let log_gamma: Vec<i32> = parts.iter().map(|p| to_fixed(f64::from(p.1))).collect();
     out.block(&book.to_bytes());
     out.block(&vq::index::encode(&indices, book.len())?);
     let step = f64::from(options.steps.covariance);
-    out.bytes.extend(transform.encode(&[step], options.entropy, |_| log_gamma.clone())?.0);
+    let log_gamma = |i: usize, row: &mut [f64]| row.fill(f64::from(parts[i].1));
+    out.bytes.extend(transform.encode(&[step], options.entropy, log_gamma)?.0);
     Ok(out.bytes)
 }
 
@@ -70,16 +70,17 @@ pub(super) fn decode(payload: &[u8], transform: &Transform, count: usize) -> Res
     let mut r = Reader::new(payload, "covariance");
     let book = Codebook::from_bytes_within(r.block()?, 1 << BITS.end())?;
     let indices = vq::index::decode(r.block()?, count, book.len())?;
-    let log_gamma = transform.decode(r.take(r.remaining())?, 1)?;
+    let mut log_gamma = Vec::with_capacity(count);
+    transform.decode(r.take(r.remaining())?, 1, |_, row| log_gamma.push(row[0]))?;
     let codewords = book.decode_all();
     indices
         .iter()
-        .zip(&log_gamma[0])
+        .zip(&log_gamma)
         .map(|(&index, &gamma)| {
             let (q, l) = *codewords
                 .get(index as usize)
                 .ok_or(Error::Corrupt { what: "covariance index", value: index.into() })?;
-            Ok((q, l.map(|v| (f64::from(v) + from_fixed(gamma)) as f32)))
+            Ok((q, l.map(|v| (f64::from(v) + gamma) as f32)))
         })
         .collect()
 }

@@ -9,6 +9,8 @@
 //!
 //! Arithmetic: `f64`, only `+ - * /` and square roots, so every machine decodes the same.
 
+use rayon::prelude::*;
+
 /// Coordinates of a symmetric 3x3 matrix in an orthonormal basis (Frobenius norm).
 pub type Coordinates = [f64; 6];
 
@@ -49,14 +51,7 @@ pub fn coordinates(quaternion: [f32; 4], log_scales: [f32; 3]) -> Coordinates {
 /// descriptions of the same Gaussian.
 #[must_use]
 pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
-    let t = c[0] * INV_SQRT_3;
-    let d = c[1] * INV_SQRT_2;
-    let e = c[2] * INV_SQRT_6;
-    let mut a = [
-        [t + d - e, c[3] * INV_SQRT_2, c[4] * INV_SQRT_2],
-        [c[3] * INV_SQRT_2, t - d - e, c[5] * INV_SQRT_2],
-        [c[4] * INV_SQRT_2, c[5] * INV_SQRT_2, t + e + e],
-    ];
+    let mut a = matrix(&c);
     // Columns of v converge to the eigenvectors; rotations keep its determinant at +1.
     let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let norm: f64 = c.iter().map(|x| x * x).sum();
@@ -70,6 +65,18 @@ pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
         rotate(&mut a, &mut v, 1, 2, 0);
     }
     (quaternion_of(&v), [a[0][0] as f32, a[1][1] as f32, a[2][2] as f32])
+}
+
+/// The symmetric matrix with these coordinates.
+fn matrix(c: &Coordinates) -> [[f64; 3]; 3] {
+    let t = c[0] * INV_SQRT_3;
+    let d = c[1] * INV_SQRT_2;
+    let e = c[2] * INV_SQRT_6;
+    [
+        [t + d - e, c[3] * INV_SQRT_2, c[4] * INV_SQRT_2],
+        [c[3] * INV_SQRT_2, t - d - e, c[5] * INV_SQRT_2],
+        [c[4] * INV_SQRT_2, c[5] * INV_SQRT_2, t + e + e],
+    ]
 }
 
 /// One Jacobi rotation in the plane `(p, q)`; `r` is the remaining axis.
@@ -97,6 +104,107 @@ fn rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize, r: u
         let (x, y) = (row[p], row[q]);
         row[p] = c * x - s * y;
         row[q] = s * x + c * y;
+    }
+}
+
+/// [`decompose`] of many, with the same bits: several at a time, whose chains of divisions and
+/// roots then overlap.
+#[must_use]
+pub fn decompose_all(coordinates: &[[f32; 6]]) -> (Vec<[f32; 4]>, Vec<[f32; 3]>) {
+    const ROWS_PER_TASK: usize = 4096;
+    let mut rotations = vec![[0.0; 4]; coordinates.len()];
+    let mut log_scales = vec![[0.0; 3]; coordinates.len()];
+    let rows = coordinates.par_chunks(ROWS_PER_TASK);
+    let out = rotations.par_chunks_mut(ROWS_PER_TASK).zip(log_scales.par_chunks_mut(ROWS_PER_TASK));
+    rows.zip(out).for_each(|(rows, (rotations, log_scales))| {
+        let out = rotations.chunks_mut(LANES).zip(log_scales.chunks_mut(LANES));
+        for (rows, (rotations, log_scales)) in rows.chunks(LANES).zip(out) {
+            decompose_lanes(rows, rotations, log_scales);
+        }
+    });
+    (rotations, log_scales)
+}
+
+/// Matrices taken apart at a time.
+const LANES: usize = 4;
+type Wide = [f64; LANES];
+
+/// At most [`LANES`] of them.
+fn decompose_lanes(rows: &[[f32; 6]], rotations: &mut [[f32; 4]], log_scales: &mut [[f32; 3]]) {
+    let mut a = [[[0.0; LANES]; 3]; 3];
+    let mut v = [[[0.0; LANES]; 3]; 3];
+    let mut least = [0.0; LANES];
+    for (i, row) in rows.iter().enumerate() {
+        let c = row.map(f64::from);
+        let m = matrix(&c);
+        for p in 0..3 {
+            for q in 0..3 {
+                a[p][q][i] = m[p][q];
+            }
+            v[p][p][i] = 1.0;
+        }
+        least[i] = CONVERGED * c.iter().map(|x| x * x).sum::<f64>();
+    }
+    for _ in 0..MAX_SWEEPS {
+        let mut go = [false; LANES];
+        for i in 0..LANES {
+            let off = a[0][1][i] * a[0][1][i] + a[0][2][i] * a[0][2][i] + a[1][2][i] * a[1][2][i];
+            go[i] = off > least[i];
+        }
+        if go == [false; LANES] {
+            break;
+        }
+        rotate_lanes(&mut a, &mut v, &go, (0, 1, 2));
+        rotate_lanes(&mut a, &mut v, &go, (0, 2, 1));
+        rotate_lanes(&mut a, &mut v, &go, (1, 2, 0));
+    }
+    for (i, (rotation, scales)) in rotations.iter_mut().zip(log_scales).enumerate() {
+        *rotation = quaternion_of(&v.map(|row| row.map(|x| x[i])));
+        *scales = [a[0][0][i] as f32, a[1][1][i] as f32, a[2][2][i] as f32];
+    }
+}
+
+/// [`rotate`] where `go` is true.
+#[inline]
+fn rotate_lanes(
+    a: &mut [[Wide; 3]; 3],
+    v: &mut [[Wide; 3]; 3],
+    go: &[bool; LANES],
+    (p, q, r): (usize, usize, usize),
+) {
+    let (mut t, mut c, mut s, mut go) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], *go);
+    for i in 0..LANES {
+        let apq = a[p][q][i];
+        go[i] &= apq != 0.0;
+        let theta = (a[q][q][i] - a[p][p][i]) / (2.0 * apq);
+        let root = theta.abs() + (theta * theta + 1.0).sqrt();
+        t[i] = if theta >= 0.0 { 1.0 / root } else { -1.0 / root };
+    }
+    for i in 0..LANES {
+        c[i] = 1.0 / (t[i] * t[i] + 1.0).sqrt();
+        s[i] = t[i] * c[i];
+    }
+    let set = |i: usize, old: &mut f64, new: f64| *old = if go[i] { new } else { *old };
+    for i in 0..LANES {
+        let apq = a[p][q][i];
+        let (app, aqq) = (a[p][p][i] - t[i] * apq, a[q][q][i] + t[i] * apq);
+        let (arp, arq) = (a[r][p][i], a[r][q][i]);
+        let (rp, rq) = (c[i] * arp - s[i] * arq, s[i] * arp + c[i] * arq);
+        set(i, &mut a[p][p][i], app);
+        set(i, &mut a[q][q][i], aqq);
+        set(i, &mut a[p][q][i], 0.0);
+        set(i, &mut a[q][p][i], 0.0);
+        set(i, &mut a[r][p][i], rp);
+        set(i, &mut a[p][r][i], rp);
+        set(i, &mut a[r][q][i], rq);
+        set(i, &mut a[q][r][i], rq);
+    }
+    for row in v {
+        for i in 0..LANES {
+            let (x, y) = (row[p][i], row[q][i]);
+            set(i, &mut row[p][i], c[i] * x - s[i] * y);
+            set(i, &mut row[q][i], s[i] * x + c[i] * y);
+        }
     }
 }
 
@@ -181,6 +289,23 @@ mod tests {
             prop_assert!(close(c, coordinates(q2, l2), 3e-5), "{c:?} {:?}", coordinates(q2, l2));
             let n: f32 = q2.iter().map(|x| x * x).sum();
             prop_assert!((n - 1.0).abs() < 1e-5 && q2[0] >= 0.0);
+        }
+
+        #[test]
+        fn several_at_a_time_have_the_same_bits(
+            rows in prop::collection::vec(prop::array::uniform6(-3f32..3.0), 0..11),
+            zeros: u8,
+        ) {
+            let mut rows = rows;
+            for row in &mut rows {
+                (0..6).filter(|k| zeros >> k & 1 == 1).for_each(|k| row[k] = 0.0);
+            }
+            let (rotations, log_scales) = decompose_all(&rows);
+            for (i, row) in rows.iter().enumerate() {
+                let (q, l) = decompose(row.map(f64::from));
+                prop_assert_eq!(q.map(f32::to_bits), rotations[i].map(f32::to_bits));
+                prop_assert_eq!(l.map(f32::to_bits), log_scales[i].map(f32::to_bits));
+            }
         }
 
         // q and -q, and permuted axes, are the same Gaussian and give the same coordinates.

@@ -6,12 +6,11 @@ mod codebook;
 mod integers;
 pub mod log_euclidean;
 
-use crate::attributes::group::{Transform, from_fixed, to_fixed};
+use crate::attributes::group::Transform;
 use crate::error::{Error, Result};
 use crate::options::{CovarianceMode, EncodeOptions};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
-use rayon::prelude::*;
 use voxel::Voxelization;
 
 const TRANSFORM: u8 = 0;
@@ -29,17 +28,13 @@ pub(crate) fn encode(
 ) -> Result<Vec<u8>> {
     match options.covariance {
         CovarianceMode::Transform => {
-            // All six at once: they share the rotation matrix. Half of what f64 would take.
-            let coordinates: Vec<[i32; 6]> = scene
-                .rotations
-                .par_iter()
-                .zip(&scene.log_scales)
-                .map(|(&q, &l)| log_euclidean::coordinates(q, l).map(to_fixed))
-                .collect();
             let step = f64::from(options.steps.covariance);
             let mut out = vec![TRANSFORM];
-            let channel = |k| coordinates.iter().map(|c| c[k]).collect();
-            out.extend(transform.encode(&[step; 6], options.entropy, channel)?.0);
+            let leaf = |i: usize, row: &mut [f64]| {
+                let (q, l) = (scene.rotations[i], scene.log_scales[i]);
+                row.copy_from_slice(&log_euclidean::coordinates(q, l));
+            };
+            out.extend(transform.encode(&[step; 6], options.entropy, leaf)?.0);
             Ok(out)
         }
         CovarianceMode::Lossless { bits } => {
@@ -66,13 +61,12 @@ pub(crate) fn decode(
     };
     match mode {
         TRANSFORM => {
-            let channels = transform.decode(payload, 6)?;
-            Ok((0..leaves.len())
-                .into_par_iter()
-                .map(|i| {
-                    log_euclidean::decompose(std::array::from_fn(|k| from_fixed(channels[k][i])))
-                })
-                .unzip())
+            let mut coordinates = Vec::with_capacity(leaves.len());
+            transform.decode(payload, 6, |_, row| {
+                coordinates
+                    .push([row[0], row[1], row[2], row[3], row[4], row[5]].map(|v| v as f32));
+            })?;
+            Ok(log_euclidean::decompose_all(&coordinates))
         }
         INTEGERS => integers::decode(payload, leaves, j_high),
         CODEBOOK => codebook::decode(payload, transform, leaves.len()),

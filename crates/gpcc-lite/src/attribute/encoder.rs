@@ -1,0 +1,283 @@
+//! From differences of means to levels, and to a stream.
+
+use super::decoder::Units;
+use super::{Head, Options, put_varint, strengths, to_values};
+use crate::coeffs::{self, Levels, Mode, RowCoder, code_dc, places};
+use crate::context::{CHUNK, chunk_sizes};
+use crate::error::Result;
+use crate::quant::{CentroidSums, Centroids, Step};
+use crate::raht::{self, Gains, Lanes, Plan, Residual};
+use crate::range::RangeEncoder;
+use crate::rdoq::Thresholds;
+
+/// A coded group.
+pub(super) struct Coded {
+    pub(super) bytes: Vec<u8>,
+    /// What the decoder returns, if asked for.
+    pub(super) values: Vec<Vec<i32>>,
+    /// Every coefficient was quantised to zero.
+    pub(super) all_zero: bool,
+}
+
+/// Rows of fewer chunks may be coded a second time.
+const SMALL: usize = 1 << 12;
+
+/// Codes rows of values, one per leaf.
+pub(super) fn encode_rows(
+    plan: &Plan,
+    steps: &[Step],
+    o: &Options,
+    mut rows: Vec<Lanes>,
+) -> Result<Coded> {
+    let measured = if o.prediction { plan.predicted_levels(o.fine_prediction) } else { 0 };
+    let width = chunk_sizes(steps.len()).len();
+    let gains = raht::forward(plan, width, &mut rows, measured);
+    let mut heads: Vec<Head> = places(steps.len())
+        .zip(steps)
+        .map(|((chunk, i), &step)| {
+            let strength = strength_of(plan, &gains, chunk, i);
+            Head { step, centroids: Centroids::TYPICAL, strength }
+        })
+        .collect();
+    let closed = heads.iter().any(|h| !h.strength.is_empty());
+    // Means are needed as long as something is predicted from them, or if they are wanted.
+    let levels = if !closed {
+        0
+    } else if o.reconstruction {
+        usize::MAX
+    } else {
+        measured
+    };
+    // Only what is so small can come out larger than raw values.
+    let exact = (rows.len() < SMALL).then(|| rows.clone());
+    let (mut out, mut rows) = quantise(plan, &heads, o, levels, rows, o.mode == Mode::Range);
+    let mut coefficients = out.sink.finish(plan, o.mode)?;
+    if let Some(exact) = exact
+        && coefficients.len() > 1 + 4 * plan.len() * steps.len()
+    {
+        // Rare and small: the levels were not kept.
+        (out, rows) = quantise(plan, &heads, o, levels, exact, false);
+        coefficients = out.sink.finish(plan, o.mode)?;
+    }
+    let Quantiser { sums, all_zero, .. } = out;
+    if !closed {
+        // Nothing was predicted from reconstructed values, so the shifts can still be chosen.
+        for (head, sums) in heads.iter_mut().zip(&sums) {
+            head.centroids = sums.centroids();
+        }
+    }
+    let mut bytes = Vec::new();
+    put_varint(&mut bytes, steps.len() as u64);
+    heads.iter().for_each(|h| h.write(&mut bytes));
+    bytes.extend(coefficients);
+    let values = match (o.reconstruction, closed) {
+        (false, _) => Vec::new(),
+        (true, true) => to_values(&rows, steps.len()),
+        (true, false) => super::decode(plan, &bytes, steps.len())?,
+    };
+    Ok(Coded { bytes, values, all_zero })
+}
+
+/// How much of each level its prediction explains, in 1/16 and at most 15; empty if none.
+fn strength_of(plan: &Plan, gains: &[Gains], chunk: usize, i: usize) -> Vec<u8> {
+    let mut strength = vec![0; plan.levels().len() - 1];
+    for (out, g) in strength.iter_mut().zip(gains) {
+        let [_, ep, pp] = g.sums[chunk][i];
+        let ratio = if pp > 0.0 { 16.0 * ep / pp } else { 0.0 };
+        *out = (ratio + 0.5).clamp(0.0, 15.0) as u8;
+    }
+    if strength.iter().all(|&s| s == 0) { Vec::new() } else { strength }
+}
+
+/// Quantises all coefficients; `levels` octree levels of means are reconstructed in `rows`, which
+/// come with the exact differences.
+fn quantise<'a>(
+    plan: &'a Plan,
+    heads: &'a [Head],
+    o: &Options,
+    levels: usize,
+    mut rows: Vec<Lanes>,
+    ranged: bool,
+) -> (Quantiser<'a>, Vec<Lanes>) {
+    let mut q = Quantiser::new(plan, heads, o, ranged);
+    if plan.is_empty() {
+        return (q, rows);
+    }
+    let width = q.levels.len();
+    for (head, (chunk, i)) in heads.iter().zip(places(heads.len())) {
+        let exact =
+            f64::from(rows[chunk][i]) * plan.root_of_weight() / Step(head.step.0.max(1)).value();
+        // Saturates: a level is an i32.
+        let level = (exact + if exact < 0.0 { -0.5 } else { 0.5 }) as i32;
+        q.levels[chunk][i] = level;
+        rows[chunk][i] = head.mean(plan, level);
+    }
+    q.put_dc();
+    raht::reconstruct(plan, width, &mut rows, levels, &mut q);
+    (q, rows)
+}
+
+/// Where levels go.
+enum Sink {
+    Range(RangeEncoder),
+    Planar(Vec<Vec<i32>>),
+}
+
+impl Sink {
+    fn finish(&mut self, plan: &Plan, mode: Mode) -> Result<Vec<u8>> {
+        match self {
+            Self::Range(coder) => {
+                let mut out = vec![coeffs::RANGE];
+                out.extend(std::mem::take(coder).finish());
+                Ok(out)
+            }
+            Self::Planar(channels) => {
+                let views: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
+                coeffs::encode(plan, &views, mode)
+            }
+        }
+    }
+}
+
+/// Quantises differences as it goes.
+struct Quantiser<'a> {
+    plan: &'a Plan,
+    heads: &'a [Head],
+    thresholds: Thresholds,
+    /// Number of channels of each chunk.
+    sizes: Vec<usize>,
+    /// Reciprocals of the steps, chunk by chunk.
+    per_unit: Vec<[f32; CHUNK]>,
+    rows: RowCoder,
+    sink: Sink,
+    sums: Vec<CentroidSums>,
+    levels: Vec<Levels>,
+    units: Units,
+    strength: Vec<Lanes>,
+    /// Every level so far was zero.
+    all_zero: bool,
+}
+
+impl<'a> Quantiser<'a> {
+    fn new(plan: &'a Plan, heads: &'a [Head], o: &Options, ranged: bool) -> Self {
+        let channels = heads.len();
+        let sizes = chunk_sizes(channels);
+        let mut per_unit = vec![[0.0; CHUNK]; sizes.len()];
+        for (head, (chunk, i)) in heads.iter().zip(places(channels)) {
+            per_unit[chunk][i] = (1.0 / Step(head.step.0.max(1)).value()) as f32;
+        }
+        let sink = if ranged {
+            Sink::Range(RangeEncoder::new())
+        } else {
+            Sink::Planar(vec![vec![0; plan.len()]; channels])
+        };
+        Self {
+            plan,
+            heads,
+            thresholds: Thresholds::new(o.lambda),
+            per_unit,
+            rows: RowCoder::new(plan.len(), channels),
+            sink,
+            sums: vec![CentroidSums::default(); channels],
+            levels: vec![[0; CHUNK]; sizes.len()],
+            units: Units::new(heads),
+            strength: vec![[0.0; CHUNK]; sizes.len()],
+            sizes,
+            all_zero: true,
+        }
+    }
+
+    /// Codes the levels of coefficient 0.
+    fn put_dc(&mut self) {
+        self.all_zero &= self.levels.iter().all(|l| *l == [0; CHUNK]);
+        let channels = self.heads.len();
+        match &mut self.sink {
+            Sink::Range(coder) => code_dc(coder, channels, &mut self.levels),
+            Sink::Planar(planes) => {
+                for (plane, (chunk, i)) in planes.iter_mut().zip(places(channels)) {
+                    plane[0] = self.levels[chunk][i];
+                }
+            }
+        }
+    }
+}
+
+impl Residual for Quantiser<'_> {
+    const STORED: bool = true;
+
+    fn start_level(&mut self, depth: usize) -> Option<&[Lanes]> {
+        self.rows.start_level(depth);
+        strengths(self.heads, depth, &mut self.strength).then_some(&self.strength)
+    }
+
+    #[inline]
+    fn differences(&mut self, k: usize, predicted: &[Lanes], row: &mut [Lanes]) -> bool {
+        let at = (self.plan.parents()[k - 1], self.plan.axes()[k - 1]);
+        let scale = self.plan.scale_of(k);
+        let per_scale = 1.0 / scale;
+        for (row, p) in row.iter_mut().zip(predicted) {
+            for i in 0..CHUNK {
+                row[i] -= p[i];
+            }
+        }
+        // In steps. Whatever is expected, less than half a step is zero.
+        let mut large = false;
+        for (row, per_unit) in row.iter_mut().zip(&self.per_unit) {
+            for i in 0..CHUNK {
+                row[i] *= per_unit[i] * per_scale;
+                large |= row[i].abs() >= 0.5;
+            }
+        }
+        let mut any = false;
+        if large {
+            let here = self.rows.context().at(at.0, at.1);
+            let (mut first, mut coded) = (0, 0u32);
+            for (chunk, &size) in self.sizes.iter().enumerate() {
+                let here = self.rows.context().chunk(&here, chunk, first);
+                let mut levels = [0; CHUNK];
+                for i in 0..size {
+                    let x = row[chunk][i];
+                    let steps = f64::from(x.abs());
+                    let magnitude = self.thresholds.quantise(steps, here.expected(i, coded));
+                    coded = coded.saturating_add(magnitude);
+                    if magnitude != 0 {
+                        any = true;
+                        self.sums[first + i].add(magnitude, steps);
+                        levels[i] = if x < 0.0 { -(magnitude as i32) } else { magnitude as i32 };
+                    }
+                }
+                self.levels[chunk] = levels;
+                first += size;
+            }
+            self.all_zero &= !any;
+        }
+        if !any {
+            self.levels.fill([0; CHUNK]);
+        }
+        match &mut self.sink {
+            Sink::Range(coder) => {
+                self.rows.code(coder, k, at, &mut self.levels);
+            }
+            Sink::Planar(planes) => {
+                let here = self.rows.context().at(at.0, at.1);
+                self.rows.learn(k, &here, &self.levels);
+                if any {
+                    for (plane, (chunk, i)) in planes.iter_mut().zip(places(self.heads.len())) {
+                        plane[k] = self.levels[chunk][i];
+                    }
+                }
+            }
+        }
+        if any {
+            self.units.dequantise(&self.levels, scale, row);
+            for (row, p) in row.iter_mut().zip(predicted) {
+                for i in 0..CHUNK {
+                    row[i] += p[i];
+                }
+            }
+        } else if !predicted.is_empty() {
+            row.copy_from_slice(predicted);
+        }
+        any || !predicted.is_empty()
+    }
+}
