@@ -68,6 +68,7 @@ mod options;
 pub mod probe;
 mod quantization;
 mod saliency;
+mod sensitivity;
 #[cfg(any(test, feature = "gpu"))]
 mod shaders;
 mod shuffle;
@@ -83,6 +84,7 @@ pub use image::Image;
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};
+pub use sensitivity::covariance_sensitivity;
 pub use train::{
     FineTune, FineTuneOptions, MAX_IMAGE_EDGE, Outcome, Progress, StopReason, TrainView,
 };

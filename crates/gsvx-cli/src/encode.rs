@@ -2,9 +2,10 @@
 
 use crate::output::{Output, megabytes};
 use crate::report::Reporter;
+use crate::trim::Trim;
 use crate::{input, progress, views};
 use anyhow::{Context, Result, bail};
-use gs_model::Scene;
+use gs_model::{Camera, Scene};
 use gsvx::{CovarianceMode, EncodeOptions, Encoded, Entropy, PaperQp, Prepared, rate};
 use serde_json::json;
 use std::borrow::Cow;
@@ -91,13 +92,6 @@ pub(crate) struct Args {
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
-}
-
-/// What becomes of floaters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Trim {
-    Auto,
-    Off,
 }
 
 /// Coding choices.
@@ -237,7 +231,7 @@ fn encode_at(
     args: &Args,
     scene: Cow<'_, Scene>,
     outliers: Option<&Scene>,
-    seen: Option<&[f32]>,
+    (cameras, seen): (Option<&[Camera]>, Option<&[f32]>),
     q: f32,
 ) -> gsvx::Result<One> {
     let bar = progress::spinner(format!("encoding at quality {q:.1}"));
@@ -263,6 +257,9 @@ fn encode_at(
     options.max_sh_degree = args.max_sh_degree;
     options.importance = Some(importance);
     options.outliers = outliers.cloned();
+    if let (CovarianceMode::Vq { .. }, Some(cameras)) = (options.covariance, cameras) {
+        options.covariance_sensitivity = Some(finetune::covariance_sensitivity(&merged, cameras));
+    }
     let encoded = gsvx::encode(&merged, &voxels, &options)?;
     bar.finish_and_clear();
     Ok((encoded, merged.len() + outliers.map_or(0, Scene::len)))
@@ -294,20 +291,10 @@ fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
         }
         scene = scene.select(&kept);
     }
-    let split = match args.trim {
-        Trim::Auto => gsvx::split_outliers(&scene).with_context(name)?,
-        Trim::Off => None,
-    };
-    let outliers = split.map(|split| {
-        if let Some(seen) = &mut seen {
-            *seen = split.inside.iter().map(|&i| seen[i]).collect();
-        }
-        let outliers = scene.select(&split.outliers);
-        scene = scene.select(&split.inside);
-        outliers
-    });
+    let outliers = args.trim.split(&mut scene, seen.as_mut(), name)?;
     let outliers = outliers.as_ref();
     let exact = outliers.map_or(0, Scene::len);
+    let views = (cameras.as_deref(), seen.as_deref());
     let bytes = match args.target_mbit {
         Some(mbit) if mbit.is_finite() && mbit > 0.0 => Some((mbit * 1e6 / 8.0) as u64),
         Some(mbit) => bail!("--target-mbit {mbit}: must be a positive number"),
@@ -315,8 +302,7 @@ fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
     };
     if bytes.is_none() && args.target_psnr.is_none() {
         let (encoded, gaussians) =
-            encode_at(args, Cow::Owned(scene), outliers, seen.as_deref(), args.quality)
-                .with_context(name)?;
+            encode_at(args, Cow::Owned(scene), outliers, views, args.quality).with_context(name)?;
         let (note, quality) = (format!("quality {}", args.quality), Some(args.quality));
         return Ok(Made {
             encoded,
@@ -331,8 +317,7 @@ fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
     }
     let mut counts = Vec::new();
     let mut at = |q: f32| {
-        let (encoded, gaussians) =
-            encode_at(args, Cow::Borrowed(&scene), outliers, seen.as_deref(), q)?;
+        let (encoded, gaussians) = encode_at(args, Cow::Borrowed(&scene), outliers, views, q)?;
         counts.push((q, gaussians));
         Ok(encoded)
     };

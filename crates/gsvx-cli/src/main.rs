@@ -14,6 +14,7 @@ mod output;
 mod progress;
 mod render;
 mod report;
+mod trim;
 mod tune;
 mod views;
 

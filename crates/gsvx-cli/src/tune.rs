@@ -2,6 +2,7 @@
 
 use crate::output::{Output, megabytes};
 use crate::report::Reporter;
+use crate::trim::{self, Trim};
 use crate::{input, interrupt, progress, views};
 use anyhow::{Context, Result, anyhow, bail};
 use finetune::backend::Backend;
@@ -52,6 +53,10 @@ pub(crate) struct Args {
     /// Quantise attributes in the loop at the steps of the quality: round or noise.
     #[arg(long, value_name = "MODE", value_parser = quantizer)]
     quantize: Option<QuantizationMode>,
+    /// Floaters so far away that the others lose octree levels: auto tunes them too and codes them
+    /// exactly where that is cheaper, off keeps them in the octree.
+    #[arg(long, default_value = "auto")]
+    trim: Trim,
     /// Checkpoint file; an existing one is continued.
     #[arg(long)]
     checkpoint: Option<PathBuf>,
@@ -112,11 +117,11 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     // Before any work: whoever asked for a GPU should not wait to hear that there is none.
     let backend = finetune::backend::choose(args.backend).context("try --backend cpu or auto")?;
     eprintln!("backend: {}", backend.reason);
-    let (scene, _) = input::model(&args.input, args.drop_invalid)?;
+    let (mut scene, _) = input::model(&args.input, args.drop_invalid)?;
     let name = || input::name(&args.input);
     let training = photos(&args.cameras)?;
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let importance = views::importance(&scene, &cameras);
+    let mut importance = views::importance(&scene, &cameras);
     let unseen = importance.iter().filter(|&&v| v == 0.0).count();
     if unseen > 0 {
         let n = scene.len();
@@ -127,8 +132,14 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         eprintln!("input model: {db:.2} dB at the training views; the fine-tune ends there");
     }
     let strategy = |found: &[f32], seen| gsvx::default_strategy(args.quality, found, seen);
-    let Prepared { scene, voxels, importance } =
+    let outliers = args.trim.split(&mut scene, Some(&mut importance), name)?;
+    let Prepared { mut scene, voxels, importance } =
         gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
+    // Their means are as fixed as those of the leaves, and what is seen of them is seen.
+    if let Some(outliers) = &outliers {
+        eprintln!("{} outliers will be coded exactly", outliers.len());
+        trim::append(&mut scene, outliers);
+    }
 
     let tuning = FineTuneOptions {
         steps: args.steps,
@@ -170,24 +181,27 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     let how =
         format!("{} steps in {:.1} s, ended: {:?}", outcome.steps, outcome.seconds, outcome.reason);
-    let (target, tuned) = (output.name(), outcome.scene);
+    let (target, mut tuned) = (output.name(), outcome.scene);
+    let gaussians = tuned.len();
     let mut bytes = 0;
     if extension == "ply" {
         output.write(|out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
     } else {
-        let options = EncodeOptions { importance: Some(importance), ..options };
+        let outliers = trim::take_off(&mut tuned, voxels.len());
+        let options = EncodeOptions { importance: Some(importance), outliers, ..options };
         let encoded = gsvx::encode(&tuned, &voxels, &options).with_context(name)?;
         bytes = encoded.bytes.len() as u64;
         output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
     }
     let size = if bytes > 0 { format!(", {}", megabytes(bytes)) } else { String::new() };
-    let human = format!("{how}\n{target}: {} Gaussians{size}", tuned.len());
+    let human = format!("{how}\n{target}: {gaussians} Gaussians{size}");
     report.say(
         false,
         &human,
         &json!({
             "output": target,
-            "gaussians": tuned.len(),
+            "gaussians": gaussians,
+            "outliers": gaussians - voxels.len(),
             "bytes": bytes,
             "steps": outcome.steps,
             "seconds": outcome.seconds,

@@ -127,6 +127,62 @@ fn without_space_the_old_file_stays() {
     }
 }
 
+/// Runs `gsvx WORDS INPUT -o target` in a file system of its own, 64 kB small or read-only, that holds
+/// a file `target`; `None` where this machine gives no such file system. Returns the run, what is in
+/// the file system afterwards and what `target` then says.
+#[cfg(target_os = "linux")]
+fn on_its_own_file_system(
+    words: &str,
+    input: &Path,
+    read_only: bool,
+) -> Option<(Output, String, Vec<u8>)> {
+    let dir = tempfile::tempdir().unwrap();
+    let (disk, after) = (dir.path().join("disk"), dir.path().join("after"));
+    std::fs::create_dir(&disk).unwrap();
+    let remount = if read_only { "mount -o remount,ro \"$1\" || exit 99;" } else { "" };
+    // The mount is seen by these processes alone and ends with them.
+    let script = format!(
+        "mount -t tmpfs -o size=64k gsvx-test \"$1\" || exit 99; printf old > \"$1/target\"; {remount} \
+         \"$0\" {words} \"$3\" -o \"$1/target\"; code=$?; \
+         cp \"$1/target\" \"$2\"; ls -A \"$1\" > \"$2.names\"; exit $code"
+    );
+    let out = Command::new("unshare")
+        .args(["-rm", "sh", "-c", &script, env!("CARGO_BIN_EXE_gsvx")])
+        .args([&disk, &after])
+        .arg(input)
+        .output()
+        .ok()?;
+    let names = std::fs::read_to_string(after.with_extension("names")).ok()?;
+    Some((out, names.trim_end().to_owned(), std::fs::read(&after).ok()?))
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn on_a_full_or_read_only_file_system_the_old_file_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stream, _) = outputs(dir.path());
+    // Larger than the disk: the room at the best quality, and its model.
+    for (words, input) in
+        [("encode --force --quality 100", model()), ("decode --force", stream.clone())]
+    {
+        for (read_only, needle) in [(false, "disk full"), (true, "cannot write here")] {
+            let Some((out, names, content)) = on_its_own_file_system(words, &input, read_only)
+            else {
+                eprintln!("skipped: no mount namespaces here; the limit on file sizes stands in");
+                return;
+            };
+            one_line(&out, needle);
+            assert_eq!((names.as_str(), &content[..]), ("target", &b"old"[..]), "{words}");
+        }
+    }
+    // One that fits replaces it.
+    let words = "encode --force --quality 0";
+    if let Some((out, names, content)) = on_its_own_file_system(words, &model(), false) {
+        assert!(out.status.success() && names == "target");
+        gsvx::decode(&content, &gsvx::DecodeOptions::default()).unwrap();
+    }
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_target_that_cannot_be_written_is_named() {

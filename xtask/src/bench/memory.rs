@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail, ensure};
 use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
 use gs_model::{Scene, ply};
-use gsvx::attributes::group::{Transform, to_fixed};
+use gsvx::attributes::group::Transform;
 use gsvx::attributes::{colour, opacity};
 use gsvx::covariance::log_euclidean;
 use gsvx::{DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, Seen, importance};
@@ -174,26 +174,22 @@ fn section(
     transform: &Transform,
     options: &EncodeOptions,
 ) -> Result<Peak> {
-    let n = scene.len();
     let steps = &options.steps;
-    let code = |steps: &[f64], channel: &dyn Fn(usize) -> Vec<i32>| {
-        peak_of(|| Ok(transform.encode(steps, options.entropy, channel)?))
+    let code = |steps: &[f64], leaf: &dyn Fn(usize, &mut [f64])| {
+        peak_of(|| Ok(transform.encode(steps, options.entropy, leaf)?))
     };
     let (range, step) = match stage {
         "encode: opacity" => {
-            let value = |&l: &f32| to_fixed(opacity::forward(OpacityDomain::LogAlpha, l));
-            return code(&[f64::from(steps.opacity)], &|_| {
-                scene.opacity_logits.iter().map(value).collect()
-            });
+            let value =
+                |i: usize| opacity::forward(OpacityDomain::LogAlpha, scene.opacity_logits[i]);
+            return code(&[f64::from(steps.opacity)], &|i, row| row.fill(value(i)));
         }
         "encode: covariance" => {
-            return peak_of(|| {
-                let rows: Vec<[i32; 6]> = (0..n)
-                    .map(|i| log_euclidean::coordinates(scene.rotations[i], scene.log_scales[i]))
-                    .map(|c| c.map(to_fixed))
-                    .collect();
-                let channel = |k: usize| rows.iter().map(|c| c[k]).collect();
-                Ok(transform.encode(&[f64::from(steps.covariance); 6], options.entropy, channel)?)
+            return code(&[f64::from(steps.covariance); 6], &|i, row| {
+                row.copy_from_slice(&log_euclidean::coordinates(
+                    scene.rotations[i],
+                    scene.log_scales[i],
+                ));
             });
         }
         "encode: DC" => (0..1, steps.dc),
@@ -203,9 +199,11 @@ fn section(
         _ => bail!("no stage {stage}; stages: {}", STAGES.join(", ")),
     };
     let all = vec![f64::from(step); 3 * range.len()];
-    code(&all, &|c| {
-        let row = |i: usize| scene.sh_of(i).get(range.start + c / 3).copied().unwrap_or_default();
-        (0..n).map(|i| to_fixed(colour::forward_plane(row(i), c % 3))).collect()
+    code(&all, &|i, row| {
+        for (k, planes) in row.chunks_exact_mut(3).enumerate() {
+            let rgb = scene.sh_of(i).get(range.start + k).copied().unwrap_or_default();
+            planes.copy_from_slice(&colour::forward(rgb));
+        }
     })
 }
 

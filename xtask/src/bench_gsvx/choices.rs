@@ -18,10 +18,12 @@ const QUALITY: f32 = 60.0;
 /// Views that are rendered.
 const VIEWS: usize = 6;
 /// Rendered error at which the choices are compared, dB from the voxelized model's renders.
-const EQUAL_AT: [f64; 3] = [38.0, 42.0, 46.0];
+const EQUAL_AT: [f64; 5] = [34.0, 38.0, 42.0, 46.0, 50.0];
 
 struct Study {
     prepared: Prepared,
+    /// How much the training views change with each covariance.
+    sensitivity: Vec<f32>,
     views: Vec<(Camera, Image)>,
 }
 
@@ -31,10 +33,17 @@ pub(super) fn run(names: &[String]) -> Result<()> {
         let study = Study::new(name)?;
         println!("\n{name}: {} Gaussians after voxelization\n", study.prepared.scene.len());
         let head: Vec<String> = EQUAL_AT.iter().map(|db| format!("bytes at {db} dB")).collect();
-        println!("| attribute | coded as | {} |\n|---|---|{}", head.join(" | "), "---:|".repeat(3));
+        println!(
+            "| attribute | coded as | {} |\n|---|---|{}",
+            head.join(" | "),
+            "---:|".repeat(EQUAL_AT.len())
+        );
         study.covariance()?;
         study.opacity()?;
-        study.klt()?;
+        println!(
+            "\n| quality | stream as it is, bytes | AC sections | with prediction | KLT per plane | KLT of all planes | AC without what is below half a step |\n|---:|---:|---:|---:|---:|---:|---:|"
+        );
+        study.ac()?;
     }
     Ok(())
 }
@@ -54,7 +63,8 @@ impl Study {
             .step_by(every)
             .map(|c| (c.clone(), render(&prepared.scene, c, &RenderOptions::default())))
             .collect();
-        Ok(Self { prepared, views })
+        let sensitivity = finetune::covariance_sensitivity(&prepared.scene, &training);
+        Ok(Self { prepared, sensitivity, views })
     }
 
     fn psnr(&self, scene: &Scene) -> f64 {
@@ -100,30 +110,41 @@ impl Study {
             mixed.log_scales.clone_from(&decoded.log_scales);
         };
         let kind = SectionKind::Covariance;
-        let steps = [0.35, 0.6, 1.0, 1.7, 3.0];
+        let steps = [0.25, 0.4, 0.7, 1.2, 2.0, 3.4, 5.0];
         let transform = self.curve(kind, &steps, |o, f| o.steps.covariance *= f, replace)?;
         row("covariance", "transform", &transform);
-        for bits in [10, 12, 14, 16] {
+        let guess = gsvx::importance::without_cameras(&self.prepared.scene);
+        for (of, sensitivity) in [
+            ("derivatives of covariance", &self.sensitivity),
+            ("blending weights", &self.prepared.importance),
+            ("opacity and size", &guess),
+        ] {
+            for bits in [8, 10, 12, 14] {
+                let points = self.curve(
+                    kind,
+                    &[0.15, 0.4, 1.0, 2.5],
+                    |o, f| {
+                        o.covariance = CovarianceMode::Vq { bits };
+                        o.covariance_sensitivity = Some(sensitivity.clone());
+                        o.steps.covariance *= f;
+                    },
+                    replace,
+                )?;
+                row("", &format!("codebook of 2^{bits}, by {of}"), &points);
+                let best = points.last().context("no points")?;
+                println!("| | (its best: {:.2} dB in {:.0}) | | | | | |", best.0, best.1);
+            }
+        }
+        for bits in [8u8, 10, 12, 16] {
             let points = self.curve(
                 kind,
-                &[0.15, 0.35, 1.0],
-                |o, f| {
-                    o.covariance = CovarianceMode::Vq { bits };
-                    o.steps.covariance *= f;
-                },
+                &[1.0],
+                |o, _| o.covariance = CovarianceMode::Lossless { bits },
                 replace,
             )?;
-            row("", &format!("codebook of 2^{bits}"), &points);
-            let best = points.last().context("no points")?;
-            println!("| | (its best: {:.2} dB in {:.0} bytes) | | | |", best.0, best.1);
+            let (db, bytes) = points[0];
+            println!("| | (integers of {bits} bits: {db:.2} dB in {bytes:.0}) | | | | | |");
         }
-        let points = self.curve(
-            kind,
-            &[8.0, 10.0, 12.0, 16.0],
-            |o, bits| o.covariance = CovarianceMode::Lossless { bits: bits as u8 },
-            replace,
-        )?;
-        row("", "integers of 8 to 16 bits", &points);
         Ok(())
     }
 
@@ -135,7 +156,7 @@ impl Study {
         ] {
             let points = self.curve(
                 SectionKind::Opacity,
-                &[0.35, 0.7, 1.4, 2.8, 5.6],
+                &[0.35, 0.7, 1.4, 2.8, 5.6, 11.2],
                 |o, f| {
                     o.opacity_domain = domain;
                     o.steps.opacity *= f * scale;
@@ -147,64 +168,100 @@ impl Study {
         Ok(())
     }
 
-    /// Bytes of the AC sections with the coefficients as they are, and turned by the eigenvectors of
-    /// their covariance (per plane, over all degrees; the matrices, 2.7 kB as f32, not counted). The
-    /// turn is orthonormal and the step the same, so the error is too.
-    fn klt(&self) -> Result<()> {
-        if self.prepared.scene.sh_degree == 0 {
+    /// Bytes of the AC sections with the coefficients as they are; with degrees 2 and 3 predicted
+    /// from lower ones; turned by the eigenvectors of their covariance, over all degrees of a plane
+    /// and over all of all planes (matrices not counted); and with the coefficients of Gaussians
+    /// whose degree is everywhere below half their own step set to zero, which is the most that an
+    /// SH degree per Gaussian could save before it pays for saying so.
+    ///
+    /// Turns are orthonormal, predictions closed, and the steps the same: so is the error.
+    fn ac(&self) -> Result<()> {
+        if self.prepared.scene.sh_degree < 3 {
             return Ok(());
         }
-        let turned = self.turned();
-        for quality in [40.0, 60.0, 80.0] {
-            let o = EncodeOptions {
-                steps: EncodeOptions::from_quality(quality)?.steps,
-                ..self.options()?
-            };
-            let bytes = |scene: &Scene| -> Result<usize> {
-                let encoded = gsvx::encode(scene, &self.prepared.voxels, &o)?;
+        let per_plane: Vec<Vec<usize>> =
+            (0..3).map(|p| (0..15).map(|c| 3 * c + p).collect()).collect();
+        let per_plane = self.turned(&per_plane);
+        let all = self.turned(&[(0..45).collect()]);
+        for quality in [40.0, 50.0, 60.0, 75.0, 90.0] {
+            let steps = EncodeOptions::from_quality(quality)?.steps;
+            let o = EncodeOptions { steps, sh_prediction: false, ..self.options()? };
+            let bytes = |scene: &Scene, o: &EncodeOptions| -> Result<[usize; 2]> {
+                let encoded = gsvx::encode(scene, &self.prepared.voxels, o)?;
                 let ac = [SectionKind::Sh1, SectionKind::Sh2, SectionKind::Sh3];
-                Ok(encoded.sections.iter().filter(|(k, _)| ac.contains(k)).map(|(_, n)| *n).sum())
+                let ac = encoded.sections.iter().filter(|(k, _)| ac.contains(k)).map(|(_, n)| *n);
+                Ok([encoded.bytes.len(), ac.sum()])
             };
-            let (plain, klt) = (bytes(&self.prepared.scene)?, bytes(&turned)?);
+            let scene = &self.prepared.scene;
+            let [whole, plain] = bytes(scene, &o)?;
+            let percent = |scene: &Scene, o: &EncodeOptions| -> Result<String> {
+                let ac = bytes(scene, o)?[1];
+                Ok(format!("{:+.2} %", 100.0 * (ac as f64 / plain as f64 - 1.0)))
+            };
             println!(
-                "| AC, steps of quality {quality} | as they are {plain}, KLT {klt}: {:+.2} % | | | |",
-                100.0 * (klt as f64 / plain as f64 - 1.0)
+                "| {quality} | {whole} | {plain} | {} | {} | {} | {} |",
+                percent(scene, &EncodeOptions { sh_prediction: true, ..o.clone() })?,
+                percent(&per_plane, &o)?,
+                percent(&all, &o)?,
+                percent(&self.without_small(steps.sh[0]), &o)?,
             );
         }
         Ok(())
     }
 
-    /// The scene with its AC coefficients in the basis of their eigenvectors, greatest first.
-    fn turned(&self) -> Scene {
-        let (scene, weights) = (&self.prepared.scene, &self.prepared.importance);
-        let k = scene.sh_len() - 1;
-        let ycc = |i: usize| -> Vec<[f64; 3]> {
-            scene.sh_of(i)[1..].iter().map(|&c| colour::forward(c)).collect()
+    /// The scene without the SH degrees of Gaussians that are below half their step throughout.
+    fn without_small(&self, step: f32) -> Scene {
+        let mut out = self.prepared.scene.clone();
+        let classes = gsvx::importance::log_classes(&self.prepared.importance);
+        let k = out.sh_len();
+        for (sh, class) in out.sh.chunks_exact_mut(k).zip(classes) {
+            let own = f64::from(step) * libm::exp2(f64::from(gsvx::importance::MEAN_CLASS) - class);
+            for degree in [1..4, 4..9, 9..16] {
+                let small = |c: &[f32; 3]| colour::forward(*c).iter().all(|v| v.abs() < 0.5 * own);
+                if sh[degree.clone()].iter().all(small) {
+                    sh[degree].fill([0.0; 3]);
+                }
+            }
+        }
+        out
+    }
+
+    /// The scene with its AC channels (three planes per coefficient) turned, block by block, into
+    /// the basis of the eigenvectors of their covariance, greatest first.
+    fn turned(&self, blocks: &[Vec<usize>]) -> Scene {
+        let scene = &self.prepared.scene;
+        let k = scene.sh_len();
+        let classes = gsvx::importance::log_classes(&self.prepared.importance);
+        let channels = |i: usize| -> Vec<f64> {
+            scene.sh_of(i)[1..].iter().flat_map(|&c| colour::forward(c)).collect()
         };
-        let mut bases = Vec::new();
-        for plane in 0..3 {
-            let mut c = DMatrix::<f64>::zeros(k, k);
-            for (i, &w) in weights.iter().enumerate() {
-                let v = ycc(i);
-                for a in 0..k {
-                    for b in 0..k {
-                        c[(a, b)] += f64::from(w) * v[a][plane] * v[b][plane];
+        let exact: Vec<Vec<f64>> = (0..scene.len()).map(channels).collect();
+        let mut turned = exact.clone();
+        for block in blocks {
+            let n = block.len();
+            let mut c = DMatrix::<f64>::zeros(n, n);
+            for (v, class) in exact.iter().zip(&classes) {
+                let w = libm::exp2(2.0 * class);
+                for a in 0..n {
+                    for b in 0..n {
+                        c[(a, b)] += w * v[block[a]] * v[block[b]];
                     }
                 }
             }
             let eigen = c.symmetric_eigen();
-            let mut order: Vec<usize> = (0..k).collect();
+            let mut order: Vec<usize> = (0..n).collect();
             order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-            bases.push(DMatrix::from_fn(k, k, |r, c| eigen.eigenvectors[(r, order[c])]));
+            for (v, out) in exact.iter().zip(&mut turned) {
+                for (j, &vector) in order.iter().enumerate() {
+                    let along = |a: usize| eigen.eigenvectors[(a, vector)] * v[block[a]];
+                    out[block[j]] = (0..n).map(along).sum();
+                }
+            }
         }
         let mut out = scene.clone();
-        for i in 0..scene.len() {
-            let v = ycc(i);
-            for j in 0..k {
-                let turned = std::array::from_fn(|p| {
-                    (0..k).map(|a| bases[p][(a, j)] * v[a][p]).sum::<f64>()
-                });
-                out.sh[i * (k + 1) + 1 + j] = colour::inverse(turned);
+        for (sh, v) in out.sh.chunks_exact_mut(k).zip(&turned) {
+            for (rgb, c) in sh[1..].iter_mut().zip(v.chunks_exact(3)) {
+                *rgb = colour::inverse([c[0], c[1], c[2]]);
             }
         }
         out
