@@ -50,13 +50,6 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     };
     line(format!("  Gaussians      {gaussians}{exact}"));
     line(format!("  SH degree      {}", h.sh_degree));
-    let predicted: Vec<String> = (0..=h.sh_degree)
-        .filter(|&d| h.predicted[usize::from(d.min(3))])
-        .map(|d| d.to_string())
-        .collect();
-    if !predicted.is_empty() {
-        line(format!("  predicted      SH degree {}", predicted.join(", ")));
-    }
     line(format!("  octree depth   {}", h.j_high));
     let [x, y, z] = h.cube.origin;
     line(format!("  cube           side {} at ({x}, {y}, {z})", h.cube.side));
@@ -80,7 +73,6 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         "gaussians": gaussians,
         "outliers": outliers,
         "sh_degree": h.sh_degree,
-        "predicted": predicted,
         "octree_depth": h.j_high,
         "cube": { "origin": h.cube.origin, "side": h.cube.side },
         "sections": sections

@@ -88,6 +88,10 @@ pub struct EncodeOptions {
     /// Per Gaussian importance (see [`crate::importance`]), in leaf order; any unit.
     /// `None` uses [`crate::importance::without_cameras`].
     pub importance: Option<Vec<f32>>,
+    /// Per Gaussian, in leaf order and any unit: how much a change of its covariance shows, for
+    /// the codebook of [`CovarianceMode::Vq`]. From cameras: the squared derivatives of the
+    /// pixels. `None` uses the importance.
+    pub covariance_sensitivity: Option<Vec<f32>>,
     /// What opacity is coded as.
     pub opacity_domain: OpacityDomain,
     /// Steps by the paper's rule instead of [`EncodeOptions::steps`] (covariance excepted).
@@ -147,6 +151,7 @@ impl EncodeOptions {
             entropy: Entropy::Range,
             max_sh_degree: 3,
             importance: None,
+            covariance_sensitivity: None,
             opacity_domain: OpacityDomain::LogAlpha,
             paper_qp: None,
             uniform_precision: false,

@@ -4,9 +4,9 @@
 //! stream and counted: the codebook, the entropy-coded indices, and the scale factors, which
 //! go through the same weighted transform as the other attributes.
 //!
-//! Sensitivities are the importances of the encoder's options: from cameras the sum over all pixels
-//! of `(d pixel / d colour)^2 = (alpha T)^2`, the rasterizer's own gradient squared, which is also
-//! what an error of the footprint is multiplied by; without cameras opacity times size.
+//! Sensitivities are those of the encoder's options: from cameras the sum over all pixels of the
+//! squared derivatives with respect to log-scales and rotation; else the importances, which are
+//! opacity times size where there are no cameras at all.
 
 use super::Covariances;
 use crate::attributes::group::Transform;
@@ -46,7 +46,11 @@ pub(super) fn encode(
         .map(|(&q, l)| Covariance::split(q, l.map(|v| v.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT))))
         .collect::<std::result::Result<_, _>>()?;
     let covariances: Vec<Covariance> = parts.iter().map(|p| p.0).collect();
-    let sensitivities = match &options.importance {
+    let given = options.covariance_sensitivity.as_ref().or(options.importance.as_ref());
+    let sensitivities = match given {
+        Some(given) if given.len() != scene.len() => {
+            return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
+        }
         Some(given) => {
             given.iter().map(|&v| if v.is_finite() { v.max(0.0) } else { 0.0 }).collect()
         }
