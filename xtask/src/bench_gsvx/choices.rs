@@ -41,7 +41,7 @@ pub(super) fn run(names: &[String]) -> Result<()> {
         study.covariance()?;
         study.opacity()?;
         println!(
-            "\n| quality | stream as it is, bytes | AC sections | with prediction | KLT per plane | KLT of all planes | AC without what is below half a step |\n|---:|---:|---:|---:|---:|---:|---:|"
+            "\n| quality | stream as it is, bytes | AC sections | KLT per plane | KLT of all planes | AC without what is below half a step |\n|---:|---:|---:|---:|---:|---:|"
         );
         study.ac()?;
     }
@@ -168,13 +168,12 @@ impl Study {
         Ok(())
     }
 
-    /// Bytes of the AC sections with the coefficients as they are; with degrees 2 and 3 predicted
-    /// from lower ones; turned by the eigenvectors of their covariance, over all degrees of a plane
+    /// Bytes of the AC sections with the coefficients as they are; turned by the eigenvectors of their covariance, over all degrees of a plane
     /// and over all of all planes (matrices not counted); and with the coefficients of Gaussians
     /// whose degree is everywhere below half their own step set to zero, which is the most that an
     /// SH degree per Gaussian could save before it pays for saying so.
     ///
-    /// Turns are orthonormal, predictions closed, and the steps the same: so is the error.
+    /// Turns are orthonormal and the steps the same: so is the error.
     fn ac(&self) -> Result<()> {
         if self.prepared.scene.sh_degree < 3 {
             return Ok(());
@@ -185,7 +184,7 @@ impl Study {
         let all = self.turned(&[(0..45).collect()]);
         for quality in [40.0, 50.0, 60.0, 75.0, 90.0] {
             let steps = EncodeOptions::from_quality(quality)?.steps;
-            let o = EncodeOptions { steps, sh_prediction: false, ..self.options()? };
+            let o = EncodeOptions { steps, ..self.options()? };
             let bytes = |scene: &Scene, o: &EncodeOptions| -> Result<[usize; 2]> {
                 let encoded = gsvx::encode(scene, &self.prepared.voxels, o)?;
                 let ac = [SectionKind::Sh1, SectionKind::Sh2, SectionKind::Sh3];
@@ -199,8 +198,7 @@ impl Study {
                 Ok(format!("{:+.2} %", 100.0 * (ac as f64 / plain as f64 - 1.0)))
             };
             println!(
-                "| {quality} | {whole} | {plain} | {} | {} | {} | {} |",
-                percent(scene, &EncodeOptions { sh_prediction: true, ..o.clone() })?,
+                "| {quality} | {whole} | {plain} | {} | {} | {} |",
                 percent(&per_plane, &o)?,
                 percent(&all, &o)?,
                 percent(&self.without_small(steps.sh[0]), &o)?,
