@@ -157,7 +157,8 @@ proptest! {
         let mut points = 0;
         let read = attribute::decode_with(&plan, &bytes, channels, |i, row| {
             for ((e, v), c) in errors.iter_mut().zip(row).zip(&c) {
-                *e += f64::from(weights[i]) * (f64::from(*v) - f64::from(c[i])).powi(2);
+                let d = f64::from(*v) - f64::from(c[i]);
+                *e += f64::from(weights[i]) * d * d;
             }
             points += 1;
         });
@@ -165,7 +166,8 @@ proptest! {
         let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
         for (e, c) in errors.iter().zip(&c) {
             let scale = c.iter().map(|v| f64::from(v.unsigned_abs())).fold(0.0, f64::max);
-            let bound = n as f64 * step.value().powi(2) + total * (1e-5 * scale).powi(2);
+            let slack = 1e-5 * scale;
+            let bound = n as f64 * step.value() * step.value() + total * slack * slack;
             prop_assert!(*e <= bound, "{} {}", e, bound);
         }
     }
