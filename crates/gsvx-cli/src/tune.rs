@@ -137,7 +137,8 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
     // Their means are as fixed as those of the leaves, and what is seen of them is seen.
     if let Some(outliers) = &outliers {
-        eprintln!("{} outliers will be coded exactly", outliers.len());
+        let n = outliers.len();
+        eprintln!("{n} outlier{} will be coded exactly", if n == 1 { "" } else { "s" });
         trim::append(&mut scene, outliers);
     }
 
