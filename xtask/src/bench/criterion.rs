@@ -46,6 +46,12 @@ impl Target {
     }
 }
 
+/// Where `cargo bench` leaves its estimates, wherever the build goes.
+pub(super) fn folder(root: &Path) -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+    root.join(target.unwrap_or_else(|| "target".into())).join("criterion")
+}
+
 /// All benchmarks' medians, sorted by name.
 pub(super) fn estimates(folder: &Path) -> Vec<Micro> {
     let mut out = Vec::new();

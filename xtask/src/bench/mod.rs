@@ -140,7 +140,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     // Stages are compared by processor time, criterion's by the wall-clock time that it measures.
     let (yard, yard_wall) = (before.cpu.min(after.cpu), before.wall.min(after.wall));
     let peaks = memory::measure(&args.scene)?;
-    let micro = criterion::estimates(&scenes::root().join("target/criterion"));
+    let micro = criterion::estimates(&criterion::folder(&scenes::root()));
     let mut times: Times = Times::new();
     for r in &rows {
         times.insert(format!("{}: {}: {}", found.name, r.stage, r.setting), r.time.cpu / yard);
