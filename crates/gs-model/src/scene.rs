@@ -70,6 +70,35 @@ impl Scene {
         }
         out
     }
+
+    /// Adds the Gaussians of `other` after these, at this scene's SH degree: higher coefficients
+    /// of theirs are cut, missing ones are zero.
+    pub fn append(&mut self, other: &Self) {
+        let len = self.sh_len();
+        self.means.extend_from_slice(&other.means);
+        self.rotations.extend_from_slice(&other.rotations);
+        self.log_scales.extend_from_slice(&other.log_scales);
+        self.opacity_logits.extend_from_slice(&other.opacity_logits);
+        for i in 0..other.len() {
+            let row = other.sh_of(i);
+            self.sh.extend((0..len).map(|j| row.get(j).copied().unwrap_or_default()));
+        }
+    }
+
+    /// Takes the Gaussians from `at` on off this scene: undoes [`Scene::append`]. Those are none
+    /// if there are no more than `at`.
+    #[must_use]
+    pub fn split_off(&mut self, at: usize) -> Self {
+        let at = at.min(self.len());
+        Self {
+            means: self.means.split_off(at),
+            rotations: self.rotations.split_off(at),
+            log_scales: self.log_scales.split_off(at),
+            opacity_logits: self.opacity_logits.split_off(at),
+            sh_degree: self.sh_degree,
+            sh: self.sh.split_off(at * self.sh_len()),
+        }
+    }
 }
 
 /// SH coefficients per colour channel of a given degree, DC included.

@@ -35,22 +35,3 @@ impl Trim {
         }))
     }
 }
-
-/// Adds the floaters after the Gaussians of the leaves.
-pub(crate) fn append(scene: &mut Scene, outliers: &Scene) {
-    scene.means.extend_from_slice(&outliers.means);
-    scene.rotations.extend_from_slice(&outliers.rotations);
-    scene.log_scales.extend_from_slice(&outliers.log_scales);
-    scene.opacity_logits.extend_from_slice(&outliers.opacity_logits);
-    scene.sh.extend_from_slice(&outliers.sh);
-}
-
-/// Undoes [`append`]: the Gaussians from `leaves` on.
-pub(crate) fn take_off(scene: &mut Scene, leaves: usize) -> Option<Scene> {
-    if leaves >= scene.len() {
-        return None;
-    }
-    let outliers = scene.select(&(leaves..scene.len()).collect::<Vec<_>>());
-    *scene = scene.select(&(0..leaves).collect::<Vec<_>>());
-    Some(outliers)
-}

@@ -2,7 +2,7 @@
 
 use crate::output::{Output, megabytes};
 use crate::report::Reporter;
-use crate::trim::{self, Trim};
+use crate::trim::Trim;
 use crate::{input, interrupt, progress, views};
 use anyhow::{Context, Result, anyhow, bail};
 use finetune::backend::Backend;
@@ -139,7 +139,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     if let Some(outliers) = &outliers {
         let n = outliers.len();
         eprintln!("{n} outlier{} will be coded exactly", if n == 1 { "" } else { "s" });
-        trim::append(&mut scene, outliers);
+        scene.append(outliers);
     }
 
     let tuning = FineTuneOptions {
@@ -188,7 +188,8 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     if extension == "ply" {
         output.write(|out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
     } else {
-        let outliers = trim::take_off(&mut tuned, voxels.len());
+        let outliers = tuned.split_off(voxels.len());
+        let outliers = (!outliers.is_empty()).then_some(outliers);
         let options = EncodeOptions { importance: Some(importance), outliers, ..options };
         let encoded = gsvx::encode(&tuned, &voxels, &options).with_context(name)?;
         bytes = encoded.bytes.len() as u64;

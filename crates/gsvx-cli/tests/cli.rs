@@ -1,11 +1,14 @@
 //! The command as a person runs it.
 
+mod common;
+
+use common::{model, room};
 use gs_model::Scene;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 fn gsvx(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_gsvx")).args(args).output().expect("gsvx starts")
+    common::gsvx().args(args).output().expect("gsvx starts")
 }
 
 fn ok(args: &[&str]) -> String {
@@ -17,15 +20,8 @@ fn ok(args: &[&str]) -> String {
 
 /// Exit code 1 and exactly one line, which holds `needle`.
 fn fails(args: &[&str], needle: &str) {
-    let out = gsvx(args);
-    let error = String::from_utf8_lossy(&out.stderr).into_owned();
-    assert_eq!(out.status.code(), Some(1), "{args:?}: {error}");
-    assert_eq!(error.trim_end().lines().count(), 1, "{args:?}: {error}");
-    assert!(error.contains(needle), "{args:?}: {error}");
-}
-
-fn room() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
+    println!("{args:?}");
+    common::one_line(&gsvx(args), needle);
 }
 
 fn path(p: &Path) -> &str {
@@ -35,8 +31,7 @@ fn path(p: &Path) -> &str {
 #[test]
 fn encode_info_decode() {
     let dir = tempfile::tempdir().unwrap();
-    let (model, stream, back) =
-        (room().join("point_cloud.ply"), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
+    let (model, stream, back) = (model(), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
     let said = ok(&["encode", path(&model), "-o", path(&stream)]);
     assert!(said.contains("bits per Gaussian"), "{said}");
     let said = ok(&["info", path(&stream)]);
@@ -86,8 +81,7 @@ fn targets_are_hit() {
 #[test]
 fn lossless_returns_every_bit() {
     let dir = tempfile::tempdir().unwrap();
-    let (model, stream, back) =
-        (room().join("point_cloud.ply"), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
+    let (model, stream, back) = (model(), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
     ok(&["encode", path(&model), "-o", path(&stream), "--lossless"]);
     ok(&["decode", path(&stream), "-o", path(&back)]);
     let rows = |p: &Path| {
@@ -114,7 +108,7 @@ fn mistakes_get_one_line() {
         std::fs::write(&p, bytes).unwrap();
         p
     };
-    let model = std::fs::read(room().join("point_cloud.ply")).unwrap();
+    let model = std::fs::read(model()).unwrap();
     let out = dir.path().join("out.gsvx");
     let out = path(&out);
     let whole = file("whole.ply", &model);
@@ -210,7 +204,7 @@ fn json(text: &str) -> serde_json::Value {
 #[test]
 fn pipes_threads_and_json() {
     let dir = tempfile::tempdir().unwrap();
-    let model = room().join("point_cloud.ply");
+    let model = model();
     let (one, two) = (dir.path().join("1.gsvx"), dir.path().join("2.gsvx"));
     let said = json(&ok(&["encode", path(&model), "-o", path(&one), "--threads", "1", "--json"]));
     assert_eq!(said["bytes"], std::fs::metadata(&one).unwrap().len());
@@ -237,7 +231,7 @@ fn floaters_are_trimmed() {
     let dir = tempfile::tempdir().unwrap();
     let [model, near, auto, off, back] =
         ["m.ply", "n.ply", "a.gsvx", "o.gsvx", "b.ply"].map(|name| dir.path().join(name));
-    let (mut scene, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
+    let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
     gs_model::ply::write(&near, &scene).unwrap();
     let at = [5, 700, scene.len() - 1];
     for (axis, &i) in at.iter().enumerate() {
@@ -269,7 +263,7 @@ fn floaters_are_trimmed() {
 #[test]
 fn render_writes_one_png_per_camera() {
     let dir = tempfile::tempdir().unwrap();
-    let (model, out) = (room().join("point_cloud.ply"), dir.path().join("views"));
+    let (model, out) = (model(), dir.path().join("views"));
     let room = room();
     let render = ["render", path(&model), "--cameras", path(&room), "--every", "8"];
     let args = |more: &[&'static str]| [&render[..], &["-o", path(&out)], more].concat();
@@ -296,7 +290,7 @@ fn render_writes_one_png_per_camera() {
 #[test]
 fn convert_and_compare() {
     let dir = tempfile::tempdir().unwrap();
-    let model = room().join("point_cloud.ply");
+    let model = model();
     let file = |name: &str| dir.path().join(name);
     let (spz, small, splat) = (file("a.spz"), file("small.spz"), file("a.splat"));
     ok(&["convert", path(&model), path(&spz)]);

@@ -2,30 +2,14 @@
 //! case the target is the old file or the new one, whole.
 #![cfg(unix)]
 
+mod common;
+
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
-use std::time::{Duration, Instant, SystemTime};
+use std::process::{Command, Output};
+use std::time::{Duration, SystemTime};
 
-fn gsvx() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_gsvx"))
-}
-
-fn room() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
-}
-
-fn model() -> PathBuf {
-    room().join("point_cloud.ply")
-}
-
-/// Exit code 1 and one line that holds `needle`.
-fn one_line(out: &Output, needle: &str) {
-    let error = String::from_utf8_lossy(&out.stderr);
-    assert_eq!(out.status.code(), Some(1), "{error}");
-    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
-    assert!(error.contains(needle), "{error}");
-}
+use common::{gsvx, model, one_line, room};
 
 fn names(dir: &Path) -> Vec<String> {
     let list = std::fs::read_dir(dir).unwrap();
@@ -40,48 +24,6 @@ fn outputs(dir: &Path) -> (PathBuf, PathBuf) {
     assert!(gsvx().arg("encode").arg(model()).arg("-o").arg(&stream).status().unwrap().success());
     assert!(gsvx().arg("decode").arg(&stream).arg("-o").arg(&ply).status().unwrap().success());
     (stream, ply)
-}
-
-#[test]
-fn killed_at_any_moment_the_target_is_whole() {
-    let dir = tempfile::tempdir().unwrap();
-    let (stream, ply) = outputs(dir.path());
-    let whole = [std::fs::read(&stream).unwrap(), std::fs::read(&ply).unwrap()];
-    let mut seed = 1u64;
-    for round in 0..24 {
-        let encode = round % 2 == 0;
-        let target = dir.path().join("target");
-        let old = b"what was there before";
-        std::fs::write(&target, old).unwrap();
-        let mut command = gsvx();
-        match encode {
-            true => command.arg("encode").arg(model()),
-            false => command.arg("decode").arg(&stream),
-        };
-        let started = Instant::now();
-        let mut child = command
-            .args(["--force", "-o"])
-            .arg(&target)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        // Anywhere between the start and a little after the end of a run, by a fixed sequence.
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let wait = Duration::from_micros((seed >> 40) % if encode { 400_000 } else { 150_000 });
-        while started.elapsed() < wait && child.try_wait().unwrap().is_none() {
-            std::thread::sleep(Duration::from_micros(200));
-        }
-        let _ = child.kill();
-        child.wait().unwrap();
-        let found = std::fs::read(&target).unwrap();
-        let new = &whole[usize::from(!encode)];
-        assert!(found == old || found == *new, "round {round}: {} bytes", found.len());
-        for name in names(dir.path()) {
-            let known = ["room.gsvx", "room.ply", "target"].contains(&name.as_str());
-            assert!(known || name.starts_with(".gsvx-"), "{name}");
-        }
-    }
 }
 
 #[test]

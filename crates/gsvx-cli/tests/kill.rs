@@ -2,23 +2,15 @@
 //! target is absent, the old file or the new one, whole; a checkpoint is one that can be continued.
 #![cfg(unix)]
 
+mod common;
+
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-fn gsvx() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_gsvx"))
-}
-
-fn room() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
-}
-
-fn model() -> PathBuf {
-    room().join("point_cloud.ply")
-}
+use common::{gsvx, model, one_line, room};
 
 /// Other moments every run. A failure prints the seed; `GSVX_KILL_SEED` sets it.
 struct Moments(u64);
@@ -65,14 +57,6 @@ fn names(dir: &Path) -> Vec<String> {
     names
 }
 
-/// Exit code 1 and one line that holds `needle`.
-fn one_line(out: &Output, needle: &str) {
-    let error = String::from_utf8_lossy(&out.stderr);
-    assert_eq!(out.status.code(), Some(1), "{error}");
-    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
-    assert!(error.contains(needle), "{error}");
-}
-
 /// Every command that writes one file, its arguments before the target.
 fn writers(dir: &Path) -> Vec<(&'static str, Vec<PathBuf>)> {
     let stream = dir.join("in.gsvx");
@@ -104,7 +88,7 @@ fn killed_at_random_the_target_is_absent_or_whole() {
         assert!(!killed(gsvx().args(words).arg(&target), Duration::from_secs(600)), "{name}");
         let whole = started.elapsed();
         let new = std::fs::read(&target).unwrap();
-        for round in 0..8 {
+        for round in 0..12 {
             // In turn onto nothing, and onto an old file.
             let old = (round % 2 == 1).then_some(b"what was there before".as_slice());
             std::fs::remove_file(&target).unwrap_or_default();

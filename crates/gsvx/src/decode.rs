@@ -151,7 +151,7 @@ fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     scene.sh_degree = sh.len() as u8 - 1;
     scene.sh = interleave(&sh, n);
     if let Some(outliers) = outliers {
-        outliers::append(&mut scene, &outliers);
+        scene.append(&outliers);
     }
     Ok(Decoded { scene, leaves, header, skipped })
 }

@@ -29,7 +29,8 @@ pub struct Encoded {
 ///
 /// # Errors
 /// [`Error::CountMismatch`], [`Error::OffCentre`] or [`Error::NonFinite`] if the scene does not
-/// fit, [`Error::InvalidOutlier`] if an outlier does not; [`Error::Coding`] if the leaves are not a valid pruned octree.
+/// fit, [`Error::InvalidOutlier`] if an outlier does not; [`Error::Coding`] if the leaves are not
+/// a valid pruned octree.
 pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Encoded> {
     check(scene, voxels)?;
     let outliers = outliers::of(options.outliers.as_ref(), scene)?;

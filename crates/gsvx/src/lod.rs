@@ -8,9 +8,9 @@ use voxel::{Merge, Voxelization};
 /// Merges the Gaussians of a decoded scene whose leaves lie in the same cell at `depth`.
 ///
 /// Means become the centres of those cells, shapes match the second moments of what they
-/// replace. Leaves at or above `depth` and Gaussians that were coded exactly stay as they are. A lossless stream has no leaves and is
-/// returned unchanged, with a remark. The whole stream is decoded first: this saves drawing,
-/// not reading.
+/// replace. Leaves at or above `depth` and Gaussians that were coded exactly stay as they are. A
+/// lossless stream has no leaves and is returned unchanged, with a remark. The whole stream is
+/// decoded first: this saves drawing, not reading.
 ///
 /// # Errors
 /// [`crate::Error::Voxel`] if merging fails.
@@ -49,19 +49,13 @@ pub fn reduce(mut decoded: Decoded, depth: u8) -> Result<Decoded> {
     };
     crate::decode::centres(&voxels.leaves, &decoded.header)?;
     let before = decoded.leaves.len();
-    let outliers: Vec<usize> = (before..decoded.scene.len()).collect();
-    let outliers = (!outliers.is_empty()).then(|| decoded.scene.select(&outliers));
-    if outliers.is_some() {
-        decoded.scene = decoded.scene.select(&(0..before).collect::<Vec<_>>());
-    }
+    let outliers = decoded.scene.split_off(before);
     decoded.scene = voxel::merge(&decoded.scene, &voxels, Merge::Moments)?;
     decoded.skipped.push(format!(
         "level of detail: {before} Gaussians merged into {} at depth {depth}",
         voxels.leaves.len()
     ));
-    if let Some(outliers) = outliers {
-        crate::outliers::append(&mut decoded.scene, &outliers);
-    }
+    decoded.scene.append(&outliers);
     decoded.leaves = voxels.leaves;
     Ok(decoded)
 }

@@ -41,7 +41,9 @@ pub(crate) fn degree(outliers: Option<&Scene>, most: u8) -> u8 {
 /// The payload: rows of little-endian floats at the stream's SH degree.
 pub(crate) fn encode(outliers: &Scene, sh_degree: u8) -> Vec<u8> {
     let order: Vec<u32> = (0..outliers.len() as u32).collect();
-    let rows = gather_rows(&at_degree(outliers, sh_degree), &order);
+    let mut at_degree = Scene { sh_degree, ..Scene::default() };
+    at_degree.append(outliers);
+    let rows = gather_rows(&at_degree, &order);
     rows.into_iter().flat_map(u32::to_le_bytes).collect()
 }
 
@@ -70,27 +72,6 @@ pub(crate) fn decode(payload: &[u8], sh_degree: u8) -> Result<Scene> {
 /// Bytes of one outlier.
 fn row_bytes(sh_degree: u8) -> usize {
     4 * columns(sh_degree)
-}
-
-/// Adds the outliers after the leaves, at the SH degree that those have.
-pub(crate) fn append(scene: &mut Scene, outliers: &Scene) {
-    let outliers = at_degree(outliers, scene.sh_degree);
-    scene.means.extend(outliers.means);
-    scene.rotations.extend(outliers.rotations);
-    scene.log_scales.extend(outliers.log_scales);
-    scene.opacity_logits.extend(outliers.opacity_logits);
-    scene.sh.extend(outliers.sh);
-}
-
-/// Higher degrees cut, missing ones zero.
-fn at_degree(scene: &Scene, sh_degree: u8) -> Scene {
-    let mut out = Scene { sh: Vec::new(), sh_degree, ..scene.clone() };
-    let len = out.sh_len();
-    for i in 0..scene.len() {
-        let row = scene.sh_of(i);
-        out.sh.extend((0..len).map(|j| row.get(j).copied().unwrap_or_default()));
-    }
-    out
 }
 
 impl Container<'_> {

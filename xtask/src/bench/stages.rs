@@ -143,11 +143,18 @@ fn attributes(
     for (name, mode) in [("range", Mode::Range), ("RLGR", Mode::Rlgr)] {
         for (dead_zone, lambda) in [("RDOQ", Options::default().lambda), ("no RDOQ", 0)] {
             for (predicts, prediction) in [("prediction", true), ("no prediction", false)] {
-                let options = Options { mode, lambda, prediction, ..Options::default() };
+                let options = Options {
+                    mode,
+                    lambda,
+                    prediction,
+                    // Or a decoding would be part of the time.
+                    reconstruction: false,
+                    ..Options::default()
+                };
                 let (coded, time, peak_mb) =
                     timed(repeat, || Ok(attribute::encode(&plan, &views, &steps, &options)?))?;
-                let square: f64 = coded
-                    .reconstruction
+                let decoded = attribute::decode(&plan, &coded.bytes, views.len())?;
+                let square: f64 = decoded
                     .iter()
                     .zip(&planes)
                     .flat_map(|(a, b)| a.iter().zip(b))

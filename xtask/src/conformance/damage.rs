@@ -11,27 +11,11 @@ use gsvx::DecodeOptions;
 use gsvx::stream::{Container, SectionKind, assemble};
 
 use super::{Tally, Verdict, golden};
+use crate::fixture::rng::Rng;
 
 /// Longest decode of a broken stream of these sizes (at most some tens of kB). A whole one takes
 /// milliseconds; the rest is for a loaded machine.
 const SLOWEST: Duration = Duration::from_secs(5);
-
-/// SplitMix64: the corpus is the same for ever.
-struct Rng(u64);
-
-impl Rng {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.next() % n.max(1) as u64) as usize
-    }
-}
 
 /// What the decoder made of a corpus.
 #[derive(Default)]
@@ -116,7 +100,7 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
         Ok(seen.verdict())
     });
     tally.check("broken streams, one bit flipped", || {
-        let (mut seen, mut rng) = (Seen::default(), Rng(1));
+        let (mut seen, mut rng) = (Seen::default(), Rng::seeded(1));
         for (_, bytes) in &streams {
             for _ in 0..each {
                 let mut broken = bytes.clone();
@@ -128,7 +112,7 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
         Ok(seen.verdict())
     });
     tally.check("broken streams, spliced", || {
-        let (mut seen, mut rng) = (Seen::default(), Rng(2));
+        let (mut seen, mut rng) = (Seen::default(), Rng::seeded(2));
         for (i, (_, a)) in streams.iter().enumerate() {
             for _ in 0..each {
                 let (_, b) = &streams[(i + 1 + rng.below(streams.len() - 1)) % streams.len()];
@@ -142,7 +126,7 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
         Ok(seen.verdict())
     });
     tally.check("broken streams, forged with right checksums", || {
-        let (mut seen, mut rng) = (Seen::default(), Rng(3));
+        let (mut seen, mut rng) = (Seen::default(), Rng::seeded(3));
         let mut parsed = Vec::new();
         for (_, bytes) in &streams {
             let container = Container::parse(bytes)?;
@@ -155,7 +139,7 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
                 let (kind, payload) = &mut broken[victim];
                 match rng.below(4) {
                     0 => payload.truncate(rng.below(payload.len())),
-                    1 => payload.push(rng.next() as u8),
+                    1 => payload.push(rng.bits() as u8),
                     // Another stream's section of the same kind.
                     2 => {
                         let (_, other) = &parsed[rng.below(parsed.len())];
@@ -166,7 +150,7 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
                     _ if payload.is_empty() => payload.push(1),
                     _ => {
                         let at = rng.below(payload.len());
-                        payload[at] = rng.next() as u8;
+                        payload[at] = rng.bits() as u8;
                     }
                 }
                 seen.decode(&assemble(header, &broken), &strict, false)?;

@@ -2,29 +2,13 @@
 
 use gs_model::Scene;
 
+use crate::fixture::rng::Rng;
+
 /// One input: its name, its SH degree, and what is done to an ordinary scene to make it.
 pub(crate) struct Input {
     pub(crate) name: &'static str,
     pub(crate) sh_degree: u8,
     make: fn(&mut Scene, &mut Rng, usize),
-}
-
-/// SplitMix64.
-pub(crate) struct Rng(u64);
-
-impl Rng {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in -1..1.
-    fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-    }
 }
 
 /// Name of the input of ten million Gaussians; run only when named, or with `--all`.
@@ -53,7 +37,7 @@ pub(crate) const INPUTS: &[Input] = &[
     input("a zero quaternion", 0, |s, _, n| s.rotations[n / 2] = [0.0; 4]),
     input("a quaternion of -0", 0, |s, _, n| s.rotations[n / 2] = [-0.0; 4]),
     input("denormals and -0 everywhere", 1, |s, r, _| {
-        let mut tiny = || f32::from_bits((r.next() >> 41) as u32 | (r.next() as u32 & 1) << 31);
+        let mut tiny = || f32::from_bits((r.bits() >> 41) as u32 | (r.bits() as u32 & 1) << 31);
         s.means.as_flattened_mut().iter_mut().for_each(|v| *v = tiny());
         s.sh.as_flattened_mut().iter_mut().for_each(|v| *v = tiny());
         s.opacity_logits.iter_mut().for_each(|v| *v = -0.0);
@@ -61,27 +45,27 @@ pub(crate) const INPUTS: &[Input] = &[
     }),
     input("quaternions of norm 1e-18 to 1e18", 0, |s, r, _| {
         for q in &mut s.rotations {
-            let norm = libm::expf(41.0 * r.unit());
+            let norm = libm::expf(41.0 * r.signed());
             q.iter_mut().for_each(|v| *v *= norm);
         }
     }),
     input("scales 1e-38 to 1e38", 0, |s, r, _| {
-        s.log_scales.as_flattened_mut().iter_mut().for_each(|v| *v = 87.4 * r.unit());
+        s.log_scales.as_flattened_mut().iter_mut().for_each(|v| *v = 87.4 * r.signed());
     }),
     input("needles", 0, |s, r, _| {
-        s.log_scales.iter_mut().for_each(|l| *l = [-12.0, 2.0 + r.unit(), -12.0]);
+        s.log_scales.iter_mut().for_each(|l| *l = [-12.0, 2.0 + r.signed(), -12.0]);
     }),
     input("pancakes", 0, |s, r, _| {
-        s.log_scales.iter_mut().for_each(|l| *l = [1.0 + r.unit(), 1.0, -20.0]);
+        s.log_scales.iter_mut().for_each(|l| *l = [1.0 + r.signed(), 1.0, -20.0]);
     }),
     input("opacity logits +-1e4", 0, |s, r, _| {
-        s.opacity_logits.iter_mut().for_each(|v| *v = 1e4 * r.unit());
+        s.opacity_logits.iter_mut().for_each(|v| *v = 1e4 * r.signed());
     }),
     input("SH coefficients +-1e4", 3, |s, r, _| {
-        s.sh.as_flattened_mut().iter_mut().for_each(|v| *v = 1e4 * r.unit());
+        s.sh.as_flattened_mut().iter_mut().for_each(|v| *v = 1e4 * r.signed());
     }),
     input("SH coefficients +-3e38", 0, |s, r, _| {
-        s.sh.as_flattened_mut().iter_mut().for_each(|v| *v = 3e38 * r.unit());
+        s.sh.as_flattened_mut().iter_mut().for_each(|v| *v = 3e38 * r.signed());
     }),
     input("coordinates at 1e-30", 0, |s, _, _| scale(s, 1e-30)),
     input("coordinates at 1e7", 0, |s, _, _| {
@@ -92,8 +76,10 @@ pub(crate) const INPUTS: &[Input] = &[
         s.means.as_flattened_mut().iter_mut().for_each(|v| *v = v.clamp(-1.0, 1.0) * 3.4e38);
     }),
     input("an outlier a million units away", 0, |s, _, n| s.means[n / 3] = [1e6, -1e6, 1e6]),
-    input("a line", 0, |s, r, _| s.means.iter_mut().for_each(|m| *m = [r.unit(), 0.0, 0.0])),
-    input("a plane", 0, |s, r, _| s.means.iter_mut().for_each(|m| *m = [r.unit(), r.unit(), 3.0])),
+    input("a line", 0, |s, r, _| s.means.iter_mut().for_each(|m| *m = [r.signed(), 0.0, 0.0])),
+    input("a plane", 0, |s, r, _| {
+        s.means.iter_mut().for_each(|m| *m = [r.signed(), r.signed(), 3.0])
+    }),
     input("a lattice", 0, |s, _, n| {
         let side = ((n as f64).cbrt() as usize).max(1);
         for (i, m) in s.means.iter_mut().enumerate() {
@@ -119,7 +105,7 @@ fn scale(scene: &mut Scene, by: f32) {
 impl Input {
     /// The scene, of `n` Gaussians where the input does not fix the number; the same every time.
     pub(crate) fn scene(&self, n: usize) -> Scene {
-        let mut r = Rng(7);
+        let mut r = Rng::seeded(7);
         let mut scene = ordinary(n, self.sh_degree, &mut r);
         (self.make)(&mut scene, &mut r, n);
         scene
@@ -131,14 +117,14 @@ fn ordinary(n: usize, sh_degree: u8, r: &mut Rng) -> Scene {
     let mut s = Scene { sh_degree, ..Default::default() };
     for i in 0..n {
         let centre = (i % 7) as f32;
-        s.means.push([centre + 0.3 * r.unit(), r.unit() * r.unit(), 0.1 * r.unit()]);
-        s.rotations.push(std::array::from_fn(|_| r.unit() + 0.01));
-        let size = -4.0 + r.unit();
-        s.log_scales.push(std::array::from_fn(|_| size + 1.5 * r.unit()));
-        s.opacity_logits.push(4.0 * r.unit());
+        s.means.push([centre + 0.3 * r.signed(), r.signed() * r.signed(), 0.1 * r.signed()]);
+        s.rotations.push(std::array::from_fn(|_| r.signed() + 0.01));
+        let size = -4.0 + r.signed();
+        s.log_scales.push(std::array::from_fn(|_| size + 1.5 * r.signed()));
+        s.opacity_logits.push(4.0 * r.signed());
         for k in 0..s.sh_len() {
             let amplitude = if k == 0 { 1.0 } else { 0.05 };
-            s.sh.push(std::array::from_fn(|_| amplitude * r.unit()));
+            s.sh.push(std::array::from_fn(|_| amplitude * r.signed()));
         }
     }
     s

@@ -117,9 +117,34 @@ impl Units {
         Self(units)
     }
 
+    /// The differences of one coefficient, on every bit of which encoder and decoder must agree:
+    /// `row` becomes the differences of `levels` (where `some` is not zero) on top of `predicted`,
+    /// which is empty or has one entry per chunk; false if all are zero, and `row` is as it was.
+    #[inline]
+    pub(super) fn differences(
+        &self,
+        some: bool,
+        levels: &[Levels],
+        scale: f32,
+        predicted: &[Lanes],
+        row: &mut [Lanes],
+    ) -> bool {
+        if some {
+            self.dequantise(levels, scale, row);
+            for (row, p) in row.iter_mut().zip(predicted) {
+                for i in 0..CHUNK {
+                    row[i] += p[i];
+                }
+            }
+        } else if !predicted.is_empty() {
+            row.copy_from_slice(predicted);
+        }
+        some || !predicted.is_empty()
+    }
+
     /// The differences of levels, in units of a merge of the given scale.
     #[inline]
-    pub(super) fn dequantise(&self, levels: &[Levels], scale: f32, out: &mut [Lanes]) {
+    fn dequantise(&self, levels: &[Levels], scale: f32, out: &mut [Lanes]) {
         for ((levels, out), units) in levels.iter().zip(out).zip(&self.0) {
             *out = [0.0; CHUNK];
             if *levels == [0; CHUNK] {
@@ -161,16 +186,6 @@ impl<S: Source> Residual for Dequantiser<'_, S> {
     #[inline]
     fn differences(&mut self, k: usize, predicted: &[Lanes], row: &mut [Lanes]) -> bool {
         let some = self.inner.levels(self.plan, k, &mut self.levels);
-        if some {
-            self.units.dequantise(&self.levels, self.plan.scale_of(k), row);
-            for (row, p) in row.iter_mut().zip(predicted) {
-                for i in 0..CHUNK {
-                    row[i] += p[i];
-                }
-            }
-        } else if !predicted.is_empty() {
-            row.copy_from_slice(predicted);
-        }
-        some || !predicted.is_empty()
+        self.units.differences(some, &self.levels, self.plan.scale_of(k), predicted, row)
     }
 }

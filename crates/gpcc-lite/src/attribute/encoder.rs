@@ -268,16 +268,6 @@ impl Residual for Quantiser<'_> {
                 }
             }
         }
-        if any {
-            self.units.dequantise(&self.levels, scale, row);
-            for (row, p) in row.iter_mut().zip(predicted) {
-                for i in 0..CHUNK {
-                    row[i] += p[i];
-                }
-            }
-        } else if !predicted.is_empty() {
-            row.copy_from_slice(predicted);
-        }
-        any || !predicted.is_empty()
+        self.units.differences(any, &self.levels, scale, predicted, row)
     }
 }

@@ -77,15 +77,20 @@ pub(super) fn detect(leaves: &[Leaf], j_high: u8) -> bool {
     }
     let mut saved = 0i64;
     let mut decisions = 0u64;
-    for level in depth - 2..=depth {
-        let mut counts = [0; 3].map(|_: u32| vec![0u32; 1 << level]);
-        for l in leaves.iter().filter(|l| l.depth >= level) {
-            let xyz = morton::decode(l.morton);
+    let levels = [depth - 2, depth - 1, depth];
+    let mut counts = levels.map(|level| [0; 3].map(|_: u32| vec![0u32; 1 << level]));
+    for l in leaves {
+        let xyz = morton::decode(l.morton);
+        for (&level, counts) in
+            levels.iter().zip(&mut counts).filter(|(level, _)| l.depth >= **level)
+        {
             for (count, x) in counts.iter_mut().zip(xyz) {
                 count[(x >> (j_high - level)) as usize] += 1;
             }
             decisions += 3;
         }
+    }
+    for counts in counts {
         for pair in counts.iter().flat_map(|count| count.chunks_exact(2)) {
             let (a, b) = (u64::from(pair[0]), u64::from(pair[1]));
             if a + b > 0 {

@@ -5,6 +5,7 @@
 
 use super::pyramid::{LEAF_BITS, SELF, WEIGHT};
 use super::rows::Lanes;
+use crate::context::CHUNK;
 
 /// A block has eight children at most.
 pub(super) const MERGES_AT_MOST: usize = 7;
@@ -75,7 +76,7 @@ impl Block<'_> {
         let width = strength.len();
         for (chunk, strength) in strength.iter().enumerate() {
             let own = &rows[own * width + chunk];
-            let mut value = [[0.0; 4]; 8];
+            let mut value = [[0.0; CHUNK]; 8];
             let mut terms = self.terms;
             for (v, &n) in value.iter_mut().zip(self.counts) {
                 let (here, rest) = terms.split_at(usize::from(n));
@@ -86,7 +87,7 @@ impl Block<'_> {
                 let (l, r) = (usize::from(l & 7), usize::from(r & 7));
                 let share = shares[m];
                 let out = &mut predicted[m * width + chunk];
-                for i in 0..4 {
+                for i in 0..CHUNK {
                     let difference = value[r][i] - value[l][i];
                     out[i] = difference * strength[i];
                     value[l][i] += difference * share;
@@ -110,7 +111,7 @@ fn mean_of_terms(terms: &[u32], own: &Lanes, rows: &[Lanes], width: usize, chunk
         let kind = (t >> LEAF_BITS) as usize;
         total += usize::from(WEIGHT[kind]);
         let weight = WEIGHTS[kind];
-        for i in 0..4 {
+        for i in 0..CHUNK {
             acc[i] += other[i] * weight;
         }
     }

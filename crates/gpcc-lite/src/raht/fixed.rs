@@ -1,4 +1,8 @@
 //! The transform in fixed point: integers whose inverse has the same bits on every machine.
+//!
+//! For callers that want integers. Streams of [`crate::attribute`] hold differences of means
+//! instead (`rows.rs`), whose single-precision operations are exact to the bit as well and take a
+//! fraction of the time.
 
 use super::{FACTOR_BITS, Plan};
 use crate::error::Result;
@@ -7,7 +11,7 @@ impl Plan {
     /// Forward transform in fixed point, from leaf order to coefficient order, in place.
     ///
     /// The scale of `values` is the caller's; rounding errors are a few units of its last place,
-    /// so give it fraction bits (this crate's attribute coder uses 12).
+    /// so give it fraction bits, say 12.
     ///
     /// # Errors
     /// If `values` is not one per point.

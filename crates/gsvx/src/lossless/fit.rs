@@ -4,7 +4,7 @@
 //! for a stream to decode; only + - * / on f64 in a fixed order is used all the same.
 
 use super::layout::MEANS;
-use super::neighbours::{NEIGHBOURS, Neighbours};
+use super::neighbours::NEIGHBOURS;
 use super::predictor::{MAX_SHIFT, NEIGHBOUR_BITS, Predictor};
 
 /// Rows the weights are fitted to, at most.
@@ -13,33 +13,53 @@ const SAMPLE: usize = 5000;
 /// than energy.
 const ROUNDS: usize = 2;
 
-/// One chunk as the fit sees it.
-pub(super) struct Chunk {
-    /// Bit patterns, one row of all columns per Gaussian.
-    pub(super) bits: Vec<u32>,
-    /// Cell indices in the same layout.
-    pub(super) q: Vec<i32>,
+/// Evenly spread Gaussians with their neighbours: all that is held of the scene's cells at a time.
+pub(super) struct Sample {
     /// Columns.
-    pub(super) width: usize,
-    /// Neighbours by row.
-    pub(super) near: Neighbours,
+    width: usize,
+    /// Bit patterns, one row of all columns per Gaussian.
+    bits: Vec<u32>,
+    /// Cell indices: per Gaussian its row and those of its neighbours.
+    q: Vec<i32>,
 }
 
-/// Fits the predictor of column `c`, and the mean level of its remainders; `skip(chunk, row)`
-/// tells values coded otherwise.
-pub(super) fn fit(
-    chunks: &[Chunk],
-    c: usize,
-    skip: impl Fn(usize, usize) -> bool,
-) -> (Predictor, u8) {
-    let total: usize = chunks.iter().map(|k| k.near.len()).sum();
-    let stride = (total / SAMPLE).max(1);
-    let mut rows = Vec::new();
-    for (k, chunk) in chunks.iter().enumerate() {
-        rows.extend(
-            (stride / 2..chunk.near.len()).step_by(stride).filter(|&i| !skip(k, i)).map(|i| (k, i)),
-        );
+/// Gaussians per one that is in the sample.
+pub(super) fn stride(total: usize) -> usize {
+    (total / SAMPLE).max(1)
+}
+
+impl Sample {
+    pub(super) fn new(width: usize) -> Self {
+        Self { width, bits: Vec::new(), q: Vec::new() }
     }
+
+    /// Adds a Gaussian: its bits, and the cells of its row and of its neighbours' rows.
+    pub(super) fn push(&mut self, bits: &[u32], cells: impl IntoIterator<Item = i32>) {
+        self.bits.extend_from_slice(bits);
+        self.q.extend(cells);
+    }
+
+    /// Adds those of a later chunk.
+    pub(super) fn append(&mut self, other: Self) {
+        self.bits.extend(other.bits);
+        self.q.extend(other.q);
+    }
+
+    fn len(&self) -> usize {
+        self.bits.len() / self.width
+    }
+
+    /// The first cells of Gaussian `i` (`place` 0) or of its neighbour `place - 1`.
+    fn row(&self, i: usize, place: usize, columns: usize) -> &[i32] {
+        &self.q[(i * (1 + NEIGHBOURS) + place) * self.width..][..columns]
+    }
+}
+
+/// Fits the predictor of column `c`, and the mean level of its remainders; `skip` tells values
+/// coded otherwise.
+pub(super) fn fit(gaussians: &Sample, c: usize, skip: impl Fn(u32) -> bool) -> (Predictor, u8) {
+    let rows: Vec<usize> =
+        (0..gaussians.len()).filter(|&i| !skip(gaussians.bits[i * gaussians.width + c])).collect();
     let mut predictor = Predictor { shift: 0, ..Default::default() };
     if rows.len() < 64 {
         return (predictor, 0);
@@ -49,8 +69,8 @@ pub(super) fn fit(
     let n = inputs.len() + 1;
     let mut scale = vec![0.0f64; n + 1];
     let mut sample = Vec::with_capacity(rows.len() * (n + 1));
-    for &(k, i) in &rows {
-        let q = &chunks[k].q[i * chunks[k].width..][..c + 1];
+    for &i in &rows {
+        let q = gaussians.row(i, 0, c + 1);
         sample.extend(inputs.iter().map(|&j| f64::from(q[j])));
         sample.push(1.0);
         sample.push(f64::from(q[c]));
@@ -86,15 +106,15 @@ pub(super) fn fit(
     }
     quantise(&mut predictor, &inputs, &solution, &scale);
     // Neighbours, on the remainders of the integer predictor.
-    let rest = |k: usize, i: usize| {
-        let q = &chunks[k].q[i * chunks[k].width..][..c + 1];
+    let rest = |i: usize, place: usize| {
+        let q = gaussians.row(i, place, c + 1);
         f64::from(q[c] - predictor.own(q))
     };
     let m = NEIGHBOURS;
     let mut sample = Vec::with_capacity(rows.len() * (m + 1));
-    for &(k, i) in &rows {
-        sample.extend(chunks[k].near[i].map(|j| rest(k, j as usize)));
-        sample.push(rest(k, i));
+    for &i in &rows {
+        sample.extend((1..=m).map(|place| rest(i, place)));
+        sample.push(rest(i, 0));
     }
     let mut weights: Vec<f64> = sample
         .chunks_exact(m + 1)

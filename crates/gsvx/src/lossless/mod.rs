@@ -138,31 +138,45 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
             Column { map, predictor: Default::default(), centre: 0, common, escapes }
         })
         .collect();
-    let chunks: Vec<fit::Chunk> = (0..count)
+    // Rows are gathered twice rather than held: they are as large as the scene.
+    let stride = fit::stride(n);
+    let mut near = Vec::with_capacity(count);
+    let mut sample = fit::Sample::new(columns);
+    let parts: Vec<_> = (0..count)
         .into_par_iter()
         .map(|k| {
             let order = &order[bounds[k]..bounds[k + 1]];
-            let bits = layout::gather_rows(scene, order);
-            let q: Vec<i32> = bits
-                .chunks_exact(columns)
-                .flat_map(|row| row.iter().zip(&specs).map(|(&v, spec)| spec.map.stand_in(v)))
-                .collect();
-            let means: Vec<Vec<i32>> =
-                (0..MEANS).map(|a| q.iter().skip(a).step_by(columns).copied().collect()).collect();
-            fit::Chunk { bits, q, width: columns, near: neighbours::find(&means) }
+            let stand_in = |c: usize, v: u32| specs[c].map.stand_in(v);
+            let mean = |a: usize| {
+                layout::gather(scene, a, order).iter().map(|&v| stand_in(a, v)).collect()
+            };
+            let near = neighbours::find(&(0..MEANS).map(mean).collect::<Vec<_>>());
+            let mut sample = fit::Sample::new(columns);
+            for i in (stride / 2..order.len()).step_by(stride) {
+                let rows: Vec<u32> =
+                    std::iter::once(i as u32).chain(near[i]).map(|j| order[j as usize]).collect();
+                let bits = layout::gather_rows(scene, &rows);
+                let cells = bits.iter().enumerate().map(|(at, &v)| stand_in(at % columns, v));
+                sample.push(&bits[..columns], cells);
+            }
+            (near, sample)
         })
         .collect();
+    for (neighbours, part) in parts {
+        near.push(neighbours);
+        sample.append(part);
+    }
     let fitted: Vec<_> = (MEANS..columns)
         .into_par_iter()
         .map(|c| {
-            let skip = |k: usize, i: usize| {
-                let v = chunks[k].bits[i * columns + c];
-                specs[c].common == Some(v)
-                    || (specs[c].escapes && matches!(specs[c].map.split(v), Cell::Escape { .. }))
+            let Column { common, escapes, ref map, .. } = specs[c];
+            let skip = |v: u32| {
+                common == Some(v) || (escapes && matches!(map.split(v), Cell::Escape { .. }))
             };
-            fit::fit(&chunks, c, skip)
+            fit::fit(&sample, c, skip)
         })
         .collect();
+    drop(sample);
     for (spec, (predictor, centre)) in specs[MEANS..].iter_mut().zip(fitted) {
         spec.predictor = predictor;
         spec.centre = centre;
@@ -182,21 +196,23 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
     let coded: Vec<Vec<u8>> = (0..count)
         .into_par_iter()
         .map(|k| {
-            let rows = bounds[k]..bounds[k + 1];
-            let chunk = &chunks[k];
+            let order = &order[bounds[k]..bounds[k + 1]];
+            let bits = layout::gather_rows(scene, order);
             let mut coder = RangeEncoder::new();
-            let mut coded = Coded { bits: vec![0; chunk.bits.len()], ..Default::default() };
-            code.code(&mut coder, &mut coded, rows.len(), columns, &chunk.bits);
-            chunk::rows(&mut coder, &specs, &chunk.near, &chunk.bits, &mut coded);
+            let mut coded = Coded { bits: vec![0; bits.len()], ..Default::default() };
+            code.code(&mut coder, &mut coded, order.len(), columns, &bits);
+            chunk::rows(&mut coder, &specs, &near[k], &bits, &mut coded);
             if options.keep_order {
                 let width = index_bits(n);
-                for &i in &order[rows] {
+                for &i in order {
                     coder.code_raw_wide(i, width);
                 }
             }
             coder.finish()
         })
         .collect();
+    const LENGTH_OF_A_BLOCK: usize = 10;
+    w.bytes.reserve_exact(coded.iter().map(|b| b.len() + LENGTH_OF_A_BLOCK).sum());
     for block in coded {
         w.block(&block);
     }

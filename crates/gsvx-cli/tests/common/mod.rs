@@ -1,0 +1,24 @@
+//! The command, and the model it is run on.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+pub(crate) fn gsvx() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_gsvx"))
+}
+
+pub(crate) fn room() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
+}
+
+pub(crate) fn model() -> PathBuf {
+    room().join("point_cloud.ply")
+}
+
+/// Exit code 1 and exactly one line, which holds `needle`.
+pub(crate) fn one_line(out: &Output, needle: &str) {
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{error}");
+    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
+    assert!(error.contains(needle), "{error}");
+}
