@@ -17,7 +17,8 @@ use gs_model::dataset::{Dataset, View};
 use plotters::prelude::*;
 use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge_weighted, voxelize};
 
-mod process;
+use crate::usage;
+
 mod variants;
 
 /// How much of a voxelized model's quality the fine-tune brings back.
@@ -142,7 +143,7 @@ fn tune(
         report_every: 100,
         ..FineTuneOptions::default()
     };
-    let cpu = process::cpu_seconds();
+    let cpu = usage::cpu_seconds();
     let run = FineTune::new(scene, train.to_vec(), options)?;
     let out = run.run(|p| {
         println!(
@@ -150,13 +151,13 @@ fn tune(
             p.step, p.steps, p.psnr, p.eta_seconds
         );
     })?;
-    let cpu = process::cpu_seconds() - cpu;
+    let cpu = usage::cpu_seconds() - cpu;
     let after = score(&out.scene, held_out);
     println!(
         "{label}: {gaussians} Gaussians, {before:.3} -> {after:.3} dB in {steps} steps, {:.0} s, {cpu:.0} \
          processor s, {:.0} MB at most so far",
         out.seconds,
-        process::peak_bytes() as f64 / 1e6,
+        usage::peak_bytes() as f64 / 1e6,
     );
     let (seconds, epochs) = (out.seconds, out.epoch_psnr);
     Ok(Run { label, gaussians, steps, seconds, cpu, before, after, epochs })
@@ -247,7 +248,7 @@ pub(crate) fn run(args: &FinetuneArgs) -> Result<()> {
         args.rate,
         args.final_rate,
         args.weigh,
-        process::peak_bytes(),
+        usage::peak_bytes(),
     );
     for (i, r) in runs.iter().enumerate() {
         let epochs: Vec<String> = r.epochs.iter().map(|v| format!("{v:.3}")).collect();

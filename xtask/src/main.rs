@@ -19,7 +19,6 @@ mod fetch;
 mod fixture;
 mod manifest;
 mod measure;
-mod peak;
 mod peers;
 mod pictures;
 mod progress;

@@ -14,6 +14,7 @@ use gsvx::{DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, Seen,
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::{self, Found};
+use crate::usage;
 
 /// Every stage, in the order of the chain.
 const STAGES: [&str; 18] = [
@@ -66,10 +67,10 @@ pub(super) fn measure(scene: &str) -> Result<Vec<Peak>> {
 
 /// Peak of `f`, after what is resident already.
 fn peak_of<T>(f: impl FnOnce() -> Result<T>) -> Result<Peak> {
-    let before = crate::peak::now_mb();
-    crate::peak::reset();
+    let before = usage::resident_bytes() as f64 / 1e6;
+    usage::reset_peak();
     let made = f()?;
-    let peak = crate::peak::own_mb();
+    let peak = usage::peak_mb();
     drop(made);
     Ok(Peak { stage: String::new(), before, peak })
 }

@@ -77,7 +77,7 @@ pub(crate) struct Time {
 
 /// Runs `f` `repeat` times; returns its result, the least time and the peak memory.
 pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Result<(T, Time, f64)> {
-    crate::peak::reset();
+    crate::usage::reset_peak();
     let (mut best, mut result) = (Time { wall: f64::INFINITY, cpu: f64::INFINITY }, None);
     for _ in 0..repeat.max(1) {
         let (start, cpu) = (Instant::now(), crate::usage::cpu_seconds());
@@ -85,7 +85,7 @@ pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Resul
         best.cpu = best.cpu.min(crate::usage::cpu_seconds() - cpu);
         best.wall = best.wall.min(start.elapsed().as_secs_f64());
     }
-    Ok((result.context("nothing ran")?, best, crate::peak::own_mb()))
+    Ok((result.context("nothing ran")?, best, crate::usage::peak_mb()))
 }
 
 /// Seconds to sort four million pseudo-random integers on one core: what times are divided by

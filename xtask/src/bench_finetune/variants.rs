@@ -10,7 +10,7 @@ use finetune::{Image, TrainView, metrics};
 use gs_model::Scene;
 use plotters::prelude::*;
 
-use super::process::cpu_seconds;
+use crate::usage::cpu_seconds;
 
 #[path = "../../../crates/finetune/tests/common/oracle.rs"]
 #[allow(

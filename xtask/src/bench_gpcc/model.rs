@@ -14,21 +14,11 @@ use rayon::prelude::*;
 
 use super::cloud::read;
 use super::speed::{random, yardstick};
+use crate::usage::{self, cpu_seconds};
 
-/// Peak resident memory of this process in MB, where the kernel says.
+/// Peak resident memory of this process in units of 2^20 bytes.
 fn peak_mb() -> f64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
-    line.and_then(|l| l.trim().split(' ').next()?.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
-}
-
-/// Seconds of CPU time of all threads of this process, where the kernel says, in ticks of 10 ms.
-fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let after_name = stat.rsplit(')').next().unwrap_or_default();
-    let ticks: Vec<f64> =
-        after_name.split_whitespace().skip(11).take(2).filter_map(|v| v.parse().ok()).collect();
-    if ticks.len() == 2 { (ticks[0] + ticks[1]) / 100.0 } else { f64::NAN }
+    usage::peak_bytes() as f64 / 1024.0 / 1024.0
 }
 
 struct Model {

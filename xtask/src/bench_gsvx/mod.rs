@@ -154,16 +154,11 @@ fn measure(gsvx: &Path, words: &[&str], input: &Path, output: &Path) -> Result<C
         .stdout(Stdio::null())
         .spawn()
         .with_context(|| format!("start {}", gsvx.display()))?;
-    let (mut peak_kb, mut ticks) = (0u64, 0u64);
+    let (mut peak, mut ticks) = (0u64, 0u64);
     let status = loop {
         // Both files vanish with the process: the last reading before that counts.
         let proc = format!("/proc/{}", child.id());
-        if let Ok(text) = std::fs::read_to_string(format!("{proc}/status"))
-            && let Some(line) = text.lines().find(|l| l.starts_with("VmHWM:"))
-        {
-            peak_kb =
-                line.split_whitespace().nth(1).and_then(|v| v.parse().ok()).unwrap_or(peak_kb);
-        }
+        peak = crate::usage::peak_bytes_of(&child.id().to_string()).unwrap_or(peak);
         if let Ok(text) = std::fs::read_to_string(format!("{proc}/stat"))
             && let Some((_, rest)) = text.rsplit_once(") ")
         {
@@ -179,7 +174,7 @@ fn measure(gsvx: &Path, words: &[&str], input: &Path, output: &Path) -> Result<C
     }
     // Linux counts processor time in hundredths of a second.
     let user = ticks as f64 / 100.0;
-    Ok(Cost { wall: started.elapsed().as_secs_f64(), user, peak_mb: peak_kb as f64 * 1024.0 / 1e6 })
+    Ok(Cost { wall: started.elapsed().as_secs_f64(), user, peak_mb: peak as f64 / 1e6 })
 }
 
 #[cfg(test)]

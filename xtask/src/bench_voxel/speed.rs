@@ -1,7 +1,6 @@
 //! Time and memory on millions of Gaussians, beside a sort in the same run.
 
 use std::fmt::Write;
-use std::fs;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -11,6 +10,7 @@ use voxel::{
 
 use super::BenchArgs;
 use super::models;
+use crate::usage::{self, cpu_seconds};
 
 /// Repetitions; the fastest counts, since other programs share the machine.
 const RUNS: usize = 9;
@@ -64,12 +64,13 @@ pub(super) fn table(args: &BenchArgs) -> Result<String> {
         let (mut cpu, mut again) = (f64::INFINITY, f64::INFINITY);
         let (mut peak, mut kept) = (0, 0);
         for _ in 0..RUNS {
-            let before = reset_peak();
+            usage::reset_peak();
+            let before = usage::resident_bytes();
             let used = cpu_seconds();
             let start = Instant::now();
             let v = voxelize(&scene, &cube, &strategy)?;
             voxelizing = voxelizing.min(start.elapsed().as_secs_f64());
-            peak = peak.max(resident("VmHWM").saturating_sub(before));
+            peak = peak.max(usage::peak_bytes().saturating_sub(before));
             kept = v.leaves.len() * 16 + (v.members.len() + v.member_offsets.len()) * 4;
             let start = Instant::now();
             let mut merged = merge(&scene, &v, Merge::Moments)?;
@@ -93,32 +94,9 @@ pub(super) fn table(args: &BenchArgs) -> Result<String> {
             "| {name} | {leaves} | {voxelizing:.3} | {merging:.3} | {:.1} | {cpu:.2} | {again:.3} | {:.1} | {:.0} | {:.0} | {skipped} |",
             (voxelizing + merging) / sort,
             (voxelizing + again) / sort,
-            per(peak),
+            per(peak as usize),
             per(kept)
         )?;
     }
     Ok(out)
-}
-
-/// Sets the peak of resident memory to its present value and returns that (Linux; 0 elsewhere).
-fn reset_peak() -> usize {
-    // Failure leaves the old peak: the figure is then too high, never too low.
-    let _ = fs::write("/proc/self/clear_refs", "5");
-    resident("VmRSS")
-}
-
-/// A line of /proc/self/status, in bytes; 0 where there is none.
-fn resident(field: &str) -> usize {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find(|l| l.starts_with(field)).unwrap_or_default();
-    line.split_whitespace().nth(1).and_then(|n| n.parse::<usize>().ok()).unwrap_or(0) * 1024
-}
-
-/// User and system time of this process, seconds (Linux, in hundredths; 0 elsewhere).
-fn cpu_seconds() -> f64 {
-    let stat = fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // Fields 14 and 15; the second, the program's name, ends at the last parenthesis.
-    let rest = stat.rsplit(')').next().unwrap_or_default();
-    let ticks = rest.split_whitespace().skip(11).take(2).filter_map(|n| n.parse::<f64>().ok());
-    ticks.sum::<f64>() / 100.0
 }

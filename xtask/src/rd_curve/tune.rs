@@ -82,7 +82,7 @@ pub(super) fn tuned(
             cancel: Some(Arc::clone(&cancel)),
             ..Default::default()
         };
-        let before = usage::processor_seconds();
+        let before = usage::cpu_seconds();
         let tune = FineTune::new(start.clone(), photos.to_vec(), options)
             .with_context(|| format!("fine-tune ({name})"))?;
         // A checkpoint of a run that was cut may be beyond this stop.
@@ -100,7 +100,7 @@ pub(super) fn tuned(
             })
             .with_context(|| format!("fine-tune ({name})"))?;
         seconds += outcome.seconds;
-        user_seconds += usage::processor_seconds() - before;
+        user_seconds += usage::cpu_seconds() - before;
         held_out_db.push((outcome.steps, score(&outcome.scene)));
         scene = outcome.scene;
     }

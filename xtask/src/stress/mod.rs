@@ -168,7 +168,7 @@ fn child(input: &Input, mode: &str, args: &Args) -> Result<()> {
     let mut outcome = chain::run(&scene, mode)?;
     outcome.seconds = start.elapsed().as_secs_f64();
     outcome.cpu_seconds = crate::usage::cpu_seconds() - cpu;
-    outcome.peak_mb = crate::peak::own_mb();
+    outcome.peak_mb = crate::usage::peak_mb();
     println!("{}", serde_json::to_string(&outcome)?);
     Ok(())
 }
