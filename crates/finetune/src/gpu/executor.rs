@@ -173,11 +173,14 @@ impl Executor for GpuExecutor {
         Ok(())
     }
 
-    fn snapshot(&mut self) -> Result<(Scene, Moments)> {
+    fn take_state(&mut self) -> Result<(Scene, Moments)> {
         self.settle()?;
         let mut scene = self.scene.clone();
         let mut moments = Moments::zeros(&scene);
         self.workspace.download(&mut scene, &mut moments)?;
         Ok((scene, moments))
     }
+
+    /// Nothing to do: the device still has it.
+    fn restore(&mut self, _: Scene, _: Moments) {}
 }

@@ -371,7 +371,7 @@ fn whole_steps_agree_and_slots_grow() {
         }
         let mut losses = Vec::new();
         executor.drain_losses(&mut losses).unwrap();
-        (executor.snapshot().unwrap().0, losses)
+        (executor.take_state().unwrap().0, losses)
     };
     let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, &views, &options).unwrap();
     let before = gpu.capacity();

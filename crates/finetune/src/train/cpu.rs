@@ -72,7 +72,11 @@ impl Executor for CpuExecutor {
         Ok(())
     }
 
-    fn snapshot(&mut self) -> Result<(Scene, Moments)> {
-        Ok((self.scene.clone(), self.moments.clone()))
+    fn take_state(&mut self) -> Result<(Scene, Moments)> {
+        Ok((std::mem::take(&mut self.scene), std::mem::take(&mut self.moments)))
+    }
+
+    fn restore(&mut self, scene: Scene, moments: Moments) {
+        (self.scene, self.moments) = (scene, moments);
     }
 }

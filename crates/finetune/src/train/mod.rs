@@ -42,8 +42,11 @@ pub(crate) trait Executor: Send {
     fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()>;
     /// Moves the losses of the steps since the last call to the end of `out`, in order.
     fn drain_losses(&mut self, out: &mut Vec<LossValue>) -> Result<()>;
-    /// The parameters and the optimiser's moments.
-    fn snapshot(&mut self) -> Result<(Scene, Moments)>;
+    /// The parameters and the optimiser's moments. The Rust executor hands over its own, three
+    /// times the model's size, not a copy: [`Self::restore`] comes before another step.
+    fn take_state(&mut self) -> Result<(Scene, Moments)>;
+    /// Takes back what [`Self::take_state`] gave.
+    fn restore(&mut self, scene: Scene, moments: Moments);
 }
 
 /// A fine-tune of one scene on a set of photos.
@@ -218,8 +221,9 @@ impl FineTune {
             let wanted = self.kept.is_some() || self.options.checkpoint.is_some();
             if due && wanted && step < self.options.steps {
                 let state = self.checkpoint(&mut losses)?;
-                if let Some(kept) = &mut self.kept {
-                    kept.state = state;
+                match &mut self.kept {
+                    Some(kept) => kept.state = state,
+                    None => self.executor.restore(state.scene, state.moments),
                 }
             }
         };
@@ -235,10 +239,10 @@ impl FineTune {
         Ok(())
     }
 
-    /// The state after the last step, written if that was asked for.
+    /// The state after the last step, taken from the executor, written if that was asked for.
     fn checkpoint(&mut self, losses: &mut Vec<LossValue>) -> Result<Checkpoint> {
         self.drain(losses)?;
-        let (scene, moments) = self.executor.snapshot()?;
+        let (scene, moments) = self.executor.take_state()?;
         let state = Checkpoint { step: self.step, tracker: self.tracker.clone(), moments, scene };
         if let Some(path) = &self.options.checkpoint {
             state.write(path, self.fingerprint)?;
