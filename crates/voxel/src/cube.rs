@@ -94,6 +94,7 @@ impl Cube {
 
     /// A mean relative to the origin. Decisions are made on such offsets, so that an exact
     /// translation of the scene cannot change the rounding of anything.
+    #[inline(always)]
     pub(crate) fn offset(&self, mean: [f32; 3]) -> [f64; 3] {
         std::array::from_fn(|k| f64::from(mean[k]) - self.origin[k])
     }
@@ -130,22 +131,31 @@ pub(crate) struct Grid {
 
 impl Grid {
     /// As [`Cube::index_of`].
-    #[inline]
-    pub(crate) fn index_of(&self, mean: [f32; 3]) -> Option<[u32; 3]> {
+    fn index_of(&self, mean: [f32; 3]) -> Option<[u32; 3]> {
+        let (index, inside) = self.nearest(mean);
+        inside.then_some(index)
+    }
+
+    /// As [`Cube::index_of`], and whether the mean is in the cube at all; without branches, for
+    /// loops that become vector instructions.
+    #[inline(always)]
+    pub(crate) fn nearest(&self, mean: [f32; 3]) -> ([u32; 3], bool) {
         let offset = self.cube.offset(mean);
-        if !offset.iter().all(|d| (0.0..self.cube.side).contains(d)) {
-            return None;
-        }
-        Some(offset.map(|d| {
+        let inside = offset.map(|d| (d >= 0.0) & (d < self.cube.side));
+        let index = offset.map(|d| {
             // Adding 2^52 rounds to an integer, which then sits in the low bits: one too many
             // for the upper half of a cell, or where the product rounded across a face.
-            let i = (d * self.scale + 4_503_599_627_370_496.0).to_bits() as u32;
-            let above = f64::from(i) * self.cell > d;
+            let shifted = d * self.scale + TWO_52;
+            let above = (shifted - TWO_52) * self.cell > d;
+            let i = shifted.to_bits() as u32;
             // Only a reciprocal that overflows gives more than the last.
             i.saturating_sub(u32::from(above)).min(self.last)
-        }))
+        });
+        (index, inside[0] & inside[1] & inside[2])
     }
 }
+
+const TWO_52: f64 = 4_503_599_627_370_496.0;
 
 /// The smallest number of [`SIDE_BITS`] significant bits strictly above a positive `x`.
 fn above(x: f64) -> f64 {

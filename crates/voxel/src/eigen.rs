@@ -79,6 +79,7 @@ impl Jacobi {
 /// this is not a library's routine, which sorts eigenvalues: a merged Gaussian's rotation
 /// should differ as little as possible from that of the member it mostly is. No matrix's result
 /// depends on the others.
+#[inline(always)]
 pub(crate) fn jacobi(a: &[Lanes; 6]) -> ([Lanes; 3], [[Lanes; 3]; 3]) {
     let (zero, one) = ([0.0; LANES], [1.0; LANES]);
     let mut state = Jacobi {
@@ -104,6 +105,7 @@ pub(crate) fn jacobi(a: &[Lanes; 6]) -> ([Lanes; 3], [[Lanes; 3]; 3]) {
 }
 
 /// The unit quaternion `[w, x, y, z]` of a rotation matrix near the identity or not.
+#[inline(always)]
 pub(crate) fn quaternion(r: &[[f64; 3]; 3]) -> [f64; 4] {
     // Shepperd's method: divide by the largest component.
     let trace = r[0][0] + r[1][1] + r[2][2];
@@ -121,6 +123,7 @@ pub(crate) fn quaternion(r: &[[f64; 3]; 3]) -> [f64; 4] {
 }
 
 /// Hamilton product.
+#[inline(always)]
 pub(crate) fn multiply(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
     [
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],

@@ -15,7 +15,7 @@ pub(crate) const MAX_ALPHA: f64 = 0.99;
 /// Additions and multiplications only, no branch and no table: the same bits everywhere, and
 /// loops over it can become vector instructions, which `libm`'s do not (seven of those per
 /// Gaussian were an eighth of the time of voxelizing and merging).
-#[inline]
+#[inline(always)]
 pub(crate) fn exp(x: f64) -> f64 {
     // Adding 1.5 * 2^52 rounds to an integer, which then sits in the low bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -56,7 +56,7 @@ const FACTORIALS: [f64; 14] = [
 ///
 /// By the series of FreeBSD's `log`, without its branches; for the same reasons as [`exp`].
 /// Zero gives -709 or so and infinity +710, never NaN.
-#[inline]
+#[inline(always)]
 pub(crate) fn ln(x: f64) -> f64 {
     const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
@@ -88,7 +88,7 @@ pub(crate) fn scales(log_scale: [f32; 3]) -> [f64; 3] {
 }
 
 /// Standard deviation, world units.
-#[inline]
+#[inline(always)]
 #[allow(clippy::manual_clamp, reason = "NaN must end up in range, as exp needs")]
 pub(crate) fn scale(log_scale: f32) -> f64 {
     exp(f64::from(log_scale.max(-MAX_LOG_SCALE).min(MAX_LOG_SCALE)))
@@ -102,7 +102,7 @@ pub(crate) fn log_volume(log_scale: [f32; 3]) -> f64 {
 }
 
 /// Opacity in (0, 1) from its logit.
-#[inline]
+#[inline(always)]
 #[allow(clippy::manual_clamp, reason = "NaN must end up in range, as exp needs")]
 pub(crate) fn opacity(logit: f32) -> f64 {
     // Beyond 700 the opacity is 0 or 1 in `f64` all the same.
@@ -110,6 +110,7 @@ pub(crate) fn opacity(logit: f32) -> f64 {
 }
 
 /// Logit of an opacity in (0, 1).
+#[inline(always)]
 pub(crate) fn logit(opacity: f64) -> f64 {
     ln(opacity / (1.0 - opacity))
 }
@@ -117,7 +118,7 @@ pub(crate) fn logit(opacity: f64) -> f64 {
 /// Root mean square of the three principal cross-sections, up to pi: a measure of the area
 /// that an ellipsoid covers on a screen, averaged over directions. Within 10 % of Cauchy's
 /// mean shadow for flat and for round Gaussians, and free of elliptic integrals.
-#[inline]
+#[inline(always)]
 pub(crate) fn area(s: [f64; 3]) -> f64 {
     let [a, b, c] = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
     ((a * a + b * b + c * c) / 3.0).sqrt()
@@ -125,6 +126,7 @@ pub(crate) fn area(s: [f64; 3]) -> f64 {
 
 /// Rotation matrix (columns are the principal axes) of a quaternion `[w, x, y, z]` of any
 /// norm; the identity for a zero or non-finite one.
+#[inline(always)]
 pub(crate) fn rotation(q: [f32; 4]) -> [[f64; 3]; 3] {
     let q = q.map(f64::from);
     let norm = q.iter().map(|x| x * x).sum::<f64>();
@@ -144,6 +146,7 @@ pub(crate) fn rotation(q: [f32; 4]) -> [[f64; 3]; 3] {
 pub(crate) type Symmetric = [f64; 6];
 
 /// `R diag(d) R^T`.
+#[inline(always)]
 pub(crate) fn congruence(r: &[[f64; 3]; 3], d: [f64; 3]) -> Symmetric {
     let at = |i: usize, j: usize| (0..3).map(|k| r[i][k] * d[k] * r[j][k]).sum::<f64>();
     [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)]

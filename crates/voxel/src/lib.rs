@@ -32,6 +32,10 @@
 //! # Ok::<(), voxel::Error>(())
 //! ```
 
+// Functions marked `multiversion` are compiled for AVX2 too and chosen at run time. The bits
+// stay the same: vector instructions round each number as the others do, and nothing is fused.
+// What they call must be `inline(always)` to be compiled with them.
+
 mod cost;
 mod cube;
 mod descend;
@@ -41,8 +45,10 @@ mod gaussian;
 mod importance;
 mod merge;
 mod order;
+mod pages;
 mod paper;
 mod prune;
+mod pruning;
 mod rate_distortion;
 mod record;
 mod released;

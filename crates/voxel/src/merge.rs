@@ -4,6 +4,7 @@ mod moments;
 mod paper;
 
 use gs_model::Scene;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -100,7 +101,7 @@ pub fn merge_into(
             |scratch, (batch, (((rotations, scales), logits), sh))| {
                 let first = batch * BATCH;
                 let out = Batch { rotations, log_scales: scales, opacity_logits: logits, sh };
-                out.fill(scene, voxelization, first, rule, importance, scratch);
+                fill(out, scene, voxelization, first, rule, importance, scratch);
             },
         );
     Ok(())
@@ -141,89 +142,87 @@ struct Scratch {
     looks: Vec<moments::Look>,
 }
 
-impl Batch<'_> {
-    /// Merges the leaves from `first` on.
-    ///
-    /// Attribute by attribute, in loops that do little: members lie all over the scene, and
-    /// only then do the cache misses of many leaves overlap.
-    fn fill(
-        self,
-        scene: &Scene,
-        voxelization: &Voxelization,
-        first: usize,
-        rule: Merge,
-        importance: &Importance,
-        scratch: &mut Scratch,
-    ) {
-        let len = self.rotations.len();
-        let offsets = &voxelization.member_offsets[first..=first + len];
-        let members_of =
-            |i: usize| &voxelization.members[offsets[i] as usize..offsets[i + 1] as usize];
-        // Every leaf as if its first member were the only one.
-        let only = |i: usize| voxelization.members[offsets[i] as usize] as usize;
-        let sh_len = scene.sh_len();
-        for (i, sh) in self.sh.chunks_exact_mut(sh_len).enumerate() {
-            sh.copy_from_slice(scene.sh_of(only(i)));
+/// Merges the leaves from `first` on.
+///
+/// Attribute by attribute, in loops that do little: members lie all over the scene, and
+/// only then do the cache misses of many leaves overlap.
+#[multiversion(targets("x86_64+avx2"))]
+fn fill(
+    out: Batch<'_>,
+    scene: &Scene,
+    voxelization: &Voxelization,
+    first: usize,
+    rule: Merge,
+    importance: &Importance,
+    scratch: &mut Scratch,
+) {
+    let len = out.rotations.len();
+    let offsets = &voxelization.member_offsets[first..=first + len];
+    let members_of = |i: usize| &voxelization.members[offsets[i] as usize..offsets[i + 1] as usize];
+    // Every leaf as if its first member were the only one.
+    let only = |i: usize| voxelization.members[offsets[i] as usize] as usize;
+    let sh_len = scene.sh_len();
+    for (i, sh) in out.sh.chunks_exact_mut(sh_len).enumerate() {
+        sh.copy_from_slice(scene.sh_of(only(i)));
+    }
+    for (i, rotation) in out.rotations.iter_mut().enumerate() {
+        *rotation = scene.rotations[only(i)];
+    }
+    for (i, log_scale) in out.log_scales.iter_mut().enumerate() {
+        *log_scale = scene.log_scales[only(i)];
+    }
+    for (i, logit) in out.opacity_logits.iter_mut().enumerate() {
+        *logit = scene.opacity_logits[only(i)];
+    }
+    // Then those that have more.
+    let Scratch { shared, members, weights, looks } = scratch;
+    shared.clear();
+    shared.extend((0..len).filter(|&i| offsets[i + 1] - offsets[i] > 1));
+    members.clear();
+    shared.iter().for_each(|&i| members.extend_from_slice(members_of(i)));
+    weights.clear();
+    match rule {
+        Merge::Paper => weights.resize(members.len(), 1.0),
+        Merge::Moments => {
+            moments::look(scene, members, looks);
+            weights.extend(members.iter().zip(&*looks).map(|(&m, look)| match importance {
+                Importance::OpacityArea => look.opacity * look.area,
+                Importance::Given(given) => f64::from(given[m as usize]),
+            }));
         }
-        for (i, rotation) in self.rotations.iter_mut().enumerate() {
-            *rotation = scene.rotations[only(i)];
+    }
+    let mut start = 0;
+    for &i in &*shared {
+        let range = start..start + members_of(i).len();
+        start = range.end;
+        if rule == Merge::Moments {
+            moments::normalise(&mut weights[range.clone()]);
         }
-        for (i, log_scale) in self.log_scales.iter_mut().enumerate() {
-            *log_scale = scene.log_scales[only(i)];
-        }
-        for (i, logit) in self.opacity_logits.iter_mut().enumerate() {
-            *logit = scene.opacity_logits[only(i)];
-        }
-        // Then those that have more.
-        let Scratch { shared, members, weights, looks } = scratch;
-        shared.clear();
-        shared.extend((0..len).filter(|&i| offsets[i + 1] - offsets[i] > 1));
-        members.clear();
-        shared.iter().for_each(|&i| members.extend_from_slice(members_of(i)));
-        weights.clear();
+        let sh = &mut out.sh[i * sh_len..(i + 1) * sh_len];
+        average_sh(scene, &members[range.clone()], &weights[range], sh);
+    }
+    let mut put = |i: usize, shape: Shape| {
+        out.rotations[i] = shape.rotation;
+        out.log_scales[i] = shape.log_scale;
+        out.opacity_logits[i] = shape.opacity_logit;
+    };
+    start = 0;
+    // Some leaves at a time, because of the latencies of roots and quotients.
+    let mut shapes = moments::Shapes::default();
+    let mut finished = shared.iter();
+    for &i in &*shared {
+        let range = start..start + members_of(i).len();
+        start = range.end;
         match rule {
-            Merge::Paper => weights.resize(members.len(), 1.0),
+            Merge::Paper => put(i, paper::shape(scene, &members[range])),
             Merge::Moments => {
-                moments::look(scene, members, looks);
-                weights.extend(members.iter().zip(&*looks).map(|(&m, look)| match importance {
-                    Importance::OpacityArea => look.opacity * look.area,
-                    Importance::Given(given) => f64::from(given[m as usize]),
-                }));
-            }
-        }
-        let mut start = 0;
-        for &i in &*shared {
-            let range = start..start + members_of(i).len();
-            start = range.end;
-            if rule == Merge::Moments {
-                moments::normalise(&mut weights[range.clone()]);
-            }
-            let sh = &mut self.sh[i * sh_len..(i + 1) * sh_len];
-            average_sh(scene, &members[range.clone()], &weights[range], sh);
-        }
-        let mut put = |i: usize, shape: Shape| {
-            self.rotations[i] = shape.rotation;
-            self.log_scales[i] = shape.log_scale;
-            self.opacity_logits[i] = shape.opacity_logit;
-        };
-        start = 0;
-        // Some leaves at a time, because of the latencies of roots and quotients.
-        let mut shapes = moments::Shapes::default();
-        let mut finished = shared.iter();
-        for &i in &*shared {
-            let range = start..start + members_of(i).len();
-            start = range.end;
-            match rule {
-                Merge::Paper => put(i, paper::shape(scene, &members[range])),
-                Merge::Moments => {
-                    if shapes.push(&looks[range.clone()], &weights[range]) {
-                        shapes.finish(&mut finished, &mut put);
-                    }
+                if shapes.push(&looks[range.clone()], &weights[range]) {
+                    shapes.finish(&mut finished, &mut put);
                 }
             }
         }
-        shapes.finish(&mut finished, &mut put);
     }
+    shapes.finish(&mut finished, &mut put);
 }
 
 impl Shape {
@@ -241,6 +240,7 @@ const SHORT: usize = 16;
 
 /// Weighted mean of the SH coefficients, summed in member order: within 1.2e-6 of the greatest
 /// coefficient of a member.
+#[inline(always)]
 fn average_sh(scene: &Scene, members: &[u32], weights: &[f64], out: &mut [[f32; 3]]) {
     let share = 1.0 / weights.iter().sum::<f64>();
     let short = |members: &[u32], weights: &[f64], out: &mut [[f32; 3]]| {

@@ -2,10 +2,12 @@
 
 use gpcc_lite::morton;
 use gs_model::Scene;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
-use crate::cube::Cube;
+use crate::cube::{Cube, Grid};
 use crate::error::{Error, Result};
+use crate::pages::Pages;
 
 /// Gaussians per parallel work item. Fixed, so that no result depends on the thread count.
 pub(crate) const CHUNK: usize = 4096;
@@ -24,10 +26,10 @@ const PARALLEL: usize = 1 << 16;
 const PARTS: usize = 8;
 
 /// The Gaussians of a scene in Morton order at one depth.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub(crate) struct MortonOrder {
     /// Ascending Morton codes at `depth`.
-    pub(crate) codes: Vec<u64>,
+    pub(crate) codes: Pages<u64>,
     /// `members[i]` is the Gaussian whose code is `codes[i]`; ties ascend.
     pub(crate) members: Vec<u32>,
 }
@@ -39,20 +41,17 @@ impl MortonOrder {
         if u32::try_from(len).is_err() {
             return Err(Error::TooMany(len));
         }
-        let mut codes = vec![0u64; len];
+        let mut codes = Pages::<u64>::zeroed(len);
         let grid = cube.grid(depth);
         let first_outside = codes
             .par_chunks_mut(CHUNK)
             .zip(scene.means.par_chunks(CHUNK))
             .enumerate()
             .filter_map(|(chunk, (codes, means))| {
-                for (i, (code, mean)) in codes.iter_mut().zip(means).enumerate() {
-                    match grid.index_of(*mean) {
-                        Some(index) => *code = morton::encode(index),
-                        None => return Some(chunk * CHUNK + i),
-                    }
-                }
-                None
+                encode(grid, codes, means);
+                // A code that no cell has.
+                let outside = codes.iter().position(|&code| code == u64::MAX)?;
+                Some(chunk * CHUNK + outside)
             })
             .min();
         if let Some(index) = first_outside {
@@ -70,28 +69,34 @@ impl MortonOrder {
     ///
     /// A radix sort from the most significant digit that differs; stable, so ties keep the
     /// order of the scene.
-    pub(crate) fn sorted(mut codes: Vec<u64>) -> Self {
+    pub(crate) fn sorted(mut sorted: Pages<u64>) -> Self {
+        let codes = &mut sorted[..];
         let len = codes.len();
         let mut members = vec![0u32; len];
         let bits = differing_bits(len, &|i| codes[i]);
         if len <= SMALL || bits == 0 {
             let entries: Vec<Entry> = (0..len).map(|i| entry(codes[i], i as u32)).collect();
-            sort_small(&entries, bits, &mut codes, &mut members);
-            return Self { codes, members };
+            sort_small(&entries, bits, codes, &mut members);
+            return Self { codes: sorted, members };
         }
-        let mut entries = vec![[0u32; 3]; len];
+        let mut entries = Pages::<Entry>::zeroed(len);
         let shift = bits.saturating_sub(DIGIT_BITS);
         let ends = scatter(len, &|i| entry(codes[i], i as u32), &mut entries, shift);
         // Touched only where a bucket is large.
-        let mut spare = vec![[0u32; 3]; len];
-        let range = Range {
-            entries: &mut entries,
-            spare: &mut spare,
-            codes: &mut codes,
-            members: &mut members,
-        };
+        let mut spare = Pages::<Entry>::zeroed(len);
+        let range =
+            Range { entries: &mut entries, spare: &mut spare, codes, members: &mut members };
         sort_buckets(range, &ends, shift);
-        Self { codes, members }
+        Self { codes: sorted, members }
+    }
+}
+
+/// Codes of as many means; all ones where one is outside the grid.
+#[multiversion(targets("x86_64+avx2"))]
+fn encode(grid: Grid, codes: &mut [u64], means: &[[f32; 3]]) {
+    for (code, mean) in codes.iter_mut().zip(means) {
+        let (index, inside) = grid.nearest(*mean);
+        *code = if inside { morton::encode(index) } else { u64::MAX };
     }
 }
 
@@ -132,7 +137,7 @@ fn differing_bits(len: usize, code: &(impl Fn(usize) -> u64 + Sync)) -> u32 {
 
 /// Sorts buckets, which agree above `bits`.
 fn sort_buckets(range: Range<'_>, ends: &[usize], bits: u32) {
-    let parallel = range.entries.len() > PARALLEL;
+    let parallel = range.entries.len() > 2 * SMALL;
     let mut buckets = Vec::with_capacity(ends.len());
     let Range { mut entries, mut spare, mut codes, mut members } = range;
     let mut start = 0;
@@ -304,7 +309,7 @@ mod tests {
     fn check(codes: Vec<u64>) {
         let mut want: Vec<(u64, u32)> = codes.iter().copied().zip(0..).collect();
         want.sort();
-        let order = MortonOrder::sorted(codes);
+        let order = MortonOrder::sorted(codes.into());
         let got: Vec<_> = order.codes.iter().copied().zip(order.members).collect();
         assert_eq!(got, want);
     }

@@ -1,5 +1,6 @@
 //! The paper's adaptive criteria, per voxel (section 3.2.2).
 
+use bytemuck::{Pod, Zeroable};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -8,6 +9,7 @@ use crate::cube::Cube;
 use crate::descend;
 use crate::gaussian::log_volume;
 use crate::order::{CHUNK, MortonOrder};
+use crate::pages::Pages;
 
 /// Flags the Gaussians whose volume reaches the `100 - percent` percentile.
 ///
@@ -76,21 +78,27 @@ pub(crate) struct Rule<'a> {
 }
 
 /// What the criteria look at in one Gaussian.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
 struct Point {
     mean: [f32; 3],
-    large: bool,
+    /// 1 or 0.
+    large: u32,
 }
 
 impl Rule<'_> {
     /// Depth of the leaf of every Gaussian of `order`.
     pub(crate) fn depths(&self, order: &MortonOrder) -> Vec<u8> {
         // In Morton order, because cells are looked at level by level.
-        let points: Vec<Point> = order
-            .members
-            .par_iter()
-            .map(|&i| Point { mean: self.scene.means[i as usize], large: self.large[i as usize] })
-            .collect();
+        let mut points = Pages::<Point>::zeroed(order.members.len());
+        let all = points.par_chunks_mut(CHUNK).zip(order.members.par_chunks(CHUNK));
+        all.for_each(|(points, members)| {
+            for (point, &i) in points.iter_mut().zip(members) {
+                let i = i as usize;
+                *point = Point { mean: self.scene.means[i], large: u32::from(self.large[i]) };
+            }
+        });
+        let points = &points[..];
         descend::depths(&order.codes, self.j_low, self.j_high, |code, range, depth| {
             self.splits(code, &points[range], depth)
         })
@@ -107,7 +115,7 @@ impl Rule<'_> {
         points.iter().any(|point| {
             let offset = self.cube.offset(point.mean);
             let square: f64 = (0..3).map(|k| offset[k] - centre[k]).map(|d| d * d).sum();
-            point.large || square > limit * limit
+            point.large != 0 || square > limit * limit
         })
     }
 }

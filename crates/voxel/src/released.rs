@@ -73,7 +73,7 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
     let mut depth = j_low;
     loop {
         let cell = width / (1u32 << depth) as f32;
-        let order = MortonOrder::sorted(points.iter().map(|p| code(*p, origin, cell)).collect());
+        let order = sorted(&points, origin, cell);
         let mut all_small = true;
         let mut start = 0;
         while start < order.codes.len() {
@@ -101,9 +101,14 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
         }
     }
     let cell = width / (1u32 << depth) as f32;
-    let order = MortonOrder::sorted(points.iter().map(|p| code(*p, origin, cell)).collect());
+    let order = sorted(&points, origin, cell);
     let cube = Cube { origin: tight.origin, side: 2.0 * f64::from(width) };
     Ok(Voxelization::from_depths(cube, depth + 1, order, |_| depth + 1))
+}
+
+fn sorted(points: &[[f32; 3]], origin: [f32; 3], cell: f32) -> MortonOrder {
+    let codes: Vec<u64> = points.iter().map(|p| code(*p, origin, cell)).collect();
+    MortonOrder::sorted(codes.into())
 }
 
 fn code(p: [f32; 3], origin: [f32; 3], cell: f32) -> u64 {

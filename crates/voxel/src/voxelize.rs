@@ -81,6 +81,7 @@ impl Voxelization {
         // The leaf of a Gaussian is that of its code, not of its mean: the authors' code moves
         // Gaussians before it voxelizes them.
         let MortonOrder { codes, members: sorted } = order;
+        let codes = &codes[..];
         let shift = |depth: u8| 3 * u32::from(j_high - depth);
         // Whether a leaf starts at a Gaussian depends on the one before only, so all can be
         // asked at the same time.
@@ -94,7 +95,9 @@ impl Voxelization {
             let depth = depth_at(i);
             Leaf { morton: codes[i] >> shift(depth) << shift(depth), depth }
         };
-        if !(0..codes.len()).into_par_iter().with_min_len(CHUNK).any(is_dropped) {
+        let chunks = (0..codes.len().div_ceil(CHUNK)).into_par_iter();
+        let range = |chunk: usize| chunk * CHUNK..codes.len().min((chunk + 1) * CHUNK);
+        if !chunks.into_par_iter().any(|chunk| range(chunk).any(is_dropped)) {
             let member_offsets = positions(codes.len(), starts_leaf);
             let starts = &member_offsets[..member_offsets.len() - 1];
             let leaves = starts.par_iter().map(|&i| leaf(i as usize)).collect();
@@ -156,7 +159,8 @@ fn positions(len: usize, wanted: impl Fn(usize) -> bool + Sync) -> Vec<u32> {
 pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxelization> {
     strategy.validate()?;
     cube.validate()?;
-    match strategy {
+    // In the pool from here on: the threads are woken once.
+    rayon::scope(|_| match strategy {
         &Strategy::Uniform { depth } => {
             let order = MortonOrder::of(scene, cube, depth)?;
             Ok(Voxelization::from_depths(*cube, depth, order, |_| depth))
@@ -172,5 +176,5 @@ pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxel
         Strategy::RateDistortion(options) => {
             rate_distortion(scene, cube, options).map(|(voxelization, _)| voxelization)
         }
-    }
+    })
 }

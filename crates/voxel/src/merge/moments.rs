@@ -20,6 +20,7 @@ pub(super) struct Look {
 
 /// The looks of `members`, in their order. [`LANES`] at a time, because exponentials and logarithms
 /// become vector instructions.
+#[inline(always)]
 pub(super) fn look(scene: &Scene, members: &[u32], looks: &mut Vec<Look>) {
     looks.clear();
     for members in members.chunks(LANES) {
@@ -48,6 +49,7 @@ pub(super) fn look(scene: &Scene, members: &[u32], looks: &mut Vec<Look>) {
 }
 
 /// Divides the weights of a leaf by the greatest.
+#[inline(always)]
 pub(super) fn normalise(weights: &mut [f64]) {
     let greatest = weights.iter().fold(0.0, |m: f64, &w| m.max(w));
     for w in weights {
@@ -70,6 +72,7 @@ pub(super) struct Shapes {
 
 impl Shapes {
     /// Takes in a leaf; true if there is room for no more.
+    #[inline(always)]
     pub(super) fn push(&mut self, looks: &[Look], weights: &[f64]) -> bool {
         let share = 1.0 / weights.iter().sum::<f64>();
         let first = looks[0].mean.map(f64::from);
@@ -121,6 +124,7 @@ impl Shapes {
     }
 
     /// Gives the merged Gaussians out, beside the next of `leaves` each, and makes room.
+    #[inline(always)]
     pub(super) fn finish<'a>(
         &mut self,
         leaves: &mut impl Iterator<Item = &'a usize>,
