@@ -69,19 +69,21 @@ fn geometry() {
 /// detail of 129 nodes passed where the stream claimed 102 and the caller allowed 128.
 #[test]
 fn a_level_of_detail_has_no_more_leaves_than_the_stream_claims() {
-    #[rustfmt::skip]
-    let stream = [
-        0x01, 0xc7, 0x66, 0x06, 0x32, 0x01, 0xc4, 0xd1, 0x16, 0x1d, 0xf9, 0x17, 0x16, 0xe9, 0x94, 0xc4,
-        0x31, 0x16, 0x1d, 0xf9, 0x17, 0x16, 0xe9, 0x90, 0x8a, 0xfe, 0x00, 0x5b, 0x16, 0x01, 0x04, 0x00,
-        0x6c, 0x16, 0x7e, 0x9b, 0x8b, 0x00, 0xff, 0x16, 0x7e, 0x9b, 0x8b, 0x00, 0xff, 0x06, 0x06, 0x7e,
-        0x16, 0x9b, 0x9b, 0x9b, 0x8b, 0x9b, 0x9b, 0x3f, 0x00, 0xf9, 0x17, 0xab, 0x80, 0x3b, 0x00, 0x00,
-        0x00,
-    ];
-    for depth in 0..=7 {
-        if let Ok(g) = geometry::decode_lod(&stream, depth, &Limits { max_points: 128 }) {
-            assert!(g.leaves.len() <= 102, "{} at depth {depth}", g.leaves.len());
+    let (leaves, j) = leaves();
+    let leaves: Vec<Leaf> = leaves.into_iter().take(120).collect();
+    let mut stream = geometry::encode(&leaves, j).unwrap();
+    assert_eq!(usize::from(stream[2]), leaves.len());
+    let mut refused = 0;
+    for claimed in 1..leaves.len() {
+        stream[2] = claimed as u8;
+        for depth in 0..=j {
+            match geometry::decode_lod(&stream, depth, &Limits { max_points: 128 }) {
+                Ok(g) => assert!(g.leaves.len() <= claimed, "{claimed} at depth {depth}"),
+                Err(_) => refused += 1,
+            }
         }
     }
+    assert!(refused > leaves.len());
 }
 
 #[test]
@@ -122,7 +124,7 @@ fn lossless_and_lifting() {
 /// A header that promises the moon costs nothing.
 #[test]
 fn promises_are_not_believed() {
-    let bytes = [1, 21, 0xff, 0xff, 0xff, 0xff, 0x0e];
+    let bytes = [2, 21, 0xff, 0xff, 0xff, 0xff, 0x0e];
     let e = geometry::decode(&bytes, &Limits::for_stream(bytes.len())).unwrap_err();
     assert!(matches!(e, Error::TooManyPoints { .. }), "{e}");
     let (leaves, j) = leaves();

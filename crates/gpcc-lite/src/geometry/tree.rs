@@ -1,6 +1,7 @@
 //! One traversal of the tree for both directions.
 
 use super::cells::Cells;
+use super::density::{Below, Classes, Densities, KERNEL, Kernel, LOW_FACES};
 use super::models::{Models, NodeContext};
 use super::truth::Truth;
 use crate::error::{Error, Result};
@@ -42,13 +43,13 @@ impl<'a> Tree<'a> {
         Self { truth, j_high, above, tails: Vec::new(), done: Vec::new() }
     }
 
-    /// Codes the step from `depth` to `depth + 1`; `path` codes three raw bits of a single's path.
+    /// Codes the step from `depth` to `depth + 1`; `path` codes raw bits of a single's path.
     pub(super) fn level<C: BinaryCoder>(
         &mut self,
         depth: u8,
         models: &mut Models,
         coder: &mut C,
-        path: &mut impl FnMut(u32) -> u32,
+        path: &mut impl FnMut(u32, u32) -> u32,
         limit: usize,
     ) -> Result<()> {
         let shift = 3 * (self.j_high - depth - 1);
@@ -61,6 +62,8 @@ impl<'a> Tree<'a> {
         if let Some(truth) = known::<C>(&mut self.truth) {
             truth.start_level(depth);
         }
+        let kernel: &Kernel = &KERNEL;
+        let fast = models.fast();
         let mut block = Block::new();
         let mut near = self.above.hoods.near.as_slice();
         let (mut at, mut next) = (0usize, 0usize);
@@ -76,14 +79,28 @@ impl<'a> Tree<'a> {
                 at += 1;
                 let code = self.above.code[p] << 3 | u64::from(c);
                 let window = block.window(c);
-                let mut node = NodeContext::new(depth, code, siblings, chain, count(window));
+                let ones = ONES[usize::from(siblings)];
+                let mut node = NodeContext::new(depth, code, ones, chain, count(window));
                 let (stops, single) =
                     known::<C>(&mut self.truth).map_or((false, false), Truth::next);
-                if models.stop(coder, &node, stops) {
-                    self.done.push(Leaf { morton: code << (shift + 3), depth });
-                    continue;
+                let mut has = Below::default();
+                let mut low = window & LOW_FACES;
+                while low != 0 {
+                    let i = block.index(c, low.trailing_zeros());
+                    low &= low - 1;
+                    has.add(below.children[i as usize].mask);
                 }
-                if models.single(coder, &node, single) {
+                if !node.splits() && models.single(coder, &node, has, single) {
+                    if models.stop(coder, &node, stops) {
+                        self.done.push(Leaf { morton: code << (shift + 3), depth });
+                        continue;
+                    }
+                    let mut code = code;
+                    if models.lattice.is_none() {
+                        let child = known::<C>(&mut self.truth).map_or(0, Truth::child);
+                        let child = models.half(coder, path, node.around, window, child);
+                        code = code << 3 | u64::from(child);
+                    }
                     self.tails.push(code);
                     if let Some(truth) = known::<C>(&mut self.truth) {
                         truth.leave();
@@ -92,6 +109,7 @@ impl<'a> Tree<'a> {
                 }
                 node.least = least;
                 let mut cells = Cells::default();
+                let mut densities = Densities::default();
                 let mut around = window;
                 while around != 0 {
                     let place = around.trailing_zeros();
@@ -102,14 +120,22 @@ impl<'a> Tree<'a> {
                         continue;
                     }
                     if (i as usize) < here {
-                        cells.add_coded(place as usize, below.children[i as usize].mask);
+                        let mask = below.children[i as usize].mask;
+                        kernel.add_coded(&mut densities, place, mask);
+                        if !fast {
+                            cells.add_coded(place as usize, mask);
+                        }
                     } else {
-                        cells.add_later(place as usize);
+                        kernel.add_later(&mut densities, place);
+                        if !fast {
+                            cells.add_later(place as usize);
+                        }
                     }
                 }
                 below.hoods.present.push(window);
                 let wanted = known::<C>(&mut self.truth).map_or(0, Truth::split);
-                let mask = models.occupancy(coder, &node, cells, wanted);
+                let classes = Classes::new(&densities);
+                let mask = models.occupancy(coder, &node, cells, &classes, wanted);
                 below.children[here] = Children { first: next as u32, mask };
                 let ones = usize::from(ONES[usize::from(mask)]);
                 next += ones;
@@ -134,12 +160,15 @@ impl<'a> Tree<'a> {
         old_tails: usize,
         models: &mut Models,
         coder: &mut C,
-        path: &mut impl FnMut(u32) -> u32,
+        path: &mut impl FnMut(u32, u32) -> u32,
     ) {
         let shift = 3 * (self.j_high - depth - 1);
         let mixed = models.mixed();
+        // Those that joined at this level have taken the step, unless there is a lattice.
+        let all = self.tails.len();
+        let end = if models.lattice.is_some() { all } else { old_tails };
         let mut kept = 0;
-        for i in 0..self.tails.len() {
+        for i in 0..end {
             let leaf = known::<C>(&mut self.truth).map(|t| *t.tail(i));
             let code = self.tails[i];
             // One that left the tree at this level has already been asked.
@@ -153,9 +182,16 @@ impl<'a> Tree<'a> {
             let truth = leaf.map_or(0, |l| (l.morton >> shift) as u32 & 7);
             let child = match &mut models.lattice {
                 Some(lattice) => lattice.path(coder, u32::from(depth) + 1, code, truth),
-                None => path(truth),
+                None => path(truth, 3),
             };
             self.tails[kept] = (code << 3) | u64::from(child);
+            if let Some(t) = known::<C>(&mut self.truth) {
+                t.keep_tail(i, kept);
+            }
+            kept += 1;
+        }
+        for i in end..all {
+            self.tails[kept] = self.tails[i];
             if let Some(t) = known::<C>(&mut self.truth) {
                 t.keep_tail(i, kept);
             }

@@ -83,6 +83,13 @@ impl<'a> Truth<'a> {
         self.tails.push(self.range[0]);
     }
 
+    /// Its child, if it has one leaf.
+    #[inline]
+    pub(super) fn child(&mut self) -> u32 {
+        let shift = 3 * (self.j_high - self.depth - 1);
+        (self.leaves[self.range[0] as usize].morton >> shift) as u32 & 7
+    }
+
     /// Its children.
     #[inline]
     pub(super) fn split(&mut self) -> u8 {

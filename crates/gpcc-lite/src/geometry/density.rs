@@ -1,0 +1,177 @@
+//! How densely the surroundings of a node are filled, as its children see them.
+//!
+//! Every cell known around a node adds to the density at each of its children a weight that falls
+//! with the fourth power of the distance: a child of a neighbour already coded from its own
+//! centre, a neighbour whose children are not known from the neighbour's. Where density is high a
+//! child is likely. One number replaces a pattern of cells, so that few points teach it.
+
+use std::sync::LazyLock;
+
+use crate::hood::CENTRE;
+
+/// A density per child.
+pub(super) type Densities = [u16; 8];
+
+/// Weight of a cell at a distance of one child's side.
+const UNIT: u32 = 4096;
+/// Mass of a neighbour not coded yet: it has more than one child as often as not.
+const LATER: u32 = 2;
+/// What neighbours add, by their bit in a window.
+pub(super) struct Kernel {
+    /// By the mask of its children; without any it is a single or a leaf, and one mass.
+    coded: Box<[[Densities; 256]; 43]>,
+    later: [Densities; 43],
+}
+
+/// The one kernel: 176 KiB, of which those of the 26 neighbours are touched.
+pub(super) static KERNEL: LazyLock<Kernel> = LazyLock::new(Kernel::new);
+
+impl Kernel {
+    fn new() -> Self {
+        let zero = vec![[[0u16; 8]; 256]; 43].into_boxed_slice();
+        let Ok(coded) = zero.try_into() else { unreachable!("the slice has 43 elements") };
+        let mut kernel = Self { coded, later: [[0; 8]; 43] };
+        for place in 0..43 {
+            let d = [place / 16, place / 4 % 4, place % 4].map(|x| x as i32 - 1);
+            if d == [0; 3] || d.contains(&2) {
+                continue;
+            }
+            let one: [Densities; 8] = std::array::from_fn(|q| {
+                std::array::from_fn(|k| {
+                    let v = [2, 1, 0].map(|b| 2 * d[2 - b] + bit(q, b) - bit(k, b));
+                    weight(UNIT, v)
+                })
+            });
+            // From the centre distances are in half sides of a child.
+            let centre = |mass: u32| -> Densities {
+                std::array::from_fn(|k| {
+                    let v = [2, 1, 0].map(|b| 4 * d[2 - b] + 1 - 2 * bit(k, b));
+                    weight(16 * UNIT * mass, v)
+                })
+            };
+            kernel.later[place] = centre(LATER);
+            for mask in 1..256usize {
+                let (rest, q) = (mask & (mask - 1), mask.trailing_zeros() as usize);
+                let sum = kernel.coded[place][rest];
+                kernel.coded[place][mask] = std::array::from_fn(|k| sum[k] + one[q][k]);
+            }
+            kernel.coded[place][0] = centre(1);
+        }
+        kernel
+    }
+
+    /// What a neighbour that is coded, with these children, adds.
+    #[inline]
+    pub(super) fn add_coded(&self, sum: &mut Densities, place: u32, mask: u8) {
+        add(sum, &self.coded[(place as usize).min(42)][usize::from(mask)]);
+    }
+
+    /// What a neighbour that is not coded yet adds.
+    #[inline]
+    pub(super) fn add_later(&self, sum: &mut Densities, place: u32) {
+        add(sum, &self.later[(place as usize).min(42)]);
+    }
+}
+
+#[inline]
+fn bit(v: usize, b: usize) -> i32 {
+    (v >> b & 1) as i32
+}
+
+fn weight(unit: u32, v: [i32; 3]) -> u16 {
+    let square: i32 = v.iter().map(|x| x * x).sum();
+    (unit / (square * square) as u32) as u16
+}
+
+#[inline]
+fn add(sum: &mut Densities, more: &Densities) {
+    for (a, b) in sum.iter_mut().zip(more) {
+        *a += b;
+    }
+}
+
+/// The face neighbours at the low sides: they are coded before the node, those at the high sides
+/// after it.
+pub(super) const LOW_FACES: u64 = 1 << (CENTRE - 16) | 1 << (CENTRE - 4) | 1 << (CENTRE - 1);
+
+/// How much the face neighbours already coded have below them.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Below {
+    nodes: usize,
+    /// Their children, in tenths: what is below a single counts for 7.
+    children: u32,
+}
+
+impl Below {
+    #[inline]
+    pub(super) fn add(&mut self, mask: u8) {
+        self.nodes += 1;
+        self.children += CHILDREN[usize::from(mask)];
+    }
+
+    /// Neighbours, and their children in steps of two thirds of an octave: less than 64.
+    #[inline]
+    pub(super) fn class(self) -> usize {
+        let children = (sixteenths(self.children) * 3 / 32).saturating_sub(3).min(15);
+        self.nodes.min(3) * 16 + children
+    }
+}
+
+/// Ten times the number of children, 7 for none.
+const CHILDREN: [u32; 256] = {
+    let mut t = [7; 256];
+    let mut i = 1;
+    while i < 256 {
+        t[i] = 10 * (i as u8).count_ones();
+        i += 1;
+    }
+    t
+};
+
+/// Sixteenths of an octave, linear within an octave; 0 for 0. Below 2^24: the bits of a float.
+#[inline]
+pub(super) fn sixteenths(v: u32) -> usize {
+    ((v as f32).to_bits() >> 19).saturating_sub(127 << 4) as usize
+}
+
+/// Classes of the densities at a node's children.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Classes {
+    /// Quarter octaves of the density, 0 to 41.
+    pub(super) own: [u16; 8],
+    /// Third octaves of its share in all eight, 0 to 19.
+    pub(super) share: [u16; 8],
+    /// Two thirds of octaves of the sum of all eight, 0 to 15.
+    pub(super) total: usize,
+}
+
+impl Classes {
+    #[inline]
+    pub(super) fn new(densities: &Densities) -> Self {
+        let sum: u32 = densities.iter().map(|&v| u32::from(v)).sum();
+        if sum == 0 {
+            return Self { own: [0; 8], share: [0; 8], total: 0 };
+        }
+        let sum = sixteenths(sum) as i32;
+        let logs = densities.map(|v| (f32::from(v).to_bits() >> 19) as i32 - (127 << 4));
+        Self {
+            own: logs.map(|l| (1 + ((l >> 2) - 20).clamp(0, 40)) as u16),
+            share: logs.map(|l| (1 + (((l - sum + 96) * 3) >> 4).clamp(0, 18)) as u16),
+            total: 1 + ((sum - 128).max(0) * 3 / 32).min(14) as usize,
+        }
+    }
+}
+
+/// Cells of a window at the low and at the high side of each axis.
+const SIDES: [[u64; 2]; 3] = [
+    [0x0000_0000_0000_0777, 0x0000_0777_0000_0000],
+    [0x0000_0007_0007_0007, 0x0000_0700_0700_0700],
+    [0x0000_0111_0111_0111, 0x0000_0444_0444_0444],
+];
+
+/// How many more neighbours there are at the high side of an axis than at the low one, -9 to 9.
+#[inline]
+pub(super) fn lean(window: u64, axis: usize) -> i32 {
+    let [low, high] = SIDES[axis].map(|s| (window & s).count_ones() as i32);
+    high - low
+}
