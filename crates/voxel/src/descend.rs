@@ -42,6 +42,11 @@ fn divide(
     depths: &mut [u8],
 ) {
     let stop = start + depths.len();
+    if let [leaf] = depths {
+        // Alone down to the last level.
+        *leaf = (depth..j_high).find(|&d| !splits(codes[start], start..stop, d)).unwrap_or(j_high);
+        return;
+    }
     if depth == j_high || !splits(codes[start], start..stop, depth) {
         depths.fill(depth);
         return;

@@ -105,7 +105,7 @@ impl Rule<'_> {
     }
 
     fn splits(&self, code: u64, points: &[Point], depth: u8) -> bool {
-        if points.len() as u64 > u64::from(self.tau1) {
+        if points.len() as u64 > u64::from(self.tau1) || points.iter().any(|p| p.large != 0) {
             return true;
         }
         let shift = 3 * u32::from(self.j_high - depth);
@@ -115,7 +115,7 @@ impl Rule<'_> {
         points.iter().any(|point| {
             let offset = self.cube.offset(point.mean);
             let square: f64 = (0..3).map(|k| offset[k] - centre[k]).map(|d| d * d).sum();
-            point.large != 0 || square > limit * limit
+            square > limit * limit
         })
     }
 }

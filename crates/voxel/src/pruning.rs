@@ -366,7 +366,8 @@ impl<'a> Pruning<'a> {
         loop {
             work.tally.decided += 1;
             let offset = std::array::from_fn(|k| centre[k] - small.base[k]);
-            let floor = self.floor(place, offset, at);
+            // Above the lowest leaf depth nobody asks.
+            let floor = if at >= o.j_low { self.floor(place, offset, at) } else { 0.0 };
             floors[usize::from(at)] = floor;
             if at == o.j_high || (at >= o.j_low && floor <= bound) {
                 let cost = floor + ask(work);
