@@ -210,8 +210,75 @@ impl<'a> Pruning<'a> {
         records.extend(members.iter().map(|&i| self.records.get(i)));
         work.tally = Tally::default();
         let cell = Cell { codes, members, records };
-        let solved = self.solve(cell, centre, depth, depths, places, work);
+        let solved = if depth < self.options.j_low && self.options.drop.is_none() {
+            self.solve_below(cell, depth, depths, places, work)
+        } else {
+            self.solve(cell, centre, depth, depths, places, work)
+        };
         Solved { tally: work.tally, ..solved }
+    }
+
+    /// A cell above the lowest leaf depth of which nothing may be dropped: it must be divided
+    /// down to there, and nobody asks where its Gaussians are.
+    fn solve_below(
+        &self,
+        cell: Cell<'_>,
+        depth: u8,
+        depths: &mut [u8],
+        places: &mut Vec<Place>,
+        work: &mut Work,
+    ) -> Solved {
+        let &RateDistortion { j_low, j_high, .. } = self.options;
+        let codes = cell.codes;
+        // Children so far of the cells on the path to the current one.
+        let mut children = [1; MAX_DEPTH as usize + 1];
+        let close = |children: &mut [usize], below: u8| -> f64 {
+            let path = below..j_low;
+            path.map(|d| self.division(std::mem::replace(&mut children[usize::from(d)], 1), d))
+                .sum()
+        };
+        let (mut cost, mut start) = (0.0, 0);
+        while start < codes.len() {
+            if start > 0 {
+                let shared = self.shared_depth(codes[start - 1], codes[start]);
+                cost += close(&mut children, shared + 1);
+                children[usize::from(shared)] += 1;
+            }
+            let end = cell_end(codes, start, j_high, j_low);
+            let centre = self.centre(codes[start], j_low);
+            let depths = &mut depths[start..end];
+            let best = if let [leaf] = depths {
+                self.solve_alone(&cell, start, centre, j_low, leaf, &mut work.tally).0
+            } else {
+                self.solve(cell.part(start..end), centre, j_low, depths, places, work).best
+            };
+            cost += best.cost;
+            start = end;
+        }
+        cost += close(&mut children, depth);
+        Solved { best: Best { cost, empty: false }, ..Solved::default() }
+    }
+
+    /// Depth of the smallest cell that holds two codes.
+    fn shared_depth(&self, a: u64, b: u64) -> u8 {
+        let differing = u64::BITS - (a ^ b).leading_zeros();
+        self.options.j_high - differing.div_ceil(3) as u8
+    }
+
+    /// Gaussian `i` of `cell`, alone in its own cell at `depth`; also its place.
+    #[inline(always)]
+    fn solve_alone(
+        &self,
+        cell: &Cell<'_>,
+        i: usize,
+        centre: [f64; 3],
+        depth: u8,
+        leaf: &mut u8,
+        tally: &mut Tally,
+    ) -> (Best, Place) {
+        let (code, record) = (cell.codes[i], &cell.records[i]);
+        let place = Place::of(record, self.from(record, centre));
+        (self.solve_one(code, record, &place, centre, depth, leaf, tally), place)
     }
 
     /// Solves the cells above the blocks, whose results come in Morton order.
@@ -229,7 +296,7 @@ impl<'a> Pruning<'a> {
             // There are as many results as blocks.
             return blocks.next().unwrap_or_default();
         }
-        *decided += 1;
+        *decided += u64::from(depth >= self.options.j_low || self.options.drop.is_some());
         self.combine_children(codes, members, centre, depth, depths, |range, centre, depths| {
             let (codes, members) = (&codes[range.clone()], &members[range]);
             self.combine(codes, members, centre, depth + 1, depths, blocks, decided)
@@ -258,11 +325,9 @@ impl<'a> Pruning<'a> {
                 depths,
                 |range, centre, depths| {
                     if let [leaf] = depths {
-                        let (code, record) = (codes[range.start], &records[range.start]);
-                        let place = Place::of(record, self.from(record, centre));
-                        let tally = &mut work.tally;
-                        let best =
-                            self.solve_one(code, record, &place, centre, depth + 1, leaf, tally);
+                        let (at, tally) = (range.start, &mut work.tally);
+                        let (best, place) =
+                            self.solve_alone(&cell, at, centre, depth + 1, leaf, tally);
                         return Solved { best, place, ..Solved::default() };
                     }
                     self.solve(cell.part(range), centre, depth + 1, depths, places, work)
@@ -344,8 +409,7 @@ impl<'a> Pruning<'a> {
             return (self.solve_lone(small, centre, depth, leaf, work), None);
         }
         // Down to here all share one cell; cells of one child are not worth a call each.
-        let differing = u64::BITS - (codes[0] ^ codes[codes.len() - 1]).leading_zeros();
-        let shared = o.j_high - differing.div_ceil(3) as u8;
+        let shared = self.shared_depth(codes[0], codes[codes.len() - 1]);
         // Any division that leaves something costs at least this, had it no distortion at all;
         // one that drops everything costs as much as dropping it here.
         let bound = o.lambda * (o.cost.go_on + o.cost.occupancy[0] + o.cost.gaussian);
@@ -366,8 +430,7 @@ impl<'a> Pruning<'a> {
         loop {
             work.tally.decided += 1;
             let offset = std::array::from_fn(|k| centre[k] - small.base[k]);
-            // Above the lowest leaf depth nobody asks.
-            let floor = if at >= o.j_low { self.floor(place, offset, at) } else { 0.0 };
+            let floor = self.floor(place, offset, at);
             floors[usize::from(at)] = floor;
             if at == o.j_high || (at >= o.j_low && floor <= bound) {
                 let cost = floor + ask(work);

@@ -106,7 +106,8 @@ impl RateDistortion {
 /// What a [`rate_distortion`] run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateDistortionReport {
-    /// Cells whose division was decided.
+    /// Cells whose division was decided: not those that must be divided, because they are above
+    /// the lowest leaf depth and nothing may be dropped.
     pub decided: u64,
     /// Of these, cells whose subtrees were not looked at because no division could pay.
     pub skipped: u64,
