@@ -162,21 +162,32 @@ fn decode_rows(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<(Vec<La
         (0..channels).map(|_| Head::read(&mut r, plan)).collect::<Result<_>>()?;
     let bytes = &bytes[r.pos()..];
     let channels = heads.len();
-    let rows = if bytes.first() == Some(&coeffs::RANGE) {
-        let mut source = Ranged::new(plan, RangeDecoder::new(&bytes[1..]), channels);
-        let dc = source.dc(plan.len());
-        let mut source = Dequantiser::new(plan, &heads, source);
-        let rows = reconstruct(plan, &heads, &dc, &mut source);
-        if source.inner.exhausted() {
-            return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
+    let rows = match bytes.first() {
+        Some(&coeffs::RANGE) => decode_ranged::<false>(plan, &heads, &bytes[1..])?,
+        Some(&coeffs::SYMBOLS) => decode_ranged::<true>(plan, &heads, &bytes[1..])?,
+        _ => {
+            let source = Planar::new(coeffs::decode(plan, bytes, channels)?);
+            let dc = source.dc();
+            reconstruct(plan, &heads, &dc, &mut Dequantiser::new(plan, &heads, source))
         }
-        rows
-    } else {
-        let source = Planar::new(coeffs::decode(plan, bytes, channels)?);
-        let dc = source.dc();
-        reconstruct(plan, &heads, &dc, &mut Dequantiser::new(plan, &heads, source))
     };
     Ok((rows, channels))
+}
+
+/// Rows of values from a range-coded stream.
+fn decode_ranged<const BY_SYMBOLS: bool>(
+    plan: &Plan,
+    heads: &[Head],
+    bytes: &[u8],
+) -> Result<Vec<Lanes>> {
+    let mut source = Ranged::<BY_SYMBOLS>::new(plan, RangeDecoder::new(bytes), heads.len());
+    let dc = source.dc(plan.len());
+    let mut source = Dequantiser::new(plan, heads, source);
+    let rows = reconstruct(plan, heads, &dc, &mut source);
+    if source.inner.exhausted() {
+        return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
+    }
+    Ok(rows)
 }
 
 /// Rows of values from the levels of coefficient 0 and a source of the others.

@@ -11,7 +11,7 @@ use crate::bytes::{Reader, put_varint};
 use crate::context::{CHUNK, Magnitudes, Packed, Row, chunk_sizes};
 use crate::error::{Error, Result};
 use crate::raht::Plan;
-use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
+use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder, SymbolCoder};
 use crate::rlgr;
 use models::{Known, Models, Place};
 
@@ -21,6 +21,9 @@ pub enum Mode {
     /// Adaptive binary range coder with magnitude contexts: the small mode.
     #[default]
     Range,
+    /// The same with one adaptive symbol per magnitude: in half the time, streams a few tenths of a
+    /// percent larger.
+    Symbols,
     /// RLGR with [`rlgr::Params::REMOTE_FX`], channel after channel: the fast mode.
     Rlgr,
     /// RLGR with [`rlgr::Params::MALVAR`].
@@ -34,6 +37,7 @@ pub(crate) const RAW: u8 = 0;
 pub(crate) const RANGE: u8 = 1;
 const RLGR_RFX: u8 = 2;
 const RLGR_MALVAR: u8 = 3;
+pub(crate) const SYMBOLS: u8 = 4;
 
 /// Codes a group of channels of quantised coefficients, each in coefficient order.
 ///
@@ -49,15 +53,19 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
     }
     let mut out = Vec::new();
     match mode {
-        Mode::Range => {
-            out.push(RANGE);
+        Mode::Range | Mode::Symbols => {
+            out.push(if mode == Mode::Range { RANGE } else { SYMBOLS });
             let mut coder = RangeEncoder::new();
             let get = |k: usize, levels: &mut [Levels]| {
                 for ((chunk, i), channel) in places(channels.len()).zip(channels) {
                     levels[chunk][i] = channel[k];
                 }
             };
-            code_channels(plan, channels.len(), &mut coder, get, |_, _| {});
+            if mode == Mode::Range {
+                code_channels::<false, _>(plan, channels.len(), &mut coder, get, |_, _| {});
+            } else {
+                code_channels::<true, _>(plan, channels.len(), &mut coder, get, |_, _| {});
+            }
             out.extend(coder.finish());
         }
         Mode::Rlgr | Mode::RlgrMalvar => {
@@ -85,7 +93,7 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
 fn rlgr_params(mode: Mode) -> (u8, rlgr::Params) {
     match mode {
         Mode::RlgrMalvar => (RLGR_MALVAR, rlgr::Params::MALVAR),
-        Mode::Rlgr | Mode::Range => (RLGR_RFX, rlgr::Params::REMOTE_FX),
+        Mode::Rlgr | Mode::Range | Mode::Symbols => (RLGR_RFX, rlgr::Params::REMOTE_FX),
     }
 }
 
@@ -112,7 +120,7 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
             }
             Ok(out)
         }
-        RANGE => {
+        tag @ (RANGE | SYMBOLS) => {
             let mut coder = RangeDecoder::new(&bytes[1..]);
             let mut out = vec![vec![0; n]; channels];
             let put = |k: usize, levels: &[Levels]| {
@@ -120,7 +128,11 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
                     channel[k] = levels[chunk][i];
                 }
             };
-            code_channels(plan, channels, &mut coder, |_, _| {}, put);
+            if tag == RANGE {
+                code_channels::<false, _>(plan, channels, &mut coder, |_, _| {}, put);
+            } else {
+                code_channels::<true, _>(plan, channels, &mut coder, |_, _| {}, put);
+            }
             if coder.exhausted() {
                 return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
             }
@@ -140,8 +152,9 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
     }
 }
 
-/// Codes or decodes the coefficients of a group one after another.
-pub(crate) struct RowCoder {
+/// Codes or decodes the coefficients of a group one after another, magnitudes by symbols or in
+/// binary.
+pub(crate) struct RowCoder<const BY_SYMBOLS: bool> {
     sizes: Vec<usize>,
     models: Models,
     context: Magnitudes,
@@ -149,11 +162,11 @@ pub(crate) struct RowCoder {
     depth: usize,
 }
 
-impl RowCoder {
+impl<const BY_SYMBOLS: bool> RowCoder<BY_SYMBOLS> {
     pub(crate) fn new(coefficients: usize, channels: usize) -> Self {
         let sizes = chunk_sizes(channels);
         Self {
-            models: Models::new(channels, sizes.len()),
+            models: Models::new(channels, sizes.len(), BY_SYMBOLS),
             context: Magnitudes::new(coefficients, sizes.len()),
             magnitudes: vec![Packed::default(); sizes.len()],
             sizes,
@@ -193,7 +206,7 @@ impl RowCoder {
     /// Codes the levels of coefficient `k >= 1`, one entry per chunk; false if all are zero, and
     /// then a decoder does not touch them.
     #[inline]
-    pub(crate) fn code<C: BinaryCoder>(
+    pub(crate) fn code<C: SymbolCoder>(
         &mut self,
         coder: &mut C,
         k: usize,
@@ -241,6 +254,14 @@ impl RowCoder {
                         _ => Known::Nothing,
                     };
                     let v = truth[i];
+                    if BY_SYMBOLS {
+                        let level = self.models.level(coder, &here, place, (i, ch), known, v);
+                        let m = level.unsigned_abs();
+                        levels[i] = level;
+                        magnitude.set(i, m);
+                        place.coded = place.coded.saturating_add(m);
+                        continue;
+                    }
                     let m = self.models.magnitude(
                         coder,
                         &here,
@@ -285,7 +306,7 @@ pub(crate) fn places(channels: usize) -> impl Iterator<Item = (usize, usize)> {
 
 /// Codes or decodes whole channels: `channels(k, levels, out)` gives the levels of coefficient `k`
 /// or takes them.
-fn code_channels<C: BinaryCoder>(
+fn code_channels<const BY_SYMBOLS: bool, C: SymbolCoder>(
     plan: &Plan,
     channels: usize,
     coder: &mut C,
@@ -296,7 +317,7 @@ fn code_channels<C: BinaryCoder>(
     if n == 0 || channels == 0 {
         return;
     }
-    let mut rows = RowCoder::new(n, channels);
+    let mut rows = RowCoder::<BY_SYMBOLS>::new(n, channels);
     let mut levels = vec![[0; CHUNK]; rows.sizes.len()];
     get(0, &mut levels);
     code_dc(coder, channels, &mut levels);

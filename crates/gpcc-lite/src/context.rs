@@ -221,6 +221,21 @@ fn others(coded: u32, before: usize) -> u32 {
     (coded.min(CAP) * SCALE[before.min(63)]) >> 6
 }
 
+/// Mean magnitude of the `before > 0` channels already coded, 8 fraction bits.
+#[inline]
+pub(crate) fn mean_of(coded: u32, before: usize) -> u32 {
+    const RECIPROCAL: [u32; 64] = {
+        let mut t = [0; 64];
+        let mut n = 1;
+        while n < 64 {
+            t[n] = 65536 / n as u32;
+            n += 1;
+        }
+        t
+    };
+    (coded.min(CAP) * RECIPROCAL[before.min(63)]) >> 8
+}
+
 #[inline]
 fn expected(above: u32, near: u32, coded: u32, before: usize) -> u32 {
     if before == 0 {

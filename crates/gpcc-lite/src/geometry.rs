@@ -97,6 +97,19 @@ fn encode_with(leaves: &[Leaf], j_high: u8, fast: bool) -> Result<Vec<u8>> {
     Ok(out)
 }
 
+/// The number of leaves that a stream claims to hold.
+///
+/// # Errors
+/// If the stream ends before it says so, or is of another version.
+pub fn points(bytes: &[u8]) -> Result<u64> {
+    let mut r = Reader::new(bytes);
+    if r.u8("geometry version")? != VERSION {
+        return Err(r.corrupt("geometry version"));
+    }
+    r.u8("geometry header")?;
+    r.varint("point count")
+}
+
 /// Decodes what [`encode`] wrote.
 ///
 /// # Errors

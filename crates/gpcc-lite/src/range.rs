@@ -5,6 +5,8 @@
 //! carry walks back through the bytes already written. The decoder reads zeros after the end,
 //! and the encoder drops the zero bytes at the end of its last eight.
 
+use crate::symbols::{self, Symbols};
+
 /// Both directions of the coder behind one face, so a model is written once.
 ///
 /// The encoder codes the `bit` (or value) it is given and returns it; the decoder ignores the
@@ -31,6 +33,12 @@ pub trait BinaryCoder {
 
     /// True when the decoder has read further past the end than any encoder's stream goes.
     fn exhausted(&self) -> bool;
+}
+
+/// Both directions of symbols.
+pub(crate) trait SymbolCoder: BinaryCoder {
+    /// Codes one symbol by its model, which learns it.
+    fn code_symbol(&mut self, model: &mut Symbols, symbol: usize) -> usize;
 }
 
 /// The encoder half of the [range coder](self).
@@ -148,6 +156,19 @@ impl BinaryCoder for RangeEncoder {
     }
 }
 
+impl SymbolCoder for RangeEncoder {
+    #[inline]
+    fn code_symbol(&mut self, model: &mut Symbols, symbol: usize) -> usize {
+        let (start, size) = model.interval(symbol);
+        let part = self.range >> symbols::BITS;
+        self.add(part * u64::from(start));
+        self.range = part * u64::from(size);
+        self.renormalise();
+        model.learn(symbol);
+        symbol
+    }
+}
+
 /// The decoder half of the [range coder](self).
 #[derive(Clone, Debug)]
 pub struct RangeDecoder<'a> {
@@ -220,5 +241,20 @@ impl BinaryCoder for RangeDecoder<'_> {
     fn exhausted(&self) -> bool {
         // The state reads 8 bytes ahead, and up to 8 zero bytes were dropped.
         self.pos > self.data.len() + 16
+    }
+}
+
+impl SymbolCoder for RangeDecoder<'_> {
+    #[inline]
+    fn code_symbol(&mut self, model: &mut Symbols, _symbol: usize) -> usize {
+        let part = self.range >> symbols::BITS;
+        let symbol = model.find((self.code / part).min((1 << symbols::BITS) - 1) as u32);
+        let (start, size) = model.interval(symbol);
+        // wrapping: only a stream no encoder wrote has code beyond the interval.
+        self.code = self.code.wrapping_sub(part * u64::from(start));
+        self.range = part * u64::from(size);
+        self.renormalise();
+        model.learn(symbol);
+        symbol
     }
 }

@@ -91,7 +91,7 @@ fn attributes() {
     let (leaves, j) = leaves();
     let plan = Plan::new(&leaves, j).unwrap();
     let c = channel(leaves.len(), 3, 1);
-    for mode in [Mode::Range, Mode::Rlgr, Mode::RlgrMalvar] {
+    for mode in [Mode::Range, Mode::Symbols, Mode::Rlgr, Mode::RlgrMalvar] {
         for prediction in [true, false] {
             let o = Options { mode, prediction, ..Options::default() };
             let coded = attribute::encode(&plan, &[&c, &c], &[Step::from_qp(10); 2], &o).unwrap();

@@ -45,7 +45,7 @@ proptest! {
         let plan = Plan::new(&leaves, j).unwrap();
         let channels: Vec<Vec<i32>> = kinds.iter().map(|&k| channel(leaves.len(), seed, k)).collect();
         let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
-        for mode in [Mode::Range, Mode::Rlgr, Mode::RlgrMalvar] {
+        for mode in [Mode::Range, Mode::Symbols, Mode::Rlgr, Mode::RlgrMalvar] {
             let bytes = coeffs::encode(&plan, &refs, mode).unwrap();
             prop_assert!(bytes.len() <= 1 + 4 * leaves.len() * channels.len());
             prop_assert_eq!(&coeffs::decode(&plan, &bytes, channels.len()).unwrap(), &channels);
@@ -191,7 +191,7 @@ fn shapes_survive_every_coder() {
                 [c.clone(), d.clone()],
                 "{name}"
             );
-            for mode in [Mode::Range, Mode::Rlgr] {
+            for mode in [Mode::Range, Mode::Symbols, Mode::Rlgr] {
                 for prediction in [false, true] {
                     let o = Options { mode, prediction, ..Options::default() };
                     let steps = [Step::from_qp(22); 4];

@@ -45,6 +45,7 @@ pub(crate) struct Args {
 /// Decodes a stream to a PLY file.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let output = Output::open(&args.output, args.force)?;
+    let (written, stdout) = (output.name(), output.is_stdout());
     let start = Instant::now();
     let bytes = input::bytes(&args.input)?;
     let options = gsvx::DecodeOptions {
@@ -53,30 +54,83 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         allow_truncated: args.allow_truncated,
         max_gaussians: args.max_gaussians,
     };
-    let decoded = gsvx::decode(&bytes, &options).with_context(|| input::name(&args.input))?;
-    drop(bytes);
+    let name = || input::name(&args.input);
+    let made = if options.lod.is_some() {
+        let decoded = gsvx::decode(&bytes, &options).with_context(name)?;
+        drop(bytes);
+        let made = Made::of(decoded.scene.len(), decoded.scene.sh_degree, decoded.skipped);
+        output.write(|out| Ok(gs_model::ply::write_to(out, &decoded.scene)?))?;
+        made
+    } else {
+        let decoder = gsvx::Decoder::new(&bytes, &options).with_context(name)?;
+        let mut damage = None;
+        let outcome = output.write(|out| {
+            out.write_all(&gs_model::ply::header(decoder.len(), decoder.sh_degree()))?;
+            // Each part is written while the next are decoded; nothing holds the whole scene.
+            let parts = decoder.parts(
+                |part| gs_model::ply::rows(&part.scene),
+                |rows| -> Result<(), Stop> {
+                    let rows = rows.map_err(|e| Stop::Output(e.into()))?;
+                    out.write_all(&rows).map_err(|e| Stop::Output(e.into()))
+                },
+            );
+            parts.map_err(|stop| match stop {
+                Stop::Output(error) => error,
+                Stop::Damage(error) => {
+                    damage = Some(error);
+                    anyhow::anyhow!("the stream is damaged")
+                }
+            })
+        });
+        if let Some(error) = damage {
+            return Err(error).with_context(name);
+        }
+        outcome?;
+        Made::of(decoder.len(), decoder.sh_degree(), decoder.skipped().to_vec())
+    };
     let seconds = start.elapsed().as_secs_f64();
-    for skipped in &decoded.skipped {
+    for skipped in &made.skipped {
         eprintln!("note: {skipped}");
     }
-    let scene = decoded.scene;
-    let (name, stdout) = (output.name(), output.is_stdout());
-    output.write(|out| Ok(gs_model::ply::write_to(out, &scene)?))?;
     let human = format!(
-        "{name}: {} Gaussians, SH degree {}, decoded in {seconds:.2} s",
-        scene.len(),
-        scene.sh_degree
+        "{written}: {} Gaussians, SH degree {}, decoded in {seconds:.2} s",
+        made.gaussians, made.sh_degree
     );
     report.say(
         stdout,
         &human,
         &json!({
-            "output": name,
-            "gaussians": scene.len(),
-            "sh_degree": scene.sh_degree,
-            "skipped": decoded.skipped,
+            "output": written,
+            "gaussians": made.gaussians,
+            "sh_degree": made.sh_degree,
+            "skipped": made.skipped,
             "decode_seconds": seconds,
         }),
     );
     Ok(())
+}
+
+/// What was decoded.
+struct Made {
+    gaussians: usize,
+    sh_degree: u8,
+    skipped: Vec<String>,
+}
+
+impl Made {
+    fn of(gaussians: usize, sh_degree: u8, skipped: Vec<String>) -> Self {
+        Self { gaussians, sh_degree, skipped }
+    }
+}
+
+/// Why decoding ended early.
+enum Stop {
+    Damage(gsvx::Error),
+    Output(anyhow::Error),
+}
+
+impl From<gsvx::Error> for Stop {
+    fn from(error: gsvx::Error) -> Self {
+        Self::Damage(error)
+    }
 }

@@ -77,7 +77,7 @@ pub(crate) struct Args {
     /// [default: transform; of --profile paper: vq:12].
     #[arg(long, value_parser = covariance)]
     covariance: Option<CovarianceMode>,
-    /// Code with RLGR and without prediction: several times faster, about 8 % larger.
+    /// Code without prediction and with fewer contexts: faster, about 3 % larger.
     #[arg(long)]
     fast: bool,
     /// Highest SH degree to keep.
@@ -250,7 +250,7 @@ fn encode_at(
     } else {
         EncodeOptions {
             covariance: args.covariance.unwrap_or_default(),
-            entropy: if args.fast { Entropy::Rlgr } else { Entropy::Range },
+            entropy: if args.fast { Entropy::Fast } else { Entropy::Range },
             ..EncodeOptions::from_quality(q)?
         }
     };

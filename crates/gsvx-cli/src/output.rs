@@ -113,10 +113,13 @@ impl Output {
     }
 
     /// Writes everything and gives the file its name.
-    pub(crate) fn write(self, fill: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
+    pub(crate) fn write(
+        self,
+        fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
+    ) -> Result<()> {
         let name = self.name();
         let Some(mut file) = self.file else {
-            let mut out = std::io::stdout().lock();
+            let mut out = std::io::stdout();
             fill(&mut out).with_context(|| name.clone())?;
             return out.flush().with_context(|| name.clone());
         };

@@ -35,7 +35,7 @@ fn codec(c: &mut Criterion) {
     g.sample_size(10).throughput(Throughput::Elements(scene.len() as u64));
     g.bench_function("yardstick: copy of the model", |b| b.iter(|| black_box(&scene).clone()));
     g.bench_function("prepare", |b| b.iter(|| prepare(black_box(&scene))));
-    let rlgr = EncodeOptions { entropy: Entropy::Rlgr, ..options.clone() };
+    let rlgr = EncodeOptions { entropy: Entropy::Fast, ..options.clone() };
     let book = EncodeOptions { covariance: CovarianceMode::Vq { bits: 12 }, ..options.clone() };
     for (name, options) in [("range", &options), ("rlgr", &rlgr), ("range, codebook", &book)] {
         let coded = gsvx::encode(&merged, &voxels, options).expect("a valid scene").bytes;

@@ -2,11 +2,11 @@
 
 use crate::attributes::group::{Transform, coding, limits};
 use crate::attributes::{colour, opacity};
+use crate::covariance::{self, Covariances};
 use crate::encode::largest_first;
 use crate::error::{Error, Result};
-use crate::importance;
-use crate::outliers;
 use crate::stream::{Container, Header, SectionKind};
+use crate::{importance, ordered, outliers, slices};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -54,115 +54,359 @@ pub struct Decoded {
 /// # Errors
 /// Any damage to the stream is reported as an [`Error`]; see [`DecodeOptions`] for truncation.
 pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
-    let decoded = decode_all(bytes, options)?;
+    let decoder = Decoder::new(bytes, options)?;
+    let mut scene = Scene::default();
+    let mut leaves = Vec::new();
+    decoder.parts(
+        |part| part,
+        |part| -> Result<()> {
+            if scene.is_empty() {
+                (scene, leaves) = (part.scene, part.leaves);
+                reserve(&mut scene, &mut leaves, &decoder);
+            } else {
+                scene.append(&part.scene);
+                leaves.extend(part.leaves);
+            }
+            Ok(())
+        },
+    )?;
+    scene.sh_degree = decoder.sh_degree;
+    let Decoder { header, skipped, .. } = decoder;
+    let decoded = Decoded { scene, leaves, header, skipped };
     match options.lod {
         Some(depth) => crate::lod::reduce(decoded, depth),
         None => Ok(decoded),
     }
 }
 
-fn decode_all(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
-    let container = Container::parse(bytes)?;
-    let header = container.header.clone();
-    let limit =
-        options.max_gaussians.unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + 1024);
-    if header.count > limit {
-        return Err(Error::Limit { points: header.count, limit });
+/// Makes room for what follows the first part.
+fn reserve(scene: &mut Scene, leaves: &mut Vec<Leaf>, decoder: &Decoder<'_>) {
+    let more = decoder.len() - scene.len();
+    if more > 0 {
+        scene.means.reserve_exact(more);
+        scene.rotations.reserve_exact(more);
+        scene.log_scales.reserve_exact(more);
+        scene.opacity_logits.reserve_exact(more);
+        scene.sh.reserve_exact(more * scene.sh_len());
+        leaves.reserve_exact(decoder.header.count as usize - leaves.len());
     }
-    if let Some(payload) = container.section(SectionKind::Lossless)? {
-        let scene = crate::lossless::decode_payload(payload, header.count, header.sh_degree)?;
-        return Ok(Decoded { scene, leaves: Vec::new(), header, skipped: Vec::new() });
+}
+
+/// Some of a scene's Gaussians.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// The Gaussians.
+    pub scene: Scene,
+    /// Their leaves; none of Gaussians that were coded exactly.
+    pub leaves: Vec<Leaf>,
+}
+
+/// A stream about to be decoded part by part, for readers that need not hold the whole scene.
+#[derive(Debug)]
+pub struct Decoder<'a> {
+    header: Header,
+    sh_degree: u8,
+    skipped: Vec<String>,
+    slices: Vec<Slice<'a>>,
+    /// The attributes to decode, in the order of their payloads in [`Slice::attributes`].
+    kinds: Vec<SectionKind>,
+    outliers: Option<Scene>,
+    lossless: Option<&'a [u8]>,
+}
+
+/// The payloads of one slice.
+#[derive(Debug, Default)]
+struct Slice<'a> {
+    /// Its first leaf, and the number of leaves it claims.
+    first: u64,
+    len: u64,
+    geometry: &'a [u8],
+    importance: Option<&'a [u8]>,
+    attributes: Vec<&'a [u8]>,
+}
+
+impl<'a> Decoder<'a> {
+    /// Reads the header, verifies the checksums of all sections that are wanted, and finds the
+    /// slices. The level of detail in `options` is for [`decode`] only.
+    ///
+    /// # Errors
+    /// As [`decode`], as far as damage shows before the decoding.
+    pub fn new(bytes: &'a [u8], options: &DecodeOptions) -> Result<Self> {
+        let container = Container::parse(bytes)?;
+        let header = container.header.clone();
+        let limit =
+            options.max_gaussians.unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + 1024);
+        if header.count > limit {
+            return Err(Error::Limit { points: header.count, limit });
+        }
+        let mut this = Self {
+            sh_degree: header.sh_degree,
+            header,
+            skipped: Vec::new(),
+            slices: Vec::new(),
+            kinds: Vec::new(),
+            outliers: None,
+            lossless: container.section(SectionKind::Lossless)?,
+        };
+        if this.lossless.is_none() {
+            this.find_sections(&container, options, limit)?;
+        }
+        Ok(this)
     }
-    let need = |kind| match container.section(kind)? {
-        Some(payload) => Ok(payload),
-        None => Err(Error::MissingSection { kind }),
-    };
-    let geometry = gpcc_lite::geometry::decode(need(SectionKind::Geometry)?, &limits(header.count))
-        .map_err(coding("geometry"))?;
-    let leaves = geometry.leaves;
-    if leaves.len() as u64 != header.count {
-        return Err(Error::Corrupt { what: "leaf count", value: leaves.len() as u64 });
+
+    /// The stream's header.
+    #[must_use]
+    pub fn header(&self) -> &Header {
+        &self.header
     }
-    if geometry.j_high != header.j_high {
-        return Err(Error::Corrupt { what: "geometry depth", value: geometry.j_high.into() });
+
+    /// Gaussians of all parts together.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.header.count as usize + self.outliers.as_ref().map_or(0, Scene::len)
     }
-    let classes = match container.section(SectionKind::Importance)? {
-        Some(payload) => Some(importance::decode(payload, &leaves, header.j_high)?),
-        None => None,
-    };
-    let transform = Transform::new(&leaves, header.j_high, classes.as_deref())?;
-    let mut skipped = Vec::new();
-    let outliers = match container.section(SectionKind::Outliers) {
-        Ok(None) => None,
-        Ok(Some(payload)) => {
-            let points = header.count.saturating_add(container.outliers());
-            if points > limit {
-                return Err(Error::Limit { points, limit });
+
+    /// True if there is no Gaussian.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// SH degree of all parts: the stream's, or less if less is wanted or there.
+    #[must_use]
+    pub fn sh_degree(&self) -> u8 {
+        self.sh_degree
+    }
+
+    /// What is not decoded, and why; one line each.
+    #[must_use]
+    pub fn skipped(&self) -> &[String] {
+        &self.skipped
+    }
+
+    fn find_sections(
+        &mut self,
+        container: &Container<'a>,
+        options: &DecodeOptions,
+        limit: u64,
+    ) -> Result<()> {
+        let slices = self.header.slices as usize;
+        let split = |kind| match container.section(kind)? {
+            Some(payload) => slices::split(payload, slices),
+            None => Err(Error::MissingSection { kind }),
+        };
+        let mut first = 0u64;
+        for geometry in split(SectionKind::Geometry)? {
+            let len = gpcc_lite::geometry::points(geometry).map_err(coding("geometry"))?;
+            if slices > 1 && len < slices::LEAST {
+                return Err(Error::Corrupt { what: "leaves of a slice", value: len });
             }
-            Some(outliers::decode(payload, header.sh_degree)?)
+            self.slices.push(Slice { first, len, geometry, ..Slice::default() });
+            first = first.saturating_add(len);
         }
-        Err(e @ Error::Truncated { .. }) if options.allow_truncated => {
-            skipped.push(format!("{}: {e}", SectionKind::Outliers));
-            None
+        if first != self.header.count {
+            return Err(Error::Corrupt { what: "leaf count", value: first });
         }
-        Err(e) => return Err(e),
-    };
-
-    let wanted = header.sh_degree.min(options.max_sh_degree);
-    for degree in wanted + 1..=header.sh_degree {
-        skipped.push(format!("{}: not asked for", SectionKind::of_sh_degree(degree)));
-    }
-    for entry in &container.toc {
-        if let SectionKind::Unknown(code) = entry.kind {
-            skipped.push(format!("section of unknown kind {code}: written by a newer version"));
-        }
-    }
-    let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
-    kinds.extend((1..=wanted).map(SectionKind::of_sh_degree));
-    let parts = largest_first(&kinds, |kind| {
-        section(kind, need(kind)?, &transform, &leaves, header.j_high)
-    });
-    drop(transform);
-
-    let n = leaves.len();
-    let mut scene = Scene { means: centres(&leaves, &header)?, ..Default::default() };
-    let mut sh: Vec<Degree> = Vec::new();
-    let mut broken = false;
-    for (&kind, part) in kinds.iter().zip(parts) {
-        match part {
-            Ok(Part::Opacity(v)) => scene.opacity_logits = v,
-            Ok(Part::Covariance(q, l)) => (scene.rotations, scene.log_scales) = (q, l),
-            // A later degree is of no use when an earlier one is missing.
-            Ok(Part::Sh(_)) if broken => skipped.push(format!("{kind}: a lower degree is missing")),
-            Ok(Part::Sh(degree)) => sh.push(degree),
-            Err(e @ Error::Truncated { .. })
-                if options.allow_truncated
-                    && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
-            {
-                skipped.push(format!("{kind}: {e}"));
-                if kind == SectionKind::Covariance {
-                    (scene.rotations, scene.log_scales) = spheres(&leaves, &header);
+        match split(SectionKind::Importance) {
+            Ok(parts) => {
+                for (slice, part) in self.slices.iter_mut().zip(parts) {
+                    slice.importance = Some(part);
                 }
-                broken = true;
+            }
+            Err(Error::MissingSection { .. }) => {}
+            Err(e) => return Err(e),
+        }
+        match container.section(SectionKind::Outliers) {
+            Ok(None) => {}
+            Ok(Some(payload)) => {
+                let points = self.header.count.saturating_add(container.outliers());
+                if points > limit {
+                    return Err(Error::Limit { points, limit });
+                }
+                self.outliers = Some(outliers::decode(payload, self.header.sh_degree)?);
+            }
+            Err(e @ Error::Truncated { .. }) if options.allow_truncated => {
+                self.skipped.push(format!("{}: {e}", SectionKind::Outliers));
             }
             Err(e) => return Err(e),
         }
+        let wanted = self.header.sh_degree.min(options.max_sh_degree);
+        for degree in wanted + 1..=self.header.sh_degree {
+            self.skipped.push(format!("{}: not asked for", SectionKind::of_sh_degree(degree)));
+        }
+        for entry in &container.toc {
+            if let SectionKind::Unknown(code) = entry.kind {
+                self.skipped
+                    .push(format!("section of unknown kind {code}: written by a newer version"));
+            }
+        }
+        let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
+        kinds.extend((1..=wanted).map(SectionKind::of_sh_degree));
+        let mut broken = false;
+        self.sh_degree = 0;
+        for kind in kinds {
+            let is_sh =
+                !matches!(kind, SectionKind::Opacity | SectionKind::Dc | SectionKind::Covariance);
+            match split(kind) {
+                // A later degree is of no use when an earlier one is missing.
+                Ok(_) if is_sh && broken => {
+                    self.skipped.push(format!("{kind}: a lower degree is missing"));
+                }
+                Ok(parts) => {
+                    self.kinds.push(kind);
+                    for (slice, part) in self.slices.iter_mut().zip(parts) {
+                        slice.attributes.push(part);
+                    }
+                    self.sh_degree += u8::from(is_sh);
+                }
+                Err(e @ Error::Truncated { .. })
+                    if options.allow_truncated
+                        && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
+                {
+                    self.skipped.push(format!("{kind}: {e}"));
+                    broken = true;
+                }
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(())
     }
-    scene.sh_degree = sh.len() as u8 - 1;
-    scene.sh = interleave(&sh, n);
-    if let Some(outliers) = outliers {
-        scene.append(&outliers);
+
+    /// Decodes the parts on all threads: `convert` gets each where it was decoded, `take` gets what
+    /// came of it, in order, one at a time. Few more parts than threads are in memory at once. All
+    /// parts have the same SH degree.
+    ///
+    /// # Errors
+    /// Damage, as [`decode`]; what `take` returns.
+    pub fn parts<T: Send, E: From<Error> + Send>(
+        &self,
+        convert: impl Fn(Part) -> T + Sync,
+        mut take: impl FnMut(T) -> std::result::Result<(), E> + Send,
+    ) -> std::result::Result<(), E> {
+        if let Some(payload) = self.lossless {
+            let Header { count, sh_degree, .. } = self.header;
+            let scene = crate::lossless::decode_payload(payload, count, sh_degree)?;
+            return take(convert(Part { scene, leaves: Vec::new() }));
+        }
+        let threads = rayon::current_num_threads();
+        // Where there are few slices, their sections keep the other threads busy.
+        let alone = self.slices.len() >= 2 * threads;
+        let mut end = 0;
+        ordered::in_order(
+            self.slices.len(),
+            threads + 1,
+            |i| {
+                let part = self.slice(&self.slices[i], alone)?;
+                let ends = part.leaves.first().zip(part.leaves.last()).map(|(a, b)| (*a, *b));
+                Ok((ends, convert(part)))
+            },
+            |(ends, part)| {
+                if let Some((first, last)) = ends {
+                    if first.morton < end {
+                        let what = "slice out of order";
+                        return Err(Error::Corrupt { what, value: first.morton }.into());
+                    }
+                    end = last.morton + (1 << (3 * (self.header.j_high - last.depth)));
+                }
+                take(part)
+            },
+        )?;
+        match &self.outliers {
+            Some(outliers) => {
+                let mut scene = Scene { sh_degree: self.sh_degree, ..Scene::default() };
+                scene.append(outliers);
+                take(convert(Part { scene, leaves: Vec::new() }))
+            }
+            None => Ok(()),
+        }
     }
-    Ok(Decoded { scene, leaves, header, skipped })
+
+    /// Decodes one slice, on this thread only if `alone`.
+    fn slice(&self, slice: &Slice<'_>, alone: bool) -> Result<Part> {
+        let header = &self.header;
+        let geometry = gpcc_lite::geometry::decode(slice.geometry, &limits(slice.len))
+            .map_err(coding("geometry"))?;
+        let leaves = geometry.leaves;
+        if leaves.len() as u64 != slice.len {
+            return Err(Error::Corrupt { what: "leaf count", value: leaves.len() as u64 });
+        }
+        if geometry.j_high != header.j_high {
+            return Err(Error::Corrupt { what: "geometry depth", value: geometry.j_high.into() });
+        }
+        let classes = match slice.importance {
+            Some(payload) => Some(importance::decode(payload, &leaves, header.j_high)?),
+            None => None,
+        };
+        let transform = Transform::new(&leaves, header.j_high, classes.as_deref())?;
+        drop(classes);
+        let mut scene = Scene {
+            means: centres(&leaves, header, slice.first)?,
+            sh_degree: self.sh_degree,
+            ..Scene::default()
+        };
+        let kinds = self.kinds.iter().zip(&slice.attributes);
+        let (n, k) = (leaves.len(), scene.sh_len());
+        if alone {
+            scene.sh = vec![[0.0; 3]; n * k];
+            for (&kind, payload) in kinds {
+                match kind {
+                    SectionKind::Opacity => scene.opacity_logits = opacities(payload, &transform)?,
+                    SectionKind::Covariance => {
+                        (scene.rotations, scene.log_scales) =
+                            covariance::decode(payload, &transform, &leaves, header.j_high)?;
+                    }
+                    _ => {
+                        let first = kind.sh_coefficients().start;
+                        degree(kind, payload, &transform, &mut scene.sh[first..], k)?;
+                    }
+                }
+            }
+        } else {
+            let parts = largest_first(&self.kinds, |kind| -> Result<Column> {
+                let at = self.kinds.iter().position(|&k| k == kind).unwrap_or_default();
+                let payload = slice.attributes[at];
+                Ok(match kind {
+                    SectionKind::Opacity => Column::Opacity(opacities(payload, &transform)?),
+                    SectionKind::Covariance => {
+                        let covariances =
+                            covariance::decode(payload, &transform, &leaves, header.j_high)?;
+                        Column::Covariance(covariances)
+                    }
+                    _ => {
+                        let coefficients = kind.sh_coefficients().len();
+                        let mut rgb = vec![[0.0; 3]; coefficients * n];
+                        degree(kind, payload, &transform, &mut rgb, coefficients)?;
+                        Column::Sh(Degree { coefficients, rgb })
+                    }
+                })
+            });
+            drop(transform);
+            let mut sh: Vec<Degree> = Vec::new();
+            for part in parts {
+                match part? {
+                    Column::Opacity(v) => scene.opacity_logits = v,
+                    Column::Covariance((q, l)) => (scene.rotations, scene.log_scales) = (q, l),
+                    Column::Sh(degree) => sh.push(degree),
+                }
+            }
+            scene.sh = interleave(&sh, n);
+        }
+        if !self.kinds.contains(&SectionKind::Covariance) {
+            (scene.rotations, scene.log_scales) = spheres(&leaves, header);
+        }
+        Ok(Part { scene, leaves })
+    }
 }
 
-/// Centres of the leaves. A cube that reaches beyond what an f32 holds is damage: an encoder
-/// refuses such scenes.
-pub(crate) fn centres(leaves: &[Leaf], header: &Header) -> Result<Vec<[f32; 3]>> {
+/// Centres of the leaves, the first of which is number `first`. A cube that reaches beyond what an
+/// f32 holds is damage: an encoder refuses such scenes.
+pub(crate) fn centres(leaves: &[Leaf], header: &Header, first: u64) -> Result<Vec<[f32; 3]>> {
     let means: Vec<[f32; 3]> =
-        leaves.par_iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect();
+        leaves.iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect();
     match means.iter().position(|m| m.iter().any(|v| !v.is_finite())) {
-        Some(index) => Err(Error::Corrupt { what: "Gaussian beyond f32", value: index as u64 }),
+        Some(index) => {
+            Err(Error::Corrupt { what: "Gaussian beyond f32", value: first + index as u64 })
+        }
         None => Ok(means),
     }
 }
@@ -173,48 +417,35 @@ struct Degree {
     rgb: Vec<[f32; 3]>,
 }
 
-enum Part {
+enum Column {
     Opacity(Vec<f32>),
-    Covariance(Vec<[f32; 4]>, Vec<[f32; 3]>),
+    Covariance(Covariances),
     Sh(Degree),
 }
 
-fn section(
+fn opacities(payload: &[u8], transform: &Transform) -> Result<Vec<f32>> {
+    let Some((&code, rest)) = payload.split_first() else {
+        return Err(Error::Truncated { what: "opacity", offset: 0, need: 1, have: 0 });
+    };
+    let domain = opacity::domain(code)?;
+    let mut logits = Vec::with_capacity(transform.len());
+    transform.decode(rest, 1, |_, row| logits.push(opacity::inverse(domain, row[0])))?;
+    Ok(logits)
+}
+
+/// Decodes the coefficients of one SH degree, those of leaf `i` to `out[i * stride..]`.
+fn degree(
     kind: SectionKind,
     payload: &[u8],
     transform: &Transform,
-    leaves: &[Leaf],
-    j_high: u8,
-) -> Result<Part> {
-    Ok(match kind {
-        SectionKind::Opacity => {
-            let Some((&code, rest)) = payload.split_first() else {
-                return Err(Error::Truncated { what: "opacity", offset: 0, need: 1, have: 0 });
-            };
-            let domain = opacity::domain(code)?;
-            let mut values = Vec::with_capacity(leaves.len());
-            transform.decode(rest, 1, |_, row| values.push(row[0]))?;
-            let logit = |v| opacity::inverse(domain, v);
-            Part::Opacity(values.into_par_iter().with_min_len(4096).map(logit).collect())
-        }
-        SectionKind::Covariance => {
-            let (q, l) = crate::covariance::decode(payload, transform, leaves, j_high)?;
-            Part::Covariance(q, l)
-        }
-        _ => {
-            let coefficients = match kind {
-                SectionKind::Sh1 => 3,
-                SectionKind::Sh2 => 5,
-                SectionKind::Sh3 => 7,
-                _ => 1,
-            };
-            let mut rgb = Vec::with_capacity(coefficients * leaves.len());
-            transform.decode(payload, 3 * coefficients, |_, row| {
-                for ycc in row.chunks_exact(3) {
-                    rgb.push(colour::inverse([ycc[0], ycc[1], ycc[2]]));
-                }
-            })?;
-            Part::Sh(Degree { coefficients, rgb })
+    out: &mut [[f32; 3]],
+    stride: usize,
+) -> Result<()> {
+    let coefficients = kind.sh_coefficients().len();
+    let mut rows = out.chunks_mut(stride);
+    transform.decode(payload, 3 * coefficients, |_, row| {
+        for (rgb, ycc) in rows.next().unwrap_or_default().iter_mut().zip(row.chunks_exact(3)) {
+            *rgb = colour::inverse([ycc[0], ycc[1], ycc[2]]);
         }
     })
 }

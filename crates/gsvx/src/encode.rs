@@ -7,10 +7,13 @@ use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::{EncodeOptions, Entropy, PaperQp};
 use crate::outliers;
+use crate::slices;
 use crate::stream::{self, Header, SectionKind};
+use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
-use std::ops::RangeInclusive;
+use std::borrow::Cow;
+use std::ops::Range;
 use voxel::Voxelization;
 
 /// A finished stream and what it is made of.
@@ -32,29 +35,97 @@ pub struct Encoded {
 /// fit, [`Error::InvalidOutlier`] if an outlier does not; [`Error::Coding`] if the leaves are not
 /// a valid pruned octree.
 pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Encoded> {
-    check(scene, voxels)?;
-    let outliers = outliers::of(options.outliers.as_ref(), scene)?;
+    if scene.len() != voxels.len() {
+        return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
+    }
+    let guessed;
+    let importance = match &options.importance {
+        _ if options.uniform_precision => None,
+        Some(given) => Some(given),
+        None => {
+            guessed = importance::without_cameras(scene);
+            Some(&guessed)
+        }
+    };
+    let whole = 0..scene.len();
+    encode_parts(scene, voxels, importance.map(Vec::as_slice), options, |range| {
+        if range == whole {
+            return Ok(Cow::Borrowed(scene));
+        }
+        Ok(Cow::Owned(part_of(scene, range)))
+    })
+}
+
+/// The Gaussians of a range.
+fn part_of(scene: &Scene, range: Range<usize>) -> Scene {
+    let k = scene.sh_len();
+    Scene {
+        means: scene.means[range.clone()].to_vec(),
+        rotations: scene.rotations[range.clone()].to_vec(),
+        log_scales: scene.log_scales[range.clone()].to_vec(),
+        opacity_logits: scene.opacity_logits[range.clone()].to_vec(),
+        sh_degree: scene.sh_degree,
+        sh: scene.sh[range.start * k..range.end * k].to_vec(),
+    }
+}
+
+/// Encodes leaves whose Gaussians `part` gives, a slice at a time. `like` has their SH degree, and
+/// coefficients that are not zero where theirs are not.
+pub(crate) fn encode_parts<'a>(
+    like: &Scene,
+    voxels: &Voxelization,
+    importance: Option<&[f32]>,
+    options: &EncodeOptions,
+    part: impl Fn(Range<usize>) -> Result<Cow<'a, Scene>> + Sync,
+) -> Result<Encoded> {
+    let n = voxels.len();
+    let outliers = outliers::of(options.outliers.as_ref(), like)?;
     // The degree of the exact coefficients is the header's: it must not fall below theirs.
     let least = outliers::degree(outliers, options.max_sh_degree);
-    let sh_degree = used_degree(scene, options.max_sh_degree).max(least);
-    // The paper's profile codes geometry as small as can be; RLGR by itself asks for speed.
-    let fast = options.entropy == Entropy::Rlgr && options.paper_qp.is_none();
-    let geometry = || {
-        let coded = if fast {
-            gpcc_lite::geometry::encode_fast(&voxels.leaves, voxels.j_high)
-        } else {
-            gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high)
-        };
-        coded.map_err(coding("geometry"))
+    let sh_degree = used_degree(like, options.max_sh_degree).max(least);
+    let log_classes = match importance {
+        Some(given) if given.len() != n => {
+            return Err(Error::CountMismatch { scene: given.len(), leaves: n });
+        }
+        Some(given) => Some(importance::log_classes(given)),
+        None => None,
     };
-    // Geometry needs nothing of the rest, and the rest nothing of its bytes.
-    let (geometry, attributes) =
-        rayon::join(geometry, || attribute_sections(scene, voxels, least..=sh_degree, options));
-    let mut sections = vec![(SectionKind::Geometry, geometry?)];
-    sections.extend(attributes?);
+    let slices = slices::count(n, options);
+    let slice = |i: usize| {
+        let range = slices::range(n, slices, i);
+        let scene = part(range.clone())?;
+        check(&scene, voxels, range.start)?;
+        let leaves = Leaves { leaves: &voxels.leaves[range.clone()], j_high: voxels.j_high };
+        let log_classes = log_classes.as_ref().map(|all| &all[range]);
+        leaves.sections(&scene, log_classes, sh_degree, options)
+    };
+    let coded: Vec<Result<Vec<Section>>> = if slices == 1 {
+        vec![slice(0)]
+    } else {
+        (0..slices).into_par_iter().with_max_len(1).map(slice).collect()
+    };
+    let mut parts: Vec<std::vec::IntoIter<Section>> = Vec::with_capacity(slices);
+    for coded in coded {
+        parts.push(coded?.into_iter());
+    }
+    let mut sections = Vec::new();
+    // Of each section, whether it says nothing.
+    let mut zero = Vec::new();
+    loop {
+        let slices: Vec<Section> = parts.iter_mut().filter_map(Iterator::next).collect();
+        let Some(&Section { kind, .. }) = slices.first() else { break };
+        zero.push(slices.iter().all(|s| s.all_zero) && n > 0 && kind != SectionKind::Dc);
+        sections.push((kind, slices::join(slices.into_iter().map(|s| s.payload).collect())));
+    }
+    // Degrees at the end that say nothing are left out, and the header's degree falls.
+    let least = sections.len() - usize::from(sh_degree - least);
+    while zero.len() > least && zero.pop() == Some(true) {
+        sections.pop();
+    }
     let is_sh = |kind| matches!(kind, SectionKind::Sh1 | SectionKind::Sh2 | SectionKind::Sh3);
     let header = Header {
-        count: scene.len() as u64,
+        count: n as u64,
+        slices: slices as u64,
         sh_degree: sections.iter().filter(|(kind, _)| is_sh(*kind)).count() as u8,
         j_high: voxels.j_high,
         cube: voxels.cube,
@@ -94,49 +165,77 @@ pub(crate) fn used_degree(scene: &Scene, most: u8) -> u8 {
     degree
 }
 
-/// Every section that follows from the leaves but the geometry, in stream order; SH degrees up to
-/// the highest that says something or the least wanted.
-fn attribute_sections(
-    scene: &Scene,
-    voxels: &Voxelization,
-    sh_degrees: RangeInclusive<u8>,
-    options: &EncodeOptions,
-) -> Result<Vec<(SectionKind, Vec<u8>)>> {
-    let mut sections = Vec::new();
-    let classes = if options.uniform_precision {
-        None
-    } else {
-        let log_classes = match &options.importance {
-            Some(given) if given.len() != scene.len() => {
-                return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
-            }
-            Some(given) => importance::log_classes(given),
-            None => importance::log_classes(&importance::without_cameras(scene)),
+/// A section of one slice.
+struct Section {
+    kind: SectionKind,
+    payload: Vec<u8>,
+    /// Every coefficient in it is zero.
+    all_zero: bool,
+}
+
+/// The leaves of one slice.
+pub(crate) struct Leaves<'a> {
+    pub(crate) leaves: &'a [Leaf],
+    pub(crate) j_high: u8,
+}
+
+impl Leaves<'_> {
+    /// Every section of one slice but the outliers, in stream order.
+    fn sections(
+        &self,
+        scene: &Scene,
+        log_classes: Option<&[f64]>,
+        sh_degree: u8,
+        options: &EncodeOptions,
+    ) -> Result<Vec<Section>> {
+        // Geometry needs nothing of the rest, and the rest nothing of its bytes.
+        let (geometry, attributes) = rayon::join(
+            || self.geometry(options),
+            || self.attributes(scene, log_classes, sh_degree, options),
+        );
+        let kind = SectionKind::Geometry;
+        let mut sections = vec![Section { kind, payload: geometry?, all_zero: false }];
+        sections.extend(attributes?);
+        Ok(sections)
+    }
+
+    fn geometry(&self, options: &EncodeOptions) -> Result<Vec<u8>> {
+        let coded = if options.entropy == Entropy::Fast {
+            gpcc_lite::geometry::encode_fast(self.leaves, self.j_high)
+        } else {
+            gpcc_lite::geometry::encode(self.leaves, self.j_high)
         };
-        let entropy = options.entropy;
-        let (payload, classes) =
-            importance::encode(&log_classes, &voxels.leaves, voxels.j_high, entropy)?;
-        sections.push((SectionKind::Importance, payload));
-        Some(classes)
-    };
-    let transform = Transform::new(&voxels.leaves, voxels.j_high, classes.as_deref())?;
-    drop(classes);
-    let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
-    kinds.extend((1..=*sh_degrees.end()).map(SectionKind::of_sh_degree));
-    let coded =
-        largest_first(&kinds, |kind| attribute_section(kind, scene, voxels, &transform, options));
-    let mut zero = Vec::new();
-    for (&kind, payload) in kinds.iter().zip(coded) {
-        let (payload, all_zero) = payload?;
-        sections.push((kind, payload));
-        zero.push(all_zero && !scene.is_empty() && kind != SectionKind::Dc);
+        coded.map_err(coding("geometry"))
     }
-    // Degrees at the end that say nothing are left out, and the header's degree falls.
-    let least = kinds.len() - usize::from(sh_degrees.end() - sh_degrees.start());
-    while zero.len() > least && zero.pop() == Some(true) {
-        sections.pop();
+
+    fn attributes(
+        &self,
+        scene: &Scene,
+        log_classes: Option<&[f64]>,
+        sh_degree: u8,
+        options: &EncodeOptions,
+    ) -> Result<Vec<Section>> {
+        let mut sections = Vec::new();
+        let mut classes = None;
+        if let Some(log_classes) = log_classes {
+            let (payload, coded) =
+                importance::encode(log_classes, self.leaves, self.j_high, options.entropy)?;
+            let kind = SectionKind::Importance;
+            sections.push(Section { kind, payload, all_zero: false });
+            classes = Some(coded);
+        }
+        let transform = Transform::new(self.leaves, self.j_high, classes.as_deref())?;
+        drop(classes);
+        let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
+        kinds.extend((1..=sh_degree).map(SectionKind::of_sh_degree));
+        let coded =
+            largest_first(&kinds, |kind| attribute_section(kind, scene, self, &transform, options));
+        for (&kind, coded) in kinds.iter().zip(coded) {
+            let (payload, all_zero) = coded?;
+            sections.push(Section { kind, payload, all_zero });
+        }
+        Ok(sections)
     }
-    Ok(sections)
 }
 
 /// Runs `work` on every kind, those of most channels first, so that no core waits for a long one
@@ -164,7 +263,7 @@ pub(crate) fn largest_first<T: Send>(
 fn attribute_section(
     kind: SectionKind,
     scene: &Scene,
-    voxels: &Voxelization,
+    leaves: &Leaves<'_>,
     transform: &Transform,
     options: &EncodeOptions,
 ) -> Result<(Vec<u8>, bool)> {
@@ -184,15 +283,16 @@ fn attribute_section(
             Ok((out, false))
         }
         SectionKind::Covariance => {
-            Ok((covariance::encode(scene, voxels, transform, options)?, false))
+            Ok((covariance::encode(scene, leaves, transform, options)?, false))
         }
         _ => {
-            let (range, luma) = match kind {
-                SectionKind::Sh1 => (1..4, steps.sh[0]),
-                SectionKind::Sh2 => (4..9, steps.sh[1]),
-                SectionKind::Sh3 => (9..16, steps.sh[2]),
-                _ => (0..1, steps.dc),
+            let luma = match kind {
+                SectionKind::Sh1 => steps.sh[0],
+                SectionKind::Sh2 => steps.sh[1],
+                SectionKind::Sh3 => steps.sh[2],
+                _ => steps.dc,
             };
+            let range = kind.sh_coefficients();
             let chroma = luma * steps.chroma;
             let value = |i: usize, c: usize| {
                 colour::forward_plane(scene.sh_of(i)[range.start + c / 3], c % 3)
@@ -213,25 +313,23 @@ fn attribute_section(
     }
 }
 
-fn check(scene: &Scene, voxels: &Voxelization) -> Result<()> {
-    if scene.len() != voxels.leaves.len() {
-        return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.leaves.len() });
-    }
-    let off = voxels
-        .leaves
+/// Checks the Gaussians of the leaves from `first` on.
+fn check(scene: &Scene, voxels: &Voxelization, first: usize) -> Result<()> {
+    let leaves = &voxels.leaves[first..first + scene.len()];
+    let off = leaves
         .par_iter()
         .with_min_len(4096)
         .zip(&scene.means)
         .position_first(|(&leaf, mean)| voxels.cube.leaf_centre(leaf, voxels.j_high) != *mean);
     if let Some(index) = off {
-        return Err(Error::OffCentre { index });
+        return Err(Error::OffCentre { index: first + index });
     }
     let finite = |field, ok: &(dyn Fn(usize) -> bool + Sync)| match (0..scene.len())
         .into_par_iter()
         .with_min_len(4096)
         .find_first(|&i| !ok(i))
     {
-        Some(index) => Err(Error::NonFinite { index, field }),
+        Some(index) => Err(Error::NonFinite { index: first + index, field }),
         None => Ok(()),
     };
     finite("mean", &|i| scene.means[i].iter().all(|v| v.is_finite()))?;
@@ -245,7 +343,9 @@ fn check(scene: &Scene, voxels: &Voxelization) -> Result<()> {
     let fits = |field, of: &dyn Fn(usize) -> f32| {
         let found = (0..scene.len()).map(|i| (i, of(i))).find(|(_, v)| v.abs() > LARGEST);
         match found {
-            Some((index, value)) => Err(Error::TooLarge { index, field, value, limit: LARGEST }),
+            Some((index, value)) => {
+                Err(Error::TooLarge { index: first + index, field, value, limit: LARGEST })
+            }
             None => Ok(()),
         }
     };

@@ -9,12 +9,14 @@ pub mod importance;
 pub mod lod;
 pub mod lossless;
 mod options;
+mod ordered;
 mod outliers;
 mod prepare;
 pub mod rate;
+mod slices;
 pub mod stream;
 
-pub use decode::{DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, decode};
+pub use decode::{DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Part, decode};
 pub use encode::{Encoded, encode};
 pub use error::{Error, Result};
 pub use lossless::encode_lossless;

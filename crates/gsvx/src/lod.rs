@@ -47,7 +47,7 @@ pub fn reduce(mut decoded: Decoded, depth: u8) -> Result<Decoded> {
         members: (0..decoded.leaves.len() as u32).collect(),
         dropped: Vec::new(),
     };
-    crate::decode::centres(&voxels.leaves, &decoded.header)?;
+    crate::decode::centres(&voxels.leaves, &decoded.header, 0)?;
     let before = decoded.leaves.len();
     let outliers = decoded.scene.split_off(before);
     decoded.scene = voxel::merge(&decoded.scene, &voxels, Merge::Moments)?;

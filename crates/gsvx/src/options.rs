@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use gs_model::Scene;
+use std::num::NonZeroUsize;
 
 /// Quantisation steps, in natural units, of a Gaussian of the mean importance class.
 ///
@@ -46,7 +47,9 @@ pub enum Entropy {
     /// Context-adaptive range coder: smallest.
     #[default]
     Range,
-    /// RLGR: fastest, and what the paper names.
+    /// The same without prediction, and geometry with fewer contexts: fastest.
+    Fast,
+    /// RLGR: what the paper names.
     Rlgr,
 }
 
@@ -102,6 +105,10 @@ pub struct EncodeOptions {
     /// [`crate::split_outliers`]; the decoder returns them after the leaves, in this order. Of at
     /// most the scene's SH degree; [`EncodeOptions::max_sh_degree`] holds for them too.
     pub outliers: Option<Scene>,
+    /// Runs of leaves that are coded apart, on different cores: as many as asked for, of 4096
+    /// leaves or more; `None` makes an even number of a quarter million leaves each. Codebooks,
+    /// integers and the paper's steps hold for a whole scene: it has one then.
+    pub slices: Option<NonZeroUsize>,
 }
 
 impl Default for EncodeOptions {
@@ -156,6 +163,7 @@ impl EncodeOptions {
             paper_qp: None,
             uniform_precision: false,
             outliers: None,
+            slices: None,
         }
     }
 

@@ -13,6 +13,7 @@ fn modes() -> Vec<(&'static str, EncodeOptions)> {
     let qp = PaperQp { ac: 28, dc: 16, opacity: 16 };
     vec![
         ("default", base.clone()),
+        ("fast", EncodeOptions { entropy: Entropy::Fast, ..base.clone() }),
         ("rlgr", EncodeOptions { entropy: Entropy::Rlgr, ..base.clone() }),
         ("uniform precision", EncodeOptions { uniform_precision: true, ..base.clone() }),
         ("logit", EncodeOptions { opacity_domain: OpacityDomain::Logit, ..base.clone() }),

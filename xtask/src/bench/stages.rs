@@ -360,7 +360,7 @@ fn chain(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usize) 
         ("quality 40", 40.0, Entropy::Range),
         ("quality 60", 60.0, Entropy::Range),
         ("quality 80", 80.0, Entropy::Range),
-        ("quality 60, --fast", 60.0, Entropy::Rlgr),
+        ("quality 60, --fast", 60.0, Entropy::Fast),
     ] {
         let (bytes, time, peak_mb) = timed(repeat.min(2), || {
             let choose = |found: &[f32], seen| gsvx::default_strategy(quality, found, seen);

@@ -80,7 +80,7 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<Outcome> {
             "lossless:16" => CovarianceMode::Lossless { bits: 16 },
             _ => CovarianceMode::Transform,
         },
-        entropy: if mode == "--fast" { Entropy::Rlgr } else { Entropy::Range },
+        entropy: if mode == "--fast" { Entropy::Fast } else { Entropy::Range },
         importance: Some(importance),
         ..EncodeOptions::default()
     };

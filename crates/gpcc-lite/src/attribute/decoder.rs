@@ -16,13 +16,13 @@ pub(super) trait Source {
 }
 
 /// Levels out of a range-coded stream, as they are needed.
-pub(super) struct Ranged<'a> {
+pub(super) struct Ranged<'a, const BY_SYMBOLS: bool> {
     coder: RangeDecoder<'a>,
-    rows: RowCoder,
+    rows: RowCoder<BY_SYMBOLS>,
     channels: usize,
 }
 
-impl<'a> Ranged<'a> {
+impl<'a, const BY_SYMBOLS: bool> Ranged<'a, BY_SYMBOLS> {
     pub(super) fn new(plan: &Plan, coder: RangeDecoder<'a>, channels: usize) -> Self {
         Self { coder, rows: RowCoder::new(plan.len(), channels), channels }
     }
@@ -41,7 +41,7 @@ impl<'a> Ranged<'a> {
     }
 }
 
-impl Source for Ranged<'_> {
+impl<const BY_SYMBOLS: bool> Source for Ranged<'_, BY_SYMBOLS> {
     fn start_level(&mut self, depth: usize) {
         self.rows.start_level(depth);
     }

@@ -50,16 +50,21 @@ pub(super) fn encode_rows(
     };
     // Only what is so small can come out larger than raw values.
     let exact = (rows.len() < SMALL).then(|| rows.clone());
-    let (mut out, mut rows) = quantise(plan, &heads, o, levels, rows, o.mode == Mode::Range);
+    let quantised = |rows, ranged| match o.mode {
+        Mode::Symbols => quantise::<true>(plan, &heads, o, levels, rows, ranged),
+        _ => quantise::<false>(plan, &heads, o, levels, rows, ranged),
+    };
+    let ranged = matches!(o.mode, Mode::Range | Mode::Symbols);
+    let (mut out, mut rows) = quantised(rows, ranged);
     let mut coefficients = out.sink.finish(plan, o.mode)?;
     if let Some(exact) = exact
         && coefficients.len() > 1 + 4 * plan.len() * steps.len()
     {
         // Rare and small: the levels were not kept.
-        (out, rows) = quantise(plan, &heads, o, levels, exact, false);
+        (out, rows) = quantised(exact, false);
         coefficients = out.sink.finish(plan, o.mode)?;
     }
-    let Quantiser { sums, all_zero, .. } = out;
+    let Outcome { sums, all_zero, .. } = out;
     if !closed {
         // Nothing was predicted from reconstructed values, so the shifts can still be chosen.
         for (head, sums) in heads.iter_mut().zip(&sums) {
@@ -91,17 +96,17 @@ fn strength_of(plan: &Plan, gains: &[Gains], chunk: usize, i: usize) -> Vec<u8> 
 
 /// Quantises all coefficients; `levels` octree levels of means are reconstructed in `rows`, which
 /// come with the exact differences.
-fn quantise<'a>(
-    plan: &'a Plan,
-    heads: &'a [Head],
+fn quantise<const BY_SYMBOLS: bool>(
+    plan: &Plan,
+    heads: &[Head],
     o: &Options,
     levels: usize,
     mut rows: Vec<Lanes>,
     ranged: bool,
-) -> (Quantiser<'a>, Vec<Lanes>) {
-    let mut q = Quantiser::new(plan, heads, o, ranged);
+) -> (Outcome, Vec<Lanes>) {
+    let mut q = Quantiser::<BY_SYMBOLS>::new(plan, heads, o, ranged);
     if plan.is_empty() {
-        return (q, rows);
+        return (q.outcome(), rows);
     }
     let width = q.levels.len();
     for (head, (chunk, i)) in heads.iter().zip(places(heads.len())) {
@@ -114,7 +119,7 @@ fn quantise<'a>(
     }
     q.put_dc();
     raht::reconstruct(plan, width, &mut rows, levels, &mut q);
-    (q, rows)
+    (q.outcome(), rows)
 }
 
 /// Where levels go.
@@ -127,7 +132,8 @@ impl Sink {
     fn finish(&mut self, plan: &Plan, mode: Mode) -> Result<Vec<u8>> {
         match self {
             Self::Range(coder) => {
-                let mut out = vec![coeffs::RANGE];
+                let by_symbols = mode == Mode::Symbols;
+                let mut out = vec![if by_symbols { coeffs::SYMBOLS } else { coeffs::RANGE }];
                 out.extend(std::mem::take(coder).finish());
                 Ok(out)
             }
@@ -139,8 +145,15 @@ impl Sink {
     }
 }
 
+/// What a quantiser has made.
+struct Outcome {
+    sink: Sink,
+    sums: Vec<CentroidSums>,
+    all_zero: bool,
+}
+
 /// Quantises differences as it goes.
-struct Quantiser<'a> {
+struct Quantiser<'a, const BY_SYMBOLS: bool> {
     plan: &'a Plan,
     heads: &'a [Head],
     thresholds: Thresholds,
@@ -148,7 +161,7 @@ struct Quantiser<'a> {
     sizes: Vec<usize>,
     /// Reciprocals of the steps, chunk by chunk.
     per_unit: Vec<[f32; CHUNK]>,
-    rows: RowCoder,
+    rows: RowCoder<BY_SYMBOLS>,
     sink: Sink,
     sums: Vec<CentroidSums>,
     levels: Vec<Levels>,
@@ -158,7 +171,7 @@ struct Quantiser<'a> {
     all_zero: bool,
 }
 
-impl<'a> Quantiser<'a> {
+impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
     fn new(plan: &'a Plan, heads: &'a [Head], o: &Options, ranged: bool) -> Self {
         let channels = heads.len();
         let sizes = chunk_sizes(channels);
@@ -187,6 +200,10 @@ impl<'a> Quantiser<'a> {
         }
     }
 
+    fn outcome(self) -> Outcome {
+        Outcome { sink: self.sink, sums: self.sums, all_zero: self.all_zero }
+    }
+
     /// Codes the levels of coefficient 0.
     fn put_dc(&mut self) {
         self.all_zero &= self.levels.iter().all(|l| *l == [0; CHUNK]);
@@ -202,7 +219,7 @@ impl<'a> Quantiser<'a> {
     }
 }
 
-impl Residual for Quantiser<'_> {
+impl<const BY_SYMBOLS: bool> Residual for Quantiser<'_, BY_SYMBOLS> {
     const STORED: bool = true;
 
     fn start_level(&mut self, depth: usize) -> Option<&[Lanes]> {

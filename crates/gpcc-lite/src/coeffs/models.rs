@@ -1,10 +1,11 @@
 //! Contexts and counters of the magnitudes and signs of coefficients.
 
-use crate::context::{Here, Row};
+use crate::context::{Here, Row, mean_of};
 use crate::mix::{Mixer, code_mixed};
 use crate::model::Bit;
-use crate::range::BinaryCoder;
+use crate::range::{BinaryCoder, SymbolCoder};
 use crate::rdoq::{BUCKETS, bucket};
+use crate::symbols::{self, Symbols};
 
 /// Unary decisions before the exponential-Golomb escape.
 const UNARY: usize = 14;
@@ -66,7 +67,17 @@ pub(super) struct Models {
     /// And for the flags of whole coefficients.
     row: [Vec<Bit>; INPUTS],
     row_mixers: Vec<Mixer<INPUTS>>,
+    /// Of whole magnitudes, in place of the counters above: by channel, what is known, the other
+    /// channels' part and expected magnitude; none in binary.
+    symbols: Vec<Symbols>,
 }
+
+/// Expected magnitudes that have symbols of their own.
+const EXPECTED: usize = 40;
+/// Classes of [`part_of_others`].
+const OTHERS: usize = 7;
+/// Observations that the priors of symbols count for.
+const PRIOR: u32 = 6;
 
 /// 0, 1, 2, 3-4, 5-8, above.
 #[inline]
@@ -107,8 +118,70 @@ fn prior(bucket: usize) -> Unary {
     unary
 }
 
+/// Symbols that start where magnitudes are geometric with the mean of quarter-octave `quarter`, or
+/// half a unit more where some channel is known not to be zero.
+fn symbols_prior(quarter: usize, some: bool) -> Symbols {
+    let mean = ((4 + (quarter as u32 & 3)) << (quarter / 4)).saturating_sub(4);
+    let mean = mean >> low_bits(mean);
+    Symbols::geometric(mean + if some { 128 } else { 0 }, PRIOR)
+}
+
+/// The mean magnitude of the channels already coded here, beside the expected one: 0 if it is
+/// zero, 1 up to a quarter of it, then a class per octave; 6 above four times it.
+#[inline]
+fn part_of_others(coded: u32, before: usize, expected: u32) -> usize {
+    if coded == 0 {
+        return 0;
+    }
+    let (mean, expected) = (u64::from(mean_of(coded, before)), u64::from(expected));
+    let above = |factor: u64| usize::from(4 * mean > factor * expected);
+    1 + above(1) + above(2) + above(4) + above(8) + above(16)
+}
+
 impl Models {
-    pub(super) fn new(channels: usize, chunks: usize) -> Self {
+    /// Codes a level as a symbol and a raw sign.
+    #[inline]
+    pub(super) fn level<C: SymbolCoder>(
+        &mut self,
+        coder: &mut C,
+        here: &Here,
+        place: Place,
+        (i, channel): (usize, usize),
+        known: Known,
+        level: i32,
+    ) -> i32 {
+        const ESCAPE: u32 = symbols::SYMBOLS as u32 - 1;
+        let expected = here.expected(i, place.coded);
+        let shift = low_bits(expected);
+        let v = level.unsigned_abs();
+        let least = u32::from(known == Known::NotZero && shift == 0);
+        let high = (v >> shift).saturating_sub(least);
+        let others = part_of_others(place.coded, channel, expected);
+        let at = ((channel * 3 + known as usize) * OTHERS + others) * EXPECTED
+            + quarter(expected).min(EXPECTED - 1);
+        let symbol = coder.code_symbol(&mut self.symbols[at], high.min(ESCAPE) as usize) as u32;
+        let mut m = symbol + least;
+        if symbol == ESCAPE {
+            let rest = code_exp_golomb(coder, &mut self.escape, high.saturating_sub(symbol));
+            m = m.saturating_add(rest).min(u32::MAX >> shift);
+        }
+        if shift > 0 {
+            let top = &mut self.low[bucket(expected)][m.min(3) as usize];
+            let top = u32::from(top.code(coder, v >> (shift - 1) & 1 == 1, LIMIT));
+            let rest = shift - 1;
+            m = (m << shift) | (top << rest);
+            if rest > 0 {
+                m |= coder.code_raw_wide(v & ((1 << rest) - 1), rest);
+            }
+        }
+        if m == 0 {
+            return 0;
+        }
+        let negative = coder.code_raw(u32::from(level < 0), 1) != 0;
+        if negative { (m as i32).wrapping_neg() } else { m as i32 }
+    }
+
+    pub(super) fn new(channels: usize, chunks: usize, by_symbols: bool) -> Self {
         let parts = 16 * CLASSES * CLASSES * 4;
         let plain = |n: usize| vec![Bit::default(); n];
         Self {
@@ -127,6 +200,14 @@ impl Models {
             flag_mixers: vec![Mixer::new(68_000); 2 * chunks],
             row: [plain(256), plain(32 * 64), plain(64 * 64)],
             row_mixers: vec![Mixer::new(68_000); 64],
+            symbols: if by_symbols {
+                let one: Vec<Symbols> = (0..3 * OTHERS * EXPECTED)
+                    .map(|i| symbols_prior(i % EXPECTED, i / EXPECTED / OTHERS == 1))
+                    .collect();
+                one.repeat(channels)
+            } else {
+                Vec::new()
+            },
         }
     }
 

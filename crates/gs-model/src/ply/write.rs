@@ -40,18 +40,40 @@ pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
     write_rows(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
 }
 
-fn write_rows(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
-    let names = columns::inria_names(scene.sh_degree);
-    let mut header =
-        format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", scene.len());
-    for name in &names {
+/// What precedes the rows of `count` Gaussians in a file as [`write()`] makes it: for writers that
+/// do not hold the whole scene, with [`rows`].
+#[must_use]
+pub fn header(count: usize, sh_degree: u8) -> Vec<u8> {
+    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
+    for name in &columns::inria_names(sh_degree) {
         // Writing to a String does not fail.
         let _ = writeln!(header, "property float {name}");
     }
     header.push_str("end_header\n");
-    out.write_all(header.as_bytes())?;
+    header.into_bytes()
+}
 
-    let stride = 4 * names.len();
+/// The rows of a scene's Gaussians as [`write()`] makes them, on this thread alone.
+///
+/// # Errors
+/// As [`write()`].
+pub fn rows(scene: &Scene) -> Result<Vec<u8>> {
+    scene.check_shape()?;
+    let stride = row_bytes(scene);
+    let mut out = vec![0; stride * scene.len()];
+    for (i, row) in out.chunks_exact_mut(stride).enumerate() {
+        encode_row(scene, i, row);
+    }
+    Ok(out)
+}
+
+fn row_bytes(scene: &Scene) -> usize {
+    4 * (SH + 3 * scene.sh_len() + 3)
+}
+
+fn write_rows(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
+    out.write_all(&header(scene.len(), scene.sh_degree))?;
+    let stride = row_bytes(scene);
     let mut buffer = vec![0; stride * ROWS_PER_WRITE.min(scene.len())];
     for first in (0..scene.len()).step_by(ROWS_PER_WRITE) {
         let rows = ROWS_PER_WRITE.min(scene.len() - first);
@@ -66,29 +88,26 @@ fn write_rows(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
     Ok(())
 }
 
+/// Writes a row: the scene's numbers and three normals.
 fn encode_row(scene: &Scene, i: usize, row: &mut [u8]) {
     let (sh, [x, y, z]) = (scene.sh_of(i), scene.means[i]);
-    let mut slots = row.chunks_exact_mut(4);
-    let mut put = |v: f32| {
-        if let Some(slot) = slots.next() {
-            slot.copy_from_slice(&v.to_le_bytes());
-        }
-    };
-    for v in [x, y, z, 0.0, 0.0, 0.0] {
-        put(v);
+    let (row, _) = row.as_chunks_mut::<4>();
+    let (front, row) = row.split_at_mut(9);
+    let [r, g, b] = sh[0];
+    for (slot, v) in front.iter_mut().zip([x, y, z, 0.0, 0.0, 0.0, r, g, b]) {
+        *slot = v.to_le_bytes();
     }
-    sh[0].into_iter().for_each(&mut put);
-    for channel in 0..3 {
-        for coefficient in &sh[1..] {
-            put(coefficient[channel]);
-        }
+    let rest = sh.len() - 1;
+    let (rest, row) = row.split_at_mut(3 * rest);
+    let (red, rest) = rest.split_at_mut(sh.len() - 1);
+    let (green, blue) = rest.split_at_mut(sh.len() - 1);
+    for (((r, g), b), coefficient) in red.iter_mut().zip(green).zip(blue).zip(&sh[1..]) {
+        *r = coefficient[0].to_le_bytes();
+        *g = coefficient[1].to_le_bytes();
+        *b = coefficient[2].to_le_bytes();
     }
-    put(scene.opacity_logits[i]);
-    scene.log_scales[i].into_iter().for_each(&mut put);
-    scene.rotations[i].into_iter().for_each(&mut put);
-    debug_assert_eq!(
-        row.len(),
-        4 * (SH + 3 * sh.len() + 3),
-        "a row is the scene's numbers and three normals"
-    );
+    let ([s0, s1, s2], [w, x, y, z]) = (scene.log_scales[i], scene.rotations[i]);
+    for (slot, v) in row.iter_mut().zip([scene.opacity_logits[i], s0, s1, s2, w, x, y, z]) {
+        *slot = v.to_le_bytes();
+    }
 }

@@ -39,6 +39,11 @@ impl Transform {
         Ok(Self { plan: plan.map_err(coding("transform"))?, step_factor })
     }
 
+    /// Number of leaves.
+    pub(crate) fn len(&self) -> usize {
+        self.plan.len()
+    }
+
     /// Codes channels with one natural step each. `leaf(i, row)` fills in the values of leaf `i`,
     /// one per step; it is called for all leaves in order. Also says whether all of it came out as
     /// zero.
@@ -95,10 +100,10 @@ impl Transform {
 
 fn options(entropy: Entropy) -> attribute::Options {
     let mode = match entropy {
-        Entropy::Range => Mode::Range,
+        Entropy::Range | Entropy::Fast => Mode::Symbols,
         Entropy::Rlgr => Mode::Rlgr,
     };
-    // RLGR is the fast mode; prediction from the parent level costs more than it does.
+    // Prediction from the level above takes a sixth of a decoder's time.
     let prediction = entropy == Entropy::Range;
     // Leaves are as deep as it takes to tell Gaussians apart, which then have little in common.
     attribute::Options { mode, prediction, fine_prediction: false, ..Default::default() }

@@ -21,10 +21,10 @@ const INV_SQRT_3: f64 = 0.577_350_269_189_625_8;
 /// 1 / sqrt 6.
 const INV_SQRT_6: f64 = 0.408_248_290_463_863;
 
-/// Sweeps of the Jacobi iteration; convergence is quadratic, four reach 1e-15 in practice.
+/// Sweeps of the Jacobi iteration; convergence is quadratic, three or four are enough.
 const MAX_SWEEPS: usize = 8;
 /// Off-diagonal energy below which a matrix counts as diagonal, relative to its norm.
-const CONVERGED: f64 = 1e-26;
+const CONVERGED: f64 = 1e-16;
 
 /// Coordinates of `L` from a quaternion `[w, x, y, z]` (any non-zero norm) and log-scales.
 #[must_use]

@@ -7,11 +7,11 @@ mod integers;
 pub mod log_euclidean;
 
 use crate::attributes::group::Transform;
+use crate::encode::Leaves;
 use crate::error::{Error, Result};
 use crate::options::{CovarianceMode, EncodeOptions};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
-use voxel::Voxelization;
 
 const TRANSFORM: u8 = 0;
 const INTEGERS: u8 = 1;
@@ -22,7 +22,7 @@ pub(crate) type Covariances = (Vec<[f32; 4]>, Vec<[f32; 3]>);
 
 pub(crate) fn encode(
     scene: &Scene,
-    voxels: &Voxelization,
+    leaves: &Leaves<'_>,
     transform: &Transform,
     options: &EncodeOptions,
 ) -> Result<Vec<u8>> {
@@ -39,7 +39,7 @@ pub(crate) fn encode(
         }
         CovarianceMode::Lossless { bits } => {
             let mut out = vec![INTEGERS];
-            out.extend(integers::encode(scene, voxels, bits)?);
+            out.extend(integers::encode(scene, leaves, bits)?);
             Ok(out)
         }
         CovarianceMode::Vq { bits } => {

@@ -73,6 +73,7 @@ pub fn encode(scene: &Scene, options: &LosslessOptions) -> Result<Encoded> {
     let payload = encode_payload(scene, options);
     let header = Header {
         count: n as u64,
+        slices: 1,
         sh_degree: scene.sh_degree,
         j_high: 0,
         cube: Cube { origin: [0.0; 3], side: 1.0 },

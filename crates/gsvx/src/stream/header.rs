@@ -36,6 +36,8 @@ pub enum CoordinateSystem {
 pub struct Header {
     /// Number of Gaussians.
     pub count: u64,
+    /// Runs of consecutive leaves that are coded apart; at least 1.
+    pub slices: u64,
     /// SH degree stored, 0 to 3.
     pub sh_degree: u8,
     /// Finest octree depth.
@@ -63,6 +65,7 @@ pub(super) fn write(header: &Header, toc: &[TocEntry]) -> Vec<u8> {
     }
     body.f64(header.cube.side);
     body.varint(header.count);
+    body.varint(header.slices);
     body.varint(toc.len() as u64);
     for entry in toc {
         body.u8(entry.kind.code());
@@ -128,6 +131,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Header, Vec<TocEntry>, usize)> {
         return Err(corrupt("cube side", side.to_bits()));
     }
     let count = r.varint()?;
+    let slices = r.varint()?;
+    if slices == 0 || slices > (count / crate::slices::LEAST).max(1) {
+        return Err(corrupt("slice count", slices));
+    }
     let sections = r.varint()?;
     if sections > MAX_SECTIONS {
         return Err(corrupt("section count", sections));
@@ -142,6 +149,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Header, Vec<TocEntry>, usize)> {
     }
     let header = Header {
         count,
+        slices,
         sh_degree,
         j_high,
         cube: Cube { origin, side },

@@ -1,6 +1,7 @@
 //! Section kinds and table-of-contents entries.
 
 use std::fmt;
+use std::ops::Range;
 
 /// What a section holds. Sections appear in the stream in the order of this enum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -74,6 +75,17 @@ impl SectionKind {
             1 => Self::Sh1,
             2 => Self::Sh2,
             _ => Self::Sh3,
+        }
+    }
+
+    /// Which SH coefficients it holds, of those of one Gaussian.
+    pub(crate) fn sh_coefficients(self) -> Range<usize> {
+        match self {
+            Self::Dc => 0..1,
+            Self::Sh1 => 1..4,
+            Self::Sh2 => 4..9,
+            Self::Sh3 => 9..16,
+            _ => 0..0,
         }
     }
 
