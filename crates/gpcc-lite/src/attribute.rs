@@ -37,7 +37,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             mode: Mode::Range,
-            lambda: 24,
+            lambda: 26,
             prediction: true,
             fine_prediction: true,
             reconstruction: true,

@@ -24,7 +24,8 @@ pub enum Mode {
     /// The same with one adaptive symbol per magnitude: in half the time, streams a few tenths of a
     /// percent larger.
     Symbols,
-    /// RLGR with [`rlgr::Params::REMOTE_FX`], channel after channel: the fast mode.
+    /// RLGR with [`rlgr::Params::REMOTE_FX`] or [`rlgr::Params::STEADY`], whichever is smaller on
+    /// the finest coefficients, channel after channel: the fast mode.
     Rlgr,
     /// RLGR with [`rlgr::Params::MALVAR`].
     RlgrMalvar,
@@ -38,6 +39,9 @@ pub(crate) const RANGE: u8 = 1;
 const RLGR_RFX: u8 = 2;
 const RLGR_MALVAR: u8 = 3;
 pub(crate) const SYMBOLS: u8 = 4;
+const RLGR_STEADY: u8 = 5;
+/// Coefficients of a channel on which parameters of RLGR are tried.
+const TRIED: usize = 1 << 14;
 
 /// Codes a group of channels of quantised coefficients, each in coefficient order.
 ///
@@ -69,7 +73,8 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
             out.extend(coder.finish());
         }
         Mode::Rlgr | Mode::RlgrMalvar => {
-            let (tag, params) = rlgr_params(mode);
+            let tag = rlgr_tag(channels, mode);
+            let params = rlgr_params(tag);
             out.push(tag);
             for c in channels {
                 let bytes = rlgr::encode(c, &params);
@@ -90,10 +95,24 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
     Ok(out)
 }
 
-fn rlgr_params(mode: Mode) -> (u8, rlgr::Params) {
-    match mode {
-        Mode::RlgrMalvar => (RLGR_MALVAR, rlgr::Params::MALVAR),
-        Mode::Rlgr | Mode::Range | Mode::Symbols => (RLGR_RFX, rlgr::Params::REMOTE_FX),
+/// The parameters to use, as a tag.
+fn rlgr_tag(channels: &[&[i32]], mode: Mode) -> u8 {
+    if mode == Mode::RlgrMalvar {
+        return RLGR_MALVAR;
+    }
+    let size = |tag: u8| -> usize {
+        let params = rlgr_params(tag);
+        let finest = |c: &[i32]| rlgr::encode(&c[c.len().saturating_sub(TRIED)..], &params).len();
+        channels.iter().map(|c| finest(c)).sum()
+    };
+    if size(RLGR_STEADY) < size(RLGR_RFX) { RLGR_STEADY } else { RLGR_RFX }
+}
+
+fn rlgr_params(tag: u8) -> rlgr::Params {
+    match tag {
+        RLGR_MALVAR => rlgr::Params::MALVAR,
+        RLGR_STEADY => rlgr::Params::STEADY,
+        _ => rlgr::Params::REMOTE_FX,
     }
 }
 
@@ -138,9 +157,8 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
             }
             Ok(out)
         }
-        tag @ (RLGR_RFX | RLGR_MALVAR) => {
-            let params =
-                if tag == RLGR_RFX { rlgr::Params::REMOTE_FX } else { rlgr::Params::MALVAR };
+        tag @ (RLGR_RFX | RLGR_MALVAR | RLGR_STEADY) => {
+            let params = rlgr_params(tag);
             let mut out = Vec::with_capacity(channels);
             for _ in 0..channels {
                 let len = r.varint("RLGR length")?;

@@ -36,6 +36,10 @@ impl Params {
     /// The RemoteFX constants: L = 8, U0 = 3, D0 = 3, U1 = 4, D1 = 6. Smaller on RAHT coefficients.
     pub const REMOTE_FX: Self =
         Self { l_log2: 3, u0: 3, d0: 3, u1: 4, d1: 6, k_p_max: 80, k_rp_max: 192 };
+    /// L = 16, U0 = 4, D0 = 1, U1 = 1, D1 = 1: smaller where two of three values are zero and
+    /// these do not keep together.
+    pub const STEADY: Self =
+        Self { l_log2: 4, u0: 4, d0: 1, u1: 1, d1: 1, k_p_max: 160, k_rp_max: 384 };
 }
 
 /// Quotients from here on escape to a plain 32-bit value.

@@ -158,7 +158,7 @@ proptest! {
 
     #[test]
     fn rlgr_agrees_bit_by_bit(values in prop::collection::vec(prop_oneof![Just(0i32), Just(0i32), -3i32..3, any::<i32>()], 0..300)) {
-        for p in [rlgr::Params::MALVAR, rlgr::Params::REMOTE_FX] {
+        for p in [rlgr::Params::MALVAR, rlgr::Params::REMOTE_FX, rlgr::Params::STEADY] {
             prop_assert_eq!(rlgr::encode(&values, &p), rlgr_bits(&values, &p));
         }
     }

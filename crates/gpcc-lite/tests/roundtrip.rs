@@ -91,7 +91,7 @@ proptest! {
 
     #[test]
     fn rlgr_is_lossless(values in prop::collection::vec(prop_oneof![Just(0i32), -3i32..3, any::<i32>(), Just(i32::MIN)], 0..400)) {
-        for p in [rlgr::Params::MALVAR, rlgr::Params::REMOTE_FX] {
+        for p in [rlgr::Params::MALVAR, rlgr::Params::REMOTE_FX, rlgr::Params::STEADY] {
             let bytes = rlgr::encode(&values, &p);
             prop_assert_eq!(&rlgr::decode(&bytes, values.len(), &p).unwrap(), &values);
         }

@@ -21,6 +21,13 @@ pub(super) struct Coded {
 
 /// Rows of fewer chunks may be coded a second time.
 const SMALL: usize = 1 << 12;
+/// Up to so many values are coded with and without prediction, and the better is kept: where
+/// neighbours resemble each other here and there only, prediction lowers the squared error of its
+/// input and raises the rate all the same, by up to 2 %. More values would take too long, and so
+/// would symbols, which are there for their speed.
+const TRIED: usize = 1 << 19;
+/// The multiplier of a trial where the caller's is 0, in 1/256 of `step^2` per bit.
+const LAMBDA: u8 = 26;
 
 /// Codes rows of values, one per leaf.
 pub(super) fn encode_rows(
@@ -36,10 +43,11 @@ pub(super) fn encode_rows(
         .zip(steps)
         .map(|((chunk, i), &step)| {
             let strength = strength_of(plan, &gains, chunk, i);
-            Head { step, centroids: Centroids::TYPICAL, strength }
+            let zeros = zeros_of(plan, step, |k| rows[plan.split_leaf(k) * width + chunk][i]);
+            Head { step, centroids: Centroids::typical(zeros), strength }
         })
         .collect();
-    let closed = heads.iter().any(|h| !h.strength.is_empty());
+    let mut closed = heads.iter().any(|h| !h.strength.is_empty());
     // Means are needed as long as something is predicted from them, or if they are wanted.
     let levels = if !closed {
         0
@@ -48,23 +56,37 @@ pub(super) fn encode_rows(
     } else {
         measured
     };
-    // Only what is so small can come out larger than raw values.
-    let exact = (rows.len() < SMALL).then(|| rows.clone());
-    let quantised = |rows, ranged| match o.mode {
-        Mode::Symbols => quantise::<true>(plan, &heads, o, levels, rows, ranged),
-        _ => quantise::<false>(plan, &heads, o, levels, rows, ranged),
-    };
     let ranged = matches!(o.mode, Mode::Range | Mode::Symbols);
-    let (mut out, mut rows) = quantised(rows, ranged);
-    let mut coefficients = out.sink.finish(plan, o.mode)?;
+    let tried = closed && o.mode != Mode::Symbols && plan.len() * steps.len() <= TRIED;
+    // Only what is so small can come out larger than raw values.
+    let exact = (tried || rows.len() < SMALL).then(|| rows.clone());
+    let mut run = run(plan, &heads, o, levels, rows, ranged)?;
+    if let (true, Some(exact)) = (tried, &exact) {
+        let mut open = heads.clone();
+        open.iter_mut().for_each(|h| h.strength.clear());
+        let other = self::run(plan, &open, o, 0, exact.clone(), ranged)?;
+        let lambda = f64::from(if o.lambda == 0 { LAMBDA } else { o.lambda }) / 256.0;
+        // Shifts that fit save error in both; without prediction they cost nothing.
+        let cost = |run: &Run| {
+            let save: f64 = run.sums.iter().map(CentroidSums::saved).sum();
+            run.error - save + lambda * 8.0 * run.coefficients.len() as f64
+        };
+        if cost(&other) < cost(&run) {
+            (run, heads, closed) = (other, open, false);
+        } else {
+            for (head, sums) in heads.iter_mut().zip(&run.sums) {
+                head.centroids = sums.centroids();
+            }
+            run = self::run(plan, &heads, o, levels, exact.clone(), ranged)?;
+        }
+    }
     if let Some(exact) = exact
-        && coefficients.len() > 1 + 4 * plan.len() * steps.len()
+        && run.coefficients.len() > 1 + 4 * plan.len() * steps.len()
     {
         // Rare and small: the levels were not kept.
-        (out, rows) = quantised(exact, false);
-        coefficients = out.sink.finish(plan, o.mode)?;
+        run = self::run(plan, &heads, o, levels, exact, false)?;
     }
-    let Outcome { sums, all_zero, .. } = out;
+    let Run { coefficients, rows, sums, all_zero, .. } = run;
     if !closed {
         // Nothing was predicted from reconstructed values, so the shifts can still be chosen.
         for (head, sums) in heads.iter_mut().zip(&sums) {
@@ -83,6 +105,15 @@ pub(super) fn encode_rows(
     Ok(Coded { bytes, values, all_zero })
 }
 
+/// Of 256 differences `value(k)`, how many are small; one of eight is looked at.
+fn zeros_of(plan: &Plan, step: Step, value: impl Fn(usize) -> f32) -> u32 {
+    let per_unit = (1.0 / Step(step.0.max(1)).value()) as f32;
+    let small = |k: &usize| (value(*k) * per_unit / plan.scale_of(*k)).abs() < Centroids::SMALL;
+    let sample = (1..plan.len()).step_by(8);
+    let looked_at = sample.len().max(1);
+    (sample.filter(small).count() * 256 / looked_at) as u32
+}
+
 /// How much of each level its prediction explains, in 1/16 and at most 15; empty if none.
 fn strength_of(plan: &Plan, gains: &[Gains], chunk: usize, i: usize) -> Vec<u8> {
     let mut strength = vec![0; plan.levels().len() - 1];
@@ -92,6 +123,35 @@ fn strength_of(plan: &Plan, gains: &[Gains], chunk: usize, i: usize) -> Vec<u8> 
         *out = (ratio + 0.5).clamp(0.0, 15.0) as u8;
     }
     if strength.iter().all(|&s| s == 0) { Vec::new() } else { strength }
+}
+
+/// What one pass over the coefficients gives.
+struct Run {
+    coefficients: Vec<u8>,
+    /// Means, as far as they were reconstructed.
+    rows: Vec<Lanes>,
+    sums: Vec<CentroidSums>,
+    /// Sum of squared errors of the coefficients, in squares of their steps.
+    error: f64,
+    all_zero: bool,
+}
+
+/// Quantises and codes all coefficients.
+fn run(
+    plan: &Plan,
+    heads: &[Head],
+    o: &Options,
+    levels: usize,
+    rows: Vec<Lanes>,
+    ranged: bool,
+) -> Result<Run> {
+    let (mut out, rows) = match o.mode {
+        Mode::Symbols => quantise::<true>(plan, heads, o, levels, rows, ranged),
+        _ => quantise::<false>(plan, heads, o, levels, rows, ranged),
+    };
+    let coefficients = out.sink.finish(plan, o.mode)?;
+    let Outcome { sums, all_zero, error, .. } = out;
+    Ok(Run { coefficients, rows, sums, error: error.unwrap_or_default(), all_zero })
 }
 
 /// Quantises all coefficients; `levels` octree levels of means are reconstructed in `rows`, which
@@ -150,6 +210,7 @@ struct Outcome {
     sink: Sink,
     sums: Vec<CentroidSums>,
     all_zero: bool,
+    error: Option<f64>,
 }
 
 /// Quantises differences as it goes.
@@ -169,6 +230,8 @@ struct Quantiser<'a, const BY_SYMBOLS: bool> {
     strength: Vec<Lanes>,
     /// Every level so far was zero.
     all_zero: bool,
+    /// Squared errors so far without shifts, in squares of steps, if they are wanted.
+    error: Option<f64>,
 }
 
 impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
@@ -197,11 +260,12 @@ impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
             strength: vec![[0.0; CHUNK]; sizes.len()],
             sizes,
             all_zero: true,
+            error: (!BY_SYMBOLS && plan.len() * channels <= TRIED).then_some(0.0),
         }
     }
 
     fn outcome(self) -> Outcome {
-        Outcome { sink: self.sink, sums: self.sums, all_zero: self.all_zero }
+        Outcome { sink: self.sink, sums: self.sums, all_zero: self.all_zero, error: self.error }
     }
 
     /// Codes the levels of coefficient 0.
@@ -270,6 +334,14 @@ impl<const BY_SYMBOLS: bool> Residual for Quantiser<'_, BY_SYMBOLS> {
         }
         if !any {
             self.levels.fill([0; CHUNK]);
+        }
+        if let Some(error) = &mut self.error {
+            for (row, levels) in row.iter().zip(&self.levels) {
+                for (x, q) in row.iter().zip(levels) {
+                    let off = f64::from(x.abs() - q.unsigned_abs() as f32);
+                    *error += off * off;
+                }
+            }
         }
         match &mut self.sink {
             Sink::Range(coder) => {
