@@ -49,6 +49,7 @@ mod pages;
 mod paper;
 mod prune;
 mod pruning;
+mod radix;
 mod rate_distortion;
 mod record;
 mod released;
