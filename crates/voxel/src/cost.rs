@@ -15,8 +15,8 @@ pub struct CostModel {
 }
 
 impl Default for CostModel {
-    /// Geometry as fitted to gpcc-lite on `fox` and `bonsai` (docs/results/voxel.md: 35 octrees
-    /// each, mean error 1.6 %); 90 bits per Gaussian, SH degree 3 at middle to high rates.
+    /// Geometry near what is fitted to gpcc-lite on `fox` and `bonsai` (docs/results/voxel.md);
+    /// 90 bits per Gaussian, SH degree 3 at middle to high rates.
     ///
     /// Cells of four and more children come out cheap because they sit in the dense upper
     /// levels, where contexts predict well; the fit cannot tell them apart.
