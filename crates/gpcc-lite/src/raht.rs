@@ -88,36 +88,30 @@ impl Plan {
     /// differ.
     pub fn with_weights(leaves: &[Leaf], j_high: u8, weights: &[u32]) -> Result<Self> {
         check_leaves(leaves, j_high)?;
-        if weights.len() != leaves.len() {
-            return Err(Error::Count {
-                what: "leaf weights",
-                got: weights.len(),
-                want: leaves.len(),
-            });
-        }
-        let mut sum = 0u64;
-        for (index, &w) in weights.iter().enumerate() {
-            sum += u64::from(w);
-            if w == 0 || sum >= MAX_WEIGHT_SUM {
-                return Err(Error::Weight { index, weight: u64::from(w) });
-            }
-        }
+        check_weights(leaves.len(), weights)?;
         Ok(Self::build(leaves, j_high, Some(weights)))
+    }
+
+    /// The same leaves with other weights: what [`Plan::with_weights`] gives, for less. Neighbour
+    /// relations already found are kept.
+    ///
+    /// # Errors
+    /// As [`Plan::with_weights`].
+    pub fn weighted(mut self, weights: &[u32]) -> Result<Self> {
+        check_weights(self.points, weights)?;
+        self.prefix = prefix_of(weights);
+        self.root_weight = weights.iter().map(|&x| f64::from(x).sqrt()).collect();
+        for m in 0..self.left.len() {
+            let [w1, w2] = self.child_weights(m + 1);
+            (self.share[m], self.scale[m]) = factors(w1, w2);
+        }
+        Ok(self)
     }
 
     fn build(leaves: &[Leaf], j_high: u8, weights: Option<&[u32]>) -> Self {
         let n = leaves.len();
         let merges = n.saturating_sub(1);
-        let mut prefix: Vec<u64> = Vec::new();
-        if let Some(w) = weights {
-            prefix.reserve(n + 1);
-            prefix.push(0);
-            let mut sum = 0;
-            for &x in w {
-                sum += u64::from(x);
-                prefix.push(sum);
-            }
-        }
+        let prefix = weights.map(prefix_of).unwrap_or_default();
         // Boundary j lies between leaves j-1 and j; its bit is the highest in which they differ.
         // A boundary's subtree reaches to the nearest boundaries with a higher bit.
         let mut bit = vec![0u8; n.max(1)];
@@ -202,9 +196,7 @@ impl Plan {
             let w1 = plan.weight_of(first[j], at);
             let w2 = plan.weight_of(at, last[j]);
             plan.end[m] = last[j];
-            let (w1, w2) = (w1 as f64, w2 as f64);
-            plan.share[m] = (w2 / (w1 + w2)) as f32;
-            plan.scale[m] = ((w1 + w2) / (w1 * w2)).sqrt() as f32;
+            (plan.share[m], plan.scale[m]) = factors(w1, w2);
         }
         plan
     }
@@ -323,5 +315,56 @@ impl Plan {
             }
         }
         values
+    }
+}
+
+fn check_weights(leaves: usize, weights: &[u32]) -> Result<()> {
+    if weights.len() != leaves {
+        return Err(Error::Count { what: "leaf weights", got: weights.len(), want: leaves });
+    }
+    let mut sum = 0u64;
+    for (index, &w) in weights.iter().enumerate() {
+        sum += u64::from(w);
+        if w == 0 || sum >= MAX_WEIGHT_SUM {
+            return Err(Error::Weight { index, weight: u64::from(w) });
+        }
+    }
+    Ok(())
+}
+
+/// Sums of the weights before each leaf, and of all.
+fn prefix_of(weights: &[u32]) -> Vec<u64> {
+    let mut sum = 0;
+    let sums = weights.iter().map(|&w| {
+        sum += u64::from(w);
+        sum
+    });
+    std::iter::once(0).chain(sums).collect()
+}
+
+/// Share of the right child in the mean, and what takes a high-pass value to a difference of means.
+fn factors(left: u64, right: u64) -> (f32, f32) {
+    let (w1, w2) = (left as f64, right as f64);
+    ((w2 / (w1 + w2)) as f32, ((w1 + w2) / (w1 * w2)).sqrt() as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_may_come_later() {
+        let leaves: Vec<Leaf> =
+            (0..300u64).map(|i| Leaf { morton: i * i % 4093, depth: 5 }).collect();
+        let mut leaves = leaves;
+        leaves.sort_unstable();
+        leaves.dedup();
+        let weights: Vec<u32> = (0..leaves.len() as u32).map(|i| 1 + i * 7 % 50).collect();
+        let at_once = Plan::with_weights(&leaves, 5, &weights).unwrap();
+        let later = Plan::new(&leaves, 5).unwrap().weighted(&weights).unwrap();
+        assert_eq!((&at_once.share, &at_once.scale), (&later.share, &later.scale));
+        assert_eq!((&at_once.prefix, &at_once.root_weight), (&later.prefix, &later.root_weight));
+        assert!(Plan::new(&leaves, 5).unwrap().weighted(&weights[1..]).is_err());
+        assert!(Plan::new(&leaves, 5).unwrap().weighted(&vec![0; leaves.len()]).is_err());
     }
 }

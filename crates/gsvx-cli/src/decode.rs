@@ -55,14 +55,15 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         max_gaussians: args.max_gaussians,
     };
     let name = || input::name(&args.input);
-    let made = if options.lod.is_some() {
+    let decoder = gsvx::Decoder::new(&bytes, &options).with_context(name)?;
+    let made = if options.lod.is_some() || decoder.header().slices == 1 {
+        drop(decoder);
         let decoded = gsvx::decode(&bytes, &options).with_context(name)?;
         drop(bytes);
         let made = Made::of(decoded.scene.len(), decoded.scene.sh_degree, decoded.skipped);
         output.write(|out| Ok(gs_model::ply::write_to(out, &decoded.scene)?))?;
         made
     } else {
-        let decoder = gsvx::Decoder::new(&bytes, &options).with_context(name)?;
         let mut damage = None;
         let outcome = output.write(|out| {
             out.write_all(&gs_model::ply::header(decoder.len(), decoder.sh_degree()))?;

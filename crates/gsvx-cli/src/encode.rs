@@ -242,8 +242,6 @@ fn encode_at(
         (None, _) if paper => Ok(Strategy::Uniform { depth: paper_depth(q) }),
         (None, _) => gsvx::default_strategy(q, importance, seen),
     };
-    let Prepared { scene: merged, voxels, importance } = gsvx::prepare(&scene, strategy, seen)?;
-    drop(scene);
     let mut options = if paper {
         let covariance = args.covariance.unwrap_or(CovarianceMode::Vq { bits: 12 });
         EncodeOptions::paper(args.qp.unwrap_or(PaperQp::of_quality(q)), covariance)
@@ -255,14 +253,22 @@ fn encode_at(
         }
     };
     options.max_sh_degree = args.max_sh_degree;
-    options.importance = Some(importance);
     options.outliers = outliers.cloned();
+    let exact = outliers.map_or(0, Scene::len);
+    if !paper && options.covariance == CovarianceMode::Transform {
+        let (encoded, leaves) = gsvx::encode_model(scene, strategy, seen, &options)?;
+        bar.finish_and_clear();
+        return Ok((encoded, leaves + exact));
+    }
+    let Prepared { scene: merged, voxels, importance } = gsvx::prepare(&scene, strategy, seen)?;
+    drop(scene);
+    options.importance = Some(importance);
     if let (CovarianceMode::Vq { .. }, Some(cameras)) = (options.covariance, cameras) {
         options.covariance_sensitivity = Some(finetune::covariance_sensitivity(&merged, cameras));
     }
     let encoded = gsvx::encode(&merged, &voxels, &options)?;
     bar.finish_and_clear();
-    Ok((encoded, merged.len() + outliers.map_or(0, Scene::len)))
+    Ok((encoded, merged.len() + exact))
 }
 
 fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {

@@ -333,12 +333,11 @@ impl<'a> Decoder<'a> {
         if geometry.j_high != header.j_high {
             return Err(Error::Corrupt { what: "geometry depth", value: geometry.j_high.into() });
         }
-        let classes = match slice.importance {
-            Some(payload) => Some(importance::decode(payload, &leaves, header.j_high)?),
-            None => None,
-        };
-        let transform = Transform::new(&leaves, header.j_high, classes.as_deref())?;
-        drop(classes);
+        let mut transform = Transform::new(&leaves, header.j_high, None)?;
+        if let Some(payload) = slice.importance {
+            let classes = importance::decode_by(&transform, payload)?;
+            transform = transform.weighted(&classes)?;
+        }
         let mut scene = Scene {
             means: centres(&leaves, header, slice.first)?,
             sh_degree: self.sh_degree,

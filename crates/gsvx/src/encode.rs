@@ -7,8 +7,8 @@ use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::{EncodeOptions, Entropy, PaperQp};
 use crate::outliers;
-use crate::slices;
 use crate::stream::{self, Header, SectionKind};
+use crate::{ordered, slices};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -99,15 +99,13 @@ pub(crate) fn encode_parts<'a>(
         let log_classes = log_classes.as_ref().map(|all| &all[range]);
         leaves.sections(&scene, log_classes, sh_degree, options)
     };
-    let coded: Vec<Result<Vec<Section>>> = if slices == 1 {
-        vec![slice(0)]
-    } else {
-        (0..slices).into_par_iter().with_max_len(1).map(slice).collect()
-    };
+    // At most a quarter of the Gaussians at a time, for memory's sake.
+    let at_once = (slices / 4).clamp(1, rayon::current_num_threads());
     let mut parts: Vec<std::vec::IntoIter<Section>> = Vec::with_capacity(slices);
-    for coded in coded {
-        parts.push(coded?.into_iter());
-    }
+    ordered::in_order(slices, at_once, slice, |sections: Vec<Section>| -> Result<()> {
+        parts.push(sections.into_iter());
+        Ok(())
+    })?;
     let mut sections = Vec::new();
     // Of each section, whether it says nothing.
     let mut zero = Vec::new();
@@ -216,16 +214,14 @@ impl Leaves<'_> {
         options: &EncodeOptions,
     ) -> Result<Vec<Section>> {
         let mut sections = Vec::new();
-        let mut classes = None;
+        let mut transform = Transform::new(self.leaves, self.j_high, None)?;
         if let Some(log_classes) = log_classes {
-            let (payload, coded) =
-                importance::encode(log_classes, self.leaves, self.j_high, options.entropy)?;
+            let (payload, classes) =
+                importance::encode_by(&transform, log_classes, options.entropy)?;
             let kind = SectionKind::Importance;
             sections.push(Section { kind, payload, all_zero: false });
-            classes = Some(coded);
+            transform = transform.weighted(&classes)?;
         }
-        let transform = Transform::new(self.leaves, self.j_high, classes.as_deref())?;
-        drop(classes);
         let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
         kinds.extend((1..=sh_degree).map(SectionKind::of_sh_degree));
         let coded =

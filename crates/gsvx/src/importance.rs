@@ -93,10 +93,18 @@ pub fn encode(
     j_high: u8,
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
-    let transform = Transform::new(leaves, j_high, None)?;
+    encode_by(&Transform::new(leaves, j_high, None)?, log_classes, entropy)
+}
+
+/// As [`encode`], by the transform of the leaves without weights.
+pub(crate) fn encode_by(
+    transform: &Transform,
+    log_classes: &[f64],
+    entropy: Entropy,
+) -> Result<(Vec<u8>, Vec<u8>)> {
     let (payload, _) =
         transform.encode(&[CLASS_STEP], entropy, |i, row| row.fill(log_classes[i]))?;
-    let classes = decode_by(&transform, &payload)?;
+    let classes = decode_by(transform, &payload)?;
     Ok((payload, classes))
 }
 
@@ -108,7 +116,8 @@ pub fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
     decode_by(&Transform::new(leaves, j_high, None)?, payload)
 }
 
-fn decode_by(transform: &Transform, payload: &[u8]) -> Result<Vec<u8>> {
+/// As [`decode`], by the transform of the leaves without weights.
+pub(crate) fn decode_by(transform: &Transform, payload: &[u8]) -> Result<Vec<u8>> {
     let mut classes = Vec::new();
     transform.decode(payload, 1, |_, row| classes.push(class_of(row[0])))?;
     Ok(classes)

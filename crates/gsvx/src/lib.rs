@@ -23,4 +23,4 @@ pub use lossless::encode_lossless;
 pub use options::{
     CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, OpacityDomain, PaperQp, Steps,
 };
-pub use prepare::{Prepared, Seen, default_strategy, prepare, prune, split_outliers};
+pub use prepare::{Prepared, Seen, default_strategy, encode_model, prepare, prune, split_outliers};

@@ -1,10 +1,14 @@
 //! From a trained model to what [`crate::encode`] takes, in one call.
 
+use crate::encode::{Encoded, encode_parts};
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::EncodeOptions;
+use crate::slices;
 use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
+use std::borrow::Cow;
+use std::ops::Range;
 use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Trim, Trimmed, Voxelization};
 
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
@@ -89,32 +93,85 @@ pub fn prepare(
     strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
     importance: Option<&[f32]>,
 ) -> Result<Prepared> {
-    let own;
+    let (voxels, weights) = voxels_and_weights(scene, strategy, importance)?;
+    let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;
+    let importance = of_leaves(&voxels, &weights);
+    Ok(Prepared { scene: merged, voxels, importance })
+}
+
+/// What [`prepare`] and [`crate::encode`] do, in less memory: of a stream of several slices, each is
+/// merged when it is about to be coded; before a single one is coded, a scene that is owned is
+/// dropped. Options as for [`crate::encode`], except that importances are given here, per Gaussian
+/// of the scene. Returns the number of leaves too.
+///
+/// # Errors
+/// As [`prepare`] and [`crate::encode`].
+pub fn encode_model(
+    scene: Cow<'_, Scene>,
+    strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
+    importance: Option<&[f32]>,
+    options: &EncodeOptions,
+) -> Result<(Encoded, usize)> {
+    let (voxels, weights) = voxels_and_weights(&scene, strategy, importance)?;
+    let importance = (!options.uniform_precision).then(|| of_leaves(&voxels, &weights));
+    let importance = importance.as_deref();
+    let merged =
+        |some: &Voxelization| voxel::merge_weighted(&scene, some, Merge::Moments, &weights);
+    let encoded = if slices::count(voxels.len(), options) == 1 {
+        let all = merged(&voxels)?;
+        drop(weights);
+        drop(scene);
+        encode_parts(&all, &voxels, importance, options, |_| Ok(Cow::Borrowed(&all)))?
+    } else {
+        encode_parts(&scene, &voxels, importance, options, |range| {
+            Ok(Cow::Owned(merged(&part_of(&voxels, range))?))
+        })?
+    };
+    Ok((encoded, voxels.len()))
+}
+
+/// Some of the leaves.
+fn part_of(voxels: &Voxelization, range: Range<usize>) -> Voxelization {
+    let offsets = &voxels.member_offsets[range.start..=range.end];
+    let (first, last) = (offsets[0], offsets[offsets.len() - 1]);
+    Voxelization {
+        cube: voxels.cube,
+        j_high: voxels.j_high,
+        leaves: voxels.leaves[range].to_vec(),
+        member_offsets: offsets.iter().map(|o| o - first).collect(),
+        members: voxels.members[first as usize..last as usize].to_vec(),
+        dropped: Vec::new(),
+    }
+}
+
+/// The leaves, and the importance that weighs their members.
+fn voxels_and_weights(
+    scene: &Scene,
+    strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
+    importance: Option<&[f32]>,
+) -> Result<(Voxelization, Importance)> {
     let seen = if importance.is_some() { Seen::ByCameras } else { Seen::Guessed };
     let importance = match importance {
-        Some(given) if given.len() == scene.len() => given,
+        Some(given) if given.len() == scene.len() => given.to_vec(),
         Some(given) => {
             return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
         }
-        None => {
-            own = importance::without_cameras(scene);
-            &own
-        }
+        None => importance::without_cameras(scene),
     };
     let cube = Cube::of(&scene.means)?;
-    let mut strategy = strategy(importance, seen)?;
+    let mut strategy = strategy(&importance, seen)?;
     if let Strategy::RateDistortion(options) = &mut strategy {
         options.j_high = options.j_high.max(needed_depth(scene, &cube));
     }
     let voxels = voxel::voxelize(scene, &cube, &strategy)?;
-    drop(strategy);
-    let weights = Importance::Given(importance.to_vec());
-    let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;
-    drop(weights);
-    let importance = (0..voxels.len())
-        .map(|i| voxels.members_of(i).iter().map(|&m| importance[m as usize]).sum())
-        .collect();
-    Ok(Prepared { scene: merged, voxels, importance })
+    Ok((voxels, Importance::Given(importance)))
+}
+
+/// The sum of the members' importance, per leaf.
+fn of_leaves(voxels: &Voxelization, importance: &Importance) -> Vec<f32> {
+    let Importance::Given(importance) = importance else { return Vec::new() };
+    let sum = |i| voxels.members_of(i).iter().map(|&m| importance[m as usize]).sum();
+    (0..voxels.len()).map(sum).collect()
 }
 
 /// Depth at which a cell is [`CELLS_PER_AXIS`] times smaller than the median Gaussian's largest axis.

@@ -6,6 +6,7 @@ use common::{Rng, scene, voxelized};
 use gs_model::Scene;
 use gsvx::stream::{Container, SectionKind};
 use gsvx::{DecodeOptions, Decoder, EncodeOptions, Entropy, Error, decode, encode};
+use std::borrow::Cow;
 use std::num::NonZeroUsize;
 use voxel::{Strategy, Voxelization};
 
@@ -46,6 +47,20 @@ fn slices_hold_what_one_does() {
             let ratio = error(&decoded.scene) / error(&whole.scene);
             assert!((0.9..1.1).contains(&ratio), "{ratio}");
         }
+    }
+}
+
+#[test]
+fn merging_slice_by_slice_gives_the_same_bytes() {
+    let model = scene(14_000, 1, 5);
+    let strategy = |_: &[f32], _| Ok(Strategy::Uniform { depth: 12 });
+    let prepared = gsvx::prepare(&model, strategy, None).unwrap();
+    for slices in [1, 3] {
+        let mut o = options(slices, Entropy::Fast);
+        let (got, leaves) = gsvx::encode_model(Cow::Borrowed(&model), strategy, None, &o).unwrap();
+        o.importance = Some(prepared.importance.clone());
+        let want = encode(&prepared.scene, &prepared.voxels, &o).unwrap();
+        assert!(got.bytes == want.bytes && leaves == prepared.voxels.len(), "{slices} slices");
     }
 }
 

@@ -29,14 +29,22 @@ impl Transform {
     /// # Errors
     /// [`Error::Coding`] if the leaves are not a valid pruned octree.
     pub fn new(leaves: &[Leaf], j_high: u8, classes: Option<&[u8]>) -> Result<Self> {
-        let (plan, step_factor) = match classes {
-            Some(classes) => {
-                let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
-                (Plan::with_weights(leaves, j_high, &weights), STEP_OF_WEIGHT_ONE)
-            }
-            None => (Plan::new(leaves, j_high), 1.0),
-        };
-        Ok(Self { plan: plan.map_err(coding("transform"))?, step_factor })
+        let plan = Plan::new(leaves, j_high).map_err(coding("transform"))?;
+        let plain = Self { plan, step_factor: 1.0 };
+        match classes {
+            Some(classes) => plain.weighted(classes),
+            None => Ok(plain),
+        }
+    }
+
+    /// The same weighted by importance class.
+    ///
+    /// # Errors
+    /// [`Error::Coding`] if the classes are not one per leaf.
+    pub fn weighted(self, classes: &[u8]) -> Result<Self> {
+        let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
+        let plan = self.plan.weighted(&weights).map_err(coding("transform"))?;
+        Ok(Self { plan, step_factor: STEP_OF_WEIGHT_ONE })
     }
 
     /// Number of leaves.
