@@ -103,6 +103,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         crate::manifest::processor(),
     );
     let out = scenes::root().join(&args.out);
+    // What people wrote below the table stays.
+    let before = std::fs::read_to_string(&out).unwrap_or_default();
+    let written_by_hand = before.find("\n## ").map_or("", |at| &before[at..]);
+    let text = text + written_by_hand;
     std::fs::write(&out, text).with_context(|| format!("write {}", out.display()))?;
     println!("written: {}", out.display());
     Ok(())
