@@ -46,6 +46,34 @@ fn raht(leaves: &[Leaf], weights: &[u32], values: &[f64]) -> (f64, Vec<f64>) {
     (nodes.first().map_or(0.0, |n| n.value), high)
 }
 
+/// The inverse in fixed point, node by node from the root: `value` is the low-pass value of leaves
+/// `lo..hi`, `high` holds a high-pass value per leaf that starts a right half.
+fn raht_fixed_inverse(
+    leaves: &[Leaf],
+    weights: &[u32],
+    high: &[i64],
+    (lo, hi, value): (usize, usize, i64),
+    out: &mut [i64],
+) {
+    if hi - lo == 1 {
+        let root = (f64::from(weights[lo]).sqrt() * 65536.0) as i64;
+        out[lo] = ((i128::from(value) << 16) / i128::from(root)) as i64;
+        return;
+    }
+    let top = 63 - (leaves[lo].morton ^ leaves[hi - 1].morton).leading_zeros();
+    let at = (lo..hi).find(|&i| leaves[i].morton >> top & 1 == 1).unwrap();
+    let weight = |range: std::ops::Range<usize>| -> f64 {
+        weights[range].iter().map(|&w| f64::from(w)).sum()
+    };
+    let (left, right) = (weight(lo..at), weight(at..hi));
+    let factor = |w: f64| ((w / (left + right)).sqrt() * f64::from(1 << 30) + 0.5) as i128;
+    let (c, s) = (factor(left), factor(right));
+    let (a, b) = (i128::from(value), i128::from(high[at]));
+    let round = |v: i128| ((v + (1 << 29)) >> 30) as i64;
+    raht_fixed_inverse(leaves, weights, high, (lo, at, round(c * a - s * b)), out);
+    raht_fixed_inverse(leaves, weights, high, (at, hi, round(s * a + c * b)), out);
+}
+
 /// RLGR on a list of bits, one step at a time.
 fn rlgr_bits(values: &[i32], p: &rlgr::Params) -> Vec<u8> {
     let l = 1u32 << p.l_log2;
@@ -139,6 +167,24 @@ proptest! {
     }
 
     #[test]
+    fn the_fixed_point_inverse_agrees_bit_by_bit((leaves, j) in any_leaves(), seed: u64, weighted: bool) {
+        let n = leaves.len();
+        let weights: Vec<u32> =
+            (0..n).map(|i| if weighted { 1 + (seed.rotate_left(i as u32) & 255) as u32 } else { 1 }).collect();
+        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+        // Any coefficients, not only those of a forward transform.
+        let mut v: Vec<i64> = channel(n, seed, 2).iter().map(|&v| i64::from(v) << 4).collect();
+        let mut want = vec![0; n];
+        if n > 0 {
+            let mut high = vec![0; n];
+            (1..n).for_each(|k| high[plan.split_leaf(k)] = v[k]);
+            raht_fixed_inverse(&leaves, &weights, &high, (0, n, v[0]), &mut want);
+        }
+        plan.inverse_fixed(&mut v).unwrap();
+        prop_assert_eq!(v, want);
+    }
+
+    #[test]
     fn coefficients_run_coarse_to_fine((leaves, j) in any_leaves()) {
         let plan = Plan::new(&leaves, j).unwrap();
         let bit = |k: usize| {
@@ -215,4 +261,24 @@ proptest! {
         }
         prop_assert!(seen.iter().all(|&s| s));
     }
+}
+
+/// The same numbers on every machine: FNV-1a of what a known cloud gives, both ways.
+#[test]
+fn the_fixed_point_transform_has_one_result() {
+    let mut leaves: Vec<Leaf> =
+        (0..5000u64).map(|i| Leaf { morton: i * i * 7919 % (1 << 36), depth: 12 }).collect();
+    leaves.sort();
+    leaves.dedup();
+    let plan = Plan::new(&leaves, 12).unwrap();
+    let mut v: Vec<i64> = channel(leaves.len(), 5, 2).iter().map(|&v| i64::from(v) << 12).collect();
+    let hash = |v: &[i64]| {
+        v.iter().flat_map(|v| v.to_le_bytes()).fold(0xcbf2_9ce4_8422_2325u64, |h, b| {
+            (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
+        })
+    };
+    plan.forward_fixed(&mut v).unwrap();
+    let forward = hash(&v);
+    plan.inverse_fixed(&mut v).unwrap();
+    assert_eq!([forward, hash(&v)], [6_733_252_332_378_451_056, 8_960_399_526_822_270_822]);
 }

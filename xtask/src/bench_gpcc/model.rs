@@ -102,7 +102,8 @@ pub(super) fn report(dir: &Path) -> Result<String> {
         sort * 1e3,
     );
     let threads = rayon::current_num_threads() as f64;
-    for (name, mode) in [("range", Mode::Range), ("RLGR", Mode::Rlgr)] {
+    let modes = [("range", Mode::Range), ("symbols", Mode::Symbols), ("RLGR", Mode::Rlgr)];
+    for (name, mode) in modes {
         let (t, c) = (Instant::now(), cpu_seconds());
         let m = encode(&dc.leaves, &lossy, &exact, mode)?;
         let (enc_wall, enc) = (t.elapsed().as_secs_f64(), cpu_seconds() - c);

@@ -107,6 +107,8 @@ pub(super) fn speed_table(dir: &Path) -> Result<String> {
         for (name, mode, prediction) in [
             ("range", Mode::Range, true),
             ("range, no prediction", Mode::Range, false),
+            ("symbols", Mode::Symbols, true),
+            ("symbols, no prediction", Mode::Symbols, false),
             ("RLGR", Mode::Rlgr, true),
             ("RLGR, no prediction", Mode::Rlgr, false),
         ] {
