@@ -56,11 +56,13 @@ impl<const BY_SYMBOLS: bool> Source for Ranged<'_, BY_SYMBOLS> {
 /// Levels that are all there, channel by channel.
 pub(super) struct Planar {
     channels: Vec<Vec<i32>>,
+    places: Vec<(usize, usize)>,
 }
 
 impl Planar {
     pub(super) fn new(channels: Vec<Vec<i32>>) -> Self {
-        Self { channels }
+        let places = places(channels.len()).collect();
+        Self { channels, places }
     }
 
     /// The levels of coefficient 0.
@@ -79,7 +81,7 @@ impl Source for Planar {
     #[inline]
     fn levels(&mut self, _: &Plan, k: usize, levels: &mut [Levels]) -> bool {
         let mut any = 0;
-        for (c, (chunk, i)) in self.channels.iter().zip(places(self.channels.len())) {
+        for (c, &(chunk, i)) in self.channels.iter().zip(&self.places) {
             levels[chunk][i] = c[k];
             any |= c[k];
         }
