@@ -47,9 +47,9 @@ pub enum Entropy {
     /// Context-adaptive range coder: smallest.
     #[default]
     Range,
-    /// The same without prediction, and geometry with fewer contexts: fastest.
+    /// RLGR, and geometry with fewer contexts: fastest.
     Fast,
-    /// RLGR: what the paper names.
+    /// RLGR and geometry as small as can be: what the paper names.
     Rlgr,
 }
 

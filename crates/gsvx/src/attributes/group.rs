@@ -108,8 +108,8 @@ impl Transform {
 
 fn options(entropy: Entropy) -> attribute::Options {
     let mode = match entropy {
-        Entropy::Range | Entropy::Fast => Mode::Symbols,
-        Entropy::Rlgr => Mode::Rlgr,
+        Entropy::Range => Mode::Symbols,
+        Entropy::Fast | Entropy::Rlgr => Mode::Rlgr,
     };
     // Prediction from the level above takes a sixth of a decoder's time.
     let prediction = entropy == Entropy::Range;
