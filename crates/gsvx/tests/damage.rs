@@ -109,11 +109,11 @@ fn other_files_are_named_as_such() {
     }
 }
 
-/// Found by the fuzz target `gsvx`: quaternions too long to have a direction were returned.
-#[test]
-fn a_rotation_without_direction_is_damage() {
+/// A stream with covariances as integers of `bits`, its covariance section edited and its
+/// checksums repaired.
+fn with_integers(bits: u8, edit: impl FnOnce(&mut [u8])) -> Vec<u8> {
     let (merged, voxels) = voxelized(&scene(9, 0, 9), &Strategy::paper(3, 9));
-    let covariance = gsvx::CovarianceMode::Lossless { bits: 8 };
+    let covariance = gsvx::CovarianceMode::Lossless { bits };
     let options = EncodeOptions { covariance, ..Default::default() };
     let bytes = encode(&merged, &voxels, &options).unwrap().bytes;
     let container = gsvx::stream::Container::parse(&bytes).unwrap();
@@ -122,12 +122,32 @@ fn a_rotation_without_direction_is_damage() {
         .iter()
         .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
         .collect();
-    let covariance = &mut sections.iter_mut().find(|s| s.0.code() == 4).unwrap().1;
-    // Mode, width, three ranges of log-scales, then the least and greatest w.
-    covariance[2 + 24..2 + 28].copy_from_slice(&1e30f32.to_le_bytes());
-    covariance[2 + 28..2 + 32].copy_from_slice(&2e30f32.to_le_bytes());
-    let broken = gsvx::stream::assemble(&container.header, &sections);
+    edit(&mut sections.iter_mut().find(|s| s.0.code() == 4).unwrap().1);
+    gsvx::stream::assemble(&container.header, &sections)
+}
+
+/// Found by the fuzz target `gsvx`: quaternions too long to have a direction were returned.
+#[test]
+fn a_rotation_without_direction_is_damage() {
+    let broken = with_integers(8, |covariance| {
+        // Mode, width, three ranges of log-scales, then the least and greatest w.
+        covariance[2 + 24..2 + 28].copy_from_slice(&1e30f32.to_le_bytes());
+        covariance[2 + 28..2 + 32].copy_from_slice(&2e30f32.to_le_bytes());
+    });
     assert!(matches!(decode(&broken, &DecodeOptions::default()), Err(Error::Corrupt { .. })));
+}
+
+/// Integers wider than their stated width were taken, up to infinite log-scales.
+#[test]
+fn an_integer_beyond_its_width_is_damage() {
+    let broken = with_integers(16, |covariance| {
+        assert_eq!(covariance[..2], [1, 16], "mode, width");
+        covariance[1] = 8;
+    });
+    assert!(matches!(
+        decode(&broken, &DecodeOptions::default()),
+        Err(Error::Corrupt { what: "covariance integer", .. })
+    ));
 }
 
 /// A cube whose cells lie beyond f32 once decoded to infinite means.

@@ -77,6 +77,11 @@ pub(super) fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Cova
     if channels.len() != CHANNELS {
         return Err(Error::Corrupt { what: "covariance channels", value: channels.len() as u64 });
     }
+    // Beyond its range an integer stands for anything, up to infinite scales.
+    let fits = |&v: &i32| (0..1 << bits).contains(&v);
+    if let Some(&v) = channels.iter().flatten().find(|v| !fits(v)) {
+        return Err(Error::Corrupt { what: "covariance integer", value: i64::from(v) as u64 });
+    }
     let value = |k: usize, i: usize| {
         let [min, max] = ranges[k];
         (min + f64::from(channels[k][i]) * ((max - min) / top)) as f32
