@@ -13,7 +13,7 @@ mod ordered;
 mod outliers;
 mod prepare;
 pub mod rate;
-mod slices;
+pub mod slices;
 pub mod stream;
 
 pub use decode::{DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Part, decode};

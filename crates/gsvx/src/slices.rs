@@ -32,8 +32,9 @@ pub(crate) fn count(leaves: usize, options: &EncodeOptions) -> usize {
     wanted.min((leaves as u64 / LEAST) as usize).max(1)
 }
 
-/// The leaves of slice `slice` of `slices`, all of about the same size.
-pub(crate) fn range(leaves: usize, slices: usize, slice: usize) -> Range<usize> {
+/// The leaves of slice `slice` of `slices`, as an encoder cuts them: all of about the same size.
+#[must_use]
+pub fn range(leaves: usize, slices: usize, slice: usize) -> Range<usize> {
     let at = |i: usize| (leaves as u128 * i as u128 / slices as u128) as usize;
     at(slice)..at(slice + 1)
 }
@@ -61,7 +62,7 @@ pub(crate) fn join(parts: Vec<Vec<u8>>) -> Vec<u8> {
 ///
 /// # Errors
 /// [`Error::Corrupt`] if a slice reaches beyond the payload.
-pub(crate) fn split(payload: &[u8], slices: usize) -> Result<Vec<&[u8]>> {
+pub fn split(payload: &[u8], slices: usize) -> Result<Vec<&[u8]>> {
     let mut r = Reader::new(payload, "slices");
     let mut lengths = Vec::new();
     for _ in 1..slices {

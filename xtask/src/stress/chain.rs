@@ -8,6 +8,7 @@ use gsvx::covariance::log_euclidean;
 use gsvx::stream::{Container, Reader, SectionKind};
 use gsvx::{
     CovarianceMode, DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, importance,
+    slices,
 };
 use serde::{Deserialize, Serialize};
 use voxel::{Strategy, Voxelization};
@@ -289,13 +290,20 @@ const COEFFICIENT: f64 = 1.5;
 impl Bound {
     fn of(bytes: &[u8], voxels: &Voxelization, n: usize) -> Result<Self> {
         let container = Container::parse(bytes)?;
-        let fineness = match container.section(SectionKind::Importance)? {
-            Some(payload) => importance::decode(payload, &voxels.leaves, voxels.j_high)?
-                .iter()
-                .map(|&c| libm::exp2(f64::from(importance::MEAN_CLASS) - f64::from(c)))
-                .collect(),
-            None => vec![1.0; n],
-        };
+        let mut fineness = Vec::with_capacity(n);
+        if let Some(payload) = container.section(SectionKind::Importance)? {
+            let count = container.header.slices as usize;
+            for (i, part) in slices::split(payload, count)?.into_iter().enumerate() {
+                let leaves = &voxels.leaves[slices::range(voxels.leaves.len(), count, i)];
+                let classes = importance::decode(part, leaves, voxels.j_high)?;
+                fineness.extend(
+                    classes
+                        .iter()
+                        .map(|&c| libm::exp2(f64::from(importance::MEAN_CLASS) - f64::from(c))),
+                );
+            }
+        }
+        fineness.resize(n, 1.0);
         let path = (3.0 * f64::from(voxels.j_high) + 1.0).min((n as f64).sqrt());
         // Fixed point of 2^-16.
         Ok(Self { fineness, path, rounding: 4.0 / 65536.0 })
