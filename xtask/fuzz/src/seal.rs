@@ -21,6 +21,8 @@ pub(crate) fn stream(bytes: &mut [u8]) -> Option<()> {
     let end = at.checked_add(body)?;
     bytes.get(end..end.checked_add(4)?)?;
     at += 36;
+    // Gaussians, slices.
+    varint(bytes, &mut at)?;
     varint(bytes, &mut at)?;
     let sections = varint(bytes, &mut at)?.min(64);
     let mut payload = end + 4;
