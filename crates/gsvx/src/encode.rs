@@ -275,7 +275,7 @@ fn attribute_section(
             let mut out = vec![opacity::code(domain)];
             let values: Vec<f64> = scene.opacity_logits.par_iter().map(value).collect();
             let leaf = |i: usize, row: &mut [f64]| row.fill(values[i]);
-            out.extend(transform.encode(&[step], options.entropy, leaf)?.0);
+            out.extend(transform.encode(&[step], options.coding(kind), leaf)?.0);
             Ok((out, false))
         }
         SectionKind::Covariance => {
@@ -300,7 +300,7 @@ fn attribute_section(
                     None => f64::from(if c % 3 == 0 { luma } else { chroma }),
                 })
                 .collect();
-            transform.encode(&steps, options.entropy, |i, row| {
+            transform.encode(&steps, options.coding(kind), |i, row| {
                 for (planes, &rgb) in row.chunks_exact_mut(3).zip(&scene.sh_of(i)[range.clone()]) {
                     planes.copy_from_slice(&colour::forward(rgb));
                 }

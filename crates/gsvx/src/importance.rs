@@ -10,7 +10,7 @@
 //! makes a Gaussian twenty times as large). Classes are coded once, in a section of
 //! their own, and every attribute section depends only on geometry and classes.
 
-use crate::attributes::group::Transform;
+use crate::attributes::group::{Coding, Transform};
 use crate::error::Result;
 use crate::options::Entropy;
 use gpcc_lite::Leaf;
@@ -81,6 +81,7 @@ pub fn log_classes(importance: &[f32]) -> Vec<f64> {
 /// Quantiser step of the classes: coarse, since the exact class matters little, and what is
 /// saved here is saved for every Gaussian.
 const CLASS_STEP: f64 = 1.0;
+const CLASS_LAMBDA: u8 = 18;
 
 /// Codes classes through unweighted RAHT; returns the stream and the classes a decoder will
 /// read from it, which are the ones the attributes must be coded with.
@@ -102,8 +103,9 @@ pub(crate) fn encode_by(
     log_classes: &[f64],
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
+    let coding = Coding { entropy, lambda: CLASS_LAMBDA };
     let (payload, _) =
-        transform.encode(&[CLASS_STEP], entropy, |i, row| row.fill(log_classes[i]))?;
+        transform.encode(&[CLASS_STEP], coding, |i, row| row.fill(log_classes[i]))?;
     let classes = decode_by(transform, &payload)?;
     Ok((payload, classes))
 }

@@ -1,6 +1,8 @@
 //! What an encoder may choose, and the defaults measured best.
 
+use crate::attributes::group::Coding;
 use crate::error::{Error, Result};
+use crate::stream::SectionKind;
 use gs_model::Scene;
 use std::num::NonZeroUsize;
 
@@ -44,9 +46,12 @@ pub enum CovarianceMode {
 /// Entropy coder of transformed attributes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Entropy {
-    /// Context-adaptive range coder: smallest.
+    /// Context-adaptive range coder: smallest. By binary contexts up to 2^17 leaves to a slice, by
+    /// symbols beyond.
     #[default]
     Range,
+    /// The same by symbols, however few leaves: decodes faster.
+    Symbols,
     /// RLGR, and geometry with fewer contexts: fastest.
     Fast,
     /// RLGR and geometry as small as can be: what the paper names.
@@ -120,15 +125,21 @@ impl Default for EncodeOptions {
 /// Quality used when none is asked for: visually lossless on the scenes measured.
 pub const DEFAULT_QUALITY: f32 = 60.0;
 
-/// Step of the DC planes at quality 0, and the number of quality points that halve it: 0.145 at
+/// Step of the DC planes at quality 0, and the number of quality points that halve it: 0.165 at
 /// quality 50, where renders are about 39 dB from those of the input.
-const DC_STEP_AT_ZERO: f32 = 1.46;
+const DC_STEP_AT_ZERO: f32 = 1.66;
 const QUALITY_PER_OCTAVE: f32 = 15.0;
 /// Steps relative to DC that equalise rendered error per bit (coordinate descent on `fox`,
 /// render-to-render error on training views).
 const OPACITY_PER_DC: f32 = 0.95;
-const AC_PER_DC: f32 = 0.7;
-const COVARIANCE_PER_DC: f32 = 1.55;
+const AC_PER_DC: f32 = 0.72;
+const COVARIANCE_PER_DC: f32 = 1.4;
+/// Multipliers of the rate, in 1/256 of `step^2` per bit, that go with them. What rate-distortion
+/// optimisation zeroes is missing from every pixel the Gaussian is in, so they are below those of
+/// least squared error; 10 points of AC are 0.7 % of a stream.
+const LAMBDA: u8 = 18;
+const LAMBDA_AC: u8 = 8;
+const LAMBDA_COVARIANCE: u8 = 24;
 
 impl EncodeOptions {
     /// Options for a quality from 0 (smallest) to 100 (best).
@@ -165,6 +176,16 @@ impl EncodeOptions {
             outliers: None,
             slices: None,
         }
+    }
+
+    /// How a section's group is coded.
+    pub(crate) fn coding(&self, kind: SectionKind) -> Coding {
+        let lambda = match kind {
+            SectionKind::Sh1 | SectionKind::Sh2 | SectionKind::Sh3 => LAMBDA_AC,
+            SectionKind::Covariance => LAMBDA_COVARIANCE,
+            _ => LAMBDA,
+        };
+        Coding { entropy: self.entropy, lambda }
     }
 
     /// The paper's coding choices: unweighted RAHT, RLGR, one QP each for AC, DC and opacity

@@ -30,7 +30,7 @@ fn sections(bytes: &[u8]) -> Vec<(SectionKind, Vec<u8>)> {
 #[test]
 fn slices_hold_what_one_does() {
     let (merged, voxels) = model();
-    for entropy in [Entropy::Range, Entropy::Fast, Entropy::Rlgr] {
+    for entropy in [Entropy::Range, Entropy::Symbols, Entropy::Fast, Entropy::Rlgr] {
         let one = encode(&merged, &voxels, &options(1, entropy)).unwrap().bytes;
         let whole = decode(&one, &DecodeOptions::default()).unwrap();
         for (wanted, slices) in [(2, 2), (3, 3), (100, merged.len() as u64 / 4096)] {

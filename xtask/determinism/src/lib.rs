@@ -50,6 +50,7 @@ fn streams(room: &Scene) -> Vec<(String, Vec<u8>)> {
     let qp = PaperQp { ac: 28, dc: 16, opacity: 16 };
     let modes = [
         ("default", None, base.clone()),
+        ("symbols", None, EncodeOptions { entropy: Entropy::Symbols, ..base.clone() }),
         ("fast", None, EncodeOptions { entropy: Entropy::Fast, ..base.clone() }),
         ("vq", None, EncodeOptions { covariance: CovarianceMode::Vq { bits: 8 }, ..base.clone() }),
         ("uniform", Some(Strategy::Uniform { depth: 11 }), base),

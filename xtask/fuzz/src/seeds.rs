@@ -168,6 +168,7 @@ fn streams() -> Vec<Vec<u8>> {
         (1, 1, base.clone()),
         (6, 0, base.clone()),
         (3, 3, base.clone()),
+        (6, 0, EncodeOptions { entropy: Entropy::Symbols, ..base.clone() }),
         (6, 0, EncodeOptions { entropy: Entropy::Fast, ..base.clone() }),
         (5, 0, EncodeOptions { entropy: Entropy::Rlgr, ..base.clone() }),
         (4, 0, EncodeOptions { covariance: CovarianceMode::Vq { bits: 8 }, ..base }),

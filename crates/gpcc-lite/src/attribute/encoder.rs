@@ -43,8 +43,13 @@ pub(super) fn encode_rows(
         .zip(steps)
         .map(|((chunk, i), &step)| {
             let strength = strength_of(plan, &gains, chunk, i);
-            let zeros = zeros_of(plan, step, |k| rows[plan.split_leaf(k) * width + chunk][i]);
-            Head { step, centroids: Centroids::typical(zeros), strength }
+            let centroids = if o.centres {
+                Centroids::default()
+            } else {
+                let value = |k| rows[plan.split_leaf(k) * width + chunk][i];
+                Centroids::typical(zeros_of(plan, step, value))
+            };
+            Head { step, centroids, strength }
         })
         .collect();
     let mut closed = heads.iter().any(|h| !h.strength.is_empty());
@@ -68,12 +73,13 @@ pub(super) fn encode_rows(
         let lambda = f64::from(if o.lambda == 0 { LAMBDA } else { o.lambda }) / 256.0;
         // Shifts that fit save error in both; without prediction they cost nothing.
         let cost = |run: &Run| {
-            let save: f64 = run.sums.iter().map(CentroidSums::saved).sum();
-            run.error - save + lambda * 8.0 * run.coefficients.len() as f64
+            let saved = run.sums.iter().map(CentroidSums::saved);
+            run.error - if o.centres { 0.0 } else { saved.sum() }
+                + lambda * 8.0 * run.coefficients.len() as f64
         };
         if cost(&other) < cost(&run) {
             (run, heads, closed) = (other, open, false);
-        } else {
+        } else if !o.centres {
             for (head, sums) in heads.iter_mut().zip(&run.sums) {
                 head.centroids = sums.centroids();
             }
@@ -87,7 +93,7 @@ pub(super) fn encode_rows(
         run = self::run(plan, &heads, o, levels, exact, false)?;
     }
     let Run { coefficients, rows, sums, all_zero, .. } = run;
-    if !closed {
+    if !closed && !o.centres {
         // Nothing was predicted from reconstructed values, so the shifts can still be chosen.
         for (head, sums) in heads.iter_mut().zip(&sums) {
             head.centroids = sums.centroids();

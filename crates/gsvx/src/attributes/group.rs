@@ -61,10 +61,10 @@ impl Transform {
     pub fn encode(
         &self,
         steps: &[f64],
-        entropy: Entropy,
+        how: Coding,
         mut leaf: impl FnMut(usize, &mut [f64]),
     ) -> Result<(Vec<u8>, bool)> {
-        let o = options(entropy);
+        let o = how.options(self.len());
         let mut values = vec![0.0; steps.len()];
         let scaled = |i: usize, row: &mut [f32]| {
             leaf(i, &mut values);
@@ -106,15 +106,41 @@ impl Transform {
     }
 }
 
-fn options(entropy: Entropy) -> attribute::Options {
-    let mode = match entropy {
-        Entropy::Range => Mode::Symbols,
-        Entropy::Fast | Entropy::Rlgr => Mode::Rlgr,
-    };
-    // Prediction from the level above takes a sixth of a decoder's time.
-    let prediction = entropy == Entropy::Range;
-    // Leaves are as deep as it takes to tell Gaussians apart, which then have little in common.
-    attribute::Options { mode, prediction, fine_prediction: false, ..Default::default() }
+/// How the encoder quantises and codes a group.
+#[derive(Clone, Copy, Debug)]
+pub struct Coding {
+    /// Entropy coder.
+    pub entropy: Entropy,
+    /// See [`attribute::Options::lambda`]; the paper's profile has the coder's default.
+    pub lambda: u8,
+}
+
+/// Up to so many leaves are coded by binary contexts, which learn faster than symbols: 3 % fewer
+/// bytes of 8 thousand leaves, 0.8 % of 80 thousand, for a quarter more of a time that is short.
+const BINARY: usize = 1 << 17;
+
+impl Coding {
+    fn options(self, leaves: usize) -> attribute::Options {
+        let mode = match self.entropy {
+            Entropy::Range if leaves <= BINARY => Mode::Range,
+            Entropy::Range | Entropy::Symbols => Mode::Symbols,
+            Entropy::Fast | Entropy::Rlgr => Mode::Rlgr,
+        };
+        let o = attribute::Options {
+            mode,
+            // Prediction from the level above takes a sixth of a decoder's time.
+            prediction: matches!(self.entropy, Entropy::Range | Entropy::Symbols),
+            // Leaves are as deep as it takes to tell Gaussians apart, which then have little in
+            // common.
+            fine_prediction: false,
+            ..Default::default()
+        };
+        match self.entropy {
+            Entropy::Rlgr => o,
+            // A pixel is a sum of Gaussians: 0.9 % fewer bytes at equal rendered error.
+            _ => attribute::Options { lambda: self.lambda, centres: true, ..o },
+        }
+    }
 }
 
 /// Wraps an error of the coder with the part it happened in.

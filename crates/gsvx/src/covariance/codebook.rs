@@ -12,7 +12,7 @@ use super::Covariances;
 use crate::attributes::group::Transform;
 use crate::error::{Error, Result};
 use crate::options::EncodeOptions;
-use crate::stream::{Reader, Writer};
+use crate::stream::{Reader, SectionKind, Writer};
 use gs_model::Scene;
 use rayon::prelude::*;
 use vq::{Codebook, Covariance};
@@ -63,7 +63,8 @@ pub(super) fn encode(
     out.block(&vq::index::encode(&indices, book.len())?);
     let step = f64::from(options.steps.covariance);
     let log_gamma = |i: usize, row: &mut [f64]| row.fill(f64::from(parts[i].1));
-    out.bytes.extend(transform.encode(&[step], options.entropy, log_gamma)?.0);
+    out.bytes
+        .extend(transform.encode(&[step], options.coding(SectionKind::Covariance), log_gamma)?.0);
     Ok(out.bytes)
 }
 

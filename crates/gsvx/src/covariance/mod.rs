@@ -10,6 +10,7 @@ use crate::attributes::group::Transform;
 use crate::encode::Leaves;
 use crate::error::{Error, Result};
 use crate::options::{CovarianceMode, EncodeOptions};
+use crate::stream::SectionKind;
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 
@@ -34,7 +35,9 @@ pub(crate) fn encode(
                 let (q, l) = (scene.rotations[i], scene.log_scales[i]);
                 row.copy_from_slice(&log_euclidean::coordinates(q, l));
             };
-            out.extend(transform.encode(&[step; 6], options.entropy, leaf)?.0);
+            out.extend(
+                transform.encode(&[step; 6], options.coding(SectionKind::Covariance), leaf)?.0,
+            );
             Ok(out)
         }
         CovarianceMode::Lossless { bits } => {

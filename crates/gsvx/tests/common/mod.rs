@@ -59,8 +59,9 @@ pub(crate) fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelizat
 pub(crate) mod golden {
     use super::{scene, voxelized};
     use gs_model::Scene;
-    use gsvx::{CovarianceMode, EncodeOptions, PaperQp};
+    use gsvx::{CovarianceMode, EncodeOptions, Entropy, PaperQp};
     use sha2::{Digest, Sha256};
+    use std::num::NonZeroUsize;
     use voxel::Strategy;
 
     /// SHA-256 of all floats, little-endian: means, rotations, log-scales, opacity logits, SH.
@@ -100,6 +101,11 @@ pub(crate) mod golden {
         add("default", 600, 3, adaptive.clone(), &base);
         add("codebook", 500, 1, uniform.clone(), &vq);
         add("paper", 400, 3, uniform, &paper);
+        let symbols = EncodeOptions { entropy: Entropy::Symbols, ..base.clone() };
+        add("symbols", 600, 3, adaptive.clone(), &symbols);
+        let steps = EncodeOptions::from_quality(10.0).expect("a quality").steps;
+        let slices = EncodeOptions { slices: NonZeroUsize::new(2), steps, ..symbols };
+        add("slices", 9000, 0, Strategy::Uniform { depth: 10 }, &slices);
         add("degree-0", 600, 0, adaptive, &base);
         let (floaters, _) = super::with_floaters(scene(400, 1, 42));
         let split = gsvx::split_outliers(&floaters).expect("finite").expect("floaters");
