@@ -5,6 +5,7 @@
 //! coefficient by coefficient, coarse to fine, so that the magnitude of a coefficient is
 //! predicted from its ancestors, from the two before it and from the channels already coded.
 
+pub(crate) mod lone;
 mod models;
 
 use crate::bytes::{Reader, put_varint};
@@ -40,6 +41,8 @@ const RLGR_RFX: u8 = 2;
 const RLGR_MALVAR: u8 = 3;
 pub(crate) const SYMBOLS: u8 = 4;
 const RLGR_STEADY: u8 = 5;
+/// One channel, coded while its means are rebuilt: only [`crate::attribute`] has them.
+pub(crate) const LONE: u8 = 6;
 /// Coefficients of a channel on which parameters of RLGR are tried.
 const TRIED: usize = 1 << 14;
 

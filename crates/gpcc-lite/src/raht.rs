@@ -261,6 +261,12 @@ impl Plan {
         self.scale[k - 1]
     }
 
+    /// Of coefficient `k >= 1`: the share of the right child in the mean.
+    #[inline]
+    pub(crate) fn share_of(&self, k: usize) -> f32 {
+        self.share[k - 1]
+    }
+
     /// The root of the sum of all weights: what takes the mean of all leaves to coefficient 0.
     pub(crate) fn root_of_weight(&self) -> f64 {
         (self.weight_of(0, self.points as u32).max(1) as f64).sqrt()

@@ -12,6 +12,38 @@ const BITS: [i32; 48] = [
     0, 0, 0, 0,
 ];
 
+/// `-256 log2` of probabilities by their top 12 bits, from squarings.
+const COST: [u16; 4096] = {
+    let mut t = [0u16; 4096];
+    let mut i = 0;
+    while i < 4096 {
+        // In the middle of the class; 13 bits.
+        let v = 2 * i as u64 + 1;
+        let whole = v.ilog2();
+        let mut x = (v << 32) >> whole;
+        let mut log = whole;
+        let mut bit = 0;
+        while bit < 8 {
+            x = ((x as u128 * x as u128) >> 32) as u64;
+            log *= 2;
+            if x >= 2 << 32 {
+                log += 1;
+                x >>= 1;
+            }
+            bit += 1;
+        }
+        t[i] = (13 * 256 - log) as u16;
+        i += 1;
+    }
+    t
+};
+
+/// What a decision of 16-bit probability `p` takes, in 1/256 bit.
+#[inline]
+pub(crate) fn bits(p: u32) -> u32 {
+    u32::from(COST[(p >> 4) as usize & 4095])
+}
+
 /// Number of half-octave buckets.
 pub(crate) const BUCKETS: usize = BITS.len();
 

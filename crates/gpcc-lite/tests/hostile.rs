@@ -95,11 +95,15 @@ fn attributes() {
         for prediction in [true, false] {
             let o = Options { mode, prediction, ..Options::default() };
             let coded = attribute::encode(&plan, &[&c, &c], &[Step::from_qp(10); 2], &o).unwrap();
-            torment(&coded.bytes, |b| {
-                if let Ok(v) = attribute::decode(&plan, b, 2) {
-                    assert!(v.len() <= 2 && v.iter().all(|v| v.len() == plan.len()));
-                }
-            });
+            let o = Options { by_means: true, ..o };
+            let alone = attribute::encode(&plan, &[&c], &[Step::from_qp(10)], &o).unwrap();
+            for bytes in [coded.bytes, alone.bytes] {
+                torment(&bytes, |b| {
+                    if let Ok(v) = attribute::decode(&plan, b, 2) {
+                        assert!(v.len() <= 2 && v.iter().all(|v| v.len() == plan.len()));
+                    }
+                });
+            }
         }
     }
 }

@@ -198,10 +198,38 @@ fn shapes_survive_every_coder() {
                     let coded = attribute::encode(&plan, &[&c, &d, &c, &d], &steps, &o).unwrap();
                     let back = attribute::decode(&plan, &coded.bytes, 4).unwrap();
                     assert_eq!(back, coded.reconstruction, "{name} {kind} {mode:?}");
+                    let o = Options { by_means: true, ..o };
+                    let coded = attribute::encode(&plan, &[&c], &steps[..1], &o).unwrap();
+                    let back = attribute::decode(&plan, &coded.bytes, 1).unwrap();
+                    assert_eq!(back, coded.reconstruction, "{name} {kind} {mode:?} alone");
                 }
             }
         }
     }
+}
+
+/// Where nodes have the mean that a quarter of all values have, their children have it too: a
+/// channel coded by means takes fewer bytes.
+#[test]
+fn values_at_a_bound_are_cheap() {
+    let leaves: Vec<Leaf> = (0..8000u64).map(|i| Leaf { morton: i * 9, depth: 8 }).collect();
+    let plan = Plan::new(&leaves, 8).unwrap();
+    let noise = channel(leaves.len(), 3, 1);
+    let c: Vec<i32> = (0..leaves.len())
+        .map(|i| if i / 64 % 4 == 0 { 20 } else { 20 + noise[i].rem_euclid(200) })
+        .collect();
+    let o = Options { prediction: false, by_means: true, ..Options::default() };
+    let steps = [Step::from_qp(28); 2];
+    let alone = attribute::encode(&plan, &[&c], &steps[..1], &o).unwrap();
+    let o = Options { by_means: false, ..o };
+    let without = attribute::encode(&plan, &[&c], &steps[..1], &o).unwrap();
+    let squares = |v: &[i32]| -> i64 {
+        v.iter().zip(&c).map(|(a, b)| i64::from(a - b) * i64::from(a - b)).sum()
+    };
+    let (a, b) = (squares(&alone.reconstruction[0]), squares(&without.reconstruction[0]));
+    let (bytes, more) = (alone.bytes.len(), without.bytes.len());
+    assert!(a * 100 < b * 103 && bytes * 100 < more * 97, "{bytes} {more}, {a} {b}");
+    assert_eq!(attribute::decode(&plan, &alone.bytes, 1).unwrap(), alone.reconstruction);
 }
 
 /// A constant costs next to nothing and comes back exactly.

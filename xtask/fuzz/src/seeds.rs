@@ -221,6 +221,9 @@ fn attributes() -> Vec<Vec<u8>> {
             let o = attribute::Options { mode, prediction, ..Default::default() };
             let coded = attribute::encode(plan, &[&v, &v, &v], &[Step::from_qp(28); 3], &o);
             out.push(with(at as u8 + 16, &coded.expect("encoded").bytes));
+            let o = attribute::Options { by_means: true, ..o };
+            let alone = attribute::encode(plan, &[&v], &[Step::from_qp(28)], &o);
+            out.push(with(at as u8 + 16, &alone.expect("encoded").bytes));
         }
     }
     out

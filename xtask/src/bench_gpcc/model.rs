@@ -45,7 +45,8 @@ fn encode(
     if prediction {
         plan.prepare_prediction();
     }
-    let o = Options { mode, prediction, reconstruction: false, ..Options::default() };
+    let o =
+        Options { mode, prediction, by_means: true, reconstruction: false, ..Options::default() };
     let one = |group: &Vec<Vec<i32>>| -> Result<Vec<u8>> {
         let refs: Vec<&[i32]> = group.iter().map(Vec::as_slice).collect();
         let steps = vec![Step::from_qp(28); refs.len()];

@@ -140,7 +140,7 @@ pub(super) fn raht_table(
                     })
                 };
                 let Some(auth) = find("r_auth") else { continue };
-                let o = Options::default();
+                let o = Options { by_means: true, ..Options::default() };
                 let (rate, _) = rate_at(&plan, &cloud, auth.mse, &o)?;
                 let rlgr = Options { mode: Mode::Rlgr, ..o };
                 let (fast, _) = rate_at(&plan, &cloud, auth.mse, &rlgr)?;

@@ -8,11 +8,14 @@ use crate::range::{BinaryCoder, RangeDecoder};
 
 /// Where levels come from.
 pub(super) trait Source {
+    /// Whether means are wanted, as in [`Residual`].
+    const MEANS: bool = false;
+
     fn start_level(&mut self, depth: usize);
 
     /// Fills in the levels of coefficient `k`; false if all are zero, and then `levels` may be
     /// anything.
-    fn levels(&mut self, plan: &Plan, k: usize, levels: &mut [Levels]) -> bool;
+    fn levels(&mut self, plan: &Plan, k: usize, mean: f32, levels: &mut [Levels]) -> bool;
 }
 
 /// Levels out of a range-coded stream, as they are needed.
@@ -47,7 +50,7 @@ impl<const BY_SYMBOLS: bool> Source for Ranged<'_, BY_SYMBOLS> {
     }
 
     #[inline]
-    fn levels(&mut self, plan: &Plan, k: usize, levels: &mut [Levels]) -> bool {
+    fn levels(&mut self, plan: &Plan, k: usize, _: f32, levels: &mut [Levels]) -> bool {
         let at = (plan.parents()[k - 1], plan.axes()[k - 1]);
         !self.coder.exhausted() && self.rows.code(&mut self.coder, k, at, levels)
     }
@@ -79,7 +82,7 @@ impl Source for Planar {
     fn start_level(&mut self, _: usize) {}
 
     #[inline]
-    fn levels(&mut self, _: &Plan, k: usize, levels: &mut [Levels]) -> bool {
+    fn levels(&mut self, _: &Plan, k: usize, _: f32, levels: &mut [Levels]) -> bool {
         let mut any = 0;
         for (c, &(chunk, i)) in self.channels.iter().zip(&self.places) {
             levels[chunk][i] = c[k];
@@ -179,6 +182,7 @@ impl<'a, S: Source> Dequantiser<'a, S> {
 
 impl<S: Source> Residual for Dequantiser<'_, S> {
     const STORED: bool = false;
+    const MEANS: bool = S::MEANS;
 
     fn start_level(&mut self, depth: usize) -> Option<&[Lanes]> {
         self.inner.start_level(depth);
@@ -186,8 +190,8 @@ impl<S: Source> Residual for Dequantiser<'_, S> {
     }
 
     #[inline]
-    fn differences(&mut self, k: usize, predicted: &[Lanes], row: &mut [Lanes]) -> bool {
-        let some = self.inner.levels(self.plan, k, &mut self.levels);
+    fn differences(&mut self, k: usize, mean: f32, predicted: &[Lanes], row: &mut [Lanes]) -> bool {
+        let some = self.inner.levels(self.plan, k, mean, &mut self.levels);
         self.units.differences(some, &self.levels, self.plan.scale_of(k), predicted, row)
     }
 }

@@ -1,7 +1,8 @@
 //! From differences of means to levels, and to a stream.
 
 use super::decoder::Units;
-use super::{Head, Options, put_varint, strengths, to_values};
+use super::{Head, Options, lone, put_varint, strengths, to_values};
+use crate::coeffs::lone::Bounds;
 use crate::coeffs::{self, Levels, Mode, RowCoder, code_dc, places};
 use crate::context::{CHUNK, chunk_sizes};
 use crate::error::Result;
@@ -38,6 +39,12 @@ pub(super) fn encode_rows(
 ) -> Result<Coded> {
     let measured = if o.prediction { plan.predicted_levels(o.fine_prediction) } else { 0 };
     let width = chunk_sizes(steps.len()).len();
+    let bounds = match (o.mode, steps) {
+        (Mode::Range, [step]) if o.by_means && !plan.is_empty() => {
+            Some(Bounds::of(rows.len(), |i| rows[i][0], *step))
+        }
+        _ => None,
+    };
     let gains = raht::forward(plan, width, &mut rows, measured);
     let mut heads: Vec<Head> = places(steps.len())
         .zip(steps)
@@ -52,45 +59,56 @@ pub(super) fn encode_rows(
             Head { step, centroids, strength }
         })
         .collect();
-    let mut closed = heads.iter().any(|h| !h.strength.is_empty());
-    // Means are needed as long as something is predicted from them, or if they are wanted.
-    let levels = if !closed {
+    let mut predicted = heads.iter().any(|h| !h.strength.is_empty());
+    let lone = bounds.is_some();
+    // Means are needed as long as something is predicted from them or coded by them, or if they
+    // are wanted.
+    let levels = if !predicted && !lone {
         0
-    } else if o.reconstruction {
+    } else if o.reconstruction || lone {
         usize::MAX
     } else {
         measured
     };
     let ranged = matches!(o.mode, Mode::Range | Mode::Symbols);
-    let tried = closed && o.mode != Mode::Symbols && plan.len() * steps.len() <= TRIED;
+    let tried = (predicted || lone) && o.mode != Mode::Symbols && plan.len() * steps.len() <= TRIED;
     // Only what is so small can come out larger than raw values.
     let exact = (tried || rows.len() < SMALL).then(|| rows.clone());
-    let mut run = run(plan, &heads, o, levels, rows, ranged)?;
+    let pass = |heads: &[Head], levels: usize, rows: Vec<Lanes>| match bounds {
+        Some(bounds) => Ok(lone::run(plan, &heads[0], o, bounds, rows)),
+        None => run(plan, heads, o, levels, rows, ranged),
+    };
+    let mut run = pass(&heads, levels, rows)?;
     if let (true, Some(exact)) = (tried, &exact) {
-        let mut open = heads.clone();
-        open.iter_mut().for_each(|h| h.strength.clear());
-        let other = self::run(plan, &open, o, 0, exact.clone(), ranged)?;
-        let lambda = f64::from(if o.lambda == 0 { LAMBDA } else { o.lambda }) / 256.0;
-        // Shifts that fit save error in both; without prediction they cost nothing.
-        let cost = |run: &Run| {
-            let saved = run.sums.iter().map(CentroidSums::saved);
-            run.error - if o.centres { 0.0 } else { saved.sum() }
-                + lambda * 8.0 * run.coefficients.len() as f64
-        };
-        if cost(&other) < cost(&run) {
-            (run, heads, closed) = (other, open, false);
-        } else if !o.centres {
+        if predicted {
+            let mut open = heads.clone();
+            open.iter_mut().for_each(|h| h.strength.clear());
+            let other = pass(&open, 0, exact.clone())?;
+            let lambda = f64::from(if o.lambda == 0 { LAMBDA } else { o.lambda }) / 256.0;
+            // Shifts that fit save error in both; without prediction they cost nothing.
+            let cost = |run: &Run| {
+                let saved = run.sums.iter().map(CentroidSums::saved);
+                run.error - if o.centres { 0.0 } else { saved.sum() }
+                    + lambda * 8.0 * run.coefficients.len() as f64
+            };
+            if cost(&other) < cost(&run) {
+                (run, heads, predicted) = (other, open, false);
+            }
+        }
+        if (predicted || lone) && !o.centres {
             for (head, sums) in heads.iter_mut().zip(&run.sums) {
                 head.centroids = sums.centroids();
             }
-            run = self::run(plan, &heads, o, levels, exact.clone(), ranged)?;
+            run = pass(&heads, levels, exact.clone())?;
         }
     }
+    let mut closed = predicted || lone;
     if let Some(exact) = exact
         && run.coefficients.len() > 1 + 4 * plan.len() * steps.len()
     {
         // Rare and small: the levels were not kept.
         run = self::run(plan, &heads, o, levels, exact, false)?;
+        closed = predicted;
     }
     let Run { coefficients, rows, sums, all_zero, .. } = run;
     if !closed && !o.centres {
@@ -132,14 +150,14 @@ fn strength_of(plan: &Plan, gains: &[Gains], chunk: usize, i: usize) -> Vec<u8> 
 }
 
 /// What one pass over the coefficients gives.
-struct Run {
-    coefficients: Vec<u8>,
+pub(super) struct Run {
+    pub(super) coefficients: Vec<u8>,
     /// Means, as far as they were reconstructed.
-    rows: Vec<Lanes>,
-    sums: Vec<CentroidSums>,
+    pub(super) rows: Vec<Lanes>,
+    pub(super) sums: Vec<CentroidSums>,
     /// Sum of squared errors of the coefficients, in squares of their steps.
-    error: f64,
-    all_zero: bool,
+    pub(super) error: f64,
+    pub(super) all_zero: bool,
 }
 
 /// Quantises and codes all coefficients.
@@ -176,10 +194,7 @@ fn quantise<const BY_SYMBOLS: bool>(
     }
     let width = q.levels.len();
     for (head, (chunk, i)) in heads.iter().zip(places(heads.len())) {
-        let exact =
-            f64::from(rows[chunk][i]) * plan.root_of_weight() / Step(head.step.0.max(1)).value();
-        // Saturates: a level is an i32.
-        let level = (exact + if exact < 0.0 { -0.5 } else { 0.5 }) as i32;
+        let level = head.level(plan, rows[chunk][i]);
         q.levels[chunk][i] = level;
         rows[chunk][i] = head.mean(plan, level);
     }
@@ -291,6 +306,7 @@ impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
 
 impl<const BY_SYMBOLS: bool> Residual for Quantiser<'_, BY_SYMBOLS> {
     const STORED: bool = true;
+    const MEANS: bool = false;
 
     fn start_level(&mut self, depth: usize) -> Option<&[Lanes]> {
         self.rows.start_level(depth);
@@ -298,7 +314,7 @@ impl<const BY_SYMBOLS: bool> Residual for Quantiser<'_, BY_SYMBOLS> {
     }
 
     #[inline]
-    fn differences(&mut self, k: usize, predicted: &[Lanes], row: &mut [Lanes]) -> bool {
+    fn differences(&mut self, k: usize, _: f32, predicted: &[Lanes], row: &mut [Lanes]) -> bool {
         let at = (self.plan.parents()[k - 1], self.plan.axes()[k - 1]);
         let scale = self.plan.scale_of(k);
         let per_scale = 1.0 / scale;

@@ -4,21 +4,22 @@ use crate::context::{Here, Row, mean_of};
 use crate::mix::{Mixer, code_mixed};
 use crate::model::Bit;
 use crate::range::{BinaryCoder, SymbolCoder};
-use crate::rdoq::{BUCKETS, bucket};
+pub(super) use crate::rdoq::BUCKETS;
+use crate::rdoq::bucket;
 use crate::symbols::{self, Symbols};
 
 /// Unary decisions before the exponential-Golomb escape.
-const UNARY: usize = 14;
+pub(super) const UNARY: usize = 14;
 /// Slots up to this one are mixed; what mixing the others saves is less than 0.1 %.
 const MIXED: usize = 2;
 /// Memory of the counters.
-const LIMIT: u32 = 250;
+pub(super) const LIMIT: u32 = 250;
 /// Rate of the mixers: 2 costs small clouds up to 0.3 %, more than 8 gains nothing.
-const RATE: i32 = 8;
+pub(super) const RATE: i32 = 8;
 /// Counters that are mixed for each decision.
 const INPUTS: usize = 3;
 /// Logarithmic classes of a magnitude in the finer contexts.
-const CLASSES: usize = 6;
+pub(super) const CLASSES: usize = 6;
 /// Expected magnitudes from here on (8 fraction bits) are coded without their low bits.
 const COARSE: u32 = 768;
 /// Expected sums of a chunk from here on have no flag that says all are zero.
@@ -98,24 +99,33 @@ fn quarter(m: u32) -> usize {
 
 /// Index into `parts`.
 #[inline]
-fn parts(above: u32, previous: u32, coded: u32, who: usize) -> usize {
+pub(super) fn parts(above: u32, previous: u32, coded: u32, who: usize) -> usize {
     let parts = (bucket(above) / 2).min(15) * CLASSES + class(previous);
     (parts * CLASSES + class(coded)) * 4 + who.min(3)
 }
 
 /// Low bits of a magnitude with this expectation.
 #[inline]
-fn low_bits(expected: u32) -> u32 {
+pub(super) fn low_bits(expected: u32) -> u32 {
     if expected < COARSE { 0 } else { (expected / (COARSE / 2)).ilog2() }
 }
 
-/// A counter that starts where magnitudes are geometric with the mean of `bucket`.
-fn prior(bucket: usize) -> Unary {
+/// The magnitude, 16 fraction bits, that a bucket stands for.
+pub(super) fn mean_of_bucket(bucket: usize) -> u64 {
     let m = 1u64 << (bucket.min(40) / 2 + 8);
-    let mean = if bucket % 2 == 1 { m } else { m + m / 2 };
+    if bucket % 2 == 1 { m } else { m + m / 2 }
+}
+
+/// A counter that starts where magnitudes are geometric with this mean, 16 fraction bits.
+pub(super) fn geometric(mean: u64) -> Bit {
     let mean = mean >> low_bits((mean >> 8) as u32);
     let p1 = (mean * 65536 / (mean + (1 << 16))).clamp(300, 65000);
-    let mut unary = [Bit::with_prior(p1 as u32, 3); UNARY + 1];
+    Bit::with_prior(p1 as u32, 3)
+}
+
+/// Counters that start where magnitudes are geometric with the mean of `bucket`.
+fn prior(bucket: usize) -> Unary {
+    let mut unary = [geometric(mean_of_bucket(bucket)); UNARY + 1];
     unary[0] = Bit::default();
     unary
 }
@@ -329,7 +339,7 @@ impl Models {
 }
 
 /// Exponential Golomb with modelled prefix.
-fn code_exp_golomb<C: BinaryCoder>(coder: &mut C, model: &mut [Bit; 32], v: u32) -> u32 {
+pub(super) fn code_exp_golomb<C: BinaryCoder>(coder: &mut C, model: &mut [Bit; 32], v: u32) -> u32 {
     let v1 = u64::from(v) + 1;
     let bits = v1.ilog2();
     let mut k = 0;

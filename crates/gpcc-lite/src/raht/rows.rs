@@ -21,14 +21,17 @@ pub(crate) type Lanes = [f32; CHUNK];
 pub(crate) trait Residual {
     /// Whether `row` of [`Residual::differences`] is to hold what was stored before.
     const STORED: bool;
+    /// Whether the mean of the node that a coefficient splits is wanted, as far as it is rebuilt.
+    const MEANS: bool;
 
     /// Called before each octree level; the strength of the prediction there, one per channel, or
     /// nothing if none is predicted.
     fn start_level(&mut self, depth: usize) -> Option<&[Lanes]>;
 
     /// Turns `row` into the differences of coefficient `k`; false if all of them are zero. Called
-    /// for `1..plan.len()` in order. `predicted` is empty or has one entry per chunk.
-    fn differences(&mut self, k: usize, predicted: &[Lanes], row: &mut [Lanes]) -> bool;
+    /// for `1..plan.len()` in order. `mean` is that of the first channel, or 0 if not wanted;
+    /// `predicted` is empty or has one entry per chunk.
+    fn differences(&mut self, k: usize, mean: f32, predicted: &[Lanes], row: &mut [Lanes]) -> bool;
 }
 
 /// Puts the differences of coefficient `k` into the mean at its left child.
@@ -72,7 +75,7 @@ pub(crate) fn reconstruct<R: Residual>(
         if depth >= levels {
             for k in range {
                 let at = plan.right[k - 1] as usize * width;
-                source.differences(k, &[], &mut rows[at..at + width]);
+                source.differences(k, 0.0, &[], &mut rows[at..at + width]);
             }
             continue;
         }
@@ -81,7 +84,8 @@ pub(crate) fn reconstruct<R: Residual>(
                 let at = plan.right[k - 1] as usize * width;
                 row.copy_from_slice(&rows[at..at + width]);
             }
-            if source.differences(k, predicted, &mut row) {
+            let mean = if R::MEANS { rows[plan.left[k - 1] as usize * width][0] } else { 0.0 };
+            if source.differences(k, mean, predicted, &mut row) {
                 split(plan, k, rows, &row);
             } else {
                 split_equal(plan, k, rows, width);
