@@ -6,6 +6,7 @@
 mod decoder;
 mod encoder;
 mod lone;
+mod rows;
 
 use crate::bytes::{Reader, put_varint};
 use crate::coeffs::{self, Levels, Mode, places};
@@ -16,6 +17,7 @@ use crate::raht::{self, Lanes, Plan};
 use crate::range::RangeDecoder;
 use decoder::{Dequantiser, Planar, Ranged};
 use encoder::encode_rows;
+pub use rows::Rows;
 
 /// What the encoder may choose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,8 +136,9 @@ pub fn encode_with(
 /// # Errors
 /// If the stream is truncated, corrupt or has more channels than allowed.
 pub fn decode(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<Vec<Vec<i32>>> {
-    let (rows, channels) = decode_rows(plan, bytes, max_channels)?;
-    Ok(to_values(&rows, channels))
+    let mut rows = Rows::default();
+    decode_rows(plan, bytes, max_channels, &mut rows)?;
+    Ok(to_values(&rows.lanes, rows.channels()))
 }
 
 /// As [`decode`], of what [`encode_with`] wrote: `leaf(i, row)` is called for all leaves in order,
@@ -149,21 +152,21 @@ pub fn decode_with(
     max_channels: usize,
     mut leaf: impl FnMut(usize, &[f32]),
 ) -> Result<usize> {
-    let (rows, channels) = decode_rows(plan, bytes, max_channels)?;
-    let places: Vec<(usize, usize)> = places(channels).collect();
-    let width = chunk_sizes(channels).len();
-    let mut values = vec![0.0; channels];
-    for (at, row) in rows.chunks_exact(width.max(1)).enumerate() {
-        for (v, &(chunk, i)) in values.iter_mut().zip(&places) {
-            *v = row[chunk][i];
-        }
+    let mut rows = Rows::default();
+    decode_rows(plan, bytes, max_channels, &mut rows)?;
+    let mut values = vec![0.0; rows.channels()];
+    for at in 0..rows.leaves() {
+        rows.copy(at, &mut values);
         leaf(at, &values);
     }
-    Ok(channels)
+    Ok(rows.channels())
 }
 
-/// Values of all leaves, chunk by chunk, and the number of channels.
-fn decode_rows(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<(Vec<Lanes>, usize)> {
+/// As [`decode`], of what [`encode_with`] wrote, into `rows`, whose memory is used again.
+///
+/// # Errors
+/// As [`decode`]; `rows` then hold anything.
+pub fn decode_rows(plan: &Plan, bytes: &[u8], max_channels: usize, rows: &mut Rows) -> Result<()> {
     let mut r = Reader::new(bytes);
     let channels = r.varint("channel count")?;
     if channels > max_channels as u64 {
@@ -173,23 +176,23 @@ fn decode_rows(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<(Vec<La
         (0..channels).map(|_| Head::read(&mut r, plan)).collect::<Result<_>>()?;
     let bytes = &bytes[r.pos()..];
     let channels = heads.len();
-    let rows = match bytes.first() {
-        Some(&coeffs::RANGE) => decode_ranged::<false>(plan, &heads, &bytes[1..])?,
+    rows.resize(plan.len(), channels);
+    match bytes.first() {
+        Some(&coeffs::RANGE) => decode_ranged::<false>(plan, &heads, &bytes[1..], rows),
         Some(&coeffs::LONE) if !plan.is_empty() => {
             let (source, level) = lone::Ranged::new(plan, &heads, &bytes[1..])?;
             let mut source = Dequantiser::new(plan, &heads, source);
-            let rows = reconstruct(plan, &heads, &[[level, 0, 0, 0]], &mut source);
-            source.inner.check(bytes.len())?;
-            rows
+            reconstruct(plan, &heads, &[[level, 0, 0, 0]], &mut source, rows);
+            source.inner.check(bytes.len())
         }
-        Some(&coeffs::SYMBOLS) => decode_ranged::<true>(plan, &heads, &bytes[1..])?,
+        Some(&coeffs::SYMBOLS) => decode_ranged::<true>(plan, &heads, &bytes[1..], rows),
         _ => {
             let source = Planar::new(coeffs::decode(plan, bytes, channels)?);
             let dc = source.dc();
-            reconstruct(plan, &heads, &dc, &mut Dequantiser::new(plan, &heads, source))
+            reconstruct(plan, &heads, &dc, &mut Dequantiser::new(plan, &heads, source), rows);
+            Ok(())
         }
-    };
-    Ok((rows, channels))
+    }
 }
 
 /// Rows of values from a range-coded stream.
@@ -197,15 +200,16 @@ fn decode_ranged<const BY_SYMBOLS: bool>(
     plan: &Plan,
     heads: &[Head],
     bytes: &[u8],
-) -> Result<Vec<Lanes>> {
+    rows: &mut Rows,
+) -> Result<()> {
     let mut source = Ranged::<BY_SYMBOLS>::new(plan, RangeDecoder::new(bytes), heads.len());
     let dc = source.dc(plan.len());
     let mut source = Dequantiser::new(plan, heads, source);
-    let rows = reconstruct(plan, heads, &dc, &mut source);
+    reconstruct(plan, heads, &dc, &mut source, rows);
     if source.inner.exhausted() {
         return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
     }
-    Ok(rows)
+    Ok(())
 }
 
 /// Rows of values from the levels of coefficient 0 and a source of the others.
@@ -214,16 +218,17 @@ fn reconstruct(
     heads: &[Head],
     dc: &[Levels],
     source: &mut impl raht::Residual,
-) -> Vec<Lanes> {
-    let mut rows = vec![[0.0; CHUNK]; plan.len() * dc.len()];
+    rows: &mut Rows,
+) {
     if plan.is_empty() {
-        return rows;
+        return;
     }
+    // All other rows are written before they are read.
+    rows.lanes[..dc.len()].fill([0.0; CHUNK]);
     for (head, (chunk, i)) in heads.iter().zip(places(heads.len())) {
-        rows[chunk][i] = head.mean(plan, dc[chunk][i]);
+        rows.lanes[chunk][i] = head.mean(plan, dc[chunk][i]);
     }
-    raht::reconstruct(plan, dc.len(), &mut rows, usize::MAX, source);
-    rows
+    raht::reconstruct(plan, dc.len(), &mut rows.lanes, usize::MAX, source);
 }
 
 /// Splits rows into channels and rounds.

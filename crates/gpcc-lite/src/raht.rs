@@ -162,7 +162,14 @@ impl Plan {
             let run = &mut sorted[levels[level] as usize - 1..levels[level + 1] as usize - 1];
             let node = |j: u32| leaves[j as usize].morton >> shift;
             for block in run.chunk_by_mut(|&a, &b| node(a) == node(b)) {
-                block.sort_by_key(|&j| std::cmp::Reverse(bit[j as usize]));
+                // Seven at most: by insertion.
+                for i in 1..block.len() {
+                    let mut at = i;
+                    while at > 0 && bit[block[at - 1] as usize] < bit[block[at] as usize] {
+                        block.swap(at - 1, at);
+                        at -= 1;
+                    }
+                }
             }
         }
         let mut plan = Self {

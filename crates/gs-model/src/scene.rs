@@ -1,5 +1,7 @@
 //! [`Scene`]: a trained 3DGS model as a struct of arrays.
 
+use std::ops::Range;
+
 /// The constant of the degree-0 spherical harmonic, 1 / (2 sqrt(pi)).
 ///
 /// A Gaussian without view dependence has colour `0.5 + SH_C0 * sh[0]`.
@@ -74,15 +76,32 @@ impl Scene {
     /// Adds the Gaussians of `other` after these, at this scene's SH degree: higher coefficients
     /// of theirs are cut, missing ones are zero.
     pub fn append(&mut self, other: &Self) {
+        self.append_range(other, 0..other.len());
+    }
+
+    /// As [`Scene::append`], of these Gaussians of `other` only.
+    ///
+    /// # Panics
+    /// If `other` has fewer.
+    pub fn append_range(&mut self, other: &Self, range: Range<usize>) {
         let len = self.sh_len();
-        self.means.extend_from_slice(&other.means);
-        self.rotations.extend_from_slice(&other.rotations);
-        self.log_scales.extend_from_slice(&other.log_scales);
-        self.opacity_logits.extend_from_slice(&other.opacity_logits);
-        for i in 0..other.len() {
+        self.means.extend_from_slice(&other.means[range.clone()]);
+        self.rotations.extend_from_slice(&other.rotations[range.clone()]);
+        self.log_scales.extend_from_slice(&other.log_scales[range.clone()]);
+        self.opacity_logits.extend_from_slice(&other.opacity_logits[range.clone()]);
+        for i in range {
             let row = other.sh_of(i);
             self.sh.extend((0..len).map(|j| row.get(j).copied().unwrap_or_default()));
         }
+    }
+
+    /// Takes all Gaussians off this scene; their memory and the SH degree stay.
+    pub fn clear(&mut self) {
+        self.means.clear();
+        self.rotations.clear();
+        self.log_scales.clear();
+        self.opacity_logits.clear();
+        self.sh.clear();
     }
 
     /// Takes the Gaussians from `at` on off this scene: undoes [`Scene::append`]. Those are none

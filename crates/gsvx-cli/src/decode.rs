@@ -55,34 +55,16 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         max_gaussians: args.max_gaussians,
     };
     let name = || input::name(&args.input);
-    let decoder = gsvx::Decoder::new(&bytes, &options).with_context(name)?;
-    let made = if options.lod.is_some() || decoder.header().slices == 1 {
-        drop(decoder);
+    let made = if options.lod.is_some() {
         let decoded = gsvx::decode(&bytes, &options).with_context(name)?;
         drop(bytes);
         let made = Made::of(decoded.scene.len(), decoded.scene.sh_degree, decoded.skipped);
         output.write(|out| Ok(gs_model::ply::write_to(out, &decoded.scene)?))?;
         made
     } else {
+        let decoder = gsvx::Decoder::new(&bytes, &options).with_context(name)?;
         let mut damage = None;
-        let outcome = output.write(|out| {
-            out.write_all(&gs_model::ply::header(decoder.len(), decoder.sh_degree()))?;
-            // Each part is written while the next are decoded; nothing holds the whole scene.
-            let parts = decoder.parts(
-                |part| gs_model::ply::rows(&part.scene),
-                |rows| -> Result<(), Stop> {
-                    let rows = rows.map_err(|e| Stop::Output(e.into()))?;
-                    out.write_all(&rows).map_err(|e| Stop::Output(e.into()))
-                },
-            );
-            parts.map_err(|stop| match stop {
-                Stop::Output(error) => error,
-                Stop::Damage(error) => {
-                    damage = Some(error);
-                    anyhow::anyhow!("the stream is damaged")
-                }
-            })
-        });
+        let outcome = write(&decoder, output, &mut damage);
         if let Some(error) = damage {
             return Err(error).with_context(name);
         }
@@ -109,6 +91,49 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         }),
     );
     Ok(())
+}
+
+/// Writes what the decoder gives; damage to the stream goes to `damage`, beside the error.
+fn write(
+    decoder: &gsvx::Decoder<'_>,
+    output: Output,
+    damage: &mut Option<gsvx::Error>,
+) -> Result<()> {
+    let header = gs_model::ply::header(decoder.len(), decoder.sh_degree());
+    let mut outcome = |outcome: std::result::Result<(), Stop>| {
+        outcome.map_err(|stop| match stop {
+            Stop::Output(error) => error,
+            Stop::Damage(error) => {
+                *damage = Some(error);
+                anyhow::anyhow!("the stream is damaged")
+            }
+        })
+    };
+    // Every thread writes what it decodes to where it belongs: nothing waits for its turn, and
+    // nothing holds more than a block of floats.
+    #[cfg(unix)]
+    if !output.is_stdout() {
+        let row = gs_model::ply::row_bytes(decoder.sh_degree()) as u64;
+        return output.write_at(|write| {
+            write(&header, 0)?;
+            outcome(decoder.blocks(|rows: &mut Vec<u8>, first, scene| {
+                gs_model::ply::rows(scene, rows).map_err(|e| Stop::Output(e.into()))?;
+                let at = header.len() as u64 + first as u64 * row;
+                write(rows, at).map_err(|e| Stop::Output(e.into()))
+            }))
+        });
+    }
+    output.write(|out| {
+        out.write_all(&header)?;
+        // Each part is written while the next are decoded; nothing holds the whole scene.
+        outcome(decoder.parts(
+            |part| part.scene,
+            |scene| {
+                let written = gs_model::ply::write_rows_to(&mut *out, &scene);
+                written.map_err(|e| Stop::Output(e.into()))
+            },
+        ))
+    })
 }
 
 /// What was decoded.

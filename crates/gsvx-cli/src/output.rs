@@ -114,21 +114,46 @@ impl Output {
 
     /// Writes everything and gives the file its name.
     pub(crate) fn write(
-        self,
+        mut self,
         fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
     ) -> Result<()> {
-        let name = self.name();
-        let Some(mut file) = self.file else {
+        let Some(file) = &mut self.file else {
+            let name = self.name();
             let mut out = std::io::stdout();
             fill(&mut out).with_context(|| name.clone())?;
             return out.flush().with_context(|| name.clone());
         };
-        let incomplete = || format!("{name}: could not be written (is the disk full?)");
-        {
-            let mut out = std::io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
-            fill(&mut out).with_context(incomplete)?;
-            out.flush().with_context(incomplete)?;
+        let mut out = std::io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
+        let outcome = fill(&mut out).and_then(|()| Ok(out.flush()?));
+        drop(out);
+        outcome.with_context(|| self.incomplete())?;
+        self.finish()
+    }
+
+    /// As [`Output::write`], in whatever order the positions have; not for standard output.
+    #[cfg(unix)]
+    pub(crate) fn write_at(
+        self,
+        fill: impl FnOnce(&(dyn Fn(&[u8], u64) -> std::io::Result<()> + Sync)) -> Result<()>,
+    ) -> Result<()> {
+        use std::os::unix::fs::FileExt;
+        if let Some(file) = &self.file {
+            let file = file.as_file();
+            let write = |bytes: &[u8], at: u64| file.write_all_at(bytes, at);
+            fill(&write).with_context(|| self.incomplete())?;
         }
+        self.finish()
+    }
+
+    fn incomplete(&self) -> String {
+        format!("{}: could not be written (is the disk full?)", self.name())
+    }
+
+    /// Gives the file its name.
+    fn finish(self) -> Result<()> {
+        let (name, incomplete) = (self.name(), self.incomplete());
+        let incomplete = || incomplete.clone();
+        let Some(file) = self.file else { return Ok(()) };
         file.as_file().sync_all().with_context(incomplete)?;
         // A temporary file is private; an output is not.
         #[cfg(unix)]

@@ -1,15 +1,16 @@
 //! The decoder. Needs nothing but the stream.
 
-use crate::attributes::group::{Transform, coding, limits};
-use crate::attributes::{colour, opacity};
-use crate::covariance::{self, Covariances};
-use crate::encode::largest_first;
+mod values;
+
+use crate::attributes::group::coding;
 use crate::error::{Error, Result};
 use crate::stream::{Container, Header, SectionKind};
-use crate::{importance, ordered, outliers, slices};
+use crate::{ordered, outliers, slices};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
+use values::{BLOCK, Values};
 
 /// Gaussians per stream byte that a decoder accepts by default. Coded scenes have fewer than
 /// one per byte; a solid block of equal Gaussians could have more, and then the caller says so.
@@ -288,19 +289,98 @@ impl<'a> Decoder<'a> {
             let scene = crate::lossless::decode_payload(payload, count, sh_degree)?;
             return take(convert(Part { scene, leaves: Vec::new() }));
         }
+        self.in_order::<_, E>(
+            |slice, alone| {
+                let mut values = Values::default();
+                values.decode(slice, &self.kinds, &self.header, alone)?;
+                let scene = values.scene(&self.header, self.sh_degree, alone)?;
+                let ends = values.ends();
+                Ok((ends, convert(Part { scene, leaves: values.leaves })))
+            },
+            &mut take,
+        )?;
+        match self.outliers_at_degree() {
+            Some(scene) => take(convert(Part { scene, leaves: Vec::new() })),
+            None => Ok(()),
+        }
+    }
+
+    /// Decodes the scene on all threads in blocks of a few hundred Gaussians, for readers that can
+    /// put each where it belongs: `visit` gets them in any order, several at a time, with the
+    /// number of the first Gaussian in the scene and with a `T` that is visited by one at a time,
+    /// for buffers. Less is in memory than with [`Decoder::parts`], and less is copied.
+    ///
+    /// # Errors
+    /// Damage, as [`decode`], when some blocks may have been visited; what `visit` returns.
+    pub fn blocks<T: Default + Send, E: From<Error> + Send>(
+        &self,
+        visit: impl Fn(&mut T, usize, &Scene) -> std::result::Result<(), E> + Sync,
+    ) -> std::result::Result<(), E> {
+        let empty = || Scene { sh_degree: self.sh_degree, ..Scene::default() };
+        // Visits Gaussians that are there already.
+        let copied = |scene: &Scene, first: usize| {
+            let (mut buffer, mut block) = (T::default(), empty());
+            for at in (0..scene.len()).step_by(BLOCK) {
+                block.clear();
+                block.append_range(scene, at..scene.len().min(at + BLOCK));
+                visit(&mut buffer, first + at, &block)?;
+            }
+            Ok(())
+        };
+        if let Some(payload) = self.lossless {
+            let Header { count, sh_degree, .. } = self.header;
+            return copied(&crate::lossless::decode_payload(payload, count, sh_degree)?, 0);
+        }
+        let free: Mutex<Vec<(Values, T, Scene)>> = Mutex::default();
+        let lock = || free.lock().unwrap_or_else(PoisonError::into_inner);
+        self.in_order::<_, E>(
+            |slice, alone| {
+                let space = lock().pop();
+                let mut space = space.unwrap_or_else(|| (Values::default(), T::default(), empty()));
+                let (values, buffer, block) = &mut space;
+                values.decode(slice, &self.kinds, &self.header, alone)?;
+                let n = values.leaves.len();
+                let one =
+                    |buffer: &mut T, block: &mut Scene, at: usize| -> std::result::Result<(), E> {
+                        values.block(&self.header, at..n.min(at + BLOCK), block)?;
+                        visit(buffer, slice.first as usize + at, block)
+                    };
+                if alone {
+                    (0..n).step_by(BLOCK).try_for_each(|at| one(buffer, block, at))?;
+                } else {
+                    (0..n.div_ceil(BLOCK)).into_par_iter().with_min_len(16).try_for_each_init(
+                        || (T::default(), empty()),
+                        |(buffer, block), i| one(buffer, block, i * BLOCK),
+                    )?;
+                }
+                let ends = values.ends();
+                lock().push(space);
+                Ok((ends, ()))
+            },
+            |()| Ok(()),
+        )?;
+        match self.outliers_at_degree() {
+            Some(scene) => copied(&scene, self.header.count as usize),
+            None => Ok(()),
+        }
+    }
+
+    /// Makes something of every slice on all threads and takes it in order; `make` also gets
+    /// whether its slice is to be decoded on its own thread only, and returns the first and the
+    /// last leaf too.
+    fn in_order<T: Send, E: From<Error> + Send>(
+        &self,
+        make: impl Fn(&Slice<'_>, bool) -> std::result::Result<(Option<(Leaf, Leaf)>, T), E> + Sync,
+        mut take: impl FnMut(T) -> std::result::Result<(), E> + Send,
+    ) -> std::result::Result<(), E> {
         let threads = rayon::current_num_threads();
-        // Where there are few slices, their sections keep the other threads busy.
-        let alone = self.slices.len() >= 2 * threads;
         let mut end = 0;
         ordered::in_order(
             self.slices.len(),
             threads + 1,
-            |i| {
-                let part = self.slice(&self.slices[i], alone)?;
-                let ends = part.leaves.first().zip(part.leaves.last()).map(|(a, b)| (*a, *b));
-                Ok((ends, convert(part)))
-            },
-            |(ends, part)| {
+            // Where no slices are left for them, sections keep the other threads busy.
+            |i| make(&self.slices[i], i + threads < self.slices.len()),
+            |(ends, made)| {
                 if let Some((first, last)) = ends {
                     if first.morton < end {
                         let what = "slice out of order";
@@ -308,173 +388,49 @@ impl<'a> Decoder<'a> {
                     }
                     end = last.morton + (1 << (3 * (self.header.j_high - last.depth)));
                 }
-                take(part)
+                take(made)
             },
-        )?;
-        match &self.outliers {
-            Some(outliers) => {
-                let mut scene = Scene { sh_degree: self.sh_degree, ..Scene::default() };
-                scene.append(outliers);
-                take(convert(Part { scene, leaves: Vec::new() }))
-            }
-            None => Ok(()),
-        }
+        )
     }
 
-    /// Decodes one slice, on this thread only if `alone`.
-    fn slice(&self, slice: &Slice<'_>, alone: bool) -> Result<Part> {
-        let header = &self.header;
-        let geometry = gpcc_lite::geometry::decode(slice.geometry, &limits(slice.len))
-            .map_err(coding("geometry"))?;
-        let leaves = geometry.leaves;
-        if leaves.len() as u64 != slice.len {
-            return Err(Error::Corrupt { what: "leaf count", value: leaves.len() as u64 });
-        }
-        if geometry.j_high != header.j_high {
-            return Err(Error::Corrupt { what: "geometry depth", value: geometry.j_high.into() });
-        }
-        let mut transform = Transform::new(&leaves, header.j_high, None)?;
-        if let Some(payload) = slice.importance {
-            let classes = importance::decode_by(&transform, payload)?;
-            transform = transform.weighted(&classes)?;
-        }
-        let mut scene = Scene {
-            means: centres(&leaves, header, slice.first)?,
-            sh_degree: self.sh_degree,
-            ..Scene::default()
-        };
-        let kinds = self.kinds.iter().zip(&slice.attributes);
-        let (n, k) = (leaves.len(), scene.sh_len());
-        if alone {
-            scene.sh = vec![[0.0; 3]; n * k];
-            for (&kind, payload) in kinds {
-                match kind {
-                    SectionKind::Opacity => scene.opacity_logits = opacities(payload, &transform)?,
-                    SectionKind::Covariance => {
-                        (scene.rotations, scene.log_scales) =
-                            covariance::decode(payload, &transform, &leaves, header.j_high)?;
-                    }
-                    _ => {
-                        let first = kind.sh_coefficients().start;
-                        degree(kind, payload, &transform, &mut scene.sh[first..], k)?;
-                    }
-                }
-            }
-        } else {
-            let parts = largest_first(&self.kinds, |kind| -> Result<Column> {
-                let at = self.kinds.iter().position(|&k| k == kind).unwrap_or_default();
-                let payload = slice.attributes[at];
-                Ok(match kind {
-                    SectionKind::Opacity => Column::Opacity(opacities(payload, &transform)?),
-                    SectionKind::Covariance => {
-                        let covariances =
-                            covariance::decode(payload, &transform, &leaves, header.j_high)?;
-                        Column::Covariance(covariances)
-                    }
-                    _ => {
-                        let coefficients = kind.sh_coefficients().len();
-                        let mut rgb = vec![[0.0; 3]; coefficients * n];
-                        degree(kind, payload, &transform, &mut rgb, coefficients)?;
-                        Column::Sh(Degree { coefficients, rgb })
-                    }
-                })
-            });
-            drop(transform);
-            let mut sh: Vec<Degree> = Vec::new();
-            for part in parts {
-                match part? {
-                    Column::Opacity(v) => scene.opacity_logits = v,
-                    Column::Covariance((q, l)) => (scene.rotations, scene.log_scales) = (q, l),
-                    Column::Sh(degree) => sh.push(degree),
-                }
-            }
-            scene.sh = interleave(&sh, n);
-        }
-        if !self.kinds.contains(&SectionKind::Covariance) {
-            (scene.rotations, scene.log_scales) = spheres(&leaves, header);
-        }
-        Ok(Part { scene, leaves })
+    /// The Gaussians that were coded exactly, at the SH degree of all parts.
+    fn outliers_at_degree(&self) -> Option<Scene> {
+        self.outliers.as_ref().map(|outliers| {
+            let mut scene = Scene { sh_degree: self.sh_degree, ..Scene::default() };
+            scene.append(outliers);
+            scene
+        })
     }
 }
 
 /// Centres of the leaves, the first of which is number `first`. A cube that reaches beyond what an
 /// f32 holds is damage: an encoder refuses such scenes.
 pub(crate) fn centres(leaves: &[Leaf], header: &Header, first: u64) -> Result<Vec<[f32; 3]>> {
-    let means: Vec<[f32; 3]> =
-        leaves.iter().map(|&l| header.cube.leaf_centre(l, header.j_high)).collect();
+    let mut means = vec![[0.0; 3]; leaves.len()];
+    centres_into(leaves, header, first, &mut means)?;
+    Ok(means)
+}
+
+/// As [`centres`], into as many means.
+fn centres_into(
+    leaves: &[Leaf],
+    header: &Header,
+    first: u64,
+    means: &mut [[f32; 3]],
+) -> Result<()> {
+    for (mean, &leaf) in means.iter_mut().zip(leaves) {
+        *mean = header.cube.leaf_centre(leaf, header.j_high);
+    }
     match means.iter().position(|m| m.iter().any(|v| !v.is_finite())) {
         Some(index) => {
             Err(Error::Corrupt { what: "Gaussian beyond f32", value: first + index as u64 })
         }
-        None => Ok(means),
+        None => Ok(()),
     }
 }
 
-/// The coefficients of one SH degree, RGB: those of one Gaussian after another.
-struct Degree {
-    coefficients: usize,
-    rgb: Vec<[f32; 3]>,
-}
-
-enum Column {
-    Opacity(Vec<f32>),
-    Covariance(Covariances),
-    Sh(Degree),
-}
-
-fn opacities(payload: &[u8], transform: &Transform) -> Result<Vec<f32>> {
-    let Some((&code, rest)) = payload.split_first() else {
-        return Err(Error::Truncated { what: "opacity", offset: 0, need: 1, have: 0 });
-    };
-    let domain = opacity::domain(code)?;
-    let mut logits = Vec::with_capacity(transform.len());
-    transform.decode(rest, 1, |_, row| logits.push(opacity::inverse(domain, row[0])))?;
-    Ok(logits)
-}
-
-/// Decodes the coefficients of one SH degree, those of leaf `i` to `out[i * stride..]`.
-fn degree(
-    kind: SectionKind,
-    payload: &[u8],
-    transform: &Transform,
-    out: &mut [[f32; 3]],
-    stride: usize,
-) -> Result<()> {
-    let coefficients = kind.sh_coefficients().len();
-    let mut rows = out.chunks_mut(stride);
-    transform.decode(payload, 3 * coefficients, |_, row| {
-        for (rgb, ycc) in rows.next().unwrap_or_default().iter_mut().zip(row.chunks_exact(3)) {
-            *rgb = colour::inverse([ycc[0], ycc[1], ycc[2]]);
-        }
-    })
-}
-
-/// Stand-in covariances where that section is missing: balls that fill their voxels.
-fn spheres(leaves: &[Leaf], header: &Header) -> (Vec<[f32; 4]>, Vec<[f32; 3]>) {
-    let log_scales = leaves
-        .iter()
-        .map(|leaf| {
-            let cell = header.cube.side / (1u64 << leaf.depth) as f64;
-            [libm::log((0.5 * cell).max(f64::MIN_POSITIVE)) as f32; 3]
-        })
-        .collect();
-    (vec![[1.0, 0.0, 0.0, 0.0]; leaves.len()], log_scales)
-}
-
-/// Degrees to rows of all coefficients.
-fn interleave(degrees: &[Degree], n: usize) -> Vec<[f32; 3]> {
-    let per_gaussian: usize = degrees.iter().map(|d| d.coefficients).sum();
-    let mut sh = vec![[0.0; 3]; n * per_gaussian];
-    const CHUNK: usize = 4096;
-    sh.par_chunks_mut(CHUNK * per_gaussian.max(1)).enumerate().for_each(|(chunk, out)| {
-        for (j, row) in out.chunks_exact_mut(per_gaussian).enumerate() {
-            let (i, mut at) = (chunk * CHUNK + j, 0);
-            for Degree { coefficients, rgb } in degrees {
-                row[at..at + coefficients]
-                    .copy_from_slice(&rgb[i * coefficients..][..*coefficients]);
-                at += coefficients;
-            }
-        }
-    });
-    sh
+/// Log-scales where covariances are missing: a ball that fills its voxel.
+fn ball(leaf: Leaf, header: &Header) -> [f32; 3] {
+    let cell = header.cube.side / (1u64 << leaf.depth) as f64;
+    [libm::log((0.5 * cell).max(f64::MIN_POSITIVE)) as f32; 3]
 }

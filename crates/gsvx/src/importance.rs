@@ -10,10 +10,11 @@
 //! makes a Gaussian twenty times as large). Classes are coded once, in a section of
 //! their own, and every attribute section depends only on geometry and classes.
 
-use crate::attributes::group::{Coding, Transform};
+use crate::attributes::group::{Coding, Transform, UNITS};
 use crate::error::Result;
 use crate::options::Entropy;
 use gpcc_lite::Leaf;
+use gpcc_lite::attribute::Rows;
 use gs_model::Scene;
 use rayon::prelude::*;
 
@@ -106,7 +107,7 @@ pub(crate) fn encode_by(
     let coding = Coding { entropy, lambda: CLASS_LAMBDA };
     let (payload, _) =
         transform.encode(&[CLASS_STEP], coding, |i, row| row.fill(log_classes[i]))?;
-    let classes = decode_by(transform, &payload)?;
+    let classes = decode_by(transform, &payload, &mut Rows::default())?;
     Ok((payload, classes))
 }
 
@@ -115,14 +116,15 @@ pub(crate) fn encode_by(
 /// # Errors
 /// [`crate::Error::Coding`] or [`crate::Error::Corrupt`] for a damaged payload.
 pub fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
-    decode_by(&Transform::new(leaves, j_high, None)?, payload)
+    decode_by(&Transform::new(leaves, j_high, None)?, payload, &mut Rows::default())
 }
 
-/// As [`decode`], by the transform of the leaves without weights.
-pub(crate) fn decode_by(transform: &Transform, payload: &[u8]) -> Result<Vec<u8>> {
-    let mut classes = Vec::new();
-    transform.decode(payload, 1, |_, row| classes.push(class_of(row[0])))?;
-    Ok(classes)
+/// As [`decode`], by the transform of the leaves without weights and in the memory of `rows`.
+pub(crate) fn decode_by(transform: &Transform, payload: &[u8], rows: &mut Rows) -> Result<Vec<u8>> {
+    transform.decode_rows(payload, 1, rows)?;
+    let mut values = vec![0.0; rows.leaves()];
+    rows.copy(0, &mut values);
+    Ok(values.iter().map(|&v| class_of(f64::from(v) * (1.0 / UNITS))).collect())
 }
 
 /// The class of a decoded value. Adding a half and truncating: exact in f64.

@@ -5,9 +5,10 @@ mod common;
 use common::{Rng, scene, voxelized};
 use gs_model::Scene;
 use gsvx::stream::{Container, SectionKind};
-use gsvx::{DecodeOptions, Decoder, EncodeOptions, Entropy, Error, decode, encode};
+use gsvx::{CovarianceMode, DecodeOptions, Decoder, EncodeOptions, Entropy, Error, decode, encode};
 use std::borrow::Cow;
 use std::num::NonZeroUsize;
+use std::sync::Mutex;
 use voxel::{Strategy, Voxelization};
 
 fn model() -> (Scene, Voxelization) {
@@ -104,6 +105,59 @@ fn parts_are_the_scene_in_order() {
         assert_eq!(scene, whole.scene);
         assert_eq!(parts, 4);
         let stop = decoder.parts(|_| (), |()| Err(Error::NotGsvx));
+        assert!(matches!(stop, Err(Error::NotGsvx)));
+    }
+}
+
+/// What [`Decoder::blocks`] visits, put together.
+fn by_blocks(bytes: &[u8], options: &DecodeOptions) -> Scene {
+    let decoder = Decoder::new(bytes, options).unwrap();
+    let seen: Mutex<Vec<(usize, Scene)>> = Mutex::default();
+    let visit = |visits: &mut usize, first: usize, block: &Scene| -> Result<(), Error> {
+        *visits += 1;
+        seen.lock().unwrap().push((first, block.clone()));
+        Ok(())
+    };
+    decoder.blocks(visit).unwrap();
+    let mut blocks = seen.into_inner().unwrap();
+    blocks.sort_by_key(|(first, _)| *first);
+    let mut scene = Scene { sh_degree: decoder.sh_degree(), ..Scene::default() };
+    for (first, block) in blocks {
+        assert_eq!(first, scene.len());
+        scene.append(&block);
+    }
+    scene
+}
+
+#[test]
+fn blocks_are_the_scene() {
+    let (merged, voxels) = model();
+    let outliers = Some(merged.select(&[5, 9]));
+    let coded = |slices, covariance| {
+        let o = EncodeOptions {
+            outliers: outliers.clone(),
+            covariance,
+            ..options(slices, Entropy::Range)
+        };
+        encode(&merged, &voxels, &o).unwrap().bytes
+    };
+    let streams = [
+        coded(1, CovarianceMode::Transform),
+        coded(3, CovarianceMode::Transform),
+        coded(1, CovarianceMode::Lossless { bits: 12 }),
+        gsvx::encode_lossless(&merged).unwrap().bytes,
+    ];
+    for bytes in &streams {
+        for max_sh_degree in [0, 3] {
+            let o = DecodeOptions { max_sh_degree, ..Default::default() };
+            let whole = decode(bytes, &o).unwrap().scene;
+            for threads in [1, 3] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                assert!(pool.install(|| by_blocks(bytes, &o)) == whole, "{threads} threads");
+            }
+        }
+        let decoder = Decoder::new(bytes, &DecodeOptions::default()).unwrap();
+        let stop = decoder.blocks(|(), _, _: &Scene| Err(Error::NotGsvx));
         assert!(matches!(stop, Err(Error::NotGsvx)));
     }
 }

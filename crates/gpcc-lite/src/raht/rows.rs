@@ -54,7 +54,20 @@ fn split(plan: &Plan, k: usize, rows: &mut [Lanes], row: &[Lanes]) {
 fn split_equal(plan: &Plan, k: usize, rows: &mut [Lanes], width: usize) {
     let (l, r) = (plan.left[k - 1] as usize * width, plan.right[k - 1] as usize * width);
     let (left, right) = rows.split_at_mut(r);
-    right[..width].copy_from_slice(&left[l..l + width]);
+    // A length that is known is a few moves, not a call.
+    match width {
+        1 => copy_chunks::<1>(&left[l..], right),
+        2 => copy_chunks::<2>(&left[l..], right),
+        3 => copy_chunks::<3>(&left[l..], right),
+        4 => copy_chunks::<4>(&left[l..], right),
+        6 => copy_chunks::<6>(&left[l..], right),
+        _ => right[..width].copy_from_slice(&left[l..l + width]),
+    }
+}
+
+#[inline]
+fn copy_chunks<const N: usize>(from: &[Lanes], to: &mut [Lanes]) {
+    to[..N].copy_from_slice(&from[..N]);
 }
 
 /// Means of all leaves from that of the root, at leaf 0 of `rows`, and the differences that

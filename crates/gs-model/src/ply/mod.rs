@@ -16,7 +16,7 @@ mod write;
 use std::path::Path;
 
 pub use header::{Format, MAX_HEADER_BYTES};
-pub use write::{header, rows, write, write_to};
+pub use write::{header, row_bytes, rows, write, write_rows_to, write_to};
 
 use crate::error::{Error, Result};
 use crate::fs;

@@ -10,7 +10,7 @@ use super::columns;
 use crate::error::{Error, Result};
 use crate::fs;
 use crate::rows::SH;
-use crate::scene::Scene;
+use crate::scene::{Scene, sh_len};
 
 /// Rows encoded by one task, and rows encoded before they are written.
 const ROWS_PER_TASK: usize = 1024;
@@ -28,7 +28,7 @@ const ROWS_PER_WRITE: usize = 64 * ROWS_PER_TASK;
 pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
     let path = path.as_ref();
     scene.check_shape()?;
-    fs::write_atomically(path, |out| write_rows(out, scene))
+    fs::write_atomically(path, |out| write_all(out, scene))
 }
 
 /// Writes a scene as [`write()`] does, to anything that takes bytes. No buffering is needed.
@@ -37,7 +37,7 @@ pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
 /// As [`write()`]; the file in an [`Error::Io`] is `<writer>`.
 pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
     scene.check_shape()?;
-    write_rows(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
+    write_all(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
 }
 
 /// What precedes the rows of `count` Gaussians in a file as [`write()`] makes it: for writers that
@@ -53,27 +53,43 @@ pub fn header(count: usize, sh_degree: u8) -> Vec<u8> {
     header.into_bytes()
 }
 
-/// The rows of a scene's Gaussians as [`write()`] makes them, on this thread alone.
+/// Makes `out` the rows of a scene's Gaussians as [`write()`] makes them, on this thread alone; its
+/// memory is used again.
 ///
 /// # Errors
 /// As [`write()`].
-pub fn rows(scene: &Scene) -> Result<Vec<u8>> {
+pub fn rows(scene: &Scene, out: &mut Vec<u8>) -> Result<()> {
     scene.check_shape()?;
-    let stride = row_bytes(scene);
-    let mut out = vec![0; stride * scene.len()];
+    let stride = row_bytes(scene.sh_degree);
+    out.resize(stride * scene.len(), 0);
     for (i, row) in out.chunks_exact_mut(stride).enumerate() {
         encode_row(scene, i, row);
     }
-    Ok(out)
+    Ok(())
 }
 
-fn row_bytes(scene: &Scene) -> usize {
-    4 * (SH + 3 * scene.sh_len() + 3)
+/// Writes the rows of a scene's Gaussians as [`write()`] does.
+///
+/// # Errors
+/// As [`write_to`].
+pub fn write_rows_to(mut out: impl Write, scene: &Scene) -> Result<()> {
+    scene.check_shape()?;
+    write_rows(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
+}
+
+/// Bytes of a row of [`rows`].
+#[must_use]
+pub fn row_bytes(sh_degree: u8) -> usize {
+    4 * (SH + 3 * sh_len(sh_degree) + 3)
+}
+
+fn write_all(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
+    out.write_all(&header(scene.len(), scene.sh_degree))?;
+    write_rows(out, scene)
 }
 
 fn write_rows(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
-    out.write_all(&header(scene.len(), scene.sh_degree))?;
-    let stride = row_bytes(scene);
+    let stride = row_bytes(scene.sh_degree);
     let mut buffer = vec![0; stride * ROWS_PER_WRITE.min(scene.len())];
     for first in (0..scene.len()).step_by(ROWS_PER_WRITE) {
         let rows = ROWS_PER_WRITE.min(scene.len() - first);

@@ -5,14 +5,14 @@
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::Entropy;
-use gpcc_lite::attribute;
+use gpcc_lite::attribute::{self, Rows};
 use gpcc_lite::coeffs::Mode;
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Plan;
 use gpcc_lite::{Leaf, Limits};
 
 /// Units of the transform's values per natural unit.
-const UNITS: f64 = 65536.0;
+pub(crate) const UNITS: f64 = 65536.0;
 /// Effective step of a class is `step / 2^(class - MEAN_CLASS)`; RAHT's step is that of weight 1.
 const STEP_OF_WEIGHT_ONE: f64 = (1u32 << importance::MEAN_CLASS) as f64;
 
@@ -101,6 +101,15 @@ impl Transform {
         .map_err(coding("attribute"))?;
         if n != channels {
             return Err(Error::Corrupt { what: "channel count", value: n as u64 });
+        }
+        Ok(())
+    }
+
+    /// As [`Transform::decode`], into `rows`, in units of the transform ([`UNITS`]).
+    pub(crate) fn decode_rows(&self, bytes: &[u8], channels: usize, rows: &mut Rows) -> Result<()> {
+        attribute::decode_rows(&self.plan, bytes, channels, rows).map_err(coding("attribute"))?;
+        if rows.channels() != channels {
+            return Err(Error::Corrupt { what: "channel count", value: rows.channels() as u64 });
         }
         Ok(())
     }

@@ -9,7 +9,7 @@
 //!
 //! Arithmetic: `f64`, only `+ - * /` and square roots, so every machine decodes the same.
 
-use rayon::prelude::*;
+use multiversion::multiversion;
 
 /// Coordinates of a symmetric 3x3 matrix in an orthonormal basis (Frobenius norm).
 pub type Coordinates = [f64; 6];
@@ -107,29 +107,26 @@ fn rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize, r: u
     }
 }
 
-/// [`decompose`] of many, with the same bits: several at a time, whose chains of divisions and
-/// roots then overlap.
-#[must_use]
-pub fn decompose_all(coordinates: &[[f32; 6]]) -> (Vec<[f32; 4]>, Vec<[f32; 3]>) {
-    const ROWS_PER_TASK: usize = 4096;
-    let mut rotations = vec![[0.0; 4]; coordinates.len()];
-    let mut log_scales = vec![[0.0; 3]; coordinates.len()];
-    let rows = coordinates.par_chunks(ROWS_PER_TASK);
-    let out = rotations.par_chunks_mut(ROWS_PER_TASK).zip(log_scales.par_chunks_mut(ROWS_PER_TASK));
-    rows.zip(out).for_each(|(rows, (rotations, log_scales))| {
-        let out = rotations.chunks_mut(LANES).zip(log_scales.chunks_mut(LANES));
-        for (rows, (rotations, log_scales)) in rows.chunks(LANES).zip(out) {
-            decompose_lanes(rows, rotations, log_scales);
-        }
-    });
-    (rotations, log_scales)
+/// [`decompose`] of as many as there are, with the same bits: several at a time, whose chains of
+/// divisions and roots then overlap.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn decompose_into(
+    coordinates: &[[f32; 6]],
+    rotations: &mut [[f32; 4]],
+    log_scales: &mut [[f32; 3]],
+) {
+    let out = rotations.chunks_mut(LANES).zip(log_scales.chunks_mut(LANES));
+    for (rows, (rotations, log_scales)) in coordinates.chunks(LANES).zip(out) {
+        decompose_lanes(rows, rotations, log_scales);
+    }
 }
 
-/// Matrices taken apart at a time.
-const LANES: usize = 4;
+/// Matrices taken apart at a time: twice what a register holds, so that divisions overlap.
+const LANES: usize = 8;
 type Wide = [f64; LANES];
 
 /// At most [`LANES`] of them.
+#[inline(always)]
 fn decompose_lanes(rows: &[[f32; 6]], rotations: &mut [[f32; 4]], log_scales: &mut [[f32; 3]]) {
     let mut a = [[[0.0; LANES]; 3]; 3];
     let mut v = [[[0.0; LANES]; 3]; 3];
@@ -146,12 +143,12 @@ fn decompose_lanes(rows: &[[f32; 6]], rotations: &mut [[f32; 4]], log_scales: &m
         least[i] = CONVERGED * c.iter().map(|x| x * x).sum::<f64>();
     }
     for _ in 0..MAX_SWEEPS {
-        let mut go = [false; LANES];
+        let mut go: Mask = [0; LANES];
         for i in 0..LANES {
             let off = a[0][1][i] * a[0][1][i] + a[0][2][i] * a[0][2][i] + a[1][2][i] * a[1][2][i];
-            go[i] = off > least[i];
+            go[i] = mask(off > least[i]);
         }
-        if go == [false; LANES] {
+        if go == [0; LANES] {
             break;
         }
         rotate_lanes(&mut a, &mut v, &go, (0, 1, 2));
@@ -164,49 +161,63 @@ fn decompose_lanes(rows: &[[f32; 6]], rotations: &mut [[f32; 4]], log_scales: &m
     }
 }
 
-/// [`rotate`] where `go` is true.
-#[inline]
+/// All bits set where something holds: what chooses between floats without a branch.
+type Mask = [u64; LANES];
+
+#[inline(always)]
+fn mask(holds: bool) -> u64 {
+    u64::from(holds).wrapping_neg()
+}
+
+/// `new` where the mask is set, else `old`.
+#[inline(always)]
+fn choose(go: &Mask, old: &mut Wide, new: Wide) {
+    for i in 0..LANES {
+        old[i] = f64::from_bits(new[i].to_bits() & go[i] | old[i].to_bits() & !go[i]);
+    }
+}
+
+#[inline(always)]
+fn each(f: impl Fn(usize) -> f64) -> Wide {
+    std::array::from_fn(f)
+}
+
+/// [`rotate`] where `go` is set.
+#[inline(always)]
 fn rotate_lanes(
     a: &mut [[Wide; 3]; 3],
     v: &mut [[Wide; 3]; 3],
-    go: &[bool; LANES],
+    go: &Mask,
     (p, q, r): (usize, usize, usize),
 ) {
-    let (mut t, mut c, mut s, mut go) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], *go);
-    for i in 0..LANES {
-        let apq = a[p][q][i];
-        go[i] &= apq != 0.0;
-        let theta = (a[q][q][i] - a[p][p][i]) / (2.0 * apq);
-        let root = theta.abs() + (theta * theta + 1.0).sqrt();
-        t[i] = if theta >= 0.0 { 1.0 / root } else { -1.0 / root };
-    }
-    for i in 0..LANES {
-        c[i] = 1.0 / (t[i] * t[i] + 1.0).sqrt();
-        s[i] = t[i] * c[i];
-    }
-    let set = |i: usize, old: &mut f64, new: f64| *old = if go[i] { new } else { *old };
-    for i in 0..LANES {
-        let apq = a[p][q][i];
-        let (app, aqq) = (a[p][p][i] - t[i] * apq, a[q][q][i] + t[i] * apq);
-        let (arp, arq) = (a[r][p][i], a[r][q][i]);
-        let (rp, rq) = (c[i] * arp - s[i] * arq, s[i] * arp + c[i] * arq);
-        set(i, &mut a[p][p][i], app);
-        set(i, &mut a[q][q][i], aqq);
-        set(i, &mut a[p][q][i], 0.0);
-        set(i, &mut a[q][p][i], 0.0);
-        set(i, &mut a[r][p][i], rp);
-        set(i, &mut a[p][r][i], rp);
-        set(i, &mut a[r][q][i], rq);
-        set(i, &mut a[q][r][i], rq);
-    }
+    let (apq, app, aqq) = (a[p][q], a[p][p], a[q][q]);
+    let go = std::array::from_fn(|i| go[i] & mask(apq[i] != 0.0));
+    let theta = each(|i| (aqq[i] - app[i]) / (2.0 * apq[i]));
+    let root = each(|i| theta[i].abs() + (theta[i] * theta[i] + 1.0).sqrt());
+    let t = each(|i| {
+        let negative = mask(theta[i] >= 0.0) ^ u64::MAX;
+        f64::from_bits((1.0 / root[i]).to_bits() ^ (negative & SIGN))
+    });
+    let c = each(|i| 1.0 / (t[i] * t[i] + 1.0).sqrt());
+    let s = each(|i| t[i] * c[i]);
+    choose(&go, &mut a[p][p], each(|i| app[i] - t[i] * apq[i]));
+    choose(&go, &mut a[q][q], each(|i| aqq[i] + t[i] * apq[i]));
+    choose(&go, &mut a[p][q], [0.0; LANES]);
+    a[q][p] = a[p][q];
+    let (arp, arq) = (a[r][p], a[r][q]);
+    choose(&go, &mut a[r][p], each(|i| c[i] * arp[i] - s[i] * arq[i]));
+    choose(&go, &mut a[r][q], each(|i| s[i] * arp[i] + c[i] * arq[i]));
+    a[p][r] = a[r][p];
+    a[q][r] = a[r][q];
     for row in v {
-        for i in 0..LANES {
-            let (x, y) = (row[p][i], row[q][i]);
-            set(i, &mut row[p][i], c[i] * x - s[i] * y);
-            set(i, &mut row[q][i], s[i] * x + c[i] * y);
-        }
+        let (x, y) = (row[p], row[q]);
+        choose(&go, &mut row[p], each(|i| c[i] * x[i] - s[i] * y[i]));
+        choose(&go, &mut row[q], each(|i| s[i] * x[i] + c[i] * y[i]));
     }
 }
+
+/// The sign of an f64.
+const SIGN: u64 = 1 << 63;
 
 /// Row-major rotation matrix of a quaternion of any non-zero norm; identity for zero.
 fn rotation_matrix(q: [f32; 4]) -> [[f64; 3]; 3] {
@@ -300,7 +311,8 @@ mod tests {
             for row in &mut rows {
                 (0..6).filter(|k| zeros >> k & 1 == 1).for_each(|k| row[k] = 0.0);
             }
-            let (rotations, log_scales) = decompose_all(&rows);
+            let (mut rotations, mut log_scales) = (vec![[0.0; 4]; 11], vec![[0.0; 3]; 11]);
+            decompose_into(&rows, &mut rotations, &mut log_scales);
             for (i, row) in rows.iter().enumerate() {
                 let (q, l) = decompose(row.map(f64::from));
                 prop_assert_eq!(q.map(f32::to_bits), rotations[i].map(f32::to_bits));

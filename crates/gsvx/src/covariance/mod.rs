@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::options::{CovarianceMode, EncodeOptions};
 use crate::stream::SectionKind;
 use gpcc_lite::Leaf;
+use gpcc_lite::attribute::Rows;
 use gs_model::Scene;
 
 const TRANSFORM: u8 = 0;
@@ -53,26 +54,36 @@ pub(crate) fn encode(
     }
 }
 
+/// What a section says of covariances.
+#[derive(Debug, Default)]
+pub(crate) enum Shapes {
+    /// There is none.
+    #[default]
+    Missing,
+    /// The coordinates of [`log_euclidean`], which are elsewhere.
+    Coordinates,
+    /// Rotations and log-scales.
+    Whole(Covariances),
+}
+
+/// Decodes a section; [`Shapes::Coordinates`] are in `rows`.
 pub(crate) fn decode(
     payload: &[u8],
     transform: &Transform,
     leaves: &[Leaf],
     j_high: u8,
-) -> Result<Covariances> {
+    rows: &mut Rows,
+) -> Result<Shapes> {
     let Some((&mode, payload)) = payload.split_first() else {
         return Err(Error::Truncated { what: "covariance", offset: 0, need: 1, have: 0 });
     };
     match mode {
         TRANSFORM => {
-            let mut coordinates = Vec::with_capacity(leaves.len());
-            transform.decode(payload, 6, |_, row| {
-                coordinates
-                    .push([row[0], row[1], row[2], row[3], row[4], row[5]].map(|v| v as f32));
-            })?;
-            Ok(log_euclidean::decompose_all(&coordinates))
+            transform.decode_rows(payload, 6, rows)?;
+            Ok(Shapes::Coordinates)
         }
-        INTEGERS => integers::decode(payload, leaves, j_high),
-        CODEBOOK => codebook::decode(payload, transform, leaves.len()),
+        INTEGERS => integers::decode(payload, leaves, j_high).map(Shapes::Whole),
+        CODEBOOK => codebook::decode(payload, transform, leaves.len()).map(Shapes::Whole),
         other => Err(Error::Corrupt { what: "covariance mode", value: other.into() }),
     }
 }

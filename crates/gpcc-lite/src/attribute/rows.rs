@@ -1,0 +1,96 @@
+//! Decoded values, leaf by leaf.
+
+use crate::context::{CHUNK, chunk_sizes};
+use crate::raht::Lanes;
+
+/// The values of a group of channels, leaf by leaf. Its memory serves one group after another: what
+/// is fresh costs an interrupt per page.
+#[derive(Clone, Debug, Default)]
+pub struct Rows {
+    leaves: usize,
+    /// Channels of each chunk.
+    sizes: Vec<usize>,
+    /// The chunks of one leaf after those of another.
+    pub(super) lanes: Vec<Lanes>,
+}
+
+impl Rows {
+    /// Makes room; what the rows hold then is anything.
+    pub(super) fn resize(&mut self, leaves: usize, channels: usize) {
+        self.leaves = leaves;
+        self.sizes = chunk_sizes(channels);
+        let len = leaves * self.sizes.len();
+        if len > self.lanes.capacity() {
+            // Zeros of the system, untouched until they are written.
+            self.lanes = vec![[0.0; CHUNK]; len];
+        } else {
+            self.lanes.resize(len, [0.0; CHUNK]);
+        }
+    }
+
+    /// Number of leaves.
+    #[must_use]
+    pub fn leaves(&self) -> usize {
+        self.leaves
+    }
+
+    /// Number of channels.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        self.sizes.iter().sum()
+    }
+
+    /// Copies the values of the leaves from `first` on, [`Rows::channels`] for each, as many as
+    /// `out` has room for or there are.
+    pub fn copy(&self, first: usize, out: &mut [f32]) {
+        let width = self.sizes.len();
+        let mut at = 0;
+        for row in self.lanes[first * width..].chunks_exact(width.max(1)) {
+            for (lanes, &size) in row.iter().zip(&self.sizes) {
+                // Whole chunks are one store; the next goes over what they have too much.
+                if let Some(out) = out[at..].first_chunk_mut::<CHUNK>() {
+                    *out = *lanes;
+                } else if let Some(out) = out[at..].get_mut(..size) {
+                    out.copy_from_slice(&lanes[..size]);
+                } else {
+                    return;
+                }
+                at += size;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_those_of_the_chunks() {
+        let mut rows = Rows::default();
+        for channels in [7, 1, 21, 6, 3, 0] {
+            rows.resize(9, channels);
+            let sizes = rows.sizes.clone();
+            let mut next = 0.0;
+            for row in rows.lanes.chunks_exact_mut(sizes.len().max(1)) {
+                for (lanes, &size) in row.iter_mut().zip(&sizes) {
+                    *lanes = [-1.0; CHUNK];
+                    lanes[..size].fill_with(|| {
+                        next += 1.0;
+                        next
+                    });
+                }
+            }
+            for (first, n) in [(0, 9), (0, 1), (3, 2), (8, 1), (8, 4), (9, 1)] {
+                let mut out = vec![0.0; n * channels];
+                rows.copy(first, &mut out);
+                for (i, v) in out.iter().enumerate() {
+                    let at = first * channels + i;
+                    let want = if at < 9 * channels { at as f32 + 1.0 } else { 0.0 };
+                    // Beyond the last leaf nothing is promised.
+                    assert!(at >= 9 * channels || *v == want, "{channels} {first} {i}");
+                }
+            }
+        }
+    }
+}
