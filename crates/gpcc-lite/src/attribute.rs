@@ -176,6 +176,7 @@ pub fn decode_rows(plan: &Plan, bytes: &[u8], max_channels: usize, rows: &mut Ro
         (0..channels).map(|_| Head::read(&mut r, plan)).collect::<Result<_>>()?;
     let bytes = &bytes[r.pos()..];
     let channels = heads.len();
+    plan.prepare_levels(heads.iter().map(Head::predicted_levels).max().unwrap_or(0));
     rows.resize(plan.len(), channels);
     match bytes.first() {
         Some(&coeffs::RANGE) => decode_ranged::<false>(plan, &heads, &bytes[1..], rows),
@@ -271,6 +272,11 @@ impl Head {
             _ => return Err(r.corrupt("prediction flag")),
         }
         Ok(Self { step, centroids, strength })
+    }
+
+    /// Number of octree levels, from the top, after which nothing is predicted.
+    fn predicted_levels(&self) -> usize {
+        self.strength.iter().rposition(|&s| s != 0).map_or(0, |last| last + 1)
     }
 
     fn strength(&self, depth: usize) -> f32 {

@@ -61,8 +61,6 @@ pub struct Plan {
     axis: Vec<u8>,
     /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `N`.
     levels: Vec<u32>,
-    /// `sqrt(w)` of each leaf, or empty if all are 1.
-    root_weight: Vec<f64>,
     leaves: Vec<Leaf>,
     j_high: u8,
     /// Neighbour relations, built level by level on first use.
@@ -77,7 +75,15 @@ impl Plan {
     /// # Errors
     /// If the leaves are not sorted, disjoint cells of a tree of depth `j_high`.
     pub fn new(leaves: &[Leaf], j_high: u8) -> Result<Self> {
-        check_leaves(leaves, j_high)?;
+        Self::of(leaves.to_vec(), j_high)
+    }
+
+    /// As [`Plan::new`], without a copy of the leaves; [`Plan::into_leaves`] gives them back.
+    ///
+    /// # Errors
+    /// As [`Plan::new`].
+    pub fn of(leaves: Vec<Leaf>, j_high: u8) -> Result<Self> {
+        check_leaves(&leaves, j_high)?;
         Ok(Self::build(leaves, j_high, None))
     }
 
@@ -89,7 +95,7 @@ impl Plan {
     pub fn with_weights(leaves: &[Leaf], j_high: u8, weights: &[u32]) -> Result<Self> {
         check_leaves(leaves, j_high)?;
         check_weights(leaves.len(), weights)?;
-        Ok(Self::build(leaves, j_high, Some(weights)))
+        Ok(Self::build(leaves.to_vec(), j_high, Some(weights)))
     }
 
     /// The same leaves with other weights: what [`Plan::with_weights`] gives, for less. Neighbour
@@ -100,7 +106,6 @@ impl Plan {
     pub fn weighted(mut self, weights: &[u32]) -> Result<Self> {
         check_weights(self.points, weights)?;
         self.prefix = prefix_of(weights);
-        self.root_weight = weights.iter().map(|&x| f64::from(x).sqrt()).collect();
         for m in 0..self.left.len() {
             let [w1, w2] = self.child_weights(m + 1);
             (self.share[m], self.scale[m]) = factors(w1, w2);
@@ -108,7 +113,7 @@ impl Plan {
         Ok(self)
     }
 
-    fn build(leaves: &[Leaf], j_high: u8, weights: Option<&[u32]>) -> Self {
+    fn build(leaves: Vec<Leaf>, j_high: u8, weights: Option<&[u32]>) -> Self {
         let n = leaves.len();
         let merges = n.saturating_sub(1);
         let prefix = weights.map(prefix_of).unwrap_or_default();
@@ -182,10 +187,7 @@ impl Plan {
             scale: vec![0.0; merges],
             axis: vec![0; merges],
             levels,
-            root_weight: weights
-                .map(|w| w.iter().map(|&x| f64::from(x).sqrt()).collect())
-                .unwrap_or_default(),
-            leaves: leaves.to_vec(),
+            leaves,
             j_high,
             pyramid: Arc::default(),
             prefix,
@@ -212,6 +214,23 @@ impl Plan {
     #[must_use]
     pub fn len(&self) -> usize {
         self.points
+    }
+
+    /// The leaves.
+    #[must_use]
+    pub fn leaves(&self) -> &[Leaf] {
+        &self.leaves
+    }
+
+    /// The leaves, of a plan that is not needed any more.
+    #[must_use]
+    pub fn into_leaves(self) -> Vec<Leaf> {
+        self.leaves
+    }
+
+    /// `sqrt(w)` of each leaf; nothing if all are 1.
+    fn root_weights(&self) -> impl Iterator<Item = f64> {
+        self.prefix.windows(2).map(|w| ((w[1] - w[0]) as f64).sqrt())
     }
 
     /// True for a plan of no points.
@@ -257,7 +276,13 @@ impl Plan {
     /// Builds the neighbour relations that prediction needs, which otherwise happens at its first
     /// use. They are kept, and shared by all channels and threads.
     pub fn prepare_prediction(&self) {
-        if let Some(last) = self.predicted_levels(true).checked_sub(1) {
+        self.prepare_levels(self.predicted_levels(true));
+    }
+
+    /// The same for so many levels from the top; levels that are asked for one by one are all built
+    /// again for each.
+    pub(crate) fn prepare_levels(&self, levels: usize) {
+        if let Some(last) = levels.checked_sub(1) {
             let _ = self.pyramid.level(self, last);
         }
     }
@@ -365,18 +390,37 @@ fn factors(left: u64, right: u64) -> (f32, f32) {
 mod tests {
     use super::*;
 
-    #[test]
-    fn weights_may_come_later() {
-        let leaves: Vec<Leaf> =
-            (0..300u64).map(|i| Leaf { morton: i * i % 4093, depth: 5 }).collect();
-        let mut leaves = leaves;
+    fn some_leaves() -> Vec<Leaf> {
+        let leaves = (0..300u64).map(|i| Leaf { morton: i * i % 4093, depth: 5 });
+        let mut leaves: Vec<Leaf> = leaves.collect();
         leaves.sort_unstable();
         leaves.dedup();
+        leaves
+    }
+
+    #[test]
+    fn neighbour_relations_do_not_depend_on_what_was_asked_for_before() {
+        let [at_once, bit_by_bit] = [(); 2].map(|()| Plan::new(&some_leaves(), 5).unwrap());
+        at_once.prepare_levels(5);
+        for levels in [2, 1, 3, 5] {
+            bit_by_bit.prepare_levels(levels);
+        }
+        for depth in 0..5 {
+            let terms = at_once.pyramid.level(&at_once, depth);
+            assert!(depth == 0 || terms.len() > 0);
+            assert_eq!(terms, bit_by_bit.pyramid.level(&bit_by_bit, depth));
+        }
+    }
+
+    #[test]
+    fn weights_may_come_later() {
+        let leaves = some_leaves();
         let weights: Vec<u32> = (0..leaves.len() as u32).map(|i| 1 + i * 7 % 50).collect();
         let at_once = Plan::with_weights(&leaves, 5, &weights).unwrap();
         let later = Plan::new(&leaves, 5).unwrap().weighted(&weights).unwrap();
         assert_eq!((&at_once.share, &at_once.scale), (&later.share, &later.scale));
-        assert_eq!((&at_once.prefix, &at_once.root_weight), (&later.prefix, &later.root_weight));
+        assert_eq!(at_once.prefix, later.prefix);
+        assert!(later.root_weights().map(|r| (r * r).round() as u32).eq(weights.iter().copied()));
         assert!(Plan::new(&leaves, 5).unwrap().weighted(&weights[1..]).is_err());
         assert!(Plan::new(&leaves, 5).unwrap().weighted(&vec![0; leaves.len()]).is_err());
     }

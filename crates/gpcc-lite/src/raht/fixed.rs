@@ -17,7 +17,7 @@ impl Plan {
     /// If `values` is not one per point.
     pub fn forward_fixed(&self, values: &mut Vec<i64>) -> Result<()> {
         self.check(values.len())?;
-        for (v, &r) in values.iter_mut().zip(&self.root_weight) {
+        for (v, r) in values.iter_mut().zip(self.root_weights()) {
             *v = scale_up(*v, r);
         }
         for m in (0..self.left.len()).rev() {
@@ -46,7 +46,7 @@ impl Plan {
             values[i] = round_shift(c * low - s * high);
             values[j] = round_shift(s * low + c * high);
         }
-        for (v, &r) in values.iter_mut().zip(&self.root_weight) {
+        for (v, r) in values.iter_mut().zip(self.root_weights()) {
             *v = scale_down(*v, r);
         }
         *coefficients = values;

@@ -14,7 +14,7 @@ macro_rules! float_forms {
             /// If `values` is not one per point.
             pub fn $forward(&self, values: &mut Vec<$real>) -> Result<()> {
                 self.check(values.len())?;
-                for (v, &r) in values.iter_mut().zip(&self.root_weight) {
+                for (v, r) in values.iter_mut().zip(self.root_weights()) {
                     *v *= r as $real;
                 }
                 for m in (0..self.left.len()).rev() {
@@ -42,7 +42,7 @@ macro_rules! float_forms {
                     values[i] = c * low - s * high;
                     values[j] = s * low + c * high;
                 }
-                for (v, &r) in values.iter_mut().zip(&self.root_weight) {
+                for (v, r) in values.iter_mut().zip(self.root_weights()) {
                     *v /= r as $real;
                 }
                 *coefficients = values;

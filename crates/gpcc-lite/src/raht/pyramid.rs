@@ -20,7 +20,7 @@ pub(super) const LEAF_BITS: u32 = 30;
 pub(super) const WEIGHT: [u8; 4] = [CHILD[1], CHILD[2], NODE[1], NODE[2]];
 
 /// The blocks (nodes with two children or more) of one octree level, in coefficient order.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, PartialEq)]
 pub(super) struct Terms {
     /// Occupied children of each block.
     masks: Vec<u8>,
@@ -70,11 +70,11 @@ fn sum(counts: &[u8]) -> usize {
     counts.iter().map(|&n| usize::from(n)).sum()
 }
 
-/// The terms of the levels that were asked for.
+/// The terms of the levels that were asked for, and of those above them.
 #[derive(Debug, Default)]
 pub(super) struct Pyramid {
     levels: [OnceLock<Terms>; MAX_DEPTH as usize],
-    builder: Mutex<Option<Builder>>,
+    building: Mutex<()>,
 }
 
 /// Where building has got to.
@@ -91,16 +91,19 @@ impl Pyramid {
         if let Some(found) = self.levels[depth].get() {
             return found;
         }
-        // Nothing can be left half done: a level is stored whole or not at all.
-        let mut builder = self.builder.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut state = builder.take().unwrap_or_else(|| Builder::new(plan));
-        while usize::from(state.depth) <= depth {
-            let at = usize::from(state.depth);
-            let terms = state.next(plan);
-            let _ = self.levels[at].set(terms);
+        // Nothing can be left half done: a level is stored whole or not at all. What building
+        // needs beside the terms is as large as they are, and is not kept: whoever asks for a
+        // level below those that are there has all of them built again.
+        let building = self.building.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.levels[depth].get().is_none() {
+            let mut state = Builder::new(plan);
+            while usize::from(state.depth) <= depth {
+                let at = usize::from(state.depth);
+                let terms = state.next(plan);
+                let _ = self.levels[at].set(terms);
+            }
         }
-        *builder = Some(state);
-        drop(builder);
+        drop(building);
         self.levels[depth].get_or_init(Terms::default)
     }
 }

@@ -29,12 +29,27 @@ impl Transform {
     /// # Errors
     /// [`Error::Coding`] if the leaves are not a valid pruned octree.
     pub fn new(leaves: &[Leaf], j_high: u8, classes: Option<&[u8]>) -> Result<Self> {
-        let plan = Plan::new(leaves, j_high).map_err(coding("transform"))?;
-        let plain = Self { plan, step_factor: 1.0 };
+        let plain = Self::of(leaves.to_vec(), j_high)?;
         match classes {
             Some(classes) => plain.weighted(classes),
             None => Ok(plain),
         }
+    }
+
+    /// The transform of `leaves` without weights and without a copy of them.
+    pub(crate) fn of(leaves: Vec<Leaf>, j_high: u8) -> Result<Self> {
+        let plan = Plan::of(leaves, j_high).map_err(coding("transform"))?;
+        Ok(Self { plan, step_factor: 1.0 })
+    }
+
+    /// The leaves.
+    pub(crate) fn leaves(&self) -> &[Leaf] {
+        self.plan.leaves()
+    }
+
+    /// The leaves, of a transform that is not needed any more.
+    pub(crate) fn into_leaves(self) -> Vec<Leaf> {
+        self.plan.into_leaves()
     }
 
     /// The same weighted by importance class.

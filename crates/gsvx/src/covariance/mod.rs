@@ -11,7 +11,6 @@ use crate::encode::Leaves;
 use crate::error::{Error, Result};
 use crate::options::{CovarianceMode, EncodeOptions};
 use crate::stream::SectionKind;
-use gpcc_lite::Leaf;
 use gpcc_lite::attribute::Rows;
 use gs_model::Scene;
 
@@ -70,7 +69,6 @@ pub(crate) enum Shapes {
 pub(crate) fn decode(
     payload: &[u8],
     transform: &Transform,
-    leaves: &[Leaf],
     j_high: u8,
     rows: &mut Rows,
 ) -> Result<Shapes> {
@@ -82,8 +80,8 @@ pub(crate) fn decode(
             transform.decode_rows(payload, 6, rows)?;
             Ok(Shapes::Coordinates)
         }
-        INTEGERS => integers::decode(payload, leaves, j_high).map(Shapes::Whole),
-        CODEBOOK => codebook::decode(payload, transform, leaves.len()).map(Shapes::Whole),
+        INTEGERS => integers::decode(payload, transform.leaves(), j_high).map(Shapes::Whole),
+        CODEBOOK => codebook::decode(payload, transform, transform.len()).map(Shapes::Whole),
         other => Err(Error::Corrupt { what: "covariance mode", value: other.into() }),
     }
 }

@@ -64,20 +64,20 @@ impl Values {
         self.first = slice.first;
         let geometry = gpcc_lite::geometry::decode(slice.geometry, &limits(slice.len))
             .map_err(coding("geometry"))?;
-        self.leaves = geometry.leaves;
-        if self.leaves.len() as u64 != slice.len {
-            return Err(Error::Corrupt { what: "leaf count", value: self.leaves.len() as u64 });
+        let mut leaves = geometry.leaves;
+        if leaves.len() as u64 != slice.len {
+            return Err(Error::Corrupt { what: "leaf count", value: leaves.len() as u64 });
         }
+        leaves.shrink_to_fit();
         if geometry.j_high != header.j_high {
             return Err(Error::Corrupt { what: "geometry depth", value: geometry.j_high.into() });
         }
-        let mut transform = Transform::new(&self.leaves, header.j_high, None)?;
+        let mut transform = Transform::of(leaves, header.j_high)?;
         if let Some(payload) = slice.importance {
             let classes = importance::decode_by(&transform, payload, &mut self.opacity)?;
             transform = transform.weighted(&classes)?;
         }
         self.shapes = Shapes::default();
-        let leaves = &self.leaves;
         let [dc, sh1, sh2, sh3] = &mut self.sh;
         let mut free = [
             (SectionKind::Opacity, Some(&mut self.opacity)),
@@ -92,7 +92,7 @@ impl Values {
             .iter()
             .zip(&slice.attributes)
             .filter_map(|(&kind, payload)| rows_of(kind).map(|rows| Task { kind, payload, rows }));
-        let said = run(tasks.collect(), alone, |task| task.run(&transform, leaves, header.j_high));
+        let said = run(tasks.collect(), alone, |task| task.run(&transform, header.j_high));
         for said in said {
             match said? {
                 Said::Nothing => {}
@@ -100,6 +100,7 @@ impl Values {
                 Said::Shapes(shapes) => self.shapes = shapes,
             }
         }
+        self.leaves = transform.into_leaves();
         Ok(())
     }
 
@@ -199,7 +200,7 @@ fn natural(value: f32) -> f64 {
 }
 
 impl Task<'_> {
-    fn run(self, transform: &Transform, leaves: &[Leaf], j_high: u8) -> Result<Said> {
+    fn run(self, transform: &Transform, j_high: u8) -> Result<Said> {
         let Self { kind, payload, rows } = self;
         match kind {
             SectionKind::Opacity => {
@@ -211,7 +212,7 @@ impl Task<'_> {
                 Ok(Said::Domain(domain))
             }
             SectionKind::Covariance => {
-                covariance::decode(payload, transform, leaves, j_high, rows).map(Said::Shapes)
+                covariance::decode(payload, transform, j_high, rows).map(Said::Shapes)
             }
             _ => {
                 transform.decode_rows(payload, 3 * kind.sh_coefficients().len(), rows)?;
@@ -221,8 +222,10 @@ impl Task<'_> {
     }
 }
 
-/// Runs the tasks: one after another, or on all cores, those of most channels first, so that no
-/// core waits for a long one that was begun last. Results are in the order of the tasks.
+/// Runs the tasks: one after another, or on all cores, the long ones first, so that no core waits
+/// for one that was begun last, and so that what those need is free again when all values are
+/// there: covariances, of which few are zero, then those of most channels. Results are in the order
+/// of the tasks.
 fn run<'a>(
     tasks: Vec<Task<'a>>,
     alone: bool,
@@ -233,7 +236,8 @@ fn run<'a>(
     }
     let mut slots: Vec<Option<Result<Said>>> = tasks.iter().map(|_| None).collect();
     let mut jobs: Vec<_> = tasks.into_iter().zip(&mut slots).collect();
-    jobs.sort_by_key(|(task, _)| std::cmp::Reverse(task.kind.channels()));
+    let length = |kind: SectionKind| (kind == SectionKind::Covariance, kind.channels());
+    jobs.sort_by_key(|(task, _)| std::cmp::Reverse(length(task.kind)));
     rayon::scope_fifo(|scope| {
         for (task, slot) in jobs {
             let work = &work;
