@@ -78,14 +78,18 @@ impl BitWriter {
         debug_assert!(n <= 32 && (n == 32 || v >> n == 0));
         self.acc = (self.acc << n) | u64::from(v);
         self.fill += n;
-        while self.fill >= 8 {
-            self.fill -= 8;
-            self.out.push((self.acc >> self.fill) as u8);
+        if self.fill >= 32 {
+            self.fill -= 32;
+            self.out.extend_from_slice(&((self.acc >> self.fill) as u32).to_be_bytes());
         }
     }
 
     /// Pads the last byte with zeros and returns the bytes.
     pub(crate) fn finish(mut self) -> Vec<u8> {
+        while self.fill >= 8 {
+            self.fill -= 8;
+            self.out.push((self.acc >> self.fill) as u8);
+        }
         if self.fill > 0 {
             self.out.push((self.acc << (8 - self.fill)) as u8);
         }
@@ -110,24 +114,46 @@ impl<'a> BitReader<'a> {
     /// Reads `n` bits, at most 32.
     #[inline]
     pub(crate) fn get(&mut self, n: u32) -> u32 {
-        while self.fill < n {
-            let b = self.data.get(self.pos).copied().unwrap_or(0);
-            self.acc = (self.acc << 8) | u64::from(b);
-            self.pos += 1;
-            self.fill += 8;
+        if self.fill < n {
+            self.refill();
         }
         self.fill -= n;
         let mask = (1u64 << n) - 1;
         ((self.acc >> self.fill) & mask) as u32
     }
 
+    /// Takes four bytes more; there are fewer than 32 bits left.
+    #[inline]
+    fn refill(&mut self) {
+        let mut word = [0; 4];
+        if let Some(w) = self.data.get(self.pos..self.pos + 4) {
+            word.copy_from_slice(w);
+        } else if let Some(rest) = self.data.get(self.pos..) {
+            word[..rest.len()].copy_from_slice(rest);
+        }
+        self.acc = (self.acc << 32) | u64::from(u32::from_be_bytes(word));
+        self.pos += 4;
+        self.fill += 32;
+    }
+
+    /// Reads ones, at most 32, and the zero after them if there are fewer.
+    #[inline]
+    pub(crate) fn ones(&mut self) -> u32 {
+        if self.fill < 32 {
+            self.refill();
+        }
+        let n = ((self.acc << (64 - self.fill)).leading_ones()).min(32);
+        self.fill -= (n + 1).min(32);
+        n
+    }
+
     /// True once more bytes were taken than there are.
     pub(crate) fn overrun(&self) -> bool {
-        self.pos > self.data.len()
+        self.consumed() > self.data.len()
     }
 
     /// Bytes consumed so far, whole or in part.
     pub(crate) fn consumed(&self) -> usize {
-        self.pos
+        self.pos - (self.fill / 8) as usize
     }
 }

@@ -106,9 +106,10 @@ impl Plan {
     pub fn weighted(mut self, weights: &[u32]) -> Result<Self> {
         check_weights(self.points, weights)?;
         self.prefix = prefix_of(weights);
+        let factors = Factors::new();
         for m in 0..self.left.len() {
             let [w1, w2] = self.child_weights(m + 1);
-            (self.share[m], self.scale[m]) = factors(w1, w2);
+            (self.share[m], self.scale[m]) = factors.of(w1, w2);
         }
         Ok(self)
     }
@@ -148,39 +149,38 @@ impl Plan {
         while let Some(t) = stack.pop() {
             above[t as usize] = stack.last().copied().unwrap_or(0);
         }
-        // Counting sort by octree level, coarse first; Morton order within it.
+        // Counting sort by octree level, coarse first; Morton order within it, but within a block
+        // (boundaries under one node) the higher bit comes first.
         let mut levels = vec![1u32];
         for depth in 0..j_high {
             let before = levels[depth as usize];
             levels.push(before + histogram[(j_high - 1 - depth) as usize]);
         }
-        let mut slot = levels.clone();
+        // By level from the finest: the next slot, the first of the block, the block's node.
+        let mut slots = [(0usize, 0usize, u64::MAX); 22];
+        for (slot, &first) in slots.iter_mut().zip(levels.iter().rev().skip(1)) {
+            slot.0 = first as usize - 1;
+        }
         let mut sorted = vec![0u32; merges];
         for j in 1..n {
-            let s = &mut slot[(j_high - 1 - bit[j] / 3) as usize];
-            sorted[*s as usize - 1] = j as u32;
-            *s += 1;
-        }
-        // Within a block (boundaries under one node) the higher bit comes first.
-        for level in 0..j_high as usize {
-            let shift = 3 * (u32::from(j_high) - level as u32);
-            let run = &mut sorted[levels[level] as usize - 1..levels[level + 1] as usize - 1];
-            let node = |j: u32| leaves[j as usize].morton >> shift;
-            for block in run.chunk_by_mut(|&a, &b| node(a) == node(b)) {
-                // Seven at most: by insertion.
-                for i in 1..block.len() {
-                    let mut at = i;
-                    while at > 0 && bit[block[at - 1] as usize] < bit[block[at] as usize] {
-                        block.swap(at - 1, at);
-                        at -= 1;
-                    }
-                }
+            let b = bit[j];
+            let (next, block, node) = &mut slots[usize::from(b / 3)];
+            let here = leaves[j].morton >> (3 * (b / 3) + 3);
+            if here != *node {
+                (*block, *node) = (*next, here);
             }
+            let mut at = *next;
+            *next += 1;
+            while at > *block && bit[sorted[at - 1] as usize] < b {
+                sorted[at] = sorted[at - 1];
+                at -= 1;
+            }
+            sorted[at] = j as u32;
         }
         let mut plan = Self {
             points: n,
             left: vec![0; merges],
-            right: vec![0; merges],
+            right: Vec::new(),
             parent: vec![0; merges],
             end: vec![0; merges],
             share: vec![0.0; merges],
@@ -192,21 +192,21 @@ impl Plan {
             pyramid: Arc::default(),
             prefix,
         };
+        // Parents come before their children, and what is above all is 0.
         let mut index = vec![0u32; n.max(1)];
-        for (m, &j) in sorted.iter().enumerate() {
-            index[j as usize] = m as u32 + 1;
-        }
+        let factors = Factors::new();
         for (m, &j) in sorted.iter().enumerate() {
             let (j, at) = (j as usize, j);
+            index[j] = m as u32 + 1;
             plan.left[m] = first[j];
-            plan.right[m] = at;
-            plan.parent[m] = if above[j] == 0 { 0 } else { index[above[j] as usize] };
+            plan.parent[m] = index[above[j] as usize];
             plan.axis[m] = 2 - bit[j] % 3;
             let w1 = plan.weight_of(first[j], at);
             let w2 = plan.weight_of(at, last[j]);
             plan.end[m] = last[j];
-            (plan.share[m], plan.scale[m]) = factors(w1, w2);
+            (plan.share[m], plan.scale[m]) = factors.of(w1, w2);
         }
+        plan.right = sorted;
         plan
     }
 
@@ -384,6 +384,26 @@ fn prefix_of(weights: &[u32]) -> Vec<u64> {
 fn factors(left: u64, right: u64) -> (f32, f32) {
     let (w1, w2) = (left as f64, right as f64);
     ((w2 / (w1 + w2)) as f32, ((w1 + w2) / (w1 * w2)).sqrt() as f32)
+}
+
+/// Weights below this have their [`factors`] in a table: most merges are of a few leaves.
+const FEW: u64 = 16;
+
+struct Factors([[(f32, f32); FEW as usize]; FEW as usize]);
+
+impl Factors {
+    fn new() -> Self {
+        Self(std::array::from_fn(|l| std::array::from_fn(|r| factors(l as u64, r as u64))))
+    }
+
+    #[inline]
+    fn of(&self, left: u64, right: u64) -> (f32, f32) {
+        if left < FEW && right < FEW {
+            self.0[left as usize][right as usize]
+        } else {
+            factors(left, right)
+        }
+    }
 }
 
 #[cfg(test)]

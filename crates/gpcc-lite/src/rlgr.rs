@@ -95,18 +95,20 @@ fn put_rice(w: &mut BitWriter, u: u32, s: &mut State, p: &Params) {
         s.adapt_rice(ESCAPE, p);
         return;
     }
-    w.put(((1u64 << (q + 1)) - 2) as u32, q + 1);
-    w.put(u & ((1u32 << k) - 1), k);
+    let (ones, low) = ((1u64 << (q + 1)) - 2, u & ((1u32 << k) - 1));
+    if q + 1 + k <= 32 {
+        w.put((ones << k) as u32 | low, q + 1 + k);
+    } else {
+        w.put(ones as u32, q + 1);
+        w.put(low, k);
+    }
     s.adapt_rice(q, p);
 }
 
 #[inline]
 fn get_rice(r: &mut BitReader<'_>, s: &mut State, p: &Params) -> u32 {
     let k = s.k_rp >> p.l_log2;
-    let mut q = 0;
-    while q < ESCAPE && r.get(1) == 1 {
-        q += 1;
-    }
+    let q = r.ones();
     s.adapt_rice(q, p);
     if q == ESCAPE { r.get(32) } else { (q << k) | r.get(k) }
 }

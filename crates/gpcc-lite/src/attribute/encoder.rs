@@ -239,6 +239,8 @@ struct Quantiser<'a, const BY_SYMBOLS: bool> {
     plan: &'a Plan,
     heads: &'a [Head],
     thresholds: Thresholds,
+    /// Where each channel is.
+    places: Vec<(usize, usize)>,
     /// Number of channels of each chunk.
     sizes: Vec<usize>,
     /// Reciprocals of the steps, chunk by chunk.
@@ -271,6 +273,7 @@ impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
         Self {
             plan,
             heads,
+            places: places(channels).collect(),
             thresholds: Thresholds::new(o.lambda),
             per_unit,
             rows: RowCoder::new(plan.len(), channels),
@@ -340,6 +343,9 @@ impl<const BY_SYMBOLS: bool> Residual for Quantiser<'_, BY_SYMBOLS> {
                 let mut levels = [0; CHUNK];
                 for i in 0..size {
                     let x = row[chunk][i];
+                    if x.abs() < 0.5 {
+                        continue;
+                    }
                     let steps = f64::from(x.abs());
                     let magnitude = self.thresholds.quantise(steps, here.expected(i, coded));
                     coded = coded.saturating_add(magnitude);
@@ -373,7 +379,7 @@ impl<const BY_SYMBOLS: bool> Residual for Quantiser<'_, BY_SYMBOLS> {
                 let here = self.rows.context().at(at.0, at.1);
                 self.rows.learn(k, &here, &self.levels);
                 if any {
-                    for (plane, (chunk, i)) in planes.iter_mut().zip(places(self.heads.len())) {
+                    for (plane, &(chunk, i)) in planes.iter_mut().zip(&self.places) {
                         plane[k] = self.levels[chunk][i];
                     }
                 }

@@ -80,22 +80,32 @@ pub(super) fn detect(leaves: &[Leaf], j_high: u8) -> bool {
     let levels = [depth - 2, depth - 1, depth];
     let mut counts = levels.map(|level| [0; 3].map(|_: u32| vec![0u32; 1 << level]));
     for l in leaves {
+        // Those of the coarser levels follow below.
+        let Some(at) = levels.iter().rposition(|&level| l.depth >= level) else { continue };
         let xyz = morton::decode(l.morton);
-        for (&level, counts) in
-            levels.iter().zip(&mut counts).filter(|(level, _)| l.depth >= **level)
-        {
-            for (count, x) in counts.iter_mut().zip(xyz) {
-                count[(x >> (j_high - level)) as usize] += 1;
+        for (count, x) in counts[at].iter_mut().zip(xyz) {
+            count[(x >> (j_high - levels[at])) as usize] += 1;
+        }
+        decisions += 3 * (at as u64 + 1);
+    }
+    for at in (1..levels.len()).rev() {
+        let (coarser, finer) = counts.split_at_mut(at);
+        for (coarse, fine) in coarser[at - 1].iter_mut().zip(&finer[0]) {
+            for (sum, pair) in coarse.iter_mut().zip(fine.chunks_exact(2)) {
+                *sum += pair[0] + pair[1];
             }
-            decisions += 3;
         }
     }
+    let few: Vec<u64> = (0..1024).map(log2).collect();
+    let log2 = |n: u64| few.get(n as usize).copied().unwrap_or_else(|| log2(n));
     for counts in counts {
         for pair in counts.iter().flat_map(|count| count.chunks_exact(2)) {
             let (a, b) = (u64::from(pair[0]), u64::from(pair[1]));
             if a + b > 0 {
                 // Entropy, and what learning one probability costs.
-                let cost = n_log2(a + b) - n_log2(a) - n_log2(b) + log2(a + b) / 2 + 256;
+                let whole = log2(a + b);
+                let parts = a * log2(a) + b * log2(b);
+                let cost = (a + b) * whole - parts + whole / 2 + 256;
                 saved += (256 * (a + b)) as i64 - cost as i64;
             }
         }
@@ -121,8 +131,4 @@ fn log2(n: u64) -> u64 {
         }
     }
     bits
-}
-
-fn n_log2(n: u64) -> u64 {
-    n * log2(n)
 }

@@ -195,7 +195,7 @@ impl Models {
         child
     }
 
-    /// Codes which children of a node are occupied; `cells` are not looked at by fast models.
+    /// Codes which children of a node are occupied.
     pub(super) fn occupancy<C: BinaryCoder>(
         &mut self,
         coder: &mut C,
@@ -204,9 +204,6 @@ impl Models {
         classes: &Classes,
         truth: u8,
     ) -> u8 {
-        if self.fast {
-            return self.occupancy_fast(coder, node, classes, truth);
-        }
         let xyz = self.lattice.as_ref().map(|_| morton::decode(node.code));
         let outside: [usize; 8] = std::array::from_fn(|c| usize::from(cells.outside(c)) << 2);
         // Touching the counters of all eight at once overlaps their cache misses.
@@ -252,8 +249,8 @@ impl Models {
         occupancy
     }
 
-    /// The same with one counter each.
-    fn occupancy_fast<C: BinaryCoder>(
+    /// The same by fast models: one counter each.
+    pub(super) fn occupancy_fast<C: BinaryCoder>(
         &mut self,
         coder: &mut C,
         node: &NodeContext,

@@ -52,6 +52,21 @@ impl<'a> Tree<'a> {
         path: &mut impl FnMut(u32, u32) -> u32,
         limit: usize,
     ) -> Result<()> {
+        if models.fast() {
+            self.code_level::<true, C>(depth, models, coder, path, limit)
+        } else {
+            self.code_level::<false, C>(depth, models, coder, path, limit)
+        }
+    }
+
+    fn code_level<const FAST: bool, C: BinaryCoder>(
+        &mut self,
+        depth: u8,
+        models: &mut Models,
+        coder: &mut C,
+        path: &mut impl FnMut(u32, u32) -> u32,
+        limit: usize,
+    ) -> Result<()> {
         let shift = 3 * (self.j_high - depth - 1);
         let old_tails = self.tails.len();
         let least = if depth + 1 == self.j_high { 2 } else { 1 };
@@ -63,7 +78,6 @@ impl<'a> Tree<'a> {
             truth.start_level(depth);
         }
         let kernel: &Kernel = &KERNEL;
-        let fast = models.fast();
         let mut block = Block::new();
         let mut near = self.above.hoods.near.as_slice();
         let (mut at, mut next) = (0usize, 0usize);
@@ -84,7 +98,8 @@ impl<'a> Tree<'a> {
                 let (stops, single) =
                     known::<C>(&mut self.truth).map_or((false, false), Truth::next);
                 let mut has = Below::default();
-                let mut low = window & LOW_FACES;
+                // Fast models do not ask.
+                let mut low = if FAST { 0 } else { window & LOW_FACES };
                 while low != 0 {
                     let i = block.index(c, low.trailing_zeros());
                     low &= low - 1;
@@ -119,23 +134,26 @@ impl<'a> Tree<'a> {
                     if place == CENTRE {
                         continue;
                     }
-                    if (i as usize) < here {
-                        let mask = below.children[i as usize].mask;
+                    let known = (i as usize) < here;
+                    let mask = below.children[i as usize].mask;
+                    if FAST {
+                        kernel.add(&mut densities, place, known, mask);
+                    } else if known {
                         kernel.add_coded(&mut densities, place, mask);
-                        if !fast {
-                            cells.add_coded(place as usize, mask);
-                        }
+                        cells.add_coded(place as usize, mask);
                     } else {
                         kernel.add_later(&mut densities, place);
-                        if !fast {
-                            cells.add_later(place as usize);
-                        }
+                        cells.add_later(place as usize);
                     }
                 }
                 below.hoods.present.push(window);
                 let wanted = known::<C>(&mut self.truth).map_or(0, Truth::split);
                 let classes = Classes::new(&densities);
-                let mask = models.occupancy(coder, &node, cells, &classes, wanted);
+                let mask = if FAST {
+                    models.occupancy_fast(coder, &node, &classes, wanted)
+                } else {
+                    models.occupancy(coder, &node, cells, &classes, wanted)
+                };
                 below.children[here] = Children { first: next as u32, mask };
                 let ones = usize::from(ONES[usize::from(mask)]);
                 next += ones;

@@ -1,5 +1,6 @@
 //! Which reconstructed means predict each child of each block, found once per plan.
 
+use std::hint::select_unpredictable;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use super::blocks::{Block, MERGES};
@@ -307,7 +308,9 @@ impl Terms {
         while mask != 0 {
             let c = mask.trailing_zeros() as usize & 7;
             mask &= mask - 1;
-            let before = self.terms.len();
+            // Three faces and three edges at most.
+            let mut found = [0u32; 8];
+            let mut count = 0;
             let mut touching = window & TOUCHING[c];
             while touching != 0 {
                 let place = touching.trailing_zeros() as usize & 63;
@@ -317,15 +320,20 @@ impl Terms {
                 let edge = u32::from(!axes.is_power_of_two());
                 let twin = (c as u8 ^ axes) & 7;
                 let of = level.children[other];
-                let term = if other < at && of.mask >> twin & 1 == 1 {
-                    let j = of.first + rank(of.mask, u32::from(twin));
-                    next.range[j as usize][0] | edge << LEAF_BITS
-                } else {
-                    level.range[other][0] | (2 + edge) << LEAF_BITS
-                };
-                self.terms.push(term);
+                // Either is about as likely, whatever came before.
+                let known = (other < at) & (of.mask >> twin & 1 == 1);
+                let j = (of.first + rank(of.mask, u32::from(twin))) as usize;
+                let list = select_unpredictable(known, &next.range[..], &level.range[..]);
+                let first = list[select_unpredictable(known, j, other)][0];
+                let kind = select_unpredictable(known, edge, 2 + edge);
+                found[count & 7] = first | kind << LEAF_BITS;
+                count += 1;
             }
-            self.counts[child] = (self.terms.len() - before) as u8;
+            // A copy of known length, and back.
+            let end = self.terms.len() + count;
+            self.terms.extend_from_slice(&found);
+            self.terms.truncate(end);
+            self.counts[child] = count as u8;
             child += 1;
         }
     }
