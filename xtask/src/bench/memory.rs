@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail, ensure};
 use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
 use gs_model::{Scene, ply};
-use gsvx::attributes::group::Transform;
+use gsvx::attributes::group::{Coding, Transform};
 use gsvx::attributes::{colour, opacity};
 use gsvx::covariance::log_euclidean;
 use gsvx::{DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, Seen, importance};
@@ -177,7 +177,10 @@ fn section(
 ) -> Result<Peak> {
     let steps = &options.steps;
     let code = |steps: &[f64], leaf: &dyn Fn(usize, &mut [f64])| {
-        peak_of(|| Ok(transform.encode(steps, options.entropy, leaf)?))
+        // How much is zeroed makes no difference to memory.
+        let lambda = gpcc_lite::attribute::Options::default().lambda;
+        let how = Coding { entropy: options.entropy, lambda };
+        peak_of(|| Ok(transform.encode(steps, how, leaf)?))
     };
     let (range, step) = match stage {
         "encode: opacity" => {
