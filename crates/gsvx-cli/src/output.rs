@@ -31,6 +31,10 @@ const SUFFIX: &str = ".part";
 /// just created to get its lock.
 const STALE: Duration = Duration::from_secs(60);
 
+/// Bytes after which the disk gets a file that is being written.
+#[cfg(unix)]
+const FLUSH: u64 = 64 << 20;
+
 /// Removes what killed runs left in `dir`. Best effort: what cannot be removed stays.
 fn sweep(dir: &Path) {
     for entry in std::fs::read_dir(dir).into_iter().flatten().flatten() {
@@ -137,10 +141,32 @@ impl Output {
         fill: impl FnOnce(&(dyn Fn(&[u8], u64) -> std::io::Result<()> + Sync)) -> Result<()>,
     ) -> Result<()> {
         use std::os::unix::fs::FileExt;
+        use std::sync::atomic::{AtomicU64, Ordering};
+        use std::sync::mpsc;
         if let Some(file) = &self.file {
             let file = file.as_file();
-            let write = |bytes: &[u8], at: u64| file.write_all_at(bytes, at);
-            fill(&write).with_context(|| self.incomplete())?;
+            let written = AtomicU64::new(0);
+            // The disk gets what is there while the rest is made.
+            let outcome = std::thread::scope(|scope| {
+                let (tell, told) = mpsc::channel();
+                let disk = scope.spawn(move || told.iter().try_for_each(|()| file.sync_data()));
+                let write = |bytes: &[u8], at: u64| {
+                    file.write_all_at(bytes, at)?;
+                    let more = bytes.len() as u64;
+                    let before = written.fetch_add(more, Ordering::Relaxed);
+                    if before / FLUSH != (before + more) / FLUSH {
+                        // Nobody listens after an error, which is seen below.
+                        let _ = tell.send(());
+                    }
+                    Ok(())
+                };
+                let outcome = fill(&write);
+                drop(tell);
+                // An error of the disk is told once, to whoever asks first.
+                let flushed = disk.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+                outcome.and_then(|()| Ok(flushed?))
+            });
+            outcome.with_context(|| self.incomplete())?;
         }
         self.finish()
     }
