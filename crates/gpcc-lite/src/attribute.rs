@@ -37,8 +37,7 @@ pub struct Options {
     /// sums many of them up, as a rendered pixel does.
     pub centres: bool,
     /// Code a channel on its own by the means of its nodes too, with [`Mode::Range`]: opacities take
-    /// 2 to 13 % fewer bits, for their values keep to a range and many are at its end. Not for
-    /// streams of gsvx, whose version 3 does not have it.
+    /// 2 to 13 % fewer bits, for their values keep to a range and many are at its end.
     pub by_means: bool,
     /// Return what the decoder will, at the cost of a decoding at most.
     pub reconstruction: bool,

@@ -239,7 +239,7 @@ impl<const BY_SYMBOLS: bool> RowCoder<BY_SYMBOLS> {
         let mut pending = false;
         if self.sizes.len() > 1 {
             let some = C::ENCODING && levels.iter().any(|l| *l != [0; CHUNK]);
-            match self.models.row(coder, &row, place.level, some) {
+            match self.models.row::<BY_SYMBOLS, C>(coder, &row, place.level, some) {
                 Some(false) => {
                     self.context.learn_zeros(k, &row);
                     return false;
@@ -258,13 +258,29 @@ impl<const BY_SYMBOLS: bool> RowCoder<BY_SYMBOLS> {
             let flag = if pending && chunk + 1 == self.sizes.len() {
                 Some(true)
             } else {
-                self.models.any(coder, &here, place, (chunk, size), pending, some)
+                let which = (chunk, size);
+                self.models.any::<BY_SYMBOLS, C>(coder, &here, place, which, pending, some)
             };
             let truth = *levels;
             *levels = [0; CHUNK];
             if flag == Some(false) {
                 // As many zeros shift all signs out.
                 signs = 0;
+            } else if BY_SYMBOLS {
+                let bases = here.bases();
+                let mut known = if flag.is_some() { Known::SomeNotZero } else { Known::Nothing };
+                for i in 0..size {
+                    if known == Known::SomeNotZero && i + 1 == size {
+                        known = Known::NotZero;
+                    }
+                    let of = (bases[i], place.coded);
+                    let level = self.models.level(coder, of, first + i, known, truth[i]);
+                    let m = level.unsigned_abs();
+                    known = if m > 0 { Known::Nothing } else { known };
+                    levels[i] = level;
+                    magnitude.set(i, m);
+                    place.coded = place.coded.saturating_add(m);
+                }
             } else {
                 for i in 0..size {
                     let ch = first + i;
@@ -275,14 +291,6 @@ impl<const BY_SYMBOLS: bool> RowCoder<BY_SYMBOLS> {
                         _ => Known::Nothing,
                     };
                     let v = truth[i];
-                    if BY_SYMBOLS {
-                        let level = self.models.level(coder, &here, place, (i, ch), known, v);
-                        let m = level.unsigned_abs();
-                        levels[i] = level;
-                        magnitude.set(i, m);
-                        place.coded = place.coded.saturating_add(m);
-                        continue;
-                    }
                     let m = self.models.magnitude(
                         coder,
                         &here,
@@ -302,10 +310,10 @@ impl<const BY_SYMBOLS: bool> RowCoder<BY_SYMBOLS> {
                     magnitude.set(i, m);
                     place.coded = place.coded.saturating_add(m);
                 }
-                if !magnitude.is_zero() {
-                    any = true;
-                    pending = false;
-                }
+            }
+            if !magnitude.is_zero() {
+                any = true;
+                pending = false;
             }
             self.magnitudes[chunk] = magnitude;
             first += size;

@@ -114,7 +114,8 @@ const FADE: [u32; 32] = {
     t
 };
 
-/// Magnitudes above this count as this in a context: the sums below then fit 32 bits.
+/// Magnitudes above this count as this in a context: activities are below 2^24 then, and all sums
+/// and products of them fit 32 bits.
 const CAP: u32 = (1 << 16) - 1;
 
 /// Number of the row of zeros in `previous`.
@@ -147,10 +148,13 @@ impl Magnitudes {
     /// Goes to a chunk there; `first` channels precede it.
     #[inline]
     pub(crate) fn chunk(&self, row: &Row, chunk: usize, first: usize) -> Here {
-        let above = &self.activity[row.above.row as usize * self.chunks + chunk];
-        let fade = u64::from(FADE[usize::from(row.above.age) & 31]);
+        let mut above = self.activity[row.above.row as usize * self.chunks + chunk];
+        if row.above.age > 0 {
+            let fade = u64::from(FADE[usize::from(row.above.age) & 31]);
+            above = above.map(|a| ((u64::from(a) * fade) >> 16) as u32);
+        }
         Here {
-            above: above.map(|a| ((u64::from(a) * fade) >> 16) as u32),
+            above,
             previous: row.recent.map(|r| self.previous[usize::from(r.row) * self.chunks + chunk]),
             first,
         }
@@ -177,8 +181,7 @@ impl Magnitudes {
             let above = self.chunk(row, chunk, 0).above;
             let mut lanes = [0; CHUNK];
             for i in 0..CHUNK {
-                lanes[i] = ((141 * u64::from(above[i]) + 115 * 256 * u64::from(magnitude.get(i)))
-                    >> 8) as u32;
+                lanes[i] = (141 * above[i] + 115 * 256 * magnitude.get(i)) >> 8;
                 activity = activity.saturating_add(lanes[i]);
             }
             self.activity.push(lanes);
@@ -206,9 +209,9 @@ impl Row {
     }
 }
 
-/// How much the `before > 0` channels already coded add to the expectation: 38/256 of their mean.
+/// How much the `before` channels already coded add to the expectation: 38/256 of their mean.
 #[inline]
-fn others(coded: u32, before: usize) -> u32 {
+pub(crate) fn others(coded: u32, before: usize) -> u32 {
     const SCALE: [u32; 64] = {
         let mut t = [0; 64];
         let mut n = 1;
@@ -221,7 +224,7 @@ fn others(coded: u32, before: usize) -> u32 {
     (coded.min(CAP) * SCALE[before.min(63)]) >> 6
 }
 
-/// Mean magnitude of the `before > 0` channels already coded, 8 fraction bits.
+/// Mean magnitude of the `before` channels already coded, 8 fraction bits; 0 of none.
 #[inline]
 pub(crate) fn mean_of(coded: u32, before: usize) -> u32 {
     const RECIPROCAL: [u32; 64] = {
@@ -239,7 +242,7 @@ pub(crate) fn mean_of(coded: u32, before: usize) -> u32 {
 #[inline]
 fn expected(above: u32, near: u32, coded: u32, before: usize) -> u32 {
     if before == 0 {
-        (((150 * u64::from(above)) >> 8) as u32).saturating_add(near + (near >> 3))
+        ((150 * u64::from(above)) >> 8) as u32 + near + (near >> 3)
     } else {
         (above >> 1) + near + others(coded, before)
     }
@@ -258,10 +261,23 @@ impl Here {
         expected(self.above[i], self.near(i), coded, self.first + i)
     }
 
+    /// [`Here::expected`] of all channels of the chunk but for [`others`].
+    #[inline]
+    pub(crate) fn bases(&self) -> Lanes {
+        let mut bases = [0; CHUNK];
+        for (i, base) in bases.iter_mut().enumerate() {
+            *base = (self.above[i] >> 1) + self.near(i);
+        }
+        if self.first == 0 {
+            bases[0] = expected(self.above[0], self.near(0), 0, 0);
+        }
+        bases
+    }
+
     /// Sums over the chunk: expected magnitude, activity above, previous magnitudes.
     #[inline]
     pub(crate) fn sums(&self, size: usize, coded: u32) -> [u32; 3] {
-        let above = self.above.iter().fold(0u32, |sum, &a| sum.saturating_add(a));
+        let above = self.above.iter().sum::<u32>();
         let [p1, p2] = self.previous.map(Packed::sum);
         let near = 54 * p1 + 36 * p2;
         let mut m = expected(above, near, coded, self.first);

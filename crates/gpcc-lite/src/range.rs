@@ -6,6 +6,7 @@
 //! and the encoder drops the zero bytes at the end of its last eight.
 
 use crate::symbols::{self, Symbols};
+use std::hint::select_unpredictable;
 
 /// Both directions of the coder behind one face, so a model is written once.
 ///
@@ -39,6 +40,9 @@ pub trait BinaryCoder {
 pub(crate) trait SymbolCoder: BinaryCoder {
     /// Codes one symbol by its model, which learns it.
     fn code_symbol(&mut self, model: &mut Symbols, symbol: usize) -> usize;
+
+    /// Codes an equiprobable sign (true for negative) if there is `some`, without a branch.
+    fn code_sign(&mut self, some: bool, negative: bool) -> bool;
 }
 
 /// The encoder half of the [range coder](self).
@@ -167,6 +171,11 @@ impl SymbolCoder for RangeEncoder {
         model.learn(symbol);
         symbol
     }
+
+    #[inline]
+    fn code_sign(&mut self, some: bool, negative: bool) -> bool {
+        self.code_raw(u32::from(some & negative), u32::from(some)) != 0
+    }
 }
 
 /// The decoder half of the [range coder](self).
@@ -256,5 +265,14 @@ impl SymbolCoder for RangeDecoder<'_> {
         self.renormalise();
         model.learn(symbol);
         symbol
+    }
+
+    #[inline]
+    fn code_sign(&mut self, some: bool, _negative: bool) -> bool {
+        self.range >>= u32::from(some);
+        let negative = some & (self.code >= self.range);
+        self.code -= select_unpredictable(negative, self.range, 0);
+        self.renormalise();
+        negative
     }
 }

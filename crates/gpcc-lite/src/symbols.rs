@@ -2,34 +2,31 @@
 //! per unit of magnitude.
 //!
 //! Counts are exact; the cumulative frequencies that the coder uses follow them in growing
-//! intervals, so that a symbol costs an addition, and finding it a look into a table.
+//! intervals, so that a symbol costs an addition.
+
+use wide::i16x16;
 
 /// Symbols of a model.
 pub(crate) const SYMBOLS: usize = 16;
 /// Cumulative frequencies have so many bits.
 pub(crate) const BITS: u32 = 15;
 /// What an observed symbol adds to its count.
-const SEEN: u32 = 32;
+const SEEN: u16 = 32;
 /// Observations after which all counts are halved.
 const MEMORY: u32 = 1024;
 /// Observations from the first to the second time that the frequencies are made, and at most.
-const FIRST: u16 = 4;
-const LONGEST: u16 = 64;
-/// Bits of a code that the table of symbols looks at.
-const LOOK: u32 = 6;
+const FIRST: u8 = 4;
+const LONGEST: u8 = 64;
 
 /// The model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Symbols {
-    /// Sums of the frequencies of the symbols before each; at the end `2^BITS`.
-    before: [u16; SYMBOLS + 1],
+    /// Sums of the frequencies of the symbols before each; after all of them it would be `2^BITS`.
+    before: [i16; SYMBOLS],
     counts: [u16; SYMBOLS],
-    sum: u32,
     /// Observations until the frequencies are made again, and of how many that was.
-    wait: u16,
-    interval: u16,
-    /// The symbol at the beginning of each part of the codes.
-    at: [u8; 1 << LOOK],
+    wait: u8,
+    interval: u8,
 }
 
 impl Symbols {
@@ -39,67 +36,54 @@ impl Symbols {
         let mean = u64::from(mean);
         // Of those that are left, those beyond this one.
         let more = (mean * 65536 / (mean + 256)).clamp(300, 65000);
-        let mut left = u64::from(weight * SEEN) << 16;
+        let mut left = u64::from(weight * u32::from(SEEN)) << 16;
         let counts = std::array::from_fn(|_| {
             let beyond = (left * more) >> 16;
             let count = (left - beyond) >> 16;
             left = beyond;
             count as u16 + 1
         });
-        let mut this = Self {
-            before: [0; SYMBOLS + 1],
-            counts,
-            sum: counts.iter().map(|&c| u32::from(c)).sum(),
-            wait: FIRST,
-            interval: FIRST,
-            at: [0; 1 << LOOK],
-        };
-        this.make();
+        let mut this = Self { counts, before: [0; SYMBOLS], wait: FIRST, interval: FIRST };
+        this.make(this.sum());
         this
     }
 
+    fn sum(&self) -> u32 {
+        self.counts.iter().map(|&c| u32::from(c)).sum()
+    }
+
     /// Makes the frequencies from the counts; each is 1 or more.
-    fn make(&mut self) {
+    fn make(&mut self, sum: u32) {
         let spare = (1 << BITS) - SYMBOLS as u32;
-        let scale = (u64::from(spare) << 32) / u64::from(self.sum);
+        let scale = (u64::from(spare) << 32) / u64::from(sum);
         let mut before = 0u32;
-        for s in 0..SYMBOLS {
-            self.before[s] = s as u16 + ((u64::from(before) * scale) >> 32) as u16;
-            before += u32::from(self.counts[s]);
-        }
-        self.before[SYMBOLS] = 1 << BITS;
-        let mut s = 0;
-        for (i, at) in self.at.iter_mut().enumerate() {
-            while u32::from(self.before[s + 1]) <= (i as u32) << (BITS - LOOK) {
-                s += 1;
-            }
-            *at = s as u8;
+        for (s, (out, &count)) in self.before.iter_mut().zip(&self.counts).enumerate() {
+            *out = s as i16 + ((u64::from(before) * scale) >> 32) as i16;
+            before += u32::from(count);
         }
     }
 
     /// The frequencies before a symbol, and its own.
     #[inline]
     pub(crate) fn interval(&self, symbol: usize) -> (u32, u32) {
-        let symbol = symbol & (SYMBOLS - 1);
-        let start = u32::from(self.before[symbol]);
-        (start, u32::from(self.before[symbol + 1]) - start)
+        let start = self.before[symbol % SYMBOLS] as u32;
+        // After the last symbol comes 2^BITS, which is 0 here.
+        let end = self.before[(symbol + 1) % SYMBOLS] as u32;
+        (start, end.wrapping_sub(start) % (1 << BITS))
     }
 
-    /// The symbol whose interval holds a code of [`BITS`] bits.
+    /// The symbol whose interval holds a code of [`BITS`] bits. Compares with all of them: where
+    /// a search ends cannot be foreseen, and a mispredicted branch takes longer.
     #[inline]
     pub(crate) fn find(&self, code: u32) -> usize {
-        let mut s = usize::from(self.at[(code >> (BITS - LOOK)) as usize & ((1 << LOOK) - 1)]);
-        while s < SYMBOLS - 1 && u32::from(self.before[s + 1]) <= code {
-            s += 1;
-        }
-        s
+        let above = i16x16::new(self.before).simd_gt(i16x16::splat(code as i16)).to_bitmask();
+        (above | 1 << SYMBOLS).trailing_zeros() as usize - 1
     }
 
     /// Learns a symbol.
     #[inline]
     pub(crate) fn learn(&mut self, symbol: usize) {
-        self.counts[symbol & (SYMBOLS - 1)] += SEEN as u16;
-        self.sum += SEEN;
+        self.counts[symbol % SYMBOLS] += SEEN;
         self.wait -= 1;
         if self.wait == 0 {
             self.renew();
@@ -108,16 +92,16 @@ impl Symbols {
 
     #[inline(never)]
     fn renew(&mut self) {
-        if self.sum >= SEEN * MEMORY {
-            self.sum = 0;
+        let mut sum = self.sum();
+        if sum >= u32::from(SEEN) * MEMORY {
             for c in &mut self.counts {
                 *c = (*c >> 1) + (*c & 1);
-                self.sum += u32::from(*c);
             }
+            sum = self.sum();
         }
         self.interval = (2 * self.interval).min(LONGEST);
         self.wait = self.interval;
-        self.make();
+        self.make(sum);
     }
 }
 

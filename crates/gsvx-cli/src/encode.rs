@@ -53,7 +53,7 @@ pub(crate) struct Args {
     cameras: Option<PathBuf>,
     /// Coding choices: default, or paper for those of the paper (uniform voxels, unweighted RAHT,
     /// RLGR, QPs, covariance codebook), for comparison.
-    #[arg(long, default_value = "default", conflicts_with_all = ["fast", "target_psnr"])]
+    #[arg(long, default_value = "default", conflicts_with_all = ["fast", "small", "target_psnr"])]
     profile: Profile,
     /// With --profile paper: quantisation parameters of AC, DC and opacity [default: by quality].
     #[arg(long, value_name = "AC,DC,OPACITY", value_parser = qp)]
@@ -80,6 +80,9 @@ pub(crate) struct Args {
     /// Code with RLGR, without prediction: decodes in half the time, about 7 % larger.
     #[arg(long)]
     fast: bool,
+    /// Code large models as small ones: 2 % smaller, and decoded in nearly twice the time.
+    #[arg(long, conflicts_with = "fast")]
+    small: bool,
     /// Highest SH degree to keep.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3))]
     max_sh_degree: u8,
@@ -248,7 +251,11 @@ fn encode_at(
     } else {
         EncodeOptions {
             covariance: args.covariance.unwrap_or_default(),
-            entropy: if args.fast { Entropy::Fast } else { Entropy::Range },
+            entropy: match (args.fast, args.small) {
+                (true, _) => Entropy::Fast,
+                (_, true) => Entropy::Small,
+                _ => Entropy::Range,
+            },
             ..EncodeOptions::from_quality(q)?
         }
     };

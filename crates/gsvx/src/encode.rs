@@ -10,6 +10,7 @@ use crate::outliers;
 use crate::stream::{self, Header, SectionKind};
 use crate::{ordered, slices};
 use gpcc_lite::Leaf;
+use gpcc_lite::coeffs::Mode;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -198,7 +199,9 @@ impl Leaves<'_> {
     }
 
     fn geometry(&self, options: &EncodeOptions) -> Result<Vec<u8>> {
-        let coded = if options.entropy == Entropy::Fast {
+        let quick = options.coding(SectionKind::Geometry).mode(self.leaves.len()) != Mode::Range
+            && options.entropy != Entropy::Rlgr;
+        let coded = if quick {
             gpcc_lite::geometry::encode_fast(self.leaves, self.j_high)
         } else {
             gpcc_lite::geometry::encode(self.leaves, self.j_high)

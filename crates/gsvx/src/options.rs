@@ -46,11 +46,14 @@ pub enum CovarianceMode {
 /// Entropy coder of transformed attributes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Entropy {
-    /// Context-adaptive range coder: smallest. By binary contexts up to 2^17 leaves to a slice, by
-    /// symbols beyond.
+    /// Adaptive range coder: [`Entropy::Small`] up to 2^17 leaves to a slice, [`Entropy::Symbols`]
+    /// beyond.
     #[default]
     Range,
-    /// The same by symbols, however few leaves: decodes faster.
+    /// Binary contexts, and prediction from the level above: smallest.
+    Small,
+    /// One symbol per magnitude, no prediction, and geometry with fewer contexts: a few per cent
+    /// larger, and decoded in little more than half of the time.
     Symbols,
     /// RLGR, and geometry with fewer contexts: fastest.
     Fast,

@@ -15,6 +15,7 @@ fn modes() -> Vec<(&'static str, EncodeOptions)> {
         ("default", base.clone()),
         ("fast", EncodeOptions { entropy: Entropy::Fast, ..base.clone() }),
         ("symbols", EncodeOptions { entropy: Entropy::Symbols, ..base.clone() }),
+        ("small", EncodeOptions { entropy: Entropy::Small, ..base.clone() }),
         ("rlgr", EncodeOptions { entropy: Entropy::Rlgr, ..base.clone() }),
         ("uniform precision", EncodeOptions { uniform_precision: true, ..base.clone() }),
         ("logit", EncodeOptions { opacity_domain: OpacityDomain::Logit, ..base.clone() }),

@@ -1,12 +1,13 @@
 //! Contexts and counters of the magnitudes and signs of coefficients.
 
-use crate::context::{Here, Row, mean_of};
+use crate::context::{Here, Row, mean_of, others};
 use crate::mix::{Mixer, code_mixed};
 use crate::model::Bit;
 use crate::range::{BinaryCoder, SymbolCoder};
 pub(super) use crate::rdoq::BUCKETS;
 use crate::rdoq::bucket;
 use crate::symbols::{self, Symbols};
+use std::hint::select_unpredictable;
 
 /// Unary decisions before the exponential-Golomb escape.
 pub(super) const UNARY: usize = 14;
@@ -27,6 +28,8 @@ const BUSY: u32 = 224;
 
 /// Expected sums of all channels from here on have no flag that says all are zero.
 const BUSY_ROW: u32 = 512;
+/// Memory of the counters of flags that have one each, beside symbols.
+const FLAG_LIMIT: u32 = 1023;
 
 /// What the context of a decision is made of.
 #[derive(Clone, Copy)]
@@ -142,34 +145,32 @@ fn symbols_prior(quarter: usize, some: bool) -> Symbols {
 /// zero, 1 up to a quarter of it, then a class per octave; 6 above four times it.
 #[inline]
 fn part_of_others(coded: u32, before: usize, expected: u32) -> usize {
-    if coded == 0 {
-        return 0;
-    }
-    let (mean, expected) = (u64::from(mean_of(coded, before)), u64::from(expected));
-    let above = |factor: u64| usize::from(4 * mean > factor * expected);
-    1 + above(1) + above(2) + above(4) + above(8) + above(16)
+    // Below 2^24 and 2^25: nothing overflows.
+    let mean = 4 * mean_of(coded, before);
+    let above = |factor: u32| usize::from(mean > factor * expected);
+    usize::from(coded > 0) + above(1) + above(2) + above(4) + above(8) + above(16)
 }
 
 impl Models {
-    /// Codes a level as a symbol and a raw sign.
+    /// Codes a level as a symbol and a raw sign. `base` is the expected magnitude but for
+    /// [`others`], and `coded` the sum of the magnitudes already coded here.
     #[inline]
     pub(super) fn level<C: SymbolCoder>(
         &mut self,
         coder: &mut C,
-        here: &Here,
-        place: Place,
-        (i, channel): (usize, usize),
+        (base, coded): (u32, u32),
+        channel: usize,
         known: Known,
         level: i32,
     ) -> i32 {
         const ESCAPE: u32 = symbols::SYMBOLS as u32 - 1;
-        let expected = here.expected(i, place.coded);
+        let expected = base + others(coded, channel);
         let shift = low_bits(expected);
         let v = level.unsigned_abs();
         let least = u32::from(known == Known::NotZero && shift == 0);
         let high = (v >> shift).saturating_sub(least);
-        let others = part_of_others(place.coded, channel, expected);
-        let at = ((channel * 3 + known as usize) * OTHERS + others) * EXPECTED
+        let part = part_of_others(coded, channel, expected);
+        let at = ((channel * 3 + known as usize) * OTHERS + part) * EXPECTED
             + quarter(expected).min(EXPECTED - 1);
         let symbol = coder.code_symbol(&mut self.symbols[at], high.min(ESCAPE) as usize) as u32;
         let mut m = symbol + least;
@@ -186,11 +187,8 @@ impl Models {
                 m |= coder.code_raw_wide(v & ((1 << rest) - 1), rest);
             }
         }
-        if m == 0 {
-            return 0;
-        }
-        let negative = coder.code_raw(u32::from(level < 0), 1) != 0;
-        if negative { (m as i32).wrapping_neg() } else { m as i32 }
+        let negative = coder.code_sign(m != 0, level < 0);
+        select_unpredictable(negative, (m as i32).wrapping_neg(), m as i32)
     }
 
     pub(super) fn new(channels: usize, chunks: usize, by_symbols: bool) -> Self {
@@ -225,7 +223,7 @@ impl Models {
 
     /// Codes whether any channel is not zero; `None` if there is no flag to code.
     #[inline]
-    pub(super) fn row<C: BinaryCoder>(
+    pub(super) fn row<const BY_SYMBOLS: bool, C: BinaryCoder>(
         &mut self,
         coder: &mut C,
         row: &Row,
@@ -240,6 +238,9 @@ impl Models {
         let fine = (bucket(above).min(31) * 8 + previous[0].min(7) as usize) * 8
             + previous[1].min(7) as usize;
         let quarter = quarter(expected).min(63);
+        if BY_SYMBOLS {
+            return Some(a[quarter * 4 + row.age().min(3)].code(coder, truth, FLAG_LIMIT));
+        }
         let bits =
             [&mut a[quarter * 4 + row.age().min(3)], &mut b[fine], &mut c[level * 64 + quarter]];
         Some(code_mixed(coder, &mut self.row_mixers[level & 63], bits, truth, RATE, LIMIT))
@@ -249,7 +250,7 @@ impl Models {
     /// no flag to code. `pending`: some channel of the coefficient is not zero, and all before
     /// are.
     #[inline]
-    pub(super) fn any<C: BinaryCoder>(
+    pub(super) fn any<const BY_SYMBOLS: bool, C: BinaryCoder>(
         &mut self,
         coder: &mut C,
         here: &Here,
@@ -265,6 +266,9 @@ impl Models {
         let m = bucket(expected);
         let [a, b, c] = &mut self.flag;
         let state = usize::from(pending);
+        if BY_SYMBOLS {
+            return Some(a[(2 * chunk + state) * BUCKETS + m].code(coder, truth, FLAG_LIMIT));
+        }
         let bits = [
             &mut a[(2 * chunk + state) * BUCKETS + m],
             &mut b[2 * parts(above, previous, place.coded, chunk) + state],

@@ -144,19 +144,26 @@ pub struct Coding {
 const BINARY: usize = 1 << 17;
 
 impl Coding {
-    fn options(self, leaves: usize) -> attribute::Options {
-        let mode = match self.entropy {
+    /// The entropy coder of groups of so many leaves.
+    pub(crate) fn mode(self, leaves: usize) -> Mode {
+        match self.entropy {
+            Entropy::Small => Mode::Range,
             Entropy::Range if leaves <= BINARY => Mode::Range,
             Entropy::Range | Entropy::Symbols => Mode::Symbols,
             Entropy::Fast | Entropy::Rlgr => Mode::Rlgr,
-        };
+        }
+    }
+
+    fn options(self, leaves: usize) -> attribute::Options {
+        let mode = self.mode(leaves);
         let o = attribute::Options {
             mode,
             // Prediction from the level above takes a sixth of a decoder's time.
-            prediction: matches!(self.entropy, Entropy::Range | Entropy::Symbols),
+            prediction: mode == Mode::Range,
             // Leaves are as deep as it takes to tell Gaussians apart, which then have little in
             // common.
             fine_prediction: false,
+            by_means: true,
             ..Default::default()
         };
         match self.entropy {
