@@ -2,7 +2,7 @@
 //!
 //! Most values lie between two bounds that are told beforehand. The mean of a node then says how
 //! far apart its children can be: where it is near a bound hardly at all, and the farther child
-//! is the smaller one. Opacities, many of which are equal to a bound, take up to 15 % fewer bits.
+//! is the smaller one. Opacities, many of which are equal to a bound, take up to 10 % fewer bits.
 
 use super::models::{
     BUCKETS, CLASSES, LIMIT, RATE, UNARY, code_exp_golomb, geometric, low_bits, mean_of_bucket,
