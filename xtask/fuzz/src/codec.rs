@@ -82,14 +82,14 @@ pub fn attribute(data: &[u8]) -> bool {
 pub fn coeffs(data: &[u8]) -> bool {
     let (byte, bytes) = choice(data);
     let plan = &plans()[usize::from(byte) % 8];
-    let channels = 1 + usize::from(byte / 8) % 4;
+    let channels = 1 + usize::from(byte / 8) % 8;
     let Ok(values) = group::decode(plan, bytes, channels) else { return false };
     let planes: Vec<&[i32]> = values.iter().map(Vec::as_slice).collect();
     let mode = match byte >> 6 {
         0 => return true,
         1 => group::Mode::Range,
         2 => group::Mode::Rlgr,
-        _ => group::Mode::RlgrMalvar,
+        _ => group::Mode::Symbols,
     };
     let again = group::encode(plan, &planes, mode).expect("decoded values were refused");
     let back = group::decode(plan, &again, channels).expect("own stream was refused");

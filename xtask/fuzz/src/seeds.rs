@@ -4,6 +4,7 @@
 mod common;
 
 use common::{scene, voxelized};
+use gpcc_lite::coeffs::Mode;
 use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
 use gpcc_lite::{attribute, coeffs, geometry, rlgr};
@@ -115,7 +116,9 @@ fn spz() -> Vec<Vec<u8>> {
     let inner = [file(2, 2, 0), file(3, 1, 3), file(3, 0, 0), file(2, 1, 1)];
     let mut out: Vec<Vec<u8>> = inner.iter().map(|f| with(4, f)).collect();
     out.push(with(0, &crate::seal::gzip(&inner[0])));
-    out.push(with(0, b"NGSP\x04\0\0\0"));
+    let mut latest = Vec::new();
+    gs_model::spz::write_to(&mut latest, &scene(2, 1, 1), &Default::default()).expect("written");
+    out.push(with(0, &latest));
     out
 }
 
@@ -213,9 +216,10 @@ fn attributes() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
     for (at, plan) in plans().iter().enumerate() {
         for (mode, prediction) in [
-            (coeffs::Mode::Range, true),
-            (coeffs::Mode::Rlgr, false),
-            (coeffs::Mode::RlgrMalvar, true),
+            (Mode::Range, true),
+            (Mode::Symbols, false),
+            (Mode::Rlgr, false),
+            (Mode::RlgrMalvar, true),
         ] {
             let v = values(plan.len(), at as u64);
             let o = attribute::Options { mode, prediction, ..Default::default() };
@@ -232,11 +236,15 @@ fn attributes() -> Vec<Vec<u8>> {
 fn coefficients() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
     for (at, plan) in plans().iter().enumerate() {
-        for mode in [coeffs::Mode::Range, coeffs::Mode::Rlgr, coeffs::Mode::RlgrMalvar] {
+        for mode in [Mode::Range, Mode::Symbols, Mode::Rlgr, Mode::RlgrMalvar] {
             let v: Vec<i32> = values(plan.len(), at as u64).iter().map(|v| v / 30).collect();
             let coded = coeffs::encode(plan, &[&v, &v], mode).expect("encoded");
             out.push(with(at as u8 + 8, &coded));
             out.push(with(at as u8 + 8 + 64, &coded));
+            // Flags of whole coefficients are there with two chunks or more.
+            let coded = coeffs::encode(plan, &[&v[..]; 6], mode).expect("encoded");
+            out.push(with(at as u8 + 5 * 8, &coded));
+            out.push(with(at as u8 + 5 * 8 + 192, &coded));
         }
     }
     out
