@@ -60,12 +60,38 @@ impl<const BY_SYMBOLS: bool> Source for Ranged<'_, BY_SYMBOLS> {
 pub(super) struct Planar {
     channels: Vec<Vec<i32>>,
     places: Vec<(usize, usize)>,
+    /// The levels of [`TURNED`] coefficients from `first` on, coefficient by coefficient, and which
+    /// of them are not all zero.
+    turned: Vec<Levels>,
+    some: [bool; TURNED],
+    first: usize,
 }
+
+/// Coefficients whose levels are turned at a time: a line of cache of each channel. Channels one by
+/// one for each coefficient would be more places in memory than a cache keeps apart.
+const TURNED: usize = 16;
 
 impl Planar {
     pub(super) fn new(channels: Vec<Vec<i32>>) -> Self {
         let places = places(channels.len()).collect();
-        Self { channels, places }
+        let turned = vec![[0; CHUNK]; TURNED * chunk_sizes(channels.len()).len()];
+        let mut this = Self { channels, places, turned, some: [false; TURNED], first: 0 };
+        this.turn(0);
+        this
+    }
+
+    /// Turns the levels from coefficient `first` on.
+    fn turn(&mut self, first: usize) {
+        let width = self.turned.len() / TURNED;
+        self.first = first;
+        self.some = [false; TURNED];
+        for (c, &(chunk, i)) in self.channels.iter().zip(&self.places) {
+            let rows = self.turned.chunks_exact_mut(width).zip(&mut self.some);
+            for ((row, some), &level) in rows.zip(c.get(first..).unwrap_or_default()) {
+                row[chunk][i] = level;
+                *some |= level != 0;
+            }
+        }
     }
 
     /// The levels of coefficient 0.
@@ -83,12 +109,15 @@ impl Source for Planar {
 
     #[inline]
     fn levels(&mut self, _: &Plan, k: usize, _: f32, levels: &mut [Levels]) -> bool {
-        let mut any = 0;
-        for (c, &(chunk, i)) in self.channels.iter().zip(&self.places) {
-            levels[chunk][i] = c[k];
-            any |= c[k];
+        // Coefficients come in order.
+        if k - self.first >= TURNED {
+            self.turn(k);
         }
-        any != 0
+        let at = k - self.first;
+        if self.some[at] {
+            levels.copy_from_slice(&self.turned[at * levels.len()..][..levels.len()]);
+        }
+        self.some[at]
     }
 }
 
@@ -103,7 +132,11 @@ pub(super) struct Dequantiser<'a, S> {
 }
 
 /// Steps and centroid shifts of all channels, chunk by chunk.
-pub(super) struct Units(Vec<[Unit; CHUNK]>);
+pub(super) struct Units {
+    units: Vec<[Unit; CHUNK]>,
+    /// The steps once more, if there is no shift.
+    steps: Option<Vec<Lanes>>,
+}
 
 #[derive(Clone, Copy, Default)]
 struct Unit {
@@ -119,7 +152,9 @@ impl Units {
             let shift = [0, 1, 2, 3].map(|m| head.centroids.of(m) as f32 / 256.0);
             units[chunk][i] = Unit { step: head.step.value() as f32, shift };
         }
-        Self(units)
+        let plain = units.iter().flatten().all(|unit| unit.shift == [0.0; 4]);
+        let steps = plain.then(|| units.iter().map(|u| u.map(|unit| unit.step)).collect());
+        Self { units, steps }
     }
 
     /// The differences of one coefficient, on every bit of which encoder and decoder must agree:
@@ -150,7 +185,16 @@ impl Units {
     /// The differences of levels, in units of a merge of the given scale.
     #[inline]
     fn dequantise(&self, levels: &[Levels], scale: f32, out: &mut [Lanes]) {
-        for ((levels, out), units) in levels.iter().zip(out).zip(&self.0) {
+        if let Some(steps) = &self.steps {
+            // The same bits in a few instructions per chunk: no step is infinite.
+            for ((levels, out), step) in levels.iter().zip(out).zip(steps) {
+                for i in 0..CHUNK {
+                    out[i] = (levels[i] as f32 * step[i]) * scale;
+                }
+            }
+            return;
+        }
+        for ((levels, out), units) in levels.iter().zip(out).zip(&self.units) {
             *out = [0.0; CHUNK];
             if *levels == [0; CHUNK] {
                 continue;
@@ -193,5 +237,30 @@ impl<S: Source> Residual for Dequantiser<'_, S> {
     fn differences(&mut self, k: usize, mean: f32, predicted: &[Lanes], row: &mut [Lanes]) -> bool {
         let some = self.inner.levels(self.plan, k, mean, &mut self.levels);
         self.units.differences(some, &self.levels, self.plan.scale_of(k), predicted, row)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quant::{Centroids, Step};
+
+    #[test]
+    fn without_shifts_the_short_way_has_the_same_bits() {
+        let head =
+            |step| Head { step: Step(step), centroids: Centroids::default(), strength: vec![] };
+        let heads = [1, 77_777, 65_536, 1 << 40, u64::MAX].map(head);
+        let short = Units::new(&heads);
+        let long = Units { units: short.units.clone(), steps: None };
+        assert!(short.steps.is_some());
+        let some = [0, 1, -1, 7, -12_345, i32::MAX, i32::MIN, 16_777_217];
+        for (k, scale) in [1.0f32, 0.1, 1.3, 3e-4, 1e-6].into_iter().enumerate() {
+            let level = |i: usize| some[(i + k) % some.len()];
+            let levels = [[level(0), level(1), level(2), 0], [level(3), level(4), 0, 0]];
+            let [mut a, mut b] = [[[9.0; CHUNK]; 2]; 2];
+            assert!(short.differences(true, &levels, scale, &[], &mut a));
+            assert!(long.differences(true, &levels, scale, &[], &mut b));
+            assert_eq!(a.map(|r| r.map(f32::to_bits)), b.map(|r| r.map(f32::to_bits)));
+        }
     }
 }
