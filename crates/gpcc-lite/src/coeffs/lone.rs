@@ -5,8 +5,8 @@
 //! is the smaller one. Opacities, many of which are equal to a bound, take up to 10 % fewer bits.
 
 use super::models::{
-    BUCKETS, CLASSES, LIMIT, RATE, UNARY, code_exp_golomb, geometric, low_bits, mean_of_bucket,
-    parts,
+    BUCKETS, CLASSES, LIMIT, PRIORS, RATE, UNARY, code_exp_golomb, geometric, low_bits,
+    mean_of_bucket, parts,
 };
 use crate::bytes::{Reader, put_varint};
 use crate::context::{Magnitudes, Packed, Row};
@@ -135,8 +135,8 @@ impl Lone {
     pub(crate) fn new(coefficients: usize, bounds: Bounds, step: Step) -> Self {
         let bounds = bounds.values(step);
         let span = bounds[1] - bounds[0];
-        let table = |n: usize, mean: fn(usize) -> u64| -> Vec<[Bit; MIXED]> {
-            (0..n).map(|i| [geometric(mean(i)); MIXED]).collect()
+        let table = |n: usize, bit: fn(usize) -> Bit| -> Vec<[Bit; MIXED]> {
+            (0..n).map(|i| [bit(i); MIXED]).collect()
         };
         Self {
             context: Magnitudes::new(coefficients, 1),
@@ -145,14 +145,16 @@ impl Lone {
             classes: if span > 0.0 { 8.0 / span } else { 0.0 },
             per_unit: (1.0 / Step(step.0.max(1)).value()) as f32,
             first: [
-                table(BUCKETS, mean_of_bucket),
+                table(BUCKETS, |i| PRIORS[i]),
                 vec![[Bit::default(); MIXED]; 16 * CLASSES * CLASSES * 4],
-                table(64 * BUCKETS, |i| mean_of_bucket(i % BUCKETS)),
-                table(16 * PAIRS, |i| mean_of_bucket(2 * (i % PAIRS))),
-                table(16 * PAIRS, |i| within(mean_of_bucket(2 * (i % PAIRS)), i / PAIRS)),
+                table(64 * BUCKETS, |i| PRIORS[i % BUCKETS]),
+                table(16 * PAIRS, |i| PRIORS[2 * (i % PAIRS)]),
+                table(16 * PAIRS, |i| {
+                    geometric(within(mean_of_bucket(2 * (i % PAIRS)), i / PAIRS))
+                }),
             ],
             mixers: [Mixer::new(68_000); MIXED],
-            rest: (0..BUCKETS).map(|b| [geometric(mean_of_bucket(b)); UNARY]).collect(),
+            rest: PRIORS.iter().map(|&bit| [bit; UNARY]).collect(),
             low: vec![[Bit::default(); 4]; BUCKETS],
             escape: [Bit::default(); 32],
             sign: vec![Bit::with_prior(32768, 24); 3 * 16 * 3],

@@ -8,6 +8,7 @@ pub(super) use crate::rdoq::BUCKETS;
 use crate::rdoq::bucket;
 use crate::symbols::{self, Symbols};
 use std::hint::select_unpredictable;
+use std::sync::LazyLock;
 
 /// Unary decisions before the exponential-Golomb escape.
 pub(super) const UNARY: usize = 14;
@@ -82,6 +83,11 @@ pub(super) struct Models {
 const EXPECTED: usize = 40;
 /// Classes of [`part_of_others`].
 const OTHERS: usize = 7;
+/// The models of one channel at the start.
+static CHANNEL: LazyLock<Vec<Symbols>> = LazyLock::new(|| {
+    let model = |i| symbols_prior(i % EXPECTED, i / EXPECTED / OTHERS == 1);
+    (0..3 * OTHERS * EXPECTED).map(model).collect()
+});
 /// Observations that the priors of symbols count for.
 const PRIOR: u32 = 6;
 
@@ -126,9 +132,13 @@ pub(super) fn geometric(mean: u64) -> Bit {
     Bit::with_prior(p1 as u32, 3)
 }
 
-/// Counters that start where magnitudes are geometric with the mean of `bucket`.
+/// [`geometric`] of the mean that each bucket stands for.
+pub(super) static PRIORS: LazyLock<[Bit; BUCKETS]> =
+    LazyLock::new(|| std::array::from_fn(|bucket| geometric(mean_of_bucket(bucket))));
+
+/// Counters that start with the prior of `bucket`.
 fn prior(bucket: usize) -> Unary {
-    let mut unary = [geometric(mean_of_bucket(bucket)); UNARY + 1];
+    let mut unary = [PRIORS[bucket]; UNARY + 1];
     unary[0] = Bit::default();
     unary
 }
@@ -203,21 +213,14 @@ impl Models {
             escape: [Bit::default(); 32],
             sign: plain(channels * 9),
             flag: [
-                (0..2 * chunks * BUCKETS).map(|i| prior(i % BUCKETS)[1]).collect(),
+                (0..2 * chunks * BUCKETS).map(|i| PRIORS[i % BUCKETS]).collect(),
                 plain(2 * parts),
-                (0..2 * 64 * BUCKETS).map(|i| prior(i / 2 % BUCKETS)[1]).collect(),
+                (0..2 * 64 * BUCKETS).map(|i| PRIORS[i / 2 % BUCKETS]).collect(),
             ],
             flag_mixers: vec![Mixer::new(68_000); 2 * chunks],
             row: [plain(256), plain(32 * 64), plain(64 * 64)],
             row_mixers: vec![Mixer::new(68_000); 64],
-            symbols: if by_symbols {
-                let one: Vec<Symbols> = (0..3 * OTHERS * EXPECTED)
-                    .map(|i| symbols_prior(i % EXPECTED, i / EXPECTED / OTHERS == 1))
-                    .collect();
-                one.repeat(channels)
-            } else {
-                Vec::new()
-            },
+            symbols: if by_symbols { CHANNEL.repeat(channels) } else { Vec::new() },
         }
     }
 
