@@ -62,8 +62,8 @@ pub(crate) struct Magnitudes {
     activity: Vec<Lanes>,
     /// Per axis two rows of previous magnitudes, and at the end one of zeros.
     previous: Vec<Packed>,
-    /// Per axis: where the previous magnitudes and those before are.
-    recent: [[Recent; 2]; 3],
+    /// Where the previous magnitudes of each axis are, and those before.
+    recent: [[Recent; 3]; 2],
 }
 
 /// Activity that a coefficient hands down.
@@ -77,11 +77,28 @@ struct Node {
     age: u8,
 }
 
-/// A row of previous magnitudes and its sum.
-#[derive(Clone, Copy, Debug, Default)]
-struct Recent {
-    row: u8,
-    sum: u32,
+/// A row of previous magnitudes and its sum: the row is the lowest 8 bits. In one register, and those of one axis
+/// not side by side, for what was written in parts and is read at once stalls the processor.
+#[derive(Clone, Copy, Debug)]
+struct Recent(u64);
+
+impl Recent {
+    const NONE: Self = Self(ZEROS as u64);
+
+    #[inline]
+    fn new(row: u8, sum: u32) -> Self {
+        Self((u64::from(sum) << 8) | u64::from(row))
+    }
+
+    #[inline]
+    fn row(self) -> u8 {
+        self.0 as u8
+    }
+
+    #[inline]
+    fn sum(self) -> u32 {
+        (self.0 >> 8) as u32
+    }
 }
 
 /// What is known of the channels at one coefficient.
@@ -128,7 +145,7 @@ impl Magnitudes {
             nodes: vec![Node::default(); coefficients],
             activity: vec![[0; CHUNK]; chunks],
             previous: vec![Packed(0); (usize::from(ZEROS) + 1) * chunks],
-            recent: Default::default(),
+            recent: [[Recent::NONE; 3]; 2],
         };
         this.start_level();
         this
@@ -136,13 +153,15 @@ impl Magnitudes {
 
     /// Forgets the previous magnitudes: a new octree level begins.
     pub(crate) fn start_level(&mut self) {
-        self.recent = [[Recent { row: ZEROS, sum: 0 }; 2]; 3];
+        self.recent = [[Recent::NONE; 3]; 2];
     }
 
     /// Goes to a coefficient that splits `axis`.
     #[inline]
     pub(crate) fn at(&self, parent: u32, axis: u8) -> Row {
-        Row { above: self.nodes[parent as usize], axis, recent: self.recent[usize::from(axis)] }
+        let at = usize::from(axis);
+        let recent = [self.recent[0][at], self.recent[1][at]];
+        Row { above: self.nodes[parent as usize], axis, recent }
     }
 
     /// Goes to a chunk there; `first` channels precede it.
@@ -155,7 +174,7 @@ impl Magnitudes {
         }
         Here {
             above,
-            previous: row.recent.map(|r| self.previous[usize::from(r.row) * self.chunks + chunk]),
+            previous: row.recent.map(|r| self.previous[usize::from(r.row()) * self.chunks + chunk]),
             first,
         }
     }
@@ -166,7 +185,7 @@ impl Magnitudes {
         let Node { sum, row: at, age } = row.above;
         let sum = ((u64::from(sum) * 141) >> 8) as u32;
         self.nodes[k] = Node { sum, row: at, age: (age + 1).min(31) };
-        self.recent[usize::from(row.axis)] = [Recent { row: ZEROS, sum: 0 }, row.recent[0]];
+        self.push(row, Recent::NONE);
     }
 
     /// Learns the magnitudes of coefficient `k`, one entry per chunk.
@@ -174,7 +193,7 @@ impl Magnitudes {
     pub(crate) fn learn(&mut self, k: usize, row: &Row, magnitudes: &[Packed]) {
         let start = self.activity.len();
         // The row of the two that does not hold the previous magnitudes.
-        let free = 2 * row.axis + u8::from(row.recent[0].row == 2 * row.axis);
+        let free = 2 * row.axis + u8::from(row.recent[0].row() == 2 * row.axis);
         let mut activity = 0u32;
         let mut sum = 0;
         for (chunk, &magnitude) in magnitudes.iter().enumerate() {
@@ -189,7 +208,14 @@ impl Magnitudes {
             sum += magnitude.sum();
         }
         self.nodes[k] = Node { sum: activity, row: (start / self.chunks.max(1)) as u32, age: 0 };
-        self.recent[usize::from(row.axis)] = [Recent { row: free, sum }, row.recent[0]];
+        self.push(row, Recent::new(free, sum));
+    }
+
+    #[inline]
+    fn push(&mut self, row: &Row, last: Recent) {
+        let axis = usize::from(row.axis);
+        self.recent[0][axis] = last;
+        self.recent[1][axis] = row.recent[0];
     }
 }
 
@@ -204,7 +230,7 @@ impl Row {
     #[inline]
     pub(crate) fn sums(&self) -> (u32, u32, [u32; 2]) {
         let above = self.above.sum;
-        let [p1, p2] = self.recent.map(|r| r.sum.min(CAP));
+        let [p1, p2] = self.recent.map(|r| r.sum().min(CAP));
         (expected(above, 54 * p1 + 36 * p2, 0, 0), above, [p1, p2])
     }
 }

@@ -31,10 +31,6 @@ const SUFFIX: &str = ".part";
 /// just created to get its lock.
 const STALE: Duration = Duration::from_secs(60);
 
-/// Bytes after which the disk gets a file that is being written.
-#[cfg(unix)]
-const FLUSH: u64 = 64 << 20;
-
 /// Removes what killed runs left in `dir`. Best effort: what cannot be removed stays.
 fn sweep(dir: &Path) {
     for entry in std::fs::read_dir(dir).into_iter().flatten().flatten() {
@@ -134,53 +130,39 @@ impl Output {
         self.finish()
     }
 
-    /// As [`Output::write`], in whatever order the positions have; not for standard output.
+    /// As [`Output::write`], in whatever order the positions have; not for standard output. For what
+    /// can be made again: the disk is waited for only where a file is replaced, which a power cut
+    /// must not cost.
     #[cfg(unix)]
     pub(crate) fn write_at(
         self,
         fill: impl FnOnce(&(dyn Fn(&[u8], u64) -> std::io::Result<()> + Sync)) -> Result<()>,
     ) -> Result<()> {
         use std::os::unix::fs::FileExt;
-        use std::sync::atomic::{AtomicU64, Ordering};
-        use std::sync::mpsc;
         if let Some(file) = &self.file {
             let file = file.as_file();
-            let written = AtomicU64::new(0);
-            // The disk gets what is there while the rest is made.
-            let outcome = std::thread::scope(|scope| {
-                let (tell, told) = mpsc::channel();
-                let disk = scope.spawn(move || told.iter().try_for_each(|()| file.sync_data()));
-                let write = |bytes: &[u8], at: u64| {
-                    file.write_all_at(bytes, at)?;
-                    let more = bytes.len() as u64;
-                    let before = written.fetch_add(more, Ordering::Relaxed);
-                    if before / FLUSH != (before + more) / FLUSH {
-                        // Nobody listens after an error, which is seen below.
-                        let _ = tell.send(());
-                    }
-                    Ok(())
-                };
-                let outcome = fill(&write);
-                drop(tell);
-                // An error of the disk is told once, to whoever asks first.
-                let flushed = disk.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-                outcome.and_then(|()| Ok(flushed?))
-            });
-            outcome.with_context(|| self.incomplete())?;
+            fill(&|bytes, at| file.write_all_at(bytes, at)).with_context(|| self.incomplete())?;
         }
-        self.finish()
+        let replaces = self.path.exists();
+        self.put_in_place(replaces)
     }
 
     fn incomplete(&self) -> String {
         format!("{}: could not be written (is the disk full?)", self.name())
     }
 
-    /// Gives the file its name.
+    /// Gives the file its name once the disk has it.
     fn finish(self) -> Result<()> {
+        self.put_in_place(true)
+    }
+
+    fn put_in_place(self, on_disk: bool) -> Result<()> {
         let (name, incomplete) = (self.name(), self.incomplete());
         let incomplete = || incomplete.clone();
         let Some(file) = self.file else { return Ok(()) };
-        file.as_file().sync_all().with_context(incomplete)?;
+        if on_disk {
+            file.as_file().sync_all().with_context(incomplete)?;
+        }
         // A temporary file is private; an output is not.
         #[cfg(unix)]
         {

@@ -68,6 +68,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let raw = (many.len() * (11 + 3 * many.sh_len()) * 4) as f64 / 1e6;
         gs_model::ply::write(&model, &many)?;
         drop(many);
+        // Otherwise the disk is still busy with it in the first measurement.
+        std::fs::File::open(&model)?.sync_all()?;
         let stream = dir.path().join("model.gsvx");
         let back = dir.path().join("back.ply");
         let steps: [(&str, [&Path; 2], &[&str]); 5] = [
@@ -148,13 +150,16 @@ struct Cost {
 }
 
 fn measure(gsvx: &Path, words: &[&str], input: &Path, output: &Path) -> Result<Cost> {
+    // What is made is a new file: one that is replaced would be waited for on the disk.
+    if output.exists() {
+        std::fs::remove_file(output)?;
+    }
     let started = Instant::now();
     let mut child = Command::new(gsvx)
         .args(words)
         .arg(input)
         .arg("-o")
         .arg(output)
-        .arg("--force")
         .stdout(Stdio::null())
         .spawn()
         .with_context(|| format!("start {}", gsvx.display()))?;
