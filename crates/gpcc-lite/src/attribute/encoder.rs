@@ -26,7 +26,7 @@ const SMALL: usize = 1 << 12;
 /// neighbours resemble each other here and there only, prediction lowers the squared error of its
 /// input and raises the rate all the same, by up to 2 %. More values would take too long, and so
 /// would symbols, which are there for their speed.
-const TRIED: usize = 1 << 19;
+const TRIED: usize = 3 << 17;
 /// The multiplier of a trial where the caller's is 0, in 1/256 of `step^2` per bit.
 const LAMBDA: u8 = 26;
 
