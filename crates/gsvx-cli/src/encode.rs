@@ -77,10 +77,10 @@ pub(crate) struct Args {
     /// [default: transform; of --profile paper: vq:12].
     #[arg(long, value_parser = covariance)]
     covariance: Option<CovarianceMode>,
-    /// Code with RLGR, without prediction: decodes in half the time, about 7 % larger.
+    /// Code with RLGR, without prediction: decodes in two thirds of the time, about 6 % larger.
     #[arg(long)]
     fast: bool,
-    /// Code large models as small ones: 2 % smaller, and decoded in nearly twice the time.
+    /// Code large models as small ones: 2 % smaller, and decoded in half as much time again.
     #[arg(long, conflicts_with = "fast")]
     small: bool,
     /// Highest SH degree to keep.

@@ -11,7 +11,7 @@ pub enum Error {
     NotGsvx,
     /// The stream was written by an incompatible version.
     #[error(
-        "stream version {major}.{minor} is not readable by this build (reads {ours}.x); decode it with a newer gsvx"
+        "stream version {major}.{minor} is not readable by this build (reads {ours}.x); decode it with the gsvx that wrote it"
     )]
     Version {
         /// Major version in the stream.

@@ -52,8 +52,8 @@ pub enum Entropy {
     Range,
     /// Binary contexts, and prediction from the level above: smallest.
     Small,
-    /// One symbol per magnitude, no prediction, and geometry with fewer contexts: a few per cent
-    /// larger, and decoded in little more than half of the time.
+    /// One symbol per magnitude, no prediction, and geometry with fewer contexts: 2 % larger, and
+    /// decoded in two thirds of the time.
     Symbols,
     /// RLGR, and geometry with fewer contexts: fastest.
     Fast,
