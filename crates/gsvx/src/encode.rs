@@ -199,8 +199,8 @@ impl Leaves<'_> {
     }
 
     fn geometry(&self, options: &EncodeOptions) -> Result<Vec<u8>> {
-        let quick = options.coding(SectionKind::Geometry).mode(self.leaves.len()) != Mode::Range
-            && options.entropy != Entropy::Rlgr;
+        let mode = options.coding(SectionKind::Geometry).mode(self.leaves.len());
+        let quick = mode == Mode::Symbols || options.entropy == Entropy::Fast;
         let coded = if quick {
             gpcc_lite::geometry::encode_fast(self.leaves, self.j_high)
         } else {
@@ -227,35 +227,17 @@ impl Leaves<'_> {
         }
         let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
         kinds.extend((1..=sh_degree).map(SectionKind::of_sh_degree));
-        let coded =
-            largest_first(&kinds, |kind| attribute_section(kind, scene, self, &transform, options));
+        let coded = ordered::longest_first(
+            kinds.clone(),
+            |kind| kind.channels(),
+            |kind| attribute_section(kind, scene, self, &transform, options),
+        );
         for (&kind, coded) in kinds.iter().zip(coded) {
             let (payload, all_zero) = coded?;
             sections.push(Section { kind, payload, all_zero });
         }
         Ok(sections)
     }
-}
-
-/// Runs `work` on every kind, those of most channels first, so that no core waits for a long one
-/// that was begun last; results in the order of `kinds`.
-pub(crate) fn largest_first<T: Send>(
-    kinds: &[SectionKind],
-    work: impl Fn(SectionKind) -> T + Sync,
-) -> Vec<T> {
-    let mut order: Vec<usize> = (0..kinds.len()).collect();
-    order.sort_by_key(|&i| std::cmp::Reverse(kinds[i].channels()));
-    let mut slots: Vec<Option<T>> = kinds.iter().map(|_| None).collect();
-    rayon::scope_fifo(|scope| {
-        let mut free: Vec<Option<&mut Option<T>>> = slots.iter_mut().map(Some).collect();
-        for i in order {
-            if let Some(slot) = free[i].take() {
-                let (kind, work) = (kinds[i], &work);
-                scope.spawn_fifo(move |_| *slot = Some(work(kind)));
-            }
-        }
-    });
-    slots.into_iter().flatten().collect()
 }
 
 /// The payload of a section, and whether it says nothing (an SH degree that is zero throughout).

@@ -95,6 +95,25 @@ where
     }
 }
 
+/// Runs `work` on every item on all threads, the longest first, so that no core waits for one that
+/// was begun last; results in the order of the items.
+pub(crate) fn longest_first<I: Send, L: Ord, T: Send>(
+    items: Vec<I>,
+    length: impl Fn(&I) -> L,
+    work: impl Fn(I) -> T + Sync,
+) -> Vec<T> {
+    let mut slots: Vec<Option<T>> = items.iter().map(|_| None).collect();
+    let mut jobs: Vec<(I, &mut Option<T>)> = items.into_iter().zip(&mut slots).collect();
+    jobs.sort_by_key(|(item, _)| std::cmp::Reverse(length(item)));
+    rayon::scope_fifo(|scope| {
+        for (item, slot) in jobs {
+            let work = &work;
+            scope.spawn_fifo(move |_| *slot = Some(work(item)));
+        }
+    });
+    slots.into_iter().flatten().collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,5 +152,13 @@ mod tests {
         assert_eq!(taken, 7);
         assert_eq!(in_order(9, 3, Ok, |i| if i == 3 { Err(i) } else { Ok(()) }), Err(3));
         assert_eq!(in_order(0, 3, Ok::<usize, usize>, |_| Ok(())), Ok(()));
+    }
+
+    #[test]
+    fn results_of_the_longest_first_are_in_the_order_of_the_items() {
+        for n in [0, 1, 40] {
+            let items: Vec<usize> = (0..n).map(|i| i * 17 % 41).collect();
+            assert_eq!(longest_first(items.clone(), |&i| i, |i| i), items);
+        }
     }
 }

@@ -107,11 +107,7 @@ pub(crate) fn curves(
     vec![
         plan("uniform", "uniform", &uniform),
         plan("adaptive", "adaptive (paper's criteria)", &paper),
-        plan(
-            PAPER_PROFILE,
-            "the paper's coding (uniform, RLGR, QP triples, VQ with its indices)",
-            &uniform,
-        ),
+        plan(PAPER_PROFILE, "the paper's coding (uniform, RLGR, QP triples, VQ)", &uniform),
         plan("pruned", "adaptive (default: rate-distortion)", &pruned),
     ]
 }

@@ -5,8 +5,7 @@
 //! is the smaller one. Opacities, many of which are equal to a bound, take up to 10 % fewer bits.
 
 use super::models::{
-    BUCKETS, CLASSES, LIMIT, PRIORS, RATE, UNARY, code_exp_golomb, geometric, low_bits,
-    mean_of_bucket, parts,
+    BUCKETS, CLASSES, LIMIT, PRIORS, RATE, Tail, UNARY, geometric, low_bits, mean_of_bucket, parts,
 };
 use crate::bytes::{Reader, put_varint};
 use crate::context::{Magnitudes, Packed, Row};
@@ -126,8 +125,7 @@ pub(crate) struct Lone {
     mixers: [Mixer<INPUTS>; MIXED],
     /// Of the others, by expected magnitude.
     rest: Vec<[Bit; UNARY]>,
-    low: Vec<[Bit; 4]>,
-    escape: [Bit; 32],
+    tail: Tail,
     sign: Vec<Bit>,
 }
 
@@ -155,8 +153,7 @@ impl Lone {
             ],
             mixers: [Mixer::new(68_000); MIXED],
             rest: PRIORS.iter().map(|&bit| [bit; UNARY]).collect(),
-            low: vec![[Bit::default(); 4]; BUCKETS],
-            escape: [Bit::default(); 32],
+            tail: Tail::new(),
             sign: vec![Bit::with_prior(32768, 24); 3 * 16 * 3],
         }
     }
@@ -273,8 +270,7 @@ impl Lone {
 
     #[inline]
     fn magnitude<C: BinaryCoder>(&mut self, coder: &mut C, spot: &Spot, v: u32) -> u32 {
-        let shift = low_bits(spot.expected);
-        let high = v >> shift;
+        let high = v >> low_bits(spot.expected);
         let [a, b, c, d, e] = &mut self.first;
         let [ia, ib, ic, id, ie] = spot.at;
         let (a, b, c, d, e) = (&mut a[ia], &mut b[ib], &mut c[ic], &mut d[id], &mut e[ie]);
@@ -293,19 +289,7 @@ impl Lone {
             }
             u += 1;
         }
-        let mut u = u as u32;
-        if u as usize == UNARY {
-            let rest = code_exp_golomb(coder, &mut self.escape, high.saturating_sub(u));
-            u = u.saturating_add(rest).min(u32::MAX >> shift);
-        }
-        if shift == 0 {
-            return u;
-        }
-        let top = &mut self.low[spot.bucket][u.min(3) as usize];
-        let top = u32::from(top.code(coder, v >> (shift - 1) & 1 == 1, LIMIT));
-        let rest = shift - 1;
-        let low = coder.code_raw_wide(v & ((1 << rest) - 1), rest);
-        (u << shift) | (top << rest) | low
+        self.tail.code(coder, spot.expected, (u as u32, u == UNARY), v)
     }
 }
 

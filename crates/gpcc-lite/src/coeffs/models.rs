@@ -64,9 +64,7 @@ pub(super) struct Models {
     /// By octree level, axis and coarse expected magnitude.
     level: Vec<Unary>,
     mixers: Vec<[Mixer<INPUTS>; UNARY + 1]>,
-    /// Of the highest of the low bits, by expected magnitude and what is above.
-    low: Vec<[Bit; 4]>,
-    escape: [Bit; 32],
+    tail: Tail,
     sign: Vec<Bit>,
     /// The same three tables and mixers for the flags of chunks.
     flag: [Vec<Bit>; INPUTS],
@@ -183,20 +181,7 @@ impl Models {
         let at = ((channel * 3 + known as usize) * OTHERS + part) * EXPECTED
             + quarter(expected).min(EXPECTED - 1);
         let symbol = coder.code_symbol(&mut self.symbols[at], high.min(ESCAPE) as usize) as u32;
-        let mut m = symbol + least;
-        if symbol == ESCAPE {
-            let rest = code_exp_golomb(coder, &mut self.escape, high.saturating_sub(symbol));
-            m = m.saturating_add(rest).min(u32::MAX >> shift);
-        }
-        if shift > 0 {
-            let top = &mut self.low[bucket(expected)][m.min(3) as usize];
-            let top = u32::from(top.code(coder, v >> (shift - 1) & 1 == 1, LIMIT));
-            let rest = shift - 1;
-            m = (m << shift) | (top << rest);
-            if rest > 0 {
-                m |= coder.code_raw_wide(v & ((1 << rest) - 1), rest);
-            }
-        }
+        let m = self.tail.code(coder, expected, (symbol + least, symbol == ESCAPE), v);
         let negative = coder.code_sign(m != 0, level < 0);
         select_unpredictable(negative, (m as i32).wrapping_neg(), m as i32)
     }
@@ -209,8 +194,7 @@ impl Models {
             parts: vec![[Bit::default(); UNARY + 1]; parts],
             level: (0..64 * BUCKETS).map(|i| prior(i % BUCKETS)).collect(),
             mixers: vec![[Mixer::new(68_000); UNARY + 1]; channels],
-            low: vec![[Bit::default(); 4]; BUCKETS],
-            escape: [Bit::default(); 32],
+            tail: Tail::new(),
             sign: plain(channels * 9),
             flag: [
                 (0..2 * chunks * BUCKETS).map(|i| PRIORS[i % BUCKETS]).collect(),
@@ -317,19 +301,7 @@ impl Models {
             }
             u += 1;
         }
-        let mut u = u as u32;
-        if u as usize == UNARY {
-            let rest = code_exp_golomb(coder, &mut self.escape, high.saturating_sub(u));
-            u = u.saturating_add(rest).min(u32::MAX >> shift);
-        }
-        if shift == 0 {
-            return u;
-        }
-        let top = &mut self.low[b][u.min(3) as usize];
-        let top = u32::from(top.code(coder, v >> (shift - 1) & 1 == 1, LIMIT));
-        let rest = shift - 1;
-        let low = coder.code_raw_wide(v & ((1 << rest) - 1), rest);
-        (u << shift) | (top << rest) | low
+        self.tail.code(coder, m, (u as u32, u == UNARY), v)
     }
 
     /// Codes a sign, true for negative; `signs` sums up those of the two channels before.
@@ -345,8 +317,46 @@ impl Models {
     }
 }
 
+/// What follows the modelled part of a magnitude.
+pub(super) struct Tail {
+    /// Of the highest of the low bits, by expected magnitude and what is above.
+    low: Vec<[Bit; 4]>,
+    escape: [Bit; 32],
+}
+
+impl Tail {
+    pub(super) fn new() -> Self {
+        Self { low: vec![[Bit::default(); 4]; BUCKETS], escape: [Bit::default(); 32] }
+    }
+
+    /// Codes what `v` has beyond `high`, which is all above its low bits unless it has `escaped`.
+    #[inline]
+    pub(super) fn code<C: BinaryCoder>(
+        &mut self,
+        coder: &mut C,
+        expected: u32,
+        (mut high, escaped): (u32, bool),
+        v: u32,
+    ) -> u32 {
+        let shift = low_bits(expected);
+        if escaped {
+            let rest = (v >> shift).saturating_sub(high);
+            let rest = code_exp_golomb(coder, &mut self.escape, rest);
+            high = high.saturating_add(rest).min(u32::MAX >> shift);
+        }
+        if shift == 0 {
+            return high;
+        }
+        let top = &mut self.low[bucket(expected)][high.min(3) as usize];
+        let top = u32::from(top.code(coder, v >> (shift - 1) & 1 == 1, LIMIT));
+        let rest = shift - 1;
+        let low = if rest > 0 { coder.code_raw_wide(v & ((1 << rest) - 1), rest) } else { 0 };
+        (high << shift) | (top << rest) | low
+    }
+}
+
 /// Exponential Golomb with modelled prefix.
-pub(super) fn code_exp_golomb<C: BinaryCoder>(coder: &mut C, model: &mut [Bit; 32], v: u32) -> u32 {
+fn code_exp_golomb<C: BinaryCoder>(coder: &mut C, model: &mut [Bit; 32], v: u32) -> u32 {
     let v1 = u64::from(v) + 1;
     let bits = v1.ilog2();
     let mut k = 0;

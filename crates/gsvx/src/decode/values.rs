@@ -7,6 +7,7 @@ use crate::covariance::{self, Shapes, log_euclidean};
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::OpacityDomain;
+use crate::ordered;
 use crate::stream::{Header, SectionKind};
 use gpcc_lite::Leaf;
 use gpcc_lite::attribute::Rows;
@@ -222,10 +223,9 @@ impl Task<'_> {
     }
 }
 
-/// Runs the tasks: one after another, or on all cores, the long ones first, so that no core waits
-/// for one that was begun last, and so that what those need is free again when all values are
-/// there: covariances, of which few are zero, then those of most channels. Results are in the order
-/// of the tasks.
+/// Runs the tasks, on all cores unless `alone`. What the long ones need is free again when all
+/// values are there: covariances, of which few are zero, go first, then those of most channels.
+/// Results are in the order of the tasks.
 fn run<'a>(
     tasks: Vec<Task<'a>>,
     alone: bool,
@@ -234,17 +234,8 @@ fn run<'a>(
     if alone {
         return tasks.into_iter().map(work).collect();
     }
-    let mut slots: Vec<Option<Result<Said>>> = tasks.iter().map(|_| None).collect();
-    let mut jobs: Vec<_> = tasks.into_iter().zip(&mut slots).collect();
-    let length = |kind: SectionKind| (kind == SectionKind::Covariance, kind.channels());
-    jobs.sort_by_key(|(task, _)| std::cmp::Reverse(length(task.kind)));
-    rayon::scope_fifo(|scope| {
-        for (task, slot) in jobs {
-            let work = &work;
-            scope.spawn_fifo(move |_| *slot = Some(work(task)));
-        }
-    });
-    slots.into_iter().flatten().collect()
+    let length = |task: &Task<'_>| (task.kind == SectionKind::Covariance, task.kind.channels());
+    ordered::longest_first(tasks, length, work)
 }
 
 /// Gives a scene `n` Gaussians, of which nothing is promised.
