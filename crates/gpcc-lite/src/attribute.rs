@@ -14,7 +14,6 @@ use crate::context::{CHUNK, chunk_sizes};
 use crate::error::{Error, Result};
 use crate::quant::{Centroids, Step};
 use crate::raht::{self, Lanes, Plan};
-use crate::range::RangeDecoder;
 use decoder::{Dequantiser, Planar, Ranged};
 use encoder::encode_rows;
 pub use rows::Rows;
@@ -39,6 +38,9 @@ pub struct Options {
     /// Code a channel on its own by the means of its nodes too, with [`Mode::Range`]: opacities take
     /// 1 to 10 % fewer bits, for their values keep to a range and many are at its end.
     pub by_means: bool,
+    /// With [`Mode::Symbols`]: channels so many apart share their models. 3 suits colours of many
+    /// coefficients, whose planes resemble each other: less is to be learnt. 255 shares none.
+    pub period: u8,
     /// Return what the decoder will, at the cost of a decoding at most.
     pub reconstruction: bool,
 }
@@ -52,6 +54,7 @@ impl Default for Options {
             fine_prediction: true,
             centres: false,
             by_means: false,
+            period: u8::MAX,
             reconstruction: true,
         }
     }
@@ -202,7 +205,8 @@ fn decode_ranged<const BY_SYMBOLS: bool>(
     bytes: &[u8],
     rows: &mut Rows,
 ) -> Result<()> {
-    let mut source = Ranged::<BY_SYMBOLS>::new(plan, RangeDecoder::new(bytes), heads.len());
+    let (coder, period) = coeffs::open(BY_SYMBOLS, bytes)?;
+    let mut source = Ranged::<BY_SYMBOLS>::new(plan, coder, heads.len(), period);
     let dc = source.dc(plan.len());
     let mut source = Dequantiser::new(plan, heads, source);
     reconstruct(plan, heads, &dc, &mut source, rows);

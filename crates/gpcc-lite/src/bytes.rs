@@ -84,6 +84,11 @@ impl BitWriter {
         }
     }
 
+    /// True before the first bit.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.out.is_empty() && self.fill == 0
+    }
+
     /// Pads the last byte with zeros and returns the bytes.
     pub(crate) fn finish(mut self) -> Vec<u8> {
         while self.fill >= 8 {

@@ -12,8 +12,9 @@ use crate::bytes::{Reader, put_varint};
 use crate::context::{CHUNK, Magnitudes, Packed, Row, chunk_sizes};
 use crate::error::{Error, Result};
 use crate::raht::Plan;
-use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder, SymbolCoder};
+use crate::range::BinaryCoder;
 use crate::rlgr;
+use crate::symbol_coder::{SymbolCoder, SymbolDecoder, SymbolEncoder};
 use models::{Known, Models, Place};
 
 /// Entropy coder of a stream.
@@ -43,6 +44,8 @@ pub(crate) const SYMBOLS: u8 = 4;
 const RLGR_STEADY: u8 = 5;
 /// One channel, coded while its means are rebuilt: only [`crate::attribute`] has them.
 pub(crate) const LONE: u8 = 6;
+/// The period with which no channels share models.
+const OWN: u8 = u8::MAX;
 /// Coefficients of a channel on which parameters of RLGR are tried.
 const TRIED: usize = 1 << 14;
 
@@ -61,19 +64,18 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
     let mut out = Vec::new();
     match mode {
         Mode::Range | Mode::Symbols => {
-            out.push(if mode == Mode::Range { RANGE } else { SYMBOLS });
-            let mut coder = RangeEncoder::new();
+            let mut coder = SymbolEncoder::default();
             let get = |k: usize, levels: &mut [Levels]| {
                 for ((chunk, i), channel) in places(channels.len()).zip(channels) {
                     levels[chunk][i] = channel[k];
                 }
             };
             if mode == Mode::Range {
-                code_channels::<false, _>(plan, channels.len(), &mut coder, get, |_, _| {});
+                code_channels::<false, _>(plan, (channels.len(), OWN), &mut coder, get, |_, _| {});
             } else {
-                code_channels::<true, _>(plan, channels.len(), &mut coder, get, |_, _| {});
+                code_channels::<true, _>(plan, (channels.len(), OWN), &mut coder, get, |_, _| {});
             }
-            out.extend(coder.finish());
+            finish(coder, mode, OWN, &mut out);
         }
         Mode::Rlgr | Mode::RlgrMalvar => {
             let tag = rlgr_tag(channels, mode);
@@ -96,6 +98,29 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
         }
     }
     Ok(out)
+}
+
+/// Puts the tag and what was coded behind `out`.
+pub(crate) fn finish(coder: SymbolEncoder, mode: Mode, period: u8, out: &mut Vec<u8>) {
+    if mode == Mode::Symbols {
+        out.extend([SYMBOLS, period.max(1)]);
+        coder.finish_both(out);
+    } else {
+        out.push(RANGE);
+        out.extend(coder.finish());
+    }
+}
+
+/// The decoder of what [`finish`] wrote behind the tag, and the period of the models.
+pub(crate) fn open(by_symbols: bool, bytes: &[u8]) -> Result<(SymbolDecoder<'_>, u8)> {
+    if !by_symbols {
+        return Ok((SymbolDecoder::coded(bytes), OWN));
+    }
+    let mut r = Reader::new(bytes);
+    match r.u8("period of models")? {
+        0 => Err(r.corrupt("period of models")),
+        period => Ok((SymbolDecoder::both(&bytes[1..])?, period)),
+    }
 }
 
 /// The parameters to use, as a tag.
@@ -143,7 +168,7 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
             Ok(out)
         }
         tag @ (RANGE | SYMBOLS) => {
-            let mut coder = RangeDecoder::new(&bytes[1..]);
+            let (mut coder, period) = open(tag == SYMBOLS, &bytes[1..])?;
             let mut out = vec![vec![0; n]; channels];
             let put = |k: usize, levels: &[Levels]| {
                 for ((chunk, i), channel) in places(channels).zip(&mut out) {
@@ -151,9 +176,9 @@ pub fn decode(plan: &Plan, bytes: &[u8], channels: usize) -> Result<Vec<Vec<i32>
                 }
             };
             if tag == RANGE {
-                code_channels::<false, _>(plan, channels, &mut coder, |_, _| {}, put);
+                code_channels::<false, _>(plan, (channels, period), &mut coder, |_, _| {}, put);
             } else {
-                code_channels::<true, _>(plan, channels, &mut coder, |_, _| {}, put);
+                code_channels::<true, _>(plan, (channels, period), &mut coder, |_, _| {}, put);
             }
             if coder.exhausted() {
                 return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
@@ -184,10 +209,11 @@ pub(crate) struct RowCoder<const BY_SYMBOLS: bool> {
 }
 
 impl<const BY_SYMBOLS: bool> RowCoder<BY_SYMBOLS> {
-    pub(crate) fn new(coefficients: usize, channels: usize) -> Self {
+    /// `period` as in [`crate::attribute::Options::period`].
+    pub(crate) fn new(coefficients: usize, channels: usize, period: u8) -> Self {
         let sizes = chunk_sizes(channels);
         Self {
-            models: Models::new(channels, sizes.len(), BY_SYMBOLS),
+            models: Models::new(channels, sizes.len(), BY_SYMBOLS.then_some(period)),
             context: Magnitudes::new(coefficients, sizes.len()),
             magnitudes: vec![Packed::default(); sizes.len()],
             sizes,
@@ -337,7 +363,7 @@ pub(crate) fn places(channels: usize) -> impl Iterator<Item = (usize, usize)> {
 /// or takes them.
 fn code_channels<const BY_SYMBOLS: bool, C: SymbolCoder>(
     plan: &Plan,
-    channels: usize,
+    (channels, period): (usize, u8),
     coder: &mut C,
     mut get: impl FnMut(usize, &mut [Levels]),
     mut put: impl FnMut(usize, &[Levels]),
@@ -346,7 +372,7 @@ fn code_channels<const BY_SYMBOLS: bool, C: SymbolCoder>(
     if n == 0 || channels == 0 {
         return;
     }
-    let mut rows = RowCoder::<BY_SYMBOLS>::new(n, channels);
+    let mut rows = RowCoder::<BY_SYMBOLS>::new(n, channels, period);
     let mut levels = vec![[0; CHUNK]; rows.sizes.len()];
     get(0, &mut levels);
     code_dc(coder, channels, &mut levels);

@@ -61,6 +61,7 @@ pub mod raht;
 pub mod range;
 mod rdoq;
 pub mod rlgr;
+mod symbol_coder;
 mod symbols;
 
 pub use error::{Error, Result};

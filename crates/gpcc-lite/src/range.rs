@@ -5,9 +5,6 @@
 //! carry walks back through the bytes already written. The decoder reads zeros after the end,
 //! and the encoder drops the zero bytes at the end of its last eight.
 
-use crate::symbols::{self, Symbols};
-use std::hint::select_unpredictable;
-
 /// Both directions of the coder behind one face, so a model is written once.
 ///
 /// The encoder codes the `bit` (or value) it is given and returns it; the decoder ignores the
@@ -34,15 +31,6 @@ pub trait BinaryCoder {
 
     /// True when the decoder has read further past the end than any encoder's stream goes.
     fn exhausted(&self) -> bool;
-}
-
-/// Both directions of symbols.
-pub(crate) trait SymbolCoder: BinaryCoder {
-    /// Codes one symbol by its model, which learns it.
-    fn code_symbol(&mut self, model: &mut Symbols, symbol: usize) -> usize;
-
-    /// Codes an equiprobable sign (true for negative) if there is `some`, without a branch.
-    fn code_sign(&mut self, some: bool, negative: bool) -> bool;
 }
 
 /// The encoder half of the [range coder](self).
@@ -160,21 +148,14 @@ impl BinaryCoder for RangeEncoder {
     }
 }
 
-impl SymbolCoder for RangeEncoder {
+impl RangeEncoder {
+    /// Codes a symbol of frequency `size` in `2^bits`, with `start` before it.
     #[inline]
-    fn code_symbol(&mut self, model: &mut Symbols, symbol: usize) -> usize {
-        let (start, size) = model.interval(symbol);
-        let part = self.range >> symbols::BITS;
+    pub(crate) fn code_part(&mut self, bits: u32, start: u32, size: u32) {
+        let part = self.range >> bits;
         self.add(part * u64::from(start));
         self.range = part * u64::from(size);
         self.renormalise();
-        model.learn(symbol);
-        symbol
-    }
-
-    #[inline]
-    fn code_sign(&mut self, some: bool, negative: bool) -> bool {
-        self.code_raw(u32::from(some & negative), u32::from(some)) != 0
     }
 }
 
@@ -253,26 +234,21 @@ impl BinaryCoder for RangeDecoder<'_> {
     }
 }
 
-impl SymbolCoder for RangeDecoder<'_> {
+impl RangeDecoder<'_> {
+    /// Decodes a symbol: `find` has the place of each of the `2^bits` codes, the frequency before a symbol,
+    /// and its own.
     #[inline]
-    fn code_symbol(&mut self, model: &mut Symbols, _symbol: usize) -> usize {
-        let part = self.range >> symbols::BITS;
-        let symbol = model.find((self.code / part).min((1 << symbols::BITS) - 1) as u32);
-        let (start, size) = model.interval(symbol);
+    pub(crate) fn code_part(
+        &mut self,
+        bits: u32,
+        find: impl FnOnce(u32) -> (usize, u32, u32),
+    ) -> usize {
+        let part = self.range >> bits;
+        let (symbol, start, size) = find((self.code / part).min((1 << bits) - 1) as u32);
         // wrapping: only a stream no encoder wrote has code beyond the interval.
         self.code = self.code.wrapping_sub(part * u64::from(start));
         self.range = part * u64::from(size);
         self.renormalise();
-        model.learn(symbol);
         symbol
-    }
-
-    #[inline]
-    fn code_sign(&mut self, some: bool, _negative: bool) -> bool {
-        self.range >>= u32::from(some);
-        let negative = some & (self.code >= self.range);
-        self.code -= select_unpredictable(negative, self.range, 0);
-        self.renormalise();
-        negative
     }
 }

@@ -1,6 +1,6 @@
 //! The encoder.
 
-use crate::attributes::group::{Transform, coding};
+use crate::attributes::group::{Coding, Transform, coding};
 use crate::attributes::{colour, opacity};
 use crate::covariance;
 use crate::error::{Error, Result};
@@ -10,7 +10,6 @@ use crate::outliers;
 use crate::stream::{self, Header, SectionKind};
 use crate::{ordered, slices};
 use gpcc_lite::Leaf;
-use gpcc_lite::coeffs::Mode;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -92,11 +91,13 @@ pub(crate) fn encode_parts<'a>(
         None => None,
     };
     let slices = slices::count(n, options);
+    let entropy = options.entropy.of(n);
     let slice = |i: usize| {
         let range = slices::range(n, slices, i);
         let scene = part(range.clone())?;
         check(&scene, voxels, range.start)?;
-        let leaves = Leaves { leaves: &voxels.leaves[range.clone()], j_high: voxels.j_high };
+        let leaves =
+            Leaves { leaves: &voxels.leaves[range.clone()], j_high: voxels.j_high, entropy };
         let log_classes = log_classes.as_ref().map(|all| &all[range]);
         leaves.sections(&scene, log_classes, sh_degree, options)
     };
@@ -176,6 +177,8 @@ struct Section {
 pub(crate) struct Leaves<'a> {
     pub(crate) leaves: &'a [Leaf],
     pub(crate) j_high: u8,
+    /// [Resolved](Entropy::of).
+    pub(crate) entropy: Entropy,
 }
 
 impl Leaves<'_> {
@@ -189,7 +192,7 @@ impl Leaves<'_> {
     ) -> Result<Vec<Section>> {
         // Geometry needs nothing of the rest, and the rest nothing of its bytes.
         let (geometry, attributes) = rayon::join(
-            || self.geometry(options),
+            || self.geometry(),
             || self.attributes(scene, log_classes, sh_degree, options),
         );
         let kind = SectionKind::Geometry;
@@ -198,9 +201,13 @@ impl Leaves<'_> {
         Ok(sections)
     }
 
-    fn geometry(&self, options: &EncodeOptions) -> Result<Vec<u8>> {
-        let mode = options.coding(SectionKind::Geometry).mode(self.leaves.len());
-        let quick = mode == Mode::Symbols || options.entropy == Entropy::Fast;
+    /// How a section's group is coded.
+    pub(crate) fn coding(&self, kind: SectionKind, options: &EncodeOptions) -> Coding {
+        Coding { entropy: self.entropy, ..options.coding(kind) }
+    }
+
+    fn geometry(&self) -> Result<Vec<u8>> {
+        let quick = matches!(self.entropy, Entropy::Symbols | Entropy::Fast);
         let coded = if quick {
             gpcc_lite::geometry::encode_fast(self.leaves, self.j_high)
         } else {
@@ -219,8 +226,7 @@ impl Leaves<'_> {
         let mut sections = Vec::new();
         let mut transform = Transform::new(self.leaves, self.j_high, None)?;
         if let Some(log_classes) = log_classes {
-            let (payload, classes) =
-                importance::encode_by(&transform, log_classes, options.entropy)?;
+            let (payload, classes) = importance::encode_by(&transform, log_classes, self.entropy)?;
             let kind = SectionKind::Importance;
             sections.push(Section { kind, payload, all_zero: false });
             transform = transform.weighted(&classes)?;
@@ -260,7 +266,7 @@ fn attribute_section(
             let mut out = vec![opacity::code(domain)];
             let values: Vec<f64> = scene.opacity_logits.par_iter().map(value).collect();
             let leaf = |i: usize, row: &mut [f64]| row.fill(values[i]);
-            out.extend(transform.encode(&[step], options.coding(kind), leaf)?.0);
+            out.extend(transform.encode(&[step], leaves.coding(kind, options), leaf)?.0);
             Ok((out, false))
         }
         SectionKind::Covariance => {
@@ -285,7 +291,7 @@ fn attribute_section(
                     None => f64::from(if c % 3 == 0 { luma } else { chroma }),
                 })
                 .collect();
-            transform.encode(&steps, options.coding(kind), |i, row| {
+            transform.encode(&steps, leaves.coding(kind, options), |i, row| {
                 for (planes, &rgb) in row.chunks_exact_mut(3).zip(&scene.sh_of(i)[range.clone()]) {
                     planes.copy_from_slice(&colour::forward(rgb));
                 }

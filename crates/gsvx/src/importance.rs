@@ -95,7 +95,7 @@ pub fn encode(
     j_high: u8,
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
-    encode_by(&Transform::new(leaves, j_high, None)?, log_classes, entropy)
+    encode_by(&Transform::new(leaves, j_high, None)?, log_classes, entropy.of(leaves.len()))
 }
 
 /// As [`encode`], by the transform of the leaves without weights.
@@ -104,7 +104,7 @@ pub(crate) fn encode_by(
     log_classes: &[f64],
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
-    let coding = Coding { entropy, lambda: CLASS_LAMBDA };
+    let coding = Coding { entropy, lambda: CLASS_LAMBDA, period: u8::MAX };
     let (payload, _) =
         transform.encode(&[CLASS_STEP], coding, |i, row| row.fill(log_classes[i]))?;
     let classes = decode_by(transform, &payload, &mut Rows::default())?;

@@ -2,6 +2,7 @@
 
 use crate::attributes::group::Coding;
 use crate::error::{Error, Result};
+use crate::slices;
 use crate::stream::SectionKind;
 use gs_model::Scene;
 use std::num::NonZeroUsize;
@@ -46,19 +47,31 @@ pub enum CovarianceMode {
 /// Entropy coder of transformed attributes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Entropy {
-    /// Adaptive range coder: [`Entropy::Small`] up to 2^17 leaves to a slice, [`Entropy::Symbols`]
-    /// beyond.
+    /// Adaptive range coder: [`Entropy::Small`] of fewer than 2^16 leaves, [`Entropy::Symbols`] of
+    /// more.
     #[default]
     Range,
     /// Binary contexts, and prediction from the level above: smallest.
     Small,
     /// One symbol per magnitude, no prediction, and geometry with fewer contexts: 2 % larger, and
-    /// decoded in two thirds of the time.
+    /// decoded in three fifths of the time.
     Symbols,
     /// RLGR, and geometry with fewer contexts: fastest.
     Fast,
     /// RLGR and geometry as small as can be: what the paper names.
     Rlgr,
+}
+
+impl Entropy {
+    /// What [`Entropy::Range`] is for a scene of so many leaves.
+    #[must_use]
+    pub fn of(self, leaves: usize) -> Self {
+        match self {
+            Self::Range if leaves < slices::TWO => Self::Small,
+            Self::Range => Self::Symbols,
+            named => named,
+        }
+    }
 }
 
 /// Quantisation parameters of the paper's profile; step `2^((qp - 4) / 6)` in units of a 255th
@@ -114,7 +127,8 @@ pub struct EncodeOptions {
     /// most the scene's SH degree; [`EncodeOptions::max_sh_degree`] holds for them too.
     pub outliers: Option<Scene>,
     /// Runs of leaves that are coded apart, on different cores: as many as asked for, of 4096
-    /// leaves or more; `None` makes an even number of a quarter million leaves each. Codebooks,
+    /// leaves or more; `None` makes one of fewer than 2^16 leaves, else two or an even number of a
+    /// quarter million leaves each. Codebooks,
     /// integers and the paper's steps hold for a whole scene: it has one then.
     pub slices: Option<NonZeroUsize>,
 }
@@ -188,7 +202,9 @@ impl EncodeOptions {
             SectionKind::Covariance => LAMBDA_COVARIANCE,
             _ => LAMBDA,
         };
-        Coding { entropy: self.entropy, lambda }
+        let is_ac = matches!(kind, SectionKind::Sh1 | SectionKind::Sh2 | SectionKind::Sh3);
+        let period = if is_ac { 3 } else { u8::MAX };
+        Coding { entropy: self.entropy, lambda, period }
     }
 
     /// The paper's coding choices: unweighted RAHT, RLGR, one QP each for AC, DC and opacity

@@ -179,7 +179,8 @@ fn section(
     let code = |steps: &[f64], leaf: &dyn Fn(usize, &mut [f64])| {
         // How much is zeroed makes no difference to memory.
         let lambda = gpcc_lite::attribute::Options::default().lambda;
-        let how = Coding { entropy: options.entropy, lambda };
+        let entropy = options.entropy.of(scene.len());
+        let how = Coding { entropy, lambda, period: u8::MAX };
         peak_of(|| Ok(transform.encode(steps, how, leaf)?))
     };
     let (range, step) = match stage {

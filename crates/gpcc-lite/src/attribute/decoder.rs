@@ -4,7 +4,8 @@ use super::{Head, strengths};
 use crate::coeffs::{Levels, RowCoder, code_dc, places};
 use crate::context::{CHUNK, chunk_sizes};
 use crate::raht::{Lanes, Plan, Residual};
-use crate::range::{BinaryCoder, RangeDecoder};
+use crate::range::BinaryCoder;
+use crate::symbol_coder::SymbolDecoder;
 
 /// Where levels come from.
 pub(super) trait Source {
@@ -20,14 +21,14 @@ pub(super) trait Source {
 
 /// Levels out of a range-coded stream, as they are needed.
 pub(super) struct Ranged<'a, const BY_SYMBOLS: bool> {
-    coder: RangeDecoder<'a>,
+    coder: SymbolDecoder<'a>,
     rows: RowCoder<BY_SYMBOLS>,
     channels: usize,
 }
 
 impl<'a, const BY_SYMBOLS: bool> Ranged<'a, BY_SYMBOLS> {
-    pub(super) fn new(plan: &Plan, coder: RangeDecoder<'a>, channels: usize) -> Self {
-        Self { coder, rows: RowCoder::new(plan.len(), channels), channels }
+    pub(super) fn new(plan: &Plan, coder: SymbolDecoder<'a>, channels: usize, period: u8) -> Self {
+        Self { coder, rows: RowCoder::new(plan.len(), channels, period), channels }
     }
 
     /// The levels of coefficient 0, which come first.

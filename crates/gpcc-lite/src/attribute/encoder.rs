@@ -8,8 +8,8 @@ use crate::context::{CHUNK, chunk_sizes};
 use crate::error::Result;
 use crate::quant::{CentroidSums, Centroids, Step};
 use crate::raht::{self, Gains, Lanes, Plan, Residual};
-use crate::range::RangeEncoder;
 use crate::rdoq::Thresholds;
+use crate::symbol_coder::SymbolEncoder;
 
 /// A coded group.
 pub(super) struct Coded {
@@ -173,7 +173,7 @@ fn run(
         Mode::Symbols => quantise::<true>(plan, heads, o, levels, rows, ranged),
         _ => quantise::<false>(plan, heads, o, levels, rows, ranged),
     };
-    let coefficients = out.sink.finish(plan, o.mode)?;
+    let coefficients = out.sink.finish(plan, o)?;
     let Outcome { sums, all_zero, error, .. } = out;
     Ok(Run { coefficients, rows, sums, error: error.unwrap_or_default(), all_zero })
 }
@@ -205,22 +205,21 @@ fn quantise<const BY_SYMBOLS: bool>(
 
 /// Where levels go.
 enum Sink {
-    Range(RangeEncoder),
+    Range(SymbolEncoder),
     Planar(Vec<Vec<i32>>),
 }
 
 impl Sink {
-    fn finish(&mut self, plan: &Plan, mode: Mode) -> Result<Vec<u8>> {
+    fn finish(&mut self, plan: &Plan, o: &Options) -> Result<Vec<u8>> {
         match self {
             Self::Range(coder) => {
-                let by_symbols = mode == Mode::Symbols;
-                let mut out = vec![if by_symbols { coeffs::SYMBOLS } else { coeffs::RANGE }];
-                out.extend(std::mem::take(coder).finish());
+                let mut out = Vec::new();
+                coeffs::finish(std::mem::take(coder), o.mode, o.period, &mut out);
                 Ok(out)
             }
             Self::Planar(channels) => {
                 let views: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
-                coeffs::encode(plan, &views, mode)
+                coeffs::encode(plan, &views, o.mode)
             }
         }
     }
@@ -266,7 +265,7 @@ impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
             per_unit[chunk][i] = (1.0 / Step(head.step.0.max(1)).value()) as f32;
         }
         let sink = if ranged {
-            Sink::Range(RangeEncoder::new())
+            Sink::Range(SymbolEncoder::default())
         } else {
             Sink::Planar(vec![vec![0; plan.len()]; channels])
         };
@@ -276,7 +275,7 @@ impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
             places: places(channels).collect(),
             thresholds: Thresholds::new(o.lambda),
             per_unit,
-            rows: RowCoder::new(plan.len(), channels),
+            rows: RowCoder::new(plan.len(), channels, o.period),
             sink,
             sums: vec![CentroidSums::default(); channels],
             levels: vec![[0; CHUNK]; sizes.len()],

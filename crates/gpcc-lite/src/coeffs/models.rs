@@ -3,9 +3,10 @@
 use crate::context::{Here, Row, mean_of, others};
 use crate::mix::{Mixer, code_mixed};
 use crate::model::Bit;
-use crate::range::{BinaryCoder, SymbolCoder};
+use crate::range::BinaryCoder;
 pub(super) use crate::rdoq::BUCKETS;
 use crate::rdoq::bucket;
+use crate::symbol_coder::SymbolCoder;
 use crate::symbols::{self, Symbols};
 use std::hint::select_unpredictable;
 use std::sync::LazyLock;
@@ -24,11 +25,15 @@ const INPUTS: usize = 3;
 pub(super) const CLASSES: usize = 6;
 /// Expected magnitudes from here on (8 fraction bits) are coded without their low bits.
 const COARSE: u32 = 768;
+/// The same where they are symbols; a power of two.
+const PLAIN: u32 = 2048;
 /// Expected sums of a chunk from here on have no flag that says all are zero.
 const BUSY: u32 = 224;
 
 /// Expected sums of all channels from here on have no flag that says all are zero.
 const BUSY_ROW: u32 = 512;
+/// Classes of what is near a chunk, in the context of its flag beside symbols.
+const NEAR: usize = 9;
 /// Memory of the counters of flags that have one each, beside symbols.
 const FLAG_LIMIT: u32 = 1023;
 
@@ -75,10 +80,15 @@ pub(super) struct Models {
     /// Of whole magnitudes, in place of the counters above: by channel, what is known, the other
     /// channels' part and expected magnitude; none in binary.
     symbols: Vec<Symbols>,
+    /// Which of the tables there is a channel's.
+    table: Vec<usize>,
 }
 
-/// Expected magnitudes that have symbols of their own.
-const EXPECTED: usize = 40;
+/// Classes of expected magnitudes that have symbols of their own: quarter-octaves up to a quarter, half
+/// octaves above.
+const EXPECTED: usize = 28;
+/// Quarter-octaves below a quarter.
+const FINE: usize = 16;
 /// Classes of [`part_of_others`].
 const OTHERS: usize = 7;
 /// The models of one channel at the start.
@@ -104,6 +114,13 @@ fn quarter(m: u32) -> usize {
     (4 * (log - 2) + (m >> (log - 2) & 3)) as usize
 }
 
+/// Class of an expected magnitude.
+#[inline]
+fn class_of(expected: u32) -> usize {
+    let quarter = quarter(expected);
+    (quarter.min(FINE) + quarter.saturating_sub(FINE) / 2).min(EXPECTED - 1)
+}
+
 /// Index into `parts`.
 #[inline]
 pub(super) fn parts(above: u32, previous: u32, coded: u32, who: usize) -> usize {
@@ -115,6 +132,12 @@ pub(super) fn parts(above: u32, previous: u32, coded: u32, who: usize) -> usize 
 #[inline]
 pub(super) fn low_bits(expected: u32) -> u32 {
     if expected < COARSE { 0 } else { (expected / (COARSE / 2)).ilog2() }
+}
+
+/// Low bits of a magnitude with this expectation that are coded without a model where the others are a symbol.
+#[inline]
+pub(super) fn plain_bits(expected: u32) -> u32 {
+    (expected | (PLAIN / 2)).ilog2() - (PLAIN / 2).ilog2()
 }
 
 /// The magnitude, 16 fraction bits, that a bucket stands for.
@@ -141,11 +164,13 @@ fn prior(bucket: usize) -> Unary {
     unary
 }
 
-/// Symbols that start where magnitudes are geometric with the mean of quarter-octave `quarter`, or
-/// half a unit more where some channel is known not to be zero.
-fn symbols_prior(quarter: usize, some: bool) -> Symbols {
+/// Symbols that start where magnitudes are geometric with the mean of a class, or half a unit more
+/// where some channel is known not to be zero.
+fn symbols_prior(class: usize, some: bool) -> Symbols {
+    // Of two quarter-octaves, the beginning of the second.
+    let quarter = if class < FINE { class } else { 2 * class - FINE + 1 };
     let mean = ((4 + (quarter as u32 & 3)) << (quarter / 4)).saturating_sub(4);
-    let mean = mean >> low_bits(mean);
+    let mean = mean >> plain_bits(mean);
     Symbols::geometric(mean + if some { 128 } else { 0 }, PRIOR)
 }
 
@@ -173,20 +198,25 @@ impl Models {
     ) -> i32 {
         const ESCAPE: u32 = symbols::SYMBOLS as u32 - 1;
         let expected = base + others(coded, channel);
-        let shift = low_bits(expected);
+        let shift = plain_bits(expected);
         let v = level.unsigned_abs();
         let least = u32::from(known == Known::NotZero && shift == 0);
         let high = (v >> shift).saturating_sub(least);
         let part = part_of_others(coded, channel, expected);
-        let at = ((channel * 3 + known as usize) * OTHERS + part) * EXPECTED
-            + quarter(expected).min(EXPECTED - 1);
+        let at = ((self.table[channel] * 3 + known as usize) * OTHERS + part) * EXPECTED
+            + class_of(expected);
         let symbol = coder.code_symbol(&mut self.symbols[at], high.min(ESCAPE) as usize) as u32;
-        let m = self.tail.code(coder, expected, (symbol + least, symbol == ESCAPE), v);
-        let negative = coder.code_sign(m != 0, level < 0);
+        let mut high = symbol + least;
+        if symbol == ESCAPE {
+            high = self.tail.escape(coder, high, v >> shift).min(u32::MAX >> shift);
+        }
+        let m = (high << shift) | coder.code_bits(v & ((1 << shift) - 1), shift);
+        let negative = coder.code_bits(u32::from(level < 0), u32::from(m != 0)) != 0;
         select_unpredictable(negative, (m as i32).wrapping_neg(), m as i32)
     }
 
-    pub(super) fn new(channels: usize, chunks: usize, by_symbols: bool) -> Self {
+    pub(super) fn new(channels: usize, chunks: usize, period: Option<u8>) -> Self {
+        let tables = period.map_or(0, |p| channels.min(usize::from(p).max(1)));
         let parts = 16 * CLASSES * CLASSES * 4;
         let plain = |n: usize| vec![Bit::default(); n];
         Self {
@@ -197,14 +227,15 @@ impl Models {
             tail: Tail::new(),
             sign: plain(channels * 9),
             flag: [
-                (0..2 * chunks * BUCKETS).map(|i| PRIORS[i % BUCKETS]).collect(),
+                (0..2 * chunks * NEAR * BUCKETS).map(|i| PRIORS[i % BUCKETS]).collect(),
                 plain(2 * parts),
                 (0..2 * 64 * BUCKETS).map(|i| PRIORS[i / 2 % BUCKETS]).collect(),
             ],
             flag_mixers: vec![Mixer::new(68_000); 2 * chunks],
             row: [plain(256), plain(32 * 64), plain(64 * 64)],
             row_mixers: vec![Mixer::new(68_000); 64],
-            symbols: if by_symbols { CHANNEL.repeat(channels) } else { Vec::new() },
+            symbols: CHANNEL.repeat(tables),
+            table: (0..channels).map(|c| c % tables.max(1)).collect(),
         }
     }
 
@@ -254,7 +285,9 @@ impl Models {
         let [a, b, c] = &mut self.flag;
         let state = usize::from(pending);
         if BY_SYMBOLS {
-            return Some(a[(2 * chunk + state) * BUCKETS + m].code(coder, truth, FLAG_LIMIT));
+            let near = 3 * previous.min(2) + place.coded.min(2);
+            let at = ((2 * chunk + state) * NEAR + near as usize) * BUCKETS + m;
+            return Some(a[at].code(coder, truth, FLAG_LIMIT));
         }
         let bits = [
             &mut a[(2 * chunk + state) * BUCKETS + m],
@@ -329,6 +362,13 @@ impl Tail {
         Self { low: vec![[Bit::default(); 4]; BUCKETS], escape: [Bit::default(); 32] }
     }
 
+    /// Codes what `v` has beyond `high`, all of which is coded.
+    #[cold]
+    fn escape<C: BinaryCoder>(&mut self, coder: &mut C, high: u32, v: u32) -> u32 {
+        let rest = code_exp_golomb(coder, &mut self.escape, v.saturating_sub(high));
+        high.saturating_add(rest)
+    }
+
     /// Codes what `v` has beyond `high`, which is all above its low bits unless it has `escaped`.
     #[inline]
     pub(super) fn code<C: BinaryCoder>(
@@ -340,9 +380,7 @@ impl Tail {
     ) -> u32 {
         let shift = low_bits(expected);
         if escaped {
-            let rest = (v >> shift).saturating_sub(high);
-            let rest = code_exp_golomb(coder, &mut self.escape, rest);
-            high = high.saturating_add(rest).min(u32::MAX >> shift);
+            high = self.escape(coder, high, v >> shift).min(u32::MAX >> shift);
         }
         if shift == 0 {
             return high;

@@ -79,7 +79,7 @@ impl Transform {
         how: Coding,
         mut leaf: impl FnMut(usize, &mut [f64]),
     ) -> Result<(Vec<u8>, bool)> {
-        let o = how.options(self.len());
+        let o = how.options();
         let mut values = vec![0.0; steps.len()];
         let scaled = |i: usize, row: &mut [f32]| {
             leaf(i, &mut values);
@@ -133,29 +133,26 @@ impl Transform {
 /// How the encoder quantises and codes a group.
 #[derive(Clone, Copy, Debug)]
 pub struct Coding {
-    /// Entropy coder.
+    /// Entropy coder, [resolved](Entropy::of).
     pub entropy: Entropy,
     /// See [`attribute::Options::lambda`]; the paper's profile has the coder's default.
     pub lambda: u8,
+    /// See [`attribute::Options::period`].
+    pub period: u8,
 }
 
-/// Up to so many leaves are coded by binary contexts, which learn faster than symbols: 3 % fewer
-/// bytes of 8 thousand leaves, 0.8 % of 80 thousand, for a quarter more of a time that is short.
-const BINARY: usize = 1 << 17;
-
 impl Coding {
-    /// The entropy coder of groups of so many leaves.
-    pub(crate) fn mode(self, leaves: usize) -> Mode {
+    /// The entropy coder of groups.
+    pub(crate) fn mode(self) -> Mode {
         match self.entropy {
             Entropy::Small => Mode::Range,
-            Entropy::Range if leaves <= BINARY => Mode::Range,
             Entropy::Range | Entropy::Symbols => Mode::Symbols,
             Entropy::Fast | Entropy::Rlgr => Mode::Rlgr,
         }
     }
 
-    fn options(self, leaves: usize) -> attribute::Options {
-        let mode = self.mode(leaves);
+    fn options(self) -> attribute::Options {
+        let mode = self.mode();
         let o = attribute::Options {
             mode,
             // Prediction from the level above takes a sixth of a decoder's time.
@@ -164,6 +161,7 @@ impl Coding {
             // common.
             fine_prediction: false,
             by_means: true,
+            period: self.period,
             ..Default::default()
         };
         match self.entropy {

@@ -9,10 +9,10 @@
 //! opacity times size where there are no cameras at all.
 
 use super::Covariances;
-use crate::attributes::group::Transform;
+use crate::attributes::group::{Coding, Transform};
 use crate::error::{Error, Result};
 use crate::options::EncodeOptions;
-use crate::stream::{Reader, SectionKind, Writer};
+use crate::stream::{Reader, Writer};
 use gs_model::Scene;
 use rayon::prelude::*;
 use vq::{Codebook, Covariance};
@@ -26,6 +26,7 @@ pub(super) fn encode(
     scene: &Scene,
     bits: u8,
     transform: &Transform,
+    coding: Coding,
     options: &EncodeOptions,
 ) -> Result<Vec<u8>> {
     if !BITS.contains(&bits) {
@@ -63,8 +64,7 @@ pub(super) fn encode(
     out.block(&vq::index::encode(&indices, book.len())?);
     let step = f64::from(options.steps.covariance);
     let log_gamma = |i: usize, row: &mut [f64]| row.fill(f64::from(parts[i].1));
-    out.bytes
-        .extend(transform.encode(&[step], options.coding(SectionKind::Covariance), log_gamma)?.0);
+    out.bytes.extend(transform.encode(&[step], coding, log_gamma)?.0);
     Ok(out.bytes)
 }
 

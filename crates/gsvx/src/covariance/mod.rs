@@ -27,6 +27,7 @@ pub(crate) fn encode(
     transform: &Transform,
     options: &EncodeOptions,
 ) -> Result<Vec<u8>> {
+    let coding = leaves.coding(SectionKind::Covariance, options);
     match options.covariance {
         CovarianceMode::Transform => {
             let step = f64::from(options.steps.covariance);
@@ -35,9 +36,7 @@ pub(crate) fn encode(
                 let (q, l) = (scene.rotations[i], scene.log_scales[i]);
                 row.copy_from_slice(&log_euclidean::coordinates(q, l));
             };
-            out.extend(
-                transform.encode(&[step; 6], options.coding(SectionKind::Covariance), leaf)?.0,
-            );
+            out.extend(transform.encode(&[step; 6], coding, leaf)?.0);
             Ok(out)
         }
         CovarianceMode::Lossless { bits } => {
@@ -47,7 +46,7 @@ pub(crate) fn encode(
         }
         CovarianceMode::Vq { bits } => {
             let mut out = vec![CODEBOOK];
-            out.extend(codebook::encode(scene, bits, transform, options)?);
+            out.extend(codebook::encode(scene, bits, transform, coding, options)?);
             Ok(out)
         }
     }

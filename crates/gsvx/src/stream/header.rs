@@ -8,7 +8,7 @@ use voxel::Cube;
 /// transfers, as in PNG.
 pub const SIGNATURE: [u8; 8] = [0x89, b'G', b'S', b'V', b'X', 0x0d, 0x0a, 0x1a];
 /// Major version: a reader refuses any other.
-pub const MAJOR: u8 = 4;
+pub const MAJOR: u8 = 5;
 /// Latest minor version: a reader accepts later ones and skips the sections it does not know. A
 /// stream says the earliest minor version that has all its sections.
 pub const MINOR: u8 = 1;
