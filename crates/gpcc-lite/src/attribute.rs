@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::quant::{Centroids, Step};
 use crate::raht::{self, Lanes, Plan};
 use decoder::{Dequantiser, Planar, Ranged};
-use encoder::encode_rows;
+use encoder::{Coded, encode_rows};
 pub use rows::Rows;
 
 /// What the encoder may choose.
@@ -103,12 +103,24 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> 
         }
     }
     let coded = encode_rows(plan, steps, o, rows)?;
-    Ok(Encoded { bytes: coded.bytes, reconstruction: coded.values })
+    let reconstruction =
+        if o.reconstruction { to_values(&coded.rows.lanes, steps.len()) } else { Vec::new() };
+    Ok(Encoded { bytes: coded.bytes, reconstruction })
 }
 
-/// As [`encode`], of finite real numbers, for callers that want the stream only: `leaf(i, row)` is
-/// called for leaves `0..plan.len()` in order and fills in one value per step. Also says whether
-/// every coefficient was quantised to zero, so that nothing is lost without the group.
+/// A coded group of real numbers.
+#[derive(Clone, Debug, Default)]
+pub struct EncodedRows {
+    /// The stream.
+    pub bytes: Vec<u8>,
+    /// Every coefficient was quantised to zero: nothing is lost without the group.
+    pub all_zero: bool,
+    /// What [`decode_rows`] returns for it, bit for bit; empty unless asked for.
+    pub reconstruction: Rows,
+}
+
+/// As [`encode`], of finite real numbers: `leaf(i, row)` is called for leaves `0..plan.len()` in
+/// order and fills in one value per step.
 ///
 /// # Errors
 /// As [`encode`].
@@ -117,8 +129,7 @@ pub fn encode_with(
     steps: &[Step],
     o: &Options,
     mut leaf: impl FnMut(usize, &mut [f32]),
-) -> Result<(Vec<u8>, bool)> {
-    let o = Options { reconstruction: false, ..*o };
+) -> Result<EncodedRows> {
     let places: Vec<(usize, usize)> = places(steps.len()).collect();
     let width = chunk_sizes(steps.len()).len();
     let mut rows = vec![[0.0; CHUNK]; plan.len() * width];
@@ -129,8 +140,8 @@ pub fn encode_with(
             row[chunk][i] = v;
         }
     }
-    let coded = encode_rows(plan, steps, &o, rows)?;
-    Ok((coded.bytes, coded.all_zero))
+    let Coded { bytes, rows, all_zero } = encode_rows(plan, steps, o, rows)?;
+    Ok(EncodedRows { bytes, all_zero, reconstruction: rows })
 }
 
 /// Decodes what [`encode`] wrote; `max_channels` bounds the memory.

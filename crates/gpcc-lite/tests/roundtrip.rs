@@ -142,20 +142,25 @@ proptest! {
     /// The transform is orthonormal in the weights: the weighted squared error of the values is
     /// that of the coefficients, each of which is off by half a step and a shift at most.
     #[test]
-    fn errors_are_those_of_the_coefficients((leaves, j) in any_leaves(), seed: u64, kind in 0u8..2, qp in 4u8..40, channels in 1usize..10, prediction: bool) {
+    fn errors_are_those_of_the_coefficients((leaves, j) in any_leaves(), seed: u64, kind in 0u8..2, qp in 4u8..40, channels in 1usize..10, prediction: bool, centres: bool, mode in 0usize..3) {
         let n = leaves.len();
         let weights: Vec<u32> = (0..n).map(|i| 1 + (seed.rotate_left(i as u32) % 1000) as u32).collect();
         let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
         let c: Vec<Vec<i32>> = (0..channels).map(|k| channel(n, seed ^ k as u64, kind)).collect();
         let step = Step::from_qp(qp);
-        let o = Options { lambda: 0, prediction, ..Options::default() };
+        let mode = [Mode::Range, Mode::Symbols, Mode::Rlgr][mode];
+        let o = Options { mode, lambda: 0, prediction, centres, ..Options::default() };
         let fill = |i: usize, row: &mut [f32]| {
             row.iter_mut().zip(&c).for_each(|(v, c)| *v = c[i] as f32);
         };
-        let (bytes, _) = attribute::encode_with(&plan, &vec![step; channels], &o, fill).unwrap();
+        let coded = attribute::encode_with(&plan, &vec![step; channels], &o, fill).unwrap();
+        let bytes = coded.bytes;
+        let mut told = vec![0.0; channels];
         let mut errors = vec![0.0; channels];
         let mut points = 0;
         let read = attribute::decode_with(&plan, &bytes, channels, |i, row| {
+            coded.reconstruction.copy(i, &mut told);
+            assert_eq!(told, row, "the encoder knows what a decoder reads");
             for ((e, v), c) in errors.iter_mut().zip(row).zip(&c) {
                 let d = f64::from(*v) - f64::from(c[i]);
                 *e += f64::from(weights[i]) * d * d;

@@ -1,6 +1,7 @@
 //! The encoder.
 
-use crate::attributes::group::{Coding, Transform, coding};
+use crate::attributes::group::{Coding, Transform, UNITS, coding};
+use crate::attributes::prediction::Predictor;
 use crate::attributes::{colour, opacity};
 use crate::covariance;
 use crate::error::{Error, Result};
@@ -10,6 +11,7 @@ use crate::outliers;
 use crate::stream::{self, Header, SectionKind};
 use crate::{ordered, slices};
 use gpcc_lite::Leaf;
+use gpcc_lite::attribute::Rows;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -225,80 +227,160 @@ impl Leaves<'_> {
     ) -> Result<Vec<Section>> {
         let mut sections = Vec::new();
         let mut transform = Transform::new(self.leaves, self.j_high, None)?;
+        let mut classes = None;
         if let Some(log_classes) = log_classes {
-            let (payload, classes) = importance::encode_by(&transform, log_classes, self.entropy)?;
+            let (payload, decoded) = importance::encode_by(&transform, log_classes, self.entropy)?;
             let kind = SectionKind::Importance;
             sections.push(Section { kind, payload, all_zero: false });
-            transform = transform.weighted(&classes)?;
+            transform = transform.weighted(&decoded)?;
+            classes = Some(decoded);
         }
-        let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
-        kinds.extend((1..=sh_degree).map(SectionKind::of_sh_degree));
+        let kinds = [SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
+        let mut jobs = kinds.map(|kind| vec![kind]).to_vec();
+        let degrees = (1..=sh_degree).map(SectionKind::of_sh_degree);
+        if options.predicts_sh() {
+            // Each wants what a decoder will have of the one before.
+            jobs.push(degrees.collect());
+        } else {
+            jobs.extend(degrees.map(|kind| vec![kind]));
+        }
+        let group = Group { scene, leaves: self, transform, classes, options };
         let coded = ordered::longest_first(
-            kinds.clone(),
-            |kind| kind.channels(),
-            |kind| attribute_section(kind, scene, self, &transform, options),
+            jobs,
+            |job| job.iter().map(|kind| kind.channels()).sum::<usize>(),
+            |job| group.sections(&job),
         );
-        for (&kind, coded) in kinds.iter().zip(coded) {
-            let (payload, all_zero) = coded?;
-            sections.push(Section { kind, payload, all_zero });
+        for coded in coded {
+            sections.extend(coded?);
         }
         Ok(sections)
     }
 }
 
-/// The payload of a section, and whether it says nothing (an SH degree that is zero throughout).
-fn attribute_section(
-    kind: SectionKind,
-    scene: &Scene,
-    leaves: &Leaves<'_>,
-    transform: &Transform,
-    options: &EncodeOptions,
-) -> Result<(Vec<u8>, bool)> {
-    let steps = &options.steps;
-    match kind {
-        SectionKind::Opacity => {
-            let domain = options.opacity_domain;
-            let value = |&l: &f32| opacity::forward(domain, l);
-            let step = match options.paper_qp {
-                Some(qp) => PaperQp::step(qp.opacity, scene.opacity_logits.iter().map(value)),
-                None => f64::from(steps.opacity),
-            };
-            let mut out = vec![opacity::code(domain)];
-            let values: Vec<f64> = scene.opacity_logits.par_iter().map(value).collect();
-            let leaf = |i: usize, row: &mut [f64]| row.fill(values[i]);
-            out.extend(transform.encode(&[step], leaves.coding(kind, options), leaf)?.0);
-            Ok((out, false))
-        }
-        SectionKind::Covariance => {
-            Ok((covariance::encode(scene, leaves, transform, options)?, false))
-        }
-        _ => {
-            let luma = match kind {
-                SectionKind::Sh1 => steps.sh[0],
-                SectionKind::Sh2 => steps.sh[1],
-                SectionKind::Sh3 => steps.sh[2],
-                _ => steps.dc,
-            };
-            let range = kind.sh_coefficients();
-            let chroma = luma * steps.chroma;
-            let value = |i: usize, c: usize| {
-                colour::forward_plane(scene.sh_of(i)[range.start + c / 3], c % 3)
-            };
-            let qp = options.paper_qp.map(|qp| if kind == SectionKind::Dc { qp.dc } else { qp.ac });
-            let steps: Vec<f64> = (0..3 * range.len())
-                .map(|c| match qp {
-                    Some(qp) => PaperQp::step(qp, (0..scene.len()).map(|i| value(i, c))),
-                    None => f64::from(if c % 3 == 0 { luma } else { chroma }),
-                })
-                .collect();
-            transform.encode(&steps, leaves.coding(kind, options), |i, row| {
-                for (planes, &rgb) in row.chunks_exact_mut(3).zip(&scene.sh_of(i)[range.clone()]) {
-                    planes.copy_from_slice(&colour::forward(rgb));
+/// What the attributes of a slice are coded from.
+struct Group<'a> {
+    scene: &'a Scene,
+    leaves: &'a Leaves<'a>,
+    transform: Transform,
+    /// Importance classes, as decoded.
+    classes: Option<Vec<u8>>,
+    options: &'a EncodeOptions,
+}
+
+impl Group<'_> {
+    /// These sections, one after another.
+    fn sections(&self, kinds: &[SectionKind]) -> Result<Vec<Section>> {
+        let mut below = None;
+        let mut sections = Vec::with_capacity(kinds.len());
+        for (i, &kind) in kinds.iter().enumerate() {
+            sections.push(match kind {
+                SectionKind::Opacity => self.opacity()?,
+                SectionKind::Covariance => {
+                    let payload =
+                        covariance::encode(self.scene, self.leaves, &self.transform, self.options)?;
+                    Section { kind, payload, all_zero: false }
                 }
-            })
+                _ => {
+                    let (section, rows) = self.sh(kind, below.as_ref(), i + 1 < kinds.len())?;
+                    below = Some(rows);
+                    section
+                }
+            });
         }
+        Ok(sections)
+    }
+
+    fn opacity(&self) -> Result<Section> {
+        let Self { scene, options, .. } = self;
+        let kind = SectionKind::Opacity;
+        let domain = options.opacity_domain;
+        let value = |&l: &f32| opacity::forward(domain, l);
+        let step = match options.paper_qp {
+            Some(qp) => PaperQp::step(qp.opacity, scene.opacity_logits.iter().map(value)),
+            None => f64::from(options.steps.opacity),
+        };
+        let mut payload = vec![opacity::code(domain)];
+        let values: Vec<f64> = scene.opacity_logits.par_iter().map(value).collect();
+        let leaf = |i: usize, row: &mut [f64]| row.fill(values[i]);
+        payload.extend(self.transform.encode(&[step], self.leaves.coding(kind, options), leaf)?.0);
+        Ok(Section { kind, payload, all_zero: false })
+    }
+
+    /// DC or an SH degree, predicted from the rows `below` if they are there and it pays; with the
+    /// rows that a decoder will have of it if they are `wanted`.
+    fn sh(&self, kind: SectionKind, below: Option<&Rows>, wanted: bool) -> Result<(Section, Rows)> {
+        let Self { scene, options, .. } = self;
+        let steps = &options.steps;
+        let degree = kind.sh_degree();
+        let luma = match degree {
+            0 => steps.dc,
+            _ => steps.sh[usize::from(degree) - 1],
+        };
+        let range = kind.sh_coefficients();
+        let chroma = luma * steps.chroma;
+        let value =
+            |i: usize, c: usize| colour::forward_plane(scene.sh_of(i)[range.start + c / 3], c % 3);
+        let qp = options.paper_qp.map(|qp| if kind == SectionKind::Dc { qp.dc } else { qp.ac });
+        let steps: Vec<f64> = (0..3 * range.len())
+            .map(|c| match qp {
+                Some(qp) => PaperQp::step(qp, (0..scene.len()).map(|i| value(i, c))),
+                None => f64::from(if c % 3 == 0 { luma } else { chroma }),
+            })
+            .collect();
+        let planes = |i: usize| scene.sh_of(i)[range.clone()].iter().map(|&c| colour::forward(c));
+        let mut payload = Vec::new();
+        let mut predictor = None;
+        if degree >= 2 {
+            predictor = below.and_then(|below| {
+                let steps = [luma, chroma].map(|step| step * UNITS as f32);
+                let exact = |i: usize, row: &mut [f32]| {
+                    for (out, planes) in row.as_chunks_mut::<3>().0.iter_mut().zip(planes(i)) {
+                        *out = planes.map(|v| (v * UNITS) as f32);
+                    }
+                };
+                Some((Predictor::fit(degree, below, self.classes.as_deref(), steps, exact)?, below))
+            });
+            Predictor::write(predictor.as_ref().map(|(predictor, _)| predictor), &mut payload);
+        }
+        // A few leaves at a time.
+        let mut lower = [0.0; FEW * CHANNELS];
+        let mut predicted = [0.0; FEW * CHANNELS];
+        let leaf = |i: usize, row: &mut [f64]| {
+            for (out, planes) in row.as_chunks_mut::<3>().0.iter_mut().zip(planes(i)) {
+                *out = planes;
+            }
+            if let Some((predictor, below)) = &predictor {
+                if i.is_multiple_of(FEW) {
+                    let lower = &mut lower[..FEW * below.channels()];
+                    below.copy(i, lower);
+                    predicted.fill(0.0);
+                    let leaves = FEW.min(scene.len() - i);
+                    predictor.add(i, lower, &mut predicted[..leaves * row.len()]);
+                }
+                let predicted = &predicted[i % FEW * row.len()..];
+                for (v, p) in row.iter_mut().zip(predicted) {
+                    *v -= f64::from(*p) * (1.0 / UNITS);
+                }
+            }
+        };
+        let mut coded =
+            self.transform.encode_rows(&steps, self.leaves.coding(kind, options), wanted, leaf)?;
+        payload.extend(coded.bytes);
+        if let (Some((predictor, below)), true) = (&predictor, wanted) {
+            coded.reconstruction.change(|first, values| {
+                let lower = &mut lower[..values.len() / (3 * range.len()) * below.channels()];
+                below.copy(first, lower);
+                predictor.add(first, lower, values);
+            });
+        }
+        let all_zero = coded.all_zero && predictor.is_none();
+        Ok((Section { kind, payload, all_zero }, coded.reconstruction))
     }
 }
+
+/// Leaves that are predicted at a time, and most channels of a section.
+const FEW: usize = 32;
+const CHANNELS: usize = 21;
 
 /// Checks the Gaussians of the leaves from `first` on.
 fn check(scene: &Scene, voxels: &Voxelization, first: usize) -> Result<()> {

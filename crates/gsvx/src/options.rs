@@ -122,6 +122,9 @@ pub struct EncodeOptions {
     pub paper_qp: Option<PaperQp>,
     /// Code all Gaussians with the same precision: no importance section. The paper does this.
     pub uniform_precision: bool,
+    /// Predict SH degrees 2 and 3 from the degree below where it pays; never with [`Entropy::Fast`],
+    /// [`Entropy::Rlgr`] or the paper's steps.
+    pub sh_prediction: bool,
     /// Gaussians coded bit for bit beside the leaves, such as those of
     /// [`crate::split_outliers`]; the decoder returns them after the leaves, in this order. Of at
     /// most the scene's SH degree; [`EncodeOptions::max_sh_degree`] holds for them too.
@@ -190,9 +193,17 @@ impl EncodeOptions {
             opacity_domain: OpacityDomain::LogAlpha,
             paper_qp: None,
             uniform_precision: false,
+            sh_prediction: true,
             outliers: None,
             slices: None,
         }
+    }
+
+    /// Whether SH degrees 2 and 3 are predicted where it pays. It takes a tenth of an encoder's time,
+    /// and the degrees one after another: not where speed is what is wanted, nor as the paper does.
+    pub(crate) fn predicts_sh(&self) -> bool {
+        let small = matches!(self.entropy, Entropy::Range | Entropy::Small | Entropy::Symbols);
+        self.sh_prediction && small && self.paper_qp.is_none()
     }
 
     /// How a section's group is coded.

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Rng, scene, voxelized};
+use common::{Rng, scene, voxelized, with_related_degrees};
 use gsvx::{DecodeOptions, EncodeOptions, Error, decode, encode};
 use voxel::Strategy;
 
@@ -42,15 +42,23 @@ fn every_flipped_bit_is_noticed() {
 /// Damage behind valid checksums: what an attacker sends.
 #[test]
 fn payload_damage_with_repaired_checksums_never_panics() {
-    let bytes = stream(120);
-    let container = gsvx::stream::Container::parse(&bytes).unwrap();
+    let related = with_related_degrees(scene(700, 3, 9));
+    let (merged, voxels) = voxelized(&related, &Strategy::paper(3, 9));
+    let predicted = encode(&merged, &voxels, &EncodeOptions::from_quality(85.0).unwrap()).unwrap();
+    for (bytes, rounds) in [(stream(120), 3000), (predicted.bytes, 400)] {
+        damage_payloads(&bytes, rounds);
+    }
+}
+
+fn damage_payloads(bytes: &[u8], rounds: usize) {
+    let container = gsvx::stream::Container::parse(bytes).unwrap();
     let sections: Vec<_> = container
         .toc
         .iter()
         .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
         .collect();
     let mut rng = Rng(1);
-    for round in 0..3000 {
+    for round in 0..rounds {
         let mut broken = sections.clone();
         let (_, payload) = &mut broken[round % sections.len()];
         for _ in 0..1 + rng.next() % 3 {

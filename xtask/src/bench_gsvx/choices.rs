@@ -184,7 +184,7 @@ impl Study {
         let all = self.turned(&[(0..45).collect()]);
         for quality in [40.0, 50.0, 60.0, 75.0, 90.0] {
             let steps = EncodeOptions::from_quality(quality)?.steps;
-            let o = EncodeOptions { steps, ..self.options()? };
+            let o = EncodeOptions { steps, sh_prediction: false, ..self.options()? };
             let bytes = |scene: &Scene, o: &EncodeOptions| -> Result<[usize; 2]> {
                 let encoded = gsvx::encode(scene, &self.prepared.voxels, o)?;
                 let ac = [SectionKind::Sh1, SectionKind::Sh2, SectionKind::Sh3];

@@ -1,7 +1,7 @@
 //! From differences of means to levels, and to a stream.
 
 use super::decoder::Units;
-use super::{Head, Options, lone, put_varint, strengths, to_values};
+use super::{Head, Options, Rows, lone, put_varint, strengths};
 use crate::coeffs::lone::Bounds;
 use crate::coeffs::{self, Levels, Mode, RowCoder, code_dc, places};
 use crate::context::{CHUNK, chunk_sizes};
@@ -15,7 +15,7 @@ use crate::symbol_coder::SymbolEncoder;
 pub(super) struct Coded {
     pub(super) bytes: Vec<u8>,
     /// What the decoder returns, if asked for.
-    pub(super) values: Vec<Vec<i32>>,
+    pub(super) rows: Rows,
     /// Every coefficient was quantised to zero.
     pub(super) all_zero: bool,
 }
@@ -62,13 +62,13 @@ pub(super) fn encode_rows(
     let mut predicted = heads.iter().any(|h| !h.strength.is_empty());
     let lone = bounds.is_some();
     // Means are needed as long as something is predicted from them or coded by them, or if they
-    // are wanted.
-    let levels = if !predicted && !lone {
-        0
-    } else if o.reconstruction || lone {
+    // are wanted and no shift of theirs is left to be chosen.
+    let levels = if lone || (o.reconstruction && (predicted || o.centres)) {
         usize::MAX
-    } else {
+    } else if predicted {
         measured
+    } else {
+        0
     };
     let ranged = matches!(o.mode, Mode::Range | Mode::Symbols);
     let tried = (predicted || lone) && o.mode != Mode::Symbols && plan.len() * steps.len() <= TRIED;
@@ -83,7 +83,8 @@ pub(super) fn encode_rows(
         if predicted {
             let mut open = heads.clone();
             open.iter_mut().for_each(|h| h.strength.clear());
-            let other = pass(&open, 0, exact.clone())?;
+            let levels = if o.reconstruction && o.centres { usize::MAX } else { 0 };
+            let other = pass(&open, levels, exact.clone())?;
             let lambda = f64::from(if o.lambda == 0 { LAMBDA } else { o.lambda }) / 256.0;
             // Shifts that fit save error in both; without prediction they cost nothing.
             let cost = |run: &Run| {
@@ -121,12 +122,13 @@ pub(super) fn encode_rows(
     put_varint(&mut bytes, steps.len() as u64);
     heads.iter().for_each(|h| h.write(&mut bytes));
     bytes.extend(coefficients);
-    let values = match (o.reconstruction, closed) {
-        (false, _) => Vec::new(),
-        (true, true) => to_values(&rows, steps.len()),
-        (true, false) => super::decode(plan, &bytes, steps.len())?,
-    };
-    Ok(Coded { bytes, values, all_zero })
+    let mut decoded = Rows::default();
+    if o.reconstruction && (closed || o.centres) {
+        decoded = Rows::of(rows, plan.len(), steps.len());
+    } else if o.reconstruction {
+        super::decode_rows(plan, &bytes, steps.len(), &mut decoded)?;
+    }
+    Ok(Coded { bytes, rows: decoded, all_zero })
 }
 
 /// Of 256 differences `value(k)`, how many are small; one of eight is looked at.

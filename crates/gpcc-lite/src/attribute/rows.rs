@@ -14,7 +14,15 @@ pub struct Rows {
     pub(super) lanes: Vec<Lanes>,
 }
 
+/// Leaves whose values are changed at a time.
+const CHANGED: usize = 32;
+
 impl Rows {
+    /// Of lanes that are there.
+    pub(super) fn of(lanes: Vec<Lanes>, leaves: usize, channels: usize) -> Self {
+        Self { leaves, sizes: chunk_sizes(channels), lanes }
+    }
+
     /// Makes room; what the rows hold then is anything.
     pub(super) fn resize(&mut self, leaves: usize, channels: usize) {
         self.leaves = leaves;
@@ -38,6 +46,30 @@ impl Rows {
     #[must_use]
     pub fn channels(&self) -> usize {
         self.sizes.iter().sum()
+    }
+
+    /// Changes the values of all leaves, a few at a time: `some(first, values)` gets
+    /// [`Rows::channels`] for each.
+    pub fn change(&mut self, mut some: impl FnMut(usize, &mut [f32])) {
+        let width = self.sizes.len().max(1);
+        let mut values = vec![0.0; CHANGED * self.channels()];
+        for first in (0..self.leaves).step_by(CHANGED) {
+            let leaves = CHANGED.min(self.leaves - first);
+            let values = &mut values[..leaves * self.channels()];
+            self.copy(first, values);
+            some(first, values);
+            let mut at = 0;
+            for row in self.lanes[first * width..].chunks_exact_mut(width).take(leaves) {
+                for (lanes, &size) in row.iter_mut().zip(&self.sizes) {
+                    // As in `copy`; what a chunk has too much is nobody's.
+                    match values[at..].first_chunk::<CHUNK>() {
+                        Some(whole) => *lanes = *whole,
+                        None => lanes[..size].copy_from_slice(&values[at..at + size]),
+                    }
+                    at += size;
+                }
+            }
+        }
     }
 
     /// Copies the values of the leaves from `first` on, [`Rows::channels`] for each, as many as
@@ -90,6 +122,27 @@ mod tests {
                     // Beyond the last leaf nothing is promised.
                     assert!(at >= 9 * channels || *v == want, "{channels} {first} {i}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn changed_values_are_copied_back() {
+        let mut rows = Rows::default();
+        for (leaves, channels) in [(7, 1), (CHANGED, 15), (2 * CHANGED + 1, 21), (0, 3)] {
+            rows.resize(leaves, channels);
+            let mut seen = 0;
+            rows.change(|first, values| {
+                assert_eq!(first * channels, seen);
+                seen += values.len();
+                values.iter_mut().zip(first * channels..).for_each(|(v, at)| *v = at as f32);
+            });
+            assert_eq!(seen, leaves * channels);
+            rows.change(|_, values| values.iter_mut().for_each(|v| *v += 0.5));
+            let mut values = vec![0.0; leaves * channels];
+            rows.copy(0, &mut values);
+            for (at, v) in values.iter().enumerate() {
+                assert_eq!(*v, at as f32 + 0.5);
             }
         }
     }

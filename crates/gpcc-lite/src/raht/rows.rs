@@ -49,6 +49,21 @@ fn split(plan: &Plan, k: usize, rows: &mut [Lanes], row: &[Lanes]) {
     }
 }
 
+/// The same with the differences at the right child, in whose place its mean goes.
+#[inline]
+fn split_stored(plan: &Plan, k: usize, rows: &mut [Lanes], width: usize) {
+    let share = plan.share[k - 1];
+    let (l, r) = (plan.left[k - 1] as usize * width, plan.right[k - 1] as usize * width);
+    let (left, right) = rows.split_at_mut(r);
+    for (left, right) in left[l..l + width].iter_mut().zip(&mut right[..width]) {
+        for i in 0..CHUNK {
+            let d = right[i];
+            left[i] -= d * share;
+            right[i] = left[i] + d;
+        }
+    }
+}
+
 /// The same for differences that are all zero.
 #[inline]
 fn split_equal(plan: &Plan, k: usize, rows: &mut [Lanes], width: usize) {
@@ -93,12 +108,16 @@ pub(crate) fn reconstruct<R: Residual>(
             continue;
         }
         let mut one = |k: usize, predicted: &[Lanes], rows: &mut [Lanes]| {
-            if R::STORED {
-                let at = plan.right[k - 1] as usize * width;
-                row.copy_from_slice(&rows[at..at + width]);
-            }
             let mean = if R::MEANS { rows[plan.left[k - 1] as usize * width][0] } else { 0.0 };
-            if source.differences(k, mean, predicted, &mut row) {
+            if R::STORED {
+                // Where they are, without a copy.
+                let at = plan.right[k - 1] as usize * width;
+                if source.differences(k, mean, predicted, &mut rows[at..at + width]) {
+                    split_stored(plan, k, rows, width);
+                } else {
+                    split_equal(plan, k, rows, width);
+                }
+            } else if source.differences(k, mean, predicted, &mut row) {
                 split(plan, k, rows, &row);
             } else {
                 split_equal(plan, k, rows, width);

@@ -5,7 +5,7 @@
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::options::Entropy;
-use gpcc_lite::attribute::{self, Rows};
+use gpcc_lite::attribute::{self, EncodedRows, Rows};
 use gpcc_lite::coeffs::Mode;
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Plan;
@@ -77,9 +77,21 @@ impl Transform {
         &self,
         steps: &[f64],
         how: Coding,
-        mut leaf: impl FnMut(usize, &mut [f64]),
+        leaf: impl FnMut(usize, &mut [f64]),
     ) -> Result<(Vec<u8>, bool)> {
-        let o = how.options();
+        let coded = self.encode_rows(steps, how, false, leaf)?;
+        Ok((coded.bytes, coded.all_zero))
+    }
+
+    /// As [`Transform::encode`], with what [`Transform::decode_rows`] will return if it is `wanted`.
+    pub(crate) fn encode_rows(
+        &self,
+        steps: &[f64],
+        how: Coding,
+        wanted: bool,
+        mut leaf: impl FnMut(usize, &mut [f64]),
+    ) -> Result<EncodedRows> {
+        let o = attribute::Options { reconstruction: wanted, ..how.options() };
         let mut values = vec![0.0; steps.len()];
         let scaled = |i: usize, row: &mut [f32]| {
             leaf(i, &mut values);

@@ -3,3 +3,4 @@
 pub mod colour;
 pub mod group;
 pub mod opacity;
+pub mod prediction;

@@ -2,6 +2,7 @@
 
 use super::Slice;
 use crate::attributes::group::{Transform, UNITS, coding, limits};
+use crate::attributes::prediction::Predictor;
 use crate::attributes::{colour, opacity};
 use crate::covariance::{self, Shapes, log_euclidean};
 use crate::error::{Error, Result};
@@ -33,8 +34,9 @@ pub(super) struct Values {
     shapes: Shapes,
     /// Of [`Shapes::Coordinates`].
     coordinates: Rows,
-    /// By SH degree.
+    /// By SH degree, without what is predicted of it.
     sh: [Rows; 4],
+    predictors: [Option<Predictor>; 4],
 }
 
 /// One attribute of the slice and where its values go.
@@ -49,6 +51,7 @@ enum Said {
     Nothing,
     Domain(OpacityDomain),
     Shapes(Shapes),
+    Predicted(usize, Predictor),
 }
 
 impl Values {
@@ -79,6 +82,7 @@ impl Values {
             transform = transform.weighted(&classes)?;
         }
         self.shapes = Shapes::default();
+        self.predictors = Default::default();
         let [dc, sh1, sh2, sh3] = &mut self.sh;
         let mut free = [
             (SectionKind::Opacity, Some(&mut self.opacity)),
@@ -99,6 +103,7 @@ impl Values {
                 Said::Nothing => {}
                 Said::Domain(domain) => self.domain = domain,
                 Said::Shapes(shapes) => self.shapes = shapes,
+                Said::Predicted(degree, predictor) => self.predictors[degree] = Some(predictor),
             }
         }
         self.leaves = transform.into_leaves();
@@ -146,23 +151,28 @@ impl Values {
             }
         }
         let stride = out.sh.len() / leaves.len().max(1);
-        let mut start = 0;
-        for (degree, rows) in self.sh.iter().enumerate() {
-            let coefficients = 2 * degree + 1;
-            if start + coefficients > stride {
-                break;
-            }
-            for (at, sh) in (first..).step_by(RUN).zip(out.sh.chunks_mut(RUN * stride)) {
-                let values = &mut values[..3 * coefficients * (sh.len() / stride)];
-                rows.copy(at, values);
-                let values = values.as_chunks::<3>().0.chunks_exact(coefficients);
-                for (sh, values) in sh.chunks_exact_mut(stride).zip(values) {
+        let (mut values, mut below) = (&mut values, &mut [0.0; RUN * CHANNELS]);
+        for (at, sh) in (first..).step_by(RUN).zip(out.sh.chunks_mut((RUN * stride).max(1))) {
+            let mut start = 0;
+            for (degree, (rows, predictor)) in self.sh.iter().zip(&self.predictors).enumerate() {
+                let coefficients = 2 * degree + 1;
+                if start + coefficients > stride {
+                    break;
+                }
+                let len = 3 * coefficients * (sh.len() / stride);
+                rows.copy(at, &mut values[..len]);
+                if let Some(predictor) = predictor {
+                    predictor.add(at, below, &mut values[..len]);
+                }
+                let by_leaf = values[..len].as_chunks::<3>().0.chunks_exact(coefficients);
+                for (sh, values) in sh.chunks_exact_mut(stride).zip(by_leaf) {
                     for (rgb, ycc) in sh[start..start + coefficients].iter_mut().zip(values) {
                         *rgb = colour::inverse(ycc.map(natural));
                     }
                 }
+                std::mem::swap(&mut values, &mut below);
+                start += coefficients;
             }
-            start += coefficients;
         }
         Ok(())
     }
@@ -216,8 +226,17 @@ impl Task<'_> {
                 covariance::decode(payload, transform, j_high, rows).map(Said::Shapes)
             }
             _ => {
+                let degree = kind.sh_degree();
+                let (predictor, payload) = if degree >= 2 {
+                    Predictor::split(degree, transform.len(), payload)?
+                } else {
+                    (None, payload)
+                };
                 transform.decode_rows(payload, 3 * kind.sh_coefficients().len(), rows)?;
-                Ok(Said::Nothing)
+                Ok(match predictor {
+                    Some(predictor) => Said::Predicted(degree.into(), predictor),
+                    None => Said::Nothing,
+                })
             }
         }
     }

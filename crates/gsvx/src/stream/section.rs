@@ -78,6 +78,16 @@ impl SectionKind {
         }
     }
 
+    /// The degree of an SH section; 0 of any other.
+    pub(crate) fn sh_degree(self) -> u8 {
+        match self {
+            Self::Sh1 => 1,
+            Self::Sh2 => 2,
+            Self::Sh3 => 3,
+            _ => 0,
+        }
+    }
+
     /// Which SH coefficients it holds, of those of one Gaussian.
     pub(crate) fn sh_coefficients(self) -> Range<usize> {
         match self {

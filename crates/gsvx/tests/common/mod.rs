@@ -40,6 +40,19 @@ pub(crate) fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
     scene
 }
 
+/// The same with SH degrees 2 and 3 that mostly follow from the degree below, as in trained models;
+/// what remains is as it was, a tenth as large.
+pub(crate) fn with_related_degrees(mut scene: Scene) -> Scene {
+    let k = scene.sh_len();
+    for sh in scene.sh.chunks_exact_mut(k) {
+        for c in 4..k {
+            let below = if c < 9 { 1 + c % 3 } else { 4 + c % 5 };
+            sh[c] = std::array::from_fn(|rgb| 0.8 * sh[below][rgb] + 0.1 * sh[c][rgb]);
+        }
+    }
+    scene
+}
+
 /// Three Gaussians a million units away, of any SH degree, among the others.
 pub(crate) fn with_floaters(mut scene: Scene) -> (Scene, [usize; 3]) {
     let at = [scene.len() / 7, scene.len() / 2, scene.len() - 1];
@@ -115,6 +128,11 @@ pub(crate) mod golden {
         let options = EncodeOptions { outliers, ..base };
         let bytes = gsvx::encode(&merged, &voxels, &options).expect("outliers").bytes;
         out.push(("outliers.gsvx".into(), bytes));
+        let related = super::with_related_degrees(scene(700, 3, 42));
+        let (merged, voxels) = voxelized(&related, &Strategy::Uniform { depth: 10 });
+        let options = EncodeOptions::from_quality(85.0).expect("a quality");
+        let bytes = gsvx::encode(&merged, &voxels, &options).expect("predicted").bytes;
+        out.push(("predicted.gsvx".into(), bytes));
         let lossless = gsvx::encode_lossless(&scene(300, 2, 42)).expect("lossless");
         out.push(("lossless.gsvx".into(), lossless.bytes));
         out

@@ -1,0 +1,440 @@
+//! SH degrees 2 and 3, each from the degree below.
+//!
+//! The cameras see a Gaussian from a part of the sphere only. There the basis functions of the
+//! degrees are far from independent: training moves the coefficients of all degrees together, along
+//! the values that the basis has where the cameras are. So a good deal of a degree follows from the
+//! one below, linearly, in the same way for the three colour planes, and in a way that changes from
+//! place to place with the directions of the cameras. Each run of leaves therefore has factors of
+//! its own, and what is coded of a degree is what the prediction from the decoded degree below
+//! leaves of it. Measurements are in docs/results/gsvx-choices.md.
+//!
+//! A decoder's arithmetic is `+` and `*` in single precision in a stated order.
+
+use crate::error::{Error, Result};
+use crate::importance;
+use gpcc_lite::attribute::Rows;
+use rayon::prelude::*;
+
+/// Factors are multiples of 1/64.
+const UNIT: f32 = 64.0;
+/// Binary logarithms of the lengths that runs may have.
+const LOG_RUNS: std::ops::RangeInclusive<u8> = 10..=30;
+/// Leaves of a run, as logarithms: short runs, and if those do not pay, as at low rates, longer ones.
+/// Half as many leaves save 0.1 % of a stream at best, twice as many cost up to 0.7 %.
+const TRIED: [u8; 2] = [12, 14];
+/// Of so many neighbours two are a pair that the factors are fitted to, and two one that they are
+/// judged by.
+const STRIDE: usize = 4;
+/// Squares of steps added to the energy of each input: factors from next to nothing stay small.
+const RIDGE: f64 = 4.0;
+/// Four channels of a row.
+type Lanes = [f32; 4];
+
+/// Coefficients of a degree.
+const fn coefficients(degree: u8) -> usize {
+    2 * degree as usize + 1
+}
+
+/// The prediction of SH degree 2 or 3.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Predictor {
+    degree: u8,
+    log_run: u8,
+    /// By run, coefficient of the degree and coefficient of the degree below.
+    factors: Vec<i8>,
+    /// The same as they are used: by run, coefficient below and channel.
+    lanes: Vec<Lanes>,
+}
+
+/// Chunks of four that hold the channels of degrees 2 and 3: the const parameter `V` below, beside
+/// `IN`, the coefficients below.
+const CHUNKS: [usize; 2] = [4, 6];
+
+impl Predictor {
+    fn new(degree: u8, log_run: u8, factors: Vec<i8>) -> Self {
+        let (inputs, outputs) = (coefficients(degree - 1), coefficients(degree));
+        let chunks = CHUNKS[usize::from(degree == 3)];
+        let mut lanes = Vec::with_capacity(factors.len() / outputs * chunks);
+        for run in factors.chunks_exact(inputs * outputs) {
+            for input in 0..inputs {
+                let of = |channel: usize| match run.get(channel / 3 * inputs + input) {
+                    Some(&factor) => f32::from(factor) / UNIT,
+                    None => 0.0,
+                };
+                lanes.extend((0..chunks).map(|k| std::array::from_fn(|i| of(4 * k + i))));
+            }
+        }
+        Self { degree, log_run, factors, lanes }
+    }
+
+    /// Takes the prediction of `degree`, 2 or 3, of so many leaves off the front of a payload; the
+    /// rest is an attribute payload.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] and [`Error::Corrupt`].
+    pub fn split(degree: u8, leaves: usize, payload: &[u8]) -> Result<(Option<Self>, &[u8])> {
+        let what = "SH prediction";
+        let Some((&log_run, rest)) = payload.split_first() else {
+            return Err(Error::Truncated { what, offset: 0, need: 1, have: 0 });
+        };
+        if log_run == 0 {
+            return Ok((None, rest));
+        }
+        if !LOG_RUNS.contains(&log_run) {
+            return Err(Error::Corrupt { what, value: log_run.into() });
+        }
+        let need = leaves.div_ceil(1 << log_run) * coefficients(degree) * coefficients(degree - 1);
+        let Some((factors, rest)) = rest.split_at_checked(need) else {
+            return Err(Error::Truncated { what, offset: 1, need, have: rest.len() });
+        };
+        let factors = factors.iter().map(|&b| b as i8).collect();
+        Ok((Some(Self::new(degree, log_run, factors)), rest))
+    }
+
+    /// Undoes [`Predictor::split`].
+    pub fn write(predictor: Option<&Self>, out: &mut Vec<u8>) {
+        match predictor {
+            None => out.push(0),
+            Some(predictor) => {
+                out.push(predictor.log_run);
+                out.extend(predictor.factors.iter().map(|&f| f as u8));
+            }
+        }
+    }
+
+    /// Adds the predictions of the leaves from `first` on to their rows of `values`, given the rows
+    /// of the degree below; three channels per coefficient.
+    pub fn add(&self, first: usize, lower: &[f32], values: &mut [f32]) {
+        if self.degree == 2 {
+            self.add_by::<3, 4, 15>(first, lower, values);
+        } else {
+            self.add_by::<5, 6, 21>(first, lower, values);
+        }
+    }
+
+    fn add_by<const IN: usize, const V: usize, const CHANNELS: usize>(
+        &self,
+        first: usize,
+        lower: &[f32],
+        values: &mut [f32],
+    ) {
+        let (runs, _) = self.lanes.as_chunks::<V>().0.as_chunks::<IN>();
+        let (lower, _) = lower.as_chunks::<3>().0.as_chunks::<IN>();
+        let (values, _) = values.as_chunks_mut::<CHANNELS>();
+        for (i, (values, lower)) in (first..).zip(values.iter_mut().zip(lower)) {
+            let predicted = predict(&runs[i >> self.log_run], lower);
+            for (value, p) in values.iter_mut().zip(predicted.as_flattened()) {
+                *value += p;
+            }
+        }
+    }
+
+    /// Fits the prediction of `degree`, if it pays: `lower` are the decoded values of the degree
+    /// below, `exact(i, row)` fills in the values of leaf `i`, both in units of the transform;
+    /// `classes` the importance classes, `steps` those of luma and chroma in the same units.
+    #[must_use]
+    pub fn fit(
+        degree: u8,
+        lower: &Rows,
+        classes: Option<&[u8]>,
+        steps: [f32; 2],
+        exact: impl Fn(usize, &mut [f32]) + Sync,
+    ) -> Option<Self> {
+        let fit = Fit { lower, classes, squares: steps.map(|s| 1.0 / (s * s)), exact };
+        TRIED.into_iter().find_map(|log_run| {
+            let (factors, saved) = if degree == 2 {
+                fit.runs::<3, 3, 5, 4>(log_run)
+            } else {
+                fit.runs::<5, 4, 7, 6>(log_run)
+            };
+            (saved > 0.0).then(|| Self::new(degree, log_run, factors))
+        })
+    }
+}
+
+/// The predictions of a row: of each channel the sum of its factors times the channels of its plane
+/// below, from left to right.
+#[inline(always)]
+fn predict<const IN: usize, const V: usize>(
+    factors: &[[Lanes; V]; IN],
+    lower: &[[f32; 3]; IN],
+) -> [Lanes; V] {
+    let mut sums = [[0.0; 4]; V];
+    for (factors, &planes) in factors.iter().zip(lower) {
+        let turned = turned(planes);
+        for v in 0..V {
+            for i in 0..4 {
+                sums[v][i] += factors[v][i] * turned[v % 3][i];
+            }
+        }
+    }
+    sums
+}
+
+/// Three planes over and over, as they meet the channels of a row.
+#[inline(always)]
+fn turned([y, o, g]: [f32; 3]) -> [Lanes; 3] {
+    [[y, o, g, y], [o, g, y, o], [g, y, o, g]]
+}
+
+/// What factors are fitted to.
+struct Fit<'a, E> {
+    lower: &'a Rows,
+    classes: Option<&'a [u8]>,
+    /// One over the squares of the steps of luma and chroma.
+    squares: [f32; 2],
+    exact: E,
+}
+
+/// Differences of a pair of neighbours below and of the degree, and the weights of the planes: a
+/// difference squared times its weight is in squares of steps.
+struct Pair<const IN: usize, const V: usize> {
+    lower: [[f32; 3]; IN],
+    exact: [Lanes; V],
+    weights: [f32; 3],
+}
+
+impl<E: Fn(usize, &mut [f32]) + Sync> Fit<'_, E> {
+    /// The factors of all runs, zeros where they do not pay, and the bits that they save by the
+    /// estimate, more than they take. `INV` and `V` are the chunks of four
+    /// that the channels of the degree below and of the degree fill.
+    fn runs<const IN: usize, const INV: usize, const OUT: usize, const V: usize>(
+        &self,
+        log_run: u8,
+    ) -> (Vec<i8>, f64) {
+        let n = self.lower.leaves();
+        let of = |run: usize| {
+            let first = run << log_run;
+            let last = n.min(first + (1 << log_run));
+            let pairs = |from: usize| (first + from..last).step_by(STRIDE);
+            let mut factors = self.factors::<IN, INV, OUT, V>(pairs(1));
+            let saved = self.saved::<IN, OUT, V>(&factors, pairs(3));
+            if saved <= 0.0 {
+                factors.fill(0);
+            }
+            (factors, saved.max(0.0) - 8.0 * (IN * OUT) as f64)
+        };
+        let runs = (0..n.div_ceil(1 << log_run)).into_par_iter().map(of);
+        let runs: Vec<(Vec<i8>, f64)> = runs.collect();
+        let saved = runs.iter().map(|run| run.1).sum();
+        (runs.into_iter().flat_map(|run| run.0).collect(), saved)
+    }
+
+    /// The pair of leaf `i` and the one before.
+    fn pair<const IN: usize, const V: usize>(&self, channels: usize, i: usize) -> Pair<IN, V> {
+        let mut lower = [[[0.0; 3]; IN]; 2];
+        self.lower.copy(i - 1, lower.as_flattened_mut().as_flattened_mut());
+        let mut exact = [[[0.0; 4]; V]; 2];
+        for (k, exact) in exact.iter_mut().enumerate() {
+            (self.exact)(i - 1 + k, &mut exact.as_flattened_mut()[..channels]);
+        }
+        let class = match self.classes {
+            Some(classes) => classes[i].min(classes[i - 1]),
+            None => importance::MEAN_CLASS,
+        };
+        let class = importance::weight(class) as f32;
+        let [luma, chroma] =
+            self.squares.map(|s| s * (class / importance::weight(importance::MEAN_CLASS) as f32));
+        Pair {
+            lower: std::array::from_fn(|j| {
+                std::array::from_fn(|plane| lower[1][j][plane] - lower[0][j][plane])
+            }),
+            exact: std::array::from_fn(|v| {
+                std::array::from_fn(|k| exact[1][v][k] - exact[0][v][k])
+            }),
+            weights: [luma, chroma, chroma],
+        }
+    }
+
+    /// Least squares over pairs of neighbours: differences are most of what the transform codes.
+    fn factors<const IN: usize, const INV: usize, const OUT: usize, const V: usize>(
+        &self,
+        pairs: impl Iterator<Item = usize>,
+    ) -> Vec<i8> {
+        // Of each input: times the inputs, times the outputs, channel by channel.
+        let mut a = [[[0.0f32; 4]; INV]; IN];
+        let mut b = [[[0.0f32; 4]; V]; IN];
+        for i in pairs {
+            let pair: Pair<IN, V> = self.pair(3 * OUT, i);
+            let mut below = [[0.0; 4]; INV];
+            below.as_flattened_mut()[..3 * IN].copy_from_slice(pair.lower.as_flattened());
+            for (j, planes) in pair.lower.iter().enumerate() {
+                let weighted = turned(std::array::from_fn(|p| planes[p] * pair.weights[p]));
+                for v in 0..INV {
+                    for k in 0..4 {
+                        a[j][v][k] += weighted[v % 3][k] * below[v][k];
+                    }
+                }
+                for v in 0..V {
+                    for k in 0..4 {
+                        b[j][v][k] += weighted[v % 3][k] * pair.exact[v][k];
+                    }
+                }
+            }
+        }
+        // The planes have the same factors.
+        let planes = |channels: &[f32], k: usize| -> f64 {
+            channels[3 * k..3 * k + 3].iter().map(|&v| f64::from(v)).sum()
+        };
+        let mut energies = [[0.0; IN]; IN];
+        for (j, row) in energies.iter_mut().enumerate() {
+            for (k, energy) in row.iter_mut().enumerate() {
+                *energy = planes(a[j].as_flattened(), k);
+            }
+            row[j] += RIDGE;
+        }
+        let mut factors = Vec::with_capacity(IN * OUT);
+        for k in 0..OUT {
+            let wanted = std::array::from_fn(|j| planes(b[j].as_flattened(), k));
+            let of = |v: f64| {
+                libm::round(v * f64::from(UNIT)).clamp(i8::MIN.into(), i8::MAX.into()) as i8
+            };
+            factors.extend(solve(&energies, wanted).map(of));
+        }
+        factors
+    }
+
+    /// The bits that the factors of a run save by the estimate over the given pairs, which should not
+    /// be those of the fit; their own are not counted.
+    fn saved<const IN: usize, const OUT: usize, const V: usize>(
+        &self,
+        factors: &[i8],
+        pairs: impl Iterator<Item = usize>,
+    ) -> f64 {
+        let degree = ((OUT - 1) / 2) as u8;
+        let lanes = Predictor::new(degree, 0, factors.to_vec()).lanes;
+        let (by_input, _) = lanes.as_chunks::<V>();
+        let Some(lanes) = by_input.first_chunk::<IN>() else { return 0.0 };
+        let (mut plain, mut left) = (0u64, 0u64);
+        for i in pairs {
+            let pair: Pair<IN, V> = self.pair(3 * OUT, i);
+            let predicted = predict(lanes, &pair.lower);
+            let weights = turned(pair.weights);
+            for v in 0..V {
+                for k in 0..4 {
+                    let (weight, whole) = (weights[v % 3][k], pair.exact[v][k]);
+                    let rest = whole - predicted[v][k];
+                    plain += u64::from(half_bits(weight * (whole * whole)));
+                    left += u64::from(half_bits(weight * (rest * rest)));
+                }
+            }
+        }
+        (plain as f64 - left as f64) * (0.5 * STRIDE as f64 / f64::from(1 << 23))
+    }
+}
+
+/// Twice the bits that a difference of neighbours of this square takes, about, in 2^-23: the binary
+/// logarithm of one plus six times it, between powers of two as if it were linear. That is
+/// linear in squares far below that of the step, as the cost of rare ones is, and the
+/// logarithm of the ratio far above.
+#[inline(always)]
+fn half_bits(square: f32) -> u32 {
+    (1.0 + 6.0 * square).to_bits() - 1f32.to_bits()
+}
+
+/// Solves symmetric positive definite equations by Gaussian elimination.
+fn solve<const N: usize>(a: &[[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
+    let mut a = *a;
+    for k in 0..N {
+        for r in k + 1..N {
+            let factor = a[r][k] / a[k][k];
+            for c in k..N {
+                a[r][c] -= factor * a[k][c];
+            }
+            b[r] -= factor * b[k];
+        }
+    }
+    for r in (0..N).rev() {
+        for c in r + 1..N {
+            b[r] -= a[r][c] * b[c];
+        }
+        b[r] /= a[r][r];
+    }
+    b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// What [`Predictor::add`] does, as docs/bitstream.md says it.
+    fn add_slowly(predictor: &Predictor, first: usize, lower: &[f32], values: &mut [f32]) {
+        let (inputs, outputs) =
+            (coefficients(predictor.degree - 1), coefficients(predictor.degree));
+        for (i, row) in values.chunks_exact_mut(3 * outputs).enumerate() {
+            let run = (first + i) >> predictor.log_run;
+            for (channel, value) in row.iter_mut().enumerate() {
+                let mut sum = 0.0;
+                for input in 0..inputs {
+                    let factor = predictor.factors[(run * outputs + channel / 3) * inputs + input];
+                    let below = lower[3 * inputs * i + 3 * input + channel % 3];
+                    sum += f32::from(factor) / 64.0 * below;
+                }
+                *value += sum;
+            }
+        }
+    }
+
+    fn some(degree: u8) -> usize {
+        coefficients(degree) * coefficients(degree - 1)
+    }
+
+    proptest! {
+        #[test]
+        fn the_fast_way_has_the_bits_of_the_slow_one(
+            degree in 2u8..4,
+            factors in prop::collection::vec(any::<i8>(), 70),
+            values in prop::collection::vec(-1e6f32..1e6, 36 * 40),
+            first in 1000usize..1024,
+        ) {
+            let predictor = Predictor::new(degree, 10, factors[..2 * some(degree)].to_vec());
+            let (below, own) = (3 * coefficients(degree - 1), 3 * coefficients(degree));
+            let lower = &values[..40 * below];
+            let mut fast = values[values.len() - 40 * own..].to_vec();
+            let mut slow = fast.clone();
+            predictor.add(first, lower, &mut fast);
+            add_slowly(&predictor, first, lower, &mut slow);
+            let bits = |v: &[f32]| v.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            prop_assert_eq!(bits(&fast), bits(&slow));
+        }
+
+        #[test]
+        fn factors_come_back_from_bytes(
+            degree in 2u8..4,
+            leaves in 0usize..5000,
+            factors in prop::collection::vec(any::<i8>(), 5 * 35),
+            rest in prop::collection::vec(any::<u8>(), 0..3),
+        ) {
+            let len = leaves.div_ceil(1 << 10) * some(degree);
+            let predictor = Predictor::new(degree, 10, factors[..len].to_vec());
+            for predictor in [None, Some(predictor)] {
+                let mut bytes = Vec::new();
+                Predictor::write(predictor.as_ref(), &mut bytes);
+                let head = bytes.len();
+                bytes.extend(&rest);
+                let back = Predictor::split(degree, leaves, &bytes).unwrap();
+                prop_assert_eq!(back, (predictor, &rest[..]));
+                prop_assert!(Predictor::split(degree, leaves, &bytes[..head - 1]).is_err());
+            }
+        }
+
+        #[test]
+        fn equations_are_solved(
+            rows in prop::collection::vec(prop::array::uniform5(-1f64..1.0), 9),
+            wanted in prop::array::uniform5(-2f64..2.0),
+        ) {
+            let mut a = [[0.0; 5]; 5];
+            for (j, row) in a.iter_mut().enumerate() {
+                for (k, a) in row.iter_mut().enumerate() {
+                    *a = rows.iter().map(|r| r[j] * r[k]).sum();
+                }
+                row[j] += 0.1;
+            }
+            let b = a.map(|row| row.iter().zip(&wanted).map(|(a, x)| a * x).sum());
+            for (found, wanted) in solve(&a, b).iter().zip(wanted) {
+                prop_assert!((found - wanted).abs() < 1e-9);
+            }
+        }
+    }
+}
