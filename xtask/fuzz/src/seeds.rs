@@ -183,6 +183,25 @@ fn streams() -> Vec<Vec<u8>> {
         out.push([&[4 | degree, 3], &bytes[..]].concat());
         out.push([&[8 | degree, 0], &bytes[..bytes.len() - bytes.len() / 4]].concat());
     }
+    // Predictions do not pay for so few Gaussians: factors are put in.
+    let (merged, voxels) = voxelized(&scene(2, 3, 7), &Strategy::paper(2, 6));
+    let options = EncodeOptions::from_quality(40.0).expect("a quality");
+    let bytes = gsvx::encode(&merged, &voxels, &options).expect("encoded").bytes;
+    let container = Container::parse(&bytes).expect("parsed");
+    let with_factors = |kind: SectionKind| {
+        let mut payload = container.section(kind).expect("whole").expect("there").to_vec();
+        let factors: &[u8] = match kind {
+            SectionKind::Sh2 => &[9; 15],
+            SectionKind::Sh3 => &[250; 35],
+            _ => return (kind, payload),
+        };
+        payload.splice(0..1, [&[12], factors].concat());
+        (kind, payload)
+    };
+    let sections: Vec<_> = container.toc.iter().map(|e| with_factors(e.kind)).collect();
+    let bytes = gsvx::stream::assemble(&container.header, &sections);
+    out.push([&[3, 0], &bytes[..]].concat());
+    out.push([&[8 | 3, 0], &bytes[..bytes.len() - 9]].concat());
     for n in [0, 2] {
         let bytes = gsvx::encode_lossless(&scene(n, 0, 3)).expect("encoded").bytes;
         out.push([&[0, 0], &bytes[..]].concat());
