@@ -5,7 +5,9 @@
 
 mod decoder;
 mod encoder;
+mod exact;
 mod lone;
+mod plane;
 mod rows;
 
 use crate::bytes::{Reader, put_varint};
@@ -140,6 +142,8 @@ pub fn encode_with(
             row[chunk][i] = v;
         }
     }
+    // Whatever it holds is in the rows now.
+    drop(leaf);
     let Coded { bytes, rows, all_zero } = encode_rows(plan, steps, o, rows)?;
     Ok(EncodedRows { bytes, all_zero, reconstruction: rows })
 }

@@ -16,6 +16,7 @@ use crate::range::BinaryCoder;
 use crate::rlgr;
 use crate::symbol_coder::{SymbolCoder, SymbolDecoder, SymbolEncoder};
 use models::{Known, Models, Place};
+use std::borrow::Cow;
 
 /// Entropy coder of a stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,24 +79,12 @@ pub fn encode(plan: &Plan, channels: &[&[i32]], mode: Mode) -> Result<Vec<u8>> {
             finish(coder, mode, OWN, &mut out);
         }
         Mode::Rlgr | Mode::RlgrMalvar => {
-            let tag = rlgr_tag(channels, mode);
-            let params = rlgr_params(tag);
-            out.push(tag);
-            for c in channels {
-                let bytes = rlgr::encode(c, &params);
-                put_varint(&mut out, bytes.len() as u64);
-                out.extend(bytes);
-            }
+            let levels = |c: usize| Cow::Borrowed(channels[c]);
+            return Ok(encode_by_rlgr(plan.len(), channels.len(), mode, levels));
         }
     }
     if out.len() > 1 + 4 * plan.len() * channels.len() {
-        out.clear();
-        out.push(RAW);
-        for c in channels {
-            for v in *c {
-                out.extend_from_slice(&v.to_le_bytes());
-            }
-        }
+        return Ok(raw(channels.len(), |c| Cow::Borrowed(channels[c])));
     }
     Ok(out)
 }
@@ -123,15 +112,42 @@ pub(crate) fn open(by_symbols: bool, bytes: &[u8]) -> Result<(SymbolDecoder<'_>,
     }
 }
 
+/// [`encode`] by RLGR, of channels that `levels` gives one at a time.
+pub(crate) fn encode_by_rlgr<'a>(
+    n: usize,
+    channels: usize,
+    mode: Mode,
+    levels: impl Fn(usize) -> Cow<'a, [i32]>,
+) -> Vec<u8> {
+    let tag = rlgr_tag(channels, mode, &levels);
+    let params = rlgr_params(tag);
+    let mut out = vec![tag];
+    for c in 0..channels {
+        let bytes = rlgr::encode(&levels(c), &params);
+        put_varint(&mut out, bytes.len() as u64);
+        out.extend(bytes);
+    }
+    if out.len() > 1 + 4 * n * channels { raw(channels, levels) } else { out }
+}
+
+/// Levels as they are.
+fn raw<'a>(channels: usize, levels: impl Fn(usize) -> Cow<'a, [i32]>) -> Vec<u8> {
+    let mut out = vec![RAW];
+    for c in 0..channels {
+        out.extend(levels(c).iter().flat_map(|v| v.to_le_bytes()));
+    }
+    out
+}
+
 /// The parameters to use, as a tag.
-fn rlgr_tag(channels: &[&[i32]], mode: Mode) -> u8 {
+fn rlgr_tag<'a>(channels: usize, mode: Mode, levels: impl Fn(usize) -> Cow<'a, [i32]>) -> u8 {
     if mode == Mode::RlgrMalvar {
         return RLGR_MALVAR;
     }
     let size = |tag: u8| -> usize {
         let params = rlgr_params(tag);
         let finest = |c: &[i32]| rlgr::encode(&c[c.len().saturating_sub(TRIED)..], &params).len();
-        channels.iter().map(|c| finest(c)).sum()
+        (0..channels).map(|c| finest(&levels(c))).sum()
     };
     if size(RLGR_STEADY) < size(RLGR_RFX) { RLGR_STEADY } else { RLGR_RFX }
 }

@@ -61,7 +61,7 @@ pub struct Plan {
     axis: Vec<u8>,
     /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `N`.
     levels: Vec<u32>,
-    leaves: Vec<Leaf>,
+    leaves: Arc<Vec<Leaf>>,
     j_high: u8,
     /// Neighbour relations, built level by level on first use.
     pyramid: Arc<Pyramid>,
@@ -78,11 +78,13 @@ impl Plan {
         Self::of(leaves.to_vec(), j_high)
     }
 
-    /// As [`Plan::new`], without a copy of the leaves; [`Plan::into_leaves`] gives them back.
+    /// As [`Plan::new`], without a copy of the leaves, which may be shared; [`Plan::into_leaves`]
+    /// gives them back.
     ///
     /// # Errors
     /// As [`Plan::new`].
-    pub fn of(leaves: Vec<Leaf>, j_high: u8) -> Result<Self> {
+    pub fn of(leaves: impl Into<Arc<Vec<Leaf>>>, j_high: u8) -> Result<Self> {
+        let leaves = leaves.into();
         check_leaves(&leaves, j_high)?;
         Ok(Self::build(leaves, j_high, None))
     }
@@ -95,7 +97,7 @@ impl Plan {
     pub fn with_weights(leaves: &[Leaf], j_high: u8, weights: &[u32]) -> Result<Self> {
         check_leaves(leaves, j_high)?;
         check_weights(leaves.len(), weights)?;
-        Ok(Self::build(leaves.to_vec(), j_high, Some(weights)))
+        Ok(Self::build(Arc::new(leaves.to_vec()), j_high, Some(weights)))
     }
 
     /// The same leaves with other weights: what [`Plan::with_weights`] gives, for less. Neighbour
@@ -114,7 +116,7 @@ impl Plan {
         Ok(self)
     }
 
-    fn build(leaves: Vec<Leaf>, j_high: u8, weights: Option<&[u32]>) -> Self {
+    fn build(leaves: Arc<Vec<Leaf>>, j_high: u8, weights: Option<&[u32]>) -> Self {
         let n = leaves.len();
         let merges = n.saturating_sub(1);
         let prefix = weights.map(prefix_of).unwrap_or_default();
@@ -225,7 +227,7 @@ impl Plan {
     /// The leaves, of a plan that is not needed any more.
     #[must_use]
     pub fn into_leaves(self) -> Vec<Leaf> {
-        self.leaves
+        Arc::unwrap_or_clone(self.leaves)
     }
 
     /// `sqrt(w)` of each leaf; nothing if all are 1.

@@ -63,7 +63,7 @@ pub use camera::Camera;
 pub use dataset::{Dataset, View};
 pub use error::{Error, Result};
 pub use options::ReadOptions;
-pub use scene::{SH_C0, Scene};
+pub use scene::{SH_C0, Scene, sh_len};
 
 // The README's example is a test too.
 #[cfg(doctest)]

@@ -95,6 +95,21 @@ impl Scene {
         }
     }
 
+    /// Cuts SH coefficients above `degree` off, in place, and gives their memory back; a lower
+    /// degree stays as it is.
+    pub fn cut_sh(&mut self, degree: u8) {
+        let (from, to) = (self.sh_len(), sh_len(degree));
+        if to >= from {
+            return;
+        }
+        for i in 1..self.len() {
+            self.sh.copy_within(i * from..i * from + to, i * to);
+        }
+        self.sh.truncate(self.len() * to);
+        self.sh.shrink_to_fit();
+        self.sh_degree = degree;
+    }
+
     /// Takes all Gaussians off this scene; their memory and the SH degree stay.
     pub fn clear(&mut self) {
         self.means.clear();

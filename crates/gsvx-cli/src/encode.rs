@@ -97,6 +97,13 @@ pub(crate) struct Args {
     force: bool,
 }
 
+impl Args {
+    /// Where the model is.
+    pub(crate) fn input(&self) -> &std::path::Path {
+        &self.input
+    }
+}
+
 /// Coding choices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Profile {

@@ -8,6 +8,7 @@ mod encode;
 mod info;
 mod input;
 mod interrupt;
+mod memory;
 mod nearest;
 mod orbit;
 mod output;
@@ -69,6 +70,9 @@ enum Command {
 }
 
 fn run(cli: &Cli) -> anyhow::Result<()> {
+    if let Command::Encode(args) = &cli.command {
+        memory::return_soon(args.input());
+    }
     interrupt::install()?;
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new()

@@ -5,8 +5,9 @@ use crate::attributes::prediction::Predictor;
 use crate::attributes::{colour, opacity};
 use crate::covariance;
 use crate::error::{Error, Result};
+use crate::gaussians::{Gaussians, Own, Values, cut};
 use crate::importance;
-use crate::options::{EncodeOptions, Entropy, PaperQp};
+use crate::options::{CovarianceMode, EncodeOptions, Entropy, PaperQp};
 use crate::outliers;
 use crate::stream::{self, Header, SectionKind};
 use crate::{ordered, slices};
@@ -15,8 +16,10 @@ use gpcc_lite::attribute::Rows;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::borrow::Cow;
+use std::mem::take;
 use std::ops::Range;
-use voxel::Voxelization;
+use std::sync::{Arc, Mutex, PoisonError};
+use voxel::{Cube, Voxelization};
 
 /// A finished stream and what it is made of.
 #[derive(Clone, Debug, Default)]
@@ -40,22 +43,43 @@ pub fn encode(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> 
     if scene.len() != voxels.len() {
         return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
     }
-    let guessed;
     let importance = match &options.importance {
         _ if options.uniform_precision => None,
-        Some(given) => Some(given),
-        None => {
-            guessed = importance::without_cameras(scene);
-            Some(&guessed)
-        }
+        Some(given) => Some(Cow::Borrowed(given.as_slice())),
+        None => Some(Cow::Owned(importance::without_cameras(scene))),
     };
     let whole = 0..scene.len();
-    encode_parts(scene, voxels, importance.map(Vec::as_slice), options, |range| {
+    let degrees = Degrees::of(scene, options)?;
+    encode_parts(degrees, voxels, importance, options, |range| {
         if range == whole {
-            return Ok(Cow::Borrowed(scene));
+            return Ok(Gaussians::from(Cow::Borrowed(scene)));
         }
-        Ok(Cow::Owned(part_of(scene, range)))
+        Ok(Gaussians::from(Cow::Owned(part_of(scene, range))))
     })
+}
+
+/// What is known of SH degrees before anything is coded, and who has a say in it.
+#[derive(Clone, Copy)]
+pub(crate) struct Degrees<'a> {
+    outliers: Option<&'a Scene>,
+    /// The stream's is not lower: the exact coefficients of the outliers are of that degree.
+    least: u8,
+    /// The highest that is coded.
+    pub(crate) most: u8,
+}
+
+impl<'a> Degrees<'a> {
+    /// `like` has the SH degree of the leaves' Gaussians, and coefficients that are not zero where
+    /// theirs are not.
+    ///
+    /// # Errors
+    /// [`Error::InvalidOutlier`] and others for outliers that do not fit.
+    pub(crate) fn of(like: &Scene, options: &'a EncodeOptions) -> Result<Self> {
+        let outliers = outliers::of(options.outliers.as_ref(), like)?;
+        let least = outliers::degree(outliers, options.max_sh_degree);
+        let most = used_degree(like, options.max_sh_degree).max(least);
+        Ok(Self { outliers, least, most })
+    }
 }
 
 /// The Gaussians of a range.
@@ -71,45 +95,90 @@ fn part_of(scene: &Scene, range: Range<usize>) -> Scene {
     }
 }
 
-/// Encodes leaves whose Gaussians `part` gives, a slice at a time. `like` has their SH degree, and
-/// coefficients that are not zero where theirs are not.
+/// Encodes leaves whose Gaussians `part` gives, a slice at a time.
 pub(crate) fn encode_parts<'a>(
-    like: &Scene,
+    degrees: Degrees<'_>,
     voxels: &Voxelization,
-    importance: Option<&[f32]>,
+    importance: Option<Cow<'_, [f32]>>,
     options: &EncodeOptions,
-    part: impl Fn(Range<usize>) -> Result<Cow<'a, Scene>> + Sync,
+    part: impl Fn(Range<usize>) -> Result<Gaussians<'a>> + Sync,
 ) -> Result<Encoded> {
     let n = voxels.len();
-    let outliers = outliers::of(options.outliers.as_ref(), like)?;
-    // The degree of the exact coefficients is the header's: it must not fall below theirs.
-    let least = outliers::degree(outliers, options.max_sh_degree);
-    let sh_degree = used_degree(like, options.max_sh_degree).max(least);
-    let log_classes = match importance {
-        Some(given) if given.len() != n => {
-            return Err(Error::CountMismatch { scene: given.len(), leaves: n });
-        }
-        Some(given) => Some(importance::log_classes(given)),
-        None => None,
-    };
+    let log_classes = log_classes(importance, n)?;
     let slices = slices::count(n, options);
     let entropy = options.entropy.of(n);
     let slice = |i: usize| {
         let range = slices::range(n, slices, i);
-        let scene = part(range.clone())?;
-        check(&scene, voxels, range.start)?;
-        let leaves =
-            Leaves { leaves: &voxels.leaves[range.clone()], j_high: voxels.j_high, entropy };
-        let log_classes = log_classes.as_ref().map(|all| &all[range]);
-        leaves.sections(&scene, log_classes, sh_degree, options)
+        let part = part(range.clone())?;
+        let log_classes = log_classes.as_ref().map(|all| Cow::Borrowed(&all[range.clone()]));
+        let leaves = Arc::new(voxels.leaves[range.clone()].to_vec());
+        let leaves = Leaves { leaves, j_high: voxels.j_high, entropy };
+        check(&part, &leaves, &voxels.cube, range.start)?;
+        leaves.sections(part, log_classes, degrees.most, options)
     };
     // At most a quarter of the Gaussians at a time, for memory's sake.
     let at_once = (slices / 4).clamp(1, rayon::current_num_threads());
-    let mut parts: Vec<std::vec::IntoIter<Section>> = Vec::with_capacity(slices);
-    ordered::in_order(slices, at_once, slice, |sections: Vec<Section>| -> Result<()> {
-        parts.push(sections.into_iter());
+    let mut parts = Vec::with_capacity(slices);
+    ordered::in_order(slices, at_once, slice, |sections| -> Result<()> {
+        parts.push(sections);
         Ok(())
     })?;
+    Ok(finish(parts, degrees, voxels, n))
+}
+
+/// As [`encode_parts`], of Gaussians that are gone before the stream is finished: one slice after
+/// the other, each of which leaves nothing behind.
+pub(crate) fn encode_owned(
+    degrees: Degrees<'_>,
+    mut voxels: Voxelization,
+    importance: Option<Cow<'_, [f32]>>,
+    options: &EncodeOptions,
+    mut all: Gaussians<'static>,
+) -> Result<Encoded> {
+    let n = voxels.len();
+    let slices = slices::count(n, options);
+    let entropy = options.entropy.of(n);
+    let mut classes = log_classes(importance, n)?;
+    let mut leaves = take(&mut voxels.leaves);
+    let mut pieces = Vec::with_capacity(slices);
+    // From the last on: what is split off is a copy, and what is left gives its memory back.
+    for slice in (0..slices).rev() {
+        let at = slices::range(n, slices, slice).start;
+        let leaves = Arc::new(cut(&mut leaves, at));
+        let leaves = Leaves { leaves, j_high: voxels.j_high, entropy };
+        let classes = classes.as_mut().map(|all| Cow::Owned(cut(all, at)));
+        pieces.push((at, leaves, classes, all.split_off(at)));
+    }
+    let mut parts = Vec::with_capacity(slices);
+    for (first, leaves, classes, part) in pieces.into_iter().rev() {
+        check(&part, &leaves, &voxels.cube, first)?;
+        // In the pool from here on: the threads are woken once.
+        parts.push(rayon::scope(|_| leaves.sections(part, classes, degrees.most, options))?);
+    }
+    Ok(finish(parts, degrees, &voxels, n))
+}
+
+/// One per leaf, from importances, which are gone then if they can be.
+fn log_classes(importance: Option<Cow<'_, [f32]>>, leaves: usize) -> Result<Option<Vec<f64>>> {
+    match importance {
+        Some(given) if given.len() != leaves => {
+            Err(Error::CountMismatch { scene: given.len(), leaves })
+        }
+        Some(given) => Ok(Some(importance::log_classes(&given))),
+        None => Ok(None),
+    }
+}
+
+/// Puts the sections of all slices together.
+fn finish(
+    parts: Vec<Vec<Section>>,
+    degrees: Degrees<'_>,
+    voxels: &Voxelization,
+    n: usize,
+) -> Encoded {
+    let slices = parts.len();
+    let Degrees { outliers, least, most: sh_degree } = degrees;
+    let mut parts: Vec<_> = parts.into_iter().map(Vec::into_iter).collect();
     let mut sections = Vec::new();
     // Of each section, whether it says nothing.
     let mut zero = Vec::new();
@@ -142,7 +211,7 @@ pub(crate) fn encode_parts<'a>(
     }
     let bytes = stream::assemble(&header, &sections);
     let sections = sections.iter().map(|(kind, payload)| (*kind, payload.len())).collect();
-    Ok(Encoded { bytes, sections })
+    Encoded { bytes, sections }
 }
 
 /// The highest degree, up to `most`, with a coefficient that is not zero: what is zero throughout
@@ -176,26 +245,26 @@ struct Section {
 }
 
 /// The leaves of one slice.
-pub(crate) struct Leaves<'a> {
-    pub(crate) leaves: &'a [Leaf],
+pub(crate) struct Leaves {
+    pub(crate) leaves: Arc<Vec<Leaf>>,
     pub(crate) j_high: u8,
     /// [Resolved](Entropy::of).
     pub(crate) entropy: Entropy,
 }
 
-impl Leaves<'_> {
+impl Leaves {
     /// Every section of one slice but the outliers, in stream order.
     fn sections(
         &self,
-        scene: &Scene,
-        log_classes: Option<&[f64]>,
+        part: Gaussians<'_>,
+        log_classes: Option<Cow<'_, [f64]>>,
         sh_degree: u8,
         options: &EncodeOptions,
     ) -> Result<Vec<Section>> {
         // Geometry needs nothing of the rest, and the rest nothing of its bytes.
         let (geometry, attributes) = rayon::join(
             || self.geometry(),
-            || self.attributes(scene, log_classes, sh_degree, options),
+            || self.attributes(part, log_classes, sh_degree, options),
         );
         let kind = SectionKind::Geometry;
         let mut sections = vec![Section { kind, payload: geometry?, all_zero: false }];
@@ -211,22 +280,27 @@ impl Leaves<'_> {
     fn geometry(&self) -> Result<Vec<u8>> {
         let quick = matches!(self.entropy, Entropy::Symbols | Entropy::Fast);
         let coded = if quick {
-            gpcc_lite::geometry::encode_fast(self.leaves, self.j_high)
+            gpcc_lite::geometry::encode_fast(&self.leaves, self.j_high)
         } else {
-            gpcc_lite::geometry::encode(self.leaves, self.j_high)
+            gpcc_lite::geometry::encode(&self.leaves, self.j_high)
         };
         coded.map_err(coding("geometry"))
     }
 
     fn attributes(
         &self,
-        scene: &Scene,
-        log_classes: Option<&[f64]>,
+        mut part: Gaussians<'_>,
+        log_classes: Option<Cow<'_, [f64]>>,
         sh_degree: u8,
         options: &EncodeOptions,
     ) -> Result<Vec<Section>> {
+        // Other modes want whole Gaussians.
+        let plain = options.covariance == CovarianceMode::Transform && options.paper_qp.is_none();
+        if plain {
+            part.forget_means();
+        }
         let mut sections = Vec::new();
-        let mut transform = Transform::new(self.leaves, self.j_high, None)?;
+        let mut transform = Transform::of(self.leaves.clone(), self.j_high)?;
         let mut classes = None;
         if let Some(log_classes) = log_classes {
             let (payload, decoded) = importance::encode_by(&transform, log_classes, self.entropy)?;
@@ -235,20 +309,25 @@ impl Leaves<'_> {
             transform = transform.weighted(&decoded)?;
             classes = Some(decoded);
         }
+        let mut own = |kind: SectionKind| {
+            let apart = plain || kind.sh_coefficients().start > 0;
+            (kind, if apart { part.take(kind) } else { None })
+        };
         let kinds = [SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
-        let mut jobs = kinds.map(|kind| vec![kind]).to_vec();
-        let degrees = (1..=sh_degree).map(SectionKind::of_sh_degree);
+        let mut jobs = kinds.map(|kind| vec![own(kind)]).into_iter().collect::<Vec<_>>();
+        let degrees = (1..=sh_degree).map(SectionKind::of_sh_degree).map(own);
         if options.predicts_sh() {
             // Each wants what a decoder will have of the one before.
             jobs.push(degrees.collect());
         } else {
-            jobs.extend(degrees.map(|kind| vec![kind]));
+            jobs.extend(degrees.map(|job| vec![job]));
         }
-        let group = Group { scene, leaves: self, transform, classes, options };
-        let coded = ordered::longest_first(
+        let (scene, filling) = (&*part.scene, Mutex::new(()));
+        let group = Group { scene, leaves: self, transform, classes, options, filling };
+        let coded = ordered::in_turn(
             jobs,
-            |job| job.iter().map(|kind| kind.channels()).sum::<usize>(),
-            |job| group.sections(&job),
+            |job| job.first().map(|(kind, _)| turn(*kind, job.len())),
+            |job| group.sections(job),
         );
         for coded in coded {
             sections.extend(coded?);
@@ -257,31 +336,50 @@ impl Leaves<'_> {
     }
 }
 
+/// When the coding of a job of so many sections begins. The rows of the largest groups take the most
+/// memory, and are made when the values of others have gone; SH degrees one after another take
+/// longest, and are begun first.
+fn turn(kind: SectionKind, sections: usize) -> usize {
+    match kind {
+        _ if sections > 1 => 0,
+        SectionKind::Covariance => 1,
+        SectionKind::Dc => 2,
+        SectionKind::Sh1 => 3,
+        SectionKind::Opacity => 4,
+        SectionKind::Sh3 => 5,
+        _ => 6,
+    }
+}
+
 /// What the attributes of a slice are coded from.
 struct Group<'a> {
     scene: &'a Scene,
-    leaves: &'a Leaves<'a>,
+    leaves: &'a Leaves,
     transform: Transform,
     /// Importance classes, as decoded.
     classes: Option<Vec<u8>>,
     options: &'a EncodeOptions,
+    /// Held by one section of SH coefficients at a time, as long as they are in memory twice.
+    filling: Mutex<()>,
 }
 
 impl Group<'_> {
     /// These sections, one after another.
-    fn sections(&self, kinds: &[SectionKind]) -> Result<Vec<Section>> {
+    fn sections(&self, job: Vec<(SectionKind, Option<Own>)>) -> Result<Vec<Section>> {
         let mut below = None;
-        let mut sections = Vec::with_capacity(kinds.len());
-        for (i, &kind) in kinds.iter().enumerate() {
+        let count = job.len();
+        let mut sections = Vec::with_capacity(count);
+        for (i, (kind, own)) in job.into_iter().enumerate() {
+            let values = Values { scene: self.scene, own, range: kind.sh_coefficients() };
             sections.push(match kind {
-                SectionKind::Opacity => self.opacity()?,
+                SectionKind::Opacity => self.opacity(values)?,
                 SectionKind::Covariance => {
                     let payload =
-                        covariance::encode(self.scene, self.leaves, &self.transform, self.options)?;
+                        covariance::encode(values, self.leaves, &self.transform, self.options)?;
                     Section { kind, payload, all_zero: false }
                 }
                 _ => {
-                    let (section, rows) = self.sh(kind, below.as_ref(), i + 1 < kinds.len())?;
+                    let (section, rows) = self.sh((kind, values), below.as_ref(), i + 1 < count)?;
                     below = Some(rows);
                     section
                 }
@@ -290,26 +388,31 @@ impl Group<'_> {
         Ok(sections)
     }
 
-    fn opacity(&self) -> Result<Section> {
-        let Self { scene, options, .. } = self;
+    fn opacity(&self, values: Values<'_>) -> Result<Section> {
+        let options = self.options;
         let kind = SectionKind::Opacity;
         let domain = options.opacity_domain;
         let value = |&l: &f32| opacity::forward(domain, l);
         let step = match options.paper_qp {
-            Some(qp) => PaperQp::step(qp.opacity, scene.opacity_logits.iter().map(value)),
+            Some(qp) => PaperQp::step(qp.opacity, values.opacity_logits().iter().map(value)),
             None => f64::from(options.steps.opacity),
         };
         let mut payload = vec![opacity::code(domain)];
-        let values: Vec<f64> = scene.opacity_logits.par_iter().map(value).collect();
-        let leaf = |i: usize, row: &mut [f64]| row.fill(values[i]);
+        let leaf =
+            move |i: usize, row: &mut [f64]| row.fill(value(&values.opacity_logits()[i]));
         payload.extend(self.transform.encode(&[step], self.leaves.coding(kind, options), leaf)?.0);
         Ok(Section { kind, payload, all_zero: false })
     }
 
     /// DC or an SH degree, predicted from the rows `below` if they are there and it pays; with the
     /// rows that a decoder will have of it if they are `wanted`.
-    fn sh(&self, kind: SectionKind, below: Option<&Rows>, wanted: bool) -> Result<(Section, Rows)> {
-        let Self { scene, options, .. } = self;
+    fn sh(
+        &self,
+        (kind, values): (SectionKind, Values<'_>),
+        below: Option<&Rows>,
+        wanted: bool,
+    ) -> Result<(Section, Rows)> {
+        let Self { options, transform, .. } = self;
         let steps = &options.steps;
         let degree = kind.sh_degree();
         let luma = match degree {
@@ -318,24 +421,22 @@ impl Group<'_> {
         };
         let range = kind.sh_coefficients();
         let chroma = luma * steps.chroma;
-        let value =
-            |i: usize, c: usize| colour::forward_plane(scene.sh_of(i)[range.start + c / 3], c % 3);
+        let value = |i: usize, c: usize| colour::forward_plane(values.sh_of(i)[c / 3], c % 3);
         let qp = options.paper_qp.map(|qp| if kind == SectionKind::Dc { qp.dc } else { qp.ac });
         let steps: Vec<f64> = (0..3 * range.len())
             .map(|c| match qp {
-                Some(qp) => PaperQp::step(qp, (0..scene.len()).map(|i| value(i, c))),
+                Some(qp) => PaperQp::step(qp, (0..transform.len()).map(|i| value(i, c))),
                 None => f64::from(if c % 3 == 0 { luma } else { chroma }),
             })
             .collect();
-        let planes = |i: usize| scene.sh_of(i)[range.clone()].iter().map(|&c| colour::forward(c));
         let mut payload = Vec::new();
         let mut predictor = None;
         if degree >= 2 {
             predictor = below.and_then(|below| {
                 let steps = [luma, chroma].map(|step| step * UNITS as f32);
                 let exact = |i: usize, row: &mut [f32]| {
-                    for (out, planes) in row.as_chunks_mut::<3>().0.iter_mut().zip(planes(i)) {
-                        *out = planes.map(|v| (v * UNITS) as f32);
+                    for (out, &c) in row.as_chunks_mut::<3>().0.iter_mut().zip(values.sh_of(i)) {
+                        *out = colour::forward(c).map(|v| (v * UNITS) as f32);
                     }
                 };
                 Some((Predictor::fit(degree, below, self.classes.as_deref(), steps, exact)?, below))
@@ -345,16 +446,19 @@ impl Group<'_> {
         // A few leaves at a time.
         let mut lower = [0.0; FEW * CHANNELS];
         let mut predicted = [0.0; FEW * CHANNELS];
-        let leaf = |i: usize, row: &mut [f64]| {
-            for (out, planes) in row.as_chunks_mut::<3>().0.iter_mut().zip(planes(i)) {
-                *out = planes;
+        let (predictor, leaves) = (predictor.as_ref(), transform.len());
+        let filling = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
+        let leaf = move |i: usize, row: &mut [f64]| {
+            let _until_rows_are_filled = &filling;
+            for (out, &c) in row.as_chunks_mut::<3>().0.iter_mut().zip(values.sh_of(i)) {
+                *out = colour::forward(c);
             }
-            if let Some((predictor, below)) = &predictor {
+            if let Some((predictor, below)) = predictor {
                 if i.is_multiple_of(FEW) {
                     let lower = &mut lower[..FEW * below.channels()];
                     below.copy(i, lower);
                     predicted.fill(0.0);
-                    let leaves = FEW.min(scene.len() - i);
+                    let leaves = FEW.min(leaves - i);
                     predictor.add(i, lower, &mut predicted[..leaves * row.len()]);
                 }
                 let predicted = &predicted[i % FEW * row.len()..];
@@ -364,9 +468,9 @@ impl Group<'_> {
             }
         };
         let mut coded =
-            self.transform.encode_rows(&steps, self.leaves.coding(kind, options), wanted, leaf)?;
+            transform.encode_rows(&steps, self.leaves.coding(kind, options), wanted, leaf)?;
         payload.extend(coded.bytes);
-        if let (Some((predictor, below)), true) = (&predictor, wanted) {
+        if let (Some((predictor, below)), true) = (predictor, wanted) {
             coded.reconstruction.change(|first, values| {
                 let lower = &mut lower[..values.len() / (3 * range.len()) * below.channels()];
                 below.copy(first, lower);
@@ -383,13 +487,14 @@ const FEW: usize = 32;
 const CHANNELS: usize = 21;
 
 /// Checks the Gaussians of the leaves from `first` on.
-fn check(scene: &Scene, voxels: &Voxelization, first: usize) -> Result<()> {
-    let leaves = &voxels.leaves[first..first + scene.len()];
+fn check(part: &Gaussians<'_>, leaves: &Leaves, cube: &Cube, first: usize) -> Result<()> {
+    let scene = &*part.scene;
+    let Leaves { leaves, j_high, .. } = leaves;
     let off = leaves
         .par_iter()
         .with_min_len(4096)
         .zip(&scene.means)
-        .position_first(|(&leaf, mean)| voxels.cube.leaf_centre(leaf, voxels.j_high) != *mean);
+        .position_first(|(&leaf, mean)| cube.leaf_centre(leaf, *j_high) != *mean);
     if let Some(index) = off {
         return Err(Error::OffCentre { index: first + index });
     }
@@ -408,7 +513,11 @@ fn check(scene: &Scene, voxels: &Voxelization, first: usize) -> Result<()> {
         q.iter().all(|v| v.is_finite()) && q.iter().any(|&v| v != 0.0)
     })?;
     finite("log-scale", &|i| scene.log_scales[i].iter().all(|v| v.is_finite()))?;
-    finite("SH coefficient", &|i| scene.sh_of(i).as_flattened().iter().all(|v| v.is_finite()))?;
+    // Of what is not right, the same error whichever array it is in.
+    let fine = part.all_sh(|v| v.abs() <= LARGEST);
+    if !fine {
+        finite("SH coefficient", &|i| part.sh_of(i).iter().all(|v| v.is_finite()))?;
+    }
     let fits = |field, of: &dyn Fn(usize) -> f32| {
         let found = (0..scene.len()).map(|i| (i, of(i))).find(|(_, v)| v.abs() > LARGEST);
         match found {
@@ -421,7 +530,7 @@ fn check(scene: &Scene, voxels: &Voxelization, first: usize) -> Result<()> {
     let largest =
         |v: &[f32]| v.iter().copied().fold(0.0, |m: f32, v| if v.abs() > m.abs() { v } else { m });
     fits("log-scale", &|i| largest(&scene.log_scales[i]))?;
-    fits("SH coefficient", &|i| largest(scene.sh_of(i).as_flattened()))
+    if fine { Ok(()) } else { fits("SH coefficient", &|i| largest(&part.sh_of(i))) }
 }
 
 /// Greatest magnitude of a log-scale or an SH coefficient: what an `i32` in units of 2^-16 holds of

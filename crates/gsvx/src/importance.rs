@@ -17,6 +17,7 @@ use gpcc_lite::Leaf;
 use gpcc_lite::attribute::Rows;
 use gs_model::Scene;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Number of classes; weights run from 1 to `4^(CLASSES - 1)`.
 pub const CLASSES: u8 = 12;
@@ -95,18 +96,19 @@ pub fn encode(
     j_high: u8,
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
-    encode_by(&Transform::new(leaves, j_high, None)?, log_classes, entropy.of(leaves.len()))
+    let transform = Transform::new(leaves, j_high, None)?;
+    encode_by(&transform, Cow::Borrowed(log_classes), entropy.of(leaves.len()))
 }
 
 /// As [`encode`], by the transform of the leaves without weights.
 pub(crate) fn encode_by(
     transform: &Transform,
-    log_classes: &[f64],
+    log_classes: Cow<'_, [f64]>,
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
     let coding = Coding { entropy, lambda: CLASS_LAMBDA, period: u8::MAX };
     let (payload, _) =
-        transform.encode(&[CLASS_STEP], coding, |i, row| row.fill(log_classes[i]))?;
+        transform.encode(&[CLASS_STEP], coding, move |i, row| row.fill(log_classes[i]))?;
     let classes = decode_by(transform, &payload, &mut Rows::default())?;
     Ok((payload, classes))
 }

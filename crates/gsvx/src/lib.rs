@@ -5,6 +5,7 @@ pub mod covariance;
 mod decode;
 mod encode;
 mod error;
+mod gaussians;
 pub mod importance;
 pub mod lod;
 pub mod lossless;

@@ -102,9 +102,18 @@ pub(crate) fn longest_first<I: Send, L: Ord, T: Send>(
     length: impl Fn(&I) -> L,
     work: impl Fn(I) -> T + Sync,
 ) -> Vec<T> {
+    in_turn(items, |item| std::cmp::Reverse(length(item)), work)
+}
+
+/// The same, the least `turn` first.
+pub(crate) fn in_turn<I: Send, L: Ord, T: Send>(
+    items: Vec<I>,
+    turn: impl Fn(&I) -> L,
+    work: impl Fn(I) -> T + Sync,
+) -> Vec<T> {
     let mut slots: Vec<Option<T>> = items.iter().map(|_| None).collect();
     let mut jobs: Vec<(I, &mut Option<T>)> = items.into_iter().zip(&mut slots).collect();
-    jobs.sort_by_key(|(item, _)| std::cmp::Reverse(length(item)));
+    jobs.sort_by_key(|(item, _)| turn(item));
     rayon::scope_fifo(|scope| {
         for (item, slot) in jobs {
             let work = &work;

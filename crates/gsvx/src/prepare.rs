@@ -1,7 +1,8 @@
 //! From a trained model to what [`crate::encode`] takes, in one call.
 
-use crate::encode::{Encoded, encode_parts};
+use crate::encode::{Degrees, Encoded, encode_owned, encode_parts};
 use crate::error::{Error, Result};
+use crate::gaussians::Gaussians;
 use crate::importance;
 use crate::options::EncodeOptions;
 use crate::slices;
@@ -33,6 +34,11 @@ const DROP: f64 = 5.0;
 /// Attribute bits per Gaussian at quality 50, and how they grow per quality point.
 const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
+
+/// Streams of so many slices are merged at once: then no scene is in memory while they are coded,
+/// which is the less memory as long as a slice is half of it. With more slices, merging each for
+/// itself saves the time that it takes to give the scene back degree by degree.
+const WHOLE: usize = 2;
 
 /// A voxelized scene with the importance of each leaf.
 #[derive(Clone, Debug)]
@@ -107,27 +113,32 @@ pub fn prepare(
 /// # Errors
 /// As [`prepare`] and [`crate::encode`].
 pub fn encode_model(
-    scene: Cow<'_, Scene>,
+    mut scene: Cow<'_, Scene>,
     strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
     importance: Option<&[f32]>,
     options: &EncodeOptions,
 ) -> Result<(Encoded, usize)> {
-    let (voxels, weights) = voxels_and_weights(&scene, strategy, importance)?;
-    let importance = (!options.uniform_precision).then(|| of_leaves(&voxels, &weights));
-    let importance = importance.as_deref();
-    let merged =
-        |some: &Voxelization| voxel::merge_weighted(&scene, some, Merge::Moments, &weights);
-    let encoded = if slices::count(voxels.len(), options) == 1 {
-        let all = merged(&voxels)?;
+    let (mut voxels, weights) = voxels_and_weights(&scene, strategy, importance)?;
+    let leaves = voxels.len();
+    let of_leaves = || Cow::Owned(of_leaves(&voxels, &weights));
+    let importance = (!options.uniform_precision).then(of_leaves);
+    let degrees = Degrees::of(&scene, options)?;
+    let whole = if matches!(scene, Cow::Owned(_)) { WHOLE } else { 1 };
+    let encoded = if slices::count(leaves, options) <= whole {
+        if let Cow::Owned(scene) = &mut scene {
+            scene.cut_sh(degrees.most);
+        }
+        let all = Gaussians::merged(scene, &voxels, &weights)?;
         drop(weights);
-        drop(scene);
-        encode_parts(&all, &voxels, importance, options, |_| Ok(Cow::Borrowed(&all)))?
+        (voxels.members, voxels.member_offsets) = (Vec::new(), Vec::new());
+        encode_owned(degrees, voxels, importance, options, all)?
     } else {
-        encode_parts(&scene, &voxels, importance, options, |range| {
-            Ok(Cow::Owned(merged(&part_of(&voxels, range))?))
+        let scene = &*scene;
+        encode_parts(degrees, &voxels, importance, options, |range| {
+            Gaussians::merged(Cow::Borrowed(scene), &part_of(&voxels, range), &weights)
         })?
     };
-    Ok((encoded, voxels.len()))
+    Ok((encoded, leaves))
 }
 
 /// Some of the leaves.

@@ -63,7 +63,7 @@ pub use cost::CostModel;
 pub use cube::Cube;
 pub use error::{Error, Result};
 pub use importance::Importance;
-pub use merge::{Merge, merge, merge_into, merge_weighted};
+pub use merge::{Merge, merge, merge_into, merge_sh, merge_up_to, merge_weighted};
 pub use prune::{ALPHA_CUT, Prune, Pruned, prune};
 pub use rate_distortion::{RateDistortion, RateDistortionReport, rate_distortion};
 pub use released::{Released, released};

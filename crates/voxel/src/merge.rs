@@ -2,6 +2,9 @@
 
 mod moments;
 mod paper;
+mod sh;
+
+pub use sh::{merge_sh, merge_up_to};
 
 use gs_model::Scene;
 use multiversion::multiversion;
@@ -72,14 +75,22 @@ pub fn merge_into(
     importance: &Importance,
     out: &mut Scene,
 ) -> Result<()> {
-    importance.validate(scene)?;
-    let outside = voxelization.members.par_iter().find_first(|&&m| m as usize >= scene.len());
-    if let Some(&member) = outside {
-        return Err(Error::Member { member, len: scene.len() });
-    }
+    merge_to_degree(scene, voxelization, rule, importance, scene.sh_degree, out)
+}
+
+/// As [`merge_into`], of SH coefficients up to `degree`, which the scene has.
+fn merge_to_degree(
+    scene: &Scene,
+    voxelization: &Voxelization,
+    rule: Merge,
+    importance: &Importance,
+    degree: u8,
+    out: &mut Scene,
+) -> Result<()> {
+    check_members(scene, voxelization, importance)?;
     let len = voxelization.len();
-    let sh_len = scene.sh_len();
-    out.sh_degree = scene.sh_degree;
+    let sh_len = gs_model::sh_len(degree);
+    out.sh_degree = degree;
     room_for(&mut out.means, len);
     room_for(&mut out.rotations, len);
     room_for(&mut out.log_scales, len);
@@ -105,6 +116,20 @@ pub fn merge_into(
             },
         );
     Ok(())
+}
+
+/// Refuses importances and members that are not of this scene.
+fn check_members(
+    scene: &Scene,
+    voxelization: &Voxelization,
+    importance: &Importance,
+) -> Result<()> {
+    importance.validate(scene)?;
+    let outside = voxelization.members.par_iter().find_first(|&&m| m as usize >= scene.len());
+    match outside {
+        Some(&member) => Err(Error::Member { member, len: scene.len() }),
+        None => Ok(()),
+    }
 }
 
 /// Makes `list` that long; what is in it does not matter.
@@ -142,6 +167,77 @@ struct Scratch {
     looks: Vec<moments::Look>,
 }
 
+impl Scratch {
+    /// Finds the leaves that have more than one member, and what their members count. Of members
+    /// whose shapes nobody needs, only weights are computed.
+    #[inline(always)]
+    fn find(
+        &mut self,
+        scene: &Scene,
+        batch: &Members<'_>,
+        rule: Merge,
+        importance: &Importance,
+        shapes: bool,
+    ) {
+        let Self { shared, members, weights, looks } = self;
+        shared.clear();
+        shared.extend((0..batch.len()).filter(|&i| batch.of(i).len() > 1));
+        members.clear();
+        shared.iter().for_each(|&i| members.extend_from_slice(batch.of(i)));
+        weights.clear();
+        if rule == Merge::Paper {
+            weights.resize(members.len(), 1.0);
+            return;
+        }
+        if shapes || matches!(importance, Importance::OpacityArea) {
+            moments::look(scene, members, looks);
+        }
+        match importance {
+            Importance::OpacityArea => {
+                weights.extend(looks.iter().map(|look| look.opacity * look.area));
+            }
+            Importance::Given(given) => {
+                weights.extend(members.iter().map(|&m| f64::from(given[m as usize])));
+            }
+        }
+        let mut rest = weights.as_mut_slice();
+        for &i in &*shared {
+            let (own, others) = rest.split_at_mut(batch.of(i).len());
+            moments::normalise(own);
+            rest = others;
+        }
+    }
+}
+
+/// The members of the leaves of a batch.
+struct Members<'a> {
+    offsets: &'a [u32],
+    members: &'a [u32],
+}
+
+impl<'a> Members<'a> {
+    /// Those of the `len` leaves from `first` on.
+    fn new(voxelization: &'a Voxelization, first: usize, len: usize) -> Self {
+        let offsets = &voxelization.member_offsets[first..=first + len];
+        Self { offsets, members: &voxelization.members }
+    }
+
+    fn len(&self) -> usize {
+        self.offsets.len() - 1
+    }
+
+    #[inline(always)]
+    fn of(&self, i: usize) -> &'a [u32] {
+        &self.members[self.offsets[i] as usize..self.offsets[i + 1] as usize]
+    }
+
+    /// The first member of leaf `i`.
+    #[inline(always)]
+    fn first(&self, i: usize) -> usize {
+        self.members[self.offsets[i] as usize] as usize
+    }
+}
+
 /// Merges the leaves from `first` on.
 ///
 /// Attribute by attribute, in loops that do little: members lie all over the scene, and
@@ -157,61 +253,34 @@ fn fill(
     scratch: &mut Scratch,
 ) {
     let len = out.rotations.len();
-    let offsets = &voxelization.member_offsets[first..=first + len];
-    let members_of = |i: usize| &voxelization.members[offsets[i] as usize..offsets[i + 1] as usize];
+    let batch = Members::new(voxelization, first, len);
+    let sh_len = out.sh.len() / len;
     // Every leaf as if its first member were the only one.
-    let only = |i: usize| voxelization.members[offsets[i] as usize] as usize;
-    let sh_len = scene.sh_len();
-    for (i, sh) in out.sh.chunks_exact_mut(sh_len).enumerate() {
-        sh.copy_from_slice(scene.sh_of(only(i)));
-    }
+    sh::copy(scene, &batch, 0..sh_len, out.sh);
     for (i, rotation) in out.rotations.iter_mut().enumerate() {
-        *rotation = scene.rotations[only(i)];
+        *rotation = scene.rotations[batch.first(i)];
     }
     for (i, log_scale) in out.log_scales.iter_mut().enumerate() {
-        *log_scale = scene.log_scales[only(i)];
+        *log_scale = scene.log_scales[batch.first(i)];
     }
     for (i, logit) in out.opacity_logits.iter_mut().enumerate() {
-        *logit = scene.opacity_logits[only(i)];
+        *logit = scene.opacity_logits[batch.first(i)];
     }
     // Then those that have more.
+    scratch.find(scene, &batch, rule, importance, true);
+    sh::average_shared(scene, &batch, scratch, 0..sh_len, out.sh);
     let Scratch { shared, members, weights, looks } = scratch;
-    shared.clear();
-    shared.extend((0..len).filter(|&i| offsets[i + 1] - offsets[i] > 1));
-    members.clear();
-    shared.iter().for_each(|&i| members.extend_from_slice(members_of(i)));
-    weights.clear();
-    match rule {
-        Merge::Paper => weights.resize(members.len(), 1.0),
-        Merge::Moments => {
-            moments::look(scene, members, looks);
-            weights.extend(members.iter().zip(&*looks).map(|(&m, look)| match importance {
-                Importance::OpacityArea => look.opacity * look.area,
-                Importance::Given(given) => f64::from(given[m as usize]),
-            }));
-        }
-    }
-    let mut start = 0;
-    for &i in &*shared {
-        let range = start..start + members_of(i).len();
-        start = range.end;
-        if rule == Merge::Moments {
-            moments::normalise(&mut weights[range.clone()]);
-        }
-        let sh = &mut out.sh[i * sh_len..(i + 1) * sh_len];
-        average_sh(scene, &members[range.clone()], &weights[range], sh);
-    }
     let mut put = |i: usize, shape: Shape| {
         out.rotations[i] = shape.rotation;
         out.log_scales[i] = shape.log_scale;
         out.opacity_logits[i] = shape.opacity_logit;
     };
-    start = 0;
+    let mut start = 0;
     // Some leaves at a time, because of the latencies of roots and quotients.
     let mut shapes = moments::Shapes::default();
     let mut finished = shared.iter();
     for &i in &*shared {
-        let range = start..start + members_of(i).len();
+        let range = start..start + batch.of(i).len();
         start = range.end;
         match rule {
             Merge::Paper => put(i, paper::shape(scene, &members[range])),
@@ -233,37 +302,6 @@ impl Shape {
             opacity_logit: scene.opacity_logits[i],
         }
     }
-}
-
-/// Members whose SH coefficients are summed in `f32`, before the sums are added in `f64`.
-const SHORT: usize = 16;
-
-/// Weighted mean of the SH coefficients, summed in member order: within 1.2e-6 of the greatest
-/// coefficient of a member.
-#[inline(always)]
-fn average_sh(scene: &Scene, members: &[u32], weights: &[f64], out: &mut [[f32; 3]]) {
-    let share = 1.0 / weights.iter().sum::<f64>();
-    let short = |members: &[u32], weights: &[f64], out: &mut [[f32; 3]]| {
-        let out = out.as_flattened_mut();
-        out.fill(0.0);
-        for (&member, &weight) in members.iter().zip(weights) {
-            let weight = (weight * share) as f32;
-            for (sum, x) in out.iter_mut().zip(scene.sh_of(member as usize).as_flattened()) {
-                *sum += weight * x;
-            }
-        }
-    };
-    if members.len() <= SHORT {
-        short(members, weights, out);
-        return;
-    }
-    // 16 triples: SH degree 3.
-    let (mut sums, mut part) = ([0.0f64; 48], [[0.0f32; 3]; 16]);
-    for (members, weights) in members.chunks(SHORT).zip(weights.chunks(SHORT)) {
-        short(members, weights, &mut part[..out.len()]);
-        sums.iter_mut().zip(part.as_flattened()).for_each(|(sum, &x)| *sum += f64::from(x));
-    }
-    out.as_flattened_mut().iter_mut().zip(sums).for_each(|(out, sum)| *out = sum as f32);
 }
 
 /// Keeps a computed logit inside the range of the members' logits, where every average of

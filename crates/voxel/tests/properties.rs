@@ -6,7 +6,10 @@ use common::{clustered, cube, strategies};
 use gpcc_lite::morton;
 use gs_model::Scene;
 use proptest::prelude::*;
-use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge, merge_into, voxelize};
+use voxel::{
+    Cube, Importance, Merge, Strategy, Voxelization, merge, merge_into, merge_sh, merge_up_to,
+    merge_weighted, voxelize,
+};
 
 /// Every Gaussian is in exactly one leaf (or dropped, where that is asked for); leaves ascend
 /// and do not overlap; depths are in range.
@@ -179,6 +182,41 @@ fn merging_into_used_memory_is_merging() {
     let short = Importance::Given(vec![1.0; 3]);
     assert!(merge_into(&scene, &v, Merge::Moments, &short, &mut out).is_err());
     assert!(out == before);
+}
+
+/// Degree by degree, of a scene that loses each degree once it is merged, as at once.
+#[test]
+fn merging_degree_by_degree_is_merging() {
+    for (len, rule, depth) in
+        [(3000, Merge::Moments, 6), (900, Merge::Paper, 3), (3000, Merge::Moments, 2)]
+    {
+        let mut scene = clustered(len, 9);
+        let mut r = common::Random(len as u64);
+        scene.sh_degree = 3;
+        scene.sh = (0..16 * len).map(|_| std::array::from_fn(|_| r.unit())).collect();
+        let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth }).unwrap();
+        assert!((0..v.len()).any(|i| v.members_of(i).len() > 1));
+        let given = (0..len).map(|i| 0.1 + (i % 17) as f32).collect();
+        for importance in [Importance::OpacityArea, Importance::Given(given)] {
+            let whole = merge_weighted(&scene, &v, rule, &importance).unwrap();
+            let mut left = scene.clone();
+            for degree in (1..=3u8).rev() {
+                let upper = merge_sh(&left, &v, rule, &importance, degree).unwrap();
+                assert_eq!(upper, merge_sh(&scene, &v, rule, &importance, degree).unwrap());
+                let d = usize::from(degree);
+                let wanted = (0..v.len()).flat_map(|i| &whole.sh_of(i)[d * d..(d + 1) * (d + 1)]);
+                assert!(upper.iter().eq(wanted), "degree {degree}");
+                let mut lower = whole.clone();
+                lower.cut_sh(degree - 1);
+                assert!(merge_up_to(&left, &v, rule, &importance, degree - 1).unwrap() == lower);
+                left.cut_sh(degree - 1);
+                assert!(merge_sh(&left, &v, rule, &importance, degree).unwrap().is_empty());
+            }
+            let mut lower = whole;
+            lower.cut_sh(0);
+            assert!(merge_weighted(&left, &v, rule, &importance).unwrap() == lower);
+        }
+    }
 }
 
 /// Half-open: the extreme mean gets the last index, not one past it.

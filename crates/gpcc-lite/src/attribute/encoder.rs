@@ -1,6 +1,8 @@
 //! From differences of means to levels, and to a stream.
 
 use super::decoder::Units;
+use super::exact::Exact;
+use super::plane::Plane;
 use super::{Head, Options, Rows, lone, put_varint, strengths};
 use crate::coeffs::lone::Bounds;
 use crate::coeffs::{self, Levels, Mode, RowCoder, code_dc, places};
@@ -10,6 +12,7 @@ use crate::quant::{CentroidSums, Centroids, Step};
 use crate::raht::{self, Gains, Lanes, Plan, Residual};
 use crate::rdoq::Thresholds;
 use crate::symbol_coder::SymbolEncoder;
+use std::borrow::Cow;
 
 /// A coded group.
 pub(super) struct Coded {
@@ -73,10 +76,15 @@ pub(super) fn encode_rows(
     let ranged = matches!(o.mode, Mode::Range | Mode::Symbols);
     let tried = (predicted || lone) && o.mode != Mode::Symbols && plan.len() * steps.len() <= TRIED;
     // Only what is so small can come out larger than raw values.
-    let exact = (tried || rows.len() < SMALL).then(|| rows.clone());
-    let pass = |heads: &[Head], levels: usize, rows: Vec<Lanes>| match bounds {
-        Some(bounds) => Ok(lone::run(plan, &heads[0], o, bounds, rows)),
-        None => run(plan, heads, o, levels, rows, ranged),
+    let exact = (tried || rows.len() < SMALL).then(|| Exact::of(&rows, steps.len()));
+    let pass = |heads: &[Head], levels: usize, rows: Vec<Lanes>| {
+        Ok(match bounds {
+            Some(bounds) => {
+                let run = lone::run(plan, &heads[0], o, bounds, rows);
+                Run { rows: if o.reconstruction { run.rows } else { Vec::new() }, ..run }
+            }
+            None => run(plan, heads, o, levels, rows, ranged)?,
+        })
     };
     let mut run = pass(&heads, levels, rows)?;
     if let (true, Some(exact)) = (tried, &exact) {
@@ -84,7 +92,7 @@ pub(super) fn encode_rows(
             let mut open = heads.clone();
             open.iter_mut().for_each(|h| h.strength.clear());
             let levels = if o.reconstruction && o.centres { usize::MAX } else { 0 };
-            let other = pass(&open, levels, exact.clone())?;
+            let other = pass(&open, levels, exact.rows())?;
             let lambda = f64::from(if o.lambda == 0 { LAMBDA } else { o.lambda }) / 256.0;
             // Shifts that fit save error in both; without prediction they cost nothing.
             let cost = |run: &Run| {
@@ -100,7 +108,7 @@ pub(super) fn encode_rows(
             for (head, sums) in heads.iter_mut().zip(&run.sums) {
                 head.centroids = sums.centroids();
             }
-            run = pass(&heads, levels, exact.clone())?;
+            run = pass(&heads, levels, exact.rows())?;
         }
     }
     let mut closed = predicted || lone;
@@ -108,7 +116,7 @@ pub(super) fn encode_rows(
         && run.coefficients.len() > 1 + 4 * plan.len() * steps.len()
     {
         // Rare and small: the levels were not kept.
-        run = self::run(plan, &heads, o, levels, exact, false)?;
+        run = self::run(plan, &heads, o, levels, exact.rows(), false)?;
         closed = predicted;
     }
     let Run { coefficients, rows, sums, all_zero, .. } = run;
@@ -175,6 +183,8 @@ fn run(
         Mode::Symbols => quantise::<true>(plan, heads, o, levels, rows, ranged),
         _ => quantise::<false>(plan, heads, o, levels, rows, ranged),
     };
+    // Nobody looks at them any more, and coding by channels takes memory too.
+    let rows = if o.reconstruction { rows } else { Vec::new() };
     let coefficients = out.sink.finish(plan, o)?;
     let Outcome { sums, all_zero, error, .. } = out;
     Ok(Run { coefficients, rows, sums, error: error.unwrap_or_default(), all_zero })
@@ -208,7 +218,7 @@ fn quantise<const BY_SYMBOLS: bool>(
 /// Where levels go.
 enum Sink {
     Range(SymbolEncoder),
-    Planar(Vec<Vec<i32>>),
+    Planar(Vec<Plane>),
 }
 
 impl Sink {
@@ -220,7 +230,12 @@ impl Sink {
                 Ok(out)
             }
             Self::Planar(channels) => {
-                let views: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
+                if matches!(o.mode, Mode::Rlgr | Mode::RlgrMalvar) {
+                    let levels = |c: usize| Cow::Owned(channels[c].levels());
+                    return Ok(coeffs::encode_by_rlgr(plan.len(), channels.len(), o.mode, levels));
+                }
+                let levels: Vec<Vec<i32>> = channels.iter().map(Plane::levels).collect();
+                let views: Vec<&[i32]> = levels.iter().map(Vec::as_slice).collect();
                 coeffs::encode(plan, &views, o.mode)
             }
         }
@@ -269,7 +284,7 @@ impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
         let sink = if ranged {
             Sink::Range(SymbolEncoder::default())
         } else {
-            Sink::Planar(vec![vec![0; plan.len()]; channels])
+            Sink::Planar((0..channels).map(|_| Plane::new(plan.len())).collect())
         };
         Self {
             plan,
@@ -301,7 +316,7 @@ impl<'a, const BY_SYMBOLS: bool> Quantiser<'a, BY_SYMBOLS> {
             Sink::Range(coder) => code_dc(coder, channels, &mut self.levels),
             Sink::Planar(planes) => {
                 for (plane, (chunk, i)) in planes.iter_mut().zip(places(channels)) {
-                    plane[0] = self.levels[chunk][i];
+                    plane.set(0, self.levels[chunk][i]);
                 }
             }
         }
@@ -381,7 +396,7 @@ impl<const BY_SYMBOLS: bool> Residual for Quantiser<'_, BY_SYMBOLS> {
                 self.rows.learn(k, &here, &self.levels);
                 if any {
                     for (plane, &(chunk, i)) in planes.iter_mut().zip(&self.places) {
-                        plane[k] = self.levels[chunk][i];
+                        plane.set(k, self.levels[chunk][i]);
                     }
                 }
             }

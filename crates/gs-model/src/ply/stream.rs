@@ -15,8 +15,10 @@ use crate::scene::Scene;
 
 /// Files below this are read whole: one allocation more than they take costs nothing.
 const SMALL: u64 = 4 << 20;
-/// Bytes read ahead to find the header, and in each part after it.
-const PART: usize = 8 << 20;
+/// Bytes read ahead to find the header, and in each part after it: few enough to stay in a cache
+/// until they are converted, and no block whose release would teach glibc's allocator to keep
+/// blocks of megabytes to itself.
+const PART: usize = 1 << 20;
 
 /// Reads a file whose rows are Gaussians of fixed length, in parts: one is converted while the next
 /// is read. `None` if the file is not such a one, or if anything about it is wrong: then the reader
@@ -49,19 +51,18 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, 
     let mut scene = rows::blank(rows, columns.sh_degree);
     head.drain(..header.len);
     head.truncate(body);
-    let mut part = head;
+    let (mut part, mut next) = (head, Vec::new());
     let (mut first, mut unread) = (0, body - part.len());
     while first < rows {
         let whole = part.len() / source.stride;
         let used = whole * source.stride;
-        let mut next = part[used..].to_vec();
-        let more = (PART - next.len()).min(unread);
+        let kept = part.len() - used;
+        let more = (PART - kept).min(unread);
+        // All of it is written over.
+        next.resize(kept + more, 0);
+        next[..kept].copy_from_slice(&part[used..]);
         let (fetched, filled) = rayon::join(
-            || {
-                let kept = next.len();
-                next.resize(kept + more, 0);
-                file.read_exact(&mut next[kept..])
-            },
+            || file.read_exact(&mut next[kept..]),
             || {
                 rows::fill_range(&mut scene, first..first + whole, |rows| {
                     let at = (rows.first - first) * source.stride;
@@ -75,7 +76,7 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, 
         filled?;
         first += whole;
         unread -= more;
-        part = next;
+        std::mem::swap(&mut part, &mut next);
     }
     let lengths = [len, len - header.len - body];
     finish(path, scene, options, &header, columns, Vec::new(), lengths).map(Some)

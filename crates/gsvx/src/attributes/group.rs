@@ -10,6 +10,7 @@ use gpcc_lite::coeffs::Mode;
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Plan;
 use gpcc_lite::{Leaf, Limits};
+use std::sync::Arc;
 
 /// Units of the transform's values per natural unit.
 pub(crate) const UNITS: f64 = 65536.0;
@@ -37,7 +38,7 @@ impl Transform {
     }
 
     /// The transform of `leaves` without weights and without a copy of them.
-    pub(crate) fn of(leaves: Vec<Leaf>, j_high: u8) -> Result<Self> {
+    pub(crate) fn of(leaves: impl Into<Arc<Vec<Leaf>>>, j_high: u8) -> Result<Self> {
         let plan = Plan::of(leaves, j_high).map_err(coding("transform"))?;
         Ok(Self { plan, step_factor: 1.0 })
     }
@@ -93,7 +94,7 @@ impl Transform {
     ) -> Result<EncodedRows> {
         let o = attribute::Options { reconstruction: wanted, ..how.options() };
         let mut values = vec![0.0; steps.len()];
-        let scaled = |i: usize, row: &mut [f32]| {
+        let scaled = move |i: usize, row: &mut [f32]| {
             leaf(i, &mut values);
             for (out, v) in row.iter_mut().zip(&values) {
                 *out = (v * UNITS) as f32;

@@ -17,7 +17,7 @@ const CHANNELS: usize = 7;
 /// Widths an encoder may ask for.
 const BITS: std::ops::RangeInclusive<u8> = 8..=24;
 
-pub(super) fn encode(scene: &Scene, leaves: &Leaves<'_>, bits: u8) -> Result<Vec<u8>> {
+pub(super) fn encode(scene: &Scene, leaves: &Leaves, bits: u8) -> Result<Vec<u8>> {
     if !BITS.contains(&bits) {
         return Err(Error::Option {
             option: "covariance bits",
@@ -51,7 +51,7 @@ pub(super) fn encode(scene: &Scene, leaves: &Leaves<'_>, bits: u8) -> Result<Vec
                 .collect::<Vec<i32>>(),
         );
     }
-    let near = Neighbours::new(leaves.leaves, leaves.j_high).map_err(coding("covariance"))?;
+    let near = Neighbours::new(&leaves.leaves, leaves.j_high).map_err(coding("covariance"))?;
     let views: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
     out.bytes.extend(encode_lossless(&near, &views).map_err(coding("covariance"))?);
     Ok(out.bytes)

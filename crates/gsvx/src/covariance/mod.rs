@@ -9,10 +9,10 @@ pub mod log_euclidean;
 use crate::attributes::group::Transform;
 use crate::encode::Leaves;
 use crate::error::{Error, Result};
+use crate::gaussians::Values;
 use crate::options::{CovarianceMode, EncodeOptions};
 use crate::stream::SectionKind;
 use gpcc_lite::attribute::Rows;
-use gs_model::Scene;
 
 const TRANSFORM: u8 = 0;
 const INTEGERS: u8 = 1;
@@ -22,8 +22,8 @@ const CODEBOOK: u8 = 2;
 pub(crate) type Covariances = (Vec<[f32; 4]>, Vec<[f32; 3]>);
 
 pub(crate) fn encode(
-    scene: &Scene,
-    leaves: &Leaves<'_>,
+    values: Values<'_>,
+    leaves: &Leaves,
     transform: &Transform,
     options: &EncodeOptions,
 ) -> Result<Vec<u8>> {
@@ -32,8 +32,8 @@ pub(crate) fn encode(
         CovarianceMode::Transform => {
             let step = f64::from(options.steps.covariance);
             let mut out = vec![TRANSFORM];
-            let leaf = |i: usize, row: &mut [f64]| {
-                let (q, l) = (scene.rotations[i], scene.log_scales[i]);
+            let leaf = move |i: usize, row: &mut [f64]| {
+                let (q, l) = values.covariance_of(i);
                 row.copy_from_slice(&log_euclidean::coordinates(q, l));
             };
             out.extend(transform.encode(&[step; 6], coding, leaf)?.0);
@@ -41,12 +41,12 @@ pub(crate) fn encode(
         }
         CovarianceMode::Lossless { bits } => {
             let mut out = vec![INTEGERS];
-            out.extend(integers::encode(scene, leaves, bits)?);
+            out.extend(integers::encode(values.scene, leaves, bits)?);
             Ok(out)
         }
         CovarianceMode::Vq { bits } => {
             let mut out = vec![CODEBOOK];
-            out.extend(codebook::encode(scene, bits, transform, coding, options)?);
+            out.extend(codebook::encode(values.scene, bits, transform, coding, options)?);
             Ok(out)
         }
     }

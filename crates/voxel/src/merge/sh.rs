@@ -1,0 +1,133 @@
+//! SH coefficients of merged Gaussians.
+
+use std::ops::Range;
+
+use gs_model::{Scene, sh_len};
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use super::{BATCH, Members, Merge, Scratch, check_members, merge_to_degree};
+use crate::error::Result;
+use crate::importance::Importance;
+use crate::voxelize::Voxelization;
+
+/// As [`merge_weighted`](crate::merge_weighted), of SH coefficients up to `degree` only: the same
+/// bits as if the scene had no others.
+///
+/// # Errors
+/// As [`merge_weighted`](crate::merge_weighted).
+pub fn merge_up_to(
+    scene: &Scene,
+    voxelization: &Voxelization,
+    rule: Merge,
+    importance: &Importance,
+    degree: u8,
+) -> Result<Scene> {
+    let mut out = Scene::default();
+    let degree = degree.min(scene.sh_degree);
+    merge_to_degree(scene, voxelization, rule, importance, degree, &mut out)?;
+    Ok(out)
+}
+
+/// The SH coefficients of one degree of what [`merge_weighted`](crate::merge_weighted) returns,
+/// `2 degree + 1` per leaf and bit for bit; none if the scene's degree is lower. For callers who
+/// have no room for merged Gaussians beside those of the scene.
+///
+/// # Errors
+/// As [`merge_weighted`](crate::merge_weighted).
+pub fn merge_sh(
+    scene: &Scene,
+    voxelization: &Voxelization,
+    rule: Merge,
+    importance: &Importance,
+    degree: u8,
+) -> Result<Vec<[f32; 3]>> {
+    check_members(scene, voxelization, importance)?;
+    if degree > scene.sh_degree {
+        return Ok(Vec::new());
+    }
+    let own = degree.checked_sub(1).map_or(0, sh_len)..sh_len(degree);
+    let mut out = vec![[0.0; 3]; voxelization.len() * own.len()];
+    out.par_chunks_mut(BATCH * own.len()).enumerate().for_each_init(
+        Scratch::default,
+        |scratch, (batch, out)| {
+            let batch = Members::new(voxelization, batch * BATCH, out.len() / own.len());
+            fill(scene, &batch, rule, importance, own.clone(), scratch, out);
+        },
+    );
+    Ok(out)
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn fill(
+    scene: &Scene,
+    batch: &Members<'_>,
+    rule: Merge,
+    importance: &Importance,
+    own: Range<usize>,
+    scratch: &mut Scratch,
+    out: &mut [[f32; 3]],
+) {
+    copy(scene, batch, own.clone(), out);
+    scratch.find(scene, batch, rule, importance, false);
+    average_shared(scene, batch, scratch, own, out);
+}
+
+/// Copies some coefficients of the first member of every leaf.
+#[inline(always)]
+pub(super) fn copy(scene: &Scene, batch: &Members<'_>, own: Range<usize>, out: &mut [[f32; 3]]) {
+    for (i, sh) in out.chunks_exact_mut(own.len()).enumerate() {
+        sh.copy_from_slice(&scene.sh_of(batch.first(i))[own.clone()]);
+    }
+}
+
+/// Averages some coefficients of the leaves that have more than one member.
+#[inline(always)]
+pub(super) fn average_shared(
+    scene: &Scene,
+    batch: &Members<'_>,
+    scratch: &Scratch,
+    own: Range<usize>,
+    out: &mut [[f32; 3]],
+) {
+    let mut start = 0;
+    for &i in &scratch.shared {
+        let range = start..start + batch.of(i).len();
+        start = range.end;
+        let (members, weights) = (&scratch.members[range.clone()], &scratch.weights[range]);
+        let sh = &mut out[i * own.len()..(i + 1) * own.len()];
+        average(scene, members, weights, own.start, sh);
+    }
+}
+
+/// Members whose SH coefficients are summed in `f32`, before the sums are added in `f64`.
+const SHORT: usize = 16;
+
+/// Weighted mean of the SH coefficients from `first` on, summed in member order: within 1.2e-6 of the greatest
+/// coefficient of a member.
+#[inline(always)]
+fn average(scene: &Scene, members: &[u32], weights: &[f64], first: usize, out: &mut [[f32; 3]]) {
+    let share = 1.0 / weights.iter().sum::<f64>();
+    let short = |members: &[u32], weights: &[f64], out: &mut [[f32; 3]]| {
+        let out = out.as_flattened_mut();
+        out.fill(0.0);
+        for (&member, &weight) in members.iter().zip(weights) {
+            let weight = (weight * share) as f32;
+            let sh = &scene.sh_of(member as usize)[first..];
+            for (sum, x) in out.iter_mut().zip(sh.as_flattened()) {
+                *sum += weight * x;
+            }
+        }
+    };
+    if members.len() <= SHORT {
+        short(members, weights, out);
+        return;
+    }
+    // 16 triples: SH degree 3.
+    let (mut sums, mut part) = ([0.0f64; 48], [[0.0f32; 3]; 16]);
+    for (members, weights) in members.chunks(SHORT).zip(weights.chunks(SHORT)) {
+        short(members, weights, &mut part[..out.len()]);
+        sums.iter_mut().zip(part.as_flattened()).for_each(|(sum, &x)| *sum += f64::from(x));
+    }
+    out.as_flattened_mut().iter_mut().zip(sums).for_each(|(out, sum)| *out = sum as f32);
+}
