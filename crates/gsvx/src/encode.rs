@@ -398,8 +398,7 @@ impl Group<'_> {
             None => f64::from(options.steps.opacity),
         };
         let mut payload = vec![opacity::code(domain)];
-        let leaf =
-            move |i: usize, row: &mut [f64]| row.fill(value(&values.opacity_logits()[i]));
+        let leaf = move |i: usize, row: &mut [f64]| row.fill(value(&values.opacity_logits()[i]));
         payload.extend(self.transform.encode(&[step], self.leaves.coding(kind, options), leaf)?.0);
         Ok(Section { kind, payload, all_zero: false })
     }

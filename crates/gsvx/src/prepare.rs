@@ -106,8 +106,8 @@ pub fn prepare(
 }
 
 /// What [`prepare`] and [`crate::encode`] do, in less memory: of a stream of several slices, each is
-/// merged when it is about to be coded; before a single one is coded, a scene that is owned is
-/// dropped. Options as for [`crate::encode`], except that importances are given here, per Gaussian
+/// merged when it is about to be coded; for one or two, a scene that is owned is used up while it is
+/// merged. Options as for [`crate::encode`], except that importances are given here, per Gaussian
 /// of the scene. Returns the number of leaves too.
 ///
 /// # Errors

@@ -56,12 +56,27 @@ fn merging_slice_by_slice_gives_the_same_bytes() {
     let model = scene(14_000, 1, 5);
     let strategy = |_: &[f32], _| Ok(Strategy::Uniform { depth: 12 });
     let prepared = gsvx::prepare(&model, strategy, None).unwrap();
-    for slices in [1, 3] {
-        let mut o = options(slices, Entropy::Fast);
-        let (got, leaves) = gsvx::encode_model(Cow::Borrowed(&model), strategy, None, &o).unwrap();
+    let encoded = |model: Cow<Scene>, o: &EncodeOptions| {
+        let (encoded, leaves) = gsvx::encode_model(model, strategy, None, o).unwrap();
+        assert_eq!(leaves, prepared.voxels.len());
+        encoded.bytes
+    };
+    for (slices, entropy) in [1, 2, 3]
+        .into_iter()
+        .flat_map(|n| [Entropy::Fast, Entropy::Range, Entropy::Symbols].map(|entropy| (n, entropy)))
+    {
+        let mut o = options(slices, entropy);
+        o.outliers = Some(model.select(&[5, 9]));
+        let got = [Cow::Borrowed(&model), Cow::Owned(model.clone())].map(|m| encoded(m, &o));
         o.importance = Some(prepared.importance.clone());
-        let want = encode(&prepared.scene, &prepared.voxels, &o).unwrap();
-        assert!(got.bytes == want.bytes && leaves == prepared.voxels.len(), "{slices} slices");
+        let want = encode(&prepared.scene, &prepared.voxels, &o).unwrap().bytes;
+        assert!(got.iter().all(|got| *got == want), "{slices} slices, {entropy:?}");
+    }
+    // Coded whole, with values that others look at.
+    for covariance in [CovarianceMode::Vq { bits: 8 }, CovarianceMode::Lossless { bits: 16 }] {
+        let o = EncodeOptions { covariance, ..options(1, Entropy::Range) };
+        let got = [Cow::Borrowed(&model), Cow::Owned(model.clone())].map(|m| encoded(m, &o));
+        assert!(got[0] == got[1], "{covariance:?}");
     }
 }
 

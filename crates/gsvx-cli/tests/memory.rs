@@ -1,0 +1,69 @@
+//! Memory of the command as a whole process.
+#![cfg(target_os = "linux")]
+
+mod common;
+
+use std::process::{Command, Stdio};
+
+use common::{gsvx, model};
+use gs_model::Scene;
+
+/// Floats of a Gaussian of SH degree 3.
+const FLOATS: u64 = 59;
+/// The process itself: its code, as far as it is touched, and the stacks.
+const PROCESS: u64 = 5_000_000;
+
+/// As many Gaussians of the fixture, side by side, every coefficient there.
+fn replicated(len: usize) -> Scene {
+    let (room, _) = gs_model::ply::read(model()).unwrap();
+    let mut scene = Scene { sh_degree: 3, ..Scene::default() };
+    let mut copies = 0.0;
+    while scene.len() < len {
+        let first = scene.len();
+        scene.append_range(&room, 0..room.len().min(len - first));
+        for mean in &mut scene.means[first..] {
+            mean[0] += 40.0 * copies;
+        }
+        copies += 1.0;
+    }
+    for (i, sh) in scene.sh.iter_mut().enumerate().filter(|(i, _)| i % 16 > 3) {
+        *sh = [0, 1, 2].map(|c| ((i * 37 + c * 11) % 199) as f32 * 2e-3 - 0.2);
+    }
+    scene
+}
+
+/// Greatest resident memory of a child, which is looked at until it ends.
+fn peak_bytes(command: &mut Command) -> u64 {
+    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak = 0;
+    while child.try_wait().unwrap().is_none() {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+        let kib = line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok());
+        peak = peak.max(kib.unwrap_or(0) * 1024);
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert!(child.wait().unwrap().success());
+    peak
+}
+
+/// One slice, and two.
+#[test]
+fn encoding_takes_twice_the_memory_of_the_floats() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, output) = (dir.path().join("model.ply"), dir.path().join("model.gsvx"));
+    for len in [60_000, 100_000] {
+        gs_model::ply::write(&input, &replicated(len)).unwrap();
+        for mode in [None, Some("--fast"), Some("--small")] {
+            let mut command = gsvx();
+            command.arg("encode").arg(&input).arg("-o").arg(&output);
+            command.args(["--force", "--threads", "2"]).args(mode);
+            let peak = peak_bytes(&mut command);
+            let most = 2 * 4 * FLOATS * len as u64 + PROCESS;
+            println!("{len} Gaussians {mode:?}: {peak} bytes");
+            assert!(peak > 4 * FLOATS * len as u64, "{peak}: not the process that was meant");
+            assert!(peak <= most, "{len} Gaussians, {mode:?}: {peak} bytes, at most {most}");
+        }
+    }
+}
