@@ -92,7 +92,7 @@ impl Transform {
         wanted: bool,
         mut leaf: impl FnMut(usize, &mut [f64]),
     ) -> Result<EncodedRows> {
-        let o = attribute::Options { reconstruction: wanted, ..how.options() };
+        let o = attribute::Options { reconstruction: wanted, ..how.options(steps.len()) };
         let mut values = vec![0.0; steps.len()];
         let scaled = move |i: usize, row: &mut [f32]| {
             leaf(i, &mut values);
@@ -164,12 +164,16 @@ impl Coding {
         }
     }
 
-    fn options(self) -> attribute::Options {
-        let mode = self.mode();
+    fn options(self, channels: usize) -> attribute::Options {
         let o = attribute::Options {
-            mode,
+            // A channel on its own is 4 to 8 % smaller by the means of its nodes, which are coded by
+            // binary contexts: 0.3 % of a stream for 4 % of a decoder's time.
+            mode: match self.mode() {
+                Mode::Symbols if channels == 1 => Mode::Range,
+                mode => mode,
+            },
             // Prediction from the level above takes a sixth of a decoder's time.
-            prediction: mode == Mode::Range,
+            prediction: self.mode() == Mode::Range,
             // Leaves are as deep as it takes to tell Gaussians apart, which then have little in
             // common.
             fine_prediction: false,
