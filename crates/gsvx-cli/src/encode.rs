@@ -80,7 +80,7 @@ pub(crate) struct Args {
     /// Code with RLGR, without prediction: decodes in two thirds of the time, about 6 % larger.
     #[arg(long)]
     fast: bool,
-    /// Code large models as small ones: 2 % smaller, and decoded in half as much time again.
+    /// Code large models as small ones: 2 % smaller, and decoded in almost twice the time.
     #[arg(long, conflicts_with = "fast")]
     small: bool,
     /// Highest SH degree to keep.

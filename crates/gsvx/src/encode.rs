@@ -106,7 +106,7 @@ pub(crate) fn encode_parts<'a>(
     let n = voxels.len();
     let log_classes = log_classes(importance, n)?;
     let slices = slices::count(n, options);
-    let entropy = options.entropy.of(n);
+    let entropy = options.entropy.of(n, &options.steps);
     let slice = |i: usize| {
         let range = slices::range(n, slices, i);
         let part = part(range.clone())?;
@@ -137,7 +137,7 @@ pub(crate) fn encode_owned(
 ) -> Result<Encoded> {
     let n = voxels.len();
     let slices = slices::count(n, options);
-    let entropy = options.entropy.of(n);
+    let entropy = options.entropy.of(n, &options.steps);
     let mut classes = log_classes(importance, n)?;
     let mut leaves = take(&mut voxels.leaves);
     let mut pieces = Vec::with_capacity(slices);

@@ -97,7 +97,7 @@ pub fn encode(
     entropy: Entropy,
 ) -> Result<(Vec<u8>, Vec<u8>)> {
     let transform = Transform::new(leaves, j_high, None)?;
-    encode_by(&transform, Cow::Borrowed(log_classes), entropy.of(leaves.len()))
+    encode_by(&transform, Cow::Borrowed(log_classes), entropy)
 }
 
 /// As [`encode`], by the transform of the leaves without weights.

@@ -179,7 +179,7 @@ fn section(
     let code = |steps: &[f64], leaf: &dyn Fn(usize, &mut [f64])| {
         // How much is zeroed makes no difference to memory.
         let lambda = gpcc_lite::attribute::Options::default().lambda;
-        let entropy = options.entropy.of(scene.len());
+        let entropy = options.entropy.of(scene.len(), &options.steps);
         let how = Coding { entropy, lambda, period: u8::MAX };
         peak_of(|| Ok(transform.encode(steps, how, leaf)?))
     };
