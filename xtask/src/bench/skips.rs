@@ -10,7 +10,7 @@ use finetune::{RenderOptions, render};
 use gpcc_lite::{Limits, geometry};
 use gs_model::{Camera, ply};
 use gsvx::stream::{Container, SectionKind};
-use gsvx::{DecodeOptions, EncodeOptions, Prepared, Seen};
+use gsvx::{DecodeOptions, EncodeOptions, Prepared, Seen, slices};
 use voxel::{Cube, Strategy};
 
 use crate::scenes;
@@ -268,17 +268,22 @@ fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
     if let Some(payload) = container.section(SectionKind::Geometry)? {
         let depth = voxels.j_high.saturating_sub(6);
         let limits = Limits { max_points: merged.len() };
-        let whole = geometry::decode_lod(payload, depth, &limits)?;
-        let (mut low, mut high) = (0, payload.len());
-        while low < high {
-            let middle = (low + high) / 2;
-            let part = geometry::decode_lod(&payload[..middle], depth, &limits);
-            if part.is_ok_and(|p| p == whole) { high = middle } else { low = middle + 1 }
+        let mut unread = 0;
+        // Each slice has an octree of its own.
+        for part in slices::split(payload, container.header.slices as usize)? {
+            let whole = geometry::decode_lod(part, depth, &limits)?;
+            let (mut low, mut high) = (0, part.len());
+            while low < high {
+                let middle = (low + high) / 2;
+                let begun = geometry::decode_lod(&part[..middle], depth, &limits);
+                if begun.is_ok_and(|p| p == whole) { high = middle } else { low = middle + 1 }
+            }
+            unread += part.len() - low;
         }
         out.push((
             "gpcc-lite, geometry",
             "bytes of octree levels below the depth asked for (six levels up)",
-            [(payload.len() - low) as u64, payload.len() as u64],
+            [unread as u64, payload.len() as u64],
             LEVELS,
         ));
     }
