@@ -4,7 +4,8 @@ use crate::input;
 use crate::output::megabytes;
 use crate::report::Reporter;
 use anyhow::{Context, Result};
-use gsvx::stream::Container;
+use gsvx::slices;
+use gsvx::stream::{Container, Header, SectionKind};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -32,10 +33,12 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let outliers = container.outliers();
     let gaussians = h.count.saturating_add(outliers);
     let per = |n: u64| 8.0 * n as f64 / (gaussians.max(1) as f64);
-    let mut sections = vec![("header".to_owned(), container.body_offset() as u64, None)];
+    let mut sections = vec![("header".to_owned(), container.body_offset() as u64, None, false)];
     for entry in &container.toc {
-        let fault = container.section(entry.kind).err().map(|e| e.to_string());
-        sections.push((entry.kind.to_string(), entry.len, fault));
+        let payload = container.section(entry.kind);
+        let predicted = matches!(payload, Ok(Some(p)) if is_predicted(entry.kind, p, h));
+        let fault = payload.err().map(|e| e.to_string());
+        sections.push((entry.kind.to_string(), entry.len, fault, predicted));
     }
     let mut text = String::new();
     let mut line = |s: String| {
@@ -51,14 +54,19 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     line(format!("  Gaussians      {gaussians}{exact}"));
     line(format!("  SH degree      {}", h.sh_degree));
     line(format!("  octree depth   {}", h.j_high));
+    line(format!("  slices         {}", h.slices));
     let [x, y, z] = h.cube.origin;
     line(format!("  cube           side {} at ({x}, {y}, {z})", h.cube.side));
     line(format!("  bits/Gaussian  {:.2}\n", per(total)));
     line(format!("  {:<14} {:>12} {:>14} {:>7}", "section", "bytes", "bits/Gaussian", "share"));
-    for (what, n, fault) in &sections {
+    for (what, n, fault, predicted) in &sections {
         let share = 100.0 * *n as f64 / total.max(1) as f64;
-        let fault = fault.as_ref().map_or(String::new(), |f| format!("  {f}"));
-        line(format!("  {what:<14} {n:>12} {:>14.2} {share:>6.1}% {fault}", per(*n)));
+        let remark = match fault {
+            Some(fault) => format!("   {fault}"),
+            None if *predicted => "   predicted from the degree below".into(),
+            None => String::new(),
+        };
+        line(format!("  {what:<14} {n:>12} {:>14.2} {share:>6.1}%{remark}", per(*n)));
     }
     if have < total {
         line(format!(
@@ -74,12 +82,27 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         "outliers": outliers,
         "sh_degree": h.sh_degree,
         "octree_depth": h.j_high,
+        "slices": h.slices,
         "cube": { "origin": h.cube.origin, "side": h.cube.side },
         "sections": sections
             .iter()
-            .map(|(what, n, fault)| json!({ "name": what, "bytes": n, "fault": fault }))
+            .map(|(what, n, fault, predicted)| {
+                json!({ "name": what, "bytes": n, "fault": fault, "predicted": predicted })
+            })
             .collect::<Vec<_>>(),
     });
     report.say(false, text.trim_end(), &json);
     Ok(())
+}
+
+/// Whether an SH degree is predicted from the one below, in some slice at least: its payload then
+/// does not begin with 0 (docs/bitstream.md, section 6).
+fn is_predicted(kind: SectionKind, payload: &[u8], header: &Header) -> bool {
+    matches!(kind, SectionKind::Sh2 | SectionKind::Sh3)
+        && usize::try_from(header.slices)
+            .is_ok_and(|n| slices::split(payload, n).is_ok_and(|parts| parts.iter().any(begins)))
+}
+
+fn begins(part: &&[u8]) -> bool {
+    part.first().is_some_and(|&b| b != 0)
 }

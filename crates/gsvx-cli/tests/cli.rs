@@ -225,6 +225,28 @@ fn pipes_threads_and_json() {
     assert_eq!(usage.status.code(), Some(2), "no output given");
 }
 
+/// Of the golden streams.
+#[test]
+fn info_tells_slices_and_predicted_degrees() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
+    let info = |name: &str| json(&ok(&["info", path(&golden.join(name)), "--json"]));
+    let predicted = |info: &serde_json::Value| {
+        let sections = info["sections"].as_array().unwrap().iter();
+        let some = sections.filter(|s| s["predicted"] == true);
+        some.map(|s| s["name"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(predicted(&info("predicted.gsvx")), ["SH degree 2", "SH degree 3"]);
+    assert_eq!(
+        (predicted(&info("default.gsvx")), &info("default.gsvx")["slices"]),
+        (vec![], &1.into())
+    );
+    assert!(info("slices.gsvx")["slices"].as_u64().unwrap() > 1);
+    assert!(
+        ok(&["info", path(&golden.join("predicted.gsvx"))])
+            .contains("predicted from the degree below")
+    );
+}
+
 /// Three floaters a million units away: coded exactly by default, in the octree with --trim off.
 #[test]
 fn floaters_are_trimmed() {
