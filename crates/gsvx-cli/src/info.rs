@@ -70,7 +70,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     if have < total {
         line(format!(
-            "\n  truncated: {have} of {total} bytes; the sections above without a remark decode"
+            "\n  truncated: {have} of {total} bytes; the sections above that lack nothing decode"
         ));
     } else if have > total {
         line(format!("\n  {} bytes after the last section are not part of it", have - total));
