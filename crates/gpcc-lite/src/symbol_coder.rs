@@ -136,3 +136,49 @@ impl SymbolCoder for SymbolDecoder<'_> {
         self.plain.get(n)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Bit;
+
+    /// Symbols, decisions and bits in turn, of which a decoder gets back the values.
+    fn run(coder: &mut impl SymbolCoder, rounds: u32) -> Vec<(usize, bool, u32)> {
+        let (mut symbols, mut decision) = (Symbols::geometric(700, 6), Bit::default());
+        let one = |i: u32| {
+            let value = i.wrapping_mul(0x9e37_79b9);
+            let symbol = coder.code_symbol(&mut symbols, value as usize % 7);
+            let bit = decision.code(coder, value & 64 != 0, 250);
+            let n = i % 33;
+            let low = (u64::from(value) & ((1 << n) - 1)) as u32;
+            (symbol, bit, coder.code_bits(low, n))
+        };
+        (0..rounds).map(one).collect()
+    }
+
+    #[test]
+    fn symbols_decisions_and_bits_come_back() {
+        for rounds in [0, 1, 5, 2000] {
+            let mut encoder = SymbolEncoder::default();
+            let want = run(&mut encoder, rounds);
+            let mut bytes = Vec::new();
+            encoder.finish_both(&mut bytes);
+            let mut decoder = SymbolDecoder::both(&bytes).unwrap();
+            assert_eq!(run(&mut decoder, rounds), want);
+            assert!(!decoder.exhausted(), "{rounds}");
+        }
+    }
+
+    #[test]
+    fn plain_bits_that_are_not_there_are_noticed() {
+        let mut encoder = SymbolEncoder::default();
+        run(&mut encoder, 2000);
+        let mut bytes = Vec::new();
+        encoder.finish_both(&mut bytes);
+        // Two bytes are more than the bits of the last one's padding.
+        let mut decoder = SymbolDecoder::both(&bytes[..bytes.len() - 2]).unwrap();
+        run(&mut decoder, 2000);
+        assert!(decoder.exhausted());
+        assert!(SymbolDecoder::both(&[200, 1, 7]).is_err(), "a length beyond the end");
+    }
+}

@@ -77,7 +77,7 @@ pub(crate) struct Args {
     /// [default: transform; of --profile paper: vq:12].
     #[arg(long, value_parser = covariance)]
     covariance: Option<CovarianceMode>,
-    /// Code with RLGR, without prediction: decodes in two thirds of the time, about 6 % larger.
+    /// Code with RLGR, without prediction: decodes in two thirds to four fifths of the time, 8 to 10 % larger.
     #[arg(long)]
     fast: bool,
     /// Code large models as small ones: 2 % smaller, and decoded in almost twice the time.
