@@ -1,324 +1,281 @@
-//! Lossy attributes in one call: RAHT, prediction, quantisation, entropy coding.
+//! Lossy attributes: weighted RAHT, quantisation and entropy coding of a group of channels.
 //!
-//! One call codes one group of channels that belong together (say Y, U, V of a colour); groups
-//! are independent, so they can be coded on different cores.
+//! Channels of a group belong together (the planes of a colour, the coordinates of a covariance): their
+//! magnitudes foretell each other. Groups do not depend on each other.
+//!
+//! Normative description: `docs/format.md`, "Attributes".
 
-mod decoder;
-mod encoder;
-mod exact;
-mod lone;
-mod plane;
-mod rows;
-
-use crate::bytes::{Reader, put_varint};
-use crate::coeffs::{self, Levels, Mode, places};
-use crate::context::{CHUNK, chunk_sizes};
+use crate::coder::{Coder, Decoder, Encoder, code_gamma};
+use crate::coefficients::{
+    ACTIVITIES, CLASSES, Level, RowCoder, class_of, expected_in_group, mean_of_class,
+};
 use crate::error::{Error, Result};
-use crate::quant::{Centroids, Step};
-use crate::raht::{self, Lanes, Plan};
-use decoder::{Dequantiser, Planar, Ranged};
-use encoder::{Coded, encode_rows};
-pub use rows::Rows;
+use crate::raht::{self, LANES, Lanes, Plan, Rows};
 
-/// What the encoder may choose.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How an encoder quantises.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Entropy coder.
-    pub mode: Mode,
-    /// Lagrangian multiplier of the rate-distortion optimised quantiser, in 1/256 of
-    /// `step^2` per bit; 0 rounds to nearest.
-    pub lambda: u8,
-    /// Allow prediction of each octree level from the one above.
-    pub prediction: bool,
-    /// Predict the finest levels too. They have two thirds of what it costs; where attributes are
-    /// smooth from voxel to voxel it saves up to 4 %, and where they are not next to nothing.
-    pub fine_prediction: bool,
-    /// Reconstruct values at the centres of their cells, not at the means of those in them. Means
-    /// make the squared error least, and shrink values towards zero: which adds up where a caller
-    /// sums many of them up, as a rendered pixel does.
-    pub centres: bool,
-    /// Code a channel on its own by the means of its nodes too, with [`Mode::Range`]: opacities take
-    /// 1 to 10 % fewer bits, for their values keep to a range and many are at its end.
-    pub by_means: bool,
-    /// With [`Mode::Symbols`]: channels so many apart share their models. 3 suits colours of many
-    /// coefficients, whose planes resemble each other: less is to be learnt. 255 shares none.
-    pub period: u8,
-    /// Return what the decoder will, at the cost of a decoding at most.
-    pub reconstruction: bool,
+    /// Lagrangian multiplier of the rate-distortion optimised quantiser, in `step^2` per bit; 0
+    /// rounds to nearest.
+    pub lambda: f32,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            mode: Mode::Range,
-            lambda: 26,
-            prediction: true,
-            fine_prediction: true,
-            centres: false,
-            by_means: false,
-            period: u8::MAX,
-            reconstruction: true,
-        }
+        Self { lambda: 0.1 }
     }
 }
 
-/// A coded group of channels.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Encoded {
-    /// The stream.
-    pub bytes: Vec<u8>,
-    /// What [`decode`] returns for it; empty unless asked for.
-    pub reconstruction: Vec<Vec<i32>>,
-}
-
-/// What the decoder must know about a channel besides its coefficients.
-#[derive(Clone, Debug)]
-struct Head {
-    step: Step,
-    centroids: Centroids,
-    /// Strength of the prediction per octree level, in 1/16; empty if all are 0.
-    strength: Vec<u8>,
-}
-
-/// Codes `channels` (leaf order, one value per point) with a quantiser step each.
+/// Codes the values in `rows` with a step for each channel, and replaces them by what a decoder will
+/// return, bit for bit. Returns whether every level is zero.
 ///
-/// Arithmetic is in single precision: means are exact to a few units of the last of 24 bits of the
-/// largest value around. A level saturates at 2^31 - 1 steps: keep `|value| sqrt(points) / step`
-/// below that. The reconstruction tells the truth either way.
+/// A level saturates at `2^31 - 1` steps.
 ///
 /// # Errors
-/// If a channel's length is not the number of points, or the steps are not one per channel.
-pub fn encode(plan: &Plan, channels: &[&[i32]], steps: &[Step], o: &Options) -> Result<Encoded> {
-    if steps.len() != channels.len() {
-        return Err(Error::Count { what: "steps", got: steps.len(), want: channels.len() });
-    }
-    for (channel, c) in channels.iter().enumerate() {
-        if c.len() != plan.len() {
-            return Err(Error::ChannelLength { channel, got: c.len(), want: plan.len() });
-        }
-    }
-    let width = chunk_sizes(channels.len()).len();
-    let mut rows = vec![[0.0; CHUNK]; plan.len() * width];
-    for (values, (chunk, i)) in channels.iter().zip(places(channels.len())) {
-        for (row, &v) in rows.chunks_exact_mut(width).zip(*values) {
-            row[chunk][i] = v as f32;
-        }
-    }
-    let coded = encode_rows(plan, steps, o, rows)?;
-    let reconstruction =
-        if o.reconstruction { to_values(&coded.rows.lanes, steps.len()) } else { Vec::new() };
-    Ok(Encoded { bytes: coded.bytes, reconstruction })
-}
-
-/// A coded group of real numbers.
-#[derive(Clone, Debug, Default)]
-pub struct EncodedRows {
-    /// The stream.
-    pub bytes: Vec<u8>,
-    /// Every coefficient was quantised to zero: nothing is lost without the group.
-    pub all_zero: bool,
-    /// What [`decode_rows`] returns for it, bit for bit; empty unless asked for.
-    pub reconstruction: Rows,
-}
-
-/// As [`encode`], of finite real numbers: `leaf(i, row)` is called for leaves `0..plan.len()` in
-/// order and fills in one value per step.
-///
-/// # Errors
-/// As [`encode`].
-pub fn encode_with(
+/// If there is not one row per leaf and one positive step per channel.
+pub fn encode(
+    coder: &mut Encoder,
     plan: &Plan,
-    steps: &[Step],
-    o: &Options,
-    mut leaf: impl FnMut(usize, &mut [f32]),
-) -> Result<EncodedRows> {
-    let places: Vec<(usize, usize)> = places(steps.len()).collect();
-    let width = chunk_sizes(steps.len()).len();
-    let mut rows = vec![[0.0; CHUNK]; plan.len() * width];
-    let mut values = vec![0.0; steps.len()];
-    for (at, row) in rows.chunks_exact_mut(width.max(1)).enumerate() {
-        leaf(at, &mut values);
-        for (&v, &(chunk, i)) in values.iter().zip(&places) {
-            row[chunk][i] = v;
-        }
-    }
-    // Whatever it holds is in the rows now.
-    drop(leaf);
-    let Coded { bytes, rows, all_zero } = encode_rows(plan, steps, o, rows)?;
-    Ok(EncodedRows { bytes, all_zero, reconstruction: rows })
-}
-
-/// Decodes what [`encode`] wrote; `max_channels` bounds the memory.
-///
-/// # Errors
-/// If the stream is truncated, corrupt or has more channels than allowed.
-pub fn decode(plan: &Plan, bytes: &[u8], max_channels: usize) -> Result<Vec<Vec<i32>>> {
-    let mut rows = Rows::default();
-    decode_rows(plan, bytes, max_channels, &mut rows)?;
-    Ok(to_values(&rows.lanes, rows.channels()))
-}
-
-/// As [`decode`], of what [`encode_with`] wrote: `leaf(i, row)` is called for all leaves in order,
-/// with one value per channel. Returns the number of channels.
-///
-/// # Errors
-/// As [`decode`]; `leaf` is not called before everything has been decoded.
-pub fn decode_with(
-    plan: &Plan,
-    bytes: &[u8],
-    max_channels: usize,
-    mut leaf: impl FnMut(usize, &[f32]),
-) -> Result<usize> {
-    let mut rows = Rows::default();
-    decode_rows(plan, bytes, max_channels, &mut rows)?;
-    let mut values = vec![0.0; rows.channels()];
-    for at in 0..rows.leaves() {
-        rows.copy(at, &mut values);
-        leaf(at, &values);
-    }
-    Ok(rows.channels())
-}
-
-/// As [`decode`], of what [`encode_with`] wrote, into `rows`, whose memory is used again.
-///
-/// # Errors
-/// As [`decode`]; `rows` then hold anything.
-pub fn decode_rows(plan: &Plan, bytes: &[u8], max_channels: usize, rows: &mut Rows) -> Result<()> {
-    let mut r = Reader::new(bytes);
-    let channels = r.varint("channel count")?;
-    if channels > max_channels as u64 {
-        return Err(r.corrupt("channel count"));
-    }
-    let heads: Vec<Head> =
-        (0..channels).map(|_| Head::read(&mut r, plan)).collect::<Result<_>>()?;
-    let bytes = &bytes[r.pos()..];
-    let channels = heads.len();
-    plan.prepare_levels(heads.iter().map(Head::predicted_levels).max().unwrap_or(0));
-    rows.resize(plan.len(), channels);
-    match bytes.first() {
-        Some(&coeffs::RANGE) => decode_ranged::<false>(plan, &heads, &bytes[1..], rows),
-        Some(&coeffs::LONE) if !plan.is_empty() => {
-            let (source, level) = lone::Ranged::new(plan, &heads, &bytes[1..])?;
-            let mut source = Dequantiser::new(plan, &heads, source);
-            reconstruct(plan, &heads, &[[level, 0, 0, 0]], &mut source, rows);
-            source.inner.check(bytes.len())
-        }
-        Some(&coeffs::SYMBOLS) => decode_ranged::<true>(plan, &heads, &bytes[1..], rows),
-        _ => {
-            let source = Planar::new(coeffs::decode(plan, bytes, channels)?);
-            let dc = source.dc();
-            reconstruct(plan, &heads, &dc, &mut Dequantiser::new(plan, &heads, source), rows);
-            Ok(())
-        }
-    }
-}
-
-/// Rows of values from a range-coded stream.
-fn decode_ranged<const BY_SYMBOLS: bool>(
-    plan: &Plan,
-    heads: &[Head],
-    bytes: &[u8],
+    steps: &[f32],
+    options: &Options,
     rows: &mut Rows,
-) -> Result<()> {
-    let (coder, period) = coeffs::open(BY_SYMBOLS, bytes)?;
-    let mut source = Ranged::<BY_SYMBOLS>::new(plan, coder, heads.len(), period);
-    let dc = source.dc(plan.len());
-    let mut source = Dequantiser::new(plan, heads, source);
-    reconstruct(plan, heads, &dc, &mut source, rows);
-    if source.inner.exhausted() {
-        return Err(Error::Truncated { offset: bytes.len(), what: "coefficients" });
+) -> Result<bool> {
+    check_steps(steps, rows.channels())?;
+    if plan.is_empty() || steps.is_empty() {
+        return Ok(true);
+    }
+    raht::forward(plan, rows)?;
+    let quantiser = Quantiser::new(steps, options);
+    let mut all_zero = true;
+    for (v, &step) in rows.row_mut(0).iter_mut().zip(steps) {
+        let level = level_of_mean(plan, *v, step);
+        code_signed(coder, level);
+        *v = mean_of_level(plan, level, step);
+        all_zero &= level == 0;
+    }
+    let mut context = RowCoder::new(plan, steps.len());
+    let (mut level, mut row) = (Level::default(), vec![[0; LANES]; rows.width()]);
+    for range in plan.levels().windows(2) {
+        if range[0] == range[1] {
+            continue;
+        }
+        level.start(range[0], range[1]);
+        context.expect(plan, &level);
+        for i in 0..level.count {
+            let k = level.first + i;
+            let differences = rows.row(plan.split_leaf(k));
+            let to_high_pass = 1.0 / plan.scale_of(k);
+            if quantiser.quantise(&context, differences, to_high_pass, i, &mut row) {
+                level.active.push(i as u32);
+                level.levels.extend_from_slice(&row);
+                all_zero = false;
+            }
+        }
+        context.code(coder, plan, &mut level);
+        reconstruct(plan, &level, steps, rows);
+    }
+    Ok(all_zero)
+}
+
+/// Decodes what [`encode`] coded into `rows`, which have one channel per step.
+///
+/// # Errors
+/// If there is not one row per leaf and one positive step per channel, or the stream is truncated.
+pub fn decode(coder: &mut Decoder<'_>, plan: &Plan, steps: &[f32], rows: &mut Rows) -> Result<()> {
+    check_steps(steps, rows.channels())?;
+    if rows.leaves() != plan.len() {
+        return Err(Error::ChannelLength { channel: 0, got: rows.leaves(), want: plan.len() });
+    }
+    if plan.is_empty() || steps.is_empty() {
+        return Ok(());
+    }
+    let width = rows.width();
+    rows.lanes[..width].fill([0.0; LANES]);
+    for (v, &step) in rows.row_mut(0).iter_mut().zip(steps) {
+        *v = mean_of_level(plan, code_signed(coder, 0), step);
+    }
+    let mut context = RowCoder::new(plan, steps.len());
+    let mut level = Level::default();
+    for range in plan.levels().windows(2) {
+        if range[0] == range[1] {
+            continue;
+        }
+        level.start(range[0], range[1]);
+        context.expect(plan, &level);
+        context.code(coder, plan, &mut level);
+        if coder.exhausted() {
+            return Err(Error::Truncated { offset: 0, what: "coefficients" });
+        }
+        reconstruct(plan, &level, steps, rows);
     }
     Ok(())
 }
 
-/// Rows of values from the levels of coefficient 0 and a source of the others.
-fn reconstruct(
-    plan: &Plan,
-    heads: &[Head],
-    dc: &[Levels],
-    source: &mut impl raht::Residual,
-    rows: &mut Rows,
-) {
-    if plan.is_empty() {
-        return;
+fn check_steps(steps: &[f32], channels: usize) -> Result<()> {
+    if steps.len() != channels {
+        return Err(Error::Count { what: "steps", got: steps.len(), want: channels });
     }
-    // All other rows are written before they are read.
-    rows.lanes[..dc.len()].fill([0.0; CHUNK]);
-    for (head, (chunk, i)) in heads.iter().zip(places(heads.len())) {
-        rows.lanes[chunk][i] = head.mean(plan, dc[chunk][i]);
+    match steps.iter().position(|s| !(s.is_normal() && *s > 0.0)) {
+        Some(channel) => Err(Error::Step { channel, step: steps[channel] }),
+        None => Ok(()),
     }
-    raht::reconstruct(plan, dc.len(), &mut rows.lanes, usize::MAX, source);
 }
 
-/// Splits rows into channels and rounds.
-fn to_values(rows: &[Lanes], channels: usize) -> Vec<Vec<i32>> {
-    let width = chunk_sizes(channels).len();
-    let channel = |(chunk, i): (usize, usize)| {
-        rows.chunks_exact(width).map(|row: &[Lanes]| round_value(row[chunk][i])).collect()
-    };
-    places(channels).map(channel).collect()
+/// Codes a signed number in plain bits, the sign in the lowest bit.
+fn code_signed<C: Coder>(coder: &mut C, v: i32) -> i32 {
+    let folded = code_gamma(coder, (v << 1 ^ v >> 31) as u32);
+    (folded >> 1) as i32 ^ -((folded & 1) as i32)
 }
 
-/// Halves away from zero; saturates.
-#[inline]
-fn round_value(v: f32) -> i32 {
-    (v + 0.5f32.copysign(v)) as i32
+/// The level of coefficient 0, which is the mean of all leaves times the root of the sum of weights.
+fn level_of_mean(plan: &Plan, mean: f32, step: f32) -> i32 {
+    let exact = f64::from(mean) * plan.root_of_weight() / f64::from(step);
+    // Saturates, with room for the folded sign.
+    ((exact + 0.5f64.copysign(exact)) as i32).clamp(-(1 << 30), 1 << 30)
 }
 
-impl Head {
-    fn write(&self, out: &mut Vec<u8>) {
-        put_varint(out, self.step.0);
-        out.extend(self.centroids.to_bytes());
-        out.push(u8::from(!self.strength.is_empty()));
-        for pair in self.strength.chunks(2) {
-            out.push(pair[0] | (pair.get(1).copied().unwrap_or(0) << 4));
-        }
-    }
+fn mean_of_level(plan: &Plan, level: i32, step: f32) -> f32 {
+    (f64::from(level) * f64::from(step) / plan.root_of_weight()) as f32
+}
 
-    fn read(r: &mut Reader<'_>, plan: &Plan) -> Result<Self> {
-        let step = Step(r.varint("step")?);
-        let c = r.bytes(3, "centroid shifts")?;
-        let centroids = Centroids::from_bytes([c[0], c[1], c[2]]);
-        let mut strength = Vec::new();
-        match r.u8("prediction flag")? {
-            0 => {}
-            1 => {
-                let levels = plan.levels().len() - 1;
-                let packed = r.bytes(levels.div_ceil(2) as u64, "prediction strengths")?;
-                strength = packed.iter().flat_map(|b| [b & 15, b >> 4]).take(levels).collect();
+/// Rebuilds the means of the children that the coefficients of a level split.
+fn reconstruct(plan: &Plan, level: &Level, steps: &[f32], rows: &mut Rows) {
+    // A width that is known is a few moves, not a call.
+    match rows.width() {
+        1 => reconstruct_rows::<1>(plan, level, steps, rows),
+        2 => reconstruct_rows::<2>(plan, level, steps, rows),
+        3 => reconstruct_rows::<3>(plan, level, steps, rows),
+        4 => reconstruct_rows::<4>(plan, level, steps, rows),
+        6 => reconstruct_rows::<6>(plan, level, steps, rows),
+        width => {
+            let mut all = vec![[0.0; LANES]; width];
+            all.as_flattened_mut()[..steps.len()].copy_from_slice(steps);
+            let mut active = level.active.iter().zip(level.levels.chunks_exact(width)).peekable();
+            for i in 0..level.count {
+                let k = level.first + i;
+                let (left, right, share) = raht::split(plan, k - 1, &mut rows.lanes, width);
+                match active.next_if(|(row, _)| **row == i as u32) {
+                    Some((_, levels)) => {
+                        undo_row(left, right, levels, &all, (plan.scale_of(k), share))
+                    }
+                    None => right.copy_from_slice(left),
+                }
             }
-            _ => return Err(r.corrupt("prediction flag")),
         }
-        Ok(Self { step, centroids, strength })
-    }
-
-    /// Number of octree levels, from the top, after which nothing is predicted.
-    fn predicted_levels(&self) -> usize {
-        self.strength.iter().rposition(|&s| s != 0).map_or(0, |last| last + 1)
-    }
-
-    fn strength(&self, depth: usize) -> f32 {
-        self.strength.get(depth).map_or(0.0, |&s| f32::from(s) / 16.0)
-    }
-
-    /// The level of coefficient 0 of a mean. Saturates: a level is an i32.
-    fn level(&self, plan: &Plan, mean: f32) -> i32 {
-        let exact = f64::from(mean) * plan.root_of_weight() / Step(self.step.0.max(1)).value();
-        (exact + if exact < 0.0 { -0.5 } else { 0.5 }) as i32
-    }
-
-    /// The mean of all leaves, from the level of coefficient 0.
-    fn mean(&self, plan: &Plan, dc: i32) -> f32 {
-        (f64::from(dc) * self.step.value() / plan.root_of_weight()) as f32
     }
 }
 
-/// The strengths of one octree level, chunk by chunk; false if all are 0.
-fn strengths(heads: &[Head], depth: usize, out: &mut [Lanes]) -> bool {
-    let mut any = false;
-    for (head, (chunk, i)) in heads.iter().zip(places(heads.len())) {
-        out[chunk][i] = head.strength(depth);
-        any |= out[chunk][i] != 0.0;
+fn reconstruct_rows<const W: usize>(plan: &Plan, level: &Level, steps: &[f32], rows: &mut Rows) {
+    let mut all = [[0.0; LANES]; W];
+    all.as_flattened_mut()[..steps.len()].copy_from_slice(steps);
+    let (levels, _) = level.levels.as_chunks::<W>();
+    let mut active = level.active.iter().zip(levels).peekable();
+    for i in 0..level.count {
+        let k = level.first + i;
+        let (left, right, share) = raht::split(plan, k - 1, &mut rows.lanes, W);
+        let (Some(left), Some(right)) = (left.first_chunk_mut::<W>(), right.first_chunk_mut::<W>())
+        else {
+            return;
+        };
+        match active.next_if(|(row, _)| **row == i as u32) {
+            Some((_, levels)) => undo_row(left, right, levels, &all, (plan.scale_of(k), share)),
+            None => *right = *left,
+        }
     }
-    any
+}
+
+/// The means of both children of a coefficient, from the node's and the levels.
+#[inline(always)]
+fn undo_row(
+    left: &mut [Lanes],
+    right: &mut [Lanes],
+    levels: &[[i32; LANES]],
+    steps: &[Lanes],
+    (scale, share): (f32, f32),
+) {
+    for (((left, right), levels), step) in left.iter_mut().zip(right).zip(levels).zip(steps) {
+        for i in 0..LANES {
+            right[i] = levels[i] as f32 * step[i] * scale;
+        }
+        raht::undo(left, right, share);
+    }
+}
+
+/// Rate-distortion optimised quantisation: a dead zone that follows what is expected.
+///
+/// Where small magnitudes are expected, one that is not zero costs many bits. With an expected
+/// magnitude `m` and geometric magnitudes, one more unit costs `log2(1 + 1/m)` bits, and leaving zero one
+/// more for the sign. A value of `x` steps becomes `q` rather than `q - 1` if that lowers
+/// `error + lambda bits`, hence if `x - (q - 1) > 1/2 + lambda bits / 2`.
+struct Quantiser {
+    per_step: Vec<f32>,
+    /// Least values, by class, that do not become zero.
+    zero: [f32; CLASSES],
+    /// Fractions, by class, from which larger values are rounded up.
+    rest: [f32; CLASSES],
+}
+
+impl Quantiser {
+    fn new(steps: &[f32], options: &Options) -> Self {
+        let half = 0.5 * options.lambda;
+        let bits = |class: usize| {
+            let mean = mean_of_class(class).max(1.0 / 512.0);
+            log2(1.0 + 1.0 / mean)
+        };
+        Self {
+            per_step: steps.iter().map(|s| 1.0 / s).collect(),
+            zero: std::array::from_fn(|c| (0.5 + half * (bits(c) + 1.0)).min(1.45)),
+            rest: std::array::from_fn(|c| (0.5 + half * bits(c)).min(0.95)),
+        }
+    }
+
+    /// Fills in the levels of row `row` of a level; false if all are zero.
+    fn quantise(
+        &self,
+        context: &RowCoder,
+        differences: &[f32],
+        to_high_pass: f32,
+        row: usize,
+        levels: &mut [[i32; LANES]],
+    ) -> bool {
+        let in_steps = |(d, per_step): (&f32, &f32)| d * per_step * to_high_pass;
+        let values = || differences.iter().zip(&self.per_step).map(in_steps);
+        // Whatever is expected, less than half a step is zero.
+        if !values().fold(false, |large, x| large | (x.abs() >= 0.5)) {
+            return false;
+        }
+        let (size, expected) = (context.group_size(), context.expected(row));
+        let (mut i, mut sum, mut any) = (0, 0u32, false);
+        for (c, (x, level)) in values().zip(levels.as_flattened_mut()).enumerate() {
+            let class = class_of(expected_in_group(expected[c % ACTIVITIES], sum, i));
+            let magnitude = self.magnitude(x.abs(), class);
+            *level = if x < 0.0 { -magnitude } else { magnitude };
+            any |= magnitude != 0;
+            sum = sum.saturating_add(magnitude as u32);
+            i += 1;
+            if i == size {
+                (i, sum) = (0, 0);
+            }
+        }
+        any
+    }
+
+    /// The magnitude of `x >= 0` steps.
+    #[inline]
+    fn magnitude(&self, x: f32, class: usize) -> i32 {
+        if x < self.zero[class] {
+            return 0;
+        }
+        // Saturates: a level is an i32.
+        let q = x.min((i32::MAX - 128) as f32) as i32;
+        (q + i32::from(x - q as f32 >= self.rest[class])).max(1)
+    }
+}
+
+/// Binary logarithm of `x >= 1`, linear between powers of two: what a price needs, and the same on every
+/// machine.
+fn log2(x: f32) -> f32 {
+    let bits = x.to_bits();
+    let exponent = (bits >> 23) as f32 - 127.0;
+    exponent + (f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000) - 1.0)
 }

@@ -1,7 +1,7 @@
 //! [`Error`]: everything that can be wrong with an input or a stream.
 
 /// What this crate reports instead of panicking.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A depth above what a Morton code holds, or a leaf below its tree.
@@ -51,6 +51,14 @@ pub enum Error {
         what: &'static str,
         /// Byte offset where it was noticed.
         offset: usize,
+    },
+    /// A quantiser step that is not a positive normal number.
+    #[error("channel {channel} has a step of {step}")]
+    Step {
+        /// Index of the channel.
+        channel: usize,
+        /// Its step.
+        step: f32,
     },
     /// A channel whose length is not the number of points.
     #[error("channel {channel} has {got} values for {want} points")]

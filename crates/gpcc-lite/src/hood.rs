@@ -62,12 +62,10 @@ struct Entry {
     keep: u8,
     /// Where [`SPREAD`] goes.
     rotate: u8,
-    /// All of them, in place.
-    all: u64,
 }
 
 const ENTRY: [Entry; 64] = {
-    let mut t = [Entry { keep: 0, rotate: 0, all: 0 }; 64];
+    let mut t = [Entry { keep: 0, rotate: 0 }; 64];
     let mut place = 0;
     while place < 64 {
         let d = [place / 16, place / 4 % 4, place % 4];
@@ -78,7 +76,6 @@ const ENTRY: [Entry; 64] = {
                 // Cells 0 and 5 of the six do not touch the parent's children.
                 if x[0] > 0 && x[0] < 5 && x[1] > 0 && x[1] < 5 && x[2] > 0 && x[2] < 5 {
                     t[place].keep |= 1 << c;
-                    t[place].all |= 1 << (16 * (x[0] - 1) + 4 * (x[1] - 1) + (x[2] - 1));
                 }
                 c += 1;
             }
@@ -109,15 +106,9 @@ const OWNER: [(u8, u8); 64] = {
 
 /// What the children `mask` of the neighbour at bit `place` of a window contribute to the block.
 #[inline]
-pub(crate) fn cells_of(place: usize, mask: u8) -> u64 {
+fn cells_of(place: usize, mask: u8) -> u64 {
     let e = &ENTRY[place & 63];
     SPREAD[usize::from(mask & e.keep)].rotate_left(u32::from(e.rotate))
-}
-
-/// All cells of the neighbour at bit `place` that are in the block.
-#[inline]
-pub(crate) fn all_cells_of(place: usize) -> u64 {
-    ENTRY[place & 63].all
 }
 
 /// Number of cells around the centre of a window, and of those that share a face with it.

@@ -5,48 +5,50 @@
 //! entropy coding of its own; streams are not those of G-PCC, and are described in
 //! `docs/bitstream-gpcc.md` of the repository.
 //!
-//! * [`geometry`]: leaves of a pruned octree, each of its own depth, lossless, with level of
-//!   detail.
+//! * [`geometry`]: leaves of a pruned octree, each of its own depth, lossless.
 //! * [`raht`]: the region-adaptive hierarchical transform, one list of merges for all channels.
-//! * [`attribute`]: RAHT, prediction, quantisation and entropy coding of a group of channels in
-//!   one call; [`coeffs`] is its entropy coder alone.
+//! * [`attribute`]: RAHT, quantisation and entropy coding of a group of channels in one call.
 //! * [`predict`]: lossless integers by nearest coded neighbours, and lossy lifting.
-//! * [`range`], [`model`], [`mix`], [`rlgr`], [`quant`]: the parts.
+//! * [`coder`], [`model`], [`mix`]: the entropy coder and its models; [`rlgr`]: run-length /
+//!   Golomb-Rice coding, which the paper uses.
 //!
-//! Encoders and decoders give the same bytes and values on every machine and for every number
-//! of threads. Decoders take hostile input: an error or a wrong result, never a panic, and
-//! memory in proportion to what the caller allows ([`Limits`]).
+//! Encoders and decoders give the same bytes and values on every machine. Decoders take hostile input:
+//! an error or a wrong result, never a panic, and memory in proportion to what the caller allows
+//! ([`Limits`]).
 //!
 //! ```
 //! use gpcc_lite::attribute::{self, Options};
-//! use gpcc_lite::quant::Step;
-//! use gpcc_lite::raht::Plan;
+//! use gpcc_lite::coder::{Decoder, Encoder};
+//! use gpcc_lite::raht::{Plan, Rows};
 //! use gpcc_lite::{Leaf, Limits, geometry, morton};
 //!
 //! # fn main() -> gpcc_lite::Result<()> {
 //! // A diagonal of voxels in a cube of depth 7, with one value each.
 //! let leaves: Vec<Leaf> =
 //!     (0..100).map(|i| Leaf { morton: morton::encode([i, i, i]), depth: 7 }).collect();
-//! let values: Vec<i32> = (0..100).collect();
-//!
 //! let shape = geometry::encode(&leaves, 7)?;
-//! let plan = Plan::new(&leaves, 7)?;
-//! let colour = attribute::encode(&plan, &[&values], &[Step::from_qp(10)], &Options::default())?;
+//! let back = geometry::decode(&shape, &Limits::for_stream(shape.len()))?;
+//! assert_eq!(back.leaves, leaves);
 //!
-//! let g = geometry::decode(&shape, &Limits::for_stream(shape.len()))?;
-//! assert_eq!(g.leaves, leaves);
-//! let plan = Plan::new(&g.leaves, g.j_high)?;
-//! let back = attribute::decode(&plan, &colour.bytes, 1)?;
-//! assert_eq!(back, colour.reconstruction);
-//! assert!(back[0].iter().zip(&values).all(|(a, b)| (a - b).abs() <= 4));
+//! let plan = Plan::new(&leaves, 7)?;
+//! let mut rows = Rows::new(100, 1);
+//! (0..100).for_each(|i| rows.row_mut(i)[0] = i as f32);
+//! let mut coder = Encoder::default();
+//! attribute::encode(&mut coder, &plan, &[2.0], &Options::default(), &mut rows)?;
+//! let bytes = coder.finish();
+//!
+//! let mut decoded = Rows::new(100, 1);
+//! attribute::decode(&mut Decoder::new(&bytes)?, &plan, &[2.0], &mut decoded)?;
+//! assert_eq!(decoded, rows);
+//! assert!((0..100).all(|i| (decoded.row(i)[0] - i as f32).abs() <= 4.0));
 //! # Ok(())
 //! # }
 //! ```
 
 pub mod attribute;
 mod bytes;
-pub mod coeffs;
-mod context;
+pub mod coder;
+mod coefficients;
 mod error;
 pub mod geometry;
 mod hood;
@@ -58,11 +60,7 @@ pub mod morton;
 pub mod predict;
 pub mod quant;
 pub mod raht;
-pub mod range;
-mod rdoq;
 pub mod rlgr;
-mod symbol_coder;
-mod symbols;
 
 pub use error::{Error, Result};
 pub use leaf::Leaf;

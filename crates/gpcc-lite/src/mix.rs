@@ -4,8 +4,8 @@
 //! that follow the coding error (Mahoney's PAQ mixer). Tables are computed at compile time from
 //! one integer constant, so they are the same everywhere.
 
+use crate::coder::Coder;
 use crate::model::Bit;
-use crate::range::BinaryCoder;
 
 /// `e^(1/256)` with 62 fraction bits.
 const EXP_STEP: u128 = 4629735647166717428;
@@ -105,7 +105,7 @@ impl<const N: usize> Mixer<N> {
 
 /// Codes one decision with the mixed prediction of `bits`, then all of them learn it.
 #[inline(always)]
-pub(crate) fn code_mixed<const N: usize, C: BinaryCoder>(
+pub fn code_mixed<const N: usize, C: Coder>(
     coder: &mut C,
     mixer: &mut Mixer<N>,
     bits: [&mut Bit; N],
@@ -118,10 +118,10 @@ pub(crate) fn code_mixed<const N: usize, C: BinaryCoder>(
         *x = b.stretched();
     }
     let p1 = mixer.mix(&inputs);
-    let bit = coder.code(p1, bit);
+    let bit = coder.decision(p1 >> 1, bit);
     mixer.update(&inputs, p1, bit, rate);
     for b in bits {
-        b.update(bit, limit);
+        b.learn(bit, limit);
     }
     bit
 }

@@ -1,18 +1,23 @@
-//! Adaptive probability of one binary decision.
+//! Adaptive models: the probability of a decision, and of a symbol out of sixteen.
+//!
+//! Both are integers, so that encoder and decoder agree on every machine.
 
-use crate::range::BinaryCoder;
+use crate::coder::{Coder, SCALE_BITS};
+use wide::i16x16;
 
-/// A 22-bit probability with a 10-bit counter: learns as 1/n, then at the rate `1 / limit`.
+/// Probability of a decision: 22 bits, beside a 10-bit number of observations. It learns at the rate
+/// `1 / (n + 1.5)` first and at a rate of about `1 / limit` in the end.
 #[derive(Clone, Copy, Debug)]
 pub struct Bit(u32);
 
 impl Default for Bit {
+    /// Even chances, no observation.
     fn default() -> Self {
         Self(1 << 31)
     }
 }
 
-/// Reciprocals `65536 / (n + 1.5)`, the learning rate after `n` observations.
+/// `65536 / (n + 1.5)`: the learning rate after `n` observations.
 const RATE: [u32; 1024] = {
     let mut t = [0u32; 1024];
     let mut n = 0;
@@ -23,7 +28,7 @@ const RATE: [u32; 1024] = {
     t
 };
 
-/// `N` counters that know nothing.
+/// `N` models without any observation.
 pub(crate) fn table<const N: usize>() -> Box<[Bit; N]> {
     match vec![Bit::default(); N].try_into() {
         Ok(t) => t,
@@ -32,48 +37,157 @@ pub(crate) fn table<const N: usize>() -> Box<[Bit; N]> {
 }
 
 impl Bit {
-    /// A counter that believes the 16-bit probability `p1` as if after `count` observations.
-    #[must_use]
-    pub fn with_prior(p1: u32, count: u32) -> Self {
-        Self(((p1.min(65535) << 6) << 10) | count.min(1023))
-    }
-
-    /// Probability that the next decision is true, 16 bits, never 0 or 65536.
+    /// Probability that the next decision is true, in 1/2^15, never 0 or 1.
     #[inline]
     #[must_use]
     pub fn p1(self) -> u32 {
-        (self.0 >> 16).clamp(32, 65535 - 31)
+        (self.0 >> 17).clamp(16, (1 << SCALE_BITS) - 16)
     }
 
-    /// Number of observations, saturating at the limit used in [`Bit::update`].
-    #[inline]
-    #[must_use]
-    pub fn count(self) -> u32 {
-        self.0 & 1023
-    }
-
-    /// [`crate::mix::stretch`] of [`Bit::p1`].
+    /// [`crate::mix::stretch`] of the probability.
     #[inline]
     #[must_use]
     pub fn stretched(self) -> i32 {
         crate::mix::stretch_of_state(self.0)
     }
 
-    /// Learns `bit`; `limit` (at most 1023) is the memory in observations.
+    /// Learns a decision; `limit` (at most 1023) is the memory in observations.
     #[inline]
-    pub fn update(&mut self, bit: bool, limit: u32) {
+    pub fn learn(&mut self, value: bool, limit: u32) {
         let n = self.0 & 1023;
         let p = self.0 >> 10;
-        let target = if bit { (1 << 22) - 1 } else { 0 };
+        let target = if value { (1 << 22) - 1 } else { 0 };
         let delta = ((i64::from(target) - i64::from(p)) * i64::from(RATE[n as usize])) >> 16;
         self.0 = self.0.wrapping_add((delta as u32) << 10) + u32::from(n < limit);
     }
 
-    /// Codes one decision and learns it.
+    /// Codes a decision and learns it.
     #[inline]
-    pub fn code<C: BinaryCoder>(&mut self, coder: &mut C, bit: bool, limit: u32) -> bool {
-        let bit = coder.code(self.p1(), bit);
-        self.update(bit, limit);
-        bit
+    pub fn code<C: Coder>(&mut self, coder: &mut C, value: bool, limit: u32) -> bool {
+        let value = coder.decision(self.p1(), value);
+        self.learn(value, limit);
+        value
+    }
+}
+
+/// Number of symbols of a [`Symbols`] model.
+pub const SYMBOLS: usize = 16;
+/// What an observed symbol adds to its count.
+const SEEN: u16 = 32;
+/// Observations after which all counts are halved.
+const MEMORY: u32 = 1024;
+/// Observations until the intervals are made from the counts for the first time, and at most.
+const FIRST: u8 = 4;
+const LONGEST: u8 = 64;
+
+/// Model of a symbol out of sixteen. Counts are exact. The intervals that the coder uses follow the
+/// counts after 4 observations, then 8, 16, 32 and every 64, so that learning costs an addition.
+#[derive(Clone, Copy, Debug)]
+pub struct Symbols {
+    /// Start of each symbol's interval; the last interval ends at `2^SCALE_BITS`.
+    start: [i16; SYMBOLS],
+    counts: [u16; SYMBOLS],
+    /// Observations until the intervals are made again, and of how many that was.
+    wait: u8,
+    interval: u8,
+}
+
+impl Symbols {
+    /// A model that expects geometric symbols of the given mean (8 fraction bits), as if after
+    /// `weight` observations.
+    #[must_use]
+    pub fn geometric(mean: u32, weight: u32) -> Self {
+        let mean = u64::from(mean);
+        // The share of larger symbols among those that are not smaller than one.
+        let more = (mean * 65536 / (mean + 256)).clamp(300, 65000);
+        let mut left = u64::from(weight * u32::from(SEEN)) << 16;
+        let counts = std::array::from_fn(|_| {
+            let beyond = (left * more) >> 16;
+            let count = (left - beyond) >> 16;
+            left = beyond;
+            count as u16 + 1
+        });
+        let mut this = Self { counts, start: [0; SYMBOLS], wait: FIRST, interval: FIRST };
+        this.make_intervals(this.sum());
+        this
+    }
+
+    fn sum(&self) -> u32 {
+        self.counts.iter().map(|&c| u32::from(c)).sum()
+    }
+
+    /// Makes the intervals from the counts; each has a size of 1 or more.
+    fn make_intervals(&mut self, sum: u32) {
+        let spare = (1 << SCALE_BITS) - SYMBOLS as u32;
+        let scale = (u64::from(spare) << 32) / u64::from(sum);
+        let mut before = 0u32;
+        for (s, (out, &count)) in self.start.iter_mut().zip(&self.counts).enumerate() {
+            *out = s as i16 + ((u64::from(before) * scale) >> 32) as i16;
+            before += u32::from(count);
+        }
+    }
+
+    /// Start and size of a symbol's interval.
+    #[inline]
+    pub(crate) fn interval(&self, symbol: usize) -> (u32, u32) {
+        let start = self.start[symbol % SYMBOLS] as u32;
+        // The end of the last interval is 2^15, which is 0 here.
+        let end = self.start[(symbol + 1) % SYMBOLS] as u32;
+        (start, end.wrapping_sub(start) % (1 << SCALE_BITS))
+    }
+
+    /// The symbol whose interval holds a code. It compares with all starts: where a search ends cannot
+    /// be predicted, and a mispredicted branch takes longer.
+    #[inline]
+    pub(crate) fn find(&self, code: u32) -> usize {
+        let above = i16x16::new(self.start).simd_gt(i16x16::splat(code as i16)).to_bitmask();
+        (above | 1 << SYMBOLS).trailing_zeros() as usize - 1
+    }
+
+    /// Learns a symbol.
+    #[inline]
+    pub(crate) fn learn(&mut self, symbol: usize) {
+        self.counts[symbol % SYMBOLS] += SEEN;
+        self.wait -= 1;
+        if self.wait == 0 {
+            self.renew();
+        }
+    }
+
+    #[inline(never)]
+    fn renew(&mut self) {
+        let mut sum = self.sum();
+        if sum >= u32::from(SEEN) * MEMORY {
+            for c in &mut self.counts {
+                *c = (*c >> 1) + (*c & 1);
+            }
+            sum = self.sum();
+        }
+        self.interval = (2 * self.interval).min(LONGEST);
+        self.wait = self.interval;
+        self.make_intervals(sum);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_cover_all_codes_whatever_is_learned() {
+        for mean in [0, 100, 700, 5000] {
+            let mut m = Symbols::geometric(mean, 6);
+            for i in 0..5000u32 {
+                let mut code = 0;
+                for s in 0..SYMBOLS {
+                    let (start, size) = m.interval(s);
+                    assert!(start == code && size > 0, "{mean} {i} {s}");
+                    assert_eq!((m.find(code), m.find(code + size - 1)), (s, s));
+                    code += size;
+                }
+                assert_eq!(code, 1 << SCALE_BITS);
+                m.learn(if i < 3000 { 3 } else { (i * i % 17 % 16) as usize });
+            }
+        }
     }
 }

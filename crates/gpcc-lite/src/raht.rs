@@ -12,33 +12,22 @@
 //! Leaf weights other than 1 state importance: the leaf enters as `sqrt(w) * value`, so a
 //! uniform quantiser of the coefficients leaves it an error smaller by `sqrt(w)`.
 //!
-//! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine by octree
-//! level; within a level block by block in Morton order (a block is a node with two children or
-//! more, hence 1 to 7 merges), within a block x, then y, then z.
+//! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine by the bit of the
+//! Morton code that they split at: three levels for each octree depth, x, then y, then z. Within a level
+//! they are in Morton order. So the merge above a merge is always in a level before.
 
-mod blocks;
-mod fixed;
 mod float;
-mod pyramid;
 mod rows;
 
-use pyramid::Pyramid;
-pub(crate) use rows::{Gains, Lanes, Residual, forward, reconstruct};
+pub(crate) use rows::{LANES, Lanes, split, undo};
+pub use rows::{Rows, forward, inverse};
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::leaf::{Leaf, check_leaves};
 
-/// Fraction bits of the butterfly factors of the fixed-point transform.
-pub const FACTOR_BITS: u32 = 30;
-
-/// Greatest sum of leaf weights (exclusive): keeps `|value| 2^12 sqrt(sum)` below 2^62 for
-/// every `i32` value.
-pub const MAX_WEIGHT_SUM: u64 = 1 << 36;
-
-/// Levels that end within so many coefficients of a thousand, or within so many, are not fine.
-const PREDICTED_PER_MILLE: usize = 650;
-const PREDICTED_AT_LEAST: usize = 20_000;
+/// Greatest sum of leaf weights (exclusive): sums of weights are exact in `f64`.
+pub const MAX_WEIGHT_SUM: u64 = 1 << 50;
 
 /// The merges of a set of leaves, shared by all channels.
 #[derive(Clone, Debug)]
@@ -57,16 +46,21 @@ pub struct Plan {
     /// Per merge: `sqrt(w / (w1 w2))`, which takes a high-pass value to the difference of the
     /// children's means.
     scale: Vec<f32>,
-    /// Per merge: axis it splits, 0 = x, 1 = y, 2 = z.
-    axis: Vec<u8>,
-    /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `N`.
+    /// Per merge: see [`Plan::noise_gain`].
+    noise_gain: Vec<f32>,
+    /// First coefficient of each level of merges, `3 j_high` levels, then `N`.
     levels: Vec<u32>,
     leaves: Arc<Vec<Leaf>>,
-    j_high: u8,
-    /// Neighbour relations, built level by level on first use.
-    pyramid: Arc<Pyramid>,
-    /// Sums of the weights of the leaves before each; empty if all weights are 1.
-    prefix: Vec<u64>,
+    /// Sums of the weights of the leaves before each, and of their squares; empty if all weights
+    /// are 1.
+    prefix: Vec<Sums>,
+}
+
+/// Sums of weights and of squared weights.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sums {
+    weights: f64,
+    squares: f64,
 }
 
 impl Plan {
@@ -100,18 +94,15 @@ impl Plan {
         Ok(Self::build(Arc::new(leaves.to_vec()), j_high, Some(weights)))
     }
 
-    /// The same leaves with other weights: what [`Plan::with_weights`] gives, for less. Neighbour
-    /// relations already found are kept.
+    /// The same leaves with other weights: what [`Plan::with_weights`] gives, for less.
     ///
     /// # Errors
     /// As [`Plan::with_weights`].
     pub fn weighted(mut self, weights: &[u32]) -> Result<Self> {
         check_weights(self.points, weights)?;
         self.prefix = prefix_of(weights);
-        let factors = Factors::new();
         for m in 0..self.left.len() {
-            let [w1, w2] = self.child_weights(m + 1);
-            (self.share[m], self.scale[m]) = factors.of(w1, w2);
+            self.set_factors(m);
         }
         Ok(self)
     }
@@ -127,11 +118,11 @@ impl Plan {
         let mut last = vec![n as u32; n.max(1)];
         let mut above = vec![0u32; n.max(1)];
         let mut stack: Vec<u32> = Vec::with_capacity(64);
-        let mut histogram = [0u32; 22];
+        let mut histogram = [0u32; 64];
         for j in 1..n {
             let b = 63 - (leaves[j - 1].morton ^ leaves[j].morton).leading_zeros() as u8;
             bit[j] = b;
-            histogram[b as usize / 3] += 1;
+            histogram[usize::from(b)] += 1;
             while let Some(&t) = stack.last() {
                 if bit[t as usize] >= b {
                     break;
@@ -151,33 +142,17 @@ impl Plan {
         while let Some(t) = stack.pop() {
             above[t as usize] = stack.last().copied().unwrap_or(0);
         }
-        // Counting sort by octree level, coarse first; Morton order within it, but within a block
-        // (boundaries under one node) the higher bit comes first.
+        // Counting sort by bit, the highest first; Morton order within a level.
         let mut levels = vec![1u32];
-        for depth in 0..j_high {
-            let before = levels[depth as usize];
-            levels.push(before + histogram[(j_high - 1 - depth) as usize]);
+        for b in (0..3 * usize::from(j_high)).rev() {
+            levels.push(levels[levels.len() - 1] + histogram[b]);
         }
-        // By level from the finest: the next slot, the first of the block, the block's node.
-        let mut slots = [(0usize, 0usize, u64::MAX); 22];
-        for (slot, &first) in slots.iter_mut().zip(levels.iter().rev().skip(1)) {
-            slot.0 = first as usize - 1;
-        }
+        let mut slots: Vec<u32> = levels.iter().map(|&first| first - 1).collect();
         let mut sorted = vec![0u32; merges];
         for j in 1..n {
-            let b = bit[j];
-            let (next, block, node) = &mut slots[usize::from(b / 3)];
-            let here = leaves[j].morton >> (3 * (b / 3) + 3);
-            if here != *node {
-                (*block, *node) = (*next, here);
-            }
-            let mut at = *next;
-            *next += 1;
-            while at > *block && bit[sorted[at - 1] as usize] < b {
-                sorted[at] = sorted[at - 1];
-                at -= 1;
-            }
-            sorted[at] = j as u32;
+            let slot = &mut slots[3 * usize::from(j_high) - 1 - usize::from(bit[j])];
+            sorted[*slot as usize] = j as u32;
+            *slot += 1;
         }
         let mut plan = Self {
             points: n,
@@ -187,29 +162,44 @@ impl Plan {
             end: vec![0; merges],
             share: vec![0.0; merges],
             scale: vec![0.0; merges],
-            axis: vec![0; merges],
+            noise_gain: vec![1.0; merges],
             levels,
             leaves,
-            j_high,
-            pyramid: Arc::default(),
             prefix,
         };
         // Parents come before their children, and what is above all is 0.
         let mut index = vec![0u32; n.max(1)];
-        let factors = Factors::new();
         for (m, &j) in sorted.iter().enumerate() {
-            let (j, at) = (j as usize, j);
-            index[j] = m as u32 + 1;
-            plan.left[m] = first[j];
-            plan.parent[m] = index[above[j] as usize];
-            plan.axis[m] = 2 - bit[j] % 3;
-            let w1 = plan.weight_of(first[j], at);
-            let w2 = plan.weight_of(at, last[j]);
-            plan.end[m] = last[j];
-            (plan.share[m], plan.scale[m]) = factors.of(w1, w2);
+            index[j as usize] = m as u32 + 1;
+            plan.left[m] = first[j as usize];
+            plan.parent[m] = index[above[j as usize] as usize];
+            plan.end[m] = last[j as usize];
         }
         plan.right = sorted;
+        for m in 0..merges {
+            plan.set_factors(m);
+        }
         plan
+    }
+
+    /// Sets what a merge needs of the weights of its children.
+    #[inline]
+    fn set_factors(&mut self, merge: usize) {
+        let (left, right, end) = (self.left[merge], self.right[merge], self.end[merge]);
+        if self.prefix.is_empty() {
+            let (w1, w2) = (f64::from(right - left), f64::from(end - right));
+            self.share[merge] = (w2 / (w1 + w2)) as f32;
+            self.scale[merge] = ((w1 + w2) / (w1 * w2)).sqrt() as f32;
+            return;
+        }
+        let at = |leaf: u32| self.prefix[leaf as usize];
+        let (a, b, c) = (at(left), at(right), at(end));
+        let (w1, w2) = (b.weights - a.weights, c.weights - b.weights);
+        let (s1, s2) = (b.squares - a.squares, c.squares - b.squares);
+        let inverse = (w1 + w2) / (w1 * w2);
+        self.share[merge] = (w2 / (w1 + w2)) as f32;
+        self.scale[merge] = inverse.sqrt() as f32;
+        self.noise_gain[merge] = ((s1 / (w1 * w1) + s2 / (w2 * w2)) / inverse).sqrt() as f32;
     }
 
     /// Number of points, and of coefficients.
@@ -232,7 +222,7 @@ impl Plan {
 
     /// `sqrt(w)` of each leaf; nothing if all are 1.
     fn root_weights(&self) -> impl Iterator<Item = f64> {
-        self.prefix.windows(2).map(|w| ((w[1] - w[0]) as f64).sqrt())
+        self.prefix.windows(2).map(|w| (w[1].weights - w[0].weights).sqrt())
     }
 
     /// True for a plan of no points.
@@ -253,70 +243,45 @@ impl Plan {
         &self.parent
     }
 
-    /// The axis (0 = x, 1 = y, 2 = z) that coefficients `1..len()` split, in order.
-    #[must_use]
-    pub fn axes(&self) -> &[u8] {
-        &self.axis
-    }
-
-    /// First coefficient of the merges that split nodes of each depth `0..j_high`, then `len()`
-    /// (or 1 if that is greater). The DC (coefficient 0) precedes the first.
+    /// First coefficient of each level of merges, `3 j_high` levels, then `len()` (or 1 if that is greater).
+    /// The DC (coefficient 0) precedes the first.
     #[must_use]
     pub fn levels(&self) -> &[u32] {
         &self.levels
     }
 
     /// Sum of the weights of leaves `a..b`.
-    fn weight_of(&self, a: u32, b: u32) -> u64 {
+    fn weight_of(&self, a: u32, b: u32) -> f64 {
         if self.prefix.is_empty() {
-            u64::from(b - a)
+            f64::from(b - a)
         } else {
-            self.prefix[b as usize] - self.prefix[a as usize]
+            self.prefix[b as usize].weights - self.prefix[a as usize].weights
         }
     }
 
-    /// Builds the neighbour relations that prediction needs, which otherwise happens at its first
-    /// use. They are kept, and shared by all channels and threads.
-    pub fn prepare_prediction(&self) {
-        self.prepare_levels(self.predicted_levels(true));
-    }
-
-    /// The same for so many levels from the top; levels that are asked for one by one are all built
-    /// again for each.
-    pub(crate) fn prepare_levels(&self, levels: usize) {
-        if let Some(last) = levels.checked_sub(1) {
-            let _ = self.pyramid.level(self, last);
-        }
-    }
-
-    /// Of coefficient `k >= 1`: what takes a high-pass value to a difference of means.
+    /// Of coefficient `k >= 1`: `sqrt(w / (w1 w2))`, which takes a high-pass value to a difference of
+    /// means.
     #[inline]
     pub(crate) fn scale_of(&self, k: usize) -> f32 {
         self.scale[k - 1]
     }
 
-    /// Of coefficient `k >= 1`: the share of the right child in the mean.
+    /// Of coefficient `k >= 1`: its standard deviation if the leaves' values were independent, each
+    /// with a standard deviation of 1. With equal weights it is 1. A leaf that outweighs its
+    /// neighbours makes it large.
     #[inline]
-    pub(crate) fn share_of(&self, k: usize) -> f32 {
-        self.share[k - 1]
+    pub(crate) fn noise_gain(&self, k: usize) -> f32 {
+        self.noise_gain[k - 1]
+    }
+
+    /// [`Plan::noise_gain`] of coefficients `1..len()`.
+    pub(crate) fn noise_gains(&self) -> &[f32] {
+        &self.noise_gain
     }
 
     /// The root of the sum of all weights: what takes the mean of all leaves to coefficient 0.
     pub(crate) fn root_of_weight(&self) -> f64 {
-        (self.weight_of(0, self.points as u32).max(1) as f64).sqrt()
-    }
-
-    /// Number of octree levels, from the top, that may be predicted from the one above: all if
-    /// `fine`, else as long as they have few of the coefficients.
-    pub(crate) fn predicted_levels(&self, fine: bool) -> usize {
-        if self.points >= 1 << pyramid::LEAF_BITS {
-            return 0;
-        }
-        if fine {
-            return self.levels.len() - 1;
-        }
-        let most = PREDICTED_AT_LEAST.max(self.points / 1000 * PREDICTED_PER_MILLE);
-        self.levels[1..].iter().take_while(|&&k| k as usize <= most).count()
+        self.weight_of(0, self.points as u32).max(1.0).sqrt()
     }
 
     /// The first leaf on the far side of the split of coefficient `k >= 1`: one coefficient per
@@ -328,7 +293,7 @@ impl Plan {
 
     /// Weights of the two children of coefficient `k >= 1`.
     #[must_use]
-    pub fn child_weights(&self, k: usize) -> [u64; 2] {
+    pub fn child_weights(&self, k: usize) -> [f64; 2] {
         let (left, right) = (self.left[k - 1], self.right[k - 1]);
         [self.weight_of(left, right), self.weight_of(right, self.end[k - 1])]
     }
@@ -372,40 +337,16 @@ fn check_weights(leaves: usize, weights: &[u32]) -> Result<()> {
     Ok(())
 }
 
-/// Sums of the weights before each leaf, and of all.
-fn prefix_of(weights: &[u32]) -> Vec<u64> {
-    let mut sum = 0;
+/// Sums over the leaves before each, and over all.
+fn prefix_of(weights: &[u32]) -> Vec<Sums> {
+    let mut sum = Sums::default();
     let sums = weights.iter().map(|&w| {
-        sum += u64::from(w);
+        let w = f64::from(w);
+        sum.weights += w;
+        sum.squares += w * w;
         sum
     });
-    std::iter::once(0).chain(sums).collect()
-}
-
-/// Share of the right child in the mean, and what takes a high-pass value to a difference of means.
-fn factors(left: u64, right: u64) -> (f32, f32) {
-    let (w1, w2) = (left as f64, right as f64);
-    ((w2 / (w1 + w2)) as f32, ((w1 + w2) / (w1 * w2)).sqrt() as f32)
-}
-
-/// Weights below this have their [`factors`] in a table: most merges are of a few leaves.
-const FEW: u64 = 16;
-
-struct Factors([[(f32, f32); FEW as usize]; FEW as usize]);
-
-impl Factors {
-    fn new() -> Self {
-        Self(std::array::from_fn(|l| std::array::from_fn(|r| factors(l as u64, r as u64))))
-    }
-
-    #[inline]
-    fn of(&self, left: u64, right: u64) -> (f32, f32) {
-        if left < FEW && right < FEW {
-            self.0[left as usize][right as usize]
-        } else {
-            factors(left, right)
-        }
-    }
+    std::iter::once(Sums::default()).chain(sums).collect()
 }
 
 #[cfg(test)]
@@ -421,26 +362,13 @@ mod tests {
     }
 
     #[test]
-    fn neighbour_relations_do_not_depend_on_what_was_asked_for_before() {
-        let [at_once, bit_by_bit] = [(); 2].map(|()| Plan::new(&some_leaves(), 5).unwrap());
-        at_once.prepare_levels(5);
-        for levels in [2, 1, 3, 5] {
-            bit_by_bit.prepare_levels(levels);
-        }
-        for depth in 0..5 {
-            let terms = at_once.pyramid.level(&at_once, depth);
-            assert!(depth == 0 || terms.len() > 0);
-            assert_eq!(terms, bit_by_bit.pyramid.level(&bit_by_bit, depth));
-        }
-    }
-
-    #[test]
     fn weights_may_come_later() {
         let leaves = some_leaves();
         let weights: Vec<u32> = (0..leaves.len() as u32).map(|i| 1 + i * 7 % 50).collect();
         let at_once = Plan::with_weights(&leaves, 5, &weights).unwrap();
         let later = Plan::new(&leaves, 5).unwrap().weighted(&weights).unwrap();
         assert_eq!((&at_once.share, &at_once.scale), (&later.share, &later.scale));
+        assert_eq!(at_once.noise_gain, later.noise_gain);
         assert_eq!(at_once.prefix, later.prefix);
         assert!(later.root_weights().map(|r| (r * r).round() as u32).eq(weights.iter().copied()));
         assert!(Plan::new(&leaves, 5).unwrap().weighted(&weights[1..]).is_err());

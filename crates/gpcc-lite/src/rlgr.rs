@@ -10,37 +10,19 @@
 use crate::bytes::{BitReader, BitWriter};
 use crate::error::{Error, Result};
 
-/// Constants of the adaptation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Params {
-    /// Scale of both states, as a power of two.
-    pub l_log2: u32,
-    /// Increment of `k_p` on a zero in Golomb-Rice mode.
-    pub u0: u32,
-    /// Decrement of `k_p` on a non-zero in Golomb-Rice mode.
-    pub d0: u32,
-    /// Increment of `k_p` on a full run.
-    pub u1: u32,
-    /// Decrement of `k_p` on a broken run.
-    pub d1: u32,
-    /// Greatest `k_p`.
-    pub k_p_max: u32,
-    /// Greatest `k_rp`.
-    pub k_rp_max: u32,
-}
+// Constants of the adaptation, those of RemoteFX: smaller on RAHT coefficients than Malvar's.
 
-impl Params {
-    /// Malvar's constants: L = 4, U0 = 3, D0 = 1, U1 = 2, D1 = 1.
-    pub const MALVAR: Self =
-        Self { l_log2: 2, u0: 3, d0: 1, u1: 2, d1: 1, k_p_max: 64, k_rp_max: 96 };
-    /// The RemoteFX constants: L = 8, U0 = 3, D0 = 3, U1 = 4, D1 = 6. Smaller on RAHT coefficients.
-    pub const REMOTE_FX: Self =
-        Self { l_log2: 3, u0: 3, d0: 3, u1: 4, d1: 6, k_p_max: 80, k_rp_max: 192 };
-    /// L = 16, U0 = 4, D0 = 1, U1 = 1, D1 = 1: smaller where two of three values are zero and
-    /// these do not keep together.
-    pub const STEADY: Self =
-        Self { l_log2: 4, u0: 4, d0: 1, u1: 1, d1: 1, k_p_max: 160, k_rp_max: 384 };
-}
+/// Binary logarithm of `L`, the scale of both states.
+const L_LOG2: u32 = 3;
+/// Increment of `k_p` on a zero in Golomb-Rice mode, and decrement on a non-zero.
+const U0: u32 = 3;
+const D0: u32 = 3;
+/// Increment of `k_p` on a full run, and decrement on a broken one.
+const U1: u32 = 4;
+const D1: u32 = 6;
+/// Greatest `k_p` and `k_rp`.
+const K_P_MAX: u32 = 80;
+const K_RP_MAX: u32 = 192;
 
 /// Quotients from here on escape to a plain 32-bit value.
 const ESCAPE: u32 = 32;
@@ -51,22 +33,22 @@ struct State {
 }
 
 impl State {
-    fn new(p: &Params) -> Self {
-        Self { k_p: 0, k_rp: 2 << p.l_log2 }
+    fn new() -> Self {
+        Self { k_p: 0, k_rp: 2 << L_LOG2 }
     }
 
     #[inline]
-    fn adapt_rice(&mut self, quotient: u32, p: &Params) {
+    fn adapt_rice(&mut self, quotient: u32) {
         match quotient {
             0 => self.k_rp = self.k_rp.saturating_sub(2),
             1 => {}
-            q => self.k_rp = (self.k_rp + q).min(p.k_rp_max),
+            q => self.k_rp = (self.k_rp + q).min(K_RP_MAX),
         }
     }
 
     #[inline]
-    fn up(&mut self, by: u32, p: &Params) {
-        self.k_p = (self.k_p + by).min(p.k_p_max);
+    fn up(&mut self, by: u32) {
+        self.k_p = (self.k_p + by).min(K_P_MAX);
     }
 
     #[inline]
@@ -86,13 +68,13 @@ fn unzigzag(u: u32) -> i32 {
 }
 
 #[inline]
-fn put_rice(w: &mut BitWriter, u: u32, s: &mut State, p: &Params) {
-    let k = s.k_rp >> p.l_log2;
+fn put_rice(w: &mut BitWriter, u: u32, s: &mut State) {
+    let k = s.k_rp >> L_LOG2;
     let q = u >> k;
     if q >= ESCAPE {
         w.put(u32::MAX, 32);
         w.put(u, 32);
-        s.adapt_rice(ESCAPE, p);
+        s.adapt_rice(ESCAPE);
         return;
     }
     let (ones, low) = ((1u64 << (q + 1)) - 2, u & ((1u32 << k) - 1));
@@ -102,33 +84,33 @@ fn put_rice(w: &mut BitWriter, u: u32, s: &mut State, p: &Params) {
         w.put(ones as u32, q + 1);
         w.put(low, k);
     }
-    s.adapt_rice(q, p);
+    s.adapt_rice(q);
 }
 
 #[inline]
-fn get_rice(r: &mut BitReader<'_>, s: &mut State, p: &Params) -> u32 {
-    let k = s.k_rp >> p.l_log2;
+fn get_rice(r: &mut BitReader<'_>, s: &mut State) -> u32 {
+    let k = s.k_rp >> L_LOG2;
     let q = r.ones();
-    s.adapt_rice(q, p);
+    s.adapt_rice(q);
     if q == ESCAPE { r.get(32) } else { (q << k) | r.get(k) }
 }
 
 /// Codes `values`; the decoder must be told how many there are.
 #[must_use]
-pub fn encode(values: &[i32], p: &Params) -> Vec<u8> {
+pub fn encode(values: &[i32]) -> Vec<u8> {
     let mut w = BitWriter::default();
-    let mut s = State::new(p);
+    let mut s = State::new();
     let mut i = 0;
     while i < values.len() {
-        let k = s.k_p >> p.l_log2;
+        let k = s.k_p >> L_LOG2;
         if k == 0 {
             let u = zigzag(values[i]);
             i += 1;
-            put_rice(&mut w, u, &mut s, p);
+            put_rice(&mut w, u, &mut s);
             if u == 0 {
-                s.up(p.u0, p)
+                s.up(U0)
             } else {
-                s.down(p.d0)
+                s.down(D0)
             }
             continue;
         }
@@ -137,14 +119,14 @@ pub fn encode(values: &[i32], p: &Params) -> Vec<u8> {
         match window.iter().position(|&v| v != 0) {
             None => {
                 w.put(0, 1);
-                s.up(p.u1, p);
+                s.up(U1);
                 i += window.len();
             }
             Some(run) => {
                 w.put(1, 1);
                 w.put(run as u32, k);
-                put_rice(&mut w, zigzag(values[i + run]) - 1, &mut s, p);
-                s.down(p.d1);
+                put_rice(&mut w, zigzag(values[i + run]) - 1, &mut s);
+                s.down(D1);
                 i += run + 1;
             }
         }
@@ -156,38 +138,38 @@ pub fn encode(values: &[i32], p: &Params) -> Vec<u8> {
 ///
 /// # Errors
 /// [`Error::Truncated`] if the stream ends early.
-pub fn decode(bytes: &[u8], count: usize, p: &Params) -> Result<Vec<i32>> {
+pub fn decode(bytes: &[u8], count: usize) -> Result<Vec<i32>> {
     let mut r = BitReader::new(bytes);
-    let mut s = State::new(p);
+    let mut s = State::new();
     let mut values = Vec::with_capacity(count);
     while values.len() < count {
         if r.overrun() {
             return Err(Error::Truncated { offset: bytes.len(), what: "RLGR stream" });
         }
-        let k = s.k_p >> p.l_log2;
+        let k = s.k_p >> L_LOG2;
         if k == 0 {
-            let u = get_rice(&mut r, &mut s, p);
+            let u = get_rice(&mut r, &mut s);
             values.push(unzigzag(u));
             if u == 0 {
-                s.up(p.u0, p)
+                s.up(U0)
             } else {
-                s.down(p.d0)
+                s.down(D0)
             }
             continue;
         }
         let left = count - values.len();
         if r.get(1) == 0 {
             values.resize(values.len() + left.min(1 << k), 0);
-            s.up(p.u1, p);
+            s.up(U1);
         } else {
             let run = r.get(k) as usize;
             if run >= left {
                 return Err(Error::Corrupt { what: "RLGR run past the end", offset: r.consumed() });
             }
             values.resize(values.len() + run, 0);
-            let u = get_rice(&mut r, &mut s, p);
+            let u = get_rice(&mut r, &mut s);
             values.push(unzigzag(u.wrapping_add(1)));
-            s.down(p.d1);
+            s.down(D1);
         }
     }
     if r.overrun() {

@@ -1,170 +1,218 @@
-//! The decoder. Needs nothing but the stream.
+//! The decoder of whole streams in memory. [`crate::Reader`] is for those that arrive in parts.
 
-mod values;
-
-use crate::attributes::group::coding;
+use crate::chunk::{ChunkDecoder, GaussiansMut, blank, resize};
 use crate::error::{Error, Result};
-use crate::stream::{Container, Header, SectionKind};
-use crate::{ordered, outliers, slices};
+use crate::head::{Chunk, Header, Index, Kind, Layer};
+use crate::{lossless, parallel};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
-use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
-use values::{BLOCK, Values};
 
-/// Gaussians per stream byte that a decoder accepts by default. Coded scenes have fewer than
-/// one per byte; a solid block of equal Gaussians could have more, and then the caller says so.
-pub const DEFAULT_GAUSSIANS_PER_BYTE: u64 = 64;
+/// Gaussians per stream byte that a decoder accepts by default, beside [`LEAST_LIMIT`]. Coded scenes have
+/// fewer than one per byte. A solid block of equal Gaussians takes next to nothing each, but its chunks
+/// of 2^16 have index entries of 64 bytes and more: the limit admits whatever an encoder writes.
+pub const DEFAULT_GAUSSIANS_PER_BYTE: u64 = 1024;
+/// Gaussians that every decoder accepts by default.
+const LEAST_LIMIT: u64 = 1 << 17;
+/// Gaussians turned into floats at a time: what they take stays in a core's cache.
+const BLOCK: usize = 512;
 
-/// Options of [`decode`].
+/// Options of [`decode_with`].
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct DecodeOptions {
     /// Highest SH degree to decode.
     pub max_sh_degree: u8,
-    /// Merge Gaussians to at most one per octree cell of this depth; `None` keeps all.
-    pub lod: Option<u8>,
-    /// Decode what a truncated stream still holds instead of failing. Geometry, importance,
-    /// opacity and DC must be whole.
-    pub allow_truncated: bool,
+    /// Level of detail: 0 is the finest, and what is beyond the coarsest means the coarsest.
+    pub lod: u8,
+    /// Leave out what is missing or damaged instead of failing, and tell what it was.
+    pub salvage: bool,
     /// Greatest number of Gaussians accepted; `None` derives it from the stream's length.
     pub max_gaussians: Option<u64>,
 }
 
 impl Default for DecodeOptions {
     fn default() -> Self {
-        Self { max_sh_degree: 3, lod: None, allow_truncated: false, max_gaussians: None }
+        Self { max_sh_degree: 3, lod: 0, salvage: false, max_gaussians: None }
     }
 }
 
 /// A decoded scene.
 #[derive(Clone, Debug)]
 pub struct Decoded {
-    /// The scene; Gaussians in Morton order (of a lossless stream: of the means, unless it keeps
-    /// the order of the input), then those that were coded exactly.
+    /// The Gaussians: chunk after chunk, in Morton order, then those that were coded exactly.
     pub scene: Scene,
-    /// The octree leaves, one per Gaussian that was not coded exactly; none of a lossless stream.
-    pub leaves: Vec<Leaf>,
-    /// The stream's header.
-    pub header: Header,
+    /// The stream's head.
+    pub index: Index,
     /// What was not decoded, and why; one line each.
     pub skipped: Vec<String>,
 }
 
-/// Decodes a stream.
+/// Decodes a whole stream.
 ///
 /// # Errors
-/// Any damage to the stream is reported as an [`Error`]; see [`DecodeOptions`] for truncation.
-pub fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
+/// Any damage to the stream is reported as an [`Error`].
+pub fn decode(bytes: &[u8]) -> Result<Scene> {
+    Ok(decode_with(bytes, &DecodeOptions::default())?.scene)
+}
+
+/// As [`decode`], with options.
+///
+/// # Errors
+/// As [`decode`]; see [`DecodeOptions::salvage`].
+pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     let decoder = Decoder::new(bytes, options)?;
-    let mut scene = Scene::default();
-    let mut leaves = Vec::new();
-    decoder.parts(
-        |part| part,
-        |part| -> Result<()> {
-            if scene.is_empty() {
-                (scene, leaves) = (part.scene, part.leaves);
-                reserve(&mut scene, &mut leaves, &decoder);
-            } else {
-                scene.append(&part.scene);
-                leaves.extend(part.leaves);
+    let mut scene = blank(decoder.len(), decoder.sh_degree);
+    let mut rest = GaussiansMut::of(&mut scene);
+    let mut jobs = Vec::with_capacity(decoder.jobs.len());
+    for job in &decoder.jobs {
+        let (out, others) = rest.split_at(job.count);
+        rest = others;
+        jobs.push((job, out));
+    }
+    let work = |(job, mut out): (&Job, GaussiansMut<'_>)| {
+        decoder.decode_job::<Error>(job, &mut ChunkDecoder::default(), |decoded| match decoded {
+            Part::Leaves(chunk) => chunk.fill(&decoder.index.header, 0, &mut out),
+            Part::Exact(scene) => {
+                out.copy_from(scene, 0);
+                Ok(())
+            }
+        })
+    };
+    parallel::map(jobs, work).into_iter().collect::<Result<()>>()?;
+    let Decoder { index, skipped, .. } = decoder;
+    Ok(Decoded { scene, index, skipped })
+}
+
+/// The leaves of a stream and their importance classes, in the order of the Gaussians; none of exact
+/// ones.
+///
+/// # Errors
+/// As [`decode`].
+pub fn decode_leaves(bytes: &[u8]) -> Result<(Vec<Leaf>, Vec<u8>)> {
+    let decoder = Decoder::new(bytes, &DecodeOptions { max_sh_degree: 0, ..Default::default() })?;
+    let (mut leaves, mut classes) = (Vec::new(), Vec::new());
+    let mut chunk = ChunkDecoder::default();
+    for job in &decoder.jobs {
+        decoder.decode_job::<Error>(job, &mut chunk, |part| {
+            if let Part::Leaves(chunk) = part {
+                leaves.extend_from_slice(chunk.leaves());
+                classes.extend_from_slice(chunk.classes());
             }
             Ok(())
-        },
-    )?;
-    scene.sh_degree = decoder.sh_degree;
-    let Decoder { header, skipped, .. } = decoder;
-    let decoded = Decoded { scene, leaves, header, skipped };
-    match options.lod {
-        Some(depth) => crate::lod::reduce(decoded, depth),
-        None => Ok(decoded),
+        })?;
     }
+    Ok((leaves, classes))
 }
 
-/// Makes room for what follows the first part.
-fn reserve(scene: &mut Scene, leaves: &mut Vec<Leaf>, decoder: &Decoder<'_>) {
-    let more = decoder.len() - scene.len();
-    if more > 0 {
-        scene.means.reserve_exact(more);
-        scene.rotations.reserve_exact(more);
-        scene.log_scales.reserve_exact(more);
-        scene.opacity_logits.reserve_exact(more);
-        scene.sh.reserve_exact(more * scene.sh_len());
-        leaves.reserve_exact(decoder.header.count as usize - leaves.len());
-    }
-}
-
-/// Some of a scene's Gaussians.
-#[derive(Clone, Debug)]
-pub struct Part {
-    /// The Gaussians.
-    pub scene: Scene,
-    /// Their leaves; none of Gaussians that were coded exactly.
-    pub leaves: Vec<Leaf>,
-}
-
-/// A stream about to be decoded part by part, for readers that need not hold the whole scene.
+/// A stream in memory about to be decoded, for callers that need not hold the whole scene.
 #[derive(Debug)]
 pub struct Decoder<'a> {
-    header: Header,
+    bytes: &'a [u8],
+    index: Index,
     sh_degree: u8,
     skipped: Vec<String>,
-    slices: Vec<Slice<'a>>,
-    /// The attributes to decode, in the order of their payloads in [`Slice::attributes`].
-    kinds: Vec<SectionKind>,
-    outliers: Option<Scene>,
-    lossless: Option<&'a [u8]>,
+    jobs: Vec<Job>,
 }
 
-/// The payloads of one slice.
-#[derive(Debug, Default)]
-struct Slice<'a> {
-    /// Its first leaf, and the number of leaves it claims.
-    first: u64,
-    len: u64,
-    geometry: &'a [u8],
-    importance: Option<&'a [u8]>,
-    attributes: Vec<&'a [u8]>,
+/// A chunk to decode.
+#[derive(Debug)]
+struct Job {
+    chunk: usize,
+    /// Its layers that are wanted and whole.
+    layers: usize,
+    /// The number of its first Gaussian in the output, and of its Gaussians.
+    first: usize,
+    count: usize,
+}
+
+/// What a chunk holds once it is decoded.
+enum Part<'a> {
+    Leaves(&'a ChunkDecoder),
+    Exact(&'a Scene),
 }
 
 impl<'a> Decoder<'a> {
-    /// Reads the header, verifies the checksums of all sections that are wanted, and finds the
-    /// slices. The level of detail in `options` is for [`decode`] only.
+    /// Reads the head and verifies the checksums of all layers that are wanted.
     ///
     /// # Errors
     /// As [`decode`], as far as damage shows before the decoding.
     pub fn new(bytes: &'a [u8], options: &DecodeOptions) -> Result<Self> {
-        let container = Container::parse(bytes)?;
-        let header = container.header.clone();
-        let limit =
-            options.max_gaussians.unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + 1024);
-        if header.count > limit {
-            return Err(Error::Limit { points: header.count, limit });
+        let index = Index::parse(bytes)?;
+        let limit = options
+            .max_gaussians
+            .unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + LEAST_LIMIT);
+        let sh_degree = index.header.sh_degree.min(options.max_sh_degree);
+        let mut this = Self { bytes, index, sh_degree, skipped: Vec::new(), jobs: Vec::new() };
+        if sh_degree < this.index.header.sh_degree {
+            let stored = this.index.header.sh_degree;
+            this.skipped.push(format!("SH degrees above {sh_degree} of {stored}: not asked for"));
         }
-        let mut this = Self {
-            sh_degree: header.sh_degree,
-            header,
-            skipped: Vec::new(),
-            slices: Vec::new(),
-            kinds: Vec::new(),
-            outliers: None,
-            lossless: container.section(SectionKind::Lossless)?,
-        };
-        if this.lossless.is_none() {
-            this.find_sections(&container, options, limit)?;
+        let lod = options.lod.min(this.index.coarsest_lod());
+        let wanted: Vec<usize> = this.index.chunks_of_lod(lod).collect();
+        let points = wanted.iter().map(|&i| this.index.chunks[i].count).sum::<u64>();
+        if points > limit {
+            return Err(Error::Limit { points, limit });
+        }
+        let mut first = 0;
+        for chunk in wanted {
+            let layers = this.whole_layers(chunk, options.salvage)?;
+            if layers > 0 {
+                let count = this.index.chunks[chunk].count as usize;
+                this.jobs.push(Job { chunk, layers, first, count });
+                first += count;
+            }
         }
         Ok(this)
     }
 
-    /// The stream's header.
-    #[must_use]
-    pub fn header(&self) -> &Header {
-        &self.header
+    /// How many layers of a chunk are wanted and whole; what is not, is an error or is told.
+    fn whole_layers(&mut self, chunk: usize, salvage: bool) -> Result<usize> {
+        let layers = self.index.chunks[chunk].layers.len().min(1 + usize::from(self.sh_degree));
+        for layer in 0..layers {
+            let at = self.index.chunks[chunk].layers[layer];
+            if let Err(e) = self.layer(chunk, layer, at) {
+                if !salvage {
+                    return Err(e);
+                }
+                let count = self.index.chunks[chunk].count;
+                self.skipped.push(match layer {
+                    0 => format!("chunk {chunk} ({count} Gaussians): {e}"),
+                    degree => format!("SH degree {degree} and above of chunk {chunk}: {e}"),
+                });
+                return Ok(layer);
+            }
+        }
+        Ok(layers)
     }
 
-    /// Gaussians of all parts together.
+    /// The bytes of a layer, verified.
+    fn layer(&self, chunk: usize, number: usize, layer: Layer) -> Result<&'a [u8]> {
+        let range = layer.range();
+        let bytes = usize::try_from(range.start)
+            .ok()
+            .zip(usize::try_from(range.end).ok())
+            .and_then(|(start, end)| self.bytes.get(start..end))
+            .ok_or(Error::Truncated {
+                what: "a chunk",
+                offset: range.start as usize,
+                need: layer.len as usize,
+                have: self.bytes.len().saturating_sub(range.start as usize),
+            })?;
+        verify(bytes, chunk, number, layer)?;
+        Ok(bytes)
+    }
+
+    /// The stream's head.
+    #[must_use]
+    pub fn index(&self) -> &Index {
+        &self.index
+    }
+
+    /// Gaussians that will be decoded.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.header.count as usize + self.outliers.as_ref().map_or(0, Scene::len)
+        self.jobs.last().map_or(0, |job| job.first + job.count)
     }
 
     /// True if there is no Gaussian.
@@ -173,7 +221,7 @@ impl<'a> Decoder<'a> {
         self.len() == 0
     }
 
-    /// SH degree of all parts: the stream's, or less if less is wanted or there.
+    /// SH degree of the Gaussians: the stream's, or less if less is wanted.
     #[must_use]
     pub fn sh_degree(&self) -> u8 {
         self.sh_degree
@@ -185,252 +233,111 @@ impl<'a> Decoder<'a> {
         &self.skipped
     }
 
-    fn find_sections(
-        &mut self,
-        container: &Container<'a>,
-        options: &DecodeOptions,
-        limit: u64,
-    ) -> Result<()> {
-        let slices = self.header.slices as usize;
-        let split = |kind| match container.section(kind)? {
-            Some(payload) => slices::split(payload, slices),
-            None => Err(Error::MissingSection { kind }),
-        };
-        let mut first = 0u64;
-        for geometry in split(SectionKind::Geometry)? {
-            let len = gpcc_lite::geometry::points(geometry).map_err(coding("geometry"))?;
-            if slices > 1 && len < slices::LEAST {
-                return Err(Error::Corrupt { what: "leaves of a slice", value: len });
-            }
-            self.slices.push(Slice { first, len, geometry, ..Slice::default() });
-            first = first.saturating_add(len);
-        }
-        if first != self.header.count {
-            return Err(Error::Corrupt { what: "leaf count", value: first });
-        }
-        match split(SectionKind::Importance) {
-            Ok(parts) => {
-                for (slice, part) in self.slices.iter_mut().zip(parts) {
-                    slice.importance = Some(part);
-                }
-            }
-            Err(Error::MissingSection { .. }) => {}
-            Err(e) => return Err(e),
-        }
-        match container.section(SectionKind::Outliers) {
-            Ok(None) => {}
-            Ok(Some(payload)) => {
-                let points = self.header.count.saturating_add(container.outliers());
-                if points > limit {
-                    return Err(Error::Limit { points, limit });
-                }
-                self.outliers = Some(outliers::decode(payload, self.header.sh_degree)?);
-            }
-            Err(e @ Error::Truncated { .. }) if options.allow_truncated => {
-                self.skipped.push(format!("{}: {e}", SectionKind::Outliers));
-            }
-            Err(e) => return Err(e),
-        }
-        let wanted = self.header.sh_degree.min(options.max_sh_degree);
-        for degree in wanted + 1..=self.header.sh_degree {
-            self.skipped.push(format!("{}: not asked for", SectionKind::of_sh_degree(degree)));
-        }
-        for entry in &container.toc {
-            if let SectionKind::Unknown(code) = entry.kind {
-                self.skipped
-                    .push(format!("section of unknown kind {code}: written by a newer version"));
-            }
-        }
-        let mut kinds = vec![SectionKind::Opacity, SectionKind::Dc, SectionKind::Covariance];
-        kinds.extend((1..=wanted).map(SectionKind::of_sh_degree));
-        let mut broken = false;
-        self.sh_degree = 0;
-        for kind in kinds {
-            let is_sh =
-                !matches!(kind, SectionKind::Opacity | SectionKind::Dc | SectionKind::Covariance);
-            match split(kind) {
-                // A later degree is of no use when an earlier one is missing.
-                Ok(_) if is_sh && broken => {
-                    self.skipped.push(format!("{kind}: a lower degree is missing"));
-                }
-                Ok(parts) => {
-                    self.kinds.push(kind);
-                    for (slice, part) in self.slices.iter_mut().zip(parts) {
-                        slice.attributes.push(part);
-                    }
-                    self.sh_degree += u8::from(is_sh);
-                }
-                Err(e @ Error::Truncated { .. })
-                    if options.allow_truncated
-                        && !matches!(kind, SectionKind::Opacity | SectionKind::Dc) =>
-                {
-                    self.skipped.push(format!("{kind}: {e}"));
-                    broken = true;
-                }
-                Err(e) => return Err(e),
-            }
-        }
-        Ok(())
-    }
-
-    /// Decodes the parts on all threads: `convert` gets each where it was decoded, `take` gets what
-    /// came of it, in order, one at a time. Few more parts than threads are in memory at once. All
-    /// parts have the same SH degree.
-    ///
-    /// # Errors
-    /// Damage, as [`decode`]; what `take` returns.
-    pub fn parts<T: Send, E: From<Error> + Send>(
+    /// Decodes a chunk and hands it to `then`.
+    fn decode_job<E: From<Error>>(
         &self,
-        convert: impl Fn(Part) -> T + Sync,
-        mut take: impl FnMut(T) -> std::result::Result<(), E> + Send,
+        job: &Job,
+        decoder: &mut ChunkDecoder,
+        then: impl FnOnce(Part<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<(), E> {
-        if let Some(payload) = self.lossless {
-            let Header { count, sh_degree, .. } = self.header;
-            let scene = crate::lossless::decode_payload(payload, count, sh_degree)?;
-            return take(convert(Part { scene, leaves: Vec::new() }));
-        }
-        self.in_order::<_, E>(
-            |slice, alone| {
-                let mut values = Values::default();
-                values.decode(slice, &self.kinds, &self.header, alone)?;
-                let scene = values.scene(&self.header, self.sh_degree, alone)?;
-                let ends = values.ends();
-                Ok((ends, convert(Part { scene, leaves: values.leaves })))
-            },
-            &mut take,
-        )?;
-        match self.outliers_at_degree() {
-            Some(scene) => take(convert(Part { scene, leaves: Vec::new() })),
-            None => Ok(()),
+        let Chunk { kind, ref layers, .. } = self.index.chunks[job.chunk];
+        let bytes = |i: usize| {
+            let range = layers[i].range();
+            &self.bytes[range.start as usize..range.end as usize]
+        };
+        match kind {
+            Kind::Exact => {
+                let scene = decode_exact(&self.index, job.chunk, bytes(0))?;
+                then(Part::Exact(&scene))
+            }
+            Kind::Leaves => {
+                let all: Vec<&[u8]> = (0..job.layers).map(bytes).collect();
+                decode_leaf_chunk(&self.index, job.chunk, &all, decoder)?;
+                then(Part::Leaves(decoder))
+            }
         }
     }
 
-    /// Decodes the scene on all threads in blocks of a few hundred Gaussians, for readers that can
-    /// put each where it belongs: `visit` gets them in any order, several at a time, with the
-    /// number of the first Gaussian in the scene and with a `T` that is visited by one at a time,
-    /// for buffers. Less is in memory than with [`Decoder::parts`], and less is copied.
+    /// Decodes the scene on all threads in blocks of a few hundred Gaussians, for callers that can put
+    /// each where it belongs. `visit` gets them in any order, several at a time, with the number of
+    /// the first Gaussian in the scene and with a `T` that one block at a time uses, for buffers. Few chunks
+    /// are in memory at once.
     ///
     /// # Errors
     /// Damage, as [`decode`], when some blocks may have been visited; what `visit` returns.
     pub fn blocks<T: Default + Send, E: From<Error> + Send>(
         &self,
-        visit: impl Fn(&mut T, usize, &Scene) -> std::result::Result<(), E> + Sync,
+        visit: impl Fn(&mut T, usize, &Scene) -> std::result::Result<(), E> + Sync + Send,
     ) -> std::result::Result<(), E> {
-        let empty = || Scene { sh_degree: self.sh_degree, ..Scene::default() };
-        // Visits Gaussians that are there already.
-        let copied = |scene: &Scene, first: usize| {
-            let (mut buffer, mut block) = (T::default(), empty());
-            for at in (0..scene.len()).step_by(BLOCK) {
-                block.clear();
-                block.append_range(scene, at..scene.len().min(at + BLOCK));
-                visit(&mut buffer, first + at, &block)?;
-            }
+        type Space<T> = (ChunkDecoder, T, Scene);
+        let free: Mutex<Vec<Space<T>>> = Mutex::default();
+        let lock = || free.lock().unwrap_or_else(PoisonError::into_inner);
+        let header: &Header = &self.index.header;
+        let work = |job: &Job| {
+            let space = lock().pop();
+            let empty = || Scene { sh_degree: self.sh_degree, ..Scene::default() };
+            let mut space =
+                space.unwrap_or_else(|| (ChunkDecoder::default(), T::default(), empty()));
+            let (decoder, buffer, block) = &mut space;
+            self.decode_job::<E>(job, decoder, |part| {
+                for at in (0..job.count).step_by(BLOCK) {
+                    resize(block, BLOCK.min(job.count - at));
+                    let mut out = GaussiansMut::of(block);
+                    match &part {
+                        Part::Leaves(chunk) => chunk.fill(header, at, &mut out)?,
+                        Part::Exact(scene) => out.copy_from(scene, at),
+                    }
+                    visit(buffer, job.first + at, block)?;
+                }
+                Ok(())
+            })?;
+            lock().push(space);
             Ok(())
         };
-        if let Some(payload) = self.lossless {
-            let Header { count, sh_degree, .. } = self.header;
-            return copied(&crate::lossless::decode_payload(payload, count, sh_degree)?, 0);
-        }
-        let free: Mutex<Vec<(Values, T, Scene)>> = Mutex::default();
-        let lock = || free.lock().unwrap_or_else(PoisonError::into_inner);
-        self.in_order::<_, E>(
-            |slice, alone| {
-                let space = lock().pop();
-                let mut space = space.unwrap_or_else(|| (Values::default(), T::default(), empty()));
-                let (values, buffer, block) = &mut space;
-                values.decode(slice, &self.kinds, &self.header, alone)?;
-                let n = values.leaves.len();
-                let one =
-                    |buffer: &mut T, block: &mut Scene, at: usize| -> std::result::Result<(), E> {
-                        values.block(&self.header, at..n.min(at + BLOCK), block)?;
-                        visit(buffer, slice.first as usize + at, block)
-                    };
-                if alone {
-                    (0..n).step_by(BLOCK).try_for_each(|at| one(buffer, block, at))?;
-                } else {
-                    (0..n.div_ceil(BLOCK)).into_par_iter().with_min_len(16).try_for_each_init(
-                        || (T::default(), empty()),
-                        |(buffer, block), i| one(buffer, block, i * BLOCK),
-                    )?;
-                }
-                let ends = values.ends();
-                lock().push(space);
-                Ok((ends, ()))
-            },
-            |()| Ok(()),
-        )?;
-        match self.outliers_at_degree() {
-            Some(scene) => copied(&scene, self.header.count as usize),
-            None => Ok(()),
-        }
-    }
-
-    /// Makes something of every slice on all threads and takes it in order; `make` also gets
-    /// whether its slice is to be decoded on its own thread only, and returns the first and the
-    /// last leaf too.
-    fn in_order<T: Send, E: From<Error> + Send>(
-        &self,
-        make: impl Fn(&Slice<'_>, bool) -> std::result::Result<(Option<(Leaf, Leaf)>, T), E> + Sync,
-        mut take: impl FnMut(T) -> std::result::Result<(), E> + Send,
-    ) -> std::result::Result<(), E> {
-        let threads = rayon::current_num_threads();
-        let mut end = 0;
-        ordered::in_order(
-            self.slices.len(),
-            threads + 1,
-            // Where no slices are left for them, sections keep the other threads busy.
-            |i| make(&self.slices[i], i + threads < self.slices.len()),
-            |(ends, made)| {
-                if let Some((first, last)) = ends {
-                    if first.morton < end {
-                        let what = "slice out of order";
-                        return Err(Error::Corrupt { what, value: first.morton }.into());
-                    }
-                    end = last.morton + (1 << (3 * (self.header.j_high - last.depth)));
-                }
-                take(made)
-            },
-        )
-    }
-
-    /// The Gaussians that were coded exactly, at the SH degree of all parts.
-    fn outliers_at_degree(&self) -> Option<Scene> {
-        self.outliers.as_ref().map(|outliers| {
-            let mut scene = Scene { sh_degree: self.sh_degree, ..Scene::default() };
-            scene.append(outliers);
-            scene
-        })
+        parallel::map(self.jobs.iter().collect(), work).into_iter().collect()
     }
 }
 
-/// Centres of the leaves, the first of which is number `first`. A cube that reaches beyond what an
-/// f32 holds is damage: an encoder refuses such scenes.
-pub(crate) fn centres(leaves: &[Leaf], header: &Header, first: u64) -> Result<Vec<[f32; 3]>> {
-    let mut means = vec![[0.0; 3]; leaves.len()];
-    centres_into(leaves, header, first, &mut means)?;
-    Ok(means)
+/// Compares a layer with its checksum.
+pub(crate) fn verify(bytes: &[u8], chunk: usize, number: usize, layer: Layer) -> Result<()> {
+    let found = crc32c::crc32c(bytes);
+    if found != layer.crc {
+        let Layer { offset, crc: expected, .. } = layer;
+        return Err(Error::Checksum { chunk, layer: number, offset, expected, found });
+    }
+    Ok(())
 }
 
-/// As [`centres`], into as many means.
-fn centres_into(
-    leaves: &[Leaf],
-    header: &Header,
-    first: u64,
-    means: &mut [[f32; 3]],
+/// Decodes the layers that are there of a chunk of leaves.
+pub(crate) fn decode_leaf_chunk(
+    index: &Index,
+    number: usize,
+    layers: &[&[u8]],
+    decoder: &mut ChunkDecoder,
 ) -> Result<()> {
-    for (mean, &leaf) in means.iter_mut().zip(leaves) {
-        *mean = header.cube.leaf_centre(leaf, header.j_high);
-    }
-    match means.iter().position(|m| m.iter().any(|v| !v.is_finite())) {
-        Some(index) => {
-            Err(Error::Corrupt { what: "Gaussian beyond f32", value: first + index as u64 })
-        }
-        None => Ok(()),
-    }
+    let Some((base, degrees)) = layers.split_first() else { return Ok(()) };
+    let named = |source: Error| Error::Chunk { chunk: number, source: Box::new(source) };
+    decoder.base(&index.header, index.chunks[number].count, base).map_err(named)?;
+    check_place(index, number, decoder.leaves()).map_err(named)?;
+    degrees.iter().try_for_each(|bytes| decoder.next_degree(&index.header, bytes)).map_err(named)
 }
 
-/// Log-scales where covariances are missing: a ball that fills its voxel.
-fn ball(leaf: Leaf, header: &Header) -> [f32; 3] {
-    let cell = header.cube.side / (1u64 << leaf.depth) as f64;
-    [libm::log((0.5 * cell).max(f64::MIN_POSITIVE)) as f32; 3]
+/// Decodes a chunk of exact Gaussians.
+pub(crate) fn decode_exact(index: &Index, number: usize, bytes: &[u8]) -> Result<Scene> {
+    let count = index.chunks[number].count;
+    lossless::decode_payload(bytes, count, index.header.sh_degree)
+        .map_err(|source| Error::Chunk { chunk: number, source: Box::new(source) })
+}
+
+/// The leaves begin where the index says, and end before the next chunk begins.
+fn check_place(index: &Index, number: usize, leaves: &[Leaf]) -> Result<()> {
+    let chunk = &index.chunks[number];
+    let (Some(first), Some(last)) = (leaves.first(), leaves.last()) else { return Ok(()) };
+    let end = last.morton + (1 << (3 * (index.header.j_high - last.depth)));
+    let next = index.chunks.get(number + 1);
+    let next = next.filter(|c| c.kind == Kind::Leaves && c.lod == chunk.lod);
+    if first.morton != chunk.first_cell || next.is_some_and(|c| c.first_cell < end) {
+        return Err(Error::Corrupt { what: "first cell of a chunk", value: first.morton });
+    }
+    Ok(())
 }

@@ -1,7 +1,5 @@
 //! The crate's one error type.
 
-use crate::stream::SectionKind;
-
 /// Everything that can go wrong while encoding or decoding a stream.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -9,16 +7,14 @@ pub enum Error {
     /// The input does not start with the gsvx signature.
     #[error("not a gsvx stream: the first 8 bytes are not the gsvx signature")]
     NotGsvx,
-    /// The stream was written by an incompatible version.
+    /// The stream has another version.
     #[error(
-        "stream version {major}.{minor} is not readable by this build (reads {ours}.x); decode it with the gsvx that wrote it"
+        "stream version {version} is not readable by this build (reads {ours}); decode it with the gsvx that wrote it"
     )]
     Version {
-        /// Major version in the stream.
-        major: u8,
-        /// Minor version in the stream.
-        minor: u8,
-        /// Major version this build reads.
+        /// Version of the stream.
+        version: u8,
+        /// The version that this build reads.
         ours: u8,
     },
     /// The stream ends before a promised byte.
@@ -41,33 +37,37 @@ pub enum Error {
         /// Its value.
         value: u64,
     },
-    /// A section's checksum does not match its bytes.
+    /// A layer's checksum does not match its bytes.
     #[error(
-        "section {kind} at offset {offset} is damaged: CRC-32C is {found:08x}, the table says {expected:08x}"
+        "chunk {chunk}, layer {layer} (at offset {offset}) is damaged: CRC-32C is {found:08x}, the index says {expected:08x}"
     )]
     Checksum {
-        /// The section.
-        kind: SectionKind,
+        /// Number of the chunk.
+        chunk: usize,
+        /// Number of the layer.
+        layer: usize,
         /// Its first byte in the stream.
-        offset: usize,
-        /// Checksum in the table of contents.
+        offset: u64,
+        /// Checksum in the index.
         expected: u32,
         /// Checksum of the bytes.
         found: u32,
     },
-    /// The header's checksum does not match.
-    #[error("header is damaged: CRC-32C is {found:08x}, the header says {expected:08x}")]
-    HeaderChecksum {
-        /// Checksum in the header.
+    /// The head's checksum does not match.
+    #[error("the head is damaged: CRC-32C is {found:08x}, the head says {expected:08x}")]
+    HeadChecksum {
+        /// Checksum in the head.
         expected: u32,
         /// Checksum of the bytes.
         found: u32,
     },
-    /// A section that the request needs is not in the stream.
-    #[error("the stream has no {kind} section, which this decode needs")]
-    MissingSection {
-        /// The section.
-        kind: SectionKind,
+    /// A chunk cannot be decoded.
+    #[error("chunk {chunk}: {source}")]
+    Chunk {
+        /// Number of the chunk.
+        chunk: usize,
+        /// The cause.
+        source: Box<Error>,
     },
     /// The stream would need more memory than the caller allows.
     #[error(
@@ -152,12 +152,19 @@ pub enum Error {
         source: gpcc_lite::Error,
     },
     /// Voxelization failed.
+    #[cfg(feature = "encode")]
     #[error("voxelization: {0}")]
     Voxel(#[from] voxel::Error),
-    /// Codebook coding failed.
+    /// The training of a codebook failed.
+    #[cfg(feature = "encode")]
     #[error("covariance codebook: {0}")]
     Codebook(#[from] vq::Error),
 }
 
 /// Result with [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Wraps an error of the coder with the part in which it happened.
+pub(crate) fn coding(what: &'static str) -> impl Fn(gpcc_lite::Error) -> Error + Copy {
+    move |source| Error::Coding { what, source }
+}

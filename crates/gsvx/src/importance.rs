@@ -10,19 +10,14 @@
 //! makes a Gaussian twenty times as large). Classes are coded once, in a section of
 //! their own, and every attribute section depends only on geometry and classes.
 
-use crate::attributes::group::{Coding, Transform, UNITS};
-use crate::error::Result;
-use crate::options::Entropy;
-use gpcc_lite::Leaf;
-use gpcc_lite::attribute::Rows;
+#[cfg(feature = "encode")]
 use gs_model::Scene;
+#[cfg(feature = "encode")]
 use rayon::prelude::*;
-use std::borrow::Cow;
 
 /// Number of classes; weights run from 1 to `4^(CLASSES - 1)`.
 pub const CLASSES: u8 = 12;
-/// The class of the mean importance of a scene. The sum of weights stays near `N 4^5`, inside
-/// what the fixed-point transform accepts for 60 M Gaussians.
+/// The class of the mean importance of a scene.
 pub const MEAN_CLASS: u8 = 5;
 
 /// RAHT weight of a class, `4^class`.
@@ -31,6 +26,7 @@ pub fn weight(class: u8) -> u32 {
     1 << (2 * u32::from(class.min(CLASSES - 1)))
 }
 
+#[cfg(feature = "encode")]
 /// Importance without cameras: alpha times the root of the area of the two largest axes.
 ///
 /// A rasterizer's sum of squared blending weights over the training views is better where
@@ -53,12 +49,15 @@ pub fn without_cameras(scene: &Scene) -> Vec<f32> {
         .collect()
 }
 
+#[cfg(feature = "encode")]
+#[cfg(feature = "encode")]
 /// Classes per factor of four in importance. On `fox` at equal rendered error the streams of
 /// slopes 0, 0.5, 0.7, 1 are 1.00, 0.87, 0.86, 0.91 in size.
 const SLOPE: f64 = 0.7;
 /// Lowest class, relative to [`MEAN_CLASS`]: steps are at most `2^3` times the mean one.
 const FLOOR: f64 = 3.0;
 
+#[cfg(feature = "encode")]
 /// Real-valued classes from importances (any unit; negative and NaN count as 0), relative to
 /// the mean importance of the scene.
 #[must_use]
@@ -80,61 +79,12 @@ pub fn log_classes(importance: &[f32]) -> Vec<f64> {
         .collect()
 }
 
-/// Quantiser step of the classes: coarse, since the exact class matters little, and what is
-/// saved here is saved for every Gaussian.
-const CLASS_STEP: f64 = 1.0;
-const CLASS_LAMBDA: u8 = 18;
-
-/// Codes classes through unweighted RAHT; returns the stream and the classes a decoder will
-/// read from it, which are the ones the attributes must be coded with.
-///
-/// # Errors
-/// [`crate::Error::Coding`] if the leaves are not a valid pruned octree.
-pub fn encode(
-    log_classes: &[f64],
-    leaves: &[Leaf],
-    j_high: u8,
-    entropy: Entropy,
-) -> Result<(Vec<u8>, Vec<u8>)> {
-    let transform = Transform::new(leaves, j_high, None)?;
-    encode_by(&transform, Cow::Borrowed(log_classes), entropy)
+/// The class of a decoded value.
+pub(crate) fn class_of(value: f32) -> u8 {
+    (value + 0.5).clamp(0.0, f32::from(CLASSES - 1)) as u8
 }
 
-/// As [`encode`], by the transform of the leaves without weights.
-pub(crate) fn encode_by(
-    transform: &Transform,
-    log_classes: Cow<'_, [f64]>,
-    entropy: Entropy,
-) -> Result<(Vec<u8>, Vec<u8>)> {
-    let coding = Coding { entropy, lambda: CLASS_LAMBDA, period: u8::MAX };
-    let (payload, _) =
-        transform.encode(&[CLASS_STEP], coding, move |i, row| row.fill(log_classes[i]))?;
-    let classes = decode_by(transform, &payload, &mut Rows::default())?;
-    Ok((payload, classes))
-}
-
-/// Decodes the classes of [`encode`].
-///
-/// # Errors
-/// [`crate::Error::Coding`] or [`crate::Error::Corrupt`] for a damaged payload.
-pub fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
-    decode_by(&Transform::new(leaves, j_high, None)?, payload, &mut Rows::default())
-}
-
-/// As [`decode`], by the transform of the leaves without weights and in the memory of `rows`.
-pub(crate) fn decode_by(transform: &Transform, payload: &[u8], rows: &mut Rows) -> Result<Vec<u8>> {
-    transform.decode_rows(payload, 1, rows)?;
-    let mut values = vec![0.0; rows.leaves()];
-    rows.copy(0, &mut values);
-    Ok(values.iter().map(|&v| class_of(f64::from(v) * (1.0 / UNITS))).collect())
-}
-
-/// The class of a decoded value. Adding a half and truncating: exact in f64.
-fn class_of(value: f64) -> u8 {
-    (value + 0.5).clamp(0.0, f64::from(CLASSES - 1)) as u8
-}
-
-#[cfg(test)]
+#[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
 
@@ -160,17 +110,5 @@ mod tests {
     fn a_factor_of_four_is_one_slope() {
         let c = log_classes(&[1.0, 4.0, 16.0]);
         assert!((c[1] - c[0] - SLOPE).abs() < 1e-9 && (c[2] - c[1] - SLOPE).abs() < 1e-9);
-    }
-
-    #[test]
-    fn decoder_reads_the_classes_the_encoder_used() {
-        let leaves: Vec<Leaf> = (0..500u64).map(|i| Leaf { morton: i * i, depth: 7 }).collect();
-        let values: Vec<f64> = (0..500).map(|i| f64::from(i * 37 % 110) / 10.0).collect();
-        for entropy in [Entropy::Range, Entropy::Rlgr] {
-            let (payload, classes) = encode(&values, &leaves, 7, entropy).unwrap();
-            assert_eq!(decode(&payload, &leaves, 7).unwrap(), classes);
-            let worst = classes.iter().zip(&values).map(|(&c, v)| (f64::from(c) - v).abs());
-            assert!(worst.fold(0.0, f64::max) <= 3.0);
-        }
     }
 }

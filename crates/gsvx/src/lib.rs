@@ -1,27 +1,38 @@
 #![doc = include_str!("../README.md")]
 
-pub mod attributes;
+mod attributes;
+mod bytes;
+mod chunk;
 pub mod covariance;
 mod decode;
+#[cfg(feature = "encode")]
 mod encode;
 mod error;
-mod gaussians;
+mod head;
 pub mod importance;
-pub mod lod;
-pub mod lossless;
+#[cfg(feature = "encode")]
+mod lod;
+mod lossless;
+#[cfg(feature = "encode")]
 mod options;
-mod ordered;
-mod outliers;
+mod parallel;
+#[cfg(feature = "encode")]
 mod prepare;
+#[cfg(feature = "encode")]
 pub mod rate;
-pub mod slices;
-pub mod stream;
+mod reader;
 
-pub use decode::{DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Part, decode};
-pub use encode::{Encoded, encode};
-pub use error::{Error, Result};
-pub use lossless::encode_lossless;
-pub use options::{
-    CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Entropy, OpacityDomain, PaperQp, Steps,
+pub use decode::{
+    DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, decode, decode_leaves, decode_with,
 };
-pub use prepare::{Prepared, Seen, default_strategy, encode_model, prepare, prune, split_outliers};
+#[cfg(feature = "encode")]
+pub use encode::{Encoded, encode_lossless, encode_voxels};
+pub use error::{Error, Result};
+pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps, VERSION};
+#[cfg(feature = "encode")]
+pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions};
+#[cfg(feature = "encode")]
+pub use prepare::{
+    Prepared, Seen, default_strategy, encode, encode_with, prepare, prune, split_outliers,
+};
+pub use reader::Reader;

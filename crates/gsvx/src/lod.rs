@@ -1,61 +1,156 @@
-//! Level of detail: a decoded scene with at most one Gaussian per cell of a coarser octree.
+//! Levels of detail: coarser scenes that a viewer shows first or from afar.
+//!
+//! A Gaussian of a coarse level stands for all leaves of a cell of the octree: it matches the moments of
+//! their Gaussians, weighted by importance. Levels get coarser until one fits a chunk. Chunks nest: where a
+//! coarse chunk begins, a chunk of the next finer level begins too, so that a viewer can replace a
+//! coarse chunk by finer ones.
 
-use crate::decode::Decoded;
-use crate::error::Result;
+use crate::options::EncodeOptions;
 use gpcc_lite::Leaf;
-use voxel::{Merge, Voxelization};
+use voxel::Voxelization;
 
-/// Merges the Gaussians of a decoded scene whose leaves lie in the same cell at `depth`.
-///
-/// Means become the centres of those cells, shapes match the second moments of what they
-/// replace. Leaves at or above `depth` and Gaussians that were coded exactly stay as they are. A
-/// lossless stream has no leaves and is returned unchanged, with a remark. The whole stream is
-/// decoded first: this saves drawing, not reading.
-///
-/// # Errors
-/// [`crate::Error::Voxel`] if merging fails.
-pub fn reduce(mut decoded: Decoded, depth: u8) -> Result<Decoded> {
-    if decoded.leaves.is_empty() || depth >= decoded.header.j_high {
-        if decoded.leaves.is_empty() && decoded.header.count > 0 {
-            decoded.skipped.push("level of detail: a lossless stream has no octree".into());
-        }
-        return Ok(decoded);
+/// A coarse level has at most one Gaussian for so many of the next finer.
+const RATIO: usize = 12;
+/// A level of fewer Gaussians has no coarser one.
+const LEAST: usize = 256;
+
+/// One level of detail.
+pub(crate) struct LodLevel {
+    /// 0 is the finest.
+    pub(crate) lod: u8,
+    /// Its leaves, and the members of the scene for which each stands; `None` for the finest, whose leaves
+    /// are those of the source.
+    pub(crate) voxels: Option<Voxelization>,
+    /// For each leaf, the number of its first leaf of the finest level; then the number of those.
+    first: Vec<u32>,
+    /// The number of the first leaf of each chunk, and of all leaves.
+    pub(crate) cuts: Vec<usize>,
+}
+
+impl LodLevel {
+    /// Sums of what the finest leaves have, per leaf of this level.
+    pub(crate) fn sum(&self, finest: &[f32]) -> Vec<f32> {
+        let of = |w: &[u32]| finest[w[0] as usize..w[1] as usize].iter().sum();
+        self.first.windows(2).map(of).collect()
     }
-    let j_high = decoded.header.j_high;
-    let mut leaves: Vec<Leaf> = Vec::new();
-    let mut member_offsets = vec![0u32];
-    for (i, leaf) in decoded.leaves.iter().enumerate() {
-        let cell = if leaf.depth > depth {
-            let below = 3 * u32::from(j_high - depth);
-            Leaf { morton: leaf.morton >> below << below, depth }
-        } else {
-            *leaf
-        };
-        if leaves.last() != Some(&cell) {
-            if i > 0 {
-                member_offsets.push(i as u32);
+}
+
+/// The levels of detail of a voxelized scene, the finest first; only that if no others are wanted.
+pub(crate) fn levels(voxels: &Voxelization, options: &EncodeOptions) -> Vec<LodLevel> {
+    let n = voxels.len();
+    let first = (0..=n as u32).collect();
+    let mut levels = vec![LodLevel { lod: 0, voxels: None, first, cuts: Vec::new() }];
+    let mut leaves = n;
+    while options.lod
+        && leaves >= LEAST
+        && (levels.len() == 1 || leaves > options.chunk_leaves.get())
+        && levels.len() < usize::from(crate::head::MAX_LODS)
+    {
+        let lod = levels.len() as u8;
+        let Some(level) = coarser(voxels, lod, leaves / RATIO) else { break };
+        leaves = level.first.len() - 1;
+        levels.push(level);
+    }
+    // Cuts from the coarsest on: a level is cut wherever a coarser one is.
+    let mut inherited: Vec<u64> = Vec::new();
+    for level in levels.iter_mut().rev() {
+        let leaves = level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves);
+        level.cuts = cuts(leaves, &inherited, options.chunk_leaves.get());
+        let starts = level.cuts.iter().filter_map(|&i| leaves.get(i)).map(|l| l.morton);
+        inherited = starts.collect();
+    }
+    levels
+}
+
+/// The level at the greatest depth with at most `most` leaves; none if there is no such depth.
+fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> Option<LodLevel> {
+    let starts = |depth: u8| -> Vec<u32> {
+        let cells = voxels.leaves.iter().map(|&leaf| cell_of(leaf, depth, voxels.j_high));
+        let mut starts = Vec::new();
+        let mut last = None;
+        for (i, cell) in cells.enumerate() {
+            if last != Some(cell) {
+                starts.push(i as u32);
+                last = Some(cell);
             }
-            leaves.push(cell);
         }
-    }
-    member_offsets.push(decoded.leaves.len() as u32);
-    let voxels = Voxelization {
-        cube: decoded.header.cube,
-        j_high,
-        leaves,
-        member_offsets,
-        members: (0..decoded.leaves.len() as u32).collect(),
+        starts
+    };
+    let mut first =
+        (0..voxels.j_high).rev().map(|d| (d, starts(d))).find(|(_, s)| s.len() <= most)?;
+    let (depth, ref mut first) = first;
+    first.push(voxels.len() as u32);
+    let leaf = |&i: &u32| cell_of(voxels.leaves[i as usize], depth, voxels.j_high);
+    let coarse = Voxelization {
+        cube: voxels.cube,
+        j_high: voxels.j_high,
+        leaves: first[..first.len() - 1].iter().map(leaf).collect(),
+        member_offsets: first.iter().map(|&i| voxels.member_offsets[i as usize]).collect(),
+        members: voxels.members.clone(),
         dropped: Vec::new(),
     };
-    crate::decode::centres(&voxels.leaves, &decoded.header, 0)?;
-    let before = decoded.leaves.len();
-    let outliers = decoded.scene.split_off(before);
-    decoded.scene = voxel::merge(&decoded.scene, &voxels, Merge::Moments)?;
-    decoded.skipped.push(format!(
-        "level of detail: {before} Gaussians merged into {} at depth {depth}",
-        voxels.leaves.len()
-    ));
-    decoded.scene.append(&outliers);
-    decoded.leaves = voxels.leaves;
-    Ok(decoded)
+    Some(LodLevel { lod, voxels: Some(coarse), first: std::mem::take(first), cuts: Vec::new() })
+}
+
+/// The cell at `depth` that holds a leaf; the leaf itself if it is not deeper.
+fn cell_of(leaf: Leaf, depth: u8, j_high: u8) -> Leaf {
+    if leaf.depth <= depth {
+        return leaf;
+    }
+    let below = 3 * u32::from(j_high - depth);
+    Leaf { morton: leaf.morton >> below << below, depth }
+}
+
+/// Where chunks begin: at the inherited cells, and between them so that chunks have at most `size` leaves and
+/// about the same number.
+fn cuts(leaves: &[Leaf], inherited: &[u64], size: usize) -> Vec<usize> {
+    let mut fixed: Vec<usize> =
+        inherited.iter().map(|&cell| leaves.partition_point(|l| l.morton < cell)).collect();
+    fixed.extend([0, leaves.len()]);
+    fixed.sort_unstable();
+    fixed.dedup();
+    let mut cuts = vec![0];
+    for pair in fixed.windows(2) {
+        let (start, len) = (pair[0], pair[1] - pair[0]);
+        let parts = len.div_ceil(size).max(1);
+        cuts.extend(
+            (1..=parts).map(|i| start + (len as u128 * i as u128 / parts as u128) as usize),
+        );
+    }
+    if leaves.is_empty() { Vec::new() } else { cuts }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::num::NonZeroUsize;
+
+    #[test]
+    fn chunks_of_levels_nest() {
+        let leaves: Vec<Leaf> =
+            (0..5000u64).map(|i| Leaf { morton: i * i * 37, depth: 11 }).collect();
+        let n = leaves.len() as u32;
+        let voxels = Voxelization {
+            cube: voxel::Cube { origin: [0.0; 3], side: 1.0 },
+            j_high: 11,
+            leaves,
+            member_offsets: (0..=n).collect(),
+            members: (0..n).collect(),
+            dropped: Vec::new(),
+        };
+        let chunk_leaves = NonZeroUsize::new(64).unwrap();
+        let options = EncodeOptions { lod: true, chunk_leaves, ..EncodeOptions::default() };
+        let levels = levels(&voxels, &options);
+        assert!(levels.len() >= 3);
+        let starts = |level: &LodLevel| -> Vec<u64> {
+            let leaves = level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves);
+            level.cuts.iter().filter_map(|&i| leaves.get(i)).map(|l| l.morton).collect()
+        };
+        for pair in levels.windows(2) {
+            let (fine, coarse) = (starts(&pair[0]), starts(&pair[1]));
+            assert!(coarse.iter().all(|cell| fine.contains(cell)));
+            assert!(pair[1].first.len() * RATIO <= pair[0].first.len() + RATIO);
+            assert!(pair[1].cuts.windows(2).all(|w| w[1] - w[0] <= 64));
+        }
+    }
 }

@@ -1,15 +1,12 @@
-//! From a trained model to what [`crate::encode`] takes, in one call.
+//! From a trained model to a stream: outliers, voxelization, merging, coding.
 
-use crate::encode::{Degrees, Encoded, encode_owned, encode_parts};
+use crate::encode::{Encoded, Source, encode_source};
 use crate::error::{Error, Result};
-use crate::gaussians::Gaussians;
 use crate::importance;
+use crate::lossless::layout;
 use crate::options::EncodeOptions;
-use crate::slices;
 use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
-use std::borrow::Cow;
-use std::ops::Range;
 use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Trim, Trimmed, Voxelization};
 
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
@@ -35,10 +32,44 @@ const DROP: f64 = 5.0;
 const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
 
-/// Streams of so many slices are merged at once: then no scene is in memory while they are coded,
-/// which is the less memory as long as a slice is half of it. With more slices, merging each for
-/// itself saves the time that it takes to give the scene back degree by degree.
-const WHOLE: usize = 2;
+/// Encodes a trained model: coded exactly are Gaussians so far away that they would cost all others
+/// precision, all others are voxelized and merged as the quality asks.
+///
+/// # Errors
+/// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances in
+/// `options` are not one per Gaussian, [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy
+/// coding cannot hold.
+pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
+    let strategy = |importance: &[f32], seen| default_strategy(options.quality, importance, seen);
+    let Some(split) = split_outliers(scene)? else {
+        return encode_with(scene, strategy, None, options);
+    };
+    let outliers = scene.select(&split.outliers);
+    let inside = scene.select(&split.inside);
+    let of_inside = |given: &Vec<f32>| split.inside.iter().map(|&i| given[i]).collect();
+    if let Some(given) = options.importance.as_ref().filter(|i| i.len() != scene.len()) {
+        return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
+    }
+    let importance = options.importance.as_ref().map(of_inside);
+    let options = EncodeOptions { importance, ..options.clone() };
+    encode_with(&inside, strategy, Some(&outliers), &options)
+}
+
+/// As [`encode`], with a voxelization of the caller's choice. `outliers` are coded exactly.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_with(
+    scene: &Scene,
+    strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
+    outliers: Option<&Scene>,
+    options: &EncodeOptions,
+) -> Result<Encoded> {
+    let importance = options.importance.as_deref();
+    let (voxels, weights) = voxels_and_weights(scene, strategy, importance)?;
+    let source = Source { scene, voxels: &voxels, weights: &weights, merged: false };
+    encode_source(&source, outliers, options)
+}
 
 /// A voxelized scene with the importance of each leaf.
 #[derive(Clone, Debug)]
@@ -47,7 +78,7 @@ pub struct Prepared {
     pub scene: Scene,
     /// The leaves and their members.
     pub voxels: Voxelization,
-    /// Importance per leaf, for [`EncodeOptions::importance`].
+    /// Importance per leaf, for [`EncodeOptions::importance`] of [`crate::encode_voxels`].
     pub importance: Vec<f32>,
 }
 
@@ -103,56 +134,6 @@ pub fn prepare(
     let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;
     let importance = of_leaves(&voxels, &weights);
     Ok(Prepared { scene: merged, voxels, importance })
-}
-
-/// What [`prepare`] and [`crate::encode`] do, in less memory: of a stream of several slices, each is
-/// merged when it is about to be coded; for one or two, a scene that is owned is used up while it is
-/// merged. Options as for [`crate::encode`], except that importances are given here, per Gaussian
-/// of the scene. Returns the number of leaves too.
-///
-/// # Errors
-/// As [`prepare`] and [`crate::encode`].
-pub fn encode_model(
-    mut scene: Cow<'_, Scene>,
-    strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
-    importance: Option<&[f32]>,
-    options: &EncodeOptions,
-) -> Result<(Encoded, usize)> {
-    let (mut voxels, weights) = voxels_and_weights(&scene, strategy, importance)?;
-    let leaves = voxels.len();
-    let of_leaves = || Cow::Owned(of_leaves(&voxels, &weights));
-    let importance = (!options.uniform_precision).then(of_leaves);
-    let degrees = Degrees::of(&scene, options)?;
-    let whole = if matches!(scene, Cow::Owned(_)) { WHOLE } else { 1 };
-    let encoded = if slices::count(leaves, options) <= whole {
-        if let Cow::Owned(scene) = &mut scene {
-            scene.cut_sh(degrees.most);
-        }
-        let all = Gaussians::merged(scene, &voxels, &weights)?;
-        drop(weights);
-        (voxels.members, voxels.member_offsets) = (Vec::new(), Vec::new());
-        encode_owned(degrees, voxels, importance, options, all)?
-    } else {
-        let scene = &*scene;
-        encode_parts(degrees, &voxels, importance, options, |range| {
-            Gaussians::merged(Cow::Borrowed(scene), &part_of(&voxels, range), &weights)
-        })?
-    };
-    Ok((encoded, leaves))
-}
-
-/// Some of the leaves.
-fn part_of(voxels: &Voxelization, range: Range<usize>) -> Voxelization {
-    let offsets = &voxels.member_offsets[range.start..=range.end];
-    let (first, last) = (offsets[0], offsets[offsets.len() - 1]);
-    Voxelization {
-        cube: voxels.cube,
-        j_high: voxels.j_high,
-        leaves: voxels.leaves[range].to_vec(),
-        member_offsets: offsets.iter().map(|o| o - first).collect(),
-        members: voxels.members[first as usize..last as usize].to_vec(),
-        dropped: Vec::new(),
-    }
 }
 
 /// The leaves, and the importance that weighs their members.
@@ -215,7 +196,7 @@ fn median_log_scale(scene: &Scene) -> Option<f64> {
 /// Where cells an eighth as wide as the median Gaussian lie deeper than an octree's 21 levels,
 /// [`voxel::trim`] weighs what a smaller cube gives the inliers against the floats of the
 /// outliers. Select [`Trimmed::inside`] for [`prepare`], and [`Trimmed::outliers`] for
-/// [`EncodeOptions::outliers`].
+/// [`encode_with`].
 ///
 /// # Errors
 /// [`Error::Voxel`] if a mean or the median log-scale is not finite.
@@ -227,7 +208,7 @@ pub fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
     if wanted_depth(median, &cube) <= f64::from(MAX_DEPTH) || cell <= 0.0 {
         return Ok(None);
     }
-    let exact = 32.0 * crate::lossless::layout::columns(scene.sh_degree) as f64;
+    let exact = 32.0 * layout::columns(scene.sh_degree) as f64;
     let weighed = Trim { bits_per_outlier: exact - BITS_AT_50, ..Trim::new(cell) };
     let trimmed = voxel::trim(&scene.means, &weighed)?;
     Ok((!trimmed.outliers.is_empty()).then_some(trimmed))

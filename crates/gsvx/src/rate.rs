@@ -4,7 +4,6 @@
 //! stream (it may voxelize differently at each quality); the search brackets the target and
 //! closes in by interpolating in the logarithm of the size, which is nearly linear in quality.
 
-use crate::encode::Encoded;
 use crate::error::{Error, Result};
 
 /// Qualities a search looks at; [`crate::EncodeOptions::from_quality`] accepts these.
@@ -27,9 +26,9 @@ const OVERSHOOT: f64 = 1.2;
 
 /// The outcome of a search.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct Found<T> {
     /// The stream.
-    pub encoded: Encoded,
+    pub encoded: T,
     /// Its quality.
     pub quality: f32,
     /// Streams encoded on the way.
@@ -45,29 +44,32 @@ pub struct Found {
 ///
 /// # Errors
 /// [`Error::TargetTooSmall`] if quality 0 is still larger; errors of `encode`.
-pub fn to_bytes(target: u64, mut encode: impl FnMut(f32) -> Result<Encoded>) -> Result<Found> {
+pub fn to_bytes<T: AsRef<[u8]>>(
+    target: u64,
+    mut encode: impl FnMut(f32) -> Result<T>,
+) -> Result<Found<T>> {
     // Aim a little below the target: from above counts as a miss.
     let aim = target as f64 * (1.0 - 0.5 * BYTES_TOLERANCE);
     let points = |from: f64| libm::log(aim / from.max(1.0)) / LOG_BYTES_PER_POINT;
-    let mut below: Option<(f32, Encoded)> = None;
+    let mut below: Option<(f32, T)> = None;
     let mut above: Option<(f32, u64)> = None;
     let mut encodes = 0;
     loop {
         let quality = match (&below, above) {
             (None, None) => FIRST,
-            (Some((low, found)), None) => outwards(*low, points(found.bytes.len() as f64)),
+            (Some((low, found)), None) => outwards(*low, points(found.as_ref().len() as f64)),
             // The last attempt at all is the smallest stream.
             (None, Some(_)) if encodes + 1 == MAX_ENCODES => LOWEST,
             (None, Some((high, bytes))) => outwards(high, points(bytes as f64)),
             (Some((low, found)), Some((high, bytes))) => {
-                let have = found.bytes.len() as f64;
+                let have = found.as_ref().len() as f64;
                 let t = libm::log(aim / have) / libm::log(bytes as f64 / have);
                 between(*low, high, t)
             }
         };
         let next = encode(quality)?;
         encodes += 1;
-        let bytes = next.bytes.len() as u64;
+        let bytes = next.as_ref().len() as u64;
         if bytes > target {
             if quality <= LOWEST {
                 return Err(Error::TargetTooSmall { target, smallest: bytes });
@@ -106,14 +108,14 @@ fn between(low: f32, high: f32, t: f64) -> f32 {
 ///
 /// # Errors
 /// Errors of `encode` and `measure`.
-pub fn to_measure(
+pub fn to_measure<T>(
     target: f64,
-    mut encode: impl FnMut(f32) -> Result<Encoded>,
-    mut measure: impl FnMut(&Encoded) -> Result<f64>,
-) -> Result<Found> {
+    mut encode: impl FnMut(f32) -> Result<T>,
+    mut measure: impl FnMut(&T) -> Result<f64>,
+) -> Result<Found<T>> {
     let aim = target + 0.5 * MEASURE_TOLERANCE;
-    let mut good: Option<(f32, Encoded, f64)> = None;
-    let mut bad: Option<(f32, Encoded, f64)> = None;
+    let mut good: Option<(f32, T, f64)> = None;
+    let mut bad: Option<(f32, T, f64)> = None;
     let mut encodes = 0;
     loop {
         let quality = match (&bad, &good) {
@@ -138,15 +140,24 @@ pub fn to_measure(
             } else {
                 quality >= HIGHEST
             };
-        let slot = if reached { &mut good } else { &mut bad };
-        *slot = Some((quality, encoded, value));
-        if done {
-            break;
+        // Without one that is good, the last bad one is that of the best quality.
+        let found = |(quality, encoded, value): (f32, T, f64)| Found {
+            encoded,
+            quality,
+            encodes,
+            measured: Some(value),
+        };
+        if reached {
+            good = Some((quality, encoded, value));
+        } else if done && good.is_none() {
+            return Ok(found((quality, encoded, value)));
+        } else {
+            bad = Some((quality, encoded, value));
+        }
+        if done && let Some(good) = good.take() {
+            return Ok(found(good));
         }
     }
-    // Without one that is good, the last bad one is that of the best quality.
-    let (quality, encoded, value) = good.or(bad).unwrap_or_default();
-    Ok(Found { quality, encoded, encodes, measured: Some(value) })
 }
 
 #[cfg(test)]
@@ -154,10 +165,10 @@ mod tests {
     use super::*;
 
     /// A stand-in coder whose size is `base * 2^(q / 20)`.
-    fn coder(base: f64) -> impl FnMut(f32) -> Result<Encoded> {
+    fn coder(base: f64) -> impl FnMut(f32) -> Result<Vec<u8>> {
         move |q| {
             let n = base * libm::exp2(f64::from(q) / 20.0);
-            Ok(Encoded { bytes: vec![0; n as usize], sections: Vec::new() })
+            Ok(vec![0; n as usize])
         }
     }
 
@@ -165,7 +176,7 @@ mod tests {
     fn byte_targets_are_hit_from_below() {
         for target in [1001, 1500, 5000, 20_000, 31_999] {
             let found = to_bytes(target, coder(1000.0)).unwrap();
-            let n = found.encoded.bytes.len() as f64 / target as f64;
+            let n = found.encoded.len() as f64 / target as f64;
             assert!((0.99..=1.0).contains(&n), "{target}: {n} after {}", found.encodes);
         }
     }
@@ -173,7 +184,7 @@ mod tests {
     #[test]
     fn a_target_above_the_best_stream_gives_the_best_stream() {
         let found = to_bytes(1_000_000, coder(1000.0)).unwrap();
-        assert_eq!((found.encoded.bytes.len(), found.quality), (32_000, 100.0));
+        assert_eq!((found.encoded.len(), found.quality), (32_000, 100.0));
     }
 
     #[test]
@@ -185,7 +196,7 @@ mod tests {
     #[test]
     fn measures_are_reached_and_barely() {
         for target in [12.0, 25.0, 33.3, 39.0] {
-            let measure = |e: &Encoded| Ok(10.0 * libm::log10(e.bytes.len() as f64));
+            let measure = |e: &Vec<u8>| Ok(10.0 * libm::log10(e.len() as f64));
             let found = to_measure(target, coder(10.0), measure).unwrap();
             let got = found.measured.unwrap();
             let best = 10.0 * libm::log10(320.0);

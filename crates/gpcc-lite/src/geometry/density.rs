@@ -8,8 +8,6 @@
 use std::hint::select_unpredictable;
 use std::sync::LazyLock;
 
-use crate::hood::CENTRE;
-
 /// A density per child.
 pub(super) type Densities = [u16; 8];
 
@@ -61,19 +59,8 @@ impl Kernel {
         kernel
     }
 
-    /// What a neighbour that is coded, with these children, adds.
-    #[inline]
-    pub(super) fn add_coded(&self, sum: &mut Densities, place: u32, mask: u8) {
-        add(sum, &self.coded[(place as usize).min(42)][usize::from(mask)]);
-    }
-
-    /// What a neighbour that is not coded yet adds.
-    #[inline]
-    pub(super) fn add_later(&self, sum: &mut Densities, place: u32) {
-        add(sum, &self.later[(place as usize).min(42)]);
-    }
-
-    /// One or the other without a branch, for nothing foretells which it is.
+    /// Adds a neighbour: its children if they are `known`. A select, since a branch could not be
+    /// predicted.
     #[inline]
     pub(super) fn add(&self, sum: &mut Densities, place: u32, known: bool, mask: u8) {
         let place = (place as usize).min(42);
@@ -99,44 +86,6 @@ fn add(sum: &mut Densities, more: &Densities) {
     }
 }
 
-/// The face neighbours at the low sides: they are coded before the node, those at the high sides
-/// after it.
-pub(super) const LOW_FACES: u64 = 1 << (CENTRE - 16) | 1 << (CENTRE - 4) | 1 << (CENTRE - 1);
-
-/// How much the face neighbours already coded have below them.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Below {
-    nodes: usize,
-    /// Their children, in tenths: what is below a single counts for 7.
-    children: u32,
-}
-
-impl Below {
-    #[inline]
-    pub(super) fn add(&mut self, mask: u8) {
-        self.nodes += 1;
-        self.children += CHILDREN[usize::from(mask)];
-    }
-
-    /// Neighbours, and their children in steps of two thirds of an octave: less than 64.
-    #[inline]
-    pub(super) fn class(self) -> usize {
-        let children = (sixteenths(self.children) * 3 / 32).saturating_sub(3).min(15);
-        self.nodes.min(3) * 16 + children
-    }
-}
-
-/// Ten times the number of children, 7 for none.
-const CHILDREN: [u32; 256] = {
-    let mut t = [7; 256];
-    let mut i = 1;
-    while i < 256 {
-        t[i] = 10 * (i as u8).count_ones();
-        i += 1;
-    }
-    t
-};
-
 /// Sixteenths of an octave, linear within an octave; 0 for 0. Below 2^24: the bits of a float.
 #[inline]
 pub(super) fn sixteenths(v: u32) -> usize {
@@ -146,8 +95,6 @@ pub(super) fn sixteenths(v: u32) -> usize {
 /// Classes of the densities at a node's children.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Classes {
-    /// Quarter octaves of the density, 0 to 41.
-    pub(super) own: [u16; 8],
     /// Third octaves of its share in all eight, 0 to 19.
     pub(super) share: [u16; 8],
     /// Two thirds of octaves of the sum of all eight, 0 to 15.
@@ -159,12 +106,11 @@ impl Classes {
     pub(super) fn new(densities: &Densities) -> Self {
         let sum: u32 = densities.iter().map(|&v| u32::from(v)).sum();
         if sum == 0 {
-            return Self { own: [0; 8], share: [0; 8], total: 0 };
+            return Self { share: [0; 8], total: 0 };
         }
         let sum = sixteenths(sum) as i32;
         let logs = densities.map(|v| (f32::from(v).to_bits() >> 19) as i32 - (127 << 4));
         Self {
-            own: logs.map(|l| (1 + ((l >> 2) - 20).clamp(0, 40)) as u16),
             share: logs.map(|l| (1 + (((l - sum + 96) * 3) >> 4).clamp(0, 18)) as u16),
             total: 1 + ((sum - 128).max(0) * 3 / 32).min(14) as usize,
         }

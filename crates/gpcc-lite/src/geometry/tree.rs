@@ -1,74 +1,51 @@
 //! One traversal of the tree for both directions.
 
-use super::cells::Cells;
-use super::density::{Below, Classes, Densities, KERNEL, Kernel, LOW_FACES};
+use super::density::{Classes, Densities, KERNEL, Kernel};
 use super::models::{Models, NodeContext};
 use super::truth::Truth;
+use crate::coder::Coder;
 use crate::error::{Error, Result};
 use crate::hood::{Block, CENTRE, Children, Hoods, ONES, count};
 use crate::leaf::Leaf;
-use crate::range::BinaryCoder;
 
-/// The nodes of one level that have children, in Morton order.
+/// The nodes of one depth that have children, in Morton order.
 #[derive(Default)]
 struct Parents {
     code: Vec<u64>,
     /// Children of every node of the list, those of nodes without any empty.
     children: Vec<Children>,
     hoods: Hoods,
-    /// Number of ancestors in a row that had one child.
-    chain: Vec<u8>,
 }
 
-/// The tree as far as it is coded, and the singles that left it.
+/// The tree as far as it is coded, and the leaves found so far.
 pub(super) struct Tree<'a> {
     /// What the encoder codes; the decoder has none.
     truth: Option<Truth<'a>>,
     j_high: u8,
     above: Parents,
-    /// Codes of the singles that left the tree, at the current level (decoder, or lattice).
-    tails: Vec<u64>,
     done: Vec<Leaf>,
+    /// Greatest number of leaves.
+    limit: usize,
 }
 
 impl<'a> Tree<'a> {
-    pub(super) fn new(leaves: Option<&'a [Leaf]>, j_high: u8) -> Self {
+    pub(super) fn new(leaves: Option<&'a [Leaf]>, j_high: u8, limit: usize) -> Self {
         let above = Parents {
             code: vec![0],
             children: vec![Children { first: 0, mask: 1 }],
             hoods: Hoods::above_root(),
-            chain: vec![0],
         };
         let truth = leaves.map(|l| Truth::new(l, j_high));
-        Self { truth, j_high, above, tails: Vec::new(), done: Vec::new() }
+        Self { truth, j_high, above, done: Vec::new(), limit }
     }
 
-    /// Codes the step from `depth` to `depth + 1`; `path` codes raw bits of a single's path.
-    pub(super) fn level<C: BinaryCoder>(
+    /// Codes the children of the nodes at `depth`.
+    pub(super) fn level<C: Coder>(
         &mut self,
         depth: u8,
         models: &mut Models,
         coder: &mut C,
-        path: &mut impl FnMut(u32, u32) -> u32,
-        limit: usize,
     ) -> Result<()> {
-        if models.fast() {
-            self.code_level::<true, C>(depth, models, coder, path, limit)
-        } else {
-            self.code_level::<false, C>(depth, models, coder, path, limit)
-        }
-    }
-
-    fn code_level<const FAST: bool, C: BinaryCoder>(
-        &mut self,
-        depth: u8,
-        models: &mut Models,
-        coder: &mut C,
-        path: &mut impl FnMut(u32, u32) -> u32,
-        limit: usize,
-    ) -> Result<()> {
-        let shift = 3 * (self.j_high - depth - 1);
-        let old_tails = self.tails.len();
         let least = if depth + 1 == self.j_high { 2 } else { 1 };
         let nodes =
             self.above.children.iter().map(|c| usize::from(ONES[usize::from(c.mask)])).sum();
@@ -84,8 +61,8 @@ impl<'a> Tree<'a> {
         for (p, &present) in self.above.hoods.present.iter().enumerate() {
             let used = block.enter(present, near, &self.above.children);
             near = &near[used..];
-            let (siblings, chain) = (block.own().mask, self.above.chain[p]);
-            let mut rest = siblings;
+            let mut rest = block.own().mask;
+            let siblings = ONES[usize::from(rest)];
             while rest != 0 {
                 let c = rest.trailing_zeros();
                 rest &= rest - 1;
@@ -93,37 +70,15 @@ impl<'a> Tree<'a> {
                 at += 1;
                 let code = self.above.code[p] << 3 | u64::from(c);
                 let window = block.window(c);
-                let ones = ONES[usize::from(siblings)];
-                let mut node = NodeContext::new(depth, code, ones, chain, count(window));
-                let (stops, single) =
-                    known::<C>(&mut self.truth).map_or((false, false), Truth::next);
-                let mut has = Below::default();
-                // Fast models do not ask.
-                let mut low = if FAST { 0 } else { window & LOW_FACES };
-                while low != 0 {
-                    let i = block.index(c, low.trailing_zeros());
-                    low &= low - 1;
-                    has.add(below.children[i as usize].mask);
-                }
-                if !node.splits() && models.single(coder, &node, has, single) {
-                    if models.stop(coder, &node, stops) {
-                        self.done.push(Leaf { morton: code << (shift + 3), depth });
-                        continue;
-                    }
-                    let mut code = code;
-                    if models.lattice.is_none() {
-                        let child = known::<C>(&mut self.truth).map_or(0, Truth::child);
-                        let child = models.half(coder, path, node.around, window, child);
-                        code = code << 3 | u64::from(child);
-                    }
-                    self.tails.push(code);
-                    if let Some(truth) = known::<C>(&mut self.truth) {
-                        truth.leave();
-                    }
+                let (around, faces) = count(window);
+                let node = NodeContext { depth, siblings, faces, around, least };
+                let single = known::<C>(&mut self.truth).is_some_and(Truth::next);
+                if !node.splits() && models.single(coder, &node, single) {
+                    let truth = known::<C>(&mut self.truth).map(|t| t.leaf());
+                    let leaf = code_path(self.j_high, models, coder, &node, (code, window), truth);
+                    self.done.push(leaf);
                     continue;
                 }
-                node.least = least;
-                let mut cells = Cells::default();
                 let mut densities = Densities::default();
                 let mut around = window;
                 while around != 0 {
@@ -131,35 +86,18 @@ impl<'a> Tree<'a> {
                     around &= around - 1;
                     let i = block.index(c, place);
                     below.hoods.near.push(i);
-                    if place == CENTRE {
-                        continue;
-                    }
-                    let known = (i as usize) < here;
-                    let mask = below.children[i as usize].mask;
-                    if FAST {
-                        kernel.add(&mut densities, place, known, mask);
-                    } else if known {
-                        kernel.add_coded(&mut densities, place, mask);
-                        cells.add_coded(place as usize, mask);
-                    } else {
-                        kernel.add_later(&mut densities, place);
-                        cells.add_later(place as usize);
+                    if place != CENTRE {
+                        let known = (i as usize) < here;
+                        kernel.add(&mut densities, place, known, below.children[i as usize].mask);
                     }
                 }
                 below.hoods.present.push(window);
                 let wanted = known::<C>(&mut self.truth).map_or(0, Truth::split);
-                let classes = Classes::new(&densities);
-                let mask = if FAST {
-                    models.occupancy_fast(coder, &node, &classes, wanted)
-                } else {
-                    models.occupancy(coder, &node, cells, &classes, wanted)
-                };
+                let mask = models.occupancy(coder, &node, &Classes::new(&densities), wanted);
                 below.children[here] = Children { first: next as u32, mask };
-                let ones = usize::from(ONES[usize::from(mask)]);
-                next += ones;
+                next += usize::from(ONES[usize::from(mask)]);
                 below.code.push(code);
-                below.chain.push(if ones == 1 { chain.saturating_add(1) } else { 0 });
-                if next + self.tails.len() + self.done.len() > limit || coder.exhausted() {
+                if next + self.done.len() > self.limit || coder.exhausted() {
                     return Err(Error::Corrupt { what: "more cells than points", offset: 0 });
                 }
             }
@@ -168,73 +106,18 @@ impl<'a> Tree<'a> {
         if let Some(truth) = known::<C>(&mut self.truth) {
             truth.end_level();
         }
-        self.step_tails(depth, old_tails, models, coder, path);
         Ok(())
     }
 
-    fn step_tails<C: BinaryCoder>(
-        &mut self,
-        depth: u8,
-        old_tails: usize,
-        models: &mut Models,
-        coder: &mut C,
-        path: &mut impl FnMut(u32, u32) -> u32,
-    ) {
-        let shift = 3 * (self.j_high - depth - 1);
-        let mixed = models.mixed();
-        // Those that joined at this level have taken the step, unless there is a lattice.
-        let all = self.tails.len();
-        let end = if models.lattice.is_some() { all } else { old_tails };
-        let mut kept = 0;
-        for i in 0..end {
-            let leaf = known::<C>(&mut self.truth).map(|t| *t.tail(i));
-            let code = self.tails[i];
-            // One that left the tree at this level has already been asked.
-            if mixed && i < old_tails {
-                let stops = leaf.is_some_and(|l| l.depth == depth);
-                if models.tail_stop(coder, depth, stops) {
-                    self.done.push(Leaf { morton: code << (shift + 3), depth });
-                    continue;
-                }
-            }
-            let truth = leaf.map_or(0, |l| (l.morton >> shift) as u32 & 7);
-            let child = match &mut models.lattice {
-                Some(lattice) => lattice.path(coder, u32::from(depth) + 1, code, truth),
-                None => path(truth, 3),
-            };
-            self.tails[kept] = (code << 3) | u64::from(child);
-            if let Some(t) = known::<C>(&mut self.truth) {
-                t.keep_tail(i, kept);
-            }
-            kept += 1;
-        }
-        for i in end..all {
-            self.tails[kept] = self.tails[i];
-            if let Some(t) = known::<C>(&mut self.truth) {
-                t.keep_tail(i, kept);
-            }
-            kept += 1;
-        }
-        self.tails.truncate(kept);
-        if let Some(t) = known::<C>(&mut self.truth) {
-            t.truncate_tails(kept);
-        }
-    }
-
-    /// The leaves, cut at depth `target`, the level last coded.
-    pub(super) fn finish(self, target: u8) -> Vec<Leaf> {
-        let cut = 3 * (self.j_high - target);
+    /// The leaves in Morton order, when all levels are coded.
+    pub(super) fn finish(self) -> Vec<Leaf> {
         let mut leaves = self.done;
-        for l in &mut leaves {
-            l.morton >>= cut;
-        }
-        leaves.extend(self.tails.iter().map(|&morton| Leaf { morton, depth: target }));
         let parents = self.above.children.iter().filter(|c| c.mask != 0);
         for (c, code) in parents.zip(&self.above.code) {
             let mut rest = c.mask;
             while rest != 0 {
                 let morton = code << 3 | u64::from(rest.trailing_zeros());
-                leaves.push(Leaf { morton, depth: target });
+                leaves.push(Leaf { morton, depth: self.j_high });
                 rest &= rest - 1;
             }
         }
@@ -243,8 +126,38 @@ impl<'a> Tree<'a> {
     }
 }
 
+/// Codes the path from a node to its single leaf.
+fn code_path<C: Coder>(
+    j_high: u8,
+    models: &mut Models,
+    coder: &mut C,
+    node: &NodeContext,
+    (code, window): (u64, u64),
+    truth: Option<Leaf>,
+) -> Leaf {
+    let most = u32::from(j_high - node.depth);
+    let truth = truth.unwrap_or(Leaf { morton: 0, depth: node.depth });
+    let levels = models.levels_below(coder, node, most, u32::from(truth.depth - node.depth));
+    let depth = node.depth + levels as u8;
+    let wanted = truth.morton >> (3 * (j_high - depth));
+    let mut path = code;
+    if levels > 0 {
+        let left = 3 * (levels - 1);
+        path = path << 3
+            | u64::from(models.half(coder, node.around, window, (wanted >> left) as u32 & 7));
+        // The rest of the path is plain: a known floor for isolated points.
+        let mut left = left;
+        while left > 0 {
+            let n = left.min(30);
+            left -= n;
+            path = path << n | u64::from(coder.bits((wanted >> left) as u32 & ((1 << n) - 1), n));
+        }
+    }
+    Leaf { morton: path << (3 * (j_high - depth)), depth }
+}
+
 /// What an encoder knows; a constant `None` for decoders.
 #[inline]
-fn known<'t, 'a, C: BinaryCoder>(truth: &'t mut Option<Truth<'a>>) -> Option<&'t mut Truth<'a>> {
+fn known<'t, 'a, C: Coder>(truth: &'t mut Option<Truth<'a>>) -> Option<&'t mut Truth<'a>> {
     if C::ENCODING { truth.as_mut() } else { None }
 }

@@ -1,4 +1,4 @@
-//! What the encoder knows: the leaves under each node, without searching for them.
+//! The encoder's knowledge: the leaves under each node, found without a search.
 //!
 //! Between consecutive leaves lies a boundary; the octree level at which they part is that of the
 //! highest bit in which their codes differ. The boundaries of a level, in order, split exactly its
@@ -22,8 +22,6 @@ pub(super) struct Truth<'a> {
     at: usize,
     /// Leaves under the current node.
     range: [u32; 2],
-    /// The leaf each tail leads to.
-    tails: Vec<u32>,
 }
 
 impl<'a> Truth<'a> {
@@ -57,7 +55,6 @@ impl<'a> Truth<'a> {
             below: Vec::new(),
             at: 0,
             range: [0; 2],
-            tails: Vec::new(),
         }
     }
 
@@ -67,27 +64,18 @@ impl<'a> Truth<'a> {
         self.at = 0;
     }
 
-    /// Goes to the next node of the list: whether it is a leaf, and whether it has only one.
+    /// Goes to the next node of the list: whether it has only one leaf.
     #[inline]
-    pub(super) fn next(&mut self) -> (bool, bool) {
+    pub(super) fn next(&mut self) -> bool {
         self.range = self.nodes[self.at];
         self.at += 1;
-        let [lo, hi] = self.range;
-        let single = hi - lo == 1;
-        (single && self.leaves[lo as usize].depth == self.depth, single)
+        self.range[1] - self.range[0] == 1
     }
 
-    /// The node has left the tree.
+    /// The first leaf of the node.
     #[inline]
-    pub(super) fn leave(&mut self) {
-        self.tails.push(self.range[0]);
-    }
-
-    /// Its child, if it has one leaf.
-    #[inline]
-    pub(super) fn child(&mut self) -> u32 {
-        let shift = 3 * (self.j_high - self.depth - 1);
-        (self.leaves[self.range[0] as usize].morton >> shift) as u32 & 7
+    pub(super) fn leaf(&self) -> Leaf {
+        self.leaves[self.range[0] as usize]
     }
 
     /// Its children.
@@ -115,19 +103,5 @@ impl<'a> Truth<'a> {
     pub(super) fn end_level(&mut self) {
         std::mem::swap(&mut self.nodes, &mut self.below);
         self.below.clear();
-    }
-
-    #[inline]
-    pub(super) fn tail(&self, i: usize) -> &Leaf {
-        &self.leaves[self.tails[i] as usize]
-    }
-
-    #[inline]
-    pub(super) fn keep_tail(&mut self, from: usize, to: usize) {
-        self.tails[to] = self.tails[from];
-    }
-
-    pub(super) fn truncate_tails(&mut self, n: usize) {
-        self.tails.truncate(n);
     }
 }

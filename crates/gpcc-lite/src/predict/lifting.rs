@@ -9,9 +9,9 @@
 use super::neighbours::Neighbours;
 use super::residual::Residual;
 use crate::bytes::{Reader, put_varint};
+use crate::coder::{Coder, Decoder, Encoder};
 use crate::error::{Error, Result};
-use crate::quant::{Centroids, Step, VALUE_BITS};
-use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
+use crate::quant::{Step, VALUE_BITS};
 
 /// Neighbours that predict a point.
 const USED: usize = 3;
@@ -165,7 +165,7 @@ pub fn encode_lifting(lift: &Lifting<'_>, channels: &[&[i32]], steps: &[Step]) -
                 if c < 0 { -m } else { m }
             })
             .collect();
-        let mut coder = RangeEncoder::new();
+        let mut coder = Encoder::default();
         code_levels(lift, &mut q, &mut coder);
         let coded = coder.finish();
         put_varint(&mut out, step.0);
@@ -193,14 +193,11 @@ pub fn decode_lifting(
     for _ in 0..channels {
         let step = Step(r.varint("step")?.min(1 << 47));
         let len = r.varint("channel length")?;
-        let mut coder = RangeDecoder::new(r.bytes(len, "channel")?);
+        let mut coder = Decoder::new(r.bytes(len, "channel")?)?;
         let mut q = vec![0i32; lift.near.len()];
         code_levels(lift, &mut q, &mut coder);
-        if coder.exhausted() {
-            return Err(Error::Truncated { offset: r.pos(), what: "channel" });
-        }
-        let one =
-            |(i, &q): (usize, &i32)| lift.step_of(i, step).dequantise_one(q, Centroids::default());
+        coder.finish()?;
+        let one = |(i, &q): (usize, &i32)| lift.step_of(i, step).dequantise(q);
         let mut c: Vec<i64> = q.iter().enumerate().map(one).collect();
         lift.inverse(&mut c)?;
         let clamp = |v: i64| v.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
@@ -211,7 +208,7 @@ pub fn decode_lifting(
 }
 
 /// Codes quantised coefficients in coding order, expecting what the neighbours had.
-fn code_levels<C: BinaryCoder>(lift: &Lifting<'_>, q: &mut [i32], coder: &mut C) {
+fn code_levels<C: Coder>(lift: &Lifting<'_>, q: &mut [i32], coder: &mut C) {
     let mut model = Residual::new();
     let mut last = 0u64;
     for at in 0..lift.near.len() {

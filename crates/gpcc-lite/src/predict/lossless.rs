@@ -1,14 +1,12 @@
 //! Lossless coding of integer channels: neighbour prediction and an adaptive residual coder.
 
-use rayon::prelude::*;
-
 use super::neighbours::Neighbours;
 use super::palette;
 use super::residual::Residual;
 use crate::bytes::{BitReader, BitWriter, Reader, put_varint};
+use crate::coder::{Coder, Decoder, Encoder};
 use crate::error::{Error, Result};
 use crate::model::Bit;
-use crate::range::{BinaryCoder, RangeDecoder, RangeEncoder};
 
 /// Modes of a channel.
 const RAW: u8 = 0;
@@ -19,8 +17,7 @@ const PALETTE: u8 = 4;
 /// Widest channel whose histogram is worth learning.
 const HISTOGRAM_BITS: u32 = 12;
 
-/// Codes `channels` (leaf order) losslessly; each channel is an independent stream, so channels
-/// go to all cores and the bytes do not depend on how many there are.
+/// Codes `channels` (leaf order) losslessly; each channel is an independent stream.
 ///
 /// A channel never exceeds its raw size (the bits its own range needs) plus 16 bytes.
 ///
@@ -32,7 +29,7 @@ pub fn encode_lossless(near: &Neighbours, channels: &[&[i32]]) -> Result<Vec<u8>
             return Err(Error::ChannelLength { channel, got: values.len(), want: near.len() });
         }
     }
-    let streams: Vec<Vec<u8>> = channels.par_iter().map(|v| encode_channel(near, v)).collect();
+    let streams: Vec<Vec<u8>> = channels.iter().map(|v| encode_channel(near, v)).collect();
     let mut out = Vec::new();
     put_varint(&mut out, channels.len() as u64);
     for s in streams {
@@ -61,7 +58,7 @@ pub fn decode_lossless(
         let len = r.varint("channel length")?;
         streams.push(r.bytes(len, "channel")?);
     }
-    streams.par_iter().map(|s| decode_channel(near, s)).collect()
+    streams.iter().map(|s| decode_channel(near, s)).collect()
 }
 
 fn encode_channel(near: &Neighbours, values: &[i32]) -> Vec<u8> {
@@ -85,12 +82,12 @@ fn encode_values(near: &Neighbours, values: &[i32], flag: u8) -> Vec<u8> {
     let min = values.iter().copied().min().unwrap_or(0);
     let max = values.iter().copied().max().unwrap_or(0);
     let width = 32 - max.wrapping_sub(min).cast_unsigned().leading_zeros();
-    let mut coder = RangeEncoder::new();
+    let mut coder = Encoder::default();
     let mut copy = values.to_vec();
     code_predicted(near, &mut copy, bounds(min, width), &mut coder);
     let (mut mode, mut body) = (PREDICTED, coder.finish());
     if width <= HISTOGRAM_BITS {
-        let mut coder = RangeEncoder::new();
+        let mut coder = Encoder::default();
         code_histogram(&mut copy, min, width, &mut coder);
         let coded = coder.finish();
         if coded.len() < body.len() {
@@ -135,18 +132,14 @@ fn decode_channel(near: &Neighbours, bytes: &[u8]) -> Result<Vec<i32>> {
             }
         }
         PREDICTED => {
-            let mut coder = RangeDecoder::new(data);
+            let mut coder = Decoder::new(data)?;
             code_predicted(near, &mut values, bounds(min, width), &mut coder);
-            if coder.exhausted() {
-                return Err(truncated);
-            }
+            coder.finish()?;
         }
         HISTOGRAM if width <= HISTOGRAM_BITS => {
-            let mut coder = RangeDecoder::new(data);
+            let mut coder = Decoder::new(data)?;
             code_histogram(&mut values, min, width, &mut coder);
-            if coder.exhausted() {
-                return Err(truncated);
-            }
+            coder.finish()?;
         }
         _ => return Err(r.corrupt("channel mode")),
     }
@@ -163,7 +156,7 @@ fn bounds(min: i32, width: u32) -> (i64, i64) {
 }
 
 /// Order-0 coding: a binary tree of counters over the offsets from `min`.
-fn code_histogram<C: BinaryCoder>(values: &mut [i32], min: i32, width: u32, coder: &mut C) {
+fn code_histogram<C: Coder>(values: &mut [i32], min: i32, width: u32, coder: &mut C) {
     let mut tree = vec![Bit::default(); 1 << width];
     for v in values {
         if !C::ENCODING && coder.exhausted() {
@@ -180,7 +173,7 @@ fn code_histogram<C: BinaryCoder>(values: &mut [i32], min: i32, width: u32, code
 }
 
 /// Inverse-distance prediction and residual coding in coding order.
-fn code_predicted<C: BinaryCoder>(
+fn code_predicted<C: Coder>(
     near: &Neighbours,
     values: &mut [i32],
     (lo, hi): (i64, i64),

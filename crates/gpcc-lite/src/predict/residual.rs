@@ -1,8 +1,8 @@
 //! Adaptive coder of prediction residuals of any width.
 
-use crate::mix::{Mixer, stretch};
+use crate::coder::Coder;
+use crate::mix::{Mixer, code_mixed};
 use crate::model::Bit;
-use crate::range::BinaryCoder;
 
 /// Contexts by expected magnitude, in half-octaves.
 const BUCKETS: usize = 40;
@@ -30,12 +30,7 @@ impl Residual {
     }
 
     /// Codes `v`, at most 33 bits long, given two expectations of its magnitude.
-    pub(super) fn code<C: BinaryCoder>(
-        &mut self,
-        coder: &mut C,
-        v: i64,
-        expected: [u64; 2],
-    ) -> i64 {
+    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, v: i64, expected: [u64; 2]) -> i64 {
         let expected = expected.map(bucket);
         let magnitude = v.unsigned_abs();
         let class = 64 - magnitude.leading_zeros();
@@ -43,13 +38,8 @@ impl Residual {
         for level in (0..6).rev() {
             let [a, b] = &mut self.class;
             let (a, b) = (&mut a[expected[0]][node], &mut b[expected[1]][node]);
-            let inputs = [stretch(a.p1()), stretch(b.p1())];
-            let mixer = &mut self.mixers[node];
-            let p1 = mixer.mix(&inputs);
-            let bit = coder.code(p1, class >> level & 1 == 1);
-            mixer.update(&inputs, p1, bit, 3);
-            a.update(bit, LIMIT);
-            b.update(bit, LIMIT);
+            let value = class >> level & 1 == 1;
+            let bit = code_mixed(coder, &mut self.mixers[node], [a, b], value, 3, LIMIT);
             node = node * 2 + usize::from(bit);
         }
         let class = (node as u32 - 64).min(33);
@@ -65,7 +55,7 @@ impl Residual {
             prefix = prefix * 2 + usize::from(bit);
         }
         let raw = rest - modelled;
-        let low = coder.code_raw_wide((magnitude & ((1 << raw) - 1)) as u32, raw);
+        let low = coder.bits((magnitude & ((1 << raw) - 1)) as u32, raw);
         let magnitude = (((prefix as u64) << raw) | u64::from(low)) as i64;
         if self.sign.code(coder, v < 0, 1023) { -magnitude } else { magnitude }
     }

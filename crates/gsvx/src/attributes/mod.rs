@@ -1,6 +1,6 @@
 //! What each attribute is coded as, shared by encoder and decoder.
 
-pub mod colour;
-pub mod group;
-pub mod opacity;
-pub mod prediction;
+pub(crate) mod colour;
+pub(crate) mod opacity;
+pub(crate) mod prediction;
+pub(crate) mod side;

@@ -11,9 +11,9 @@
 //! A decoder's arithmetic is `+` and `*` in single precision in a stated order.
 
 use crate::error::{Error, Result};
+#[cfg(feature = "encode")]
 use crate::importance;
-use gpcc_lite::attribute::Rows;
-use rayon::prelude::*;
+use gpcc_lite::raht::Rows;
 
 /// Factors are multiples of 1/64.
 const UNIT: f32 = 64.0;
@@ -21,11 +21,14 @@ const UNIT: f32 = 64.0;
 const LOG_RUNS: std::ops::RangeInclusive<u8> = 10..=30;
 /// Leaves of a run, as logarithms: short runs, and if those do not pay, as at low rates, longer ones.
 /// Half as many leaves save 0.1 % of a stream at best, twice as many cost up to 0.7 %.
+#[cfg(feature = "encode")]
 const TRIED: [u8; 2] = [12, 14];
 /// Of so many neighbours two are a pair that the factors are fitted to, and two one that they are
 /// judged by.
+#[cfg(feature = "encode")]
 const STRIDE: usize = 4;
 /// Squares of steps added to the energy of each input: factors from next to nothing stay small.
+#[cfg(feature = "encode")]
 const RIDGE: f64 = 4.0;
 /// Four channels of a row.
 type Lanes = [f32; 4];
@@ -37,7 +40,7 @@ const fn coefficients(degree: u8) -> usize {
 
 /// The prediction of SH degree 2 or 3.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Predictor {
+pub(crate) struct Predictor {
     degree: u8,
     log_run: u8,
     /// By run, coefficient of the degree and coefficient of the degree below.
@@ -72,7 +75,11 @@ impl Predictor {
     ///
     /// # Errors
     /// [`Error::Truncated`] and [`Error::Corrupt`].
-    pub fn split(degree: u8, leaves: usize, payload: &[u8]) -> Result<(Option<Self>, &[u8])> {
+    pub(crate) fn split(
+        degree: u8,
+        leaves: usize,
+        payload: &[u8],
+    ) -> Result<(Option<Self>, &[u8])> {
         let what = "SH prediction";
         let Some((&log_run, rest)) = payload.split_first() else {
             return Err(Error::Truncated { what, offset: 0, need: 1, have: 0 });
@@ -92,7 +99,8 @@ impl Predictor {
     }
 
     /// Undoes [`Predictor::split`].
-    pub fn write(predictor: Option<&Self>, out: &mut Vec<u8>) {
+    #[cfg(feature = "encode")]
+    pub(crate) fn write(predictor: Option<&Self>, out: &mut Vec<u8>) {
         match predictor {
             None => out.push(0),
             Some(predictor) => {
@@ -102,43 +110,56 @@ impl Predictor {
         }
     }
 
-    /// Adds the predictions of the leaves from `first` on to their rows of `values`, given the rows
-    /// of the degree below; three channels per coefficient.
-    pub fn add(&self, first: usize, lower: &[f32], values: &mut [f32]) {
+    /// Adds its prediction to the values of leaf `leaf`, given those of the degree below; three channels
+    /// per coefficient.
+    #[inline]
+    pub(crate) fn add(&self, leaf: usize, below: &[f32], values: &mut [f32]) {
         if self.degree == 2 {
-            self.add_by::<3, 4, 15>(first, lower, values);
+            self.add_by::<3, 4>(leaf, below, values, |v, p| v + p);
         } else {
-            self.add_by::<5, 6, 21>(first, lower, values);
+            self.add_by::<5, 6>(leaf, below, values, |v, p| v + p);
         }
     }
 
-    fn add_by<const IN: usize, const V: usize, const CHANNELS: usize>(
+    /// Undoes [`Predictor::add`] up to rounding.
+    #[inline]
+    pub(crate) fn subtract(&self, leaf: usize, below: &[f32], values: &mut [f32]) {
+        if self.degree == 2 {
+            self.add_by::<3, 4>(leaf, below, values, |v, p| v - p);
+        } else {
+            self.add_by::<5, 6>(leaf, below, values, |v, p| v - p);
+        }
+    }
+
+    #[inline]
+    fn add_by<const IN: usize, const V: usize>(
         &self,
-        first: usize,
-        lower: &[f32],
+        leaf: usize,
+        below: &[f32],
         values: &mut [f32],
+        op: impl Fn(f32, f32) -> f32,
     ) {
+        let run = leaf >> self.log_run;
         let (runs, _) = self.lanes.as_chunks::<V>().0.as_chunks::<IN>();
-        let (lower, _) = lower.as_chunks::<3>().0.as_chunks::<IN>();
-        let (values, _) = values.as_chunks_mut::<CHANNELS>();
-        for (i, (values, lower)) in (first..).zip(values.iter_mut().zip(lower)) {
-            let predicted = predict(&runs[i >> self.log_run], lower);
-            for (value, p) in values.iter_mut().zip(predicted.as_flattened()) {
-                *value += p;
-            }
+        let (below, _) = below.as_chunks::<3>();
+        let Some(below) = below.first_chunk::<IN>() else { return };
+        let predicted = predict(&runs[run], below);
+        for (value, p) in values.iter_mut().zip(predicted.as_flattened()) {
+            *value = op(*value, *p);
         }
     }
 
     /// Fits the prediction of `degree`, if it pays: `lower` are the decoded values of the degree
     /// below, `exact(i, row)` fills in the values of leaf `i`, both in units of the transform;
     /// `classes` the importance classes, `steps` those of luma and chroma in the same units.
+    #[cfg(feature = "encode")]
     #[must_use]
-    pub fn fit(
+    pub(crate) fn fit(
         degree: u8,
         lower: &Rows,
-        classes: Option<&[u8]>,
+        classes: &[u8],
         steps: [f32; 2],
-        exact: impl Fn(usize, &mut [f32]) + Sync,
+        exact: impl Fn(usize, &mut [f32]),
     ) -> Option<Self> {
         let fit = Fit { lower, classes, squares: steps.map(|s| 1.0 / (s * s)), exact };
         TRIED.into_iter().find_map(|log_run| {
@@ -178,9 +199,10 @@ fn turned([y, o, g]: [f32; 3]) -> [Lanes; 3] {
 }
 
 /// What factors are fitted to.
+#[cfg(feature = "encode")]
 struct Fit<'a, E> {
     lower: &'a Rows,
-    classes: Option<&'a [u8]>,
+    classes: &'a [u8],
     /// One over the squares of the steps of luma and chroma.
     squares: [f32; 2],
     exact: E,
@@ -188,13 +210,15 @@ struct Fit<'a, E> {
 
 /// Differences of a pair of neighbours below and of the degree, and the weights of the planes: a
 /// difference squared times its weight is in squares of steps.
+#[cfg(feature = "encode")]
 struct Pair<const IN: usize, const V: usize> {
     lower: [[f32; 3]; IN],
     exact: [Lanes; V],
     weights: [f32; 3],
 }
 
-impl<E: Fn(usize, &mut [f32]) + Sync> Fit<'_, E> {
+#[cfg(feature = "encode")]
+impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
     /// The factors of all runs, zeros where they do not pay, and the bits that they save by the
     /// estimate, more than they take. `INV` and `V` are the chunks of four
     /// that the channels of the degree below and of the degree fill.
@@ -214,8 +238,7 @@ impl<E: Fn(usize, &mut [f32]) + Sync> Fit<'_, E> {
             }
             (factors, saved.max(0.0) - 8.0 * (IN * OUT) as f64)
         };
-        let runs = (0..n.div_ceil(1 << log_run)).into_par_iter().map(of);
-        let runs: Vec<(Vec<i8>, f64)> = runs.collect();
+        let runs: Vec<(Vec<i8>, f64)> = (0..n.div_ceil(1 << log_run)).map(of).collect();
         let saved = runs.iter().map(|run| run.1).sum();
         (runs.into_iter().flat_map(|run| run.0).collect(), saved)
     }
@@ -223,15 +246,14 @@ impl<E: Fn(usize, &mut [f32]) + Sync> Fit<'_, E> {
     /// The pair of leaf `i` and the one before.
     fn pair<const IN: usize, const V: usize>(&self, channels: usize, i: usize) -> Pair<IN, V> {
         let mut lower = [[[0.0; 3]; IN]; 2];
-        self.lower.copy(i - 1, lower.as_flattened_mut().as_flattened_mut());
+        for (k, lower) in lower.iter_mut().enumerate() {
+            lower.as_flattened_mut().copy_from_slice(self.lower.row(i - 1 + k));
+        }
         let mut exact = [[[0.0; 4]; V]; 2];
         for (k, exact) in exact.iter_mut().enumerate() {
             (self.exact)(i - 1 + k, &mut exact.as_flattened_mut()[..channels]);
         }
-        let class = match self.classes {
-            Some(classes) => classes[i].min(classes[i - 1]),
-            None => importance::MEAN_CLASS,
-        };
+        let class = self.classes[i].min(self.classes[i - 1]);
         let class = importance::weight(class) as f32;
         let [luma, chroma] =
             self.squares.map(|s| s * (class / importance::weight(importance::MEAN_CLASS) as f32));
@@ -327,12 +349,14 @@ impl<E: Fn(usize, &mut [f32]) + Sync> Fit<'_, E> {
 /// logarithm of one plus six times it, between powers of two as if it were linear. That is
 /// linear in squares far below that of the step, as the cost of rare ones is, and the
 /// logarithm of the ratio far above.
+#[cfg(feature = "encode")]
 #[inline(always)]
 fn half_bits(square: f32) -> u32 {
     (1.0 + 6.0 * square).to_bits() - 1f32.to_bits()
 }
 
 /// Solves symmetric positive definite equations by Gaussian elimination.
+#[cfg(feature = "encode")]
 fn solve<const N: usize>(a: &[[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
     let mut a = *a;
     for k in 0..N {
@@ -353,12 +377,12 @@ fn solve<const N: usize>(a: &[[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
     b
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// What [`Predictor::add`] does, as docs/bitstream.md says it.
+    /// What [`Predictor::add`] does, as docs/format.md says it.
     fn add_slowly(predictor: &Predictor, first: usize, lower: &[f32], values: &mut [f32]) {
         let (inputs, outputs) =
             (coefficients(predictor.degree - 1), coefficients(predictor.degree));
@@ -393,7 +417,9 @@ mod tests {
             let lower = &values[..40 * below];
             let mut fast = values[values.len() - 40 * own..].to_vec();
             let mut slow = fast.clone();
-            predictor.add(first, lower, &mut fast);
+            for (i, (lower, fast)) in lower.chunks(below).zip(fast.chunks_mut(own)).enumerate() {
+                predictor.add(first + i, lower, fast);
+            }
             add_slowly(&predictor, first, lower, &mut slow);
             let bits = |v: &[f32]| v.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
             prop_assert_eq!(bits(&fast), bits(&slow));

@@ -5,19 +5,21 @@
 //! neighbours. Loss is that of the integers alone: half a step, `(max - min) / (2^bits - 1) / 2`.
 
 use super::Covariances;
-use crate::attributes::group::coding;
-use crate::encode::Leaves;
-use crate::error::{Error, Result};
-use crate::stream::{Reader, Writer};
+use crate::bytes::{Reader, Writer};
+use crate::error::{Error, Result, coding};
 use gpcc_lite::Leaf;
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
+#[cfg(feature = "encode")]
+use gpcc_lite::predict::encode_lossless;
+use gpcc_lite::predict::{Neighbours, decode_lossless};
+#[cfg(feature = "encode")]
 use gs_model::Scene;
 
 const CHANNELS: usize = 7;
 /// Widths an encoder may ask for.
 const BITS: std::ops::RangeInclusive<u8> = 8..=24;
 
-pub(super) fn encode(scene: &Scene, leaves: &Leaves, bits: u8) -> Result<Vec<u8>> {
+#[cfg(feature = "encode")]
+pub(crate) fn encode(scene: &Scene, leaves: &[Leaf], j_high: u8, bits: u8) -> Result<Vec<u8>> {
     if !BITS.contains(&bits) {
         return Err(Error::Option {
             option: "covariance bits",
@@ -51,13 +53,13 @@ pub(super) fn encode(scene: &Scene, leaves: &Leaves, bits: u8) -> Result<Vec<u8>
                 .collect::<Vec<i32>>(),
         );
     }
-    let near = Neighbours::new(&leaves.leaves, leaves.j_high).map_err(coding("covariance"))?;
+    let near = Neighbours::new(leaves, j_high).map_err(coding("covariance"))?;
     let views: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
     out.bytes.extend(encode_lossless(&near, &views).map_err(coding("covariance"))?);
     Ok(out.bytes)
 }
 
-pub(super) fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Covariances> {
+pub(crate) fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Covariances> {
     let mut r = Reader::new(payload, "covariance");
     let bits = r.u8()?;
     if !BITS.contains(&bits) {

@@ -6,8 +6,8 @@ use super::local::{self, Local};
 use super::neighbours::{NEIGHBOURS, Neighbours};
 use super::predictor::{NEIGHBOUR_BITS, Predictor};
 use super::residual::{Expect, Models, level};
+use gpcc_lite::coder::Coder;
 use gpcc_lite::model::Bit;
-use gpcc_lite::range::BinaryCoder;
 
 /// Memory of flags, in observations.
 const MEMORY: u32 = 255;
@@ -36,7 +36,7 @@ pub(super) struct Coded {
 
 /// Codes all columns but the means of a chunk whose means are coded, row by row. The encoder
 /// gives the rows, the decoder an empty slice. Returns false if the stream ended early.
-pub(super) fn rows<C: BinaryCoder>(
+pub(super) fn rows<C: Coder>(
     coder: &mut C,
     columns: &[Column],
     near: &Neighbours,
@@ -117,7 +117,7 @@ pub(super) fn rows<C: BinaryCoder>(
             if column.escapes {
                 let escape = C::ENCODING && matches!(cell, Cell::Escape { .. });
                 if tails[c].escape.code(coder, escape, MEMORY) {
-                    let bits = coder.code_raw_wide(value, 32);
+                    let bits = coder.bits(value, 32);
                     coded.bits[i * width + MEANS + c] = bits;
                     q[MEANS + c] = column.map.stand_in(bits);
                     rests[at] = q[MEANS + c] - own;
@@ -168,13 +168,7 @@ pub(super) struct Tail {
 impl Tail {
     /// Codes the position inside cell `q`; returns the bit pattern.
     #[inline]
-    pub(super) fn code<C: BinaryCoder>(
-        &mut self,
-        coder: &mut C,
-        map: &Map,
-        q: i32,
-        cell: Cell,
-    ) -> u32 {
+    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, map: &Map, q: i32, cell: Cell) -> u32 {
         match map.low_bits(q) {
             Some(0) => map.join(q, 0),
             Some(n) => {
@@ -182,7 +176,7 @@ impl Tail {
                     Cell::At { low, .. } => low,
                     _ => 0,
                 };
-                map.join(q, coder.code_raw_wide(low, n))
+                map.join(q, coder.bits(low, n))
             }
             None => {
                 let (exponent, mantissa) = match cell {
@@ -195,8 +189,8 @@ impl Tail {
                 while k < 24 && k < top && self.tiny[k as usize].code(coder, down > k, MEMORY) {
                     k += 1;
                 }
-                let exponent = if k == 24 { coder.code_raw(exponent, 8).min(top) } else { top - k };
-                map.join(q, 0) | exponent << 23 | coder.code_raw_wide(mantissa, 23)
+                let exponent = if k == 24 { coder.bits(exponent, 8).min(top) } else { top - k };
+                map.join(q, 0) | exponent << 23 | coder.bits(mantissa, 23)
             }
         }
     }
@@ -223,7 +217,7 @@ impl Means<'_> {
     }
 
     /// Codes all rows into `coded`. The encoder gives three columns of values.
-    pub(super) fn code<C: BinaryCoder>(
+    pub(super) fn code<C: Coder>(
         &self,
         coder: &mut C,
         coded: &mut Coded,
@@ -271,7 +265,7 @@ impl Means<'_> {
             while left > 0 {
                 let step = left.min(16);
                 left -= step;
-                let raw = coder.code_raw((delta >> left) as u32 & ((1 << step) - 1), step);
+                let raw = coder.bits((delta >> left) as u32 & ((1 << step) - 1), step);
                 value = value << step | u64::from(raw);
             }
             context = (3 * context + 4 * n.min(63) + 2) >> 2;
@@ -280,13 +274,13 @@ impl Means<'_> {
             let grid = gpcc_lite::morton::decode(last);
             for a in 0..MEANS {
                 let offset = (at[a].wrapping_sub(self.least[a])) as u32 & ((1 << self.below) - 1);
-                let offset = coder.code_raw(offset, self.below);
+                let offset = coder.bits(offset, self.below);
                 let cell = i64::from(self.least[a]) + i64::from(grid[a] << self.below | offset);
                 q[a][i] = cell.clamp(i64::from(-CELLS), i64::from(CELLS) - 1) as i32;
                 let escape = C::ENCODING && matches!(cells[a], Cell::Escape { .. });
                 coded.bits[i * width + a] =
                     if self.column.escapes && tails[a].escape.code(coder, escape, 255) {
-                        coder.code_raw_wide(given.get(i * width + a).copied().unwrap_or(0), 32)
+                        coder.bits(given.get(i * width + a).copied().unwrap_or(0), 32)
                     } else {
                         tails[a].code(coder, map, q[a][i], cells[a])
                     };

@@ -6,8 +6,8 @@
 //! mantissas need no special case. Patterns outside the grid (values beyond its range, NaN,
 //! infinity) are escapes and stored as 32 bits.
 
+use crate::bytes::{Reader, Writer};
 use crate::error::{Error, Result};
-use crate::stream::{Reader, Writer};
 
 /// Cell indices lie in `[-CELLS, CELLS)`.
 pub(super) const CELLS: i32 = 1 << 24;

@@ -1,6 +1,6 @@
 //! Bit-exact coding of every float of a scene.
 //!
-//! Normative description: `docs/bitstream-lossless.md`. Gaussians come back in Morton order of
+//! Normative description: `docs/format-lossless.md`. Gaussians come back in Morton order of
 //! their means unless the original order is asked for; every value comes back bit for bit,
 //! NaN payloads included. Columns are cut into cells whose index is predicted (from the
 //! Gaussian's earlier columns by a linear form fitted by the encoder, from what that form leaves
@@ -16,16 +16,17 @@ mod neighbours;
 mod predictor;
 mod residual;
 
-use crate::encode::Encoded;
-use crate::error::{Error, Result};
-use crate::stream::{self, Header, Reader, SectionKind, Writer};
+use crate::bytes::Reader;
+#[cfg(feature = "encode")]
+use crate::bytes::Writer;
+use crate::error::{Error, Result, coding};
 use chunk::{Coded, Column, Means};
 use column::{Cell, Map};
-use gpcc_lite::range::{BinaryCoder, RangeDecoder, RangeEncoder};
+use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gs_model::Scene;
 use layout::MEANS;
+#[cfg(feature = "encode")]
 use rayon::prelude::*;
-use voxel::Cube;
 
 /// Gaussians per chunk, at most; chunks are coded independently of each other.
 const CHUNK: usize = 1 << 16;
@@ -35,63 +36,16 @@ const COMMON: usize = 256;
 /// a Gaussian of degree 0 takes more than twenty-five.
 const ROWS_PER_BYTE: u64 = 512;
 
-/// Options of [`encode`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LosslessOptions {
-    /// Keep the order of the Gaussians; costs `ceil(log2 N)` bits for each.
-    pub keep_order: bool,
-}
-
-/// Encodes a scene bit for bit; Gaussians come back in Morton order of their means.
-///
-/// Values need not be valid: NaN, infinities and zero quaternions are kept.
-///
-/// # Errors
-/// [`Error::CountMismatch`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
-/// 2^32 - 1 Gaussians.
-pub fn encode_lossless(scene: &Scene) -> Result<Encoded> {
-    encode(scene, &LosslessOptions::default())
-}
-
-/// [`encode_lossless`] with options.
-///
-/// # Errors
-/// As [`encode_lossless`].
-pub fn encode(scene: &Scene, options: &LosslessOptions) -> Result<Encoded> {
-    let n = scene.len();
-    for len in [scene.opacity_logits.len(), scene.log_scales.len(), scene.rotations.len()] {
-        if len != n {
-            return Err(Error::CountMismatch { scene: n, leaves: len });
-        }
-    }
-    if scene.sh_degree > 3 || scene.sh.len() != n * scene.sh_len() {
-        return Err(Error::CountMismatch { scene: n * scene.sh_len(), leaves: scene.sh.len() });
-    }
-    if n as u64 > u64::from(u32::MAX) {
-        return Err(Error::Limit { points: n as u64, limit: u32::MAX.into() });
-    }
-    let payload = encode_payload(scene, options);
-    let header = Header {
-        count: n as u64,
-        slices: 1,
-        sh_degree: scene.sh_degree,
-        j_high: 0,
-        cube: Cube { origin: [0.0; 3], side: 1.0 },
-        colour_space: Default::default(),
-        coordinate_system: Default::default(),
-    };
-    let sections = vec![(SectionKind::Lossless, payload)];
-    let bytes = stream::assemble(&header, &sections);
-    let sections = sections.iter().map(|(kind, payload)| (*kind, payload.len())).collect();
-    Ok(Encoded { bytes, sections })
-}
-
 /// First row of each chunk, and the end.
 fn chunk_bounds(n: usize, chunks: usize) -> Vec<usize> {
     (0..=chunks).map(|k| (n as u64 * k as u64 / chunks.max(1) as u64) as usize).collect()
 }
 
-fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
+/// The payload of a scene's Gaussians, bit for bit. They come back in Morton order of their means, or in
+/// their own at `ceil(log2 N)` bits each. Values need not be valid: NaN, infinities and zero
+/// quaternions are kept.
+#[cfg(feature = "encode")]
+pub(crate) fn encode_payload(scene: &Scene, keep_order: bool) -> Vec<u8> {
     let n = scene.len();
     let columns = layout::columns(scene.sh_degree);
     let identity: Vec<u32> = (0..n as u32).collect();
@@ -184,7 +138,7 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
     }
 
     let mut w = Writer::default();
-    w.u8(u8::from(options.keep_order));
+    w.u8(u8::from(keep_order));
     w.varint(count as u64);
     w.u8(below as u8);
     for v in least {
@@ -199,14 +153,14 @@ fn encode_payload(scene: &Scene, options: &LosslessOptions) -> Vec<u8> {
         .map(|k| {
             let order = &order[bounds[k]..bounds[k + 1]];
             let bits = layout::gather_rows(scene, order);
-            let mut coder = RangeEncoder::new();
+            let mut coder = Encoder::default();
             let mut coded = Coded { bits: vec![0; bits.len()], ..Default::default() };
             code.code(&mut coder, &mut coded, order.len(), columns, &bits);
             chunk::rows(&mut coder, &specs, &near[k], &bits, &mut coded);
-            if options.keep_order {
+            if keep_order {
                 let width = index_bits(n);
                 for &i in order {
-                    coder.code_raw_wide(i, width);
+                    coder.bits(i, width);
                 }
             }
             coder.finish()
@@ -271,7 +225,7 @@ fn read_column(r: &mut Reader<'_>, c: usize) -> Result<Column> {
 /// [`Error::Truncated`], [`Error::Corrupt`] or [`Error::Limit`]. Memory and time are bounded by
 /// the payload's length; damage that no check sees gives wrong values, which is what the
 /// section's checksum is for.
-pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene> {
+pub(crate) fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene> {
     let corrupt = |what, value: u64| Error::Corrupt { what, value };
     if sh_degree > 3 {
         return Err(corrupt("SH degree", sh_degree.into()));
@@ -314,10 +268,9 @@ pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene
     }
     let bounds = chunk_bounds(n, blocks.len());
     let code = Means { column: &specs[0], least, below: below.into() };
-    let parts: Vec<Result<(Coded, Vec<u32>)>> = blocks
-        .par_iter()
-        .enumerate()
-        .map(|(k, block)| {
+    let parts: Vec<Result<(Coded, Vec<u32>)>> = crate::parallel::map(
+        blocks.into_iter().enumerate().collect(),
+        |(k, block): (usize, &[u8])| {
             let rows = bounds[k + 1] - bounds[k];
             let limit = ROWS_PER_BYTE * block.len() as u64 + 64;
             if rows as u64 > limit {
@@ -329,7 +282,7 @@ pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene
                 need: 1,
                 have: 0,
             };
-            let mut coder = RangeDecoder::new(block);
+            let mut coder = Decoder::new(block).map_err(coding("lossless chunk"))?;
             let mut coded = Coded { bits: vec![0; rows * columns], ..Default::default() };
             if !code.code(&mut coder, &mut coded, rows, columns, &[]) {
                 return Err(short());
@@ -341,14 +294,14 @@ pub fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene
             let mut order = Vec::new();
             if keep_order {
                 let width = index_bits(n);
-                order.extend((0..rows).map(|_| coder.code_raw_wide(0, width)));
+                order.extend((0..rows).map(|_| coder.bits(0, width)));
                 if coder.exhausted() {
                     return Err(short());
                 }
             }
             Ok((coded, order))
-        })
-        .collect();
+        },
+    );
     let mut scene = layout::blank(n, sh_degree);
     let mut seen = vec![false; if keep_order { n } else { 0 }];
     for (k, part) in parts.into_iter().enumerate() {

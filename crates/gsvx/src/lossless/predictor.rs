@@ -2,8 +2,8 @@
 
 use super::column::CELLS;
 use super::neighbours::NEIGHBOURS;
+use crate::bytes::{Reader, Writer};
 use crate::error::{Error, Result};
-use crate::stream::{Reader, Writer};
 
 /// Fraction bits of neighbour weights.
 pub(super) const NEIGHBOUR_BITS: u32 = 16;

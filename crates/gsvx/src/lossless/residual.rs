@@ -5,9 +5,9 @@
 //! this Gaussian in earlier columns, both, and the last columns alone. Two bits below the
 //! leading one are modelled, the others are noise.
 
-use gpcc_lite::mix::{Mixer, stretch};
+use gpcc_lite::coder::Coder;
+use gpcc_lite::mix::{Mixer, code_mixed};
 use gpcc_lite::model::Bit;
-use gpcc_lite::range::BinaryCoder;
 
 /// Highest bucket: errors stay below 2^26.
 pub(super) const TOP: i32 = 26;
@@ -76,7 +76,7 @@ impl Default for Models {
 impl Models {
     /// Codes an error and `extra` raw bits `low` behind it.
     #[inline]
-    pub(super) fn code<C: BinaryCoder>(&mut self, coder: &mut C, x: Expect, e: i32) -> i32 {
+    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, x: Expect, e: i32) -> i32 {
         let estimate = (x.near + x.own + 1) >> 1;
         let centre = (estimate >> 2).clamp(0, TOP);
         let relative = |level: i32| {
@@ -118,7 +118,7 @@ impl Models {
                 value = value << 1 | u32::from(second);
             }
             if left > 0 {
-                let rest = coder.code_raw_wide(size & ((1 << left) - 1), left);
+                let rest = coder.bits(size & ((1 << left) - 1), left);
                 value = value << left | rest;
             }
         }
@@ -126,13 +126,7 @@ impl Models {
     }
 
     #[inline]
-    fn step<C: BinaryCoder>(
-        &mut self,
-        coder: &mut C,
-        at: [usize; 4],
-        offset: i32,
-        bit: bool,
-    ) -> bool {
+    fn step<C: Coder>(&mut self, coder: &mut C, at: [usize; 4], offset: i32, bit: bool) -> bool {
         let node = (offset + 8).clamp(0, 15) as usize;
         let bits = [
             &mut self.near[at[0] + node],
@@ -140,40 +134,27 @@ impl Models {
             &mut self.both[at[2] + node],
             &mut self.last[at[3] + node],
         ];
-        let inputs = [
-            stretch(bits[0].p1()),
-            stretch(bits[1].p1()),
-            stretch(bits[2].p1()),
-            stretch(bits[3].p1()),
-        ];
-        let mixer = &mut self.mixers[node];
-        let p = mixer.mix(&inputs);
-        let bit = coder.code(p, bit);
-        mixer.update(&inputs, p, bit, 3);
-        for b in bits {
-            b.update(bit, MEMORY);
-        }
-        bit
+        code_mixed(coder, &mut self.mixers[node], bits, bit, 3, MEMORY)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gpcc_lite::range::{RangeDecoder, RangeEncoder};
+    use gpcc_lite::coder::{Decoder, Encoder};
     use proptest::prelude::*;
 
     proptest! {
         #[test]
         fn errors_come_back(errors in prop::collection::vec((-(1 << 26) + 1..1 << 26, 0..120i32, 0..120i32, 0..120i32), 0..200)) {
             let expect = |near, own, last| Expect { near, own, last, sign: 3 };
-            let mut encoder = RangeEncoder::new();
+            let mut encoder = Encoder::default();
             let mut models = Models::default();
             for &(e, a, b, c) in &errors {
                 models.code(&mut encoder, expect(a, b, c), e);
             }
             let bytes = encoder.finish();
-            let mut decoder = RangeDecoder::new(&bytes);
+            let mut decoder = Decoder::new(&bytes).unwrap();
             let mut models = Models::default();
             for &(e, a, b, c) in &errors {
                 prop_assert_eq!(models.code(&mut decoder, expect(a, b, c), 0), e);

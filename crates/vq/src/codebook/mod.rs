@@ -1,6 +1,5 @@
 //! The codebook: a table of normalised covariances, trained by an encoder, stored as integers.
 
-mod bytes;
 mod codeword;
 mod report;
 mod training;
@@ -51,6 +50,18 @@ impl Codebook {
         order.sort_unstable();
         let codewords = order.into_iter().map(|(_, c)| c).collect();
         Self { precision, metric, codewords, search: OnceLock::new() }
+    }
+
+    /// What a stream stores: the bits of a rotation integer, the fraction bits of a log-scale integer, and
+    /// the codewords, each three integers of the rotation and three of minus the log-scales.
+    #[must_use]
+    pub fn integers(&self) -> (u8, u8, Vec<[i32; 6]>) {
+        let Precision { rotation_bits, log_scale_bits, .. } = self.precision;
+        let integers = |c: &Codeword| {
+            let ([x, y, z], [a, b, c]) = (c.rotation.map(i32::from), c.log_scale.map(i32::from));
+            [x, y, z, a, b, c]
+        };
+        (rotation_bits, log_scale_bits, self.codewords.iter().map(integers).collect())
     }
 
     /// Trains a codebook on covariances and their sensitivities (one each, finite, >= 0; only

@@ -113,12 +113,20 @@ impl<'a> Reader<'a> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
+    /// An IEEE 754 single of any value.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`].
+    pub fn f32(&mut self) -> Result<f32> {
+        Ok(f32::from_le_bytes(self.array()?))
+    }
+
     /// An IEEE 754 single that must be finite.
     ///
     /// # Errors
     /// [`Error::Truncated`]; [`Error::Corrupt`] if NaN or infinite.
     pub fn finite_f32(&mut self, what: &'static str) -> Result<f32> {
-        let v = f32::from_le_bytes(self.array()?);
+        let v = self.f32()?;
         if v.is_finite() {
             Ok(v)
         } else {

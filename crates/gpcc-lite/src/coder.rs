@@ -1,0 +1,306 @@
+//! The entropy coder under every stream: four interleaved rANS states, and plain bits beside them.
+//!
+//! A symbol has an interval `start..start + size` of `2^15`. Symbol number `i` of a stream is coded
+//! by state `i mod 4`, so that a processor decodes symbols side by side as long as their models do
+//! not wait for each other. Bits that are as good as random (signs, low bits) do not go through the
+//! states: they are stored as they are, behind the words of the states.
+//!
+//! rANS decodes in the opposite order of encoding. The encoder therefore keeps all intervals, and
+//! codes them from the last to the first when the stream ends.
+//!
+//! Layout and arithmetic: `docs/format.md`, "Entropy coder". Reference: J. Duda, "Asymmetric numeral
+//! systems" (2013); F. Giesen, "Interleaved entropy coders" (2014).
+
+use crate::bytes::{BitReader, BitWriter, Reader, put_varint};
+use crate::error::{Error, Result};
+use crate::model::Symbols;
+
+/// Interval sizes sum to `2^SCALE_BITS`.
+pub const SCALE_BITS: u32 = 15;
+/// Number of states.
+const STATES: usize = 4;
+/// A state is never below this between two symbols, and is this before the first symbol is encoded.
+const LOWEST: u32 = 1 << 16;
+
+/// Both directions of the coder behind one interface, so that a model is written once.
+///
+/// The encoder codes the value that it is given and returns it. The decoder ignores the argument
+/// and returns what it reads.
+pub trait Coder {
+    /// True for the encoder.
+    const ENCODING: bool;
+
+    /// Codes a decision whose probability of being true is `p1 / 2^15`, `0 < p1 < 2^15`.
+    fn decision(&mut self, p1: u32, value: bool) -> bool;
+
+    /// Codes one symbol by its model, and the model learns it.
+    fn symbol(&mut self, model: &mut Symbols, value: usize) -> usize;
+
+    /// Codes `n <= 32` plain bits.
+    fn bits(&mut self, value: u32, n: u32) -> u32;
+
+    /// True when the decoder has read past the end: the stream is truncated or damaged.
+    fn exhausted(&self) -> bool;
+}
+
+/// The encoder half of the [coder](self).
+#[derive(Clone, Debug, Default)]
+pub struct Encoder {
+    /// Start in the low 16 bits, size in the high 16.
+    intervals: Vec<u32>,
+    plain: BitWriter,
+}
+
+impl Encoder {
+    #[inline]
+    fn interval(&mut self, start: u32, size: u32) {
+        debug_assert!(size > 0 && start + size <= 1 << SCALE_BITS);
+        self.intervals.push(start | size << 16);
+    }
+
+    /// Bytes that what was coded so far takes, about.
+    #[must_use]
+    pub fn approx_bytes(&self) -> f64 {
+        let bits: f64 =
+            self.intervals.iter().map(|v| f64::from(SCALE_BITS) - f64::from(v >> 16).log2()).sum();
+        bits / 8.0 + self.plain.len() as f64
+    }
+
+    /// True if nothing was coded yet.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.intervals.is_empty() && self.plain.is_empty()
+    }
+
+    /// Ends the stream and returns its bytes: none if nothing was coded.
+    #[must_use]
+    pub fn finish(self) -> Vec<u8> {
+        if self.is_empty() {
+            return Vec::new();
+        }
+        let mut states = [LOWEST; STATES];
+        let mut words = Vec::with_capacity(self.intervals.len() / 4);
+        for (i, interval) in self.intervals.iter().enumerate().rev() {
+            let (start, size) = (interval & 0xffff, interval >> 16);
+            let x = &mut states[i % STATES];
+            // The result must stay below 2^32.
+            if u64::from(*x) >= u64::from(size) << (32 - SCALE_BITS) {
+                words.push(*x as u16);
+                *x >>= 16;
+            }
+            *x = (*x / size) << SCALE_BITS | (*x % size + start);
+        }
+        let mut out = Vec::with_capacity(2 * words.len() + 32);
+        put_varint(&mut out, words.len() as u64);
+        out.extend(states.iter().flat_map(|x| x.to_le_bytes()));
+        out.extend(words.iter().rev().flat_map(|w| w.to_le_bytes()));
+        out.extend(self.plain.finish());
+        out
+    }
+}
+
+impl Coder for Encoder {
+    const ENCODING: bool = true;
+
+    #[inline]
+    fn decision(&mut self, p1: u32, value: bool) -> bool {
+        if value {
+            self.interval(0, p1);
+        } else {
+            self.interval(p1, (1 << SCALE_BITS) - p1);
+        }
+        value
+    }
+
+    #[inline]
+    fn symbol(&mut self, model: &mut Symbols, value: usize) -> usize {
+        let (start, size) = model.interval(value);
+        self.interval(start, size);
+        model.learn(value);
+        value
+    }
+
+    #[inline]
+    fn bits(&mut self, value: u32, n: u32) -> u32 {
+        self.plain.put(value, n);
+        value
+    }
+
+    fn exhausted(&self) -> bool {
+        false
+    }
+}
+
+/// The decoder half of the [coder](self).
+#[derive(Clone, Debug)]
+pub struct Decoder<'a> {
+    states: [u32; STATES],
+    /// Number of symbols decoded so far, modulo [`STATES`].
+    turn: usize,
+    words: &'a [[u8; 2]],
+    /// Words taken so far.
+    taken: usize,
+    plain: BitReader<'a>,
+}
+
+impl<'a> Decoder<'a> {
+    /// A decoder of one stream, which `data` holds and nothing else.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] or [`Error::Corrupt`] if the head of the stream is damaged.
+    pub fn new(data: &'a [u8]) -> Result<Self> {
+        let mut states = [LOWEST; STATES];
+        if data.is_empty() {
+            let plain = BitReader::new(data);
+            return Ok(Self { states, turn: 0, words: &[], taken: 0, plain });
+        }
+        let mut r = Reader::new(data);
+        let words = r.varint("number of words")?;
+        for x in &mut states {
+            let b = r.bytes(4, "rANS state")?;
+            *x = u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+            if *x < LOWEST {
+                return Err(r.corrupt("rANS state"));
+            }
+        }
+        let words = r.bytes(words.saturating_mul(2), "rANS words")?;
+        let (words, _) = words.as_chunks::<2>();
+        Ok(Self { states, turn: 0, words, taken: 0, plain: BitReader::new(&data[r.pos()..]) })
+    }
+
+    /// Whether the stream ends here, as a whole stream does: all words are taken and the states are
+    /// those that the encoder began with.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] or [`Error::Corrupt`].
+    pub fn finish(&self) -> Result<()> {
+        if self.exhausted() {
+            return Err(Error::Truncated { offset: self.taken * 2, what: "entropy-coded data" });
+        }
+        if self.taken != self.words.len() || self.states != [LOWEST; STATES] {
+            return Err(Error::Corrupt { offset: self.taken * 2, what: "entropy-coded data" });
+        }
+        Ok(())
+    }
+
+    /// Takes the interval out of state `x` and renews the state.
+    #[inline(always)]
+    fn advance(&mut self, x: u32, code: u32, start: u32, size: u32) {
+        let x = size.wrapping_mul(x >> SCALE_BITS).wrapping_add(code - start);
+        // Whether a word is taken cannot be predicted: no branch.
+        let word = self.words.get(self.taken).map_or(0, |w| u16::from_le_bytes(*w));
+        let take = x < LOWEST;
+        self.taken += usize::from(take);
+        let x = std::hint::select_unpredictable(take, x << 16 | u32::from(word), x);
+        self.states[self.turn] = x;
+        self.turn = (self.turn + 1) % STATES;
+    }
+}
+
+impl Coder for Decoder<'_> {
+    const ENCODING: bool = false;
+
+    #[inline]
+    fn decision(&mut self, p1: u32, _: bool) -> bool {
+        let x = self.states[self.turn];
+        let code = x & ((1 << SCALE_BITS) - 1);
+        let value = code < p1;
+        let (start, size) = if value { (0, p1) } else { (p1, (1 << SCALE_BITS) - p1) };
+        self.advance(x, code, start, size);
+        value
+    }
+
+    #[inline]
+    fn symbol(&mut self, model: &mut Symbols, _: usize) -> usize {
+        let x = self.states[self.turn];
+        let code = x & ((1 << SCALE_BITS) - 1);
+        let symbol = model.find(code);
+        let (start, size) = model.interval(symbol);
+        self.advance(x, code, start, size);
+        model.learn(symbol);
+        symbol
+    }
+
+    #[inline]
+    fn bits(&mut self, _: u32, n: u32) -> u32 {
+        self.plain.get(n)
+    }
+
+    #[inline]
+    fn exhausted(&self) -> bool {
+        self.taken > self.words.len() || self.plain.overrun()
+    }
+}
+
+/// Codes a number of any size in plain bits: as many zeros as `value + 1` has bits after its leading
+/// one, then `value + 1` itself (Elias gamma code).
+#[cold]
+pub(crate) fn code_gamma<C: Coder>(coder: &mut C, value: u32) -> u32 {
+    let v = u64::from(value) + 1;
+    let bits = v.ilog2();
+    let mut zeros = 0;
+    while zeros < 32 && coder.bits(u32::from(zeros == bits), 1) == 0 {
+        zeros += 1;
+    }
+    let low = coder.bits((v & ((1 << zeros) - 1)) as u32, zeros);
+    ((1u64 << zeros | u64::from(low)) - 1).min(u64::from(u32::MAX)) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Bit;
+
+    /// Symbols, decisions, plain bits and large numbers in turn.
+    fn run(coder: &mut impl Coder, rounds: u32) -> Vec<(usize, bool, u32, u32)> {
+        let (mut symbols, mut decision) = (Symbols::geometric(700, 6), Bit::default());
+        let round = |i: u32| {
+            let value = i.wrapping_mul(0x9e37_79b9);
+            let symbol = coder.symbol(&mut symbols, value as usize % 7);
+            let bit = decision.code(coder, value & 64 != 0, 250);
+            let n = i % 33;
+            let low = (u64::from(value) & ((1 << n) - 1)) as u32;
+            let low = coder.bits(low, n);
+            (symbol, bit, low, code_gamma(coder, value >> (i % 32)))
+        };
+        (0..rounds).map(round).collect()
+    }
+
+    #[test]
+    fn everything_comes_back() {
+        for rounds in [0, 1, 2, 3, 5, 2000] {
+            let mut encoder = Encoder::default();
+            let want = run(&mut encoder, rounds);
+            let bytes = encoder.finish();
+            assert_eq!(bytes.is_empty(), rounds == 0);
+            let mut decoder = Decoder::new(&bytes).unwrap();
+            assert_eq!(run(&mut decoder, rounds), want);
+            decoder.finish().unwrap();
+        }
+    }
+
+    #[test]
+    fn what_is_cut_off_is_noticed() {
+        let mut encoder = Encoder::default();
+        run(&mut encoder, 2000);
+        let bytes = encoder.finish();
+        for len in 0..bytes.len() {
+            let cut = Decoder::new(&bytes[..len]);
+            let whole = cut.is_ok_and(|mut decoder| {
+                run(&mut decoder, 2000);
+                decoder.finish().is_ok()
+            });
+            assert!(!whole, "{len} of {} bytes", bytes.len());
+        }
+    }
+
+    #[test]
+    fn a_likely_decision_takes_little() {
+        let mut encoder = Encoder::default();
+        for _ in 0..32_000 {
+            encoder.decision((1 << SCALE_BITS) - 32, true);
+        }
+        // -log2(1 - 2^-10) bits each: 5.6 bytes.
+        assert!(encoder.finish().len() <= 1 + 16 + 8);
+    }
+}

@@ -1,0 +1,311 @@
+//! Entropy coding of quantised RAHT coefficients, one octree level after another.
+//!
+//! A *row* is one coefficient of all channels of a group. The magnitude that is expected in a row comes
+//! from the rows above alone: each row hands down an activity, a running mean of its own magnitudes and
+//! its ancestors'. So the rows of a level do not depend on each other, and a level is coded in passes over
+//! its rows: flags of rows that are not all zero, then group by group the flags of the groups, then
+//! channel by channel the magnitudes. Signs and low bits are plain bits.
+//!
+//! Weights make coefficients differ in size even where values vary alike, by a factor that follows from
+//! the weights ([`Plan::noise_gain`]). Activities are divided by it, expectations multiplied.
+//!
+//! Normative description: `docs/format.md`, "Coefficients".
+
+use crate::coder::{Coder, SCALE_BITS, code_gamma};
+use crate::model::{Bit, SYMBOLS, Symbols};
+use crate::raht::{LANES, Plan};
+
+/// Activities of a row, each the mean over every third channel.
+pub(crate) const ACTIVITIES: usize = 3;
+/// Channels of a group in a row of more than [`UNGROUPED`] channels: the planes of an SH coefficient.
+const GROUP: usize = 3;
+const UNGROUPED: usize = 6;
+/// Share of a row's activity that comes from the row above.
+const KEPT: f32 = 0.7;
+/// Weight of the expectation from above against one magnitude in the same group.
+const ABOVE: f32 = 3.0;
+/// Classes of expected magnitudes, in half-octaves.
+pub(crate) const CLASSES: usize = 16;
+/// Memory of the flags' models, in observations.
+const LIMIT: u32 = 1023;
+/// Observations that the magnitudes' models begin with.
+const PRIOR: u32 = 8;
+/// The symbol of magnitudes that are this or more.
+const ESCAPE: u32 = SYMBOLS as u32 - 1;
+/// Reciprocals that take `ABOVE` times an expectation and the sum of so many magnitudes to their mean.
+const MEAN_OF: [f32; UNGROUPED] =
+    [1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
+
+/// The class of an expected magnitude.
+#[inline(always)]
+pub(crate) fn class_of(expected: f32) -> usize {
+    let class = ((expected + 0.0625).to_bits() >> 22) - (0.0625f32.to_bits() >> 22);
+    (class as usize).min(CLASSES - 1)
+}
+
+/// A magnitude in the middle of a class.
+pub(crate) fn mean_of_class(class: usize) -> f32 {
+    let low = (class as u32) + (0.0625f32.to_bits() >> 22);
+    f32::from_bits(low << 22 | 1 << 21) - 0.0625
+}
+
+/// Low bits of a magnitude that are plain where this much is expected: those below the leading three.
+#[inline(always)]
+pub(crate) fn plain_bits(expected: f32) -> u32 {
+    (expected.to_bits() >> 23).saturating_sub(127 + 2).min(30)
+}
+
+/// The magnitude expected of channel `i` of a group: `above` by the rows above, `sum` that of the
+/// group's `i` channels before.
+#[inline(always)]
+pub(crate) fn expected_in_group(above: f32, sum: u32, i: usize) -> f32 {
+    if i == 0 { above } else { (ABOVE * above + sum as f32) * MEAN_OF[i] }
+}
+
+/// Codes or decodes the rows of one group of channels.
+pub(crate) struct RowCoder {
+    channels: usize,
+    /// What a row's activities take of its magnitudes, by activity.
+    factors: [f32; LANES],
+    /// By coefficient; that of coefficient 0 is zero. The last lane is not used.
+    activity: Vec<[f32; LANES]>,
+    rows: Vec<Bit>,
+    groups: Vec<Bit>,
+    /// By channel of a group, whether an earlier channel of it is not zero, and class.
+    magnitudes: Vec<Symbols>,
+    /// Of each row of the level what is expected of the three activities, and twice their sum.
+    expected: Vec<[f32; LANES]>,
+    /// Active rows of a group that are not all zero, and the sums of their magnitudes so far.
+    chosen: Vec<u32>,
+    sums: Vec<u32>,
+}
+
+/// The rows of one level of merges that are not all zero.
+#[derive(Debug, Default)]
+pub(crate) struct Level {
+    /// First coefficient, and number of coefficients.
+    pub(crate) first: usize,
+    pub(crate) count: usize,
+    /// Numbers of the active rows, ascending.
+    pub(crate) active: Vec<u32>,
+    /// The levels of the active rows, each filled up to whole lanes.
+    pub(crate) levels: Vec<[i32; LANES]>,
+}
+
+impl Level {
+    /// Goes to the level of the coefficients `first..end`, without any active row.
+    pub(crate) fn start(&mut self, first: u32, end: u32) {
+        (self.first, self.count) = (first as usize, (end - first) as usize);
+        self.active.clear();
+        self.levels.clear();
+    }
+}
+
+impl RowCoder {
+    pub(crate) fn new(plan: &Plan, channels: usize) -> Self {
+        let model = |i: usize| {
+            let (class, group_is_zero) = (i % CLASSES, i / CLASSES % 2 == 0);
+            let mean = mean_of_class(class);
+            let mean = mean / (1u32 << plain_bits(mean)) as f32;
+            let more = if group_is_zero && channels > 1 { 0.25 } else { 0.0 };
+            Symbols::geometric(((mean + more) * 256.0) as u32, PRIOR)
+        };
+        let members = |a: usize| (a..channels).step_by(ACTIVITIES).count();
+        let factor =
+            |a: usize| if a < ACTIVITIES { (1.0 - KEPT) / members(a).max(1) as f32 } else { 0.0 };
+        Self {
+            channels,
+            factors: std::array::from_fn(factor),
+            activity: vec![[0.0; LANES]; plan.len()],
+            rows: vec![Bit::default(); 2 * CLASSES],
+            groups: vec![Bit::default(); 4 * CLASSES],
+            magnitudes: (0..UNGROUPED * 2 * CLASSES).map(model).collect(),
+            expected: Vec::new(),
+            chosen: Vec::new(),
+            sums: Vec::new(),
+        }
+    }
+
+    /// Channels of each group.
+    pub(crate) fn group_size(&self) -> usize {
+        if self.channels > UNGROUPED { GROUP } else { self.channels }
+    }
+
+    /// Finds what the rows above let expect of each row of a level.
+    pub(crate) fn expect(&mut self, plan: &Plan, level: &Level) {
+        self.expected.clear();
+        let range = level.first - 1..level.first - 1 + level.count;
+        let above = plan.parents()[range.clone()].iter().zip(&plan.noise_gains()[range]);
+        self.expected.extend(above.map(|(&parent, &gain)| {
+            let [a, b, c, _] = self.activity[parent as usize];
+            let [a, b, c] = [a * gain, b * gain, c * gain];
+            [a, b, c, 2.0 * (a + b + c)]
+        }));
+    }
+
+    /// What [`RowCoder::expect`] found for a row.
+    #[inline]
+    pub(crate) fn expected(&self, row: usize) -> &[f32; LANES] {
+        &self.expected[row]
+    }
+
+    /// Codes the rows of a level, after [`RowCoder::expect`]. A decoder fills in what is active.
+    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, plan: &Plan, level: &mut Level) {
+        self.code_row_flags(coder, level);
+        let size = self.group_size();
+        let groups = self.channels / size;
+        for group in 0..groups {
+            self.chosen.clear();
+            if groups == 1 {
+                self.chosen.extend(0..level.active.len() as u32);
+            } else {
+                self.code_group_flags(coder, level, group, groups);
+            }
+            self.sums.clear();
+            self.sums.resize(self.chosen.len(), 0);
+            for i in 0..size {
+                self.code_magnitudes(coder, level, group * size + i, i);
+            }
+        }
+        self.learn(plan, level);
+    }
+
+    /// Codes which rows are not all zero. A single channel has no flags.
+    fn code_row_flags<C: Coder>(&mut self, coder: &mut C, level: &mut Level) {
+        let width = self.channels.div_ceil(LANES);
+        if self.channels == 1 {
+            if C::ENCODING {
+                let mut all = vec![[0; LANES]; level.count];
+                for (&row, levels) in level.active.iter().zip(&level.levels) {
+                    all[row as usize] = *levels;
+                }
+                level.levels = all;
+            } else {
+                level.levels.resize(level.count, [0; LANES]);
+            }
+            level.active.clear();
+            level.active.extend(0..level.count as u32);
+            return;
+        }
+        if C::ENCODING {
+            let mut active = level.active.iter().peekable();
+            for row in 0..level.count {
+                let value = active.next_if(|&&a| a == row as u32).is_some();
+                let class = sum_class(self.expected[row][3]);
+                self.rows[class].code(coder, value, LIMIT);
+            }
+            return;
+        }
+        // Without a branch on what is decoded.
+        level.active.resize(level.count, 0);
+        let mut found = 0;
+        for (row, expected) in self.expected.iter().enumerate() {
+            level.active[found] = row as u32;
+            found += usize::from(self.rows[sum_class(expected[3])].code(coder, false, LIMIT));
+        }
+        level.active.truncate(found);
+        level.levels.resize(found * width, [0; LANES]);
+    }
+
+    /// Codes in which of the active rows a group is not all zero.
+    fn code_group_flags<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        level: &Level,
+        group: usize,
+        groups: usize,
+    ) {
+        let width = self.channels.div_ceil(LANES);
+        let first = group * GROUP;
+        self.chosen.resize(level.active.len(), 0);
+        let mut found = 0;
+        for (at, &row) in level.active.iter().enumerate() {
+            let levels = level.levels[at * width..(at + 1) * width].as_flattened();
+            let before = sum(&levels[..first]);
+            let state = match before {
+                0 if group + 1 == groups => 3,
+                0 => 0,
+                _ => 1 + usize::from(2 * before as usize > first),
+            };
+            let model = state * CLASSES + class_of(self.expected[row as usize][3]);
+            let value = C::ENCODING && levels[first..first + GROUP].iter().any(|&v| v != 0);
+            self.chosen[found] = at as u32;
+            found += usize::from(self.groups[model].code(coder, value, LIMIT));
+        }
+        self.chosen.truncate(found);
+    }
+
+    /// Codes channel `channel`, number `i` of its group, of the chosen rows.
+    fn code_magnitudes<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        level: &mut Level,
+        channel: usize,
+        i: usize,
+    ) {
+        let width = self.channels.div_ceil(LANES);
+        let (lane, activity) = (channel / LANES, channel % ACTIVITIES);
+        let models = &mut self.magnitudes[2 * i * CLASSES..2 * (i + 1) * CLASSES];
+        for (&at, sum) in self.chosen.iter().zip(&mut self.sums) {
+            let row = level.active[at as usize] as usize;
+            let expected = expected_in_group(self.expected[row][activity], *sum, i);
+            let model = usize::from(*sum != 0) * CLASSES + class_of(expected);
+            let value = &mut level.levels[at as usize * width + lane][channel % LANES];
+            *value = code_level(coder, &mut models[model], plain_bits(expected), *value);
+            *sum = sum.saturating_add(value.unsigned_abs());
+        }
+    }
+
+    /// Hands the activities of the level's rows down.
+    fn learn(&mut self, plan: &Plan, level: &Level) {
+        let range = level.first - 1..level.first - 1 + level.count;
+        for (row, &parent) in plan.parents()[range].iter().enumerate() {
+            self.activity[level.first + row] = self.activity[parent as usize].map(|a| a * KEPT);
+        }
+        let width = self.channels.div_ceil(LANES);
+        for (&row, levels) in level.active.iter().zip(level.levels.chunks_exact(width)) {
+            let k = level.first + row as usize;
+            let mut sums = [0u32; LANES];
+            for (c, v) in levels.as_flattened()[..self.channels].iter().enumerate() {
+                let sum = &mut sums[c % ACTIVITIES];
+                *sum = sum.saturating_add(v.unsigned_abs());
+            }
+            let per_gain = 1.0 / plan.noise_gain(k);
+            let activity = &mut self.activity[k];
+            for a in 0..LANES {
+                activity[a] += sums[a] as f32 * (self.factors[a] * per_gain);
+            }
+        }
+    }
+}
+
+/// The class of an expected sum, in half-octaves up to 2^12.
+#[inline(always)]
+fn sum_class(expected: f32) -> usize {
+    let class = ((expected + 0.0625).to_bits() >> 22) - (0.0625f32.to_bits() >> 22);
+    (class as usize).min(2 * CLASSES - 1)
+}
+
+/// Sum of magnitudes.
+#[inline(always)]
+fn sum(levels: &[i32]) -> u32 {
+    levels.iter().fold(0, |sum: u32, v| sum.saturating_add(v.unsigned_abs()))
+}
+
+/// Codes one level: a symbol for what is above the plain bits, then these and the sign.
+#[inline(always)]
+fn code_level<C: Coder>(coder: &mut C, model: &mut Symbols, shift: u32, level: i32) -> i32 {
+    let magnitude = level.unsigned_abs();
+    let high = magnitude >> shift;
+    let mut read = coder.symbol(model, high.min(ESCAPE) as usize) as u32;
+    if read == ESCAPE {
+        let rest = code_gamma(coder, high.saturating_sub(ESCAPE));
+        read = ESCAPE.saturating_add(rest).min(i32::MAX as u32 >> shift);
+    }
+    let low = coder.bits(magnitude & ((1 << shift) - 1), shift);
+    let magnitude = read << shift | low;
+    let negative = coder.bits(u32::from(level < 0), u32::from(magnitude != 0)) != 0;
+    std::hint::select_unpredictable(negative, (magnitude as i32).wrapping_neg(), magnitude as i32)
+}
+
+const _: () = assert!(SCALE_BITS < 16 && UNGROUPED >= GROUP && LANES > ACTIVITIES);

@@ -1,0 +1,424 @@
+//! The head of a stream: signature, header and index, under one checksum.
+//!
+//! The index tells where each layer of each chunk lies, so that a reader fetches what it wants and
+//! nothing else. Normative description: `docs/format.md`, "Head".
+
+use crate::bytes::{Reader, Writer};
+use crate::error::{Error, Result};
+use gpcc_lite::Leaf;
+use std::ops::Range;
+
+/// First eight bytes of every stream. The non-ASCII byte, CR LF and ^Z catch text-mode transfers, as
+/// in PNG.
+pub const SIGNATURE: [u8; 8] = [0x89, b'G', b'S', b'V', b'X', 0x0d, 0x0a, 0x1a];
+/// The version of the format.
+pub const VERSION: u8 = 1;
+/// Bytes before the head's body: signature, version and the length of the body.
+const PREAMBLE: usize = SIGNATURE.len() + 1 + 4;
+/// Most levels of detail.
+pub(crate) const MAX_LODS: u8 = 8;
+/// Bytes of an index entry at least: bounds the memory that a head can ask for.
+const LEAST_ENTRY: usize = 1 + 1 + 1 + 1 + 24;
+
+/// The cube that the octree divides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cube {
+    /// Minimum corner, world units.
+    pub origin: [f64; 3],
+    /// Side, world units; positive.
+    pub side: f64,
+}
+
+impl Cube {
+    /// The centre of a leaf of an octree whose finest depth is `j_high`: where its Gaussian is.
+    #[must_use]
+    pub fn leaf_centre(&self, leaf: Leaf, j_high: u8) -> [f32; 3] {
+        let index = gpcc_lite::morton::decode(leaf.morton);
+        let cell = self.side / (1u64 << j_high) as f64;
+        let half = 0.5 * (1u64 << (j_high - leaf.depth)) as f64;
+        std::array::from_fn(|k| (self.origin[k] + (f64::from(index[k]) + half) * cell) as f32)
+    }
+}
+
+/// How the covariances of a stream are coded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shapes {
+    /// Log-Euclidean coordinates through RAHT.
+    #[default]
+    Transform,
+    /// Log-scales and quaternions as integers, predicted without further loss.
+    Integers,
+    /// An index into a codebook and one scale factor.
+    Codebook,
+}
+
+/// Quantisation steps of a Gaussian of class [`crate::importance::MEAN_CLASS`]. One of class `c` more
+/// has steps `2^c` times finer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps {
+    /// Of `ln(alpha)`.
+    pub opacity: f32,
+    /// Of the DC coefficients.
+    pub dc: f32,
+    /// Of the SH coefficients of degree 1, 2, 3.
+    pub sh: [f32; 3],
+    /// Of the six log-Euclidean covariance coordinates (natural logarithms).
+    pub covariance: f32,
+}
+
+impl Steps {
+    fn all(&self) -> [f32; 6] {
+        let [a, b, c] = self.sh;
+        [self.opacity, self.dc, a, b, c, self.covariance]
+    }
+}
+
+/// What holds for the whole scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Header {
+    /// Number of Gaussians, coarser levels of detail not counted.
+    pub count: u64,
+    /// SH degree stored, 0 to 3.
+    pub sh_degree: u8,
+    /// Finest octree depth, 0 to 21.
+    pub j_high: u8,
+    /// The cube that the octree divides.
+    pub cube: Cube,
+    /// Quantisation steps.
+    pub steps: Steps,
+    /// How covariances are coded.
+    pub shapes: Shapes,
+    /// The codebook of [`Shapes::Codebook`], as it is in the stream; else empty.
+    pub codebook: Vec<u8>,
+}
+
+/// What a chunk holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Gaussians at the centres of octree leaves, in as many layers as the SH degree and one.
+    Leaves,
+    /// Gaussians bit for bit, in one layer.
+    Exact,
+}
+
+/// One layer of a chunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layer {
+    /// Offset of the first byte in the stream.
+    pub offset: u64,
+    /// Number of bytes.
+    pub len: u64,
+    /// CRC-32C (Castagnoli) of the bytes.
+    pub crc: u32,
+}
+
+impl Layer {
+    /// Its bytes in the stream.
+    #[must_use]
+    pub fn range(&self) -> Range<u64> {
+        self.offset..self.offset + self.len
+    }
+}
+
+/// One chunk, as the index has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chunk {
+    /// What it holds.
+    pub kind: Kind,
+    /// Level of detail: 0 is the finest. See [`Index::finer`].
+    pub lod: u8,
+    /// Number of Gaussians.
+    pub count: u64,
+    /// Morton code, at the finest depth, of its first cell; 0 for [`Kind::Exact`].
+    pub first_cell: u64,
+    /// Least and greatest coordinates of its Gaussians' means.
+    pub bounds: [[f32; 3]; 2],
+    /// Its layers; each depends on those before.
+    pub layers: Vec<Layer>,
+}
+
+impl Chunk {
+    /// The bytes of its first so many layers, which lie side by side.
+    #[must_use]
+    pub fn range(&self, layers: usize) -> Range<u64> {
+        let start = self.layers[0].offset;
+        let end =
+            self.layers[..layers.clamp(1, self.layers.len())].iter().map(|l| l.len).sum::<u64>();
+        start..start + end
+    }
+}
+
+/// Header and index.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Index {
+    /// What holds for the whole scene.
+    pub header: Header,
+    /// The chunks in stream order: coarse levels of detail first, and in Morton order within a level.
+    pub chunks: Vec<Chunk>,
+    /// Bytes of signature, header and index.
+    pub head_len: u64,
+}
+
+/// How many bytes of a stream hold signature, header and index, if `start` tells: its first 13 bytes.
+///
+/// # Errors
+/// [`Error::NotGsvx`], [`Error::Version`], or [`Error::Truncated`] if `start` is too short.
+pub fn head_len(start: &[u8]) -> Result<u64> {
+    let known = start.len().min(SIGNATURE.len());
+    if known == 0 || start[..known] != SIGNATURE[..known] {
+        return Err(Error::NotGsvx);
+    }
+    let mut r = Reader::new(start, "head");
+    r.take(SIGNATURE.len())?;
+    let version = r.u8()?;
+    if version != VERSION {
+        return Err(Error::Version { version, ours: VERSION });
+    }
+    Ok((PREAMBLE + 4) as u64 + u64::from(r.u32()?))
+}
+
+impl Index {
+    /// Reads the head of a stream; `bytes` may go on behind it.
+    ///
+    /// # Errors
+    /// [`Error::NotGsvx`], [`Error::Version`], [`Error::Truncated`], [`Error::HeadChecksum`] or
+    /// [`Error::Corrupt`]. Memory is in proportion to the bytes.
+    pub fn parse(bytes: &[u8]) -> Result<Self> {
+        let head_len = head_len(bytes)?;
+        let have = bytes.len();
+        let head = bytes.get(..head_len as usize).ok_or(Error::Truncated {
+            what: "head",
+            offset: have,
+            need: head_len as usize,
+            have,
+        })?;
+        let (checked, crc) = head.split_at(head.len() - 4);
+        let expected = u32::from_le_bytes([crc[0], crc[1], crc[2], crc[3]]);
+        let found = crc32c::crc32c(checked);
+        if found != expected {
+            return Err(Error::HeadChecksum { expected, found });
+        }
+        let mut r = Reader::new(&checked[PREAMBLE..], "head");
+        let header = read_header(&mut r)?;
+        let chunks = read_chunks(&mut r, &header, head_len)?;
+        Ok(Self { header, chunks, head_len })
+    }
+
+    /// The head as bytes. Offsets of layers are not written: they follow from the lengths.
+    pub(crate) fn to_bytes(header: &Header, chunks: &[Chunk]) -> Vec<u8> {
+        let mut body = Writer::default();
+        write_header(&mut body, header);
+        body.varint(chunks.len() as u64);
+        for chunk in chunks {
+            body.u8(match chunk.kind {
+                Kind::Leaves => chunk.lod,
+                Kind::Exact => EXACT,
+            });
+            body.varint(chunk.count);
+            body.varint(chunk.first_cell);
+            chunk.bounds.as_flattened().iter().for_each(|&v| body.f32(v));
+            for layer in &chunk.layers {
+                body.varint(layer.len);
+                body.u32(layer.crc);
+            }
+        }
+        let mut out = Writer { bytes: SIGNATURE.to_vec() };
+        out.u8(VERSION);
+        out.u32(body.bytes.len() as u32);
+        out.bytes.extend(body.bytes);
+        let crc = crc32c::crc32c(&out.bytes);
+        out.u32(crc);
+        out.bytes
+    }
+
+    /// Bytes by what they are for, in stream order; those that are there.
+    #[must_use]
+    pub fn parts(&self) -> Vec<(&'static str, u64)> {
+        const NAMES: [&str; 7] = [
+            "head",
+            "coarse levels",
+            "base layers",
+            "SH degree 1",
+            "SH degree 2",
+            "SH degree 3",
+            "exact Gaussians",
+        ];
+        let mut sums = [self.head_len, 0, 0, 0, 0, 0, 0];
+        for chunk in &self.chunks {
+            for (degree, layer) in chunk.layers.iter().enumerate() {
+                let part = match chunk.kind {
+                    Kind::Exact => 6,
+                    Kind::Leaves if chunk.lod > 0 => 1,
+                    Kind::Leaves => 2 + degree,
+                };
+                sums[part] += layer.len;
+            }
+        }
+        NAMES.into_iter().zip(sums).filter(|(_, sum)| *sum > 0).collect()
+    }
+
+    /// Length that the whole stream has.
+    #[must_use]
+    pub fn stream_len(&self) -> u64 {
+        let layers = self.chunks.iter().flat_map(|c| &c.layers);
+        layers.fold(self.head_len, |end, l| end.max(l.offset.saturating_add(l.len)))
+    }
+
+    /// The coarsest level of detail; 0 if the stream has none but the finest.
+    #[must_use]
+    pub fn coarsest_lod(&self) -> u8 {
+        self.chunks.iter().map(|c| c.lod).max().unwrap_or(0)
+    }
+
+    /// The numbers of the chunks of a level of detail. Exact Gaussians belong to every level.
+    pub fn chunks_of_lod(&self, lod: u8) -> impl Iterator<Item = usize> {
+        let of_lod = move |(_, c): &(usize, &Chunk)| c.kind == Kind::Exact || c.lod == lod;
+        self.chunks.iter().enumerate().filter(of_lod).map(|(i, _)| i)
+    }
+
+    /// The chunks of the next finer level that show, together, what chunk `chunk` shows. None for a
+    /// chunk of the finest level.
+    #[must_use]
+    pub fn finer(&self, chunk: usize) -> Vec<usize> {
+        let Chunk { kind, lod, first_cell, .. } = self.chunks[chunk];
+        if kind == Kind::Exact || lod == 0 {
+            return Vec::new();
+        }
+        let next = self.chunks[chunk + 1..].iter().find(|c| c.kind == Kind::Leaves && c.lod == lod);
+        let end = next.map_or(u64::MAX, |c| c.first_cell);
+        let inside = |c: &Chunk| {
+            c.kind == Kind::Leaves && c.lod + 1 == lod && (first_cell..end).contains(&c.first_cell)
+        };
+        (0..self.chunks.len()).filter(|&i| inside(&self.chunks[i])).collect()
+    }
+}
+
+/// The code of [`Kind::Exact`] in an index entry, in the place of a level of detail.
+const EXACT: u8 = 255;
+
+fn write_header(w: &mut Writer, header: &Header) {
+    w.u8(header.sh_degree);
+    w.u8(header.j_high);
+    w.u8(match header.shapes {
+        Shapes::Transform => 0,
+        Shapes::Integers => 1,
+        Shapes::Codebook => 2,
+    });
+    header.cube.origin.iter().for_each(|&v| w.f64(v));
+    w.f64(header.cube.side);
+    header.steps.all().iter().for_each(|&v| w.f32(v));
+    w.varint(header.count);
+    if header.shapes == Shapes::Codebook {
+        w.block(&header.codebook);
+    }
+}
+
+fn corrupt(what: &'static str, value: impl Into<u64>) -> Error {
+    Error::Corrupt { what, value: value.into() }
+}
+
+fn read_header(r: &mut Reader<'_>) -> Result<Header> {
+    let sh_degree = r.u8()?;
+    if sh_degree > 3 {
+        return Err(corrupt("SH degree", sh_degree));
+    }
+    let j_high = r.u8()?;
+    if j_high > gpcc_lite::morton::MAX_DEPTH {
+        return Err(corrupt("octree depth", j_high));
+    }
+    let shapes = match r.u8()? {
+        0 => Shapes::Transform,
+        1 => Shapes::Integers,
+        2 => Shapes::Codebook,
+        other => return Err(corrupt("covariance mode", other)),
+    };
+    let mut origin = [0.0; 3];
+    for v in &mut origin {
+        *v = r.finite_f64("cube origin")?;
+    }
+    let side = r.finite_f64("cube side")?;
+    if side <= 0.0 {
+        return Err(corrupt("cube side", side.to_bits()));
+    }
+    let mut steps = [0.0; 6];
+    for v in &mut steps {
+        *v = r.finite_f32("quantisation step")?;
+        if !(v.is_normal() && *v > 0.0 && *v < 1e9) {
+            return Err(corrupt("quantisation step", v.to_bits()));
+        }
+    }
+    let [opacity, dc, sh1, sh2, sh3, covariance] = steps;
+    let steps = Steps { opacity, dc, sh: [sh1, sh2, sh3], covariance };
+    let count = r.varint()?;
+    let codebook = if shapes == Shapes::Codebook { r.block()?.to_vec() } else { Vec::new() };
+    Ok(Header { count, sh_degree, j_high, cube: Cube { origin, side }, steps, shapes, codebook })
+}
+
+fn read_chunks(r: &mut Reader<'_>, header: &Header, head_len: u64) -> Result<Vec<Chunk>> {
+    let count = r.varint()?;
+    if count > (r.remaining() / LEAST_ENTRY) as u64 {
+        return Err(corrupt("number of chunks", count));
+    }
+    let mut offset = head_len;
+    let mut chunks: Vec<Chunk> = Vec::with_capacity(count as usize);
+    let mut total = 0u64;
+    for _ in 0..count {
+        let chunk = read_chunk(r, header, &mut offset)?;
+        if let Some(before) = chunks.last()
+            && !in_order(before, &chunk)
+        {
+            return Err(corrupt("first cell of a chunk out of order", chunk.first_cell));
+        }
+        if chunk.lod == 0 {
+            total = total.checked_add(chunk.count).ok_or(corrupt("Gaussians", chunk.count))?;
+        }
+        chunks.push(chunk);
+    }
+    if total != header.count {
+        return Err(corrupt("number of Gaussians", header.count));
+    }
+    Ok(chunks)
+}
+
+/// Coarse levels first, Morton order within a level, exact chunks last.
+fn in_order(before: &Chunk, chunk: &Chunk) -> bool {
+    match (before.kind, chunk.kind) {
+        (_, Kind::Exact) => true,
+        (Kind::Exact, Kind::Leaves) => false,
+        _ => {
+            chunk.lod < before.lod
+                || chunk.lod == before.lod && chunk.first_cell > before.first_cell
+        }
+    }
+}
+
+fn read_chunk(r: &mut Reader<'_>, header: &Header, offset: &mut u64) -> Result<Chunk> {
+    let (kind, lod) = match r.u8()? {
+        EXACT => (Kind::Exact, 0),
+        lod if lod <= MAX_LODS => (Kind::Leaves, lod),
+        other => return Err(corrupt("level of detail", other)),
+    };
+    let count = r.varint()?;
+    if count == 0 || count >= u64::from(u32::MAX) {
+        return Err(corrupt("Gaussians of a chunk", count));
+    }
+    let first_cell = r.varint()?;
+    if first_cell >> (3 * header.j_high) != 0 {
+        return Err(corrupt("first cell of a chunk", first_cell));
+    }
+    let mut bounds = [[0.0; 3]; 2];
+    for v in bounds.as_flattened_mut() {
+        *v = r.f32()?;
+    }
+    let mut layers = Vec::new();
+    let of_kind = match kind {
+        Kind::Leaves => 1 + usize::from(header.sh_degree),
+        Kind::Exact => 1,
+    };
+    for _ in 0..of_kind {
+        let len = r.varint()?;
+        layers.push(Layer { offset: *offset, len, crc: r.u32()? });
+        *offset = offset.checked_add(len).ok_or(corrupt("length of a layer", len))?;
+    }
+    Ok(Chunk { kind, lod, count, first_cell, bounds, layers })
+}

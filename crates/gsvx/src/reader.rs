@@ -1,0 +1,231 @@
+//! A reader for streams that arrive in parts: it does no I/O.
+//!
+//! It says which byte ranges it needs for which chunks and layers, takes bytes in any order and of any
+//! length, and hands out chunks as soon as they are whole.
+//!
+//! ```
+//! # #[cfg(feature = "encode")] {
+//! # use gsvx::{EncodeOptions, Reader};
+//! # let scene = gs_model::Scene {
+//! #     means: (0..50).map(|i| [i as f32, (i * i % 7) as f32, 0.0]).collect(),
+//! #     rotations: vec![[1.0, 0.0, 0.0, 0.0]; 50], log_scales: vec![[-2.0; 3]; 50],
+//! #     opacity_logits: vec![1.0; 50], sh_degree: 0, sh: vec![[0.3; 3]; 50],
+//! # };
+//! # let stream = gsvx::encode(&scene, &EncodeOptions::default())?.bytes;
+//! let fetch = |range: std::ops::Range<u64>| &stream[range.start as usize..range.end as usize];
+//! let mut reader = Reader::new();
+//! while let Some(range) = reader.head_needs() {
+//!     let end = range.end.min(stream.len() as u64);
+//!     reader.give(range.start, fetch(range.start..end))?;
+//! }
+//! for range in reader.needs(0, 1) {
+//!     reader.give(range.start, fetch(range))?;
+//! }
+//! let gaussians = reader.decode(0, 1)?;
+//! assert!(!gaussians.is_empty());
+//! # }
+//! # Ok::<(), gsvx::Error>(())
+//! ```
+
+use crate::chunk::{ChunkDecoder, GaussiansMut, blank};
+use crate::decode::{decode_exact, decode_leaf_chunk, verify};
+use crate::error::{Error, Result};
+use crate::head::{Index, Kind, head_len};
+use gs_model::Scene;
+use std::ops::Range;
+
+/// Bytes of a stream's start that are asked for first: the heads of scenes up to some million
+/// Gaussians fit.
+const FIRST: u64 = 4096;
+/// Bytes that tell how long the head is.
+const LENGTH_KNOWN: usize = 13;
+
+/// A stream that arrives in parts.
+#[derive(Debug, Default)]
+pub struct Reader {
+    /// The stream's first bytes, until the index is known.
+    start: Buffer,
+    index: Option<Index>,
+    /// The layers of each chunk, as far as they have arrived.
+    layers: Vec<Vec<Buffer>>,
+    decoder: ChunkDecoder,
+}
+
+/// A range of the stream, part of which has arrived.
+#[derive(Clone, Debug, Default)]
+struct Buffer {
+    bytes: Vec<u8>,
+    /// What has arrived, ascending and apart.
+    there: Vec<Range<usize>>,
+}
+
+impl Buffer {
+    /// Puts bytes at `at`; the buffer grows to hold at most `most`.
+    fn put(&mut self, at: usize, bytes: &[u8], most: usize) {
+        let end = (at + bytes.len()).min(most);
+        if end <= at {
+            return;
+        }
+        if self.bytes.len() < end {
+            self.bytes.resize(end, 0);
+        }
+        self.bytes[at..end].copy_from_slice(&bytes[..end - at]);
+        let mut merged = at..end;
+        self.there.retain(|range| {
+            let touches = range.start <= merged.end && merged.start <= range.end;
+            if touches {
+                merged = merged.start.min(range.start)..merged.end.max(range.end);
+            }
+            !touches
+        });
+        let place = self.there.partition_point(|range| range.start < merged.start);
+        self.there.insert(place, merged);
+    }
+
+    /// How many bytes have arrived from the beginning on.
+    fn front(&self) -> usize {
+        self.there.first().filter(|r| r.start == 0).map_or(0, |r| r.end)
+    }
+}
+
+impl Reader {
+    /// A reader of which nothing is known yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The bytes that are needed before the index is known; `None` when it is. The range may reach
+    /// beyond the end of a short stream.
+    #[must_use]
+    pub fn head_needs(&self) -> Option<Range<u64>> {
+        if self.index.is_some() {
+            return None;
+        }
+        let front = self.start.front();
+        let end = if front < LENGTH_KNOWN {
+            FIRST
+        } else {
+            head_len(&self.start.bytes[..front]).unwrap_or(FIRST)
+        };
+        Some(front as u64..end)
+    }
+
+    /// The head, once it has arrived.
+    #[must_use]
+    pub fn index(&self) -> Option<&Index> {
+        self.index.as_ref()
+    }
+
+    /// Takes bytes of the stream that begin at `offset`, whether they were asked for or not.
+    ///
+    /// # Errors
+    /// Damage of the head, as soon as it shows.
+    pub fn give(&mut self, offset: u64, bytes: &[u8]) -> Result<()> {
+        if let Some(index) = &self.index {
+            put_layers(index, &mut self.layers, offset, bytes);
+            return Ok(());
+        }
+        let at = usize::try_from(offset).unwrap_or(usize::MAX);
+        if at.checked_add(bytes.len()).is_some() {
+            self.start.put(at, bytes, usize::MAX);
+        }
+        let front = &self.start.bytes[..self.start.front()];
+        if front.len() < LENGTH_KNOWN || (front.len() as u64) < head_len(front)? {
+            return Ok(());
+        }
+        let index = Index::parse(front)?;
+        let empty = |c: &crate::Chunk| vec![Buffer::default(); c.layers.len()];
+        self.layers = index.chunks.iter().map(empty).collect();
+        // What has arrived beyond the head.
+        let start = std::mem::take(&mut self.start);
+        for range in start.there {
+            put_layers(&index, &mut self.layers, range.start as u64, &start.bytes[range]);
+        }
+        self.index = Some(index);
+        Ok(())
+    }
+
+    /// The byte ranges that are missing for the first `layers` layers of a chunk. Nothing for a chunk that
+    /// is not there.
+    #[must_use]
+    pub fn needs(&self, chunk: usize, layers: usize) -> Vec<Range<u64>> {
+        let Some(entry) = self.index.as_ref().and_then(|i| i.chunks.get(chunk)) else {
+            return Vec::new();
+        };
+        let mut missing: Vec<Range<u64>> = Vec::new();
+        for (layer, buffer) in entry.layers.iter().zip(&self.layers[chunk]).take(layers) {
+            let mut at = 0u64;
+            let there = buffer.there.iter().map(|r| r.start as u64..r.end as u64);
+            for range in there.chain(std::iter::once(layer.len..layer.len)) {
+                if at < range.start {
+                    let gap = layer.offset + at..layer.offset + range.start;
+                    match missing.last_mut() {
+                        Some(last) if last.end == gap.start => last.end = gap.end,
+                        _ => missing.push(gap),
+                    }
+                }
+                at = range.end;
+            }
+        }
+        missing
+    }
+
+    /// How many layers of a chunk have arrived whole, from the first on.
+    #[must_use]
+    pub fn whole_layers(&self, chunk: usize) -> usize {
+        let Some(entry) = self.index.as_ref().and_then(|i| i.chunks.get(chunk)) else { return 0 };
+        let whole = entry.layers.iter().zip(&self.layers[chunk]);
+        whole.take_while(|(layer, buffer)| buffer.front() as u64 == layer.len).count()
+    }
+
+    /// Decodes the first `layers` layers of a chunk: its Gaussians, at the SH degree of these layers.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] if a layer has not arrived, [`Error::Checksum`] and others if it is damaged.
+    pub fn decode(&mut self, chunk: usize, layers: usize) -> Result<Scene> {
+        let missing = self.needs(chunk, layers.max(1));
+        let (Some(index), None) = (&self.index, missing.first()) else {
+            let (offset, need) = missing.first().map_or((0, 0), |r| (r.start, r.end - r.start));
+            let (offset, need) = (offset as usize, need as usize);
+            return Err(Error::Truncated { what: "a chunk", offset, need, have: 0 });
+        };
+        let Some(entry) = index.chunks.get(chunk) else {
+            return Err(Error::Corrupt { what: "number of a chunk", value: chunk as u64 });
+        };
+        let bytes: Vec<&[u8]> =
+            self.layers[chunk].iter().take(layers.max(1)).map(|b| b.bytes.as_slice()).collect();
+        for (number, (bytes, &layer)) in bytes.iter().zip(&entry.layers).enumerate() {
+            verify(bytes, chunk, number, layer)?;
+        }
+        if entry.kind == Kind::Exact {
+            return decode_exact(index, chunk, bytes[0]);
+        }
+        decode_leaf_chunk(index, chunk, &bytes, &mut self.decoder)?;
+        let mut scene = blank(self.decoder.leaves().len(), bytes.len() as u8 - 1);
+        self.decoder.fill(&index.header, 0, &mut GaussiansMut::of(&mut scene))?;
+        Ok(scene)
+    }
+
+    /// Forgets the bytes of a chunk, when it is decoded or not wanted any more.
+    pub fn forget(&mut self, chunk: usize) {
+        if let Some(layers) = self.layers.get_mut(chunk) {
+            layers.iter_mut().for_each(|buffer| *buffer = Buffer::default());
+        }
+    }
+}
+
+/// Puts bytes into the layers that they belong to.
+fn put_layers(index: &Index, layers: &mut [Vec<Buffer>], offset: u64, bytes: &[u8]) {
+    let end = offset.saturating_add(bytes.len() as u64);
+    for (chunk, buffers) in index.chunks.iter().zip(layers) {
+        for (layer, buffer) in chunk.layers.iter().zip(buffers) {
+            let range = layer.range();
+            let (start, stop) = (range.start.max(offset), range.end.min(end));
+            if start < stop {
+                let bytes = &bytes[(start - offset) as usize..(stop - offset) as usize];
+                buffer.put((start - range.start) as usize, bytes, layer.len as usize);
+            }
+        }
+    }
+}
