@@ -1,79 +1,31 @@
-//! [`Place`] and [`Look`]: what the distortion of a leaf needs to know of its members.
+//! [`Moments`]: sums over the members of a cell, from which the distortion of a leaf follows.
 //!
-//! Additive statistics of a set of weighted Gaussians. From these the weighted 2-Wasserstein
-//! distortion of merging the set follows in closed form. For Gaussians,
-//! `W2^2 = |mu - mu'|^2 + B^2(S, S')` with the Bures distance `B`, and
-//! `B^2(S, S') <= |S^(1/2) - S'^(1/2)|_F^2`, with equality where the covariances commute. The
-//! right side is a squared distance in a linear space: the best merged covariance is the square
-//! of the weighted mean of square roots, and the total distance to it is a variance. So no
-//! barycenter is iterated, and what is minimised is an upper bound of what eq. 5 measures.
-//! (Square roots are free: `R diag(s) R^T`.)
+//! The distortion is the weighted 2-Wasserstein distortion of merging the members (the paper's
+//! eq. 3 to 5), in closed form. For Gaussians, `W2^2 = |mu - mu'|^2 + B^2(S, S')` with the Bures
+//! distance `B`, and `B^2(S, S') <= |S^(1/2) - S'^(1/2)|_F^2`, with equality where the covariances
+//! commute. The right side is a squared distance in a linear space: the best merged covariance is
+//! the square of the weighted mean of the square roots, and the total distance to it is a
+//! variance. So no barycenter is iterated, and what is minimised is an upper bound of eq. 5.
+//! (The square root of a covariance is `R diag(s) R^T`.)
+//!
+//! *Invariant:* moments are additive, so those of a cell follow from those of its children.
 
-use crate::gaussian::Symmetric;
+use gs_model::math::Symmetric;
+
 use crate::record::Record;
 
-/// Where a set of Gaussians is, relative to some point: enough to tell, mostly, that a cell is
-/// no leaf.
+/// Moments of the means, shapes and DC colours of a set of Gaussians. Means are relative to some
+/// point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Place {
-    /// Sum of weights.
-    pub(crate) weight: f64,
-    /// Sum of weight times offset.
-    first: [f64; 3],
-    /// Sum of weight times squared offset.
-    second: f64,
+pub(crate) struct Moments {
     /// Sum of importances.
     pub(crate) importance: f64,
-}
-
-impl Place {
-    /// One Gaussian, whose mean is `d` from the point of reference.
-    pub(crate) fn of(record: &Record, d: [f64; 3]) -> Self {
-        let weight = record.geometry;
-        Self {
-            weight,
-            first: d.map(|x| weight * x),
-            second: weight * square(&d),
-            importance: record.importance,
-        }
-    }
-
-    /// Adds a set whose positions are relative to the same point.
-    pub(crate) fn add(&mut self, other: &Self) {
-        self.weight += other.weight;
-        self.second += other.second;
-        self.importance += other.importance;
-        for k in 0..3 {
-            self.first[k] += other.first[k];
-        }
-    }
-
-    /// The same set with positions relative to the old point plus `shift`.
-    pub(crate) fn moved(mut self, shift: [f64; 3]) -> Self {
-        self.second += self.second_shift(shift);
-        for (first, shift) in self.first.iter_mut().zip(shift) {
-            *first -= self.weight * shift;
-        }
-        self
-    }
-
-    /// Weighted sum of squared distances of the means from `point` (relative like them).
-    pub(crate) fn displacement(&self, point: [f64; 3]) -> f64 {
-        (self.second + self.second_shift(point)).max(0.0)
-    }
-
-    fn second_shift(&self, shift: [f64; 3]) -> f64 {
-        (0..3).map(|k| shift[k] * (self.weight * shift[k] - 2.0 * self.first[k])).sum()
-    }
-}
-
-/// Shapes and colours of a set of Gaussians.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Look {
-    /// Sum of weights.
+    /// Sum of weights ([`Record::geometry`]).
     weight: f64,
-    /// Sum of importances.
-    importance: f64,
+    /// Sum of weight times offset of the mean.
+    offset: [f64; 3],
+    /// Sum of weight times squared offset.
+    offset_squared: f64,
     /// Sum of weight times the square root of the covariance.
     root: Symmetric,
     /// Sum of weight times the trace of the covariance.
@@ -81,37 +33,57 @@ pub(crate) struct Look {
     /// Sum of importance times DC colour.
     colour: [f64; 3],
     /// Sum of importance times squared DC colour.
-    colour_second: f64,
+    colour_squared: f64,
 }
 
-impl Look {
-    /// One Gaussian.
-    pub(crate) fn of(record: &Record) -> Self {
+impl Moments {
+    /// Of one Gaussian, whose mean is at `offset` from the point.
+    pub(crate) fn of(record: &Record, offset: [f64; 3]) -> Self {
         let (weight, importance) = (record.geometry, record.importance);
         let root = record.root.map(f64::from);
         let colour = record.colour.map(f64::from);
         Self {
-            weight,
             importance,
+            weight,
+            offset: offset.map(|x| weight * x),
+            offset_squared: weight * square(&offset),
             root: root.map(|x| weight * x),
-            // Of the rounded root: a set of one must come out without distortion.
+            // Of the rounded root: a set of one must have no distortion of shape.
             trace: weight * norm_squared(&root),
             colour: colour.map(|x| importance * x),
-            colour_second: importance * square(&colour),
+            colour_squared: importance * square(&colour),
         }
     }
 
+    /// Adds a set whose means are relative to the same point.
     pub(crate) fn add(&mut self, other: &Self) {
-        self.weight += other.weight;
         self.importance += other.importance;
+        self.weight += other.weight;
+        self.offset_squared += other.offset_squared;
         self.trace += other.trace;
-        self.colour_second += other.colour_second;
+        self.colour_squared += other.colour_squared;
+        for k in 0..3 {
+            self.offset[k] += other.offset[k];
+            self.colour[k] += other.colour[k];
+        }
         for k in 0..6 {
             self.root[k] += other.root[k];
         }
-        for k in 0..3 {
-            self.colour[k] += other.colour[k];
+    }
+
+    /// The same set with means relative to the old point plus `shift`.
+    pub(crate) fn moved(mut self, shift: [f64; 3]) -> Self {
+        self.offset_squared +=
+            (0..3).map(|k| shift[k] * (self.weight * shift[k] - 2.0 * self.offset[k])).sum::<f64>();
+        for (offset, shift) in self.offset.iter_mut().zip(shift) {
+            *offset -= self.weight * shift;
         }
+        self
+    }
+
+    /// Weighted sum of squared distances of the means from the point.
+    pub(crate) fn displacement(&self) -> f64 {
+        self.offset_squared.max(0.0)
     }
 
     /// Weighted sum of squared distances of the covariances' square roots from their mean.
@@ -121,9 +93,9 @@ impl Look {
     }
 
     /// Weighted sum of squared distances of the DC colours from their mean.
-    pub(crate) fn colours(&self) -> f64 {
+    pub(crate) fn colour(&self) -> f64 {
         let square = square(&self.colour);
-        (self.colour_second - square / self.importance.max(f64::MIN_POSITIVE)).max(0.0)
+        (self.colour_squared - square / self.importance.max(f64::MIN_POSITIVE)).max(0.0)
     }
 }
 
@@ -134,4 +106,62 @@ fn square(x: &[f64]) -> f64 {
 /// Squared Frobenius norm of a symmetric matrix.
 fn norm_squared(m: &Symmetric) -> f64 {
     square(&m[..3]) + 2.0 * square(&m[3..])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against the double sums that the moments stand for.
+    #[test]
+    fn moments_give_the_direct_sums() {
+        let records: Vec<Record> = (0..7)
+            .map(|i| {
+                let x = |k: i32| ((i * 37 + k * 11) % 23) as f32 / 23.0;
+                Record {
+                    root: std::array::from_fn(|k| x(k as i32)),
+                    mean: [x(6), x(7), x(8)],
+                    colour: [x(9), x(10), x(11)],
+                    geometry: f64::from(x(12)) + 0.1,
+                    importance: f64::from(x(13)) + 0.2,
+                }
+            })
+            .collect();
+        let point = [0.3, -0.2, 0.7];
+        // Relative to one point each, then moved to the common one.
+        let mut sum = Moments::default();
+        for r in &records {
+            sum.add(
+                &Moments::of(r, [0.0; 3]).moved([0, 1, 2].map(|k| point[k] - f64::from(r.mean[k]))),
+            );
+        }
+        let spread = |values: &dyn Fn(&Record) -> Vec<f64>,
+                      weight: &dyn Fn(&Record) -> f64|
+         -> f64 {
+            let total: f64 = records.iter().map(weight).sum();
+            let n = values(&records[0]).len();
+            (0..n)
+                .map(|k| {
+                    let mean =
+                        records.iter().map(|r| weight(r) * values(r)[k]).sum::<f64>() / total;
+                    records.iter().map(|r| weight(r) * (values(r)[k] - mean).powi(2)).sum::<f64>()
+                })
+                .sum()
+        };
+        let displacement: f64 = records
+            .iter()
+            .map(|r| {
+                r.geometry * (0..3).map(|k| (f64::from(r.mean[k]) - point[k]).powi(2)).sum::<f64>()
+            })
+            .sum();
+        // Entries off the diagonal count twice.
+        let full = |r: &Record| {
+            r.root.iter().chain(&r.root[3..]).map(|&x| f64::from(x)).collect::<Vec<_>>()
+        };
+        let colour = |r: &Record| r.colour.map(f64::from).to_vec();
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12 * b.abs().max(1.0), "{a} {b}");
+        close(sum.displacement(), displacement);
+        close(sum.shape(), spread(&full, &|r| r.geometry));
+        close(sum.colour(), spread(&colour, &|r| r.importance));
+    }
 }

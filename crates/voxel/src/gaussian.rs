@@ -124,34 +124,6 @@ pub(crate) fn area(s: [f64; 3]) -> f64 {
     ((a * a + b * b + c * c) / 3.0).sqrt()
 }
 
-/// Rotation matrix (columns are the principal axes) of a quaternion `[w, x, y, z]` of any
-/// norm; the identity for a zero or non-finite one.
-#[inline(always)]
-pub(crate) fn rotation(q: [f32; 4]) -> [[f64; 3]; 3] {
-    let q = q.map(f64::from);
-    let norm = q.iter().map(|x| x * x).sum::<f64>();
-    if !(norm > 0.0 && norm.is_finite()) {
-        return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    }
-    let [w, x, y, z] = q;
-    let s = 2.0 / norm;
-    [
-        [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-        [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
-        [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)],
-    ]
-}
-
-/// A symmetric 3x3 matrix as `[xx, yy, zz, xy, xz, yz]`.
-pub(crate) type Symmetric = [f64; 6];
-
-/// `R diag(d) R^T`.
-#[inline(always)]
-pub(crate) fn congruence(r: &[[f64; 3]; 3], d: [f64; 3]) -> Symmetric {
-    let at = |i: usize, j: usize| (0..3).map(|k| r[i][k] * d[k] * r[j][k]).sum::<f64>();
-    [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

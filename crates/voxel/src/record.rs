@@ -2,11 +2,12 @@
 
 use bytemuck::{Pod, Zeroable};
 use gs_model::Scene;
+use gs_model::math::{axes_product, rotation, scaled_rotation};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::gaussian::{area, congruence, opacity, rotation, scale};
+use crate::gaussian::{area, opacity, scale};
 use crate::importance::Importance;
 use crate::pages::Pages;
 
@@ -62,21 +63,21 @@ impl Records {
         Ok(Self { records, per_importance: scale(sums[0]), per_geometry: scale(sums[1]) })
     }
 
-    pub(crate) fn view(&self) -> View<'_> {
+    pub(crate) fn view(&self) -> RecordView<'_> {
         let &Self { ref records, per_importance, per_geometry } = self;
-        View { records, per_importance, per_geometry }
+        RecordView { records, per_importance, per_geometry }
     }
 }
 
 /// [`Records`], read-only.
 #[derive(Clone, Copy)]
-pub(crate) struct View<'a> {
+pub(crate) struct RecordView<'a> {
     records: &'a [Record],
     per_importance: f64,
     per_geometry: f64,
 }
 
-impl View<'_> {
+impl RecordView<'_> {
     /// The record of Gaussian `i`, its weights in units of the mean importance.
     pub(crate) fn get(&self, i: u32) -> Record {
         let mut record = self.records[i as usize];
@@ -166,14 +167,9 @@ fn roots(rotations: &[[f32; 4]], scales: &[[f64; BLOCK]; 3]) -> [[f32; BLOCK]; 6
     let mut roots = [[0.0f32; BLOCK]; 6];
     let mut norms = [0.0f32; BLOCK];
     for i in 0..BLOCK {
-        let [w, x, y, z] = [q[0][i], q[1][i], q[2][i], q[3][i]];
+        let [w, x, y, z] = [0, 1, 2, 3].map(|k| q[k][i]);
         norms[i] = w * w + x * x + y * y + z * z;
-        let two = 2.0 / norms[i];
-        let r = [
-            [1.0 - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
-            [two * (x * y + w * z), 1.0 - two * (x * x + z * z), two * (y * z - w * x)],
-            [two * (x * z - w * y), two * (y * z + w * x), 1.0 - two * (x * x + y * y)],
-        ];
+        let r = scaled_rotation([w, x, y, z], 2.0 / norms[i]);
         for (e, (a, b)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate()
         {
             roots[e][i] = r[a][0] * s[0][i] * r[b][0]
@@ -185,7 +181,7 @@ fn roots(rotations: &[[f32; 4]], scales: &[[f64; BLOCK]; 3]) -> [[f32; BLOCK]; 6
     for (i, q) in rotations.iter().enumerate() {
         if !(1e-20..1e20).contains(&norms[i]) {
             let s = [0, 1, 2].map(|k| scales[k][i].min(WIDEST));
-            let root = congruence(&rotation(*q), s);
+            let root = axes_product(&rotation(*q), s);
             (0..6).for_each(|e| roots[e][i] = root[e] as f32);
         }
     }

@@ -16,10 +16,11 @@
 //! ```
 
 use gs_model::Scene;
+use gs_model::math::{axes_product, rotation};
 use nalgebra::{Matrix3, SVD, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-use crate::gaussian::{congruence, rotation, scales};
+use crate::gaussian::scales;
 use crate::order::CHUNK;
 use crate::voxelize::Voxelization;
 
@@ -45,7 +46,7 @@ impl Gaussian {
     #[must_use]
     pub fn of_scene(scene: &Scene, i: usize) -> Self {
         let s = scales(scene.log_scales[i]).map(|s| s * s);
-        let [xx, yy, zz, xy, xz, yz] = congruence(&rotation(scene.rotations[i]), s);
+        let [xx, yy, zz, xy, xz, yz] = axes_product(&rotation(scene.rotations[i]), s);
         Self::new(scene.means[i].map(f64::from), [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     }
 }
