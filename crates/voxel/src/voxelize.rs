@@ -1,4 +1,8 @@
-//! [`voxelize`]: from Gaussians and a strategy to the leaves of a pruned octree.
+//! [`voxelize`]: from Gaussians and a strategy to the leaves of a pruned octree (the paper's
+//! sections 3.1 and 3.2).
+//!
+//! *Invariant:* every Gaussian is a member of exactly one leaf, or dropped; leaves ascend in Morton
+//! code and none contains another.
 
 use gpcc_lite::Leaf;
 use gs_model::Scene;
@@ -23,15 +27,15 @@ pub struct Voxelization {
     pub leaves: Vec<Leaf>,
     /// `leaves.len() + 1` ascending offsets into `members`.
     pub member_offsets: Vec<u32>,
-    /// Indices into the scene, each at most once (see `dropped`), grouped by leaf and in Morton order (at
-    /// `j_high`) inside a leaf; ties ascend.
+    /// Indices into the scene, each at most once, grouped by leaf. Inside a leaf they are in Morton
+    /// order at `j_high`; ties ascend.
     pub members: Vec<u32>,
-    /// Gaussians that got no leaf, in Morton order: only
-    /// [`RateDistortion::drop`](crate::RateDistortion::drop) leaves any out.
+    /// Gaussians without a leaf, in Morton order. Only
+    /// [`RateDistortion::drop`](crate::RateDistortion::drop) leaves Gaussians out.
     pub dropped: Vec<u32>,
 }
 
-/// Depth that stands for "no leaf".
+/// The depth of Gaussians without a leaf.
 pub(crate) const DROPPED: u8 = u8::MAX;
 
 impl Voxelization {
@@ -69,9 +73,8 @@ impl Voxelization {
         counts
     }
 
-    /// Cuts the sorted Gaussians into leaves. `depth_at(i)` is the depth of the leaf that holds
-    /// the `i`-th Gaussian of `order`; all Gaussians of one such cell carry the same depth,
-    /// [`DROPPED`] if the cell gets no leaf.
+    /// Cuts the sorted Gaussians into leaves. `depth_at(i)` is the depth of the leaf of the `i`-th
+    /// Gaussian of `order`, or [`DROPPED`]. It is the same for all Gaussians of one leaf.
     pub(crate) fn from_depths(
         cube: Cube,
         j_high: u8,
@@ -83,11 +86,11 @@ impl Voxelization {
         let MortonOrder { codes, members: sorted } = order;
         let codes = &codes[..];
         let shift = |depth: u8| 3 * u32::from(j_high - depth);
-        // Whether a leaf starts at a Gaussian depends on the one before only, so all can be
-        // asked at the same time.
+        // Whether a leaf starts at a Gaussian depends on the one before it only, so the loop over
+        // the Gaussians is parallel.
         let starts_leaf = |i: usize| {
             let depth = depth_at(i);
-            // No branch: one Gaussian in seven starts none, and which is not to be foreseen.
+            // No branch, because a processor could not predict it.
             i == 0 || (depth_at(i - 1) != depth) | ((codes[i] ^ codes[i - 1]) >> shift(depth) != 0)
         };
         let is_dropped = |i: usize| depth_at(i) == DROPPED;
@@ -103,13 +106,13 @@ impl Voxelization {
             let leaves = starts.par_iter().map(|&i| leaf(i as usize)).collect();
             return Self { cube, j_high, leaves, member_offsets, members: sorted, dropped: vec![] };
         }
-        let pick = |mut positions: Vec<u32>| -> (Vec<u32>, Vec<u32>) {
+        let members_at = |mut positions: Vec<u32>| -> (Vec<u32>, Vec<u32>) {
             positions.pop();
             let members = positions.par_iter().map(|&i| sorted[i as usize]).collect();
             (positions, members)
         };
-        let (_, dropped) = pick(positions(codes.len(), is_dropped));
-        let (kept, members) = pick(positions(codes.len(), |i| !is_dropped(i)));
+        let (_, dropped) = members_at(positions(codes.len(), is_dropped));
+        let (kept, members) = members_at(positions(codes.len(), |i| !is_dropped(i)));
         let member_offsets = positions(kept.len(), |j| starts_leaf(kept[j] as usize));
         let starts = &member_offsets[..member_offsets.len() - 1];
         let leaves = starts.par_iter().map(|&j| leaf(kept[j as usize] as usize)).collect();
@@ -134,7 +137,7 @@ fn positions(len: usize, wanted: impl Fn(usize) -> bool + Sync) -> Vec<u32> {
     }
     rest.fill(len as u32);
     parts.into_par_iter().enumerate().for_each(|(chunk, part)| {
-        // Every index is written where the next wanted one belongs.
+        // Each index is written where the next wanted one belongs, and overwritten if not wanted.
         let mut next = 0;
         for i in range(chunk) {
             if let Some(slot) = part.get_mut(next) {
@@ -149,17 +152,18 @@ fn positions(len: usize, wanted: impl Fn(usize) -> bool + Sync) -> Vec<u32> {
 /// Divides `cube` by `strategy` and assigns every Gaussian of `scene` to the leaf that
 /// contains its mean.
 ///
-/// One radix sort, then linear in the number of Gaussians times the number of levels that
-/// branch. The result does not depend on the number of threads. An empty scene gives no leaf.
+/// The time is that of one radix sort, plus a part that is linear in the number of Gaussians times
+/// the number of depths. The result does not depend on the number of threads. An empty scene gives
+/// no leaf.
 ///
 /// # Errors
 /// [`Error::OutsideCube`](crate::Error::OutsideCube) and
-/// [`Error::NonFiniteMean`](crate::Error::NonFiniteMean) name the first offending Gaussian;
-/// parameters out of range are named too.
+/// [`Error::NonFiniteMean`](crate::Error::NonFiniteMean) give the index of the first such
+/// Gaussian; other errors name the parameter that is out of range.
 pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxelization> {
     strategy.validate()?;
     cube.validate()?;
-    // In the pool from here on: the threads are woken once.
+    // One scope for all parallel loops, so that the threads wake up once.
     rayon::scope(|_| match strategy {
         &Strategy::Uniform { depth } => {
             let order = MortonOrder::of(scene, cube, depth)?;

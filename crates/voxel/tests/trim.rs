@@ -5,7 +5,7 @@ mod common;
 use common::clustered;
 use voxel::{Cube, Trim, trim};
 
-/// An octree that can reach the wanted cells keeps its floaters: they cost 3 bits a level.
+/// An octree that can reach the wanted cells keeps its floaters: a floater costs 3 bits per level.
 #[test]
 fn floaters_stay_while_levels_suffice() {
     let mut scene = clustered(1000, 3);
