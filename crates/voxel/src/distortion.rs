@@ -128,40 +128,38 @@ mod tests {
             })
             .collect();
         let point = [0.3, -0.2, 0.7];
-        // Relative to one point each, then moved to the common one.
+        // Each relative to its own mean, then moved to the common point.
         let mut sum = Moments::default();
         for r in &records {
-            sum.add(
-                &Moments::of(r, [0.0; 3]).moved([0, 1, 2].map(|k| point[k] - f64::from(r.mean[k]))),
-            );
+            let shift = [0, 1, 2].map(|k| point[k] - f64::from(r.mean[k]));
+            sum.add(&Moments::of(r, [0.0; 3]).moved(shift));
         }
-        let spread = |values: &dyn Fn(&Record) -> Vec<f64>,
-                      weight: &dyn Fn(&Record) -> f64|
-         -> f64 {
-            let total: f64 = records.iter().map(weight).sum();
-            let n = values(&records[0]).len();
-            (0..n)
-                .map(|k| {
-                    let mean =
-                        records.iter().map(|r| weight(r) * values(r)[k]).sum::<f64>() / total;
-                    records.iter().map(|r| weight(r) * (values(r)[k] - mean).powi(2)).sum::<f64>()
-                })
-                .sum()
+        let displacement = |r: &Record| {
+            (0..3).map(|k| f64::from(r.mean[k]) - point[k]).map(|d| d * d).sum::<f64>()
         };
-        let displacement: f64 = records
-            .iter()
-            .map(|r| {
-                r.geometry * (0..3).map(|k| (f64::from(r.mean[k]) - point[k]).powi(2)).sum::<f64>()
-            })
-            .sum();
+        let direct: f64 = records.iter().map(|r| r.geometry * displacement(r)).sum();
         // Entries off the diagonal count twice.
-        let full = |r: &Record| {
-            r.root.iter().chain(&r.root[3..]).map(|&x| f64::from(x)).collect::<Vec<_>>()
+        let root = |r: &Record, k: usize| f64::from(r.root[if k < 6 { k } else { k - 3 }]);
+        let colour = |r: &Record, k: usize| f64::from(r.colour[k]);
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} is not {b}");
+        close(sum.displacement(), direct);
+        close(sum.shape(), spread(&records, 9, root, |r| r.geometry));
+        close(sum.colour(), spread(&records, 3, colour, |r| r.importance));
+    }
+
+    /// Weighted sum of squared distances of vectors of `len` entries from their weighted mean.
+    fn spread(
+        records: &[Record],
+        len: usize,
+        entry: impl Fn(&Record, usize) -> f64,
+        weight: impl Fn(&Record) -> f64,
+    ) -> f64 {
+        let total: f64 = records.iter().map(&weight).sum();
+        let of_entry = |k: usize| {
+            let mean = records.iter().map(|r| weight(r) * entry(r, k)).sum::<f64>() / total;
+            let square = |r: &Record| (entry(r, k) - mean) * (entry(r, k) - mean);
+            records.iter().map(|r| weight(r) * square(r)).sum::<f64>()
         };
-        let colour = |r: &Record| r.colour.map(f64::from).to_vec();
-        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12 * b.abs().max(1.0), "{a} {b}");
-        close(sum.displacement(), displacement);
-        close(sum.shape(), spread(&full, &|r| r.geometry));
-        close(sum.colour(), spread(&colour, &|r| r.importance));
+        (0..len).map(of_entry).sum()
     }
 }
