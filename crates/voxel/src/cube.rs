@@ -74,10 +74,10 @@ impl Cube {
         }
     }
 
-    /// Side of a cell at `depth`. Exact: a division by a power of two.
+    /// Side of a cell at `depth`. Exact: the cube's side times `2^-depth`.
     #[must_use]
     pub fn cell(&self, depth: u8) -> f64 {
-        self.side / (1u64 << depth) as f64
+        self.side * f64::from_bits((1023 - u64::from(depth)) << 52)
     }
 
     /// Indices of the cell at `depth` that holds `mean`, or `None` outside the cube.

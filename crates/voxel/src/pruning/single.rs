@@ -23,6 +23,7 @@ impl Pruning<'_> {
         let first_centre = if first == depth { centre } else { self.centre(code, first) };
         // From the centre of the cell at `d` to the mean, except for the signs.
         let mut displacement = self.offset_from(first_centre, record);
+        let mut half_side = 0.5 * self.cube.cell(first);
         let mut path = f64::from(first - depth) * self.prices.above_j_low;
         let (mut cost, mut best, mut d) = (f64::INFINITY, j_high, first);
         loop {
@@ -39,8 +40,8 @@ impl Pruning<'_> {
             path += self.prices.from_j_low;
             d += 1;
             // The child that holds the mean has its centre half its own side towards the mean.
-            let half = 0.5 * self.cube.cell(d);
-            displacement = displacement.map(|x| x.abs() - half);
+            half_side *= 0.5;
+            displacement = displacement.map(|x| x.abs() - half_side);
         }
         *leaf = best;
         let tally = Tally { decided: 1, skipped: u64::from(best < j_high) };
