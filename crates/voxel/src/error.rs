@@ -65,7 +65,8 @@ pub enum Error {
     TooMany(usize),
     /// The voxelization names a Gaussian that the scene does not have.
     #[error(
-        "the voxelization names Gaussian {member}, but the scene has {len}; give the scene that was voxelized"
+        "the voxelization names Gaussian {member}, but the scene has {len}; \
+         merge the scene that was voxelized"
     )]
     Member {
         /// The first such index.

@@ -2,8 +2,8 @@
 //!
 //! This is what their `adapt_voxel_recolor.py` does, in `f32` as there. It differs from the
 //! paper's text (section 3.2.2), which is [`Strategy::Paper`](crate::Strategy::Paper). At every
-//! depth from `j_low` on, cells of fewer than `tau1` Gaussians are *small*. In a small cell, every
-//! Gaussian moves to the centre that is not large, has not moved before and is closer to the
+//! depth from `j_low` on, cells of fewer than `tau1` Gaussians are *small*. A Gaussian in a small
+//! cell moves to the cell's centre if it is not large, has not moved before and is closer to the
 //! centre than half a side. The loop ends after the first depth at which every cell is small. Then
 //! all Gaussians, moved or not, are voxelized one depth further. No leaf depth is recorded, so all
 //! leaves are at `j_high`, which is a result and not a parameter.

@@ -69,7 +69,7 @@ pub(super) fn read_properties(
 pub(super) fn normalise(weights: &mut [f64]) {
     let greatest = weights.iter().fold(0.0, |m: f64, &w| m.max(w));
     for w in weights {
-        // A comparison with NaN fails, so NaN gives 1 too.
+        // `max` ignores NaN, so weights that are all NaN give 1 too.
         *w = if greatest > 0.0 { *w / greatest } else { 1.0 };
     }
 }

@@ -15,8 +15,8 @@ impl Pruning<'_> {
     ///
     /// It equals [`Pruning::solve`] bit for bit: children are added in Morton order here too. The
     /// members of a block lie all over the scene; their records are gathered first, in a loop
-    /// that does nothing else, because only then do the cache misses overlap. Without that, a
-    /// voxelization of two million Gaussians takes twice as long.
+    /// that does nothing else, because only then do the cache misses overlap. Without the
+    /// gathering, a voxelization of two million Gaussians takes 1.9 times as long.
     pub(super) fn solve_in_blocks(
         &self,
         cell: Cell<'_, u32>,

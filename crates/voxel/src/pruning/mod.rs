@@ -12,7 +12,8 @@
 //! - **Base case** (`base_cases`): a cell at `j_high` is not divided.
 //! - **Fast paths**: `single` is the closed form for a cell of one Gaussian, and `blocks` solves
 //!   cells in parallel, with their records side by side. Each names the reference that it equals,
-//!   and a test compares the two. Each halves the time of a voxelization at least.
+//!   and a test compares the two. `single` more than halves the time of a voxelization, and
+//!   `blocks` halves it for scenes of millions of Gaussians.
 //!
 //! The octree is not built: a cell is a range of the Gaussians in Morton order.
 //!
