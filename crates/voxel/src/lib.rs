@@ -41,6 +41,7 @@
 // with an addition. The functions they call are `inline(always)`, so that they are compiled for
 // AVX2 too.
 
+mod check;
 mod cost;
 mod cube;
 mod descend;
@@ -52,6 +53,7 @@ mod merge;
 mod order;
 mod pages;
 mod paper;
+mod parallel;
 mod pruning;
 mod radix;
 mod rate_distortion;
@@ -59,6 +61,7 @@ mod record;
 mod released;
 mod strategy;
 mod trim;
+mod voxelization;
 mod voxelize;
 pub mod w2;
 
@@ -67,11 +70,13 @@ pub use cube::Cube;
 pub use error::{Error, Result};
 pub use importance::Importance;
 pub use merge::{Merge, merge, merge_into, merge_sh, merge_up_to, merge_weighted};
-pub use rate_distortion::{RateDistortion, RateDistortionReport, rate_distortion};
+pub use pruning::rate_distortion;
+pub use rate_distortion::{RateDistortion, RateDistortionReport};
 pub use released::{Released, released};
 pub use strategy::Strategy;
 pub use trim::{Trim, Trimmed, trim};
-pub use voxelize::{Voxelization, voxelize};
+pub use voxelization::Voxelization;
+pub use voxelize::voxelize;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

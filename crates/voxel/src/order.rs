@@ -9,10 +9,8 @@ use rayon::prelude::*;
 use crate::cube::{Cube, Grid};
 use crate::error::{Error, Result};
 use crate::pages::Pages;
+use crate::parallel::CHUNK;
 use crate::radix;
-
-/// Gaussians per parallel work item. Fixed, so that no result depends on the thread count.
-pub(crate) const CHUNK: usize = 4096;
 
 /// The Gaussians of a scene in Morton order at one depth.
 #[derive(Debug)]

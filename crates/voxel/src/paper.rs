@@ -9,8 +9,9 @@ use rayon::prelude::*;
 use crate::cube::Cube;
 use crate::descend;
 use crate::gaussian::log_volume;
-use crate::order::{CHUNK, MortonOrder};
+use crate::order::MortonOrder;
 use crate::pages::Pages;
+use crate::parallel::CHUNK;
 
 /// Flags the Gaussians whose volume reaches the `100 - percent` percentile.
 ///

@@ -4,8 +4,8 @@
 
 use rayon::prelude::*;
 
-use crate::order::CHUNK;
 use crate::pages::Pages;
+use crate::parallel::CHUNK;
 
 /// Bits of a radix pass. The write positions of that many buckets fit the first-level cache, and
 /// the index in a bucket of [`SMALL`] entries fits beside the unsorted bits of a code.

@@ -1,19 +1,12 @@
-//! [`RateDistortion`]: the strategy that minimises distortion plus lambda times bits.
+//! [`RateDistortion`]: parameters of the strategy that minimises distortion plus lambda times bits.
 //!
 //! It goes beyond the paper, whose criteria (section 3.2.2) are thresholds per voxel. The
 //! distortion is an upper bound of the paper's eq. 5 with importances as weights.
 
-use gs_model::Scene;
-
+use crate::check::{check, check_depths};
 use crate::cost::CostModel;
-use crate::cube::Cube;
 use crate::error::Result;
 use crate::importance::Importance;
-use crate::order::MortonOrder;
-use crate::pruning::Pruning;
-use crate::record::Records;
-use crate::strategy::{check, check_depths};
-use crate::voxelize::Voxelization;
 
 /// Parameters of the rate-distortion strategy.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +30,7 @@ pub struct RateDistortion {
     /// Weight of the squared difference of DC colours inside a leaf.
     pub colour: f64,
     /// Distortion of leaving a Gaussian out, per unit of its importance; `None` keeps all. A
-    /// Gaussian gets no leaf where that costs less, see [`Voxelization::dropped`].
+    /// Gaussian gets no leaf where that costs less, see [`Voxelization::dropped`](crate::Voxelization::dropped).
     pub drop: Option<f64>,
 }
 
@@ -106,7 +99,7 @@ impl RateDistortion {
     }
 }
 
-/// What a [`rate_distortion`] run did.
+/// What a [`rate_distortion`](crate::rate_distortion) run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateDistortionReport {
     /// Cells whose division was decided. A cell above `j_low` is always divided, and not counted,
@@ -117,27 +110,4 @@ pub struct RateDistortionReport {
     pub skipped: u64,
     /// The minimum: distortion plus lambda times bits.
     pub cost: f64,
-}
-
-/// As [`voxelize`](crate::voxelize) with
-/// [`Strategy::RateDistortion`](crate::Strategy::RateDistortion), with a report.
-///
-/// # Errors
-/// As [`voxelize`](crate::voxelize).
-pub fn rate_distortion(
-    scene: &Scene,
-    cube: &Cube,
-    options: &RateDistortion,
-) -> Result<(Voxelization, RateDistortionReport)> {
-    options.validate()?;
-    cube.validate()?;
-    // One scope for all parallel loops, so that the threads wake up once.
-    rayon::scope(|_| {
-        let order = MortonOrder::of(scene, cube, options.j_high)?;
-        let records = Records::of(scene, &options.importance, options.size_exponent)?;
-        let (depths, report) = Pruning::new(cube, options, &records).run(&order);
-        drop(records);
-        let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]);
-        Ok((voxelization, report))
-    })
 }

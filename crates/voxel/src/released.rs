@@ -11,12 +11,12 @@
 use gpcc_lite::morton::{self, MAX_DEPTH};
 use gs_model::Scene;
 
+use crate::check::check_depths;
 use crate::cube::Cube;
 use crate::error::{Error, Result};
 use crate::order::MortonOrder;
 use crate::paper::large;
-use crate::strategy::check_depths;
-use crate::voxelize::Voxelization;
+use crate::voxelization::Voxelization;
 
 /// Parameters of the authors' released code.
 #[derive(Clone, Copy, Debug, PartialEq)]

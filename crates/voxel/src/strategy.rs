@@ -1,8 +1,7 @@
 //! [`Strategy`]: which cells of the octree become leaves (the paper's sections 3.1 and 3.2).
 
-use gpcc_lite::morton::MAX_DEPTH;
-
-use crate::error::{Error, Result};
+use crate::check::{check, check_depths};
+use crate::error::Result;
 use crate::rate_distortion::RateDistortion;
 use crate::released::Released;
 
@@ -50,7 +49,7 @@ impl Strategy {
     /// Checks every parameter.
     ///
     /// # Errors
-    /// [`Error::DepthTooGreat`], [`Error::DepthRange`], [`Error::Parameter`].
+    /// [`Error`](crate::Error) names the first one out of range.
     pub(crate) fn validate(&self) -> Result<()> {
         match self {
             &Self::Uniform { depth } => check_depths(depth, depth),
@@ -63,29 +62,5 @@ impl Strategy {
             Self::Released(_) => Ok(()),
             Self::RateDistortion(options) => options.validate(),
         }
-    }
-}
-
-pub(crate) fn check_depths(j_low: u8, j_high: u8) -> Result<()> {
-    if j_high > MAX_DEPTH {
-        return Err(Error::DepthTooGreat { depth: j_high, max: MAX_DEPTH });
-    }
-    if j_low > j_high {
-        return Err(Error::DepthRange { j_low, j_high });
-    }
-    Ok(())
-}
-
-pub(crate) fn check(
-    name: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    range: &'static str,
-) -> Result<()> {
-    if value >= low && value <= high {
-        Ok(())
-    } else {
-        Err(Error::Parameter { name, value, range })
     }
 }

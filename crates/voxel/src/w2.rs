@@ -21,8 +21,8 @@ use nalgebra::{Matrix3, SVD, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use crate::gaussian::scales;
-use crate::order::CHUNK;
-use crate::voxelize::Voxelization;
+use crate::parallel::CHUNK;
+use crate::voxelization::Voxelization;
 
 /// A Gaussian distribution in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -228,8 +228,8 @@ pub fn voxelize_exact(
     j_high: u8,
     limit: f64,
 ) -> crate::Result<Voxelization> {
-    crate::strategy::check_depths(j_low, j_high)?;
-    crate::strategy::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
+    crate::check::check_depths(j_low, j_high)?;
+    crate::check::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
     cube.validate()?;
     let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
     let depths = crate::descend::depths(&order.codes, j_low, j_high, |_, range, _| {

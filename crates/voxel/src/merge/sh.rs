@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::{BATCH, BatchMembers, Merge, Scratch, check_members, merge_to_degree};
 use crate::error::Result;
 use crate::importance::Importance;
-use crate::voxelize::Voxelization;
+use crate::voxelization::Voxelization;
 
 /// As [`merge_weighted`](crate::merge_weighted), of SH coefficients up to `degree` only: the same
 /// bits as if the scene had no others.

@@ -1,4 +1,4 @@
-//! [`Pruning`]: the dynamic programme of the rate-distortion strategy.
+//! [`rate_distortion`]: the dynamic programme of the rate-distortion strategy.
 //!
 //! The strategy chooses, among all prunings of the full octree, the one whose distortion plus
 //! lambda times bits is least. It replaces the thresholds of the paper's section 3.2.2. Costs add
@@ -30,13 +30,39 @@ mod state;
 mod tests;
 
 use gpcc_lite::Leaf;
+use gs_model::Scene;
 
 use crate::cube::Cube;
+use crate::error::Result;
 use crate::order::MortonOrder;
 use crate::rate_distortion::{RateDistortion, RateDistortionReport};
 use crate::record::{Record, RecordView, Records};
+use crate::voxelization::Voxelization;
 use prices::Prices;
 use state::Cell;
+
+/// As [`voxelize`](crate::voxelize) with
+/// [`Strategy::RateDistortion`](crate::Strategy::RateDistortion), with a report.
+///
+/// # Errors
+/// As [`voxelize`](crate::voxelize).
+pub fn rate_distortion(
+    scene: &Scene,
+    cube: &Cube,
+    options: &RateDistortion,
+) -> Result<(Voxelization, RateDistortionReport)> {
+    options.validate()?;
+    cube.validate()?;
+    // One scope for all parallel loops, so that the threads wake up once.
+    rayon::scope(|_| {
+        let order = MortonOrder::of(scene, cube, options.j_high)?;
+        let records = Records::of(scene, &options.importance, options.size_exponent)?;
+        let (depths, report) = Pruning::new(cube, options, &records).run(&order);
+        drop(records);
+        let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]);
+        Ok((voxelization, report))
+    })
+}
 
 /// The rate-distortion strategy on one scene.
 pub(crate) struct Pruning<'a> {
@@ -52,7 +78,7 @@ impl<'a> Pruning<'a> {
     }
 
     /// Finds the best pruning: the leaf depth of each Gaussian of `order`
-    /// ([`DROPPED`](crate::voxelize::DROPPED) for none), and the report.
+    /// ([`DROPPED`](crate::voxelization::DROPPED) for none), and the report.
     pub(crate) fn run(&self, order: &MortonOrder) -> (Vec<u8>, RateDistortionReport) {
         let mut depths = vec![0u8; order.codes.len()];
         if depths.is_empty() {

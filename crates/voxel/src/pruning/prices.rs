@@ -3,7 +3,7 @@
 use super::Pruning;
 use crate::distortion::Moments;
 use crate::rate_distortion::RateDistortion;
-use crate::voxelize::DROPPED;
+use crate::voxelization::DROPPED;
 
 /// Lambda times the bits of cells that hold one leaf.
 #[derive(Clone, Copy)]

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::importance::Importance;
-use crate::voxelize::Voxelization;
+use crate::voxelization::Voxelization;
 
 /// How the members of a leaf become one Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
