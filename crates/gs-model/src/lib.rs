@@ -3,7 +3,9 @@
 //! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
 //! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
 //! the layout of the Inria reference implementation; [`model`] also reads SPZ and `.splat`,
-//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos, whether COLMAP, the Inria trainer or a NeRF tool made it.
+//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos,
+//! whether COLMAP, the Inria trainer or a NeRF tool made it. [`math`] has the rotations and
+//! covariances that the other crates share.
 //!
 //! ```
 //! use gs_model::{Scene, ply};
@@ -49,6 +51,7 @@ pub mod error;
 mod fs;
 mod image_size;
 pub mod inria;
+pub mod math;
 pub mod model;
 pub mod nerf;
 pub mod options;

@@ -1,28 +1,30 @@
 //! [`CostModel`]: what leaves and divisions cost in the stream.
+//!
+//! The rate-distortion strategy estimates bits with it; nothing is coded to find them.
 
-/// Bits of the geometry and attribute streams, as far as the choice of leaves changes them.
+/// Estimated bits of the geometry and the attributes, as far as the choice of leaves changes them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostModel {
-    /// Bits of all attributes of one Gaussian; depends on the attribute quantisers.
+    /// Bits of all attributes of one Gaussian. They depend on the quantisation steps.
     pub gaussian: f64,
-    /// Bits of the occupancy of a divided cell with 1 to 8 occupied children (entry 0 is one
-    /// child).
+    /// Bits of the occupancy of a divided cell; entry `n - 1` is for `n` occupied children.
     pub occupancy: [f64; 8],
-    /// Bits that say "leaf" of a cell at `j_low` to `j_high - 1`.
+    /// Bits of the flag that says "leaf", for a cell at `j_low` to `j_high - 1`.
     pub stop: f64,
-    /// Bits that say "divided" of such a cell.
+    /// Bits of the flag that says "divided", for such a cell.
     pub go_on: f64,
 }
 
 impl Default for CostModel {
-    /// Geometry near what is fitted to gpcc-lite on `fox` and `bonsai` (docs/results/voxel.md);
-    /// 90 bits per Gaussian, SH degree 3 at middle to high rates.
+    /// The values of the encoder (`gsvx::default_strategy`) at quality 50. At other qualities it
+    /// sets `gaussian` anew, since that depends on the attribute steps, and keeps the rest.
     ///
-    /// Cells of four and more children come out cheap because they sit in the dense upper
-    /// levels, where contexts predict well; the fit cannot tell them apart.
+    /// The bits of the geometry are close to a least-squares fit to octrees that gpcc-lite coded
+    /// (`cargo xtask bench-voxel --only cost`). Cells of four and more children are cheap in the
+    /// fit because they are found at low depths, which are dense and well predicted.
     fn default() -> Self {
         Self {
-            gaussian: 90.0,
+            gaussian: 60.0,
             occupancy: [3.1, 10.5, 12.0, 8.0, 6.0, 5.0, 4.0, 3.0],
             stop: 2.4,
             go_on: 0.1,

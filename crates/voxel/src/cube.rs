@@ -1,4 +1,7 @@
-//! [`Cube`]: the half-open cube that the octree divides.
+//! [`Cube`]: the half-open cube that the octree divides (the paper's section 3.1).
+//!
+//! *Invariant:* the cell of a mean, and the centre of a leaf, follow from IEEE additions and
+//! multiplications in a fixed order, so encoder and decoder agree on every machine.
 
 use gpcc_lite::{Leaf, morton};
 
@@ -28,12 +31,12 @@ const POINT_SIDE: f64 = f32::MIN_POSITIVE as f64;
 impl Cube {
     /// The smallest cube of this form that holds all means.
     ///
-    /// Rule: `origin` is the per-axis minimum; `side` is the smallest number of 20
-    /// significant bits that is *strictly greater* than the longest extent. So no mean sits on
-    /// the upper face (the authors' closed cube gives the extreme point index 2^J and needs an
-    /// extra level), indices and cell corners are exact, and scaling the scene by a power of
-    /// two, or translating it exactly, changes no index. If all means coincide, `side` is
-    /// 2^-126; no mean at all gives that cube at 0.
+    /// `origin` is the minimum on each axis; `side` is the smallest number of 20 significant bits
+    /// that is *strictly greater* than the longest extent. So no mean lies on the upper face (the
+    /// authors' closed cube gives the extreme point index 2^J, which takes one depth more),
+    /// indices and cell corners are exact, and no index changes if the scene is scaled by a power
+    /// of two or translated exactly. If all means coincide, `side` is 2^-126; without any mean
+    /// the cube has that side and its origin is 0.
     ///
     /// # Errors
     /// [`Error::NonFiniteMean`].
@@ -62,7 +65,7 @@ impl Cube {
     ///
     /// # Errors
     /// [`Error::InvalidCube`].
-    pub fn validate(&self) -> Result<()> {
+    pub(crate) fn validate(&self) -> Result<()> {
         let finite = self.origin.iter().all(|x| x.is_finite()) && self.side.is_finite();
         if finite && self.side > 0.0 {
             Ok(())
@@ -71,10 +74,10 @@ impl Cube {
         }
     }
 
-    /// Side of a cell at `depth`. Exact: a division by a power of two.
+    /// Side of a cell at `depth`. Exact: the cube's side times `2^-depth`.
     #[must_use]
     pub fn cell(&self, depth: u8) -> f64 {
-        self.side / (1u64 << depth) as f64
+        self.side * f64::from_bits((1023 - u64::from(depth)) << 52)
     }
 
     /// Indices of the cell at `depth` that holds `mean`, or `None` outside the cube.
@@ -86,14 +89,14 @@ impl Cube {
         self.grid(depth).index_of(mean)
     }
 
-    /// What [`Cube::index_of`] needs to know of a depth.
+    /// The cells of one depth.
     pub(crate) fn grid(&self, depth: u8) -> Grid {
         let cell = self.cell(depth);
         Grid { cube: *self, cell, scale: 1.0 / cell, last: (1u32 << depth) - 1 }
     }
 
-    /// A mean relative to the origin. Decisions are made on such offsets, so that an exact
-    /// translation of the scene cannot change the rounding of anything.
+    /// A mean relative to the origin. All decisions use such offsets, so an exact translation of
+    /// the scene changes no rounding.
     #[inline(always)]
     pub(crate) fn offset(&self, mean: [f32; 3]) -> [f64; 3] {
         std::array::from_fn(|k| f64::from(mean[k]) - self.origin[k])
@@ -109,10 +112,9 @@ impl Cube {
 
     /// Centre of a leaf, in world units, rounded to `f32`.
     ///
-    /// Encoder and decoder both call this, so voxelized means survive coding exactly. Only
-    /// IEEE additions and multiplications are used, in a fixed order. Where cells are finer
-    /// than the spacing of `f32` there (coordinates of 1e7 at a cell below 1), neighbouring
-    /// leaves share a centre.
+    /// Encoder and decoder both call this, so voxelized means survive coding exactly. Where cells
+    /// are finer than the spacing of `f32` (coordinates of 1e7 and a cell below 1, for example),
+    /// neighbouring leaves share a centre.
     #[must_use]
     pub fn leaf_centre(&self, leaf: Leaf, j_high: u8) -> [f32; 3] {
         let offset = self.centre_offset(leaf, j_high);
@@ -136,19 +138,19 @@ impl Grid {
         inside.then_some(index)
     }
 
-    /// As [`Cube::index_of`], and whether the mean is in the cube at all; without branches, for
-    /// loops that become vector instructions.
+    /// As [`Cube::index_of`], and whether the mean is in the cube; outside, the index is arbitrary.
+    /// There is no branch, so that loops over it become vector instructions.
     #[inline(always)]
     pub(crate) fn nearest(&self, mean: [f32; 3]) -> ([u32; 3], bool) {
         let offset = self.cube.offset(mean);
         let inside = offset.map(|d| (d >= 0.0) & (d < self.cube.side));
         let index = offset.map(|d| {
-            // Adding 2^52 rounds to an integer, which then sits in the low bits: one too many
-            // for the upper half of a cell, or where the product rounded across a face.
+            // Adding 2^52 rounds to an integer, which is then in the low bits. It is one too
+            // great for the upper half of a cell, and where the product rounded across a face.
             let shifted = d * self.scale + TWO_52;
             let above = (shifted - TWO_52) * self.cell > d;
             let i = shifted.to_bits() as u32;
-            // Only a reciprocal that overflows gives more than the last.
+            // Greater than the last only if the reciprocal overflowed.
             i.saturating_sub(u32::from(above)).min(self.last)
         });
         (index, inside[0] & inside[1] & inside[2])
@@ -161,7 +163,7 @@ const TWO_52: f64 = 4_503_599_627_370_496.0;
 fn above(x: f64) -> f64 {
     // Every difference of two f32 is a normal f64, so its mantissa is its low 52 bits.
     let drop = 52 - (SIDE_BITS - 1);
-    // The carry runs into the exponent, which is what rounding up to a power of two means.
+    // A carry into the exponent rounds up to the next power of two.
     f64::from_bits(((x.to_bits() >> drop) + 1) << drop)
 }
 

@@ -1,4 +1,5 @@
-//! Top-down division by a rule that looks at one voxel at a time.
+//! Top-down division by a rule that decides one voxel at a time: the form of the paper's criteria
+//! (section 3.2.2).
 
 use std::ops::Range;
 
@@ -6,9 +7,10 @@ use rayon::prelude::*;
 
 use crate::order::cell_end;
 
-/// Depth of the leaf of every Gaussian, given the sorted codes: voxels from `j_low` on are
-/// divided while `splits(code of a member, positions of the members, depth)` and the depth is
-/// below `j_high`.
+/// Depth of the leaf of every Gaussian, given the sorted codes.
+///
+/// A voxel at `j_low` to `j_high - 1` is divided if `splits` returns true for the code of one of
+/// its members, the range of its members in `codes`, and its depth.
 pub(crate) fn depths(
     codes: &[u64],
     j_low: u8,
@@ -31,8 +33,7 @@ pub(crate) fn depths(
     depths
 }
 
-/// Decides one voxel, which holds the codes from `start` on, as many as `depths`, and what lies
-/// below it.
+/// Decides one voxel and the voxels below it. It holds as many codes as `depths`, from `start` on.
 fn divide(
     splits: &impl Fn(u64, Range<usize>, u8) -> bool,
     j_high: u8,
@@ -43,7 +44,7 @@ fn divide(
 ) {
     let stop = start + depths.len();
     if let [leaf] = depths {
-        // Alone down to the last level.
+        // One Gaussian: every voxel below holds it alone.
         *leaf = (depth..j_high).find(|&d| !splits(codes[start], start..stop, d)).unwrap_or(j_high);
         return;
     }

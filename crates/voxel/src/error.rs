@@ -1,4 +1,4 @@
-//! [`Error`]: everything that can be wrong with the input.
+//! [`Error`]: what this crate refuses, and why.
 
 /// What can go wrong in this crate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -11,7 +11,7 @@ pub enum Error {
         index: usize,
     },
     /// A mean lies outside the half-open cube.
-    #[error("Gaussian {index} lies outside the cube")]
+    #[error("Gaussian {index} lies outside the cube; take the cube of all means (Cube::of)")]
     OutsideCube {
         /// The first such Gaussian.
         index: usize,
@@ -25,7 +25,7 @@ pub enum Error {
         side: f64,
     },
     /// An octree depth above the greatest that a Morton code holds.
-    #[error("octree depth {depth} is above {max}")]
+    #[error("octree depth {depth} is above the greatest, {max}")]
     DepthTooGreat {
         /// Depth as given.
         depth: u8,
@@ -61,12 +61,15 @@ pub enum Error {
         want: usize,
     },
     /// More Gaussians than a `u32` counts.
-    #[error("{0} Gaussians are more than 2^32 - 1")]
+    #[error("{0} Gaussians are more than the 2^32 - 1 that can be voxelized together")]
     TooMany(usize),
     /// The voxelization names a Gaussian that the scene does not have.
-    #[error("the voxelization has a member {member} but the scene only {len} Gaussians")]
+    #[error(
+        "the voxelization names Gaussian {member}, but the scene has {len}; \
+         merge the scene that was voxelized"
+    )]
     Member {
-        /// Offending index.
+        /// The first such index.
         member: u32,
         /// Number of Gaussians.
         len: usize,

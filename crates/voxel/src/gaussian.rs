@@ -1,7 +1,7 @@
-//! The few formulae of one Gaussian that the criteria and the merging share.
+//! Formulae of one Gaussian that the strategies and the merging share.
 //!
-//! The exponential and the logarithm are our own, so that a scene voxelizes to the same bits on
-//! every machine.
+//! *Invariant:* the same bits on every machine. Therefore the exponential and the logarithm are
+//! written here, and not taken from the platform.
 
 /// Bound on |log-scale| inside the formulae: exp(+-115) = 1e+-50 keeps fourth powers of scales
 /// finite and non-zero in `f64`. Trained scales lie within +-20; stored values are never changed.
@@ -12,19 +12,18 @@ pub(crate) const MAX_ALPHA: f64 = 0.99;
 
 /// `e^x` for `|x| <= 700`, to 1.5 units in the last place.
 ///
-/// Additions and multiplications only, no branch and no table: the same bits everywhere, and
-/// loops over it can become vector instructions, which `libm`'s do not (seven of those per
-/// Gaussian were an eighth of the time of voxelizing and merging).
+/// It consists of additions and multiplications, without a branch or a table. So the bits are the
+/// same everywhere, and loops over it become vector instructions, which those of `libm` do not.
 #[inline(always)]
 pub(crate) fn exp(x: f64) -> f64 {
-    // Adding 1.5 * 2^52 rounds to an integer, which then sits in the low bits.
+    // Adding 1.5 * 2^52 rounds to an integer, which is then in the low bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
     let shifted = x * std::f64::consts::LOG2_E + ROUND;
     let n = shifted - ROUND;
     let r = (x - n * LN2_HIGH) - n * LN2_LOW;
-    // Taylor: |r| <= 0.347, so the first term left out is 4e-18.
+    // Taylor series. |r| <= 0.347, so the first term that is left out is 4e-18.
     let term = |k: usize| 1.0 / FACTORIALS[k];
     let (r2, r4) = (r * r, (r * r) * (r * r));
     let low = (term(2) + r * term(3)) + r2 * (term(4) + r * term(5));
@@ -54,8 +53,8 @@ const FACTORIALS: [f64; 14] = [
 
 /// Natural logarithm of a positive, normal, finite `x`, to 1 unit in the last place.
 ///
-/// By the series of FreeBSD's `log`, without its branches; for the same reasons as [`exp`].
-/// Zero gives -709 or so and infinity +710, never NaN.
+/// It is the series of FreeBSD's `log` without its branches, for the same reasons as [`exp`].
+/// Zero gives about -709 and infinity about 710, neither NaN.
 #[inline(always)]
 pub(crate) fn ln(x: f64) -> f64 {
     const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
@@ -94,9 +93,9 @@ pub(crate) fn scale(log_scale: f32) -> f64 {
     exp(f64::from(log_scale.max(-MAX_LOG_SCALE).min(MAX_LOG_SCALE)))
 }
 
-/// `ln` of the volume criterion: the product of the three scales (paper section 3.2.2).
+/// Logarithm of a Gaussian's volume, the product of its three scales (the paper's section 3.2.2).
 ///
-/// Monotone in the volume and cheaper, and it cannot overflow.
+/// It orders Gaussians as the volume does, is cheaper and cannot overflow.
 pub(crate) fn log_volume(log_scale: [f32; 3]) -> f64 {
     log_scale.iter().map(|&l| f64::from(l)).sum()
 }
@@ -105,7 +104,7 @@ pub(crate) fn log_volume(log_scale: [f32; 3]) -> f64 {
 #[inline(always)]
 #[allow(clippy::manual_clamp, reason = "NaN must end up in range, as exp needs")]
 pub(crate) fn opacity(logit: f32) -> f64 {
-    // Beyond 700 the opacity is 0 or 1 in `f64` all the same.
+    // Beyond 700 the opacity is 0 or 1 in `f64` anyway.
     1.0 / (1.0 + exp(f64::from((-logit).max(-700.0).min(700.0))))
 }
 
@@ -115,41 +114,14 @@ pub(crate) fn logit(opacity: f64) -> f64 {
     ln(opacity / (1.0 - opacity))
 }
 
-/// Root mean square of the three principal cross-sections, up to pi: a measure of the area
-/// that an ellipsoid covers on a screen, averaged over directions. Within 10 % of Cauchy's
-/// mean shadow for flat and for round Gaussians, and free of elliptic integrals.
+/// Root mean square of the three principal cross-sections, divided by pi: a measure of the area
+/// that an ellipsoid covers on a screen, averaged over directions. For flat and for round
+/// Gaussians it is within 10 % of the mean area of the projections, which needs elliptic
+/// integrals.
 #[inline(always)]
 pub(crate) fn area(s: [f64; 3]) -> f64 {
     let [a, b, c] = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
     ((a * a + b * b + c * c) / 3.0).sqrt()
-}
-
-/// Rotation matrix (columns are the principal axes) of a quaternion `[w, x, y, z]` of any
-/// norm; the identity for a zero or non-finite one.
-#[inline(always)]
-pub(crate) fn rotation(q: [f32; 4]) -> [[f64; 3]; 3] {
-    let q = q.map(f64::from);
-    let norm = q.iter().map(|x| x * x).sum::<f64>();
-    if !(norm > 0.0 && norm.is_finite()) {
-        return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    }
-    let [w, x, y, z] = q;
-    let s = 2.0 / norm;
-    [
-        [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-        [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
-        [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)],
-    ]
-}
-
-/// A symmetric 3x3 matrix as `[xx, yy, zz, xy, xz, yz]`.
-pub(crate) type Symmetric = [f64; 6];
-
-/// `R diag(d) R^T`.
-#[inline(always)]
-pub(crate) fn congruence(r: &[[f64; 3]; 3], d: [f64; 3]) -> Symmetric {
-    let at = |i: usize, j: usize| (0..3).map(|k| r[i][k] * d[k] * r[j][k]).sum::<f64>();
-    [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)]
 }
 
 #[cfg(test)]

@@ -1,12 +1,16 @@
 //! Octree voxelization of 3D Gaussians, uniform and adaptive.
 //!
-//! A trained 3DGS scene has Gaussians at arbitrary positions. Here the cube that holds them is
-//! divided into an octree; each leaf becomes one Gaussian at the leaf's centre. What decides
-//! is where the octree stops: a [`Strategy`]. [`voxelize`] gives the leaves, in Morton order,
-//! each with its own depth and its members; [`merge`] gives the merged scene.
+//! A trained 3DGS scene has Gaussians at arbitrary positions. An octree divides the cube that
+//! holds them, and each leaf becomes one Gaussian at the leaf's centre. A [`Strategy`] decides
+//! which cells are leaves. [`voxelize`] gives the leaves in Morton order, each with its own depth
+//! and its members; [`merge`] gives the merged scene.
 //!
-//! The crate does no I/O, knows neither bitstreams nor renderers, and gives the same bits for
-//! any number of threads and on any machine.
+//! The paper is *Adaptive Voxelization for Transform Coding of 3D Gaussian Splatting Data* (arXiv
+//! 2506.00271): uniform voxelization is its section 3.1, the adaptive criteria are section 3.2,
+//! the merging is section 3.3. [`RateDistortion`] and [`Merge::Moments`] go beyond it.
+//!
+//! *Invariant:* the crate does no I/O, knows neither bitstreams nor renderers, and gives the same
+//! bits for any number of threads and on any machine.
 //!
 //! ```
 //! use gs_model::Scene;
@@ -32,14 +36,16 @@
 //! # Ok::<(), voxel::Error>(())
 //! ```
 
-// Functions marked `multiversion` are compiled for AVX2 too and chosen at run time. The bits
-// stay the same: vector instructions round each number as the others do, and nothing is fused.
-// What they call must be `inline(always)` to be compiled with them.
+// Functions marked `multiversion` are compiled for AVX2 too, and chosen at run time. The bits stay
+// the same: vector instructions round each number as others do, and no multiplication is fused
+// with an addition. The functions they call are `inline(always)`, so that they are compiled for
+// AVX2 too.
 
+mod check;
 mod cost;
 mod cube;
 mod descend;
-mod eigen;
+mod distortion;
 mod error;
 mod gaussian;
 mod importance;
@@ -47,15 +53,15 @@ mod merge;
 mod order;
 mod pages;
 mod paper;
-mod prune;
+mod parallel;
 mod pruning;
 mod radix;
 mod rate_distortion;
 mod record;
 mod released;
-mod stats;
 mod strategy;
 mod trim;
+mod voxelization;
 mod voxelize;
 pub mod w2;
 
@@ -64,12 +70,13 @@ pub use cube::Cube;
 pub use error::{Error, Result};
 pub use importance::Importance;
 pub use merge::{Merge, merge, merge_into, merge_sh, merge_up_to, merge_weighted};
-pub use prune::{ALPHA_CUT, Prune, Pruned, prune};
-pub use rate_distortion::{RateDistortion, RateDistortionReport, rate_distortion};
+pub use pruning::rate_distortion;
+pub use rate_distortion::{RateDistortion, RateDistortionReport};
 pub use released::{Released, released};
 pub use strategy::Strategy;
 pub use trim::{Trim, Trimmed, trim};
-pub use voxelize::{Voxelization, voxelize};
+pub use voxelization::Voxelization;
+pub use voxelize::voxelize;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,4 +1,5 @@
-//! [`MortonOrder`]: the Gaussians of a scene in the order of their cells.
+//! [`MortonOrder`]: the Gaussians of a scene in Morton order, in which the Gaussians of every cell
+//! are a range.
 
 use gpcc_lite::morton;
 use gs_model::Scene;
@@ -8,10 +9,8 @@ use rayon::prelude::*;
 use crate::cube::{Cube, Grid};
 use crate::error::{Error, Result};
 use crate::pages::Pages;
+use crate::parallel::CHUNK;
 use crate::radix;
-
-/// Gaussians per parallel work item. Fixed, so that no result depends on the thread count.
-pub(crate) const CHUNK: usize = 4096;
 
 /// The Gaussians of a scene in Morton order at one depth.
 #[derive(Debug)]
@@ -37,7 +36,7 @@ impl MortonOrder {
             .enumerate()
             .filter_map(|(chunk, (codes, means))| {
                 encode(grid, codes, means);
-                // A code that no cell has.
+                // No cell has this code.
                 let outside = codes.iter().position(|&code| code == u64::MAX)?;
                 Some(chunk * CHUNK + outside)
             })
@@ -60,7 +59,7 @@ impl MortonOrder {
     }
 }
 
-/// Codes of as many means; all ones where one is outside the grid.
+/// Writes the code of each mean; all bits are set for a mean outside the cube.
 #[multiversion(targets("x86_64+avx2"))]
 fn encode(grid: Grid, codes: &mut [u64], means: &[[f32; 3]]) {
     for (code, mean) in codes.iter_mut().zip(means) {
@@ -73,7 +72,7 @@ fn encode(grid: Grid, codes: &mut [u64], means: &[[f32; 3]]) {
 pub(crate) fn cell_end(codes: &[u64], start: usize, j_high: u8, depth: u8) -> usize {
     let shift = 3 * u32::from(j_high - depth);
     let cell = codes[start] >> shift;
-    // Galloping: cheap for the short runs that most cells are, logarithmic for long ones.
+    // Galloping search: most runs are short, and long ones take logarithmic time.
     let mut step = 1;
     let mut low = start;
     while low + step < codes.len() && codes[low + step] >> shift == cell {

@@ -1,4 +1,4 @@
-//! [`Pages`]: large scratch arrays, in huge pages where the system has them.
+//! [`Pages`]: large arrays for temporary use, in huge pages where the system has them.
 
 #[cfg(target_os = "linux")]
 use std::marker::PhantomData;
@@ -8,18 +8,15 @@ use bytemuck::Pod;
 #[cfg(target_os = "linux")]
 use memmap2::{Advice, MmapMut};
 
-/// Arrays of at least this many bytes ask for pages of 2 MB, of which the last is wasted in part.
+/// Arrays of at least this many bytes ask for pages of 2 MB. Part of the last page is wasted.
 ///
-/// The kernel hands memory out page by page, at the first touch, and a processor knows the
-/// addresses of some thousand pages. With pages of 4 kB, scratch for 2.5 million Gaussians is
-/// 60,000 interrupts, and a miss of address for each record read in Morton order.
+/// The kernel provides memory page by page, at the first touch, and a processor caches the
+/// addresses of some thousand pages. With pages of 4 kB, the arrays for 2.5 million Gaussians take
+/// 60,000 page faults, and reading records in Morton order misses that cache each time.
 #[cfg(target_os = "linux")]
 const HUGE: usize = 4 << 20;
 
-/// An array of numbers that starts as zeros.
-///
-/// Its contents are the same wherever it lies; whether the kernel gave huge pages or not only
-/// shows in the time.
+/// An array of numbers that starts as zeros. Huge pages change the time only, not the contents.
 #[derive(Debug)]
 pub(crate) struct Pages<T>(Memory<T>);
 
@@ -43,12 +40,12 @@ impl<T> From<Vec<T>> for Pages<T> {
     }
 }
 
-/// A mapping of its own, if `len` entries are worth one and the system gives one.
+/// A separate mapping, if the array is large enough and the system grants one.
 #[cfg(target_os = "linux")]
 fn map<T: Pod>(len: usize) -> Option<Memory<T>> {
     let bytes = len.checked_mul(size_of::<T>()).filter(|&bytes| bytes >= HUGE)?;
     let map = MmapMut::map_anon(bytes).ok()?;
-    // A kernel without huge pages refuses; the pages then are ordinary ones.
+    // A kernel without huge pages refuses. The pages are ordinary ones then.
     let _ = map.advise(Advice::HugePage);
     Some(Memory::Map(map, PhantomData))
 }

@@ -1,4 +1,5 @@
-//! The paper's adaptive criteria, per voxel (section 3.2.2).
+//! The paper's adaptive criteria, per voxel (section 3.2.2):
+//! [`Strategy::Paper`](crate::Strategy::Paper).
 
 use bytemuck::{Pod, Zeroable};
 use gpcc_lite::Leaf;
@@ -8,12 +9,13 @@ use rayon::prelude::*;
 use crate::cube::Cube;
 use crate::descend;
 use crate::gaussian::log_volume;
-use crate::order::{CHUNK, MortonOrder};
+use crate::order::MortonOrder;
 use crate::pages::Pages;
+use crate::parallel::CHUNK;
 
 /// Flags the Gaussians whose volume reaches the `100 - percent` percentile.
 ///
-/// Ties at the threshold are all large. 0 % flags none, 100 % all.
+/// All Gaussians at the threshold are flagged. 0 % flags none, 100 % all.
 pub(crate) fn large(scene: &Scene, percent: f64) -> Vec<bool> {
     let len = scene.len();
     let count = (len as f64 * percent / 100.0).round() as usize;
@@ -21,7 +23,7 @@ pub(crate) fn large(scene: &Scene, percent: f64) -> Vec<bool> {
         return vec![false; len];
     }
     let key = |i: usize| ascending(log_volume(scene.log_scales[i]));
-    // The bucket that holds the threshold, by counting, then the threshold inside it.
+    // Counting finds the bucket that holds the threshold, a selection the threshold in it.
     let chunks = (0..len.div_ceil(CHUNK)).into_par_iter();
     let range = |chunk: usize| chunk * CHUNK..len.min((chunk + 1) * CHUNK);
     let counts = chunks
@@ -52,7 +54,7 @@ pub(crate) fn large(scene: &Scene, percent: f64) -> Vec<bool> {
     (0..len).into_par_iter().with_min_len(CHUNK).map(|i| key(i) >= threshold).collect()
 }
 
-/// Bits of a key that name its bucket: sign, exponent and one bit of the mantissa.
+/// The highest bits of a key are its bucket: sign, exponent and one bit of the mantissa.
 const BUCKET_BITS: u32 = 13;
 const BUCKETS: usize = 1 << BUCKET_BITS;
 
@@ -60,13 +62,13 @@ fn bucket(key: u64) -> usize {
     (key >> (u64::BITS - BUCKET_BITS)) as usize
 }
 
-/// An integer that is ordered as `f64::total_cmp` orders `x`.
+/// An integer; these are ordered as `f64::total_cmp` orders the numbers.
 fn ascending(x: f64) -> u64 {
     let bits = x.to_bits();
     if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
 }
 
-/// The criteria and what they look at.
+/// The criteria, and the scene that they are applied to.
 pub(crate) struct Rule<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) cube: &'a Cube,
@@ -77,7 +79,7 @@ pub(crate) struct Rule<'a> {
     pub(crate) tau2: f64,
 }
 
-/// What the criteria look at in one Gaussian.
+/// What the criteria need of one Gaussian.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Point {
@@ -89,7 +91,7 @@ struct Point {
 impl Rule<'_> {
     /// Depth of the leaf of every Gaussian of `order`.
     pub(crate) fn depths(&self, order: &MortonOrder) -> Vec<u8> {
-        // In Morton order, because cells are looked at level by level.
+        // In Morton order, because the members of a cell are read once for every depth.
         let mut points = Pages::<Point>::zeroed(order.members.len());
         let all = points.par_chunks_mut(CHUNK).zip(order.members.par_chunks(CHUNK));
         all.for_each(|(points, members)| {

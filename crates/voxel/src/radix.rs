@@ -1,18 +1,20 @@
-//! [`sort`]: the one sort of the crate.
+//! [`sort`]: a parallel radix sort of Morton codes.
+//!
+//! *Invariant:* the sort is stable, and its result does not depend on the number of threads.
 
 use rayon::prelude::*;
 
-use crate::order::CHUNK;
 use crate::pages::Pages;
+use crate::parallel::CHUNK;
 
-/// Bits of a radix pass: so many heads of buckets fit the first-level cache, and the index
-/// inside a bucket of [`SMALL`] entries fits beside what is left of a code.
+/// Bits of a radix pass. The write positions of that many buckets fit the first-level cache, and
+/// the index in a bucket of [`SMALL`] entries fits beside the unsorted bits of a code.
 const DIGIT_BITS: u32 = 11;
 
 /// Buckets of at most this many entries are sorted by comparison.
 const SMALL: usize = 1 << DIGIT_BITS;
 
-/// Ranges longer than this are scattered in parallel: each part has counts of its own.
+/// Ranges longer than this are scattered in parallel, in parts.
 const PARALLEL: usize = 1 << 16;
 
 /// Buckets of ranges longer than this are sorted in parallel.
@@ -21,7 +23,7 @@ const MANY: usize = 2 * SMALL;
 /// Parts in which a long range is scattered at the same time.
 const PARTS: usize = 8;
 
-/// Sorts `codes` (fewer than 2^32); returns where each was, ties ascending.
+/// Sorts `codes` (fewer than 2^32). Returns the old index of each; ties ascend.
 ///
 /// A radix sort from the most significant digit that differs, linear in the number of codes.
 pub(crate) fn sort(codes: &mut [u64]) -> Vec<u32> {
@@ -36,14 +38,14 @@ pub(crate) fn sort(codes: &mut [u64]) -> Vec<u32> {
     let mut entries = Pages::<Entry>::zeroed(len);
     let shift = bits.saturating_sub(DIGIT_BITS);
     let ends = scatter(len, &|i| entry(codes[i], i as u32), &mut entries, shift);
-    // Touched only where a bucket is large.
+    // Untouched, and so without memory, unless a bucket is large.
     let mut spare = Pages::<Entry>::zeroed(len);
-    let range = Range { entries: &mut entries, spare: &mut spare, codes, members: &mut members };
+    let range = Part { entries: &mut entries, spare: &mut spare, codes, members: &mut members };
     sort_buckets(range, &ends, shift);
     members
 }
 
-/// Low and high half of a code, and its Gaussian. Twelve bytes, not sixteen.
+/// Low and high half of a code, and its Gaussian. With a `u64` it would be four bytes longer.
 type Entry = [u32; 3];
 
 fn entry(code: u64, member: u32) -> Entry {
@@ -54,8 +56,8 @@ fn code(entry: &Entry) -> u64 {
     u64::from(entry[0]) | u64::from(entry[1]) << 32
 }
 
-/// Entries to sort, as much room again, and where the result goes; all equally long.
-struct Range<'a> {
+/// Entries to sort, as much free memory, and the place of the result; all equally long.
+struct Part<'a> {
     entries: &'a mut [Entry],
     spare: &'a mut [Entry],
     codes: &'a mut [u64],
@@ -78,18 +80,18 @@ fn differing_bits(len: usize, code: &(impl Fn(usize) -> u64 + Sync)) -> u32 {
     if len == 0 { 0 } else { u64::BITS - (all ^ any).leading_zeros() }
 }
 
-/// Sorts buckets, which agree above `bits`.
-fn sort_buckets(range: Range<'_>, ends: &[usize], bits: u32) {
+/// Sorts each bucket; the codes of a bucket differ in the `bits` low bits only.
+fn sort_buckets(range: Part<'_>, ends: &[usize], bits: u32) {
     let parallel = range.entries.len() > MANY;
     let mut buckets = Vec::with_capacity(ends.len());
-    let Range { mut entries, mut spare, mut codes, mut members } = range;
+    let Part { mut entries, mut spare, mut codes, mut members } = range;
     let mut start = 0;
     for &end in ends {
         let n = end - start;
         let (a, b) = (entries.split_at_mut(n), spare.split_at_mut(n));
         let (c, d) = (codes.split_at_mut(n), members.split_at_mut(n));
         if n > 0 {
-            buckets.push(Range { entries: a.0, spare: b.0, codes: c.0, members: d.0 });
+            buckets.push(Part { entries: a.0, spare: b.0, codes: c.0, members: d.0 });
         }
         (entries, spare, codes, members) = (a.1, b.1, c.1, d.1);
         start = end;
@@ -101,14 +103,14 @@ fn sort_buckets(range: Range<'_>, ends: &[usize], bits: u32) {
     }
 }
 
-fn sort_bucket(range: Range<'_>, bits: u32) {
-    let Range { entries, spare, codes, members } = range;
+fn sort_bucket(range: Part<'_>, bits: u32) {
+    let Part { entries, spare, codes, members } = range;
     let len = entries.len();
     if len <= SMALL || bits == 0 {
         sort_small(entries, bits, codes, members);
         return;
     }
-    // Few bits may be left to tell them apart: one far floater makes such a bucket of all else.
+    // Few bits may differ: with one distant floater, all other codes fall into one bucket.
     let bits = differing_bits(len, &|i| code(&entries[i]));
     if bits == 0 {
         sort_small(entries, 0, codes, members);
@@ -116,18 +118,18 @@ fn sort_bucket(range: Range<'_>, bits: u32) {
     }
     let shift = bits.saturating_sub(DIGIT_BITS);
     let ends = scatter(len, &|i| entries[i], spare, shift);
-    sort_buckets(Range { entries: spare, spare: entries, codes, members }, &ends, shift);
+    sort_buckets(Part { entries: spare, spare: entries, codes, members }, &ends, shift);
 }
 
-/// Writes the entries out, sorted by their `bits` low bits; any number of them if there are
-/// none.
+/// Writes the entries out, sorted by their `bits` low bits. There are at most [`SMALL`], unless
+/// `bits` is 0.
 fn sort_small(entries: &[Entry], bits: u32, codes: &mut [u64], members: &mut [u32]) {
     if bits == 0 {
         for ((entry, c), m) in entries.iter().zip(codes).zip(members) {
             (*c, *m) = (code(entry), entry[2]);
         }
     } else if bits + DIGIT_BITS <= u64::BITS {
-        // One number each: code, then index.
+        // One number each: the code, then the index.
         let mask = (1u64 << bits) - 1;
         for ((i, entry), key) in entries.iter().enumerate().zip(codes.iter_mut()) {
             *key = (code(entry) & mask) << DIGIT_BITS | i as u64;
@@ -147,11 +149,11 @@ fn sort_small(entries: &[Entry], bits: u32, codes: &mut [u64], members: &mut [u3
     }
 }
 
-/// Stable counting sort of `len` entries by the digit at `shift`; returns the end of every
-/// digit's bucket.
+/// Stable counting sort of `len` entries by the digit at `shift`. Returns the end of every digit's
+/// bucket.
 ///
-/// A long range is scattered in parts at the same time: each writes to slices of its own, which
-/// lie in the order of the parts inside every bucket, so the result is the same.
+/// The parts of a long range are scattered in parallel. Each part has its own slice of every
+/// bucket, and these slices are in the order of the parts, so the result is the same.
 fn scatter(
     len: usize,
     entry: &(impl Fn(usize) -> Entry + Sync),
@@ -185,7 +187,7 @@ fn scatter(
     let fill = |part: usize, mut heads: Vec<std::slice::IterMut<'_, Entry>>| {
         for i in range(part) {
             let e = entry(i);
-            // There is room for as many as were counted.
+            // There is a slot for each, because they were counted.
             if let Some(slot) = heads[digit(&e)].next() {
                 *slot = e;
             }
@@ -211,7 +213,7 @@ mod tests {
         }
     }
 
-    /// One code far from the rest: the first digit tells nothing else apart.
+    /// One code is far from the rest, which all have the same first digit.
     #[test]
     fn sorts_beside_a_floater() {
         let mut codes: Vec<u64> =

@@ -1,22 +1,19 @@
-//! [`RateDistortion`]: the strategy that minimises distortion + lambda * bits.
+//! [`RateDistortion`]: parameters of the strategy that minimises distortion plus lambda times bits.
+//!
+//! It goes beyond the paper, whose criteria (section 3.2.2) are thresholds per voxel. The
+//! distortion is an upper bound of the paper's eq. 5 with importances as weights.
 
-use gs_model::Scene;
-
+use crate::check::{check, check_depths};
 use crate::cost::CostModel;
-use crate::cube::Cube;
 use crate::error::Result;
 use crate::importance::Importance;
-use crate::order::MortonOrder;
-use crate::pruning::Pruning;
-use crate::record::Records;
-use crate::strategy::{check, check_depths};
-use crate::voxelize::Voxelization;
 
 /// Parameters of the rate-distortion strategy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RateDistortion {
     /// Distortion that one bit must save. Distortion is in units of the mean importance of a
-    /// Gaussian, so one `lambda` means much the same in every scene; 1e-4 (fine) to 1e-1 (coarse).
+    /// Gaussian, so a `lambda` has a similar effect in every scene. Useful are 1e-4 (fine) to 1e-1
+    /// (coarse).
     pub lambda: f64,
     /// Lowest leaf depth.
     pub j_low: u8,
@@ -24,24 +21,23 @@ pub struct RateDistortion {
     pub j_high: u8,
     /// What leaves and divisions cost.
     pub cost: CostModel,
-    /// What each Gaussian counts.
+    /// How much each Gaussian counts.
     pub importance: Importance,
-    /// Displacements count per `area^size_exponent`; see the crate's results page.
+    /// A squared displacement counts `importance / area^size_exponent`.
     pub size_exponent: f64,
-    /// Weight of the change of covariance against displacement; 1 is the W2 distance.
+    /// Weight of the change of covariance relative to displacement; 1 is the W2 distance.
     pub shape: f64,
     /// Weight of the squared difference of DC colours inside a leaf.
     pub colour: f64,
-    /// Distortion of leaving a Gaussian out, per unit of its importance; `None` keeps all.
-    /// Gaussians that cost more bits than they are worth then get no leaf, see
-    /// [`Voxelization::dropped`].
+    /// Distortion of leaving a Gaussian out, per unit of its importance; `None` keeps all. A
+    /// Gaussian gets no leaf where that costs less, see [`Voxelization::dropped`](crate::Voxelization::dropped).
     pub drop: Option<f64>,
 }
 
 impl RateDistortion {
-    /// Plain settings over depths 0 to 16: opacity times area, nothing dropped.
+    /// Plain settings for depths 0 to 16: importance is opacity times area, and nothing is dropped.
     ///
-    /// [`RateDistortion::seen`] and [`RateDistortion::unseen`] are measured to do better.
+    /// [`RateDistortion::seen`] and [`RateDistortion::unseen`] give better rates.
     #[must_use]
     pub fn new(lambda: f64) -> Self {
         Self {
@@ -57,11 +53,11 @@ impl RateDistortion {
         }
     }
 
-    /// The best known settings for an encoder that has the training cameras; depths 0 to 18.
+    /// The best known settings for an encoder that has the training cameras, for depths 0 to 18.
     ///
-    /// `importance` is one entry per Gaussian: the rasterizer's sum of squared blending weights
-    /// (alpha T) over pixels and training views. Gaussians that are worth less
-    /// than their bits are dropped.
+    /// `importance` has one entry per Gaussian: the rasterizer's sum of squared blending weights
+    /// (alpha T) over pixels and training views. Gaussians are dropped where that costs less than
+    /// their bits.
     #[must_use]
     pub fn seen(lambda: f64, importance: Vec<f32>) -> Self {
         Self {
@@ -73,10 +69,10 @@ impl RateDistortion {
         }
     }
 
-    /// The best known settings for an encoder that has no cameras; depths 0 to 18.
+    /// The best known settings for an encoder that has no cameras, for depths 0 to 18.
     ///
-    /// Trained Gaussians are larger the farther they are from the cameras, so the size exponent
-    /// above 1 stands in for the distance.
+    /// Trained Gaussians are larger the farther they are from the cameras, so a size exponent
+    /// above 1 replaces the unknown distance.
     #[must_use]
     pub fn unseen(lambda: f64) -> Self {
         Self { j_high: 18, size_exponent: 1.5, shape: 0.3, ..Self::new(lambda) }
@@ -86,7 +82,7 @@ impl RateDistortion {
     ///
     /// # Errors
     /// [`Error`](crate::Error) names the first one out of range.
-    pub fn validate(&self) -> Result<()> {
+    pub(crate) fn validate(&self) -> Result<()> {
         check_depths(self.j_low, self.j_high)?;
         check("lambda", self.lambda, 0.0, f64::MAX, "0 upwards")?;
         check("size_exponent", self.size_exponent, -2.0, 2.0, "-2 to 2")?;
@@ -103,37 +99,15 @@ impl RateDistortion {
     }
 }
 
-/// What a [`rate_distortion`] run did.
+/// What a [`rate_distortion`](crate::rate_distortion) run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateDistortionReport {
-    /// Cells whose division was decided: not those that must be divided, because they are above
-    /// the lowest leaf depth and nothing may be dropped.
+    /// Cells whose division was decided. A cell above `j_low` is always divided, and not counted,
+    /// unless Gaussians may be dropped.
     pub decided: u64,
-    /// Of these, cells whose subtrees were not looked at because no division could pay.
+    /// Of these, cells whose subtrees were not visited, since no division there could pay: those
+    /// of one Gaussian that became a leaf above `j_high`.
     pub skipped: u64,
-    /// Minimised sum of distortion and lambda times bits.
+    /// The minimum: distortion plus lambda times bits.
     pub cost: f64,
-}
-
-/// As [`voxelize`](crate::voxelize) with [`Strategy::RateDistortion`](crate::Strategy), and
-/// with a report.
-///
-/// # Errors
-/// As [`voxelize`](crate::voxelize).
-pub fn rate_distortion(
-    scene: &Scene,
-    cube: &Cube,
-    options: &RateDistortion,
-) -> Result<(Voxelization, RateDistortionReport)> {
-    options.validate()?;
-    cube.validate()?;
-    // In the pool from here on: the threads are woken once.
-    rayon::scope(|_| {
-        let order = MortonOrder::of(scene, cube, options.j_high)?;
-        let records = Records::of(scene, &options.importance, options.size_exponent)?;
-        let (depths, report) = Pruning::new(cube, options, &records).run(&order);
-        drop(records);
-        let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]);
-        Ok((voxelization, report))
-    })
 }

@@ -1,39 +1,43 @@
 //! [`Records`]: what the rate-distortion strategy needs of every Gaussian, computed once.
+//!
+//! *Invariant:* sums are added block by block, in the order of the scene, so no weight depends on
+//! the number of threads.
 
 use bytemuck::{Pod, Zeroable};
 use gs_model::Scene;
+use gs_model::math::{axes_product, rotation, scaled_rotation};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::gaussian::{area, congruence, opacity, rotation, scale};
+use crate::gaussian::{area, opacity, scale};
 use crate::importance::Importance;
 use crate::pages::Pages;
 
-/// One Gaussian. A cache line: the members of a cell lie all over the scene, and each of the
-/// scene's arrays would be another miss. (Roots and colours are asked of one Gaussian in four
-/// only, but to fetch those from the scene takes longer than to compute all of them in its order.)
+/// One Gaussian, in one cache line: the members of a cell lie all over the scene, and reading each
+/// of the scene's arrays would be another cache miss.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(crate) struct Record {
-    /// Square root of the covariance, world units, to some 1e-6 of the greatest scale.
+    /// Square root of the covariance in world units, with an error of about 1e-6 of the greatest
+    /// scale.
     pub(crate) root: [f32; 6],
     pub(crate) mean: [f32; 3],
     /// DC coefficients.
     pub(crate) colour: [f32; 3],
-    /// What a squared length of displacement or change of shape counts.
+    /// Weight of a squared displacement or change of shape.
     pub(crate) geometry: f64,
-    /// What a squared difference of colours counts.
+    /// Weight of a squared difference of colours.
     pub(crate) importance: f64,
 }
 
-/// Gaussians per block. Fixed: the sums are added block by block.
+/// Gaussians per block. Fixed, because the sums are added block by block.
 const BLOCK: usize = 64;
 
 /// Standard deviations count as at most this in `root`, whose entries are `f32`.
 const WIDEST: f64 = 1e37;
 
-/// The records of a scene, and the factors that bring their weights to units of the mean
+/// The records of a scene, and the factors that scale their weights to units of the mean
 /// importance.
 #[derive(Debug)]
 pub(crate) struct Records {
@@ -43,10 +47,10 @@ pub(crate) struct Records {
 }
 
 impl Records {
-    /// `size_exponent` p turns importance I into `geometry = I / area^p`. A displacement by d of
-    /// a Gaussian of area A on the screen changes about `I d^2 / A` of the image, which is
-    /// p = 1. Weights come out such that the sum of importances, and that of geometry times
-    /// area, is the number of Gaussians.
+    /// With importance I, area A and `size_exponent` p, `geometry` is `I / A^p`. A displacement by
+    /// d changes about `I d^2 / A` of the images, which is p = 1. The weights are scaled so that
+    /// the sum of importances is the number of Gaussians, and so is the sum of geometry times
+    /// area.
     pub(crate) fn of(scene: &Scene, importance: &Importance, size_exponent: f64) -> Result<Self> {
         importance.validate(scene)?;
         let len = scene.len();
@@ -62,21 +66,21 @@ impl Records {
         Ok(Self { records, per_importance: scale(sums[0]), per_geometry: scale(sums[1]) })
     }
 
-    pub(crate) fn view(&self) -> View<'_> {
+    pub(crate) fn view(&self) -> RecordView<'_> {
         let &Self { ref records, per_importance, per_geometry } = self;
-        View { records, per_importance, per_geometry }
+        RecordView { records, per_importance, per_geometry }
     }
 }
 
 /// [`Records`], read-only.
 #[derive(Clone, Copy)]
-pub(crate) struct View<'a> {
+pub(crate) struct RecordView<'a> {
     records: &'a [Record],
     per_importance: f64,
     per_geometry: f64,
 }
 
-impl View<'_> {
+impl RecordView<'_> {
     /// The record of Gaussian `i`, its weights in units of the mean importance.
     pub(crate) fn get(&self, i: u32) -> Record {
         let mut record = self.records[i as usize];
@@ -86,8 +90,8 @@ impl View<'_> {
     }
 }
 
-/// Writes the records of up to [`BLOCK`] Gaussians from `first` on; returns the sum of their
-/// importances and that of geometry times area.
+/// Writes the records of up to [`BLOCK`] Gaussians from `first` on. Returns the sum of their
+/// importances, and that of geometry times area.
 #[multiversion(targets("x86_64+avx2"))]
 fn fill(
     records: &mut [Record],
@@ -99,7 +103,7 @@ fn fill(
     let n = records.len();
     let range = first..first + n;
     let sh_len = scene.sh_len();
-    // In loops over plain arrays, which the compiler turns into vector instructions.
+    // Loops over plain arrays, which the compiler turns into vector instructions.
     let mut l = [[0.0f32; BLOCK]; 3];
     for (i, log_scale) in scene.log_scales[range.clone()].iter().enumerate() {
         (0..3).for_each(|k| l[k][i] = log_scale[k]);
@@ -149,8 +153,9 @@ fn fill(
     sums
 }
 
-/// `R diag(s) R^T` of up to [`BLOCK`] rotations and scales, in `f32` and for four at a time in
-/// vector instructions: what differs between the members of a leaf is far above its rounding.
+/// `R diag(s) R^T` of up to [`BLOCK`] rotations and scales. It is computed in `f32`, for more
+/// Gaussians per vector instruction; the differences between the members of a leaf are far above
+/// its rounding.
 #[inline(always)]
 fn roots(rotations: &[[f32; 4]], scales: &[[f64; BLOCK]; 3]) -> [[f32; BLOCK]; 6] {
     let mut q = [[0.0f32; BLOCK]; 4];
@@ -166,14 +171,9 @@ fn roots(rotations: &[[f32; 4]], scales: &[[f64; BLOCK]; 3]) -> [[f32; BLOCK]; 6
     let mut roots = [[0.0f32; BLOCK]; 6];
     let mut norms = [0.0f32; BLOCK];
     for i in 0..BLOCK {
-        let [w, x, y, z] = [q[0][i], q[1][i], q[2][i], q[3][i]];
+        let [w, x, y, z] = [0, 1, 2, 3].map(|k| q[k][i]);
         norms[i] = w * w + x * x + y * y + z * z;
-        let two = 2.0 / norms[i];
-        let r = [
-            [1.0 - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
-            [two * (x * y + w * z), 1.0 - two * (x * x + z * z), two * (y * z - w * x)],
-            [two * (x * z - w * y), two * (y * z + w * x), 1.0 - two * (x * x + y * y)],
-        ];
+        let r = scaled_rotation([w, x, y, z], 2.0 / norms[i]);
         for (e, (a, b)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate()
         {
             roots[e][i] = r[a][0] * s[0][i] * r[b][0]
@@ -181,19 +181,18 @@ fn roots(rotations: &[[f32; 4]], scales: &[[f64; BLOCK]; 3]) -> [[f32; BLOCK]; 6
                 + r[a][2] * s[2][i] * r[b][2];
         }
     }
-    // Quaternions whose norm is no f32, and the zero one.
+    // Zero quaternions, and those whose squared norm is outside the range of f32.
     for (i, q) in rotations.iter().enumerate() {
         if !(1e-20..1e20).contains(&norms[i]) {
             let s = [0, 1, 2].map(|k| scales[k][i].min(WIDEST));
-            let root = congruence(&rotation(*q), s);
+            let root = axes_product(&rotation(*q), s);
             (0..6).for_each(|e| roots[e][i] = root[e] as f32);
         }
     }
     roots
 }
 
-/// Raises areas to the power of `-p`, without the detour through logarithms for the common
-/// exponents.
+/// Raises areas to the power of `-p`. The common exponents need square roots only.
 #[inline(always)]
 fn power(areas: &mut [f64], p: f64) {
     match p {

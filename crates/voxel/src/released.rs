@@ -1,22 +1,22 @@
 //! The authors' released criteria, per Gaussian, for reproduction.
 //!
-//! What their `adapt_voxel_recolor.py` does, in `f32` like it, rather than what the paper's
-//! text says ([`Strategy::Paper`](crate::Strategy::Paper)). From `j_low` on, at every depth:
-//! cells of fewer than `tau1` Gaussians are *small*; in a small cell every Gaussian that is not
-//! large, has not moved yet and is closer to the centre than half a side moves to the centre;
-//! the loop ends after the first depth at which every cell is small. Then everything, moved or
-//! not, is voxelized one level below that depth: no leaf depth is ever recorded, so all leaves
-//! are at `j_high`, which is a result, not a parameter.
+//! This is what their `adapt_voxel_recolor.py` does, in `f32` as there. It differs from the
+//! paper's text (section 3.2.2), which is [`Strategy::Paper`](crate::Strategy::Paper). At every
+//! depth from `j_low` on, cells of fewer than `tau1` Gaussians are *small*. A Gaussian in a small
+//! cell moves to the cell's centre if it is not large, has not moved before and is closer to the
+//! centre than half a side. The loop ends after the first depth at which every cell is small. Then
+//! all Gaussians, moved or not, are voxelized one depth further. No leaf depth is recorded, so all
+//! leaves are at `j_high`, which is a result and not a parameter.
 
 use gpcc_lite::morton::{self, MAX_DEPTH};
 use gs_model::Scene;
 
+use crate::check::check_depths;
 use crate::cube::Cube;
 use crate::error::{Error, Result};
 use crate::order::MortonOrder;
 use crate::paper::large;
-use crate::strategy::check_depths;
-use crate::voxelize::Voxelization;
+use crate::voxelization::Voxelization;
 
 /// Parameters of the authors' released code.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,8 +27,8 @@ pub struct Released {
     pub tau1: u32,
     /// Percentage of large Gaussians, by volume (20, hard-coded there).
     pub large_percent: f64,
-    /// Greatest depth of the loop; the authors' code has no bound. At most 19, since their
-    /// cube includes its upper faces and so takes one level more here.
+    /// Greatest depth of the loop, at most 19; the authors' code has no bound. Their cube includes
+    /// its upper faces, which takes one depth more here.
     pub max_depth: u8,
 }
 
@@ -42,10 +42,9 @@ impl Released {
 
 /// Runs the authors' voxelizer.
 ///
-/// The cube in the result is twice as wide as theirs, whose extreme point sits *on* the upper
-/// face, and `j_high` one more; leaf centres are the same. Merging with
-/// [`Merge::Paper`](crate::Merge::Paper) is the paper's rule; their code also averages
-/// rotations, which is not reproduced.
+/// In their cube the extreme point lies *on* the upper face. The cube of the result is twice as
+/// wide and `j_high` is one more; leaf centres are the same. [`Merge::Paper`](crate::Merge::Paper)
+/// merges as the paper says; their code averages rotations too, which is not reproduced.
 ///
 /// # Errors
 /// [`Error::NonFiniteMean`], [`Error::DepthTooGreat`], [`Error::DepthRange`];

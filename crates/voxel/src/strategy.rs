@@ -1,24 +1,22 @@
-//! [`Strategy`]: which cells of the octree become leaves.
+//! [`Strategy`]: which cells of the octree become leaves (the paper's sections 3.1 and 3.2).
 
-use gpcc_lite::morton::MAX_DEPTH;
-
-use crate::error::{Error, Result};
+use crate::check::{check, check_depths};
+use crate::error::Result;
 use crate::rate_distortion::RateDistortion;
 use crate::released::Released;
 
-/// A criterion for where the octree stops. All strategies prune the same full octree.
+/// A rule for which cells become leaves. All strategies prune the same full octree.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Strategy {
-    /// Every occupied cell at one depth is a leaf (paper section 3.1).
+    /// Every occupied cell at one depth is a leaf (the paper's section 3.1).
     Uniform {
         /// Depth of all leaves, 0 to 21.
         depth: u8,
     },
-    /// The paper's criteria, per voxel, as its text states them (section 3.2.2): from `j_low`
-    /// on, a voxel above `j_high` is divided if it holds one of the largest Gaussians, or more
-    /// than `tau1` Gaussians, or one whose mean is farther than `tau2` voxel sides from the
-    /// voxel's centre.
+    /// The criteria of the paper's text, per voxel (section 3.2.2). A voxel at `j_low` to
+    /// `j_high - 1` is divided if it holds one of the largest Gaussians, or more than `tau1`
+    /// Gaussians, or one whose mean is farther than `tau2` voxel sides from the voxel's centre.
     Paper {
         /// The paper's v: the percentage of Gaussians that are "large", by volume, and go to
         /// `j_high`; 0 to 100. The authors' code uses 20.
@@ -34,10 +32,10 @@ pub enum Strategy {
         /// sides of that leaf; the paper's `W / 2^(J+1)` is 0.5, the inscribed ball.
         tau2: f64,
     },
-    /// The authors' released code, per Gaussian, for reproduction. It has a cube of its own,
-    /// that of the scene, and ignores the one given to [`voxelize`](crate::voxelize).
+    /// The authors' released code, per Gaussian, for reproduction. It takes the cube of the scene
+    /// and ignores the one given to [`voxelize`](crate::voxelize).
     Released(Released),
-    /// The pruning that minimises distortion + lambda * bits.
+    /// The pruning that minimises distortion plus lambda times bits.
     RateDistortion(RateDistortion),
 }
 
@@ -51,8 +49,8 @@ impl Strategy {
     /// Checks every parameter.
     ///
     /// # Errors
-    /// [`Error::DepthTooGreat`], [`Error::DepthRange`], [`Error::Parameter`].
-    pub fn validate(&self) -> Result<()> {
+    /// [`Error`](crate::Error) names the first one out of range.
+    pub(crate) fn validate(&self) -> Result<()> {
         match self {
             &Self::Uniform { depth } => check_depths(depth, depth),
             &Self::Paper { large_percent, j_low, j_high, tau1: _, tau2 } => {
@@ -60,33 +58,9 @@ impl Strategy {
                 check("large_percent", large_percent, 0.0, 100.0, "0 to 100")?;
                 check("tau2", tau2, 0.0, f64::MAX, "0 upwards")
             }
-            // Checked where it runs.
+            // `released` checks its options itself.
             Self::Released(_) => Ok(()),
             Self::RateDistortion(options) => options.validate(),
         }
-    }
-}
-
-pub(crate) fn check_depths(j_low: u8, j_high: u8) -> Result<()> {
-    if j_high > MAX_DEPTH {
-        return Err(Error::DepthTooGreat { depth: j_high, max: MAX_DEPTH });
-    }
-    if j_low > j_high {
-        return Err(Error::DepthRange { j_low, j_high });
-    }
-    Ok(())
-}
-
-pub(crate) fn check(
-    name: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    range: &'static str,
-) -> Result<()> {
-    if value >= low && value <= high {
-        Ok(())
-    } else {
-        Err(Error::Parameter { name, value, range })
     }
 }

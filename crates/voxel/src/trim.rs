@@ -1,33 +1,36 @@
-//! [`trim`]: a cube without the floaters, if coding those exactly is cheaper.
+//! [`trim`]: a cube without the floaters, if it is cheaper to code their positions exactly.
+//!
+//! A floater is a Gaussian far away from the others. This comes before the voxelization; the
+//! paper has no such step.
 
 use gpcc_lite::morton::MAX_DEPTH;
 
 use crate::cube::Cube;
 use crate::error::{Error, Result};
 
-/// What [`trim`] weighs.
+/// The costs that [`trim`] compares.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trim {
-    /// Side of the finest cells wanted, world units. Positive.
+    /// Side of the finest cells wanted, in world units. Positive.
     pub cell: f64,
-    /// Bits of an outlier's position outside the octree; three `f32` are 96.
+    /// Bits of the position of a Gaussian that is not in the octree; three `f32` are 96.
     pub bits_per_outlier: f64,
-    /// Bits that a Gaussian alone in its cell pays per level.
+    /// Bits per octree level of a Gaussian that is alone in its cell.
     pub bits_per_level: f64,
-    /// What a level that cannot be reached costs per Gaussian, in bits: cells come out twice as
-    /// wide as wanted once the octree would need more than 21 levels.
+    /// Bits that a missing octree level is worth, per Gaussian. An octree has at most 21 levels;
+    /// every further one that the wanted cell needs is missing, and doubles the cells.
     pub bits_per_missing_level: f64,
 }
 
 impl Trim {
-    /// Finest cells of side `cell`, positions of outliers as `f32`, a missing level worth 3 bits.
+    /// Finest cells of side `cell`, 96 bits per outlier, 3 bits per level and per missing level.
     #[must_use]
     pub fn new(cell: f64) -> Self {
         Self { cell, bits_per_outlier: 96.0, bits_per_level: 3.0, bits_per_missing_level: 3.0 }
     }
 }
 
-/// The cheapest cube and what lies outside it.
+/// The cheapest cube, and the Gaussians outside it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trimmed {
     /// Cube of the inliers.
@@ -44,11 +47,11 @@ pub struct Trimmed {
 
 /// Chooses among boxes around the per-axis median, each half as wide as the last, by cost.
 ///
-/// An octree hardly pays for empty space: a level that all Gaussians share costs bits once,
-/// not per Gaussian, so an outlier costs its own chain of single children, about 3 bits per
-/// level, which is less than its three floats. Trimming therefore pays only when the whole
-/// extent divided by the wanted cell exceeds 2^21; then it gives every inlier levels that a
-/// Morton code could not hold. Otherwise the result is the plain cube and no outlier.
+/// Empty space costs an octree little: a level that all Gaussians share costs bits once, and an
+/// outlier costs a chain of only children, about 3 bits per level. That is less than three floats.
+/// So trimming pays only if the whole extent divided by the wanted cell exceeds 2^21; then the
+/// smaller cube gives the inliers the missing levels. Otherwise the result is the cube of all
+/// means and no outlier.
 ///
 /// # Errors
 /// [`Error::NonFiniteMean`]; [`Error::Parameter`] if `cell` is not positive and finite.
@@ -63,7 +66,7 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
     let all = Cube::of(means)?;
     let plain = Trimmed {
         cube: all,
-        j_high: levels(all.side, options.cell).min(MAX_DEPTH),
+        j_high: depth_for(all.side, options.cell).min(MAX_DEPTH),
         inside: (0..means.len()).collect(),
         outliers: Vec::new(),
         saved_bits: 0.0,
@@ -73,23 +76,23 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
     }
     let centre = median(means);
     let cost = |cube: &Cube, outliers: usize| {
-        let wanted = levels(cube.side, options.cell);
+        let wanted = depth_for(cube.side, options.cell);
         let missing = f64::from(wanted.saturating_sub(MAX_DEPTH));
         let inside = (means.len() - outliers) as f64;
         outliers as f64 * options.bits_per_outlier
             + inside * missing * options.bits_per_missing_level
     };
-    // What the outliers of a candidate cost while they still are in the octree.
+    // What an outlier costs in the octree of all means.
     let chain = f64::from(plain.j_high) * options.bits_per_level;
     let whole = cost(&all, 0);
     let mut best = plain;
     let mut radius = all.side;
-    while levels(radius, options.cell) > 0 {
+    while depth_for(radius, options.cell) > 0 {
         radius *= 0.5;
         let inside = |p: &[f32; 3]| (0..3).all(|k| (f64::from(p[k]) - centre[k]).abs() <= radius);
         let (ins, outs): (Vec<usize>, Vec<usize>) =
             (0..means.len()).partition(|&i| inside(&means[i]));
-        // More than half outside: that is the scene, not its floaters.
+        // Floaters are few. If more than half is outside, the box has reached the scene.
         if outs.len() > ins.len() {
             break;
         }
@@ -97,15 +100,15 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
         let cube = Cube::of(&kept)?;
         let saved = whole + outs.len() as f64 * chain - cost(&cube, outs.len());
         if saved > best.saved_bits {
-            let j_high = levels(cube.side, options.cell).min(MAX_DEPTH);
+            let j_high = depth_for(cube.side, options.cell).min(MAX_DEPTH);
             best = Trimmed { cube, j_high, inside: ins, outliers: outs, saved_bits: saved };
         }
     }
     Ok(best)
 }
 
-/// Halvings of `side` until it is at most `cell`; bounded by the range of the exponent.
-fn levels(side: f64, cell: f64) -> u8 {
+/// Depth at which cells of a cube are at most as wide as `cell`; at most 255.
+fn depth_for(side: f64, cell: f64) -> u8 {
     let mut n = 0;
     let mut s = side;
     while s > cell && n < u8::MAX {

@@ -1,165 +1,32 @@
-//! [`voxelize`]: from Gaussians and a strategy to the leaves of a pruned octree.
+//! [`voxelize`]: from Gaussians and a strategy to the leaves of a pruned octree (the paper's
+//! sections 3.1 and 3.2).
 
-use gpcc_lite::Leaf;
 use gs_model::Scene;
-use rayon::prelude::*;
 
 use crate::cube::Cube;
 use crate::error::Result;
-use crate::order::{CHUNK, MortonOrder};
+use crate::order::MortonOrder;
 use crate::paper;
-use crate::rate_distortion::rate_distortion;
+use crate::pruning::rate_distortion;
 use crate::released::released;
 use crate::strategy::Strategy;
-
-/// The leaves of a pruned octree and the Gaussians in each.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Voxelization {
-    /// The cube that the octree divides.
-    pub cube: Cube,
-    /// Depth of the finest possible leaf; Morton codes are at this depth.
-    pub j_high: u8,
-    /// Leaves, ascending in Morton code; none contains another.
-    pub leaves: Vec<Leaf>,
-    /// `leaves.len() + 1` ascending offsets into `members`.
-    pub member_offsets: Vec<u32>,
-    /// Indices into the scene, each at most once (see `dropped`), grouped by leaf and in Morton order (at
-    /// `j_high`) inside a leaf; ties ascend.
-    pub members: Vec<u32>,
-    /// Gaussians that got no leaf, in Morton order: only
-    /// [`RateDistortion::drop`](crate::RateDistortion::drop) leaves any out.
-    pub dropped: Vec<u32>,
-}
-
-/// Depth that stands for "no leaf".
-pub(crate) const DROPPED: u8 = u8::MAX;
-
-impl Voxelization {
-    /// Number of leaves.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.leaves.len()
-    }
-
-    /// True if there is no leaf.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.leaves.is_empty()
-    }
-
-    /// The Gaussians in leaf `i`.
-    #[must_use]
-    pub fn members_of(&self, i: usize) -> &[u32] {
-        &self.members[self.member_offsets[i] as usize..self.member_offsets[i + 1] as usize]
-    }
-
-    /// Centre of leaf `i` in world units: the mean of the merged Gaussian.
-    #[must_use]
-    pub fn centre(&self, i: usize) -> [f32; 3] {
-        self.cube.leaf_centre(self.leaves[i], self.j_high)
-    }
-
-    /// Number of leaves at every depth, 0 to `j_high`.
-    #[must_use]
-    pub fn depth_histogram(&self) -> Vec<usize> {
-        let mut counts = vec![0; usize::from(self.j_high) + 1];
-        for leaf in &self.leaves {
-            counts[usize::from(leaf.depth)] += 1;
-        }
-        counts
-    }
-
-    /// Cuts the sorted Gaussians into leaves. `depth_at(i)` is the depth of the leaf that holds
-    /// the `i`-th Gaussian of `order`; all Gaussians of one such cell carry the same depth,
-    /// [`DROPPED`] if the cell gets no leaf.
-    pub(crate) fn from_depths(
-        cube: Cube,
-        j_high: u8,
-        order: MortonOrder,
-        depth_at: impl Fn(usize) -> u8 + Sync,
-    ) -> Self {
-        // The leaf of a Gaussian is that of its code, not of its mean: the authors' code moves
-        // Gaussians before it voxelizes them.
-        let MortonOrder { codes, members: sorted } = order;
-        let codes = &codes[..];
-        let shift = |depth: u8| 3 * u32::from(j_high - depth);
-        // Whether a leaf starts at a Gaussian depends on the one before only, so all can be
-        // asked at the same time.
-        let starts_leaf = |i: usize| {
-            let depth = depth_at(i);
-            // No branch: one Gaussian in seven starts none, and which is not to be foreseen.
-            i == 0 || (depth_at(i - 1) != depth) | ((codes[i] ^ codes[i - 1]) >> shift(depth) != 0)
-        };
-        let is_dropped = |i: usize| depth_at(i) == DROPPED;
-        let leaf = |i: usize| {
-            let depth = depth_at(i);
-            Leaf { morton: codes[i] >> shift(depth) << shift(depth), depth }
-        };
-        let chunks = (0..codes.len().div_ceil(CHUNK)).into_par_iter();
-        let range = |chunk: usize| chunk * CHUNK..codes.len().min((chunk + 1) * CHUNK);
-        if !chunks.into_par_iter().any(|chunk| range(chunk).any(is_dropped)) {
-            let member_offsets = positions(codes.len(), starts_leaf);
-            let starts = &member_offsets[..member_offsets.len() - 1];
-            let leaves = starts.par_iter().map(|&i| leaf(i as usize)).collect();
-            return Self { cube, j_high, leaves, member_offsets, members: sorted, dropped: vec![] };
-        }
-        let pick = |mut positions: Vec<u32>| -> (Vec<u32>, Vec<u32>) {
-            positions.pop();
-            let members = positions.par_iter().map(|&i| sorted[i as usize]).collect();
-            (positions, members)
-        };
-        let (_, dropped) = pick(positions(codes.len(), is_dropped));
-        let (kept, members) = pick(positions(codes.len(), |i| !is_dropped(i)));
-        let member_offsets = positions(kept.len(), |j| starts_leaf(kept[j] as usize));
-        let starts = &member_offsets[..member_offsets.len() - 1];
-        let leaves = starts.par_iter().map(|&j| leaf(kept[j as usize] as usize)).collect();
-        Self { cube, j_high, leaves, member_offsets, members, dropped }
-    }
-}
-
-/// Ascending indices below `len` for which `wanted` holds, then `len` itself.
-fn positions(len: usize, wanted: impl Fn(usize) -> bool + Sync) -> Vec<u32> {
-    let range = |chunk: usize| chunk * CHUNK..len.min((chunk + 1) * CHUNK);
-    let counts: Vec<usize> = (0..len.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| range(chunk).filter(|&i| wanted(i)).count())
-        .collect();
-    let mut out = vec![0u32; counts.iter().sum::<usize>() + 1];
-    let mut parts = Vec::with_capacity(counts.len());
-    let mut rest = out.as_mut_slice();
-    for count in counts {
-        let (head, tail) = rest.split_at_mut(count);
-        parts.push(head);
-        rest = tail;
-    }
-    rest.fill(len as u32);
-    parts.into_par_iter().enumerate().for_each(|(chunk, part)| {
-        // Every index is written where the next wanted one belongs.
-        let mut next = 0;
-        for i in range(chunk) {
-            if let Some(slot) = part.get_mut(next) {
-                *slot = i as u32;
-            }
-            next += usize::from(wanted(i));
-        }
-    });
-    out
-}
+use crate::voxelization::Voxelization;
 
 /// Divides `cube` by `strategy` and assigns every Gaussian of `scene` to the leaf that
 /// contains its mean.
 ///
-/// One radix sort, then linear in the number of Gaussians times the number of levels that
-/// branch. The result does not depend on the number of threads. An empty scene gives no leaf.
+/// The time is that of one radix sort, plus a part that is linear in the number of Gaussians times
+/// the number of depths. The result does not depend on the number of threads. An empty scene gives
+/// no leaf.
 ///
 /// # Errors
 /// [`Error::OutsideCube`](crate::Error::OutsideCube) and
-/// [`Error::NonFiniteMean`](crate::Error::NonFiniteMean) name the first offending Gaussian;
-/// parameters out of range are named too.
+/// [`Error::NonFiniteMean`](crate::Error::NonFiniteMean) give the index of the first such
+/// Gaussian; other errors name the parameter that is out of range.
 pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxelization> {
     strategy.validate()?;
     cube.validate()?;
-    // In the pool from here on: the threads are woken once.
+    // One scope for all parallel loops, so that the threads wake up once.
     rayon::scope(|_| match strategy {
         &Strategy::Uniform { depth } => {
             let order = MortonOrder::of(scene, cube, depth)?;

@@ -1,7 +1,7 @@
-//! The yardstick: 2-Wasserstein distances and barycenters of Gaussians (paper eq. 3 to 6).
+//! Reference: 2-Wasserstein distances and barycenters of Gaussians (the paper's eq. 3 to 6).
 //!
-//! Everything here is exact up to `f64` and slow; the strategies never call it. It is what
-//! they are measured against, and a reference for anyone who needs the real barycenter.
+//! Everything here is exact up to rounding in `f64`, and slow. No strategy calls it; tests and
+//! measurements compare the strategies with it.
 //!
 //! ```
 //! use voxel::w2::{Gaussian, barycenter, distance_squared};
@@ -16,12 +16,13 @@
 //! ```
 
 use gs_model::Scene;
+use gs_model::math::{axes_product, rotation};
 use nalgebra::{Matrix3, SVD, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-use crate::gaussian::{congruence, rotation, scales};
-use crate::order::CHUNK;
-use crate::voxelize::Voxelization;
+use crate::gaussian::scales;
+use crate::parallel::CHUNK;
+use crate::voxelization::Voxelization;
 
 /// A Gaussian distribution in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,19 +46,19 @@ impl Gaussian {
     #[must_use]
     pub fn of_scene(scene: &Scene, i: usize) -> Self {
         let s = scales(scene.log_scales[i]).map(|s| s * s);
-        let [xx, yy, zz, xy, xz, yz] = congruence(&rotation(scene.rotations[i]), s);
+        let [xx, yy, zz, xy, xz, yz] = axes_product(&rotation(scene.rotations[i]), s);
         Self::new(scene.means[i].map(f64::from), [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     }
 }
 
-/// Iterations after which an eigenvalue decomposition of a 3x3 matrix is given up.
+/// Greatest number of iterations of an eigenvalue decomposition of a 3x3 matrix.
 const MAX_EIGEN: usize = 100;
 
 /// Square root of a symmetric positive semi-definite matrix; eigenvalues that rounding made
 /// negative count as zero.
 #[must_use]
 pub fn square_root(m: &Matrix3<f64>) -> Matrix3<f64> {
-    // To the unit scale: the iteration's absolute thresholds would stop early on 1e-60.
+    // At unit scale, because the iteration has absolute thresholds.
     let scale = m.amax();
     if !(scale > 0.0 && scale.is_finite()) {
         return Matrix3::zeros();
@@ -87,9 +88,9 @@ pub fn bures_squared(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
 
 /// `(A^1/2 B A^1/2)^1/2` from the two square roots.
 ///
-/// With the singular values `A^1/2 B^1/2 = U s V^T` it is `U s U^T`. Squaring first and taking
-/// the root of the product would lose half the digits of small eigenvalues: the iteration of
-/// flat Gaussians then stalls at 1e-8.
+/// With the singular values `A^1/2 B^1/2 = U s V^T` it is `U s U^T`. To square first, and take the
+/// root of the product, would lose half the digits of small eigenvalues; the iteration of flat
+/// Gaussians would then stop converging at 1e-8.
 fn cross_root(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     let product = a * b;
     let scale = product.amax();
@@ -103,26 +104,26 @@ fn cross_root(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     }
 }
 
-/// What [`barycenter`] found.
+/// Result of [`barycenter`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Barycenter {
     /// The barycenter.
     pub gaussian: Gaussian,
     /// Fixed-point iterations made.
     pub iterations: u32,
-    /// Relative change of the trace norm in the last one. Below [`TOLERANCE`] unless the
-    /// iteration limit was met.
+    /// Relative change of the greatest entry in the last one. At most [`TOLERANCE`], unless the
+    /// number of iterations reached its limit.
     pub residual: f64,
 }
 
 /// The fixed-point iteration stops at this relative change.
 pub const TOLERANCE: f64 = 1e-10;
 
-/// ... or after this many iterations; trained scenes take 5 to 20.
+/// The fixed-point iteration stops after this many iterations; trained scenes take 5 to 20.
 pub const MAX_ITERATIONS: u32 = 200;
 
-/// Directions in which the barycenter's variance is below this part of its greatest have no
-/// inverse in the iteration, which would only amplify rounding; their variance becomes zero.
+/// Directions in which the barycenter's variance is less than this part of the greatest are left
+/// out of the inverse, where they would amplify rounding. Their variance becomes zero.
 const FLAT: f64 = 1e-14;
 
 /// The weighted 2-Wasserstein barycenter: the Gaussian that minimises the weighted sum of
@@ -130,16 +131,17 @@ const FLAT: f64 = 1e-14;
 ///
 /// The covariance is the fixed point of `S = sum w_i (S^1/2 S_i S^1/2)^1/2` with weights that
 /// sum to 1. The paper's eq. 6 prints that map **without** the weights `1/k`, and then it has
-/// no such fixed point (for k copies of one Gaussian it grows to k^2 times its covariance).
-/// Iterated is the map of the paper's source (Alvarez-Esteban et al. 2016), which has the same
-/// fixed point, always converges and does so much faster:
-/// `S <- S^-1/2 (sum w_i (S^1/2 S_i S^1/2)^1/2)^2 S^-1/2`. The start is the square of the
-/// weighted mean of square roots: the solution itself if all covariances commute. It covers
-/// every direction in which any member extends, so the inverse is only needed, and only taken,
-/// there; rank-deficient covariances do no harm.
+/// another fixed point (for k copies of one Gaussian, k^2 times its covariance). The iteration
+/// uses the map of the paper's source (Alvarez-Esteban et al. 2016), which has the same fixed
+/// point, always converges, and converges much faster:
+/// `S <- S^-1/2 (sum w_i (S^1/2 S_i S^1/2)^1/2)^2 S^-1/2`. It starts with the square of the
+/// weighted mean of the square roots, which is the solution if all covariances commute. The start
+/// extends in every direction in which any member does, and the inverse is taken in these
+/// directions only, so covariances may be rank-deficient.
 ///
-/// The result does not depend on the scale of the weights; weights that are negative or not
-/// finite count as zero, and if none is left all count alike. No Gaussian gives a zero one.
+/// The result does not depend on the scale of the weights. Weights that are negative or not finite
+/// count as zero; if no weight is positive, all count alike. An empty list gives a Gaussian of
+/// mean and covariance zero.
 #[must_use]
 pub fn barycenter(gaussians: &[Gaussian], weights: &[f64]) -> Barycenter {
     let clean =
@@ -189,10 +191,9 @@ fn root_and_inverse(m: &Matrix3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     (compose(&root), compose(&inverse))
 }
 
-/// The paper's eq. 5 of one voxel: the sum of squared distances of `members` to their
+/// Eq. 5 of one voxel: the sum of squared distances of `members` to their
 /// barycenter, all weights equal.
-#[must_use]
-pub fn voxel_distortion(scene: &Scene, members: &[u32]) -> f64 {
+pub(crate) fn voxel_distortion(scene: &Scene, members: &[u32]) -> f64 {
     if members.len() < 2 {
         return 0.0;
     }
@@ -215,8 +216,8 @@ pub fn total_distortion(scene: &Scene, voxelization: &Voxelization) -> f64 {
     chunks.iter().sum()
 }
 
-/// The exact criterion the paper starts from: from `j_low` on, a voxel above `j_high` is
-/// divided if its [`voxel_distortion`] exceeds `limit` (squared world units).
+/// The exact criterion that the paper starts from: a voxel at `j_low` to `j_high - 1` is divided
+/// if the sum of eq. 5 over its members exceeds `limit` (squared world units).
 ///
 /// # Errors
 /// As [`voxelize`](crate::voxelize).
@@ -227,8 +228,8 @@ pub fn voxelize_exact(
     j_high: u8,
     limit: f64,
 ) -> crate::Result<Voxelization> {
-    crate::strategy::check_depths(j_low, j_high)?;
-    crate::strategy::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
+    crate::check::check_depths(j_low, j_high)?;
+    crate::check::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
     cube.validate()?;
     let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
     let depths = crate::descend::depths(&order.codes, j_low, j_high, |_, range, _| {

@@ -1,4 +1,4 @@
-//! The yardstick itself: closed forms, invariances, optimality, degenerate input.
+//! The exact reference `voxel::w2`: closed forms, invariances, optimality, degenerate input.
 
 mod common;
 

@@ -1,30 +1,46 @@
-//! Moment-matched merging.
+//! Merging by moments: [`Merge::Moments`](crate::Merge::Moments).
+//!
+//! The paper (section 3.3) keeps the shape of the largest member. Here the merged Gaussian has the
+//! members' second moments, and an opacity that conserves optical depth times area.
+//!
+//! *Invariant:* leaves are finished [`LANES`] at a time, and no leaf's result depends on the
+//! others.
 
 use gs_model::Scene;
+use gs_model::math::{Symmetric, axes_product, eigen, quaternion, quaternion_product, rotation};
 
 use super::Shape;
-use crate::eigen::{LANES, Lanes, jacobi, multiply, quaternion};
-use crate::gaussian::{MAX_ALPHA, area, congruence, exp, ln, opacity, rotation, scale};
+use crate::gaussian::{MAX_ALPHA, area, exp, ln, opacity, scale};
 
-/// What is read and computed once of every member.
+/// Leaves that are finished together, and members whose properties are computed together: loops
+/// over them become vector instructions.
+const LANES: usize = 8;
+
+/// One number of each of [`LANES`] leaves.
+type Lanes = [f64; LANES];
+
+/// What the merging reads and computes once of every member.
 #[derive(Clone, Copy)]
-pub(super) struct Look {
+pub(super) struct MemberProperties {
     mean: [f32; 3],
     rotation: [f32; 4],
     scales: [f64; 3],
     pub(super) area: f64,
     pub(super) opacity: f64,
-    /// Optical depth: `-ln(1 - opacity)`, of an opacity a rasterizer would use.
-    depth: f64,
+    /// `-ln(1 - opacity)`, with the opacity at most [`MAX_ALPHA`].
+    optical_depth: f64,
 }
 
-/// The looks of `members`, in their order. [`LANES`] at a time, because exponentials and logarithms
-/// become vector instructions.
+/// Fills `properties` with those of `members`, in their order.
 #[inline(always)]
-pub(super) fn look(scene: &Scene, members: &[u32], looks: &mut Vec<Look>) {
-    looks.clear();
+pub(super) fn read_properties(
+    scene: &Scene,
+    members: &[u32],
+    properties: &mut Vec<MemberProperties>,
+) {
+    properties.clear();
     for members in members.chunks(LANES) {
-        // What is beyond the last member is not kept.
+        // The lanes beyond the last member are computed and not kept.
         let (mut log_scales, mut logits) = ([[0.0f32; 3]; LANES], [0.0f32; LANES]);
         for ((log_scale, logit), &i) in log_scales.iter_mut().zip(&mut logits).zip(members) {
             *log_scale = scene.log_scales[i as usize];
@@ -36,53 +52,53 @@ pub(super) fn look(scene: &Scene, members: &[u32], looks: &mut Vec<Look>) {
         let opacities = logits.map(opacity);
         let mut areas = [0.0; LANES];
         areas.iter_mut().zip(&scales).for_each(|(a, s)| *a = area(*s));
-        let depths = opacities.map(|o| -ln(1.0 - o.min(MAX_ALPHA)));
-        looks.extend(members.iter().enumerate().map(|(k, &i)| Look {
+        let optical_depths = opacities.map(|o| -ln(1.0 - o.min(MAX_ALPHA)));
+        properties.extend(members.iter().enumerate().map(|(k, &i)| MemberProperties {
             mean: scene.means[i as usize],
             rotation: scene.rotations[i as usize],
             scales: scales[k],
             area: areas[k],
             opacity: opacities[k],
-            depth: depths[k],
+            optical_depth: optical_depths[k],
         }));
     }
 }
 
-/// Divides the weights of a leaf by the greatest.
+/// Divides the weights of a leaf by the greatest. If none is positive, all members count alike.
 #[inline(always)]
 pub(super) fn normalise(weights: &mut [f64]) {
     let greatest = weights.iter().fold(0.0, |m: f64, &w| m.max(w));
     for w in weights {
-        // Invisible members only: all count alike. (Also the way out for NaN.)
+        // `max` ignores NaN, so weights that are all NaN give 1 too.
         *w = if greatest > 0.0 { *w / greatest } else { 1.0 };
     }
 }
 
-/// Up to [`LANES`] leaves on their way to a merged Gaussian each.
+/// Up to [`LANES`] leaves whose moments are summed and whose shapes are not computed yet.
 #[derive(Default)]
-pub(super) struct Shapes {
+pub(super) struct PendingLeaves {
     len: usize,
-    /// Rotations of the dominant members,
+    /// Rotation of the dominant member, the one of the greatest weight.
     rotations: [[f32; 4]; LANES],
-    /// ... and covariances in their frames, entry by entry.
-    covariances: [Lanes; 6],
-    /// Sums of optical depth times area.
+    /// Covariance in the frame of the dominant member, entry by entry.
+    covariances: Symmetric<Lanes>,
+    /// Sum of optical depth times area.
     densities: Lanes,
 }
 
-impl Shapes {
-    /// Takes in a leaf; true if there is room for no more.
+impl PendingLeaves {
+    /// Adds the moments of a leaf. Returns true if there is no room for another one.
     #[inline(always)]
-    pub(super) fn push(&mut self, looks: &[Look], weights: &[f64]) -> bool {
+    pub(super) fn push(&mut self, members: &[MemberProperties], weights: &[f64]) -> bool {
         let share = 1.0 / weights.iter().sum::<f64>();
-        let first = looks[0].mean.map(f64::from);
-        let offset = |look: &Look| -> [f64; 3] {
-            std::array::from_fn(|k| f64::from(look.mean[k]) - first[k])
+        let first = members[0].mean.map(f64::from);
+        let offset = |member: &MemberProperties| -> [f64; 3] {
+            std::array::from_fn(|k| f64::from(member.mean[k]) - first[k])
         };
         let mut mean = [0.0; 3];
         let (mut dominant, mut dominant_weight) = (0, f64::NEG_INFINITY);
-        for (i, (look, &w)) in looks.iter().zip(weights).enumerate() {
-            let d = offset(look);
+        for (i, (member, &w)) in members.iter().zip(weights).enumerate() {
+            let d = offset(member);
             for k in 0..3 {
                 mean[k] += w * share * d[k];
             }
@@ -91,39 +107,40 @@ impl Shapes {
             }
         }
         // Second moments, in the frame of the dominant member.
-        let frame = rotation(looks[dominant].rotation);
+        let frame = rotation(members[dominant].rotation);
         let mut covariance = [0.0; 6];
         let mut density = 0.0;
-        for (i, (look, &w)) in looks.iter().zip(weights).enumerate() {
-            let squares = look.scales.map(|x| x * x);
+        for (i, (member, &w)) in members.iter().zip(weights).enumerate() {
+            let squares = member.scales.map(|x| x * x);
             let c = if i == dominant {
                 [squares[0], squares[1], squares[2], 0.0, 0.0, 0.0]
             } else {
-                let own = rotation(look.rotation);
-                // frame^T own: columns are the member's axes in the dominant frame.
+                let axes = rotation(member.rotation);
+                // frame^T axes: the columns are the member's axes in the dominant frame.
                 let relative: [[f64; 3]; 3] = std::array::from_fn(|a| {
-                    std::array::from_fn(|b| (0..3).map(|k| frame[k][a] * own[k][b]).sum())
+                    std::array::from_fn(|b| (0..3).map(|k| frame[k][a] * axes[k][b]).sum())
                 });
-                congruence(&relative, squares)
+                axes_product(&relative, squares)
             };
-            let d = offset(look);
+            let d = offset(member);
             let d: [f64; 3] =
                 std::array::from_fn(|a| (0..3).map(|k| frame[k][a] * (d[k] - mean[k])).sum());
             const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
             for (e, (a, b)) in PAIRS.into_iter().enumerate() {
                 covariance[e] += w * share * (c[e] + d[a] * d[b]);
             }
-            density += look.depth * look.area;
+            density += member.optical_depth * member.area;
         }
         let l = self.len;
-        self.rotations[l] = looks[dominant].rotation;
+        self.rotations[l] = members[dominant].rotation;
         self.covariances.iter_mut().zip(covariance).for_each(|(all, c)| all[l] = c);
         self.densities[l] = density;
         self.len += 1;
         self.len == LANES
     }
 
-    /// Gives the merged Gaussians out, beside the next of `leaves` each, and makes room.
+    /// Computes the shapes of the leaves, calls `put` with each and its index from `leaves`, and
+    /// empties the list.
     #[inline(always)]
     pub(super) fn finish<'a>(
         &mut self,
@@ -133,7 +150,7 @@ impl Shapes {
         if self.len == 0 {
             return;
         }
-        let (variances, axes) = jacobi(&self.covariances);
+        let (variances, axes) = eigen(&self.covariances);
         let variances = variances.map(|v| v.map(|v| v.max(f64::MIN_POSITIVE)));
         let log_scales = variances.map(|v| v.map(|v| (0.5 * ln(v)) as f32));
         let mut logits = [0.0f32; LANES];
@@ -145,9 +162,10 @@ impl Shapes {
             *logit = crate::gaussian::logit(alpha.clamp(1e-12, MAX_ALPHA)) as f32;
         }
         for (l, &leaf) in (0..self.len).zip(leaves) {
-            // Of a unit quaternion; the dominant member's own need not be one.
+            // The dominant member's quaternion need not be of unit norm; this one is.
             let base = quaternion(&rotation(self.rotations[l]));
-            let mut q = multiply(base, quaternion(&axes.map(|row| row.map(|lanes| lanes[l]))));
+            let mut q =
+                quaternion_product(base, quaternion(&axes.map(|row| row.map(|lanes| lanes[l]))));
             // The sign of the dominant member's quaternion, so that neighbours stay comparable.
             let dot: f64 = q.iter().zip(self.rotations[l]).map(|(a, b)| a * f64::from(b)).sum();
             if dot < 0.0 {

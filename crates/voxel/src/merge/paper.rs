@@ -1,4 +1,4 @@
-//! The paper's merging (section 3.3).
+//! The paper's merging (section 3.3): [`Merge::Paper`](crate::Merge::Paper).
 
 use gs_model::Scene;
 

@@ -1,4 +1,4 @@
-//! SH coefficients of merged Gaussians.
+//! SH coefficients of merged Gaussians: weighted means over the members.
 
 use std::ops::Range;
 
@@ -6,10 +6,10 @@ use gs_model::{Scene, sh_len};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::{BATCH, Members, Merge, Scratch, check_members, merge_to_degree};
+use super::{BATCH, BatchMembers, Merge, Scratch, check_members, merge_to_degree};
 use crate::error::Result;
 use crate::importance::Importance;
-use crate::voxelize::Voxelization;
+use crate::voxelization::Voxelization;
 
 /// As [`merge_weighted`](crate::merge_weighted), of SH coefficients up to `degree` only: the same
 /// bits as if the scene had no others.
@@ -30,8 +30,8 @@ pub fn merge_up_to(
 }
 
 /// The SH coefficients of one degree of what [`merge_weighted`](crate::merge_weighted) returns,
-/// `2 degree + 1` per leaf and bit for bit; none if the scene's degree is lower. For callers who
-/// have no room for merged Gaussians beside those of the scene.
+/// with the same bits: `2 degree + 1` per leaf, or none if the scene's degree is lower. For callers
+/// that have no memory for all merged Gaussians beside the scene.
 ///
 /// # Errors
 /// As [`merge_weighted`](crate::merge_weighted).
@@ -46,13 +46,14 @@ pub fn merge_sh(
     if degree > scene.sh_degree {
         return Ok(Vec::new());
     }
-    let own = degree.checked_sub(1).map_or(0, sh_len)..sh_len(degree);
-    let mut out = vec![[0.0; 3]; voxelization.len() * own.len()];
-    out.par_chunks_mut(BATCH * own.len()).enumerate().for_each_init(
+    let coefficients = degree.checked_sub(1).map_or(0, sh_len)..sh_len(degree);
+    let mut out = vec![[0.0; 3]; voxelization.len() * coefficients.len()];
+    out.par_chunks_mut(BATCH * coefficients.len()).enumerate().for_each_init(
         Scratch::default,
         |scratch, (batch, out)| {
-            let batch = Members::new(voxelization, batch * BATCH, out.len() / own.len());
-            fill(scene, &batch, rule, importance, own.clone(), scratch, out);
+            let batch =
+                BatchMembers::new(voxelization, batch * BATCH, out.len() / coefficients.len());
+            fill(scene, &batch, rule, importance, coefficients.clone(), scratch, out);
         },
     );
     Ok(out)
@@ -61,33 +62,38 @@ pub fn merge_sh(
 #[multiversion(targets("x86_64+avx2"))]
 fn fill(
     scene: &Scene,
-    batch: &Members<'_>,
+    batch: &BatchMembers<'_>,
     rule: Merge,
     importance: &Importance,
-    own: Range<usize>,
+    coefficients: Range<usize>,
     scratch: &mut Scratch,
     out: &mut [[f32; 3]],
 ) {
-    copy(scene, batch, own.clone(), out);
+    copy(scene, batch, coefficients.clone(), out);
     scratch.find(scene, batch, rule, importance, false);
-    average_shared(scene, batch, scratch, own, out);
+    average_shared(scene, batch, scratch, coefficients, out);
 }
 
 /// Copies some coefficients of the first member of every leaf.
 #[inline(always)]
-pub(super) fn copy(scene: &Scene, batch: &Members<'_>, own: Range<usize>, out: &mut [[f32; 3]]) {
-    for (i, sh) in out.chunks_exact_mut(own.len()).enumerate() {
-        sh.copy_from_slice(&scene.sh_of(batch.first(i))[own.clone()]);
+pub(super) fn copy(
+    scene: &Scene,
+    batch: &BatchMembers<'_>,
+    coefficients: Range<usize>,
+    out: &mut [[f32; 3]],
+) {
+    for (i, sh) in out.chunks_exact_mut(coefficients.len()).enumerate() {
+        sh.copy_from_slice(&scene.sh_of(batch.first(i))[coefficients.clone()]);
     }
 }
 
-/// Averages some coefficients of the leaves that have more than one member.
+/// Averages some coefficients over the members of every leaf that has more than one.
 #[inline(always)]
 pub(super) fn average_shared(
     scene: &Scene,
-    batch: &Members<'_>,
+    batch: &BatchMembers<'_>,
     scratch: &Scratch,
-    own: Range<usize>,
+    coefficients: Range<usize>,
     out: &mut [[f32; 3]],
 ) {
     let mut start = 0;
@@ -95,16 +101,16 @@ pub(super) fn average_shared(
         let range = start..start + batch.of(i).len();
         start = range.end;
         let (members, weights) = (&scratch.members[range.clone()], &scratch.weights[range]);
-        let sh = &mut out[i * own.len()..(i + 1) * own.len()];
-        average(scene, members, weights, own.start, sh);
+        let sh = &mut out[i * coefficients.len()..(i + 1) * coefficients.len()];
+        average(scene, members, weights, coefficients.start, sh);
     }
 }
 
-/// Members whose SH coefficients are summed in `f32`, before the sums are added in `f64`.
+/// Number of members whose SH coefficients are summed in `f32`; such sums are added in `f64`.
 const SHORT: usize = 16;
 
-/// Weighted mean of the SH coefficients from `first` on, summed in member order: within 1.2e-6 of the greatest
-/// coefficient of a member.
+/// Weighted mean of the SH coefficients from `first` on, summed in member order. The error is at
+/// most 1.2e-6 of the greatest coefficient of a member.
 #[inline(always)]
 fn average(scene: &Scene, members: &[u32], weights: &[f64], first: usize, out: &mut [[f32; 3]]) {
     let share = 1.0 / weights.iter().sum::<f64>();

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use gs_model::Scene;
 use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy};
 
-/// A small generator: the tests need no more than spread.
+/// A small random generator (splitmix64).
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -62,7 +62,7 @@ pub(crate) fn at(means: &[[f32; 3]], log_scale: f32) -> Scene {
     }
 }
 
-/// One of every kind, over the depths `j_low` to `j_high`.
+/// Strategies of every kind, over the depths `j_low` to `j_high`.
 pub(crate) fn strategies(len: usize, j_low: u8, j_high: u8) -> Vec<Strategy> {
     let rd = RateDistortion { j_low, j_high, ..RateDistortion::new(0.01) };
     let mut r = Random(len as u64);
@@ -90,7 +90,7 @@ pub(crate) fn cube(scene: &Scene) -> Cube {
     Cube::of(&scene.means).expect("finite means")
 }
 
-/// A path below the shared data, or `None` with a loud line.
+/// A path below the shared data. If it is not there, `None`, and a line that says so.
 pub(crate) fn shared(path: &str) -> Option<PathBuf> {
     let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(path);
     if full.exists() {

@@ -1,27 +1,11 @@
-//! Leaving Gaussians out before voxelizing: the invisible ones, and the floaters.
+//! A cube without the floaters.
 
 mod common;
 
-use common::{at, clustered};
-use voxel::{Cube, Prune, Trim, prune, trim};
+use common::clustered;
+use voxel::{Cube, Trim, trim};
 
-#[test]
-fn prune_counts_and_keeps() {
-    let mut scene = at(&[[0.0; 3]; 6], -2.0);
-    // Opacity 1/255 is a logit of -ln 254 = -5.537.
-    scene.opacity_logits = vec![-6.0, -5.54, -5.53, 0.0, 3.0, 3.0];
-    let saliency = vec![1.0, 1.0, 1.0, 0.0, 0.0, 2.0];
-    let all = prune(&scene, &Prune::default()).unwrap();
-    assert_eq!(all.kept, [0, 1, 2, 3, 4, 5]);
-    let clear = prune(&scene, &Prune { transparent: true, saliency: None }).unwrap();
-    assert_eq!((clear.kept, clear.transparent, clear.unseen), (vec![2, 3, 4, 5], 2, 0));
-    let both = Prune { transparent: true, saliency: Some((saliency, 0.0)) };
-    let both = prune(&scene, &both).unwrap();
-    assert_eq!((both.kept, both.transparent, both.unseen), (vec![2, 5], 2, 2));
-    assert!(prune(&scene, &Prune { transparent: false, saliency: Some((vec![], 0.0)) }).is_err());
-}
-
-/// An octree that can reach the wanted cells keeps its floaters: they cost 3 bits a level.
+/// An octree that can reach the wanted cells keeps its floaters: a floater costs 3 bits per level.
 #[test]
 fn floaters_stay_while_levels_suffice() {
     let mut scene = clustered(1000, 3);
@@ -71,7 +55,5 @@ fn real_scenes_keep_their_floaters() {
             let t = trim(&scene.means, &Trim::new(cube.cell(depth))).unwrap();
             assert_eq!((t.outliers.len(), t.j_high), (0, depth), "{name} at {depth}");
         }
-        let clear = prune(&scene, &Prune { transparent: true, saliency: None }).unwrap();
-        eprintln!("{name}: {} of {} below the alpha cut", clear.transparent, scene.len());
     }
 }

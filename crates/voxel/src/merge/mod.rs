@@ -1,4 +1,8 @@
-//! [`merge`]: one Gaussian per leaf.
+//! [`merge`]: one Gaussian per leaf (the paper's section 3.3).
+//!
+//! *Invariant:* a leaf of one member keeps every attribute bit for bit, except the mean, which is
+//! the leaf's centre. Leaves are merged in batches of fixed size, so no result depends on the
+//! number of threads.
 
 mod moments;
 mod paper;
@@ -12,7 +16,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::importance::Importance;
-use crate::voxelize::Voxelization;
+use crate::voxelization::Voxelization;
 
 /// How the members of a leaf become one Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,7 +31,7 @@ pub enum Merge {
     Moments,
 }
 
-/// Everything of a merged Gaussian but its mean and its SH coefficients.
+/// The attributes of a merged Gaussian, except its mean and its SH coefficients.
 struct Shape {
     rotation: [f32; 4],
     log_scale: [f32; 3],
@@ -62,9 +66,8 @@ pub fn merge_weighted(
     Ok(out)
 }
 
-/// As [`merge_weighted`], into a scene whose memory is used again: with millions of Gaussians
-/// the first touch of new memory is a large part of the time. For searches that merge one scene
-/// many times. After an error `out` is unchanged.
+/// As [`merge_weighted`], into a scene whose memory is used again. A search that merges one scene
+/// many times saves the first touch of new memory. After an error `out` is unchanged.
 ///
 /// # Errors
 /// As [`merge_weighted`].
@@ -91,11 +94,11 @@ fn merge_to_degree(
     let len = voxelization.len();
     let sh_len = gs_model::sh_len(degree);
     out.sh_degree = degree;
-    room_for(&mut out.means, len);
-    room_for(&mut out.rotations, len);
-    room_for(&mut out.log_scales, len);
-    room_for(&mut out.opacity_logits, len);
-    room_for(&mut out.sh, len * sh_len);
+    set_len(&mut out.means, len);
+    set_len(&mut out.rotations, len);
+    set_len(&mut out.log_scales, len);
+    set_len(&mut out.opacity_logits, len);
+    set_len(&mut out.sh, len * sh_len);
     out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
         for (i, mean) in means.iter_mut().enumerate() {
             *mean = voxelization.centre(batch * BATCH + i);
@@ -118,7 +121,7 @@ fn merge_to_degree(
     Ok(())
 }
 
-/// Refuses importances and members that are not of this scene.
+/// Checks that the importances and the members belong to this scene.
 fn check_members(
     scene: &Scene,
     voxelization: &Voxelization,
@@ -132,8 +135,8 @@ fn check_members(
     }
 }
 
-/// Makes `list` that long; what is in it does not matter.
-fn room_for<T: Clone + Default>(list: &mut Vec<T>, len: usize) {
+/// Makes `list` that long, with arbitrary contents.
+fn set_len<T: Clone + Default>(list: &mut Vec<T>, len: usize) {
     if list.capacity() < len {
         // Zeroed pages of the system, first touched by the threads that fill them.
         *list = vec![T::default(); len];
@@ -142,8 +145,8 @@ fn room_for<T: Clone + Default>(list: &mut Vec<T>, len: usize) {
     }
 }
 
-/// Leaves that are merged together. Fixed, and few enough that what is read of the octree
-/// stays in the first-level cache from attribute to attribute.
+/// Leaves that one thread merges together. Fixed, and few enough that their part of the
+/// voxelization stays in the first-level cache from attribute to attribute.
 const BATCH: usize = 1024;
 
 /// The attributes of some leaves.
@@ -154,32 +157,32 @@ struct Batch<'a> {
     sh: &'a mut [[f32; 3]],
 }
 
-/// What a thread keeps from batch to batch, to allocate it once.
+/// Memory that a thread allocates once and uses for every batch.
 #[derive(Default)]
 struct Scratch {
     /// Leaves of more than one member, counted from the first of the batch.
     shared: Vec<usize>,
-    /// Members of these, one leaf after the other.
+    /// Members of the shared leaves, one leaf after the other.
     members: Vec<u32>,
-    /// ... their weights,
+    /// Weight of each of `members`.
     weights: Vec<f64>,
-    /// ... and, for [`Merge::Moments`], their shapes.
-    looks: Vec<moments::Look>,
+    /// For [`Merge::Moments`]: properties of each of `members`.
+    properties: Vec<moments::MemberProperties>,
 }
 
 impl Scratch {
-    /// Finds the leaves that have more than one member, and what their members count. Of members
-    /// whose shapes nobody needs, only weights are computed.
+    /// Finds the leaves that have more than one member, and weighs their members. Properties are
+    /// only computed if the weights or (`shapes`) the caller need them.
     #[inline(always)]
     fn find(
         &mut self,
         scene: &Scene,
-        batch: &Members<'_>,
+        batch: &BatchMembers<'_>,
         rule: Merge,
         importance: &Importance,
         shapes: bool,
     ) {
-        let Self { shared, members, weights, looks } = self;
+        let Self { shared, members, weights, properties } = self;
         shared.clear();
         shared.extend((0..batch.len()).filter(|&i| batch.of(i).len() > 1));
         members.clear();
@@ -190,11 +193,11 @@ impl Scratch {
             return;
         }
         if shapes || matches!(importance, Importance::OpacityArea) {
-            moments::look(scene, members, looks);
+            moments::read_properties(scene, members, properties);
         }
         match importance {
             Importance::OpacityArea => {
-                weights.extend(looks.iter().map(|look| look.opacity * look.area));
+                weights.extend(properties.iter().map(|p| p.opacity * p.area));
             }
             Importance::Given(given) => {
                 weights.extend(members.iter().map(|&m| f64::from(given[m as usize])));
@@ -202,21 +205,21 @@ impl Scratch {
         }
         let mut rest = weights.as_mut_slice();
         for &i in &*shared {
-            let (own, others) = rest.split_at_mut(batch.of(i).len());
-            moments::normalise(own);
+            let (leaf, others) = rest.split_at_mut(batch.of(i).len());
+            moments::normalise(leaf);
             rest = others;
         }
     }
 }
 
 /// The members of the leaves of a batch.
-struct Members<'a> {
+struct BatchMembers<'a> {
     offsets: &'a [u32],
     members: &'a [u32],
 }
 
-impl<'a> Members<'a> {
-    /// Those of the `len` leaves from `first` on.
+impl<'a> BatchMembers<'a> {
+    /// Of the `len` leaves from `first` on.
     fn new(voxelization: &'a Voxelization, first: usize, len: usize) -> Self {
         let offsets = &voxelization.member_offsets[first..=first + len];
         Self { offsets, members: &voxelization.members }
@@ -238,10 +241,10 @@ impl<'a> Members<'a> {
     }
 }
 
-/// Merges the leaves from `first` on.
+/// Merges the leaves from `first` on, as many as `out` has.
 ///
-/// Attribute by attribute, in loops that do little: members lie all over the scene, and
-/// only then do the cache misses of many leaves overlap.
+/// The attributes are copied one by one, in loops that do little else: members lie all over the
+/// scene, and only then do the cache misses of many leaves overlap.
 #[multiversion(targets("x86_64+avx2"))]
 fn fill(
     out: Batch<'_>,
@@ -253,9 +256,9 @@ fn fill(
     scratch: &mut Scratch,
 ) {
     let len = out.rotations.len();
-    let batch = Members::new(voxelization, first, len);
+    let batch = BatchMembers::new(voxelization, first, len);
     let sh_len = out.sh.len() / len;
-    // Every leaf as if its first member were the only one.
+    // First every leaf as if its first member were the only one.
     sh::copy(scene, &batch, 0..sh_len, out.sh);
     for (i, rotation) in out.rotations.iter_mut().enumerate() {
         *rotation = scene.rotations[batch.first(i)];
@@ -266,18 +269,17 @@ fn fill(
     for (i, logit) in out.opacity_logits.iter_mut().enumerate() {
         *logit = scene.opacity_logits[batch.first(i)];
     }
-    // Then those that have more.
+    // Then the leaves that have more members.
     scratch.find(scene, &batch, rule, importance, true);
     sh::average_shared(scene, &batch, scratch, 0..sh_len, out.sh);
-    let Scratch { shared, members, weights, looks } = scratch;
+    let Scratch { shared, members, weights, properties } = scratch;
     let mut put = |i: usize, shape: Shape| {
         out.rotations[i] = shape.rotation;
         out.log_scales[i] = shape.log_scale;
         out.opacity_logits[i] = shape.opacity_logit;
     };
     let mut start = 0;
-    // Some leaves at a time, because of the latencies of roots and quotients.
-    let mut shapes = moments::Shapes::default();
+    let mut pending = moments::PendingLeaves::default();
     let mut finished = shared.iter();
     for &i in &*shared {
         let range = start..start + batch.of(i).len();
@@ -285,13 +287,13 @@ fn fill(
         match rule {
             Merge::Paper => put(i, paper::shape(scene, &members[range])),
             Merge::Moments => {
-                if shapes.push(&looks[range.clone()], &weights[range]) {
-                    shapes.finish(&mut finished, &mut put);
+                if pending.push(&properties[range.clone()], &weights[range]) {
+                    pending.finish(&mut finished, &mut put);
                 }
             }
         }
     }
-    shapes.finish(&mut finished, &mut put);
+    pending.finish(&mut finished, &mut put);
 }
 
 impl Shape {
@@ -304,8 +306,8 @@ impl Shape {
     }
 }
 
-/// Keeps a computed logit inside the range of the members' logits, where every average of
-/// opacities lies; also catches the overflow of the logit at opacities that round to 1.
+/// Clamps a computed logit to the range of the members' logits, in which every average of
+/// opacities lies. This also bounds the logit of an opacity that rounds to 1.
 fn clamp_logit(scene: &Scene, members: &[u32], logit: f64) -> f32 {
     let logits = members.iter().map(|&i| scene.opacity_logits[i as usize]);
     let (low, high) =

@@ -1,0 +1,23 @@
+//! The base case: a cell at `j_high`, which has no children.
+
+use super::Pruning;
+use super::state::{Cell, Solved, Tally};
+use crate::distortion::Moments;
+use crate::record::Record;
+
+impl Pruning<'_> {
+    /// The lesser of a leaf and a drop.
+    pub(super) fn solve_finest(&self, cell: &Cell<'_, Record>, depths: &mut [u8]) -> Solved {
+        let depth = self.options.j_high;
+        let centre = self.centre(cell.codes[0], depth);
+        let mut moments = Moments::default();
+        for record in cell.members {
+            moments.add(&Moments::of(record, self.offset_from(centre, record)));
+        }
+        depths.fill(depth);
+        let leaf = self.leaf_cost(&moments, depth);
+        let (cost, empty) = self.drop_if_cheaper(leaf, moments.importance, depths);
+        let tally = Tally { decided: 1, skipped: 0 };
+        Solved { cost, empty, centre, moments, tally }
+    }
+}

@@ -1,0 +1,81 @@
+//! The recurrence: the best pruning of a cell from the best prunings of its children.
+
+use super::Pruning;
+use super::state::{Cell, Solved, Tally};
+use crate::distortion::Moments;
+use crate::record::Record;
+
+impl Pruning<'_> {
+    /// Solves a cell at `depth`, and writes the leaf depth of each of its Gaussians.
+    pub(super) fn solve(&self, cell: Cell<'_, Record>, depth: u8, depths: &mut [u8]) -> Solved {
+        if let [leaf] = depths {
+            self.solve_single(&cell, depth, leaf)
+        } else if depth == self.options.j_high {
+            self.solve_finest(&cell, depths)
+        } else {
+            self.solve_divided(cell, depth, depths)
+        }
+    }
+
+    /// Solves a cell above `j_high`, after its children.
+    pub(super) fn solve_divided(
+        &self,
+        cell: Cell<'_, Record>,
+        depth: u8,
+        depths: &mut [u8],
+    ) -> Solved {
+        let mut division = Division::of_cell(self.centre(cell.codes[0], depth));
+        for (child, depths) in cell.children(depths, depth + 1, self.options.j_high) {
+            division.add(&self.solve(child, depth + 1, depths));
+        }
+        self.choose(division, depth, depths)
+    }
+
+    /// The least of a leaf, a division and a drop.
+    pub(super) fn choose(&self, division: Division, depth: u8, depths: &mut [u8]) -> Solved {
+        let Division { centre, occupied, moments, mut tally, .. } = division;
+        let mut cost = division.cost + self.division_price(occupied, depth);
+        let mut empty = occupied == 0;
+        let may_be_leaf = depth >= self.options.j_low;
+        if may_be_leaf {
+            let leaf = self.leaf_cost(&moments, depth);
+            // Equal costs: the leaf, which codes faster.
+            if leaf <= cost {
+                (cost, empty) = (leaf, false);
+                depths.fill(depth);
+            }
+        }
+        let (cost, dropped) = self.drop_if_cheaper(cost, moments.importance, depths);
+        tally.decided += u64::from(may_be_leaf || self.options.drop.is_some());
+        Solved { cost, empty: empty || dropped, centre, moments, tally }
+    }
+}
+
+/// The children of a cell, added up in Morton order.
+pub(super) struct Division {
+    /// Centre of the cell, relative to the cube's origin.
+    centre: [f64; 3],
+    /// Costs of the children, without the price of the division.
+    cost: f64,
+    /// Children that are not empty.
+    occupied: usize,
+    /// Of all Gaussians in the cell; means are relative to `centre`.
+    moments: Moments,
+    tally: Tally,
+}
+
+impl Division {
+    /// No child yet, of a cell with this centre.
+    pub(super) fn of_cell(centre: [f64; 3]) -> Self {
+        let (moments, tally) = (Moments::default(), Tally::default());
+        Self { centre, cost: 0.0, occupied: 0, moments, tally }
+    }
+
+    pub(super) fn add(&mut self, child: &Solved) {
+        let shift = std::array::from_fn(|k| self.centre[k] - child.centre[k]);
+        self.moments.add(&child.moments.moved(shift));
+        self.cost += child.cost;
+        self.occupied += usize::from(!child.empty);
+        self.tally.add(child.tally);
+    }
+}

@@ -1,0 +1,52 @@
+//! Fast path: a cell of one Gaussian, in closed form.
+
+use super::Pruning;
+use super::state::{Cell, Solved, Tally};
+use crate::distortion::Moments;
+use crate::record::Record;
+
+impl Pruning<'_> {
+    /// Solves a cell of one Gaussian without visiting the cells below.
+    ///
+    /// It equals [`Pruning::solve_divided`], and [`Pruning::solve_finest`] at `j_high`, up to
+    /// rounding. One Gaussian has no distortion of shape or colour, and every cell below has one
+    /// child. So a leaf at `d` costs the squared displacement from its centre, plus prices. A
+    /// loop over `d` finds the least; it ends where a deeper leaf would cost more bits than the
+    /// best leaf costs in all. Without this path a voxelization takes 2.3 times as long.
+    #[inline(always)]
+    pub(super) fn solve_single(&self, cell: &Cell<'_, Record>, depth: u8, leaf: &mut u8) -> Solved {
+        let (code, record) = (cell.codes[0], &cell.members[0]);
+        let (j_low, j_high) = (self.options.j_low, self.options.j_high);
+        let centre = self.centre(code, depth);
+        let moments = Moments::of(record, self.offset_from(centre, record));
+        let first = depth.max(j_low);
+        let first_centre = if first == depth { centre } else { self.centre(code, first) };
+        // From the centre of the cell at `d` to the mean, except for the signs.
+        let mut displacement = self.offset_from(first_centre, record);
+        let mut half_side = 0.5 * self.cube.cell(first);
+        let mut path = f64::from(first - depth) * self.prices.above_j_low;
+        let (mut cost, mut best, mut d) = (f64::INFINITY, j_high, first);
+        loop {
+            let [x, y, z] = displacement;
+            let distortion = record.geometry * (x * x + y * y + z * z);
+            let leaf_at_d = distortion + path + self.leaf_price(d);
+            if leaf_at_d < cost {
+                (cost, best) = (leaf_at_d, d);
+            }
+            let least_deeper = path + self.prices.above_j_low + self.prices.finest_leaf;
+            if d == j_high || least_deeper >= cost {
+                break;
+            }
+            path += self.prices.from_j_low;
+            d += 1;
+            // The child that holds the mean has its centre half its own side towards the mean.
+            half_side *= 0.5;
+            displacement = displacement.map(|x| x.abs() - half_side);
+        }
+        *leaf = best;
+        let tally = Tally { decided: 1, skipped: u64::from(best < j_high) };
+        let depths = std::slice::from_mut(leaf);
+        let (cost, empty) = self.drop_if_cheaper(cost, record.importance, depths);
+        Solved { cost, empty, centre, moments, tally }
+    }
+}

@@ -1,0 +1,105 @@
+//! Each fast path against its reference.
+
+use gs_model::Scene;
+
+use super::state::{Cell, Solved};
+use super::{Pruning, blocks};
+use crate::cube::Cube;
+use crate::order::MortonOrder;
+use crate::rate_distortion::RateDistortion;
+use crate::record::{Record, Records};
+
+/// Clusters of small Gaussians, every tenth one at the mean of the one before.
+fn scene(len: usize) -> Scene {
+    let mut state = 7u64;
+    let mut unit = || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+    };
+    let mut scene = Scene { sh_degree: 0, ..Scene::default() };
+    for i in 0..len {
+        let mean = [(i % 5) as f32 + 0.1 * unit(), unit() * unit(), 0.01 * unit()];
+        scene.means.push(if i % 10 == 9 { scene.means[i - 1] } else { mean });
+        scene.rotations.push([1.0, unit(), unit(), unit()]);
+        scene.log_scales.push([-4.0 + unit(), -4.0 + unit(), -5.0 + unit()]);
+        scene.opacity_logits.push(3.0 * unit());
+        scene.sh.push([unit(), unit(), unit()]);
+    }
+    scene
+}
+
+/// Options that exercise every branch: with and without `j_low`, drops and prices.
+fn all_options() -> Vec<RateDistortion> {
+    let mut all = Vec::new();
+    for lambda in [0.0, 1e-4, 1e-2, 1.0] {
+        for (j_low, drop) in [(0, None), (4, None), (0, Some(2.0)), (4, Some(2.0))] {
+            all.push(RateDistortion { j_low, j_high: 12, drop, ..RateDistortion::new(lambda) });
+        }
+    }
+    all
+}
+
+/// Up to rounding. `scale` is the squared displacement across the cube, times the weight.
+fn assert_close(a: &Solved, b: &Solved, scale: f64) {
+    let close = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs() + 1e-14 * scale;
+    assert!(close(a.cost, b.cost), "{} is not {}", a.cost, b.cost);
+    assert!(close(a.moments.displacement(), b.moments.displacement()));
+    assert_eq!(a.moments.importance, b.moments.importance);
+    assert_eq!((a.empty, a.centre), (b.empty, b.centre));
+}
+
+/// At every depth the closed form gives what one step of the recurrence gives whose child is
+/// solved by the closed form. By induction from `j_high` upwards it equals the recurrence.
+#[test]
+fn single_equals_the_recurrence() {
+    let scene = scene(300);
+    let cube = Cube::of(&scene.means).unwrap();
+    for options in all_options() {
+        let order = MortonOrder::of(&scene, &cube, options.j_high).unwrap();
+        let records = Records::of(&scene, &options.importance, options.size_exponent).unwrap();
+        let pruning = Pruning::new(&cube, &options, &records);
+        for (code, &i) in order.codes.iter().zip(&order.members) {
+            let record = pruning.records.get(i);
+            let cell = || Cell {
+                codes: std::slice::from_ref(code),
+                members: std::slice::from_ref(&record),
+            };
+            for depth in 0..=options.j_high {
+                let (mut leaf, mut wanted) = (0, [0]);
+                let single = pruning.solve_single(&cell(), depth, &mut leaf);
+                let reference = if depth == options.j_high {
+                    pruning.solve_finest(&cell(), &mut wanted)
+                } else {
+                    pruning.solve_divided(cell(), depth, &mut wanted)
+                };
+                assert_eq!([leaf], wanted, "{options:?} at depth {depth}");
+                assert_close(&single, &reference, record.geometry * cube.side * cube.side);
+            }
+        }
+    }
+}
+
+/// Bit for bit, in a scene of several blocks, for any number of threads.
+#[test]
+fn blocks_equal_one_pass() {
+    let scene = scene(5 * blocks::BLOCK);
+    let cube = Cube::of(&scene.means).unwrap();
+    for options in all_options() {
+        let order = MortonOrder::of(&scene, &cube, options.j_high).unwrap();
+        let records = Records::of(&scene, &options.importance, options.size_exponent).unwrap();
+        let pruning = Pruning::new(&cube, &options, &records);
+        let all: Vec<Record> = order.members.iter().map(|&i| pruning.records.get(i)).collect();
+        let mut wanted = vec![0; all.len()];
+        let root = Cell { codes: &order.codes, members: &all };
+        let solved = pruning.solve(root, 0, &mut wanted);
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let (depths, report) = pool.install(|| pruning.run(&order));
+            assert!(depths == wanted, "{options:?}");
+            assert_eq!(report.cost.to_bits(), solved.cost.to_bits());
+            assert_eq!(report.decided, solved.tally.decided);
+            assert_eq!(report.skipped, solved.tally.skipped);
+        }
+    }
+}
