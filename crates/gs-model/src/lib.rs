@@ -53,11 +53,13 @@ pub mod model;
 pub mod nerf;
 pub mod options;
 pub mod ply;
+mod report;
 mod rows;
 pub mod scene;
 pub mod splat;
 pub mod spz;
 pub mod validate;
+mod view;
 
 pub use camera::Camera;
 pub use dataset::{Dataset, View};

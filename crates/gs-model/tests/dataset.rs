@@ -6,6 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use common::{scene, share_in_view, shared};
+use gs_model::camera::LensDistortion;
 use gs_model::dataset::{self, Dataset, Kind};
 use gs_model::{Camera, Error, inria, nerf, ply};
 use serde_json::json;
@@ -44,6 +45,7 @@ fn camera(name: &str) -> Camera {
         cy: 240.0,
         rotation,
         translation,
+        ignored_distortion: None,
     }
 }
 
@@ -301,6 +303,77 @@ fn wrong_inria_cameras_are_named() {
     let mut entry = inria_entry(&camera("a"));
     entry["fx"] = json!(-1.0);
     assert!(matches!(read(&json!([entry]).to_string()), Err(Error::BadCamera { .. })));
+}
+
+/// Rendering such cameras aborted for want of memory.
+#[test]
+fn images_of_100000_by_100000_pixels_are_refused() {
+    let refused = |outcome: Result<(Kind, Vec<dataset::View>), Error>| {
+        let error = outcome.unwrap_err();
+        let at_most =
+            "100000 x 100000 pixels is too large: at most 65535 along an edge and 715827882";
+        assert!(matches!(error, Error::ImageTooLarge { .. }), "{error:?}");
+        assert!(error.to_string().contains(at_most), "{error}");
+        assert_eq!(error.to_string().lines().count(), 1);
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let mut entry = inria_entry(&camera("a"));
+    (entry["width"], entry["height"]) = (json!(100_000), json!(100_000));
+    put(&dir, "cameras.json", json!([entry]).to_string());
+    refused(dataset::open_views(dir.path()));
+
+    let dir = tempfile::tempdir().unwrap();
+    let frame = json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
+    let size = json!({"fl_x": 500.0, "w": 100_000, "h": 100_000.0, "frames": [frame]});
+    put(&dir, "transforms.json", size.to_string());
+    refused(dataset::open_views(dir.path()));
+    // The size may also come from the photo.
+    put(&dir, "transforms.json", json!({"fl_x": 500.0, "frames": [frame]}).to_string());
+    put(&dir, "a.png", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x01\x86\xa0\0\x01\x86\xa0\x08\x02\0\0\0");
+    refused(dataset::open_views(dir.path()));
+
+    let dir = tempfile::tempdir().unwrap();
+    put_colmap(&dir, "sparse/0", &["a.png"]);
+    put(&dir, "sparse/0/cameras.txt", "1 PINHOLE 100000 100000 10 10 4 3\n");
+    refused(dataset::open_views(dir.path()));
+}
+
+/// Importances could not be computed from COLMAP projects with distorted cameras.
+#[test]
+fn folders_with_distorted_cameras_open_for_importances_only() {
+    let colmap = tempfile::tempdir().unwrap();
+    put_colmap(&colmap, "sparse/0", &["a.png"]);
+    put(&colmap, "sparse/0/cameras.txt", "1 SIMPLE_RADIAL 8 6 10 4 3 0.1\n");
+    put_model(&colmap, "point_cloud.ply");
+    let nerf = tempfile::tempdir().unwrap();
+    let frame = json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
+    let json = json!({"fl_x": 500.0, "w": 8, "h": 6, "k1": 0.1, "frames": [frame]});
+    put(&nerf, "transforms.json", json.to_string());
+    put_model(&nerf, "point_cloud.ply");
+    for (dir, distortion) in [(colmap, "SIMPLE_RADIAL"), (nerf, "k1 = 0.1")] {
+        for error in
+            [Dataset::open(dir.path()).unwrap_err(), dataset::open_views(dir.path()).unwrap_err()]
+        {
+            assert!(matches!(error, Error::DistortedCamera { .. }), "{error:?}");
+            assert!(error.to_string().contains("colmap image_undistorter"), "{error}");
+        }
+        let (_, views) = dataset::open_views_with(dir.path(), LensDistortion::Ignore).unwrap();
+        assert_eq!(views[0].camera.ignored_distortion.as_deref(), Some(distortion));
+        assert_eq!((views[0].camera.width, views[0].camera.height), (8, 6));
+    }
+}
+
+/// Whoever printed the chain of causes printed each cause twice.
+#[test]
+fn a_message_contains_its_cause_once() {
+    let dir = tempfile::tempdir().unwrap();
+    put(&dir, "cameras.json", "{}");
+    let missing = ply::read(dir.path().join("gone.ply")).unwrap_err();
+    let json = inria::read_cameras(dir.path().join("cameras.json")).unwrap_err();
+    for (error, cause) in [(missing, "os error 2"), (json, "line 1 column")] {
+        assert_eq!(error.to_string().matches(cause).count(), 1, "{error}");
+        assert!(std::error::Error::source(&error).is_none(), "{error}");
+    }
 }
 
 /// Reads the positions of a binary PLY of SfM points: x y z nx ny nz as floats, then 3 bytes.

@@ -301,6 +301,50 @@ fn broken_spz_4_files_are_typed_errors() {
     assert!(matches!(outcome, Err(Error::SpzVersion { version: 5, .. })), "{outcome:?}");
 }
 
+/// A message contained `MagicNumberReadError(Error { kind`.
+#[test]
+fn messages_about_broken_compression_are_plain_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let message = |bytes: &[u8]| {
+        let error = read(dir.path(), "a.spz", bytes).unwrap_err();
+        let plain = !error.to_string().contains(['{', '}', '(', ')']);
+        assert!(plain && error.to_string().lines().count() == 1, "{error}");
+        error
+    };
+    let good = gzip(&spz(3));
+    for len in 2..good.len() {
+        let error = message(&good[..len]);
+        let cut = matches!(error, Error::SpzCompressedData { reason: "cut short", .. });
+        assert!(cut || matches!(error, Error::SpzTruncated { .. }), "{error}");
+    }
+    let good = spz4();
+    for len in 4..good.len() {
+        message(&good[..len]);
+    }
+    // The magic number of the first stream.
+    let mut bad_magic = good;
+    let at = bad_magic.windows(4).position(|w| w == [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
+    bad_magic[at] = 0;
+    let error = message(&bad_magic);
+    assert!(error.to_string().ends_with("a.spz: the Zstandard data is broken"), "{error}");
+}
+
+/// The command blamed a full disk.
+#[test]
+fn a_coordinate_beyond_the_range_of_spz_is_named() {
+    let mut scene = common::scene(3, 0);
+    scene.means[1][2] = -600_000.0;
+    let error = gs_model::spz::write_to(Vec::new(), &scene, &Default::default()).unwrap_err();
+    assert!(matches!(error, Error::SpzRange { index: 1, value: -600_000.0, limit: 524_287.0, .. }));
+    let said = "Gaussian 1: coordinate -600000 is outside the range of SPZ, -524287 to 524287";
+    assert!(error.to_string().ends_with(said), "{error}");
+    scene.means[1][2] = -524_287.0;
+    let mut file = Vec::new();
+    gs_model::spz::write_to(&mut file, &scene, &Default::default()).unwrap();
+    let (back, _) = gs_model::spz::read_bytes(&file, &ReadOptions::default()).unwrap();
+    assert_eq!(back.means[1][2], -524_287.0);
+}
+
 #[test]
 fn a_real_spz_4_is_read() {
     let Some(path) = shared("models/biker.spz") else { return };
