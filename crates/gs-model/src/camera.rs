@@ -65,7 +65,7 @@ impl Camera {
 
     /// A camera at `eye` that looks at `target`, with square pixels of focal length `focal` (in
     /// pixels) and its principal point at the image's centre. `up` is the world direction that is
-    /// up in the image; where it is that of the view, some other one stands in.
+    /// up in the image; if it is parallel to the viewing direction, another direction replaces it.
     #[must_use]
     pub fn looking_at(
         name: String,

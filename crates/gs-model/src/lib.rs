@@ -3,7 +3,8 @@
 //! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
 //! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
 //! the layout of the Inria reference implementation; [`model`] also reads SPZ and `.splat`,
-//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos, whether COLMAP, the Inria trainer or a NeRF tool made it.
+//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos that
+//! COLMAP, the Inria trainer or a NeRF tool made.
 //!
 //! ```
 //! use gs_model::{Scene, ply};
@@ -31,16 +32,19 @@
 //! # Ok::<(), gs_model::Error>(())
 //! ```
 //!
-//! # What holds
+//! # Guarantees
 //!
-//! - Nothing here panics on input, and no allocation exceeds a small multiple of the input's
-//!   size, whatever counts the input claims.
+//! - No input makes a function panic, and no allocation exceeds a small multiple of the input's
+//!   size, whatever counts the input claims. The sizes of images are bounded
+//!   ([`camera::MAX_IMAGE_EDGE`], [`camera::MAX_IMAGE_PIXELS`]).
 //! - Writing a scene and reading it back gives the same bits.
 //! - Results do not depend on the number of threads.
 //! - A scene that [`ply::read`] returns is valid: every number finite, every quaternion with a
 //!   direction ([`Scene::validate`]).
 //!
 //! The crate does not know how a scene is rendered or coded, and decodes no photos.
+
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 pub mod camera;
 pub mod colmap;

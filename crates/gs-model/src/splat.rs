@@ -19,9 +19,9 @@ const ROW: usize = 32;
 
 /// The logit of an opacity stored as a byte.
 ///
-/// A byte `b` stands for the opacities that round to it; its logit is that of `b / 255`. For 0
-/// and 255 that would be infinite, so they stand for the middle of their half step, 1/4 and
-/// 254 3/4.
+/// A byte `b` stands for the opacities that round to it; its logit is that of `b / 255`. For 0 and
+/// 255 that logit would be infinite. Only half a step rounds to them, and they stand for its
+/// middle, 1/4 and 254 3/4.
 pub(crate) fn opacity_logit(byte: u8) -> f32 {
     let opacity = f64::from(byte).clamp(0.25, 254.75) / 255.0;
     libm::log(opacity / (1.0 - opacity)) as f32

@@ -1,4 +1,4 @@
-//! What makes a Gaussian unusable, and how a [`Scene`] gets rid of it.
+//! Which Gaussians are invalid, and their removal from a [`Scene`].
 //!
 //! Real files hold such Gaussians: a diverged training run writes NaN, and one published model
 //! held 889,536 rows of zeros whose quaternions have no direction. One of them is enough to
@@ -110,7 +110,7 @@ impl Scene {
     /// Finds and counts the invalid Gaussians.
     ///
     /// The arrays must have consistent lengths ([`Scene::check_shape`]); Gaussians beyond the
-    /// shortest array are not looked at.
+    /// shortest array are ignored.
     #[must_use]
     pub fn invalid(&self) -> InvalidReport {
         const ROWS: usize = 1 << 14;
@@ -121,7 +121,7 @@ impl Scene {
             .map(|c| {
                 let mut part = InvalidReport::default();
                 for i in c * ROWS..n.min((c + 1) * ROWS) {
-                    part.look_at(self, i);
+                    part.check(self, i);
                 }
                 part
             })
@@ -161,7 +161,7 @@ impl Scene {
             .min(self.sh.len() / self.sh_len())
     }
 
-    /// The first bad value of one field of Gaussian `i`.
+    /// The first invalid value in a field of Gaussian `i`.
     fn bad_value(&self, i: usize, field: Field) -> Option<f32> {
         let not_finite = |values: &[f32]| values.iter().copied().find(|v| !v.is_finite());
         match field {
@@ -179,13 +179,15 @@ impl Scene {
         }
     }
 
+    /// The first invalid field of Gaussian `i`, and its value.
     fn defect(&self, i: usize) -> Option<(Field, f32)> {
         Field::ALL.into_iter().find_map(|f| self.bad_value(i, f).map(|v| (f, v)))
     }
 }
 
 impl InvalidReport {
-    fn look_at(&mut self, scene: &Scene, i: usize) {
+    /// Counts Gaussian `i` if it is invalid.
+    fn check(&mut self, scene: &Scene, i: usize) {
         let mut first = None;
         for (k, field) in Field::ALL.into_iter().enumerate() {
             if let Some(value) = scene.bad_value(i, field) {
@@ -199,7 +201,7 @@ impl InvalidReport {
         }
     }
 
-    /// The error that this report amounts to, if any Gaussian is invalid.
+    /// The error about the first invalid Gaussian, if there is one.
     pub(crate) fn error(&self, file: &Path) -> Option<Error> {
         self.first.map(|InvalidGaussian { index, field, value }| Error::InvalidGaussian {
             file: PathBuf::from(file),

@@ -223,8 +223,8 @@ fn bytes_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     out
 }
 
-/// The number of type `scalar` at offset `at`; exact, since `f64` holds every value of every
-/// PLY type.
+/// The number of type `scalar` at offset `at`. It is exact: `f64` holds every value of every PLY
+/// type.
 #[inline]
 fn number(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> f64 {
     macro_rules! read {

@@ -1,4 +1,4 @@
-//! Writing version 4.
+//! Writes version 4.
 
 use std::io::Write;
 use std::path::Path;
@@ -19,8 +19,8 @@ const FRACTIONAL_BITS: i32 = 12;
 const POSITION_BITS: i32 = 23;
 /// Fewest fractional bits that are written.
 const LEAST_FRACTIONAL_BITS: i32 = 4;
-/// Largest magnitude of a coordinate that is written, in world units: 2^23 - 1 steps of 2^-4 hold
-/// it and the rounding of its neighbours.
+/// Largest magnitude of a coordinate that is written, in world units: the largest whole number in 23
+/// bits, 4 of them fractional.
 pub const MAX_COORDINATE: f32 = ((1 << (POSITION_BITS - LEAST_FRACTIONAL_BITS)) - 1) as f32;
 /// A scene is at least this many steps wide (a power of two): small scenes get more fractional
 /// bits than [`FRACTIONAL_BITS`].
