@@ -73,6 +73,7 @@ mod tests {
             cy: 96.0,
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::new(0.0, 0.0, 20.0),
+            ignored_distortion: None,
         };
         let found = covariance_sensitivity(&scene, std::slice::from_ref(&camera));
         assert_eq!(found, covariance_sensitivity(&scene, std::slice::from_ref(&camera)));

@@ -36,6 +36,7 @@ pub(crate) fn setup() -> (Scene, Camera, Image) {
         cy: 160.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
+        ignored_distortion: None,
     };
     let photo = render(&scene, &camera, &RenderOptions::default());
     scene.sh.iter_mut().flatten().for_each(|v| *v += r.f(-0.1, 0.1));

@@ -8,8 +8,9 @@ use gs_model::{Camera, Scene};
 use super::device::Context;
 use super::executor::GpuExecutor;
 use super::passes::{Stage, fold};
+use super::sizes::Sizes;
 use super::uniform::StepUniform;
-use super::workspace::{Sizes, Workspace};
+use super::workspace::Workspace;
 use crate::forward::Forward;
 use crate::gradients::{Backward, planes_of};
 use crate::image::Image;
@@ -66,6 +67,7 @@ fn camera(width: u32, height: u32) -> Camera {
         cy: f64::from(height) / 2.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::new(0.0, 0.0, 0.5),
+        ignored_distortion: None,
     }
 }
 

@@ -120,6 +120,11 @@ fn finite(x: F) -> B {
     x.to_bits() & 0x7f80_0000 != 0x7f80_0000
 }
 
+/// The opacity of a Gaussian, as the stages compute it.
+pub(crate) fn opacity_of(logit: f32) -> f32 {
+    sigmoid(logit)
+}
+
 include!("math/prelude.rs");
 include!("math/scalar.wgsl");
 include!("math/project.wgsl");

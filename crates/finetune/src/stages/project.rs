@@ -119,7 +119,7 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
     let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i])?;
     let x = view.lens.fx * (f.m.x * f.inv_z) + view.lens.cx;
     let y = view.lens.fy * (f.m.y * f.inv_z) + view.lens.cy;
-    let cut = ln_own(o255);
+    let cut = ln_polynomial(o255);
     let shape = f.shape;
     let (cols, rows) = if view.reference {
         let half = reference_radius(&shape);

@@ -140,6 +140,7 @@ mod tests {
             cy: 26.0,
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::ZERO,
+            ignored_distortion: None,
         };
         let options = RenderOptions { background: [0.4, 0.1, 0.8], ..Default::default() };
         let view = View::new(&camera, &options);

@@ -23,9 +23,6 @@ pub use progress::{Outcome, Progress, StopReason};
 pub(crate) use checkpoint::Checkpoint;
 use progress::Tracker;
 
-/// Largest edge of a training view, pixels.
-pub const MAX_IMAGE_EDGE: u32 = 1 << 15;
-
 /// A posed photo to train on.
 #[derive(Clone, Debug)]
 pub struct TrainView {
@@ -35,17 +32,18 @@ pub struct TrainView {
     pub photo: Image,
 }
 
-/// What carries out the steps of a fine-tune: the Rust executor or the WGSL one.
+/// An executor of the steps of a fine-tune, in Rust or in WGSL.
 pub(crate) trait Executor: Send {
     /// Renders view `view`, adds its loss to the queue, updates the parameters. `step` counts
     /// from 1.
     fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()>;
     /// Moves the losses of the steps since the last call to the end of `out`, in order.
     fn drain_losses(&mut self, out: &mut Vec<LossValue>) -> Result<()>;
-    /// The parameters and the optimiser's moments. The Rust executor hands over its own, three
-    /// times the model's size, not a copy: [`Self::restore`] comes before another step.
+    /// The parameters and the optimiser's moments. They are three times the size of the model, so the
+    /// Rust executor moves them out instead of copying them: before another step they must be given
+    /// back with [`Self::restore`].
     fn take_state(&mut self) -> Result<(Scene, Moments)>;
-    /// Takes back what [`Self::take_state`] gave.
+    /// Takes back the result of [`Self::take_state`].
     fn restore(&mut self, scene: Scene, moments: Moments);
 }
 
@@ -68,12 +66,12 @@ pub struct FineTune {
     /// Steps done.
     step: u64,
     tracker: Tracker,
-    /// What the Rust executor needs to take over.
-    kept: Option<Kept>,
+    /// What the Rust executor needs to take over from the GPU, under [`Backend::Auto`].
+    fallback: Option<Fallback>,
 }
 
-/// A run on the GPU, on the host.
-struct Kept {
+/// The host's copy of a run on the GPU: the views, and the state of the last kept step.
+struct Fallback {
     views: Vec<TrainView>,
     state: Checkpoint,
 }
@@ -119,11 +117,11 @@ impl FineTune {
         let (step, count, tracker) = (start.step, views.len(), start.tracker.clone());
         let may_fall_back = options.backend == Backend::Auto;
         let mut report = choose(options.backend)?;
-        let mut kept = None;
+        let mut fallback = None;
         let executor: Box<dyn Executor> = if report.used == Backend::Gpu {
             match on_gpu(&start, &views, &options) {
                 Ok(executor) => {
-                    kept = may_fall_back.then_some(Kept { views, state: start });
+                    fallback = may_fall_back.then_some(Fallback { views, state: start });
                     executor
                 }
                 Err(Error::Gpu { reason }) if may_fall_back => {
@@ -135,7 +133,7 @@ impl FineTune {
         } else {
             on_cpu(start, views, &options)
         };
-        Ok(Self { executor, report, options, views: count, fingerprint, step, tracker, kept })
+        Ok(Self { executor, report, options, views: count, fingerprint, step, tracker, fallback })
     }
 
     /// Which executor was chosen, and why.
@@ -171,7 +169,7 @@ impl FineTune {
                 Err(Error::Gpu { reason }) => reason,
                 Err(e) => return Err(e),
             };
-            let Some(Kept { views, state }) = self.kept.take() else {
+            let Some(Fallback { views, state }) = self.fallback.take() else {
                 return Err(Error::Gpu { reason: failure });
             };
             self.report = took_over(&failure, state.step);
@@ -218,11 +216,11 @@ impl FineTune {
                 progress(&self.tracker.progress(step, first, started, &self.options, used));
             }
             let due = step.is_multiple_of(self.options.checkpoint_every);
-            let wanted = self.kept.is_some() || self.options.checkpoint.is_some();
+            let wanted = self.fallback.is_some() || self.options.checkpoint.is_some();
             if due && wanted && step < self.options.steps {
                 let state = self.checkpoint(&mut losses)?;
-                match &mut self.kept {
-                    Some(kept) => kept.state = state,
+                match &mut self.fallback {
+                    Some(fallback) => fallback.state = state,
                     None => self.executor.restore(state.scene, state.moments),
                 }
             }
@@ -265,12 +263,11 @@ fn check_views(views: &[TrainView]) -> Result<()> {
     for (index, TrainView { camera, photo }) in views.iter().enumerate() {
         let (width, height) = (camera.width, camera.height);
         let name = camera.name.clone();
-        let edge = 1..=MAX_IMAGE_EDGE;
-        if !edge.contains(&width) || !edge.contains(&height) {
+        if width == 0 || height == 0 || !camera.image_fits() {
             return Err(Error::ViewSize { index, name, width, height });
         }
-        let whole = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
-        if (photo.width, photo.height) != (width, height) || !whole {
+        let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
+        if (photo.width, photo.height) != (width, height) || !is_complete {
             let photo = (photo.width, photo.height);
             return Err(Error::PhotoSize { index, name, photo, camera: (width, height) });
         }

@@ -19,7 +19,7 @@ fn gate(e0: F, e1: F, cut: F, opacity: F, least: F, t: F) -> Gate {
     let s1 = e1 * e1;
     let sigma = s0 + s1;
     let inside = (sigma <= cut) & (t > F(0.0));
-    let g = exp_own(-min(sigma, F(SIGMA_MAX)));
+    let g = exp_polynomial(-min(sigma, F(SIGMA_MAX)));
     let og = opacity * g;
     let alpha = min(og, F(ALPHA_MAX));
     let w = alpha * t;
