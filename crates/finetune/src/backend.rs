@@ -1,4 +1,4 @@
-//! Which executor runs.
+//! The choice of the executor.
 
 use crate::error::{Error, Result};
 
@@ -15,13 +15,24 @@ pub enum Backend {
     Auto,
 }
 
-/// What was chosen, and why.
+/// The chosen executor, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BackendReport {
     /// [`Backend::Cpu`] or [`Backend::Gpu`].
     pub used: Backend,
     /// One line for the user.
     pub reason: String,
+}
+
+/// In plain words, for messages: `CPU`, `GPU` or `automatic`.
+impl std::fmt::Display for Backend {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Cpu => "CPU",
+            Self::Gpu => "GPU",
+            Self::Auto => "automatic",
+        })
+    }
 }
 
 impl std::str::FromStr for Backend {
@@ -37,7 +48,7 @@ impl std::str::FromStr for Backend {
     }
 }
 
-/// Resolves a choice.
+/// Chooses the executor.
 ///
 /// # Errors
 /// [`Error::NoAdapter`] for [`Backend::Gpu`] without one.

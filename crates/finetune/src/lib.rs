@@ -14,8 +14,8 @@
 //!
 //! There is one list of stages (project, depth sort, tile lists, blend, loss, blend adjoint,
 //! gather, projection adjoint and Adam) and two executors of it: Rust on all cores, and WGSL on
-//! wgpu with the feature `gpu`. The mathematics of a splat is one text that is both Rust and
-//! WGSL. Every float sum has one fixed order, so the result does not depend on the number of
+//! wgpu with the feature `gpu`. The mathematics of a splat is one source text that compiles as Rust
+//! and as WGSL. Every float sum has a fixed order, so the result does not depend on the number of
 //! threads or on the scheduling. The conventions are those of Inria's 2023 rasterizer (0.3
 //! pixels of blur, alpha capped at 0.99 and cut at 1/255, stop at a transmittance of 1e-4).
 //!

@@ -1,5 +1,5 @@
-//! Stage by stage against the Rust executor, each stage on the same inputs. On lavapipe where
-//! it is installed; skipped, loudly, where no adapter exists.
+//! Compares each stage with the Rust executor on the same inputs, on lavapipe where it is installed.
+//! Without an adapter the tests are skipped with a message.
 
 mod faults;
 
@@ -78,7 +78,7 @@ fn photo(width: u32, height: u32) -> Image {
     image
 }
 
-/// A step on both sides: the Rust results, and a workspace into which tests write inputs.
+/// A step in both executors: the Rust results, and a workspace into which tests write inputs.
 struct Pair {
     scene: Scene,
     view: View,
@@ -187,7 +187,7 @@ fn project_agrees() {
 #[test]
 fn lists_are_equal() {
     let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
-    // Counts come from `project`; everything else from the Rust side.
+    // Counts come from `project`; everything else from the Rust executor.
     p.gpu.run(&[Stage::Project], &p.u, None);
     let f = &p.cpu.forward;
     p.gpu.write("keys", &f.projected.keys);
@@ -289,7 +289,7 @@ fn losses_agree() {
         let Some(p) = pair(500, (90, 61), loss) else { return };
         let f = &p.cpu.forward;
         p.gpu.write("pixels", &flat(&f.tiles));
-        // Rubbish that the stage has to clear.
+        // Old values that the stage must overwrite.
         p.gpu.write("gradient", &vec![9.0f32; 768 * p.view.tiles()]);
         let photo = p.gpu.storage("photo", p.photo.len()).unwrap();
         p.gpu.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(&p.photo));
@@ -335,7 +335,7 @@ fn adam_agrees() {
         for (k, (a, b)) in got_moments.arrays().iter().zip(moments.arrays()).enumerate() {
             assert!(relative(&format!("moment {k}"), a, b) < 1e-5);
         }
-        // Adam divides by the gradient's own size: compare where that is not noise.
+        // Adam divides by the size of the gradient: compare only where that is not noise.
         let mut compared = 0;
         let largest = moments.log_scale[0].iter().fold(0.0f32, |a, m| a.max(m.abs()));
         let counts = |(_, m): &(usize, &f32)| m.abs() > 1e-5 * largest;

@@ -29,7 +29,7 @@ fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         //@end
     }
     let i = order[rank];
-    // A colour that was clamped at zero does not move.
+    // The gradient of a colour that was clamped at zero is zero.
     let shown = splats[i].c;
     s0 = select(0.0, s0, shown.x > 0.0);
     s1 = select(0.0, s1, shown.y > 0.0);

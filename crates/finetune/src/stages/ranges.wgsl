@@ -1,5 +1,5 @@
-// Stage `ranges`: from the slots sorted by tile to per-tile lists, and back from slots to their
-// list_positions in the lists.
+// Stage `ranges`: makes the tiles' lists from the slots sorted by tile, and stores the position of
+// each slot in the lists.
 
 @group(0) @binding(1) var<storage, read> state: array<u32>;
 @group(0) @binding(2) var<storage, read> tile_keys: array<u32>;
@@ -17,7 +17,7 @@ fn ranges(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         ids[k] = slot_ids[tile_slots[k]];
         list_positions[tile_slots[k]] = k;
     }
-    // The start of tile k: the first slot whose tile is not below it.
+    // The start of tile k: the first slot whose tile is at least k.
     if (k <= u.tiles_x * u.tiles_y) {
         var low = 0u;
         var high = n;

@@ -1,4 +1,4 @@
-//! The fine-tune: attributes follow the photos, means stay where the voxelizer put them.
+//! The fine-tune: it fits the attributes to the photos and keeps the means.
 
 mod checkpoint;
 mod cpu;

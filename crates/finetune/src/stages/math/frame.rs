@@ -1,4 +1,5 @@
-// Rust only, but included once per F like the shared text: the per-Gaussian chain.
+// The projection of a Gaussian from end to end. Rust only, but included once per F, as the shared
+// text is.
 
 /// Pinhole parameters in the precision of this instance.
 #[derive(Clone, Copy, Debug)]
