@@ -18,9 +18,17 @@ fn adapters() -> Vec<wgpu::Adapter> {
     }
 }
 
+/// Name, kind and graphics API, for messages.
 fn describe(adapter: &wgpu::Adapter) -> String {
     let info = adapter.get_info();
-    format!("{} ({:?}, {:?})", info.name, info.backend, info.device_type)
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+        wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+        wgpu::DeviceType::VirtualGpu => "virtual GPU",
+        wgpu::DeviceType::Cpu => "software",
+        wgpu::DeviceType::Other => "other device",
+    };
+    format!("{} ({kind}, {})", info.name, info.backend)
 }
 
 /// A rasterizer in software: lavapipe, SwiftShader, WARP.

@@ -162,9 +162,9 @@ fn posed(
         let (file, model) = (cameras_file.into(), model.name().to_owned());
         return Err(Error::DistortedCamera { file, camera: id.to_string(), model });
     }
-    let (fx, fy, cx, cy) = match params.as_slice() {
-        &[f, cx, cy, ..] if model.has_one_focal_length() => (f, f, cx, cy),
-        &[fx, fy, cx, cy, ..] => (fx, fy, cx, cy),
+    let (fx, fy, cx, cy) = match *params.as_slice() {
+        [f, cx, cy, ..] if model.has_one_focal_length() => (f, f, cx, cy),
+        [fx, fy, cx, cy, ..] => (fx, fy, cx, cy),
         _ => {
             let (file, view) = (cameras_file.into(), format!("camera {id}"));
             return Err(Error::BadCamera { file, view, reason: "too few parameters" });

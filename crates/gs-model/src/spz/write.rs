@@ -69,10 +69,13 @@ pub fn write_to(mut out: impl Write, scene: &Scene, options: &WriteOptions) -> R
     out.write_all(&file).map_err(|e| Error::io(name, "write", e))
 }
 
-/// An attribute: its bytes per Gaussian, and the function that writes the bytes of a Gaussian.
+/// Writes the bytes of an attribute of the Gaussian at an index.
+type WriteBytes<'a> = dyn Fn(usize, &mut [u8]) + Sync + 'a;
+
+/// An attribute: its bytes per Gaussian, and how they are written.
 struct Attribute<'a> {
     size: usize,
-    write: Box<dyn Fn(usize, &mut [u8]) + Sync + 'a>,
+    write: Box<WriteBytes<'a>>,
 }
 
 impl<'a> Attribute<'a> {
