@@ -68,7 +68,7 @@ pub fn choose(wanted: Backend) -> Result<BackendReport> {
 }
 
 #[cfg(feature = "gpu")]
-use crate::gpu::find;
+use crate::gpu::adapter::find;
 
 /// Name of the hardware adapter that would be used, or why there is none.
 #[cfg(not(feature = "gpu"))]

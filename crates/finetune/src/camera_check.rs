@@ -9,7 +9,7 @@ use crate::forward::render;
 use crate::metrics::psnr;
 use crate::options::RenderOptions;
 use crate::stages::opacity_of;
-use crate::train::TrainView;
+use crate::train::view::TrainView;
 
 /// A perfect view counts as this many dB, so that the mean stays finite.
 const MAX_PSNR: f64 = 100.0;

@@ -217,7 +217,7 @@ impl DeviceStages {
     pub fn new(scene: &Scene, view: crate::TrainView) -> crate::Result<Self> {
         use crate::gpu::{Context, GpuExecutor};
         use crate::stages::adam::{AdamStep, Moments};
-        use crate::train::Executor as _;
+        use crate::train::executor::Executor as _;
         let options = crate::FineTuneOptions::default();
         let moments = Moments::zeros(scene);
         let context = Context::software()?;
@@ -319,7 +319,7 @@ pub fn software_steps(
 ) -> crate::Result<std::time::Duration> {
     use crate::gpu::{Context, GpuExecutor};
     use crate::stages::adam::{AdamStep, Moments};
-    use crate::train::Executor as _;
+    use crate::train::executor::Executor as _;
     let options = crate::FineTuneOptions::default();
     let count = views.len();
     let moments = Moments::zeros(scene);

@@ -5,14 +5,8 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
-
-/// Longest edge of an image, in pixels. It is the longest edge that a JPEG file can hold, and no
-/// camera needs more.
-pub const MAX_IMAGE_EDGE: u32 = 65_535;
-
-/// Most pixels of an image. It is the limit of COLMAP, which computes the bytes of an RGB image,
-/// `width * height * 3`, in a C++ `int` (`Bitmap` in `src/colmap/sensor/bitmap.cc`).
-pub const MAX_IMAGE_PIXELS: u64 = i32::MAX as u64 / 3;
+use crate::image_limits::size_fits;
+pub use crate::image_limits::{MAX_IMAGE_EDGE, MAX_IMAGE_PIXELS};
 
 /// What to do with a camera whose lens distorts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -157,10 +151,6 @@ impl Camera {
             ..self.clone()
         })
     }
-}
-
-fn size_fits(width: u32, height: u32) -> bool {
-    width.max(height) <= MAX_IMAGE_EDGE && u64::from(width) * u64::from(height) <= MAX_IMAGE_PIXELS
 }
 
 /// The width and height that a file states, if images may have that size. `view` and `file` are for

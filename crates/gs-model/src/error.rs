@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::validate::Field;
+use crate::field::Field;
 
 /// The result of this crate's functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -371,8 +371,8 @@ pub enum Error {
         "{}: view {view:?}: an image of {width} x {height} pixels is too large: at most {} along an \
          edge and {} in all",
         file.display(),
-        crate::camera::MAX_IMAGE_EDGE,
-        crate::camera::MAX_IMAGE_PIXELS
+        crate::image_limits::MAX_IMAGE_EDGE,
+        crate::image_limits::MAX_IMAGE_PIXELS
     )]
     ImageTooLarge {
         /// The file.

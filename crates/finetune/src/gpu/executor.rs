@@ -14,7 +14,9 @@ use crate::options::RenderOptions;
 use crate::stages::adam::{AdamStep, Moments};
 use crate::stages::loss::LossValue;
 use crate::stages::project::View;
-use crate::train::{Executor, FineTuneOptions, TrainView};
+use crate::train::executor::Executor;
+use crate::train::options::FineTuneOptions;
+use crate::train::view::TrainView;
 
 pub(crate) struct GpuExecutor {
     workspace: Workspace,

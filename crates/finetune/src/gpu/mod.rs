@@ -3,7 +3,7 @@
 //! No kernel adds floats with atomics or across subgroups, so the result does not depend on the
 //! scheduling. During a run only the losses are read back, every few steps.
 
-mod adapter;
+pub(crate) mod adapter;
 mod device;
 mod executor;
 mod loops;
@@ -16,7 +16,6 @@ mod transfer;
 mod uniform;
 mod workspace;
 
-pub(crate) use adapter::find;
 pub(crate) use device::Context;
 pub(crate) use executor::GpuExecutor;
 pub(crate) use passes::{STEP, Stage};

@@ -21,7 +21,9 @@ use crate::shuffle::Rng;
 use crate::stages::adam::{AdamStep, Moments, adam};
 use crate::stages::blend_adjoint::{FROZEN, TileGradient};
 use crate::stages::project::{CULLED, View};
-use crate::train::{Executor, FineTuneOptions, TrainView};
+use crate::train::executor::Executor;
+use crate::train::options::FineTuneOptions;
+use crate::train::view::TrainView;
 
 fn context() -> Option<Context> {
     match Context::software() {

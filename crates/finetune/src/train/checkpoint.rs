@@ -9,8 +9,8 @@ use std::path::Path;
 
 use gs_model::Scene;
 
-use super::TrainView;
 use super::progress::Tracker;
+use super::view::TrainView;
 use crate::error::{Error, Result};
 use crate::stages::adam::Moments;
 

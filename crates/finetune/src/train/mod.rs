@@ -2,50 +2,31 @@
 
 mod checkpoint;
 mod cpu;
-mod options;
+pub(crate) mod executor;
+pub(crate) mod options;
 mod progress;
+pub(crate) mod view;
 
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use gs_model::{Camera, Scene};
+use gs_model::Scene;
+
+pub(crate) use checkpoint::Checkpoint;
+use executor::Executor;
+pub use options::FineTuneOptions;
+use progress::Tracker;
+pub use progress::{Outcome, Progress, StopReason};
+pub use view::TrainView;
+use view::check_views;
 
 use crate::backend::{self, Backend, BackendReport};
 use crate::error::{Error, Result};
-use crate::image::Image;
 use crate::shuffle::permutation;
-use crate::stages::adam::{AdamStep, Moments};
+use crate::stages::adam::AdamStep;
+#[cfg(all(test, feature = "gpu"))]
+use crate::stages::adam::Moments;
 use crate::stages::loss::LossValue;
-
-pub use options::FineTuneOptions;
-pub use progress::{Outcome, Progress, StopReason};
-
-pub(crate) use checkpoint::Checkpoint;
-use progress::Tracker;
-
-/// A posed photo to train on.
-#[derive(Clone, Debug)]
-pub struct TrainView {
-    /// Where the photo was taken from.
-    pub camera: Camera,
-    /// The photo, of the camera's size.
-    pub photo: Image,
-}
-
-/// An executor of the steps of a fine-tune, in Rust or in WGSL.
-pub(crate) trait Executor: Send {
-    /// Renders view `view`, adds its loss to the queue, updates the parameters. `step` counts
-    /// from 1.
-    fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()>;
-    /// Moves the losses of the steps since the last call to the end of `out`, in order.
-    fn drain_losses(&mut self, out: &mut Vec<LossValue>) -> Result<()>;
-    /// The parameters and the optimiser's moments. They are three times the size of the model, so the
-    /// Rust executor moves them out instead of copying them: before another step they must be given
-    /// back with [`Self::restore`].
-    fn take_state(&mut self) -> Result<(Scene, Moments)>;
-    /// Takes back the result of [`Self::take_state`].
-    fn restore(&mut self, scene: Scene, moments: Moments);
-}
 
 /// A fine-tune of one scene on a set of photos.
 ///
@@ -254,25 +235,6 @@ fn took_over(reason: &str, step: u64) -> BackendReport {
     let threads = rayon::current_num_threads();
     let reason = format!("cpu: the GPU failed ({reason}); from step {step} on; {threads} threads");
     BackendReport { used: Backend::Cpu, reason }
-}
-
-fn check_views(views: &[TrainView]) -> Result<()> {
-    if views.is_empty() {
-        return Err(Error::NoViews);
-    }
-    for (index, TrainView { camera, photo }) in views.iter().enumerate() {
-        let (width, height) = (camera.width, camera.height);
-        let name = camera.name.clone();
-        if width == 0 || height == 0 || !camera.image_fits() {
-            return Err(Error::ViewSize { index, name, width, height });
-        }
-        let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
-        if (photo.width, photo.height) != (width, height) || !is_complete {
-            let photo = (photo.width, photo.height);
-            return Err(Error::PhotoSize { index, name, photo, camera: (width, height) });
-        }
-    }
-    Ok(())
 }
 
 fn on_cpu(

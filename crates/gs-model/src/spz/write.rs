@@ -255,7 +255,7 @@ mod tests {
     fn rotations_come_back() {
         for q in [[1.0f32, 0.0, 0.0, 0.0], [-0.1, 0.9, -0.3, 0.2], [0.5, -0.5, 0.5, -0.5], [0.0; 4]]
         {
-            let [w, x, y, z] = super::super::layout::smallest_three(smallest_three(q));
+            let [w, x, y, z] = crate::spz::layout::smallest_three(smallest_three(q));
             let back = [w, x, -y, -z];
             let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
             let dot: f32 = if norm > 0.0 {
