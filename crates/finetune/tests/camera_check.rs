@@ -1,5 +1,5 @@
-//! Cameras that do not show the scene deleted it, and a fine-tune accepted photos of another scene.
-//! Both are noticed by [`seen_opacity_share`] and [`photo_match`].
+//! An encoder deleted scenes that its cameras did not show, and a fine-tune accepted photos of another
+//! scene. [`seen_opacity_share`] and [`photo_match`] detect both.
 
 mod common;
 
@@ -24,7 +24,7 @@ fn views(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
 }
 
 #[test]
-fn cameras_that_do_not_show_the_scene_are_noticed() {
+fn cameras_that_do_not_show_the_scene_are_detected() {
     let scene = common::scene(400, 0, 21);
     let share = |cameras: &[Camera]| seen_opacity_share(&scene, &saliency(&scene, cameras));
     let all_around = share(&cameras(8));
@@ -56,7 +56,7 @@ fn the_share_is_weighted_by_opacity() {
 }
 
 #[test]
-fn photos_that_the_model_does_not_match_are_noticed() {
+fn photos_that_the_model_does_not_match_are_detected() {
     let scene = common::scene(300, 1, 5);
     let options = RenderOptions::default();
     let mut views = views(&scene, cameras(7));

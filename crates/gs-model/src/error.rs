@@ -306,7 +306,7 @@ pub enum Error {
         /// The line.
         text: String,
     },
-    /// A camera with lens distortion, where [`crate::camera::LensDistortion::Refuse`] is asked for.
+    /// A camera with lens distortion, under [`crate::camera::LensDistortion::Refuse`].
     #[error(
         "{}: camera {camera} has the distorted model {model}: undistort the images first with \
          `colmap image_undistorter`",
@@ -389,7 +389,7 @@ pub enum Error {
     Json {
         /// The file.
         file: PathBuf,
-        /// What the JSON reader says, with line and column.
+        /// The message of the JSON reader, with line and column.
         cause: serde_json::Error,
     },
 

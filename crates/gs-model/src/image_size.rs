@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_segment_length_below_two_ends() {
-        // Length 0 steps back to the segment's own length bytes, which are no marker.
+        // Length 0 steps back to the length bytes of the segment, which are not a marker.
         let bytes = b"\xff\xd8\xff\xe0\0\0\0\0";
         assert_eq!(size(&mut Cursor::new(bytes)).unwrap(), None);
     }

@@ -73,7 +73,7 @@ fn camera(file: &Path, entry: Entry) -> Result<Camera> {
 
 /// Reads the views of an output folder, in the order of its `cameras.json`.
 ///
-/// Photos are looked for in the images folder of the data set that the trainer was given
+/// Photos are searched in the images folder of the data set that the trainer was given
 /// (`source_path` and `images` in `cfg_args`, if that folder still exists) and in `images/` in
 /// the output folder. A name without extension matches the photo whose name begins with it and
 /// continues with a dot. A photo that is in neither place is expected in `images/`.

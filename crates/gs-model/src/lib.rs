@@ -26,7 +26,7 @@
 //! assert_eq!(back, scene);
 //! assert_eq!((report.gaussians, report.sh_degree), (1, 0));
 //!
-//! // A file that is cut short says where, and what it promised.
+//! // The error about a file that is cut short says where it ends and what its header promises.
 //! let error = ply::read_bytes(&file[..file.len() - 1]).unwrap_err();
 //! assert!(error.to_string().contains("promises 1 rows of element \"vertex\""));
 //! # Ok::<(), gs_model::Error>(())

@@ -47,8 +47,8 @@ fn of_ply(ply: ply::ReadReport) -> Report {
     }
 }
 
-/// Reads a model from bytes, as [`read`] does from a file; `name` stands in for the file's path,
-/// in the choice of the format and in errors.
+/// Reads a model from bytes, as [`read`] does from a file. `name` replaces the path of the file in
+/// the choice of the format and in errors.
 ///
 /// # Errors
 /// As [`read`].

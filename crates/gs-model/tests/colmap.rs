@@ -202,7 +202,7 @@ fn text_files_cut_at_every_byte_never_panic() {
         for len in 0..whole[file].1.len() {
             let mut files = whole.clone();
             files[file].1.truncate(len);
-            // Text does not say how much of it there should be, so some cuts are still whole.
+            // Text files do not state their length, so some cut files are still valid.
             if let Err(error) = read(folder(&files).path()) {
                 assert_eq!(error.to_string().lines().count(), 1);
             }
@@ -217,7 +217,7 @@ fn promises_beyond_the_file_fail_before_any_allocation() {
         files[file].1[..8].copy_from_slice(&u64::MAX.to_le_bytes());
         match read(folder(&files).path()) {
             Err(Error::ColmapTruncated { promised: u64::MAX, .. }) => {}
-            // What follows the last camera is nothing, so the id of the next is missing.
+            // After the last camera the file ends, so the id of the next one is missing.
             other => panic!("{other:?}"),
         }
     }
@@ -231,7 +231,7 @@ fn promises_beyond_the_file_fail_before_any_allocation() {
     }
 }
 
-/// Reads the model, changed, in both forms, which must fail alike.
+/// Reads the changed model in both forms; both must fail in the same way.
 fn broken(change: impl Fn(&mut Model), expected: impl Fn(&Error) -> bool) {
     let mut model = model();
     change(&mut model);
@@ -267,7 +267,7 @@ fn distorted_cameras_are_refused_by_name() {
             matches!(e, Error::DistortedCamera { model, camera, .. } if model == name && camera == "2")
                 && message.contains("colmap image_undistorter")
         });
-        // One that no image uses does not matter.
+        // A camera that no image uses may be distorted.
         let mut model = model();
         distort(&mut model);
         model.images.iter_mut().for_each(|i| i.camera = 7);

@@ -31,7 +31,7 @@ fn put_colmap(dir: &TempDir, under: &str, images: &[&str]) {
     put(dir, &format!("{under}/images.txt"), rows);
 }
 
-/// Some camera that has nothing special about it.
+/// A camera in general position.
 fn camera(name: &str) -> Camera {
     let rotation = glam::DMat3::from_quat(glam::DQuat::from_xyzw(0.1, -0.5, 0.3, 0.8).normalize());
     let translation = glam::DVec3::new(0.3, -2.0, 5.0);
@@ -176,7 +176,7 @@ fn inria_output_finds_its_photos() {
     assert_eq!(photos[1], source.path().join("images_2/b.x.JPG"));
     assert_eq!((photos[2].clone(), dataset.views[2].has_photo()), (images.join("c"), false));
     assert_eq!(photos[3], images.join("d.png"));
-    // Without cfg_args, and with one that leads nowhere, the folder's own photos are left.
+    // Without cfg_args, and with one that names a missing folder, the output folder's photos remain.
     put(&dir, "cfg_args", "Namespace(source_path='/nowhere/at/all')");
     assert_eq!(inria::read_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
     fs::remove_file(dir.path().join("cfg_args")).unwrap();
@@ -225,7 +225,7 @@ fn transforms_with_an_angle_take_the_size_from_the_photo() {
     let views = nerf::read_views(dir.path().join("transforms.json")).unwrap();
     assert_same(&views[0].camera, &c);
     assert_eq!(views[0].image_path, dir.path().join("train/r_0.png"));
-    // The photo is no image, then gone.
+    // The photo is not an image; then it is missing.
     put(&dir, "train/r_0.png", "GIF89a");
     let outcome = nerf::read_views(dir.path().join("transforms.json"));
     assert!(matches!(outcome, Err(Error::ImageSize { .. })), "{outcome:?}");
@@ -305,7 +305,7 @@ fn wrong_inria_cameras_are_named() {
     assert!(matches!(read(&json!([entry]).to_string()), Err(Error::BadCamera { .. })));
 }
 
-/// Rendering such cameras aborted for want of memory.
+/// Rendering such cameras aborted because memory ran out.
 #[test]
 fn images_of_100000_by_100000_pixels_are_refused() {
     let refused = |outcome: Result<(Kind, Vec<dataset::View>), Error>| {
@@ -363,7 +363,7 @@ fn folders_with_distorted_cameras_open_for_importances_only() {
     }
 }
 
-/// Whoever printed the chain of causes printed each cause twice.
+/// A printed chain of causes contained each cause twice.
 #[test]
 fn a_message_contains_its_cause_once() {
     let dir = tempfile::tempdir().unwrap();
@@ -397,8 +397,8 @@ fn real_inria_cameras_see_their_points() {
             continue;
         }
         let points = sfm_points(&file);
-        // A reader that mistook the convention would look the other way, or along the rows of
-        // the rotation instead of its columns: fewer points would be in view.
+        // A reader with a wrong convention would look backwards or use the rows of the rotation as
+        // columns: fewer points would be in view.
         let [right, behind, transposed] = [0, 1, 2].map(|mistake| {
             let seen = all.iter().map(|v| {
                 let mut c = v.camera.clone();

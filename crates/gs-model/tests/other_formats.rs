@@ -358,7 +358,7 @@ fn a_real_spz_4_is_read() {
     assert!(norms.into_iter().all(|n| (0.99..1.51).contains(&n)));
 }
 
-/// What the written formats keep: every attribute within the steps that they state.
+/// Every attribute is within the documented steps of the written formats.
 fn assert_close(a: &Scene, b: &Scene, spz: bool) {
     assert_eq!(a.len(), b.len());
     let mean_step = if spz { 1.0 / 4096.0 } else { 0.0 };
@@ -401,7 +401,7 @@ fn spz_and_splat_round_trip() {
             let (back, report) = model::read(&path, &ReadOptions::default()).unwrap();
             assert_eq!((report.format, back.sh_degree), (Format::Spz { version: 4 }, degree));
             assert_close(&scene, &back, true);
-            // What is on the lattice already stays there.
+            // Values that are already on the lattice stay the same.
             gs_model::spz::write(&path, &back, &Default::default()).unwrap();
             let (again, _) = model::read(&path, &ReadOptions::default()).unwrap();
             assert_eq!((&again.means, &again.log_scales), (&back.means, &back.log_scales));

@@ -34,8 +34,8 @@ use crate::stages::loss::LossValue;
 /// opacities every 3000 steps, which hurts a mature model). The result is a function of the
 /// scene, the views and the options alone, whatever the number of threads.
 ///
-/// If the GPU fails, is lost or runs out of memory, a run under [`Backend::Auto`] goes on in Rust
-/// from the last step that was kept: every [`FineTuneOptions::checkpoint_every`] steps, with or
+/// If the GPU fails, is lost or runs out of memory, a run under [`Backend::Auto`] continues in Rust
+/// from the last kept step: every [`FineTuneOptions::checkpoint_every`] steps, with or
 /// without a checkpoint file. Under [`Backend::Gpu`] it ends with [`Error::Gpu`], and the last
 /// checkpoint stays.
 pub struct FineTune {
@@ -137,7 +137,7 @@ impl FineTune {
     ///
     /// # Errors
     /// [`Error::Io`] if a checkpoint cannot be written; [`Error::Gpu`], but not under
-    /// [`Backend::Auto`], which goes on in Rust.
+    /// [`Backend::Auto`], which continues in Rust.
     pub fn run(mut self, mut progress: impl FnMut(&Progress)) -> Result<Outcome> {
         let started = Instant::now();
         let first = self.step;
@@ -218,7 +218,8 @@ impl FineTune {
         Ok(())
     }
 
-    /// The state after the last step, taken from the executor, written if that was asked for.
+    /// The state after the last step, taken from the executor and written if the options name a
+    /// checkpoint file.
     fn checkpoint(&mut self, losses: &mut Vec<LossValue>) -> Result<Checkpoint> {
         self.drain(losses)?;
         let (scene, moments) = self.executor.take_state()?;

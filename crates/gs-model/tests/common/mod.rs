@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use gs_model::Scene;
 use gs_model::ply::Format;
 
-/// A path in the shared test data beside the workspace, or a loud `None` where it is absent.
+/// A path in the shared test data beside the workspace, or `None` with a message if it is absent.
 pub(crate) fn shared(path: &str) -> Option<PathBuf> {
     let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(path);
     if full.exists() {
@@ -80,7 +80,7 @@ pub(crate) struct Property {
     pub(crate) list: bool,
 }
 
-/// A PLY file in the making, written by the plainest code that can: one number at a time.
+/// A description of a PLY file, written one number at a time.
 #[derive(Clone)]
 pub(crate) struct File {
     pub(crate) format: Format,
