@@ -56,11 +56,11 @@ pub fn choose(wanted: Backend) -> Result<BackendReport> {
     let cpu = |reason: String| Ok(BackendReport { used: Backend::Cpu, reason });
     match wanted {
         Backend::Cpu => cpu(format!("cpu: asked for; {} threads", rayon::current_num_threads())),
-        Backend::Gpu => match find() {
+        Backend::Gpu => match hardware_name() {
             Ok(name) => Ok(BackendReport { used: Backend::Gpu, reason: format!("gpu: {name}") }),
             Err(reason) => Err(Error::NoAdapter { reason }),
         },
-        Backend::Auto => match find() {
+        Backend::Auto => match hardware_name() {
             Ok(name) => Ok(BackendReport { used: Backend::Gpu, reason: format!("gpu: {name}") }),
             Err(reason) => cpu(format!("cpu: {reason}; {} threads", rayon::current_num_threads())),
         },
@@ -68,10 +68,10 @@ pub fn choose(wanted: Backend) -> Result<BackendReport> {
 }
 
 #[cfg(feature = "gpu")]
-use crate::gpu::adapter::find;
+use crate::gpu::adapter::hardware_name;
 
 /// Name of the hardware adapter that would be used, or why there is none.
 #[cfg(not(feature = "gpu"))]
-fn find() -> std::result::Result<String, String> {
+fn hardware_name() -> std::result::Result<String, String> {
     Err("built without the feature `gpu`".into())
 }

@@ -66,8 +66,8 @@ pub struct PhotoMatch {
 }
 
 /// Renders at most `at_most` of the views, evenly spread and the first among them, and compares
-/// them with their photos. A perfect view counts as 100 dB. `None` if no view can be compared: there
-/// are none, `at_most` is zero, or no photo has the size of its camera.
+/// them with their photos. A perfect view counts as 100 dB. A view is left out if its photo does not
+/// have the camera's size or if its camera ignores a lens distortion. `None` if no view remains.
 #[must_use]
 pub fn photo_match(
     scene: &Scene,
@@ -76,11 +76,16 @@ pub fn photo_match(
     options: &RenderOptions,
 ) -> Option<PhotoMatch> {
     let step = views.len().div_ceil(at_most.max(1)).max(1);
-    let compared = views.iter().enumerate().step_by(step).take(at_most).filter_map(|(i, view)| {
-        let value = psnr(&render(scene, &view.camera, options), &view.photo);
-        (!value.is_nan()).then_some((i, value.min(MAX_PSNR)))
-    });
-    let compared: Vec<(usize, f64)> = compared.collect();
+    let compared: Vec<(usize, f64)> = views
+        .iter()
+        .enumerate()
+        .step_by(step)
+        .take(at_most)
+        .filter(|(_, view)| view.camera.ignored_distortion.is_none())
+        .map(|(i, view)| (i, psnr(&render(scene, &view.camera, options), &view.photo)))
+        .filter(|(_, value)| !value.is_nan())
+        .map(|(i, value)| (i, value.min(MAX_PSNR)))
+        .collect();
     let &(lowest_view, lowest_psnr) = compared.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let mean_psnr = compared.iter().map(|c| c.1).sum::<f64>() / compared.len() as f64;
     Some(PhotoMatch { views: compared.len(), mean_psnr, lowest_psnr, lowest_view })

@@ -68,6 +68,20 @@ pub enum Error {
         /// Height in pixels.
         height: u32,
     },
+    /// A view whose camera leaves out a lens distortion ([`gs_model::Camera::ignored_distortion`]): its
+    /// photo cannot be compared with renders.
+    #[error(
+        "view {index} ({name}): the camera has the distorted model {model}: undistort the images first \
+         with `colmap image_undistorter`"
+    )]
+    DistortedView {
+        /// Index of the view.
+        index: usize,
+        /// Its camera's name.
+        name: String,
+        /// The distortion.
+        model: String,
+    },
     /// An option out of range.
     #[error("option {option}: {value} is not {expected}")]
     Option {

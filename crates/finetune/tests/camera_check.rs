@@ -77,4 +77,6 @@ fn photos_that_the_model_does_not_match_are_detected() {
     assert_eq!(photo_match(&scene, &views, 0, &options), None);
     let all = photo_match(&scene, &views, 100, &options).unwrap();
     assert_eq!(all.views, 6);
+    views[1].camera.ignored_distortion = Some("OPENCV".into());
+    assert_eq!(photo_match(&scene, &views, 100, &options).unwrap().views, 5);
 }

@@ -229,6 +229,11 @@ fn bad_input_is_an_error() {
     bad[1].photo = Image::new(0, 0);
     bad[1].camera.width = 0;
     assert!(matches!(new(&scene, &bad, options(1)), Err(Error::ViewSize { index: 1, .. })));
+    let mut distorted = good.clone();
+    distorted[1].camera.ignored_distortion = Some("SIMPLE_RADIAL".into());
+    let error = new(&scene, &distorted, options(1)).unwrap_err();
+    assert!(matches!(error, Error::DistortedView { index: 1, .. }), "{error}");
+    assert!(error.to_string().contains("colmap image_undistorter"), "{error}");
     let mut nan = scene.clone();
     nan.log_scales[4][1] = f32::NAN;
     assert!(matches!(new(&nan, &good, options(1)), Err(Error::Scene(_))));

@@ -55,7 +55,7 @@ fn hardware() -> std::result::Result<wgpu::Adapter, String> {
 }
 
 /// Name of the hardware adapter, or why there is none.
-pub(crate) fn find() -> std::result::Result<String, String> {
+pub(crate) fn hardware_name() -> std::result::Result<String, String> {
     hardware().map(|a| describe(&a))
 }
 

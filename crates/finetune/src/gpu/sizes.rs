@@ -64,7 +64,7 @@ impl Sizes {
             ("tile_histogram", 16 * self.tile_blocks()),
             ("ids", capacity),
             ("list_positions", capacity),
-            // One more than there are: `reaching` looks ahead.
+            // `reaching` reads up to one word beyond the last byte.
             ("hits", capacity.div_ceil(4) + 2),
             ("offsets", tiles + 1),
             ("pixels", 1024 * tiles),

@@ -73,8 +73,8 @@ impl FineTune {
     ///
     /// # Errors
     /// [`Error::Scene`] if the scene is not valid, [`Error::NoViews`], [`Error::PhotoSize`],
-    /// [`Error::ViewSize`], [`Error::Option`]; [`Error::NoAdapter`] for [`Backend::Gpu`] without
-    /// one; [`Error::Io`], [`Error::Checkpoint`] and [`Error::CheckpointMismatch`] for an
+    /// [`Error::ViewSize`], [`Error::DistortedView`], [`Error::Option`]; [`Error::NoAdapter`] for
+    /// [`Backend::Gpu`] without one; [`Error::Io`], [`Error::Checkpoint`] and [`Error::CheckpointMismatch`] for an
     /// existing checkpoint.
     pub fn new(scene: Scene, views: Vec<TrainView>, options: FineTuneOptions) -> Result<Self> {
         Self::build(scene, views, options, backend::choose, on_gpu)

@@ -14,7 +14,8 @@ pub struct TrainView {
     pub photo: Image,
 }
 
-/// Checks that there are views, and that each has a possible size and a photo of that size.
+/// Checks that there are views, and that each has an undistorted camera of a possible size and a photo
+/// of that size.
 pub(super) fn check_views(views: &[TrainView]) -> Result<()> {
     if views.is_empty() {
         return Err(Error::NoViews);
@@ -24,6 +25,9 @@ pub(super) fn check_views(views: &[TrainView]) -> Result<()> {
         let name = camera.name.clone();
         if width == 0 || height == 0 || !camera.image_fits() {
             return Err(Error::ViewSize { index, name, width, height });
+        }
+        if let Some(model) = camera.ignored_distortion.clone() {
+            return Err(Error::DistortedView { index, name, model });
         }
         let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
         if (photo.width, photo.height) != (width, height) || !is_complete {
