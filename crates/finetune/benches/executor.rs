@@ -73,7 +73,7 @@ fn steps(c: &mut Criterion) {
     group.finish();
 }
 
-/// The same in processor time, which other processes on the machine do not disturb.
+/// The same in processor time, which other processes on the machine do not affect.
 fn processor_time(_: &mut Criterion) {
     let (scene, camera, photo) = setup();
     let mut probe = Probe::new(&scene, &camera, &photo);

@@ -15,7 +15,7 @@ fn measure(work: &mut dyn FnMut()) -> Option<(f64, f64)> {
     work();
     let (start, mut least, mut n) = (scene::cpu_seconds()?, f64::MAX, 0);
     loop {
-        // Several runs a reading: the clock's ticks are 10 ms.
+        // Several runs per reading, because the clock has ticks of 10 ms.
         let from = scene::cpu_seconds()?;
         let mut batch = 0;
         while scene::cpu_seconds()? - from < 0.25 {

@@ -1,4 +1,4 @@
-//! Which executor runs.
+//! The choice of the executor.
 
 use crate::error::{Error, Result};
 
@@ -15,13 +15,24 @@ pub enum Backend {
     Auto,
 }
 
-/// What was chosen, and why.
+/// The chosen executor, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BackendReport {
     /// [`Backend::Cpu`] or [`Backend::Gpu`].
     pub used: Backend,
     /// One line for the user.
     pub reason: String,
+}
+
+/// In plain words, for messages: `CPU`, `GPU` or `automatic`.
+impl std::fmt::Display for Backend {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Cpu => "CPU",
+            Self::Gpu => "GPU",
+            Self::Auto => "automatic",
+        })
+    }
 }
 
 impl std::str::FromStr for Backend {
@@ -37,7 +48,7 @@ impl std::str::FromStr for Backend {
     }
 }
 
-/// Resolves a choice.
+/// Chooses the executor.
 ///
 /// # Errors
 /// [`Error::NoAdapter`] for [`Backend::Gpu`] without one.
@@ -45,11 +56,11 @@ pub fn choose(wanted: Backend) -> Result<BackendReport> {
     let cpu = |reason: String| Ok(BackendReport { used: Backend::Cpu, reason });
     match wanted {
         Backend::Cpu => cpu(format!("cpu: asked for; {} threads", rayon::current_num_threads())),
-        Backend::Gpu => match find() {
+        Backend::Gpu => match hardware_name() {
             Ok(name) => Ok(BackendReport { used: Backend::Gpu, reason: format!("gpu: {name}") }),
             Err(reason) => Err(Error::NoAdapter { reason }),
         },
-        Backend::Auto => match find() {
+        Backend::Auto => match hardware_name() {
             Ok(name) => Ok(BackendReport { used: Backend::Gpu, reason: format!("gpu: {name}") }),
             Err(reason) => cpu(format!("cpu: {reason}; {} threads", rayon::current_num_threads())),
         },
@@ -57,10 +68,10 @@ pub fn choose(wanted: Backend) -> Result<BackendReport> {
 }
 
 #[cfg(feature = "gpu")]
-use crate::gpu::find;
+use crate::gpu::adapter::hardware_name;
 
 /// Name of the hardware adapter that would be used, or why there is none.
 #[cfg(not(feature = "gpu"))]
-fn find() -> std::result::Result<String, String> {
+fn hardware_name() -> std::result::Result<String, String> {
     Err("built without the feature `gpu`".into())
 }

@@ -3,18 +3,21 @@
 use std::path::PathBuf;
 
 /// What can go wrong in this crate.
+///
+/// A message contains its cause. [`std::error::Error::source`] is therefore always `None`: whoever
+/// prints the chain of causes prints each of them once.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file could not be read or written.
-    #[error("{}: cannot {action}: {source}", file.display())]
+    #[error("{}: cannot {action}: {cause}", file.display())]
     Io {
         /// The file.
         file: PathBuf,
         /// What was tried: `read`, `write`, `rename`.
         action: &'static str,
         /// The operating system's reason.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A checkpoint that cannot be used.
     #[error("{}: not a usable checkpoint: at byte {offset}: {reason}", file.display())]
@@ -34,12 +37,15 @@ pub enum Error {
     },
     /// The scene is not valid.
     #[error("invalid scene: {0}")]
-    Scene(#[from] gs_model::Error),
+    Scene(gs_model::Error),
     /// There is nothing to train on.
     #[error("no training views")]
     NoViews,
     /// A photo whose size is not its camera's.
-    #[error("view {index} ({name}): the photo has {photo:?} pixels, the camera {camera:?}")]
+    #[error(
+        "view {index} ({name}): the photo has {}x{} pixels, the camera {}x{}",
+        photo.0, photo.1, camera.0, camera.1
+    )]
     PhotoSize {
         /// Index of the view.
         index: usize,
@@ -50,7 +56,7 @@ pub enum Error {
         /// Width and height of the camera.
         camera: (u32, u32),
     },
-    /// A view of no pixels or of more than [`crate::MAX_IMAGE_EDGE`] along an edge.
+    /// A view of no pixels, or too large ([`gs_model::Camera::image_fits`]).
     #[error("view {index} ({name}): cannot train on {width}x{height} pixels")]
     ViewSize {
         /// Index of the view.
@@ -61,6 +67,20 @@ pub enum Error {
         width: u32,
         /// Height in pixels.
         height: u32,
+    },
+    /// A view whose camera leaves out a lens distortion ([`gs_model::Camera::ignored_distortion`]): its
+    /// photo cannot be compared with renders.
+    #[error(
+        "view {index} ({name}): the camera has the distorted model {model}: undistort the images first \
+         with `colmap image_undistorter`"
+    )]
+    DistortedView {
+        /// Index of the view.
+        index: usize,
+        /// Its camera's name.
+        name: String,
+        /// The distortion.
+        model: String,
     },
     /// An option out of range.
     #[error("option {option}: {value} is not {expected}")]
@@ -78,10 +98,10 @@ pub enum Error {
         /// Why not.
         reason: String,
     },
-    /// The GPU refused or failed.
+    /// The GPU failed, or cannot hold the run.
     #[error("GPU: {reason}")]
     Gpu {
-        /// What it said.
+        /// Why.
         reason: String,
     },
 }
@@ -89,12 +109,18 @@ pub enum Error {
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
+impl From<gs_model::Error> for Error {
+    fn from(error: gs_model::Error) -> Self {
+        Self::Scene(error)
+    }
+}
+
 impl Error {
     pub(crate) fn io(
         file: impl Into<PathBuf>,
         action: &'static str,
     ) -> impl FnOnce(std::io::Error) -> Self {
         let file = file.into();
-        move |source| Self::Io { file, action, source }
+        move |cause| Self::Io { file, action, cause }
     }
 }

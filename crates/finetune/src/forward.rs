@@ -51,11 +51,11 @@ impl Forward {
 /// Renders `scene` as `camera` sees it. Values are not clamped above 1.
 ///
 /// Runs on all threads of the current rayon pool; the result does not depend on their number.
-/// A scene whose arrays have inconsistent lengths is drawn as empty, and a camera with more than
-/// [`crate::MAX_IMAGE_EDGE`] pixels along an edge gives an image of no pixels.
+/// A scene whose arrays have inconsistent lengths is drawn as empty. A camera whose image is too large
+/// ([`Camera::image_fits`]) gives an image of no pixels.
 #[must_use]
 pub fn render(scene: &Scene, camera: &Camera, options: &RenderOptions) -> Image {
-    if camera.width.max(camera.height) > crate::MAX_IMAGE_EDGE {
+    if !camera.image_fits() {
         return Image::default();
     }
     let view = View::new(camera, options);

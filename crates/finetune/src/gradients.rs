@@ -1,4 +1,4 @@
-//! One loss evaluation with all gradients, for tests and for callers with their own optimiser.
+//! A loss and all its gradients, for tests and for callers with their own optimiser.
 
 use gs_model::{Camera, Scene};
 
@@ -24,8 +24,8 @@ pub struct Gradients {
     pub d_rotation: Vec<[f32; 4]>,
     /// With respect to [`Scene::means`].
     pub d_mean: Vec<[f32; 3]>,
-    /// Squared length of the gradient with respect to the projected mean, per pixel squared: a
-    /// measure of how much the Gaussian still wants to move.
+    /// Squared length of the gradient with respect to the projected mean, per pixel squared. It tells
+    /// how far a Gaussian is from a position that fits the photo.
     pub image_gradient2: Vec<f32>,
 }
 

@@ -5,15 +5,17 @@
 //! SH coefficients, opacities, scales and rotations, but not the means, which stay at the
 //! centres of their voxels.
 //!
-//! - [`render`] draws a scene, [`metrics`] scores it, [`saliency`] says which Gaussians matter.
-//! - [`gradients`] gives one loss with all its gradients, for an optimiser of your own.
+//! - [`render`] draws a scene, [`metrics`] compares images, [`saliency`] measures how much each
+//!   Gaussian contributes to a set of views.
+//! - [`seen_opacity_share`] and [`photo_match`] tell cameras and photos of another scene.
+//! - [`gradients`] gives a loss and its gradients, for other optimisers.
 //! - [`FineTune`] runs Adam with a decaying rate, early stop, checkpoints, and, if asked, the
 //!   codec's quantiser in the loop ([`Quantization`]).
 //!
 //! There is one list of stages (project, depth sort, tile lists, blend, loss, blend adjoint,
 //! gather, projection adjoint and Adam) and two executors of it: Rust on all cores, and WGSL on
-//! wgpu with the feature `gpu`. The mathematics of a splat is one text that is both Rust and
-//! WGSL. Every float sum has one fixed order, so the result does not depend on the number of
+//! wgpu with the feature `gpu`. The mathematics of a splat is one source text that compiles as Rust
+//! and as WGSL. Every float sum has a fixed order, so the result does not depend on the number of
 //! threads or on the scheduling. The conventions are those of Inria's 2023 rasterizer (0.3
 //! pixels of blur, alpha capped at 0.99 and cut at 1/255, stop at a transmittance of 1e-4).
 //!
@@ -21,17 +23,8 @@
 //! use finetune::{FineTune, FineTuneOptions, Image, RenderOptions, TrainView, metrics, render};
 //! use gs_model::{Camera, Scene};
 //!
-//! let camera = Camera {
-//!     name: "front".into(),
-//!     width: 32,
-//!     height: 24,
-//!     fx: 30.0,
-//!     fy: 30.0,
-//!     cx: 16.0,
-//!     cy: 12.0,
-//!     rotation: glam::DMat3::IDENTITY,
-//!     translation: glam::DVec3::new(0.0, 0.0, 2.0),
-//! };
+//! let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
+//! let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [32, 24], 30.0);
 //! let mut scene = Scene {
 //!     means: vec![[0.0; 3]],
 //!     rotations: vec![[1.0, 0.0, 0.0, 0.0]],
@@ -55,7 +48,10 @@
 //! # Ok::<(), finetune::Error>(())
 //! ```
 
+#![cfg_attr(docsrs, feature(doc_cfg))]
+
 pub mod backend;
+mod camera_check;
 mod error;
 mod forward;
 #[cfg(feature = "gpu")]
@@ -77,6 +73,7 @@ mod stages;
 mod train;
 
 pub use backend::{Backend, BackendReport};
+pub use camera_check::{PhotoMatch, photo_match, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 pub use gradients::{Gradients, gradients};
@@ -85,9 +82,7 @@ pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use sensitivity::covariance_sensitivity;
-pub use train::{
-    FineTune, FineTuneOptions, MAX_IMAGE_EDGE, Outcome, Progress, StopReason, TrainView,
-};
+pub use train::{FineTune, FineTuneOptions, Outcome, Progress, StopReason, TrainView};
 
 // The README's example is a test too.
 #[cfg(doctest)]

@@ -1,4 +1,5 @@
 //! PSNR and SSIM.
+
 use crate::image::Image;
 
 /// PSNR in dB, peak 1, over all pixels and channels; values of `a` and `b` are clamped to 0..=1
@@ -23,8 +24,8 @@ pub fn psnr(a: &Image, b: &Image) -> f64 {
     -10.0 * libm::log10(sum / a.rgb.len() as f64)
 }
 
-/// The same, with `a` rounded to 8 bits first: the figure that one gets from saved PNGs, as
-/// the reference code does.
+/// As [`psnr`], with `a` rounded to 8 bits first: the figure of saved PNGs, as in the reference
+/// implementation.
 #[must_use]
 pub fn psnr8(a: &Image, b: &Image) -> f64 {
     match Image::from_rgb8(a.width, a.height, &a.to_rgb8()) {

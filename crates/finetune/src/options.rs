@@ -1,9 +1,9 @@
 //! [`RenderOptions`] and [`Profile`].
 
-/// Which pixels a Gaussian reaches.
+/// Which pixels a Gaussian affects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Profile {
-    /// Up to the contour where alpha falls below 1/255, tiles tested exactly. The default.
+    /// Those inside the contour where alpha falls below 1/255; tiles are tested exactly. The default.
     #[default]
     Tight,
     /// As Inria's 2023 rasterizer: all tiles that touch the square of half-width
@@ -15,7 +15,7 @@ pub enum Profile {
 /// How to render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RenderOptions {
-    /// Which pixels a Gaussian reaches.
+    /// Which pixels a Gaussian affects.
     pub profile: Profile,
     /// Background colour, RGB.
     pub background: [f32; 3],

@@ -1,4 +1,5 @@
-//! Single stages for benchmarks. Not part of the API.
+//! Single stages, checkpoints and variants for benchmarks and fuzzing. Not part of the API: it may
+//! change without notice.
 
 use gs_model::{Camera, Scene};
 
@@ -60,8 +61,8 @@ impl Probe {
         self.pass.forward.last.iter().map(|&l| u64::from(l) * 256).sum()
     }
 
-    /// Those of [`Probe::pairs`] in rows that the splat reaches: what the Rust executor's `blend`
-    /// evaluates, less the rows that have stopped.
+    /// The pairs of [`Probe::pairs`] in rows that the splat reaches. The Rust executor's `blend`
+    /// evaluates these, except those in rows that have stopped.
     #[must_use]
     pub fn visited(&self) -> u64 {
         use crate::stages::TILE;
@@ -144,7 +145,7 @@ impl DeviceProbe {
 
 pub use crate::stages::project::TileTest;
 
-/// What a rasterizer may do otherwise, to trade time for accuracy.
+/// Approximations that trade accuracy for time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variant {
     /// Which tiles a splat is listed in.
@@ -216,7 +217,7 @@ impl DeviceStages {
     pub fn new(scene: &Scene, view: crate::TrainView) -> crate::Result<Self> {
         use crate::gpu::{Context, GpuExecutor};
         use crate::stages::adam::{AdamStep, Moments};
-        use crate::train::Executor as _;
+        use crate::train::executor::Executor as _;
         let options = crate::FineTuneOptions::default();
         let moments = Moments::zeros(scene);
         let context = Context::software()?;
@@ -318,7 +319,7 @@ pub fn software_steps(
 ) -> crate::Result<std::time::Duration> {
     use crate::gpu::{Context, GpuExecutor};
     use crate::stages::adam::{AdamStep, Moments};
-    use crate::train::Executor as _;
+    use crate::train::executor::Executor as _;
     let options = crate::FineTuneOptions::default();
     let count = views.len();
     let moments = Moments::zeros(scene);

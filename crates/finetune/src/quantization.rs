@@ -1,4 +1,4 @@
-//! Quantisation in the loop.
+//! Quantisation in the loop: the fine-tune renders what a decoder would have.
 
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -13,12 +13,12 @@ pub enum QuantizationMode {
     UniformNoise,
 }
 
-/// Attributes pass through the codec's quantiser before they are rendered, so that the model
-/// learns to be robust against it. Steps are absolute, in the space of [`Scene`]'s arrays; zero
-/// leaves an attribute alone.
+/// Quantises the attributes before they are rendered, as the codec does, so that the model becomes
+/// robust against it. Steps are absolute, in the space of [`Scene`]'s arrays. An attribute whose step
+/// is zero stays as it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quantization {
-    /// How.
+    /// How attributes are disturbed.
     pub mode: QuantizationMode,
     /// Step of the SH DC coefficients.
     pub sh_dc: f32,
@@ -32,8 +32,8 @@ pub struct Quantization {
     pub rotation: f32,
 }
 
-/// A hash of three words as a uniform number in -0.5..0.5. Counter-based: any thread can
-/// compute any entry.
+/// A hash of three words as a uniform number in -0.5..0.5. Any thread can compute any entry, because
+/// it does not depend on other entries.
 fn noise(seed: u32, step: u32, index: u32) -> f32 {
     let mut h = seed ^ step.wrapping_mul(0x9e37_79b9) ^ index.wrapping_mul(0x85eb_ca6b);
     h ^= h >> 16;

@@ -1,4 +1,4 @@
-//! How much each Gaussian contributes to a set of views.
+//! Blending weights: how much each Gaussian contributes to a set of views.
 
 use gs_model::{Camera, Scene};
 

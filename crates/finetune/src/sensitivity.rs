@@ -1,4 +1,4 @@
-//! How much the views change with the covariance of each Gaussian.
+//! How strongly the views depend on the covariance of each Gaussian.
 
 use gs_model::{Camera, Scene};
 
@@ -10,13 +10,13 @@ use crate::options::{Loss, RenderOptions};
 /// pixel with respect to the three log-scales and to a rotation about the three axes (radians).
 /// The squared error of the views grows by this times the square of a small error in them.
 ///
-/// An estimate, unbiased (Hutchinson): each view is differentiated once along a direction of
-/// random signs, one per pixel and channel, whose squared derivative has the wanted sum as its
-/// mean. The signs are a hash of the view's and the pixel's number, so the result is always the
-/// same. Costs two forward passes and one backward pass per camera.
+/// This is Hutchinson's unbiased estimate: each view is differentiated once along a direction of
+/// random signs, one per pixel and channel, and the mean of the squared derivative is the sum above.
+/// The signs are a hash of the view's and the pixel's number, so the result is always the same. Costs
+/// two forward passes and one backward pass per camera.
 #[must_use]
 pub fn covariance_sensitivity(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
-    /// Difference between the render and the made-up photo; its size cancels.
+    /// Difference between the render and the artificial photo. The result does not depend on it.
     const SIZE: f32 = 0.25;
     let mut out = vec![0.0f32; scene.len()];
     let options = RenderOptions::default();
@@ -73,6 +73,7 @@ mod tests {
             cy: 96.0,
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::new(0.0, 0.0, 20.0),
+            ignored_distortion: None,
         };
         let found = covariance_sensitivity(&scene, std::slice::from_ref(&camera));
         assert_eq!(found, covariance_sensitivity(&scene, std::slice::from_ref(&camera)));

@@ -11,32 +11,32 @@ use crate::stages::consts::*;
 pub(crate) const DISPATCH_ROW: u32 = 32_768;
 /// Pairs that one workgroup of the radix sort handles.
 pub(crate) const RADIX_BLOCK: u32 = 1024;
-#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
 /// Values that one workgroup of the scan handles.
+#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
 pub(crate) const SCAN_BLOCK: u32 = 1024;
-/// Splats whose partial sums `blend_adjoint` keeps in workgroup memory: 16 KiB hold no more.
+/// Splats whose partial sums `blend_adjoint` keeps in workgroup memory: the most that fit in 16 KiB.
 const RECORD_BATCH: u32 = 16;
 /// Tiles that one workgroup of `blend` and `blend_adjoint` handles.
 pub(crate) const GROUP_TILES: u32 = 4;
-/// Blocks of a tile, a lane each: two columns of four.
+/// Blocks of a tile, two columns of four; a lane handles a block.
 pub(crate) const BLOCKS: u32 = 8;
-/// Pixels of a run, a lane each, in the stage `loss`.
+/// Pixels of a run in the stage `loss`, where a lane handles a run.
 #[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
 pub(crate) const LOSS_RUN: u32 = 8;
 
-/// What F means in the shared mathematics of a shader.
+/// The type F of the shared mathematics in a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Width {
-    One,
-    Four,
+enum ScalarType {
+    F32,
+    Vec4,
 }
 
-/// A shader module: its own file and the pieces before it.
+/// A shader module: the entry points of a stage, and the texts that it is made of, its own file last.
 #[derive(Debug)]
 pub(crate) struct Shader {
     pub(crate) name: &'static str,
     pub(crate) entries: &'static [&'static str],
-    width: Width,
+    scalar: ScalarType,
     parts: &'static [&'static str],
 }
 
@@ -59,7 +59,7 @@ pub(crate) const SHADERS: &[Shader] = &[
     Shader {
         name: "project",
         entries: &["project"],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[
             SCALAR,
             PROJECT,
@@ -74,37 +74,37 @@ pub(crate) const SHADERS: &[Shader] = &[
     Shader {
         name: "sort",
         entries: &["sort_count", "sort_scatter"],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[STEP, include_str!("stages/sort.wgsl")],
     },
     Shader {
         name: "scan",
         entries: &["scan_local", "scan_add"],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[STEP, include_str!("stages/scan.wgsl")],
     },
     Shader {
         name: "emit",
         entries: &["rank_counts", "check_capacity", "emit"],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[REACH, STEP, TOUCHES, include_str!("stages/emit.wgsl")],
     },
     Shader {
         name: "ranges",
         entries: &["ranges"],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[STEP, include_str!("stages/ranges.wgsl")],
     },
     Shader {
         name: "reach",
         entries: &["reach"],
-        width: Width::Four,
+        scalar: ScalarType::Vec4,
         parts: &[REACH, STEP, SPLAT, include_str!("stages/reach.wgsl")],
     },
     Shader {
         name: "blend",
         entries: &["blend"],
-        width: Width::Four,
+        scalar: ScalarType::Vec4,
         parts: &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend.wgsl")],
     },
     Shader {
@@ -117,25 +117,25 @@ pub(crate) const SHADERS: &[Shader] = &[
             "loss_blocks",
             "loss_total",
         ],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[STEP, include_str!("stages/loss.wgsl")],
     },
     Shader {
         name: "blend_adjoint",
         entries: &["blend_adjoint"],
-        width: Width::Four,
+        scalar: ScalarType::Vec4,
         parts: &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend_adjoint.wgsl")],
     },
     Shader {
         name: "gather",
         entries: &["gather"],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[STEP, SPLAT, include_str!("stages/gather.wgsl")],
     },
     Shader {
         name: "adam",
         entries: &["adam"],
-        width: Width::One,
+        scalar: ScalarType::F32,
         parts: &[
             SCALAR,
             PROJECT,
@@ -163,9 +163,9 @@ impl Shader {
     }
 
     fn constants(&self, out: &mut String) -> std::fmt::Result {
-        let aliases = match self.width {
-            Width::One => ["f32", "bool", "i32", "u32"].map(String::from),
-            Width::Four => ["f32", "bool", "i32", "u32"].map(|t| format!("vec4<{t}>")),
+        let aliases = match self.scalar {
+            ScalarType::F32 => ["f32", "bool", "i32", "u32"].map(String::from),
+            ScalarType::Vec4 => ["f32", "bool", "i32", "u32"].map(|t| format!("vec4<{t}>")),
         };
         for (name, alias) in ["F", "B", "I", "U"].iter().zip(&aliases) {
             writeln!(out, "alias {name} = {alias};")?;
@@ -205,8 +205,8 @@ impl Shader {
 }
 
 /// Unrolls blocks of lines between `//@each NAME VALUES` and `//@end`: once per value, with `$NAME`
-/// replaced by it; blocks may nest. WGSL has no macros, and compilers keep an array that a loop
-/// indexes in memory, where the eight vectors of a lane's pixels have to be in registers.
+/// replaced by it; blocks may nest. WGSL has no macros, and compilers keep an array that a loop indexes in
+/// memory, but the eight vectors of a lane's pixels must be in registers.
 fn repeat(source: &str) -> String {
     let mut out = String::with_capacity(source.len());
     let mut lines = source.lines();
@@ -235,7 +235,7 @@ fn repeat(source: &str) -> String {
     out
 }
 
-/// The exact decimal value: no parser can round it to another f32.
+/// The exact decimal value, which every parser converts back to the same f32.
 fn exact(value: f32) -> String {
     format!("{:e}", f64::from(value))
 }
@@ -256,7 +256,7 @@ pub(crate) struct Binding {
     pub(crate) access: Access,
 }
 
-/// The bindings of one of our own sources: lines of the form
+/// The bindings of a shader's source: lines of the form
 /// `@group(0) @binding(3) var<storage, read> name: type;`.
 pub(crate) fn bindings(source: &str) -> Vec<Binding> {
     let mut out = Vec::new();
@@ -283,8 +283,8 @@ mod tests {
     use naga::back;
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-    /// Every shader, with no optional capability, to every language that a backend of wgpu
-    /// reads. There is no adapter in this test.
+    /// Every shader is valid without optional capabilities and translates to every language that a
+    /// backend of wgpu reads. The test needs no adapter.
     #[test]
     fn every_shader_is_valid_and_translates_everywhere() {
         for shader in SHADERS {

@@ -1,9 +1,8 @@
 //! Run-time choice of the vector instruction set.
 //!
-//! The hot loops are plain Rust over `[f32; 16]` lanes that the compiler vectorises. Built for
-//! baseline x86-64 they would get SSE2; this module instantiates them for AVX2 and AVX-512 as
-//! well and picks one at run time. Rust never contracts `a * b + c`, so all instances give the
-//! same bits.
+//! The hot loops are plain Rust over `[f32; 16]` lanes that the compiler vectorises. For baseline
+//! x86-64 it would use SSE2. This module also compiles them for AVX2 and AVX-512 and picks a version
+//! at run time. Rust never fuses `a * b + c`, so all versions give the same bits.
 #![allow(unsafe_code, reason = "calls to #[target_feature] functions after detection")]
 
 /// A computation that [`run`] compiles once per instruction set. `call` must be
@@ -11,7 +10,7 @@
 pub(crate) trait Kernel {
     /// What the computation returns.
     type Output;
-    /// Does the work.
+    /// The computation.
     fn call(self) -> Self::Output;
 }
 

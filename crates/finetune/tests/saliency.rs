@@ -1,5 +1,5 @@
 #![allow(clippy::disallowed_methods, reason = "a test of a rasterizer, not of a bitstream")]
-//! Blending weights: what they add up to, and what their squares are.
+//! Blending weights: their sum is the image, and their squares are its energy.
 
 use finetune::{RenderOptions, render, saliency_per_view};
 use glam::{DMat3, DVec3};
@@ -16,6 +16,7 @@ fn camera() -> Camera {
         cy: 20.0,
         rotation: DMat3::IDENTITY,
         translation: DVec3::new(0.0, 0.0, 4.0),
+        ignored_distortion: None,
     }
 }
 
@@ -48,8 +49,8 @@ fn weights_add_up_to_the_white_image() {
     assert!(pixels > 100.0 && (pixels - total).abs() < 1e-4 * pixels, "{pixels} {total}");
 }
 
-// The derivative of half the squared image with respect to one Gaussian's colour, taken at a
-// scene where only that Gaussian is white, is its sum of squared weights.
+// If only one Gaussian is white and all others are black, each pixel is its weight, so the squared
+// image is the sum of its squared weights.
 #[test]
 fn squares_are_the_energy_of_one_gaussian() {
     let (white, camera) = (scene(25), camera());

@@ -1,4 +1,4 @@
-//! What is skipped does not matter: each skip against the same work done in full.
+//! Everything that the rasterizer skips has no effect: each skip against the full computation.
 
 mod common;
 
@@ -15,7 +15,7 @@ fn cameras() -> Vec<gs_model::Camera> {
         .collect()
 }
 
-/// A scene with Gaussians that nothing shows: behind the camera, transparent, covered.
+/// A scene with invisible Gaussians: behind the camera, transparent, covered.
 fn crowded() -> Scene {
     let mut s = common::scene(400, 2, 3);
     for i in 0..400 {
@@ -40,7 +40,7 @@ fn gaussians_without_weight_can_be_dropped() {
         let options = RenderOptions { background: [0.1, 0.5, 0.2], ..Default::default() };
         assert_eq!(render(&scene, camera, &options), render(&less, camera, &options));
     }
-    // And the weights of the others are what they were.
+    // The weights of the others stay the same.
     let again = saliency(&less, &cameras);
     assert!(kept.iter().zip(&again).all(|(&i, w)| weights[i].to_bits() == w.to_bits()));
 }

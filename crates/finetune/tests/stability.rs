@@ -1,5 +1,5 @@
-//! Stress inputs: nothing that leaves the rasterizer is NaN or infinite, and where the f64
-//! oracle can follow, the image agrees with it. Prints the table of docs/results/stability.md:
+//! Stress inputs: no output of the rasterizer is NaN or infinite, and where the f64 oracle is finite
+//! the image agrees with it. Prints the table of docs/results/stability.md:
 //! `cargo test -p finetune --test stability -- --nocapture --test-threads 1`.
 #![allow(clippy::disallowed_methods, reason = "a test")]
 
@@ -21,6 +21,7 @@ fn straight(width: u32, height: u32, focal: f64) -> Camera {
         cy: f64::from(height) / 2.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
+        ignored_distortion: None,
     }
 }
 
@@ -79,7 +80,7 @@ fn against_oracle(scene: &Scene, camera: &Camera) -> (f64, usize) {
     (worst, doubtful)
 }
 
-/// The same, and in the middle the worst difference over all pixels.
+/// As [`against_oracle`], with the worst difference over all pixels as the second value.
 fn all_pixels(scene: &Scene, camera: &Camera) -> (f64, f64, usize) {
     let background = [0.2f32, 0.3, 0.4];
     let options = RenderOptions { background, ..RenderOptions::default() };
@@ -216,7 +217,7 @@ fn degenerate_cameras_and_broken_scenes() {
     for (k, camera) in cameras.iter().enumerate() {
         finite_everywhere(&format!("camera {k}"), &scene, camera);
     }
-    // A camera in the very place of a mean.
+    // A camera at the position of a mean.
     let mut inside = base.clone();
     inside.translation = -glam::DVec3::from(scene.means[0].map(f64::from));
     finite_everywhere("inside", &scene, &inside);
@@ -263,7 +264,7 @@ proptest! {
         let camera = straight(20, 20, 15.0);
         let image = render(&scene, &camera, &RenderOptions::default());
         prop_assert!(image.rgb.iter().all(|v| v.is_finite()));
-        // Finite colours only: the loss of a photo against 1e38 is infinite by definition.
+        // Finite colours only: the loss against a colour of 1e38 is infinite by definition.
         if image.rgb.iter().all(|v| v.abs() < 1e3) {
             finite_everywhere("poisoned", &scene, &camera);
         }

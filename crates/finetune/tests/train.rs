@@ -1,5 +1,5 @@
-//! The fine-tune: it recovers a spoilt model, gives the same bits for any number of threads,
-//! resumes to the same bits, and stops as told.
+//! The fine-tune recovers a spoilt model, gives the same bits for any number of threads and after
+//! a resumption, and stops as the options say.
 
 mod common;
 
@@ -201,7 +201,7 @@ fn quantisation_in_the_loop_makes_the_quantised_model_better() {
             .sum();
         sum / views.len() as f64
     };
-    // One run's gain depends on where the roundings happen to fall: the mean of several.
+    // The gain of one run depends on how values happen to round, so the test takes a mean.
     let mut gain = 0.0;
     for seed in 0..3 {
         let o = || FineTuneOptions { seed, ..options(1500) };
@@ -229,6 +229,11 @@ fn bad_input_is_an_error() {
     bad[1].photo = Image::new(0, 0);
     bad[1].camera.width = 0;
     assert!(matches!(new(&scene, &bad, options(1)), Err(Error::ViewSize { index: 1, .. })));
+    let mut distorted = good.clone();
+    distorted[1].camera.ignored_distortion = Some("SIMPLE_RADIAL".into());
+    let error = new(&scene, &distorted, options(1)).unwrap_err();
+    assert!(matches!(error, Error::DistortedView { index: 1, .. }), "{error}");
+    assert!(error.to_string().contains("colmap image_undistorter"), "{error}");
     let mut nan = scene.clone();
     nan.log_scales[4][1] = f32::NAN;
     assert!(matches!(new(&nan, &good, options(1)), Err(Error::Scene(_))));

@@ -1,4 +1,4 @@
-//! Throughput of the PLY reader and writer on a degree-3 model, bytes of the file per second.
+//! Throughput of the PLY reader and writer on a model of SH degree 3, bytes of the file per second.
 
 use std::hint::black_box;
 
@@ -57,7 +57,7 @@ fn bench(c: &mut Criterion) {
             ply::write_to(&mut out, black_box(&scene))
         });
     });
-    // What any reader must at least do: touch every byte once and store it elsewhere.
+    // The least that any reader does: read every byte once and store it.
     group.bench_function("copy", |b| b.iter(|| black_box(&binary).clone()));
     group.throughput(Throughput::Bytes(text.len() as u64));
     group.bench_function("read ascii", |b| b.iter(|| ply::read_bytes(black_box(&text))));

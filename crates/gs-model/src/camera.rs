@@ -5,6 +5,20 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
+use crate::image_limits::size_fits;
+pub use crate::image_limits::{MAX_IMAGE_EDGE, MAX_IMAGE_PIXELS};
+
+/// What to do with a camera whose lens distorts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LensDistortion {
+    /// Fail with [`Error::DistortedCamera`]. Comparing a render with the photo needs this.
+    #[default]
+    Refuse,
+    /// Read the focal lengths, principal point and pose as those of a pinhole camera, and say so in
+    /// [`Camera::ignored_distortion`]. The view is then about right, which is enough to find out
+    /// what a set of cameras sees.
+    Ignore,
+}
 
 /// A pinhole camera. Camera axes are x right, y down, z forward (COLMAP and Inria).
 ///
@@ -31,6 +45,9 @@ pub struct Camera {
     pub rotation: DMat3,
     /// World-to-camera translation.
     pub translation: DVec3,
+    /// The lens distortion that the reader left out, as the file names it: a COLMAP camera model
+    /// or a coefficient. `None` if the camera file has no distortion.
+    pub ignored_distortion: Option<String>,
 }
 
 impl Camera {
@@ -42,7 +59,7 @@ impl Camera {
 
     /// A camera at `eye` that looks at `target`, with square pixels of focal length `focal` (in
     /// pixels) and its principal point at the image's centre. `up` is the world direction that is
-    /// up in the image; where it is that of the view, some other one stands in.
+    /// up in the image; if it is parallel to the viewing direction, another direction replaces it.
     #[must_use]
     pub fn looking_at(
         name: String,
@@ -71,11 +88,19 @@ impl Camera {
             cy: 0.5 * f64::from(size[1]),
             rotation,
             translation: -(rotation * eye),
+            ignored_distortion: None,
         }
     }
 
-    /// This camera if it can be one: a size, positive focal lengths, finite numbers, and a
-    /// rotation that is orthonormal to 1e-3 with determinant +1.
+    /// True if the image is within [`MAX_IMAGE_EDGE`] and [`MAX_IMAGE_PIXELS`]. Every camera that
+    /// this crate reads is.
+    #[must_use]
+    pub fn image_fits(&self) -> bool {
+        size_fits(self.width, self.height)
+    }
+
+    /// This camera if it is possible: a size that is not zero, positive focal lengths, finite
+    /// numbers, and a rotation that is orthonormal to 1e-3 with determinant +1.
     ///
     /// `file` is for the message.
     pub(crate) fn checked(self, file: &Path) -> Result<Self> {
@@ -117,15 +142,23 @@ impl Camera {
             return None;
         }
         Some(Self {
-            name: self.name.clone(),
             width,
             height,
             fx: self.fx * sx,
             fy: self.fy * sy,
             cx: self.cx * sx,
             cy: self.cy * sy,
-            ..*self
+            ..self.clone()
         })
+    }
+}
+
+/// The width and height that a file states, if images may have that size. `view` and `file` are for
+/// the message.
+pub(crate) fn checked_size(file: &Path, view: &str, width: u64, height: u64) -> Result<(u32, u32)> {
+    match (u32::try_from(width), u32::try_from(height)) {
+        (Ok(w), Ok(h)) if size_fits(w, h) => Ok((w, h)),
+        _ => Err(Error::ImageTooLarge { file: file.into(), view: view.to_owned(), width, height }),
     }
 }
 
@@ -144,7 +177,16 @@ mod tests {
             cy: f64::from(height) / 2.0,
             rotation: DMat3::IDENTITY,
             translation: DVec3::ZERO,
+            ignored_distortion: None,
         }
+    }
+
+    #[test]
+    fn image_sizes_beyond_the_limits_do_not_fit() {
+        assert!(camera(65_535, 10_922).image_fits() && camera(10_922, 65_535).image_fits());
+        assert!(!camera(65_536, 1).image_fits() && !camera(1, 65_536).image_fits());
+        assert!(camera(26_754, 26_754).image_fits() && !camera(26_756, 26_756).image_fits());
+        assert!(!camera(100_000, 100_000).image_fits() && !camera(u32::MAX, u32::MAX).image_fits());
     }
 
     #[test]

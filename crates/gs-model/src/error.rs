@@ -2,28 +2,31 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::validate::Field;
+use crate::field::Field;
 
 /// The result of this crate's functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// What is wrong, where, and with which value.
 ///
-/// `file` is the path given to the reader; `<bytes>` for data read from memory and `<scene>`
-/// for a [`crate::Scene`] checked in memory. Text taken from a file is cut to 80 characters
-/// and quoted, so that every message is one line.
+/// `file` is the path given to the reader. It is `<bytes>` for data in memory and `<scene>` for
+/// a [`crate::Scene`] in memory. Text taken from a file is cut to 80 characters and quoted, so
+/// every message is one line.
+///
+/// A message contains its cause. [`std::error::Error::source`] is therefore always `None`:
+/// whoever prints the chain of causes prints each of them once.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused.
-    #[error("{}: cannot {action}: {source}", file.display())]
+    #[error("{}: cannot {action}: {cause}", file.display())]
     Io {
         /// The file or folder.
         file: PathBuf,
-        /// What was tried: `read`, `decompress`, `open`, `create`, `write`, `rename`, `list`.
+        /// What was tried: `read`, `open`, `create`, `write`, `rename` or `list`.
         action: &'static str,
         /// The operating system's reason.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
 
     /// The first line is not `ply`.
@@ -109,7 +112,7 @@ pub enum Error {
         /// The property.
         property: String,
     },
-    /// The count of `f_rest_*` properties belongs to no SH degree from 0 to 3.
+    /// The number of `f_rest_*` properties belongs to no SH degree from 0 to 3.
     #[error("{}: {count} f_rest properties; SH degrees 0, 1, 2, 3 have 0, 9, 24, 45", file.display())]
     PlyRestCount {
         /// The file.
@@ -204,8 +207,21 @@ pub enum Error {
         /// Bytes that there are.
         len: usize,
     },
-    /// A scene that SPZ cannot hold.
-    #[error("{}: Gaussian {index}: coordinate {value} is beyond what SPZ holds (+-524287)", file.display())]
+    /// Compressed data of an SPZ file that cannot be decompressed.
+    #[error("{}: the {compression} data is {reason}", file.display())]
+    SpzCompressedData {
+        /// The file.
+        file: PathBuf,
+        /// `gzip` or `Zstandard`.
+        compression: &'static str,
+        /// `cut short` or `broken`.
+        reason: &'static str,
+    },
+    /// A coordinate that SPZ cannot hold.
+    #[error(
+        "{}: Gaussian {index}: coordinate {value} is outside the range of SPZ, -{limit} to {limit}",
+        file.display()
+    )]
     SpzRange {
         /// The file to be written.
         file: PathBuf,
@@ -213,9 +229,11 @@ pub enum Error {
         index: usize,
         /// The coordinate.
         value: f32,
+        /// The largest magnitude that is written: [`crate::spz::MAX_COORDINATE`].
+        limit: f32,
     },
     /// A `.splat` file that is not made of whole rows.
-    #[error("{}: {len} bytes are no whole number of 32-byte rows of a .splat file", file.display())]
+    #[error("{}: {len} bytes are not a whole number of 32-byte rows of a .splat file", file.display())]
     SplatLength {
         /// The file.
         file: PathBuf,
@@ -259,7 +277,11 @@ pub enum Error {
     },
 
     /// A COLMAP binary file ends too early.
-    #[error("{}: truncated at byte {len}: {what} at byte {offset} of {promised} promised entries", file.display())]
+    #[error(
+        "{}: truncated at byte {len}: the header promises {promised} entries, but {what} at byte \
+         {offset} is missing",
+        file.display()
+    )]
     ColmapTruncated {
         /// The file.
         file: PathBuf,
@@ -284,7 +306,7 @@ pub enum Error {
         /// The line.
         text: String,
     },
-    /// A camera model with lens distortion.
+    /// A camera with lens distortion, under [`crate::camera::LensDistortion::Refuse`].
     #[error(
         "{}: camera {camera} has the distorted model {model}: undistort the images first with \
          `colmap image_undistorter`",
@@ -298,10 +320,10 @@ pub enum Error {
         /// COLMAP's name of the model, or the distortion coefficient that is not zero.
         model: String,
     },
-    /// A camera model that COLMAP did not have when this was written.
+    /// A camera model that is not in the list of [`crate::colmap`].
     #[error(
-        "{}: camera {camera}: unknown camera model {model}; only PINHOLE and SIMPLE_PINHOLE are read: \
-         undistort the images first with `colmap image_undistorter`",
+        "{}: camera {camera}: unknown camera model {model}: undistort the images first with \
+         `colmap image_undistorter`",
         file.display()
     )]
     UnknownCameraModel {
@@ -312,7 +334,7 @@ pub enum Error {
         /// The model's id or name.
         model: String,
     },
-    /// An image that names a camera which is not there.
+    /// An image that names a camera that does not exist.
     #[error("{}: image {image:?} names camera {camera}, which is not in the cameras file", file.display())]
     UnknownCamera {
         /// The images file.
@@ -332,7 +354,7 @@ pub enum Error {
         /// The id or name.
         name: String,
     },
-    /// A camera that cannot be: size zero, focal length not positive, or a pose that is not a
+    /// An impossible camera: size zero, focal length not positive, or a pose that is not a
     /// rotation.
     #[error("{}: view {view:?}: {reason}", file.display())]
     BadCamera {
@@ -343,13 +365,32 @@ pub enum Error {
         /// What is wrong.
         reason: &'static str,
     },
+    /// An image size beyond [`crate::camera::MAX_IMAGE_EDGE`] or
+    /// [`crate::camera::MAX_IMAGE_PIXELS`].
+    #[error(
+        "{}: view {view:?}: an image of {width} x {height} pixels is too large: at most {} along an \
+         edge and {} in all",
+        file.display(),
+        crate::image_limits::MAX_IMAGE_EDGE,
+        crate::image_limits::MAX_IMAGE_PIXELS
+    )]
+    ImageTooLarge {
+        /// The file.
+        file: PathBuf,
+        /// Image name or camera id.
+        view: String,
+        /// Width that the file states.
+        width: u64,
+        /// Height that the file states.
+        height: u64,
+    },
     /// Not the JSON that was expected.
-    #[error("{}: {source}", file.display())]
+    #[error("{}: not the JSON of a camera file: {cause}", file.display())]
     Json {
         /// The file.
         file: PathBuf,
-        /// What the JSON reader says, with line and column.
-        source: serde_json::Error,
+        /// The message of the JSON reader, with line and column.
+        cause: serde_json::Error,
     },
 
     /// A folder that is none of the known kinds of data set.
@@ -373,7 +414,7 @@ pub enum Error {
         dir: PathBuf,
     },
     /// A folder with several models, none of them called `point_cloud.ply`.
-    #[error("{}: which model? Found {names}; rename one to point_cloud.ply", dir.display())]
+    #[error("{}: several models: {names}; rename one to point_cloud.ply", dir.display())]
     ManyModels {
         /// The folder.
         dir: PathBuf,
@@ -391,8 +432,8 @@ pub enum Error {
 }
 
 impl Error {
-    pub(crate) fn io(file: &Path, action: &'static str, source: std::io::Error) -> Self {
-        Self::Io { file: file.to_owned(), action, source }
+    pub(crate) fn io(file: &Path, action: &'static str, cause: std::io::Error) -> Self {
+        Self::Io { file: file.to_owned(), action, cause }
     }
 }
 

@@ -1,4 +1,5 @@
-//! Reading a file whole, listing a folder, and writing one so that it appears whole or not at all.
+//! Reads files, lists folders, and writes files atomically: a written file appears whole or not at
+//! all.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -11,7 +12,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::io(path, "read", e))
 }
 
-/// The names in a folder, sorted; none if the folder is not there.
+/// The names in a folder, sorted; none if the folder does not exist.
 pub(crate) fn names(dir: &Path) -> Result<Vec<OsString>> {
     if !dir.is_dir() {
         return Ok(Vec::new());
@@ -26,13 +27,14 @@ pub(crate) fn names(dir: &Path) -> Result<Vec<OsString>> {
 
 /// Calls `write` on a new file beside `path`, then renames it to `path`.
 ///
-/// On any failure the temporary file is removed and what was at `path` stays. The file is not
-/// synced: this guards against a full disk or a killed process, not against a power cut.
+/// On any failure the temporary file is removed and a file that was at `path` stays as it was. The
+/// new file is not synced: this guards against a full disk or a killed process, not against a power
+/// cut.
 pub(crate) fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<()> {
-    // A device or a pipe (/dev/stdout) must be written, not replaced by a file.
+    // A device or a pipe (/dev/stdout) is written to, not replaced by a file.
     if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
         let mut out =
             OpenOptions::new().write(true).open(path).map_err(|e| Error::io(path, "open", e))?;

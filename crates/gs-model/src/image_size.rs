@@ -41,7 +41,7 @@ fn jpeg(input: &mut (impl Read + Seek)) -> io::Result<Option<(u32, u32)>> {
         if byte != 0xff {
             return Ok(None);
         }
-        // Any number of 0xff may come before the marker's code.
+        // Any number of 0xff may precede the marker's code.
         while byte == 0xff {
             [byte] = take(input)?;
         }
@@ -54,11 +54,12 @@ fn jpeg(input: &mut (impl Read + Seek)) -> io::Result<Option<(u32, u32)>> {
                 let (width, height) = (u16::from_be_bytes([w1, w0]), u16::from_be_bytes([h1, h0]));
                 return Ok(Some((u32::from(width), u32::from(height))));
             }
-            // End of image, start of scan: no frame came.
+            // End of image or start of scan before any start of frame.
             0xd9 | 0xda => return Ok(None),
             _ => {
                 let length = u16::from_be_bytes(take(input)?);
-                // The length counts its own two bytes. Beyond the end, the next read fails.
+                // The length includes its own two bytes. After a seek beyond the end, the next
+                // read fails.
                 input.seek(SeekFrom::Current(i64::from(length) - 2))?;
             }
         }
@@ -100,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_segment_length_below_two_ends() {
-        // Length 0 steps back to the segment's own length bytes, which are no marker.
+        // Length 0 steps back to the length bytes of the segment, which are not a marker.
         let bytes = b"\xff\xd8\xff\xe0\0\0\0\0";
         assert_eq!(size(&mut Cursor::new(bytes)).unwrap(), None);
     }

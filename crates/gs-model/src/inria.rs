@@ -11,16 +11,16 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
-use crate::camera::Camera;
-use crate::dataset::View;
+use crate::camera::{Camera, checked_size};
 use crate::error::{Error, Result};
 use crate::fs;
+use crate::view::View;
 
 #[derive(Deserialize)]
 struct Entry {
     img_name: String,
-    width: u32,
-    height: u32,
+    width: u64,
+    height: u64,
     /// Camera centre, world units.
     position: [f64; 3],
     /// Camera to world, row by row.
@@ -32,7 +32,7 @@ struct Entry {
 /// Reads a `cameras.json`, in file order.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`].
+/// [`Error::Io`], [`Error::Json`], [`Error::ImageTooLarge`], [`Error::BadCamera`].
 pub fn read_cameras(file: impl AsRef<Path>) -> Result<Vec<Camera>> {
     let file = file.as_ref();
     parse(file, &fs::read(file)?)
@@ -47,54 +47,55 @@ pub fn cameras_from_bytes(bytes: &[u8]) -> Result<Vec<Camera>> {
 }
 
 fn parse(file: &Path, bytes: &[u8]) -> Result<Vec<Camera>> {
-    let entries: Vec<Entry> = serde_json::from_slice(bytes)
-        .map_err(|source| Error::Json { file: file.into(), source })?;
-    entries
-        .into_iter()
-        .map(|e| {
-            // Columns from rows: the transpose, which is world to camera.
-            let rotation = DMat3::from_cols_array_2d(&e.rotation);
-            Camera {
-                name: e.img_name,
-                width: e.width,
-                height: e.height,
-                fx: e.fx,
-                fy: e.fy,
-                cx: f64::from(e.width) / 2.0,
-                cy: f64::from(e.height) / 2.0,
-                rotation,
-                translation: -(rotation * DVec3::from_array(e.position)),
-            }
-            .checked(file)
-        })
-        .collect()
+    let entries: Vec<Entry> =
+        serde_json::from_slice(bytes).map_err(|cause| Error::Json { file: file.into(), cause })?;
+    entries.into_iter().map(|entry| camera(file, entry)).collect()
+}
+
+fn camera(file: &Path, entry: Entry) -> Result<Camera> {
+    let (width, height) = checked_size(file, &entry.img_name, entry.width, entry.height)?;
+    // The rows become columns: the transpose, which is world to camera.
+    let rotation = DMat3::from_cols_array_2d(&entry.rotation);
+    Camera {
+        name: entry.img_name,
+        width,
+        height,
+        fx: entry.fx,
+        fy: entry.fy,
+        cx: f64::from(width) / 2.0,
+        cy: f64::from(height) / 2.0,
+        rotation,
+        translation: -(rotation * DVec3::from_array(entry.position)),
+        ignored_distortion: None,
+    }
+    .checked(file)
 }
 
 /// Reads the views of an output folder, in the order of its `cameras.json`.
 ///
-/// Photos are looked for in the images folder of the data set that the trainer was given
+/// Photos are searched in the images folder of the data set that the trainer was given
 /// (`source_path` and `images` in `cfg_args`, if that folder still exists) and in `images/` in
-/// the output folder. A name without extension matches the photo whose name up to the first
-/// dot it is. A photo that is in neither place is expected in `images/`.
+/// the output folder. A name without extension matches the photo whose name begins with it and
+/// continues with a dot. A photo that is in neither place is expected in `images/`.
 ///
 /// # Errors
 /// As [`read_cameras`], and [`Error::Io`] if a folder cannot be listed.
 pub fn read_views(dir: impl AsRef<Path>) -> Result<Vec<View>> {
     let dir = dir.as_ref();
     let cameras = read_cameras(dir.join("cameras.json"))?;
-    let own = dir.join("images");
+    let output_images = dir.join("images");
     let mut photos = Vec::new();
-    for folder in source_images(dir).into_iter().chain([own.clone()]) {
+    for folder in source_images(dir).into_iter().chain([output_images.clone()]) {
         photos.push(Photos::list(folder)?);
     }
-    let place = |camera: Camera| View {
+    let with_photo = |camera: Camera| View {
         image_path: photos
             .iter()
             .find_map(|p| p.find(&camera.name))
-            .unwrap_or_else(|| own.join(&camera.name)),
+            .unwrap_or_else(|| output_images.join(&camera.name)),
         camera,
     };
-    Ok(cameras.into_iter().map(place).collect())
+    Ok(cameras.into_iter().map(with_photo).collect())
 }
 
 /// The images folder that `cfg_args` names: absolute, or relative to the output folder.

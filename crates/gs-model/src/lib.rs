@@ -3,9 +3,9 @@
 //! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
 //! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
 //! the layout of the Inria reference implementation; [`model`] also reads SPZ and `.splat`,
-//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos,
-//! whether COLMAP, the Inria trainer or a NeRF tool made it. [`math`] has the rotations and
-//! covariances that the other crates share.
+//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos that
+//! COLMAP, the Inria trainer or a NeRF tool made. [`math`] has the rotations and covariances that the
+//! other crates share.
 //!
 //! ```
 //! use gs_model::{Scene, ply};
@@ -27,16 +27,17 @@
 //! assert_eq!(back, scene);
 //! assert_eq!((report.gaussians, report.sh_degree), (1, 0));
 //!
-//! // A file that is cut short says where, and what it promised.
+//! // The error about a file that is cut short says where it ends and what its header promises.
 //! let error = ply::read_bytes(&file[..file.len() - 1]).unwrap_err();
 //! assert!(error.to_string().contains("promises 1 rows of element \"vertex\""));
 //! # Ok::<(), gs_model::Error>(())
 //! ```
 //!
-//! # What holds
+//! # Guarantees
 //!
-//! - Nothing here panics on input, and no allocation exceeds a small multiple of the input's
-//!   size, whatever counts the input claims.
+//! - No input makes a function panic, and no allocation exceeds a small multiple of the input's
+//!   size, whatever counts the input claims. The sizes of images are bounded
+//!   ([`camera::MAX_IMAGE_EDGE`], [`camera::MAX_IMAGE_PIXELS`]).
 //! - Writing a scene and reading it back gives the same bits.
 //! - Results do not depend on the number of threads.
 //! - A scene that [`ply::read`] returns is valid: every number finite, every quaternion with a
@@ -44,11 +45,15 @@
 //!
 //! The crate does not know how a scene is rendered or coded, and decodes no photos.
 
+#![cfg_attr(docsrs, feature(doc_cfg))]
+
 pub mod camera;
 pub mod colmap;
 pub mod dataset;
 pub mod error;
+mod field;
 mod fs;
+mod image_limits;
 mod image_size;
 pub mod inria;
 pub mod math;
@@ -56,11 +61,13 @@ pub mod model;
 pub mod nerf;
 pub mod options;
 pub mod ply;
+mod report;
 mod rows;
 pub mod scene;
 pub mod splat;
 pub mod spz;
 pub mod validate;
+mod view;
 
 pub use camera::Camera;
 pub use dataset::{Dataset, View};

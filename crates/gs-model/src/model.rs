@@ -5,43 +5,12 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
+pub use crate::report::{Format, Report};
 use crate::scene::Scene;
-use crate::validate::InvalidReport;
 use crate::{fs, ply, splat, spz};
 
-/// The format of a model file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Format {
-    /// PLY in the Inria layout: see [`crate::ply`].
-    Ply(ply::Format),
-    /// SPZ: see [`crate::spz`].
-    Spz {
-        /// 2 to 4.
-        version: u32,
-    },
-    /// `.splat`: see [`crate::splat`].
-    Splat,
-}
-
-/// What a model file held.
-#[derive(Clone, Debug)]
-#[non_exhaustive]
-pub struct Report {
-    /// The format.
-    pub format: Format,
-    /// Gaussians in the file.
-    pub gaussians_in_file: usize,
-    /// Invalid Gaussians that were left out; indices are those of the file.
-    pub dropped: InvalidReport,
-    /// Infinite opacity logits that were replaced.
-    pub clamped_opacities: usize,
-    /// What only a PLY file has to report.
-    pub ply: Option<ply::ReadReport>,
-}
-
-/// Reads a model: SPZ if the file starts like one (gzip or `NGSP`), `.splat` if it is called
-/// that, else PLY.
+/// Reads a model: SPZ if the file starts as one (gzip or `NGSP`), `.splat` if its name ends in
+/// `.splat`, else PLY.
 ///
 /// # Errors
 /// Those of [`ply::read_with`], [`spz::read`] and [`splat::read`].
@@ -55,7 +24,7 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Rep
     read_named(path, &fs::read(path)?, options)
 }
 
-/// True for a PLY file that can be read again from its start. A pipe cannot: what is looked at is
+/// True for a PLY file that can be read again from its start. A pipe cannot: the bytes read here are
 /// gone.
 fn starts_like_ply(path: &Path) -> Result<bool> {
     let io = |e| Error::io(path, "read", e);
@@ -78,8 +47,8 @@ fn of_ply(ply: ply::ReadReport) -> Report {
     }
 }
 
-/// Reads a model from bytes, as [`read`] does from a file; `name` stands in for the file's path,
-/// in the choice of the format and in errors.
+/// Reads a model from bytes, as [`read`] does from a file. `name` replaces the path of the file in
+/// the choice of the format and in errors.
 ///
 /// # Errors
 /// As [`read`].
@@ -97,16 +66,4 @@ pub fn read_named(
     }
     let (scene, ply) = ply::read_named(path, bytes, options)?;
     Ok((scene, of_ply(ply)))
-}
-
-/// Applies the options to a scene just decoded, and reports.
-pub(crate) fn finish(
-    file: &Path,
-    mut scene: Scene,
-    format: Format,
-    options: &ReadOptions,
-) -> Result<(Scene, Report)> {
-    let gaussians_in_file = scene.len();
-    let (clamped_opacities, dropped) = options.apply(&mut scene, file)?;
-    Ok((scene, Report { format, gaussians_in_file, dropped, clamped_opacities, ply: None }))
 }

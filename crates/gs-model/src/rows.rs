@@ -1,4 +1,4 @@
-//! Filling a [`Scene`] row by row, in parallel.
+//! Fills a [`Scene`] row by row, in parallel.
 //!
 //! Inside the readers and the writer a Gaussian is a row of numbers in *scene order*: mean
 //! (3), rotation (4), log-scale (3), opacity logit (1), then the SH coefficients
@@ -19,7 +19,7 @@ pub(crate) const fn row_len(sh_degree: u8) -> usize {
     SH + 3 * sh_len(sh_degree)
 }
 
-/// Rows per task: about 250 kB of a degree-3 file, enough to hide the cost of a task.
+/// Rows per task: about 250 kB of a file of SH degree 3, enough to make the cost of a task negligible.
 const ROWS_PER_TASK: usize = 1024;
 
 /// Some consecutive Gaussians of a scene under construction.
@@ -79,7 +79,7 @@ pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
     }
 }
 
-/// As [`scene`], for some rows of a scene that is there.
+/// As [`scene`], for a range of the rows of an existing scene.
 pub(crate) fn fill_range(
     scene: &mut Scene,
     range: Range<usize>,

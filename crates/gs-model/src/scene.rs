@@ -73,16 +73,16 @@ impl Scene {
         out
     }
 
-    /// Adds the Gaussians of `other` after these, at this scene's SH degree: higher coefficients
-    /// of theirs are cut, missing ones are zero.
+    /// Appends the Gaussians of `other`, at this scene's SH degree: their higher coefficients are
+    /// left out, missing ones are zero.
     pub fn append(&mut self, other: &Self) {
         self.append_range(other, 0..other.len());
     }
 
-    /// As [`Scene::append`], of these Gaussians of `other` only.
+    /// As [`Scene::append`], for a range of the Gaussians of `other`.
     ///
     /// # Panics
-    /// If `other` has fewer.
+    /// If the range exceeds `other`.
     pub fn append_range(&mut self, other: &Self, range: Range<usize>) {
         let len = self.sh_len();
         self.means.extend_from_slice(&other.means[range.clone()]);
@@ -95,7 +95,7 @@ impl Scene {
         }
     }
 
-    /// Cuts SH coefficients above `degree` off, in place, and gives their memory back; a lower
+    /// Removes the SH coefficients above `degree` in place and frees their memory. A scene of a lower
     /// degree stays as it is.
     pub fn cut_sh(&mut self, degree: u8) {
         let (from, to) = (self.sh_len(), sh_len(degree));
@@ -110,7 +110,7 @@ impl Scene {
         self.sh_degree = degree;
     }
 
-    /// Takes all Gaussians off this scene; their memory and the SH degree stay.
+    /// Removes all Gaussians. The memory stays allocated, and the SH degree stays.
     pub fn clear(&mut self) {
         self.means.clear();
         self.rotations.clear();
@@ -119,8 +119,8 @@ impl Scene {
         self.sh.clear();
     }
 
-    /// Takes the Gaussians from `at` on off this scene: undoes [`Scene::append`]. Those are none
-    /// if there are no more than `at`.
+    /// Removes the Gaussians from index `at` on and returns them: the inverse of [`Scene::append`].
+    /// If the scene has at most `at` Gaussians, none are removed.
     #[must_use]
     pub fn split_off(&mut self, at: usize) -> Self {
         let at = at.min(self.len());

@@ -13,15 +13,15 @@ use crate::error::{Error, Result};
 use crate::options::ReadOptions;
 use crate::rows;
 use crate::scene::{SH_C0, Scene};
-use crate::{fs, model};
+use crate::{fs, report};
 
 const ROW: usize = 32;
 
 /// The logit of an opacity stored as a byte.
 ///
-/// A byte `b` stands for the opacities that round to it; its logit is that of `b / 255`. For 0
-/// and 255 that would be infinite, so they stand for the middle of their half step, 1/4 and
-/// 254 3/4.
+/// A byte `b` stands for the opacities that round to it; its logit is that of `b / 255`. For 0 and
+/// 255 that logit would be infinite. Only half a step rounds to them, and they stand for its
+/// middle, 1/4 and 254 3/4.
 pub(crate) fn opacity_logit(byte: u8) -> f32 {
     let opacity = f64::from(byte).clamp(0.25, 254.75) / 255.0;
     libm::log(opacity / (1.0 - opacity)) as f32
@@ -32,7 +32,7 @@ pub(crate) fn opacity_logit(byte: u8) -> f32 {
 /// # Errors
 /// [`Error::Io`], [`Error::SplatLength`]; [`Error::InvalidGaussian`] as the options say: the
 /// means and scales in such a file can be anything.
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, model::Report)> {
+pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
     let path = path.as_ref();
     decode(path, &fs::read(path)?, options)
 }
@@ -41,7 +41,7 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, mod
 ///
 /// # Errors
 /// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, model::Report)> {
+pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
     decode(Path::new("<bytes>"), bytes, options)
 }
 
@@ -49,7 +49,7 @@ pub(crate) fn decode(
     file: &Path,
     bytes: &[u8],
     options: &ReadOptions,
-) -> Result<(Scene, model::Report)> {
+) -> Result<(Scene, report::Report)> {
     if !bytes.len().is_multiple_of(ROW) {
         return Err(Error::SplatLength { file: file.into(), len: bytes.len() });
     }
@@ -70,7 +70,7 @@ pub(crate) fn decode(
         }
         Ok(())
     })?;
-    model::finish(file, scene, model::Format::Splat, options)
+    report::finish(file, scene, report::Format::Splat, options)
 }
 
 /// Writes a scene as a `.splat` file: SH coefficients above the DC are left out, colours and

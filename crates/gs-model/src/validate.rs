@@ -1,49 +1,16 @@
-//! What makes a Gaussian unusable, and how a [`Scene`] gets rid of it.
+//! Which Gaussians are invalid, and their removal from a [`Scene`].
 //!
 //! Real files hold such Gaussians: a diverged training run writes NaN, and one published model
 //! held 889,536 rows of zeros whose quaternions have no direction. One of them is enough to
 //! turn a rendered pixel, a bounding cube or a mean over Gaussians into NaN.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+pub use crate::field::Field;
 use crate::scene::{Scene, sh_len};
-
-/// One array of a [`Scene`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Field {
-    /// [`Scene::means`].
-    Mean,
-    /// [`Scene::rotations`].
-    Rotation,
-    /// [`Scene::log_scales`].
-    LogScale,
-    /// [`Scene::opacity_logits`].
-    OpacityLogit,
-    /// [`Scene::sh`].
-    Sh,
-}
-
-impl Field {
-    /// All fields, in the order in which they are checked.
-    pub const ALL: [Self; 5] =
-        [Self::Mean, Self::Rotation, Self::LogScale, Self::OpacityLogit, Self::Sh];
-}
-
-impl fmt::Display for Field {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Mean => "mean",
-            Self::Rotation => "rotation",
-            Self::LogScale => "log-scale",
-            Self::OpacityLogit => "opacity logit",
-            Self::Sh => "SH coefficient",
-        })
-    }
-}
 
 /// One invalid Gaussian.
 #[derive(Clone, Copy, Debug)]
@@ -110,7 +77,7 @@ impl Scene {
     /// Finds and counts the invalid Gaussians.
     ///
     /// The arrays must have consistent lengths ([`Scene::check_shape`]); Gaussians beyond the
-    /// shortest array are not looked at.
+    /// shortest array are ignored.
     #[must_use]
     pub fn invalid(&self) -> InvalidReport {
         const ROWS: usize = 1 << 14;
@@ -121,7 +88,7 @@ impl Scene {
             .map(|c| {
                 let mut part = InvalidReport::default();
                 for i in c * ROWS..n.min((c + 1) * ROWS) {
-                    part.look_at(self, i);
+                    part.check(self, i);
                 }
                 part
             })
@@ -161,7 +128,7 @@ impl Scene {
             .min(self.sh.len() / self.sh_len())
     }
 
-    /// The first bad value of one field of Gaussian `i`.
+    /// The first invalid value in a field of Gaussian `i`.
     fn bad_value(&self, i: usize, field: Field) -> Option<f32> {
         let not_finite = |values: &[f32]| values.iter().copied().find(|v| !v.is_finite());
         match field {
@@ -179,13 +146,15 @@ impl Scene {
         }
     }
 
+    /// The first invalid field of Gaussian `i`, and its value.
     fn defect(&self, i: usize) -> Option<(Field, f32)> {
         Field::ALL.into_iter().find_map(|f| self.bad_value(i, f).map(|v| (f, v)))
     }
 }
 
 impl InvalidReport {
-    fn look_at(&mut self, scene: &Scene, i: usize) {
+    /// Counts Gaussian `i` if it is invalid.
+    fn check(&mut self, scene: &Scene, i: usize) {
         let mut first = None;
         for (k, field) in Field::ALL.into_iter().enumerate() {
             if let Some(value) = scene.bad_value(i, field) {
@@ -199,7 +168,7 @@ impl InvalidReport {
         }
     }
 
-    /// The error that this report amounts to, if any Gaussian is invalid.
+    /// The error about the first invalid Gaussian, if there is one.
     pub(crate) fn error(&self, file: &Path) -> Option<Error> {
         self.first.map(|InvalidGaussian { index, field, value }| Error::InvalidGaussian {
             file: PathBuf::from(file),

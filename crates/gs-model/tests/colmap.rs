@@ -4,6 +4,7 @@ mod common;
 
 use std::path::Path;
 
+use gs_model::camera::LensDistortion;
 use gs_model::colmap::{self, SfmPoint};
 use gs_model::{Camera, Error};
 use tempfile::TempDir;
@@ -201,7 +202,7 @@ fn text_files_cut_at_every_byte_never_panic() {
         for len in 0..whole[file].1.len() {
             let mut files = whole.clone();
             files[file].1.truncate(len);
-            // Text does not say how much of it there should be, so some cuts are still whole.
+            // Text files do not state their length, so some cut files are still valid.
             if let Err(error) = read(folder(&files).path()) {
                 assert_eq!(error.to_string().lines().count(), 1);
             }
@@ -216,7 +217,7 @@ fn promises_beyond_the_file_fail_before_any_allocation() {
         files[file].1[..8].copy_from_slice(&u64::MAX.to_le_bytes());
         match read(folder(&files).path()) {
             Err(Error::ColmapTruncated { promised: u64::MAX, .. }) => {}
-            // What follows the last camera is nothing, so the id of the next is missing.
+            // After the last camera the file ends, so the id of the next one is missing.
             other => panic!("{other:?}"),
         }
     }
@@ -230,7 +231,7 @@ fn promises_beyond_the_file_fail_before_any_allocation() {
     }
 }
 
-/// Reads the model, changed, in both forms, which must fail alike.
+/// Reads the changed model in both forms; both must fail in the same way.
 fn broken(change: impl Fn(&mut Model), expected: impl Fn(&Error) -> bool) {
     let mut model = model();
     change(&mut model);
@@ -266,7 +267,7 @@ fn distorted_cameras_are_refused_by_name() {
             matches!(e, Error::DistortedCamera { model, camera, .. } if model == name && camera == "2")
                 && message.contains("colmap image_undistorter")
         });
-        // One that no image uses does not matter.
+        // A camera that no image uses may be distorted.
         let mut model = model();
         distort(&mut model);
         model.images.iter_mut().for_each(|i| i.camera = 7);
@@ -277,6 +278,50 @@ fn distorted_cameras_are_refused_by_name() {
         |m| m.cameras[1].model = (99, "NEW"),
         |e| matches!(e, Error::UnknownCameraModel { camera: 2, .. }),
     );
+}
+
+/// They were refused, but importances need no undistorted photo.
+#[test]
+fn distorted_cameras_are_read_for_importances() {
+    // Focal lengths first, then the principal point, then the distortion.
+    let models: [(u32, &str, &[f64], [f64; 4]); 3] = [
+        (2, "SIMPLE_RADIAL", &[500.0, 321.0, 241.0, 0.1], [500.0, 500.0, 321.0, 241.0]),
+        (
+            4,
+            "OPENCV",
+            &[500.0, 490.0, 321.0, 241.0, 0.1, 0.0, 0.0, 0.0],
+            [500.0, 490.0, 321.0, 241.0],
+        ),
+        (9, "RADIAL_FISHEYE", &[500.0, 321.0, 241.0, 0.1, 0.2], [500.0, 500.0, 321.0, 241.0]),
+    ];
+    let pinhole = colmap::read_cameras(folder(&model().text()).path()).unwrap();
+    for (id, name, params, expected) in models {
+        let mut model = model();
+        model.cameras[1].model = (id, name);
+        model.cameras[1].params = params.into();
+        for files in [model.binary(), model.text()] {
+            let dir = folder(&files);
+            assert!(matches!(colmap::read_cameras(dir.path()), Err(Error::DistortedCamera { .. })));
+            let cameras = colmap::read_cameras_with(dir.path(), LensDistortion::Ignore).unwrap();
+            for (camera, pinhole) in cameras.iter().zip(&pinhole) {
+                if camera.ignored_distortion.is_none() {
+                    assert_eq!(camera, pinhole);
+                    continue;
+                }
+                assert_eq!(camera.ignored_distortion.as_deref(), Some(name));
+                assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], expected);
+                assert_eq!((camera.width, camera.height), (pinhole.width, pinhole.height));
+                assert_eq!(camera.rotation, pinhole.rotation);
+            }
+            let distorted = cameras.iter().filter(|c| c.ignored_distortion.is_some()).count();
+            assert!((1..3).contains(&distorted), "{distorted}");
+        }
+    }
+    // A model that is not known cannot be read at all.
+    let mut unknown = model();
+    unknown.cameras[1].model = (99, "NEW");
+    let outcome = colmap::read_cameras_with(folder(&unknown.text()).path(), LensDistortion::Ignore);
+    assert!(matches!(outcome, Err(Error::UnknownCameraModel { .. })), "{outcome:?}");
 }
 
 #[test]
@@ -291,7 +336,10 @@ fn what_does_not_fit_together_is_named() {
     );
     let bad = |part: &'static str| move |e: &Error| matches!(e, Error::BadCamera { reason, .. } if reason.contains(part));
     broken(|m| m.cameras[0].size = (0, 480), bad("size is zero"));
-    broken(|m| m.cameras[0].size = (1 << 32, 480), bad("above 2^32"));
+    for size in [(1 << 32, 480), (65_536, 1), (1, 65_536), (100_000, 100_000), (26_756, 26_756)] {
+        let named = |e: &Error| matches!(e, Error::ImageTooLarge { width, height, .. } if (*width, *height) == size);
+        broken(|m| m.cameras[0].size = size, named);
+    }
     broken(|m| m.cameras[0].params[0] = 0.0, bad("not positive"));
     broken(|m| m.cameras[0].params[1] = -5.0, bad("not positive"));
     broken(|m| m.cameras[0].params[2] = f64::NAN, bad("not finite"));

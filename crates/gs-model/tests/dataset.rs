@@ -6,6 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use common::{scene, share_in_view, shared};
+use gs_model::camera::LensDistortion;
 use gs_model::dataset::{self, Dataset, Kind};
 use gs_model::{Camera, Error, inria, nerf, ply};
 use serde_json::json;
@@ -30,7 +31,7 @@ fn put_colmap(dir: &TempDir, under: &str, images: &[&str]) {
     put(dir, &format!("{under}/images.txt"), rows);
 }
 
-/// Some camera that has nothing special about it.
+/// A camera in general position.
 fn camera(name: &str) -> Camera {
     let rotation = glam::DMat3::from_quat(glam::DQuat::from_xyzw(0.1, -0.5, 0.3, 0.8).normalize());
     let translation = glam::DVec3::new(0.3, -2.0, 5.0);
@@ -44,6 +45,7 @@ fn camera(name: &str) -> Camera {
         cy: 240.0,
         rotation,
         translation,
+        ignored_distortion: None,
     }
 }
 
@@ -174,7 +176,7 @@ fn inria_output_finds_its_photos() {
     assert_eq!(photos[1], source.path().join("images_2/b.x.JPG"));
     assert_eq!((photos[2].clone(), dataset.views[2].has_photo()), (images.join("c"), false));
     assert_eq!(photos[3], images.join("d.png"));
-    // Without cfg_args, and with one that leads nowhere, the folder's own photos are left.
+    // Without cfg_args, and with one that names a missing folder, the output folder's photos remain.
     put(&dir, "cfg_args", "Namespace(source_path='/nowhere/at/all')");
     assert_eq!(inria::read_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
     fs::remove_file(dir.path().join("cfg_args")).unwrap();
@@ -223,7 +225,7 @@ fn transforms_with_an_angle_take_the_size_from_the_photo() {
     let views = nerf::read_views(dir.path().join("transforms.json")).unwrap();
     assert_same(&views[0].camera, &c);
     assert_eq!(views[0].image_path, dir.path().join("train/r_0.png"));
-    // The photo is no image, then gone.
+    // The photo is not an image; then it is missing.
     put(&dir, "train/r_0.png", "GIF89a");
     let outcome = nerf::read_views(dir.path().join("transforms.json"));
     assert!(matches!(outcome, Err(Error::ImageSize { .. })), "{outcome:?}");
@@ -303,6 +305,77 @@ fn wrong_inria_cameras_are_named() {
     assert!(matches!(read(&json!([entry]).to_string()), Err(Error::BadCamera { .. })));
 }
 
+/// Rendering such cameras aborted because memory ran out.
+#[test]
+fn images_of_100000_by_100000_pixels_are_refused() {
+    let refused = |outcome: Result<(Kind, Vec<dataset::View>), Error>| {
+        let error = outcome.unwrap_err();
+        let at_most =
+            "100000 x 100000 pixels is too large: at most 65535 along an edge and 715827882";
+        assert!(matches!(error, Error::ImageTooLarge { .. }), "{error:?}");
+        assert!(error.to_string().contains(at_most), "{error}");
+        assert_eq!(error.to_string().lines().count(), 1);
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let mut entry = inria_entry(&camera("a"));
+    (entry["width"], entry["height"]) = (json!(100_000), json!(100_000));
+    put(&dir, "cameras.json", json!([entry]).to_string());
+    refused(dataset::open_views(dir.path()));
+
+    let dir = tempfile::tempdir().unwrap();
+    let frame = json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
+    let size = json!({"fl_x": 500.0, "w": 100_000, "h": 100_000.0, "frames": [frame]});
+    put(&dir, "transforms.json", size.to_string());
+    refused(dataset::open_views(dir.path()));
+    // The size may also come from the photo.
+    put(&dir, "transforms.json", json!({"fl_x": 500.0, "frames": [frame]}).to_string());
+    put(&dir, "a.png", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x01\x86\xa0\0\x01\x86\xa0\x08\x02\0\0\0");
+    refused(dataset::open_views(dir.path()));
+
+    let dir = tempfile::tempdir().unwrap();
+    put_colmap(&dir, "sparse/0", &["a.png"]);
+    put(&dir, "sparse/0/cameras.txt", "1 PINHOLE 100000 100000 10 10 4 3\n");
+    refused(dataset::open_views(dir.path()));
+}
+
+/// Importances could not be computed from COLMAP projects with distorted cameras.
+#[test]
+fn folders_with_distorted_cameras_open_for_importances_only() {
+    let colmap = tempfile::tempdir().unwrap();
+    put_colmap(&colmap, "sparse/0", &["a.png"]);
+    put(&colmap, "sparse/0/cameras.txt", "1 SIMPLE_RADIAL 8 6 10 4 3 0.1\n");
+    put_model(&colmap, "point_cloud.ply");
+    let nerf = tempfile::tempdir().unwrap();
+    let frame = json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
+    let json = json!({"fl_x": 500.0, "w": 8, "h": 6, "k1": 0.1, "frames": [frame]});
+    put(&nerf, "transforms.json", json.to_string());
+    put_model(&nerf, "point_cloud.ply");
+    for (dir, distortion) in [(colmap, "SIMPLE_RADIAL"), (nerf, "k1 = 0.1")] {
+        for error in
+            [Dataset::open(dir.path()).unwrap_err(), dataset::open_views(dir.path()).unwrap_err()]
+        {
+            assert!(matches!(error, Error::DistortedCamera { .. }), "{error:?}");
+            assert!(error.to_string().contains("colmap image_undistorter"), "{error}");
+        }
+        let (_, views) = dataset::open_views_with(dir.path(), LensDistortion::Ignore).unwrap();
+        assert_eq!(views[0].camera.ignored_distortion.as_deref(), Some(distortion));
+        assert_eq!((views[0].camera.width, views[0].camera.height), (8, 6));
+    }
+}
+
+/// A printed chain of causes contained each cause twice.
+#[test]
+fn a_message_contains_its_cause_once() {
+    let dir = tempfile::tempdir().unwrap();
+    put(&dir, "cameras.json", "{}");
+    let missing = ply::read(dir.path().join("gone.ply")).unwrap_err();
+    let json = inria::read_cameras(dir.path().join("cameras.json")).unwrap_err();
+    for (error, cause) in [(missing, "os error 2"), (json, "line 1 column")] {
+        assert_eq!(error.to_string().matches(cause).count(), 1, "{error}");
+        assert!(std::error::Error::source(&error).is_none(), "{error}");
+    }
+}
+
 /// Reads the positions of a binary PLY of SfM points: x y z nx ny nz as floats, then 3 bytes.
 fn sfm_points(path: &Path) -> Vec<[f64; 3]> {
     let bytes = fs::read(path).unwrap();
@@ -324,8 +397,8 @@ fn real_inria_cameras_see_their_points() {
             continue;
         }
         let points = sfm_points(&file);
-        // A reader that mistook the convention would look the other way, or along the rows of
-        // the rotation instead of its columns: fewer points would be in view.
+        // A reader with a wrong convention would look backwards or use the rows of the rotation as
+        // columns: fewer points would be in view.
         let [right, behind, transposed] = [0, 1, 2].map(|mistake| {
             let seen = all.iter().map(|v| {
                 let mut c = v.camera.clone();

@@ -301,6 +301,50 @@ fn broken_spz_4_files_are_typed_errors() {
     assert!(matches!(outcome, Err(Error::SpzVersion { version: 5, .. })), "{outcome:?}");
 }
 
+/// A message contained `MagicNumberReadError(Error { kind`.
+#[test]
+fn messages_about_broken_compression_are_plain_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let message = |bytes: &[u8]| {
+        let error = read(dir.path(), "a.spz", bytes).unwrap_err();
+        let plain = !error.to_string().contains(['{', '}', '(', ')']);
+        assert!(plain && error.to_string().lines().count() == 1, "{error}");
+        error
+    };
+    let good = gzip(&spz(3));
+    for len in 2..good.len() {
+        let error = message(&good[..len]);
+        let cut = matches!(error, Error::SpzCompressedData { reason: "cut short", .. });
+        assert!(cut || matches!(error, Error::SpzTruncated { .. }), "{error}");
+    }
+    let good = spz4();
+    for len in 4..good.len() {
+        message(&good[..len]);
+    }
+    // The magic number of the first stream.
+    let mut bad_magic = good;
+    let at = bad_magic.windows(4).position(|w| w == [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
+    bad_magic[at] = 0;
+    let error = message(&bad_magic);
+    assert!(error.to_string().ends_with("a.spz: the Zstandard data is broken"), "{error}");
+}
+
+/// The command blamed a full disk.
+#[test]
+fn a_coordinate_beyond_the_range_of_spz_is_named() {
+    let mut scene = common::scene(3, 0);
+    scene.means[1][2] = -600_000.0;
+    let error = gs_model::spz::write_to(Vec::new(), &scene, &Default::default()).unwrap_err();
+    assert!(matches!(error, Error::SpzRange { index: 1, value: -600_000.0, limit: 524_287.0, .. }));
+    let said = "Gaussian 1: coordinate -600000 is outside the range of SPZ, -524287 to 524287";
+    assert!(error.to_string().ends_with(said), "{error}");
+    scene.means[1][2] = -524_287.0;
+    let mut file = Vec::new();
+    gs_model::spz::write_to(&mut file, &scene, &Default::default()).unwrap();
+    let (back, _) = gs_model::spz::read_bytes(&file, &ReadOptions::default()).unwrap();
+    assert_eq!(back.means[1][2], -524_287.0);
+}
+
 #[test]
 fn a_real_spz_4_is_read() {
     let Some(path) = shared("models/biker.spz") else { return };
@@ -314,7 +358,7 @@ fn a_real_spz_4_is_read() {
     assert!(norms.into_iter().all(|n| (0.99..1.51).contains(&n)));
 }
 
-/// What the written formats keep: every attribute within the steps that they state.
+/// Every attribute is within the documented steps of the written formats.
 fn assert_close(a: &Scene, b: &Scene, spz: bool) {
     assert_eq!(a.len(), b.len());
     let mean_step = if spz { 1.0 / 4096.0 } else { 0.0 };
@@ -357,7 +401,7 @@ fn spz_and_splat_round_trip() {
             let (back, report) = model::read(&path, &ReadOptions::default()).unwrap();
             assert_eq!((report.format, back.sh_degree), (Format::Spz { version: 4 }, degree));
             assert_close(&scene, &back, true);
-            // What is on the lattice already stays there.
+            // Values that are already on the lattice stay the same.
             gs_model::spz::write(&path, &back, &Default::default()).unwrap();
             let (again, _) = model::read(&path, &ReadOptions::default()).unwrap();
             assert_eq!((&again.means, &again.log_scales), (&back.means, &back.log_scales));

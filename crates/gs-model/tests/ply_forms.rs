@@ -211,3 +211,42 @@ fn large_files_are_read_as_small_ones_are() {
     let error = gs_model::ply::read(&path).unwrap_err();
     assert!(error.to_string().contains("row 89999 is not whole"), "{error}");
 }
+
+/// Normals and other columns were lost without a word.
+#[test]
+fn lost_normals_and_other_columns_are_reported() {
+    for format in FORMATS {
+        for (name, mut file) in forms(format, 1) {
+            let has_normals = file.properties.iter().any(|p| p.name == "nx");
+            for (normal, expected) in [(0.0, 0), (-0.0, 3), (0.5, 3)] {
+                file.normal = normal;
+                let (scene, report) = ply::read_bytes(&file.bytes(&scene(7, 1)).0).unwrap();
+                assert_eq!(scene.len(), 7);
+                let expected = if has_normals { expected } else { 0 };
+                assert_eq!(report.nonzero_normals, expected, "{name}, {normal}");
+                let lost = report.properties_not_kept();
+                assert_eq!(lost.contains(&"ny"), expected > 0, "{name}, {normal}: {lost:?}");
+                for unknown in &report.unknown_properties {
+                    assert!(lost.contains(&unknown.as_str()), "{name}: {lost:?}");
+                }
+            }
+        }
+    }
+}
+
+/// The same in a file that is large enough to be read in parts.
+#[test]
+fn lost_normals_are_reported_of_large_files() {
+    let scene = scene(20_000, 3);
+    let mut file = File::inria(Format::BinaryLittleEndian, 3);
+    file.normal = 1.0;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.ply");
+    let (bytes, _) = file.bytes(&scene);
+    assert!(bytes.len() > 4 << 20);
+    std::fs::write(&path, bytes).unwrap();
+    let (back, report) = ply::read(&path).unwrap();
+    assert_eq!(bits(&back), bits(&scene));
+    assert_eq!(report.nonzero_normals, 10_000);
+    assert_eq!(report.properties_not_kept(), ["nx", "ny", "nz"]);
+}

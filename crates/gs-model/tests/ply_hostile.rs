@@ -14,7 +14,7 @@ fn read_text(text: &str) -> Result<Scene> {
     read(text.as_bytes())
 }
 
-/// A small file with everything in it that a reader can trip over.
+/// A small file with every feature of the format.
 fn tricky(format: Format) -> (Vec<u8>, usize, Scene) {
     let scene = scene(3, 0);
     let mut file = File::inria(format, 0);

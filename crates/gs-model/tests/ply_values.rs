@@ -191,7 +191,7 @@ fn infinite_opacities_are_clamped_on_request() {
     assert_eq!(report.clamped_opacities, 2);
     assert_eq!(back.opacity_logits[1..3], [CLAMPED_OPACITY_LOGIT, -CLAMPED_OPACITY_LOGIT]);
     assert_eq!(back.opacity_logits[0], scene.opacity_logits[0]);
-    // NaN is not an opacity that any tool means.
+    // No tool writes NaN for an opacity on purpose.
     scene.opacity_logits[1] = f32::NAN;
     let mut bytes = Vec::new();
     ply::write_to(&mut bytes, &scene).unwrap();

@@ -1,4 +1,4 @@
-//! Scenes put together and taken apart.
+//! Appending to scenes and splitting them.
 
 use gs_model::Scene;
 

@@ -371,6 +371,7 @@ mod tests {
                 cy: 0.5,
                 rotation: glam::DMat3::IDENTITY,
                 translation: glam::DVec3::ZERO,
+                ignored_distortion: None,
             },
             image_path: PathBuf::new(),
         };

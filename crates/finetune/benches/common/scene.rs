@@ -1,11 +1,11 @@
-//! The scene of the bars, and a clock that other processes do not disturb.
+//! The scene of the benchmarks, and a clock that other processes do not affect.
 
 use finetune::{Image, RenderOptions, render};
 use gs_model::{Camera, Scene};
 
 use crate::common;
 
-/// The scene of the target: 100,000 Gaussians, SH degree 3, 480x320.
+/// The scene of the benchmarks: 100,000 Gaussians, SH degree 3, 480x320.
 pub(crate) fn setup() -> (Scene, Camera, Image) {
     let mut r = common::Rng(1);
     let mut scene = Scene { sh_degree: 3, ..Scene::default() };
@@ -36,6 +36,7 @@ pub(crate) fn setup() -> (Scene, Camera, Image) {
         cy: 160.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
+        ignored_distortion: None,
     };
     let photo = render(&scene, &camera, &RenderOptions::default());
     scene.sh.iter_mut().flatten().for_each(|v| *v += r.f(-0.1, 0.1));

@@ -1,97 +1,33 @@
-//! Adapters and devices.
+//! [`Context`]: a device, its queue and its errors.
 
 use std::sync::{Arc, Mutex};
 
 use crate::error::{Error, Result};
 
-/// A device, its queue, and what it complained about.
+/// A device, its queue, and the errors that no call returned.
 pub(crate) struct Context {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) limits: wgpu::Limits,
-    /// Iterations after which the driver ends the loops of an invocation without a word, if it
-    /// does: Mesa's software Vulkan (22.3.6) counts to 65,535.
+    /// Iterations after which the driver ends the loops of an invocation without an error, if it
+    /// does: see [`super::loops`].
     pub(crate) loop_limit: Option<u32>,
-    complaints: Arc<Mutex<Complaints>>,
+    errors: Arc<Mutex<Errors>>,
 }
 
-/// What no call returned.
+/// The errors that no call returned.
 #[derive(Default)]
-struct Complaints {
+struct Errors {
     /// Why the device was lost.
     lost: Option<String>,
-    /// First validation or out-of-memory error; of a lost device, what the loss led to.
+    /// The first validation or out-of-memory error. If the device is lost, the loss caused it.
     first: Option<String>,
 }
 
-fn instance() -> Option<wgpu::Instance> {
-    if wgpu::Instance::enabled_backend_features().is_empty() {
-        return None;
-    }
-    Some(wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle()))
-}
-
-fn adapters() -> Vec<wgpu::Adapter> {
-    match instance() {
-        Some(i) => pollster::block_on(i.enumerate_adapters(wgpu::Backends::all())),
-        None => Vec::new(),
-    }
-}
-
-fn describe(adapter: &wgpu::Adapter) -> String {
-    let info = adapter.get_info();
-    format!("{} ({:?}, {:?})", info.name, info.backend, info.device_type)
-}
-
-/// A rasterizer in software: lavapipe, SwiftShader, WARP.
-fn is_software(adapter: &wgpu::Adapter) -> bool {
-    adapter.get_info().device_type == wgpu::DeviceType::Cpu
-}
-
-/// The hardware adapter to use: discrete before integrated before the rest, first of its kind.
-fn hardware() -> std::result::Result<wgpu::Adapter, String> {
-    let all = adapters();
-    if all.is_empty() {
-        return Err("no graphics adapter".into());
-    }
-    let software: Vec<_> = all.iter().filter(|a| is_software(a)).map(describe).collect();
-    let rank = |a: &wgpu::Adapter| match a.get_info().device_type {
-        wgpu::DeviceType::DiscreteGpu => 0,
-        wgpu::DeviceType::IntegratedGpu => 1,
-        _ => 2,
-    };
-    all.into_iter()
-        .filter(|a| !is_software(a))
-        .min_by_key(rank)
-        .ok_or_else(|| format!("only a software adapter: {}", software.join(", ")))
-}
-
-/// Name of the hardware adapter, or why there is none.
-pub(crate) fn find() -> std::result::Result<String, String> {
-    hardware().map(|a| describe(&a))
-}
-
 impl Context {
-    /// A device on the hardware adapter.
-    pub(crate) fn hardware() -> Result<Self> {
-        let adapter = hardware().map_err(|reason| Error::NoAdapter { reason })?;
-        Self::on(&adapter)
-    }
-
-    /// A device on the software adapter if there is one, else on any: for conformance tests and
-    /// benchmarks.
-    pub(crate) fn software() -> Result<Self> {
-        let all = adapters();
-        let adapter = all.iter().find(|a| is_software(a)).or_else(|| all.first());
-        match adapter {
-            Some(adapter) => Self::on(adapter),
-            None => Err(Error::NoAdapter { reason: "no graphics adapter".into() }),
-        }
-    }
-
-    /// A device on any given kind of adapter, with the default limits but for the sizes of
-    /// buffers, which are the adapter's.
-    fn on(adapter: &wgpu::Adapter) -> Result<Self> {
+    /// A device on an adapter, whose `name` is for the message. The limits are wgpu's defaults,
+    /// except for the sizes of buffers, which are the adapter's.
+    pub(super) fn on(adapter: &wgpu::Adapter, name: &str) -> Result<Self> {
         let available = adapter.limits();
         let limits = wgpu::Limits {
             max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
@@ -104,38 +40,40 @@ impl Context {
             ..Default::default()
         });
         let (device, queue) = pollster::block_on(request)
-            .map_err(|e| Error::Gpu { reason: format!("{}: {e}", describe(adapter)) })?;
-        let complaints = Arc::new(Mutex::new(Complaints::default()));
+            .map_err(|e| Error::Gpu { reason: one_line(&format!("{name}: {e}")) })?;
+        let errors = Arc::new(Mutex::new(Errors::default()));
         // Without a handler, wgpu panics.
-        let sink = complaints.clone();
+        let sink = errors.clone();
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| {
-            if let Ok(mut c) = sink.lock() {
-                c.first.get_or_insert_with(|| one_line(&e.to_string()));
+            if let Ok(mut errors) = sink.lock() {
+                errors.first.get_or_insert_with(|| one_line(&e.to_string()));
             }
         }));
-        // Calls on a lost device return nothing that says so.
-        let sink = complaints.clone();
+        // Calls on a lost device do not return an error.
+        let sink = errors.clone();
         device.set_device_lost_callback(move |reason, message| {
-            if let Ok(mut c) = sink.lock() {
-                let text = format!("the device was lost ({reason:?}) {message}");
-                c.lost.get_or_insert_with(|| one_line(&text));
+            if let Ok(mut errors) = sink.lock() {
+                let reason = match reason {
+                    wgpu::DeviceLostReason::Destroyed => "destroyed",
+                    wgpu::DeviceLostReason::Unknown => "the driver gives no reason",
+                };
+                let text = format!("the device was lost ({reason}) {message}");
+                errors.lost.get_or_insert_with(|| one_line(&text));
             }
         });
-        let mut context = Self { device, queue, limits, loop_limit: None, complaints };
-        context.loop_limit = super::loops::limit(&context)?;
-        Ok(context)
+        Ok(Self { device, queue, limits, loop_limit: None, errors })
     }
 
     /// Fails if anything went wrong since the device was made.
     pub(crate) fn check(&self) -> Result<()> {
-        let said = |pick: fn(&Complaints) -> Option<String>| match self.complaints.lock() {
-            Ok(c) => pick(&c),
+        let stored = |pick: fn(&Errors) -> Option<String>| match self.errors.lock() {
+            Ok(errors) => pick(&errors),
             Err(_) => Some("error handler panicked".into()),
         };
-        if let Some(first) = said(|c| c.lost.clone().or(c.first.clone())) {
-            // A loss is told to whoever polls, after the errors that it led to.
+        if let Some(first) = stored(|e| e.lost.clone().or(e.first.clone())) {
+            // wgpu reports a loss during a poll, after the errors that the loss caused.
             let _ = wait(|| self.device.poll(wgpu::PollType::Poll));
-            return Err(Error::Gpu { reason: said(|c| c.lost.clone()).unwrap_or(first) });
+            return Err(Error::Gpu { reason: stored(|e| e.lost.clone()).unwrap_or(first) });
         }
         Ok(())
     }
@@ -174,8 +112,7 @@ fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Runs `poll`. wgpu panics where the device is lost while someone waits for it: that is an
-/// error like any other here.
+/// Runs `poll`. wgpu panics if the device is lost during a wait; the panic becomes an error.
 pub(super) fn wait<T>(poll: impl FnOnce() -> std::result::Result<T, wgpu::PollError>) -> Result<T> {
     let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(poll));
     match done {

@@ -5,21 +5,24 @@ use gs_model::Scene;
 use super::device::Context;
 use super::loops;
 use super::passes::{STEP, Stage};
+use super::sizes::{LOSS_RING, Sizes};
 use super::uniform::StepUniform;
-use super::workspace::{LOSS_RING, Sizes, Workspace};
+use super::workspace::Workspace;
 use crate::error::Result;
 use crate::gradients::planes_of;
 use crate::options::RenderOptions;
 use crate::stages::adam::{AdamStep, Moments};
 use crate::stages::loss::LossValue;
 use crate::stages::project::View;
-use crate::train::{Executor, FineTuneOptions, TrainView};
+use crate::train::executor::Executor;
+use crate::train::options::FineTuneOptions;
+use crate::train::view::TrainView;
 
 pub(crate) struct GpuExecutor {
     workspace: Workspace,
     /// Host copy of what does not change: the means and the degree.
     scene: Scene,
-    views: Vec<OnDevice>,
+    views: Vec<DeviceView>,
     base: StepUniform,
     /// Steps whose losses have not been fetched.
     pending: Vec<StepUniform>,
@@ -27,7 +30,8 @@ pub(crate) struct GpuExecutor {
     losses: Vec<LossValue>,
 }
 
-struct OnDevice {
+/// A training view and its photo on the device.
+struct DeviceView {
     view: StepUniform,
     photo: wgpu::Buffer,
     group: wgpu::BindGroup,
@@ -79,7 +83,7 @@ impl GpuExecutor {
                 if let Some(limit) = workspace.context.loop_limit {
                     loops::check_view(limit, &view)?;
                 }
-                Ok(OnDevice { view, photo, group })
+                Ok(DeviceView { view, photo, group })
             })
             .collect::<Result<Vec<_>>>()?;
         workspace.context.check()?;
@@ -108,7 +112,7 @@ impl GpuExecutor {
         let group = Some(&self.views[view].group);
         match self.workspace.context.loop_limit {
             None => self.workspace.run(&STEP, &u, group),
-            // Slower, but only software is like this.
+            // Slower, but only a software adapter has a limit.
             Some(limit) => {
                 let lists = STEP.iter().take_while(|s| **s != Stage::Blend).count();
                 self.workspace.run(&STEP[..lists], &u, group);
@@ -181,6 +185,6 @@ impl Executor for GpuExecutor {
         Ok((scene, moments))
     }
 
-    /// Nothing to do: the device still has it.
+    /// Nothing to do: the device still has the state.
     fn restore(&mut self, _: Scene, _: Moments) {}
 }

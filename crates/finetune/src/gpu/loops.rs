@@ -1,15 +1,15 @@
 //! A driver's limit on loops.
 //!
-//! Mesa's software Vulkan (22.3.6) gives every invocation 65,535 iterations, all its loops
-//! together, and then ends them without a word: what is behind the cut of a long list would be
-//! missing from the image. Splitting loops or nesting them does not help, the count is one. So a
-//! driver is asked once, and on one that counts, a step whose loops might be cut is refused.
+//! Mesa's software Vulkan (22.3.6) gives every invocation 65,535 iterations, counted over all its
+//! loops, and then ends its loops without an error. The rest of a long list would be missing from
+//! the image. Splitting or nesting the loops does not help, because there is one count. Therefore
+//! every device is measured once, and where there is a limit, a step that might reach it is refused.
 
 use super::device::Context;
 use super::uniform::StepUniform;
 use crate::error::{Error, Result};
 
-/// Iterations that are tried.
+/// Iterations of the measurement.
 const TRIED: u32 = 70_000;
 
 const SOURCE: &str = "
@@ -61,22 +61,23 @@ pub(super) fn limit(context: &Context) -> Result<Option<u32>> {
     Ok((counted < TRIED).then_some(counted))
 }
 
-/// Iterations of `blend_adjoint` per splat of a tile's list, at most: one for its bit, seven
-/// eighths for its record's words with up to eight for the blocks of each, and per batch of 16 one
-/// round and four words of `reaching`; `blend` needs fewer.
+/// Upper bound of the iterations of `blend_adjoint` per splat of a tile's list: one for its bit,
+/// seven eighths for its record's words with up to eight for the blocks of each, and, for each batch
+/// of 16 splats, one round and four words of `reaching`. `blend` needs fewer.
 const PER_SPLAT: u32 = 10;
 
-/// Iterations that no list explains: clearing tables, summing blocks of losses.
+/// Iterations of all other loops: clearing tables, summing blocks of losses.
 const OTHER: u32 = 500;
 
-/// Longest list of a tile whose loops a driver with this limit does not cut.
+/// Longest list of a tile that stays below a limit on loops.
 pub(super) fn longest_list(limit: u32) -> u32 {
     limit.saturating_sub(OTHER) / PER_SPLAT
 }
 
-/// Refuses a view of so many tiles that the loops over the tiles of one Gaussian might be cut.
+/// Refuses a view with so many tiles that the loops over the tiles of a Gaussian might reach the
+/// limit.
 pub(super) fn check_view(limit: u32, u: &StepUniform) -> Result<()> {
-    // `emit` walks a box of tiles row by row, then what is left.
+    // `emit` visits a box of tiles row by row, then the unused slots.
     let iterations = u.tiles_x * u.tiles_y + u.tiles_y + OTHER;
     if iterations <= limit {
         return Ok(());

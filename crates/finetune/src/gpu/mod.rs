@@ -1,19 +1,24 @@
 //! The WGSL executor, on wgpu: the stages of [`crate::stages`] with everything on the device.
 //!
 //! No kernel adds floats with atomics or across subgroups, so the result does not depend on the
-//! scheduling. Nothing is read back during a run but the losses, every few steps.
+//! scheduling. During a run only the losses are read back, every few steps.
 
+pub(crate) mod adapter;
 mod device;
 mod executor;
 mod loops;
 mod passes;
+mod pipelines;
+mod sizes;
 #[cfg(test)]
 mod tests;
+mod transfer;
 mod uniform;
 mod workspace;
 
-pub(crate) use device::{Context, find};
+pub(crate) use device::Context;
 pub(crate) use executor::GpuExecutor;
 pub(crate) use passes::{STEP, Stage};
+pub(crate) use sizes::Sizes;
 pub(crate) use uniform::StepUniform;
-pub(crate) use workspace::{Sizes, Workspace};
+pub(crate) use workspace::Workspace;

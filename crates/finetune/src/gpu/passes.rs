@@ -1,11 +1,13 @@
-//! Recording the stages.
+//! Records the stages and submits them.
 
+use super::sizes::Scan;
 use super::uniform::StepUniform;
-use super::workspace::{Scan, Workspace};
+use super::workspace::Workspace;
+use crate::forward::Forward;
 use crate::shaders::{DISPATCH_ROW, GROUP_TILES, LOSS_RUN};
 use crate::stages::TILE;
 
-/// A stage, as tests and the executor name it.
+/// A stage of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stage {
     Project,
@@ -49,6 +51,24 @@ impl Workspace {
         queue.submit([encoder.finish()]);
     }
 
+    /// Uploads the projected splats of the Rust executor and repeats the stages that make the lists,
+    /// so that `blend` and its adjoint have the same inputs in both executors.
+    pub(crate) fn upload_lists(&self, forward: &Forward, u: &StepUniform) {
+        let (projected, lists) = (&forward.projected, &forward.lists);
+        let mut counts = vec![0u32; projected.splats.len()];
+        for &i in &lists.ids {
+            counts[i as usize] += 1;
+        }
+        self.write("keys", &projected.keys);
+        self.write("splats", &projected.splats);
+        self.write("boxes", &projected.boxes);
+        self.write("counts", &counts);
+        self.write("state", &[counts.len() as u32, lists.ids.len() as u32, 0, 0]);
+        self.run(&[Stage::SortDepth, Stage::Emit, Stage::SortTile, Stage::Ranges], u, None);
+        self.write("ids", &lists.ids);
+        self.write("offsets", &lists.offsets);
+    }
+
     fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -58,11 +78,11 @@ impl Workspace {
     ) {
         let gaussians = (u.count + 1).div_ceil(64);
         let tiles = u.tiles_x * u.tiles_y;
-        let one = |pass: &mut wgpu::ComputePass<'_>, shader, groups| {
+        let single = |pass: &mut wgpu::ComputePass<'_>, shader, groups| {
             self.dispatch(pass, shader, shader, self.group(shader), groups, 1);
         };
         match stage {
-            Stage::Project => one(pass, "project", gaussians),
+            Stage::Project => single(pass, "project", gaussians),
             Stage::SortDepth => {
                 let blocks = self.sizes.depth_blocks() as u32;
                 // The number of pairs is in `state`; `check_capacity` writes it, and the host
@@ -82,10 +102,10 @@ impl Workspace {
             }
             Stage::Ranges => {
                 let n = (self.sizes.capacity as u32).max(tiles + 1);
-                one(pass, "ranges", n.div_ceil(64));
-                one(pass, "reach", (self.sizes.capacity as u32).div_ceil(4 * 64));
+                single(pass, "ranges", n.div_ceil(64));
+                single(pass, "reach", (self.sizes.capacity as u32).div_ceil(4 * 64));
             }
-            Stage::Blend => one(pass, "blend", tiles.div_ceil(GROUP_TILES)),
+            Stage::Blend => single(pass, "blend", tiles.div_ceil(GROUP_TILES)),
             Stage::Loss => {
                 let Some(group) = photo else { return };
                 let pixels = u.width * u.height;
@@ -102,9 +122,9 @@ impl Workspace {
                 self.dispatch(pass, "loss", "loss_blocks", group, (3 * pixels).div_ceil(4096), 1);
                 self.dispatch(pass, "loss", "loss_total", group, 1, 1);
             }
-            Stage::BlendAdjoint => one(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
-            Stage::Gather => one(pass, "gather", gaussians),
-            Stage::Adam => one(pass, "adam", gaussians),
+            Stage::BlendAdjoint => single(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
+            Stage::Gather => single(pass, "gather", gaussians),
+            Stage::Adam => single(pass, "adam", gaussians),
         }
     }
 
@@ -127,7 +147,7 @@ impl Workspace {
         for level in levels {
             self.dispatch(pass, "scan", "scan_local", &level.group, level.blocks, 1);
         }
-        // The last level has one workgroup, whose total nobody needs.
+        // The last level has one workgroup, so its total is not added to anything.
         for level in levels.iter().rev().skip(1) {
             self.dispatch(pass, "scan", "scan_add", &level.group, level.blocks, 1);
         }
@@ -149,7 +169,7 @@ impl Workspace {
     }
 }
 
-/// Workgroups as rows of at most [`DISPATCH_ROW`]: a dimension may not pass 65535.
+/// Workgroups as rows of at most [`DISPATCH_ROW`]: a dimension has at most 65535.
 pub(crate) fn fold(groups: u32) -> (u32, u32) {
     (groups.min(DISPATCH_ROW), groups.div_ceil(DISPATCH_ROW).max(1))
 }

@@ -1,5 +1,5 @@
-//! Stage by stage against the Rust executor, each stage on the same inputs. On lavapipe where
-//! it is installed; skipped, loudly, where no adapter exists.
+//! Compares each stage with the Rust executor on the same inputs, on lavapipe where it is installed.
+//! Without an adapter the tests are skipped with a message.
 
 mod faults;
 
@@ -8,8 +8,9 @@ use gs_model::{Camera, Scene};
 use super::device::Context;
 use super::executor::GpuExecutor;
 use super::passes::{Stage, fold};
+use super::sizes::Sizes;
 use super::uniform::StepUniform;
-use super::workspace::{Sizes, Workspace};
+use super::workspace::Workspace;
 use crate::forward::Forward;
 use crate::gradients::{Backward, planes_of};
 use crate::image::Image;
@@ -20,7 +21,9 @@ use crate::shuffle::Rng;
 use crate::stages::adam::{AdamStep, Moments, adam};
 use crate::stages::blend_adjoint::{FROZEN, TileGradient};
 use crate::stages::project::{CULLED, View};
-use crate::train::{Executor, FineTuneOptions, TrainView};
+use crate::train::executor::Executor;
+use crate::train::options::FineTuneOptions;
+use crate::train::view::TrainView;
 
 fn context() -> Option<Context> {
     match Context::software() {
@@ -66,6 +69,7 @@ fn camera(width: u32, height: u32) -> Camera {
         cy: f64::from(height) / 2.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::new(0.0, 0.0, 0.5),
+        ignored_distortion: None,
     }
 }
 
@@ -76,7 +80,7 @@ fn photo(width: u32, height: u32) -> Image {
     image
 }
 
-/// A step on both sides: the Rust results, and a workspace into which tests write inputs.
+/// A step in both executors: the Rust results, and a workspace into which tests write inputs.
 struct Pair {
     scene: Scene,
     view: View,
@@ -185,7 +189,7 @@ fn project_agrees() {
 #[test]
 fn lists_are_equal() {
     let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
-    // Counts come from `project`; everything else from the Rust side.
+    // Counts come from `project`; everything else from the Rust executor.
     p.gpu.run(&[Stage::Project], &p.u, None);
     let f = &p.cpu.forward;
     p.gpu.write("keys", &f.projected.keys);
@@ -287,7 +291,7 @@ fn losses_agree() {
         let Some(p) = pair(500, (90, 61), loss) else { return };
         let f = &p.cpu.forward;
         p.gpu.write("pixels", &flat(&f.tiles));
-        // Rubbish that the stage has to clear.
+        // Old values that the stage must overwrite.
         p.gpu.write("gradient", &vec![9.0f32; 768 * p.view.tiles()]);
         let photo = p.gpu.storage("photo", p.photo.len()).unwrap();
         p.gpu.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(&p.photo));
@@ -333,7 +337,7 @@ fn adam_agrees() {
         for (k, (a, b)) in got_moments.arrays().iter().zip(moments.arrays()).enumerate() {
             assert!(relative(&format!("moment {k}"), a, b) < 1e-5);
         }
-        // Adam divides by the gradient's own size: compare where that is not noise.
+        // Adam divides by the size of the gradient: compare only where that is not noise.
         let mut compared = 0;
         let largest = moments.log_scale[0].iter().fold(0.0f32, |a, m| a.max(m.abs()));
         let counts = |(_, m): &(usize, &f32)| m.abs() > 1e-5 * largest;

@@ -1,5 +1,5 @@
-//! Stage `adam`: the optimiser, fused with the projection's adjoint so that a Gaussian's
-//! gradient never reaches memory.
+//! Stage `adam`: the optimiser, fused with the adjoint of the projection, so that gradients are
+//! never stored.
 
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -82,8 +82,8 @@ impl AdamStep {
     }
 }
 
-/// One parameter. A gradient that is not finite counts as zero: one bad pixel must not end a
-/// run of thousands of steps.
+/// Updates one parameter. A gradient that is not finite counts as zero, so that one bad pixel does
+/// not end a run of thousands of steps.
 #[inline(always)]
 fn update(p: &mut f32, m: &mut f32, v: &mut f32, g: f32, rate: f32, inv_sqrt_bias2: f32) {
     let g = if finite(g) { g } else { 0.0 };
@@ -187,9 +187,9 @@ impl<const N: usize> simd::Kernel for Chunk<'_, N> {
     }
 }
 
-/// Updates every parameter but the means from the gathered records, 7 or 9 floats each.
-/// Gaussians that the view does not see have a zero gradient: their moments decay and their
-/// parameters follow them, as with the reference's dense optimiser.
+/// Updates every parameter except the means from the gathered records, 7 or 9 floats each.
+/// Gaussians that the view does not see have a zero gradient: their moments decay, and their
+/// parameters still move by them, as in the reference implementation.
 pub(crate) fn adam<const N: usize>(
     view: &View,
     step: &AdamStep,

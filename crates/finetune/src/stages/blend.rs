@@ -65,7 +65,7 @@ fn blend_row<const WEIGHTS: bool>(
     }
 }
 
-/// Number of pixels of a row that still blend; integer arithmetic, so that it vectorises.
+/// Number of pixels of a row that still blend. Integer arithmetic, so that it is vectorised.
 #[inline(always)]
 pub(crate) fn live(t: &[f32; LANES]) -> u32 {
     let mut n = 0;
@@ -75,7 +75,7 @@ pub(crate) fn live(t: &[f32; LANES]) -> u32 {
     n
 }
 
-/// Sum of 16 lanes in the fixed order that every reduction here uses: halves onto halves.
+/// Sum of 16 lanes, halves added to halves: the order of every sum over lanes.
 #[inline(always)]
 pub(crate) fn sum_lanes(v: &[f32; LANES]) -> f32 {
     let mut s = *v;
@@ -102,7 +102,7 @@ struct BlendTile<'a, const WEIGHTS: bool> {
 }
 
 impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
-    /// Number of leading splats of the list that some pixel may have blended.
+    /// Number of splats at the start of the list that some pixel may have blended.
     type Output = u32;
 
     #[inline(always)]
@@ -115,19 +115,19 @@ impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
         let y0 = ty * TILE;
         let rows = (view.height - y0).min(TILE);
         let mut px_state = TilePixels::CLEAR;
-        // Pixels beyond the image's edge never start: first lanes.
+        // Pixels beyond the image's edge begin as stopped: lanes first, then rows.
         for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
             for row in &mut px_state.t {
                 row[l] = -1.0;
             }
         }
-        // Then rows.
         for row in &mut px_state.t[rows as usize..] {
             *row = [-1.0; LANES];
         }
         let mut row_live = [true; LANES];
         let mut last = 0;
-        // Rows are re-examined once per batch: a stopped pixel is skipped by its sign anyway.
+        // Whether a row still blends is tested once per batch. In between, the sign of its
+        // transmittance keeps a stopped pixel as it is.
         const BATCH: usize = 32;
         for (batch, list) in ids.chunks(BATCH).enumerate() {
             for (k, &i) in list.iter().enumerate() {
@@ -178,7 +178,7 @@ impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
     }
 }
 
-/// Blends every tile. `last[tile]` becomes the length of the tile's list that was needed.
+/// Blends every tile. `last[tile]` becomes the number of splats of the tile's list that were needed.
 pub(crate) fn blend(
     view: &View,
     splats: &[Splat],

@@ -1,4 +1,4 @@
-// Stage `blend`; the shape is that of block.wgsl.
+// Stage `blend`, with the lanes as in block.wgsl.
 
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 @group(0) @binding(2) var<storage, read> ids: array<u32>;
@@ -8,7 +8,7 @@
 // Per block: the leading splats of the tile's list that some pixel may have blended.
 @group(0) @binding(5) var<storage, read_write> last: array<u32>;
 
-// Per place of the lists, a byte: which blocks the splat reaches.
+// Per position in the lists, a byte: which blocks the splat reaches.
 @group(0) @binding(6) var<storage, read> hits: array<u32>;
 
 const BATCH: u32 = 32u;

@@ -32,14 +32,14 @@ pub(crate) const FROZEN: usize = 7;
 /// With means: also v_sigma times e0 and e1.
 pub(crate) const MOVING: usize = 9;
 
-/// Sums are formed per block of eight columns and four rows, then over the blocks: on a GPU a lane
-/// owns a block.
+/// Sums are computed per block of eight columns and four rows, then over the blocks, because on a GPU
+/// a lane owns a block.
 const BLOCK_ROWS: usize = 4;
 /// Vectors of four that hold the sums of a record.
 const QUADS: usize = MOVING.div_ceil(4);
 
-/// Sums of up to four vectors over eight lanes from `side` on, halves onto halves. Vec4 because it is
-/// four lanes wide on every processor: compilers turn the same in plain arrays into scalars.
+/// Sums of up to four vectors over eight lanes from `side` on, halves added to halves. With `Vec4`
+/// the compiler emits vector instructions; with plain arrays it emits scalar ones.
 #[inline(always)]
 fn sum_eight(v: &[[f32; LANES]], side: usize) -> Vec4 {
     let four = |k: usize| match v.get(k) {
@@ -50,12 +50,15 @@ fn sum_eight(v: &[[f32; LANES]], side: usize) -> Vec4 {
     (m.x_axis + m.z_axis) + (m.y_axis + m.w_axis)
 }
 
+/// The state of a row of pixels: transmittance, and the light behind the splats so far, dotted with
+/// the gradient.
 #[derive(Clone, Copy)]
 struct PixelRow {
     t: [f32; LANES],
     rg: [f32; LANES],
 }
 
+/// The adjoint of one splat on one row of pixels.
 #[inline(always)]
 fn replay_row<const N: usize>(
     s: &Splat,
@@ -157,7 +160,7 @@ impl<const N: usize> simd::Kernel for ReplayTile<'_, N> {
                 }
                 let first = s.row0.max(y0) - y0;
                 let end = (s.row1 - y0.min(s.row1)).min(rows);
-                // Left and right, four sums a vector.
+                // Left and right half of the tile, four sums per vector.
                 let mut sides = [[Vec4::ZERO; 2]; QUADS];
                 for top in (0..TILE).step_by(BLOCK_ROWS) {
                     let (first, end) = (first.max(top), end.min(top + BLOCK_ROWS as u32));

@@ -1,6 +1,6 @@
-// Stage `blend_adjoint`: one record of seven sums per slot; the shape is that of block.wgsl. A
-// lane adds up its block's pixels in registers and leaves a sum per splat in workgroup memory;
-// then the lanes of a tile add up the blocks, in the fixed order of `blend_adjoint.rs.
+// Stage `blend_adjoint`: one record of seven sums per slot, with the lanes as in block.wgsl. A lane
+// adds up its block's pixels in registers and stores a sum per splat in workgroup memory. Then the
+// lanes of a tile add up the blocks, in the fixed order of blend_adjoint.rs.
 
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 @group(0) @binding(2) var<storage, read> ids: array<u32>;
@@ -11,7 +11,7 @@
 // Per tile: gradients with respect to red, green, blue, 256 each.
 @group(0) @binding(6) var<storage, read> gradient: array<f32>;
 @group(0) @binding(7) var<storage, read_write> records: array<f32>;
-// Per place of the lists, a byte: which blocks the splat reaches.
+// Per position in the lists, a byte: which blocks the splat reaches.
 @group(0) @binding(8) var<storage, read> hits: array<u32>;
 
 // Per tile of the workgroup, splat of the batch, sum, block.
@@ -159,8 +159,8 @@ fn blend_adjoint(
         }
         workgroupBarrier();
         for (var j = block; j < n * 7u; j += BLOCKS) {
-            let place = start + j / 7u;
-            var bits = (hits[place / 4u] >> (8u * (place % 4u))) & 255u;
+            let position = start + j / 7u;
+            var bits = (hits[position / 4u] >> (8u * (position % 4u))) & 255u;
             var left = 0.0;
             var right = 0.0;
             while (bits != 0u) {
@@ -174,7 +174,7 @@ fn blend_adjoint(
         }
         workgroupBarrier();
     }
-    // Slots that no pixel got to.
+    // Slots behind the last one that a pixel needs.
     for (var j = end * 7u + block; j < list_end * 7u; j += BLOCKS) {
         records[j] = 0.0;
     }

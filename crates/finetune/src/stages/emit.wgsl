@@ -9,7 +9,7 @@
 @group(0) @binding(7) var<storage, read_write> slot_tiles: array<u32>;
 @group(0) @binding(8) var<storage, read_write> slot_ids: array<u32>;
 
-// Tile counts in depth order, and a zero after them so that the scan ends with the total.
+// Tile counts in depth order, followed by a zero, so that the scan ends with the total.
 @compute @workgroup_size(64)
 fn rank_counts(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let rank = group_index(group) * 64u + lane;
@@ -20,8 +20,8 @@ fn rank_counts(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     }
 }
 
-// Slots of `state`: 0 Gaussians, 1 slots in use, 2 first step that needed more slots than there
-// are (it and all later ones do nothing until the host has made room), 3 slots that it needed.
+// The words of `state`: 0: Gaussians; 1: slots in use; 2: the first step that needed more slots than
+// exist (it and all later steps do nothing until the host has made room); 3: the slots it needed.
 @compute @workgroup_size(1)
 fn check_capacity() {
     let total = starts[u.count];
@@ -49,8 +49,8 @@ fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let box = boxes[i];
     for (var ty = box.z; ty < box.w; ty++) {
         for (var tx = box.x; tx < box.y; tx++) {
-            // `project` counted with the same function, but another compilation of it may
-            // round otherwise: never write past the count.
+            // `project` counted with the same function, but its compilation may round differently:
+            // never write past the count.
             if (at < end && touches(s, tx, ty)) {
                 slot_tiles[at] = ty * u.tiles_x + tx;
                 slot_ids[at] = i;
@@ -58,7 +58,7 @@ fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             }
         }
     }
-    // The same, the other way: what is left belongs to no tile and sorts last.
+    // For the same reason slots may be left over: they belong to no tile and sort last.
     for (; at < end; at++) {
         slot_tiles[at] = u.tiles_x * u.tiles_y;
         slot_ids[at] = i;

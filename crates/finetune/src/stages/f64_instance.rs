@@ -38,11 +38,11 @@ fn abs(x: F) -> F {
 fn sqrt(x: F) -> F {
     x.sqrt()
 }
-fn exp_own(x: F) -> F {
+fn exp_polynomial(x: F) -> F {
     x.exp()
 }
 fn sigmoid(l: F) -> F {
-    1.0 / (1.0 + exp_own(-l))
+    1.0 / (1.0 + exp_polynomial(-l))
 }
 
 include!("math/prelude.rs");
@@ -179,6 +179,7 @@ fn all_gradients_agree_with_central_differences() {
             0.05,
         )),
         translation: glam::DVec3::new(0.1, -0.2, 0.3),
+        ignored_distortion: None,
     };
     let lens = Lens::new(&camera);
     let mut rng = crate::shuffle::Rng(12);

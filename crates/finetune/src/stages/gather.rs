@@ -6,8 +6,8 @@ use super::project::Splat;
 use super::tiles::TileLists;
 
 /// `out[i]` = sum of `records[slot]` over the slots of Gaussian `i`, in tile order, which is
-/// the order of emission. Each worker owns a range of Gaussians and scans all slots, so the
-/// order of the additions does not depend on the workers.
+/// the order of emission. Each task owns a range of Gaussians and scans all slots, so the order of
+/// the additions does not depend on the number of tasks.
 pub(crate) fn gather<const N: usize>(
     lists: &TileLists,
     records: &[[f32; N]],
@@ -42,7 +42,7 @@ fn gather_then<const N: usize>(
 ) {
     out.clear();
     out.resize(gaussians, [0.0; N]);
-    // The number of ranges is a matter of speed only: every range sums in the same order.
+    // The number of ranges affects speed only: every range sums in the same order.
     let chunk = gaussians.div_ceil(2 * rayon::current_num_threads()).max(1);
     out.par_chunks_mut(chunk).enumerate().for_each(|(c, sums)| {
         let first = (c * chunk) as u32;

@@ -1,4 +1,4 @@
-//! Stage `loss`: value and per-pixel gradient.
+//! Stage `loss`: the value of the loss and its gradient per pixel.
 
 use rayon::prelude::*;
 

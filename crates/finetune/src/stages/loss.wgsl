@@ -1,6 +1,6 @@
 // Stage `loss`: value and gradient. The third coordinate of a workgroup is the colour channel. A
 // lane blurs a run of eight pixels along a row or a column: a window of eight slides over the
-// run, so that a value is loaded twice or thrice and not eleven times.
+// run, so a value is loaded two or three times instead of eleven.
 
 @group(0) @binding(1) var<storage, read> pixels: array<f32>;
 // Three planes of the photo.
@@ -46,7 +46,7 @@ fn multiply(p: Run, q: Run) -> Run {
     return Run(p.a * q.a, p.b * q.b);
 }
 
-// The value `k - 5` pixels from `at` along a row or column of `limit` pixels; zero beyond it.
+// The value `k - 5` pixels from `at` along a row or column of `limit` pixels; zero outside it.
 struct Reach { at: u32, inside: bool }
 
 fn reach_of(at: u32, k: u32, limit: u32) -> Reach {
@@ -54,7 +54,7 @@ fn reach_of(at: u32, k: u32, limit: u32) -> Reach {
     return Reach(select(0u, at + k - 5u, inside), inside);
 }
 
-// Where a lane's run begins: along the rows, or down the columns.
+// The first pixel of a lane's run, along a row or down a column.
 struct Place { channel: u32, x: u32, y: u32, inside: bool }
 
 fn along_row(group: vec3<u32>, lane: u32) -> Place {
@@ -251,7 +251,7 @@ fn spread_run(plane: u32, p: Place) -> Run {
     return sum;
 }
 
-// One pixel of the gradient, and its share of everything but SSIM.
+// One pixel of the gradient, and its contributions to the loss without SSIM and to the squared error.
 fn finish(channel: u32, x: u32, y: u32, mean: f32, variance: f32, cov: f32) {
     var g = 0.0;
     if (x < u.width && y < u.height) {
@@ -303,7 +303,7 @@ fn loss_gradient(
 
 var<workgroup> lanes: array<vec2<f32>, 64>;
 
-// A sum of fixed shape: 64 lanes with 64 consecutive values each, halves onto halves.
+// A sum in a fixed order: 64 lanes add 64 consecutive values each, then halves are added to halves.
 @compute @workgroup_size(64)
 fn loss_blocks(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = group_index(group);

@@ -13,7 +13,7 @@
     clippy::excessive_precision,
     clippy::approx_constant,
     clippy::inline_always,
-    reason = "the included text is WGSL too: its idiom, its literals, its argument lists"
+    reason = "the included text is WGSL as well: its idiom, literals and argument lists"
 )]
 
 pub(crate) mod adam;
@@ -90,7 +90,7 @@ fn sqrt(x: F) -> F {
     x.sqrt()
 }
 /// Round to nearest, ties to even, for |x| < 2^22: adding and subtracting 1.5 * 2^23 needs no
-/// instruction beyond SSE2. (WGSL uses `round`: compilers may fold this there.)
+/// instruction beyond SSE2. (WGSL uses `round`, because its compilers may simplify the two additions.)
 #[inline(always)]
 fn round_even(x: F) -> F {
     const MAGIC: f32 = 12_582_912.0;
@@ -114,10 +114,16 @@ fn mantissa_of(x: F) -> F {
     let offset = x.to_bits().wrapping_sub(0x3f35_04f3);
     f32::from_bits((offset & 0x007f_ffff).wrapping_add(0x3f35_04f3))
 }
-/// Exponent-bit test: WGSL compilers may assume that NaN and infinity do not occur.
+/// True unless NaN or infinite. Tests the exponent's bits, as in WGSL, where compilers may assume
+/// that NaN and infinity do not occur.
 #[inline(always)]
 fn finite(x: F) -> B {
     x.to_bits() & 0x7f80_0000 != 0x7f80_0000
+}
+
+/// The opacity of a Gaussian, as the stages compute it.
+pub(crate) fn opacity_of(logit: f32) -> f32 {
+    sigmoid(logit)
 }
 
 include!("math/prelude.rs");

@@ -119,7 +119,7 @@ struct Frame {
 }
 
 fn scale_of(l: f32) -> f32 {
-    return exp_own(clamp(l, -LOG_SCALE_MAX, LOG_SCALE_MAX));
+    return exp_polynomial(clamp(l, -LOG_SCALE_MAX, LOG_SCALE_MAX));
 }
 
 fn frame_of(i: u32) -> Frame {

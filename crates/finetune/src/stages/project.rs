@@ -53,10 +53,11 @@ pub(crate) struct View {
     pub(crate) background: [f32; 3],
     /// [`Profile::Reference`].
     pub(crate) reference: bool,
-    /// [`T_STOP`], [`TileTest::Ellipse`] and `false` but in benchmarks.
+    /// [`T_STOP`]. Benchmarks also use other values of this and of the next two fields.
     pub(crate) t_stop: f32,
+    /// [`TileTest::Ellipse`].
     pub(crate) tile_test: TileTest,
-    /// Colours rounded to half precision.
+    /// Whether colours are rounded to half precision: `false`.
     pub(crate) half_colour: bool,
 }
 
@@ -119,7 +120,7 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
     let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i])?;
     let x = view.lens.fx * (f.m.x * f.inv_z) + view.lens.cx;
     let y = view.lens.fy * (f.m.y * f.inv_z) + view.lens.cy;
-    let cut = ln_own(o255);
+    let cut = ln_polynomial(o255);
     let shape = f.shape;
     let (cols, rows) = if view.reference {
         let half = reference_radius(&shape);
@@ -128,7 +129,7 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
         let pixels = |s: (u32, u32), limit: u32| (s.0 * TILE, (s.1 * TILE).min(limit));
         (pixels(x_span, view.width), pixels(y_span, view.height))
     } else {
-        // The ellipse's exact box, widened by what rounding could take away.
+        // The exact box of the ellipse, widened by more than the rounding error.
         let t = 2.0 * cut * 1.0001;
         let half_x = sqrt(t * shape.cov_xx) + 0.01;
         let half_y = sqrt(t * shape.cov_yy) + 0.01;
@@ -174,7 +175,8 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
     Some((splat, tiles, f.m.z.to_bits()))
 }
 
-/// `v` rounded to the 11 significant bits of half precision, ties to even; its range is left alone.
+/// `v` rounded to the 11 significant bits of half precision, ties to even. The range of the exponent
+/// stays that of `f32`.
 fn to_half(v: f32) -> f32 {
     let bits = v.to_bits();
     let odd = (bits >> 13) & 1;
@@ -192,7 +194,7 @@ fn reference_radius(shape: &Shape) -> F {
 /// Inria's tile range of a square, with its truncation towards zero.
 fn square_tiles(centre: F, half: F, limit: u32) -> (u32, u32) {
     let tile = TILE as f32;
-    // Inria's pixel centres are at integers: its mean is ours less one half.
+    // Inria's pixel centres are at integers, so its mean is smaller by one half.
     let c = centre - 0.5;
     let first = ((c - half) / tile).max(0.0) as u32;
     let last = ((c + half + tile - 1.0) / tile).max(0.0) as u32;

@@ -60,7 +60,7 @@ fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     if (!sane) {
         return;
     }
-    let cut = ln_own(o255);
+    let cut = ln_polynomial(o255);
     var cols: vec2<u32>;
     var rows: vec2<u32>;
     if (u.reference == 1u) {

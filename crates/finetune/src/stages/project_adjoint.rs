@@ -9,9 +9,10 @@ use super::*;
 /// Gradients of one Gaussian, in the space of [`Scene`]'s arrays.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct GaussianGradient {
-    /// Gradient with respect to the SH coefficients is the outer product of this ...
+    /// The SH basis. The gradient with respect to the SH coefficients is its outer product with
+    /// `v_raw`.
     pub(crate) basis: [f32; 16],
-    /// ... and this, the gradient with respect to the colour before its clamp.
+    /// Gradient with respect to the colour before its clamp.
     pub(crate) v_raw: [f32; 3],
     pub(crate) d_opacity_logit: f32,
     pub(crate) d_log_scale: [f32; 3],
@@ -48,8 +49,8 @@ impl<'a> Gaussian<'a> {
 }
 
 /// `record` is the Gaussian's from `gather_gradients`, 7 or 9 sums.
-/// `None` if the Gaussian was culled or no pixel saw it: its gradient is zero, and whatever
-/// made it invisible (an overflow, say) must not turn zero into NaN.
+/// `None` if the Gaussian was culled or reaches no pixel. Its gradient is then zero; computing it
+/// could give NaN, for example where an overflow made the Gaussian invisible.
 #[inline(always)]
 pub(crate) fn gaussian_gradient<const N: usize>(
     view: &View,

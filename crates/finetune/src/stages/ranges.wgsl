@@ -1,12 +1,12 @@
-// Stage `ranges`: from the slots sorted by tile to per-tile lists, and back from slots to their
-// places in the lists.
+// Stage `ranges`: makes the tiles' lists from the slots sorted by tile, and stores the position of
+// each slot in the lists.
 
 @group(0) @binding(1) var<storage, read> state: array<u32>;
 @group(0) @binding(2) var<storage, read> tile_keys: array<u32>;
 @group(0) @binding(3) var<storage, read> tile_slots: array<u32>;
 @group(0) @binding(4) var<storage, read> slot_ids: array<u32>;
 @group(0) @binding(5) var<storage, read_write> ids: array<u32>;
-@group(0) @binding(6) var<storage, read_write> places: array<u32>;
+@group(0) @binding(6) var<storage, read_write> list_positions: array<u32>;
 @group(0) @binding(7) var<storage, read_write> offsets: array<u32>;
 
 @compute @workgroup_size(64)
@@ -15,9 +15,9 @@ fn ranges(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     let n = state[1];
     if (k < n) {
         ids[k] = slot_ids[tile_slots[k]];
-        places[tile_slots[k]] = k;
+        list_positions[tile_slots[k]] = k;
     }
-    // The start of tile k: the first slot whose tile is not below it.
+    // The start of tile k: the first slot whose tile is at least k.
     if (k <= u.tiles_x * u.tiles_y) {
         var low = 0u;
         var high = n;

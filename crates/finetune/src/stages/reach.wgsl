@@ -1,5 +1,6 @@
-// Second half of the stage `ranges`: which blocks of its tile each splat of the lists reaches. A byte
-// a splat, a bit a block, four splats a word and a lane. The Rust executor skips rows instead.
+// Second half of the stage `ranges`: which blocks of its tile each splat of the lists reaches. A
+// splat has a byte, with a bit per block; a lane writes a word, four splats. The Rust executor skips
+// rows instead.
 
 @group(0) @binding(1) var<storage, read> state: array<u32>;
 @group(0) @binding(2) var<storage, read> tile_keys: array<u32>;

@@ -1,5 +1,5 @@
-//! The scalar reference of `blend` and `blend_adjoint`: pixel by pixel, splat by splat, no
-//! vectors, no threads. Slow and obvious; tests compare the executors with it.
+//! The scalar reference of `blend` and `blend_adjoint`: pixel by pixel and splat by splat, without
+//! vectors or threads. Tests compare the Rust executor with it.
 
 use super::blend::{LANES, TilePixels};
 use super::blend_adjoint::{FROZEN, TileGradient};
@@ -7,8 +7,8 @@ use super::project::{Splat, View};
 use super::tiles::TileLists;
 use super::{TILE, gate, replay};
 
-/// Where a pixel is: its tile, and its place in the tile.
-struct Place {
+/// A pixel: its tile, its coordinates within the tile, its centre and row in the image.
+struct Pixel {
     tile: usize,
     x: usize,
     y: usize,
@@ -16,10 +16,10 @@ struct Place {
     row: u32,
 }
 
-fn places(view: &View) -> impl Iterator<Item = Place> {
+fn pixels_of(view: &View) -> impl Iterator<Item = Pixel> {
     let (w, h, tiles_x) = (view.width, view.height, view.tiles_x);
     (0..h).flat_map(move |row| {
-        (0..w).map(move |column| Place {
+        (0..w).map(move |column| Pixel {
             tile: ((row / TILE) * tiles_x + column / TILE) as usize,
             x: (column % TILE) as usize,
             y: (row % TILE) as usize,
@@ -30,7 +30,7 @@ fn places(view: &View) -> impl Iterator<Item = Place> {
 }
 
 /// e0 and e1 of a splat at a pixel, and its cut there.
-fn offsets(s: &Splat, p: &Place) -> (f32, f32, f32) {
+fn offsets(s: &Splat, p: &Pixel) -> (f32, f32, f32) {
     let (dx, dy) = (s.x - p.centre.0, s.y - p.centre.1);
     let within = p.row >= s.row0 && p.row < s.row1;
     (s.p * dx + s.q * dy, s.r * dy, if within { s.cut } else { -1.0 })
@@ -39,10 +39,10 @@ fn offsets(s: &Splat, p: &Place) -> (f32, f32, f32) {
 pub(crate) fn blend(view: &View, splats: &[Splat], lists: &TileLists) -> Vec<TilePixels> {
     let mut tiles = vec![TilePixels::CLEAR; view.tiles()];
     for tile in &mut tiles {
-        // Pixels beyond the image's edge never start.
+        // Pixels beyond the image's edge begin as stopped.
         tile.t = [[-1.0; LANES]; LANES];
     }
-    for p in places(view) {
+    for p in pixels_of(view) {
         let tile = &mut tiles[p.tile];
         let mut t = 1.0;
         for &i in lists.of(p.tile) {
@@ -70,7 +70,7 @@ pub(crate) fn blend_adjoint(
     gradients: &[TileGradient],
 ) -> Vec<[f32; FROZEN]> {
     let mut records = vec![[0.0; FROZEN]; lists.ids.len()];
-    for p in places(view) {
+    for p in pixels_of(view) {
         let (tile, g) = (&pixels[p.tile], &gradients[p.tile]);
         let at = |plane: &[[f32; LANES]; LANES]| plane[p.y][p.x];
         let g = [at(&g.red), at(&g.green), at(&g.blue)];
@@ -140,6 +140,7 @@ mod tests {
             cy: 26.0,
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::ZERO,
+            ignored_distortion: None,
         };
         let options = RenderOptions { background: [0.4, 0.1, 0.8], ..Default::default() };
         let view = View::new(&camera, &options);

@@ -1,5 +1,5 @@
-// Exclusive prefix sums in place, 1024 values a workgroup; the totals of the workgroups are
-// scanned by the next level and added back.
+// Exclusive prefix sums in place, 1024 values per workgroup. The next level scans the totals of the
+// workgroups, and they are added back.
 
 struct Level {
     length: u32,

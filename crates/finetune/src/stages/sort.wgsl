@@ -1,6 +1,6 @@
-// A stable radix sort of (key, value) pairs, four bits a pass: the stages `sort_depth` and
-// `sort_tile`. A workgroup sorts RADIX_BLOCK consecutive pairs, a lane RADIX_PER_LANE of them, one
-// after the other, so that equal digits keep their order without any atomic.
+// A stable radix sort of (key, value) pairs, four bits per pass: the stages `sort_depth` and
+// `sort_tile`. A workgroup sorts RADIX_BLOCK consecutive pairs. A lane sorts RADIX_PER_LANE of them
+// one after the other, so equal digits keep their order without atomics.
 
 struct Pass {
     shift: u32,

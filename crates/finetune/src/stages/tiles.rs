@@ -45,7 +45,7 @@ pub(crate) fn touches(view: &View, s: &Splat, tx: u32, ty: u32) -> bool {
 }
 
 /// Builds the lists from the depth order: first one list per row of tiles (serial, one write
-/// per Gaussian and row), then each row sorts its own into tiles by counting (parallel).
+/// per Gaussian and row), then a counting sort of each row's list into tiles (parallel).
 pub(crate) fn tile_lists(
     view: &View,
     splats: &[Splat],

@@ -1,4 +1,4 @@
-//! Checkpoints: everything that a run needs to continue to the same bits.
+//! Checkpoints: everything that a run needs to continue with the same result, bit for bit.
 //!
 //! Little-endian: magic, version (u32), fingerprint (u64), Gaussians (u64), SH degree (u32),
 //! step (u64), epochs (u32) and their PSNRs (f64), steps of the epoch under way (u32) and their
@@ -9,8 +9,8 @@ use std::path::Path;
 
 use gs_model::Scene;
 
-use super::TrainView;
 use super::progress::Tracker;
+use super::view::TrainView;
 use crate::error::{Error, Result};
 use crate::stages::adam::Moments;
 
@@ -60,7 +60,7 @@ impl Checkpoint {
         Self { step: 0, tracker: Tracker::new(views), moments, scene }
     }
 
-    /// Writes to a neighbouring file first and renames it, so that an interruption leaves the
+    /// Writes to a temporary file beside `path` and renames it, so that an interruption leaves the
     /// previous checkpoint or the new one.
     pub(crate) fn write(&self, path: &Path, fingerprint: u64) -> Result<()> {
         let mut out = Vec::new();
@@ -94,7 +94,7 @@ impl Checkpoint {
             .map_err(Error::io(&temporary, "write"))
             .and_then(|()| std::fs::rename(&temporary, path).map_err(Error::io(path, "rename")));
         if written.is_err() {
-            // A part of a checkpoint is of no use, and takes space where there may be none.
+            // A partial checkpoint is useless and takes space.
             let _ = std::fs::remove_file(&temporary);
         }
         written
@@ -116,7 +116,7 @@ impl Checkpoint {
     ) -> Result<Self> {
         let mut r = Reader { path, bytes, at: 0 };
         if r.take::<8>()? != MAGIC {
-            return Err(r.error("wrong magic"));
+            return Err(r.error("it does not start as a checkpoint"));
         }
         if r.u32()? != VERSION {
             return Err(r.error("unknown version"));
@@ -131,7 +131,7 @@ impl Checkpoint {
             });
         }
         if r.u64()? != fingerprint {
-            let reason = format!("{} is of other means or other cameras", path.display());
+            let reason = format!("{} has other means or other cameras", path.display());
             return Err(Error::CheckpointMismatch { reason });
         }
         let (n, degree) = (r.u64()?, r.u32()?);
@@ -141,7 +141,7 @@ impl Checkpoint {
         start.step = r.u64()?;
         let epochs = r.f64_list()?;
         let current = r.f64_list()?;
-        // An epoch ends when its length is reached: one that is beyond it would never end.
+        // An epoch ends when its length is reached, so a longer one would never end.
         if current.len() >= start.tracker.views {
             return Err(r.error("more steps in an epoch than views"));
         }

@@ -2,7 +2,9 @@
 
 use gs_model::Scene;
 
-use super::{Executor, FineTuneOptions, TrainView};
+use super::executor::Executor;
+use super::options::FineTuneOptions;
+use super::view::TrainView;
 use crate::error::Result;
 use crate::gradients::{Backward, planes_of};
 use crate::options::{Loss, RenderOptions};

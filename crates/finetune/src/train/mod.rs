@@ -1,53 +1,32 @@
-//! The fine-tune: attributes follow the photos, means stay where the voxelizer put them.
+//! The fine-tune: it fits the attributes to the photos and keeps the means.
 
 mod checkpoint;
 mod cpu;
-mod options;
+pub(crate) mod executor;
+pub(crate) mod options;
 mod progress;
+pub(crate) mod view;
 
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use gs_model::{Camera, Scene};
+use gs_model::Scene;
+
+pub(crate) use checkpoint::Checkpoint;
+use executor::Executor;
+pub use options::FineTuneOptions;
+use progress::Tracker;
+pub use progress::{Outcome, Progress, StopReason};
+pub use view::TrainView;
+use view::check_views;
 
 use crate::backend::{self, Backend, BackendReport};
 use crate::error::{Error, Result};
-use crate::image::Image;
 use crate::shuffle::permutation;
-use crate::stages::adam::{AdamStep, Moments};
+use crate::stages::adam::AdamStep;
+#[cfg(all(test, feature = "gpu"))]
+use crate::stages::adam::Moments;
 use crate::stages::loss::LossValue;
-
-pub use options::FineTuneOptions;
-pub use progress::{Outcome, Progress, StopReason};
-
-pub(crate) use checkpoint::Checkpoint;
-use progress::Tracker;
-
-/// Largest edge of a training view, pixels.
-pub const MAX_IMAGE_EDGE: u32 = 1 << 15;
-
-/// A posed photo to train on.
-#[derive(Clone, Debug)]
-pub struct TrainView {
-    /// Where the photo was taken from.
-    pub camera: Camera,
-    /// The photo, of the camera's size.
-    pub photo: Image,
-}
-
-/// What carries out the steps of a fine-tune: the Rust executor or the WGSL one.
-pub(crate) trait Executor: Send {
-    /// Renders view `view`, adds its loss to the queue, updates the parameters. `step` counts
-    /// from 1.
-    fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()>;
-    /// Moves the losses of the steps since the last call to the end of `out`, in order.
-    fn drain_losses(&mut self, out: &mut Vec<LossValue>) -> Result<()>;
-    /// The parameters and the optimiser's moments. The Rust executor hands over its own, three
-    /// times the model's size, not a copy: [`Self::restore`] comes before another step.
-    fn take_state(&mut self) -> Result<(Scene, Moments)>;
-    /// Takes back what [`Self::take_state`] gave.
-    fn restore(&mut self, scene: Scene, moments: Moments);
-}
 
 /// A fine-tune of one scene on a set of photos.
 ///
@@ -55,8 +34,8 @@ pub(crate) trait Executor: Send {
 /// opacities every 3000 steps, which hurts a mature model). The result is a function of the
 /// scene, the views and the options alone, whatever the number of threads.
 ///
-/// If the GPU fails, is lost or runs out of memory, a run under [`Backend::Auto`] goes on in Rust
-/// from the last step that was kept: every [`FineTuneOptions::checkpoint_every`] steps, with or
+/// If the GPU fails, is lost or runs out of memory, a run under [`Backend::Auto`] continues in Rust
+/// from the last kept step: every [`FineTuneOptions::checkpoint_every`] steps, with or
 /// without a checkpoint file. Under [`Backend::Gpu`] it ends with [`Error::Gpu`], and the last
 /// checkpoint stays.
 pub struct FineTune {
@@ -68,12 +47,12 @@ pub struct FineTune {
     /// Steps done.
     step: u64,
     tracker: Tracker,
-    /// What the Rust executor needs to take over.
-    kept: Option<Kept>,
+    /// What the Rust executor needs to take over from the GPU, under [`Backend::Auto`].
+    fallback: Option<Fallback>,
 }
 
-/// A run on the GPU, on the host.
-struct Kept {
+/// The host's copy of a run on the GPU: the views, and the state of the last kept step.
+struct Fallback {
     views: Vec<TrainView>,
     state: Checkpoint,
 }
@@ -94,8 +73,8 @@ impl FineTune {
     ///
     /// # Errors
     /// [`Error::Scene`] if the scene is not valid, [`Error::NoViews`], [`Error::PhotoSize`],
-    /// [`Error::ViewSize`], [`Error::Option`]; [`Error::NoAdapter`] for [`Backend::Gpu`] without
-    /// one; [`Error::Io`], [`Error::Checkpoint`] and [`Error::CheckpointMismatch`] for an
+    /// [`Error::ViewSize`], [`Error::DistortedView`], [`Error::Option`]; [`Error::NoAdapter`] for
+    /// [`Backend::Gpu`] without one; [`Error::Io`], [`Error::Checkpoint`] and [`Error::CheckpointMismatch`] for an
     /// existing checkpoint.
     pub fn new(scene: Scene, views: Vec<TrainView>, options: FineTuneOptions) -> Result<Self> {
         Self::build(scene, views, options, backend::choose, on_gpu)
@@ -119,11 +98,11 @@ impl FineTune {
         let (step, count, tracker) = (start.step, views.len(), start.tracker.clone());
         let may_fall_back = options.backend == Backend::Auto;
         let mut report = choose(options.backend)?;
-        let mut kept = None;
+        let mut fallback = None;
         let executor: Box<dyn Executor> = if report.used == Backend::Gpu {
             match on_gpu(&start, &views, &options) {
                 Ok(executor) => {
-                    kept = may_fall_back.then_some(Kept { views, state: start });
+                    fallback = may_fall_back.then_some(Fallback { views, state: start });
                     executor
                 }
                 Err(Error::Gpu { reason }) if may_fall_back => {
@@ -135,7 +114,7 @@ impl FineTune {
         } else {
             on_cpu(start, views, &options)
         };
-        Ok(Self { executor, report, options, views: count, fingerprint, step, tracker, kept })
+        Ok(Self { executor, report, options, views: count, fingerprint, step, tracker, fallback })
     }
 
     /// Which executor was chosen, and why.
@@ -158,7 +137,7 @@ impl FineTune {
     ///
     /// # Errors
     /// [`Error::Io`] if a checkpoint cannot be written; [`Error::Gpu`], but not under
-    /// [`Backend::Auto`], which goes on in Rust.
+    /// [`Backend::Auto`], which continues in Rust.
     pub fn run(mut self, mut progress: impl FnMut(&Progress)) -> Result<Outcome> {
         let started = Instant::now();
         let first = self.step;
@@ -171,7 +150,7 @@ impl FineTune {
                 Err(Error::Gpu { reason }) => reason,
                 Err(e) => return Err(e),
             };
-            let Some(Kept { views, state }) = self.kept.take() else {
+            let Some(Fallback { views, state }) = self.fallback.take() else {
                 return Err(Error::Gpu { reason: failure });
             };
             self.report = took_over(&failure, state.step);
@@ -218,11 +197,11 @@ impl FineTune {
                 progress(&self.tracker.progress(step, first, started, &self.options, used));
             }
             let due = step.is_multiple_of(self.options.checkpoint_every);
-            let wanted = self.kept.is_some() || self.options.checkpoint.is_some();
+            let wanted = self.fallback.is_some() || self.options.checkpoint.is_some();
             if due && wanted && step < self.options.steps {
                 let state = self.checkpoint(&mut losses)?;
-                match &mut self.kept {
-                    Some(kept) => kept.state = state,
+                match &mut self.fallback {
+                    Some(fallback) => fallback.state = state,
                     None => self.executor.restore(state.scene, state.moments),
                 }
             }
@@ -239,7 +218,8 @@ impl FineTune {
         Ok(())
     }
 
-    /// The state after the last step, taken from the executor, written if that was asked for.
+    /// The state after the last step, taken from the executor and written if the options name a
+    /// checkpoint file.
     fn checkpoint(&mut self, losses: &mut Vec<LossValue>) -> Result<Checkpoint> {
         self.drain(losses)?;
         let (scene, moments) = self.executor.take_state()?;
@@ -256,26 +236,6 @@ fn took_over(reason: &str, step: u64) -> BackendReport {
     let threads = rayon::current_num_threads();
     let reason = format!("cpu: the GPU failed ({reason}); from step {step} on; {threads} threads");
     BackendReport { used: Backend::Cpu, reason }
-}
-
-fn check_views(views: &[TrainView]) -> Result<()> {
-    if views.is_empty() {
-        return Err(Error::NoViews);
-    }
-    for (index, TrainView { camera, photo }) in views.iter().enumerate() {
-        let (width, height) = (camera.width, camera.height);
-        let name = camera.name.clone();
-        let edge = 1..=MAX_IMAGE_EDGE;
-        if !edge.contains(&width) || !edge.contains(&height) {
-            return Err(Error::ViewSize { index, name, width, height });
-        }
-        let whole = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
-        if (photo.width, photo.height) != (width, height) || !whole {
-            let photo = (photo.width, photo.height);
-            return Err(Error::PhotoSize { index, name, photo, camera: (width, height) });
-        }
-    }
-    Ok(())
 }
 
 fn on_cpu(

@@ -25,9 +25,10 @@ pub struct FineTuneOptions {
     /// Stop when the mean PSNR over the views of an epoch, as rendered during it, reaches this
     /// many dB: usually what the model had before voxelization.
     pub target_psnr: Option<f64>,
-    /// Stop when that PSNR has not grown by [`FineTuneOptions::min_gain_db`] for so many epochs.
+    /// Stop when the PSNR of the epochs has not grown by [`FineTuneOptions::min_gain_db`] for this
+    /// many epochs.
     pub patience: Option<u32>,
-    /// See [`FineTuneOptions::patience`].
+    /// The gain in dB that [`FineTuneOptions::patience`] waits for.
     pub min_gain_db: f64,
     /// Quantisation in the loop.
     pub quantization: Option<Quantization>,
@@ -39,7 +40,7 @@ pub struct FineTuneOptions {
     pub checkpoint_every: u64,
     /// Steps between progress reports, at least 1.
     pub report_every: u64,
-    /// Set it (from a Ctrl-C handler, say) to end the run after the current step.
+    /// Setting it, for example in a Ctrl-C handler, ends the run after the current step.
     pub cancel: Option<Arc<AtomicBool>>,
     /// Which executor runs.
     pub backend: Backend,

@@ -1,4 +1,4 @@
-//! [`Progress`], [`Outcome`], and the bookkeeping behind both.
+//! [`Progress`] and [`Outcome`], and the [`Tracker`] that computes them.
 
 use std::time::Instant;
 
@@ -41,6 +41,18 @@ pub enum StopReason {
     Cancelled,
 }
 
+/// In plain words, for messages.
+impl std::fmt::Display for StopReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Steps => "all steps are done",
+            Self::TargetReached => "the target PSNR is reached",
+            Self::NoImprovement => "the PSNR no longer improves",
+            Self::Cancelled => "cancelled",
+        })
+    }
+}
+
 /// The result of a fine-tune.
 #[derive(Clone, Debug)]
 pub struct Outcome {
@@ -50,7 +62,7 @@ pub struct Outcome {
     pub steps: u64,
     /// Wall-clock seconds of this run.
     pub seconds: f64,
-    /// Why it ended.
+    /// Why the run ended.
     pub reason: StopReason,
     /// Mean PSNR over each whole epoch, each view as rendered in its step, dB.
     pub epoch_psnr: Vec<f64>,
@@ -81,7 +93,7 @@ impl Tracker {
     }
 
     pub(crate) fn add(&mut self, loss: LossValue) {
-        // A perfect view would be infinite and hide all others; 100 dB is beyond 8-bit photos.
+        // A perfect view would make the mean infinite. 100 dB is beyond what 8-bit photos allow.
         let psnr = (-10.0 * libm::log10(loss.mse)).min(100.0);
         if self.recent.len() < self.views {
             self.recent.push((loss.loss, psnr));
@@ -96,7 +108,7 @@ impl Tracker {
         }
     }
 
-    /// Whether the run is over at the end of an epoch.
+    /// Why the run ends at the end of an epoch, if it does.
     pub(crate) fn stop(&self, options: &FineTuneOptions) -> Option<StopReason> {
         if !self.current.is_empty() {
             return None;

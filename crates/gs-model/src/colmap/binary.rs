@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Image, Intrinsics, MODELS, Model, SfmPoint};
+use super::entries::{Image, Intrinsics, MODELS, Model, SfmPoint};
 use crate::error::{Error, Result, excerpt};
 
 /// A position in a file whose numbers of entries are promises.

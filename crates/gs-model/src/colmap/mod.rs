@@ -1,10 +1,12 @@
 //! COLMAP sparse models: `cameras`, `images` and `points3D`, binary or text.
 //!
-//! The images must be undistorted: only the camera models `PINHOLE` and `SIMPLE_PINHOLE` are
-//! taken. COLMAP's convention is that of [`Camera`]: x right, y down, z forward, world to
-//! camera, pixel centres at integer + 1/2.
+//! Images should be undistorted, with the camera models `PINHOLE` and `SIMPLE_PINHOLE`. Models with
+//! lens distortion are refused by default and can be read as pinhole cameras
+//! ([`LensDistortion::Ignore`]). COLMAP's convention is that of [`Camera`]: x right, y down,
+//! z forward, world to camera, pixel centres at integer + 1/2.
 
 mod binary;
+mod entries;
 mod text;
 
 use std::collections::BTreeMap;
@@ -12,20 +14,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::camera::Camera;
+pub use entries::SfmPoint;
+use entries::{Image, Intrinsics};
+
+use crate::camera::{Camera, LensDistortion, checked_size};
 use crate::error::{Error, Result};
 use crate::fs;
-
-/// A point of the sparse reconstruction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SfmPoint {
-    /// Position, world units.
-    pub position: [f64; 3],
-    /// Colour, 0 to 255.
-    pub rgb: [u8; 3],
-    /// Mean reprojection error, pixels.
-    pub error: f64,
-}
 
 /// True if `dir` holds a sparse model: `cameras` and `images`, `.bin` or `.txt`.
 #[must_use]
@@ -44,17 +38,25 @@ pub fn is_model(dir: impl AsRef<Path>) -> bool {
 /// # Errors
 /// [`Error::Io`], [`Error::ColmapTruncated`], [`Error::ColmapLine`]; [`Error::DistortedCamera`]
 /// or [`Error::UnknownCameraModel`] for a camera that an image uses; [`Error::UnknownCamera`],
-/// [`Error::DuplicateView`], [`Error::BadCamera`].
+/// [`Error::DuplicateView`], [`Error::ImageTooLarge`], [`Error::BadCamera`].
 pub fn read_cameras(dir: impl AsRef<Path>) -> Result<Vec<Camera>> {
+    read_cameras_with(dir, LensDistortion::Refuse)
+}
+
+/// As [`read_cameras`], with a choice of what to do with distorted cameras.
+///
+/// # Errors
+/// As [`read_cameras`], without [`Error::DistortedCamera`] for [`LensDistortion::Ignore`].
+pub fn read_cameras_with(dir: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<Camera>> {
     let dir = dir.as_ref();
     let (cameras_file, form) = choose(dir, "cameras");
     let cameras = cameras(&cameras_file, &fs::read(&cameras_file)?, form)?;
     let (images_file, form) = choose(dir, "images");
     let images = images(&images_file, &fs::read(&images_file)?, form)?;
-    posed(&cameras_file, cameras, &images_file, images)
+    with_intrinsics((&cameras_file, cameras), (&images_file, images), distortion)
 }
 
-/// Reads the posed images from the bytes of a `cameras` and an `images` file of one form.
+/// Reads the posed images from the bytes of a `cameras` and an `images` file of the same form.
 ///
 /// # Errors
 /// As [`read_cameras`]; the files in the errors are `<cameras>` and `<images>`.
@@ -66,7 +68,7 @@ pub fn cameras_from_bytes(
     let names = [Path::new("<cameras>"), Path::new("<images>")];
     let cameras = cameras(names[0], cameras_file, form)?;
     let images = images(names[1], images_file, form)?;
-    posed(names[0], cameras, names[1], images)
+    with_intrinsics((names[0], cameras), (names[1], images), LensDistortion::Refuse)
 }
 
 fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {
@@ -84,11 +86,10 @@ fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Image>> {
 }
 
 /// Each image with the intrinsics of its camera.
-fn posed(
-    cameras_file: &Path,
-    cameras: Vec<Intrinsics>,
-    images_file: &Path,
-    images: Vec<Image>,
+fn with_intrinsics(
+    (cameras_file, cameras): (&Path, Vec<Intrinsics>),
+    (images_file, images): (&Path, Vec<Image>),
+    distortion: LensDistortion,
 ) -> Result<Vec<Camera>> {
     let mut by_id = BTreeMap::new();
     for camera in cameras {
@@ -102,7 +103,7 @@ fn posed(
     images
         .into_iter()
         .map(|image| match by_id.get(&image.camera) {
-            Some(camera) => pose(cameras_file, images_file, camera, image),
+            Some(camera) => posed((cameras_file, camera), (images_file, image), distortion),
             None => {
                 let (image, camera) = (image.name, image.camera);
                 Err(Error::UnknownCamera { file: images_file.into(), image, camera })
@@ -144,83 +145,35 @@ pub enum Form {
     Text,
 }
 
-/// The text file if it is the only one there; else the binary one, present or not.
+/// The text file if only that one exists; else the binary one, even if it does not exist.
 fn choose(dir: &Path, stem: &str) -> (PathBuf, Form) {
     let (binary, text) = (dir.join(format!("{stem}.bin")), dir.join(format!("{stem}.txt")));
     if !binary.is_file() && text.is_file() { (text, Form::Text) } else { (binary, Form::Binary) }
 }
 
-/// A row of the cameras file.
-struct Intrinsics {
-    id: u32,
-    model: Model,
-    width: u64,
-    height: u64,
-    params: Vec<f64>,
-}
-
-/// A row of the images file.
-struct Image {
-    name: String,
-    camera: u32,
-    /// World to camera, w first.
-    rotation: [f64; 4],
-    translation: [f64; 3],
-}
-
-/// COLMAP's camera models: name and number of parameters, at the index that is their id.
-const MODELS: [(&str, usize); 12] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
-];
-
-/// A camera model, as its index in [`MODELS`].
-#[derive(Clone, Copy)]
-struct Model(usize);
-
-impl Model {
-    fn name(self) -> &'static str {
-        MODELS[self.0].0
-    }
-
-    fn params(self) -> usize {
-        MODELS[self.0].1
-    }
-}
-
-fn pose(
-    cameras_file: &Path,
-    images_file: &Path,
-    intrinsics: &Intrinsics,
-    image: Image,
+/// An image with the intrinsics of its camera, each with the file that it comes from.
+fn posed(
+    (cameras_file, intrinsics): (&Path, &Intrinsics),
+    (images_file, image): (&Path, Image),
+    distortion: LensDistortion,
 ) -> Result<Camera> {
-    let (fx, fy, cx, cy) = match (intrinsics.model.name(), intrinsics.params.as_slice()) {
-        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (f, f, cx, cy),
-        ("PINHOLE", &[fx, fy, cx, cy]) => (fx, fy, cx, cy),
-        (model, _) => {
-            let (camera, model) = (intrinsics.id.to_string(), model.to_owned());
-            return Err(Error::DistortedCamera { file: cameras_file.into(), camera, model });
+    let Intrinsics { id, model, width, height, ref params } = *intrinsics;
+    if model.is_distorted() && distortion == LensDistortion::Refuse {
+        let (file, model) = (cameras_file.into(), model.name().to_owned());
+        return Err(Error::DistortedCamera { file, camera: id.to_string(), model });
+    }
+    let (fx, fy, cx, cy) = match *params.as_slice() {
+        [f, cx, cy, ..] if model.has_one_focal_length() => (f, f, cx, cy),
+        [fx, fy, cx, cy, ..] => (fx, fy, cx, cy),
+        _ => {
+            let (file, view) = (cameras_file.into(), format!("camera {id}"));
+            return Err(Error::BadCamera { file, view, reason: "too few parameters" });
         }
     };
-    let bad = |reason| {
-        let view = format!("camera {}", intrinsics.id);
-        Error::BadCamera { file: cameras_file.into(), view, reason }
-    };
-    let size = |v: u64| u32::try_from(v).map_err(|_| bad("image size above 2^32"));
-    let (width, height) = (size(intrinsics.width)?, size(intrinsics.height)?);
+    let (width, height) = checked_size(cameras_file, &format!("camera {id}"), width, height)?;
 
     let [w, x, y, z] = image.rotation;
-    // COLMAP writes unit quaternions, in text with few digits: normalised like COLMAP does.
+    // COLMAP writes unit quaternions, in text files with few digits, and normalises what it reads.
     let length = (w * w + x * x + y * y + z * z).sqrt();
     if !length.is_normal() {
         let (file, view) = (images_file.into(), image.name);
@@ -229,6 +182,8 @@ fn pose(
     let rotation =
         DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
     let translation = DVec3::from_array(image.translation);
-    Camera { name: image.name, width, height, fx, fy, cx, cy, rotation, translation }
+    let ignored_distortion = model.is_distorted().then(|| model.name().to_owned());
+    let name = image.name;
+    Camera { name, width, height, fx, fy, cx, cy, rotation, translation, ignored_distortion }
         .checked(images_file)
 }

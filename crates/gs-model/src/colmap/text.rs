@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::{Image, Intrinsics, MODELS, Model, SfmPoint};
+use super::entries::{Image, Intrinsics, MODELS, Model, SfmPoint};
 use crate::error::{Error, Result, excerpt};
 
 /// One line, taken apart word by word.

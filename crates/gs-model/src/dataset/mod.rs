@@ -4,29 +4,13 @@ mod model;
 
 use std::path::{Path, PathBuf};
 
-use crate::camera::Camera;
+use crate::camera::LensDistortion;
 use crate::error::{Error, Result};
+pub use crate::view::View;
 use crate::{colmap, inria, nerf};
 
 /// Every how many views one is held out.
 pub const HOLD_OUT_EVERY: usize = 8;
-
-/// One posed photo.
-#[derive(Clone, Debug, PartialEq)]
-pub struct View {
-    /// Where the photo was taken from.
-    pub camera: Camera,
-    /// Where the photo is expected. It may be missing: see [`View::has_photo`].
-    pub image_path: PathBuf,
-}
-
-impl View {
-    /// True if the photo is there.
-    #[must_use]
-    pub fn has_photo(&self) -> bool {
-        self.image_path.is_file()
-    }
-}
 
 /// What kind of folder a [`Dataset`] was opened from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,10 +49,10 @@ impl Dataset {
     /// with the largest `N`, and a single `*.ply` in the folder.
     ///
     /// # Errors
-    /// [`Error::Io`] if the folder is not there, [`Error::NoCameras`], [`Error::NoModel`], [`Error::ManyModels`],
-    /// [`Error::DuplicateView`] if two images share a name, and those of the readers in
-    /// [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]. A photo that is missing is not
-    /// an error here.
+    /// [`Error::Io`] if the folder is not there, [`Error::NoCameras`], [`Error::NoModel`],
+    /// [`Error::ManyModels`], [`Error::DuplicateView`] if two images share a name, and those of the
+    /// readers in [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]: distorted cameras are
+    /// refused. A photo that is missing is not an error here.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         let dir = dir.as_ref();
         let (kind, views) = open_views(dir)?;
@@ -87,15 +71,27 @@ impl Dataset {
     }
 }
 
-/// The views of a folder, sorted by image name, whether or not it holds a model.
+/// The views of a folder, sorted by image name, whether or not it holds a model. Distorted cameras
+/// are refused, so renders can be compared with the photos.
 ///
 /// # Errors
 /// As [`Dataset::open`], without those about the model.
 pub fn open_views(dir: impl AsRef<Path>) -> Result<(Kind, Vec<View>)> {
+    open_views_with(dir, LensDistortion::Refuse)
+}
+
+/// As [`open_views`], with a choice of what to do with distorted cameras.
+///
+/// # Errors
+/// As [`open_views`], without [`Error::DistortedCamera`] for [`LensDistortion::Ignore`].
+pub fn open_views_with(
+    dir: impl AsRef<Path>,
+    distortion: LensDistortion,
+) -> Result<(Kind, Vec<View>)> {
     let dir = dir.as_ref();
     let sparse = [dir.join("sparse/0"), dir.join("sparse")];
     let (kind, mut views) = if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
-        let cameras = colmap::read_cameras(sparse)?;
+        let cameras = colmap::read_cameras_with(sparse, distortion)?;
         let images = dir.join("images");
         let views = cameras
             .into_iter()
@@ -104,9 +100,9 @@ pub fn open_views(dir: impl AsRef<Path>) -> Result<(Kind, Vec<View>)> {
     } else if dir.join("cameras.json").is_file() {
         (Kind::Inria, inria::read_views(dir)?)
     } else if dir.join("transforms.json").is_file() {
-        (Kind::Nerf, nerf::read_views(dir.join("transforms.json"))?)
+        (Kind::Nerf, nerf::read_views_with(dir.join("transforms.json"), distortion)?)
     } else {
-        // A folder that is not there is another mistake than one with the wrong files.
+        // A missing folder is reported as such, not as a folder without cameras.
         std::fs::read_dir(dir).map_err(|e| Error::io(dir, "list", e))?;
         return Err(Error::NoCameras { dir: dir.into() });
     };

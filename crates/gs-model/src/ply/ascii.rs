@@ -51,6 +51,7 @@ impl<'a> Lines<'a> {
                 let (line, text) = lines[rows.first + i];
                 parse_row(file, line, text, vertex, &mut numbers)?;
                 rows.set(i, |c| numbers[columns.properties[c]]);
+                columns.count_normals(1, |_, p| numbers[p]);
             }
             Ok(())
         })
@@ -96,7 +97,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Parses one row into one number per property; of a list, 0.
+/// Parses one row into one number per property; a list becomes 0.
 fn parse_row(
     file: &Path,
     line: usize,
@@ -138,8 +139,8 @@ fn ascii(word: &[u8]) -> Option<&str> {
     std::str::from_utf8(word).ok()
 }
 
-/// A number as the property's type rounds it. Fractions in integer columns are let through:
-/// some writers put them there, and no other meaning is possible.
+/// A number as the property's type rounds it. Fractions in integer columns are accepted: some
+/// writers put them there, and their meaning is clear.
 fn number(word: &[u8], scalar: Scalar) -> Option<f32> {
     let word = ascii(word)?;
     match scalar {

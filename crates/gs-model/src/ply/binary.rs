@@ -46,12 +46,12 @@ impl Body<'_> {
         if vertex.has_list() {
             return self.uneven_vertices(vertex, columns, at, n);
         }
-        let source = Source::of(vertex, columns, self.big_endian);
-        let stride = source.stride;
+        let layout = RowLayout::of(vertex, columns, self.big_endian);
+        let stride = layout.stride;
         let body = &self.bytes[at..at + n * stride];
         let scene = rows::scene(n, columns.sh_degree, |rows| {
             let part = &body[rows.first * stride..(rows.first + rows.len()) * stride];
-            source.fill(rows, part);
+            layout.fill(rows, part, columns);
             Ok(())
         })?;
         Ok((scene, at + n * stride))
@@ -77,11 +77,12 @@ impl Body<'_> {
                 offsets.clear();
                 let row = rows.first + i;
                 self.walk(vertex, row as u64, starts[row], |o| offsets.push(o))?;
-                rows.set(i, |c| {
-                    let p = columns.properties[c];
+                let of_property = |p: usize| {
                     number(self.bytes, offsets[p], vertex.properties[p].scalar, self.big_endian)
                         as f32
-                });
+                };
+                rows.set(i, |c| of_property(columns.properties[c]));
+                columns.count_normals(1, |_, p| of_property(p));
             }
             Ok(())
         })?;
@@ -151,32 +152,39 @@ impl Body<'_> {
     }
 }
 
-/// Where a row without lists holds what.
-pub(super) struct Source {
+/// The layout of rows without lists.
+pub(super) struct RowLayout {
     /// Bytes per row.
     pub(super) stride: usize,
+    /// Offset and type of each property, in file order.
+    properties: Vec<(usize, Scalar)>,
     /// Offset and type of each number in scene order.
     numbers: Vec<(usize, Scalar)>,
     all_f32: bool,
     big_endian: bool,
 }
 
-impl Source {
+impl RowLayout {
     pub(super) fn of(vertex: &Element, columns: &Columns, big_endian: bool) -> Self {
-        let starts = property_offsets(vertex);
+        let properties = offsets_and_types(vertex);
         let numbers: Vec<(usize, Scalar)> =
-            columns.properties.iter().map(|&p| (starts[p], vertex.properties[p].scalar)).collect();
+            columns.properties.iter().map(|&p| properties[p]).collect();
         Self {
             stride: vertex.least_row_bytes(Format::BinaryLittleEndian),
             all_f32: numbers.iter().all(|s| s.1 == Scalar::F32),
+            properties,
             numbers,
             big_endian,
         }
     }
 
-    /// Fills `rows` from the bytes that hold them.
-    pub(super) fn fill(&self, rows: Rows, part: &[u8]) {
+    /// Fills `rows` from the bytes that hold them, and counts their normals in `columns`.
+    pub(super) fn fill(&self, rows: Rows, part: &[u8], columns: &Columns) {
         let (stride, at) = (self.stride, &self.numbers);
+        columns.count_normals(rows.len(), |row, p| {
+            let (offset, scalar) = self.properties[p];
+            number(&part[row * stride..], offset, scalar, self.big_endian) as f32
+        });
         match (self.all_f32, self.big_endian) {
             (true, false) => {
                 fill(rows, part, stride, |row, c| f32::from_le_bytes(bytes_at(row, at[c].0)));
@@ -191,12 +199,12 @@ impl Source {
     }
 }
 
-/// Offset of each property in a row without lists.
-fn property_offsets(element: &Element) -> Vec<usize> {
+/// Offset in a row without lists, and type, of each property.
+fn offsets_and_types(element: &Element) -> Vec<(usize, Scalar)> {
     let ends = element.properties.iter().scan(0, |end, p| {
         let start = *end;
         *end += p.scalar.size();
-        Some(start)
+        Some((start, p.scalar))
     });
     ends.collect()
 }
@@ -215,8 +223,8 @@ fn bytes_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     out
 }
 
-/// The number of type `scalar` at offset `at`; exact, since `f64` holds every value of every
-/// PLY type.
+/// The number of type `scalar` at offset `at`. It is exact: `f64` holds every value of every PLY
+/// type.
 #[inline]
 fn number(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> f64 {
     macro_rules! read {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::header::Element;
 use crate::error::{Error, Result};
@@ -39,14 +40,23 @@ pub(super) fn inria_names(sh_degree: u8) -> Vec<String> {
     all
 }
 
-/// The properties of `vertex` that make a Gaussian.
+/// The properties of `vertex`: those that make a Gaussian, and those that the scene does not keep.
 #[derive(Debug)]
 pub(super) struct Columns {
     pub(super) sh_degree: u8,
     /// Property index of each number, in scene order; [`row_len`] entries.
     pub(super) properties: Vec<usize>,
+    /// Property indices of `nx`, `ny` and `nz`, as far as they exist, in file order.
+    pub(super) normals: Vec<usize>,
     /// Names of the properties that are not part of the Inria layout, in file order.
     pub(super) unknown: Vec<String>,
+    /// Rows read so far whose normal is not zero. Tasks add to it in any order; the sum is the same.
+    pub(super) rows_with_normal: AtomicUsize,
+}
+
+/// True for a number that is lost when the writer puts +0 in its place. This includes -0.
+fn is_not_zero(v: f32) -> bool {
+    v.to_bits() != 0
 }
 
 impl Columns {
@@ -89,14 +99,27 @@ impl Columns {
         for &p in &properties {
             known[p] = true;
         }
-        let unknown = vertex
-            .properties
-            .iter()
-            .zip(known)
-            .filter(|(p, known)| !known && !is_normal(&p.name))
-            .map(|(p, _)| p.name.clone())
-            .collect();
-        Ok(Self { sh_degree, properties, unknown })
+        let (mut normals, mut unknown) = (Vec::new(), Vec::new());
+        for (at, property) in vertex.properties.iter().enumerate().filter(|&(at, _)| !known[at]) {
+            if is_normal(&property.name) && property.list.is_none() {
+                normals.push(at);
+            } else {
+                unknown.push(property.name.clone());
+            }
+        }
+        let rows_with_normal = AtomicUsize::new(0);
+        Ok(Self { sh_degree, properties, normals, unknown, rows_with_normal })
+    }
+
+    /// Counts those of `rows` rows whose normal is not zero. `number(row, property)` is a number
+    /// of the file.
+    pub(super) fn count_normals(&self, rows: usize, number: impl Fn(usize, usize) -> f32) {
+        if self.normals.is_empty() {
+            return;
+        }
+        let has_normal = |&row: &usize| self.normals.iter().any(|&p| is_not_zero(number(row, p)));
+        let count = (0..rows).filter(has_normal).count();
+        self.rows_with_normal.fetch_add(count, Ordering::Relaxed);
     }
 }
 

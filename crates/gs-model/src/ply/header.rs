@@ -8,8 +8,8 @@ use crate::error::{Error, Result, excerpt};
 
 /// A header longer than this is refused.
 ///
-/// A 3DGS header takes about 1.5 kB. The bound keeps a file without `end_header` from being
-/// searched whole, and the work per declared property from adding up.
+/// A 3DGS header takes about 1.5 kB. Without the bound, a file without `end_header` would be searched
+/// whole, and a header of many properties would take long.
 pub const MAX_HEADER_BYTES: usize = 1 << 20;
 
 /// How the rows of a PLY file are stored.
@@ -96,7 +96,7 @@ impl Element {
     /// The least number of bytes that a row can take.
     pub(super) fn least_row_bytes(&self, format: Format) -> usize {
         match format {
-            // A digit and a separator each; the last line may end with the file.
+            // A digit and a separator per number; the last line may end without separator.
             Format::Ascii => 2 * self.properties.len(),
             _ => self.properties.iter().map(|p| p.list.unwrap_or(p.scalar).size()).sum(),
         }

@@ -4,54 +4,28 @@
 //! SH coefficients, **channel-major**: all of red, then green, then blue), `opacity` (a logit),
 //! `scale_0..2` (natural logarithms), `rot_0..3` (quaternion, w first). The reader takes ASCII
 //! and both binary formats, properties in any order and of any scalar type, with or without
-//! normals, and skips what it does not know, naming it in the [`ReadReport`].
+//! normals. It skips other properties and elements and names them in the [`ReadReport`].
 
 mod ascii;
 mod binary;
 mod columns;
 mod header;
+mod report;
 mod stream;
 mod write;
 
 use std::path::Path;
 
 pub use header::{Format, MAX_HEADER_BYTES};
+pub use report::ReadReport;
 pub use write::{header, row_bytes, rows, write, write_rows_to, write_to};
+
+use report::{Extent, finish};
 
 use crate::error::{Error, Result};
 use crate::fs;
 pub use crate::options::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions};
 use crate::scene::Scene;
-use crate::validate::InvalidReport;
-
-/// What a PLY file held.
-#[derive(Clone, Debug)]
-#[non_exhaustive]
-pub struct ReadReport {
-    /// How its rows are stored.
-    pub format: Format,
-    /// Highest SH degree, from the number of `f_rest` properties.
-    pub sh_degree: u8,
-    /// Gaussians in the file.
-    pub gaussians_in_file: usize,
-    /// Gaussians in the scene that was returned.
-    pub gaussians: usize,
-    /// Invalid Gaussians that were left out; indices are those of the file.
-    pub dropped: InvalidReport,
-    /// Infinite opacity logits that were replaced.
-    pub clamped_opacities: usize,
-    /// Properties of `vertex` that are not part of the Inria layout, in file order; ignored.
-    pub unknown_properties: Vec<String>,
-    /// Other elements than `vertex` and their row counts, in file order; skipped.
-    pub skipped_elements: Vec<(String, u64)>,
-    /// `comment` and `obj_info` lines.
-    pub comments: Vec<String>,
-    /// Length of the file, bytes.
-    pub file_bytes: usize,
-    /// Bytes after the last row that the header declares; ignored. (In ASCII files, white space
-    /// at the end does not count.)
-    pub trailing_bytes: usize,
-}
 
 /// Reads a 3DGS model, with the default [`ReadOptions`].
 ///
@@ -64,9 +38,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<(Scene, ReadReport)> {
 
 /// Reads a 3DGS model.
 ///
-/// Memory: the scene, and the file too if it is not plain (ASCII, lists, other elements before the
-/// Gaussians); a header that promises more rows than the file holds is an
-/// error before anything is allocated for them.
+/// Memory: the scene, and the file too if it is ASCII or has lists or other elements. A header that
+/// promises more rows than the file holds is an error before anything is allocated for them.
 ///
 /// # Errors
 /// As [`read`]; with [`Invalid::Drop`] no invalid Gaussian is an error.
@@ -125,36 +98,8 @@ pub(crate) fn read_named(
         }
     };
 
-    let skipped = before.iter().chain(after).map(|e| (e.name.clone(), e.count)).collect();
-    let lengths = [bytes.len(), trailing_bytes];
-    finish(file, scene, options, &header, columns, skipped, lengths)
-}
-
-/// Applies the options to a scene just read, and reports. `lengths`: of the file, and of what
-/// follows its last row, bytes.
-fn finish(
-    file: &Path,
-    mut scene: Scene,
-    options: &ReadOptions,
-    header: &header::Header,
-    columns: columns::Columns,
-    skipped_elements: Vec<(String, u64)>,
-    lengths: [usize; 2],
-) -> Result<(Scene, ReadReport)> {
-    let gaussians_in_file = scene.len();
-    let (clamped_opacities, dropped) = options.apply(&mut scene, file)?;
-    let report = ReadReport {
-        format: header.format,
-        sh_degree: columns.sh_degree,
-        gaussians_in_file,
-        gaussians: scene.len(),
-        dropped,
-        clamped_opacities,
-        unknown_properties: columns.unknown,
-        skipped_elements,
-        comments: header.comments.clone(),
-        file_bytes: lengths[0],
-        trailing_bytes: lengths[1],
-    };
-    Ok((scene, report))
+    let skipped_elements = before.iter().chain(after).map(|e| (e.name.clone(), e.count)).collect();
+    let file_bytes = bytes.len();
+    let extent = Extent { vertex, skipped_elements, file_bytes, trailing_bytes };
+    finish(file, scene, options, &header, columns, extent)
 }

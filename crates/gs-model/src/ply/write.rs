@@ -1,4 +1,4 @@
-//! Writing the Inria layout.
+//! Writes the Inria layout.
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -40,8 +40,8 @@ pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
     write_all(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
 }
 
-/// What precedes the rows of `count` Gaussians in a file as [`write()`] makes it: for writers that
-/// do not hold the whole scene, with [`rows`].
+/// The header that [`write()`] puts before the rows of `count` Gaussians. With [`rows`] it serves
+/// writers that do not hold the whole scene in memory.
 #[must_use]
 pub fn header(count: usize, sh_degree: u8) -> Vec<u8> {
     let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
@@ -53,8 +53,8 @@ pub fn header(count: usize, sh_degree: u8) -> Vec<u8> {
     header.into_bytes()
 }
 
-/// Makes `out` the rows of a scene's Gaussians as [`write()`] makes them, on this thread alone; its
-/// memory is used again.
+/// Replaces the contents of `out` by the rows of a scene's Gaussians as [`write()`] makes them. Runs
+/// on the calling thread alone and reuses the memory of `out`.
 ///
 /// # Errors
 /// As [`write()`].
@@ -104,7 +104,7 @@ fn write_rows(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Writes a row: the scene's numbers and three normals.
+/// Writes a row: the scene's numbers and a zero normal.
 fn encode_row(scene: &Scene, i: usize, row: &mut [u8]) {
     let (sh, [x, y, z]) = (scene.sh_of(i), scene.means[i]);
     let (row, _) = row.as_chunks_mut::<4>();

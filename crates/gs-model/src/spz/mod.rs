@@ -8,10 +8,11 @@
 //! header of 32 bytes, optional extension records (skipped here), a table of contents and one
 //! Zstandard stream per attribute.
 //!
-//! SPZ's axes are x right, y up, z back; a PLY file's y points down and z forward. The reader
-//! turns both around, in means, rotations and SH coefficients, so that a model converted to
-//! SPZ comes back where it was.
+//! SPZ's axes are x right, y up, z back; a PLY file's y points down and z forward. Reader and writer
+//! negate y and z in means, rotations and SH coefficients, so that a model that is converted to SPZ
+//! and back keeps its orientation.
 
+mod layout;
 mod streams;
 mod write;
 
@@ -20,34 +21,26 @@ use std::path::Path;
 
 use flate2::bufread::GzDecoder;
 
+use layout::{Layout, word};
+pub use write::{MAX_COORDINATE, WriteOptions, write, write_to};
+
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
-use crate::rows::{self, SH};
-use crate::scene::{Scene, sh_len};
-use crate::splat::opacity_logit;
-use crate::{fs, model};
-
-pub use write::{WriteOptions, write, write_to};
+use crate::scene::Scene;
+use crate::{fs, report};
 
 const HEADER: usize = 16;
 
-/// What the byte of a colour is scaled by before the offset of one half.
-const COLOUR_SCALE: f32 = 0.15;
-
-/// Sign of each basis function under `(x, y, z) -> (x, -y, -z)`, degrees 0 to 3.
-const SH_SIGNS: [f32; 16] =
-    [1., -1., -1., 1., -1., 1., 1., -1., 1., -1., 1., -1., -1., 1., -1., 1.];
-
 /// Reads an SPZ file.
 ///
-/// Memory: the scene and the decompressed file, of which no more is kept than the header's
-/// count needs; DEFLATE cannot make it longer than 1,032 times the file, and Zstandard streams
-/// that claim more than 1,024 times the file are refused.
+/// Memory: the scene and as much of the decompressed file as the header's count needs. DEFLATE data
+/// decompresses to at most 1,032 times its size; Zstandard streams that promise more than 1,024 times
+/// the size of the file are refused.
 ///
 /// # Errors
-/// [`Error::Io`] (also if the compressed data is broken), [`Error::SpzHeader`],
-/// [`Error::SpzVersion`], [`Error::SpzTruncated`].
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, model::Report)> {
+/// [`Error::Io`], [`Error::SpzHeader`], [`Error::SpzVersion`], [`Error::SpzTruncated`],
+/// [`Error::SpzCompressedData`].
+pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
     let path = path.as_ref();
     decode(path, &fs::read(path)?, options)
 }
@@ -56,7 +49,7 @@ pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, mod
 ///
 /// # Errors
 /// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, model::Report)> {
+pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
     decode(Path::new("<bytes>"), bytes, options)
 }
 
@@ -64,19 +57,23 @@ pub(crate) fn decode(
     file: &Path,
     bytes: &[u8],
     options: &ReadOptions,
-) -> Result<(Scene, model::Report)> {
+) -> Result<(Scene, report::Report)> {
     if bytes.starts_with(b"NGSP") {
         // From version 4 the header is not compressed.
         let (layout, n, streams) = streams::parse(file, bytes)?;
         let scene = layout.scene(streams.each_ref().map(|s| &s[..]), n)?;
-        return model::finish(file, scene, model::Format::Spz { version: 4 }, options);
+        return report::finish(file, scene, report::Format::Spz { version: 4 }, options);
     }
     let bad = |reason| Error::SpzHeader { file: file.into(), reason };
     let mut unzip = GzDecoder::new(bytes);
     let mut data = Vec::new();
     let mut inflate = |data: &mut Vec<u8>, len: u64| {
         let outcome = unzip.by_ref().take(len).read_to_end(data);
-        outcome.map_err(|e| Error::io(file, "decompress", e))
+        outcome.map_err(|e| {
+            let cut_short = e.kind() == std::io::ErrorKind::UnexpectedEof;
+            let reason = if cut_short { "cut short" } else { "broken" };
+            Error::SpzCompressedData { file: file.into(), compression: "gzip", reason }
+        })
     };
     inflate(&mut data, HEADER as u64)?;
     if data.len() < HEADER || &data[..4] != b"NGSP" {
@@ -94,7 +91,7 @@ pub(crate) fn decode(
         let (needed, len) = (needed + HEADER as u64, data.len());
         return Err(Error::SpzTruncated { file: file.into(), promised, needed, len });
     }
-    // Reaching the end of the stream is what checks gzip's CRC; more data is let through.
+    // gzip's checksum is verified at the end of the stream. Surplus data is ignored.
     inflate(&mut Vec::new(), 1)?;
     let mut rest = body;
     let attributes = layout.sizes().map(|size| {
@@ -103,153 +100,5 @@ pub(crate) fn decode(
         attribute
     });
     let scene = layout.scene(attributes, promised as usize)?;
-    model::finish(file, scene, model::Format::Spz { version }, options)
-}
-
-fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-}
-
-struct Layout {
-    version: u32,
-    sh_degree: u8,
-    fractional_bits: u8,
-}
-
-impl Layout {
-    fn new(file: &Path, version: u32, sh_degree: u8, fractional_bits: u8) -> Result<Self> {
-        let bad = |reason| Err(Error::SpzHeader { file: file.into(), reason });
-        if sh_degree > 3 {
-            return bad("SH degree above 3");
-        }
-        if fractional_bits > 31 {
-            return bad("more than 31 fractional bits");
-        }
-        Ok(Self { version, sh_degree, fractional_bits })
-    }
-
-    /// Bytes per Gaussian of each attribute, in file order.
-    fn sizes(&self) -> [usize; 6] {
-        let rotation = if self.version == 2 { 3 } else { 4 };
-        [9, 1, 3, 3, rotation, 3 * (sh_len(self.sh_degree) - 1)]
-    }
-
-    /// The scene of `n` Gaussians whose attributes are `streams`, in file order.
-    fn scene(&self, streams: [&[u8]; 6], n: usize) -> Result<Scene> {
-        let sizes = self.sizes();
-        let attributes: [(&[u8], usize); 6] = std::array::from_fn(|k| (streams[k], sizes[k]));
-        let unit = 1.0 / f64::from(1u32 << self.fractional_bits);
-        rows::scene(n, self.sh_degree, |mut rows| {
-            for i in 0..rows.len() {
-                let at = rows.first + i;
-                let [position, opacity, colour, log_scale, rotation, sh] =
-                    attributes.map(|(bytes, size)| &bytes[at * size..(at + 1) * size]);
-                let q = if self.version == 2 {
-                    first_three(rotation)
-                } else {
-                    smallest_three(word(rotation, 0))
-                };
-                rows.set(i, |c| match c {
-                    0..3 => {
-                        let sign = if c == 0 { 1.0 } else { -1.0 };
-                        (sign * unit * f64::from(fixed24(&position[3 * c..]))) as f32
-                    }
-                    3..5 => q[c - 3],
-                    5..7 => -q[c - 3],
-                    7..10 => f32::from(log_scale[c - 7]) / 16.0 - 10.0,
-                    10 => opacity_logit(opacity[0]),
-                    11..14 => (f32::from(colour[c - SH]) / 255.0 - 0.5) / COLOUR_SCALE,
-                    _ => {
-                        let value = (f32::from(sh[c - SH - 3]) - 128.0) / 128.0;
-                        SH_SIGNS[(c - SH) / 3] * value
-                    }
-                });
-            }
-            Ok(())
-        })
-    }
-}
-
-/// A 24-bit two's complement number.
-fn fixed24(bytes: &[u8]) -> i32 {
-    // In the upper three bytes, so that the shift back extends the sign.
-    i32::from_le_bytes([0, bytes[0], bytes[1], bytes[2]]) >> 8
-}
-
-/// Version 2: x, y, z as bytes; w, not negative, is what is left of the norm.
-fn first_three(bytes: &[u8]) -> [f32; 4] {
-    let [x, y, z] = [0, 1, 2].map(|i| f32::from(bytes[i]) / 127.5 - 1.0);
-    [(1.0 - x * x - y * y - z * z).max(0.0).sqrt(), x, y, z]
-}
-
-/// Version 3: the top two bits say which of x, y, z, w is largest and left out; the others
-/// follow, the last in the lowest bits, as a sign and nine bits of magnitude up to sqrt(1/2).
-fn smallest_three(mut bits: u32) -> [f32; 4] {
-    let largest = (bits >> 30) as usize;
-    let mut q = [0.0f32; 4];
-    let mut norm2 = 0.0;
-    for i in (0..4).rev().filter(|&i| i != largest) {
-        let magnitude = std::f32::consts::FRAC_1_SQRT_2 * (bits & 511) as f32 / 511.0;
-        q[i] = if bits & 512 == 0 { magnitude } else { -magnitude };
-        norm2 += magnitude * magnitude;
-        bits >>= 10;
-    }
-    q[largest] = (1.0 - norm2).max(0.0).sqrt();
-    [q[3], q[0], q[1], q[2]]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn signs_are_those_of_the_basis_functions() {
-        // The polynomials of the real spherical harmonics, in 3DGS order, without constants.
-        let basis: [fn(f64, f64, f64) -> f64; 16] = [
-            |_, _, _| 1.0,
-            |_, y, _| y,
-            |_, _, z| z,
-            |x, _, _| x,
-            |x, y, _| x * y,
-            |_, y, z| y * z,
-            |x, y, z| 2.0 * z * z - x * x - y * y,
-            |x, _, z| x * z,
-            |x, y, _| x * x - y * y,
-            |x, y, _| y * (3.0 * x * x - y * y),
-            |x, y, z| x * y * z,
-            |x, y, z| y * (4.0 * z * z - x * x - y * y),
-            |x, y, z| z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y),
-            |x, y, z| x * (4.0 * z * z - x * x - y * y),
-            |x, y, z| z * (x * x - y * y),
-            |x, y, _| x * (x * x - 3.0 * y * y),
-        ];
-        for (f, sign) in basis.iter().zip(SH_SIGNS) {
-            assert_eq!(f(0.3, -0.6, -0.5), f64::from(sign) * f(0.3, 0.6, 0.5));
-        }
-    }
-
-    #[test]
-    fn fixed_point_extends_its_sign() {
-        for v in [0, 1, -1, 8_388_607, -8_388_608, -70_000] {
-            assert_eq!(fixed24(&i32::to_le_bytes(v)[..3]), v);
-        }
-    }
-
-    #[test]
-    fn rotations_are_unit_quaternions() {
-        assert_eq!(smallest_three(3 << 30), [1.0, 0.0, 0.0, 0.0]);
-        assert_eq!(smallest_three(0), [0.0, 1.0, 0.0, 0.0]);
-        // y largest: x = -511/511, z = 0, w = 256/511, of sqrt(1/2).
-        let q = smallest_three((1 << 30) | ((512 + 511) << 20) | 256);
-        let most = std::f32::consts::FRAC_1_SQRT_2;
-        assert!((q[1] + most).abs() < 1e-6 && q[3] == 0.0, "{q:?}");
-        assert!((q[0] - most * 256.0 / 511.0).abs() < 1e-6, "{q:?}");
-        for bits in (0..1u64 << 32).step_by(65_537 * 31) {
-            let q = smallest_three(bits as u32);
-            let norm2: f32 = q.iter().map(|v| v * v).sum();
-            // Three components near sqrt(1/2) leave nothing for the largest.
-            assert!((0.999..1.51).contains(&norm2), "{q:?}");
-        }
-        assert_eq!(first_three(&[255, 128, 127])[0], 0.0);
-    }
+    report::finish(file, scene, report::Format::Spz { version }, options)
 }

@@ -6,15 +6,15 @@ use std::path::Path;
 use rayon::prelude::*;
 use ruzstd::decoding::StreamingDecoder;
 
-use super::{Layout, word};
+use super::layout::{Layout, word};
 use crate::error::{Error, Result};
 
 /// Header bytes.
 pub(super) const HEADER: usize = 32;
 /// Bytes per entry of the table of contents: compressed and uncompressed length.
 pub(super) const ENTRY: usize = 16;
-/// Greatest length of all attributes together, in lengths of the file. Real files have a ratio of
-/// 1.2 to 3; the bound is what stops a small file from claiming a large memory.
+/// Largest ratio of the decompressed length to the length of the file. Real files have a ratio of
+/// 1.2 to 3. The bound stops a small file from claiming a large memory.
 const MAX_RATIO: u64 = 1024;
 
 /// The layout, the number of Gaussians, and the decompressed attributes in file order.
@@ -42,12 +42,12 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(Layout, usize, [Vec<u8
     // Attributes without a byte have no stream.
     let present: Vec<usize> = (0..sizes.len()).filter(|&k| sizes[k] > 0).collect();
     if usize::from(bytes[15]) != present.len() {
-        return Err(bad("another number of streams than its SH degree needs"));
+        return Err(bad("the number of streams does not fit its SH degree"));
     }
     let toc = word(bytes, 16) as usize;
     let body = toc.saturating_add(present.len() * ENTRY);
     if toc < HEADER || body > bytes.len() {
-        return Err(bad("its table of contents lies outside the file"));
+        return Err(bad("its table of contents is outside the file"));
     }
     let mut at = body;
     let mut parts: Vec<(usize, &[u8])> = Vec::with_capacity(present.len());
@@ -56,7 +56,7 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(Layout, usize, [Vec<u8
         let [len, raw] =
             [0, 8].map(|o| u64::from(word(entry, o)) | u64::from(word(entry, o + 4)) << 32);
         if raw != sizes[k] {
-            return Err(bad("a stream whose length is not that of its attribute"));
+            return Err(bad("the length of a stream is not that of its attribute"));
         }
         let left = bytes.len() - at;
         let Some(len) = usize::try_from(len).ok().filter(|&len| len <= left) else {
@@ -80,9 +80,14 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(Layout, usize, [Vec<u8
 
 /// At most `len` bytes of a Zstandard frame.
 fn unpack(file: &Path, part: &[u8], len: u64) -> Result<Vec<u8>> {
-    let broken = |e: String| Error::io(file, "decompress", std::io::Error::other(e));
-    let decoder = StreamingDecoder::new(part).map_err(|e| broken(e.to_string()))?;
+    // The decoder's own messages name its internal types.
+    let broken = || Error::SpzCompressedData {
+        file: file.into(),
+        compression: "Zstandard",
+        reason: "broken",
+    };
+    let decoder = StreamingDecoder::new(part).map_err(|_| broken())?;
     let mut data = Vec::new();
-    decoder.take(len).read_to_end(&mut data).map_err(|e| broken(e.to_string()))?;
+    decoder.take(len).read_to_end(&mut data).map_err(|_| broken())?;
     Ok(data)
 }

@@ -1,4 +1,4 @@
-//! Writing version 4.
+//! Writes version 4.
 
 use std::io::Write;
 use std::path::Path;
@@ -6,18 +6,22 @@ use std::path::Path;
 use rayon::prelude::*;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::{COLOUR_SCALE, SH_SIGNS, streams};
+use super::layout::{COLOUR_SCALE, SH_SIGNS};
+use super::streams;
 use crate::error::{Error, Result};
 use crate::fs;
 use crate::scene::Scene;
 
-/// Fractional bits of positions where nothing asks for others: a step of 2^-12 world units, as
-/// Niantic's packer has it, and coordinates to +-2048.
+/// Fractional bits of positions by default: a step of 2^-12 world units, as in Niantic's packer, and
+/// coordinates to +-2048.
 const FRACTIONAL_BITS: i32 = 12;
-/// What the fixed-point positions hold: 23 bits and a sign.
+/// Bits of a fixed-point position beside its sign.
 const POSITION_BITS: i32 = 23;
 /// Fewest fractional bits that are written.
 const LEAST_FRACTIONAL_BITS: i32 = 4;
+/// Largest magnitude of a coordinate that is written, in world units: the largest whole number in 23
+/// bits, 4 of them fractional.
+pub const MAX_COORDINATE: f32 = ((1 << (POSITION_BITS - LEAST_FRACTIONAL_BITS)) - 1) as f32;
 /// A scene is at least this many steps wide (a power of two): small scenes get more fractional
 /// bits than [`FRACTIONAL_BITS`].
 const LEAST_STEPS: i32 = 16;
@@ -48,7 +52,7 @@ impl Default for WriteOptions {
 ///
 /// # Errors
 /// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
-/// [`Error::SpzRange`] for a coordinate beyond +-524287 or not finite, [`Error::Io`].
+/// [`Error::SpzRange`] for a coordinate beyond [`MAX_COORDINATE`] or not finite, [`Error::Io`].
 pub fn write(path: impl AsRef<Path>, scene: &Scene, options: &WriteOptions) -> Result<()> {
     let path = path.as_ref();
     let file = pack(path, scene, options)?;
@@ -65,8 +69,32 @@ pub fn write_to(mut out: impl Write, scene: &Scene, options: &WriteOptions) -> R
     out.write_all(&file).map_err(|e| Error::io(name, "write", e))
 }
 
-/// Bytes per Gaussian, and what writes those of one.
-type Attribute<'a> = (usize, Box<dyn Fn(usize, &mut [u8]) + Sync + 'a>);
+/// Writes the bytes of an attribute of the Gaussian at an index.
+type WriteBytes<'a> = dyn Fn(usize, &mut [u8]) + Sync + 'a;
+
+/// An attribute: its bytes per Gaussian, and how they are written.
+struct Attribute<'a> {
+    size: usize,
+    write: Box<WriteBytes<'a>>,
+}
+
+impl<'a> Attribute<'a> {
+    fn new(size: usize, write: impl Fn(usize, &mut [u8]) + Sync + 'a) -> Self {
+        Self { size, write: Box::new(write) }
+    }
+
+    /// The bytes of all `n` Gaussians, compressed, and their length before.
+    fn compressed(&self, n: usize) -> (usize, Vec<u8>) {
+        const ROWS: usize = 4096;
+        let mut raw = vec![0; self.size * n];
+        raw.par_chunks_mut(self.size * ROWS).enumerate().for_each(|(chunk, part)| {
+            for (i, out) in part.chunks_exact_mut(self.size).enumerate() {
+                (self.write)(chunk * ROWS + i, out);
+            }
+        });
+        (raw.len(), compress_to_vec(&raw[..], CompressionLevel::Fastest))
+    }
+}
 
 fn pack(file: &Path, scene: &Scene, options: &WriteOptions) -> Result<Vec<u8>> {
     scene.check_shape()?;
@@ -75,71 +103,10 @@ fn pack(file: &Path, scene: &Scene, options: &WriteOptions) -> Result<Vec<u8>> {
         reason: "more than 2^32 - 1 Gaussians cannot be written",
     })?;
     let fractional_bits = fractional_bits(file, scene)?;
-    let unit = f64::from(1u32 << fractional_bits);
-    let buckets = [options.sh1_bits, options.sh_rest_bits].map(|b| 1u8 << (8 - b.clamp(1, 8)));
-    let rest = scene.sh_len() - 1;
-    let (sh, sh_len) = (&scene.sh, scene.sh_len());
-    let attributes: [Attribute; 6] = [
-        (
-            9,
-            Box::new(|i, out| {
-                for (k, v) in scene.means[i].into_iter().enumerate() {
-                    let v = if k == 0 { f64::from(v) } else { -f64::from(v) };
-                    let fixed = libm::round(v * unit) as i32;
-                    out[3 * k..3 * k + 3].copy_from_slice(&fixed.to_le_bytes()[..3]);
-                }
-            }),
-        ),
-        (1, Box::new(|i, out| out[0] = opacity_byte(scene.opacity_logits[i]))),
-        (
-            3,
-            Box::new(move |i, out| {
-                for (o, v) in out.iter_mut().zip(sh[i * sh_len]) {
-                    *o = byte(255.0 * (0.5 + COLOUR_SCALE * v));
-                }
-            }),
-        ),
-        (
-            3,
-            Box::new(|i, out| {
-                for (o, v) in out.iter_mut().zip(scene.log_scales[i]) {
-                    *o = byte(16.0 * (v + 10.0));
-                }
-            }),
-        ),
-        (
-            4,
-            Box::new(|i, out| {
-                out.copy_from_slice(&smallest_three(scene.rotations[i]).to_le_bytes());
-            }),
-        ),
-        (
-            3 * rest,
-            Box::new(move |i, out| {
-                let coefficients = &sh[i * sh_len + 1..(i + 1) * sh_len];
-                for (k, (rgb, out)) in coefficients.iter().zip(out.chunks_exact_mut(3)).enumerate()
-                {
-                    let bucket = buckets[usize::from(k >= 3)];
-                    for (o, v) in out.iter_mut().zip(rgb) {
-                        *o = sh_byte(SH_SIGNS[k + 1] * v, bucket);
-                    }
-                }
-            }),
-        ),
-    ];
-    const ROWS: usize = 4096;
-    let packed: Vec<(usize, Vec<u8>)> = attributes
+    let packed: Vec<(usize, Vec<u8>)> = attributes(scene, fractional_bits, options)
         .par_iter()
-        .filter(|(size, _)| *size > 0 && n > 0)
-        .map(|(size, fill)| {
-            let mut raw = vec![0; *size * scene.len()];
-            raw.par_chunks_mut(*size * ROWS).enumerate().for_each(|(chunk, part)| {
-                for (i, out) in part.chunks_exact_mut(*size).enumerate() {
-                    fill(chunk * ROWS + i, out);
-                }
-            });
-            (raw.len(), compress_to_vec(&raw[..], CompressionLevel::Fastest))
-        })
+        .filter(|attribute| attribute.size > 0 && n > 0)
+        .map(|attribute| attribute.compressed(scene.len()))
         .collect();
     let mut out = b"NGSP".to_vec();
     out.extend(4u32.to_le_bytes());
@@ -157,15 +124,56 @@ fn pack(file: &Path, scene: &Scene, options: &WriteOptions) -> Result<Vec<u8>> {
     Ok(out)
 }
 
+/// The attributes in file order.
+fn attributes<'a>(
+    scene: &'a Scene,
+    fractional_bits: u8,
+    options: &WriteOptions,
+) -> [Attribute<'a>; 6] {
+    let unit = f64::from(1u32 << fractional_bits);
+    let buckets = [options.sh1_bits, options.sh_rest_bits].map(|b| 1u8 << (8 - b.clamp(1, 8)));
+    [
+        Attribute::new(9, move |i, out| {
+            for (k, v) in scene.means[i].into_iter().enumerate() {
+                let v = if k == 0 { f64::from(v) } else { -f64::from(v) };
+                let fixed = libm::round(v * unit) as i32;
+                out[3 * k..3 * k + 3].copy_from_slice(&fixed.to_le_bytes()[..3]);
+            }
+        }),
+        Attribute::new(1, |i, out| out[0] = opacity_byte(scene.opacity_logits[i])),
+        Attribute::new(3, |i, out| {
+            for (o, v) in out.iter_mut().zip(scene.sh_of(i)[0]) {
+                *o = byte(255.0 * (0.5 + COLOUR_SCALE * v));
+            }
+        }),
+        Attribute::new(3, |i, out| {
+            for (o, v) in out.iter_mut().zip(scene.log_scales[i]) {
+                *o = byte(16.0 * (v + 10.0));
+            }
+        }),
+        Attribute::new(4, |i, out| {
+            out.copy_from_slice(&smallest_three(scene.rotations[i]).to_le_bytes());
+        }),
+        Attribute::new(3 * (scene.sh_len() - 1), move |i, out| {
+            let coefficients = &scene.sh_of(i)[1..];
+            for (k, (rgb, out)) in coefficients.iter().zip(out.chunks_exact_mut(3)).enumerate() {
+                let bucket = buckets[usize::from(k >= 3)];
+                for (o, v) in out.iter_mut().zip(rgb) {
+                    *o = sh_byte(SH_SIGNS[k + 1] * v, bucket);
+                }
+            }
+        }),
+    ]
+}
+
 /// Fractional bits that hold every coordinate.
 fn fractional_bits(file: &Path, scene: &Scene) -> Result<u8> {
     let mut largest = 0.0f32;
     for (index, mean) in scene.means.iter().enumerate() {
         for &value in mean {
-            // 2^23 - 1 steps at the fewest fractional bits.
-            let limit = ((1 << (POSITION_BITS - LEAST_FRACTIONAL_BITS)) - 1) as f32;
-            if value.is_nan() || value.abs() >= limit {
-                return Err(Error::SpzRange { file: file.into(), index, value });
+            if value.is_nan() || value.abs() > MAX_COORDINATE {
+                let limit = MAX_COORDINATE;
+                return Err(Error::SpzRange { file: file.into(), index, value, limit });
             }
             largest = largest.max(value.abs());
         }
@@ -247,7 +255,7 @@ mod tests {
     fn rotations_come_back() {
         for q in [[1.0f32, 0.0, 0.0, 0.0], [-0.1, 0.9, -0.3, 0.2], [0.5, -0.5, 0.5, -0.5], [0.0; 4]]
         {
-            let [w, x, y, z] = super::super::smallest_three(smallest_three(q));
+            let [w, x, y, z] = crate::spz::layout::smallest_three(smallest_three(q));
             let back = [w, x, -y, -z];
             let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
             let dot: f32 = if norm > 0.0 {

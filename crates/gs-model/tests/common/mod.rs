@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use gs_model::Scene;
 use gs_model::ply::Format;
 
-/// A path in the shared test data beside the workspace, or a loud `None` where it is absent.
+/// A path in the shared test data beside the workspace, or `None` with a message if it is absent.
 pub(crate) fn shared(path: &str) -> Option<PathBuf> {
     let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(path);
     if full.exists() {
@@ -80,7 +80,7 @@ pub(crate) struct Property {
     pub(crate) list: bool,
 }
 
-/// A PLY file in the making, written by the plainest code that can: one number at a time.
+/// A description of a PLY file, written one number at a time.
 #[derive(Clone)]
 pub(crate) struct File {
     pub(crate) format: Format,
@@ -89,6 +89,8 @@ pub(crate) struct File {
     /// Rows with lists, in elements before and after `vertex`.
     pub(crate) faces_before: usize,
     pub(crate) faces_after: usize,
+    /// The normals' components of every second Gaussian.
+    pub(crate) normal: f32,
 }
 
 impl File {
@@ -103,7 +105,8 @@ impl File {
         names.extend((0..4).map(|i| format!("rot_{i}")));
         let float = |name| Property { name, kind: "float", list: false };
         let properties = names.into_iter().map(float).collect();
-        Self { format, line_end: "\n", properties, faces_before: 0, faces_after: 0 }
+        let (faces_before, faces_after) = (0, 0);
+        Self { format, line_end: "\n", properties, faces_before, faces_after, normal: 0.0 }
     }
 
     /// The bytes of the file; the second value is the length of the header.
@@ -134,7 +137,10 @@ impl File {
         for i in 0..scene.len() {
             let mut row = Vec::new();
             for p in &self.properties {
-                let value = property(scene, i, &p.name);
+                let value = match p.name.as_str() {
+                    "nx" | "ny" | "nz" if i % 2 == 1 => Some(self.normal),
+                    name => property(scene, i, name),
+                };
                 if p.list {
                     // Lengths 0, 1, 2, 0, ...
                     row.push((i as f64 % 3.0, "uchar"));

@@ -1,4 +1,4 @@
-//! The device fails: lost in the middle of a run, out of memory, or with loops that it cuts.
+//! Failures of the device: it is lost during a run, is out of memory, or ends loops early.
 
 use super::*;
 use crate::backend::Backend;
@@ -57,8 +57,8 @@ fn a_run_whose_device_is_lost_goes_on_from_the_last_kept_step() {
     let cpu: Vec<_> = (13..=20).map(|s| (s, Backend::Cpu)).collect();
     assert_eq!(seen, [gpu, cpu].concat());
 
-    // Without leave to fall back: one line, the checkpoint stays, and another run continues it
-    // to the same bits.
+    // With `Backend::Gpu`: one line, the checkpoint stays, and another run continues it to the same
+    // bits.
     let dir = tempfile::tempdir().unwrap();
     let checkpoint = Some(dir.path().join("run.ckpt"));
     let options = FineTuneOptions { backend: Backend::Gpu, checkpoint, ..options };
@@ -125,7 +125,7 @@ fn a_device_without_room_is_left() {
     assert!(error.starts_with("GPU: ") && !error.contains('\n'), "{error}");
 }
 
-/// What gets past our own limits is refused by the driver: an error, no panic.
+/// Memory beyond the driver's limits is an error, not a panic.
 #[test]
 fn memory_that_the_driver_refuses_is_an_error() {
     let Some(mut context) = context() else { return };
@@ -139,7 +139,7 @@ fn memory_that_the_driver_refuses_is_an_error() {
     assert!(error.starts_with("GPU: ") && !error.contains('\n'), "{error}");
 }
 
-/// wgpu panics where a device is lost while someone waits for it.
+/// wgpu panics if a device is lost during a wait.
 #[test]
 fn a_panic_in_a_wait_is_an_error() {
     assert_eq!(wait(|| Ok(3)).unwrap(), 3);
@@ -163,7 +163,7 @@ fn crowd(n: usize) -> Scene {
     s
 }
 
-/// Lists as long as the guard lets through are blended whole, on every driver.
+/// Lists of the largest length that is accepted are blended completely, on every driver.
 #[test]
 fn the_longest_list_that_is_let_through_is_not_cut() {
     let n = loops::longest_list(65_535) as usize;
@@ -184,8 +184,8 @@ fn the_longest_list_that_is_let_through_is_not_cut() {
     assert_eq!(worst_ulps("blend_adjoint", &got, &wanted), 0);
 }
 
-/// Mesa's software Vulkan 22.3.6 cut the lists of crowded tiles without a word. Now the run is
-/// the processor's where the driver would cut, and the GPU's where it would not.
+/// Mesa's software Vulkan 22.3.6 cut the lists of crowded tiles without an error. Now the CPU takes
+/// the run over if the driver would cut a list; otherwise the GPU finishes it.
 #[test]
 fn lists_that_the_driver_would_cut_are_refused() {
     let Some(context) = context() else { return };

@@ -19,7 +19,7 @@ fn gate(e0: F, e1: F, cut: F, opacity: F, least: F, t: F) -> Gate {
     let s1 = e1 * e1;
     let sigma = s0 + s1;
     let inside = (sigma <= cut) & (t > F(0.0));
-    let g = exp_own(-min(sigma, F(SIGMA_MAX)));
+    let g = exp_polynomial(-min(sigma, F(SIGMA_MAX)));
     let og = opacity * g;
     let alpha = min(og, F(ALPHA_MAX));
     let w = alpha * t;
@@ -31,7 +31,7 @@ fn gate(e0: F, e1: F, cut: F, opacity: F, least: F, t: F) -> Gate {
 }
 
 // The adjoint of `gate`, front to back. `cg` is the splat's colour dotted with the pixel's
-// gradient, `rg` the colour of everything from here on, background included, dotted with it.
+// gradient, `rg` the colour of this and all later splats and the background, dotted with it.
 // Gates and transmittance are recomputed as in the forward pass; nothing is divided by T.
 fn replay(e0: F, e1: F, cut: F, opacity: F, least: F, t: F, rg: F, cg: F) -> Replay {
     let a = gate(e0, e1, cut, opacity, least, t);
@@ -42,7 +42,7 @@ fn replay(e0: F, e1: F, cut: F, opacity: F, least: F, t: F, rg: F, cg: F) -> Rep
     let shaded = behind / clear;
     let v_alpha = lit - shaded;
     let v = -(a.og * v_alpha);
-    // The cap is exact: above it, alpha does not move.
+    // Above the cap the derivative of alpha is zero.
     let moves = a.counts & (a.og <= F(ALPHA_MAX));
     return Replay(a.w, a.t, behind, select(F(0.0), v, moves));
 }

@@ -1,4 +1,5 @@
-// Rust only, but included once per F like the shared text: the per-Gaussian chain.
+// The projection of a Gaussian from end to end. Rust only, but included once per F, as the shared
+// text is.
 
 /// Pinhole parameters in the precision of this instance.
 #[derive(Clone, Copy, Debug)]
@@ -88,7 +89,7 @@ impl Frame {
         let inv_norm = 1.0 / sqrt(norm2);
         let unit = q.map(|c| c * inv_norm);
         let rot = rotation_of(unit[0], unit[1], unit[2], unit[3]);
-        let scale = |l: F| exp_own(clamp(l, -F(LOG_SCALE_MAX), F(LOG_SCALE_MAX)));
+        let scale = |l: F| exp_polynomial(clamp(l, -F(LOG_SCALE_MAX), F(LOG_SCALE_MAX)));
         let s = V3(scale(log_scale[0]), scale(log_scale[1]), scale(log_scale[2]));
         let inv_z = 1.0 / m.z;
         let u = clamp(m.x * inv_z, lens.lo_x, lens.hi_x);

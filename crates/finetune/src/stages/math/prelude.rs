@@ -1,5 +1,5 @@
-// What the shared text needs in Rust whatever F is: structs are `Copy` and have positional
-// constructors, as in WGSL.
+// The shared text in Rust, for any F: structs are `Copy` and have positional constructors, as in
+// WGSL.
 macro_rules! positional {
     ($($name:ident { $($field:ident : $ty:ty),* })*) => {$(
         impl Clone for $name {

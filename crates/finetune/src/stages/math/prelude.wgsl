@@ -1,5 +1,5 @@
-// What the shared text needs in WGSL. F, B, I, U are aliases emitted by the host: f32, bool,
-// i32, u32 or the vec4 of each.
+// The functions of the shared text in WGSL. F, B, I and U are aliases that the host writes: f32,
+// bool, i32 and u32, or the vec4 of each.
 
 fn round_even(x: F) -> F {
     return round(x);

@@ -2,8 +2,8 @@
 // ../mod.rs. In WGSL, F is f32 or vec4<f32> (four splats).
 
 // Smallest sigma over a rectangle of pixel centres, given by its edges relative to the mean
-// (dx = mean - pixel runs over [dx0, dx1]); less a bound of its own rounding error, so that
-// comparing it with the cut has no false negatives.
+// (dx = mean - pixel is within [dx0, dx1]), minus a bound of its rounding error, so that comparing
+// it with the cut never excludes a splat that reaches the rectangle.
 fn least_sigma(p: F, q: F, r: F, dx0: F, dx1: F, dy0: F, dy1: F) -> F {
     let dx = clamp(F(0.0), dx0, dx1);
     let dy = clamp(F(0.0), dy0, dy1);

@@ -5,7 +5,7 @@
 
 // exp(x) for x in [-87, 88]; the caller clamps. Cody-Waite reduction, Horner to degree 7.
 // At most 1 ulp from the correctly rounded value on [-5.6, 0].
-fn exp_own(x: F) -> F {
+fn exp_polynomial(x: F) -> F {
     let scaled = x * 1.44269504;
     let n = round_even(scaled);
     let high = n * 0.693359375;
@@ -30,7 +30,7 @@ fn exp_own(x: F) -> F {
 }
 
 // ln(x) for a positive normal x: Cephes' polynomial around 1, exponent from the bits.
-fn ln_own(x: F) -> F {
+fn ln_polynomial(x: F) -> F {
     let e = exponent_of(x);
     let m = mantissa_of(x);
     let z = m - 1.0;
@@ -65,7 +65,7 @@ fn ln_own(x: F) -> F {
 // 1 / (1 + exp(-l)), without overflow at either end.
 fn sigmoid(l: F) -> F {
     let magnitude = min(abs(l), F(80.0));
-    let e = exp_own(-magnitude);
+    let e = exp_polynomial(-magnitude);
     let top = select(e, F(1.0), l >= F(0.0));
     let bottom = e + 1.0;
     return top / bottom;

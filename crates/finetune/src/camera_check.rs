@@ -1,0 +1,92 @@
+//! Checks that cameras and photos belong to a scene.
+//!
+//! Importances from cameras of another scene, or a fine-tune on photos of another scene, destroy a
+//! model without an error. These two measures let a caller warn before that.
+
+use gs_model::Scene;
+
+use crate::forward::render;
+use crate::metrics::psnr;
+use crate::options::RenderOptions;
+use crate::stages::opacity_of;
+use crate::train::view::TrainView;
+
+/// A perfect view counts as this many dB, so that the mean stays finite.
+const MAX_PSNR: f64 = 100.0;
+
+/// Share of the scene's opacity that a set of cameras sees: the sum of the opacities of the
+/// Gaussians whose blending weight is above zero, over the sum of all opacities. It is 0 if the
+/// cameras see nothing, and 1 if they see every Gaussian, or if the scene has no opacity at all.
+///
+/// `weights` are the blending weights of the Gaussians, as [`crate::saliency`] gives them (or
+/// [`crate::Saliency::squared`]). A Gaussian without a weight counts as unseen.
+///
+/// ```
+/// use finetune::{saliency, seen_opacity_share};
+/// use gs_model::{Camera, Scene};
+///
+/// let scene = Scene {
+///     means: vec![[0.0, 0.0, 0.0], [0.0, 0.0, -9.0]],
+///     rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+///     log_scales: vec![[-2.0; 3]; 2],
+///     opacity_logits: vec![1.0; 2],
+///     sh_degree: 0,
+///     sh: vec![[0.0; 3]; 2],
+/// };
+/// // The camera looks at the first Gaussian; the second is behind it.
+/// let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
+/// let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [32, 24], 30.0);
+/// let share = seen_opacity_share(&scene, &saliency(&scene, &[camera]));
+/// assert_eq!(share, 0.5);
+/// ```
+#[must_use]
+pub fn seen_opacity_share(scene: &Scene, weights: &[f32]) -> f64 {
+    let (mut seen, mut all) = (0.0, 0.0);
+    for (i, &logit) in scene.opacity_logits.iter().enumerate() {
+        let opacity = f64::from(opacity_of(logit));
+        if opacity.is_finite() {
+            all += opacity;
+            seen += if weights.get(i).is_some_and(|&w| w > 0.0) { opacity } else { 0.0 };
+        }
+    }
+    if all > 0.0 { seen / all } else { 1.0 }
+}
+
+/// How well a scene's renders match photos.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotoMatch {
+    /// Number of views that were compared.
+    pub views: usize,
+    /// Mean PSNR of the renders against the photos, dB.
+    pub mean_psnr: f64,
+    /// Lowest PSNR of a view, dB.
+    pub lowest_psnr: f64,
+    /// Index of the view with the lowest PSNR.
+    pub lowest_view: usize,
+}
+
+/// Renders at most `at_most` of the views, evenly spread and the first among them, and compares
+/// them with their photos. A perfect view counts as 100 dB. A view is left out if its photo does not
+/// have the camera's size or if its camera ignores a lens distortion. `None` if no view remains.
+#[must_use]
+pub fn photo_match(
+    scene: &Scene,
+    views: &[TrainView],
+    at_most: usize,
+    options: &RenderOptions,
+) -> Option<PhotoMatch> {
+    let step = views.len().div_ceil(at_most.max(1)).max(1);
+    let compared: Vec<(usize, f64)> = views
+        .iter()
+        .enumerate()
+        .step_by(step)
+        .take(at_most)
+        .filter(|(_, view)| view.camera.ignored_distortion.is_none())
+        .map(|(i, view)| (i, psnr(&render(scene, &view.camera, options), &view.photo)))
+        .filter(|(_, value)| !value.is_nan())
+        .map(|(i, value)| (i, value.min(MAX_PSNR)))
+        .collect();
+    let &(lowest_view, lowest_psnr) = compared.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let mean_psnr = compared.iter().map(|c| c.1).sum::<f64>() / compared.len() as f64;
+    Some(PhotoMatch { views: compared.len(), mean_psnr, lowest_psnr, lowest_view })
+}

@@ -1,0 +1,39 @@
+//! [`TrainView`]: a posed photo.
+
+use gs_model::Camera;
+
+use crate::error::{Error, Result};
+use crate::image::Image;
+
+/// A posed photo to train on.
+#[derive(Clone, Debug)]
+pub struct TrainView {
+    /// Where the photo was taken from.
+    pub camera: Camera,
+    /// The photo, of the camera's size.
+    pub photo: Image,
+}
+
+/// Checks that there are views, and that each has an undistorted camera of a possible size and a photo
+/// of that size.
+pub(super) fn check_views(views: &[TrainView]) -> Result<()> {
+    if views.is_empty() {
+        return Err(Error::NoViews);
+    }
+    for (index, TrainView { camera, photo }) in views.iter().enumerate() {
+        let (width, height) = (camera.width, camera.height);
+        let name = camera.name.clone();
+        if width == 0 || height == 0 || !camera.image_fits() {
+            return Err(Error::ViewSize { index, name, width, height });
+        }
+        if let Some(model) = camera.ignored_distortion.clone() {
+            return Err(Error::DistortedView { index, name, model });
+        }
+        let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
+        if (photo.width, photo.height) != (width, height) || !is_complete {
+            let photo = (photo.width, photo.height);
+            return Err(Error::PhotoSize { index, name, photo, camera: (width, height) });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,82 @@
+//! An encoder deleted scenes that its cameras did not show, and a fine-tune accepted photos of another
+//! scene. [`seen_opacity_share`] and [`photo_match`] detect both.
+
+mod common;
+
+use finetune::{
+    Image, RenderOptions, TrainView, photo_match, render, saliency, seen_opacity_share,
+};
+use gs_model::{Camera, Scene};
+
+/// Cameras around the middle of [`common::scene`].
+fn cameras(count: usize) -> Vec<Camera> {
+    let eyes = (0..count).map(|i| 0.4 * i as f64 - 0.2 * count as f64);
+    eyes.map(|x| {
+        let target = [0.0, 0.0, 4.0];
+        Camera::looking_at("v".into(), [x, 0.0, -1.0], target, [0.0, -1.0, 0.0], [72, 56], 50.0)
+    })
+    .collect()
+}
+
+fn views(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
+    let photo = |camera: &Camera| render(scene, camera, &RenderOptions::default());
+    cameras.into_iter().map(|camera| TrainView { photo: photo(&camera), camera }).collect()
+}
+
+#[test]
+fn cameras_that_do_not_show_the_scene_are_detected() {
+    let scene = common::scene(400, 0, 21);
+    let share = |cameras: &[Camera]| seen_opacity_share(&scene, &saliency(&scene, cameras));
+    let all_around = share(&cameras(8));
+    assert!(all_around > 0.9, "{all_around}");
+    // Of another scene, far away.
+    let mut elsewhere = cameras(8);
+    elsewhere.iter_mut().for_each(|c| c.translation.x += 1e4);
+    assert_eq!(share(&elsewhere), 0.0);
+    assert_eq!(share(&[]), 0.0);
+    // Through a narrow lens.
+    let mut narrow = cameras(2);
+    narrow.iter_mut().for_each(|c| (c.fx, c.fy) = (2000.0, 2000.0));
+    let narrow = share(&narrow);
+    assert!(narrow > 0.0 && narrow < 0.5, "{narrow}");
+}
+
+#[test]
+fn the_share_is_weighted_by_opacity() {
+    let mut scene = common::scene(4, 0, 3);
+    // Opacities 1/2, 1/4, 1/4 and 0.
+    let logit = libm::logf(1.0 / 3.0);
+    scene.opacity_logits = vec![0.0, logit, logit, -80.0];
+    let share = |weights: &[f32]| seen_opacity_share(&scene, weights);
+    assert!((share(&[0.1, 0.0, 0.0, 0.0]) - 0.5).abs() < 1e-6);
+    assert!((share(&[0.0, 3.0, 0.0, 0.0]) - 0.25).abs() < 1e-6);
+    assert!((share(&[0.0, 3.0]) - 0.25).abs() < 1e-6, "missing weights count as unseen");
+    assert!((share(&[1.0; 4]) - 1.0).abs() < 1e-6);
+    assert_eq!(seen_opacity_share(&Scene::default(), &[]), 1.0);
+}
+
+#[test]
+fn photos_that_the_model_does_not_match_are_detected() {
+    let scene = common::scene(300, 1, 5);
+    let options = RenderOptions::default();
+    let mut views = views(&scene, cameras(7));
+    let good = photo_match(&scene, &views, 3, &options).unwrap();
+    assert_eq!((good.views, good.mean_psnr, good.lowest_psnr), (3, 100.0, 100.0));
+    // Views 0, 3 and 6 are compared: one of them has another photo.
+    views[3].photo = common::photo(72, 56, 9);
+    let one_wrong = photo_match(&scene, &views, 3, &options).unwrap();
+    assert_eq!((one_wrong.views, one_wrong.lowest_view), (3, 3));
+    assert!(one_wrong.lowest_psnr < 15.0, "{one_wrong:?}");
+    let mean = (200.0 + one_wrong.lowest_psnr) / 3.0;
+    assert!((one_wrong.mean_psnr - mean).abs() < 1e-9, "{one_wrong:?}");
+    // A photo that cannot be compared is left out.
+    views[0].photo = Image::new(3, 3);
+    assert_eq!(photo_match(&scene, &views, 3, &options).unwrap().views, 2);
+    assert_eq!(photo_match(&scene, &views[..1], 3, &options), None);
+    assert_eq!(photo_match(&scene, &[], 3, &options), None);
+    assert_eq!(photo_match(&scene, &views, 0, &options), None);
+    let all = photo_match(&scene, &views, 100, &options).unwrap();
+    assert_eq!(all.views, 6);
+    views[1].camera.ignored_distortion = Some("OPENCV".into());
+    assert_eq!(photo_match(&scene, &views, 100, &options).unwrap().views, 5);
+}

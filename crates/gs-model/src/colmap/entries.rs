@@ -1,0 +1,74 @@
+//! The entries of the files, and the camera models.
+
+/// A point of the sparse reconstruction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SfmPoint {
+    /// Position, world units.
+    pub position: [f64; 3],
+    /// Colour, 0 to 255.
+    pub rgb: [u8; 3],
+    /// Mean reprojection error, pixels.
+    pub error: f64,
+}
+
+/// A row of the cameras file.
+pub(super) struct Intrinsics {
+    pub(super) id: u32,
+    pub(super) model: Model,
+    pub(super) width: u64,
+    pub(super) height: u64,
+    pub(super) params: Vec<f64>,
+}
+
+/// A row of the images file.
+pub(super) struct Image {
+    pub(super) name: String,
+    pub(super) camera: u32,
+    /// World to camera, w first.
+    pub(super) rotation: [f64; 4],
+    pub(super) translation: [f64; 3],
+}
+
+/// The two camera models without distortion, as their index in [`MODELS`].
+const UNDISTORTED: [Model; 2] = [Model(0), Model(1)];
+
+/// COLMAP's camera models, each at the index that is its id: name, number of parameters, and
+/// how many of these are focal lengths. The focal lengths come first, then `cx` and `cy`, then the
+/// distortion (`src/colmap/sensor/models.h`).
+pub(super) const MODELS: [(&str, usize, usize); 12] = [
+    ("SIMPLE_PINHOLE", 3, 1),
+    ("PINHOLE", 4, 2),
+    ("SIMPLE_RADIAL", 4, 1),
+    ("RADIAL", 5, 1),
+    ("OPENCV", 8, 2),
+    ("OPENCV_FISHEYE", 8, 2),
+    ("FULL_OPENCV", 12, 2),
+    ("FOV", 5, 2),
+    ("SIMPLE_RADIAL_FISHEYE", 4, 1),
+    ("RADIAL_FISHEYE", 5, 1),
+    ("THIN_PRISM_FISHEYE", 12, 2),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16, 2),
+];
+
+/// A camera model, as its index in [`MODELS`].
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) struct Model(pub(super) usize);
+
+impl Model {
+    pub(super) fn name(self) -> &'static str {
+        MODELS[self.0].0
+    }
+
+    /// Number of parameters.
+    pub(super) fn params(self) -> usize {
+        MODELS[self.0].1
+    }
+
+    pub(super) fn has_one_focal_length(self) -> bool {
+        MODELS[self.0].2 == 1
+    }
+
+    pub(super) fn is_distorted(self) -> bool {
+        !UNDISTORTED.contains(&self)
+    }
+}

@@ -1,0 +1,169 @@
+//! The bytes of each attribute, and how a Gaussian is decoded from them.
+
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::rows::{self, SH};
+use crate::scene::{Scene, sh_len};
+use crate::splat::opacity_logit;
+
+/// A colour's byte is `255 (1/2 + COLOUR_SCALE * coefficient)`.
+pub(super) const COLOUR_SCALE: f32 = 0.15;
+
+/// Sign of each basis function under `(x, y, z) -> (x, -y, -z)`, degrees 0 to 3.
+pub(super) const SH_SIGNS: [f32; 16] =
+    [1., -1., -1., 1., -1., 1., 1., -1., 1., -1., 1., -1., -1., 1., -1., 1.];
+
+pub(super) fn word(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+}
+
+/// What the header says about the attributes.
+pub(super) struct Layout {
+    version: u32,
+    sh_degree: u8,
+    fractional_bits: u8,
+}
+
+impl Layout {
+    pub(super) fn new(
+        file: &Path,
+        version: u32,
+        sh_degree: u8,
+        fractional_bits: u8,
+    ) -> Result<Self> {
+        let bad = |reason| Err(Error::SpzHeader { file: file.into(), reason });
+        if sh_degree > 3 {
+            return bad("SH degree above 3");
+        }
+        if fractional_bits > 31 {
+            return bad("more than 31 fractional bits");
+        }
+        Ok(Self { version, sh_degree, fractional_bits })
+    }
+
+    /// Bytes per Gaussian of each attribute, in file order.
+    pub(super) fn sizes(&self) -> [usize; 6] {
+        let rotation = if self.version == 2 { 3 } else { 4 };
+        [9, 1, 3, 3, rotation, 3 * (sh_len(self.sh_degree) - 1)]
+    }
+
+    /// The scene of `n` Gaussians whose attributes are `streams`, in file order.
+    pub(super) fn scene(&self, streams: [&[u8]; 6], n: usize) -> Result<Scene> {
+        let sizes = self.sizes();
+        let attributes: [(&[u8], usize); 6] = std::array::from_fn(|k| (streams[k], sizes[k]));
+        let unit = 1.0 / f64::from(1u32 << self.fractional_bits);
+        rows::scene(n, self.sh_degree, |mut rows| {
+            for i in 0..rows.len() {
+                let at = rows.first + i;
+                let [position, opacity, colour, log_scale, rotation, sh] =
+                    attributes.map(|(bytes, size)| &bytes[at * size..(at + 1) * size]);
+                let q = if self.version == 2 {
+                    first_three(rotation)
+                } else {
+                    smallest_three(word(rotation, 0))
+                };
+                rows.set(i, |c| match c {
+                    0..3 => {
+                        let sign = if c == 0 { 1.0 } else { -1.0 };
+                        (sign * unit * f64::from(fixed24(&position[3 * c..]))) as f32
+                    }
+                    3..5 => q[c - 3],
+                    5..7 => -q[c - 3],
+                    7..10 => f32::from(log_scale[c - 7]) / 16.0 - 10.0,
+                    10 => opacity_logit(opacity[0]),
+                    11..14 => (f32::from(colour[c - SH]) / 255.0 - 0.5) / COLOUR_SCALE,
+                    _ => {
+                        let value = (f32::from(sh[c - SH - 3]) - 128.0) / 128.0;
+                        SH_SIGNS[(c - SH) / 3] * value
+                    }
+                });
+            }
+            Ok(())
+        })
+    }
+}
+
+/// A 24-bit two's complement number.
+fn fixed24(bytes: &[u8]) -> i32 {
+    // In the upper three bytes, so that the shift back extends the sign.
+    i32::from_le_bytes([0, bytes[0], bytes[1], bytes[2]]) >> 8
+}
+
+/// Version 2: x, y, z as bytes; w is not negative and makes the norm 1.
+fn first_three(bytes: &[u8]) -> [f32; 4] {
+    let [x, y, z] = [0, 1, 2].map(|i| f32::from(bytes[i]) / 127.5 - 1.0);
+    [(1.0 - x * x - y * y - z * z).max(0.0).sqrt(), x, y, z]
+}
+
+/// Version 3: the top two bits say which of x, y, z, w is largest and left out; the others
+/// follow, the last in the lowest bits, as a sign and nine bits of magnitude up to sqrt(1/2).
+pub(super) fn smallest_three(mut bits: u32) -> [f32; 4] {
+    let largest = (bits >> 30) as usize;
+    let mut q = [0.0f32; 4];
+    let mut norm2 = 0.0;
+    for i in (0..4).rev().filter(|&i| i != largest) {
+        let magnitude = std::f32::consts::FRAC_1_SQRT_2 * (bits & 511) as f32 / 511.0;
+        q[i] = if bits & 512 == 0 { magnitude } else { -magnitude };
+        norm2 += magnitude * magnitude;
+        bits >>= 10;
+    }
+    q[largest] = (1.0 - norm2).max(0.0).sqrt();
+    [q[3], q[0], q[1], q[2]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signs_are_those_of_the_basis_functions() {
+        // The polynomials of the real spherical harmonics, in 3DGS order, without constants.
+        let basis: [fn(f64, f64, f64) -> f64; 16] = [
+            |_, _, _| 1.0,
+            |_, y, _| y,
+            |_, _, z| z,
+            |x, _, _| x,
+            |x, y, _| x * y,
+            |_, y, z| y * z,
+            |x, y, z| 2.0 * z * z - x * x - y * y,
+            |x, _, z| x * z,
+            |x, y, _| x * x - y * y,
+            |x, y, _| y * (3.0 * x * x - y * y),
+            |x, y, z| x * y * z,
+            |x, y, z| y * (4.0 * z * z - x * x - y * y),
+            |x, y, z| z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y),
+            |x, y, z| x * (4.0 * z * z - x * x - y * y),
+            |x, y, z| z * (x * x - y * y),
+            |x, y, _| x * (x * x - 3.0 * y * y),
+        ];
+        for (f, sign) in basis.iter().zip(SH_SIGNS) {
+            assert_eq!(f(0.3, -0.6, -0.5), f64::from(sign) * f(0.3, 0.6, 0.5));
+        }
+    }
+
+    #[test]
+    fn fixed_point_extends_its_sign() {
+        for v in [0, 1, -1, 8_388_607, -8_388_608, -70_000] {
+            assert_eq!(fixed24(&i32::to_le_bytes(v)[..3]), v);
+        }
+    }
+
+    #[test]
+    fn rotations_are_unit_quaternions() {
+        assert_eq!(smallest_three(3 << 30), [1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(smallest_three(0), [0.0, 1.0, 0.0, 0.0]);
+        // y largest: x = -511/511, z = 0, w = 256/511, of sqrt(1/2).
+        let q = smallest_three((1 << 30) | ((512 + 511) << 20) | 256);
+        let most = std::f32::consts::FRAC_1_SQRT_2;
+        assert!((q[1] + most).abs() < 1e-6 && q[3] == 0.0, "{q:?}");
+        assert!((q[0] - most * 256.0 / 511.0).abs() < 1e-6, "{q:?}");
+        for bits in (0..1u64 << 32).step_by(65_537 * 31) {
+            let q = smallest_three(bits as u32);
+            let norm2: f32 = q.iter().map(|v| v * v).sum();
+            // Three components near sqrt(1/2) leave nothing for the largest.
+            assert!((0.999..1.51).contains(&norm2), "{q:?}");
+        }
+        assert_eq!(first_three(&[255, 128, 127])[0], 0.0);
+    }
+}
