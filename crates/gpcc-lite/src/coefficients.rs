@@ -21,7 +21,7 @@ pub(crate) const ACTIVITIES: usize = 3;
 const GROUP: usize = 3;
 const UNGROUPED: usize = 6;
 /// Share of a row's activity that comes from the row above.
-const KEPT: f32 = 0.7;
+const KEPT: f32 = 0.5;
 /// Weight of the expectation from above against one magnitude in the same group.
 const ABOVE: f32 = 3.0;
 /// Classes of expected magnitudes, in half-octaves.
