@@ -1,7 +1,8 @@
 //! Cameras at encode time: importance of each Gaussian, and quality as seen.
 
+use crate::exit::usage;
 use crate::orbit::Orbit;
-use crate::progress;
+use crate::progress::Steps;
 use anyhow::{Context, Result, bail};
 use finetune::{Image, RenderOptions, metrics, render, saliency_per_view};
 use gs_model::{Camera, Scene, View, dataset, inria, nerf};
@@ -9,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// Views used to measure quality; more only slow the search down.
 const MEASURED_VIEWS: usize = 12;
+/// Longest edge of an image that is drawn, in pixels.
+const MAX_EDGE: u32 = 1 << 14;
 
 /// Which views to look at a model from.
 #[derive(clap::Args, Clone, Debug)]
@@ -26,8 +29,8 @@ pub(crate) struct ViewArgs {
     /// Only the camera of this name.
     #[arg(long, value_name = "NAME")]
     view: Option<String>,
-    /// Factor on the image sizes.
-    #[arg(long, default_value_t = 1.0)]
+    /// Factor on the image sizes, above 0 and at most 16.
+    #[arg(long, default_value_t = 1.0, value_parser = factor)]
     scale: f64,
 }
 
@@ -37,11 +40,8 @@ impl ViewArgs {
         let all = match (&self.cameras, self.orbit.orbit) {
             (Some(path), _) => open(path)?.into_iter().map(|v| v.camera).collect(),
             (None, Some(n)) => self.orbit.cameras(scene, n)?,
-            (None, None) => bail!("give --cameras or --orbit"),
+            (None, None) => return Err(usage("give --cameras or --orbit")),
         };
-        if !(self.scale > 0.0 && self.scale <= 16.0) {
-            bail!("--scale {}: must be above 0 and at most 16", self.scale);
-        }
         let chosen: Vec<Camera> = all
             .into_iter()
             .step_by(self.every as usize)
@@ -54,7 +54,26 @@ impl ViewArgs {
                 None => bail!("no cameras"),
             }
         }
+        drawable(&chosen, "pass a smaller --scale")?;
         Ok(chosen)
+    }
+}
+
+fn factor(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v| *v > 0.0 && *v <= 16.0);
+    value.ok_or_else(|| "use a number above 0 and at most 16".into())
+}
+
+/// Refuses images that no memory holds.
+fn drawable(cameras: &[Camera], remedy: &str) -> Result<()> {
+    match cameras.iter().find(|c| c.width.max(c.height) > MAX_EDGE) {
+        None => Ok(()),
+        Some(camera) => bail!(
+            "camera {:?}: {}x{} pixels, more than {MAX_EDGE} along an edge; {remedy}",
+            camera.name,
+            camera.width,
+            camera.height
+        ),
     }
 }
 
@@ -108,21 +127,21 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
     if training.is_empty() {
         bail!("{}: a single camera is held out for measuring; give two or more", path.display());
     }
+    drawable(&training, &format!("correct the sizes in {}", path.display()))?;
     Ok(training)
 }
 
 /// Sum of squared blending weights per Gaussian over the cameras.
 pub(crate) fn importance(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
-    let bar = progress::bar("importance", cameras.len() as u64);
+    let steps = Steps::new("importance", cameras.len() as u64);
     let mut sum = vec![0.0f32; scene.len()];
     for camera in cameras {
         let one = saliency_per_view(scene, std::slice::from_ref(camera));
         for (s, v) in sum.iter_mut().zip(one.squared) {
             *s += v;
         }
-        bar.inc(1);
+        steps.inc();
     }
-    bar.finish_and_clear();
     sum
 }
 
