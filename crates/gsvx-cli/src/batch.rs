@@ -35,7 +35,9 @@ pub(crate) fn jobs(
     let mut jobs = Vec::with_capacity(inputs.len());
     for input in &inputs {
         if is_stdio(input) {
-            return Err(usage("standard input has no name for a file in a folder; name the output"));
+            return Err(usage(
+                "standard input has no name for a file in a folder; name the output",
+            ));
         }
         let Some(stem) = input.file_stem() else {
             bail!("{}: names no file", input.display());

@@ -58,7 +58,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let folder = args.output.as_deref().map(|o| pictures::folder(o, args.force)).transpose()?;
     let a = args.reading.any(&args.reference)?.scene;
     let b = args.reading.any(&args.model)?.scene;
-    let cameras = args.views.cameras(&a)?;
+    let cameras = args.views.cameras(&a, &args.reference)?;
     let seen = look(&a, &b, &cameras);
     let pictures = match &folder {
         Some(folder) => draw(&a, &b, &seen, folder, args.force)?,
@@ -91,9 +91,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     human +=
         &errors.as_ref().map_or("attributes: a model is empty\n".into(), AttributeErrors::human);
-    let view = |s: &Seen<'_>| {
-        json!({ "name": s.camera.name, "psnr": finite(s.psnr), "ssim": finite(s.ssim) })
-    };
+    let view = |s: &Seen<'_>| json!({ "name": s.camera.name, "psnr": finite(s.psnr), "ssim": finite(s.ssim) });
     let json = json!({
         "gaussians": [a.len(), b.len()],
         "sh_degree": [a.sh_degree, b.sh_degree],

@@ -165,7 +165,8 @@ fn finite(text: &str) -> std::result::Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "use a number of dB".into())
 }
 
-fn positive(text: &str) -> std::result::Result<f64, String> {
+/// A positive number on the command line.
+pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
     let value = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
     value.ok_or_else(|| "use a positive number".into())
 }
@@ -178,11 +179,10 @@ enum Profile {
 }
 
 fn qp(text: &str) -> std::result::Result<PaperQp, String> {
-    let parts: Vec<u8> = text.split(',').filter_map(|p| p.parse().ok()).collect();
+    let parts: Vec<Option<u8>> =
+        text.split(',').map(|p| p.parse().ok().filter(|q| (4..=51).contains(q))).collect();
     match parts[..] {
-        [ac, dc, opacity] if parts.iter().all(|q| (4..=51).contains(q)) => {
-            Ok(PaperQp { ac, dc, opacity })
-        }
+        [Some(ac), Some(dc), Some(opacity)] => Ok(PaperQp { ac, dc, opacity }),
         _ => Err("use AC,DC,OPACITY with 4 to 51 each".into()),
     }
 }

@@ -70,9 +70,9 @@ impl Model {
         match (asked, Extension::of(path)) {
             (Some(format), _) => Ok(format),
             (None, Extension::Model(format)) => Ok(format),
-            (None, Extension::Stream) => {
-                Err(usage(format!("{name}: this command writes models; to write a stream, use gsvx encode")))
-            }
+            (None, Extension::Stream) => Err(usage(format!(
+                "{name}: this command writes models; to write a stream, use gsvx encode"
+            ))),
             (None, Extension::Other) => other.ok_or_else(|| {
                 usage(if is_stdio(path) {
                     "standard output: name its format with --to ply, splat or spz".into()

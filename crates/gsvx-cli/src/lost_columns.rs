@@ -265,11 +265,11 @@ mod tests {
 
     #[test]
     fn columns_were_lost_without_a_word() {
-        let row = |x: f64, nx: f32, id: u8| {
-            [&x.to_le_bytes()[..], &nx.to_le_bytes(), &[id]].concat()
-        };
+        let row =
+            |x: f64, nx: f32, id: u8| [&x.to_le_bytes()[..], &nx.to_le_bytes(), &[id]].concat();
         let columns = "double x, float nx, uchar id";
-        let of = |rows: [Vec<u8>; 2]| find(&ply("binary_little_endian", columns, &rows.concat())[..]);
+        let of =
+            |rows: [Vec<u8>; 2]| find(&ply("binary_little_endian", columns, &rows.concat())[..]);
         assert!(of([row(0.5, 0.0, 0), row(1.0, -0.0, 0)]).is_empty());
         assert_eq!(of([row(0.5, 0.0, 0), row(0.5, 1.0, 0)]), ["nx"]);
         assert_eq!(of([row(0.1, 0.0, 7), row(0.5, 0.0, 0)]), ["x beyond float precision", "id"]);

@@ -10,6 +10,7 @@ mod describe;
 mod encode;
 mod exit;
 mod format;
+mod framing;
 mod info;
 mod input;
 mod interrupt;

@@ -38,11 +38,8 @@ impl Lines {
         }
         self.last = elapsed;
         let Self { what, len, done, .. } = self;
-        let message = if self.message.is_empty() {
-            String::new()
-        } else {
-            format!(", {}", self.message)
-        };
+        let message =
+            if self.message.is_empty() { String::new() } else { format!(", {}", self.message) };
         let seconds = elapsed.as_secs();
         Some(format!("{what}: {done} of {len} after {seconds} s{message}"))
     }

@@ -55,12 +55,14 @@ fn colour(text: &str) -> std::result::Result<[f32; 3], String> {
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let single = is_single(&args.output)?;
     let scene = args.reading.any(&args.input)?.scene;
-    let cameras = args.views.cameras(&scene)?;
+    let cameras = args.views.cameras(&scene, &args.input)?;
     let options = RenderOptions { background: args.background, ..Default::default() };
     if single && cameras.len() > 1 {
         let n = cameras.len();
         let name = args.output.display();
-        return Err(usage(format!("{name}: a single image, but there are {n} views; name a folder")));
+        return Err(usage(format!(
+            "{name}: a single image, but there are {n} views; name a folder"
+        )));
     }
     let open = |path: &Path| Output::open(path, args.force, &[&args.input]);
     let outputs = if single {

@@ -194,7 +194,9 @@ fn prepare(args: &Args) -> Result<Start> {
     }
     let target = (!args.past_input).then(|| quality_of(&scene, &training));
     if let Some(db) = target {
-        note(format_args!("input model: {db:.2} dB at the training views; the fine-tune ends there"));
+        note(format_args!(
+            "input model: {db:.2} dB at the training views; the fine-tune ends there"
+        ));
     }
     let strategy = |found: &[f32], seen| gsvx::default_strategy(args.quality, found, seen);
     let outliers = args.trim.split(&mut scene, Some(&mut importance), name)?;

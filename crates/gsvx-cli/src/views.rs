@@ -1,6 +1,7 @@
 //! Cameras at encode time: importance of each Gaussian, and quality as seen.
 
 use crate::exit::usage;
+use crate::framing;
 use crate::orbit::Orbit;
 use crate::progress::Steps;
 use anyhow::{Context, Result, bail};
@@ -15,7 +16,7 @@ const MAX_EDGE: u32 = 1 << 14;
 
 /// Which views to look at a model from.
 #[derive(clap::Args, Clone, Debug)]
-#[command(group = clap::ArgGroup::new("from").required(true).args(["cameras", "orbit"]))]
+#[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
 pub(crate) struct ViewArgs {
     /// Cameras: a scene folder (COLMAP project, Inria output, transforms.json), or a cameras.json
     /// or transforms.json itself.
@@ -35,11 +36,11 @@ pub(crate) struct ViewArgs {
 }
 
 impl ViewArgs {
-    /// The cameras; `scene` is what generated ones look at.
-    pub(crate) fn cameras(&self, scene: &Scene) -> Result<Vec<Camera>> {
+    /// The cameras; `scene`, read from `path`, is what generated ones look at.
+    pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<Vec<Camera>> {
         let all = match (&self.cameras, self.orbit.orbit) {
             (Some(path), _) => open(path)?.into_iter().map(|v| v.camera).collect(),
-            (None, Some(n)) => self.orbit.cameras(scene, n)?,
+            (None, Some(n)) => self.orbit.cameras(scene, n, up_beside(path))?,
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
         let chosen: Vec<Camera> = all
@@ -94,6 +95,25 @@ fn scaled(camera: &Camera, factor: f64) -> Camera {
         cy: camera.cy * sy,
         ..camera.clone()
     }
+}
+
+/// What is up for the cameras that lie beside a model, in a scene folder or an output of Inria's
+/// trainer; `None` if there are none, or if they do not agree.
+fn up_beside(model: &Path) -> Option<[f64; 3]> {
+    let mut folders = model.parent()?.ancestors();
+    // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
+    let views = [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        dataset::open_views(folder).ok()
+    })?;
+    let mut sum = [0.0; 3];
+    for view in &views.1 {
+        // A camera's second axis points down.
+        let down = view.camera.rotation.row(1);
+        sum = [sum[0] - down.x, sum[1] - down.y, sum[2] - down.z];
+    }
+    let length = framing::distance(sum, [0.0; 3]);
+    (length > 0.5 * views.1.len() as f64).then(|| framing::unit(sum))
 }
 
 /// The views of a scene folder or of a camera file, by name.
