@@ -160,12 +160,12 @@ const RADII: [f64; 7] = [1.2, 1.0, 0.8, 0.64, 0.5, 0.4, 0.3];
 /// Heights that are tried, degrees: eye level first.
 const ELEVATIONS: [f64; 3] = [8.0, 20.0, 32.0];
 /// What a smaller circle, another height and a leaning axis must gain to be preferred.
-const CLOSER: f64 = 1.05;
+const CLOSER: f64 = 1.08;
 const HIGHER: f64 = 1.06;
 const LEANING: f64 = 1.1;
 const LEANING_HALF: f64 = 1.05;
-/// A camera that sees less than this share of all Gaussians looks at specks.
-const SPECKS_SEE: f64 = 0.05;
+/// Cameras that on average see less than this share of all Gaussians look at specks.
+const SPECKS_SEE: f64 = 0.2;
 /// Cameras on a circle during the search, and for the choice of an arc.
 const FEW: u32 = 8;
 const MANY: u32 = 24;
@@ -178,8 +178,8 @@ const WHOLE: f64 = 0.8;
 pub(crate) fn find(scene: &Scene, wanted: &Wanted) -> Option<Found> {
     let found = find_around(scene, Bulk::of(scene, Weigh::Detail)?, wanted, Weigh::Detail);
     // In some models the smallest Gaussians are specks in the air: then all count alike.
-    let seen = Thin::of(scene, wanted.tangents, Weigh::Alike).view(&found.ring, found.best);
-    if seen > SPECKS_SEE {
+    let seen = Thin::of(scene, wanted.tangents, Weigh::Alike).all(&found.ring);
+    if seen > SPECKS_SEE * f64::from(FEW) {
         return Some(found);
     }
     Some(find_around(scene, Bulk::of(scene, Weigh::Alike)?, wanted, Weigh::Alike))
