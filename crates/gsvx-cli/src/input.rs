@@ -174,7 +174,7 @@ impl Reading {
 /// A file that was opened: the bytes of a stream, or a model.
 pub(crate) enum Opened {
     Stream(Vec<u8>),
-    Model(Loaded),
+    Model(Box<Loaded>),
 }
 
 impl ReadingAny {
@@ -193,14 +193,14 @@ impl ReadingAny {
             self.model.parse(path, &all)?
         };
         self.limit.check(path, loaded.scene.len() as u64)?;
-        Ok(Opened::Model(loaded))
+        Ok(Opened::Model(Box::new(loaded)))
     }
 
     /// A model of any format, streams included.
     pub(crate) fn any(&self, path: &Path) -> Result<Loaded> {
         match self.open(path)? {
             Opened::Stream(all) => self.stream(path, &all),
-            Opened::Model(loaded) => Ok(loaded),
+            Opened::Model(loaded) => Ok(*loaded),
         }
     }
 

@@ -3,7 +3,9 @@
 use crate::exit::note;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time between two lines in a log; work that ends sooner writes none.
@@ -92,20 +94,46 @@ impl Drop for Steps {
     }
 }
 
-/// A sign of life during work of unknown length, on a terminal.
-pub(crate) struct Spinner(ProgressBar);
+/// A sign of life during work of unknown length.
+pub(crate) struct Spinner {
+    bar: ProgressBar,
+    /// Without a terminal: a thread that writes lines until the sender is gone.
+    lines: Option<(Sender<()>, JoinHandle<()>)>,
+}
 
 impl Drop for Spinner {
     fn drop(&mut self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
+        if let Some((sender, thread)) = self.lines.take() {
+            drop(sender);
+            // It writes lines; a failure to do so does not matter.
+            let _ = thread.join();
+        }
     }
 }
 
 /// Work of unknown length.
 pub(crate) fn spinner(what: String) -> Spinner {
-    let bar = ProgressBar::new_spinner().with_message(what);
-    bar.enable_steady_tick(Duration::from_millis(120));
-    Spinner(bar)
+    let bar = ProgressBar::new_spinner();
+    let lines = if std::io::stderr().is_terminal() {
+        bar.set_message(what);
+        bar.enable_steady_tick(Duration::from_millis(120));
+        None
+    } else {
+        let (sender, receiver) = channel();
+        let thread = std::thread::spawn(move || every(BETWEEN_LINES, &receiver, &what, note));
+        Some((sender, thread))
+    };
+    Spinner { bar, lines }
+}
+
+/// Says `what` is being done after each `pause`, until the sender is gone.
+fn every(pause: Duration, gone: &Receiver<()>, what: &str, say: impl Fn(String)) {
+    let mut waited = Duration::ZERO;
+    while gone.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
+        waited += pause;
+        say(format!("{what}: {} s so far", waited.as_secs()));
+    }
 }
 
 #[cfg(test)]
@@ -123,5 +151,21 @@ mod tests {
         lines.message = "31.2 dB".into();
         assert_eq!(lines.line(at(20)), None);
         assert_eq!(lines.line(at(21)).unwrap(), "fine-tune: 200 of 500 after 21 s, 31.2 dB");
+    }
+
+    #[test]
+    fn a_log_showed_no_sign_of_life() {
+        let (sender, receiver) = channel();
+        let (said, heard) = channel();
+        let thread = std::thread::spawn(move || {
+            every(Duration::from_millis(2), &receiver, "encoding", |line| {
+                let _ = said.send(line);
+            });
+        });
+        for _ in 0..2 {
+            assert!(heard.recv().unwrap().starts_with("encoding: "));
+        }
+        drop(sender);
+        thread.join().unwrap();
     }
 }

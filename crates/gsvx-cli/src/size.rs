@@ -44,7 +44,7 @@ fn parse(text: &str, units: &[(&str, f64)]) -> Option<u64> {
         return None;
     }
     let value = number.parse::<f64>().ok()? * factor;
-    (value >= 1.0 && value < 9e18).then(|| value.round() as u64)
+    (1.0..9e18).contains(&value).then(|| value.round() as u64)
 }
 
 #[cfg(test)]

@@ -332,7 +332,8 @@ fn compare_showed_no_pictures() {
     let input = small(dir.path());
     ok(&["encode", "@", "-o", "@", "--preset", "tiny"], &[&input, &at("a.gsvx")]);
     let words = ["compare", "@", "@", "--orbit", "4", "--size", "60x40", "-o", "@"];
-    let paths = [&input, &at("a.gsvx"), &at("pictures")].map(PathBuf::as_path);
+    let (stream, pictures) = (at("a.gsvx"), at("pictures"));
+    let paths = [&input, &stream, &pictures].map(PathBuf::as_path);
     let said = json(&words, &paths);
     let views = said["views"].as_array().unwrap();
     let psnr = |view: &serde_json::Value| view["psnr"].as_f64().unwrap();

@@ -196,7 +196,7 @@ fn wrong_values_looked_like_failures() {
         &["--quality", "101"][..],
         &["--quality", "nan"],
         &["--prune", "1"],
-        &["--target-mbit", "-1"],
+        &["--target-mbit", "0"],
         &["--target-bytes", "0"],
         &["--target-bytes", "1XB"],
         &["--preset", "huge"],
