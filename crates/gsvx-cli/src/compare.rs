@@ -31,7 +31,7 @@ pub(crate) struct Args {
     model: PathBuf,
     #[command(flatten)]
     views: ViewArgs,
-    /// Folder for a PNG per view: the reference, the model, and their difference 16 times amplified,
+    /// Folder for a PNG per view: the reference, the model, and their difference 8 times amplified,
     /// side by side. The worst view is the first.
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,

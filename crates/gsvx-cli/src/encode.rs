@@ -55,22 +55,27 @@ pub(crate) struct Args {
     #[arg(short, long, group = "rate", value_parser = quality,
           default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// A quality by name.
+    /// A quality by name: 30, 50, 70 or 90.
     #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
     preset: Option<Preset>,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
     #[arg(long, value_name = "SIZE", group = "rate", value_parser = size::bytes)]
     target_bytes: Option<u64>,
-    /// Smallest stream whose renders reach this PSNR, in dB, against renders of the input; needs
-    /// --cameras.
+    /// Smallest stream whose renders reach this PSNR, in dB; needs --cameras.
+    ///
+    /// The PSNR is that of renders of the stream against renders of the input.
     #[arg(long, value_name = "DB", group = "rate", requires = "cameras", value_parser = finite)]
     target_psnr: Option<f64>,
-    /// Cameras of the training photos: a scene folder (COLMAP project, Inria output or
-    /// transforms.json), a cameras.json or a transforms.json. What they see gets more bits.
+    /// Cameras of the training photos: what they see gets more bits.
+    ///
+    /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
+    /// transforms.json.
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
-    /// Keep every float of the Gaussians bit for bit; their order changes. Other columns of a PLY,
-    /// such as normals, are not kept: those that are not zero are named.
+    /// Keep every float of the Gaussians bit for bit.
+    ///
+    /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
+    /// those that are not zero.
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
           "max_sh_degree", "profile", "prune", "trim"])]
     lossless: bool,

@@ -5,9 +5,13 @@ use std::io::{ErrorKind, Write};
 
 /// Shown after the help.
 pub(crate) const CODES: &str = "\
-Exit codes: 0 the output is complete; 1 it failed, one line on standard error says why, and the \
-output was not touched; 2 wrong usage; 3 the output is complete, but it misses the target that was \
-asked for; 130 interrupted, the output was not touched; 141 the reader of standard output went away.";
+Exit codes:
+    0  the output is complete
+    1  failed: one line on standard error says why, and the output was not touched
+    2  wrong usage
+    3  the output is complete, but misses the target that was asked for
+  130  interrupted: the output was not touched
+  141  the reader of standard output went away";
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;

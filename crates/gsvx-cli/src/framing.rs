@@ -154,16 +154,18 @@ pub(crate) struct Found {
 }
 
 /// Room around the bulk in the image.
-const MARGIN: f64 = 1.1;
+const MARGIN: f64 = 1.15;
 /// Radii that are tried, as shares of the one that frames the whole bulk.
-const RADII: [f64; 7] = [1.2, 1.0, 0.8, 0.64, 0.5, 0.4, 0.3];
+const RADII: [f64; 6] = [1.0, 0.8, 0.64, 0.5, 0.4, 0.3];
 /// Heights that are tried, degrees: eye level first.
 const ELEVATIONS: [f64; 3] = [8.0, 20.0, 32.0];
 /// What a smaller circle, another height and a leaning axis must gain to be preferred.
 const CLOSER: f64 = 1.08;
 const HIGHER: f64 = 1.06;
-const LEANING: f64 = 1.1;
-const LEANING_HALF: f64 = 1.05;
+const LEANING: f64 = 1.12;
+const LEANING_HALF: f64 = 1.07;
+/// What the circle that leans the other way must lose.
+const OTHER_WAY: f64 = 0.97;
 /// Cameras that on average see less than this share of all Gaussians look at specks.
 const SPECKS_SEE: f64 = 0.2;
 /// Cameras on a circle during the search, and for the choice of an arc.
@@ -237,7 +239,10 @@ fn lean(thin: &Thin, ring: &Ring) -> Option<V3> {
         let sees = ups.map(|up| thin.all(&Ring { up, ..*ring }));
         let other = thin.all(&Ring { up: [-ups[0][0], ups[0][1], -ups[0][2]], ..*ring });
         let least = sees[0].min(sees[1]);
-        if other < upright && least > LEANING_HALF * upright && sees[0].max(sees[1]) > best.1 {
+        if other < OTHER_WAY * upright
+            && least > LEANING_HALF * upright
+            && sees[0].max(sees[1]) > best.1
+        {
             best = (Some(ups[usize::from(sees[1] > sees[0])]), sees[0].max(sees[1]));
         }
     }
@@ -351,4 +356,68 @@ fn cross(a: V3, b: V3) -> V3 {
 pub(crate) fn unit(a: V3) -> V3 {
     let length = dot(a, a).sqrt();
     if length > 0.0 { scaled(a, 1.0 / length) } else { a }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sphere of small Gaussians, one unit around `centre`, and a few large ones far away.
+    fn sphere(centre: [f32; 3]) -> Scene {
+        let mut scene = Scene::default();
+        let mut seed = 1u32;
+        let mut next = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 8) as f32 / (1 << 23) as f32 - 1.0
+        };
+        for i in 0..520 {
+            let p = [next(), next(), next()];
+            let length = p.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-3);
+            let far = i >= 500;
+            let distance = if far { 40.0 } else { 1.0 };
+            scene.means.push([0, 1, 2].map(|k| centre[k] + distance * p[k] / length));
+            scene.rotations.push([1.0, 0.0, 0.0, 0.0]);
+            scene.log_scales.push([if far { 1.0 } else { -3.0 }; 3]);
+            scene.opacity_logits.push(3.0);
+            scene.sh.push([0.5; 3]);
+        }
+        scene
+    }
+
+    #[test]
+    fn the_background_moved_the_camera_away_or_into_the_subject() {
+        let scene = sphere([5.0, -2.0, 9.0]);
+        let bulk = Bulk::of(&scene, Weigh::Detail).unwrap();
+        assert!(distance(bulk.centre, [5.0, -2.0, 9.0]) < 0.1, "{bulk:?}");
+        assert!((0.9..1.1).contains(&bulk.radius), "{bulk:?}");
+        let wanted = Wanted { up: None, radius: None, elevation: None, tangents: [0.6, 0.45] };
+        let found = find(&scene, &wanted).unwrap();
+        // All around, and all of it in the image: the sphere is seen under less than its height.
+        assert!(found.arc.is_none(), "{found:?}");
+        assert!(1.0 / (found.ring.radius * found.ring.radius - 1.0).sqrt() < 0.45, "{found:?}");
+        assert!(found.ring.radius < 6.0, "{found:?}");
+        assert!(find(&Scene::default(), &wanted).is_none());
+    }
+
+    #[test]
+    fn cameras_stood_behind_the_wall() {
+        // A dense wall right behind the sphere: z grows away from the cameras that see it.
+        let mut scene = sphere([0.0; 3]);
+        for i in 0..900 {
+            let (x, y) = ((i % 30) as f32 - 14.5, (i / 30) as f32 - 14.5);
+            scene.means.push([0.3 * x, 0.3 * y, 1.2]);
+            scene.rotations.push([1.0, 0.0, 0.0, 0.0]);
+            scene.log_scales.push([-1.6, -1.6, -6.0]);
+            scene.opacity_logits.push(8.0);
+            scene.sh.push([0.0; 3]);
+        }
+        let up = Some([0.0, -1.0, 0.0]);
+        let wanted = Wanted { up, radius: None, elevation: None, tangents: [0.6, 0.45] };
+        let found = find(&scene, &wanted).unwrap();
+        let [first, last] = found.arc.expect("half of the circle is behind the wall");
+        for turn in [first, found.best, last] {
+            let eye = found.ring.camera(String::new(), turn, [8, 6], 8.0).position();
+            assert!(eye.z < 1.2, "{eye} at {turn} of {found:?}");
+        }
+    }
 }

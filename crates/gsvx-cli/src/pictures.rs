@@ -5,8 +5,8 @@ use anyhow::{Result, bail};
 use finetune::Image;
 use std::path::{Path, PathBuf};
 
-/// Factor on the differences that are drawn: an error of 1/16 of full scale, 24 dB, is white.
-pub(crate) const AMPLIFIED: f32 = 16.0;
+/// Factor on the differences that are drawn: an error of an eighth of full scale, 18 dB, is white.
+const AMPLIFIED: f32 = 8.0;
 /// Columns between two images side by side.
 const GAP: u32 = 8;
 
@@ -88,7 +88,7 @@ mod tests {
         assert_eq!((out.width, out.height), (3 + 2 * GAP, 2));
         let last = out.rgb.len() / 2 - 3;
         let shown = &out.rgb[last..last + 3];
-        assert!(shown[0] == 0.0 && (shown[1] - 0.16).abs() < 1e-6 && shown[2] == 0.0, "{shown:?}");
+        assert!(shown[0] == 0.0 && (shown[1] - 0.08).abs() < 1e-6 && shown[2] == 0.0, "{shown:?}");
         assert_eq!(out.rgb[..3], a.rgb[..3]);
     }
 
