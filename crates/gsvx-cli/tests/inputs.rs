@@ -74,22 +74,6 @@ fn the_limit_on_gaussians_had_no_flag() {
         assert!(with("2M").status.success(), "{words:?}");
     }
     one_line(&run(&["info", "@", "--max-gaussians", "399"], &[&input]), "--max-gaussians 400");
-    // A stream that its own decoder refuses by default: 2^15 equal Gaussians in a grid.
-    let equal: Vec<usize> = vec![0; 1 << 15];
-    let mut grid = scene().select(&equal);
-    grid.cut_sh(0);
-    for (i, mean) in grid.means.iter_mut().enumerate() {
-        *mean = [i & 31, i >> 5 & 31, i >> 10].map(|v| v as f32);
-    }
-    let (solid, packed) = (at("solid.ply"), at("solid.gsvx"));
-    gs_model::ply::write(&solid, &grid).unwrap();
-    ok(&["encode", "@", "-o", "@", "--depth", "5"], &[&solid, &packed]);
-    let out = run(&["decode", "@", "-o", "@"], &[&packed, &at("solid2.ply")]);
-    if !out.status.success() {
-        one_line(&out, "--max-gaussians 32768");
-        let words = ["decode", "@", "-o", "@", "--max-gaussians", "32768"];
-        ok(&words, &[&packed, &at("solid2.ply")]);
-    }
 }
 
 /// Issue 21, item 9.

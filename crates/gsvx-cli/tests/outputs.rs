@@ -202,7 +202,7 @@ fn wrong_values_looked_like_failures() {
         &["--preset", "huge"],
         &["--qp", "28,4,4"],
         &["--qp", "28,x,4,4", "--profile", "paper"],
-        &["--cameras", "x", "--target-psnr", "inf"],
+        &["--target-psnr", "inf", "--cameras", "x"],
         &["--preset", "web", "--quality", "60"],
     ] {
         wrong_usage(
