@@ -86,7 +86,8 @@ fn opacity(logit: f32) -> f64 {
 
 /// The value below which the given share of the weight lies; 0 of nothing.
 fn quantile(mut values: Vec<(f64, f64)>, share: f64) -> f64 {
-    values.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    // Ties are broken, so that the sums do not depend on the number of threads.
+    values.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let total: f64 = values.iter().map(|v| v.1).sum();
     let mut sum = 0.0;
     for &(value, weight) in &values {

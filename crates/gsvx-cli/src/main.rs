@@ -60,7 +60,7 @@ enum Command {
     /// Write the model in a stream as a PLY that any 3DGS viewer opens, or as SPZ or .splat.
     #[command(after_help = decode::EXAMPLES)]
     Decode(decode::Args),
-    /// Voxelize and fine-tune a model against its photos, means frozen.
+    /// Voxelize a model and tune it to its photos; write a stream or a PLY.
     #[command(after_help = tune::EXAMPLES)]
     Finetune(tune::Args),
     /// Show what a stream or a model holds: Gaussians, sections, sizes.

@@ -3,6 +3,7 @@
 use crate::exit::usage;
 use crate::framing;
 use crate::orbit::Orbit;
+use crate::output::is_stdio;
 use crate::progress::Steps;
 use anyhow::{Context, Result, bail};
 use finetune::{Image, RenderOptions, metrics, render, saliency_per_view};
@@ -100,6 +101,9 @@ fn scaled(camera: &Camera, factor: f64) -> Camera {
 /// What is up for the cameras that lie beside a model, in a scene folder or an output of Inria's
 /// trainer; `None` if there are none, or if they do not agree.
 fn up_beside(model: &Path) -> Option<[f64; 3]> {
+    if is_stdio(model) {
+        return None;
+    }
     let mut folders = model.parent()?.ancestors();
     // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
     let views = [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
@@ -197,5 +201,19 @@ impl Reference {
             })
             .sum();
         sum / self.views.len() as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_room_was_shown_lying_on_its_side() {
+        let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
+        let up = up_beside(&room.join("point_cloud.ply")).expect("its cameras are beside it");
+        assert!(up[2] > 0.95, "{up:?}");
+        assert_eq!(up_beside(Path::new("-")), None);
+        assert_eq!(up_beside(&room.join("images/view_000.png")), None);
     }
 }
