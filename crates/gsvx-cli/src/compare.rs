@@ -42,8 +42,8 @@ pub(crate) struct Args {
     force: bool,
 }
 
-/// A view of both models.
-struct Seen<'a> {
+/// How alike both models are in a view.
+struct ViewScore<'a> {
     camera: &'a Camera,
     psnr: f64,
     ssim: f64,
@@ -59,9 +59,9 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let a = args.reading.any(&args.reference)?.scene;
     let b = args.reading.any(&args.model)?.scene;
     let cameras = args.views.cameras(&a, &args.reference)?;
-    let seen = look(&a, &b, &cameras);
+    let seen = score_views(&a, &b, &cameras);
     let pictures = match &folder {
-        Some(folder) => draw(&a, &b, &seen, folder, args.force)?,
+        Some(folder) => write_pictures(&a, &b, &seen, folder, args.force)?,
         None => Vec::new(),
     };
     let n = seen.len() as f64;
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     human +=
         &errors.as_ref().map_or("attributes: a model is empty\n".into(), AttributeErrors::human);
-    let view = |s: &Seen<'_>| json!({ "name": s.camera.name, "psnr": finite(s.psnr), "ssim": finite(s.ssim) });
+    let view = |s: &ViewScore<'_>| json!({ "name": s.camera.name, "psnr": finite(s.psnr), "ssim": finite(s.ssim) });
     let json = json!({
         "gaussians": [a.len(), b.len()],
         "sh_degree": [a.sh_degree, b.sh_degree],
@@ -104,25 +104,25 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     report.say(false, human.trim_end(), &json)
 }
 
-fn both(a: &Scene, b: &Scene, camera: &Camera) -> [Image; 2] {
+fn render_both(a: &Scene, b: &Scene, camera: &Camera) -> [Image; 2] {
     [a, b].map(|scene| render(scene, camera, &RenderOptions::default()))
 }
 
-/// Looks at both models from every camera.
-fn look<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<Seen<'a>> {
+/// Compares both models from every camera.
+fn score_views<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<ViewScore<'a>> {
     let steps = Steps::new("compare", cameras.len() as u64);
     let mut seen = Vec::with_capacity(cameras.len());
     for camera in cameras {
-        let [reference, image] = both(a, b, camera);
+        let [reference, image] = render_both(a, b, camera);
         let psnr = metrics::psnr(&image, &reference);
-        seen.push(Seen { camera, psnr, ssim: metrics::ssim(&image, &reference) });
+        seen.push(ViewScore { camera, psnr, ssim: metrics::ssim(&image, &reference) });
         steps.inc();
     }
     seen
 }
 
 /// The views by PSNR, the lowest first; equal ones stay in order.
-fn worst_first<'a, 'b>(seen: &'b [Seen<'a>]) -> Vec<&'b Seen<'a>> {
+fn worst_first<'a, 'b>(seen: &'b [ViewScore<'a>]) -> Vec<&'b ViewScore<'a>> {
     let mut order: Vec<_> = seen.iter().collect();
     order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
     order
@@ -130,7 +130,13 @@ fn worst_first<'a, 'b>(seen: &'b [Seen<'a>]) -> Vec<&'b Seen<'a>> {
 
 /// Writes a picture per view. Returns their names. Views are drawn again: kept images of many
 /// large views would not fit into memory.
-fn draw(a: &Scene, b: &Scene, seen: &[Seen<'_>], dir: &Path, force: bool) -> Result<Vec<String>> {
+fn write_pictures(
+    a: &Scene,
+    b: &Scene,
+    seen: &[ViewScore<'_>],
+    dir: &Path,
+    force: bool,
+) -> Result<Vec<String>> {
     let order = worst_first(seen);
     let digits = order.len().to_string().len();
     let steps = Steps::new("pictures", order.len() as u64);
@@ -140,7 +146,7 @@ fn draw(a: &Scene, b: &Scene, seen: &[Seen<'_>], dir: &Path, force: bool) -> Res
         let path = dir.join(format!("{:0digits$}-{stem}.png", rank + 1));
         let output = Output::open(&path, force, &[])?;
         names.push(output.name());
-        let [reference, image] = both(a, b, view.camera);
+        let [reference, image] = render_both(a, b, view.camera);
         pictures::write(&pictures::side_by_side(&reference, &image), output)?;
         steps.inc();
     }

@@ -79,25 +79,25 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
         if let Some(lost) = format.loses(scene.sh_degree) {
             note(lost);
         }
-        Made { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped: decoded.skipped }
+        Decoding { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped: decoded.skipped }
     } else {
         let damage = |e| damage(e, args, &job.input);
         let decoder = gsvx::Decoder::new(&bytes, &options).map_err(damage)?;
         write(&decoder, output, damage)?;
         let skipped = decoder.skipped().to_vec();
-        Made { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped }
+        Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped }
     };
     made.say(&written, stdout, start.elapsed().as_secs_f64(), report)
 }
 
 /// What was decoded.
-struct Made {
+struct Decoding {
     gaussians: usize,
     sh_degree: u8,
     skipped: Vec<String>,
 }
 
-impl Made {
+impl Decoding {
     fn say(&self, written: &str, stdout: bool, seconds: f64, report: Reporter) -> Result<()> {
         let Self { gaussians, sh_degree, skipped } = self;
         for skipped in skipped {

@@ -272,7 +272,7 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
 }
 
 #[derive(Default)]
-struct Made {
+struct Encoding {
     encoded: Encoded,
     gaussians: usize,
     note: String,
@@ -288,7 +288,7 @@ struct Made {
     missed: Option<String>,
 }
 
-impl Made {
+impl Encoding {
     /// For a person.
     fn remarks(&self) -> String {
         let pruned = match self.pruned {
@@ -318,10 +318,10 @@ impl Made {
     }
 }
 
-fn lossless(job: &Job, scene: &Scene) -> Result<Made> {
+fn lossless(job: &Job, scene: &Scene) -> Result<Encoding> {
     let encoded = gsvx::encode_lossless(scene).with_context(|| input::name(&job.input))?;
     let (gaussians, note) = (scene.len(), "every float bit for bit".into());
-    Ok(Made { encoded, gaussians, note, ..Made::default() })
+    Ok(Encoding { encoded, gaussians, note, ..Encoding::default() })
 }
 
 /// Octree depth of the paper's profile where none is given: finer with the rate.
@@ -335,7 +335,7 @@ fn paper_depth(quality: f32) -> u8 {
 }
 
 /// What one encode of a search makes: the stream and its number of Gaussians.
-type One = (Encoded, usize);
+type EncodedWithCount = (Encoded, usize);
 
 /// The coding choices at a quality.
 fn options_at(args: &Args, q: f32) -> gsvx::Result<EncodeOptions> {
@@ -364,7 +364,7 @@ fn encode_at(
     outliers: Option<&Scene>,
     (cameras, seen): (Option<&[Camera]>, Option<&[f32]>),
     q: f32,
-) -> gsvx::Result<One> {
+) -> gsvx::Result<EncodedWithCount> {
     let _bar = progress::spinner(format!("encoding at quality {q:.1}"));
     let paper = args.profile == Profile::Paper;
     let strategy = |importance: &[f32], seen| match (args.depth, args.j_low) {
@@ -425,7 +425,7 @@ fn prune(fraction: f64, scene: &mut Scene, seen: &mut Option<Vec<f32>>) -> gsvx:
     Ok(pruned)
 }
 
-fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Made> {
+fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
     let name = || input::name(&job.input);
     let mut views = Views::of(args, &scene)?;
     // Quality is measured against what came in, not against what pruning left.
@@ -442,19 +442,21 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Made> {
     } else {
         let quality = args.quality();
         let scene = Cow::Owned(scene);
-        encode_at(args, scene, outliers.as_ref(), views.parts(), quality).map(|(encoded, n)| Made {
-            encoded,
-            gaussians: n,
-            note: match args.preset {
-                Some(preset) => format!("preset {}, quality {quality}", preset.name),
-                None => format!("quality {quality}"),
-            },
-            quality: Some(quality),
-            encodes: 1,
-            ..Made::default()
+        encode_at(args, scene, outliers.as_ref(), views.parts(), quality).map(|(encoded, n)| {
+            Encoding {
+                encoded,
+                gaussians: n,
+                note: match args.preset {
+                    Some(preset) => format!("preset {}, quality {quality}", preset.name),
+                    None => format!("quality {quality}"),
+                },
+                quality: Some(quality),
+                encodes: 1,
+                ..Encoding::default()
+            }
         })
     };
-    Ok(Made { pruned, outliers: outliers.map_or(0, |o| o.len()), ..made.with_context(name)? })
+    Ok(Encoding { pruned, outliers: outliers.map_or(0, |o| o.len()), ..made.with_context(name)? })
 }
 
 /// The best stream of at most `most` bytes, or the smallest if there is none.
@@ -464,7 +466,7 @@ fn largest_below(
     outliers: Option<&Scene>,
     views: &Views,
     most: u64,
-) -> gsvx::Result<Made> {
+) -> gsvx::Result<Encoding> {
     let mut counts = Vec::new();
     let mut at = |q: f32| {
         let scene = Cow::Borrowed(scene);
@@ -485,7 +487,7 @@ fn largest_below(
         found => (found?, None),
     };
     let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
-    Ok(of_search(found, &counts, format!("{share:.1}% of the target"), why))
+    Ok(search_result(found, &counts, format!("{share:.1}% of the target"), why))
 }
 
 /// The smallest stream of at least `target` dB, or the best if there is none.
@@ -496,7 +498,7 @@ fn smallest_above(
     views: &Views,
     target: f64,
     reference: &views::Reference,
-) -> gsvx::Result<Made> {
+) -> gsvx::Result<Encoding> {
     let mut counts = Vec::new();
     let at = |q: f32| {
         let scene = Cow::Borrowed(scene);
@@ -517,16 +519,16 @@ fn smallest_above(
             found.quality
         )
     });
-    Ok(of_search(found, &counts, format!("{got:.2} dB from the input's renders"), why))
+    Ok(search_result(found, &counts, format!("{got:.2} dB from the input's renders"), why))
 }
 
-fn of_search(
+fn search_result(
     found: rate::Found,
     counts: &[(f32, usize)],
     note: String,
     missed: Option<String>,
-) -> Made {
-    Made {
+) -> Encoding {
+    Encoding {
         gaussians: counts.iter().find(|(q, _)| *q == found.quality).map_or(0, |(_, n)| *n),
         note: format!("quality {:.1}, {note}, {} encodes", found.quality, found.encodes),
         quality: Some(found.quality),
@@ -534,6 +536,6 @@ fn of_search(
         encodes: found.encodes,
         encoded: found.encoded,
         missed,
-        ..Made::default()
+        ..Encoding::default()
     }
 }

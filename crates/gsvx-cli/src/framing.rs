@@ -136,7 +136,7 @@ fn horizon(up: V3) -> (V3, V3) {
 
 /// What is given, and what is to be found.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct Constraints {
     pub(crate) up: Option<V3>,
     pub(crate) radius: Option<f64>,
     pub(crate) elevation: Option<f64>,
@@ -146,7 +146,7 @@ pub(crate) struct Wanted {
 
 /// A circle, and the part of it from which the model is seen well.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Found {
+pub(crate) struct Placement {
     pub(crate) ring: Ring,
     /// Where the best camera is, in turns.
     pub(crate) best: f64,
@@ -178,27 +178,27 @@ const SEES: f64 = 0.6;
 const WHOLE: f64 = 0.8;
 
 /// Finds a circle; `None` for a scene without a Gaussian.
-pub(crate) fn find(scene: &Scene, wanted: &Wanted) -> Option<Found> {
-    let found = find_around(scene, Bulk::of(scene, Weigh::Detail)?, wanted, Weigh::Detail);
+pub(crate) fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
+    let found = find_around(scene, Bulk::of(scene, Weigh::Detail)?, constraints, Weigh::Detail);
     // In some models the smallest Gaussians are specks in the air: then all count alike.
-    let seen = Thin::of(scene, wanted.tangents, Weigh::Alike).all(&found.ring);
+    let seen = ThinnedScene::of(scene, constraints.tangents, Weigh::Alike).all(&found.ring);
     if seen > SPECKS_SEE * f64::from(FEW) {
         return Some(found);
     }
-    Some(find_around(scene, Bulk::of(scene, Weigh::Alike)?, wanted, Weigh::Alike))
+    Some(find_around(scene, Bulk::of(scene, Weigh::Alike)?, constraints, Weigh::Alike))
 }
 
 /// Finds a circle around what matters.
-fn find_around(scene: &Scene, bulk: Bulk, wanted: &Wanted, weigh: Weigh) -> Found {
-    let thin = Thin::of(scene, wanted.tangents, weigh);
-    let narrow = wanted.tangents[0].min(wanted.tangents[1]);
+fn find_around(scene: &Scene, bulk: Bulk, constraints: &Constraints, weigh: Weigh) -> Placement {
+    let thin = ThinnedScene::of(scene, constraints.tangents, weigh);
+    let narrow = constraints.tangents[0].min(constraints.tangents[1]);
     // The distance at which the sphere nearly touches the edges of the image.
     let framing = MARGIN * bulk.radius * (1.0 + narrow * narrow).sqrt() / narrow;
-    let radii = match wanted.radius {
+    let radii = match constraints.radius {
         Some(radius) => vec![radius],
         None => RADII.map(|share| share * framing).to_vec(),
     };
-    let elevations = wanted.elevation.map_or(ELEVATIONS.to_vec(), |e| vec![e]);
+    let elevations = constraints.elevation.map_or(ELEVATIONS.to_vec(), |e| vec![e]);
     let ring = |up, radius, elevation| Ring { centre: bulk.centre, up, radius, elevation };
     let best_of = |up: V3| {
         let mut best = (ring(up, radii[0], elevations[0]), 0.0);
@@ -214,7 +214,7 @@ fn find_around(scene: &Scene, bulk: Bulk, wanted: &Wanted, weigh: Weigh) -> Foun
         }
         best.0
     };
-    if let Some(up) = wanted.up {
+    if let Some(up) = constraints.up {
         return thin.arc(best_of(up));
     }
     let straight = best_of(COLMAP_UP);
@@ -227,7 +227,7 @@ const COLMAP_UP: V3 = [0.0, -1.0, 0.0];
 /// A direction, leaning from that of `ring`, whose circle sees clearly more; COLMAP's first camera may
 /// have been held at a slant. Leaning half as far must
 /// help too, and leaning the other way must not, or it is by chance.
-fn lean(thin: &Thin, ring: &Ring) -> Option<V3> {
+fn lean(thin: &ThinnedScene, ring: &Ring) -> Option<V3> {
     let upright = thin.all(ring);
     let mut best = (None, LEANING * upright);
     for eighth in 0..8 {
@@ -251,7 +251,7 @@ fn lean(thin: &Thin, ring: &Ring) -> Option<V3> {
 }
 
 /// A copy of a scene with fewer, larger Gaussians without view dependence, which is drawn quickly.
-struct Thin {
+struct ThinnedScene {
     scene: Scene,
     weights: Vec<f64>,
     tangents: [f64; 2],
@@ -264,7 +264,7 @@ const EDGE_PIXELS: f64 = 64.0;
 /// A Gaussian that fills this much of a pixel is seen.
 const SEEN: f64 = 0.02;
 
-impl Thin {
+impl ThinnedScene {
     fn of(scene: &Scene, tangents: [f64; 2], weigh: Weigh) -> Self {
         let step = scene.len().div_ceil(MOST).max(1);
         let chosen: Vec<usize> = (0..scene.len()).step_by(step).collect();
@@ -313,7 +313,7 @@ impl Thin {
     }
 
     /// The part of a circle around its best camera from which as much is seen as from there.
-    fn arc(&self, ring: Ring) -> Found {
+    fn arc(&self, ring: Ring) -> Placement {
         let turn = |i: u32| f64::from(i % MANY) / f64::from(MANY);
         let seen: Vec<f64> = (0..MANY).map(|i| self.view(&ring, turn(i))).collect();
         let best = (0..MANY).max_by(|&a, &b| {
@@ -328,7 +328,7 @@ impl Thin {
         let whole = f64::from(after + before) * step >= WHOLE;
         let place = turn(best);
         let ends = [place - f64::from(before) * step, place + f64::from(after) * step];
-        Found { ring, best: place, arc: (!whole).then_some(ends) }
+        Placement { ring, best: place, arc: (!whole).then_some(ends) }
     }
 }
 
@@ -391,13 +391,14 @@ mod tests {
         let bulk = Bulk::of(&scene, Weigh::Detail).unwrap();
         assert!(distance(bulk.centre, [5.0, -2.0, 9.0]) < 0.1, "{bulk:?}");
         assert!((0.9..1.1).contains(&bulk.radius), "{bulk:?}");
-        let wanted = Wanted { up: None, radius: None, elevation: None, tangents: [0.6, 0.45] };
-        let found = find(&scene, &wanted).unwrap();
+        let constraints =
+            Constraints { up: None, radius: None, elevation: None, tangents: [0.6, 0.45] };
+        let found = find(&scene, &constraints).unwrap();
         // All around, and all of it in the image: the sphere is seen under less than its height.
         assert!(found.arc.is_none(), "{found:?}");
         assert!(1.0 / (found.ring.radius * found.ring.radius - 1.0).sqrt() < 0.45, "{found:?}");
         assert!(found.ring.radius < 6.0, "{found:?}");
-        assert!(find(&Scene::default(), &wanted).is_none());
+        assert!(find(&Scene::default(), &constraints).is_none());
     }
 
     #[test]
@@ -413,8 +414,8 @@ mod tests {
             scene.sh.push([0.0; 3]);
         }
         let up = Some([0.0, -1.0, 0.0]);
-        let wanted = Wanted { up, radius: None, elevation: None, tangents: [0.6, 0.45] };
-        let found = find(&scene, &wanted).unwrap();
+        let constraints = Constraints { up, radius: None, elevation: None, tangents: [0.6, 0.45] };
+        let found = find(&scene, &constraints).unwrap();
         let [first, last] = found.arc.expect("half of the circle is behind the wall");
         for turn in [first, found.best, last] {
             let eye = found.ring.camera(String::new(), turn, [8, 6], 8.0).position();

@@ -1,7 +1,7 @@
 //! Generated cameras: a circle around what matters in a model, or the part of a circle from which it
 //! was photographed.
 
-use crate::framing::{self, Found, V3, Wanted};
+use crate::framing::{self, Constraints, Placement, V3};
 use gs_model::{Camera, Scene};
 
 /// Options for cameras on a circle.
@@ -87,13 +87,13 @@ impl Orbit {
     ) -> anyhow::Result<Vec<Camera>> {
         let (width, height) = self.size;
         let tangent = libm::tan(0.5 * self.fov.to_radians());
-        let wanted = Wanted {
+        let constraints = Constraints {
             up: self.up.map(|u| u.0).or(up),
             radius: self.orbit_radius,
             elevation: self.elevation,
             tangents: [tangent, tangent * f64::from(height) / f64::from(width)],
         };
-        let Some(mut found) = framing::find(scene, &wanted) else {
+        let Some(mut found) = framing::find(scene, &constraints) else {
             anyhow::bail!("the model holds no Gaussian to look at");
         };
         if self.full_circle {
@@ -109,7 +109,7 @@ impl Orbit {
 
 /// Where on the circle `n` cameras stand, in turns: the best one first, then around the circle, or to
 /// the ends of the arc and back.
-fn places(found: &Found, n: u32) -> Vec<f64> {
+fn places(found: &Placement, n: u32) -> Vec<f64> {
     let step = |i: u32| f64::from(i) / f64::from(n);
     let Some([first, last]) = found.arc else {
         return (0..n).map(|i| found.best + step(i)).collect();
