@@ -54,7 +54,6 @@ fn piped(words: &[&str], input: &[u8]) -> Output {
     out
 }
 
-/// Issue 21, item 8.
 #[test]
 fn the_limit_on_gaussians_had_no_flag() {
     let dir = tempfile::tempdir().unwrap();
@@ -76,7 +75,6 @@ fn the_limit_on_gaussians_had_no_flag() {
     one_line(&run(&["info", "@", "--max-gaussians", "399"], &[&input]), "--max-gaussians 400");
 }
 
-/// Issue 21, item 9.
 #[test]
 fn lossless_lost_normals_without_a_word() {
     let dir = tempfile::tempdir().unwrap();
@@ -101,7 +99,6 @@ fn lossless_lost_normals_without_a_word() {
     }
 }
 
-/// Issue 21, item 10.
 #[test]
 fn messages_named_wrong_causes() {
     let dir = tempfile::tempdir().unwrap();
@@ -146,7 +143,6 @@ fn messages_named_wrong_causes() {
     line(&run(&["encode", "@", "-o", "@"], &[dir.path(), &at("b.gsvx")]), "is a folder");
 }
 
-/// Issue 21, item 10.
 #[test]
 fn cameras_of_enormous_images_ended_in_an_abort() {
     let dir = tempfile::tempdir().unwrap();
@@ -167,7 +163,7 @@ fn cameras_of_enormous_images_ended_in_an_abort() {
     ok(&words, &[&input, &cameras, &out]);
 }
 
-/// Issue 21, item 10: `ended: Steps`.
+/// `ended: Steps`.
 #[test]
 fn a_finetune_said_why_it_ended_in_a_name_of_the_code() {
     let dir = tempfile::tempdir().unwrap();
@@ -178,7 +174,6 @@ fn a_finetune_said_why_it_ended_in_a_name_of_the_code() {
     assert!(said.contains("all steps are done") && !said.contains("Steps"), "{said}");
 }
 
-/// Issue 21, item 13.
 #[test]
 fn a_pipe_could_not_say_its_format() {
     let dir = tempfile::tempdir().unwrap();
@@ -200,7 +195,6 @@ fn a_pipe_could_not_say_its_format() {
     ok(&["encode", "@", "-o", "@", "--from", "splat"], &[&at("odd"), &at("odd.gsvx")]);
 }
 
-/// Issue 21, item 13.
 #[test]
 fn info_read_streams_alone() {
     let dir = tempfile::tempdir().unwrap();
@@ -226,7 +220,6 @@ fn info_read_streams_alone() {
     assert!(String::from_utf8_lossy(&out.stderr).contains("1 of 3 inputs failed"));
 }
 
-/// Issue 21, item 13.
 #[test]
 fn many_inputs_took_many_commands() {
     let dir = tempfile::tempdir().unwrap();
@@ -262,7 +255,6 @@ fn many_inputs_took_many_commands() {
     assert!(at("three/b.gsvx").exists());
 }
 
-/// Issue 21, item 13.
 #[test]
 fn sizes_and_presets_had_to_be_numbers() {
     let dir = tempfile::tempdir().unwrap();
@@ -280,7 +272,6 @@ fn sizes_and_presets_had_to_be_numbers() {
     }
 }
 
-/// Issue 21, item 13.
 #[test]
 fn spz_of_niantics_tools_stood_on_its_head() {
     let dir = tempfile::tempdir().unwrap();
@@ -308,7 +299,6 @@ fn spz_of_niantics_tools_stood_on_its_head() {
     assert!(help.contains("ply_to_spz") && help.contains("--axes keep"), "{help}");
 }
 
-/// Issue 21, item 13.
 #[test]
 fn compare_showed_no_pictures() {
     let dir = tempfile::tempdir().unwrap();
@@ -336,7 +326,6 @@ fn compare_showed_no_pictures() {
     ok(&[&words[..], &["--force"]].concat(), &paths);
 }
 
-/// Issue 21, item 14.
 #[test]
 fn the_short_help_had_every_flag() {
     let short = ok(&["encode", "-h"], &[]);

@@ -33,7 +33,6 @@ fn error(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).trim_end().to_owned()
 }
 
-/// Issue 21, item 6.
 #[test]
 fn an_unreachable_target_ended_as_if_it_were_reached() {
     let dir = tempfile::tempdir().unwrap();
@@ -55,7 +54,6 @@ fn an_unreachable_target_ended_as_if_it_were_reached() {
     assert!(std::fs::read(&stream).unwrap().len() > smallest.len());
 }
 
-/// Issue 21, item 7.
 #[test]
 fn force_replaced_the_input_itself() {
     let dir = tempfile::tempdir().unwrap();
@@ -77,7 +75,6 @@ fn force_replaced_the_input_itself() {
     assert!(std::fs::read(&input).unwrap() == before);
 }
 
-/// Issue 21, item 7.
 #[test]
 fn the_extension_did_not_decide_the_format() {
     let dir = tempfile::tempdir().unwrap();
@@ -98,7 +95,6 @@ fn the_extension_did_not_decide_the_format() {
     assert!(!at("c.ply").exists() && !at("b.gsvx").exists());
 }
 
-/// Issue 21, item 11.
 #[cfg(unix)]
 #[test]
 fn the_umask_was_ignored() {
@@ -120,7 +116,6 @@ fn the_umask_was_ignored() {
     assert_eq!(mode(), 0o640);
 }
 
-/// Issue 21, item 11.
 #[cfg(unix)]
 #[test]
 fn a_link_was_replaced_instead_of_the_file_it_names() {
@@ -146,7 +141,6 @@ fn a_link_was_replaced_instead_of_the_file_it_names() {
     one_line(&run(&["convert", "@", "@", "--to", "ply"], &[&input, &at("a")]), "circle");
 }
 
-/// Issue 21, item 11.
 #[cfg(unix)]
 #[test]
 fn a_device_was_refused_and_a_full_one_was_not_noticed() {
@@ -166,7 +160,7 @@ fn a_device_was_refused_and_a_full_one_was_not_noticed() {
     one_line(&out, "could not be written");
 }
 
-/// Issue 21, item 11: a report that nobody reads is no error; data that nobody reads is, but a quiet
+/// A report that nobody reads is no error; data that nobody reads is, but a quiet
 /// one.
 #[cfg(unix)]
 #[test]
@@ -187,7 +181,6 @@ fn a_closed_pipe_gave_an_error() {
     assert_eq!((out.status.code(), error(&out).as_str()), (Some(0), ""));
 }
 
-/// Issue 21, item 11.
 #[test]
 fn wrong_values_looked_like_failures() {
     let dir = tempfile::tempdir().unwrap();
@@ -224,7 +217,7 @@ fn wrong_values_looked_like_failures() {
     }
 }
 
-/// Issue 21, item 11: `timeout` and service managers send SIGTERM, some to the process and to its
+/// `timeout` and service managers send SIGTERM, some to the process and to its
 /// group.
 #[cfg(unix)]
 #[test]
