@@ -1,20 +1,25 @@
 //! `gsvx compare`.
 
 use crate::attribute_errors::AttributeErrors;
+use crate::exit::usage;
+use crate::input::ReadingAny;
+use crate::output::{Output, is_stdio};
+use crate::pictures;
+use crate::progress::Steps;
 use crate::report::Reporter;
 use crate::views::ViewArgs;
-use crate::{input, progress};
 use anyhow::Result;
-use finetune::{RenderOptions, metrics, render};
+use finetune::{Image, RenderOptions, metrics, render};
 use gs_model::{Camera, Scene};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx compare model.ply scene.gsvx --cameras data/fox
   gsvx compare model.ply scene.gsvx --orbit 12
+  gsvx compare model.ply scene.gsvx --orbit 12 -o pictures     reference, model, difference
   gsvx compare model.ply scene.spz --orbit 12 --json";
 
 /// Arguments of `gsvx compare`.
@@ -26,13 +31,20 @@ pub(crate) struct Args {
     model: PathBuf,
     #[command(flatten)]
     views: ViewArgs,
-    /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
+    /// Folder for a PNG per view: the reference, the model, and their difference 8 times amplified,
+    /// side by side. The worst view is the first.
+    #[arg(short, long, value_name = "FOLDER")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    reading: ReadingAny,
+    /// Replace existing pictures.
     #[arg(long)]
-    drop_invalid: bool,
+    force: bool,
 }
 
-struct Seen {
-    name: String,
+/// How alike both models are in a view.
+struct ViewScore<'a> {
+    camera: &'a Camera,
     psnr: f64,
     ssim: f64,
 }
@@ -40,19 +52,22 @@ struct Seen {
 /// Compares two models. PSNR and SSIM are of the float renders, clamped to 0..=1; means are over the
 /// views' figures.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let a = input::any(&args.reference, args.drop_invalid)?;
-    let b = input::any(&args.model, args.drop_invalid)?;
-    let cameras = args.views.cameras(&a)?;
-    let bar = progress::bar("compare", cameras.len() as u64);
-    let mut seen = Vec::with_capacity(cameras.len());
-    for camera in &cameras {
-        seen.push(look(&a, &b, camera));
-        bar.inc(1);
+    if is_stdio(&args.reference) && is_stdio(&args.model) {
+        return Err(usage("only one of the two models can be standard input"));
     }
-    bar.finish_and_clear();
+    let folder = args.output.as_deref().map(|o| pictures::folder(o, args.force)).transpose()?;
+    let a = args.reading.any(&args.reference)?.scene;
+    let b = args.reading.any(&args.model)?.scene;
+    let cameras = args.views.cameras(&a, &args.reference)?;
+    let seen = score_views(&a, &b, &cameras);
+    let pictures = match &folder {
+        Some(folder) => write_pictures(&a, &b, &seen, folder, args.force)?,
+        None => Vec::new(),
+    };
     let n = seen.len() as f64;
     let psnr = seen.iter().map(|s| s.psnr).sum::<f64>() / n;
     let ssim = seen.iter().map(|s| s.ssim).sum::<f64>() / n;
+    let errors = AttributeErrors::of(&a, &b);
     let mut human = format!(
         "{}: {} Gaussians, SH degree {}\n{}: {} Gaussians, SH degree {}\n",
         args.reference.display(),
@@ -64,38 +79,78 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     );
     human +=
         &format!("renders, mean over {} views: PSNR {psnr:.3} dB, SSIM {ssim:.5}\n", seen.len());
-    if let Some(worst) = seen.iter().min_by(|x, y| x.psnr.total_cmp(&y.psnr)) {
+    if let Some(worst) = worst_first(&seen).first() {
         human += &format!(
             "  worst: {} with PSNR {:.3} dB, SSIM {:.5}\n",
-            worst.name, worst.psnr, worst.ssim
+            worst.camera.name, worst.psnr, worst.ssim
         );
     }
-    let errors = AttributeErrors::of(&a, &b);
+    if let (Some(folder), Some(first)) = (&folder, pictures.first()) {
+        let (n, folder) = (pictures.len(), folder.display());
+        human += &format!("  {n} pictures in {folder}, the worst view first: {first}\n");
+    }
     human +=
         &errors.as_ref().map_or("attributes: a model is empty\n".into(), AttributeErrors::human);
+    let view = |s: &ViewScore<'_>| json!({ "name": s.camera.name, "psnr": finite(s.psnr), "ssim": finite(s.ssim) });
     let json = json!({
         "gaussians": [a.len(), b.len()],
         "sh_degree": [a.sh_degree, b.sh_degree],
         "psnr": finite(psnr),
         "ssim": finite(ssim),
-        "views": seen
-            .iter()
-            .map(|s| json!({ "name": s.name, "psnr": finite(s.psnr), "ssim": finite(s.ssim) }))
-            .collect::<Vec<_>>(),
+        "views": seen.iter().map(view).collect::<Vec<_>>(),
+        "pictures": pictures,
         "attributes": errors.as_ref().map(AttributeErrors::json),
     });
-    report.say(false, human.trim_end(), &json);
-    Ok(())
+    report.say(false, human.trim_end(), &json)
 }
 
-fn look(a: &Scene, b: &Scene, camera: &Camera) -> Seen {
-    let reference = render(a, camera, &RenderOptions::default());
-    let image = render(b, camera, &RenderOptions::default());
-    Seen {
-        name: camera.name.clone(),
-        psnr: metrics::psnr(&image, &reference),
-        ssim: metrics::ssim(&image, &reference),
+fn render_both(a: &Scene, b: &Scene, camera: &Camera) -> [Image; 2] {
+    [a, b].map(|scene| render(scene, camera, &RenderOptions::default()))
+}
+
+/// Compares both models from every camera.
+fn score_views<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<ViewScore<'a>> {
+    let steps = Steps::new("compare", cameras.len() as u64);
+    let mut seen = Vec::with_capacity(cameras.len());
+    for camera in cameras {
+        let [reference, image] = render_both(a, b, camera);
+        let psnr = metrics::psnr(&image, &reference);
+        seen.push(ViewScore { camera, psnr, ssim: metrics::ssim(&image, &reference) });
+        steps.inc();
     }
+    seen
+}
+
+/// The views by PSNR, the lowest first; equal ones stay in order.
+fn worst_first<'a, 'b>(seen: &'b [ViewScore<'a>]) -> Vec<&'b ViewScore<'a>> {
+    let mut order: Vec<_> = seen.iter().collect();
+    order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
+    order
+}
+
+/// Writes a picture per view. Returns their names. Views are drawn again: kept images of many
+/// large views would not fit into memory.
+fn write_pictures(
+    a: &Scene,
+    b: &Scene,
+    seen: &[ViewScore<'_>],
+    dir: &Path,
+    force: bool,
+) -> Result<Vec<String>> {
+    let order = worst_first(seen);
+    let digits = order.len().to_string().len();
+    let steps = Steps::new("pictures", order.len() as u64);
+    let mut names = Vec::with_capacity(order.len());
+    for (rank, view) in order.into_iter().enumerate() {
+        let stem = pictures::stem(&view.camera.name).unwrap_or_default();
+        let path = dir.join(format!("{:0digits$}-{stem}.png", rank + 1));
+        let output = Output::open(&path, force, &[])?;
+        names.push(output.name());
+        let [reference, image] = render_both(a, b, view.camera);
+        pictures::write(&pictures::side_by_side(&reference, &image), output)?;
+        steps.inc();
+    }
+    Ok(names)
 }
 
 /// JSON has no infinity: null stands for it (equal images).

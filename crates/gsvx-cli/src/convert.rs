@@ -1,35 +1,34 @@
 //! `gsvx convert`.
 
-use crate::input;
-use crate::output::{Output, is_stdio, megabytes};
+use crate::axes::{self, Axes};
+use crate::exit::note;
+use crate::format::Model;
+use crate::input::ReadingAny;
+use crate::output::{Output, megabytes};
 use crate::report::Reporter;
-use anyhow::{Result, bail};
-use clap::ValueEnum;
+use anyhow::Result;
 use gs_model::spz;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx convert model.ply model.spz
   gsvx convert model.ply small.spz --spz-sh-bits 5,4    as Niantic's packer does by default
+  gsvx convert niantic.spz model.ply --axes keep        an SPZ made by Niantic's ply_to_spz
   gsvx convert scene.gsvx scene.splat
   gsvx convert old.spz - --to ply > new.ply
+  cat a.splat | gsvx convert - a.ply --from splat
 
-PLY keeps every bit; SPZ (version 4 is written, 2 to 4 are read) and .splat are lossy. To write a
-gsvx stream, use gsvx encode.";
+PLY keeps every float; SPZ (version 4 is written, 2 to 4 are read) and .splat are lossy. To write a
+gsvx stream, use gsvx encode.
 
-/// A format that is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Format {
-    /// Inria's PLY layout.
-    Ply,
-    /// 32 bytes per Gaussian, no view dependence.
-    Splat,
-    /// Niantic's SPZ, version 4.
-    Spz,
-}
+Axes of SPZ: its specification has y up and z back, PLY models have y down and z forward. gsvx turns
+the model around whenever it reads or writes SPZ, so that it stands upright in viewers that follow the
+specification. Niantic's own ply_to_spz and spz_to_ply copy the numbers without turning. A model that
+went through one of them stands on its head after the other kind of tool; --axes keep leaves the
+numbers as they are, as Niantic's tools do.";
 
 /// Arguments of `gsvx convert`.
 #[derive(clap::Args)]
@@ -39,14 +38,16 @@ pub(crate) struct Args {
     /// The file to write; `-` for standard output.
     output: PathBuf,
     /// Format of the output [default: by its extension].
-    #[arg(long)]
-    to: Option<Format>,
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<Model>,
     /// Bits per SH coefficient in SPZ: of degree 1, of degrees 2 and 3.
     #[arg(long, value_name = "N,M", value_parser = sh_bits, default_value = "8,8")]
     spz_sh_bits: (u8, u8),
-    /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
-    #[arg(long)]
-    drop_invalid: bool,
+    /// What is done about the axes of SPZ, read or written.
+    #[arg(long, value_name = "HOW", default_value = "turn")]
+    axes: Axes,
+    #[command(flatten)]
+    reading: ReadingAny,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
@@ -60,61 +61,36 @@ fn sh_bits(text: &str) -> std::result::Result<(u8, u8), String> {
     }
 }
 
-fn format_of(args: &Args) -> Result<Format> {
-    if let Some(format) = args.to {
-        return Ok(format);
-    }
-    if is_stdio(&args.output) {
-        bail!("standard output: name its format with --to ply, splat or spz");
-    }
-    let extension =
-        Path::new(&args.output).extension().and_then(|e| e.to_str()).unwrap_or_default();
-    match extension.to_ascii_lowercase().as_str() {
-        "ply" => Ok(Format::Ply),
-        "splat" => Ok(Format::Splat),
-        "spz" => Ok(Format::Spz),
-        "gsvx" => bail!("{}: to write a stream, use gsvx encode", args.output.display()),
-        _ => bail!(
-            "{}: its extension names no format; pass --to ply, splat or spz",
-            args.output.display()
-        ),
-    }
-}
-
 /// Converts a model.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let format = format_of(args)?;
-    let output = Output::open(&args.output, args.force)?;
-    let scene = input::any(&args.input, args.drop_invalid)?;
+    let format = Model::of_output(args.to, &args.output, None)?;
+    let output = Output::open(&args.output, args.force, &[&args.input])?;
+    let loaded = args.reading.any(&args.input)?;
+    let mut scene = loaded.scene;
+    // Each of reading and writing SPZ has turned the scene once, or is about to.
+    let turns = usize::from(loaded.format.starts_with("SPZ")) + usize::from(format == Model::Spz);
+    if args.axes == Axes::Keep && turns == 1 {
+        axes::turn(&mut scene);
+    }
     let (name, stdout) = (output.name(), output.is_stdout());
+    let (sh1_bits, sh_rest_bits) = args.spz_sh_bits;
+    let spz = spz::WriteOptions { sh1_bits, sh_rest_bits };
     let mut bytes = 0u64;
     output.write(|out| {
         let mut out = Counted { out, bytes: &mut bytes };
-        match format {
-            Format::Ply => gs_model::ply::write_to(&mut out, &scene)?,
-            Format::Splat => gs_model::splat::write_to(&mut out, &scene)?,
-            Format::Spz => {
-                let (sh1_bits, sh_rest_bits) = args.spz_sh_bits;
-                spz::write_to(&mut out, &scene, &spz::WriteOptions { sh1_bits, sh_rest_bits })?;
-            }
-        }
-        Ok(())
+        Ok(format.write(&mut out, &scene, &spz)?)
     })?;
-    if format == Format::Splat && scene.sh_degree > 0 {
-        eprintln!("skipped: SH degrees 1 to {}: .splat holds no view dependence", scene.sh_degree);
+    if let Some(lost) = format.loses(scene.sh_degree) {
+        note(lost);
     }
     let human = format!("{name}: {} Gaussians, {}", scene.len(), megabytes(bytes));
-    report.say(
-        stdout,
-        &human,
-        &json!({
-            "output": name,
-            "gaussians": scene.len(),
-            "sh_degree": if format == Format::Splat { 0 } else { scene.sh_degree },
-            "bytes": bytes,
-        }),
-    );
-    Ok(())
+    let json = json!({
+        "output": name,
+        "gaussians": scene.len(),
+        "sh_degree": if format == Model::Splat { 0 } else { scene.sh_degree },
+        "bytes": bytes,
+    });
+    report.say(stdout, &human, &json)
 }
 
 /// Counts what goes through.

@@ -1,17 +1,22 @@
 //! `gsvx decode`.
 
-use crate::input;
+use crate::batch::{self, Job};
+use crate::exit::note;
+use crate::format::Model;
+use crate::input::{self, Limit};
 use crate::output::Output;
 use crate::report::Reporter;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx decode scene.gsvx -o back.ply
+  gsvx decode scene.gsvx -o back.spz                       SPZ or .splat, by the extension
+  gsvx decode *.gsvx -o models/                            one PLY per stream
   gsvx decode scene.gsvx -o base.ply --max-sh-degree 0     base colour only
   gsvx decode scene.gsvx -o far.ply --lod 9                at most one Gaussian per cell
   curl https://example.org/scene.gsvx | gsvx decode - -o back.ply
@@ -20,13 +25,19 @@ Examples:
 /// Arguments of `gsvx decode`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The stream; `-` for standard input.
-    input: PathBuf,
-    /// The PLY to write; `-` for standard output.
-    #[arg(short, long)]
+    /// The streams; `-` for standard input.
+    #[arg(required = true, value_name = "STREAM")]
+    inputs: Vec<PathBuf>,
+    /// The model to write, or a folder for several: .ply, .spz or .splat by its extension, PLY if it
+    /// has another; `-` for standard output.
+    #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
+    /// Format of the output [default: by its extension].
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<Model>,
     /// Highest SH degree to decode; less is faster and needs less of the stream.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3))]
+    #[arg(long, default_value_t = 3, value_name = "DEGREE",
+          value_parser = clap::value_parser!(u8).range(0..=3))]
     max_sh_degree: u8,
     /// Level of detail: at most one Gaussian per octree cell of this depth.
     #[arg(long, value_name = "DEPTH", value_parser = clap::value_parser!(u8).range(0..=21))]
@@ -34,85 +45,101 @@ pub(crate) struct Args {
     /// Decode what a truncated stream still holds instead of failing.
     #[arg(long)]
     allow_truncated: bool,
-    /// Refuse streams with more Gaussians than this.
-    #[arg(long)]
-    max_gaussians: Option<u64>,
+    #[command(flatten)]
+    limit: Limit,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
 }
 
-/// Decodes a stream to a PLY file.
+/// Decodes the streams.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let output = Output::open(&args.output, args.force)?;
+    let format = Model::of_output(args.to, &args.output, Some(Model::Ply))?;
+    let jobs = batch::jobs(&args.inputs, &args.output, format.extension(), args.force)?;
+    batch::run(&jobs, |job| decode_file(args, job, format, report))
+}
+
+/// Decodes one stream to a model.
+fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Result<()> {
+    let output = Output::open(&job.output, args.force, &[&job.input])?;
     let (written, stdout) = (output.name(), output.is_stdout());
     let start = Instant::now();
-    let bytes = input::bytes(&args.input)?;
+    let bytes = input::bytes(&job.input)?;
     let options = gsvx::DecodeOptions {
         max_sh_degree: args.max_sh_degree,
         lod: args.lod,
         allow_truncated: args.allow_truncated,
-        max_gaussians: args.max_gaussians,
+        max_gaussians: args.limit.max_gaussians,
     };
-    let name = || input::name(&args.input);
-    let made = if options.lod.is_some() {
-        let decoded = gsvx::decode(&bytes, &options).with_context(name)?;
+    let made = if options.lod.is_some() || format != Model::Ply {
+        let decoded = gsvx::decode(&bytes, &options).map_err(|e| damage(e, args, &job.input))?;
         drop(bytes);
-        let made = Made::of(decoded.scene.len(), decoded.scene.sh_degree, decoded.skipped);
-        output.write(|out| Ok(gs_model::ply::write_to(out, &decoded.scene)?))?;
-        made
-    } else {
-        let decoder = gsvx::Decoder::new(&bytes, &options).with_context(name)?;
-        let mut damage = None;
-        let outcome = write(&decoder, output, &mut damage);
-        if let Some(error) = damage {
-            return Err(error).with_context(name);
+        let scene = &decoded.scene;
+        output.write(|out| Ok(format.write(out, scene, &Default::default())?))?;
+        if let Some(lost) = format.loses(scene.sh_degree) {
+            note(lost);
         }
-        outcome?;
-        Made::of(decoder.len(), decoder.sh_degree(), decoder.skipped().to_vec())
+        Decoding { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped: decoded.skipped }
+    } else {
+        let damage = |e| damage(e, args, &job.input);
+        let decoder = gsvx::Decoder::new(&bytes, &options).map_err(damage)?;
+        write(&decoder, output, damage)?;
+        let skipped = decoder.skipped().to_vec();
+        Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped }
     };
-    let seconds = start.elapsed().as_secs_f64();
-    for skipped in &made.skipped {
-        eprintln!("note: {skipped}");
-    }
-    let human = format!(
-        "{written}: {} Gaussians, SH degree {}, decoded in {seconds:.2} s",
-        made.gaussians, made.sh_degree
-    );
-    report.say(
-        stdout,
-        &human,
-        &json!({
-            "output": written,
-            "gaussians": made.gaussians,
-            "sh_degree": made.sh_degree,
-            "skipped": made.skipped,
-            "decode_seconds": seconds,
-        }),
-    );
-    Ok(())
+    made.say(&written, stdout, start.elapsed().as_secs_f64(), report)
 }
 
-/// Writes what the decoder gives; damage to the stream goes to `damage`, beside the error.
+/// What was decoded.
+struct Decoding {
+    gaussians: usize,
+    sh_degree: u8,
+    skipped: Vec<String>,
+}
+
+impl Decoding {
+    fn say(&self, written: &str, stdout: bool, seconds: f64, report: Reporter) -> Result<()> {
+        let Self { gaussians, sh_degree, skipped } = self;
+        for skipped in skipped {
+            note(format_args!("note: {skipped}"));
+        }
+        let human = format!(
+            "{written}: {gaussians} Gaussians, SH degree {sh_degree}, decoded in {seconds:.2} s"
+        );
+        let json = json!({
+            "output": written,
+            "gaussians": gaussians,
+            "sh_degree": sh_degree,
+            "skipped": skipped,
+            "decode_seconds": seconds,
+        });
+        report.say(stdout, &human, &json)
+    }
+}
+
+/// An error of the stream, with its remedy.
+fn damage(error: gsvx::Error, args: &Args, input: &Path) -> anyhow::Error {
+    let remedy =
+        if args.allow_truncated { "" } else { "pass --allow-truncated to decode what is there" };
+    input::explain_stream(error, input, remedy)
+}
+
+/// Writes what the decoder gives as PLY; `damage` makes an error of one in the stream.
 fn write(
     decoder: &gsvx::Decoder<'_>,
     output: Output,
-    damage: &mut Option<gsvx::Error>,
+    damage: impl Fn(gsvx::Error) -> anyhow::Error,
 ) -> Result<()> {
     let header = gs_model::ply::header(decoder.len(), decoder.sh_degree());
-    let mut outcome = |outcome: std::result::Result<(), Stop>| {
+    let outcome = |outcome: std::result::Result<(), Stop>| {
         outcome.map_err(|stop| match stop {
             Stop::Output(error) => error,
-            Stop::Damage(error) => {
-                *damage = Some(error);
-                anyhow::anyhow!("the stream is damaged")
-            }
+            Stop::Damage(error) => damage(error),
         })
     };
     // Every thread writes what it decodes to where it belongs: nothing waits for its turn, and
     // nothing holds more than a block of floats.
-    #[cfg(unix)]
-    if !output.is_stdout() {
+    if output.is_file() {
         let row = gs_model::ply::row_bytes(decoder.sh_degree()) as u64;
         return output.write_at(|write| {
             write(&header, 0)?;
@@ -134,19 +161,6 @@ fn write(
             },
         ))
     })
-}
-
-/// What was decoded.
-struct Made {
-    gaussians: usize,
-    sh_degree: u8,
-    skipped: Vec<String>,
-}
-
-impl Made {
-    fn of(gaussians: usize, sh_degree: u8, skipped: Vec<String>) -> Self {
-        Self { gaussians, sh_degree, skipped }
-    }
 }
 
 /// Why decoding ended early.

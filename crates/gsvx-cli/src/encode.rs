@@ -1,107 +1,179 @@
 //! `gsvx encode`.
 
+use crate::batch::{self, Job};
+use crate::exit::{missed, note, usage};
+use crate::format::Extension;
+use crate::input::Reading;
+use crate::lost_columns::Lost;
 use crate::output::{Output, megabytes};
+use crate::preset::{self, Preset};
 use crate::report::Reporter;
 use crate::trim::Trim;
-use crate::{input, progress, views};
-use anyhow::{Context, Result, bail};
+use crate::{input, progress, size, views};
+use anyhow::{Context, Result};
 use gs_model::{Camera, Scene};
 use gsvx::{CovarianceMode, EncodeOptions, Encoded, Entropy, PaperQp, Prepared, rate};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::borrow::Cow;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxel::Strategy;
 
-/// Shown after the help.
+/// Shown after the short help.
+pub(crate) const MORE: &str = "gsvx encode --help shows all flags, and examples.";
+
+/// Shown after the long help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx encode model.ply -o scene.gsvx                          default quality
+  gsvx encode model.ply -o scene.gsvx --preset web
   gsvx encode model.ply -o scene.gsvx --quality 75 --cameras data/fox
-  gsvx encode model.ply -o scene.gsvx --target-bytes 1000000
+  gsvx encode model.ply -o scene.gsvx --target-bytes 1.5MB
   gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
   gsvx encode model.ply -o scene.gsvx --lossless
+  gsvx encode *.ply -o streams/                                one stream per model
   gsvx encode model.ply -o scene.gsvx --prune 0.2 --cameras data/fox
   gsvx encode model.ply -o paper.gsvx --profile paper --qp 28,4,4 --depth 15
   gsvx encode - -o - < model.ply > scene.gsvx";
+
+/// Heading of what most people never need.
+const EXPERTS: &str = "For experts, and for comparison with the paper";
+/// Heading of what changes the scene.
+const CONTENT: &str = "What is kept";
 
 /// Arguments of `gsvx encode`.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Args {
-    /// The trained model: a PLY in the Inria layout, .splat or .spz; `-` for standard input.
-    input: PathBuf,
-    /// The stream to write; `-` for standard output.
-    #[arg(short, long)]
+    /// The trained models: PLY in the Inria layout, .splat or .spz; `-` for standard input.
+    #[arg(required = true, value_name = "MODEL")]
+    inputs: Vec<PathBuf>,
+    /// The stream to write, or a folder for several; `-` for standard output.
+    #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
     /// Quality from 0 (smallest) to 100 (best).
-    #[arg(short, long, group = "rate", default_value_t = gsvx::DEFAULT_QUALITY)]
+    #[arg(short, long, group = "rate", value_parser = quality,
+          default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// Largest stream of at most this many bytes.
-    #[arg(long, value_name = "BYTES", group = "rate")]
+    /// A quality by name: 30, 50, 70 or 90.
+    #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
+    preset: Option<Preset>,
+    /// Best stream of at most this size: 800000, 500k, 1.5MB.
+    #[arg(long, value_name = "SIZE", group = "rate", value_parser = size::bytes)]
     target_bytes: Option<u64>,
-    /// The same in megabits (10^6 bits).
-    #[arg(long, value_name = "MBIT", group = "rate")]
-    target_mbit: Option<f64>,
-    /// Smallest stream whose renders reach this PSNR, in dB, against renders of the input;
-    /// needs --cameras.
-    #[arg(long, value_name = "DB", group = "rate", requires = "cameras")]
+    /// Smallest stream whose renders reach this PSNR, in dB; needs --cameras.
+    ///
+    /// The PSNR is that of renders of the stream against renders of the input.
+    #[arg(long, value_name = "DB", group = "rate", requires = "cameras", value_parser = finite)]
     target_psnr: Option<f64>,
-    /// Cameras of the training photos: a scene folder (COLMAP project, Inria output or
-    /// transforms.json), a cameras.json or a transforms.json. Bits then go where they look.
+    /// Cameras of the training photos: what they see gets more bits.
+    ///
+    /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
+    /// transforms.json.
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
-    /// Coding choices: default, or paper for those of the paper (uniform voxels, unweighted RAHT,
-    /// RLGR, QPs, covariance codebook), for comparison.
-    #[arg(long, default_value = "default", conflicts_with_all = ["fast", "small", "target_psnr"])]
-    profile: Profile,
-    /// With --profile paper: quantisation parameters of AC, DC and opacity [default: by quality].
-    #[arg(long, value_name = "AC,DC,OPACITY", value_parser = qp)]
-    qp: Option<PaperQp>,
-    /// Leave out this fraction of the Gaussians first, those of least importance: seen least by
-    /// --cameras, else least opacity times size.
-    #[arg(long, value_name = "FRACTION", default_value_t = 0.0)]
-    prune: f64,
-    /// Voxelize uniformly at this octree depth instead of by rate and distortion.
-    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=21))]
-    depth: Option<u8>,
-    /// With --depth: adaptively by the paper's criteria, from this depth to DEPTH.
-    #[arg(long, value_name = "DEPTH", requires = "depth",
-          value_parser = clap::value_parser!(u8).range(1..=21))]
-    j_low: Option<u8>,
-    /// Floaters so far away that the others lose octree levels: auto codes them exactly where that
-    /// is cheaper, off keeps them in the octree.
-    #[arg(long, default_value = "auto")]
-    trim: Trim,
-    /// Covariance mode: transform, vq:BITS (a codebook of 2^BITS) or lossless:BITS (integers)
-    /// [default: transform; of --profile paper: vq:12].
-    #[arg(long, value_parser = covariance)]
-    covariance: Option<CovarianceMode>,
-    /// Code with RLGR, without prediction: decodes in two thirds to four fifths of the time, 8 to 10 % larger.
-    #[arg(long)]
-    fast: bool,
-    /// Code large models as small ones: 2 % smaller, and decoded in almost twice the time.
-    #[arg(long, conflicts_with = "fast")]
-    small: bool,
-    /// Highest SH degree to keep.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3))]
-    max_sh_degree: u8,
-    /// Every float of the model comes back bit for bit (in another order).
-    #[arg(long, conflicts_with_all = ["rate", "depth", "cameras", "covariance", "max_sh_degree", "profile", "prune", "trim"])]
+    /// Keep every float of the Gaussians bit for bit.
+    ///
+    /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
+    /// those that are not zero.
+    #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
+          "max_sh_degree", "profile", "prune", "trim"])]
     lossless: bool,
-    /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
-    #[arg(long)]
-    drop_invalid: bool,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
+
+    /// Highest SH degree to keep.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3),
+          value_name = "DEGREE", hide_short_help = true, help_heading = CONTENT)]
+    max_sh_degree: u8,
+    /// Leave out this fraction of the Gaussians first, the least important: those that --cameras
+    /// see least, else those of least opacity times size.
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.0, value_parser = fraction,
+          hide_short_help = true, help_heading = CONTENT)]
+    prune: f64,
+    /// Gaussians so far away that the others lose octree levels: auto codes them exactly where that
+    /// is cheaper, off keeps them in the octree.
+    #[arg(long, default_value = "auto", value_name = "WHEN", hide_short_help = true,
+          help_heading = CONTENT)]
+    trim: Trim,
+
+    #[command(flatten)]
+    reading: Reading,
+
+    /// The target size in megabits (10^6 bits).
+    #[arg(long, value_name = "MBIT", group = "rate", value_parser = positive,
+          hide_short_help = true, help_heading = EXPERTS)]
+    target_mbit: Option<f64>,
+    /// Coding choices: default, or paper for those of the paper (uniform voxels, unweighted RAHT,
+    /// RLGR, QPs, covariance codebook).
+    #[arg(long, default_value = "default", conflicts_with_all = ["fast", "small", "target_psnr"],
+          hide_short_help = true, help_heading = EXPERTS)]
+    profile: Profile,
+    /// With --profile paper: quantisation parameters of AC, DC and opacity [default: by quality].
+    #[arg(long, value_name = "AC,DC,OPACITY", value_parser = qp, hide_short_help = true,
+          help_heading = EXPERTS)]
+    qp: Option<PaperQp>,
+    /// Voxelize uniformly at this octree depth instead of by rate and distortion.
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=21), hide_short_help = true,
+          help_heading = EXPERTS)]
+    depth: Option<u8>,
+    /// With --depth: adaptively by the paper's criteria, from this depth to DEPTH.
+    #[arg(long, value_name = "DEPTH", requires = "depth",
+          value_parser = clap::value_parser!(u8).range(1..=21), hide_short_help = true,
+          help_heading = EXPERTS)]
+    j_low: Option<u8>,
+    /// Covariance mode: transform, vq:BITS (a codebook of 2^BITS) or lossless:BITS (integers)
+    /// [default: transform; of --profile paper: vq:12].
+    #[arg(long, value_parser = covariance, value_name = "MODE", hide_short_help = true,
+          help_heading = EXPERTS)]
+    covariance: Option<CovarianceMode>,
+    /// Code with RLGR, without prediction: decodes in two thirds to four fifths of the time, 8 to
+    /// 10 % larger.
+    #[arg(long, hide_short_help = true, help_heading = EXPERTS)]
+    fast: bool,
+    /// Code large models as small ones: 2 % smaller, and decoded in almost twice the time.
+    #[arg(long, conflicts_with = "fast", hide_short_help = true, help_heading = EXPERTS)]
+    small: bool,
 }
 
 impl Args {
-    /// Where the model is.
-    pub(crate) fn input(&self) -> &std::path::Path {
-        &self.input
+    /// Where the models are.
+    pub(crate) fn inputs(&self) -> &[PathBuf] {
+        &self.inputs
     }
+
+    fn quality(&self) -> f32 {
+        self.preset.map_or(self.quality, |p| p.quality)
+    }
+
+    /// The greatest number of bytes, if there is one.
+    fn most_bytes(&self) -> Option<u64> {
+        self.target_mbit.map(|mbit| (mbit * 1e6 / 8.0) as u64).or(self.target_bytes)
+    }
+}
+
+/// A quality on the command line.
+pub(crate) fn quality(text: &str) -> std::result::Result<f32, String> {
+    let value = text.parse().map_err(|_| "use a number from 0 to 100".to_owned())?;
+    EncodeOptions::from_quality(value).map_err(|e| e.to_string())?;
+    Ok(value)
+}
+
+fn fraction(text: &str) -> std::result::Result<f64, String> {
+    let value = text.parse().map_err(|_| "use a fraction such as 0.2".to_owned())?;
+    gsvx::prune(&[], value).map_err(|e| e.to_string())?;
+    Ok(value)
+}
+
+fn finite(text: &str) -> std::result::Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "use a number of dB".into())
+}
+
+/// A positive number on the command line.
+pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
+    let value = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
+    value.ok_or_else(|| "use a positive number".into())
 }
 
 /// Coding choices.
@@ -112,11 +184,10 @@ enum Profile {
 }
 
 fn qp(text: &str) -> std::result::Result<PaperQp, String> {
-    let parts: Vec<u8> = text.split(',').filter_map(|p| p.parse().ok()).collect();
+    let parts: Vec<Option<u8>> =
+        text.split(',').map(|p| p.parse().ok().filter(|q| (4..=51).contains(q))).collect();
     match parts[..] {
-        [ac, dc, opacity] if parts.iter().all(|q| (4..=51).contains(q)) => {
-            Ok(PaperQp { ac, dc, opacity })
-        }
+        [Some(ac), Some(dc), Some(opacity)] => Ok(PaperQp { ac, dc, opacity }),
         _ => Err("use AC,DC,OPACITY with 4 to 51 each".into()),
     }
 }
@@ -136,39 +207,40 @@ fn covariance(text: &str) -> std::result::Result<CovarianceMode, String> {
     }
 }
 
-/// Encodes a model.
+/// Encodes the models.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    // Refuse a bad quality and an output that cannot be before reading anything.
-    EncodeOptions::from_quality(args.quality)?;
-    gsvx::prune(&[], args.prune)?;
     if args.qp.is_some() && args.profile != Profile::Paper {
-        bail!("--qp: belongs to --profile paper");
+        return Err(usage("--qp: belongs to --profile paper"));
     }
-    let output = Output::open(&args.output, args.force)?;
+    if let Extension::Model(format) = Extension::of(&args.output) {
+        let (name, extension) = (args.output.display(), format.extension());
+        return Err(usage(format!(
+            "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
+        )));
+    }
+    let jobs = batch::jobs(&args.inputs, &args.output, "gsvx", args.force)?;
+    batch::run(&jobs, |job| encode_file(args, job, report))
+}
+
+/// Encodes one model.
+fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
+    let output = Output::open(&job.output, args.force, &[&job.input])?;
     let start = Instant::now();
-    let (scene, input_bytes) = input::model(&args.input, args.drop_invalid)?;
+    let mut lost = Lost::new();
+    let look = args.lossless.then_some(&mut lost);
+    let loaded = args.reading.model(&job.input, look)?;
+    let (scene, input_bytes) = (loaded.scene, loaded.bytes);
     let in_input = scene.len();
+    if !lost.is_empty() {
+        note(format_args!(
+            "warning: {}: the stream keeps the floats of the Gaussians only; it loses: {}",
+            input::name(&job.input),
+            lost.join(", ")
+        ));
+    }
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
-    let mut made = if args.lossless {
-        let encoded = gsvx::encode_lossless(&scene).with_context(|| input::name(&args.input))?;
-        Made {
-            encoded,
-            gaussians: scene.len(),
-            note: "every float bit for bit".into(),
-            ..Made::default()
-        }
-    } else {
-        lossy(args, scene)?
-    };
-    if made.pruned > 0 {
-        made.note += &format!("; {} pruned", made.pruned);
-    }
-    match made.outliers {
-        0 => {}
-        1 => made.note += "; 1 outlier coded exactly",
-        n => made.note += &format!("; {n} outliers coded exactly"),
-    }
+    let made = if args.lossless { lossless(job, &scene)? } else { lossy(args, job, scene)? };
     let encode_seconds = step.elapsed().as_secs_f64();
     let (name, stdout) = (output.name(), output.is_stdout());
     output.write(|out| Ok(out.write_all(&made.encoded.bytes)?))?;
@@ -182,34 +254,25 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         megabytes(bytes),
         input_bytes as f64 / bytes as f64,
         8.0 * bytes as f64 / made.gaussians.max(1) as f64,
-        made.note,
+        made.remarks(),
     );
-    let sections: serde_json::Map<String, serde_json::Value> =
-        made.encoded.sections.iter().map(|(kind, n)| (kind.to_string(), json!(n))).collect();
-    report.say(
-        stdout,
-        &human,
-        &json!({
-            "output": name,
-            "bytes": bytes,
-            "input_bytes": input_bytes,
-            "input_gaussians": in_input,
-            "gaussians": made.gaussians,
-            "quality": made.quality,
-            "psnr": made.psnr,
-            "encodes": made.encodes,
-            "pruned": made.pruned,
-            "outliers": made.outliers,
-            "sections": sections,
-            "read_seconds": read_seconds,
-            "encode_seconds": encode_seconds,
-        }),
-    );
-    Ok(())
+    let mut json = made.json();
+    json["output"] = json!(name);
+    json["bytes"] = json!(bytes);
+    json["input_bytes"] = json!(input_bytes);
+    json["input_gaussians"] = json!(in_input);
+    json["lost_columns"] = json!(lost);
+    json["read_seconds"] = json!(read_seconds);
+    json["encode_seconds"] = json!(encode_seconds);
+    report.say(stdout, &human, &json)?;
+    match made.missed {
+        Some(why) => Err(missed(format!("{name}: written, but {why}"))),
+        None => Ok(()),
+    }
 }
 
 #[derive(Default)]
-struct Made {
+struct Encoding {
     encoded: Encoded,
     gaussians: usize,
     note: String,
@@ -221,6 +284,44 @@ struct Made {
     pruned: usize,
     /// Gaussians coded exactly by --trim.
     outliers: usize,
+    /// Why the stream misses its target, if it does.
+    missed: Option<String>,
+}
+
+impl Encoding {
+    /// For a person.
+    fn remarks(&self) -> String {
+        let pruned = match self.pruned {
+            0 => String::new(),
+            n => format!("; {n} pruned"),
+        };
+        let outliers = match self.outliers {
+            0 => String::new(),
+            1 => "; 1 outlier coded exactly".into(),
+            n => format!("; {n} outliers coded exactly"),
+        };
+        format!("{}{pruned}{outliers}", self.note)
+    }
+
+    fn json(&self) -> Value {
+        let sections = self.encoded.sections.iter().map(|(kind, n)| (kind.to_string(), json!(n)));
+        json!({
+            "gaussians": self.gaussians,
+            "quality": self.quality,
+            "psnr": self.psnr,
+            "encodes": self.encodes,
+            "pruned": self.pruned,
+            "outliers": self.outliers,
+            "target_reached": self.missed.is_none(),
+            "sections": sections.collect::<serde_json::Map<String, Value>>(),
+        })
+    }
+}
+
+fn lossless(job: &Job, scene: &Scene) -> Result<Encoding> {
+    let encoded = gsvx::encode_lossless(scene).with_context(|| input::name(&job.input))?;
+    let (gaussians, note) = (scene.len(), "every float bit for bit".into());
+    Ok(Encoding { encoded, gaussians, note, ..Encoding::default() })
 }
 
 /// Octree depth of the paper's profile where none is given: finer with the rate.
@@ -234,25 +335,11 @@ fn paper_depth(quality: f32) -> u8 {
 }
 
 /// What one encode of a search makes: the stream and its number of Gaussians.
-type One = (Encoded, usize);
+type EncodedWithCount = (Encoded, usize);
 
-/// Voxelizes and encodes at a quality. `scene` is dropped before the encoder runs if it is owned.
-fn encode_at(
-    args: &Args,
-    scene: Cow<'_, Scene>,
-    outliers: Option<&Scene>,
-    (cameras, seen): (Option<&[Camera]>, Option<&[f32]>),
-    q: f32,
-) -> gsvx::Result<One> {
-    let bar = progress::spinner(format!("encoding at quality {q:.1}"));
-    let paper = args.profile == Profile::Paper;
-    let strategy = |importance: &[f32], seen| match (args.depth, args.j_low) {
-        (Some(depth), Some(j_low)) => Ok(Strategy::paper(j_low.min(depth), depth)),
-        (Some(depth), None) => Ok(Strategy::Uniform { depth }),
-        (None, _) if paper => Ok(Strategy::Uniform { depth: paper_depth(q) }),
-        (None, _) => gsvx::default_strategy(q, importance, seen),
-    };
-    let mut options = if paper {
+/// The coding choices at a quality.
+fn options_at(args: &Args, q: f32) -> gsvx::Result<EncodeOptions> {
+    let mut options = if args.profile == Profile::Paper {
         let covariance = args.covariance.unwrap_or(CovarianceMode::Vq { bits: 12 });
         EncodeOptions::paper(args.qp.unwrap_or(PaperQp::of_quality(q)), covariance)
     } else {
@@ -267,11 +354,30 @@ fn encode_at(
         }
     };
     options.max_sh_degree = args.max_sh_degree;
+    Ok(options)
+}
+
+/// Voxelizes and encodes at a quality. `scene` is dropped before the encoder runs if it is owned.
+fn encode_at(
+    args: &Args,
+    scene: Cow<'_, Scene>,
+    outliers: Option<&Scene>,
+    (cameras, seen): (Option<&[Camera]>, Option<&[f32]>),
+    q: f32,
+) -> gsvx::Result<EncodedWithCount> {
+    let _bar = progress::spinner(format!("encoding at quality {q:.1}"));
+    let paper = args.profile == Profile::Paper;
+    let strategy = |importance: &[f32], seen| match (args.depth, args.j_low) {
+        (Some(depth), Some(j_low)) => Ok(Strategy::paper(j_low.min(depth), depth)),
+        (Some(depth), None) => Ok(Strategy::Uniform { depth }),
+        (None, _) if paper => Ok(Strategy::Uniform { depth: paper_depth(q) }),
+        (None, _) => gsvx::default_strategy(q, importance, seen),
+    };
+    let mut options = options_at(args, q)?;
     options.outliers = outliers.cloned();
     let exact = outliers.map_or(0, Scene::len);
     if !paper && options.covariance == CovarianceMode::Transform {
         let (encoded, leaves) = gsvx::encode_model(scene, strategy, seen, &options)?;
-        bar.finish_and_clear();
         return Ok((encoded, leaves + exact));
     }
     let Prepared { scene: merged, voxels, importance } = gsvx::prepare(&scene, strategy, seen)?;
@@ -281,97 +387,155 @@ fn encode_at(
         options.covariance_sensitivity = Some(finetune::covariance_sensitivity(&merged, cameras));
     }
     let encoded = gsvx::encode(&merged, &voxels, &options)?;
-    bar.finish_and_clear();
     Ok((encoded, merged.len() + exact))
 }
 
-fn lossy(args: &Args, mut scene: Scene) -> Result<Made> {
-    let name = || input::name(&args.input);
-    let cameras = args.cameras.as_deref().map(views::cameras).transpose()?;
-    let mut seen = cameras.as_ref().map(|c| views::importance(&scene, c));
-    let mut pruned = 0;
+/// The cameras of an encode, and what they see of each Gaussian.
+struct Views {
+    cameras: Option<Vec<Camera>>,
+    seen: Option<Vec<f32>>,
+}
+
+impl Views {
+    fn of(args: &Args, scene: &Scene) -> Result<Self> {
+        let cameras = args.cameras.as_deref().map(views::cameras).transpose()?;
+        let seen = cameras.as_ref().map(|c| views::importance(scene, c));
+        Ok(Self { cameras, seen })
+    }
+
+    fn parts(&self) -> (Option<&[Camera]>, Option<&[f32]>) {
+        (self.cameras.as_deref(), self.seen.as_deref())
+    }
+}
+
+/// Leaves out the least important Gaussians. Returns their number.
+fn prune(fraction: f64, scene: &mut Scene, seen: &mut Option<Vec<f32>>) -> gsvx::Result<usize> {
+    if fraction == 0.0 {
+        return Ok(0);
+    }
+    let kept = match seen {
+        Some(seen) => gsvx::prune(seen, fraction)?,
+        None => gsvx::prune(&gsvx::importance::without_cameras(scene), fraction)?,
+    };
+    let pruned = scene.len() - kept.len();
+    if let Some(seen) = seen {
+        *seen = kept.iter().map(|&i| seen[i]).collect();
+    }
+    *scene = scene.select(&kept);
+    Ok(pruned)
+}
+
+fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
+    let name = || input::name(&job.input);
+    let mut views = Views::of(args, &scene)?;
     // Quality is measured against what came in, not against what pruning left.
-    let reference = match (args.target_psnr, &cameras) {
-        (Some(_), Some(cameras)) => Some(views::Reference::new(&scene, cameras)?),
+    let reference = match (args.target_psnr, &views.cameras) {
+        (Some(target), Some(cameras)) => Some((target, views::Reference::new(&scene, cameras)?)),
         _ => None,
     };
-    if args.prune > 0.0 {
-        let guessed;
-        let importance = match &seen {
-            Some(seen) => seen,
-            None => {
-                guessed = gsvx::importance::without_cameras(&scene);
-                &guessed
+    let pruned = prune(args.prune, &mut scene, &mut views.seen).with_context(name)?;
+    let outliers = args.trim.split(&mut scene, views.seen.as_mut(), name)?;
+    let made = if let Some(bytes) = args.most_bytes() {
+        largest_below(args, &scene, outliers.as_ref(), &views, bytes)
+    } else if let Some((target, reference)) = &reference {
+        smallest_above(args, &scene, outliers.as_ref(), &views, *target, reference)
+    } else {
+        let quality = args.quality();
+        let scene = Cow::Owned(scene);
+        encode_at(args, scene, outliers.as_ref(), views.parts(), quality).map(|(encoded, n)| {
+            Encoding {
+                encoded,
+                gaussians: n,
+                note: match args.preset {
+                    Some(preset) => format!("preset {}, quality {quality}", preset.name),
+                    None => format!("quality {quality}"),
+                },
+                quality: Some(quality),
+                encodes: 1,
+                ..Encoding::default()
             }
-        };
-        let kept = gsvx::prune(importance, args.prune)?;
-        pruned = scene.len() - kept.len();
-        if let Some(seen) = &mut seen {
-            *seen = kept.iter().map(|&i| seen[i]).collect();
-        }
-        scene = scene.select(&kept);
-    }
-    let outliers = args.trim.split(&mut scene, seen.as_mut(), name)?;
-    let outliers = outliers.as_ref();
-    let exact = outliers.map_or(0, Scene::len);
-    let views = (cameras.as_deref(), seen.as_deref());
-    let bytes = match args.target_mbit {
-        Some(mbit) if mbit.is_finite() && mbit > 0.0 => Some((mbit * 1e6 / 8.0) as u64),
-        Some(mbit) => bail!("--target-mbit {mbit}: must be a positive number"),
-        None => args.target_bytes,
+        })
     };
-    if bytes.is_none() && args.target_psnr.is_none() {
-        let (encoded, gaussians) =
-            encode_at(args, Cow::Owned(scene), outliers, views, args.quality).with_context(name)?;
-        let (note, quality) = (format!("quality {}", args.quality), Some(args.quality));
-        return Ok(Made {
-            encoded,
-            gaussians,
-            note,
-            quality,
-            psnr: None,
-            encodes: 1,
-            pruned,
-            outliers: exact,
-        });
-    }
+    Ok(Encoding { pruned, outliers: outliers.map_or(0, |o| o.len()), ..made.with_context(name)? })
+}
+
+/// The best stream of at most `most` bytes, or the smallest if there is none.
+fn largest_below(
+    args: &Args,
+    scene: &Scene,
+    outliers: Option<&Scene>,
+    views: &Views,
+    most: u64,
+) -> gsvx::Result<Encoding> {
     let mut counts = Vec::new();
     let mut at = |q: f32| {
-        let (encoded, gaussians) = encode_at(args, Cow::Borrowed(&scene), outliers, views, q)?;
+        let scene = Cow::Borrowed(scene);
+        let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), q)?;
         counts.push((q, gaussians));
         Ok(encoded)
     };
-    let (found, mut note) = if let Some(bytes) = bytes {
-        let found = rate::to_bytes(bytes, &mut at).with_context(name)?;
-        let share = 100.0 * found.encoded.bytes.len() as f64 / bytes as f64;
-        (found, format!("{share:.1}% of the target"))
-    } else if let (Some(target), Some(reference)) = (args.target_psnr, &reference) {
-        if !target.is_finite() {
-            bail!("--target-psnr {target}: must be a number of dB");
+    let (found, why) = match rate::to_bytes(most, &mut at) {
+        Err(gsvx::Error::TargetTooSmall { smallest, .. }) => {
+            let why = format!(
+                "the target of {most} bytes is below the smallest stream of this scene, {smallest} \
+                 bytes; --prune or --max-sh-degree 0 makes smaller ones"
+            );
+            let encoded = at(0.0)?;
+            let encodes = counts.len();
+            (rate::Found { encoded, quality: 0.0, encodes, measured: None }, Some(why))
         }
-        let measure = |encoded: &Encoded| {
-            let decoded = gsvx::decode(&encoded.bytes, &gsvx::DecodeOptions::default())?;
-            Ok(reference.psnr(&decoded.scene))
-        };
-        let found = rate::to_measure(target, &mut at, measure).with_context(name)?;
-        let got = found.measured.unwrap_or(f64::NAN);
-        if got < target {
-            eprintln!("warning: the best quality reaches {got:.2} dB, not {target:.2} dB");
-        }
-        (found, format!("{got:.2} dB from the input's renders"))
-    } else {
-        bail!("--target-psnr needs --cameras");
+        found => (found?, None),
     };
-    note = format!("quality {:.1}, {note}, {} encodes", found.quality, found.encodes);
-    let gaussians = counts.iter().find(|(q, _)| *q == found.quality).map_or(0, |(_, n)| *n);
-    Ok(Made {
-        encoded: found.encoded,
-        gaussians,
-        note,
+    let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
+    Ok(search_result(found, &counts, format!("{share:.1}% of the target"), why))
+}
+
+/// The smallest stream of at least `target` dB, or the best if there is none.
+fn smallest_above(
+    args: &Args,
+    scene: &Scene,
+    outliers: Option<&Scene>,
+    views: &Views,
+    target: f64,
+    reference: &views::Reference,
+) -> gsvx::Result<Encoding> {
+    let mut counts = Vec::new();
+    let at = |q: f32| {
+        let scene = Cow::Borrowed(scene);
+        let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), q)?;
+        counts.push((q, gaussians));
+        Ok(encoded)
+    };
+    let measure = |encoded: &Encoded| {
+        let options = gsvx::DecodeOptions { max_gaussians: Some(u64::MAX), ..Default::default() };
+        Ok(reference.psnr(&gsvx::decode(&encoded.bytes, &options)?.scene))
+    };
+    let found = rate::to_measure(target, at, measure)?;
+    let got = found.measured.unwrap_or(f64::NAN);
+    let why = (got < target).then(|| {
+        format!(
+            "its renders reach {got:.2} dB, not {target:.2}: quality {} is the best there is; \
+             --lossless keeps every float",
+            found.quality
+        )
+    });
+    Ok(search_result(found, &counts, format!("{got:.2} dB from the input's renders"), why))
+}
+
+fn search_result(
+    found: rate::Found,
+    counts: &[(f32, usize)],
+    note: String,
+    missed: Option<String>,
+) -> Encoding {
+    Encoding {
+        gaussians: counts.iter().find(|(q, _)| *q == found.quality).map_or(0, |(_, n)| *n),
+        note: format!("quality {:.1}, {note}, {} encodes", found.quality, found.encodes),
         quality: Some(found.quality),
         psnr: found.measured,
         encodes: found.encodes,
-        pruned,
-        outliers: exact,
-    })
+        encoded: found.encoded,
+        missed,
+        ..Encoding::default()
+    }
 }

@@ -1,37 +1,52 @@
 //! `gsvx info`.
 
-use crate::input;
+use crate::batch;
+use crate::describe;
+use crate::input::{self, Opened, ReadingAny};
 use crate::output::megabytes;
 use crate::report::Reporter;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use gsvx::slices;
 use gsvx::stream::{Container, Header, SectionKind};
 use serde_json::json;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx info scene.gsvx
-  gsvx info scene.gsvx --json";
+  gsvx info model.ply
+  gsvx info scene.gsvx model.spz --json";
 
 /// Arguments of `gsvx info`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The stream; `-` for standard input.
-    input: PathBuf,
+    /// Streams, PLY, .splat or SPZ; `-` for standard input.
+    #[arg(required = true, value_name = "FILE")]
+    inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    reading: ReadingAny,
 }
 
-/// Prints header, sections and what a truncated file still holds.
+/// Describes streams and models.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let name = input::name(&args.input);
-    let bytes = input::bytes(&args.input)?;
-    let container = Container::parse(&bytes).with_context(|| name.clone())?;
+    let files = batch::readers(&args.inputs)?;
+    batch::run(&files, |file| match args.reading.open(&file.input)? {
+        Opened::Stream(bytes) => stream(&bytes, &file.input, args, report),
+        Opened::Model(loaded) => describe::model(&loaded, &file.input, report),
+    })
+}
+
+/// Prints header and sections of a stream, and what a truncated file still holds.
+fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()> {
+    let name = input::name(path);
+    let container = Container::parse(bytes).map_err(|e| input::explain_stream(e, path, ""))?;
     let h = &container.header;
     let (have, total) = (bytes.len() as u64, container.expected_len());
     let outliers = container.outliers();
     let gaussians = h.count.saturating_add(outliers);
+    args.reading.limit().check(path, gaussians)?;
     let per = |n: u64| 8.0 * n as f64 / (gaussians.max(1) as f64);
     let mut sections = vec![("header".to_owned(), container.body_offset() as u64, None, false)];
     for entry in &container.toc {
@@ -91,8 +106,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             })
             .collect::<Vec<_>>(),
     });
-    report.say(false, text.trim_end(), &json);
-    Ok(())
+    report.say(false, text.trim_end(), &json)
 }
 
 /// Whether an SH degree is predicted from the one below, in some slice at least: its payload then

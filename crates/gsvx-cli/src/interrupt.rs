@@ -1,25 +1,34 @@
 //! Ctrl-C and termination: nothing half-written stays behind.
+//!
+//! On Unix SIGINT, SIGTERM and SIGHUP, on Windows Ctrl-C, Ctrl-Break and the closing of the window.
 
+use crate::exit::note;
 use crate::output;
 use anyhow::{Context, Result};
-use std::sync::Arc;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 /// A flag that asks the running work to stop by itself, if it knows how to.
 static CANCEL: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 /// The exit code of a process that a person interrupted.
 const INTERRUPTED: i32 = 130;
+/// Signals closer together than this are one: `timeout` signals the command and then its process
+/// group, and a shell may pass on what the terminal has sent already.
+const TOGETHER: Duration = Duration::from_secs(1);
 
 /// Installs the handler.
 pub(crate) fn install() -> Result<()> {
-    ctrlc::set_handler(|| match CANCEL.get() {
-        // A second signal does not wait for the work to notice the first.
-        Some(flag) if !flag.swap(true, Ordering::Relaxed) => {}
-        _ => {
+    let mut first: Option<Instant> = None;
+    ctrlc::set_handler(move || {
+        let asked = CANCEL.get().is_some_and(|flag| !flag.swap(true, Ordering::Relaxed));
+        if asked {
+            first = Some(Instant::now());
+            note("interrupted: writing what has been reached; once more ends at once");
+        } else if first.is_none_or(|first| first.elapsed() > TOGETHER) {
             output::remove_pending();
-            eprintln!("error: interrupted; no output was touched");
+            note("error: interrupted; no output was touched");
             std::process::exit(INTERRUPTED);
         }
     })

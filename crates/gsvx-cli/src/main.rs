@@ -1,20 +1,31 @@
 //! The `gsvx` command.
 
 mod attribute_errors;
+mod axes;
+mod batch;
 mod compare;
 mod convert;
 mod decode;
+mod describe;
 mod encode;
+mod exit;
+mod format;
+mod framing;
 mod info;
 mod input;
 mod interrupt;
+mod lost_columns;
 mod memory;
 mod nearest;
 mod orbit;
 mod output;
+mod pictures;
+mod positional;
+mod preset;
 mod progress;
 mod render;
 mod report;
+mod size;
 mod trim;
 mod tune;
 mod views;
@@ -28,34 +39,31 @@ use report::Reporter;
 /// Files may be `-` for standard input or output. Outputs appear whole or not at all, and an
 /// existing one is only replaced with --force.
 #[derive(Parser)]
-#[command(name = "gsvx", version, about, after_help = EXIT_CODES)]
+#[command(name = "gsvx", version, about, after_help = exit::CODES)]
 struct Cli {
     /// Print the report as one JSON object.
-    #[arg(long, global = true)]
+    #[arg(long, global = true, hide_short_help = true, help_heading = "Every command")]
     json: bool,
     /// Threads to use [default: all cores]. The output does not depend on it.
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, global = true, value_name = "N", hide_short_help = true,
+          help_heading = "Every command", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
     #[command(subcommand)]
     command: Command,
 }
 
-const EXIT_CODES: &str = "\
-Exit codes: 0 the output is complete; 1 it failed, one line on standard error says why, and no \
-output was touched; 2 wrong usage; 130 interrupted, no output was touched.";
-
 #[derive(Subcommand)]
 enum Command {
     /// Compress a model (PLY, .splat, SPZ) into a gsvx stream.
-    #[command(after_help = encode::EXAMPLES)]
+    #[command(after_help = encode::MORE, after_long_help = encode::EXAMPLES)]
     Encode(encode::Args),
-    /// Write the model in a stream as a PLY that any 3DGS viewer opens.
+    /// Write the model in a stream as a PLY that any 3DGS viewer opens, or as SPZ or .splat.
     #[command(after_help = decode::EXAMPLES)]
     Decode(decode::Args),
-    /// Voxelize and fine-tune a model against its photos, means frozen.
+    /// Voxelize a model and tune it to its photos; write a stream or a PLY.
     #[command(after_help = tune::EXAMPLES)]
     Finetune(tune::Args),
-    /// Show what a stream holds: sections, sizes, bits per Gaussian.
+    /// Show what a stream or a model holds: Gaussians, sections, sizes.
     #[command(after_help = info::EXAMPLES)]
     Info(info::Args),
     /// Draw a model or stream from given or generated cameras as PNGs.
@@ -71,7 +79,7 @@ enum Command {
 
 fn run(cli: &Cli) -> anyhow::Result<()> {
     if let Command::Encode(args) = &cli.command {
-        memory::return_soon(args.input());
+        memory::return_soon(args.inputs());
     }
     interrupt::install()?;
     if let Some(threads) = cli.threads {
@@ -95,10 +103,6 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
 fn main() -> std::process::ExitCode {
     match run(&Cli::parse()) {
         Ok(()) => std::process::ExitCode::SUCCESS,
-        Err(error) => {
-            // One line: the chain of causes, outermost first.
-            eprintln!("error: {error:#}");
-            std::process::ExitCode::FAILURE
-        }
+        Err(error) => exit::code(&error).into(),
     }
 }

@@ -1,6 +1,6 @@
 //! What the allocator keeps to itself.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 /// Models in files of at most this many bytes are one slice of a stream or two, and take a quarter
 /// of a second: 2^18 Gaussians of 248 bytes.
@@ -8,15 +8,15 @@ const SMALL: u64 = 65_000_000;
 /// Blocks of at least this many bytes go back to the system as soon as they are free.
 const BLOCK: i32 = 1 << 18;
 
-/// Makes memory that a small model no longer needs go back to the system at once.
+/// Makes memory that small models no longer need go back to the system at once.
 ///
 /// Each time a large block is freed, glibc keeps blocks up to that size to itself from then on,
 /// for blocks to come: an encoder of 100,000 Gaussians, whose phases need blocks of different
 /// sizes, then holds 7 MB more than it uses. Large models gain little, and would spend a tenth of
 /// their time on fresh pages. To be called before there is a second thread.
-pub(crate) fn return_soon(input: &Path) {
-    let small = std::fs::metadata(input).is_ok_and(|m| m.is_file() && m.len() <= SMALL);
-    if small {
+pub(crate) fn return_soon(inputs: &[PathBuf]) {
+    let small = |i| std::fs::metadata(i).is_ok_and(|m| m.is_file() && m.len() <= SMALL);
+    if inputs.iter().all(small) {
         allocator::return_blocks_of(BLOCK);
     }
 }

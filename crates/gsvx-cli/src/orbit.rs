@@ -1,36 +1,72 @@
-//! Generated cameras: a circle around what is opaque.
+//! Generated cameras: a circle around what matters in a model, or the part of a circle from which it
+//! was photographed.
 
+use crate::framing::{self, Constraints, Placement, V3};
 use gs_model::{Camera, Scene};
 
 /// Options for cameras on a circle.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct Orbit {
-    /// Generate this many cameras on a circle around the scene's centre.
+    /// Generate this many cameras around what the model shows: on a circle, or where the model is
+    /// seen from one side only, on an arc. The first is the one that sees most.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub(crate) orbit: Option<u32>,
-    /// With --orbit: distance from the centre in world units [default: twice the median distance
-    /// of the Gaussians].
-    #[arg(long, value_name = "UNITS", requires = "orbit")]
+    /// With --orbit: distance from the centre in world units [default: what sees most].
+    #[arg(long, value_name = "UNITS", requires = "orbit", value_parser = crate::encode::positive)]
     orbit_radius: Option<f64>,
-    /// With --orbit: height of the circle, degrees above the horizon.
-    #[arg(
-        long,
-        value_name = "DEGREES",
-        default_value_t = 20.0,
-        requires = "orbit",
-        allow_negative_numbers = true
-    )]
-    elevation: f64,
-    /// With --orbit: direction that is up (COLMAP scenes: -y).
-    #[arg(long, default_value = "-y", requires = "orbit", allow_hyphen_values = true,
-          value_parser = ["x", "-x", "y", "-y", "z", "-z"])]
-    up: String,
+    /// With --orbit: height of the circle, degrees above the horizon [default: 8, or higher where
+    /// more is seen from there].
+    #[arg(long, value_name = "DEGREES", requires = "orbit", allow_negative_numbers = true,
+          value_parser = elevation)]
+    elevation: Option<f64>,
+    /// With --orbit: direction that is up: x, -y, ... or X,Y,Z [default: that of the cameras in the
+    /// model's folder, else -y, leaning where clearly more is seen then].
+    #[arg(long, value_name = "AXIS", requires = "orbit", allow_hyphen_values = true,
+          value_parser = up)]
+    up: Option<Up>,
+    /// With --orbit: the whole circle, even if the model is seen well from a part of it only.
+    #[arg(long, requires = "orbit")]
+    full_circle: bool,
     /// With --orbit: image size.
     #[arg(long, value_name = "WxH", default_value = "640x480", requires = "orbit", value_parser = size)]
     size: (u32, u32),
     /// With --orbit: horizontal field of view, degrees.
-    #[arg(long, value_name = "DEGREES", default_value_t = 60.0, requires = "orbit")]
+    #[arg(long, value_name = "DEGREES", default_value_t = 60.0, requires = "orbit",
+          value_parser = field_of_view)]
     fov: f64,
+}
+
+/// A direction of length 1.
+#[derive(Clone, Copy, Debug)]
+struct Up(V3);
+
+fn up(text: &str) -> Result<Up, String> {
+    let (sign, axis) = match text.strip_prefix('-') {
+        Some(axis) => (-1.0, axis),
+        None => (1.0, text),
+    };
+    if let Some(k) = ["x", "y", "z"].iter().position(|&a| a == axis) {
+        let mut direction = [0.0; 3];
+        direction[k] = sign;
+        return Ok(Up(direction));
+    }
+    let parts: Option<Vec<f64>> = text.split(',').map(|p| p.trim().parse().ok()).collect();
+    match parts.as_deref() {
+        Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) && [x, y, z] != [0.0; 3] => {
+            Ok(Up(framing::unit([x, y, z])))
+        }
+        _ => Err("use x, -x, y, -y, z, -z or X,Y,Z".into()),
+    }
+}
+
+fn elevation(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v: &f64| v.abs() < 90.0);
+    value.ok_or_else(|| "use a number between -90 and 90".into())
+}
+
+fn field_of_view(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v| (1.0..=170.0).contains(v));
+    value.ok_or_else(|| "use 1 to 170 degrees".into())
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {
@@ -42,65 +78,48 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 }
 
 impl Orbit {
-    /// `n` cameras that look at the centre of `scene`.
-    pub(crate) fn cameras(&self, scene: &Scene, n: u32) -> anyhow::Result<Vec<Camera>> {
-        anyhow::ensure!(!scene.is_empty(), "the model holds no Gaussian to look at");
-        anyhow::ensure!((1.0..=170.0).contains(&self.fov), "--fov {}: 1 to 170 degrees", self.fov);
-        anyhow::ensure!(self.elevation.abs() < 90.0, "--elevation: between -90 and 90 degrees");
-        let (centre, spread) = centre_and_spread(scene);
-        let radius = self.orbit_radius.unwrap_or((2.0 * spread).max(1e-3));
-        anyhow::ensure!(radius.is_finite() && radius > 0.0, "--orbit-radius: a positive number");
-        let (axis, sign) = match self.up.as_str() {
-            "x" => (0, 1.0),
-            "-x" => (0, -1.0),
-            "y" => (1, 1.0),
-            "z" => (2, 1.0),
-            "-z" => (2, -1.0),
-            _ => (1, -1.0),
+    /// `n` cameras that look at what matters in `scene`; `up` is what its own cameras say is up.
+    pub(crate) fn cameras(
+        &self,
+        scene: &Scene,
+        n: u32,
+        up: Option<V3>,
+    ) -> anyhow::Result<Vec<Camera>> {
+        let (width, height) = self.size;
+        let tangent = libm::tan(0.5 * self.fov.to_radians());
+        let constraints = Constraints {
+            up: self.up.map(|u| u.0).or(up),
+            radius: self.orbit_radius,
+            elevation: self.elevation,
+            tangents: [tangent, tangent * f64::from(height) / f64::from(width)],
         };
-        let mut up = [0.0; 3];
-        up[axis] = sign;
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let (sin, cos) = sin_cos(self.elevation.to_radians());
-        let [width, height] = [self.size.0, self.size.1];
-        let focal = 0.5 * f64::from(width) / libm::tan(0.5 * self.fov.to_radians());
-        Ok((0..n)
-            .map(|i| {
-                let turn = std::f64::consts::TAU * f64::from(i) / f64::from(n);
-                let (s, c) = sin_cos(turn);
-                let mut eye = centre;
-                eye[u] += radius * cos * c;
-                eye[v] += radius * cos * s;
-                eye[axis] += radius * sin * sign;
-                Camera::looking_at(format!("orbit-{i:04}"), eye, centre, up, [width, height], focal)
-            })
-            .collect())
+        let Some(mut found) = framing::find(scene, &constraints) else {
+            anyhow::bail!("the model holds no Gaussian to look at");
+        };
+        if self.full_circle {
+            found.arc = None;
+        }
+        let focal = 0.5 * f64::from(width) / tangent;
+        let camera = |(i, turn): (usize, f64)| {
+            found.ring.camera(format!("orbit-{i:04}"), turn, [width, height], focal)
+        };
+        Ok(places(&found, n).into_iter().enumerate().map(camera).collect())
     }
 }
 
-fn sin_cos(angle: f64) -> (f64, f64) {
-    (libm::sin(angle), libm::cos(angle))
-}
-
-/// Per-axis median of the means that are at least half opaque (of all, if none is), and the median
-/// distance from it.
-fn centre_and_spread(scene: &Scene) -> ([f64; 3], f64) {
-    let opaque: Vec<usize> = (0..scene.len()).filter(|&i| scene.opacity_logits[i] > 0.0).collect();
-    let chosen = if opaque.is_empty() { (0..scene.len()).collect() } else { opaque };
-    let median = |mut values: Vec<f64>| {
-        let middle = values.len() / 2;
-        *values.select_nth_unstable_by(middle, f64::total_cmp).1
+/// Where on the circle `n` cameras stand, in turns: the best one first, then around the circle, or to
+/// the ends of the arc and back.
+fn places(found: &Placement, n: u32) -> Vec<f64> {
+    let step = |i: u32| f64::from(i) / f64::from(n);
+    let Some([first, last]) = found.arc else {
+        return (0..n).map(|i| found.best + step(i)).collect();
     };
-    let centre: [f64; 3] = std::array::from_fn(|k| {
-        median(chosen.iter().map(|&i| f64::from(scene.means[i][k])).collect())
-    });
-    let distance = |&i: &usize| {
-        let d: f64 = (0..3).map(|k| square(f64::from(scene.means[i][k]) - centre[k])).sum();
-        d.sqrt()
+    let (ahead, back) = (last - found.best, found.best - first);
+    let way = 2.0 * (ahead + back);
+    let along = |s: f64| match s {
+        s if s <= ahead => found.best + s,
+        s if s <= 2.0 * ahead + back => last - (s - ahead),
+        s => first + (s - 2.0 * ahead - back),
     };
-    (centre, median(chosen.iter().map(distance).collect()))
-}
-
-fn square(v: f64) -> f64 {
-    v * v
+    (0..n).map(|i| along(way * step(i))).collect()
 }

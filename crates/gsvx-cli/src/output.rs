@@ -2,13 +2,16 @@
 //!
 //! An [`Output`] is opened before the work, so that a folder that cannot be written fails at once.
 //! The bytes go to a temporary file beside the final name, which is renamed when it is complete.
+//! A symbolic link is followed: the file that it names is replaced, the link stays. Devices and
+//! pipes cannot be renamed onto; they are written directly.
 
-use anyhow::{Context, Result, bail};
+use crate::exit::usage;
+use crate::positional;
+use anyhow::{Context, Result, anyhow, bail};
 use std::fs::File;
-use std::io::{IsTerminal, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::time::Duration;
 use tempfile::NamedTempFile;
 
 /// Temporary files to remove when the process is interrupted.
@@ -27,11 +30,10 @@ pub(crate) fn remove_pending() {
 /// Names of temporary files.
 const PREFIX: &str = ".gsvx-";
 const SUFFIX: &str = ".part";
-/// Age from which a temporary file without an owner is taken for left behind: long enough for one
-/// just created to get its lock.
-const STALE: Duration = Duration::from_secs(60);
 
 /// Removes what killed runs left in `dir`. Best effort: what cannot be removed stays.
+///
+/// A running command holds a lock on its temporary file; a file that can be locked has no owner.
 fn sweep(dir: &Path) {
     for entry in std::fs::read_dir(dir).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -40,71 +42,93 @@ fn sweep(dir: &Path) {
             continue;
         }
         let Ok(file) = File::open(entry.path()) else { continue };
-        let age = file.metadata().and_then(|m| m.modified()).map(|t| t.elapsed());
-        if age.is_ok_and(|a| a.is_ok_and(|a| a > STALE)) && file.try_lock().is_ok() {
+        if file.try_lock().is_ok() {
+            // The lock is held until the file is gone: see `temporary`.
             let _ = std::fs::remove_file(entry.path());
         }
     }
 }
 
-/// A file that will appear whole or not at all, or standard output.
+/// A new temporary file in `dir`, locked.
+fn temporary(dir: &Path) -> std::io::Result<NamedTempFile> {
+    loop {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX).suffix(SUFFIX);
+        // The mode of any new file: the umask takes away what the user does not want.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let file = builder.tempfile_in(dir)?;
+        // On a file system without locks nothing is swept, so the lock may fail.
+        let _ = file.as_file().lock();
+        // Another run may have swept the file before it was locked.
+        if file.path().exists() {
+            return Ok(file);
+        }
+    }
+}
+
+/// A file that will appear whole or not at all, a device, or standard output.
 pub(crate) struct Output {
+    /// As given.
     path: PathBuf,
-    /// None: standard output.
-    file: Option<NamedTempFile>,
+    target: Target,
+}
+
+enum Target {
+    Stdout,
+    Device(File),
+    File(Replacement),
+}
+
+/// A temporary file and what it becomes.
+struct Replacement {
+    /// The final name, symbolic links followed.
+    path: PathBuf,
+    file: NamedTempFile,
     force: bool,
 }
 
 impl Output {
-    /// Opens `path`, or standard output for `-`.
-    pub(crate) fn open(path: &Path, force: bool) -> Result<Self> {
-        if is_stdio(path) {
+    /// Opens `path`, or standard output for `-`. Refuses to replace one of the `inputs`.
+    pub(crate) fn open(path: &Path, force: bool, inputs: &[&Path]) -> Result<Self> {
+        if is_stdout(path) {
             if std::io::stdout().is_terminal() {
-                bail!("standard output is a terminal; redirect it, or name a file with -o");
+                return Err(usage(
+                    "standard output is a terminal; redirect it, or name a file with -o",
+                ));
             }
-            return Ok(Self { path: path.into(), file: None, force });
+            return Ok(Self { path: path.into(), target: Target::Stdout });
         }
         let name = path.display();
-        if path.is_dir() {
-            bail!("{name}: is a directory; give a file name");
+        if let Some(device) = device(path)? {
+            return Ok(Self { path: path.into(), target: Target::Device(device) });
         }
-        if let Ok(there) = std::fs::metadata(path) {
-            // Renaming onto a device or a pipe would replace it by a file.
-            if !there.is_file() {
-                bail!("{name}: is not a regular file; give another name");
-            }
-            if !force {
-                bail!("{name}: already exists; pass --force to replace it");
-            }
-            if there.permissions().readonly() {
-                bail!("{name}: is read-only; make it writable or give another name");
-            }
-        }
-        let dir = match path.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p,
-            _ => Path::new("."),
-        };
+        let file = check(path, force, inputs)?;
+        let dir = parent(&file);
         if !dir.is_dir() {
             bail!("{}: no such directory; create it first", dir.display());
         }
         sweep(dir);
-        let file = tempfile::Builder::new()
-            .prefix(PREFIX)
-            .suffix(SUFFIX)
-            .tempfile_in(dir)
-            .with_context(|| format!("{}: cannot write here", dir.display()))?;
-        // Says to other runs that this file has an owner. A file system without locks costs no
-        // more than that.
-        let _ = file.as_file().lock();
+        let temporary =
+            temporary(dir).with_context(|| format!("{}: cannot write here", dir.display()))?;
         if let Ok(mut pending) = PENDING.lock() {
-            pending.push(file.path().into());
+            pending.push(temporary.path().into());
         }
-        Ok(Self { path: path.into(), file: Some(file), force })
+        if file.file_name().is_none() {
+            bail!("{name}: names no file");
+        }
+        let target = Target::File(Replacement { path: file, file: temporary, force });
+        Ok(Self { path: path.into(), target })
     }
 
     /// True if the bytes go to standard output.
     pub(crate) fn is_stdout(&self) -> bool {
-        self.file.is_none()
+        matches!(self.target, Target::Stdout)
+    }
+
+    /// True if the bytes may be written in any order: see [`Output::write_at`].
+    pub(crate) fn is_file(&self) -> bool {
+        matches!(self.target, Target::File(_))
     }
 
     /// The name as given.
@@ -114,72 +138,64 @@ impl Output {
 
     /// Writes everything and gives the file its name.
     pub(crate) fn write(
-        mut self,
+        self,
         fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
     ) -> Result<()> {
-        let Some(file) = &mut self.file else {
-            let name = self.name();
-            let mut out = std::io::stdout();
-            fill(&mut out).with_context(|| name.clone())?;
-            return out.flush().with_context(|| name.clone());
+        let name = self.name();
+        let buffered = |out: &mut (dyn Write + Send)| {
+            let mut out = std::io::BufWriter::with_capacity(1 << 20, out);
+            fill(&mut out).and_then(|()| Ok(out.flush()?)).map_err(|e| explain(&name, e))
         };
-        let mut out = std::io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
-        let outcome = fill(&mut out).and_then(|()| Ok(out.flush()?));
-        drop(out);
-        outcome.with_context(|| self.incomplete())?;
-        self.finish()
+        match self.target {
+            Target::Stdout => buffered(&mut std::io::stdout()),
+            Target::Device(mut file) => buffered(&mut file),
+            Target::File(mut to) => {
+                buffered(to.file.as_file_mut())?;
+                to.put_in_place(&name, true)
+            }
+        }
     }
 
-    /// As [`Output::write`], in whatever order the positions have; not for standard output. For what
-    /// can be made again: the disk is waited for only where a file is replaced, which a power cut
-    /// must not cost.
-    #[cfg(unix)]
+    /// As [`Output::write`], at any position and from any thread, for files. The result can be made
+    /// again: the disk is waited for only where a file is replaced, which a power cut must not cost.
     pub(crate) fn write_at(
         self,
         fill: impl FnOnce(&(dyn Fn(&[u8], u64) -> std::io::Result<()> + Sync)) -> Result<()>,
     ) -> Result<()> {
-        use std::os::unix::fs::FileExt;
-        if let Some(file) = &self.file {
-            let file = file.as_file();
-            fill(&|bytes, at| file.write_all_at(bytes, at)).with_context(|| self.incomplete())?;
-        }
-        let replaces = self.path.exists();
-        self.put_in_place(replaces)
+        let name = self.name();
+        let Target::File(to) = self.target else {
+            bail!("{name}: can only be written from its start");
+        };
+        let file = to.file.as_file();
+        fill(&|bytes, at| positional::write_all_at(file, bytes, at))
+            .map_err(|e| explain(&name, e))?;
+        let replaces = to.path.exists();
+        to.put_in_place(&name, replaces)
     }
+}
 
-    fn incomplete(&self) -> String {
-        format!("{}: could not be written (is the disk full?)", self.name())
-    }
-
-    /// Gives the file its name once the disk has it.
-    fn finish(self) -> Result<()> {
-        self.put_in_place(true)
-    }
-
-    fn put_in_place(self, on_disk: bool) -> Result<()> {
-        let (name, incomplete) = (self.name(), self.incomplete());
-        let incomplete = || incomplete.clone();
-        let Some(file) = self.file else { return Ok(()) };
+impl Replacement {
+    /// Gives the file its name, once the disk has it if `on_disk`.
+    fn put_in_place(self, name: &str, on_disk: bool) -> Result<()> {
+        let failed = |e: std::io::Error| explain(name, e.into());
         if on_disk {
-            file.as_file().sync_all().with_context(incomplete)?;
+            self.file.as_file().sync_all().map_err(failed)?;
         }
-        // A temporary file is private; an output is not.
+        // A replaced file keeps its mode.
         #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            let mode = std::fs::metadata(&self.path).map_or(0o644, |m| m.permissions().mode());
-            file.as_file()
-                .set_permissions(std::fs::Permissions::from_mode(mode))
-                .with_context(incomplete)?;
+        if let Ok(old) = std::fs::metadata(&self.path) {
+            self.file.as_file().set_permissions(old.permissions()).map_err(failed)?;
         }
-        let temporary = file.path().to_path_buf();
+        let temporary = self.file.path().to_path_buf();
         if self.force {
-            file.persist(&self.path).map_err(|e| e.error).with_context(incomplete)?;
+            self.file.persist(&self.path).map_err(|e| failed(e.error))?;
         } else {
-            // Something else may have made the file meanwhile.
-            file.persist_noclobber(&self.path)
-                .map_err(|e| e.error)
-                .with_context(|| format!("{name}: could not be put in place"))?;
+            self.file.persist_noclobber(&self.path).map_err(|e| match e.error.kind() {
+                ErrorKind::AlreadyExists => {
+                    anyhow!("{name}: was made meanwhile; pass --force to replace it")
+                }
+                _ => failed(e.error),
+            })?;
         }
         if let Ok(mut pending) = PENDING.lock() {
             pending.retain(|p| *p != temporary);
@@ -188,9 +204,98 @@ impl Output {
     }
 }
 
+/// Opens what is there but is no regular file: a device or a pipe.
+fn device(path: &Path) -> Result<Option<File>> {
+    let Ok(there) = std::fs::metadata(path) else { return Ok(None) };
+    if there.is_file() {
+        return Ok(None);
+    }
+    let name = path.display();
+    if there.is_dir() {
+        bail!("{name}: is a directory; give a file name");
+    }
+    let file = File::options().write(true).open(path);
+    Ok(Some(file.with_context(|| format!("{name}: cannot be written"))?))
+}
+
+/// Checks that a file may be made at `path`, or replaced with --force. Returns the name of the file
+/// that `path` leads to.
+pub(crate) fn check(path: &Path, force: bool, inputs: &[&Path]) -> Result<PathBuf> {
+    let name = path.display();
+    let file = follow_links(path)?;
+    let Ok(there) = std::fs::metadata(&file) else { return Ok(file) };
+    if inputs.iter().any(|input| is_same(&file, input)) {
+        bail!("{name}: is the input itself, which would be lost; give another name");
+    }
+    if !force {
+        bail!("{name}: already exists; pass --force to replace it");
+    }
+    if there.permissions().readonly() {
+        bail!("{name}: is read-only; make it writable or give another name");
+    }
+    Ok(file)
+}
+
+/// The name that the symbolic links at `path` lead to; there need be nothing.
+fn follow_links(path: &Path) -> Result<PathBuf> {
+    const MOST: usize = 40;
+    let mut path = path.to_path_buf();
+    for _ in 0..MOST {
+        let is_link = std::fs::symlink_metadata(&path).is_ok_and(|m| m.is_symlink());
+        if !is_link {
+            return Ok(path);
+        }
+        let to = std::fs::read_link(&path)
+            .with_context(|| format!("{}: the link cannot be read", path.display()))?;
+        path = parent(&path).join(to);
+    }
+    bail!("{}: the symbolic links go round in a circle", path.display())
+}
+
+/// True if two names lead to one file, through links of either kind too.
+fn is_same(path: &Path, input: &Path) -> bool {
+    use same_file::Handle;
+    let input = if is_stdio(input) { Handle::stdin() } else { Handle::from_path(input) };
+    matches!((Handle::from_path(path), input), (Ok(a), Ok(b)) if a == b)
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    }
+}
+
+/// What went wrong while an output was written, with the cause that the system gave, or else with
+/// what the error says: a model that its format cannot hold has nothing to do with the disk.
+fn explain(name: &str, error: anyhow::Error) -> anyhow::Error {
+    let Some(io) = error.chain().find_map(|c| c.downcast_ref::<std::io::Error>()) else {
+        let text = format!("{error:#}");
+        return if text.contains("<writer>") {
+            anyhow!("{}", text.replace("<writer>", name))
+        } else {
+            error
+        };
+    };
+    let cause = match io.kind() {
+        ErrorKind::StorageFull => "the disk is full".into(),
+        ErrorKind::QuotaExceeded => "your quota on this disk is used up".into(),
+        ErrorKind::FileTooLarge => "the file is larger than the system allows".into(),
+        _ => io.to_string(),
+    };
+    anyhow::Error::new(std::io::Error::new(io.kind(), cause))
+        .context(format!("{name}: could not be written"))
+}
+
 /// True for `-`, which stands for standard input or output.
 pub(crate) fn is_stdio(path: &Path) -> bool {
     path.as_os_str() == "-"
+}
+
+/// True for standard output. Its name on Unix may lead to a file, which a shell has open already
+/// and which must not be replaced.
+fn is_stdout(path: &Path) -> bool {
+    is_stdio(path) || (cfg!(unix) && path == Path::new("/dev/stdout"))
 }
 
 /// Bytes as a person reads them (decimal megabytes).

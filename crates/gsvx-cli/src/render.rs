@@ -1,11 +1,15 @@
 //! `gsvx render`.
 
+use crate::exit::usage;
+use crate::format::Extension;
+use crate::input::ReadingAny;
 use crate::output::{Output, is_stdio};
+use crate::pictures;
+use crate::progress::Steps;
 use crate::report::Reporter;
 use crate::views::ViewArgs;
-use crate::{input, progress};
 use anyhow::{Context, Result, bail};
-use finetune::{Image, RenderOptions, render};
+use finetune::{RenderOptions, render};
 use gs_model::Camera;
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -31,55 +35,73 @@ pub(crate) struct Args {
     #[command(flatten)]
     views: ViewArgs,
     /// Background colour: red, green, blue from 0 to 1.
-    #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, default_values_t = [0.0, 0.0, 0.0])]
-    background: Vec<f32>,
-    /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
-    #[arg(long)]
-    drop_invalid: bool,
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = colour)]
+    background: [f32; 3],
+    #[command(flatten)]
+    reading: ReadingAny,
     /// Replace existing images.
     #[arg(long)]
     force: bool,
 }
 
+fn colour(text: &str) -> std::result::Result<[f32; 3], String> {
+    let parts: Vec<f32> = text.split(',').filter_map(|p| p.trim().parse().ok()).collect();
+    let three = <[f32; 3]>::try_from(parts).ok().filter(|_| text.split(',').count() == 3);
+    let within = three.filter(|c| c.iter().all(|v| (0.0..=1.0).contains(v)));
+    within.ok_or_else(|| "use R,G,B with three numbers from 0 to 1".into())
+}
+
 /// Renders a model.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let Ok(background) = <[f32; 3]>::try_from(args.background.as_slice()) else {
-        bail!("--background: three numbers, red, green, blue");
-    };
-    let scene = input::any(&args.input, args.drop_invalid)?;
-    let cameras = args.views.cameras(&scene)?;
-    let options = RenderOptions { background, ..Default::default() };
-    let single = is_stdio(&args.output)
-        || args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    let single = is_single(&args.output)?;
+    let scene = args.reading.any(&args.input)?.scene;
+    let cameras = args.views.cameras(&scene, &args.input)?;
+    let options = RenderOptions { background: args.background, ..Default::default() };
     if single && cameras.len() > 1 {
         let n = cameras.len();
-        bail!("{}: a single image, but there are {n} views; name a folder", args.output.display());
+        let name = args.output.display();
+        return Err(usage(format!(
+            "{name}: a single image, but there are {n} views; name a folder"
+        )));
     }
+    let open = |path: &Path| Output::open(path, args.force, &[&args.input]);
     let outputs = if single {
-        vec![Output::open(&args.output, args.force)?]
+        vec![open(&args.output)?]
     } else {
         let names = file_names(&cameras)?;
         std::fs::create_dir_all(&args.output)
-            .with_context(|| format!("{}: cannot be made", args.output.display()))?;
+            .with_context(|| format!("{}: the folder cannot be made", args.output.display()))?;
         // All are opened before the first is drawn: a conflict loses no work.
-        names
-            .iter()
-            .map(|name| Output::open(&args.output.join(name), args.force))
-            .collect::<Result<Vec<_>>>()?
+        names.iter().map(|name| open(&args.output.join(name))).collect::<Result<Vec<_>>>()?
     };
     let stdout = outputs.iter().any(Output::is_stdout);
     let names: Vec<String> = outputs.iter().map(Output::name).collect();
-    let bar = progress::bar("render", cameras.len() as u64);
+    let steps = Steps::new("render", cameras.len() as u64);
     for (camera, output) in cameras.iter().zip(outputs) {
-        let image = render(&scene, camera, &options);
-        output.write(|out| png(&image, out))?;
-        bar.inc(1);
+        pictures::write(&render(&scene, camera, &options), output)?;
+        steps.inc();
     }
-    bar.finish_and_clear();
+    drop(steps);
     let human =
         format!("{}: {} images of {} Gaussians", args.output.display(), names.len(), scene.len());
-    report.say(stdout, &human, &json!({ "images": names, "gaussians": scene.len() }));
-    Ok(())
+    report.say(stdout, &human, &json!({ "images": names, "gaussians": scene.len() }))
+}
+
+/// True if the output is one image, false if it is a folder.
+fn is_single(output: &Path) -> Result<bool> {
+    let name = output.display();
+    let extension = output.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    match extension.to_ascii_lowercase().as_str() {
+        "png" => Ok(true),
+        "jpg" | "jpeg" | "webp" | "tif" | "tiff" | "bmp" => {
+            Err(usage(format!("{name}: images are written as PNG; name it .png, or name a folder")))
+        }
+        _ if Extension::of(output) != Extension::Other => {
+            Err(usage(format!("{name}: render writes images; name it .png, or name a folder")))
+        }
+        // A device takes one image.
+        _ => Ok(is_stdio(output) || std::fs::metadata(output).is_ok_and(|m| !m.is_dir())),
+    }
 }
 
 /// A file name per camera: the photo's, with `.png`.
@@ -87,28 +109,9 @@ fn file_names(cameras: &[Camera]) -> Result<Vec<String>> {
     let mut seen = BTreeSet::new();
     cameras
         .iter()
-        .map(|camera| {
-            // Photos may lie in folders of their own: a/b.jpg becomes a-b.png.
-            let stem = Path::new(&camera.name).with_extension("");
-            let parts: Vec<String> = stem
-                .components()
-                .filter_map(|c| match c {
-                    std::path::Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
-                    _ => None,
-                })
-                .collect();
-            let name = format!("{}.png", parts.join("-"));
-            if parts.is_empty() || !seen.insert(name.clone()) {
-                bail!("camera {:?}: its name gives no file name of its own", camera.name);
-            }
-            Ok(name)
+        .map(|camera| match pictures::stem(&camera.name).map(|stem| format!("{stem}.png")) {
+            Some(name) if seen.insert(name.to_lowercase()) => Ok(name),
+            _ => bail!("camera {:?}: its name gives no file name of its own", camera.name),
         })
         .collect()
-}
-
-fn png(image: &Image, out: &mut dyn std::io::Write) -> Result<()> {
-    use image::ImageEncoder;
-    let encoder = image::codecs::png::PngEncoder::new(out);
-    let rgb = image.to_rgb8();
-    Ok(encoder.write_image(&rgb, image.width, image.height, image::ExtendedColorType::Rgb8)?)
 }

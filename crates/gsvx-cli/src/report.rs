@@ -1,7 +1,8 @@
 //! What a command says when it is done: lines for a person, or one JSON object.
 
+use anyhow::{Context, Result};
 use serde_json::Value;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 
 /// Where reports go.
 #[derive(Clone, Copy, Debug)]
@@ -11,13 +12,23 @@ pub(crate) struct Reporter {
 
 impl Reporter {
     /// Prints the report: to standard output, or to standard error where that holds the data.
-    pub(crate) fn say(self, stdout_taken: bool, human: &str, json: &Value) {
+    ///
+    /// # Errors
+    /// If it cannot be written. A reader that has closed the pipe has seen enough: the work is
+    /// done, and that is no error.
+    pub(crate) fn say(self, stdout_taken: bool, human: &str, json: &Value) -> Result<()> {
         let text = if self.json { json.to_string() } else { human.to_owned() };
-        // A reader that has closed the pipe has seen enough; the work is done.
-        if stdout_taken {
-            let _ = writeln!(std::io::stderr(), "{text}");
+        let outcome = if stdout_taken {
+            writeln!(std::io::stderr(), "{text}")
         } else {
-            let _ = writeln!(std::io::stdout(), "{text}");
+            let mut out = std::io::stdout();
+            writeln!(out, "{text}").and_then(|()| out.flush())
+        };
+        match outcome {
+            Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+                Err(e).context("the report could not be written")
+            }
+            _ => Ok(()),
         }
     }
 }

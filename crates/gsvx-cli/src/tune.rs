@@ -1,19 +1,24 @@
 //! `gsvx finetune`.
 
+use crate::encode::quality;
+use crate::exit::{note, usage};
+use crate::input::{self, Reading};
 use crate::output::{Output, megabytes};
+use crate::progress::Steps;
 use crate::report::Reporter;
 use crate::trim::Trim;
-use crate::{input, interrupt, progress, views};
+use crate::{interrupt, views};
 use anyhow::{Context, Result, anyhow, bail};
 use finetune::backend::Backend;
 use finetune::{
-    FineTune, FineTuneOptions, Image, Quantization, QuantizationMode, RenderOptions, TrainView,
-    metrics, render,
+    FineTune, FineTuneOptions, Image, Outcome, Quantization, QuantizationMode, RenderOptions,
+    StopReason, TrainView, metrics, render,
 };
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use voxel::Voxelization;
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
@@ -22,12 +27,13 @@ Examples:
   gsvx finetune model.ply --cameras data/fox -o tuned.ply --steps 3000 --backend cpu
   gsvx finetune model.ply --cameras data/fox -o tuned.gsvx --checkpoint run.ckpt
 
-Ctrl-C ends the tuning early; what has been reached is written.";
+Ctrl-C, or SIGTERM, ends the tuning early; what has been reached is written. A second one, later, ends
+the command without an output.";
 
 /// Arguments of `gsvx finetune`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The trained model: a PLY in the Inria layout, .splat or .spz.
+    /// The trained model: a PLY in the Inria layout, .splat or .spz; `-` for standard input.
     input: PathBuf,
     /// Scene folder with cameras and photos.
     #[arg(long, value_name = "DIR")]
@@ -39,9 +45,9 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 8000)]
     steps: u64,
     /// Quality of the voxelization and of the stream, 0 to 100.
-    #[arg(short, long, default_value_t = gsvx::DEFAULT_QUALITY)]
+    #[arg(short, long, default_value_t = gsvx::DEFAULT_QUALITY, value_parser = quality)]
     quality: f32,
-    /// Executor: cpu, gpu or auto.
+    /// Where to compute: cpu, gpu or auto.
     #[arg(long, default_value = "auto")]
     backend: Backend,
     /// Stop after so many passes over the photos without improvement; 0 for never.
@@ -50,10 +56,10 @@ pub(crate) struct Args {
     /// Go on when the photos are matched as well as by the input model.
     #[arg(long)]
     past_input: bool,
-    /// Quantise attributes in the loop at the steps of the quality: round or noise.
+    /// Quantise attributes while tuning, at the steps of the quality: round or noise.
     #[arg(long, value_name = "MODE", value_parser = quantizer)]
     quantize: Option<QuantizationMode>,
-    /// Floaters so far away that the others lose octree levels: auto tunes them too and codes them
+    /// Gaussians so far away that the others lose octree levels: auto tunes them too and codes them
     /// exactly where that is cheaper, off keeps them in the octree.
     #[arg(long, default_value = "auto")]
     trim: Trim,
@@ -63,9 +69,8 @@ pub(crate) struct Args {
     /// Steps between checkpoints; also how far back a run goes if the GPU fails.
     #[arg(long, value_name = "STEPS", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
     checkpoint_every: u64,
-    /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
-    #[arg(long)]
-    drop_invalid: bool,
+    #[command(flatten)]
+    reading: Reading,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
@@ -94,94 +99,44 @@ fn quantization(mode: QuantizationMode, options: &EncodeOptions) -> Quantization
 }
 
 /// Mean PSNR of the model at the training views, dB.
-fn quality(scene: &Scene, views: &[TrainView]) -> f64 {
-    let bar = progress::bar("input model", views.len() as u64);
+fn quality_of(scene: &Scene, views: &[TrainView]) -> f64 {
+    let steps = Steps::new("input model", views.len() as u64);
     let mut sum = 0.0;
     for view in views {
         let image = render(scene, &view.camera, &RenderOptions::default());
         sum += metrics::psnr(&image, &view.photo);
-        bar.inc(1);
+        steps.inc();
     }
-    bar.finish_and_clear();
     sum / views.len() as f64
+}
+
+/// A model about to be tuned.
+struct Start {
+    /// The voxelized scene, then the Gaussians that are coded exactly.
+    scene: Scene,
+    voxels: Voxelization,
+    importance: Vec<f32>,
+    training: Vec<TrainView>,
+    /// PSNR of the input model at the training views.
+    target: Option<f64>,
 }
 
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let extension = args.output.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    let extension = extension.to_ascii_lowercase();
     if extension != "gsvx" && extension != "ply" {
-        bail!("{}: the output must end in .gsvx or .ply", args.output.display());
+        let name = args.output.display();
+        return Err(usage(format!("{name}: the output must end in .gsvx or .ply")));
     }
     let options = EncodeOptions::from_quality(args.quality)?;
-    let output = Output::open(&args.output, args.force)?;
+    let output = Output::open(&args.output, args.force, &[&args.input])?;
     // Before any work: whoever asked for a GPU should not wait to hear that there is none.
     let backend = finetune::backend::choose(args.backend).context("try --backend cpu or auto")?;
-    eprintln!("backend: {}", backend.reason);
-    let (mut scene, _) = input::model(&args.input, args.drop_invalid)?;
-    let name = || input::name(&args.input);
-    let training = photos(&args.cameras)?;
-    let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let mut importance = views::importance(&scene, &cameras);
-    let unseen = importance.iter().filter(|&&v| v == 0.0).count();
-    if unseen > 0 {
-        let n = scene.len();
-        eprintln!("{unseen} of {n} Gaussians contribute to no training view: left out");
-    }
-    let target = (!args.past_input).then(|| quality(&scene, &training));
-    if let Some(db) = target {
-        eprintln!("input model: {db:.2} dB at the training views; the fine-tune ends there");
-    }
-    let strategy = |found: &[f32], seen| gsvx::default_strategy(args.quality, found, seen);
-    let outliers = args.trim.split(&mut scene, Some(&mut importance), name)?;
-    let Prepared { mut scene, voxels, importance } =
-        gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
-    // Their means are as fixed as those of the leaves, and what is seen of them is seen.
-    if let Some(outliers) = &outliers {
-        let n = outliers.len();
-        eprintln!("{n} outlier{} will be coded exactly", if n == 1 { "" } else { "s" });
-        scene.append(outliers);
-    }
-
-    let tuning = FineTuneOptions {
-        steps: args.steps,
-        target_psnr: target,
-        patience: (args.patience > 0).then_some(args.patience),
-        quantization: args.quantize.map(|mode| quantization(mode, &options)),
-        checkpoint: args.checkpoint.clone(),
-        checkpoint_every: args.checkpoint_every,
-        cancel: Some(interrupt::cancel_flag()),
-        backend: args.backend,
-        report_every: (args.steps / 200).clamp(1, 50),
-        ..Default::default()
-    };
-    let tune =
-        FineTune::new(scene, training, tuning).map_err(|e| gpu_hint(e, args)).with_context(name)?;
-    let bar = progress::bar("fine-tune", args.steps);
-    let begun = tune.backend().used;
-    let mut used = begun;
-    if begun != backend.used {
-        eprintln!("backend: {}", tune.backend().reason);
-    }
-    let outcome = tune
-        .run(|p| {
-            if p.backend != used {
-                bar.println("the GPU failed: going on without it");
-                used = p.backend;
-            }
-            bar.set_position(p.step);
-            bar.set_message(format!(
-                "loss {:.4}, {:.2} dB, {:.1} steps/s",
-                p.loss, p.psnr, p.steps_per_second
-            ));
-        })
-        .map_err(|e| gpu_hint(e, args))
-        .with_context(name)?;
-    bar.finish_and_clear();
-    if outcome.backend.used != begun {
-        eprintln!("backend: {}", outcome.backend.reason);
-    }
-    let how =
-        format!("{} steps in {:.1} s, ended: {:?}", outcome.steps, outcome.seconds, outcome.reason);
+    note(format_args!("backend: {}", backend.reason));
+    let start = prepare(args)?;
+    let (voxels, importance) = (start.voxels, start.importance);
+    let outcome = tune(args, start.scene, start.training, start.target, &options, backend.used)?;
     let (target, mut tuned) = (output.name(), outcome.scene);
     let gaussians = tuned.len();
     let mut bytes = 0;
@@ -191,27 +146,118 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         let outliers = tuned.split_off(voxels.len());
         let outliers = (!outliers.is_empty()).then_some(outliers);
         let options = EncodeOptions { importance: Some(importance), outliers, ..options };
-        let encoded = gsvx::encode(&tuned, &voxels, &options).with_context(name)?;
+        let encoded =
+            gsvx::encode(&tuned, &voxels, &options).with_context(|| input::name(&args.input))?;
         bytes = encoded.bytes.len() as u64;
         output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
     }
     let size = if bytes > 0 { format!(", {}", megabytes(bytes)) } else { String::new() };
-    let human = format!("{how}\n{target}: {gaussians} Gaussians{size}");
-    report.say(
-        false,
-        &human,
-        &json!({
-            "output": target,
-            "gaussians": gaussians,
-            "outliers": gaussians - voxels.len(),
-            "bytes": bytes,
-            "steps": outcome.steps,
-            "seconds": outcome.seconds,
-            "reason": format!("{:?}", outcome.reason),
-            "backend": format!("{:?}", outcome.backend.used).to_lowercase(),
-        }),
+    let (steps, seconds, reason) = (outcome.steps, outcome.seconds, outcome.reason);
+    let human = format!(
+        "{steps} steps in {seconds:.1} s: {}\n{target}: {gaussians} Gaussians{size}",
+        in_words(reason)
     );
-    Ok(())
+    let json = json!({
+        "output": target,
+        "gaussians": gaussians,
+        "outliers": gaussians - voxels.len(),
+        "bytes": bytes,
+        "steps": steps,
+        "seconds": seconds,
+        "reason": in_words(reason),
+        "backend": format!("{:?}", outcome.backend.used).to_lowercase(),
+    });
+    report.say(false, &human, &json)
+}
+
+fn in_words(reason: StopReason) -> &'static str {
+    match reason {
+        StopReason::Steps => "all steps are done",
+        StopReason::TargetReached => "the photos are matched as well as by the input model",
+        StopReason::NoImprovement => "the match no longer improves",
+        StopReason::Cancelled => "interrupted",
+        _ => "ended",
+    }
+}
+
+/// Reads model, cameras and photos, and voxelizes the model.
+fn prepare(args: &Args) -> Result<Start> {
+    let name = || input::name(&args.input);
+    let mut scene = args.reading.model(&args.input, None)?.scene;
+    let training = photos(&args.cameras)?;
+    let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
+    let mut importance = views::importance(&scene, &cameras);
+    let unseen = importance.iter().filter(|&&v| v == 0.0).count();
+    if unseen > 0 {
+        let n = scene.len();
+        note(format_args!("{unseen} of {n} Gaussians contribute to no training view: left out"));
+    }
+    let target = (!args.past_input).then(|| quality_of(&scene, &training));
+    if let Some(db) = target {
+        note(format_args!(
+            "input model: {db:.2} dB at the training views; the fine-tune ends there"
+        ));
+    }
+    let strategy = |found: &[f32], seen| gsvx::default_strategy(args.quality, found, seen);
+    let outliers = args.trim.split(&mut scene, Some(&mut importance), name)?;
+    let Prepared { mut scene, voxels, importance } =
+        gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
+    // The means of Gaussians that are coded exactly stay where they are, as those of the leaves do.
+    if let Some(outliers) = &outliers {
+        let n = outliers.len();
+        let s = if n == 1 { "" } else { "s" };
+        note(format_args!("{n} outlier{s} will be coded exactly"));
+        scene.append(outliers);
+    }
+    Ok(Start { scene, voxels, importance, training, target })
+}
+
+/// Runs the fine-tune.
+fn tune(
+    args: &Args,
+    scene: Scene,
+    training: Vec<TrainView>,
+    target: Option<f64>,
+    options: &EncodeOptions,
+    chosen: Backend,
+) -> Result<Outcome> {
+    let name = || input::name(&args.input);
+    let tuning = FineTuneOptions {
+        steps: args.steps,
+        target_psnr: target,
+        patience: (args.patience > 0).then_some(args.patience),
+        quantization: args.quantize.map(|mode| quantization(mode, options)),
+        checkpoint: args.checkpoint.clone(),
+        checkpoint_every: args.checkpoint_every,
+        cancel: Some(interrupt::cancel_flag()),
+        backend: args.backend,
+        report_every: (args.steps / 200).clamp(1, 50),
+        ..Default::default()
+    };
+    let tune =
+        FineTune::new(scene, training, tuning).map_err(|e| gpu_hint(e, args)).with_context(name)?;
+    let begun = tune.backend().used;
+    let mut used = begun;
+    if begun != chosen {
+        note(format_args!("backend: {}", tune.backend().reason));
+    }
+    let steps = Steps::new("fine-tune", args.steps);
+    let outcome = tune
+        .run(|p| {
+            if p.backend != used {
+                steps.say("the GPU failed: going on without it");
+                used = p.backend;
+            }
+            let (loss, psnr, speed) = (p.loss, p.psnr, p.steps_per_second);
+            steps.set(p.step, &format!("loss {loss:.4}, {psnr:.2} dB, {speed:.1} steps/s"));
+        })
+        .map_err(|e| gpu_hint(e, args))
+        .with_context(name)?;
+    drop(steps);
+    if outcome.backend.used != begun {
+        note(format_args!("backend: {}", outcome.backend.reason));
+    }
+    Ok(outcome)
 }
 
 /// Says what to do about a GPU that failed.

@@ -1,7 +1,10 @@
 //! Cameras at encode time: importance of each Gaussian, and quality as seen.
 
+use crate::exit::usage;
+use crate::framing;
 use crate::orbit::Orbit;
-use crate::progress;
+use crate::output::is_stdio;
+use crate::progress::Steps;
 use anyhow::{Context, Result, bail};
 use finetune::{Image, RenderOptions, metrics, render, saliency_per_view};
 use gs_model::{Camera, Scene, View, dataset, inria, nerf};
@@ -9,10 +12,12 @@ use std::path::{Path, PathBuf};
 
 /// Views used to measure quality; more only slow the search down.
 const MEASURED_VIEWS: usize = 12;
+/// Longest edge of an image that is drawn, in pixels.
+const MAX_EDGE: u32 = 1 << 14;
 
 /// Which views to look at a model from.
 #[derive(clap::Args, Clone, Debug)]
-#[command(group = clap::ArgGroup::new("from").required(true).args(["cameras", "orbit"]))]
+#[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
 pub(crate) struct ViewArgs {
     /// Cameras: a scene folder (COLMAP project, Inria output, transforms.json), or a cameras.json
     /// or transforms.json itself.
@@ -26,22 +31,19 @@ pub(crate) struct ViewArgs {
     /// Only the camera of this name.
     #[arg(long, value_name = "NAME")]
     view: Option<String>,
-    /// Factor on the image sizes.
-    #[arg(long, default_value_t = 1.0)]
+    /// Factor on the image sizes, above 0 and at most 16.
+    #[arg(long, default_value_t = 1.0, value_parser = factor)]
     scale: f64,
 }
 
 impl ViewArgs {
-    /// The cameras; `scene` is what generated ones look at.
-    pub(crate) fn cameras(&self, scene: &Scene) -> Result<Vec<Camera>> {
+    /// The cameras; `scene`, read from `path`, is what generated ones look at.
+    pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<Vec<Camera>> {
         let all = match (&self.cameras, self.orbit.orbit) {
             (Some(path), _) => open(path)?.into_iter().map(|v| v.camera).collect(),
-            (None, Some(n)) => self.orbit.cameras(scene, n)?,
-            (None, None) => bail!("give --cameras or --orbit"),
+            (None, Some(n)) => self.orbit.cameras(scene, n, up_beside(path))?,
+            (None, None) => return Err(usage("give --cameras or --orbit")),
         };
-        if !(self.scale > 0.0 && self.scale <= 16.0) {
-            bail!("--scale {}: must be above 0 and at most 16", self.scale);
-        }
         let chosen: Vec<Camera> = all
             .into_iter()
             .step_by(self.every as usize)
@@ -54,7 +56,26 @@ impl ViewArgs {
                 None => bail!("no cameras"),
             }
         }
+        drawable(&chosen, "pass a smaller --scale")?;
         Ok(chosen)
+    }
+}
+
+fn factor(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v| *v > 0.0 && *v <= 16.0);
+    value.ok_or_else(|| "use a number above 0 and at most 16".into())
+}
+
+/// Refuses images that no memory holds.
+fn drawable(cameras: &[Camera], remedy: &str) -> Result<()> {
+    match cameras.iter().find(|c| c.width.max(c.height) > MAX_EDGE) {
+        None => Ok(()),
+        Some(camera) => bail!(
+            "camera {:?}: {}x{} pixels, more than {MAX_EDGE} along an edge; {remedy}",
+            camera.name,
+            camera.width,
+            camera.height
+        ),
     }
 }
 
@@ -75,6 +96,28 @@ fn scaled(camera: &Camera, factor: f64) -> Camera {
         cy: camera.cy * sy,
         ..camera.clone()
     }
+}
+
+/// What is up for the cameras that lie beside a model, in a scene folder or an output of Inria's
+/// trainer; `None` if there are none, or if they do not agree.
+fn up_beside(model: &Path) -> Option<[f64; 3]> {
+    if is_stdio(model) {
+        return None;
+    }
+    let mut folders = model.parent()?.ancestors();
+    // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
+    let views = [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        dataset::open_views(folder).ok()
+    })?;
+    let mut sum = [0.0; 3];
+    for view in &views.1 {
+        // A camera's second axis points down.
+        let down = view.camera.rotation.row(1);
+        sum = [sum[0] - down.x, sum[1] - down.y, sum[2] - down.z];
+    }
+    let length = framing::distance(sum, [0.0; 3]);
+    (length > 0.5 * views.1.len() as f64).then(|| framing::unit(sum))
 }
 
 /// The views of a scene folder or of a camera file, by name.
@@ -108,21 +151,21 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
     if training.is_empty() {
         bail!("{}: a single camera is held out for measuring; give two or more", path.display());
     }
+    drawable(&training, &format!("correct the sizes in {}", path.display()))?;
     Ok(training)
 }
 
 /// Sum of squared blending weights per Gaussian over the cameras.
 pub(crate) fn importance(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
-    let bar = progress::bar("importance", cameras.len() as u64);
+    let steps = Steps::new("importance", cameras.len() as u64);
     let mut sum = vec![0.0f32; scene.len()];
     for camera in cameras {
         let one = saliency_per_view(scene, std::slice::from_ref(camera));
         for (s, v) in sum.iter_mut().zip(one.squared) {
             *s += v;
         }
-        bar.inc(1);
+        steps.inc();
     }
-    bar.finish_and_clear();
     sum
 }
 
@@ -158,5 +201,19 @@ impl Reference {
             })
             .sum();
         sum / self.views.len() as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_room_was_shown_lying_on_its_side() {
+        let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
+        let up = up_beside(&room.join("point_cloud.ply")).expect("its cameras are beside it");
+        assert!(up[2] > 0.95, "{up:?}");
+        assert_eq!(up_beside(Path::new("-")), None);
+        assert_eq!(up_beside(&room.join("images/view_000.png")), None);
     }
 }

@@ -22,3 +22,11 @@ pub(crate) fn one_line(out: &Output, needle: &str) {
     assert_eq!(error.trim_end().lines().count(), 1, "{error}");
     assert!(error.contains(needle), "{error}");
 }
+
+/// Exit code 2 and one line, which holds `needle`.
+#[allow(dead_code, reason = "each test file uses its own part")]
+pub(crate) fn wrong_usage(out: &Output, needle: &str) {
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{error}");
+    assert!(error.contains(needle), "{error}");
+}

@@ -1,0 +1,100 @@
+//! What `gsvx info` says of a model that is no stream.
+
+use crate::input::{self, Loaded};
+use crate::output::megabytes;
+use crate::report::Reporter;
+use anyhow::Result;
+use gs_model::Scene;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Describes a model.
+pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()> {
+    let Loaded { scene, bytes, format, gaussians_in_file, ply } = loaded;
+    let name = input::name(path);
+    let bits = 8.0 * *bytes as f64 / (*gaussians_in_file).max(1) as f64;
+    let mut text = format!(
+        "{name}: {} ({bytes} bytes)\n  format         {format}\n  Gaussians      {}\n  \
+         SH degree      {}\n  bits/Gaussian  {bits:.2}\n",
+        megabytes(*bytes),
+        scene.len(),
+        scene.sh_degree,
+    );
+    let (low, high) = bounds(scene);
+    let spread = (!scene.is_empty()).then(|| Spread::of(scene));
+    if let Some(spread) = &spread {
+        let [x, y, z] = low;
+        let [u, v, w] = high;
+        text += &format!("  from           ({x}, {y}, {z})\n  to             ({u}, {v}, {w})\n");
+        text += &spread.human();
+    }
+    let unknown: Vec<&str> =
+        ply.iter().flat_map(|p| &p.unknown_properties).map(String::as_str).collect();
+    if !unknown.is_empty() {
+        text += &format!("  other columns  {}\n", unknown.join(", "));
+    }
+    let json = json!({
+        "format": format,
+        "bytes": bytes,
+        "gaussians": scene.len(),
+        "gaussians_in_file": gaussians_in_file,
+        "sh_degree": scene.sh_degree,
+        "low": low,
+        "high": high,
+        "spread": spread.map(|s| s.json()),
+        "other_columns": unknown,
+        "comments": ply.as_ref().map(|p| &p.comments),
+    });
+    report.say(false, text.trim_end(), &json)
+}
+
+/// Least and greatest coordinates of the means.
+fn bounds(scene: &Scene) -> ([f32; 3], [f32; 3]) {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for mean in &scene.means {
+        for k in 0..3 {
+            low[k] = low[k].min(mean[k]);
+            high[k] = high[k].max(mean[k]);
+        }
+    }
+    (low, high)
+}
+
+/// Tenth, fiftieth and ninetieth percentile of what a person asks about.
+struct Spread {
+    opacity: [f64; 3],
+    /// Of the largest axis, world units.
+    size: [f64; 3],
+}
+
+impl Spread {
+    fn of(scene: &Scene) -> Self {
+        let opacity = |&v: &f32| 1.0 / (1.0 + libm::exp(-f64::from(v)));
+        let size = |s: &[f32; 3]| libm::exp(f64::from(s[0].max(s[1]).max(s[2])));
+        Self {
+            opacity: percentiles(scene.opacity_logits.iter().map(opacity).collect()),
+            size: percentiles(scene.log_scales.iter().map(size).collect()),
+        }
+    }
+
+    fn human(&self) -> String {
+        let [a, b, c] = self.opacity;
+        let [x, y, z] = self.size;
+        format!(
+            "  opacity        {b:.3} (80 % from {a:.3} to {c:.3})\n  \
+             size           {y:.4} (80 % from {x:.4} to {z:.4}; largest axis)\n"
+        )
+    }
+
+    fn json(&self) -> Value {
+        json!({ "opacity": self.opacity, "size": self.size })
+    }
+}
+
+fn percentiles(mut values: Vec<f64>) -> [f64; 3] {
+    let last = values.len() - 1;
+    [0.1, 0.5, 0.9].map(|share| {
+        let at = (share * last as f64).round() as usize;
+        *values.select_nth_unstable_by(at, f64::total_cmp).1
+    })
+}

@@ -1,0 +1,107 @@
+//! How the command ends: its exit codes, and the one line that says what went wrong.
+
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
+
+/// Shown after the help.
+pub(crate) const CODES: &str = "\
+Exit codes:
+    0  the output is complete
+    1  failed: one line on standard error says why, and the output was not touched
+    2  wrong usage
+    3  the output is complete, but misses the target that was asked for
+  130  interrupted: the output was not touched
+  141  the reader of standard output went away";
+
+const FAILED: u8 = 1;
+const USAGE: u8 = 2;
+const MISSED: u8 = 3;
+/// What a shell reports for a process that SIGPIPE ended.
+const READER_GONE: u8 = 141;
+
+/// A value or a combination of flags that makes no sense.
+#[derive(Debug)]
+struct Usage(String);
+
+/// An output that was written, but misses its target.
+#[derive(Debug)]
+struct Missed(String);
+
+impl Display for Usage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Display for Missed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+impl std::error::Error for Missed {}
+
+/// An error that ends the command with the exit code of wrong usage.
+pub(crate) fn usage(text: impl Into<String>) -> anyhow::Error {
+    anyhow::Error::new(Usage(text.into()))
+}
+
+/// An error that says that the output was written, but misses its target.
+pub(crate) fn missed(text: impl Into<String>) -> anyhow::Error {
+    anyhow::Error::new(Missed(text.into()))
+}
+
+/// The chain of causes on one line, outermost first, each once: some errors repeat their cause in
+/// their own text.
+pub(crate) fn line(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain() {
+        let said = cause.to_string();
+        if text.contains(&said) {
+            continue;
+        }
+        if !text.is_empty() {
+            text += ": ";
+        }
+        text += &said;
+    }
+    text.replace(['\n', '\r'], " ")
+}
+
+/// Writes the error's line to standard error. Returns the exit code.
+pub(crate) fn code(error: &anyhow::Error) -> u8 {
+    let closed = |c: &(dyn std::error::Error + 'static)| {
+        c.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
+    };
+    if error.chain().any(closed) {
+        return READER_GONE;
+    }
+    note(format_args!("error: {}", line(error)));
+    if error.chain().any(|c| c.is::<Usage>()) {
+        USAGE
+    } else if error.chain().any(|c| c.is::<Missed>()) {
+        MISSED
+    } else {
+        FAILED
+    }
+}
+
+/// Writes a line to standard error. Nobody can be told if that fails.
+pub(crate) fn note(text: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn causes_were_said_twice() {
+        let cause = std::io::Error::other("no such thing");
+        let twice = gs_model::Error::Io { file: "a.ply".into(), action: "read", source: cause };
+        let error = Err::<(), _>(twice).context("model").unwrap_err();
+        assert_eq!(line(&error), "model: a.ply: cannot read: no such thing");
+    }
+}

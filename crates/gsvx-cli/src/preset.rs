@@ -1,0 +1,27 @@
+//! Names for qualities.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+
+/// A quality with a name.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Preset {
+    pub(crate) name: &'static str,
+    pub(crate) quality: f32,
+    help: &'static str,
+}
+
+/// All presets, from the smallest streams to the best.
+pub(crate) const PRESETS: [Preset; 4] = [
+    Preset { name: "tiny", quality: 30.0, help: "thumbnails and previews: quality 30" },
+    Preset { name: "web", quality: 50.0, help: "web pages: quality 50" },
+    Preset { name: "high", quality: 70.0, help: "viewing at full size: quality 70" },
+    Preset { name: "archive", quality: 90.0, help: "keeping and editing: quality 90" },
+];
+
+/// Reads the name of a preset.
+pub(crate) fn parser() -> impl TypedValueParser<Value = Preset> {
+    let values = PRESETS.map(|p| PossibleValue::new(p.name).help(p.help));
+    PossibleValuesParser::new(values).try_map(|name| {
+        PRESETS.into_iter().find(|p| p.name == name).ok_or_else(|| format!("no preset {name}"))
+    })
+}

@@ -1,0 +1,340 @@
+//! What the command reads, and what it says about what it cannot read.
+
+mod common;
+
+use common::{gsvx, model, one_line, wrong_usage};
+use gs_model::Scene;
+use std::path::{Path, PathBuf};
+use std::process::{Output, Stdio};
+
+fn scene() -> Scene {
+    let (scene, _) = gs_model::ply::read(model()).unwrap();
+    scene.select(&(0..400).collect::<Vec<_>>())
+}
+
+fn small(dir: &Path) -> PathBuf {
+    let path = dir.join("small.ply");
+    gs_model::ply::write(&path, &scene()).unwrap();
+    path
+}
+
+fn run(words: &[&str], paths: &[&Path]) -> Output {
+    let mut paths = paths.iter();
+    let words = words.iter().map(|&w| match w {
+        "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
+        word => word.into(),
+    });
+    gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
+}
+
+fn ok(words: &[&str], paths: &[&Path]) -> String {
+    let out = run(words, paths);
+    assert!(out.status.success(), "{words:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap()
+}
+
+fn json(words: &[&str], paths: &[&Path]) -> serde_json::Value {
+    serde_json::from_str(&ok(&[words, &["--json"]].concat(), paths)).unwrap()
+}
+
+fn piped(words: &[&str], input: &[u8]) -> Output {
+    use std::io::Write;
+    let mut child = gsvx()
+        .args(words)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let (mut stdin, input) = (child.stdin.take().unwrap(), input.to_vec());
+    let feeder = std::thread::spawn(move || stdin.write_all(&input));
+    let out = child.wait_with_output().unwrap();
+    // A command that refuses its input need not read all of it.
+    let _ = feeder.join().unwrap();
+    out
+}
+
+#[test]
+fn the_limit_on_gaussians_had_no_flag() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let (input, stream) = (small(dir.path()), at("a.gsvx"));
+    ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
+    let commands: [(&[&str], &[&Path]); 5] = [
+        (&["decode", "@", "-o", "@"], &[&stream, &at("a.ply")]),
+        (&["render", "@", "--orbit", "1", "--size", "32x24", "-o", "@"], &[&stream, &at("a.png")]),
+        (&["compare", "@", "@", "--orbit", "1", "--size", "32x24"], &[&stream, &stream]),
+        (&["convert", "@", "@"], &[&stream, &at("b.ply")]),
+        (&["info", "@"], &[&stream]),
+    ];
+    for (words, paths) in commands {
+        let with = |limit| run(&[words, &["--max-gaussians", limit]].concat(), paths);
+        one_line(&with("5"), "--max-gaussians");
+        assert!(with("2M").status.success(), "{words:?}");
+    }
+    one_line(&run(&["info", "@", "--max-gaussians", "399"], &[&input]), "--max-gaussians 400");
+}
+
+#[test]
+fn lossless_lost_normals_without_a_word() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
+    let quiet = json(&["encode", "@", "-o", "@", "--lossless"], &[&input, &stream]);
+    assert_eq!(quiet["lost_columns"], serde_json::json!([]));
+    let mut file = std::fs::read(&input).unwrap();
+    let body = file.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    // x y z nx ny nz: the third row's ny.
+    let stride = 62 * 4;
+    file[body + 2 * stride + 16..][..4].copy_from_slice(&1f32.to_le_bytes());
+    let with_normals = dir.path().join("normals.ply");
+    std::fs::write(&with_normals, &file).unwrap();
+    let words = ["encode", "@", "-o", "@", "--lossless", "--force"];
+    let out = run(&words, &[&with_normals, &stream]);
+    assert!(out.status.success());
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(said.contains("it loses: ny") && said.lines().count() == 1, "{said}");
+    let from_pipe = piped(&["encode", "-", "-o", "/dev/null", "--lossless"], &file);
+    if cfg!(unix) {
+        assert!(String::from_utf8_lossy(&from_pipe.stderr).contains("it loses: ny"));
+    }
+}
+
+#[test]
+fn messages_named_wrong_causes() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let (input, stream) = (small(dir.path()), at("a.gsvx"));
+    let line = |out: &Output, needle: &str| {
+        one_line(out, needle);
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        for wrong in ["disk", "Error", "<", "{"] {
+            assert!(!said.contains(wrong), "{said}");
+        }
+        said
+    };
+    // A coordinate that SPZ cannot hold.
+    let mut far = scene();
+    far.means[7][1] = 1e6;
+    gs_model::ply::write(at("far.ply"), &far).unwrap();
+    line(&run(&["convert", "@", "@"], &[&at("far.ply"), &at("far.spz")]), "beyond what SPZ holds");
+    // Compressed data that is damaged, in both containers of SPZ.
+    ok(&["convert", "@", "@"], &[&input, &at("a.spz")]);
+    let mut spz = std::fs::read(at("a.spz")).unwrap();
+    let middle = spz.len() / 2;
+    spz[middle..].iter_mut().for_each(|b| *b = !*b);
+    std::fs::write(at("bad.spz"), &spz).unwrap();
+    line(&run(&["info", "@"], &[&at("bad.spz")]), "bad.spz");
+    std::fs::write(at("bad2.spz"), [&[0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 0][..], &[7; 50]].concat())
+        .unwrap();
+    line(&run(&["info", "@"], &[&at("bad2.spz")]), "damaged or cut short");
+    // A stream where a model is expected, from a file and from a pipe.
+    ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
+    let said = line(&run(&["encode", "@", "-o", "@"], &[&stream, &at("b.gsvx")]), "gsvx decode");
+    assert!(said.contains("is a gsvx stream already"));
+    let bytes = std::fs::read(&stream).unwrap();
+    line(&piped(&["encode", "-", "-o", "-"], &bytes), "is a gsvx stream already");
+    // A stream that was cut.
+    std::fs::write(at("cut.gsvx"), &bytes[..bytes.len() - 9]).unwrap();
+    line(&run(&["decode", "@", "-o", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--allow-truncated");
+    line(&run(&["convert", "@", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--allow-truncated");
+    // The system's reason once.
+    let said = line(&run(&["info", "@"], &[&at("absent.ply")]), "absent.ply");
+    assert_eq!(said.matches("os error").count(), 1, "{said}");
+    line(&run(&["encode", "@", "-o", "@"], &[dir.path(), &at("b.gsvx")]), "is a folder");
+}
+
+#[test]
+fn cameras_of_enormous_images_ended_in_an_abort() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, cameras) = (small(dir.path()), dir.path().join("cameras.json"));
+    let camera = |id: u32| {
+        format!(
+            r#"{{"id":{id},"img_name":"c{id}","width":100000,"height":100000,"fx":9e4,"fy":9e4,
+            "position":[0,0,-3],"rotation":[[1,0,0],[0,1,0],[0,0,1]]}}"#
+        )
+    };
+    std::fs::write(&cameras, format!("[{},{}]", camera(0), camera(1))).unwrap();
+    let out = dir.path().join("out");
+    let words = ["render", "@", "--cameras", "@", "-o", "@"];
+    one_line(&run(&words, &[&input, &cameras, &out]), "--scale");
+    let words = ["encode", "@", "--cameras", "@", "-o", "@"];
+    one_line(&run(&words, &[&input, &cameras, &out]), "100000x100000 pixels");
+    let words = ["render", "@", "--cameras", "@", "-o", "@", "--scale", "0.0005"];
+    ok(&words, &[&input, &cameras, &out]);
+}
+
+/// `ended: Steps`.
+#[test]
+fn a_finetune_said_why_it_ended_in_a_name_of_the_code() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, out) = (small(dir.path()), dir.path().join("a.ply"));
+    let room = common::room();
+    let words = ["finetune", "@", "--cameras", "@", "--steps", "2", "--backend", "cpu", "-o", "@"];
+    let said = ok(&words, &[&input, &room, &out]);
+    assert!(said.contains("all steps are done") && !said.contains("Steps"), "{said}");
+}
+
+#[test]
+fn a_pipe_could_not_say_its_format() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let input = small(dir.path());
+    ok(&["convert", "@", "@"], &[&input, &at("a.splat")]);
+    let splat = std::fs::read(at("a.splat")).unwrap();
+    one_line(&piped(&["convert", "-", "-", "--to", "ply"], &splat), "--from splat");
+    let out = piped(&["convert", "-", "-", "--to", "ply", "--from", "splat"], &splat);
+    assert_eq!(gs_model::ply::read_bytes(&out.stdout).unwrap().0.len(), 400);
+    let out = piped(&["info", "-", "--from", "splat", "--json"], &splat[..320]);
+    let said: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((&said["format"], &said["gaussians"]), (&".splat".into(), &10.into()));
+    // The wrong format is named, with the input's name.
+    one_line(&piped(&["info", "-", "--from", "splat"], &splat[..33]), "standard input: 33 bytes");
+    one_line(&piped(&["info", "-", "--from", "ply"], &splat), "standard input: not a PLY");
+    // A file whose name says nothing, too.
+    std::fs::write(at("odd"), &splat).unwrap();
+    ok(&["encode", "@", "-o", "@", "--from", "splat"], &[&at("odd"), &at("odd.gsvx")]);
+}
+
+#[test]
+fn info_read_streams_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let input = small(dir.path());
+    for (name, format, degree) in [
+        ("a.ply", "PLY, binary little-endian", 3),
+        ("a.spz", "SPZ, version 4", 3),
+        ("a.splat", ".splat", 0),
+    ] {
+        ok(&["convert", "@", "@"], &[&input, &at(name)]);
+        let said = json(&["info", "@"], &[&at(name)]);
+        assert_eq!((&said["format"], &said["gaussians"]), (&format.into(), &400.into()));
+        assert_eq!(said["sh_degree"], degree);
+        assert_eq!(said["bytes"], std::fs::metadata(at(name)).unwrap().len());
+        assert!(ok(&["info", "@"], &[&at(name)]).contains(format));
+    }
+    // Several at once, one of them absent: the others are shown.
+    let out = run(&["info", "@", "@", "@"], &[&at("a.ply"), &at("absent"), &at("a.spz")]);
+    assert_eq!(out.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&out.stdout);
+    assert!(said.contains("a.ply") && said.contains("a.spz"), "{said}");
+    assert!(String::from_utf8_lossy(&out.stderr).contains("1 of 3 inputs failed"));
+}
+
+#[test]
+fn many_inputs_took_many_commands() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let input = small(dir.path());
+    for name in ["a.ply", "b.ply"] {
+        std::fs::copy(&input, at(name)).unwrap();
+    }
+    let (out, back) = (at("out"), at("back"));
+    ok(&["encode", "@", "@", "-o", "@"], &[&at("a.ply"), &at("b.ply"), &out]);
+    let streams = [out.join("a.gsvx"), out.join("b.gsvx")];
+    assert!(std::fs::read(&streams[0]).unwrap() == std::fs::read(&streams[1]).unwrap());
+    ok(&["decode", "@", "@", "-o", "@", "--to", "spz"], &[&streams[0], &streams[1], &back]);
+    assert!(std::fs::read(back.join("b.spz")).unwrap().starts_with(b"NGSP"));
+    // A single one into a folder, too.
+    std::fs::create_dir(at("one")).unwrap();
+    ok(&["encode", "@", "-o", "@"], &[&at("a.ply"), &at("one")]);
+    assert!(at("one/a.gsvx").exists());
+    // Conflicts are found before any work.
+    let again = run(&["encode", "@", "@", "-o", "@"], &[&input, &at("b.ply"), &out]);
+    one_line(&again, "--force");
+    assert!(!out.join("small.gsvx").exists());
+    let copy = out.join("a.ply");
+    std::fs::copy(&input, &copy).unwrap();
+    let words = ["encode", "@", "@", "-o", "@"];
+    wrong_usage(&run(&words, &[&at("a.ply"), &copy, &at("two")]), "would both become");
+    wrong_usage(&run(&words, &[&at("a.ply"), &input, &at("b.ply")]), "gsvx convert");
+    wrong_usage(&run(&["encode", "@", "@", "-o", "-"], &[&at("a.ply"), &input]), "FOLDER");
+    // One that fails does not stop the others.
+    std::fs::write(at("bad.ply"), "no model").unwrap();
+    let out = run(&words, &[&at("bad.ply"), &at("b.ply"), &at("three")]);
+    assert_eq!(out.status.code(), Some(1));
+    assert!(at("three/b.gsvx").exists());
+}
+
+#[test]
+fn sizes_and_presets_had_to_be_numbers() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
+    let words = ["encode", "@", "-o", "@", "--force", "--target-bytes", "8.5k"];
+    let size = json(&words, &[&input, &stream])["bytes"].as_u64().unwrap();
+    assert!(size <= 8500, "{size}");
+    let mut last = 0;
+    for (name, quality) in [("tiny", 30.0), ("web", 50.0), ("high", 70.0), ("archive", 90.0)] {
+        let words = ["encode", "@", "-o", "@", "--force", "--preset", name];
+        let said = json(&words, &[&input, &stream]);
+        assert_eq!(said["quality"], quality);
+        assert!(said["bytes"].as_u64().unwrap() > last, "{said}");
+        last = said["bytes"].as_u64().unwrap();
+    }
+}
+
+#[test]
+fn spz_of_niantics_tools_stood_on_its_head() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let input = small(dir.path());
+    let read = |name: &str| gs_model::model::read(at(name), &Default::default()).unwrap().0;
+    ok(&["convert", "@", "@"], &[&input, &at("turned.spz")]);
+    ok(&["convert", "@", "@", "--axes", "keep"], &[&input, &at("kept.spz")]);
+    let (turned, kept) = (read("turned.spz"), read("kept.spz"));
+    for (a, b) in turned.means.iter().zip(&kept.means) {
+        assert_eq!(*a, [b[0], -b[1], -b[2]]);
+    }
+    // Back again the same way: the model as it was.
+    ok(&["convert", "@", "@", "--axes", "keep"], &[&at("kept.spz"), &at("back.ply")]);
+    ok(&["convert", "@", "@"], &[&at("turned.spz"), &at("back2.ply")]);
+    let (a, b) = (read("back.ply"), read("back2.ply"));
+    assert_eq!(a.means, b.means);
+    let words = ["compare", "@", "@", "--orbit", "2", "--size", "80x60"];
+    let said = json(&words, &[&input, &at("back.ply")]);
+    assert!(said["psnr"].as_f64().unwrap() > 35.0, "{said}");
+    // SPZ to SPZ turns nothing, whichever way.
+    ok(&["convert", "@", "@", "--axes", "keep"], &[&at("kept.spz"), &at("same.spz")]);
+    assert_eq!(read("same.spz").means, kept.means);
+    let help = ok(&["convert", "--help"], &[]);
+    assert!(help.contains("ply_to_spz") && help.contains("--axes keep"), "{help}");
+}
+
+#[test]
+fn compare_showed_no_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let input = small(dir.path());
+    ok(&["encode", "@", "-o", "@", "--preset", "tiny"], &[&input, &at("a.gsvx")]);
+    let words = ["compare", "@", "@", "--orbit", "4", "--size", "60x40", "-o", "@"];
+    let (stream, pictures) = (at("a.gsvx"), at("pictures"));
+    let paths = [&input, &stream, &pictures].map(PathBuf::as_path);
+    let said = json(&words, &paths);
+    let views = said["views"].as_array().unwrap();
+    let psnr = |view: &serde_json::Value| view["psnr"].as_f64().unwrap();
+    let worst = views.iter().min_by(|a, b| psnr(a).total_cmp(&psnr(b))).unwrap();
+    let pictures = said["pictures"].as_array().unwrap();
+    assert_eq!(pictures.len(), 4);
+    let first = Path::new(pictures[0].as_str().unwrap());
+    let name = first.file_name().unwrap().to_str().unwrap();
+    assert_eq!(name, format!("1-{}.png", worst["name"].as_str().unwrap()));
+    let picture = image::open(first).unwrap().to_rgb8();
+    assert_eq!(picture.dimensions(), (3 * 60 + 16, 40));
+    // The difference is not black.
+    let last = picture.enumerate_pixels().filter(|(x, ..)| *x >= 136);
+    assert!(last.map(|(.., p)| u64::from(p[1])).sum::<u64>() > 0);
+    one_line(&run(&words, &paths), "--force");
+    ok(&[&words[..], &["--force"]].concat(), &paths);
+}
+
+#[test]
+fn the_short_help_had_every_flag() {
+    let short = ok(&["encode", "-h"], &[]);
+    let flags = short.lines().filter(|l| l.trim_start().starts_with('-'));
+    // Eight, and -h.
+    assert_eq!(flags.count(), 9, "{short}");
+    let long = ok(&["encode", "--help"], &[]);
+    for expected in ["--max-sh-degree", "--profile", "--json", "For experts", "What is kept"] {
+        assert!(long.contains(expected), "{long}");
+        assert!(!short.contains(expected), "{short}");
+    }
+}

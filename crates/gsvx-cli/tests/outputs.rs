@@ -1,0 +1,257 @@
+//! Where outputs go: links, devices, modes, the input itself, targets out of reach.
+
+mod common;
+
+use common::{gsvx, model, one_line, wrong_usage};
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+/// A few hundred Gaussians of the room.
+fn small(dir: &Path) -> PathBuf {
+    let (scene, _) = gs_model::ply::read(model()).unwrap();
+    let path = dir.join("small.ply");
+    gs_model::ply::write(&path, &scene.select(&(0..400).collect::<Vec<_>>())).unwrap();
+    path
+}
+
+fn run(words: &[&str], paths: &[&Path]) -> Output {
+    let mut paths = paths.iter();
+    let words = words.iter().map(|&w| match w {
+        "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
+        word => word.into(),
+    });
+    gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
+}
+
+fn ok(words: &[&str], paths: &[&Path]) -> Output {
+    let out = run(words, paths);
+    assert!(out.status.success(), "{words:?}: {}", String::from_utf8_lossy(&out.stderr));
+    out
+}
+
+fn error(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stderr).trim_end().to_owned()
+}
+
+#[test]
+fn an_unreachable_target_ended_as_if_it_were_reached() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
+    let out = run(&["encode", "@", "-o", "@", "--target-bytes", "100"], &[&input, &stream]);
+    assert_eq!(out.status.code(), Some(3));
+    assert!(error(&out).contains("below the smallest stream"), "{}", error(&out));
+    assert_eq!(error(&out).lines().count(), 1);
+    // The best there is was written.
+    let smallest = std::fs::read(&stream).unwrap();
+    assert!(!gsvx::decode(&smallest, &Default::default()).unwrap().scene.is_empty());
+    let words = ["encode", "@", "-o", "@", "--force", "--cameras", "@", "--target-psnr", "90"];
+    let room = common::room();
+    let out = run(&[&words[..], &["--json"]].concat(), &[&input, &stream, &room]);
+    assert_eq!(out.status.code(), Some(3));
+    assert!(error(&out).lines().last().unwrap().contains("not 90.00"), "{}", error(&out));
+    let said: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(said["target_reached"], false);
+    assert!(std::fs::read(&stream).unwrap().len() > smallest.len());
+}
+
+#[test]
+fn force_replaced_the_input_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let input = small(dir.path());
+    let before = std::fs::read(&input).unwrap();
+    let hard = dir.path().join("hard.bin");
+    std::fs::hard_link(&input, &hard).unwrap();
+    let mut others = vec![input.clone(), hard, dir.path().join(".").join("small.ply")];
+    #[cfg(unix)]
+    {
+        let soft = dir.path().join("soft.bin");
+        std::os::unix::fs::symlink(&input, &soft).unwrap();
+        others.push(soft);
+    }
+    for output in others {
+        let out = run(&["convert", "@", "@", "--to", "splat", "--force"], &[&input, &output]);
+        one_line(&out, "is the input itself");
+    }
+    assert!(std::fs::read(&input).unwrap() == before);
+}
+
+#[test]
+fn the_extension_did_not_decide_the_format() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let (input, stream) = (small(dir.path()), at("a.gsvx"));
+    ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
+    for (name, start) in [("a.spz", &b"NGSP"[..]), ("a.ply", b"ply\n"), ("a.SPZ2", b"ply\n")] {
+        ok(&["decode", "@", "-o", "@"], &[&stream, &at(name)]);
+        assert!(std::fs::read(at(name)).unwrap().starts_with(start), "{name}");
+    }
+    ok(&["decode", "@", "-o", "@"], &[&stream, &at("a.splat")]);
+    assert_eq!(std::fs::metadata(at("a.splat")).unwrap().len() % 32, 0);
+    ok(&["decode", "@", "-o", "@", "--to", "spz"], &[&stream, &at("b")]);
+    assert!(std::fs::read(at("b")).unwrap().starts_with(b"NGSP"));
+    wrong_usage(&run(&["decode", "@", "-o", "@"], &[&stream, &at("b.gsvx")]), "gsvx encode");
+    wrong_usage(&run(&["encode", "@", "-o", "@"], &[&input, &at("c.ply")]), "gsvx convert");
+    wrong_usage(&run(&["render", "@", "--orbit", "1", "-o", "@"], &[&input, &at("c.jpg")]), ".png");
+    assert!(!at("c.ply").exists() && !at("b.gsvx").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn the_umask_was_ignored() {
+    use std::os::unix::fs::PermissionsExt;
+    let dir = tempfile::tempdir().unwrap();
+    let (input, output) = (small(dir.path()), dir.path().join("a.ply"));
+    let mode = || std::fs::metadata(&output).unwrap().permissions().mode() & 0o777;
+    for (umask, expected) in [("077", 0o600), ("022", 0o644), ("002", 0o664)] {
+        let _ = std::fs::remove_file(&output);
+        let script = format!("umask {umask}; exec \"$0\" convert \"$1\" \"$2\"");
+        let mut shell = std::process::Command::new("sh");
+        shell.args(["-c", &script, env!("CARGO_BIN_EXE_gsvx")]).args([&input, &output]);
+        assert!(shell.output().unwrap().status.success());
+        assert_eq!(mode(), expected, "umask {umask}");
+    }
+    // A replaced file keeps its mode.
+    std::fs::set_permissions(&output, std::fs::Permissions::from_mode(0o640)).unwrap();
+    ok(&["convert", "@", "@", "--force"], &[&input, &output]);
+    assert_eq!(mode(), 0o640);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_was_replaced_instead_of_the_file_it_names() {
+    use std::os::unix::fs::symlink;
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let input = small(dir.path());
+    std::fs::create_dir(at("far")).unwrap();
+    symlink("far/file.ply", at("link.ply")).unwrap();
+    symlink("link.ply", at("second.ply")).unwrap();
+    // First a link to nothing, then one to a file.
+    ok(&["convert", "@", "@"], &[&input, &at("second.ply")]);
+    assert!(std::fs::read(at("far/file.ply")).unwrap() == std::fs::read(&input).unwrap());
+    one_line(&run(&["convert", "@", "@"], &[&input, &at("link.ply")]), "--force");
+    std::fs::write(at("far/file.ply"), "old").unwrap();
+    ok(&["convert", "@", "@", "--force"], &[&input, &at("link.ply")]);
+    assert!(std::fs::read(at("far/file.ply")).unwrap() == std::fs::read(&input).unwrap());
+    for link in ["link.ply", "second.ply"] {
+        assert!(std::fs::symlink_metadata(at(link)).unwrap().is_symlink());
+    }
+    symlink("b", at("a")).unwrap();
+    symlink("a", at("b")).unwrap();
+    one_line(&run(&["convert", "@", "@", "--to", "ply"], &[&input, &at("a")]), "circle");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_device_was_refused_and_a_full_one_was_not_noticed() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
+    ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
+    ok(&["encode", "@", "-o", "/dev/null"], &[&input]);
+    ok(&["decode", "@", "-o", "/dev/null"], &[&stream]);
+    let piped = ok(&["encode", "@", "-o", "/dev/stdout"], &[&input]);
+    assert!(piped.stdout == std::fs::read(&stream).unwrap());
+    if !Path::new("/dev/full").exists() {
+        return;
+    }
+    one_line(&run(&["encode", "@", "-o", "/dev/full"], &[&input]), "the disk is full");
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let out = gsvx().arg("info").arg(&stream).stdout(full).output().unwrap();
+    one_line(&out, "could not be written");
+}
+
+/// A report that nobody reads is no error; data that nobody reads is, but a quiet
+/// one.
+#[cfg(unix)]
+#[test]
+fn a_closed_pipe_gave_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
+    ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
+    let closed = |words: &[&str], input: &Path| {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        gsvx().args(words).arg(input).args(["-o", "-"]).stdout(writer).output().unwrap()
+    };
+    let out = closed(&["decode"], &stream);
+    assert_eq!((out.status.code(), error(&out).as_str()), (Some(141), ""));
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let out = gsvx().arg("info").arg(&stream).stdout(writer).output().unwrap();
+    assert_eq!((out.status.code(), error(&out).as_str()), (Some(0), ""));
+}
+
+#[test]
+fn wrong_values_looked_like_failures() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, out) = (small(dir.path()), dir.path().join("a.gsvx"));
+    for wrong in [
+        &["--quality", "101"][..],
+        &["--quality", "nan"],
+        &["--prune", "1"],
+        &["--target-mbit", "0"],
+        &["--target-bytes", "0"],
+        &["--target-bytes", "1XB"],
+        &["--preset", "huge"],
+        &["--qp", "28,4,4"],
+        &["--qp", "28,x,4,4", "--profile", "paper"],
+        &["--target-psnr", "inf", "--cameras", "x"],
+        &["--preset", "web", "--quality", "60"],
+    ] {
+        wrong_usage(
+            &run(&[&["encode", "@", "-o", "@"], wrong].concat(), &[&input, &out]),
+            wrong[0],
+        );
+    }
+    for wrong in [
+        &["--scale", "0"][..],
+        &["--fov", "200"],
+        &["--elevation", "90"],
+        &["--orbit-radius", "0"],
+        &["--up", "w"],
+        &["--background", "1,2,3"],
+        &["--background", "1,0"],
+    ] {
+        let words = [&["render", "@", "--orbit", "1", "-o", "@"], wrong].concat();
+        wrong_usage(&run(&words, &[&input, &dir.path().join("a.png")]), wrong[0]);
+    }
+}
+
+/// `timeout` and service managers send SIGTERM, some to the process and to its
+/// group.
+#[cfg(unix)]
+#[test]
+fn a_terminated_finetune_kept_nothing() {
+    use std::process::{Command, Stdio};
+    for signals in [&["-TERM"][..], &["-INT"], &["-TERM", "-TERM"]] {
+        let dir = tempfile::tempdir().unwrap();
+        let output = dir.path().join("tuned.ply");
+        let mut child = gsvx()
+            .arg("finetune")
+            .arg(small(dir.path()))
+            .arg("--cameras")
+            .arg(common::room())
+            .args(["--steps", "1000000", "--patience", "0", "--past-input", "--backend", "cpu"])
+            .arg("--checkpoint")
+            .arg(dir.path().join("c.ckpt"))
+            .args(["--checkpoint-every", "1", "-o"])
+            .arg(&output)
+            .stderr(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // A checkpoint shows that the tuning has begun.
+        while !dir.path().join("c.ckpt").exists() {
+            assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        for signal in signals {
+            Command::new("kill").args([signal, child.id().to_string().as_str()]).status().unwrap();
+        }
+        let out = child.wait_with_output().unwrap();
+        assert!(out.status.success(), "{signals:?}: {}", error(&out));
+        let said = String::from_utf8_lossy(&out.stdout);
+        assert!(said.contains("interrupted"), "{said}");
+        assert!(!gs_model::ply::read(&output).unwrap().0.is_empty());
+    }
+}
