@@ -54,7 +54,7 @@ impl AttributeErrors {
         let shape = rms(&|i, j| {
             let p = coordinates(a.rotations[i], a.log_scales[i]);
             let q = coordinates(b.rotations[j], b.log_scales[j]);
-            p.iter().zip(q).map(|(x, y)| (x - y) * (x - y)).sum()
+            p.iter().zip(q).map(|(x, y)| f64::from(x - y) * f64::from(x - y)).sum()
         });
         let opacity = rms(&|i, j| {
             let d = sigmoid(a.opacity_logits[i]) - sigmoid(b.opacity_logits[j]);

@@ -18,7 +18,7 @@ Examples:
   gsvx decode scene.gsvx -o back.spz                       SPZ or .splat, by the extension
   gsvx decode *.gsvx -o models/                            one PLY per stream
   gsvx decode scene.gsvx -o base.ply --max-sh-degree 0     base colour only
-  gsvx decode scene.gsvx -o far.ply --lod 9                at most one Gaussian per cell
+  gsvx decode scene.gsvx -o coarse.ply --lod 1             a coarser level of detail
   curl https://example.org/scene.gsvx | gsvx decode - -o back.ply
   gsvx decode half.gsvx -o part.ply --allow-truncated";
 
@@ -39,10 +39,10 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 3, value_name = "DEGREE",
           value_parser = clap::value_parser!(u8).range(0..=3))]
     max_sh_degree: u8,
-    /// Level of detail: at most one Gaussian per octree cell of this depth.
-    #[arg(long, value_name = "DEPTH", value_parser = clap::value_parser!(u8).range(0..=21))]
-    lod: Option<u8>,
-    /// Decode what a truncated stream still holds instead of failing.
+    /// Level of detail: 0 is the finest; gsvx info tells which there are.
+    #[arg(long, value_name = "LEVEL", default_value_t = 0)]
+    lod: u8,
+    /// Decode what is whole of a truncated or damaged stream instead of failing.
     #[arg(long)]
     allow_truncated: bool,
     #[command(flatten)]
@@ -65,14 +65,14 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
     let (written, stdout) = (output.name(), output.is_stdout());
     let start = Instant::now();
     let bytes = input::bytes(&job.input)?;
-    let options = gsvx::DecodeOptions {
-        max_sh_degree: args.max_sh_degree,
-        lod: args.lod,
-        allow_truncated: args.allow_truncated,
-        max_gaussians: args.limit.max_gaussians,
-    };
-    let made = if options.lod.is_some() || format != Model::Ply {
-        let decoded = gsvx::decode(&bytes, &options).map_err(|e| damage(e, args, &job.input))?;
+    let mut options = gsvx::DecodeOptions::default();
+    options.max_sh_degree = args.max_sh_degree;
+    options.lod = args.lod;
+    options.salvage = args.allow_truncated;
+    options.max_gaussians = args.limit.max_gaussians;
+    let made = if format != Model::Ply {
+        let decoded =
+            gsvx::decode_with(&bytes, &options).map_err(|e| damage(e, args, &job.input))?;
         drop(bytes);
         let scene = &decoded.scene;
         output.write(|out| Ok(format.write(out, scene, &Default::default())?))?;
@@ -152,14 +152,10 @@ fn write(
     }
     output.write(|out| {
         out.write_all(&header)?;
-        // Each part is written while the next are decoded; nothing holds the whole scene.
-        outcome(decoder.parts(
-            |part| part.scene,
-            |scene| {
-                let written = gs_model::ply::write_rows_to(&mut *out, &scene);
-                written.map_err(|e| Stop::Output(e.into()))
-            },
-        ))
+        outcome(decoder.chunks(|scene| {
+            let written = gs_model::ply::write_rows_to(&mut *out, &scene);
+            written.map_err(|e| Stop::Output(e.into()))
+        }))
     })
 }
 

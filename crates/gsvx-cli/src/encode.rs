@@ -12,9 +12,8 @@ use crate::trim::Trim;
 use crate::{input, progress, size, views};
 use anyhow::{Context, Result};
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, Entropy, PaperQp, Prepared, rate};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, Prepared, rate};
 use serde_json::{Value, json};
-use std::borrow::Cow;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxel::Strategy;
@@ -31,9 +30,9 @@ Examples:
   gsvx encode model.ply -o scene.gsvx --target-bytes 1.5MB
   gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
   gsvx encode model.ply -o scene.gsvx --lossless
+  gsvx encode model.ply -o scene.gsvx --lod                    a coarse scene first
   gsvx encode *.ply -o streams/                                one stream per model
   gsvx encode model.ply -o scene.gsvx --prune 0.2 --cameras data/fox
-  gsvx encode model.ply -o paper.gsvx --profile paper --qp 28,4,4 --depth 15
   gsvx encode - -o - < model.ply > scene.gsvx";
 
 /// Heading of what most people never need.
@@ -77,8 +76,11 @@ pub(crate) struct Args {
     /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
     /// those that are not zero.
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
-          "max_sh_degree", "profile", "prune", "trim"])]
+          "max_sh_degree", "prune", "trim", "lod"])]
     lossless: bool,
+    /// Store a coarse scene first, for viewers that show a scene while it loads.
+    #[arg(long)]
+    lod: bool,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
@@ -105,15 +107,6 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MBIT", group = "rate", value_parser = positive,
           hide_short_help = true, help_heading = EXPERTS)]
     target_mbit: Option<f64>,
-    /// Coding choices: default, or paper for those of the paper (uniform voxels, unweighted RAHT,
-    /// RLGR, QPs, covariance codebook).
-    #[arg(long, default_value = "default", conflicts_with_all = ["fast", "small", "target_psnr"],
-          hide_short_help = true, help_heading = EXPERTS)]
-    profile: Profile,
-    /// With --profile paper: quantisation parameters of AC, DC and opacity [default: by quality].
-    #[arg(long, value_name = "AC,DC,OPACITY", value_parser = qp, hide_short_help = true,
-          help_heading = EXPERTS)]
-    qp: Option<PaperQp>,
     /// Voxelize uniformly at this octree depth instead of by rate and distortion.
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=21), hide_short_help = true,
           help_heading = EXPERTS)]
@@ -124,17 +117,10 @@ pub(crate) struct Args {
           help_heading = EXPERTS)]
     j_low: Option<u8>,
     /// Covariance mode: transform, vq:BITS (a codebook of 2^BITS) or lossless:BITS (integers)
-    /// [default: transform; of --profile paper: vq:12].
+    /// [default: transform].
     #[arg(long, value_parser = covariance, value_name = "MODE", hide_short_help = true,
           help_heading = EXPERTS)]
     covariance: Option<CovarianceMode>,
-    /// Code with RLGR, without prediction: decodes in two thirds to four fifths of the time, 8 to
-    /// 10 % larger.
-    #[arg(long, hide_short_help = true, help_heading = EXPERTS)]
-    fast: bool,
-    /// Code large models as small ones: 2 % smaller, and decoded in almost twice the time.
-    #[arg(long, conflicts_with = "fast", hide_short_help = true, help_heading = EXPERTS)]
-    small: bool,
 }
 
 impl Args {
@@ -319,19 +305,9 @@ impl Encoding {
 }
 
 fn lossless(job: &Job, scene: &Scene) -> Result<Encoding> {
-    let encoded = gsvx::encode_lossless(scene).with_context(|| input::name(&job.input))?;
+    let encoded = gsvx::encode_lossless(scene, false).with_context(|| input::name(&job.input))?;
     let (gaussians, note) = (scene.len(), "every float bit for bit".into());
     Ok(Encoding { encoded, gaussians, note, ..Encoding::default() })
-}
-
-/// Octree depth of the paper's profile where none is given: finer with the rate.
-fn paper_depth(quality: f32) -> u8 {
-    match quality {
-        q if q < 27.0 => 13,
-        q if q < 55.0 => 14,
-        q if q < 83.0 => 15,
-        _ => 16,
-    }
 }
 
 /// What one encode of a search makes: the stream and its number of Gaussians.
@@ -339,55 +315,43 @@ type EncodedWithCount = (Encoded, usize);
 
 /// The coding choices at a quality.
 fn options_at(args: &Args, q: f32) -> gsvx::Result<EncodeOptions> {
-    let mut options = if args.profile == Profile::Paper {
-        let covariance = args.covariance.unwrap_or(CovarianceMode::Vq { bits: 12 });
-        EncodeOptions::paper(args.qp.unwrap_or(PaperQp::of_quality(q)), covariance)
-    } else {
-        EncodeOptions {
-            covariance: args.covariance.unwrap_or_default(),
-            entropy: match (args.fast, args.small) {
-                (true, _) => Entropy::Fast,
-                (_, true) => Entropy::Small,
-                _ => Entropy::Range,
-            },
-            ..EncodeOptions::from_quality(q)?
-        }
-    };
+    let mut options = EncodeOptions::from_quality(q)?;
+    options.covariance = args.covariance.unwrap_or_default();
     options.max_sh_degree = args.max_sh_degree;
+    options.lod = args.lod;
     Ok(options)
 }
 
-/// Voxelizes and encodes at a quality. `scene` is dropped before the encoder runs if it is owned.
+/// Voxelizes and encodes at a quality.
 fn encode_at(
     args: &Args,
-    scene: Cow<'_, Scene>,
+    scene: &Scene,
     outliers: Option<&Scene>,
     (cameras, seen): (Option<&[Camera]>, Option<&[f32]>),
     q: f32,
 ) -> gsvx::Result<EncodedWithCount> {
     let _bar = progress::spinner(format!("encoding at quality {q:.1}"));
-    let paper = args.profile == Profile::Paper;
     let strategy = |importance: &[f32], seen| match (args.depth, args.j_low) {
         (Some(depth), Some(j_low)) => Ok(Strategy::paper(j_low.min(depth), depth)),
         (Some(depth), None) => Ok(Strategy::Uniform { depth }),
-        (None, _) if paper => Ok(Strategy::Uniform { depth: paper_depth(q) }),
         (None, _) => gsvx::default_strategy(q, importance, seen),
     };
     let mut options = options_at(args, q)?;
-    options.outliers = outliers.cloned();
-    let exact = outliers.map_or(0, Scene::len);
-    if !paper && options.covariance == CovarianceMode::Transform {
-        let (encoded, leaves) = gsvx::encode_model(scene, strategy, seen, &options)?;
-        return Ok((encoded, leaves + exact));
-    }
-    let Prepared { scene: merged, voxels, importance } = gsvx::prepare(&scene, strategy, seen)?;
-    drop(scene);
-    options.importance = Some(importance);
-    if let (CovarianceMode::Vq { .. }, Some(cameras)) = (options.covariance, cameras) {
-        options.covariance_sensitivity = Some(finetune::covariance_sensitivity(&merged, cameras));
-    }
-    let encoded = gsvx::encode(&merged, &voxels, &options)?;
-    Ok((encoded, merged.len() + exact))
+    let encoded = match (options.covariance, cameras) {
+        (CovarianceMode::Vq { .. }, Some(cameras)) => {
+            let Prepared { scene, voxels, importance } = gsvx::prepare(scene, strategy, seen)?;
+            options.importance = Some(importance);
+            options.covariance_sensitivity =
+                Some(finetune::covariance_sensitivity(&scene, cameras));
+            gsvx::encode_voxels(&scene, &voxels, outliers, &options)?
+        }
+        _ => {
+            options.importance = seen.map(<[f32]>::to_vec);
+            gsvx::encode_with(scene, strategy, outliers, &options)?
+        }
+    };
+    let gaussians = encoded.index.header.count as usize;
+    Ok((encoded, gaussians))
 }
 
 /// The cameras of an encode, and what they see of each Gaussian.
@@ -441,8 +405,7 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
         smallest_above(args, &scene, outliers.as_ref(), &views, *target, reference)
     } else {
         let quality = args.quality();
-        let scene = Cow::Owned(scene);
-        encode_at(args, scene, outliers.as_ref(), views.parts(), quality).map(|(encoded, n)| {
+        encode_at(args, &scene, outliers.as_ref(), views.parts(), quality).map(|(encoded, n)| {
             Encoding {
                 encoded,
                 gaussians: n,
@@ -469,7 +432,6 @@ fn largest_below(
 ) -> gsvx::Result<Encoding> {
     let mut counts = Vec::new();
     let mut at = |q: f32| {
-        let scene = Cow::Borrowed(scene);
         let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), q)?;
         counts.push((q, gaussians));
         Ok(encoded)
@@ -501,14 +463,14 @@ fn smallest_above(
 ) -> gsvx::Result<Encoding> {
     let mut counts = Vec::new();
     let at = |q: f32| {
-        let scene = Cow::Borrowed(scene);
         let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), q)?;
         counts.push((q, gaussians));
         Ok(encoded)
     };
     let measure = |encoded: &Encoded| {
-        let options = gsvx::DecodeOptions { max_gaussians: Some(u64::MAX), ..Default::default() };
-        Ok(reference.psnr(&gsvx::decode(&encoded.bytes, &options)?.scene))
+        let mut options = gsvx::DecodeOptions::default();
+        options.max_gaussians = Some(u64::MAX);
+        Ok(reference.psnr(&gsvx::decode_with(&encoded.bytes, &options)?.scene))
     };
     let found = rate::to_measure(target, at, measure)?;
     let got = found.measured.unwrap_or(f64::NAN);
@@ -523,7 +485,7 @@ fn smallest_above(
 }
 
 fn search_result(
-    found: rate::Found,
+    found: rate::Found<Encoded>,
     counts: &[(f32, usize)],
     note: String,
     missed: Option<String>,

@@ -6,8 +6,7 @@ use crate::input::{self, Opened, ReadingAny};
 use crate::output::megabytes;
 use crate::report::Reporter;
 use anyhow::Result;
-use gsvx::slices;
-use gsvx::stream::{Container, Header, SectionKind};
+use gsvx::{Chunk, DecodeOptions, Decoder, Index, Kind};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -38,85 +37,90 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     })
 }
 
-/// Prints header and sections of a stream, and what a truncated file still holds.
+/// Prints what a stream holds, and what is missing or damaged.
 fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()> {
     let name = input::name(path);
-    let container = Container::parse(bytes).map_err(|e| input::explain_stream(e, path, ""))?;
-    let h = &container.header;
-    let (have, total) = (bytes.len() as u64, container.expected_len());
-    let outliers = container.outliers();
-    let gaussians = h.count.saturating_add(outliers);
-    args.reading.limit().check(path, gaussians)?;
-    let per = |n: u64| 8.0 * n as f64 / (gaussians.max(1) as f64);
-    let mut sections = vec![("header".to_owned(), container.body_offset() as u64, None, false)];
-    for entry in &container.toc {
-        let payload = container.section(entry.kind);
-        let predicted = matches!(payload, Ok(Some(p)) if is_predicted(entry.kind, p, h));
-        let fault = payload.err().map(|e| e.to_string());
-        sections.push((entry.kind.to_string(), entry.len, fault, predicted));
-    }
-    let mut text = String::new();
+    let index = Index::parse(bytes).map_err(|e| input::explain_stream(e, path, ""))?;
+    let h = &index.header;
+    let (have, total) = (bytes.len() as u64, index.stream_len());
+    let exact: u64 = index.chunks.iter().filter(|c| c.kind == Kind::Exact).map(|c| c.count).sum();
+    args.reading.limit().check(path, h.count)?;
+    let per = |n: u64| 8.0 * n as f64 / (h.count.max(1) as f64);
+    let mut text = format!("{name}: {} ({have} bytes)\n", megabytes(have));
     let mut line = |s: String| {
         // Writing to a String does not fail.
         let _ = writeln!(text, "{s}");
     };
-    line(format!("{name}: {} ({have} bytes)", megabytes(have)));
-    let exact = match outliers {
+    let coded_exactly = match exact {
         0 => String::new(),
-        1 => ", 1 outlier of them coded exactly".into(),
-        n => format!(", {n} outliers of them coded exactly"),
+        n if n == h.count => ", all bit for bit".into(),
+        n => format!(", {n} of them bit for bit"),
     };
-    line(format!("  Gaussians      {gaussians}{exact}"));
+    line(format!("  Gaussians      {}{coded_exactly}", h.count));
     line(format!("  SH degree      {}", h.sh_degree));
     line(format!("  octree depth   {}", h.j_high));
-    line(format!("  slices         {}", h.slices));
     let [x, y, z] = h.cube.origin;
     line(format!("  cube           side {} at ({x}, {y}, {z})", h.cube.side));
+    line(format!("  chunks         {}", index.chunks.len()));
+    for lod in (0..=index.coarsest_lod()).rev().filter(|_| index.coarsest_lod() > 0) {
+        let chunks = index.chunks_of_lod(lod);
+        let count: u64 = chunks.map(|i| index.chunks[i].count).sum();
+        line(format!("  level {lod}        {count} Gaussians"));
+    }
     line(format!("  bits/Gaussian  {:.2}\n", per(total)));
-    line(format!("  {:<14} {:>12} {:>14} {:>7}", "section", "bytes", "bits/Gaussian", "share"));
-    for (what, n, fault, predicted) in &sections {
-        let share = 100.0 * *n as f64 / total.max(1) as f64;
-        let remark = match fault {
-            Some(fault) => format!("   {fault}"),
-            None if *predicted => "   predicted from the degree below".into(),
-            None => String::new(),
-        };
-        line(format!("  {what:<14} {n:>12} {:>14.2} {share:>6.1}%{remark}", per(*n)));
+    line(format!("  {:<16} {:>12} {:>14} {:>7}", "part", "bytes", "bits/Gaussian", "share"));
+    for (part, n) in index.parts() {
+        let share = 100.0 * n as f64 / total.max(1) as f64;
+        line(format!("  {part:<16} {n:>12} {:>14.2} {share:>6.1}%", per(n)));
     }
-    if have < total {
-        line(format!(
-            "\n  truncated: {have} of {total} bytes; the sections above that lack nothing decode"
-        ));
-    } else if have > total {
-        line(format!("\n  {} bytes after the last section are not part of it", have - total));
+    let faults = faults(bytes);
+    for fault in &faults {
+        line(format!("\n  {fault}"));
     }
+    if have > total {
+        line(format!("\n  {} bytes after the last chunk are not part of it", have - total));
+    }
+    let parts: serde_json::Map<String, serde_json::Value> =
+        index.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n))).collect();
     let json = json!({
         "bytes": have,
         "expected_bytes": total,
-        "gaussians": gaussians,
-        "outliers": outliers,
+        "gaussians": h.count,
+        "exact_gaussians": exact,
         "sh_degree": h.sh_degree,
         "octree_depth": h.j_high,
-        "slices": h.slices,
         "cube": { "origin": h.cube.origin, "side": h.cube.side },
-        "sections": sections
-            .iter()
-            .map(|(what, n, fault, predicted)| {
-                json!({ "name": what, "bytes": n, "fault": fault, "predicted": predicted })
-            })
-            .collect::<Vec<_>>(),
+        "levels_of_detail": 1 + index.coarsest_lod(),
+        "chunks": index.chunks.iter().map(chunk_json).collect::<Vec<_>>(),
+        "parts": parts,
+        "faults": faults,
     });
     report.say(false, text.trim_end(), &json)
 }
 
-/// Whether an SH degree is predicted from the one below, in some slice at least: its payload then
-/// does not begin with 0 (docs/bitstream.md, section 6).
-fn is_predicted(kind: SectionKind, payload: &[u8], header: &Header) -> bool {
-    matches!(kind, SectionKind::Sh2 | SectionKind::Sh3)
-        && usize::try_from(header.slices)
-            .is_ok_and(|n| slices::split(payload, n).is_ok_and(|parts| parts.iter().any(begins)))
+fn chunk_json(chunk: &Chunk) -> serde_json::Value {
+    json!({
+        "exact": chunk.kind == Kind::Exact,
+        "level_of_detail": chunk.lod,
+        "gaussians": chunk.count,
+        "bounds": chunk.bounds,
+        "offset": chunk.layers.first().map(|l| l.offset),
+        "layers": chunk.layers.iter().map(|l| l.len).collect::<Vec<_>>(),
+    })
 }
 
-fn begins(part: &&[u8]) -> bool {
-    part.first().is_some_and(|&b| b != 0)
+/// What is missing or damaged, level of detail by level of detail.
+fn faults(bytes: &[u8]) -> Vec<String> {
+    let coarsest = Index::parse(bytes).map_or(0, |index| index.coarsest_lod());
+    let mut faults = Vec::new();
+    for lod in 0..=coarsest {
+        let mut options = DecodeOptions::default();
+        (options.lod, options.salvage, options.max_gaussians) = (lod, true, Some(u64::MAX));
+        if let Ok(decoder) = Decoder::new(bytes, &options) {
+            let new = decoder.skipped().iter().filter(|fault| !faults.contains(*fault));
+            let new: Vec<String> = new.cloned().collect();
+            faults.extend(new);
+        }
+    }
+    faults
 }

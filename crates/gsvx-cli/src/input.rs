@@ -135,7 +135,7 @@ impl Reading {
             return self.file(path);
         }
         let all = bytes(path)?;
-        if all.starts_with(&gsvx::stream::SIGNATURE) {
+        if all.starts_with(&gsvx::SIGNATURE) {
             return Err(is_a_stream(path));
         }
         if let Some(lost) = lost {
@@ -186,7 +186,7 @@ impl ReadingAny {
             self.model.file(path)?
         } else {
             let all = bytes(path)?;
-            let stream = from.is_none() && all.starts_with(&gsvx::stream::SIGNATURE);
+            let stream = from.is_none() && all.starts_with(&gsvx::SIGNATURE);
             if stream || from == Some(Source::Gsvx) {
                 return Ok(Opened::Stream(all));
             }
@@ -210,11 +210,9 @@ impl ReadingAny {
     }
 
     fn stream(&self, path: &Path, all: &[u8]) -> Result<Loaded> {
-        let options = gsvx::DecodeOptions {
-            max_gaussians: self.limit.max_gaussians,
-            ..gsvx::DecodeOptions::default()
-        };
-        let decoded = gsvx::decode(all, &options).map_err(|e| {
+        let mut options = gsvx::DecodeOptions::default();
+        options.max_gaussians = self.limit.max_gaussians;
+        let decoded = gsvx::decode_with(all, &options).map_err(|e| {
             explain_stream(e, path, "gsvx decode --allow-truncated writes what is there")
         })?;
         let (scene, bytes) = (decoded.scene, all.len() as u64);
@@ -253,10 +251,10 @@ fn is_a_stream(path: &Path) -> anyhow::Error {
 fn starts_like_stream(path: &Path) -> Result<bool> {
     let file = File::open(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let mut start = Vec::new();
-    let most = gsvx::stream::SIGNATURE.len() as u64;
+    let most = gsvx::SIGNATURE.len() as u64;
     let read = file.take(most).read_to_end(&mut start);
     read.with_context(|| format!("{}: cannot be read", path.display()))?;
-    Ok(start == gsvx::stream::SIGNATURE)
+    Ok(start == gsvx::SIGNATURE)
 }
 
 /// An error of a model's reader, with its remedy.

@@ -258,6 +258,36 @@ impl<'a> Decoder<'a> {
         }
     }
 
+    /// Decodes the chunks on all threads and hands their Gaussians to `take` in order. As many chunks as
+    /// there are threads are in memory at once.
+    ///
+    /// # Errors
+    /// Damage, as [`decode`]; what `take` returns.
+    pub fn chunks<E: From<Error> + Send>(
+        &self,
+        mut take: impl FnMut(Scene) -> std::result::Result<(), E>,
+    ) -> std::result::Result<(), E> {
+        for jobs in self.jobs.chunks(parallel::threads()) {
+            let work = |job: &Job| {
+                let mut scene = blank(job.count, self.sh_degree);
+                let mut out = GaussiansMut::of(&mut scene);
+                self.decode_job::<Error>(job, &mut ChunkDecoder::default(), |part| match part {
+                    Part::Leaves(chunk) => chunk.fill(&self.index.header, 0, &mut out),
+                    Part::Exact(exact) => {
+                        out.copy_from(exact, 0);
+                        Ok(())
+                    }
+                })?;
+                Ok(scene)
+            };
+            let scenes: Vec<Result<Scene>> = parallel::map(jobs.iter().collect(), work);
+            for scene in scenes {
+                take(scene?)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Decodes the scene on all threads in blocks of a few hundred Gaussians, for callers that can put
     /// each where it belongs. `visit` gets them in any order, several at a time, with the number of
     /// the first Gaussian in the scene and with a `T` that one block at a time uses, for buffers. Few chunks

@@ -13,3 +13,15 @@ pub(crate) fn map<I: Send, T: Send>(items: Vec<I>, f: impl Fn(I) -> T + Sync + S
 pub(crate) fn map<I, T>(items: Vec<I>, f: impl Fn(I) -> T) -> Vec<T> {
     items.into_iter().map(f).collect()
 }
+
+/// Threads that [`map`] uses.
+#[cfg(feature = "encode")]
+pub(crate) fn threads() -> usize {
+    rayon::current_num_threads()
+}
+
+/// Threads that [`map`] uses.
+#[cfg(not(feature = "encode"))]
+pub(crate) fn threads() -> usize {
+    1
+}
