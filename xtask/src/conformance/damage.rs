@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail, ensure};
 use gsvx::DecodeOptions;
 use gsvx::stream::{Container, SectionKind, assemble};
+use testing::Rng;
 
 use super::{Tally, Verdict, golden};
-use crate::fixture::rng::Rng;
 
 /// Longest decode of a broken stream of these sizes (at most some tens of kB). A whole one takes
 /// milliseconds; the rest is for a loaded machine.

@@ -3,12 +3,12 @@
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
+use eval::scenes;
 use gpcc_lite::raht::Plan;
 use gpcc_lite::{Leaf, morton};
 use gs_model::Scene;
 
 use super::{Tally, Verdict};
-use crate::scenes;
 
 pub(super) fn checks(tally: &mut Tally, no_gpu: bool) {
     tally.check("RAHT, integers against floats", raht);
