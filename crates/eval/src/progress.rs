@@ -15,6 +15,7 @@ pub struct Bar {
 
 impl Bar {
     /// A stage of `total` steps.
+    #[must_use]
     pub fn new(label: &str, total: u64) -> Self {
         let bar = if std::io::stderr().is_terminal() {
             ProgressBar::new(total)
@@ -32,7 +33,19 @@ impl Bar {
         Self { bar, label: label.to_owned(), started: Instant::now(), quiet: false }
     }
 
+    /// A stage of `total` bytes; a step is a byte.
+    #[must_use]
+    pub fn bytes(label: &str, total: u64) -> Self {
+        let bar = Self::new(label, total);
+        let template = "{msg:28} [{bar:36}] {decimal_bytes}/{decimal_total_bytes}  {eta} left";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.bar.set_style(style.progress_chars("=> "));
+        }
+        bar
+    }
+
     /// Part of a stage that has its own bar.
+    #[must_use]
     pub fn hidden() -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
         Self { bar, label: String::new(), started: Instant::now(), quiet: true }
@@ -44,6 +57,7 @@ impl Bar {
     }
 
     /// Seconds since the stage began.
+    #[must_use]
     pub fn seconds(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
     }

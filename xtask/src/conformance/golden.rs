@@ -4,7 +4,6 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use gs_model::Scene;
 use gsvx::DecodeOptions;
 use testing::sha256;
 

@@ -1,10 +1,9 @@
 //! Whole fetches from a server on loopback and from disk.
 
 mod archive;
-mod archives;
 mod disk;
-mod line;
 mod server;
+mod servers;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +13,7 @@ use tempfile::TempDir;
 
 use super::catalogue::SCENES;
 use super::job::{Options, Summary, fetch};
-use super::ranged::Patience;
+use super::source::Retry;
 use archive::Entry;
 use server::{Manners, Server};
 
@@ -55,11 +54,10 @@ impl Bench {
         self.temp.path().join("scenes/playroom")
     }
 
-    /// A server with the archives where the public one has them.
+    /// A server with the archives in `/d`.
     fn serve(&self, manners: Manners) -> Server {
         let (models, photos) = (self.models(), self.photos());
-        let files =
-            [("/d/pretrained/models.zip", models.as_path()), ("/d/input/tandt_db.zip", &photos)];
+        let files = [("/d/models.zip", models.as_path()), ("/d/tandt_db.zip", &photos)];
         Server::start(&files, manners)
     }
 
@@ -67,7 +65,7 @@ impl Bench {
         fetch(SCENES[0], &self.dir(), options)
     }
 
-    /// The error's line.
+    /// The error, which is one line.
     fn fails(&self, options: &Options) -> String {
         let line = format!("{:#}", self.fetch(options).unwrap_err());
         assert!(!line.contains('\n'), "one line: {line}");
@@ -78,18 +76,17 @@ impl Bench {
     fn assert_complete(&self) {
         let mut found = Vec::new();
         walk(&self.dir(), &self.dir(), &mut found);
-        found.retain(|(name, _)| name != "fetch.toml" && name != ".fetch/lock");
+        found.retain(|(name, _)| name != "fetch.toml");
         found.sort();
         let names = |list: &[Entry]| list.iter().map(|(n, _)| n.clone()).collect::<Vec<_>>();
         assert_eq!(names(&found), names(&self.expected));
         assert!(found == self.expected, "bytes differ");
     }
 
-    /// Bytes in unfinished pieces.
-    fn pieces(&self) -> u64 {
+    /// Unfinished pieces.
+    fn pieces(&self) -> Vec<PathBuf> {
         let dir = fs::read_dir(self.dir().join(".fetch")).unwrap();
-        let files = dir.map(|e| e.unwrap()).filter(|e| e.file_name() != "unpacked.part");
-        files.map(|e| e.metadata().unwrap().len()).sum()
+        dir.map(|e| e.unwrap().path()).filter(|p| p.extension().unwrap() == "part").collect()
     }
 }
 
@@ -105,14 +102,12 @@ fn walk(root: &Path, dir: &Path, found: &mut Vec<Entry>) {
     }
 }
 
-/// Options that neither wait nor speak.
+/// Options that neither wait nor print.
 fn options(mirrors: &[String]) -> Options {
     Options {
-        // Nobody listens there: what is not mirrored is not fetched.
+        // Nothing listens there: what is not mirrored is not fetched.
         public: "http://127.0.0.1:1/d".to_owned(),
-        patience: Patience { tries: 3, pause: Duration::from_millis(1) },
-        tail: 2048,
-        free: |_| Ok(1 << 40),
+        retry: Retry { tries: 3, pause: Duration::from_millis(1) },
         quiet: true,
         ..Options::new(mirrors, Duration::from_secs(20))
     }
@@ -120,4 +115,9 @@ fn options(mirrors: &[String]) -> Options {
 
 fn from(server: &Server) -> Options {
     options(&[server.url("/d")])
+}
+
+/// The archives' folder as a mirror.
+fn local(bench: &Bench) -> Options {
+    options(&[bench.archives().display().to_string()])
 }

@@ -1,4 +1,4 @@
-//! A small HTTP server on loopback that can misbehave.
+//! A small HTTP server on loopback that can fail in the ways of real ones.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -29,8 +29,7 @@ pub(super) struct Manners {
     pub(super) redirect_loop: bool,
     /// Requests are read and not answered.
     pub(super) silent: bool,
-    /// Bodies come in pieces of this many bytes, with a pause before each.
-    pub(super) dribble: Option<(usize, Duration)>,
+    /// Validator of every answer.
     pub(super) etag: Option<&'static str>,
 }
 
@@ -70,8 +69,7 @@ impl Server {
                 }
                 let state = Arc::clone(&shared);
                 thread::spawn(move || {
-                    // A client that goes away is its own business.
-                    let _ = converse(&stream, &state);
+                                let _ = converse(&stream, &state);
                 });
             }
         });
@@ -188,16 +186,14 @@ fn answer(
     file.seek(SeekFrom::Start(from))?;
     let mut left = to - from;
     let mut allowed = manners.cut_each.unwrap_or(u64::MAX);
-    let (piece, pause) = manners.dribble.unwrap_or((16 << 10, Duration::ZERO));
-    let mut buffer = vec![0; piece];
+    let mut buffer = vec![0; 16 << 10];
     while left > 0 {
         let sent = state.body_bytes.load(Ordering::SeqCst);
         let budget = manners.cut_all.map_or(u64::MAX, |all| all.saturating_sub(sent));
-        let n = left.min(allowed).min(budget).min(piece as u64);
+        let n = left.min(allowed).min(budget).min(buffer.len() as u64);
         if n == 0 {
             return Ok(false);
         }
-        thread::sleep(pause);
         let bytes = &mut buffer[..usize::try_from(n).unwrap()];
         file.read_exact(bytes)?;
         stream.write_all(bytes)?;
