@@ -122,16 +122,8 @@ pub(crate) struct VoxelArgs {
 
 pub(crate) fn voxel(args: VoxelArgs) -> Result<()> {
     let VoxelArgs { shared, only, scene, thousands, room, steps, plots, variants } = args;
-    let options = bench::voxel::Options {
-        shared,
-        only,
-        scene,
-        thousands,
-        room,
-        steps,
-        plots,
-        variants,
-    };
+    let options =
+        bench::voxel::Options { shared, only, scene, thousands, room, steps, plots, variants };
     bench::voxel::run(&options)
 }
 

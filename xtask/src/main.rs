@@ -26,7 +26,7 @@ enum Task {
     RdCurve(rd_curve::Args),
     /// Fetch a scene of the paper
     Fetch(fetch::Args),
-    /// Check this build: golden streams, threads, references, broken streams
+    /// Check this build: golden streams, threads, broken streams
     Conformance(conformance::Args),
     /// Compare streams over threads, builds and processors
     Determinism(determinism::Args),

@@ -1,5 +1,6 @@
-//! Finished stages, kept beside the report. A stage is done if a record of it exists under the
-//! hash of everything it depends on: inputs, settings and the program itself.
+//! Records of finished stages, kept beside the report. The name of a record has the hash of everything
+//! that the stage depends on: inputs, settings and the program itself. A stage with a record is not
+//! run again.
 
 use std::cell::RefCell;
 use std::fs;

@@ -207,9 +207,8 @@ mod tests {
         let guessed = curve(&Gsvx::without_cameras(), &scene, &qualities).unwrap();
         let seen = curve(&Gsvx::with_cameras(&scene), &scene, &qualities).unwrap();
         for c in [&guessed, &seen] {
-            let rises = |w: &[Point]| {
-                w[0].bytes < w[1].bytes && w[0].score.psnr_db < w[1].score.psnr_db
-            };
+            let rises =
+                |w: &[Point]| w[0].bytes < w[1].bytes && w[0].score.psnr_db < w[1].score.psnr_db;
             assert!(c.points.windows(2).all(rises), "{c:?}");
         }
         let rate = seen.bd_rate(&guessed).unwrap();

@@ -1,4 +1,5 @@
-//! Points that others published or that were recorded beside a scene, to draw next to ours.
+//! Points of other codecs: published ones (`data/published.json`), and ones recorded beside a scene
+//! (`paper-chain.json`, `peers.json`).
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -40,7 +41,10 @@ pub struct List {
     pub points: Vec<[f64; 2]>,
 }
 
-/// Reads the published points that are built into xtask.
+/// Reads the published points that are built in.
+///
+/// # Errors
+/// If `data/published.json` is not what it should be.
 pub fn read() -> Result<Published> {
     serde_json::from_str(include_str!("../data/published.json")).context("data/published.json")
 }
@@ -71,11 +75,13 @@ pub struct OtherPoint {
 
 impl Other {
     /// Whether the points are of another model of the same photos.
+    #[must_use]
     pub fn is_published(&self) -> bool {
         self.source.starts_with("published")
     }
 
     /// The points with rates in bytes.
+    #[must_use]
     pub fn curve(&self) -> Vec<Point> {
         let point = |p: &OtherPoint| Point { rate: p.bytes as f64, psnr_db: p.psnr_db };
         self.points.iter().map(point).collect()
@@ -114,6 +120,9 @@ pub const NO_INIT: &str = "paper, no initialisation";
 pub const PAPER_CHAIN: &str = "paper's chain (TMC13)";
 
 /// What is known of other codecs on the scene in `dir` called `name`.
+///
+/// # Errors
+/// If a file is there but cannot be read.
 pub fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
     let mut out = Vec::new();
     if let Some(chain) = json::<PaperChain>(&dir.join("paper-chain.json"))? {

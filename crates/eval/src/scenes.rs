@@ -28,7 +28,7 @@ struct Entry {
 
 /// A scene found on disk; only its cameras are read.
 #[derive(Debug)]
-pub struct Found {
+pub struct SceneFiles {
     /// Name in `scenes.toml`, or the folder's own name.
     pub name: String,
     /// One line about it.
@@ -37,7 +37,7 @@ pub struct Found {
     pub dataset: Dataset,
 }
 
-impl Found {
+impl SceneFiles {
     /// MB (10^6 bytes) of the model's floats: 59 a Gaussian at SH degree 3.
     pub(crate) fn raw_mb(&self) -> Result<f64> {
         let (scene, _) = gs_model::ply::read(&self.dataset.model_path)?;
@@ -55,7 +55,7 @@ pub fn root() -> PathBuf {
 /// A scene in memory: what a codec works on, and the photos it is measured with.
 pub struct TestScene {
     /// Where its files are.
-    pub found: Found,
+    pub files: SceneFiles,
     /// The valid Gaussians of the model.
     pub model: Scene,
     /// Gaussians of the file that are not finite and were left out.
@@ -73,17 +73,17 @@ impl TestScene {
     /// # Errors
     /// If something of it is missing or cannot be read.
     pub fn open(scene: &str, most: usize) -> Result<Self> {
-        let found = find(scene)?;
-        let held_out = measure::load(spread(found.dataset.held_out().collect(), most))?;
-        let (mut model, _) = gs_model::ply::read(&found.dataset.model_path)?;
+        let files = find(scene)?;
+        let held_out = measure::load(spread(files.dataset.held_out().collect(), most))?;
+        let (mut model, _) = gs_model::ply::read(&files.dataset.model_path)?;
         let before = model.len();
         model.drop_invalid();
         if model.is_empty() {
-            bail!("{}: no valid Gaussian in it", found.dataset.model_path.display());
+            bail!("{}: no valid Gaussian in it", files.dataset.model_path.display());
         }
         let invalid = before - model.len();
-        let training = found.dataset.training().map(|v| v.camera.clone()).collect();
-        Ok(Self { found, model, invalid, training, held_out })
+        let training = files.dataset.training().map(|v| v.camera.clone()).collect();
+        Ok(Self { files, model, invalid, training, held_out })
     }
 }
 
@@ -107,7 +107,8 @@ fn registry() -> Result<BTreeMap<String, Entry>> {
 /// If the name is not in it.
 pub fn dir_of(name: &str) -> Result<PathBuf> {
     let registry = registry()?;
-    let entry = registry.get(name).with_context(|| format!("crates/eval/scenes.toml has no {name}"))?;
+    let entry =
+        registry.get(name).with_context(|| format!("crates/eval/scenes.toml has no {name}"))?;
     Ok(root().join(&entry.dir))
 }
 
@@ -116,11 +117,11 @@ pub fn dir_of(name: &str) -> Result<PathBuf> {
 ///
 /// # Errors
 /// If there is no such scene, or something of it is missing; the message says what to put where.
-pub fn find(scene: &str) -> Result<Found> {
+pub fn find(scene: &str) -> Result<SceneFiles> {
     find_in(&registry()?, &root(), scene)
 }
 
-fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Result<Found> {
+fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Result<SceneFiles> {
     if let Some(entry) = registry.get(scene) {
         let dir = root.join(&entry.dir);
         let remedy = || format!("put into {}: {}", entry.dir.display(), entry.put);
@@ -129,7 +130,7 @@ fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Resu
         }
         let dataset =
             open(&dir).with_context(|| format!("scene {scene} is not whole; {}", remedy()))?;
-        return Ok(Found { name: scene.to_owned(), what: entry.what.clone(), dataset });
+        return Ok(SceneFiles { name: scene.to_owned(), what: entry.what.clone(), dataset });
     }
     let dir = Path::new(scene);
     if !dir.is_dir() {
@@ -144,7 +145,7 @@ fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Resu
     })?;
     let name = dir.canonicalize().ok().and_then(|d| d.file_name().map(|n| n.to_owned()));
     let name = name.map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned());
-    Ok(Found { name, what: format!("folder {scene}"), dataset })
+    Ok(SceneFiles { name, what: format!("folder {scene}"), dataset })
 }
 
 fn open(dir: &Path) -> Result<Dataset> {

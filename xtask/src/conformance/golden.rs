@@ -1,4 +1,4 @@
-//! Golden streams: written once, they decode to the same floats for ever.
+//! Golden streams: recorded ones, which every later version must decode to the same floats.
 
 use std::fs;
 use std::path::PathBuf;

@@ -213,7 +213,8 @@ impl Place {
     /// A mirror if one has the archive, else a copy beside the scenes, else the public server. A
     /// mirror that ends in `.zip` has the archive of that file name; any other has both.
     fn of(archive: &Archive, dir: &Path, options: &Options) -> Self {
-        let file_of = |m: &str| m.split('?').next().and_then(|m| m.rsplit('/').next()).map(str::to_owned);
+        let file_of =
+            |m: &str| m.split('?').next().and_then(|m| m.rsplit('/').next()).map(str::to_owned);
         let mirror = options.mirrors.iter().find_map(|m| match file_of(m) {
             Some(file) if file.ends_with(".zip") => (file == archive.file).then(|| m.clone()),
             _ => Some(format!("{}/{}", m.trim_end_matches('/'), archive.file)),
@@ -234,7 +235,9 @@ impl Place {
             Some(Kind::Interrupted | Kind::Changed) => {
                 "what has arrived is kept: run this again".to_owned()
             }
-            Some(_) if self.mirrored => format!("check --mirror; without it, {} is used", self.public),
+            Some(_) if self.mirrored => {
+                format!("check --mirror; without it, {} is used", self.public)
+            }
             Some(_) => format!(
                 "download {} ({}) by hand into {} and run this again, or name another place by \
                  --mirror",

@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Read as _;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -45,7 +45,8 @@ impl Record {
         }
         let text = fs::read_to_string(&path).with_context(|| format!("read {}", path.display()))?;
         let bad = || format!("{}: not a record of fetched files; delete it", path.display());
-        let record: Self = toml::from_str(&text).with_context(bad)?;
+        let record: Self =
+            toml::from_str(&text).map_err(|e| anyhow!("{}: {}", bad(), e.message()))?;
         ensure!(record.files.keys().all(|name| is_plain(name)), bad());
         Ok(record)
     }

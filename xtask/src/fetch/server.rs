@@ -54,11 +54,7 @@ impl Server {
     }
 
     /// Size of the archive, its validator, and a response with bytes `from..to`.
-    fn request(
-        &self,
-        from: u64,
-        to: u64,
-    ) -> Result<(u64, Option<String>, Response<Body>), Fault> {
+    fn request(&self, from: u64, to: u64) -> Result<(u64, Option<String>, Response<Body>), Fault> {
         let request = self.agent.get(&self.url);
         let request = request.header(header::RANGE, format!("bytes={from}-{}", to - 1));
         let response = request.call().map_err(|e| self.fault(e, from))?;
@@ -74,7 +70,10 @@ impl Server {
             status => {
                 let busy = matches!(status.as_u16(), 408 | 429 | 500..=599);
                 let kind = if busy { Kind::Interrupted } else { Kind::Unusable };
-                return fault(kind, &format!("the server answered with status {}", status.as_u16()));
+                return fault(
+                    kind,
+                    &format!("the server answered with status {}", status.as_u16()),
+                );
             }
         }
         let text = |name| response.headers().get(name).and_then(|v| v.to_str().ok());
@@ -96,10 +95,16 @@ impl Server {
         match &error {
             ureq::Error::Timeout(ureq::Timeout::Resolve | ureq::Timeout::Connect) => {}
             ureq::Error::Timeout(_) | ureq::Error::Protocol(_) => {
-                return Fault::new(Kind::Interrupted, format!("{url}: broke at byte {at}: {error}"));
+                return Fault::new(
+                    Kind::Interrupted,
+                    format!("{url}: broke at byte {at}: {error}"),
+                );
             }
             ureq::Error::Io(e) if ended(e) => {
-                return Fault::new(Kind::Interrupted, format!("{url}: broke at byte {at}: {error}"));
+                return Fault::new(
+                    Kind::Interrupted,
+                    format!("{url}: broke at byte {at}: {error}"),
+                );
             }
             ureq::Error::Io(_)
             | ureq::Error::HostNotFound

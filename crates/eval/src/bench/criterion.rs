@@ -1,4 +1,4 @@
-//! What `cargo bench` left in `target/criterion`, of which benchmark of which crate.
+//! Reads the medians that `cargo bench` left in `target/criterion`, and finds the crate of each.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -40,13 +40,13 @@ pub(super) struct Target {
 }
 
 impl Target {
-    /// The command that fills it.
+    /// The command that measures it.
     pub(super) fn command(&self) -> String {
         format!("cargo bench -p {} --bench {}", self.package, self.bench)
     }
 }
 
-/// Where `cargo bench` leaves its estimates, wherever the build goes.
+/// Folder in which `cargo bench` leaves its estimates.
 pub(super) fn folder(root: &Path) -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
     root.join(target.unwrap_or_else(|| "target".into())).join("criterion")
@@ -144,7 +144,7 @@ mod tests {
         assert_eq!(missing(&target, &found), ["other"]);
     }
 
-    /// Every crate that is on the way of the data has a bench that the report gathers.
+    /// Every crate of the codec has a bench that the report includes.
     #[test]
     fn every_stage_has_a_bench() {
         let found = targets(&crate::scenes::root());

@@ -1,5 +1,5 @@
-//! Peak memory of every stage, each in a process of its own, so that no stage's peak hides
-//! another's.
+//! Peak memory of every stage. Each stage runs in a process of its own, because the peak of a
+//! process never falls.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -13,10 +13,10 @@ use gsvx::covariance::log_euclidean;
 use gsvx::{DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, Seen, importance};
 use serde::{Deserialize, Serialize};
 
-use crate::scenes::{self, Found};
+use crate::scenes::{self, SceneFiles};
 use crate::usage;
 
-/// Every stage, in the order of the chain.
+/// The stages, in the order in which a model passes them.
 const STAGES: [&str; 18] = [
     "read PLY",
     "voxelize",
@@ -41,7 +41,7 @@ const STAGES: [&str; 18] = [
 /// The call of [`child`] that makes the stream for the stages of the decoder.
 const STREAM: &str = "stream";
 
-/// What one stage took, MB (10^6 bytes).
+/// Memory of one stage, MB (10^6 bytes).
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Peak {
     #[serde(default)]
@@ -74,7 +74,7 @@ pub(super) fn measure(scene: &str, child: Child) -> Result<Vec<Peak>> {
     STAGES.iter().map(|stage| peak(stage)).collect()
 }
 
-/// Peak of `f`, after what is resident already.
+/// Runs `f` and returns the resident memory before it and at its peak.
 fn peak_of<T>(f: impl FnOnce() -> Result<T>) -> Result<Peak> {
     let before = usage::resident_bytes() as f64 / 1e6;
     usage::reset_peak();
@@ -105,7 +105,7 @@ pub fn child(scene: &str, stage: &str, scratch: &Path) -> Result<()> {
     Ok(())
 }
 
-fn model(found: &Found) -> Result<Scene> {
+fn model(found: &SceneFiles) -> Result<Scene> {
     let (mut scene, _) = ply::read(&found.dataset.model_path)?;
     scene.drop_invalid();
     Ok(scene)
@@ -122,7 +122,7 @@ fn stream(scratch: &Path) -> PathBuf {
 }
 
 /// Writes [`stream`].
-fn write_stream(found: &Found, scratch: &Path) -> Result<()> {
+fn write_stream(found: &SceneFiles, scratch: &Path) -> Result<()> {
     let scene = model(found)?;
     let Prepared { scene, voxels, importance } = prepared(&scene)?;
     let options = EncodeOptions { importance: Some(importance), ..Default::default() };
@@ -131,7 +131,7 @@ fn write_stream(found: &Found, scratch: &Path) -> Result<()> {
         .with_context(|| format!("write {}", path.display()))
 }
 
-fn of_encoder(found: &Found, stage: &str) -> Result<Peak> {
+fn of_encoder(found: &SceneFiles, stage: &str) -> Result<Peak> {
     let scene = model(found)?;
     let choose =
         |found: &[f32]| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, Seen::Guessed);
@@ -184,7 +184,7 @@ fn section(
 ) -> Result<Peak> {
     let steps = &options.steps;
     let code = |steps: &[f64], leaf: &dyn Fn(usize, &mut [f64])| {
-        // How much is zeroed makes no difference to memory.
+        // The memory does not depend on how many coefficients are set to zero.
         let lambda = gpcc_lite::attribute::Options::default().lambda;
         let entropy = options.entropy.of(scene.len(), &options.steps);
         let how = Coding { entropy, lambda, period: u8::MAX };
@@ -219,7 +219,7 @@ fn section(
     })
 }
 
-fn of_decoded(found: &Found, stage: &str, stream: &Path, scratch: &Path) -> Result<Peak> {
+fn of_decoded(found: &SceneFiles, stage: &str, stream: &Path, scratch: &Path) -> Result<Peak> {
     let bytes = std::fs::read(stream)?;
     let decode = || Ok(gsvx::decode(&bytes, &DecodeOptions::default())?.scene);
     if stage == "decode" {

@@ -46,15 +46,15 @@ pub(crate) struct Row {
     pub(crate) stage: &'static str,
     pub(crate) setting: String,
     pub(crate) time: Time,
-    /// The error, and what it is.
     pub(crate) error: f64,
+    /// What the error is.
     pub(crate) of: &'static str,
     pub(crate) bytes: Option<usize>,
     /// Peak resident memory of the process while the stage ran, MB.
     pub(crate) peak_mb: f64,
 }
 
-/// The least of the repetitions, seconds.
+/// Seconds of the fastest repetition.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Time {
     pub(crate) wall: f64,
@@ -75,8 +75,8 @@ pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Resul
     Ok((result.context("nothing ran")?, best, crate::usage::peak_mb()))
 }
 
-/// Seconds to sort four million pseudo-random integers on one core: what times are divided by
-/// before they are compared between runs.
+/// Seconds to sort four million pseudo-random integers on one core. Times are divided by it before
+/// they are compared between runs, so that a slower machine is not taken for slower code.
 fn yardstick() -> Time {
     let mut seed = 1u64;
     let numbers: Vec<u64> = (0..4 << 20)
@@ -97,8 +97,8 @@ fn yardstick() -> Time {
     best
 }
 
-/// Ratio to the baseline from which a time is called a regression: what remains of the noise of a
-/// shared machine when times are divided by the yardstick's.
+/// Ratio to the baseline from which a time is called a regression. On a shared machine, smaller
+/// ratios are noise.
 const REGRESSION: f64 = 1.3;
 
 /// Times over the yardstick, by name.
@@ -133,7 +133,9 @@ pub fn run(options: &Options) -> Result<()> {
         times.insert(format!("criterion: {}", m.name), m.seconds / yard_wall);
     }
     let old: Times = match std::fs::read(baseline()) {
-        Ok(bytes) => serde_json::from_slice(&bytes).context("crates/eval/data/bench-baseline.json")?,
+        Ok(bytes) => {
+            serde_json::from_slice(&bytes).context("crates/eval/data/bench-baseline.json")?
+        }
         Err(_) => Times::new(),
     };
     let mut slower = 0;

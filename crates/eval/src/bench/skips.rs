@@ -1,4 +1,5 @@
-//! What the pipeline skips, counted on real scenes, with the test that proves it.
+//! Counts on real scenes what the pipeline skips, and names for each skip the test which proves that
+//! the result is the same.
 
 use std::fmt::Write as _;
 
@@ -15,16 +16,17 @@ use voxel::{Cube, Strategy};
 
 use crate::scenes;
 
-/// One skip: where, when, on what share, and why nothing is lost.
+/// One kind of work that is skipped.
 struct Skip {
     stage: &'static str,
     condition: &'static str,
-    /// Skipped and of how many, per scene.
+    /// Number skipped, and number in all, per scene.
     counts: Vec<[u64; 2]>,
     proof: Proof,
 }
 
-/// Why nothing is lost: tests as `crates/.../file.rs::name`, and what was checked in this run.
+/// Why the result is the same: tests as `crates/.../file.rs::name`, and a note on what was checked in
+/// this run.
 #[derive(Clone, Copy)]
 struct Proof {
     tests: &'static [&'static str],
@@ -49,7 +51,7 @@ fn check_test(root: &Path, test: &str) -> Result<()> {
     let text = std::fs::read_to_string(root.join(file)).with_context(|| file.to_owned())?;
     let lines: Vec<&str> = text.lines().map(str::trim_start).collect();
     let head = format!("fn {name}(");
-    // Attributes and comments may stand between a test and its mark.
+    // Other attributes and comments may stand between `#[test]` and the function.
     let marked = |at: usize| {
         let above =
             lines[..at].iter().rev().take_while(|l| l.starts_with('#') || l.starts_with("//"));
@@ -150,7 +152,7 @@ const LEVELS: Proof = Proof::new(
 );
 const PROOFS: [Proof; 9] = [PRUNED, COPIED, DROPPED, UNSEEN, TILES, CULLED, LANES, DEGREES, LEVELS];
 
-fn count(found: &scenes::Found) -> Result<Vec<Counted>> {
+fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
     let (mut scene, _) = ply::read(&found.dataset.model_path)?;
     scene.drop_invalid();
     let n = scene.len() as u64;

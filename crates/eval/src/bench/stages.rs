@@ -1,4 +1,4 @@
-//! The stages, each in the settings that trade time for error.
+//! Measures each stage in the settings that exchange time for error.
 
 use anyhow::Result;
 use finetune::probe::{TileTest, Variant, VariantPass};
@@ -13,7 +13,7 @@ use gsvx::{DecodeOptions, EncodeOptions, Entropy, Prepared, Seen, importance};
 use voxel::{Cube, Merge, Strategy, Voxelization};
 
 use super::{Row, Time, timed};
-use crate::scenes::Found;
+use crate::scenes::SceneFiles;
 
 /// Fraction bits of the fixed-point transform's values.
 const VALUE_BITS: u32 = gpcc_lite::quant::VALUE_BITS;
@@ -21,7 +21,7 @@ const VALUE_BITS: u32 = gpcc_lite::quant::VALUE_BITS;
 const UNITS: f64 = 65536.0;
 
 /// Measures every stage on one scene.
-pub(super) fn measure(found: &Found, repeat: usize) -> Result<Vec<Row>> {
+pub(super) fn measure(found: &SceneFiles, repeat: usize) -> Result<Vec<Row>> {
     let path = &found.dataset.model_path;
     let mut rows = Vec::new();
     let ((mut scene, _), time, peak_mb) = timed(repeat, || Ok(ply::read(path)?))?;
@@ -74,7 +74,7 @@ fn luma(scene: &Scene) -> Vec<f64> {
     (0..scene.len()).map(|i| gsvx::attributes::colour::forward(scene.sh_of(i)[0])[0]).collect()
 }
 
-/// Width of the transform's numbers.
+/// RAHT in f32, in f64 and in fixed point.
 fn raht(rows: &mut Vec<Row>, merged: &Scene, voxels: &Voxelization, repeat: usize) -> Result<()> {
     let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
     let values = luma(merged);
@@ -147,7 +147,7 @@ fn attributes(
                     mode,
                     lambda,
                     prediction,
-                    // Or a decoding would be part of the time.
+                    // The decoder is measured apart.
                     reconstruction: false,
                     ..Options::default()
                 };
@@ -282,7 +282,8 @@ fn voxelizations(
     Ok(())
 }
 
-/// The tile rasterizer's blend against the scalar reference without tests by row and lane.
+/// Blending of a view: the executor, which skips rows and lanes of a tile, against the scalar
+/// reference, which visits every pixel.
 fn rasterizers(
     rows: &mut Vec<Row>,
     scene: &Scene,
@@ -311,8 +312,9 @@ fn rasterizers(
     Ok(())
 }
 
-/// Which tiles a splat is listed in, where blending stops, and the precision of colours: one step of
-/// a fine-tune, against a render that lists every tile of a splat's square and never stops.
+/// Variants of the rasterizer: the test of tiles, the transmittance at which blending stops, and the
+/// precision of colours. The time is of one step of a fine-tune. The error is against a render that
+/// lists a splat in every tile of its bounding square and never stops.
 fn variants(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usize) -> Result<()> {
     let Some(camera) = cameras.first() else { return Ok(()) };
     let photo = render(scene, camera, &RenderOptions::default());

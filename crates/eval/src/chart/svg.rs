@@ -310,7 +310,8 @@ mod tests {
     fn names_beside_points_do_not_lie_on_each_other() {
         let points = [("one", (1.0, 1.0)), ("two", (1.01, 1.01)), ("far right", (1e3, 1e-3))];
         let points = points.map(|(name, at)| (name.to_owned(), at));
-        let svg = Chart::of_points("t", Axis::logarithmic("x"), Axis::logarithmic("y"), points).svg();
+        let svg =
+            Chart::of_points("t", Axis::logarithmic("x"), Axis::logarithmic("y"), points).svg();
         let baseline = |name: &str| -> f64 {
             let line = svg.lines().find(|l| l.ends_with(&format!(">{name}</text>"))).unwrap();
             line.split("y=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap()

@@ -3,7 +3,7 @@
 
 use anyhow::Result;
 
-use super::{Bench, Results, page, points};
+use super::{Inputs, Results, page, points};
 use crate::bd::{self, Method, Point};
 use crate::published;
 use crate::rd_curve::plan::Coding;
@@ -11,24 +11,24 @@ use crate::rd_curve::record::Bd;
 use crate::report::sections::{self, BD_TEXT};
 use crate::report::{Block, Section, Table};
 
-pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
-    let depth = bench.depth;
+pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
+    let depth = inputs.depth;
     let paper = || -> Vec<Coding> {
-        bench.paper_lossy().into_iter().chain(bench.paper_lossless()).collect()
+        inputs.paper_lossy().into_iter().chain(inputs.paper_lossless()).collect()
     };
-    let tuning = bench.tuning(true);
+    let tuning = inputs.tuning(true);
     let mut curves = Vec::new();
-    for (coding, codings) in [("paper's coding", paper()), ("gsvx", bench.own())] {
+    for (coding, codings) in [("paper's coding", paper()), ("gsvx", inputs.own())] {
         for (name, voxels) in
-            [("uniform", bench.uniform(depth)), ("adaptive", bench.adaptive(depth))]
+            [("uniform", inputs.uniform(depth)), ("adaptive", inputs.adaptive(depth))]
         {
             let what = format!("{}, {coding}", voxels.what);
             let parts = [(voxels, codings.clone())];
-            curves.push(bench.curve(&format!("{name}, {coding}"), what, &parts, tuning)?);
+            curves.push(inputs.curve(&format!("{name}, {coding}"), what, &parts, tuning)?);
         }
     }
     let what = "adaptive (rate-distortion, following the rate), gsvx".into();
-    curves.push(bench.curve("rate-distortion, gsvx", what, &bench.tuned_parts(), tuning)?);
+    curves.push(inputs.curve("rate-distortion, gsvx", what, &inputs.tuned_parts(), tuning)?);
 
     let [paper_uniform, paper_adaptive, uniform, adaptive, pruned] = &curves[..] else {
         anyhow::bail!("five curves were made, not {}", curves.len());
@@ -44,17 +44,17 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
         .iter()
         .map(|(t, a)| sections::compare((&t.name, &points(t)), (&a.name, &points(a))))
         .collect();
-    let others = bench.others(|o| {
+    let others = inputs.others(|o| {
         o.name.starts_with("paper, uniform") || o.name.starts_with("paper, adaptive")
     })?;
-    let table_1 = table_1(bench, (&points(paper_uniform), &points(paper_adaptive)))?;
-    let chart = page::chart(bench, "adaptive against uniform (Fig. 8)", &curves, &others);
+    let table_1 = table_1(inputs, (&points(paper_uniform), &points(paper_adaptive)))?;
+    let chart = page::chart(inputs, "adaptive against uniform (Fig. 8)", &curves, &others);
     let lead = format!(
         "The paper's Fig. 8 and Table 1: uniform voxelization at depth {depth} against the paper's adaptive \
          criteria, both initialised by merging and fine-tuned for {} steps, coded as the paper codes (codebook \
          and lossless covariance); the same two models in this codec's own coding; and its own \
          voxelization.",
-        bench.steps
+        inputs.steps
     );
     let show = |x: &Bd| x.rate_pchip.or(x.rate_cubic);
     let highlights = [0, 2]
@@ -85,17 +85,17 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
             "Bjontegaard differences",
             vec![Block::Text(BD_TEXT.into()), Block::Table(sections::bd_table(&bd))],
         ),
-        page::tunes(bench, page::tunes_of(&curves)),
-        page::points(bench, &curves),
+        page::tunes(inputs, page::tunes_of(&curves)),
+        page::points(inputs, &curves),
         page::others(&others),
     ];
     let document =
-        page::document(bench, "Adaptive voxelization (Fig. 8, Table 1)", lead, highlights, parts);
+        page::document(inputs, "Adaptive voxelization (Fig. 8, Table 1)", lead, highlights, parts);
     Ok(Results { document, curves, bd, others, tools: Vec::new() })
 }
 
 /// The paper's Table 1 from its published points, and the same of this run.
-fn table_1(bench: &Bench<'_>, (uniform, adaptive): (&[Point], &[Point])) -> Result<Table> {
+fn table_1(inputs: &Inputs<'_>, (uniform, adaptive): (&[Point], &[Point])) -> Result<Table> {
     let mut table =
         Table::new(&["scene", "avg. PSNR gain, dB", "bitrate savings, %", "in the paper"]);
     let mut row = |scene: String, anchor: &[Point], test: &[Point], printed: &str| {
@@ -115,6 +115,6 @@ fn table_1(bench: &Bench<'_>, (uniform, adaptive): (&[Point], &[Point])) -> Resu
         let name = format!("{scene}, published points");
         row(name, &of("paper, uniform"), &of("paper, adaptive"), printed);
     }
-    row(format!("{}, this run", bench.scene()), uniform, adaptive, "-");
+    row(format!("{}, this run", inputs.scene()), uniform, adaptive, "-");
     Ok(table)
 }

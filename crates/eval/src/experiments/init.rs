@@ -3,7 +3,7 @@
 
 use anyhow::Result;
 
-use super::{Bench, Results, page, points};
+use super::{Inputs, Results, page, points};
 use crate::chart::{Axis, Chart, Kind, Series};
 use crate::published::NO_INIT;
 use crate::rd_curve::record::{Tuned, Voxelized};
@@ -14,20 +14,20 @@ use crate::report::{Block, Section};
 /// A tuned model counts as brought back within this many dB of the original.
 const BROUGHT_BACK_DB: f64 = 0.1;
 
-pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
-    let depth = bench.depth;
+pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
+    let depth = inputs.depth;
     let mut curves = Vec::new();
     for (initialised, name) in [(true, "initialised"), (false, "from nothing")] {
-        let codings = bench.paper_lossy().into_iter().chain(bench.paper_lossless()).collect();
+        let codings = inputs.paper_lossy().into_iter().chain(inputs.paper_lossless()).collect();
         let what = format!("uniform, J = {depth}, {name}, paper's coding");
-        let parts = [(bench.uniform(depth), codings)];
-        curves.push(bench.curve(name, what, &parts, bench.tuning(initialised))?);
+        let parts = [(inputs.uniform(depth), codings)];
+        curves.push(inputs.curve(name, what, &parts, inputs.tuning(initialised))?);
     }
     let mut models: Vec<Voxelized> = Vec::new();
-    for depth in bench.depths() {
-        for voxels in [bench.uniform(depth), bench.adaptive(depth)] {
+    for depth in inputs.depths() {
+        for voxels in [inputs.uniform(depth), inputs.adaptive(depth)] {
             for initialised in [true, false] {
-                let branch = Branch::new(bench.study, &voxels, bench.tuning(initialised));
+                let branch = Branch::new(inputs.study, &voxels, inputs.tuning(initialised));
                 models.push(branch.voxelized()?);
             }
         }
@@ -37,26 +37,26 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
         (&curves[0].name, &points(&curves[0])),
         (&curves[1].name, &points(&curves[1])),
     )];
-    let others = bench.others(|o| {
+    let others = inputs.others(|o| {
         // The paper shows its lesser depth here.
         let own = o.name.ends_with("J=11") || o.name.ends_with("J=15");
         own && (o.name.starts_with(NO_INIT) || o.name.starts_with("paper, uniform"))
     })?;
     let over_size =
-        page::chart(bench, "with and without initialisation (Fig. 7)", &curves, &others);
-    let over_steps = steps_chart(bench, "PSNR over steps of the fine-tune", tuned());
+        page::chart(inputs, "with and without initialisation (Fig. 7)", &curves, &others);
+    let over_steps = steps_chart(inputs, "PSNR over steps of the fine-tune", tuned());
     let near = steps_chart(
-        bench,
+        inputs,
         "the same, initialised models only",
         tuned().filter(|(_, t)| t.initialised),
     );
-    let original = bench.original.score.psnr_db;
+    let original = inputs.original.score.psnr_db;
     let lead = format!(
         "The paper's Fig. 7: voxelized models fine-tuned for {} steps, beginning with the attributes of the \
          merged Gaussians (averages weighted by what the training cameras see, covariances by matched moments) \
          or with none, at equal steps; uniform and adaptive at two depths. The original model reaches \
          {original:.3} dB.",
-        bench.steps
+        inputs.steps
     );
     let parts = vec![
         Section::open(
@@ -66,18 +66,18 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
                 Block::Chart(near, "init-steps-near".into()),
             ],
         ),
-        page::tunes(bench, tuned().map(|(m, t)| (m.name.as_str(), m.gaussians, t))),
+        page::tunes(inputs, tuned().map(|(m, t)| (m.name.as_str(), m.gaussians, t))),
         Section::open("Curves", vec![Block::Chart(over_size, "init".into())]),
         Section::open(
             "Bjontegaard difference",
             vec![Block::Text(BD_TEXT.into()), Block::Table(sections::bd_table(&bd))],
         ),
-        page::points(bench, &curves),
+        page::points(inputs, &curves),
         page::others(&others),
     ];
     let title = "Initialisation (Fig. 7)";
-    let highlights = highlights(bench, tuned());
-    let document = page::document(bench, title, lead, highlights, parts);
+    let highlights = highlights(inputs, tuned());
+    let document = page::document(inputs, title, lead, highlights, parts);
     Ok(Results { document, curves, bd, others, tools: Vec::new() })
 }
 
@@ -86,10 +86,10 @@ fn last_db(tuned: &Tuned) -> f64 {
 }
 
 fn highlights<'a>(
-    bench: &Bench<'_>,
+    inputs: &Inputs<'_>,
     models: impl Iterator<Item = (&'a Voxelized, &'a Tuned)>,
 ) -> Vec<(String, String)> {
-    let original = bench.original.score.psnr_db;
+    let original = inputs.original.score.psnr_db;
     let mut back: Vec<(&Voxelized, &Tuned)> =
         models.filter(|(_, t)| t.initialised && last_db(t) >= original - BROUGHT_BACK_DB).collect();
     // The smallest model that is back says most.
@@ -106,14 +106,14 @@ fn highlights<'a>(
             "not recovered".into(),
             format!(
                 "no model came within {BROUGHT_BACK_DB} dB of the original in {} steps",
-                bench.steps
+                inputs.steps
             ),
         )],
     }
 }
 
 fn steps_chart<'a>(
-    bench: &Bench<'_>,
+    inputs: &Inputs<'_>,
     title: &str,
     models: impl Iterator<Item = (&'a Voxelized, &'a Tuned)>,
 ) -> Chart {
@@ -122,9 +122,9 @@ fn steps_chart<'a>(
         kind: if t.initialised { Kind::Ours } else { Kind::Theirs },
         points: t.held_out_db.iter().map(|&(step, db)| (step as f64, db)).collect(),
     };
-    let original = bench.original.score.psnr_db;
+    let original = inputs.original.score.psnr_db;
     Chart::new(
-        format!("{}: {title}", bench.scene()),
+        format!("{}: {title}", inputs.scene()),
         Axis::linear("steps, one training view each"),
         Axis::linear("PSNR at held-out views, dB"),
         models.map(line).collect(),

@@ -20,12 +20,12 @@ use voxel::Strategy;
 use crate::manifest::Manifest;
 use crate::peers::Outcome;
 use crate::published::Other;
+use crate::rd_curve::Options;
 use crate::rd_curve::plan::{Coding, PAPER_QPS, Rule, Voxels};
 use crate::rd_curve::record::{Bd, Curve, Original};
 use crate::rd_curve::stages::Branch;
 use crate::rd_curve::study::Study;
 use crate::rd_curve::tune::Tuning;
-use crate::rd_curve::Options;
 use crate::report::Document;
 
 /// An experiment of the paper.
@@ -74,8 +74,8 @@ impl Experiment {
     }
 }
 
-/// What an experiment is made of.
-struct Bench<'a> {
+/// What an experiment works on.
+struct Inputs<'a> {
     study: &'a Study,
     options: &'a Options,
     qualities: &'a [f32],
@@ -118,21 +118,21 @@ pub(crate) fn run(
     let original = study.original()?;
     let depth = study.depth(options.depth)?;
     let steps = options.finetune.unwrap_or(STEPS);
-    let bench = Bench { study, options, qualities, original, depth, steps };
+    let inputs = Inputs { study, options, qualities, original, depth, steps };
     let results = match experiment {
-        Experiment::Baseline => baseline::run(&bench)?,
-        Experiment::Init => init::run(&bench)?,
-        Experiment::Adaptive => adaptive::run(&bench)?,
-        Experiment::Sota => sota::run(&bench)?,
+        Experiment::Baseline => baseline::run(&inputs)?,
+        Experiment::Init => init::run(&inputs)?,
+        Experiment::Adaptive => adaptive::run(&inputs)?,
+        Experiment::Sota => sota::run(&inputs)?,
     };
     let name = experiment.name();
     let out = study.out.join(name);
     fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
     let record = Record {
         experiment: name,
-        scene: &study.test.found.name,
+        scene: &study.test.files.name,
         measured: study.test.held_out.len(),
-        original: &bench.original,
+        original: &inputs.original,
         curves: &results.curves,
         bd: &results.bd,
         others: &results.others,
@@ -147,7 +147,7 @@ pub(crate) fn run(
     Ok(out.join("report.html"))
 }
 
-impl Bench<'_> {
+impl Inputs<'_> {
     fn uniform(&self, depth: u8) -> Voxels {
         Voxels {
             name: format!("uniform-{depth}"),
@@ -233,7 +233,7 @@ impl Bench<'_> {
 
     /// Published and recorded points that an experiment shows beside its own.
     fn others(&self, shown: impl Fn(&Other) -> bool) -> Result<Vec<Other>> {
-        let found = &self.study.test.found;
+        let found = &self.study.test.files;
         let mut all = crate::published::others(&found.dataset.dir, &found.name)?;
         all.retain(shown);
         Ok(all)
@@ -241,7 +241,7 @@ impl Bench<'_> {
 
     /// Path of the scene's folder in the commands of a report.
     fn scene(&self) -> &str {
-        &self.study.test.found.name
+        &self.study.test.files.name
     }
 }
 
@@ -260,5 +260,4 @@ mod tests {
             assert!((nearest(q) - q).abs() <= 14.0, "{q}");
         }
     }
-
 }

@@ -1,6 +1,6 @@
 //! What the pages of all experiments have in common.
 
-use super::Bench;
+use super::Inputs;
 use crate::chart::{Chart, Kind, Series};
 use crate::published::Other;
 use crate::rd_curve::record::{Curve, Tuned};
@@ -8,12 +8,12 @@ use crate::report::sections::{self, PUBLISHED_NOTE, UNITS};
 use crate::report::{Block, Document, Section, Table, run};
 
 /// PSNR over size: our curves, then the others'.
-pub(super) fn chart(bench: &Bench<'_>, title: &str, curves: &[Curve], others: &[Other]) -> Chart {
+pub(super) fn chart(inputs: &Inputs<'_>, title: &str, curves: &[Curve], others: &[Other]) -> Chart {
     let mut all: Vec<Series> = curves.iter().map(line).collect();
     let largest = all.iter().flat_map(|s| &s.points).map(|p| p.0).fold(0.0, f64::max);
     all.extend(sections::other_series(others, run::WIDEST * largest));
-    let title = format!("{}: {title}", bench.scene());
-    run::chart(title, all, bench.original.score.psnr_db)
+    let title = format!("{}: {title}", inputs.scene());
+    run::chart(title, all, inputs.original.score.psnr_db)
 }
 
 fn line(curve: &Curve) -> Series {
@@ -27,17 +27,17 @@ fn line(curve: &Curve) -> Series {
 }
 
 /// The table of points.
-pub(super) fn points(bench: &Bench<'_>, curves: &[Curve]) -> Section {
-    let table = run::points(&bench.original, curves);
+pub(super) fn points(inputs: &Inputs<'_>, curves: &[Curve]) -> Section {
+    let table = run::points(&inputs.original, curves);
     Section::open("Points", vec![Block::Text(UNITS.into()), Block::Table(table)])
 }
 
 /// The fine-tunes of the curves, one row each.
 pub(super) fn tunes<'a>(
-    bench: &Bench<'_>,
+    inputs: &Inputs<'_>,
     models: impl Iterator<Item = (&'a str, usize, &'a Tuned)>,
 ) -> Section {
-    let original = bench.original.score.psnr_db;
+    let original = inputs.original.score.psnr_db;
     let mut table = Table::new(&[
         "model",
         "Gaussians",
@@ -69,7 +69,7 @@ pub(super) fn tunes<'a>(
          reaches {original:.3} dB. One training view a step, {} of them; means frozen, the reference \
          implementation's loss and learning rates, decaying to a tenth. Seconds are of the steps alone, memory \
          is the process' peak meanwhile.",
-        bench.study.test.training.len()
+        inputs.study.test.training.len()
     );
     Section::open("Fine-tune", vec![Block::Text(text), Block::Table(table)])
 }
@@ -101,16 +101,16 @@ pub(super) fn others(others: &[Other]) -> Section {
 
 /// The whole page.
 pub(super) fn document(
-    bench: &Bench<'_>,
+    inputs: &Inputs<'_>,
     title: &str,
     lead: String,
     highlights: Vec<(String, String)>,
     mut parts: Vec<Section>,
 ) -> Document {
-    let (skipped, stages) = bench.study.tally();
-    parts.push(sections::provenance(&bench.study.manifest(), skipped, stages));
+    let (skipped, stages) = inputs.study.tally();
+    parts.push(sections::provenance(&inputs.study.manifest(), skipped, stages));
     parts.retain(|s| !s.blocks.is_empty());
-    Document { title: format!("{title}: {}", bench.scene()), lead, highlights, sections: parts }
+    Document { title: format!("{title}: {}", inputs.scene()), lead, highlights, sections: parts }
 }
 
 /// Prints the tables of a page.

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use super::{Bench, Results, page, points};
+use super::{Inputs, Results, page, points};
 use crate::peers;
 use crate::published::NO_INIT;
 use crate::rd_curve::plan::{Coding, Voxels};
@@ -10,23 +10,28 @@ use crate::rd_curve::record::{Bd, Curve};
 use crate::report::sections::{self, BD_TEXT};
 use crate::report::{Block, Section, run};
 
-pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
+pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let each: Vec<(Voxels, Vec<Coding>)> =
-        bench.qualities.iter().map(|&q| (bench.pruned(q), vec![Coding::Quality(q)])).collect();
+        inputs.qualities.iter().map(|&q| (inputs.pruned(q), vec![Coding::Quality(q)])).collect();
     let mut curves = Vec::new();
-    let what = format!("gsvx, default, fine-tuned for {} steps", bench.steps);
-    curves.push(bench.curve("gsvx, fine-tuned", what, &bench.tuned_parts(), bench.tuning(true))?);
-    curves.push(bench.curve("gsvx", "gsvx, default, no fine-tune".into(), &each, None)?);
-    let adaptive = bench.adaptive(bench.depth);
+    let what = format!("gsvx, default, fine-tuned for {} steps", inputs.steps);
+    curves.push(inputs.curve(
+        "gsvx, fine-tuned",
+        what,
+        &inputs.tuned_parts(),
+        inputs.tuning(true),
+    )?);
+    curves.push(inputs.curve("gsvx", "gsvx, default, no fine-tune".into(), &each, None)?);
+    let adaptive = inputs.adaptive(inputs.depth);
     let what = format!("{}, fine-tuned, paper's coding", adaptive.what);
-    let codings = bench.paper_lossy().into_iter().chain(bench.paper_lossless()).collect();
+    let codings = inputs.paper_lossy().into_iter().chain(inputs.paper_lossless()).collect();
     let parts = [(adaptive, codings)];
-    curves.push(bench.curve("adaptive, paper's coding", what, &parts, bench.tuning(true))?);
+    curves.push(inputs.curve("adaptive, paper's coding", what, &parts, inputs.tuning(true))?);
 
-    let tools = bench.study.peers(&bench.options.peers, bench.depth)?;
+    let tools = inputs.study.peers(&inputs.options.peers, inputs.depth)?;
     // Of the paper's own lists, Fig. 9 has the adaptive ones.
     let mut others =
-        bench.others(|o| !o.name.starts_with(NO_INIT) && !o.name.starts_with("paper, uniform"))?;
+        inputs.others(|o| !o.name.starts_with(NO_INIT) && !o.name.starts_with("paper, uniform"))?;
     others.extend(peers::curves(&tools));
     let mut bd = Vec::new();
     for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
@@ -41,12 +46,12 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
         (&curves[0].name, &points(&curves[0])),
         (&curves[1].name, &points(&curves[1])),
     ));
-    let chart = page::chart(bench, "against other codecs (Fig. 9)", &curves, &others);
+    let chart = page::chart(inputs, "against other codecs (Fig. 9)", &curves, &others);
     let lead = format!(
         "The paper's Fig. 9: this codec, with {} steps of fine-tune and without any, the paper's way of coding on \
          its adaptive voxelization (fine-tuned alike), and other codecs on the same model: recorded beside the \
          scene, run here where their tools are at hand, published where the scene is the paper's.",
-        bench.steps
+        inputs.steps
     );
     let parts = vec![
         Section::open("Curves", vec![Block::Chart(chart, "sota".into())]),
@@ -60,12 +65,12 @@ pub(super) fn run(bench: &Bench<'_>) -> Result<Results> {
         } else {
             run::peers(&tools)
         },
-        page::tunes(bench, page::tunes_of(&curves)),
-        page::points(bench, &curves),
+        page::tunes(inputs, page::tunes_of(&curves)),
+        page::points(inputs, &curves),
         page::others(&others),
     ];
     let highlights = highlights(&bd);
-    let document = page::document(bench, "State of the art (Fig. 9)", lead, highlights, parts);
+    let document = page::document(inputs, "State of the art (Fig. 9)", lead, highlights, parts);
     Ok(Results { document, curves, bd, others, tools })
 }
 

@@ -84,10 +84,9 @@ impl Codec for SplatTransform {
     }
 
     fn encode(&self, scene: &TestScene, _quality: f32) -> Result<Vec<u8>> {
-        let model = scene.found.dataset.model_path.canonicalize().context("find the model")?;
-        let run = |dir: &Path, stream: &Path| {
-            self.convert(self.format.options(), &model, stream, dir)
-        };
+        let model = scene.files.dataset.model_path.canonicalize().context("find the model")?;
+        let run =
+            |dir: &Path, stream: &Path| self.convert(self.format.options(), &model, stream, dir);
         Ok(tool::written(self.format.file(), run)?.0)
     }
 

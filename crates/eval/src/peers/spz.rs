@@ -40,7 +40,7 @@ impl Codec for Spz {
     }
 
     fn encode(&self, scene: &TestScene, _quality: f32) -> Result<Vec<u8>> {
-        let model = scene.found.dataset.model_path.canonicalize().context("find the model")?;
+        let model = scene.files.dataset.model_path.canonicalize().context("find the model")?;
         let run = |dir: &Path, stream: &Path| {
             tool::run(&self.encoder, &[model.as_path(), stream], dir, self.limit)
         };

@@ -80,7 +80,7 @@ fn every_peer_is_run_decoded_and_scored() {
     };
     let all = bench.run(&options);
     let original = bench.original_db();
-    let file = fs::metadata(&bench.scene.found.dataset.model_path).unwrap().len();
+    let file = fs::metadata(&bench.scene.files.dataset.model_path).unwrap().len();
     for peer in ["SPZ", "splat-transform"] {
         for point in measured(&all, peer) {
             assert!((point.psnr_db - original).abs() < 1e-9 && point.bytes == file, "{point:?}");

@@ -168,7 +168,8 @@ impl Codec for Tmc3 {
                 Part::Scale(_) | Part::Rotation(_) => (COVARIANCE.to_owned(), 4),
             };
             let (integers, ranges) = part.take(&merged);
-            let (stream, [geometry, attribute]) = self.code(&positions, &integers, (&options, qp))?;
+            let (stream, [geometry, attribute]) =
+                self.code(&positions, &integers, (&options, qp))?;
             // The authors count positions once, in the first (DC) stream.
             header.counted += attribute + if index == 0 { geometry } else { 0 };
             let bits = ranges.iter().map(|&(low, high)| [low.to_bits(), high.to_bits()]);

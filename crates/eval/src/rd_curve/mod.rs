@@ -118,7 +118,7 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<PathBuf
     }
     let tools = study.peers(&options.peers, base)?;
 
-    let found = &study.test.found;
+    let found = &study.test.files;
     let mut others = published::others(&found.dataset.dir, &found.name)?;
     others.retain(|o| !o.name.starts_with(published::NO_INIT));
     others.extend(peers::curves(&tools));

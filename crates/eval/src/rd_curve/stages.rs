@@ -15,23 +15,25 @@ use crate::codec::{RoundTrip, round_trip, timed};
 use crate::measure;
 use crate::progress::Bar;
 
-/// The stages of one voxelization; the voxelized model is made when first needed.
+/// The stages of one voxelization. The voxelized model is made when a stage first needs it.
 pub(crate) struct Branch<'a> {
     study: &'a Study,
     plan: &'a Voxels,
     tuning: Option<Tuning>,
-    made: OnceCell<Made>,
+    model: OnceCell<Model>,
 }
 
-struct Made {
+/// A voxelized and merged model.
+struct Model {
     prepared: Prepared,
+    /// Seconds to voxelize and merge.
     seconds: f64,
 }
 
 impl<'a> Branch<'a> {
     /// Nothing is computed yet.
     pub(crate) fn new(study: &'a Study, plan: &'a Voxels, tuning: Option<Tuning>) -> Self {
-        Self { study, plan, tuning, made: OnceCell::new() }
+        Self { study, plan, tuning, model: OnceCell::new() }
     }
 
     /// Name of the model, for files and tables.
@@ -47,10 +49,10 @@ impl<'a> Branch<'a> {
         format!("{:?}, {:?}", self.plan, self.tuning)
     }
 
-    /// Voxelized, merged, and tuned if the branch says so.
-    fn made(&self) -> Result<&Made> {
-        if let Some(made) = self.made.get() {
-            return Ok(made);
+    /// The model: voxelized, merged, and fine-tuned if the branch asks for it.
+    fn model(&self) -> Result<&Model> {
+        if let Some(model) = self.model.get() {
+            return Ok(model);
         }
         let (importance, _) = self.study.importance();
         let strategy = |found: &[f32], seen| match &self.plan.rule {
@@ -67,14 +69,14 @@ impl<'a> Branch<'a> {
             ensure!(scene.means == prepared.scene.means, "{}: other means", path.display());
             prepared.scene = scene;
         }
-        Ok(self.made.get_or_init(|| Made { prepared, seconds }))
+        Ok(self.model.get_or_init(|| Model { prepared, seconds }))
     }
 
     /// Voxelizes, merges, perhaps fine-tunes, and scores the result.
     pub(crate) fn voxelized(&self) -> Result<Voxelized> {
         let name = self.name();
         self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
-            let Made { prepared: Prepared { scene, voxels, .. }, seconds } = self.made()?;
+            let Model { prepared: Prepared { scene, voxels, .. }, seconds } = self.model()?;
             let bar = Bar::new(&format!("render {name}"), self.study.test.held_out.len() as u64);
             let (score, _) = measure::score(scene, &self.study.test.held_out, &bar);
             let tuned = self.tuning.map(|_| tune::find(self.study, &name, &self.key()));
@@ -108,13 +110,14 @@ impl<'a> Branch<'a> {
             return Ok(record);
         }
 
-        let Prepared { scene: merged, voxels, importance } = &self.made()?.prepared;
+        let Prepared { scene: merged, voxels, importance } = &self.model()?.prepared;
         let mut options = coding.options()?;
         options.importance = Some(importance.clone());
         let mut sections = Vec::new();
         let encode = || {
             let encoded = gsvx::encode(merged, voxels, &options)?;
-            sections = encoded.sections.iter().map(|(k, n)| (format!("{k:?}"), *n as u64)).collect();
+            sections =
+                encoded.sections.iter().map(|(k, n)| (format!("{k:?}"), *n as u64)).collect();
             Ok(encoded.bytes)
         };
         let decode = |bytes: &[u8]| Ok(gsvx::decode(bytes, &DecodeOptions::default())?.scene);

@@ -52,25 +52,25 @@ impl Study {
     pub(crate) fn open(options: &Options) -> Result<Self> {
         ensure!(options.views > 0, "--views must be at least 1");
         let test = TestScene::open(&options.scene, options.views)?;
-        let found = &test.found;
+        let files = &test.files;
         let out = match &options.out {
             Some(out) => out.clone(),
-            None => scenes::root().join("out/rd").join(&found.name),
+            None => scenes::root().join("out/rd").join(&files.name),
         };
         fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
         let program = cache::program_hash()?;
-        let model = cache::hash_file(&found.dataset.model_path)?;
-        let measured = scenes::spread(found.dataset.held_out().collect(), options.views);
-        let views = hash_views(&found.dataset, &measured)?;
+        let model = cache::hash_file(&files.dataset.model_path)?;
+        let measured = scenes::spread(files.dataset.held_out().collect(), options.views);
+        let views = hash_views(&files.dataset, &measured)?;
         let inputs = Inputs { program: &program, model: &model, views: &views };
         let cache = Cache::open(&out.join("stages"), &inputs, options.fresh)?;
         println!(
             "{}: {} Gaussians of SH degree {}, {} of {} held-out views",
-            found.name,
+            files.name,
             test.model.len(),
             test.model.sh_degree,
             test.held_out.len(),
-            found.dataset.held_out().len()
+            files.dataset.held_out().len()
         );
         let hashes = [program, model, views];
         let (photos, saliency) = (OnceCell::new(), OnceCell::new());
@@ -82,7 +82,7 @@ impl Study {
         if let Some(photos) = self.photos.get() {
             return Ok(photos);
         }
-        let photos = measure::load(self.test.found.dataset.training())?;
+        let photos = measure::load(self.test.files.dataset.training())?;
         Ok(self.photos.get_or_init(|| photos))
     }
 
@@ -103,7 +103,7 @@ impl Study {
         if let Some(record) = self.cache.find("original", &(), usable)? {
             return Ok(record);
         }
-        let TestScene { model, held_out, invalid, found, .. } = &self.test;
+        let TestScene { model, held_out, invalid, files, .. } = &self.test;
         let bar = Bar::new("render original", held_out.len() as u64);
         let (score, images) = measure::score(model, held_out, &bar);
         let render_seconds = bar.done();
@@ -112,7 +112,7 @@ impl Study {
             gaussians: model.len(),
             invalid: *invalid,
             sh_degree: model.sh_degree,
-            file_bytes: fs::metadata(&found.dataset.model_path).map_or(0, |m| m.len()),
+            file_bytes: fs::metadata(&files.dataset.model_path).map_or(0, |m| m.len()),
             score,
             render_seconds,
         };

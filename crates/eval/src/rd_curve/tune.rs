@@ -1,4 +1,4 @@
-//! Fine-tunes of voxelized models, scored at the held-out views on the way. A fine-tune that is
+//! Fine-tunes of voxelized models, scored at the held-out views at a few steps. A fine-tune that was
 //! cut goes on from its checkpoint.
 
 use std::fs;
@@ -27,7 +27,7 @@ pub(crate) struct Tuning {
     pub(crate) initialised: bool,
 }
 
-/// The held-out views are scored so often on the way, the end included.
+/// How often the held-out views are scored, the end included.
 const STOPS: u64 = 4;
 
 impl Tuning {
@@ -64,7 +64,8 @@ pub(super) fn tuned(
     // The key in the name: a checkpoint of other settings is not continued.
     let checkpoint = dir.join(format!("{name}-{}.part", &cache::hash_bytes(key.as_bytes())[..8]));
     let bar = Bar::new(&format!("fine-tune {name}"), tuning.steps);
-    let score = |scene: &Scene| measure::score(scene, &study.test.held_out, &Bar::hidden()).0.psnr_db;
+    let score =
+        |scene: &Scene| measure::score(scene, &study.test.held_out, &Bar::hidden()).0.psnr_db;
     let mut held_out_db = vec![(0, score(&start))];
     let (mut seconds, mut user_seconds) = (0.0, 0.0);
     usage::reset_peak();
@@ -108,7 +109,7 @@ pub(super) fn tuned(
     bar.done();
     let file = format!("tuned/{name}.ply");
     gs_model::ply::write(study.out.join(&file), &scene)?;
-    // Only its own: the model is whole now.
+    // The model is complete: its checkpoint is no longer needed.
     let _ = fs::remove_file(&checkpoint);
     let record = Tuned {
         steps: tuning.steps,

@@ -49,7 +49,7 @@ pub(crate) const BD_TEXT: &str = "Between the upper-left convex hulls, by a cubi
      range, or have too few points.";
 
 /// How sizes and PSNRs are meant.
-pub(crate) const UNITS: &str = "Sizes are of whole streams, decoded from the file before rendering. Mbit = 10^6 bit. PSNR is \
+pub(crate) const UNITS: &str = "Sizes are of whole streams, decoded before rendering. Mbit = 10^6 bit. PSNR is \
      the mean over views of the per-view dB of the clamped float render against the 8-bit photo.";
 
 /// What to know about published points.

@@ -52,8 +52,12 @@ pub fn run(args: &Options) -> Result<()> {
     if !args.model_only {
         photos(args, &room, &cameras)?;
     }
-    let training: Vec<Camera> =
-        cameras.iter().enumerate().filter(|(i, _)| i % HOLD_OUT_EVERY != 0).map(|(_, c)| c.clone()).collect();
+    let training: Vec<Camera> = cameras
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| i % HOLD_OUT_EVERY != 0)
+        .map(|(_, c)| c.clone())
+        .collect();
     let scene = sample::gaussians(&room, &training, args.gaussians, args.seed);
     let sparse = args.out.join("sparse/0");
     fs::create_dir_all(&sparse).with_context(|| format!("create {}", sparse.display()))?;

@@ -68,14 +68,14 @@ pub(crate) fn gaussians(room: &Room, cameras: &[Camera], target: usize, seed: u6
             child.id = next_id;
             next_id += 1;
         }
-        children.par_iter_mut().for_each(|c| judge(c, room, cameras, seed));
+        children.par_iter_mut().for_each(|c| rate(c, room, cameras, seed));
         children.retain(|c| !c.seen_by.is_empty());
         bar.step((children.len()).saturating_sub(count) as u64);
         cells.extend(children);
     }
     bar.done();
     cells.sort_by_key(|c| c.id);
-    dress(room, cameras, &cells, seed)
+    to_gaussians(room, cameras, &cells, seed)
 }
 
 fn start(room: &Room, cameras: &[Camera], seed: u64) -> Vec<Cell> {
@@ -91,7 +91,7 @@ fn start(room: &Room, cameras: &[Camera], seed: u64) -> Vec<Cell> {
             }
         }
     }
-    cells.par_iter_mut().for_each(|c| judge(c, room, cameras, seed));
+    cells.par_iter_mut().for_each(|c| rate(c, room, cameras, seed));
     cells.retain(|c| !c.seen_by.is_empty());
     cells
 }
@@ -129,7 +129,7 @@ fn viewers(room: &Room, cameras: &[Camera], p: DVec3, n: DVec3) -> Vec<u32> {
 }
 
 /// Fills in who sees the cell and how wrong one colour would be for it.
-fn judge(cell: &mut Cell, room: &Room, cameras: &[Camera], seed: u64) {
+fn rate(cell: &mut Cell, room: &Room, cameras: &[Camera], seed: u64) {
     let at =
         |i: f64, j: f64| cell.patch.at(room, cell.u + i * cell.width, cell.v + j * cell.height);
     let (centre, normal) = at(0.5, 0.5);
@@ -200,7 +200,7 @@ fn colour(
 }
 
 /// Turns cells into Gaussians with fitted colours.
-fn dress(room: &Room, cameras: &[Camera], cells: &[Cell], seed: u64) -> Scene {
+fn to_gaussians(room: &Room, cameras: &[Camera], cells: &[Cell], seed: u64) -> Scene {
     let bar = Bar::new("fit colours", cells.len() as u64);
     let coefficients: Vec<[[f32; 3]; 16]> = cells
         .par_iter()

@@ -1,4 +1,4 @@
-//! Pathological scenes: what no trainer should write, and some that trainers do write.
+//! Pathological scenes: invalid, degenerate and extreme ones, and ordinary ones for comparison.
 
 use gs_model::Scene;
 use testing::{Rng, trained_like};

@@ -33,7 +33,10 @@ fn damaged_bytes_never_get_a_name() {
     broken[50] ^= 1;
     archive::patch(&bench.models(), &ply[1000..1100], &broken);
     let line = bench.fails(&local(&bench));
-    assert!(line.contains("point_cloud.ply is damaged") && line.contains("run this again"), "{line}");
+    assert!(
+        line.contains("point_cloud.ply is damaged") && line.contains("run this again"),
+        "{line}"
+    );
     assert!(!bench.dir().join("point_cloud.ply").exists());
     assert!(bench.pieces().is_empty(), "a damaged piece is not gone on from");
     // The rest is kept, and a good archive completes it.
@@ -141,7 +144,10 @@ fn files_put_there_by_hand_are_taken_if_they_are_the_archives() {
     fs::remove_file(bench.dir().join("fetch.toml")).unwrap();
     assert_eq!(bench.fetch(&local(&bench)).unwrap(), Summary { fetched: 0, kept: 10 });
     assert_eq!(Record::load(&bench.dir()).unwrap(), record);
-    for bad in ["complete = maybe", "complete = true\n[files.\"../x\"]\narchive='a'\nentry='b'\nbytes=1\nsha256='c'\n"] {
+    for bad in [
+        "complete = maybe",
+        "complete = true\n[files.\"../x\"]\narchive='a'\nentry='b'\nbytes=1\nsha256='c'\n",
+    ] {
         fs::write(bench.dir().join("fetch.toml"), bad).unwrap();
         assert!(bench.fails(&local(&bench)).contains("not a record of fetched files"));
     }
@@ -155,8 +161,7 @@ fn what_was_fetched_is_a_scene_that_rd_curve_finds() {
     let (model, photos): (Vec<Entry>, Vec<Entry>) =
         files.into_iter().partition(|(name, _)| name == "point_cloud.ply");
     let ply = "playroom/point_cloud/iteration_30000/point_cloud.ply".to_owned();
-    let models =
-        [(ply, model[0].1.clone()), ("playroom/cameras.json".to_owned(), b"[]".to_vec())];
+    let models = [(ply, model[0].1.clone()), ("playroom/cameras.json".to_owned(), b"[]".to_vec())];
     let photos: Vec<Entry> =
         photos.into_iter().map(|(name, bytes)| (format!("db/playroom/{name}"), bytes)).collect();
     let bench = Bench::with(&models, &photos, 0);

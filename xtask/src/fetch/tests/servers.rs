@@ -89,18 +89,6 @@ fn what_cannot_be_read_in_ranges_is_to_be_downloaded_by_hand() {
 }
 
 #[test]
-fn redirects_are_followed_but_not_for_ever() {
-    let bench = Bench::new();
-    let server = bench.serve(Manners { redirect: true, ..Manners::default() });
-    bench.fetch(&from(&server)).unwrap();
-    bench.assert_complete();
-    fs::remove_dir_all(bench.dir()).unwrap();
-    server.behave(Manners { redirect_loop: true, ..Manners::default() });
-    let line = bench.fails(&from(&server));
-    assert!(line.contains("redirects"), "{line}");
-}
-
-#[test]
 fn a_silent_server_is_not_waited_for() {
     let bench = Bench::new();
     let server = bench.serve(Manners { silent: true, ..Manners::default() });

@@ -64,7 +64,7 @@ fn least(mut work: impl FnMut()) -> f64 {
             while cpu_seconds() - start < 0.25 {
                 work();
                 n += 1;
-                // Where there is no such clock, one run has to do.
+                // The clock may not advance on this system.
                 if n > 1000 {
                     break;
                 }

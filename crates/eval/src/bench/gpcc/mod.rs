@@ -54,7 +54,7 @@ pub fn run(args: &Options) -> Result<()> {
         println!("## {title}\n\n{text}");
         report += &format!("\n## {title}\n\n{text}");
     };
-    // First, for its peak memory is the process's.
+    // First, because peak memory is counted from the start of the process.
     let model = if wants("model") { Some(model::report(dir)?) } else { None };
     if wants("geometry") {
         part("Geometry", rates::geometry_table(dir, &clouds, &peers)?);

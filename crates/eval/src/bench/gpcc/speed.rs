@@ -13,8 +13,8 @@ use gpcc_lite::{Limits, geometry};
 
 use super::cloud::read;
 
-/// Seconds this thread has run: on a shared machine the wall clock measures the neighbours.
-/// Falls back to the wall clock where the kernel does not say.
+/// Seconds that this thread has run, which other processes on a shared machine do not change. The
+/// wall clock where the kernel does not report it.
 fn thread_seconds(start: Instant) -> f64 {
     std::fs::read_to_string("/proc/thread-self/schedstat")
         .ok()

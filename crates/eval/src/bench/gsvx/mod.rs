@@ -49,7 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
         let raw = (many.len() * (11 + 3 * many.sh_len()) * 4) as f64 / 1e6;
         gs_model::ply::write(&model, &many)?;
         drop(many);
-        // Otherwise the disk is still busy with it in the first measurement.
+        // Otherwise the disk would still be busy with it in the first measurement.
         std::fs::File::open(&model)?.sync_all()?;
         let stream = dir.path().join("model.gsvx");
         let back = dir.path().join("back.ply");
@@ -86,7 +86,7 @@ pub fn run(options: &Options) -> Result<()> {
         crate::manifest::processor(),
     );
     let out = scenes::root().join(&options.out);
-    // What people wrote below the table stays.
+    // Keeps the text that was written by hand below the table.
     let before = std::fs::read_to_string(&out).unwrap_or_default();
     let written_by_hand = before.find("\n## ").map_or("", |at| &before[at..]);
     let text = text + written_by_hand;
@@ -160,7 +160,7 @@ struct Cost {
 }
 
 fn measure(gsvx: &Path, words: &[&str], input: &Path, output: &Path) -> Result<Cost> {
-    // What is made is a new file: one that is replaced would be waited for on the disk.
+    // Replacing a file would also measure the disk.
     if output.exists() {
         std::fs::remove_file(output)?;
     }
@@ -175,7 +175,7 @@ fn measure(gsvx: &Path, words: &[&str], input: &Path, output: &Path) -> Result<C
         .with_context(|| format!("start {}", gsvx.display()))?;
     let (mut peak, mut ticks) = (0u64, 0u64);
     let status = loop {
-        // Both files vanish with the process: the last reading before that counts.
+        // Both files are gone when the process ends, so the last reading before that is kept.
         let proc = format!("/proc/{}", child.id());
         peak = crate::usage::peak_bytes_of(&child.id().to_string()).unwrap_or(peak);
         if let Ok(text) = std::fs::read_to_string(format!("{proc}/stat"))

@@ -6,8 +6,8 @@ use anyhow::{Result, ensure};
 use gs_model::Scene;
 use voxel::{Importance, Merge, RateDistortion, Strategy, Voxelization, merge_weighted, voxelize};
 
-use super::models::Study;
 use super::Options;
+use super::models::Study;
 use crate::bd::{self, Method, Point};
 use crate::chart::{Axis, Chart, Kind, Series};
 

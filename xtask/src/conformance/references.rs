@@ -1,4 +1,4 @@
-//! Fast forms beside slow, obvious ones.
+//! Fast implementations against their references, and the lossless mode.
 
 use std::process::Command;
 
@@ -21,7 +21,7 @@ fn room() -> Result<Scene> {
     Ok(gs_model::ply::read(path)?.0)
 }
 
-/// The decoder's fixed-point transform against the same in f64, and there and back.
+/// The decoder's fixed-point RAHT against RAHT in f64, and its inverse.
 fn raht() -> Result<Verdict> {
     let scene = room()?;
     let cube = voxel::Cube::of(&scene.means)?;
@@ -29,7 +29,7 @@ fn raht() -> Result<Verdict> {
     let leaves: &[Leaf] = &voxels.leaves;
     ensure!(leaves.windows(2).all(|w| w[0].morton < w[1].morton), "leaves are not in Morton order");
     let plan = Plan::new(leaves, voxels.j_high)?;
-    // Numbers that a transform cannot guess: position bits, up to 2^20.
+    // Values without correlation between neighbours, of 20 bits.
     let values: Vec<i64> = leaves
         .iter()
         .map(|l| {
@@ -44,20 +44,25 @@ fn raht() -> Result<Verdict> {
     let apart = fixed.iter().zip(&float).map(|(&a, b)| (a as f64 - b).abs()).fold(0.0, f64::max);
     plan.inverse_fixed(&mut fixed)?;
     let back = fixed.iter().zip(&values).map(|(a, b)| (a - b).abs()).max().unwrap_or(0);
-    // A unit is what a step of 1 would be; the smallest step in use is far above.
-    ensure!(apart < APART, "coefficients are {apart:.3} apart, {APART} is allowed");
-    ensure!(back <= BACK, "values come back {back} off, {BACK} is allowed");
+    ensure!(
+        apart < MAX_COEFFICIENT_ERROR,
+        "coefficients are {apart:.3} apart, {MAX_COEFFICIENT_ERROR} is allowed"
+    );
+    ensure!(
+        back <= MAX_ROUND_TRIP_ERROR,
+        "values come back {back} off, {MAX_ROUND_TRIP_ERROR} is allowed"
+    );
     Ok(Verdict::Holds(format!(
         "{} coefficients within {apart:.2} of f64, values of 20 bits back within {back}",
         values.len()
     )))
 }
 
-/// Greatest difference of a coefficient, in units of the values: rounding of each of some forty
-/// butterflies.
-const APART: f64 = 8.0;
+/// Greatest difference of a coefficient, in units of the values. Each of some forty butterflies
+/// rounds. The smallest quantisation step in use is far larger.
+const MAX_COEFFICIENT_ERROR: f64 = 8.0;
 /// The same after the inverse.
-const BACK: i64 = 8;
+const MAX_ROUND_TRIP_ERROR: i64 = 8;
 
 fn lossless() -> Result<Verdict> {
     let scene = room()?;
@@ -73,7 +78,7 @@ fn lossless() -> Result<Verdict> {
     Ok(Verdict::Holds(format!("{} Gaussians, {} bytes", scene.len(), bytes.len())))
 }
 
-/// finetune's own stage-by-stage tests, on whatever adapter there is (lavapipe will do).
+/// finetune's own tests of each stage, on whatever adapter there is, software Vulkan included.
 fn wgsl(no_gpu: bool) -> Result<Verdict> {
     if no_gpu {
         return Ok(Verdict::Skipped("--no-gpu".into()));
