@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::{Axis, COLOURS, Chart, Kind, Series};
+use super::{Axis, COLOURS, Chart, Kind};
 
-/// Room for the numbers on the left, and for the last number on the right.
+/// Least room for the numbers on the left, and room for the last number on the right.
 const LEFT: f64 = 66.0;
 const RIGHT: f64 = 18.0;
 /// Room for numbers and name of the size axis.
@@ -118,7 +118,9 @@ impl Chart {
 
     fn plot(&self, out: &mut String, top: f64, theme: &Theme) {
         let (xs, ys) = (self.x_ticks(), self.y_ticks());
-        let (x0, x1) = (LEFT, theme.width - RIGHT);
+        let widest = ys.ticks.iter().map(|(_, text)| text_width(text, theme.font_size));
+        let x0 = widest.fold(LEFT, |left, width| left.max(width + 32.0)).round();
+        let x1 = theme.width - RIGHT;
         let (y0, y1) = (top + TOP, top + theme.height - BOTTOM);
         let px = |v: f64| x0 + (v - xs.range.0) / (xs.range.1 - xs.range.0) * (x1 - x0);
         let py = |v: f64| y1 - (v - ys.range.0) / (ys.range.1 - ys.range.0) * (y1 - y0);
@@ -173,8 +175,13 @@ impl Chart {
             }
         }
         if self.names_at_points {
-            let last = |s: &Series| s.points.last().map(|p| (place(p), s.name.clone()));
-            names(out, &self.series.iter().filter_map(last).collect::<Vec<_>>(), theme);
+            let series = self.series.iter().enumerate();
+            let last = series.filter_map(|(i, s)| {
+                s.points.last().map(|p| (place(p), s.name.as_str(), self.colour(i)))
+            });
+            let all: Vec<Named<'_>> = last.collect();
+            let plot = Area(x0, theme.width, y0, y1);
+            names(out, &all, plot);
         }
     }
 
@@ -250,31 +257,57 @@ fn row(out: &mut String, name: &str, y: f64) {
     );
 }
 
-/// Writes names beside their points: to the right, or to the left where the plot ends. A name that
-/// would lie on an earlier one moves down.
-fn names(out: &mut String, all: &[((f64, f64), String)], theme: &Theme) {
-    const SIZE: f64 = 13.0;
-    let mut taken: Vec<(f64, f64, f64)> = Vec::new();
-    for ((x, y), name) in all {
-        let width = 0.55 * SIZE * name.chars().count() as f64;
-        let to_the_left = x + 10.0 + width > theme.width;
-        let left = if to_the_left { x - 8.0 - width } else { x + 8.0 };
-        let mut base = y - 4.0;
-        let overlaps = |base: f64, &(l, w, b): &(f64, f64, f64)| {
-            left < l + w && l < left + width && (base - b).abs() < SIZE
+/// A rectangle: left, right, top, bottom.
+#[derive(Clone, Copy)]
+struct Area(f64, f64, f64, f64);
+
+impl Area {
+    fn meets(&self, o: &Self) -> bool {
+        self.0 < o.1 && o.0 < self.1 && self.2 < o.3 && o.2 < self.3
+    }
+
+    fn holds(&self, o: &Self) -> bool {
+        self.0 <= o.0 && o.1 <= self.1 && self.2 <= o.2 && o.3 <= self.3
+    }
+}
+
+/// A point with its name and colour.
+type Named<'a> = ((f64, f64), &'a str, &'static str);
+
+/// Writes names beside their points, inside `plot`: to the right or to the left, at the first height
+/// where a name lies neither on a mark nor on an earlier name.
+fn names(out: &mut String, all: &[Named<'_>], plot: Area) {
+    const SIZE: u32 = 13;
+    let mark = |(x, y): (f64, f64)| Area(x - MARK, x + MARK, y - MARK, y + MARK);
+    let mut taken: Vec<Area> = all.iter().map(|(at, ..)| mark(*at)).collect();
+    for ((x, y), name, colour) in all {
+        let width = text_width(name, SIZE);
+        let near = |side: f64, step: i32| {
+            let left = if side > 0.0 { x + 8.0 } else { x - 8.0 - width };
+            let base = y + 4.0 + f64::from(step) * 5.0;
+            Area(left, left + width, base - 0.8 * f64::from(SIZE), base + 3.0)
         };
-        while taken.iter().any(|t| overlaps(base, t)) {
-            base += SIZE / 2.0;
-        }
-        taken.push((left, width, base));
-        let (at, anchor) = if to_the_left { (x - 8.0, "end") } else { (x + 8.0, "start") };
+        // Heights by growing distance: 0, -1, 1, -2, ...
+        let steps = (0..40).map(|i| if i % 2 == 0 { i / 2 } else { -(i + 1) / 2 });
+        let mut places = steps.flat_map(|step| [near(1.0, step), near(-1.0, step)]);
+        let free = |a: &Area| plot.holds(a) && !taken.iter().any(|t| t.meets(a));
+        let area = places.find(free).unwrap_or_else(|| near(1.0, 0));
+        let to_the_left = area.1 < *x;
+        let (x, anchor) = if to_the_left { (area.1, "end") } else { (area.0, "start") };
         let _ = writeln!(
             out,
-            r#"<text x="{at:.1}" y="{base:.1}" font-size="{SIZE}" text-anchor="{anchor}" fill="{}">{}</text>"#,
-            theme.ink,
+            r#"<text x="{x:.1}" y="{:.1}" font-size="{SIZE}" text-anchor="{anchor}" fill="{colour}">{}</text>"#,
+            area.3 - 3.0,
             escape(name)
         );
+        taken.push(area);
     }
+}
+
+/// Width of a text in DejaVu Sans, about.
+fn text_width(text: &str, size: u32) -> f64 {
+    let em = |c: char| if " .,:;'|()[]fijlt-".contains(c) { 0.36 } else { 0.63 };
+    text.chars().map(em).sum::<f64>() * f64::from(size)
 }
 
 fn level_line(out: &mut String, x0: f64, x1: f64, y: f64, theme: &Theme) {
@@ -312,12 +345,21 @@ mod tests {
         let points = points.map(|(name, at)| (name.to_owned(), at));
         let svg =
             Chart::of_points("t", Axis::logarithmic("x"), Axis::logarithmic("y"), points).svg();
-        let baseline = |name: &str| -> f64 {
+        let number = |name: &str, key: &str| -> f64 {
             let line = svg.lines().find(|l| l.ends_with(&format!(">{name}</text>"))).unwrap();
-            line.split("y=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap()
+            line.split(&format!(" {key}=\""))
+                .nth(1)
+                .unwrap()
+                .split('"')
+                .next()
+                .unwrap()
+                .parse()
+                .unwrap()
         };
-        assert!((baseline("one") - baseline("two")).abs() >= 13.0);
-        assert!(svg.contains("text-anchor=\"end\" fill=\"#222222\">far right"));
+        let (one, two) =
+            ((number("one", "x"), number("one", "y")), (number("two", "x"), number("two", "y")));
+        assert!((one.0 - two.0).abs() > 20.0 || (one.1 - two.1).abs() > 12.0, "{one:?} {two:?}");
+        assert!(number("far right", "x") < PAPER.width - RIGHT);
         assert!(svg.contains("y, logarithmic") && !svg.contains("NaN"));
     }
 }

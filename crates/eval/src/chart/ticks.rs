@@ -59,6 +59,13 @@ pub(super) fn logarithmic(values: impl Iterator<Item = f64>) -> Placed {
     ];
     let chosen = sets.into_iter().map(candidates).find(|t| t.len() >= 4);
     let chosen = chosen.unwrap_or_else(|| candidates(sets[3]));
+    if chosen.len() < 2 {
+        // Too narrow for round numbers of a decade.
+        let ends = [range.0, range.1].map(|p| 10f64.powf(p));
+        let ticks = linear(ends.into_iter()).ticks.into_iter().map(|(v, text)| (v.log10(), text));
+        let inside = |t: &(f64, String)| (range.0..=range.1).contains(&t.0);
+        return Placed { range, ticks: ticks.filter(inside).collect() };
+    }
     let label = |v: f64| {
         if !(1e-3..1e6).contains(&v) {
             return format!("{v:.1e}").replace(".0e", "e");
@@ -95,6 +102,18 @@ mod tests {
     fn sizes_over_a_decade_are_1_2_5() {
         assert_eq!(labels(&logarithmic([0.16, 4.5].into_iter())), ["0.2", "0.5", "1", "2", "5"]);
         assert_eq!(labels(&logarithmic([0.9, 2.1].into_iter())), ["1", "1.2", "1.5", "2"]);
+    }
+
+    #[test]
+    fn a_narrow_logarithmic_axis_has_numbers() {
+        let narrow = logarithmic([0.0241, 0.0254].into_iter());
+        assert!(labels(&narrow).len() >= 2, "{narrow:?}");
+        assert!(
+            narrow.ticks.iter().all(|(at, text)| {
+                (10f64.powf(*at) - text.parse::<f64>().unwrap()).abs() < 1e-9
+            })
+        );
+        assert!(!labels(&logarithmic([47.0].into_iter())).is_empty());
     }
 
     #[test]
