@@ -113,103 +113,39 @@ fn baseline() -> PathBuf {
 /// # Errors
 /// If the scene cannot be read, a stage fails or the report cannot be written.
 pub fn run(options: &Options) -> Result<()> {
-    let found = scenes::find(&options.scene)?;
+    let scene = scenes::find(&options.scene)?;
     let targets = criterion::targets(&scenes::root());
     if options.criterion {
         criterion::run(&scenes::root(), &targets)?;
     }
     let before = yardstick();
-    let rows = stages::measure(&found, options.repeat)?;
+    let rows = stages::measure(&scene, options.repeat)?;
     let after = yardstick();
-    // Stages are compared by processor time, criterion's by the wall-clock time that it measures.
-    let (yard, yard_wall) = (before.cpu.min(after.cpu), before.wall.min(after.wall));
+    let yard = Time { cpu: before.cpu.min(after.cpu), wall: before.wall.min(after.wall) };
     let peaks = memory::measure(&options.scene, options.child)?;
     let micro = criterion::estimates(&criterion::folder(&scenes::root()));
-    let mut times: Times = Times::new();
-    for r in &rows {
-        times.insert(format!("{}: {}: {}", found.name, r.stage, r.setting), r.time.cpu / yard);
-    }
-    for m in &micro {
-        times.insert(format!("criterion: {}", m.name), m.seconds / yard_wall);
-    }
+    let times = times(&scene.name, &rows, &micro, yard);
     let old: Times = match std::fs::read(baseline()) {
-        Ok(bytes) => {
-            serde_json::from_slice(&bytes).context("crates/eval/data/bench-baseline.json")?
-        }
+        Ok(bytes) => serde_json::from_slice(&bytes).context("bench-baseline.json")?,
         Err(_) => Times::new(),
     };
-    let mut slower = 0;
-    for (name, time) in &times {
-        match old.get(name) {
-            Some(was) => {
-                let worse = time / was > REGRESSION;
-                slower += usize::from(worse);
-                println!("{:6.2}x {name}{}", time / was, if worse { "  REGRESSION" } else { "" });
-            }
-            None => println!("   new  {name}"),
-        }
-    }
-    println!("{slower} of {} take {REGRESSION} times the baseline or more", times.len());
+    print_regressions(&times, &old);
+
     let out = scenes::root().join(&options.out);
     let plots = out.join("bench");
     std::fs::create_dir_all(&plots)?;
-    let mut stages: Vec<&'static str> = rows.iter().map(|r| r.stage).collect();
-    stages.dedup();
-    let mut text = format!(
-        "# Time against error\n\n\
-         `cargo xtask bench {}`: {}, {} threads, {}. Repetitions: {}, the least counts. Processor time \
-         is also given in yardsticks, what sorting 2^22 integers on one core takes in the same run \
-         ({:.0} ms): yardsticks are compared with the committed baseline, `--bless` replaces it. \
-         A star marks the Pareto front: nothing else in the table is as fast, as near and as small, \
-         and better in one. \
-         Peak is the resident memory of the process while the stage ran, its inputs included.\n",
-        options.scene,
-        found.what,
-        rayon::current_num_threads(),
-        crate::manifest::processor(),
-        options.repeat,
-        1e3 * yard,
-    );
-    for stage in stages {
-        let of: Vec<&Row> = rows.iter().filter(|r| r.stage == stage).collect();
-        let _ = write!(
-            text,
-            "\n## {stage}\n\nError: {}.\n\n\
-             | setting | ms | CPU ms | yardsticks | to baseline | error | bytes | peak MB | front |\n\
-             |---|---:|---:|---:|---:|---:|---:|---:|---|\n",
-            of[0].of
-        );
-        for r in &of {
-            let beaten = of.iter().any(|o| {
-                let (no_worse, better) = (
-                    o.time.wall <= r.time.wall && o.error <= r.error && o.bytes <= r.bytes,
-                    o.time.wall < r.time.wall || o.error < r.error || o.bytes < r.bytes,
-                );
-                no_worse && better
-            });
-            let was = old.get(&format!("{}: {}: {}", found.name, r.stage, r.setting));
-            let ratio = was.map_or("new".into(), |w| format!("{:.2}", r.time.cpu / yard / w));
-            let bytes = r.bytes.map_or("-".into(), |b| b.to_string());
-            let _ = writeln!(
-                text,
-                "| {} | {:.2} | {:.2} | {:.3} | {ratio} | {:.4e} | {bytes} | {:.0} | {} |",
-                r.setting,
-                1e3 * r.time.wall,
-                1e3 * r.time.cpu,
-                r.time.cpu / yard,
-                r.error,
-                r.peak_mb,
-                if beaten { "" } else { "*" }
-            );
-        }
+    let mut text = introduction(options, &scene.what, yard);
+    for of in rows.chunk_by(|a, b| a.stage == b.stage) {
+        let stage = of[0].stage;
+        text += &stage_section(&scene.name, of, yard, &old);
         if of.len() > 1 {
             let file = format!("{}.svg", stage.replace(|c: char| !c.is_alphanumeric(), "-"));
-            std::fs::write(plots.join(&file), chart(stage, &of).svg())?;
+            std::fs::write(plots.join(&file), chart(stage, of).svg())?;
             let _ = write!(text, "\n![{stage}](bench/{file})\n");
         }
     }
-    text += &memory_section(&peaks, found.raw_mb()?);
-    text += &criterion_section(&micro, &targets, &old, yard_wall);
+    text += &memory_section(&peaks, scene.raw_mb()?);
+    text += &criterion_section(&micro, &targets, &old, yard.wall);
     let report = out.join("bench.md");
     std::fs::write(&report, text).with_context(|| format!("write {}", report.display()))?;
     println!("written: {}", report.display());
@@ -220,12 +156,92 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
+/// All times in yardsticks. Stages are compared by processor time, criterion's benchmarks by the
+/// wall-clock time that it measures.
+fn times(scene: &str, rows: &[Row], micro: &[criterion::Micro], yard: Time) -> Times {
+    let stages = rows.iter().map(|r| (key(scene, r), r.time.cpu / yard.cpu));
+    let micro = micro.iter().map(|m| (format!("criterion: {}", m.name), m.seconds / yard.wall));
+    stages.chain(micro).collect()
+}
+
+/// Name of a row in the baseline.
+fn key(scene: &str, row: &Row) -> String {
+    format!("{scene}: {}: {}", row.stage, row.setting)
+}
+
+fn print_regressions(times: &Times, old: &Times) {
+    let mut slower = 0;
+    for (name, time) in times {
+        match old.get(name) {
+            Some(was) => {
+                let worse = time / was > REGRESSION;
+                slower += usize::from(worse);
+                println!("{:6.2}x {name}{}", time / was, if worse { "  REGRESSION" } else { "" });
+            }
+            None => println!("   new  {name}"),
+        }
+    }
+    println!("{slower} of {} take {REGRESSION} times the baseline or more", times.len());
+}
+
+fn introduction(options: &Options, what: &str, yard: Time) -> String {
+    format!(
+        "# Time against error\n\n\
+         `cargo xtask bench {}`: {}, {} threads, {}. Repetitions: {}, the least counts. Processor time \
+         is also given in yardsticks, what sorting 2^22 integers on one core takes in the same run \
+         ({:.0} ms): yardsticks are compared with the committed baseline, `--bless` replaces it. \
+         A star marks the Pareto front: nothing else in the table is as fast, as near and as small, \
+         and better in one. \
+         Peak is the resident memory of the process while the stage ran, its inputs included.\n",
+        options.scene,
+        what,
+        rayon::current_num_threads(),
+        crate::manifest::processor(),
+        options.repeat,
+        1e3 * yard.cpu,
+    )
+}
+
+/// The table of one stage.
+fn stage_section(scene: &str, of: &[Row], yard: Time, old: &Times) -> String {
+    let mut text = format!(
+        "\n## {}\n\nError: {}.\n\n\
+         | setting | ms | CPU ms | yardsticks | to baseline | error | bytes | peak MB | front |\n\
+         |---|---:|---:|---:|---:|---:|---:|---:|---|\n",
+        of[0].stage, of[0].of
+    );
+    for r in of {
+        let beaten = of.iter().any(|o| {
+            let (no_worse, better) = (
+                o.time.wall <= r.time.wall && o.error <= r.error && o.bytes <= r.bytes,
+                o.time.wall < r.time.wall || o.error < r.error || o.bytes < r.bytes,
+            );
+            no_worse && better
+        });
+        let yards = r.time.cpu / yard.cpu;
+        let was = old.get(&key(scene, r));
+        let ratio = was.map_or("new".into(), |w| format!("{:.2}", yards / w));
+        let bytes = r.bytes.map_or("-".into(), |b| b.to_string());
+        let _ = writeln!(
+            text,
+            "| {} | {:.2} | {:.2} | {yards:.3} | {ratio} | {:.4e} | {bytes} | {:.0} | {} |",
+            r.setting,
+            1e3 * r.time.wall,
+            1e3 * r.time.cpu,
+            r.error,
+            r.peak_mb,
+            if beaten { "" } else { "*" }
+        );
+    }
+    text
+}
+
 /// Time against error of the settings of a stage. An error of zero lies on the lower edge, at a
 /// quarter of the least other error.
-fn chart(title: &str, rows: &[&Row]) -> Chart {
+fn chart(title: &str, rows: &[Row]) -> Chart {
     let positive = rows.iter().map(|r| r.error).filter(|&e| e > 0.0).fold(f64::INFINITY, f64::min);
     let floor = if positive.is_finite() { positive / 4.0 } else { 1e-3 };
-    let point = |r: &&Row| (r.setting.clone(), (1e3 * r.time.wall.max(1e-9), r.error.max(floor)));
+    let point = |r: &Row| (r.setting.clone(), (1e3 * r.time.wall.max(1e-9), r.error.max(floor)));
     let (x, y) = ("time, ms", "error (on the lower edge: none)");
     Chart::of_points(title, Axis::logarithmic(x), Axis::logarithmic(y), rows.iter().map(point))
 }

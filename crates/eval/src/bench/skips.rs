@@ -9,11 +9,12 @@ use anyhow::{Context, Result, ensure};
 use finetune::probe::{Probe, TileTest, Variant, VariantPass};
 use finetune::{RenderOptions, render};
 use gpcc_lite::{Limits, geometry};
-use gs_model::{Camera, ply};
+use gs_model::{Camera, Scene, ply};
 use gsvx::stream::{Container, SectionKind};
 use gsvx::{DecodeOptions, EncodeOptions, Prepared, Seen, slices};
 use voxel::{Cube, Strategy};
 
+use super::stages::small;
 use crate::scenes;
 
 /// One kind of work that is skipped.
@@ -155,17 +156,7 @@ const PROOFS: [Proof; 9] = [PRUNED, COPIED, DROPPED, UNSEEN, TILES, CULLED, LANE
 fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
     let (mut scene, _) = ply::read(&found.dataset.model_path)?;
     scene.drop_invalid();
-    let n = scene.len() as u64;
-    let cameras: Vec<Camera> = found
-        .dataset
-        .held_out()
-        .map(|v| {
-            let factor = (f64::from(v.camera.width) / 640.0).max(1.0);
-            let size = |v: u32| (f64::from(v) / factor).round() as u32;
-            let small = v.camera.scaled_to(size(v.camera.width), size(v.camera.height));
-            small.unwrap_or_else(|| v.camera.clone())
-        })
-        .collect();
+    let cameras: Vec<Camera> = found.dataset.held_out().map(|v| small(&v.camera)).collect();
     let mut out: Vec<Counted> = Vec::new();
 
     let guessed = gsvx::importance::without_cameras(&scene);
@@ -181,7 +172,8 @@ fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
         ));
     }
     let choose = |f: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, f, seen);
-    let Prepared { scene: merged, voxels, importance } = gsvx::prepare(&scene, choose, None)?;
+    let prepared = gsvx::prepare(&scene, choose, None)?;
+    let voxels = &prepared.voxels;
     let single = (0..voxels.len()).filter(|&i| voxels.members_of(i).len() == 1).count() as u64;
     out.push((
         "voxel, merge",
@@ -189,65 +181,85 @@ fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
         [single, voxels.len() as u64],
         COPIED,
     ));
+    with_cameras(&found.name, &scene, &cameras, &mut out)?;
+    if let Some(camera) = cameras.first() {
+        one_view(&found.name, &scene, camera, &mut out)?;
+    }
+    streams(&found.name, prepared, &mut out)?;
+    Ok(out)
+}
 
-    let seen = finetune::saliency_per_view(&scene, &cameras);
+/// Voxelization and rasterizer, over all cameras.
+fn with_cameras(
+    name: &str,
+    scene: &Scene,
+    cameras: &[Camera],
+    out: &mut Vec<Counted>,
+) -> Result<()> {
+    let n = scene.len() as u64;
+    let seen = finetune::saliency_per_view(scene, cameras);
     let choose = |f: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, f, seen);
-    let with_cameras = gsvx::prepare(&scene, choose, Some(&seen.squared))?;
+    let prepared = gsvx::prepare(scene, choose, Some(&seen.squared))?;
     out.push((
         "voxel, with cameras",
         "Gaussians that cost more than they show",
-        [with_cameras.voxels.dropped.len() as u64, n],
+        [prepared.voxels.dropped.len() as u64, n],
         DROPPED,
     ));
-    let unseen: Vec<usize> = (0..scene.len()).filter(|&i| seen.total[i] > 0.0).collect();
-    let less = scene.select(&unseen);
+    let shown: Vec<usize> = (0..scene.len()).filter(|&i| seen.total[i] > 0.0).collect();
     let options = RenderOptions::default();
     if let Some(c) = cameras.first() {
         ensure!(
-            render(&scene, c, &options) == render(&less, c, &options),
-            "{}: leaving out unseen Gaussians changed a render",
-            found.name
+            render(scene, c, &options) == render(&scene.select(&shown), c, &options),
+            "{name}: leaving out unseen Gaussians changed a render",
         );
     }
     out.push((
         "finetune, rasterizer",
         "Gaussians without weight in any view",
-        [n - unseen.len() as u64, n],
+        [n - shown.len() as u64, n],
         UNSEEN,
     ));
-    let shown: u64 = seen.views.iter().map(|&v| u64::from(v)).sum();
+    let pairs: u64 = seen.views.iter().map(|&v| u64::from(v)).sum();
     out.push((
         "finetune, rasterizer",
         "(Gaussian, view) pairs culled, cut at 1/255 or behind a stopped pixel",
-        [n * cameras.len() as u64 - shown, n * cameras.len() as u64],
+        [n * cameras.len() as u64 - pairs, n * cameras.len() as u64],
         CULLED,
     ));
+    Ok(())
+}
 
-    if let Some(c) = cameras.first() {
-        let photo = render(&scene, c, &options);
-        let pass = |tile_test| {
-            let mut pass = VariantPass::new(c, &photo, Variant { tile_test, ..Variant::default() });
-            pass.forward(&scene);
-            (pass.image(), pass.slots() as u64)
-        };
-        let ((image, slots), (all, most)) = (pass(TileTest::Ellipse), pass(TileTest::Square));
-        ensure!(image == all, "{}: the tile test changed a render", found.name);
-        out.push((
-            "finetune, rasterizer",
-            "(Gaussian, tile) pairs of the bounding square that the ellipse does not reach, one view",
-            [most - slots, most],
-            TILES,
-        ));
-        let probe = Probe::new(&scene, c, &photo);
-        let (visited, all) = (probe.visited(), probe.pairs());
-        out.push((
-            "finetune, blend",
-            "(Gaussian, pixel) pairs in rows of a tile that the Gaussian does not reach, one view",
-            [all - visited, all],
-            LANES,
-        ));
-    }
+/// Tiles and pixels of one view.
+fn one_view(name: &str, scene: &Scene, c: &Camera, out: &mut Vec<Counted>) -> Result<()> {
+    let photo = render(scene, c, &RenderOptions::default());
+    let pass = |tile_test| {
+        let mut pass = VariantPass::new(c, &photo, Variant { tile_test, ..Variant::default() });
+        pass.forward(scene);
+        (pass.image(), pass.slots() as u64)
+    };
+    let ((image, slots), (all, most)) = (pass(TileTest::Ellipse), pass(TileTest::Square));
+    ensure!(image == all, "{name}: the tile test changed a render");
+    out.push((
+        "finetune, rasterizer",
+        "(Gaussian, tile) pairs of the bounding square that the ellipse does not reach, one view",
+        [most - slots, most],
+        TILES,
+    ));
+    let probe = Probe::new(scene, c, &photo);
+    let (visited, all) = (probe.visited(), probe.pairs());
+    out.push((
+        "finetune, blend",
+        "(Gaussian, pixel) pairs in rows of a tile that the Gaussian does not reach, one view",
+        [all - visited, all],
+        LANES,
+    ));
+    Ok(())
+}
 
+/// Bytes that a decoder need not read.
+fn streams(name: &str, prepared: Prepared, out: &mut Vec<Counted>) -> Result<()> {
+    let Prepared { scene: merged, voxels, importance } = prepared;
     let options = EncodeOptions { importance: Some(importance), ..EncodeOptions::default() };
     let bytes = gsvx::encode(&merged, &voxels, &options)?.bytes;
     let container = Container::parse(&bytes)?;
@@ -258,8 +270,7 @@ fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
     let short = gsvx::decode(&bytes[..bytes.len() - skipped as usize], &base)?;
     ensure!(
         short.scene == gsvx::decode(&bytes, &base)?.scene,
-        "{}: degree 0 depends on higher sections",
-        found.name
+        "{name}: degree 0 depends on higher sections",
     );
     out.push((
         "gsvx, decoder",
@@ -289,7 +300,7 @@ fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
             LEVELS,
         ));
     }
-    Ok(out)
+    Ok(())
 }
 
 #[cfg(test)]

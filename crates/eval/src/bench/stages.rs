@@ -52,7 +52,7 @@ pub(super) fn measure(found: &SceneFiles, repeat: usize) -> Result<Vec<Row>> {
 }
 
 /// A view of at most 640 pixels: enough to see errors, quick enough to repeat.
-fn small(camera: &Camera) -> Camera {
+pub(super) fn small(camera: &Camera) -> Camera {
     let factor = (f64::from(camera.width) / 640.0).max(1.0);
     let size = |v: u32| (f64::from(v) / factor).round() as u32;
     camera.scaled_to(size(camera.width), size(camera.height)).unwrap_or_else(|| camera.clone())

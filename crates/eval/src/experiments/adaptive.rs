@@ -49,13 +49,6 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     })?;
     let table_1 = table_1(inputs, (&points(paper_uniform), &points(paper_adaptive)))?;
     let chart = page::chart(inputs, "adaptive against uniform (Fig. 8)", &curves, &others);
-    let lead = format!(
-        "The paper's Fig. 8 and Table 1: uniform voxelization at depth {depth} against the paper's adaptive \
-         criteria, both initialised by merging and fine-tuned for {} steps, coded as the paper codes (codebook \
-         and lossless covariance); the same two models in this codec's own coding; and its own \
-         voxelization.",
-        inputs.steps
-    );
     let show = |x: &Bd| x.rate_pchip.or(x.rate_cubic);
     let highlights = [0, 2]
         .into_iter()
@@ -89,9 +82,19 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
         page::points(inputs, &curves),
         page::others(&others),
     ];
-    let document =
-        page::document(inputs, "Adaptive voxelization (Fig. 8, Table 1)", lead, highlights, parts);
+    let title = "Adaptive voxelization (Fig. 8, Table 1)";
+    let document = page::document(inputs, title, lead(inputs), highlights, parts);
     Ok(Results { document, curves, bd, others, tools: Vec::new() })
+}
+
+fn lead(inputs: &Inputs<'_>) -> String {
+    format!(
+        "The paper's Fig. 8 and Table 1: uniform voxelization at depth {} against the paper's adaptive \
+         criteria, both initialised by merging and fine-tuned for {} steps, coded as the paper codes (codebook \
+         and lossless covariance); the same two models in this codec's own coding; and its own \
+         voxelization.",
+        inputs.depth, inputs.steps
+    )
 }
 
 /// The paper's Table 1 from its published points, and the same of this run.

@@ -109,35 +109,49 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<Outcome> {
     if decoded.scene.means != merged.means {
         return Err(anyhow!("decoded means are not those of the voxels"));
     }
-    let bound = Bound::of(&bytes, &voxels, merged.len())?;
+    outcome.worst.extend(attributes(&bytes, &voxels, &merged, &decoded.scene, &options)?);
+    Ok(outcome)
+}
+
+/// For each attribute, its worst error over its bound.
+fn attributes(
+    bytes: &[u8],
+    voxels: &Voxelization,
+    merged: &Scene,
+    decoded: &Scene,
+    options: &EncodeOptions,
+) -> Result<Vec<(String, f64)>> {
+    let mut worst = Vec::new();
+    let mut add = |name: &str, ratio: f64| worst.push((name.into(), ratio));
+    let bound = Bound::of(bytes, voxels, merged.len())?;
     let steps = &options.steps;
     let log_alpha =
         |s: &Scene, i: usize| [opacity::forward(OpacityDomain::LogAlpha, s.opacity_logits[i])];
-    add("opacity", bound.ratio(&merged, &decoded.scene, steps.opacity, log_alpha));
+    add("opacity", bound.ratio(merged, decoded, steps.opacity, log_alpha));
     for k in 0..merged.sh_len() {
         let step = if k == 0 { steps.dc } else { steps.sh[0] };
         // A degree of zeros is left out of the stream.
         let planes =
             |s: &Scene, i: usize| colour::forward(s.sh_of(i).get(k).copied().unwrap_or_default());
-        add("SH", bound.ratio(&merged, &decoded.scene, step, planes));
+        add("SH", bound.ratio(merged, decoded, step, planes));
     }
     match options.covariance {
         CovarianceMode::Transform => {
             let c =
                 |s: &Scene, i: usize| log_euclidean::coordinates(s.rotations[i], s.log_scales[i]);
-            add("covariance", bound.ratio(&merged, &decoded.scene, steps.covariance, c));
+            add("covariance", bound.ratio(merged, decoded, steps.covariance, c));
         }
         CovarianceMode::Lossless { bits } => {
-            add("covariance", integers(&merged, &decoded.scene, bits));
+            add("covariance", integers(merged, decoded, bits));
         }
         _ => {
-            add("covariance (shape)", shapes(&bytes, &merged, &decoded.scene)?);
+            add("covariance (shape)", shapes(bytes, merged, decoded)?);
             let size = |s: &Scene, i: usize| [log_size(s.log_scales[i])];
             let bound = Bound { rounding: CODEWORD_SIZE, ..bound };
-            add("covariance (size)", bound.ratio(&merged, &decoded.scene, steps.covariance, size));
+            add("covariance (size)", bound.ratio(merged, decoded, steps.covariance, size));
         }
     }
-    Ok(outcome)
+    Ok(worst)
 }
 
 /// Worst distance of a shape from its codeword's over the bound. Every Gaussian (or every so many)

@@ -126,41 +126,39 @@ pub(super) fn table(study: &Study, args: &Options) -> Result<String> {
         pruned("RateDistortion", &AT_50, &seen)?,
     ];
     if args.variants {
-        let variant = |name: &str, at_50: f64, options: &dyn Fn(f64, f32) -> RateDistortion| {
-            let settings = QUALITIES.iter().map(|&q| {
-                let l = lambda(at_50, q);
-                (Strategy::RateDistortion(options(l, q)), q, format!("lambda {l:.1e}"))
-            });
-            curve(study, name, Merge::Moments, settings)
-        };
-        for drop in [5.0, 20.0] {
-            curves.push(variant(&format!("... drop {drop}"), AT_50[1], &|l, q| {
-                let mut o = RateDistortion { drop: Some(drop), ..seen(l) };
-                o.cost.gaussian = bits(q);
-                o
-            })?);
-        }
-        for size_exponent in [0.5, 1.0] {
-            curves.push(variant(&format!("... p {size_exponent}"), AT_50[1], &|l, q| {
-                let mut o = RateDistortion { size_exponent, ..seen(l) };
-                o.cost.gaussian = bits(q);
-                o
-            })?);
-        }
-        for (name, shape, colour) in
-            [("shape 0.3", 0.3, 1.0), ("shape 2", 2.0, 1.0), ("colour 0", 1.0, 0.0)]
-        {
-            curves.push(variant(&format!("... {name}"), AT_50[1], &|l, q| {
-                let mut o = RateDistortion { shape, colour, ..seen(l) };
-                o.cost.gaussian = bits(q);
-                o
-            })?);
-        }
+        curves.extend(variants(study)?);
     }
     std::fs::create_dir_all(&args.plots)?;
     let file = args.plots.join(format!("voxel-{}.svg", study.name));
     std::fs::write(&file, chart(study, &curves).svg())?;
     report(study, &curves)
+}
+
+/// The rate-distortion strategy with one of its settings changed.
+fn variants(study: &Study) -> Result<Vec<Curve>> {
+    let with = |name: String, change: &dyn Fn(&mut RateDistortion)| {
+        let settings = QUALITIES.iter().map(|&q| {
+            let l = lambda(AT_50[1], q);
+            let mut o = RateDistortion::seen(l, study.seen.clone());
+            change(&mut o);
+            o.cost.gaussian = bits(q);
+            (Strategy::RateDistortion(o), q, format!("lambda {l:.1e}"))
+        });
+        curve(study, &name, Merge::Moments, settings)
+    };
+    let mut out = Vec::new();
+    for drop in [5.0, 20.0] {
+        out.push(with(format!("... drop {drop}"), &|o| o.drop = Some(drop))?);
+    }
+    for p in [0.5, 1.0] {
+        out.push(with(format!("... p {p}"), &|o| o.size_exponent = p)?);
+    }
+    for (name, shape, colour) in
+        [("shape 0.3", 0.3, 1.0), ("shape 2", 2.0, 1.0), ("colour 0", 1.0, 0.0)]
+    {
+        out.push(with(format!("... {name}"), &|o| (o.shape, o.colour) = (shape, colour))?);
+    }
+    Ok(out)
 }
 
 /// The hulls of the curves.
