@@ -3,7 +3,7 @@
 use glam::DVec3;
 use testing::Rng;
 
-use super::room::{Gloss, HALF, LAMP_HALF, LAMP_RADIANCE, Room};
+use super::furniture::{Gloss, HALF, LAMP_HALF, LAMP_RADIANCE, Room};
 use super::shape::Ray;
 
 /// Bounces after the first surface.

@@ -2,12 +2,12 @@
 //! photos, and a model sampled from its surfaces and fitted to the photos.
 
 mod fit;
+mod furniture;
 mod light;
 mod noise;
 mod paint;
 mod patch;
 mod raytrace;
-mod room;
 mod sample;
 mod sh_fit;
 mod shape;
@@ -47,7 +47,7 @@ pub struct Options {
 /// # Errors
 /// If the folder cannot be written or the fit fails.
 pub fn run(args: &Options) -> Result<()> {
-    let room = room::Room::furnished();
+    let room = furniture::Room::furnished();
     let cameras = raytrace::tour(args.views);
     if !args.model_only {
         photos(args, &room, &cameras)?;
@@ -124,7 +124,7 @@ fn command(args: &Options) -> String {
     )
 }
 
-fn photos(args: &Options, room: &room::Room, cameras: &[Camera]) -> Result<()> {
+fn photos(args: &Options, room: &furniture::Room, cameras: &[Camera]) -> Result<()> {
     let images = args.out.join("images");
     if images.exists() {
         fs::remove_dir_all(&images).with_context(|| format!("clear {}", images.display()))?;

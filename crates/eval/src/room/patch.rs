@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::room::{Object, Room};
+use super::furniture::{Object, Room};
 use super::shape::Shape;
 
 /// One chart of one object: a map from the unit square to a part of its surface.

@@ -5,8 +5,8 @@ use gs_model::Camera;
 use rayon::prelude::*;
 use testing::Rng;
 
+use super::furniture::Room;
 use super::light::{Samples, display, seen};
-use super::room::Room;
 use super::shape::Ray;
 use crate::progress::Bar;
 

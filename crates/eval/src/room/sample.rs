@@ -6,9 +6,9 @@ use gs_model::{Camera, Scene};
 use rayon::prelude::*;
 use testing::Rng;
 
+use super::furniture::Room;
 use super::light::{Samples, display, leaving, surface_of};
 use super::patch::{Patch, patches};
-use super::room::Room;
 use super::sh_fit::{Fit, Sample};
 use crate::progress::Bar;
 
