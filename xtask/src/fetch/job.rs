@@ -127,14 +127,28 @@ fn fetch_run(
             note(record, &source.address(), item, sha256);
             record.store(dir)
         });
-        fs::remove_file(&part).with_context(|| format!("remove {}", part.display()))?;
-        match done {
-            // A power cut can damage what an earlier run wrote; then the archive is sound.
-            Err(_) if held > 0 => {}
-            done => return done,
+        let damaged = done.as_ref().is_err_and(|e| e.is::<Damaged>());
+        if done.is_ok() || damaged {
+            fs::remove_file(&part).with_context(|| format!("remove {}", part.display()))?;
+        }
+        // A power cut can damage what an earlier run wrote. Then the archive may be sound.
+        if !(damaged && held > 0) {
+            return done;
         }
     }
 }
+
+/// An entry whose bytes are not what the archive's directory says.
+#[derive(Debug)]
+struct Damaged(String);
+
+impl std::fmt::Display for Damaged {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Damaged {}
 
 /// Unpacks an entry out of `part`, which holds the archive's bytes from `base` on. The file gets its
 /// name only when it is whole and its CRC-32 is the archive's. Returns its SHA-256.
@@ -145,7 +159,9 @@ fn unpack(
     dir: &Path,
     recorded: Option<&str>,
 ) -> Result<String> {
-    let damaged = |why: &dyn std::fmt::Display| anyhow!("entry {} is damaged: {why}", item.name);
+    let damaged = |why: &dyn std::fmt::Display| {
+        anyhow!(Damaged(format!("entry {} is damaged: {why}", item.name)))
+    };
     let mut file = File::open(part).with_context(|| format!("read {}", part.display()))?;
     let mut header = [0; 30];
     file.seek(SeekFrom::Start(item.start - base))?;
@@ -162,8 +178,14 @@ fn unpack(
     let whole = part.with_extension("unpacked");
     let mut out = File::create(&whole).with_context(|| format!("create {}", whole.display()))?;
     // One byte more than there should be, to notice a longer entry.
-    let size = io::copy(&mut bytes.by_ref().take(item.size + 1), &mut out);
-    let size = size.map_err(|e| damaged(&e))?;
+    let mut limited = bytes.by_ref().take(item.size + 1);
+    let size = io::copy(&mut limited, &mut out).map_err(|e| match e.kind() {
+        // What the decoder of deflate and a file that is cut give.
+        io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
+            damaged(&e)
+        }
+        _ => anyhow!(e).context(format!("write {}", whole.display())),
+    })?;
     ensure!(size == item.size, damaged(&format!("{size} bytes or more, not {}", item.size)));
     out.sync_all().with_context(|| format!("write {}", whole.display()))?;
     let (sha256, crc32) = digests(&whole)?;

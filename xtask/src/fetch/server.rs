@@ -86,37 +86,17 @@ impl Server {
     }
 
     fn fault(&self, error: ureq::Error, at: u64) -> Fault {
-        use io::ErrorKind as K;
-        let ended = |e: &io::Error| {
-            let kinds = [K::ConnectionReset, K::ConnectionAborted, K::BrokenPipe, K::UnexpectedEof];
-            kinds.contains(&e.kind()) || e.kind() == K::TimedOut
-        };
+        use ureq::{Error, Timeout};
         let url = &self.url;
-        match &error {
-            ureq::Error::Timeout(ureq::Timeout::Resolve | ureq::Timeout::Connect) => {}
-            ureq::Error::Timeout(_) | ureq::Error::Protocol(_) => {
-                return Fault::new(
-                    Kind::Interrupted,
-                    format!("{url}: broke at byte {at}: {error}"),
-                );
-            }
-            ureq::Error::Io(e) if ended(e) => {
-                return Fault::new(
-                    Kind::Interrupted,
-                    format!("{url}: broke at byte {at}: {error}"),
-                );
-            }
-            ureq::Error::Io(_)
-            | ureq::Error::HostNotFound
-            | ureq::Error::ConnectionFailed
-            | ureq::Error::ConnectProxyFailed(_)
-            | ureq::Error::Tls(_)
-            | ureq::Error::Rustls(_) => {}
-            _ => return Fault::new(Kind::Unusable, format!("{url}: {error}")),
+        let connected = match &error {
+            Error::Timeout(Timeout::Resolve | Timeout::Connect) => false,
+            Error::Timeout(_) | Error::Protocol(_) => true,
+            _ => false,
+        };
+        if connected || self.size > 0 {
+            return Fault::new(Kind::Interrupted, format!("{url}: broke at byte {at}: {error}"));
         }
-        // Without a connection now, but with one before: an outage that may pass.
-        let kind = if self.size > 0 { Kind::Interrupted } else { Kind::Unreachable };
-        Fault::new(kind, format!("{url}: cannot reach the server: {error}"))
+        Fault::new(Kind::Unreachable, format!("{url}: cannot reach the server: {error}"))
     }
 }
 
