@@ -5,8 +5,6 @@
 
 use finetune::probe::Stages;
 
-#[path = "../tests/common/mod.rs"]
-mod common;
 #[path = "common/scene.rs"]
 mod scene;
 

@@ -45,6 +45,11 @@ impl Rng {
         low + (high - low) * self.unit()
     }
 
+    /// As [`Rng::range`], rounded to `f32`.
+    pub fn range_f32(&mut self, low: f64, high: f64) -> f32 {
+        self.range(low, high) as f32
+    }
+
     /// Uniform in `[-1, 1)`.
     pub fn signed(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1u64 << 23) as f32 - 1.0
