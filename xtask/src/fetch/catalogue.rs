@@ -12,17 +12,11 @@ pub(crate) struct Archive {
     pub(crate) folder: &'static str,
     /// Size in words.
     pub(crate) size: &'static str,
-    /// What is wanted of a scene's folder in it.
-    pub(crate) wants: &'static [Want],
-}
-
-/// Entries of a scene's folder in an archive, and the names that they get on disk.
-#[derive(Debug)]
-pub(crate) enum Want {
-    /// One file: the first of these names that is there, each with its name on disk.
-    OneOf(&'static [(&'static str, &'static str)]),
-    /// All photos of a folder, under the same names.
-    Photos(&'static str),
+    /// Files that are wanted of a scene's folder in it, each under one of several names, with its
+    /// name on disk.
+    pub(crate) files: &'static [&'static [(&'static str, &'static str)]],
+    /// Folder of which all photos are wanted.
+    pub(crate) photos: Option<&'static str>,
 }
 
 /// Trained models: `SCENE/point_cloud/iteration_30000/point_cloud.ply`, `SCENE/cameras.json`.
@@ -30,10 +24,11 @@ static MODELS: Archive = Archive {
     file: "models.zip",
     folder: "pretrained",
     size: "14 GB",
-    wants: &[
-        Want::OneOf(&[("point_cloud/iteration_30000/point_cloud.ply", "point_cloud.ply")]),
-        Want::OneOf(&[("cameras.json", "cameras.json")]),
+    files: &[
+        &[("point_cloud/iteration_30000/point_cloud.ply", "point_cloud.ply")],
+        &[("cameras.json", "cameras.json")],
     ],
+    photos: None,
 };
 
 /// Photos and COLMAP models: `tandt/SCENE/` and `db/SCENE/`. COLMAP's points are left out: nothing
@@ -42,17 +37,17 @@ static PHOTOS: Archive = Archive {
     file: "tandt_db.zip",
     folder: "input",
     size: "650 MB",
-    wants: &[
-        Want::OneOf(&[
+    files: &[
+        &[
             ("sparse/0/cameras.bin", "sparse/0/cameras.bin"),
             ("sparse/0/cameras.txt", "sparse/0/cameras.txt"),
-        ]),
-        Want::OneOf(&[
+        ],
+        &[
             ("sparse/0/images.bin", "sparse/0/images.bin"),
             ("sparse/0/images.txt", "sparse/0/images.txt"),
-        ]),
-        Want::Photos("images/"),
+        ],
     ],
+    photos: Some("images/"),
 };
 
 /// A scene that can be fetched.

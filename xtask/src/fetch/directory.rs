@@ -1,12 +1,11 @@
 //! The central directory of a ZIP archive: which entries are wanted, and where each is.
 
-use std::collections::BTreeMap;
 use std::io::{self, Read, Seek, SeekFrom};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use zip::{CompressionMethod, ZipArchive};
 
-use super::catalogue::{Archive, Want};
+use super::catalogue::Archive;
 use super::source::{Fault, Source};
 
 /// A wanted entry.
@@ -33,14 +32,8 @@ pub(crate) struct Item {
 /// of the archive's bytes.
 pub(crate) fn items(source: &Source, archive: &Archive, folder: &str) -> Result<Vec<Item>> {
     let address = source.address();
-    let mut blocks = Blocks { source, at: 0, blocks: BTreeMap::new(), fault: None };
-    let zip = match ZipArchive::new(&mut blocks) {
-        Ok(zip) => zip,
-        Err(e) => {
-            let not_zip = || anyhow!("{address}: not a usable ZIP archive: {e}");
-            return Err(blocks.fault.map_or_else(not_zip, anyhow::Error::from));
-        }
-    };
+    let zip = ZipArchive::new(Tail::read(source)?)
+        .map_err(|e| anyhow!("{address}: not a usable ZIP archive: {e}"))?;
     let mut entries = Vec::with_capacity(zip.len());
     for i in 0..zip.len() {
         let entry = zip.by_index_data(i).with_context(|| address.clone())?;
@@ -76,25 +69,21 @@ pub(crate) fn items(source: &Source, archive: &Archive, folder: &str) -> Result<
 /// Index and path on disk of every wanted entry.
 fn picks(names: &[&str], archive: &Archive, folder: &str) -> Result<Vec<(usize, String)>> {
     let mut picks = Vec::new();
-    for want in archive.wants {
-        match want {
-            Want::OneOf(choices) => {
-                let found = choices.iter().find_map(|(from, to)| {
-                    let at = names.iter().position(|n| n.strip_prefix(folder) == Some(from))?;
-                    Some((at, (*to).to_owned()))
-                });
-                let first = choices.first().map_or("", |c| c.0);
-                picks.push(found.with_context(|| format!("there is no entry {folder}{first}"))?);
-            }
-            Want::Photos(photos) => {
-                let before = picks.len();
-                for (index, name) in names.iter().enumerate() {
-                    let path = name.strip_prefix(folder).filter(|p| p.starts_with(photos));
-                    picks.extend(path.filter(|p| is_photo(p)).map(|p| (index, p.to_owned())));
-                }
-                ensure!(picks.len() > before, "there is no entry {folder}{photos}*.jpg");
-            }
+    for choices in archive.files {
+        let found = choices.iter().find_map(|(from, to)| {
+            let at = names.iter().position(|n| n.strip_prefix(folder) == Some(from))?;
+            Some((at, (*to).to_owned()))
+        });
+        let first = choices.first().map_or("", |c| c.0);
+        picks.push(found.with_context(|| format!("there is no entry {folder}{first}"))?);
+    }
+    if let Some(photos) = archive.photos {
+        let before = picks.len();
+        for (index, name) in names.iter().enumerate() {
+            let path = name.strip_prefix(folder).filter(|p| p.starts_with(photos) && is_photo(p));
+            picks.extend(path.map(|p| (index, p.to_owned())));
         }
+        ensure!(picks.len() > before, "there is no entry {folder}{photos}*.jpg");
     }
     Ok(picks)
 }
@@ -112,52 +101,46 @@ pub(crate) fn is_plain(path: &str) -> bool {
     !path.contains(odd) && path.split('/').all(|p| !p.is_empty() && p != "." && p != "..")
 }
 
-/// Length of a block.
-const BLOCK: u64 = 256 << 10;
+/// Bytes from the end of an archive that hold its central directory, of ten thousand entries or so.
+const TAIL: u64 = 1 << 20;
 
-/// An archive as a file, read in blocks that are kept. The central directory of an archive of 2500
-/// entries is about one block.
-struct Blocks<'a> {
-    source: &'a Source,
+/// The end of an archive as a file of the archive's size.
+struct Tail {
+    /// Position of the first byte.
+    start: u64,
+    bytes: Vec<u8>,
     at: u64,
-    blocks: BTreeMap<u64, Vec<u8>>,
-    /// What the last failed read ran into: the ZIP reader passes on its text at most.
-    fault: Option<Fault>,
 }
 
-impl Read for Blocks<'_> {
+impl Tail {
+    fn read(source: &Source) -> Result<Self, Fault> {
+        let start = source.size().saturating_sub(TAIL);
+        let mut bytes = Vec::new();
+        source.copy(start, source.size(), |piece| {
+            bytes.extend_from_slice(piece);
+            Ok(())
+        })?;
+        Ok(Self { start, bytes, at: 0 })
+    }
+}
+
+impl Read for Tail {
     fn read(&mut self, buf: &mut [u8]) -> io::Result<usize> {
-        let (index, size) = (self.at / BLOCK, self.source.size());
-        if self.at >= size || buf.is_empty() {
-            return Ok(0);
-        }
-        if !self.blocks.contains_key(&index) {
-            let mut block = Vec::new();
-            let (from, to) = (index * BLOCK, ((index + 1) * BLOCK).min(size));
-            let put = |bytes: &[u8]| {
-                block.extend_from_slice(bytes);
-                Ok(())
-            };
-            if let Err(fault) = self.source.copy(from, to, put) {
-                let text = fault.to_string();
-                self.fault = Some(fault);
-                return Err(io::Error::other(text));
-            }
-            self.blocks.insert(index, block);
-        }
-        let rest = &self.blocks[&index][(self.at % BLOCK) as usize..];
-        let n = rest.len().min(buf.len());
-        buf[..n].copy_from_slice(&rest[..n]);
+        let at = self.at.checked_sub(self.start).ok_or_else(|| {
+            io::Error::other(format!("its directory is not within the last {TAIL} bytes"))
+        })?;
+        let mut rest = self.bytes.get(at as usize..).unwrap_or_default();
+        let n = rest.read(buf)?;
         self.at += n as u64;
         Ok(n)
     }
 }
 
-impl Seek for Blocks<'_> {
+impl Seek for Tail {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let (base, by) = match to {
             SeekFrom::Start(at) => (at, 0),
-            SeekFrom::End(by) => (self.source.size(), by),
+            SeekFrom::End(by) => (self.start + self.bytes.len() as u64, by),
             SeekFrom::Current(by) => (self.at, by),
         };
         self.at = base.checked_add_signed(by).ok_or(io::ErrorKind::InvalidInput)?;

@@ -26,15 +26,13 @@ pub(crate) struct Options {
     pub(crate) timeout: Duration,
     /// What to do about a connection that breaks.
     pub(crate) retry: Retry,
-    /// Prints nothing.
-    pub(crate) quiet: bool,
 }
 
 impl Options {
     pub(crate) fn new(mirrors: &[String], timeout: Duration) -> Self {
         let retry = Retry { tries: 5, pause: Duration::from_secs(1) };
         let public = PUBLIC.to_owned();
-        Self { mirrors: mirrors.to_vec(), public, timeout, retry, quiet: false }
+        Self { mirrors: mirrors.to_vec(), public, timeout, retry }
     }
 }
 
@@ -88,8 +86,8 @@ fn fetch_from(
         }
     }
     let total = missing.iter().map(|i| i.end - i.start).sum();
-    let label = format!("{} from {}", missing.len(), place.address);
-    let bar = if options.quiet { Bar::hidden() } else { Bar::bytes(&label, total) };
+    let label = format!("{} files from {}", missing.len(), place.address);
+    let bar = Bar::bytes(&label, total);
     for run in missing.chunk_by(|a, b| b.start.saturating_sub(a.end) <= GAP) {
         fetch_run(&source, archive, run, dir, &bar, record)?;
         summary.fetched += run.len();
@@ -127,7 +125,7 @@ fn fetch_run(
             note(record, &source.address(), item, sha256);
             record.store(dir)
         });
-        let damaged = done.as_ref().is_err_and(|e| e.is::<Damaged>());
+        let damaged = done.as_ref().is_err_and(|e| kind_of(e) == Some(Kind::Damaged));
         if done.is_ok() || damaged {
             fs::remove_file(&part).with_context(|| format!("remove {}", part.display()))?;
         }
@@ -137,18 +135,6 @@ fn fetch_run(
         }
     }
 }
-
-/// An entry whose bytes are not what the archive's directory says.
-#[derive(Debug)]
-struct Damaged(String);
-
-impl std::fmt::Display for Damaged {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for Damaged {}
 
 /// Unpacks an entry out of `part`, which holds the archive's bytes from `base` on. The file gets its
 /// name only when it is whole and its CRC-32 is the archive's. Returns its SHA-256.
@@ -160,7 +146,7 @@ fn unpack(
     recorded: Option<&str>,
 ) -> Result<String> {
     let damaged = |why: &dyn std::fmt::Display| {
-        anyhow!(Damaged(format!("entry {} is damaged: {why}", item.name)))
+        Fault::new(Kind::Damaged, format!("entry {} is damaged: {why}", item.name))
     };
     let mut file = File::open(part).with_context(|| format!("read {}", part.display()))?;
     let mut header = [0; 30];
@@ -182,7 +168,7 @@ fn unpack(
     let size = io::copy(&mut limited, &mut out).map_err(|e| match e.kind() {
         // What the decoder of deflate and a file that is cut give.
         io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
-            damaged(&e)
+            anyhow!(damaged(&e))
         }
         _ => anyhow!(e).context(format!("write {}", whole.display())),
     })?;
@@ -221,6 +207,10 @@ fn is_there(item: &Item, dir: &Path, address: &str, record: &mut Record) -> Resu
     Ok(true)
 }
 
+fn kind_of(error: &anyhow::Error) -> Option<Kind> {
+    error.downcast_ref::<Fault>().map(|f| f.kind)
+}
+
 /// Where an archive is read from, and what a person can do if that fails.
 struct Place {
     address: String,
@@ -253,9 +243,12 @@ impl Place {
 
     /// The error with what to do about it.
     fn with_remedy(&self, error: anyhow::Error) -> anyhow::Error {
-        let remedy = match error.downcast_ref::<Fault>().map(|f| f.kind) {
+        let remedy = match kind_of(&error) {
             Some(Kind::Interrupted | Kind::Changed) => {
                 "what has arrived is kept: run this again".to_owned()
+            }
+            None | Some(Kind::Damaged) => {
+                format!("run this again; if it stays so, use another copy of {}", self.public)
             }
             Some(_) if self.mirrored => {
                 format!("check --mirror; without it, {} is used", self.public)
@@ -267,7 +260,6 @@ impl Place {
                 self.size,
                 self.put.display()
             ),
-            None => format!("run this again; if it stays so, use another copy of {}", self.public),
         };
         anyhow!("{error:#}; {remedy}")
     }

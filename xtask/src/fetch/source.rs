@@ -27,6 +27,8 @@ pub(crate) enum Kind {
     Interrupted,
     /// The bytes are no longer those that were there at first.
     Changed,
+    /// The bytes are not what the archive's directory says.
+    Damaged,
 }
 
 impl Fault {

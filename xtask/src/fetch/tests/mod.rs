@@ -102,13 +102,12 @@ fn walk(root: &Path, dir: &Path, found: &mut Vec<Entry>) {
     }
 }
 
-/// Options that neither wait nor print.
+/// Options that do not wait.
 fn options(mirrors: &[String]) -> Options {
     Options {
         // Nothing listens there: what is not mirrored is not fetched.
         public: "http://127.0.0.1:1/d".to_owned(),
         retry: Retry { tries: 3, pause: Duration::from_millis(1) },
-        quiet: true,
         ..Options::new(mirrors, Duration::from_secs(20))
     }
 }
