@@ -47,7 +47,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The hash of this very program: whatever changes in the code changes it.
+/// The hash of this program's file. Every change of the code changes it.
 pub(crate) fn program_hash() -> Result<String> {
     hash_file(&std::env::current_exe().context("find this program")?)
 }
@@ -82,7 +82,7 @@ impl Cache {
         if !usable(&record) {
             return Ok(None);
         }
-        // Curves share voxelizations: a stage counts once, and not as skipped if this run made it.
+        // Curves share voxelizations. A stage counts once, and not as skipped if this run did it.
         let seen = |list: &RefCell<Vec<String>>| list.borrow().iter().any(|s| s == stage);
         if !seen(&self.ran) && !seen(&self.skipped) {
             self.skipped.borrow_mut().push(stage.to_owned());

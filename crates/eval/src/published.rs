@@ -49,7 +49,7 @@ pub fn read() -> Result<Published> {
     serde_json::from_str(include_str!("../data/published.json")).context("data/published.json")
 }
 
-/// A curve of somebody else's codec on a scene, in bytes.
+/// A curve of another codec on a scene, in bytes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Other {
     /// Codec and configuration.

@@ -1,9 +1,9 @@
-//! What this process has used, where Linux tells; 0 elsewhere.
+//! Time and memory that this process has used. Memory is known on Linux only, and 0 elsewhere.
 
 use std::fs;
 
-/// Processor seconds of all threads so far, user and system: what times are compared by on a machine
-/// that does other things as well. Wall-clock time where there is no such clock.
+/// Processor seconds of all threads so far, user and system. Other processes do not change them.
+/// Wall-clock seconds where there is no such clock.
 #[cfg(unix)]
 pub(crate) fn cpu_seconds() -> f64 {
     use rustix::time::{ClockId, clock_gettime};

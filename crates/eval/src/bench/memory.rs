@@ -1,5 +1,5 @@
-//! Peak memory of every stage. Each stage runs in a process of its own, because the peak of a
-//! process never falls.
+//! Peak memory of every stage. Each stage runs in a process of its own, so that memory which an
+//! earlier stage left behind does not count.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -19,6 +19,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use testing::Rng;
 
 use crate::chart::{Axis, Chart};
 use crate::scenes;
@@ -78,13 +79,8 @@ pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Resul
 /// Seconds to sort four million pseudo-random integers on one core. Times are divided by it before
 /// they are compared between runs, so that a slower machine is not taken for slower code.
 fn yardstick() -> Time {
-    let mut seed = 1u64;
-    let numbers: Vec<u64> = (0..4 << 20)
-        .map(|_| {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            seed
-        })
-        .collect();
+    let mut rng = Rng::seeded(1);
+    let numbers: Vec<u64> = (0..4 << 20).map(|_| rng.bits()).collect();
     let mut best = Time { wall: f64::INFINITY, cpu: f64::INFINITY };
     for _ in 0..3 {
         let mut copy = numbers.clone();

@@ -63,10 +63,10 @@ fn check_test(root: &Path, test: &str) -> Result<()> {
     Ok(())
 }
 
-/// Measures all skips on the scenes.
+/// Counts all skips on the scenes.
 ///
 /// # Errors
-/// Also if a test that is named as a proof does not exist.
+/// If a scene cannot be read, a skip changes a result, or a test named as a proof does not exist.
 pub(super) fn report(names: &[String]) -> Result<String> {
     for test in PROOFS.iter().flat_map(|p| p.tests) {
         check_test(&scenes::root(), test)?;

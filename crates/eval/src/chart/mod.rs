@@ -55,7 +55,7 @@ impl Axis {
 pub(crate) enum Kind {
     /// Measured here: thick, filled marks.
     Ours,
-    /// Somebody else's codec, on the same model: thin, filled marks.
+    /// Another codec on the same model: thin, filled marks.
     Theirs,
     /// Published, of another training: thin and dashed, hollow marks.
     Published,
@@ -68,14 +68,14 @@ pub(crate) struct Series {
     pub(crate) name: String,
     /// What it stands for.
     pub(crate) kind: Kind,
-    /// Where it lies, in the order it is drawn; finite values.
+    /// Its points in drawing order; finite values.
     pub(crate) points: Vec<(f64, f64)>,
 }
 
 /// A chart. Build it with [`Chart::new`], which drops what cannot be drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Chart {
-    /// One line above.
+    /// Title, one line.
     pub(crate) title: String,
     x: Axis,
     y: Axis,

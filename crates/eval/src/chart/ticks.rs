@@ -1,4 +1,4 @@
-//! Where an axis begins, ends, and carries numbers.
+//! Lays out an axis: its range, and its ticks with their labels.
 
 /// An axis laid out: places are values, or their decimal logarithms.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,5 +1,5 @@
-//! Fig. 8 and Table 1: adaptive voxelization against uniform, coded as the paper codes and as
-//! this codec does.
+//! Fig. 8 and Table 1: adaptive voxelization against uniform, in the paper's coding and in
+//! this codec's.
 
 use anyhow::Result;
 

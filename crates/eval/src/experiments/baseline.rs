@@ -1,4 +1,4 @@
-//! Fig. 6: uniform voxelization at two depths, fine-tuned from nothing, coded as the paper codes.
+//! Fig. 6: uniform voxelization at two depths, fine-tuned without initialisation, in the paper's coding.
 
 use anyhow::Result;
 

@@ -1,5 +1,5 @@
-//! Fig. 7: what the initialisation of merged Gaussians is worth, and how far a fine-tune brings
-//! a voxelized model back.
+//! Fig. 7: what the initialisation by merged Gaussians is worth, and how near a fine-tune brings a
+//! voxelized model to the original.
 
 use anyhow::Result;
 
@@ -11,8 +11,8 @@ use crate::rd_curve::stages::Branch;
 use crate::report::sections::{self, BD_TEXT};
 use crate::report::{Block, Section};
 
-/// A tuned model counts as brought back within this many dB of the original.
-const BROUGHT_BACK_DB: f64 = 0.1;
+/// A tuned model counts as recovered if it is within this many dB of the original.
+const RECOVERED_DB: f64 = 0.1;
 
 pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let depth = inputs.depth;
@@ -38,7 +38,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
         (&curves[1].name, &points(&curves[1])),
     )];
     let others = inputs.others(|o| {
-        // The paper shows its lesser depth here.
+        // The paper shows the smaller of its depths here.
         let own = o.name.ends_with("J=11") || o.name.ends_with("J=15");
         own && (o.name.starts_with(NO_INIT) || o.name.starts_with("paper, uniform"))
     })?;
@@ -91,8 +91,8 @@ fn highlights<'a>(
 ) -> Vec<(String, String)> {
     let original = inputs.original.score.psnr_db;
     let mut back: Vec<(&Voxelized, &Tuned)> =
-        models.filter(|(_, t)| t.initialised && last_db(t) >= original - BROUGHT_BACK_DB).collect();
-    // The smallest model that is back says most.
+        models.filter(|(_, t)| t.initialised && last_db(t) >= original - RECOVERED_DB).collect();
+    // The smallest recovered model is reported.
     back.sort_by_key(|(m, _)| m.gaussians);
     match back.first() {
         Some((m, t)) => vec![(
@@ -105,7 +105,7 @@ fn highlights<'a>(
         None => vec![(
             "not recovered".into(),
             format!(
-                "no model came within {BROUGHT_BACK_DB} dB of the original in {} steps",
+                "no model came within {RECOVERED_DB} dB of the original in {} steps",
                 inputs.steps
             ),
         )],

@@ -1,8 +1,8 @@
 //! The paper's experiments as named runs: Fig. 6 (`baseline`), Fig. 7 (`init`), Fig. 8 and
 //! Table 1 (`adaptive`), Fig. 9 (`sota`).
 //!
-//! All share the stages of the scene's folder: a model that one experiment tuned is there for the
-//! next.
+//! All share the stages of the scene's folder, so a model that one experiment tuned is not tuned again
+//! by the next.
 
 mod adaptive;
 mod baseline;
@@ -41,8 +41,7 @@ pub enum Experiment {
     Sota,
 }
 
-/// Steps of every fine-tune unless told otherwise: what two cores do in about a minute. The paper
-/// takes 8000 to 30000.
+/// Steps of every fine-tune unless given: about a minute on two cores. The paper takes 8000 to 30000.
 pub(crate) const STEPS: u64 = 400;
 /// The second depth is this much deeper than the first.
 const DEEPER: u8 = 2;
@@ -50,7 +49,7 @@ const DEEPER: u8 = 2;
 const ABOVE: u8 = 3;
 const BELOW: u8 = 1;
 
-/// Qualities whose own voxelizations are tuned.
+/// Qualities at which the codec's own voxelizations are tuned.
 const TUNED_AT: [f32; 3] = [34.0, 62.0, 90.0];
 
 fn nearest(quality: f32) -> f32 {
@@ -108,7 +107,7 @@ struct Results {
     tools: Vec<Outcome>,
 }
 
-/// Runs an experiment, prints its tables and writes its folder; the page's path comes back.
+/// Runs an experiment, prints its tables and writes its folder. Returns the path of the page.
 pub(crate) fn run(
     experiment: Experiment,
     study: &Study,
@@ -176,8 +175,8 @@ impl Inputs<'_> {
         }
     }
 
-    /// The codec's own voxelizations that are tuned, each with the qualities near it: as without
-    /// a fine-tune, the tree follows the rate.
+    /// The codec's own voxelizations that are tuned, each with the qualities near it. As without a
+    /// fine-tune, the octree depends on the rate.
     fn tuned_parts(&self) -> Vec<(Voxels, Vec<Coding>)> {
         let codings = |at: f32| -> Vec<Coding> {
             let near = self.qualities.iter().filter(|q| nearest(**q) == at);
@@ -209,7 +208,7 @@ impl Inputs<'_> {
             let branch = Branch::new(self.study, voxels, tuning);
             voxelized.push(branch.voxelized()?);
             for &coding in codings {
-                // The model in the name: experiments share the folder of streams.
+                // The model is in the name, because experiments share the folder of streams.
                 points.push(branch.coded(&format!("{name}-{}", branch.name()), coding)?);
             }
         }

@@ -47,9 +47,10 @@ pub(crate) struct CurvePlan {
     pub(crate) steps: Vec<(Voxels, Vec<f32>)>,
 }
 
-/// How many levels the octree of a quality is deeper than the base depth. At low rates geometry
-/// is half the stream and shallower leaves cost less than they lose; at high rates the leaf size
-/// is what limits. Break points measured on fox (uniform 10 to 13, qualities 34, 62, 90).
+/// How many levels the octree of a quality is deeper than the base depth. At low rates geometry is
+/// half the stream, and a shallower octree saves more than it loses. At high rates the size of the
+/// leaves limits the quality. The limits were measured on fox (uniform 10 to 13, qualities 34, 62,
+/// 90).
 fn levels_deeper(quality: f32) -> i32 {
     match quality {
         q if q < 27.0 => -1,
@@ -61,7 +62,7 @@ fn levels_deeper(quality: f32) -> i32 {
 
 /// The curves of a run: uniform, the paper's adaptive criteria, the paper's way of coding,
 /// rate-distortion pruning.
-/// A given depth holds for all qualities.
+/// A given depth is used at all qualities.
 pub(crate) fn curves(
     base: u8,
     depth: Option<u8>,
@@ -112,17 +113,17 @@ pub(crate) fn curves(
     ]
 }
 
-/// Name of the curve coded as the paper codes.
+/// Name of the curve in the paper's coding.
 pub(crate) const PAPER_PROFILE: &str = "paper";
 
 /// How a voxelized model is coded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Coding {
-    /// As the codec does by itself, at a quality.
+    /// The codec's default at a quality.
     Quality(f32),
-    /// As the paper does.
+    /// The paper's coding.
     Paper {
-        /// What stands for the QPs on an axis of qualities.
+        /// The quality under which the QPs appear in tables.
         quality: f32,
         /// Its QPs.
         qp: PaperQp,
@@ -132,7 +133,7 @@ pub(crate) enum Coding {
 }
 
 /// QP triples on the hulls of the authors' published curves, lowest rate first: AC, DC, opacity,
-/// and the quality that each stands for.
+/// and the quality under which each appears.
 pub(crate) const PAPER_QPS: [(u8, u8, u8, f32); 6] = [
     (40, 28, 40, 20.0),
     (38, 16, 28, 34.0),
@@ -152,7 +153,7 @@ impl Coding {
         if curve != PAPER_PROFILE {
             return Self::Quality(quality);
         }
-        // Half-way between the qualities that the triples stand for.
+        // The triple whose quality is nearest.
         let index = PAPER_QPS.iter().position(|p| quality < p.3 + 7.0);
         Self::paper(index.unwrap_or(PAPER_QPS.len() - 1), false, Some(quality))
     }
@@ -164,7 +165,7 @@ impl Coding {
         Self::Paper { quality, qp: PaperQp { ac, dc, opacity }, lossless_covariance }
     }
 
-    /// Quality, or what stands for it.
+    /// The quality, also of the paper's coding.
     pub(crate) fn quality(&self) -> f32 {
         match *self {
             Self::Quality(quality) | Self::Paper { quality, .. } => quality,

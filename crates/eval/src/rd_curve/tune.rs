@@ -46,7 +46,7 @@ pub(super) fn find(study: &Study, name: &str, key: &str) -> Result<Option<Tuned>
     study.cache.find(&stage(name), &key, |r: &Tuned| study.out.join(&r.file).is_file())
 }
 
-/// The record of the fine-tune, done now unless it was before.
+/// The record of the fine-tune, which runs unless there is one.
 pub(super) fn tuned(
     study: &Study,
     name: &str,
@@ -61,7 +61,7 @@ pub(super) fn tuned(
     let photos = study.photos()?;
     let dir = study.out.join("tuned");
     fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
-    // The key in the name: a checkpoint of other settings is not continued.
+    // The key is in the name, so that a checkpoint of other settings is not continued.
     let checkpoint = dir.join(format!("{name}-{}.part", &cache::hash_bytes(key.as_bytes())[..8]));
     let bar = Bar::new(&format!("fine-tune {name}"), tuning.steps);
     let score =
@@ -124,13 +124,13 @@ pub(super) fn tuned(
     Ok(record)
 }
 
-/// Leaves before and after one in Morton order among which its nearest are looked for.
+/// The nearest leaves are looked for among this many before and after a leaf in Morton order.
 const REACH: usize = 16;
-/// Nearest leaves that a size is taken from, as in the reference implementation.
+/// Number of nearest leaves whose distances give the size, as in the reference implementation.
 const NEAREST: usize = 3;
 
-/// What a trainer without any initialisation begins with, at the same means: grey, round,
-/// translucent Gaussians of the size of the gaps between them.
+/// The start of a trainer without initialisation, at the same means: grey, round, translucent
+/// Gaussians as large as the distances between them.
 fn blank(prepared: &Prepared) -> Scene {
     let merged = &prepared.scene;
     let n = merged.len();
@@ -145,8 +145,8 @@ fn blank(prepared: &Prepared) -> Scene {
     }
 }
 
-/// Root of the mean squared distance to the nearest means. The means are in Morton order, where
-/// near ones are near most of the time.
+/// Root of the mean squared distance to the nearest means. The means are in Morton order, so near
+/// means mostly have near indices.
 fn gap(means: &[[f32; 3]], i: usize) -> f64 {
     let squared =
         |j: usize| -> f64 { (0..3).map(|k| f64::from(means[i][k] - means[j][k]).powi(2)).sum() };
@@ -154,7 +154,7 @@ fn gap(means: &[[f32; 3]], i: usize) -> f64 {
     let mut all: Vec<f64> = around.filter(|&j| j != i).map(squared).collect();
     all.sort_unstable_by(f64::total_cmp);
     all.truncate(NEAREST);
-    // A lone Gaussian has no gap.
+    // A single Gaussian has no neighbour.
     let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
     mean.max(1e-14).sqrt()
 }

@@ -1,4 +1,4 @@
-//! What a person reads: one document, as Markdown, as a page and on the terminal.
+//! Reports: one document, shown as Markdown, as an HTML page and on the terminal.
 
 mod crops;
 mod html;

@@ -104,7 +104,7 @@ pub(crate) fn others_table(others: &[Other]) -> Table {
     table
 }
 
-/// Where a run came from, and what it did not do again.
+/// Provenance of a run, and how many of its stages were already done.
 pub(crate) fn provenance(m: &Manifest, skipped: usize, stages: usize) -> Section {
     let known = |s: &str| if s.is_empty() { "unknown".to_owned() } else { s.to_owned() };
     let versions: Vec<String> = m.versions.iter().map(|(name, v)| format!("{name} {v}")).collect();

@@ -10,7 +10,7 @@ use super::shape::Ray;
 const BOUNCES: u32 = 3;
 /// Light that paths of more bounces would bring, as a constant radiance.
 const AMBIENT: DVec3 = DVec3::new(0.16, 0.15, 0.14);
-/// Cap on the radiance one bounce brings back: rare bright paths are noise at our sample counts.
+/// Greatest radiance of one bounce: rare bright paths are noise at these sample counts.
 const BOUNCE_CAP: f64 = 6.0;
 /// Rays start this far off their surface, metres.
 const LIFT: f64 = 1e-5;

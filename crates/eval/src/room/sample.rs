@@ -58,7 +58,7 @@ pub(crate) fn gaussians(room: &Room, cameras: &[Camera], target: usize, seed: u6
     bar.step(cells.len() as u64);
     let mut next_id = cells.len() as u64;
     while cells.len() < target {
-        // Worst first; ids break ties, so the order is one order.
+        // Worst first. Ids break ties, so that the order is unique.
         cells.sort_by(|a, b| b.error.total_cmp(&a.error).then(a.id.cmp(&b.id)));
         let room_left = (target - cells.len()).div_ceil(3);
         let count = ((cells.len() as f64 * ROUND) as usize).clamp(1, room_left);
@@ -133,7 +133,7 @@ fn rate(cell: &mut Cell, room: &Room, cameras: &[Camera], seed: u64) {
     let at =
         |i: f64, j: f64| cell.patch.at(room, cell.u + i * cell.width, cell.v + j * cell.height);
     let (centre, normal) = at(0.5, 0.5);
-    // A cell half behind something is seen by whoever sees any of five of its points.
+    // A camera sees a cell if it sees any of five of its points, because the cell may be half hidden.
     let mut seen_by: Vec<u32> = [(0.5, 0.5), (0.1, 0.1), (0.9, 0.1), (0.1, 0.9), (0.9, 0.9)]
         .into_iter()
         .flat_map(|(i, j)| {

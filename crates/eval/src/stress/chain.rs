@@ -13,7 +13,7 @@ use gsvx::{
 use serde::{Deserialize, Serialize};
 use voxel::{Strategy, Voxelization};
 
-/// Ways through the chain.
+/// Settings of voxelization, encoder and decoder.
 pub(crate) const MODES: [&str; 8] = [
     "default",
     "--fast",
@@ -28,7 +28,7 @@ pub(crate) const MODES: [&str; 8] = [
 /// Depth of the mode that decodes a level of detail.
 const LOD: u8 = 6;
 
-/// What came of one run.
+/// The result of one run.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Outcome {
     /// Which part refused, and its message.
@@ -46,7 +46,7 @@ pub(crate) struct Outcome {
 /// Runs `scene` in `mode`.
 ///
 /// # Errors
-/// If the chain accepts the scene and gives back something that breaks its promises.
+/// If the chain accepts the scene, but the decoded scene is invalid or not what it must be.
 pub(crate) fn run(scene: &Scene, mode: &str) -> Result<Outcome> {
     if mode == "--lossless" {
         return lossless(scene);
@@ -235,7 +235,7 @@ fn lossless(scene: &Scene) -> Result<Outcome> {
     })
 }
 
-/// Hashes of the bits of every Gaussian, sorted: the order is not part of the promise.
+/// Hashes of the bits of every Gaussian, sorted, because a stream does not keep the order.
 fn rows(s: &Scene) -> Vec<[u8; 16]> {
     use sha2::{Digest, Sha256};
     let mut rows: Vec<[u8; 16]> = (0..s.len())
@@ -267,7 +267,7 @@ fn displacement(scene: &Scene, voxels: &Voxelization) -> f64 {
         for &member in voxels.members_of(leaf) {
             for k in 0..3 {
                 let mean = f64::from(scene.means[member as usize][k]);
-                // What an f32 of this size cannot say is not the voxelization's error.
+                // The rounding of an f32 of this size is not the voxelization's error.
                 let ulp = mean.abs().max(f64::from(centre[k]).abs()) * f64::from(f32::EPSILON)
                     + f64::from(f32::from_bits(1));
                 worst = worst.max((f64::from(centre[k]) - mean).abs() / (half + ulp));
@@ -277,7 +277,7 @@ fn displacement(scene: &Scene, voxels: &Voxelization) -> f64 {
     worst
 }
 
-/// 0 if every mean is the centre of its cell and no two are the same cell, else infinite.
+/// 0 if every mean is the centre of its cell and no two cells are the same, else infinite.
 fn off_centre(decoded: &gsvx::Decoded, voxels: &Voxelization) -> f64 {
     let at_centre = decoded
         .leaves
@@ -290,11 +290,11 @@ fn off_centre(decoded: &gsvx::Decoded, voxels: &Voxelization) -> f64 {
 
 /// Bounds of transform-coded channels (docs/accuracy.md).
 struct Bound {
-    /// Per Gaussian: steps of its class over the mean class's.
+    /// Per Gaussian: the step of its importance class over that of the mean class.
     fineness: Vec<f64>,
     /// Greatest number of coefficients that reach a Gaussian.
     path: f64,
-    /// Error that no step explains.
+    /// Error beside that of quantisation.
     rounding: f64,
 }
 

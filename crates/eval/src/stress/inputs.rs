@@ -13,7 +13,7 @@ pub(crate) struct Input {
 /// Name of the input of ten million Gaussians; run only when named, or with `--all`.
 pub(crate) const HUGE: &str = "10 M Gaussians";
 
-/// Every input. `n` scales those whose number of Gaussians does not matter.
+/// Every input. `n` is the number of Gaussians of those that do not fix it.
 pub(crate) const INPUTS: &[Input] = &[
     input("no Gaussian", 3, |s, _, _| cut(s, 0)),
     input("one Gaussian", 3, |s, _, _| cut(s, 1)),

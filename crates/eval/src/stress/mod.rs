@@ -178,7 +178,7 @@ fn apart(input: &Input, mode: &str, args: &Options) -> Result<Outcome> {
         .stderr(Stdio::piped())
         .spawn()?;
     let start = Instant::now();
-    // An outcome is far smaller than a pipe's buffer: the child never waits for a reader.
+    // An outcome is far smaller than a pipe's buffer, so the child does not wait for it to be read.
     while process.try_wait()?.is_none() {
         if start.elapsed().as_secs() > args.timeout {
             process.kill()?;
@@ -213,7 +213,7 @@ mod tests {
         }
     }
 
-    /// What is refused is what is invalid, and nothing else is.
+    /// Invalid scenes are refused. Valid ones are accepted, except one beyond the fixed point.
     #[test]
     fn only_what_is_invalid_or_beyond_the_fixed_point_is_refused() {
         let refused: Vec<&str> = INPUTS

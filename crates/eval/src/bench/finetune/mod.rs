@@ -19,7 +19,7 @@ use crate::usage;
 
 mod variants;
 
-/// How much of a voxelized model's quality the fine-tune brings back.
+/// What [`run`] measures.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Directory of a scene: photos, cameras, model.
@@ -88,8 +88,8 @@ fn score(scene: &Scene, views: &[TrainView]) -> f64 {
     views.iter().map(db).sum::<f64>() / views.len() as f64
 }
 
-/// What a trainer without any initialisation would begin with: grey, round, translucent
-/// Gaussians of their cell's size at the same means.
+/// The start of a trainer without initialisation, at the same means: grey, round, translucent
+/// Gaussians as large as their cells.
 fn blank(merged: &Scene, cells: &Voxelization) -> Scene {
     let n = merged.len();
     let log_scales =

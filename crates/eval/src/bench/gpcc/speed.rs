@@ -1,4 +1,4 @@
-//! Times as multiples of one well-known piece of work in the same run.
+//! Times on one thread, also as multiples of the time of a sort in the same run.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -120,7 +120,7 @@ pub(super) fn speed_table(dir: &Path) -> Result<String> {
                 let truth = Options { mode, prediction, ..Options::default() };
                 let o = Options { reconstruction: false, ..truth };
                 let steps = vec![Step::from_qp(qp); refs.len()];
-                // A fresh plan each time: relations built on first use are part of the cost.
+                // A new plan each time: what it computes on first use is part of the cost.
                 let (enc, coded) = best(3, || {
                     let plan = Plan::new(&cloud.leaves, cloud.j)?;
                     attribute::encode(&plan, &refs, &steps, &o)

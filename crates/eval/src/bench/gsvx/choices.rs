@@ -168,20 +168,21 @@ impl Study {
         Ok(())
     }
 
-    /// Bytes of the AC sections with the coefficients as they are; turned by the eigenvectors of their covariance, over all degrees of a plane
-    /// and over all of all planes (matrices not counted); and with the coefficients of Gaussians
-    /// whose degree is everywhere below half their own step set to zero, which is the most that an
-    /// SH degree per Gaussian could save before it pays for saying so.
+    /// Prints the bytes of the AC sections, and how they change by three alternatives: a KLT (the
+    /// eigenvectors of the covariance of the coefficients) of each colour plane, a KLT of all planes
+    /// together, and zeros for the SH degrees of Gaussians that are below half a step throughout.
     ///
-    /// Turns are orthonormal and the steps the same: so is the error.
+    /// The KLTs are orthonormal and the steps are the same, so the error is the same. Their matrices
+    /// are not counted. The zeros are the most that an SH degree per Gaussian could save; the cost of
+    /// coding that degree is not counted either.
     fn ac(&self) -> Result<()> {
         if self.prepared.scene.sh_degree < 3 {
             return Ok(());
         }
         let per_plane: Vec<Vec<usize>> =
             (0..3).map(|p| (0..15).map(|c| 3 * c + p).collect()).collect();
-        let per_plane = self.turned(&per_plane);
-        let all = self.turned(&[(0..45).collect()]);
+        let per_plane = self.rotated(&per_plane);
+        let all = self.rotated(&[(0..45).collect()]);
         for quality in [40.0, 50.0, 60.0, 75.0, 90.0] {
             let steps = EncodeOptions::from_quality(quality)?.steps;
             let o = EncodeOptions { steps, sh_prediction: false, ..self.options()? };
@@ -224,9 +225,9 @@ impl Study {
         out
     }
 
-    /// The scene with its AC channels (three planes per coefficient) turned, block by block, into
+    /// The scene with its AC channels (three planes per coefficient) rotated, block by block, into
     /// the basis of the eigenvectors of their covariance, greatest first.
-    fn turned(&self, blocks: &[Vec<usize>]) -> Scene {
+    fn rotated(&self, blocks: &[Vec<usize>]) -> Scene {
         let scene = &self.prepared.scene;
         let k = scene.sh_len();
         let classes = gsvx::importance::log_classes(&self.prepared.importance);

@@ -11,7 +11,7 @@ use crate::scenes;
 const BYTES_PER_GAUSSIAN: [f64; 5] = [2.0, 4.0, 6.0, 9.0, 13.0];
 /// PSNR targets against renders of the input, dB.
 const PSNR: [f64; 3] = [32.0, 38.0, 44.0];
-/// What a hit is: at most this share of the target below it, and never above.
+/// A size hits its target if it is not above it, and below it by at most this share.
 const TOLERANCE: f64 = 0.01;
 
 /// Encodes each scene to each target with the command and prints a table.

@@ -1,5 +1,5 @@
-//! What divisions and leaves really cost in gpcc-lite's geometry: the fit behind
-//! `voxel::CostModel`.
+//! Fits the costs of `voxel::CostModel` to streams: bits of a division and of a leaf in gpcc-lite's
+//! geometry.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -58,7 +58,7 @@ pub(super) fn table(study: &Study) -> Result<String> {
         let bits = gpcc_lite::geometry::encode(&v.leaves, v.j_high)?.len() as f64 * 8.0;
         rows.push((counts(&v), bits, v.len() as f64));
     }
-    // Least squares of bits per leaf, pulled weakly towards what isolated points must cost.
+    // Least squares of bits per leaf, with a weak prior: the cost of isolated points.
     let prior = [3.02, 6.0, 8.0, 8.0, 0.5, 0.5];
     let mut fit = prior;
     for _ in 0..4000 {

@@ -18,9 +18,9 @@ const BELOW: u8 = 2;
 const ABOVE: u8 = 2;
 /// Bisection steps that match the number of leaves.
 const STEPS: usize = 16;
-/// Seconds that every criterion has for its repetitions, and how many it makes at least; the
-/// fastest counts, since other programs share the machine. Runs of more than [`LONG`] seconds are
-/// not repeated.
+/// Each criterion is repeated for this many seconds and at least [`RUNS`] times; the fastest run
+/// counts, since other programs share the machine. Runs of more than [`LONG`] seconds are not
+/// repeated.
 const BUDGET: f64 = 0.5;
 const RUNS: usize = 9;
 const LONG: f64 = 5.0;
@@ -87,14 +87,14 @@ fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Re
     let exact = |limit: f64| Ok(w2::voxelize_exact(scene, &cube, low, high, limit)?);
     let limit = match known {
         Some(found) => found.limit,
-        // A greater limit gives fewer leaves; d of a voxel is at most about its side squared
-        // times the number of Gaussians.
+        // A greater limit gives fewer leaves. The distortion of a voxel is at most about its side
+        // squared times the number of Gaussians.
         None => bisect(1e-12 * cube.side * cube.side, cube.side * cube.side, |limit| {
             Ok(exact(limit)?.len() > want)
         })?,
     };
     let (exact, exact_s) = timed(&|| exact(limit))?;
-    // The same objective as eq. 5: all Gaussians count alike, leaves are all that costs.
+    // The objective of eq. 5: all Gaussians have the same weight, and only leaves cost bits.
     let options = |lambda: f64| RateDistortion {
         j_low: low,
         j_high: high,
@@ -136,8 +136,8 @@ fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Re
     Ok(Found { limit, lambda })
 }
 
-/// The smallest argument, to one part in a hundred of the log range's steps, at which `more`
-/// turns false.
+/// The least argument between `low` and `high` for which `more` is false, by bisection of the
+/// logarithm. `more` must be true below it and false above.
 fn bisect(low: f64, high: f64, more: impl Fn(f64) -> Result<bool>) -> Result<f64> {
     let (mut low, mut high) = (low.ln(), high.ln());
     for _ in 0..STEPS {

@@ -11,7 +11,7 @@ use super::models::Study;
 use crate::bd::{self, Method, Point};
 use crate::chart::{Axis, Chart, Kind, Series};
 
-/// One strategy with its operating points: all combinations of which the hull is compared.
+/// One strategy with the points of all its settings. Curves are compared by the hulls of their points.
 struct Curve {
     name: String,
     points: Vec<(Point, String)>,
@@ -62,12 +62,14 @@ fn curve(
     Ok(Curve { name: name.to_owned(), points })
 }
 
-/// lambda that keeps positions in balance with attributes: a quality of 15 more halves steps.
+/// The lambda of a quality. It follows the square of the attribute steps, which halve every 15
+/// points of quality.
 pub(super) fn lambda(at_50: f64, quality: f32) -> f64 {
     at_50 * (-2.0 * (f64::from(quality) - 50.0) / 15.0).exp2()
 }
 
-/// lambdas at quality 50: as many per quality as there are depths for the other strategies.
+/// lambdas at quality 50. There are three per quality, as there are three depths per quality for the
+/// other strategies.
 pub(super) const AT_50: [f64; 3] = [4e-3, 8e-3, 1.6e-2];
 /// Attribute bits per Gaussian, as measured in streams of pruned scenes.
 pub(super) fn bits(quality: f32) -> f64 {
@@ -78,7 +80,7 @@ const QUALITIES: [f32; 5] = [26.0, 40.0, 54.0, 68.0, 82.0];
 
 pub(super) fn table(study: &Study, args: &Options) -> Result<String> {
     let d = study.depth;
-    // Each quality at the depths that can be on the hull there.
+    // Each quality is measured at the depths that can be on the hull.
     let around = |i: usize| -> Vec<u8> {
         match i {
             0 | 1 => vec![d - 2, d - 1, d],
@@ -183,8 +185,8 @@ fn plain(curve: &Curve) -> Vec<Point> {
 
 fn report(study: &Study, curves: &[Curve]) -> Result<String> {
     let anchor = |i: usize| bd::hull(&plain(&curves[i]));
-    // The depth that uniform voxelization needs when it may choose only one: the one nearest
-    // to the hull of all.
+    // The best single depth of uniform voxelization: the one whose hull is nearest to that of all
+    // depths.
     let at = |depth: u8| -> Vec<Point> {
         let wanted = format!("J = {depth},");
         let points = curves[1].points.iter().filter(|(_, what)| what.starts_with(&wanted));

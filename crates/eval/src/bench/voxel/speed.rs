@@ -4,6 +4,7 @@ use std::fmt::Write;
 use std::time::Instant;
 
 use anyhow::Result;
+use testing::Rng;
 use voxel::{
     Cube, Importance, Merge, RateDistortion, Strategy, merge, merge_into, rate_distortion, voxelize,
 };
@@ -89,15 +90,8 @@ pub(super) fn table(args: &Options) -> Result<String> {
 fn sort_seconds(n: usize) -> f64 {
     let mut sort = f64::INFINITY;
     for run in 0..RUNS {
-        let mut x = run as u64 + 1;
-        let mut keys: Vec<u64> = (0..n)
-            .map(|_| {
-                x ^= x << 13;
-                x ^= x >> 7;
-                x ^= x << 17;
-                x
-            })
-            .collect();
+        let mut rng = Rng::seeded(run as u64);
+        let mut keys: Vec<u64> = (0..n).map(|_| rng.bits()).collect();
         let start = Instant::now();
         keys.sort_unstable();
         sort = sort.min(start.elapsed().as_secs_f64());
