@@ -5,7 +5,7 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use eval::progress::Bar;
 
 use super::catalogue::{Archive, PUBLIC, Scene};
@@ -78,7 +78,11 @@ fn fetch_from(
 ) -> Result<()> {
     let source = Source::open(&place.address, options.timeout, options.retry)?;
     let mut missing = Vec::new();
-    for item in items(&source, archive, folder)? {
+    let wanted = items(&source, archive, folder).map_err(|e| match kind_of(&e) {
+        Some(_) => e,
+        None => Fault::new(Kind::Damaged, format!("{e:#}")).into(),
+    })?;
+    for item in wanted {
         if is_there(&item, dir, &place.address, record)? {
             summary.kept += 1;
         } else {
@@ -120,8 +124,7 @@ fn fetch_run(
             file.write_all(bytes)
         })?;
         let done = run.iter().try_for_each(|item| {
-            let recorded = record.files.get(&item.path).map(|f| f.sha256.clone());
-            let sha256 = unpack(&part, first.start, item, dir, recorded.as_deref())?;
+            let sha256 = unpack(&part, first.start, item, dir)?;
             note(record, &source.address(), item, sha256);
             record.store(dir)
         });
@@ -138,13 +141,7 @@ fn fetch_run(
 
 /// Unpacks an entry out of `part`, which holds the archive's bytes from `base` on. The file gets its
 /// name only when it is whole and its CRC-32 is the archive's. Returns its SHA-256.
-fn unpack(
-    part: &Path,
-    base: u64,
-    item: &Item,
-    dir: &Path,
-    recorded: Option<&str>,
-) -> Result<String> {
+fn unpack(part: &Path, base: u64, item: &Item, dir: &Path) -> Result<String> {
     let damaged = |why: &dyn std::fmt::Display| {
         Fault::new(Kind::Damaged, format!("entry {} is damaged: {why}", item.name))
     };
@@ -176,9 +173,6 @@ fn unpack(
     out.sync_all().with_context(|| format!("write {}", whole.display()))?;
     let (sha256, crc32) = digests(&whole)?;
     ensure!(crc32 == item.crc32, damaged(&"its CRC-32 is not the archive's"));
-    if let Some(old) = recorded.filter(|old| **old != sha256) {
-        bail!("entry {} is not what was fetched first: SHA-256 was {old}, is {sha256}", item.name);
-    }
     let path = dir.join(&item.path);
     let folder = path.parent().unwrap_or(dir);
     fs::create_dir_all(folder).with_context(|| format!("create {}", folder.display()))?;
@@ -244,10 +238,9 @@ impl Place {
     /// The error with what to do about it.
     fn with_remedy(&self, error: anyhow::Error) -> anyhow::Error {
         let remedy = match kind_of(&error) {
-            Some(Kind::Interrupted | Kind::Changed) => {
-                "what has arrived is kept: run this again".to_owned()
-            }
-            None | Some(Kind::Damaged) => {
+            Some(Kind::Interrupted) => "what has arrived is kept: run this again".to_owned(),
+            None | Some(Kind::Local) => "put that right and run this again".to_owned(),
+            Some(Kind::Damaged) => {
                 format!("run this again; if it stays so, use another copy of {}", self.public)
             }
             Some(_) if self.mirrored => {

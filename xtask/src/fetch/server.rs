@@ -13,8 +13,6 @@ pub(crate) struct Server {
     agent: Agent,
     pub(crate) url: String,
     pub(crate) size: u64,
-    /// Strong validator of the bytes, where the server gives one.
-    etag: Option<String>,
 }
 
 impl Server {
@@ -33,9 +31,9 @@ impl Server {
             config = config.proxy(None);
         }
         let agent = config.build().into();
-        let mut server = Self { agent, url: url.to_owned(), size: 0, etag: None };
-        let (size, etag, response) = server.request(0, 1)?;
-        (server.size, server.etag) = (size, etag);
+        let mut server = Self { agent, url: url.to_owned(), size: 0 };
+        let (size, response) = server.request(0, 1)?;
+        server.size = size;
         // Read to the end, so that the connection can be used again.
         io::copy(&mut response.into_body().into_reader().take(2), &mut io::sink())
             .map_err(|e| server.fault(ureq::Error::from(e), 0))?;
@@ -44,26 +42,22 @@ impl Server {
 
     /// The bytes `from..to`.
     pub(crate) fn body(&self, from: u64, to: u64) -> Result<Box<dyn Read>, Fault> {
-        let (size, etag, response) = self.request(from, to)?;
-        let replaced = self.etag.is_some() && etag.is_some() && etag != self.etag;
-        if size != self.size || replaced {
-            let what = format!("{}: the archive changed while it was read", self.url);
-            return Err(Fault::new(Kind::Changed, what));
+        let (size, response) = self.request(from, to)?;
+        if size != self.size {
+            let what = format!("{}: the archive was replaced while it was read", self.url);
+            return Err(Fault::new(Kind::Damaged, what));
         }
         Ok(Box::new(response.into_body().into_reader().take(to - from)))
     }
 
-    /// Size of the archive, its validator, and a response with bytes `from..to`.
-    fn request(&self, from: u64, to: u64) -> Result<(u64, Option<String>, Response<Body>), Fault> {
+    /// Size of the archive, and a response with bytes `from..to`.
+    fn request(&self, from: u64, to: u64) -> Result<(u64, Response<Body>), Fault> {
         let request = self.agent.get(&self.url);
         let request = request.header(header::RANGE, format!("bytes={from}-{}", to - 1));
         let response = request.call().map_err(|e| self.fault(e, from))?;
         let fault = |kind, what: &str| Err(Fault::new(kind, format!("{}: {what}", self.url)));
         match response.status() {
             StatusCode::PARTIAL_CONTENT => {}
-            StatusCode::OK | StatusCode::RANGE_NOT_SATISFIABLE if self.size > 0 => {
-                return fault(Kind::Changed, "the archive changed while it was read");
-            }
             StatusCode::OK | StatusCode::RANGE_NOT_SATISFIABLE => {
                 return fault(Kind::Unusable, "the server does not serve byte ranges");
             }
@@ -81,8 +75,7 @@ impl Server {
         let Some((_, size)) = range.filter(|(start, size)| *start == from && size > start) else {
             return fault(Kind::Unusable, "the server does not serve byte ranges");
         };
-        let etag = text(header::ETAG).filter(|e| !e.starts_with("W/")).map(str::to_owned);
-        Ok((size, etag, response))
+        Ok((size, response))
     }
 
     fn fault(&self, error: ureq::Error, at: u64) -> Fault {

@@ -25,10 +25,10 @@ pub(crate) enum Kind {
     Unusable,
     /// The connection broke, or the server is busy: the same request may succeed later.
     Interrupted,
-    /// The bytes are no longer those that were there at first.
-    Changed,
-    /// The bytes are not what the archive's directory says.
+    /// The archive is not a whole ZIP, lacks an entry, or an entry is not what its directory says.
     Damaged,
+    /// The bytes came, but cannot be written here.
+    Local,
 }
 
 impl Fault {
@@ -154,7 +154,7 @@ impl Source {
                 Ok(n) => n,
                 Err(e) => return Err(broken(&e)),
             };
-            put(&chunk[..n]).map_err(|e| Fault::new(Kind::Unusable, format!("write: {e}")))?;
+            put(&chunk[..n]).map_err(|e| Fault::new(Kind::Local, format!("write: {e}")))?;
             *at += n as u64;
         }
         Ok(())

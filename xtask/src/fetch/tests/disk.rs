@@ -112,19 +112,6 @@ fn a_file_that_changed_is_an_error_until_it_is_deleted() {
 }
 
 #[test]
-fn an_archive_with_other_bytes_than_at_first_is_an_error() {
-    let bench = Bench::new();
-    bench.fetch(&local(&bench)).unwrap();
-    fs::remove_file(bench.dir().join("point_cloud.ply")).unwrap();
-    let mut models = archive::models();
-    models[4].1 = archive::noise(99, 400_000);
-    archive::write_zip(&bench.models(), &models, 0);
-    let line = bench.fails(&local(&bench));
-    assert!(line.contains("is not what was fetched first"), "{line}");
-    assert!(!bench.dir().join("point_cloud.ply").exists());
-}
-
-#[test]
 fn files_put_there_by_hand_are_taken_if_they_are_the_archives() {
     let bench = Bench::new();
     let ply = archive::noise(4, 400_000);

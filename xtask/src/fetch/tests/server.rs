@@ -25,8 +25,6 @@ pub(super) struct Manners {
     pub(super) cut_all: Option<u64>,
     /// Requests are read and not answered.
     pub(super) silent: bool,
-    /// Validator of every answer.
-    pub(super) etag: Option<&'static str>,
 }
 
 #[derive(Default)]
@@ -141,9 +139,6 @@ fn answer(
             write!(stream, "HTTP/1.1 206 X\r\nContent-Range: bytes {from}-{}/{size}\r\n", to - 1)?
         }
         None => write!(stream, "HTTP/1.1 200 X\r\n")?,
-    }
-    if let Some(etag) = manners.etag {
-        write!(stream, "ETag: {etag}\r\n")?;
     }
     write!(stream, "Content-Length: {}\r\n\r\n", to - from)?;
 

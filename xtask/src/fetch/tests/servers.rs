@@ -98,16 +98,3 @@ fn a_silent_server_is_not_waited_for() {
     assert!(line.contains("broke at byte 0") && line.contains("timeout"), "{line}");
     assert!(start.elapsed() < Duration::from_secs(3));
 }
-
-#[test]
-fn an_archive_that_changes_under_way_is_noticed() {
-    let bench = Bench::new();
-    let server = bench.serve(Manners { etag: Some("\"one\""), ..Manners::default() });
-    let retry = Retry { tries: 1, pause: Duration::ZERO };
-    let url = server.url("/d/tandt_db.zip");
-    let source = crate::fetch::source::Source::open(&url, Duration::from_secs(20), retry).unwrap();
-    assert!(source.copy(0, 10, |_| Ok(())).is_ok());
-    server.behave(Manners { etag: Some("\"two\""), ..Manners::default() });
-    let line = source.copy(0, 10, |_| Ok(())).unwrap_err().to_string();
-    assert!(line.contains("changed while it was read"), "{line}");
-}
