@@ -75,13 +75,13 @@ impl Curve {
         self.points.iter().map(point).collect()
     }
 
-    /// Mean difference in bytes at equal PSNR against `anchor`, per cent, between the convex hulls
-    /// by monotone interpolation. Negative: this curve is smaller. `None` if the curves share no
-    /// range of PSNR or have fewer than two points on their hulls.
+    /// Mean difference in bytes at equal PSNR against `anchor` (the [`Curve::rates`] of another curve,
+    /// or the [`rates`](crate::published::Other::rates) of a recorded one), per cent, between the
+    /// convex hulls by monotone interpolation. Negative: this curve is smaller. `None` if the two
+    /// share no range of PSNR or have fewer than two points on their hulls.
     #[must_use]
-    pub fn bd_rate(&self, anchor: &Self) -> Option<f64> {
-        let hull = |curve: &Self| bd::hull(&curve.rates());
-        bd::bd_rate(&hull(anchor), &hull(self), Method::Pchip)
+    pub fn bd_rate(&self, anchor: &[bd::Point]) -> Option<f64> {
+        bd::bd_rate(&bd::hull(anchor), &bd::hull(&self.rates()), Method::Pchip)
     }
 }
 
@@ -211,7 +211,7 @@ mod tests {
                 |w: &[Point]| w[0].bytes < w[1].bytes && w[0].score.psnr_db < w[1].score.psnr_db;
             assert!(c.points.windows(2).all(rises), "{c:?}");
         }
-        let rate = seen.bd_rate(&guessed).unwrap();
+        let rate = seen.bd_rate(&guessed.rates()).unwrap();
         assert!(rate < -10.0, "{rate}");
     }
 }

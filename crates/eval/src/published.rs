@@ -82,7 +82,7 @@ impl Other {
 
     /// The points with rates in bytes.
     #[must_use]
-    pub fn curve(&self) -> Vec<Point> {
+    pub fn rates(&self) -> Vec<Point> {
         let point = |p: &OtherPoint| Point { rate: p.bytes as f64, psnr_db: p.psnr_db };
         self.points.iter().map(point).collect()
     }

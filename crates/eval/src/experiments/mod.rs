@@ -246,7 +246,7 @@ impl Inputs<'_> {
 
 /// The size and quality that a chart shows of a curve's points.
 fn points(curve: &Curve) -> Vec<crate::bd::Point> {
-    curve.curve()
+    curve.rates()
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ pub(super) fn chart(inputs: &Inputs<'_>, title: &str, curves: &[Curve], others: 
 }
 
 fn line(curve: &Curve) -> Series {
-    let mut points = curve.curve();
+    let mut points = curve.rates();
     points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
     Series {
         name: curve.what.clone(),

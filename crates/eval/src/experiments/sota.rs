@@ -38,7 +38,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
         for curve in &curves {
             bd.push(sections::compare(
                 (&curve.name, &points(curve)),
-                (&other.name, &other.curve()),
+                (&other.name, &other.rates()),
             ));
         }
     }

@@ -154,16 +154,16 @@ fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
     let mut out = Vec::new();
     if let [uniform, adaptives @ ..] = curves {
         for adaptive in adaptives {
-            let (test, anchor) = (adaptive.curve(), uniform.curve());
+            let (test, anchor) = (adaptive.rates(), uniform.rates());
             out.push(sections::compare((&adaptive.name, &test), (&uniform.name, &anchor)));
         }
     }
     // A published curve is of another model; only what was measured on this very model can be
     // compared by rate.
     for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
-        let anchor = other.curve();
+        let anchor = other.rates();
         for curve in curves {
-            out.push(sections::compare((&curve.name, &curve.curve()), (&other.name, &anchor)));
+            out.push(sections::compare((&curve.name, &curve.rates()), (&other.name, &anchor)));
         }
     }
     out

@@ -130,7 +130,7 @@ impl Curve {
     }
 
     /// Points with rates in bytes.
-    pub(crate) fn curve(&self) -> Vec<Point> {
+    pub(crate) fn rates(&self) -> Vec<Point> {
         let point = |p: &Coded| Point { rate: p.bytes as f64, psnr_db: p.score.psnr_db };
         self.points.iter().map(point).collect()
     }

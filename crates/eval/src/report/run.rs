@@ -70,7 +70,7 @@ pub(crate) fn points(original: &crate::rd_curve::record::Original, curves: &[Cur
 /// Our curves as lines of a chart.
 pub(crate) fn series(curves: &[Curve]) -> Vec<Series> {
     let line = |curve: &Curve| {
-        let mut points = curve.curve();
+        let mut points = curve.rates();
         points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
         Series {
             name: format!("gsvx, {}", curve.what),

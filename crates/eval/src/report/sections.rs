@@ -63,7 +63,7 @@ pub(crate) const PUBLISHED_NOTE: &str = "Published points are of another trainin
 pub(crate) fn other_series(others: &[Other], widest: f64) -> Vec<Series> {
     let mut out = Vec::new();
     for other in others {
-        let mut points = other.curve();
+        let mut points = other.rates();
         // A cloud of settings reads as a curve only along its hull.
         if points.len() > 4 {
             points = bd::hull(&points);
