@@ -9,6 +9,8 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use finetune::probe::Probe;
 use finetune::{FineTune, FineTuneOptions, TrainView};
 
+#[path = "../tests/common/mod.rs"]
+mod common;
 #[path = "common/scene.rs"]
 mod scene;
 use scene::{cpu_seconds, setup};

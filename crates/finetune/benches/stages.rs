@@ -5,6 +5,8 @@
 
 use finetune::probe::Stages;
 
+#[path = "../tests/common/mod.rs"]
+mod common;
 #[path = "common/scene.rs"]
 mod scene;
 

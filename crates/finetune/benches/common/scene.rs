@@ -3,9 +3,11 @@
 use finetune::{Image, RenderOptions, render};
 use gs_model::{Camera, Scene};
 
+use crate::common;
+
 /// The scene of the target: 100,000 Gaussians, SH degree 3, 480x320.
 pub(crate) fn setup() -> (Scene, Camera, Image) {
-    let mut r = testing::Rng::seeded(1);
+    let mut r = common::Rng::seeded(1);
     let mut scene = Scene { sh_degree: 3, ..Scene::default() };
     for _ in 0..100_000 {
         let z = r.range(2.0, 10.0);

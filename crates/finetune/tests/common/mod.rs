@@ -9,7 +9,7 @@
 pub mod oracle;
 
 use gs_model::{Camera, Scene};
-use testing::Rng;
+pub use testing::Rng;
 
 /// A camera at the origin that looks along +z, slightly turned and off centre.
 pub fn camera(width: u32, height: u32) -> Camera {
