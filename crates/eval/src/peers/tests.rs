@@ -35,12 +35,12 @@ if [ -n "$decode" ]; then cp "$bin" "$out"; else
 fi"#;
 
 /// A folder for tools and finished stages, and the room with one held-out view.
-struct Bench {
+struct Setup {
     dir: tempfile::TempDir,
     scene: TestScene,
 }
 
-impl Bench {
+impl Setup {
     fn new() -> Self {
         let scene = TestScene::open(crate::scenes::DEFAULT, 1).unwrap();
         Self { dir: tempfile::tempdir().unwrap(), scene }
@@ -66,8 +66,8 @@ fn measured(all: &[Outcome], peer: &str) -> Vec<Measured> {
 
 #[test]
 fn every_peer_is_run_decoded_and_scored() {
-    let bench = Bench::new();
-    let tools = bench.dir.path().join("tools");
+    let setup = Setup::new();
+    let tools = setup.dir.path().join("tools");
     fs::create_dir(&tools).unwrap();
     script(&tools, "ply_to_spz", COPY);
     script(&tools, "spz_to_ply", COPY);
@@ -78,13 +78,13 @@ fn every_peer_is_run_decoded_and_scored() {
         limit: Duration::from_secs(60),
         ..Options::default()
     };
-    let all = bench.run(&options);
-    let original = bench.original_db();
-    let file = fs::metadata(&bench.scene.files.dataset.model_path).unwrap().len();
+    let all = setup.run(&options);
+    let original = setup.original_db();
+    let file = fs::metadata(&setup.scene.files.dataset.model_path).unwrap().len();
     for peer in ["SPZ", "splat-transform"] {
         for point in measured(&all, peer) {
             assert!((point.psnr_db - original).abs() < 1e-9 && point.bytes == file, "{point:?}");
-            assert_eq!(point.gaussians, bench.scene.model.len());
+            assert_eq!(point.gaussians, setup.scene.model.len());
         }
     }
     assert_eq!(measured(&all, "splat-transform").len(), 2);
@@ -95,14 +95,14 @@ fn every_peer_is_run_decoded_and_scored() {
     assert!(chain[0].psnr_db > original - 3.0, "{} of {original}", chain[0].psnr_db);
     assert_eq!(table(&all).rows.len(), 6);
     assert_eq!(curves(&all).len(), 4);
-    let again = bench.run(&options);
+    let again = setup.run(&options);
     assert_eq!(measured(&again, "SPZ")[0].encode_seconds, measured(&all, "SPZ")[0].encode_seconds);
 }
 
 #[test]
 fn absent_and_failing_tools_are_lines_not_errors() {
-    let bench = Bench::new();
-    let tools = bench.dir.path().join("tools");
+    let setup = Setup::new();
+    let tools = setup.dir.path().join("tools");
     fs::create_dir(&tools).unwrap();
     // Success without a file; a failure with a message; a tool that hangs.
     script(&tools, "ply_to_spz", "exit 0");
@@ -118,7 +118,7 @@ fn absent_and_failing_tools_are_lines_not_errors() {
         limit: Duration::from_secs(60),
         ..Options::default()
     };
-    let lines: Vec<String> = bench.run(&options).iter().filter_map(Outcome::absence).collect();
+    let lines: Vec<String> = setup.run(&options).iter().filter_map(Outcome::absence).collect();
     let says = |part: &str| assert!(lines.iter().any(|l| l.contains(part)), "{part}: {lines:?}");
     says("wrote no model.spz");
     says("no memory");
@@ -131,7 +131,7 @@ fn absent_and_failing_tools_are_lines_not_errors() {
         limit: Duration::from_secs(1),
         ..Options::default()
     };
-    let lines: Vec<String> = bench.run(&options).iter().filter_map(Outcome::absence).collect();
+    let lines: Vec<String> = setup.run(&options).iter().filter_map(Outcome::absence).collect();
     assert!(lines.iter().any(|l| l.contains("stopped after 1 s")), "{lines:?}");
-    assert!(bench.run(&Options { none: true, ..options }).is_empty());
+    assert!(setup.run(&Options { none: true, ..options }).is_empty());
 }

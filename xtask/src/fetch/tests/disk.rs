@@ -5,79 +5,79 @@ use crate::fetch::record::Record;
 
 #[test]
 fn a_scene_comes_from_a_file_url_a_path_single_archives_or_beside_the_scenes() {
-    let bench = Bench::new();
+    let setup = Setup::new();
     let path = |p: PathBuf| p.display().to_string();
     for mirrors in [
-        vec![format!("file://{}", path(bench.archives()))],
-        vec![path(bench.archives())],
-        vec![path(bench.photos()), format!("file://{}", path(bench.models()))],
+        vec![format!("file://{}", path(setup.archives()))],
+        vec![path(setup.archives())],
+        vec![path(setup.photos()), format!("file://{}", path(setup.models()))],
     ] {
-        assert_eq!(bench.fetch(&options(&mirrors)).unwrap().fetched, 10);
-        bench.assert_complete();
-        fs::remove_dir_all(bench.dir()).unwrap();
+        assert_eq!(setup.fetch(&options(&mirrors)).unwrap().fetched, 10);
+        setup.assert_complete();
+        fs::remove_dir_all(setup.dir()).unwrap();
     }
-    let line = bench.fails(&options(&["/no/such/folder".to_owned()]));
+    let line = setup.fails(&options(&["/no/such/folder".to_owned()]));
     assert!(line.contains("/no/such/folder/tandt_db.zip") && line.contains("--mirror"), "{line}");
-    fs::copy(bench.photos(), bench.temp.path().join("scenes/tandt_db.zip")).unwrap();
-    fs::copy(bench.models(), bench.temp.path().join("scenes/models.zip")).unwrap();
-    bench.fetch(&options(&[])).unwrap();
-    bench.assert_complete();
+    fs::copy(setup.photos(), setup.temp.path().join("scenes/tandt_db.zip")).unwrap();
+    fs::copy(setup.models(), setup.temp.path().join("scenes/models.zip")).unwrap();
+    setup.fetch(&options(&[])).unwrap();
+    setup.assert_complete();
 }
 
 #[test]
 fn damaged_bytes_never_get_a_name() {
-    let bench = Bench::new();
+    let setup = Setup::new();
     // The fifth model entry is deflated, of noise: stored blocks, so its bytes can be found.
     let ply = archive::noise(4, 400_000);
     let mut broken = ply[1000..1100].to_vec();
     broken[50] ^= 1;
-    archive::patch(&bench.models(), &ply[1000..1100], &broken);
-    let line = bench.fails(&local(&bench));
+    archive::patch(&setup.models(), &ply[1000..1100], &broken);
+    let line = setup.fails(&local(&setup));
     assert!(
         line.contains("point_cloud.ply is damaged") && line.contains("run this again"),
         "{line}"
     );
-    assert!(!bench.dir().join("point_cloud.ply").exists());
-    assert!(bench.pieces().is_empty(), "a damaged piece is not gone on from");
+    assert!(!setup.dir().join("point_cloud.ply").exists());
+    assert!(setup.pieces().is_empty(), "a damaged piece is not gone on from");
     // The rest is kept, and a good archive completes it.
-    archive::patch(&bench.models(), &broken, &ply[1000..1100]);
-    assert_eq!(bench.fetch(&local(&bench)).unwrap(), Summary { fetched: 1, kept: 9 });
-    bench.assert_complete();
+    archive::patch(&setup.models(), &broken, &ply[1000..1100]);
+    assert_eq!(setup.fetch(&local(&setup)).unwrap(), Summary { fetched: 1, kept: 9 });
+    setup.assert_complete();
 }
 
 #[test]
 fn a_wrong_size_in_the_directory_is_noticed() {
     for grow in [1, -1] {
-        let bench = Bench::new();
+        let setup = Setup::new();
         // ZIP64: sizes are 64 bits, in the local header first and then in the directory.
         let size = |n: i64| u64::try_from(n).unwrap().to_le_bytes();
-        let mut bytes = fs::read(bench.models()).unwrap();
+        let mut bytes = fs::read(setup.models()).unwrap();
         let old = size(400_000);
         for place in 0..bytes.len() - 8 {
             if bytes[place..place + 8] == old {
                 bytes[place..place + 8].copy_from_slice(&size(400_000 + grow));
             }
         }
-        fs::write(bench.models(), bytes).unwrap();
-        let line = bench.fails(&local(&bench));
+        fs::write(setup.models(), bytes).unwrap();
+        let line = setup.fails(&local(&setup));
         assert!(line.contains("point_cloud.ply is damaged"), "{line}");
-        assert!(!bench.dir().join("point_cloud.ply").exists());
+        assert!(!setup.dir().join("point_cloud.ply").exists());
     }
 }
 
 #[test]
 fn half_an_archive_and_no_archive_are_refused() {
-    let bench = Bench::new();
-    let whole = fs::read(bench.photos()).unwrap();
+    let setup = Setup::new();
+    let whole = fs::read(setup.photos()).unwrap();
     for bytes in [&whole[..whole.len() / 2], b"<html>not here</html>".repeat(500).as_slice(), b"x"]
     {
-        fs::write(bench.photos(), bytes).unwrap();
-        let line = bench.fails(&local(&bench));
+        fs::write(setup.photos(), bytes).unwrap();
+        let line = setup.fails(&local(&setup));
         assert!(line.contains("not a usable ZIP archive"), "{line}");
         assert!(line.contains("another copy of http://"), "{line}");
     }
     let models: Vec<Entry> = archive::models().into_iter().take(1).collect();
-    let line = Bench::with(&models, &archive::photos(), 0);
+    let line = Setup::with(&models, &archive::photos(), 0);
     let line = line.fails(&local(&line));
     assert!(line.contains("there is no entry playroom/point_cloud/iteration_30000/"), "{line}");
 }
@@ -87,56 +87,56 @@ fn names_that_lead_elsewhere_are_refused() {
     for evil in ["../../../evil.jpg", "/evil.jpg", "a\\..\\..\\evil.jpg", "c:evil.jpg"] {
         let mut photos = archive::photos();
         photos.push((format!("db/playroom/images/{evil}"), b"evil".to_vec()));
-        let bench = Bench::with(&archive::models(), &photos, 0);
-        let line = bench.fails(&local(&bench));
+        let setup = Setup::with(&archive::models(), &photos, 0);
+        let line = setup.fails(&local(&setup));
         assert!(line.contains("leads out of the scene's folder"), "{line}");
         let mut found = Vec::new();
-        walk(bench.temp.path(), bench.temp.path(), &mut found);
+        walk(setup.temp.path(), setup.temp.path(), &mut found);
         assert!(found.iter().all(|(name, _)| !name.contains("evil")), "{evil}");
     }
 }
 
 #[test]
 fn a_file_that_changed_is_an_error_until_it_is_deleted() {
-    let bench = Bench::new();
-    bench.fetch(&local(&bench)).unwrap();
-    let file = bench.dir().join("images/DSC003.jpg");
+    let setup = Setup::new();
+    setup.fetch(&local(&setup)).unwrap();
+    let file = setup.dir().join("images/DSC003.jpg");
     let mut bytes = fs::read(&file).unwrap();
     bytes[77] ^= 1;
     fs::write(&file, &bytes).unwrap();
-    let line = bench.fails(&local(&bench));
+    let line = setup.fails(&local(&setup));
     assert!(line.contains("DSC003.jpg: changed since it was fetched"), "{line}");
     fs::remove_file(&file).unwrap();
-    assert_eq!(bench.fetch(&local(&bench)).unwrap(), Summary { fetched: 1, kept: 9 });
-    bench.assert_complete();
+    assert_eq!(setup.fetch(&local(&setup)).unwrap(), Summary { fetched: 1, kept: 9 });
+    setup.assert_complete();
 }
 
 #[test]
 fn files_put_there_by_hand_are_taken_if_they_are_the_archives() {
-    let bench = Bench::new();
+    let setup = Setup::new();
     let ply = archive::noise(4, 400_000);
-    let file = bench.dir().join("point_cloud.ply");
+    let file = setup.dir().join("point_cloud.ply");
     for bytes in [&ply[1..], &archive::noise(5, 400_000)] {
-        fs::create_dir_all(bench.dir()).unwrap();
+        fs::create_dir_all(setup.dir()).unwrap();
         fs::write(&file, bytes).unwrap();
-        let line = bench.fails(&local(&bench));
+        let line = setup.fails(&local(&setup));
         assert!(line.contains("is not the file in") && line.contains("move it away"), "{line}");
         assert_eq!(fs::read(&file).unwrap(), bytes, "it is not touched");
     }
     fs::write(&file, &ply).unwrap();
-    bench.fetch(&local(&bench)).unwrap();
-    bench.assert_complete();
+    setup.fetch(&local(&setup)).unwrap();
+    setup.assert_complete();
     // A lost record is made again without fetching.
-    let record = Record::load(&bench.dir()).unwrap();
-    fs::remove_file(bench.dir().join("fetch.toml")).unwrap();
-    assert_eq!(bench.fetch(&local(&bench)).unwrap(), Summary { fetched: 0, kept: 10 });
-    assert_eq!(Record::load(&bench.dir()).unwrap(), record);
+    let record = Record::load(&setup.dir()).unwrap();
+    fs::remove_file(setup.dir().join("fetch.toml")).unwrap();
+    assert_eq!(setup.fetch(&local(&setup)).unwrap(), Summary { fetched: 0, kept: 10 });
+    assert_eq!(Record::load(&setup.dir()).unwrap(), record);
     for bad in [
         "complete = maybe",
         "complete = true\n[files.\"../x\"]\narchive='a'\nentry='b'\nbytes=1\nsha256='c'\n",
     ] {
-        fs::write(bench.dir().join("fetch.toml"), bad).unwrap();
-        assert!(bench.fails(&local(&bench)).contains("not a record of fetched files"));
+        fs::write(setup.dir().join("fetch.toml"), bad).unwrap();
+        assert!(setup.fails(&local(&setup)).contains("not a record of fetched files"));
     }
 }
 
@@ -151,9 +151,9 @@ fn what_was_fetched_is_a_scene_that_rd_curve_finds() {
     let models = [(ply, model[0].1.clone()), ("playroom/cameras.json".to_owned(), b"[]".to_vec())];
     let photos: Vec<Entry> =
         photos.into_iter().map(|(name, bytes)| (format!("db/playroom/{name}"), bytes)).collect();
-    let bench = Bench::with(&models, &photos, 0);
-    let cache = bench.temp.path().join("cache");
-    crate::fetch::fetch("playroom", Some(&cache), &local(&bench)).unwrap();
+    let setup = Setup::with(&models, &photos, 0);
+    let cache = setup.temp.path().join("cache");
+    crate::fetch::fetch("playroom", Some(&cache), &local(&setup)).unwrap();
     let found = eval::scenes::find(cache.join("playroom").to_str().unwrap()).unwrap();
     assert_eq!((found.name.as_str(), found.dataset.views.len()), ("playroom", 32));
 }

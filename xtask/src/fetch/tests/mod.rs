@@ -15,15 +15,15 @@ use super::catalogue::SCENES;
 use super::job::{Options, Summary, fetch};
 use super::source::Retry;
 use archive::Entry;
-use server::{Manners, Server};
+use server::{Behaviour, Server};
 
 /// Both archives on disk, and a folder to fetch playroom into.
-struct Bench {
+struct Setup {
     temp: TempDir,
     expected: Vec<Entry>,
 }
 
-impl Bench {
+impl Setup {
     fn new() -> Self {
         Self::with(&archive::models(), &archive::photos(), 0)
     }
@@ -31,10 +31,10 @@ impl Bench {
     fn with(models: &[Entry], photos: &[Entry], hole: u64) -> Self {
         let temp = tempfile::tempdir().unwrap();
         fs::create_dir(temp.path().join("archives")).unwrap();
-        let bench = Self { temp, expected: archive::expected(models, photos) };
-        archive::write_zip(&bench.models(), models, hole);
-        archive::write_zip(&bench.photos(), photos, hole);
-        bench
+        let setup = Self { temp, expected: archive::expected(models, photos) };
+        archive::write_zip(&setup.models(), models, hole);
+        archive::write_zip(&setup.photos(), photos, hole);
+        setup
     }
 
     fn archives(&self) -> PathBuf {
@@ -55,10 +55,10 @@ impl Bench {
     }
 
     /// A server with the archives in `/d`.
-    fn serve(&self, manners: Manners) -> Server {
+    fn serve(&self, behaviour: Behaviour) -> Server {
         let (models, photos) = (self.models(), self.photos());
         let files = [("/d/models.zip", models.as_path()), ("/d/tandt_db.zip", &photos)];
-        Server::start(&files, manners)
+        Server::start(&files, behaviour)
     }
 
     fn fetch(&self, options: &Options) -> anyhow::Result<Summary> {
@@ -117,6 +117,6 @@ fn from(server: &Server) -> Options {
 }
 
 /// The archives' folder as a mirror.
-fn local(bench: &Bench) -> Options {
-    options(&[bench.archives().display().to_string()])
+fn local(setup: &Setup) -> Options {
+    options(&[setup.archives().display().to_string()])
 }

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// How the server behaves; all off is a good server.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Manners {
+pub(super) struct Behaviour {
     /// Ranges are ignored: the whole file, status 200.
     pub(super) no_ranges: bool,
     /// Every answer is this status.
@@ -30,7 +30,7 @@ pub(super) struct Manners {
 #[derive(Default)]
 struct State {
     files: BTreeMap<String, PathBuf>,
-    manners: Mutex<Manners>,
+    behaviour: Mutex<Behaviour>,
     requests: AtomicU64,
     body_bytes: AtomicU64,
     stopped: AtomicBool,
@@ -44,12 +44,12 @@ pub(super) struct Server {
 
 impl Server {
     /// Serves files at paths such as `/a/b.zip`.
-    pub(super) fn start(files: &[(&str, &Path)], manners: Manners) -> Self {
+    pub(super) fn start(files: &[(&str, &Path)], behaviour: Behaviour) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let address = listener.local_addr().unwrap();
         let files = files.iter().map(|(url, path)| ((*url).to_owned(), path.to_path_buf()));
-        let (files, manners) = (files.collect(), Mutex::new(manners));
-        let state = Arc::new(State { files, manners, ..State::default() });
+        let (files, behaviour) = (files.collect(), Mutex::new(behaviour));
+        let state = Arc::new(State { files, behaviour, ..State::default() });
         let shared = Arc::clone(&state);
         thread::spawn(move || {
             for stream in listener.incoming().flatten() {
@@ -68,8 +68,8 @@ impl Server {
         format!("http://{}{path}", self.address)
     }
 
-    pub(super) fn behave(&self, manners: Manners) {
-        *self.state.manners.lock().unwrap() = manners;
+    pub(super) fn behave(&self, behaviour: Behaviour) {
+        *self.state.behaviour.lock().unwrap() = behaviour;
     }
 
     /// Requests and body bytes since the last call.
@@ -118,12 +118,12 @@ fn answer(
     range: Option<(u64, u64)>,
 ) -> io::Result<bool> {
     let number = state.requests.fetch_add(1, SeqCst);
-    let manners = state.manners.lock().unwrap().clone();
-    if manners.silent {
+    let behaviour = state.behaviour.lock().unwrap().clone();
+    if behaviour.silent {
         thread::sleep(Duration::from_secs(3));
         return Ok(false);
     }
-    let busy = (number < manners.unavailable).then_some(503).or(manners.status);
+    let busy = (number < behaviour.unavailable).then_some(503).or(behaviour.status);
     let file = state.files.get(path).filter(|_| busy.is_none());
     let Some(file) = file else {
         let status = busy.unwrap_or(404);
@@ -132,7 +132,7 @@ fn answer(
     };
     let mut file = File::open(file)?;
     let size = file.metadata()?.len();
-    let range = range.filter(|_| !manners.no_ranges);
+    let range = range.filter(|_| !behaviour.no_ranges);
     let (from, to) = range.map_or((0, size), |(from, last)| (from, (last + 1).min(size)));
     match range {
         Some(_) => {
@@ -143,11 +143,11 @@ fn answer(
     write!(stream, "Content-Length: {}\r\n\r\n", to - from)?;
 
     file.seek(SeekFrom::Start(from))?;
-    let (mut left, mut allowed) = (to - from, manners.cut_each.unwrap_or(u64::MAX));
+    let (mut left, mut allowed) = (to - from, behaviour.cut_each.unwrap_or(u64::MAX));
     let mut buffer = vec![0; 16 << 10];
     while left > 0 {
         let sent = state.body_bytes.load(SeqCst);
-        let budget = manners.cut_all.map_or(u64::MAX, |all| all.saturating_sub(sent));
+        let budget = behaviour.cut_all.map_or(u64::MAX, |all| all.saturating_sub(sent));
         let n = left.min(allowed).min(budget).min(buffer.len() as u64);
         if n == 0 {
             return Ok(false);

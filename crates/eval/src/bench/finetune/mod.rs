@@ -5,16 +5,15 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, Result};
-use finetune::{
-    FineTune, FineTuneOptions, Image, LearningRates, Loss, RenderOptions, TrainView, metrics,
-    render,
-};
+use anyhow::Result;
+use finetune::{FineTune, FineTuneOptions, LearningRates, Loss, TrainView};
 use gs_model::Scene;
-use gs_model::dataset::{Dataset, View};
+use gs_model::dataset::Dataset;
 use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge_weighted, voxelize};
 
 use crate::chart::{Axis, Chart, Kind, Series};
+use crate::measure;
+use crate::progress::Bar;
 use crate::usage;
 
 mod variants;
@@ -75,17 +74,9 @@ struct Run {
     epochs: Vec<f64>,
 }
 
-fn photo(view: &View) -> Result<TrainView> {
-    let rgb = image::open(&view.image_path)?.to_rgb8();
-    let photo = Image::from_rgb8(rgb.width(), rgb.height(), &rgb).context("photo of no size")?;
-    Ok(TrainView { camera: view.camera.clone(), photo })
-}
-
+/// Mean PSNR.
 fn score(scene: &Scene, views: &[TrainView]) -> f64 {
-    let db = |v: &TrainView| {
-        metrics::psnr(&render(scene, &v.camera, &RenderOptions::default()), &v.photo)
-    };
-    views.iter().map(db).sum::<f64>() / views.len() as f64
+    measure::score(scene, views, &Bar::hidden()).0.psnr_db
 }
 
 /// The start of a trainer without initialisation, at the same means: grey, round, translucent
@@ -174,8 +165,8 @@ pub fn run(args: &Options) -> Result<()> {
     let (dir, out) = (&args.scene, &args.out);
     let dataset = Dataset::open(dir)?;
     let (scene, _) = gs_model::ply::read(&dataset.model_path)?;
-    let train = dataset.training().map(photo).collect::<Result<Vec<_>>>()?;
-    let held_out = dataset.held_out().map(photo).collect::<Result<Vec<_>>>()?;
+    let train = measure::load(dataset.training())?;
+    let held_out = measure::load(dataset.held_out())?;
     let model = score(&scene, &held_out);
     let name = dir.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
     println!(
