@@ -75,7 +75,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let differing = differing(&runs);
     println!("{} runs, {} lines each, {} differ", runs.len(), lines(&runs), differing.len());
     if !args.quick {
-        std::fs::write(crate::scenes::root().join(&args.out), report(&runs, &skipped, &differing))
+        std::fs::write(eval::scenes::root().join(&args.out), report(&runs, &skipped, &differing))
             .with_context(|| format!("write {}", args.out.display()))?;
         println!("written: {}", args.out.display());
     }
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 fn package() -> PathBuf {
-    crate::scenes::root().join("xtask/determinism")
+    eval::scenes::root().join("xtask/determinism")
 }
 
 /// What is not there of a target and its tools.
@@ -102,7 +102,7 @@ fn missing(target: &str, tools: &[&str]) -> Option<String> {
 
 /// Builds the package; returns the folder of what was made.
 fn build(target: Option<&str>, profile: &str) -> Result<PathBuf> {
-    let dir = crate::scenes::root().join("target/determinism");
+    let dir = eval::scenes::root().join("target/determinism");
     let mut cargo = Command::new("cargo");
     cargo.current_dir(package()).args(["build", "--quiet", "--target-dir"]).arg(&dir);
     if profile == "release" {

@@ -1,41 +1,20 @@
-//! Project tasks: `cargo xtask --help`.
-#![allow(
-    clippy::disallowed_methods,
-    reason = "reports and pictures, never the bitstream; fixtures use libm"
-)]
+//! Project tasks: `cargo xtask --help`. A module a task; what they measure is in `eval`.
 
-mod bd;
 mod bench;
-mod bench_finetune;
-mod bench_gpcc;
-mod bench_gsvx;
-mod bench_voxel;
-mod cache;
-mod chart;
 mod conformance;
 mod determinism;
-mod experiments;
 mod fetch;
 mod fixture;
-mod manifest;
-mod measure;
-mod peers;
-mod pictures;
-mod progress;
-mod published;
 mod rd_curve;
-mod report;
-mod scenes;
 mod stress;
-mod usage;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Project tasks: rate-distortion curves, fixtures, benches.
+/// Tasks of this project.
 #[derive(Debug, Parser)]
-#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", disable_help_subcommand = true)]
 struct Cli {
     #[command(subcommand)]
     task: Task,
@@ -43,46 +22,46 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Task {
-    /// Rate-distortion curves of a scene: voxelize, encode, decode, render, compare, report
-    RdCurve(rd_curve::RdArgs),
-    /// Time against error of every stage, peak memory, regressions: one report
-    Bench(bench::Args),
-    /// What the pipeline skips on real scenes, with the proof that nothing is lost
-    Skips(bench::SkipsArgs),
-    /// Measure gpcc-lite beside the peer's recorded figures
-    BenchGpcc(bench_gpcc::BenchArgs),
-    /// Measure the voxelization strategies: speed, eq. 5, merging, curves at equal bytes
-    BenchVoxel(bench_voxel::BenchArgs),
-    /// How much of a voxelized model's quality the fine-tune brings back
-    BenchFinetune(bench_finetune::FinetuneArgs),
-    /// The `gsvx` command on models of growing size: seconds and peak memory
-    BenchGsvx(bench_gsvx::Args),
-    /// Check this build: golden streams, threads, twins, broken streams
-    Conformance(conformance::Args),
-    /// Coded bytes and decoded floats for any threads, build and processor: hashes compared
-    Determinism(determinism::Args),
-    /// Pathological scenes through the whole chain in every mode: errors against their bounds
-    Stress(stress::Args),
-    /// Fetch a scene of the paper out of the public archives
+    /// Rate-distortion curves of a scene, with a report
+    RdCurve(rd_curve::Args),
+    /// Fetch a scene of the paper
     Fetch(fetch::Args),
-    /// Make the default scene, fixtures/room, from its seed
-    Fixture(fixture::FixtureArgs),
+    /// Check this build: golden streams, threads, broken streams
+    Conformance(conformance::Args),
+    /// Compare streams over threads, builds and processors
+    Determinism(determinism::Args),
+    /// Pathological scenes against the bounds of docs/accuracy.md
+    Stress(stress::Args),
+    /// Time, error and peak memory of every stage
+    Bench(bench::BenchArgs),
+    /// gpcc-lite beside TMC13's recorded figures
+    BenchGpcc(bench::GpccArgs),
+    /// Voxelization: speed, merging, curves at equal bytes
+    BenchVoxel(bench::VoxelArgs),
+    /// What the fine-tune restores of a voxelized model
+    BenchFinetune(bench::FinetuneArgs),
+    /// The gsvx command: seconds and memory by size of model
+    BenchGsvx(bench::GsvxArgs),
+    /// What the pipeline skips, and the tests that prove it harmless
+    Skips(bench::SkipsArgs),
+    /// Make fixtures/room from its seed
+    Fixture(fixture::Args),
 }
 
 fn main() -> ExitCode {
     let done = match Cli::parse().task {
         Task::RdCurve(args) => rd_curve::run(&args),
-        Task::Bench(args) => bench::run(&args),
-        Task::Skips(args) => bench::run_skips(&args),
-        Task::BenchGpcc(args) => bench_gpcc::run(&args),
-        Task::BenchVoxel(args) => bench_voxel::run(&args),
-        Task::BenchFinetune(args) => bench_finetune::run(&args),
-        Task::BenchGsvx(args) => bench_gsvx::run(&args),
+        Task::Fetch(args) => fetch::run(&args),
         Task::Conformance(args) => conformance::run(&args),
         Task::Determinism(args) => determinism::run(&args),
-        Task::Stress(args) => stress::run(&args),
-        Task::Fetch(args) => fetch::run(&args),
-        Task::Fixture(args) => fixture::run(&args),
+        Task::Stress(args) => stress::run(args),
+        Task::Bench(args) => bench::run(args),
+        Task::BenchGpcc(args) => bench::gpcc(args),
+        Task::BenchVoxel(args) => bench::voxel(args),
+        Task::BenchFinetune(args) => bench::finetune(args),
+        Task::BenchGsvx(args) => bench::gsvx(args),
+        Task::Skips(args) => bench::skips(&args),
+        Task::Fixture(args) => fixture::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -110,6 +89,14 @@ fn one_line(error: &anyhow::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_help_fits_a_screen() {
+        use clap::CommandFactory as _;
+        let help = Cli::command().render_help().to_string();
+        assert!(help.lines().count() <= 25, "{help}");
+        assert!(help.lines().all(|l| l.chars().count() <= 80), "{help}");
+    }
 
     #[test]
     fn a_cause_is_said_once() {

@@ -29,12 +29,12 @@ fn views(scene: &Scene, count: usize) -> Vec<TrainView> {
 
 /// The scene with every trainable attribute disturbed.
 fn spoilt(scene: &Scene) -> Scene {
-    let mut r = common::Rng(99);
+    let mut r = testing::Rng::seeded(99);
     let mut s = scene.clone();
-    s.sh.iter_mut().flatten().for_each(|v| *v += r.f(-0.2, 0.2));
-    s.opacity_logits.iter_mut().for_each(|v| *v += r.f(-0.5, 0.5));
-    s.log_scales.iter_mut().flatten().for_each(|v| *v += r.f(-0.3, 0.3));
-    s.rotations.iter_mut().flatten().for_each(|v| *v += r.f(-0.1, 0.1));
+    s.sh.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.2, 0.2));
+    s.opacity_logits.iter_mut().for_each(|v| *v += r.range_f32(-0.5, 0.5));
+    s.log_scales.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.3, 0.3));
+    s.rotations.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.1, 0.1));
     s
 }
 

@@ -191,9 +191,9 @@ fn merging_degree_by_degree_is_merging() {
         [(3000, Merge::Moments, 6), (900, Merge::Paper, 3), (3000, Merge::Moments, 2)]
     {
         let mut scene = clustered(len, 9);
-        let mut r = common::Random(len as u64);
+        let mut r = testing::Rng::seeded(len as u64);
         scene.sh_degree = 3;
-        scene.sh = (0..16 * len).map(|_| std::array::from_fn(|_| r.unit())).collect();
+        scene.sh = (0..16 * len).map(|_| std::array::from_fn(|_| r.signed_exact())).collect();
         let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth }).unwrap();
         assert!((0..v.len()).any(|i| v.members_of(i).len() > 1));
         let given = (0..len).map(|i| 0.1 + (i % 17) as f32).collect();

@@ -1,6 +1,5 @@
-//! Broken streams, made from the golden ones: cut, flipped, spliced, and forged with checksums
-//! that are right. The decoder says what is wrong; it never panics and never gives a scene that
-//! is not valid.
+//! Broken streams, made from the golden ones: cut, with a bit flipped, spliced, and changed with
+//! correct checksums. The decoder must return an error or a valid scene, and must not panic.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,15 +8,15 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail, ensure};
 use gsvx::DecodeOptions;
 use gsvx::stream::{Container, SectionKind, assemble};
+use testing::Rng;
 
 use super::{Tally, Verdict, golden};
-use crate::fixture::rng::Rng;
 
-/// Longest decode of a broken stream of these sizes (at most some tens of kB). A whole one takes
-/// milliseconds; the rest is for a loaded machine.
+/// Longest decode of a broken stream of these sizes (some tens of kB at most). A whole stream takes
+/// milliseconds, but the machine may be loaded.
 const SLOWEST: Duration = Duration::from_secs(5);
 
-/// What the decoder made of a corpus.
+/// Counts of what the decoder returned.
 #[derive(Default)]
 struct Seen {
     streams: usize,
@@ -28,7 +27,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// Decodes one broken stream. `must_fail`: nothing but an error will do.
+    /// Decodes one broken stream. If `must_fail`, the only right answer is an error.
     fn decode(&mut self, bytes: &[u8], options: &DecodeOptions, must_fail: bool) -> Result<()> {
         let started = Instant::now();
         let result = catch_unwind(AssertUnwindSafe(|| gsvx::decode(bytes, options)));
@@ -85,7 +84,7 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
     };
     let strict = DecodeOptions::default();
     let lenient = DecodeOptions { allow_truncated: true, ..DecodeOptions::default() };
-    // Deliberate panics would clutter the output; a caught one is named by its check.
+    // A caught panic is reported by its check; the default hook would print it as well.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| ()));
     tally.check("broken streams, cut", || {
@@ -118,45 +117,48 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
                 let (_, b) = &streams[(i + 1 + rng.below(streams.len() - 1)) % streams.len()];
                 let at = 1 + rng.below(a.len().min(b.len()) - 1);
                 let spliced = [&a[..at], &b[at..]].concat();
-                // Streams may begin or end alike: then it is one of them, whole.
+                // Two streams may begin or end with the same bytes. Then this is one of them, whole.
                 let whole = spliced == *a || spliced == *b;
                 seen.decode(&spliced, &strict, !whole)?;
             }
         }
         Ok(seen.verdict())
     });
-    tally.check("broken streams, forged with right checksums", || {
-        let (mut seen, mut rng) = (Seen::default(), Rng::seeded(3));
-        let mut parsed = Vec::new();
-        for (_, bytes) in &streams {
-            let container = Container::parse(bytes)?;
-            parsed.push((container.header.clone(), sections(&container)?));
-        }
-        for (header, own) in parsed.iter().filter(|(_, s)| !s.is_empty()) {
-            for _ in 0..each {
-                let mut broken = own.clone();
-                let victim = rng.below(broken.len());
-                let (kind, payload) = &mut broken[victim];
-                match rng.below(4) {
-                    0 => payload.truncate(rng.below(payload.len())),
-                    1 => payload.push(rng.bits() as u8),
-                    // Another stream's section of the same kind.
-                    2 => {
-                        let (_, other) = &parsed[rng.below(parsed.len())];
-                        if let Some((_, theirs)) = other.iter().find(|(k, _)| k == kind) {
-                            payload.clone_from(theirs);
-                        }
-                    }
-                    _ if payload.is_empty() => payload.push(1),
-                    _ => {
-                        let at = rng.below(payload.len());
-                        payload[at] = rng.bits() as u8;
+    tally.check("broken streams, forged with right checksums", || forged(&streams, each));
+    std::panic::set_hook(hook);
+}
+
+/// Sections cut, grown, exchanged or changed, under checksums that are right.
+fn forged(streams: &[(String, Vec<u8>)], each: usize) -> Result<Verdict> {
+    let (mut seen, mut rng) = (Seen::default(), Rng::seeded(3));
+    let mut parsed = Vec::new();
+    for (_, bytes) in streams {
+        let container = Container::parse(bytes)?;
+        parsed.push((container.header.clone(), sections(&container)?));
+    }
+    for (header, own) in parsed.iter().filter(|(_, s)| !s.is_empty()) {
+        for _ in 0..each {
+            let mut broken = own.clone();
+            let victim = rng.below(broken.len());
+            let (kind, payload) = &mut broken[victim];
+            match rng.below(4) {
+                0 => payload.truncate(rng.below(payload.len())),
+                1 => payload.push(rng.bits() as u8),
+                // Another stream's section of the same kind.
+                2 => {
+                    let (_, other) = &parsed[rng.below(parsed.len())];
+                    if let Some((_, theirs)) = other.iter().find(|(k, _)| k == kind) {
+                        payload.clone_from(theirs);
                     }
                 }
-                seen.decode(&assemble(header, &broken), &strict, false)?;
+                _ if payload.is_empty() => payload.push(1),
+                _ => {
+                    let at = rng.below(payload.len());
+                    payload[at] = rng.bits() as u8;
+                }
             }
+            seen.decode(&assemble(header, &broken), &DecodeOptions::default(), false)?;
         }
-        Ok(seen.verdict())
-    });
-    std::panic::set_hook(hook);
+    }
+    Ok(seen.verdict())
 }

@@ -1,17 +1,16 @@
-//! Golden streams: written once, they decode to the same floats for ever.
+//! Golden streams: recorded ones, which every later version must decode to the same floats.
 
 use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use gs_model::Scene;
 use gsvx::DecodeOptions;
-use sha2::{Digest, Sha256};
+use testing::sha256;
 
 use super::{Tally, Verdict};
 
 fn folder() -> PathBuf {
-    crate::scenes::root().join("fixtures/streams")
+    eval::scenes::root().join("fixtures/streams")
 }
 
 /// Name, bytes and recorded hash of every golden stream.
@@ -30,22 +29,6 @@ pub(super) fn streams() -> Result<Vec<(String, Vec<u8>, String)>> {
     Ok(out)
 }
 
-/// SHA-256 of all floats, little-endian: means, rotations, log-scales, opacity logits, SH.
-pub(super) fn hash(s: &Scene) -> String {
-    let mut sha = Sha256::new();
-    let parts: [&[f32]; 5] = [
-        s.means.as_flattened(),
-        s.rotations.as_flattened(),
-        s.log_scales.as_flattened(),
-        &s.opacity_logits,
-        s.sh.as_flattened(),
-    ];
-    for part in parts {
-        part.iter().for_each(|v| sha.update(v.to_le_bytes()));
-    }
-    sha.finalize().iter().map(|b| format!("{b:02x}")).collect()
-}
-
 pub(super) fn checks(tally: &mut Tally) {
     let all = match streams() {
         Ok(all) => all,
@@ -54,7 +37,7 @@ pub(super) fn checks(tally: &mut Tally) {
     for (name, bytes, want) in all {
         tally.check(&format!("golden stream {name}"), || {
             let scene = gsvx::decode(&bytes, &DecodeOptions::default())?.scene;
-            let got = hash(&scene);
+            let got = sha256(&scene);
             ensure!(got == want, "decodes to {got}, recorded is {want}");
             Ok(Verdict::Holds(format!(
                 "{} Gaussians of {} bytes, the recorded floats",

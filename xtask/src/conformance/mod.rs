@@ -1,10 +1,11 @@
-//! `cargo xtask conformance`: whether this build decodes what it must, encodes the same for any
-//! number of threads, agrees with its references and refuses what is broken. One line per check.
+//! `cargo xtask conformance`: checks that this build decodes the golden streams to the recorded
+//! floats, encodes the same for any number of threads, agrees with its references and refuses broken
+//! streams. One line per check.
 
 mod damage;
 mod golden;
+mod references;
 mod threads;
-mod twins;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
@@ -22,7 +23,7 @@ pub(crate) struct Args {
     broken: u32,
 }
 
-/// What a check says when it holds.
+/// The result of a check that did not fail.
 enum Verdict {
     /// It holds; with figures.
     Holds(String),
@@ -72,7 +73,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let mut tally = Tally::default();
     golden::checks(&mut tally);
     threads::checks(&mut tally);
-    twins::checks(&mut tally, args.no_gpu);
+    references::checks(&mut tally, args.no_gpu);
     damage::checks(&mut tally, args.broken);
     println!(
         "{} checks hold, {} fail, {} skipped, {:.1} s",

@@ -1,14 +1,20 @@
 //! The same bytes, floats and pixels for any number of threads.
 
 use anyhow::{Context, Result, ensure};
-use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
+use eval::{measure, scenes};
+use finetune::{FineTune, FineTuneOptions, RenderOptions};
 use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, PaperQp};
 
-use super::{Tally, Verdict, golden};
-use crate::cache::hash_bytes;
-use crate::{measure, scenes};
+use sha2::{Digest, Sha256};
+use testing::sha256;
+
+use super::{Tally, Verdict};
 
 const THREADS: [usize; 4] = [1, 2, 3, 8];
+
+fn hash_bytes(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+}
 
 /// What `work` gives on each number of threads; an error if they differ.
 fn same(what: &str, work: impl Fn() -> Result<String> + Send + Sync) -> Result<Verdict> {
@@ -62,29 +68,25 @@ pub(super) fn checks(tally: &mut Tally) {
             gsvx::prepare(&scene, |i, seen| gsvx::default_strategy(60.0, i, seen), None)?;
         let bytes = gsvx::encode(&prepared.scene, &prepared.voxels, &default()?)?.bytes;
         same("the same floats", || {
-            Ok(golden::hash(&gsvx::decode(&bytes, &DecodeOptions::default())?.scene))
+            Ok(sha256(&gsvx::decode(&bytes, &DecodeOptions::default())?.scene))
         })
     });
-    let shots = match measure::load(room.training().take(2)) {
-        Ok(shots) => shots,
+    let views = match measure::load(room.training().take(2)) {
+        Ok(views) => views,
         Err(why) => return tally.check("rasterizer over threads", || Err(why)),
     };
     tally.check("rasterizer over threads", || {
         same("the same pixels", || {
-            let image = finetune::render(&scene, &shots[0].view.camera, &RenderOptions::default());
+            let image = finetune::render(&scene, &views[0].camera, &RenderOptions::default());
             let bytes: Vec<u8> = image.rgb.iter().flat_map(|v| v.to_le_bytes()).collect();
             Ok(hash_bytes(&bytes))
         })
     });
     tally.check("fine-tune over threads", || {
-        let views: Vec<TrainView> = shots
-            .iter()
-            .map(|s| TrainView { camera: s.view.camera.clone(), photo: s.photo.clone() })
-            .collect();
         same("the same floats after 4 steps", || {
             let options = FineTuneOptions { steps: 4, ..FineTuneOptions::default() };
             let tune = FineTune::new(scene.clone(), views.clone(), options)?;
-            Ok(golden::hash(&tune.run(|_| ())?.scene))
+            Ok(sha256(&tune.run(|_| ())?.scene))
         })
     });
 }

@@ -12,18 +12,11 @@ pub(crate) struct Archive {
     pub(crate) folder: &'static str,
     /// Size in words.
     pub(crate) size: &'static str,
-    /// What is wanted of a scene's folder in it.
-    pub(crate) wants: &'static [Want],
-}
-
-/// Entries of a scene's folder in an archive, under the names that they get on disk. The first
-/// of an archive is the one by which the folder is found.
-#[derive(Debug)]
-pub(crate) enum Want {
-    /// One file, under the first of these names that is there.
-    File { from: &'static [&'static str], to: &'static [&'static str] },
-    /// All photos of a folder.
-    Photos { folder: &'static str },
+    /// Files that are wanted of a scene's folder in it, each under one of several names, with its
+    /// name on disk.
+    pub(crate) files: &'static [&'static [(&'static str, &'static str)]],
+    /// Folder of which all photos are wanted.
+    pub(crate) photos: Option<&'static str>,
 }
 
 /// Trained models: `SCENE/point_cloud/iteration_30000/point_cloud.ply`, `SCENE/cameras.json`.
@@ -31,32 +24,30 @@ static MODELS: Archive = Archive {
     file: "models.zip",
     folder: "pretrained",
     size: "14 GB",
-    wants: &[
-        Want::File {
-            from: &["point_cloud/iteration_30000/point_cloud.ply"],
-            to: &["point_cloud.ply"],
-        },
-        Want::File { from: &["cameras.json"], to: &["cameras.json"] },
+    files: &[
+        &[("point_cloud/iteration_30000/point_cloud.ply", "point_cloud.ply")],
+        &[("cameras.json", "cameras.json")],
     ],
+    photos: None,
 };
 
-/// Photos and COLMAP models: `tandt/SCENE/` and `db/SCENE/`. The points that COLMAP found are
-/// left out: nothing here reads them.
+/// Photos and COLMAP models: `tandt/SCENE/` and `db/SCENE/`. COLMAP's points are left out: nothing
+/// here reads them.
 static PHOTOS: Archive = Archive {
     file: "tandt_db.zip",
     folder: "input",
     size: "650 MB",
-    wants: &[
-        Want::File {
-            from: &["sparse/0/cameras.bin", "sparse/0/cameras.txt"],
-            to: &["sparse/0/cameras.bin", "sparse/0/cameras.txt"],
-        },
-        Want::File {
-            from: &["sparse/0/images.bin", "sparse/0/images.txt"],
-            to: &["sparse/0/images.bin", "sparse/0/images.txt"],
-        },
-        Want::Photos { folder: "images/" },
+    files: &[
+        &[
+            ("sparse/0/cameras.bin", "sparse/0/cameras.bin"),
+            ("sparse/0/cameras.txt", "sparse/0/cameras.txt"),
+        ],
+        &[
+            ("sparse/0/images.bin", "sparse/0/images.bin"),
+            ("sparse/0/images.txt", "sparse/0/images.txt"),
+        ],
     ],
+    photos: Some("images/"),
 };
 
 /// A scene that can be fetched.
@@ -77,11 +68,6 @@ pub(crate) const SCENES: [Scene; 4] = [
 ];
 
 impl Scene {
-    /// The scene of that name.
-    pub(crate) fn named(name: &str) -> Option<Self> {
-        SCENES.into_iter().find(|s| s.name == name)
-    }
-
     /// The archives that hold it, each with the scene's folder.
     pub(crate) fn archives(&self) -> [(&'static Archive, String); 2] {
         [(&PHOTOS, self.photos.to_owned()), (&MODELS, format!("{}/", self.name))]

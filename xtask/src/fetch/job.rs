@@ -1,61 +1,38 @@
 //! One scene, from its archives to its folder.
 
-use std::fs::{self, File, TryLockError};
-use std::io;
-use std::path::Path;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::anyhow;
-use indicatif::DecimalBytes;
+use anyhow::{Context, Result, anyhow, ensure};
+use eval::progress::Bar;
 
 use super::catalogue::{Archive, PUBLIC, Scene};
-use super::error::{ByHand, Error, Result};
-use super::meter::Meter;
-use super::place::{Place, mirrored};
-use super::plan::{Item, items};
-use super::ranged::{Patience, Ranged, TAIL};
-use super::record::{Fetched, Record, digests, work_dir};
-use super::unpack::{spool_path, unpack};
+use super::directory::{Item, items};
+use super::record::{Fetched, Record, digests};
+use super::source::{Fault, Kind, Retry, Source};
 
-/// Room left on the disk beyond what is needed.
-const SPARE: u64 = 64 << 20;
+/// Entries this close to each other are fetched by one request.
+const GAP: u64 = 64 << 10;
 
 /// How to fetch.
 pub(crate) struct Options {
-    /// Replacements of the public archives.
+    /// Replacements of the public archives: addresses of folders or of single archives.
     pub(crate) mirrors: Vec<String>,
     /// Folder of the public archives.
     pub(crate) public: String,
     /// The longest silence of a server.
     pub(crate) timeout: Duration,
-    /// What to do about a line that breaks.
-    pub(crate) patience: Patience,
-    /// Bytes of an archive's end to read first.
-    pub(crate) tail: u64,
-    /// Bytes free on the disk of a folder.
-    pub(crate) free: fn(&Path) -> io::Result<u64>,
-    /// Says nothing.
-    pub(crate) quiet: bool,
+    /// What to do about a connection that breaks.
+    pub(crate) retry: Retry,
 }
 
 impl Options {
-    /// The public archives, with that much silence allowed.
     pub(crate) fn new(mirrors: &[String], timeout: Duration) -> Self {
-        Self {
-            mirrors: mirrors.to_vec(),
-            public: PUBLIC.to_owned(),
-            timeout,
-            patience: Patience { tries: 5, pause: Duration::from_secs(1) },
-            tail: TAIL,
-            free: |dir| fs4::available_space(dir),
-            quiet: false,
-        }
-    }
-
-    fn say(&self, text: String) {
-        if !self.quiet {
-            eprintln!("{text}");
-        }
+        let retry = Retry { tries: 5, pause: Duration::from_secs(1) };
+        let public = PUBLIC.to_owned();
+        Self { mirrors: mirrors.to_vec(), public, timeout, retry }
     }
 }
 
@@ -68,207 +45,215 @@ pub(crate) struct Summary {
     pub(crate) kept: usize,
 }
 
-/// An archive with the entries still to fetch.
-struct Task {
-    reader: Ranged,
-    hand: ByHand,
-    items: Vec<Item>,
-}
-
-/// Fetches `scene` into `dir`: whatever is missing there. Files that are there are checked.
-///
-/// # Errors
-/// One line, with what to do about it.
-pub(crate) fn fetch(scene: Scene, dir: &Path, options: &Options) -> anyhow::Result<Summary> {
-    let local = |e: Error| anyhow!("{e}; {}", e.local_remedy());
-    let work = work_dir(dir);
-    fs::create_dir_all(&work).map_err(|e| local(Error::io(&work, "create", e)))?;
-    let _lock = lock(dir, &work).map_err(local)?;
-    let mut record = Record::load(dir).map_err(local)?;
+/// Fetches what is missing of `scene` into `dir`. Files that are there are checked.
+pub(crate) fn fetch(scene: Scene, dir: &Path, options: &Options) -> Result<Summary> {
+    let work = dir.join(".fetch");
+    fs::create_dir_all(&work).with_context(|| format!("create {}", work.display()))?;
+    let mut record = Record::load(dir)?;
     let mut summary = Summary::default();
-    let missing = record.verify(dir).map_err(local)?;
-    summary.kept = record.files.len() - missing.len();
-    if record.complete && missing.is_empty() {
+    if record.verify(dir)? && record.complete {
+        summary.kept = record.files.len();
         return Ok(summary);
     }
-
-    let mut tasks = Vec::new();
     for (archive, folder) in scene.archives() {
-        let hand = by_hand(scene, archive, dir, options);
-        let explain = |e: Error| anyhow!("{e}; {}", e.remedy(&hand));
-        let mut reader = open(archive, &hand, options).map_err(explain)?;
-        options.say(format!("{}: from {}", scene.name, reader.url()));
-        let wanted = items(&mut reader, archive, &folder).map_err(explain)?;
-        let mut todo = Vec::new();
-        for item in wanted {
-            if settled(&item, dir, reader.url(), &mut record, &mut summary).map_err(explain)? {
-                continue;
-            }
-            todo.push(item);
-        }
-        tasks.push(Task { reader, hand, items: todo });
+        let place = Place::of(archive, dir, options);
+        fetch_from(&place, archive, &folder, dir, options, &mut record, &mut summary)
+            .map_err(|e| place.with_remedy(e))?;
     }
-    record.store(dir).map_err(local)?;
-    let total = check_space(dir, &tasks, options).map_err(local)?;
-
-    let files: usize = tasks.iter().map(|t| t.items.len()).sum();
-    options.say(format!("{}: {files} files, {} to fetch", scene.name, DecimalBytes(total)));
-    let meter = if options.quiet { Meter::hidden() } else { Meter::new(scene.name, total) };
-    for task in &mut tasks {
-        task.reader.count_on(meter.clone());
-        run(task, dir, &mut record, &mut summary)?;
-    }
-    meter.done();
     record.complete = true;
-    record.store(dir).map_err(local)?;
-    sweep(&work);
+    record.store(dir)?;
+    // Only pieces are in it, and all are used up.
+    let _ = fs::remove_dir_all(&work);
     Ok(summary)
 }
 
-/// Fetches the entries of one archive.
-fn run(
-    task: &mut Task,
+fn fetch_from(
+    place: &Place,
+    archive: &Archive,
+    folder: &str,
     dir: &Path,
+    options: &Options,
     record: &mut Record,
     summary: &mut Summary,
-) -> anyhow::Result<()> {
-    let Task { reader, hand, items } = task;
-    for (i, item) in items.iter().enumerate() {
-        // One request for entries that follow each other.
-        let follows = |pair: &[Item]| pair[1].start.saturating_sub(pair[0].end) <= (64 << 10);
-        let last = items[i..].windows(2).take_while(|pair| follows(pair)).count();
-        reader.expect(items[i + last].end);
-        let pin = record.files.get(&item.path).map(|f| f.sha256.clone());
-        let sha256 = unpack(reader, item, dir, pin.as_deref())
-            .map_err(|e| anyhow!("{e}; {}", e.remedy(hand)))?;
-        note(record, reader.url(), item, sha256);
-        record.store(dir).map_err(|e| anyhow!("{e}; {}", e.local_remedy()))?;
-        summary.fetched += 1;
+) -> Result<()> {
+    let source = Source::open(&place.address, options.timeout, options.retry)?;
+    let mut missing = Vec::new();
+    let wanted = items(&source, archive, folder).map_err(|e| match kind_of(&e) {
+        Some(_) => e,
+        None => Fault::new(Kind::Damaged, format!("{e:#}")).into(),
+    })?;
+    for item in wanted {
+        if is_there(&item, dir, &place.address, record)? {
+            summary.kept += 1;
+        } else {
+            missing.push(item);
+        }
     }
+    let total = missing.iter().map(|i| i.end - i.start).sum();
+    let label = format!("{} files from {}", missing.len(), place.address);
+    let bar = Bar::bytes(&label, total);
+    for run in missing.chunk_by(|a, b| b.start.saturating_sub(a.end) <= GAP) {
+        fetch_run(&source, archive, run, dir, &bar, record)?;
+        summary.fetched += run.len();
+    }
+    bar.done();
     Ok(())
 }
 
-fn note(record: &mut Record, url: &str, item: &Item, sha256: String) {
-    let (archive, entry) = (url.to_owned(), item.name.clone());
+/// Fetches entries that lie side by side by one request, into a file that a fetch which is cut goes
+/// on with, and unpacks them.
+fn fetch_run(
+    source: &Source,
+    archive: &Archive,
+    run: &[Item],
+    dir: &Path,
+    bar: &Bar,
+    record: &mut Record,
+) -> Result<()> {
+    let (Some(first), Some(last)) = (run.first(), run.last()) else { return Ok(()) };
+    let name = format!("{}-{}-{}.part", archive.file, first.start, last.end);
+    let part = dir.join(".fetch").join(name);
+    loop {
+        let shown = || format!("write {}", part.display());
+        let open = OpenOptions::new().create(true).append(true).open(&part);
+        let mut file = open.with_context(shown)?;
+        let held = file.metadata().with_context(shown)?.len();
+        bar.step(held);
+        source.copy(first.start + held, last.end, |bytes| {
+            bar.step(bytes.len() as u64);
+            file.write_all(bytes)
+        })?;
+        let done = run.iter().try_for_each(|item| {
+            let sha256 = unpack(&part, first.start, item, dir)?;
+            note(record, &source.address(), item, sha256);
+            record.store(dir)
+        });
+        let damaged = done.as_ref().is_err_and(|e| kind_of(e) == Some(Kind::Damaged));
+        if done.is_ok() || damaged {
+            fs::remove_file(&part).with_context(|| format!("remove {}", part.display()))?;
+        }
+        // A power cut can damage what an earlier run wrote. Then the archive may be sound.
+        if !(damaged && held > 0) {
+            return done;
+        }
+    }
+}
+
+/// Unpacks an entry out of `part`, which holds the archive's bytes from `base` on. The file gets its
+/// name only when it is whole and its CRC-32 is the archive's. Returns its SHA-256.
+fn unpack(part: &Path, base: u64, item: &Item, dir: &Path) -> Result<String> {
+    let damaged = |why: &dyn std::fmt::Display| {
+        Fault::new(Kind::Damaged, format!("entry {} is damaged: {why}", item.name))
+    };
+    let mut file = File::open(part).with_context(|| format!("read {}", part.display()))?;
+    let mut header = [0; 30];
+    file.seek(SeekFrom::Start(item.start - base))?;
+    file.read_exact(&mut header)?;
+    ensure!(header.starts_with(b"PK\x03\x04"), damaged(&"no local header"));
+    let names = [26, 28].map(|i| i64::from(u16::from_le_bytes([header[i], header[i + 1]])));
+    file.seek(SeekFrom::Current(names[0] + names[1]))?;
+    let packed = file.take(item.packed);
+    let mut bytes: Box<dyn Read> = if item.deflated {
+        Box::new(flate2::read::DeflateDecoder::new(packed))
+    } else {
+        Box::new(packed)
+    };
+    let whole = part.with_extension("unpacked");
+    let mut out = File::create(&whole).with_context(|| format!("create {}", whole.display()))?;
+    // One byte more than there should be, to notice a longer entry.
+    let mut limited = bytes.by_ref().take(item.size + 1);
+    let size = io::copy(&mut limited, &mut out).map_err(|e| match e.kind() {
+        // What the decoder of deflate and a file that is cut give.
+        io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
+            anyhow!(damaged(&e))
+        }
+        _ => anyhow!(e).context(format!("write {}", whole.display())),
+    })?;
+    ensure!(size == item.size, damaged(&format!("{size} bytes or more, not {}", item.size)));
+    out.sync_all().with_context(|| format!("write {}", whole.display()))?;
+    let (sha256, crc32) = digests(&whole)?;
+    ensure!(crc32 == item.crc32, damaged(&"its CRC-32 is not the archive's"));
+    let path = dir.join(&item.path);
+    let folder = path.parent().unwrap_or(dir);
+    fs::create_dir_all(folder).with_context(|| format!("create {}", folder.display()))?;
+    fs::rename(&whole, &path).with_context(|| format!("write {}", path.display()))?;
+    Ok(sha256)
+}
+
+fn note(record: &mut Record, archive: &str, item: &Item, sha256: String) {
+    let (archive, entry) = (archive.to_owned(), item.name.clone());
     let fetched = Fetched { archive, entry, bytes: item.size, sha256 };
     record.files.insert(item.path.clone(), fetched);
 }
 
-/// True if nothing is to be fetched for `item`: the file is there. One that is not recorded
-/// (put there by hand, or the record was lost) must be the archive's, and is recorded.
-fn settled(
-    item: &Item,
-    dir: &Path,
-    url: &str,
-    record: &mut Record,
-    summary: &mut Summary,
-) -> Result<bool> {
+/// True if the file is there. One that is not recorded must be the archive's, and is then recorded.
+fn is_there(item: &Item, dir: &Path, address: &str, record: &mut Record) -> Result<bool> {
     let path = dir.join(&item.path);
-    let recorded = record.files.get(&item.path);
-    if let Some(old) = recorded.filter(|old| old.bytes != item.size) {
-        let (url, name) = (url.to_owned(), item.name.clone());
-        let (recorded, found) = (old.bytes.to_string(), item.size.to_string());
-        return Err(Error::Replaced { url, name, what: "size", recorded, found });
+    if !path.exists() {
+        return Ok(false);
     }
-    let size = match fs::metadata(&path) {
-        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(false),
-        Err(e) => return Err(Error::io(&path, "read", e)),
-        // Checked already.
-        Ok(_) if recorded.is_some() => return Ok(true),
-        Ok(meta) => meta.len(),
-    };
-    let foreign = |why| Err(Error::Foreign { path: path.clone(), url: url.to_owned(), why });
-    if size != item.size {
-        return foreign(format!("{size} bytes, not {}", item.size));
+    if !record.files.contains_key(&item.path) {
+        let (sha256, crc32) = digests(&path)?;
+        let own = crc32 == item.crc32 && fs::metadata(&path).is_ok_and(|m| m.len() == item.size);
+        ensure!(own, "{} is not the file in {address}; move it away", path.display());
+        note(record, address, item, sha256);
     }
-    let (sha256, crc32) = digests(&path)?;
-    if crc32 != item.crc32 {
-        return foreign(format!("CRC-32 {crc32:08x}, not {:08x}", item.crc32));
-    }
-    note(record, url, item, sha256);
-    summary.kept += 1;
     Ok(true)
 }
 
-/// Refuses to begin what the disk cannot hold. Returns the bytes to fetch.
-fn check_space(dir: &Path, tasks: &[Task], options: &Options) -> Result<u64> {
-    let (mut unpacked, mut packed, mut largest, mut held) = (0_u64, 0_u64, 0, 0_u64);
-    for task in tasks {
-        for item in &task.items {
-            unpacked = unpacked.saturating_add(item.size);
-            packed = packed.saturating_add(item.packed);
-            largest = item.packed.max(largest);
-            let spool = spool_path(dir, task.reader.size(), item);
-            held = held.saturating_add(fs::metadata(spool).map_or(0, |m| m.len()));
-        }
-    }
-    // The largest is there twice, packed and unpacked, for a while.
-    let need = unpacked.saturating_add(largest).saturating_sub(held);
-    let free = (options.free)(dir).map_err(|e| Error::io(dir, "measure", e))?;
-    if need > 0 && need.saturating_add(SPARE) > free {
-        return Err(Error::Space { dir: dir.to_path_buf(), need, free });
-    }
-    Ok(packed)
+fn kind_of(error: &anyhow::Error) -> Option<Kind> {
+    error.downcast_ref::<Fault>().map(|f| f.kind)
 }
 
-/// Opens the archive where it is: at a mirror, beside the scenes, on the public server.
-fn open(archive: &Archive, hand: &ByHand, options: &Options) -> Result<Ranged> {
-    let places = match mirrored(archive, &options.mirrors)? {
-        Some(places) => places,
-        None if hand.put.join(archive.file).is_file() => {
-            vec![Place::Disk(hand.put.join(archive.file))]
-        }
-        None => vec![Place::Server(hand.url.clone())],
-    };
-    let mut first_error = None;
-    for place in places {
-        match place.open(options.timeout, options.patience) {
-            Ok(source) => return Ranged::new(source, options.patience, options.tail),
-            Err(e) if e.absent() => first_error = first_error.or(Some(e)),
-            Err(e) => return Err(e),
-        }
-    }
-    Err(first_error.unwrap_or_else(|| {
-        let (url, why) = (hand.url.clone(), "no address".to_owned());
-        Error::Address { url, why }
-    }))
+/// Where an archive is read from, and what a person can do if that fails.
+struct Place {
+    address: String,
+    mirrored: bool,
+    public: String,
+    size: &'static str,
+    /// Folder where a copy that was downloaded by hand is looked for.
+    put: PathBuf,
 }
 
-fn by_hand(scene: Scene, archive: &Archive, dir: &Path, options: &Options) -> ByHand {
-    let put = dir.parent().unwrap_or(dir).to_path_buf();
-    let url = |archive: &Archive| format!("{}/{}/{}", options.public, archive.folder, archive.file);
-    let is_mirrored =
-        |archive: &Archive| mirrored(archive, &options.mirrors).is_ok_and(|m| m.is_some());
-    let all = scene.archives();
-    let others = all.iter().map(|(other, _)| *other).filter(|other| {
-        other.file != archive.file && !is_mirrored(other) && !put.join(other.file).is_file()
-    });
-    ByHand {
-        url: url(archive),
-        size: archive.size,
-        others: others.map(|other| format!("{} ({})", url(other), other.size)).collect(),
-        mirrored: is_mirrored(archive),
-        put,
+impl Place {
+    /// A mirror if one has the archive, else a copy beside the scenes, else the public server. A
+    /// mirror that ends in `.zip` has the archive of that file name; any other has both.
+    fn of(archive: &Archive, dir: &Path, options: &Options) -> Self {
+        let file_of =
+            |m: &str| m.split('?').next().and_then(|m| m.rsplit('/').next()).map(str::to_owned);
+        let mirror = options.mirrors.iter().find_map(|m| match file_of(m) {
+            Some(file) if file.ends_with(".zip") => (file == archive.file).then(|| m.clone()),
+            _ => Some(format!("{}/{}", m.trim_end_matches('/'), archive.file)),
+        });
+        let put = dir.parent().unwrap_or(dir).to_path_buf();
+        let public = format!("{}/{}/{}", options.public, archive.folder, archive.file);
+        let by_hand = put.join(archive.file);
+        let mirrored = mirror.is_some();
+        let address = mirror.unwrap_or_else(|| {
+            if by_hand.is_file() { by_hand.display().to_string() } else { public.clone() }
+        });
+        Self { address, mirrored, public, size: archive.size, put }
     }
-}
 
-/// Two fetches into one folder would mix their pieces.
-fn lock(dir: &Path, work: &Path) -> Result<File> {
-    let path = work.join("lock");
-    let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(Error::Busy { dir: dir.to_path_buf() }),
-        Err(TryLockError::Error(e)) => Err(Error::io(&path, "lock", e)),
-    }
-}
-
-/// Removes pieces that nothing will go on from. What cannot be removed does no harm.
-fn sweep(work: &Path) {
-    let Ok(entries) = fs::read_dir(work) else { return };
-    for entry in entries.flatten() {
-        if entry.path().extension().is_some_and(|e| e == "part") {
-            let _ = fs::remove_file(entry.path());
-        }
+    /// The error with what to do about it.
+    fn with_remedy(&self, error: anyhow::Error) -> anyhow::Error {
+        let remedy = match kind_of(&error) {
+            Some(Kind::Interrupted) => "what has arrived is kept: run this again".to_owned(),
+            None | Some(Kind::Local) => "put that right and run this again".to_owned(),
+            Some(Kind::Damaged) => {
+                format!("run this again; if it stays so, use another copy of {}", self.public)
+            }
+            Some(_) if self.mirrored => {
+                format!("check --mirror; without it, {} is used", self.public)
+            }
+            Some(_) => format!(
+                "download {} ({}) by hand into {} and run this again, or name another place by \
+                 --mirror",
+                self.public,
+                self.size,
+                self.put.display()
+            ),
+        };
+        anyhow!("{error:#}; {remedy}")
     }
 }

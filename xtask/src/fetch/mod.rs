@@ -4,32 +4,25 @@
 //! 650 MB. A ZIP's directory is at its end, and says where each entry is: with range requests,
 //! one PLY is one request.
 //!
-//! What has arrived is kept, so a fetch that ends early goes on where it stopped. A file appears
-//! under its name only when it is whole and its CRC-32 is that of the archive; its SHA-256 is
-//! recorded then in `fetch.toml`, and checked by every later run.
+//! What has arrived is kept, so a fetch that is cut goes on where it stopped. A file gets its name
+//! only when it is whole and its CRC-32 is the archive's. Its SHA-256 is then recorded in
+//! `fetch.toml` and checked by every later run.
 
 mod catalogue;
-mod error;
-mod http;
+mod directory;
 mod job;
-mod meter;
-mod place;
-mod plan;
-mod ranged;
 mod record;
+mod server;
 mod source;
-mod spool;
 #[cfg(test)]
 mod tests;
-mod unpack;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use eval::scenes;
 use gs_model::dataset::Dataset;
-
-use crate::scenes;
 
 /// Flags of `cargo xtask fetch`.
 #[derive(Clone, Debug, clap::Args)]
@@ -40,8 +33,8 @@ pub(crate) struct Args {
     /// Folder to put the scenes into, one folder each; the registry's places if not given
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Where to take models.zip and tandt_db.zip from: an http(s):// or file:// address, or a
-    /// path, of a folder or of one archive (repeat for both)
+    /// Where models.zip and tandt_db.zip are: an http(s):// or file:// address or a path, of a
+    /// folder or of one archive (repeat for both)
     #[arg(long, value_name = "URL")]
     mirror: Vec<String>,
     /// Longest silence of a server, in seconds
@@ -58,8 +51,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-fn fetch(name: &str, cache: Option<&std::path::Path>, options: &job::Options) -> Result<()> {
-    let Some(scene) = catalogue::Scene::named(name) else { bail!("{name} cannot be fetched") };
+fn fetch(name: &str, cache: Option<&Path>, options: &job::Options) -> Result<()> {
+    let scene = catalogue::SCENES.into_iter().find(|s| s.name == name);
+    let scene = scene.with_context(|| format!("{name} cannot be fetched"))?;
     let (dir, argument) = match cache {
         Some(cache) => {
             let dir = cache.join(name);

@@ -1,62 +1,179 @@
-//! Archives that are read in parts: on a server or on disk.
+//! Bytes of an archive, from a server or from disk.
 
+use std::fmt;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-use super::error::{Error, Result};
+use super::server::Server;
 
-/// Bytes that can be read from any position.
-pub(crate) trait Source {
-    /// Where they are.
-    fn url(&self) -> &str;
-    /// How many there are.
-    fn size(&self) -> u64;
-    /// Opens bytes `from..to`, `from < to <= size`. The reader may end early: ask again.
-    ///
-    /// # Errors
-    /// Those of the network or file, and [`Error::Moved`] if the bytes are no longer those
-    /// that were there at first.
-    fn open(&mut self, from: u64, to: u64) -> Result<Box<dyn Read>>;
+/// Why bytes did not come.
+#[derive(Debug)]
+pub(crate) struct Fault {
+    pub(crate) kind: Kind,
+    /// One line that names the address.
+    pub(crate) what: String,
 }
 
-/// An archive on disk.
-pub(crate) struct LocalFile {
-    path: PathBuf,
-    url: String,
-    size: u64,
+/// Kinds of [`Fault`], by what helps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// No connection.
+    Unreachable,
+    /// There is a server or a disk, but not with these bytes.
+    Unusable,
+    /// The connection broke, or the server is busy: the same request may succeed later.
+    Interrupted,
+    /// The archive is not a whole ZIP, lacks an entry, or an entry is not what its directory says.
+    Damaged,
+    /// The bytes came, but cannot be written here.
+    Local,
 }
 
-impl LocalFile {
-    /// The archive at `path`.
-    pub(crate) fn at(path: &Path) -> Result<Self> {
-        let meta = std::fs::metadata(path).map_err(|e| Error::io(path, "read", e))?;
-        let url = path.display().to_string();
-        if !meta.is_file() {
-            return Err(Error::Address { url, why: "not a file".to_owned() });
+impl Fault {
+    pub(crate) fn new(kind: Kind, what: impl fmt::Display) -> Self {
+        Self { kind, what: what.to_string().replace(char::is_control, " ") }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.what)
+    }
+}
+
+impl std::error::Error for Fault {}
+
+/// How often a request is repeated.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Retry {
+    /// Tries in a row that bring no byte, before giving up.
+    pub(crate) tries: u32,
+    /// Pause after the first; it doubles.
+    pub(crate) pause: Duration,
+}
+
+impl Retry {
+    /// The result of `work`, which is repeated while its fault may pass. `work` says whether it
+    /// brought any byte; if so, the tries are counted anew.
+    pub(crate) fn run<T>(
+        self,
+        mut work: impl FnMut() -> (bool, Result<T, Fault>),
+    ) -> Result<T, Fault> {
+        let mut tried = 0;
+        loop {
+            let (progress, done) = work();
+            tried = if progress { 1 } else { tried + 1 };
+            match done {
+                Err(f) if f.kind == Kind::Interrupted && tried < self.tries => {
+                    std::thread::sleep(self.pause * (1 << (tried - 1).min(5)));
+                }
+                done => return done,
+            }
         }
-        Ok(Self { path: path.to_path_buf(), url, size: meta.len() })
     }
 }
 
-impl Source for LocalFile {
-    fn url(&self) -> &str {
-        &self.url
+/// An archive that is read in parts.
+pub(crate) struct Source {
+    place: Place,
+    retry: Retry,
+}
+
+enum Place {
+    Server(Server),
+    Disk { path: PathBuf, size: u64 },
+}
+
+impl Source {
+    /// The archive at an `http://` or `https://` address, a `file://` address or a path. `timeout`
+    /// is the longest silence of a server.
+    pub(crate) fn open(address: &str, timeout: Duration, retry: Retry) -> Result<Self, Fault> {
+        let place = if address.starts_with("http://") || address.starts_with("https://") {
+            Place::Server(retry.run(|| (false, Server::connect(address, timeout)))?)
+        } else {
+            let path = Path::new(address.strip_prefix("file://").unwrap_or(address)).to_path_buf();
+            let fault = |e| Fault::new(Kind::Unusable, format!("{}: {e}", path.display()));
+            let size = std::fs::metadata(&path).map_err(fault)?.len();
+            Place::Disk { path, size }
+        };
+        Ok(Self { place, retry })
     }
 
-    fn size(&self) -> u64 {
-        self.size
-    }
-
-    fn open(&mut self, from: u64, to: u64) -> Result<Box<dyn Read>> {
-        let fail = |e| Error::io(&self.path, "read", e);
-        let mut file = File::open(&self.path).map_err(fail)?;
-        let size = file.metadata().map_err(fail)?.len();
-        if size != self.size {
-            let why = format!("{} bytes were {}", size, self.size);
-            return Err(Error::Moved { url: self.url.clone(), why });
+    /// Where the archive is.
+    pub(crate) fn address(&self) -> String {
+        match &self.place {
+            Place::Server(server) => server.url.clone(),
+            Place::Disk { path, .. } => path.display().to_string(),
         }
-        file.seek(SeekFrom::Start(from)).map_err(fail)?;
-        Ok(Box::new(file.take(to - from)))
+    }
+
+    /// Size of the archive.
+    pub(crate) fn size(&self) -> u64 {
+        match &self.place {
+            Place::Server(server) => server.size,
+            Place::Disk { size, .. } => *size,
+        }
+    }
+
+    /// Gives bytes `from..to` to `put`, piece by piece and in order. Where a connection breaks, it
+    /// goes on behind the last byte that came.
+    pub(crate) fn copy(
+        &self,
+        from: u64,
+        to: u64,
+        mut put: impl FnMut(&[u8]) -> std::io::Result<()>,
+    ) -> Result<(), Fault> {
+        let (mut at, mut chunk) = (from, vec![0; 1 << 16]);
+        self.retry.run(|| {
+            let began = at;
+            let done = self.copy_once(&mut at, to, &mut chunk, &mut put);
+            (at > began, done)
+        })
+    }
+
+    fn copy_once(
+        &self,
+        at: &mut u64,
+        to: u64,
+        chunk: &mut [u8],
+        put: &mut dyn FnMut(&[u8]) -> std::io::Result<()>,
+    ) -> Result<(), Fault> {
+        if *at >= to {
+            return Ok(());
+        }
+        let mut body = self.body(*at, to)?;
+        while *at < to {
+            let broken = |why: &dyn fmt::Display| {
+                let what = format!("{}: broke at byte {at}: {why}", self.address());
+                Fault::new(Kind::Interrupted, what)
+            };
+            let n = match body.read(chunk) {
+                Ok(0) => return Err(broken(&"it ended early")),
+                Ok(n) => n,
+                Err(e) => return Err(broken(&e)),
+            };
+            put(&chunk[..n]).map_err(|e| Fault::new(Kind::Local, format!("write: {e}")))?;
+            *at += n as u64;
+        }
+        Ok(())
+    }
+
+    fn body(&self, from: u64, to: u64) -> Result<Box<dyn Read>, Fault> {
+        match &self.place {
+            Place::Server(server) => server.body(from, to),
+            Place::Disk { path, .. } => {
+                let open = || {
+                    let mut file = File::open(path)?;
+                    file.seek(SeekFrom::Start(from))?;
+                    Ok(file.take(to - from))
+                };
+                let fault = |e: std::io::Error| {
+                    Fault::new(Kind::Unusable, format!("{}: {e}", path.display()))
+                };
+                Ok(Box::new(open().map_err(fault)?))
+            }
+        }
     }
 }

@@ -7,23 +7,23 @@ use crate::common;
 
 /// The scene of the benchmarks: 100,000 Gaussians, SH degree 3, 480x320.
 pub(crate) fn setup() -> (Scene, Camera, Image) {
-    let mut r = common::Rng(1);
+    let mut r = common::Rng::seeded(1);
     let mut scene = Scene { sh_degree: 3, ..Scene::default() };
     for _ in 0..100_000 {
         let z = r.range(2.0, 10.0);
         let (x, y) = (z * r.range(-0.6, 0.6), z * r.range(-0.42, 0.42));
         scene.means.push([x as f32, y as f32, z as f32]);
-        scene.rotations.push([0; 4].map(|_| r.f(-1.0, 1.0)));
+        scene.rotations.push([0; 4].map(|_| r.range_f32(-1.0, 1.0)));
         // Log-normal sizes.
         let mut log_scale = || {
             let sum: f64 = (0..6).map(|_| r.range(-1.0, 1.0)).sum();
             (-3.9 + 0.35 * sum) as f32
         };
         scene.log_scales.push([log_scale(), log_scale(), log_scale()]);
-        scene.opacity_logits.push(r.f(-3.0, 3.0));
+        scene.opacity_logits.push(r.range_f32(-3.0, 3.0));
         for k in 0..16 {
             let a = if k == 0 { 1.5 } else { 0.1 };
-            scene.sh.push([0; 3].map(|_| r.f(-a, a)));
+            scene.sh.push([0; 3].map(|_| r.range_f32(-a, a)));
         }
     }
     let camera = Camera {
@@ -39,7 +39,7 @@ pub(crate) fn setup() -> (Scene, Camera, Image) {
         ignored_distortion: None,
     };
     let photo = render(&scene, &camera, &RenderOptions::default());
-    scene.sh.iter_mut().flatten().for_each(|v| *v += r.f(-0.1, 0.1));
+    scene.sh.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.1, 0.1));
     (scene, camera, photo)
 }
 

@@ -9,28 +9,7 @@
 pub mod oracle;
 
 use gs_model::{Camera, Scene};
-
-/// A small generator (SplitMix64) so that scenes are the same everywhere.
-pub struct Rng(pub u64);
-
-impl Rng {
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in low..high.
-    pub fn range(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn f(&mut self, low: f64, high: f64) -> f32 {
-        self.range(low, high) as f32
-    }
-}
+pub use testing::Rng;
 
 /// A camera at the origin that looks along +z, slightly turned and off centre.
 pub fn camera(width: u32, height: u32) -> Camera {
@@ -52,7 +31,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
 /// `n` anisotropic, rotated, overlapping Gaussians in front of [`camera`], quaternions not
 /// normalised; every fifth one beyond the frustum clamp but large enough to be seen.
 pub fn scene(n: usize, degree: u8, seed: u64) -> Scene {
-    let mut r = Rng(seed);
+    let mut r = Rng::seeded(seed);
     let mut s = Scene { sh_degree: degree, ..Scene::default() };
     for i in 0..n {
         let z = r.range(2.0, 6.0);
@@ -61,13 +40,18 @@ pub fn scene(n: usize, degree: u8, seed: u64) -> Scene {
             _ => (z * r.range(-0.5, 0.5), 0.12),
         };
         s.means.push([x as f32, (z * r.range(-0.4, 0.4)) as f32, z as f32]);
-        s.rotations.push([r.f(-2.0, 2.0), r.f(-2.0, 2.0), r.f(-2.0, 2.0), r.f(0.1, 2.0)]);
+        s.rotations.push([
+            r.range_f32(-2.0, 2.0),
+            r.range_f32(-2.0, 2.0),
+            r.range_f32(-2.0, 2.0),
+            r.range_f32(0.1, 2.0),
+        ]);
         let l = (size * z / 3.0).ln();
         s.log_scales.push([0, 1, 2].map(|_| (l + r.range(-1.2, 0.7)) as f32));
-        s.opacity_logits.push(r.f(-2.0, 3.0));
+        s.opacity_logits.push(r.range_f32(-2.0, 3.0));
         for k in 0..s.sh_len() {
             let a = if k == 0 { 1.0 } else { 0.3 };
-            s.sh.push([r.f(-a, a), r.f(-a, a), r.f(-a, a)]);
+            s.sh.push([r.range_f32(-a, a), r.range_f32(-a, a), r.range_f32(-a, a)]);
         }
     }
     s
@@ -75,8 +59,8 @@ pub fn scene(n: usize, degree: u8, seed: u64) -> Scene {
 
 /// A noisy photo.
 pub fn photo(width: u32, height: u32, seed: u64) -> finetune::Image {
-    let mut r = Rng(seed);
+    let mut r = Rng::seeded(seed);
     let mut image = finetune::Image::new(width, height);
-    image.rgb.iter_mut().for_each(|v| *v = r.f(0.0, 1.0));
+    image.rgb.iter_mut().for_each(|v| *v = r.range_f32(0.0, 1.0));
     image
 }

@@ -1,10 +1,9 @@
 //! Whole fetches from a server on loopback and from disk.
 
 mod archive;
-mod archives;
 mod disk;
-mod line;
 mod server;
+mod servers;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,17 +13,17 @@ use tempfile::TempDir;
 
 use super::catalogue::SCENES;
 use super::job::{Options, Summary, fetch};
-use super::ranged::Patience;
+use super::source::Retry;
 use archive::Entry;
-use server::{Manners, Server};
+use server::{Behaviour, Server};
 
 /// Both archives on disk, and a folder to fetch playroom into.
-struct Bench {
+struct Setup {
     temp: TempDir,
     expected: Vec<Entry>,
 }
 
-impl Bench {
+impl Setup {
     fn new() -> Self {
         Self::with(&archive::models(), &archive::photos(), 0)
     }
@@ -32,10 +31,10 @@ impl Bench {
     fn with(models: &[Entry], photos: &[Entry], hole: u64) -> Self {
         let temp = tempfile::tempdir().unwrap();
         fs::create_dir(temp.path().join("archives")).unwrap();
-        let bench = Self { temp, expected: archive::expected(models, photos) };
-        archive::write_zip(&bench.models(), models, hole);
-        archive::write_zip(&bench.photos(), photos, hole);
-        bench
+        let setup = Self { temp, expected: archive::expected(models, photos) };
+        archive::write_zip(&setup.models(), models, hole);
+        archive::write_zip(&setup.photos(), photos, hole);
+        setup
     }
 
     fn archives(&self) -> PathBuf {
@@ -55,19 +54,18 @@ impl Bench {
         self.temp.path().join("scenes/playroom")
     }
 
-    /// A server with the archives where the public one has them.
-    fn serve(&self, manners: Manners) -> Server {
+    /// A server with the archives in `/d`.
+    fn serve(&self, behaviour: Behaviour) -> Server {
         let (models, photos) = (self.models(), self.photos());
-        let files =
-            [("/d/pretrained/models.zip", models.as_path()), ("/d/input/tandt_db.zip", &photos)];
-        Server::start(&files, manners)
+        let files = [("/d/models.zip", models.as_path()), ("/d/tandt_db.zip", &photos)];
+        Server::start(&files, behaviour)
     }
 
     fn fetch(&self, options: &Options) -> anyhow::Result<Summary> {
         fetch(SCENES[0], &self.dir(), options)
     }
 
-    /// The error's line.
+    /// The error, which is one line.
     fn fails(&self, options: &Options) -> String {
         let line = format!("{:#}", self.fetch(options).unwrap_err());
         assert!(!line.contains('\n'), "one line: {line}");
@@ -78,18 +76,17 @@ impl Bench {
     fn assert_complete(&self) {
         let mut found = Vec::new();
         walk(&self.dir(), &self.dir(), &mut found);
-        found.retain(|(name, _)| name != "fetch.toml" && name != ".fetch/lock");
+        found.retain(|(name, _)| name != "fetch.toml");
         found.sort();
         let names = |list: &[Entry]| list.iter().map(|(n, _)| n.clone()).collect::<Vec<_>>();
         assert_eq!(names(&found), names(&self.expected));
         assert!(found == self.expected, "bytes differ");
     }
 
-    /// Bytes in unfinished pieces.
-    fn pieces(&self) -> u64 {
+    /// Unfinished pieces.
+    fn pieces(&self) -> Vec<PathBuf> {
         let dir = fs::read_dir(self.dir().join(".fetch")).unwrap();
-        let files = dir.map(|e| e.unwrap()).filter(|e| e.file_name() != "unpacked.part");
-        files.map(|e| e.metadata().unwrap().len()).sum()
+        dir.map(|e| e.unwrap().path()).filter(|p| p.extension().unwrap() == "part").collect()
     }
 }
 
@@ -105,19 +102,21 @@ fn walk(root: &Path, dir: &Path, found: &mut Vec<Entry>) {
     }
 }
 
-/// Options that neither wait nor speak.
+/// Options that do not wait.
 fn options(mirrors: &[String]) -> Options {
     Options {
-        // Nobody listens there: what is not mirrored is not fetched.
+        // Nothing listens there: what is not mirrored is not fetched.
         public: "http://127.0.0.1:1/d".to_owned(),
-        patience: Patience { tries: 3, pause: Duration::from_millis(1) },
-        tail: 2048,
-        free: |_| Ok(1 << 40),
-        quiet: true,
+        retry: Retry { tries: 3, pause: Duration::from_millis(1) },
         ..Options::new(mirrors, Duration::from_secs(20))
     }
 }
 
 fn from(server: &Server) -> Options {
     options(&[server.url("/d")])
+}
+
+/// The archives' folder as a mirror.
+fn local(setup: &Setup) -> Options {
+    options(&[setup.archives().display().to_string()])
 }

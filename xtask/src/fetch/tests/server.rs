@@ -1,18 +1,18 @@
-//! A small HTTP server on loopback that can misbehave.
+//! A small HTTP server on loopback that can fail in the ways of real ones.
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
 /// How the server behaves; all off is a good server.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Manners {
+pub(super) struct Behaviour {
     /// Ranges are ignored: the whole file, status 200.
     pub(super) no_ranges: bool,
     /// Every answer is this status.
@@ -23,20 +23,14 @@ pub(super) struct Manners {
     pub(super) cut_each: Option<u64>,
     /// Nothing more is sent once this many body bytes have been.
     pub(super) cut_all: Option<u64>,
-    /// `/x` is redirected to `/moved/x`.
-    pub(super) redirect: bool,
-    /// Every path is redirected to itself.
-    pub(super) redirect_loop: bool,
     /// Requests are read and not answered.
     pub(super) silent: bool,
-    /// Bodies come in pieces of this many bytes, with a pause before each.
-    pub(super) dribble: Option<(usize, Duration)>,
-    pub(super) etag: Option<&'static str>,
 }
 
+#[derive(Default)]
 struct State {
     files: BTreeMap<String, PathBuf>,
-    manners: Mutex<Manners>,
+    behaviour: Mutex<Behaviour>,
     requests: AtomicU64,
     body_bytes: AtomicU64,
     stopped: AtomicBool,
@@ -46,92 +40,71 @@ struct State {
 pub(super) struct Server {
     address: SocketAddr,
     state: Arc<State>,
-    acceptor: Option<thread::JoinHandle<()>>,
 }
 
 impl Server {
     /// Serves files at paths such as `/a/b.zip`.
-    pub(super) fn start(files: &[(&str, &Path)], manners: Manners) -> Self {
+    pub(super) fn start(files: &[(&str, &Path)], behaviour: Behaviour) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let address = listener.local_addr().unwrap();
         let files = files.iter().map(|(url, path)| ((*url).to_owned(), path.to_path_buf()));
-        let state = Arc::new(State {
-            files: files.collect(),
-            manners: Mutex::new(manners),
-            requests: AtomicU64::new(0),
-            body_bytes: AtomicU64::new(0),
-            stopped: AtomicBool::new(false),
-        });
+        let (files, behaviour) = (files.collect(), Mutex::new(behaviour));
+        let state = Arc::new(State { files, behaviour, ..State::default() });
         let shared = Arc::clone(&state);
-        let acceptor = thread::spawn(move || {
+        thread::spawn(move || {
             for stream in listener.incoming().flatten() {
-                if shared.stopped.load(Ordering::SeqCst) {
+                if shared.stopped.load(SeqCst) {
                     return;
                 }
                 let state = Arc::clone(&shared);
-                thread::spawn(move || {
-                    // A client that goes away is its own business.
-                    let _ = converse(&stream, &state);
-                });
+                // A client that closes the connection is no error of the server.
+                thread::spawn(move || converse(&stream, &state).unwrap_or_default());
             }
         });
-        Self { address, state, acceptor: Some(acceptor) }
+        Self { address, state }
     }
 
     pub(super) fn url(&self, path: &str) -> String {
         format!("http://{}{path}", self.address)
     }
 
-    pub(super) fn behave(&self, manners: Manners) {
-        *self.state.manners.lock().unwrap() = manners;
+    pub(super) fn behave(&self, behaviour: Behaviour) {
+        *self.state.behaviour.lock().unwrap() = behaviour;
     }
 
     /// Requests and body bytes since the last call.
     pub(super) fn take_counts(&self) -> (u64, u64) {
         let State { requests, body_bytes, .. } = &*self.state;
-        (requests.swap(0, Ordering::SeqCst), body_bytes.swap(0, Ordering::SeqCst))
+        (requests.swap(0, SeqCst), body_bytes.swap(0, SeqCst))
     }
 }
 
 impl Drop for Server {
     fn drop(&mut self) {
-        self.state.stopped.store(true, Ordering::SeqCst);
-        // Wakes the acceptor.
+        self.state.stopped.store(true, SeqCst);
+        // Wakes the thread that accepts connections.
         let _ = TcpStream::connect(self.address);
-        if let Some(acceptor) = self.acceptor.take() {
-            let _ = acceptor.join();
-        }
     }
 }
 
 /// Answers requests on one connection until it is closed.
-fn converse(stream: &TcpStream, state: &State) -> std::io::Result<()> {
+fn converse(stream: &TcpStream, state: &State) -> io::Result<()> {
     stream.set_nodelay(true)?;
-    let mut input = BufReader::new(stream.try_clone()?);
+    let mut lines = BufReader::new(stream.try_clone()?).lines();
     loop {
         let (mut path, mut range) = (String::new(), None);
-        let mut line = String::new();
         loop {
-            line.clear();
-            if input.read_line(&mut line)? == 0 {
-                return Ok(());
-            }
+            let Some(line) = lines.next().transpose()? else { return Ok(()) };
             if let Some(rest) = line.strip_prefix("GET ") {
-                path = rest.split(' ').next().unwrap_or_default().to_owned();
+                path = rest.split([' ', '?']).next().unwrap_or_default().to_owned();
             } else if let Some(value) = line.to_lowercase().strip_prefix("range: bytes=") {
                 let (from, to) = value.trim().split_once('-').unwrap();
                 range = Some((from.parse::<u64>().unwrap(), to.parse::<u64>().unwrap()));
-            } else if line == "\r\n" {
+            } else if line.is_empty() {
                 break;
             }
         }
-        let number = state.requests.fetch_add(1, Ordering::SeqCst);
-        let manners = state.manners.lock().unwrap().clone();
-        if manners.silent {
-            thread::sleep(Duration::from_secs(3));
-            return Ok(());
-        }
-        if !answer(stream, state, &manners, number, &path, range)? {
+        if !answer(stream, state, &path, range)? {
             return Ok(());
         }
     }
@@ -141,67 +114,48 @@ fn converse(stream: &TcpStream, state: &State) -> std::io::Result<()> {
 fn answer(
     mut stream: &TcpStream,
     state: &State,
-    manners: &Manners,
-    number: u64,
     path: &str,
     range: Option<(u64, u64)>,
-) -> std::io::Result<bool> {
-    let mut path = path.split('?').next().unwrap_or_default().to_owned();
-    let mut plain = |status: u16, header: &str| {
-        write!(stream, "HTTP/1.1 {status} X\r\n{header}Content-Length: 0\r\n\r\n").map(|()| true)
+) -> io::Result<bool> {
+    let number = state.requests.fetch_add(1, SeqCst);
+    let behaviour = state.behaviour.lock().unwrap().clone();
+    if behaviour.silent {
+        thread::sleep(Duration::from_secs(3));
+        return Ok(false);
+    }
+    let busy = (number < behaviour.unavailable).then_some(503).or(behaviour.status);
+    let file = state.files.get(path).filter(|_| busy.is_none());
+    let Some(file) = file else {
+        let status = busy.unwrap_or(404);
+        write!(stream, "HTTP/1.1 {status} X\r\nContent-Length: 0\r\n\r\n")?;
+        return Ok(true);
     };
-    if manners.redirect_loop {
-        return plain(302, &format!("Location: {path}\r\n"));
-    }
-    if manners.redirect {
-        match path.strip_prefix("/moved") {
-            None => return plain(302, &format!("Location: /moved{path}\r\n")),
-            Some(rest) => path = rest.to_owned(),
-        }
-    }
-    if number < manners.unavailable {
-        return plain(503, "");
-    }
-    if let Some(status) = manners.status {
-        return plain(status, "");
-    }
-    let Some(file) = state.files.get(&path) else { return plain(404, "") };
-
     let mut file = File::open(file)?;
     let size = file.metadata()?.len();
-    let range = range.filter(|_| !manners.no_ranges);
+    let range = range.filter(|_| !behaviour.no_ranges);
     let (from, to) = range.map_or((0, size), |(from, last)| (from, (last + 1).min(size)));
-    if from >= to {
-        return plain(416, "");
-    }
     match range {
         Some(_) => {
             write!(stream, "HTTP/1.1 206 X\r\nContent-Range: bytes {from}-{}/{size}\r\n", to - 1)?
         }
         None => write!(stream, "HTTP/1.1 200 X\r\n")?,
     }
-    if let Some(etag) = manners.etag {
-        write!(stream, "ETag: {etag}\r\n")?;
-    }
     write!(stream, "Content-Length: {}\r\n\r\n", to - from)?;
 
     file.seek(SeekFrom::Start(from))?;
-    let mut left = to - from;
-    let mut allowed = manners.cut_each.unwrap_or(u64::MAX);
-    let (piece, pause) = manners.dribble.unwrap_or((16 << 10, Duration::ZERO));
-    let mut buffer = vec![0; piece];
+    let (mut left, mut allowed) = (to - from, behaviour.cut_each.unwrap_or(u64::MAX));
+    let mut buffer = vec![0; 16 << 10];
     while left > 0 {
-        let sent = state.body_bytes.load(Ordering::SeqCst);
-        let budget = manners.cut_all.map_or(u64::MAX, |all| all.saturating_sub(sent));
-        let n = left.min(allowed).min(budget).min(piece as u64);
+        let sent = state.body_bytes.load(SeqCst);
+        let budget = behaviour.cut_all.map_or(u64::MAX, |all| all.saturating_sub(sent));
+        let n = left.min(allowed).min(budget).min(buffer.len() as u64);
         if n == 0 {
             return Ok(false);
         }
-        thread::sleep(pause);
-        let bytes = &mut buffer[..usize::try_from(n).unwrap()];
+        let bytes = &mut buffer[..n as usize];
         file.read_exact(bytes)?;
         stream.write_all(bytes)?;
-        state.body_bytes.fetch_add(n, Ordering::SeqCst);
+        state.body_bytes.fetch_add(n, SeqCst);
         (left, allowed) = (left - n, allowed - n);
     }
     Ok(true)

@@ -1,0 +1,222 @@
+//! The `gsvx` command on models of growing size, as whole processes.
+//!
+//! Models are a real scene, replicated side by side and jittered: their attributes are real,
+//! their number is chosen. Memory is the peak resident set that Linux reports.
+
+mod choices;
+mod targets;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail, ensure};
+use gs_model::Scene;
+
+use crate::scenes;
+
+/// What [`run`] measures.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Scene that is replicated.
+    pub scene: String,
+    /// Numbers of Gaussians.
+    pub sizes: Vec<usize>,
+    /// The command to measure.
+    pub gsvx: PathBuf,
+    /// Where the table of the speeds goes.
+    pub out: PathBuf,
+}
+
+/// Measures and writes the table.
+///
+/// # Errors
+/// If the command is not there or fails, or the scene cannot be read.
+pub fn run(options: &Options) -> Result<()> {
+    let gsvx = command(&options.gsvx)?;
+    let found = scenes::find(&options.scene)?;
+    let (scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
+    ensure!(!scene.is_empty(), "{}: the model is empty", found.name);
+    let dir = tempfile::tempdir().context("make a temporary folder")?;
+    let mut table = String::from(
+        "| Gaussians | step | wall s | user s | Gaussians/s (wall) | peak MB | peak / raw floats | stream MB |\n\
+         |---:|---|---:|---:|---:|---:|---:|---:|\n",
+    );
+    for &n in &options.sizes {
+        let model = dir.path().join("model.ply");
+        let many = replicate(&scene, n);
+        // 59 floats: without the three zero normals of the file.
+        let raw = (many.len() * (11 + 3 * many.sh_len()) * 4) as f64 / 1e6;
+        gs_model::ply::write(&model, &many)?;
+        drop(many);
+        // Otherwise the disk would still be busy with it in the first measurement.
+        std::fs::File::open(&model)?.sync_all()?;
+        let stream = dir.path().join("model.gsvx");
+        let back = dir.path().join("back.ply");
+        let steps: [(&str, [&Path; 2], &[&str]); 5] = [
+            ("encode --fast", [&model, &stream], &["encode", "--fast"]),
+            ("decode of that", [&stream, &back], &["decode"]),
+            ("encode", [&model, &stream], &["encode"]),
+            ("decode", [&stream, &back], &["decode"]),
+            ("decode, SH degree 0", [&stream, &back], &["decode", "--max-sh-degree", "0"]),
+        ];
+        for (step, [input, output], words) in steps {
+            let cost = measure(&gsvx, words, input, output)?;
+            let size = std::fs::metadata(&stream).map_or(0, |m| m.len()) as f64 / 1e6;
+            let row = format!(
+                "| {n} | {step} | {:.2} | {:.2} | {:.0} | {:.0} | {:.2} | {size:.2} |\n",
+                cost.wall,
+                cost.user,
+                n as f64 / cost.wall,
+                cost.peak_mb,
+                cost.peak_mb / raw,
+            );
+            print!("{row}");
+            table += &row;
+        }
+    }
+    let text = format!(
+        "# gsvx as whole processes\n\n\
+         `cargo build --release -p gsvx-cli && cargo xtask bench-gsvx {}`: PLY and disk included, \
+         default quality, no cameras. Models are {} replicated side by side and jittered. \
+         {} threads, {}.\n\n{table}",
+        options.scene,
+        found.name,
+        rayon::current_num_threads(),
+        crate::manifest::processor(),
+    );
+    let out = scenes::root().join(&options.out);
+    // Keeps the text that was written by hand below the table.
+    let before = std::fs::read_to_string(&out).unwrap_or_default();
+    let written_by_hand = before.find("\n## ").map_or("", |at| &before[at..]);
+    let text = text + written_by_hand;
+    std::fs::write(&out, text).with_context(|| format!("write {}", out.display()))?;
+    println!("written: {}", out.display());
+    Ok(())
+}
+
+/// Encodes each scene to five sizes and three PSNRs with the command at `gsvx`, and prints a table of
+/// what was asked for and what came.
+///
+/// # Errors
+/// If the command is not there or fails, or a scene cannot be read.
+pub fn targets(gsvx: &Path, scenes: &[String]) -> Result<()> {
+    targets::run(&command(gsvx)?, scenes)
+}
+
+/// Prints for each scene what each way of coding covariance, opacity and AC coefficients costs at
+/// equal rendered error.
+///
+/// # Errors
+/// If a scene cannot be read or coding fails.
+pub fn choices(scenes: &[String]) -> Result<()> {
+    choices::run(scenes)
+}
+
+/// The command, relative to the root of the workspace.
+fn command(gsvx: &Path) -> Result<PathBuf> {
+    let gsvx = scenes::root().join(gsvx);
+    ensure!(
+        gsvx.is_file(),
+        "{}: not there; run `cargo build --release -p gsvx-cli` first",
+        gsvx.display()
+    );
+    Ok(gsvx)
+}
+
+/// `n` Gaussians: copies of the scene on a grid, every float jittered a little so that copies
+/// are not equal.
+fn replicate(scene: &Scene, n: usize) -> Scene {
+    let indices: Vec<usize> = (0..n).map(|i| i % scene.len()).collect();
+    let mut out = scene.select(&indices);
+    let mut seed = 1u64;
+    let mut unit = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+    };
+    let side = (n.div_ceil(scene.len()) as f64).sqrt().ceil() as usize;
+    let extent = scene.means.iter().fold(0.0f32, |m, p| m.max(p[0].abs()).max(p[2].abs()));
+    for i in 0..n {
+        let copy = i / scene.len();
+        out.means[i][0] += 2.0 * extent * (copy % side) as f32;
+        out.means[i][2] += 2.0 * extent * (copy / side) as f32;
+        if copy > 0 {
+            for v in &mut out.means[i] {
+                *v += 1e-3 * unit();
+            }
+            for v in &mut out.log_scales[i] {
+                *v += 0.05 * unit();
+            }
+            out.opacity_logits[i] += 0.05 * unit();
+        }
+    }
+    out
+}
+
+struct Cost {
+    wall: f64,
+    user: f64,
+    peak_mb: f64,
+}
+
+fn measure(gsvx: &Path, words: &[&str], input: &Path, output: &Path) -> Result<Cost> {
+    // Replacing a file would also measure the disk.
+    if output.exists() {
+        std::fs::remove_file(output)?;
+    }
+    let started = Instant::now();
+    let mut child = Command::new(gsvx)
+        .args(words)
+        .arg(input)
+        .arg("-o")
+        .arg(output)
+        .stdout(Stdio::null())
+        .spawn()
+        .with_context(|| format!("start {}", gsvx.display()))?;
+    let (mut peak, mut ticks) = (0u64, 0u64);
+    let status = loop {
+        // Both files are gone when the process ends, so the last reading before that is kept.
+        let proc = format!("/proc/{}", child.id());
+        peak = crate::usage::peak_bytes_of(&child.id().to_string()).unwrap_or(peak);
+        if let Ok(text) = std::fs::read_to_string(format!("{proc}/stat"))
+            && let Some((_, rest)) = text.rsplit_once(") ")
+        {
+            ticks = rest.split(' ').nth(11).and_then(|v| v.parse().ok()).unwrap_or(ticks);
+        }
+        if let Some(status) = child.try_wait().context("wait for gsvx")? {
+            break status;
+        }
+        std::thread::sleep(Duration::from_millis(3));
+    };
+    if !status.success() {
+        bail!("gsvx {} failed with {status}", words.join(" "));
+    }
+    // Linux counts processor time in hundredths of a second.
+    let user = ticks as f64 / 100.0;
+    Ok(Cost { wall: started.elapsed().as_secs_f64(), user, peak_mb: peak as f64 / 1e6 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn replicas_have_the_size_asked_for_and_differ() {
+        let scene = Scene {
+            means: vec![[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]],
+            rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+            log_scales: vec![[-3.0; 3]; 2],
+            opacity_logits: vec![0.0; 2],
+            sh_degree: 0,
+            sh: vec![[0.0; 3]; 2],
+        };
+        let many = replicate(&scene, 7);
+        assert_eq!(many.len(), 7);
+        assert!(many.validate().is_ok());
+        assert_eq!(many.means[..2], scene.means[..]);
+        let mut means = many.means.clone();
+        means.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        means.dedup();
+        assert_eq!(means.len(), 7);
+    }
+}

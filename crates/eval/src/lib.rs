@@ -1,0 +1,27 @@
+#![doc = include_str!("../README.md")]
+#![allow(
+    clippy::disallowed_methods,
+    reason = "reports and pictures, never the bitstream; the fixture uses libm"
+)]
+
+pub mod bd;
+pub mod bench;
+mod cache;
+mod chart;
+mod codec;
+pub mod experiments;
+mod manifest;
+pub mod measure;
+pub mod peers;
+mod pictures;
+pub mod progress;
+pub mod published;
+pub mod rd_curve;
+mod report;
+pub mod room;
+pub mod scenes;
+pub mod stress;
+mod usage;
+
+pub use codec::{Codec, Curve, Gsvx, Point, curve, measure_point};
+pub use scenes::TestScene;

@@ -1,0 +1,114 @@
+//! Renders a scene at a set of views and compares the renders with the photos.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use finetune::{Image, RenderOptions, TrainView, metrics};
+use gs_model::Scene;
+use gs_model::dataset::View;
+use serde::{Deserialize, Serialize};
+
+use crate::progress::Bar;
+
+/// Quality of a scene at one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewScore {
+    /// Photo name.
+    pub view: String,
+    /// PSNR of the clamped float render against the 8-bit photo, dB.
+    pub psnr_db: f64,
+    /// Mean SSIM.
+    pub ssim: f64,
+}
+
+/// Quality of a scene over views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Mean over views of the PSNR in dB (as the reference code: not the dB of the mean error).
+    pub psnr_db: f64,
+    /// Mean over views of the SSIM.
+    pub ssim: f64,
+    /// Each view.
+    pub views: Vec<ViewScore>,
+}
+
+/// Reads an 8-bit photo.
+pub(crate) fn read_photo(path: &Path) -> Result<Image> {
+    let decoded = image::ImageReader::open(path)
+        .with_context(|| format!("open photo {}", path.display()))?
+        .with_guessed_format()
+        .with_context(|| format!("read photo {}", path.display()))?
+        .decode()
+        .with_context(|| format!("decode photo {} (PNG or JPEG expected)", path.display()))?;
+    let rgb = decoded.to_rgb8();
+    let (width, height) = rgb.dimensions();
+    Image::from_rgb8(width, height, rgb.as_raw())
+        .with_context(|| format!("photo {} has an impossible size", path.display()))
+}
+
+/// Reads the photos of `views`. A camera is scaled to the size of its photo.
+///
+/// # Errors
+/// If a photo cannot be read, or has another aspect ratio than its camera.
+pub fn load<'a>(views: impl IntoIterator<Item = &'a View>) -> Result<Vec<TrainView>> {
+    let load = |view: &View| {
+        let photo = read_photo(&view.image_path)?;
+        let camera = &view.camera;
+        let Some(scaled) = camera.scaled_to(photo.width, photo.height) else {
+            bail!(
+                "photo {} is {}x{} pixels but its camera says {}x{}, which is not the same view: \
+                 use the photos that the cameras were made for",
+                view.image_path.display(),
+                photo.width,
+                photo.height,
+                camera.width,
+                camera.height
+            );
+        };
+        Ok(TrainView { camera: scaled, photo })
+    };
+    views.into_iter().map(load).collect()
+}
+
+/// Renders `scene` at all views and compares with the photos. Returns the renders too, in the order
+/// of the views.
+#[must_use]
+pub fn score(scene: &Scene, views: &[TrainView], bar: &Bar) -> (Score, Vec<Image>) {
+    let options = RenderOptions::default();
+    let mut scores = Vec::with_capacity(views.len());
+    let mut renders = Vec::with_capacity(views.len());
+    for view in views {
+        let render = finetune::render(scene, &view.camera, &options);
+        scores.push(ViewScore {
+            view: view.camera.name.clone(),
+            psnr_db: metrics::psnr(&render, &view.photo),
+            ssim: metrics::ssim(&render, &view.photo),
+        });
+        renders.push(render);
+        bar.step(1);
+    }
+    (Score::of(scores), renders)
+}
+
+impl Score {
+    fn of(views: Vec<ViewScore>) -> Self {
+        let n = views.len().max(1) as f64;
+        Self {
+            psnr_db: views.iter().map(|v| v.psnr_db).sum::<f64>() / n,
+            ssim: views.iter().map(|v| v.ssim).sum::<f64>() / n,
+            views,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decibels_are_averaged_not_errors() {
+        let view = |psnr_db| ViewScore { view: String::new(), psnr_db, ssim: 0.5 };
+        let score = Score::of(vec![view(20.0), view(40.0)]);
+        assert_eq!(score.psnr_db, 30.0);
+    }
+}

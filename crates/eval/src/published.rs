@@ -1,0 +1,213 @@
+//! Points of other codecs: published ones (`data/published.json`), and ones recorded beside a scene
+//! (`paper-chain.json`, `peers.json`).
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+
+use crate::bd::Point;
+
+/// `data/published.json`.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Published {
+    /// By scene name.
+    pub scenes: BTreeMap<String, PublishedScene>,
+}
+
+/// What is published about one scene.
+#[derive(Clone, Debug, Deserialize)]
+pub struct PublishedScene {
+    /// PSNR of the uncompressed model.
+    #[allow(dead_code, reason = "recorded for the reader of the file")]
+    pub uncompressed_psnr_db: f64,
+    /// Curves.
+    pub lists: Vec<List>,
+}
+
+/// One published curve.
+#[derive(Clone, Debug, Deserialize)]
+pub struct List {
+    /// Codec and configuration.
+    pub name: String,
+    /// Covariance mode, for the paper's own lists.
+    #[serde(default)]
+    pub covariance: Option<String>,
+    /// Bits to one unit of the rates below.
+    pub unit_bits: f64,
+    /// Rate and PSNR in dB.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// Reads the published points that are built in.
+///
+/// # Errors
+/// If `data/published.json` is not what it should be.
+pub fn read() -> Result<Published> {
+    serde_json::from_str(include_str!("../data/published.json")).context("data/published.json")
+}
+
+/// A curve of another codec on a scene, in bytes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Other {
+    /// Codec and configuration.
+    pub name: String,
+    /// Where the points come from.
+    pub source: String,
+    /// Its points: bytes, PSNR in dB, SSIM where known.
+    pub points: Vec<OtherPoint>,
+}
+
+/// One point of an [`Other`].
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct OtherPoint {
+    /// What distinguishes the point (settings).
+    pub label: String,
+    /// Size in bytes.
+    pub bytes: u64,
+    /// Mean PSNR, dB.
+    pub psnr_db: f64,
+    /// Mean SSIM.
+    pub ssim: Option<f64>,
+}
+
+impl Other {
+    /// Whether the points are of another model of the same photos.
+    #[must_use]
+    pub fn is_published(&self) -> bool {
+        self.source.starts_with("published")
+    }
+
+    /// The points with rates in bytes.
+    #[must_use]
+    pub fn rates(&self) -> Vec<Point> {
+        let point = |p: &OtherPoint| Point { rate: p.bytes as f64, psnr_db: p.psnr_db };
+        self.points.iter().map(point).collect()
+    }
+}
+
+/// `paper-chain.json` beside a scene.
+#[derive(Deserialize)]
+struct PaperChain {
+    points: Vec<PaperPoint>,
+}
+
+#[derive(Deserialize)]
+struct PaperPoint {
+    voxelization: String,
+    qp_ac_dc_opacity: [i32; 3],
+    total_bytes: u64,
+    psnr_db: f64,
+    ssim: f64,
+}
+
+/// One entry of `peers.json` beside a scene.
+#[derive(Deserialize)]
+struct Peer {
+    peer: String,
+    total_bytes: u64,
+    psnr_db: f64,
+    ssim: f64,
+}
+
+/// How the names of the paper's lists without initialisation (Fig. 6 and 7) begin; only the
+/// experiments show them.
+pub const NO_INIT: &str = "paper, no initialisation";
+
+/// Name of the curve that holds the paper's coding chain as recorded beside a scene.
+pub const PAPER_CHAIN: &str = "paper's chain (TMC13)";
+
+/// What is known of other codecs on the scene in `dir` called `name`.
+///
+/// # Errors
+/// If a file is there but cannot be read.
+pub fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
+    let mut out = Vec::new();
+    if let Some(chain) = json::<PaperChain>(&dir.join("paper-chain.json"))? {
+        let points = chain.points.into_iter().map(|p| {
+            let [ac, dc, opacity] = p.qp_ac_dc_opacity;
+            OtherPoint {
+                label: format!("{}, QP {ac}/{dc}/{opacity}", p.voxelization),
+                bytes: p.total_bytes,
+                psnr_db: p.psnr_db,
+                ssim: Some(p.ssim),
+            }
+        });
+        let source = "paper-chain.json, recorded with the authors' tools".to_owned();
+        out.push(Other { name: PAPER_CHAIN.to_owned(), source, points: points.collect() });
+    }
+    if let Some(peers) = json::<Vec<Peer>>(&dir.join("peers.json"))? {
+        let mut families: BTreeMap<String, Vec<OtherPoint>> = BTreeMap::new();
+        for p in peers {
+            let family = p.peer.split([',', '(']).next().unwrap_or_default().trim().to_owned();
+            let (bytes, psnr_db, ssim) = (p.total_bytes, p.psnr_db, Some(p.ssim));
+            let point = OtherPoint { label: p.peer, bytes, psnr_db, ssim };
+            families.entry(family).or_default().push(point);
+        }
+        for (name, points) in families {
+            out.push(Other { name, source: "peers.json, recorded".to_owned(), points });
+        }
+    }
+    if let Some(scene) = read()?.scenes.get(name) {
+        out.extend(scene.lists.iter().map(published));
+    }
+    Ok(out)
+}
+
+fn published(list: &List) -> Other {
+    let name = match &list.covariance {
+        Some(mode) => format!("{}, {mode} covariance", list.name),
+        None => list.name.clone(),
+    };
+    let point = |&[rate, psnr_db]: &[f64; 2]| OtherPoint {
+        label: String::new(),
+        bytes: (rate * list.unit_bits / 8.0).round() as u64,
+        psnr_db,
+        ssim: None,
+    };
+    let source = "published by the paper's authors; another model of the same photos".to_owned();
+    Other { name, source, points: list.points.iter().map(point).collect() }
+}
+
+/// A JSON file, or `None` if there is none.
+fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T>> {
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let text = fs::read_to_string(path).with_context(|| format!("read {}", path.display()))?;
+    let value = serde_json::from_str(&text).with_context(|| format!("parse {}", path.display()))?;
+    Ok(Some(value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn their_megabits_become_bytes() {
+        let other = others(Path::new("no such folder"), "playroom").unwrap();
+        let uniform = other.iter().find(|o| o.name.starts_with("paper, uniform")).unwrap();
+        // 137.46453 Mibit.
+        assert_eq!(uniform.points[0].bytes, 18_017_751);
+        let rdo = other.iter().find(|o| o.name == "RDO-GS").unwrap();
+        assert_eq!(rdo.points[0].bytes, 13_110_000);
+    }
+
+    #[test]
+    fn recorded_files_are_read() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(
+            dir.path().join("peers.json"),
+            r#"[{"peer": "SPZ v4, a", "total_bytes": 5, "psnr_db": 30.0, "ssim": 0.9},
+                {"peer": "SPZ v4, b", "total_bytes": 7, "psnr_db": 31.0, "ssim": 0.9}]"#,
+        )
+        .unwrap();
+        let other = others(dir.path(), "nameless").unwrap();
+        assert_eq!((other.len(), other[0].points.len()), (1, 2));
+        fs::write(dir.path().join("peers.json"), "[").unwrap();
+        let error = format!("{:#}", others(dir.path(), "nameless").unwrap_err());
+        assert!(error.contains("peers.json"), "{error}");
+    }
+}

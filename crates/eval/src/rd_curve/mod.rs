@@ -1,0 +1,219 @@
+//! Rate-distortion curves of a scene, from real streams: uniform and adaptive voxelization, the
+//! paper's coding and the default, beside recorded and published points of other codecs.
+//!
+//! A stage whose record carries the hash of its inputs, its settings and the program is not run
+//! again, so a run that was cut goes on where it stopped.
+
+pub(crate) mod plan;
+pub(crate) mod record;
+pub(crate) mod stages;
+pub(crate) mod study;
+pub(crate) mod tune;
+
+use std::fs;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+
+use crate::experiments::{self, Experiment};
+use crate::measure;
+use crate::peers;
+use crate::pictures;
+use crate::published;
+use crate::report::{self, sections};
+use plan::Coding;
+use record::{Bd, Curve, Picture, Run};
+use stages::Branch;
+use study::{PICTURE_VIEWS, Study};
+use tune::Tuning;
+
+pub use plan::parse_depths;
+
+/// What [`run`] does.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// A name of `scenes.toml`, or a folder with model, cameras and photos.
+    pub scene: String,
+    /// Folder of the report; `out/rd/SCENE` if not given.
+    pub out: Option<PathBuf>,
+    /// Measure at most this many held-out views.
+    pub views: usize,
+    /// Rates per curve, at least 2.
+    pub rates: usize,
+    /// Depth of the uniform octree; chosen by rendering if not given, deeper at higher rates.
+    pub depth: Option<u8>,
+    /// Lowest and highest depth of the paper's adaptive octree; around the uniform depth if not
+    /// given.
+    pub adaptive: Option<(u8, u8)>,
+    /// Steps of a fine-tune of each voxelized model against the training photos. None if not given;
+    /// experiments then take 400.
+    pub finetune: Option<u64>,
+    /// One of the paper's experiments instead of the default curves.
+    pub experiment: Option<Experiment>,
+    /// Run every stage, done before or not.
+    pub fresh: bool,
+    /// Other codecs' tools.
+    pub peers: peers::Options,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            scene: crate::scenes::DEFAULT.to_owned(),
+            out: None,
+            views: usize::MAX,
+            rates: 6,
+            depth: None,
+            adaptive: None,
+            finetune: None,
+            experiment: None,
+            fresh: false,
+            peers: peers::Options::default(),
+        }
+    }
+}
+
+/// Measures the curves of a scene, or an experiment, and writes the report: `report.html`,
+/// `report.md`, `rd.json` and the chart.
+///
+/// # Errors
+/// If the scene cannot be read, an option is out of range or a file cannot be written.
+pub fn run(options: &Options) -> Result<()> {
+    let started = Instant::now();
+    // Before anything long, so that a bad option is reported at once.
+    let qualities = plan::qualities(options.rates)?;
+    let study = Study::open(options)?;
+    let report = match options.experiment {
+        Some(experiment) => experiments::run(experiment, &study, options, &qualities)?,
+        None => curves(&study, options, &qualities)?,
+    };
+    let (skipped, stages) = study.tally();
+    if skipped > 0 {
+        println!(
+            "{skipped} of {stages} stages were already done for the same inputs and were skipped"
+        );
+    }
+    println!("report: {}", report.display());
+    println!("{:.1} s in all", started.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The default run: all curves of a scene.
+fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<PathBuf> {
+    let original = study.original()?;
+    let base = study.depth(options.depth)?;
+    let tuning = options.finetune.map(|steps| Tuning { steps, initialised: true });
+    let mut curves = Vec::new();
+    for plan in plan::curves(base, options.depth, options.adaptive, qualities) {
+        let (mut voxelized, mut points) = (Vec::new(), Vec::new());
+        for (voxels, qualities) in &plan.steps {
+            let branch = Branch::new(study, voxels, tuning);
+            voxelized.push(branch.voxelized()?);
+            for &quality in qualities {
+                points.push(branch.coded(plan.name, Coding::of(plan.name, quality))?);
+            }
+        }
+        curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
+    }
+    let tools = study.peers(&options.peers, base)?;
+
+    let found = &study.test.files;
+    let mut others = published::others(&found.dataset.dir, &found.name)?;
+    others.retain(|o| !o.name.starts_with(published::NO_INIT));
+    others.extend(peers::curves(&tools));
+    let (skipped, stages) = study.tally();
+    let mut run = Run {
+        scene: found.name.clone(),
+        what: found.what.clone(),
+        views: found.dataset.views.len(),
+        held_out: found.dataset.held_out().len(),
+        measured: study.test.held_out.len(),
+        original,
+        bd: compare(&curves, &others),
+        curves,
+        others,
+        tools,
+        pictures: Vec::new(),
+        skipped,
+        stages,
+        manifest: study.manifest(),
+    };
+    let (files, views) = side_by_sides(&run, study)?;
+    run.pictures = files;
+    let json = study.out.join("rd.json");
+    let text = serde_json::to_string_pretty(&run).context("rd.json")? + "\n";
+    fs::write(&json, text).with_context(|| format!("write {}", json.display()))?;
+    report::run::document(&run, views).write(&study.out)?;
+    report::run::print(&run);
+    Ok(study.out.join("report.html"))
+}
+
+/// Hull against hull: the adaptive curves against the uniform one, all against the others.
+fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
+    let mut out = Vec::new();
+    if let [uniform, adaptives @ ..] = curves {
+        for adaptive in adaptives {
+            let (test, anchor) = (adaptive.rates(), uniform.rates());
+            out.push(sections::compare((&adaptive.name, &test), (&uniform.name, &anchor)));
+        }
+    }
+    // A published curve is of another model; only what was measured on this very model can be
+    // compared by rate.
+    for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
+        let anchor = other.rates();
+        for curve in curves {
+            out.push(sections::compare((&curve.name, &curve.rates()), (&other.name, &anchor)));
+        }
+    }
+    out
+}
+
+/// Pictures of the first views at the lowest, a middle and the highest rate of the last curve:
+/// whole views side by side as files, and crops for the page.
+fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::View>)> {
+    let (mut files, mut views) = (Vec::new(), Vec::new());
+    let Some(curve) = run.curves.last() else { return Ok((files, views)) };
+    // Pictures of earlier settings would stay beside the report and contradict it.
+    let dir = study.out.join("pictures");
+    if dir.is_dir() {
+        fs::remove_dir_all(&dir).with_context(|| format!("clear {}", dir.display()))?;
+    }
+    fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
+    let originals = study.render_names("original");
+    let n = curve.points.len();
+    let mut chosen = vec![0, n / 2, n - 1];
+    chosen.dedup();
+    for (v, held_out) in study.test.held_out.iter().take(PICTURE_VIEWS).enumerate() {
+        let read = |name: &String| measure::read_photo(&study.out.join(name));
+        let original = read(&originals[v])?;
+        let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
+        let view = &held_out.camera.name;
+        let stem = pictures::stem(view);
+        let original_says = format!(
+            "original model, {} MB, {:.2} dB",
+            report::megabytes(run.original.file_bytes),
+            db(&run.original.score)
+        );
+        let mut decoded = Vec::new();
+        for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
+            let file = format!("pictures/{stem}-{}-q{:.0}.png", curve.name, point.quality);
+            let image = read(&point.renders[v])?;
+            let panel = pictures::side_by_side(&[&held_out.photo, &original, &image]);
+            pictures::write(&study.out.join(&file), &panel)?;
+            let says = format!(
+                "decoded from {} MB ({}, quality {:.0}), {:.2} dB",
+                report::megabytes(point.bytes),
+                curve.name,
+                point.quality,
+                db(&point.score)
+            );
+            let caption = format!("photo | {original_says} | {says}");
+            files.push(Picture { file, view: view.clone(), caption });
+            decoded.push((image, format!("{} MB", report::megabytes(point.bytes)), says));
+        }
+        let crops = report::crops(&held_out.photo, (&original, &original_says), &decoded)?;
+        views.push(report::View { name: view.clone(), crops });
+    }
+    Ok((files, views))
+}

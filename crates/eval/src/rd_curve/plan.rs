@@ -1,0 +1,324 @@
+//! What a run does: views, voxelizations, qualities.
+
+use anyhow::{Context, Result, bail, ensure};
+use gs_model::{Camera, Scene};
+use gsvx::{CovarianceMode, EncodeOptions, PaperQp};
+use voxel::{Cube, Merge, Strategy};
+
+use crate::progress::Bar;
+
+/// Depths among which the uniform depth is chosen.
+const DEPTHS: std::ops::RangeInclusive<u8> = 8..=18;
+/// The uniform depth is the smallest at which the merged model renders like the original to
+/// this many dB at training cameras: 10 dB above what trained models reach against photos, so
+/// that voxelization is not what limits the curve.
+const ENOUGH_DB: f64 = 40.0;
+/// Training cameras used for that choice.
+const CHOICE_VIEWS: usize = 3;
+
+/// One voxelization.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Voxels {
+    /// File-name part.
+    pub(crate) name: String,
+    /// Parameters in words.
+    pub(crate) what: String,
+    /// Where the octree stops.
+    pub(crate) rule: Rule,
+}
+
+/// Where the octree stops.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Rule {
+    /// As given.
+    Fixed(Strategy),
+    /// The codec's default at a quality: rate-distortion pruning.
+    Default(f32),
+}
+
+/// One curve to make: qualities grouped by the voxelization they are coded with.
+#[derive(Clone, Debug)]
+pub(crate) struct CurvePlan {
+    /// Short name, used in file names.
+    pub(crate) name: &'static str,
+    /// One line for the legend.
+    pub(crate) what: String,
+    /// Each voxelization with its qualities, ascending.
+    pub(crate) steps: Vec<(Voxels, Vec<f32>)>,
+}
+
+/// How many levels the octree of a quality is deeper than the base depth. At low rates geometry is
+/// half the stream, and a shallower octree saves more than it loses. At high rates the size of the
+/// leaves limits the quality. The limits were measured on fox (uniform 10 to 13, qualities 34, 62,
+/// 90).
+fn levels_deeper(quality: f32) -> i32 {
+    match quality {
+        q if q < 27.0 => -1,
+        q if q < 55.0 => 0,
+        q if q < 83.0 => 1,
+        _ => 2,
+    }
+}
+
+/// The curves of a run: uniform, the paper's adaptive criteria, the paper's way of coding,
+/// rate-distortion pruning.
+/// A given depth is used at all qualities.
+pub(crate) fn curves(
+    base: u8,
+    depth: Option<u8>,
+    adaptive: Option<(u8, u8)>,
+    qualities: &[f32],
+) -> Vec<CurvePlan> {
+    let shifted = |by: i32| (i32::from(base) + by).clamp(1, 20) as u8;
+    let uniform = |q: f32| {
+        let depth = depth.unwrap_or_else(|| shifted(levels_deeper(q)));
+        Voxels {
+            name: format!("uniform-{depth}"),
+            what: format!("J = {depth}"),
+            rule: Rule::Fixed(Strategy::Uniform { depth }),
+        }
+    };
+    let paper = |q: f32| {
+        let by = levels_deeper(q);
+        let (low, high) = adaptive.unwrap_or_else(|| (shifted(by - 1), shifted(by + 2)));
+        Voxels {
+            name: format!("adaptive-{low}-{high}"),
+            what: format!("J = {low} to {high}"),
+            rule: Rule::Fixed(Strategy::paper(low, high)),
+        }
+    };
+    let pruned = |q: f32| Voxels {
+        name: format!("pruned-q{q:.0}"),
+        what: format!("quality {q:.0}"),
+        rule: Rule::Default(q),
+    };
+    let plan = |name, what: &str, voxels: &dyn Fn(f32) -> Voxels| {
+        let mut steps: Vec<(Voxels, Vec<f32>)> = Vec::new();
+        for &q in qualities {
+            match steps.last_mut() {
+                Some((last, list)) if *last == voxels(q) => list.push(q),
+                _ => steps.push((voxels(q), vec![q])),
+            }
+        }
+        let parameters = |s: Option<&(Voxels, Vec<f32>)>| s.map_or("", |(v, _)| &v.what).to_owned();
+        let (first, last) = (parameters(steps.first()), parameters(steps.last()));
+        let span = if first == last { first } else { format!("{first} .. {last}") };
+        CurvePlan { name, what: format!("{what}, {span}"), steps }
+    };
+    vec![
+        plan("uniform", "uniform", &uniform),
+        plan("adaptive", "adaptive (paper's criteria)", &paper),
+        plan(PAPER_PROFILE, "the paper's coding (uniform, RLGR, QP triples, VQ)", &uniform),
+        plan("pruned", "adaptive (default: rate-distortion)", &pruned),
+    ]
+}
+
+/// Name of the curve in the paper's coding.
+pub(crate) const PAPER_PROFILE: &str = "paper";
+
+/// How a voxelized model is coded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Coding {
+    /// The codec's default at a quality.
+    Quality(f32),
+    /// The paper's coding.
+    Paper {
+        /// The quality under which the QPs appear in tables.
+        quality: f32,
+        /// Its QPs.
+        qp: PaperQp,
+        /// 16-bit integers without further loss instead of a codebook.
+        lossless_covariance: bool,
+    },
+}
+
+/// QP triples on the hulls of the authors' published curves, lowest rate first: AC, DC, opacity,
+/// and the quality under which each appears.
+pub(crate) const PAPER_QPS: [(u8, u8, u8, f32); 6] = [
+    (40, 28, 40, 20.0),
+    (38, 16, 28, 34.0),
+    (34, 16, 16, 48.0),
+    (31, 4, 16, 62.0),
+    (28, 4, 4, 76.0),
+    (16, 4, 4, 90.0),
+];
+/// Codewords of the paper's lossy covariance, as a power of two.
+const CODEBOOK_BITS: u8 = 12;
+/// Bits per integer of its lossless covariance.
+const LOSSLESS_BITS: u8 = 16;
+
+impl Coding {
+    /// The coding of a curve at a quality.
+    pub(crate) fn of(curve: &str, quality: f32) -> Self {
+        if curve != PAPER_PROFILE {
+            return Self::Quality(quality);
+        }
+        // The triple whose quality is nearest.
+        let index = PAPER_QPS.iter().position(|p| quality < p.3 + 7.0);
+        Self::paper(index.unwrap_or(PAPER_QPS.len() - 1), false, Some(quality))
+    }
+
+    /// The paper's coding at one of its triples.
+    pub(crate) fn paper(index: usize, lossless_covariance: bool, quality: Option<f32>) -> Self {
+        let (ac, dc, opacity, own) = PAPER_QPS[index.min(PAPER_QPS.len() - 1)];
+        let quality = quality.unwrap_or(own);
+        Self::Paper { quality, qp: PaperQp { ac, dc, opacity }, lossless_covariance }
+    }
+
+    /// The quality, also of the paper's coding.
+    pub(crate) fn quality(&self) -> f32 {
+        match *self {
+            Self::Quality(quality) | Self::Paper { quality, .. } => quality,
+        }
+    }
+
+    /// File-name part.
+    pub(crate) fn name(&self) -> String {
+        let lossless = matches!(self, Self::Paper { lossless_covariance: true, .. });
+        format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
+    }
+
+    /// The paper's QPs in words.
+    pub(crate) fn paper_setting(&self) -> Option<String> {
+        let Self::Paper { qp, lossless_covariance, .. } = self else { return None };
+        let covariance = if *lossless_covariance { ", lossless covariance" } else { "" };
+        Some(format!("QP {}/{}/{}{covariance}", qp.ac, qp.dc, qp.opacity))
+    }
+
+    /// Encoder options.
+    pub(crate) fn options(&self) -> gsvx::Result<EncodeOptions> {
+        match *self {
+            Self::Quality(quality) => EncodeOptions::from_quality(quality),
+            Self::Paper { qp, lossless_covariance: true, .. } => {
+                let mode = CovarianceMode::Lossless { bits: LOSSLESS_BITS };
+                Ok(EncodeOptions::paper(qp, mode))
+            }
+            Self::Paper { qp, .. } => {
+                Ok(EncodeOptions::paper(qp, CovarianceMode::Vq { bits: CODEBOOK_BITS }))
+            }
+        }
+    }
+}
+
+/// `count` encoder qualities from low to high.
+pub(crate) fn qualities(count: usize) -> Result<Vec<f32>> {
+    const LOW: f32 = 20.0;
+    const HIGH: f32 = 90.0;
+    ensure!(count >= 2, "--rates must be at least 2, is {count}");
+    Ok((0..count).map(|i| LOW + (HIGH - LOW) * i as f32 / (count - 1) as f32).collect())
+}
+
+/// Parses `LOW:HIGH`, two depths of an octree.
+///
+/// # Errors
+/// If that is not what `text` is.
+pub fn parse_depths(text: &str) -> Result<(u8, u8)> {
+    let (low, high) = text.split_once(':').context("expected LOW:HIGH, for example 9:14")?;
+    let depth = |s: &str| s.parse::<u8>().with_context(|| format!("{s} is not a depth"));
+    let (low, high) = (depth(low)?, depth(high)?);
+    ensure!(low <= high && high <= 21, "depths must ascend and be at most 21: {low}:{high}");
+    Ok((low, high))
+}
+
+/// Chooses the depth of the uniform octree.
+pub(crate) fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
+    let step = cameras.len().div_ceil(CHOICE_VIEWS).max(1);
+    let cameras: Vec<&Camera> = cameras.iter().step_by(step).collect();
+    if cameras.is_empty() {
+        bail!("the scene has no training camera to choose the depth with: give --depth");
+    }
+    let options = finetune::RenderOptions::default();
+    let bar = Bar::new("choose depth", DEPTHS.count() as u64);
+    let originals: Vec<_> = cameras.iter().map(|c| finetune::render(scene, c, &options)).collect();
+    let cube = Cube::of(&scene.means)?;
+    for depth in DEPTHS {
+        let voxels = voxel::voxelize(scene, &cube, &Strategy::Uniform { depth })?;
+        let merged = voxel::merge(scene, &voxels, Merge::Moments)?;
+        let total: f64 = cameras
+            .iter()
+            .zip(&originals)
+            .map(|(c, o)| finetune::metrics::psnr(&finetune::render(&merged, c, &options), o))
+            .sum();
+        bar.step(1);
+        if total / cameras.len() as f64 >= ENOUGH_DB {
+            bar.done();
+            return Ok(depth);
+        }
+    }
+    bar.done();
+    Ok(*DEPTHS.end())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_quality_has_its_qp_triple() {
+        let setting = |q| Coding::of(PAPER_PROFILE, q).paper_setting().unwrap();
+        assert_eq!(setting(20.0), "QP 40/28/40");
+        assert_eq!((setting(34.0), setting(62.0)), ("QP 38/16/28".into(), "QP 31/4/16".into()));
+        assert_eq!((setting(90.0), setting(100.0)), ("QP 16/4/4".into(), "QP 16/4/4".into()));
+        assert_eq!(Coding::of("uniform", 20.0), Coding::Quality(20.0));
+        let lossless = Coding::paper(3, true, None);
+        assert_eq!(lossless.name(), "q62-lossless");
+        assert!(lossless.paper_setting().unwrap().contains("lossless"));
+    }
+
+    #[test]
+    fn qualities_span_the_range() {
+        let q = qualities(5).unwrap();
+        assert_eq!(q.len(), 5);
+        assert!(q.windows(2).all(|w| w[0] < w[1]) && q[4] <= 100.0);
+        assert!(qualities(1).is_err());
+    }
+
+    #[test]
+    fn qualities_of_one_voxelization_stay_together() {
+        let q = qualities(6).unwrap();
+        for plan in curves(11, None, None, &q) {
+            let all: Vec<f32> = plan.steps.iter().flat_map(|(_, q)| q.clone()).collect();
+            assert_eq!(all, q, "{}", plan.name);
+        }
+        let fixed = curves(11, Some(12), Some((9, 14)), &q);
+        assert_eq!((fixed[0].steps.len(), fixed[1].steps.len()), (1, 1));
+        assert_eq!(fixed[0].steps[0].0.rule, Rule::Fixed(Strategy::Uniform { depth: 12 }));
+    }
+
+    #[test]
+    fn depths_parse() {
+        assert_eq!(parse_depths("9:14").unwrap(), (9, 14));
+        for bad in ["9", "9:x", "14:9", "9:22", ""] {
+            assert!(parse_depths(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_chosen_depth_resolves_the_scene() {
+        // Two Gaussians, two pixels apart: they must not fall into one voxel.
+        let scene = Scene {
+            means: vec![[0.0, 0.0, 0.0], [0.002, 0.0, 0.0], [1.0, 1.0, 1.0]],
+            rotations: vec![[1.0, 0.0, 0.0, 0.0]; 3],
+            log_scales: vec![[-7.0; 3]; 3],
+            opacity_logits: vec![3.0; 3],
+            sh_degree: 0,
+            sh: vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        };
+        let camera = Camera {
+            name: "a".into(),
+            width: 32,
+            height: 32,
+            fx: 1000.0,
+            fy: 1000.0,
+            cx: 16.0,
+            cy: 16.0,
+            rotation: glam::DMat3::IDENTITY,
+            translation: glam::DVec3::new(0.0, 0.0, 1.0),
+            ignored_distortion: None,
+        };
+        let depth = choose_depth(&scene, &[camera]).unwrap();
+        let cube = Cube::of(&scene.means).unwrap();
+        let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth }).unwrap();
+        assert_eq!(voxels.len(), 3, "depth {depth}");
+    }
+}

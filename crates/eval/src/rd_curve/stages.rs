@@ -1,0 +1,150 @@
+//! The stages of one voxelization: voxelize, perhaps fine-tune, encode, decode, score. Each looks
+//! for its record first.
+
+use std::cell::OnceCell;
+use std::fs;
+
+use anyhow::{Context, Result, ensure};
+use gsvx::{DecodeOptions, Prepared};
+
+use super::plan::{Coding, Rule, Voxels};
+use super::record::{Coded, Voxelized};
+use super::study::Study;
+use super::tune::{self, Tuning};
+use crate::codec::{RoundTrip, round_trip, timed};
+use crate::measure;
+use crate::progress::Bar;
+
+/// The stages of one voxelization. The voxelized model is made when a stage first needs it.
+pub(crate) struct Branch<'a> {
+    study: &'a Study,
+    plan: &'a Voxels,
+    tuning: Option<Tuning>,
+    model: OnceCell<Model>,
+}
+
+/// A voxelized and merged model.
+struct Model {
+    prepared: Prepared,
+    /// Seconds to voxelize and merge.
+    seconds: f64,
+}
+
+impl<'a> Branch<'a> {
+    /// Nothing is computed yet.
+    pub(crate) fn new(study: &'a Study, plan: &'a Voxels, tuning: Option<Tuning>) -> Self {
+        Self { study, plan, tuning, model: OnceCell::new() }
+    }
+
+    /// Name of the model, for files and tables.
+    pub(crate) fn name(&self) -> String {
+        match &self.tuning {
+            Some(tuning) => format!("{}-{}", self.plan.name, tuning.name()),
+            None => self.plan.name.clone(),
+        }
+    }
+
+    /// What identifies the model in a record's key.
+    fn key(&self) -> String {
+        format!("{:?}, {:?}", self.plan, self.tuning)
+    }
+
+    /// The model: voxelized, merged, and fine-tuned if the branch asks for it.
+    fn model(&self) -> Result<&Model> {
+        if let Some(model) = self.model.get() {
+            return Ok(model);
+        }
+        let (importance, _) = self.study.importance();
+        let strategy = |found: &[f32], seen| match &self.plan.rule {
+            Rule::Fixed(strategy) => Ok(strategy.clone()),
+            &Rule::Default(quality) => gsvx::default_strategy(quality, found, seen),
+        };
+        let (prepared, seconds) =
+            timed(|| gsvx::prepare(&self.study.test.model, strategy, importance.as_deref()));
+        let mut prepared = prepared.with_context(|| format!("voxelize ({})", self.plan.name))?;
+        if let Some(tuning) = self.tuning {
+            let record = tune::tuned(self.study, &self.name(), &self.key(), &prepared, tuning)?;
+            let path = self.study.out.join(&record.file);
+            let (scene, _) = gs_model::ply::read(&path)?;
+            ensure!(scene.means == prepared.scene.means, "{}: other means", path.display());
+            prepared.scene = scene;
+        }
+        Ok(self.model.get_or_init(|| Model { prepared, seconds }))
+    }
+
+    /// Voxelizes, merges, perhaps fine-tunes, and scores the result.
+    pub(crate) fn voxelized(&self) -> Result<Voxelized> {
+        let name = self.name();
+        self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
+            let Model { prepared: Prepared { scene, voxels, .. }, seconds } = self.model()?;
+            let bar = Bar::new(&format!("render {name}"), self.study.test.held_out.len() as u64);
+            let (score, _) = measure::score(scene, &self.study.test.held_out, &bar);
+            let tuned = self.tuning.map(|_| tune::find(self.study, &name, &self.key()));
+            Ok(Voxelized {
+                name: name.clone(),
+                what: self.plan.what.clone(),
+                j_high: voxels.j_high,
+                depth_histogram: voxels.depth_histogram(),
+                gaussians: scene.len(),
+                score,
+                voxelize_seconds: *seconds,
+                importance_seconds: self.study.importance().1,
+                render_seconds: bar.done(),
+                tuned: tuned.transpose()?.flatten(),
+            })
+        })
+    }
+
+    /// Encodes, decodes the bytes and scores what comes out.
+    pub(crate) fn coded(&self, curve: &str, coding: Coding) -> Result<Coded> {
+        let study = self.study;
+        let name = format!("{curve}-{}", coding.name());
+        let stage = format!("code-{name}");
+        let settings = (self.key(), format!("{coding:?}"));
+        let stream = format!("streams/{name}.gsvx");
+        let usable = |record: &Coded| {
+            let size = fs::metadata(study.out.join(&record.stream)).map(|m| m.len());
+            size.is_ok_and(|s| s == record.bytes) && study.all_there(&record.renders)
+        };
+        if let Some(record) = study.cache.find(&stage, &settings, usable)? {
+            return Ok(record);
+        }
+
+        let Prepared { scene: merged, voxels, importance } = &self.model()?.prepared;
+        let mut options = coding.options()?;
+        options.importance = Some(importance.clone());
+        let mut sections = Vec::new();
+        let encode = || {
+            let encoded = gsvx::encode(merged, voxels, &options)?;
+            sections =
+                encoded.sections.iter().map(|(k, n)| (format!("{k:?}"), *n as u64)).collect();
+            Ok(encoded.bytes)
+        };
+        let decode = |bytes: &[u8]| Ok(gsvx::decode(bytes, &DecodeOptions::default())?.scene);
+        let trip = round_trip(&name, &study.test.held_out, encode, decode)?;
+        let RoundTrip { stream: bytes, decoded, score, .. } = trip;
+        ensure!(decoded.means == merged.means, "{name}: decoded means are not the voxelized ones");
+
+        let path = study.out.join(&stream);
+        fs::create_dir_all(study.out.join("streams")).context("create streams/")?;
+        fs::write(&path, &bytes).with_context(|| format!("write {}", path.display()))?;
+        let renders = study.render_names(&name);
+        study.save(&renders, &trip.renders)?;
+        let record = Coded {
+            voxels: self.name(),
+            quality: coding.quality(),
+            paper: coding.paper_setting(),
+            bytes: bytes.len() as u64,
+            sections,
+            gaussians: decoded.len(),
+            score,
+            encode_seconds: trip.encode_seconds,
+            decode_seconds: trip.decode_seconds,
+            render_seconds: trip.render_seconds,
+            stream,
+            renders,
+        };
+        study.cache.store(&stage, &settings, &record)?;
+        Ok(record)
+    }
+}

@@ -1,0 +1,172 @@
+//! A scene under study: what all stages of a run share.
+
+use std::cell::OnceCell;
+use std::fs;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use finetune::{Image, TrainView};
+use gs_model::dataset::{Dataset, View};
+use serde::Serialize;
+
+use super::Options;
+use super::plan;
+use super::record::Original;
+use crate::cache::{self, Cache};
+use crate::codec::timed;
+use crate::manifest::{self, Manifest};
+use crate::measure;
+use crate::peers;
+use crate::pictures;
+use crate::progress::Bar;
+use crate::scenes::{self, TestScene};
+
+/// Views whose renders are kept as pictures.
+pub(crate) const PICTURE_VIEWS: usize = 2;
+
+/// What every stage depends on.
+#[derive(Serialize)]
+struct Inputs<'a> {
+    program: &'a str,
+    model: &'a str,
+    views: &'a str,
+}
+
+/// A scene, the folder of its results, and what stages compute once for all.
+pub(crate) struct Study {
+    pub(crate) test: TestScene,
+    /// Folder of finished stages, streams and renders.
+    pub(crate) out: PathBuf,
+    /// Finished stages.
+    pub(crate) cache: Cache,
+    /// Hashes of program, model, and cameras with photos.
+    hashes: [String; 3],
+    /// Training photos, read when a fine-tune first needs them.
+    photos: OnceCell<Vec<TrainView>>,
+    /// What each Gaussian contributes to the training views, and the seconds to find it.
+    saliency: OnceCell<(Option<Vec<f32>>, f64)>,
+}
+
+impl Study {
+    /// Reads the scene of `options`.
+    pub(crate) fn open(options: &Options) -> Result<Self> {
+        ensure!(options.views > 0, "--views must be at least 1");
+        let test = TestScene::open(&options.scene, options.views)?;
+        let files = &test.files;
+        let out = match &options.out {
+            Some(out) => out.clone(),
+            None => scenes::root().join("out/rd").join(&files.name),
+        };
+        fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
+        let program = cache::program_hash()?;
+        let model = cache::hash_file(&files.dataset.model_path)?;
+        let measured = scenes::spread(files.dataset.held_out().collect(), options.views);
+        let views = hash_views(&files.dataset, &measured)?;
+        let inputs = Inputs { program: &program, model: &model, views: &views };
+        let cache = Cache::open(&out.join("stages"), &inputs, options.fresh)?;
+        println!(
+            "{}: {} Gaussians of SH degree {}, {} of {} held-out views",
+            files.name,
+            test.model.len(),
+            test.model.sh_degree,
+            test.held_out.len(),
+            files.dataset.held_out().len()
+        );
+        let hashes = [program, model, views];
+        let (photos, saliency) = (OnceCell::new(), OnceCell::new());
+        Ok(Self { test, out, cache, hashes, photos, saliency })
+    }
+
+    /// Training cameras with their photos.
+    pub(super) fn photos(&self) -> Result<&[TrainView]> {
+        if let Some(photos) = self.photos.get() {
+            return Ok(photos);
+        }
+        let photos = measure::load(self.test.files.dataset.training())?;
+        Ok(self.photos.get_or_init(|| photos))
+    }
+
+    /// What each Gaussian of the model contributes to the training views, and the seconds to find
+    /// it. None without training cameras: the codec then has its own estimate.
+    pub(super) fn importance(&self) -> &(Option<Vec<f32>>, f64) {
+        self.saliency.get_or_init(|| {
+            let TestScene { model, training, .. } = &self.test;
+            let seen = || finetune::saliency_per_view(model, training).squared;
+            timed(|| (!training.is_empty()).then(seen))
+        })
+    }
+
+    /// Renders the uncompressed model and compares it with the photos.
+    pub(crate) fn original(&self) -> Result<Original> {
+        let renders = self.render_names("original");
+        let usable = |_: &Original| self.all_there(&renders);
+        if let Some(record) = self.cache.find("original", &(), usable)? {
+            return Ok(record);
+        }
+        let TestScene { model, held_out, invalid, files, .. } = &self.test;
+        let bar = Bar::new("render original", held_out.len() as u64);
+        let (score, images) = measure::score(model, held_out, &bar);
+        let render_seconds = bar.done();
+        self.save(&renders, &images)?;
+        let record = Original {
+            gaussians: model.len(),
+            invalid: *invalid,
+            sh_degree: model.sh_degree,
+            file_bytes: fs::metadata(&files.dataset.model_path).map_or(0, |m| m.len()),
+            score,
+            render_seconds,
+        };
+        self.cache.store("original", &(), &record)?;
+        Ok(record)
+    }
+
+    /// Depth of the uniform octree: the given one, or the one that rendering asks for.
+    pub(crate) fn depth(&self, given: Option<u8>) -> Result<u8> {
+        let choose = || plan::choose_depth(&self.test.model, &self.test.training);
+        given.map_or_else(|| self.cache.run("depth", &(), choose), Ok)
+    }
+
+    /// Runs the peers whose tools are there.
+    pub(crate) fn peers(&self, options: &peers::Options, depth: u8) -> Result<Vec<peers::Outcome>> {
+        peers::run(options, &self.cache, &self.test, depth)
+    }
+
+    /// Provenance of a report.
+    pub(crate) fn manifest(&self) -> Manifest {
+        manifest::of(&self.hashes[0], &self.hashes[1], &self.hashes[2])
+    }
+
+    /// Stages found done, and stages in all.
+    pub(crate) fn tally(&self) -> (usize, usize) {
+        let (skipped, ran) = self.cache.tally();
+        (skipped.len(), skipped.len() + ran.len())
+    }
+
+    /// File names of the renders of the model called `name`, relative to the report.
+    pub(crate) fn render_names(&self, name: &str) -> Vec<String> {
+        let views = self.test.held_out.iter().take(PICTURE_VIEWS);
+        views.map(|v| format!("renders/{name}-{}.png", pictures::stem(&v.camera.name))).collect()
+    }
+
+    /// Whether all files, relative to the report, exist.
+    pub(super) fn all_there(&self, files: &[String]) -> bool {
+        files.iter().all(|f| self.out.join(f).is_file())
+    }
+
+    /// Writes renders under names relative to the report.
+    pub(super) fn save(&self, names: &[String], images: &[Image]) -> Result<()> {
+        let dir = self.out.join("renders");
+        fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
+        names.iter().zip(images).try_for_each(|(n, i)| pictures::write(&self.out.join(n), i))
+    }
+}
+
+/// Hash of all cameras, and of the photos of the measured views.
+fn hash_views(dataset: &Dataset, measured: &[&View]) -> Result<String> {
+    let mut all: String = dataset.views.iter().map(|v| format!("{:?}", v.camera)).collect();
+    for view in measured {
+        all.push_str(&view.camera.name);
+        all.push_str(&cache::hash_file(&view.image_path)?);
+    }
+    Ok(cache::hash_bytes(all.as_bytes()))
+}

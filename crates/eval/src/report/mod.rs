@@ -1,0 +1,175 @@
+//! Reports: one document, shown as Markdown, as an HTML page and on the terminal.
+
+mod crops;
+mod html;
+mod markdown;
+pub(crate) mod run;
+pub(crate) mod sections;
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use crate::chart::Chart;
+
+pub(crate) use crops::{View, crops};
+
+/// A report, independent of how it is shown.
+#[derive(Debug)]
+pub(crate) struct Document {
+    /// One line.
+    pub(crate) title: String,
+    /// One sentence below it.
+    pub(crate) lead: String,
+    /// The figures that matter most, each with what it is.
+    pub(crate) highlights: Vec<(String, String)>,
+    /// The rest, in order.
+    pub(crate) sections: Vec<Section>,
+}
+
+/// A part of a report under a heading.
+#[derive(Debug)]
+pub(crate) struct Section {
+    /// Heading.
+    pub(crate) title: String,
+    /// Whether a page shows it unfolded.
+    pub(crate) open: bool,
+    /// Contents.
+    pub(crate) blocks: Vec<Block>,
+}
+
+/// A piece of a report. In texts, backticks mark code.
+#[derive(Debug)]
+pub(crate) enum Block {
+    /// A paragraph.
+    Text(String),
+    /// Items.
+    List(Vec<String>),
+    /// A table.
+    Table(Table),
+    /// A chart and the stem of its files.
+    Chart(Chart, String),
+    /// Views to compare: a page shows crops, Markdown links files.
+    Views(Vec<View>),
+    /// Picture files: caption and path from the report. Markdown only; a page has the crops.
+    Files(Vec<(String, String)>),
+}
+
+/// Rows under a header; the first column is names, the others are numbers.
+#[derive(Clone, Debug)]
+pub(crate) struct Table {
+    /// Names of the columns.
+    pub(crate) header: Vec<String>,
+    /// As many cells each.
+    pub(crate) rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// No rows yet.
+    pub(crate) fn new(header: &[&str]) -> Self {
+        Self { header: header.iter().map(|h| (*h).to_owned()).collect(), rows: Vec::new() }
+    }
+
+    /// The table for a terminal: columns aligned.
+    pub(crate) fn plain(&self) -> String {
+        let width = |c: usize| {
+            let cells = self.rows.iter().chain([&self.header]).filter_map(|r| r.get(c));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
+        let mut out = String::new();
+        for row in [&self.header].into_iter().chain(&self.rows) {
+            let mut line = String::new();
+            for (c, (cell, w)) in row.iter().zip(&widths).enumerate() {
+                // Names to the left, numbers to the right.
+                let _ =
+                    if c == 0 { write!(line, "{cell:<w$}") } else { write!(line, "  {cell:>w$}") };
+            }
+            let _ = writeln!(out, "{}", line.trim_end());
+        }
+        out
+    }
+}
+
+impl Section {
+    /// Shown unfolded.
+    pub(crate) fn open(title: impl Into<String>, blocks: Vec<Block>) -> Self {
+        Self { title: title.into(), open: true, blocks }
+    }
+
+    /// Folded away on a page.
+    pub(crate) fn folded(title: impl Into<String>, blocks: Vec<Block>) -> Self {
+        Self { title: title.into(), open: false, blocks }
+    }
+}
+
+impl Document {
+    /// Writes `report.md`, `report.html` and an SVG and a PNG of each chart into `out`.
+    pub(crate) fn write(&self, out: &Path) -> Result<()> {
+        let put = |name: &str, bytes: &[u8]| {
+            let path = out.join(name);
+            fs::write(&path, bytes).with_context(|| format!("write {}", path.display()))
+        };
+        for block in self.sections.iter().flat_map(|s| &s.blocks) {
+            if let Block::Chart(chart, stem) = block {
+                put(&format!("{stem}.svg"), chart.svg().as_bytes())?;
+                put(&format!("{stem}.png"), &chart.png()?)?;
+            }
+        }
+        put("report.md", markdown::render(self).as_bytes())?;
+        put("report.html", html::render(self)?.as_bytes())
+    }
+}
+
+/// Decimal megabytes with three digits after the point.
+pub(crate) fn megabytes(bytes: u64) -> String {
+    format!("{:.3}", bytes as f64 / 1e6)
+}
+
+/// Decimal megabits.
+pub(crate) fn megabits(bytes: u64) -> String {
+    format!("{:.3}", bytes as f64 * 8.0 / 1e6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plain_table_is_aligned() {
+        let mut table = Table::new(&["name", "n"]);
+        table.rows = vec![vec!["a".into(), "10".into()], vec!["longer".into(), "7".into()]];
+        assert_eq!(table.plain(), "name     n\na       10\nlonger   7\n");
+    }
+
+    #[test]
+    fn both_forms_say_the_same_and_the_page_needs_no_other_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut table = Table::new(&["curve", "bytes"]);
+        table.rows = vec![vec!["a <b>".into(), "12345".into()]];
+        let document = Document {
+            title: "Title & more".into(),
+            lead: "Run `cargo xtask`.".into(),
+            highlights: vec![("-80 %".into(), "smaller".into())],
+            sections: vec![
+                Section::open(
+                    "Curves",
+                    vec![Block::Chart(crate::chart::tests::sample(), "rd".into())],
+                ),
+                Section::folded("All", vec![Block::Table(table), Block::List(vec!["one".into()])]),
+            ],
+        };
+        document.write(dir.path()).unwrap();
+        let read = |name: &str| fs::read_to_string(dir.path().join(name)).unwrap();
+        let (md, html) = (read("report.md"), read("report.html"));
+        for text in ["12345", "Curves", "-80 %", "one"] {
+            assert!(md.contains(text) && html.contains(text), "{text}");
+        }
+        assert!(html.contains("Title &amp; more") && html.contains("a &lt;b&gt;"));
+        assert!(html.contains("<code>cargo xtask</code>") && html.contains("name=\"viewport\""));
+        assert!(!html.contains("src=\"http") && !html.contains("href=\"http"));
+        assert!(md.contains("](rd.svg)") && dir.path().join("rd.png").is_file());
+    }
+}

@@ -1,0 +1,128 @@
+//! Parts that the default run and the experiments share.
+
+use super::{Block, Section, Table, megabits};
+use crate::bd::{self, Method, Point};
+use crate::chart::{Kind, Series};
+use crate::manifest::Manifest;
+use crate::published::Other;
+use crate::rd_curve::record::Bd;
+
+/// Bjontegaard differences of the hull of `test` against that of `anchor`.
+pub(crate) fn compare(test: (&str, &[Point]), anchor: (&str, &[Point])) -> Bd {
+    let (t, a) = (bd::hull(test.1), bd::hull(anchor.1));
+    Bd {
+        test: test.0.to_owned(),
+        anchor: anchor.0.to_owned(),
+        rate_cubic: bd::bd_rate(&a, &t, Method::Cubic),
+        rate_pchip: bd::bd_rate(&a, &t, Method::Pchip),
+        psnr_cubic: bd::bd_psnr(&a, &t, Method::Cubic),
+        psnr_pchip: bd::bd_psnr(&a, &t, Method::Pchip),
+    }
+}
+
+/// A figure with its sign, or a dash.
+fn signed(x: Option<f64>) -> String {
+    x.map_or("-".into(), |x| format!("{x:+.2}"))
+}
+
+/// Bjontegaard differences as a table.
+pub(crate) fn bd_table(all: &[Bd]) -> Table {
+    let mut table = Table::new(&[
+        "curve",
+        "against",
+        "BD-rate %, cubic",
+        "BD-rate %, pchip",
+        "BD-PSNR dB, cubic",
+        "BD-PSNR dB, pchip",
+    ]);
+    for bd in all {
+        let mut row = vec![bd.test.clone(), bd.anchor.clone()];
+        row.extend([bd.rate_cubic, bd.rate_pchip, bd.psnr_cubic, bd.psnr_pchip].map(signed));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// How the differences are meant.
+pub(crate) const BD_TEXT: &str = "Between the upper-left convex hulls, by a cubic fit of log-rate (as the paper does) and by \
+     monotone interpolation (pchip). Negative BD-rate: smaller at equal PSNR. A dash: the curves share no \
+     range, or have too few points.";
+
+/// How sizes and PSNRs are meant.
+pub(crate) const UNITS: &str = "Sizes are of whole streams, decoded before rendering. Mbit = 10^6 bit. PSNR is \
+     the mean over views of the per-view dB of the clamped float render against the 8-bit photo.";
+
+/// What to know about published points.
+pub(crate) const PUBLISHED_NOTE: &str = "Published points are of another training of these photos (compare gains, not levels). The \
+     paper's own Mbit are 2^20 bit and are converted to 10^6. On playroom the authors' files list the \
+     lossy points of the two voxelizations swapped, judging by the rate increments; they are drawn as \
+     published. The paper's lossy rates leave out the codebook indices, and its decoder uses the \
+     fine-tuned means without coding them, so its points are optimistic.";
+
+/// Others as lines of a chart, in MB, up to `widest` MB.
+pub(crate) fn other_series(others: &[Other], widest: f64) -> Vec<Series> {
+    let mut out = Vec::new();
+    for other in others {
+        let mut points = other.rates();
+        // A cloud of settings reads as a curve only along its hull.
+        if points.len() > 4 {
+            points = bd::hull(&points);
+        }
+        points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
+        let points: Vec<(f64, f64)> =
+            points.iter().map(|p| (p.rate / 1e6, p.psnr_db)).filter(|p| p.0 <= widest).collect();
+        if !points.is_empty() {
+            let kind = if other.is_published() { Kind::Published } else { Kind::Theirs };
+            let name = if kind == Kind::Published {
+                format!("{} (published)", other.name)
+            } else {
+                other.name.clone()
+            };
+            out.push(Series { name, kind, points });
+        }
+    }
+    out
+}
+
+/// Points of others as a table.
+pub(crate) fn others_table(others: &[Other]) -> Table {
+    let mut table = Table::new(&["codec", "settings", "bytes", "Mbit", "PSNR dB", "SSIM"]);
+    for other in others {
+        let mut points = other.points.clone();
+        points.sort_by_key(|p| p.bytes);
+        for p in points {
+            table.rows.push(vec![
+                other.name.clone(),
+                p.label.clone(),
+                p.bytes.to_string(),
+                megabits(p.bytes),
+                format!("{:.3}", p.psnr_db),
+                p.ssim.map_or("-".into(), |s| format!("{s:.4}")),
+            ]);
+        }
+    }
+    table
+}
+
+/// Provenance of a run, and how many of its stages were already done.
+pub(crate) fn provenance(m: &Manifest, skipped: usize, stages: usize) -> Section {
+    let known = |s: &str| if s.is_empty() { "unknown".to_owned() } else { s.to_owned() };
+    let versions: Vec<String> = m.versions.iter().map(|(name, v)| format!("{name} {v}")).collect();
+    let mut items = vec![
+        format!("Command: `{}`", m.command),
+        format!("Commit: {}", known(&m.commit)),
+        format!("Versions: {}", versions.join(", ")),
+        format!("Seed of the fine-tune: {}; everything else is without chance", m.seed),
+        format!("Model SHA-256: `{}`", m.model_sha256),
+        format!("Cameras and photos SHA-256: `{}`", m.views_sha256),
+        format!("Program SHA-256: `{}`", m.program_sha256),
+        format!("Machine: {}, {} threads, {}", known(&m.processor), m.threads, m.target),
+    ];
+    if stages > 0 {
+        items.push(format!(
+            "{skipped} of {stages} stages were already done for the same inputs, settings and program and were \
+             skipped; their times are of the run that did them"
+        ));
+    }
+    Section::open("Provenance", vec![Block::List(items)])
+}

@@ -1,0 +1,13 @@
+//! What the tests and benches of several crates share: a random generator, scenes, hashes.
+//!
+//! Invariant: the same seed gives the same numbers on every machine and in every version of this
+//! crate. Recorded hashes and golden streams depend on that.
+//!
+//! A crate uses it as a dev-dependency. Integration tests and benches of `gs-model` may use it
+//! too; unit tests inside `gs-model` may not, because they would see two versions of `Scene`.
+
+mod rng;
+mod scenes;
+
+pub use rng::Rng;
+pub use scenes::{clustered, sha256, trained_like, with_floaters, with_related_degrees};

@@ -1,0 +1,224 @@
+//! The benches: flags of each, and the call of `eval::bench`.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::Result;
+use eval::bench;
+
+/// Flags of `cargo xtask bench`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct BenchArgs {
+    /// Scene whose model is measured.
+    #[arg(default_value = "fox")]
+    scene: String,
+    /// Repetitions; the fastest counts.
+    #[arg(long, default_value_t = 3)]
+    repeat: usize,
+    /// Write the times of this run as the baseline that later ones are compared with.
+    #[arg(long)]
+    bless: bool,
+    /// Run `cargo bench` of every crate first, with short measurements (minutes).
+    #[arg(long)]
+    criterion: bool,
+    /// Run one stage in this process and print its peak memory as JSON.
+    #[arg(long, hide = true, requires = "scratch")]
+    memory_of: Option<String>,
+    /// Folder for what stages pass on.
+    #[arg(long, hide = true)]
+    scratch: Option<PathBuf>,
+    /// Folder of the report and its plots.
+    #[arg(long, default_value = "docs/results")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: BenchArgs) -> Result<()> {
+    if let (Some(stage), Some(scratch)) = (&args.memory_of, &args.scratch) {
+        return bench::memory_child(&args.scene, stage, scratch);
+    }
+    let BenchArgs { scene, repeat, bless, criterion, out, .. } = args;
+    bench::run(&bench::Options { scene, repeat, bless, criterion, child, out })
+}
+
+/// A process that measures the memory of one stage.
+fn child(scene: &str, stage: &str, scratch: &Path) -> std::io::Result<Command> {
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(["bench", scene, "--memory-of", stage, "--scratch"]).arg(scratch);
+    Ok(command)
+}
+
+/// Flags of `cargo xtask skips`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct SkipsArgs {
+    /// Scenes to count on.
+    #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
+    scenes: Vec<String>,
+    /// Where the table goes.
+    #[arg(long, default_value = "docs/results/skips.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn skips(args: &SkipsArgs) -> Result<()> {
+    bench::skips(&args.scenes, &args.out)
+}
+
+/// Flags of `cargo xtask bench-gpcc`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct GpccArgs {
+    /// Directory of the clouds and `tmc13.jsonl`
+    #[arg(long, default_value = "../shared/clouds")]
+    clouds: PathBuf,
+    /// Only these parts: model, geometry, adaptive, lossless, raht, speed, accuracy (all if none);
+    /// a partial run is printed, not written
+    #[arg(long)]
+    only: Vec<String>,
+    /// Only these clouds (all if none)
+    #[arg(long)]
+    cloud: Vec<String>,
+    /// Only these attributes (all if none)
+    #[arg(long)]
+    attr: Vec<String>,
+    /// Only these quantisation parameters
+    #[arg(long)]
+    qp: Vec<u8>,
+    /// Where the whole report goes
+    #[arg(long, default_value = "docs/results/gpcc.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn gpcc(args: GpccArgs) -> Result<()> {
+    let GpccArgs { clouds, only, cloud, attr, qp, out } = args;
+    bench::gpcc::run(&bench::gpcc::Options { clouds, only, cloud, attr, qp, out })
+}
+
+/// Flags of `cargo xtask bench-voxel`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct VoxelArgs {
+    /// Directory with `scenes` and `models`
+    #[arg(long, default_value = "../shared")]
+    shared: PathBuf,
+    /// Only these parts: speed, criteria, merging, rates, tuned, cost (all if none)
+    #[arg(long)]
+    only: Vec<String>,
+    /// Only these scenes; `room` is the fixture, the others lie in `scenes` of the shared folder
+    #[arg(long, default_values_t = ["fox".to_owned(), "bonsai".to_owned(), "room".to_owned()])]
+    scene: Vec<String>,
+    /// Gaussians of the speed runs, in thousands
+    #[arg(long, default_value_t = 2500)]
+    thousands: usize,
+    /// Folder of the room
+    #[arg(long, default_value = "fixtures/room")]
+    room: PathBuf,
+    /// Steps of fine-tune in `tuned`
+    #[arg(long, default_value_t = 300)]
+    steps: u64,
+    /// Folder for the plots of `rates` and `criteria`
+    #[arg(long, default_value = "docs/results")]
+    plots: PathBuf,
+    /// In `rates`, also try variants of the rate-distortion settings
+    #[arg(long)]
+    variants: bool,
+}
+
+pub(crate) fn voxel(args: VoxelArgs) -> Result<()> {
+    let VoxelArgs { shared, only, scene, thousands, room, steps, plots, variants } = args;
+    let options =
+        bench::voxel::Options { shared, only, scene, thousands, room, steps, plots, variants };
+    bench::voxel::run(&options)
+}
+
+/// Flags of `cargo xtask bench-finetune`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct FinetuneArgs {
+    /// Directory of a scene: photos, cameras, model
+    scene: PathBuf,
+    /// Steps of every run
+    #[arg(long, default_value_t = 1000)]
+    steps: u64,
+    /// Voxelization: uniform:DEPTH or adaptive:LOW-HIGH; may be repeated
+    #[arg(
+        long = "voxels",
+        value_name = "KIND",
+        value_parser = bench::finetune::parse_strategy,
+        default_values = ["uniform:9", "uniform:11", "adaptive:7-10", "adaptive:8-12"]
+    )]
+    voxels: Vec<voxel::Strategy>,
+    /// What is minimised
+    #[arg(long, default_value = "l1-ssim", value_parser = ["l1-ssim", "mse"])]
+    loss: String,
+    /// Factor on all learning rates
+    #[arg(long, default_value_t = 1.0)]
+    rate: f32,
+    /// Fraction of the learning rates at the last step
+    #[arg(long, default_value_t = 0.1)]
+    final_rate: f64,
+    /// Merge by blending weights over the training views rather than by opacity and area
+    #[arg(long)]
+    weigh: bool,
+    /// Leave out the runs that begin from no initialisation
+    #[arg(long)]
+    merged_only: bool,
+    /// Time and image error of the rasterizer's variants instead
+    #[arg(long)]
+    variants: bool,
+    /// Where `recover-SCENE.json` and `recover-SCENE.svg` go, `variants-SCENE` likewise
+    #[arg(long, default_value = "docs/results/finetune")]
+    out: PathBuf,
+    /// Name of the files instead of `recover-SCENE`
+    #[arg(long)]
+    name: Option<String>,
+}
+
+pub(crate) fn finetune(args: FinetuneArgs) -> Result<()> {
+    let mse = args.loss == "mse";
+    let FinetuneArgs { scene, steps, voxels, rate, final_rate, weigh, merged_only, .. } = args;
+    let FinetuneArgs { variants, out, name, .. } = args;
+    bench::finetune::run(&bench::finetune::Options {
+        scene,
+        steps,
+        voxels,
+        mse,
+        rate,
+        final_rate,
+        weigh,
+        merged_only,
+        variants,
+        out,
+        name,
+    })
+}
+
+/// Flags of `cargo xtask bench-gsvx`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct GsvxArgs {
+    /// Scene that is replicated.
+    #[arg(default_value = "fox")]
+    scene: String,
+    /// Numbers of Gaussians.
+    #[arg(long, value_delimiter = ',', default_values_t = [100_000, 1_000_000, 4_000_000])]
+    sizes: Vec<usize>,
+    /// The command to measure.
+    #[arg(long, default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
+    /// Instead: five byte targets and three PSNR targets per scene (comma-separated), as a table.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    targets: Vec<String>,
+    /// Instead: the ways of coding covariance, opacity and AC coefficients at equal rendered error,
+    /// per scene (comma-separated), as a table.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    choices: Vec<String>,
+    /// Where the table of the speeds goes.
+    #[arg(long, default_value = "docs/results/gsvx-speed.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
+    let GsvxArgs { scene, sizes, gsvx, targets, choices, out } = args;
+    if !choices.is_empty() {
+        return bench::gsvx::choices(&choices);
+    }
+    if !targets.is_empty() {
+        return bench::gsvx::targets(&gsvx, &targets);
+    }
+    bench::gsvx::run(&bench::gsvx::Options { scene, sizes, gsvx, out })
+}
