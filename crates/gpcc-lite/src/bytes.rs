@@ -132,6 +132,21 @@ impl<'a> BitReader<'a> {
         ((self.acc >> self.fill) & mask) as u32
     }
 
+    /// Looks at the next `n` bits, at most 32.
+    #[inline]
+    pub(crate) fn peek(&mut self, n: u32) -> u32 {
+        if self.fill < n {
+            self.refill();
+        }
+        ((self.acc >> (self.fill - n)) & ((1u64 << n) - 1)) as u32
+    }
+
+    /// Takes `n` bits that [`BitReader::peek`] has looked at.
+    #[inline]
+    pub(crate) fn skip(&mut self, n: u32) {
+        self.fill -= n;
+    }
+
     /// Takes four bytes more; there are fewer than 32 bits left.
     #[inline]
     fn refill(&mut self) {

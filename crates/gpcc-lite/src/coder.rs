@@ -36,8 +36,15 @@ pub trait Coder {
     /// Codes one symbol by its model, and the model learns it.
     fn symbol(&mut self, model: &mut Symbols, value: usize) -> usize;
 
+    /// Codes one symbol after another, each by the model of its context. The decoder fills `values` in.
+    fn symbols(&mut self, models: &mut [Symbols], contexts: &[u8], values: &mut [u8]);
+
     /// Codes `n <= 32` plain bits.
     fn bits(&mut self, value: u32, n: u32) -> u32;
+
+    /// Codes plain bits (value and number, at most 30) and then a sign, if they or what is `above` them
+    /// is not zero.
+    fn bits_and_sign(&mut self, above: u32, value: (u32, u32), negative: bool) -> (u32, bool);
 
     /// True when the decoder has read past the end: the stream is truncated or damaged.
     fn exhausted(&self) -> bool;
@@ -120,10 +127,23 @@ impl Coder for Encoder {
         value
     }
 
+    fn symbols(&mut self, models: &mut [Symbols], contexts: &[u8], values: &mut [u8]) {
+        for (&context, value) in contexts.iter().zip(values) {
+            self.symbol(&mut models[usize::from(context)], usize::from(*value));
+        }
+    }
+
     #[inline]
     fn bits(&mut self, value: u32, n: u32) -> u32 {
         self.plain.put(value, n);
         value
+    }
+
+    #[inline]
+    fn bits_and_sign(&mut self, above: u32, (value, n): (u32, u32), negative: bool) -> (u32, bool) {
+        self.plain.put(value, n);
+        self.plain.put(u32::from(negative), u32::from(above | value != 0));
+        (value, negative)
     }
 
     fn exhausted(&self) -> bool {
@@ -183,18 +203,30 @@ impl<'a> Decoder<'a> {
         Ok(())
     }
 
-    /// Takes the interval out of state `x` and renews the state.
+    /// Takes the interval out of the state whose turn it is.
     #[inline(always)]
     fn advance(&mut self, x: u32, code: u32, start: u32, size: u32) {
-        let x = size.wrapping_mul(x >> SCALE_BITS).wrapping_add(code - start);
-        // Whether a word is taken cannot be predicted: no branch.
-        let word = self.words.get(self.taken).map_or(0, |w| u16::from_le_bytes(*w));
-        let take = x < LOWEST;
-        self.taken += usize::from(take);
-        let x = std::hint::select_unpredictable(take, x << 16 | u32::from(word), x);
-        self.states[self.turn] = x;
+        self.states[self.turn] = next_state(x, code, start, size, self.words, &mut self.taken);
         self.turn = (self.turn + 1) % STATES;
     }
+}
+
+/// The state after an interval was taken out of `x`.
+#[inline(always)]
+fn next_state(
+    x: u32,
+    code: u32,
+    start: u32,
+    size: u32,
+    words: &[[u8; 2]],
+    taken: &mut usize,
+) -> u32 {
+    let x = size.wrapping_mul(x >> SCALE_BITS).wrapping_add(code - start);
+    // Whether a word is taken cannot be predicted: no branch.
+    let word = words.get(*taken).map_or(0, |w| u16::from_le_bytes(*w));
+    let take = x < LOWEST;
+    *taken += usize::from(take);
+    std::hint::select_unpredictable(take, x << 16 | u32::from(word), x)
 }
 
 impl Coder for Decoder<'_> {
@@ -221,9 +253,46 @@ impl Coder for Decoder<'_> {
         symbol
     }
 
+    fn symbols(&mut self, models: &mut [Symbols], contexts: &[u8], values: &mut [u8]) {
+        let (contexts, last_contexts) = contexts.as_chunks::<STATES>();
+        let (values, last_values) = values.as_chunks_mut::<STATES>();
+        // In registers: the states in the order of their turns.
+        let mut states: [u32; STATES] =
+            std::array::from_fn(|i| self.states[(self.turn + i) % STATES]);
+        let (words, mut taken) = (self.words, self.taken);
+        for (contexts, values) in contexts.iter().zip(values) {
+            for i in 0..STATES {
+                let model = &mut models[usize::from(contexts[i])];
+                let code = states[i] & ((1 << SCALE_BITS) - 1);
+                let symbol = model.find(code);
+                let (start, size) = model.interval(symbol);
+                states[i] = next_state(states[i], code, start, size, words, &mut taken);
+                model.learn(symbol);
+                values[i] = symbol as u8;
+            }
+        }
+        self.taken = taken;
+        for (i, state) in states.into_iter().enumerate() {
+            self.states[(self.turn + i) % STATES] = state;
+        }
+        for (&context, value) in last_contexts.iter().zip(last_values) {
+            *value = self.symbol(&mut models[usize::from(context)], 0) as u8;
+        }
+    }
+
     #[inline]
     fn bits(&mut self, _: u32, n: u32) -> u32 {
         self.plain.get(n)
+    }
+
+    #[inline]
+    fn bits_and_sign(&mut self, above: u32, (_, n): (u32, u32), _: bool) -> (u32, bool) {
+        // Both at once, the sign on trial.
+        let both = self.plain.peek(n + 1);
+        let (value, sign) = (both >> 1, both & 1);
+        let signed = u32::from(above | value != 0);
+        self.plain.skip(n + signed);
+        (value, sign & signed != 0)
     }
 
     #[inline]

@@ -78,6 +78,10 @@ pub(crate) struct RowCoder {
     /// Active rows of a group that are not all zero, and the sums of their magnitudes so far.
     chosen: Vec<u32>,
     sums: Vec<u32>,
+    /// Of one channel of the chosen rows: context, number of plain bits, and symbol.
+    contexts: Vec<u8>,
+    shifts: Vec<u8>,
+    symbols: Vec<u8>,
 }
 
 /// The rows of one level of merges that are not all zero.
@@ -123,6 +127,9 @@ impl RowCoder {
             expected: Vec::new(),
             chosen: Vec::new(),
             sums: Vec::new(),
+            contexts: Vec::new(),
+            shifts: Vec::new(),
+            symbols: Vec::new(),
         }
     }
 
@@ -235,7 +242,8 @@ impl RowCoder {
         self.chosen.truncate(found);
     }
 
-    /// Codes channel `channel`, number `i` of its group, of the chosen rows.
+    /// Codes channel `channel`, number `i` of its group, of the chosen rows: first the symbols of all,
+    /// then what is plain.
     fn code_magnitudes<C: Coder>(
         &mut self,
         coder: &mut C,
@@ -245,13 +253,28 @@ impl RowCoder {
     ) {
         let width = self.channels.div_ceil(LANES);
         let (lane, activity) = (channel / LANES, channel % ACTIVITIES);
-        let models = &mut self.magnitudes[2 * i * CLASSES..2 * (i + 1) * CLASSES];
-        for (&at, sum) in self.chosen.iter().zip(&mut self.sums) {
-            let row = level.active[at as usize] as usize;
-            let expected = expected_in_group(self.expected[row][activity], *sum, i);
-            let model = usize::from(*sum != 0) * CLASSES + class_of(expected);
+        let Self { magnitudes, expected, chosen, sums, contexts, shifts, symbols, .. } = self;
+        contexts.clear();
+        shifts.clear();
+        for (&at, &sum) in chosen.iter().zip(&*sums) {
+            let above = expected[level.active[at as usize] as usize][activity];
+            let expected = expected_in_group(above, sum, i);
+            contexts.push((usize::from(sum != 0) * CLASSES + class_of(expected)) as u8);
+            shifts.push(plain_bits(expected) as u8);
+        }
+        symbols.clear();
+        symbols.resize(chosen.len(), 0);
+        if C::ENCODING {
+            for ((symbol, &at), &shift) in symbols.iter_mut().zip(&*chosen).zip(&*shifts) {
+                let value = level.levels[at as usize * width + lane][channel % LANES];
+                *symbol = (value.unsigned_abs() >> shift).min(ESCAPE) as u8;
+            }
+        }
+        coder.symbols(&mut magnitudes[2 * i * CLASSES..2 * (i + 1) * CLASSES], contexts, symbols);
+        for (((&at, sum), &symbol), &shift) in chosen.iter().zip(sums).zip(&*symbols).zip(&*shifts)
+        {
             let value = &mut level.levels[at as usize * width + lane][channel % LANES];
-            *value = code_level(coder, &mut models[model], plain_bits(expected), *value);
+            *value = code_rest(coder, symbol.into(), shift.into(), *value);
             *sum = sum.saturating_add(value.unsigned_abs());
         }
     }
@@ -265,11 +288,16 @@ impl RowCoder {
         let width = self.channels.div_ceil(LANES);
         for (&row, levels) in level.active.iter().zip(level.levels.chunks_exact(width)) {
             let k = level.first + row as usize;
-            let mut sums = [0u32; LANES];
-            for (c, v) in levels.as_flattened()[..self.channels].iter().enumerate() {
-                let sum = &mut sums[c % ACTIVITIES];
-                *sum = sum.saturating_add(v.unsigned_abs());
+            let levels = &levels.as_flattened()[..self.channels];
+            let (triples, rest) = levels.as_chunks::<ACTIVITIES>();
+            let mut sums = [0u64; LANES];
+            for triple in triples {
+                for a in 0..ACTIVITIES {
+                    sums[a] += u64::from(triple[a].unsigned_abs());
+                }
             }
+            rest.iter().zip(&mut sums).for_each(|(v, sum)| *sum += u64::from(v.unsigned_abs()));
+            let sums = sums.map(|sum| sum.min(u64::from(u32::MAX)) as u32);
             let per_gain = 1.0 / plan.noise_gain(k);
             let activity = &mut self.activity[k];
             for a in 0..LANES {
@@ -292,20 +320,19 @@ fn sum(levels: &[i32]) -> u32 {
     levels.iter().fold(0, |sum: u32, v| sum.saturating_add(v.unsigned_abs()))
 }
 
-/// Codes one level: a symbol for what is above the plain bits, then these and the sign.
+/// Codes what is plain of a level: what is beyond the escape symbol, the low bits and the sign.
 #[inline(always)]
-fn code_level<C: Coder>(coder: &mut C, model: &mut Symbols, shift: u32, level: i32) -> i32 {
+fn code_rest<C: Coder>(coder: &mut C, symbol: u32, shift: u32, level: i32) -> i32 {
     let magnitude = level.unsigned_abs();
-    let high = magnitude >> shift;
-    let mut read = coder.symbol(model, high.min(ESCAPE) as usize) as u32;
-    if read == ESCAPE {
-        let rest = code_gamma(coder, high.saturating_sub(ESCAPE));
-        read = ESCAPE.saturating_add(rest).min(i32::MAX as u32 >> shift);
+    let mut high = symbol;
+    if symbol == ESCAPE {
+        let rest = code_gamma(coder, (magnitude >> shift).saturating_sub(ESCAPE));
+        high = ESCAPE.saturating_add(rest).min(i32::MAX as u32 >> shift);
     }
-    let low = coder.bits(magnitude & ((1 << shift) - 1), shift);
-    let magnitude = read << shift | low;
-    let negative = coder.bits(u32::from(level < 0), u32::from(magnitude != 0)) != 0;
-    std::hint::select_unpredictable(negative, (magnitude as i32).wrapping_neg(), magnitude as i32)
+    let low = magnitude & ((1 << shift) - 1);
+    let (low, negative) = coder.bits_and_sign(high, (low, shift), level < 0);
+    let (magnitude, sign) = ((high << shift | low) as i32, -i32::from(negative));
+    (magnitude ^ sign).wrapping_sub(sign)
 }
 
 const _: () = assert!(SCALE_BITS < 16 && UNGROUPED >= GROUP && LANES > ACTIVITIES);
