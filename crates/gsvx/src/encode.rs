@@ -215,7 +215,13 @@ pub(crate) fn encode_source(
         encode_chunk(&q, &header, source, &book, (level, classes, range))
     };
     let each: Vec<_> = each.collect();
-    let chunks = each.into_par_iter().with_max_len(1).map(encode).collect::<Result<Vec<_>>>()?;
+    // At most a quarter of the Gaussians at a time, for memory's sake: a chunk keeps two cores busy.
+    let at_once = (each.len() / 4).clamp(1, rayon::current_num_threads());
+    let mut chunks = Vec::with_capacity(each.len());
+    for some in each.chunks(at_once) {
+        let encoded = some.par_iter().with_max_len(1).map(|job| encode(job.clone()));
+        chunks.extend(encoded.collect::<Result<Vec<_>>>()?);
+    }
     let mut chunks = without_zero_degrees(chunks, exact_degree);
     let sh_degree = chunks.first().map_or(exact_degree, |c| c.1.len() as u8 - 1);
     if let Some(outliers) = outliers {
