@@ -162,22 +162,6 @@ pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
     value.ok_or_else(|| "use a positive number".into())
 }
 
-/// Coding choices.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Profile {
-    Default,
-    Paper,
-}
-
-fn qp(text: &str) -> std::result::Result<PaperQp, String> {
-    let parts: Vec<Option<u8>> =
-        text.split(',').map(|p| p.parse().ok().filter(|q| (4..=51).contains(q))).collect();
-    match parts[..] {
-        [Some(ac), Some(dc), Some(opacity)] => Ok(PaperQp { ac, dc, opacity }),
-        _ => Err("use AC,DC,OPACITY with 4 to 51 each".into()),
-    }
-}
-
 fn covariance(text: &str) -> std::result::Result<CovarianceMode, String> {
     let bits = |b: &str, low: u8, high: u8| match b.parse() {
         Ok(bits) if (low..=high).contains(&bits) => Ok(bits),
@@ -195,9 +179,6 @@ fn covariance(text: &str) -> std::result::Result<CovarianceMode, String> {
 
 /// Encodes the models.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    if args.qp.is_some() && args.profile != Profile::Paper {
-        return Err(usage("--qp: belongs to --profile paper"));
-    }
     if let Extension::Model(format) = Extension::of(&args.output) {
         let (name, extension) = (args.output.display(), format.extension());
         return Err(usage(format!(
@@ -290,7 +271,7 @@ impl Encoding {
     }
 
     fn json(&self) -> Value {
-        let sections = self.encoded.sections.iter().map(|(kind, n)| (kind.to_string(), json!(n)));
+        let parts = self.encoded.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n)));
         json!({
             "gaussians": self.gaussians,
             "quality": self.quality,
@@ -299,7 +280,7 @@ impl Encoding {
             "pruned": self.pruned,
             "outliers": self.outliers,
             "target_reached": self.missed.is_none(),
-            "sections": sections.collect::<serde_json::Map<String, Value>>(),
+            "parts": parts.collect::<serde_json::Map<String, Value>>(),
         })
     }
 }

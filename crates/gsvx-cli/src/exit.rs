@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn causes_were_said_twice() {
         let cause = std::io::Error::other("no such thing");
-        let twice = gs_model::Error::Io { file: "a.ply".into(), action: "read", source: cause };
+        let twice = gs_model::Error::Io { file: "a.ply".into(), action: "read", cause };
         let error = Err::<(), _>(twice).context("model").unwrap_err();
         assert_eq!(line(&error), "model: a.ply: cannot read: no such thing");
     }

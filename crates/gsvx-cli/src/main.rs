@@ -63,7 +63,7 @@ enum Command {
     /// Voxelize a model and tune it to its photos; write a stream or a PLY.
     #[command(after_help = tune::EXAMPLES)]
     Finetune(tune::Args),
-    /// Show what a stream or a model holds: Gaussians, sections, sizes.
+    /// Show what a stream or a model holds: Gaussians, chunks, sizes.
     #[command(after_help = info::EXAMPLES)]
     Info(info::Args),
     /// Draw a model or stream from given or generated cameras as PNGs.

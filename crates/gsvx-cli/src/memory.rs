@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Models in files of at most this many bytes are one slice of a stream or two, and take a quarter
+/// Models in files of at most this many bytes are one chunk of a stream or two, and take a quarter
 /// of a second: 2^18 Gaussians of 248 bytes.
 const SMALL: u64 = 65_000_000;
 /// Blocks of at least this many bytes go back to the system as soon as they are free.

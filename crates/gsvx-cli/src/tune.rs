@@ -145,9 +145,10 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     } else {
         let outliers = tuned.split_off(voxels.len());
         let outliers = (!outliers.is_empty()).then_some(outliers);
-        let options = EncodeOptions { importance: Some(importance), outliers, ..options };
-        let encoded =
-            gsvx::encode(&tuned, &voxels, &options).with_context(|| input::name(&args.input))?;
+        let mut options = options;
+        options.importance = Some(importance);
+        let encoded = gsvx::encode_voxels(&tuned, &voxels, outliers.as_ref(), &options)
+            .with_context(|| input::name(&args.input))?;
         bytes = encoded.bytes.len() as u64;
         output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
     }

@@ -192,7 +192,7 @@ fn pipes_threads_and_json() {
     let (one, two) = (dir.path().join("1.gsvx"), dir.path().join("2.gsvx"));
     let said = json(&ok(&["encode", path(&model), "-o", path(&one), "--threads", "1", "--json"]));
     assert_eq!(said["bytes"], std::fs::metadata(&one).unwrap().len());
-    assert!(said["sections"]["geometry"].as_u64().unwrap() > 100, "{said}");
+    assert!(said["parts"]["base layers"].as_u64().unwrap() > 100, "{said}");
     ok(&["--threads", "3", "encode", path(&model), "-o", path(&two)]);
     let stream = std::fs::read(&one).unwrap();
     assert!(stream == std::fs::read(&two).unwrap(), "the bytes depend on the number of threads");
@@ -211,24 +211,15 @@ fn pipes_threads_and_json() {
 
 /// Of the golden streams.
 #[test]
-fn info_tells_slices_and_predicted_degrees() {
+fn info_tells_chunks_and_levels_of_detail() {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
     let info = |name: &str| json(&ok(&["info", path(&golden.join(name)), "--json"]));
-    let predicted = |info: &serde_json::Value| {
-        let sections = info["sections"].as_array().unwrap().iter();
-        let some = sections.filter(|s| s["predicted"] == true);
-        some.map(|s| s["name"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
-    };
-    assert_eq!(predicted(&info("predicted.gsvx")), ["SH degree 2", "SH degree 3"]);
-    assert_eq!(
-        (predicted(&info("default.gsvx")), &info("default.gsvx")["slices"]),
-        (vec![], &1.into())
-    );
-    assert!(info("slices.gsvx")["slices"].as_u64().unwrap() > 1);
-    assert!(
-        ok(&["info", path(&golden.join("predicted.gsvx"))])
-            .contains("predicted from the degree below")
-    );
+    assert!(info("chunks.gsvx")["chunks"].as_array().unwrap().len() > 1);
+    let levels = info("lod.gsvx")["levels_of_detail"].as_u64().unwrap();
+    assert!(levels > 1);
+    assert_eq!(info("default.gsvx")["levels_of_detail"], 1);
+    let text = ok(&["info", path(&golden.join("lod.gsvx"))]);
+    assert!(text.contains("level 1") && text.contains("coarse levels"), "{text}");
 }
 
 /// Three floaters a million units away: coded exactly by default, in the octree with --trim off.

@@ -115,7 +115,7 @@ fn on_a_full_or_read_only_file_system_the_old_file_stays() {
     let words = "encode --force --quality 0";
     if let Some((out, names, content)) = on_its_own_file_system(words, &model(), false) {
         assert!(out.status.success() && names == "target");
-        gsvx::decode(&content, &gsvx::DecodeOptions::default()).unwrap();
+        gsvx::decode(&content).unwrap();
     }
 }
 
@@ -156,7 +156,7 @@ fn an_input_that_changes_while_it_is_read() {
             let out = gsvx().arg("encode").arg(&input).arg("-o").arg(&target).output().unwrap();
             if out.status.success() {
                 let stream = std::fs::read(&target).unwrap();
-                gsvx::decode(&stream, &gsvx::DecodeOptions::default()).unwrap();
+                gsvx::decode(&stream).unwrap();
             } else {
                 one_line(&out, "model.ply");
                 assert!(!target.exists());

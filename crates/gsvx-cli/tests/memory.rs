@@ -50,14 +50,14 @@ fn peak_bytes(command: &mut Command) -> u64 {
     peak
 }
 
-/// One slice, and two.
+/// One chunk, and two.
 #[test]
 fn encoding_takes_twice_the_memory_of_the_floats() {
     let dir = tempfile::tempdir().unwrap();
     let (input, output) = (dir.path().join("model.ply"), dir.path().join("model.gsvx"));
     for len in [60_000, 100_000] {
         gs_model::ply::write(&input, &replicated(len)).unwrap();
-        for mode in [None, Some("--fast"), Some("--small")] {
+        for mode in [None, Some("--lod")] {
             let mut command = gsvx();
             command.arg("encode").arg(&input).arg("-o").arg(&output);
             command.args(["--force", "--threads", "2"]).args(mode);

@@ -43,7 +43,7 @@ fn an_unreachable_target_ended_as_if_it_were_reached() {
     assert_eq!(error(&out).lines().count(), 1);
     // The best there is was written.
     let smallest = std::fs::read(&stream).unwrap();
-    assert!(!gsvx::decode(&smallest, &Default::default()).unwrap().scene.is_empty());
+    assert!(!gsvx::decode(&smallest).unwrap().is_empty());
     let words = ["encode", "@", "-o", "@", "--force", "--cameras", "@", "--target-psnr", "90"];
     let room = common::room();
     let out = run(&[&words[..], &["--json"]].concat(), &[&input, &stream, &room]);
@@ -194,7 +194,7 @@ fn wrong_values_looked_like_failures() {
         &["--target-bytes", "1XB"],
         &["--preset", "huge"],
         &["--qp", "28,4,4"],
-        &["--qp", "28,x,4,4", "--profile", "paper"],
+        &["--qp", "28,x,4,4", "--covariance", "paper"],
         &["--target-psnr", "inf", "--cameras", "x"],
         &["--preset", "web", "--quality", "60"],
     ] {

@@ -15,7 +15,7 @@ use std::ops::Range;
 use voxel::{Importance, Merge, Voxelization};
 
 /// A finished stream.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Encoded {
     /// The stream.
     pub bytes: Vec<u8>,

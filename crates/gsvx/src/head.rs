@@ -21,7 +21,7 @@ pub(crate) const MAX_LODS: u8 = 8;
 const LEAST_ENTRY: usize = 1 + 1 + 1 + 1 + 24;
 
 /// The cube that the octree divides.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cube {
     /// Minimum corner, world units.
     pub origin: [f64; 3],
@@ -54,7 +54,7 @@ pub enum Shapes {
 
 /// Quantisation steps of a Gaussian of class [`crate::importance::MEAN_CLASS`]. One of class `c` more
 /// has steps `2^c` times finer.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Steps {
     /// Of `ln(alpha)`.
     pub opacity: f32,
@@ -74,7 +74,7 @@ impl Steps {
 }
 
 /// What holds for the whole scene.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Header {
     /// Number of Gaussians, coarser levels of detail not counted.
     pub count: u64,
@@ -148,8 +148,8 @@ impl Chunk {
     }
 }
 
-/// Header and index.
-#[derive(Clone, Debug, PartialEq)]
+/// Header and index. The default is that of an empty scene.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Index {
     /// What holds for the whole scene.
     pub header: Header,
