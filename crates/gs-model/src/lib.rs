@@ -47,31 +47,54 @@
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+#[cfg(feature = "files")]
 pub mod camera;
+#[cfg(feature = "files")]
 pub mod colmap;
+#[cfg(feature = "files")]
 pub mod dataset;
+#[cfg(feature = "files")]
 pub mod error;
+#[cfg(feature = "files")]
 mod field;
+#[cfg(feature = "files")]
 mod fs;
+#[cfg(feature = "files")]
 mod image_limits;
+#[cfg(feature = "files")]
 mod image_size;
+#[cfg(feature = "files")]
 pub mod inria;
 pub mod math;
+#[cfg(feature = "files")]
 pub mod model;
+#[cfg(feature = "files")]
 pub mod nerf;
+#[cfg(feature = "files")]
 pub mod options;
+#[cfg(feature = "files")]
 pub mod ply;
+#[cfg(feature = "files")]
 mod report;
+#[cfg(feature = "files")]
 mod rows;
 pub mod scene;
+#[cfg(feature = "files")]
 pub mod splat;
+#[cfg(feature = "files")]
 pub mod spz;
+#[cfg(feature = "files")]
 pub mod validate;
+#[cfg(feature = "files")]
 mod view;
 
+#[cfg(feature = "files")]
 pub use camera::Camera;
+#[cfg(feature = "files")]
 pub use dataset::{Dataset, View};
+#[cfg(feature = "files")]
 pub use error::{Error, Result};
+#[cfg(feature = "files")]
 pub use options::ReadOptions;
 pub use scene::{SH_C0, Scene, sh_len};
 
