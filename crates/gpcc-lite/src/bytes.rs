@@ -84,11 +84,6 @@ impl BitWriter {
         }
     }
 
-    /// Bytes written.
-    pub(crate) fn len(&self) -> usize {
-        self.out.len()
-    }
-
     /// True before the first bit.
     pub(crate) fn is_empty(&self) -> bool {
         self.out.is_empty() && self.fill == 0

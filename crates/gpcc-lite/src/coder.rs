@@ -19,6 +19,8 @@ use crate::model::Symbols;
 pub const SCALE_BITS: u32 = 15;
 /// Number of states.
 const STATES: usize = 4;
+/// Intervals that an encoder keeps in one piece; a multiple of [`STATES`].
+const BLOCK: usize = 1 << 14;
 /// A state is never below this between two symbols, and is this before the first symbol is encoded.
 const LOWEST: u32 = 1 << 16;
 
@@ -53,8 +55,9 @@ pub trait Coder {
 /// The encoder half of the [coder](self).
 #[derive(Clone, Debug, Default)]
 pub struct Encoder {
-    /// Start in the low 16 bits, size in the high 16.
-    intervals: Vec<u32>,
+    /// Start in the low 16 bits, size in the high 16. In blocks, since a growing list would be in memory
+    /// twice while it is moved.
+    intervals: Vec<Vec<u32>>,
     plain: BitWriter,
 }
 
@@ -62,15 +65,14 @@ impl Encoder {
     #[inline]
     fn interval(&mut self, start: u32, size: u32) {
         debug_assert!(size > 0 && start + size <= 1 << SCALE_BITS);
-        self.intervals.push(start | size << 16);
-    }
-
-    /// Bytes that what was coded so far takes, about.
-    #[must_use]
-    pub fn approx_bytes(&self) -> f64 {
-        let bits: f64 =
-            self.intervals.iter().map(|v| f64::from(SCALE_BITS) - f64::from(v >> 16).log2()).sum();
-        bits / 8.0 + self.plain.len() as f64
+        match self.intervals.last_mut() {
+            Some(block) if block.len() < BLOCK => block.push(start | size << 16),
+            _ => {
+                let mut block = Vec::with_capacity(BLOCK);
+                block.push(start | size << 16);
+                self.intervals.push(block);
+            }
+        }
     }
 
     /// True if nothing was coded yet.
@@ -86,8 +88,10 @@ impl Encoder {
             return Vec::new();
         }
         let mut states = [LOWEST; STATES];
-        let mut words = Vec::with_capacity(self.intervals.len() / 4);
-        for (i, interval) in self.intervals.iter().enumerate().rev() {
+        let mut words: Vec<u16> = Vec::new();
+        let blocks = self.intervals.into_iter().rev();
+        let last_first = blocks.flat_map(|block| block.into_iter().enumerate().rev());
+        for (i, interval) in last_first {
             let (start, size) = (interval & 0xffff, interval >> 16);
             let x = &mut states[i % STATES];
             // The result must stay below 2^32.
