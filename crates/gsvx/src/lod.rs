@@ -1,7 +1,7 @@
 //! Levels of detail: coarser scenes that a viewer shows first or from afar.
 //!
-//! A Gaussian of a coarse level stands for all leaves of a cell of the octree: it matches the moments of
-//! their Gaussians, weighted by importance. Levels get coarser until one fits a chunk. Chunks nest: where a
+//! A Gaussian of a coarse level stands for all leaves of a cell of the octree, about the same number for
+//! each: it matches the moments of their Gaussians, weighted by importance. Levels get coarser until one fits a chunk. Chunks nest: where a
 //! coarse chunk begins, a chunk of the next finer level begins too, so that a viewer can replace a
 //! coarse chunk by finer ones.
 
@@ -10,7 +10,7 @@ use gpcc_lite::Leaf;
 use voxel::Voxelization;
 
 /// A coarse level has at most one Gaussian for so many of the next finer.
-const RATIO: usize = 12;
+const RATIO: usize = 9;
 /// A level of fewer Gaussians has no coarser one.
 const LEAST: usize = 256;
 
@@ -47,7 +47,7 @@ pub(crate) fn levels(voxels: &Voxelization, options: &EncodeOptions) -> Vec<LodL
         && levels.len() < usize::from(crate::head::MAX_LODS)
     {
         let lod = levels.len() as u8;
-        let Some(level) = coarser(voxels, lod, leaves / RATIO) else { break };
+        let level = coarser(voxels, lod, leaves / RATIO);
         leaves = level.first.len() - 1;
         levels.push(level);
     }
@@ -62,43 +62,64 @@ pub(crate) fn levels(voxels: &Voxelization, options: &EncodeOptions) -> Vec<LodL
     levels
 }
 
-/// The level at the greatest depth with at most `most` leaves; none if there is no such depth.
-fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> Option<LodLevel> {
-    let starts = |depth: u8| -> Vec<u32> {
-        let cells = voxels.leaves.iter().map(|&leaf| cell_of(leaf, depth, voxels.j_high));
-        let mut starts = Vec::new();
-        let mut last = None;
-        for (i, cell) in cells.enumerate() {
-            if last != Some(cell) {
-                starts.push(i as u32);
-                last = Some(cell);
-            }
+/// The level whose cells have as few leaves as makes at most `most` of them.
+fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> LodLevel {
+    let leaves = &voxels.leaves;
+    // More leaves per cell make fewer cells.
+    let (mut too_few, mut enough) = (1, leaves.len());
+    while enough - too_few > 1 {
+        let middle = too_few + (enough - too_few) / 2;
+        if cells(leaves, voxels.j_high, middle).len() <= most {
+            enough = middle;
+        } else {
+            too_few = middle;
         }
-        starts
-    };
-    let mut first =
-        (0..voxels.j_high).rev().map(|d| (d, starts(d))).find(|(_, s)| s.len() <= most)?;
-    let (depth, ref mut first) = first;
-    first.push(voxels.len() as u32);
-    let leaf = |&i: &u32| cell_of(voxels.leaves[i as usize], depth, voxels.j_high);
+    }
+    let cells = cells(leaves, voxels.j_high, enough);
+    let first: Vec<u32> =
+        cells.iter().map(|c| c.0 as u32).chain([leaves.len() as u32]).collect();
     let coarse = Voxelization {
         cube: voxels.cube,
         j_high: voxels.j_high,
-        leaves: first[..first.len() - 1].iter().map(leaf).collect(),
+        leaves: cells.iter().map(|c| c.1).collect(),
         member_offsets: first.iter().map(|&i| voxels.member_offsets[i as usize]).collect(),
         members: voxels.members.clone(),
         dropped: Vec::new(),
     };
-    Some(LodLevel { lod, voxels: Some(coarse), first: std::mem::take(first), cuts: Vec::new() })
+    LodLevel { lod, voxels: Some(coarse), first, cuts: Vec::new() }
 }
 
-/// The cell at `depth` that holds a leaf; the leaf itself if it is not deeper.
-fn cell_of(leaf: Leaf, depth: u8, j_high: u8) -> Leaf {
-    if leaf.depth <= depth {
-        return leaf;
+/// The largest cells that hold at most `most` leaves each, all leaves together: the first leaf of each, and
+/// the smallest cell that holds its leaves.
+fn cells(leaves: &[Leaf], j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
+    let mut cells = Vec::new();
+    // Nodes in Morton order, the next one last: first leaf, leaf behind the last, depth.
+    let mut nodes = vec![(0, leaves.len(), 0u8)];
+    while let Some((first, end, depth)) = nodes.pop() {
+        if end - first <= most {
+            cells.push((first, common_cell(leaves[first], leaves[end - 1], j_high)));
+            continue;
+        }
+        // There are two leaves or more, so all are deeper than the node.
+        let shift = 3 * u32::from(j_high - depth - 1);
+        let mut behind = end;
+        while behind > first {
+            let child = leaves[behind - 1].morton >> shift;
+            let start = first + leaves[first..behind].partition_point(|l| l.morton >> shift < child);
+            nodes.push((start, behind, depth + 1));
+            behind = start;
+        }
     }
-    let below = 3 * u32::from(j_high - depth);
-    Leaf { morton: leaf.morton >> below << below, depth }
+    cells
+}
+
+/// The smallest cell that holds two leaves.
+fn common_cell(first: Leaf, last: Leaf, j_high: u8) -> Leaf {
+    if first == last {
+        return first;
+    }
+    let above = 1 + (63 - (first.morton ^ last.morton).leading_zeros()) / 3;
+    Leaf { morton: first.morton >> (3 * above) << (3 * above), depth: j_high - above as u8 }
 }
 
 /// Where chunks begin: at the inherited cells, and between them so that chunks have at most `size` leaves and
