@@ -1,8 +1,9 @@
 //! Logistic mixing of binary predictions, in integers.
 //!
-//! Predictions are added in the logistic domain, `stretch(p) = ln(p / (1 - p))`, with weights
-//! that follow the coding error (Mahoney's PAQ mixer). Tables are computed at compile time from
-//! one integer constant, so they are the same everywhere.
+//! Several models predict one decision. Their predictions are added in the logistic domain,
+//! `stretch(p) = ln(p / (1 - p))`, with weights that follow the coding error (the mixer of Mahoney's PAQ).
+//! The tables are computed at compile time from one integer constant, so they are the same on every
+//! machine. The lossless coders of this crate and of its callers use mixing; the lossy ones do not.
 
 use crate::coder::Coder;
 use crate::model::Bit;
@@ -58,15 +59,14 @@ pub(crate) fn stretch_of_state(state: u32) -> i32 {
 
 /// `ln(p / (65536 - p))` with 8 fraction bits, for a 16-bit probability.
 #[inline]
-#[must_use]
-pub fn stretch(p: u32) -> i32 {
+#[cfg(test)]
+pub(crate) fn stretch(p: u32) -> i32 {
     i32::from(STRETCH[(p >> 4) as usize & 4095])
 }
 
 /// The 16-bit probability whose [`stretch`] is `x / 256`, within `[32, 65504]`.
 #[inline]
-#[must_use]
-pub fn squash(x: i32) -> u32 {
+pub(crate) fn squash(x: i32) -> u32 {
     u32::from(SQUASH[(x.clamp(-2047, 2047) + 2048) as usize])
 }
 
@@ -83,8 +83,7 @@ impl<const N: usize> Mixer<N> {
 
     /// The mixed probability of inputs in the stretched domain.
     #[inline]
-    #[must_use]
-    pub fn mix(&self, inputs: &[i32; N]) -> u32 {
+    pub(crate) fn mix(&self, inputs: &[i32; N]) -> u32 {
         let mut dot = 0i64;
         for (w, x) in self.0.iter().zip(inputs) {
             dot += i64::from(*w) * i64::from(*x);
@@ -94,7 +93,7 @@ impl<const N: usize> Mixer<N> {
 
     /// Moves the weights along the coding error; `rate` is about 2 (slow) to 16 (fast).
     #[inline]
-    pub fn update(&mut self, inputs: &[i32; N], p1: u32, bit: bool, rate: i32) {
+    pub(crate) fn update(&mut self, inputs: &[i32; N], p1: u32, bit: bool, rate: i32) {
         let err = ((i32::from(bit) << 16) - p1 as i32) * rate;
         for (w, x) in self.0.iter_mut().zip(inputs) {
             // At most 2^11 times 2^16 times the rate; a stream no encoder wrote may wrap a weight.
@@ -103,7 +102,7 @@ impl<const N: usize> Mixer<N> {
     }
 }
 
-/// Codes one decision with the mixed prediction of `bits`, then all of them learn it.
+/// Codes one decision with the mixed prediction of the models `bits`; then these and the mixer learn it.
 #[inline(always)]
 pub fn code_mixed<const N: usize, C: Coder>(
     coder: &mut C,

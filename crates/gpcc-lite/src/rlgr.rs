@@ -141,7 +141,8 @@ pub fn encode(values: &[i32]) -> Vec<u8> {
 pub fn decode(bytes: &[u8], count: usize) -> Result<Vec<i32>> {
     let mut r = BitReader::new(bytes);
     let mut s = State::new();
-    let mut values = Vec::with_capacity(count);
+    // A full run is one bit and stands for 2^10 values at most.
+    let mut values = Vec::with_capacity(count.min((bytes.len() + 1) << 13));
     while values.len() < count {
         if r.overrun() {
             return Err(Error::Truncated { offset: bytes.len(), what: "RLGR stream" });

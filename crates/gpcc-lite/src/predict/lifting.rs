@@ -11,7 +11,7 @@ use super::residual::Residual;
 use crate::bytes::{Reader, put_varint};
 use crate::coder::{Coder, Decoder, Encoder};
 use crate::error::{Error, Result};
-use crate::quant::{Step, VALUE_BITS};
+use crate::quant::{MAX_STEP, Step, VALUE_BITS};
 
 /// Neighbours that predict a point.
 const USED: usize = 3;
@@ -154,6 +154,7 @@ pub fn encode_lifting(lift: &Lifting<'_>, channels: &[&[i32]], steps: &[Step]) -
         if values.len() != lift.near.len() {
             return Err(Error::ChannelLength { channel, got: values.len(), want: lift.near.len() });
         }
+        let step = step.min(MAX_STEP);
         let mut c: Vec<i64> = values.iter().map(|&v| i64::from(v) << VALUE_BITS).collect();
         lift.forward(&mut c)?;
         let mut q: Vec<i32> = c
@@ -191,7 +192,7 @@ pub fn decode_lifting(
     }
     let mut out = Vec::new();
     for _ in 0..channels {
-        let step = Step(r.varint("step")?.min(1 << 47));
+        let step = Step(r.varint("step")?).min(MAX_STEP);
         let len = r.varint("channel length")?;
         let mut coder = Decoder::new(r.bytes(len, "channel")?)?;
         let mut q = vec![0i32; lift.near.len()];
