@@ -44,7 +44,7 @@ impl Bit {
         (self.0 >> 17).clamp(16, (1 << SCALE_BITS) - 16)
     }
 
-    /// [`crate::mix::stretch`] of the probability.
+    /// `ln(p / (1 - p))` of the probability, with 8 fraction bits.
     #[inline]
     #[must_use]
     pub(crate) fn stretched(self) -> i32 {
@@ -174,6 +174,22 @@ impl Symbols {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_decision_learns_and_never_becomes_certain() {
+        let mut b = Bit::default();
+        for i in 0..100_000u32 {
+            b.learn(true, 255);
+            assert!(b.p1() <= (1 << SCALE_BITS) - 16 && b.0 & 1023 <= 255, "{i}");
+        }
+        assert_eq!(b.p1(), (1 << SCALE_BITS) - 16);
+        (0..20_000).for_each(|_| b.learn(false, 255));
+        assert_eq!(b.p1(), 16);
+        // Half of the time: the first observations count as 1/n.
+        let mut b = Bit::default();
+        (0..1000).for_each(|i| b.learn(i % 2 == 0, 1023));
+        assert!(b.p1().abs_diff(1 << (SCALE_BITS - 1)) < 200);
+    }
 
     #[test]
     fn intervals_cover_all_codes_whatever_is_learned() {

@@ -1,20 +1,20 @@
 //! RAHT: the region-adaptive hierarchical transform (de Queiroz and Chou, 2016).
 //!
-//! Sorted Morton codes form a binary radix tree with exactly `N - 1` merges, whatever the depth.
-//! [`Plan`] finds them once, in `O(N)`; every channel then goes through the same list. The
-//! transform is orthonormal: for children with weights `w1`, `w2`
+//! Sorted Morton codes form a binary radix tree with exactly `N - 1` merges, whatever its depth.
+//! [`Plan`] finds them once, in `O(N)`, for all channels. The transform is orthonormal: for children with
+//! weights `w1`, `w2`
 //!
 //! ```text
 //! low  = (sqrt(w1) a + sqrt(w2) b) / sqrt(w1 + w2)
 //! high = (sqrt(w1) b - sqrt(w2) a) / sqrt(w1 + w2)
 //! ```
 //!
-//! Leaf weights other than 1 state importance: the leaf enters as `sqrt(w) * value`, so a
-//! uniform quantiser of the coefficients leaves it an error smaller by `sqrt(w)`.
+//! Leaf weights other than 1 say how important a leaf is: its value is multiplied by `sqrt(w)`, so a uniform
+//! quantiser of the coefficients leaves the value an error smaller by `sqrt(w)`.
 //!
 //! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine by the bit of the
 //! Morton code that they split at: three levels for each octree depth, x, then y, then z. Within a level
-//! they are in Morton order. So the merge above a merge is always in a level before.
+//! they are in Morton order. So the merge above a merge is always in an earlier level.
 
 mod float;
 mod rows;
@@ -93,7 +93,7 @@ impl Plan {
         Ok(Self::build(Arc::new(leaves.to_vec()), j_high, Some(weights)))
     }
 
-    /// The same leaves with other weights: what [`Plan::with_weights`] gives, for less.
+    /// The same leaves with other weights: the same as [`Plan::with_weights`], in less time.
     ///
     /// # Errors
     /// As [`Plan::with_weights`].

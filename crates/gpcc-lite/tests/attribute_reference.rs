@@ -157,7 +157,8 @@ impl State {
     }
 
     fn value(&mut self, coder: &mut Decoder<'_>, i: usize, some: bool, expected: f32) -> i32 {
-        let (class, plain, channels) = (class(expected).min(15), plain_bits(expected), self.channels);
+        let (class, plain, channels) =
+            (class(expected).min(15), plain_bits(expected), self.channels);
         let model = self.magnitudes.entry((i, some, class));
         let model = model.or_insert_with(|| magnitude_model(class, !some, channels));
         let mut high = coder.symbol(model, 0) as u32;

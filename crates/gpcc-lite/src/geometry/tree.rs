@@ -82,8 +82,7 @@ impl<'a> Tree<'a> {
                     index += 1;
                     continue;
                 }
-                let densities =
-                    enter_neighbours(&mut level, kernel, &block, c, window, index);
+                let densities = enter_neighbours(&mut level, kernel, &block, c, window, index);
                 let wanted = known::<C>(&mut self.source).map_or(0, Source::occupied_children);
                 let mask = models.occupancy(coder, &node, &Classes::new(&densities), wanted);
                 level.codes.push(code);
