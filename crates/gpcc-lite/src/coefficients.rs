@@ -116,7 +116,7 @@ impl Level {
 impl RowCoder {
     pub(crate) fn new(plan: &Plan, channels: usize) -> Self {
         let model = |i: usize| {
-            let (class, group_is_zero) = (i % CLASSES, i / CLASSES % 2 == 0);
+            let (class, group_is_zero) = (i % CLASSES, (i / CLASSES).is_multiple_of(2));
             let mean = mean_of_class(class);
             let mean = mean / (1u32 << plain_bits(mean)) as f32;
             let more = if group_is_zero && channels > 1 { 0.25 } else { 0.0 };

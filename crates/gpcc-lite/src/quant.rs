@@ -41,7 +41,8 @@ impl Step {
     /// Reconstructs one coefficient with [`VALUE_BITS`] fraction bits.
     #[inline]
     pub(crate) fn dequantise(self, level: i32) -> i64 {
-        let magnitude = i128::from(level.unsigned_abs()) * i128::from(self.0) >> (16 - VALUE_BITS);
+        let magnitude =
+            (i128::from(level.unsigned_abs()) * i128::from(self.0)) >> (16 - VALUE_BITS);
         let magnitude = magnitude.min(1 << 61) as i64;
         if level < 0 { -magnitude } else { magnitude }
     }

@@ -6,7 +6,7 @@ mod common;
 
 use std::collections::BTreeMap;
 
-use common::{any_leaves, any_weights, rows_of};
+use common::{any_leaves, any_weights, power_of_two, rows_of};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gpcc_lite::model::{Bit, Symbols};
@@ -255,7 +255,7 @@ proptest! {
     ) {
         let weights = any_weights(leaves.len(), seed);
         let rows = rows_of(leaves.len(), channels, seed, 1);
-        compare(&leaves, j, &weights, &vec![2f32.powi(log_step); channels], lambda, &rows);
+        compare(&leaves, j, &weights, &vec![power_of_two(log_step); channels], lambda, &rows);
     }
 }
 

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{any_leaves, any_weights, channel, rows_of, shapes};
+use common::{any_leaves, any_weights, channel, power_of_two, rows_of, shapes};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::{
@@ -67,7 +67,7 @@ proptest! {
     ) {
         let plan = Plan::with_weights(&leaves, j, &any_weights(leaves.len(), seed)).unwrap();
         let rows = rows_of(leaves.len(), channels, seed, kind);
-        let step = 2f32.powi(log_step);
+        let step = power_of_two(log_step);
         let steps: Vec<f32> = (0..channels).map(|c| step * (1.0 + c as f32 / 7.0)).collect();
         attributes(&plan, &steps, &Options { lambda }, &rows);
     }
@@ -82,7 +82,7 @@ proptest! {
         let weights = any_weights(n, seed);
         let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
         let rows = rows_of(n, channels, seed, 1);
-        let step = 2f32.powi(log_step);
+        let step = power_of_two(log_step);
         let (_, read) = attributes(&plan, &vec![step; channels], &Options::default(), &rows);
         let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
         for c in 0..channels {
@@ -90,7 +90,8 @@ proptest! {
             let sum: f64 = (0..n).map(|i| f64::from(weights[i]) * error(i) * error(i)).sum();
             // Single precision: 128 roundings of values up to 200.
             let rounding = 128.0 * 200.0 / f64::from(1 << 24);
-            let bound = n as f64 * (1.45 * f64::from(step)).powi(2) + total * rounding * rounding;
+            let zeroed = 1.45 * f64::from(step);
+            let bound = n as f64 * zeroed * zeroed + total * rounding * rounding;
             prop_assert!(sum <= 2.0 * bound, "{sum} {bound}");
         }
     }

@@ -69,10 +69,15 @@ pub fn rows_of(leaves: usize, channels: usize, seed: u64, kind: u8) -> Rows {
     rows
 }
 
+/// `2^exponent`.
+pub fn power_of_two(exponent: i32) -> f32 {
+    f32::from_bits(((127 + exponent) as u32) << 23)
+}
+
 /// Weights from 1 to 4^11, most of them small; all 1 for every fourth seed.
 pub fn any_weights(leaves: usize, seed: u64) -> Vec<u32> {
     let weight = |(i, v): (usize, &i32)| {
-        if seed % 4 == 0 { 1 } else { 1u32 << (2 * (v.unsigned_abs() as usize * i % 12)) }
+        if seed.is_multiple_of(4) { 1 } else { 1u32 << (2 * (v.unsigned_abs() as usize * i % 12)) }
     };
     channel(leaves, seed, 2).iter().enumerate().map(weight).collect()
 }
