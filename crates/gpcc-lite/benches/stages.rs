@@ -7,10 +7,10 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use gpcc_lite::attribute::{self, Options};
-use gpcc_lite::coeffs::{self, Mode};
+use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lossless, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::{Plan, Rows, forward, inverse};
 use gpcc_lite::{Leaf, Limits, geometry, morton, rlgr};
 
 const J: u8 = 15;
@@ -39,10 +39,11 @@ fn cloud(n: usize) -> (Vec<Leaf>, Vec<Vec<i32>>) {
     (leaves, (0..3).map(|c| points.iter().map(|p| p.1[c]).collect()).collect())
 }
 
+type Group<'a> = criterion::BenchmarkGroup<'a, criterion::measurement::WallTime>;
+
 fn stages(c: &mut Criterion) {
     let n = std::env::var("GPCC_POINTS").ok().and_then(|v| v.parse().ok()).unwrap_or(100_000);
     let (leaves, channels) = cloud(n);
-    let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
     let random: Vec<u64> =
         leaves.iter().map(|l| l.morton.wrapping_mul(0x9e37_79b9_7f4a_7c15)).collect();
     let mut g = c.benchmark_group("stages");
@@ -58,68 +59,68 @@ fn stages(c: &mut Criterion) {
     let limits = Limits { max_points: leaves.len() };
     g.bench_function("geometry encode", |b| b.iter(|| geometry::encode(&leaves, J)));
     g.bench_function("geometry decode", |b| b.iter(|| geometry::decode(&bytes, &limits)));
-    g.bench_function("geometry decode to depth 9", |b| {
-        b.iter(|| geometry::decode_lod(&bytes, 9, &limits));
-    });
-    g.bench_function("RAHT plan", |b| b.iter(|| Plan::new(&leaves, J)));
-    let plan = Plan::new(&leaves, J).expect("valid leaves");
-    g.bench_function("RAHT plan with prediction", |b| {
-        b.iter(|| Plan::new(&leaves, J).map(|p| p.prepare_prediction()));
-    });
-    plan.prepare_prediction();
-    let fixed: Vec<i64> = channels[0].iter().map(|&v| i64::from(v) << 12).collect();
-    g.bench_function("RAHT forward fixed, one channel", |b| {
-        b.iter(|| {
-            let mut v = fixed.clone();
-            plan.forward_fixed(&mut v).map(|()| v)
+    attributes(&mut g, &leaves, &channels);
+    tools(&mut g, &leaves, &channels);
+    g.finish();
+}
+
+fn attributes(g: &mut Group<'_>, leaves: &[Leaf], channels: &[Vec<i32>]) {
+    g.bench_function("RAHT plan", |b| b.iter(|| Plan::new(leaves, J)));
+    let plan = Plan::new(leaves, J).expect("valid leaves");
+    let mut rows = Rows::new(leaves.len(), channels.len());
+    for i in 0..leaves.len() {
+        (0..channels.len()).for_each(|c| rows.row_mut(i)[c] = channels[c][i] as f32);
+    }
+    for (name, transform) in
+        [("forward", forward as fn(&Plan, &mut Rows) -> _), ("inverse", inverse)]
+    {
+        g.bench_function(format!("RAHT {name}, rows of three channels"), |b| {
+            b.iter_batched_ref(
+                || rows.clone(),
+                |rows| transform(&plan, rows),
+                criterion::BatchSize::LargeInput,
+            );
         });
-    });
-    let f32s: Vec<f32> = channels[0].iter().map(|&v| v as f32).collect();
-    g.bench_function("RAHT forward f32, one channel", |b| {
+    }
+    let exact: Vec<f64> = channels[0].iter().map(|&v| f64::from(v)).collect();
+    g.bench_function("RAHT forward in double precision, one channel", |b| {
         b.iter(|| {
-            let mut v = f32s.clone();
-            plan.forward_f32(&mut v).map(|()| v)
-        });
-    });
-    let f64s: Vec<f64> = channels[0].iter().map(|&v| f64::from(v)).collect();
-    g.bench_function("RAHT forward f64, one channel", |b| {
-        b.iter(|| {
-            let mut v = f64s.clone();
+            let mut v = exact.clone();
             plan.forward_f64(&mut v).map(|()| v)
         });
     });
-    let steps = [Step::from_qp(22); 3];
-    for (name, mode) in [("range", Mode::Range), ("RLGR", Mode::Rlgr)] {
-        for prediction in [true, false] {
-            let o = Options { mode, prediction, ..Options::default() };
-            let coded = attribute::encode(&plan, &refs, &steps, &o).expect("valid channels");
-            let what = if prediction { "predicted" } else { "plain" };
-            g.bench_function(format!("attributes encode, {name}, {what}"), |b| {
-                b.iter(|| attribute::encode(&plan, &refs, &steps, &o));
-            });
-            g.bench_function(format!("attributes decode, {name}, {what}"), |b| {
-                b.iter(|| attribute::decode(&plan, &coded.bytes, 3));
-            });
-        }
-    }
-    let levels: Vec<Vec<i32>> =
-        channels.iter().map(|c| c.iter().map(|v| (v - 128) / 8).collect()).collect();
-    let level_refs: Vec<&[i32]> = levels.iter().map(Vec::as_slice).collect();
-    g.bench_function("coefficients encode, range", |b| {
-        b.iter(|| coeffs::encode(&plan, &level_refs, Mode::Range));
+    let steps = [8.0; 3];
+    let encode = |rows: &mut Rows| {
+        let mut coder = Encoder::default();
+        attribute::encode(&mut coder, &plan, &steps, &Options::default(), rows)
+            .map(|_| coder.finish())
+    };
+    g.bench_function("attributes encode, three channels", |b| {
+        b.iter_batched_ref(|| rows.clone(), encode, criterion::BatchSize::LargeInput);
     });
-    g.bench_function("RLGR encode, one channel", |b| {
-        b.iter(|| rlgr::encode(black_box(&levels[0]), &rlgr::Params::REMOTE_FX));
+    let bytes = encode(&mut rows.clone()).expect("valid rows");
+    g.bench_function("attributes decode, three channels", |b| {
+        b.iter(|| attribute::decode(&mut Decoder::new(&bytes)?, &plan, &steps, &mut rows));
     });
-    g.bench_function("neighbours", |b| b.iter(|| Neighbours::new(&leaves, J)));
-    let near = Neighbours::new(&leaves, J).expect("valid leaves");
+}
+
+fn tools(g: &mut Group<'_>, leaves: &[Leaf], channels: &[Vec<i32>]) {
+    let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
+    let levels: Vec<i32> = channels[0].iter().map(|v| (v - 128) / 8).collect();
+    g.bench_function("RLGR encode, one channel", |b| b.iter(|| rlgr::encode(black_box(&levels))));
+    let coded = rlgr::encode(&levels);
+    g.bench_function("RLGR decode, one channel", |b| {
+        b.iter(|| rlgr::decode(black_box(&coded), levels.len()));
+    });
+    g.bench_function("neighbours", |b| b.iter(|| Neighbours::new(leaves, J)));
+    let near = Neighbours::new(leaves, J).expect("valid leaves");
     let lossless = encode_lossless(&near, &refs).expect("valid channels");
     g.bench_function("lossless encode", |b| b.iter(|| encode_lossless(&near, &refs)));
     g.bench_function("lossless decode", |b| b.iter(|| decode_lossless(&near, &lossless, 3)));
-    let coarser = Neighbours::coarser(&leaves, J).expect("valid leaves");
+    let coarser = Neighbours::coarser(leaves, J).expect("valid leaves");
     let lift = Lifting::new(&coarser);
+    let steps = [Step::from_qp(22); 3];
     g.bench_function("lifting encode", |b| b.iter(|| encode_lifting(&lift, &refs, &steps)));
-    g.finish();
 }
 
 criterion_group!(benches, stages);

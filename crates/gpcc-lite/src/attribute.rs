@@ -1,7 +1,10 @@
 //! Lossy attributes: weighted RAHT, quantisation and entropy coding of a group of channels.
 //!
-//! Channels of a group belong together (the planes of a colour, the coordinates of a covariance): their
-//! magnitudes foretell each other. Groups do not depend on each other.
+//! The channels of a group belong together (the planes of a colour, the entries of a covariance): where one
+//! has large coefficients, so have the others, and the coder's contexts use that. Groups are coded one
+//! after another and do not depend on each other.
+//!
+//! Invariant: [`encode`] leaves in its rows the values that [`decode`] returns, bit for bit.
 //!
 //! Normative description: `docs/format.md`, "Attributes".
 
@@ -130,7 +133,7 @@ fn code_signed<C: Coder>(coder: &mut C, v: i32) -> i32 {
 /// The level of coefficient 0, which is the mean of all leaves times the root of the sum of weights.
 fn level_of_mean(plan: &Plan, mean: f32, step: f32) -> i32 {
     let exact = f64::from(mean) * plan.root_of_weight() / f64::from(step);
-    // Saturates, with room for the folded sign.
+    // Saturates: the sign takes one bit of 32.
     ((exact + 0.5f64.copysign(exact)) as i32).clamp(-(1 << 30), 1 << 30)
 }
 
@@ -140,7 +143,7 @@ fn mean_of_level(plan: &Plan, level: i32, step: f32) -> f32 {
 
 /// Rebuilds the means of the children that the coefficients of a level split.
 fn reconstruct(plan: &Plan, level: &Level, steps: &[f32], rows: &mut Rows) {
-    // A width that is known is a few moves, not a call.
+    // With a width known at compile time, copying a row is a few instructions instead of a call.
     match rows.width() {
         1 => reconstruct_rows::<1>(plan, level, steps, rows),
         2 => reconstruct_rows::<2>(plan, level, steps, rows),
@@ -203,9 +206,9 @@ fn undo_row(
 
 /// Rate-distortion optimised quantisation: a dead zone that follows what is expected.
 ///
-/// Where small magnitudes are expected, one that is not zero costs many bits. With an expected
-/// magnitude `m` and geometric magnitudes, one more unit costs `log2(1 + 1/m)` bits, and leaving zero one
-/// more for the sign. A value of `x` steps becomes `q` rather than `q - 1` if that lowers
+/// Where small magnitudes are expected, one that is not zero costs many bits. If magnitudes are geometric
+/// with mean `m`, each unit costs `log2(1 + 1/m)` bits, and a magnitude other than zero costs one more bit
+/// for the sign. A value of `x` steps becomes `q` rather than `q - 1` if that lowers
 /// `error + lambda bits`, hence if `x - (q - 1) > 1/2 + lambda bits / 2`.
 struct Quantiser {
     per_step: Vec<f32>,
@@ -266,7 +269,7 @@ impl Quantiser {
         if x < self.zero[class] {
             return 0;
         }
-        // Saturates: a level is an i32.
+        // Saturates: a quantised value is an i32.
         let q = x.min((i32::MAX - 128) as f32) as i32;
         (q + i32::from(x - q as f32 >= self.rest[class])).max(1)
     }

@@ -1,8 +1,8 @@
-//! Bytes, variable-length integers and bit fields: the plumbing under every stream.
+//! Reading and writing of bytes, variable-length integers and bit fields.
 
 use crate::error::{Error, Result};
 
-/// Appends `v` in base 128, low digits first, high bit = "more follow".
+/// Appends `v` in base 128, low digits first. The high bit of a byte says that more bytes follow.
 pub(crate) fn put_varint(out: &mut Vec<u8>, mut v: u64) {
     while v >= 0x80 {
         out.push((v as u8) | 0x80);
@@ -142,7 +142,7 @@ impl<'a> BitReader<'a> {
         self.fill -= n;
     }
 
-    /// Takes four bytes more; there are fewer than 32 bits left.
+    /// Takes four more bytes. There must be fewer than 32 bits left.
     #[inline]
     fn refill(&mut self) {
         let mut word = [0; 4];
@@ -156,7 +156,8 @@ impl<'a> BitReader<'a> {
         self.fill += 32;
     }
 
-    /// Reads ones, at most 32, and the zero after them if there are fewer.
+    /// Counts the ones up to the next zero, at most 32, and skips them; also skips the zero if there are fewer than
+    /// 32.
     #[inline]
     pub(crate) fn ones(&mut self) -> u32 {
         if self.fill < 32 {
@@ -167,7 +168,7 @@ impl<'a> BitReader<'a> {
         n
     }
 
-    /// True once more bytes were taken than there are.
+    /// True once more bits were read than there are.
     pub(crate) fn overrun(&self) -> bool {
         self.consumed() > self.data.len()
     }

@@ -1,12 +1,16 @@
-//! The entropy coder under every stream: four interleaved rANS states, and plain bits beside them.
+//! The entropy coder of every stream: four interleaved rANS states, and plain bits.
 //!
-//! A symbol has an interval `start..start + size` of `2^15`. Symbol number `i` of a stream is coded
-//! by state `i mod 4`, so that a processor decodes symbols side by side as long as their models do
-//! not wait for each other. Bits that are as good as random (signs, low bits) do not go through the
-//! states: they are stored as they are, behind the words of the states.
+//! A model gives every symbol an interval `start..start + size` of `0..2^15`. Symbol number `i` of a stream
+//! is coded by state `i mod 4`, so that a processor can work on four symbols at a time. Bits that are as
+//! good as random (signs, low bits) do not go through the states: they are stored as they are, after the
+//! words of the states.
 //!
 //! rANS decodes in the opposite order of encoding. The encoder therefore keeps all intervals, and
 //! codes them from the last to the first when the stream ends.
+//!
+//! Invariant: a decoder that uses the same models in the same order reads the values that were coded. On a
+//! damaged stream it reads other values, and zeros after the end, until the caller asks
+//! [`Coder::exhausted`].
 //!
 //! Layout and arithmetic: `docs/format.md`, "Entropy coder". Reference: J. Duda, "Asymmetric numeral
 //! systems" (2013); F. Giesen, "Interleaved entropy coders" (2014).
@@ -16,12 +20,12 @@ use crate::error::{Error, Result};
 use crate::model::Symbols;
 
 /// Interval sizes sum to `2^SCALE_BITS`.
-pub const SCALE_BITS: u32 = 15;
+pub(crate) const SCALE_BITS: u32 = 15;
 /// Number of states.
 const STATES: usize = 4;
 /// Intervals that an encoder keeps in one piece; a multiple of [`STATES`].
 const BLOCK: usize = 1 << 14;
-/// A state is never below this between two symbols, and is this before the first symbol is encoded.
+/// Least value of a state between two symbols, and the state before the first symbol is encoded.
 const LOWEST: u32 = 1 << 16;
 
 /// Both directions of the coder behind one interface, so that a model is written once.
@@ -41,7 +45,7 @@ pub trait Coder {
     /// Codes one symbol after another, each by the model of its context. The decoder fills `values` in.
     fn symbols(&mut self, models: &mut [Symbols], contexts: &[u8], values: &mut [u8]);
 
-    /// Codes `n <= 32` plain bits.
+    /// Codes `n <= 32` plain bits; `value` must be below `2^n`.
     fn bits(&mut self, value: u32, n: u32) -> u32;
 
     /// Codes plain bits (value and number, at most 30) and then a sign, if they or what is `above` them
@@ -76,8 +80,7 @@ impl Encoder {
     }
 
     /// True if nothing was coded yet.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
+    fn is_empty(&self) -> bool {
         self.intervals.is_empty() && self.plain.is_empty()
     }
 
@@ -168,7 +171,7 @@ pub struct Decoder<'a> {
 }
 
 impl<'a> Decoder<'a> {
-    /// A decoder of one stream, which `data` holds and nothing else.
+    /// A decoder of the stream `data`.
     ///
     /// # Errors
     /// [`Error::Truncated`] or [`Error::Corrupt`] if the head of the stream is damaged.
@@ -207,7 +210,7 @@ impl<'a> Decoder<'a> {
         Ok(())
     }
 
-    /// Takes the interval out of the state whose turn it is.
+    /// Removes the symbol with this interval from state `x`, the state whose turn it is.
     #[inline(always)]
     fn advance(&mut self, x: u32, code: u32, start: u32, size: u32) {
         self.states[self.turn] = next_state(x, code, start, size, self.words, &mut self.taken);
@@ -305,8 +308,8 @@ impl Coder for Decoder<'_> {
     }
 }
 
-/// Codes a number of any size in plain bits: as many zeros as `value + 1` has bits after its leading
-/// one, then `value + 1` itself (Elias gamma code).
+/// Codes a number of any size in plain bits (Elias gamma code): as many zeros as `value + 1` has bits after
+/// its leading one, then `value + 1` itself. 32 zeros have no leading one after them.
 #[cold]
 pub(crate) fn code_gamma<C: Coder>(coder: &mut C, value: u32) -> u32 {
     let v = u64::from(value) + 1;

@@ -1,13 +1,22 @@
-//! Entropy coding of quantised RAHT coefficients, one octree level after another.
+//! Entropy coding of quantised RAHT coefficients, one level of merges after another.
 //!
-//! A *row* is one coefficient of all channels of a group. The magnitude that is expected in a row comes
-//! from the rows above alone: each row hands down an activity, a running mean of its own magnitudes and
-//! its ancestors'. So the rows of a level do not depend on each other, and a level is coded in passes over
-//! its rows: flags of rows that are not all zero, then group by group the flags of the groups, then
-//! channel by channel the magnitudes. Signs and low bits are plain bits.
+//! A *row* holds the quantised values of one coefficient in all channels. Rows of more than 6 channels are
+//! divided into *groups* of 3 channels; the last group may be smaller.
 //!
-//! Weights make coefficients differ in size even where values vary alike, by a factor that follows from
-//! the weights ([`Plan::noise_gain`]). Activities are divided by it, expectations multiplied.
+//! What magnitude is expected in a row follows from the rows above it alone. Every row passes on an
+//! *activity*: half of the activity of the row above, and half of its own mean magnitude. There are three
+//! activities, each for every third channel. So the rows of a level do not depend on each other, and a level
+//! is coded in passes over its rows:
+//!
+//! 1. For each row, a flag that says whether the row has a value other than zero. The passes below skip
+//!    the other rows. A single channel has no flags.
+//! 2. For each group: if there is more than one, a flag for each row that says whether the group has a
+//!    value other than zero in it. Then, channel by channel, the values of the rows with that flag: a
+//!    symbol for the magnitude, its low bits, and its sign. Low bits and signs are plain bits.
+//!
+//! Weights make coefficients differ in size even where the values vary alike. The factor follows from the
+//! weights ([`Plan::noise_gain`]): a row divides what it passes on by its own, and multiplies what it
+//! expects by its own.
 //!
 //! Normative description: `docs/format.md`, "Coefficients".
 
@@ -15,12 +24,12 @@ use crate::coder::{Coder, SCALE_BITS, code_gamma};
 use crate::model::{Bit, SYMBOLS, Symbols};
 use crate::raht::{LANES, Plan};
 
-/// Activities of a row, each the mean over every third channel.
+/// Activities of a row: activity `a` is that of the channels `a`, `a + 3`, `a + 6` and so on.
 pub(crate) const ACTIVITIES: usize = 3;
 /// Channels of a group in a row of more than [`UNGROUPED`] channels: the planes of an SH coefficient.
 const GROUP: usize = 3;
 const UNGROUPED: usize = 6;
-/// Share of a row's activity that comes from the row above.
+/// Factor of an activity from one row to the row below. The row's own mean magnitude has the rest.
 const KEPT: f32 = 0.5;
 /// Weight of the expectation from above against one magnitude in the same group.
 const ABOVE: f32 = 3.0;
@@ -65,18 +74,21 @@ pub(crate) fn expected_in_group(above: f32, sum: u32, i: usize) -> f32 {
 /// Codes or decodes the rows of one group of channels.
 pub(crate) struct RowCoder {
     channels: usize,
-    /// What a row's activities take of its magnitudes, by activity.
+    /// By activity: what the sum of a row's magnitudes adds to it, for a noise gain of 1.
     factors: [f32; LANES],
-    /// By coefficient; that of coefficient 0 is zero. The last lane is not used.
+    /// The three activities of each coefficient; those of coefficient 0 are zero. The last lane is not used.
     activity: Vec<[f32; LANES]>,
+    /// Models of the flags of rows, by class.
     rows: Vec<Bit>,
+    /// Models of the flags of groups, by what the groups before hold, and class.
     groups: Vec<Bit>,
-    /// By channel of a group, whether an earlier channel of it is not zero, and class.
+    /// Models of magnitudes, by channel of the group, whether an earlier channel of it is not zero, and class.
     magnitudes: Vec<Symbols>,
-    /// Of each row of the level what is expected of the three activities, and twice their sum.
+    /// For each row of the level: the magnitudes expected by the three activities, and twice their sum.
     expected: Vec<[f32; LANES]>,
-    /// Active rows of a group that are not all zero, and the sums of their magnitudes so far.
+    /// The active rows in which the current group is not all zero, as indices into [`Level::active`].
     chosen: Vec<u32>,
+    /// For each of these the sum of the magnitudes of the group's channels so far.
     sums: Vec<u32>,
     /// Of one channel of the chosen rows: context, number of plain bits, and symbol.
     contexts: Vec<u8>,
@@ -108,7 +120,7 @@ impl Level {
 impl RowCoder {
     pub(crate) fn new(plan: &Plan, channels: usize) -> Self {
         let model = |i: usize| {
-            let (class, group_is_zero) = (i % CLASSES, i / CLASSES % 2 == 0);
+            let (class, group_is_zero) = (i % CLASSES, (i / CLASSES).is_multiple_of(2));
             let mean = mean_of_class(class);
             let mean = mean / (1u32 << plain_bits(mean)) as f32;
             let more = if group_is_zero && channels > 1 { 0.25 } else { 0.0 };
@@ -133,12 +145,12 @@ impl RowCoder {
         }
     }
 
-    /// Channels of each group.
+    /// Channels of each group; the last may have fewer.
     pub(crate) fn group_size(&self) -> usize {
         if self.channels > UNGROUPED { GROUP } else { self.channels }
     }
 
-    /// Finds what the rows above let expect of each row of a level.
+    /// Finds the magnitudes expected in each row of a level, by the activities of the rows above.
     pub(crate) fn expect(&mut self, plan: &Plan, level: &Level) {
         self.expected.clear();
         let range = level.first - 1..level.first - 1 + level.count;
@@ -160,7 +172,7 @@ impl RowCoder {
     pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, plan: &Plan, level: &mut Level) {
         self.code_row_flags(coder, level);
         let size = self.group_size();
-        let groups = self.channels / size;
+        let groups = self.channels.div_ceil(size);
         for group in 0..groups {
             self.chosen.clear();
             if groups == 1 {
@@ -170,7 +182,7 @@ impl RowCoder {
             }
             self.sums.clear();
             self.sums.resize(self.chosen.len(), 0);
-            for i in 0..size {
+            for i in 0..size.min(self.channels - group * size) {
                 self.code_magnitudes(coder, level, group * size + i, i);
             }
         }
@@ -203,7 +215,7 @@ impl RowCoder {
             }
             return;
         }
-        // Without a branch on what is decoded.
+        // A branch on what is decoded could not be predicted: every row is entered, and kept if it is active.
         level.active.resize(level.count, 0);
         let mut found = 0;
         for (row, expected) in self.expected.iter().enumerate() {
@@ -224,18 +236,19 @@ impl RowCoder {
     ) {
         let width = self.channels.div_ceil(LANES);
         let first = group * GROUP;
+        let end = (first + GROUP).min(self.channels);
         self.chosen.resize(level.active.len(), 0);
         let mut found = 0;
         for (at, &row) in level.active.iter().enumerate() {
             let levels = level.levels[at * width..(at + 1) * width].as_flattened();
-            let before = sum(&levels[..first]);
+            let before = magnitudes(&levels[..first]);
             let state = match before {
                 0 if group + 1 == groups => 3,
                 0 => 0,
                 _ => 1 + usize::from(2 * before as usize > first),
             };
             let model = state * CLASSES + class_of(self.expected[row as usize][3]);
-            let value = C::ENCODING && levels[first..first + GROUP].iter().any(|&v| v != 0);
+            let value = C::ENCODING && levels[first..end].iter().any(|&v| v != 0);
             self.chosen[found] = at as u32;
             found += usize::from(self.groups[model].code(coder, value, LIMIT));
         }
@@ -279,7 +292,7 @@ impl RowCoder {
         }
     }
 
-    /// Hands the activities of the level's rows down.
+    /// Computes the activities of the level's rows.
     fn learn(&mut self, plan: &Plan, level: &Level) {
         let range = level.first - 1..level.first - 1 + level.count;
         for (row, &parent) in plan.parents()[range].iter().enumerate() {
@@ -316,7 +329,7 @@ fn sum_class(expected: f32) -> usize {
 
 /// Sum of magnitudes.
 #[inline(always)]
-fn sum(levels: &[i32]) -> u32 {
+fn magnitudes(levels: &[i32]) -> u32 {
     levels.iter().fold(0, |sum: u32, v| sum.saturating_add(v.unsigned_abs()))
 }
 
@@ -327,8 +340,9 @@ fn code_rest<C: Coder>(coder: &mut C, symbol: u32, shift: u32, level: i32) -> i3
     let mut high = symbol;
     if symbol == ESCAPE {
         let rest = code_gamma(coder, (magnitude >> shift).saturating_sub(ESCAPE));
-        high = ESCAPE.saturating_add(rest).min(i32::MAX as u32 >> shift);
+        high = ESCAPE.saturating_add(rest);
     }
+    let high = high.min(i32::MAX as u32 >> shift);
     let low = magnitude & ((1 << shift) - 1);
     let (low, negative) = coder.bits_and_sign(high, (low, shift), level < 0);
     let (magnitude, sign) = ((high << shift | low) as i32, -i32::from(negative));

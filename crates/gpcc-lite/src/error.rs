@@ -13,7 +13,7 @@ pub enum Error {
         max: u8,
     },
     /// Leaves must be strictly ascending by Morton code and disjoint.
-    #[error("leaf {index} is not after leaf {index}-1 in Morton order, or overlaps it")]
+    #[error("leaf {index} is not after the leaf before it in Morton order, or overlaps it")]
     LeafOrder {
         /// Index of the later leaf.
         index: usize,
@@ -80,25 +80,13 @@ pub enum Error {
         /// Number needed.
         want: usize,
     },
-    /// A leaf weight of zero, or weights whose sum overflows the fixed-point transform.
-    #[error("weight {weight} of leaf {index}: weights must be 1 or more and sum below 2^36")]
+    /// A leaf weight of zero, or weights whose sum is not exact in double precision.
+    #[error("weight {weight} of leaf {index}: weights must be 1 or more and sum below 2^50")]
     Weight {
         /// Index of the leaf.
         index: usize,
         /// Its weight.
         weight: u64,
-    },
-    /// A value that does not fit the declared number of bits.
-    #[error("channel {channel}, point {index}: {value} does not fit {bits} bits")]
-    Width {
-        /// Index of the channel.
-        channel: usize,
-        /// Index of the point.
-        index: usize,
-        /// The value.
-        value: i32,
-        /// Declared width.
-        bits: u8,
     },
 }
 

@@ -1,20 +1,25 @@
 //! Lossless octree geometry of leaves of any depth.
 //!
-//! The tree is coded breadth first. At each node: a decision whether a *single* leaf lies below it.
-//! For a single: how many levels below it lies (only if the leaves differ in depth), and the path to
-//! it, whose first step tends towards the node's neighbours and whose other steps are plain bits: a
-//! well-known floor for isolated points. For any other node: the occupancy of the eight children, by
-//! the density of what is known around.
+//! The tree is coded breadth first. At each node a decision says whether a *single* leaf lies below it.
+//!
+//! For a single leaf, the stream holds the number of levels between node and leaf (only if the leaves
+//! differ in depth), and the path to it. The first step of the path tends towards the node's neighbours
+//! and has a model; the other steps are as good as random and are plain bits. Below any other node, the
+//! stream says which of the eight children are occupied. The model's context is the density of the
+//! cells known around the node.
+//!
+//! Invariant: encoder and decoder see the same nodes, in the same order, with the same contexts.
+//! Normative description: `docs/format.md`, "Geometry".
 
 mod density;
 mod models;
+mod source;
 mod tree;
-mod truth;
 
 use crate::bytes::{Reader, put_varint};
 use crate::coder::{Coder, Decoder, Encoder};
 use crate::error::{Error, Result};
-use crate::leaf::{Leaf, check_leaves};
+use crate::leaf::{Leaf, check_count, check_leaves};
 use crate::limits::Limits;
 use crate::morton::MAX_DEPTH;
 use models::Models;
@@ -34,7 +39,6 @@ pub struct Geometry {
 /// # Errors
 /// If the leaves are not valid, or there are 2^32 - 1 of them or more.
 pub fn encode(leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
-    check_leaves(leaves, j_high)?;
     let mixed = has_mixed_depths(leaves, j_high);
     let mut out = vec![j_high | u8::from(mixed) << 7];
     put_varint(&mut out, leaves.len() as u64);
@@ -71,25 +75,33 @@ pub fn has_mixed_depths(leaves: &[Leaf], j_high: u8) -> bool {
     leaves.iter().any(|l| l.depth != j_high)
 }
 
-/// Codes valid leaves into a stream that holds other things too.
+/// Codes leaves into a stream that holds other things too. `mixed` must be what [`has_mixed_depths`]
+/// says, and the decoder must be told it.
 ///
 /// # Errors
-/// If there are 2^32 - 1 leaves or more.
+/// If the leaves are not valid, or there are 2^32 - 1 of them or more.
 pub fn encode_leaves(coder: &mut Encoder, leaves: &[Leaf], j_high: u8, mixed: bool) -> Result<()> {
-    check_count(leaves.len() as u64)?;
+    check_leaves(leaves, j_high)?;
     code(coder, Some(leaves), leaves.len(), j_high, mixed).map(|_| ())
 }
 
 /// Decodes what [`encode_leaves`] coded.
 ///
+/// Time and memory are bounded by the bytes of the stream as well as by `count`: a stream that claims
+/// more leaves than it holds ends early.
+///
 /// # Errors
-/// If the stream is truncated or does not hold `count` leaves.
+/// If the stream is truncated or does not hold `count` leaves, or `j_high` exceeds
+/// [`MAX_DEPTH`](crate::morton::MAX_DEPTH).
 pub fn decode_leaves(
     coder: &mut Decoder<'_>,
     count: usize,
     j_high: u8,
     mixed: bool,
 ) -> Result<Vec<Leaf>> {
+    if j_high > MAX_DEPTH {
+        return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
+    }
     check_count(count as u64)?;
     let leaves = code(coder, None, count, j_high, mixed)?;
     if leaves.len() != count {
@@ -98,14 +110,7 @@ pub fn decode_leaves(
     Ok(leaves)
 }
 
-fn check_count(points: u64) -> Result<()> {
-    if points >= u64::from(u32::MAX) {
-        return Err(Error::TooManyPoints { points, limit: u32::MAX as usize - 1 });
-    }
-    Ok(())
-}
-
-/// Both directions.
+/// Codes or decodes the levels of the tree from the root down.
 fn code<C: Coder>(
     coder: &mut C,
     leaves: Option<&[Leaf]>,

@@ -1,9 +1,12 @@
-//! Neighbourhoods of the nodes of an octree level, derived from those of their parents: no
-//! hashing, no search.
+//! Neighbourhoods of the nodes of an octree level, derived from those of their parents without a search.
 //!
-//! A *block* is the 4x4x4 cells of a parent's children (1 and 2 on each axis) and of the cells
-//! that touch them, cell `(x, y, z)` at bit `16 x + 4 y + z` of a `u64`. The 3x3x3 cells around
-//! one child are a *window* of it, numbered the same way with 0 to 2 on each axis.
+//! A *block* holds the 4x4x4 cells in and around a parent: its children (at 1 and 2 on each axis) and the
+//! cells that touch them. Cell `(x, y, z)` is bit `16 x + 4 y + z` of a `u64`. The 3x3x3 cells around one
+//! child are a part of the block, a *window*: shifted down, they are numbered in the same way with 0 to 2 on
+//! each axis, and the child itself is at `(1, 1, 1)`.
+//!
+//! Every cell of the block is a child of the parent or of one of the parent's 26 neighbours. So the windows
+//! of a level follow from those of the level above, and from the children of its nodes.
 
 /// Bit of the node itself in a window.
 pub(crate) const CENTRE: u32 = 21;
@@ -12,7 +15,7 @@ const WINDOW: u64 = 0x0000_0777_0777_0777;
 /// The six cells of a window that share a face with its centre.
 const FACES: u64 = 1 << 5 | 1 << 37 | 1 << 17 | 1 << 25 | 1 << 20 | 1 << 22;
 
-/// Number of set bits of a byte: the baseline x86-64 has no instruction for it.
+/// Number of set bits of a byte. The baseline of x86-64 has no instruction for it.
 pub(crate) const ONES: [u8; 256] = {
     let mut t = [0u8; 256];
     let mut i = 0;
@@ -23,7 +26,7 @@ pub(crate) const ONES: [u8; 256] = {
     t
 };
 
-/// Rank of child `c` among the children in `mask`.
+/// Number of children in `mask` before child `c`.
 #[inline]
 pub(crate) fn rank(mask: u8, c: u32) -> u32 {
     u32::from(ONES[usize::from(mask) & ((1 << c) - 1)])
@@ -34,11 +37,11 @@ pub(crate) fn rank(mask: u8, c: u32) -> u32 {
 pub(crate) struct Children {
     /// Index of the first in the next level's list.
     pub(crate) first: u32,
-    /// Which of the eight there are.
+    /// Which of the eight are occupied.
     pub(crate) mask: u8,
 }
 
-/// The children in a mask as the cells `(x, y, z)`, each 0 or 1.
+/// The children of a mask as cells `(x, y, z)` with 0 or 1 on each axis.
 const SPREAD: [u64; 256] = {
     let mut t = [0u64; 256];
     let mut mask = 0;
@@ -55,12 +58,12 @@ const SPREAD: [u64; 256] = {
     t
 };
 
-/// How the children of the neighbour at each bit of a window enter the block.
+/// How the children of a neighbour enter the block, by the neighbour's bit in the parent's window.
 #[derive(Clone, Copy)]
 struct Entry {
-    /// Those that are in it.
+    /// The children that lie in the block.
     keep: u8,
-    /// Where [`SPREAD`] goes.
+    /// By how much [`SPREAD`] of them is rotated to their cells.
     rotate: u8,
 }
 
@@ -88,8 +91,8 @@ const ENTRY: [Entry; 64] = {
     t
 };
 
-/// For each cell of the block: bit of its parent in the window around the block's own, and which
-/// child of that it is.
+/// For each cell of the block: the bit of its parent in the window around the block's node, and which child
+/// of its parent it is.
 const OWNER: [(u8, u8); 64] = {
     let mut t = [(0u8, 0u8); 64];
     let mut at = 0;
@@ -104,37 +107,38 @@ const OWNER: [(u8, u8); 64] = {
     t
 };
 
-/// What the children `mask` of the neighbour at bit `place` of a window contribute to the block.
+/// The cells of the block that the children `mask` of the neighbour at bit `place` of a window fill.
 #[inline]
 fn cells_of(place: usize, mask: u8) -> u64 {
     let e = &ENTRY[place & 63];
     SPREAD[usize::from(mask & e.keep)].rotate_left(u32::from(e.rotate))
 }
 
-/// Number of cells around the centre of a window, and of those that share a face with it.
+/// Number of occupied cells around the centre of a window, and of those that share a face with the centre.
 #[inline]
 pub(crate) fn count(window: u64) -> (u8, u8) {
     let around = (window & !(1 << CENTRE)).count_ones();
     (around as u8, (window & FACES).count_ones() as u8)
 }
 
-/// Neighbourhoods of the nodes of a level that have children, in order.
+/// Neighbourhoods of the nodes of a level, in order, without those that have no children.
 #[derive(Debug, Default)]
 pub(crate) struct Hoods {
-    /// Window of each: which cells around it are nodes of the list.
+    /// The window of each node: which cells around it are nodes of the level.
     pub(crate) present: Vec<u64>,
-    /// Their indices in the list, bit by bit, itself included; node after node.
+    /// For each node in turn, the indices in the level of the nodes in its window, itself included, by
+    /// ascending bit.
     pub(crate) near: Vec<u32>,
 }
 
 impl Hoods {
-    /// The neighbourhood above the root: a node whose only child is the root.
+    /// The neighbourhood of a node above the root, whose only child is the root.
     pub(crate) fn above_root() -> Self {
         Self { present: vec![1 << CENTRE], near: vec![0] }
     }
 }
 
-/// The cells around and in a node, with the children of its neighbours.
+/// The cells in and around a node, and the children of the node and of its neighbours.
 pub(crate) struct Block {
     cells: u64,
     children: [Children; 64],
@@ -145,8 +149,8 @@ impl Block {
         Self { cells: 0, children: [Children::default(); 64] }
     }
 
-    /// Takes in the node with this window; `near` starts at its neighbours. Returns how many
-    /// there are.
+    /// Goes to the node whose window is `present`. `near` starts at the indices of the nodes in it. Returns how
+    /// many there are.
     #[inline]
     pub(crate) fn enter(&mut self, present: u64, near: &[u32], children: &[Children]) -> usize {
         self.cells = 0;
@@ -166,7 +170,7 @@ impl Block {
         used
     }
 
-    /// Children of the node itself.
+    /// Children of the block's node.
     #[inline]
     pub(crate) fn own(&self) -> Children {
         self.children[CENTRE as usize]
@@ -178,7 +182,7 @@ impl Block {
         (self.cells >> offset(c)) & WINDOW
     }
 
-    /// Index in the list of the node at bit `place` of the window around child `c`.
+    /// Index, in the level of the children, of the node at bit `place` of the window around child `c`.
     #[inline]
     pub(crate) fn index(&self, c: u32, place: u32) -> u32 {
         let (owner, child) = OWNER[(place + offset(c)) as usize & 63];

@@ -19,11 +19,13 @@ pub struct Leaf {
 /// Checks that `leaves` are cells of a tree of depth `j_high`, disjoint and in Morton order.
 ///
 /// # Errors
-/// The first leaf that is too deep, misaligned or out of order.
+/// The first leaf that is too deep, misaligned or out of order; 2^32 - 1 leaves or more, because leaves
+/// are numbered in 32 bits.
 pub fn check_leaves(leaves: &[Leaf], j_high: u8) -> Result<()> {
     if j_high > MAX_DEPTH {
         return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
     }
+    check_count(leaves.len() as u64)?;
     let mut end = 0u64;
     for (index, leaf) in leaves.iter().enumerate() {
         if leaf.depth > j_high {
@@ -37,6 +39,14 @@ pub fn check_leaves(leaves: &[Leaf], j_high: u8) -> Result<()> {
             return Err(Error::LeafOrder { index });
         }
         end = leaf.morton + size;
+    }
+    Ok(())
+}
+
+/// Refuses more leaves than 32 bits can number.
+pub(crate) fn check_count(points: u64) -> Result<()> {
+    if points >= u64::from(u32::MAX) {
+        return Err(Error::TooManyPoints { points, limit: u32::MAX as usize - 1 });
     }
     Ok(())
 }

@@ -1,49 +1,38 @@
 //! Geometry and attribute coding of voxelized point clouds.
 //!
-//! The crate knows voxels, and integers per voxel; what they mean is the caller's business. It
-//! follows the tools of MPEG's G-PCC (octree, RAHT, predicting and lifting transforms) with
-//! entropy coding of its own; streams are not those of G-PCC, and are described in
-//! `docs/bitstream-gpcc.md` of the repository.
+//! The crate knows voxels, and numbers per voxel; what they mean is the caller's business. It follows the tools
+//! of MPEG's G-PCC (octree, RAHT, predicting and lifting transforms) with entropy coding of its own. Its
+//! streams are not those of G-PCC; `docs/format.md` of the repository describes them.
 //!
-//! * [`geometry`]: leaves of a pruned octree, each of its own depth, lossless.
+//! * [`geometry`]: leaves of a pruned octree, each with a depth of its own, lossless.
 //! * [`raht`]: the region-adaptive hierarchical transform, one list of merges for all channels.
 //! * [`attribute`]: RAHT, quantisation and entropy coding of a group of channels in one call.
-//! * [`predict`]: lossless integers by nearest coded neighbours, and lossy lifting.
-//! * [`coder`], [`model`], [`mix`]: the entropy coder and its models; [`rlgr`]: run-length /
-//!   Golomb-Rice coding, which the paper uses.
+//! * [`predict`]: lossless integers by prediction from the nearest coded neighbours, and lossy lifting.
+//! * [`coder`], [`model`], [`mix`]: the entropy coder and its models.
+//! * [`rlgr`]: adaptive run-length and Golomb-Rice coding, the entropy coder of the paper.
 //!
-//! Encoders and decoders give the same bytes and values on every machine. Decoders take hostile input:
-//! an error or a wrong result, never a panic, and memory in proportion to what the caller allows
-//! ([`Limits`]).
+//! Encoders and decoders give the same bytes and values on every machine. Decoders may be given hostile
+//! input: they return an error or a wrong result and never panic, and their memory is bounded by what the
+//! caller allows ([`Limits`]).
 //!
 //! ```
-//! use gpcc_lite::attribute::{self, Options};
-//! use gpcc_lite::coder::{Decoder, Encoder};
-//! use gpcc_lite::raht::{Plan, Rows};
-//! use gpcc_lite::{Leaf, Limits, geometry, morton};
+//! use gpcc_lite::raht::{Plan, Rows, forward, inverse};
+//! use gpcc_lite::{Leaf, morton};
 //!
-//! # fn main() -> gpcc_lite::Result<()> {
-//! // A diagonal of voxels in a cube of depth 7, with one value each.
+//! // Occupied voxels in Morton order, each with one row of channels.
 //! let leaves: Vec<Leaf> =
 //!     (0..100).map(|i| Leaf { morton: morton::encode([i, i, i]), depth: 7 }).collect();
-//! let shape = geometry::encode(&leaves, 7)?;
-//! let back = geometry::decode(&shape, &Limits::for_stream(shape.len()))?;
-//! assert_eq!(back.leaves, leaves);
-//!
 //! let plan = Plan::new(&leaves, 7)?;
 //! let mut rows = Rows::new(100, 1);
 //! (0..100).for_each(|i| rows.row_mut(i)[0] = i as f32);
-//! let mut coder = Encoder::default();
-//! attribute::encode(&mut coder, &plan, &[2.0], &Options::default(), &mut rows)?;
-//! let bytes = coder.finish();
-//!
-//! let mut decoded = Rows::new(100, 1);
-//! attribute::decode(&mut Decoder::new(&bytes)?, &plan, &[2.0], &mut decoded)?;
-//! assert_eq!(decoded, rows);
-//! assert!((0..100).all(|i| (decoded.row(i)[0] - i as f32).abs() <= 4.0));
-//! # Ok(())
-//! # }
+//! forward(&plan, &mut rows)?; // The mean in row 0, differences of means in all others.
+//! assert!((rows.row(0)[0] - 49.5).abs() < 1e-4);
+//! inverse(&plan, &mut rows)?;
+//! assert!((0..100).all(|i| (rows.row(i)[0] - i as f32).abs() < 1e-4));
+//! # Ok::<(), gpcc_lite::Error>(())
 //! ```
+//!
+//! The README shows a whole round trip with quantisation and entropy coding.
 
 pub mod attribute;
 mod bytes;
@@ -66,7 +55,7 @@ pub use error::{Error, Result};
 pub use leaf::Leaf;
 pub use limits::Limits;
 
-/// The README's example, run with the documentation's.
+/// The README's examples, run with those of the documentation.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

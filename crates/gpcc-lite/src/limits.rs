@@ -1,4 +1,4 @@
-//! [`Limits`]: how much a stream from outside may cost.
+//! [`Limits`]: how much memory and time a decoder may spend on a stream.
 
 /// Bounds on what a decoder may allocate, whatever the stream claims.
 ///

@@ -1,8 +1,9 @@
 //! Logistic mixing of binary predictions, in integers.
 //!
-//! Predictions are added in the logistic domain, `stretch(p) = ln(p / (1 - p))`, with weights
-//! that follow the coding error (Mahoney's PAQ mixer). Tables are computed at compile time from
-//! one integer constant, so they are the same everywhere.
+//! Several models predict one decision. Their predictions are added in the logistic domain,
+//! `stretch(p) = ln(p / (1 - p))`, with weights that follow the coding error (the mixer of Mahoney's PAQ).
+//! The tables are computed at compile time from one integer constant, so they are the same on every
+//! machine. The lossless coders of this crate and of its callers use mixing; the lossy ones do not.
 
 use crate::coder::Coder;
 use crate::model::Bit;
@@ -40,33 +41,25 @@ const STRETCH: [i16; 4096] = {
     t
 };
 
-/// [`STRETCH`] of the probabilities that a counter admits, by the top 12 bits of its state.
+/// [`STRETCH`] of the probabilities that a [`Bit`] codes with, by the top 12 bits of its state.
 const STRETCH_STATE: [i16; 4096] = {
     let mut t = STRETCH;
-    // A counter's probability is at least 32 and at most 65504.
+    // The coder's probabilities are at least 32 and at most 65504, in 1/65536.
     t[0] = t[2];
     t[1] = t[2];
     t[4095] = t[4094];
     t
 };
 
-/// [`stretch`] of a counter's probability, from its state.
+/// `ln(p / (1 - p))` of the probability in a [`Bit`], with 8 fraction bits.
 #[inline]
 pub(crate) fn stretch_of_state(state: u32) -> i32 {
     i32::from(STRETCH_STATE[(state >> 20) as usize])
 }
 
-/// `ln(p / (65536 - p))` with 8 fraction bits, for a 16-bit probability.
+/// The 16-bit probability whose `ln(p / (1 - p))` is `x / 256`, within `[32, 65504]`.
 #[inline]
-#[must_use]
-pub fn stretch(p: u32) -> i32 {
-    i32::from(STRETCH[(p >> 4) as usize & 4095])
-}
-
-/// The 16-bit probability whose [`stretch`] is `x / 256`, within `[32, 65504]`.
-#[inline]
-#[must_use]
-pub fn squash(x: i32) -> u32 {
+pub(crate) fn squash(x: i32) -> u32 {
     u32::from(SQUASH[(x.clamp(-2047, 2047) + 2048) as usize])
 }
 
@@ -83,8 +76,7 @@ impl<const N: usize> Mixer<N> {
 
     /// The mixed probability of inputs in the stretched domain.
     #[inline]
-    #[must_use]
-    pub fn mix(&self, inputs: &[i32; N]) -> u32 {
+    pub(crate) fn mix(&self, inputs: &[i32; N]) -> u32 {
         let mut dot = 0i64;
         for (w, x) in self.0.iter().zip(inputs) {
             dot += i64::from(*w) * i64::from(*x);
@@ -94,16 +86,16 @@ impl<const N: usize> Mixer<N> {
 
     /// Moves the weights along the coding error; `rate` is about 2 (slow) to 16 (fast).
     #[inline]
-    pub fn update(&mut self, inputs: &[i32; N], p1: u32, bit: bool, rate: i32) {
+    pub(crate) fn update(&mut self, inputs: &[i32; N], p1: u32, bit: bool, rate: i32) {
         let err = ((i32::from(bit) << 16) - p1 as i32) * rate;
         for (w, x) in self.0.iter_mut().zip(inputs) {
-            // At most 2^11 times 2^16 times the rate; a stream no encoder wrote may wrap a weight.
+            // The product fits 32 bits for rates up to 16. A hostile stream may wrap a weight.
             *w = w.wrapping_add((*x * err + (1 << 17)) >> 18);
         }
     }
 }
 
-/// Codes one decision with the mixed prediction of `bits`, then all of them learn it.
+/// Codes one decision with the mixed prediction of the models `bits`; then these and the mixer learn it.
 #[inline(always)]
 pub fn code_mixed<const N: usize, C: Coder>(
     coder: &mut C,
@@ -124,4 +116,56 @@ pub fn code_mixed<const N: usize, C: Coder>(
         b.learn(bit, limit);
     }
     bit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[allow(clippy::disallowed_methods, reason = "the definition the tables are compared with")]
+    fn squash_is_the_logistic_function() {
+        for x in -2047..=2047 {
+            let want = 65536.0 / (1.0 + (-f64::from(x) / 256.0).exp());
+            let got = f64::from(squash(x));
+            assert!((got - want.clamp(32.0, 65504.0)).abs() <= 1.0, "{x}: {got} {want}");
+        }
+        assert_eq!(squash(i32::MIN), squash(-2047));
+        assert_eq!(squash(i32::MAX), squash(2047));
+        for p in (64..65472).step_by(16) {
+            let back = squash(i32::from(STRETCH[(p >> 4) as usize])) as i32;
+            assert!((back - p).abs() <= 16 + p.min(65536 - p) / 100, "{p} {back}");
+        }
+    }
+
+    #[test]
+    fn a_mixer_finds_the_input_that_knows() {
+        let mut m = Mixer::<2>::new(65_536);
+        let mut s = 1u32;
+        let mut right = 0;
+        for i in 0..4000 {
+            s = s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let bit = s >> 31 == 1;
+            let noise = if s >> 20 & 1 == 1 { 600 } else { -600 };
+            let inputs = [if bit { 600 } else { -600 }, noise];
+            let p1 = m.mix(&inputs);
+            right += u32::from(i >= 2000 && (p1 > 65536 * 3 / 4) == bit);
+            m.update(&inputs, p1, bit, 4);
+        }
+        assert!(right > 1990, "{right}");
+    }
+
+    /// The greatest error times the greatest input at the greatest rate fits 32 bits.
+    #[test]
+    fn no_update_overflows() {
+        for x in [-2048, 2047] {
+            for (p1, bit) in [(32, true), (65504, false)] {
+                let mut m = Mixer::<1>::new(65_536);
+                for _ in 0..100_000 {
+                    m.update(&[x], p1, bit, 16);
+                }
+                assert!((32..=65504).contains(&m.mix(&[x])));
+            }
+        }
+    }
 }

@@ -5,8 +5,8 @@
 use crate::coder::{Coder, SCALE_BITS};
 use wide::i16x16;
 
-/// Probability of a decision: 22 bits, beside a 10-bit number of observations. It learns at the rate
-/// `1 / (n + 1.5)` first and at a rate of about `1 / limit` in the end.
+/// Probability that a decision is true: 22 bits, and below them the number `n` of observations in 10 bits.
+/// The model learns at the rate `1 / (n + 1.5)`, and `n` ends at a limit.
 #[derive(Clone, Copy, Debug)]
 pub struct Bit(u32);
 
@@ -40,20 +40,20 @@ impl Bit {
     /// Probability that the next decision is true, in 1/2^15, never 0 or 1.
     #[inline]
     #[must_use]
-    pub fn p1(self) -> u32 {
+    pub(crate) fn p1(self) -> u32 {
         (self.0 >> 17).clamp(16, (1 << SCALE_BITS) - 16)
     }
 
-    /// [`crate::mix::stretch`] of the probability.
+    /// `ln(p / (1 - p))` of the probability, with 8 fraction bits.
     #[inline]
     #[must_use]
-    pub fn stretched(self) -> i32 {
+    pub(crate) fn stretched(self) -> i32 {
         crate::mix::stretch_of_state(self.0)
     }
 
     /// Learns a decision; `limit` (at most 1023) is the memory in observations.
     #[inline]
-    pub fn learn(&mut self, value: bool, limit: u32) {
+    pub(crate) fn learn(&mut self, value: bool, limit: u32) {
         let n = self.0 & 1023;
         let p = self.0 >> 10;
         let target = if value { (1 << 22) - 1 } else { 0 };
@@ -61,7 +61,7 @@ impl Bit {
         self.0 = self.0.wrapping_add((delta as u32) << 10) + u32::from(n < limit);
     }
 
-    /// Codes a decision and learns it.
+    /// Codes a decision and learns it; `limit` (at most 1023) is the memory in observations.
     #[inline]
     pub fn code<C: Coder>(&mut self, coder: &mut C, value: bool, limit: u32) -> bool {
         let value = coder.decision(self.p1(), value);
@@ -71,30 +71,32 @@ impl Bit {
 }
 
 /// Number of symbols of a [`Symbols`] model.
-pub const SYMBOLS: usize = 16;
+pub(crate) const SYMBOLS: usize = 16;
 /// What an observed symbol adds to its count.
 const SEEN: u16 = 32;
-/// Observations after which all counts are halved.
+/// Counts are halved once they are worth this many observations.
 const MEMORY: u32 = 1024;
-/// Observations until the intervals are made from the counts for the first time, and at most.
+/// Observations before the intervals are made from the counts for the first time, and the most between two
+/// times.
 const FIRST: u8 = 4;
 const LONGEST: u8 = 64;
 
-/// Model of a symbol out of sixteen. Counts are exact. The intervals that the coder uses follow the
-/// counts after 4 observations, then 8, 16, 32 and every 64, so that learning costs an addition.
+/// Model of a symbol out of sixteen. Every observation adds to a count. The intervals that the coder uses
+/// are made from the counts after 4 observations, after 8 more, 16 more, 32 more, and then every 64: so
+/// learning is cheap.
 #[derive(Clone, Copy, Debug)]
 pub struct Symbols {
     /// Start of each symbol's interval; the last interval ends at `2^SCALE_BITS`.
     start: [i16; SYMBOLS],
     counts: [u16; SYMBOLS],
-    /// Observations until the intervals are made again, and of how many that was.
+    /// Observations left until the intervals are made again, and how many there were at first.
     wait: u8,
     interval: u8,
 }
 
 impl Symbols {
     /// A model that expects geometric symbols of the given mean (8 fraction bits), as if after
-    /// `weight` observations.
+    /// `weight` observations (at most 1024).
     #[must_use]
     pub fn geometric(mean: u32, weight: u32) -> Self {
         let mean = u64::from(mean);
@@ -136,8 +138,8 @@ impl Symbols {
         (start, end.wrapping_sub(start) % (1 << SCALE_BITS))
     }
 
-    /// The symbol whose interval holds a code. It compares with all starts: where a search ends cannot
-    /// be predicted, and a mispredicted branch takes longer.
+    /// The symbol whose interval holds a code. The code is compared with all starts, because a search would
+    /// end at a place that no processor predicts.
     #[inline]
     pub(crate) fn find(&self, code: u32) -> usize {
         let above = i16x16::new(self.start).simd_gt(i16x16::splat(code as i16)).to_bitmask();
@@ -172,6 +174,22 @@ impl Symbols {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_decision_learns_and_never_becomes_certain() {
+        let mut b = Bit::default();
+        for i in 0..100_000u32 {
+            b.learn(true, 255);
+            assert!(b.p1() <= (1 << SCALE_BITS) - 16 && b.0 & 1023 <= 255, "{i}");
+        }
+        assert_eq!(b.p1(), (1 << SCALE_BITS) - 16);
+        (0..20_000).for_each(|_| b.learn(false, 255));
+        assert_eq!(b.p1(), 16);
+        // Half of the time: the first observations count as 1/n.
+        let mut b = Bit::default();
+        (0..1000).for_each(|i| b.learn(i % 2 == 0, 1023));
+        assert!(b.p1().abs_diff(1 << (SCALE_BITS - 1)) < 200);
+    }
 
     #[test]
     fn intervals_cover_all_codes_whatever_is_learned() {

@@ -1,7 +1,7 @@
-//! Prediction of attributes from neighbours already coded.
+//! Prediction of attributes from neighbours that are coded already.
 //!
 //! [`Neighbours`] orders the points coarse to fine and finds, once for all channels, the nearest
-//! points that precede each one in that order. [`encode_lossless`] predicts every value of an
+//! points before each one in that order. [`encode_lossless`] predicts every value of an
 //! integer channel of any width from them and codes the residual; [`Lifting`] is the lossy
 //! transform on the same levels of detail.
 

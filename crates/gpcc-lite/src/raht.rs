@@ -1,20 +1,20 @@
 //! RAHT: the region-adaptive hierarchical transform (de Queiroz and Chou, 2016).
 //!
-//! Sorted Morton codes form a binary radix tree with exactly `N - 1` merges, whatever the depth.
-//! [`Plan`] finds them once, in `O(N)`; every channel then goes through the same list. The
-//! transform is orthonormal: for children with weights `w1`, `w2`
+//! Sorted Morton codes form a binary radix tree with exactly `N - 1` merges, whatever its depth.
+//! [`Plan`] finds them once, in `O(N)`, for all channels. The transform is orthonormal: for children with
+//! weights `w1`, `w2`
 //!
 //! ```text
 //! low  = (sqrt(w1) a + sqrt(w2) b) / sqrt(w1 + w2)
 //! high = (sqrt(w1) b - sqrt(w2) a) / sqrt(w1 + w2)
 //! ```
 //!
-//! Leaf weights other than 1 state importance: the leaf enters as `sqrt(w) * value`, so a
-//! uniform quantiser of the coefficients leaves it an error smaller by `sqrt(w)`.
+//! Leaf weights other than 1 say how important a leaf is: its value is multiplied by `sqrt(w)`, so a uniform
+//! quantiser of the coefficients leaves the value an error smaller by `sqrt(w)`.
 //!
 //! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine by the bit of the
 //! Morton code that they split at: three levels for each octree depth, x, then y, then z. Within a level
-//! they are in Morton order. So the merge above a merge is always in a level before.
+//! they are in Morton order. So the merge above a merge is always in an earlier level.
 
 mod float;
 mod rows;
@@ -27,7 +27,7 @@ use crate::error::{Error, Result};
 use crate::leaf::{Leaf, check_leaves};
 
 /// Greatest sum of leaf weights (exclusive): sums of weights are exact in `f64`.
-pub const MAX_WEIGHT_SUM: u64 = 1 << 50;
+const MAX_WEIGHT_SUM: u64 = 1 << 50;
 
 /// The merges of a set of leaves, shared by all channels.
 #[derive(Clone, Debug)]
@@ -86,15 +86,14 @@ impl Plan {
     /// The plan for `leaves` with an importance weight each.
     ///
     /// # Errors
-    /// As [`Plan::new`]; also if a weight is 0, the sum reaches [`MAX_WEIGHT_SUM`], or the counts
-    /// differ.
+    /// As [`Plan::new`]; also if a weight is 0, the sum reaches 2^50, or the counts differ.
     pub fn with_weights(leaves: &[Leaf], j_high: u8, weights: &[u32]) -> Result<Self> {
         check_leaves(leaves, j_high)?;
         check_weights(leaves.len(), weights)?;
         Ok(Self::build(Arc::new(leaves.to_vec()), j_high, Some(weights)))
     }
 
-    /// The same leaves with other weights: what [`Plan::with_weights`] gives, for less.
+    /// The same leaves with other weights: the same as [`Plan::with_weights`], in less time.
     ///
     /// # Errors
     /// As [`Plan::with_weights`].
@@ -108,54 +107,12 @@ impl Plan {
     }
 
     fn build(leaves: Arc<Vec<Leaf>>, j_high: u8, weights: Option<&[u32]>) -> Self {
-        let n = leaves.len();
-        let merges = n.saturating_sub(1);
-        let prefix = weights.map(prefix_of).unwrap_or_default();
-        // Boundary j lies between leaves j-1 and j; its bit is the highest in which they differ.
-        // A boundary's subtree reaches to the nearest boundaries with a higher bit.
-        let mut bit = vec![0u8; n.max(1)];
-        let mut first = vec![0u32; n.max(1)];
-        let mut last = vec![n as u32; n.max(1)];
-        let mut above = vec![0u32; n.max(1)];
-        let mut stack: Vec<u32> = Vec::with_capacity(64);
-        let mut histogram = [0u32; 64];
-        for j in 1..n {
-            let b = 63 - (leaves[j - 1].morton ^ leaves[j].morton).leading_zeros() as u8;
-            bit[j] = b;
-            histogram[usize::from(b)] += 1;
-            while let Some(&t) = stack.last() {
-                if bit[t as usize] >= b {
-                    break;
-                }
-                stack.pop();
-                last[t as usize] = j as u32;
-                let left = stack.last().copied();
-                // The smaller of the two enclosing boundaries is the parent.
-                above[t as usize] = match left {
-                    Some(l) if bit[l as usize] < b => l,
-                    _ => j as u32,
-                };
-            }
-            first[j] = stack.last().copied().unwrap_or(0);
-            stack.push(j as u32);
-        }
-        while let Some(t) = stack.pop() {
-            above[t as usize] = stack.last().copied().unwrap_or(0);
-        }
-        // Counting sort by bit, the highest first; Morton order within a level.
-        let mut levels = vec![1u32];
-        for b in (0..3 * usize::from(j_high)).rev() {
-            levels.push(levels[levels.len() - 1] + histogram[b]);
-        }
-        let mut slots: Vec<u32> = levels.iter().map(|&first| first - 1).collect();
-        let mut sorted = vec![0u32; merges];
-        for j in 1..n {
-            let slot = &mut slots[3 * usize::from(j_high) - 1 - usize::from(bit[j])];
-            sorted[*slot as usize] = j as u32;
-            *slot += 1;
-        }
+        let points = leaves.len();
+        let merges = points.saturating_sub(1);
+        let boundaries = Boundaries::between(&leaves);
+        let (levels, sorted) = boundaries.sorted(j_high);
         let mut plan = Self {
-            points: n,
+            points,
             left: vec![0; merges],
             right: Vec::new(),
             parent: vec![0; merges],
@@ -165,15 +122,16 @@ impl Plan {
             noise_gain: vec![1.0; merges],
             levels,
             leaves,
-            prefix,
+            prefix: weights.map(prefix_of).unwrap_or_default(),
         };
-        // Parents come before their children, and what is above all is 0.
-        let mut index = vec![0u32; n.max(1)];
+        // Parents come before their children. No boundary is above the root's: its parent is 0, the DC.
+        let mut coefficient = vec![0u32; points.max(1)];
         for (m, &j) in sorted.iter().enumerate() {
-            index[j as usize] = m as u32 + 1;
-            plan.left[m] = first[j as usize];
-            plan.parent[m] = index[above[j as usize] as usize];
-            plan.end[m] = last[j as usize];
+            let j = j as usize;
+            coefficient[j] = m as u32 + 1;
+            plan.left[m] = boundaries.first[j];
+            plan.parent[m] = coefficient[boundaries.above[j] as usize];
+            plan.end[m] = boundaries.end[j];
         }
         plan.right = sorted;
         for m in 0..merges {
@@ -238,8 +196,7 @@ impl Plan {
     }
 
     /// The parents of coefficients `1..len()`, in order.
-    #[must_use]
-    pub fn parents(&self) -> &[u32] {
+    pub(crate) fn parents(&self) -> &[u32] {
         &self.parent
     }
 
@@ -320,6 +277,77 @@ impl Plan {
             }
         }
         values
+    }
+}
+
+/// The boundaries between consecutive leaves. Boundary `j` lies before leaf `j`, and every boundary
+/// separates the two children of one merge. Entry 0 is not used.
+struct Boundaries {
+    /// The bit of the Morton code at which the merge splits: the highest in which leaves `j - 1` and `j`
+    /// differ.
+    bit: Vec<u8>,
+    /// The merge's first leaf.
+    first: Vec<u32>,
+    /// The leaf after the merge's last.
+    end: Vec<u32>,
+    /// The boundary of the merge above; 0 for the root.
+    above: Vec<u32>,
+}
+
+impl Boundaries {
+    /// Finds all merges in one pass. A merge reaches on both sides to the nearest boundary with a higher
+    /// bit, and the lower of these two is the merge above.
+    fn between(leaves: &[Leaf]) -> Self {
+        let n = leaves.len();
+        let mut bit = vec![0u8; n.max(1)];
+        let mut first = vec![0u32; n.max(1)];
+        let mut end = vec![n as u32; n.max(1)];
+        let mut above = vec![0u32; n.max(1)];
+        // Boundaries whose end is not known yet: their bits descend.
+        let mut open: Vec<u32> = Vec::with_capacity(64);
+        for j in 1..n {
+            let b = 63 - (leaves[j - 1].morton ^ leaves[j].morton).leading_zeros() as u8;
+            bit[j] = b;
+            while let Some(&t) = open.last() {
+                if bit[t as usize] >= b {
+                    break;
+                }
+                open.pop();
+                end[t as usize] = j as u32;
+                above[t as usize] = match open.last().copied() {
+                    Some(left) if bit[left as usize] < b => left,
+                    _ => j as u32,
+                };
+            }
+            first[j] = open.last().copied().unwrap_or(0);
+            open.push(j as u32);
+        }
+        while let Some(t) = open.pop() {
+            above[t as usize] = open.last().copied().unwrap_or(0);
+        }
+        Self { bit, first, end, above }
+    }
+
+    /// The boundaries by descending bit, in Morton order within a bit, and the first coefficient of each
+    /// bit: a counting sort.
+    fn sorted(&self, j_high: u8) -> (Vec<u32>, Vec<u32>) {
+        let bits = 3 * usize::from(j_high);
+        let mut histogram = [0u32; 64];
+        for &b in &self.bit[1..] {
+            histogram[usize::from(b)] += 1;
+        }
+        let mut levels = vec![1u32];
+        for b in (0..bits).rev() {
+            levels.push(levels[levels.len() - 1] + histogram[b]);
+        }
+        let mut slots: Vec<u32> = levels.iter().map(|&first| first - 1).collect();
+        let mut sorted = vec![0u32; self.bit.len() - 1];
+        for (j, &b) in self.bit.iter().enumerate().skip(1) {
+            let slot = &mut slots[bits - 1 - usize::from(b)];
+            sorted[*slot as usize] = j as u32;
+            *slot += 1;
+        }
+        (levels, sorted)
     }
 }
 

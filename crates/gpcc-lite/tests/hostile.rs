@@ -1,20 +1,20 @@
-//! Streams from an enemy: an error or a bounded wrong result, never a panic.
+//! Damaged and hostile streams: an error or a bounded wrong result, never a panic.
 
 mod common;
 
-use common::channel;
+use common::{channel, rows_of};
 use gpcc_lite::attribute::{self, Options};
-use gpcc_lite::coeffs::{self, Mode};
+use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gpcc_lite::predict::{
     Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
 };
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::Plan;
-use gpcc_lite::{Error, Leaf, Limits, geometry};
+use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::{Error, Leaf, Limits, geometry, rlgr};
 use proptest::prelude::*;
 
-/// Every truncation, and every single-bit flip, of `bytes`.
-fn torment(bytes: &[u8], mut decode: impl FnMut(&[u8])) {
+/// Calls `decode` with every truncation and every single-bit flip of `bytes`.
+fn damage(bytes: &[u8], mut decode: impl FnMut(&[u8])) {
     for end in 0..bytes.len() {
         decode(&bytes[..end]);
     }
@@ -28,119 +28,153 @@ fn torment(bytes: &[u8], mut decode: impl FnMut(&[u8])) {
 
 /// A small tree of mixed depth.
 fn leaves() -> (Vec<Leaf>, u8) {
-    let mut l: Vec<Leaf> = (0..150u64)
-        .map(|i| {
-            let depth = 5 + (i % 3) as u8;
-            let cut = 3 * (7 - depth);
-            Leaf { morton: (i * i * 31 % (1 << 21)) >> cut << cut, depth }
-        })
-        .collect();
-    l.sort();
-    let mut end = 0;
-    l.retain(|l| {
-        let keep = l.morton >= end;
-        if keep {
-            end = l.morton + (1 << (3 * (7 - l.depth)));
-        }
-        keep
-    });
-    (l, 7)
+    let codes: Vec<(u64, u8)> =
+        (0..150u64).map(|i| (i * i * 31 % (1 << 21), 5 + (i % 3) as u8)).collect();
+    (common::leaves_from(&codes, 7), 7)
+}
+
+fn decode_attributes(plan: &Plan, bytes: &[u8], channels: usize) -> Result<(), Error> {
+    let mut rows = Rows::new(plan.len(), channels);
+    attribute::decode(&mut Decoder::new(bytes)?, plan, &vec![1.0; channels], &mut rows)
 }
 
 #[test]
 fn geometry() {
     let (leaves, j) = leaves();
     let uniform: Vec<Leaf> = leaves.iter().map(|l| Leaf { depth: j, ..*l }).collect();
-    let fast = geometry::encode_fast(&uniform, j).unwrap();
-    let streams = [leaves, uniform].map(|l| (geometry::encode(&l, j).unwrap(), l.len()));
-    let points = streams[1].1;
-    for (bytes, points) in streams.into_iter().chain([(fast, points)]) {
-        let limits = Limits { max_points: 2 * points };
-        torment(&bytes, |b| {
+    for leaves in [leaves, uniform] {
+        let bytes = geometry::encode(&leaves, j).unwrap();
+        let limits = Limits { max_points: 2 * leaves.len() };
+        damage(&bytes, |b| {
             if let Ok(g) = geometry::decode(b, &limits) {
                 assert!(g.leaves.len() <= limits.max_points);
+                gpcc_lite::leaf::check_leaves(&g.leaves, g.j_high).unwrap();
             }
-            let _ = geometry::decode_lod(b, 4, &limits);
         });
-    }
-}
-
-/// Found by fuzzing: the count was compared with the whole tree's leaves only, so that a level of
-/// detail of 129 nodes passed where the stream claimed 102 and the caller allowed 128.
-#[test]
-fn a_level_of_detail_has_no_more_leaves_than_the_stream_claims() {
-    let (leaves, j) = leaves();
-    let leaves: Vec<Leaf> = leaves.into_iter().take(120).collect();
-    let mut stream = geometry::encode(&leaves, j).unwrap();
-    assert_eq!(usize::from(stream[2]), leaves.len());
-    let mut refused = 0;
-    for claimed in 1..leaves.len() {
-        stream[2] = claimed as u8;
-        for depth in 0..=j {
-            match geometry::decode_lod(&stream, depth, &Limits { max_points: 128 }) {
-                Ok(g) => assert!(g.leaves.len() <= claimed, "{claimed} at depth {depth}"),
-                Err(_) => refused += 1,
-            }
+        // The entropy coder notices every truncation.
+        for end in 0..bytes.len() {
+            assert!(geometry::decode(&bytes[..end], &limits).is_err(), "{end}");
         }
     }
-    assert!(refused > leaves.len());
 }
 
 #[test]
 fn attributes() {
     let (leaves, j) = leaves();
     let plan = Plan::new(&leaves, j).unwrap();
-    let c = channel(leaves.len(), 3, 1);
-    for mode in [Mode::Range, Mode::Symbols, Mode::Rlgr, Mode::RlgrMalvar] {
-        for prediction in [true, false] {
-            let o = Options { mode, prediction, ..Options::default() };
-            let coded = attribute::encode(&plan, &[&c, &c], &[Step::from_qp(10); 2], &o).unwrap();
-            let o = Options { by_means: true, ..o };
-            let alone = attribute::encode(&plan, &[&c], &[Step::from_qp(10)], &o).unwrap();
-            for bytes in [coded.bytes, alone.bytes] {
-                torment(&bytes, |b| {
-                    if let Ok(v) = attribute::decode(&plan, b, 2) {
-                        assert!(v.len() <= 2 && v.iter().all(|v| v.len() == plan.len()));
-                    }
-                });
-            }
-        }
+    for channels in [1, 3, 7, 9] {
+        let mut rows = rows_of(leaves.len(), channels, 3, 1);
+        let mut coder = Encoder::default();
+        let steps = vec![30.0; channels];
+        attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
+        let bytes = coder.finish();
+        damage(&bytes, |b| drop(decode_attributes(&plan, b, channels)));
+        assert!(decode_attributes(&plan, &bytes, channels).is_ok());
+        assert!(decode_attributes(&plan, &bytes[..bytes.len() / 2], channels).is_err());
     }
 }
 
 #[test]
-fn lossless_and_lifting() {
+fn lossless_lifting_and_rlgr() {
     let (leaves, j) = leaves();
     let near = Neighbours::new(&leaves, j).unwrap();
     let coarser = Neighbours::coarser(&leaves, j).unwrap();
     let lift = Lifting::new(&coarser);
     for kind in 0..4 {
         let c = channel(leaves.len(), 3, kind);
-        torment(&encode_lossless(&near, &[&c]).unwrap(), |b| {
-            let _ = decode_lossless(&near, b, 1);
+        damage(&encode_lossless(&near, &[&c]).unwrap(), |b| drop(decode_lossless(&near, b, 1)));
+        damage(&encode_lifting(&lift, &[&c], &[Step::from_qp(10)]).unwrap(), |b| {
+            drop(decode_lifting(&lift, b, 1));
         });
-        torment(&encode_lifting(&lift, &[&c], &[Step::from_qp(10)]).unwrap(), |b| {
-            let _ = decode_lifting(&lift, b, 1);
-        });
+        damage(&rlgr::encode(&c), |b| drop(rlgr::decode(b, c.len())));
     }
 }
 
-/// A header that promises the moon costs nothing.
+/// A coder of plain bits alone, as an attacker writes them: magnitudes near 2^31 and beyond.
 #[test]
-fn promises_are_not_believed() {
-    let bytes = [2, 21, 0xff, 0xff, 0xff, 0xff, 0x0e];
+fn the_greatest_values_wrap_or_saturate() {
+    let (leaves, j) = leaves();
+    for weights in [vec![1; leaves.len()], (0..leaves.len()).map(|i| 1 << (i % 23)).collect()] {
+        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+        for channels in [1, 3, 6, 7, 21] {
+            let mut coder = Encoder::default();
+            // Certain decisions and the escape symbol, as far as a stream of this length goes.
+            for i in 0..4000 {
+                coder.decision(1 + (i * 7919) % 32_766, i % 3 == 0);
+                coder.bits(u32::MAX >> (i % 32), 32);
+                coder.bits(0, 31);
+            }
+            drop(decode_attributes(&plan, &coder.finish(), channels));
+        }
+        let mut rows = Rows::new(leaves.len(), 3);
+        for i in 0..leaves.len() {
+            let v = [f32::MAX, f32::NAN, f32::NEG_INFINITY];
+            rows.row_mut(i).copy_from_slice(&[v[i % 3], v[(i + 1) % 3], 1e30]);
+        }
+        let mut coder = Encoder::default();
+        let steps = [f32::MIN_POSITIVE, 1.0, f32::MAX];
+        attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
+        let (bytes, mut read) = (coder.finish(), Rows::new(leaves.len(), 3));
+        let mut decoder = Decoder::new(&bytes).unwrap();
+        attribute::decode(&mut decoder, &plan, &steps, &mut read).unwrap();
+        decoder.finish().unwrap();
+    }
+}
+
+/// A header that claims far more than the stream holds costs nothing.
+#[test]
+fn claims_are_not_believed() {
+    let bytes = [21, 0xff, 0xff, 0xff, 0xff, 0x0e];
     let e = geometry::decode(&bytes, &Limits::for_stream(bytes.len())).unwrap_err();
     assert!(matches!(e, Error::TooManyPoints { .. }), "{e}");
     let (leaves, j) = leaves();
-    let plan = Plan::new(&leaves, j).unwrap();
-    assert!(attribute::decode(&plan, &[0xff, 0xff, 0xff, 0x7f], 100).is_err());
+    let near = Neighbours::new(&leaves, j).unwrap();
+    assert!(decode_lossless(&near, &[0xff, 0xff, 0xff, 0x7f], 100).is_err());
+    // One bit of RLGR stands for up to 1024 zeros: the list grows no further than that.
+    assert!(rlgr::decode(&[0; 20], usize::MAX).is_err());
+    assert!(rlgr::decode(&[], usize::MAX).is_err());
+}
+
+/// A stream of 20 bytes that claims nearly 2^32 leaves ends as soon as its bytes are used up. A decision
+/// costs at least 2^-11 bits, so a byte stands for 11,000 decisions at most.
+#[test]
+fn a_short_stream_with_a_great_count_ends_early() {
+    let count = u32::MAX as usize - 1;
+    let mut seed = 1u64;
+    let mut next = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as u32
+    };
+    for i in 0..400u32 {
+        let mut bytes = vec![(i % 2) as u8];
+        for _ in 0..4 {
+            // States without low bits decode to what is likely, those full of ones to what is not.
+            let low = [0, 0x7fff, next(), next() % 512][i as usize / 2 % 4] & 0x7fff;
+            let state = (next() | 1 << 31) & !0x7fff | low;
+            bytes.extend(state.to_le_bytes());
+        }
+        bytes.resize(20, 0);
+        for (j, mixed) in [(21, true), (21, false), (12, true), (32, false)] {
+            let Ok(mut coder) = Decoder::new(&bytes) else { continue };
+            assert!(geometry::decode_leaves(&mut coder, count, j, mixed).is_err());
+        }
+    }
+    let mut coder = Decoder::new(&[]).unwrap();
+    assert!(geometry::decode_leaves(&mut coder, count, 21, true).is_err());
+    assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, 21, true).is_err());
 }
 
 /// Invalid input is refused by name.
 #[test]
 fn bad_leaves_are_refused() {
     let leaf = |morton, depth| Leaf { morton, depth };
-    let e = |l: &[Leaf], j| geometry::encode(l, j).unwrap_err();
+    let e = |l: &[Leaf], j| {
+        let shared = geometry::encode_leaves(&mut Encoder::default(), l, j, true).unwrap_err();
+        let alone = geometry::encode(l, j).unwrap_err();
+        assert_eq!(shared, alone);
+        assert_eq!(Plan::new(l, j).unwrap_err(), alone);
+        alone
+    };
     assert_eq!(e(&[leaf(1, 2), leaf(1, 2)], 2), Error::LeafOrder { index: 1 });
     assert_eq!(e(&[leaf(0, 1), leaf(3, 2)], 2), Error::LeafOrder { index: 1 });
     assert_eq!(e(&[leaf(3, 1)], 2), Error::LeafAlign { index: 0, morton: 3, depth: 1 });
@@ -149,15 +183,48 @@ fn bad_leaves_are_refused() {
     assert_eq!(e(&[], 22), Error::Depth { depth: 22, max: 21 });
 }
 
+#[test]
+fn bad_arguments_are_refused() {
+    let (leaves, j) = leaves();
+    let n = leaves.len();
+    let plan = Plan::new(&leaves, j).unwrap();
+    let encode = |steps: &[f32], rows: &mut Rows| {
+        attribute::encode(&mut Encoder::default(), &plan, steps, &Options::default(), rows).err()
+    };
+    let mut rows = Rows::new(n, 2);
+    assert_eq!(encode(&[1.0], &mut rows), Some(Error::Count { what: "steps", got: 1, want: 2 }));
+    for step in [0.0, -1.0, f32::INFINITY, f32::from_bits(1)] {
+        assert_eq!(encode(&[1.0, step], &mut rows), Some(Error::Step { channel: 1, step }));
+    }
+    let short = Error::ChannelLength { channel: 0, got: n - 1, want: n };
+    let mut rows = Rows::new(n - 1, 1);
+    assert_eq!(encode(&[1.0], &mut rows), Some(short.clone()));
+    let mut decoder = Decoder::new(&[]).unwrap();
+    assert_eq!(attribute::decode(&mut decoder, &plan, &[1.0], &mut rows), Err(short));
+    let zero = Error::Weight { index: 0, weight: 0 };
+    assert_eq!(Plan::with_weights(&leaves, j, &vec![0; n]).unwrap_err(), zero);
+}
+
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
     #[test]
-    fn noise(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+    fn noise(bytes in prop::collection::vec(any::<u8>(), 0..400), whole_states: bool, channels in 1usize..10) {
         let (leaves, j) = leaves();
         let plan = Plan::new(&leaves, j).unwrap();
         let near = Neighbours::new(&leaves, j).unwrap();
+        // Without this most streams end at the check of the states.
+        let mut bytes = bytes;
+        if whole_states && bytes.len() > 20 {
+            bytes[0] = ((bytes.len() - 17) / 4).min(127) as u8;
+            (1..5).for_each(|i| bytes[4 * i] |= 1);
+        }
         let _ = geometry::decode(&bytes, &Limits::for_stream(bytes.len()));
-        let _ = attribute::decode(&plan, &bytes, 4);
-        let _ = coeffs::decode(&plan, &bytes, 3);
+        let _ = decode_attributes(&plan, &bytes, channels);
         let _ = decode_lossless(&near, &bytes, 4);
+        let _ = rlgr::decode(&bytes, 5000);
+        if let Ok(mut coder) = Decoder::new(&bytes) {
+            let _ = geometry::decode_leaves(&mut coder, 100_000, j, channels % 2 == 0);
+        }
     }
 }

@@ -74,25 +74,19 @@ fn synthetic(n: usize) -> Data {
 }
 
 fn distortion_table(data: &Data) {
-    println!(
-        "{:>7} {:>10} {:>10} {:>8} {:>8} {:>9} {:>10}",
-        "K", "weighted", "mean", "largest", "entropy", "b/index", "B/codeword"
-    );
+    println!("{:>7} {:>10} {:>10} {:>8} {:>8}", "K", "weighted", "mean", "largest", "entropy");
     for k in SIZES {
         let options = Options::with_codewords(k);
         let codebook = Codebook::train(&data.covariances, &data.sensitivities, &options).unwrap();
         let indices = codebook.assign(&data.covariances);
         let d = codebook.distortion(&data.covariances, &data.sensitivities, &indices).unwrap();
-        let coded = vq::index::encode(&indices, codebook.len()).unwrap().len();
         println!(
-            "{:>7} {:>10.3e} {:>10.3e} {:>8.4} {:>8.3} {:>9.3} {:>10.2}",
+            "{:>7} {:>10.3e} {:>10.3e} {:>8.4} {:>8.3}",
             codebook.len(),
             d.weighted_mean,
             d.mean,
             d.largest,
             d.index_entropy,
-            coded as f64 * 8.0 / indices.len() as f64,
-            codebook.to_bytes().len() as f64 / codebook.len() as f64,
         );
     }
 }
@@ -120,8 +114,8 @@ fn assign(c: &mut Criterion, data: &Data) {
         group.bench_function(BenchmarkId::new("tree", k), |b| {
             b.iter(|| codebook.assign(black_box(&data.covariances)));
         });
-        // The scan is over entries, not features: the same work, whatever the metric.
-        // It sees a twentieth of the data on one thread: compare elements per second.
+        // The scan compares entries of covariances: the same work as for any metric. It takes a twentieth of
+        // the data on one thread: compare elements per second.
         let some = &data.covariances[..data.covariances.len() / 20];
         let codewords: Vec<[f32; 6]> = (0..codebook.len() as u32)
             .map(|i| codebook.covariance(i).unwrap().entries().map(|e| e as f32))
@@ -147,37 +141,12 @@ fn scan(codewords: &[[f32; 6]], x: &Covariance) -> usize {
     best.0
 }
 
-fn index_coder(c: &mut Criterion, data: &Data) {
-    let options = Options::with_codewords(4096);
-    let codebook = Codebook::train(&data.covariances, &data.sensitivities, &options).unwrap();
-    let indices = codebook.assign(&data.covariances);
-    let bytes = vq::index::encode(&indices, codebook.len()).unwrap();
-    let mut group = c.benchmark_group("index");
-    group.sample_size(20).throughput(Throughput::Elements(indices.len() as u64));
-    group.bench_function("encode", |b| {
-        b.iter(|| vq::index::encode(black_box(&indices), codebook.len()).unwrap());
-    });
-    group.bench_function("decode", |b| {
-        b.iter(|| vq::index::decode(black_box(&bytes), indices.len(), codebook.len()).unwrap());
-    });
-}
-
-fn canonical(c: &mut Criterion) {
+fn split(c: &mut Criterion) {
     let input: Vec<([f32; 4], [f32; 3])> =
         synthetic(100_000).covariances.iter().map(|c| (c.quaternion(), c.log_scales())).collect();
-    let mut group = c.benchmark_group("canonical");
+    let mut group = c.benchmark_group("split");
     group.sample_size(20).throughput(Throughput::Elements(input.len() as u64));
-    for form in [vq::canonical::Form::NearestIdentity, vq::canonical::Form::Sorted] {
-        group.bench_function(format!("{form:?}"), |b| {
-            b.iter(|| {
-                input
-                    .iter()
-                    .map(|g| vq::canonical::canonicalise_as(g.0, g.1, form).0[0])
-                    .fold(0.0f32, f32::max)
-            });
-        });
-    }
-    group.bench_function("split", |b| {
+    group.bench_function("covariance and size", |b| {
         b.iter(|| {
             let logs = input.iter().map(|g| Covariance::split(g.0, g.1).unwrap().1);
             logs.fold(0.0f32, f32::max)
@@ -191,10 +160,9 @@ fn all(c: &mut Criterion) {
         distortion_table(&data);
         println!("metric of the table: {:?}", Metric::default());
     }
-    canonical(c);
+    split(c);
     train(c, &data);
     assign(c, &data);
-    index_coder(c, &data);
 }
 
 criterion_group!(benches, all);

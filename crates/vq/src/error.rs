@@ -7,12 +7,6 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A quantisation step that is not finite or too small.
-    #[error("quantisation step {step} is not a finite number of at least 2^-30")]
-    BadStep {
-        /// The step given.
-        step: f64,
-    },
     /// A bit depth outside its range.
     #[error("{bits} bits given, {low} to {high} are possible")]
     BadBits {
@@ -22,12 +16,6 @@ pub enum Error {
         low: u8,
         /// Largest depth allowed.
         high: u8,
-    },
-    /// An index of a quaternion component above 3.
-    #[error("quaternion component {index} does not exist")]
-    BadComponent {
-        /// The index given.
-        index: u8,
     },
     /// A log-scale that is NaN, infinite or absurdly large.
     #[error("log-scale {value} is not a finite number within ±1e4")]
@@ -82,41 +70,5 @@ pub enum Error {
         index: u32,
         /// Number of codewords.
         length: usize,
-    },
-    /// A stream that ends too early.
-    #[error("stream of {length} bytes ends too early")]
-    Truncated {
-        /// Length of the stream in bytes.
-        length: usize,
-    },
-    /// A stream that goes on after its end.
-    #[error("stream ends after {used} of {length} bytes")]
-    TrailingBytes {
-        /// Bytes that belong to the stream's contents.
-        used: usize,
-        /// Length of the stream in bytes.
-        length: usize,
-    },
-    /// A codebook of a version this crate does not know.
-    #[error("codebook version {version} is unknown")]
-    UnknownVersion {
-        /// The version read.
-        version: u8,
-    },
-    /// A metric this crate does not know.
-    #[error("codebook metric {value} is unknown")]
-    BadMetric {
-        /// The code read.
-        value: u8,
-    },
-    /// A codeword component outside its range.
-    #[error("component {component} of codeword {index} is {value}")]
-    BadCodeword {
-        /// Position of the codeword.
-        index: usize,
-        /// 0..=2 rotation, 3..=5 log-scale.
-        component: usize,
-        /// The value read.
-        value: i32,
     },
 }

@@ -1,8 +1,9 @@
-//! Weighted k-means on covariance features: mini-batches, full iterations, dead codes re-seeded.
+//! Weighted k-means on covariance features: mini-batches, then full iterations. Centres that lose all their points
+//! start again at other points.
 //!
 //! The mean of covariances of trace 1 has trace 1 and is positive semi-definite, so centres need
-//! no projection. Only the assignment runs in parallel, each point for itself; sums are taken in
-//! point order, so the result does not depend on the number of threads.
+//! no projection. Only the assignment runs in parallel, and points do not depend on each other; sums are taken in
+//! point order. So the result does not depend on the number of threads.
 
 use rayon::prelude::*;
 
@@ -140,7 +141,7 @@ pub(crate) fn move_to_means(
     dead
 }
 
-/// Puts dead centres on the points that cost most, one each: they can only lower the distortion.
+/// Moves centres without points to the points that cost most, one each. This can only lower the distortion.
 fn revive(
     points: &[Feature],
     weights: &[f32],

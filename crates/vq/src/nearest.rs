@@ -1,11 +1,12 @@
 //! Exact nearest-codeword search in six dimensions.
 //!
-//! A tree of bounding boxes with eight children a node; boxes and codewords lie as eight lanes
-//! per dimension, so the compiler turns the inner loops into vector instructions. The answer is
-//! that of a scan over all codewords, ties included (lowest index): the bound of a box and the
-//! distance to a codeword sum the same six squares in the same order, and IEEE rounding is
-//! monotone, so a bound never exceeds the computed distance of a codeword inside. The same holds
-//! with a penalty per codeword (its rate), of which a box knows the smallest.
+//! The codewords are in a tree of bounding boxes with eight children per node. Boxes and codewords are stored as
+//! eight lanes per dimension, so that the compiler turns the inner loops into vector instructions.
+//!
+//! Invariant: the answer is that of a scan over all codewords, and of equally near ones the lowest index. The bound
+//! of a box and the distance to a codeword sum the same six squares in the same order, and IEEE rounding is
+//! monotone, so a bound never exceeds the computed distance of a codeword inside. The same holds with a penalty
+//! per codeword (its rate); a node stores the smallest penalty below it.
 
 use crate::covariance::Feature;
 
@@ -143,7 +144,7 @@ impl Nearest {
             for lane in 0..LANES {
                 cost[lane] += rate * leaf.penalty[lane];
             }
-            // Most leaves hold nothing better: one vector minimum says so.
+            // Most leaves hold nothing better, which one vector minimum shows.
             if least(&cost) > best.cost {
                 return;
             }

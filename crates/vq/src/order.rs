@@ -1,5 +1,5 @@
-//! A line through the codewords along which neighbours are similar: the Hilbert curve over the
-//! covariance features.
+//! The order of the codewords: along the Hilbert curve over the covariance features, so that neighbours in the
+//! table are similar.
 
 use crate::covariance::Feature;
 

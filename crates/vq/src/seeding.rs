@@ -2,9 +2,9 @@
 //!
 //! Plain k-means++ (Arthur and Vassilvitskii 2007) measures every point against every new
 //! centre: 1.7e10 distances for 65,536 centres and a quarter of a million points. Here each tree
-//! node knows the largest squared distance below it, so a new centre only visits the points it
-//! may be nearest to, and the sum of weight times squared distance, so drawing a point is one
-//! descent. Every centre is a data point: a valid covariance.
+//! node stores the largest squared distance of a point below it, so a new centre visits only points that it may
+//! be nearest to. It also stores the sum of weight times squared distance, so drawing a point is one descent. Every
+//! centre is a data point, and so a valid covariance.
 
 use crate::covariance::Feature;
 use crate::nearest::{bounds, split_in_two, squared_distance};
@@ -61,7 +61,7 @@ pub(crate) fn kmeans_plus_plus(
     tree.ids = ids;
     let mut chosen = Vec::with_capacity(count.min(points.len()));
     let mut draw = tree.draw(rng);
-    // A distance of 1 is no real distance: the first centre must replace it everywhere.
+    // The first centre must replace the distances of 1 everywhere.
     tree.distance.fill(f32::INFINITY);
     for node in &mut tree.nodes {
         node.farthest = f32::INFINITY;

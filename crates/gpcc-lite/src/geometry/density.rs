@@ -1,9 +1,10 @@
-//! How densely the surroundings of a node are filled, as its children see them.
+//! How densely the surroundings of a node are filled: the context of its children.
 //!
-//! Every cell known around a node adds to the density at each of its children a weight that falls
-//! with the fourth power of the distance: a child of a neighbour already coded from its own
-//! centre, a neighbour whose children are not known from the neighbour's. Where density is high a
-//! child is likely. One number replaces a pattern of cells, so that few points teach it.
+//! Every known cell around a node adds a weight to the density at each of the node's eight children. The
+//! weight falls with the fourth power of the distance between cell and child. If a neighbour is coded, its
+//! children are known: the distance is measured from each child's centre. If not, it is measured from the
+//! neighbour's centre. Where the density is high, a child is likely. A density is one number where a pattern
+//! of cells would be many contexts, so it learns from few points.
 
 use std::hint::select_unpredictable;
 use std::sync::LazyLock;
@@ -13,59 +14,60 @@ pub(super) type Densities = [u16; 8];
 
 /// Weight of a cell at a distance of one child's side.
 const UNIT: u32 = 4096;
-/// Mass of a neighbour not coded yet: it has more than one child as often as not.
-const LATER: u32 = 2;
+/// How many cells a neighbour counts for that is not coded yet: it has two children or more as often as not.
+const UNKNOWN: u32 = 2;
 /// What neighbours add, by their bit in a window.
 pub(super) struct Kernel {
-    /// By the mask of its children; without any it is a single or a leaf, and one mass.
+    /// Of a coded neighbour, by the mask of its children. One without children has a single leaf, and counts
+    /// for one cell at its centre.
     coded: Box<[[Densities; 256]; 43]>,
-    later: [Densities; 43],
+    /// Of a neighbour that is not coded yet.
+    unknown: [Densities; 43],
 }
 
-/// The one kernel: 176 KiB, of which those of the 26 neighbours are touched.
+/// Computed once: 176 KiB, of which the entries of 26 neighbours are used.
 pub(super) static KERNEL: LazyLock<Kernel> = LazyLock::new(Kernel::new);
 
 impl Kernel {
     fn new() -> Self {
         let zero = vec![[[0u16; 8]; 256]; 43].into_boxed_slice();
         let Ok(coded) = zero.try_into() else { unreachable!("the slice has 43 elements") };
-        let mut kernel = Self { coded, later: [[0; 8]; 43] };
+        let mut kernel = Self { coded, unknown: [[0; 8]; 43] };
         for place in 0..43 {
             let d = [place / 16, place / 4 % 4, place % 4].map(|x| x as i32 - 1);
             if d == [0; 3] || d.contains(&2) {
                 continue;
             }
-            let one: [Densities; 8] = std::array::from_fn(|q| {
+            let of_child: [Densities; 8] = std::array::from_fn(|q| {
                 std::array::from_fn(|k| {
                     let v = [2, 1, 0].map(|b| 2 * d[2 - b] + bit(q, b) - bit(k, b));
                     weight(UNIT, v)
                 })
             });
-            // From the centre distances are in half sides of a child.
+            // Distances from the centre are in halves of a child's side.
             let centre = |mass: u32| -> Densities {
                 std::array::from_fn(|k| {
                     let v = [2, 1, 0].map(|b| 4 * d[2 - b] + 1 - 2 * bit(k, b));
                     weight(16 * UNIT * mass, v)
                 })
             };
-            kernel.later[place] = centre(LATER);
+            kernel.unknown[place] = centre(UNKNOWN);
             for mask in 1..256usize {
                 let (rest, q) = (mask & (mask - 1), mask.trailing_zeros() as usize);
                 let sum = kernel.coded[place][rest];
-                kernel.coded[place][mask] = std::array::from_fn(|k| sum[k] + one[q][k]);
+                kernel.coded[place][mask] = std::array::from_fn(|k| sum[k] + of_child[q][k]);
             }
             kernel.coded[place][0] = centre(1);
         }
         kernel
     }
 
-    /// Adds a neighbour: its children if they are `known`. A select, since a branch could not be
-    /// predicted.
+    /// Adds a neighbour. Whether it is coded cannot be predicted, so there is no branch.
     #[inline]
-    pub(super) fn add(&self, sum: &mut Densities, place: u32, known: bool, mask: u8) {
+    pub(super) fn add(&self, sum: &mut Densities, place: u32, is_coded: bool, mask: u8) {
         let place = (place as usize).min(42);
         let coded = &self.coded[place][usize::from(mask)];
-        add(sum, select_unpredictable(known, coded, &self.later[place]));
+        add(sum, select_unpredictable(is_coded, coded, &self.unknown[place]));
     }
 }
 
@@ -86,7 +88,8 @@ fn add(sum: &mut Densities, more: &Densities) {
     }
 }
 
-/// Sixteenths of an octave, linear within an octave; 0 for 0. Below 2^24: the bits of a float.
+/// Binary logarithm in sixteenths, linear between powers of two; 0 for 0. It is read from the bits of a float,
+/// which is exact below 2^24.
 #[inline]
 pub(super) fn sixteenths(v: u32) -> usize {
     ((v as f32).to_bits() >> 19).saturating_sub(127 << 4) as usize
@@ -95,9 +98,9 @@ pub(super) fn sixteenths(v: u32) -> usize {
 /// Classes of the densities at a node's children.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Classes {
-    /// Third octaves of its share in all eight, 0 to 19.
+    /// For each child, its share of the sum of all eight, in thirds of an octave: 0 to 19.
     pub(super) share: [u16; 8],
-    /// Two thirds of octaves of the sum of all eight, 0 to 15.
+    /// The sum of all eight, in two thirds of an octave: 0 to 15.
     pub(super) total: usize,
 }
 
@@ -129,4 +132,22 @@ const SIDES: [[u64; 2]; 3] = [
 pub(super) fn lean(window: u64, axis: usize) -> i32 {
     let [low, high] = SIDES[axis].map(|s| (window & s).count_ones() as i32);
     high - low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No neighbourhood overflows a density: not even one in which every neighbour adds the most it can.
+    #[test]
+    fn the_greatest_density_fits() {
+        for child in 0..8 {
+            let greatest = |place: usize| {
+                let coded = KERNEL.coded[place].iter().map(|d| d[child]).max().unwrap_or(0);
+                u32::from(coded.max(KERNEL.unknown[place][child]))
+            };
+            let sum: u32 = (0..43).map(greatest).sum();
+            assert!(sum > 1 << 14 && sum < 1 << 16, "{sum}");
+        }
+    }
 }

@@ -1,17 +1,19 @@
-//! Contexts and models of the decisions at a node.
+//! Contexts and models of what the stream says at a node.
+//!
+//! `docs/format.md`, "Geometry", lists the contexts.
 
 use super::density::{Classes, lean};
 use crate::coder::{Coder, code_gamma};
 use crate::model::{Bit, SYMBOLS, Symbols, table};
 
-/// Memory of the decisions' models.
+/// Memory of the decisions' models, in observations.
 const LIMIT: u32 = 255;
-/// Along axes where the neighbours on both sides differ by less, a child's half is a plain bit.
+/// If the numbers of neighbours on both sides of an axis differ by less than this, the half is a plain bit.
 const LEAN: u32 = 2;
 /// The symbol of a leaf that lies this many levels below its node, or more.
 const DEEP: u32 = SYMBOLS as u32 - 1;
 
-/// What is known of a node before its children.
+/// What is known of a node before its children are coded.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NodeContext {
     pub(super) depth: u8,
@@ -21,12 +23,12 @@ pub(super) struct NodeContext {
     pub(super) faces: u8,
     /// Occupied neighbours of all 26.
     pub(super) around: u8,
-    /// Fewest children that it can have.
+    /// Least number of children that it can have: two at the last level, since it has two leaves or more.
     pub(super) least: u8,
 }
 
 impl NodeContext {
-    /// With one leaf or none below, its parent would have had a single leaf.
+    /// Whether it is known that two leaves or more lie below: the only child of a parent with several.
     #[inline]
     pub(super) fn splits(&self) -> bool {
         self.siblings == 1 && self.depth > 0
@@ -39,10 +41,10 @@ pub(super) struct Models {
     mixed: bool,
     /// Whether a node has a single leaf.
     single: Box<[Bit; 16 * 8 * 8]>,
-    /// Levels from a node to its single leaf, by the same of the two such nodes before, and by
+    /// Levels from a node to its single leaf, by those of the last two such nodes at the same depth, and by
     /// the number of neighbours.
     levels_below: Vec<Symbols>,
-    /// The depths of the last two leaves found at each depth.
+    /// For each depth of a node, the depths of the last two single leaves below such nodes.
     last_leaf_depths: [[u8; 2]; 32],
     /// The half of a node, along an axis, in which its single leaf is.
     half: Box<[Bit; 16 * 32]>,
@@ -74,7 +76,7 @@ impl Models {
         self.single[at & 1023].code(coder, value, LIMIT)
     }
 
-    /// Codes how many levels below a node its single leaf is; `most` if all leaves are that deep.
+    /// Codes how many levels below a node its single leaf is: `most`, if all leaves are at the finest depth.
     pub(super) fn levels_below<C: Coder>(
         &mut self,
         coder: &mut C,
@@ -134,7 +136,7 @@ impl Models {
         let mut occupancy = 0u8;
         let mut count = 0u8;
         for c in 0..8usize {
-            // What must be there is not coded.
+            // A child that must be occupied is not coded.
             if 8 - c as u8 == node.least.saturating_sub(count) {
                 occupancy |= 1 << c;
                 count += 1;

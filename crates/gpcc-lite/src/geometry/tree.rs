@@ -1,45 +1,51 @@
-//! One traversal of the tree for both directions.
+//! The traversal of the tree, level by level, written once for both directions.
 
 use super::density::{Classes, Densities, KERNEL, Kernel};
 use super::models::{Models, NodeContext};
-use super::truth::Truth;
+use super::source::Source;
 use crate::coder::Coder;
 use crate::error::{Error, Result};
 use crate::hood::{Block, CENTRE, Children, Hoods, ONES, count};
 use crate::leaf::Leaf;
 
-/// The nodes of one depth that have children, in Morton order.
+/// The nodes of one level, as the level below needs them. Nodes without children (those with a single leaf)
+/// have an entry in `children` only.
 #[derive(Default)]
-struct Parents {
-    code: Vec<u64>,
-    /// Children of every node of the list, those of nodes without any empty.
-    children: Vec<Children>,
+struct Nodes {
+    /// Morton codes of the nodes that have children, in order.
+    codes: Vec<u64>,
+    /// Neighbourhoods of the nodes that have children.
     hoods: Hoods,
+    /// Children of all nodes of the level.
+    children: Vec<Children>,
 }
 
 /// The tree as far as it is coded, and the leaves found so far.
 pub(super) struct Tree<'a> {
-    /// What the encoder codes; the decoder has none.
-    truth: Option<Truth<'a>>,
+    /// What the encoder codes; a decoder has none.
+    source: Option<Source<'a>>,
     j_high: u8,
-    above: Parents,
-    done: Vec<Leaf>,
+    /// The level above the one that is coded next.
+    above: Nodes,
+    /// The leaves that are the single leaf of a node.
+    leaves: Vec<Leaf>,
     /// Greatest number of leaves.
     limit: usize,
 }
 
 impl<'a> Tree<'a> {
+    /// The root alone. The encoder gives the leaves.
     pub(super) fn new(leaves: Option<&'a [Leaf]>, j_high: u8, limit: usize) -> Self {
-        let above = Parents {
-            code: vec![0],
-            children: vec![Children { first: 0, mask: 1 }],
+        let above = Nodes {
+            codes: vec![0],
             hoods: Hoods::above_root(),
+            children: vec![Children { first: 0, mask: 1 }],
         };
-        let truth = leaves.map(|l| Truth::new(l, j_high));
-        Self { truth, j_high, above, done: Vec::new(), limit }
+        let source = leaves.map(|l| Source::new(l, j_high));
+        Self { source, j_high, above, leaves: Vec::new(), limit }
     }
 
-    /// Codes the children of the nodes at `depth`.
+    /// Codes the nodes at `depth`: their single leaves, or their children.
     pub(super) fn level<C: Coder>(
         &mut self,
         depth: u8,
@@ -47,73 +53,59 @@ impl<'a> Tree<'a> {
         coder: &mut C,
     ) -> Result<()> {
         let least = if depth + 1 == self.j_high { 2 } else { 1 };
-        let nodes =
-            self.above.children.iter().map(|c| usize::from(ONES[usize::from(c.mask)])).sum();
-        let mut below =
-            Parents { children: vec![Children::default(); nodes], ..Parents::default() };
-        if let Some(truth) = known::<C>(&mut self.truth) {
-            truth.start_level(depth);
+        let count_of = |c: &Children| usize::from(ONES[usize::from(c.mask)]);
+        let nodes = self.above.children.iter().map(count_of).sum();
+        let mut level = Nodes { children: vec![Children::default(); nodes], ..Nodes::default() };
+        if let Some(source) = known::<C>(&mut self.source) {
+            source.start_level(depth);
         }
         let kernel: &Kernel = &KERNEL;
         let mut block = Block::new();
         let mut near = self.above.hoods.near.as_slice();
-        let (mut at, mut next) = (0usize, 0usize);
-        for (p, &present) in self.above.hoods.present.iter().enumerate() {
-            let used = block.enter(present, near, &self.above.children);
-            near = &near[used..];
+        let (mut index, mut children) = (0usize, 0usize);
+        for (&parent, &present) in self.above.codes.iter().zip(&self.above.hoods.present) {
+            near = &near[block.enter(present, near, &self.above.children)..];
             let mut rest = block.own().mask;
             let siblings = ONES[usize::from(rest)];
             while rest != 0 {
                 let c = rest.trailing_zeros();
                 rest &= rest - 1;
-                let here = at;
-                at += 1;
-                let code = self.above.code[p] << 3 | u64::from(c);
+                let code = parent << 3 | u64::from(c);
                 let window = block.window(c);
                 let (around, faces) = count(window);
                 let node = NodeContext { depth, siblings, faces, around, least };
-                let single = known::<C>(&mut self.truth).is_some_and(Truth::next);
+                let single = known::<C>(&mut self.source).is_some_and(Source::next_is_single);
                 if !node.splits() && models.single(coder, &node, single) {
-                    let truth = known::<C>(&mut self.truth).map(|t| t.leaf());
-                    let leaf = code_path(self.j_high, models, coder, &node, (code, window), truth);
-                    self.done.push(leaf);
+                    let wanted = known::<C>(&mut self.source).map(|s| s.first_leaf());
+                    let leaf = code_path(self.j_high, models, coder, &node, (code, window), wanted);
+                    self.leaves.push(leaf);
+                    index += 1;
                     continue;
                 }
-                let mut densities = Densities::default();
-                let mut around = window;
-                while around != 0 {
-                    let place = around.trailing_zeros();
-                    around &= around - 1;
-                    let i = block.index(c, place);
-                    below.hoods.near.push(i);
-                    if place != CENTRE {
-                        let known = (i as usize) < here;
-                        kernel.add(&mut densities, place, known, below.children[i as usize].mask);
-                    }
-                }
-                below.hoods.present.push(window);
-                let wanted = known::<C>(&mut self.truth).map_or(0, Truth::split);
+                let densities = enter_neighbours(&mut level, kernel, &block, c, window, index);
+                let wanted = known::<C>(&mut self.source).map_or(0, Source::occupied_children);
                 let mask = models.occupancy(coder, &node, &Classes::new(&densities), wanted);
-                below.children[here] = Children { first: next as u32, mask };
-                next += usize::from(ONES[usize::from(mask)]);
-                below.code.push(code);
-                if next + self.done.len() > self.limit || coder.exhausted() {
+                level.codes.push(code);
+                level.children[index] = Children { first: children as u32, mask };
+                index += 1;
+                children += usize::from(ONES[usize::from(mask)]);
+                if children + self.leaves.len() > self.limit || coder.exhausted() {
                     return Err(Error::Corrupt { what: "more cells than points", offset: 0 });
                 }
             }
         }
-        self.above = below;
-        if let Some(truth) = known::<C>(&mut self.truth) {
-            truth.end_level();
+        self.above = level;
+        if let Some(source) = known::<C>(&mut self.source) {
+            source.end_level();
         }
         Ok(())
     }
 
     /// The leaves in Morton order, when all levels are coded.
     pub(super) fn finish(self) -> Vec<Leaf> {
-        let mut leaves = self.done;
+        let mut leaves = self.leaves;
         let parents = self.above.children.iter().filter(|c| c.mask != 0);
-        for (c, code) in parents.zip(&self.above.code) {
+        for (c, code) in parents.zip(&self.above.codes) {
             let mut rest = c.mask;
             while rest != 0 {
                 let morton = code << 3 | u64::from(rest.trailing_zeros());
@@ -126,6 +118,33 @@ impl<'a> Tree<'a> {
     }
 }
 
+/// Records the neighbourhood of node `index` of a level, which is child `c` of the block's node, and returns
+/// how densely it is filled. Neighbours before the node are coded, those after it are not.
+#[inline(always)]
+fn enter_neighbours(
+    level: &mut Nodes,
+    kernel: &Kernel,
+    block: &Block,
+    c: u32,
+    window: u64,
+    index: usize,
+) -> Densities {
+    let mut densities = Densities::default();
+    let mut rest = window;
+    while rest != 0 {
+        let place = rest.trailing_zeros();
+        rest &= rest - 1;
+        let neighbour = block.index(c, place);
+        level.hoods.near.push(neighbour);
+        if place != CENTRE {
+            let coded = (neighbour as usize) < index;
+            kernel.add(&mut densities, place, coded, level.children[neighbour as usize].mask);
+        }
+    }
+    level.hoods.present.push(window);
+    densities
+}
+
 /// Codes the path from a node to its single leaf.
 fn code_path<C: Coder>(
     j_high: u8,
@@ -133,19 +152,19 @@ fn code_path<C: Coder>(
     coder: &mut C,
     node: &NodeContext,
     (code, window): (u64, u64),
-    truth: Option<Leaf>,
+    wanted: Option<Leaf>,
 ) -> Leaf {
     let most = u32::from(j_high - node.depth);
-    let truth = truth.unwrap_or(Leaf { morton: 0, depth: node.depth });
-    let levels = models.levels_below(coder, node, most, u32::from(truth.depth - node.depth));
+    let wanted = wanted.unwrap_or(Leaf { morton: 0, depth: node.depth });
+    let levels = models.levels_below(coder, node, most, u32::from(wanted.depth - node.depth));
     let depth = node.depth + levels as u8;
-    let wanted = truth.morton >> (3 * (j_high - depth));
+    let wanted = wanted.morton >> (3 * (j_high - depth));
     let mut path = code;
     if levels > 0 {
         let left = 3 * (levels - 1);
         path = path << 3
             | u64::from(models.half(coder, node.around, window, (wanted >> left) as u32 & 7));
-        // The rest of the path is plain: a known floor for isolated points.
+        // The rest of the path is as good as random for an isolated point: plain bits.
         let mut left = left;
         while left > 0 {
             let n = left.min(30);
@@ -156,8 +175,8 @@ fn code_path<C: Coder>(
     Leaf { morton: path << (3 * (j_high - depth)), depth }
 }
 
-/// What an encoder knows; a constant `None` for decoders.
+/// The encoder's source. It is a constant `None` in a decoder, so that the compiler drops what follows.
 #[inline]
-fn known<'t, 'a, C: Coder>(truth: &'t mut Option<Truth<'a>>) -> Option<&'t mut Truth<'a>> {
-    if C::ENCODING { truth.as_mut() } else { None }
+fn known<'s, 'a, C: Coder>(source: &'s mut Option<Source<'a>>) -> Option<&'s mut Source<'a>> {
+    if C::ENCODING { source.as_mut() } else { None }
 }

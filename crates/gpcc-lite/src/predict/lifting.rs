@@ -1,8 +1,8 @@
 //! Lifting: prediction from coarser levels of detail, with an update that keeps their means.
 //!
 //! Fine to coarse, every point of a level is replaced by its difference from a weighted mean of
-//! its neighbours in coarser levels, and each neighbour then absorbs a weighted mean of the
-//! differences it explains. All in integers: the inverse undoes the same sums in the opposite
+//! its neighbours in coarser levels. A part of the differences, weighted, is then added to these neighbours,
+//! so that they keep the mean of what they predict. All in integers: the inverse undoes the same sums in the opposite
 //! order and is exact. Coefficients are quantised in proportion to the square root of how much
 //! the reconstruction depends on them.
 
@@ -11,11 +11,11 @@ use super::residual::Residual;
 use crate::bytes::{Reader, put_varint};
 use crate::coder::{Coder, Decoder, Encoder};
 use crate::error::{Error, Result};
-use crate::quant::{Step, VALUE_BITS};
+use crate::quant::{MAX_STEP, Step, VALUE_BITS};
 
 /// Neighbours that predict a point.
 const USED: usize = 3;
-/// Fraction bits of the prediction weights; they sum to exactly one.
+/// Fraction bits of the prediction weights, which sum to exactly one.
 const WEIGHT_BITS: u32 = 12;
 /// Fraction bits of a point's influence.
 const INFLUENCE_BITS: u32 = 8;
@@ -51,8 +51,7 @@ impl<'a> Lifting<'a> {
         (sum >> WEIGHT_BITS) as i64
     }
 
-    /// Adds (`sign` = 1) or takes back (-1) what the points `level` of the coding order give to
-    /// their neighbours.
+    /// Adds (`sign` = 1) or subtracts (-1) what the points `level` of the coding order add to their neighbours.
     fn update(&self, level: std::ops::Range<usize>, values: &mut [i64], sign: i64) {
         let mut given: Vec<(u32, i128, u64)> = Vec::with_capacity(level.len() * USED);
         for at in level {
@@ -66,7 +65,7 @@ impl<'a> Lifting<'a> {
         for run in given.chunk_by(|a, b| a.0 == b.0) {
             let sum: i128 = run.iter().map(|g| g.1).sum();
             let total: i128 = run.iter().map(|g| i128::from(g.2)).sum();
-            // The neighbour's own value keeps a share, or one distant point would drag it along.
+            // The neighbour's own value keeps a share. Otherwise one distant point could change it completely.
             let own = i128::from(self.influence[run[0].0 as usize]) << WEIGHT_BITS;
             let change = (sum / (total + own).max(1)) as i64;
             let v = &mut values[run[0].0 as usize];
@@ -154,6 +153,7 @@ pub fn encode_lifting(lift: &Lifting<'_>, channels: &[&[i32]], steps: &[Step]) -
         if values.len() != lift.near.len() {
             return Err(Error::ChannelLength { channel, got: values.len(), want: lift.near.len() });
         }
+        let step = step.min(MAX_STEP);
         let mut c: Vec<i64> = values.iter().map(|&v| i64::from(v) << VALUE_BITS).collect();
         lift.forward(&mut c)?;
         let mut q: Vec<i32> = c
@@ -191,7 +191,7 @@ pub fn decode_lifting(
     }
     let mut out = Vec::new();
     for _ in 0..channels {
-        let step = Step(r.varint("step")?.min(1 << 47));
+        let step = Step(r.varint("step")?).min(MAX_STEP);
         let len = r.varint("channel length")?;
         let mut coder = Decoder::new(r.bytes(len, "channel")?)?;
         let mut q = vec![0i32; lift.near.len()];
@@ -207,7 +207,7 @@ pub fn decode_lifting(
     Ok(out)
 }
 
-/// Codes quantised coefficients in coding order, expecting what the neighbours had.
+/// Codes quantised coefficients in coding order. The magnitudes of the neighbours predict a point's.
 fn code_levels<C: Coder>(lift: &Lifting<'_>, q: &mut [i32], coder: &mut C) {
     let mut model = Residual::new();
     let mut last = 0u64;

@@ -1,4 +1,7 @@
-//! Coding order and nearest coded neighbours, from the Morton order alone.
+//! Coding order and nearest coded neighbours.
+//!
+//! Points near in Morton order are candidates for the nearest, so the search takes a fixed time per point. The
+//! invariant that decoders rely on: every neighbour is before its point in coding order.
 
 use crate::error::Result;
 use crate::leaf::{Leaf, check_leaves};
@@ -6,9 +9,9 @@ use crate::morton;
 
 /// Neighbours kept per point.
 pub const MAX_NEIGHBOURS: usize = 12;
-/// Candidates examined before a point in Morton order.
+/// Number of candidates before a point in Morton order.
 const BEFORE: usize = 32;
-/// Candidates examined after it.
+/// Number of candidates after it.
 const AFTER: usize = 16;
 /// Points of one level of detail per point of the next coarser one.
 const STRIDE_LOG2: u32 = 2;
@@ -103,12 +106,12 @@ impl Neighbours {
         let best_i = &mut self.index[base..base + MAX_NEIGHBOURS];
         let best_d = &mut self.distance[base..base + MAX_NEIGHBOURS];
         let mut kept = 0usize;
-        let here = position[i];
+        let centre = position[i];
         let mut consider = |j: usize| {
             let p = position[j];
             let mut d = 0u64;
             for k in 0..3 {
-                let e = i64::from(p[k] - here[k]).unsigned_abs();
+                let e = i64::from(p[k] - centre[k]).unsigned_abs();
                 d += e * e;
             }
             let d = d.min(u64::from(u32::MAX)) as u32;

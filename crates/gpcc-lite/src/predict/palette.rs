@@ -1,7 +1,7 @@
 //! Palettes: channels that use few of the values in their range.
 //!
-//! A channel that was once quantised to 8 bits and stored in 16 has gaps that no predictor of
-//! values sees. Coding indices into the sorted list of values closes them.
+//! A channel that was quantised to 8 bits and stored in 16 has gaps between its values. A predictor of values
+//! does not know them. Indices into the sorted list of values have no gaps.
 
 use crate::bytes::{Reader, put_varint};
 use crate::error::Result;
@@ -11,7 +11,7 @@ const MAX: usize = 4096;
 
 /// The sorted distinct values, if there are at most 4096 and they leave gaps.
 pub(super) fn find(values: &[i32]) -> Option<Vec<i32>> {
-    // A first look at some values spares sorting the channels that have no palette.
+    // If some of the values are too many already, sorting all is not necessary.
     let step = (values.len() / (2 * MAX)).max(1);
     let mut some: Vec<i32> = values.iter().copied().step_by(step).collect();
     some.sort_unstable();

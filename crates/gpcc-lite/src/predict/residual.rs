@@ -6,11 +6,11 @@ use crate::model::Bit;
 
 /// Contexts by expected magnitude, in half-octaves.
 const BUCKETS: usize = 40;
-/// Memory of the counters.
+/// Memory of the models, in observations.
 const LIMIT: u32 = 255;
 
-/// Two models of the class (bit length) of a residual, mixed; the bits below the leading one are
-/// modelled down to the third, the rest is raw.
+/// Two models of the class (bit length) of a residual, mixed. The three bits below the leading one have models;
+/// the rest are plain bits.
 pub(super) struct Residual {
     class: [Vec<[Bit; 64]>; 2],
     mixers: Vec<Mixer<2>>,

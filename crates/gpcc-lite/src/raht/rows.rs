@@ -1,10 +1,10 @@
-//! The transform of many channels at once, on the means of nodes rather than their low-pass values.
+//! The transform of many channels at once. It works on the means of nodes, not on their low-pass values.
 //!
-//! A row holds the channels of a leaf. While a tree is taken apart or put together, the mean of a node
-//! is in the row of its first leaf, and the difference of the means of a merge's children is in the row
-//! of the right child's first leaf. The high-pass value of RAHT is that difference times
-//! `sqrt(w1 w2 / w)`. Nothing grows with the number of leaves, so single precision is enough, and a
-//! difference of zero costs a copy.
+//! A row holds the channels of a leaf. During the transform, the mean of a node is in the row of the node's
+//! first leaf, and the difference of the means of a merge's two children is in the row of the right child's
+//! first leaf. The high-pass value of RAHT is that difference times `sqrt(w1 w2 / w)`. Means do not grow with
+//! the number of leaves, so single precision is enough, and where the difference is zero, the inverse is a
+//! copy.
 //!
 //! Every operation is rounded to single precision in the order written: the decoder's bits are the same on
 //! every machine.
@@ -17,13 +17,13 @@ pub(crate) type Lanes = [f32; LANES];
 /// Channels that are worked on side by side.
 pub(crate) const LANES: usize = 4;
 
-/// The values of a group of channels, leaf by leaf. Its memory can serve one group after another: fresh
-/// memory costs an interrupt for each page.
+/// The values of a group of channels, leaf by leaf. One `Rows` can serve many groups, which saves the time
+/// that the system needs for fresh memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rows {
     leaves: usize,
     channels: usize,
-    /// Each row filled up to whole [`Lanes`].
+    /// Row after row, each padded to whole [`Lanes`].
     pub(crate) lanes: Vec<Lanes>,
 }
 
@@ -36,12 +36,12 @@ impl Rows {
         rows
     }
 
-    /// Makes room; the rows hold anything then.
+    /// Changes the size. The values are unspecified afterwards.
     pub fn resize(&mut self, leaves: usize, channels: usize) {
         (self.leaves, self.channels) = (leaves, channels);
         let len = leaves * self.width();
         if len > self.lanes.capacity() {
-            // Zeros of the system, untouched until they are written.
+            // Zeroed pages come from the system, and cost nothing until they are written.
             self.lanes = vec![[0.0; LANES]; len];
         } else {
             self.lanes.resize(len, [0.0; LANES]);

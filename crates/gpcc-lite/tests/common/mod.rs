@@ -1,6 +1,7 @@
 //! Inputs shared by the tests.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
+use gpcc_lite::raht::Rows;
 use gpcc_lite::{Leaf, morton};
 use proptest::prelude::*;
 
@@ -56,6 +57,29 @@ pub fn channel(n: usize, seed: u64, kind: u8) -> Vec<i32> {
             }
         })
         .collect()
+}
+
+/// Rows of `channels` channels, each as [`channel`] makes them; extremes are large floats.
+pub fn rows_of(leaves: usize, channels: usize, seed: u64, kind: u8) -> Rows {
+    let mut rows = Rows::new(leaves, channels);
+    for c in 0..channels {
+        let values = channel(leaves, seed.wrapping_add(2 * c as u64), kind);
+        (0..leaves).for_each(|i| rows.row_mut(i)[c] = values[i] as f32);
+    }
+    rows
+}
+
+/// `2^exponent`.
+pub fn power_of_two(exponent: i32) -> f32 {
+    f32::from_bits(((127 + exponent) as u32) << 23)
+}
+
+/// Weights from 1 to 4^11, most of them small; all 1 for every fourth seed.
+pub fn any_weights(leaves: usize, seed: u64) -> Vec<u32> {
+    let weight = |(i, v): (usize, &i32)| {
+        if seed.is_multiple_of(4) { 1 } else { 1u32 << (2 * (v.unsigned_abs() as usize * i % 12)) }
+    };
+    channel(leaves, seed, 2).iter().enumerate().map(weight).collect()
 }
 
 /// Shapes that tests of point clouds forget: one line, one plane, a full cube, two points.

@@ -1,9 +1,9 @@
-//! Codewords as integers: what the stream stores is what the decoder multiplies out.
+//! Codewords as integers, as a stream stores them. Training rounds to them, so an encoder assigns covariances
+//! to what a decoder computes.
 
-use crate::canonical::Form;
 use crate::covariance::{Covariance, MIN_LOG_SCALE};
 use crate::error::{Error, Result};
-use crate::rotation::{Chart, Grid};
+use crate::rotation::Grid;
 
 /// Bit depths allowed for the rotation of a codeword.
 pub(crate) const ROTATION_BITS: std::ops::RangeInclusive<u8> = 4..=14;
@@ -35,9 +35,7 @@ impl Precision {
                 return Err(Error::BadBits { bits, low: *range.start(), high: *range.end() });
             }
         }
-        let chart = Chart::ModifiedRodrigues;
-        let grid = Grid::with_bits(chart, Form::NearestIdentity, rotation_bits)?;
-        Ok(Self { rotation_bits, log_scale_bits, grid })
+        Ok(Self { rotation_bits, log_scale_bits, grid: Grid::with_bits(rotation_bits) })
     }
 
     /// Largest absolute value of a rotation integer.

@@ -27,14 +27,14 @@ const CHUNK: usize = 4096;
 ///
 /// Codewords are held as the integers that the stream stores; a decoded codeword is computed
 /// from them with + - * / and sqrt only. They are sorted along a Hilbert curve through the space
-/// of covariances, so that near indices mean similar shapes. Two codebooks are equal if their
-/// bytes are.
+/// of covariances, so that near indices mean similar shapes. Two codebooks are equal if their integers and their
+/// metric are.
 #[derive(Debug, Clone)]
 pub struct Codebook {
     precision: Precision,
     metric: Metric,
     codewords: Vec<Codeword>,
-    /// Features and search tree, built when first needed: a decoder never does.
+    /// Features and search tree, built when first needed.
     search: OnceLock<(Vec<Feature>, Nearest)>,
 }
 
@@ -65,7 +65,7 @@ impl Codebook {
     }
 
     /// Trains a codebook on covariances and their sensitivities (one each, finite, >= 0; only
-    /// ratios matter). The same input and options give the same bytes for any number of threads.
+    /// ratios matter). The same input and options give the same codebook for any number of threads.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`], [`Error::BadSensitivity`], [`Error::BadCount`] for no covariances,
@@ -95,7 +95,7 @@ impl Codebook {
         self.codewords.len()
     }
 
-    /// Whether there are no codewords; never true of a codebook that was trained or read.
+    /// Whether there are no codewords; never true of a trained codebook.
     pub fn is_empty(&self) -> bool {
         self.codewords.is_empty()
     }
