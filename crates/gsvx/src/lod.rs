@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn chunks_of_levels_nest() {
         let leaves: Vec<Leaf> =
-            (0..5000u64).map(|i| Leaf { morton: i * i * 37, depth: 11 }).collect();
+            (0..20_000u64).map(|i| Leaf { morton: i * i * 19, depth: 11 }).collect();
         let n = leaves.len() as u32;
         let voxels = Voxelization {
             cube: voxel::Cube { origin: [0.0; 3], side: 1.0 },

@@ -107,7 +107,8 @@ pub(crate) fn on_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) 
 
 /// A trained scene of the shared data, or the fixture; says loudly if the shared data is absent.
 pub(crate) fn trained_scene(shared: &str) -> Option<Scene> {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(shared);
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(shared);
     if !path.exists() {
         eprintln!("SKIPPED: {} is not there", path.display());
         return None;
@@ -119,4 +120,23 @@ pub(crate) fn trained_scene(shared: &str) -> Option<Scene> {
 pub(crate) fn room() -> Scene {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/room/point_cloud.ply");
     gs_model::ply::read(path).unwrap().0
+}
+
+/// Default options with changes.
+pub(crate) fn encoding(change: impl FnOnce(&mut gsvx::EncodeOptions)) -> gsvx::EncodeOptions {
+    let mut options = gsvx::EncodeOptions::default();
+    change(&mut options);
+    options
+}
+
+/// Default options with changes.
+pub(crate) fn decoding(change: impl FnOnce(&mut gsvx::DecodeOptions)) -> gsvx::DecodeOptions {
+    let mut options = gsvx::DecodeOptions::default();
+    change(&mut options);
+    options
+}
+
+/// A positive number of leaves.
+pub(crate) fn leaves(n: usize) -> std::num::NonZeroUsize {
+    std::num::NonZeroUsize::new(n).unwrap()
 }

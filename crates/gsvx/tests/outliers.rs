@@ -1,0 +1,142 @@
+//! Gaussians far outside the scene: coded exactly, so that they cost the others no precision.
+
+mod common;
+
+use common::{bits, decoding, encoding, scene, voxelized, with_floaters};
+use gs_model::Scene;
+use gsvx::{
+    EncodeOptions, Error, Kind, decode, decode_with, default_strategy, encode, encode_voxels,
+    encode_with, split_outliers,
+};
+use voxel::Strategy;
+
+#[test]
+fn floaters_come_back_bit_for_bit_in_their_order() {
+    for degree in [0, 3] {
+        let (scene, at) = with_floaters(scene(3000, degree, 8));
+        let split = split_outliers(&scene).unwrap().unwrap();
+        assert_eq!(split.outliers, at);
+        let encoded = encode(&scene, &EncodeOptions::default()).unwrap();
+        let last = encoded.index.chunks.last().unwrap();
+        assert_eq!((last.kind, last.count), (Kind::Exact, 3));
+        let back = decode(&encoded.bytes).unwrap();
+        let leaves = back.len() - 3;
+        for (k, &i) in at.iter().enumerate() {
+            assert_eq!(bits(&back, leaves + k), bits(&scene, i));
+        }
+        // The others are what they are without the floaters.
+        let inliers = scene.select(&split.inside);
+        let alone = decode(&encode(&inliers, &EncodeOptions::default()).unwrap().bytes).unwrap();
+        assert_eq!(alone, back.select(&(0..leaves).collect::<Vec<_>>()));
+        // In the octree the floaters cost everyone levels: the finest cell is 0.95 units wide.
+        let strategy = |importance: &[f32], seen| default_strategy(60.0, importance, seen);
+        let untrimmed = encode_with(&scene, strategy, None, &EncodeOptions::default()).unwrap();
+        let (with, without) = (&encoded.index.header, &untrimmed.index.header);
+        let cell = |h: &gsvx::Header| h.cube.side / f64::from(1u32 << h.j_high);
+        assert!(without.j_high == 21 && with.j_high < 21 && cell(with) < 1e-3 * cell(without));
+        assert!(2 * without.count < with.count, "they share cells");
+    }
+}
+
+#[test]
+fn a_scene_without_floaters_is_not_trimmed() {
+    for n in [0, 1, 500] {
+        assert_eq!(split_outliers(&scene(n, 1, 8)).unwrap(), None, "{n}");
+    }
+    // One floater within reach of 21 levels is cheaper in the octree.
+    let mut near = scene(500, 1, 8);
+    near.means[3] = [1000.0, 0.0, 0.0];
+    assert_eq!(split_outliers(&near).unwrap(), None);
+    // No outliers, no chunk of them.
+    let (merged, voxels) = voxelized(&scene(80, 1, 3), &Strategy::Uniform { depth: 9 });
+    let options = EncodeOptions::default();
+    let plain = encode_voxels(&merged, &voxels, None, &options).unwrap();
+    let none = encode_voxels(&merged, &voxels, Some(&scene(0, 1, 3)), &options).unwrap();
+    assert_eq!(plain, none);
+}
+
+#[test]
+fn importances_of_outliers_are_left_out() {
+    let (scene, at) = with_floaters(scene(500, 1, 8));
+    let importance: Vec<f32> = (0..scene.len()).map(|i| 1.0 + (i % 7) as f32).collect();
+    let inside: Vec<usize> = (0..scene.len()).filter(|i| !at.contains(i)).collect();
+    let rest = inside.iter().map(|&i| importance[i]).collect();
+    let all = encode(&scene, &encoding(|o| o.importance = Some(importance))).unwrap();
+    let alone = encode(&scene.select(&inside), &encoding(|o| o.importance = Some(rest))).unwrap();
+    let n = alone.index.chunks.len();
+    let layers =
+        |e: &gsvx::Encoded| e.index.chunks[..n].iter().map(|c| c.layers[0].crc).collect::<Vec<_>>();
+    assert_eq!(layers(&all), layers(&alone));
+}
+
+#[test]
+fn fewer_degrees_and_coarser_levels_keep_the_outliers() {
+    let (merged, voxels) = voxelized(&scene(600, 2, 3), &Strategy::Uniform { depth: 9 });
+    let outliers = scene(3, 2, 4);
+    let options = encoding(|o| o.lod = true);
+    let encoded = encode_voxels(&merged, &voxels, Some(&outliers), &options).unwrap();
+    for degree in 0..3 {
+        let options = decoding(|o| o.max_sh_degree = degree);
+        let part = decode_with(&encoded.bytes, &options).unwrap().scene;
+        let n = merged.len();
+        assert_eq!((part.sh_degree, part.len()), (degree, n + 3));
+        for i in 0..3 {
+            assert_eq!(part.means[n + i], outliers.means[i]);
+            assert_eq!(part.sh_of(n + i), &outliers.sh_of(i)[..part.sh_len()]);
+        }
+    }
+    let coarse = decode_with(&encoded.bytes, &decoding(|o| o.lod = 1)).unwrap().scene;
+    let n = coarse.len() - 3;
+    assert!(n > 0 && n < merged.len() / 8);
+    for i in 0..3 {
+        assert_eq!(bits(&coarse, n + i), bits(&outliers, i));
+    }
+    // A stream without its end says that they are missing.
+    let cut = &encoded.bytes[..encoded.bytes.len() - 1];
+    let part = decode_with(cut, &decoding(|o| o.salvage = true)).unwrap();
+    assert_eq!(part.scene.len(), merged.len());
+    assert!(part.skipped[0].contains("(3 Gaussians)"), "{:?}", part.skipped);
+}
+
+/// The header's degree would fall to what the leaves use, and cut the outliers'.
+#[test]
+fn degrees_that_only_outliers_use_are_kept() {
+    let mut leaves = scene(80, 3, 3);
+    leaves.sh.chunks_exact_mut(16).for_each(|sh| sh[1..].fill([0.0; 3]));
+    let (merged, voxels) = voxelized(&leaves, &Strategy::Uniform { depth: 9 });
+    let outliers = scene(2, 2, 4);
+    for (most, degree) in [(3, 2), (1, 1)] {
+        let options = encoding(|o| o.max_sh_degree = most);
+        let encoded = encode_voxels(&merged, &voxels, Some(&outliers), &options).unwrap();
+        let back = decode(&encoded.bytes).unwrap();
+        assert_eq!(back.sh_degree, degree);
+        assert_eq!(back.sh_of(merged.len() + 1), &outliers.sh_of(1)[..back.sh_len()]);
+    }
+}
+
+#[test]
+fn a_scene_of_nothing_but_outliers() {
+    let (merged, voxels) = voxelized(&scene(0, 2, 3), &Strategy::Uniform { depth: 9 });
+    let outliers = scene(5, 2, 4);
+    let encoded = encode_voxels(&merged, &voxels, Some(&outliers), &EncodeOptions::default());
+    let back = decode(&encoded.unwrap().bytes).unwrap();
+    assert_eq!(back, outliers);
+}
+
+#[test]
+fn outliers_that_do_not_fit_are_refused() {
+    let (merged, voxels) = voxelized(&scene(80, 1, 3), &Strategy::Uniform { depth: 9 });
+    let encode = |outliers: Scene| {
+        encode_voxels(&merged, &voxels, Some(&outliers), &EncodeOptions::default())
+    };
+    let mut broken = scene(3, 1, 3);
+    broken.rotations[1] = [0.0; 4];
+    assert!(matches!(encode(broken), Err(Error::InvalidOutlier { index: 1, .. })));
+    let mut broken = scene(3, 1, 3);
+    broken.means[2][0] = f32::NAN;
+    assert!(matches!(encode(broken), Err(Error::InvalidOutlier { index: 2, .. })));
+    assert!(matches!(encode(scene(3, 2, 3)), Err(Error::Option { .. })));
+    let mut short = scene(3, 1, 3);
+    short.rotations.pop();
+    assert!(matches!(encode(short), Err(Error::CountMismatch { scene: 3, leaves: 2 })));
+}
