@@ -1,4 +1,5 @@
 //! Broken streams: an error or a smaller scene, never a panic, never unbounded memory or time.
+#![cfg(feature = "encode")]
 
 mod common;
 

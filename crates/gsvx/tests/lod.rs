@@ -1,4 +1,5 @@
 //! Levels of detail: what they cost, what they cover, and that they leave the finest level alone.
+#![cfg(feature = "encode")]
 
 mod common;
 

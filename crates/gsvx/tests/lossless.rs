@@ -1,4 +1,5 @@
 //! The bit-exact mode: what goes in comes out, whatever the bits.
+#![cfg(feature = "encode")]
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! Gaussians far outside the scene: coded exactly, so that they cost the others no precision.
+#![cfg(feature = "encode")]
 
 mod common;
 

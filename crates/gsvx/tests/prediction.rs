@@ -1,4 +1,5 @@
 //! SH degrees 2 and 3 predicted from the degree below.
+#![cfg(feature = "encode")]
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! Streams that arrive in parts: what is read, in which order, and that the Gaussians are the same.
+#![cfg(feature = "encode")]
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! Encode, decode, compare: every mode, every SH degree, tiny scenes, thread counts.
+#![cfg(feature = "encode")]
 
 mod common;
 

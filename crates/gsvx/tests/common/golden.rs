@@ -1,29 +1,12 @@
-//! The golden streams: what they are made from, and the hash of what they decode to.
+//! What the golden streams are made from.
 
 use super::{scene, with_floaters, with_related_degrees};
 use gs_model::Scene;
 use gsvx::{CovarianceMode, EncodeOptions, encode, encode_lossless, encode_with};
-use sha2::{Digest, Sha256};
 use std::num::NonZeroUsize;
 use voxel::Strategy;
 
 const SEED: u64 = 42;
-
-/// SHA-256 of all floats, little-endian: means, rotations, log-scales, opacity logits, SH.
-pub(crate) fn hash(s: &Scene) -> String {
-    let mut sha = Sha256::new();
-    let parts: [&[f32]; 5] = [
-        s.means.as_flattened(),
-        s.rotations.as_flattened(),
-        s.log_scales.as_flattened(),
-        &s.opacity_logits,
-        s.sh.as_flattened(),
-    ];
-    for v in parts.concat() {
-        sha.update(v.to_le_bytes());
-    }
-    sha.finalize().iter().map(|b| format!("{b:02x}")).collect()
-}
 
 /// Options for chunks of at most `leaves` leaves.
 fn in_chunks(leaves: usize) -> EncodeOptions {
