@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Entropy, Prepared};
+use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions};
 
 fn model() -> gs_model::Scene {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -21,41 +21,42 @@ fn model() -> gs_model::Scene {
     panic!("neither {paths:?} can be read");
 }
 
-fn prepare(scene: &gs_model::Scene) -> Prepared {
-    let quality = gsvx::DEFAULT_QUALITY;
-    let strategy = |importance: &[f32], seen| gsvx::default_strategy(quality, importance, seen);
-    gsvx::prepare(scene, strategy, None).expect("a valid scene")
+fn with(change: impl FnOnce(&mut EncodeOptions)) -> EncodeOptions {
+    let mut options = EncodeOptions::default();
+    change(&mut options);
+    options
 }
 
 fn codec(c: &mut Criterion) {
     let scene = model();
-    let Prepared { scene: merged, voxels, importance } = prepare(&scene);
-    let options = EncodeOptions { importance: Some(importance), ..Default::default() };
+    let strategy =
+        |importance: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, importance, seen);
+    let prepare = || gsvx::prepare(black_box(&scene), strategy, None).expect("a valid scene");
     let mut g = c.benchmark_group("codec");
     g.sample_size(10).throughput(Throughput::Elements(scene.len() as u64));
     g.bench_function("yardstick: copy of the model", |b| b.iter(|| black_box(&scene).clone()));
-    g.bench_function("prepare", |b| b.iter(|| prepare(black_box(&scene))));
-    let rlgr = EncodeOptions { entropy: Entropy::Fast, ..options.clone() };
-    let book = EncodeOptions { covariance: CovarianceMode::Vq { bits: 12 }, ..options.clone() };
-    for (name, options) in [("range", &options), ("rlgr", &rlgr), ("range, codebook", &book)] {
-        let coded = gsvx::encode(&merged, &voxels, options).expect("a valid scene").bytes;
-        g.bench_function(format!("encode, {name}"), |b| {
-            b.iter(|| gsvx::encode(black_box(&merged), &voxels, options));
-        });
-        let all = DecodeOptions::default();
-        g.bench_function(format!("decode, {name}"), |b| {
-            b.iter(|| gsvx::decode(black_box(&coded), &all));
-        });
-        let base = DecodeOptions { max_sh_degree: 0, ..Default::default() };
+    g.bench_function("prepare", |b| b.iter(prepare));
+    let gsvx::Prepared { scene: merged, voxels, importance } = prepare();
+    let default = with(|o| o.importance = Some(importance));
+    let mut codebook = default.clone();
+    codebook.covariance = CovarianceMode::Vq { bits: 12 };
+    let mut lod = default.clone();
+    lod.lod = true;
+    let mut base = DecodeOptions::default();
+    base.max_sh_degree = 0;
+    for (name, options) in [("default", &default), ("codebook", &codebook), ("lod", &lod)] {
+        let encode = || gsvx::encode_voxels(black_box(&merged), &voxels, None, options);
+        let coded = encode().expect("a valid scene").bytes;
+        g.bench_function(format!("encode, {name}"), |b| b.iter(encode));
+        g.bench_function(format!("decode, {name}"), |b| b.iter(|| gsvx::decode(black_box(&coded))));
         g.bench_function(format!("decode, {name}, SH degree 0"), |b| {
-            b.iter(|| gsvx::decode(black_box(&coded), &base));
+            b.iter(|| gsvx::decode_with(black_box(&coded), &base));
         });
     }
-    let exact = gsvx::encode_lossless(&scene).expect("a valid scene").bytes;
-    g.bench_function("encode, lossless", |b| b.iter(|| gsvx::encode_lossless(black_box(&scene))));
-    g.bench_function("decode, lossless", |b| {
-        b.iter(|| gsvx::decode(black_box(&exact), &DecodeOptions::default()));
-    });
+    let exact = || gsvx::encode_lossless(black_box(&scene), false);
+    let coded = exact().expect("a scene").bytes;
+    g.bench_function("encode, lossless", |b| b.iter(exact));
+    g.bench_function("decode, lossless", |b| b.iter(|| gsvx::decode(black_box(&coded))));
     g.finish();
 }
 

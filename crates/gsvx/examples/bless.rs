@@ -2,6 +2,8 @@
 
 #[path = "../tests/common/mod.rs"]
 mod common;
+#[path = "../tests/common/hash.rs"]
+mod hash;
 
 use common::golden;
 use std::path::Path;
@@ -13,11 +15,9 @@ fn main() -> std::io::Result<()> {
         "# SHA-256 of the decoded floats, name. Written by: cargo run --release -p gsvx --example bless\n",
     );
     for (name, bytes) in golden::streams() {
-        match gsvx::decode(&bytes, &gsvx::DecodeOptions::default()) {
-            Ok(decoded) => list += &format!("{}  {name}\n", golden::hash(&decoded.scene)),
-            Err(error) => return Err(std::io::Error::other(error)),
-        }
-        println!("{name}: {} bytes", bytes.len());
+        let scene = gsvx::decode(&bytes).map_err(std::io::Error::other)?;
+        list += &format!("{}  {name}\n", hash::hash(&scene));
+        println!("{name}: {} bytes, {} Gaussians", bytes.len(), scene.len());
         std::fs::write(folder.join(&name), bytes)?;
     }
     std::fs::write(folder.join("hashes.txt"), list)

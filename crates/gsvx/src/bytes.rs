@@ -3,35 +3,37 @@
 use crate::error::{Error, Result};
 
 /// Appends little-endian values to a byte vector.
+#[cfg(feature = "encode")]
 #[derive(Debug, Default)]
-pub struct Writer {
+pub(crate) struct Writer {
     /// The bytes written so far.
-    pub bytes: Vec<u8>,
+    pub(crate) bytes: Vec<u8>,
 }
 
+#[cfg(feature = "encode")]
 impl Writer {
     /// One byte.
-    pub fn u8(&mut self, v: u8) {
+    pub(crate) fn u8(&mut self, v: u8) {
         self.bytes.push(v);
     }
 
     /// Four bytes.
-    pub fn u32(&mut self, v: u32) {
+    pub(crate) fn u32(&mut self, v: u32) {
         self.bytes.extend_from_slice(&v.to_le_bytes());
     }
 
     /// An IEEE 754 single.
-    pub fn f32(&mut self, v: f32) {
+    pub(crate) fn f32(&mut self, v: f32) {
         self.bytes.extend_from_slice(&v.to_le_bytes());
     }
 
     /// An IEEE 754 double.
-    pub fn f64(&mut self, v: f64) {
+    pub(crate) fn f64(&mut self, v: f64) {
         self.bytes.extend_from_slice(&v.to_le_bytes());
     }
 
     /// LEB128: seven bits per byte, least significant first, high bit = more follow.
-    pub fn varint(&mut self, mut v: u64) {
+    pub(crate) fn varint(&mut self, mut v: u64) {
         while v >= 0x80 {
             self.bytes.push(v as u8 | 0x80);
             v >>= 7;
@@ -40,7 +42,7 @@ impl Writer {
     }
 
     /// A varint length followed by that many bytes.
-    pub fn block(&mut self, payload: &[u8]) {
+    pub(crate) fn block(&mut self, payload: &[u8]) {
         self.varint(payload.len() as u64);
         self.bytes.extend_from_slice(payload);
     }
@@ -48,7 +50,7 @@ impl Writer {
 
 /// Reads little-endian values from a slice; every read is bounds-checked.
 #[derive(Clone, Debug)]
-pub struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,
     what: &'static str,
@@ -56,20 +58,12 @@ pub struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     /// Reads `bytes`; `what` names the part in errors.
-    #[must_use]
-    pub fn new(bytes: &'a [u8], what: &'static str) -> Self {
+    pub(crate) fn new(bytes: &'a [u8], what: &'static str) -> Self {
         Self { bytes, at: 0, what }
     }
 
-    /// Bytes consumed so far.
-    #[must_use]
-    pub fn position(&self) -> usize {
-        self.at
-    }
-
     /// Bytes left.
-    #[must_use]
-    pub fn remaining(&self) -> usize {
+    pub(crate) fn remaining(&self) -> usize {
         self.bytes.len() - self.at
     }
 
@@ -77,7 +71,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Error::Truncated`] if fewer are left.
-    pub fn take(&mut self, n: usize) -> Result<&'a [u8]> {
+    pub(crate) fn take(&mut self, n: usize) -> Result<&'a [u8]> {
         if n > self.remaining() {
             return Err(Error::Truncated {
                 what: self.what,
@@ -101,7 +95,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Error::Truncated`].
-    pub fn u8(&mut self) -> Result<u8> {
+    pub(crate) fn u8(&mut self) -> Result<u8> {
         Ok(self.array::<1>()?[0])
     }
 
@@ -109,7 +103,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Error::Truncated`].
-    pub fn u32(&mut self) -> Result<u32> {
+    pub(crate) fn u32(&mut self) -> Result<u32> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
@@ -117,7 +111,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Error::Truncated`].
-    pub fn f32(&mut self) -> Result<f32> {
+    pub(crate) fn f32(&mut self) -> Result<f32> {
         Ok(f32::from_le_bytes(self.array()?))
     }
 
@@ -125,7 +119,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Error::Truncated`]; [`Error::Corrupt`] if NaN or infinite.
-    pub fn finite_f32(&mut self, what: &'static str) -> Result<f32> {
+    pub(crate) fn finite_f32(&mut self, what: &'static str) -> Result<f32> {
         let v = self.f32()?;
         if v.is_finite() {
             Ok(v)
@@ -138,7 +132,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Error::Truncated`]; [`Error::Corrupt`] if NaN or infinite.
-    pub fn finite_f64(&mut self, what: &'static str) -> Result<f64> {
+    pub(crate) fn finite_f64(&mut self, what: &'static str) -> Result<f64> {
         let v = f64::from_le_bytes(self.array()?);
         if v.is_finite() { Ok(v) } else { Err(Error::Corrupt { what, value: v.to_bits() }) }
     }
@@ -147,7 +141,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Error::Truncated`]; [`Error::Corrupt`] if it does not fit 64 bits.
-    pub fn varint(&mut self) -> Result<u64> {
+    pub(crate) fn varint(&mut self) -> Result<u64> {
         let mut v = 0u64;
         for shift in (0..64).step_by(7) {
             let byte = self.u8()?;
@@ -162,11 +156,11 @@ impl<'a> Reader<'a> {
         Err(Error::Corrupt { what: "varint", value: v })
     }
 
-    /// A block written by [`Writer::block`].
+    /// A varint length and that many bytes.
     ///
     /// # Errors
     /// [`Error::Truncated`].
-    pub fn block(&mut self) -> Result<&'a [u8]> {
+    pub(crate) fn block(&mut self) -> Result<&'a [u8]> {
         let n = self.varint()?;
         self.take(usize::try_from(n).unwrap_or(usize::MAX))
     }

@@ -54,17 +54,15 @@ pub fn encode_voxels(
     outliers: Option<&Scene>,
     options: &EncodeOptions,
 ) -> Result<Encoded> {
+    check_lengths(scene)?;
     if scene.len() != voxels.len() {
         return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
     }
-    let cube = Cube::from(voxels.cube);
-    let centre =
-        |&(leaf, mean): &(&Leaf, &[f32; 3])| cube.leaf_centre(*leaf, voxels.j_high) != *mean;
-    let pairs = voxels.leaves.par_iter().zip(&scene.means).with_min_len(4096);
-    if let Some(index) = pairs.position_first(|pair| centre(&pair)) {
-        return Err(Error::OffCentre { index });
-    }
+    check_centres(scene, voxels)?;
     let importance = match &options.importance {
+        Some(given) if given.len() != scene.len() => {
+            return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
+        }
         Some(given) => given.clone(),
         None => importance::without_cameras(scene),
     };
@@ -87,15 +85,8 @@ pub fn encode_voxels(
 /// [`Error::CountMismatch`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
 /// 2^32 - 2 Gaussians.
 pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
+    check_lengths(scene)?;
     let n = scene.len();
-    for len in [scene.opacity_logits.len(), scene.log_scales.len(), scene.rotations.len()] {
-        if len != n {
-            return Err(Error::CountMismatch { scene: n, leaves: len });
-        }
-    }
-    if scene.sh_degree > 3 || scene.sh.len() != n * scene.sh_len() {
-        return Err(Error::CountMismatch { scene: n * scene.sh_len(), leaves: scene.sh.len() });
-    }
     if n as u64 >= u64::from(u32::MAX) {
         return Err(Error::Limit { points: n as u64, limit: u64::from(u32::MAX) - 1 });
     }
@@ -110,6 +101,50 @@ pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
     };
     let chunks = if n == 0 { Vec::new() } else { vec![exact_chunk(scene, keep_order)] };
     Ok(assemble(header, chunks))
+}
+
+/// All arrays of a scene have the lengths that its number of Gaussians and its SH degree ask for.
+pub(crate) fn check_lengths(scene: &Scene) -> Result<()> {
+    let n = scene.len();
+    for len in [scene.opacity_logits.len(), scene.log_scales.len(), scene.rotations.len()] {
+        if len != n {
+            return Err(Error::CountMismatch { scene: n, leaves: len });
+        }
+    }
+    if scene.sh_degree > 3 || scene.sh.len() != n * scene.sh_len() {
+        return Err(Error::CountMismatch { scene: n * scene.sh_len(), leaves: scene.sh.len() });
+    }
+    Ok(())
+}
+
+/// Each Gaussian is at the centre of its leaf, and no leaf is deeper than the finest depth.
+fn check_centres(scene: &Scene, voxels: &Voxelization) -> Result<()> {
+    let (j_high, max) = (voxels.j_high, gpcc_lite::morton::MAX_DEPTH);
+    if j_high > max {
+        let source = gpcc_lite::Error::Depth { depth: j_high, max };
+        return Err(Error::Coding { what: "geometry", source });
+    }
+    let cube = Cube::from(voxels.cube);
+    let off_centre = |(leaf, mean): (&Leaf, &[f32; 3])| {
+        leaf.depth > j_high || cube.leaf_centre(*leaf, j_high) != *mean
+    };
+    let pairs = voxels.leaves.par_iter().zip(&scene.means).with_min_len(4096);
+    match pairs.position_first(off_centre) {
+        Some(index) => Err(Error::OffCentre { index }),
+        None => Ok(()),
+    }
+}
+
+/// Steps that a decoder accepts.
+fn check_steps(steps: &Steps) -> Result<()> {
+    match steps.all().into_iter().find(|&step| !Steps::is_valid(step)) {
+        Some(step) => Err(Error::Option {
+            option: "quantisation step",
+            value: step.into(),
+            range: "above 1.2e-38 and below 1e9",
+        }),
+        None => Ok(()),
+    }
 }
 
 /// Where the Gaussians of leaves come from.
@@ -173,6 +208,7 @@ pub(crate) fn encode_source(
     outliers: Option<&Scene>,
     options: &EncodeOptions,
 ) -> Result<Encoded> {
+    check_steps(&options.steps)?;
     let outliers = checked_outliers(outliers, source.scene)?;
     let exact_degree = outliers.map_or(0, |o| used_degree(o, options.max_sh_degree));
     let sh_degree = used_degree(source.scene, options.max_sh_degree).max(exact_degree);
@@ -219,8 +255,10 @@ pub(crate) fn encode_source(
     let at_once = (each.len() / 4).clamp(1, rayon::current_num_threads());
     let mut chunks = Vec::with_capacity(each.len());
     for some in each.chunks(at_once) {
-        let encoded = some.par_iter().with_max_len(1).map(|job| encode(job.clone()));
-        chunks.extend(encoded.collect::<Result<Vec<_>>>()?);
+        let encoded: Vec<_> =
+            some.par_iter().with_max_len(1).map(|job| encode(job.clone())).collect();
+        // The first error, on any number of threads.
+        chunks.extend(encoded.into_iter().collect::<Result<Vec<_>>>()?);
     }
     let mut chunks = without_zero_degrees(chunks, exact_degree);
     let sh_degree = chunks.first().map_or(exact_degree, |c| c.1.len() as u8 - 1);
@@ -279,7 +317,12 @@ fn encode_chunk(
     let input = ChunkInput { leaves, log_classes: &classes[range.clone()], base, indices };
     // Coarse levels are seen for a moment or from afar: they are base layers.
     let q = &Quantisation { sh_degree: if coarse { 0 } else { q.sh_degree }, ..*q };
-    let mut layers = chunk::encode(q, input, |degree| source.sh(range.clone(), degree))?;
+    let sh = |degree| {
+        let sh = source.sh(range.clone(), degree)?;
+        chunk::check_sh(&sh, usize::from(2 * degree + 1), range.start)?;
+        Ok(sh)
+    };
+    let mut layers = chunk::encode(q, input, sh)?;
     layers.resize(1 + usize::from(header.sh_degree), Vec::new());
     Ok((chunk, layers))
 }
@@ -347,16 +390,7 @@ fn checked_outliers<'a>(outliers: Option<&'a Scene>, leaves: &Scene) -> Result<O
             range: "at most that of the leaves",
         });
     }
-    for (len, each) in [
-        (outliers.rotations.len(), 1),
-        (outliers.log_scales.len(), 1),
-        (outliers.opacity_logits.len(), 1),
-        (outliers.sh.len(), outliers.sh_len()),
-    ] {
-        if len != outliers.len() * each {
-            return Err(Error::CountMismatch { scene: outliers.len(), leaves: len / each });
-        }
-    }
+    check_lengths(outliers)?;
     match outliers.invalid().first {
         Some(first) => Err(Error::InvalidOutlier { index: first.index, field: first.field }),
         None => Ok(Some(outliers)),

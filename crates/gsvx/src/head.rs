@@ -3,7 +3,9 @@
 //! The index tells where each layer of each chunk lies, so that a reader fetches what it wants and
 //! nothing else. Normative description: `docs/format.md`, "Head".
 
-use crate::bytes::{Reader, Writer};
+use crate::bytes::Reader;
+#[cfg(feature = "encode")]
+use crate::bytes::Writer;
 use crate::error::{Error, Result};
 use gpcc_lite::Leaf;
 use std::ops::Range;
@@ -67,9 +69,15 @@ pub struct Steps {
 }
 
 impl Steps {
-    fn all(&self) -> [f32; 6] {
+    #[cfg(feature = "encode")]
+    pub(crate) fn all(&self) -> [f32; 6] {
         let [a, b, c] = self.sh;
         [self.opacity, self.dc, a, b, c, self.covariance]
+    }
+
+    /// True for a step that a stream may have.
+    pub(crate) fn is_valid(step: f32) -> bool {
+        step.is_normal() && step > 0.0 && step < 1e9
     }
 }
 
@@ -163,7 +171,7 @@ pub struct Index {
 ///
 /// # Errors
 /// [`Error::NotGsvx`], [`Error::Version`], or [`Error::Truncated`] if `start` is too short.
-pub fn head_len(start: &[u8]) -> Result<u64> {
+pub(crate) fn head_len(start: &[u8]) -> Result<u64> {
     let known = start.len().min(SIGNATURE.len());
     if known == 0 || start[..known] != SIGNATURE[..known] {
         return Err(Error::NotGsvx);
@@ -205,6 +213,7 @@ impl Index {
     }
 
     /// The head as bytes. Offsets of layers are not written: they follow from the lengths.
+    #[cfg(feature = "encode")]
     pub(crate) fn to_bytes(header: &Header, chunks: &[Chunk]) -> Vec<u8> {
         let mut body = Writer::default();
         write_header(&mut body, header);
@@ -296,6 +305,7 @@ impl Index {
 /// The code of [`Kind::Exact`] in an index entry, in the place of a level of detail.
 const EXACT: u8 = 255;
 
+#[cfg(feature = "encode")]
 fn write_header(w: &mut Writer, header: &Header) {
     w.u8(header.sh_degree);
     w.u8(header.j_high);
@@ -343,7 +353,7 @@ fn read_header(r: &mut Reader<'_>) -> Result<Header> {
     let mut steps = [0.0; 6];
     for v in &mut steps {
         *v = r.finite_f32("quantisation step")?;
-        if !(v.is_normal() && *v > 0.0 && *v < 1e9) {
+        if !Steps::is_valid(*v) {
             return Err(corrupt("quantisation step", v.to_bits()));
         }
     }

@@ -26,7 +26,6 @@ pub fn weight(class: u8) -> u32 {
     1 << (2 * u32::from(class.min(CLASSES - 1)))
 }
 
-#[cfg(feature = "encode")]
 /// Importance without cameras: alpha times the root of the area of the two largest axes.
 ///
 /// A rasterizer's sum of squared blending weights over the training views is better where
@@ -34,6 +33,7 @@ pub fn weight(class: u8) -> u32 {
 /// `alpha^2` times the area itself, right where everything is seen alike, measures worse than
 /// no weights at all (`fox`, equal error: guess squared 1.12, no weights 1.04, this 1.00; from
 /// cameras 0.84).
+#[cfg(feature = "encode")]
 #[must_use]
 pub fn without_cameras(scene: &Scene) -> Vec<f32> {
     scene
@@ -49,17 +49,17 @@ pub fn without_cameras(scene: &Scene) -> Vec<f32> {
         .collect()
 }
 
-#[cfg(feature = "encode")]
-#[cfg(feature = "encode")]
 /// Classes per factor of four in importance. On `fox` at equal rendered error the streams of
 /// slopes 0, 0.5, 0.7, 1 are 1.00, 0.87, 0.86, 0.91 in size.
+#[cfg(feature = "encode")]
 const SLOPE: f64 = 0.7;
 /// Lowest class, relative to [`MEAN_CLASS`]: steps are at most `2^3` times the mean one.
+#[cfg(feature = "encode")]
 const FLOOR: f64 = 3.0;
 
-#[cfg(feature = "encode")]
 /// Real-valued classes from importances (any unit; negative and NaN count as 0), relative to
 /// the mean importance of the scene.
+#[cfg(feature = "encode")]
 #[must_use]
 pub fn log_classes(importance: &[f32]) -> Vec<f64> {
     let clean = |v: f32| if v.is_finite() && v > 0.0 { f64::from(v) } else { 0.0 };

@@ -149,7 +149,7 @@ mod tests {
     #[test]
     fn chunks_of_levels_nest() {
         let leaves: Vec<Leaf> =
-            (0..5000u64).map(|i| Leaf { morton: i * i * 37, depth: 11 }).collect();
+            (0..20_000u64).map(|i| Leaf { morton: i * i * 19, depth: 11 }).collect();
         let n = leaves.len() as u32;
         let voxels = Voxelization {
             cube: voxel::Cube { origin: [0.0; 3], side: 1.0 },
@@ -163,13 +163,16 @@ mod tests {
         let options = EncodeOptions { lod: true, chunk_leaves, ..EncodeOptions::default() };
         let levels = levels(&voxels, &options);
         assert!(levels.len() >= 3);
-        let starts = |level: &LodLevel| -> Vec<u64> {
-            let leaves = level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves);
-            level.cuts.iter().filter_map(|&i| leaves.get(i)).map(|l| l.morton).collect()
+        let leaves_of = |level: &LodLevel| -> Vec<Leaf> {
+            level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves).clone()
         };
         for pair in levels.windows(2) {
-            let (fine, coarse) = (starts(&pair[0]), starts(&pair[1]));
-            assert!(coarse.iter().all(|cell| fine.contains(cell)));
+            let (fine, coarse) = (leaves_of(&pair[0]), leaves_of(&pair[1]));
+            // No fine chunk has leaves of two coarse ones.
+            for &cut in &pair[1].cuts[..pair[1].cuts.len() - 1] {
+                let first = fine.partition_point(|l| l.morton < coarse[cut].morton);
+                assert!(pair[0].cuts.contains(&first));
+            }
             assert!(pair[1].first.len() * RATIO <= pair[0].first.len() + RATIO);
             assert!(pair[1].cuts.windows(2).all(|w| w[1] - w[0] <= 64));
         }

@@ -1,6 +1,6 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
-use crate::encode::{Encoded, Source, encode_source};
+use crate::encode::{Encoded, Source, check_lengths, encode_source};
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::lossless::layout;
@@ -40,6 +40,7 @@ const BITS_PER_POINT: f64 = 1.2;
 /// `options` are not one per Gaussian, [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy
 /// coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
+    check_lengths(scene)?;
     let strategy = |importance: &[f32], seen| default_strategy(options.quality, importance, seen);
     let Some(split) = split_outliers(scene)? else {
         return encode_with(scene, strategy, None, options);
@@ -142,6 +143,7 @@ fn voxels_and_weights(
     strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
     importance: Option<&[f32]>,
 ) -> Result<(Voxelization, Importance)> {
+    check_lengths(scene)?;
     let seen = if importance.is_some() { Seen::ByCameras } else { Seen::Guessed };
     let importance = match importance {
         Some(given) if given.len() == scene.len() => given.to_vec(),

@@ -43,7 +43,7 @@ const LENGTH_KNOWN: usize = 13;
 /// A stream that arrives in parts.
 #[derive(Debug, Default)]
 pub struct Reader {
-    /// The stream's first bytes, until the index is known.
+    /// All that has arrived, until the index is known.
     start: Buffer,
     index: Option<Index>,
     /// The layers of each chunk, as far as they have arrived.
@@ -51,40 +51,67 @@ pub struct Reader {
     decoder: ChunkDecoder,
 }
 
-/// A range of the stream, part of which has arrived.
+/// What has arrived of a range of the stream. Its memory is that of the bytes that have arrived.
 #[derive(Clone, Debug, Default)]
 struct Buffer {
+    /// Ascending, and with gaps between them.
+    pieces: Vec<Piece>,
+}
+
+/// Consecutive bytes.
+#[derive(Clone, Debug)]
+struct Piece {
+    start: u64,
     bytes: Vec<u8>,
-    /// What has arrived, ascending and apart.
-    there: Vec<Range<usize>>,
+}
+
+impl Piece {
+    fn end(&self) -> u64 {
+        self.start + self.bytes.len() as u64
+    }
+
+    /// Puts in bytes that overlap or touch this piece.
+    fn join(&mut self, at: u64, bytes: &[u8]) {
+        if at < self.start {
+            let gap = (self.start - at) as usize;
+            self.bytes.splice(..0, std::iter::repeat_n(0, gap));
+            self.start = at;
+        }
+        let offset = (at - self.start) as usize;
+        if self.bytes.len() < offset + bytes.len() {
+            self.bytes.resize(offset + bytes.len(), 0);
+        }
+        self.bytes[offset..offset + bytes.len()].copy_from_slice(bytes);
+    }
 }
 
 impl Buffer {
-    /// Puts bytes at `at`; the buffer grows to hold at most `most`.
-    fn put(&mut self, at: usize, bytes: &[u8], most: usize) {
-        let end = (at + bytes.len()).min(most);
-        if end <= at {
+    /// Puts in bytes at `at`; they replace what was there. The end fits 64 bits.
+    fn put(&mut self, at: u64, bytes: &[u8]) {
+        let end = at + bytes.len() as u64;
+        if end == at {
             return;
         }
-        if self.bytes.len() < end {
-            self.bytes.resize(end, 0);
+        let first = self.pieces.partition_point(|p| p.end() < at);
+        let last = self.pieces.partition_point(|p| p.start <= end);
+        if first == last {
+            self.pieces.insert(first, Piece { start: at, bytes: bytes.to_vec() });
+            return;
         }
-        self.bytes[at..end].copy_from_slice(&bytes[..end - at]);
-        let mut merged = at..end;
-        self.there.retain(|range| {
-            let touches = range.start <= merged.end && merged.start <= range.end;
-            if touches {
-                merged = merged.start.min(range.start)..merged.end.max(range.end);
+        let others: Vec<Piece> = self.pieces.drain(first + 1..last).collect();
+        let piece = &mut self.pieces[first];
+        piece.join(at, bytes);
+        for other in others {
+            let known = piece.end();
+            if other.end() > known {
+                piece.join(known, &other.bytes[(known - other.start) as usize..]);
             }
-            !touches
-        });
-        let place = self.there.partition_point(|range| range.start < merged.start);
-        self.there.insert(place, merged);
+        }
     }
 
-    /// How many bytes have arrived from the beginning on.
-    fn front(&self) -> usize {
-        self.there.first().filter(|r| r.start == 0).map_or(0, |r| r.end)
+    /// The bytes that have arrived from the beginning on.
+    fn front(&self) -> &[u8] {
+        self.pieces.first().filter(|p| p.start == 0).map_or(&[], |p| &p.bytes)
     }
 }
 
@@ -103,12 +130,8 @@ impl Reader {
             return None;
         }
         let front = self.start.front();
-        let end = if front < LENGTH_KNOWN {
-            FIRST
-        } else {
-            head_len(&self.start.bytes[..front]).unwrap_or(FIRST)
-        };
-        Some(front as u64..end)
+        let end = if front.len() < LENGTH_KNOWN { FIRST } else { head_len(front).unwrap_or(FIRST) };
+        Some(front.len() as u64..end)
     }
 
     /// The head, once it has arrived.
@@ -126,11 +149,10 @@ impl Reader {
             put_layers(index, &mut self.layers, offset, bytes);
             return Ok(());
         }
-        let at = usize::try_from(offset).unwrap_or(usize::MAX);
-        if at.checked_add(bytes.len()).is_some() {
-            self.start.put(at, bytes, usize::MAX);
+        if offset.checked_add(bytes.len() as u64).is_some() {
+            self.start.put(offset, bytes);
         }
-        let front = &self.start.bytes[..self.start.front()];
+        let front = self.start.front();
         if front.len() < LENGTH_KNOWN || (front.len() as u64) < head_len(front)? {
             return Ok(());
         }
@@ -138,9 +160,8 @@ impl Reader {
         let empty = |c: &crate::Chunk| vec![Buffer::default(); c.layers.len()];
         self.layers = index.chunks.iter().map(empty).collect();
         // What has arrived beyond the head.
-        let start = std::mem::take(&mut self.start);
-        for range in start.there {
-            put_layers(&index, &mut self.layers, range.start as u64, &start.bytes[range]);
+        for piece in std::mem::take(&mut self.start).pieces {
+            put_layers(&index, &mut self.layers, piece.start, &piece.bytes);
         }
         self.index = Some(index);
         Ok(())
@@ -156,7 +177,7 @@ impl Reader {
         let mut missing: Vec<Range<u64>> = Vec::new();
         for (layer, buffer) in entry.layers.iter().zip(&self.layers[chunk]).take(layers) {
             let mut at = 0u64;
-            let there = buffer.there.iter().map(|r| r.start as u64..r.end as u64);
+            let there = buffer.pieces.iter().map(|p| p.start..p.end());
             for range in there.chain(std::iter::once(layer.len..layer.len)) {
                 if at < range.start {
                     let gap = layer.offset + at..layer.offset + range.start;
@@ -176,7 +197,7 @@ impl Reader {
     pub fn whole_layers(&self, chunk: usize) -> usize {
         let Some(entry) = self.index.as_ref().and_then(|i| i.chunks.get(chunk)) else { return 0 };
         let whole = entry.layers.iter().zip(&self.layers[chunk]);
-        whole.take_while(|(layer, buffer)| buffer.front() as u64 == layer.len).count()
+        whole.take_while(|(layer, buffer)| buffer.front().len() as u64 == layer.len).count()
     }
 
     /// Decodes the first `layers` layers of a chunk: its Gaussians, at the SH degree of these layers.
@@ -194,7 +215,7 @@ impl Reader {
             return Err(Error::Corrupt { what: "number of a chunk", value: chunk as u64 });
         };
         let bytes: Vec<&[u8]> =
-            self.layers[chunk].iter().take(layers.max(1)).map(|b| b.bytes.as_slice()).collect();
+            self.layers[chunk].iter().take(layers.max(1)).map(Buffer::front).collect();
         for (number, (bytes, &layer)) in bytes.iter().zip(&entry.layers).enumerate() {
             verify(bytes, chunk, number, layer)?;
         }
@@ -224,7 +245,7 @@ fn put_layers(index: &Index, layers: &mut [Vec<Buffer>], offset: u64, bytes: &[u
             let (start, stop) = (range.start.max(offset), range.end.min(end));
             if start < stop {
                 let bytes = &bytes[(start - offset) as usize..(stop - offset) as usize];
-                buffer.put((start - range.start) as usize, bytes, layer.len as usize);
+                buffer.put(start - range.start, bytes);
             }
         }
     }

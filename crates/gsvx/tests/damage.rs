@@ -1,178 +1,372 @@
-//! Broken streams: an error or a smaller scene, never a panic, never unbounded memory.
+//! Broken streams: an error or a smaller scene, never a panic, never unbounded memory or time.
+#![cfg(feature = "encode")]
 
 mod common;
 
-use common::{Rng, scene, voxelized, with_related_degrees};
-use gsvx::{DecodeOptions, EncodeOptions, Error, decode, encode};
+use common::forge::{Layers, assemble, head, take_apart, with_checksum};
+use common::with_related_degrees;
+use common::{Rng, decoding, encoding, leaves, scene, voxelized, with_floaters};
+use gsvx::{
+    CovarianceMode, Decoded, EncodeOptions, Encoded, Error, Index, Kind, Reader, decode,
+    decode_leaves, decode_with, encode, encode_lossless, encode_voxels, encode_with,
+};
+use std::time::{Duration, Instant};
 use voxel::Strategy;
 
-fn stream(n: usize) -> Vec<u8> {
+/// A small stream of several chunks.
+fn small(n: usize) -> Encoded {
+    let mut options = EncodeOptions::from_quality(80.0).unwrap();
+    options.chunk_leaves = leaves(n.div_ceil(3));
     let (merged, voxels) = voxelized(&scene(n, 3, 9), &Strategy::paper(3, 9));
-    encode(&merged, &voxels, &EncodeOptions::from_quality(40.0).unwrap()).unwrap().bytes
+    encode_voxels(&merged, &voxels, Some(&scene(2, 3, 1)), &options).unwrap()
+}
+
+fn salvage(bytes: &[u8]) -> Result<Decoded, Error> {
+    decode_with(bytes, &decoding(|o| o.salvage = true))
+}
+
+/// Decodes in all ways that there are; none may panic.
+fn decode_all_ways(bytes: &[u8]) {
+    let _ = decode(bytes);
+    let _ = salvage(bytes);
+    let _ = decode_with(bytes, &decoding(|o| (o.lod, o.max_sh_degree) = (9, 1)));
+    let _ = decode_leaves(bytes);
+    let mut reader = Reader::new();
+    if reader.give(0, bytes).is_ok() {
+        let chunks = reader.index().map_or(0, |i| i.chunks.len());
+        (0..chunks.min(20)).for_each(|chunk| drop(reader.decode(chunk, 4)));
+    }
 }
 
 #[test]
 fn truncated_at_every_byte() {
-    let bytes = stream(60);
-    let lenient = DecodeOptions { allow_truncated: true, ..Default::default() };
-    let mut shown = 0;
+    let Encoded { bytes, index } = small(60);
+    assert_eq!(index.chunks.len(), 4);
+    let whole = decode(&bytes).unwrap();
     for end in 0..bytes.len() {
-        assert!(decode(&bytes[..end], &DecodeOptions::default()).is_err(), "cut at {end}");
-        if let Ok(part) = decode(&bytes[..end], &lenient) {
-            shown += 1;
-            assert!(!part.skipped.is_empty(), "cut at {end}: something is missing");
-            assert!(part.scene.validate().is_ok(), "cut at {end}");
+        assert!(decode(&bytes[..end]).is_err(), "cut at {end}");
+        let part = salvage(&bytes[..end]);
+        if (end as u64) < index.head_len {
+            assert!(part.is_err(), "cut at {end}");
+            continue;
         }
+        // All that is complete is shown: whole base layers, and the degrees behind them.
+        let part = part.unwrap();
+        assert!(!part.skipped.is_empty(), "cut at {end}");
+        let (mut at, mut from) = (0, 0);
+        for chunk in &index.chunks {
+            let n = chunk.count as usize;
+            let there = chunk.layers.iter().take_while(|l| l.range().end <= end as u64).count();
+            if there > 0 {
+                assert_eq!(part.scene.means[at..at + n], whole.means[from..from + n]);
+                let known = if chunk.kind == Kind::Exact { 16 } else { there * there };
+                for i in 0..n {
+                    let (part, whole) = (part.scene.sh_of(at + i), whole.sh_of(from + i));
+                    assert_eq!(part[..known], whole[..known], "cut at {end}");
+                    assert!(part[known..].iter().all(|v| *v == [0.0; 3]), "cut at {end}");
+                }
+                at += n;
+            }
+            from += n;
+        }
+        assert_eq!(part.scene.len(), at, "cut at {end}");
     }
-    assert!(shown > 50, "a prefix with opacity and DC decodes: {shown}");
 }
 
 #[test]
 fn every_flipped_bit_is_noticed() {
-    let bytes = stream(40);
+    let bytes = small(40).bytes;
     for at in 0..bytes.len() {
         for bit in 0..8 {
             let mut broken = bytes.clone();
             broken[at] ^= 1 << bit;
-            assert!(decode(&broken, &DecodeOptions::default()).is_err(), "byte {at} bit {bit}");
+            assert!(decode(&broken).is_err(), "byte {at} bit {bit}");
+        }
+    }
+}
+
+#[test]
+fn damage_of_the_head_shows() {
+    let Encoded { bytes, index } = small(40);
+    for at in 13..index.head_len as usize {
+        let mut broken = bytes.clone();
+        broken[at] ^= 4;
+        assert!(matches!(decode(&broken), Err(Error::HeadChecksum { .. })), "byte {at}");
+        assert!(matches!(salvage(&broken), Err(Error::HeadChecksum { .. })), "byte {at}");
+        let mut reader = Reader::new();
+        assert!(matches!(reader.give(0, &broken), Err(Error::HeadChecksum { .. })), "byte {at}");
+    }
+}
+
+#[test]
+fn damage_in_one_chunk_costs_that_chunk_alone() {
+    let Encoded { bytes, index } = small(60);
+    let whole = decode(&bytes).unwrap();
+    let mut first = 0;
+    for (number, chunk) in index.chunks.iter().enumerate() {
+        let n = chunk.count as usize;
+        for (layer, entry) in chunk.layers.iter().enumerate() {
+            let mut broken = bytes.clone();
+            broken[entry.offset as usize + entry.len as usize / 2] ^= 1;
+            match decode(&broken).unwrap_err() {
+                Error::Checksum { chunk, layer: l, .. } => assert_eq!((chunk, l), (number, layer)),
+                other => panic!("{other}"),
+            }
+            let part = salvage(&broken).unwrap();
+            let [line] = &part.skipped[..] else { panic!("{:?}", part.skipped) };
+            assert!(line.contains(&format!("chunk {number}")), "{line}");
+            if layer == 0 {
+                let kept: Vec<usize> =
+                    (0..whole.len()).filter(|i| !(first..first + n).contains(i)).collect();
+                assert_eq!(part.scene, whole.select(&kept), "chunk {number}");
+            } else {
+                assert!(line.contains(&format!("SH degree {layer}")), "{line}");
+                for i in 0..whole.len() {
+                    let known = if (first..first + n).contains(&i) { layer * layer } else { 16 };
+                    assert_eq!(part.scene.sh_of(i)[..known], whole.sh_of(i)[..known]);
+                    assert!(part.scene.sh_of(i)[known..].iter().all(|v| *v == [0.0; 3]));
+                }
+            }
+        }
+        first += n;
+    }
+}
+
+/// Changes some bytes of a layer.
+fn damage(layer: &mut Vec<u8>, rng: &mut Rng) {
+    for _ in 0..1 + rng.next() % 3 {
+        let at = (rng.next() % (layer.len() as u64 + 1)) as usize;
+        match rng.next() % 6 {
+            0 => layer.truncate(at),
+            1 => layer.push(rng.next() as u8),
+            _ if at < layer.len() => layer[at] ^= 1 << (rng.next() % 8),
+            _ => layer.push(0),
         }
     }
 }
 
 /// Damage behind valid checksums: what an attacker sends.
 #[test]
-fn payload_damage_with_repaired_checksums_never_panics() {
-    let related = with_related_degrees(scene(700, 3, 9));
-    let (merged, voxels) = voxelized(&related, &Strategy::paper(3, 9));
-    let predicted = encode(&merged, &voxels, &EncodeOptions::from_quality(85.0).unwrap()).unwrap();
-    for (bytes, rounds) in [(stream(120), 3000), (predicted.bytes, 400)] {
-        damage_payloads(&bytes, rounds);
-    }
-}
-
-fn damage_payloads(bytes: &[u8], rounds: usize) {
-    let container = gsvx::stream::Container::parse(bytes).unwrap();
-    let sections: Vec<_> = container
-        .toc
-        .iter()
-        .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
-        .collect();
+fn damage_behind_valid_checksums_never_panics() {
+    let plain = scene(150, 3, 9);
+    let mode = |covariance| encoding(|o| o.covariance = covariance);
+    let coded = |options: &EncodeOptions| encode(&plain, options).unwrap().bytes;
+    let high = EncodeOptions::from_quality(85.0).unwrap();
+    let lod = encoding(|o| (o.lod, o.chunk_leaves) = (true, leaves(40)));
+    let streams = [
+        (small(120).bytes, 2000),
+        (coded(&mode(CovarianceMode::Vq { bits: 8 })), 500),
+        (coded(&mode(CovarianceMode::Lossless { bits: 16 })), 1000),
+        (encode(&with_related_degrees(scene(900, 3, 9)), &high).unwrap().bytes, 200),
+        (encode(&with_floaters(scene(700, 1, 9)).0, &lod).unwrap().bytes, 400),
+        (encode_lossless(&scene(60, 1, 9), true).unwrap().bytes, 600),
+    ];
     let mut rng = Rng(1);
-    for round in 0..rounds {
-        let mut broken = sections.clone();
-        let (_, payload) = &mut broken[round % sections.len()];
-        for _ in 0..1 + rng.next() % 3 {
-            let at = (rng.next() % payload.len() as u64) as usize;
-            match rng.next() % 4 {
-                0 => payload.truncate(at.max(1)),
-                1 => payload.push(rng.next() as u8),
-                _ => payload[at] = rng.next() as u8,
+    for (bytes, rounds) in &streams {
+        let (index, good) = take_apart(bytes);
+        let places: Vec<(usize, usize)> = good
+            .iter()
+            .enumerate()
+            .flat_map(|(c, layers)| (0..layers.len()).map(move |l| (c, l)))
+            .collect();
+        for round in 0..*rounds {
+            let mut broken = good.clone();
+            let (chunk, layer) = places[round % places.len()];
+            damage(&mut broken[chunk][layer], &mut rng);
+            let broken = assemble(&index, &broken);
+            decode_all_ways(&broken);
+            // What decodes is finite, but for Gaussians that are coded bit for bit.
+            if let Ok(scene) = decode(&broken)
+                && index.chunks.iter().all(|c| c.kind == Kind::Leaves)
+            {
+                assert!(scene.validate().is_ok(), "round {round}: not finite");
             }
-            if payload.is_empty() {
-                payload.push(0);
-            }
-        }
-        let forged = gsvx::stream::assemble(&container.header, &broken);
-        if let Ok(decoded) = decode(&forged, &DecodeOptions::default()) {
-            assert!(decoded.scene.validate().is_ok(), "round {round}: not finite");
         }
     }
 }
 
 #[test]
-fn a_forged_count_is_refused_before_memory_is_spent() {
-    let bytes = stream(30);
-    let container = gsvx::stream::Container::parse(&bytes).unwrap();
-    let sections: Vec<_> = container
-        .toc
-        .iter()
-        .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
-        .collect();
-    let real = container.header.count;
-    for count in [0, real - 1, real + 1, 1 << 20, u64::MAX] {
-        let mut header = container.header.clone();
-        header.count = count;
-        let forged = gsvx::stream::assemble(&header, &sections);
-        let result = decode(&forged, &DecodeOptions::default());
-        assert!(result.is_err(), "{count}");
-        if count > 1 << 19 {
-            assert!(matches!(result, Err(Error::Limit { .. })), "{count}");
+fn damaged_heads_behind_a_valid_checksum_never_panic() {
+    let lod = encoding(|o| (o.lod, o.chunk_leaves) = (true, leaves(100)));
+    let vq = encoding(|o| o.covariance = CovarianceMode::Vq { bits: 8 });
+    let streams = [
+        small(60).bytes,
+        encode(&scene(700, 1, 9), &lod).unwrap().bytes,
+        encode(&scene(300, 0, 9), &vq).unwrap().bytes,
+    ];
+    let mut rng = Rng(2);
+    for bytes in &streams {
+        let index = Index::parse(bytes).unwrap();
+        let body = bytes[13..index.head_len as usize - 4].to_vec();
+        for _ in 0..1500 {
+            let mut broken = body.clone();
+            damage(&mut broken, &mut rng);
+            let mut stream = with_checksum(broken);
+            stream.extend(&bytes[index.head_len as usize..]);
+            decode_all_ways(&stream);
         }
     }
-    let strict = DecodeOptions { max_gaussians: Some(10), ..Default::default() };
-    assert!(matches!(decode(&bytes, &strict), Err(Error::Limit { limit: 10, .. })));
+}
+
+/// A head and layers after changes to the head; lengths and checksums of layers as `change` leaves them.
+fn forged(encoded: &Encoded, change: impl FnOnce(&mut Index)) -> Vec<u8> {
+    let mut index = encoded.index.clone();
+    change(&mut index);
+    let mut out = head(&index);
+    out.extend(&encoded.bytes[encoded.index.head_len as usize..]);
+    out
 }
 
 #[test]
-fn other_files_are_named_as_such() {
-    let default = DecodeOptions::default();
-    for bytes in [&b""[..], b"ply\nformat", b"PK\x03\x04", &[0u8; 64]] {
-        assert!(matches!(decode(bytes, &default), Err(Error::NotGsvx)));
+fn claims_are_refused_before_memory_or_time_is_spent() {
+    let start = Instant::now();
+    let encoded = small(30);
+    let real = encoded.index.header.count;
+    for count in [0, real - 1, real + 1, 1 << 20, 1 << 60, u64::MAX] {
+        let forged = forged(&encoded, |i| i.header.count = count);
+        assert!(matches!(decode(&forged), Err(Error::Corrupt { .. })), "{count}");
     }
-    for other in [gsvx::stream::MAJOR - 1, gsvx::stream::MAJOR + 1] {
-        let mut bytes = stream(5);
+    for count in [1, 1 << 17, 1 << 24, (1 << 32) - 2, 1 << 60, u64::MAX] {
+        let forged = forged(&encoded, |i| {
+            i.header.count = (real - i.chunks[0].count).wrapping_add(count);
+            i.chunks[0].count = count;
+        });
+        let error = decode(&forged).unwrap_err();
+        assert!(count < 1 << 24 || matches!(error, Error::Limit { .. } | Error::Corrupt { .. }));
+        // Neither an unlimited reader nor an unlimited decoder spends memory on a claim.
+        decode_all_ways(&forged);
+        if count < 1 << 25 {
+            let unlimited = decoding(|o| o.max_gaussians = Some(u64::MAX));
+            assert!(decode_with(&forged, &unlimited).is_err());
+        }
+    }
+    for len in [1 << 20, 1 << 32, 1 << 60, 1 << 62, u64::MAX] {
+        let forged = forged(&encoded, |i| i.chunks[0].layers[0].len = len);
+        let error = decode(&forged).unwrap_err();
+        assert!(matches!(error, Error::Truncated { .. } | Error::Corrupt { .. }), "{len}: {error}");
+        decode_all_ways(&forged);
+    }
+    let strict = decoding(|o| o.max_gaussians = Some(real - 1));
+    let error = decode_with(&encoded.bytes, &strict).unwrap_err();
+    assert!(matches!(error, Error::Limit { points, limit } if points == real && limit == real - 1));
+    assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
+}
+
+#[test]
+fn a_head_that_breaks_the_rules_is_refused() {
+    let encoded = small(60);
+    let refused = |what: &str, change: &dyn Fn(&mut Index)| {
+        let error = decode(&forged(&encoded, change)).unwrap_err();
+        assert!(matches!(error, Error::Corrupt { .. }), "{what}: {error}");
+    };
+    refused("SH degree", &|i| i.header.sh_degree = 4);
+    refused("octree depth", &|i| i.header.j_high = 22);
+    refused("cube side", &|i| i.header.cube.side = 0.0);
+    refused("cube side", &|i| i.header.cube.side = f64::NAN);
+    refused("cube origin", &|i| i.header.cube.origin[1] = f64::INFINITY);
+    for step in [0.0, -1.0, 1e-40, 1e9, f32::NAN] {
+        refused("step", &|i| i.header.steps.covariance = step);
+    }
+    refused("level of detail", &|i| i.chunks[0].lod = 9);
+    refused("chunk order", &|i| i.chunks[0].first_cell = i.chunks[1].first_cell);
+    refused("coarse behind fine", &|i| i.chunks[1].lod = 1);
+    refused("exact before leaves", &|i| {
+        i.chunks[0].kind = Kind::Exact;
+        i.chunks[0].layers.truncate(1);
+    });
+    refused("first cell", &|i| i.chunks[0].first_cell = u64::MAX);
+    refused("empty chunk", &|i| i.chunks[0].count = 0);
+    for other in [0, 2, 255] {
+        let mut bytes = encoded.bytes.clone();
         bytes[8] = other;
-        let error = decode(&bytes, &default).unwrap_err();
-        assert!(matches!(error, Error::Version { major, .. } if major == other), "{error}");
+        let error = decode(&bytes).unwrap_err();
+        assert!(matches!(error, Error::Version { version, .. } if version == other), "{error}");
+    }
+    for bytes in [&b""[..], b"ply\nformat", b"PK\x03\x04", &[0u8; 64]] {
+        assert!(matches!(decode(bytes), Err(Error::NotGsvx)));
     }
 }
 
-/// A stream with covariances as integers of `bits`, its covariance section edited and its
-/// checksums repaired.
+#[test]
+fn chunks_that_changed_places_are_refused() {
+    let encoded = small(60);
+    let (index, mut layers) = take_apart(&encoded.bytes);
+    layers.swap(0, 1);
+    let mut swapped = index.clone();
+    (swapped.chunks[0].count, swapped.chunks[1].count) =
+        (index.chunks[1].count, index.chunks[0].count);
+    match decode(&assemble(&swapped, &layers)).unwrap_err() {
+        Error::Chunk { chunk: 0, source } => {
+            assert!(matches!(*source, Error::Corrupt { what: "first cell of a chunk", .. }));
+        }
+        other => panic!("{other}"),
+    }
+}
+
+/// A stream with covariances as integers of `bits`, its base layer edited and checksums repaired.
 fn with_integers(bits: u8, edit: impl FnOnce(&mut [u8])) -> Vec<u8> {
     let (merged, voxels) = voxelized(&scene(9, 0, 9), &Strategy::paper(3, 9));
-    let covariance = gsvx::CovarianceMode::Lossless { bits };
-    let options = EncodeOptions { covariance, ..Default::default() };
-    let bytes = encode(&merged, &voxels, &options).unwrap().bytes;
-    let container = gsvx::stream::Container::parse(&bytes).unwrap();
-    let mut sections: Vec<_> = container
-        .toc
-        .iter()
-        .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
-        .collect();
-    edit(&mut sections.iter_mut().find(|s| s.0.code() == 4).unwrap().1);
-    gsvx::stream::assemble(&container.header, &sections)
+    let options = encoding(|o| o.covariance = CovarianceMode::Lossless { bits });
+    let encoded = encode_voxels(&merged, &voxels, None, &options).unwrap();
+    let (index, mut layers): (Index, Layers) = take_apart(&encoded.bytes);
+    // Flags, five factors, the length of the block: at least 128, two bytes of varint.
+    assert_eq!(layers[0][0][8], bits);
+    edit(&mut layers[0][0][8..]);
+    assemble(&index, &layers)
+}
+
+fn cause(error: Error) -> Error {
+    match error {
+        Error::Chunk { chunk: 0, source } => *source,
+        other => panic!("{other}"),
+    }
 }
 
 /// Found by the fuzz target `gsvx`: quaternions too long to have a direction were returned.
 #[test]
 fn a_rotation_without_direction_is_damage() {
     let broken = with_integers(8, |covariance| {
-        // Mode, width, three ranges of log-scales, then the least and greatest w.
-        covariance[2 + 24..2 + 28].copy_from_slice(&1e30f32.to_le_bytes());
-        covariance[2 + 28..2 + 32].copy_from_slice(&2e30f32.to_le_bytes());
+        // Width, three ranges of log-scales, then the least and greatest w.
+        covariance[1 + 24..1 + 28].copy_from_slice(&1e30f32.to_le_bytes());
+        covariance[1 + 28..1 + 32].copy_from_slice(&2e30f32.to_le_bytes());
     });
-    assert!(matches!(decode(&broken, &DecodeOptions::default()), Err(Error::Corrupt { .. })));
+    let error = cause(decode(&broken).unwrap_err());
+    assert!(matches!(error, Error::Corrupt { what: "rotation of Gaussian", .. }), "{error}");
 }
 
 /// Integers wider than their stated width were taken, up to infinite log-scales.
 #[test]
 fn an_integer_beyond_its_width_is_damage() {
-    let broken = with_integers(16, |covariance| {
-        assert_eq!(covariance[..2], [1, 16], "mode, width");
-        covariance[1] = 8;
-    });
-    assert!(matches!(
-        decode(&broken, &DecodeOptions::default()),
-        Err(Error::Corrupt { what: "covariance integer", .. })
-    ));
+    let broken = with_integers(16, |covariance| covariance[0] = 8);
+    let error = cause(decode(&broken).unwrap_err());
+    assert!(matches!(error, Error::Corrupt { what: "covariance integer", .. }), "{error}");
 }
 
 /// A cube whose cells lie beyond f32 once decoded to infinite means.
 #[test]
 fn a_cube_beyond_f32_is_damage() {
-    let bytes = stream(20);
-    let container = gsvx::stream::Container::parse(&bytes).unwrap();
-    let sections: Vec<_> = container
-        .toc
-        .iter()
-        .map(|e| (e.kind, container.section(e.kind).unwrap().unwrap().to_vec()))
-        .collect();
-    let mut header = container.header.clone();
-    header.cube.side = 1e300;
-    let broken = gsvx::stream::assemble(&header, &sections);
-    for lod in [None, Some(2)] {
-        let options = DecodeOptions { lod, ..Default::default() };
-        assert!(matches!(decode(&broken, &options), Err(Error::Corrupt { .. })), "{lod:?}");
-    }
+    let broken = forged(&small(20), |i| i.header.cube.side = 1e300);
+    assert!(matches!(decode(&broken), Err(Error::Corrupt { what: "mean beyond f32", .. })));
+}
+
+/// A grid of equal Gaussians takes almost no bytes each; the default limit refused it.
+#[test]
+fn the_default_limit_admits_a_constant_grid() {
+    let n = 64usize.pow(3);
+    let scene = gs_model::Scene {
+        means: (0..n).map(|i| [i % 64, i / 64 % 64, i / 4096].map(|v| v as f32)).collect(),
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+        log_scales: vec![[-1.0; 3]; n],
+        opacity_logits: vec![2.0; n],
+        sh_degree: 0,
+        sh: vec![[0.3; 3]; n],
+    };
+    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 6 });
+    let options = EncodeOptions::default();
+    let encoded = encode_with(&scene, uniform, None, &options).unwrap();
+    eprintln!("{n} equal Gaussians: {} bytes", encoded.bytes.len());
+    assert_eq!(decode(&encoded.bytes).unwrap().len(), n);
+    let exact = encode_lossless(&scene, false).unwrap();
+    eprintln!("without loss: {} bytes", exact.bytes.len());
+    assert_eq!(decode(&exact.bytes).unwrap().len(), n);
 }

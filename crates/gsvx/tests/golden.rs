@@ -1,12 +1,16 @@
-//! Streams written once must decode to the same floats for ever, on every machine.
+//! Streams written once must decode to the same floats on every machine.
 //!
 //! `cargo run --release -p gsvx --example bless` rewrites `fixtures/streams` after a deliberate
 //! change of the format (and of its version).
 
+#[cfg(feature = "encode")]
 mod common;
+#[path = "common/hash.rs"]
+mod hash;
 
+#[cfg(feature = "encode")]
 use common::golden;
-use gsvx::{DecodeOptions, decode};
+use gsvx::decode;
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
@@ -20,14 +24,17 @@ fn golden_streams_decode_to_the_recorded_floats() {
     for line in list.lines().filter(|l| !l.starts_with('#')) {
         let (hash, name) = line.split_once("  ").expect("hash and name");
         let bytes = std::fs::read(folder().join(name)).expect(name);
-        let decoded = decode(&bytes, &DecodeOptions::default()).expect(name);
-        assert_eq!(golden::hash(&decoded.scene), hash, "{name}");
+        let decoded = decode(&bytes).expect(name);
+        assert_eq!(hash::hash(&decoded), hash, "{name}");
         checked += 1;
     }
+    assert!(checked > 0);
+    #[cfg(feature = "encode")]
     assert_eq!(checked, golden::streams().len());
 }
 
 /// The encoder still writes these very bytes: the same for any machine and thread count.
+#[cfg(feature = "encode")]
 #[test]
 fn the_encoder_writes_the_golden_streams() {
     for (name, bytes) in golden::streams() {

@@ -1,20 +1,13 @@
 //! The bit-exact mode: what goes in comes out, whatever the bits.
+#![cfg(feature = "encode")]
 
+mod common;
+
+use common::forge::{assemble, take_apart};
+use common::{bits as row, on_threads, trained_scene};
 use gs_model::Scene;
-use gsvx::lossless::{LosslessOptions, decode_payload, encode};
+use gsvx::{Error, Kind, decode, encode_lossless};
 use proptest::prelude::*;
-use std::path::PathBuf;
-use std::time::Instant;
-
-/// All values of Gaussian `i` as bit patterns.
-fn row(scene: &Scene, i: usize) -> Vec<u32> {
-    let mut v: Vec<f32> = scene.means[i].to_vec();
-    v.push(scene.opacity_logits[i]);
-    v.extend(scene.log_scales[i]);
-    v.extend(scene.rotations[i]);
-    v.extend(scene.sh_of(i).as_flattened());
-    v.into_iter().map(f32::to_bits).collect()
-}
 
 fn rows(scene: &Scene) -> Vec<Vec<u32>> {
     (0..scene.len()).map(|i| row(scene, i)).collect()
@@ -37,10 +30,10 @@ fn scene_of(bits: &[u32], sh_degree: u8) -> Scene {
 
 fn check(scene: &Scene) {
     for keep_order in [false, true] {
-        let encoded = encode(scene, &LosslessOptions { keep_order }).unwrap();
-        let decoded = gsvx::decode(&encoded.bytes, &gsvx::DecodeOptions::default()).unwrap();
-        assert_eq!(decoded.scene.sh_degree, scene.sh_degree);
-        let (mut want, mut got) = (rows(scene), rows(&decoded.scene));
+        let encoded = encode_lossless(scene, keep_order).unwrap();
+        let decoded = decode(&encoded.bytes).unwrap();
+        assert_eq!(decoded.sh_degree, scene.sh_degree);
+        let (mut want, mut got) = (rows(scene), rows(&decoded));
         if !keep_order {
             want.sort();
             got.sort();
@@ -85,28 +78,35 @@ proptest! {
     fn damage_never_panics(
         bits in prop::collection::vec(pattern(), 59 * 8..59 * 20),
         hits in prop::collection::vec((any::<prop::sample::Index>(), 0u8..8), 1..6),
-        count in 0u64..5000,
+        count in 1u64..5000,
+        keep_order: bool,
     ) {
-        let scene = scene_of(&bits, 3);
-        let encoded = encode(&scene, &LosslessOptions::default()).unwrap();
-        let mut payload = encoded.bytes[encoded.bytes.len() - encoded.sections[0].1..].to_vec();
+        let encoded = encode_lossless(&scene_of(&bits, 3), keep_order).unwrap();
+        let (mut index, mut layers) = take_apart(&encoded.bytes);
         for (at, bit) in &hits {
-            let at = at.index(payload.len());
-            payload[at] ^= 1 << bit;
+            let layer = &mut layers[0][0];
+            let at = at.index(layer.len());
+            layer[at] ^= 1 << bit;
         }
-        let _ = decode_payload(&payload, scene.len() as u64, 3);
-        let _ = decode_payload(&payload, count, 3);
-        let cut = hits[0].0.index(payload.len());
-        let _ = decode_payload(&payload[..cut], scene.len() as u64, 3);
+        let _ = decode(&assemble(&index, &layers));
+        let cut = hits[0].0.index(layers[0][0].len());
+        let short = vec![vec![layers[0][0][..cut].to_vec()]];
+        let _ = decode(&assemble(&index, &short));
+        (index.chunks[0].count, index.header.count) = (count, count);
+        let _ = decode(&assemble(&index, &layers));
     }
 
     #[test]
     fn arbitrary_payloads_never_panic(
         payload in prop::collection::vec(any::<u8>(), 0..400),
-        count in 0u64..200_000,
-        degree in 0u8..=4,
+        count in 1u64..200_000,
+        degree in 0u8..=3,
     ) {
-        let _ = decode_payload(&payload, count, degree);
+        let encoded = encode_lossless(&scene_of(&[0; 59], degree), false).unwrap();
+        let mut index = encoded.index;
+        (index.chunks[0].count, index.header.count) = (count, count);
+        index.chunks.truncate(1);
+        let _ = decode(&assemble(&index, &vec![vec![payload]]));
     }
 }
 
@@ -122,44 +122,87 @@ fn no_one_and_two_gaussians() {
 }
 
 #[test]
+fn duplicates_and_nan_payloads_are_kept() {
+    let mut bits: Vec<u32> = (0..59 * 40u32).map(|i| (i as f32 * 0.01).to_bits()).collect();
+    for i in 0..20 {
+        bits.copy_within(0..59, 59 * i);
+    }
+    for (k, v) in [(0, 0x7fc0_1234u32), (4, 0xffc0_0001), (11, 0x7f80_0001), (30, 0xff80_0000)] {
+        bits[59 * 30 + k] = v;
+    }
+    check(&scene_of(&bits, 3));
+}
+
+#[test]
 fn a_cut_stream_is_an_error() {
     let bits: Vec<u32> = (0..59 * 300u32).map(|i| i.wrapping_mul(0x9e37_79b9) >> 2).collect();
-    let scene = scene_of(&bits, 3);
-    let bytes = encode(&scene, &LosslessOptions::default()).unwrap().bytes;
+    let bytes = encode_lossless(&scene_of(&bits, 3), false).unwrap().bytes;
     for cut in (0..bytes.len()).step_by(97) {
-        assert!(gsvx::decode(&bytes[..cut], &gsvx::DecodeOptions::default()).is_err(), "{cut}");
+        assert!(decode(&bytes[..cut]).is_err(), "{cut}");
     }
 }
 
 #[test]
 fn bytes_do_not_depend_on_threads() {
-    // Enough rows for two chunks.
+    // Enough rows for two independent parts of the payload.
     let bits: Vec<u32> = (0..14 * 70_000u32)
         .map(|i| 0x3e00_0000 + (i.wrapping_mul(0x9e37_79b9) >> 8 & 0x3f_ffff))
         .collect();
     let scene = scene_of(&bits, 0);
-    let bytes = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| encode(&scene, &LosslessOptions::default()).unwrap().bytes)
-    };
-    assert!(bytes(1) == bytes(3));
+    for keep_order in [false, true] {
+        let coded = |threads| {
+            on_threads(threads, || {
+                let bytes = encode_lossless(&scene, keep_order).unwrap().bytes;
+                let back = decode(&bytes).unwrap();
+                (bytes, back)
+            })
+        };
+        let one = coded(1);
+        assert!(!keep_order || one.1 == scene);
+        for threads in [2, 3, 8] {
+            assert!(one == coded(threads), "{threads} threads");
+        }
+    }
+}
+
+#[test]
+fn an_order_that_is_none_is_damage() {
+    let bits: Vec<u32> = (0..14 * 5u32).map(|i| (i as f32).to_bits()).collect();
+    let encoded = encode_lossless(&scene_of(&bits, 0), true).unwrap();
+    let (index, layers) = take_apart(&encoded.bytes);
+    assert_eq!(index.chunks[0].kind, Kind::Exact);
+    let last = layers[0][0].len() - 1;
+    let mut refused = 0;
+    for at in last.saturating_sub(12)..=last {
+        for bit in 0..8 {
+            let mut broken = layers.clone();
+            broken[0][0][at] ^= 1 << bit;
+            if let Err(Error::Chunk { source, .. }) = decode(&assemble(&index, &broken)) {
+                refused += usize::from(matches!(
+                    *source,
+                    Error::Corrupt { what: "index of a Gaussian", .. }
+                ));
+            }
+        }
+    }
+    assert!(refused > 0);
 }
 
 #[test]
 fn arrays_of_different_lengths_are_refused() {
-    let mut scene = scene_of(&[0; 59 * 3], 3);
-    scene.rotations.pop();
-    assert!(encode(&scene, &LosslessOptions::default()).is_err());
-}
-
-fn shared(path: &str) -> Option<Scene> {
-    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    let path = root.join(path);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(gs_model::model::read(&path, &Default::default()).unwrap().0)
+    let scene = scene_of(&[0; 59 * 3], 3);
+    let refused = |change: &dyn Fn(&mut Scene)| {
+        let mut scene = scene.clone();
+        change(&mut scene);
+        assert!(matches!(encode_lossless(&scene, false), Err(Error::CountMismatch { .. })));
+    };
+    refused(&|s| s.rotations.truncate(1));
+    refused(&|s| s.means.truncate(1));
+    refused(&|s| s.log_scales.truncate(1));
+    refused(&|s| s.opacity_logits.truncate(1));
+    refused(&|s| s.sh.truncate(1));
+    refused(&|s| s.sh_degree = 2);
+    refused(&|s| s.sh_degree = 200);
 }
 
 /// Sizes to stay under, bytes. For scale: zstd -19 of the byte-split floats takes 23,578,726 on
@@ -173,23 +216,16 @@ fn real_scenes_come_back_small() {
         // Born quantised, 27.5 MB as floats; the SPZ file itself has 3,043,457 bytes.
         ("models/flower.spz", 3_350_000),
     ] {
-        // A debug build takes minutes for both; the first is enough there.
-        if cfg!(debug_assertions) && path.contains("bonsai") {
+        // A debug build takes minutes for the large ones.
+        if cfg!(debug_assertions) && path.contains("scenes") {
             eprintln!("SKIPPED: {path} in a debug build");
             continue;
         }
-        let Some(scene) = shared(path) else { continue };
-        let start = Instant::now();
-        let encoded = encode(&scene, &LosslessOptions::default()).unwrap();
-        let coded = start.elapsed();
-        let start = Instant::now();
-        let decoded = gsvx::decode(&encoded.bytes, &gsvx::DecodeOptions::default()).unwrap();
-        eprintln!(
-            "{path}: {} bytes, encode {coded:.2?}, decode {:.2?}",
-            encoded.bytes.len(),
-            start.elapsed()
-        );
-        let (mut want, mut got) = (rows(&scene), rows(&decoded.scene));
+        let Some(scene) = trained_scene(path) else { continue };
+        let encoded = encode_lossless(&scene, false).unwrap();
+        let decoded = decode(&encoded.bytes).unwrap();
+        eprintln!("{path}: {} bytes", encoded.bytes.len());
+        let (mut want, mut got) = (rows(&scene), rows(&decoded));
         want.sort();
         got.sort();
         assert!(want == got);

@@ -1,168 +1,208 @@
 //! Encode, decode, compare: every mode, every SH degree, tiny scenes, thread counts.
+#![cfg(feature = "encode")]
 
 mod common;
 
-use common::{scene, voxelized};
+use common::{encoding, leaves, on_threads, scene, spread, voxelized, with_floaters};
+use gs_model::Scene;
+use gsvx::covariance::log_euclidean::coordinates;
 use gsvx::{
-    CovarianceMode, DecodeOptions, EncodeOptions, Entropy, OpacityDomain, PaperQp, decode, encode,
+    CovarianceMode, EncodeOptions, Error, decode, decode_leaves, decode_with, encode,
+    encode_voxels, encode_with, importance,
 };
 use voxel::Strategy;
 
+fn at(quality: f32, change: impl FnOnce(&mut EncodeOptions)) -> EncodeOptions {
+    let mut options = EncodeOptions::from_quality(quality).unwrap();
+    change(&mut options);
+    options
+}
+
 fn modes() -> Vec<(&'static str, EncodeOptions)> {
-    let base = EncodeOptions::from_quality(70.0).unwrap();
-    let qp = PaperQp { ac: 28, dc: 16, opacity: 16 };
+    let integers = CovarianceMode::Lossless { bits: 16 };
     vec![
-        ("default", base.clone()),
-        ("fast", EncodeOptions { entropy: Entropy::Fast, ..base.clone() }),
-        ("symbols", EncodeOptions { entropy: Entropy::Symbols, ..base.clone() }),
-        ("small", EncodeOptions { entropy: Entropy::Small, ..base.clone() }),
-        ("rlgr", EncodeOptions { entropy: Entropy::Rlgr, ..base.clone() }),
-        ("uniform precision", EncodeOptions { uniform_precision: true, ..base.clone() }),
-        ("logit", EncodeOptions { opacity_domain: OpacityDomain::Logit, ..base.clone() }),
-        ("alpha", EncodeOptions { opacity_domain: OpacityDomain::Alpha, ..base.clone() }),
-        ("codebook", EncodeOptions { covariance: CovarianceMode::Vq { bits: 8 }, ..base.clone() }),
-        ("integers", EncodeOptions { covariance: CovarianceMode::Lossless { bits: 16 }, ..base }),
-        ("paper", EncodeOptions::paper(qp, CovarianceMode::Lossless { bits: 16 })),
-        ("paper vq", EncodeOptions::paper(qp, CovarianceMode::Vq { bits: 8 })),
+        ("default", at(70.0, |_| ())),
+        ("uniform precision", at(70.0, |o| o.uniform_precision = true)),
+        ("codebook", at(70.0, |o| o.covariance = CovarianceMode::Vq { bits: 8 })),
+        ("integers", at(70.0, |o| o.covariance = integers)),
+        ("chunks", at(70.0, |o| o.chunk_leaves = leaves(100))),
+        ("levels of detail", at(70.0, |o| (o.lod, o.chunk_leaves) = (true, leaves(100)))),
     ]
 }
 
 #[test]
-fn every_mode_keeps_means_and_stays_finite() {
-    for n in [0, 1, 2, 3, 700] {
+fn every_mode_keeps_leaves_and_stays_finite() {
+    for n in [0, 1, 2, 3, 500] {
         for degree in 0..=3 {
             for strategy in [Strategy::Uniform { depth: 10 }, Strategy::paper(4, 11)] {
                 let (merged, voxels) = voxelized(&scene(n, degree, 7), &strategy);
                 for (name, options) in modes() {
                     let what = format!("{name}, {n} Gaussians, SH degree {degree}, {strategy:?}");
-                    let encoded = encode(&merged, &voxels, &options).expect(&what);
-                    let back = decode(&encoded.bytes, &DecodeOptions::default()).expect(&what);
+                    let encoded = encode_voxels(&merged, &voxels, None, &options).expect(&what);
+                    let back = decode_with(&encoded.bytes, &Default::default()).expect(&what);
                     assert_eq!(back.scene.means, merged.means, "{what}");
-                    assert_eq!(back.leaves, voxels.leaves, "{what}");
-                    assert_eq!(back.scene.sh_degree, degree, "{what}");
-                    assert!(back.skipped.is_empty(), "{what}: {:?}", back.skipped);
                     assert!(back.scene.validate().is_ok(), "{what}");
-                    let total: usize = encoded.sections.iter().map(|s| s.1).sum();
-                    assert!(encoded.bytes.len() > total, "{what}: header is counted");
+                    assert!(back.skipped.is_empty(), "{what}: {:?}", back.skipped);
+                    assert_eq!(back.index, encoded.index, "{what}");
+                    assert_eq!(encoded.index.stream_len(), encoded.bytes.len() as u64, "{what}");
+                    let parts: u64 = encoded.parts().iter().map(|p| p.1).sum();
+                    assert_eq!(parts, encoded.bytes.len() as u64, "{what}");
+                    let (decoded_leaves, classes) = decode_leaves(&encoded.bytes).expect(&what);
+                    assert_eq!(decoded_leaves, voxels.leaves, "{what}");
+                    assert_eq!(classes.len(), voxels.len(), "{what}");
+                    // Degrees that quantise to zero everywhere are left out.
+                    assert!(back.scene.sh_degree <= degree, "{what}");
+                    assert!(back.scene.sh_degree == degree || n < 500, "{what}");
                 }
             }
         }
     }
 }
 
+/// Errors of a decoded scene, by attribute, in quantisation steps.
+fn errors_in_steps(a: &Scene, b: &Scene, options: &EncodeOptions) -> Vec<(String, Vec<f64>)> {
+    let (n, steps) = (a.len(), &options.steps);
+    let log_alpha = |l: f32| -f64::from(-l).exp().ln_1p();
+    let opacity = (0..n).map(|i| log_alpha(a.opacity_logits[i]) - log_alpha(b.opacity_logits[i]));
+    let mut out = vec![("opacity".to_string(), steps.opacity, opacity.collect::<Vec<_>>())];
+    let covariance = (0..n).flat_map(|i| {
+        let a = coordinates(a.rotations[i], a.log_scales[i]);
+        let b = coordinates(b.rotations[i], b.log_scales[i]);
+        (0..6).map(move |k| f64::from(a[k] - b[k]))
+    });
+    out.push(("covariance".to_string(), steps.covariance, covariance.collect()));
+    for degree in 0..=usize::from(a.sh_degree) {
+        let step = if degree == 0 { steps.dc } else { steps.sh[degree - 1] };
+        let range = degree * degree..(degree + 1) * (degree + 1);
+        let of = |s: &Scene, i: usize| s.sh_of(i)[range.clone()].as_flattened().to_vec();
+        let each = (0..n).flat_map(|i| of(a, i).into_iter().zip(of(b, i)));
+        let each = each.map(|(a, b)| f64::from(a) - f64::from(b)).collect();
+        out.push((format!("SH degree {degree}"), step, each));
+    }
+    let scaled = |(name, step, errors): (String, f32, Vec<f64>)| {
+        (name, errors.into_iter().map(|e| e / f64::from(step)).collect())
+    };
+    out.into_iter().map(scaled).collect()
+}
+
+/// A uniform quantiser has an error of `step / sqrt 12`, 0.29 steps; the dead zone and
+/// rate-distortion optimisation at most double it. The transform is orthonormal.
 #[test]
-fn errors_shrink_with_quality_and_respect_the_step() {
+fn errors_shrink_with_quality_and_respect_the_steps() {
     let (merged, voxels) = voxelized(&scene(2000, 3, 3), &Strategy::Uniform { depth: 12 });
+    for predicted in [false, true] {
+        let merged =
+            if predicted { common::with_related_degrees(merged.clone()) } else { merged.clone() };
+        let mut last = vec![f64::INFINITY; 6];
+        for quality in [20.0, 50.0, 80.0, 100.0] {
+            let options = at(quality, |o| o.uniform_precision = true);
+            let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
+            let mut back = decode(&bytes).unwrap();
+            // Degrees that are left out are zero.
+            let missing = merged.sh_len() - back.sh_len();
+            if missing > 0 {
+                let sh: Vec<_> = (0..back.len())
+                    .flat_map(|i| back.sh_of(i).iter().copied().chain(vec![[0.0; 3]; missing]))
+                    .collect();
+                (back.sh, back.sh_degree) = (sh, 3);
+            }
+            let errors = errors_in_steps(&merged, &back, &options);
+            for ((name, errors), last) in errors.into_iter().zip(&mut last) {
+                let error = spread(errors);
+                let what = format!("{name}, quality {quality}: {} {}", error.rms, error.largest);
+                assert!(error.rms <= 2.0 / 12f64.sqrt(), "{what}");
+                assert!(error.largest <= 4.0, "{what}");
+                let absolute = error.rms * f64::from(options.steps.dc);
+                // Equal where both qualities leave the degree out.
+                assert!(absolute <= *last * (1.0 + 1e-6), "{what}");
+                assert!(absolute < *last || quality < 80.0, "{what}");
+                *last = absolute;
+            }
+        }
+    }
+}
+
+#[test]
+fn integers_are_off_by_half_a_step_at_most() {
+    let (merged, voxels) = voxelized(&scene(700, 0, 3), &Strategy::Uniform { depth: 12 });
+    for bits in [8, 16, 24] {
+        let options = encoding(|o| o.covariance = CovarianceMode::Lossless { bits });
+        let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
+        let back = decode(&bytes).unwrap();
+        let columns = |s: &Scene| -> Vec<Vec<f32>> {
+            let scale = (0..3).map(|k| s.log_scales.iter().map(|v| v[k]).collect());
+            scale.chain((0..4).map(|k| s.rotations.iter().map(|v| v[k]).collect())).collect()
+        };
+        for (a, b) in columns(&merged).iter().zip(columns(&back)) {
+            let (min, max) = a.iter().fold((f32::MAX, f32::MIN), |m, &v| (m.0.min(v), m.1.max(v)));
+            let step = f64::from(max - min) / ((1u64 << bits) - 1) as f64;
+            let error = spread(a.iter().zip(&b).map(|(a, b)| f64::from(a - b))).largest;
+            assert!(error <= 0.5 * step + 1e-6, "{bits} bits: {error} of {step}");
+        }
+    }
+    for bits in [7, 25] {
+        let options = encoding(|o| o.covariance = CovarianceMode::Lossless { bits });
+        let refused = encode_voxels(&merged, &voxels, None, &options);
+        assert!(matches!(refused, Err(Error::Option { .. })), "{bits}");
+    }
+}
+
+#[test]
+fn a_larger_codebook_has_a_smaller_error() {
+    let (merged, voxels) = voxelized(&scene(3000, 0, 3), &Strategy::Uniform { depth: 12 });
     let mut last = f64::INFINITY;
-    for quality in [20.0, 50.0, 80.0, 100.0] {
-        let mut options = EncodeOptions::from_quality(quality).unwrap();
-        options.uniform_precision = true;
-        let encoded = encode(&merged, &voxels, &options).unwrap();
-        let back = decode(&encoded.bytes, &DecodeOptions::default()).unwrap();
-        let square: f64 = (0..merged.len())
-            .flat_map(|i| (0..3).map(move |c| (i, c)))
-            .map(|(i, c)| f64::from(back.scene.sh_of(i)[0][c] - merged.sh_of(i)[0][c]))
-            .map(|e| e * e)
-            .sum();
-        let rms = (square / (3 * merged.len()) as f64).sqrt();
-        // A uniform quantiser has step / sqrt 12; a dead zone at most doubles that.
-        assert!(rms <= f64::from(options.steps.dc) / 12f64.sqrt() * 2.0, "{quality}: {rms}");
-        assert!(rms < last, "{quality}: {rms} after {last}");
-        last = rms;
+    for bits in [8, 11] {
+        let options = at(80.0, |o| o.covariance = CovarianceMode::Vq { bits });
+        let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
+        let errors = errors_in_steps(&merged, &decode(&bytes).unwrap(), &options);
+        let error = spread(errors[1].1.iter().map(|e| e * f64::from(options.steps.covariance)));
+        // Natural logarithms: 0.5 is a factor of 1.65 on an axis.
+        assert!(error.rms < 0.5 && error.rms < 0.9 * last, "{bits} bits: {}", error.rms);
+        last = error.rms;
+    }
+    for bits in [7, 17] {
+        let options = encoding(|o| o.covariance = CovarianceMode::Vq { bits });
+        let refused = encode_voxels(&merged, &voxels, None, &options);
+        assert!(matches!(refused, Err(Error::Option { .. })), "{bits}");
     }
 }
 
 #[test]
 fn any_thread_count_gives_the_same_bytes_and_floats() {
-    let (merged, voxels) = voxelized(&scene(3000, 3, 11), &Strategy::paper(5, 13));
-    let at = |threads: usize, options: &EncodeOptions| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let bytes = encode(&merged, &voxels, options).unwrap().bytes;
-            let scene = decode(&bytes, &DecodeOptions::default()).unwrap().scene;
-            (bytes, scene)
-        })
-    };
+    let (scene, _) = with_floaters(scene(2000, 3, 11));
     for (name, options) in modes() {
-        let one = at(1, &options);
+        let coded = |threads| {
+            on_threads(threads, || {
+                let bytes = encode(&scene, &options).unwrap().bytes;
+                let back = decode(&bytes).unwrap();
+                (bytes, back)
+            })
+        };
+        let one = coded(1);
         for threads in [2, 3, 8] {
-            assert!(one == at(threads, &options), "{name}: {threads} threads differ from one");
+            assert!(one == coded(threads), "{name}: {threads} threads differ from one");
         }
     }
 }
 
 #[test]
-fn sections_can_be_left_out() {
+fn fewer_sh_degrees_are_a_prefix() {
     let (merged, voxels) = voxelized(&scene(500, 3, 5), &Strategy::Uniform { depth: 9 });
-    let bytes = encode(&merged, &voxels, &EncodeOptions::default()).unwrap().bytes;
-    let full = decode(&bytes, &DecodeOptions::default()).unwrap();
+    let options = at(80.0, |o| o.chunk_leaves = leaves(150));
+    let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
+    let full = decode(&bytes).unwrap();
+    assert_eq!(full.sh_degree, 3);
     for degree in 0..3u8 {
-        let options = DecodeOptions { max_sh_degree: degree, ..Default::default() };
-        let part = decode(&bytes, &options).unwrap();
-        assert_eq!(part.scene.sh_degree, degree);
-        assert_eq!(part.skipped.len(), usize::from(3 - degree));
-        assert_eq!(part.scene.rotations, full.scene.rotations);
+        let part = decode_with(&bytes, &common::decoding(|o| o.max_sh_degree = degree)).unwrap();
+        assert_eq!((part.scene.sh_degree, part.skipped.len()), (degree, 1));
+        assert_eq!(part.scene.rotations, full.rotations);
         for i in 0..merged.len() {
-            assert_eq!(part.scene.sh_of(i), &full.scene.sh_of(i)[..part.scene.sh_len()]);
+            assert_eq!(part.scene.sh_of(i), &full.sh_of(i)[..part.scene.sh_len()]);
         }
     }
-    let fewer = EncodeOptions { max_sh_degree: 1, ..Default::default() };
-    let bytes = encode(&merged, &voxels, &fewer).unwrap().bytes;
-    assert_eq!(decode(&bytes, &DecodeOptions::default()).unwrap().scene.sh_degree, 1);
-}
-
-#[test]
-fn misfits_are_errors() {
-    let (merged, voxels) = voxelized(&scene(50, 1, 5), &Strategy::Uniform { depth: 9 });
-    let options = EncodeOptions::default();
-    let mut moved = merged.clone();
-    moved.means[3][1] += 1.0;
-    assert!(matches!(encode(&moved, &voxels, &options), Err(gsvx::Error::OffCentre { index: 3 })));
-    let mut nan = merged.clone();
-    nan.log_scales[4][0] = f32::NAN;
-    assert!(matches!(
-        encode(&nan, &voxels, &options),
-        Err(gsvx::Error::NonFinite { index: 4, field: "log-scale" })
-    ));
-    let short = merged.select(&[0, 1, 2]);
-    assert!(matches!(encode(&short, &voxels, &options), Err(gsvx::Error::CountMismatch { .. })));
-    assert!(EncodeOptions::from_quality(f32::NAN).is_err());
-    assert!(EncodeOptions::from_quality(101.0).is_err());
-}
-
-/// Found by `cargo xtask stress`: the transform's fixed point clamped these without a word.
-#[test]
-fn values_beyond_the_fixed_point_are_refused() {
-    let (merged, voxels) = voxelized(&scene(50, 1, 5), &Strategy::Uniform { depth: 9 });
-    let mut huge = merged.clone();
-    huge.sh[7][2] = -2e4;
-    assert!(matches!(
-        encode(&huge, &voxels, &EncodeOptions::default()),
-        Err(gsvx::Error::TooLarge { index: 1, field: "SH coefficient", .. })
-    ));
-    huge.sh[7][2] = -1.8e4;
-    let bytes = encode(&huge, &voxels, &EncodeOptions::default()).unwrap().bytes;
-    let back = decode(&bytes, &DecodeOptions::default()).unwrap().scene;
-    assert!((back.sh[7][2] + 1.8e4).abs() < 10.0, "{}", back.sh[7][2]);
-}
-
-#[test]
-fn levels_of_detail_shrink_and_keep_the_tree() {
-    let (merged, voxels) = voxelized(&scene(1500, 2, 5), &Strategy::paper(4, 12));
-    let bytes = encode(&merged, &voxels, &EncodeOptions::default()).unwrap().bytes;
-    let mut last = usize::MAX;
-    for depth in [12, 8, 5, 2, 0] {
-        let options = DecodeOptions { lod: Some(depth), ..Default::default() };
-        let part = decode(&bytes, &options).unwrap();
-        assert!(part.scene.validate().is_ok() && part.scene.len() == part.leaves.len());
-        assert!(part.leaves.iter().all(|l| l.depth <= depth));
-        for (leaf, mean) in part.leaves.iter().zip(&part.scene.means) {
-            assert_eq!(*mean, voxels.cube.leaf_centre(*leaf, voxels.j_high));
-        }
-        assert!(part.scene.len() <= last);
-        last = part.scene.len();
-    }
-    assert_eq!(last, 1);
+    let options = at(80.0, |o| o.max_sh_degree = 1);
+    let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
+    assert_eq!(decode(&bytes).unwrap().sh_degree, 1);
 }
 
 /// Degrees that carry nothing cost nothing: the header's degree falls, the scene is the same.
@@ -171,16 +211,198 @@ fn degrees_that_are_zero_are_left_out() {
     let (mut merged, voxels) = voxelized(&scene(500, 3, 5), &Strategy::Uniform { depth: 11 });
     let k = merged.sh_len();
     merged.sh.chunks_exact_mut(k).for_each(|sh| sh[9..].fill([0.0; 3]));
-    let options = EncodeOptions::from_quality(70.0).unwrap();
-    let degree = |merged: &gs_model::Scene, options: &EncodeOptions| {
-        let encoded = encode(merged, &voxels, options).unwrap();
-        decode(&encoded.bytes, &DecodeOptions::default()).unwrap().scene.sh_degree
+    let degree = |options: &EncodeOptions| {
+        let bytes = encode_voxels(&merged, &voxels, None, options).unwrap().bytes;
+        decode(&bytes).unwrap().sh_degree
     };
-    assert_eq!(degree(&merged, &options), 2);
-    // What quantises to zero is as good as zero, but a degree below one that does not stays.
+    let options = at(70.0, |o| o.chunk_leaves = leaves(200));
+    assert_eq!(degree(&options), 2);
+    // A degree that quantises to zero is left out too, unless a higher one does not.
     let mut coarse = options.clone();
     coarse.steps.sh = [options.steps.sh[0], 1e6, 1e6];
-    assert_eq!(degree(&merged, &coarse), 1);
+    assert_eq!(degree(&coarse), 1);
     coarse.steps.sh = [1e6, options.steps.sh[1], 1e6];
-    assert_eq!(degree(&merged, &coarse), 2);
+    assert_eq!(degree(&coarse), 2);
+}
+
+#[test]
+fn importance_makes_a_gaussian_more_precise() {
+    let (merged, voxels) = voxelized(&scene(2000, 1, 3), &Strategy::Uniform { depth: 12 });
+    // Every other Gaussian is 4096 times as important.
+    let given: Vec<f32> =
+        (0..merged.len()).map(|i| if i % 2 == 0 { 4096.0 } else { 1.0 }).collect();
+    let options = at(50.0, |o| o.importance = Some(given));
+    let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
+    let back = decode(&bytes).unwrap();
+    let error = |odd: usize| {
+        let of = (odd..merged.len()).step_by(2);
+        spread(
+            of.flat_map(|i| (0..3).map(move |c| (i, c)))
+                .map(|(i, c)| f64::from(back.sh_of(i)[0][c] - merged.sh_of(i)[0][c])),
+        )
+        .rms
+    };
+    assert!(4.0 * error(0) < error(1), "{} {}", error(0), error(1));
+}
+
+#[test]
+fn importance_is_guessed_where_none_is_given() {
+    let (merged, voxels) = voxelized(&scene(600, 1, 3), &Strategy::Uniform { depth: 12 });
+    let coded =
+        |options: &EncodeOptions| encode_voxels(&merged, &voxels, None, options).unwrap().bytes;
+    let guess = importance::without_cameras(&merged);
+    let guessed = coded(&encoding(|o| o.importance = Some(guess)));
+    assert!(coded(&EncodeOptions::default()) == guessed);
+    // Values that are no importance count as 0.
+    let broken = vec![f32::NAN; merged.len()];
+    assert!(decode(&coded(&encoding(|o| o.importance = Some(broken)))).is_ok());
+}
+
+/// `encode_voxels` panicked on too few importances and took too many.
+#[test]
+fn importances_of_another_length_are_refused() {
+    let (floaters, _) = with_floaters(scene(300, 1, 5));
+    let plain = scene(300, 1, 5);
+    let (merged, voxels) = voxelized(&plain, &Strategy::Uniform { depth: 12 });
+    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 10 });
+    for n in [0, 1, 299, 301] {
+        let options = encoding(|o| o.importance = Some(vec![1.0; n]));
+        for refused in [
+            encode(&plain, &options),
+            encode(&floaters, &options),
+            encode_with(&plain, uniform, None, &options),
+            encode_voxels(&merged, &voxels, None, &options),
+        ] {
+            assert!(matches!(refused, Err(Error::CountMismatch { .. })), "{n}");
+        }
+        let mut options = encoding(|o| o.covariance = CovarianceMode::Vq { bits: 8 });
+        options.covariance_sensitivity = Some(vec![1.0; n]);
+        let refused = encode_voxels(&merged, &voxels, None, &options);
+        assert!(matches!(refused, Err(Error::CountMismatch { .. })), "sensitivity {n}");
+    }
+}
+
+#[test]
+fn duplicates_are_merged() {
+    let one = scene(1, 2, 5);
+    let same = one.select(&[0; 300]);
+    for scene in [&same, &one] {
+        let back = decode(&encode(scene, &EncodeOptions::default()).unwrap().bytes).unwrap();
+        assert_eq!(back.len(), 1);
+        assert!(back.validate().is_ok());
+    }
+    // Pairs in the same place.
+    let few = common::scene(200, 1, 5);
+    let pairs: Vec<usize> = (0..400).map(|i| i / 2).collect();
+    let back = decode(&encode(&few.select(&pairs), &EncodeOptions::default()).unwrap().bytes);
+    assert!((1..=200).contains(&back.unwrap().len()));
+}
+
+#[test]
+fn misfits_are_errors() {
+    let (merged, voxels) = voxelized(&scene(50, 1, 5), &Strategy::Uniform { depth: 9 });
+    let options = EncodeOptions::default();
+    let encode = |scene: &Scene| encode_voxels(scene, &voxels, None, &options);
+    let mut moved = merged.clone();
+    moved.means[3][1] += 1.0;
+    assert!(matches!(encode(&moved), Err(Error::OffCentre { index: 3 })));
+    let mut nan = merged.clone();
+    nan.log_scales[4][0] = f32::NAN;
+    assert!(matches!(encode(&nan), Err(Error::NonFinite { index: 4, field: "log-scale" })));
+    let short = merged.select(&[0, 1, 2]);
+    assert!(matches!(encode(&short), Err(Error::CountMismatch { .. })));
+    for quality in [f32::NAN, -1.0, 101.0] {
+        assert!(matches!(EncodeOptions::from_quality(quality), Err(Error::Option { .. })));
+        let options = encoding(|o| o.quality = quality);
+        assert!(matches!(gsvx::encode(&merged, &options), Err(Error::Option { .. })), "{quality}");
+    }
+    for step in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-40] {
+        for k in 0..2 {
+            let options = encoding(|o| *[&mut o.steps.dc, &mut o.steps.sh[2]][k] = step);
+            let refused = encode_voxels(&merged, &voxels, None, &options);
+            assert!(matches!(refused, Err(Error::Option { .. })), "a step of {step}");
+        }
+    }
+    let mut deep = voxels.clone();
+    deep.leaves[2].depth = 30;
+    let refused = encode_voxels(&merged, &deep, None, &options);
+    assert!(refused.is_err());
+    deep = voxels.clone();
+    deep.leaves.swap(1, 2);
+    let mut swapped = merged.clone();
+    swapped.means.swap(1, 2);
+    let refused = encode_voxels(&swapped, &deep, None, &options);
+    assert!(matches!(refused, Err(Error::Coding { what: "geometry", .. })));
+}
+
+/// Arrays that were too short panicked.
+#[test]
+fn arrays_of_different_lengths_are_refused() {
+    let plain = scene(50, 1, 5);
+    let (merged, voxels) = voxelized(&plain, &Strategy::Uniform { depth: 9 });
+    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 10 });
+    let changes: [fn(&mut Scene); 5] = [
+        |s| s.rotations.truncate(1),
+        |s| s.log_scales.truncate(1),
+        |s| s.opacity_logits.truncate(1),
+        |s| s.sh.truncate(1),
+        |s| s.sh_degree = 200,
+    ];
+    let options = EncodeOptions::default();
+    for (i, change) in changes.iter().enumerate() {
+        let changed = |scene: &Scene| {
+            let mut scene = scene.clone();
+            change(&mut scene);
+            scene
+        };
+        for refused in [
+            encode(&changed(&plain), &options),
+            encode_with(&changed(&plain), uniform, None, &options),
+            encode_voxels(&changed(&merged), &voxels, None, &options),
+            encode_voxels(&merged, &voxels, Some(&changed(&plain)), &options),
+        ] {
+            assert!(
+                matches!(refused, Err(Error::CountMismatch { .. } | Error::Option { .. })),
+                "change {i}"
+            );
+        }
+    }
+}
+
+/// Coefficients above degree 0 were not checked: NaN came out as other numbers.
+#[test]
+fn every_sh_coefficient_is_checked() {
+    let plain = scene(50, 3, 5);
+    let (merged, voxels) = voxelized(&plain, &Strategy::Uniform { depth: 9 });
+    let options = EncodeOptions::default();
+    for coefficient in [0, 1, 5, 15] {
+        let with = |scene: &Scene, value: f32| {
+            let mut scene = scene.clone();
+            scene.sh[16 * 7 + coefficient][2] = value;
+            scene
+        };
+        for value in [f32::NAN, f32::INFINITY] {
+            let refused = encode_voxels(&with(&merged, value), &voxels, None, &options);
+            assert!(
+                matches!(refused, Err(Error::NonFinite { index: 7, field: "SH coefficient" })),
+                "{coefficient}: {value}"
+            );
+            assert!(encode(&with(&plain, value), &options).is_err(), "{coefficient}: {value}");
+        }
+        let refused = encode_voxels(&with(&merged, -2e4), &voxels, None, &options);
+        assert!(
+            matches!(refused, Err(Error::TooLarge { index: 7, field: "SH coefficient", .. })),
+            "{coefficient}"
+        );
+    }
+}
+
+/// Found by `cargo xtask stress`: values far beyond trained ones have to come back or be refused.
+#[test]
+fn large_values_come_back() {
+    let (mut merged, voxels) = voxelized(&scene(50, 1, 5), &Strategy::Uniform { depth: 9 });
+    merged.sh[7][2] = -1.8e4;
+    let bytes = encode_voxels(&merged, &voxels, None, &EncodeOptions::default()).unwrap().bytes;
+    let back = decode(&bytes).unwrap();
+    assert!((back.sh[7][2] + 1.8e4).abs() < 10.0, "{}", back.sh[7][2]);
 }

@@ -9,6 +9,7 @@ const B: f32 = std::f32::consts::FRAC_1_SQRT_2;
 const C: f32 = 0.408_248_3;
 
 /// RGB to luma and two chroma planes.
+#[cfg(feature = "encode")]
 #[must_use]
 pub(crate) fn forward([r, g, b]: [f32; 3]) -> [f32; 3] {
     [(r + g + b) * A, (r - b) * B, (g + g - r - b) * C]
@@ -22,7 +23,7 @@ pub(crate) fn inverse(ycc: [f32; 3]) -> [f32; 3] {
     [y + o - g, y + g + g, y - o - g]
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -10,6 +10,7 @@
 pub(crate) const LOGIT_RANGE: [f32; 2] = [-8.0, 12.0];
 
 /// `ln(sigmoid(logit))`, at most 0.
+#[cfg(feature = "encode")]
 #[must_use]
 pub(crate) fn log_alpha_of_logit(logit: f32) -> f64 {
     let l = f64::from(logit.clamp(LOGIT_RANGE[0], LOGIT_RANGE[1]));
@@ -28,7 +29,7 @@ pub(crate) fn logit_of_log_alpha(log_alpha: f32) -> f32 {
     logit.clamp(LOGIT_RANGE[0], LOGIT_RANGE[1])
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
 

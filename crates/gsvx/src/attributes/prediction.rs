@@ -13,6 +13,7 @@
 use crate::error::{Error, Result};
 #[cfg(feature = "encode")]
 use crate::importance;
+#[cfg(feature = "encode")]
 use gpcc_lite::raht::Rows;
 
 /// Factors are multiples of 1/64.
@@ -122,6 +123,7 @@ impl Predictor {
     }
 
     /// Undoes [`Predictor::add`] up to rounding.
+    #[cfg(feature = "encode")]
     #[inline]
     pub(crate) fn subtract(&self, leaf: usize, below: &[f32], values: &mut [f32]) {
         if self.degree == 2 {

@@ -246,7 +246,6 @@ pub(crate) fn check(scene: &Scene, first: usize) -> Result<()> {
         !q.iter().all(|v| v.is_finite()) || q == [0.0; 4]
     })?;
     each("log-scale", &|i| !scene.log_scales[i].iter().all(|v| v.is_finite()))?;
-    each("SH coefficient", &|i| !scene.sh_of(i).as_flattened().iter().all(|v| v.is_finite()))?;
     let fits = |field, values: &dyn Fn(usize) -> Vec<f32>| {
         for i in 0..scene.len() {
             if let Some(&value) = values(i).iter().find(|v| v.abs() > LARGEST) {
@@ -256,5 +255,22 @@ pub(crate) fn check(scene: &Scene, first: usize) -> Result<()> {
         Ok(())
     };
     fits("log-scale", &|i| scene.log_scales[i].to_vec())?;
-    fits("SH coefficient", &|i| scene.sh_of(i).as_flattened().to_vec())
+    check_sh(&scene.sh, scene.sh_len(), first)
+}
+
+/// Checks that SH coefficients, `each` per Gaussian, are what lossy coding can hold.
+pub(crate) fn check_sh(sh: &[[f32; 3]], each: usize, first: usize) -> Result<()> {
+    let field = "SH coefficient";
+    for (i, sh) in sh.chunks_exact(each).enumerate() {
+        let index = first + i;
+        for &value in sh.as_flattened() {
+            if !value.is_finite() {
+                return Err(Error::NonFinite { index, field });
+            }
+            if value.abs() > LARGEST {
+                return Err(Error::TooLarge { index, field, value, limit: LARGEST });
+            }
+        }
+    }
+    Ok(())
 }

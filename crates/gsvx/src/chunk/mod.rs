@@ -11,7 +11,7 @@ mod gaussians;
 
 pub(crate) use decode::ChunkDecoder;
 #[cfg(feature = "encode")]
-pub(crate) use encode::{ChunkInput, Quantisation, check, encode};
+pub(crate) use encode::{ChunkInput, Quantisation, check, check_sh, encode};
 pub(crate) use gaussians::{GaussiansMut, blank, resize};
 
 use crate::attributes::side::Factors;

@@ -4,9 +4,13 @@
 //! counted: the codebook is in the header, indices and the logarithms of the scale factors are in each
 //! chunk. Training is in the crate `vq`.
 
-use crate::bytes::{Reader, Writer};
+use crate::bytes::Reader;
+#[cfg(feature = "encode")]
+use crate::bytes::Writer;
 use crate::error::{Error, Result};
-use gpcc_lite::coder::{Coder, Decoder, Encoder};
+#[cfg(feature = "encode")]
+use gpcc_lite::coder::Encoder;
+use gpcc_lite::coder::{Coder, Decoder};
 use gpcc_lite::model::{Bit, Symbols};
 
 /// Bits of a rotation integer, and fraction bits of a log-scale integer.

@@ -5,7 +5,9 @@
 //! neighbours. Loss is that of the integers alone: half a step, `(max - min) / (2^bits - 1) / 2`.
 
 use super::Covariances;
-use crate::bytes::{Reader, Writer};
+use crate::bytes::Reader;
+#[cfg(feature = "encode")]
+use crate::bytes::Writer;
 use crate::error::{Error, Result, coding};
 use gpcc_lite::Leaf;
 #[cfg(feature = "encode")]

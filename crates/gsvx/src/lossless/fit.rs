@@ -64,30 +64,24 @@ pub(super) fn fit(gaussians: &Sample, c: usize, skip: impl Fn(u32) -> bool) -> (
     if rows.len() < 64 {
         return (predictor, 0);
     }
+    fit_own(&mut predictor, gaussians, &rows, c);
+    let centre = fit_neighbours(&mut predictor, gaussians, &rows, c);
+    (predictor, centre)
+}
+
+/// Fits the weights of the Gaussian's own earlier columns.
+fn fit_own(predictor: &mut Predictor, gaussians: &Sample, rows: &[usize], c: usize) {
     // The last column of the sample is the target, the one before it the constant.
     let inputs: Vec<usize> = (MEANS..c).collect();
     let n = inputs.len() + 1;
-    let mut scale = vec![0.0f64; n + 1];
     let mut sample = Vec::with_capacity(rows.len() * (n + 1));
-    for &i in &rows {
+    for &i in rows {
         let q = gaussians.row(i, 0, c + 1);
         sample.extend(inputs.iter().map(|&j| f64::from(q[j])));
         sample.push(1.0);
         sample.push(f64::from(q[c]));
     }
-    for row in sample.chunks_exact(n + 1) {
-        for (s, v) in scale.iter_mut().zip(row) {
-            *s += v.abs();
-        }
-    }
-    for s in &mut scale {
-        *s = (*s / rows.len() as f64).max(1e-9);
-    }
-    for row in sample.chunks_exact_mut(n + 1) {
-        for (s, v) in scale.iter().zip(row) {
-            *v /= s;
-        }
-    }
+    let scale = normalise(&mut sample, n + 1);
     let mut weights: Vec<f64> = sample
         .chunks_exact(n + 1)
         .map(|row| 1.0 / (0.25 + row.iter().map(|v| v.abs()).sum::<f64>() / (n + 1) as f64))
@@ -104,15 +98,39 @@ pub(super) fn fit(gaussians: &Sample, c: usize, skip: impl Fn(u32) -> bool) -> (
             }
         }
     }
-    quantise(&mut predictor, &inputs, &solution, &scale);
-    // Neighbours, on the remainders of the integer predictor.
+    quantise(predictor, &inputs, &solution, &scale);
+}
+
+/// Divides each column by its mean magnitude, and returns those.
+fn normalise(sample: &mut [f64], width: usize) -> Vec<f64> {
+    let rows = sample.len() / width;
+    let mut scale = vec![0.0f64; width];
+    for row in sample.chunks_exact(width) {
+        for (s, v) in scale.iter_mut().zip(row) {
+            *s += v.abs();
+        }
+    }
+    for s in &mut scale {
+        *s = (*s / rows as f64).max(1e-9);
+    }
+    for row in sample.chunks_exact_mut(width) {
+        for (s, v) in scale.iter().zip(row) {
+            *v /= s;
+        }
+    }
+    scale
+}
+
+/// Fits the weights of the neighbours to what the own columns leave; returns the mean level of what
+/// both leave.
+fn fit_neighbours(predictor: &mut Predictor, gaussians: &Sample, rows: &[usize], c: usize) -> u8 {
     let rest = |i: usize, place: usize| {
         let q = gaussians.row(i, place, c + 1);
         f64::from(q[c] - predictor.own(q))
     };
     let m = NEIGHBOURS;
     let mut sample = Vec::with_capacity(rows.len() * (m + 1));
-    for &i in &rows {
+    for &i in rows {
         sample.extend((1..=m).map(|place| rest(i, place)));
         sample.push(rest(i, 0));
     }
@@ -136,7 +154,7 @@ pub(super) fn fit(gaussians: &Sample, c: usize, skip: impl Fn(u32) -> bool) -> (
         .chunks_exact(m + 1)
         .map(|row| super::residual::level(error(row, &solution).abs().min(3e7) as u32) as u64)
         .sum();
-    (predictor, (levels / rows.len() as u64) as u8)
+    (levels / rows.len() as u64) as u8
 }
 
 fn error(row: &[f64], solution: &[f64]) -> f64 {

@@ -30,6 +30,7 @@ pub(super) fn kind(column: usize) -> usize {
 pub(super) const KINDS: usize = 7;
 
 /// Column `c` of the scene, Gaussians in the order of `order`.
+#[cfg(feature = "encode")]
 pub(super) fn gather(scene: &Scene, c: usize, order: &[u32]) -> Vec<u32> {
     let k = scene.sh_len();
     order
@@ -61,6 +62,7 @@ pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
 }
 
 /// Rows of all columns, Gaussians in the order of `order`.
+#[cfg(feature = "encode")]
 pub(crate) fn gather_rows(scene: &Scene, order: &[u32]) -> Vec<u32> {
     let mut out = Vec::with_capacity(order.len() * columns(scene.sh_degree));
     for &i in order {

@@ -2,7 +2,9 @@
 
 use super::column::CELLS;
 use super::neighbours::NEIGHBOURS;
-use crate::bytes::{Reader, Writer};
+use crate::bytes::Reader;
+#[cfg(feature = "encode")]
+use crate::bytes::Writer;
 use crate::error::{Error, Result};
 
 /// Fraction bits of neighbour weights.
@@ -36,6 +38,7 @@ impl Predictor {
         (sum >> self.shift).clamp(-limit, limit - 1) as i32
     }
 
+    #[cfg(feature = "encode")]
     pub(super) fn write(&self, w: &mut Writer) {
         w.u8(self.shift);
         w.varint(zigzag(self.bias));
@@ -77,6 +80,7 @@ impl Predictor {
     }
 }
 
+#[cfg(feature = "encode")]
 fn zigzag(v: i64) -> u64 {
     ((v << 1) ^ (v >> 63)) as u64
 }

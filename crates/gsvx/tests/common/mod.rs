@@ -1,10 +1,13 @@
 //! A small scene that looks like a trained one: clusters, a spread of scales and opacities.
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+pub(crate) mod forge;
+pub(crate) mod golden;
+
 use gs_model::Scene;
 use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
 
-/// SplitMix64, so that seeds stay valid for ever.
+/// SplitMix64, whose numbers never change.
 pub(crate) struct Rng(pub(crate) u64);
 
 impl Rng {
@@ -53,7 +56,7 @@ pub(crate) fn with_related_degrees(mut scene: Scene) -> Scene {
     scene
 }
 
-/// Three Gaussians a million units away, of any SH degree, among the others.
+/// Moves three of the Gaussians about a million units away.
 pub(crate) fn with_floaters(mut scene: Scene) -> (Scene, [usize; 3]) {
     let at = [scene.len() / 7, scene.len() / 2, scene.len() - 1];
     scene.means[at[0]] = [1e6, 0.3, -0.7];
@@ -68,73 +71,72 @@ pub(crate) fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelizat
     (merge(scene, &voxels, Merge::Moments).unwrap(), voxels)
 }
 
-/// The golden streams: what they are made from, and the hash of what they decode to.
-pub(crate) mod golden {
-    use super::{scene, voxelized};
-    use gs_model::Scene;
-    use gsvx::{CovarianceMode, EncodeOptions, Entropy, PaperQp};
-    use sha2::{Digest, Sha256};
-    use std::num::NonZeroUsize;
-    use voxel::Strategy;
+/// The error of a codec on one attribute.
+pub(crate) struct Spread {
+    pub(crate) rms: f64,
+    pub(crate) largest: f64,
+}
 
-    /// SHA-256 of all floats, little-endian: means, rotations, log-scales, opacity logits, SH.
-    pub(crate) fn hash(s: &Scene) -> String {
-        let mut sha = Sha256::new();
-        let parts: [&[f32]; 5] = [
-            s.means.as_flattened(),
-            s.rotations.as_flattened(),
-            s.log_scales.as_flattened(),
-            &s.opacity_logits,
-            s.sh.as_flattened(),
-        ];
-        for v in parts.concat() {
-            sha.update(v.to_le_bytes());
-        }
-        sha.finalize().iter().map(|b| format!("{b:02x}")).collect()
+/// Root mean square and largest magnitude of `errors`.
+pub(crate) fn spread(errors: impl IntoIterator<Item = f64>) -> Spread {
+    let (mut square, mut largest, mut n) = (0.0, 0f64, 0usize);
+    for e in errors {
+        square += e * e;
+        largest = largest.max(e.abs());
+        n += 1;
     }
+    Spread { rms: (square / n.max(1) as f64).sqrt(), largest }
+}
 
-    /// Names and bytes.
-    pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
-        let mut out = Vec::new();
-        let mut add = |name: &str, n, degree, strategy: Strategy, options: &EncodeOptions| {
-            let (merged, voxels) = voxelized(&scene(n, degree, 42), &strategy);
-            let bytes = gsvx::encode(&merged, &voxels, options).expect(name).bytes;
-            out.push((format!("{name}.gsvx"), bytes));
-        };
-        let uniform = Strategy::Uniform { depth: 10 };
-        let adaptive = Strategy::paper(4, 12);
-        let base = EncodeOptions::default();
-        let vq = EncodeOptions { covariance: CovarianceMode::Vq { bits: 8 }, ..base.clone() };
-        let paper = EncodeOptions::paper(
-            PaperQp { ac: 34, dc: 16, opacity: 16 },
-            CovarianceMode::Lossless { bits: 16 },
-        );
-        add("empty", 0, 3, uniform.clone(), &base);
-        add("one", 1, 2, uniform.clone(), &base);
-        add("default", 600, 3, adaptive.clone(), &base);
-        add("codebook", 500, 1, uniform.clone(), &vq);
-        add("paper", 400, 3, uniform, &paper);
-        let symbols = EncodeOptions { entropy: Entropy::Symbols, ..base.clone() };
-        add("symbols", 600, 3, adaptive.clone(), &symbols);
-        let steps = EncodeOptions::from_quality(10.0).expect("a quality").steps;
-        let slices = EncodeOptions { slices: NonZeroUsize::new(2), steps, ..symbols };
-        add("slices", 9000, 0, Strategy::Uniform { depth: 10 }, &slices);
-        add("degree-0", 600, 0, adaptive, &base);
-        let (floaters, _) = super::with_floaters(scene(400, 1, 42));
-        let split = gsvx::split_outliers(&floaters).expect("finite").expect("floaters");
-        let (merged, voxels) =
-            voxelized(&floaters.select(&split.inside), &Strategy::Uniform { depth: 10 });
-        let outliers = Some(floaters.select(&split.outliers));
-        let options = EncodeOptions { outliers, ..base };
-        let bytes = gsvx::encode(&merged, &voxels, &options).expect("outliers").bytes;
-        out.push(("outliers.gsvx".into(), bytes));
-        let related = super::with_related_degrees(scene(700, 3, 42));
-        let (merged, voxels) = voxelized(&related, &Strategy::Uniform { depth: 10 });
-        let options = EncodeOptions::from_quality(85.0).expect("a quality");
-        let bytes = gsvx::encode(&merged, &voxels, &options).expect("predicted").bytes;
-        out.push(("predicted.gsvx".into(), bytes));
-        let lossless = gsvx::encode_lossless(&scene(300, 2, 42)).expect("lossless");
-        out.push(("lossless.gsvx".into(), lossless.bytes));
-        out
+/// Every bit of Gaussian `i`.
+pub(crate) fn bits(s: &Scene, i: usize) -> Vec<u32> {
+    let floats = [
+        &s.means[i][..],
+        &s.rotations[i],
+        &s.log_scales[i],
+        &[s.opacity_logits[i]],
+        s.sh_of(i).as_flattened(),
+    ];
+    floats.concat().iter().map(|v| v.to_bits()).collect()
+}
+
+/// Runs `f` on a pool of so many threads.
+pub(crate) fn on_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(f)
+}
+
+/// A trained scene of the shared data, or the fixture; says loudly if the shared data is absent.
+pub(crate) fn trained_scene(shared: &str) -> Option<Scene> {
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(shared);
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there", path.display());
+        return None;
     }
+    Some(gs_model::model::read(&path, &Default::default()).unwrap().0)
+}
+
+/// The fixture room.
+pub(crate) fn room() -> Scene {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/room/point_cloud.ply");
+    gs_model::ply::read(path).unwrap().0
+}
+
+/// Default options with changes.
+pub(crate) fn encoding(change: impl FnOnce(&mut gsvx::EncodeOptions)) -> gsvx::EncodeOptions {
+    let mut options = gsvx::EncodeOptions::default();
+    change(&mut options);
+    options
+}
+
+/// Default options with changes.
+pub(crate) fn decoding(change: impl FnOnce(&mut gsvx::DecodeOptions)) -> gsvx::DecodeOptions {
+    let mut options = gsvx::DecodeOptions::default();
+    change(&mut options);
+    options
+}
+
+/// A positive number of leaves.
+pub(crate) fn leaves(n: usize) -> std::num::NonZeroUsize {
+    std::num::NonZeroUsize::new(n).unwrap()
 }

@@ -1,0 +1,49 @@
+//! What the golden streams are made from.
+
+use super::{scene, with_floaters, with_related_degrees};
+use gs_model::Scene;
+use gsvx::{CovarianceMode, EncodeOptions, encode, encode_lossless, encode_with};
+use std::num::NonZeroUsize;
+use voxel::Strategy;
+
+const SEED: u64 = 42;
+
+/// Options for chunks of at most `leaves` leaves.
+fn in_chunks(leaves: usize) -> EncodeOptions {
+    let mut options = EncodeOptions::default();
+    options.chunk_leaves = NonZeroUsize::new(leaves).expect("a positive number");
+    options
+}
+
+/// Names and bytes.
+pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
+    let default = EncodeOptions::default();
+    let mut vq = default.clone();
+    vq.covariance = CovarianceMode::Vq { bits: 8 };
+    let mut integers = default.clone();
+    integers.covariance = CovarianceMode::Lossless { bits: 16 };
+    let mut lod = in_chunks(100);
+    lod.lod = true;
+    let high = EncodeOptions::from_quality(85.0).expect("a quality");
+    let plain = |n, degree| scene(n, degree, SEED);
+    let coded = |scene: &Scene, options| encode(scene, options).expect("a valid scene").bytes;
+    let exact = |scene: &Scene, keep| encode_lossless(scene, keep).expect("a scene").bytes;
+    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 10 });
+    let uniform = encode_with(&plain(500, 2), uniform, None, &default).expect("a valid scene");
+    let streams = [
+        ("empty", coded(&plain(0, 3), &default)),
+        ("one", coded(&plain(1, 2), &default)),
+        ("default", coded(&plain(600, 3), &default)),
+        ("degree-0", coded(&plain(600, 0), &default)),
+        ("uniform", uniform.bytes),
+        ("codebook", coded(&plain(500, 1), &vq)),
+        ("integers", coded(&plain(400, 1), &integers)),
+        ("outliers", coded(&with_floaters(plain(400, 1)).0, &default)),
+        ("predicted", coded(&with_related_degrees(plain(900, 3)), &high)),
+        ("chunks", coded(&plain(1500, 1), &in_chunks(300))),
+        ("lod", coded(&plain(6000, 0), &lod)),
+        ("lossless", exact(&plain(300, 2), false)),
+        ("lossless-ordered", exact(&plain(100, 1), true)),
+    ];
+    streams.map(|(name, bytes)| (format!("{name}.gsvx"), bytes)).into()
+}
