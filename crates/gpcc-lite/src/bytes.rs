@@ -173,6 +173,11 @@ impl<'a> BitReader<'a> {
         self.consumed() > self.data.len()
     }
 
+    /// True once a bit of the last byte was taken, or if there is no byte.
+    pub(crate) fn at_end(&self) -> bool {
+        self.consumed() == self.data.len()
+    }
+
     /// Bytes consumed so far, whole or in part.
     pub(crate) fn consumed(&self) -> usize {
         self.pos - (self.fill / 8) as usize

@@ -195,8 +195,8 @@ impl<'a> Decoder<'a> {
         Ok(Self { states, turn: 0, words, taken: 0, plain: BitReader::new(&data[r.pos()..]) })
     }
 
-    /// Whether the stream ends here, as a whole stream does: all words are taken and the states are
-    /// those that the encoder began with.
+    /// Whether the stream ends here, as a whole stream does: all words and all bytes of plain bits are
+    /// taken, and the states are those that the encoder began with.
     ///
     /// # Errors
     /// [`Error::Truncated`] or [`Error::Corrupt`].
@@ -204,7 +204,8 @@ impl<'a> Decoder<'a> {
         if self.exhausted() {
             return Err(Error::Truncated { offset: self.taken * 2, what: "entropy-coded data" });
         }
-        if self.taken != self.words.len() || self.states != [LOWEST; STATES] {
+        let whole = self.taken == self.words.len() && self.plain.at_end();
+        if !whole || self.states != [LOWEST; STATES] {
             return Err(Error::Corrupt { offset: self.taken * 2, what: "entropy-coded data" });
         }
         Ok(())

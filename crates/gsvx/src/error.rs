@@ -116,6 +116,7 @@ pub enum Error {
         limit: f32,
     },
     /// An outlier holds a number that no Gaussian has.
+    #[cfg(feature = "encode")]
     #[error("outlier {index} has an invalid {field}; drop invalid Gaussians before encoding")]
     InvalidOutlier {
         /// Index of the first such outlier.

@@ -384,19 +384,23 @@ fn read_chunks(r: &mut Reader<'_>, header: &Header, head_len: u64) -> Result<Vec
         }
         chunks.push(chunk);
     }
+    let last = chunks.iter().rfind(|c| c.kind == Kind::Leaves).map_or(0, |c| c.lod);
+    if last != 0 {
+        return Err(corrupt("finest level of detail", last));
+    }
     if total != header.count {
         return Err(corrupt("number of Gaussians", header.count));
     }
     Ok(chunks)
 }
 
-/// Coarse levels first, Morton order within a level, exact chunks last.
+/// Coarse levels first and none left out, Morton order within a level, exact chunks last.
 fn in_order(before: &Chunk, chunk: &Chunk) -> bool {
     match (before.kind, chunk.kind) {
         (_, Kind::Exact) => true,
         (Kind::Exact, Kind::Leaves) => false,
         _ => {
-            chunk.lod < before.lod
+            before.lod == chunk.lod + 1
                 || chunk.lod == before.lod && chunk.first_cell > before.first_cell
         }
     }

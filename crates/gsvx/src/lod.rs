@@ -76,8 +76,7 @@ fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> LodLevel {
         }
     }
     let cells = cells(leaves, voxels.j_high, enough);
-    let first: Vec<u32> =
-        cells.iter().map(|c| c.0 as u32).chain([leaves.len() as u32]).collect();
+    let first: Vec<u32> = cells.iter().map(|c| c.0 as u32).chain([leaves.len() as u32]).collect();
     let coarse = Voxelization {
         cube: voxels.cube,
         j_high: voxels.j_high,
@@ -105,7 +104,8 @@ fn cells(leaves: &[Leaf], j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
         let mut behind = end;
         while behind > first {
             let child = leaves[behind - 1].morton >> shift;
-            let start = first + leaves[first..behind].partition_point(|l| l.morton >> shift < child);
+            let start =
+                first + leaves[first..behind].partition_point(|l| l.morton >> shift < child);
             nodes.push((start, behind, depth + 1));
             behind = start;
         }

@@ -4,7 +4,7 @@
 //! plane: Y = (R+G+B)/sqrt 3, Co = (R-B)/sqrt 2, Cg = (-R+2G-B)/sqrt 6.
 
 /// 1/sqrt 3, 1/sqrt 2, 1/sqrt 6.
-const A: f32 = 0.577_350_3;
+const A: f32 = 0.577_350_26;
 const B: f32 = std::f32::consts::FRAC_1_SQRT_2;
 const C: f32 = 0.408_248_3;
 

@@ -17,7 +17,7 @@ pub type Coordinates = [f32; 6];
 
 const INV_SQRT_2: f32 = std::f32::consts::FRAC_1_SQRT_2;
 /// 1 / sqrt 3.
-const INV_SQRT_3: f32 = 0.577_350_3;
+const INV_SQRT_3: f32 = 0.577_350_26;
 /// 1 / sqrt 6.
 const INV_SQRT_6: f32 = 0.408_248_3;
 /// Coordinates are moved into this range first: beyond it squares overflow, and no encoder goes there.

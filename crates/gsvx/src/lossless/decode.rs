@@ -122,10 +122,8 @@ impl Head {
         if self.keep_order {
             let width = index_bits(n);
             order.extend((0..count).map(|_| coder.bits(0, width)));
-            if coder.exhausted() {
-                return Err(short());
-            }
         }
+        coder.finish().map_err(coding(what))?;
         Ok((coded, order))
     }
 }
