@@ -219,8 +219,8 @@ fn degenerate_data_and_bad_arguments() {
     assert!(Codebook::train(&all, &[1.0; 50], &keep).unwrap().len() > 40);
 }
 
-/// Sensitivity times squared distance plus lambda times bits: the entropy of the indices, and 45 bits for each
-/// codeword.
+/// Sensitivity times squared distance plus lambda times bits: the entropy of the indices, and 45
+/// bits for each codeword.
 fn lagrangian(codebook: &Codebook, c: &[Covariance], s: &[f32], i: &[u32], lambda: f64) -> f64 {
     let total: f64 = s.iter().map(|&s| f64::from(s)).sum();
     let fit = codebook.distortion(c, s, i).unwrap();
@@ -260,8 +260,8 @@ fn a_price_on_bits_buys_a_lower_total_cost() {
     assert!(matches!(bad, Err(Error::BadLambda { .. })));
 }
 
-/// docs/accuracy.md: for every shape and every codeword, the distance of the roots of their covariances is within
-/// this bound, and the standard deviation in no direction differs by more.
+/// docs/accuracy.md: for every shape and every codeword, the distance of the roots of their
+/// covariances is within this bound, and the standard deviation in no direction differs by more.
 #[test]
 fn no_codeword_is_further_than_the_bound() {
     let needle = |q: [f32; 4]| Covariance::split(q, [0.0, -9.0, -9.0]).unwrap().0;
