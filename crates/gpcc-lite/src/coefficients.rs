@@ -19,7 +19,7 @@
 //! from the weights ([`Plan::noise_gain`]): a row divides what it passes on by its own, and
 //! multiplies what it expects by its own.
 //!
-//! Normative description: `docs/format.md`, "Coefficients".
+//! Normative description: `docs/format.md`, "Attributes".
 
 use crate::coder::{Coder, SCALE_BITS, code_gamma};
 use crate::model::{Bit, SYMBOLS, Symbols};

@@ -93,7 +93,7 @@ pub fn encode_leaves(coder: &mut Encoder, leaves: &[Leaf], j_high: u8, mixed: bo
 ///
 /// # Errors
 /// If the stream is truncated or does not hold `count` leaves, or `j_high` exceeds
-/// [`MAX_DEPTH`](crate::morton::MAX_DEPTH).
+/// [`MAX_DEPTH`].
 pub fn decode_leaves(
     coder: &mut Decoder<'_>,
     count: usize,
