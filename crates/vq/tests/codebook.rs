@@ -140,6 +140,26 @@ fn any_number_of_threads_gives_the_same_codebook() {
     assert_ne!(one.0, other.integers(), "the seed matters");
 }
 
+/// The same integers on every machine: FNV-1a of what a known cloud trains.
+#[test]
+fn training_has_one_result() {
+    let (covariances, sensitivities) = cloud(5000, 6);
+    let hashes = [Metric::Covariance, Metric::SquareRoot].map(|metric| {
+        let mut options = options(200, metric);
+        options.keep = Keep::Share(0.01);
+        let codebook = Codebook::train(&covariances, &sensitivities, &options).unwrap();
+        let indices = codebook.assign(&covariances);
+        let integers = codebook.integers().2.into_iter().flatten();
+        integers
+            .chain(indices.iter().map(|&i| i as i32))
+            .flat_map(i32::to_le_bytes)
+            .fold(0xcbf2_9ce4_8422_2325u64, |h, b| {
+                (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
+            })
+    });
+    assert_eq!(hashes, [8_669_400_669_402_146_218, 7_196_304_459_034_904_536]);
+}
+
 #[test]
 fn kept_covariances_come_back_at_stored_precision() {
     let (covariances, mut sensitivities) = cloud(2000, 9);
