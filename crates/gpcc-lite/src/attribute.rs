@@ -1,8 +1,8 @@
 //! Lossy attributes: weighted RAHT, quantisation and entropy coding of a group of channels.
 //!
-//! The channels of a group belong together (the planes of a colour, the entries of a covariance): where one
-//! has large coefficients, so have the others, and the coder's contexts use that. Groups are coded one
-//! after another and do not depend on each other.
+//! The channels of a group belong together (the planes of a colour, the entries of a covariance):
+//! where one has large coefficients, so have the others, and the coder's contexts use that. Groups
+//! are coded one after another and do not depend on each other.
 //!
 //! Invariant: [`encode`] leaves in its rows the values that [`decode`] returns, bit for bit.
 //!
@@ -29,8 +29,8 @@ impl Default for Options {
     }
 }
 
-/// Codes the values in `rows` with a step for each channel, and replaces them by what a decoder will
-/// return, bit for bit. Returns whether every level is zero.
+/// Codes the values in `rows` with a step for each channel, and replaces them by what a decoder
+/// will return, bit for bit. Returns whether every level is zero.
 ///
 /// A level saturates at `2^31 - 1` steps.
 ///
@@ -130,7 +130,8 @@ fn code_signed<C: Coder>(coder: &mut C, v: i32) -> i32 {
     (folded >> 1) as i32 ^ -((folded & 1) as i32)
 }
 
-/// The level of coefficient 0, which is the mean of all leaves times the root of the sum of weights.
+/// The level of coefficient 0, which is the mean of all leaves times the root of the sum of
+/// weights.
 fn level_of_mean(plan: &Plan, mean: f32, step: f32) -> i32 {
     let exact = f64::from(mean) * plan.root_of_weight() / f64::from(step);
     // Saturates: the sign takes one bit of 32.
@@ -206,10 +207,10 @@ fn undo_row(
 
 /// Rate-distortion optimised quantisation: a dead zone that follows what is expected.
 ///
-/// Where small magnitudes are expected, one that is not zero costs many bits. If magnitudes are geometric
-/// with mean `m`, each unit costs `log2(1 + 1/m)` bits, and a magnitude other than zero costs one more bit
-/// for the sign. A value of `x` steps becomes `q` rather than `q - 1` if that lowers
-/// `error + lambda bits`, hence if `x - (q - 1) > 1/2 + lambda bits / 2`.
+/// Where small magnitudes are expected, one that is not zero costs many bits. If magnitudes are
+/// geometric with mean `m`, each unit costs `log2(1 + 1/m)` bits, and a magnitude other than zero
+/// costs one more bit for the sign. A value of `x` steps becomes `q` rather than `q - 1` if that
+/// lowers `error + lambda bits`, hence if `x - (q - 1) > 1/2 + lambda bits / 2`.
 struct Quantiser {
     per_step: Vec<f32>,
     /// Least values, by class, that do not become zero.
@@ -275,8 +276,8 @@ impl Quantiser {
     }
 }
 
-/// Binary logarithm of `x >= 1`, linear between powers of two: what a price needs, and the same on every
-/// machine.
+/// Binary logarithm of `x >= 1`, linear between powers of two: what a price needs, and the same on
+/// every machine.
 fn log2(x: f32) -> f32 {
     let bits = x.to_bits();
     let exponent = (bits >> 23) as f32 - 127.0;

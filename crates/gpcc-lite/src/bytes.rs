@@ -156,8 +156,8 @@ impl<'a> BitReader<'a> {
         self.fill += 32;
     }
 
-    /// Counts the ones up to the next zero, at most 32, and skips them; also skips the zero if there are fewer than
-    /// 32.
+    /// Counts the ones up to the next zero, at most 32, and skips them; also skips the zero if
+    /// there are fewer than 32.
     #[inline]
     pub(crate) fn ones(&mut self) -> u32 {
         if self.fill < 32 {

@@ -1,19 +1,19 @@
 //! The entropy coder of every stream: four interleaved rANS states, and plain bits.
 //!
-//! A model gives every symbol an interval `start..start + size` of `0..2^15`. Symbol number `i` of a stream
-//! is coded by state `i mod 4`, so that a processor can work on four symbols at a time. Bits that are as
-//! good as random (signs, low bits) do not go through the states: they are stored as they are, after the
-//! words of the states.
+//! A model gives every symbol an interval `start..start + size` of `0..2^15`. Symbol number `i` of
+//! a stream is coded by state `i mod 4`, so that a processor can work on four symbols at a time.
+//! Bits that are as good as random (signs, low bits) do not go through the states: they are stored
+//! as they are, after the words of the states.
 //!
 //! rANS decodes in the opposite order of encoding. The encoder therefore keeps all intervals, and
 //! codes them from the last to the first when the stream ends.
 //!
-//! Invariant: a decoder that uses the same models in the same order reads the values that were coded. On a
-//! damaged stream it reads other values, and zeros after the end, until the caller asks
+//! Invariant: a decoder that uses the same models in the same order reads the values that were
+//! coded. On a damaged stream it reads other values, and zeros after the end, until the caller asks
 //! [`Coder::exhausted`].
 //!
-//! Layout and arithmetic: `docs/format.md`, "Entropy coder". Reference: J. Duda, "Asymmetric numeral
-//! systems" (2013); F. Giesen, "Interleaved entropy coders" (2014).
+//! Layout and arithmetic: `docs/format.md`, "Entropy coder". Reference: J. Duda, "Asymmetric
+//! numeral systems" (2013); F. Giesen, "Interleaved entropy coders" (2014).
 
 use crate::bytes::{BitReader, BitWriter, Reader, put_varint};
 use crate::error::{Error, Result};
@@ -309,8 +309,8 @@ impl Coder for Decoder<'_> {
     }
 }
 
-/// Codes a number of any size in plain bits (Elias gamma code): as many zeros as `value + 1` has bits after
-/// its leading one, then `value + 1` itself. 32 zeros have no leading one after them.
+/// Codes a number of any size in plain bits (Elias gamma code): as many zeros as `value + 1` has
+/// bits after its leading one, then `value + 1` itself. 32 zeros have no leading one after them.
 #[cold]
 pub(crate) fn code_gamma<C: Coder>(coder: &mut C, value: u32) -> u32 {
     let v = u64::from(value) + 1;

@@ -1,24 +1,25 @@
 //! Entropy coding of quantised RAHT coefficients, one level of merges after another.
 //!
-//! A *row* holds the quantised values of one coefficient in all channels. Rows of more than 6 channels are
-//! divided into *groups* of 3 channels; the last group may be smaller.
+//! A *row* holds the quantised values of one coefficient in all channels. Rows of more than 6
+//! channels are divided into *groups* of 3 channels; the last group may be smaller.
 //!
 //! What magnitude is expected in a row follows from the rows above it alone. Every row passes on an
-//! *activity*: half of the activity of the row above, and half of its own mean magnitude. There are three
-//! activities, each for every third channel. So the rows of a level do not depend on each other, and a level
-//! is coded in passes over its rows:
+//! *activity*: half of the activity of the row above, and half of its own mean magnitude. There are
+//! three activities, each for every third channel. So the rows of a level do not depend on each
+//! other, and a level is coded in passes over its rows:
 //!
-//! 1. For each row, a flag that says whether the row has a value other than zero. The passes below skip
-//!    the other rows. A single channel has no flags.
-//! 2. For each group: if there is more than one, a flag for each row that says whether the group has a
-//!    value other than zero in it. Then, channel by channel, the values of the rows with that flag: a
-//!    symbol for the magnitude, its low bits, and its sign. Low bits and signs are plain bits.
+//! 1. For each row, a flag that says whether the row has a value other than zero. The passes below
+//!    skip the other rows. A single channel has no flags.
+//! 2. For each group: if there is more than one, a flag for each row that says whether the group
+//!    has a value other than zero in it. Then, channel by channel, the values of the rows with that
+//!    flag: a symbol for the magnitude, its low bits, and its sign. Low bits and signs are plain
+//!    bits.
 //!
-//! Weights make coefficients differ in size even where the values vary alike. The factor follows from the
-//! weights ([`Plan::noise_gain`]): a row divides what it passes on by its own, and multiplies what it
-//! expects by its own.
+//! Weights make coefficients differ in size even where the values vary alike. The factor follows
+//! from the weights ([`Plan::noise_gain`]): a row divides what it passes on by its own, and
+//! multiplies what it expects by its own.
 //!
-//! Normative description: `docs/format.md`, "Coefficients".
+//! Normative description: `docs/format.md`, "Attributes".
 
 use crate::coder::{Coder, SCALE_BITS, code_gamma};
 use crate::model::{Bit, SYMBOLS, Symbols};
@@ -26,7 +27,8 @@ use crate::raht::{LANES, Plan};
 
 /// Activities of a row: activity `a` is that of the channels `a`, `a + 3`, `a + 6` and so on.
 pub(crate) const ACTIVITIES: usize = 3;
-/// Channels of a group in a row of more than [`UNGROUPED`] channels: the planes of an SH coefficient.
+/// Channels of a group in a row of more than [`UNGROUPED`] channels: the planes of an SH
+/// coefficient.
 const GROUP: usize = 3;
 const UNGROUPED: usize = 6;
 /// Factor of an activity from one row to the row below. The row's own mean magnitude has the rest.
@@ -41,7 +43,8 @@ const LIMIT: u32 = 1023;
 const PRIOR: u32 = 8;
 /// The symbol of magnitudes that are this or more.
 const ESCAPE: u32 = SYMBOLS as u32 - 1;
-/// Reciprocals that take `ABOVE` times an expectation and the sum of so many magnitudes to their mean.
+/// Reciprocals that take `ABOVE` times an expectation and the sum of so many magnitudes to their
+/// mean.
 const MEAN_OF: [f32; UNGROUPED] =
     [1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
 
@@ -58,7 +61,8 @@ pub(crate) fn mean_of_class(class: usize) -> f32 {
     f32::from_bits(low << 22 | 1 << 21) - 0.0625
 }
 
-/// Low bits of a magnitude that are plain where this much is expected: those below the leading three.
+/// Low bits of a magnitude that are plain where this much is expected: those below the leading
+/// three.
 #[inline(always)]
 pub(crate) fn plain_bits(expected: f32) -> u32 {
     (expected.to_bits() >> 23).saturating_sub(127 + 2).min(30)
@@ -76,17 +80,21 @@ pub(crate) struct RowCoder {
     channels: usize,
     /// By activity: what the sum of a row's magnitudes adds to it, for a noise gain of 1.
     factors: [f32; LANES],
-    /// The three activities of each coefficient; those of coefficient 0 are zero. The last lane is not used.
+    /// The three activities of each coefficient; those of coefficient 0 are zero. The last lane is
+    /// not used.
     activity: Vec<[f32; LANES]>,
     /// Models of the flags of rows, by class.
     rows: Vec<Bit>,
     /// Models of the flags of groups, by what the groups before hold, and class.
     groups: Vec<Bit>,
-    /// Models of magnitudes, by channel of the group, whether an earlier channel of it is not zero, and class.
+    /// Models of magnitudes, by channel of the group, whether an earlier channel of it is not zero,
+    /// and class.
     magnitudes: Vec<Symbols>,
-    /// For each row of the level: the magnitudes expected by the three activities, and twice their sum.
+    /// For each row of the level: the magnitudes expected by the three activities, and twice their
+    /// sum.
     expected: Vec<[f32; LANES]>,
-    /// The active rows in which the current group is not all zero, as indices into [`Level::active`].
+    /// The active rows in which the current group is not all zero, as indices into
+    /// [`Level::active`].
     chosen: Vec<u32>,
     /// For each of these the sum of the magnitudes of the group's channels so far.
     sums: Vec<u32>,
@@ -215,7 +223,8 @@ impl RowCoder {
             }
             return;
         }
-        // A branch on what is decoded could not be predicted: every row is entered, and kept if it is active.
+        // A branch on what is decoded could not be predicted: every row is entered, and kept if it
+        // is active.
         level.active.resize(level.count, 0);
         let mut found = 0;
         for (row, expected) in self.expected.iter().enumerate() {

@@ -1,12 +1,13 @@
 //! Lossless octree geometry of leaves of any depth.
 //!
-//! The tree is coded breadth first. At each node a decision says whether a *single* leaf lies below it.
+//! The tree is coded breadth first. At each node a decision says whether a *single* leaf lies below
+//! it.
 //!
-//! For a single leaf, the stream holds the number of levels between node and leaf (only if the leaves
-//! differ in depth), and the path to it. The first step of the path tends towards the node's neighbours
-//! and has a model; the other steps are as good as random and are plain bits. Below any other node, the
-//! stream says which of the eight children are occupied. The model's context is the density of the
-//! cells known around the node.
+//! For a single leaf, the stream holds the number of levels between node and leaf (only if the
+//! leaves differ in depth), and the path to it. The first step of the path tends towards the node's
+//! neighbours and has a model; the other steps are as good as random and are plain bits. Below any
+//! other node, the stream says which of the eight children are occupied. The model's context is the
+//! density of the cells known around the node.
 //!
 //! Invariant: encoder and decoder see the same nodes, in the same order, with the same contexts.
 //! Normative description: `docs/format.md`, "Geometry".
@@ -75,8 +76,8 @@ pub fn has_mixed_depths(leaves: &[Leaf], j_high: u8) -> bool {
     leaves.iter().any(|l| l.depth != j_high)
 }
 
-/// Codes leaves into a stream that holds other things too. `mixed` must be what [`has_mixed_depths`]
-/// says, and the decoder must be told it.
+/// Codes leaves into a stream that holds other things too. `mixed` must be what
+/// [`has_mixed_depths`] says, and the decoder must be told it.
 ///
 /// # Errors
 /// If the leaves are not valid, or there are 2^32 - 1 of them or more.
@@ -87,12 +88,12 @@ pub fn encode_leaves(coder: &mut Encoder, leaves: &[Leaf], j_high: u8, mixed: bo
 
 /// Decodes what [`encode_leaves`] coded.
 ///
-/// Time and memory are bounded by the bytes of the stream as well as by `count`: a stream that claims
-/// more leaves than it holds ends early.
+/// Time and memory are bounded by the bytes of the stream as well as by `count`: a stream that
+/// claims more leaves than it holds ends early.
 ///
 /// # Errors
 /// If the stream is truncated or does not hold `count` leaves, or `j_high` exceeds
-/// [`MAX_DEPTH`](crate::morton::MAX_DEPTH).
+/// [`MAX_DEPTH`].
 pub fn decode_leaves(
     coder: &mut Decoder<'_>,
     count: usize,

@@ -1,12 +1,13 @@
-//! Neighbourhoods of the nodes of an octree level, derived from those of their parents without a search.
+//! Neighbourhoods of the nodes of an octree level, derived from those of their parents without a
+//! search.
 //!
-//! A *block* holds the 4x4x4 cells in and around a parent: its children (at 1 and 2 on each axis) and the
-//! cells that touch them. Cell `(x, y, z)` is bit `16 x + 4 y + z` of a `u64`. The 3x3x3 cells around one
-//! child are a part of the block, a *window*: shifted down, they are numbered in the same way with 0 to 2 on
-//! each axis, and the child itself is at `(1, 1, 1)`.
+//! A *block* holds the 4x4x4 cells in and around a parent: its children (at 1 and 2 on each axis)
+//! and the cells that touch them. Cell `(x, y, z)` is bit `16 x + 4 y + z` of a `u64`. The 3x3x3
+//! cells around one child are a part of the block, a *window*: shifted down, they are numbered in
+//! the same way with 0 to 2 on each axis, and the child itself is at `(1, 1, 1)`.
 //!
-//! Every cell of the block is a child of the parent or of one of the parent's 26 neighbours. So the windows
-//! of a level follow from those of the level above, and from the children of its nodes.
+//! Every cell of the block is a child of the parent or of one of the parent's 26 neighbours. So the
+//! windows of a level follow from those of the level above, and from the children of its nodes.
 
 /// Bit of the node itself in a window.
 pub(crate) const CENTRE: u32 = 21;
@@ -91,8 +92,8 @@ const ENTRY: [Entry; 64] = {
     t
 };
 
-/// For each cell of the block: the bit of its parent in the window around the block's node, and which child
-/// of its parent it is.
+/// For each cell of the block: the bit of its parent in the window around the block's node, and
+/// which child of its parent it is.
 const OWNER: [(u8, u8); 64] = {
     let mut t = [(0u8, 0u8); 64];
     let mut at = 0;
@@ -107,14 +108,16 @@ const OWNER: [(u8, u8); 64] = {
     t
 };
 
-/// The cells of the block that the children `mask` of the neighbour at bit `place` of a window fill.
+/// The cells of the block that the children `mask` of the neighbour at bit `place` of a window
+/// fill.
 #[inline]
 fn cells_of(place: usize, mask: u8) -> u64 {
     let e = &ENTRY[place & 63];
     SPREAD[usize::from(mask & e.keep)].rotate_left(u32::from(e.rotate))
 }
 
-/// Number of occupied cells around the centre of a window, and of those that share a face with the centre.
+/// Number of occupied cells around the centre of a window, and of those that share a face with the
+/// centre.
 #[inline]
 pub(crate) fn count(window: u64) -> (u8, u8) {
     let around = (window & !(1 << CENTRE)).count_ones();
@@ -126,8 +129,8 @@ pub(crate) fn count(window: u64) -> (u8, u8) {
 pub(crate) struct Hoods {
     /// The window of each node: which cells around it are nodes of the level.
     pub(crate) present: Vec<u64>,
-    /// For each node in turn, the indices in the level of the nodes in its window, itself included, by
-    /// ascending bit.
+    /// For each node in turn, the indices in the level of the nodes in its window, itself included,
+    /// by ascending bit.
     pub(crate) near: Vec<u32>,
 }
 
@@ -149,8 +152,8 @@ impl Block {
         Self { cells: 0, children: [Children::default(); 64] }
     }
 
-    /// Goes to the node whose window is `present`. `near` starts at the indices of the nodes in it. Returns how
-    /// many there are.
+    /// Goes to the node whose window is `present`. `near` starts at the indices of the nodes in it.
+    /// Returns how many there are.
     #[inline]
     pub(crate) fn enter(&mut self, present: u64, near: &[u32], children: &[Children]) -> usize {
         self.cells = 0;
@@ -182,7 +185,8 @@ impl Block {
         (self.cells >> offset(c)) & WINDOW
     }
 
-    /// Index, in the level of the children, of the node at bit `place` of the window around child `c`.
+    /// Index, in the level of the children, of the node at bit `place` of the window around child
+    /// `c`.
     #[inline]
     pub(crate) fn index(&self, c: u32, place: u32) -> u32 {
         let (owner, child) = OWNER[(place + offset(c)) as usize & 63];

@@ -1,19 +1,21 @@
 //! Geometry and attribute coding of voxelized point clouds.
 //!
-//! The crate knows voxels, and numbers per voxel; what they mean is the caller's business. It follows the tools
-//! of MPEG's G-PCC (octree, RAHT, predicting and lifting transforms) with entropy coding of its own. Its
-//! streams are not those of G-PCC; `docs/format.md` of the repository describes them.
+//! The crate knows voxels, and numbers per voxel; what they mean is the caller's business. It
+//! follows the tools of MPEG's G-PCC (octree, RAHT, predicting and lifting transforms) with entropy
+//! coding of its own. Its streams are not those of G-PCC; `docs/format.md` of the repository
+//! describes them.
 //!
 //! * [`geometry`]: leaves of a pruned octree, each with a depth of its own, lossless.
 //! * [`raht`]: the region-adaptive hierarchical transform, one list of merges for all channels.
 //! * [`attribute`]: RAHT, quantisation and entropy coding of a group of channels in one call.
-//! * [`predict`]: lossless integers by prediction from the nearest coded neighbours, and lossy lifting.
+//! * [`predict`]: lossless integers by prediction from the nearest coded neighbours, and lossy
+//!   lifting.
 //! * [`coder`], [`model`], [`mix`]: the entropy coder and its models.
 //! * [`rlgr`]: adaptive run-length and Golomb-Rice coding, the entropy coder of the paper.
 //!
-//! Encoders and decoders give the same bytes and values on every machine. Decoders may be given hostile
-//! input: they return an error or a wrong result and never panic, and their memory is bounded by what the
-//! caller allows ([`Limits`]).
+//! Encoders and decoders give the same bytes and values on every machine. Decoders may be given
+//! hostile input: they return an error or a wrong result and never panic, and their memory is
+//! bounded by what the caller allows ([`Limits`]).
 //!
 //! ```
 //! use gpcc_lite::raht::{Plan, Rows, forward, inverse};

@@ -1,9 +1,10 @@
 //! Logistic mixing of binary predictions, in integers.
 //!
 //! Several models predict one decision. Their predictions are added in the logistic domain,
-//! `stretch(p) = ln(p / (1 - p))`, with weights that follow the coding error (the mixer of Mahoney's PAQ).
-//! The tables are computed at compile time from one integer constant, so they are the same on every
-//! machine. The lossless coders of this crate and of its callers use mixing; the lossy ones do not.
+//! `stretch(p) = ln(p / (1 - p))`, with weights that follow the coding error (the mixer of
+//! Mahoney's PAQ). The tables are computed at compile time from one integer constant, so they are
+//! the same on every machine. The lossless coders of this crate and of its callers use mixing; the
+//! lossy ones do not.
 
 use crate::coder::Coder;
 use crate::model::Bit;
@@ -95,7 +96,8 @@ impl<const N: usize> Mixer<N> {
     }
 }
 
-/// Codes one decision with the mixed prediction of the models `bits`; then these and the mixer learn it.
+/// Codes one decision with the mixed prediction of the models `bits`; then these and the mixer
+/// learn it.
 #[inline(always)]
 pub fn code_mixed<const N: usize, C: Coder>(
     coder: &mut C,

@@ -5,8 +5,8 @@
 use crate::coder::{Coder, SCALE_BITS};
 use wide::i16x16;
 
-/// Probability that a decision is true: 22 bits, and below them the number `n` of observations in 10 bits.
-/// The model learns at the rate `1 / (n + 1.5)`, and `n` ends at a limit.
+/// Probability that a decision is true: 22 bits, and below them the number `n` of observations in
+/// 10 bits. The model learns at the rate `1 / (n + 1.5)`, and `n` ends at a limit.
 #[derive(Clone, Copy, Debug)]
 pub struct Bit(u32);
 
@@ -76,14 +76,14 @@ pub(crate) const SYMBOLS: usize = 16;
 const SEEN: u16 = 32;
 /// Counts are halved once they are worth this many observations.
 const MEMORY: u32 = 1024;
-/// Observations before the intervals are made from the counts for the first time, and the most between two
-/// times.
+/// Observations before the intervals are made from the counts for the first time, and the most
+/// between two times.
 const FIRST: u8 = 4;
 const LONGEST: u8 = 64;
 
-/// Model of a symbol out of sixteen. Every observation adds to a count. The intervals that the coder uses
-/// are made from the counts after 4 observations, after 8 more, 16 more, 32 more, and then every 64: so
-/// learning is cheap.
+/// Model of a symbol out of sixteen. Every observation adds to a count. The intervals that the
+/// coder uses are made from the counts after 4 observations, after 8 more, 16 more, 32 more, and
+/// then every 64: so learning is cheap.
 #[derive(Clone, Copy, Debug)]
 pub struct Symbols {
     /// Start of each symbol's interval; the last interval ends at `2^SCALE_BITS`.
@@ -138,8 +138,8 @@ impl Symbols {
         (start, end.wrapping_sub(start) % (1 << SCALE_BITS))
     }
 
-    /// The symbol whose interval holds a code. The code is compared with all starts, because a search would
-    /// end at a place that no processor predicts.
+    /// The symbol whose interval holds a code. The code is compared with all starts, because a
+    /// search would end at a place that no processor predicts.
     #[inline]
     pub(crate) fn find(&self, code: u32) -> usize {
         let above = i16x16::new(self.start).simd_gt(i16x16::splat(code as i16)).to_bitmask();

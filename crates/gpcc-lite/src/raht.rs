@@ -1,20 +1,21 @@
 //! RAHT: the region-adaptive hierarchical transform (de Queiroz and Chou, 2016).
 //!
 //! Sorted Morton codes form a binary radix tree with exactly `N - 1` merges, whatever its depth.
-//! [`Plan`] finds them once, in `O(N)`, for all channels. The transform is orthonormal: for children with
-//! weights `w1`, `w2`
+//! [`Plan`] finds them once, in `O(N)`, for all channels. The transform is orthonormal: for
+//! children with weights `w1`, `w2`
 //!
 //! ```text
 //! low  = (sqrt(w1) a + sqrt(w2) b) / sqrt(w1 + w2)
 //! high = (sqrt(w1) b - sqrt(w2) a) / sqrt(w1 + w2)
 //! ```
 //!
-//! Leaf weights other than 1 say how important a leaf is: its value is multiplied by `sqrt(w)`, so a uniform
-//! quantiser of the coefficients leaves the value an error smaller by `sqrt(w)`.
+//! Leaf weights other than 1 say how important a leaf is: its value is multiplied by `sqrt(w)`, so
+//! a uniform quantiser of the coefficients leaves the value an error smaller by `sqrt(w)`.
 //!
-//! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine by the bit of the
-//! Morton code that they split at: three levels for each octree depth, x, then y, then z. Within a level
-//! they are in Morton order. So the merge above a merge is always in an earlier level.
+//! Coefficient 0 is the DC. Coefficients `1..N` are the merges from coarse to fine by the bit of
+//! the Morton code that they split at: three levels for each octree depth, x, then y, then z.
+//! Within a level they are in Morton order. So the merge above a merge is always in an earlier
+//! level.
 
 mod float;
 mod rows;
@@ -124,7 +125,8 @@ impl Plan {
             leaves,
             prefix: weights.map(prefix_of).unwrap_or_default(),
         };
-        // Parents come before their children. No boundary is above the root's: its parent is 0, the DC.
+        // Parents come before their children. No boundary is above the root's: its parent is 0, the
+        // DC.
         let mut coefficient = vec![0u32; points.max(1)];
         for (m, &j) in sorted.iter().enumerate() {
             let j = j as usize;
@@ -200,8 +202,8 @@ impl Plan {
         &self.parent
     }
 
-    /// First coefficient of each level of merges, `3 j_high` levels, then `len()` (or 1 if that is greater).
-    /// The DC (coefficient 0) precedes the first.
+    /// First coefficient of each level of merges, `3 j_high` levels, then `len()` (or 1 if that is
+    /// greater). The DC (coefficient 0) precedes the first.
     #[must_use]
     pub fn levels(&self) -> &[u32] {
         &self.levels
@@ -216,8 +218,8 @@ impl Plan {
         }
     }
 
-    /// Of coefficient `k >= 1`: `sqrt(w / (w1 w2))`, which takes a high-pass value to a difference of
-    /// means.
+    /// Of coefficient `k >= 1`: `sqrt(w / (w1 w2))`, which takes a high-pass value to a difference
+    /// of means.
     #[inline]
     pub(crate) fn scale_of(&self, k: usize) -> f32 {
         self.scale[k - 1]
@@ -283,8 +285,8 @@ impl Plan {
 /// The boundaries between consecutive leaves. Boundary `j` lies before leaf `j`, and every boundary
 /// separates the two children of one merge. Entry 0 is not used.
 struct Boundaries {
-    /// The bit of the Morton code at which the merge splits: the highest in which leaves `j - 1` and `j`
-    /// differ.
+    /// The bit of the Morton code at which the merge splits: the highest in which leaves `j - 1`
+    /// and `j` differ.
     bit: Vec<u8>,
     /// The merge's first leaf.
     first: Vec<u32>,
@@ -295,8 +297,8 @@ struct Boundaries {
 }
 
 impl Boundaries {
-    /// Finds all merges in one pass. A merge reaches on both sides to the nearest boundary with a higher
-    /// bit, and the lower of these two is the merge above.
+    /// Finds all merges in one pass. A merge reaches on both sides to the nearest boundary with a
+    /// higher bit, and the lower of these two is the merge above.
     fn between(leaves: &[Leaf]) -> Self {
         let n = leaves.len();
         let mut bit = vec![0u8; n.max(1)];
@@ -328,8 +330,8 @@ impl Boundaries {
         Self { bit, first, end, above }
     }
 
-    /// The boundaries by descending bit, in Morton order within a bit, and the first coefficient of each
-    /// bit: a counting sort.
+    /// The boundaries by descending bit, in Morton order within a bit, and the first coefficient of
+    /// each bit: a counting sort.
     fn sorted(&self, j_high: u8) -> (Vec<u32>, Vec<u32>) {
         let bits = 3 * usize::from(j_high);
         let mut histogram = [0u32; 64];

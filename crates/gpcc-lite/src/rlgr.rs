@@ -1,11 +1,12 @@
-//! RLGR: adaptive run-length / Golomb-Rice coding (Malvar, DCC 2006), the entropy coder of the paper.
+//! RLGR: adaptive run-length / Golomb-Rice coding (Malvar, DCC 2006), the entropy coder of the
+//! paper.
 //!
-//! Two states adapt backwards, both scaled by `L`: `k_p` chooses between Golomb-Rice mode
-//! (`k = 0`) and run mode with runs of `2^k` zeros; `k_rp` is the Rice parameter. The decoder
-//! knows the number of values. So a run of zeros that reaches the end is written as one full run, whatever
-//! its length. A full run is bit 0, a broken one bit 1, then its
-//! length in `k` bits, then the non-zero value less one. A Golomb-Rice quotient of 32 or more
-//! is written as 32 ones and the value itself in 32 bits, so no value costs more than 64 bits.
+//! Two states adapt backwards, both scaled by `L`: `k_p` chooses between Golomb-Rice mode (`k = 0`)
+//! and run mode with runs of `2^k` zeros; `k_rp` is the Rice parameter. The decoder knows the
+//! number of values. So a run of zeros that reaches the end is written as one full run, whatever
+//! its length. A full run is bit 0, a broken one bit 1, then its length in `k` bits, then the
+//! non-zero value less one. A Golomb-Rice quotient of 32 or more is written as 32 ones and the
+//! value itself in 32 bits, so no value costs more than 64 bits.
 
 use crate::bytes::{BitReader, BitWriter};
 use crate::error::{Error, Result};

@@ -1,6 +1,6 @@
-//! A second decoder of attributes, written from the documentation of `coefficients`: one list per thing, no
-//! lanes, every class and weight computed where it is used. It must return what `attribute::decode` does, bit
-//! for bit.
+//! A second decoder of attributes, written from the documentation of `coefficients`: one list per
+//! thing, no lanes, every class and weight computed where it is used. It must return what
+//! `attribute::decode` does, bit for bit.
 
 mod common;
 

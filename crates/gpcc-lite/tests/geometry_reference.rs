@@ -1,5 +1,5 @@
-//! A second decoder of geometry, written from the documentation: every neighbour searched for in sorted
-//! maps, every weight computed where it is used.
+//! A second decoder of geometry, written from the documentation: every neighbour searched for in
+//! sorted maps, every weight computed where it is used.
 
 mod common;
 
@@ -44,8 +44,8 @@ fn offsets() -> impl Iterator<Item = [i64; 3]> {
     (0..27).map(|p| [p / 9 - 1, p / 3 % 3 - 1, p % 3 - 1]).filter(|o| *o != [0; 3])
 }
 
-/// What is known of the nodes of a level: nothing of those not coded yet, then their children, none of a
-/// single leaf.
+/// What is known of the nodes of a level: nothing of those not coded yet, then their children, none
+/// of a single leaf.
 type Known = BTreeMap<u64, Option<u8>>;
 
 /// Neighbours of a node with their offsets.

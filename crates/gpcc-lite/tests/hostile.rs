@@ -135,8 +135,8 @@ fn claims_are_not_believed() {
     assert!(rlgr::decode(&[], usize::MAX).is_err());
 }
 
-/// A stream of 20 bytes that claims nearly 2^32 leaves ends as soon as its bytes are used up. A decision
-/// costs at least 2^-11 bits, so a byte stands for 11,000 decisions at most.
+/// A stream of 20 bytes that claims nearly 2^32 leaves ends as soon as its bytes are used up. A
+/// decision costs at least 2^-11 bits, so a byte stands for 11,000 decisions at most.
 #[test]
 fn a_short_stream_with_a_great_count_ends_early() {
     let count = u32::MAX as usize - 1;

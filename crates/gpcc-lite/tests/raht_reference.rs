@@ -7,8 +7,8 @@ use gpcc_lite::Leaf;
 use gpcc_lite::raht::{Plan, Rows, forward, inverse};
 use proptest::prelude::*;
 
-/// RAHT bit by bit: neighbours with equal prefixes merge. Returns the DC and, for each leaf that starts a
-/// right half, the high-pass value and the weights of both halves.
+/// RAHT bit by bit: neighbours with equal prefixes merge. Returns the DC and, for each leaf that
+/// starts a right half, the high-pass value and the weights of both halves.
 fn raht(leaves: &[Leaf], weights: &[u32], values: &[f64]) -> (f64, Vec<(f64, [f64; 2])>) {
     struct Node {
         code: u64,
@@ -70,8 +70,8 @@ proptest! {
         }
     }
 
-    /// The rows hold means and differences in single precision. A mean takes part in 63 merges at most, and
-    /// each rounds it a few times by 2^-24 of the greatest value.
+    /// The rows hold means and differences in single precision. A mean takes part in 63 merges at
+    /// most, and each rounds it a few times by 2^-24 of the greatest value.
     #[test]
     fn rows_agree_with_double_precision((leaves, j) in any_leaves(), seed: u64, channels in 1usize..8) {
         let n = leaves.len();

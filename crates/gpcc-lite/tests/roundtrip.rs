@@ -13,8 +13,8 @@ use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Leaf, Limits, geometry, rlgr};
 use proptest::prelude::*;
 
-/// Codes the rows, decodes them, and checks that the decoder returns what the encoder says, bit for bit.
-/// Returns the bytes and the decoded rows.
+/// Codes the rows, decodes them, and checks that the decoder returns what the encoder says, bit for
+/// bit. Returns the bytes and the decoded rows.
 fn attributes(plan: &Plan, steps: &[f32], options: &Options, rows: &Rows) -> (Vec<u8>, Rows) {
     let mut told = rows.clone();
     let mut coder = Encoder::default();
@@ -72,8 +72,8 @@ proptest! {
         attributes(&plan, &steps, &Options { lambda }, &rows);
     }
 
-    /// The transform is orthonormal and the quantiser's error of a coefficient is at most a step, or 1.45
-    /// steps where it becomes zero: so the weighted squared error has a bound.
+    /// The transform is orthonormal and the quantiser's error of a coefficient is at most a step,
+    /// or 1.45 steps where it becomes zero: so the weighted squared error has a bound.
     #[test]
     fn quantisation_error_is_bounded(
         (leaves, j) in any_leaves(), seed: u64, log_step in -2i32..6, channels in 1usize..10,
@@ -159,8 +159,8 @@ fn shapes_survive_every_coder() {
     }
 }
 
-/// Found by this test: with more than 6 channels, those beyond the last whole group of 3 were quantised but
-/// not coded, so that a decoder returned other values than the encoder said.
+/// Found by this test: with more than 6 channels, those beyond the last whole group of 3 were
+/// quantised but not coded, so that a decoder returned other values than the encoder said.
 #[test]
 fn channels_beyond_the_last_whole_group_are_coded() {
     let leaves: Vec<Leaf> = (0..500u64).map(|i| Leaf { morton: 3 * i, depth: 4 }).collect();
@@ -178,7 +178,8 @@ fn channels_beyond_the_last_whole_group_are_coded() {
     }
 }
 
-/// Equal values cost a few bytes, whatever their number, and come back to within half a step of the mean.
+/// Equal values cost a few bytes, whatever their number, and come back to within half a step of the
+/// mean.
 #[test]
 fn constants_are_almost_free() {
     let leaves: Vec<Leaf> = (0..4096u64).map(|i| Leaf { morton: i, depth: 4 }).collect();
@@ -236,8 +237,8 @@ fn gaps_are_closed_by_a_palette() {
     assert_eq!(decode_lossless(&near, &b, 1).unwrap()[0], wide);
 }
 
-/// Steps of absurd quantisation parameters were larger than the greatest step that a decoder reads: the
-/// decoder returned other values than the encoder meant.
+/// Steps of absurd quantisation parameters were larger than the greatest step that a decoder reads:
+/// the decoder returned other values than the encoder meant.
 #[test]
 fn the_greatest_step_is_one_that_a_decoder_reads() {
     let leaves: Vec<Leaf> = (0..64u64).map(|i| Leaf { morton: i, depth: 2 }).collect();

@@ -114,8 +114,8 @@ fn assign(c: &mut Criterion, data: &Data) {
         group.bench_function(BenchmarkId::new("tree", k), |b| {
             b.iter(|| codebook.assign(black_box(&data.covariances)));
         });
-        // The scan compares entries of covariances: the same work as for any metric. It takes a twentieth of
-        // the data on one thread: compare elements per second.
+        // The scan compares entries of covariances: the same work as for any metric. It takes a
+        // twentieth of the data on one thread: compare elements per second.
         let some = &data.covariances[..data.covariances.len() / 20];
         let codewords: Vec<[f32; 6]> = (0..codebook.len() as u32)
             .map(|i| codebook.covariance(i).unwrap().entries().map(|e| e as f32))

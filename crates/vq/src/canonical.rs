@@ -1,13 +1,14 @@
 //! One representative for each covariance.
 //!
-//! The covariance R S² Rᵀ of a Gaussian does not change when its axes are renamed or flipped. There are 24
-//! rotations of the cube and two signs of the quaternion, so 48 pairs (quaternion, log-scales) stand for one
-//! ellipsoid, and training leaves an arbitrary one of them in the file. The function here chooses the pair
-//! with the smallest rotation angle: at most 62.8 degrees, w >= 0.853. The log-scales then belong to the axes
-//! that lie nearest to the world's x, y, z, in that order.
+//! The covariance R S² Rᵀ of a Gaussian does not change when its axes are renamed or flipped. There
+//! are 24 rotations of the cube and two signs of the quaternion, so 48 pairs (quaternion,
+//! log-scales) stand for one ellipsoid, and training leaves an arbitrary one of them in the file.
+//! The function here chooses the pair with the smallest rotation angle: at most 62.8 degrees, w >=
+//! 0.853. The log-scales then belong to the axes that lie nearest to the world's x, y, z, in that
+//! order.
 //!
-//! Invariant: the covariance stays the same up to the rounding of the quaternion to f32, and the log-scales are
-//! permuted, never recomputed.
+//! Invariant: the covariance stays the same up to the rounding of the quaternion to f32, and the
+//! log-scales are permuted, never recomputed.
 
 use crate::quaternion::{normalised, product};
 

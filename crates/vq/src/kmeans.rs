@@ -1,9 +1,9 @@
-//! Weighted k-means on covariance features: mini-batches, then full iterations. Centres that lose all their points
-//! start again at other points.
+//! Weighted k-means on covariance features: mini-batches, then full iterations. Centres that lose
+//! all their points start again at other points.
 //!
-//! The mean of covariances of trace 1 has trace 1 and is positive semi-definite, so centres need
-//! no projection. Only the assignment runs in parallel, and points do not depend on each other; sums are taken in
-//! point order. So the result does not depend on the number of threads.
+//! The mean of covariances of trace 1 has trace 1 and is positive semi-definite, so centres need no
+//! projection. Only the assignment runs in parallel, and points do not depend on each other; sums
+//! are taken in point order. So the result does not depend on the number of threads.
 
 use rayon::prelude::*;
 
@@ -141,7 +141,8 @@ pub(crate) fn move_to_means(
     dead
 }
 
-/// Moves centres without points to the points that cost most, one each. This can only lower the distortion.
+/// Moves centres without points to the points that cost most, one each. This can only lower the
+/// distortion.
 fn revive(
     points: &[Feature],
     weights: &[f32],

@@ -1,11 +1,11 @@
-//! A codebook of 3D Gaussian covariances, weighted by sensitivity, after Compressed 3DGS (Niedermayr et al., CVPR
-//! 2024).
+//! A codebook of 3D Gaussian covariances, weighted by sensitivity, after Compressed 3DGS
+//! (Niedermayr et al., CVPR 2024).
 //!
-//! A Gaussian's covariance is split into a normalised covariance of trace 1 and the scale factor gamma = |s|
-//! ([`Covariance::split`]). The codebook ([`Codebook`]) holds normalised covariances as integers: those of a
-//! rotation and of normalised log-scales ([`Codebook::integers`]). A decoder multiplies them out and computes no
-//! eigenvectors. The crate knows nothing of files, scenes or streams: how integers become bytes is the
-//! caller's business.
+//! A Gaussian's covariance is split into a normalised covariance of trace 1 and the scale factor
+//! gamma = |s| ([`Covariance::split`]). The codebook ([`Codebook`]) holds normalised covariances as
+//! integers: those of a rotation and of normalised log-scales ([`Codebook::integers`]). A decoder
+//! multiplies them out and computes no eigenvectors. The crate knows nothing of files, scenes or
+//! streams: how integers become bytes is the caller's business.
 //!
 //! Invariant: equal input gives an equal codebook on every machine and for any number of threads.
 //!

@@ -1,12 +1,14 @@
 //! Exact nearest-codeword search in six dimensions.
 //!
-//! The codewords are in a tree of bounding boxes with eight children per node. Boxes and codewords are stored as
-//! eight lanes per dimension, so that the compiler turns the inner loops into vector instructions.
+//! The codewords are in a tree of bounding boxes with eight children per node. Boxes and codewords
+//! are stored as eight lanes per dimension, so that the compiler turns the inner loops into vector
+//! instructions.
 //!
-//! Invariant: the answer is that of a scan over all codewords, and of equally near ones the lowest index. The bound
-//! of a box and the distance to a codeword sum the same six squares in the same order, and IEEE rounding is
-//! monotone, so a bound never exceeds the computed distance of a codeword inside. The same holds with a penalty
-//! per codeword (its rate); a node stores the smallest penalty below it.
+//! Invariant: the answer is that of a scan over all codewords, and of equally near ones the lowest
+//! index. The bound of a box and the distance to a codeword sum the same six squares in the same
+//! order, and IEEE rounding is monotone, so a bound never exceeds the computed distance of a
+//! codeword inside. The same holds with a penalty per codeword (its rate); a node stores the
+//! smallest penalty below it.
 
 use crate::covariance::Feature;
 

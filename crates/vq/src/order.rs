@@ -1,5 +1,5 @@
-//! The order of the codewords: along the Hilbert curve over the covariance features, so that neighbours in the
-//! table are similar.
+//! The order of the codewords: along the Hilbert curve over the covariance features, so that
+//! neighbours in the table are similar.
 
 use crate::covariance::Feature;
 

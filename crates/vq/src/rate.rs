@@ -1,9 +1,9 @@
 //! Entropy-constrained assignment and training (Chou, Lookabaugh and Gray 1989).
 //!
-//! With a price on bits a codeword costs its squared distance times the point's weight plus
-//! lambda times the length of its index. Points of small weight then share a few frequent
-//! codewords, and points of large weight get exact, rare ones. Codewords that cost more than they gain lose
-//! all their points and are removed.
+//! With a price on bits a codeword costs its squared distance times the point's weight plus lambda
+//! times the length of its index. Points of small weight then share a few frequent codewords, and
+//! points of large weight get exact, rare ones. Codewords that cost more than they gain lose all
+//! their points and are removed.
 
 use rayon::prelude::*;
 
@@ -11,8 +11,8 @@ use crate::covariance::Feature;
 use crate::kmeans::{CHUNK, move_to_means};
 use crate::nearest::{Hit, Nearest};
 
-/// What a codeword costs in the coded table, in bits: about 5 to 7 bytes on real scenes. Training divides it among
-/// the codeword's uses.
+/// What a codeword costs in the coded table, in bits: about 5 to 7 bytes on real scenes. Training
+/// divides it among the codeword's uses.
 const TABLE_BITS: f64 = 45.0;
 
 /// Index lengths in bits for counted uses, as an adaptive coder would have them on average: half
@@ -48,8 +48,8 @@ pub(crate) fn assign(
     hits
 }
 
-/// Price of a bit in squared distance of a point of this weight. It is limited, so that costs stay finite and can
-/// be compared; at the limit only the length counts.
+/// Price of a bit in squared distance of a point of this weight. It is limited, so that costs stay
+/// finite and can be compared; at the limit only the length counts.
 fn price(lambda: f64, weight: f32) -> f32 {
     const LARGEST: f64 = 1e6;
     let price = lambda / f64::from(weight);

@@ -1,16 +1,18 @@
 //! Integers for a rotation.
 //!
 //! A unit quaternion with w >= 0 has three degrees of freedom. The modified Rodrigues parameters
-//! (x, y, z) / (1 + w), the tangent of a quarter of the angle times the axis, are an even map of them: a step
-//! means about the same angle everywhere. A [`Grid`] rounds the parameters to integers.
+//! (x, y, z) / (1 + w), the tangent of a quarter of the angle times the axis, are an even map of
+//! them: a step means about the same angle everywhere. A [`Grid`] rounds the parameters to
+//! integers.
 //!
-//! Invariant: integers decode to the same quaternion bits on every machine, because the way back uses only sums,
-//! products, quotients and sqrt in f64, and any three integers decode to a unit quaternion.
+//! Invariant: integers decode to the same quaternion bits on every machine, because the way back
+//! uses only sums, products, quotients and sqrt in f64, and any three integers decode to a unit
+//! quaternion.
 
 use crate::quaternion::normalised;
 
-/// Largest absolute value of a parameter of a canonical rotation, tan 11.25°: a turn of 45 degrees about a world
-/// axis. See [`crate::canonical`].
+/// Largest absolute value of a parameter of a canonical rotation, tan 11.25°: a turn of 45 degrees
+/// about a world axis. See [`crate::canonical`].
 const HALF_WIDTH: f64 = 0.198_912_367_379_658;
 
 /// A uniform grid over the parameters of canonical rotations: integer i stands for i * step.
@@ -20,14 +22,14 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// The grid whose integers for a canonical rotation fit `bits` signed bits (2 to 24), symmetric:
-    /// -(2^(bits-1) - 1) ..= 2^(bits-1) - 1.
+    /// The grid whose integers for a canonical rotation fit `bits` signed bits (2 to 24),
+    /// symmetric: -(2^(bits-1) - 1) ..= 2^(bits-1) - 1.
     pub(crate) fn with_bits(bits: u8) -> Self {
         Self { step: HALF_WIDTH / f64::from((1i32 << (bits - 1)) - 1) }
     }
 
-    /// The grid point nearest to a quaternion (w, x, y, z) in parameters. The quaternion need not have unit
-    /// length; q and -q give the same point.
+    /// The grid point nearest to a quaternion (w, x, y, z) in parameters. The quaternion need not
+    /// have unit length; q and -q give the same point.
     pub(crate) fn quantise(&self, quaternion: [f32; 4]) -> [i32; 3] {
         let q = normalised(quaternion);
         let q = if q[0] < 0.0 { q.map(|c| -c) } else { q };

@@ -25,7 +25,8 @@ proptest! {
         prop_assert!(point.iter().all(|i| i.abs() <= top + 1), "{point:?}");
         let decoded = grid.dequantise(point);
         prop_assert!(is_unit(decoded));
-        // |d angle / d parameter| is at most 4, at the origin, and three half steps add up as sqrt(3) / 2.
+        // |d angle / d parameter| is at most 4, at the origin, and three half steps add up as
+        // sqrt(3) / 2.
         let bound = 4.0 * grid.step * 0.5 * 3f64.sqrt() * 1.01 + 1e-6;
         prop_assert!(angle_between(q, decoded) <= bound);
         prop_assert_eq!(grid.quantise(decoded), point);
@@ -39,8 +40,8 @@ proptest! {
 
 #[test]
 fn decoded_bits_are_fixed() {
-    // Golden values (checked against the formula in Python): a change here changes what existing streams
-    // decode to.
+    // Golden values (checked against the formula in Python): a change here changes what existing
+    // streams decode to.
     let grid = Grid::with_bits(10);
     let bits = |q: [f32; 4]| q.map(f32::to_bits);
     assert_eq!(bits(grid.dequantise([0, 0, 0])), bits([1.0, 0.0, 0.0, 0.0]));

@@ -1,10 +1,10 @@
 //! Exact weighted k-means++ over a bounding-box tree of the points.
 //!
-//! Plain k-means++ (Arthur and Vassilvitskii 2007) measures every point against every new
-//! centre: 1.7e10 distances for 65,536 centres and a quarter of a million points. Here each tree
-//! node stores the largest squared distance of a point below it, so a new centre visits only points that it may
-//! be nearest to. It also stores the sum of weight times squared distance, so drawing a point is one descent. Every
-//! centre is a data point, and so a valid covariance.
+//! Plain k-means++ (Arthur and Vassilvitskii 2007) measures every point against every new centre:
+//! 1.7e10 distances for 65,536 centres and a quarter of a million points. Here each tree node
+//! stores the largest squared distance of a point below it, so a new centre visits only points that
+//! it may be nearest to. It also stores the sum of weight times squared distance, so drawing a
+//! point is one descent. Every centre is a data point, and so a valid covariance.
 
 use crate::covariance::Feature;
 use crate::nearest::{bounds, split_in_two, squared_distance};

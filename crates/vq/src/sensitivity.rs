@@ -1,15 +1,15 @@
 //! How much a Gaussian's covariance matters to the rendered image, estimated without cameras.
 
-/// Square root of opacity times mean projected area. It replaces the rendered sensitivity of Compressed 3DGS where
-/// there are neither photos nor cameras.
+/// Square root of opacity times mean projected area. It replaces the rendered sensitivity of
+/// Compressed 3DGS where there are neither photos nor cameras.
 ///
-/// `opacity` is the activated value in 0..=1, `log_scales` are the Gaussian's own (not
-/// normalised). The area is that of the one-sigma ellipsoid's shadow, averaged over viewing
-/// directions: a quarter of its surface (Cauchy), here approximated by pi times the root mean
-/// square of the three products of scales (exact for spheres, 4 % large for needles, 15 % for
-/// discs). The root makes large Gaussians count for less, because they tend to be far away or
-/// hidden, which the formula does not know. On two scenes it rendered 0.1 to 1.5 dB better than opacity times area
-/// at equal bits. Blending weights over training views, where cameras exist, were up to 2 dB better again.
+/// `opacity` is the activated value in 0..=1, `log_scales` are the Gaussian's own (not normalised).
+/// The area is that of the one-sigma ellipsoid's shadow, averaged over viewing directions: a
+/// quarter of its surface (Cauchy), here approximated by pi times the root mean square of the three
+/// products of scales (exact for spheres, 4 % large for needles, 15 % for discs). The root makes
+/// large Gaussians count for less, because they tend to be far away or hidden, which the formula
+/// does not know. On two scenes it rendered 0.1 to 1.5 dB better than opacity times area at equal
+/// bits. Blending weights over training views, where cameras exist, were up to 2 dB better again.
 ///
 /// Unit: the scene's unit of length. Input that is not finite gives 0.
 pub fn default_sensitivity(opacity: f32, log_scales: [f32; 3]) -> f32 {

@@ -140,6 +140,26 @@ fn any_number_of_threads_gives_the_same_codebook() {
     assert_ne!(one.0, other.integers(), "the seed matters");
 }
 
+/// The same integers on every machine: FNV-1a of what a known cloud trains.
+#[test]
+fn training_has_one_result() {
+    let (covariances, sensitivities) = cloud(5000, 6);
+    let hashes = [Metric::Covariance, Metric::SquareRoot].map(|metric| {
+        let mut options = options(200, metric);
+        options.keep = Keep::Share(0.01);
+        let codebook = Codebook::train(&covariances, &sensitivities, &options).unwrap();
+        let indices = codebook.assign(&covariances);
+        let integers = codebook.integers().2.into_iter().flatten();
+        integers
+            .chain(indices.iter().map(|&i| i as i32))
+            .flat_map(i32::to_le_bytes)
+            .fold(0xcbf2_9ce4_8422_2325u64, |h, b| {
+                (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
+            })
+    });
+    assert_eq!(hashes, [8_669_400_669_402_146_218, 7_196_304_459_034_904_536]);
+}
+
 #[test]
 fn kept_covariances_come_back_at_stored_precision() {
     let (covariances, mut sensitivities) = cloud(2000, 9);
@@ -219,8 +239,8 @@ fn degenerate_data_and_bad_arguments() {
     assert!(Codebook::train(&all, &[1.0; 50], &keep).unwrap().len() > 40);
 }
 
-/// Sensitivity times squared distance plus lambda times bits: the entropy of the indices, and 45 bits for each
-/// codeword.
+/// Sensitivity times squared distance plus lambda times bits: the entropy of the indices, and 45
+/// bits for each codeword.
 fn lagrangian(codebook: &Codebook, c: &[Covariance], s: &[f32], i: &[u32], lambda: f64) -> f64 {
     let total: f64 = s.iter().map(|&s| f64::from(s)).sum();
     let fit = codebook.distortion(c, s, i).unwrap();
@@ -260,8 +280,8 @@ fn a_price_on_bits_buys_a_lower_total_cost() {
     assert!(matches!(bad, Err(Error::BadLambda { .. })));
 }
 
-/// docs/accuracy.md: for every shape and every codeword, the distance of the roots of their covariances is within
-/// this bound, and the standard deviation in no direction differs by more.
+/// docs/accuracy.md: for every shape and every codeword, the distance of the roots of their
+/// covariances is within this bound, and the standard deviation in no direction differs by more.
 #[test]
 fn no_codeword_is_further_than_the_bound() {
     let needle = |q: [f32; 4]| Covariance::split(q, [0.0, -9.0, -9.0]).unwrap().0;

@@ -1,10 +1,11 @@
 //! How densely the surroundings of a node are filled: the context of its children.
 //!
-//! Every known cell around a node adds a weight to the density at each of the node's eight children. The
-//! weight falls with the fourth power of the distance between cell and child. If a neighbour is coded, its
-//! children are known: the distance is measured from each child's centre. If not, it is measured from the
-//! neighbour's centre. Where the density is high, a child is likely. A density is one number where a pattern
-//! of cells would be many contexts, so it learns from few points.
+//! Every known cell around a node adds a weight to the density at each of the node's eight
+//! children. The weight falls with the fourth power of the distance between cell and child. If a
+//! neighbour is coded, its children are known: the distance is measured from each child's centre.
+//! If not, it is measured from the neighbour's centre. Where the density is high, a child is
+//! likely. A density is one number where a pattern of cells would be many contexts, so it learns
+//! from few points.
 
 use std::hint::select_unpredictable;
 use std::sync::LazyLock;
@@ -14,12 +15,13 @@ pub(super) type Densities = [u16; 8];
 
 /// Weight of a cell at a distance of one child's side.
 const UNIT: u32 = 4096;
-/// How many cells a neighbour counts for that is not coded yet: it has two children or more as often as not.
+/// How many cells a neighbour counts for that is not coded yet: it has two children or more as
+/// often as not.
 const UNKNOWN: u32 = 2;
 /// What neighbours add, by their bit in a window.
 pub(super) struct Kernel {
-    /// Of a coded neighbour, by the mask of its children. One without children has a single leaf, and counts
-    /// for one cell at its centre.
+    /// Of a coded neighbour, by the mask of its children. One without children has a single leaf,
+    /// and counts for one cell at its centre.
     coded: Box<[[Densities; 256]; 43]>,
     /// Of a neighbour that is not coded yet.
     unknown: [Densities; 43],
@@ -88,8 +90,8 @@ fn add(sum: &mut Densities, more: &Densities) {
     }
 }
 
-/// Binary logarithm in sixteenths, linear between powers of two; 0 for 0. It is read from the bits of a float,
-/// which is exact below 2^24.
+/// Binary logarithm in sixteenths, linear between powers of two; 0 for 0. It is read from the bits
+/// of a float, which is exact below 2^24.
 #[inline]
 pub(super) fn sixteenths(v: u32) -> usize {
     ((v as f32).to_bits() >> 19).saturating_sub(127 << 4) as usize
@@ -138,7 +140,8 @@ pub(super) fn lean(window: u64, axis: usize) -> i32 {
 mod tests {
     use super::*;
 
-    /// No neighbourhood overflows a density: not even one in which every neighbour adds the most it can.
+    /// No neighbourhood overflows a density: not even one in which every neighbour adds the most it
+    /// can.
     #[test]
     fn the_greatest_density_fits() {
         for child in 0..8 {

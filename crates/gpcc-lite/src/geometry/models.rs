@@ -8,7 +8,8 @@ use crate::model::{Bit, SYMBOLS, Symbols, table};
 
 /// Memory of the decisions' models, in observations.
 const LIMIT: u32 = 255;
-/// If the numbers of neighbours on both sides of an axis differ by less than this, the half is a plain bit.
+/// If the numbers of neighbours on both sides of an axis differ by less than this, the half is a
+/// plain bit.
 const LEAN: u32 = 2;
 /// The symbol of a leaf that lies this many levels below its node, or more.
 const DEEP: u32 = SYMBOLS as u32 - 1;
@@ -23,12 +24,14 @@ pub(super) struct NodeContext {
     pub(super) faces: u8,
     /// Occupied neighbours of all 26.
     pub(super) around: u8,
-    /// Least number of children that it can have: two at the last level, since it has two leaves or more.
+    /// Least number of children that it can have: two at the last level, since it has two leaves or
+    /// more.
     pub(super) least: u8,
 }
 
 impl NodeContext {
-    /// Whether it is known that two leaves or more lie below: the only child of a parent with several.
+    /// Whether it is known that two leaves or more lie below: the only child of a parent with
+    /// several.
     #[inline]
     pub(super) fn splits(&self) -> bool {
         self.siblings == 1 && self.depth > 0
@@ -41,8 +44,8 @@ pub(super) struct Models {
     mixed: bool,
     /// Whether a node has a single leaf.
     single: Box<[Bit; 16 * 8 * 8]>,
-    /// Levels from a node to its single leaf, by those of the last two such nodes at the same depth, and by
-    /// the number of neighbours.
+    /// Levels from a node to its single leaf, by those of the last two such nodes at the same
+    /// depth, and by the number of neighbours.
     levels_below: Vec<Symbols>,
     /// For each depth of a node, the depths of the last two single leaves below such nodes.
     last_leaf_depths: [[u8; 2]; 32],
@@ -76,7 +79,8 @@ impl Models {
         self.single[at & 1023].code(coder, value, LIMIT)
     }
 
-    /// Codes how many levels below a node its single leaf is: `most`, if all leaves are at the finest depth.
+    /// Codes how many levels below a node its single leaf is: `most`, if all leaves are at the
+    /// finest depth.
     pub(super) fn levels_below<C: Coder>(
         &mut self,
         coder: &mut C,

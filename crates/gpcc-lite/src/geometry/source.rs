@@ -1,9 +1,9 @@
 //! The encoder's input: the leaves below each node of the tree, found without a search.
 //!
-//! Between consecutive leaves lies a boundary. It belongs to the octree level at which the two leaves
-//! part, which follows from the highest bit in which their codes differ. The boundaries of a level, in
-//! order, split exactly those nodes of the level that have two leaves or more below them. So one pass
-//! over nodes and boundaries finds all children of a level.
+//! Between consecutive leaves lies a boundary. It belongs to the octree level at which the two
+//! leaves part, which follows from the highest bit in which their codes differ. The boundaries of a
+//! level, in order, split exactly those nodes of the level that have two leaves or more below them.
+//! So one pass over nodes and boundaries finds all children of a level.
 
 use crate::leaf::Leaf;
 

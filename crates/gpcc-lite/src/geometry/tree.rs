@@ -8,8 +8,8 @@ use crate::error::{Error, Result};
 use crate::hood::{Block, CENTRE, Children, Hoods, ONES, count};
 use crate::leaf::Leaf;
 
-/// The nodes of one level, as the level below needs them. Nodes without children (those with a single leaf)
-/// have an entry in `children` only.
+/// The nodes of one level, as the level below needs them. Nodes without children (those with a
+/// single leaf) have an entry in `children` only.
 #[derive(Default)]
 struct Nodes {
     /// Morton codes of the nodes that have children, in order.
@@ -118,8 +118,9 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// Records the neighbourhood of node `index` of a level, which is child `c` of the block's node, and returns
-/// how densely it is filled. Neighbours before the node are coded, those after it are not.
+/// Records the neighbourhood of node `index` of a level, which is child `c` of the block's node,
+/// and returns how densely it is filled. Neighbours before the node are coded, those after it are
+/// not.
 #[inline(always)]
 fn enter_neighbours(
     level: &mut Nodes,
@@ -175,7 +176,8 @@ fn code_path<C: Coder>(
     Leaf { morton: path << (3 * (j_high - depth)), depth }
 }
 
-/// The encoder's source. It is a constant `None` in a decoder, so that the compiler drops what follows.
+/// The encoder's source. It is a constant `None` in a decoder, so that the compiler drops what
+/// follows.
 #[inline]
 fn known<'s, 'a, C: Coder>(source: &'s mut Option<Source<'a>>) -> Option<&'s mut Source<'a>> {
     if C::ENCODING { source.as_mut() } else { None }

@@ -1,10 +1,10 @@
 //! Lifting: prediction from coarser levels of detail, with an update that keeps their means.
 //!
-//! Fine to coarse, every point of a level is replaced by its difference from a weighted mean of
-//! its neighbours in coarser levels. A part of the differences, weighted, is then added to these neighbours,
-//! so that they keep the mean of what they predict. All in integers: the inverse undoes the same sums in the opposite
-//! order and is exact. Coefficients are quantised in proportion to the square root of how much
-//! the reconstruction depends on them.
+//! Fine to coarse, every point of a level is replaced by its difference from a weighted mean of its
+//! neighbours in coarser levels. A part of the differences, weighted, is then added to these
+//! neighbours, so that they keep the mean of what they predict. All in integers: the inverse undoes
+//! the same sums in the opposite order and is exact. Coefficients are quantised in proportion to
+//! the square root of how much the reconstruction depends on them.
 
 use super::neighbours::Neighbours;
 use super::residual::Residual;
@@ -51,7 +51,8 @@ impl<'a> Lifting<'a> {
         (sum >> WEIGHT_BITS) as i64
     }
 
-    /// Adds (`sign` = 1) or subtracts (-1) what the points `level` of the coding order add to their neighbours.
+    /// Adds (`sign` = 1) or subtracts (-1) what the points `level` of the coding order add to their
+    /// neighbours.
     fn update(&self, level: std::ops::Range<usize>, values: &mut [i64], sign: i64) {
         let mut given: Vec<(u32, i128, u64)> = Vec::with_capacity(level.len() * USED);
         for at in level {
@@ -65,7 +66,8 @@ impl<'a> Lifting<'a> {
         for run in given.chunk_by(|a, b| a.0 == b.0) {
             let sum: i128 = run.iter().map(|g| g.1).sum();
             let total: i128 = run.iter().map(|g| i128::from(g.2)).sum();
-            // The neighbour's own value keeps a share. Otherwise one distant point could change it completely.
+            // The neighbour's own value keeps a share. Otherwise one distant point could change it
+            // completely.
             let own = i128::from(self.influence[run[0].0 as usize]) << WEIGHT_BITS;
             let change = (sum / (total + own).max(1)) as i64;
             let v = &mut values[run[0].0 as usize];
@@ -207,7 +209,8 @@ pub fn decode_lifting(
     Ok(out)
 }
 
-/// Codes quantised coefficients in coding order. The magnitudes of the neighbours predict a point's.
+/// Codes quantised coefficients in coding order. The magnitudes of the neighbours predict a
+/// point's.
 fn code_levels<C: Coder>(lift: &Lifting<'_>, q: &mut [i32], coder: &mut C) {
     let mut model = Residual::new();
     let mut last = 0u64;

@@ -1,7 +1,8 @@
-//! Lossless coding of integer channels: prediction from neighbours, and an adaptive coder of residuals.
+//! Lossless coding of integer channels: prediction from neighbours, and an adaptive coder of
+//! residuals.
 //!
-//! The encoder tries each mode of a channel and keeps the smallest: prediction, a histogram of the values, or
-//! plain bits.
+//! The encoder tries each mode of a channel and keeps the smallest: prediction, a histogram of the
+//! values, or plain bits.
 
 use super::neighbours::Neighbours;
 use super::palette;
@@ -80,7 +81,8 @@ fn encode_channel(near: &Neighbours, values: &[i32]) -> Vec<u8> {
     plain
 }
 
-/// The stream of a channel: its mode (plus `flag`), minimum and width, then its values in the smallest mode.
+/// The stream of a channel: its mode (plus `flag`), minimum and width, then its values in the
+/// smallest mode.
 fn encode_values(near: &Neighbours, values: &[i32], flag: u8) -> Vec<u8> {
     let min = values.iter().copied().min().unwrap_or(0);
     let max = values.iter().copied().max().unwrap_or(0);
@@ -152,8 +154,8 @@ fn decode_channel(near: &Neighbours, bytes: &[u8]) -> Result<Vec<i32>> {
     Ok(values)
 }
 
-/// Least and greatest value of a channel whose offsets from `min` have `width` bits. Encoder and decoder
-/// derive them from the header, because the first prediction is their middle.
+/// Least and greatest value of a channel whose offsets from `min` have `width` bits. Encoder and
+/// decoder derive them from the header, because the first prediction is their middle.
 fn bounds(min: i32, width: u32) -> (i64, i64) {
     (i64::from(min), (i64::from(min) + (1i64 << width) - 1).min(i64::from(i32::MAX)))
 }

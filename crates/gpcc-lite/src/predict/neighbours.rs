@@ -1,7 +1,7 @@
 //! Coding order and nearest coded neighbours.
 //!
-//! Points near in Morton order are candidates for the nearest, so the search takes a fixed time per point. The
-//! invariant that decoders rely on: every neighbour is before its point in coding order.
+//! Points near in Morton order are candidates for the nearest, so the search takes a fixed time per
+//! point. The invariant that decoders rely on: every neighbour is before its point in coding order.
 
 use crate::error::Result;
 use crate::leaf::{Leaf, check_leaves};

@@ -1,7 +1,7 @@
 //! Palettes: channels that use few of the values in their range.
 //!
-//! A channel that was quantised to 8 bits and stored in 16 has gaps between its values. A predictor of values
-//! does not know them. Indices into the sorted list of values have no gaps.
+//! A channel that was quantised to 8 bits and stored in 16 has gaps between its values. A predictor
+//! of values does not know them. Indices into the sorted list of values have no gaps.
 
 use crate::bytes::{Reader, put_varint};
 use crate::error::Result;

@@ -9,8 +9,8 @@ const BUCKETS: usize = 40;
 /// Memory of the models, in observations.
 const LIMIT: u32 = 255;
 
-/// Two models of the class (bit length) of a residual, mixed. The three bits below the leading one have models;
-/// the rest are plain bits.
+/// Two models of the class (bit length) of a residual, mixed. The three bits below the leading one
+/// have models; the rest are plain bits.
 pub(super) struct Residual {
     class: [Vec<[Bit; 64]>; 2],
     mixers: Vec<Mixer<2>>,

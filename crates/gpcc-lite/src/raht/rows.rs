@@ -1,13 +1,14 @@
-//! The transform of many channels at once. It works on the means of nodes, not on their low-pass values.
+//! The transform of many channels at once. It works on the means of nodes, not on their low-pass
+//! values.
 //!
-//! A row holds the channels of a leaf. During the transform, the mean of a node is in the row of the node's
-//! first leaf, and the difference of the means of a merge's two children is in the row of the right child's
-//! first leaf. The high-pass value of RAHT is that difference times `sqrt(w1 w2 / w)`. Means do not grow with
-//! the number of leaves, so single precision is enough, and where the difference is zero, the inverse is a
-//! copy.
+//! A row holds the channels of a leaf. During the transform, the mean of a node is in the row of
+//! the node's first leaf, and the difference of the means of a merge's two children is in the row
+//! of the right child's first leaf. The high-pass value of RAHT is that difference times `sqrt(w1
+//! w2 / w)`. Means do not grow with the number of leaves, so single precision is enough, and where
+//! the difference is zero, the inverse is a copy.
 //!
-//! Every operation is rounded to single precision in the order written: the decoder's bits are the same on
-//! every machine.
+//! Every operation is rounded to single precision in the order written: the decoder's bits are the
+//! same on every machine.
 
 use super::Plan;
 use crate::error::Result;
@@ -17,8 +18,8 @@ pub(crate) type Lanes = [f32; LANES];
 /// Channels that are worked on side by side.
 pub(crate) const LANES: usize = 4;
 
-/// The values of a group of channels, leaf by leaf. One `Rows` can serve many groups, which saves the time
-/// that the system needs for fresh memory.
+/// The values of a group of channels, leaf by leaf. One `Rows` can serve many groups, which saves
+/// the time that the system needs for fresh memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rows {
     leaves: usize,

@@ -1,5 +1,5 @@
-//! Codewords as integers, as a stream stores them. Training rounds to them, so an encoder assigns covariances
-//! to what a decoder computes.
+//! Codewords as integers, as a stream stores them. Training rounds to them, so an encoder assigns
+//! covariances to what a decoder computes.
 
 use crate::covariance::{Covariance, MIN_LOG_SCALE};
 use crate::error::{Error, Result};

@@ -25,10 +25,10 @@ const CHUNK: usize = 4096;
 
 /// A table of normalised covariances.
 ///
-/// Codewords are held as the integers that the stream stores; a decoded codeword is computed
-/// from them with + - * / and sqrt only. They are sorted along a Hilbert curve through the space
-/// of covariances, so that near indices mean similar shapes. Two codebooks are equal if their integers and their
-/// metric are.
+/// Codewords are held as the integers that the stream stores; a decoded codeword is computed from
+/// them with + - * / and sqrt only. They are sorted along a Hilbert curve through the space of
+/// covariances, so that near indices mean similar shapes. Two codebooks are equal if their integers
+/// and their metric are.
 #[derive(Debug, Clone)]
 pub struct Codebook {
     precision: Precision,
@@ -52,8 +52,9 @@ impl Codebook {
         Self { precision, metric, codewords, search: OnceLock::new() }
     }
 
-    /// What a stream stores: the bits of a rotation integer, the fraction bits of a log-scale integer, and
-    /// the codewords, each three integers of the rotation and three of minus the log-scales.
+    /// What a stream stores: the bits of a rotation integer, the fraction bits of a log-scale
+    /// integer, and the codewords, each three integers of the rotation and three of minus the
+    /// log-scales.
     #[must_use]
     pub fn integers(&self) -> (u8, u8, Vec<[i32; 6]>) {
         let Precision { rotation_bits, log_scale_bits, .. } = self.precision;
@@ -67,9 +68,8 @@ impl Codebook {
     /// Trains a codebook on covariances and their sensitivities (one each, finite, >= 0; only
     /// ratios matter). The same input and options give the same codebook for any number of threads.
     ///
-    /// # Errors
-    /// [`Error::LengthMismatch`], [`Error::BadSensitivity`], [`Error::BadCount`] for no covariances,
-    /// [`Error::TooManyCodewords`], [`Error::BadBits`].
+    /// # Errors [`Error::LengthMismatch`], [`Error::BadSensitivity`], [`Error::BadCount`] for no
+    /// covariances, [`Error::TooManyCodewords`], [`Error::BadBits`].
     pub fn train(
         covariances: &[Covariance],
         sensitivities: &[f32],

@@ -21,8 +21,8 @@ pub enum Keep {
     Share(f64),
 }
 
-/// How to train a codebook. The defaults are for a file that is encoded once; `cargo bench -p vq` shows time
-/// against distortion.
+/// How to train a codebook. The defaults are for a file that is encoded once; `cargo bench -p vq`
+/// shows time against distortion.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Options {
@@ -188,8 +188,9 @@ fn split(sensitivities: &[f32], keep: Keep) -> (Vec<u32>, Vec<u32>) {
     }
 }
 
-/// Sensitivities over their maximum, and the maximum. Where all are zero, every point counts the same; a point
-/// of zero sensitivity among others still counts a little, or it could end up anywhere.
+/// Sensitivities over their maximum, and the maximum. Where all are zero, every point counts the
+/// same; a point of zero sensitivity among others still counts a little, or it could end up
+/// anywhere.
 fn weights(sensitivities: &[f32], ids: &[u32]) -> (Vec<f32>, f32) {
     const LEAST: f32 = 1e-9;
     let largest = ids.iter().map(|&i| sensitivities[i as usize]).fold(0.0, f32::max);

@@ -1,0 +1,74 @@
+//! The same bytes and values on every machine: FNV-1a of what a known cloud gives.
+
+mod common;
+
+use common::{any_weights, channel, leaves_from, rows_of};
+use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::coder::Encoder;
+use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
+use gpcc_lite::quant::Step;
+use gpcc_lite::raht::Plan;
+use gpcc_lite::{Leaf, geometry, rlgr};
+
+fn hash(bytes: impl IntoIterator<Item = u8>) -> u64 {
+    bytes
+        .into_iter()
+        .fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// Leaves of several depths.
+fn cloud() -> Vec<Leaf> {
+    let codes: Vec<(u64, u8)> =
+        (0..5000u64).map(|i| ((i * i).wrapping_mul(7919) % (1 << 36), 6 + (i % 7) as u8)).collect();
+    leaves_from(&codes, 12)
+}
+
+#[test]
+fn geometry_has_one_result() {
+    let mixed = cloud();
+    let uniform: Vec<Leaf> = mixed.iter().map(|l| Leaf { depth: 12, ..*l }).collect();
+    let hashes = [mixed, uniform].map(|l| hash(geometry::encode(&l, 12).unwrap()));
+    assert_eq!(hashes, [3_178_048_132_133_768_483, 12_425_731_850_765_210_323,]);
+}
+
+#[test]
+fn attributes_have_one_result() {
+    let leaves = cloud();
+    let plan = Plan::with_weights(&leaves, 12, &any_weights(leaves.len(), 3)).unwrap();
+    let hashes = [1, 3, 6, 9, 15, 21].map(|channels| {
+        let mut rows = rows_of(leaves.len(), channels, 5, 1);
+        let mut coder = Encoder::default();
+        let steps = vec![3.5; channels];
+        attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
+        let values = (0..leaves.len()).flat_map(|i| rows.row(i).to_vec());
+        hash(coder.finish().into_iter().chain(values.flat_map(f32::to_le_bytes)))
+    });
+    assert_eq!(
+        hashes,
+        [
+            12_068_722_872_015_672_287,
+            3_871_002_331_622_197_652,
+            1_102_108_300_254_093_032,
+            1_523_473_210_450_664_313,
+            15_768_981_768_147_247_863,
+            11_706_933_835_414_228_412,
+        ]
+    );
+}
+
+#[test]
+fn tools_have_one_result() {
+    let leaves = cloud();
+    let c = channel(leaves.len(), 9, 1);
+    let near = Neighbours::new(&leaves, 12).unwrap();
+    let coarser = Neighbours::coarser(&leaves, 12).unwrap();
+    let hashes = [
+        hash(encode_lossless(&near, &[&c]).unwrap()),
+        hash(encode_lifting(&Lifting::new(&coarser), &[&c], &[Step::from_qp(22)]).unwrap()),
+        hash(rlgr::encode(&c)),
+    ];
+    assert_eq!(
+        hashes,
+        [8_741_104_672_352_335_038, 4_685_662_894_770_808_526, 3_522_733_997_063_804_764,]
+    );
+}
