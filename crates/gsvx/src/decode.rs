@@ -8,13 +8,14 @@ use gpcc_lite::Leaf;
 use gs_model::Scene;
 use std::sync::{Mutex, PoisonError};
 
-/// Gaussians per stream byte that a decoder accepts by default, beside [`LEAST_LIMIT`]. Coded scenes have
-/// fewer than one per byte. A solid block of equal Gaussians takes next to nothing each, but its chunks
-/// of 2^16 have index entries of 64 bytes and more: the limit admits whatever an encoder writes.
+/// Gaussians per stream byte that a decoder accepts by default; 2^17 more are always accepted. Trained
+/// scenes have fewer than one per byte. A solid block of equal Gaussians takes almost no bytes, but each
+/// chunk of 2^16 takes more than 64 with its entry in the index: the limit admits what an encoder
+/// writes in chunks of the default size.
 pub const DEFAULT_GAUSSIANS_PER_BYTE: u64 = 1024;
-/// Gaussians that every decoder accepts by default.
+/// Gaussians that a decoder accepts by default in a stream of any length.
 const LEAST_LIMIT: u64 = 1 << 17;
-/// Gaussians turned into floats at a time: what they take stays in a core's cache.
+/// Gaussians per block of [`Decoder::blocks`]: a block fits a core's cache.
 const BLOCK: usize = 512;
 
 /// Options of [`decode_with`].
@@ -23,9 +24,10 @@ const BLOCK: usize = 512;
 pub struct DecodeOptions {
     /// Highest SH degree to decode.
     pub max_sh_degree: u8,
-    /// Level of detail: 0 is the finest, and what is beyond the coarsest means the coarsest.
+    /// Level of detail: 0 is the finest. A number above the coarsest level stands for the coarsest.
     pub lod: u8,
-    /// Leave out what is missing or damaged instead of failing, and tell what it was.
+    /// Leave out layers that are missing or damaged instead of failing, and list them in
+    /// [`Decoded::skipped`].
     pub salvage: bool,
     /// Greatest number of Gaussians accepted; `None` derives it from the stream's length.
     pub max_gaussians: Option<u64>,
@@ -84,8 +86,8 @@ pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     Ok(Decoded { scene, index, skipped })
 }
 
-/// The leaves of a stream and their importance classes, in the order of the Gaussians; none of exact
-/// ones.
+/// The leaves of a stream and their importance classes, in the order of the Gaussians. Gaussians that are
+/// coded bit for bit have neither.
 ///
 /// # Errors
 /// As [`decode`].
@@ -126,7 +128,7 @@ struct Job {
     count: usize,
 }
 
-/// What a chunk holds once it is decoded.
+/// The decoded values of a chunk.
 enum Part<'a> {
     Leaves(&'a ChunkDecoder),
     Exact(&'a Scene),
@@ -166,7 +168,8 @@ impl<'a> Decoder<'a> {
         Ok(this)
     }
 
-    /// How many layers of a chunk are wanted and whole; what is not, is an error or is told.
+    /// How many layers of a chunk are wanted and whole. A layer that is not whole is an error, or with
+    /// `salvage` a line in `skipped`.
     fn whole_layers(&mut self, chunk: usize, salvage: bool) -> Result<usize> {
         let layers = self.index.chunks[chunk].layers.len().min(1 + usize::from(self.sh_degree));
         for layer in 0..layers {
@@ -288,13 +291,13 @@ impl<'a> Decoder<'a> {
         Ok(())
     }
 
-    /// Decodes the scene on all threads in blocks of a few hundred Gaussians, for callers that can put
-    /// each where it belongs. `visit` gets them in any order, several at a time, with the number of
-    /// the first Gaussian in the scene and with a `T` that one block at a time uses, for buffers. Few chunks
-    /// are in memory at once.
+    /// Decodes the scene on all threads in blocks of a few hundred Gaussians. `visit` is called for
+    /// each block, in any order and on several threads at once. It gets the number of the block's first
+    /// Gaussian in the scene, and a `T` for buffers that no other call uses at the same time. Each thread
+    /// holds one decoded chunk at a time.
     ///
     /// # Errors
-    /// Damage, as [`decode`], when some blocks may have been visited; what `visit` returns.
+    /// As [`decode`], when some blocks may have been visited already; what `visit` returns.
     pub fn blocks<T: Default + Send, E: From<Error> + Send>(
         &self,
         visit: impl Fn(&mut T, usize, &Scene) -> std::result::Result<(), E> + Sync + Send,
@@ -338,7 +341,7 @@ pub(crate) fn verify(bytes: &[u8], chunk: usize, number: usize, layer: Layer) ->
     Ok(())
 }
 
-/// Decodes the layers that are there of a chunk of leaves.
+/// Decodes a chunk of leaves from its first layers.
 pub(crate) fn decode_leaf_chunk(
     index: &Index,
     number: usize,

@@ -24,8 +24,7 @@ pub struct Encoded {
 }
 
 impl Encoded {
-    /// Bytes of the head, of the base layers, of the layers of each SH degree, of exact Gaussians and of
-    /// coarse levels of detail; those that are there.
+    /// The number of bytes of each part of the stream; see [`Index::parts`].
     #[must_use]
     pub fn parts(&self) -> Vec<(&'static str, u64)> {
         self.index.parts()
@@ -272,8 +271,8 @@ pub(crate) fn encode_source(
     Ok(assemble(Header { count, sh_degree, ..header }, chunks))
 }
 
-/// A chunk of one level of detail: its index entry, whose layers are still empty, and the layers.
-type Made = (Chunk, Vec<Vec<u8>>);
+/// An encoded chunk: its index entry, whose list of layers is still empty, and the layers.
+type EncodedChunk = (Chunk, Vec<Vec<u8>>);
 
 fn encode_chunk(
     q: &Quantisation,
@@ -281,7 +280,7 @@ fn encode_chunk(
     source: &Source<'_>,
     book: &Book,
     (level, classes, range): (&LodLevel, &[f64], Range<usize>),
-) -> Result<Made> {
+) -> Result<EncodedChunk> {
     let coarse = level.lod > 0;
     let source = Source {
         voxels: level.voxels.as_ref().unwrap_or(source.voxels),
@@ -315,7 +314,7 @@ fn encode_chunk(
         book.indices.get(range.clone())
     };
     let input = ChunkInput { leaves, log_classes: &classes[range.clone()], base, indices };
-    // Coarse levels are seen for a moment or from afar: they are base layers.
+    // Coarse levels are seen for a moment or from afar, so they have base layers only.
     let q = &Quantisation { sh_degree: if coarse { 0 } else { q.sh_degree }, ..*q };
     let sh = |degree| {
         let sh = source.sh(range.clone(), degree)?;
@@ -328,7 +327,7 @@ fn encode_chunk(
 }
 
 /// Leaves out SH degrees above `least` at the end that are empty in every chunk.
-fn without_zero_degrees(mut chunks: Vec<Made>, least: u8) -> Vec<Made> {
+fn without_zero_degrees(mut chunks: Vec<EncodedChunk>, least: u8) -> Vec<EncodedChunk> {
     let used = chunks.iter().map(|(_, layers)| {
         layers.iter().rposition(|layer| !layer.is_empty()).map_or(1, |last| last + 1)
     });
@@ -338,7 +337,7 @@ fn without_zero_degrees(mut chunks: Vec<Made>, least: u8) -> Vec<Made> {
 }
 
 /// A chunk of Gaussians bit for bit.
-fn exact_chunk(scene: &Scene, keep_order: bool) -> Made {
+fn exact_chunk(scene: &Scene, keep_order: bool) -> EncodedChunk {
     let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     for mean in &scene.means {
         for k in 0..3 {
@@ -358,10 +357,11 @@ fn exact_chunk(scene: &Scene, keep_order: bool) -> Made {
 }
 
 /// Puts head and layers together.
-fn assemble(header: Header, made: Vec<Made>) -> Encoded {
-    let mut chunks = Vec::with_capacity(made.len());
-    let mut payload = Vec::with_capacity(made.iter().flat_map(|m| &m.1).map(Vec::len).sum());
-    for (mut chunk, layers) in made {
+fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
+    let mut chunks = Vec::with_capacity(encoded.len());
+    let mut payload =
+        Vec::with_capacity(encoded.iter().flat_map(|chunk| &chunk.1).map(Vec::len).sum());
+    for (mut chunk, layers) in encoded {
         for bytes in layers {
             let layer = Layer { offset: 0, len: bytes.len() as u64, crc: crc32c::crc32c(&bytes) };
             chunk.layers.push(layer);

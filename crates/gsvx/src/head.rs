@@ -146,7 +146,7 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// The bytes of its first so many layers, which lie side by side.
+    /// The bytes in the stream of its first `layers` layers, which lie side by side.
     #[must_use]
     pub fn range(&self, layers: usize) -> Range<u64> {
         let start = self.layers[0].offset;
@@ -167,7 +167,7 @@ pub struct Index {
     pub head_len: u64,
 }
 
-/// How many bytes of a stream hold signature, header and index, if `start` tells: its first 13 bytes.
+/// How many bytes of a stream hold signature, header and index. `start` has its first 13 bytes or more.
 ///
 /// # Errors
 /// [`Error::NotGsvx`], [`Error::Version`], or [`Error::Truncated`] if `start` is too short.
@@ -240,7 +240,8 @@ impl Index {
         out.bytes
     }
 
-    /// Bytes by what they are for, in stream order; those that are there.
+    /// The number of bytes of each part of the stream: head, coarse levels, base layers, each SH degree,
+    /// exact Gaussians. Parts of no bytes are left out.
     #[must_use]
     pub fn parts(&self) -> Vec<(&'static str, u64)> {
         const NAMES: [&str; 7] = [
@@ -285,8 +286,8 @@ impl Index {
         self.chunks.iter().enumerate().filter(of_lod).map(|(i, _)| i)
     }
 
-    /// The chunks of the next finer level that show, together, what chunk `chunk` shows. None for a
-    /// chunk of the finest level.
+    /// The chunks of the next finer level that together replace chunk `chunk`. Empty for a chunk of the
+    /// finest level and for exact Gaussians.
     #[must_use]
     pub fn finer(&self, chunk: usize) -> Vec<usize> {
         let Chunk { kind, lod, first_cell, .. } = self.chunks[chunk];

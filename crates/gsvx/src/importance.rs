@@ -2,13 +2,13 @@
 //!
 //! A colour error `e` of one Gaussian changes the squared error of the rendered views by
 //! `e^2 * sum((alpha T)^2)` over its pixels. That sum varies over six orders of magnitude
-//! within a scene, so one quantisation step for all Gaussians wastes most of its bits.
+//! within a scene, so a common quantisation step spends most bits on errors that nobody sees.
 //! Each Gaussian gets a class `c`; attributes are transformed with weight `4^c`, which makes
 //! the effective step of a Gaussian finer by `2^c`. Squared error suggests one class per factor
 //! of four in importance; measured, a smaller slope with a floor is better, because steps far
 //! above the mean one leave the range in which errors stay small (a log-scale off by 1.5
-//! makes a Gaussian twenty times as large). Classes are coded once, in a section of
-//! their own, and every attribute section depends only on geometry and classes.
+//! makes a Gaussian 4.5 times as wide). Classes are coded in the base layer of each chunk,
+//! before all attributes.
 
 #[cfg(feature = "encode")]
 use gs_model::Scene;

@@ -1,5 +1,4 @@
-//! The same work on many items: on all threads where the crate is built with `encode`, one after the
-//! other else. Results are in the order of the items either way.
+//! The same work on many items: on all threads where the crate is built with `encode`, otherwise on one. Results are in the order of the items either way.
 
 /// Maps every item.
 #[cfg(feature = "encode")]

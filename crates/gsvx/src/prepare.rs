@@ -12,10 +12,10 @@ use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Trim, Trimmed, Vo
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
 /// unbounded scene needs for its nearest Gaussians.
 const J_HIGH: u8 = 17;
-/// Where floaters blow the cube up, the finest leaves are as deep as it takes for this many of them
-/// along the largest axis of a median Gaussian (at most `MAX_DEPTH`). Deeper than that, position
-/// errors no longer show. An octree charges a floater about three bits a level, less than exact
-/// floats would cost, so nothing is cut off before the levels run out: see [`split_outliers`].
+/// Where outliers make the cube large, the octree is so deep that this many of its finest leaves fit
+/// along the largest axis of a median Gaussian (at most `MAX_DEPTH`). Smaller position errors do not
+/// show. An outlier costs the octree about three bits a level, less than its floats, so outliers are
+/// split off only where the greatest depth does not suffice: see [`split_outliers`].
 const CELLS_PER_AXIS: f64 = 8.0;
 /// Lagrangian weight at quality 50, in the units of [`RateDistortion::lambda`]. It follows the
 /// square of the attribute steps, so that positions and attributes stay in balance.
@@ -32,8 +32,8 @@ const DROP: f64 = 5.0;
 const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
 
-/// Encodes a trained model: coded exactly are Gaussians so far away that they would cost all others
-/// precision, all others are voxelized and merged as the quality asks.
+/// Encodes a trained model. Gaussians so far away that they would cost all others precision are coded
+/// bit for bit (see [`split_outliers`]); all others are voxelized and merged as the quality asks.
 ///
 /// # Errors
 /// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances in
@@ -174,12 +174,12 @@ fn needed_depth(scene: &Scene, cube: &Cube) -> u8 {
     depth.ceil().clamp(0.0, f64::from(MAX_DEPTH)) as u8
 }
 
-/// The same, if there were no limit to depth.
+/// As [`needed_depth`], without a greatest depth and without rounding.
 fn wanted_depth(median_log_scale: f64, cube: &Cube) -> f64 {
     libm::log2(cube.side * CELLS_PER_AXIS) - median_log_scale * std::f64::consts::LOG2_E
 }
 
-/// Of the largest axes.
+/// The median of the logarithms of the largest axes.
 fn median_log_scale(scene: &Scene) -> Option<f64> {
     let mut sizes: Vec<f32> = scene
         .log_scales
@@ -193,7 +193,8 @@ fn median_log_scale(scene: &Scene) -> Option<f64> {
     Some(f64::from(*sizes.select_nth_unstable_by(middle, f32::total_cmp).1))
 }
 
-/// The floaters that cost the rest levels, and the cube without them; `None` if there are none.
+/// The outliers that make the octree too coarse for all others, and the cube without them; `None` if
+/// there are none.
 ///
 /// Where cells an eighth as wide as the median Gaussian lie deeper than an octree's 21 levels,
 /// [`voxel::trim`] weighs what a smaller cube gives the inliers against the floats of the
@@ -206,7 +207,7 @@ pub fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
     let cube = Cube::of(&scene.means)?;
     let Some(median) = median_log_scale(scene) else { return Ok(None) };
     let cell = libm::exp(median) / CELLS_PER_AXIS;
-    // No trimmed cube pays before that, and most scenes need not be searched.
+    // Before that no trimmed cube pays. Most scenes end here.
     if wanted_depth(median, &cube) <= f64::from(MAX_DEPTH) || cell <= 0.0 {
         return Ok(None);
     }
@@ -216,9 +217,9 @@ pub fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
     Ok((!trimmed.outliers.is_empty()).then_some(trimmed))
 }
 
-/// Ascending indices of the Gaussians that stay when the given fraction, those of least
-/// importance, is left out. Among equals the later ones go first; what is not a positive number
-/// counts as 0.
+/// Leaves out the given fraction of the Gaussians, those of least importance, and returns the indices of
+/// the others in ascending order. Among equals the later ones are left out first; an importance that is
+/// not a positive number counts as 0.
 ///
 /// # Errors
 /// [`Error::Option`] if `fraction` is not from 0 to below 1.

@@ -62,7 +62,7 @@ fn every_mode_keeps_leaves_and_stays_finite() {
 /// Errors of a decoded scene, by attribute, in quantisation steps.
 fn errors_in_steps(a: &Scene, b: &Scene, options: &EncodeOptions) -> Vec<(String, Vec<f64>)> {
     let (n, steps) = (a.len(), &options.steps);
-    let log_alpha = |l: f32| -f64::from(-l).exp().ln_1p();
+    let log_alpha = |l: f32| -libm::log1p(libm::exp(-f64::from(l)));
     let opacity = (0..n).map(|i| log_alpha(a.opacity_logits[i]) - log_alpha(b.opacity_logits[i]));
     let mut out = vec![("opacity".to_string(), steps.opacity, opacity.collect::<Vec<_>>())];
     let covariance = (0..n).flat_map(|i| {

@@ -24,8 +24,8 @@ const LOG_RUNS: std::ops::RangeInclusive<u8> = 10..=30;
 /// Half as many leaves save 0.1 % of a stream at best, twice as many cost up to 0.7 %.
 #[cfg(feature = "encode")]
 const TRIED: [u8; 2] = [12, 14];
-/// Of so many neighbours two are a pair that the factors are fitted to, and two one that they are
-/// judged by.
+/// Of this many consecutive leaves, one pair is for the fit of the factors, and another pair tells
+/// whether they pay.
 #[cfg(feature = "encode")]
 const STRIDE: usize = 4;
 /// Squares of steps added to the energy of each input: factors from next to nothing stay small.

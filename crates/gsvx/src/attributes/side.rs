@@ -1,7 +1,7 @@
 //! Prediction from what is already known of a leaf: its depth and its importance class.
 //!
 //! The octree goes deep where Gaussians are small, and importance is opacity and size as cameras see
-//! them. So depth and class foretell part of a Gaussian's opacity and size, linearly. The factors of
+//! them. So depth and class predict part of a Gaussian's opacity and size, linearly. The factors of
 //! each chunk are fitted by the encoder.
 
 use gpcc_lite::Leaf;
@@ -17,7 +17,8 @@ pub(crate) struct Factors {
 }
 
 impl Factors {
-    /// What depth and class foretell, up to a constant. In single precision, as written.
+    /// The value that depth and class predict, up to a constant. In single precision, in this order of
+    /// operations.
     #[inline(always)]
     pub(crate) fn predict(self, leaf: Leaf, class: u8) -> f32 {
         let by_depth = f32::from(self.depth) * UNIT * f32::from(leaf.depth);

@@ -75,7 +75,8 @@ impl ChunkDecoder {
             None => decode(steps.covariance, 6, &mut self.shape)?,
         }
         if header.shapes == Shapes::Codebook {
-            self.covariances = Some(self.from_codebook(header, &mut coder, plan.leaves())?);
+            self.covariances =
+                Some(self.codebook_covariances(header, &mut coder, plan.leaves())?);
         }
         coder.finish().map_err(error)?;
         self.plan = Some(plan);
@@ -97,7 +98,7 @@ impl ChunkDecoder {
     }
 
     /// Covariances as codewords and scale factors.
-    fn from_codebook(
+    fn codebook_covariances(
         &self,
         header: &Header,
         coder: &mut Decoder<'_>,

@@ -169,7 +169,7 @@ impl Chunk<'_> {
         Ok(out.bytes)
     }
 
-    /// Rows of values, from the first channel of which is taken what depth and class foretell.
+    /// Rows of values; the prediction from depth and class is subtracted from the first channel.
     fn less_predicted(
         &self,
         channels: usize,

@@ -58,15 +58,15 @@ impl<'a> GaussiansMut<'a> {
     }
 }
 
-/// A scene of `n` Gaussians of which nothing is promised: memory of the system, untouched until it is
-/// written.
+/// A scene of `n` Gaussians that are all zero. The memory comes zeroed from the system, so pages cost
+/// nothing until they are written.
 pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
     let mut scene = Scene { sh_degree, ..Scene::default() };
     resize(&mut scene, n);
     scene
 }
 
-/// Gives a scene `n` Gaussians of which nothing is promised.
+/// Gives a scene `n` Gaussians whose values are unspecified.
 pub(crate) fn resize(scene: &mut Scene, n: usize) {
     let sh = n * scene.sh_len();
     if scene.is_empty() {

@@ -95,7 +95,7 @@ pub(crate) fn decode(payload: &[u8], leaves: &[Leaf], j_high: u8) -> Result<Cova
             let q: [f32; 4] = std::array::from_fn(|k| value(k + 3, i));
             // Rounding may hit the zero quaternion, which means no rotation at all.
             let q = if q == [0.0; 4] { [1.0, 0.0, 0.0, 0.0] } else { q };
-            // Ranges from an enemy: a quaternion too long or too short to have a direction.
+            // Hostile ranges make quaternions too long or too short to have a direction.
             let norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
             if !norm2.is_normal() {
                 return Err(Error::Corrupt { what: "rotation of Gaussian", value: i as u64 });

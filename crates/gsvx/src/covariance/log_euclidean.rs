@@ -74,6 +74,7 @@ pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
 
 /// Coordinates within [`LARGEST`]; what is no number becomes the least.
 #[inline(always)]
+#[allow(clippy::manual_clamp, reason = "clamp would keep NaN")]
 fn within_limits(c: Coordinates) -> Coordinates {
     c.map(|v| v.max(-LARGEST).min(LARGEST))
 }

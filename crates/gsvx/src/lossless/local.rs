@@ -68,7 +68,7 @@ impl Local {
         (sum >> FACTOR_BITS).clamp(-CLIP, CLIP)
     }
 
-    /// Tells entry `c`, which was predicted as `predicted`; `rest` is in units of
+    /// Sets entry `c`, which was predicted as `predicted`; `rest` is in units of
     /// `2^scale / 256`, or `None` if the value was coded without prediction.
     #[inline]
     pub(super) fn set(&mut self, c: usize, scale: u32, predicted: i32, rest: Option<i64>) {

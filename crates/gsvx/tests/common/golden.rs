@@ -24,11 +24,14 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
     integers.covariance = CovarianceMode::Lossless { bits: 16 };
     let mut lod = in_chunks(100);
     lod.lod = true;
+    // Many leaves in few bytes.
+    lod.steps = EncodeOptions::from_quality(10.0).expect("a quality").steps;
     let high = EncodeOptions::from_quality(85.0).expect("a quality");
     let plain = |n, degree| scene(n, degree, SEED);
     let coded = |scene: &Scene, options| encode(scene, options).expect("a valid scene").bytes;
     let exact = |scene: &Scene, keep| encode_lossless(scene, keep).expect("a scene").bytes;
     let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 10 });
+    let lod = encode_with(&plain(12_000, 0), uniform, None, &lod).expect("a valid scene");
     let uniform = encode_with(&plain(500, 2), uniform, None, &default).expect("a valid scene");
     let streams = [
         ("empty", coded(&plain(0, 3), &default)),
@@ -41,7 +44,7 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
         ("outliers", coded(&with_floaters(plain(400, 1)).0, &default)),
         ("predicted", coded(&with_related_degrees(plain(900, 3)), &high)),
         ("chunks", coded(&plain(1500, 1), &in_chunks(300))),
-        ("lod", coded(&plain(6000, 0), &lod)),
+        ("lod", lod.bytes),
         ("lossless", exact(&plain(300, 2), false)),
         ("lossless-ordered", exact(&plain(100, 1), true)),
     ];
