@@ -303,7 +303,7 @@ fn streams(name: &str, scene: &Scene, out: &mut Vec<Counted>) -> Result<()> {
 }
 
 /// Leaves of a chunk where chunks are read one by one.
-const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
+const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 12) - 1);
 
 /// Erases the layers that `erased` names by chunk and number, and returns how many bytes they are.
 ///
