@@ -13,6 +13,7 @@ pub mod experiments;
 mod manifest;
 pub mod measure;
 pub mod peers;
+mod paper_chain;
 mod pictures;
 pub mod progress;
 pub mod published;
