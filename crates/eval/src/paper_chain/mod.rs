@@ -65,8 +65,8 @@ enum Channel {
 /// The channels in the order of the stream.
 fn channels(sh_degree: u8) -> Vec<Channel> {
     let coefficients = (usize::from(sh_degree) + 1).pow(2);
-    let colours = (0..3 * coefficients)
-        .map(|c| Channel::Colour { coefficient: c / 3, plane: c % 3 });
+    let colours =
+        (0..3 * coefficients).map(|c| Channel::Colour { coefficient: c / 3, plane: c % 3 });
     std::iter::once(Channel::Opacity).chain(colours).collect()
 }
 

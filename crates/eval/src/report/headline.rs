@@ -22,7 +22,9 @@ pub(super) struct Comparison {
 fn in_words(name: &str) -> String {
     match name {
         UNIFORM => "the same coding on an octree of one depth (`uniform`)".into(),
-        PAPER_CRITERIA => "the same coding on the paper's adaptive octree (`paper's criteria`)".into(),
+        PAPER_CRITERIA => {
+            "the same coding on the paper's adaptive octree (`paper's criteria`)".into()
+        }
         PAPER_CODING => "the paper's coding".into(),
         other => other.into(),
     }
@@ -124,10 +126,13 @@ mod tests {
 
     #[test]
     fn the_strongest_comparison_comes_first_in_plain_words() {
-        let comparison = |difference, name| {
-            Comparison { difference, against: in_words(name), how: "" }
-        };
-        let all = [comparison(-84.2, PAPER_CODING), comparison(-80.0, "SPZ v4"), comparison(2.6, UNIFORM)];
+        let comparison =
+            |difference, name| Comparison { difference, against: in_words(name), how: "" };
+        let all = [
+            comparison(-84.2, PAPER_CODING),
+            comparison(-80.0, "SPZ v4"),
+            comparison(2.6, UNIFORM),
+        ];
         assert_eq!(
             title("fox", &all),
             "fox: for the same picture quality, gsvx needs 84 % fewer bytes than the paper's coding"
@@ -137,6 +142,9 @@ mod tests {
             "For the same picture quality, gsvx needs 84 % fewer bytes than the paper's coding, 80 % fewer \
              bytes than SPZ v4, and 3 % more bytes than the same coding on an octree of one depth (`uniform`). "
         );
-        assert_eq!((sentence(&[]), title("fox", &[])), (String::new(), "fox: picture quality over size".into()));
+        assert_eq!(
+            (sentence(&[]), title("fox", &[])),
+            (String::new(), "fox: picture quality over size".into())
+        );
     }
 }

@@ -17,7 +17,7 @@ const VIEWS: usize = 6;
 /// Rendered error at which the choices are compared, dB from the voxelized model's renders.
 const EQUAL_AT: [f64; 5] = [34.0, 38.0, 42.0, 46.0, 50.0];
 /// A step at which every coordinate of a covariance is coded as 0.
-const NOTHING: f32 = 1e9;
+const NOTHING: f32 = 1e6;
 
 struct Study {
     prepared: Prepared,
