@@ -107,12 +107,21 @@ pub(super) fn checks(tally: &mut Tally, each: u32) {
     });
     tally.check("broken streams, one bit flipped", || {
         let (mut seen, mut rng) = (Seen::default(), Rng::seeded(1));
-        for (_, bytes) in &streams {
+        for (name, bytes) in &streams {
+            let coarsest = Index::parse(bytes)?.coarsest_lod();
             for _ in 0..each {
                 let mut broken = bytes.clone();
                 let at = rng.below(broken.len());
                 broken[at] ^= 1 << rng.below(8);
-                seen.decode(&broken, &strict, Allowed::Error)?;
+                // Damage of a coarse level shows where that level is decoded.
+                let before = seen.errors.values().sum::<usize>();
+                for lod in 0..=coarsest {
+                    let mut options = strict.clone();
+                    options.lod = lod;
+                    seen.decode(&broken, &options, Allowed::Scene)?;
+                }
+                let noticed = seen.errors.values().sum::<usize>() > before;
+                ensure!(noticed, "byte {at} of {name} was changed and no level shows it");
                 seen.decode(&broken, &salvage(), Allowed::Scene)?;
             }
         }
