@@ -4,6 +4,7 @@
     reason = "reports and pictures, never the bitstream; the fixture uses libm"
 )]
 
+mod attributes;
 pub mod bd;
 pub mod bench;
 mod cache;

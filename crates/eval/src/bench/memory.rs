@@ -7,39 +7,32 @@ use std::process::Command;
 use anyhow::{Context, Result, bail, ensure};
 use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
 use gs_model::{Scene, ply};
-use gsvx::attributes::group::{Coding, Transform};
-use gsvx::attributes::{colour, opacity};
-use gsvx::covariance::log_euclidean;
-use gsvx::{DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, Seen, importance};
+use gsvx::{DecodeOptions, Decoder, EncodeOptions, Prepared, Seen, importance};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::{self, SceneFiles};
 use crate::usage;
 
 /// The stages, in the order in which a model passes them.
-const STAGES: [&str; 18] = [
+const STAGES: [&str; 14] = [
     "read PLY",
     "voxelize",
     "merge",
-    "encode: geometry",
-    "encode: importance",
-    "encode: transform",
-    "encode: opacity",
-    "encode: DC",
-    "encode: covariance",
-    "encode: SH 1",
-    "encode: SH 2",
-    "encode: SH 3",
-    "encode, all sections",
+    "octree of all leaves",
+    "encode, voxelized and merged before",
+    "encode",
+    "encode --lod",
+    "encode --lossless",
     "decode",
+    "decode in blocks",
+    "decode, lossless",
     "write PLY",
     "render one view",
     "fine-tune, one step",
-    "encode --lossless",
 ];
 
-/// The call of [`child`] that makes the stream for the stages of the decoder.
-const STREAM: &str = "stream";
+/// The call of [`child`] that makes the streams for the stages of the decoder.
+const STREAMS: &str = "streams";
 
 /// Memory of one stage, MB (10^6 bytes).
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -64,8 +57,8 @@ pub(super) fn measure(scene: &str, child: Child) -> Result<Vec<Peak>> {
         ensure!(out.status.success(), "memory of {stage}: {error}");
         Ok(out.stdout)
     };
-    // By another process, so that nothing of making the stream is in memory when it is decoded.
-    run(STREAM)?;
+    // By another process, so that nothing of making the streams is in memory when they are decoded.
+    run(STREAMS)?;
     let peak = |stage: &str| -> Result<Peak> {
         let out = run(stage)?;
         let peak: Peak = serde_json::from_slice(&out).context("the child's answer")?;
@@ -91,15 +84,21 @@ fn peak_of<T>(f: impl FnOnce() -> Result<T>) -> Result<Peak> {
 /// If there is no such scene or stage, or the stage fails.
 pub fn child(scene: &str, stage: &str, scratch: &Path) -> Result<()> {
     let found = scenes::find(scene)?;
-    if stage == STREAM {
-        return write_stream(&found, scratch);
+    if stage == STREAMS {
+        return write_streams(&found, scratch);
     }
     let peak = match stage {
         "read PLY" => peak_of(|| Ok(ply::read(&found.dataset.model_path)?))?,
-        "decode" | "write PLY" | "render one view" | "fine-tune, one step" => {
-            of_decoded(&found, stage, &stream(scratch), scratch)?
+        "voxelize" | "merge" | "octree of all leaves" | "encode, voxelized and merged before" => {
+            of_voxelization(&found, stage)?
         }
-        _ => of_encoder(&found, stage)?,
+        "encode" | "encode --lod" | "encode --lossless" => of_encoder(&found, stage)?,
+        "decode" | "decode in blocks" => of_decoder(stage, &stream(scratch))?,
+        "decode, lossless" => of_decoder("decode", &lossless_stream(scratch))?,
+        "write PLY" | "render one view" | "fine-tune, one step" => {
+            of_decoded(&found, stage, scratch)?
+        }
+        _ => bail!("no stage {stage}; stages: {}", STAGES.join(", ")),
     };
     println!("{}", serde_json::to_string(&peak)?);
     Ok(())
@@ -111,121 +110,87 @@ fn model(found: &SceneFiles) -> Result<Scene> {
     Ok(scene)
 }
 
-fn prepared(scene: &Scene) -> Result<Prepared> {
-    let choose = |found: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, seen);
-    Ok(gsvx::prepare(scene, choose, None)?)
-}
-
 /// The scene's stream at default quality.
 fn stream(scratch: &Path) -> PathBuf {
     scratch.join("model.gsvx")
 }
 
-/// Writes [`stream`].
-fn write_stream(found: &SceneFiles, scratch: &Path) -> Result<()> {
-    let scene = model(found)?;
-    let Prepared { scene, voxels, importance } = prepared(&scene)?;
-    let options = EncodeOptions { importance: Some(importance), ..Default::default() };
-    let path = stream(scratch);
-    std::fs::write(&path, gsvx::encode(&scene, &voxels, &options)?.bytes)
-        .with_context(|| format!("write {}", path.display()))
+/// The scene bit for bit.
+fn lossless_stream(scratch: &Path) -> PathBuf {
+    scratch.join("lossless.gsvx")
 }
 
-fn of_encoder(found: &SceneFiles, stage: &str) -> Result<Peak> {
+/// Writes [`stream`] and [`lossless_stream`].
+fn write_streams(found: &SceneFiles, scratch: &Path) -> Result<()> {
+    let scene = model(found)?;
+    let write = |path: PathBuf, bytes: Vec<u8>| {
+        std::fs::write(&path, bytes).with_context(|| format!("write {}", path.display()))
+    };
+    write(stream(scratch), gsvx::encode(&scene, &EncodeOptions::default())?.bytes)?;
+    write(lossless_stream(scratch), gsvx::encode_lossless(&scene, false)?.bytes)
+}
+
+/// The steps of an encoder one after the other, and its last step alone.
+fn of_voxelization(found: &SceneFiles, stage: &str) -> Result<Peak> {
     let scene = model(found)?;
     let choose =
-        |found: &[f32]| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, Seen::Guessed);
+        |found: &[f32], seen: Seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, seen);
+    let voxelize = || {
+        let strategy = choose(&importance::without_cameras(&scene), Seen::Guessed)?;
+        Ok(voxel::voxelize(&scene, &voxel::Cube::of(&scene.means)?, &strategy)?)
+    };
     match stage {
-        "encode --lossless" => return peak_of(|| Ok(gsvx::encode_lossless(&scene)?)),
-        "voxelize" => {
-            return peak_of(|| {
-                let strategy = choose(&importance::without_cameras(&scene))?;
-                Ok(voxel::voxelize(&scene, &voxel::Cube::of(&scene.means)?, &strategy)?)
-            });
-        }
+        "voxelize" => peak_of(voxelize),
         "merge" => {
-            let strategy = choose(&importance::without_cameras(&scene))?;
-            let voxels = voxel::voxelize(&scene, &voxel::Cube::of(&scene.means)?, &strategy)?;
-            return peak_of(|| Ok(voxel::merge(&scene, &voxels, voxel::Merge::Moments)?));
+            let voxels = voxelize()?;
+            peak_of(|| Ok(voxel::merge(&scene, &voxels, voxel::Merge::Moments)?))
         }
-        _ => {}
+        "octree of all leaves" => {
+            let voxels = voxelize()?;
+            drop(scene);
+            peak_of(|| Ok(gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high)?))
+        }
+        _ => {
+            let Prepared { scene: merged, voxels, importance } =
+                gsvx::prepare(&scene, choose, None)?;
+            drop(scene);
+            let mut options = EncodeOptions::default();
+            options.importance = Some(importance);
+            peak_of(|| Ok(gsvx::encode_voxels(&merged, &voxels, None, &options)?))
+        }
     }
-    let Prepared { scene: merged, voxels, importance: given } = prepared(&scene)?;
-    drop(scene);
-    let (leaves, j_high) = (&voxels.leaves, voxels.j_high);
-    if stage == "encode: geometry" {
-        return peak_of(|| Ok(gpcc_lite::geometry::encode(leaves, j_high)?));
-    }
-    let log_classes = importance::log_classes(&given);
-    let options = EncodeOptions { importance: Some(given), ..Default::default() };
-    if stage == "encode, all sections" {
-        drop(log_classes);
-        return peak_of(|| Ok(gsvx::encode(&merged, &voxels, &options)?));
-    }
-    let classes = || Ok(importance::encode(&log_classes, leaves, j_high, Entropy::Range)?);
-    if stage == "encode: importance" {
-        return peak_of(classes);
-    }
-    let (_, classes) = classes()?;
-    let plan = || Ok(Transform::new(leaves, j_high, Some(&classes))?);
-    if stage == "encode: transform" {
-        return peak_of(plan);
-    }
-    let transform = plan()?;
-    section(stage, &merged, &transform, &options)
 }
 
-/// A section of transform-coded attributes, as the encoder codes it.
-fn section(
-    stage: &str,
-    scene: &Scene,
-    transform: &Transform,
-    options: &EncodeOptions,
-) -> Result<Peak> {
-    let steps = &options.steps;
-    let code = |steps: &[f64], leaf: &dyn Fn(usize, &mut [f64])| {
-        // The memory does not depend on how many coefficients are set to zero.
-        let lambda = gpcc_lite::attribute::Options::default().lambda;
-        let entropy = options.entropy.of(scene.len(), &options.steps);
-        let how = Coding { entropy, lambda, period: u8::MAX };
-        peak_of(|| Ok(transform.encode(steps, how, leaf)?))
-    };
-    let (range, step) = match stage {
-        "encode: opacity" => {
-            let value =
-                |i: usize| opacity::forward(OpacityDomain::LogAlpha, scene.opacity_logits[i]);
-            return code(&[f64::from(steps.opacity)], &|i, row| row.fill(value(i)));
-        }
-        "encode: covariance" => {
-            return code(&[f64::from(steps.covariance); 6], &|i, row| {
-                row.copy_from_slice(&log_euclidean::coordinates(
-                    scene.rotations[i],
-                    scene.log_scales[i],
-                ));
-            });
-        }
-        "encode: DC" => (0..1, steps.dc),
-        "encode: SH 1" => (1..4, steps.sh[0]),
-        "encode: SH 2" => (4..9, steps.sh[1]),
-        "encode: SH 3" => (9..16, steps.sh[2]),
-        _ => bail!("no stage {stage}; stages: {}", STAGES.join(", ")),
-    };
-    let all = vec![f64::from(step); 3 * range.len()];
-    code(&all, &|i, row| {
-        for (k, planes) in row.chunks_exact_mut(3).enumerate() {
-            let rgb = scene.sh_of(i).get(range.start + k).copied().unwrap_or_default();
-            planes.copy_from_slice(&colour::forward(rgb));
-        }
+/// The whole encoder, from a trained model to a stream.
+fn of_encoder(found: &SceneFiles, stage: &str) -> Result<Peak> {
+    let scene = model(found)?;
+    if stage == "encode --lossless" {
+        return peak_of(|| Ok(gsvx::encode_lossless(&scene, false)?));
+    }
+    let mut options = EncodeOptions::default();
+    options.lod = stage == "encode --lod";
+    peak_of(|| Ok(gsvx::encode(&scene, &options)?))
+}
+
+/// A decoder that returns the scene, or hands out blocks that the caller does not keep.
+fn of_decoder(stage: &str, stream: &Path) -> Result<Peak> {
+    let bytes = std::fs::read(stream)?;
+    if stage == "decode" {
+        return peak_of(|| Ok(gsvx::decode(&bytes)?));
+    }
+    peak_of(|| {
+        let decoder = Decoder::new(&bytes, &DecodeOptions::default())?;
+        let visit = |(): &mut (), _: usize, block: &Scene| {
+            std::hint::black_box(block);
+            Ok::<(), gsvx::Error>(())
+        };
+        Ok(decoder.blocks(visit)?)
     })
 }
 
-fn of_decoded(found: &SceneFiles, stage: &str, stream: &Path, scratch: &Path) -> Result<Peak> {
-    let bytes = std::fs::read(stream)?;
-    let decode = || Ok(gsvx::decode(&bytes, &DecodeOptions::default())?.scene);
-    if stage == "decode" {
-        return peak_of(decode);
-    }
-    let scene = decode()?;
+/// What is done with a decoded scene.
+fn of_decoded(found: &SceneFiles, stage: &str, scratch: &Path) -> Result<Peak> {
+    let scene = gsvx::decode(&std::fs::read(stream(scratch))?)?;
     let view = found.dataset.held_out().next().context("no view")?;
     match stage {
         "write PLY" => peak_of(|| Ok(ply::write(scratch.join("model.ply"), &scene)?)),

@@ -2,16 +2,14 @@
 //! the result is the same.
 
 use std::fmt::Write as _;
-
+use std::num::NonZeroUsize;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use finetune::probe::{Probe, TileTest, Variant, VariantPass};
 use finetune::{RenderOptions, render};
-use gpcc_lite::{Limits, geometry};
 use gs_model::{Camera, Scene, ply};
-use gsvx::stream::{Container, SectionKind};
-use gsvx::{DecodeOptions, EncodeOptions, Prepared, Seen, slices};
+use gsvx::{DecodeOptions, EncodeOptions, Kind, Reader, Seen};
 use voxel::{Cube, Strategy};
 
 use super::stages::small;
@@ -144,14 +142,19 @@ const LANES: Proof = Proof::new(
     "same bits as where every pixel of a tile is visited",
 );
 const DEGREES: Proof = Proof::new(
-    &["crates/gsvx/tests/round_trip.rs::sections_can_be_left_out"],
-    "decoded without these bytes in this run, same floats",
+    &["crates/gsvx/tests/round_trip.rs::fewer_sh_degrees_are_a_prefix"],
+    "decoded with these bytes erased in this run, same floats",
 );
 const LEVELS: Proof = Proof::new(
-    &["crates/gpcc-lite/tests/roundtrip.rs::level_of_detail_is_the_tree_cut"],
-    "decoded from that prefix in this run, same leaves",
+    &["crates/gsvx/tests/lod.rs::each_level_decodes_alone_from_the_front"],
+    "decoded with these bytes erased in this run, same floats",
 );
-const PROOFS: [Proof; 9] = [PRUNED, COPIED, DROPPED, UNSEEN, TILES, CULLED, LANES, DEGREES, LEVELS];
+const CHUNKS: Proof = Proof::new(
+    &["crates/gsvx/tests/reader.rs::one_chunk_is_read_with_its_base_layer_and_nothing_else"],
+    "each chunk decoded without these bytes in this run, same floats",
+);
+const PROOFS: [Proof; 10] =
+    [PRUNED, COPIED, DROPPED, UNSEEN, TILES, CULLED, LANES, DEGREES, LEVELS, CHUNKS];
 
 fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
     let (mut scene, _) = ply::read(&found.dataset.model_path)?;
@@ -185,7 +188,8 @@ fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
     if let Some(camera) = cameras.first() {
         one_view(&found.name, &scene, camera, &mut out)?;
     }
-    streams(&found.name, prepared, &mut out)?;
+    drop(prepared);
+    streams(&found.name, &scene, &mut out)?;
     Ok(out)
 }
 
@@ -258,49 +262,103 @@ fn one_view(name: &str, scene: &Scene, c: &Camera, out: &mut Vec<Counted>) -> Re
 }
 
 /// Bytes that a decoder need not read.
-fn streams(name: &str, prepared: Prepared, out: &mut Vec<Counted>) -> Result<()> {
-    let Prepared { scene: merged, voxels, importance } = prepared;
-    let options = EncodeOptions { importance: Some(importance), ..EncodeOptions::default() };
-    let bytes = gsvx::encode(&merged, &voxels, &options)?.bytes;
-    let container = Container::parse(&bytes)?;
-    let higher =
-        |k: SectionKind| matches!(k, SectionKind::Sh1 | SectionKind::Sh2 | SectionKind::Sh3);
-    let skipped: u64 = container.toc.iter().filter(|e| higher(e.kind)).map(|e| e.len).sum();
-    let base = DecodeOptions { max_sh_degree: 0, ..Default::default() };
-    let short = gsvx::decode(&bytes[..bytes.len() - skipped as usize], &base)?;
-    ensure!(
-        short.scene == gsvx::decode(&bytes, &base)?.scene,
-        "{name}: degree 0 depends on higher sections",
-    );
+fn streams(name: &str, scene: &Scene, out: &mut Vec<Counted>) -> Result<()> {
+    let bytes = gsvx::encode(scene, &EncodeOptions::default())?.bytes;
+    let mut base = DecodeOptions::default();
+    base.max_sh_degree = 0;
+    let skipped = unread(&bytes, &base, |_, layer| layer > 0)
+        .with_context(|| format!("{name}: degree 0 depends on higher degrees"))?;
     out.push((
         "gsvx, decoder",
         "bytes of SH degrees that were not asked for (degree 0 of 3)",
         [skipped, bytes.len() as u64],
         DEGREES,
     ));
-    if let Some(payload) = container.section(SectionKind::Geometry)? {
-        let depth = voxels.j_high.saturating_sub(6);
-        let limits = Limits { max_points: merged.len() };
-        let mut unread = 0;
-        // Each slice has an octree of its own.
-        for part in slices::split(payload, container.header.slices as usize)? {
-            let whole = geometry::decode_lod(part, depth, &limits)?;
-            let (mut low, mut high) = (0, part.len());
-            while low < high {
-                let middle = (low + high) / 2;
-                let begun = geometry::decode_lod(&part[..middle], depth, &limits);
-                if begun.is_ok_and(|p| p == whole) { high = middle } else { low = middle + 1 }
-            }
-            unread += part.len() - low;
-        }
-        out.push((
-            "gpcc-lite, geometry",
-            "bytes of octree levels below the depth asked for (six levels up)",
-            [unread as u64, payload.len() as u64],
-            LEVELS,
-        ));
-    }
+    let mut options = EncodeOptions::default();
+    options.lod = true;
+    // Small enough for several chunks in every scene.
+    options.chunk_leaves = CHUNK_LEAVES;
+    let bytes = gsvx::encode(scene, &options)?.bytes;
+    let mut coarse = DecodeOptions::default();
+    coarse.lod = u8::MAX;
+    let coarsest = gsvx::decode_with(&bytes, &coarse)?.index.coarsest_lod();
+    let skipped =
+        unread(&bytes, &coarse, |chunk, _| chunk.kind == Kind::Leaves && chunk.lod < coarsest)
+            .with_context(|| format!("{name}: the coarsest level depends on finer ones"))?;
+    out.push((
+        "gsvx, decoder",
+        "bytes of finer levels of detail (the coarsest was asked for)",
+        [skipped, bytes.len() as u64],
+        LEVELS,
+    ));
+    let skipped =
+        other_chunks(&bytes).with_context(|| format!("{name}: a chunk depends on others"))?;
+    out.push((
+        "gsvx, reader",
+        "bytes that a reader of one chunk does not ask for, mean of all chunks",
+        [skipped, bytes.len() as u64],
+        CHUNKS,
+    ));
     Ok(())
+}
+
+/// Leaves of a chunk where chunks are read one by one.
+const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
+
+/// Erases the layers that `erased` names by chunk and number, and returns how many bytes they are.
+///
+/// # Errors
+/// If the stream is decoded to other floats after that.
+fn unread(
+    bytes: &[u8],
+    options: &DecodeOptions,
+    erased: impl Fn(&gsvx::Chunk, usize) -> bool,
+) -> Result<u64> {
+    let whole = gsvx::decode_with(bytes, options)?;
+    let (mut rest, mut count) = (bytes.to_vec(), 0);
+    for chunk in &whole.index.chunks {
+        for (number, layer) in chunk.layers.iter().enumerate() {
+            if erased(chunk, number) {
+                let range = layer.range();
+                rest[range.start as usize..range.end as usize].fill(0);
+                count += layer.len;
+            }
+        }
+    }
+    let decoded = gsvx::decode_with(&rest, options)?;
+    ensure!(decoded.scene == whole.scene, "other floats");
+    Ok(count)
+}
+
+/// Reads each chunk of the finest level alone; returns how many bytes of the stream the reader did not
+/// ask for, on average.
+///
+/// # Errors
+/// If a chunk is decoded to other floats than in the whole stream.
+fn other_chunks(bytes: &[u8]) -> Result<u64> {
+    let whole = gsvx::decode_with(bytes, &DecodeOptions::default())?;
+    let (mut first, mut given, mut chunks) = (0, 0, 0);
+    for number in whole.index.chunks_of_lod(0) {
+        let chunk = &whole.index.chunks[number];
+        let mut reader = Reader::new();
+        let mut give = |reader: &mut Reader, range: std::ops::Range<u64>| -> Result<()> {
+            let end = range.end.min(bytes.len() as u64);
+            given += end - range.start;
+            Ok(reader.give(range.start, &bytes[range.start as usize..end as usize])?)
+        };
+        while let Some(range) = reader.head_needs() {
+            give(&mut reader, range)?;
+        }
+        for range in reader.needs(number, chunk.layers.len()) {
+            give(&mut reader, range)?;
+        }
+        let scene = reader.decode(number, chunk.layers.len())?;
+        let range: Vec<usize> = (first..first + scene.len()).collect();
+        ensure!(scene == whole.scene.select(&range), "chunk {number} has other floats");
+        first += scene.len();
+        chunks += 1;
+    }
+    Ok(bytes.len() as u64 - given / chunks.max(1))
 }
 
 #[cfg(test)]

@@ -4,21 +4,15 @@ use anyhow::Result;
 use finetune::probe::{TileTest, Variant, VariantPass};
 use finetune::{RenderOptions, metrics, render};
 use gpcc_lite::attribute::{self, Options};
-use gpcc_lite::coeffs::Mode;
+use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::Neighbours;
-use gpcc_lite::quant::Step;
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::{self, Plan, Rows};
 use gs_model::{Camera, Scene, ply};
-use gsvx::{DecodeOptions, EncodeOptions, Entropy, Prepared, Seen, importance};
+use gsvx::{CovarianceMode, EncodeOptions, Prepared, Seen, importance};
 use voxel::{Cube, Merge, Strategy, Voxelization};
 
 use super::{Row, Time, timed};
 use crate::scenes::SceneFiles;
-
-/// Fraction bits of the fixed-point transform's values.
-const VALUE_BITS: u32 = gpcc_lite::quant::VALUE_BITS;
-/// Integers per unit of an attribute, as in `gsvx`.
-const UNITS: f64 = 65536.0;
 
 /// Measures every stage on one scene.
 pub(super) fn measure(found: &SceneFiles, repeat: usize) -> Result<Vec<Row>> {
@@ -40,10 +34,10 @@ pub(super) fn measure(found: &SceneFiles, repeat: usize) -> Result<Vec<Row>> {
     let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth })?;
     let merged = voxel::merge(&scene, &voxels, Merge::Moments)?;
     let cameras: Vec<Camera> = found.dataset.held_out().take(2).map(|v| small(&v.camera)).collect();
-    raht(&mut rows, &merged, &voxels, repeat)?;
+    transforms(&mut rows, &merged, &voxels, repeat)?;
     attributes(&mut rows, &merged, &voxels, repeat)?;
     neighbours(&mut rows, &merged, &voxels, repeat)?;
-    codebooks(&mut rows, &merged, repeat)?;
+    covariances(&mut rows, &scene, &cameras, repeat)?;
     voxelizations(&mut rows, &scene, &cube, &cameras, repeat)?;
     rasterizers(&mut rows, &scene, &cameras[..1], repeat)?;
     variants(&mut rows, &scene, &cameras[..1], repeat)?;
@@ -70,61 +64,61 @@ fn render_error(a: &Scene, b: &Scene, cameras: &[Camera]) -> f64 {
     mean.sqrt()
 }
 
-fn luma(scene: &Scene) -> Vec<f64> {
-    (0..scene.len()).map(|i| gsvx::attributes::colour::forward(scene.sh_of(i)[0])[0]).collect()
+/// Y, Co, Cg of the base colours, in a row for each Gaussian.
+fn base_colours(scene: &Scene) -> Rows {
+    let mut rows = Rows::new(scene.len(), 3);
+    for i in 0..scene.len() {
+        let [y, co, cg] = crate::attributes::colour_planes(scene.sh_of(i)[0]);
+        rows.row_mut(i).copy_from_slice(&[y as f32, co as f32, cg as f32]);
+    }
+    rows
 }
 
-/// RAHT in f32, in f64 and in fixed point.
-fn raht(rows: &mut Vec<Row>, merged: &Scene, voxels: &Voxelization, repeat: usize) -> Result<()> {
+/// RAHT in single and in double precision.
+fn transforms(
+    rows: &mut Vec<Row>,
+    merged: &Scene,
+    voxels: &Voxelization,
+    repeat: usize,
+) -> Result<()> {
     let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
-    let values = luma(merged);
-    let mut add = |setting: &str, measured: (Vec<f64>, Time, f64)| {
-        let (back, time, peak_mb) = measured;
-        let error = back.iter().zip(&values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let colours = base_colours(merged);
+    let luma: Vec<f64> = (0..colours.leaves()).map(|i| f64::from(colours.row(i)[0])).collect();
+    let mut add = |setting: &str, (back, time, peak_mb): (Vec<f64>, Time, f64)| {
+        let error = back.iter().zip(&luma).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         rows.push(Row {
             stage: "RAHT and its inverse, one channel",
             setting: setting.into(),
             time,
             error,
-            of: "largest difference after the way there and back, in units of SH (the fixed-point \
-                 input is rounded to 2^-16)",
+            of: "largest difference after the way there and back, in units of SH",
             bytes: None,
             peak_mb,
         });
     };
     add(
-        "f32",
+        "f32, as in streams",
         timed(repeat, || {
-            let mut v: Vec<f32> = values.iter().map(|&v| v as f32).collect();
-            plan.forward_f32(&mut v)?;
-            plan.inverse_f32(&mut v)?;
-            Ok(v.into_iter().map(f64::from).collect())
+            let mut v = Rows::new(luma.len(), 1);
+            luma.iter().enumerate().for_each(|(i, &y)| v.row_mut(i)[0] = y as f32);
+            raht::forward(&plan, &mut v)?;
+            raht::inverse(&plan, &mut v)?;
+            Ok((0..v.leaves()).map(|i| f64::from(v.row(i)[0])).collect())
         })?,
     );
     add(
         "f64",
         timed(repeat, || {
-            let mut v = values.clone();
+            let mut v = luma.clone();
             plan.forward_f64(&mut v)?;
             plan.inverse_f64(&mut v)?;
             Ok(v)
         })?,
     );
-    add(
-        "fixed point (i64)",
-        timed(repeat, || {
-            let mut v: Vec<i64> =
-                values.iter().map(|&v| ((v * UNITS).round() as i64) << VALUE_BITS).collect();
-            plan.forward_fixed(&mut v)?;
-            plan.inverse_fixed(&mut v)?;
-            let unit = 1.0 / (UNITS * f64::from(1u32 << VALUE_BITS));
-            Ok(v.into_iter().map(|v| v as f64 * unit).collect())
-        })?,
-    );
     Ok(())
 }
 
-/// Entropy coder, dead zone and prediction, at one step.
+/// Rate-distortion optimised quantisation against rounding, at one step.
 fn attributes(
     rows: &mut Vec<Row>,
     merged: &Scene,
@@ -132,46 +126,29 @@ fn attributes(
     repeat: usize,
 ) -> Result<()> {
     let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
-    plan.prepare_prediction();
-    let mut planes = vec![Vec::new(); 3];
-    for i in 0..merged.len() {
-        let ycc = gsvx::attributes::colour::forward(merged.sh_of(i)[0]);
-        (0..3).for_each(|c| planes[c].push((ycc[c] * UNITS).round() as i32));
-    }
-    let views: Vec<&[i32]> = planes.iter().map(Vec::as_slice).collect();
-    let steps = [Step::new(0.1 * UNITS); 3];
-    for (name, mode) in [("range", Mode::Range), ("RLGR", Mode::Rlgr)] {
-        for (dead_zone, lambda) in [("RDOQ", Options::default().lambda), ("no RDOQ", 0)] {
-            for (predicts, prediction) in [("prediction", true), ("no prediction", false)] {
-                let options = Options {
-                    mode,
-                    lambda,
-                    prediction,
-                    // The decoder is measured apart.
-                    reconstruction: false,
-                    ..Options::default()
-                };
-                let (coded, time, peak_mb) =
-                    timed(repeat, || Ok(attribute::encode(&plan, &views, &steps, &options)?))?;
-                let decoded = attribute::decode(&plan, &coded.bytes, views.len())?;
-                let square: f64 = decoded
-                    .iter()
-                    .zip(&planes)
-                    .flat_map(|(a, b)| a.iter().zip(b))
-                    .map(|(a, b)| (f64::from(a - b) / UNITS) * (f64::from(a - b) / UNITS))
-                    .sum();
-                rows.push(Row {
-                    stage: "Coding DC colours",
-                    setting: format!("{name}, {dead_zone}, {predicts}"),
-                    time,
-                    error: (square / (3 * merged.len()).max(1) as f64).sqrt(),
-                    of: "root mean square, units of SH, at a step of 0.1; compare bytes at equal \
-                         error",
-                    bytes: Some(coded.bytes.len()),
-                    peak_mb,
-                });
-            }
-        }
+    let colours = base_colours(merged);
+    let steps = [0.1; 3];
+    for (setting, lambda) in [("RDOQ", Options::default().lambda), ("no RDOQ", 0.0)] {
+        let (bytes, time, peak_mb) = timed(repeat, || {
+            let (mut coder, mut values) = (Encoder::default(), colours.clone());
+            attribute::encode(&mut coder, &plan, &steps, &Options { lambda }, &mut values)?;
+            Ok(coder.finish())
+        })?;
+        let mut decoded = Rows::new(colours.leaves(), colours.channels());
+        attribute::decode(&mut Decoder::new(&bytes)?, &plan, &steps, &mut decoded)?;
+        let square: f64 = (0..colours.leaves())
+            .flat_map(|i| colours.row(i).iter().zip(decoded.row(i)))
+            .map(|(a, b)| f64::from(a - b) * f64::from(a - b))
+            .sum();
+        rows.push(Row {
+            stage: "Coding DC colours",
+            setting: setting.into(),
+            time,
+            error: (square / (3 * merged.len()).max(1) as f64).sqrt(),
+            of: "root mean square, units of SH, at a step of 0.1; compare bytes at equal error",
+            bytes: Some(bytes.len()),
+            peak_mb,
+        });
     }
     Ok(())
 }
@@ -216,31 +193,37 @@ fn neighbours(
     Ok(())
 }
 
-/// Size of the covariance codebook.
-fn codebooks(rows: &mut Vec<Row>, merged: &Scene, repeat: usize) -> Result<()> {
-    let weights = importance::without_cameras(merged);
-    let covariances: Vec<vq::Covariance> = merged
-        .rotations
-        .iter()
-        .zip(&merged.log_scales)
-        .map(|(&q, l)| Ok(vq::Covariance::split(q, l.map(|v| v.clamp(-100.0, 100.0)))?.0))
-        .collect::<Result<_>>()?;
-    for bits in [6, 8, 10, 12] {
-        let options = vq::Options::with_codewords(1 << bits);
-        let ((book, indices), time, peak_mb) = timed(repeat.min(2), || {
-            let book = vq::Codebook::train(&covariances, &weights, &options)?;
-            let indices = book.assign(&covariances);
-            Ok((book, indices))
+/// Covariance modes, and sizes of the codebook, in whole streams at the default quality.
+fn covariances(
+    rows: &mut Vec<Row>,
+    scene: &Scene,
+    cameras: &[Camera],
+    repeat: usize,
+) -> Result<()> {
+    let choose = |found: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, seen);
+    let Prepared { scene: merged, voxels, importance } = gsvx::prepare(scene, choose, None)?;
+    let mut options = EncodeOptions::default();
+    options.importance = Some(importance);
+    for (setting, covariance) in [
+        ("transform", CovarianceMode::Transform),
+        ("2^8 codewords", CovarianceMode::Vq { bits: 8 }),
+        ("2^10 codewords", CovarianceMode::Vq { bits: 10 }),
+        ("2^12 codewords", CovarianceMode::Vq { bits: 12 }),
+        ("integers of 16 bits", CovarianceMode::Lossless { bits: 16 }),
+    ] {
+        options.covariance = covariance;
+        let (bytes, time, peak_mb) = timed(repeat.min(2), || {
+            Ok(gsvx::encode_voxels(&merged, &voxels, None, &options)?.bytes)
         })?;
-        let d = book.distortion(&covariances, &weights, &indices)?;
-        let bytes = book.to_bytes().len() + vq::index::encode(&indices, book.len())?.len();
         rows.push(Row {
-            stage: "Covariance codebook",
-            setting: format!("2^{bits} codewords"),
+            stage: "Covariances in a stream",
+            setting: setting.into(),
             time,
-            error: d.weighted_mean.sqrt(),
-            of: "root of the weighted mean squared distance of normalised covariances",
-            bytes: Some(bytes),
+            error: render_error(&merged, &gsvx::decode(&bytes)?, cameras),
+            of: "root mean square difference of renders from those of the merged scene, two \
+                 held-out views; the time is of encoding the stream, the codebook's training \
+                 included",
+            bytes: Some(bytes.len()),
             peak_mb,
         });
     }
@@ -355,52 +338,49 @@ fn variants(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usiz
     Ok(())
 }
 
-/// The whole codec by quality, and its decoder.
+/// The whole codec by quality, with levels of detail, and lossless; and its decoder.
 fn chain(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usize) -> Result<()> {
-    let of = "root mean square difference of renders from those of the input, two held-out views";
-    for (setting, quality, entropy) in [
-        ("quality 40", 40.0, Entropy::Range),
-        ("quality 60", 60.0, Entropy::Range),
-        ("quality 80", 80.0, Entropy::Range),
-        ("quality 60, --fast", 60.0, Entropy::Fast),
+    for (setting, quality, lod) in [
+        ("quality 40", 40.0, false),
+        ("quality 60", 60.0, false),
+        ("quality 80", 80.0, false),
+        ("quality 60, --lod", 60.0, true),
     ] {
-        let (bytes, time, peak_mb) = timed(repeat.min(2), || {
-            let choose = |found: &[f32], seen| gsvx::default_strategy(quality, found, seen);
-            let Prepared { scene, voxels, importance } = gsvx::prepare(scene, choose, None)?;
-            let base = EncodeOptions::from_quality(quality)?;
-            let options = EncodeOptions { entropy, importance: Some(importance), ..base };
-            Ok(gsvx::encode(&scene, &voxels, &options)?.bytes)
-        })?;
-        let decode = || Ok(gsvx::decode(&bytes, &DecodeOptions::default())?.scene);
-        let (decoded, decode_time, decode_peak) = timed(repeat, decode)?;
-        let error = render_error(scene, &decoded, cameras);
-        let size = Some(bytes.len());
-        let row = |stage, time, peak_mb| Row {
-            stage,
-            setting: setting.into(),
-            time,
-            error,
-            of,
-            bytes: size,
-            peak_mb,
-        };
-        rows.push(row("Voxelizing and encoding", time, peak_mb));
-        rows.push(row("Decoding", decode_time, decode_peak));
+        let mut options = EncodeOptions::from_quality(quality)?;
+        options.lod = lod;
+        let encode = || Ok(gsvx::encode(scene, &options)?.bytes);
+        let coded = timed(repeat.min(2), encode)?;
+        let decoded = timed(repeat, || Ok(gsvx::decode(&coded.0)?))?;
+        let error = render_error(scene, &decoded.0, cameras);
+        both_ways(rows, setting, error, coded, decoded);
     }
-    let (bytes, time, peak_mb) = timed(1, || Ok(gsvx::encode_lossless(scene)?.bytes))?;
-    let (_, decode_time, decode_peak) =
-        timed(1, || Ok(gsvx::decode(&bytes, &DecodeOptions::default())?.scene))?;
-    let size = Some(bytes.len());
-    for (stage, time, peak_mb) in
-        [("Voxelizing and encoding", time, peak_mb), ("Decoding", decode_time, decode_peak)]
-    {
-        let setting = "--lossless".to_owned();
-        rows.push(Row { stage, setting, time, error: 0.0, of, bytes: size, peak_mb });
-    }
+    let coded = timed(1, || Ok(gsvx::encode_lossless(scene, false)?.bytes))?;
+    let decoded = timed(1, || Ok(gsvx::decode(&coded.0)?))?;
+    both_ways(rows, "--lossless", 0.0, coded, decoded);
     rows.sort_by_key(|r| match r.stage {
-        "Voxelizing and encoding" => 1,
-        "Decoding" => 2,
+        ENCODING => 1,
+        DECODING => 2,
         _ => 0,
     });
     Ok(())
+}
+
+const ENCODING: &str = "Voxelizing and encoding";
+const DECODING: &str = "Decoding";
+
+/// The rows of one setting of encoder and decoder.
+fn both_ways(
+    rows: &mut Vec<Row>,
+    setting: &str,
+    error: f64,
+    (bytes, encode_time, encode_peak): (Vec<u8>, Time, f64),
+    (_, decode_time, decode_peak): (Scene, Time, f64),
+) {
+    let of = "root mean square difference of renders from those of the input, two held-out views";
+    for (stage, time, peak_mb) in
+        [(ENCODING, encode_time, encode_peak), (DECODING, decode_time, decode_peak)]
+    {
+        let (setting, bytes) = (setting.to_owned(), Some(bytes.len()));
+        rows.push(Row { stage, setting, time, error, of, bytes, peak_mb });
+    }
 }

@@ -1,32 +1,36 @@
 //! One input through the whole chain in one mode, and its errors against the bounds of
 //! docs/accuracy.md.
 
-use anyhow::{Result, anyhow};
+use std::num::NonZeroUsize;
+
+use anyhow::{Result, anyhow, ensure};
 use gs_model::{Scene, ply};
-use gsvx::attributes::{colour, opacity};
 use gsvx::covariance::log_euclidean;
-use gsvx::stream::{Container, Reader, SectionKind};
-use gsvx::{
-    CovarianceMode, DecodeOptions, EncodeOptions, Entropy, OpacityDomain, Prepared, importance,
-    slices,
-};
+use gsvx::{CovarianceMode, EncodeOptions, Prepared, importance};
 use serde::{Deserialize, Serialize};
 use voxel::{Strategy, Voxelization};
 
-/// Settings of voxelization, encoder and decoder.
-pub(crate) const MODES: [&str; 8] = [
+use super::levels;
+use crate::attributes::{colour_planes, log_alpha, log_size};
+
+/// Settings of voxelization and encoder.
+pub(crate) const MODES: [&str; 12] = [
     "default",
-    "--fast",
+    "chunks of 64",
+    "lod",
+    "lod, chunks of 64",
     "vq:8",
     "lossless:16",
+    "uniform precision",
+    "SH degree 0",
     "uniform depth 12",
     "paper 6 to 12",
-    "LoD depth 6",
     "--lossless",
+    "--lossless, in order",
 ];
 
-/// Depth of the mode that decodes a level of detail.
-const LOD: u8 = 6;
+/// Leaves of small chunks.
+const SMALL: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
 /// The result of one run.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -43,141 +47,189 @@ pub(crate) struct Outcome {
     pub(crate) peak_mb: f64,
 }
 
+/// What the encoder is asked for in a mode.
+fn options_of(mode: &str) -> EncodeOptions {
+    let mut options = EncodeOptions::default();
+    options.covariance = match mode {
+        "vq:8" => CovarianceMode::Vq { bits: 8 },
+        "lossless:16" => CovarianceMode::Lossless { bits: 16 },
+        _ => CovarianceMode::Transform,
+    };
+    options.lod = mode.starts_with("lod");
+    if mode.ends_with("chunks of 64") {
+        options.chunk_leaves = SMALL;
+    }
+    options.uniform_precision = mode == "uniform precision";
+    if mode == "SH degree 0" {
+        options.max_sh_degree = 0;
+    }
+    options
+}
+
+/// What a stream was made from, and the stream.
+struct Coded {
+    /// One Gaussian per leaf, as the encoder merges them.
+    prepared: Prepared,
+    /// The Gaussians that were voxelized, and those that are coded exactly.
+    inside: Scene,
+    outliers: Scene,
+    bytes: Vec<u8>,
+    options: EncodeOptions,
+}
+
 /// Runs `scene` in `mode`.
 ///
 /// # Errors
 /// If the chain accepts the scene, but the decoded scene is invalid or not what it must be.
 pub(crate) fn run(scene: &Scene, mode: &str) -> Result<Outcome> {
-    if mode == "--lossless" {
-        return lossless(scene);
+    if mode.starts_with("--lossless") {
+        return lossless(scene, mode.ends_with("in order"));
+    }
+    match coded(scene, mode) {
+        Ok(coded) => checked(&coded),
+        Err(refused) => Ok(Outcome { refused: Some(refused), ..Default::default() }),
+    }
+}
+
+/// The scene through reader, voxelization and encoder; or which part refused, and its message.
+fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
+    fn by<E: std::fmt::Display>(part: &'static str) -> impl Fn(E) -> String {
+        move |error| format!("{part}: {error}")
     }
     // Through a file, as the command does: the reader decides what is valid.
     let mut file = Vec::new();
-    let refused = |what: &str, error: &dyn std::fmt::Display| {
-        Ok(Outcome { refused: Some(format!("{what}: {error}")), ..Default::default() })
-    };
-    if let Err(e) = ply::write_to(&mut file, scene) {
-        return refused("write", &e);
-    }
-    let scene = match ply::read_bytes(&file) {
-        Ok((scene, _)) => scene,
-        Err(e) => return refused("read", &e),
-    };
+    ply::write_to(&mut file, scene).map_err(by("write"))?;
+    let (scene, _) = ply::read_bytes(&file).map_err(by("read"))?;
     drop(file);
-    let quality = gsvx::DEFAULT_QUALITY;
+    let (inside, outliers) = match gsvx::split_outliers(&scene).map_err(by("split"))? {
+        Some(split) => (scene.select(&split.inside), scene.select(&split.outliers)),
+        None => (scene, Scene::default()),
+    };
     let strategy = |importance: &[f32], seen| match mode {
         "uniform depth 12" => Ok(Strategy::Uniform { depth: 12 }),
         "paper 6 to 12" => Ok(Strategy::paper(6, 12)),
-        _ => gsvx::default_strategy(quality, importance, seen),
+        _ => gsvx::default_strategy(gsvx::DEFAULT_QUALITY, importance, seen),
     };
-    let prepared = match gsvx::prepare(&scene, strategy, None) {
-        Ok(prepared) => prepared,
-        Err(e) => return refused("voxelize", &e),
-    };
-    let Prepared { scene: merged, voxels, importance } = prepared;
-    let options = EncodeOptions {
-        covariance: match mode {
-            "vq:8" => CovarianceMode::Vq { bits: 8 },
-            "lossless:16" => CovarianceMode::Lossless { bits: 16 },
-            _ => CovarianceMode::Transform,
-        },
-        entropy: if mode == "--fast" { Entropy::Fast } else { Entropy::Range },
-        importance: Some(importance),
-        ..EncodeOptions::default()
-    };
-    let bytes = match gsvx::encode(&merged, &voxels, &options) {
-        Ok(encoded) => encoded.bytes,
-        Err(e) => return refused("encode", &e),
-    };
-    let lod = (mode == "LoD depth 6").then_some(LOD);
-    let decoded = gsvx::decode(&bytes, &DecodeOptions { lod, ..Default::default() })?;
-    decoded.scene.validate().map_err(|e| anyhow!("the decoder returned {e}"))?;
-    let mut back = Vec::new();
-    ply::write_to(&mut back, &decoded.scene)?;
-    if ply::read_bytes(&back)?.0 != decoded.scene {
-        return Err(anyhow!("the decoded scene changed by being written and read"));
+    let prepared = gsvx::prepare(&inside, strategy, None).map_err(by("voxelize"))?;
+    let options = options_of(mode);
+    let bytes = gsvx::encode_with(&inside, strategy, Some(&outliers), &options)
+        .map_err(by("encode"))?
+        .bytes;
+    Ok(Coded { prepared, inside, outliers, bytes, options })
+}
+
+/// Decodes a stream and compares with what it was made from.
+fn checked(coded: &Coded) -> Result<Outcome> {
+    let Coded { prepared, inside, outliers, bytes, options } = coded;
+    let decoded = gsvx::decode(bytes)?;
+    decoded.validate().map_err(|e| anyhow!("the decoder returned {e}"))?;
+    let mut file = Vec::new();
+    ply::write_to(&mut file, &decoded)?;
+    ensure!(
+        ply::read_bytes(&file)?.0 == decoded,
+        "the decoded scene changed by being written and read"
+    );
+    drop(file);
+    let (merged, voxels) = (&prepared.scene, &prepared.voxels);
+    let n = merged.len();
+    ensure!(decoded.len() == n + outliers.len(), "{} Gaussians decoded", decoded.len());
+    let leaves = decoded.select(&(0..n).collect::<Vec<_>>());
+    let exact = decoded.select(&(n..decoded.len()).collect::<Vec<_>>());
+    ensure!(leaves.means == merged.means, "decoded means are not those of the voxels");
+    let outliers = of_degree(outliers, outliers.sh_degree.min(options.max_sh_degree));
+    ensure!(
+        rows(&of_degree(&exact, outliers.sh_degree)) == rows(&outliers),
+        "an outlier came back with other bits"
+    );
+    let (found, classes) = gsvx::decode_leaves(bytes)?;
+    ensure!(found == voxels.leaves, "decoded leaves are not those of the voxels");
+    if options.lod {
+        levels::check(bytes, voxels, &outliers)?;
     }
-    drop(back);
     let mut outcome =
-        Outcome { gaussians: decoded.scene.len(), bytes: bytes.len(), ..Default::default() };
-    let mut add = |name: &str, ratio: f64| outcome.worst.push((name.into(), ratio));
-    if lod.is_some() {
-        add("mean", off_centre(&decoded, &voxels));
-        return Ok(outcome);
-    }
-    add("mean", displacement(&scene, &voxels));
-    if decoded.scene.means != merged.means {
-        return Err(anyhow!("decoded means are not those of the voxels"));
-    }
-    outcome.worst.extend(attributes(&bytes, &voxels, &merged, &decoded.scene, &options)?);
+        Outcome { gaussians: decoded.len(), bytes: bytes.len(), ..Default::default() };
+    outcome.worst.push(("mean".into(), displacement(inside, voxels)));
+    outcome.worst.extend(attributes(&classes, prepared, &leaves, options)?);
     Ok(outcome)
+}
+
+/// The scene at another SH degree: coefficients are cut, or zeros are added.
+pub(super) fn of_degree(scene: &Scene, sh_degree: u8) -> Scene {
+    let mut out = Scene { sh_degree, ..Scene::default() };
+    out.append(scene);
+    out
 }
 
 /// For each attribute, its worst error over its bound.
 fn attributes(
-    bytes: &[u8],
-    voxels: &Voxelization,
-    merged: &Scene,
+    classes: &[u8],
+    prepared: &Prepared,
     decoded: &Scene,
     options: &EncodeOptions,
 ) -> Result<Vec<(String, f64)>> {
+    let merged = &prepared.scene;
     let mut worst = Vec::new();
     let mut add = |name: &str, ratio: f64| worst.push((name.into(), ratio));
-    let bound = Bound::of(bytes, voxels, merged.len())?;
+    let bound = Bound::of(classes, &prepared.voxels);
     let steps = &options.steps;
-    let log_alpha =
-        |s: &Scene, i: usize| [opacity::forward(OpacityDomain::LogAlpha, s.opacity_logits[i])];
-    add("opacity", bound.ratio(merged, decoded, steps.opacity, log_alpha));
-    for k in 0..merged.sh_len() {
+    let opacity = |s: &Scene, i: usize| [log_alpha(s.opacity_logits[i])];
+    add("opacity", bound.ratio(merged, decoded, steps.opacity, opacity));
+    let kept = usize::from(options.max_sh_degree.min(merged.sh_degree)) + 1;
+    ensure!(decoded.sh_len() <= kept * kept, "SH degree {}", decoded.sh_degree);
+    for k in 0..kept * kept {
         let step = if k == 0 { steps.dc } else { steps.sh[0] };
         // A degree of zeros is left out of the stream.
         let planes =
-            |s: &Scene, i: usize| colour::forward(s.sh_of(i).get(k).copied().unwrap_or_default());
+            |s: &Scene, i: usize| colour_planes(s.sh_of(i).get(k).copied().unwrap_or_default());
         add("SH", bound.ratio(merged, decoded, step, planes));
     }
     match options.covariance {
-        CovarianceMode::Transform => {
-            let c =
-                |s: &Scene, i: usize| log_euclidean::coordinates(s.rotations[i], s.log_scales[i]);
-            add("covariance", bound.ratio(merged, decoded, steps.covariance, c));
-        }
         CovarianceMode::Lossless { bits } => {
             add("covariance", integers(merged, decoded, bits));
         }
-        _ => {
-            add("covariance (shape)", shapes(bytes, merged, decoded)?);
+        CovarianceMode::Vq { bits } => {
+            add("covariance (shape)", shapes(prepared, decoded, bits)?);
             let size = |s: &Scene, i: usize| [log_size(s.log_scales[i])];
             let bound = Bound { rounding: CODEWORD_SIZE, ..bound };
             add("covariance (size)", bound.ratio(merged, decoded, steps.covariance, size));
+        }
+        _ => {
+            let c = |s: &Scene, i: usize| {
+                log_euclidean::coordinates(s.rotations[i], s.log_scales[i]).map(f64::from)
+            };
+            add("covariance", bound.ratio(merged, decoded, steps.covariance, c));
         }
     }
     Ok(worst)
 }
 
-/// Worst distance of a shape from its codeword's over the bound. Every Gaussian (or every so many)
-/// must have the nearest codeword of the stream.
-fn shapes(bytes: &[u8], want: &Scene, got: &Scene) -> Result<f64> {
-    use vq::{Codebook, Covariance, index};
+/// Worst distance of a shape from its codeword's over the bound. The codebook is trained a second time,
+/// which gives the same one; every Gaussian (or every so many) must have the nearest codeword, and be
+/// decoded to it.
+fn shapes(prepared: &Prepared, got: &Scene, bits: u8) -> Result<f64> {
+    use vq::{Codebook, Covariance};
+    let want = &prepared.scene;
     if want.is_empty() {
         return Ok(0.0);
     }
-    let container = Container::parse(bytes)?;
-    let payload = container.section(SectionKind::Covariance)?.unwrap_or_default();
-    // A byte that names the mode, the codebook, the indices (docs/bitstream.md).
-    let mut r = Reader::new(payload.get(1..).unwrap_or_default(), "covariance");
-    let book = Codebook::from_bytes(r.block()?)?;
-    let indices = index::decode(r.block()?, want.len(), book.len())?;
+    let covariances: Vec<Covariance> = want
+        .rotations
+        .iter()
+        .zip(&want.log_scales)
+        .map(|(&q, l)| Ok(Covariance::split(q, l.map(|v| v.clamp(-100.0, 100.0)))?.0))
+        .collect::<Result<_>>()?;
+    let options = vq::Options::with_codewords(1 << bits);
+    let book = Codebook::train(&covariances, &prepared.importance, &options)?;
+    let indices = book.assign(&covariances);
     let words: Vec<[f64; 6]> = book.decode_all().iter().map(|&(q, l)| root(q, l)).collect();
     let bound = (2.0 + book.trace_tolerance()).sqrt();
     let mut worst = 0.0f64;
     for i in (0..want.len()).step_by(1 + want.len() / SHAPES) {
-        let clamped = want.log_scales[i].map(|v| v.clamp(-100.0, 100.0));
-        let (shape, _) = Covariance::split(want.rotations[i], clamped)?;
-        let shape = root(shape.quaternion(), shape.log_scales());
-        let square = |w: &[f64; 6]| (0..6).map(|k| (w[k] - shape[k]) * (w[k] - shape[k])).sum();
-        let index = indices[i];
-        let (q, l) = book.decode(index)?;
-        let own: f64 = square(&words[index as usize]);
+        let shape = root(covariances[i].quaternion(), covariances[i].log_scales());
+        let square =
+            |w: &[f64; 6]| -> f64 { (0..6).map(|k| (w[k] - shape[k]) * (w[k] - shape[k])).sum() };
+        let (q, l) = book.decode(indices[i])?;
+        let own: f64 = square(&words[indices[i] as usize]);
         let nearest: f64 = words.iter().map(square).fold(f64::INFINITY, f64::min);
         // The search compares squares in f32.
         if own > nearest + 1e-6 {
@@ -213,32 +265,27 @@ fn root(q: [f32; 4], l: [f32; 3]) -> [f64; 6] {
 /// How far the logarithm of a codeword's size can be from 0 (`vq::Codebook::trace_tolerance`).
 const CODEWORD_SIZE: f64 = 0.02;
 
-/// `ln` of the root of the covariance's trace, over the range that is coded.
-fn log_size(l: [f32; 3]) -> f64 {
-    let l = l.map(|v| v.clamp(-100.0, 100.0));
-    let top = f64::from(l.iter().copied().fold(f32::NEG_INFINITY, f32::max));
-    let sum: f64 = l.iter().map(|&v| libm::exp(2.0 * (f64::from(v) - top))).sum();
-    top + 0.5 * libm::log(sum)
-}
-
-fn lossless(scene: &Scene) -> Result<Outcome> {
-    let encoded = gsvx::encode_lossless(scene)?;
-    let decoded = gsvx::decode(&encoded.bytes, &DecodeOptions::default())?;
-    if rows(scene) != rows(&decoded.scene) {
-        return Err(anyhow!("a float came back with other bits"));
+fn lossless(scene: &Scene, in_order: bool) -> Result<Outcome> {
+    let encoded = gsvx::encode_lossless(scene, in_order)?;
+    let decoded = gsvx::decode(&encoded.bytes)?;
+    let (mut want, mut got) = (rows(scene), rows(&decoded));
+    if !in_order {
+        want.sort_unstable();
+        got.sort_unstable();
     }
+    ensure!(want == got, "a float came back with other bits");
     Ok(Outcome {
-        gaussians: decoded.scene.len(),
+        gaussians: decoded.len(),
         bytes: encoded.bytes.len(),
         worst: vec![("every float".into(), 0.0)],
         ..Default::default()
     })
 }
 
-/// Hashes of the bits of every Gaussian, sorted, because a stream does not keep the order.
-fn rows(s: &Scene) -> Vec<[u8; 16]> {
+/// Hashes of the bits of every Gaussian.
+pub(super) fn rows(s: &Scene) -> Vec<[u8; 16]> {
     use sha2::{Digest, Sha256};
-    let mut rows: Vec<[u8; 16]> = (0..s.len())
+    (0..s.len())
         .map(|i| {
             let mut sha = Sha256::new();
             let parts: [&[f32]; 5] = [
@@ -253,9 +300,7 @@ fn rows(s: &Scene) -> Vec<[u8; 16]> {
             row.copy_from_slice(&sha.finalize()[..16]);
             row
         })
-        .collect();
-    rows.sort_unstable();
-    rows
+        .collect()
 }
 
 /// Distance of each input mean from its leaf's centre, per axis, over half the leaf's side.
@@ -277,17 +322,6 @@ fn displacement(scene: &Scene, voxels: &Voxelization) -> f64 {
     worst
 }
 
-/// 0 if every mean is the centre of its cell and no two cells are the same, else infinite.
-fn off_centre(decoded: &gsvx::Decoded, voxels: &Voxelization) -> f64 {
-    let at_centre = decoded
-        .leaves
-        .iter()
-        .zip(&decoded.scene.means)
-        .all(|(l, m)| voxels.cube.leaf_centre(*l, voxels.j_high) == *m && l.depth <= LOD);
-    let ascending = decoded.leaves.windows(2).all(|w| w[0].morton < w[1].morton);
-    if at_centre && ascending { 0.0 } else { f64::INFINITY }
-}
-
 /// Bounds of transform-coded channels (docs/accuracy.md).
 struct Bound {
     /// Per Gaussian: the step of its importance class over that of the mean class.
@@ -302,25 +336,14 @@ struct Bound {
 const COEFFICIENT: f64 = 1.5;
 
 impl Bound {
-    fn of(bytes: &[u8], voxels: &Voxelization, n: usize) -> Result<Self> {
-        let container = Container::parse(bytes)?;
-        let mut fineness = Vec::with_capacity(n);
-        if let Some(payload) = container.section(SectionKind::Importance)? {
-            let count = container.header.slices as usize;
-            for (i, part) in slices::split(payload, count)?.into_iter().enumerate() {
-                let leaves = &voxels.leaves[slices::range(voxels.leaves.len(), count, i)];
-                let classes = importance::decode(part, leaves, voxels.j_high)?;
-                fineness.extend(
-                    classes
-                        .iter()
-                        .map(|&c| libm::exp2(f64::from(importance::MEAN_CLASS) - f64::from(c))),
-                );
-            }
+    fn of(classes: &[u8], voxels: &Voxelization) -> Self {
+        let fineness = |&c: &u8| libm::exp2(f64::from(importance::MEAN_CLASS) - f64::from(c));
+        let n = classes.len() as f64;
+        Self {
+            fineness: classes.iter().map(fineness).collect(),
+            path: (3.0 * f64::from(voxels.j_high) + 1.0).min(n.sqrt()),
+            rounding: 4.0 / 65536.0,
         }
-        fineness.resize(n, 1.0);
-        let path = (3.0 * f64::from(voxels.j_high) + 1.0).min((n as f64).sqrt());
-        // Fixed point of 2^-16.
-        Ok(Self { fineness, path, rounding: 4.0 / 65536.0 })
     }
 
     /// The greater of: worst error over its bound, and weighted root mean square over its bound.

@@ -3,6 +3,7 @@
 
 mod chain;
 mod inputs;
+mod levels;
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -213,9 +214,9 @@ mod tests {
         }
     }
 
-    /// Invalid scenes are refused. Valid ones are accepted, except one beyond the fixed point.
+    /// Invalid scenes are refused. Valid ones are accepted, except one of SH coefficients beyond the limit.
     #[test]
-    fn only_what_is_invalid_or_beyond_the_fixed_point_is_refused() {
+    fn only_what_is_invalid_or_too_large_is_refused() {
         let refused: Vec<&str> = INPUTS
             .iter()
             .filter(|i| chain::run(&i.scene(100), "default").unwrap().refused.is_some())
@@ -230,7 +231,7 @@ mod tests {
             "one NaN SH coefficient",
             "a zero quaternion",
             "a quaternion of -0",
-            // Valid, but beyond what the stream's integers hold (docs/accuracy.md).
+            // Valid, but beyond what lossy coding takes (docs/accuracy.md).
             "SH coefficients +-3e38",
         ];
         assert_eq!(refused, invalid);

@@ -1,15 +1,15 @@
-//! Error against time of the three forms of RAHT.
+//! Error and time of RAHT in single precision, which streams use, against double precision.
 
 use std::fmt::Write as _;
 
 use anyhow::Result;
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::{self, Plan, Rows};
 use gpcc_lite::{Leaf, morton};
 
 use super::speed::{best, random};
 
-/// `n` points spread over a cube of depth `j`, 16-bit values.
-fn cloud(n: usize, j: u8) -> (Vec<Leaf>, Vec<i32>) {
+/// `n` points spread over a cube of depth `j`.
+fn leaves(n: usize, j: u8) -> Vec<Leaf> {
     let mask = (1u64 << j) - 1;
     let mut leaves: Vec<Leaf> = random(n)
         .into_iter()
@@ -21,65 +21,130 @@ fn cloud(n: usize, j: u8) -> (Vec<Leaf>, Vec<i32>) {
         .collect();
     leaves.sort_unstable();
     leaves.dedup();
-    let values = random(leaves.len()).into_iter().map(|r| (r >> 40) as i32 & 0xffff).collect();
-    (leaves, values)
+    leaves
 }
 
-fn errors(a: impl Iterator<Item = f64>, b: &[i32]) -> (f64, f64) {
+/// Importance classes that weights follow.
+const CLASSES: u64 = 12;
+
+/// Greatest and root mean square difference.
+fn errors(a: impl Iterator<Item = f64>, b: &[f64]) -> [f64; 2] {
     let (mut max, mut sum) = (0.0f64, 0.0);
     for (a, &b) in a.zip(b) {
-        let e = (a - f64::from(b)).abs();
+        let e = (a - b).abs();
         max = max.max(e);
         sum += e * e;
     }
-    (max, (sum / b.len().max(1) as f64).sqrt())
+    [max, (sum / b.len().max(1) as f64).sqrt()]
 }
 
-/// Forward and inverse of one channel of 16-bit values.
+/// Sum of all weights of a plan of more than one leaf.
+fn weight_of(plan: &Plan) -> f64 {
+    plan.child_weights(1).iter().sum()
+}
+
+/// Coefficients in coefficient order, from rows that hold the mean and differences of means.
+fn coefficients(plan: &Plan, rows: &Rows) -> Vec<f64> {
+    let mean = f64::from(rows.row(0)[0]) * weight_of(plan).sqrt();
+    let high_pass = (1..plan.len()).map(|k| {
+        let [a, b] = plan.child_weights(k);
+        f64::from(rows.row(plan.split_leaf(k))[0]) * (a * b / (a + b)).sqrt()
+    });
+    std::iter::once(mean).chain(high_pass).collect()
+}
+
+/// Number of points, depth, greatest value, and whether leaves have weights.
+const CASES: [(usize, u8, f64, bool); 12] = [
+    (1_000, 10, 65_535.0, false),
+    (1_000, 21, 65_535.0, false),
+    (30_000, 12, 65_535.0, false),
+    (500_000, 15, 65_535.0, false),
+    (500_000, 21, 65_535.0, false),
+    (2_000_000, 18, 65_535.0, false),
+    (2_000_000, 21, 65_535.0, false),
+    (500_000, 21, 1.0, false),
+    (500_000, 21, 18_900.0, false),
+    (500_000, 21, 1.0, true),
+    (500_000, 21, 18_900.0, true),
+    (2_000_000, 21, 65_535.0, true),
+];
+
+/// Forward and inverse of one channel.
 pub(super) fn table() -> Result<String> {
     let mut out = String::from(
-        "| points | depth | f32 max / RMS error | f32 ms | f64 max / RMS error | f64 ms | fixed max / RMS error | fixed ms |\n|---|---|---|---|---|---|---|---|\n",
+        "Values are random, from 0 to the greatest. \"There and back\": greatest and root mean square \
+         difference from the values. \"Forward\": difference of the coefficients in f32 from those in f64, as the \
+         weighted root mean square difference of values that it stands for (the transform is orthonormal in \
+         the weights). All differences are relative to the greatest value. Weights: 4^c for importance \
+         classes c of 0 to 11.\n\n\
+         | points | depth | greatest value | weights | f32 there and back, max / RMS | f32 forward, RMS | f32 ms | f64 there and back, max / RMS | f64 ms |\n|---|---|---|---|---|---|---|---|---|\n",
     );
-    for (n, j) in [
-        (1_000, 10),
-        (1_000, 21),
-        (30_000, 12),
-        (500_000, 15),
-        (500_000, 21),
-        (2_000_000, 18),
-        (2_000_000, 21),
-    ] {
-        let (leaves, values) = cloud(n, j);
-        let plan = Plan::new(&leaves, j)?;
-        let (t32, v32) = best(3, || {
-            let mut v: Vec<f32> = values.iter().map(|&v| v as f32).collect();
-            plan.forward_f32(&mut v).and_then(|()| plan.inverse_f32(&mut v)).map(|()| v)
-        });
-        let (t64, v64) = best(3, || {
-            let mut v: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
-            plan.forward_f64(&mut v).and_then(|()| plan.inverse_f64(&mut v)).map(|()| v)
-        });
-        let (tfx, vfx) = best(3, || {
-            let mut v: Vec<i64> = values.iter().map(|&v| i64::from(v) << 12).collect();
-            plan.forward_fixed(&mut v).and_then(|()| plan.inverse_fixed(&mut v)).map(|()| v)
-        });
-        let e32 = errors(v32?.iter().map(|&v| f64::from(v)), &values);
-        let e64 = errors(v64?.iter().copied(), &values);
-        let efx = errors(vfx?.iter().map(|&v| v as f64 / 4096.0), &values);
+    for (n, j, greatest, weighted) in CASES {
+        let leaves = leaves(n, j);
+        let random = random(2 * leaves.len());
+        let (classes, numbers) = random.split_at(leaves.len());
+        let plan = if weighted {
+            let weights: Vec<u32> =
+                classes.iter().map(|r| 1 << (2 * ((r >> 40) % CLASSES))).collect();
+            Plan::with_weights(&leaves, j, &weights)?
+        } else {
+            Plan::new(&leaves, j)?
+        };
+        let values: Vec<f64> = numbers
+            .iter()
+            .map(|r| f64::from(((r >> 40) as f64 / (1u64 << 24) as f64 * greatest) as f32))
+            .collect();
+        let line = row(&plan, &values)?;
+        let (at, weights) = (leaves.len(), if weighted { "4^c" } else { "1" });
+        let relative =
+            |[max, rms]: [f64; 2]| format!("{:.1e} / {:.1e}", max / greatest, rms / greatest);
+        let (single, double) = (relative(line.single), relative(line.double));
+        let forward = line.forward / greatest;
+        let [single_ms, double_ms] = line.seconds.map(|s| s * 1e3);
         writeln!(
             out,
-            "| {} | {j} | {:.1e} / {:.1e} | {:.1} | {:.1e} / {:.1e} | {:.1} | {:.1e} / {:.1e} | {:.1} |",
-            leaves.len(),
-            e32.0,
-            e32.1,
-            t32 * 1e3,
-            e64.0,
-            e64.1,
-            t64 * 1e3,
-            efx.0,
-            efx.1,
-            tfx * 1e3
+            "| {at} | {j} | {greatest} | {weights} | {single} | {forward:.1e} | {single_ms:.1} | {double} | {double_ms:.1} |",
         )?;
     }
     Ok(out)
+}
+
+/// What [`row`] measured.
+struct Measured {
+    /// Greatest and root mean square difference, there and back.
+    single: [f64; 2],
+    double: [f64; 2],
+    /// Weighted root mean square difference of the forward transforms.
+    forward: f64,
+    /// Least times there and back: f32, f64.
+    seconds: [f64; 2],
+}
+
+fn row(plan: &Plan, values: &[f64]) -> Result<Measured> {
+    let filled = || {
+        let mut rows = Rows::new(values.len(), 1);
+        values.iter().enumerate().for_each(|(i, &v)| rows.row_mut(i)[0] = v as f32);
+        rows
+    };
+    let (single_s, back) = best(3, || {
+        let mut rows = filled();
+        raht::forward(plan, &mut rows).and_then(|()| raht::inverse(plan, &mut rows)).map(|()| rows)
+    });
+    let back = back?;
+    let (double_s, double) = best(3, || {
+        let mut v = values.to_vec();
+        plan.forward_f64(&mut v).and_then(|()| plan.inverse_f64(&mut v)).map(|()| v)
+    });
+    let mut there = filled();
+    raht::forward(plan, &mut there)?;
+    let mut exact = values.to_vec();
+    plan.forward_f64(&mut exact)?;
+    let found = coefficients(plan, &there);
+    let squares = found.iter().zip(&exact).map(|(a, b)| (a - b) * (a - b));
+    Ok(Measured {
+        single: errors((0..values.len()).map(|i| f64::from(back.row(i)[0])), values),
+        double: errors(double?.into_iter(), values),
+        forward: (squares.sum::<f64>() / weight_of(plan)).sqrt(),
+        seconds: [single_s, double_s],
+    })
 }

@@ -3,6 +3,7 @@
 mod accuracy;
 mod adaptive;
 mod cloud;
+mod lossy;
 mod model;
 mod rates;
 mod speed;
@@ -63,7 +64,7 @@ pub fn run(args: &Options) -> Result<()> {
         part("Leaves of different depth", adaptive::table(dir)?);
     }
     if wants("raht") {
-        part("RAHT", rates::raht_table(dir, &clouds, &lossy, &qps, &peers)?);
+        part("RAHT", lossy::table(dir, &clouds, &lossy, &qps, &peers)?);
     }
     if wants("lossless") {
         part("Lossless channels", rates::lossless_table(dir, &clouds, &lossless, &peers)?);
@@ -94,8 +95,10 @@ Written by `cargo xtask bench-gpcc`. The peer's figures are recorded runs (`tmc1
 clouds): Release build, one thread. Ours are whole streams, headers included, decoded and compared.
 Rates are bits per point. \"Authors\" are the settings of the paper's scripts; \"best\" the smallest of
 all recorded option sets. Lossy rates are compared at the peer's squared error, summed over the
-stored 8-bit channels after clipping to 0..255 (opacity: the 16-bit attribute divided by 257, as the
-peer codes it); our step is searched until the error agrees within 0.2 %, the rest interpolated.
+stored 8-bit channels after rounding and clipping to 0..255 (opacity: the 16-bit attribute divided by
+257, as the peer codes it); our step is searched until the error agrees within 0.2 %, the rest
+interpolated. A byte for the step of each channel is counted. \"RAHT and RLGR\" is the paper's coder: a
+uniform quantiser of RAHT coefficients, each channel coded by RLGR.
 Times are CPU time (of the one thread; of all for the model, with the wall time of a machine that
-others were using beside it); streams only, no reconstruction at the encoder. The yardstick, a sort, was taken in the same run.
+others were using beside it). The yardstick, a sort, was taken in the same run.
 ";

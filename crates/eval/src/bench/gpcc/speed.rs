@@ -6,12 +6,13 @@ use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use gpcc_lite::attribute::{self, Options};
-use gpcc_lite::coeffs::Mode;
+use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::Plan;
-use gpcc_lite::{Limits, geometry};
+use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::{Limits, geometry, rlgr};
 
-use super::cloud::read;
+use super::cloud::{Cloud, read};
+use super::lossy::{levels, rows_of, steps_of};
 
 /// Seconds that this thread has run, which other processes on a shared machine do not change. The
 /// wall clock where the kernel does not report it.
@@ -63,7 +64,15 @@ pub(super) fn yardstick() -> f64 {
     many.0 / 20.0
 }
 
-/// One thread, 500 k points, J = 15: geometry and three-channel RAHT.
+/// One row of the table.
+struct Row {
+    stage: String,
+    /// Seconds.
+    encode: f64,
+    decode: f64,
+}
+
+/// One thread, 500 k points, J = 15: geometry, three-channel RAHT, and RLGR of its levels.
 pub(super) fn speed_table(dir: &Path) -> Result<String> {
     let cloud = read(&dir.join("syn15_dc.ply"), 15)?;
     let sort = yardstick();
@@ -71,75 +80,69 @@ pub(super) fn speed_table(dir: &Path) -> Result<String> {
         "`sort_unstable` of 500 k random u64: {:.1} ms. Times below in ms, and as multiples of it.\n\n| stage | encode ms | x sort | decode ms | x sort |\n|---|---|---|---|---|\n",
         sort * 1e3
     );
-    let mut row = |name: &str, enc: f64, dec: f64| {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    for Row { stage, encode, decode } in pool.install(|| rows(&cloud))? {
         writeln!(
             out,
-            "| {name} | {:.1} | {:.2} | {:.1} | {:.2} |",
-            enc * 1e3,
-            enc / sort,
-            dec * 1e3,
-            dec / sort
-        )
-    };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    pool.install(|| -> Result<()> {
-        let (g_enc, bytes) = best(3, || geometry::encode(&cloud.leaves, cloud.j));
-        let bytes = bytes?;
-        let (g_dec, back) = best(3, || geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
-        ensure!(back?.leaves == cloud.leaves, "geometry differs");
-        row("geometry", g_enc, g_dec)?;
-        let (f_enc, bytes) = best(3, || geometry::encode_fast(&cloud.leaves, cloud.j));
-        let bytes = bytes?;
-        let (f_dec, back) = best(3, || geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
-        ensure!(back?.leaves == cloud.leaves, "geometry differs");
-        row("geometry, fast", f_enc, f_dec)?;
-        let (plan_s, plan) = best(3, || Plan::new(&cloud.leaves, cloud.j));
-        drop(plan?);
-        row("RAHT plan (merges)", plan_s, plan_s)?;
-        let (near_s, plan) = best(3, || -> Result<Plan> {
-            let plan = Plan::new(&cloud.leaves, cloud.j)?;
-            plan.prepare_prediction();
-            Ok(plan)
-        });
-        drop(plan?);
-        row("RAHT plan with what prediction needs", near_s, near_s)?;
-        let refs: Vec<&[i32]> = cloud.channels.iter().map(Vec::as_slice).collect();
-        for (name, mode, prediction) in [
-            ("range", Mode::Range, true),
-            ("range, no prediction", Mode::Range, false),
-            ("symbols", Mode::Symbols, true),
-            ("symbols, no prediction", Mode::Symbols, false),
-            ("RLGR", Mode::Rlgr, true),
-            ("RLGR, no prediction", Mode::Rlgr, false),
-        ] {
-            let (geometry, shape_enc, shape_dec) = match mode {
-                Mode::Range => ("geometry", g_enc, g_dec),
-                _ => ("fast geometry", f_enc, f_dec),
-            };
-            for qp in [16, 28] {
-                let truth = Options { mode, prediction, ..Options::default() };
-                let o = Options { reconstruction: false, ..truth };
-                let steps = vec![Step::from_qp(qp); refs.len()];
-                // A new plan each time: what it computes on first use is part of the cost.
-                let (enc, coded) = best(3, || {
-                    let plan = Plan::new(&cloud.leaves, cloud.j)?;
-                    attribute::encode(&plan, &refs, &steps, &o)
-                });
-                let coded = coded?;
-                let (dec, values) = best(3, || {
-                    let plan = Plan::new(&cloud.leaves, cloud.j)?;
-                    attribute::decode(&plan, &coded.bytes, refs.len())
-                });
-                let told =
-                    attribute::encode(&Plan::new(&cloud.leaves, cloud.j)?, &refs, &steps, &truth)?;
-                ensure!(told.bytes == coded.bytes, "streams differ");
-                ensure!(values? == told.reconstruction, "values differ");
-                row(&format!("plan + 3 channels, {name}, QP {qp}"), enc, dec)?;
-                let total = format!("total with {geometry}, {name}, QP {qp}");
-                row(&total, enc + shape_enc, dec + shape_dec)?;
-            }
-        }
-        Ok(())
-    })?;
+            "| {stage} | {:.1} | {:.2} | {:.1} | {:.2} |",
+            encode * 1e3,
+            encode / sort,
+            decode * 1e3,
+            decode / sort
+        )?;
+    }
     Ok(out)
+}
+
+fn rows(cloud: &Cloud) -> Result<Vec<Row>> {
+    let mut out = Vec::new();
+    let mut row = |stage: &str, encode: f64, decode: f64| {
+        out.push(Row { stage: stage.into(), encode, decode });
+    };
+    let (shape_enc, bytes) = best(3, || geometry::encode(&cloud.leaves, cloud.j));
+    let bytes = bytes?;
+    let (shape_dec, back) = best(3, || geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
+    ensure!(back?.leaves == cloud.leaves, "geometry differs");
+    row("geometry", shape_enc, shape_dec);
+    let (plan_s, plan) = best(3, || Plan::new(&cloud.leaves, cloud.j));
+    let plan = plan?;
+    row("RAHT plan (merges)", plan_s, plan_s);
+    for qp in [16, 28] {
+        let step = Step::from_qp(qp);
+        let (enc, dec) = three_channels(cloud, step)?;
+        row(&format!("plan + 3 channels, QP {qp}"), enc, dec);
+        row(&format!("total with geometry, QP {qp}"), enc + shape_enc, dec + shape_dec);
+        let levels: Vec<Vec<i32>> =
+            cloud.channels.iter().map(|v| levels(&plan, v, step)).collect::<Result<_>>()?;
+        let (enc, streams) = best(3, || levels.iter().map(|v| rlgr::encode(v)).collect::<Vec<_>>());
+        let n = cloud.leaves.len();
+        let (dec, back) =
+            best(3, || streams.iter().map(|s| rlgr::decode(s, n)).collect::<Result<Vec<_>, _>>());
+        ensure!(back? == levels, "levels differ");
+        row(&format!("RLGR of the levels of 3 channels, QP {qp}"), enc, dec);
+    }
+    Ok(out)
+}
+
+/// Seconds to encode and to decode three channels, the plan included.
+fn three_channels(cloud: &Cloud, step: Step) -> Result<(f64, f64)> {
+    let steps = steps_of(step, cloud.channels.len());
+    let values = rows_of(&cloud.channels);
+    let (enc, coded) = best(3, || -> Result<(Vec<u8>, Rows)> {
+        let plan = Plan::new(&cloud.leaves, cloud.j)?;
+        let (mut coder, mut rows) = (Encoder::default(), values.clone());
+        attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows)?;
+        Ok((coder.finish(), rows))
+    });
+    let (bytes, told) = coded?;
+    let (dec, decoded) = best(3, || -> Result<Rows> {
+        let plan = Plan::new(&cloud.leaves, cloud.j)?;
+        let mut rows = Rows::new(values.leaves(), values.channels());
+        let mut coder = Decoder::new(&bytes)?;
+        attribute::decode(&mut coder, &plan, &steps, &mut rows)?;
+        coder.finish()?;
+        Ok(rows)
+    });
+    ensure!(decoded? == told, "values differ");
+    Ok((enc, dec))
 }

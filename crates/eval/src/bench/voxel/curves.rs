@@ -40,8 +40,8 @@ pub(super) fn coded(
     let mut options = gsvx::EncodeOptions::from_quality(quality)?;
     let sum = |i: usize| v.members_of(i).iter().map(|&m| study.seen[m as usize]).sum();
     options.importance = Some((0..v.len()).map(sum).collect());
-    let bytes = gsvx::encode(merged, v, &options)?.bytes;
-    let decoded = gsvx::decode(&bytes, &gsvx::DecodeOptions::default())?.scene;
+    let bytes = gsvx::encode_voxels(merged, v, None, &options)?.bytes;
+    let decoded = gsvx::decode(&bytes)?;
     ensure!(decoded.means == merged.means, "decoded means are not the voxelized ones");
     Ok(Point { rate: bytes.len() as f64, psnr_db: study.psnr(&decoded) })
 }

@@ -1,0 +1,54 @@
+//! The quantities that streams hold of a Gaussian, defined a second time, in double precision: what the
+//! bounds of docs/accuracy.md are about.
+
+/// Logits are moved into this range before they are coded.
+const LOGIT_RANGE: [f64; 2] = [-8.0, 12.0];
+
+/// `ln alpha` of an opacity logit, from which streams tell logits of -8 to 12 apart.
+pub(crate) fn log_alpha(logit: f32) -> f64 {
+    let logit = f64::from(logit).clamp(LOGIT_RANGE[0], LOGIT_RANGE[1]);
+    -libm::log1p(libm::exp(-logit))
+}
+
+/// Luma and two chroma planes of a coefficient of the three colours; orthonormal.
+pub(crate) fn colour_planes(rgb: [f32; 3]) -> [f64; 3] {
+    let [r, g, b] = rgb.map(f64::from);
+    [
+        (r + g + b) / 3.0f64.sqrt(),
+        (r - b) * std::f64::consts::FRAC_1_SQRT_2,
+        (2.0 * g - r - b) / 6.0f64.sqrt(),
+    ]
+}
+
+/// `ln` of the root of a covariance's trace; log-scales beyond +-100 are moved there.
+pub(crate) fn log_size(log_scales: [f32; 3]) -> f64 {
+    let l = log_scales.map(|v| v.clamp(-100.0, 100.0));
+    let top = f64::from(l.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+    let sum: f64 = l.iter().map(|&v| libm::exp(2.0 * (f64::from(v) - top))).sum();
+    top + 0.5 * libm::log(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ends_of_the_logits_are_kept() {
+        assert!((log_alpha(0.0) + std::f64::consts::LN_2).abs() < 1e-15);
+        assert!((log_alpha(-1e4) + 8.000_335).abs() < 1e-6, "{}", log_alpha(-1e4));
+        assert_eq!(log_alpha(1e4), log_alpha(12.0));
+    }
+
+    #[test]
+    fn planes_keep_the_sum_of_squares() {
+        let square = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>();
+        let rgb = [0.3, -1.5, 2.25];
+        assert!((square(colour_planes(rgb)) - square(rgb.map(f64::from))).abs() < 1e-12);
+        assert_eq!(colour_planes([1.0; 3])[1..], [0.0; 2]);
+    }
+
+    #[test]
+    fn the_size_of_a_sphere_is_its_trace() {
+        assert!((log_size([-2.0; 3]) - (-2.0 + 0.5 * 3.0f64.ln())).abs() < 1e-12);
+    }
+}

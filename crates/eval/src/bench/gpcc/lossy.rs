@@ -1,0 +1,184 @@
+//! Lossy channels at the peer's error: the attribute coder, and plain RAHT with RLGR as the paper has it.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::{Result, ensure};
+use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::coder::{Decoder, Encoder};
+use gpcc_lite::quant::Step;
+use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::rlgr;
+
+use super::cloud::{Cloud, Peer, read};
+use super::rates::depth_of;
+
+/// Bytes beside the coded ones: what tells the decoder a channel's step.
+const HEADER_BYTES: usize = 1;
+
+/// What one step gives: bits per point, and the squared error.
+#[derive(Clone, Copy)]
+struct Coded {
+    bits: f64,
+    error: f64,
+}
+
+/// Squared error summed over channels, of values clipped to 8 bits as a consumer would.
+fn mse(a: &[Vec<i32>], b: &[Vec<i32>]) -> f64 {
+    let mut sum = 0.0;
+    for (x, y) in a.iter().zip(b) {
+        let e: f64 = x.iter().zip(y).map(|(&x, &y)| f64::from(x - y.clamp(0, 255)).powi(2)).sum();
+        sum += e / x.len() as f64;
+    }
+    sum
+}
+
+/// The channels of a cloud, leaf by leaf.
+pub(super) fn rows_of(channels: &[Vec<i32>]) -> Rows {
+    let mut rows = Rows::new(channels.first().map_or(0, Vec::len), channels.len());
+    for (c, values) in channels.iter().enumerate() {
+        values.iter().enumerate().for_each(|(i, &v)| rows.row_mut(i)[c] = v as f32);
+    }
+    rows
+}
+
+/// The same step for each channel.
+pub(super) fn steps_of(step: Step, channels: usize) -> Vec<f32> {
+    vec![step.value() as f32; channels]
+}
+
+fn coded(bytes: usize, cloud: &Cloud, decoded: &[Vec<i32>]) -> Coded {
+    let bytes = bytes + HEADER_BYTES * cloud.channels.len();
+    let bits = bytes as f64 * 8.0 / cloud.leaves.len() as f64;
+    Coded { bits, error: mse(&cloud.channels, decoded) }
+}
+
+/// Codes a cloud with the attribute coder, decodes it and compares with what the encoder foretold.
+fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
+    let steps = steps_of(step, cloud.channels.len());
+    let mut rows = rows_of(&cloud.channels);
+    let mut coder = Encoder::default();
+    attribute::encode(&mut coder, plan, &steps, &Options::default(), &mut rows)?;
+    let bytes = coder.finish();
+    let mut back = Rows::new(rows.leaves(), rows.channels());
+    let mut decoder = Decoder::new(&bytes)?;
+    attribute::decode(&mut decoder, plan, &steps, &mut back)?;
+    decoder.finish()?;
+    ensure!(back == rows, "the decoder's values are not those of the encoder");
+    let channel = |c: usize| (0..back.leaves()).map(|i| back.row(i)[c].round() as i32).collect();
+    let decoded: Vec<Vec<i32>> = (0..back.channels()).map(channel).collect();
+    Ok(coded(bytes.len(), cloud, &decoded))
+}
+
+/// RAHT coefficients of a channel, rounded to multiples of the step.
+pub(super) fn levels(plan: &Plan, values: &[i32], step: Step) -> Result<Vec<i32>> {
+    let mut coefficients: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
+    plan.forward_f64(&mut coefficients)?;
+    Ok(coefficients.iter().map(|c| (c / step.value()).round() as i32).collect())
+}
+
+/// Codes a cloud as the paper does: RAHT, a uniform quantiser, RLGR for each channel.
+fn by_rlgr(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
+    let (mut bytes, mut decoded) = (0, Vec::new());
+    for values in &cloud.channels {
+        let stream = rlgr::encode(&levels(plan, values, step)?);
+        bytes += stream.len();
+        let levels = rlgr::decode(&stream, values.len())?;
+        let mut back: Vec<f64> = levels.iter().map(|&q| f64::from(q) * step.value()).collect();
+        plan.inverse_f64(&mut back)?;
+        decoded.push(back.iter().map(|v| v.round() as i32).collect());
+    }
+    Ok(coded(bytes, cloud, &decoded))
+}
+
+/// Bits per point at the step whose error is `target`.
+fn rate_at(target: f64, channels: usize, run: impl Fn(Step) -> Result<Coded>) -> Result<f64> {
+    // Secant on log(error) against log(step), then log-linear interpolation of the rate.
+    let mut x = (target * 12.0 / channels as f64).sqrt().ln();
+    let mut low: Option<(f64, f64, f64)> = None;
+    let mut high: Option<(f64, f64, f64)> = None;
+    for _ in 0..12 {
+        let Coded { bits, error } = run(Step::new(x.exp()))?;
+        let y = error.max(1e-9).ln() - target.ln();
+        if y.abs() < 0.002 {
+            // At high rate one bit is a factor of 4 in error: correct the remainder.
+            if let (Some(l), Some(h)) = (low, high) {
+                let slope = (h.2 - l.2) / (h.1 - l.1);
+                return Ok(bits - slope * y);
+            }
+            return Ok(bits);
+        }
+        if y < 0.0 {
+            low = Some((x, y, bits));
+        } else {
+            high = Some((x, y, bits));
+        }
+        x = match (low, high) {
+            (Some(l), Some(h)) => l.0 + (h.0 - l.0) * (-l.1 / (h.1 - l.1)).clamp(0.05, 0.95),
+            _ => x - y * 0.55,
+        };
+    }
+    Ok(run(Step::new(x.exp()))?.bits)
+}
+
+/// RAHT at the peer's error.
+pub(super) fn table(
+    dir: &Path,
+    clouds: &[&str],
+    attrs: &[&str],
+    qps: &[u8],
+    peers: &[Peer],
+) -> Result<String> {
+    let mut out = String::from(
+        "| cloud | attribute | QP | squared error | TMC13 authors | TMC13 prediction | gpcc-lite | against authors | against prediction (at its error) | RAHT and RLGR | against authors |\n|---|---|---|---|---|---|---|---|---|---|---|\n",
+    );
+    for name in clouds {
+        for attr in attrs {
+            let path = dir.join(format!("{name}_{attr}.ply"));
+            if !path.exists() {
+                continue;
+            }
+            let mut cloud = read(&path, depth_of(name)?)?;
+            if *attr == "opacity" {
+                for v in &mut cloud.channels[0] {
+                    *v /= 257;
+                }
+            }
+            let plan = Plan::new(&cloud.leaves, cloud.j)?;
+            for &qp in qps {
+                let of_cloud = |p: &&Peer| p.cloud == *name && p.attr == *attr && p.qp == Some(qp);
+                let find = |prefix: &str| {
+                    let run = format!("{prefix}_q{qp}");
+                    peers.iter().filter(of_cloud).find(|p| p.name == run)
+                };
+                let Some(authors) = find("r_auth") else { continue };
+                writeln!(out, "{}", row(&plan, &cloud, authors, find("r_pred"))?)?;
+                eprintln!("{}", out.lines().last().unwrap_or_default());
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// One row of [`table`]: the peer with the authors' settings, and with its prediction.
+fn row(plan: &Plan, cloud: &Cloud, authors: &Peer, predicted: Option<&Peer>) -> Result<String> {
+    let channels = cloud.channels.len();
+    let contexts = |target| rate_at(target, channels, |step| by_contexts(plan, cloud, step));
+    let bits = contexts(authors.mse)?;
+    let rlgr = rate_at(authors.mse, channels, |step| by_rlgr(plan, cloud, step))?;
+    let percent = |ours: f64, theirs: f64| (ours / theirs - 1.0) * 100.0;
+    let (theirs, against) = match predicted {
+        Some(p) => (p.attr_bpp, percent(contexts(p.mse)?, p.attr_bpp)),
+        None => (f64::NAN, f64::NAN),
+    };
+    Ok(format!(
+        "| {} | {} | {} | {:.3} | {:.3} | {theirs:.3} | {bits:.3} | {:+.2} % | {against:+.2} % | {rlgr:.3} | {:+.2} % |",
+        authors.cloud,
+        authors.attr,
+        authors.qp.unwrap_or_default(),
+        authors.mse,
+        authors.attr_bpp,
+        percent(bits, authors.attr_bpp),
+        percent(rlgr, authors.attr_bpp),
+    ))
+}
