@@ -8,8 +8,6 @@ use gpcc_lite::raht::Plan;
 use gpcc_lite::rlgr;
 use gs_model::Scene;
 use vq::Codebook;
-use vq::canonical::Form;
-use vq::rotation::{Chart, Grid};
 
 use super::{bytes, channel};
 
@@ -19,6 +17,8 @@ const LOG_SCALE_FACTOR_STEP: f32 = 0.145;
 const CHANNELS: usize = 7;
 /// Top bits of an index that are coded in the context of those of the index before.
 const TOP_BITS: u32 = 5;
+/// `tan(pi / 16)`: the greatest parameter of a codeword's rotation.
+const ROTATION_RANGE: f64 = 0.198_912_367_379_658;
 /// Observations that the model of a bit remembers.
 const MEMORY: u32 = 160;
 
@@ -111,8 +111,8 @@ fn decode_codebook(mut coded: &[u8], plan: &Plan) -> Result<Decoded> {
             word[k] = sum;
         }
     }
-    let form = Form::NearestIdentity;
-    let grid = Grid::with_bits(Chart::ModifiedRodrigues, form, rotation_bits)?;
+    ensure!((2..=24).contains(&rotation_bits), "{rotation_bits} bits of a rotation");
+    let step = ROTATION_RANGE / f64::from((1u32 << (rotation_bits - 1)) - 1);
     let unit = libm::exp2f(-f32::from(log_scale_bits));
     let mut indices = vec![0; plan.len()];
     let mut decoder = Decoder::new(bytes::block(&mut coded)?)?;
@@ -122,9 +122,17 @@ fn decode_codebook(mut coded: &[u8], plan: &Plan) -> Result<Decoded> {
     let covariance = |(&index, factor): (&u32, f64)| {
         let [x, y, z, a, b, c] = *words.get(index as usize).context("no such codeword")?;
         let log_scale = |v: i32| (f64::from(0.0 - v as f32 * unit) + factor) as f32;
-        Ok((grid.dequantise([x, y, z]), [a, b, c].map(log_scale)))
+        Ok((rotation([x, y, z].map(|v| f64::from(v) * step)), [a, b, c].map(log_scale)))
     };
     indices.iter().zip(factors).map(covariance).collect()
+}
+
+/// The unit quaternion of modified Rodrigues parameters, `(x, y, z) / (1 + w)`.
+fn rotation([x, y, z]: [f64; 3]) -> [f32; 4] {
+    let square = x * x + y * y + z * z;
+    let inverse = 1.0 / (1.0 + square);
+    let twice = 2.0 * inverse;
+    [(1.0 - square) * inverse, x * twice, y * twice, z * twice].map(|v| v as f32)
 }
 
 /// Codes one index per leaf, bit by bit from the top. A bit's context is the bits above it and, for the
