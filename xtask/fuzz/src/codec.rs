@@ -2,9 +2,9 @@
 
 use std::sync::OnceLock;
 
-use gpcc_lite::predict::{Lifting, Neighbours, decode_lifting, decode_lossless};
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gpcc_lite::model::{Bit, SYMBOLS, Symbols};
+use gpcc_lite::predict::{Lifting, Neighbours, decode_lifting, decode_lossless};
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Leaf, Limits, attribute as rows, geometry as octree};
 use gpcc_lite::{morton, rlgr as golomb};

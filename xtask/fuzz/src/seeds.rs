@@ -238,8 +238,11 @@ fn in_pieces() -> Vec<Vec<u8>> {
 fn chunks() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
     let mut options = EncodeOptions::from_quality(20.0).expect("a quality");
-    let modes =
-        [CovarianceMode::Transform, CovarianceMode::Vq { bits: 8 }, CovarianceMode::Lossless { bits: 8 }];
+    let modes = [
+        CovarianceMode::Transform,
+        CovarianceMode::Vq { bits: 8 },
+        CovarianceMode::Lossless { bits: 8 },
+    ];
     for (mode, covariance) in modes.into_iter().enumerate() {
         options.covariance = covariance;
         // The target has the codebook of these very Gaussians.
@@ -318,12 +321,7 @@ fn coded() -> Vec<Vec<u8>> {
     let data: Vec<u8> = values(40, 3).iter().map(|v| *v as u8).collect();
     let mut encoder = Encoder::default();
     crate::codec::drive(&mut encoder, &what, &data);
-    vec![
-        [head(0), encoder.finish()].concat(),
-        [head(1), data].concat(),
-        vec![0, 0],
-        vec![1, 1, 3],
-    ]
+    vec![[head(0), encoder.finish()].concat(), [head(1), data].concat(), vec![0, 0], vec![1, 1, 3]]
 }
 
 fn golomb() -> Vec<Vec<u8>> {

@@ -46,13 +46,7 @@ const LUMA: f64 = 0.577_350_269_189_625_8;
 const ORANGE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 const GREEN: f64 = 0.408_248_290_463_863;
 
-/// Luma and two chroma planes of a colour; orthonormal.
-pub(super) fn planes(rgb: [f32; 3]) -> [f64; 3] {
-    let [r, g, b] = rgb.map(f64::from);
-    [(r + g + b) * LUMA, (r - b) * ORANGE, (g + g - r - b) * GREEN]
-}
-
-/// The inverse of [`planes`].
+/// The inverse of [`crate::attributes::colour_planes`].
 pub(super) fn colour([y, o, g]: [f64; 3]) -> [f32; 3] {
     let [y, o, g] = [y * LUMA, o * ORANGE, g * GREEN];
     [(y + o - g) as f32, (y + g + g) as f32, (y - o - g) as f32]

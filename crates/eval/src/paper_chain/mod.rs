@@ -18,6 +18,8 @@ use gs_model::Scene;
 use rayon::prelude::*;
 use voxel::{Cube, Voxelization};
 
+use crate::attributes::colour_planes;
+
 pub(crate) use covariance::Covariance;
 
 /// Opacity logits outside this range are moved to its ends: no rasterizer shows the difference.
@@ -97,7 +99,7 @@ impl Channel {
                 scene.opacity_logits.iter().map(logit).collect()
             }
             Self::Colour { coefficient, plane } => {
-                let value = |i| channel::planes(scene.sh_of(i)[coefficient])[plane];
+                let value = |i| colour_planes(scene.sh_of(i)[coefficient])[plane];
                 (0..scene.len()).map(value).collect()
             }
         }
