@@ -12,7 +12,8 @@ use crate::rd_curve::record::{Coded, Curve, Run};
 pub(crate) const WIDEST: f64 = 4.5;
 
 /// What a reader must know to read the chart.
-const TERMS: &str = "Each point is a stream, decoded and rendered: its size, and its PSNR against photos that the model      was not trained on. Further left is smaller, higher is nearer to the photos.";
+const TERMS: &str = "Each point is a stream, decoded and rendered: its size, and its PSNR against photos that \
+     the model was not trained on. Further left is smaller, higher is nearer to the photos.";
 
 const COLUMNS: [&str; 12] = [
     "curve",
@@ -107,7 +108,7 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
     };
     let comparisons = headline::comparisons(run);
     let lead = format!(
-        "{}{}. {} views, {} held out (every 8th by sorted name), {} measured. The model has {} Gaussians of \
+        "{}The scene: {}. {} views, {} held out (every 8th by sorted name), {} measured. The model has {} Gaussians of \
          SH degree {}{invalid}; uncompressed it is {:.1} MB and reaches {:.3} dB and {:.4} SSIM.",
         headline::sentence(&comparisons),
         run.what,
