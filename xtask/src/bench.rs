@@ -203,17 +203,23 @@ pub(crate) struct GsvxArgs {
     /// Instead: five byte targets and three PSNR targets per scene (comma-separated), as a table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     targets: Vec<String>,
-    /// Instead: the ways of coding covariance, opacity and AC coefficients at equal rendered error,
-    /// per scene (comma-separated), as a table.
+    /// Instead: the ways of coding covariances at equal rendered error, per scene (comma-separated), as a
+    /// table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     choices: Vec<String>,
+    /// Instead: what coarse levels of detail cost and show, per scene (comma-separated), as a table.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    lod: Vec<String>,
     /// Where the table of the speeds goes.
     #[arg(long, default_value = "docs/results/gsvx-speed.md")]
     out: PathBuf,
 }
 
 pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
-    let GsvxArgs { scene, sizes, gsvx, targets, choices, out } = args;
+    let GsvxArgs { scene, sizes, gsvx, targets, choices, lod, out } = args;
+    if !lod.is_empty() {
+        return bench::gsvx::lod(&lod);
+    }
     if !choices.is_empty() {
         return bench::gsvx::choices(&choices);
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use finetune::{Image, TrainView};
 use gs_model::Scene;
-use gsvx::{DecodeOptions, EncodeOptions, Prepared};
+use gsvx::EncodeOptions;
 use serde::{Deserialize, Serialize};
 
 use crate::bd::{self, Method};
@@ -183,16 +183,13 @@ impl Codec for Gsvx {
     }
 
     fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
-        let strategy = |found: &[f32], seen| gsvx::default_strategy(quality, found, seen);
-        let Prepared { scene, voxels, importance } =
-            gsvx::prepare(&scene.model, strategy, self.importance.as_deref())?;
-        let options = EncodeOptions::from_quality(quality)?;
-        let options = EncodeOptions { importance: Some(importance), ..options };
-        Ok(gsvx::encode(&scene, &voxels, &options)?.bytes)
+        let mut options = EncodeOptions::from_quality(quality)?;
+        options.importance.clone_from(&self.importance);
+        Ok(gsvx::encode(&scene.model, &options)?.bytes)
     }
 
     fn decode(&self, stream: &[u8]) -> Result<Scene> {
-        Ok(gsvx::decode(stream, &DecodeOptions::default())?.scene)
+        Ok(gsvx::decode(stream)?)
     }
 }
 

@@ -13,6 +13,7 @@ mod codec;
 pub mod experiments;
 mod manifest;
 pub mod measure;
+mod paper_chain;
 pub mod peers;
 mod pictures;
 pub mod progress;

@@ -5,10 +5,11 @@
 mod common;
 
 use std::fmt::Write as _;
+use std::num::NonZeroUsize;
 use std::sync::OnceLock;
 
 use gs_model::{Scene, ply};
-use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Entropy, PaperQp, Prepared};
+use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions};
 use sha2::{Digest, Sha256};
 use voxel::Strategy;
 
@@ -26,11 +27,13 @@ fn sha(bytes: &[u8]) -> String {
 pub fn report() -> String {
     let mut text = String::new();
     let mut add = |name: &str, bytes: &[u8]| {
-        for lod in [None, Some(5)] {
-            let options = DecodeOptions { lod, ..Default::default() };
-            let scene = gsvx::decode(bytes, &options).expect(name).scene;
+        let coarsest = gsvx::Index::parse(bytes).expect(name).coarsest_lod();
+        for lod in 0..=coarsest {
+            let mut options = DecodeOptions::default();
+            options.lod = lod;
+            let scene = gsvx::decode_with(bytes, &options).expect(name).scene;
             let decoded = common::golden::hash(&scene);
-            let what = if lod.is_some() { ", LoD 5" } else { "" };
+            let what = if lod > 0 { format!(", level {lod}") } else { String::new() };
             let _ = writeln!(text, "{name}{what} {} {}", sha(bytes), &decoded[..24]);
         }
     };
@@ -44,35 +47,32 @@ pub fn report() -> String {
     text
 }
 
-/// The fixture in every mode and voxelization.
+/// The fixture in every mode.
 fn streams(room: &Scene) -> Vec<(String, Vec<u8>)> {
-    let base = EncodeOptions::default();
-    let qp = PaperQp { ac: 28, dc: 16, opacity: 16 };
+    let default = EncodeOptions::default();
+    let mut small_chunks = default.clone();
+    small_chunks.chunk_leaves = NonZeroUsize::new(1000).expect("a positive number");
+    let mut levels = small_chunks.clone();
+    levels.lod = true;
+    let mut codebook = default.clone();
+    codebook.covariance = CovarianceMode::Vq { bits: 8 };
+    let mut integers = default.clone();
+    integers.covariance = CovarianceMode::Lossless { bits: 16 };
     let modes = [
-        ("default", None, base.clone()),
-        ("symbols", None, EncodeOptions { entropy: Entropy::Symbols, ..base.clone() }),
-        ("fast", None, EncodeOptions { entropy: Entropy::Fast, ..base.clone() }),
-        ("vq", None, EncodeOptions { covariance: CovarianceMode::Vq { bits: 8 }, ..base.clone() }),
-        ("uniform", Some(Strategy::Uniform { depth: 11 }), base),
-        (
-            "paper",
-            Some(Strategy::paper(8, 12)),
-            EncodeOptions::paper(qp, CovarianceMode::Lossless { bits: 16 }),
-        ),
+        ("default", default.clone()),
+        ("levels of detail", levels),
+        ("small chunks", small_chunks),
+        ("codebook", codebook),
+        ("integers", integers),
     ];
-    let mut out = Vec::new();
-    for (name, strategy, options) in modes {
-        let choose = |importance: &[f32], seen| match strategy {
-            Some(strategy) => Ok(strategy),
-            None => gsvx::default_strategy(gsvx::DEFAULT_QUALITY, importance, seen),
-        };
-        let Prepared { scene, voxels, importance } =
-            gsvx::prepare(room, choose, None).expect(name);
-        let options = EncodeOptions { importance: Some(importance), ..options };
-        let bytes = gsvx::encode(&scene, &voxels, &options).expect(name).bytes;
-        out.push((format!("room, {name}"), bytes));
-    }
-    let lossless = gsvx::encode_lossless(room).expect("lossless").bytes;
+    let coded = |(name, options): (&str, EncodeOptions)| {
+        (format!("room, {name}"), gsvx::encode(room, &options).expect(name).bytes)
+    };
+    let mut out: Vec<(String, Vec<u8>)> = modes.into_iter().map(coded).collect();
+    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 11 });
+    let uniform = gsvx::encode_with(room, uniform, None, &default).expect("uniform").bytes;
+    out.push(("room, uniform".into(), uniform));
+    let lossless = gsvx::encode_lossless(room, false).expect("lossless").bytes;
     out.push(("room, lossless".into(), lossless));
     out
 }

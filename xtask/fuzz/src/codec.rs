@@ -2,9 +2,11 @@
 
 use std::sync::OnceLock;
 
+use gpcc_lite::coder::{Coder, Decoder, Encoder};
+use gpcc_lite::model::{Bit, SYMBOLS, Symbols};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lifting, decode_lossless};
-use gpcc_lite::raht::Plan;
-use gpcc_lite::{Leaf, Limits, attribute as raht, coeffs as group, geometry as octree};
+use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::{Leaf, Limits, attribute as rows, geometry as octree};
 use gpcc_lite::{morton, rlgr as golomb};
 
 use crate::{choice, number};
@@ -51,65 +53,106 @@ pub(crate) fn plans() -> &'static [Plan] {
     })
 }
 
-/// Octree geometry: depth of the level of detail (22 and up: all), then the payload. With the top
-/// bit of the depth set, what is accepted codes and decodes to itself.
+/// Octree geometry: with an odd first byte, what is accepted codes and decodes to itself.
 pub fn geometry(data: &[u8]) -> bool {
-    let (depth, bytes) = choice(data);
+    let (byte, bytes) = choice(data);
     let limits = Limits { max_points: 128 };
-    let Ok(g) = octree::decode_lod(bytes, depth & 127, &limits) else { return false };
+    let Ok(g) = octree::decode(bytes, &limits) else { return false };
     assert!(g.leaves.len() <= limits.max_points);
     gpcc_lite::leaf::check_leaves(&g.leaves, g.j_high).expect("decoded leaves are not valid");
-    if depth < 128 {
-        return true;
+    if byte & 1 == 1 {
+        let again = octree::encode(&g.leaves, g.j_high).expect("decoded leaves were refused");
+        assert!(octree::decode(&again, &limits).expect("own stream was refused") == g);
     }
-    let again = octree::encode(&g.leaves, g.j_high).expect("decoded leaves were refused");
-    assert!(octree::decode(&again, &limits).expect("own stream was refused") == g);
     true
 }
 
-/// RAHT attributes: which transform, how many channels, then the payload.
+/// RAHT attributes: which transform, how many channels; then, with the top bit clear, a payload to decode,
+/// else values to encode, which a decoder must return as the encoder said.
 pub fn attribute(data: &[u8]) -> bool {
     let (byte, bytes) = choice(data);
     let plan = &plans()[usize::from(byte) % 8];
-    let channels = 1 + usize::from(byte / 8) % 6;
-    let Ok(values) = raht::decode(plan, bytes, channels) else { return false };
-    assert!(values.len() <= channels && values.iter().all(|v| v.len() == plan.len()));
-    true
-}
-
-/// Coefficients alone: which transform, how many channels, then the payload. With the
-/// top bits set, what is accepted codes and decodes to itself in one of the three modes.
-pub fn coeffs(data: &[u8]) -> bool {
-    let (byte, bytes) = choice(data);
-    let plan = &plans()[usize::from(byte) % 8];
     let channels = 1 + usize::from(byte / 8) % 8;
-    let Ok(values) = group::decode(plan, bytes, channels) else { return false };
-    let planes: Vec<&[i32]> = values.iter().map(Vec::as_slice).collect();
-    let mode = match byte >> 6 {
-        0 => return true,
-        1 => group::Mode::Range,
-        2 => group::Mode::Rlgr,
-        _ => group::Mode::Symbols,
-    };
-    let again = group::encode(plan, &planes, mode).expect("decoded values were refused");
-    let back = group::decode(plan, &again, channels).expect("own stream was refused");
-    assert!(back == values, "{mode:?}");
+    let steps = vec![0.5; channels];
+    let mut values = Rows::new(plan.len(), channels);
+    if byte < 128 {
+        let Ok(mut decoder) = Decoder::new(bytes) else { return false };
+        if rows::decode(&mut decoder, plan, &steps, &mut values).is_err() {
+            return false;
+        }
+        let finite = |i| values.row(i).iter().all(|v| v.is_finite());
+        assert!((0..plan.len()).all(finite));
+        return decoder.finish().is_ok();
+    }
+    let (words, _) = bytes.as_chunks::<2>();
+    let mut words = words.iter().map(|&w| f32::from(i16::from_le_bytes(w)) / 16.0).cycle();
+    for i in 0..plan.len() {
+        values.row_mut(i).iter_mut().for_each(|v| *v = words.next().unwrap_or(0.0));
+    }
+    let mut encoder = Encoder::default();
+    let options = rows::Options::default();
+    rows::encode(&mut encoder, plan, &steps, &options, &mut values).expect("values were refused");
+    let coded = encoder.finish();
+    let mut decoder = Decoder::new(&coded).expect("own stream was refused");
+    let mut back = Rows::new(plan.len(), channels);
+    rows::decode(&mut decoder, plan, &steps, &mut back).expect("own stream was refused");
+    decoder.finish().expect("own stream does not end where it should");
+    assert!(back == values);
     true
 }
 
-/// RLGR: parameters and direction, then the number of values and a payload, or the values.
+/// Symbols, decisions and plain bits as `what` says, with the values of `data`; what was coded.
+pub(crate) fn drive<C: Coder>(coder: &mut C, what: &[u8], data: &[u8]) -> Vec<u32> {
+    let (mut symbols, mut bit) = (Symbols::geometric(500, 3), Bit::default());
+    let mut values = data.iter().copied().map(u32::from).chain(std::iter::repeat(0));
+    let mut code = |&op: &u8| {
+        let value = values.next().unwrap_or(0);
+        match op % 4 {
+            0 => coder.symbol(&mut symbols, value as usize % SYMBOLS) as u32,
+            1 => u32::from(bit.code(coder, value & 1 == 1, 4 + u32::from(op))),
+            2 => u32::from(coder.decision(1 + u32::from(op) * 127, value & 1 == 1)),
+            _ => {
+                let n = u32::from(op / 4) % 33;
+                let mask = ((1u64 << n) - 1) as u32;
+                coder.bits(value.wrapping_mul(0x9e37_79b9) & mask, n)
+            }
+        }
+    };
+    what.iter().map(&mut code).collect()
+}
+
+/// The entropy coder: what is coded (a length and as many operations), then, with an even first byte, the
+/// stream, else the values, which come back.
+pub fn coder(data: &[u8]) -> bool {
+    let (byte, data) = choice(data);
+    let (len, data) = choice(data);
+    let (what, rest) = data.split_at(usize::from(len).min(data.len()));
+    if byte & 1 == 0 {
+        let Ok(mut decoder) = Decoder::new(rest) else { return false };
+        drive(&mut decoder, what, &[]);
+        return decoder.finish().is_ok();
+    }
+    let mut encoder = Encoder::default();
+    let coded = drive(&mut encoder, what, rest);
+    let bytes = encoder.finish();
+    let mut decoder = Decoder::new(&bytes).expect("own stream was refused");
+    assert_eq!(drive(&mut decoder, what, &[]), coded);
+    decoder.finish().expect("own stream does not end where it should");
+    true
+}
+
+/// RLGR: direction, then the number of values and a payload, or the values.
 pub fn rlgr(data: &[u8]) -> bool {
     let (byte, bytes) = choice(data);
-    let params = if byte & 1 == 0 { golomb::Params::REMOTE_FX } else { golomb::Params::MALVAR };
-    if byte & 2 == 0 {
+    if byte & 1 == 0 {
         let (count, bytes) = number(bytes);
-        let Ok(values) = golomb::decode(bytes, count % 1024, &params) else { return false };
+        let Ok(values) = golomb::decode(bytes, count % 1024) else { return false };
         assert_eq!(values.len(), count % 1024);
     } else {
         let (words, _) = bytes.as_chunks::<4>();
         let values: Vec<i32> = words.iter().map(|&w| i32::from_le_bytes(w)).collect();
-        let coded = golomb::encode(&values, &params);
-        let back = golomb::decode(&coded, values.len(), &params).expect("own stream was refused");
+        let coded = golomb::encode(&values);
+        let back = golomb::decode(&coded, values.len()).expect("own stream was refused");
         assert!(back == values);
     }
     true
@@ -134,40 +177,5 @@ pub fn predict(data: &[u8]) -> bool {
     };
     let Ok(values) = values else { return false };
     assert!(values.len() <= channels && values.iter().all(|v| v.len() == all.len()));
-    true
-}
-
-/// Covariance codebooks and their indices.
-pub fn codebook(data: &[u8]) -> bool {
-    let (byte, bytes) = choice(data);
-    if byte & 1 == 0 {
-        let Ok(book) = vq::Codebook::from_bytes_within(bytes, 512) else { return false };
-        if book.len() <= 256 {
-            let again = book.to_bytes();
-            let back = vq::Codebook::from_bytes(&again).expect("own codebook was refused");
-            assert!(back.to_bytes() == again, "a codebook changed");
-        }
-        for index in 0..book.len().min(64) {
-            let (q, s) = book.decode(index as u32).expect("an index below the length");
-            assert!(q.iter().chain(&s).all(|v| v.is_finite()));
-        }
-    } else {
-        let (count, rest) = number(bytes);
-        let (codewords, rest) = number(rest);
-        let (count, codewords) = (count % 1024, codewords % 4096);
-        let Ok(indices) = vq::index::decode(rest, count, codewords) else { return false };
-        assert!(indices.len() == count && indices.iter().all(|&i| (i as usize) < codewords));
-    }
-    true
-}
-
-/// The lossless section: SH degree, number of Gaussians, then the payload.
-pub fn lossless(data: &[u8]) -> bool {
-    let (degree, bytes) = choice(data);
-    let (count, bytes) = number(bytes);
-    let decode = gsvx::lossless::decode_payload;
-    let Ok(scene) = decode(bytes, (count % 16) as u64, degree & 3) else { return false };
-    assert_eq!(scene.len(), count % 16);
-    assert_eq!(scene.sh.len(), scene.len() * scene.sh_len());
     true
 }

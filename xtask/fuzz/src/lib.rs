@@ -5,12 +5,18 @@
 //! turns, not large scenes.
 
 mod codec;
+#[path = "../../../crates/gsvx/tests/common/mod.rs"]
+mod common;
+mod gzip;
 mod readers;
+#[path = "../../src/conformance/seal.rs"]
 mod seal;
 pub mod seeds;
+mod streams;
 
-pub use codec::{attribute, codebook, coeffs, geometry, lossless, predict, rlgr};
-pub use readers::{cameras, checkpoint, colmap, gsvx, ply, splat, spz, tiny_scene};
+pub use codec::{attribute, coder, geometry, predict, rlgr};
+pub use readers::{cameras, checkpoint, colmap, ply, splat, spz, tiny_scene};
+pub use streams::{chunk, codebook, gsvx, lossless, reader};
 
 /// Runs parallel loops on the thread that fuzzes: handing work to a pool costs more than the
 /// work.

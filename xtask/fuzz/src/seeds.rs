@@ -1,39 +1,37 @@
 //! Small valid inputs of every target, made by the encoders and writers themselves.
 
-#[path = "../../../crates/gsvx/tests/common/mod.rs"]
-mod common;
-
-use common::{scene, voxelized};
-use gpcc_lite::coeffs::Mode;
+use gpcc_lite::coder::Encoder;
 use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
-use gpcc_lite::{attribute, coeffs, geometry, rlgr};
+use gpcc_lite::raht::Rows;
+use gpcc_lite::{attribute, geometry, rlgr};
 use gs_model::ply;
-use gsvx::lossless::LosslessOptions;
-use gsvx::stream::{Container, SectionKind};
-use gsvx::{CovarianceMode, EncodeOptions, Entropy, PaperQp};
-use voxel::Strategy;
+use gsvx::{CovarianceMode, EncodeOptions};
+use std::num::NonZeroUsize;
 
 use crate::codec::{leaves, plans};
+use crate::common::{self, forge, scene};
 
 /// A target: its name, what it runs, and the longest input worth trying.
 pub type Target = (&'static str, fn(&[u8]) -> bool, usize);
 
 /// All targets.
-pub const TARGETS: [Target; 14] = [
+pub const TARGETS: [Target; 16] = [
     ("ply", crate::ply, 2048),
     ("spz", crate::spz, 512),
     ("splat", crate::splat, 256),
     ("colmap", crate::colmap, 512),
     ("cameras", crate::cameras, 768),
     ("gsvx", crate::gsvx, 1024),
+    ("reader", crate::reader, 1024),
+    ("chunk", crate::chunk, 512),
     ("lossless", crate::lossless, 640),
+    ("codebook", crate::codebook, 512),
     ("geometry", crate::geometry, 256),
     ("attribute", crate::attribute, 384),
-    ("coeffs", crate::coeffs, 256),
+    ("coder", crate::coder, 256),
     ("rlgr", crate::rlgr, 256),
     ("predict", crate::predict, 256),
-    ("codebook", crate::codebook, 256),
     ("checkpoint", crate::checkpoint, 512),
 ];
 
@@ -49,11 +47,13 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         "splat" => vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])],
         "colmap" => colmap(),
         "cameras" => cameras(),
-        "gsvx" => streams(),
+        "gsvx" => whole(),
+        "reader" => in_pieces(),
+        "chunk" => chunks(),
         "lossless" => lossless(),
         "geometry" => octrees(),
         "attribute" => attributes(),
-        "coeffs" => coefficients(),
+        "coder" => coded(),
         "rlgr" => golomb(),
         "predict" => predicted(),
         "codebook" => codebooks(),
@@ -115,7 +115,7 @@ fn spz() -> Vec<Vec<u8>> {
     };
     let inner = [file(2, 2, 0), file(3, 1, 3), file(3, 0, 0), file(2, 1, 1)];
     let mut out: Vec<Vec<u8>> = inner.iter().map(|f| with(4, f)).collect();
-    out.push(with(0, &crate::seal::gzip(&inner[0])));
+    out.push(with(0, &crate::gzip::gzip(&inner[0])));
     let mut latest = Vec::new();
     gs_model::spz::write_to(&mut latest, &scene(2, 1, 1), &Default::default()).expect("written");
     out.push(with(0, &latest));
@@ -162,123 +162,173 @@ fn cameras() -> Vec<Vec<u8>> {
     vec![with(0, inria), with(1, nerf)]
 }
 
-fn streams() -> Vec<Vec<u8>> {
+/// Streams of few Gaussians in every mode, with their SH degrees.
+fn streams() -> Vec<(u8, Vec<u8>)> {
     let base = EncodeOptions::from_quality(20.0).expect("a quality");
-    let qp = PaperQp { ac: 40, dc: 28, opacity: 40 };
+    let mut codebook = base.clone();
+    codebook.covariance = CovarianceMode::Vq { bits: 8 };
+    let mut integers = base.clone();
+    integers.covariance = CovarianceMode::Lossless { bits: 8 };
+    let mut chunks = base.clone();
+    chunks.chunk_leaves = NonZeroUsize::new(3).expect("a positive number");
     let mut out = Vec::new();
     for (n, degree, options) in [
-        (0, 0, base.clone()),
-        (1, 1, base.clone()),
-        (6, 0, base.clone()),
-        (3, 3, base.clone()),
-        (6, 0, EncodeOptions { entropy: Entropy::Symbols, ..base.clone() }),
-        (6, 0, EncodeOptions { entropy: Entropy::Fast, ..base.clone() }),
-        (5, 0, EncodeOptions { entropy: Entropy::Rlgr, ..base.clone() }),
-        (4, 0, EncodeOptions { covariance: CovarianceMode::Vq { bits: 8 }, ..base }),
-        (4, 1, EncodeOptions::paper(qp, CovarianceMode::Lossless { bits: 8 })),
+        (0, 0, &base),
+        (1, 1, &base),
+        (6, 0, &base),
+        (3, 3, &base),
+        (4, 1, &codebook),
+        (4, 1, &integers),
+        (9, 1, &chunks),
     ] {
-        let (merged, voxels) = voxelized(&scene(n, degree, 7), &Strategy::paper(2, 6));
-        let bytes = gsvx::encode(&merged, &voxels, &options).expect("encoded").bytes;
-        out.push([&[3, 0], &bytes[..]].concat());
-        out.push([&[4 | degree, 3], &bytes[..]].concat());
-        out.push([&[8 | degree, 0], &bytes[..bytes.len() - bytes.len() / 4]].concat());
+        let bytes = gsvx::encode(&scene(n, degree, 7), options).expect("encoded").bytes;
+        out.push((degree, bytes));
     }
-    // Predictions do not pay for so few Gaussians: factors are put in.
-    let (merged, voxels) = voxelized(&scene(2, 3, 7), &Strategy::paper(2, 6));
-    let options = EncodeOptions::from_quality(40.0).expect("a quality");
-    let bytes = gsvx::encode(&merged, &voxels, &options).expect("encoded").bytes;
-    let container = Container::parse(&bytes).expect("parsed");
-    let with_factors = |kind: SectionKind| {
-        let mut payload = container.section(kind).expect("whole").expect("there").to_vec();
-        let factors: &[u8] = match kind {
-            SectionKind::Sh2 => &[9; 15],
-            SectionKind::Sh3 => &[250; 35],
-            _ => return (kind, payload),
-        };
-        payload.splice(0..1, [&[12], factors].concat());
-        (kind, payload)
-    };
-    let sections: Vec<_> = container.toc.iter().map(|e| with_factors(e.kind)).collect();
-    let bytes = gsvx::stream::assemble(&container.header, &sections);
-    out.push([&[3, 0], &bytes[..]].concat());
-    out.push([&[8 | 3, 0], &bytes[..bytes.len() - 9]].concat());
+    let outliers = gsvx::encode(&common::with_floaters(scene(12, 1, 7)).0, &base);
+    out.push((1, outliers.expect("encoded").bytes));
+    out.push((0, levels()));
     for n in [0, 2] {
-        let bytes = gsvx::encode_lossless(&scene(n, 0, 3)).expect("encoded").bytes;
-        out.push([&[0, 0], &bytes[..]].concat());
+        out.push((0, gsvx::encode_lossless(&scene(n, 0, 3), n == 2).expect("encoded").bytes));
+    }
+    out
+}
+
+/// Two levels of detail. No encoder makes one for so few Gaussians: the coarse level is that of a stream
+/// of its own.
+fn levels() -> Vec<u8> {
+    let coded = |scene| {
+        gsvx::encode_with(&scene, uniform, None, &EncodeOptions::default()).expect("encoded").bytes
+    };
+    fn uniform(_: &[f32], _: gsvx::Seen) -> gsvx::Result<voxel::Strategy> {
+        Ok(voxel::Strategy::Uniform { depth: 6 })
+    }
+    let fine = scene(9, 0, 7);
+    let (mut index, mut layers) = forge::take_apart(&coded(fine.clone()));
+    let (mut coarse, of_coarse) = forge::take_apart(&coded(fine.select(&[0, 4])));
+    coarse.chunks[0].lod = 1;
+    index.chunks.insert(0, coarse.chunks.remove(0));
+    layers.splice(0..0, of_coarse);
+    forge::assemble(&index, &layers)
+}
+
+fn whole() -> Vec<Vec<u8>> {
+    let mut out = Vec::new();
+    for (degree, bytes) in streams() {
+        out.push([&[degree, 0], &bytes[..]].concat());
+        out.push([&[3, 1], &bytes[..]].concat());
+        // The head is whole.
+        let end = gsvx::Index::parse(&bytes).expect("parsed").head_len as usize;
+        let cut = end + (bytes.len() - end) / 2;
+        out.push([&[8 | degree, 0], &bytes[..cut]].concat());
+    }
+    out
+}
+
+fn in_pieces() -> Vec<Vec<u8>> {
+    let mut out = Vec::new();
+    for (_, bytes) in streams() {
+        out.push(with(0, &bytes));
+        let pieces: [u16; 6] = [90, 5000, 0, 40, 30, 100];
+        let pieces: Vec<u8> = pieces.iter().flat_map(|v| v.to_le_bytes()).collect();
+        out.push([&[3], &pieces[..], &bytes].concat());
+    }
+    out
+}
+
+fn chunks() -> Vec<Vec<u8>> {
+    let mut out = Vec::new();
+    let mut options = EncodeOptions::from_quality(20.0).expect("a quality");
+    let modes = [
+        CovarianceMode::Transform,
+        CovarianceMode::Vq { bits: 8 },
+        CovarianceMode::Lossless { bits: 8 },
+    ];
+    for (mode, covariance) in modes.into_iter().enumerate() {
+        options.covariance = covariance;
+        // The target has the codebook of these very Gaussians.
+        for n in [20, 1, 7] {
+            let bytes = gsvx::encode(&scene(n, 1, 7), &options).expect("encoded").bytes;
+            let (index, layers) = forge::take_apart(&bytes);
+            let count = index.chunks[0].count as u16 - 1;
+            let [base, sh] = &layers[0][..] else { continue };
+            let len = base.len() as u16;
+            let head = [&[mode as u8], &count.to_le_bytes()[..], &len.to_le_bytes()].concat();
+            out.push([&head[..], base, sh].concat());
+        }
     }
     out
 }
 
 fn lossless() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
-    for (n, degree, keep_order) in [(0, 0, false), (1, 0, true), (9, 0, false), (3, 1, true)] {
-        let options = LosslessOptions { keep_order };
-        let bytes = gsvx::lossless::encode(&scene(n, degree, 3), &options).expect("encoded").bytes;
-        let container = Container::parse(&bytes).expect("parsed");
-        let payload = container.section(SectionKind::Lossless).expect("whole").expect("there");
-        out.push([&[degree], &(n as u16).to_le_bytes()[..], payload].concat());
+    for (n, degree, keep_order) in [(1, 0, true), (9, 0, false), (3, 1, true)] {
+        let bytes = gsvx::encode_lossless(&scene(n, degree, 3), keep_order).expect("encoded").bytes;
+        let (_, layers) = forge::take_apart(&bytes);
+        out.push([&[degree], &(n as u16 - 1).to_le_bytes()[..], &layers[0][0]].concat());
     }
     out
 }
 
+fn codebooks() -> Vec<Vec<u8>> {
+    let mut options = EncodeOptions::from_quality(20.0).expect("a quality");
+    options.covariance = CovarianceMode::Vq { bits: 8 };
+    let book = |n| {
+        let bytes = gsvx::encode(&scene(n, 1, 7), &options).expect("encoded").bytes;
+        gsvx::Index::parse(&bytes).expect("parsed").header.codebook
+    };
+    // The first is the target's own. Others of as many codewords would do; these have more.
+    vec![book(20), book(22), book(40)]
+}
+
 fn octrees() -> Vec<Vec<u8>> {
     let code = |(l, j): &(Vec<_>, u8)| geometry::encode(l, *j).expect("encoded");
-    let mut out: Vec<Vec<u8>> = leaves().iter().map(|set| with(22, &code(set))).collect();
-    out.push(with(4, &code(&leaves()[3])));
-    out.push(with(128 + 22, &code(&leaves()[3])));
+    let mut out: Vec<Vec<u8>> = leaves().iter().map(|set| with(0, &code(set))).collect();
+    out.push(with(1, &code(&leaves()[3])));
     let far = (0..20u64).map(|i| gpcc_lite::Leaf { morton: i << 55, depth: 21 }).collect();
-    out.push(with(22, &code(&(far, 21))));
+    out.push(with(1, &code(&(far, 21))));
     out
 }
 
 fn attributes() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
     for (at, plan) in plans().iter().enumerate() {
-        for (mode, prediction) in [
-            (Mode::Range, true),
-            (Mode::Symbols, false),
-            (Mode::Rlgr, false),
-            (Mode::RlgrMalvar, true),
-        ] {
-            let v = values(plan.len(), at as u64);
-            let o = attribute::Options { mode, prediction, ..Default::default() };
-            let coded = attribute::encode(plan, &[&v, &v, &v], &[Step::from_qp(28); 3], &o);
-            out.push(with(at as u8 + 16, &coded.expect("encoded").bytes));
-            let o = attribute::Options { by_means: true, ..o };
-            let alone = attribute::encode(plan, &[&v], &[Step::from_qp(28)], &o);
-            out.push(with(at as u8 + 16, &alone.expect("encoded").bytes));
+        for channels in [1usize, 3, 8] {
+            let v = values(plan.len() * channels, at as u64);
+            let mut rows = Rows::new(plan.len(), channels);
+            for i in 0..plan.len() {
+                for (to, &v) in rows.row_mut(i).iter_mut().zip(&v[i * channels..]) {
+                    *to = v as f32;
+                }
+            }
+            let byte = at as u8 + 8 * (channels as u8 - 1);
+            let mut coder = Encoder::default();
+            let steps = vec![0.5; channels];
+            // Coarse enough that some seeds are short.
+            (0..plan.len()).for_each(|i| rows.row_mut(i).iter_mut().for_each(|v| *v /= 30.0));
+            attribute::encode(&mut coder, plan, &steps, &attribute::Options::default(), &mut rows)
+                .expect("encoded");
+            out.push(with(byte, &coder.finish()));
+            let words: Vec<u8> = v.iter().flat_map(|v| (*v as i16).to_le_bytes()).collect();
+            out.push(with(byte | 128, &words[..words.len().min(160)]));
         }
     }
     out
 }
 
-fn coefficients() -> Vec<Vec<u8>> {
-    let mut out = Vec::new();
-    for (at, plan) in plans().iter().enumerate() {
-        for mode in [Mode::Range, Mode::Symbols, Mode::Rlgr, Mode::RlgrMalvar] {
-            let v: Vec<i32> = values(plan.len(), at as u64).iter().map(|v| v / 30).collect();
-            let coded = coeffs::encode(plan, &[&v, &v], mode).expect("encoded");
-            out.push(with(at as u8 + 8, &coded));
-            out.push(with(at as u8 + 8 + 64, &coded));
-            // Flags of whole coefficients are there with two chunks or more.
-            let coded = coeffs::encode(plan, &[&v[..]; 6], mode).expect("encoded");
-            out.push(with(at as u8 + 5 * 8, &coded));
-            out.push(with(at as u8 + 5 * 8 + 192, &coded));
-        }
-    }
-    out
+fn coded() -> Vec<Vec<u8>> {
+    let what: Vec<u8> = (0..40u8).map(|i| i.wrapping_mul(37)).collect();
+    let head = |byte: u8| [&[byte, what.len() as u8], &what[..]].concat();
+    let data: Vec<u8> = values(40, 3).iter().map(|v| *v as u8).collect();
+    let mut encoder = Encoder::default();
+    crate::codec::drive(&mut encoder, &what, &data);
+    vec![[head(0), encoder.finish()].concat(), [head(1), data].concat(), vec![0, 0], vec![1, 1, 3]]
 }
 
 fn golomb() -> Vec<Vec<u8>> {
-    let mut out = Vec::new();
-    for (byte, params) in [(0, rlgr::Params::REMOTE_FX), (1, rlgr::Params::MALVAR)] {
-        let v: Vec<i32> = values(60, 5).iter().map(|v| v / 40).collect();
-        let n = (v.len() as u16).to_le_bytes();
-        out.push([&[byte], &n[..], &rlgr::encode(&v, &params)].concat());
-        let plain: Vec<u8> = v.iter().take(30).flat_map(|v| v.to_le_bytes()).collect();
-        out.push(with(byte | 2, &plain));
-    }
-    out
+    let v: Vec<i32> = values(60, 5).iter().map(|v| v / 40).collect();
+    let n = (v.len() as u16).to_le_bytes();
+    let plain: Vec<u8> = v.iter().take(30).flat_map(|v| v.to_le_bytes()).collect();
+    vec![[&[0], &n[..], &rlgr::encode(&v)].concat(), with(1, &plain)]
 }
 
 fn predicted() -> Vec<Vec<u8>> {
@@ -293,23 +343,6 @@ fn predicted() -> Vec<Vec<u8>> {
             let coded = encode_lifting(&lift, &[&v], &[Step::from_qp(20)]).expect("encoded");
             out.push(with(at as u8 + 4, &coded));
         }
-    }
-    out
-}
-
-fn codebooks() -> Vec<Vec<u8>> {
-    let s = scene(60, 0, 1);
-    let covariances: Vec<_> = (0..s.len())
-        .map(|i| vq::Covariance::split(s.rotations[i], s.log_scales[i]).expect("valid").0)
-        .collect();
-    let options = vq::Options::with_codewords(16);
-    let book = vq::Codebook::train(&covariances, &vec![1.0; s.len()], &options).expect("trained");
-    let indices: Vec<u32> = book.assign(&covariances);
-    let mut out = vec![with(0, &book.to_bytes())];
-    for codewords in [book.len(), 1000] {
-        let coded = vq::index::encode(&indices, codewords).expect("coded");
-        let (n, k) = (indices.len() as u16, codewords as u16);
-        out.push([&[1], &n.to_le_bytes()[..], &k.to_le_bytes(), &coded].concat());
     }
     out
 }

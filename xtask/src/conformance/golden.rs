@@ -4,7 +4,6 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use gsvx::DecodeOptions;
 use testing::sha256;
 
 use super::{Tally, Verdict};
@@ -36,7 +35,7 @@ pub(super) fn checks(tally: &mut Tally) {
     };
     for (name, bytes, want) in all {
         tally.check(&format!("golden stream {name}"), || {
-            let scene = gsvx::decode(&bytes, &DecodeOptions::default())?.scene;
+            let scene = gsvx::decode(&bytes)?;
             let got = sha256(&scene);
             ensure!(got == want, "decodes to {got}, recorded is {want}");
             Ok(Verdict::Holds(format!(

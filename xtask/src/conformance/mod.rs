@@ -5,6 +5,7 @@
 mod damage;
 mod golden;
 mod references;
+mod seal;
 mod threads;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};

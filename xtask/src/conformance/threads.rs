@@ -3,7 +3,8 @@
 use anyhow::{Context, Result, ensure};
 use eval::{measure, scenes};
 use finetune::{FineTune, FineTuneOptions, RenderOptions};
-use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, PaperQp};
+use gsvx::{CovarianceMode, EncodeOptions};
+use std::num::NonZeroUsize;
 
 use sha2::{Digest, Sha256};
 use testing::sha256;
@@ -41,35 +42,26 @@ pub(super) fn checks(tally: &mut Tally) {
         Ok(both) => both,
         Err(why) => return tally.check("threads", || Err(why)),
     };
-    let default = || EncodeOptions::from_quality(60.0);
-    let paper = || {
-        let qp = PaperQp { ac: 34, dc: 16, opacity: 16 };
-        Ok(EncodeOptions::paper(qp, CovarianceMode::Vq { bits: 10 }))
-    };
-    type Options = dyn Fn() -> gsvx::Result<EncodeOptions> + Send + Sync;
-    let profiles: [(&str, &Options); 2] = [("default", &default), ("paper's profile", &paper)];
-    for (name, options) in profiles {
+    let default = EncodeOptions::default();
+    let mut codebook = default.clone();
+    codebook.covariance = CovarianceMode::Vq { bits: 10 };
+    // Many chunks, so that threads have something to share.
+    let mut levels = default.clone();
+    levels.lod = true;
+    levels.chunk_leaves = NonZeroUsize::MIN.saturating_add(999);
+    for (name, options) in
+        [("default", &default), ("codebook", &codebook), ("levels of detail", &levels)]
+    {
         tally.check(&format!("encoder over threads, {name}"), || {
-            same("the same bytes", || {
-                let prepared =
-                    gsvx::prepare(&scene, |i, seen| gsvx::default_strategy(60.0, i, seen), None)?;
-                let mut options = options()?;
-                options.importance = Some(prepared.importance.clone());
-                let encoded = gsvx::encode(&prepared.scene, &prepared.voxels, &options)?;
-                Ok(hash_bytes(&encoded.bytes))
-            })
+            same("the same bytes", || Ok(hash_bytes(&gsvx::encode(&scene, options)?.bytes)))
         });
     }
     tally.check("encoder over threads, lossless", || {
-        same("the same bytes", || Ok(hash_bytes(&gsvx::encode_lossless(&scene)?.bytes)))
+        same("the same bytes", || Ok(hash_bytes(&gsvx::encode_lossless(&scene, false)?.bytes)))
     });
     tally.check("decoder over threads", || {
-        let prepared =
-            gsvx::prepare(&scene, |i, seen| gsvx::default_strategy(60.0, i, seen), None)?;
-        let bytes = gsvx::encode(&prepared.scene, &prepared.voxels, &default()?)?.bytes;
-        same("the same floats", || {
-            Ok(sha256(&gsvx::decode(&bytes, &DecodeOptions::default())?.scene))
-        })
+        let bytes = gsvx::encode(&scene, &levels)?.bytes;
+        same("the same floats", || Ok(sha256(&gsvx::decode(&bytes)?)))
     });
     let views = match measure::load(room.training().take(2)) {
         Ok(views) => views,

@@ -74,6 +74,15 @@ pub fn bd_psnr(anchor: &[Point], test: &[Point], method: Method) -> Option<f64> 
     mean_gap(method, (&ar, &ap), (&tr, &tp))
 }
 
+/// The rate of a curve at a PSNR, linear between the points of its hull; `None` beyond its ends.
+pub fn rate_at(curve: &[Point], psnr_db: f64) -> Option<f64> {
+    hull(curve).windows(2).find_map(|w| {
+        let (a, b) = (w[0], w[1]);
+        ((a.psnr_db..=b.psnr_db).contains(&psnr_db))
+            .then(|| a.rate + (b.rate - a.rate) * (psnr_db - a.psnr_db) / (b.psnr_db - a.psnr_db))
+    })
+}
+
 /// The upper-left convex hull (rate linear): the points that no mixture of others beats, by
 /// rising rate and PSNR.
 pub fn hull(points: &[Point]) -> Vec<Point> {

@@ -88,3 +88,11 @@ fn hull_drops_what_a_mixture_beats() {
     let all = points(&[(1.0, 20.0), (2.0, 21.0), (3.0, 26.0), (4.0, 25.0), (5.0, 28.0)]);
     assert_eq!(hull(&all), points(&[(1.0, 20.0), (3.0, 26.0), (5.0, 28.0)]));
 }
+
+#[test]
+fn a_rate_is_read_off_between_points() {
+    let curve = points(&[(100.0, 20.0), (200.0, 30.0), (400.0, 32.0)]);
+    assert_eq!(rate_at(&curve, 25.0), Some(150.0));
+    assert_eq!(rate_at(&curve, 32.0), Some(400.0));
+    assert_eq!((rate_at(&curve, 33.0), rate_at(&curve, 19.0)), (None, None));
+}

@@ -18,27 +18,27 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     };
     let tuning = inputs.tuning(true);
     let mut curves = Vec::new();
-    for (coding, codings) in [("paper's coding", paper()), ("gsvx", inputs.own())] {
+    for (coding, codings) in [("paper's coding", paper()), ("gsvx's coding", inputs.own())] {
         for (name, voxels) in
-            [("uniform", inputs.uniform(depth)), ("adaptive", inputs.adaptive(depth))]
+            [("uniform", inputs.uniform(depth)), ("paper's criteria", inputs.adaptive(depth))]
         {
             let what = format!("{}, {coding}", voxels.what);
             let parts = [(voxels, codings.clone())];
             curves.push(inputs.curve(&format!("{name}, {coding}"), what, &parts, tuning)?);
         }
     }
-    let what = "adaptive (rate-distortion, following the rate), gsvx".into();
-    curves.push(inputs.curve("rate-distortion, gsvx", what, &inputs.tuned_parts(), tuning)?);
+    let what = "gsvx: leaves by rate and distortion".into();
+    curves.push(inputs.curve("gsvx", what, &inputs.tuned_parts(), tuning)?);
 
-    let [paper_uniform, paper_adaptive, uniform, adaptive, pruned] = &curves[..] else {
+    let [paper_uniform, paper_adaptive, uniform, adaptive, gsvx] = &curves[..] else {
         anyhow::bail!("five curves were made, not {}", curves.len());
     };
     let pairs = [
         (paper_adaptive, paper_uniform),
         (adaptive, uniform),
-        (pruned, uniform),
+        (gsvx, uniform),
         (uniform, paper_uniform),
-        (pruned, paper_adaptive),
+        (gsvx, paper_adaptive),
     ];
     let bd: Vec<Bd> = pairs
         .iter()

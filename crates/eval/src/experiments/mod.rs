@@ -160,17 +160,17 @@ impl Inputs<'_> {
         let around = (depth.saturating_sub(ABOVE).max(1), (depth + BELOW).min(20));
         let (low, high) = self.options.adaptive.filter(|_| depth == self.depth).unwrap_or(around);
         Voxels {
-            name: format!("adaptive-{low}-{high}"),
-            what: format!("adaptive (paper's criteria), J = {low} to {high}"),
+            name: format!("paper-criteria-{low}-{high}"),
+            what: format!("paper's criteria, J = {low} to {high}"),
             rule: Rule::Fixed(Strategy::paper(low, high)),
         }
     }
 
     /// The codec's own voxelization at a quality.
-    fn pruned(&self, quality: f32) -> Voxels {
+    fn default(&self, quality: f32) -> Voxels {
         Voxels {
-            name: format!("pruned-q{quality:.0}"),
-            what: format!("adaptive (rate-distortion), quality {quality:.0}"),
+            name: format!("gsvx-q{quality:.0}"),
+            what: format!("gsvx, quality {quality:.0}"),
             rule: Rule::Default(quality),
         }
     }
@@ -182,7 +182,7 @@ impl Inputs<'_> {
             let near = self.qualities.iter().filter(|q| nearest(**q) == at);
             near.map(|&q| Coding::Quality(q)).collect()
         };
-        let parts = TUNED_AT.iter().map(|&at| (self.pruned(at), codings(at)));
+        let parts = TUNED_AT.iter().map(|&at| (self.default(at), codings(at)));
         parts.filter(|(_, codings)| !codings.is_empty()).collect()
     }
 
@@ -217,12 +217,12 @@ impl Inputs<'_> {
 
     /// The paper's coding at all QPs with the codebook.
     fn paper_lossy(&self) -> Vec<Coding> {
-        (0..PAPER_QPS.len()).map(|i| Coding::paper(i, false, None)).collect()
+        (0..PAPER_QPS.len()).map(|i| Coding::of_triple(i, false, None)).collect()
     }
 
     /// The paper's coding with lossless covariance, at the upper half of the QPs.
     fn paper_lossless(&self) -> Vec<Coding> {
-        (PAPER_QPS.len() / 2..PAPER_QPS.len()).map(|i| Coding::paper(i, true, None)).collect()
+        (PAPER_QPS.len() / 2..PAPER_QPS.len()).map(|i| Coding::of_triple(i, true, None)).collect()
     }
 
     /// The codec's own coding at the run's qualities.

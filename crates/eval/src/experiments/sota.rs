@@ -3,6 +3,7 @@
 use anyhow::Result;
 
 use super::{Inputs, Results, page, points};
+use crate::bd;
 use crate::peers;
 use crate::published::NO_INIT;
 use crate::rd_curve::plan::{Coding, Voxels};
@@ -12,7 +13,7 @@ use crate::report::{Block, Section, run};
 
 pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let each: Vec<(Voxels, Vec<Coding>)> =
-        inputs.qualities.iter().map(|&q| (inputs.pruned(q), vec![Coding::Quality(q)])).collect();
+        inputs.qualities.iter().map(|&q| (inputs.default(q), vec![Coding::Quality(q)])).collect();
     let mut curves = Vec::new();
     let what = format!("gsvx, default, fine-tuned for {} steps", inputs.steps);
     curves.push(inputs.curve(
@@ -26,7 +27,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let what = format!("{}, fine-tuned, paper's coding", adaptive.what);
     let codings = inputs.paper_lossy().into_iter().chain(inputs.paper_lossless()).collect();
     let parts = [(adaptive, codings)];
-    curves.push(inputs.curve("adaptive, paper's coding", what, &parts, inputs.tuning(true))?);
+    curves.push(inputs.curve("paper's criteria and coding", what, &parts, inputs.tuning(true))?);
 
     let tools = inputs.study.peers(&inputs.options.peers, inputs.depth)?;
     // Of the paper's own lists, Fig. 9 has the adaptive ones.
@@ -105,7 +106,7 @@ fn equal_quality(curves: &[Curve], others: &[crate::published::Other]) -> Sectio
                 format!("{:.3}", p.psnr_db),
             ];
             for curve in curves.iter().take(2) {
-                let bytes = bytes_at(&points(curve), p.psnr_db);
+                let bytes = bd::rate_at(&points(curve), p.psnr_db);
                 row.push(bytes.map_or("-".into(), |b| {
                     format!("{b:.0} ({:.0} %)", 100.0 * b / p.bytes.max(1) as f64)
                 }));
@@ -119,29 +120,4 @@ fn equal_quality(curves: &[Curve], others: &[crate::published::Other]) -> Sectio
     let text = "Our bytes are read off the hull of our points, linearly between them. A dash: our points do not \
                 reach that PSNR, or begin above it.";
     Section::open("Bytes at equal PSNR", vec![Block::Text(text.into()), Block::Table(table)])
-}
-
-fn bytes_at(curve: &[crate::bd::Point], psnr_db: f64) -> Option<f64> {
-    let hull = crate::bd::hull(curve);
-    hull.windows(2).find_map(|w| {
-        let (a, b) = (w[0], w[1]);
-        ((a.psnr_db..=b.psnr_db).contains(&psnr_db))
-            .then(|| a.rate + (b.rate - a.rate) * (psnr_db - a.psnr_db) / (b.psnr_db - a.psnr_db))
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::bd::Point;
-
-    #[test]
-    fn bytes_are_read_off_between_points() {
-        let p = |rate, psnr_db| Point { rate, psnr_db };
-        let curve = [p(100.0, 20.0), p(200.0, 30.0), p(400.0, 32.0)];
-        assert_eq!(bytes_at(&curve, 25.0), Some(150.0));
-        assert_eq!(bytes_at(&curve, 32.0), Some(400.0));
-        assert_eq!(bytes_at(&curve, 33.0), None);
-        assert_eq!(bytes_at(&curve, 19.0), None);
-    }
 }

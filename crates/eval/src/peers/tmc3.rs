@@ -19,7 +19,8 @@ use voxel::{Cube, Merge, Strategy};
 
 use super::tool;
 use crate::codec::Codec;
-use crate::rd_curve::plan::{Coding, PAPER_PROFILE};
+use crate::paper_chain::PaperQp;
+use crate::rd_curve::plan::{Coding, PAPER_CODING};
 use crate::scenes::TestScene;
 use channels::{Channels, Part};
 
@@ -58,13 +59,6 @@ struct Header {
     parts: Vec<(usize, Vec<[u64; 2]>)>,
 }
 
-/// QPs of AC coefficients, DC and opacity.
-struct Qps {
-    ac: u8,
-    dc: u8,
-    opacity: u8,
-}
-
 impl Tmc3 {
     /// The program `given`, or the one on the PATH. `depth` is that of the uniform octree, `limit`
     /// the longest run of the program.
@@ -84,15 +78,13 @@ impl Tmc3 {
     /// The settings at a quality, in words.
     #[must_use]
     pub fn settings(&self, quality: f32) -> String {
-        let Qps { ac, dc, opacity } = Self::qps(quality);
+        let PaperQp { ac, dc, opacity } = Self::qps(quality);
         format!("paper's chain, J = {}, QP {ac}/{dc}/{opacity}, lossless covariance", self.depth)
     }
 
-    fn qps(quality: f32) -> Qps {
-        match Coding::of(PAPER_PROFILE, quality) {
-            Coding::Paper { qp, .. } => Qps { ac: qp.ac, dc: qp.dc, opacity: qp.opacity },
-            Coding::Quality(_) => Qps { ac: 4, dc: 4, opacity: 4 },
-        }
+    fn qps(quality: f32) -> PaperQp {
+        let least = PaperQp { ac: 4, dc: 4, opacity: 4 };
+        Coding::of(PAPER_CODING, quality).paper().map_or(least, |chain| chain.qp)
     }
 
     /// Codes one attribute. Returns its stream and the bytes of positions and attribute in it.

@@ -1,5 +1,5 @@
-//! Rate-distortion curves of a scene, from real streams: uniform and adaptive voxelization, the
-//! paper's coding and the default, beside recorded and published points of other codecs.
+//! Rate-distortion curves of a scene, from real streams: gsvx, its coding with a uniform octree and with
+//! the paper's adaptive one, and the paper's coding, beside recorded and published points of other codecs.
 //!
 //! A stage whose record carries the hash of its inputs, its settings and the program is not run
 //! again, so a run that was cut goes on where it stopped.
@@ -22,7 +22,7 @@ use crate::peers;
 use crate::pictures;
 use crate::published;
 use crate::report::{self, sections};
-use plan::Coding;
+use plan::{Coding, GSVX, slug};
 use record::{Bd, Curve, Picture, Run};
 use stages::Branch;
 use study::{PICTURE_VIEWS, Study};
@@ -149,14 +149,21 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<PathBuf
     Ok(study.out.join("report.html"))
 }
 
-/// Hull against hull: the adaptive curves against the uniform one, all against the others.
+/// Hull against hull: gsvx against our other curves, those against the uniform one, all against the
+/// others.
 fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
     let mut out = Vec::new();
-    if let [uniform, adaptives @ ..] = curves {
-        for adaptive in adaptives {
-            let (test, anchor) = (adaptive.rates(), uniform.rates());
-            out.push(sections::compare((&adaptive.name, &test), (&uniform.name, &anchor)));
+    let mut pair = |test: &Curve, anchor: &Curve| {
+        let (of_test, of_anchor) = (test.rates(), anchor.rates());
+        out.push(sections::compare((&test.name, &of_test), (&anchor.name, &of_anchor)));
+    };
+    if let [uniform, rest @ ..] = curves {
+        let (gsvx, rest): (Vec<&Curve>, Vec<&Curve>) = rest.iter().partition(|c| c.name == GSVX);
+        for gsvx in gsvx {
+            rest.iter().for_each(|curve| pair(gsvx, curve));
+            pair(gsvx, uniform);
         }
+        rest.iter().for_each(|curve| pair(curve, uniform));
     }
     // A published curve is of another model; only what was measured on this very model can be
     // compared by rate.
@@ -197,12 +204,12 @@ fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::
         );
         let mut decoded = Vec::new();
         for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
-            let file = format!("pictures/{stem}-{}-q{:.0}.png", curve.name, point.quality);
+            let file = format!("pictures/{stem}-{}-q{:.0}.png", slug(&curve.name), point.quality);
             let image = read(&point.renders[v])?;
             let panel = pictures::side_by_side(&[&held_out.photo, &original, &image]);
             pictures::write(&study.out.join(&file), &panel)?;
             let says = format!(
-                "decoded from {} MB ({}, quality {:.0}), {:.2} dB",
+                "{} MB ({}, quality {:.0}), {:.2} dB",
                 report::megabytes(point.bytes),
                 curve.name,
                 point.quality,

@@ -2,9 +2,9 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, PaperQp};
 use voxel::{Cube, Merge, Strategy};
 
+use crate::paper_chain::{Covariance, PaperChain, PaperQp};
 use crate::progress::Bar;
 
 /// Depths among which the uniform depth is chosen.
@@ -39,7 +39,7 @@ pub(crate) enum Rule {
 /// One curve to make: qualities grouped by the voxelization they are coded with.
 #[derive(Clone, Debug)]
 pub(crate) struct CurvePlan {
-    /// Short name, used in file names.
+    /// Short name, the same in all tables, legends and (as [`slug`]) file names.
     pub(crate) name: &'static str,
     /// One line for the legend.
     pub(crate) what: String,
@@ -60,9 +60,7 @@ fn levels_deeper(quality: f32) -> i32 {
     }
 }
 
-/// The curves of a run: uniform, the paper's adaptive criteria, the paper's way of coding,
-/// rate-distortion pruning.
-/// A given depth is used at all qualities.
+/// The curves of a run. A given depth is used at all qualities.
 pub(crate) fn curves(
     base: u8,
     depth: Option<u8>,
@@ -82,13 +80,13 @@ pub(crate) fn curves(
         let by = levels_deeper(q);
         let (low, high) = adaptive.unwrap_or_else(|| (shifted(by - 1), shifted(by + 2)));
         Voxels {
-            name: format!("adaptive-{low}-{high}"),
+            name: format!("paper-criteria-{low}-{high}"),
             what: format!("J = {low} to {high}"),
             rule: Rule::Fixed(Strategy::paper(low, high)),
         }
     };
-    let pruned = |q: f32| Voxels {
-        name: format!("pruned-q{q:.0}"),
+    let default = |q: f32| Voxels {
+        name: format!("gsvx-q{q:.0}"),
         what: format!("quality {q:.0}"),
         rule: Rule::Default(q),
     };
@@ -106,15 +104,28 @@ pub(crate) fn curves(
         CurvePlan { name, what: format!("{what}, {span}"), steps }
     };
     vec![
-        plan("uniform", "uniform", &uniform),
-        plan("adaptive", "adaptive (paper's criteria)", &paper),
-        plan(PAPER_PROFILE, "the paper's coding (uniform, RLGR, QP triples, VQ)", &uniform),
-        plan("pruned", "adaptive (default: rate-distortion)", &pruned),
+        plan(UNIFORM, "gsvx's coding, every leaf of the octree at one depth", &uniform),
+        plan(PAPER_CRITERIA, "gsvx's coding, leaves by the paper's adaptive criteria", &paper),
+        plan(
+            PAPER_CODING,
+            "the uniform octree, coded as the paper does: RAHT and RLGR at its QPs, covariances by a codebook",
+            &uniform,
+        ),
+        plan(GSVX, "this codec: leaves by rate and distortion, precision by importance", &default),
     ]
 }
 
-/// Name of the curve in the paper's coding.
-pub(crate) const PAPER_PROFILE: &str = "paper";
+/// Names of the curves.
+pub(crate) const UNIFORM: &str = "uniform";
+pub(crate) const PAPER_CRITERIA: &str = "paper's criteria";
+pub(crate) const PAPER_CODING: &str = "paper's coding";
+pub(crate) const GSVX: &str = "gsvx";
+
+/// A name as a part of file names and links.
+pub(crate) fn slug(name: &str) -> String {
+    let words = name.split(|c: char| !c.is_ascii_alphanumeric() && c != '=');
+    words.filter(|w| !w.is_empty() && *w != "s").collect::<Vec<_>>().join("-")
+}
 
 /// How a voxelized model is coded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,10 +136,8 @@ pub(crate) enum Coding {
     Paper {
         /// The quality under which the QPs appear in tables.
         quality: f32,
-        /// Its QPs.
-        qp: PaperQp,
-        /// 16-bit integers without further loss instead of a codebook.
-        lossless_covariance: bool,
+        /// Its QPs and its way of coding covariances.
+        chain: PaperChain,
     },
 }
 
@@ -150,19 +159,24 @@ const LOSSLESS_BITS: u8 = 16;
 impl Coding {
     /// The coding of a curve at a quality.
     pub(crate) fn of(curve: &str, quality: f32) -> Self {
-        if curve != PAPER_PROFILE {
+        if curve != PAPER_CODING {
             return Self::Quality(quality);
         }
         // The triple whose quality is nearest.
         let index = PAPER_QPS.iter().position(|p| quality < p.3 + 7.0);
-        Self::paper(index.unwrap_or(PAPER_QPS.len() - 1), false, Some(quality))
+        Self::of_triple(index.unwrap_or(PAPER_QPS.len() - 1), false, Some(quality))
     }
 
     /// The paper's coding at one of its triples.
-    pub(crate) fn paper(index: usize, lossless_covariance: bool, quality: Option<f32>) -> Self {
+    pub(crate) fn of_triple(index: usize, lossless_covariance: bool, quality: Option<f32>) -> Self {
         let (ac, dc, opacity, own) = PAPER_QPS[index.min(PAPER_QPS.len() - 1)];
         let quality = quality.unwrap_or(own);
-        Self::Paper { quality, qp: PaperQp { ac, dc, opacity }, lossless_covariance }
+        let covariance = match lossless_covariance {
+            true => Covariance::Integers { bits: LOSSLESS_BITS },
+            false => Covariance::Codebook { bits: CODEBOOK_BITS },
+        };
+        let chain = PaperChain { qp: PaperQp { ac, dc, opacity }, covariance };
+        Self::Paper { quality, chain }
     }
 
     /// The quality, also of the paper's coding.
@@ -174,28 +188,23 @@ impl Coding {
 
     /// File-name part.
     pub(crate) fn name(&self) -> String {
-        let lossless = matches!(self, Self::Paper { lossless_covariance: true, .. });
+        let lossless = self.paper().is_some_and(|chain| chain.lossless_covariance());
         format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
     }
 
     /// The paper's QPs in words.
     pub(crate) fn paper_setting(&self) -> Option<String> {
-        let Self::Paper { qp, lossless_covariance, .. } = self else { return None };
-        let covariance = if *lossless_covariance { ", lossless covariance" } else { "" };
+        let chain = self.paper()?;
+        let PaperChain { qp, .. } = chain;
+        let covariance = if chain.lossless_covariance() { ", lossless covariance" } else { "" };
         Some(format!("QP {}/{}/{}{covariance}", qp.ac, qp.dc, qp.opacity))
     }
 
-    /// Encoder options.
-    pub(crate) fn options(&self) -> gsvx::Result<EncodeOptions> {
-        match *self {
-            Self::Quality(quality) => EncodeOptions::from_quality(quality),
-            Self::Paper { qp, lossless_covariance: true, .. } => {
-                let mode = CovarianceMode::Lossless { bits: LOSSLESS_BITS };
-                Ok(EncodeOptions::paper(qp, mode))
-            }
-            Self::Paper { qp, .. } => {
-                Ok(EncodeOptions::paper(qp, CovarianceMode::Vq { bits: CODEBOOK_BITS }))
-            }
+    /// The paper's coding, if it is that.
+    pub(crate) fn paper(&self) -> Option<&PaperChain> {
+        match self {
+            Self::Paper { chain, .. } => Some(chain),
+            Self::Quality(_) => None,
         }
     }
 }
@@ -255,14 +264,20 @@ mod tests {
 
     #[test]
     fn each_quality_has_its_qp_triple() {
-        let setting = |q| Coding::of(PAPER_PROFILE, q).paper_setting().unwrap();
+        let setting = |q| Coding::of(PAPER_CODING, q).paper_setting().unwrap();
         assert_eq!(setting(20.0), "QP 40/28/40");
         assert_eq!((setting(34.0), setting(62.0)), ("QP 38/16/28".into(), "QP 31/4/16".into()));
         assert_eq!((setting(90.0), setting(100.0)), ("QP 16/4/4".into(), "QP 16/4/4".into()));
         assert_eq!(Coding::of("uniform", 20.0), Coding::Quality(20.0));
-        let lossless = Coding::paper(3, true, None);
+        let lossless = Coding::of_triple(3, true, None);
         assert_eq!(lossless.name(), "q62-lossless");
         assert!(lossless.paper_setting().unwrap().contains("lossless"));
+    }
+
+    #[test]
+    fn names_of_curves_become_parts_of_links() {
+        assert_eq!(slug(PAPER_CRITERIA), "paper-criteria");
+        assert_eq!(slug("adaptive, paper's coding-uniform-9"), "adaptive-paper-coding-uniform-9");
     }
 
     #[test]

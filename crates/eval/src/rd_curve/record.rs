@@ -80,8 +80,8 @@ pub(crate) struct Coded {
     pub(crate) paper: Option<String>,
     /// Size of the stream.
     pub(crate) bytes: u64,
-    /// Bytes of each section.
-    pub(crate) sections: Vec<(String, u64)>,
+    /// Bytes by what they are for.
+    pub(crate) parts: Vec<(String, u64)>,
     /// Gaussians decoded.
     pub(crate) gaussians: usize,
     /// Quality of the decoded model.
@@ -115,7 +115,7 @@ impl Coded {
 pub(crate) struct Curve {
     /// Short name.
     pub(crate) name: String,
-    /// Parameters in words.
+    /// What it is, in words.
     pub(crate) what: String,
     /// The voxelized models, in the order of their first quality.
     pub(crate) voxelized: Vec<Voxelized>,

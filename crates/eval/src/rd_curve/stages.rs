@@ -5,14 +5,15 @@ use std::cell::OnceCell;
 use std::fs;
 
 use anyhow::{Context, Result, ensure};
-use gsvx::{DecodeOptions, Prepared};
+use gsvx::{EncodeOptions, Prepared};
 
-use super::plan::{Coding, Rule, Voxels};
+use super::plan::{Coding, Rule, Voxels, slug};
 use super::record::{Coded, Voxelized};
 use super::study::Study;
 use super::tune::{self, Tuning};
 use crate::codec::{RoundTrip, round_trip, timed};
 use crate::measure;
+use crate::paper_chain;
 use crate::progress::Bar;
 
 /// The stages of one voxelization. The voxelized model is made when a stage first needs it.
@@ -98,10 +99,11 @@ impl<'a> Branch<'a> {
     /// Encodes, decodes the bytes and scores what comes out.
     pub(crate) fn coded(&self, curve: &str, coding: Coding) -> Result<Coded> {
         let study = self.study;
-        let name = format!("{curve}-{}", coding.name());
+        let name = format!("{}-{}", slug(curve), coding.name());
         let stage = format!("code-{name}");
         let settings = (self.key(), format!("{coding:?}"));
-        let stream = format!("streams/{name}.gsvx");
+        let extension = if coding.paper().is_some() { "paper" } else { "gsvx" };
+        let stream = format!("streams/{name}.{extension}");
         let usable = |record: &Coded| {
             let size = fs::metadata(study.out.join(&record.stream)).map(|m| m.len());
             size.is_ok_and(|s| s == record.bytes) && study.all_there(&record.renders)
@@ -111,16 +113,25 @@ impl<'a> Branch<'a> {
         }
 
         let Prepared { scene: merged, voxels, importance } = &self.model()?.prepared;
-        let mut options = coding.options()?;
-        options.importance = Some(importance.clone());
-        let mut sections = Vec::new();
-        let encode = || {
-            let encoded = gsvx::encode(merged, voxels, &options)?;
-            sections =
-                encoded.sections.iter().map(|(k, n)| (format!("{k:?}"), *n as u64)).collect();
-            Ok(encoded.bytes)
+        let mut parts = Vec::new();
+        let encode = || match coding {
+            Coding::Quality(quality) => {
+                let mut options = EncodeOptions::from_quality(quality)?;
+                options.importance = Some(importance.clone());
+                let encoded = gsvx::encode_voxels(merged, voxels, None, &options)?;
+                parts = encoded.parts();
+                Ok(encoded.bytes)
+            }
+            Coding::Paper { chain, .. } => {
+                let encoded = chain.encode(merged, voxels, importance)?;
+                parts = encoded.parts;
+                Ok(encoded.bytes)
+            }
         };
-        let decode = |bytes: &[u8]| Ok(gsvx::decode(bytes, &DecodeOptions::default())?.scene);
+        let decode = |bytes: &[u8]| match coding {
+            Coding::Quality(_) => Ok(gsvx::decode(bytes)?),
+            Coding::Paper { .. } => paper_chain::decode(bytes),
+        };
         let trip = round_trip(&name, &study.test.held_out, encode, decode)?;
         let RoundTrip { stream: bytes, decoded, score, .. } = trip;
         ensure!(decoded.means == merged.means, "{name}: decoded means are not the voxelized ones");
@@ -135,7 +146,7 @@ impl<'a> Branch<'a> {
             quality: coding.quality(),
             paper: coding.paper_setting(),
             bytes: bytes.len() as u64,
-            sections,
+            parts: parts.into_iter().map(|(part, bytes)| (part.to_owned(), bytes)).collect(),
             gaussians: decoded.len(),
             score,
             encode_seconds: trip.encode_seconds,

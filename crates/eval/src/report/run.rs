@@ -1,14 +1,19 @@
 //! The report of a default run.
 
+use super::headline;
 use super::sections::{self, BD_TEXT, PUBLISHED_NOTE, UNITS};
 use super::{Block, Document, Section, Table, View, megabits};
 use crate::chart::{Axis, Chart, Kind, Series};
 use crate::published::PAPER_CHAIN;
-use crate::rd_curve::record::{Bd, Coded, Curve, Run};
+use crate::rd_curve::record::{Coded, Curve, Run};
 
 /// Points of others larger than this many times our largest stream are left out of the chart
 /// (the tables have them): raw PLY would squeeze all curves into a corner.
 pub(crate) const WIDEST: f64 = 4.5;
+
+/// What a reader must know to read the chart.
+const TERMS: &str = "Each point is a stream, decoded and rendered: its size, and its PSNR against photos that \
+     the model was not trained on. Further left is smaller, higher is nearer to the photos.";
 
 const COLUMNS: [&str; 12] = [
     "curve",
@@ -73,7 +78,7 @@ pub(crate) fn series(curves: &[Curve]) -> Vec<Series> {
         let mut points = curve.rates();
         points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
         Series {
-            name: format!("gsvx, {}", curve.what),
+            name: curve.name.clone(),
             kind: Kind::Ours,
             points: points.iter().map(|p| (p.rate / 1e6, p.psnr_db)).collect(),
         }
@@ -101,9 +106,11 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
     } else {
         String::new()
     };
+    let comparisons = headline::comparisons(run);
     let lead = format!(
-        "{}. {} views, {} held out (every 8th by sorted name), {} measured. The model has {} Gaussians of \
+        "{}The scene: {}. {} views, {} held out (every 8th by sorted name), {} measured. The model has {} Gaussians of \
          SH degree {}{invalid}; uncompressed it is {:.1} MB and reaches {:.3} dB and {:.4} SSIM.",
+        headline::sentence(&comparisons),
         run.what,
         run.views,
         run.held_out,
@@ -120,8 +127,12 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
     all.extend(sections::other_series(&run.others, WIDEST * largest));
     let title = format!("{}: PSNR over size, {} held-out views", run.scene, run.measured);
     let chart = chart(title, all, o.score.psnr_db);
+    let curves = run.curves.iter().map(|c| format!("`{}`: {}", c.name, c.what)).collect();
     let mut sections = vec![
-        Section::open("Curves", vec![Block::Chart(chart, "rd".into())]),
+        Section::open(
+            "Curves",
+            vec![Block::Text(TERMS.into()), Block::List(curves), Block::Chart(chart, "rd".into())],
+        ),
         pictures(run, views),
         Section::open(
             "Points",
@@ -142,9 +153,9 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
     sections.push(sections::provenance(&run.manifest, run.skipped, run.stages));
     sections.retain(|s| !s.blocks.is_empty());
     Document {
-        title: format!("Rate and distortion: {}", run.scene),
+        title: headline::title(&run.scene, &comparisons),
         lead,
-        highlights: highlights(run),
+        highlights: headline::highlights(run, &comparisons),
         sections,
     }
 }
@@ -165,35 +176,6 @@ pub(crate) fn peers(tools: &[crate::peers::Outcome]) -> Section {
         blocks.push(Block::List(absent));
     }
     Section::open("Peers in this run", blocks)
-}
-
-/// What a reader wants first.
-fn highlights(run: &Run) -> Vec<(String, String)> {
-    let mut out = Vec::new();
-    let Some(best) = run.curves.last() else { return out };
-    let figure = |bd: &&Bd| bd.rate_pchip.or(bd.rate_cubic);
-    for bd in run.bd.iter().filter(|b| b.test == best.name) {
-        if let Some(x) = figure(&bd) {
-            out.push((
-                format!("{x:+.0} %"),
-                format!("bytes of `{}` at equal PSNR, against {} (BD-rate)", best.name, bd.anchor),
-            ));
-        }
-    }
-    // The smallest stream within 0.5 dB of the uncompressed model.
-    let close = |p: &&Coded| p.score.psnr_db > run.original.score.psnr_db - 0.5;
-    if let Some(p) = best.points.iter().filter(close).min_by_key(|p| p.bytes) {
-        out.push((
-            format!("{:.0}x", run.original.file_bytes as f64 / p.bytes.max(1) as f64),
-            format!(
-                "smaller than the PLY at {:+.2} dB: {:.3} MB, quality {:.0}",
-                p.score.psnr_db - run.original.score.psnr_db,
-                p.bytes as f64 / 1e6,
-                p.quality
-            ),
-        ));
-    }
-    out
 }
 
 fn voxelizations(run: &Run) -> Section {
@@ -235,17 +217,21 @@ fn voxelizations(run: &Run) -> Section {
 }
 
 fn spent(run: &Run) -> Section {
-    let first = run.curves.first().and_then(|c| c.points.first());
-    let names: Vec<&str> =
-        first.map_or(Vec::new(), |p| p.sections.iter().map(|(n, _)| n.as_str()).collect());
+    // The paper's coding has other parts than gsvx.
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in run.curves.iter().flat_map(|c| &c.points).flat_map(|p| &p.parts) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
     let header: Vec<&str> = ["curve", "quality"].into_iter().chain(names.iter().copied()).collect();
     let mut table = Table::new(&header);
     for curve in &run.curves {
         for p in &curve.points {
             let mut row = vec![curve.name.clone(), p.setting()];
             row.extend(names.iter().map(|name| {
-                let bytes: u64 = p.sections.iter().filter(|(n, _)| n == name).map(|(_, b)| b).sum();
-                bytes.to_string()
+                let part = p.parts.iter().find(|(n, _)| n == name);
+                part.map_or("-".into(), |(_, bytes)| bytes.to_string())
             }));
             table.rows.push(row);
         }

@@ -4,6 +4,7 @@
 //! their number is chosen. Memory is the peak resident set that Linux reports.
 
 mod choices;
+mod lod;
 mod targets;
 
 use std::path::{Path, PathBuf};
@@ -54,11 +55,12 @@ pub fn run(options: &Options) -> Result<()> {
         let stream = dir.path().join("model.gsvx");
         let back = dir.path().join("back.ply");
         let steps: [(&str, [&Path; 2], &[&str]); 5] = [
-            ("encode --fast", [&model, &stream], &["encode", "--fast"]),
-            ("decode of that", [&stream, &back], &["decode"]),
             ("encode", [&model, &stream], &["encode"]),
             ("decode", [&stream, &back], &["decode"]),
             ("decode, SH degree 0", [&stream, &back], &["decode", "--max-sh-degree", "0"]),
+            ("encode --lod", [&model, &stream], &["encode", "--lod"]),
+            // What is beyond the coarsest level means the coarsest.
+            ("decode of the coarsest level", [&stream, &back], &["decode", "--lod", "255"]),
         ];
         for (step, [input, output], words) in steps {
             let cost = measure(&gsvx, words, input, output)?;
@@ -104,8 +106,15 @@ pub fn targets(gsvx: &Path, scenes: &[String]) -> Result<()> {
     targets::run(&command(gsvx)?, scenes)
 }
 
-/// Prints for each scene what each way of coding covariance, opacity and AC coefficients costs at
-/// equal rendered error.
+/// Prints for each scene what coarse levels of detail cost, and what they show.
+///
+/// # Errors
+/// If a scene cannot be read or coding fails.
+pub fn lod(scenes: &[String]) -> Result<()> {
+    lod::run(scenes)
+}
+
+/// Prints for each scene what each way of coding covariances costs at equal rendered error.
 ///
 /// # Errors
 /// If a scene cannot be read or coding fails.

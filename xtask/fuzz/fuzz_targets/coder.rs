@@ -1,5 +1,5 @@
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(init: gsvx_fuzz::init(), |data: &[u8]| {
-    gsvx_fuzz::coeffs(data);
+    gsvx_fuzz::coder(data);
 });

@@ -1,0 +1,168 @@
+//! Streams of gsvx: whole, in pieces, and with one part that is anything under a head that is right.
+
+use std::sync::OnceLock;
+
+use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Index, Kind, Reader};
+
+use crate::common::forge::{Layers, assemble, take_apart};
+use crate::{choice, common, number, seal};
+
+/// Gaussians that a stream may have.
+const MOST: u64 = 64;
+
+fn options() -> DecodeOptions {
+    let mut options = DecodeOptions::default();
+    options.max_gaussians = Some(MOST);
+    options
+}
+
+/// A stream, its checksums repaired: SH degree and salvage, level of detail, then the stream.
+pub fn gsvx(data: &[u8]) -> bool {
+    let (byte, data) = choice(data);
+    let (lod, file) = choice(data);
+    let mut file = file.to_vec();
+    seal::repair(&mut file);
+    let mut options = options();
+    options.max_sh_degree = byte & 3;
+    options.salvage = byte & 8 != 0;
+    options.lod = lod;
+    let Ok(decoded) = gsvx::decode_with(&file, &options) else { return false };
+    let scene = &decoded.scene;
+    assert!(scene.len() as u64 <= MOST);
+    assert_eq!(scene.sh.len(), scene.len() * scene.sh_len());
+    // Exact Gaussians come back as whatever was put in.
+    if decoded.index.chunks.iter().all(|c| c.kind == Kind::Leaves) {
+        scene.validate().expect("the decoder returned an invalid scene");
+    }
+    true
+}
+
+/// A stream that arrives in pieces: the number of pieces, where each begins and ends (two small numbers,
+/// any order, any overlap), then the stream, its checksums repaired. What comes out chunk by chunk is what the
+/// whole stream decodes to.
+pub fn reader(data: &[u8]) -> bool {
+    let (pieces, mut data) = choice(data);
+    let mut ranges = Vec::new();
+    for _ in 0..pieces % 8 {
+        let (a, rest) = number(data);
+        let (b, rest) = number(rest);
+        ranges.push((a, b));
+        data = rest;
+    }
+    let mut file = data.to_vec();
+    seal::repair(&mut file);
+    let mut reader = Reader::new();
+    for (a, b) in ranges {
+        let (start, end) = (a.min(b).min(file.len()), a.max(b).min(file.len()));
+        if reader.give(start as u64, &file[start..end]).is_err() {
+            return false;
+        }
+    }
+    // What is still missing, as asked for.
+    while let Some(range) = reader.head_needs() {
+        let end = range.end.min(file.len() as u64);
+        if range.start >= end {
+            return false;
+        }
+        let bytes = &file[range.start as usize..end as usize];
+        if reader.give(range.start, bytes).is_err() {
+            return false;
+        }
+    }
+    let index = reader.index().expect("no head is needed any more").clone();
+    if index.chunks.iter().any(|c| c.count > MOST) || index.stream_len() > file.len() as u64 {
+        return false;
+    }
+    let mut joined = gs_model::Scene { sh_degree: index.header.sh_degree, ..Default::default() };
+    for chunk in index.chunks_of_lod(0) {
+        let layers = index.chunks[chunk].layers.len();
+        for range in reader.needs(chunk, layers) {
+            let bytes = &file[range.start as usize..range.end as usize];
+            reader.give(range.start, bytes).expect("the head is known");
+        }
+        assert_eq!(reader.whole_layers(chunk), layers);
+        let Ok(part) = reader.decode(chunk, layers) else { return false };
+        if part.sh_degree == joined.sh_degree {
+            joined.append(&part);
+        }
+        reader.forget(chunk);
+    }
+    let whole = gsvx::decode_with(&file, &options());
+    if let Ok(whole) = whole {
+        // Floats that are not numbers are not equal to themselves.
+        assert_eq!(common::golden::hash(&whole.scene), common::golden::hash(&joined));
+    }
+    true
+}
+
+/// Index and layers of a stream of each mode of covariances, of SH degree 1.
+fn templates() -> &'static [(Index, Layers)] {
+    static TEMPLATES: OnceLock<Vec<(Index, Layers)>> = OnceLock::new();
+    TEMPLATES.get_or_init(|| {
+        let mut codebook = EncodeOptions::from_quality(20.0).expect("a quality");
+        let mut integers = codebook.clone();
+        let transform = codebook.clone();
+        codebook.covariance = CovarianceMode::Vq { bits: 8 };
+        integers.covariance = CovarianceMode::Lossless { bits: 8 };
+        let scene = common::scene(20, 1, 7);
+        let coded = |options: &EncodeOptions| gsvx::encode(&scene, options).expect("encoded").bytes;
+        [transform, codebook, integers].map(|options| take_apart(&coded(&options))).into()
+    })
+}
+
+/// The template with one chunk of `count` Gaussians that has these layers.
+fn forged(template: usize, count: usize, layers: &[&[u8]]) -> Vec<u8> {
+    let (mut index, _) = templates()[template].clone();
+    index.chunks.truncate(1);
+    index.header.count = count as u64;
+    index.header.sh_degree = layers.len() as u8 - 1;
+    let chunk = &mut index.chunks[0];
+    chunk.count = count as u64;
+    let layer = chunk.layers[0];
+    chunk.layers = vec![layer; layers.len()];
+    assemble(&index, &vec![layers.iter().map(|l| l.to_vec()).collect()])
+}
+
+/// Layers of a chunk: mode of covariances, number of Gaussians, length of the base layer, then the base
+/// layer and that of SH degree 1.
+pub fn chunk(data: &[u8]) -> bool {
+    let (byte, data) = choice(data);
+    let (count, data) = number(data);
+    let (len, layers) = number(data);
+    let (base, sh) = layers.split_at(len.min(layers.len()));
+    let count = 1 + count % MOST as usize;
+    let stream = forged(usize::from(byte) % 3, count, &[base, sh]);
+    let Ok(decoded) = gsvx::decode_with(&stream, &options()) else { return false };
+    assert_eq!(decoded.scene.len(), count);
+    decoded.scene.validate().expect("the decoder returned an invalid scene");
+    true
+}
+
+/// A covariance codebook, in the head of a stream that is otherwise right.
+pub fn codebook(data: &[u8]) -> bool {
+    let (mut index, layers) = templates()[1].clone();
+    index.header.codebook = data.to_vec();
+    let stream = assemble(&index, &layers);
+    let Ok(decoded) = gsvx::decode_with(&stream, &options()) else { return false };
+    decoded.scene.validate().expect("the decoder returned an invalid scene");
+    true
+}
+
+/// Gaussians bit for bit: SH degree, number of Gaussians, then the only layer of their chunk.
+pub fn lossless(data: &[u8]) -> bool {
+    let (degree, data) = choice(data);
+    let (count, payload) = number(data);
+    let count = 1 + count % 16;
+    let (mut index, _) = templates()[0].clone();
+    index.chunks.truncate(1);
+    index.header.count = count as u64;
+    index.header.sh_degree = degree & 3;
+    let chunk = &mut index.chunks[0];
+    (chunk.kind, chunk.count, chunk.first_cell) = (Kind::Exact, count as u64, 0);
+    chunk.layers.truncate(1);
+    let stream = assemble(&index, &vec![vec![payload.to_vec()]]);
+    let Ok(decoded) = gsvx::decode_with(&stream, &options()) else { return false };
+    let scene = decoded.scene;
+    assert_eq!((scene.len(), scene.sh.len()), (count, count * scene.sh_len()));
+    true
+}
