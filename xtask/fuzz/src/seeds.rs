@@ -252,7 +252,9 @@ fn chunks() -> Vec<Vec<u8>> {
             let count = index.chunks[0].count as u16 - 1;
             let [base, sh] = &layers[0][..] else { continue };
             let len = base.len() as u16;
-            let head = [&[mode as u8], &count.to_le_bytes()[..], &len.to_le_bytes()].concat();
+            let cell = index.chunks[0].first_cell.to_le_bytes();
+            let head =
+                [&[mode as u8], &count.to_le_bytes()[..], &cell, &len.to_le_bytes()].concat();
             out.push([&head[..], base, sh].concat());
         }
     }
