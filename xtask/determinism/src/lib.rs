@@ -3,6 +3,8 @@
 #[path = "../../../crates/gsvx/tests/common/mod.rs"]
 #[allow(dead_code, reason = "a part is used")]
 mod common;
+#[path = "../../../crates/gsvx/tests/common/hash.rs"]
+mod hash;
 
 use std::fmt::Write as _;
 use std::num::NonZeroUsize;
@@ -32,7 +34,7 @@ pub fn report() -> String {
             let mut options = DecodeOptions::default();
             options.lod = lod;
             let scene = gsvx::decode_with(bytes, &options).expect(name).scene;
-            let decoded = common::golden::hash(&scene);
+            let decoded = hash::hash(&scene);
             let what = if lod > 0 { format!(", level {lod}") } else { String::new() };
             let _ = writeln!(text, "{name}{what} {} {}", sha(bytes), &decoded[..24]);
         }

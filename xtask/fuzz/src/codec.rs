@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
-use gpcc_lite::model::{Bit, SYMBOLS, Symbols};
+use gpcc_lite::model::{Bit, Symbols};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lifting, decode_lossless};
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Leaf, Limits, attribute as rows, geometry as octree};
@@ -108,7 +108,7 @@ pub(crate) fn drive<C: Coder>(coder: &mut C, what: &[u8], data: &[u8]) -> Vec<u3
     let mut code = |&op: &u8| {
         let value = values.next().unwrap_or(0);
         match op % 4 {
-            0 => coder.symbol(&mut symbols, value as usize % SYMBOLS) as u32,
+            0 => coder.symbol(&mut symbols, value as usize % 16) as u32,
             1 => u32::from(bit.code(coder, value & 1 == 1, 4 + u32::from(op))),
             2 => u32::from(coder.decision(1 + u32::from(op) * 127, value & 1 == 1)),
             _ => {

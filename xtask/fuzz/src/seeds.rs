@@ -24,11 +24,11 @@ pub const TARGETS: [Target; 16] = [
     ("cameras", crate::cameras, 768),
     ("gsvx", crate::gsvx, 1024),
     ("reader", crate::reader, 1024),
-    ("chunk", crate::chunk, 512),
-    ("lossless", crate::lossless, 640),
+    ("chunk", crate::chunk, 640),
+    ("lossless", crate::lossless, 768),
     ("codebook", crate::codebook, 512),
     ("geometry", crate::geometry, 256),
-    ("attribute", crate::attribute, 384),
+    ("attribute", crate::attribute, 512),
     ("coder", crate::coder, 256),
     ("rlgr", crate::rlgr, 256),
     ("predict", crate::predict, 256),
@@ -237,7 +237,7 @@ fn in_pieces() -> Vec<Vec<u8>> {
 
 fn chunks() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
-    let mut options = EncodeOptions::from_quality(20.0).expect("a quality");
+    let mut options = EncodeOptions::from_quality(85.0).expect("a quality");
     let modes = [
         CovarianceMode::Transform,
         CovarianceMode::Vq { bits: 8 },
@@ -252,7 +252,9 @@ fn chunks() -> Vec<Vec<u8>> {
             let count = index.chunks[0].count as u16 - 1;
             let [base, sh] = &layers[0][..] else { continue };
             let len = base.len() as u16;
-            let head = [&[mode as u8], &count.to_le_bytes()[..], &len.to_le_bytes()].concat();
+            let cell = index.chunks[0].first_cell.to_le_bytes();
+            let head =
+                [&[mode as u8], &count.to_le_bytes()[..], &cell, &len.to_le_bytes()].concat();
             out.push([&head[..], base, sh].concat());
         }
     }
@@ -270,14 +272,14 @@ fn lossless() -> Vec<Vec<u8>> {
 }
 
 fn codebooks() -> Vec<Vec<u8>> {
-    let mut options = EncodeOptions::from_quality(20.0).expect("a quality");
+    let mut options = EncodeOptions::from_quality(85.0).expect("a quality");
     options.covariance = CovarianceMode::Vq { bits: 8 };
-    let book = |n| {
-        let bytes = gsvx::encode(&scene(n, 1, 7), &options).expect("encoded").bytes;
+    let book = |seed| {
+        let bytes = gsvx::encode(&scene(20, 1, seed), &options).expect("encoded").bytes;
         gsvx::Index::parse(&bytes).expect("parsed").header.codebook
     };
-    // The first is the target's own. Others of as many codewords would do; these have more.
-    vec![book(20), book(22), book(40)]
+    // The first is the target's own, the others have as many codewords.
+    vec![book(7), book(8), book(9)]
 }
 
 fn octrees() -> Vec<Vec<u8>> {

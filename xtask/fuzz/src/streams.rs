@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Index, Kind, Reader};
 
 use crate::common::forge::{Layers, assemble, take_apart};
+use crate::hash::hash;
 use crate::{choice, common, number, seal};
 
 /// Gaussians that a stream may have.
@@ -90,7 +91,7 @@ pub fn reader(data: &[u8]) -> bool {
     let whole = gsvx::decode_with(&file, &options());
     if let Ok(whole) = whole {
         // Floats that are not numbers are not equal to themselves.
-        assert_eq!(common::golden::hash(&whole.scene), common::golden::hash(&joined));
+        assert_eq!(hash(&whole.scene), hash(&joined));
     }
     true
 }
@@ -99,7 +100,8 @@ pub fn reader(data: &[u8]) -> bool {
 fn templates() -> &'static [(Index, Layers)] {
     static TEMPLATES: OnceLock<Vec<(Index, Layers)>> = OnceLock::new();
     TEMPLATES.get_or_init(|| {
-        let mut codebook = EncodeOptions::from_quality(20.0).expect("a quality");
+        // So fine that SH degree 1 is there.
+        let mut codebook = EncodeOptions::from_quality(85.0).expect("a quality");
         let mut integers = codebook.clone();
         let transform = codebook.clone();
         codebook.covariance = CovarianceMode::Vq { bits: 8 };
@@ -110,28 +112,31 @@ fn templates() -> &'static [(Index, Layers)] {
     })
 }
 
-/// The template with one chunk of `count` Gaussians that has these layers.
-fn forged(template: usize, count: usize, layers: &[&[u8]]) -> Vec<u8> {
+/// The template with one chunk of `count` Gaussians from a cell on that has these layers.
+fn forged(template: usize, (count, cell): (usize, u64), layers: &[&[u8]]) -> Vec<u8> {
     let (mut index, _) = templates()[template].clone();
     index.chunks.truncate(1);
     index.header.count = count as u64;
     index.header.sh_degree = layers.len() as u8 - 1;
+    let cells = 1 << (3 * index.header.j_high);
     let chunk = &mut index.chunks[0];
-    chunk.count = count as u64;
+    (chunk.count, chunk.first_cell) = (count as u64, cell % cells);
     let layer = chunk.layers[0];
     chunk.layers = vec![layer; layers.len()];
     assemble(&index, &vec![layers.iter().map(|l| l.to_vec()).collect()])
 }
 
-/// Layers of a chunk: mode of covariances, number of Gaussians, length of the base layer, then the base
-/// layer and that of SH degree 1.
+/// Layers of a chunk: mode of covariances, number of Gaussians, first cell, length of the base layer, then
+/// the base layer and that of SH degree 1.
 pub fn chunk(data: &[u8]) -> bool {
     let (byte, data) = choice(data);
     let (count, data) = number(data);
+    let Some((&cell, data)) = data.split_first_chunk() else { return false };
+    let cell = u64::from_le_bytes(cell);
     let (len, layers) = number(data);
     let (base, sh) = layers.split_at(len.min(layers.len()));
     let count = 1 + count % MOST as usize;
-    let stream = forged(usize::from(byte) % 3, count, &[base, sh]);
+    let stream = forged(usize::from(byte) % 3, (count, cell), &[base, sh]);
     let Ok(decoded) = gsvx::decode_with(&stream, &options()) else { return false };
     assert_eq!(decoded.scene.len(), count);
     decoded.scene.validate().expect("the decoder returned an invalid scene");
