@@ -1,27 +1,22 @@
 """From transformed values to opacity, colour and covariance: format.md, sections 8, 9 and 11."""
 import numpy as np
 
-from entropy import Block, Bytes, Models, Symbols, need
+from entropy import Block, Bytes, SymbolModels, decision_models, need
 
 F = np.float32
-
 
 def f32_of_bits(*patterns):
     values = np.array(patterns, np.uint32).view(F)
     return values if len(values) > 1 else values[0]
 
-
 A, B, G = f32_of_bits(0x3F13CD3B, 0x3F3504F3, 0x3ED105EC)
-
 
 def offset(depths, factor_d, classes=0, factor_c=0):
     """What is added to V_0 for the depth and the importance class of each leaf."""
     return F(factor_d * depths + factor_c * classes) / F(64)
 
-
 def importance_classes(v, depths, factor):
     return np.floor(np.clip(v[:, 0] + offset(depths, factor) + F(0.5), 0, 11)).astype(np.int64)
-
 
 def opacity_logits(v):
     a = np.clip(v, F(-80), F(0))
@@ -29,12 +24,10 @@ def opacity_logits(v):
     seen = r >= F(2.0**-126)
     return np.where(seen, np.clip(a - log(np.where(seen, r, F(1))), F(-8), F(12)), F(12))
 
-
 def colours(v):
     """Red, green, blue of Y, Co, Cg, along the last axis (8.3)."""
     y, o, g = v[..., 0] * A, v[..., 1] * B, v[..., 2] * G
     return np.stack([y + o - g, y + g + g, y - o - g], -1)
-
 
 def covariances(c):
     """Log-scales and rotations of six coordinates per leaf (8.4, mode 0)."""
@@ -51,13 +44,11 @@ def covariances(c):
             rotate(M, V, p, q, sweep & (M[p, q] != 0))
     return np.stack([M[0, 0], M[1, 1], M[2, 2]], 1), quaternions(V)
 
-
 def sum_of_squares(values):
     total = values[0] * values[0]
     for value in values[1:]:
         total = total + value * value
     return total
-
 
 def rotate(M, V, p, q, mask):
     """One Jacobi rotation in the plane (p, q), of the leaves in `mask`."""
@@ -75,7 +66,6 @@ def rotate(M, V, p, q, mask):
     columns = k * V[:, p] - s * V[:, q], s * V[:, p] + k * V[:, q]
     V[:, p], V[:, q] = (np.where(mask, new, V[:, i]) for new, i in zip(columns, (p, q)))
 
-
 def quaternions(V):
     one = F(1)
     candidates = np.stack([one + V[0, 0] + V[1, 1] + V[2, 2], one + V[0, 0] - V[1, 1] - V[2, 2],
@@ -88,7 +78,6 @@ def quaternions(V):
     wxyz = table[best, :, np.arange(len(best))]
     length = np.sqrt(sum_of_squares(wxyz.T))
     return wxyz / np.where(wxyz[:, 0] < 0, -length, length)[:, None]
-
 
 class Codebook:
     """8.5. `rotations` and `log_scales` have a row for each codeword."""
@@ -107,7 +96,7 @@ class Codebook:
         self.log_scales = F(0 - words[:, 3:] / 2**s)
 
     def words(self, block):
-        models = Models(lambda key: Symbols(256, 2))
+        models = SymbolModels(lambda key: (256, 2))
         words, last_class, word = [], [0] * 6, [0] * 6
         for _ in range(self.size):
             for k in range(6):
@@ -122,7 +111,7 @@ class Codebook:
 
     def indices(self, block, count):
         bits = (self.size - 1).bit_length()
-        top, rest, last, indices = Models(), Models(), 0, []
+        top, rest, last, indices = decision_models(), decision_models(), 0, []
         for _ in range(count):
             index = 0
             for i in range(bits):
@@ -133,7 +122,6 @@ class Codebook:
             last = index >> max(bits - 5, 0)
             indices.append(index)
         return indices
-
 
 def expm1(x):
     """expm1f of MSUN for -80 <= x <= 0 (section 11)."""
@@ -157,7 +145,6 @@ def expm1(x):
     result = np.where(size < 0x33000000, given, result)
     return np.where(size >= 0x4195B844, F(-1), result)
 
-
 def log(x):
     """logf of MSUN for 2^-126 <= x <= 1 (section 11)."""
     H, P, L1, L2, L3, L4, least = f32_of_bits(
@@ -173,7 +160,6 @@ def log(x):
     half = F(0.5) * f * f
     result = s * (half + r) + k * P - half + f + k * H
     return np.where(x == 1, F(0), result)
-
 
 def sh_degree(data, k, leaf_count, raht_of, step, below):
     """Final values (leaves, 2k + 1 coefficients, Y Co Cg) of an SH layer that is not empty (section 9)."""

@@ -12,13 +12,12 @@ import numpy as np
 from attributes import (F, Codebook, colours, covariances, importance_classes, offset,
                         opacity_logits, sh_degree)
 from entropy import Block, Bytes, crc32c, need
-from geometry import decode_leaves
+from geometry import Geometry, axes
 from lossless import exact_columns, integer_covariances
 from transform import Merges, Raht
 
 SIGNATURE = bytes.fromhex("89475356580d0a1a")
 EXACT = 255
-
 
 class Scene(NamedTuple):
     """Arrays of f32, with one row for each Gaussian."""
@@ -27,7 +26,6 @@ class Scene(NamedTuple):
     log_scales: np.ndarray      # 3
     rotations: np.ndarray       # w x y z
     sh: np.ndarray              # (D + 1)^2 coefficients of red, green, blue
-
 
 class Chunk:
     """An entry of the index."""
@@ -44,7 +42,6 @@ class Chunk:
             self.layers.append((at, length, fields.number("I")))
             at += length
         self.end = at
-
 
 class Head:
     """Section 2."""
@@ -73,7 +70,6 @@ class Head:
         need(all(a < b or a[0] and b[0] for a, b in zip(order, order[1:])), "the chunks are not in order")
         need(self.count == sum(c.count for c in self.chunks if c.kind in (0, EXACT)), "a wrong number of Gaussians")
 
-
 class LeafChunk:
     """Decodes a chunk of leaves: the base layer, then degree by degree (sections 3, 5, 8, 9)."""
 
@@ -85,13 +81,13 @@ class LeafChunk:
         self.factors = base.numbers("5b")
         integers = base.sized() if head.mode == 1 else None
         block = Block(base.rest())
-        leaves = decode_leaves(block, head.depth, mixed, chunk.count)
+        leaves = Geometry(block, head.depth, mixed).leaves(chunk.count)
         codes = [code for code, _ in leaves]
         last, last_depth = leaves[-1]
         need(codes[0] == chunk.first_cell, "a chunk does not begin at its first cell")
         need(last + 8 ** (head.depth - last_depth) <= end_cell, "a chunk reaches into the next one")
         self.depths = np.array([depth for _, depth in leaves])
-        self.indices = np.array([axes(code, head.depth) for code in codes]).reshape(-1, 3)
+        self.indices = np.stack(axes(np.array(codes), head.depth), 1) if head.depth else np.zeros((1, 3), np.int64)
         self.merges = Merges(codes)
         self.sh = [self.base_attributes(block, integers)]
 
@@ -142,18 +138,12 @@ class LeafChunk:
         return Scene(self.means(), self.opacity_logits, self.log_scales, self.rotations,
                      np.concatenate([colours(values) for values in self.sh], 1))
 
-
-def axes(code, depth):
-    return [sum((code >> (3 * bit + 2 - k) & 1) << bit for bit in range(depth)) for k in range(3)]
-
-
 def layer_bytes(stream, layer):
     at, length, crc = layer
     need(at + length <= len(stream), "a layer goes beyond the end of the stream")
     data = stream[at:at + length]
     need(crc32c(data) == crc, "a layer is damaged")
     return data
-
 
 def decode_chunk(stream, head, number, degree):
     chunk = head.chunks[number]
@@ -170,7 +160,6 @@ def decode_chunk(stream, head, number, degree):
         leaves.add_degree(next(layers) if k <= degree else b"")
     return leaves.scene()
 
-
 def decode(stream, level=0, degree=3):
     """The scene at a level of detail (0 is the finest), with SH up to a degree."""
     head = Head(stream)
@@ -181,7 +170,6 @@ def decode(stream, level=0, degree=3):
     shapes = ((0, 3), (0,), (0, 3), (0, 4), (0, (head.degree + 1) ** 2, 3))
     empty = Scene(*(np.zeros(shape, F) for shape in shapes))
     return Scene(*(np.concatenate(arrays) for arrays in zip(empty, *parts)))
-
 
 if __name__ == "__main__":
     with open(sys.argv[1], "rb") as file:
