@@ -1,13 +1,13 @@
 """Bytes, plain bits and the entropy coder: format.md, sections 1 and 4; format-lossless.md, section 1."""
+import io
 import struct
+from bisect import bisect_left
 from collections import defaultdict
 
-class Refused(ValueError):
-    """The stream, or a part of it, is not valid."""
-
 def need(condition, why):
+    """Refuses the stream unless the condition holds."""
     if not condition:
-        raise Refused(why)
+        raise ValueError(why)
 
 def clamp(value, least, greatest):
     return min(max(value, least), greatest)
@@ -29,19 +29,13 @@ def crc32c(data):
         crc = CRC_TABLE[(crc ^ byte) & 255] ^ crc >> 8
     return crc ^ 0xFFFFFFFF
 
-class Bytes:
+class Bytes(io.BytesIO):
     """Reads fields from a run of bytes."""
 
-    def __init__(self, data):
-        self.data, self.at = data, 0
-
     def take(self, length):
-        need(length <= len(self.data) - self.at, "a field goes beyond the end")
-        self.at += length
-        return self.data[self.at - length:self.at]
-
-    def rest(self):
-        return self.take(len(self.data) - self.at)
+        data = self.read(length)
+        need(len(data) == length, "a field goes beyond the end")
+        return data
 
     def numbers(self, types):
         """Numbers by the letters that the module `struct` has for their types."""
@@ -65,11 +59,8 @@ class Bytes:
     def sized(self):
         return self.take(self.varint())
 
-def decision_models():
-    """A table of decision models (4.2): lists of p and n, made when they are first used."""
-    return defaultdict(lambda: [2**21, 0])
-
 def learn(model, outcome, limit):
+    """What a decision model, a list of p and n, learns (4.2)."""
     p, n = model
     target = 2**22 - 1 if outcome else 0
     model[:] = p + (((target - p) * (131072 // (2 * n + 3))) >> 16), min(n + 1, limit)
@@ -100,29 +91,26 @@ class Symbols:
             self.wait = self.period = min(2 * self.period, 64)
             self.make_intervals()
 
-class SymbolModels(dict):
-    """A table of symbol models. `geometric` gives v and w for the key of a model."""
-
-    def __init__(self, geometric):
-        self.geometric = geometric
-
-    def __missing__(self, key):
-        self[key] = model = Symbols(*self.geometric(key))
-        return model
-
 class Block:
-    """An entropy block (4.1)."""
+    """An entropy block (4.1) with its models, which are made when they are first used.
+
+    The key of a model is its name in the document, then its indices.
+    """
 
     def __init__(self, data):
-        self.words, self.states, self.plain = [], [2**16] * 4, b""
+        self.words, self.states, self.plain = [], [2**16] * 4, ""
         self.lane = self.next_word = self.next_bit = 0
         if data:
             data = Bytes(data)
             count = data.varint()
             self.states = list(data.numbers("4I"))
             need(min(self.states) >= 2**16, "a state of an entropy block is below 2^16")
-            self.words = Bytes(data.take(2 * count)).numbers("%dH" % count)
-            self.plain = data.rest()
+            self.words = data.numbers(f"{count}H")
+            self.plain = "".join(f"{byte:08b}" for byte in data.read())
+        self.start_models()
+
+    def start_models(self):
+        self.decisions, self.symbols, self.mixers = defaultdict(lambda: [2**21, 0]), {}, {}
 
     def end(self):
         need(self.next_word == len(self.words), "an entropy block has words left")
@@ -146,13 +134,16 @@ class Block:
         self.advance(*((0, p) if outcome else (p, 2**15)))
         return int(outcome)
 
-    def decision(self, model, limit):
+    def decision(self, key, limit):
+        model = self.decisions[key]
         outcome = self.decision_of(clamp(model[0] >> 7, 16, 2**15 - 16))
         learn(model, outcome, limit)
         return outcome
 
-    def mixed_decision(self, weights, models, limit):
-        """`weights` are those of the mixer, and learn (format-lossless.md, section 1)."""
+    def mixed_decision(self, mixer, keys, limit):
+        """format-lossless.md, section 1."""
+        weights = self.mixers.setdefault(mixer, [72000 // len(keys)] * len(keys))
+        models = [self.decisions[key] for key in keys]
         inputs = [STRETCH[clamp(p >> 10, 2, 4094)] for p, _ in models]
         p = squash(sum(weight * x for weight, x in zip(weights, inputs)) >> 16)
         outcome = self.decision_of(p >> 1)
@@ -163,7 +154,9 @@ class Block:
             learn(models[k], outcome, limit)
         return outcome
 
-    def symbol(self, model):
+    def symbol(self, key, v, w):
+        """A symbol whose model starts as geometric(v, w)."""
+        model = self.symbols.get(key) or self.symbols.setdefault(key, Symbols(v, w))
         symbol, code = 0, self.code()
         while code >= model.starts[symbol + 1]:
             symbol += 1
@@ -172,12 +165,10 @@ class Block:
         return symbol
 
     def bits(self, count):
-        value, at = 0, self.next_bit
+        digits = self.plain[self.next_bit:self.next_bit + count]
+        need(len(digits) == count, "an entropy block needs a plain bit beyond its end")
         self.next_bit += count
-        need(self.next_bit <= 8 * len(self.plain), "an entropy block needs a plain bit beyond its end")
-        for at in range(at, self.next_bit):
-            value = 2 * value + (self.plain[at >> 3] >> (7 - at % 8) & 1)
-        return value
+        return int(digits or "0", 2)
 
     def gamma(self):
         zeros = 0
@@ -185,32 +176,28 @@ class Block:
             zeros += 1
         return min(2**zeros + self.bits(zeros) - 1, 2**32 - 1)
 
-    def tree(self, models, place, bits, limit):
-        """A number of `bits` bits, by the binary tree of the models [place, node]."""
+    def tree(self, key, bits, limit):
+        """A number of `bits` bits, by the binary tree of the models (key, node)."""
         node = 1
         for _ in range(bits):
-            node = 2 * node + self.decision(models[place, node], limit)
+            node = 2 * node + self.decision((key, node), limit)
         return node - 2**bits
 
-    def below_leading_one(self, models, bits):
+    def below_leading_one(self, name, bits):
         """A number of exactly `bits` bits. The first three below the leading one are modelled."""
         modelled = min(bits - 1, 3)
-        head, plain = 2**modelled + self.tree(models, bits, modelled, 255), bits - 1 - modelled
+        head, plain = 2**modelled + self.tree((name, bits), modelled, 255), bits - 1 - modelled
         return (head << plain) + self.bits(plain)
 
 def squash(x):
     return SQUASH[clamp(x, -2047, 2047) + 2047]
 
-def mixing_tables():
-    upper, stretch, e, x = [], [0, 0], 2**40, -2047
+def squash_table():
+    upper, e = [], 2**40
     for _ in range(2048):
         upper.append(min((65536 * e + (2**40 + e) // 2) // (2**40 + e), 65504))
         e = (e * 4629735647166717428) >> 62
-    table = [65536 - value for value in upper[:0:-1]] + upper
-    for q in range(2, 4095):
-        while x < 2047 and table[x + 2047] < 16 * q + 8:
-            x += 1
-        stretch.append(x)
-    return table, stretch
+    return [65536 - value for value in upper[:0:-1]] + upper
 
-SQUASH, STRETCH = mixing_tables()
+SQUASH = squash_table()
+STRETCH = [min(bisect_left(SQUASH, 16 * q + 8) - 2047, 2047) for q in range(4095)]

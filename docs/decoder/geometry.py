@@ -1,7 +1,7 @@
 """The leaves of a chunk: format.md, section 6."""
 from itertools import product
 
-from entropy import SymbolModels, clamp, decision_models, floor_log2, need
+from entropy import clamp, floor_log2, need
 
 CHILDREN = list(product((0, 1), repeat=3))  # child number 4x + 2y + z
 OFFSETS = [e for e in product((-1, 0, 1), repeat=3) if any(e)]
@@ -17,7 +17,7 @@ SPLIT = {(e, q): densities(4096, lambda k, c: 2 * e[k] + CHILDREN[q][k] - c[k])
 
 def axes(code, depth):
     """The x, y and z index in a Morton code, or in an array of them."""
-    return [sum((code >> (3 * i + 2 - k) & 1) << i for i in range(depth)) for k in range(3)]
+    return [sum(((code >> (3 * i + 2 - k) & 1) << i for i in range(depth)), 0 * code) for k in range(3)]
 
 class Node:
     """A cell with leaves in it. `children` is None until known, and empty if the node is single."""
@@ -58,8 +58,6 @@ def log16(v):
 class Geometry:
     def __init__(self, block, J, mixed):
         self.block, self.J, self.mixed = block, J, mixed
-        self.single, self.half, self.occupied = decision_models(), decision_models(), decision_models()
-        self.below = SymbolModels(lambda key: (64 * key[0], 2))
 
     def leaves(self, count):
         """The leaves as pairs of Morton code and depth, in Morton order."""
@@ -68,8 +66,8 @@ class Geometry:
             cells, next_nodes, self.last_depths = {node.place: node for node in nodes}, [], (d, d)
             for node in nodes:
                 node.look_around(cells)
-                key = min(node.around, 15), node.faces, node.siblings
-                if (d == 0 or node.siblings > 1) and self.block.decision(self.single[key], 255):
+                single = "single", min(node.around, 15), node.faces, node.siblings
+                if (d == 0 or node.siblings > 1) and self.block.decision(single, 255):
                     leaves.append(self.leaf(node, d))
                     node.children = []
                 else:
@@ -85,7 +83,8 @@ class Geometry:
         """6.2."""
         block, code, depth = self.block, node.code, self.J
         if self.mixed:
-            h = block.symbol(self.below[min(sum(self.last_depths) - 2 * d, 31), min(node.around, 3)])
+            i = min(sum(self.last_depths) - 2 * d, 31)
+            h = block.symbol(("below", i, min(node.around, 3)), 64 * i, 2)
             depth = min(d + h + (block.gamma() if h == 15 else 0), self.J)
             self.last_depths = self.last_depths[1], depth
         if depth > d:
@@ -93,7 +92,7 @@ class Geometry:
                 if abs(lean) < 2:
                     bit = block.bits(1)
                 else:
-                    bit = block.decision(self.half[abs(lean), node.around], 255) == (lean > 0)
+                    bit = block.decision(("half", abs(lean), node.around), 255) == (lean > 0)
                 code = 2 * code + bit
             rest = 3 * (depth - d - 1)
             code = (code << rest) + block.bits(rest)
@@ -103,7 +102,7 @@ class Geometry:
         """6.3."""
         (shares, total), found = node.shares_and_total(), []
         for c in range(8):
-            key = shares[c], total, min(len(found), 3)
-            if 8 - c == least - len(found) or self.block.decision(self.occupied[key], 255):
+            occupied = "occupied", shares[c], total, min(len(found), 3)
+            if 8 - c == least - len(found) or self.block.decision(occupied, 255):
                 found.append(c)
         return found

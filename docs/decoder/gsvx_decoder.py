@@ -1,178 +1,117 @@
-"""Decodes gsvx streams, format 1: a second decoder, written from docs/format.md alone.
+"""A second decoder of gsvx streams, format 1: format.md, sections 2, 3 and 5. The other files have the rest.
 
     python3 gsvx_decoder.py STREAM      prints what the stream holds
-
-`decode` follows sections 2, 3 and 10; the other files follow one section each.
 """
 import sys
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
-from attributes import (F, Codebook, colours, covariances, importance_classes, offset,
-                        opacity_logits, sh_degree)
+from attributes import F, colours, covariances, importance_classes, offset, opacity_logits, sh_degree
 from entropy import Block, Bytes, crc32c, need
 from geometry import Geometry, axes
-from lossless import exact_columns, integer_covariances
+from covariance_modes import Codebook, integer_covariances
+from exact import exact_columns
 from transform import Merges, Raht
 
-SIGNATURE = bytes.fromhex("89475356580d0a1a")
 EXACT = 255
 
-class Scene(NamedTuple):
-    """Arrays of f32, with one row for each Gaussian."""
-    means: np.ndarray           # x y z
-    opacity_logits: np.ndarray
-    log_scales: np.ndarray      # 3
-    rotations: np.ndarray       # w x y z
-    sh: np.ndarray              # (D + 1)^2 coefficients of red, green, blue
+# Arrays of f32 with a row for each Gaussian. Rotations are w x y z, `sh` is (D + 1)^2 times red, green, blue.
+Scene = namedtuple("Scene", "means opacity_logits log_scales rotations sh")
 
-class Chunk:
-    """An entry of the index."""
-
-    def __init__(self, fields, head, at):
-        self.kind, self.count, self.first_cell = fields.number("B"), fields.varint(), fields.varint()
-        need(self.kind <= 8 or self.kind == EXACT, "an unknown kind of chunk")
-        need(1 <= self.count <= 2**32 - 2, "a chunk has a bad number of Gaussians")
-        need(self.first_cell < (1 if self.kind == EXACT else 8**head.depth), "a first cell is out of range")
-        self.bounds = fields.numbers("6f")
-        self.layers = []
-        for _ in range(1 if self.kind == EXACT else 1 + head.degree):
-            length = fields.varint()
-            self.layers.append((at, length, fields.number("I")))
-            at += length
-        self.end = at
+# An entry of the index. A layer has a place in the stream, a length and a CRC-32C.
+Chunk = namedtuple("Chunk", "kind count first_cell box layers")
 
 class Head:
     """Section 2."""
 
     def __init__(self, stream):
         start = Bytes(stream)
-        need(start.take(8) == SIGNATURE, "not a gsvx stream")
-        need(start.number("B") == 1, "another version of the format")
+        need(start.take(9) == b"\x89GSVX\r\n\x1a\x01", "not a gsvx stream of format 1")
         fields = Bytes(start.take(start.number("I")))
-        covered = start.at
-        need(start.number("I") == crc32c(stream[:covered]), "the head is damaged")
-        self.degree, self.depth, self.mode = fields.numbers("3B")
-        need(self.degree <= 3 and self.depth <= 21 and self.mode <= 2, "the header is not valid")
-        self.origin, self.side = fields.numbers("3d"), fields.number("d")
-        need(np.isfinite(self.origin).all() and 0 < self.side < np.inf, "the cube is not valid")
-        steps = fields.numbers("6f")
-        need(all(2.0**-126 <= step < 1e9 for step in steps), "a step is not valid")
-        self.step_opacity, self.step_dc, *self.steps_sh, self.step_covariance = F(steps) * F(32)
-        self.count = fields.varint()
+        need(crc32c(stream[:start.tell()]) == start.number("I"), "the head is damaged")
+        self.degree, self.depth, self.mode, *cube = fields.numbers("3B4d")
+        self.origin, self.side = np.array(cube[:3]), cube[3]
+        steps = F(fields.numbers("6f")) * F(32)
+        self.step_opacity, self.step_dc, *self.steps_sh, self.step_covariance = steps
+        count = fields.varint()
         self.codebook = Codebook(fields.sized()) if self.mode == 2 else None
-        self.chunks, at = [], start.at
+        self.chunks, at = [], start.tell()
         for _ in range(fields.varint()):
-            self.chunks.append(Chunk(fields, self, at))
-            at = self.chunks[-1].end
-        order = [(chunk.kind == EXACT, -chunk.kind, chunk.first_cell) for chunk in self.chunks]
+            kind, number, first_cell = fields.number("B"), fields.varint(), fields.varint()
+            self.chunks.append(Chunk(kind, number, first_cell, fields.numbers("6f"), []))
+            for _ in range(1 if kind == EXACT else 1 + self.degree):
+                length = fields.varint()
+                self.chunks[-1].layers.append((at, length, fields.number("I")))
+                at += length
+        order = [(c.kind == EXACT, -c.kind, c.first_cell) for c in self.chunks]
         need(all(a < b or a[0] and b[0] for a, b in zip(order, order[1:])), "the chunks are not in order")
-        need(self.count == sum(c.count for c in self.chunks if c.kind in (0, EXACT)), "a wrong number of Gaussians")
+        need(count == sum(c.count for c in self.chunks if c.kind in (0, EXACT)), "a wrong number of Gaussians")
 
-class LeafChunk:
-    """Decodes a chunk of leaves: the base layer, then degree by degree (sections 3, 5, 8, 9)."""
+    def first_cell_behind(self, number):
+        """The first cell of the next chunk of the same level of detail."""
+        following = self.chunks[number + 1:number + 2]
+        same_level = following and following[0].kind == self.chunks[number].kind
+        return following[0].first_cell if same_level else 8**self.depth
 
-    def __init__(self, head, chunk, base, end_cell):
-        self.head = head
-        base = Bytes(base)
-        mixed = base.number("B")
-        need(mixed <= 1, "depths are neither equal nor mixed")
-        self.factors = base.numbers("5b")
-        integers = base.sized() if head.mode == 1 else None
-        block = Block(base.rest())
-        leaves = Geometry(block, head.depth, mixed).leaves(chunk.count)
-        codes = [code for code, _ in leaves]
-        last, last_depth = leaves[-1]
-        need(codes[0] == chunk.first_cell, "a chunk does not begin at its first cell")
-        need(last + 8 ** (head.depth - last_depth) <= end_cell, "a chunk reaches into the next one")
-        self.depths = np.array([depth for _, depth in leaves])
-        self.indices = np.stack(axes(np.array(codes), head.depth), 1) if head.depth else np.zeros((1, 3), np.int64)
-        self.merges = Merges(codes)
-        self.sh = [self.base_attributes(block, integers)]
+def leaf_chunk(head, chunk, layers, end_cell):
+    """Decodes a chunk of leaves (5 and 8), with the SH layers that are given (9)."""
+    base, J = Bytes(layers[0]), head.depth
+    mixed, a_importance, a_opacity, b_opacity, a_covariance, b_covariance = base.numbers("B5b")
+    integers = base.sized() if head.mode == 1 else None
+    block = Block(base.read())
+    codes, depths = zip(*Geometry(block, J, mixed).leaves(chunk.count))
+    need(codes[0] == chunk.first_cell and codes[-1] + 8 ** (J - depths[-1]) <= end_cell,
+         "a chunk has leaves beyond its cells")
+    merges, depths = Merges(codes), np.array(depths)
+    indices, sizes = np.stack(axes(np.array(codes), J), 1), 2 ** (J - depths)[:, None]
+    means = F(head.origin + (indices + 0.5 * sizes) * (head.side / 2**J))
 
-    def means(self):
-        half = 0.5 * 2.0 ** (self.head.depth - self.depths)
-        means = F(self.head.origin + (self.indices + half[:, None]) * (self.head.side / 2**self.head.depth))
-        need(np.isfinite(means).all(), "a mean is not finite")
-        return means
+    v = Raht(block, merges, np.ones(chunk.count)).attribute(1, 1)[:, 0]
+    classes = importance_classes(v + offset(depths, a_importance))
+    weights = 4**classes
+    raht = Raht(block, merges, weights)
+    v = raht.attribute(1, head.step_opacity)[:, 0]
+    opacity = opacity_logits(v + offset(depths, a_opacity, classes, b_opacity))
+    degrees = [raht.attribute(3, head.step_dc).reshape(-1, 1, 3)]
+    if head.mode == 1:
+        log_scales, rotations = integer_covariances(integers, 2 * indices + sizes)
+    else:
+        v = raht.attribute(6 if head.mode == 0 else 1, head.step_covariance)
+        v[:, 0] += offset(depths, a_covariance, classes, b_covariance)
+        log_scales, rotations = covariances(v) if head.mode == 0 else head.codebook.covariances(block, v)
+    block.end()
 
-    def raht(self, block):
-        return Raht(block, self.merges, self.weights)
-
-    def base_attributes(self, block, integers):
-        """Sets opacity and covariance; the result is Y, Co, Cg of degree 0."""
-        head, depths, count = self.head, self.depths, len(self.depths)
-        a_importance, a_opacity, b_opacity, a_covariance, b_covariance = self.factors
-        classes = importance_classes(Raht(block, self.merges, [1] * count).attribute(1, 1), depths, a_importance)
-        self.weights = 4**classes
-        need(self.weights.sum() < 2**50, "the weights of a chunk are too large")
-        raht = self.raht(block)
-        opacity = raht.attribute(1, head.step_opacity)[:, 0]
-        self.opacity_logits = opacity_logits(opacity + offset(depths, a_opacity, classes, b_opacity))
-        dc = raht.attribute(3, head.step_dc)
-        if head.mode == 1:
-            sizes = 2 ** (head.depth - depths)
-            self.log_scales, self.rotations = integer_covariances(integers, 2 * self.indices + sizes[:, None])
+    for k in range(1, head.degree + 1):
+        if k < len(layers) and layers[k]:
+            degrees.append(sh_degree(k, layers[k], merges, weights, head.steps_sh[k - 1], degrees[-1]))
         else:
-            v = raht.attribute(6 if head.mode == 0 else 1, head.step_covariance)
-            v[:, 0] += offset(depths, a_covariance, classes, b_covariance)
-            if head.mode == 0:
-                self.log_scales, self.rotations = covariances(v)
-            else:
-                chosen = head.codebook.indices(block, count)
-                self.log_scales = head.codebook.log_scales[chosen] + v
-                self.rotations = head.codebook.rotations[chosen]
-        block.end()
-        return dc.reshape(-1, 1, 3)
+            degrees.append(np.zeros((chunk.count, 2 * k + 1, 3), F))
+    return Scene(means, opacity, log_scales, rotations, np.hstack([colours(values) for values in degrees]))
 
-    def add_degree(self, layer):
-        k = len(self.sh)
-        if layer:
-            step = self.head.steps_sh[k - 1]
-            self.sh.append(sh_degree(layer, k, len(self.depths), self.raht, step, self.sh[-1]))
-        else:
-            self.sh.append(np.zeros((len(self.depths), 2 * k + 1, 3), F))
-
-    def scene(self):
-        return Scene(self.means(), self.opacity_logits, self.log_scales, self.rotations,
-                     np.concatenate([colours(values) for values in self.sh], 1))
-
-def layer_bytes(stream, layer):
-    at, length, crc = layer
-    need(at + length <= len(stream), "a layer goes beyond the end of the stream")
+def layer_bytes(stream, at, length, crc):
     data = stream[at:at + length]
-    need(crc32c(data) == crc, "a layer is damaged")
+    need(len(data) == length and crc32c(data) == crc, "a layer is damaged or missing")
     return data
 
-def decode_chunk(stream, head, number, degree):
-    chunk = head.chunks[number]
-    layers = (layer_bytes(stream, layer) for layer in chunk.layers[:1 + degree])
-    if chunk.kind == EXACT:
-        c = exact_columns(next(layers), chunk.count, head.degree)
-        sh = c[:, 11:].reshape(len(c), -1, 3).copy()
-        sh[:, (degree + 1) ** 2:] = 0
-        return Scene(c[:, :3], c[:, 3], c[:, 4:7], c[:, 7:11], sh)
-    following = head.chunks[number + 1:number + 2]
-    same_level = following and following[0].kind == chunk.kind
-    leaves = LeafChunk(head, chunk, next(layers), following[0].first_cell if same_level else 8**head.depth)
-    for k in range(1, head.degree + 1):
-        leaves.add_degree(next(layers) if k <= degree else b"")
-    return leaves.scene()
-
 def decode(stream, level=0, degree=3):
-    """The scene at a level of detail (0 is the finest), with SH up to a degree."""
-    head = Head(stream)
-    chosen = [i for i, chunk in enumerate(head.chunks) if chunk.kind in (level, EXACT)]
-    need(sum(head.chunks[i].count for i in chosen) <= 1024 * len(stream) + 2**17, "too many Gaussians")
-    with np.errstate(all="ignore"):
-        parts = [decode_chunk(stream, head, i, degree) for i in chosen]
-    shapes = ((0, 3), (0,), (0, 3), (0, 4), (0, (head.degree + 1) ** 2, 3))
-    empty = Scene(*(np.zeros(shape, F) for shape in shapes))
-    return Scene(*(np.concatenate(arrays) for arrays in zip(empty, *parts)))
+    """The scene at a level of detail, 0 being the finest, with SH up to `degree`."""
+    head, floats = Head(stream), np.zeros
+    parts = [Scene(floats((0, 3), F), floats(0, F), floats((0, 3), F), floats((0, 4), F),
+                   floats((0, (head.degree + 1) ** 2, 3), F))]
+    for number, chunk in enumerate(head.chunks):
+        if chunk.kind not in (level, EXACT):
+            continue
+        layers = [layer_bytes(stream, *layer) for layer in chunk.layers[:1 + degree]]
+        if chunk.kind == EXACT:
+            c = exact_columns(layers[0], chunk.count, head.degree)
+            parts.append(Scene(c[:, :3], c[:, 3], c[:, 4:7], c[:, 7:11], c[:, 11:].reshape(len(c), -1, 3)))
+        else:
+            with np.errstate(all="ignore"):  # infinities of what is masked out
+                parts.append(leaf_chunk(head, chunk, layers, head.first_cell_behind(number)))
+    return Scene(*map(np.concatenate, zip(*parts)))
 
 if __name__ == "__main__":
     with open(sys.argv[1], "rb") as file:
         for name, values in decode(file.read())._asdict().items():
-            print(name, values.shape)
-            print(values[:3])
+            print(name, values.shape, values[:3].tolist())

@@ -1,7 +1,7 @@
 """RAHT and the coding of its coefficients: format.md, section 7."""
 import numpy as np
 
-from entropy import SymbolModels, decision_models, floor_log2, unfold
+from entropy import floor_log2, unfold
 
 F = np.float32
 
@@ -43,6 +43,7 @@ class Raht:
     def attribute(self, channels, step):
         """The values, one row per leaf and one column per channel (7.3, 7.6)."""
         merges, step = self.merges, F(step)
+        self.block.start_models()
         values, activity = np.zeros((merges.count, channels), F), np.zeros((merges.count, 3), F)
         values[0] = [F(unfold(self.block.gamma()) * np.float64(step) / np.sqrt(self.total))
                      for _ in range(channels)]
@@ -65,47 +66,42 @@ class Rows:
 
     def __init__(self, block, channels):
         self.block, self.channels = block, channels
-        self.row_models, self.group_models = decision_models(), decision_models()
-        self.magnitude_models = SymbolModels(self.geometric)
         size = 3 if channels > 6 else channels
         self.groups = [range(first, first + size) for first in range(0, channels, size)]
-
-    def geometric(self, key):
-        _, some_before, k = key
-        v = 4 * 2 ** (k // 2) * (7 if k % 2 else 5) - 16
-        v = v // 2 if k >= 14 else v
-        return (v + 64 if not some_before and self.channels > 1 else v), 8
 
     def of_stage(self, expected):
         """The rows, and a column that says which are active. `expected` has E_0, E_1, E_2 of each."""
         q, active = np.zeros((len(expected), self.channels), np.int64), np.ones(len(expected), bool)
         total = F(2) * (expected[:, 0] + expected[:, 1] + expected[:, 2])
         if self.channels > 1:
-            active = self.flags(self.row_models, magnitude_class(total, 31))
+            active = self.flags("row", magnitude_class(total, 31))
         for group in self.groups:
             chosen = np.flatnonzero(active)
             if len(self.groups) > 1:
                 before = sum_cut(abs(q[chosen, :group.start]))
                 state = np.where(before == 0, 3 * (group == self.groups[-1]), 1 + (2 * before > group.start))
-                chosen = chosen[self.flags(self.group_models, 16 * state + magnitude_class(total[chosen], 15))]
+                chosen = chosen[self.flags("group", 16 * state + magnitude_class(total[chosen], 15))]
             for channel in group:
                 before = sum_cut(abs(q[chosen, group.start:channel]))
                 q[chosen, channel] = self.magnitudes(channel - group.start, before, expected[chosen, channel % 3])
         return q, active[:, None]
 
-    def flags(self, models, keys):
-        return np.array([self.block.decision(models[key], 1023) for key in keys.tolist()], bool)
+    def flags(self, name, keys):
+        return np.array([self.block.decision((name, key), 1023) for key in keys.tolist()], bool)
 
     def magnitudes(self, i, before, expected):
         """A pass over the chosen rows. `before` is `t` of each row, `expected` is E_a."""
         if i > 0:
             expected = (F(3) * expected + F(before)) * F(1 / (3 + i))
         shifts = np.where(expected == 0, 0, np.clip(np.frexp(expected)[1] - 1 - 2, 0, 30))
-        keys = zip((before > 0).tolist(), magnitude_class(expected, 15).tolist())
-        return [self.coefficient((i, *key), shift) for key, shift in zip(keys, shifts.tolist())]
+        rows = zip((before > 0).tolist(), magnitude_class(expected, 15).tolist(), shifts.tolist())
+        return [self.coefficient(i, *row) for row in rows]
 
-    def coefficient(self, key, shift):
-        value = self.block.symbol(self.magnitude_models[key])
+    def coefficient(self, i, z, k, shift):
+        v = 4 * 2 ** (k // 2) * (7 if k % 2 else 5) - 16
+        v = v // 2 if k >= 14 else v
+        v = v + 64 if z == 0 and self.channels > 1 else v
+        value = self.block.symbol(("magnitude", i, z, k), v, 8)
         if value == 15:
             value += self.block.gamma()
         value = (min(value, (2**31 - 1) >> shift) << shift) + self.block.bits(shift)
