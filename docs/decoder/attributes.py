@@ -14,9 +14,6 @@ def offset(depths, factor_d, classes=0, factor_c=0):
     """What is added to V_0 for the depth and the importance class of each leaf."""
     return F(factor_d * depths + factor_c * classes) / F(64)
 
-def importance_classes(v):
-    return np.floor(np.clip(v + F(0.5), F(0), F(11))).astype(np.int64)
-
 def opacity_logits(v):
     a = np.clip(v, F(-80), F(0))
     r = -expm1(a)
@@ -28,10 +25,7 @@ def colours(v):
     return np.stack([y + o - g, y + g + g, y - o - g], -1)
 
 def sum_of_squares(values):
-    total = values[0] * values[0]
-    for value in values[1:]:
-        total = total + value * value
-    return total
+    return sum(value * value for value in values)  # from left to right
 
 def covariances(coordinates):
     """Log-scales and rotations of mode 0 (8.4)."""

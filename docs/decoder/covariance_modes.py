@@ -26,14 +26,12 @@ def integer_channel(data, centres):
         size = data.varint()
         palette = np.cumsum([data.number("i")] + [data.varint() for _ in range(size - 1)])
     low, width, count = data.number("i"), data.number("B"), len(centres)
+    block = Block((NO_SYMBOLS if coding & 3 == 0 else b"") + data.read())
     if coding & 3 == 0:
-        block = Block(NO_SYMBOLS + data.read())
         values = [(low + block.bits(width) + 2**31) % 2**32 - 2**31 for _ in range(count)]
     elif coding & 3 == 1:
-        block = Block(data.read())
         values = predicted_values(block, low, min(low + 2**width - 1, 2**31 - 1), centres)
     else:
-        block = Block(data.read())
         values = [low + block.tree("histogram", width, 1023) for _ in range(count)]
     block.end()
     return palette[np.clip(values, 0, len(palette) - 1)] if len(palette) else values
@@ -107,16 +105,14 @@ class Codebook:
 
     def covariances(self, block, log_factors):
         """Log-scales and rotations of mode 2."""
-        bits = (self.size - 1).bit_length()
-        last, indices = 0, []
+        bits, last, indices = (self.size - 1).bit_length(), 0, []
         block.start_models()
         for _ in log_factors:
             index = 0
             for i in range(bits):
-                key, bit = ("top", last, i, index) if i < 5 else ("rest", i, index), 0
-                if (2 * index + 1) << (bits - 1 - i) < self.size:
-                    bit = block.decision(key, 160)
-                index = 2 * index + bit
+                key = ("top", last, i, index) if i < 5 else ("rest", i, index)
+                coded = (2 * index + 1) << (bits - 1 - i) < self.size
+                index = 2 * index + (block.decision(key, 160) if coded else 0)
             last = index >> max(bits - 5, 0)
             indices.append(index)
         return self.log_scales[indices] + log_factors, self.rotations[indices]

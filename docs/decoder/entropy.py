@@ -80,7 +80,7 @@ class Symbols:
 
     def make_intervals(self):
         scale = 32752 * 2**32 // sum(self.counts)
-        self.starts = [s + ((sum(self.counts[:s]) * scale) >> 32) for s in range(16)] + [2**15]
+        self.bounds = [s + ((sum(self.counts[:s]) * scale) >> 32) for s in range(16)] + [2**15]
 
     def learn(self, symbol):
         self.counts[symbol] += 32
@@ -116,23 +116,22 @@ class Block:
         need(self.next_word == len(self.words), "an entropy block has words left")
         need(self.states == [2**16] * 4, "a state of an entropy block does not end at 2^16")
 
-    def code(self):
-        return self.states[self.lane] % 2**15
-
-    def advance(self, start, end):
-        x = self.states[self.lane]
-        x = (end - start) * (x >> 15) + x % 2**15 - start
+    def interval(self, bounds):
+        """Decodes a symbol: the number of its interval, which lies between two of the bounds."""
+        x, symbol = self.states[self.lane], 0
+        while x % 2**15 >= bounds[symbol + 1]:
+            symbol += 1
+        x = (bounds[symbol + 1] - bounds[symbol]) * (x >> 15) + x % 2**15 - bounds[symbol]
         if x < 2**16:
             need(self.next_word < len(self.words), "an entropy block needs a word beyond its end")
             x = x * 2**16 + self.words[self.next_word]
             self.next_word += 1
         self.states[self.lane] = x
         self.lane = (self.lane + 1) % 4
+        return symbol
 
     def decision_of(self, p):
-        outcome = self.code() < p
-        self.advance(*((0, p) if outcome else (p, 2**15)))
-        return int(outcome)
+        return 1 - self.interval((0, p, 2**15))
 
     def decision(self, key, limit):
         model = self.decisions[key]
@@ -157,10 +156,7 @@ class Block:
     def symbol(self, key, v, w):
         """A symbol whose model starts as geometric(v, w)."""
         model = self.symbols.get(key) or self.symbols.setdefault(key, Symbols(v, w))
-        symbol, code = 0, self.code()
-        while code >= model.starts[symbol + 1]:
-            symbol += 1
-        self.advance(*model.starts[symbol:symbol + 2])
+        symbol = self.interval(model.bounds)
         model.learn(symbol)
         return symbol
 

@@ -10,12 +10,6 @@ from geometry import axes
 def cut(v):
     return clamp(v, -2**24, 2**24 - 1)
 
-def key_of_pattern(pattern):
-    return pattern ^ (2**32 - 1) if pattern >> 31 else pattern | 2**31
-
-def pattern_of_key(key):
-    return key ^ 2**31 if key >> 31 else key ^ (2**32 - 1)
-
 class Column:
     """A column: its description (5), its map (4.1)."""
 
@@ -43,7 +37,7 @@ class Column:
     def cell(self, pattern):
         """The cell, or the stand-in, of a pattern."""
         if self.map == 2:
-            return bisect_left(self.keys, key_of_pattern(pattern))
+            return bisect_left(self.keys, pattern ^ (2**32 - 1 if pattern >> 31 else 2**31))
         E, fraction = pattern >> 23 & 255, pattern % 2**23
         if E == 255 and fraction:
             return 0
@@ -54,7 +48,8 @@ class Column:
     def pattern(self, q, block, axis=0):
         """The pattern in a cell. Its place inside the cell is read from the block (6)."""
         if self.map == 2:
-            return pattern_of_key(self.keys[clamp(q, 0, len(self.keys) - 1)]) if self.keys else 0
+            key = self.keys[clamp(q, 0, len(self.keys) - 1)] if self.keys else 2**31
+            return key ^ (2**31 if key >> 31 else 2**32 - 1)
         a, E, fraction = -1 - q if q < 0 else q, 0, 0
         if a > 0:
             shift = 23 - floor_log2(a)

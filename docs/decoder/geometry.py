@@ -89,10 +89,8 @@ class Geometry:
             self.last_depths = self.last_depths[1], depth
         if depth > d:
             for lean in node.lean:
-                if abs(lean) < 2:
-                    bit = block.bits(1)
-                else:
-                    bit = block.decision(("half", abs(lean), node.around), 255) == (lean > 0)
+                half = "half", abs(lean), node.around
+                bit = block.bits(1) if abs(lean) < 2 else block.decision(half, 255) == (lean > 0)
                 code = 2 * code + bit
             rest = 3 * (depth - d - 1)
             code = (code << rest) + block.bits(rest)

@@ -7,11 +7,11 @@ from collections import namedtuple
 
 import numpy as np
 
-from attributes import F, colours, covariances, importance_classes, offset, opacity_logits, sh_degree
-from entropy import Block, Bytes, crc32c, need
-from geometry import Geometry, axes
+from attributes import F, colours, covariances, offset, opacity_logits, sh_degree
 from covariance_modes import Codebook, integer_covariances
+from entropy import Block, Bytes, crc32c, need
 from exact import exact_columns
+from geometry import Geometry, axes
 from transform import Merges, Raht
 
 EXACT = 255
@@ -32,8 +32,7 @@ class Head:
         need(crc32c(stream[:start.tell()]) == start.number("I"), "the head is damaged")
         self.degree, self.depth, self.mode, *cube = fields.numbers("3B4d")
         self.origin, self.side = np.array(cube[:3]), cube[3]
-        steps = F(fields.numbers("6f")) * F(32)
-        self.step_opacity, self.step_dc, *self.steps_sh, self.step_covariance = steps
+        self.step_opacity, self.step_dc, *self.steps_sh, self.step_covariance = F(fields.numbers("6f")) * F(32)
         count = fields.varint()
         self.codebook = Codebook(fields.sized()) if self.mode == 2 else None
         self.chunks, at = [], start.tell()
@@ -48,27 +47,22 @@ class Head:
         need(all(a < b or a[0] and b[0] for a, b in zip(order, order[1:])), "the chunks are not in order")
         need(count == sum(c.count for c in self.chunks if c.kind in (0, EXACT)), "a wrong number of Gaussians")
 
-    def first_cell_behind(self, number):
-        """The first cell of the next chunk of the same level of detail."""
-        following = self.chunks[number + 1:number + 2]
-        same_level = following and following[0].kind == self.chunks[number].kind
-        return following[0].first_cell if same_level else 8**self.depth
-
-def leaf_chunk(head, chunk, layers, end_cell):
+def leaf_chunk(head, number, layers):
     """Decodes a chunk of leaves (5 and 8), with the SH layers that are given (9)."""
-    base, J = Bytes(layers[0]), head.depth
+    base, J, chunk = Bytes(layers[0]), head.depth, head.chunks[number]
     mixed, a_importance, a_opacity, b_opacity, a_covariance, b_covariance = base.numbers("B5b")
     integers = base.sized() if head.mode == 1 else None
     block = Block(base.read())
     codes, depths = zip(*Geometry(block, J, mixed).leaves(chunk.count))
-    need(codes[0] == chunk.first_cell and codes[-1] + 8 ** (J - depths[-1]) <= end_cell,
-         "a chunk has leaves beyond its cells")
+    behind = [other.first_cell for other in head.chunks[number + 1:number + 2] if other.kind == chunk.kind]
+    end = codes[-1] + 8 ** (J - depths[-1])
+    need(codes[0] == chunk.first_cell and not any(end > cell for cell in behind), "a chunk leaves its cells")
     merges, depths = Merges(codes), np.array(depths)
     indices, sizes = np.stack(axes(np.array(codes), J), 1), 2 ** (J - depths)[:, None]
     means = F(head.origin + (indices + 0.5 * sizes) * (head.side / 2**J))
 
     v = Raht(block, merges, np.ones(chunk.count)).attribute(1, 1)[:, 0]
-    classes = importance_classes(v + offset(depths, a_importance))
+    classes = np.floor(np.clip(v + offset(depths, a_importance) + F(0.5), 0, 11)).astype(np.int64)
     weights = 4**classes
     raht = Raht(block, merges, weights)
     v = raht.attribute(1, head.step_opacity)[:, 0]
@@ -94,21 +88,23 @@ def layer_bytes(stream, at, length, crc):
     need(len(data) == length and crc32c(data) == crc, "a layer is damaged or missing")
     return data
 
+def scene_of_columns(columns, degree):
+    sh = columns[:, 11:].reshape(len(columns), (degree + 1) ** 2, 3)
+    return Scene(columns[:, :3], columns[:, 3], columns[:, 4:7], columns[:, 7:11], sh)
+
 def decode(stream, level=0, degree=3):
-    """The scene at a level of detail, 0 being the finest, with SH up to `degree`."""
-    head, floats = Head(stream), np.zeros
-    parts = [Scene(floats((0, 3), F), floats(0, F), floats((0, 3), F), floats((0, 4), F),
-                   floats((0, (head.degree + 1) ** 2, 3), F))]
+    """The scene at a level of detail, 0 being the finest, with SH up to `degree` in chunks of leaves."""
+    head = Head(stream)
+    parts = [scene_of_columns(np.zeros((0, 11 + 3 * (head.degree + 1) ** 2), F), head.degree)]
     for number, chunk in enumerate(head.chunks):
         if chunk.kind not in (level, EXACT):
             continue
         layers = [layer_bytes(stream, *layer) for layer in chunk.layers[:1 + degree]]
         if chunk.kind == EXACT:
-            c = exact_columns(layers[0], chunk.count, head.degree)
-            parts.append(Scene(c[:, :3], c[:, 3], c[:, 4:7], c[:, 7:11], c[:, 11:].reshape(len(c), -1, 3)))
+            parts.append(scene_of_columns(exact_columns(layers[0], chunk.count, head.degree), head.degree))
         else:
-            with np.errstate(all="ignore"):  # infinities of what is masked out
-                parts.append(leaf_chunk(head, chunk, layers, head.first_cell_behind(number)))
+            with np.errstate(all="ignore"):  # of values that are masked out
+                parts.append(leaf_chunk(head, number, layers))
     return Scene(*map(np.concatenate, zip(*parts)))
 
 if __name__ == "__main__":
