@@ -85,8 +85,7 @@ def expm1(x):
     """expm1f of MSUN for -80 <= x <= 0 (11)."""
     I, Q1, Q2 = f32s(0x3FB8AA3B, 0xBD088868, 0x3ACF3010)
     size, given = abs(x).view(np.uint32), x
-    k = np.where(size < 0x3F851592, F(-1), np.trunc(I * x - F(0.5)))
-    k = np.where(size <= 0x3EB17218, F(0), k)
+    k = np.select([size <= 0x3EB17218, size < 0x3F851592], [F(0), F(-1)], np.trunc(I * x - F(0.5)))
     hi, lo = x - k * H, k * P
     x = hi - lo
     c = (hi - x) - lo
@@ -97,10 +96,9 @@ def expm1(x):
     e = square * ((r - t) / (F(6) - x * t))
     near = x - (x * e - square)
     e = x * (e - c) - c - square
-    result = np.where(k == -1, F(0.5) * (x - e) - F(0.5), np.ldexp(x - e + F(1), k.astype(np.int32)) - F(1))
-    result = np.where(k == 0, near, result)
-    result = np.where(size < 0x33000000, given, result)
-    return np.where(size >= 0x4195B844, F(-1), result)
+    return np.select([size >= 0x4195B844, size < 0x33000000, k == 0, k == -1],
+                     [F(-1), given, near, F(0.5) * (x - e) - F(0.5)],
+                     np.ldexp(x - e + F(1), k.astype(np.int32)) - F(1))
 
 def log(x):
     """logf of MSUN for 2^-126 <= x <= 1 (11)."""

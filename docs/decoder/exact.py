@@ -174,9 +174,8 @@ class RowDecoder:
             self.common[i, c] = self.block.decision(key, 255)
             if self.common[i, c]:
                 return column.common
-        if column.has_escapes and self.block.decision(("escape", c + 3), 255):
-            return self.block.bits(32)
-        return None
+        escape = column.has_escapes and self.block.decision(("escape", c + 3), 255)
+        return self.block.bits(32) if escape else None
 
     def error(self, kind, X, Y, Z, sign):
         """8.2."""

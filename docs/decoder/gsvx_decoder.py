@@ -92,6 +92,7 @@ def scene_of_columns(columns, degree):
     sh = columns[:, 11:].reshape(len(columns), (degree + 1) ** 2, 3)
     return Scene(columns[:, :3], columns[:, 3], columns[:, 4:7], columns[:, 7:11], sh)
 
+@np.errstate(all="ignore")  # of values that are masked out
 def decode(stream, level=0, degree=3):
     """The scene at a level of detail, 0 being the finest, with SH up to `degree` in chunks of leaves."""
     head = Head(stream)
@@ -103,8 +104,7 @@ def decode(stream, level=0, degree=3):
         if chunk.kind == EXACT:
             parts.append(scene_of_columns(exact_columns(layers[0], chunk.count, head.degree), head.degree))
         else:
-            with np.errstate(all="ignore"):  # of values that are masked out
-                parts.append(leaf_chunk(head, number, layers))
+            parts.append(leaf_chunk(head, number, layers))
     return Scene(*map(np.concatenate, zip(*parts)))
 
 if __name__ == "__main__":
