@@ -1,0 +1,32 @@
+"""Decodes the golden streams of fixtures/streams and compares the hashes of their floats."""
+import hashlib
+import importlib.util
+import sys
+import time
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parents[2] / "fixtures" / "streams"
+
+def scene_hash(stream):
+    from gsvx_decoder import decode
+    scene = decode(stream)
+    arrays = scene.means, scene.rotations, scene.log_scales, scene.opacity_logits, scene.sh
+    return hashlib.sha256(b"".join(values.tobytes() for values in arrays)).hexdigest()
+
+def passes(name, expected):
+    start, result = time.time(), "passed"
+    try:
+        if scene_hash((FOLDER / name).read_bytes()) != expected:
+            result = "FAILED: other floats"
+    except Exception as error:  # fails this stream, not the others
+        result = f"FAILED: {type(error).__name__}: {error}"
+    print(f"{name}: {result}, {time.time() - start:.1f} s", flush=True)
+    return result == "passed"
+
+if importlib.util.find_spec("numpy") is None:
+    print("SKIPPED: the second decoder did not run, because numpy is missing (remedy: pip install numpy)")
+    sys.exit(0)
+lines = [line.split() for line in (FOLDER / "hashes.txt").read_text().splitlines() if line[0] != "#"]
+passed = sum([passes(name, expected) for expected, name in lines])
+print(f"{passed} passed, {len(lines) - passed} failed")
+sys.exit(passed == 0 or passed < len(lines))
