@@ -7,7 +7,7 @@ from transform import F, Raht
 def f32s(*bit_patterns):
     return np.array(bit_patterns, np.uint32).view(F)
 
-A, B, G = f32s(0x3F13CD3B, 0x3F3504F3, 0x3ED105EC)
+A, B, G = f32s(0x3F13CD3A, 0x3F3504F3, 0x3ED105EC)
 H, P = f32s(0x3F317180, 0x3717F7D1)
 
 def offset(depths, factor_d, classes=0, factor_c=0):
