@@ -6,7 +6,7 @@
 //! one below, linearly, in the same way for the three colour planes, and in a way that changes from
 //! place to place with the directions of the cameras. Each run of leaves therefore has factors of
 //! its own, and what is coded of a degree is what the prediction from the decoded degree below
-//! leaves of it. Measurements are in docs/results/gsvx-choices.md.
+//! leaves of it. Measurements are in docs/results/format.md.
 //!
 //! A decoder's arithmetic is `+` and `*` in single precision in a stated order.
 
