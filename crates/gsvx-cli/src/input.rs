@@ -265,9 +265,8 @@ fn explain(error: gs_model::Error, path: &Path) -> anyhow::Error {
             let said = error.to_string().replace("; they can be dropped on request", "");
             anyhow!("{}: pass --drop-invalid to leave them out", called(&said, path))
         }
-        // What the decompressor says of itself helps nobody.
-        Error::Io { action: "decompress", .. } => {
-            anyhow!("{}: its compressed data is damaged or cut short; get it again", name(path))
+        Error::SpzCompressedData { reason, .. } => {
+            anyhow!("{}: its compressed data is {reason}; get it again", name(path))
         }
         Error::PlyMagic { .. } if is_stdio(path) => anyhow!(
             "{}; for a .splat from a pipe pass --from splat",

@@ -126,7 +126,7 @@ fn messages_named_wrong_causes() {
     line(&run(&["info", "@"], &[&at("bad.spz")]), "bad.spz");
     std::fs::write(at("bad2.spz"), [&[0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 0][..], &[7; 50]].concat())
         .unwrap();
-    line(&run(&["info", "@"], &[&at("bad2.spz")]), "damaged or cut short");
+    line(&run(&["info", "@"], &[&at("bad2.spz")]), "compressed data is broken; get it again");
     // A stream where a model is expected, from a file and from a pipe.
     ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
     let said = line(&run(&["encode", "@", "-o", "@"], &[&stream, &at("b.gsvx")]), "gsvx decode");

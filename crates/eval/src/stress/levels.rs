@@ -11,7 +11,7 @@ use super::chain::{of_degree, rows};
 /// Decodes every level of a stream that was made of `voxels` and `outliers`.
 ///
 /// # Errors
-/// If a level is invalid, or is not the octree cut off at some depth.
+/// If a level is invalid, or its Gaussians are not at the centres of cells that hold all leaves.
 pub(super) fn check(bytes: &[u8], voxels: &Voxelization, outliers: &Scene) -> Result<()> {
     let whole = gsvx::decode_with(bytes, &DecodeOptions::default())?;
     let coarsest = whole.index.coarsest_lod();
@@ -30,8 +30,8 @@ pub(super) fn check(bytes: &[u8], voxels: &Voxelization, outliers: &Scene) -> Re
             rows(&of_degree(&exact, outliers.sh_degree)) == rows(outliers),
             "an outlier of level {lod} has other bits"
         );
-        let is_cut = |depth: u8| cut_off(voxels, depth) == scene.means[..n];
-        ensure!((0..voxels.j_high).any(is_cut), "level {lod} is the octree at no depth");
+        let means = &scene.means[..n];
+        ensure!(are_cells(voxels, means), "level {lod} is not the centres of cells of all leaves");
     }
     let leaf_chunks = whole.index.chunks.iter().filter(|c| c.kind == Kind::Leaves);
     for (number, chunk) in leaf_chunks.enumerate() {
@@ -44,13 +44,21 @@ pub(super) fn check(bytes: &[u8], voxels: &Voxelization, outliers: &Scene) -> Re
     Ok(())
 }
 
-/// The centres of the cells at `depth` that hold leaves, and of the leaves that are not deeper.
-fn cut_off(voxels: &Voxelization, depth: u8) -> Vec<[f32; 3]> {
-    let cell = |leaf: &Leaf| {
-        let below = 3 * u32::from(voxels.j_high - depth.min(leaf.depth));
-        Leaf { morton: leaf.morton >> below << below, depth: depth.min(leaf.depth) }
-    };
-    let mut cells: Vec<Leaf> = voxels.leaves.iter().map(cell).collect();
-    cells.dedup();
-    cells.iter().map(|&c| voxels.cube.leaf_centre(c, voxels.j_high)).collect()
+/// Whether `means` are the centres of cells, in Morton order, that hold every leaf once.
+fn are_cells(voxels: &Voxelization, means: &[[f32; 3]]) -> bool {
+    let mut rest = &voxels.leaves[..];
+    means.iter().all(|mean| {
+        let Some(first) = rest.first() else { return false };
+        let cell = |depth: u8| {
+            let below = 3 * u32::from(voxels.j_high - depth);
+            (below, Leaf { morton: first.morton >> below << below, depth })
+        };
+        let at_mean = |c: &(u32, Leaf)| voxels.cube.leaf_centre(c.1, voxels.j_high) == *mean;
+        let Some((below, cell)) = (0..=first.depth).rev().map(cell).find(at_mean) else {
+            return false;
+        };
+        let held = rest.partition_point(|l| l.morton >> below == cell.morton >> below);
+        rest = &rest[held..];
+        true
+    }) && rest.is_empty()
 }
