@@ -247,7 +247,10 @@ fn floaters_are_trimmed() {
     assert_eq!(said["outliers"], 0);
     let info = |p: &Path| json(&ok(&["info", path(p), "--json"]));
     let (trimmed, whole) = (info(&auto), info(&off));
-    assert_eq!((&trimmed["exact_gaussians"], &trimmed["gaussians"]), (&3.into(), &decoded.len().into()));
+    assert_eq!(
+        (&trimmed["exact_gaussians"], &trimmed["gaussians"]),
+        (&3.into(), &decoded.len().into())
+    );
     let depth = |info: &serde_json::Value| info["octree_depth"].as_u64().unwrap();
     assert!(depth(&trimmed) < depth(&whole), "{trimmed} {whole}");
     // Without floaters the option changes nothing.

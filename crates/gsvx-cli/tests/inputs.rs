@@ -116,7 +116,10 @@ fn messages_named_wrong_causes() {
     let mut far = scene();
     far.means[7][1] = 1e6;
     gs_model::ply::write(at("far.ply"), &far).unwrap();
-    line(&run(&["convert", "@", "@"], &[&at("far.ply"), &at("far.spz")]), "outside the range of SPZ");
+    line(
+        &run(&["convert", "@", "@"], &[&at("far.ply"), &at("far.spz")]),
+        "outside the range of SPZ",
+    );
     // Compressed data that is damaged, in both containers of SPZ.
     ok(&["convert", "@", "@"], &[&input, &at("a.spz")]);
     let mut spz = std::fs::read(at("a.spz")).unwrap();

@@ -15,7 +15,7 @@ const FLOATS: u64 = 59;
 /// is 7; and some for builds with more of it.
 const PROCESS: u64 = 10_000_000;
 /// What encoding one chunk of up to 2^16 leaves needs: values, plan, levels and intervals.
-const CHUNK: u64 = 20_000_000;
+const CHUNK: u64 = 24_000_000;
 
 /// As many Gaussians of the fixture, side by side, every coefficient there.
 fn replicated(len: usize) -> Scene {
