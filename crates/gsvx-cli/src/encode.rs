@@ -78,13 +78,13 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
           "max_sh_degree", "prune", "trim", "lod"])]
     lossless: bool,
-    /// Store a coarse scene first, for viewers that show a scene while it loads.
-    #[arg(long)]
-    lod: bool,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
 
+    /// Store a coarse scene first, for viewers that show a scene while it loads.
+    #[arg(long, hide_short_help = true, help_heading = CONTENT)]
+    lod: bool,
     /// Highest SH degree to keep.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3),
           value_name = "DEGREE", hide_short_help = true, help_heading = CONTENT)]

@@ -333,8 +333,8 @@ fn compare_showed_no_pictures() {
 fn the_short_help_had_every_flag() {
     let short = ok(&["encode", "-h"], &[]);
     let flags = short.lines().filter(|l| l.trim_start().starts_with('-'));
-    // Nine, and -h.
-    assert_eq!(flags.count(), 10, "{short}");
+    // Eight, and -h.
+    assert_eq!(flags.count(), 9, "{short}");
     let long = ok(&["encode", "--help"], &[]);
     for expected in ["--max-sh-degree", "--covariance", "--json", "For experts", "What is kept"] {
         assert!(long.contains(expected), "{long}");

@@ -316,9 +316,10 @@ fn encode_chunk(
     let input = ChunkInput { leaves, log_classes: &classes[range.clone()], base, indices };
     // Coarse levels are seen for a moment or from afar, so they have base layers only.
     let q = &Quantisation { sh_degree: if coarse { 0 } else { q.sh_degree }, ..*q };
-    let sh = |degree| {
-        let sh = source.sh(range.clone(), degree)?;
-        chunk::check_sh(&sh, usize::from(2 * degree + 1), range.start)?;
+    let sh = |degree, piece: Range<usize>| {
+        let leaves = range.start + piece.start..range.start + piece.end;
+        let sh = source.sh(leaves.clone(), degree)?;
+        chunk::check_sh(&sh, usize::from(2 * degree + 1), leaves.start)?;
         Ok(sh)
     };
     let mut layers = chunk::encode(q, input, sh)?;

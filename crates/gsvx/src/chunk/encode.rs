@@ -15,6 +15,7 @@ use gpcc_lite::coder::Encoder;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Leaf, attribute, geometry};
 use gs_model::Scene;
+use std::ops::Range;
 
 /// Lagrangian multipliers of the quantisers, in `step^2` per bit. What rate-distortion optimisation sets to
 /// zero is missing from every pixel that the Gaussian is in, so they are below those of least squared
@@ -45,12 +46,15 @@ pub(crate) struct ChunkInput<'a> {
     pub(crate) indices: Option<&'a [(u32, f32)]>,
 }
 
-/// Encodes a chunk: its base layer, then one layer for each SH degree, which `sh` gives: `2 degree + 1`
-/// coefficients per leaf.
+/// Leaves whose SH coefficients are in memory as input at a time.
+const PIECE: usize = 1 << 12;
+
+/// Encodes a chunk: its base layer, then one layer for each SH degree. `sh` gives the coefficients of a
+/// degree for a range of leaves: `2 degree + 1` per leaf.
 pub(crate) fn encode(
     q: &Quantisation,
     input: ChunkInput<'_>,
-    sh: impl Fn(u8) -> Result<Vec<[f32; 3]>> + Send,
+    sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
 ) -> Result<Vec<Vec<u8>>> {
     let ChunkInput { leaves, log_classes, base, indices } = input;
     let mixed = geometry::has_mixed_depths(&leaves, q.j_high);
@@ -63,11 +67,8 @@ pub(crate) fn encode(
     let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
     let chunk = Chunk { q, plan: &plan, classes: &classes };
     let side = SideFactors { importance, ..SideFactors::default() };
-    let dc = colours(&base.sh, plan.len());
-    let (base_layer, sh_layers) = rayon::join(
-        || chunk.base_layer(coder, side, mixed, &base, (dc, indices)),
-        || chunk.sh_layers(sh),
-    );
+    let (base_layer, sh_layers) =
+        rayon::join(|| chunk.base_layer(coder, side, mixed, base, indices), || chunk.sh_layers(sh));
     let mut layers = vec![base_layer?];
     layers.extend(sh_layers?);
     Ok(layers)
@@ -96,16 +97,14 @@ fn encode_classes(
     Ok((factors, leaves.iter().enumerate().map(class).collect()))
 }
 
-/// Rows of Y, Co, Cg of the coefficients of each leaf.
-fn colours(sh: &[[f32; 3]], leaves: usize) -> Rows {
-    let each = sh.len() / leaves.max(1);
-    let mut rows = Rows::new(leaves, 3 * each);
-    for (i, sh) in sh.chunks_exact(each.max(1)).enumerate() {
-        for (out, &rgb) in rows.row_mut(i).as_chunks_mut::<3>().0.iter_mut().zip(sh) {
+/// Writes Y, Co, Cg of the coefficients of some leaves into their rows, from row `first` on.
+fn set_colours(rows: &mut Rows, first: usize, sh: &[[f32; 3]]) {
+    let each = rows.channels() / 3;
+    for (i, sh) in sh.chunks_exact(each).enumerate() {
+        for (out, &rgb) in rows.row_mut(first + i).as_chunks_mut::<3>().0.iter_mut().zip(sh) {
             *out = colour::forward(rgb);
         }
     }
-    rows
 }
 
 struct Chunk<'a> {
@@ -128,23 +127,28 @@ impl Chunk<'_> {
         mut coder: Encoder,
         mut side: SideFactors,
         mixed: bool,
-        base: &Scene,
-        (mut dc, indices): (Rows, Option<&[(u32, f32)]>),
+        base: Scene,
+        indices: Option<&[(u32, f32)]>,
     ) -> Result<Vec<u8>> {
         let Self { q, plan, .. } = self;
-        let leaves = plan.leaves();
-        let logits = &base.opacity_logits;
-        let log_alpha = |i: usize| opacity::log_alpha_of_logit(logits[i]) as f32;
-        let (rows, factors) = self.less_predicted(1, |i, row| row[0] = log_alpha(i));
+        let Scene { opacity_logits, sh, rotations, log_scales, .. } = base;
+        let log_alpha = |i: usize| opacity::log_alpha_of_logit(opacity_logits[i]) as f32;
+        let (mut rows, factors) = self.less_predicted(1, |i, row| row[0] = log_alpha(i));
         side.opacity = factors;
-        self.code(&mut coder, q.steps.opacity, LAMBDA, &mut { rows })?;
-        self.code(&mut coder, q.steps.dc, LAMBDA, &mut dc)?;
-        drop(dc);
+        drop(opacity_logits);
+        self.code(&mut coder, q.steps.opacity, LAMBDA, &mut rows)?;
+        drop(rows);
+        let mut rows = Rows::new(plan.len(), 3);
+        set_colours(&mut rows, 0, &sh);
+        drop(sh);
+        self.code(&mut coder, q.steps.dc, LAMBDA, &mut rows)?;
+        drop(rows);
         let mut out = Writer::default();
         out.u8(if mixed { MIXED_DEPTHS } else { 0 });
         let mut block = None;
         if let Some(bits) = q.integer_bits {
-            block = Some(integers::encode(base, leaves, q.j_high, bits)?);
+            let leaves = plan.leaves();
+            block = Some(integers::encode(&rotations, &log_scales, leaves, q.j_high, bits)?);
         } else if let (Some(indices), Some(codewords)) = (indices, q.codewords) {
             let (mut rows, factors) = self.less_predicted(1, |i, row| row[0] = indices[i].1);
             side.size = factors;
@@ -153,12 +157,10 @@ impl Chunk<'_> {
             code_indices(&mut coder, &mut indices, codewords);
         } else {
             let (mut rows, factors) = self.less_predicted(6, |i, row| {
-                row.copy_from_slice(&log_euclidean::coordinates(
-                    base.rotations[i],
-                    base.log_scales[i],
-                ));
+                row.copy_from_slice(&log_euclidean::coordinates(rotations[i], log_scales[i]));
             });
             side.size = factors;
+            drop((rotations, log_scales));
             self.code(&mut coder, q.steps.covariance, LAMBDA_COVARIANCE, &mut rows)?;
         }
         out.bytes.extend(side.to_bytes());
@@ -187,12 +189,20 @@ impl Chunk<'_> {
 
     /// The layers of all SH degrees. Each is predicted from what a decoder will have of the degree below,
     /// where that pays.
-    fn sh_layers(&self, sh: impl Fn(u8) -> Result<Vec<[f32; 3]>>) -> Result<Vec<Vec<u8>>> {
+    fn sh_layers(
+        &self,
+        sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>>,
+    ) -> Result<Vec<Vec<u8>>> {
         let mut layers = Vec::new();
         let mut below: Option<Rows> = None;
+        let leaves = self.plan.len();
         for degree in 1..=self.q.sh_degree {
-            let (layer, rows) =
-                self.sh_layer(degree, colours(&sh(degree)?, self.plan.len()), below)?;
+            let mut rows = Rows::new(leaves, 3 * usize::from(2 * degree + 1));
+            for first in (0..leaves).step_by(PIECE) {
+                let piece = sh(degree, first..leaves.min(first + PIECE))?;
+                set_colours(&mut rows, first, &piece);
+            }
+            let (layer, rows) = self.sh_layer(degree, rows, below)?;
             layers.push(layer);
             below = Some(rows);
         }

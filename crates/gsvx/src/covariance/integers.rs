@@ -13,15 +13,19 @@ use gpcc_lite::Leaf;
 #[cfg(feature = "encode")]
 use gpcc_lite::predict::encode_lossless;
 use gpcc_lite::predict::{Neighbours, decode_lossless};
-#[cfg(feature = "encode")]
-use gs_model::Scene;
 
 const CHANNELS: usize = 7;
 /// Widths an encoder may ask for.
 const BITS: std::ops::RangeInclusive<u8> = 8..=24;
 
 #[cfg(feature = "encode")]
-pub(crate) fn encode(scene: &Scene, leaves: &[Leaf], j_high: u8, bits: u8) -> Result<Vec<u8>> {
+pub(crate) fn encode(
+    rotations: &[[f32; 4]],
+    log_scales: &[[f32; 3]],
+    leaves: &[Leaf],
+    j_high: u8,
+    bits: u8,
+) -> Result<Vec<u8>> {
     if !BITS.contains(&bits) {
         return Err(Error::Option {
             option: "covariance bits",
@@ -30,7 +34,7 @@ pub(crate) fn encode(scene: &Scene, leaves: &[Leaf], j_high: u8, bits: u8) -> Re
         });
     }
     let value = |k: usize, i: usize| {
-        if k < 3 { scene.log_scales[i][k] } else { scene.rotations[i][k - 3] }
+        if k < 3 { log_scales[i][k] } else { rotations[i][k - 3] }
     };
     let mut out = Writer::default();
     out.u8(bits);
@@ -38,11 +42,11 @@ pub(crate) fn encode(scene: &Scene, leaves: &[Leaf], j_high: u8, bits: u8) -> Re
     let mut channels = Vec::with_capacity(CHANNELS);
     for k in 0..CHANNELS {
         let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
-        for i in 0..scene.len() {
+        for i in 0..leaves.len() {
             min = min.min(value(k, i));
             max = max.max(value(k, i));
         }
-        if scene.is_empty() {
+        if leaves.is_empty() {
             (min, max) = (0.0, 0.0);
         }
         out.f32(min);
@@ -50,7 +54,7 @@ pub(crate) fn encode(scene: &Scene, leaves: &[Leaf], j_high: u8, bits: u8) -> Re
         let range = f64::from(max) - f64::from(min);
         let scale = if range > 0.0 { top / range } else { 0.0 };
         channels.push(
-            (0..scene.len())
+            (0..leaves.len())
                 .map(|i| libm::round((f64::from(value(k, i)) - f64::from(min)) * scale) as i32)
                 .collect::<Vec<i32>>(),
         );
