@@ -56,6 +56,14 @@ pub(crate) fn with_related_degrees(mut scene: Scene) -> Scene {
     scene
 }
 
+/// Moves every Gaussian onto one of three walls.
+pub(crate) fn on_walls(mut scene: Scene) -> Scene {
+    for (i, mean) in scene.means.iter_mut().enumerate() {
+        mean[i % 3] = 0.37;
+    }
+    scene
+}
+
 /// Moves three of the Gaussians about a million units away.
 pub(crate) fn with_floaters(mut scene: Scene) -> (Scene, [usize; 3]) {
     let at = [scene.len() / 7, scene.len() / 2, scene.len() - 1];
