@@ -48,7 +48,7 @@ impl Bit {
     #[inline]
     #[must_use]
     pub(crate) fn stretched(self) -> i32 {
-        crate::mix::stretch_of_state(self.0)
+        crate::logistic::stretch_of_state(self.0)
     }
 
     /// Learns a decision; `limit` (at most 1023) is the memory in observations.
