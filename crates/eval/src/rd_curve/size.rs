@@ -1,0 +1,127 @@
+//! The page of docs/results on sizes: the default curves of several scenes side by side.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use super::plan::{self, GSVX};
+use super::record::{Curve, Run};
+use super::{Options, Study};
+use crate::chart::{Axis, Chart, Kind, Series};
+use crate::peers;
+use crate::report::headline::in_words;
+use crate::report::sections::other_series;
+
+/// Measures the default curves of `scenes` with all their held-out views and writes the page to `out`,
+/// relative to the root of the workspace. The picture is of the first scene.
+///
+/// # Errors
+/// If a scene cannot be read or a file cannot be written.
+pub fn run(scenes: &[String], out: &Path) -> Result<()> {
+    let mut runs = Vec::new();
+    for scene in scenes {
+        let options = Options {
+            scene: scene.clone(),
+            peers: peers::Options { none: true, ..peers::Options::default() },
+            ..Options::default()
+        };
+        let qualities = plan::qualities(options.rates)?;
+        runs.push(super::curves(&Study::open(&options)?, &options, &qualities)?);
+    }
+    let first = runs.first().context("no scene")?;
+    crate::page::write(out, &page(&runs)?, Some(&chart(first)))
+}
+
+fn page(runs: &[Run]) -> Result<String> {
+    let scenes: Vec<&str> = runs.iter().map(|r| r.scene.as_str()).collect();
+    let sizes: Vec<String> =
+        runs.iter().map(|r| format!("{} has {}", r.scene, r.original.gaussians)).collect();
+    let mut out = format!(
+        "# How small?\n\n\
+         `cargo xtask bench-size {}`: no fine-tune, sizes of whole streams, PSNR as the mean over the \
+         held-out views against the photos. Gaussians: {}. The figures of other codecs are recorded \
+         beside the scenes.\n\n\
+         ![PSNR over size on {}](rd.svg)\n\n\
+         BD-rate of gsvx with cameras, by pchip on the hulls of the points; negative is smaller:\n\n\
+         | against | {} |\n|---|{}\n",
+        scenes.join(" "),
+        sizes.join(", "),
+        scenes[0],
+        scenes.join(" | "),
+        "---:|".repeat(runs.len()),
+    );
+    for anchor in anchors(runs) {
+        let cells = runs.iter().map(|run| {
+            let bd = run.bd.iter().find(|b| b.test == GSVX && b.anchor == anchor);
+            match bd {
+                None => "not recorded".into(),
+                Some(bd) => bd.rate_pchip.map_or("no overlap".into(), |r| format!("{r:+.2} %")),
+            }
+        });
+        let cells: Vec<String> = cells.collect();
+        writeln!(out, "| {} | {} |", in_words(&anchor), cells.join(" | "))?;
+    }
+    out += &points(runs)?;
+    Ok(
+        out + "\n`cargo xtask rd-curve SCENE` writes all curves and pictures of a scene as one page.\n"
+    )
+}
+
+/// What gsvx is compared with, in the order of the first scene that has it.
+fn anchors(runs: &[Run]) -> Vec<String> {
+    let mut out: Vec<String> = Vec::new();
+    for bd in runs.iter().flat_map(|r| &r.bd).filter(|b| b.test == GSVX) {
+        if !out.contains(&bd.anchor) {
+            out.push(bd.anchor.clone());
+        }
+    }
+    out
+}
+
+fn ours(run: &Run) -> Result<&Curve> {
+    run.curves.iter().find(|c| c.name == GSVX).context("the run has no curve of gsvx")
+}
+
+/// The points of gsvx, a row for each quality.
+fn points(runs: &[Run]) -> Result<String> {
+    let curves: Vec<&Curve> = runs.iter().map(ours).collect::<Result<_>>()?;
+    let head: Vec<String> =
+        runs.iter().map(|r| format!("{}: bytes | dB | SSIM", r.scene)).collect();
+    let mut out =
+        format!("\n| quality | {} |\n|---:|{}\n", head.join(" | "), "---:|".repeat(3 * runs.len()));
+    for (i, first) in curves[0].points.iter().enumerate() {
+        let cells = curves.iter().map(|c| {
+            let p = &c.points[i];
+            format!("{} | {:.3} | {:.4}", p.bytes, p.score.psnr_db, p.score.ssim)
+        });
+        let cells: Vec<String> = cells.collect();
+        writeln!(out, "| {} | {} |", first.setting(), cells.join(" | "))?;
+    }
+    Ok(out)
+}
+
+/// Our curves, and the recorded ones as far as ours reach.
+fn chart(run: &Run) -> Chart {
+    let line = |c: &Curve| Series {
+        name: in_words(&c.name).replace('`', ""),
+        kind: if c.name == GSVX { Kind::Ours } else { Kind::Theirs },
+        points: c.points.iter().map(|p| (p.bytes as f64 / 1e6, p.score.psnr_db)).collect(),
+    };
+    let mut series: Vec<Series> = run.curves.iter().rev().map(line).collect();
+    let widest = series.iter().flat_map(|s| &s.points).map(|p| p.0).fold(0.0, f64::max);
+    series.extend(other_series(&run.others, 4.0 * widest));
+    Chart::new(
+        format!("{}: held-out PSNR over size", run.scene),
+        Axis::megabytes(
+            series
+                .iter()
+                .flat_map(|s| s.points.iter().map(|p| p.0))
+                .collect::<Vec<_>>()
+                .into_iter(),
+        ),
+        Axis::linear("PSNR, dB"),
+        series,
+        Some((run.original.score.psnr_db, "uncompressed model".into())),
+    )
+}
