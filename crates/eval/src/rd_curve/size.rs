@@ -8,8 +8,9 @@ use anyhow::{Context, Result};
 use super::plan::{self, GSVX};
 use super::record::{Curve, Run};
 use super::{Options, Study};
-use crate::chart::{Axis, Chart, Kind, Series};
+use crate::chart::Chart;
 use crate::peers;
+use crate::report;
 use crate::report::headline::in_words;
 use crate::report::sections::other_series;
 
@@ -101,27 +102,12 @@ fn points(runs: &[Run]) -> Result<String> {
     Ok(out)
 }
 
-/// Our curves, and the recorded ones as far as ours reach.
+/// Our curves, gsvx first, and those of others as far as the chart of a report has them.
 fn chart(run: &Run) -> Chart {
-    let line = |c: &Curve| Series {
-        name: in_words(&c.name).replace('`', ""),
-        kind: if c.name == GSVX { Kind::Ours } else { Kind::Theirs },
-        points: c.points.iter().map(|p| (p.bytes as f64 / 1e6, p.score.psnr_db)).collect(),
-    };
-    let mut series: Vec<Series> = run.curves.iter().rev().map(line).collect();
+    let mut series = report::run::series(&run.curves);
+    series.reverse();
     let widest = series.iter().flat_map(|s| &s.points).map(|p| p.0).fold(0.0, f64::max);
-    series.extend(other_series(&run.others, 4.0 * widest));
-    Chart::new(
-        format!("{}: held-out PSNR over size", run.scene),
-        Axis::megabytes(
-            series
-                .iter()
-                .flat_map(|s| s.points.iter().map(|p| p.0))
-                .collect::<Vec<_>>()
-                .into_iter(),
-        ),
-        Axis::linear("PSNR, dB"),
-        series,
-        Some((run.original.score.psnr_db, "uncompressed model".into())),
-    )
+    series.extend(other_series(&run.others, report::run::WIDEST * widest));
+    let title = format!("{}: picture quality over size", run.scene);
+    report::run::chart(title, series, run.original.score.psnr_db)
 }

@@ -46,7 +46,7 @@ pub struct Options {
 /// Parses `uniform:DEPTH` or `adaptive:LOW-HIGH`.
 ///
 /// # Errors
-/// If that is not what `text` is.
+/// If `text` has another form.
 pub fn parse_strategy(text: &str) -> Result<Strategy, String> {
     let parsed = match text.split_once(':') {
         Some(("uniform", depth)) => depth.parse().ok().map(|depth| Strategy::Uniform { depth }),

@@ -11,7 +11,7 @@ use gpcc_lite::rlgr;
 
 use super::cloud::{Cloud, Peer, depth_of, read};
 
-/// Bytes beside the coded ones: what tells the decoder a channel's step.
+/// Bytes that tell the decoder the step of a channel.
 const HEADER_BYTES: usize = 1;
 
 /// What one step gives: bits per point, and the squared error.
@@ -51,7 +51,7 @@ fn coded(bytes: usize, cloud: &Cloud, decoded: &[Vec<i32>]) -> Coded {
     Coded { bits, error: mse(&cloud.channels, decoded) }
 }
 
-/// Codes a cloud with the attribute coder, decodes it and compares with what the encoder foretold.
+/// Codes a cloud with the attribute coder, decodes it and compares with the encoder's reconstruction.
 fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
     let steps = steps_of(step, cloud.channels.len());
     let mut rows = rows_of(&cloud.channels);

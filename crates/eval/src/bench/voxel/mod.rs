@@ -18,7 +18,7 @@ use anyhow::{Context, Result, bail};
 pub struct Options {
     /// Directory with `scenes` and `models`.
     pub shared: PathBuf,
-    /// Only these parts: speed, criteria, merging, rates, tuned, cost (all if none).
+    /// Only these parts: rates, tuned, criteria, speed, merging, cost (all if none).
     pub only: Vec<String>,
     /// Only these scenes; `room` is the fixture, the others lie in `scenes` of the shared folder.
     pub scene: Vec<String>,
