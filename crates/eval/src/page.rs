@@ -7,6 +7,14 @@ use anyhow::{Context, Result};
 use crate::chart::Chart;
 use crate::scenes;
 
+/// Markdown that shows the picture of the page at `out`.
+#[must_use]
+pub fn picture(out: &Path, what: &str) -> String {
+    let name = out.with_extension("svg");
+    let name = name.file_name().unwrap_or_default().to_string_lossy();
+    format!("![{what}]({name})")
+}
+
 /// Writes a page and its picture, which has the page's name with the ending `.svg`. `out` is relative
 /// to the root of the workspace.
 ///

@@ -18,10 +18,11 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Seen)]) -> Result<
          refused. A valid scene may come out as well where salvage is asked for, where the damage lies in \
          another level of detail, where a splice joins equal parts, and where a stream is forged with right \
          checksums. A panic, or a decode of more than five seconds, fails the check. None did.\n\n\
-         ![Time to refuse or decode a broken stream, sorted](safe.svg)\n\n\
+         {}\n\n\
          | damage | decodes | refused with an error | a scene came out | panics | slowest, ms |\n\
          |---|---:|---:|---:|---:|---:|\n",
-        out.display()
+        out.display(),
+        eval::page::picture(out, "Time to refuse or decode a broken stream, sorted"),
     );
     for (kind, seen) in broken {
         let all = seen.times.len();

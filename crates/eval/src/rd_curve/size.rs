@@ -31,24 +31,24 @@ pub fn run(scenes: &[String], out: &Path) -> Result<()> {
         runs.push(super::curves(&Study::open(&options)?, &options, &qualities)?);
     }
     let first = runs.first().context("no scene")?;
-    crate::page::write(out, &page(&runs)?, Some(&chart(first)))
+    crate::page::write(out, &page(&runs, out)?, Some(&chart(first)))
 }
 
-fn page(runs: &[Run]) -> Result<String> {
+fn page(runs: &[Run], out: &Path) -> Result<String> {
     let scenes: Vec<&str> = runs.iter().map(|r| r.scene.as_str()).collect();
     let sizes: Vec<String> =
-        runs.iter().map(|r| format!("{} has {}", r.scene, r.original.gaussians)).collect();
+        runs.iter().map(|r| format!("{} {}", r.scene, r.original.gaussians)).collect();
+    let picture = crate::page::picture(out, &format!("PSNR over size on {}", scenes[0]));
     let mut out = format!(
         "# How small?\n\n\
          `cargo xtask bench-size {}`: no fine-tune, sizes of whole streams, PSNR as the mean over the \
          held-out views against the photos. Gaussians: {}. The figures of other codecs are recorded \
          beside the scenes.\n\n\
-         ![PSNR over size on {}](rd.svg)\n\n\
+         {picture}\n\n\
          BD-rate of gsvx with cameras, by pchip on the hulls of the points; negative is smaller:\n\n\
          | against | {} |\n|---|{}\n",
         scenes.join(" "),
         sizes.join(", "),
-        scenes[0],
         scenes.join(" | "),
         "---:|".repeat(runs.len()),
     );
@@ -64,9 +64,9 @@ fn page(runs: &[Run]) -> Result<String> {
         writeln!(out, "| {} | {} |", in_words(&anchor), cells.join(" | "))?;
     }
     out += &points(runs)?;
-    Ok(
-        out + "\n`cargo xtask rd-curve SCENE` writes all curves and pictures of a scene as one page.\n"
-    )
+    Ok(out
+        + "\nWhy the paper's adaptive criteria need more bytes than uniform voxels: [voxel.md](voxel.md). \
+               `cargo xtask rd-curve SCENE` writes all curves and pictures of a scene as one page.\n")
 }
 
 /// What gsvx is compared with, in the order of the first scene that has it.

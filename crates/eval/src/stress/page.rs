@@ -82,13 +82,14 @@ pub(super) fn page(args: &Options, runs: &[Run], elapsed: Duration, details: &st
          that the encoder was given. A mean at the edge of its cell and an integer halfway between two others \
          reach their bounds, 1. \
          `--lossless` takes any floats, valid or not, and returns every bit.\n\n\
-         ![Error over bound of every accepted run, sorted](stress.svg)\n\n\
+         {}\n\n\
          | attribute | runs | median error / bound | greatest | where |\n|---|---:|---:|---:|---|\n",
         if args.all { " --all" } else { "" },
         args.size,
         super::MODES.len(),
         runs.len() - refused - failed,
         elapsed.as_secs_f64(),
+        crate::page::picture(&args.out, "Error over bound of every accepted run, sorted"),
     );
     for Attribute { name, ratios } in attributes(runs) {
         let (median, (worst, input, mode)) = (ratios[ratios.len() / 2].0, ratios[ratios.len() - 1]);
