@@ -64,9 +64,9 @@ fn page(runs: &[Run], out: &Path) -> Result<String> {
         writeln!(out, "| {} | {} |", in_words(&anchor), cells.join(" | "))?;
     }
     out += &points(runs)?;
-    Ok(out
-        + "\nWhy the paper's adaptive criteria need more bytes than uniform voxels: [voxel.md](voxel.md). \
-               `cargo xtask rd-curve SCENE` writes all curves and pictures of a scene as one page.\n")
+    out += "\nWhy the paper's adaptive criteria need more bytes than uniform voxels: [voxel.md](voxel.md). \
+            `cargo xtask rd-curve SCENE` writes all curves and pictures of a scene as one page.\n";
+    Ok(out)
 }
 
 /// What gsvx is compared with, in the order of the first scene that has it.

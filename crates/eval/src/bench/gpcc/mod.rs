@@ -78,7 +78,7 @@ pub fn run(args: &Options) -> Result<()> {
         part("A model of 56 coded channels on all cores", whole(text));
     }
     if wants("accuracy") {
-        part("Error of RAHT against time, one channel, forward and inverse", accuracy::tables()?);
+        part("Error of RAHT in single precision", accuracy::tables()?);
     }
     let partial = [&args.only, &args.cloud, &args.attr].iter().any(|a| !a.is_empty());
     if !partial && args.qp.is_empty() {

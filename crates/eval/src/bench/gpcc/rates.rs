@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
-use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use gpcc_lite::predict::{self, Neighbours};
@@ -73,17 +72,13 @@ pub(super) fn lossless_table(
             }
             let cloud = read(&path, depth_of(name)?)?;
             let n = cloud.leaves.len() as f64;
-            let t = Instant::now();
-            let near = Neighbours::new(&cloud.leaves, cloud.j)?;
-            let find = t.elapsed().as_secs_f64();
+            let (find, near) = best(1, || Neighbours::new(&cloud.leaves, cloud.j));
+            let near = near?;
             let refs: Vec<&[i32]> = cloud.channels.iter().map(Vec::as_slice).collect();
-            let t = Instant::now();
-            let bytes = predict::encode_lossless(&near, &refs)?;
-            let enc = t.elapsed().as_secs_f64();
-            let t = Instant::now();
-            let back = predict::decode_lossless(&near, &bytes, refs.len())?;
-            let dec = t.elapsed().as_secs_f64();
-            ensure!(back == cloud.channels, "{name} {attr}: channels differ");
+            let (enc, bytes) = best(1, || predict::encode_lossless(&near, &refs));
+            let bytes = bytes?;
+            let (dec, back) = best(1, || predict::decode_lossless(&near, &bytes, refs.len()));
+            ensure!(back? == cloud.channels, "{name} {attr}: channels differ");
             let bpp = bytes.len() as f64 * 8.0 / n;
             let of =
                 |p: &&Peer| p.cloud == *name && p.attr == *attr && p.mse == 0.0 && p.attr_bpp > 0.0;

@@ -86,22 +86,7 @@ fn rows(
     let cube = Cube::of(&scene.means)?;
     let depth = models::depth_of(scene, &cube)?;
     let (low, high) = (depth - BELOW, depth + ABOVE);
-    let timed = |run: &dyn Fn() -> Result<Voxelization>| -> Result<(Voxelization, f64)> {
-        let mut best = f64::INFINITY;
-        let (began, mut done) = (Instant::now(), 0);
-        loop {
-            let start = Instant::now();
-            let v = run()?;
-            best = best.min(start.elapsed().as_secs_f64());
-            done += 1;
-            let enough = done >= RUNS && began.elapsed().as_secs_f64() > BUDGET;
-            if enough || best > LONG {
-                return Ok((v, best));
-            }
-        }
-    };
-
-    let (paper, paper_s) = timed(&|| Ok(voxelize(scene, &cube, &Strategy::paper(low, high))?))?;
+    let (paper, paper_s) = fastest(&|| Ok(voxelize(scene, &cube, &Strategy::paper(low, high))?))?;
     let want = paper.len();
     let exact = |limit: f64| Ok(w2::voxelize_exact(scene, &cube, low, high, limit)?);
     let limit = match known {
@@ -112,7 +97,7 @@ fn rows(
             Ok(exact(limit)?.len() > want)
         })?,
     };
-    let (exact, exact_s) = timed(&|| exact(limit))?;
+    let (exact, exact_s) = fastest(&|| exact(limit))?;
     // The objective of eq. 5: all Gaussians have the same weight, and only leaves cost bits.
     let options = |lambda: f64| RateDistortion {
         j_low: low,
@@ -131,7 +116,7 @@ fn rows(
         })?,
     };
     let prepared = options(lambda);
-    let (ours, ours_s) = timed(&|| Ok(rate_distortion(scene, &cube, &prepared)?.0))?;
+    let (ours, ours_s) = fastest(&|| Ok(rate_distortion(scene, &cube, &prepared)?.0))?;
     let (_, report) = rate_distortion(scene, &cube, &prepared)?;
     let skipped = format!("{} of {}", report.skipped, report.decided);
 
@@ -161,6 +146,22 @@ fn rows(
         cheap: [cheap[1], cheap[2]],
     };
     Ok((Found { limit, lambda }, comparison))
+}
+
+/// The result of a criterion, and the seconds of its fastest run.
+fn fastest(run: &dyn Fn() -> Result<Voxelization>) -> Result<(Voxelization, f64)> {
+    let mut best = f64::INFINITY;
+    let (began, mut done) = (Instant::now(), 0);
+    loop {
+        let start = Instant::now();
+        let v = run()?;
+        best = best.min(start.elapsed().as_secs_f64());
+        done += 1;
+        let enough = done >= RUNS && began.elapsed().as_secs_f64() > BUDGET;
+        if enough || best > LONG {
+            return Ok((v, best));
+        }
+    }
 }
 
 /// The least argument between `low` and `high` for which `more` is false, by bisection of the
