@@ -1,5 +1,6 @@
 //! Bytes of an archive, from a server or from disk.
 
+use std::fmt;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
