@@ -53,7 +53,7 @@ pub struct EncodeOptions {
 }
 
 /// Leaves of a chunk by default.
-const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 16) - 1);
+const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 15) - 1);
 
 impl Default for EncodeOptions {
     fn default() -> Self {

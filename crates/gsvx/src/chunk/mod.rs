@@ -20,8 +20,6 @@ use crate::importance;
 /// Step of the importance classes: coarse, since the exact class matters little, and what is saved
 /// here is saved for every Gaussian.
 const CLASS_STEP: f32 = 1.0;
-/// The first bit of the base layer: leaves end at different depths.
-const MIXED_DEPTHS: u8 = 1;
 
 /// Steps of the transform for a group of channels: those of the header hold for the mean class, and the
 /// transform's for weight 1.
