@@ -12,7 +12,7 @@ mod gaussians;
 pub(crate) use decode::ChunkDecoder;
 #[cfg(feature = "encode")]
 pub(crate) use encode::{ChunkInput, Quantisation, check, check_sh, encode};
-pub(crate) use gaussians::{GaussiansMut, blank, resize};
+pub(crate) use gaussians::{GaussiansMut, resize};
 
 use crate::attributes::side::Factors;
 use crate::importance;
