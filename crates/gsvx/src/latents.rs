@@ -7,7 +7,8 @@
 //! quantisation were the identity. [`Latents::encode`] writes the stream.
 //!
 //! *Invariant:* the stream of [`Latents::encode`] decodes to the last scene of [`Latents::reconstruct`],
-//! bit for bit.
+//! bit for bit, if values, steps and fit are the same. Only SH degrees that are zero everywhere are missing:
+//! a stream leaves them out.
 //!
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 

@@ -19,8 +19,8 @@ const VERSION: u32 = 1;
 pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &Options) -> u32 {
     let mut crc = 0;
     let mut add = |bytes: &[u8]| crc = crc32c::crc32c_append(crc, bytes);
-    let Options { target, effort, seed, .. } = options;
-    add(format!("{target:?} {effort:?} {seed} {}", scene.sh_degree).as_bytes());
+    let Options { target, effort, plan, seed, .. } = options;
+    add(format!("{target:?} {effort:?} {plan:?} {seed} {}", scene.sh_degree).as_bytes());
     for array in [scene.means.as_flattened(), &scene.opacity_logits, scene.sh.as_flattened()] {
         array.iter().for_each(|v| add(&v.to_le_bytes()));
     }

@@ -32,6 +32,17 @@ pub enum Error {
         /// Mean PSNR of the model at the training views, dB.
         psnr: f64,
     },
+    /// A target in bytes below what the coarsest plan reaches.
+    #[error(
+        "target of {target} bytes is below what a tune of this model reaches, about {smallest} bytes; ask \
+         for more, or drop SH degrees first"
+    )]
+    TargetTooSmall {
+        /// Bytes asked for.
+        target: u64,
+        /// Bytes of the smallest plan, about.
+        smallest: u64,
+    },
     /// No camera sees a Gaussian.
     #[error("no camera sees the model; check that model and cameras belong together")]
     NothingSeen,

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use crate::plan::Plan;
+
 /// What the stream aims for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
@@ -34,6 +36,8 @@ pub struct Options {
     pub target: Target,
     /// How long to tune.
     pub effort: Effort,
+    /// A plan of the caller's instead of the one that follows from target and effort.
+    pub plan: Option<Plan>,
     /// Seed of the order of the views.
     pub seed: u64,
     /// Where to keep a checkpoint. An existing one is continued.
@@ -46,6 +50,6 @@ impl Options {
     /// Normal effort.
     #[must_use]
     pub fn new(target: Target) -> Self {
-        Self { target, effort: Effort::Normal, seed: 0, checkpoint: None, cancel: None }
+        Self { target, effort: Effort::Normal, plan: None, seed: 0, checkpoint: None, cancel: None }
     }
 }

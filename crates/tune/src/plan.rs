@@ -14,7 +14,7 @@ use crate::options::Effort;
 const FRACTIONS: [(f32, f64); 7] =
     [(30.0, 0.85), (42.0, 0.75), (54.0, 0.65), (58.0, 0.5), (63.0, 0.3), (70.0, 0.15), (85.0, 0.0)];
 /// The octree is that of a quality so much lower: positions are fitted no better than that.
-const VOXEL_QUALITY_BELOW: f32 = 14.0;
+const VOXEL_QUALITY_BELOW: f32 = 24.0;
 /// Steps over those of a stream without tuning, relative to the other channels.
 const SH_STEP: f32 = 1.3;
 const COVARIANCE_STEP: f32 = 1.4;
@@ -47,6 +47,19 @@ impl Plan {
             Effort::Long => (5, 1000, 9000),
         };
         Ok(Self { quality, fraction: fraction(quality), rounds, round_steps, loop_steps })
+    }
+
+    /// This plan, if a run can follow it.
+    pub(crate) fn checked(self) -> Result<Self> {
+        EncodeOptions::from_quality(self.quality)?;
+        if !(0.0..1.0).contains(&self.fraction) {
+            let range = "from 0 to below 1";
+            return Err(Error::target("fraction", self.fraction, range));
+        }
+        if self.rounds == 0 || self.loop_steps == 0 {
+            return Err(Error::target("rounds and steps of the loop", 0.0, "1 or more"));
+        }
+        Ok(self)
     }
 
     /// Steps of the whole run.

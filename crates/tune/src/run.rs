@@ -204,7 +204,9 @@ impl Tune {
 
     fn enter_loop(&mut self, scene: Scene) -> Result<()> {
         self.views.gradients.move_means(false);
-        self.stage = stage::codec_loop(&self.plan, &self.views, scene)?;
+        let mut state = stage::codec_loop(&self.plan, &self.views, scene)?;
+        steering::begin(&mut state, self.options.target)?;
+        self.stage = Stage::Loop(Box::new(state));
         Ok(())
     }
 
@@ -308,7 +310,11 @@ impl Tune {
             Target::Bytes(bytes) => fits && encoded.bytes.len() as u64 <= bytes,
             Target::Psnr(db) => psnr >= db,
         };
-        let CodecLoop { scene, quality, bytes, outliers, .. } = *state;
+        let CodecLoop { scene: last, quality, bytes, outliers, .. } = *state;
+        // The stream leaves out SH degrees that are zero everywhere.
+        let sh_degree = encoded.index.header.sh_degree;
+        let mut scene = Scene { sh_degree, ..Scene::default() };
+        scene.append(&last);
         Ok(Outcome {
             encoded,
             scene,
@@ -343,16 +349,31 @@ impl Tune {
 
 /// The plan for the target.
 fn plan(scene: &Scene, views: &Views, options: &Options, input_psnr: f64) -> Result<Plan> {
+    if let Some(plan) = options.plan {
+        return plan.checked();
+    }
     let quality = match options.target {
         Target::Quality(quality) => quality,
         Target::Psnr(db) => quality_for_loss(input_psnr - db),
         Target::Bytes(bytes) => {
             let importance = views.importance(scene);
             let probe = |quality: f32| probe(scene, &importance, quality, options);
-            rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe)?.quality
+            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe);
+            found.map_err(|e| too_small(e, bytes))?.quality
         }
     };
     Plan::new(quality, options.effort)
+}
+
+/// A target that no plan reaches, with the numbers of the caller.
+fn too_small(error: gsvx::Error, target: u64) -> Error {
+    match error {
+        gsvx::Error::TargetTooSmall { smallest, .. } => {
+            let smallest = (smallest as f64 * TUNED_OVER_PROBED) as u64;
+            Error::TargetTooSmall { target, smallest }
+        }
+        other => other.into(),
+    }
 }
 
 /// The stream of a plan without any tuning.

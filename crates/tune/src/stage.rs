@@ -41,7 +41,7 @@ pub(crate) fn round(
 }
 
 /// Voxelizes and puts the codec into the loop.
-pub(crate) fn codec_loop(plan: &Plan, views: &Views, mut scene: Scene) -> Result<Stage> {
+pub(crate) fn codec_loop(plan: &Plan, views: &Views, mut scene: Scene) -> Result<CodecLoop> {
     let outliers = match gsvx::split_outliers(&scene)? {
         Some(split) => {
             let outliers = scene.select(&split.outliers);
@@ -70,7 +70,7 @@ pub(crate) fn codec_loop(plan: &Plan, views: &Views, mut scene: Scene) -> Result
         steps: plan.loop_steps,
         pixels: views.pixels(),
     };
-    Ok(Stage::Loop(Box::new(CodecLoop::new(start))))
+    Ok(CodecLoop::new(start))
 }
 
 /// A scene cut to a lower SH degree.

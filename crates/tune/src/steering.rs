@@ -15,8 +15,26 @@ const MOST: f64 = 1.5;
 const MARGIN: f64 = 0.004;
 /// A PSNR is only steered in the last part of a run: before that it still grows.
 const PSNR_FROM: f64 = 0.6;
+/// Bytes at the end of the loop over those at its beginning, about.
+const LAST_OVER_FIRST: f64 = 0.93;
+/// Tries to begin at the right size.
+const FIRST_TRIES: usize = 6;
 /// Coarser and coarser steps at the end, until the bytes fit.
 const LAST_TRIES: usize = 40;
+
+/// Begins at steps that will lead to a target in bytes.
+pub(crate) fn begin(state: &mut CodecLoop, target: Target) -> Result<()> {
+    let Target::Bytes(bytes) = target else { return Ok(()) };
+    for _ in 0..FIRST_TRIES {
+        state.settle()?;
+        let miss = libm::log(bytes as f64 / (LAST_OVER_FIRST * state.bytes.max(1) as f64));
+        if miss.abs() < MARGIN {
+            break;
+        }
+        state.set_quality(state.quality + (miss / LOG_BYTES_PER_POINT) as f32)?;
+    }
+    Ok(())
+}
 
 /// Corrects the quality; `psnr` is that at the views kept aside.
 pub(crate) fn steer(state: &mut CodecLoop, target: Target, psnr: f64) -> Result<()> {
