@@ -13,6 +13,8 @@ use crate::options::Effort;
 /// Quality, and the fraction of the Gaussians that is left out there. Linear in between.
 const FRACTIONS: [(f32, f64); 7] =
     [(30.0, 0.85), (42.0, 0.75), (54.0, 0.65), (58.0, 0.5), (63.0, 0.3), (70.0, 0.15), (85.0, 0.0)];
+/// [`Effort::Quick`] prunes as far as a quality so much higher.
+const QUICK_PRUNES_AS: f32 = 4.0;
 /// The octree is that of a quality so much lower: positions are fitted no better than that.
 const VOXEL_QUALITY_BELOW: f32 = 24.0;
 /// Steps over those of a stream without tuning, relative to the other channels.
@@ -46,7 +48,10 @@ impl Plan {
             Effort::Normal => (4, 250, 1400),
             Effort::Long => (5, 1000, 9000),
         };
-        Ok(Self { quality, fraction: fraction(quality), rounds, round_steps, loop_steps })
+        // A short run recovers from less pruning.
+        let mild = if effort == Effort::Quick { QUICK_PRUNES_AS } else { 0.0 };
+        let fraction = fraction(quality + mild);
+        Ok(Self { quality, fraction, rounds, round_steps, loop_steps })
     }
 
     /// This plan, if a run can follow it.
