@@ -178,6 +178,12 @@ impl Plan {
         self.prefix.windows(2).map(|w| (w[1].weights - w[0].weights).sqrt())
     }
 
+    /// Weight of a leaf.
+    #[must_use]
+    pub fn weight_of_leaf(&self, leaf: usize) -> f64 {
+        self.weight_of(leaf as u32, leaf as u32 + 1)
+    }
+
     /// True for a plan of no points.
     #[must_use]
     pub fn is_empty(&self) -> bool {

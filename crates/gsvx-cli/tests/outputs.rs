@@ -210,7 +210,7 @@ fn a_terminated_finetune_kept_nothing() {
         let dir = tempfile::tempdir().unwrap();
         let output = dir.path().join("tuned.ply");
         let mut child = gsvx()
-            .arg("finetune")
+            .args(["tune", "--profile", "paper"])
             .arg(small(dir.path()))
             .arg("--cameras")
             .arg(common::room())

@@ -35,6 +35,38 @@ pub(crate) struct ChunkDecoder {
     sh_degree: u8,
 }
 
+/// What [`super::ChunkLatents`] fills in instead of a stream.
+#[cfg(feature = "encode")]
+pub(super) struct Parts<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) classes: &'a [u8],
+    pub(super) side: &'a mut SideFactors,
+    pub(super) opacity: &'a mut Rows,
+    pub(super) shape: &'a mut Rows,
+    pub(super) sh: &'a mut [Rows; 4],
+    pub(super) sh_degree: &'a mut u8,
+}
+
+#[cfg(feature = "encode")]
+impl ChunkDecoder {
+    /// A chunk whose values are still to be filled in.
+    pub(super) fn with_plan(plan: Plan, classes: Vec<u8>, side: SideFactors) -> Self {
+        Self { plan: Some(plan), classes, side, ..Self::default() }
+    }
+
+    /// Everything that is decoded, to be filled in.
+    ///
+    /// # Errors
+    /// If there is no plan.
+    pub(super) fn parts(&mut self) -> Result<Parts<'_>> {
+        let Self { plan, classes, side, opacity, shape, sh, sh_degree, .. } = self;
+        let Some(plan) = plan else {
+            return Err(Error::Corrupt { what: "chunk without leaves", value: 0 });
+        };
+        Ok(Parts { plan, classes, side, opacity, shape, sh, sh_degree })
+    }
+}
+
 impl ChunkDecoder {
     /// Decodes the first layer of a chunk that has so many leaves.
     ///

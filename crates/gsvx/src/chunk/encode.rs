@@ -79,7 +79,7 @@ pub(crate) fn encode(
 
 /// Codes importance classes through the transform without weights, and returns those that a decoder will
 /// have.
-fn encode_classes(
+pub(super) fn encode_classes(
     coder: &mut Encoder,
     plan: &Plan,
     log_classes: &[f64],
@@ -98,6 +98,18 @@ fn encode_classes(
         importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
     };
     Ok((factors, leaves.iter().enumerate().map(class).collect()))
+}
+
+/// Subtracts what depth and class predict from the first channel.
+pub(super) fn subtract_predicted(
+    factors: Factors,
+    leaves: &[Leaf],
+    classes: &[u8],
+    rows: &mut Rows,
+) {
+    for (i, &leaf) in leaves.iter().enumerate() {
+        rows.row_mut(i)[0] -= factors.predict(leaf, classes[i]);
+    }
 }
 
 /// Writes Y, Co, Cg of the coefficients of some leaves into their rows, from row `first` on.
@@ -184,9 +196,7 @@ impl Chunk<'_> {
         let mut rows = Rows::new(leaves.len(), channels);
         (0..leaves.len()).for_each(|i| value(i, rows.row_mut(i)));
         let factors = Factors::fit(leaves, classes, |i| rows.row(i)[0]);
-        for (i, &leaf) in leaves.iter().enumerate() {
-            rows.row_mut(i)[0] -= factors.predict(leaf, classes[i]);
-        }
+        subtract_predicted(factors, leaves, classes, &mut rows);
         (rows, factors)
     }
 

@@ -8,11 +8,15 @@ mod decode;
 #[cfg(feature = "encode")]
 mod encode;
 mod gaussians;
+#[cfg(feature = "encode")]
+mod latents;
 
 pub(crate) use decode::ChunkDecoder;
 #[cfg(feature = "encode")]
 pub(crate) use encode::{ChunkInput, Quantisation, check, check_sh, encode};
 pub(crate) use gaussians::{GaussiansMut, resize};
+#[cfg(feature = "encode")]
+pub(crate) use latents::{ChunkLatents, Coding, Values};
 
 use crate::attributes::side::Factors;
 use crate::importance;
