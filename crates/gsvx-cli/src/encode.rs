@@ -14,6 +14,7 @@ use anyhow::{Context, Result};
 use gs_model::{Camera, Scene};
 use gsvx::{CovarianceMode, EncodeOptions, Encoded, Prepared, rate};
 use serde_json::{Value, json};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxel::Strategy;
@@ -30,10 +31,13 @@ Examples:
   gsvx encode model.ply -o scene.gsvx --target-bytes 1.5MB
   gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
   gsvx encode model.ply -o scene.gsvx --lossless
-  gsvx encode model.ply -o scene.gsvx --lod                    a coarse scene first
+  gsvx encode model.ply -o scene.gsvx --web                    for a web page
   gsvx encode *.ply -o streams/                                one stream per model
   gsvx encode model.ply -o scene.gsvx --prune 0.2 --cameras data/fox
   gsvx encode - -o - < model.ply > scene.gsvx";
+
+/// Leaves of a chunk for the web: a page shows it, and a worker holds it, at once.
+const WEB_CHUNK: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
 
 /// Heading of what most people never need.
 const EXPERTS: &str = "For experts, and for comparison with the paper";
@@ -65,6 +69,9 @@ pub(crate) struct Args {
     /// The PSNR is that of renders of the stream against renders of the input.
     #[arg(long, value_name = "DB", group = "rate", requires = "cameras", value_parser = finite)]
     target_psnr: Option<f64>,
+    /// What a web page wants: the preset web if no rate is given, a coarse scene first, small chunks.
+    #[arg(long)]
+    web: bool,
     /// Cameras of the training photos: what they see gets more bits.
     ///
     /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
@@ -76,7 +83,7 @@ pub(crate) struct Args {
     /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
     /// those that are not zero.
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
-          "max_sh_degree", "prune", "trim", "lod"])]
+          "max_sh_degree", "prune", "trim", "lod", "web"])]
     lossless: bool,
     /// Replace an existing output.
     #[arg(long)]
@@ -130,7 +137,13 @@ impl Args {
     }
 
     fn quality(&self) -> f32 {
-        self.preset.map_or(self.quality, |p| p.quality)
+        self.preset().map_or(self.quality, |p| p.quality)
+    }
+
+    /// The preset that was asked for: --web names one, unless there is a quality.
+    fn preset(&self) -> Option<Preset> {
+        let web = self.web && self.quality == gsvx::DEFAULT_QUALITY;
+        self.preset.or_else(|| web.then(|| preset::WEB))
     }
 
     /// The greatest number of bytes, if there is one.
@@ -213,7 +226,7 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     output.write(|out| Ok(out.write_all(&made.encoded.bytes)?))?;
 
     let bytes = made.encoded.bytes.len() as u64;
-    let human = format!(
+    let mut human = format!(
         "{name}: {in_input} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
          read {read_seconds:.2} s, encode {encode_seconds:.2} s",
         made.gaussians,
@@ -224,6 +237,11 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
         made.remarks(),
     );
     let mut json = made.json();
+    if args.web {
+        let snippet = embed(&job.output);
+        human += &format!("\nembed it: {snippet}");
+        json["embed"] = json!(snippet);
+    }
     json["output"] = json!(name);
     json["bytes"] = json!(bytes);
     json["input_bytes"] = json!(input_bytes);
@@ -236,6 +254,12 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
         Some(why) => Err(missed(format!("{name}: written, but {why}"))),
         None => Ok(()),
     }
+}
+
+/// What shows a stream in a page, by the npm package.
+fn embed(output: &std::path::Path) -> String {
+    let file = output.file_name().map_or("scene.gsvx".into(), |n| n.to_string_lossy());
+    format!("import {{ GSVXSplats }} from 'gsvx/spark'; scene.add(new GSVXSplats('{file}'));")
 }
 
 #[derive(Default)]
@@ -299,7 +323,10 @@ fn options_at(args: &Args, q: f32) -> gsvx::Result<EncodeOptions> {
     let mut options = EncodeOptions::from_quality(q)?;
     options.covariance = args.covariance.unwrap_or_default();
     options.max_sh_degree = args.max_sh_degree;
-    options.lod = args.lod;
+    options.lod = args.lod || args.web;
+    if args.web {
+        options.chunk_leaves = WEB_CHUNK;
+    }
     Ok(options)
 }
 
@@ -390,7 +417,7 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
             Encoding {
                 encoded,
                 gaussians: n,
-                note: match args.preset {
+                note: match args.preset() {
                     Some(preset) => format!("preset {}, quality {quality}", preset.name),
                     None => format!("quality {quality}"),
                 },

@@ -19,7 +19,7 @@ export interface Planar {
 }
 
 /**
- * 32 bytes for each Gaussian, and a word for each SH coefficient: the arrays of Spark's `ExtSplats`. There is
+ * 32 bytes for each Gaussian, and a word for each SH coefficient: the arrays of Spark's `ExtSplats`. In chunks there is
  * room for a multiple of 2048 Gaussians.
  */
 export interface Packed {
