@@ -197,7 +197,7 @@ async function inOrder(decoding, input) {
   let offset = 0;
   try {
     for (let next = pieces.next(); ;) {
-      if (!(await soon(next))) decoding.partly();
+      if (decoding.options.progressive && !(await soon(next))) decoding.partly();
       const { done, value } = await next;
       if (done) break;
       next = pieces.next();

@@ -4,29 +4,29 @@ import { GSplatFormat, GSplatResourceBase, PIXELFORMAT_RGBA32U, Vec3 } from 'pla
 import { decode } from './index.js';
 
 const readGLSL = /* glsl */`
-uvec4 gsvxB;
+uvec4 packedB;
 
 vec3 getCenter() {
-    gsvxB = loadGsvxB();
+    packedB = loadGsvxB();
     return uintBitsToFloat(loadGsvxA().xyz);
 }
 
 vec4 getColor() {
-    return vec4(unpackHalf2x16(gsvxB.x), unpackHalf2x16(gsvxB.y).x, unpackHalf2x16(loadGsvxA().w).x);
+    return vec4(unpackHalf2x16(packedB.x), unpackHalf2x16(packedB.y).x, unpackHalf2x16(loadGsvxA().w).x);
 }
 
 vec3 getScale() {
-    return exp(vec3(unpackHalf2x16(gsvxB.y).y, unpackHalf2x16(gsvxB.z)));
+    return exp(vec3(unpackHalf2x16(packedB.y).y, unpackHalf2x16(packedB.z)));
 }
 
 // w, x, y, z: an axis on an octahedron, and an angle.
 vec4 getRotation() {
-    vec2 f = vec2(gsvxB.w & 1023u, (gsvxB.w >> 10u) & 1023u) / 511.5 - 1.0;
+    vec2 f = vec2(packedB.w & 1023u, (packedB.w >> 10u) & 1023u) / 511.5 - 1.0;
     vec3 axis = vec3(f, 1.0 - abs(f.x) - abs(f.y));
     float t = max(-axis.z, 0.0);
     axis.x += axis.x >= 0.0 ? -t : t;
     axis.y += axis.y >= 0.0 ? -t : t;
-    float halfAngle = float(gsvxB.w >> 20u) * (1.5707963267948966 / 4095.0);
+    float halfAngle = float(packedB.w >> 20u) * (1.5707963267948966 / 4095.0);
     return vec4(cos(halfAngle), normalize(axis) * sin(halfAngle));
 }
 
@@ -59,28 +59,28 @@ void readSHData(out vec3 sh[SH_COEFFS], out float scale) {
 `;
 
 const readWGSL = /* wgsl */`
-var<private> gsvxB: vec4u;
+var<private> packedB: vec4u;
 
 fn getCenter() -> vec3f {
-    gsvxB = loadGsvxB();
+    packedB = loadGsvxB();
     return bitcast<vec3f>(loadGsvxA().xyz);
 }
 
 fn getColor() -> vec4f {
-    return vec4f(unpack2x16float(gsvxB.x), unpack2x16float(gsvxB.y).x, unpack2x16float(loadGsvxA().w).x);
+    return vec4f(unpack2x16float(packedB.x), unpack2x16float(packedB.y).x, unpack2x16float(loadGsvxA().w).x);
 }
 
 fn getScale() -> vec3f {
-    return exp(vec3f(unpack2x16float(gsvxB.y).y, unpack2x16float(gsvxB.z)));
+    return exp(vec3f(unpack2x16float(packedB.y).y, unpack2x16float(packedB.z)));
 }
 
 fn getRotation() -> vec4f {
-    let f = vec2f(f32(gsvxB.w & 1023u), f32((gsvxB.w >> 10u) & 1023u)) / 511.5 - 1.0;
+    let f = vec2f(f32(packedB.w & 1023u), f32((packedB.w >> 10u) & 1023u)) / 511.5 - 1.0;
     var axis = vec3f(f, 1.0 - abs(f.x) - abs(f.y));
     let t = max(-axis.z, 0.0);
     axis.x += select(t, -t, axis.x >= 0.0);
     axis.y += select(t, -t, axis.y >= 0.0);
-    let halfAngle = f32(gsvxB.w >> 20u) * (1.5707963267948966 / 4095.0);
+    let halfAngle = f32(packedB.w >> 20u) * (1.5707963267948966 / 4095.0);
     return vec4f(cos(halfAngle), normalize(axis) * sin(halfAngle));
 }
 
@@ -169,7 +169,8 @@ export class GSVXResource extends GSplatResourceBase {
 
 /**
  * A parser for .gsvx assets: `app.loader.getHandler('gsplat').addParser(new GSVXParser(app))`. Options are
- * those of `decode`; an asset's `data.gsvx` has more for that asset alone, such as `{ lod: 255 }`.
+ * those of `decode`; an asset's `data.gsvx` has more for that asset alone, such as `{ lod: 255 }`. The engine
+ * loads an address once: two assets of one stream need addresses that differ, by `?coarse` for example.
  */
 export class GSVXParser {
   constructor(app, options = {}) {

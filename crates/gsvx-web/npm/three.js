@@ -10,6 +10,15 @@ export function splatGeometry({ centers, covariances, colors, sh1, sh2, sh3 }) {
   return createGaussianSplatGeometry(centers, covariances, bytes, { sh1, sh2, sh3 });
 }
 
+function splatObject(scene) {
+  const splat = new GaussianSplat(splatGeometry(scene));
+  // In r187 objects whose materials have the same key share the buffers of the first.
+  const { material } = splat;
+  const key = `${material.customProgramCacheKey()},${splat.uuid}`;
+  material.customProgramCacheKey = () => key;
+  return splat;
+}
+
 /** Loads streams as GaussianSplat objects. The addon sorts one object at a time, so a scene is one object. */
 export class GSVXLoader extends Loader {
   /** Options of `decode`. */
@@ -38,7 +47,7 @@ export class GSVXLoader extends Loader {
   async parse(source, onProgress) {
     const request = { headers: this.requestHeader, credentials: this.withCredentials ? 'include' : 'same-origin' };
     const scene = await decode(source, { request, onProgress, ...this.options, layout: 'covariances' });
-    return new GaussianSplat(splatGeometry(scene));
+    return splatObject(scene);
   }
 
   /**
@@ -54,6 +63,6 @@ export class GSVXLoader extends Loader {
   async coarse(source) {
     const { options } = this;
     const scene = await decode(source, { ...options, layout: 'covariances', lod: 255 });
-    return scene.count ? new GaussianSplat(splatGeometry(scene)) : undefined;
+    return scene.count ? splatObject(scene) : undefined;
   }
 }

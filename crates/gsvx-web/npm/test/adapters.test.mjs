@@ -56,7 +56,7 @@ const settled = async (page) => {
   const state = await page.evaluate(() => window.state);
   assert.equal(state.error, undefined);
   // Sorting runs beside the frames.
-  await page.waitForTimeout(1500);
+  await page.waitForTimeout(2500);
   return state;
 };
 
@@ -66,7 +66,9 @@ const shot = async (page, name) => {
   return png;
 };
 
-const ENGINES = { spark: 30, three: 30, playcanvas: 30 };
+// The least PSNR. three.js ends each Gaussian at two standard deviations, where others go to three, and dims
+// those that are smaller than a pixel.
+const ENGINES = { spark: 34, three: 29, playcanvas: 30 };
 
 for (const [engine, least] of Object.entries(ENGINES)) {
   for (const ranges of ['yes', 'no']) {
@@ -90,7 +92,7 @@ for (const [engine, least] of Object.entries(ENGINES)) {
     assert.equal(await page.evaluate(() => window.state.done), undefined);
     const coarse = await shot(page, `${engine}-coarse`);
     const first = await psnr(page, coarse, reference);
-    await settled(page);
+    assert.equal((await settled(page)).failed, undefined);
     const last = await psnr(page, await shot(page, `${engine}-sharp`), reference);
     console.log(`${engine}: first ${first.toFixed(2)} dB, last ${last.toFixed(2)} dB`);
     assert.ok(first > 12 && last > first + 5, `${first} ${last}`);

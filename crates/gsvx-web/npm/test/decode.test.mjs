@@ -86,6 +86,20 @@ test('all kinds of sources, in a worker and without', async () => {
   }
 });
 
+test('chunks of a slow link were put into a scene twice', async () => {
+  const bytes = stream('default');
+  const slow = new ReadableStream({
+    async pull(controller) {
+      this.at ??= 0;
+      await new Promise((resolve) => setTimeout(resolve, 20));
+      controller.enqueue(new Uint8Array(bytes.subarray(this.at, this.at += 1000)));
+      if (this.at >= bytes.length) controller.close();
+    },
+  });
+  const [want] = golden.find(([, name]) => name === 'default.gsvx');
+  assert.equal(hash(await decode(slow)), want);
+});
+
 test('the coarse level comes first, and every piece of it is replaced', async () => {
   const shown = new Map();
   let largest = 0;
