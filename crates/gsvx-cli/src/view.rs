@@ -5,6 +5,7 @@ mod answer;
 use crate::exit::note;
 use crate::interrupt;
 use crate::report::Reporter;
+use crate::views;
 use anyhow::{Context, Result, anyhow, bail};
 use serde_json::json;
 use std::fs::File;
@@ -77,9 +78,11 @@ fn readable(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The address of the page with the files to show.
+/// The address of the page with the files to show, and what is up if cameras lie beside them.
 fn page(host: &str, files: &[PathBuf]) -> String {
     let name = |i: usize| answer::place(i, &files[i]);
     let second = if files.len() > 1 { format!("&compare={}", name(1)) } else { String::new() };
-    format!("http://{host}/?url={}{second}", name(0))
+    let up = views::up_beside(&files[0])
+        .map_or(String::new(), |[x, y, z]| format!("&up={x:.3},{y:.3},{z:.3}"));
+    format!("http://{host}/?url={}{second}{up}", name(0))
 }

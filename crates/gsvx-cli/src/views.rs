@@ -100,7 +100,7 @@ fn scaled(camera: &Camera, factor: f64) -> Camera {
 
 /// What is up for the cameras that lie beside a model, in a scene folder or an output of Inria's
 /// trainer; `None` if there are none, or if they do not agree.
-fn up_beside(model: &Path) -> Option<[f64; 3]> {
+pub(crate) fn up_beside(model: &Path) -> Option<[f64; 3]> {
     if is_stdio(model) {
         return None;
     }

@@ -1,6 +1,6 @@
 // Chromium and a file server for the tests that need a browser.
 import { createServer } from 'node:http';
-import { existsSync, readFileSync, statSync, openSync, readSync, closeSync } from 'node:fs';
+import { existsSync, readFileSync, statSync } from 'node:fs';
 import { spawnSync } from 'node:child_process';
 import { createRequire } from 'node:module';
 import { extname, join, normalize } from 'node:path';
@@ -52,7 +52,7 @@ export async function serve(folders) {
     if (query.cut) all = all.subarray(0, Number(query.cut));
     if (query.flip) all[Number(query.flip)] ^= 4;
     log.push({ path: url.pathname, range: request.headers.range });
-    const headers = { 'Content-Type': TYPES[extname(path)] ?? 'application/octet-stream', 'Cache-Control': 'no-store' };
+    const headers = { 'Content-Type': TYPES[extname(path)] ?? 'application/octet-stream', 'Cache-Control': 'no-store', 'Cross-Origin-Opener-Policy': 'same-origin', 'Cross-Origin-Embedder-Policy': 'require-corp' };
     const range = query.ranges !== 'no' && /bytes=(\d+)-(\d*)/.exec(request.headers.range ?? '');
     let status = 200;
     if (range) {
@@ -88,15 +88,6 @@ function slowly(response, bytes, rate) {
       response.end();
     }
   }, 20);
-}
-
-/** Reads a stretch of a file. */
-export function bytesOf(path, start, length) {
-  const file = openSync(path, 'r');
-  const bytes = Buffer.alloc(length);
-  readSync(file, bytes, 0, length, start);
-  closeSync(file);
-  return bytes;
 }
 
 /** Runs the gsvx command. */
