@@ -54,10 +54,15 @@ fn decoder(features: &[&str], out: &Path) -> Result<()> {
     let mut cargo = Command::new("cargo");
     cargo.current_dir(&root);
     cargo.args(["build", "--quiet", "--package", "gsvx-web", "--target", TARGET]);
-    cargo.args(["--profile", "web", "--features", &features.join(","), "--target-dir"]).arg(&target);
+    cargo
+        .args(["--profile", "web", "--features", &features.join(","), "--target-dir"])
+        .arg(&target);
     cargo.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", "-C target-feature=+simd128");
     let status = cargo.status().context("start cargo")?;
-    ensure!(status.success(), "gsvx-web does not build; `rustup target add {TARGET}` if it is missing");
+    ensure!(
+        status.success(),
+        "gsvx-web does not build; `rustup target add {TARGET}` if it is missing"
+    );
     let module = target.join(TARGET).join("web/gsvx_web.wasm");
     Bindgen::new()
         .input_path(&module)

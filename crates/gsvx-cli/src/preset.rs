@@ -11,8 +11,7 @@ pub(crate) struct Preset {
 }
 
 /// What web pages get.
-pub(crate) const WEB: Preset =
-    Preset { name: "web", quality: 50.0, help: "web pages: quality 50" };
+pub(crate) const WEB: Preset = Preset { name: "web", quality: 50.0, help: "web pages: quality 50" };
 
 /// All presets, from the smallest streams to the best.
 pub(crate) const PRESETS: [Preset; 4] = [

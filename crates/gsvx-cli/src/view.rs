@@ -42,13 +42,16 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     for file in &args.files {
         readable(file)?;
     }
-    let server = Server::http(("127.0.0.1", args.port))
-        .map_err(|e| anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port))?;
+    let server = Server::http(("127.0.0.1", args.port)).map_err(|e| {
+        anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
+    })?;
     let address = server.server_addr().to_ip().context("the server has no address")?;
     let url = page(&address.to_string(), &args.files);
     interrupt::is_the_end();
     report.say(false, &format!("{url}\nCtrl-C ends"), &json!({ "url": url }))?;
-    if !args.no_open && let Err(error) = open::that_detached(&url) {
+    if !args.no_open
+        && let Err(error) = open::that_detached(&url)
+    {
         note(format_args!("the browser does not open by itself ({error}): open the address above"));
     }
     let (server, files) = (Arc::new(server), Arc::new(args.files.clone()));
@@ -78,11 +81,20 @@ fn readable(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The address of the page with the files to show, and what is up if cameras lie beside them.
+/// The address of the page with the files to show. Where cameras lie beside them, it says what is up, and
+/// the page starts at the first of them.
 fn page(host: &str, files: &[PathBuf]) -> String {
     let name = |i: usize| answer::place(i, &files[i]);
-    let second = if files.len() > 1 { format!("&compare={}", name(1)) } else { String::new() };
-    let up = views::up_beside(&files[0])
-        .map_or(String::new(), |[x, y, z]| format!("&up={x:.3},{y:.3},{z:.3}"));
-    format!("http://{host}/?url={}{second}{up}", name(0))
+    let mut url = format!("http://{host}/?url={}", name(0));
+    if files.len() > 1 {
+        url += &format!("&compare={}", name(1));
+    }
+    let views = views::beside(&files[0]).unwrap_or_default();
+    let mut add = |name: &str, [x, y, z]: [f64; 3]| url += &format!("&{name}={x:.4},{y:.4},{z:.4}");
+    if let (Some(up), Some(first)) = (views::up(&views), views.first()) {
+        add("up", up);
+        add("eye", first.camera.position().into());
+        add("ahead", first.camera.rotation.row(2).into());
+    }
+    url
 }

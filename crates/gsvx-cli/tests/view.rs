@@ -78,13 +78,16 @@ fn page_and_ranges_are_served() {
 #[test]
 fn nothing_else_is_served() {
     let view = View::of(&[&room().join("point_cloud.ply")]);
-    for path in ["/file/1/point_cloud.ply", "/file/0/other", "/file/0/../README.md", "/etc/passwd"] {
+    for path in ["/file/1/point_cloud.ply", "/file/0/other", "/file/0/../README.md", "/etc/passwd"]
+    {
         assert!(view.get(path, "").0.starts_with("HTTP/1.1 404"), "{path}");
     }
     let (head, _) = view.send("GET / HTTP/1.1\r\nHost: example.org\r\nConnection: close\r\n\r\n");
     assert!(head.starts_with("HTTP/1.1 403"), "{head}");
     let host = &view.host;
-    let post = format!("POST / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n");
+    let post = format!(
+        "POST / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+    );
     assert!(view.send(&post).0.starts_with("HTTP/1.1 405"));
 }
 

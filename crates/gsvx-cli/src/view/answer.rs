@@ -95,9 +95,10 @@ fn part(path: &Path, range: Option<&str>) -> std::io::Result<ResponseBox> {
     let status = if wanted.is_some() { 206 } else { 200 };
     let body = file.take(end - start);
     // Never by chunks: the page shows how much is still to come.
-    let response = Response::new(status.into(), Vec::new(), body, Some((end - start) as usize), None)
-        .with_chunked_threshold(usize::MAX)
-        .boxed();
+    let response =
+        Response::new(status.into(), Vec::new(), body, Some((end - start) as usize), None)
+            .with_chunked_threshold(usize::MAX)
+            .boxed();
     let response = with(
         response,
         &[

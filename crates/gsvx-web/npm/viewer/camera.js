@@ -57,12 +57,24 @@ export class Camera {
 
   reset() {
     const { centre, radius } = this.home;
+    if (this.start) {
+      const { eye, ahead } = this.start;
+      this.camera.position.set(...eye);
+      const distance = Math.max(this.camera.position.distanceTo(new Vector3(...centre)), 0.2 * radius);
+      this.controls.target.copy(this.camera.position).addScaledVector(new Vector3(...ahead), distance);
+      this.finish(distance);
+      return;
+    }
     // Along the horizontal axis of most data sets: from -y where z is up, else from -z.
     const ahead = Math.abs(this.up.z) > 0.5 ? new Vector3(0, 1, 0) : new Vector3(0, 0, 1);
     const half = (Math.min(1, this.camera.aspect) * FOV * Math.PI) / 360;
     const distance = (0.9 * radius) / Math.tan(half);
     this.controls.target.set(...centre);
     this.camera.position.copy(this.controls.target).addScaledVector(ahead, -distance).addScaledVector(this.up, 0.25 * distance);
+    this.finish(distance);
+  }
+
+  finish(distance) {
     this.camera.near = distance / 500;
     this.camera.far = distance * 500;
     this.camera.updateProjectionMatrix();

@@ -58,7 +58,6 @@ class Slot {
       if (stop.signal.aborted) return;
       say(error.message.includes(name) ? error.message : `${name}: ${error.message}`);
     }
-    this.ended = true;
     this.complete = true;
     show();
   }
@@ -239,6 +238,8 @@ function start() {
     $('up').value = [0, 1, 2].map((k) => (k === axis ? Math.sign(up[k]) : 0)).join(',');
     camera.setUp(up);
   }
+  const triple = (name) => query.get(name).split(',').map(Number);
+  if (query.get('eye') && query.get('ahead')) camera.start = { eye: triple('eye'), ahead: triple('ahead') };
   if (query.get('camera')) camera.fixed(JSON.parse(query.get('camera')));
   const named = (url) => [new URL(url, location.href).href, decodeURIComponent(new URL(url, location.href).pathname.split('/').pop())];
   if (query.get('url')) open(...named(query.get('url')), 0);

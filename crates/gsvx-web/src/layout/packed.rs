@@ -123,7 +123,9 @@ mod tests {
 
     #[test]
     fn coefficients_are_within_half_a_step() {
-        for rgb in [[0.3, -0.2, 0.0], [1.0, -1.0, 0.5], [1e-9, 0.0, 0.0], [0.0; 3], [5.0, 0.1, -3.9]] {
+        for rgb in
+            [[0.3, -0.2, 0.0], [1.0, -1.0, 0.5], [1e-9, 0.0, 0.0], [0.0; 3], [5.0, 0.1, -3.9]]
+        {
             let greatest = rgb.iter().fold(0.0f32, |m, v| m.max(v.abs()));
             let back = decoded(coefficient(rgb));
             for (a, b) in rgb.into_iter().zip(back) {
