@@ -36,15 +36,32 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     if args.page {
         decoder(&["models"], &npm.join("viewer/wasm"))?;
-        script(&npm, "viewer/build.mjs", &[])?;
+        script(&npm, "viewer/build.mjs", &[], None)?;
     }
-    if args.test {
-        script(&npm, "test/run.mjs", &[&tarball])?;
-    }
-    if args.bench {
-        script(&npm, "bench/run.mjs", &[&tarball])?;
+    if args.test || args.bench {
+        let command = command()?;
+        let gsvx = Some(command.as_path());
+        if args.test {
+            script(&npm, "test/run.mjs", &[&tarball], gsvx)?;
+        }
+        if args.bench {
+            script(&npm, "bench/run.mjs", &[], gsvx)?;
+        }
     }
     Ok(())
+}
+
+/// The command `gsvx`, as `cargo test` builds it.
+fn command() -> Result<PathBuf> {
+    let root = eval::scenes::root();
+    let status = Command::new("cargo")
+        .current_dir(&root)
+        .args(["build", "--quiet", "--package", "gsvx-cli"])
+        .status()
+        .context("start cargo")?;
+    ensure!(status.success(), "gsvx-cli does not build");
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
+    Ok(target.join("debug/gsvx").with_extension(std::env::consts::EXE_EXTENSION))
 }
 
 /// Builds the decoder with some features, and its JavaScript, into a folder.
@@ -104,8 +121,14 @@ fn dev_dependencies(npm: &Path) -> Result<()> {
     Ok(())
 }
 
-fn script(npm: &Path, name: &str, arguments: &[&Path]) -> Result<()> {
-    let status = Command::new("node").current_dir(npm).arg(name).args(arguments).status();
+/// Runs a script of the package's folder; `gsvx` is the command that it may call.
+fn script(npm: &Path, name: &str, arguments: &[&Path], gsvx: Option<&Path>) -> Result<()> {
+    let mut node = Command::new("node");
+    node.current_dir(npm).arg(name).args(arguments);
+    if let Some(gsvx) = gsvx {
+        node.env("GSVX_BIN", gsvx);
+    }
+    let status = node.status();
     ensure!(status.context("start node")?.success(), "node {name} failed");
     Ok(())
 }

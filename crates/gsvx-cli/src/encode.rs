@@ -69,9 +69,6 @@ pub(crate) struct Args {
     /// The PSNR is that of renders of the stream against renders of the input.
     #[arg(long, value_name = "DB", group = "rate", requires = "cameras", value_parser = finite)]
     target_psnr: Option<f64>,
-    /// What a web page wants: the preset web if no rate is given, a coarse scene first, small chunks.
-    #[arg(long)]
-    web: bool,
     /// Cameras of the training photos: what they see gets more bits.
     ///
     /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
@@ -89,6 +86,9 @@ pub(crate) struct Args {
     #[arg(long)]
     force: bool,
 
+    /// What a web page wants: the preset web if no quality is given, a coarse scene first, small chunks.
+    #[arg(long, hide_short_help = true, help_heading = CONTENT)]
+    web: bool,
     /// Store a coarse scene first, for viewers that show a scene while it loads.
     #[arg(long, hide_short_help = true, help_heading = CONTENT)]
     lod: bool,

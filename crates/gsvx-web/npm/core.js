@@ -40,6 +40,9 @@ class Decoding {
     this.gaussians = 0;
     this.skipped = [];
     this.reported = 0;
+    /** The arrays of the whole scene, and how many Gaussians are in them. */
+    this.scene = {};
+    this.count = 0;
     /** For each chunk of the level below: the piece that stands for it. */
     this.standIns = new Map();
   }
@@ -140,9 +143,15 @@ class Decoding {
 
   piece(chunk, id, first, count, shDegree, replaces) {
     const { layout } = this.options;
+    if (this.options.whole) {
+      this.stream.take(first, count, this.scene, this.count, this.total, layout, this.shDegree);
+      this.count += count;
+      return;
+    }
     const row = ROW[layout] ?? 1;
     const capacity = Math.ceil(count / row) * row;
-    const data = this.stream.take(first, count, capacity, layout, shDegree);
+    const data = {};
+    this.stream.take(first, count, data, 0, capacity, layout, shDegree);
     const { lod, bounds } = this.head.chunks[chunk];
     this.emit({ type: 'chunk', id, chunk, lod, shDegree, count, bounds, replaces, data },
       Object.values(data).map((array) => array.buffer));
@@ -165,6 +174,16 @@ class Decoding {
     const entry = this.head && this.pending[0];
     const whole = entry ? Math.min(this.stream.wholeLayers(entry.chunk), entry.layers) : 0;
     if (whole > (entry?.shown ?? 0)) this.show(entry, whole);
+  }
+
+  /** Hands out the whole scene, without the room for chunks that were left out. */
+  whole() {
+    if (this.total === 0) this.stream.take(0, 0, this.scene, 0, 0, this.options.layout, this.shDegree);
+    const { scene, count, total, shDegree } = this;
+    for (const [name, array] of Object.entries(scene)) {
+      if (count < total) scene[name] = array.slice(0, (array.length / total) * count);
+    }
+    this.emit({ type: 'scene', scene: { ...scene, count, shDegree } }, Object.values(scene).map((array) => array.buffer));
   }
 
   /** All bytes that there are have arrived. */
@@ -263,6 +282,7 @@ export async function run(source, options, emit, signal) {
     const part = options.lod > 0 || options.maxShDegree < 3;
     const input = await open(source, { request: options.request, part, signal });
     await (input.range ? byRanges(decoding, input) : inOrder(decoding, input));
+    if (options.whole) decoding.whole();
     return { head: decoding.told, skipped: decoding.skipped, received: decoding.received, memory: memory.buffer.byteLength };
   } catch (thrown) {
     if (signal?.aborted) throw signal.reason;

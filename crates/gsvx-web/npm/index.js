@@ -21,7 +21,8 @@ function checked({ layout = 'planar', maxShDegree = 3, lod = 0, salvage = false,
   number('maxShDegree', maxShDegree, 0, 3);
   number('lod', lod, 0, 255);
   const { gaussians, bytes } = limits;
-  return { layout, maxShDegree, lod, salvage: Boolean(salvage), limits: { gaussians, bytes }, request, progressive };
+  const whole = !onChunk;
+  return { layout, maxShDegree, lod, salvage: Boolean(salvage), limits: { gaussians, bytes }, request, whole, progressive: progressive && !whole };
 }
 
 /** A source that can go to a worker. */
@@ -43,35 +44,6 @@ function sendable(source) {
     throw new GsvxError('a source is a URL, a Response, a Blob, a ReadableStream or bytes', { code: 'option' });
   }
   return source;
-}
-
-/** Puts chunks together into one scene, as they come. */
-class Scene {
-  head(head) {
-    this.shDegree = head.shDegree;
-    this.count = 0;
-    this.total = head.total;
-  }
-
-  chunk({ count, data }) {
-    for (const [name, array] of Object.entries(data)) {
-      const width = array.length / capacityOf(data);
-      this[name] ??= new array.constructor(width * this.total);
-      this[name].set(array.subarray(0, width * count), width * this.count);
-    }
-    this.count += count;
-  }
-
-  /** Without the room for chunks that were left out. */
-  done() {
-    const { shDegree, count, total, ...arrays } = this;
-    const cut = ([name, array]) => [name, count < total ? array.slice(0, (array.length / total) * count) : array];
-    return { shDegree, count, ...Object.fromEntries(Object.entries(arrays).map(cut)) };
-  }
-}
-
-function capacityOf({ means, centers, a }) {
-  return means ? means.length / 3 : centers ? centers.length / 3 : a.length / 4;
 }
 
 /** Starts a worker; returns how to send to it, hear from it and end it. */
@@ -138,12 +110,11 @@ export async function decode(source, options = {}) {
   const input = sendable(await source);
   const module = await load(wasm);
   signal?.throwIfAborted();
-  const scene = onChunk ? undefined : new Scene();
+  let scene;
   const handle = ({ type, ...message }) => {
-    if (type === 'head') {
-      scene?.head(message.head);
-      onHead?.(message.head);
-    } else if (type === 'chunk') (onChunk ?? ((chunk) => scene.chunk(chunk)))(message);
+    if (type === 'head') onHead?.(message.head);
+    else if (type === 'chunk') onChunk(message);
+    else if (type === 'scene') ({ scene } = message);
     else onProgress?.(message);
   };
   let result;
@@ -159,5 +130,5 @@ export async function decode(source, options = {}) {
     };
     result = await run(input, { ...settings, yields: true }, checkedHandle, signal);
   }
-  return scene ? { ...scene.done(), skipped: result.skipped, memory: result.memory } : result;
+  return scene ? { ...scene, skipped: result.skipped, memory: result.memory } : result;
 }

@@ -59,13 +59,14 @@ impl Model {
         let first = first.min(self.scene.len());
         let count = count.min(self.scene.len() - first);
         let sh_degree = sh_degree.min(self.scene.sh_degree);
-        let mut out = layout::named(layout, capacity.max(count), sh_degree)?;
+        let arrays = js_sys::Object::new();
+        let mut out = layout::named(layout, &arrays, capacity.max(count), sh_degree)?;
         for at in (0..count).step_by(BLOCK) {
             let mut block = Scene { sh_degree: self.scene.sh_degree, ..Scene::default() };
             block.append_range(&self.scene, first + at..first + count.min(at + BLOCK));
             block.cut_sh(sh_degree);
             out.put(at, &block);
         }
-        Ok(out.finish())
+        Ok(arrays)
     }
 }

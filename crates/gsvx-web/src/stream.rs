@@ -82,33 +82,38 @@ impl Stream {
         index.finer(chunk).iter().map(first).collect()
     }
 
-    /// Some Gaussians of the chunk that is held, as an object of typed arrays. Arrays have room for
-    /// `capacity` Gaussians; the room behind the last is zero.
+    /// Puts some Gaussians of the chunk that is held into the typed arrays of `arrays`, from number `at` on.
+    /// Arrays that are missing, or have no room for `capacity` Gaussians, are made; they begin as zeros.
     ///
     /// # Errors
-    /// As [`Stream::hold`]; an object with `message` and `code` for an unknown layout.
+    /// As [`Stream::hold`]; an object with `message` and `code` for an unknown layout or too small a capacity.
     pub fn take(
         &mut self,
         first: usize,
         count: usize,
+        arrays: &js_sys::Object,
+        at: usize,
         capacity: usize,
         layout: &str,
         sh_degree: u8,
-    ) -> Result<js_sys::Object, JsValue> {
+    ) -> Result<(), JsValue> {
         let first = first.min(self.reader.held_len());
         let count = count.min(self.reader.held_len() - first);
+        if at.checked_add(count).is_none_or(|end| end > capacity) {
+            return Err(error::object("the arrays have no room for the Gaussians", "option").into());
+        }
         let sh_degree = sh_degree.min(3);
-        let mut out = layout::named(layout, capacity.max(count), sh_degree)?;
+        let mut out = layout::named(layout, arrays, capacity, sh_degree)?;
         self.block.clear();
         self.block.sh_degree = sh_degree;
-        for at in (0..count).step_by(BLOCK) {
-            let range = first + at..first + count.min(at + BLOCK);
+        for done in (0..count).step_by(BLOCK) {
+            let range = first + done..first + count.min(done + BLOCK);
             self.reader
                 .held_block(range, &mut self.block)
                 .map_err(|e| error::of(&e, self.reader.index()))?;
-            out.put(at, &self.block);
+            out.put(at + done, &self.block);
         }
-        Ok(out.finish())
+        Ok(())
     }
 
     /// Forgets the bytes of a chunk.

@@ -1,4 +1,4 @@
-// Measures the package beside its peers and writes docs/results/web.md: node bench/run.mjs TARBALL [MODEL]
+// Measures the package beside its peers and writes docs/results/web.md: node bench/run.mjs [MODEL]
 // One scene, one run, one thread each. The model is the scene fox, replicated to 500 000 Gaussians.
 import { spawnSync } from 'node:child_process';
 import { existsSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from 'node:fs';
@@ -15,7 +15,7 @@ const { replicate } = await import('./model.mjs');
 const COUNT = 500_000;
 /** Bytes a second: 10 Mbit/s. */
 const RATE = 1_250_000;
-const source = resolve(process.argv[3] ?? join(root, '../shared/scenes/fox/point_cloud.ply'));
+const source = resolve(process.argv[2] ?? join(root, '../shared/scenes/fox/point_cloud.ply'));
 if (missing() || !existsSync(source)) {
   console.error(missing() || `SKIPPED: ${source} is not there; nothing is measured`);
   process.exit(0);

@@ -1,14 +1,16 @@
 //! One typed array, written a block at a time.
 
-use js_sys::{Float32Array, Object, Uint32Array};
-use wasm_bindgen::JsValue;
+use js_sys::{Float32Array, Object, Reflect, Uint32Array};
+use wasm_bindgen::{JsCast, JsValue};
 
 /// A number that a typed array holds.
 pub(crate) trait Element: Copy {
     /// The typed array.
-    type Array: Into<JsValue>;
+    type Array: JsCast;
     /// An array of zeros.
     fn zeros(len: usize) -> Self::Array;
+    /// How many numbers an array holds.
+    fn len(array: &Self::Array) -> usize;
     /// Copies values to a place of the array.
     fn copy(array: &Self::Array, at: usize, values: &[Self]);
 }
@@ -19,6 +21,9 @@ macro_rules! element {
             type Array = $array;
             fn zeros(len: usize) -> $array {
                 <$array>::new_with_length(len as u32)
+            }
+            fn len(array: &$array) -> usize {
+                array.length() as usize
             }
             fn copy(array: &$array, at: usize, values: &[$number]) {
                 array.subarray(at as u32, (at + values.len()) as u32).copy_from(values);
@@ -32,7 +37,6 @@ element!(u32, Uint32Array);
 
 /// A typed array of so many numbers for each Gaussian.
 pub(crate) struct Column<T: Element> {
-    name: &'static str,
     width: usize,
     array: T::Array,
     /// The numbers of the block that is being written.
@@ -40,8 +44,16 @@ pub(crate) struct Column<T: Element> {
 }
 
 impl<T: Element> Column<T> {
-    pub(crate) fn new(name: &'static str, width: usize, capacity: usize) -> Self {
-        Self { name, width, array: T::zeros(width * capacity), block: Vec::new() }
+    /// The array of that name in `object`. One that is not there, or has no room, is made.
+    pub(crate) fn of(object: &Object, name: &str, width: usize, capacity: usize) -> Self {
+        let there = Reflect::get(object, &name.into()).and_then(JsValue::dyn_into::<T::Array>).ok();
+        let len = width * capacity;
+        let array = there.filter(|a| T::len(a) >= len).unwrap_or_else(|| {
+            let array = T::zeros(len);
+            crate::error::set(object, name, array.as_ref());
+            array
+        });
+        Self { width, array, block: Vec::new() }
     }
 
     /// Copies the block to where Gaussian `first` is.
@@ -53,10 +65,5 @@ impl<T: Element> Column<T> {
     /// Copies values that lie side by side already.
     pub(crate) fn copy(&self, first: usize, values: &[T]) {
         T::copy(&self.array, first * self.width, values);
-    }
-
-    /// Makes the array a property of `object`.
-    pub(crate) fn finish(self, object: &Object) {
-        crate::error::set(object, self.name, &self.array.into());
     }
 }

@@ -21,13 +21,13 @@ pub(crate) struct Covariances {
 }
 
 impl Covariances {
-    pub(crate) fn new(capacity: usize, sh_degree: u8) -> Self {
+    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Self {
         let degrees = ["sh1", "sh2", "sh3"].into_iter().zip(WORDS).take(sh_degree.into());
         Self {
-            centers: Column::new("centers", 3, capacity),
-            covariances: Column::new("covariances", 6, capacity),
-            colours: Column::new("colors", 1, capacity),
-            sh: degrees.map(|(name, words)| Column::new(name, words, capacity)).collect(),
+            centers: Column::of(arrays, "centers", 3, capacity),
+            covariances: Column::of(arrays, "covariances", 6, capacity),
+            colours: Column::of(arrays, "colors", 1, capacity),
+            sh: degrees.map(|(name, words)| Column::of(arrays, name, words, capacity)).collect(),
         }
     }
 }
@@ -49,15 +49,6 @@ impl Layout for Covariances {
         self.covariances.flush(first);
         self.colours.flush(first);
         self.sh.iter_mut().for_each(|column| column.flush(first));
-    }
-
-    fn finish(self: Box<Self>) -> Object {
-        let object = Object::new();
-        self.centers.finish(&object);
-        self.covariances.finish(&object);
-        self.colours.finish(&object);
-        self.sh.into_iter().for_each(|column| column.finish(&object));
-        object
     }
 }
 

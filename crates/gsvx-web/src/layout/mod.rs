@@ -20,20 +20,19 @@ const C0: f32 = 0.282_094_8;
 pub(crate) trait Layout {
     /// Puts Gaussians at `first` and behind it. Their SH degree is the layout's.
     fn put(&mut self, first: usize, block: &Scene);
-    /// The arrays by name.
-    fn finish(self: Box<Self>) -> Object;
 }
 
-/// Empty arrays for so many Gaussians.
+/// The arrays of a layout in `arrays`, with room for so many Gaussians; those that are missing are made.
 pub(crate) fn named(
     name: &str,
+    arrays: &Object,
     capacity: usize,
     sh_degree: u8,
 ) -> Result<Box<dyn Layout>, JsValue> {
     Ok(match name {
-        "planar" => Box::new(planar::Planar::new(capacity, sh_degree)),
-        "packed" => Box::new(packed::Packed::new(capacity, sh_degree)),
-        "covariances" => Box::new(covariances::Covariances::new(capacity, sh_degree)),
+        "planar" => Box::new(planar::Planar::of(arrays, capacity, sh_degree)),
+        "packed" => Box::new(packed::Packed::of(arrays, capacity, sh_degree)),
+        "covariances" => Box::new(covariances::Covariances::of(arrays, capacity, sh_degree)),
         _ => {
             let message = format!("no layout {name}: use planar, packed or covariances");
             return Err(error::object(&message, "option").into());

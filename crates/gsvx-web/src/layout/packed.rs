@@ -31,12 +31,12 @@ const SH: [(&str, u8); 4] = [("sh1", 1), ("sh2", 2), ("sh3a", 3), ("sh3b", 3)];
 const IN_ARRAY: usize = 4;
 
 impl Packed {
-    pub(crate) fn new(capacity: usize, sh_degree: u8) -> Self {
-        let arrays = SH.into_iter().filter(|(_, degree)| *degree <= sh_degree);
+    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Self {
+        let sh = SH.into_iter().filter(|(_, degree)| *degree <= sh_degree);
         Self {
-            a: Column::new("a", 4, capacity),
-            b: Column::new("b", 4, capacity),
-            sh: arrays.map(|(name, _)| Column::new(name, IN_ARRAY, capacity)).collect(),
+            a: Column::of(arrays, "a", 4, capacity),
+            b: Column::of(arrays, "b", 4, capacity),
+            sh: sh.map(|(name, _)| Column::of(arrays, name, IN_ARRAY, capacity)).collect(),
         }
     }
 }
@@ -61,14 +61,6 @@ impl Layout for Packed {
         self.a.flush(first);
         self.b.flush(first);
         self.sh.iter_mut().for_each(|column| column.flush(first));
-    }
-
-    fn finish(self: Box<Self>) -> Object {
-        let object = Object::new();
-        self.a.finish(&object);
-        self.b.finish(&object);
-        self.sh.into_iter().for_each(|column| column.finish(&object));
-        object
     }
 }
 

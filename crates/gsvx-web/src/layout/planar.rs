@@ -16,14 +16,14 @@ pub(crate) struct Planar {
 }
 
 impl Planar {
-    pub(crate) fn new(capacity: usize, sh_degree: u8) -> Self {
+    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Self {
         let sh = 3 * (usize::from(sh_degree) + 1) * (usize::from(sh_degree) + 1);
         Self {
-            means: Column::new("means", 3, capacity),
-            rotations: Column::new("rotations", 4, capacity),
-            log_scales: Column::new("logScales", 3, capacity),
-            opacity_logits: Column::new("opacityLogits", 1, capacity),
-            sh: Column::new("sh", sh, capacity),
+            means: Column::of(arrays, "means", 3, capacity),
+            rotations: Column::of(arrays, "rotations", 4, capacity),
+            log_scales: Column::of(arrays, "logScales", 3, capacity),
+            opacity_logits: Column::of(arrays, "opacityLogits", 1, capacity),
+            sh: Column::of(arrays, "sh", sh, capacity),
         }
     }
 }
@@ -35,15 +35,5 @@ impl Layout for Planar {
         self.log_scales.copy(first, block.log_scales.as_flattened());
         self.opacity_logits.copy(first, &block.opacity_logits);
         self.sh.copy(first, block.sh.as_flattened());
-    }
-
-    fn finish(self: Box<Self>) -> Object {
-        let object = Object::new();
-        self.means.finish(&object);
-        self.rotations.finish(&object);
-        self.log_scales.finish(&object);
-        self.opacity_logits.finish(&object);
-        self.sh.finish(&object);
-        object
     }
 }
