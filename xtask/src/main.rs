@@ -8,6 +8,7 @@ mod fixture;
 mod rd_curve;
 mod stability;
 mod stress;
+mod web;
 
 use std::process::ExitCode;
 
@@ -49,6 +50,8 @@ enum Task {
     BenchGsvx(bench::GsvxArgs),
     /// What the pipeline skips, and the tests that prove it harmless
     Skips(bench::SkipsArgs),
+    /// The decoder for browsers: npm package, viewer page, their tests
+    Web(web::Args),
     /// Make fixtures/room from its seed
     Fixture(fixture::Args),
 }
@@ -68,6 +71,7 @@ fn main() -> ExitCode {
         Task::BenchFinetune(args) => bench::finetune(args),
         Task::BenchGsvx(args) => bench::gsvx(args),
         Task::Skips(args) => bench::skips(&args),
+        Task::Web(args) => web::run(&args),
         Task::Fixture(args) => fixture::run(args),
     };
     match done {

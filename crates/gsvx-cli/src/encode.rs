@@ -14,6 +14,7 @@ use anyhow::{Context, Result};
 use gs_model::{Camera, Scene};
 use gsvx::{CovarianceMode, EncodeOptions, Encoded, Prepared, rate};
 use serde_json::{Value, json};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxel::Strategy;
@@ -30,10 +31,13 @@ Examples:
   gsvx encode model.ply -o scene.gsvx --target-bytes 1.5MB
   gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
   gsvx encode model.ply -o scene.gsvx --lossless
-  gsvx encode model.ply -o scene.gsvx --lod                    a coarse scene first
+  gsvx encode model.ply -o scene.gsvx --web                    for a web page
   gsvx encode *.ply -o streams/                                one stream per model
   gsvx encode model.ply -o scene.gsvx --prune 0.2 --cameras data/fox
   gsvx encode - -o - < model.ply > scene.gsvx";
+
+/// Leaves of a chunk for the web: a page shows it, and a worker holds it, at once.
+const WEB_CHUNK: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
 
 /// Heading of what most people never need.
 const EXPERTS: &str = "For experts, and for comparison with the paper";
@@ -76,12 +80,15 @@ pub(crate) struct Args {
     /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
     /// those that are not zero.
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
-          "max_sh_degree", "prune", "trim", "lod"])]
+          "max_sh_degree", "prune", "trim", "lod", "web"])]
     lossless: bool,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
 
+    /// What a web page wants: the preset web if no quality is given, a coarse scene first, small chunks.
+    #[arg(long, hide_short_help = true, help_heading = CONTENT)]
+    web: bool,
     /// Store a coarse scene first, for viewers that show a scene while it loads.
     #[arg(long, hide_short_help = true, help_heading = CONTENT)]
     lod: bool,
@@ -130,7 +137,13 @@ impl Args {
     }
 
     fn quality(&self) -> f32 {
-        self.preset.map_or(self.quality, |p| p.quality)
+        self.preset().map_or(self.quality, |p| p.quality)
+    }
+
+    /// The preset that was asked for: --web names one, unless there is a quality.
+    fn preset(&self) -> Option<Preset> {
+        let web = self.web && self.quality == gsvx::DEFAULT_QUALITY;
+        self.preset.or_else(|| web.then(|| preset::WEB))
     }
 
     /// The greatest number of bytes, if there is one.
@@ -214,7 +227,7 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     output.write(|out| Ok(out.write_all(&made.encoded.bytes)?))?;
 
     let bytes = made.encoded.bytes.len() as u64;
-    let human = format!(
+    let mut human = format!(
         "{name}: {in_input} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
          read {read_seconds:.2} s, encode {encode_seconds:.2} s",
         made.gaussians,
@@ -225,6 +238,11 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
         made.remarks(),
     );
     let mut json = made.json();
+    if args.web {
+        let snippet = embed(&job.output);
+        human += &format!("\nembed it: {snippet}");
+        json["embed"] = json!(snippet);
+    }
     json["output"] = json!(name);
     json["bytes"] = json!(bytes);
     json["input_bytes"] = json!(input_bytes);
@@ -237,6 +255,12 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
         Some(why) => Err(missed(format!("{name}: written, but {why}"))),
         None => Ok(()),
     }
+}
+
+/// What shows a stream in a page, by the npm package.
+fn embed(output: &std::path::Path) -> String {
+    let file = output.file_name().map_or("scene.gsvx".into(), |n| n.to_string_lossy());
+    format!("import {{ GSVXSplats }} from 'gsvx/spark'; scene.add(new GSVXSplats('{file}'));")
 }
 
 #[derive(Default)]
@@ -300,7 +324,10 @@ fn options_at(args: &Args, q: f32) -> gsvx::Result<EncodeOptions> {
     let mut options = EncodeOptions::from_quality(q)?;
     options.covariance = args.covariance.unwrap_or_default();
     options.max_sh_degree = args.max_sh_degree;
-    options.lod = args.lod;
+    options.lod = args.lod || args.web;
+    if args.web {
+        options.chunk_leaves = WEB_CHUNK;
+    }
     Ok(options)
 }
 
@@ -391,7 +418,7 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
             Encoding {
                 encoded,
                 gaussians: n,
-                note: match args.preset {
+                note: match args.preset() {
                     Some(preset) => format!("preset {}, quality {quality}", preset.name),
                     None => format!("quality {quality}"),
                 },

@@ -12,6 +12,9 @@ use std::time::{Duration, Instant};
 /// A flag that asks the running work to stop by itself, if it knows how to.
 static CANCEL: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
+/// Set while there is nothing to lose: an interruption is then how the command ends.
+static SERVING: AtomicBool = AtomicBool::new(false);
+
 /// The exit code of a process that a person interrupted.
 const INTERRUPTED: i32 = 130;
 /// Signals closer together than this are one: `timeout` signals the command and then its process
@@ -22,6 +25,9 @@ const TOGETHER: Duration = Duration::from_secs(1);
 pub(crate) fn install() -> Result<()> {
     let mut first: Option<Instant> = None;
     ctrlc::set_handler(move || {
+        if SERVING.load(Ordering::Relaxed) {
+            std::process::exit(0);
+        }
         let asked = CANCEL.get().is_some_and(|flag| !flag.swap(true, Ordering::Relaxed));
         if asked {
             first = Some(Instant::now());
@@ -33,6 +39,11 @@ pub(crate) fn install() -> Result<()> {
         }
     })
     .context("Ctrl-C cannot be caught")
+}
+
+/// From here on an interruption is the end that a person wants.
+pub(crate) fn is_the_end() {
+    SERVING.store(true, Ordering::Relaxed);
 }
 
 /// A flag that an interruption sets instead of ending the process.

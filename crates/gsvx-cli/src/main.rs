@@ -30,6 +30,7 @@ mod report;
 mod size;
 mod trim;
 mod tune;
+mod view;
 mod views;
 
 use anyhow::Context;
@@ -77,6 +78,9 @@ enum Command {
     /// Convert between PLY, .splat and SPZ; streams are read too.
     #[command(after_help = convert::EXAMPLES)]
     Convert(convert::Args),
+    /// Look at a stream or a model in the browser.
+    #[command(after_help = view::EXAMPLES)]
+    View(view::Args),
 }
 
 fn run(cli: &Cli) -> anyhow::Result<()> {
@@ -99,6 +103,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Render(args) => render::run(args, report),
         Command::Compare(args) => compare::run(args, report),
         Command::Convert(args) => convert::run(args, report),
+        Command::View(args) => view::run(args, report),
     }
 }
 

@@ -10,10 +10,13 @@ pub(crate) struct Preset {
     help: &'static str,
 }
 
+/// What web pages get.
+pub(crate) const WEB: Preset = Preset { name: "web", quality: 50.0, help: "web pages: quality 50" };
+
 /// All presets, from the smallest streams to the best.
 pub(crate) const PRESETS: [Preset; 4] = [
     Preset { name: "tiny", quality: 30.0, help: "thumbnails and previews: quality 30" },
-    Preset { name: "web", quality: 50.0, help: "web pages: quality 50" },
+    WEB,
     Preset { name: "high", quality: 70.0, help: "viewing at full size: quality 70" },
     Preset { name: "archive", quality: 90.0, help: "keeping and editing: quality 90" },
 ];

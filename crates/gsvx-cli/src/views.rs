@@ -98,26 +98,34 @@ fn scaled(camera: &Camera, factor: f64) -> Camera {
     }
 }
 
-/// What is up for the cameras that lie beside a model, in a scene folder or an output of Inria's
-/// trainer; `None` if there are none, or if they do not agree.
-fn up_beside(model: &Path) -> Option<[f64; 3]> {
+/// The views that lie beside a model, in a scene folder or an output of Inria's trainer.
+pub(crate) fn beside(model: &Path) -> Option<Vec<View>> {
     if is_stdio(model) {
         return None;
     }
     let mut folders = model.parent()?.ancestors();
     // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
-    let views = [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
+    [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        dataset::open_views(folder).ok()
-    })?;
+        dataset::open_views(folder).ok().map(|(_, views)| views)
+    })
+}
+
+/// What is up for the cameras that lie beside a model; `None` if there are none, or if they do not agree.
+fn up_beside(model: &Path) -> Option<[f64; 3]> {
+    up(&beside(model)?)
+}
+
+/// What is up for some cameras; `None` if they do not agree.
+pub(crate) fn up(views: &[View]) -> Option<[f64; 3]> {
     let mut sum = [0.0; 3];
-    for view in &views.1 {
+    for view in views {
         // A camera's second axis points down.
         let down = view.camera.rotation.row(1);
         sum = [sum[0] - down.x, sum[1] - down.y, sum[2] - down.z];
     }
     let length = framing::distance(sum, [0.0; 3]);
-    (length > 0.5 * views.1.len() as f64).then(|| framing::unit(sum))
+    (length > 0.5 * views.len() as f64).then(|| framing::unit(sum))
 }
 
 /// The views of a scene folder or of a camera file, by name.

@@ -27,11 +27,12 @@
 //! # Ok::<(), gsvx::Error>(())
 //! ```
 
-use crate::chunk::{ChunkDecoder, GaussiansMut};
-use crate::decode::{decode_exact, decode_leaf_chunk, verify};
-use crate::error::{Error, Result};
-use crate::head::{Index, Kind, head_len};
-use gs_model::Scene;
+mod held;
+
+use crate::chunk::ChunkDecoder;
+use crate::error::Result;
+use crate::head::{Index, head_len};
+use held::Held;
 use std::ops::Range;
 
 /// Bytes of a stream's start that are asked for first: the heads of scenes up to some million
@@ -49,6 +50,7 @@ pub struct Reader {
     /// The layers of each chunk, as far as they have arrived.
     layers: Vec<Vec<Buffer>>,
     decoder: ChunkDecoder,
+    held: Option<Held>,
 }
 
 /// What has arrived of a range of the stream. Its memory is that of the bytes that have arrived.
@@ -198,34 +200,6 @@ impl Reader {
         let Some(entry) = self.index.as_ref().and_then(|i| i.chunks.get(chunk)) else { return 0 };
         let whole = entry.layers.iter().zip(&self.layers[chunk]);
         whole.take_while(|(layer, buffer)| buffer.front().len() as u64 == layer.len).count()
-    }
-
-    /// Decodes the first `layers` layers of a chunk: its Gaussians, at the SH degree of these layers.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`] if a layer has not arrived, [`Error::Checksum`] and others if it is damaged.
-    pub fn decode(&mut self, chunk: usize, layers: usize) -> Result<Scene> {
-        let missing = self.needs(chunk, layers.max(1));
-        let (Some(index), None) = (&self.index, missing.first()) else {
-            let (offset, need) = missing.first().map_or((0, 0), |r| (r.start, r.end - r.start));
-            let (offset, need) = (offset as usize, need as usize);
-            return Err(Error::Truncated { what: "a chunk", offset, need, have: 0 });
-        };
-        let Some(entry) = index.chunks.get(chunk) else {
-            return Err(Error::Corrupt { what: "number of a chunk", value: chunk as u64 });
-        };
-        let bytes: Vec<&[u8]> =
-            self.layers[chunk].iter().take(layers.max(1)).map(Buffer::front).collect();
-        for (number, (bytes, &layer)) in bytes.iter().zip(&entry.layers).enumerate() {
-            verify(bytes, chunk, number, layer)?;
-        }
-        if entry.kind == Kind::Exact {
-            return decode_exact(index, chunk, bytes[0]);
-        }
-        decode_leaf_chunk(index, chunk, &bytes, &mut self.decoder)?;
-        let mut scene = Scene::zeros(self.decoder.leaves().len(), bytes.len() as u8 - 1);
-        self.decoder.fill(&index.header, 0, &mut GaussiansMut::of(&mut scene))?;
-        Ok(scene)
     }
 
     /// Forgets the bytes of a chunk, when it is decoded or not wanted any more.

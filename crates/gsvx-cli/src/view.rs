@@ -1,0 +1,100 @@
+//! `gsvx view`: serves the viewer page and the files on the loopback address.
+
+mod answer;
+
+use crate::exit::note;
+use crate::interrupt;
+use crate::report::Reporter;
+use crate::views;
+use anyhow::{Context, Result, anyhow, bail};
+use serde_json::json;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tiny_http::Server;
+
+/// Shown after the help.
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  gsvx view scene.gsvx
+  gsvx view scene.gsvx point_cloud.ply       side by side, with a line to move
+  gsvx view scene.gsvx --port 8000 --no-open";
+
+/// Requests that are answered at once: a page fetches some ranges side by side.
+const ANSWERERS: usize = 4;
+
+/// Arguments of `gsvx view`.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// A stream, PLY, .splat or SPZ, and a second one to compare it with.
+    #[arg(required = true, num_args = 1..=2)]
+    files: Vec<PathBuf>,
+    /// Port on this machine; 0 takes a free one.
+    #[arg(long, default_value_t = 0)]
+    port: u16,
+    /// Do not open the browser.
+    #[arg(long)]
+    no_open: bool,
+}
+
+/// Serves until it is interrupted.
+pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+    for file in &args.files {
+        readable(file)?;
+    }
+    let server = Server::http(("127.0.0.1", args.port)).map_err(|e| {
+        anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
+    })?;
+    let address = server.server_addr().to_ip().context("the server has no address")?;
+    let url = page(&address.to_string(), &args.files);
+    interrupt::is_the_end();
+    report.say(false, &format!("{url}\nCtrl-C ends"), &json!({ "url": url }))?;
+    if !args.no_open
+        && let Err(error) = open::that_detached(&url)
+    {
+        note(format_args!("the browser does not open by itself ({error}): open the address above"));
+    }
+    let (server, files) = (Arc::new(server), Arc::new(args.files.clone()));
+    let host = address.to_string();
+    let answerers: Vec<_> = (0..ANSWERERS)
+        .map(|_| {
+            let (server, files, host) = (Arc::clone(&server), Arc::clone(&files), host.clone());
+            std::thread::spawn(move || {
+                while let Ok(request) = server.recv() {
+                    answer::answer(request, &host, &files);
+                }
+            })
+        })
+        .collect();
+    for answerer in answerers {
+        answerer.join().map_err(|_| anyhow!("the server ended"))?;
+    }
+    Ok(())
+}
+
+/// Tells before the browser opens that a file cannot be shown.
+fn readable(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        bail!("{}: is a folder; name the model in it", path.display());
+    }
+    File::open(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    Ok(())
+}
+
+/// The address of the page with the files to show. Where cameras lie beside them, it says what is up, and
+/// the page starts at the first of them.
+fn page(host: &str, files: &[PathBuf]) -> String {
+    let name = |i: usize| answer::place(i, &files[i]);
+    let mut url = format!("http://{host}/?url={}", name(0));
+    if files.len() > 1 {
+        url += &format!("&compare={}", name(1));
+    }
+    let views = views::beside(&files[0]).unwrap_or_default();
+    let mut add = |name: &str, [x, y, z]: [f64; 3]| url += &format!("&{name}={x:.4},{y:.4},{z:.4}");
+    if let (Some(up), Some(first)) = (views::up(&views), views.first()) {
+        add("up", up);
+        add("eye", first.camera.position().into());
+        add("ahead", first.camera.rotation.row(2).into());
+    }
+    url
+}

@@ -1,0 +1,107 @@
+//! `gsvx view`: what it serves, and how it ends.
+
+mod common;
+
+use common::{gsvx, one_line, room};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Stdio};
+
+/// A running `gsvx view` and its address.
+struct View {
+    child: Child,
+    host: String,
+    page: String,
+}
+
+impl View {
+    fn of(files: &[&std::path::Path]) -> Self {
+        let mut child = gsvx()
+            .args(["view", "--no-open"])
+            .args(files)
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("gsvx starts");
+        let mut line = String::new();
+        let out = child.stdout.as_mut().expect("its output");
+        BufReader::new(out).read_line(&mut line).expect("the address");
+        let page = line.trim().to_owned();
+        let host = page["http://".len()..].split('/').next().expect("a host").to_owned();
+        Self { child, host, page }
+    }
+
+    /// Status line, headers and body.
+    fn get(&self, path: &str, headers: &str) -> (String, Vec<u8>) {
+        let host = format!("Host: {}\r\n", self.host);
+        self.send(&format!("GET {path} HTTP/1.1\r\n{host}Connection: close\r\n{headers}\r\n"))
+    }
+
+    fn send(&self, request: &str) -> (String, Vec<u8>) {
+        let mut stream = TcpStream::connect(&self.host).expect("a connection");
+        stream.write_all(request.as_bytes()).expect("the request is sent");
+        let mut all = Vec::new();
+        stream.read_to_end(&mut all).expect("an answer");
+        let end = all.windows(4).position(|w| w == b"\r\n\r\n").expect("the end of the headers");
+        (String::from_utf8_lossy(&all[..end]).into_owned(), all[end + 4..].to_vec())
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn page_and_ranges_are_served() {
+    let model = room().join("point_cloud.ply");
+    let all = std::fs::read(&model).expect("the model");
+    let view = View::of(&[&model]);
+    // The cameras of the room say what is up.
+    assert!(view.page.contains("/?url=/file/0/point_cloud.ply&up=0.0"), "{}", view.page);
+    let (head, body) = view.get("/?url=x", "");
+    assert!(head.starts_with("HTTP/1.1 200") && head.contains("Content-Encoding: gzip"), "{head}");
+    assert!(body.starts_with(&[0x1f, 0x8b]));
+    let (head, body) = view.get("/file/0/point_cloud.ply", "");
+    assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+    assert!(head.contains(&format!("Content-Length: {}", all.len())), "{head}");
+    assert!(body == all);
+    let (head, body) = view.get("/file/0/point_cloud.ply", "Range: bytes=100-199\r\n");
+    assert!(head.starts_with("HTTP/1.1 206"), "{head}");
+    assert!(head.contains(&format!("Content-Range: bytes 100-199/{}", all.len())), "{head}");
+    assert!(body == all[100..200]);
+    let beyond = format!("Range: bytes={}-\r\n", all.len());
+    assert!(view.get("/file/0/point_cloud.ply", &beyond).0.starts_with("HTTP/1.1 416"));
+}
+
+#[test]
+fn nothing_else_is_served() {
+    let view = View::of(&[&room().join("point_cloud.ply")]);
+    for path in ["/file/1/point_cloud.ply", "/file/0/other", "/file/0/../README.md", "/etc/passwd"]
+    {
+        assert!(view.get(path, "").0.starts_with("HTTP/1.1 404"), "{path}");
+    }
+    let (head, _) = view.send("GET / HTTP/1.1\r\nHost: example.org\r\nConnection: close\r\n\r\n");
+    assert!(head.starts_with("HTTP/1.1 403"), "{head}");
+    let host = &view.host;
+    let post = format!(
+        "POST / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+    );
+    assert!(view.send(&post).0.starts_with("HTTP/1.1 405"));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interruption_is_the_end_and_no_error() {
+    let mut view = View::of(&[&room().join("point_cloud.ply")]);
+    let pid = view.child.id().to_string();
+    std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill runs");
+    assert_eq!(view.child.wait().expect("it ends").code(), Some(0));
+}
+
+#[test]
+fn a_file_that_is_not_there_is_named() {
+    let out = gsvx().args(["view", "--no-open", "nothing.gsvx"]).output().expect("gsvx starts");
+    one_line(&out, "nothing.gsvx: cannot be read");
+}

@@ -1,0 +1,134 @@
+// Decodes gsvx streams: https://github.com/gsvx/gsvx
+import { GsvxError } from './error.js';
+import { load } from './load.js';
+
+export { GsvxError };
+
+const LAYOUTS = ['planar', 'packed', 'covariances'];
+
+function number(name, value, least, most) {
+  if (!(Number.isInteger(value) && value >= least && value <= most)) {
+    throw new GsvxError(`${name} is ${value}, must be a whole number from ${least} to ${most}`, { code: 'option' });
+  }
+  return value;
+}
+
+/** What a worker needs of the options, checked. */
+function checked({ layout = 'planar', maxShDegree = 3, lod = 0, salvage = false, limits = {}, request, onChunk, progressive = Boolean(onChunk) }) {
+  if (!LAYOUTS.includes(layout)) {
+    throw new GsvxError(`layout is ${layout}, must be ${LAYOUTS.join(', ')}`, { code: 'option' });
+  }
+  number('maxShDegree', maxShDegree, 0, 3);
+  number('lod', lod, 0, 255);
+  const { gaussians, bytes } = limits;
+  const whole = !onChunk;
+  return { layout, maxShDegree, lod, salvage: Boolean(salvage), limits: { gaussians, bytes }, request, whole, progressive: progressive && !whole };
+}
+
+/** A source that can go to a worker. */
+function sendable(source) {
+  if (typeof source === 'string' || source instanceof URL) {
+    try {
+      return new URL(source, globalThis.location?.href).href;
+    } catch {
+      throw new GsvxError(`${source} is not a URL`, { code: 'option' });
+    }
+  }
+  if (typeof Response !== 'undefined' && source instanceof Response) {
+    if (!source.ok) throw new GsvxError(`${source.url}: HTTP ${source.status}`, { code: 'http', status: source.status });
+    return source.body;
+  }
+  const known = source instanceof Blob || source instanceof ReadableStream || source instanceof ArrayBuffer ||
+    ArrayBuffer.isView(source);
+  if (!known) {
+    throw new GsvxError('a source is a URL, a Response, a Blob, a ReadableStream or bytes', { code: 'option' });
+  }
+  return source;
+}
+
+/** Starts a worker; returns how to send to it, hear from it and end it. */
+async function spawn(make) {
+  if (typeof make === 'function' || typeof Worker !== 'undefined') {
+    const worker = typeof make === 'function' ? make()
+      : new Worker(new URL('./worker.js', import.meta.url), { type: 'module' });
+    return {
+      send: (message, transfer) => worker.postMessage(message, transfer),
+      hear(onMessage, onError) {
+        worker.onmessage = ({ data }) => onMessage(data);
+        worker.onerror = (event) => onError(new Error(event.message ?? 'the worker cannot be started'));
+      },
+      end: () => worker.terminate(),
+    };
+  }
+  const threads = await import(/* @vite-ignore */ /* webpackIgnore: true */ 'node:worker_threads');
+  const worker = new threads.Worker(new URL('./worker.js', import.meta.url));
+  return {
+    send: (message, transfer) => worker.postMessage(message, transfer),
+    hear(onMessage, onError) {
+      worker.on('message', onMessage);
+      worker.on('error', onError);
+    },
+    end: () => worker.terminate(),
+  };
+}
+
+async function inWorker(make, message, transfer, handle, signal) {
+  const worker = await spawn(make);
+  let abort;
+  try {
+    return await new Promise((resolve, reject) => {
+      abort = () => reject(signal.reason);
+      signal?.throwIfAborted();
+      signal?.addEventListener('abort', abort);
+      worker.hear((received) => {
+        if (received.type === 'done') resolve(received.result);
+        else if (received.type === 'error') reject(GsvxError.from(received.error));
+        else {
+          try {
+            handle(received);
+          } catch (thrown) {
+            reject(thrown);
+          }
+        }
+      }, (error) => reject(GsvxError.from(error)));
+      worker.send(message, transfer);
+    });
+  } finally {
+    signal?.removeEventListener('abort', abort);
+    worker.end();
+  }
+}
+
+/**
+ * Decodes a stream. With `onChunk`, chunks are handed out as they become whole, the coarse level first;
+ * without, the scene is returned when it is whole. See index.d.ts.
+ */
+export async function decode(source, options = {}) {
+  const { onHead, onChunk, onProgress, signal, worker = true, wasm } = options;
+  const settings = checked(options);
+  signal?.throwIfAborted();
+  const input = sendable(await source);
+  const module = await load(wasm);
+  signal?.throwIfAborted();
+  let scene;
+  const handle = ({ type, ...message }) => {
+    if (type === 'head') onHead?.(message.head);
+    else if (type === 'chunk') onChunk(message);
+    else if (type === 'scene') ({ scene } = message);
+    else onProgress?.(message);
+  };
+  let result;
+  if (worker) {
+    const transfer = input instanceof ReadableStream ? [input] : [];
+    result = await inWorker(worker, { module, source: input, options: settings }, transfer, handle, signal);
+  } else {
+    const { ready, run } = await import('./core.js');
+    await ready(module);
+    const checkedHandle = (message) => {
+      signal?.throwIfAborted();
+      handle(message);
+    };
+    result = await run(input, { ...settings, yields: true }, checkedHandle, signal);
+  }
+  return scene ? { ...scene, skipped: result.skipped, memory: result.memory } : result;
+}

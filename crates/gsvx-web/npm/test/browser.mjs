@@ -1,0 +1,123 @@
+// Chromium and a file server for the tests that need a browser.
+import { createServer } from 'node:http';
+import { existsSync, readFileSync, statSync } from 'node:fs';
+import { spawnSync } from 'node:child_process';
+import { createRequire } from 'node:module';
+import { extname, join, normalize } from 'node:path';
+
+const npm = process.env.GSVX_NPM;
+
+/** Where Chromium is; undefined if it is not installed. */
+export function chromium() {
+  const names = [process.env.CHROMIUM, '/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome'];
+  return names.find((name) => name && existsSync(name));
+}
+
+/** Why the tests here cannot run; false if they can. */
+export function missing() {
+  if (!chromium()) return 'SKIPPED: chromium is not installed (Debian: apt-get install chromium)';
+  if (!existsSync(join(npm, 'node_modules/playwright-core'))) return 'SKIPPED: npm ci was not run';
+  return false;
+}
+
+export async function launch(more = []) {
+  const { chromium: engine } = createRequire(join(npm, 'package.json'))('playwright-core');
+  return engine.launch({
+    executablePath: chromium(),
+    headless: true,
+    args: ['--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update',
+      '--disable-sync', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--enable-precise-memory-info', ...more],
+  });
+}
+
+const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.mjs': 'text/javascript', '.wasm': 'application/wasm', '.png': 'image/png', '.json': 'application/json' };
+
+/**
+ * Serves folders by the first part of the path. Query: `ranges=no` answers without ranges, `rate=N` sends N
+ * bytes a second, `cut=N` ends the file after N bytes, `flip=N` damages byte N, `hang=N` sends N bytes and
+ * then nothing.
+ */
+export async function serve(folders) {
+  const log = [];
+  const server = createServer((request, response) => {
+    const url = new URL(request.url, 'http://x');
+    const [, first, ...rest] = url.pathname.split('/').map(decodeURIComponent);
+    const path = folders[first] && normalize(join(folders[first], ...rest));
+    if (!path || !path.startsWith(normalize(folders[first])) || !existsSync(path) || !statSync(path).isFile()) {
+      response.writeHead(404, { 'Content-Type': 'text/plain' }).end('not here');
+      return;
+    }
+    const query = Object.fromEntries(url.searchParams);
+    let all = readFileSync(path);
+    if (query.cut) all = all.subarray(0, Number(query.cut));
+    if (query.flip) all[Number(query.flip)] ^= 4;
+    log.push({ path: url.pathname, range: request.headers.range });
+    const headers = { 'Content-Type': TYPES[extname(path)] ?? 'application/octet-stream', 'Cache-Control': 'no-store', 'Cross-Origin-Opener-Policy': 'same-origin', 'Cross-Origin-Embedder-Policy': 'require-corp' };
+    const range = query.ranges !== 'no' && /bytes=(\d+)-(\d*)/.exec(request.headers.range ?? '');
+    let status = 200;
+    if (range) {
+      const [start, end] = [Number(range[1]), Math.min(range[2] ? Number(range[2]) + 1 : all.length, all.length)];
+      headers['Content-Range'] = `bytes ${start}-${end - 1}/${all.length}`;
+      all = all.subarray(start, end);
+      status = 206;
+    }
+    response.writeHead(status, { ...headers, 'Content-Length': all.length });
+    if (query.hang) response.write(all.subarray(0, Number(query.hang)));
+    else if (query.rate) slowly(response, all, Number(query.rate));
+    else response.end(all);
+  });
+  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+  const base = `http://127.0.0.1:${server.address().port}`;
+  const close = () => {
+    server.closeAllConnections();
+    return new Promise((resolve) => server.close(resolve));
+  };
+  return { base, log, close };
+}
+
+/** Sends bytes at a rate, a fiftieth of a second's at a time. */
+function slowly(response, bytes, rate) {
+  const start = performance.now();
+  let sent = 0;
+  const timer = setInterval(() => {
+    const due = Math.min(bytes.length, Math.floor((rate * (performance.now() - start)) / 1000));
+    if (due > sent) response.write(bytes.subarray(sent, due));
+    sent = due;
+    if (sent === bytes.length || response.destroyed) {
+      clearInterval(timer);
+      response.end();
+    }
+  }, 20);
+}
+
+/** Runs the gsvx command. */
+export function gsvx(...args) {
+  const { status, stderr, stdout, error } = spawnSync(process.env.GSVX_BIN, args, { encoding: 'utf8' });
+  if (error || status !== 0) throw error ?? new Error(`gsvx ${args.join(' ')}: ${stderr}`);
+  return stdout;
+}
+
+/** PSNR of two PNGs of the same size, by the page's own decoder. */
+export function psnr(page, one, other) {
+  return page.evaluate(async ([a, b]) => {
+    const pixels = async (base64) => {
+      const blob = await (await fetch(`data:image/png;base64,${base64}`)).blob();
+      const image = await createImageBitmap(blob, { colorSpaceConversion: 'none' });
+      const canvas = new OffscreenCanvas(image.width, image.height).getContext('2d');
+      canvas.drawImage(image, 0, 0);
+      return canvas.getImageData(0, 0, image.width, image.height);
+    };
+    const [x, y] = await Promise.all([pixels(a), pixels(b)]);
+    if (x.width !== y.width || x.height !== y.height) throw new Error(`${x.width}x${x.height}, ${y.width}x${y.height}`);
+    let sum = 0;
+    for (let i = 0; i < x.data.length; i += 1) if (i % 4 !== 3) sum += (x.data[i] - y.data[i]) ** 2;
+    return 10 * Math.log10((255 * 255 * 0.75 * x.data.length) / sum);
+  }, [one.toString('base64'), other.toString('base64')]);
+}
+
+/** A camera of the fixture room as Inria's cameras.json has it, at the size of the tests' pictures. */
+export const CAMERA = {
+  id: 0, img_name: 'camera', width: 480, height: 320, fx: 390, fy: 390,
+  position: [0.35, -2.2, 0.8],
+  rotation: [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+};

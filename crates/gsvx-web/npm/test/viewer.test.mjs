@@ -1,0 +1,173 @@
+// The viewer page in Chromium, served by `gsvx view` and opened by itself.
+import assert from 'node:assert/strict';
+import { spawn } from 'node:child_process';
+import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { after, before, test } from 'node:test';
+import { gunzipSync } from 'node:zlib';
+import { CAMERA, gsvx, launch, missing, psnr, serve } from './browser.mjs';
+
+const skip = missing();
+if (skip) console.error(skip);
+const root = process.env.GSVX_ROOT;
+const pictures = join(root, 'out/web/pictures');
+const room = join(root, 'fixtures/room/point_cloud.ply');
+let folder;
+let server;
+let browser;
+
+before(async () => {
+  if (skip) return;
+  mkdirSync(pictures, { recursive: true });
+  folder = mkdtempSync(join(tmpdir(), 'gsvx-viewer-'));
+  gsvx('encode', room, '-o', join(folder, 'room.gsvx'), '--web');
+  gsvx('convert', room, join(folder, 'room.spz'));
+  gsvx('convert', room, join(folder, 'room.splat'));
+  writeFileSync(join(folder, 'cameras.json'), JSON.stringify([CAMERA]));
+  gsvx('render', join(folder, 'room.gsvx'), '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'reference.png'));
+  writeFileSync(join(folder, 'text.gsvx'), 'this is no stream, but text');
+  writeFileSync(join(folder, 'viewer.html'), gunzipSync(readFileSync(join(root, 'crates/gsvx-cli/view/index.html.gz'))));
+  server = await serve({ data: folder });
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await server?.close();
+  if (folder) rmSync(folder, { recursive: true, force: true });
+});
+
+async function page(address, options = {}) {
+  const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, ...options });
+  page.problems = [];
+  page.outside = [];
+  page.on('console', (m) => { if (m.type() === 'error' || m.type() === 'warning') page.problems.push(m.text()); });
+  page.on('pageerror', (e) => page.problems.push(e.message));
+  page.on('request', (r) => { if (!/^(http:\/\/127\.0\.0\.1|blob:|data:|file:)/.test(r.url())) page.outside.push(r.url()); });
+  await page.goto(address);
+  return page;
+}
+
+const local = (query) => `${server.base}/data/viewer.html?${new URLSearchParams(query)}`;
+const loaded = (page) => page.waitForFunction(() => window.gsvx?.slots.length && window.gsvx.slots.every((s) => s.complete), null, { timeout: 120000 });
+const text = (page, id) => page.locator(`#${id}`).innerText();
+/** What drivers in software warn of. */
+const quiet = (page) => page.problems.filter((p) => !/GPU stall|GL Driver Message|Automatic fallback to software/.test(p));
+const shot = async (page, name) => {
+  const png = await page.screenshot();
+  writeFileSync(join(pictures, `${name}.png`), png);
+  return png;
+};
+
+test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 180000 }, async () => {
+  const child = spawn(process.env.GSVX_BIN, ['view', '--no-open', room], { stdio: ['ignore', 'pipe', 'inherit'] });
+  try {
+    const [line] = await new Promise((resolve) => child.stdout.on('data', (d) => resolve(String(d).split('\n'))));
+    assert.match(line, /&eye=/);
+    const viewer = await page(line, { colorScheme: 'dark' });
+    await loaded(viewer);
+    await viewer.waitForTimeout(4000);
+    assert.equal(await text(viewer, 'title'), 'point_cloud.ply');
+    assert.equal(await text(viewer, 'count'), '11,001');
+    await shot(viewer, 'viewer-desktop-dark');
+    assert.deepEqual(quiet(viewer), []);
+    assert.deepEqual(viewer.outside, []);
+    await viewer.close();
+  } finally {
+    child.kill('SIGINT');
+  }
+  assert.equal(await new Promise((resolve) => child.on('exit', resolve)), 0);
+});
+
+for (const name of ['room.gsvx', 'room.spz']) {
+  test(`${name}: the picture is that of gsvx render`, { skip, timeout: 180000 }, async () => {
+    const query = { url: `/data/${name}`, camera: JSON.stringify(CAMERA), background: '#000' };
+    const viewer = await page(local(query), { viewport: { width: CAMERA.width, height: CAMERA.height } });
+    await loaded(viewer);
+    await viewer.keyboard.press('h');
+    await viewer.waitForTimeout(4000);
+    const got = await psnr(viewer, await shot(viewer, `viewer-${name}`), readFileSync(join(folder, 'reference.png')));
+    console.log(`viewer, ${name}: ${got.toFixed(2)} dB`);
+    assert.ok(got >= 30, `${got} dB`);
+    assert.deepEqual(quiet(viewer), []);
+    await viewer.close();
+  });
+}
+
+test('a phone shows the coarse level first, then two scenes beside each other', { skip, timeout: 240000 }, async () => {
+  const rate = Math.round(readFileSync(join(folder, 'room.gsvx')).length / 8);
+  const start = { up: '0,0,1', eye: '0,-2.2,1', ahead: '0,1,-0.1' };
+  const phone = { viewport: { width: 390, height: 780 }, colorScheme: 'light', hasTouch: true, isMobile: true, deviceScaleFactor: 1 };
+  const viewer = await page(local({ url: `/data/room.gsvx?rate=${rate}`, ...start }), phone);
+  await viewer.waitForFunction(() => window.gsvx?.log?.length > 0, null, { timeout: 60000 });
+  assert.match(await viewer.locator('#layers').textContent(), /coarse/);
+  await viewer.waitForTimeout(1500);
+  await shot(viewer, 'viewer-phone-coarse');
+  await loaded(viewer);
+  assert.equal(await viewer.locator('#layers').textContent(), 'base + SH 1–3');
+  await viewer.close();
+  const two = await page(local({ url: '/data/room.gsvx', compare: '/data/room.splat', ...start }), phone);
+  await loaded(two);
+  await two.waitForTimeout(5000);
+  assert.equal(await two.locator('#divider').isVisible(), true);
+  await shot(two, 'viewer-phone-split-light');
+  await two.locator('#divider').press('ArrowRight');
+  assert.equal(await two.locator('#divider').getAttribute('aria-valuenow'), '52');
+  assert.deepEqual(quiet(two), []);
+  await two.close();
+});
+
+test('all is done by keys, and every control has a name', { skip, timeout: 120000 }, async () => {
+  const viewer = await page(local({ url: '/data/room.gsvx' }));
+  await loaded(viewer);
+  const names = await viewer.$$eval('button, input:not([type=file]), select, [role=separator]', (all) =>
+    all.filter((e) => e.checkVisibility()).map((e) => (e.ariaLabel || e.labels?.[0]?.textContent || e.textContent).trim()));
+  assert.ok(names.length >= 7 && names.every(Boolean), names.join());
+  const seen = new Set();
+  for (let i = 0; i < 10; i += 1) {
+    await viewer.keyboard.press('Tab');
+    seen.add(await viewer.evaluate(() => document.activeElement.id || document.activeElement.tagName));
+  }
+  for (const id of ['toggle', 'sh', 'lod', 'up', 'open', 'compare', 'reset']) assert.ok(seen.has(id), `${id} of ${[...seen]}`);
+  const frames = () => viewer.evaluate(() => window.gsvx.frames);
+  await viewer.waitForTimeout(3000);
+  const before = await frames();
+  await viewer.evaluate(() => document.activeElement.blur());
+  await viewer.keyboard.press('w', { delay: 300 });
+  await viewer.waitForTimeout(1000);
+  assert.ok((await frames()) > before);
+  await viewer.locator('#lod').selectOption('1');
+  await viewer.waitForFunction(() => window.gsvx.slots[0].lod === 1 && window.gsvx.slots[0].complete);
+  assert.match(await text(viewer, 'count'), /^1,\d{3}$/);
+  await viewer.locator('#toggle').click();
+  assert.equal(await viewer.locator('#body').isVisible(), false);
+  assert.deepEqual(quiet(viewer), []);
+  await viewer.close();
+});
+
+test('what fails says so, and what is there is shown', { skip, timeout: 180000 }, async () => {
+  const cases = [
+    ['room.gsvx?cut=30000', /room\.gsvx: the stream ends at byte 30000 of \d+: chunk 1/, true],
+    ['room.gsvx?flip=60000', /room\.gsvx: chunk 1, layer 0 .* is damaged/, true],
+    ['nothing.gsvx', /HTTP 404/, false], ['text.gsvx', /text\.gsvx: not a gsvx stream/, false],
+  ];
+  for (const [file, pattern, shows] of cases) {
+    const viewer = await page(local({ url: `/data/${file}` }));
+    await viewer.waitForFunction(() => document.getElementById('message').textContent);
+    assert.match(await viewer.locator('#message').textContent(), pattern);
+    assert.equal(await viewer.evaluate(() => (window.gsvx.log ?? []).some((c) => c.lod > 0)), shows, file);
+    await viewer.close();
+  }
+});
+
+test('the page opens from a file, without a server', { skip, timeout: 120000 }, async () => {
+  const viewer = await page(`file://${join(folder, 'viewer.html')}`);
+  assert.equal(await viewer.locator('#welcome').isVisible(), true);
+  await viewer.setInputFiles('#file', join(folder, 'room.splat'));
+  await loaded(viewer);
+  assert.equal(await text(viewer, 'count'), '11,001');
+  await viewer.waitForTimeout(2000);
+  await shot(viewer, 'viewer-file');
+  assert.deepEqual(quiet(viewer), []);
+  await viewer.close();
+});

@@ -1,0 +1,128 @@
+// The camera: orbit by mouse and touch, fly and turn by keys. Both views share it.
+import { PerspectiveCamera, Spherical, Quaternion, Vector3 } from 'three';
+import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+
+const FOV = 50;
+/** Keys that fly: right, up, back, in units of the distance per second. */
+const FLY = { KeyW: [0, 0, -1], KeyS: [0, 0, 1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0] };
+/** Keys that turn: around, up. */
+const TURN = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+const ZOOM = { Equal: -1, NumpadAdd: -1, Minus: 1, NumpadSubtract: 1 };
+
+export class Camera {
+  constructor(element, onChange) {
+    this.camera = new PerspectiveCamera(FOV, 1, 0.01, 1000);
+    this.element = element;
+    this.onChange = onChange;
+    this.keys = new Set();
+    this.up = new Vector3(0, -1, 0);
+    this.home = { centre: [0, 0, 0], radius: 1 };
+    this.listen();
+    this.controlled();
+  }
+
+  /** Orbit controls take the direction of up when they are made. */
+  controlled() {
+    this.controls?.dispose();
+    this.camera.up.copy(this.up);
+    this.controls = new OrbitControls(this.camera, this.element);
+    this.controls.enableDamping = !matchMedia('(prefers-reduced-motion: reduce)').matches;
+    this.controls.dampingFactor = 0.12;
+    this.controls.addEventListener('change', this.onChange);
+  }
+
+  listen() {
+    const typing = (event) => event.target.closest?.('input, select, textarea, [role="separator"]') || event.ctrlKey || event.metaKey || event.altKey;
+    addEventListener('keydown', (event) => {
+      if (typing(event) || !(event.code in FLY || event.code in TURN || event.code in ZOOM)) return;
+      event.preventDefault();
+      this.keys.add(event.code);
+      this.onChange();
+    });
+    addEventListener('keyup', (event) => this.keys.delete(event.code));
+    addEventListener('blur', () => this.keys.clear());
+  }
+
+  setUp(up) {
+    this.up.set(...up);
+    this.controlled();
+    this.reset();
+  }
+
+  /** Looks at what `bulk` found. */
+  frame(home) {
+    this.home = home;
+    this.reset();
+  }
+
+  reset() {
+    const { centre, radius } = this.home;
+    if (this.start) {
+      const { eye, ahead } = this.start;
+      this.camera.position.set(...eye);
+      const distance = Math.max(this.camera.position.distanceTo(new Vector3(...centre)), 0.2 * radius);
+      this.controls.target.copy(this.camera.position).addScaledVector(new Vector3(...ahead), distance);
+      this.finish(distance);
+      return;
+    }
+    // Along the horizontal axis of most data sets: from -y where z is up, else from -z.
+    const ahead = Math.abs(this.up.z) > 0.5 ? new Vector3(0, 1, 0) : new Vector3(0, 0, 1);
+    const half = (Math.min(1, this.camera.aspect) * FOV * Math.PI) / 360;
+    const distance = (0.9 * radius) / Math.tan(half);
+    this.controls.target.set(...centre);
+    this.camera.position.copy(this.controls.target).addScaledVector(ahead, -distance).addScaledVector(this.up, 0.25 * distance);
+    this.finish(distance);
+  }
+
+  finish(distance) {
+    this.camera.near = distance / 500;
+    this.camera.far = distance * 500;
+    this.camera.updateProjectionMatrix();
+    this.controls.update();
+    this.onChange();
+  }
+
+  /** Stands where a camera of cameras.json stands. */
+  fixed({ position, rotation, fy, height }) {
+    const column = (k, sign) => new Vector3(...[0, 1, 2].map((i) => sign * rotation[i][k]));
+    this.controls.dispose();
+    this.isFixed = true;
+    this.camera.fov = (2 * Math.atan(height / 2 / fy) * 180) / Math.PI;
+    this.camera.near = 0.01;
+    this.camera.far = 100;
+    this.camera.matrixAutoUpdate = false;
+    this.camera.matrix.makeBasis(column(0, 1), column(1, -1), column(2, -1)).setPosition(new Vector3(...position));
+    this.camera.updateMatrixWorld(true);
+    this.camera.updateProjectionMatrix();
+  }
+
+  resize(width, height) {
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+  }
+
+  /** Moves by the keys that are down. */
+  step(seconds) {
+    if (this.isFixed) return;
+    const { camera, controls } = this;
+    const offset = camera.position.clone().sub(controls.target);
+    const distance = offset.length();
+    for (const key of this.keys) {
+      if (FLY[key]) {
+        const move = new Vector3(...FLY[key]).multiplyScalar(0.7 * distance * seconds).applyQuaternion(camera.quaternion);
+        camera.position.add(move);
+        controls.target.add(move);
+      } else {
+        const level = new Quaternion().setFromUnitVectors(this.up, new Vector3(0, 1, 0));
+        const place = new Spherical().setFromVector3(offset.clone().applyQuaternion(level));
+        place.theta += 1.2 * seconds * (TURN[key]?.[0] ?? 0);
+        place.phi -= 1.2 * seconds * (TURN[key]?.[1] ?? 0);
+        place.radius *= Math.exp((ZOOM[key] ?? 0) * seconds);
+        place.makeSafe();
+        camera.position.copy(controls.target).add(offset.setFromSpherical(place).applyQuaternion(level.invert()));
+      }
+    }
+    if (this.keys.size) this.onChange();
+    controls.update(seconds);
+  }
+}

@@ -1,0 +1,23 @@
+// Loads a scene in a worker of its own. Worker and decoder are in the page: build.mjs puts them there.
+import { GsvxError } from '../error.js';
+
+/* global WORKER, WASM */
+const bytes = Uint8Array.from(atob(WASM), (c) => c.charCodeAt(0));
+const module = WebAssembly.compile(bytes);
+const script = URL.createObjectURL(new Blob([WORKER], { type: 'text/javascript' }));
+
+/** Loads `source`, a URL or a file. `handle` gets its messages; the promise settles at the end. */
+export function load(source, name, lod, handle, signal) {
+  const options = { layout: 'packed', maxShDegree: 3, lod, salvage: true, limits: {}, progressive: true };
+  const worker = new Worker(script);
+  return new Promise((resolve, reject) => {
+    signal.addEventListener('abort', () => reject(signal.reason));
+    worker.onerror = (event) => reject(new Error(event.message));
+    worker.onmessage = ({ data }) => {
+      if (data.type === 'done') resolve(data.result);
+      else if (data.type === 'error') reject(GsvxError.from(data.error));
+      else handle(data);
+    };
+    module.then((compiled) => worker.postMessage({ module: compiled, source, name, options }), reject);
+  }).finally(() => worker.terminate());
+}

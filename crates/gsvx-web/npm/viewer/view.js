@@ -1,0 +1,70 @@
+// One scene on one canvas, drawn by Spark; its pieces come and go while it loads.
+import { SparkRenderer } from '@sparkjsdev/spark';
+import { Color, Scene, WebGLRenderer } from 'three';
+import { splatMesh } from '../spark.js';
+
+export class View {
+  constructor(parent, onDirty) {
+    this.renderer = new WebGLRenderer({ antialias: false, powerPreference: 'high-performance' });
+    this.canvas = this.renderer.domElement;
+    parent.append(this.canvas);
+    this.scene = new Scene();
+    // As gsvx render and the trainers draw.
+    this.spark = new SparkRenderer({
+      renderer: this.renderer, onDirty, sortRadial: false, preBlurAmount: 0.3, maxStdDev: 3, minAlpha: 1 / 255,
+    });
+    this.scene.add(this.spark);
+    this.pieces = new Map();
+    this.maxSh = 3;
+  }
+
+  background(colour) {
+    this.scene.background = new Color(colour);
+  }
+
+  resize(width, height, ratio) {
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+  }
+
+  /** Shows a chunk in the place of what it replaces. */
+  put(chunk) {
+    const mesh = splatMesh(chunk);
+    mesh.maxSh = this.maxSh;
+    for (const id of [chunk.id, ...chunk.replaces]) this.drop(id);
+    this.pieces.set(chunk.id, mesh);
+    this.scene.add(mesh);
+  }
+
+  drop(id) {
+    const mesh = this.pieces.get(id);
+    if (!mesh) return;
+    this.pieces.delete(id);
+    this.scene.remove(mesh);
+    mesh.dispose();
+  }
+
+  clear() {
+    for (const id of [...this.pieces.keys()]) this.drop(id);
+  }
+
+  /** Draws SH coefficients up to this degree. */
+  setMaxSh(degree) {
+    this.maxSh = degree;
+    for (const mesh of this.pieces.values()) {
+      mesh.maxSh = degree;
+      mesh.updateGenerator();
+    }
+  }
+
+  draw(camera) {
+    this.renderer.render(this.scene, camera);
+  }
+
+  dispose() {
+    this.clear();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+    this.canvas.remove();
+  }
+}

@@ -1,0 +1,53 @@
+// One loading in a thread of its own: a stream, or a model in another format, which is read whole.
+import { GsvxError } from '../error.js';
+import { ready, run } from '../core.js';
+import { open } from '../source.js';
+import { Model } from '../wasm/gsvx.js';
+
+/** Gaussians of a model that are handed out at a time. */
+const PIECE = 1 << 16;
+
+async function bytesOf(input) {
+  if (input.range) return input.range(0, input.length);
+  const pieces = [];
+  let received = 0;
+  for await (const piece of input.pieces()) {
+    pieces.push(piece);
+    received += piece.length;
+    postMessage({ type: 'progress', received, length: input.length, gaussians: 0 });
+  }
+  const all = new Uint8Array(received);
+  let at = 0;
+  for (const piece of pieces) {
+    all.set(piece, at);
+    at += piece.length;
+  }
+  return all;
+}
+
+async function model(source, name) {
+  const bytes = await bytesOf(await open(source, {}));
+  const model = new Model(name, bytes);
+  const { count, shDegree } = model;
+  postMessage({ type: 'head', head: { count, total: count, shDegree, lods: 1, lod: 0, length: bytes.length, chunks: [] } });
+  for (let first = 0; first < count; first += PIECE) {
+    const size = Math.min(PIECE, count - first);
+    const data = model.take(first, size, Math.ceil(size / 2048) * 2048, 'packed', shDegree);
+    const message = { type: 'chunk', id: `${first}`, replaces: [], lod: 0, shDegree, count: size, data };
+    postMessage(message, Object.values(data).map((array) => array.buffer));
+  }
+  model.free();
+  return { skipped: [], received: bytes.length };
+}
+
+onmessage = async ({ data: { module, source, name, options } }) => {
+  try {
+    await ready(module);
+    const hand = (message, transfer) => postMessage(message, transfer ?? []);
+    const other = /\.(ply|spz|splat)$/i.test(name);
+    const result = other ? await model(source, name) : await run(source, options, hand);
+    postMessage({ type: 'done', result });
+  } catch (thrown) {
+    postMessage({ type: 'error', error: GsvxError.from(thrown).plain() });
+  }
+};

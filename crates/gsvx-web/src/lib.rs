@@ -1,0 +1,12 @@
+#![doc = include_str!("../README.md")]
+
+mod error;
+mod head;
+mod layout;
+#[cfg(feature = "models")]
+mod model;
+mod stream;
+
+#[cfg(feature = "models")]
+pub use model::Model;
+pub use stream::Stream;

@@ -1,0 +1,72 @@
+//! Models in other formats, for the viewer page: PLY, SPZ and .splat.
+
+use crate::error;
+use crate::layout;
+use gs_model::ply::{Invalid, ReadOptions};
+use gs_model::{Scene, model};
+use wasm_bindgen::prelude::*;
+
+/// Gaussians handed over at a time.
+const BLOCK: usize = 512;
+
+/// A model that was read whole.
+#[wasm_bindgen]
+#[derive(Debug)]
+pub struct Model {
+    scene: Scene,
+}
+
+#[wasm_bindgen]
+impl Model {
+    /// Reads a model. `name` tells a .splat from others. Invalid Gaussians are left out.
+    ///
+    /// # Errors
+    /// An object with `message` and `code`.
+    #[wasm_bindgen(constructor)]
+    pub fn new(name: &str, bytes: &[u8]) -> Result<Self, JsValue> {
+        let options = ReadOptions { invalid: Invalid::Drop, ..Default::default() };
+        let (scene, _) = model::read_named(name, bytes, &options)
+            .map_err(|e| JsValue::from(error::object(&e.to_string(), "model")))?;
+        Ok(Self { scene })
+    }
+
+    /// The number of Gaussians.
+    #[wasm_bindgen(getter)]
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.scene.len()
+    }
+
+    /// Highest SH degree.
+    #[wasm_bindgen(getter, js_name = shDegree)]
+    #[must_use]
+    pub fn sh_degree(&self) -> u8 {
+        self.scene.sh_degree
+    }
+
+    /// Some Gaussians as an object of typed arrays with room for `capacity`.
+    ///
+    /// # Errors
+    /// An object with `message` and `code` for an unknown layout.
+    pub fn take(
+        &self,
+        first: usize,
+        count: usize,
+        capacity: usize,
+        layout: &str,
+        sh_degree: u8,
+    ) -> Result<js_sys::Object, JsValue> {
+        let first = first.min(self.scene.len());
+        let count = count.min(self.scene.len() - first);
+        let sh_degree = sh_degree.min(self.scene.sh_degree);
+        let arrays = js_sys::Object::new();
+        let mut out = layout::named(layout, &arrays, capacity.max(count), sh_degree)?;
+        for at in (0..count).step_by(BLOCK) {
+            let mut block = Scene { sh_degree: self.scene.sh_degree, ..Scene::default() };
+            block.append_range(&self.scene, first + at..first + count.min(at + BLOCK));
+            block.cut_sh(sh_degree);
+            out.put(at, &block);
+        }
+        Ok(arrays)
+    }
+}

@@ -1,0 +1,120 @@
+//! The chunk that a reader holds decoded: its Gaussians are taken in blocks, and further layers are added
+//! to it without those before being decoded again.
+//!
+//! Invariant: what is held is what the first [`Held::layers`] layers of one chunk say. A layer that cannot
+//! be decoded leaves what is held as it was.
+
+use super::Reader;
+use crate::chunk::{GaussiansMut, resize};
+use crate::decode::{decode_exact, decode_leaf_chunk, verify};
+use crate::error::{Error, Result};
+use crate::head::Kind;
+use gpcc_lite::Leaf;
+use gs_model::Scene;
+use std::ops::Range;
+
+/// What is decoded of a chunk.
+#[derive(Debug)]
+pub(super) struct Held {
+    chunk: usize,
+    layers: usize,
+    /// The Gaussians of an exact chunk. Those of others are in the reader's decoder.
+    exact: Option<Scene>,
+}
+
+impl Reader {
+    /// Decodes the first `layers` layers of a chunk and holds the result in place of the last. Of a chunk
+    /// that is held already, only further layers are decoded. Returns the number of its Gaussians.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] if a layer has not arrived, [`Error::Checksum`] and others if it is damaged.
+    /// The layers before it are held then.
+    pub fn hold(&mut self, chunk: usize, layers: usize) -> Result<usize> {
+        let Some(index) = &self.index else {
+            return Err(Error::Truncated { what: "head", offset: 0, need: 0, have: 0 });
+        };
+        let Some(entry) = index.chunks.get(chunk) else {
+            return Err(Error::Corrupt { what: "number of a chunk", value: chunk as u64 });
+        };
+        let layers = layers.clamp(1, entry.layers.len());
+        if !self.held.as_ref().is_some_and(|h| h.chunk == chunk && h.layers <= layers) {
+            self.held = None;
+        }
+        for number in self.held.as_ref().map_or(0, |h| h.layers)..layers {
+            let (layer, bytes) = (entry.layers[number], self.layers[chunk][number].front());
+            if (bytes.len() as u64) < layer.len {
+                return Err(Error::Truncated {
+                    what: "a chunk",
+                    offset: layer.offset as usize,
+                    need: layer.len as usize,
+                    have: bytes.len(),
+                });
+            }
+            verify(bytes, chunk, number, layer)?;
+            let mut exact = None;
+            match (entry.kind, number) {
+                (Kind::Exact, _) => exact = Some(decode_exact(index, chunk, bytes)?),
+                (Kind::Leaves, 0) => decode_leaf_chunk(index, chunk, &[bytes], &mut self.decoder)?,
+                (Kind::Leaves, _) => self
+                    .decoder
+                    .next_degree(&index.header, bytes)
+                    .map_err(|source| Error::Chunk { chunk, source: Box::new(source) })?,
+            }
+            self.held = Some(Held { chunk, layers: number + 1, exact });
+        }
+        Ok(self.held_len())
+    }
+
+    /// The number of Gaussians of the chunk that is held; 0 without one.
+    #[must_use]
+    pub fn held_len(&self) -> usize {
+        match &self.held {
+            Some(Held { exact: Some(scene), .. }) => scene.len(),
+            Some(_) => self.decoder.leaves().len(),
+            None => 0,
+        }
+    }
+
+    /// The leaves of the chunk that is held, in the order of its Gaussians; none for an exact chunk.
+    #[must_use]
+    pub fn held_leaves(&self) -> &[Leaf] {
+        if self.held.as_ref().is_some_and(|h| h.exact.is_none()) {
+            self.decoder.leaves()
+        } else {
+            &[]
+        }
+    }
+
+    /// Puts some Gaussians of the chunk that is held into `out`, in place of what was there. They have the
+    /// SH degree of `out`; coefficients that are not decoded are 0. A range beyond the end is cut.
+    ///
+    /// # Errors
+    /// [`Error::Corrupt`] if a mean is beyond what an f32 holds.
+    pub fn held_block(&self, range: Range<usize>, out: &mut Scene) -> Result<()> {
+        let end = range.end.min(self.held_len());
+        let first = range.start.min(end);
+        resize(out, end - first);
+        let mut gaussians = GaussiansMut::of(out);
+        match (&self.held, &self.index) {
+            (Some(Held { exact: Some(scene), .. }), _) => gaussians.copy_from(scene, first),
+            (Some(_), Some(index)) => self.decoder.fill(&index.header, first, &mut gaussians)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Decodes the first `layers` layers of a chunk: its Gaussians, at the SH degree of these layers.
+    ///
+    /// # Errors
+    /// As [`Reader::hold`].
+    pub fn decode(&mut self, chunk: usize, layers: usize) -> Result<Scene> {
+        let count = self.hold(chunk, layers)?;
+        if let Some(Held { exact: Some(scene), .. }) = &self.held {
+            return Ok(scene.clone());
+        }
+        let sh_degree = self.held.as_ref().map_or(0, |h| h.layers as u8 - 1);
+        let mut scene = Scene { sh_degree, ..Scene::default() };
+        self.held_block(0..count, &mut scene)?;
+        Ok(scene)
+    }
+}

@@ -1,0 +1,134 @@
+//! `cargo xtask web`: the decoder as WebAssembly, the npm package around it, and the viewer page.
+//!
+//! The package is `crates/gsvx-web/npm`; what is built goes to its folder `wasm`. The page, one file with
+//! engine and decoder in it, goes to `crates/gsvx-cli/view`, from where the command `gsvx view` takes it.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use wasm_bindgen_cli_support::Bindgen;
+
+/// Arguments of `web`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Make the viewer page too.
+    #[arg(long)]
+    page: bool,
+    /// Test the packed package in Node, and the adapters and the page in Chromium.
+    #[arg(long)]
+    test: bool,
+    /// Measure in Chromium and write docs/results/web.md.
+    #[arg(long)]
+    bench: bool,
+}
+
+const TARGET: &str = "wasm32-unknown-unknown";
+
+/// Builds, and does what else is asked for.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let npm = eval::scenes::root().join("crates/gsvx-web/npm");
+    decoder(&[], &npm.join("wasm"))?;
+    let tarball = pack(&npm)?;
+    println!("{}: {} bytes", tarball.display(), tarball.metadata()?.len());
+    if args.page || args.test || args.bench {
+        dev_dependencies(&npm)?;
+    }
+    if args.page {
+        decoder(&["models"], &npm.join("viewer/wasm"))?;
+        script(&npm, "viewer/build.mjs", &[], None)?;
+    }
+    if args.test || args.bench {
+        let command = command()?;
+        let gsvx = Some(command.as_path());
+        if args.test {
+            script(&npm, "test/run.mjs", &[&tarball], gsvx)?;
+        }
+        if args.bench {
+            script(&npm, "bench/run.mjs", &[], gsvx)?;
+        }
+    }
+    Ok(())
+}
+
+/// The command `gsvx`, as `cargo test` builds it.
+fn command() -> Result<PathBuf> {
+    let root = eval::scenes::root();
+    let status = Command::new("cargo")
+        .current_dir(&root)
+        .args(["build", "--quiet", "--package", "gsvx-cli"])
+        .status()
+        .context("start cargo")?;
+    ensure!(status.success(), "gsvx-cli does not build");
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
+    Ok(target.join("debug/gsvx").with_extension(std::env::consts::EXE_EXTENSION))
+}
+
+/// Builds the decoder with some features, and its JavaScript, into a folder.
+fn decoder(features: &[&str], out: &Path) -> Result<()> {
+    let root = eval::scenes::root();
+    let target = root.join("target/web");
+    let mut cargo = Command::new("cargo");
+    cargo.current_dir(&root);
+    cargo.args(["build", "--quiet", "--package", "gsvx-web", "--target", TARGET]);
+    cargo
+        .args(["--profile", "web", "--features", &features.join(","), "--target-dir"])
+        .arg(&target);
+    cargo.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", "-C target-feature=+simd128");
+    let status = cargo.status().context("start cargo")?;
+    ensure!(
+        status.success(),
+        "gsvx-web does not build; `rustup target add {TARGET}` if it is missing"
+    );
+    let module = target.join(TARGET).join("web/gsvx_web.wasm");
+    Bindgen::new()
+        .input_path(&module)
+        .web(true)?
+        .out_name("gsvx")
+        .remove_name_section(true)
+        .remove_producers_section(true)
+        .generate(out)
+        .with_context(|| format!("{}: no bindings", module.display()))
+}
+
+/// Packs the package; returns the tarball.
+fn pack(npm: &Path) -> Result<PathBuf> {
+    let out = eval::scenes::root().join("out/web");
+    std::fs::create_dir_all(&out)?;
+    let mut command = Command::new("npm");
+    command.current_dir(npm).args(["pack", "--silent", "--pack-destination"]).arg(&out);
+    let made = command.output().context("start npm, which comes with Node")?;
+    ensure!(made.status.success(), "npm pack: {}", String::from_utf8_lossy(&made.stderr));
+    let name = String::from_utf8(made.stdout)?;
+    let name = name.lines().last().unwrap_or_default().trim();
+    let tarball = out.join(name);
+    if name.is_empty() || !tarball.is_file() {
+        bail!("npm pack made no file in {}", out.display());
+    }
+    Ok(tarball)
+}
+
+/// Installs the engines and tools, at the versions of the lock file.
+fn dev_dependencies(npm: &Path) -> Result<()> {
+    let installed = npm.join("node_modules/.package-lock.json");
+    let age = |path: &Path| path.metadata().and_then(|m| m.modified()).ok();
+    if age(&installed) >= age(&npm.join("package-lock.json")) {
+        return Ok(());
+    }
+    let mut command = Command::new("npm");
+    command.current_dir(npm).args(["ci", "--no-audit", "--no-fund", "--silent"]);
+    ensure!(command.status().context("start npm")?.success(), "npm ci failed in {}", npm.display());
+    Ok(())
+}
+
+/// Runs a script of the package's folder; `gsvx` is the command that it may call.
+fn script(npm: &Path, name: &str, arguments: &[&Path], gsvx: Option<&Path>) -> Result<()> {
+    let mut node = Command::new("node");
+    node.current_dir(npm).arg(name).args(arguments);
+    if let Some(gsvx) = gsvx {
+        node.env("GSVX_BIN", gsvx);
+    }
+    let status = node.status();
+    ensure!(status.context("start node")?.success(), "node {name} failed");
+    Ok(())
+}
