@@ -258,7 +258,7 @@ fn undo_row(
     }
 }
 
-/// Rate-distortion optimised quantisation: a dead zone that follows what is expected.
+/// Rate-distortion optimised quantisation: a dead zone whose width depends on the expected magnitude.
 ///
 /// Where small magnitudes are expected, one that is not zero costs many bits. If magnitudes are
 /// geometric with mean `m`, each unit costs `log2(1 + 1/m)` bits, and a magnitude other than zero

@@ -24,7 +24,7 @@ pub(crate) const SCALE_BITS: u32 = 15;
 /// Number of states.
 const STATES: usize = 4;
 /// Intervals that an encoder keeps in one piece; a multiple of [`STATES`].
-const BLOCK: usize = 1 << 14;
+const BLOCK: usize = 1 << 16;
 /// Least value of a state between two symbols, and the state before the first symbol is encoded.
 const LOWEST: u32 = 1 << 16;
 

@@ -73,8 +73,7 @@ impl Plan {
         Self::of(leaves.to_vec(), j_high)
     }
 
-    /// As [`Plan::new`], without a copy of the leaves, which may be shared; [`Plan::into_leaves`]
-    /// gives them back.
+    /// As [`Plan::new`], without a copy of the leaves, which may be shared.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -172,12 +171,6 @@ impl Plan {
     #[must_use]
     pub fn leaves(&self) -> &[Leaf] {
         &self.leaves
-    }
-
-    /// The leaves, of a plan that is not needed any more.
-    #[must_use]
-    pub fn into_leaves(self) -> Vec<Leaf> {
-        Arc::unwrap_or_clone(self.leaves)
     }
 
     /// `sqrt(w)` of each leaf; nothing if all are 1.

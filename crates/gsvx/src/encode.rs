@@ -158,10 +158,9 @@ pub(crate) struct Source<'a> {
 
 impl Source<'_> {
     /// The sum of the members' importance, per leaf.
-    fn importance(&self) -> Vec<f32> {
+    pub(crate) fn importance(&self) -> Vec<f32> {
         let Importance::Given(importance) = self.weights else { return Vec::new() };
-        let of_leaf = |i| self.voxels.members_of(i).iter().map(|&m| importance[m as usize]).sum();
-        (0..self.voxels.len()).map(of_leaf).collect()
+        self.voxels.sums(importance)
     }
 
     /// Gaussians of SH degree 0 of some leaves.

@@ -53,7 +53,7 @@ pub struct EncodeOptions {
 }
 
 /// Leaves of a chunk by default.
-const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 16) - 1);
+const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 15) - 1);
 
 impl Default for EncodeOptions {
     fn default() -> Self {
@@ -109,8 +109,7 @@ impl EncodeOptions {
 
 impl Steps {
     /// All steps from the DC step, in the default proportions.
-    #[must_use]
-    pub fn from_dc(dc: f32) -> Self {
+    pub(crate) fn from_dc(dc: f32) -> Self {
         Self {
             opacity: dc * OPACITY_PER_DC,
             dc,

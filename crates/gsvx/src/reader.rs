@@ -27,7 +27,7 @@
 //! # Ok::<(), gsvx::Error>(())
 //! ```
 
-use crate::chunk::{ChunkDecoder, GaussiansMut, blank};
+use crate::chunk::{ChunkDecoder, GaussiansMut};
 use crate::decode::{decode_exact, decode_leaf_chunk, verify};
 use crate::error::{Error, Result};
 use crate::head::{Index, Kind, head_len};
@@ -223,7 +223,7 @@ impl Reader {
             return decode_exact(index, chunk, bytes[0]);
         }
         decode_leaf_chunk(index, chunk, &bytes, &mut self.decoder)?;
-        let mut scene = blank(self.decoder.leaves().len(), bytes.len() as u8 - 1);
+        let mut scene = Scene::zeros(self.decoder.leaves().len(), bytes.len() as u8 - 1);
         self.decoder.fill(&index.header, 0, &mut GaussiansMut::of(&mut scene))?;
         Ok(scene)
     }

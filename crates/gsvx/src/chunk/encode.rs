@@ -1,6 +1,6 @@
 //! From the Gaussians of a chunk to its layers.
 
-use super::{CLASS_STEP, MIXED_DEPTHS, SideFactors, steps_of};
+use super::{CLASS_STEP, SideFactors, steps_of};
 use crate::attributes::prediction::Predictor;
 use crate::attributes::side::Factors;
 use crate::attributes::{colour, opacity};
@@ -12,8 +12,9 @@ use crate::head::Steps;
 use crate::importance;
 use gpcc_lite::attribute::Options;
 use gpcc_lite::coder::Encoder;
+use gpcc_lite::geometry::{self, Layout};
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, attribute, geometry};
+use gpcc_lite::{Leaf, attribute};
 use gs_model::Scene;
 use std::ops::Range;
 
@@ -57,18 +58,20 @@ pub(crate) fn encode(
     sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
 ) -> Result<Vec<Vec<u8>>> {
     let ChunkInput { leaves, log_classes, base, indices } = input;
-    let mixed = geometry::has_mixed_depths(&leaves, q.j_high);
+    let layout = Layout::of(&leaves, q.j_high).map_err(coding("geometry"))?;
     let plan = Plan::of(leaves, q.j_high).map_err(coding("geometry"))?;
     let mut coder = Encoder::default();
-    geometry::encode_leaves(&mut coder, plan.leaves(), q.j_high, mixed)
+    geometry::encode_leaves(&mut coder, plan.leaves(), q.j_high, layout)
         .map_err(coding("geometry"))?;
     let (importance, classes) = encode_classes(&mut coder, &plan, log_classes)?;
     let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
     let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
     let chunk = Chunk { q, plan: &plan, classes: &classes };
     let side = SideFactors { importance, ..SideFactors::default() };
-    let (base_layer, sh_layers) =
-        rayon::join(|| chunk.base_layer(coder, side, mixed, base, indices), || chunk.sh_layers(sh));
+    let (base_layer, sh_layers) = rayon::join(
+        || chunk.base_layer(coder, side, layout, base, indices),
+        || chunk.sh_layers(sh),
+    );
     let mut layers = vec![base_layer?];
     layers.extend(sh_layers?);
     Ok(layers)
@@ -138,7 +141,7 @@ impl Chunk<'_> {
         &self,
         mut coder: Encoder,
         mut side: SideFactors,
-        mixed: bool,
+        layout: Layout,
         base: Scene,
         indices: Option<&[(u32, f32)]>,
     ) -> Result<Vec<u8>> {
@@ -156,7 +159,7 @@ impl Chunk<'_> {
         self.code(&mut coder, q.steps.dc, LAMBDA, &mut rows)?;
         drop(rows);
         let mut out = Writer::default();
-        out.u8(if mixed { MIXED_DEPTHS } else { 0 });
+        out.u8(layout.to_byte());
         let mut block = None;
         if let Some(bits) = q.integer_bits {
             let leaves = plan.leaves();
