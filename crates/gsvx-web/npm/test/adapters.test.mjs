@@ -47,6 +47,7 @@ async function open(engine, file, more = '') {
   page.on('console', (m) => { if (m.type() === 'error') page.problems.push(m.text()); });
   page.on('pageerror', (e) => page.problems.push(e.message));
   const address = `${server.base}/data/${file}`;
+  page.setDefaultNavigationTimeout(120000);
   await page.goto(`${server.base}/pages/${engine}.html?url=${encodeURIComponent(address)}&camera=${encodeURIComponent(JSON.stringify(CAMERA))}${more}`);
   return page;
 }
