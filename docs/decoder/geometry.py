@@ -56,8 +56,9 @@ def log16(v):
     return 16 * l + ((16 * v) >> l) - 16
 
 class Geometry:
-    def __init__(self, block, J, mixed):
-        self.block, self.J, self.mixed = block, J, mixed
+    def __init__(self, block, J, mixed, planes):
+        self.block, self.J, self.mixed, self.planes = block, J, mixed, planes
+        self.slabs = {}  # 6.4: the two counts of a slab by depth, axis, index
 
     def leaves(self, count):
         """The leaves as pairs of Morton code and depth, in Morton order."""
@@ -71,7 +72,7 @@ class Geometry:
                     leaves.append(self.leaf(node, d))
                     node.children = []
                 else:
-                    node.children = self.children(node, 2 if d + 1 == self.J else 1)
+                    node.children = self.children(node, d)
                     next_nodes += [node.child(c) for c in node.children]
                 need(len(leaves) + len(next_nodes) <= count, "a chunk has too many leaves")
             nodes = next_nodes
@@ -87,6 +88,8 @@ class Geometry:
             h = block.symbol(("below", i, min(node.around, 3)), 64 * i, 2)
             depth = min(d + h + (block.gamma() if h == 15 else 0), self.J)
             self.last_depths = self.last_depths[1], depth
+        if self.planes:
+            return self.leaf_in_slabs(node, d, depth)
         if depth > d:
             for lean in node.lean:
                 half = "half", abs(lean), node.around
@@ -96,11 +99,38 @@ class Geometry:
             code = (code << rest) + block.bits(rest)
         return code << 3 * (self.J - depth), depth
 
-    def children(self, node, least):
+    def leaf_in_slabs(self, node, d, depth):
+        """6.4, the path of a single leaf."""
+        place = list(node.place)
+        code = node.code
+        for e in range(d, depth):
+            for k in range(3):
+                counts = self.slab(e, k, place[k])
+                high = self.block.decision(("slab", *counts), 255)
+                learn(counts, {int(high)})
+                place[k] = 2 * place[k] + high
+                code = 2 * code + high
+        return code << 3 * (self.J - depth), depth
+
+    def slab(self, depth, k, index):
+        return self.slabs.setdefault((depth, k, index % 4096), [0, 0])
+
+    def children(self, node, d):
         """6.3."""
         (shares, total), found = node.shares_and_total(), []
-        for c in range(8):
-            occupied = "occupied", shares[c], total, min(len(found), 3)
+        least = 2 if d + 1 == self.J else 1
+        slabs = [self.slab(d, k, node.place[k]) for k in range(3)] if self.planes else []
+        for c, halves in enumerate(CHILDREN):
+            fit = sum((n[half] == 0 < n[1 - half]) + 4 * (n[1 - half] == 0 < n[half])
+                      for n, half in zip(slabs, halves))
+            occupied = "occupied", shares[c], total, min(len(found), 3), fit
             if 8 - c == least - len(found) or self.block.decision(occupied, 255):
                 found.append(c)
+        for k, counts in enumerate(slabs):
+            learn(counts, {CHILDREN[c][k] for c in found})
         return found
+
+def learn(counts, halves):
+    """6.4: the halves in `halves` are occupied."""
+    for half in 0, 1:
+        counts[half] = min(counts[half] + 1, 7) if half in halves else counts[half] - counts[half] // 2

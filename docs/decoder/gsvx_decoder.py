@@ -50,10 +50,11 @@ class Head:
 def leaf_chunk(head, number, layers):
     """Decodes a chunk of leaves (5 and 8), with the SH layers that are given (9)."""
     base, J, chunk = Bytes(layers[0]), head.depth, head.chunks[number]
-    mixed, a_importance, a_opacity, b_opacity, a_covariance, b_covariance = base.numbers("B5b")
+    layout, a_importance, a_opacity, b_opacity, a_covariance, b_covariance = base.numbers("B5b")
+    need(layout < 4, "an unknown layout")
     integers = base.sized() if head.mode == 1 else None
     block = Block(base.read())
-    codes, depths = zip(*Geometry(block, J, mixed).leaves(chunk.count))
+    codes, depths = zip(*Geometry(block, J, mixed=layout & 1, planes=layout & 2).leaves(chunk.count))
     behind = [other.first_cell for other in head.chunks[number + 1:number + 2] if other.kind == chunk.kind]
     end = codes[-1] + 8 ** (J - depths[-1])
     need(codes[0] == chunk.first_cell and not any(end > cell for cell in behind), "a chunk leaves its cells")

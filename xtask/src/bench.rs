@@ -28,7 +28,7 @@ pub(crate) struct BenchArgs {
     #[arg(long, hide = true)]
     scratch: Option<PathBuf>,
     /// Folder of the report and its plots.
-    #[arg(long, default_value = "docs/results")]
+    #[arg(long, default_value = "target/bench")]
     out: PathBuf,
 }
 
@@ -53,13 +53,28 @@ pub(crate) struct SkipsArgs {
     /// Scenes to count on.
     #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
     scenes: Vec<String>,
-    /// Where the table goes.
+    /// Where the page goes.
     #[arg(long, default_value = "docs/results/skips.md")]
     out: PathBuf,
 }
 
 pub(crate) fn skips(args: &SkipsArgs) -> Result<()> {
     bench::skips(&args.scenes, &args.out)
+}
+
+/// Flags of `cargo xtask bench-size`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct SizeArgs {
+    /// Scenes to measure; the picture is of the first.
+    #[arg(default_values_t = ["fox", "bonsai", "room"].map(String::from))]
+    scenes: Vec<String>,
+    /// Where the page goes.
+    #[arg(long, default_value = "docs/results/rd.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn size(args: &SizeArgs) -> Result<()> {
+    eval::rd_curve::size(&args.scenes, &args.out)
 }
 
 /// Flags of `cargo xtask bench-gpcc`.
@@ -97,8 +112,8 @@ pub(crate) struct VoxelArgs {
     /// Directory with `scenes` and `models`
     #[arg(long, default_value = "../shared")]
     shared: PathBuf,
-    /// Only these parts: speed, criteria, merging, rates, tuned, cost (all if none)
-    #[arg(long)]
+    /// Only these parts: rates, tuned, criteria, speed, merging, cost (all if none)
+    #[arg(long, value_delimiter = ',')]
     only: Vec<String>,
     /// Only these scenes; `room` is the fixture, the others lie in `scenes` of the shared folder
     #[arg(long, default_values_t = ["fox".to_owned(), "bonsai".to_owned(), "room".to_owned()])]
@@ -112,28 +127,29 @@ pub(crate) struct VoxelArgs {
     /// Steps of fine-tune in `tuned`
     #[arg(long, default_value_t = 300)]
     steps: u64,
-    /// Folder for the plots of `rates` and `criteria`
-    #[arg(long, default_value = "docs/results")]
-    plots: PathBuf,
+    /// Where the page goes; the plots of `rates` lie beside it
+    #[arg(long, default_value = "docs/results/voxel.md")]
+    out: PathBuf,
     /// In `rates`, also try variants of the rate-distortion settings
     #[arg(long)]
     variants: bool,
 }
 
 pub(crate) fn voxel(args: VoxelArgs) -> Result<()> {
-    let VoxelArgs { shared, only, scene, thousands, room, steps, plots, variants } = args;
+    let VoxelArgs { shared, only, scene, thousands, room, steps, out, variants } = args;
     let options =
-        bench::voxel::Options { shared, only, scene, thousands, room, steps, plots, variants };
+        bench::voxel::Options { shared, only, scene, thousands, room, steps, out, variants };
     bench::voxel::run(&options)
 }
 
 /// Flags of `cargo xtask bench-finetune`.
 #[derive(clap::Args, Debug)]
 pub(crate) struct FinetuneArgs {
-    /// Directory of a scene: photos, cameras, model
-    scene: PathBuf,
+    /// Scenes: names of crates/eval/scenes.toml, or folders with photos, cameras and model
+    #[arg(default_values_t = ["fox", "bonsai"].map(String::from))]
+    scenes: Vec<String>,
     /// Steps of every run
-    #[arg(long, default_value_t = 1000)]
+    #[arg(long, default_value_t = 500)]
     steps: u64,
     /// Voxelization: uniform:DEPTH or adaptive:LOW-HIGH; may be repeated
     #[arg(
@@ -155,36 +171,32 @@ pub(crate) struct FinetuneArgs {
     /// Merge by blending weights over the training views rather than by opacity and area
     #[arg(long)]
     weigh: bool,
-    /// Leave out the runs that begin from no initialisation
+    /// Begin a second run of each voxelization from no initialisation
     #[arg(long)]
-    merged_only: bool,
-    /// Time and image error of the rasterizer's variants instead
+    from_none: bool,
+    /// Print time and image error of the rasterizer's variants instead
     #[arg(long)]
     variants: bool,
-    /// Where `recover-SCENE.json` and `recover-SCENE.svg` go, `variants-SCENE` likewise
-    #[arg(long, default_value = "docs/results/finetune")]
+    /// Where the page goes; the charts lie beside it
+    #[arg(long, default_value = "docs/results/finetune.md")]
     out: PathBuf,
-    /// Name of the files instead of `recover-SCENE`
-    #[arg(long)]
-    name: Option<String>,
 }
 
 pub(crate) fn finetune(args: FinetuneArgs) -> Result<()> {
     let mse = args.loss == "mse";
-    let FinetuneArgs { scene, steps, voxels, rate, final_rate, weigh, merged_only, .. } = args;
-    let FinetuneArgs { variants, out, name, .. } = args;
+    let FinetuneArgs { scenes, steps, voxels, rate, final_rate, weigh, .. } = args;
+    let FinetuneArgs { from_none, variants, out, .. } = args;
     bench::finetune::run(&bench::finetune::Options {
-        scene,
+        scenes,
         steps,
         voxels,
         mse,
         rate,
         final_rate,
         weigh,
-        merged_only,
+        from_none,
         variants,
         out,
-        name,
     })
 }
 
@@ -210,8 +222,8 @@ pub(crate) struct GsvxArgs {
     /// Instead: what coarse levels of detail cost and show, per scene (comma-separated), as a table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     lod: Vec<String>,
-    /// Where the table of the speeds goes.
-    #[arg(long, default_value = "docs/results/gsvx-speed.md")]
+    /// Where the page goes.
+    #[arg(long, default_value = "docs/results/speed.md")]
     out: PathBuf,
 }
 

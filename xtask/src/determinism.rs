@@ -75,9 +75,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let differing = differing(&runs);
     println!("{} runs, {} lines each, {} differ", runs.len(), lines(&runs), differing.len());
     if !args.quick {
-        std::fs::write(eval::scenes::root().join(&args.out), report(&runs, &skipped, &differing))
-            .with_context(|| format!("write {}", args.out.display()))?;
-        println!("written: {}", args.out.display());
+        eval::page::write(&args.out, &report(&runs, &skipped, &differing), None)?;
     }
     ensure!(differing.is_empty(), "hashes differ: {}", differing.join("; "));
     Ok(())
@@ -149,7 +147,7 @@ fn differing(runs: &[(String, String)]) -> Vec<String> {
 
 fn report(runs: &[(String, String)], skipped: &[String], differing: &[String]) -> String {
     let mut text = String::from(
-        "# Determinism\n\n`cargo xtask determinism`: every golden stream and the fixture room are \
+        "# Are the bytes the same everywhere?\n\n`cargo xtask determinism`: every golden stream and the fixture room are \
          voxelized, encoded in every mode and decoded (at each level of detail) by builds \
          for several processors, and the SHA-256 (first 12 bytes) of coded bytes and decoded \
          floats are compared.\n\n| run | lines equal to the first run's |\n|---|---:|\n",

@@ -6,6 +6,7 @@ mod determinism;
 mod fetch;
 mod fixture;
 mod rd_curve;
+mod stability;
 mod stress;
 mod web;
 
@@ -33,8 +34,12 @@ enum Task {
     Determinism(determinism::Args),
     /// Pathological scenes against the bounds of docs/accuracy.md
     Stress(stress::Args),
+    /// The rasterizer against its f64 oracle
+    Stability(stability::Args),
     /// Time, error and peak memory of every stage
     Bench(bench::BenchArgs),
+    /// Sizes of streams on the test scenes, beside other codecs
+    BenchSize(bench::SizeArgs),
     /// gpcc-lite beside TMC13's recorded figures
     BenchGpcc(bench::GpccArgs),
     /// Voxelization: speed, merging, curves at equal bytes
@@ -58,7 +63,9 @@ fn main() -> ExitCode {
         Task::Conformance(args) => conformance::run(&args),
         Task::Determinism(args) => determinism::run(&args),
         Task::Stress(args) => stress::run(args),
+        Task::Stability(args) => stability::run(&args),
         Task::Bench(args) => bench::run(args),
+        Task::BenchSize(args) => bench::size(&args),
         Task::BenchGpcc(args) => bench::gpcc(args),
         Task::BenchVoxel(args) => bench::voxel(args),
         Task::BenchFinetune(args) => bench::finetune(args),

@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use eval::experiments::Experiment;
-use eval::{peers, rd_curve, scenes};
+use eval::{experiments, peers, rd_curve, scenes};
 
 /// Flags of `cargo xtask rd-curve`.
 #[derive(Clone, Debug, clap::Args)]
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let default = rd_curve::Options::default();
     let (views, rates) = if args.quick { QUICK } else { (default.views, default.rates) };
     let peers = args.peers.clone();
-    rd_curve::run(&rd_curve::Options {
+    let options = rd_curve::Options {
         scene: args.scene.clone(),
         out: args.out.clone(),
         views: args.views.unwrap_or(views),
@@ -90,7 +90,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         depth: args.depth,
         adaptive: args.adaptive,
         finetune: args.finetune,
-        experiment: args.experiment,
         fresh: args.fresh,
         peers: peers::Options {
             tmc3: peers.tmc3,
@@ -100,5 +99,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             limit: Duration::from_secs(peers.peer_seconds),
             none: peers.no_peers,
         },
-    })
+    };
+    match args.experiment {
+        Some(experiment) => experiments::run(experiment, &options),
+        None => rd_curve::run(&options),
+    }
 }

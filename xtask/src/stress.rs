@@ -27,7 +27,7 @@ pub(crate) struct Args {
     /// Run one input in one mode in this process, and print the outcome as JSON.
     #[arg(long, hide = true, requires = "input", requires = "mode")]
     child: bool,
-    /// Where the table goes.
+    /// Where the page goes.
     #[arg(long, default_value = "docs/results/stress.md")]
     out: PathBuf,
 }

@@ -31,9 +31,8 @@ pub(crate) struct Manifest {
 
 /// What this run is made of: hashes of its inputs, and everything the machine tells.
 pub(crate) fn of(program: &str, model: &str, views: &str) -> Manifest {
-    let args: Vec<String> = std::env::args().skip(1).collect();
     Manifest {
-        command: format!("cargo xtask {}", args.join(" ")),
+        command: command(),
         commit: commit(),
         versions: versions(),
         seed: finetune::FineTuneOptions::default().seed,
@@ -44,6 +43,12 @@ pub(crate) fn of(program: &str, model: &str, views: &str) -> Manifest {
         processor: processor(),
         target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
     }
+}
+
+/// The command line of this run.
+pub(crate) fn command() -> String {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    format!("cargo xtask {}", args.join(" "))
 }
 
 fn versions() -> Vec<(String, String)> {

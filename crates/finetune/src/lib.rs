@@ -59,6 +59,7 @@ mod gpu;
 mod gradients;
 mod image;
 pub mod metrics;
+pub mod optimiser;
 mod options;
 #[doc(hidden)]
 pub mod probe;
@@ -71,6 +72,7 @@ mod shuffle;
 mod simd;
 mod stages;
 mod train;
+mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
 pub use camera_check::{PhotoMatch, photo_match, seen_opacity_share};
@@ -83,6 +85,7 @@ pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use sensitivity::covariance_sensitivity;
 pub use train::{FineTune, FineTuneOptions, Outcome, Progress, StopReason, TrainView};
+pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};
 
 // The README's example is a test too.
 #[cfg(doctest)]

@@ -15,7 +15,8 @@ impl Rng {
 
 /// The permutation of `0..n` that epoch `epoch` of a run with `seed` visits: a function of its
 /// arguments alone, so that a resumed run continues with the same order.
-pub(crate) fn permutation(seed: u64, epoch: u64, n: usize) -> Vec<u32> {
+#[must_use]
+pub fn permutation(seed: u64, epoch: u64, n: usize) -> Vec<u32> {
     let mut rng = Rng(seed ^ epoch.wrapping_mul(0xd134_2543_de82_ef95));
     let mut order: Vec<u32> = (0..n as u32).collect();
     for i in (1..n).rev() {

@@ -8,7 +8,7 @@
 //!
 //! Normative description: `docs/format.md`, "Attributes".
 
-use crate::coder::{Coder, Decoder, Encoder, code_gamma};
+use crate::coder::{Coder, Decoder, code_gamma};
 use crate::coefficients::{
     ACTIVITIES, CLASSES, Level, RowCoder, class_of, expected_in_group, mean_of_class,
 };
@@ -32,16 +32,58 @@ impl Default for Options {
 /// Codes the values in `rows` with a step for each channel, and replaces them by what a decoder
 /// will return, bit for bit. Returns whether every level is zero.
 ///
-/// A level saturates at `2^31 - 1` steps.
+/// The coder is an [`Encoder`](crate::coder::Encoder), or a [`Tally`](crate::coder::Tally) if only
+/// the size and the values are wanted. A level saturates at `2^31 - 1` steps.
 ///
 /// # Errors
 /// If there is not one row per leaf and one positive step per channel.
-pub fn encode(
-    coder: &mut Encoder,
+pub fn encode<C: Coder>(
+    coder: &mut C,
     plan: &Plan,
     steps: &[f32],
     options: &Options,
     rows: &mut Rows,
+) -> Result<bool> {
+    encode_priced(coder, plan, steps, options, rows, None)
+}
+
+/// As [`encode`]; `prices` become the derivatives of the number of bits by the values.
+///
+/// Levels are integers, so the derivatives are those of a smooth estimate: the bits that a
+/// magnitude costs where the coder expects what it expects there, as a function of the value
+/// before quantisation. See [`Quantiser::price`].
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_with_prices<C: Coder>(
+    coder: &mut C,
+    plan: &Plan,
+    steps: &[f32],
+    options: &Options,
+    rows: &mut Rows,
+    prices: &mut Rows,
+) -> Result<bool> {
+    prices.resize(plan.len(), steps.len());
+    let all_zero = encode_priced(coder, plan, steps, options, rows, Some(prices))?;
+    if plan.is_empty() || steps.is_empty() {
+        return Ok(all_zero);
+    }
+    // The transform of the weighted values is orthonormal, so its inverse is its transpose.
+    raht::inverse(plan, prices)?;
+    for leaf in 0..plan.len() {
+        let weight = plan.weight_of_leaf(leaf) as f32;
+        prices.row_mut(leaf).iter_mut().for_each(|v| *v *= weight);
+    }
+    Ok(all_zero)
+}
+
+fn encode_priced<C: Coder>(
+    coder: &mut C,
+    plan: &Plan,
+    steps: &[f32],
+    options: &Options,
+    rows: &mut Rows,
+    mut prices: Option<&mut Rows>,
 ) -> Result<bool> {
     check_steps(steps, rows.channels())?;
     if plan.is_empty() || steps.is_empty() {
@@ -56,6 +98,9 @@ pub fn encode(
         *v = mean_of_level(plan, level, step);
         all_zero &= level == 0;
     }
+    if let Some(prices) = &mut prices {
+        prices.row_mut(0).fill(0.0);
+    }
     let mut context = RowCoder::new(plan, steps.len());
     let (mut level, mut row) = (Level::default(), vec![[0; LANES]; rows.width()]);
     for range in plan.levels().windows(2) {
@@ -68,7 +113,15 @@ pub fn encode(
             let k = level.first + i;
             let differences = rows.row(plan.split_leaf(k));
             let to_high_pass = 1.0 / plan.scale_of(k);
-            if quantiser.quantise(&context, differences, to_high_pass, i, &mut row) {
+            let any = quantiser.quantise(&context, differences, to_high_pass, i, &mut row);
+            if let Some(prices) = &mut prices {
+                if !any {
+                    row.fill([0; LANES]);
+                }
+                let out = prices.row_mut(plan.split_leaf(k));
+                quantiser.price(&context, differences, to_high_pass, (i, &row), out);
+            }
+            if any {
                 level.active.push(i as u32);
                 level.levels.extend_from_slice(&row);
                 all_zero = false;
@@ -205,7 +258,7 @@ fn undo_row(
     }
 }
 
-/// Rate-distortion optimised quantisation: a dead zone that follows what is expected.
+/// Rate-distortion optimised quantisation: a dead zone whose width depends on the expected magnitude.
 ///
 /// Where small magnitudes are expected, one that is not zero costs many bits. If magnitudes are
 /// geometric with mean `m`, each unit costs `log2(1 + 1/m)` bits, and a magnitude other than zero
@@ -264,6 +317,41 @@ impl Quantiser {
         any
     }
 
+    /// The derivatives of the bits of row `row` by its coefficients, as the inverse transform takes
+    /// them: those of the differences of means, given by the derivatives of high-pass values.
+    ///
+    /// A magnitude of `x` steps costs about `x log2(1 + 1/m)` bits where `m` is expected, and a sign
+    /// where it is not zero. What a large magnitude adds to later expectations makes it cheaper, so
+    /// the mean is half way to it: `m + x/2`. Around zero the price fades out, since a value that
+    /// stays zero costs nothing more.
+    fn price(
+        &self,
+        context: &RowCoder,
+        differences: &[f32],
+        to_high_pass: f32,
+        (row, levels): (usize, &[[i32; LANES]]),
+        out: &mut [f32],
+    ) {
+        let (size, expected) = (context.group_size(), context.expected(row));
+        let (mut i, mut sum) = (0, 0u32);
+        let levels = levels.as_flattened();
+        for (c, (d, per_step)) in differences.iter().zip(&self.per_step).enumerate() {
+            let x = d * per_step * to_high_pass;
+            let class = class_of(expected_in_group(expected[c % ACTIVITIES], sum, i));
+            let magnitude = x.abs();
+            let mean = mean_of_class(class).max(1.0 / 512.0) + 0.5 * magnitude;
+            let sign = if magnitude < 1.0 { 1.0 } else { 0.0 };
+            let bits = log2(1.0 + 1.0 / mean) + sign;
+            let faded = bits * (x * FADE).clamp(-1.0, 1.0);
+            out[c] = faded * per_step / to_high_pass;
+            sum = sum.saturating_add(levels[c].unsigned_abs());
+            i += 1;
+            if i == size {
+                (i, sum) = (0, 0);
+            }
+        }
+    }
+
     /// The magnitude of `x >= 0` steps.
     #[inline]
     fn magnitude(&self, x: f32, class: usize) -> i32 {
@@ -275,6 +363,9 @@ impl Quantiser {
         (q + i32::from(x - q as f32 >= self.rest[class])).max(1)
     }
 }
+
+/// One over the magnitude, in steps, below which the price of a value fades out.
+const FADE: f32 = 4.0;
 
 /// Binary logarithm of `x >= 1`, linear between powers of two: what a price needs, and the same on
 /// every machine.

@@ -58,6 +58,12 @@ impl<'a> Reader<'a> {
         Ok(s)
     }
 
+    /// A number of channels, at most `max`.
+    pub(crate) fn channels(&mut self, max: usize) -> Result<u64> {
+        let channels = self.varint("channel count")?;
+        if channels > max as u64 { Err(self.corrupt("channel count")) } else { Ok(channels) }
+    }
+
     pub(crate) fn corrupt(&self, what: &'static str) -> Error {
         Error::Corrupt { what, offset: self.pos }
     }

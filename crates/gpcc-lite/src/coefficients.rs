@@ -43,8 +43,8 @@ const LIMIT: u32 = 1023;
 const PRIOR: u32 = 8;
 /// The symbol of magnitudes that are this or more.
 const ESCAPE: u32 = SYMBOLS as u32 - 1;
-/// Reciprocals that take `ABOVE` times an expectation and the sum of so many magnitudes to their
-/// mean.
+/// `1 / (ABOVE + i)`: it turns `ABOVE` times the expectation from above plus the sum of `i` magnitudes
+/// into their mean.
 const MEAN_OF: [f32; UNGROUPED] =
     [1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0, 1.0 / 8.0];
 
@@ -265,7 +265,7 @@ impl RowCoder {
     }
 
     /// Codes channel `channel`, number `i` of its group, of the chosen rows: first the symbols of all,
-    /// then what is plain.
+    /// then their plain bits.
     fn code_magnitudes<C: Coder>(
         &mut self,
         coder: &mut C,
@@ -342,7 +342,8 @@ fn magnitudes(levels: &[i32]) -> u32 {
     levels.iter().fold(0, |sum: u32, v| sum.saturating_add(v.unsigned_abs()))
 }
 
-/// Codes what is plain of a level: what is beyond the escape symbol, the low bits and the sign.
+/// Codes the rest of a level in plain bits: the excess over the escape symbol, the low bits and the
+/// sign.
 #[inline(always)]
 fn code_rest<C: Coder>(coder: &mut C, symbol: u32, shift: u32, level: i32) -> i32 {
     let magnitude = level.unsigned_abs();

@@ -9,11 +9,15 @@
 //! other node, the stream says which of the eight children are occupied. The model's context is the
 //! density of the cells known around the node.
 //!
+//! Leaves of some scenes lie in planes of the octree. The encoder tries a sample of the leaves with
+//! *slabs*, which learn such planes, and uses them where they pay ([`Layout::planes`]).
+//!
 //! Invariant: encoder and decoder see the same nodes, in the same order, with the same contexts.
 //! Normative description: `docs/format.md`, "Geometry".
 
 mod density;
 mod models;
+mod slabs;
 mod source;
 mod tree;
 
@@ -35,16 +39,60 @@ pub struct Geometry {
     pub j_high: u8,
 }
 
+/// What a decoder has to know of the leaves before it reads them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Layout {
+    /// Some leaf is not at the finest depth.
+    pub mixed_depths: bool,
+    /// Leaves lie in planes across the axes, so slabs are kept.
+    pub planes: bool,
+}
+
+/// Leaves that [`Layout::of`] codes as a sample.
+const SAMPLE: usize = 2048;
+/// Slabs are used if they save one byte in this many. Decoding with slabs takes longer.
+const LEAST_GAIN: usize = 50;
+
+impl Layout {
+    /// The layout of `leaves`. Whether slabs pay is tried on the first leaves.
+    ///
+    /// # Errors
+    /// If the leaves are not valid.
+    pub fn of(leaves: &[Leaf], j_high: u8) -> Result<Self> {
+        let mixed_depths = leaves.iter().any(|l| l.depth != j_high);
+        let sample = &leaves[..leaves.len().min(SAMPLE)];
+        let cost = |planes| -> Result<usize> {
+            let mut coder = Encoder::default();
+            encode_leaves(&mut coder, sample, j_high, Self { mixed_depths, planes })?;
+            Ok(coder.finish().len())
+        };
+        let (without, with) = (cost(false)?, cost(true)?);
+        Ok(Self { mixed_depths, planes: with + without / LEAST_GAIN < without })
+    }
+
+    /// The layout as the byte that streams hold.
+    #[must_use]
+    pub fn to_byte(self) -> u8 {
+        u8::from(self.mixed_depths) | u8::from(self.planes) << 1
+    }
+
+    /// The inverse of [`Layout::to_byte`]; `None` if the byte is no layout.
+    #[must_use]
+    pub fn from_byte(byte: u8) -> Option<Self> {
+        (byte < 4).then_some(Self { mixed_depths: byte & 1 == 1, planes: byte & 2 == 2 })
+    }
+}
+
 /// Codes `leaves` (sorted, disjoint, not deeper than `j_high`) as a stream of its own.
 ///
 /// # Errors
 /// If the leaves are not valid, or there are 2^32 - 1 of them or more.
 pub fn encode(leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
-    let mixed = has_mixed_depths(leaves, j_high);
-    let mut out = vec![j_high | u8::from(mixed) << 7];
+    let layout = Layout::of(leaves, j_high)?;
+    let mut out = vec![j_high, layout.to_byte()];
     put_varint(&mut out, leaves.len() as u64);
     let mut coder = Encoder::default();
-    encode_leaves(&mut coder, leaves, j_high, mixed)?;
+    encode_leaves(&mut coder, leaves, j_high, layout)?;
     out.extend(coder.finish());
     Ok(out)
 }
@@ -55,35 +103,36 @@ pub fn encode(leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
 /// If the stream is truncated, corrupt, or claims more points than `limits` allows.
 pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Geometry> {
     let mut r = Reader::new(bytes);
-    let head = r.u8("geometry header")?;
-    let (j_high, mixed) = (head & 0x7f, head >> 7 == 1);
+    let j_high = r.u8("geometry header")?;
     if j_high > MAX_DEPTH {
         return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
     }
+    let offset = r.pos();
+    let layout =
+        Layout::from_byte(r.u8("layout")?).ok_or(Error::Corrupt { what: "layout", offset })?;
     let points = r.varint("point count")?;
     if points > limits.max_points as u64 {
         return Err(Error::TooManyPoints { points, limit: limits.max_points });
     }
     let mut coder = Decoder::new(&bytes[r.pos()..])?;
-    let leaves = decode_leaves(&mut coder, points as usize, j_high, mixed)?;
+    let leaves = decode_leaves(&mut coder, points as usize, j_high, layout)?;
     coder.finish()?;
     Ok(Geometry { leaves, j_high })
 }
 
-/// Whether some leaf is not at the finest depth.
-#[must_use]
-pub fn has_mixed_depths(leaves: &[Leaf], j_high: u8) -> bool {
-    leaves.iter().any(|l| l.depth != j_high)
-}
-
-/// Codes leaves into a stream that holds other things too. `mixed` must be what
-/// [`has_mixed_depths`] says, and the decoder must be told it.
+/// Codes leaves into a stream that holds other things too. The decoder must be told `layout`;
+/// its `mixed_depths` must be true if some leaf is not at depth `j_high`.
 ///
 /// # Errors
 /// If the leaves are not valid, or there are 2^32 - 1 of them or more.
-pub fn encode_leaves(coder: &mut Encoder, leaves: &[Leaf], j_high: u8, mixed: bool) -> Result<()> {
+pub fn encode_leaves(
+    coder: &mut Encoder,
+    leaves: &[Leaf],
+    j_high: u8,
+    layout: Layout,
+) -> Result<()> {
     check_leaves(leaves, j_high)?;
-    code(coder, Some(leaves), leaves.len(), j_high, mixed).map(|_| ())
+    code(coder, Some(leaves), leaves.len(), j_high, layout).map(|_| ())
 }
 
 /// Decodes what [`encode_leaves`] coded.
@@ -98,13 +147,13 @@ pub fn decode_leaves(
     coder: &mut Decoder<'_>,
     count: usize,
     j_high: u8,
-    mixed: bool,
+    layout: Layout,
 ) -> Result<Vec<Leaf>> {
     if j_high > MAX_DEPTH {
         return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
     }
     check_count(count as u64)?;
-    let leaves = code(coder, None, count, j_high, mixed)?;
+    let leaves = code(coder, None, count, j_high, layout)?;
     if leaves.len() != count {
         return Err(Error::Corrupt { what: "point count", offset: 0 });
     }
@@ -117,12 +166,12 @@ fn code<C: Coder>(
     leaves: Option<&[Leaf]>,
     count: usize,
     j_high: u8,
-    mixed: bool,
+    layout: Layout,
 ) -> Result<Vec<Leaf>> {
     if count == 0 {
         return Ok(Vec::new());
     }
-    let mut models = Models::new(mixed);
+    let mut models = Models::new(layout, j_high);
     let mut tree = Tree::new(leaves, j_high, count);
     for depth in 0..j_high {
         tree.level(depth, &mut models, coder)?;

@@ -45,6 +45,7 @@ pub mod geometry;
 mod hood;
 pub mod leaf;
 mod limits;
+mod logistic;
 pub mod mix;
 pub mod model;
 pub mod morton;

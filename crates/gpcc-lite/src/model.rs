@@ -48,7 +48,7 @@ impl Bit {
     #[inline]
     #[must_use]
     pub(crate) fn stretched(self) -> i32 {
-        crate::mix::stretch_of_state(self.0)
+        crate::logistic::stretch_of_state(self.0)
     }
 
     /// Learns a decision; `limit` (at most 1023) is the memory in observations.
@@ -100,7 +100,7 @@ impl Symbols {
     #[must_use]
     pub fn geometric(mean: u32, weight: u32) -> Self {
         let mean = u64::from(mean);
-        // The share of larger symbols among those that are not smaller than one.
+        // Of the symbols `s` and above, this share is above `s`, for any `s`.
         let more = (mean * 65536 / (mean + 256)).clamp(300, 65000);
         let mut left = u64::from(weight * u32::from(SEEN)) << 16;
         let counts = std::array::from_fn(|_| {

@@ -73,8 +73,7 @@ impl Plan {
         Self::of(leaves.to_vec(), j_high)
     }
 
-    /// As [`Plan::new`], without a copy of the leaves, which may be shared; [`Plan::into_leaves`]
-    /// gives them back.
+    /// As [`Plan::new`], without a copy of the leaves, which may be shared.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -174,15 +173,15 @@ impl Plan {
         &self.leaves
     }
 
-    /// The leaves, of a plan that is not needed any more.
-    #[must_use]
-    pub fn into_leaves(self) -> Vec<Leaf> {
-        Arc::unwrap_or_clone(self.leaves)
-    }
-
     /// `sqrt(w)` of each leaf; nothing if all are 1.
     fn root_weights(&self) -> impl Iterator<Item = f64> {
         self.prefix.windows(2).map(|w| (w[1].weights - w[0].weights).sqrt())
+    }
+
+    /// Weight of a leaf.
+    #[must_use]
+    pub fn weight_of_leaf(&self, leaf: usize) -> f64 {
+        self.weight_of(leaf as u32, leaf as u32 + 1)
     }
 
     /// True for a plan of no points.

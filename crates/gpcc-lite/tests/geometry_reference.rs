@@ -7,8 +7,9 @@ use std::collections::BTreeMap;
 
 use common::{any_leaves, shapes};
 use gpcc_lite::coder::{Coder, Decoder};
+use gpcc_lite::geometry::{self, Layout};
 use gpcc_lite::model::{Bit, Symbols};
-use gpcc_lite::{Leaf, geometry, morton};
+use gpcc_lite::{Leaf, morton};
 use proptest::prelude::*;
 
 /// Elias gamma.
@@ -90,11 +91,13 @@ fn classes(near: &[([i64; 3], Option<u8>)], child: usize) -> (usize, usize) {
 struct Reference<'a> {
     coder: Decoder<'a>,
     j: u8,
-    mixed: bool,
+    layout: Layout,
     bits: BTreeMap<(&'static str, usize), Bit>,
     levels: BTreeMap<usize, Symbols>,
     /// Depths of the last two single leaves found at each depth.
     last: BTreeMap<u8, [u8; 2]>,
+    /// Counts of the low and the high half, by depth, axis and index of the slab.
+    slabs: BTreeMap<(u8, usize, u32), [usize; 2]>,
     leaves: Vec<Leaf>,
 }
 
@@ -103,10 +106,42 @@ impl Reference<'_> {
         self.bits.entry((table, at)).or_default().code(&mut self.coder, false, 255)
     }
 
+    /// The counts of the slab that a cell is in.
+    fn slab(&mut self, code: u64, depth: u8, axis: usize) -> &mut [usize; 2] {
+        self.slabs.entry((depth, axis, morton::decode(code)[axis] % 4096)).or_default()
+    }
+
+    /// Learns which children of a cell are occupied.
+    fn learn(&mut self, code: u64, depth: u8, axis: usize, children: &[usize]) {
+        let counts = self.slab(code, depth, axis);
+        for half in 0..2 {
+            if children.iter().any(|c| c >> (2 - axis) & 1 == half) {
+                counts[half] = (counts[half] + 1).min(7);
+            } else {
+                counts[half] = counts[half].div_ceil(2);
+            }
+        }
+    }
+
+    /// How well a child fits the slabs of its cell.
+    fn fit(&mut self, code: u64, depth: u8, child: usize) -> usize {
+        (0..3)
+            .map(|axis| {
+                let counts = *self.slab(code, depth, axis);
+                let half = child >> (2 - axis) & 1;
+                match (counts[half], counts[1 - half]) {
+                    (0, 1..) => 1,
+                    (1.., 0) => 4,
+                    _ => 0,
+                }
+            })
+            .sum()
+    }
+
     /// The single leaf below a node.
     fn single(&mut self, code: u64, depth: u8, near: &[([i64; 3], Option<u8>)]) {
         let most = self.j - depth;
-        let levels = if self.mixed {
+        let levels = if self.layout.mixed_depths {
             let [a, b] = *self.last.entry(depth).or_insert([depth; 2]);
             let expected = usize::from(a - depth + b - depth).min(31);
             let model = self.levels.entry(4 * expected + near.len().min(3));
@@ -124,6 +159,13 @@ impl Reference<'_> {
         for step in 0..levels {
             let mut child = 0;
             for k in 0..3 {
+                if self.layout.planes {
+                    let [low, high] = *self.slab(code, depth + step, k);
+                    let bit = u64::from(self.bit("slab", 8 * low + high));
+                    self.learn(code, depth + step, k, &[(bit as usize) << (2 - k)]);
+                    child = 2 * child + bit;
+                    continue;
+                }
                 let side = |v: i64| near.iter().filter(|(o, _)| o[k] == v).count();
                 let (low, high) = (side(-1), side(1));
                 let lean = high.abs_diff(low);
@@ -141,15 +183,26 @@ impl Reference<'_> {
     }
 
     /// The children of a node with several leaves.
-    fn children(&mut self, near: &[([i64; 3], Option<u8>)], least: usize) -> u8 {
+    fn children(
+        &mut self,
+        (code, depth): (u64, u8),
+        near: &[([i64; 3], Option<u8>)],
+        least: usize,
+    ) -> u8 {
         let (mut mask, mut count) = (0u8, 0usize);
         for c in 0..8usize {
             let forced = count < least && 8 - c == least - count;
             let (share, total) = classes(near, c);
-            if forced || self.bit("child", (16 * share + total) * 4 + count.min(3)) {
+            let fit = if self.layout.planes { self.fit(code, depth, c) } else { 0 };
+            let context = ((32 * fit + share) * 16 + total) * 4 + count.min(3);
+            if forced || self.bit("child", context) {
                 mask |= 1 << c;
                 count += 1;
             }
+        }
+        if self.layout.planes {
+            let found: Vec<usize> = (0..8).filter(|c| mask >> c & 1 == 1).collect();
+            (0..3).for_each(|axis| self.learn(code, depth, axis, &found));
         }
         mask
     }
@@ -170,7 +223,7 @@ impl Reference<'_> {
                     continue;
                 }
             }
-            let mask = self.children(&near, if depth + 1 == self.j { 2 } else { 1 });
+            let mask = self.children((code, depth), &near, if depth + 1 == self.j { 2 } else { 1 });
             known.insert(code, Some(mask));
             let children = (0..8).filter(|c| mask >> c & 1 == 1);
             below.extend(children.map(|c| (code * 8 + c, mask.count_ones() as usize)));
@@ -181,11 +234,11 @@ impl Reference<'_> {
 
 /// Decodes a whole stream that an encoder wrote.
 fn decode(bytes: &[u8]) -> (Vec<Leaf>, u8) {
-    let (j, mixed) = (bytes[0] & 127, bytes[0] >> 7 == 1);
-    let (mut points, mut at) = (0, 0);
+    let (j, layout) = (bytes[0], Layout::from_byte(bytes[1]).unwrap());
+    let (mut points, mut at) = (0, 1);
     loop {
         at += 1;
-        points |= usize::from(bytes[at] & 127) << (7 * (at - 1));
+        points |= usize::from(bytes[at] & 127) << (7 * (at - 2));
         if bytes[at] < 128 {
             break;
         }
@@ -193,10 +246,11 @@ fn decode(bytes: &[u8]) -> (Vec<Leaf>, u8) {
     let mut reference = Reference {
         coder: Decoder::new(&bytes[at + 1..]).unwrap(),
         j,
-        mixed,
+        layout,
         bits: BTreeMap::new(),
         levels: BTreeMap::new(),
         last: BTreeMap::new(),
+        slabs: BTreeMap::new(),
         leaves: Vec::new(),
     };
     let mut nodes = if points > 0 { vec![(0, 1)] } else { Vec::new() };
@@ -246,4 +300,34 @@ fn a_second_decoder_agrees_on_a_surface() {
     leaves.sort();
     leaves.dedup();
     assert_eq!(decode(&geometry::encode(&leaves, 8).unwrap()), (leaves, 8));
+}
+
+/// Walls, and points on a lattice whose pitch is no power of two: the encoder uses slabs, and saves
+/// bytes by them.
+#[test]
+fn a_second_decoder_agrees_on_planes() {
+    let mut s = 5u32;
+    let mut next = |n: u32| {
+        s = s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (s >> 8) % n
+    };
+    let mut walls = Vec::new();
+    let mut lattice = Vec::new();
+    for i in 0..4000 {
+        let (a, b) = (next(1 << 9), next(1 << 9));
+        walls.push([[a, b, 100], [333, a, b], [a, 17, b]][i % 3]);
+        lattice.push([0; 3].map(|_| next(40) * 37 / 3));
+    }
+    for (name, points) in [("walls", walls), ("lattice", lattice)] {
+        let leaf = |p: &[u32; 3]| Leaf { morton: morton::encode(*p), depth: 9 };
+        let mut leaves: Vec<Leaf> = points.iter().map(leaf).collect();
+        leaves.sort();
+        leaves.dedup();
+        assert!(Layout::of(&leaves, 9).unwrap().planes, "{name}");
+        let bytes = geometry::encode(&leaves, 9).unwrap();
+        let mut without = gpcc_lite::coder::Encoder::default();
+        geometry::encode_leaves(&mut without, &leaves, 9, Layout::default()).unwrap();
+        assert!(bytes.len() * 10 < without.finish().len() * 9, "{name}");
+        assert_eq!(decode(&bytes), (leaves, 9), "{name}");
+    }
 }

@@ -5,6 +5,7 @@ mod common;
 use common::{channel, rows_of};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
+use gpcc_lite::geometry::Layout;
 use gpcc_lite::predict::{
     Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
 };
@@ -12,6 +13,9 @@ use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Error, Leaf, Limits, geometry, rlgr};
 use proptest::prelude::*;
+
+/// Leaves end at different depths, and slabs are kept.
+const LAYOUT: Layout = Layout { mixed_depths: true, planes: true };
 
 /// Calls `decode` with every truncation and every single-bit flip of `bytes`.
 fn damage(bytes: &[u8], mut decode: impl FnMut(&[u8])) {
@@ -124,7 +128,7 @@ fn the_greatest_values_wrap_or_saturate() {
 /// A header that claims far more than the stream holds costs nothing.
 #[test]
 fn claims_are_not_believed() {
-    let bytes = [21, 0xff, 0xff, 0xff, 0xff, 0x0e];
+    let bytes = [21, 0, 0xff, 0xff, 0xff, 0xff, 0x0e];
     let e = geometry::decode(&bytes, &Limits::for_stream(bytes.len())).unwrap_err();
     assert!(matches!(e, Error::TooManyPoints { .. }), "{e}");
     let (leaves, j) = leaves();
@@ -154,14 +158,16 @@ fn a_short_stream_with_a_great_count_ends_early() {
             bytes.extend(state.to_le_bytes());
         }
         bytes.resize(20, 0);
-        for (j, mixed) in [(21, true), (21, false), (12, true), (32, false)] {
-            let Ok(mut coder) = Decoder::new(&bytes) else { continue };
-            assert!(geometry::decode_leaves(&mut coder, count, j, mixed).is_err());
+        for j in [21, 12, 32] {
+            for layout in (0..4).filter_map(Layout::from_byte) {
+                let Ok(mut coder) = Decoder::new(&bytes) else { continue };
+                assert!(geometry::decode_leaves(&mut coder, count, j, layout).is_err());
+            }
         }
     }
     let mut coder = Decoder::new(&[]).unwrap();
-    assert!(geometry::decode_leaves(&mut coder, count, 21, true).is_err());
-    assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, 21, true).is_err());
+    assert!(geometry::decode_leaves(&mut coder, count, 21, LAYOUT).is_err());
+    assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, 21, LAYOUT).is_err());
 }
 
 /// Invalid input is refused by name.
@@ -169,7 +175,7 @@ fn a_short_stream_with_a_great_count_ends_early() {
 fn bad_leaves_are_refused() {
     let leaf = |morton, depth| Leaf { morton, depth };
     let e = |l: &[Leaf], j| {
-        let shared = geometry::encode_leaves(&mut Encoder::default(), l, j, true).unwrap_err();
+        let shared = geometry::encode_leaves(&mut Encoder::default(), l, j, LAYOUT).unwrap_err();
         let alone = geometry::encode(l, j).unwrap_err();
         assert_eq!(shared, alone);
         assert_eq!(Plan::new(l, j).unwrap_err(), alone);
@@ -224,7 +230,8 @@ proptest! {
         let _ = decode_lossless(&near, &bytes, 4);
         let _ = rlgr::decode(&bytes, 5000);
         if let Ok(mut coder) = Decoder::new(&bytes) {
-            let _ = geometry::decode_leaves(&mut coder, 100_000, j, channels % 2 == 0);
+            let layout = Layout::from_byte(channels as u8 % 4).unwrap();
+            let _ = geometry::decode_leaves(&mut coder, 100_000, j, layout);
         }
     }
 }

@@ -62,21 +62,9 @@ pub(crate) fn scene(
     sh_degree: u8,
     fill: impl Fn(Rows) -> Result<()> + Sync,
 ) -> Result<Scene> {
-    let mut scene = blank(n, sh_degree);
+    let mut scene = Scene::zeros(n, sh_degree);
     fill_range(&mut scene, 0..n, fill)?;
     Ok(scene)
-}
-
-/// A scene of `n` Gaussians, all numbers 0.
-pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
-    Scene {
-        means: vec![[0.0; 3]; n],
-        rotations: vec![[0.0; 4]; n],
-        log_scales: vec![[0.0; 3]; n],
-        opacity_logits: vec![0.0; n],
-        sh_degree,
-        sh: vec![[0.0; 3]; n * sh_len(sh_degree)],
-    }
 }
 
 /// As [`scene`], for a range of the rows of an existing scene.

@@ -30,6 +30,20 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// A scene of `n` Gaussians, all numbers 0. The memory comes zeroed from the system, so pages cost
+    /// nothing until they are written.
+    #[must_use]
+    pub fn zeros(n: usize, sh_degree: u8) -> Self {
+        Self {
+            means: vec![[0.0; 3]; n],
+            rotations: vec![[0.0; 4]; n],
+            log_scales: vec![[0.0; 3]; n],
+            opacity_logits: vec![0.0; n],
+            sh_degree,
+            sh: vec![[0.0; 3]; n * sh_len(sh_degree)],
+        }
+    }
+
     /// Number of Gaussians.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -165,7 +165,8 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
     Ok(value)
 }
 
-fn finite(text: &str) -> std::result::Result<f64, String> {
+/// A number of dB on the command line.
+pub(crate) fn finite(text: &str) -> std::result::Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "use a number of dB".into())
 }
 

@@ -19,6 +19,8 @@ mod memory;
 mod nearest;
 mod orbit;
 mod output;
+mod paper_tune;
+mod photos;
 mod pictures;
 mod positional;
 mod preset;
@@ -61,9 +63,9 @@ enum Command {
     /// Write the model in a stream as a PLY that any 3DGS viewer opens, or as SPZ or .splat.
     #[command(after_help = decode::EXAMPLES)]
     Decode(decode::Args),
-    /// Voxelize a model and tune it to its photos; write a stream or a PLY.
+    /// Tune a model to its photos, or to itself, for a smaller stream of equal quality.
     #[command(after_help = tune::EXAMPLES)]
-    Finetune(tune::Args),
+    Tune(tune::Args),
     /// Show what a stream or a model holds: Gaussians, chunks, sizes.
     #[command(after_help = info::EXAMPLES)]
     Info(info::Args),
@@ -96,7 +98,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
     match &cli.command {
         Command::Encode(args) => encode::run(args, report),
         Command::Decode(args) => decode::run(args, report),
-        Command::Finetune(args) => tune::run(args, report),
+        Command::Tune(args) => tune::run(args, report),
         Command::Info(args) => info::run(args, report),
         Command::Render(args) => render::run(args, report),
         Command::Compare(args) => compare::run(args, report),

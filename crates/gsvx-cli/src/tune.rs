@@ -1,127 +1,145 @@
-//! `gsvx finetune`.
+//! `gsvx tune`.
 
 use crate::encode::quality;
-use crate::exit::{note, usage};
+use crate::exit::{missed, note, usage};
 use crate::input::{self, Reading};
+use crate::orbit::Orbit;
 use crate::output::{Output, megabytes};
 use crate::progress::Steps;
 use crate::report::Reporter;
-use crate::trim::Trim;
-use crate::{interrupt, views};
-use anyhow::{Context, Result, anyhow, bail};
-use finetune::backend::Backend;
-use finetune::{
-    FineTune, FineTuneOptions, Image, Outcome, Quantization, QuantizationMode, RenderOptions,
-    StopReason, TrainView, metrics, render,
-};
-use gs_model::Scene;
-use gsvx::{EncodeOptions, Prepared};
+use crate::{interrupt, paper_tune, photos, pictures, size};
+use anyhow::{Context, Result};
+use finetune::{RenderOptions, TrainView, render};
+use gs_model::{Camera, Scene};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use voxel::Voxelization;
+use tune::{Effort, Options, Outcome, Progress, Target, Tune};
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
-  gsvx finetune model.ply --cameras data/fox -o tuned.gsvx
-  gsvx finetune model.ply --cameras data/fox -o tuned.ply --steps 3000 --backend cpu
-  gsvx finetune model.ply --cameras data/fox -o tuned.gsvx --checkpoint run.ckpt
+  gsvx tune model.ply --cameras data/fox -o small.gsvx
+  gsvx tune model.ply --cameras data/fox -o small.gsvx --target-bytes 200k
+  gsvx tune model.ply --cameras data/fox -o small.gsvx --target-psnr 31 --effort long
+  gsvx tune model.ply --cameras data/fox --distil -o small.gsvx   no photos
+  gsvx tune model.ply --orbit 60 -o small.gsvx                    no cameras either
+  gsvx tune model.ply --cameras data/fox -o small.gsvx --checkpoint run.ckpt
 
 Ctrl-C, or SIGTERM, ends the tuning early; what has been reached is written. A second one, later, ends
 the command without an output.";
 
-/// Arguments of `gsvx finetune`.
+/// Quality used when none is asked for.
+const QUALITY: f32 = 58.0;
+/// Steps between two pictures.
+const PICTURED: u64 = 100;
+
+/// Arguments of `gsvx tune`.
 #[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("target"))]
+#[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
 pub(crate) struct Args {
     /// The trained model: a PLY in the Inria layout, .splat or .spz; `-` for standard input.
     input: PathBuf,
-    /// Scene folder with cameras and photos.
-    #[arg(long, value_name = "DIR")]
-    cameras: PathBuf,
+    /// Scene folder with cameras and photos. Without photos, or with --distil, the model is tuned to
+    /// its own renders at the cameras.
+    #[arg(long, value_name = "PATH")]
+    cameras: Option<PathBuf>,
     /// What to write: NAME.gsvx for a stream, NAME.ply for the tuned model.
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
-    /// Largest number of steps, one photo each.
-    #[arg(long, default_value_t = 8000)]
-    steps: u64,
-    /// Quality of the voxelization and of the stream, 0 to 100.
-    #[arg(short, long, default_value_t = gsvx::DEFAULT_QUALITY, value_parser = quality)]
-    quality: f32,
-    /// Where to compute: cpu, gpu or auto.
-    #[arg(long, default_value = "auto")]
-    backend: Backend,
-    /// Stop after so many passes over the photos without improvement; 0 for never.
-    #[arg(long, default_value_t = 5)]
-    patience: u32,
-    /// Go on when the photos are matched as well as by the input model.
+    /// Quality of the stream, 0 to 100 [default: 58].
+    #[arg(short, long, group = "target", value_parser = quality)]
+    quality: Option<f32>,
+    /// Best stream of at most this size: 800000, 500k, 1.5MB.
+    #[arg(long, value_name = "SIZE", group = "target", value_parser = size::bytes)]
+    target_bytes: Option<u64>,
+    /// Smallest stream of this PSNR against the photos, in dB, at views kept aside.
+    #[arg(long, value_name = "DB", group = "target", value_parser = crate::encode::finite)]
+    target_psnr: Option<f64>,
+    /// How long to tune.
+    #[arg(long, default_value = "normal", value_name = "EFFORT")]
+    effort: EffortName,
+    /// Tune to renders of the model itself, also where there are photos.
     #[arg(long)]
-    past_input: bool,
-    /// Quantise attributes while tuning, at the steps of the quality: round or noise.
-    #[arg(long, value_name = "MODE", value_parser = quantizer)]
-    quantize: Option<QuantizationMode>,
-    /// Gaussians so far away that the others lose octree levels: auto tunes them too and codes them
-    /// exactly where that is cheaper, off keeps them in the octree.
-    #[arg(long, default_value = "auto")]
-    trim: Trim,
-    /// Checkpoint file; an existing one is continued.
-    #[arg(long)]
+    distil: bool,
+    /// File that keeps what is needed to go on after an interruption; an existing one is continued.
+    #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
-    /// Steps between checkpoints; also how far back a run goes if the GPU fails.
-    #[arg(long, value_name = "STEPS", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
-    checkpoint_every: u64,
-    #[command(flatten)]
-    reading: Reading,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
+    /// Folder for renders of the first training view, one every 100 steps.
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
+    pictures: Option<PathBuf>,
+    /// Seed of the order of the views.
+    #[arg(long, default_value_t = 0, hide_short_help = true)]
+    seed: u64,
+    /// rate: the codec in the loop, for fewer bytes. paper: attributes only, after voxelization, until
+    /// the photos are matched as well as by the input.
+    #[arg(long, default_value = "rate", value_name = "PROFILE", hide_short_help = true)]
+    profile: Profile,
+    #[command(flatten)]
+    paper: paper_tune::Args,
+    #[command(flatten)]
+    orbit: Orbit,
+    #[command(flatten)]
+    reading: Reading,
 }
 
-fn quantizer(text: &str) -> std::result::Result<QuantizationMode, String> {
-    match text {
-        "round" => Ok(QuantizationMode::StraightThrough),
-        "noise" => Ok(QuantizationMode::UniformNoise),
-        _ => Err("use round or noise".into()),
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum EffortName {
+    /// About 1 minute for 120,000 Gaussians and small photos on 2 cores.
+    Quick,
+    /// About 5 minutes.
+    Normal,
+    /// About 30 minutes.
+    Long,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Profile {
+    Rate,
+    Paper,
+}
+
+impl Args {
+    fn target(&self) -> Target {
+        match (self.target_bytes, self.target_psnr) {
+            (Some(bytes), _) => Target::Bytes(bytes),
+            (_, Some(db)) => Target::Psnr(db),
+            _ => Target::Quality(self.quality.unwrap_or(QUALITY)),
+        }
+    }
+
+    /// Combinations of flags that make no sense.
+    fn check(&self) -> Result<()> {
+        if self.profile == Profile::Paper {
+            if self.target_bytes.is_some() || self.target_psnr.is_some() {
+                return Err(usage("--profile paper has no target but --quality"));
+            }
+            return Ok(());
+        }
+        match self.paper.given() {
+            Some(flag) => Err(usage(format!("{flag}: only with --profile paper"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Views to tune on, and whether their images are renders of the model.
+    fn views(&self, scene: &Scene) -> Result<(Vec<TrainView>, bool)> {
+        if let (None, Some(n)) = (&self.cameras, self.orbit.orbit) {
+            return Ok((photos::renders_around(&self.orbit, n, &self.input, scene)?, true));
+        }
+        let Some(path) = &self.cameras else { return Err(usage("give --cameras or --orbit")) };
+        let photos = if self.distil { None } else { photos::photos(path)? };
+        match photos {
+            Some(views) => Ok((views, false)),
+            None => Ok((photos::renders_at(path, scene)?, true)),
+        }
     }
 }
 
-/// The codec's steps of the middle importance class, in the space of the scene's arrays: ln(alpha)
-/// moves at most as far as the logit, and a covariance's logarithm twice as far as the log-scale.
-fn quantization(mode: QuantizationMode, options: &EncodeOptions) -> Quantization {
-    let steps = &options.steps;
-    Quantization {
-        mode,
-        sh_dc: steps.dc,
-        sh_rest: steps.sh[0],
-        opacity_logit: steps.opacity,
-        log_scale: 0.5 * steps.covariance,
-        ..Default::default()
-    }
-}
-
-/// Mean PSNR of the model at the training views, dB.
-fn quality_of(scene: &Scene, views: &[TrainView]) -> f64 {
-    let steps = Steps::new("input model", views.len() as u64);
-    let mut sum = 0.0;
-    for view in views {
-        let image = render(scene, &view.camera, &RenderOptions::default());
-        sum += metrics::psnr(&image, &view.photo);
-        steps.inc();
-    }
-    sum / views.len() as f64
-}
-
-/// A model about to be tuned.
-struct Start {
-    /// The voxelized scene, then the Gaussians that are coded exactly.
-    scene: Scene,
-    voxels: Voxelization,
-    importance: Vec<f32>,
-    training: Vec<TrainView>,
-    /// PSNR of the input model at the training views.
-    target: Option<f64>,
-}
-
-/// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
+/// Tunes and writes a stream or a model.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let extension = args.output.extension().and_then(|e| e.to_str()).unwrap_or_default();
     let extension = extension.to_ascii_lowercase();
@@ -129,172 +147,176 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         let name = args.output.display();
         return Err(usage(format!("{name}: the output must end in .gsvx or .ply")));
     }
-    let options = EncodeOptions::from_quality(args.quality)?;
+    args.check()?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
-    // Before any work: whoever asked for a GPU should not wait to hear that there is none.
-    let backend = finetune::backend::choose(args.backend).context("try --backend cpu or auto")?;
-    note(format_args!("backend: {}", backend.reason));
-    let start = prepare(args)?;
-    let (voxels, importance) = (start.voxels, start.importance);
-    let outcome = tune(args, start.scene, start.training, start.target, &options, backend.used)?;
-    let (target, mut tuned) = (output.name(), outcome.scene);
-    let gaussians = tuned.len();
-    let mut bytes = 0;
-    if extension == "ply" {
-        output.write(|out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
-    } else {
-        let outliers = tuned.split_off(voxels.len());
-        let outliers = (!outliers.is_empty()).then_some(outliers);
-        let mut options = options;
-        options.importance = Some(importance);
-        let encoded = gsvx::encode_voxels(&tuned, &voxels, outliers.as_ref(), &options)
-            .with_context(|| input::name(&args.input))?;
-        bytes = encoded.bytes.len() as u64;
-        output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
+    let pictures = args.pictures.as_deref().map(|p| pictures::folder(p, args.force)).transpose()?;
+    let backend = match args.profile {
+        Profile::Paper => Some(paper_tune::choose(&args.paper)?),
+        Profile::Rate => None,
+    };
+    let scene = args.reading.model(&args.input, None)?.scene;
+    let (training, distilled) = args.views(&scene)?;
+    if distilled {
+        note("no photos: the model is tuned to its own renders");
     }
-    let size = if bytes > 0 { format!(", {}", megabytes(bytes)) } else { String::new() };
-    let (steps, seconds, reason) = (outcome.steps, outcome.seconds, outcome.reason);
-    let human = format!(
-        "{steps} steps in {seconds:.1} s: {}\n{target}: {gaussians} Gaussians{size}",
-        in_words(reason)
-    );
-    let json = json!({
-        "output": target,
-        "gaussians": gaussians,
-        "outliers": gaussians - voxels.len(),
-        "bytes": bytes,
-        "steps": steps,
-        "seconds": seconds,
-        "reason": in_words(reason),
-        "backend": format!("{:?}", outcome.backend.used).to_lowercase(),
-    });
-    report.say(false, &human, &json)
+    let ply = extension == "ply";
+    if let Some(backend) = backend {
+        let job = paper_tune::Job {
+            input: &args.input,
+            scene,
+            training,
+            quality: args.quality.unwrap_or(gsvx::DEFAULT_QUALITY),
+            checkpoint: args.checkpoint.as_deref(),
+            output,
+            ply,
+        };
+        return paper_tune::run(&args.paper, job, backend, report);
+    }
+    let first = training.first().map(|v| v.camera.clone());
+    let pictures = pictures.zip(first);
+    let outcome = tuned(args, scene, training, pictures.as_ref())?;
+    write(args, output, ply, distilled, &outcome, report)
 }
 
-fn in_words(reason: StopReason) -> &'static str {
-    match reason {
-        StopReason::Steps => "all steps are done",
-        StopReason::TargetReached => "the photos are matched as well as by the input model",
-        StopReason::NoImprovement => "the match no longer improves",
-        StopReason::Cancelled => "interrupted",
-        _ => "ended",
-    }
-}
-
-/// Reads model, cameras and photos, and voxelizes the model.
-fn prepare(args: &Args) -> Result<Start> {
-    let name = || input::name(&args.input);
-    let mut scene = args.reading.model(&args.input, None)?.scene;
-    let training = photos(&args.cameras)?;
-    let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let mut importance = views::importance(&scene, &cameras);
-    let unseen = importance.iter().filter(|&&v| v == 0.0).count();
-    if unseen > 0 {
-        let n = scene.len();
-        note(format_args!("{unseen} of {n} Gaussians contribute to no training view: left out"));
-    }
-    let target = (!args.past_input).then(|| quality_of(&scene, &training));
-    if let Some(db) = target {
-        note(format_args!(
-            "input model: {db:.2} dB at the training views; the fine-tune ends there"
-        ));
-    }
-    let strategy = |found: &[f32], seen| gsvx::default_strategy(args.quality, found, seen);
-    let outliers = args.trim.split(&mut scene, Some(&mut importance), name)?;
-    let Prepared { mut scene, voxels, importance } =
-        gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
-    // The means of Gaussians that are coded exactly stay where they are, as those of the leaves do.
-    if let Some(outliers) = &outliers {
-        let n = outliers.len();
-        let s = if n == 1 { "" } else { "s" };
-        note(format_args!("{n} outlier{s} will be coded exactly"));
-        scene.append(outliers);
-    }
-    Ok(Start { scene, voxels, importance, training, target })
-}
-
-/// Runs the fine-tune.
-fn tune(
+/// Says what will be done, and does it.
+fn tuned(
     args: &Args,
     scene: Scene,
     training: Vec<TrainView>,
-    target: Option<f64>,
-    options: &EncodeOptions,
-    chosen: Backend,
+    pictures: Option<&(PathBuf, Camera)>,
 ) -> Result<Outcome> {
     let name = || input::name(&args.input);
-    let tuning = FineTuneOptions {
-        steps: args.steps,
-        target_psnr: target,
-        patience: (args.patience > 0).then_some(args.patience),
-        quantization: args.quantize.map(|mode| quantization(mode, options)),
-        checkpoint: args.checkpoint.clone(),
-        checkpoint_every: args.checkpoint_every,
-        cancel: Some(interrupt::cancel_flag()),
-        backend: args.backend,
-        report_every: (args.steps / 200).clamp(1, 50),
-        ..Default::default()
+    let gaussians = scene.len();
+    let mut options = Options::new(args.target());
+    options.effort = match args.effort {
+        EffortName::Quick => Effort::Quick,
+        EffortName::Normal => Effort::Normal,
+        EffortName::Long => Effort::Long,
     };
-    let tune =
-        FineTune::new(scene, training, tuning).map_err(|e| gpu_hint(e, args)).with_context(name)?;
-    let begun = tune.backend().used;
-    let mut used = begun;
-    if begun != chosen {
-        note(format_args!("backend: {}", tune.backend().reason));
-    }
-    let steps = Steps::new("fine-tune", args.steps);
-    let outcome = tune
-        .run(|p| {
-            if p.backend != used {
-                steps.say("the GPU failed: going on without it");
-                used = p.backend;
-            }
-            let (loss, psnr, speed) = (p.loss, p.psnr, p.steps_per_second);
-            steps.set(p.step, &format!("loss {loss:.4}, {psnr:.2} dB, {speed:.1} steps/s"));
-        })
-        .map_err(|e| gpu_hint(e, args))
-        .with_context(name)?;
-    drop(steps);
-    if outcome.backend.used != begun {
-        note(format_args!("backend: {}", outcome.backend.reason));
-    }
-    Ok(outcome)
+    options.seed = args.seed;
+    options.checkpoint.clone_from(&args.checkpoint);
+    options.cancel = Some(interrupt::cancel_flag());
+    let run = Tune::new(scene, training, options).with_context(name)?;
+    announce(&run, gaussians);
+    let steps = Steps::new("tune", run.plan().steps());
+    let mut told = false;
+    let outcome = run.run(|p| {
+        if let (Some(error), false) = (p.checkpoint_failed, told) {
+            steps.say(&format!("warning: {error}; the run goes on without checkpoints"));
+            told = true;
+        }
+        steps.set(p.step, &line(p));
+        if let Some((folder, camera)) = pictures
+            && p.step.is_multiple_of(PICTURED)
+            && let Err(error) = picture(folder, camera, p)
+        {
+            steps.say(&format!("warning: {error:#}"));
+        }
+    });
+    outcome.with_context(name)
 }
 
-/// Says what to do about a GPU that failed.
-fn gpu_hint(error: finetune::Error, args: &Args) -> anyhow::Error {
-    if !matches!(error, finetune::Error::Gpu { .. }) {
-        return error.into();
-    }
-    let kept = args.checkpoint.as_deref().filter(|p| p.exists());
-    let kept = kept.map(|p| format!(", from {}", p.display())).unwrap_or_default();
-    anyhow!("{error}: --backend auto or cpu goes on without it{kept}")
+/// What will be done, and how long it takes.
+fn announce(run: &Tune, gaussians: usize) {
+    let plan = run.plan();
+    let (used, aside) = run.views();
+    note(format_args!(
+        "input model: {gaussians} Gaussians, {:.2} dB at {aside} of {} views, which are kept aside",
+        run.input_psnr(),
+        used + aside,
+    ));
+    let done = match run.steps_done() {
+        0 => String::new(),
+        n => format!(", {n} of them done"),
+    };
+    note(format_args!(
+        "plan: quality {:.1}; leave out {:.0} % of the Gaussians in {} rounds of {} steps, then {} steps \
+         with the codec in the loop{done}; about {}",
+        plan.quality,
+        100.0 * plan.fraction,
+        plan.rounds,
+        plan.round_steps,
+        plan.loop_steps,
+        duration(run.estimated_seconds()),
+    ));
 }
 
-/// Training cameras with their photos.
-fn photos(dir: &Path) -> Result<Vec<TrainView>> {
-    let (_, found) = gs_model::dataset::open_views(dir)?;
-    let training = found.into_iter().enumerate().filter(|(i, _)| i % 8 != 0);
-    let mut out = Vec::new();
-    for (_, view) in training {
-        let file = view.image_path.display();
-        let photo = image::ImageReader::open(&view.image_path)
-            .with_context(|| format!("photo {file}"))?
-            .with_guessed_format()
-            .with_context(|| format!("photo {file}"))?
-            .decode()
-            .with_context(|| format!("photo {file}: PNG or JPEG expected"))?
-            .to_rgb8();
-        let (width, height) = photo.dimensions();
-        let Some(camera) = view.camera.scaled_to(width, height) else {
-            bail!("photo {file} is {width}x{height}, which is not its camera's aspect ratio");
-        };
-        let photo = Image::from_rgb8(width, height, photo.as_raw())
-            .with_context(|| format!("photo {file} is empty"))?;
-        out.push(TrainView { camera, photo });
+fn duration(seconds: f64) -> String {
+    if seconds < 90.0 {
+        format!("{:.0} s", seconds.max(1.0))
+    } else {
+        format!("{:.0} min", seconds / 60.0)
     }
-    if out.is_empty() {
-        bail!("{}: no training photos", dir.display());
+}
+
+/// The live line.
+fn line(p: &Progress<'_>) -> String {
+    let aside = p.aside_psnr.map(|db| format!(", {db:.2} dB aside")).unwrap_or_default();
+    let bytes = p.bytes.map(|b| format!(", {}", megabytes(b))).unwrap_or_default();
+    let left = duration(p.eta_seconds);
+    format!("{}: {} Gaussians{aside}{bytes}, {left} left", p.stage, p.gaussians)
+}
+
+fn picture(folder: &Path, camera: &Camera, p: &Progress<'_>) -> Result<()> {
+    let file = folder.join(format!("step-{:06}.png", p.step));
+    let image = render(p.scene, camera, &RenderOptions::default());
+    pictures::write(&image, Output::open(&file, true, &[])?)
+}
+
+/// Writes the result and reports.
+fn write(
+    args: &Args,
+    output: Output,
+    ply: bool,
+    distilled: bool,
+    outcome: &Outcome,
+    report: Reporter,
+) -> Result<()> {
+    let name = output.name();
+    let bytes = outcome.encoded.bytes.len() as u64;
+    if ply {
+        output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?;
+    } else {
+        output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?;
     }
-    Ok(out)
+    let ended = if outcome.cancelled { "interrupted" } else { "all steps are done" };
+    let of = if distilled { "renders of the input" } else { "photos" };
+    let gaussians = outcome.scene.len();
+    let human = format!(
+        "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB against {of} kept \
+         aside (input model: {:.2} dB)",
+        outcome.steps,
+        outcome.seconds,
+        megabytes(bytes),
+        outcome.psnr,
+        outcome.input_psnr.min(100.0),
+    );
+    let parts = outcome.encoded.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n)));
+    let json = json!({
+        "output": name,
+        "gaussians": gaussians,
+        "outliers": outcome.outliers,
+        "bytes": bytes,
+        "counted_bytes": outcome.counted_bytes,
+        "psnr": outcome.psnr,
+        "input_psnr": outcome.input_psnr,
+        "quality": outcome.quality,
+        "distilled": distilled,
+        "steps": outcome.steps,
+        "seconds": outcome.seconds,
+        "reason": ended,
+        "target_reached": outcome.reached,
+        "parts": parts.collect::<serde_json::Map<_, _>>(),
+    });
+    report.say(false, &human, &json)?;
+    match (outcome.reached, args.target()) {
+        (true, _) | (_, Target::Quality(_)) => Ok(()),
+        (false, Target::Bytes(wanted)) => Err(missed(format!(
+            "{name}: written, but {bytes} bytes are above the target of {wanted}"
+        ))),
+        (false, Target::Psnr(db)) => Err(missed(format!(
+            "{name}: written, but {:.2} dB are below the target of {db} dB",
+            outcome.psnr
+        ))),
+    }
 }

@@ -147,6 +147,13 @@ pub(crate) fn open(path: &Path) -> Result<Vec<View>> {
     Ok(views)
 }
 
+/// Generated cameras around a model that was read from `path`.
+pub(crate) fn around(orbit: &Orbit, n: u32, path: &Path, scene: &Scene) -> Result<Vec<Camera>> {
+    let cameras = orbit.cameras(scene, n, up_beside(path))?;
+    drawable(&cameras, "pass a smaller --size")?;
+    Ok(cameras)
+}
+
 /// The training cameras of a scene folder or of a camera file.
 pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
     let views = open(path)?;

@@ -146,7 +146,9 @@ fn a_short_finetune_writes_a_stream_that_decodes() {
     let (room, stream, back) = (room(), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
     let model = room.join("point_cloud.ply");
     let said = ok(&[
-        "finetune",
+        "tune",
+        "--profile",
+        "paper",
         path(&model),
         "--cameras",
         path(&room),
@@ -160,7 +162,7 @@ fn a_short_finetune_writes_a_stream_that_decodes() {
     assert!(said.contains("20 steps"), "{said}");
     ok(&["decode", path(&stream), "-o", path(&back)]);
     let wrong = dir.path().join("x.txt");
-    let out = gsvx(&["finetune", path(&model), "--cameras", path(&room), "-o", path(&wrong)]);
+    let out = gsvx(&["tune", path(&model), "--cameras", path(&room), "-o", path(&wrong)]);
     common::wrong_usage(&out, ".gsvx or .ply");
 }
 

@@ -172,7 +172,7 @@ fn without_a_gpu_the_finetune_falls_back_or_says_so() {
     let dir = tempfile::tempdir().unwrap();
     let run = |backend: &str| {
         gsvx()
-            .arg("finetune")
+            .args(["tune", "--profile", "paper"])
             .arg(model())
             .arg("--cameras")
             .arg(room())

@@ -2,30 +2,9 @@
 
 mod common;
 
-use common::{gsvx, model, one_line, wrong_usage};
-use gs_model::Scene;
+use common::{gsvx, one_line, run, scene, small, wrong_usage};
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
-
-fn scene() -> Scene {
-    let (scene, _) = gs_model::ply::read(model()).unwrap();
-    scene.select(&(0..400).collect::<Vec<_>>())
-}
-
-fn small(dir: &Path) -> PathBuf {
-    let path = dir.join("small.ply");
-    gs_model::ply::write(&path, &scene()).unwrap();
-    path
-}
-
-fn run(words: &[&str], paths: &[&Path]) -> Output {
-    let mut paths = paths.iter();
-    let words = words.iter().map(|&w| match w {
-        "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
-        word => word.into(),
-    });
-    gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
-}
 
 fn ok(words: &[&str], paths: &[&Path]) -> String {
     let out = run(words, paths);
@@ -172,7 +151,9 @@ fn a_finetune_said_why_it_ended_in_a_name_of_the_code() {
     let dir = tempfile::tempdir().unwrap();
     let (input, out) = (small(dir.path()), dir.path().join("a.ply"));
     let room = common::room();
-    let words = ["finetune", "@", "--cameras", "@", "--steps", "2", "--backend", "cpu", "-o", "@"];
+    let paper = ["tune", "@", "--profile", "paper"];
+    let options = ["--cameras", "@", "--steps", "2", "--backend", "cpu", "-o", "@"];
+    let words: Vec<&str> = paper.into_iter().chain(options).collect();
     let said = ok(&words, &[&input, &room, &out]);
     assert!(said.contains("all steps are done") && !said.contains("Steps"), "{said}");
 }

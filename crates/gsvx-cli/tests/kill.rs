@@ -122,7 +122,7 @@ fn killed_at_random_the_target_is_absent_or_whole() {
 fn tune(dir: &Path, output: &str, checkpoint: &str) -> Command {
     let mut command = gsvx();
     command
-        .arg("finetune")
+        .args(["tune", "--profile", "paper"])
         .arg(model())
         .arg("--cameras")
         .arg(room())
@@ -334,7 +334,7 @@ fn a_photo_or_camera_that_was_cut_short_is_named() {
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
         let out = gsvx()
-            .arg("finetune")
+            .args(["tune", "--profile", "paper"])
             .arg(model())
             .arg("--cameras")
             .arg(&copy)

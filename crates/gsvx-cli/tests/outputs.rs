@@ -2,26 +2,9 @@
 
 mod common;
 
-use common::{gsvx, model, one_line, wrong_usage};
-use std::path::{Path, PathBuf};
+use common::{gsvx, one_line, run, small, wrong_usage};
+use std::path::Path;
 use std::process::Output;
-
-/// A few hundred Gaussians of the room.
-fn small(dir: &Path) -> PathBuf {
-    let (scene, _) = gs_model::ply::read(model()).unwrap();
-    let path = dir.join("small.ply");
-    gs_model::ply::write(&path, &scene.select(&(0..400).collect::<Vec<_>>())).unwrap();
-    path
-}
-
-fn run(words: &[&str], paths: &[&Path]) -> Output {
-    let mut paths = paths.iter();
-    let words = words.iter().map(|&w| match w {
-        "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
-        word => word.into(),
-    });
-    gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
-}
 
 fn ok(words: &[&str], paths: &[&Path]) -> Output {
     let out = run(words, paths);
@@ -227,7 +210,7 @@ fn a_terminated_finetune_kept_nothing() {
         let dir = tempfile::tempdir().unwrap();
         let output = dir.path().join("tuned.ply");
         let mut child = gsvx()
-            .arg("finetune")
+            .args(["tune", "--profile", "paper"])
             .arg(small(dir.path()))
             .arg("--cameras")
             .arg(common::room())

@@ -2,8 +2,6 @@
 
 #[path = "../tests/common/mod.rs"]
 mod common;
-#[path = "../tests/common/hash.rs"]
-mod hash;
 
 use common::golden;
 use std::path::Path;
@@ -16,7 +14,7 @@ fn main() -> std::io::Result<()> {
     );
     for (name, bytes) in golden::streams() {
         let scene = gsvx::decode(&bytes).map_err(std::io::Error::other)?;
-        list += &format!("{}  {name}\n", hash::hash(&scene));
+        list += &format!("{}  {name}\n", testing::sha256(&scene));
         println!("{name}: {} bytes, {} Gaussians", bytes.len(), scene.len());
         std::fs::write(folder.join(&name), bytes)?;
     }

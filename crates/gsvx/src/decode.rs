@@ -1,6 +1,6 @@
 //! The decoder of whole streams in memory. [`crate::Reader`] is for those that arrive in parts.
 
-use crate::chunk::{ChunkDecoder, GaussiansMut, blank, resize};
+use crate::chunk::{ChunkDecoder, GaussiansMut, resize};
 use crate::error::{Error, Result};
 use crate::head::{Chunk, Header, Index, Kind, Layer};
 use crate::{lossless, parallel};
@@ -64,7 +64,7 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 /// As [`decode`]; see [`DecodeOptions::salvage`].
 pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     let decoder = Decoder::new(bytes, options)?;
-    let mut scene = blank(decoder.len(), decoder.sh_degree);
+    let mut scene = Scene::zeros(decoder.len(), decoder.sh_degree);
     let mut rest = GaussiansMut::of(&mut scene);
     let mut jobs = Vec::with_capacity(decoder.jobs.len());
     for job in &decoder.jobs {
@@ -272,7 +272,7 @@ impl<'a> Decoder<'a> {
     ) -> std::result::Result<(), E> {
         for jobs in self.jobs.chunks(parallel::threads()) {
             let work = |job: &Job| {
-                let mut scene = blank(job.count, self.sh_degree);
+                let mut scene = Scene::zeros(job.count, self.sh_degree);
                 let mut out = GaussiansMut::of(&mut scene);
                 self.decode_job::<Error>(job, &mut ChunkDecoder::default(), |part| match part {
                     Part::Leaves(chunk) => chunk.fill(&self.index.header, 0, &mut out),

@@ -117,7 +117,7 @@ pub(crate) fn check_lengths(scene: &Scene) -> Result<()> {
 }
 
 /// Each Gaussian is at the centre of its leaf, and no leaf is deeper than the finest depth.
-fn check_centres(scene: &Scene, voxels: &Voxelization) -> Result<()> {
+pub(crate) fn check_centres(scene: &Scene, voxels: &Voxelization) -> Result<()> {
     let (j_high, max) = (voxels.j_high, gpcc_lite::morton::MAX_DEPTH);
     if j_high > max {
         let source = gpcc_lite::Error::Depth { depth: j_high, max };
@@ -135,7 +135,7 @@ fn check_centres(scene: &Scene, voxels: &Voxelization) -> Result<()> {
 }
 
 /// Steps that a decoder accepts.
-fn check_steps(steps: &Steps) -> Result<()> {
+pub(crate) fn check_steps(steps: &Steps) -> Result<()> {
     match steps.all().into_iter().find(|&step| !Steps::is_valid(step)) {
         Some(step) => Err(Error::Option {
             option: "quantisation step",
@@ -158,10 +158,9 @@ pub(crate) struct Source<'a> {
 
 impl Source<'_> {
     /// The sum of the members' importance, per leaf.
-    fn importance(&self) -> Vec<f32> {
+    pub(crate) fn importance(&self) -> Vec<f32> {
         let Importance::Given(importance) = self.weights else { return Vec::new() };
-        let of_leaf = |i| self.voxels.members_of(i).iter().map(|&m| importance[m as usize]).sum();
-        (0..self.voxels.len()).map(of_leaf).collect()
+        self.voxels.sums(importance)
     }
 
     /// Gaussians of SH degree 0 of some leaves.
@@ -259,7 +258,28 @@ pub(crate) fn encode_source(
         // The first error, on any number of threads.
         chunks.extend(encoded.into_iter().collect::<Result<Vec<_>>>()?);
     }
-    let mut chunks = without_zero_degrees(chunks, exact_degree);
+    let chunks = without_zero_degrees(chunks, exact_degree);
+    let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
+    Ok(assemble(header, chunks))
+}
+
+/// Adds outliers, which fit the leaves, to encoded chunks without empty SH degrees at the end.
+pub(crate) fn with_outliers(
+    header: &Header,
+    chunks: Vec<EncodedChunk>,
+    outliers: Option<&Scene>,
+) -> Result<(Header, Vec<EncodedChunk>)> {
+    let leaves = Scene { sh_degree: header.sh_degree, ..Scene::default() };
+    let outliers = checked_outliers(outliers, &leaves)?;
+    Ok(joined(header, chunks, outliers, outliers.map_or(0, |o| o.sh_degree)))
+}
+
+fn joined(
+    header: &Header,
+    mut chunks: Vec<EncodedChunk>,
+    outliers: Option<&Scene>,
+    exact_degree: u8,
+) -> (Header, Vec<EncodedChunk>) {
     let sh_degree = chunks.first().map_or(exact_degree, |c| c.1.len() as u8 - 1);
     if let Some(outliers) = outliers {
         let mut outliers = outliers.clone();
@@ -268,11 +288,11 @@ pub(crate) fn encode_source(
     }
     let of_finest = |(chunk, _): &&(Chunk, _)| chunk.lod == 0;
     let count = chunks.iter().filter(of_finest).map(|(chunk, _)| chunk.count).sum();
-    Ok(assemble(Header { count, sh_degree, ..header }, chunks))
+    (Header { count, sh_degree, ..header.clone() }, chunks)
 }
 
 /// An encoded chunk: its index entry, whose list of layers is still empty, and the layers.
-type EncodedChunk = (Chunk, Vec<Vec<u8>>);
+pub(crate) type EncodedChunk = (Chunk, Vec<Vec<u8>>);
 
 fn encode_chunk(
     q: &Quantisation,
@@ -290,22 +310,7 @@ fn encode_chunk(
     let base = source.base(range.clone())?;
     chunk::check(&base, range.start)?;
     let leaves = source.voxels.leaves[range.clone()].to_vec();
-    let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-    for leaf in &leaves {
-        let mean = header.cube.leaf_centre(*leaf, header.j_high);
-        for k in 0..3 {
-            bounds[0][k] = bounds[0][k].min(mean[k]);
-            bounds[1][k] = bounds[1][k].max(mean[k]);
-        }
-    }
-    let chunk = Chunk {
-        kind: Kind::Leaves,
-        lod: level.lod,
-        count: leaves.len() as u64,
-        first_cell: leaves[0].morton,
-        bounds,
-        layers: Vec::new(),
-    };
+    let chunk = leaves_chunk(header, level.lod, &leaves);
     let split;
     let indices = if coarse && q.codewords.is_some() {
         split = book.split(&base)?;
@@ -327,8 +332,23 @@ fn encode_chunk(
     Ok((chunk, layers))
 }
 
+/// The index entry of a chunk of leaves, without its layers.
+pub(crate) fn leaves_chunk(header: &Header, lod: u8, leaves: &[Leaf]) -> Chunk {
+    let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    for leaf in leaves {
+        let mean = header.cube.leaf_centre(*leaf, header.j_high);
+        for k in 0..3 {
+            bounds[0][k] = bounds[0][k].min(mean[k]);
+            bounds[1][k] = bounds[1][k].max(mean[k]);
+        }
+    }
+    let count = leaves.len() as u64;
+    let first_cell = leaves.first().map_or(0, |leaf| leaf.morton);
+    Chunk { kind: Kind::Leaves, lod, count, first_cell, bounds, layers: Vec::new() }
+}
+
 /// Leaves out SH degrees above `least` at the end that are empty in every chunk.
-fn without_zero_degrees(mut chunks: Vec<EncodedChunk>, least: u8) -> Vec<EncodedChunk> {
+pub(crate) fn without_zero_degrees(mut chunks: Vec<EncodedChunk>, least: u8) -> Vec<EncodedChunk> {
     let used = chunks.iter().map(|(_, layers)| {
         layers.iter().rposition(|layer| !layer.is_empty()).map_or(1, |last| last + 1)
     });
@@ -358,7 +378,7 @@ fn exact_chunk(scene: &Scene, keep_order: bool) -> EncodedChunk {
 }
 
 /// Puts head and layers together.
-fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
+pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
     let mut chunks = Vec::with_capacity(encoded.len());
     let mut payload =
         Vec::with_capacity(encoded.iter().flat_map(|chunk| &chunk.1).map(Vec::len).sum());

@@ -16,13 +16,12 @@ use gs_model::Scene;
 use rayon::prelude::*;
 
 /// Number of classes; weights run from 1 to `4^(CLASSES - 1)`.
-pub const CLASSES: u8 = 12;
+pub(crate) const CLASSES: u8 = 12;
 /// The class of the mean importance of a scene.
 pub const MEAN_CLASS: u8 = 5;
 
 /// RAHT weight of a class, `4^class`.
-#[must_use]
-pub fn weight(class: u8) -> u32 {
+pub(crate) fn weight(class: u8) -> u32 {
     1 << (2 * u32::from(class.min(CLASSES - 1)))
 }
 
@@ -60,8 +59,7 @@ const FLOOR: f64 = 3.0;
 /// Real-valued classes from importances (any unit; negative and NaN count as 0), relative to
 /// the mean importance of the scene.
 #[cfg(feature = "encode")]
-#[must_use]
-pub fn log_classes(importance: &[f32]) -> Vec<f64> {
+pub(crate) fn log_classes(importance: &[f32]) -> Vec<f64> {
     let clean = |v: f32| if v.is_finite() && v > 0.0 { f64::from(v) } else { 0.0 };
     let sum: f64 = importance.iter().map(|&v| clean(v)).sum();
     let mean = sum / importance.len().max(1) as f64;

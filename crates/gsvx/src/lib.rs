@@ -12,6 +12,8 @@ mod error;
 mod head;
 pub mod importance;
 #[cfg(feature = "encode")]
+pub mod latents;
+#[cfg(feature = "encode")]
 mod lod;
 mod lossless;
 #[cfg(feature = "encode")]

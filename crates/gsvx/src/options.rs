@@ -109,8 +109,7 @@ impl EncodeOptions {
 
 impl Steps {
     /// All steps from the DC step, in the default proportions.
-    #[must_use]
-    pub fn from_dc(dc: f32) -> Self {
+    pub(crate) fn from_dc(dc: f32) -> Self {
         Self {
             opacity: dc * OPACITY_PER_DC,
             dc,

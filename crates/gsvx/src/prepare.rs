@@ -133,7 +133,8 @@ pub fn prepare(
 ) -> Result<Prepared> {
     let (voxels, weights) = voxels_and_weights(scene, strategy, importance)?;
     let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;
-    let importance = of_leaves(&voxels, &weights);
+    let importance =
+        Source { scene, voxels: &voxels, weights: &weights, merged: false }.importance();
     Ok(Prepared { scene: merged, voxels, importance })
 }
 
@@ -159,13 +160,6 @@ fn voxels_and_weights(
     }
     let voxels = voxel::voxelize(scene, &cube, &strategy)?;
     Ok((voxels, Importance::Given(importance)))
-}
-
-/// The sum of the members' importance, per leaf.
-fn of_leaves(voxels: &Voxelization, importance: &Importance) -> Vec<f32> {
-    let Importance::Given(importance) = importance else { return Vec::new() };
-    let sum = |i| voxels.members_of(i).iter().map(|&m| importance[m as usize]).sum();
-    (0..voxels.len()).map(sum).collect()
 }
 
 /// Depth at which a cell is [`CELLS_PER_AXIS`] times smaller than the median Gaussian's largest axis.

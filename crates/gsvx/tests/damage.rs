@@ -134,12 +134,12 @@ fn damage_in_one_chunk_costs_that_chunk_alone() {
 
 /// Changes some bytes of a layer.
 fn damage(layer: &mut Vec<u8>, rng: &mut Rng) {
-    for _ in 0..1 + rng.next() % 3 {
-        let at = (rng.next() % (layer.len() as u64 + 1)) as usize;
-        match rng.next() % 6 {
+    for _ in 0..1 + rng.bits() % 3 {
+        let at = (rng.bits() % (layer.len() as u64 + 1)) as usize;
+        match rng.bits() % 6 {
             0 => layer.truncate(at),
-            1 => layer.push(rng.next() as u8),
-            _ if at < layer.len() => layer[at] ^= 1 << (rng.next() % 8),
+            1 => layer.push(rng.bits() as u8),
+            _ if at < layer.len() => layer[at] ^= 1 << (rng.bits() % 8),
             _ => layer.push(0),
         }
     }
@@ -161,7 +161,7 @@ fn damage_behind_valid_checksums_never_panics() {
         (encode(&with_floaters(scene(700, 1, 9)).0, &lod).unwrap().bytes, 400),
         (encode_lossless(&scene(60, 1, 9), true).unwrap().bytes, 600),
     ];
-    let mut rng = Rng(1);
+    let mut rng = Rng::seeded(1);
     for (bytes, rounds) in &streams {
         let (index, good) = take_apart(bytes);
         let places: Vec<(usize, usize)> = good
@@ -194,7 +194,7 @@ fn damaged_heads_behind_a_valid_checksum_never_panic() {
         encode(&scene(700, 1, 9), &lod).unwrap().bytes,
         encode(&scene(300, 0, 9), &vq).unwrap().bytes,
     ];
-    let mut rng = Rng(2);
+    let mut rng = Rng::seeded(2);
     for bytes in &streams {
         let index = Index::parse(bytes).unwrap();
         let body = bytes[13..index.head_len as usize - 4].to_vec();

@@ -5,8 +5,6 @@
 
 #[cfg(feature = "encode")]
 mod common;
-#[path = "common/hash.rs"]
-mod hash;
 
 #[cfg(feature = "encode")]
 use common::golden;
@@ -25,7 +23,7 @@ fn golden_streams_decode_to_the_recorded_floats() {
         let (hash, name) = line.split_once("  ").expect("hash and name");
         let bytes = std::fs::read(folder().join(name)).expect(name);
         let decoded = decode(&bytes).expect(name);
-        assert_eq!(hash::hash(&decoded), hash, "{name}");
+        assert_eq!(testing::sha256(&decoded), hash, "{name}");
         checked += 1;
     }
     assert!(checked > 0);

@@ -37,7 +37,7 @@
 //! ```
 
 // Functions marked `multiversion` are compiled for AVX2 too, and chosen at run time. The bits stay
-// the same: vector instructions round each number as others do, and no multiplication is fused
+// the same: vector instructions round each number as scalar ones do, and no multiplication is fused
 // with an addition. The functions they call are `inline(always)`, so that they are compiled for
 // AVX2 too.
 

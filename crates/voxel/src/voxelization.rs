@@ -51,6 +51,14 @@ impl Voxelization {
         &self.members[self.member_offsets[i] as usize..self.member_offsets[i + 1] as usize]
     }
 
+    /// For each leaf the sum of `values` over its members. `values` has one entry per Gaussian of the
+    /// scene.
+    #[must_use]
+    pub fn sums(&self, values: &[f32]) -> Vec<f32> {
+        let of = |i| self.members_of(i).iter().map(|&m| values[m as usize]).sum();
+        (0..self.len()).map(of).collect()
+    }
+
     /// Centre of leaf `i` in world units: the mean of the merged Gaussian.
     #[must_use]
     pub fn centre(&self, i: usize) -> [f32; 3] {

@@ -42,16 +42,11 @@ impl Covariance {
     }
 
     /// The normalised covariance of six entries xx, xy, xz, yy, yz, zz of a symmetric positive
-    /// semi-definite matrix of any size; negative eigenvalues (rounding) count as zero.
+    /// semi-definite matrix of any size whose eigenvalues to the power of `exponent` are the scales: 0.5
+    /// for a covariance, 1 for its square root. Negative eigenvalues (rounding) count as zero.
     ///
     /// # Errors
     /// [`Error::NotACovariance`] if an entry is not finite or no eigenvalue is positive.
-    pub fn from_entries(entries: [f64; 6]) -> Result<Self> {
-        Self::from_power(entries, 0.5)
-    }
-
-    /// As [`Self::from_entries`] for a matrix whose eigenvalues to the power of `exponent` are
-    /// the scales: 0.5 for a covariance, 1 for its square root.
     pub(crate) fn from_power(entries: [f64; 6], exponent: f64) -> Result<Self> {
         let error = Error::NotACovariance { entries };
         if entries.iter().any(|c| !c.is_finite()) {
@@ -116,7 +111,7 @@ pub(crate) type Feature = [f32; 6];
 /// The covariance nearest to a (mean) feature.
 ///
 /// # Errors
-/// [`Error::NotACovariance`] as [`Covariance::from_entries`].
+/// [`Error::NotACovariance`] as [`Covariance::from_power`].
 pub(crate) fn from_feature(feature: [f64; 6], metric: Metric) -> Result<Covariance> {
     let off = std::f64::consts::FRAC_1_SQRT_2;
     let [xx, yy, zz, xy, xz, yz] = feature;
@@ -192,7 +187,7 @@ mod tests {
                     prop_assert!((a[k] - b[k]).abs() < 1e-6, "{metric:?} {a:?} {b:?}");
                 }
             }
-            let again = Covariance::from_entries(c.entries().map(|e| 7.0 * e)).unwrap();
+            let again = Covariance::from_power(c.entries().map(|e| 7.0 * e), 0.5).unwrap();
             for k in 0..6 {
                 prop_assert!((c.entries()[k] - again.entries()[k]).abs() < 1e-6);
             }
@@ -224,8 +219,8 @@ mod tests {
             let got = Covariance::split([1.0, 0.0, 0.0, 0.0], [0.0, bad, 0.0]);
             assert!(matches!(got, Err(Error::BadLogScale { .. })));
         }
-        assert!(matches!(Covariance::from_entries([0.0; 6]), Err(Error::NotACovariance { .. })));
-        let nan = Covariance::from_entries([f64::NAN; 6]);
+        assert!(matches!(Covariance::from_power([0.0; 6], 0.5), Err(Error::NotACovariance { .. })));
+        let nan = Covariance::from_power([f64::NAN; 6], 0.5);
         assert!(matches!(nan, Err(Error::NotACovariance { .. })));
     }
 }

@@ -51,12 +51,6 @@ pub enum Error {
         /// The value there.
         value: f32,
     },
-    /// A price of bits that is negative, NaN or infinite.
-    #[error("lambda is {lambda}")]
-    BadLambda {
-        /// The value given.
-        lambda: f64,
-    },
     /// A number of codewords outside its range.
     #[error("{count} codewords: 1 to 2^20 are possible, kept ones included")]
     TooManyCodewords {

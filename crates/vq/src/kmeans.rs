@@ -12,7 +12,7 @@ use crate::nearest::{Hit, Nearest};
 use crate::rng::SplitMix64;
 
 /// Points handed to a thread at a time.
-pub(crate) const CHUNK: usize = 4096;
+const CHUNK: usize = 4096;
 
 /// How long to train; see the fields of the same name in [`crate::Options`].
 pub(crate) struct Schedule {
@@ -123,7 +123,7 @@ fn weighted_sums(
 }
 
 /// Every centre becomes the weighted mean of its points; returns those that have none.
-pub(crate) fn move_to_means(
+fn move_to_means(
     points: &[Feature],
     weights: &[f32],
     hits: &[Hit],

@@ -41,7 +41,6 @@ mod kmeans;
 mod nearest;
 mod order;
 mod quaternion;
-mod rate;
 mod rng;
 mod rotation;
 mod seeding;

@@ -7,8 +7,7 @@
 //! Invariant: the answer is that of a scan over all codewords, and of equally near ones the lowest
 //! index. The bound of a box and the distance to a codeword sum the same six squares in the same
 //! order, and IEEE rounding is monotone, so a bound never exceeds the computed distance of a
-//! codeword inside. The same holds with a penalty per codeword (its rate); a node stores the
-//! smallest penalty below it.
+//! codeword inside.
 
 use crate::covariance::Feature;
 
@@ -30,8 +29,6 @@ pub(crate) fn squared_distance(a: &Feature, b: &Feature) -> f32 {
 struct Node {
     low: [[f32; LANES]; 6],
     high: [[f32; LANES]; 6],
-    /// Smallest penalty below.
-    penalty: [f32; LANES],
     /// Index of a node, or of a leaf with [`LEAF`] set.
     child: [u32; LANES],
 }
@@ -42,7 +39,6 @@ const LEAF: u32 = 1 << 31;
 #[derive(Debug, Clone)]
 struct Leaf {
     position: [[f32; LANES]; 6],
-    penalty: [f32; LANES],
     id: [u32; LANES],
 }
 
@@ -58,35 +54,25 @@ pub(crate) struct Nearest {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Hit {
     pub(crate) id: u32,
-    /// Squared distance plus, if asked for, weighted penalty.
+    /// Squared distance.
     pub(crate) cost: f32,
 }
 
 impl Nearest {
     /// `codewords` must be finite, at least one and fewer than 2^31.
     pub(crate) fn new(codewords: &[Feature]) -> Self {
-        Self::with_penalties(codewords, &vec![0.0; codewords.len()])
-    }
-
-    /// A search that also weighs a penalty (finite, >= 0) of each codeword.
-    pub(crate) fn with_penalties(codewords: &[Feature], penalties: &[f32]) -> Self {
         let mut ids: Vec<u32> = (0..codewords.len() as u32).collect();
         let mut tree = Self { nodes: Vec::new(), leaves: Vec::new(), root: 0 };
-        tree.root = tree.build(codewords, penalties, &mut ids);
+        tree.root = tree.build(codewords, &mut ids);
         tree
     }
 
-    fn build(&mut self, codewords: &[Feature], penalties: &[f32], ids: &mut [u32]) -> u32 {
+    fn build(&mut self, codewords: &[Feature], ids: &mut [u32]) -> u32 {
         if ids.len() <= LANES {
             ids.sort_unstable();
-            let mut leaf = Leaf {
-                position: [[f32::INFINITY; LANES]; 6],
-                penalty: [0.0; LANES],
-                id: [u32::MAX; LANES],
-            };
+            let mut leaf = Leaf { position: [[f32::INFINITY; LANES]; 6], id: [u32::MAX; LANES] };
             for (lane, &id) in ids.iter().enumerate() {
                 leaf.id[lane] = id;
-                leaf.penalty[lane] = penalties[id as usize];
                 for k in 0..6 {
                     leaf.position[k][lane] = codewords[id as usize][k];
                 }
@@ -98,7 +84,6 @@ impl Nearest {
         self.nodes.push(Node {
             low: [[f32::INFINITY; LANES]; 6],
             high: [[f32::INFINITY; LANES]; 6],
-            penalty: [0.0; LANES],
             child: [u32::MAX; LANES],
         });
         let mut parts: Vec<&mut [u32]> = vec![ids];
@@ -107,15 +92,13 @@ impl Nearest {
         }
         for (lane, part) in parts.into_iter().enumerate().filter(|(_, p)| !p.is_empty()) {
             let (low, high) = bounds(codewords, part);
-            let penalty = part.iter().map(|&i| penalties[i as usize]).fold(f32::INFINITY, f32::min);
-            let child = self.build(codewords, penalties, part);
+            let child = self.build(codewords, part);
             let node = &mut self.nodes[index];
             for k in 0..6 {
                 node.low[k][lane] = low[k];
                 node.high[k][lane] = high[k];
             }
             node.child[lane] = child;
-            node.penalty[lane] = penalty;
         }
         index as u32
     }
@@ -127,25 +110,14 @@ impl Nearest {
             Some((id, codeword)) => Hit { id, cost: squared_distance(x, codeword) },
             None => Hit { id: u32::MAX, cost: f32::INFINITY },
         };
-        self.descend(self.root, x, 0.0, &mut best);
+        self.descend(self.root, x, &mut best);
         best
     }
 
-    /// The codeword of least squared distance plus `rate` (finite, >= 0) times penalty; of
-    /// equal ones the lowest index.
-    pub(crate) fn find_penalised(&self, x: &Feature, rate: f32) -> Hit {
-        let mut best = Hit { id: u32::MAX, cost: f32::INFINITY };
-        self.descend(self.root, x, rate, &mut best);
-        best
-    }
-
-    fn descend(&self, at: u32, x: &Feature, rate: f32, best: &mut Hit) {
+    fn descend(&self, at: u32, x: &Feature, best: &mut Hit) {
         if at & LEAF != 0 {
             let leaf = &self.leaves[(at & !LEAF) as usize];
-            let mut cost = lane_distances(&leaf.position, x);
-            for lane in 0..LANES {
-                cost[lane] += rate * leaf.penalty[lane];
-            }
+            let cost = lane_distances(&leaf.position, x);
             // Most leaves hold nothing better, which one vector minimum shows.
             if least(&cost) > best.cost {
                 return;
@@ -160,9 +132,6 @@ impl Nearest {
         }
         let node = &self.nodes[at as usize];
         let mut bound = box_distances(&node.low, &node.high, x);
-        for lane in 0..LANES {
-            bound[lane] += rate * node.penalty[lane];
-        }
         loop {
             let nearest = least(&bound);
             // A box at exactly the best distance may hold a lower index.
@@ -170,7 +139,7 @@ impl Nearest {
                 return;
             }
             let lane = bound.iter().position(|&b| b == nearest).unwrap_or(0);
-            self.descend(node.child[lane], x, rate, best);
+            self.descend(node.child[lane], x, best);
             bound[lane] = f32::INFINITY;
         }
     }
@@ -288,26 +257,6 @@ mod tests {
                 prop_assert_eq!(tree.find(x, None), reference);
                 let hinted = tree.find(x, Some((hint as u32, &codewords[hint])));
                 prop_assert_eq!(hinted, reference);
-            }
-        }
-
-        #[test]
-        fn penalties_are_weighed_exactly(
-            codewords in prop::collection::vec((coarse(), 0u8..5), 1..900),
-            queries in prop::collection::vec(coarse(), 1..30), rate in 0.0f32..0.5,
-        ) {
-            let positions: Vec<Feature> = codewords.iter().map(|c| c.0).collect();
-            let penalties: Vec<f32> = codewords.iter().map(|c| f32::from(c.1)).collect();
-            let tree = Nearest::with_penalties(&positions, &penalties);
-            for x in &queries {
-                let mut reference = Hit { id: 0, cost: f32::INFINITY };
-                for (id, (c, p)) in positions.iter().zip(&penalties).enumerate() {
-                    let cost = squared_distance(x, c) + rate * p;
-                    if cost < reference.cost {
-                        reference = Hit { id: id as u32, cost };
-                    }
-                }
-                prop_assert_eq!(tree.find_penalised(x, rate), reference);
             }
         }
 

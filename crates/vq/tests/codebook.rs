@@ -121,15 +121,13 @@ fn any_number_of_threads_gives_the_same_codebook() {
     options.batch_size = 9000;
     options.full_iterations = 3;
     options.keep = Keep::Share(0.01);
-    options.lambda = 1e-6;
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let codebook = Codebook::train(&covariances, &sensitivities, &options).unwrap();
             let indices = codebook.assign(&covariances);
             let distortion = codebook.distortion(&covariances, &sensitivities, &indices).unwrap();
-            let priced = codebook.assign_priced(&covariances, &sensitivities, 1e-5, 2).unwrap();
-            (codebook.integers(), indices, distortion, priced)
+            (codebook.integers(), indices, distortion)
         })
     };
     let one = run(1);
@@ -237,47 +235,6 @@ fn degenerate_data_and_bad_arguments() {
     let mut keep = Options::with_codewords(4);
     keep.keep = Keep::Above(0.5);
     assert!(Codebook::train(&all, &[1.0; 50], &keep).unwrap().len() > 40);
-}
-
-/// Sensitivity times squared distance plus lambda times bits: the entropy of the indices, and 45
-/// bits for each codeword.
-fn lagrangian(codebook: &Codebook, c: &[Covariance], s: &[f32], i: &[u32], lambda: f64) -> f64 {
-    let total: f64 = s.iter().map(|&s| f64::from(s)).sum();
-    let fit = codebook.distortion(c, s, i).unwrap();
-    let bits = fit.index_entropy * i.len() as f64 + 45.0 * codebook.len() as f64;
-    fit.weighted_mean * total + lambda * bits
-}
-
-#[test]
-fn a_price_on_bits_buys_a_lower_total_cost() {
-    let (covariances, sensitivities) = cloud(20_000, 21);
-    let mean = sensitivities.iter().map(|&s| f64::from(s)).sum::<f64>() / 20_000.0;
-    for (relative, gain) in [(2e-4, 1.0), (2e-3, 0.97)] {
-        let lambda = relative * mean;
-        let cost = |codebook: &Codebook, indices: &[u32]| {
-            lagrangian(codebook, &covariances, &sensitivities, indices, lambda)
-        };
-        let mut options = options(1024, Metric::Covariance);
-        let plain = Codebook::train(&covariances, &sensitivities, &options).unwrap();
-        let nearest = plain.assign(&covariances);
-        let unpriced = plain.assign_priced(&covariances, &sensitivities, 0.0, 2).unwrap();
-        assert_eq!(nearest, unpriced, "bits for free: the nearest codeword");
-        let priced = plain.assign_priced(&covariances, &sensitivities, lambda, 3).unwrap();
-        let (a, b) = (cost(&plain, &nearest), cost(&plain, &priced));
-        assert!(b < a, "{b} {a}");
-        options.lambda = lambda;
-        let trained = Codebook::train(&covariances, &sensitivities, &options).unwrap();
-        let priced = trained.assign_priced(&covariances, &sensitivities, lambda, 3).unwrap();
-        let c = cost(&trained, &priced);
-        assert!(c < gain * b, "{c} {b}");
-        assert!(trained.len() < plain.len());
-    }
-    let bad = Codebook::train(&covariances, &sensitivities, &{
-        let mut o = Options::default();
-        o.lambda = f64::NAN;
-        o
-    });
-    assert!(matches!(bad, Err(Error::BadLambda { .. })));
 }
 
 /// docs/accuracy.md: for every shape and every codeword, the distance of the roots of their

@@ -3,8 +3,6 @@
 #[path = "../../../crates/gsvx/tests/common/mod.rs"]
 #[allow(dead_code, reason = "a part is used")]
 mod common;
-#[path = "../../../crates/gsvx/tests/common/hash.rs"]
-mod hash;
 
 use std::fmt::Write as _;
 use std::num::NonZeroUsize;
@@ -34,7 +32,7 @@ pub fn report() -> String {
             let mut options = DecodeOptions::default();
             options.lod = lod;
             let scene = gsvx::decode_with(bytes, &options).expect(name).scene;
-            let decoded = hash::hash(&scene);
+            let decoded = testing::sha256(&scene);
             let what = if lod > 0 { format!(", level {lod}") } else { String::new() };
             let _ = writeln!(text, "{name}{what} {} {}", sha(bytes), &decoded[..24]);
         }

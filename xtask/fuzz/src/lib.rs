@@ -8,8 +8,6 @@ mod codec;
 #[path = "../../../crates/gsvx/tests/common/mod.rs"]
 mod common;
 mod gzip;
-#[path = "../../../crates/gsvx/tests/common/hash.rs"]
-mod hash;
 mod readers;
 #[path = "../../src/conformance/seal.rs"]
 mod seal;

@@ -67,8 +67,8 @@ fn with(byte: u8, rest: &[u8]) -> Vec<u8> {
 }
 
 fn values(n: usize, seed: u64) -> Vec<i32> {
-    let mut r = common::Rng(seed);
-    (0..n).map(|_| (r.next() % 200) as i32 - 100 + ((r.next() % 50 == 0) as i32) * 70_000).collect()
+    let mut r = common::Rng::seeded(seed);
+    (0..n).map(|_| (r.bits() % 200) as i32 - 100 + ((r.bits() % 50 == 0) as i32) * 70_000).collect()
 }
 
 fn models() -> Vec<Vec<u8>> {

@@ -3,9 +3,9 @@
 use std::sync::OnceLock;
 
 use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Index, Kind, Reader};
+use testing::sha256;
 
 use crate::common::forge::{Layers, assemble, take_apart};
-use crate::hash::hash;
 use crate::{choice, common, number, seal};
 
 /// Gaussians that a stream may have.
@@ -91,7 +91,7 @@ pub fn reader(data: &[u8]) -> bool {
     let whole = gsvx::decode_with(&file, &options());
     if let Ok(whole) = whole {
         // Floats that are not numbers are not equal to themselves.
-        assert_eq!(hash(&whole.scene), hash(&joined));
+        assert_eq!(sha256(&whole.scene), sha256(&joined));
     }
     true
 }

@@ -15,14 +15,15 @@ use super::{Tally, Verdict, golden, seal};
 /// milliseconds, but the machine may be loaded.
 const SLOWEST: Duration = Duration::from_secs(5);
 
-/// Counts of what the decoder returned.
+/// What the decoder returned for one kind of damage.
 #[derive(Default)]
-struct Seen {
-    streams: usize,
-    /// By the first word of the error.
+pub(super) struct Seen {
+    /// Errors by the first word of each.
     errors: BTreeMap<String, usize>,
-    decoded: usize,
-    slowest: Duration,
+    /// Streams that were decoded to a scene.
+    pub(super) decoded: usize,
+    /// Time of each stream.
+    pub(super) times: Vec<Duration>,
 }
 
 /// What a broken stream may give.
@@ -42,8 +43,7 @@ impl Seen {
         let started = Instant::now();
         let result = catch_unwind(AssertUnwindSafe(|| gsvx::decode_with(bytes, options)));
         let took = started.elapsed();
-        self.slowest = self.slowest.max(took);
-        self.streams += 1;
+        self.times.push(took);
         ensure!(took < SLOWEST, "a stream of {} bytes took {took:.1?}", bytes.len());
         match result {
             Err(_) => bail!("the decoder panicked on {} bytes", bytes.len()),
@@ -65,16 +65,20 @@ impl Seen {
         Ok(())
     }
 
-    fn verdict(self) -> Verdict {
+    pub(super) fn slowest_ms(&self) -> f64 {
+        self.times.iter().max().map_or(0.0, |t| t.as_secs_f64() * 1e3)
+    }
+
+    fn verdict(&self) -> Verdict {
         let kinds: Vec<String> = self.errors.iter().map(|(k, n)| format!("{n} {k}")).collect();
-        let mut says = format!("{} streams", self.streams);
+        let mut says = format!("{} streams", self.times.len());
         if !kinds.is_empty() {
             says += &format!(": {}", kinds.join(", "));
         }
         if self.decoded > 0 {
             says += &format!(", {} decoded to a scene", self.decoded);
         }
-        Verdict::Holds(format!("{says}; slowest {:.0} ms", self.slowest.as_secs_f64() * 1e3))
+        Verdict::Holds(format!("{says}; slowest {:.0} ms", self.slowest_ms()))
     }
 }
 
@@ -84,70 +88,98 @@ fn salvage() -> DecodeOptions {
     options
 }
 
-pub(super) fn checks(tally: &mut Tally, each: u32) {
+/// Golden streams by name.
+type Streams = [(String, Vec<u8>)];
+/// Damages each stream so many times.
+type Damage = fn(&Streams, usize) -> Result<Seen>;
+
+/// The kinds of damage.
+const KINDS: [(&str, Damage); 4] = [
+    ("cut", cut),
+    ("one bit flipped", flipped),
+    ("spliced", spliced),
+    ("forged with right checksums", forged),
+];
+
+/// Makes the checks and returns what the decoder did, for each kind of damage that went through.
+pub(super) fn checks(tally: &mut Tally, each: u32) -> Vec<(&'static str, Seen)> {
     let each = each as usize;
+    let mut found = Vec::new();
     let streams: Vec<(String, Vec<u8>)> = match golden::streams() {
         Ok(all) => all.into_iter().map(|(name, bytes, _)| (name, bytes)).collect(),
-        Err(why) => return tally.check("broken streams", || Err(why)),
+        Err(why) => {
+            tally.check("broken streams", || Err(why));
+            return found;
+        }
     };
-    let strict = DecodeOptions::default();
     // A caught panic is reported by its check; the default hook would print it as well.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| ()));
-    tally.check("broken streams, cut", || {
-        let mut seen = Seen::default();
-        for (_, bytes) in &streams {
-            let step = (bytes.len() / each).max(1);
-            for end in (0..bytes.len()).step_by(step) {
-                seen.decode(&bytes[..end], &strict, Allowed::Error)?;
-                seen.decode(&bytes[..end], &salvage(), Allowed::Scene)?;
-            }
-        }
-        Ok(seen.verdict())
-    });
-    tally.check("broken streams, one bit flipped", || {
-        let (mut seen, mut rng) = (Seen::default(), Rng::seeded(1));
-        for (name, bytes) in &streams {
-            let coarsest = Index::parse(bytes)?.coarsest_lod();
-            for _ in 0..each {
-                let mut broken = bytes.clone();
-                let at = rng.below(broken.len());
-                broken[at] ^= 1 << rng.below(8);
-                // Damage of a coarse level shows where that level is decoded.
-                let before = seen.errors.values().sum::<usize>();
-                for lod in 0..=coarsest {
-                    let mut options = strict.clone();
-                    options.lod = lod;
-                    seen.decode(&broken, &options, Allowed::Scene)?;
-                }
-                let noticed = seen.errors.values().sum::<usize>() > before;
-                ensure!(noticed, "byte {at} of {name} was changed and no level shows it");
-                seen.decode(&broken, &salvage(), Allowed::Scene)?;
-            }
-        }
-        Ok(seen.verdict())
-    });
-    tally.check("broken streams, spliced", || {
-        let (mut seen, mut rng) = (Seen::default(), Rng::seeded(2));
-        for (i, (_, a)) in streams.iter().enumerate() {
-            for _ in 0..each {
-                let (_, b) = &streams[(i + 1 + rng.below(streams.len() - 1)) % streams.len()];
-                let at = 1 + rng.below(a.len().min(b.len()) - 1);
-                let spliced = [&a[..at], &b[at..]].concat();
-                // Two streams may begin or end with the same bytes. Then this is one of them, whole.
-                let whole = spliced == *a || spliced == *b;
-                let allowed = if whole { Allowed::Scene } else { Allowed::Error };
-                seen.decode(&spliced, &strict, allowed)?;
-            }
-        }
-        Ok(seen.verdict())
-    });
-    tally.check("broken streams, forged with right checksums", || forged(&streams, each));
+    for (kind, damage) in KINDS {
+        tally.check(&format!("broken streams, {kind}"), || {
+            let seen = damage(&streams, each)?;
+            let verdict = seen.verdict();
+            found.push((kind, seen));
+            Ok(verdict)
+        });
+    }
     std::panic::set_hook(hook);
+    found
+}
+
+fn cut(streams: &Streams, each: usize) -> Result<Seen> {
+    let mut seen = Seen::default();
+    for (_, bytes) in streams {
+        let step = (bytes.len() / each).max(1);
+        for end in (0..bytes.len()).step_by(step) {
+            seen.decode(&bytes[..end], &DecodeOptions::default(), Allowed::Error)?;
+            seen.decode(&bytes[..end], &salvage(), Allowed::Scene)?;
+        }
+    }
+    Ok(seen)
+}
+
+fn flipped(streams: &Streams, each: usize) -> Result<Seen> {
+    let (mut seen, mut rng) = (Seen::default(), Rng::seeded(1));
+    for (name, bytes) in streams {
+        let coarsest = Index::parse(bytes)?.coarsest_lod();
+        for _ in 0..each {
+            let mut broken = bytes.clone();
+            let at = rng.below(broken.len());
+            broken[at] ^= 1 << rng.below(8);
+            // Damage of a coarse level shows where that level is decoded.
+            let before = seen.errors.values().sum::<usize>();
+            for lod in 0..=coarsest {
+                let mut options = DecodeOptions::default();
+                options.lod = lod;
+                seen.decode(&broken, &options, Allowed::Scene)?;
+            }
+            let noticed = seen.errors.values().sum::<usize>() > before;
+            ensure!(noticed, "byte {at} of {name} was changed and no level shows it");
+            seen.decode(&broken, &salvage(), Allowed::Scene)?;
+        }
+    }
+    Ok(seen)
+}
+
+fn spliced(streams: &Streams, each: usize) -> Result<Seen> {
+    let (mut seen, mut rng) = (Seen::default(), Rng::seeded(2));
+    for (i, (_, a)) in streams.iter().enumerate() {
+        for _ in 0..each {
+            let (_, b) = &streams[(i + 1 + rng.below(streams.len() - 1)) % streams.len()];
+            let at = 1 + rng.below(a.len().min(b.len()) - 1);
+            let spliced = [&a[..at], &b[at..]].concat();
+            // Two streams may begin or end with the same bytes. Then this is one of them, whole.
+            let whole = spliced == *a || spliced == *b;
+            let allowed = if whole { Allowed::Scene } else { Allowed::Error };
+            seen.decode(&spliced, &DecodeOptions::default(), allowed)?;
+        }
+    }
+    Ok(seen)
 }
 
 /// Bytes of heads and layers changed, and layers exchanged, under checksums that are right.
-fn forged(streams: &[(String, Vec<u8>)], each: usize) -> Result<Verdict> {
+fn forged(streams: &Streams, each: usize) -> Result<Seen> {
     let (mut seen, mut rng) = (Seen::default(), Rng::seeded(3));
     let mut parsed: Vec<(Index, &[u8])> = Vec::new();
     for (name, bytes) in streams {
@@ -177,7 +209,7 @@ fn forged(streams: &[(String, Vec<u8>)], each: usize) -> Result<Verdict> {
             seen.decode(&broken, &DecodeOptions::default(), Allowed::Anything)?;
         }
     }
-    Ok(seen.verdict())
+    Ok(seen)
 }
 
 /// Writes a layer of one stream over a layer of another, as far as it goes.

@@ -4,11 +4,13 @@
 
 mod damage;
 mod golden;
+mod page;
 mod references;
 mod seal;
 mod threads;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
@@ -22,6 +24,9 @@ pub(crate) struct Args {
     /// Broken streams of each kind per golden stream
     #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..))]
     broken: u32,
+    /// Write what became of the broken streams as a page [of the results: docs/results/safe.md]
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
 }
 
 /// The result of a check that did not fail.
@@ -75,7 +80,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     golden::checks(&mut tally);
     threads::checks(&mut tally);
     references::checks(&mut tally, args.no_gpu);
-    damage::checks(&mut tally, args.broken);
+    let broken = damage::checks(&mut tally, args.broken);
     println!(
         "{} checks hold, {} fail, {} skipped, {:.1} s",
         tally.held,
@@ -84,7 +89,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         started.elapsed().as_secs_f64()
     );
     if tally.failed.is_empty() {
-        return Ok(());
+        return match &args.page {
+            Some(out) => page::write(out, tally.held, &broken),
+            None => Ok(()),
+        };
     }
     bail!("not conforming: {}", tally.failed.join(", "))
 }

@@ -8,6 +8,7 @@ use std::num::NonZeroUsize;
 
 use sha2::{Digest, Sha256};
 use testing::sha256;
+use tune::{Options, Plan, Target, Tune};
 
 use super::{Tally, Verdict};
 
@@ -79,6 +80,16 @@ pub(super) fn checks(tally: &mut Tally) {
             let options = FineTuneOptions { steps: 4, ..FineTuneOptions::default() };
             let tune = FineTune::new(scene.clone(), views.clone(), options)?;
             Ok(sha256(&tune.run(|_| ())?.scene))
+        })
+    });
+    tally.check("tune over threads", || {
+        same("the same bytes after 8 steps", || {
+            let mut options = Options::new(Target::Quality(54.0));
+            let (rounds, round_steps, loop_steps) = (1, 4, 4);
+            let (quality, fraction) = (54.0, 0.5);
+            options.plan = Some(Plan { quality, fraction, rounds, round_steps, loop_steps });
+            let tune = Tune::new(scene.clone(), views.clone(), options)?;
+            Ok(hash_bytes(&tune.run(|_| ())?.encoded.bytes))
         })
     });
 }

@@ -6,7 +6,8 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use zip::{CompressionMethod, ZipArchive};
 
 use super::catalogue::Archive;
-use super::source::{Fault, Source};
+use super::fault::Fault;
+use super::source::Source;
 
 /// A wanted entry.
 #[derive(Clone, Debug)]

@@ -10,8 +10,9 @@ use eval::progress::Bar;
 
 use super::catalogue::{Archive, PUBLIC, Scene};
 use super::directory::{Item, items};
+use super::fault::{Fault, Kind, Retry};
 use super::record::{Fetched, Record, digests};
-use super::source::{Fault, Kind, Retry, Source};
+use super::source::Source;
 
 /// Entries this close to each other are fetched by one request.
 const GAP: u64 = 64 << 10;

@@ -10,6 +10,7 @@
 
 mod catalogue;
 mod directory;
+mod fault;
 mod job;
 mod record;
 mod server;

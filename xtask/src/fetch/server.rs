@@ -6,7 +6,7 @@ use std::time::Duration;
 use ureq::http::{Response, StatusCode, header};
 use ureq::{Agent, Body};
 
-use super::source::{Fault, Kind};
+use super::fault::{Fault, Kind};
 
 /// An archive on a server that serves byte ranges.
 pub(crate) struct Server {

@@ -41,30 +41,47 @@ pub struct Options {
     pub out: PathBuf,
 }
 
-/// One measured setting of a stage.
-pub(crate) struct Row {
-    /// Stages of one name share a plot.
-    pub(crate) stage: &'static str,
-    pub(crate) setting: String,
-    pub(crate) time: Time,
-    pub(crate) error: f64,
+/// A part of the pipeline that is measured in several settings; they share a table and a plot.
+#[derive(Clone, Copy, PartialEq)]
+struct Stage {
+    name: &'static str,
     /// What the error is.
-    pub(crate) of: &'static str,
-    pub(crate) bytes: Option<usize>,
-    /// Peak resident memory of the process while the stage ran, MB.
-    pub(crate) peak_mb: f64,
+    error: &'static str,
+}
+
+/// One measured setting of a stage.
+struct Row {
+    stage: Stage,
+    setting: String,
+    cost: Cost,
+    error: f64,
+    bytes: Option<usize>,
+}
+
+impl Stage {
+    fn row(self, setting: &str, cost: Cost, error: f64, bytes: Option<usize>) -> Row {
+        Row { stage: self, setting: setting.to_owned(), cost, error, bytes }
+    }
+}
+
+/// What a piece of work took.
+#[derive(Clone, Copy, Debug)]
+struct Cost {
+    time: Time,
+    /// Peak resident memory of the process meanwhile, MB.
+    peak_mb: f64,
 }
 
 /// Seconds of the fastest repetition.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Time {
-    pub(crate) wall: f64,
+struct Time {
+    wall: f64,
     /// Of all threads of the process.
-    pub(crate) cpu: f64,
+    cpu: f64,
 }
 
 /// Runs `f` `repeat` times; returns its result, the least time and the peak memory.
-pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Result<(T, Time, f64)> {
+fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Result<(T, Cost)> {
     crate::usage::reset_peak();
     let (mut best, mut result) = (Time { wall: f64::INFINITY, cpu: f64::INFINITY }, None);
     for _ in 0..repeat.max(1) {
@@ -73,7 +90,8 @@ pub(crate) fn timed<T>(repeat: usize, mut f: impl FnMut() -> Result<T>) -> Resul
         best.cpu = best.cpu.min(crate::usage::cpu_seconds() - cpu);
         best.wall = best.wall.min(start.elapsed().as_secs_f64());
     }
-    Ok((result.context("nothing ran")?, best, crate::usage::peak_mb()))
+    let cost = Cost { time: best, peak_mb: crate::usage::peak_mb() };
+    Ok((result.context("nothing ran")?, cost))
 }
 
 /// Seconds to sort four million pseudo-random integers on one core. Times are divided by it before
@@ -132,7 +150,7 @@ pub fn run(options: &Options) -> Result<()> {
     std::fs::create_dir_all(&plots)?;
     let mut text = introduction(options, &scene.what, yard);
     for of in rows.chunk_by(|a, b| a.stage == b.stage) {
-        let stage = of[0].stage;
+        let stage = of[0].stage.name;
         text += &stage_section(&scene.name, of, yard, &old);
         if of.len() > 1 {
             let file = format!("{}.svg", stage.replace(|c: char| !c.is_alphanumeric(), "-"));
@@ -142,9 +160,7 @@ pub fn run(options: &Options) -> Result<()> {
     }
     text += &memory_section(&peaks, scene.raw_mb()?);
     text += &criterion_section(&micro, &targets, &old, yard.wall);
-    let report = out.join("bench.md");
-    std::fs::write(&report, text).with_context(|| format!("write {}", report.display()))?;
-    println!("written: {}", report.display());
+    crate::page::write(&options.out.join("bench.md"), &text, None)?;
     if options.bless {
         std::fs::write(baseline(), serde_json::to_string_pretty(&times)? + "\n")?;
         println!("blessed: {}", baseline().display());
@@ -155,14 +171,14 @@ pub fn run(options: &Options) -> Result<()> {
 /// All times in yardsticks. Stages are compared by processor time, criterion's benchmarks by the
 /// wall-clock time that it measures.
 fn times(scene: &str, rows: &[Row], micro: &[criterion::Micro], yard: Time) -> Times {
-    let stages = rows.iter().map(|r| (key(scene, r), r.time.cpu / yard.cpu));
+    let stages = rows.iter().map(|r| (key(scene, r), r.cost.time.cpu / yard.cpu));
     let micro = micro.iter().map(|m| (format!("criterion: {}", m.name), m.seconds / yard.wall));
     stages.chain(micro).collect()
 }
 
 /// Name of a row in the baseline.
 fn key(scene: &str, row: &Row) -> String {
-    format!("{scene}: {}: {}", row.stage, row.setting)
+    format!("{scene}: {}: {}", row.stage.name, row.setting)
 }
 
 fn print_regressions(times: &Times, old: &Times) {
@@ -204,17 +220,17 @@ fn stage_section(scene: &str, of: &[Row], yard: Time, old: &Times) -> String {
         "\n## {}\n\nError: {}.\n\n\
          | setting | ms | CPU ms | yardsticks | to baseline | error | bytes | peak MB | front |\n\
          |---|---:|---:|---:|---:|---:|---:|---:|---|\n",
-        of[0].stage, of[0].of
+        of[0].stage.name, of[0].stage.error
     );
     for r in of {
         let beaten = of.iter().any(|o| {
             let (no_worse, better) = (
-                o.time.wall <= r.time.wall && o.error <= r.error && o.bytes <= r.bytes,
-                o.time.wall < r.time.wall || o.error < r.error || o.bytes < r.bytes,
+                o.cost.time.wall <= r.cost.time.wall && o.error <= r.error && o.bytes <= r.bytes,
+                o.cost.time.wall < r.cost.time.wall || o.error < r.error || o.bytes < r.bytes,
             );
             no_worse && better
         });
-        let yards = r.time.cpu / yard.cpu;
+        let yards = r.cost.time.cpu / yard.cpu;
         let was = old.get(&key(scene, r));
         let ratio = was.map_or("new".into(), |w| format!("{:.2}", yards / w));
         let bytes = r.bytes.map_or("-".into(), |b| b.to_string());
@@ -222,10 +238,10 @@ fn stage_section(scene: &str, of: &[Row], yard: Time, old: &Times) -> String {
             text,
             "| {} | {:.2} | {:.2} | {yards:.3} | {ratio} | {:.4e} | {bytes} | {:.0} | {} |",
             r.setting,
-            1e3 * r.time.wall,
-            1e3 * r.time.cpu,
+            1e3 * r.cost.time.wall,
+            1e3 * r.cost.time.cpu,
             r.error,
-            r.peak_mb,
+            r.cost.peak_mb,
             if beaten { "" } else { "*" }
         );
     }
@@ -237,7 +253,8 @@ fn stage_section(scene: &str, of: &[Row], yard: Time, old: &Times) -> String {
 fn chart(title: &str, rows: &[Row]) -> Chart {
     let positive = rows.iter().map(|r| r.error).filter(|&e| e > 0.0).fold(f64::INFINITY, f64::min);
     let floor = if positive.is_finite() { positive / 4.0 } else { 1e-3 };
-    let point = |r: &Row| (r.setting.clone(), (1e3 * r.time.wall.max(1e-9), r.error.max(floor)));
+    let point =
+        |r: &Row| (r.setting.clone(), (1e3 * r.cost.time.wall.max(1e-9), r.error.max(floor)));
     let (x, y) = ("time, ms", "error (on the lower edge: none)");
     Chart::of_points(title, Axis::logarithmic(x), Axis::logarithmic(y), rows.iter().map(point))
 }
@@ -304,8 +321,5 @@ fn criterion_section(
 /// If a scene cannot be read, or a test that proves a skip harmless is gone.
 pub fn skips(scenes: &[String], out: &Path) -> Result<()> {
     let text = skips::report(scenes)?;
-    let out = scenes::root().join(out);
-    std::fs::write(&out, text).with_context(|| format!("write {}", out.display()))?;
-    println!("written: {}", out.display());
-    Ok(())
+    crate::page::write(out, &text, None)
 }

@@ -11,24 +11,18 @@ use gs_model::{Camera, Scene, ply};
 use gsvx::{CovarianceMode, EncodeOptions, Prepared, Seen, importance};
 use voxel::{Cube, Merge, Strategy, Voxelization};
 
-use super::{Row, Time, timed};
+use super::{Cost, Row, Stage, timed};
 use crate::scenes::SceneFiles;
 
 /// Measures every stage on one scene.
 pub(super) fn measure(found: &SceneFiles, repeat: usize) -> Result<Vec<Row>> {
     let path = &found.dataset.model_path;
     let mut rows = Vec::new();
-    let ((mut scene, _), time, peak_mb) = timed(repeat, || Ok(ply::read(path)?))?;
+    let ((mut scene, _), cost) = timed(repeat, || Ok(ply::read(path)?))?;
     scene.drop_invalid();
-    rows.push(Row {
-        stage: "Reading the model",
-        setting: "PLY".into(),
-        time,
-        error: 0.0,
-        of: "none, every float comes back",
-        bytes: std::fs::metadata(path).ok().map(|m| m.len() as usize),
-        peak_mb,
-    });
+    let stage = Stage { name: "Reading the model", error: "none, every float comes back" };
+    let bytes = std::fs::metadata(path).ok().map(|m| m.len() as usize);
+    rows.push(stage.row("PLY", cost, 0.0, bytes));
     let cube = Cube::of(&scene.means)?;
     let depth = 12;
     let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth })?;
@@ -84,17 +78,13 @@ fn transforms(
     let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
     let colours = base_colours(merged);
     let luma: Vec<f64> = (0..colours.leaves()).map(|i| f64::from(colours.row(i)[0])).collect();
-    let mut add = |setting: &str, (back, time, peak_mb): (Vec<f64>, Time, f64)| {
+    let stage = Stage {
+        name: "RAHT and its inverse, one channel",
+        error: "largest difference after the way there and back, in units of SH",
+    };
+    let mut add = |setting: &str, (back, cost): (Vec<f64>, Cost)| {
         let error = back.iter().zip(&luma).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        rows.push(Row {
-            stage: "RAHT and its inverse, one channel",
-            setting: setting.into(),
-            time,
-            error,
-            of: "largest difference after the way there and back, in units of SH",
-            bytes: None,
-            peak_mb,
-        });
+        rows.push(stage.row(setting, cost, error, None));
     };
     add(
         "f32, as in streams",
@@ -128,8 +118,12 @@ fn attributes(
     let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
     let colours = base_colours(merged);
     let steps = [0.1; 3];
+    let stage = Stage {
+        name: "Coding DC colours",
+        error: "root mean square, units of SH, at a step of 0.1; compare bytes at equal error",
+    };
     for (setting, lambda) in [("RDOQ", Options::default().lambda), ("no RDOQ", 0.0)] {
-        let (bytes, time, peak_mb) = timed(repeat, || {
+        let (bytes, cost) = timed(repeat, || {
             let (mut coder, mut values) = (Encoder::default(), colours.clone());
             attribute::encode(&mut coder, &plan, &steps, &Options { lambda }, &mut values)?;
             Ok(coder.finish())
@@ -140,15 +134,8 @@ fn attributes(
             .flat_map(|i| colours.row(i).iter().zip(decoded.row(i)))
             .map(|(a, b)| f64::from(a - b) * f64::from(a - b))
             .sum();
-        rows.push(Row {
-            stage: "Coding DC colours",
-            setting: setting.into(),
-            time,
-            error: (square / (3 * merged.len()).max(1) as f64).sqrt(),
-            of: "root mean square, units of SH, at a step of 0.1; compare bytes at equal error",
-            bytes: Some(bytes.len()),
-            peak_mb,
-        });
+        let error = (square / (3 * merged.len()).max(1) as f64).sqrt();
+        rows.push(stage.row(setting, cost, error, Some(bytes.len())));
     }
     Ok(())
 }
@@ -163,8 +150,13 @@ fn neighbours(
     let near = Neighbours::new(&voxels.leaves, voxels.j_high)?;
     let values: Vec<i64> =
         merged.log_scales.iter().map(|l| (f64::from(l[0]) * 4096.0) as i64).collect();
+    let stage = Stage {
+        name: "Neighbours that predict",
+        error: "mean absolute residual of the first log-scale; finding the neighbours is not in the \
+                time (the stream's k is 12)",
+    };
     for k in [1, 2, 3, 4, 6, 8, 12] {
-        let (sum, time, peak_mb) = timed(repeat, || {
+        let (sum, cost) = timed(repeat, || {
             let mut sum = 0.0;
             for at in 0..near.len() {
                 let (index, distance) = near.of(at);
@@ -179,16 +171,8 @@ fn neighbours(
             }
             Ok(sum)
         })?;
-        rows.push(Row {
-            stage: "Neighbours that predict",
-            setting: format!("k = {k}"),
-            time,
-            error: sum / 4096.0 / near.len().max(1) as f64,
-            of: "mean absolute residual of the first log-scale; finding the neighbours is not \
-                 in the time (the stream's k is 12)",
-            bytes: None,
-            peak_mb,
-        });
+        let error = sum / 4096.0 / near.len().max(1) as f64;
+        rows.push(stage.row(&format!("k = {k}"), cost, error, None));
     }
     Ok(())
 }
@@ -204,6 +188,11 @@ fn covariances(
     let Prepared { scene: merged, voxels, importance } = gsvx::prepare(scene, choose, None)?;
     let mut options = EncodeOptions::default();
     options.importance = Some(importance);
+    let stage = Stage {
+        name: "Covariances in a stream",
+        error: "root mean square difference of renders from those of the merged scene, two held-out \
+                views; the time is of encoding the stream, the codebook's training included",
+    };
     for (setting, covariance) in [
         ("transform", CovarianceMode::Transform),
         ("2^8 codewords", CovarianceMode::Vq { bits: 8 }),
@@ -212,20 +201,11 @@ fn covariances(
         ("integers of 16 bits", CovarianceMode::Lossless { bits: 16 }),
     ] {
         options.covariance = covariance;
-        let (bytes, time, peak_mb) = timed(repeat.min(2), || {
+        let (bytes, cost) = timed(repeat.min(2), || {
             Ok(gsvx::encode_voxels(&merged, &voxels, None, &options)?.bytes)
         })?;
-        rows.push(Row {
-            stage: "Covariances in a stream",
-            setting: setting.into(),
-            time,
-            error: render_error(&merged, &gsvx::decode(&bytes)?, cameras),
-            of: "root mean square difference of renders from those of the merged scene, two \
-                 held-out views; the time is of encoding the stream, the codebook's training \
-                 included",
-            bytes: Some(bytes.len()),
-            peak_mb,
-        });
+        let error = render_error(&merged, &gsvx::decode(&bytes)?, cameras);
+        rows.push(stage.row(setting, cost, error, Some(bytes.len())));
     }
     Ok(())
 }
@@ -240,27 +220,20 @@ fn voxelizations(
 ) -> Result<()> {
     let guessed = importance::without_cameras(scene);
     let default = gsvx::default_strategy(gsvx::DEFAULT_QUALITY, &guessed, Seen::Guessed)?;
+    let stage = Stage { name: "Voxelizing and merging", error: FROM_INPUT };
     for (name, strategy) in [
         ("uniform, depth 10", Strategy::Uniform { depth: 10 }),
         ("uniform, depth 12", Strategy::Uniform { depth: 12 }),
         ("paper, 8 to 12", Strategy::paper(8, 12)),
         ("rate-distortion, default", default),
     ] {
-        let ((voxels, merged), time, peak_mb) = timed(repeat, || {
+        let ((voxels, merged), cost) = timed(repeat, || {
             let voxels = voxel::voxelize(scene, cube, &strategy)?;
             let merged = voxel::merge(scene, &voxels, Merge::Moments)?;
             Ok((voxels, merged))
         })?;
-        rows.push(Row {
-            stage: "Voxelizing and merging",
-            setting: format!("{name} ({} leaves)", voxels.len()),
-            time,
-            error: render_error(scene, &merged, cameras),
-            of: "root mean square difference of renders from those of the input, two held-out \
-                 views",
-            bytes: None,
-            peak_mb,
-        });
+        let setting = format!("{name} ({} leaves)", voxels.len());
+        rows.push(stage.row(&setting, cost, render_error(scene, &merged, cameras), None));
     }
     Ok(())
 }
@@ -276,22 +249,22 @@ fn rasterizers(
     let Some(camera) = cameras.first() else { return Ok(()) };
     let photo = render(scene, camera, &RenderOptions::default());
     let mut probe = finetune::probe::Probe::new(scene, camera, &photo);
-    let of = "none: both give the same bits (finetune's test `the_executor_agrees_with_the_scalar_reference`); \
-              blend and its adjoint of one view";
-    let (_, time, peak_mb) = timed(repeat, || {
+    let stage = Stage {
+        name: "Blending a view",
+        error: "none: both give the same bits (finetune's test \
+                `the_executor_agrees_with_the_scalar_reference`); blend and its adjoint of one view",
+    };
+    let ((), cost) = timed(repeat, || {
         probe.blend();
         probe.blend_adjoint();
         Ok(())
     })?;
-    let stage = "Blending a view";
-    let setting = "rows and lanes tested".to_owned();
-    rows.push(Row { stage, setting, time, error: 0.0, of, bytes: None, peak_mb });
-    let (_, time, peak_mb) = timed(1, || {
+    rows.push(stage.row("rows and lanes tested", cost, 0.0, None));
+    let ((), cost) = timed(1, || {
         probe.scalar();
         Ok(())
     })?;
-    let setting = "every pixel of a tile".to_owned();
-    rows.push(Row { stage, setting, time, error: 0.0, of, bytes: None, peak_mb });
+    rows.push(stage.row("every pixel of a tile", cost, 0.0, None));
     Ok(())
 }
 
@@ -315,25 +288,22 @@ fn variants(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usiz
         list.push((format!("stop at {t_stop:.0e} (default 1e-4)"), Variant { t_stop, ..d }));
     }
     list.push(("colours in half precision".to_owned(), Variant { half_colour: true, ..d }));
+    let stage = Stage {
+        name: "Rasterizer: tile test, early stop, colour",
+        error: "root mean square difference of the view from one with the square's tiles and without \
+                early stop; the time is of a whole step of one view",
+    };
     for (setting, variant) in list {
         let mut pass = VariantPass::new(camera, &photo, variant);
-        let (_, time, peak_mb) = timed(repeat, || {
+        let ((), cost) = timed(repeat, || {
             pass.step(scene);
             Ok(())
         })?;
         let image = pass.image();
         let pairs = image.rgb.iter().zip(&whole.rgb);
         let square: f64 = pairs.map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum();
-        rows.push(Row {
-            stage: "Rasterizer: tile test, early stop, colour",
-            setting,
-            time,
-            error: (square / image.rgb.len().max(1) as f64).sqrt(),
-            of: "root mean square difference of the view from one with the square's tiles and \
-                 without early stop; the time is of a whole step of one view",
-            bytes: None,
-            peak_mb,
-        });
+        let error = (square / image.rgb.len().max(1) as f64).sqrt();
+        rows.push(stage.row(&setting, cost, error, None));
     }
     Ok(())
 }
@@ -365,22 +335,21 @@ fn chain(rows: &mut Vec<Row>, scene: &Scene, cameras: &[Camera], repeat: usize) 
     Ok(())
 }
 
-const ENCODING: &str = "Voxelizing and encoding";
-const DECODING: &str = "Decoding";
+/// What renders are compared with.
+const FROM_INPUT: &str =
+    "root mean square difference of renders from those of the input, two held-out views";
+const ENCODING: Stage = Stage { name: "Voxelizing and encoding", error: FROM_INPUT };
+const DECODING: Stage = Stage { name: "Decoding", error: FROM_INPUT };
 
 /// The rows of one setting of encoder and decoder.
 fn both_ways(
     rows: &mut Vec<Row>,
     setting: &str,
     error: f64,
-    (bytes, encode_time, encode_peak): (Vec<u8>, Time, f64),
-    (_, decode_time, decode_peak): (Scene, Time, f64),
+    (bytes, encode): (Vec<u8>, Cost),
+    (_, decode): (Scene, Cost),
 ) {
-    let of = "root mean square difference of renders from those of the input, two held-out views";
-    for (stage, time, peak_mb) in
-        [(ENCODING, encode_time, encode_peak), (DECODING, decode_time, decode_peak)]
-    {
-        let (setting, bytes) = (setting.to_owned(), Some(bytes.len()));
-        rows.push(Row { stage, setting, time, error, of, bytes, peak_mb });
+    for (stage, cost) in [(ENCODING, encode), (DECODING, decode)] {
+        rows.push(stage.row(setting, cost, error, Some(bytes.len())));
     }
 }

@@ -15,21 +15,21 @@ const LOG_FROM: f64 = 5.0;
 
 /// One axis.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Axis {
+pub struct Axis {
     /// Quantity and unit.
-    pub(crate) label: String,
+    pub label: String,
     /// Whether equal ratios have equal lengths.
-    pub(crate) log: bool,
+    pub log: bool,
 }
 
 impl Axis {
     /// A linear axis.
-    pub(crate) fn linear(label: &str) -> Self {
+    pub fn linear(label: &str) -> Self {
         Self { label: label.to_owned(), log: false }
     }
 
     /// A logarithmic axis: equal ratios have equal lengths.
-    pub(crate) fn logarithmic(label: &str) -> Self {
+    pub fn logarithmic(label: &str) -> Self {
         Self { label: label.to_owned(), log: true }
     }
 
@@ -52,7 +52,7 @@ impl Axis {
 
 /// What a line stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub enum Kind {
     /// Measured here: thick, filled marks.
     Ours,
     /// Another codec on the same model: thin, filled marks.
@@ -63,18 +63,35 @@ pub(crate) enum Kind {
 
 /// One line.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Series {
+pub struct Series {
     /// Name in the legend.
-    pub(crate) name: String,
+    pub name: String,
     /// What it stands for.
-    pub(crate) kind: Kind,
+    pub kind: Kind,
     /// Its points in drawing order; finite values.
-    pub(crate) points: Vec<(f64, f64)>,
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Marks of [`Series::sorted`]: enough for the eye, and a small file.
+const SORTED_MARKS: usize = 30;
+
+impl Series {
+    /// `values` in ascending order over the share of them that is not greater, per cent; a selection of
+    /// them where there are many.
+    #[must_use]
+    pub fn sorted(name: &str, mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let last = values.len().max(2) - 1;
+        let every = values.len().div_ceil(SORTED_MARKS).max(1);
+        let marks = (0..last).step_by(every).chain([last]).filter(|&i| i < values.len());
+        let points = marks.map(|i| (100.0 * i as f64 / last as f64, values[i])).collect();
+        Self { name: name.to_owned(), kind: Kind::Theirs, points }
+    }
 }
 
 /// A chart. Build it with [`Chart::new`], which drops what cannot be drawn.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Chart {
+pub struct Chart {
     /// Title, one line.
     pub(crate) title: String,
     x: Axis,
@@ -94,7 +111,7 @@ const COLOURS: [&str; 8] =
 
 impl Chart {
     /// A chart of what is finite (and positive, on a logarithmic axis).
-    pub(crate) fn new(
+    pub fn new(
         title: impl Into<String>,
         x: Axis,
         y: Axis,
@@ -114,7 +131,7 @@ impl Chart {
     }
 
     /// A chart of single points, each with its name beside it.
-    pub(crate) fn of_points(
+    pub fn of_points(
         title: impl Into<String>,
         x: Axis,
         y: Axis,
@@ -161,6 +178,15 @@ pub(crate) mod tests {
             ],
             Some((31.9, "uncompressed".into())),
         )
+    }
+
+    #[test]
+    fn sorted_values_keep_both_ends() {
+        let points = Series::sorted("a", (0..1000).rev().map(f64::from).collect()).points;
+        assert!(points.len() <= SORTED_MARKS + 2);
+        assert_eq!((points[0], points[points.len() - 1]), ((0.0, 0.0), (100.0, 999.0)));
+        assert_eq!(Series::sorted("a", vec![3.0]).points, [(0.0, 3.0)]);
+        assert!(Series::sorted("a", Vec::new()).points.is_empty());
     }
 
     #[test]

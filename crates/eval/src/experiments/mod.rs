@@ -20,12 +20,12 @@ use voxel::Strategy;
 use crate::manifest::Manifest;
 use crate::peers::Outcome;
 use crate::published::Other;
-use crate::rd_curve::Options;
 use crate::rd_curve::plan::{Coding, PAPER_QPS, Rule, Voxels};
 use crate::rd_curve::record::{Bd, Curve, Original};
 use crate::rd_curve::stages::Branch;
 use crate::rd_curve::study::Study;
 use crate::rd_curve::tune::Tuning;
+use crate::rd_curve::{Options, report_of};
 use crate::report::Document;
 
 /// An experiment of the paper.
@@ -107,8 +107,16 @@ struct Results {
     tools: Vec<Outcome>,
 }
 
-/// Runs an experiment, prints its tables and writes its folder. Returns the path of the page.
-pub(crate) fn run(
+/// Runs an experiment, prints its tables and writes its folder.
+///
+/// # Errors
+/// If the scene cannot be read, an option is out of range or a file cannot be written.
+pub fn run(experiment: Experiment, options: &Options) -> Result<()> {
+    report_of(options, |study, qualities| written(experiment, study, options, qualities))
+}
+
+/// Runs an experiment and writes its folder. Returns the path of the page.
+fn written(
     experiment: Experiment,
     study: &Study,
     options: &Options,

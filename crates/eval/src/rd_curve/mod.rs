@@ -6,6 +6,7 @@
 
 pub(crate) mod plan;
 pub(crate) mod record;
+mod size;
 pub(crate) mod stages;
 pub(crate) mod study;
 pub(crate) mod tune;
@@ -16,7 +17,6 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 
-use crate::experiments::{self, Experiment};
 use crate::measure;
 use crate::peers;
 use crate::pictures;
@@ -29,6 +29,7 @@ use study::{PICTURE_VIEWS, Study};
 use tune::Tuning;
 
 pub use plan::parse_depths;
+pub use size::run as size;
 
 /// What [`run`] does.
 #[derive(Clone, Debug)]
@@ -49,8 +50,6 @@ pub struct Options {
     /// Steps of a fine-tune of each voxelized model against the training photos. None if not given;
     /// experiments then take 400.
     pub finetune: Option<u64>,
-    /// One of the paper's experiments instead of the default curves.
-    pub experiment: Option<Experiment>,
     /// Run every stage, done before or not.
     pub fresh: bool,
     /// Other codecs' tools.
@@ -67,27 +66,34 @@ impl Default for Options {
             depth: None,
             adaptive: None,
             finetune: None,
-            experiment: None,
             fresh: false,
             peers: peers::Options::default(),
         }
     }
 }
 
-/// Measures the curves of a scene, or an experiment, and writes the report: `report.html`,
-/// `report.md`, `rd.json` and the chart.
+/// Measures the curves of a scene and writes the report: `report.html`, `report.md`, `rd.json` and the
+/// chart.
 ///
 /// # Errors
 /// If the scene cannot be read, an option is out of range or a file cannot be written.
 pub fn run(options: &Options) -> Result<()> {
+    report_of(options, |study, qualities| {
+        curves(study, options, qualities)?;
+        Ok(study.out.join("report.html"))
+    })
+}
+
+/// Opens a scene, lets `make` write a report and prints what was done.
+pub(crate) fn report_of(
+    options: &Options,
+    make: impl FnOnce(&Study, &[f32]) -> Result<PathBuf>,
+) -> Result<()> {
     let started = Instant::now();
     // Before anything long, so that a bad option is reported at once.
     let qualities = plan::qualities(options.rates)?;
     let study = Study::open(options)?;
-    let report = match options.experiment {
-        Some(experiment) => experiments::run(experiment, &study, options, &qualities)?,
-        None => curves(&study, options, &qualities)?,
-    };
+    let report = make(&study, &qualities)?;
     let (skipped, stages) = study.tally();
     if skipped > 0 {
         println!(
@@ -99,8 +105,8 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// The default run: all curves of a scene.
-fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<PathBuf> {
+/// The default run: measures all curves of a scene and writes the report.
+fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
     let original = study.original()?;
     let base = study.depth(options.depth)?;
     let tuning = options.finetune.map(|steps| Tuning { steps, initialised: true });
@@ -146,7 +152,7 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<PathBuf
     fs::write(&json, text).with_context(|| format!("write {}", json.display()))?;
     report::run::document(&run, views).write(&study.out)?;
     report::run::print(&run);
-    Ok(study.out.join("report.html"))
+    Ok(run)
 }
 
 /// Hull against hull: gsvx against our other curves, those against the uniform one, all against the

@@ -19,7 +19,7 @@ pub(super) struct Comparison {
 }
 
 /// What a curve is, for someone who has not seen its name before.
-fn in_words(name: &str) -> String {
+pub(crate) fn in_words(name: &str) -> String {
     match name {
         UNIFORM => "the same coding on an octree of one depth (`uniform`)".into(),
         PAPER_CRITERIA => {

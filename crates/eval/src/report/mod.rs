@@ -1,7 +1,7 @@
 //! Reports: one document, shown as Markdown, as an HTML page and on the terminal.
 
 mod crops;
-mod headline;
+pub(crate) mod headline;
 mod html;
 mod markdown;
 pub(crate) mod run;

@@ -3,10 +3,8 @@
 use glam::DVec3;
 
 use super::paint::Paint;
-use super::shape::{Ray, Shape};
+use super::shape::{HALF, Ray, Shape};
 
-/// Half extents of the room in metres; the floor is at z = 0.
-pub(crate) const HALF: DVec3 = DVec3::new(3.0, 2.5, 1.35);
 /// The lamp: a rectangle of the ceiling, half extents in x and y.
 pub(crate) const LAMP_HALF: (f64, f64) = (0.9, 0.6);
 /// Radiance of the lamp, linear RGB.

@@ -3,8 +3,8 @@
 use glam::DVec3;
 use testing::Rng;
 
-use super::furniture::{Gloss, HALF, LAMP_HALF, LAMP_RADIANCE, Room};
-use super::shape::Ray;
+use super::furniture::{Gloss, LAMP_HALF, LAMP_RADIANCE, Room};
+use super::shape::{HALF, Ray};
 
 /// Bounces after the first surface.
 const BOUNCES: u32 = 3;

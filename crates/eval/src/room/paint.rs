@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::furniture::HALF;
 use super::noise::{lattice, noise};
+use super::shape::HALF;
 
 /// How a surface is coloured; colours are `0xRRGGBB` in sRGB.
 #[derive(Clone, Copy, Debug)]

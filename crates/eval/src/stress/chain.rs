@@ -10,6 +10,7 @@ use gsvx::{CovarianceMode, EncodeOptions, Prepared, importance};
 use serde::{Deserialize, Serialize};
 use voxel::{Strategy, Voxelization};
 
+use super::gaussians::{of_degree, rows};
 use super::levels;
 use crate::attributes::{colour_planes, log_alpha, log_size};
 
@@ -153,13 +154,6 @@ fn checked(coded: &Coded) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// The scene at another SH degree: coefficients are cut, or zeros are added.
-pub(super) fn of_degree(scene: &Scene, sh_degree: u8) -> Scene {
-    let mut out = Scene { sh_degree, ..Scene::default() };
-    out.append(scene);
-    out
-}
-
 /// For each attribute, its worst error over its bound.
 fn attributes(
     classes: &[u8],
@@ -185,7 +179,7 @@ fn attributes(
     }
     match options.covariance {
         CovarianceMode::Lossless { bits } => {
-            add("covariance", integers(merged, decoded, bits));
+            add("covariance (integers)", integers(merged, decoded, bits));
         }
         CovarianceMode::Vq { bits } => {
             add("covariance (shape)", shapes(prepared, decoded, bits)?);
@@ -280,27 +274,6 @@ fn lossless(scene: &Scene, in_order: bool) -> Result<Outcome> {
         worst: vec![("every float".into(), 0.0)],
         ..Default::default()
     })
-}
-
-/// Hashes of the bits of every Gaussian.
-pub(super) fn rows(s: &Scene) -> Vec<[u8; 16]> {
-    use sha2::{Digest, Sha256};
-    (0..s.len())
-        .map(|i| {
-            let mut sha = Sha256::new();
-            let parts: [&[f32]; 5] = [
-                &s.means[i],
-                &s.rotations[i],
-                &s.log_scales[i],
-                &s.opacity_logits[i..=i],
-                s.sh_of(i).as_flattened(),
-            ];
-            parts.concat().iter().for_each(|v| sha.update(v.to_bits().to_le_bytes()));
-            let mut row = [0; 16];
-            row.copy_from_slice(&sha.finalize()[..16]);
-            row
-        })
-        .collect()
 }
 
 /// Distance of each input mean from its leaf's centre, per axis, over half the leaf's side.

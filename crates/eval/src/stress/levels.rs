@@ -6,7 +6,7 @@ use gs_model::Scene;
 use gsvx::{DecodeOptions, Kind};
 use voxel::Voxelization;
 
-use super::chain::{of_degree, rows};
+use super::gaussians::{of_degree, rows};
 
 /// Decodes every level of a stream that was made of `voxels` and `outliers`.
 ///

@@ -2,11 +2,12 @@
 //! are checked against the bounds of docs/accuracy.md.
 
 mod chain;
+mod gaussians;
 mod inputs;
 mod levels;
+mod page;
 
-use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -29,18 +30,59 @@ pub struct Options {
     pub timeout: u64,
     /// How to start a process that calls [`child`] with this input, mode and size.
     pub child: fn(&str, &str, usize) -> std::io::Result<Command>,
-    /// Where the table goes, relative to the root of the workspace.
+    /// Where the page goes, relative to the root of the workspace.
     pub out: PathBuf,
 }
 
 /// Gaussians of the huge input.
 const TEN_MILLION: usize = 10_000_000;
 
+/// The table of all runs, relative to the root of the workspace.
+const DETAILS: &str = "target/stress.md";
+
+/// One input in one mode.
+struct Run {
+    input: &'static str,
+    mode: &'static str,
+    /// What came out, or why the run failed.
+    outcome: Result<Outcome, String>,
+}
+
+impl Run {
+    /// The part that refused the input.
+    fn refused(&self) -> Option<&str> {
+        let message = self.outcome.as_ref().ok()?.refused.as_deref()?;
+        Some(message.split(':').next().unwrap_or(message))
+    }
+
+    /// The worst error over its bound of each attribute.
+    fn worst(&self) -> Vec<(String, f64)> {
+        let mut worst: Vec<(String, f64)> = Vec::new();
+        for (name, ratio) in self.outcome.iter().flat_map(|o| &o.worst) {
+            match worst.iter_mut().find(|w| w.0 == *name) {
+                Some(w) => w.1 = w.1.max(*ratio),
+                None => worst.push((name.clone(), *ratio)),
+            }
+        }
+        worst
+    }
+
+    /// The promise that the run broke.
+    fn failure(&self) -> Option<String> {
+        let broken = match &self.outcome {
+            Err(why) => why.clone(),
+            Ok(o) if o.worst.iter().any(|w| w.1 > 1.0 || w.1.is_nan()) => format!("{:?}", o.worst),
+            Ok(_) => return None,
+        };
+        Some(format!("{}, {}: {broken}", self.input, self.mode))
+    }
+}
+
 fn size_of(input: &Input, args: &Options) -> usize {
     if input.name == HUGE { TEN_MILLION } else { args.size }
 }
 
-/// Runs every input in every mode, or what was asked for, and writes or prints the table.
+/// Runs every input in every mode, or what was asked for, and writes the page or prints the table.
 ///
 /// # Errors
 /// If a run fails, hangs or breaks a bound.
@@ -57,103 +99,29 @@ pub fn run(args: &Options) -> Result<()> {
         bail!("no such input or mode; inputs: {}; modes: {}", names.join(", "), MODES.join(", "));
     }
     let started = Instant::now();
-    let mut table = String::from(
-        "| input | mode | outcome | worst error / bound | Gaussians out | bytes | s | CPU s | peak MB |\n\
-         |---|---|---|---|---:|---:|---:|---:|---:|\n",
-    );
-    let (mut accepted, mut refused, mut failures) = (0, 0, Vec::new());
+    let mut runs = Vec::new();
     for input in &inputs {
-        for mode in &modes {
-            match apart(input, mode, args) {
-                Ok(outcome) => {
-                    match outcome.refused {
-                        Some(_) => refused += 1,
-                        None => accepted += 1,
-                    }
-                    if outcome.worst.iter().any(|w| w.1 > 1.0 || w.1.is_nan()) {
-                        failures.push(format!("{}, {mode}: {:?}", input.name, outcome.worst));
-                    }
-                    table += &row(input, mode, &outcome);
-                }
-                Err(e) => {
-                    let e = format!("{e:#}").replace(['\n', '|'], " ");
-                    let _ = writeln!(
-                        table,
-                        "| {} | {mode} | FAILED: {e} | - | - | - | - | - | - |",
-                        input.name
-                    );
-                    failures.push(format!("{}, {mode}: {e}", input.name));
-                }
-            }
-            eprint!("\r{accepted} accepted, {refused} refused, {} failed ", failures.len());
+        for &mode in &modes {
+            let outcome = apart(input, mode, args);
+            let outcome = outcome.map_err(|e| format!("{e:#}").replace(['\n', '|'], " "));
+            runs.push(Run { input: input.name, mode, outcome });
+            eprint!("\r{} runs ", runs.len());
         }
     }
     eprintln!();
+    let table = page::table(&runs);
     if args.input.is_none() && args.mode.is_none() {
-        let out = crate::scenes::root().join(&args.out);
-        let text = report(args, &table, [accepted, refused, failures.len()], started.elapsed());
-        std::fs::write(&out, text).with_context(|| format!("write {}", out.display()))?;
-        println!("written: {}", out.display());
+        crate::page::write(Path::new(DETAILS), &table, None)?;
+        let text = page::page(args, &runs, started.elapsed(), DETAILS);
+        crate::page::write(&args.out, &text, Some(&page::chart(&runs)))?;
     } else {
         print!("{table}");
     }
+    let failures: Vec<String> = runs.iter().filter_map(Run::failure).collect();
     match failures.first() {
         None => Ok(()),
         Some(first) => bail!("{} of the runs broke a promise; the first: {first}", failures.len()),
     }
-}
-
-fn report(args: &Options, table: &str, counts: [usize; 3], elapsed: Duration) -> String {
-    let [accepted, refused, failed] = counts;
-    format!(
-        "# Stress\n\n\
-         `cargo xtask stress{}`: pathological scenes of {} Gaussians (where the input does not fix \
-         the number) through PLY writer, strict reader, voxelization, encoder, decoder and writer, \
-         default quality, each run in a process of its own. {accepted} runs accepted, {refused} \
-         refused with an error, {failed} failed, in {:.0} s ({} threads, {}).\n\n\
-         Errors are those of what was decoded against what was put in (means: the input's \
-         Gaussians against the centres of their voxels; attributes: the merged Gaussians), \
-         divided by the bounds of [accuracy.md](../accuracy.md): above 1 the command fails. \
-         Refusals name the part that refused. `--lossless` skips the reader, and must give \
-         back every bit, valid or not. Peak is the process's resident memory, the input and two \
-         PLY files in memory included.\n\n{table}",
-        if args.all { " --all" } else { "" },
-        args.size,
-        elapsed.as_secs_f64(),
-        rayon::current_num_threads(),
-        crate::manifest::processor(),
-    )
-}
-
-fn row(input: &Input, mode: &str, o: &Outcome) -> String {
-    let outcome = match &o.refused {
-        Some(message) => format!("refused by {}", message.replace(['|', '\n'], " ")),
-        None => "accepted".into(),
-    };
-    // The worst of each attribute.
-    let mut worst: Vec<(String, f64)> = Vec::new();
-    for (name, ratio) in &o.worst {
-        match worst.iter_mut().find(|w| w.0 == *name) {
-            Some(w) => w.1 = w.1.max(*ratio),
-            None => worst.push((name.clone(), *ratio)),
-        }
-    }
-    let worst = if worst.is_empty() {
-        "-".into()
-    } else {
-        let parts: Vec<_> = worst.iter().map(|(n, r)| format!("{n} {r:.2}")).collect();
-        parts.join(", ")
-    };
-    let number = |n: usize| if o.refused.is_some() { "-".into() } else { n.to_string() };
-    format!(
-        "| {} | {mode} | {outcome} | {worst} | {} | {} | {:.2} | {:.2} | {:.0} |\n",
-        input.name,
-        number(o.gaussians),
-        number(o.bytes),
-        o.seconds,
-        o.cpu_seconds,
-        o.peak_mb
-    )
 }
 
 /// Runs one input in one mode in this process and prints the outcome as JSON. [`run`] starts it.

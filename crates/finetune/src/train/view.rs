@@ -16,7 +16,7 @@ pub struct TrainView {
 
 /// Checks that there are views, and that each has an undistorted camera of a possible size and a photo
 /// of that size.
-pub(super) fn check_views(views: &[TrainView]) -> Result<()> {
+pub(crate) fn check_views(views: &[TrainView]) -> Result<()> {
     if views.is_empty() {
         return Err(Error::NoViews);
     }

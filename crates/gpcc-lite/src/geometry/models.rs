@@ -2,7 +2,9 @@
 //!
 //! `docs/format.md`, "Geometry", lists the contexts.
 
+use super::Layout;
 use super::density::{Classes, lean};
+use super::slabs::{FITS, STATES, Slabs};
 use crate::coder::{Coder, code_gamma};
 use crate::model::{Bit, SYMBOLS, Symbols, table};
 
@@ -18,6 +20,8 @@ const DEEP: u32 = SYMBOLS as u32 - 1;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NodeContext {
     pub(super) depth: u8,
+    /// Its indices along the axes; zero where no slabs are kept.
+    pub(super) cell: [u32; 3],
     /// Number of children of the parent.
     pub(super) siblings: u8,
     /// Occupied face neighbours, 0 to 6.
@@ -40,8 +44,7 @@ impl NodeContext {
 
 /// All adaptive state of a geometry stream.
 pub(super) struct Models {
-    /// Leaves end at different depths.
-    mixed: bool,
+    layout: Layout,
     /// Whether a node has a single leaf.
     single: Box<[Bit; 16 * 8 * 8]>,
     /// Levels from a node to its single leaf, by those of the last two such nodes at the same
@@ -52,19 +55,30 @@ pub(super) struct Models {
     /// The half of a node, along an axis, in which its single leaf is.
     half: Box<[Bit; 16 * 32]>,
     /// Whether a child is occupied.
-    occupied: Box<[Bit; 32 * 16 * 4]>,
+    occupied: Box<[Bit; FITS * 32 * 16 * 4]>,
+    /// With planes: the half of a cell in which a single leaf is, by the counts of the slab.
+    slab_half: Box<[Bit; STATES]>,
+    /// With planes: the slabs.
+    slabs: Slabs,
 }
 
 impl Models {
-    pub(super) fn new(mixed: bool) -> Self {
+    pub(super) fn new(layout: Layout, j_high: u8) -> Self {
         Self {
-            mixed,
+            layout,
             single: table(),
             levels_below: (0..32 * 4).map(|i| Symbols::geometric(64 * (i / 4), 2)).collect(),
             last_leaf_depths: std::array::from_fn(|depth| [depth as u8; 2]),
             half: table(),
             occupied: table(),
+            slab_half: table(),
+            slabs: Slabs::new(if layout.planes { j_high } else { 0 }),
         }
+    }
+
+    /// Whether slabs are kept.
+    pub(super) fn planes(&self) -> bool {
+        self.layout.planes
     }
 
     /// Codes whether there is exactly one leaf below a node.
@@ -88,7 +102,7 @@ impl Models {
         most: u32,
         value: u32,
     ) -> u32 {
-        if !self.mixed {
+        if !self.layout.mixed_depths {
             return most;
         }
         let depth = node.depth;
@@ -103,16 +117,37 @@ impl Models {
         levels
     }
 
+    /// Codes the path from a node to its single leaf, `levels` child numbers of three bits.
+    pub(super) fn path<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        node: &NodeContext,
+        window: u64,
+        levels: u32,
+        value: u64,
+    ) -> u64 {
+        if levels == 0 {
+            return 0;
+        }
+        if self.layout.planes {
+            return self.path_in_slabs(coder, node, levels, value);
+        }
+        let mut left = 3 * (levels - 1);
+        let first = (value >> left) as u32 & 7;
+        let mut path = u64::from(self.first_step(coder, node.around, window, first));
+        // The rest of the path is as good as random for an isolated point: plain bits.
+        while left > 0 {
+            let n = left.min(30);
+            left -= n;
+            path = path << n | u64::from(coder.bits((value >> left) as u32 & ((1 << n) - 1), n));
+        }
+        path
+    }
+
     /// Codes the child in which the single leaf of a node is: towards the node's neighbours rather
     /// than away, or in plain bits along axes where these are balanced.
     #[inline]
-    pub(super) fn half<C: Coder>(
-        &mut self,
-        coder: &mut C,
-        around: u8,
-        window: u64,
-        value: u32,
-    ) -> u32 {
+    fn first_step<C: Coder>(&mut self, coder: &mut C, around: u8, window: u64, value: u32) -> u32 {
         let mut child = 0;
         for axis in 0..3 {
             let value = value >> (2 - axis) & 1;
@@ -129,6 +164,30 @@ impl Models {
         child
     }
 
+    /// Codes a path where leaves lie in planes: each half by what its slab has held.
+    fn path_in_slabs<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        node: &NodeContext,
+        levels: u32,
+        value: u64,
+    ) -> u64 {
+        let mut path = 0;
+        let mut cell = node.cell;
+        for level in 0..levels {
+            for (axis, index) in cell.iter_mut().enumerate() {
+                let counts = self.slabs.slab(node.depth + level as u8, axis, *index);
+                let high = value >> (3 * (levels - level) - 1 - axis as u32) & 1 == 1;
+                let model = &mut self.slab_half[counts.state() % STATES];
+                let high = model.code(coder, high, LIMIT);
+                counts.learn([!high, high]);
+                *index = 2 * *index + u32::from(high);
+                path = path << 1 | u64::from(high);
+            }
+        }
+        path
+    }
+
     /// Codes which children of a node are occupied.
     pub(super) fn occupancy<C: Coder>(
         &mut self,
@@ -137,6 +196,8 @@ impl Models {
         classes: &Classes,
         value: u8,
     ) -> u8 {
+        let planes = self.layout.planes;
+        let fits = if planes { self.slabs.fits(node.depth, node.cell) } else { [0; 8] };
         let mut occupancy = 0u8;
         let mut count = 0u8;
         for c in 0..8usize {
@@ -146,11 +207,17 @@ impl Models {
                 count += 1;
                 continue;
             }
-            let at = (usize::from(classes.share[c]) * 16 + classes.total) * 4
+            let at = ((usize::from(fits[c]) * 32 + usize::from(classes.share[c])) * 16
+                + classes.total)
+                * 4
                 + usize::from(count.min(3));
-            let bit = self.occupied[at & 2047].code(coder, value >> c & 1 == 1, LIMIT);
+            let bit =
+                self.occupied[at % self.occupied.len()].code(coder, value >> c & 1 == 1, LIMIT);
             occupancy |= u8::from(bit) << c;
             count += u8::from(bit);
+        }
+        if planes {
+            self.slabs.learn(node.depth, node.cell, occupancy);
         }
         occupancy
     }

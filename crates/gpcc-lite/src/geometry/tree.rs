@@ -7,6 +7,7 @@ use crate::coder::Coder;
 use crate::error::{Error, Result};
 use crate::hood::{Block, CENTRE, Children, Hoods, ONES, count};
 use crate::leaf::Leaf;
+use crate::morton;
 
 /// The nodes of one level, as the level below needs them. Nodes without children (those with a
 /// single leaf) have an entry in `children` only.
@@ -73,7 +74,8 @@ impl<'a> Tree<'a> {
                 let code = parent << 3 | u64::from(c);
                 let window = block.window(c);
                 let (around, faces) = count(window);
-                let node = NodeContext { depth, siblings, faces, around, least };
+                let cell = if models.planes() { morton::decode(code) } else { [0; 3] };
+                let node = NodeContext { depth, cell, siblings, faces, around, least };
                 let single = known::<C>(&mut self.source).is_some_and(Source::next_is_single);
                 if !node.splits() && models.single(coder, &node, single) {
                     let wanted = known::<C>(&mut self.source).map(|s| s.first_leaf());
@@ -160,19 +162,8 @@ fn code_path<C: Coder>(
     let levels = models.levels_below(coder, node, most, u32::from(wanted.depth - node.depth));
     let depth = node.depth + levels as u8;
     let wanted = wanted.morton >> (3 * (j_high - depth));
-    let mut path = code;
-    if levels > 0 {
-        let left = 3 * (levels - 1);
-        path = path << 3
-            | u64::from(models.half(coder, node.around, window, (wanted >> left) as u32 & 7));
-        // The rest of the path is as good as random for an isolated point: plain bits.
-        let mut left = left;
-        while left > 0 {
-            let n = left.min(30);
-            left -= n;
-            path = path << n | u64::from(coder.bits((wanted >> left) as u32 & ((1 << n) - 1), n));
-        }
-    }
+    let path = models.path(coder, node, window, levels, wanted);
+    let path = code << (3 * levels) | path;
     Leaf { morton: path << (3 * (j_high - depth)), depth }
 }
 

@@ -187,10 +187,7 @@ pub fn decode_lifting(
     max_channels: usize,
 ) -> Result<Vec<Vec<i32>>> {
     let mut r = Reader::new(bytes);
-    let channels = r.varint("channel count")?;
-    if channels > max_channels as u64 {
-        return Err(r.corrupt("channel count"));
-    }
+    let channels = r.channels(max_channels)?;
     let mut out = Vec::new();
     for _ in 0..channels {
         let step = Step(r.varint("step")?).min(MAX_STEP);

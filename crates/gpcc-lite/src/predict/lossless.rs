@@ -53,10 +53,7 @@ pub fn decode_lossless(
     max_channels: usize,
 ) -> Result<Vec<Vec<i32>>> {
     let mut r = Reader::new(bytes);
-    let channels = r.varint("channel count")?;
-    if channels > max_channels as u64 {
-        return Err(r.corrupt("channel count"));
-    }
+    let channels = r.channels(max_channels)?;
     let mut streams = Vec::new();
     for _ in 0..channels {
         let len = r.varint("channel length")?;

@@ -23,7 +23,7 @@ use crate::fs;
 
 /// True if `dir` holds a sparse model: `cameras` and `images`, `.bin` or `.txt`.
 #[must_use]
-pub fn is_model(dir: impl AsRef<Path>) -> bool {
+pub(crate) fn is_model(dir: impl AsRef<Path>) -> bool {
     let dir = dir.as_ref();
     ["bin", "txt"].iter().any(|e| {
         dir.join("cameras").with_extension(e).is_file()

@@ -87,13 +87,7 @@ impl<'a> Lines<'a> {
     }
 
     fn truncated(&self, element: &Element, row: u64) -> Error {
-        Error::PlyTruncated {
-            file: self.file.into(),
-            len: self.bytes.len(),
-            element: element.name.clone(),
-            promised: element.count,
-            row,
-        }
+        element.truncated(self.file, self.bytes.len(), row)
     }
 }
 

@@ -142,13 +142,7 @@ impl Body<'_> {
     }
 
     fn truncated(&self, element: &Element, row: u64) -> Error {
-        Error::PlyTruncated {
-            file: self.file.into(),
-            len: self.bytes.len(),
-            element: element.name.clone(),
-            promised: element.count,
-            row,
-        }
+        element.truncated(self.file, self.bytes.len(), row)
     }
 }
 

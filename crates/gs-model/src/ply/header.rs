@@ -102,6 +102,12 @@ impl Element {
         }
     }
 
+    /// The error of a file of `len` bytes without all rows; `row` is the first that is missing.
+    pub(super) fn truncated(&self, file: &Path, len: usize, row: u64) -> Error {
+        let (element, promised) = (self.name.clone(), self.count);
+        Error::PlyTruncated { file: file.into(), len, element, promised, row }
+    }
+
     pub(super) fn has_list(&self) -> bool {
         self.properties.iter().any(|p| p.list.is_some())
     }

@@ -49,7 +49,7 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, 
         return Ok(None);
     }
 
-    let mut scene = rows::blank(rows, columns.sh_degree);
+    let mut scene = Scene::zeros(rows, columns.sh_degree);
     head.drain(..header.len);
     head.truncate(body);
     let (mut part, mut next) = (head, Vec::new());

@@ -18,6 +18,15 @@ pub(crate) fn log_alpha_of_logit(logit: f32) -> f64 {
     if l >= 0.0 { -libm::log1p(libm::exp(-l)) } else { l - libm::log1p(libm::exp(l)) }
 }
 
+/// A derivative by ln(alpha), from that by the logit: `d ln(alpha) / d logit = 1 - alpha`.
+#[cfg(feature = "encode")]
+#[must_use]
+pub(crate) fn gradient(logit: f32, by_logit: f32) -> f32 {
+    let l = logit.clamp(LOGIT_RANGE[0], LOGIT_RANGE[1]);
+    // 1 / (1 - alpha) = 1 + e^l.
+    by_logit * (1.0 + libm::expf(l))
+}
+
 /// The inverse of [`log_alpha_of_logit`] up to rounding, for any input: values at or above 0
 /// (quantisation error) give the greatest logit of [`LOGIT_RANGE`].
 #[must_use]

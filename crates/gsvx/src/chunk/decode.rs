@@ -1,6 +1,6 @@
 //! From the layers of a chunk to Gaussians.
 
-use super::{CLASS_STEP, GaussiansMut, MIXED_DEPTHS, SideFactors, steps_of};
+use super::{CLASS_STEP, GaussiansMut, SideFactors, steps_of};
 use crate::attributes::prediction::Predictor;
 use crate::attributes::{colour, opacity};
 use crate::bytes::Reader;
@@ -10,8 +10,9 @@ use crate::error::{Error, Result, coding};
 use crate::head::{Header, Shapes};
 use crate::importance;
 use gpcc_lite::coder::Decoder;
+use gpcc_lite::geometry::{self, Layout};
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, attribute, geometry};
+use gpcc_lite::{Leaf, attribute};
 
 /// Covariances taken apart at a time.
 const RUN: usize = 64;
@@ -34,6 +35,38 @@ pub(crate) struct ChunkDecoder {
     sh_degree: u8,
 }
 
+/// What [`super::ChunkLatents`] fills in instead of a stream.
+#[cfg(feature = "encode")]
+pub(super) struct Parts<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) classes: &'a [u8],
+    pub(super) side: &'a mut SideFactors,
+    pub(super) opacity: &'a mut Rows,
+    pub(super) shape: &'a mut Rows,
+    pub(super) sh: &'a mut [Rows; 4],
+    pub(super) sh_degree: &'a mut u8,
+}
+
+#[cfg(feature = "encode")]
+impl ChunkDecoder {
+    /// A chunk whose values are still to be filled in.
+    pub(super) fn with_plan(plan: Plan, classes: Vec<u8>, side: SideFactors) -> Self {
+        Self { plan: Some(plan), classes, side, ..Self::default() }
+    }
+
+    /// Everything that is decoded, to be filled in.
+    ///
+    /// # Errors
+    /// If there is no plan.
+    pub(super) fn parts(&mut self) -> Result<Parts<'_>> {
+        let Self { plan, classes, side, opacity, shape, sh, sh_degree, .. } = self;
+        let Some(plan) = plan else {
+            return Err(Error::Corrupt { what: "chunk without leaves", value: 0 });
+        };
+        Ok(Parts { plan, classes, side, opacity, shape, sh, sh_degree })
+    }
+}
+
 impl ChunkDecoder {
     /// Decodes the first layer of a chunk that has so many leaves.
     ///
@@ -41,17 +74,15 @@ impl ChunkDecoder {
     /// [`Error::Truncated`], [`Error::Corrupt`] and [`Error::Coding`].
     pub(crate) fn base(&mut self, header: &Header, count: u64, bytes: &[u8]) -> Result<()> {
         let mut r = Reader::new(bytes, "base layer");
-        let flags = r.u8()?;
-        if flags > MIXED_DEPTHS {
-            return Err(Error::Corrupt { what: "flags of a chunk", value: flags.into() });
-        }
+        let byte = r.u8()?;
+        let layout = Layout::from_byte(byte)
+            .ok_or(Error::Corrupt { what: "layout of a chunk", value: byte.into() })?;
         self.side = SideFactors::from_bytes(r.take(SideFactors::LEN)?);
         let integers = if header.shapes == Shapes::Integers { Some(r.block()?) } else { None };
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let error = coding("base layer");
         let mut coder = Decoder::new(r.take(r.remaining())?).map_err(error)?;
-        let mixed = flags & MIXED_DEPTHS != 0;
-        let leaves = geometry::decode_leaves(&mut coder, count, header.j_high, mixed)
+        let leaves = geometry::decode_leaves(&mut coder, count, header.j_high, layout)
             .map_err(coding("geometry"))?;
         let mut plan = Plan::of(leaves, header.j_high).map_err(coding("geometry"))?;
         self.decode_classes(&mut coder, &plan)?;

@@ -1,6 +1,6 @@
 //! From the Gaussians of a chunk to its layers.
 
-use super::{CLASS_STEP, MIXED_DEPTHS, SideFactors, steps_of};
+use super::{CLASS_STEP, SideFactors, steps_of};
 use crate::attributes::prediction::Predictor;
 use crate::attributes::side::Factors;
 use crate::attributes::{colour, opacity};
@@ -12,8 +12,9 @@ use crate::head::Steps;
 use crate::importance;
 use gpcc_lite::attribute::Options;
 use gpcc_lite::coder::Encoder;
+use gpcc_lite::geometry::{self, Layout};
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, attribute, geometry};
+use gpcc_lite::{Leaf, attribute};
 use gs_model::Scene;
 use std::ops::Range;
 
@@ -57,18 +58,20 @@ pub(crate) fn encode(
     sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
 ) -> Result<Vec<Vec<u8>>> {
     let ChunkInput { leaves, log_classes, base, indices } = input;
-    let mixed = geometry::has_mixed_depths(&leaves, q.j_high);
+    let layout = Layout::of(&leaves, q.j_high).map_err(coding("geometry"))?;
     let plan = Plan::of(leaves, q.j_high).map_err(coding("geometry"))?;
     let mut coder = Encoder::default();
-    geometry::encode_leaves(&mut coder, plan.leaves(), q.j_high, mixed)
+    geometry::encode_leaves(&mut coder, plan.leaves(), q.j_high, layout)
         .map_err(coding("geometry"))?;
     let (importance, classes) = encode_classes(&mut coder, &plan, log_classes)?;
     let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
     let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
     let chunk = Chunk { q, plan: &plan, classes: &classes };
     let side = SideFactors { importance, ..SideFactors::default() };
-    let (base_layer, sh_layers) =
-        rayon::join(|| chunk.base_layer(coder, side, mixed, base, indices), || chunk.sh_layers(sh));
+    let (base_layer, sh_layers) = rayon::join(
+        || chunk.base_layer(coder, side, layout, base, indices),
+        || chunk.sh_layers(sh),
+    );
     let mut layers = vec![base_layer?];
     layers.extend(sh_layers?);
     Ok(layers)
@@ -76,7 +79,7 @@ pub(crate) fn encode(
 
 /// Codes importance classes through the transform without weights, and returns those that a decoder will
 /// have.
-fn encode_classes(
+pub(super) fn encode_classes(
     coder: &mut Encoder,
     plan: &Plan,
     log_classes: &[f64],
@@ -95,6 +98,18 @@ fn encode_classes(
         importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
     };
     Ok((factors, leaves.iter().enumerate().map(class).collect()))
+}
+
+/// Subtracts what depth and class predict from the first channel.
+pub(super) fn subtract_predicted(
+    factors: Factors,
+    leaves: &[Leaf],
+    classes: &[u8],
+    rows: &mut Rows,
+) {
+    for (i, &leaf) in leaves.iter().enumerate() {
+        rows.row_mut(i)[0] -= factors.predict(leaf, classes[i]);
+    }
 }
 
 /// Writes Y, Co, Cg of the coefficients of some leaves into their rows, from row `first` on.
@@ -126,7 +141,7 @@ impl Chunk<'_> {
         &self,
         mut coder: Encoder,
         mut side: SideFactors,
-        mixed: bool,
+        layout: Layout,
         base: Scene,
         indices: Option<&[(u32, f32)]>,
     ) -> Result<Vec<u8>> {
@@ -144,7 +159,7 @@ impl Chunk<'_> {
         self.code(&mut coder, q.steps.dc, LAMBDA, &mut rows)?;
         drop(rows);
         let mut out = Writer::default();
-        out.u8(if mixed { MIXED_DEPTHS } else { 0 });
+        out.u8(layout.to_byte());
         let mut block = None;
         if let Some(bits) = q.integer_bits {
             let leaves = plan.leaves();
@@ -181,9 +196,7 @@ impl Chunk<'_> {
         let mut rows = Rows::new(leaves.len(), channels);
         (0..leaves.len()).for_each(|i| value(i, rows.row_mut(i)));
         let factors = Factors::fit(leaves, classes, |i| rows.row(i)[0]);
-        for (i, &leaf) in leaves.iter().enumerate() {
-            rows.row_mut(i)[0] -= factors.predict(leaf, classes[i]);
-        }
+        subtract_predicted(factors, leaves, classes, &mut rows);
         (rows, factors)
     }
 

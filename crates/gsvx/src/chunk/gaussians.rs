@@ -58,24 +58,12 @@ impl<'a> GaussiansMut<'a> {
     }
 }
 
-/// A scene of `n` Gaussians that are all zero. The memory comes zeroed from the system, so pages cost
-/// nothing until they are written.
-pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
-    let mut scene = Scene { sh_degree, ..Scene::default() };
-    resize(&mut scene, n);
-    scene
-}
-
 /// Gives a scene `n` Gaussians whose values are unspecified.
 pub(crate) fn resize(scene: &mut Scene, n: usize) {
-    let sh = n * scene.sh_len();
     if scene.is_empty() {
-        scene.means = vec![[0.0; 3]; n];
-        scene.rotations = vec![[0.0; 4]; n];
-        scene.log_scales = vec![[0.0; 3]; n];
-        scene.opacity_logits = vec![0.0; n];
-        scene.sh = vec![[0.0; 3]; sh];
+        *scene = Scene::zeros(n, scene.sh_degree);
     } else {
+        let sh = n * scene.sh_len();
         scene.means.resize(n, [0.0; 3]);
         scene.rotations.resize(n, [0.0; 4]);
         scene.log_scales.resize(n, [0.0; 3]);

@@ -8,11 +8,15 @@ mod decode;
 #[cfg(feature = "encode")]
 mod encode;
 mod gaussians;
+#[cfg(feature = "encode")]
+mod latents;
 
 pub(crate) use decode::ChunkDecoder;
 #[cfg(feature = "encode")]
 pub(crate) use encode::{ChunkInput, Quantisation, check, check_sh, encode};
-pub(crate) use gaussians::{GaussiansMut, blank, resize};
+pub(crate) use gaussians::{GaussiansMut, resize};
+#[cfg(feature = "encode")]
+pub(crate) use latents::{ChunkLatents, Coding, Values};
 
 use crate::attributes::side::Factors;
 use crate::importance;
@@ -20,8 +24,6 @@ use crate::importance;
 /// Step of the importance classes: coarse, since the exact class matters little, and what is saved
 /// here is saved for every Gaussian.
 const CLASS_STEP: f32 = 1.0;
-/// The first bit of the base layer: leaves end at different depths.
-const MIXED_DEPTHS: u8 = 1;
 
 /// Steps of the transform for a group of channels: those of the header hold for the mean class, and the
 /// transform's for weight 1.

@@ -36,17 +36,7 @@ pub fn coordinates(quaternion: [f32; 4], log_scales: [f32; 3]) -> Coordinates {
     let entry = |i: usize, j: usize| {
         r[i][0] * l[0] * r[j][0] + r[i][1] * l[1] * r[j][1] + r[i][2] * l[2] * r[j][2]
     };
-    let (xx, yy, zz) = (entry(0, 0), entry(1, 1), entry(2, 2));
-    let root = std::f64::consts::SQRT_2;
-    [
-        (xx + yy + zz) / 3f64.sqrt(),
-        (xx - yy) / root,
-        (zz + zz - xx - yy) / 6f64.sqrt(),
-        entry(0, 1) * root,
-        entry(0, 2) * root,
-        entry(1, 2) * root,
-    ]
-    .map(|v| v as f32)
+    in_basis(entry)
 }
 
 /// Unit quaternion and log-scales of the matrix with these coordinates.
@@ -70,6 +60,63 @@ pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
         rotate(&mut a, &mut v, 1, 2, 0);
     }
     (quaternion_of(&v), [a[0][0], a[1][1], a[2][2]])
+}
+
+/// The derivative of a loss by the coordinates, from those by the quaternion (of unit norm) and the
+/// log-scales that [`decompose`] made of them.
+///
+/// In the frame of the axes the derivative by the diagonal is that by the log-scales. A turn about one
+/// axis moves the entry of the other two by their difference, so the derivative by that entry is the
+/// torque over twice the difference. Both vanish where two axes are equal: there the quotient is noise,
+/// and counts less the smaller the difference is.
+#[cfg(feature = "encode")]
+#[must_use]
+pub fn gradient(
+    quaternion: [f32; 4],
+    log_scales: [f32; 3],
+    by_quaternion: [f32; 4],
+    by_log_scales: [f32; 3],
+) -> Coordinates {
+    let [w, x, y, z] = quaternion.map(f64::from);
+    let d = by_quaternion.map(f64::from);
+    let along = |q: [f64; 4]| 0.5 * (d[0] * q[0] + d[1] * q[1] + d[2] * q[2] + d[3] * q[3]);
+    let torque = [along([-x, w, z, -y]), along([-y, -z, w, x]), along([-z, y, -x, w])];
+    let l = log_scales.map(f64::from);
+    let entry = |torque: f64, difference: f64| {
+        0.5 * torque * difference / (difference * difference + EQUAL_AXES * EQUAL_AXES)
+    };
+    let (xy, xz, yz) = (
+        entry(torque[2], l[0] - l[1]),
+        entry(torque[1], l[2] - l[0]),
+        entry(torque[0], l[1] - l[2]),
+    );
+    let g = by_log_scales.map(f64::from);
+    let body = [[g[0], xy, xz], [xy, g[1], yz], [xz, yz, g[2]]];
+    let r = rotation_matrix(quaternion);
+    let world = |i: usize, j: usize| -> f64 {
+        let row = |a: usize| (0..3).map(|b| body[a][b] * r[j][b]).sum::<f64>();
+        (0..3).map(|a| r[i][a] * row(a)).sum()
+    };
+    in_basis(world)
+}
+
+/// Axes whose log-scales differ by less than this count as nearly equal.
+#[cfg(feature = "encode")]
+const EQUAL_AXES: f64 = 1e-2;
+
+/// The coordinates of a symmetric matrix given by its entries.
+fn in_basis(entry: impl Fn(usize, usize) -> f64) -> Coordinates {
+    let (xx, yy, zz) = (entry(0, 0), entry(1, 1), entry(2, 2));
+    let root = std::f64::consts::SQRT_2;
+    [
+        (xx + yy + zz) / 3f64.sqrt(),
+        (xx - yy) / root,
+        (zz + zz - xx - yy) / 6f64.sqrt(),
+        entry(0, 1) * root,
+        entry(0, 2) * root,
+        entry(1, 2) * root,
+    ]
+    .map(|v| v as f32)
 }
 
 /// Coordinates within [`LARGEST`]; what is no number becomes the least.
@@ -234,7 +281,10 @@ const SIGN: u32 = 1 << 31;
 
 /// Row-major rotation matrix of a quaternion of any non-zero norm; identity for zero.
 fn rotation_matrix(q: [f32; 4]) -> [[f64; 3]; 3] {
-    let [w, x, y, z] = q.map(f64::from);
+    rotation_matrix_f64(q.map(f64::from))
+}
+
+fn rotation_matrix_f64([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
     let n = w * w + x * x + y * y + z * z;
     if n <= 0.0 {
         return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -331,6 +381,50 @@ mod tests {
                 let (q, l) = decompose(*row);
                 prop_assert_eq!(q.map(f32::to_bits), rotations[i].map(f32::to_bits));
                 prop_assert_eq!(l.map(f32::to_bits), log_scales[i].map(f32::to_bits));
+            }
+        }
+
+        // A small change of the coordinates changes a function of the matrix by the gradient.
+        #[test]
+        fn the_gradient_is_that_of_finite_differences(
+            c in prop::array::uniform6(-2f32..2.0),
+            weights in prop::array::uniform6(-1f64..1.0),
+        ) {
+            let (q, l) = decompose(c);
+            let gap = |a: usize, b: usize| (l[a] - l[b]).abs();
+            prop_assume!(gap(0, 1).min(gap(1, 2)).min(gap(0, 2)) > 0.3);
+            // The function: a weighted sum of the entries of R diag(e^l) R^T.
+            let value = |q: [f64; 4], l: [f64; 3]| -> f64 {
+                let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+                let r = rotation_matrix_f64(q.map(|v| v / norm));
+                let pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+                let of = |(i, j): (usize, usize)| -> f64 {
+                    (0..3).map(|k| r[i][k] * libm::exp(l[k]) * r[j][k]).sum()
+                };
+                pairs.into_iter().zip(weights).map(|(p, w)| w * of(p)).sum()
+            };
+            let (q64, l64) = (q.map(f64::from), l.map(f64::from));
+            let h = 1e-5;
+            let by = |k: usize, n: usize| {
+                let (mut q, mut l) = ([q64; 2], [l64; 2]);
+                for (s, sign) in [h, -h].into_iter().enumerate() {
+                    if n == 4 { q[s][k] += sign } else { l[s][k] += sign }
+                }
+                (value(q[0], l[0]) - value(q[1], l[1])) / (2.0 * h)
+            };
+            let by_quaternion = [0, 1, 2, 3].map(|k| by(k, 4) as f32);
+            let by_log_scales = [0, 1, 2].map(|k| by(k, 3) as f32);
+            let found = gradient(q, l, by_quaternion, by_log_scales);
+            for k in 0..6 {
+                let at = |d: f32| {
+                    let mut c = c;
+                    c[k] += d;
+                    let (q, l) = decompose(c);
+                    value(q.map(f64::from), l.map(f64::from))
+                };
+                let want = (at(0.01) - at(-0.01)) / 0.02;
+                let close = (f64::from(found[k]) - want).abs() < 0.01 + 0.01 * want.abs();
+                prop_assert!(close, "{k}: {} {want}", found[k]);
             }
         }
 

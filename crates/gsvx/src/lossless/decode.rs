@@ -38,7 +38,7 @@ pub(crate) fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Resul
     let parts = crate::parallel::map(jobs, |(k, block): (usize, &[u8])| {
         head.decode_part(block, bounds[k + 1] - bounds[k], n)
     });
-    let mut scene = layout::blank(n, sh_degree);
+    let mut scene = Scene::zeros(n, sh_degree);
     let mut seen = vec![false; if head.keep_order { n } else { 0 }];
     for (k, part) in parts.into_iter().enumerate() {
         let (coded, order) = part?;

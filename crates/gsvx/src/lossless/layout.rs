@@ -49,18 +49,6 @@ pub(super) fn gather(scene: &Scene, c: usize, order: &[u32]) -> Vec<u32> {
         .collect()
 }
 
-/// An all-zero scene to scatter columns into.
-pub(crate) fn blank(n: usize, sh_degree: u8) -> Scene {
-    Scene {
-        means: vec![[0.0; 3]; n],
-        rotations: vec![[0.0; 4]; n],
-        log_scales: vec![[0.0; 3]; n],
-        opacity_logits: vec![0.0; n],
-        sh_degree,
-        sh: vec![[0.0; 3]; n * (usize::from(sh_degree) + 1) * (usize::from(sh_degree) + 1)],
-    }
-}
-
 /// Rows of all columns, Gaussians in the order of `order`.
 #[cfg(feature = "encode")]
 pub(crate) fn gather_rows(scene: &Scene, order: &[u32]) -> Vec<u32> {

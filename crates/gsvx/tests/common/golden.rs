@@ -1,6 +1,6 @@
 //! What the golden streams are made from.
 
-use super::{scene, with_floaters, with_related_degrees};
+use super::{on_walls, scene, with_floaters, with_related_degrees};
 use gs_model::Scene;
 use gsvx::{CovarianceMode, EncodeOptions, encode, encode_lossless, encode_with};
 use std::num::NonZeroUsize;
@@ -43,6 +43,7 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
         ("integers", coded(&plain(400, 1), &integers)),
         ("outliers", coded(&with_floaters(plain(400, 1)).0, &default)),
         ("predicted", coded(&with_related_degrees(plain(900, 3)), &high)),
+        ("walls", coded(&on_walls(plain(1200, 0)), &default)),
         ("chunks", coded(&plain(1500, 1), &in_chunks(300))),
         ("lod", lod.bytes),
         ("lossless", exact(&plain(300, 2), false)),

@@ -1,68 +1,25 @@
-//! A small scene that looks like a trained one: clusters, a spread of scales and opacities.
-#![allow(dead_code, reason = "each test binary uses a part")]
+//! What the tests of this crate share.
+#![allow(dead_code, unused_imports, reason = "each test binary uses a part")]
 
 pub(crate) mod forge;
 pub(crate) mod golden;
 
+pub(crate) use testing::{Rng, with_floaters, with_related_degrees};
+
 use gs_model::Scene;
 use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
 
-/// SplitMix64, whose numbers never change.
-pub(crate) struct Rng(pub(crate) u64);
-
-impl Rng {
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in -1..1.
-    pub(crate) fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-    }
-}
-
+/// A small scene that looks like a trained one.
 pub(crate) fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
-    let mut r = Rng(seed);
-    let mut scene = Scene { sh_degree, ..Default::default() };
-    for i in 0..n {
-        let centre = (i % 7) as f32;
-        scene.means.push([centre + 0.3 * r.unit(), r.unit() * r.unit(), 0.1 * r.unit()]);
-        scene.rotations.push(std::array::from_fn(|_| r.unit() + 0.01));
-        let size = -4.0 + r.unit();
-        scene.log_scales.push(std::array::from_fn(|_| size + 1.5 * r.unit()));
-        scene.opacity_logits.push(4.0 * r.unit());
-        for k in 0..scene.sh_len() {
-            let amplitude = if k == 0 { 1.0 } else { 0.05 };
-            scene.sh.push(std::array::from_fn(|_| amplitude * r.unit()));
-        }
-    }
-    scene
+    testing::trained_like(n, sh_degree, &mut Rng::seeded(seed))
 }
 
-/// The same with SH degrees 2 and 3 that mostly follow from the degree below, as in trained models;
-/// what remains is as it was, a tenth as large.
-pub(crate) fn with_related_degrees(mut scene: Scene) -> Scene {
-    let k = scene.sh_len();
-    for sh in scene.sh.chunks_exact_mut(k) {
-        for c in 4..k {
-            let below = if c < 9 { 1 + c % 3 } else { 4 + c % 5 };
-            sh[c] = std::array::from_fn(|rgb| 0.8 * sh[below][rgb] + 0.1 * sh[c][rgb]);
-        }
+/// Moves every Gaussian onto one of three walls.
+pub(crate) fn on_walls(mut scene: Scene) -> Scene {
+    for (i, mean) in scene.means.iter_mut().enumerate() {
+        mean[i % 3] = 0.37;
     }
     scene
-}
-
-/// Moves three of the Gaussians about a million units away.
-pub(crate) fn with_floaters(mut scene: Scene) -> (Scene, [usize; 3]) {
-    let at = [scene.len() / 7, scene.len() / 2, scene.len() - 1];
-    scene.means[at[0]] = [1e6, 0.3, -0.7];
-    scene.means[at[1]] = [0.1, -1.1e6, 0.2];
-    scene.means[at[2]] = [-2e5, 3.3, 1e6];
-    (scene, at)
 }
 
 pub(crate) fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelization) {

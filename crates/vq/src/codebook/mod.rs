@@ -14,7 +14,6 @@ pub use training::{Keep, Options};
 use crate::covariance::{Covariance, Feature, Metric};
 use crate::error::{Error, Result};
 use crate::nearest::Nearest;
-use crate::{kmeans, rate};
 pub(crate) use codeword::{Codeword, Precision};
 
 /// Most codewords a codebook may have, trained and kept ones together.
@@ -68,8 +67,8 @@ impl Codebook {
     /// Trains a codebook on covariances and their sensitivities (one each, finite, >= 0; only
     /// ratios matter). The same input and options give the same codebook for any number of threads.
     ///
-    /// # Errors [`Error::LengthMismatch`], [`Error::BadSensitivity`], [`Error::BadCount`] for no
-    /// covariances, [`Error::TooManyCodewords`], [`Error::BadBits`].
+    /// # Errors
+    /// [`Error::LengthMismatch`], [`Error::BadSensitivity`], [`Error::BadCount`] for no covariances, [`Error::TooManyCodewords`], [`Error::BadBits`].
     pub fn train(
         covariances: &[Covariance],
         sensitivities: &[f32],
@@ -152,33 +151,6 @@ impl Codebook {
             },
         );
         indices
-    }
-
-    /// The codeword of least sensitivity * squared distance + lambda * bits for every
-    /// covariance, where bits is the length of the index for an ideal coder that knows how often
-    /// each codeword is used. That depends on the assignment: `passes` of counting and assigning
-    /// follow the nearest-codeword assignment (3 are enough on real scenes).
-    ///
-    /// # Errors
-    /// [`Error::LengthMismatch`], [`Error::BadLambda`]; [`Error::BadSensitivity`] for one that is
-    /// NaN, infinite or negative.
-    pub fn assign_priced(
-        &self,
-        covariances: &[Covariance],
-        sensitivities: &[f32],
-        lambda: f64,
-        passes: usize,
-    ) -> Result<Vec<u32>> {
-        training::check_sensitivities(covariances, sensitivities)?;
-        training::check_lambda(lambda)?;
-        let points = features(covariances, self.metric);
-        let (codewords, _) = self.search();
-        let mut hits = kmeans::assign(&points, codewords, None);
-        for _ in 0..passes {
-            let lengths = rate::index_lengths(&rate::count_uses(&hits, codewords.len()));
-            hits = rate::assign(&points, sensitivities, codewords, &lengths, lambda);
-        }
-        Ok(hits.into_iter().map(|h| h.id).collect())
     }
 
     /// Features of the codewords and the tree over them.

@@ -4,7 +4,6 @@ use super::{Codebook, Codeword, MAX_CODEWORDS, Precision, TrainingReport};
 use crate::covariance::{Covariance, Feature, Metric, from_feature};
 use crate::error::{Error, Result};
 use crate::kmeans::{self, Schedule};
-use crate::rate;
 use crate::rng::SplitMix64;
 use crate::seeding::kmeans_plus_plus;
 
@@ -48,12 +47,6 @@ pub struct Options {
     pub full_iterations: usize,
     /// Full iterations end when one lowers the distortion by less than this part of it.
     pub tolerance: f64,
-    /// Price of a bit of index in units of sensitivity times squared distance: 0 trains for
-    /// distortion alone, more lets the codebook shrink to what pays (entropy-constrained vector
-    /// quantisation). Use the same value in [`Codebook::assign_priced`].
-    pub lambda: f64,
-    /// Entropy-constrained iterations after the others, if `lambda` > 0.
-    pub priced_iterations: usize,
     /// Bits of each of the three rotation integers of a codeword, 4..=14.
     pub rotation_bits: u8,
     /// Fraction bits of the log-scale integers of a codeword, 2..=10.
@@ -73,8 +66,6 @@ impl Default for Options {
             mini_batches: 4,
             full_iterations: 8,
             tolerance: 2e-3,
-            lambda: 0.0,
-            priced_iterations: 4,
             rotation_bits: 8,
             log_scale_bits: 5,
         }
@@ -109,7 +100,7 @@ pub(super) fn train(
         let clustered = sample(&clustered, wanted, &mut rng);
         let chosen: Vec<Covariance> = clustered.iter().map(|&i| covariances[i as usize]).collect();
         let points = super::features(&chosen, options.metric);
-        let (weights, unit) = weights(sensitivities, &clustered);
+        let weights = weights(sensitivities, &clustered);
         let mut centres = seed(&points, &weights, options, &mut rng);
         let schedule = Schedule {
             batch_size: options.batch_size.max(1),
@@ -118,10 +109,6 @@ pub(super) fn train(
             tolerance: options.tolerance,
         };
         history = kmeans::train(&points, &weights, &mut centres, &schedule, &mut rng);
-        if options.lambda > 0.0 {
-            let lambda = options.lambda / f64::from(unit);
-            rate::train(&points, &weights, &mut centres, lambda, options.priced_iterations);
-        }
         for centre in centres {
             let covariance = from_feature(centre.map(f64::from), options.metric)?;
             codewords.push(precision.quantise(&covariance));
@@ -133,7 +120,6 @@ pub(super) fn train(
 
 fn check(covariances: &[Covariance], sensitivities: &[f32], options: &Options) -> Result<()> {
     check_sensitivities(covariances, sensitivities)?;
-    check_lambda(options.lambda)?;
     // Indices are u32, and the top bit is taken in the search tree.
     if covariances.is_empty() || covariances.len() > (1 << 31) - 1 {
         return Err(Error::BadCount { count: covariances.len() });
@@ -161,12 +147,6 @@ pub(super) fn check_sensitivities(covariances: &[Covariance], sensitivities: &[f
     Ok(())
 }
 
-/// # Errors
-/// [`Error::BadLambda`] unless finite and not negative.
-pub(super) fn check_lambda(lambda: f64) -> Result<()> {
-    if lambda.is_finite() && lambda >= 0.0 { Ok(()) } else { Err(Error::BadLambda { lambda }) }
-}
-
 /// Indices of the covariances to keep and to cluster, both ascending.
 fn split(sensitivities: &[f32], keep: Keep) -> (Vec<u32>, Vec<u32>) {
     let all = 0..sensitivities.len() as u32;
@@ -188,17 +168,17 @@ fn split(sensitivities: &[f32], keep: Keep) -> (Vec<u32>, Vec<u32>) {
     }
 }
 
-/// Sensitivities over their maximum, and the maximum. Where all are zero, every point counts the
+/// Sensitivities over their maximum. Where all are zero, every point counts the
 /// same; a point of zero sensitivity among others still counts a little, or it could end up
 /// anywhere.
-fn weights(sensitivities: &[f32], ids: &[u32]) -> (Vec<f32>, f32) {
+fn weights(sensitivities: &[f32], ids: &[u32]) -> Vec<f32> {
     const LEAST: f32 = 1e-9;
     let largest = ids.iter().map(|&i| sensitivities[i as usize]).fold(0.0, f32::max);
     if largest <= 0.0 {
-        return (vec![1.0; ids.len()], 1.0);
+        return vec![1.0; ids.len()];
     }
     let weight = |s: f32| (s / largest).max(LEAST);
-    (ids.iter().map(|&i| weight(sensitivities[i as usize])).collect(), largest)
+    ids.iter().map(|&i| weight(sensitivities[i as usize])).collect()
 }
 
 /// k-means++ centres from all points or a sample of them.

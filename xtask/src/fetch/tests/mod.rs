@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 use super::catalogue::SCENES;
 use super::job::{Options, Summary, fetch};
-use super::source::Retry;
+use super::fault::Retry;
 use archive::Entry;
 use server::{Behaviour, Server};
 

@@ -3,17 +3,17 @@
 //! views, scores on the held-out ones. Also time and image error of the rasterizer's variants.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use finetune::{FineTune, FineTuneOptions, LearningRates, Loss, TrainView};
 use gs_model::Scene;
-use gs_model::dataset::Dataset;
 use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge_weighted, voxelize};
 
 use crate::chart::{Axis, Chart, Kind, Series};
 use crate::measure;
 use crate::progress::Bar;
+use crate::scenes::TestScene;
 use crate::usage;
 
 mod variants;
@@ -21,8 +21,8 @@ mod variants;
 /// What [`run`] measures.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Directory of a scene: photos, cameras, model.
-    pub scene: PathBuf,
+    /// Names of `scenes.toml`, or folders with photos, cameras and model.
+    pub scenes: Vec<String>,
     /// Steps of every run.
     pub steps: u64,
     /// Voxelizations, [`Strategy::Uniform`] or [`Strategy::Paper`].
@@ -35,20 +35,18 @@ pub struct Options {
     pub final_rate: f64,
     /// Merge by blending weights over the training views rather than by opacity and area.
     pub weigh: bool,
-    /// Leave out the runs that begin from no initialisation.
-    pub merged_only: bool,
+    /// Begin a second run of each voxelization from no initialisation.
+    pub from_none: bool,
     /// Time and image error of the rasterizer's variants instead.
     pub variants: bool,
-    /// Where `recover-SCENE.json` and `recover-SCENE.svg` go, `variants-SCENE` likewise.
+    /// Where the page goes, relative to the root of the workspace; the charts lie beside it.
     pub out: PathBuf,
-    /// Name of the files instead of `recover-SCENE`.
-    pub name: Option<String>,
 }
 
 /// Parses `uniform:DEPTH` or `adaptive:LOW-HIGH`.
 ///
 /// # Errors
-/// If that is not what `text` is.
+/// If `text` has another form.
 pub fn parse_strategy(text: &str) -> Result<Strategy, String> {
     let parsed = match text.split_once(':') {
         Some(("uniform", depth)) => depth.parse().ok().map(|depth| Strategy::Uniform { depth }),
@@ -64,7 +62,6 @@ struct Run {
     label: String,
     gaussians: usize,
     steps: u64,
-    seconds: f64,
     /// Processor seconds, all threads.
     cpu: f64,
     /// Mean PSNR over the held-out views.
@@ -137,49 +134,68 @@ fn tune(
         out.seconds,
         usage::peak_bytes() as f64 / 1e6,
     );
-    let (seconds, epochs) = (out.seconds, out.epoch_psnr);
-    Ok(Run { label, gaussians, steps, seconds, cpu, before, after, epochs })
+    Ok(Run { label, gaussians, steps, cpu, before, after, epochs: out.epoch_psnr })
 }
 
 /// PSNR of the training views over steps; runs without initialisation are thin lines.
-fn chart(runs: &[Run], views: usize, title: String) -> Chart {
+fn chart(study: &Study) -> Chart {
     let line = |run: &Run| Series {
         name: run.label.clone(),
-        kind: if run.label.ends_with("none") { Kind::Theirs } else { Kind::Ours },
-        points: (1..).zip(&run.epochs).map(|(e, &db)| ((e * views) as f64, db)).collect(),
+        kind: if run.label.ends_with(FROM_NONE) { Kind::Theirs } else { Kind::Ours },
+        points: (1..).zip(&run.epochs).map(|(e, &db)| ((e * study.views) as f64, db)).collect(),
     };
     Chart::new(
-        title,
+        format!("{}: fine-tune of voxelized models", study.name),
         Axis::linear("steps"),
-        Axis::linear("PSNR of the epoch's views, dB"),
-        runs.iter().map(line).collect(),
+        Axis::linear("PSNR of the epoch's training views, dB"),
+        study.runs.iter().map(line).collect(),
         None,
     )
 }
 
-/// Runs the fine-tunes and writes their table and chart.
+/// The runs on one scene.
+struct Study {
+    name: String,
+    gaussians: usize,
+    /// Views that are trained on, and mean PSNR of the model as trained at the held-out views.
+    views: usize,
+    model: f64,
+    runs: Vec<Run>,
+}
+
+/// Runs the fine-tunes and writes the page, with a chart for each scene; or prints the rasterizer's
+/// variants.
 ///
 /// # Errors
-/// If the scene cannot be read or a fine-tune fails.
+/// If a scene cannot be read or a fine-tune fails.
 pub fn run(args: &Options) -> Result<()> {
-    let (dir, out) = (&args.scene, &args.out);
-    let dataset = Dataset::open(dir)?;
-    let (scene, _) = gs_model::ply::read(&dataset.model_path)?;
-    let train = measure::load(dataset.training())?;
-    let held_out = measure::load(dataset.held_out())?;
-    let model = score(&scene, &held_out);
-    let name = dir.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
-    println!(
-        "{name}: {} Gaussians, {model:.3} dB at {} held-out views",
-        scene.len(),
-        held_out.len()
-    );
-    if args.variants {
-        return variants::run(&name, &scene, &train, out);
+    let mut studies = Vec::new();
+    for name in &args.scenes {
+        let scene = TestScene::open(name, usize::MAX)?;
+        let train = measure::load(scene.files.dataset.training())?;
+        if args.variants {
+            variants::run(&scene.model, &train)?;
+        } else {
+            studies.push(study(args, scene, &train)?);
+        }
     }
+    if args.variants {
+        return Ok(());
+    }
+    let folder = args.out.parent().unwrap_or(Path::new(""));
+    for study in &studies {
+        let file = folder.join(format!("finetune-{}.svg", study.name));
+        crate::page::write(&file, &chart(study).svg(), None)?;
+    }
+    crate::page::write(&args.out, &page(&studies)?, None)
+}
+
+/// Voxelizes, merges and tunes one scene.
+fn study(args: &Options, scene: TestScene, train: &[TrainView]) -> Result<Study> {
+    let TestScene { files, model: scene, training, held_out, .. } = scene;
+    let model = score(&scene, &held_out);
     let importance = if args.weigh {
-        let cameras: Vec<_> = train.iter().map(|v| v.camera.clone()).collect();
-        Importance::Given(finetune::saliency_per_view(&scene, &cameras).squared)
+        Importance::Given(finetune::saliency_per_view(&scene, &training).squared)
     } else {
         Importance::OpacityArea
     };
@@ -193,46 +209,49 @@ pub fn run(args: &Options) -> Result<()> {
         };
         let cells = voxelize(&scene, &cube, strategy)?;
         let merged = merge_weighted(&scene, &cells, Merge::default(), &importance)?;
-        let none = blank(&merged, &cells);
-        for (scene, from) in [(merged, "merged"), (none, "none")] {
-            if from == "none" && args.merged_only {
-                continue;
-            }
-            let label = format!("{label} from {from}");
-            runs.push(tune(label, scene, &train, &held_out, args)?);
+        let none = args.from_none.then(|| blank(&merged, &cells));
+        runs.push(tune(label.clone(), merged, train, &held_out, args)?);
+        if let Some(none) = none {
+            runs.push(tune(format!("{label}{FROM_NONE}"), none, train, &held_out, args)?);
         }
     }
-    let mut json = format!(
-        "{{\n  \"scene\": \"{name}\", \"model_db\": {model:.3}, \"loss\": \"{}\", \"rate\": {}, \
-         \"final_rate\": {}, \"weighed\": {}, \"peak_bytes\": {}, \"runs\": [\n",
-        if args.mse { "mse" } else { "l1-ssim" },
-        args.rate,
-        args.final_rate,
-        args.weigh,
-        usage::peak_bytes(),
+    Ok(Study { name: files.name, gaussians: scene.len(), views: train.len(), model, runs })
+}
+
+/// How the label of a run without initialisation ends.
+const FROM_NONE: &str = " from none";
+
+fn page(studies: &[Study]) -> Result<String> {
+    let mut out = format!(
+        "# What does the fine-tune bring?\n\n\
+         `{}` voxelizes and merges a model, tunes the result on the training views and measures PSNR at \
+         the held-out views, which the fine-tune never sees. Nothing is coded. Means are frozen; loss, \
+         rates and decay are the defaults unless the command says otherwise. What the fine-tune saves in \
+         bytes is on the page of [voxelization](voxel.md). Seconds are of the processor, all threads.\n",
+        crate::manifest::command()
     );
-    for (i, r) in runs.iter().enumerate() {
-        let epochs: Vec<String> = r.epochs.iter().map(|v| format!("{v:.3}")).collect();
-        let comma = if i + 1 < runs.len() { "," } else { "" };
-        writeln!(
-            json,
-            "    {{\"run\": \"{}\", \"gaussians\": {}, \"steps\": {}, \"seconds\": {:.1}, \
-             \"processor_seconds\": {:.1}, \"before_db\": {:.3}, \"after_db\": {:.3}, \"epoch_db\": [{}]}}{comma}",
-            r.label,
-            r.gaussians,
-            r.steps,
-            r.seconds,
-            r.cpu,
-            r.before,
-            r.after,
-            epochs.join(", ")
+    for study in studies {
+        let Study { name, gaussians, model, views, runs } = study;
+        write!(
+            out,
+            "\n{name}: {gaussians} Gaussians and {model:.3} dB as trained, {views} training views.\n\n\
+             ![{name}: PSNR over steps](finetune-{name}.svg)\n\n\
+             | voxelization | Gaussians | before, dB | after, dB | below the trained model, dB | steps | seconds |\n\
+             |---|---:|---:|---:|---:|---:|---:|\n"
         )?;
+        for r in runs {
+            writeln!(
+                out,
+                "| {} | {} | {:.3} | {:.3} | {:.3} | {} | {:.0} |",
+                r.label,
+                r.gaussians,
+                r.before,
+                r.after,
+                model - r.after,
+                r.steps,
+                r.cpu
+            )?;
+        }
     }
-    json.push_str("  ]\n}\n");
-    std::fs::create_dir_all(out)?;
-    let file = args.name.clone().unwrap_or_else(|| format!("recover-{name}"));
-    std::fs::write(out.join(format!("{file}.json")), json)?;
-    let title = format!("{name}: fine-tune of voxelized models (original {model:.2} dB held out)");
-    let svg = chart(&runs, train.len(), title).svg();
-    Ok(std::fs::write(out.join(format!("{file}.svg")), svg)?)
+    Ok(out)
 }

@@ -1,15 +1,11 @@
 //! Tile tests, early-stop thresholds and colours in half precision, each with its time and its
 //! image error.
 
-use std::fmt::Write as _;
-use std::path::Path;
-
 use anyhow::{Context as _, Result};
 use finetune::probe::{TileTest, Variant, VariantPass};
 use finetune::{Image, TrainView, metrics};
 use gs_model::Scene;
 
-use crate::chart::{Axis, Chart};
 use crate::usage::cpu_seconds;
 
 #[path = "../../../../finetune/tests/common/oracle.rs"]
@@ -84,12 +80,11 @@ fn difference(a: &Image, b: impl Iterator<Item = f64>) -> (f64, f64) {
     (worst, -10.0 * libm::log10((sum / a.rgb.len() as f64).max(1e-30)))
 }
 
-fn measure(scene: &Scene, train: &[TrainView]) -> Result<Vec<Row>> {
+fn measure(scene: &Scene, train: &[TrainView]) -> Result<()> {
     let step = train.len().div_ceil(VIEWS).max(1);
     let views: Vec<&TrainView> = train.iter().step_by(step).collect();
     let small = small_view(views.first().context("no training views")?)?;
     let exact = oracle::render(&oracle::Parameters::of(scene), &small.camera, [0.0; 3], None).rgb;
-    let mut rows: Vec<Row> = Vec::new();
     let mut originals: Vec<Image> = Vec::new();
     for (name, variant) in variants() {
         let mut row = Row {
@@ -119,9 +114,8 @@ fn measure(scene: &Scene, train: &[TrainView]) -> Result<Vec<Row>> {
         pass.forward(scene);
         (row.oracle_worst, row.oracle_psnr) = difference(&pass.image(), exact.iter().copied());
         println!("{}", line(&row));
-        rows.push(row);
     }
-    Ok(rows)
+    Ok(())
 }
 
 fn small_view(view: &TrainView) -> Result<TrainView> {
@@ -146,39 +140,12 @@ fn line(r: &Row) -> String {
     )
 }
 
-/// Time against the largest difference from the oracle.
-fn chart(rows: &[Row], title: String) -> Chart {
-    let point = |r: &Row| (r.name.clone(), (r.oracle_worst.max(1e-9), r.step));
-    Chart::of_points(
-        title,
-        Axis::logarithmic("largest difference from the f64 oracle"),
-        Axis::linear("processor ms, project .. gather"),
-        rows.iter().map(point),
-    )
-}
-
-/// Measures and writes `variants-NAME.json` and `.svg`.
-pub(super) fn run(name: &str, scene: &Scene, train: &[TrainView], out: &Path) -> Result<()> {
+/// Measures and prints the variants.
+pub(super) fn run(scene: &Scene, train: &[TrainView]) -> Result<()> {
     println!(
         "| variant | forward ms | project .. gather ms | slots | largest difference from the default | \
-         PSNR to it | largest difference from the oracle | PSNR to it |"
+         PSNR to it | largest difference from the oracle | PSNR to it |\n|---|---|---|---|---|---|---|---|"
     );
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    let rows = one.install(|| measure(scene, train))?;
-    let mut json = format!("{{\n  \"scene\": \"{name}\", \"variants\": [\n");
-    for (i, r) in rows.iter().enumerate() {
-        let comma = if i + 1 < rows.len() { "," } else { "" };
-        writeln!(
-            json,
-            "    {{\"variant\": \"{}\", \"forward_ms\": {:.2}, \"step_ms\": {:.2}, \"slots\": {}, \
-             \"worst\": {:e}, \"oracle_worst\": {:e}, \"oracle_db\": {:.2}}}{comma}",
-            r.name, r.forward, r.step, r.slots, r.worst, r.oracle_worst, r.oracle_psnr
-        )?;
-    }
-    json.push_str("  ]\n}\n");
-    std::fs::create_dir_all(out)?;
-    std::fs::write(out.join(format!("variants-{name}.json")), json)?;
-    let title = format!("{name}: time and image error of the rasterizer's variants");
-    let svg = chart(&rows, title).svg();
-    Ok(std::fs::write(out.join(format!("variants-{name}.svg")), svg)?)
+    one.install(|| measure(scene, train))
 }

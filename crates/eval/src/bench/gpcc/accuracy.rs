@@ -69,8 +69,9 @@ const CASES: [(usize, u8, f64, bool); 12] = [
     (2_000_000, 21, 65_535.0, true),
 ];
 
-/// Forward and inverse of one channel.
-pub(super) fn table() -> Result<String> {
+/// Forward and inverse of one channel: all cases as a table, and the greatest differences in a sentence.
+pub(super) fn tables() -> Result<[String; 2]> {
+    let mut greatest_of = [0.0f64; 3];
     let mut out = String::from(
         "Values are random, from 0 to the greatest. \"There and back\": greatest and root mean square \
          difference from the values. \"Forward\": difference of the coefficients in f32 from those in f64, as the \
@@ -100,13 +101,22 @@ pub(super) fn table() -> Result<String> {
             |[max, rms]: [f64; 2]| format!("{:.1e} / {:.1e}", max / greatest, rms / greatest);
         let (single, double) = (relative(line.single), relative(line.double));
         let forward = line.forward / greatest;
+        let found = [line.single[0] / greatest, forward, line.double[0] / greatest];
+        greatest_of = std::array::from_fn(|k| greatest_of[k].max(found[k]));
         let [single_ms, double_ms] = line.seconds.map(|s| s * 1e3);
         writeln!(
             out,
             "| {at} | {j} | {greatest} | {weights} | {single} | {forward:.1e} | {single_ms:.1} | {double} | {double_ms:.1} |",
         )?;
     }
-    Ok(out)
+    let [single, forward, double] = greatest_of;
+    let summary = format!(
+        "{} cases of up to 2,000,000 points, depths to 21, weights to 4^11. Greatest differences, relative \
+         to the greatest value: there and back {single:.1e} in f32 (which streams use) and {double:.1e} in \
+         f64; forward in f32 against f64 {forward:.1e} RMS.\n",
+        CASES.len()
+    );
+    Ok([out, summary])
 }
 
 /// What [`row`] measured.

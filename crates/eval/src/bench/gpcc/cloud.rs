@@ -13,6 +13,11 @@ pub(super) struct Cloud {
     pub(super) channels: Vec<Vec<i32>>,
 }
 
+/// The octree depth that ends a cloud's name.
+pub(super) fn depth_of(name: &str) -> Result<u8> {
+    name.trim_start_matches(char::is_alphabetic).parse().context("cloud name without depth")
+}
+
 /// Reads `NAME_ATTR.ply`: float32 x, y, z, then three uchar or one ushort.
 pub(super) fn read(path: &Path, j: u8) -> Result<Cloud> {
     let data = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;

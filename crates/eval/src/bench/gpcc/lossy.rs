@@ -1,6 +1,5 @@
 //! Lossy channels at the peer's error: the attribute coder, and plain RAHT with RLGR as the paper has it.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Result, ensure};
@@ -10,10 +9,9 @@ use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::rlgr;
 
-use super::cloud::{Cloud, Peer, read};
-use super::rates::depth_of;
+use super::cloud::{Cloud, Peer, depth_of, read};
 
-/// Bytes beside the coded ones: what tells the decoder a channel's step.
+/// Bytes that tell the decoder the step of a channel.
 const HEADER_BYTES: usize = 1;
 
 /// What one step gives: bits per point, and the squared error.
@@ -53,7 +51,7 @@ fn coded(bytes: usize, cloud: &Cloud, decoded: &[Vec<i32>]) -> Coded {
     Coded { bits, error: mse(&cloud.channels, decoded) }
 }
 
-/// Codes a cloud with the attribute coder, decodes it and compares with what the encoder foretold.
+/// Codes a cloud with the attribute coder, decodes it and compares with the encoder's reconstruction.
 fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
     let steps = steps_of(step, cloud.channels.len());
     let mut rows = rows_of(&cloud.channels);
@@ -121,17 +119,29 @@ fn rate_at(target: f64, channels: usize, run: impl Fn(Step) -> Result<Coded>) ->
     Ok(run(Step::new(x.exp()))?.bits)
 }
 
-/// RAHT at the peer's error.
-pub(super) fn table(
+/// One cloud and attribute at one QP of the peer.
+struct Row {
+    cloud: String,
+    attribute: String,
+    /// Our rate against the peer's with the authors' settings, per cent.
+    against_authors: f64,
+    /// The same against the peer with prediction, at that run's error.
+    against_prediction: Option<f64>,
+    /// RAHT with RLGR against the authors' settings.
+    rlgr: f64,
+    /// All figures, a row of the long table.
+    line: String,
+}
+
+/// RAHT at the peer's error: a table with a row for each QP, and its summary.
+pub(super) fn tables(
     dir: &Path,
     clouds: &[&str],
     attrs: &[&str],
     qps: &[u8],
     peers: &[Peer],
-) -> Result<String> {
-    let mut out = String::from(
-        "| cloud | attribute | QP | squared error | TMC13 authors | TMC13 prediction | gpcc-lite | against authors | against prediction (at its error) | RAHT and RLGR | against authors |\n|---|---|---|---|---|---|---|---|---|---|---|\n",
-    );
+) -> Result<[String; 2]> {
+    let mut rows = Vec::new();
     for name in clouds {
         for attr in attrs {
             let path = dir.join(format!("{name}_{attr}.ply"));
@@ -152,33 +162,75 @@ pub(super) fn table(
                     peers.iter().filter(of_cloud).find(|p| p.name == run)
                 };
                 let Some(authors) = find("r_auth") else { continue };
-                writeln!(out, "{}", row(&plan, &cloud, authors, find("r_pred"))?)?;
-                eprintln!("{}", out.lines().last().unwrap_or_default());
+                let row = row(&plan, &cloud, authors, find("r_pred"))?;
+                eprintln!("{}", row.line);
+                rows.push(row);
             }
         }
     }
-    Ok(out)
+    let details = rows.iter().fold(String::from(HEAD), |out, row| out + &row.line + "\n");
+    Ok([details, summary(&rows)])
 }
 
-/// One row of [`table`]: the peer with the authors' settings, and with its prediction.
-fn row(plan: &Plan, cloud: &Cloud, authors: &Peer, predicted: Option<&Peer>) -> Result<String> {
+const HEAD: &str = "| cloud | attribute | QP | squared error | TMC13 authors | TMC13 prediction | gpcc-lite | against authors | against prediction (at its error) | RAHT and RLGR | against authors |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
+
+/// Mean over the QPs for each cloud and attribute.
+fn summary(rows: &[Row]) -> String {
+    let mut out = String::from(
+        "| cloud | attribute | QPs | against authors, mean | least | greatest | against prediction, mean | \
+         RAHT and RLGR against authors, mean |\n|---|---|---:|---:|---:|---:|---:|---:|\n",
+    );
+    for of in rows.chunk_by(|a, b| a.cloud == b.cloud && a.attribute == b.attribute) {
+        let authors = || of.iter().map(|r| r.against_authors);
+        let predicted: Vec<f64> = of.iter().filter_map(|r| r.against_prediction).collect();
+        let mean = |sum: f64, n: usize| match n {
+            0 => "-".to_owned(),
+            n => format!("{:+.2} %", sum / n as f64),
+        };
+        out += &format!(
+            "| {} | {} | {} | {} | {:+.2} % | {:+.2} % | {} | {} |\n",
+            of[0].cloud,
+            of[0].attribute,
+            of.len(),
+            mean(authors().sum(), of.len()),
+            authors().fold(f64::INFINITY, f64::min),
+            authors().fold(f64::NEG_INFINITY, f64::max),
+            mean(predicted.iter().sum(), predicted.len()),
+            mean(of.iter().map(|r| r.rlgr).sum(), of.len()),
+        );
+    }
+    out
+}
+
+/// One QP: the peer with the authors' settings, and with its prediction.
+fn row(plan: &Plan, cloud: &Cloud, authors: &Peer, predicted: Option<&Peer>) -> Result<Row> {
     let channels = cloud.channels.len();
     let contexts = |target| rate_at(target, channels, |step| by_contexts(plan, cloud, step));
-    let bits = contexts(authors.mse)?;
-    let rlgr = rate_at(authors.mse, channels, |step| by_rlgr(plan, cloud, step))?;
     let percent = |ours: f64, theirs: f64| (ours / theirs - 1.0) * 100.0;
-    let (theirs, against) = match predicted {
-        Some(p) => (p.attr_bpp, percent(contexts(p.mse)?, p.attr_bpp)),
-        None => (f64::NAN, f64::NAN),
+    let bits = contexts(authors.mse)?;
+    let rlgr_bits = rate_at(authors.mse, channels, |step| by_rlgr(plan, cloud, step))?;
+    let (against_authors, rlgr) =
+        (percent(bits, authors.attr_bpp), percent(rlgr_bits, authors.attr_bpp));
+    let against_prediction = match predicted {
+        Some(p) => Some(percent(contexts(p.mse)?, p.attr_bpp)),
+        None => None,
     };
-    Ok(format!(
-        "| {} | {} | {} | {:.3} | {:.3} | {theirs:.3} | {bits:.3} | {:+.2} % | {against:+.2} % | {rlgr:.3} | {:+.2} % |",
+    let line = format!(
+        "| {} | {} | {} | {:.3} | {:.3} | {} | {bits:.3} | {against_authors:+.2} % | {} | {rlgr_bits:.3} | {rlgr:+.2} % |",
         authors.cloud,
         authors.attr,
         authors.qp.unwrap_or_default(),
         authors.mse,
         authors.attr_bpp,
-        percent(bits, authors.attr_bpp),
-        percent(rlgr, authors.attr_bpp),
-    ))
+        predicted.map_or("-".into(), |p| format!("{:.3}", p.attr_bpp)),
+        against_prediction.map_or("-".into(), |a| format!("{a:+.2} %")),
+    );
+    Ok(Row {
+        cloud: authors.cloud.clone(),
+        attribute: authors.attr.clone(),
+        against_authors,
+        against_prediction,
+        rlgr,
+        line,
+    })
 }

@@ -10,9 +10,9 @@ mod speed;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
-/// Measures gpcc-lite on the test clouds and writes docs/results/gpcc.md.
+/// What [`run`] measures.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Directory of the clouds and `tmc13.jsonl`.
@@ -26,13 +26,13 @@ pub struct Options {
     pub attr: Vec<String>,
     /// Only these quantisation parameters.
     pub qp: Vec<u8>,
-    /// Where the whole report goes.
+    /// Where the page goes, relative to the root of the workspace.
     pub out: PathBuf,
 }
 
 const CLOUDS: [&str; 6] = ["vic12", "vic15", "jus15", "gsv12", "kac15", "syn15"];
 
-/// Measures the parts asked for; a whole run writes the report.
+/// Measures the parts asked for; a whole run writes the page.
 ///
 /// # Errors
 /// If a cloud or the record cannot be read, or a stream does not decode to what was coded.
@@ -51,54 +51,54 @@ pub fn run(args: &Options) -> Result<()> {
     let dir = &args.clouds;
     let peers = cloud::peers(&dir.join("tmc13.jsonl"))?;
     let mut report = String::from(INTRODUCTION);
-    let mut part = |title: &str, text: String| {
-        println!("## {title}\n\n{text}");
-        report += &format!("\n## {title}\n\n{text}");
+    // Prints all figures; the page has the summary.
+    let mut part = |title: &str, [details, summary]: [String; 2]| {
+        println!("## {title}\n\n{details}");
+        report += &format!("\n## {title}\n\n{summary}");
     };
+    let whole = |table: String| [table.clone(), table];
     // First, because peak memory is counted from the start of the process.
     let model = if wants("model") { Some(model::report(dir)?) } else { None };
     if wants("geometry") {
-        part("Geometry", rates::geometry_table(dir, &clouds, &peers)?);
+        part("Geometry", whole(rates::geometry_table(dir, &clouds, &peers)?));
     }
     if wants("adaptive") {
-        part("Leaves of different depth", adaptive::table(dir)?);
+        part("Leaves of different depth", whole(adaptive::table(dir)?));
     }
     if wants("raht") {
-        part("RAHT", lossy::table(dir, &clouds, &lossy, &qps, &peers)?);
+        part("RAHT", lossy::tables(dir, &clouds, &lossy, &qps, &peers)?);
     }
     if wants("lossless") {
-        part("Lossless channels", rates::lossless_table(dir, &clouds, &lossless, &peers)?);
+        part("Lossless channels", whole(rates::lossless_table(dir, &clouds, &lossless, &peers)?));
     }
     if wants("speed") {
-        part("Time on one thread, syn15 (500 k points, J = 15)", speed::speed_table(dir)?);
+        part("Time on one thread, syn15 (500 k points, J = 15)", whole(speed::speed_table(dir)?));
     }
     if let Some(text) = model {
-        part("A model of 56 coded channels on all cores", text);
+        part("A model of 56 coded channels on all cores", whole(text));
     }
     if wants("accuracy") {
-        part("Error of RAHT against time, one channel, forward and inverse", accuracy::table()?);
+        part("Error of RAHT in single precision", accuracy::tables()?);
     }
     let partial = [&args.only, &args.cloud, &args.attr].iter().any(|a| !a.is_empty());
     if !partial && args.qp.is_empty() {
-        if let Some(parent) = args.out.parent() {
-            std::fs::create_dir_all(parent)?;
-        }
-        std::fs::write(&args.out, report)
-            .with_context(|| format!("cannot write {}", args.out.display()))?;
+        crate::page::write(&args.out, &report, None)?;
     }
     Ok(())
 }
 
-const INTRODUCTION: &str = "# gpcc-lite beside TMC13 v23
+const INTRODUCTION: &str = "# How does the point-cloud coder compare with TMC13?
 
-Written by `cargo xtask bench-gpcc`. The peer's figures are recorded runs (`tmc13.jsonl` beside the
-clouds): Release build, one thread. Ours are whole streams, headers included, decoded and compared.
-Rates are bits per point. \"Authors\" are the settings of the paper's scripts; \"best\" the smallest of
-all recorded option sets. Lossy rates are compared at the peer's squared error, summed over the
-stored 8-bit channels after rounding and clipping to 0..255 (opacity: the 16-bit attribute divided by
-257, as the peer codes it); our step is searched until the error agrees within 0.2 %, the rest
-interpolated. A byte for the step of each channel is counted. \"RAHT and RLGR\" is the paper's coder: a
-uniform quantiser of RAHT coefficients, each channel coded by RLGR.
-Times are CPU time (of the one thread; of all for the model, with the wall time of a machine that
-others were using beside it). The yardstick, a sort, was taken in the same run.
+Written by `cargo xtask bench-gpcc`, which also prints every row. TMC13 v23 is MPEG's test model of
+G-PCC, the coder that the paper uses. Its figures are recorded runs (`tmc13.jsonl` beside the clouds).
+Ours are whole streams, decoded and compared. Rates are bits per point. \"Authors\" are the settings of
+the paper's scripts, \"best\" is the smallest of all recorded option sets.
+
+Lossy rates are compared at the peer's squared error, summed over the stored 8-bit channels after
+rounding and clipping to 0..255 (opacity: the 16-bit attribute divided by 257, as the peer codes it).
+Our step is searched until the error agrees within 0.2 %; the rest is interpolated. A byte for the step of
+each channel is counted. \"RAHT and RLGR\" is the paper's coder: a uniform quantiser of RAHT
+coefficients, each channel coded by RLGR.
+
+Times are processor seconds of one thread; of all threads for the model of 56 channels.
 ";

@@ -2,13 +2,12 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
-use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use gpcc_lite::predict::{self, Neighbours};
 use gpcc_lite::{Limits, geometry};
 
-use super::cloud::{Peer, read};
+use super::cloud::{Peer, depth_of, read};
 use super::speed::best;
 
 /// Bits per point, or a dash where the peer has no record.
@@ -21,9 +20,15 @@ fn against(ours: f64, theirs: f64) -> String {
     if theirs.is_nan() { "-".into() } else { format!("{:+.2} %", (ours / theirs - 1.0) * 100.0) }
 }
 
-/// The octree depth that ends a cloud's name.
-pub(super) fn depth_of(name: &str) -> Result<u8> {
-    name.trim_start_matches(char::is_alphabetic).parse().context("cloud name without depth")
+/// Cells of a row: the peer with the authors' settings and at its best, ours, and ours against both.
+fn cells(authors: f64, best: f64, ours: f64) -> String {
+    format!(
+        "{} | {} | {ours:.3} | {} | {}",
+        bits(authors),
+        bits(best),
+        against(ours, authors),
+        against(ours, best)
+    )
 }
 
 /// Geometry of each cloud against the authors' settings and the best of the peer's options.
@@ -44,14 +49,7 @@ pub(super) fn geometry_table(dir: &Path, clouds: &[&str], peers: &[Peer]) -> Res
         let authors =
             peers.iter().filter(of).find(|p| p.name == "g_default").map_or(f64::NAN, |p| p.geo_bpp);
         let best = peers.iter().filter(of).map(|p| p.geo_bpp).fold(f64::NAN, f64::min);
-        writeln!(
-            out,
-            "| {name} | {n} | {} | {} | {bpp:.3} | {} | {} | {enc:.3} / {dec:.3} |",
-            bits(authors),
-            bits(best),
-            against(bpp, authors),
-            against(bpp, best),
-        )?;
+        writeln!(out, "| {name} | {n} | {} | {enc:.3} / {dec:.3} |", cells(authors, best, bpp))?;
     }
     Ok(out)
 }
@@ -74,17 +72,13 @@ pub(super) fn lossless_table(
             }
             let cloud = read(&path, depth_of(name)?)?;
             let n = cloud.leaves.len() as f64;
-            let t = Instant::now();
-            let near = Neighbours::new(&cloud.leaves, cloud.j)?;
-            let find = t.elapsed().as_secs_f64();
+            let (find, near) = best(1, || Neighbours::new(&cloud.leaves, cloud.j));
+            let near = near?;
             let refs: Vec<&[i32]> = cloud.channels.iter().map(Vec::as_slice).collect();
-            let t = Instant::now();
-            let bytes = predict::encode_lossless(&near, &refs)?;
-            let enc = t.elapsed().as_secs_f64();
-            let t = Instant::now();
-            let back = predict::decode_lossless(&near, &bytes, refs.len())?;
-            let dec = t.elapsed().as_secs_f64();
-            ensure!(back == cloud.channels, "{name} {attr}: channels differ");
+            let (enc, bytes) = best(1, || predict::encode_lossless(&near, &refs));
+            let bytes = bytes?;
+            let (dec, back) = best(1, || predict::decode_lossless(&near, &bytes, refs.len()));
+            ensure!(back? == cloud.channels, "{name} {attr}: channels differ");
             let bpp = bytes.len() as f64 * 8.0 / n;
             let of =
                 |p: &&Peer| p.cloud == *name && p.attr == *attr && p.mse == 0.0 && p.attr_bpp > 0.0;
@@ -96,11 +90,8 @@ pub(super) fn lossless_table(
             let best = peers.iter().filter(of).map(|p| p.attr_bpp).fold(f64::NAN, f64::min);
             writeln!(
                 out,
-                "| {name} | {attr} | {} | {} | {bpp:.3} | {} | {} | {find:.3} | {enc:.3} / {dec:.3} |",
-                bits(authors),
-                bits(best),
-                against(bpp, authors),
-                against(bpp, best),
+                "| {name} | {attr} | {} | {find:.3} | {enc:.3} / {dec:.3} |",
+                cells(authors, best, bpp)
             )?;
         }
     }

@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::Scene;
 
+use crate::chart::{Axis, Chart, Kind, Series};
 use crate::scenes;
 
 /// What [`run`] measures.
@@ -25,11 +26,31 @@ pub struct Options {
     pub sizes: Vec<usize>,
     /// The command to measure.
     pub gsvx: PathBuf,
-    /// Where the table of the speeds goes.
+    /// Where the page goes, relative to the root of the workspace.
     pub out: PathBuf,
 }
 
-/// Measures and writes the table.
+/// Steps that are measured: name, and words of the command.
+const STEPS: [(&str, &[&str]); 5] = [
+    ("encode", &["encode"]),
+    ("decode", &["decode"]),
+    ("decode, SH degree 0", &["decode", "--max-sh-degree", "0"]),
+    ("encode --lod", &["encode", "--lod"]),
+    // What is beyond the coarsest level means the coarsest.
+    ("decode of the coarsest level", &["decode", "--lod", "255"]),
+];
+
+/// One step on one model.
+struct Row {
+    step: &'static str,
+    gaussians: usize,
+    cost: Cost,
+    /// MB of the floats of the model: 59 a Gaussian at SH degree 3.
+    raw_mb: f64,
+    stream_mb: f64,
+}
+
+/// Measures and writes the page.
 ///
 /// # Errors
 /// If the command is not there or fails, or the scene cannot be read.
@@ -39,62 +60,89 @@ pub fn run(options: &Options) -> Result<()> {
     let (scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
     ensure!(!scene.is_empty(), "{}: the model is empty", found.name);
     let dir = tempfile::tempdir().context("make a temporary folder")?;
-    let mut table = String::from(
-        "| Gaussians | step | wall s | user s | Gaussians/s (wall) | peak MB | peak / raw floats | stream MB |\n\
-         |---:|---|---:|---:|---:|---:|---:|---:|\n",
-    );
+    let mut rows = Vec::new();
     for &n in &options.sizes {
-        let model = dir.path().join("model.ply");
-        let many = replicate(&scene, n);
-        // 59 floats: without the three zero normals of the file.
-        let raw = (many.len() * (11 + 3 * many.sh_len()) * 4) as f64 / 1e6;
-        gs_model::ply::write(&model, &many)?;
-        drop(many);
-        // Otherwise the disk would still be busy with it in the first measurement.
-        std::fs::File::open(&model)?.sync_all()?;
-        let stream = dir.path().join("model.gsvx");
-        let back = dir.path().join("back.ply");
-        let steps: [(&str, [&Path; 2], &[&str]); 5] = [
-            ("encode", [&model, &stream], &["encode"]),
-            ("decode", [&stream, &back], &["decode"]),
-            ("decode, SH degree 0", [&stream, &back], &["decode", "--max-sh-degree", "0"]),
-            ("encode --lod", [&model, &stream], &["encode", "--lod"]),
-            // What is beyond the coarsest level means the coarsest.
-            ("decode of the coarsest level", [&stream, &back], &["decode", "--lod", "255"]),
-        ];
-        for (step, [input, output], words) in steps {
-            let cost = measure(&gsvx, words, input, output)?;
-            let size = std::fs::metadata(&stream).map_or(0, |m| m.len()) as f64 / 1e6;
-            let row = format!(
-                "| {n} | {step} | {:.2} | {:.2} | {:.0} | {:.0} | {:.2} | {size:.2} |\n",
-                cost.wall,
-                cost.user,
-                n as f64 / cost.wall,
-                cost.peak_mb,
-                cost.peak_mb / raw,
-            );
-            print!("{row}");
-            table += &row;
-        }
+        rows.extend(measure_size(&gsvx, &scene, n, dir.path())?);
     }
-    let text = format!(
-        "# gsvx as whole processes\n\n\
-         `cargo build --release -p gsvx-cli && cargo xtask bench-gsvx {}`: PLY and disk included, \
-         default quality, no cameras. Models are {} replicated side by side and jittered. \
-         {} threads, {}.\n\n{table}",
+    let text = page(options, &rows);
+    crate::page::write(&options.out, &text, Some(&chart(&found.name, &rows)))
+}
+
+/// All steps on a model of `n` Gaussians.
+fn measure_size(gsvx: &Path, scene: &Scene, n: usize, dir: &Path) -> Result<Vec<Row>> {
+    let [model, stream, back] = ["model.ply", "model.gsvx", "back.ply"].map(|f| dir.join(f));
+    let many = replicate(scene, n);
+    let raw_mb = (many.len() * (11 + 3 * many.sh_len()) * 4) as f64 / 1e6;
+    gs_model::ply::write(&model, &many)?;
+    drop(many);
+    // Otherwise the disk would still be busy with it in the first measurement.
+    std::fs::File::open(&model)?.sync_all()?;
+    let mut rows = Vec::new();
+    for (step, words) in STEPS {
+        let (input, output) =
+            if words[0] == "encode" { (&model, &stream) } else { (&stream, &back) };
+        let cost = measure(gsvx, words, input, output)?;
+        let stream_mb = std::fs::metadata(&stream).map_or(0, |m| m.len()) as f64 / 1e6;
+        let row = Row { step, gaussians: n, cost, raw_mb, stream_mb };
+        print!("{}", row.line());
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+impl Row {
+    fn line(&self) -> String {
+        let Self { step, gaussians, cost, raw_mb, stream_mb } = self;
+        format!(
+            "| {gaussians} | {step} | {:.2} | {:.2} | {:.0} | {:.0} | {:.2} | {stream_mb:.2} |\n",
+            cost.wall,
+            cost.user,
+            *gaussians as f64 / cost.wall,
+            cost.peak_mb,
+            cost.peak_mb / raw_mb,
+        )
+    }
+}
+
+fn page(options: &Options, rows: &[Row]) -> String {
+    let mut out = format!(
+        "# How fast?\n\n\
+         `cargo build --release -p gsvx-cli && cargo xtask bench-gsvx {}` times the command as a \
+         whole process, with reading and writing of files, at the default quality and without \
+         cameras. Models are {} replicated side by side, every float jittered a little; the raw floats are the 59 of \
+         a Gaussian, four bytes each. \
+         {} threads, {}.\n\n\
+         {}\n\n\
+         | Gaussians | step | wall s | user s | Gaussians/s (wall) | peak MB | peak / raw floats | stream MB |\n\
+         |---:|---|---:|---:|---:|---:|---:|---:|\n",
         options.scene,
-        found.name,
+        options.scene,
         rayon::current_num_threads(),
         crate::manifest::processor(),
+        crate::page::picture(&options.out, "Seconds over Gaussians"),
     );
-    let out = scenes::root().join(&options.out);
-    // Keeps the text that was written by hand below the table.
-    let before = std::fs::read_to_string(&out).unwrap_or_default();
-    let written_by_hand = before.find("\n## ").map_or("", |at| &before[at..]);
-    let text = text + written_by_hand;
-    std::fs::write(&out, text).with_context(|| format!("write {}", out.display()))?;
-    println!("written: {}", out.display());
-    Ok(())
+    rows.iter().for_each(|row| out += &row.line());
+    out
+}
+
+/// Seconds over Gaussians, a line for each step.
+fn chart(scene: &str, rows: &[Row]) -> Chart {
+    let line = |step: &str| Series {
+        name: step.into(),
+        kind: Kind::Ours,
+        points: rows
+            .iter()
+            .filter(|r| r.step == step)
+            .map(|r| (r.gaussians as f64 / 1e6, r.cost.wall))
+            .collect(),
+    };
+    Chart::new(
+        format!("gsvx on {scene}, replicated"),
+        Axis::logarithmic("millions of Gaussians"),
+        Axis::logarithmic("seconds, wall"),
+        STEPS.map(|(step, _)| line(step)).into(),
+        None,
+    )
 }
 
 /// Encodes each scene to five sizes and three PSNRs with the command at `gsvx`, and prints a table of

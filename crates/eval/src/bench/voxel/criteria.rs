@@ -27,7 +27,20 @@ const LONG: f64 = 5.0;
 /// Gaussians of the replicated model, in thousands.
 const LARGE: usize = 2000;
 
-pub(super) fn table(args: &Options) -> Result<String> {
+/// One model: the cheap criteria beside the exact one.
+pub(super) struct Comparison {
+    pub(super) model: String,
+    pub(super) gaussians: usize,
+    /// Seconds of the exact criterion.
+    pub(super) seconds: f64,
+    /// `Paper` and `RateDistortion`: how many times faster, and the total of eq. 5 over that of the
+    /// exact criterion.
+    pub(super) cheap: [[f64; 2]; 2],
+}
+
+/// Measures all models; returns the comparisons, and all figures as a table.
+pub(super) fn measure(args: &Options) -> Result<(Vec<Comparison>, String)> {
+    let mut all = Vec::new();
     let mut out = "## Run time against eq. 5\n\n\
          All octrees span the same depths; the limit of the exact criterion and lambda are set \
          so that the number of leaves is that of `Paper`. `d` is the total of eq. 5 over all \
@@ -46,14 +59,15 @@ pub(super) fn table(args: &Options) -> Result<String> {
     ];
     for (name, path) in models {
         let scene = models::read(&shared.join(path))?;
-        let found = rows(name, &scene, None, &mut out)?;
+        let (found, comparison) = rows(name, &scene, None, &mut out)?;
+        all.push(comparison);
         if name == "fox" {
             let cube = Cube::of(&scene.means)?;
             let large = models::replicated(&scene, &cube, LARGE * 1000);
-            rows("fox, replicated", &large, Some(found), &mut out)?;
+            all.push(rows("fox, replicated", &large, Some(found), &mut out)?.1);
         }
     }
-    Ok(out)
+    Ok((all, out))
 }
 
 /// Parameters found on the small model, for its replica.
@@ -63,26 +77,16 @@ struct Found {
     lambda: f64,
 }
 
-fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Result<Found> {
+fn rows(
+    name: &str,
+    scene: &Scene,
+    known: Option<Found>,
+    out: &mut String,
+) -> Result<(Found, Comparison)> {
     let cube = Cube::of(&scene.means)?;
     let depth = models::depth_of(scene, &cube)?;
     let (low, high) = (depth - BELOW, depth + ABOVE);
-    let timed = |run: &dyn Fn() -> Result<Voxelization>| -> Result<(Voxelization, f64)> {
-        let mut best = f64::INFINITY;
-        let (began, mut done) = (Instant::now(), 0);
-        loop {
-            let start = Instant::now();
-            let v = run()?;
-            best = best.min(start.elapsed().as_secs_f64());
-            done += 1;
-            let enough = done >= RUNS && began.elapsed().as_secs_f64() > BUDGET;
-            if enough || best > LONG {
-                return Ok((v, best));
-            }
-        }
-    };
-
-    let (paper, paper_s) = timed(&|| Ok(voxelize(scene, &cube, &Strategy::paper(low, high))?))?;
+    let (paper, paper_s) = fastest(&|| Ok(voxelize(scene, &cube, &Strategy::paper(low, high))?))?;
     let want = paper.len();
     let exact = |limit: f64| Ok(w2::voxelize_exact(scene, &cube, low, high, limit)?);
     let limit = match known {
@@ -93,7 +97,7 @@ fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Re
             Ok(exact(limit)?.len() > want)
         })?,
     };
-    let (exact, exact_s) = timed(&|| exact(limit))?;
+    let (exact, exact_s) = fastest(&|| exact(limit))?;
     // The objective of eq. 5: all Gaussians have the same weight, and only leaves cost bits.
     let options = |lambda: f64| RateDistortion {
         j_low: low,
@@ -112,11 +116,12 @@ fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Re
         })?,
     };
     let prepared = options(lambda);
-    let (ours, ours_s) = timed(&|| Ok(rate_distortion(scene, &cube, &prepared)?.0))?;
+    let (ours, ours_s) = fastest(&|| Ok(rate_distortion(scene, &cube, &prepared)?.0))?;
     let (_, report) = rate_distortion(scene, &cube, &prepared)?;
     let skipped = format!("{} of {}", report.skipped, report.decided);
 
     let exact_d = w2::total_distortion(scene, &exact);
+    let mut cheap = Vec::new();
     for (criterion, v, seconds, skipped) in [
         ("exact barycenter", &exact, exact_s, "-"),
         ("Paper", &paper, paper_s, "-"),
@@ -132,8 +137,31 @@ fn rows(name: &str, scene: &Scene, known: Option<Found>, out: &mut String) -> Re
             exact_s / seconds,
             d / exact_d
         )?;
+        cheap.push([exact_s / seconds, d / exact_d]);
     }
-    Ok(Found { limit, lambda })
+    let comparison = Comparison {
+        model: name.to_owned(),
+        gaussians: scene.len(),
+        seconds: exact_s,
+        cheap: [cheap[1], cheap[2]],
+    };
+    Ok((Found { limit, lambda }, comparison))
+}
+
+/// The result of a criterion, and the seconds of its fastest run.
+fn fastest(run: &dyn Fn() -> Result<Voxelization>) -> Result<(Voxelization, f64)> {
+    let mut best = f64::INFINITY;
+    let (began, mut done) = (Instant::now(), 0);
+    loop {
+        let start = Instant::now();
+        let v = run()?;
+        best = best.min(start.elapsed().as_secs_f64());
+        done += 1;
+        let enough = done >= RUNS && began.elapsed().as_secs_f64() > BUDGET;
+        if enough || best > LONG {
+            return Ok((v, best));
+        }
+    }
 }
 
 /// The least argument between `low` and `high` for which `more` is false, by bisection of the

@@ -1,6 +1,7 @@
 //! Rate-distortion curves of the strategies at real bytes.
 
 use std::fmt::Write;
+use std::path::Path;
 
 use anyhow::{Result, ensure};
 use gs_model::Scene;
@@ -10,6 +11,18 @@ use super::Options;
 use super::models::Study;
 use crate::bd::{self, Method, Point};
 use crate::chart::{Axis, Chart, Kind, Series};
+
+/// The strategies on one scene.
+pub(super) struct Rates {
+    pub(super) scene: String,
+    /// Name of each strategy, and its BD-rate against [`ANCHOR`], per cent.
+    pub(super) strategies: Vec<(String, Option<f64>)>,
+    /// All points, as tables.
+    pub(super) details: String,
+}
+
+/// The curve that the others are compared with on the page.
+pub(super) const ANCHOR: &str = "Uniform, Moments merging";
 
 /// One strategy with the points of all its settings. Curves are compared by the hulls of their points.
 struct Curve {
@@ -38,8 +51,7 @@ pub(super) fn coded(
     quality: f32,
 ) -> Result<Point> {
     let mut options = gsvx::EncodeOptions::from_quality(quality)?;
-    let sum = |i: usize| v.members_of(i).iter().map(|&m| study.seen[m as usize]).sum();
-    options.importance = Some((0..v.len()).map(sum).collect());
+    options.importance = Some(v.sums(&study.seen));
     let bytes = gsvx::encode_voxels(merged, v, None, &options)?.bytes;
     let decoded = gsvx::decode(&bytes)?;
     ensure!(decoded.means == merged.means, "decoded means are not the voxelized ones");
@@ -78,7 +90,7 @@ pub(super) fn bits(quality: f32) -> f64 {
 
 const QUALITIES: [f32; 5] = [26.0, 40.0, 54.0, 68.0, 82.0];
 
-pub(super) fn table(study: &Study, args: &Options) -> Result<String> {
+pub(super) fn measure(study: &Study, args: &Options) -> Result<Rates> {
     let d = study.depth;
     // Each quality is measured at the depths that can be on the hull.
     let around = |i: usize| -> Vec<u8> {
@@ -130,10 +142,16 @@ pub(super) fn table(study: &Study, args: &Options) -> Result<String> {
     if args.variants {
         curves.extend(variants(study)?);
     }
-    std::fs::create_dir_all(&args.plots)?;
-    let file = args.plots.join(format!("voxel-{}.svg", study.name));
-    std::fs::write(&file, chart(study, &curves).svg())?;
-    report(study, &curves)
+    let folder = args.out.parent().unwrap_or(Path::new(""));
+    let file = folder.join(format!("voxel-{}.svg", study.name));
+    crate::page::write(&file, &chart(study, &curves).svg(), None)?;
+    let anchor = bd::hull(&plain(&curves[1]));
+    let rate = |c: &Curve| bd::bd_rate(&anchor, &bd::hull(&plain(c)), Method::Pchip);
+    Ok(Rates {
+        scene: study.name.clone(),
+        strategies: curves.iter().map(|c| (c.name.clone(), rate(c))).collect(),
+        details: details(study, &curves)?,
+    })
 }
 
 /// The rate-distortion strategy with one of its settings changed.
@@ -183,7 +201,7 @@ fn plain(curve: &Curve) -> Vec<Point> {
     curve.points.iter().map(|(p, _)| *p).collect()
 }
 
-fn report(study: &Study, curves: &[Curve]) -> Result<String> {
+fn details(study: &Study, curves: &[Curve]) -> Result<String> {
     let anchor = |i: usize| bd::hull(&plain(&curves[i]));
     // The best single depth of uniform voxelization: the one whose hull is nearest to that of all
     // depths.

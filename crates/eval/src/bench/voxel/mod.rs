@@ -5,19 +5,20 @@ mod criteria;
 mod curves;
 mod merging;
 mod models;
+mod page;
 mod speed;
 mod tuned;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
-/// Measures the voxelization strategies and prints the tables of docs/results/voxel.md.
+/// What [`run`] measures.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Directory with `scenes` and `models`.
     pub shared: PathBuf,
-    /// Only these parts: speed, criteria, merging, rates, tuned, cost (all if none).
+    /// Only these parts: rates, tuned, criteria, speed, merging, cost (all if none).
     pub only: Vec<String>,
     /// Only these scenes; `room` is the fixture, the others lie in `scenes` of the shared folder.
     pub scene: Vec<String>,
@@ -27,23 +28,34 @@ pub struct Options {
     pub room: PathBuf,
     /// Steps of fine-tune in `tuned`.
     pub steps: u64,
-    /// Folder for the plots of `rates` and `criteria`.
-    pub plots: PathBuf,
+    /// Where the page goes, relative to the root of the workspace; the plots of `rates` lie beside it.
+    pub out: PathBuf,
     /// In `rates`, also try variants of the rate-distortion settings.
     pub variants: bool,
 }
 
-/// Runs the parts asked for.
+/// The parts of a run.
+const PARTS: [&str; 6] = ["rates", "tuned", "criteria", "speed", "merging", "cost"];
+
+/// Prints all figures of the parts asked for, and writes a page with the summaries of those of them
+/// that have one: rates, tuned, criteria and speed.
 ///
 /// # Errors
-/// If a model or scene cannot be read, or a stage fails.
+/// If there is no such part, a model or scene cannot be read, or a stage fails.
 pub fn run(args: &Options) -> Result<()> {
+    if let Some(unknown) = args.only.iter().find(|o| !PARTS.contains(&o.as_str())) {
+        bail!("no part {unknown}; parts: {}", PARTS.join(", "));
+    }
     let wants = |part: &str| args.only.is_empty() || args.only.iter().any(|o| o == part);
+    let mut page = page::Page::default();
     if wants("speed") {
-        println!("{}", speed::table(args)?);
+        page.speed = Some(speed::table(args)?);
+        page.speed.iter().for_each(|table| println!("{table}"));
     }
     if wants("criteria") {
-        println!("{}", criteria::table(args)?);
+        let (comparisons, details) = criteria::measure(args)?;
+        println!("{details}");
+        page.criteria = comparisons;
     }
     for name in &args.scene {
         if !["merging", "rates", "tuned", "cost"].into_iter().any(wants) {
@@ -59,11 +71,18 @@ pub fn run(args: &Options) -> Result<()> {
             println!("{}", merging::table(&study)?);
         }
         if wants("rates") {
-            println!("{}", curves::table(&study, args)?);
+            let rates = curves::measure(&study, args)?;
+            println!("{}", rates.details);
+            page.rates.push(rates);
         }
         if wants("tuned") {
-            println!("{}", tuned::table(&study, args.steps)?);
+            let tuned = tuned::measure(&study, args.steps)?;
+            println!("{}", tuned.details);
+            page.tuned.push(tuned);
         }
     }
-    Ok(())
+    match page.text(args)? {
+        Some(text) => crate::page::write(&args.out, &text, None),
+        None => Ok(()),
+    }
 }

@@ -13,7 +13,18 @@ use crate::bd::{self, Method, Point};
 /// Qualities of the operating points; each with the uniform depth that is on the hull there.
 const QUALITIES: [(f32, u8); 3] = [(40.0, 0), (54.0, 1), (68.0, 2)];
 
-pub(super) fn table(study: &Study, steps: u64) -> Result<String> {
+/// The strategies on one scene, before and after the fine-tune.
+pub(super) struct Tuned {
+    pub(super) scene: String,
+    /// Name of each strategy but `Uniform`, and its BD-rates against `Uniform`, per cent.
+    pub(super) strategies: Vec<(&'static str, [Option<f64>; 2])>,
+    /// All points, as a table.
+    pub(super) details: String,
+}
+
+const NAMES: [&str; 3] = ["Uniform", "Paper", "RateDistortion"];
+
+pub(super) fn measure(study: &Study, steps: u64) -> Result<Tuned> {
     let mut out = format!(
         "## Equal bytes on {} after {steps} steps of fine-tune\n\n\
          | strategy | quality | Gaussians | bytes before | dB before | bytes after | dB after |\n\
@@ -34,7 +45,7 @@ pub(super) fn table(study: &Study, steps: u64) -> Result<String> {
     };
     let views = study.training()?;
     let mut curves: Vec<[Vec<Point>; 2]> = Vec::new();
-    for (kind, name) in ["Uniform", "Paper", "RateDistortion"].into_iter().enumerate() {
+    for (kind, name) in NAMES.into_iter().enumerate() {
         let mut curve = [Vec::new(), Vec::new()];
         for (q, deeper) in QUALITIES {
             let v = voxelize(&study.scene, &study.cube, &strategy(kind, q, deeper))?;
@@ -57,19 +68,11 @@ pub(super) fn table(study: &Study, steps: u64) -> Result<String> {
         }
         curves.push(curve);
     }
-    for (when, name) in ["before", "after"].into_iter().enumerate() {
-        let rate = |kind: usize| {
-            bd::bd_rate(&curves[0][when], &curves[kind][when], Method::Pchip)
-                .map_or("no overlap".into(), |r| format!("{r:+.1} %"))
-        };
-        writeln!(
-            out,
-            "\nBD-rate against Uniform {name} the fine-tune: Paper {}, RateDistortion {}.",
-            rate(1),
-            rate(2)
-        )?;
-    }
-    Ok(out)
+    let rate = |kind: usize, when: usize| {
+        bd::bd_rate(&curves[0][when], &curves[kind][when], Method::Pchip)
+    };
+    let strategies = [1, 2].map(|kind| (NAMES[kind], [rate(kind, 0), rate(kind, 1)])).into();
+    Ok(Tuned { scene: study.name.clone(), strategies, details: out })
 }
 
 fn tune(scene: gs_model::Scene, views: &[TrainView], steps: u64) -> Result<gs_model::Scene> {

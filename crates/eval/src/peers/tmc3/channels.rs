@@ -16,7 +16,7 @@ impl Channels {
         matches!(self, Self::Colour(_))
     }
 
-    /// Entry `i` is what entry `order[i]` was.
+    /// The entries in another order: entry `i` is the old entry `order[i]`.
     pub(super) fn reordered(&self, order: &[usize]) -> Self {
         match self {
             Self::Colour(all) => Self::Colour(order.iter().map(|&i| all[i]).collect()),

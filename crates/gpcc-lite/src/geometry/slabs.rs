@@ -1,0 +1,111 @@
+//! What leaves in planes have in common: walls across an axis, and means that were rounded to a
+//! lattice.
+//!
+//! The cells of one depth with the same index along an axis are a *slab*. Leaves in a plane across
+//! that axis lie in the same half of every cell of their slab. So each slab counts how often its
+//! low and its high half were occupied of late. The two counts are the context of what comes next.
+
+/// Slabs for each depth and axis. Greater indices are folded: few chunks reach so far.
+const SLABS: usize = 1 << 12;
+/// Greatest count.
+const MOST: u8 = 7;
+/// Number of different pairs of counts.
+pub(super) const STATES: usize = 64;
+/// Number of different fits of a child.
+pub(super) const FITS: usize = 16;
+/// The children in the high half of each axis.
+const HIGH: [u8; 3] = [0xf0, 0xcc, 0xaa];
+
+/// How often the low and the high half of a slab were occupied.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Counts([u8; 2]);
+
+impl Counts {
+    /// Both counts in one number below [`STATES`].
+    #[inline]
+    pub(super) fn state(self) -> usize {
+        usize::from(self.0[0]) * 8 + usize::from(self.0[1])
+    }
+
+    /// Learns which halves are occupied.
+    #[inline]
+    pub(super) fn learn(&mut self, occupied: [bool; 2]) {
+        for (count, occupied) in self.0.iter_mut().zip(occupied) {
+            *count = if occupied { (*count + 1).min(MOST) } else { *count - *count / 2 };
+        }
+    }
+}
+
+/// The counts of all slabs.
+pub(super) struct Slabs(Vec<Counts>);
+
+impl Slabs {
+    /// The slabs of the cells above the finest, none of them occupied.
+    pub(super) fn new(j_high: u8) -> Self {
+        Self(vec![Counts::default(); usize::from(j_high) * 3 * SLABS])
+    }
+
+    /// The slab of the cells at a depth with this index along an axis.
+    #[inline]
+    pub(super) fn slab(&mut self, depth: u8, axis: usize, index: u32) -> &mut Counts {
+        &mut self.0[(usize::from(depth) * 3 + axis) * SLABS + index as usize % SLABS]
+    }
+
+    /// How well each child of a cell fits the cell's slabs: the number of axes along which only the
+    /// other half was occupied, plus four times the number along which only its own was.
+    #[inline]
+    pub(super) fn fits(&mut self, depth: u8, cell: [u32; 3]) -> [u8; 8] {
+        let mut fits = [0; 8];
+        for (axis, high) in HIGH.into_iter().enumerate() {
+            let Counts([below, above]) = *self.slab(depth, axis, cell[axis]);
+            for (c, fit) in fits.iter_mut().enumerate() {
+                let (own, other) = if high >> c & 1 == 1 { (above, below) } else { (below, above) };
+                *fit += u8::from(own == 0 && other > 0) + 4 * u8::from(own > 0 && other == 0);
+            }
+        }
+        fits
+    }
+
+    /// Learns which children of a cell are occupied.
+    #[inline]
+    pub(super) fn learn(&mut self, depth: u8, cell: [u32; 3], children: u8) {
+        for (axis, high) in HIGH.into_iter().enumerate() {
+            let occupied = [children & !high != 0, children & high != 0];
+            self.slab(depth, axis, cell[axis]).learn(occupied);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall across x, in the high half of its slab: children in that half fit, others do not.
+    #[test]
+    fn a_wall_is_expected_where_it_goes_on() {
+        let mut slabs = Slabs::new(5);
+        assert_eq!(slabs.fits(3, [6, 1, 1]), [0; 8]);
+        for y in 0..4 {
+            slabs.learn(3, [6, y, 2], 0b0101_0000);
+        }
+        let fits = slabs.fits(3, [6, 100, 100]);
+        assert_eq!(fits, [1, 1, 1, 1, 4, 4, 4, 4]);
+        assert_eq!(slabs.slab(3, 0, 6).state(), 4);
+        // Another depth and another index know nothing of it.
+        assert_eq!((slabs.fits(2, [6, 9, 9]), slabs.fits(3, [7, 9, 9])), ([0; 8], [0; 8]));
+        // Something else in the slab halves what is expected.
+        slabs.learn(3, [6, 50, 50], 0b0000_0001);
+        assert_eq!(slabs.slab(3, 0, 6).state(), 8 + 2);
+    }
+
+    #[test]
+    fn counts_stay_in_range() {
+        for occupied in [[true, true], [true, false], [false, true]] {
+            let mut counts = Counts::default();
+            for _ in 0..100 {
+                counts.learn(occupied);
+                assert!(counts.state() < STATES);
+            }
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! `gsvx tune --profile paper`: the paper's fine-tune. The means stay at the centres of the voxels, and
+//! bits have no price.
+
+use crate::exit::note;
+use crate::input;
+use crate::interrupt;
+use crate::output::{Output, megabytes};
+use crate::progress::Steps;
+use crate::report::Reporter;
+use crate::trim::Trim;
+use crate::views;
+use anyhow::{Context, Result, anyhow};
+use finetune::backend::Backend;
+use finetune::{
+    FineTune, FineTuneOptions, Outcome, RenderOptions, StopReason, TrainView, metrics, render,
+};
+use gs_model::Scene;
+use gsvx::{EncodeOptions, Prepared};
+use serde_json::json;
+use std::path::Path;
+use voxel::Voxelization;
+
+/// Heading of what belongs to this profile.
+const PAPER: &str = "With --profile paper";
+
+/// Arguments of the profile.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Largest number of steps, one photo each [default: 8000].
+    #[arg(long, value_name = "STEPS", hide_short_help = true, help_heading = PAPER)]
+    steps: Option<u64>,
+    /// Where to compute: cpu, gpu or auto [default: auto].
+    #[arg(long, value_name = "WHERE", hide_short_help = true, help_heading = PAPER)]
+    backend: Option<Backend>,
+    /// Stop after so many passes over the photos without improvement; 0 for never [default: 5].
+    #[arg(long, value_name = "PASSES", hide_short_help = true, help_heading = PAPER)]
+    patience: Option<u32>,
+    /// Go on when the photos are matched as well as by the input model.
+    #[arg(long, hide_short_help = true, help_heading = PAPER)]
+    past_input: bool,
+    /// Gaussians so far away that the others lose octree levels: auto tunes them too and codes them
+    /// exactly where that is cheaper, off keeps them in the octree [default: auto].
+    #[arg(long, value_name = "WHEN", hide_short_help = true, help_heading = PAPER)]
+    trim: Option<Trim>,
+    /// Steps between checkpoints; also how far back a run goes if the GPU fails [default: 1000].
+    #[arg(long, value_name = "STEPS", hide_short_help = true, help_heading = PAPER,
+          value_parser = clap::value_parser!(u64).range(1..))]
+    checkpoint_every: Option<u64>,
+}
+
+impl Args {
+    /// A flag of this profile that was given, if any.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        let Self { steps, backend, patience, past_input, trim, checkpoint_every } = self;
+        [
+            (steps.is_some(), "--steps"),
+            (backend.is_some(), "--backend"),
+            (patience.is_some(), "--patience"),
+            (*past_input, "--past-input"),
+            (trim.is_some(), "--trim"),
+            (checkpoint_every.is_some(), "--checkpoint-every"),
+        ]
+        .into_iter()
+        .find_map(|(given, name)| given.then_some(name))
+    }
+}
+
+/// What to tune, whatever the profile.
+pub(crate) struct Job<'a> {
+    pub(crate) input: &'a Path,
+    pub(crate) scene: Scene,
+    pub(crate) training: Vec<TrainView>,
+    pub(crate) quality: f32,
+    pub(crate) checkpoint: Option<&'a Path>,
+    pub(crate) output: Output,
+    /// A model instead of a stream.
+    pub(crate) ply: bool,
+}
+
+/// Mean PSNR of the model at the training views, dB.
+fn quality_of(scene: &Scene, views: &[TrainView]) -> f64 {
+    let steps = Steps::new("input model", views.len() as u64);
+    let mut sum = 0.0;
+    for view in views {
+        let image = render(scene, &view.camera, &RenderOptions::default());
+        sum += metrics::psnr(&image, &view.photo);
+        steps.inc();
+    }
+    sum / views.len() as f64
+}
+
+/// A model about to be tuned.
+struct Start {
+    /// The voxelized scene, then the Gaussians that are coded exactly.
+    scene: Scene,
+    voxels: Voxelization,
+    importance: Vec<f32>,
+    training: Vec<TrainView>,
+    /// PSNR of the input model at the training views.
+    target: Option<f64>,
+}
+
+/// Refuses a backend that is not there: whoever asked for a GPU should not wait to hear that there is
+/// none. Returns what `auto` stands for.
+pub(crate) fn choose(args: &Args) -> Result<Backend> {
+    let wanted = args.backend.unwrap_or_default();
+    let backend = finetune::backend::choose(wanted).context("try --backend cpu or auto")?;
+    note(format_args!("backend: {}", backend.reason));
+    Ok(backend.used)
+}
+
+/// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
+pub(crate) fn run(args: &Args, mut job: Job<'_>, chosen: Backend, report: Reporter) -> Result<()> {
+    let options = EncodeOptions::from_quality(job.quality)?;
+    let (scene, training) = (std::mem::take(&mut job.scene), std::mem::take(&mut job.training));
+    let start = prepare(args, &job, scene, training)?;
+    let (voxels, importance) = (start.voxels, start.importance);
+    let outcome = tune(args, &job, start.scene, start.training, (start.target, chosen))?;
+    let (target, mut tuned) = (job.output.name(), outcome.scene);
+    let gaussians = tuned.len();
+    let mut bytes = 0;
+    if job.ply {
+        job.output.write(|out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
+    } else {
+        let outliers = tuned.split_off(voxels.len());
+        let outliers = (!outliers.is_empty()).then_some(outliers);
+        let mut options = options;
+        options.importance = Some(importance);
+        let encoded = gsvx::encode_voxels(&tuned, &voxels, outliers.as_ref(), &options)
+            .with_context(|| input::name(job.input))?;
+        bytes = encoded.bytes.len() as u64;
+        job.output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
+    }
+    let size = if bytes > 0 { format!(", {}", megabytes(bytes)) } else { String::new() };
+    let (steps, seconds, reason) = (outcome.steps, outcome.seconds, outcome.reason);
+    let human = format!(
+        "{steps} steps in {seconds:.1} s: {}\n{target}: {gaussians} Gaussians{size}",
+        in_words(reason)
+    );
+    let json = json!({
+        "output": target,
+        "gaussians": gaussians,
+        "outliers": gaussians - voxels.len(),
+        "bytes": bytes,
+        "steps": steps,
+        "seconds": seconds,
+        "reason": in_words(reason),
+        "backend": format!("{:?}", outcome.backend.used).to_lowercase(),
+    });
+    report.say(false, &human, &json)
+}
+
+fn in_words(reason: StopReason) -> &'static str {
+    match reason {
+        StopReason::Steps => "all steps are done",
+        StopReason::TargetReached => "the photos are matched as well as by the input model",
+        StopReason::NoImprovement => "the match no longer improves",
+        StopReason::Cancelled => "interrupted",
+        _ => "ended",
+    }
+}
+
+/// Voxelizes the model.
+fn prepare(
+    args: &Args,
+    job: &Job<'_>,
+    mut scene: Scene,
+    training: Vec<TrainView>,
+) -> Result<Start> {
+    let name = || input::name(job.input);
+    let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
+    let mut importance = views::importance(&scene, &cameras);
+    let unseen = importance.iter().filter(|&&v| v == 0.0).count();
+    if unseen > 0 {
+        let n = scene.len();
+        note(format_args!("{unseen} of {n} Gaussians contribute to no training view: left out"));
+    }
+    let target = (!args.past_input).then(|| quality_of(&scene, &training));
+    if let Some(db) = target {
+        note(format_args!(
+            "input model: {db:.2} dB at the training views; the fine-tune ends there"
+        ));
+    }
+    let strategy = |found: &[f32], seen| gsvx::default_strategy(job.quality, found, seen);
+    let outliers =
+        args.trim.unwrap_or(Trim::Auto).split(&mut scene, Some(&mut importance), name)?;
+    let Prepared { mut scene, voxels, importance } =
+        gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
+    // The means of Gaussians that are coded exactly stay where they are, as those of the leaves do.
+    if let Some(outliers) = &outliers {
+        let n = outliers.len();
+        let s = if n == 1 { "" } else { "s" };
+        note(format_args!("{n} outlier{s} will be coded exactly"));
+        scene.append(outliers);
+    }
+    Ok(Start { scene, voxels, importance, training, target })
+}
+
+/// Runs the fine-tune.
+fn tune(
+    args: &Args,
+    job: &Job<'_>,
+    scene: Scene,
+    training: Vec<TrainView>,
+    (target, chosen): (Option<f64>, Backend),
+) -> Result<Outcome> {
+    let name = || input::name(job.input);
+    let (steps, patience) = (args.steps.unwrap_or(8000), args.patience.unwrap_or(5));
+    let tuning = FineTuneOptions {
+        steps,
+        target_psnr: target,
+        patience: (patience > 0).then_some(patience),
+        checkpoint: job.checkpoint.map(Path::to_owned),
+        checkpoint_every: args.checkpoint_every.unwrap_or(1000),
+        cancel: Some(interrupt::cancel_flag()),
+        backend: args.backend.unwrap_or_default(),
+        report_every: (steps / 200).clamp(1, 50),
+        ..Default::default()
+    };
+    let tune =
+        FineTune::new(scene, training, tuning).map_err(|e| gpu_hint(e, job)).with_context(name)?;
+    let begun = tune.backend().used;
+    let mut used = begun;
+    if begun != chosen {
+        note(format_args!("backend: {}", tune.backend().reason));
+    }
+    let bar = Steps::new("fine-tune", steps);
+    let outcome = tune
+        .run(|p| {
+            if p.backend != used {
+                bar.say("the GPU failed: going on without it");
+                used = p.backend;
+            }
+            let (loss, psnr, speed) = (p.loss, p.psnr, p.steps_per_second);
+            bar.set(p.step, &format!("loss {loss:.4}, {psnr:.2} dB, {speed:.1} steps/s"));
+        })
+        .map_err(|e| gpu_hint(e, job))
+        .with_context(name)?;
+    drop(bar);
+    if outcome.backend.used != begun {
+        note(format_args!("backend: {}", outcome.backend.reason));
+    }
+    Ok(outcome)
+}
+
+/// Says what to do about a GPU that failed.
+fn gpu_hint(error: finetune::Error, job: &Job<'_>) -> anyhow::Error {
+    if !matches!(error, finetune::Error::Gpu { .. }) {
+        return error.into();
+    }
+    let kept = job.checkpoint.filter(|p| p.exists());
+    let kept = kept.map(|p| format!(", from {}", p.display())).unwrap_or_default();
+    anyhow!("{error}: --backend auto or cpu goes on without it{kept}")
+}

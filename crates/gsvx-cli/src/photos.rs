@@ -1,0 +1,77 @@
+//! What a model is tuned to: photos, or renders of the model itself.
+
+use crate::orbit::Orbit;
+use crate::progress::Steps;
+use crate::views;
+use anyhow::{Context, Result, bail};
+use finetune::{Image, RenderOptions, TrainView, render};
+use gs_model::{Camera, Scene, View};
+use std::path::Path;
+
+/// Training views with their photos; `None` if none of the photos is there.
+pub(crate) fn photos(path: &Path) -> Result<Option<Vec<TrainView>>> {
+    let training = training(path)?;
+    if !training.iter().any(|v| v.image_path.is_file()) {
+        return Ok(None);
+    }
+    training.iter().map(photo).collect::<Result<_>>().map(Some)
+}
+
+/// The views that are not held out for measuring.
+fn training(path: &Path) -> Result<Vec<View>> {
+    let all = views::open(path)?;
+    if all.is_empty() {
+        bail!("{}: no cameras", path.display());
+    }
+    let training: Vec<View> =
+        all.into_iter().enumerate().filter(|(i, _)| i % 8 != 0).map(|(_, v)| v).collect();
+    if training.is_empty() {
+        bail!("{}: a single camera is held out for measuring; give two or more", path.display());
+    }
+    Ok(training)
+}
+
+fn photo(view: &View) -> Result<TrainView> {
+    let file = view.image_path.display();
+    let photo = image::ImageReader::open(&view.image_path)
+        .with_context(|| format!("photo {file}"))?
+        .with_guessed_format()
+        .with_context(|| format!("photo {file}"))?
+        .decode()
+        .with_context(|| format!("photo {file}: PNG or JPEG expected"))?
+        .to_rgb8();
+    let (width, height) = photo.dimensions();
+    let Some(camera) = view.camera.scaled_to(width, height) else {
+        bail!("photo {file} is {width}x{height}, which is not its camera's aspect ratio");
+    };
+    let photo = Image::from_rgb8(width, height, photo.as_raw())
+        .with_context(|| format!("photo {file} is empty"))?;
+    Ok(TrainView { camera, photo })
+}
+
+/// Renders of the model at the training cameras.
+pub(crate) fn renders_at(path: &Path, scene: &Scene) -> Result<Vec<TrainView>> {
+    Ok(renders(scene, views::cameras(path)?))
+}
+
+/// Renders of the model at generated cameras.
+pub(crate) fn renders_around(
+    orbit: &Orbit,
+    n: u32,
+    path: &Path,
+    scene: &Scene,
+) -> Result<Vec<TrainView>> {
+    Ok(renders(scene, views::around(orbit, n, path, scene)?))
+}
+
+fn renders(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
+    let steps = Steps::new("renders", cameras.len() as u64);
+    let one = |camera: Camera| {
+        let mut photo = render(scene, &camera, &RenderOptions::default());
+        // What a screen shows is clamped; differences beyond it do not count.
+        photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+        steps.inc();
+        TrainView { camera, photo }
+    };
+    cameras.into_iter().map(one).collect()
+}

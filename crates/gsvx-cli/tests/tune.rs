@@ -1,0 +1,137 @@
+//! `gsvx tune`, on a small model.
+
+mod common;
+
+use common::{gsvx, model, one_line, room, wrong_usage};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Every 25th Gaussian of the room.
+fn small(dir: &Path) -> PathBuf {
+    let (scene, _) = gs_model::ply::read(model()).unwrap();
+    let path = dir.join("small.ply");
+    let some: Vec<usize> = (0..scene.len()).step_by(25).collect();
+    gs_model::ply::write(&path, &scene.select(&some)).unwrap();
+    path
+}
+
+/// A short tune of the small model to its own renders.
+fn tune(dir: &Path, output: &str) -> Command {
+    let mut command = gsvx();
+    command.arg("tune").arg(small(dir)).args(["--orbit", "6", "--size", "64x48"]);
+    command.arg("-o").arg(dir.join(output));
+    command
+}
+
+fn quick(dir: &Path, output: &str) -> Command {
+    let mut command = tune(dir, output);
+    command.args(["--effort", "quick"]);
+    command
+}
+
+fn said(out: &Output) -> String {
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8_lossy(&out.stdout).into_owned()
+}
+
+#[test]
+fn a_model_is_tuned_to_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = quick(dir.path(), "a.gsvx").arg("--json").output().unwrap();
+    let json: serde_json::Value = serde_json::from_str(&said(&out)).unwrap();
+    let heard = String::from_utf8_lossy(&out.stderr);
+    assert!(heard.contains("own renders") && heard.contains("plan: quality 58.0"), "{heard}");
+    let bytes = std::fs::read(dir.path().join("a.gsvx")).unwrap();
+    let decoded = gsvx::decode(&bytes).unwrap();
+    assert_eq!(
+        (json["bytes"].as_u64().unwrap(), json["gaussians"].as_u64().unwrap()),
+        (bytes.len() as u64, decoded.len() as u64)
+    );
+    assert_eq!((&json["distilled"], &json["steps"]), (&true.into(), &420.into()));
+    // A PLY holds what a decoder returns.
+    said(&quick(dir.path(), "a.ply").output().unwrap());
+    let (ply, _) = gs_model::ply::read(dir.path().join("a.ply")).unwrap();
+    assert_eq!((ply.means, ply.sh), (decoded.means, decoded.sh));
+}
+
+#[test]
+fn a_target_in_bytes_is_met_or_missed_with_exit_code_3() {
+    let dir = tempfile::tempdir().unwrap();
+    said(&quick(dir.path(), "a.gsvx").args(["--target-bytes", "4500"]).output().unwrap());
+    assert!(std::fs::metadata(dir.path().join("a.gsvx")).unwrap().len() <= 4500);
+    let out = quick(dir.path(), "b.gsvx").args(["--target-bytes", "100"]).output().unwrap();
+    let error = String::from_utf8_lossy(&out.stderr);
+    let last = error.trim_end().lines().last().unwrap();
+    assert!(last.contains("100 bytes is below"), "{error}");
+    let out = quick(dir.path(), "c.gsvx").args(["--target-psnr", "90"]).output().unwrap();
+    assert_eq!(out.status.code(), Some(3), "{}", String::from_utf8_lossy(&out.stderr));
+    assert!(dir.path().join("c.gsvx").exists() && !dir.path().join("b.gsvx").exists());
+}
+
+#[test]
+fn wrong_words_and_wrong_photos_give_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |words: &[&str]| {
+        let mut command = gsvx();
+        command.arg("tune").arg(small(dir.path())).args(words).arg("-o");
+        command.arg(dir.path().join("a.gsvx")).output().unwrap()
+    };
+    let room = room();
+    let room = room.to_str().unwrap();
+    wrong_usage(&run(&["--cameras", room, "--steps", "5"]), "--profile paper");
+    wrong_usage(
+        &run(&["--cameras", room, "--profile", "paper", "--target-psnr", "30"]),
+        "--quality",
+    );
+    wrong_usage(&run(&[]), "--cameras");
+    // Every 25th Gaussian shows next to nothing of what the photos show.
+    one_line(&run(&["--cameras", room]), "do not show this model");
+    let single = dir.path().join("transforms.json");
+    let text = r#"{"w": 64, "h": 48, "fl_x": 60.0, "frames": [{"file_path": "a.png",
+        "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,3],[0,0,0,1]]}]}"#;
+    std::fs::write(&single, text).unwrap();
+    one_line(&run(&["--cameras", single.to_str().unwrap()]), "two or more");
+    assert!(!dir.path().join("a.gsvx").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_terminated_tune_writes_what_it_has_reached() {
+    use std::process::Stdio;
+    let dir = tempfile::tempdir().unwrap();
+    let checkpoint = dir.path().join("run.ckpt");
+    let mut command = tune(dir.path(), "a.gsvx");
+    command.args(["--effort", "long", "--checkpoint"]).arg(&checkpoint);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // A checkpoint shows that the tuning has begun.
+    while !checkpoint.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+    let out = child.wait_with_output().unwrap();
+    assert!(said(&out).contains("interrupted"));
+    let bytes = std::fs::read(dir.path().join("a.gsvx")).unwrap();
+    assert!(!gsvx::decode(&bytes).unwrap().is_empty());
+}
+
+/// A limit on the size of files stands for a full disk.
+#[cfg(unix)]
+#[test]
+fn a_checkpoint_that_does_not_fit_does_not_end_the_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut command = quick(dir.path(), "a.gsvx");
+    command.arg("--checkpoint").arg(dir.path().join("run.ckpt"));
+    let out = Command::new("sh")
+        .args(["-c", "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\""])
+        .arg(command.get_program())
+        .args(command.get_args())
+        .output()
+        .unwrap();
+    said(&out);
+    let heard = String::from_utf8_lossy(&out.stderr);
+    let warnings = heard.lines().filter(|l| l.starts_with("warning: ")).count();
+    assert!(warnings == 1 && heard.contains("run.ckpt"), "{heard}");
+    assert!(gsvx::decode(&std::fs::read(dir.path().join("a.gsvx")).unwrap()).is_ok());
+    assert!(!dir.path().join("run.ckpt").exists());
+}

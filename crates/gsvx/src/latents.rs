@@ -1,0 +1,302 @@
+//! A scene whose values an optimiser moves while the codec is in the loop.
+//!
+//! The values are those that the codec transforms: ln(alpha), Y Co Cg of each SH coefficient, and six
+//! log-Euclidean coordinates for each leaf. [`Latents::reconstruct`] does with them what the encoder does
+//! (weighted RAHT, quantisation, inverse), and returns the scene that a decoder would return, with the
+//! number of bytes. [`Latents::gradient`] takes the derivatives of a loss back to the values, as if
+//! quantisation were the identity. [`Latents::encode`] writes the stream.
+//!
+//! *Invariant:* the stream of [`Latents::encode`] decodes to the last scene of [`Latents::reconstruct`],
+//! bit for bit, if values, steps and fit are the same. Only SH degrees that are zero everywhere are missing:
+//! a stream leaves them out.
+//!
+//! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
+
+use crate::attributes::{colour, opacity};
+use crate::chunk::{self, ChunkLatents, Coding, GaussiansMut, Values};
+use crate::covariance::log_euclidean;
+use crate::encode::{
+    Encoded, assemble, check_centres, check_lengths, check_steps, leaves_chunk, used_degree,
+    with_outliers, without_zero_degrees,
+};
+use crate::error::{Error, Result};
+use crate::head::{Header, Index, Shapes, Steps};
+use crate::importance;
+use crate::lod;
+use crate::options::EncodeOptions;
+use gs_model::Scene;
+use rayon::prelude::*;
+use std::ops::Range;
+use voxel::Voxelization;
+
+/// Channels beside the SH coefficients: ln(alpha) and six coordinates.
+const OTHERS: usize = 7;
+/// Gaussians rebuilt at a time.
+const BLOCK: usize = 512;
+
+/// Derivatives of a loss by the arrays of one Gaussian of a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct GaussianGradient<'a> {
+    /// By its opacity logit.
+    pub opacity_logit: f32,
+    /// By its SH coefficients.
+    pub sh: &'a [[f32; 3]],
+    /// By its log-scales.
+    pub log_scale: [f32; 3],
+    /// By its quaternion.
+    pub rotation: [f32; 4],
+}
+
+/// See the [module](self).
+pub struct Latents {
+    header: Header,
+    chunks: Vec<(Range<usize>, ChunkLatents)>,
+    channels: usize,
+    values: Vec<f32>,
+}
+
+impl Latents {
+    /// Starts from a voxelized scene, as [`crate::encode_voxels`] takes it. Covariances go through the
+    /// transform.
+    ///
+    /// # Errors
+    /// Those of [`crate::encode_voxels`].
+    pub fn new(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Self> {
+        check_lengths(scene)?;
+        if scene.len() != voxels.len() {
+            return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
+        }
+        check_centres(scene, voxels)?;
+        chunk::check(scene, 0)?;
+        let guessed;
+        let importance = match &options.importance {
+            Some(given) => given,
+            None => {
+                guessed = importance::without_cameras(scene);
+                &guessed
+            }
+        };
+        let sh_degree = used_degree(scene, options.max_sh_degree);
+        let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
+        let mut values = vec![0.0; channels * scene.len()];
+        let rows = values.par_chunks_mut(channels).enumerate();
+        rows.for_each(|(i, row)| set_values(scene, i, row));
+        Self::with_values(voxels, importance, options, sh_degree, values)
+    }
+
+    /// Goes on with the values of other latents on the same leaves, with the same importance of each.
+    ///
+    /// # Errors
+    /// As [`Latents::new`].
+    pub fn with_values(
+        voxels: &Voxelization,
+        importance: &[f32],
+        options: &EncodeOptions,
+        sh_degree: u8,
+        values: Vec<f32>,
+    ) -> Result<Self> {
+        check_steps(&options.steps)?;
+        let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
+        for found in [importance.len(), values.len() / channels] {
+            if found != voxels.len() || !values.len().is_multiple_of(channels) {
+                return Err(Error::CountMismatch { scene: found, leaves: voxels.len() });
+            }
+        }
+        let classes = importance::log_classes(importance);
+        let whole = EncodeOptions { lod: false, ..options.clone() };
+        let cuts = lod::levels(voxels, &whole).swap_remove(0).cuts;
+        let chunk = |cut: &[usize]| {
+            let range = cut[0]..cut[1];
+            let leaves = voxels.leaves[range.clone()].to_vec();
+            let chunk = ChunkLatents::new(leaves, voxels.j_high, &classes[range.clone()])?;
+            Ok((range, chunk))
+        };
+        let chunks = cuts.par_windows(2).map(chunk).collect::<Vec<Result<_>>>();
+        let header = Header {
+            count: voxels.len() as u64,
+            sh_degree,
+            j_high: voxels.j_high,
+            cube: voxels.cube.into(),
+            steps: options.steps,
+            shapes: Shapes::Transform,
+            codebook: Vec::new(),
+        };
+        let chunks = chunks.into_iter().collect::<Result<_>>()?;
+        Ok(Self { header, chunks, channels, values })
+    }
+
+    /// Values per leaf.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// The SH degree that is coded.
+    #[must_use]
+    pub fn sh_degree(&self) -> u8 {
+        self.header.sh_degree
+    }
+
+    /// Number of leaves.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.values.len() / self.channels
+    }
+
+    /// True if there is no leaf.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// The values, leaf after leaf: ln(alpha), Y Co Cg of each SH coefficient, six coordinates.
+    #[must_use]
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The values, to be moved. They must stay finite.
+    #[must_use]
+    pub fn values_mut(&mut self) -> &mut Vec<f32> {
+        &mut self.values
+    }
+
+    /// The quantisation steps.
+    #[must_use]
+    pub fn steps(&self) -> Steps {
+        self.header.steps
+    }
+
+    /// Other quantisation steps from now on.
+    ///
+    /// # Errors
+    /// [`Error::Option`] for a step that no stream may have.
+    pub fn set_steps(&mut self, steps: Steps) -> Result<()> {
+        check_steps(&steps)?;
+        self.header.steps = steps;
+        Ok(())
+    }
+
+    /// Puts the scene that a decoder would return into `scene`; Gaussians behind the leaves stay as they
+    /// are, and must have the SH degree of the latents. Returns the bytes of the stream, counted
+    /// with the coder's own models but not written.
+    ///
+    /// With `fit`, the predictions (of opacity and size from depth and class, of an SH degree from the
+    /// one below) are fitted to the values first; otherwise they are those of the last fit. The first
+    /// call has to fit. `prices` take the derivatives of the number of bits by the values.
+    ///
+    /// # Errors
+    /// [`Error::Coding`].
+    pub fn reconstruct(
+        &mut self,
+        fit: bool,
+        prices: Option<&mut [f32]>,
+        scene: &mut Scene,
+    ) -> Result<u64> {
+        let Self { header, chunks, channels, values } = self;
+        let channels = *channels;
+        let how = Coding { steps: &header.steps, sh_degree: header.sh_degree, fit };
+        let mut rest = prices;
+        let mut jobs = Vec::with_capacity(chunks.len());
+        for (range, chunk) in chunks.iter_mut() {
+            let flat = &values[range.start * channels..range.end * channels];
+            let prices = rest.take().map(|all| {
+                let (here, after) = all.split_at_mut(flat.len());
+                rest = Some(after);
+                here
+            });
+            jobs.push((chunk, Values { flat, channels }, prices));
+        }
+        let sizes: Vec<Result<u64>> = jobs
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|(chunk, values, prices)| chunk.code(&how, values, prices))
+            .collect();
+        let layers = sizes.into_iter().sum::<Result<u64>>()?;
+        self.rebuild(scene)?;
+        Ok(layers + self.head_bytes())
+    }
+
+    /// The Gaussians of what was coded last.
+    fn rebuild(&self, scene: &mut Scene) -> Result<()> {
+        scene.sh_degree = self.header.sh_degree;
+        let n = scene.len().max(self.len());
+        chunk::resize(scene, n);
+        let mut rest = GaussiansMut::of(scene);
+        let mut jobs = Vec::new();
+        for (range, chunk) in &self.chunks {
+            for first in (0..range.len()).step_by(BLOCK) {
+                let (out, others) = rest.split_at(BLOCK.min(range.len() - first));
+                rest = others;
+                jobs.push((chunk.decoded(), first, out));
+            }
+        }
+        jobs.into_par_iter()
+            .map(|(chunk, first, mut out)| chunk.fill(&self.header, first, &mut out))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .collect()
+    }
+
+    /// Bytes of the head of a stream without outliers.
+    fn head_bytes(&self) -> u64 {
+        let layers = 1 + usize::from(self.header.sh_degree);
+        let chunks: Vec<_> = self
+            .chunks
+            .iter()
+            .map(|(range, chunk)| {
+                let mut entry = leaves_chunk(&self.header, 0, chunk.decoded().leaves());
+                let bytes = (range.len() * self.channels / 8) as u64;
+                entry.layers = vec![crate::head::Layer { offset: 0, len: bytes, crc: 0 }; layers];
+                entry
+            })
+            .collect();
+        Index::to_bytes(&self.header, &chunks).len() as u64
+    }
+
+    /// Takes the derivatives of a loss by the arrays of Gaussian `i` of the last scene of
+    /// [`Latents::reconstruct`] to its values.
+    pub fn gradient(&self, scene: &Scene, i: usize, given: &GaussianGradient<'_>, out: &mut [f32]) {
+        let [log_alpha, middle @ ..] = out else { return };
+        *log_alpha = opacity::gradient(scene.opacity_logits[i], given.opacity_logit);
+        let (sh, shape) = middle.split_at_mut(self.channels - OTHERS);
+        for (out, &rgb) in sh.as_chunks_mut::<3>().0.iter_mut().zip(given.sh) {
+            // The transform of colours is orthonormal.
+            *out = colour::forward(rgb);
+        }
+        let (rotation, log_scales) = (scene.rotations[i], scene.log_scales[i]);
+        let d = log_euclidean::gradient(rotation, log_scales, given.rotation, given.log_scale);
+        shape.copy_from_slice(&d);
+    }
+
+    /// The stream. `outliers` are coded bit for bit behind the leaves.
+    ///
+    /// # Errors
+    /// As [`crate::encode_voxels`].
+    pub fn encode(&mut self, outliers: Option<&Scene>) -> Result<Encoded> {
+        let Self { header, chunks, channels, values } = self;
+        let (channels, header) = (*channels, &*header);
+        let encode = |(range, chunk): &mut (Range<usize>, ChunkLatents)| {
+            let flat = &values[range.start * channels..range.end * channels];
+            let values = Values { flat, channels };
+            let layers = chunk.layers(&header.steps, header.sh_degree, values)?;
+            Ok((leaves_chunk(header, 0, chunk.decoded().leaves()), layers))
+        };
+        let chunks: Vec<Result<_>> = chunks.par_iter_mut().with_max_len(1).map(encode).collect();
+        let chunks = chunks.into_iter().collect::<Result<Vec<_>>>()?;
+        let least = outliers.map_or(0, |o| o.sh_degree);
+        let chunks = without_zero_degrees(chunks, least);
+        with_outliers(header, chunks, outliers).map(|(header, chunks)| assemble(header, chunks))
+    }
+}
+
+/// The values of Gaussian `i`.
+fn set_values(scene: &Scene, i: usize, row: &mut [f32]) {
+    row[0] = opacity::log_alpha_of_logit(scene.opacity_logits[i]) as f32;
+    let shape = row.len() - 6;
+    for (out, &rgb) in row[1..shape].as_chunks_mut::<3>().0.iter_mut().zip(scene.sh_of(i)) {
+        *out = colour::forward(rgb);
+    }
+    row[shape..]
+        .copy_from_slice(&log_euclidean::coordinates(scene.rotations[i], scene.log_scales[i]));
+}

@@ -1,0 +1,186 @@
+//! Checkpoints: everything that a run needs to go on to the same bytes.
+//!
+//! Little-endian: magic, version (u32), fingerprint (u32), then the sections of the stage under way,
+//! each a length (u64) and its numbers; CRC-32C of all before it (u32). A file is written beside the old
+//! one and renamed, so that an interruption leaves one of both.
+
+use std::path::Path;
+
+use finetune::TrainView;
+use gs_model::Scene;
+
+use crate::error::{Error, Result};
+use crate::options::Options;
+
+const MAGIC: [u8; 8] = *b"GSTUNECK";
+const VERSION: u32 = 1;
+
+/// A checksum of what a checkpoint must share with the run that goes on from it.
+pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &Options) -> u32 {
+    let mut crc = 0;
+    let mut add = |bytes: &[u8]| crc = crc32c::crc32c_append(crc, bytes);
+    let Options { target, effort, plan, seed, .. } = options;
+    add(format!("{target:?} {effort:?} {plan:?} {seed} {}", scene.sh_degree).as_bytes());
+    for array in [scene.means.as_flattened(), &scene.opacity_logits, scene.sh.as_flattened()] {
+        array.iter().for_each(|v| add(&v.to_le_bytes()));
+    }
+    for TrainView { camera: c, photo } in views {
+        add(&[c.width.to_le_bytes(), c.height.to_le_bytes()].concat());
+        let matrix = c.rotation.to_cols_array();
+        let numbers = [c.fx, c.fy, c.cx, c.cy].into_iter().chain(matrix);
+        numbers.chain(c.translation.to_array()).for_each(|v| add(&v.to_le_bytes()));
+        photo.rgb.iter().step_by(97).for_each(|v| add(&v.to_le_bytes()));
+    }
+    crc
+}
+
+/// A checkpoint that is being put together.
+pub(crate) struct Writer(Vec<u8>);
+
+impl Writer {
+    pub(crate) fn new(fingerprint: u32) -> Self {
+        let mut out = MAGIC.to_vec();
+        out.extend(VERSION.to_le_bytes());
+        out.extend(fingerprint.to_le_bytes());
+        Self(out)
+    }
+
+    pub(crate) fn numbers(&mut self, values: &[f64]) {
+        self.0.extend((values.len() as u64).to_le_bytes());
+        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+    }
+
+    pub(crate) fn integers(&mut self, values: &[u64]) {
+        self.0.extend((values.len() as u64).to_le_bytes());
+        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+    }
+
+    pub(crate) fn floats(&mut self, values: &[f32]) {
+        self.0.extend((values.len() as u64).to_le_bytes());
+        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+    }
+
+    pub(crate) fn scene(&mut self, scene: &Scene) {
+        self.integers(&[scene.sh_degree.into(), scene.len() as u64]);
+        for array in [
+            scene.means.as_flattened(),
+            scene.rotations.as_flattened(),
+            scene.log_scales.as_flattened(),
+            &scene.opacity_logits,
+            scene.sh.as_flattened(),
+        ] {
+            self.floats(array);
+        }
+    }
+
+    /// Writes the file.
+    pub(crate) fn write(mut self, path: &Path) -> Result<()> {
+        let crc = crc32c::crc32c(&self.0);
+        self.0.extend(crc.to_le_bytes());
+        let mut name = path.file_name().unwrap_or_default().to_os_string();
+        name.push(".tmp");
+        let temporary = path.with_file_name(name);
+        let error = |file: &Path, action| {
+            let file = file.to_owned();
+            move |cause| Error::Io { file, action, cause }
+        };
+        let written = std::fs::write(&temporary, &self.0)
+            .map_err(error(&temporary, "write"))
+            .and_then(|()| std::fs::rename(&temporary, path).map_err(error(path, "rename")));
+        if written.is_err() {
+            // A partial checkpoint is useless and takes space.
+            let _ = std::fs::remove_file(&temporary);
+        }
+        written
+    }
+}
+
+/// A checkpoint that is being taken apart.
+pub(crate) struct Reader<'a> {
+    path: &'a Path,
+    bytes: Vec<u8>,
+    at: usize,
+}
+
+impl<'a> Reader<'a> {
+    /// Opens a checkpoint of the run with this fingerprint.
+    pub(crate) fn open(path: &'a Path, fingerprint: u32) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|cause| Error::Io {
+            file: path.into(),
+            action: "read",
+            cause,
+        })?;
+        let mut this = Self { path, bytes, at: 0 };
+        if this.take::<8>()? != MAGIC || u32::from_le_bytes(this.take()?) != VERSION {
+            return Err(this.error("it does not start as a checkpoint of a tune"));
+        }
+        let body = this.bytes.len().saturating_sub(4);
+        let crc = crc32c::crc32c(&this.bytes[..body]);
+        if this.bytes.split_off(body) != crc.to_le_bytes() {
+            return Err(this.error("checksum does not match"));
+        }
+        if u32::from_le_bytes(this.take()?) != fingerprint {
+            return Err(Error::OtherRun { file: path.into() });
+        }
+        Ok(this)
+    }
+
+    pub(crate) fn error(&self, reason: &'static str) -> Error {
+        Error::Checkpoint { file: self.path.into(), offset: self.at, reason }
+    }
+
+    fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
+        match self.bytes.get(self.at..).and_then(|rest| rest.first_chunk::<N>()) {
+            Some(chunk) => {
+                self.at += N;
+                Ok(*chunk)
+            }
+            None => Err(self.error("truncated")),
+        }
+    }
+
+    fn list<const N: usize, T>(&mut self, of: impl Fn([u8; N]) -> T) -> Result<Vec<T>> {
+        let n = u64::from_le_bytes(self.take()?);
+        if n > ((self.bytes.len() - self.at) / N) as u64 {
+            return Err(self.error("list longer than the file"));
+        }
+        (0..n).map(|_| self.take().map(&of)).collect()
+    }
+
+    pub(crate) fn numbers(&mut self) -> Result<Vec<f64>> {
+        self.list(f64::from_le_bytes)
+    }
+
+    pub(crate) fn integers(&mut self) -> Result<Vec<u64>> {
+        self.list(u64::from_le_bytes)
+    }
+
+    pub(crate) fn floats(&mut self) -> Result<Vec<f32>> {
+        self.list(f32::from_le_bytes)
+    }
+
+    fn rows<const N: usize>(&mut self) -> Result<Vec<[f32; N]>> {
+        Ok(self.floats()?.as_chunks::<N>().0.to_vec())
+    }
+
+    pub(crate) fn scene(&mut self) -> Result<Scene> {
+        let head = self.integers()?;
+        let [degree @ 0..=3, n] = head[..] else {
+            return Err(self.error("head of a scene"));
+        };
+        let scene = Scene {
+            sh_degree: degree as u8,
+            means: self.rows()?,
+            rotations: self.rows()?,
+            log_scales: self.rows()?,
+            opacity_logits: self.floats()?,
+            sh: self.rows()?,
+        };
+        let n = n as usize;
+        let lengths = [scene.rotations.len(), scene.log_scales.len(), scene.opacity_logits.len()];
+        if scene.len() != n || lengths != [n; 3] || scene.sh.len() != n * scene.sh_len() {
+            return Err(self.error("arrays of a scene differ in length"));
+        }
+        Ok(scene)
+    }
+}

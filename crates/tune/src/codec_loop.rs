@@ -1,0 +1,181 @@
+//! The second stage: the codec in the loop.
+//!
+//! A step renders one view of what a decoder would return now, and takes the gradient back to the values
+//! that the codec transforms, as if quantisation were the identity (straight-through). Every few steps
+//! the bits have a gradient too, from what the coder expects of each coefficient.
+
+use finetune::optimiser::Adam;
+use finetune::{ViewGradients, ViewLoss};
+use gs_model::Scene;
+use gsvx::EncodeOptions;
+use gsvx::latents::{GaussianGradient, Latents};
+use voxel::Voxelization;
+
+use crate::error::Result;
+use crate::plan;
+use crate::rows::Moments;
+
+/// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
+const RATES: [f32; 4] = [0.01, 0.003, 4e-4, 0.005];
+/// Rates fall to this fraction.
+const FINAL_RATE: f64 = 0.05;
+/// Every so many steps the bits have a gradient.
+const PRICED: u64 = 4;
+/// Every so many steps the predictions are fitted anew; between two fits a run cannot be cut.
+pub(crate) const FITTED: u64 = 50;
+/// The DC basis function.
+const DC_BASIS: f64 = 0.282_094_791_773_878_14;
+/// Price of a bit over that of a uniform quantiser at high rates. The latter is the derivative of
+/// `step^2 / 12` by the bits, `ln 2 / 6 step^2`.
+const PRICE: f64 = 8.0;
+
+/// Latents on their way.
+pub(crate) struct CodecLoop {
+    pub(crate) latents: Latents,
+    pub(crate) voxels: Voxelization,
+    pub(crate) importance: Vec<f32>,
+    /// What a decoder would return at the last step, then the outliers.
+    pub(crate) scene: Scene,
+    pub(crate) outliers: Option<Scene>,
+    pub(crate) moments: Moments,
+    rates: Vec<f32>,
+    prices: Vec<f32>,
+    pub(crate) quality: f32,
+    /// MSE per bit for a DC step of 1.
+    price: f64,
+    pub(crate) steps: u64,
+    pub(crate) done: u64,
+    /// Bytes at the last step.
+    pub(crate) bytes: u64,
+}
+
+/// Where a loop begins.
+pub(crate) struct Start {
+    pub(crate) voxels: Voxelization,
+    /// Importance of each leaf.
+    pub(crate) importance: Vec<f32>,
+    pub(crate) outliers: Option<Scene>,
+    pub(crate) latents: Latents,
+    pub(crate) quality: f32,
+    pub(crate) steps: u64,
+    /// Pixels of all cameras.
+    pub(crate) pixels: f64,
+}
+
+/// The encoder's options for the latents.
+pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> Result<EncodeOptions> {
+    let mut options = EncodeOptions::from_quality(quality)?;
+    options.steps = plan::steps(quality)?;
+    options.importance = Some(importance);
+    Ok(options)
+}
+
+impl CodecLoop {
+    pub(crate) fn new(start: Start) -> Self {
+        let Start { voxels, importance, outliers, latents, quality, steps, pixels } = start;
+        let n = latents.values().len();
+        let [opacity, dc, ac, covariance] = RATES;
+        let mut rates = vec![opacity];
+        rates.extend([dc; 3]);
+        rates.extend(vec![ac; latents.channels() - 10]);
+        rates.extend([covariance; 6]);
+        let mut scene = Scene { sh_degree: latents.sh_degree(), ..Scene::default() };
+        if let Some(outliers) = &outliers {
+            // The leaves come before the outliers; their values are filled in by the first step.
+            let blank = vec![0; voxels.len()];
+            scene.append(&outliers.select(&blank));
+            scene.append(outliers);
+        }
+        // An error e of the DC value of a Gaussian changes the mean over pixels and channels of the
+        // squared error by e^2 DC_BASIS^2 w / (3 pixels), w its importance. Steps are those of a
+        // Gaussian of mean importance.
+        let sum: f64 = importance.iter().map(|&v| f64::from(v)).sum();
+        let weight = sum / importance.len().max(1) as f64 / (3.0 * pixels.max(1.0));
+        let price = PRICE * std::f64::consts::LN_2 / 6.0 * DC_BASIS * DC_BASIS * weight;
+        Self {
+            latents,
+            voxels,
+            importance,
+            scene,
+            outliers,
+            moments: Moments::zeros(n),
+            rates,
+            prices: vec![0.0; n],
+            quality,
+            price,
+            steps,
+            done: 0,
+            bytes: 0,
+        }
+    }
+
+    /// MSE per bit.
+    pub(crate) fn lambda(&self) -> f64 {
+        let dc = f64::from(self.latents.steps().dc);
+        self.price * dc * dc
+    }
+
+    /// Goes to another quality: other steps, and another price of bits.
+    pub(crate) fn set_quality(&mut self, quality: f32) -> Result<()> {
+        self.quality = quality.clamp(0.0, 100.0);
+        Ok(self.latents.set_steps(plan::steps(self.quality)?)?)
+    }
+
+    /// Whether the next step fits the predictions: only there the state is whole without them.
+    pub(crate) fn at_fit(&self) -> bool {
+        self.done.is_multiple_of(FITTED)
+    }
+
+    /// One step at a view.
+    pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
+        let priced = self.done.is_multiple_of(PRICED);
+        let (fit, lambda) = (self.at_fit(), if priced { self.lambda() as f32 } else { 0.0 });
+        let Self { latents, scene, prices, .. } = self;
+        self.bytes = latents.reconstruct(fit, priced.then_some(&mut prices[..]), scene)?;
+        let loss = views.run(scene, view);
+        self.done += 1;
+        let share = (self.done - 1) as f64 / self.steps.saturating_sub(1).max(1) as f64;
+        let decay = libm::pow(FINAL_RATE, share) as f32;
+        let rates: Vec<f32> = self.rates.iter().map(|r| r * decay).collect();
+        let mut values = std::mem::take(latents.values_mut());
+        let (latents, scene, views, prices) = (&self.latents, &self.scene, &*views, &self.prices);
+        let gradient = |i: usize, row: &mut [f32]| {
+            if let Some(g) = views.of(scene, i) {
+                let given = GaussianGradient {
+                    opacity_logit: g.opacity_logit,
+                    sh: &g.sh,
+                    log_scale: g.log_scale,
+                    rotation: g.rotation,
+                };
+                latents.gradient(scene, i, &given, row);
+            }
+            if lambda != 0.0 {
+                let first = i * row.len();
+                row.iter_mut().zip(&prices[first..]).for_each(|(g, p)| *g += lambda * p);
+            }
+        };
+        // An opacity is at most 1.
+        let after = |row: &mut [f32]| row[0] = row[0].min(0.0);
+        self.moments.step(Adam::new(self.done), &rates, &mut values, gradient, after);
+        *self.latents.values_mut() = values;
+        Ok(loss)
+    }
+
+    /// Bytes and scene of the values as they are, with predictions fitted to them.
+    pub(crate) fn settle(&mut self) -> Result<()> {
+        self.bytes = self.latents.reconstruct(true, None, &mut self.scene)?;
+        Ok(())
+    }
+
+    /// Values and steps, to come back to.
+    pub(crate) fn snapshot(&self) -> (Vec<f32>, f32) {
+        (self.latents.values().to_vec(), self.quality)
+    }
+
+    /// Comes back to a snapshot.
+    pub(crate) fn restore(&mut self, (values, quality): (Vec<f32>, f32)) -> Result<()> {
+        *self.latents.values_mut() = values;
+        self.set_quality(quality)?;
+        self.settle()
+    }
+}

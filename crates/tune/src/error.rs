@@ -1,0 +1,103 @@
+//! [`Error`].
+
+use std::path::PathBuf;
+
+/// What can go wrong in this crate.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The rasterizer refuses the views.
+    #[error("{0}")]
+    Views(finetune::Error),
+    /// The scene is not valid.
+    #[error("invalid scene: {0}")]
+    Scene(gs_model::Error),
+    /// The codec refuses the scene or the target.
+    #[error("{0}")]
+    Codec(#[from] gsvx::Error),
+    /// A photo holds a value that is no number.
+    #[error("view {index} ({name}): the photo holds a value that is not finite")]
+    PhotoValue {
+        /// Index of the view.
+        index: usize,
+        /// Its camera's name.
+        name: String,
+    },
+    /// The photos show something else than the model.
+    #[error(
+        "the photos do not show this model: its renders match them to {psnr:.1} dB on average; \
+         check that model, cameras and photos belong together"
+    )]
+    OtherPhotos {
+        /// Mean PSNR of the model at the training views, dB.
+        psnr: f64,
+    },
+    /// A target in bytes below what the coarsest plan reaches.
+    #[error(
+        "target of {target} bytes is below what a tune of this model reaches, about {smallest} bytes; ask \
+         for more, or drop SH degrees first"
+    )]
+    TargetTooSmall {
+        /// Bytes asked for.
+        target: u64,
+        /// Bytes of the smallest plan, about.
+        smallest: u64,
+    },
+    /// No camera sees a Gaussian.
+    #[error("no camera sees the model; check that model and cameras belong together")]
+    NothingSeen,
+    /// An option out of range.
+    #[error("{option} is {value}, must be {range}")]
+    Option {
+        /// Its name.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// The accepted range.
+        range: &'static str,
+    },
+    /// A checkpoint could not be read or written.
+    #[error("{}: cannot {action}: {cause}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// The operating system's reason.
+        cause: std::io::Error,
+    },
+    /// A file that is no checkpoint, or a damaged one.
+    #[error("{}: not a usable checkpoint: at byte {offset}: {reason}", file.display())]
+    Checkpoint {
+        /// The file.
+        file: PathBuf,
+        /// Where in the file.
+        offset: usize,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// A checkpoint of another run.
+    #[error(
+        "{}: the checkpoint is of another model, other cameras or other options; name another file",
+        file.display()
+    )]
+    OtherRun {
+        /// The file.
+        file: PathBuf,
+    },
+}
+
+/// Results of this crate.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl From<finetune::Error> for Error {
+    fn from(error: finetune::Error) -> Self {
+        Self::Views(error)
+    }
+}
+
+impl From<gs_model::Error> for Error {
+    fn from(error: gs_model::Error) -> Self {
+        Self::Scene(error)
+    }
+}

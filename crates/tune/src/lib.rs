@@ -1,0 +1,20 @@
+#![doc = include_str!("../README.md")]
+
+mod checkpoint;
+mod codec_loop;
+mod error;
+mod options;
+mod plan;
+mod progress;
+mod prune;
+mod rows;
+mod run;
+mod stage;
+mod steering;
+mod views;
+
+pub use error::{Error, Result};
+pub use options::{Effort, Options, Target};
+pub use plan::Plan;
+pub use progress::{Outcome, Progress, StageName};
+pub use run::Tune;

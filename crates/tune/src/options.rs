@@ -1,0 +1,55 @@
+//! [`Options`]: what to aim for, and how long.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::plan::Plan;
+
+/// What the stream aims for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// A quality from 0 to 100, on the scale of [`gsvx::EncodeOptions::from_quality`].
+    Quality(f32),
+    /// At most so many bytes.
+    Bytes(u64),
+    /// So many dB against the photos, at the views kept aside.
+    Psnr(f64),
+}
+
+/// How long to tune.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Effort {
+    /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on two cores.
+    Quick,
+    /// About five minutes for the same.
+    #[default]
+    Normal,
+    /// About half an hour for the same.
+    Long,
+}
+
+/// How to tune.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// What the stream aims for.
+    pub target: Target,
+    /// How long to tune.
+    pub effort: Effort,
+    /// A plan of the caller's instead of the one that follows from target and effort.
+    pub plan: Option<Plan>,
+    /// Seed of the order of the views.
+    pub seed: u64,
+    /// Where to keep a checkpoint. An existing one is continued.
+    pub checkpoint: Option<PathBuf>,
+    /// Setting it ends the run after the current step; what has been reached is encoded.
+    pub cancel: Option<Arc<AtomicBool>>,
+}
+
+impl Options {
+    /// Normal effort.
+    #[must_use]
+    pub fn new(target: Target) -> Self {
+        Self { target, effort: Effort::Normal, plan: None, seed: 0, checkpoint: None, cancel: None }
+    }
+}

@@ -1,0 +1,196 @@
+//! The two stages of a run, how one follows the other, and what a checkpoint keeps of each.
+
+use gs_model::Scene;
+use gsvx::latents::Latents;
+use gsvx::{EncodeOptions, Prepared};
+use voxel::{Cube, Voxelization};
+
+use crate::checkpoint::{Reader, Writer};
+use crate::codec_loop::{CodecLoop, Start, encode_options};
+use crate::error::{Error, Result};
+use crate::plan::{Plan, voxel_quality};
+use crate::prune::{Recovery, extent};
+use crate::views::Views;
+
+/// What a run is doing.
+pub(crate) enum Stage {
+    /// Round number `round`, counted from 1.
+    Round { round: u64, recovery: Box<Recovery> },
+    /// The codec in the loop.
+    Loop(Box<CodecLoop>),
+}
+
+/// Prunes to what remains after round `round` and starts the recovery.
+pub(crate) fn round(
+    plan: &Plan,
+    views: &Views,
+    scene: Scene,
+    input: usize,
+    round: u64,
+) -> Result<Stage> {
+    let importance = views.importance(&scene);
+    if importance.iter().all(|&v| v <= 0.0) {
+        return Err(Error::NothingSeen);
+    }
+    let kept = plan.kept(input, round).min(scene.len());
+    let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
+    let kept = gsvx::prune(&importance, fraction.clamp(0.0, 0.999_999))?;
+    let scene = scene.select(&kept);
+    let recovery = Recovery::new(scene, extent(&views.cameras), plan.round_steps);
+    Ok(Stage::Round { round, recovery: Box::new(recovery) })
+}
+
+/// Voxelizes and puts the codec into the loop.
+pub(crate) fn codec_loop(plan: &Plan, views: &Views, mut scene: Scene) -> Result<CodecLoop> {
+    let outliers = match gsvx::split_outliers(&scene)? {
+        Some(split) => {
+            let outliers = scene.select(&split.outliers);
+            scene = scene.select(&split.inside);
+            Some(outliers)
+        }
+        None => None,
+    };
+    let importance = views.importance(&scene);
+    let quality = voxel_quality(plan.quality);
+    let strategy = |found: &[f32], seen| gsvx::default_strategy(quality, found, seen);
+    let Prepared { scene, voxels, importance } =
+        gsvx::prepare(&scene, strategy, Some(&importance))?;
+    if scene.is_empty() {
+        return Err(Error::NothingSeen);
+    }
+    let options = encode_options(plan.quality, importance.clone())?;
+    let latents = Latents::new(&scene, &voxels, &options)?;
+    let outliers = outliers.map(|o| at_degree(&o, latents.sh_degree()));
+    let start = Start {
+        voxels,
+        importance,
+        outliers,
+        latents,
+        quality: plan.quality,
+        steps: plan.loop_steps,
+        pixels: views.pixels(),
+    };
+    Ok(CodecLoop::new(start))
+}
+
+/// A scene cut to a lower SH degree.
+fn at_degree(scene: &Scene, degree: u8) -> Scene {
+    let mut out = Scene { sh_degree: degree, ..Scene::default() };
+    out.append(scene);
+    out
+}
+
+impl Stage {
+    /// The scene as it is.
+    pub(crate) fn scene(&self) -> &Scene {
+        match self {
+            Self::Round { recovery, .. } => &recovery.scene,
+            Self::Loop(state) => &state.scene,
+        }
+    }
+
+    /// Adds what a run needs to go on from here.
+    pub(crate) fn write(&self, out: &mut Writer) {
+        match self {
+            Self::Round { round, recovery } => {
+                out.integers(&[0, *round, recovery.steps, recovery.done]);
+                out.scene(&recovery.scene);
+                out.floats(&recovery.moments.first);
+                out.floats(&recovery.moments.second);
+            }
+            Self::Loop(state) => {
+                let outliers = state.outliers.as_ref();
+                let degree = state.latents.sh_degree();
+                out.integers(&[1, state.steps, state.done, degree.into()]);
+                out.numbers(&[state.quality.into()]);
+                write_leaves(out, &state.voxels);
+                out.floats(&state.importance);
+                out.floats(state.latents.values());
+                out.floats(&state.moments.first);
+                out.floats(&state.moments.second);
+                out.scene(outliers.unwrap_or(&Scene { sh_degree: degree, ..Scene::default() }));
+            }
+        }
+    }
+
+    /// Undoes [`Stage::write`].
+    pub(crate) fn read(input: &mut Reader<'_>, views: &Views) -> Result<Self> {
+        match input.integers()?[..] {
+            [0, round, steps, done] => {
+                let scene = input.scene()?;
+                let mut recovery = Recovery::new(scene, extent(&views.cameras), steps);
+                read_moments(input, &mut recovery.moments.first)?;
+                read_moments(input, &mut recovery.moments.second)?;
+                recovery.done = done;
+                Ok(Self::Round { round, recovery: Box::new(recovery) })
+            }
+            [1, steps, done, degree @ 0..=3] => {
+                let state = read_loop(input, views, (steps, done, degree as u8))?;
+                Ok(Self::Loop(Box::new(state)))
+            }
+            _ => Err(input.error("unknown stage")),
+        }
+    }
+}
+
+fn write_leaves(out: &mut Writer, voxels: &Voxelization) {
+    let Cube { origin, side } = voxels.cube;
+    out.numbers(&[origin[0], origin[1], origin[2], side, voxels.j_high.into()]);
+    out.integers(&voxels.leaves.iter().map(|l| l.morton).collect::<Vec<_>>());
+    out.integers(&voxels.leaves.iter().map(|l| l.depth.into()).collect::<Vec<_>>());
+}
+
+fn read_leaves(input: &mut Reader<'_>) -> Result<Voxelization> {
+    let [x, y, z, side, j_high] = input.numbers()?[..] else {
+        return Err(input.error("octree"));
+    };
+    let (cells, depths) = (input.integers()?, input.integers()?);
+    if cells.len() != depths.len() {
+        return Err(input.error("leaves differ in number"));
+    }
+    let n = cells.len() as u32;
+    let leaf = |(morton, depth): (u64, u64)| gpcc_lite::Leaf { morton, depth: depth as u8 };
+    Ok(Voxelization {
+        cube: Cube { origin: [x, y, z], side },
+        j_high: j_high as u8,
+        leaves: cells.into_iter().zip(depths).map(leaf).collect(),
+        member_offsets: (0..=n).collect(),
+        members: (0..n).collect(),
+        dropped: Vec::new(),
+    })
+}
+
+fn read_moments(input: &mut Reader<'_>, out: &mut Vec<f32>) -> Result<()> {
+    let read = input.floats()?;
+    if read.len() != out.len() {
+        return Err(input.error("moments differ in number"));
+    }
+    *out = read;
+    Ok(())
+}
+
+fn read_loop(
+    input: &mut Reader<'_>,
+    views: &Views,
+    (steps, done, sh_degree): (u64, u64, u8),
+) -> Result<CodecLoop> {
+    let [quality] = input.numbers()?[..] else { return Err(input.error("quality")) };
+    let voxels = read_leaves(input)?;
+    let importance = input.floats()?;
+    let values = input.floats()?;
+    let options: EncodeOptions = encode_options(quality as f32, importance.clone())?;
+    let latents = Latents::with_values(&voxels, &importance, &options, sh_degree, values)?;
+    let (first, second) = (input.floats()?, input.floats()?);
+    let outliers = input.scene()?;
+    let outliers = (!outliers.is_empty()).then_some(outliers);
+    let pixels = views.pixels();
+    let quality = quality as f32;
+    let start = Start { voxels, importance, outliers, latents, quality, steps, pixels };
+    let mut state = CodecLoop::new(start);
+    if first.len() != state.moments.first.len() || second.len() != first.len() {
+        return Err(input.error("moments differ in number"));
+    }
+    (state.moments.first, state.moments.second) = (first, second);
+    state.done = done;
+    Ok(state)
+}

@@ -1,0 +1,70 @@
+//! `cargo xtask stability`: runs the tests that compare the rasterizer with its f64 oracle, and writes what
+//! they print as a page.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+
+/// Flags of `cargo xtask stability`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Where the page goes.
+    #[arg(long, default_value = "docs/results/stability.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let words =
+        "test --quiet -p finetune --test stability --test oracle -- --nocapture --test-threads 1";
+    let tests = Command::new("cargo")
+        .args(words.split(' '))
+        .current_dir(eval::scenes::root())
+        .output()
+        .context("start cargo")?;
+    let error = String::from_utf8_lossy(&tests.stderr);
+    ensure!(tests.status.success(), "cargo {words}: {}", error.lines().last().unwrap_or_default());
+    eval::page::write(&args.out, &page(&String::from_utf8_lossy(&tests.stdout)), None)
+}
+
+/// The page of what the tests printed: rows of the table, and `input: ... from the oracle` or
+/// `... worst relative error ...`.
+fn page(printed: &str) -> String {
+    let table: String =
+        printed.lines().filter(|l| l.starts_with('|')).map(|l| format!("{l}\n")).collect();
+    let figures = printed.lines().filter_map(|line| {
+        let (input, says) = line.split_once(": ")?;
+        let figure = says.ends_with("from the oracle") || says.contains("relative error");
+        figure.then(|| format!("| {input} | {says} |\n"))
+    });
+    let figures: String = figures.collect();
+    format!(
+        "# Is the rasterizer stable?\n\n\
+         Written by `cargo xtask stability` from the tests `stability` and `oracle` of finetune, which \
+         fail where a bound is broken. The oracle is a renderer in f64 without tiles: covariance and conic \
+         as in the textbook, every Gaussian against every pixel. A pixel is doubtful, and not counted, if \
+         in f64 some alpha is within 1e-3 of the cut at 1/255 or some transmittance within 1 % of the \
+         stop: there f32 may decide otherwise, and both images are right. All images, losses and gradients \
+         must be finite.\n\n{table}\n\
+         | input | result |\n|---|---|\n{figures}\n\
+         The tests also render cameras with zero, negative, infinite and NaN parameters, images without \
+         pixels, 100,000 layers in a pixel, and random bit patterns, and demand finite output.\n\n\
+         The 2D shape of a Gaussian is the Cholesky factor of half its conic, not the conic: its exponent is \
+         a sum of two squares, in which nothing cancels. The determinant is a sum of squares as well. The \
+         adjoint blends front to back a second time, and divides by no transmittance.\n"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::page;
+
+    #[test]
+    fn tables_and_figures_are_told_from_the_rest() {
+        let text = page("\nrunning 2 tests\n| a | 1 |\n16x16: 1e-6 from the oracle\nok: fine\n");
+        assert!(
+            text.contains("\n| a | 1 |\n") && text.contains("| 16x16 | 1e-6 from the oracle |")
+        );
+        assert!(!text.contains("running") && !text.contains("fine"));
+    }
+}
