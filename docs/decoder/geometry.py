@@ -81,35 +81,25 @@ class Geometry:
         return sorted(leaves)
 
     def leaf(self, node, d):
-        """6.2."""
+        """6.2, and 6.4 for the path."""
         block, code, depth = self.block, node.code, self.J
         if self.mixed:
             i = min(sum(self.last_depths) - 2 * d, 31)
             h = block.symbol(("below", i, min(node.around, 3)), 64 * i, 2)
             depth = min(d + h + (block.gamma() if h == 15 else 0), self.J)
             self.last_depths = self.last_depths[1], depth
-        if self.planes:
-            return self.leaf_in_slabs(node, d, depth)
-        if depth > d:
-            for lean in node.lean:
-                half = "half", abs(lean), node.around
-                bit = block.bits(1) if abs(lean) < 2 else block.decision(half, 255) == (lean > 0)
-                code = 2 * code + bit
-            rest = 3 * (depth - d - 1)
-            code = (code << rest) + block.bits(rest)
-        return code << 3 * (self.J - depth), depth
-
-    def leaf_in_slabs(self, node, d, depth):
-        """6.4, the path of a single leaf."""
         place = list(node.place)
-        code = node.code
         for e in range(d, depth):
-            for k in range(3):
-                counts = self.slab(e, k, place[k])
-                high = self.block.decision(("slab", *counts), 255)
-                learn(counts, {int(high)})
-                place[k] = 2 * place[k] + high
-                code = 2 * code + high
+            for k, lean in enumerate(node.lean):
+                if self.planes:
+                    counts = self.slab(e, k, place[k])
+                    bit = block.decision(("slab", *counts), 255)
+                    learn(counts, {int(bit)})
+                elif e > d or abs(lean) < 2:
+                    bit = block.bits(1)
+                else:
+                    bit = block.decision(("half", abs(lean), node.around), 255) == (lean > 0)
+                place[k], code = 2 * place[k] + bit, 2 * code + bit
         return code << 3 * (self.J - depth), depth
 
     def slab(self, depth, k, index):

@@ -9,6 +9,7 @@
 //!   Gaussian contributes to a set of views.
 //! - [`seen_opacity_share`] and [`photo_match`] tell cameras and photos of another scene.
 //! - [`gradients`] gives a loss and its gradients, for other optimisers.
+//! - [`ViewGradients`] and [`optimiser`] are for loops of one's own, view after view.
 //! - [`FineTune`] runs Adam with a decaying rate, early stop, checkpoints, and, if asked, the
 //!   codec's quantiser in the loop ([`Quantization`]).
 //!

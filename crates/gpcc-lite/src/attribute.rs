@@ -51,7 +51,7 @@ pub fn encode<C: Coder>(
 ///
 /// Levels are integers, so the derivatives are those of a smooth estimate: the bits that a
 /// magnitude costs where the coder expects what it expects there, as a function of the value
-/// before quantisation. See [`Quantiser::price`].
+/// before quantisation. Magnitudes far below a step have next to no price.
 ///
 /// # Errors
 /// As [`encode`].

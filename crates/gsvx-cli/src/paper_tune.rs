@@ -25,7 +25,7 @@ const PAPER: &str = "With --profile paper";
 
 /// Arguments of the profile.
 #[derive(clap::Args, Debug)]
-pub(crate) struct Args {
+pub(crate) struct PaperArgs {
     /// Largest number of steps, one photo each [default: 8000].
     #[arg(long, value_name = "STEPS", hide_short_help = true, help_heading = PAPER)]
     steps: Option<u64>,
@@ -48,7 +48,7 @@ pub(crate) struct Args {
     checkpoint_every: Option<u64>,
 }
 
-impl Args {
+impl PaperArgs {
     /// A flag of this profile that was given, if any.
     pub(crate) fn given(&self) -> Option<&'static str> {
         let Self { steps, backend, patience, past_input, trim, checkpoint_every } = self;
@@ -102,7 +102,7 @@ struct Start {
 
 /// Refuses a backend that is not there: whoever asked for a GPU should not wait to hear that there is
 /// none. Returns what `auto` stands for.
-pub(crate) fn choose(args: &Args) -> Result<Backend> {
+pub(crate) fn choose(args: &PaperArgs) -> Result<Backend> {
     let wanted = args.backend.unwrap_or_default();
     let backend = finetune::backend::choose(wanted).context("try --backend cpu or auto")?;
     note(format_args!("backend: {}", backend.reason));
@@ -110,7 +110,12 @@ pub(crate) fn choose(args: &Args) -> Result<Backend> {
 }
 
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
-pub(crate) fn run(args: &Args, mut job: Job<'_>, chosen: Backend, report: Reporter) -> Result<()> {
+pub(crate) fn run(
+    args: &PaperArgs,
+    mut job: Job<'_>,
+    chosen: Backend,
+    report: Reporter,
+) -> Result<()> {
     let options = EncodeOptions::from_quality(job.quality)?;
     let (scene, training) = (std::mem::take(&mut job.scene), std::mem::take(&mut job.training));
     let start = prepare(args, &job, scene, training)?;
@@ -162,7 +167,7 @@ fn in_words(reason: StopReason) -> &'static str {
 
 /// Voxelizes the model.
 fn prepare(
-    args: &Args,
+    args: &PaperArgs,
     job: &Job<'_>,
     mut scene: Scene,
     training: Vec<TrainView>,
@@ -198,7 +203,7 @@ fn prepare(
 
 /// Runs the fine-tune.
 fn tune(
-    args: &Args,
+    args: &PaperArgs,
     job: &Job<'_>,
     scene: Scene,
     training: Vec<TrainView>,

@@ -5,9 +5,10 @@ use crate::exit::{missed, note, usage};
 use crate::input::{self, Reading};
 use crate::orbit::Orbit;
 use crate::output::{Output, megabytes};
+use crate::paper_tune::{self, PaperArgs};
 use crate::progress::Steps;
 use crate::report::Reporter;
-use crate::{interrupt, paper_tune, photos, pictures, size};
+use crate::{interrupt, photos, pictures, size};
 use anyhow::{Context, Result};
 use finetune::{RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
@@ -79,7 +80,7 @@ pub(crate) struct Args {
     #[arg(long, default_value = "rate", value_name = "PROFILE", hide_short_help = true)]
     profile: Profile,
     #[command(flatten)]
-    paper: paper_tune::Args,
+    paper: PaperArgs,
     #[command(flatten)]
     orbit: Orbit,
     #[command(flatten)]
@@ -88,7 +89,7 @@ pub(crate) struct Args {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum EffortName {
-    /// About 1 minute for 120,000 Gaussians and small photos on 2 cores.
+    /// About 1 minute for 120,000 Gaussians and small photos on one core.
     Quick,
     /// About 5 minutes.
     Normal,

@@ -20,7 +20,7 @@ pub enum Target {
 /// How long to tune.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Effort {
-    /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on two cores.
+    /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on one core.
     Quick,
     /// About five minutes for the same.
     #[default]

@@ -16,7 +16,7 @@ const FRACTIONS: [(f32, f64); 7] =
 /// [`Effort::Quick`] prunes as far as a quality so much higher.
 const QUICK_PRUNES_AS: f32 = 4.0;
 /// The octree is that of a quality so much lower: positions are fitted no better than that.
-const VOXEL_QUALITY_BELOW: f32 = 24.0;
+const VOXEL_QUALITY_BELOW: f32 = 14.0;
 /// Steps over those of a stream without tuning, relative to the other channels.
 const SH_STEP: f32 = 1.3;
 const COVARIANCE_STEP: f32 = 1.4;
@@ -113,8 +113,22 @@ const LOSSES: [(f32, f64); 6] =
 /// Loss per quality point below all of these.
 const LOSS_PER_POINT: f64 = 0.12;
 
+/// Against renders of the input model there is no loss: the PSNR at quality 58, and dB per point.
+const AGAINST_RENDERS: (f64, f64) = (36.0, 0.5);
+/// What matches the views this well was made to, dB.
+const IS_RENDERS: f64 = 60.0;
+
+/// The quality at which a stream has a PSNR of `target` dB, about, where the input model has `input`.
+pub(crate) fn quality_for_psnr(target: f64, input: f64) -> f32 {
+    if input < IS_RENDERS {
+        return quality_for_loss(input - target);
+    }
+    let (at_58, per_point) = AGAINST_RENDERS;
+    (58.0 + (target - at_58) / per_point).clamp(5.0, 85.0) as f32
+}
+
 /// The quality at which a stream is `loss` dB below the input model, about.
-pub(crate) fn quality_for_loss(loss: f64) -> f32 {
+fn quality_for_loss(loss: f64) -> f32 {
     let [first, .., last] = LOSSES;
     if loss >= first.1 {
         return (f64::from(first.0) - (loss - first.1) / LOSS_PER_POINT).max(5.0) as f32;

@@ -11,7 +11,7 @@ use crate::checkpoint::{Reader, Writer, fingerprint};
 use crate::codec_loop::{CodecLoop, FITTED, encode_options};
 use crate::error::{Error, Result};
 use crate::options::{Options, Target};
-use crate::plan::{Plan, quality_for_loss, voxel_quality};
+use crate::plan::{Plan, quality_for_psnr, voxel_quality};
 use crate::progress::{Outcome, Progress, StageName};
 use crate::stage::{self, Stage};
 use crate::steering;
@@ -354,7 +354,7 @@ fn plan(scene: &Scene, views: &Views, options: &Options, input_psnr: f64) -> Res
     }
     let quality = match options.target {
         Target::Quality(quality) => quality,
-        Target::Psnr(db) => quality_for_loss(input_psnr - db),
+        Target::Psnr(db) => quality_for_psnr(db, input_psnr),
         Target::Bytes(bytes) => {
             let importance = views.importance(scene);
             let probe = |quality: f32| probe(scene, &importance, quality, options);

@@ -86,7 +86,7 @@ fn rotation(rotation: [f32; 4]) -> u32 {
 
 /// A coefficient as magnitudes, signs and the least exponent that holds them.
 fn coefficient(rgb: [f32; 3]) -> u32 {
-    let greatest = rgb.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+    let greatest = rgb.iter().fold(0.0f32, |m, v: &f32| m.max(v.abs()));
     // The exponent of a float rounds down: one more holds all below the next power of two.
     let exponent = (greatest.to_bits() >> 23) as i32 - 127 + 1;
     let biased = (exponent + 15).clamp(0, 31);
@@ -118,7 +118,7 @@ mod tests {
         for rgb in
             [[0.3, -0.2, 0.0], [1.0, -1.0, 0.5], [1e-9, 0.0, 0.0], [0.0; 3], [5.0, 0.1, -3.9]]
         {
-            let greatest = rgb.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            let greatest = rgb.iter().fold(0.0f32, |m, v: &f32| m.max(v.abs()));
             let back = decoded(coefficient(rgb));
             for (a, b) in rgb.into_iter().zip(back) {
                 assert!((a - b).abs() <= greatest.max(1e-4) / 255.0, "{rgb:?} {back:?}");
