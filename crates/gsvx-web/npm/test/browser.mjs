@@ -17,6 +17,7 @@ export function chromium() {
 export function missing() {
   if (!chromium()) return 'SKIPPED: chromium is not installed (Debian: apt-get install chromium)';
   if (!existsSync(join(npm, 'node_modules/playwright-core'))) return 'SKIPPED: npm ci was not run';
+  if (!process.env.GSVX_BIN) return 'SKIPPED: GSVX_BIN does not name the gsvx command';
   return false;
 }
 
@@ -113,6 +114,18 @@ export function psnr(page, one, other) {
     for (let i = 0; i < x.data.length; i += 1) if (i % 4 !== 3) sum += (x.data[i] - y.data[i]) ** 2;
     return 10 * Math.log10((255 * 255 * 0.75 * x.data.length) / sum);
   }, [one.toString('base64'), other.toString('base64')]);
+}
+
+/**
+ * Takes pictures until one is so near to the reference, for half a minute: engines sort and compile beside the
+ * frames. Returns the last picture's PSNR.
+ */
+export async function nearing(page, picture, reference, least) {
+  for (let tries = 0; ; tries += 1) {
+    const got = await psnr(page, await picture(), reference);
+    if (got >= least || tries === 30) return got;
+    await page.waitForTimeout(1000);
+  }
 }
 
 /** A camera of the fixture room as Inria's cameras.json has it, at the size of the tests' pictures. */

@@ -6,7 +6,7 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
 import { gunzipSync } from 'node:zlib';
-import { CAMERA, gsvx, launch, missing, psnr, serve } from './browser.mjs';
+import { CAMERA, gsvx, launch, missing, nearing, serve } from './browser.mjs';
 
 const skip = missing();
 if (skip) console.error(skip);
@@ -25,7 +25,7 @@ before(async () => {
   gsvx('convert', room, join(folder, 'room.spz'));
   gsvx('convert', room, join(folder, 'room.splat'));
   writeFileSync(join(folder, 'cameras.json'), JSON.stringify([CAMERA]));
-  gsvx('render', join(folder, 'room.gsvx'), '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'reference.png'));
+  for (const name of ['room.gsvx', 'room.spz']) gsvx('render', join(folder, name), '--cameras', join(folder, 'cameras.json'), '-o', join(folder, `${name}.png`));
   writeFileSync(join(folder, 'text.gsvx'), 'this is no stream, but text');
   writeFileSync(join(folder, 'viewer.html'), gunzipSync(readFileSync(join(root, 'crates/gsvx-cli/view/index.html.gz'))));
   server = await serve({ data: folder });
@@ -38,7 +38,9 @@ after(async () => {
 });
 
 async function page(address, options = {}) {
-  const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, ...options });
+  const page = await browser.newPage({ viewport: { width: 800, height: 560 }, ...options });
+  page.setDefaultTimeout(120000);
+  page.setDefaultNavigationTimeout(120000);
   page.problems = [];
   page.outside = [];
   page.on('console', (m) => { if (m.type() === 'error' || m.type() === 'warning') page.problems.push(m.text()); });
@@ -59,12 +61,12 @@ const shot = async (page, name) => {
   return png;
 };
 
-test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 180000 }, async () => {
+test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 400000 }, async () => {
   const child = spawn(process.env.GSVX_BIN, ['view', '--no-open', room], { stdio: ['ignore', 'pipe', 'inherit'] });
   try {
     const [line] = await new Promise((resolve) => child.stdout.on('data', (d) => resolve(String(d).split('\n'))));
     assert.match(line, /&eye=/);
-    const viewer = await page(line, { colorScheme: 'dark' });
+    const viewer = await page(line, { colorScheme: 'dark', viewport: { width: 1200, height: 760 } });
     await loaded(viewer);
     await viewer.waitForTimeout(4000);
     assert.equal(await text(viewer, 'title'), 'point_cloud.ply');
@@ -80,21 +82,20 @@ test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 
 });
 
 for (const name of ['room.gsvx', 'room.spz']) {
-  test(`${name}: the picture is that of gsvx render`, { skip, timeout: 180000 }, async () => {
+  test(`${name}: the picture is that of gsvx render`, { skip, timeout: 400000 }, async () => {
     const query = { url: `/data/${name}`, camera: JSON.stringify(CAMERA), background: '#000' };
     const viewer = await page(local(query), { viewport: { width: CAMERA.width, height: CAMERA.height } });
     await loaded(viewer);
     await viewer.keyboard.press('h');
-    await viewer.waitForTimeout(4000);
-    const got = await psnr(viewer, await shot(viewer, `viewer-${name}`), readFileSync(join(folder, 'reference.png')));
+    const got = await nearing(viewer, () => shot(viewer, `viewer-${name}`), readFileSync(join(folder, `${name}.png`)), 33);
     console.log(`viewer, ${name}: ${got.toFixed(2)} dB`);
-    assert.ok(got >= 30, `${got} dB`);
+    assert.ok(got >= 33, `${got} dB`);
     assert.deepEqual(quiet(viewer), []);
     await viewer.close();
   });
 }
 
-test('a phone shows the coarse level first, then two scenes beside each other', { skip, timeout: 240000 }, async () => {
+test('a phone shows the coarse level first, then two scenes beside each other', { skip, timeout: 400000 }, async () => {
   const rate = Math.round(readFileSync(join(folder, 'room.gsvx')).length / 8);
   const start = { up: '0,0,1', eye: '0,-2.2,1', ahead: '0,1,-0.1' };
   const phone = { viewport: { width: 390, height: 780 }, colorScheme: 'light', hasTouch: true, isMobile: true, deviceScaleFactor: 1 };
@@ -117,7 +118,7 @@ test('a phone shows the coarse level first, then two scenes beside each other', 
   await two.close();
 });
 
-test('all is done by keys, and every control has a name', { skip, timeout: 120000 }, async () => {
+test('all is done by keys, and every control has a name', { skip, timeout: 400000 }, async () => {
   const viewer = await page(local({ url: '/data/room.gsvx' }));
   await loaded(viewer);
   const names = await viewer.$$eval('button, input:not([type=file]), select, [role=separator]', (all) =>
@@ -145,7 +146,7 @@ test('all is done by keys, and every control has a name', { skip, timeout: 12000
   await viewer.close();
 });
 
-test('what fails says so, and what is there is shown', { skip, timeout: 180000 }, async () => {
+test('what fails says so, and what is there is shown', { skip, timeout: 400000 }, async () => {
   const cases = [
     ['room.gsvx?cut=30000', /room\.gsvx: the stream ends at byte 30000 of \d+: chunk 1/, true],
     ['room.gsvx?flip=60000', /room\.gsvx: chunk 1, layer 0 .* is damaged/, true],
@@ -160,7 +161,7 @@ test('what fails says so, and what is there is shown', { skip, timeout: 180000 }
   }
 });
 
-test('the page opens from a file, without a server', { skip, timeout: 120000 }, async () => {
+test('the page opens from a file, without a server', { skip, timeout: 400000 }, async () => {
   const viewer = await page(`file://${join(folder, 'viewer.html')}`);
   assert.equal(await viewer.locator('#welcome').isVisible(), true);
   await viewer.setInputFiles('#file', join(folder, 'room.splat'));

@@ -38,8 +38,6 @@ class Slot {
     canvas.classList.toggle('second', number > 0);
     canvas.addEventListener('webglcontextlost', (event) => event.preventDefault());
     this.view.maxSh = Number($('sh').value);
-    theme();
-    resize();
   }
 
   async open(source, name, lod = 0) {
@@ -126,7 +124,11 @@ function show() {
 }
 
 function open(source, name, number) {
-  slots[number] ??= new Slot(number);
+  if (!slots[number]) {
+    slots[number] = new Slot(number);
+    theme();
+    resize();
+  }
   if (number === 0) state.framed = false;
   return slots[number].open(source, name);
 }
