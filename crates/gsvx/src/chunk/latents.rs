@@ -8,16 +8,17 @@
 //! [`ChunkLatents::layers`], bit for bit.
 
 use super::encode::{encode_classes, subtract_predicted};
-use super::{ChunkDecoder, MIXED_DEPTHS, SideFactors, steps_of};
+use super::{ChunkDecoder, SideFactors, steps_of};
 use crate::attributes::prediction::Predictor;
 use crate::attributes::side::Factors;
 use crate::error::{Result, coding};
 use crate::head::Steps;
 use crate::importance;
+use gpcc_lite::Leaf;
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Encoder, Tally};
+use gpcc_lite::geometry::{self, Layout};
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, geometry};
 use std::ops::Range;
 
 /// Lagrangian multiplier of the quantisers, in `step^2` per bit. Values that were moved with the price of
@@ -57,7 +58,7 @@ pub(crate) struct ChunkLatents {
     predictors: [Option<Predictor>; 2],
     /// Holds geometry and importance classes.
     coder: Encoder,
-    mixed: bool,
+    layout: Layout,
     /// Bytes of geometry and importance classes alone.
     fixed_bytes: u64,
 }
@@ -102,10 +103,10 @@ struct Prices {
 impl ChunkLatents {
     /// Fixes leaves and classes; `log_classes` are real-valued classes of the leaves.
     pub(crate) fn new(leaves: Vec<Leaf>, j_high: u8, log_classes: &[f64]) -> Result<Self> {
-        let mixed = geometry::has_mixed_depths(&leaves, j_high);
+        let layout = Layout::of(&leaves, j_high).map_err(coding("geometry"))?;
         let plan = Plan::of(leaves, j_high).map_err(coding("geometry"))?;
         let mut coder = Encoder::default();
-        geometry::encode_leaves(&mut coder, plan.leaves(), j_high, mixed)
+        geometry::encode_leaves(&mut coder, plan.leaves(), j_high, layout)
             .map_err(coding("geometry"))?;
         let (importance, classes) = encode_classes(&mut coder, &plan, log_classes)?;
         let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
@@ -113,7 +114,7 @@ impl ChunkLatents {
         let fixed_bytes = coder.clone().finish().len() as u64;
         let side = SideFactors { importance, ..SideFactors::default() };
         let decoded = ChunkDecoder::with_plan(plan, classes, side);
-        Ok(Self { decoded, predictors: [None, None], coder, mixed, fixed_bytes })
+        Ok(Self { decoded, predictors: [None, None], coder, layout, fixed_bytes })
     }
 
     /// The values as a decoder would have them.
@@ -181,7 +182,7 @@ impl ChunkLatents {
         values: Values<'_>,
     ) -> Result<Vec<Vec<u8>>> {
         let mut coder = self.coder.clone();
-        let mixed = self.mixed;
+        let layout = self.layout;
         let parts = self.decoded.parts()?;
         let (plan, classes, leaves) = (parts.plan, parts.classes, parts.plan.leaves());
         let group = |step| Group { plan, step, prices: None };
@@ -194,7 +195,7 @@ impl ChunkLatents {
         values.copy_to(&(values.channels - SHAPE..values.channels), parts.shape);
         subtract_predicted(parts.side.size, leaves, classes, parts.shape);
         group(steps.covariance).code(&mut coder, parts.shape)?;
-        let mut base = vec![if mixed { MIXED_DEPTHS } else { 0 }];
+        let mut base = vec![layout.to_byte()];
         base.extend(parts.side.to_bytes());
         base.extend(coder.finish());
         let mut layers = vec![base];

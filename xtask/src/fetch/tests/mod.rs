@@ -12,8 +12,8 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 use super::catalogue::SCENES;
-use super::job::{Options, Summary, fetch};
 use super::fault::Retry;
+use super::job::{Options, Summary, fetch};
 use archive::Entry;
 use server::{Behaviour, Server};
 
