@@ -4,7 +4,7 @@ import { spawn } from 'node:child_process';
 import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
-import { after, before, test } from 'node:test';
+import { after, afterEach, before, test } from 'node:test';
 import { gunzipSync } from 'node:zlib';
 import { CAMERA, gsvx, launch, missing, nearing, serve } from './browser.mjs';
 
@@ -31,6 +31,8 @@ before(async () => {
   server = await serve({ data: folder });
   browser = await launch();
 });
+// A test that failed leaves its page open.
+afterEach(() => Promise.all((browser?.contexts() ?? []).flatMap((c) => c.pages()).map((p) => p.close())));
 after(async () => {
   await browser?.close();
   await server?.close();
@@ -39,8 +41,7 @@ after(async () => {
 
 async function page(address, options = {}) {
   const page = await browser.newPage({ viewport: { width: 800, height: 560 }, ...options });
-  page.setDefaultTimeout(120000);
-  page.setDefaultNavigationTimeout(120000);
+  page.setDefaultTimeout(180000);
   page.problems = [];
   page.outside = [];
   page.on('console', (m) => { if (m.type() === 'error' || m.type() === 'warning') page.problems.push(m.text()); });
