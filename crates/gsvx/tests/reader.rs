@@ -240,3 +240,34 @@ fn blocks_are_the_scene() {
         assert!(matches!(stop, Err(Error::NotGsvx)));
     }
 }
+
+#[test]
+fn a_damaged_layer_leaves_what_is_held() {
+    let Encoded { bytes, index } = many_chunks();
+    let whole = decode(&bytes).unwrap();
+    let mut damaged = bytes.clone();
+    let layer = index.chunks[0].layers[1];
+    damaged[layer.offset as usize + 1] ^= 1;
+    let mut source = Source::new(&damaged);
+    let mut reader = source.open();
+    assert_eq!((reader.held_len(), reader.held_leaves().len()), (0, 0));
+    for range in reader.needs(0, 9) {
+        source.serve(range, &mut reader);
+    }
+    let n = reader.hold(0, 1).unwrap();
+    assert!(matches!(reader.hold(0, 9), Err(Error::Checksum { chunk: 0, layer: 1, .. })));
+    assert_eq!((reader.held_len(), reader.held_leaves().len()), (n, n));
+    // In blocks, the last of which is cut.
+    let mut block = Scene { sh_degree: 2, ..Scene::default() };
+    for first in (0..n).step_by(16) {
+        reader.held_block(first..first + 16, &mut block).unwrap();
+        for i in 0..block.len() {
+            assert_eq!(block.means[i], whole.means[first + i]);
+            assert_eq!(block.sh_of(i)[0], whole.sh_of(first + i)[0]);
+            assert!(block.sh_of(i)[1..].iter().all(|c| *c == [0.0; 3]));
+        }
+    }
+    // Another chunk takes its place.
+    assert!(matches!(reader.hold(1, 1), Err(Error::Truncated { .. })));
+    assert_eq!(reader.held_len(), 0);
+}

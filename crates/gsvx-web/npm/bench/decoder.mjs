@@ -1,4 +1,4 @@
-// One decoder in a process of its own: seconds, and the growth of the process's memory.
+// One decoder in a process of its own: seconds, those of the processor, and the growth of the process's memory.
 import { readFileSync, writeFileSync } from 'node:fs';
 
 const [what, file, more] = process.argv.slice(2);
@@ -16,11 +16,13 @@ async function measured(decode) {
   global.gc?.();
   forget();
   const before = resident();
+  const used = process.cpuUsage();
   const start = performance.now();
   const { count, arrays } = await decode();
   const seconds = (performance.now() - start) / 1000;
+  const { user, system } = process.cpuUsage(used);
   const output = arrays.reduce((n, a) => n + a.byteLength, 0);
-  console.log(JSON.stringify({ seconds, count, output, peak: peak() - before }));
+  console.log(JSON.stringify({ seconds, cpu: (user + system) / 1e6, count, output, peak: peak() - before }));
 }
 
 if (what === 'gsvx') {

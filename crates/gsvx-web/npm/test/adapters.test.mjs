@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
-import { after, before, test } from 'node:test';
+import { after, afterEach, before, test } from 'node:test';
 import { CAMERA, gsvx, launch, missing, nearing, psnr, serve } from './browser.mjs';
 
 const skip = missing();
@@ -33,6 +33,8 @@ before(async () => {
   });
   browser = await launch();
 });
+// A test that failed leaves its page open.
+afterEach(() => Promise.all((browser?.contexts() ?? []).flatMap((c) => c.pages()).map((p) => p.close())));
 after(async () => {
   await browser?.close();
   await server?.close();
@@ -46,7 +48,7 @@ async function open(engine, file, more = '') {
   page.on('console', (m) => { if (m.type() === 'error') page.problems.push(m.text()); });
   page.on('pageerror', (e) => page.problems.push(e.message));
   const address = `${server.base}/data/${file}`;
-  page.setDefaultNavigationTimeout(120000);
+  page.setDefaultTimeout(180000);
   await page.goto(`${server.base}/pages/${engine}.html?url=${encodeURIComponent(address)}&camera=${encodeURIComponent(JSON.stringify(CAMERA))}${more}`);
   return page;
 }
@@ -112,3 +114,26 @@ for (const [engine, least] of Object.entries(ENGINES)) {
     }
   });
 }
+
+test('playcanvas: lod-meta.json streams .gsvx files', { skip }, async () => {
+  // One place, at two levels of detail: each a file.
+  const lods = ['fine', 'coarse'];
+  const bound = { min: [-3.1, -3, -0.5], max: [3.1, 3, 3.5] };
+  const { gaussians } = JSON.parse(gsvx('info', join(folder, 'room.gsvx'), '--json'));
+  const stream = readFileSync(join(folder, 'room.gsvx'));
+  for (const name of lods) writeFileSync(join(folder, `${name}.gsvx`), stream);
+  const entry = (file) => ({ file, offset: 0, count: gaussians });
+  writeFileSync(join(folder, 'lod-meta.json'), JSON.stringify({
+    lodLevels: 2, filenames: lods.map((name) => `${name}.gsvx`), tree: { bound, lods: { 0: entry(0), 1: entry(1) } },
+  }));
+  const from = server.log.length;
+  const page = await open('playcanvas', 'lod-meta.json');
+  const state = await settled(page);
+  assert.equal(state.failed, undefined, JSON.stringify(state.failed));
+  const got = await nearing(page, () => shot(page, 'playcanvas-tree'), reference, 32);
+  console.log(`playcanvas, lod-meta.json: ${got.toFixed(2)} dB`);
+  assert.ok(got >= 32, `${got} dB`);
+  const fetched = server.log.slice(from).map((r) => r.path).filter((p) => p.endsWith('.gsvx'));
+  assert.ok(fetched.length > 0, fetched.join());
+  await page.close();
+});

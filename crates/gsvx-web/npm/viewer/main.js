@@ -43,7 +43,7 @@ class Slot {
   async open(source, name, lod = 0) {
     this.stop?.abort();
     this.view.clear();
-    Object.assign(this, { source, name, lod, stop: new AbortController(), received: 0, gaussians: 0, head: undefined, framed: this.framed && lod !== this.lod, shown: new Map() });
+    Object.assign(this, { source, name, lod, stop: new AbortController(), complete: false, received: 0, gaussians: 0, length: undefined, head: undefined, shown: new Map() });
     const { stop } = this;
     this.view.canvas.setAttribute('aria-label', `Scene ${name}`);
     say('');
