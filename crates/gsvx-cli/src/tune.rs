@@ -12,7 +12,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use finetune::backend::Backend;
 use finetune::{
     FineTune, FineTuneOptions, Image, Outcome, Quantization, QuantizationMode, RenderOptions,
-    StopReason, TrainView, metrics, render,
+    StopReason, TrainView, metrics, photo_match, render,
 };
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
@@ -187,12 +187,14 @@ fn prepare(args: &Args) -> Result<Start> {
     let mut scene = args.reading.model(&args.input, None)?.scene;
     let training = photos(&args.cameras)?;
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let mut importance = views::importance(&scene, &cameras);
-    let unseen = importance.iter().filter(|&&v| v == 0.0).count();
+    let seen = views::Seen::of(&scene, &cameras, &args.cameras)?;
+    warn_of_other_photos(&scene, &training, &args.cameras);
+    let unseen = seen.unseen();
     if unseen > 0 {
         let n = scene.len();
-        note(format_args!("{unseen} of {n} Gaussians contribute to no training view: left out"));
+        note(format_args!("{unseen} of {n} Gaussians show in no training view: kept, coarsely"));
     }
+    let mut importance = gsvx::importance::with_unseen(&scene, &seen.weights);
     let target = (!args.past_input).then(|| quality_of(&scene, &training));
     if let Some(db) = target {
         note(format_args!(
@@ -211,6 +213,27 @@ fn prepare(args: &Args) -> Result<Start> {
         scene.append(outliers);
     }
     Ok(Start { scene, voxels, importance, training, target })
+}
+
+/// A model of the photos shows them better than this, dB; photos of anything else rarely reach it.
+const LEAST_MATCH: f64 = 15.0;
+/// Photos that are compared with the model; more only take longer.
+const MATCHED: usize = 8;
+
+/// Warns of photos that the model does not show.
+fn warn_of_other_photos(scene: &Scene, training: &[TrainView], path: &Path) {
+    let Some(found) = photo_match(scene, training, MATCHED, &RenderOptions::default()) else {
+        return;
+    };
+    if found.mean_psnr < LEAST_MATCH {
+        note(format_args!(
+            "warning: {}: the model shows these photos at {:.1} dB only (mean of {}); are they of \
+             this scene?",
+            path.display(),
+            found.mean_psnr,
+            found.views
+        ));
+    }
 }
 
 /// Runs the fine-tune.

@@ -21,6 +21,8 @@ pub struct Encoded {
     pub bytes: Vec<u8>,
     /// Its head.
     pub index: Index,
+    /// Gaussians that the voxelization left out; those that it merged are not counted.
+    pub left_out: usize,
 }
 
 impl Encoded {
@@ -268,7 +270,8 @@ pub(crate) fn encode_source(
     }
     let of_finest = |(chunk, _): &&(Chunk, _)| chunk.lod == 0;
     let count = chunks.iter().filter(of_finest).map(|(chunk, _)| chunk.count).sum();
-    Ok(assemble(Header { count, sh_degree, ..header }, chunks))
+    let left_out = source.voxels.dropped.len();
+    Ok(Encoded { left_out, ..assemble(Header { count, sh_degree, ..header }, chunks) })
 }
 
 /// An encoded chunk: its index entry, whose list of layers is still empty, and the layers.
@@ -378,7 +381,7 @@ fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
         offset += layer.len;
     }
     bytes.extend(payload);
-    Encoded { bytes, index: Index { header, chunks, head_len } }
+    Encoded { bytes, index: Index { header, chunks, head_len }, left_out: 0 }
 }
 
 /// Outliers that fit the scene of the leaves.
