@@ -39,8 +39,11 @@ impl<'a> Reader<'a> {
 
     pub(crate) fn varint(&mut self, what: &'static str) -> Result<u64> {
         let mut v = 0u64;
-        for shift in (0..63).step_by(7) {
+        for shift in (0..64).step_by(7) {
             let b = self.u8(what)?;
+            if shift == 63 && b > 1 {
+                break;
+            }
             v |= u64::from(b & 0x7f) << shift;
             if b & 0x80 == 0 {
                 return Ok(v);
@@ -187,5 +190,23 @@ impl<'a> BitReader<'a> {
     /// Bytes consumed so far, whole or in part.
     pub(crate) fn consumed(&self) -> usize {
         self.pos - (self.fill / 8) as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_varint_is_any_number_below_2_to_the_64() {
+        for v in [0, 127, 128, 1 << 35, 1 << 62, 1 << 63, u64::MAX] {
+            let mut bytes = Vec::new();
+            put_varint(&mut bytes, v);
+            assert_eq!(Reader::new(&bytes).varint("number").unwrap(), v);
+        }
+        let mut too_great = [0xff; 10];
+        too_great[9] = 2;
+        assert!(Reader::new(&too_great).varint("number").is_err());
+        assert!(Reader::new(&[0x80; 11]).varint("number").is_err());
     }
 }

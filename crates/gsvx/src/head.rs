@@ -19,8 +19,9 @@ pub const VERSION: u8 = 1;
 const PREAMBLE: usize = SIGNATURE.len() + 1 + 4;
 /// Most levels of detail.
 pub(crate) const MAX_LODS: u8 = 8;
-/// Bytes of an index entry at least: bounds the memory that a head can ask for.
-const LEAST_ENTRY: usize = 1 + 1 + 1 + 1 + 24;
+/// Bytes of an index entry at least (kind, count, first cell, box; length and checksum of a layer):
+/// bounds the memory that a head can ask for.
+const LEAST_ENTRY: usize = 1 + 1 + 1 + 24 + 1 + 4;
 
 /// The cube that the octree divides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

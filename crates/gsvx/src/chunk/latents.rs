@@ -14,11 +14,11 @@ use crate::attributes::side::Factors;
 use crate::error::{Result, coding};
 use crate::head::Steps;
 use crate::importance;
+use gpcc_lite::Leaf;
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Encoder, Tally};
-use gpcc_lite::geometry::Layout;
+use gpcc_lite::geometry::{self, Layout};
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, geometry};
 use std::ops::Range;
 
 /// Lagrangian multiplier of the quantisers, in `step^2` per bit. Values that were moved with the price of
