@@ -150,7 +150,7 @@ impl Args {
     /// The preset that was asked for: --web names one, unless there is a quality.
     fn preset(&self) -> Option<Preset> {
         let web = self.web && self.quality == gsvx::DEFAULT_QUALITY;
-        self.preset.or_else(|| web.then(|| preset::WEB))
+        self.preset.or_else(|| web.then_some(preset::WEB))
     }
 
     /// The greatest number of bytes, if there is one.
