@@ -55,7 +55,7 @@ pub(super) struct Models {
     /// The half of a node, along an axis, in which its single leaf is.
     half: Box<[Bit; 16 * 32]>,
     /// Whether a child is occupied.
-    occupied: Box<[Bit; FITS * 32 * 16 * 4]>,
+    occupied: Vec<Bit>,
     /// With planes: the half of a cell in which a single leaf is, by the counts of the slab.
     slab_half: Box<[Bit; STATES]>,
     /// With planes: the slabs.
@@ -64,13 +64,14 @@ pub(super) struct Models {
 
 impl Models {
     pub(super) fn new(layout: Layout, j_high: u8) -> Self {
+        let fits = if layout.planes { FITS } else { 1 };
         Self {
             layout,
             single: table(),
             levels_below: (0..32 * 4).map(|i| Symbols::geometric(64 * (i / 4), 2)).collect(),
             last_leaf_depths: std::array::from_fn(|depth| [depth as u8; 2]),
             half: table(),
-            occupied: table(),
+            occupied: vec![Bit::default(); fits * 32 * 16 * 4],
             slab_half: table(),
             slabs: Slabs::new(if layout.planes { j_high } else { 0 }),
         }
@@ -211,8 +212,7 @@ impl Models {
                 + classes.total)
                 * 4
                 + usize::from(count.min(3));
-            let bit =
-                self.occupied[at % self.occupied.len()].code(coder, value >> c & 1 == 1, LIMIT);
+            let bit = self.occupied[at].code(coder, value >> c & 1 == 1, LIMIT);
             occupancy |= u8::from(bit) << c;
             count += u8::from(bit);
         }
