@@ -104,7 +104,7 @@ pub(crate) struct Args {
           value_name = "DEGREE", hide_short_help = true, help_heading = CONTENT)]
     max_sh_degree: u8,
     /// Leave out this fraction of the Gaussians first, the least important: those that --cameras
-    /// see least, else those that are estimated to show least.
+    /// see least, else those of least opacity times size.
     #[arg(long, value_name = "FRACTION", default_value_t = 0.0, value_parser = fraction,
           hide_short_help = true, help_heading = CONTENT)]
     prune: f64,

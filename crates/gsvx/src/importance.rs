@@ -11,8 +11,6 @@
 //! before all attributes.
 
 #[cfg(feature = "encode")]
-use crate::viewpoints;
-#[cfg(feature = "encode")]
 use gs_model::Scene;
 #[cfg(feature = "encode")]
 use rayon::prelude::*;
@@ -27,27 +25,25 @@ pub(crate) fn weight(class: u8) -> u32 {
     1 << (2 * u32::from(class.min(CLASSES - 1)))
 }
 
-/// Importance without cameras: alpha^1.25 times the root of the area of the two largest axes, as seen
-/// from virtual viewpoints.
+/// Importance without cameras: alpha times the root of the area of the two largest axes.
 ///
 /// A rasterizer's sum of squared blending weights over the training views is better where
-/// cameras are known: this estimate does not know what is hidden. Hence the root of the area and
-/// the low power of alpha: `alpha^2` times the area itself, right where nothing hides anything,
-/// measures worse than no weights at all.
+/// cameras are known: this guess does not know what is hidden or far. Hence the square roots:
+/// `alpha^2` times the area itself, right where everything is seen alike, measures worse than
+/// no weights at all (`fox`, equal error: guess squared 1.12, no weights 1.04, this 1.00; from
+/// cameras 0.84).
 #[cfg(feature = "encode")]
 #[must_use]
 pub fn without_cameras(scene: &Scene) -> Vec<f32> {
-    viewpoints::magnification(&scene.means)
-        .into_par_iter()
-        .zip(&scene.opacity_logits)
+    scene
+        .opacity_logits
+        .par_iter()
         .zip(&scene.log_scales)
-        .map(|((magnification, &logit), ls)| {
+        .map(|(&logit, ls)| {
             let thin = ls.iter().copied().fold(f32::INFINITY, f32::min);
             let log_area = f64::from(ls[0]) + f64::from(ls[1]) + f64::from(ls[2]) - f64::from(thin);
             let log_alpha = crate::attributes::opacity::log_alpha_of_logit(logit);
-            let size = libm::exp((1.25 * log_alpha + 0.5 * log_area).clamp(-80.0, 80.0));
-            // Also of means that are not finite, which voxelization refuses.
-            (magnification * size).clamp(0.0, 1e30) as f32
+            libm::exp((log_alpha + 0.5 * log_area).clamp(-80.0, 80.0)) as f32
         })
         .collect()
 }
@@ -131,28 +127,6 @@ mod tests {
         assert_eq!(&c[..4], &[lowest; 4]);
         assert!(c[4] > lowest);
         assert_eq!(rounded(&[]), Vec::<u8>::new());
-    }
-
-    #[test]
-    fn a_sky_starved_the_foreground() {
-        let (content, sky, radius) = (6000, 2000, 500.0);
-        let mut rng = testing::Rng::seeded(9);
-        let mut scene = testing::trained_like(content, 0, &mut rng);
-        for _ in 0..sky {
-            let p: [f32; 3] = std::array::from_fn(|_| rng.signed() + 0.01);
-            let length = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
-            scene.means.push(p.map(|x| radius * x / length));
-            scene.rotations.push([1.0, 0.0, 0.0, 0.0]);
-            // As large as their distance from each other.
-            scene.log_scales.push([libm::logf(radius * 0.08); 3]);
-            scene.opacity_logits.push(2.0);
-            scene.sh.push([0.5; 3]);
-        }
-        let importance = without_cameras(&scene);
-        let sum = |part: &[f32]| part.iter().map(|&v| f64::from(v)).sum::<f64>();
-        let share = sum(&importance[content..]) / sum(&importance);
-        // By opacity and size alone it is 0.99.
-        assert!((0.02..0.5).contains(&share), "{share} of the importance is the sky's");
     }
 
     #[test]

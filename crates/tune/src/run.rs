@@ -389,8 +389,9 @@ fn probe(
     let plan = Plan::new(quality, options.effort).map_err(as_codec)?;
     let kept = gsvx::prune(importance, plan.fraction)?;
     let importance: Vec<f32> = kept.iter().map(|&i| importance[i]).collect();
-    let strategy =
-        |found: &[f32], seen| gsvx::default_strategy(voxel_quality(quality), found, seen);
+    let strategy = |found: &[f32], _| {
+        gsvx::default_strategy(voxel_quality(quality), found, gsvx::Seen::ByCamerasOnly)
+    };
     let prepared = gsvx::prepare(&scene.select(&kept), strategy, Some(&importance))?;
     let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
     Ok(gsvx::encode_voxels(&prepared.scene, &prepared.voxels, None, &encode)?.bytes)

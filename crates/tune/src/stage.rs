@@ -52,7 +52,8 @@ pub(crate) fn codec_loop(plan: &Plan, views: &Views, mut scene: Scene) -> Result
     };
     let importance = views.importance(&scene);
     let quality = voxel_quality(plan.quality);
-    let strategy = |found: &[f32], seen| gsvx::default_strategy(quality, found, seen);
+    let only = gsvx::Seen::ByCamerasOnly;
+    let strategy = |found: &[f32], _| gsvx::default_strategy(quality, found, only);
     let Prepared { scene, voxels, importance } =
         gsvx::prepare(&scene, strategy, Some(&importance))?;
     if scene.is_empty() {
