@@ -222,13 +222,20 @@ pub(crate) struct GsvxArgs {
     /// Instead: what coarse levels of detail cost and show, per scene (comma-separated), as a table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     lod: Vec<String>,
+    /// Instead: virtual viewpoints beside real cameras, per scene (comma-separated), and models with parts
+    /// far away, as tables.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    viewpoints: Vec<String>,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/speed.md")]
     out: PathBuf,
 }
 
 pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
-    let GsvxArgs { scene, sizes, gsvx, targets, choices, lod, out } = args;
+    let GsvxArgs { scene, sizes, gsvx, targets, choices, lod, viewpoints, out } = args;
+    if !viewpoints.is_empty() {
+        return bench::gsvx::viewpoints(&viewpoints);
+    }
     if !lod.is_empty() {
         return bench::gsvx::lod(&lod);
     }

@@ -162,7 +162,8 @@ pub struct Gsvx {
 }
 
 impl Gsvx {
-    /// Importances come from the training cameras of `scene`. The codec is then for that scene only.
+    /// Importances come from the training cameras of `scene`, and what they do not see is left out. The
+    /// codec is then for that scene only.
     #[must_use]
     pub fn with_cameras(scene: &TestScene) -> Self {
         let seen = || finetune::saliency_per_view(&scene.model, &scene.training).squared;
@@ -185,6 +186,7 @@ impl Codec for Gsvx {
     fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
         let mut options = EncodeOptions::from_quality(quality)?;
         options.importance.clone_from(&self.importance);
+        options.drop_unseen = true;
         Ok(gsvx::encode(&scene.model, &options)?.bytes)
     }
 

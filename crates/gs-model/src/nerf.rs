@@ -114,10 +114,7 @@ pub fn read_views(file: impl AsRef<Path>) -> Result<Vec<View>> {
 ///
 /// # Errors
 /// As [`read_views`], without [`Error::DistortedCamera`] for [`LensDistortion::Ignore`].
-pub(crate) fn read_views_with(
-    file: impl AsRef<Path>,
-    distortion: LensDistortion,
-) -> Result<Vec<View>> {
+pub fn read_views_with(file: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
     let file = file.as_ref();
     parse(file, &fs::read(file)?, distortion)
 }

@@ -68,6 +68,8 @@ impl PaperArgs {
 /// What to tune, whatever the profile.
 pub(crate) struct Job<'a> {
     pub(crate) input: &'a Path,
+    /// Where the cameras come from, for messages.
+    pub(crate) cameras: &'a Path,
     pub(crate) scene: Scene,
     pub(crate) training: Vec<TrainView>,
     pub(crate) quality: f32,
@@ -174,12 +176,13 @@ fn prepare(
 ) -> Result<Start> {
     let name = || input::name(job.input);
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let mut importance = views::importance(&scene, &cameras);
-    let unseen = importance.iter().filter(|&&v| v == 0.0).count();
+    let seen = views::Seen::of(&scene, &cameras, job.cameras)?;
+    let unseen = seen.unseen();
     if unseen > 0 {
         let n = scene.len();
-        note(format_args!("{unseen} of {n} Gaussians contribute to no training view: left out"));
+        note(format_args!("{unseen} of {n} Gaussians show in no training view: kept, coarsely"));
     }
+    let mut importance = gsvx::importance::with_unseen(&scene, &seen.weights);
     let target = (!args.past_input).then(|| quality_of(&scene, &training));
     if let Some(db) = target {
         note(format_args!(

@@ -1,10 +1,11 @@
 //! What a model is tuned to: photos, or renders of the model itself.
 
+use crate::exit::note;
 use crate::orbit::Orbit;
 use crate::progress::Steps;
 use crate::views;
 use anyhow::{Context, Result, bail};
-use finetune::{Image, RenderOptions, TrainView, render};
+use finetune::{Image, RenderOptions, TrainView, photo_match, render};
 use gs_model::{Camera, Scene, View};
 use std::path::Path;
 
@@ -13,6 +14,13 @@ pub(crate) fn photos(path: &Path) -> Result<Option<Vec<TrainView>>> {
     let training = training(path)?;
     if !training.iter().any(|v| v.image_path.is_file()) {
         return Ok(None);
+    }
+    // Photos are compared pixel by pixel, so a lens that distorts is not ignored here.
+    let bent = |v: &&View| v.camera.ignored_distortion.is_some();
+    if let Some(View { camera, .. }) = training.iter().find(bent) {
+        let model = camera.ignored_distortion.clone().unwrap_or_default();
+        let (file, camera) = (path.to_owned(), camera.name.clone());
+        return Err(gs_model::Error::DistortedCamera { file, camera, model }.into());
     }
     training.iter().map(photo).collect::<Result<_>>().map(Some)
 }
@@ -47,6 +55,27 @@ fn photo(view: &View) -> Result<TrainView> {
     let photo = Image::from_rgb8(width, height, photo.as_raw())
         .with_context(|| format!("photo {file} is empty"))?;
     Ok(TrainView { camera, photo })
+}
+
+/// A model of the photos shows them better than this, dB; photos of anything else rarely reach it.
+const LEAST_MATCH: f64 = 15.0;
+/// Photos that are compared with the model; more only take longer.
+const MATCHED: usize = 8;
+
+/// Warns of photos, which `path` names, that the model does not show.
+pub(crate) fn warn_of_others(scene: &Scene, training: &[TrainView], path: &Path) {
+    let Some(found) = photo_match(scene, training, MATCHED, &RenderOptions::default()) else {
+        return;
+    };
+    if found.mean_psnr < LEAST_MATCH {
+        note(format_args!(
+            "warning: {}: the model shows these photos at {:.1} dB only (mean of {}); are they of \
+             this scene?",
+            path.display(),
+            found.mean_psnr,
+            found.views
+        ));
+    }
 }
 
 /// Renders of the model at the training cameras.

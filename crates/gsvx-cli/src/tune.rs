@@ -157,13 +157,17 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     };
     let scene = args.reading.model(&args.input, None)?.scene;
     let (training, distilled) = args.views(&scene)?;
+    let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {
         note("no photos: the model is tuned to its own renders");
+    } else {
+        photos::warn_of_others(&scene, &training, cameras);
     }
     let ply = extension == "ply";
     if let Some(backend) = backend {
         let job = paper_tune::Job {
             input: &args.input,
+            cameras,
             scene,
             training,
             quality: args.quality.unwrap_or(gsvx::DEFAULT_QUALITY),

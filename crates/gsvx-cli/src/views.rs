@@ -1,12 +1,13 @@
 //! Cameras at encode time: importance of each Gaussian, and quality as seen.
 
-use crate::exit::usage;
+use crate::exit::{note, usage};
 use crate::framing;
 use crate::orbit::Orbit;
 use crate::output::is_stdio;
 use crate::progress::Steps;
 use anyhow::{Context, Result, bail};
-use finetune::{Image, RenderOptions, metrics, render, saliency_per_view};
+use finetune::{Image, RenderOptions, metrics, render, saliency_per_view, seen_opacity_share};
+use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, View, dataset, inria, nerf};
 use std::path::{Path, PathBuf};
 
@@ -128,10 +129,26 @@ pub(crate) fn up(views: &[View]) -> Option<[f64; 3]> {
     (length > 0.5 * views.len() as f64).then(|| framing::unit(sum))
 }
 
-/// The views of a scene folder or of a camera file, by name.
+/// The views of a scene folder or of a camera file, by name. Lenses that distort count as pinholes: a
+/// note says so.
 pub(crate) fn open(path: &Path) -> Result<Vec<View>> {
+    let views = read(path)?;
+    let distorted = views.iter().filter_map(|v| v.camera.ignored_distortion.as_ref());
+    if let Some(model) = distorted.clone().next() {
+        note(format_args!(
+            "{}: {} of {} cameras have lens distortion ({model}), which is ignored: they show about \
+             what the photos show",
+            path.display(),
+            distorted.count(),
+            views.len()
+        ));
+    }
+    Ok(views)
+}
+
+fn read(path: &Path) -> Result<Vec<View>> {
     if !path.is_file() {
-        return Ok(dataset::open_views(path)?.1);
+        return Ok(dataset::open_views_with(path, LensDistortion::Ignore)?.1);
     }
     // Inria's cameras.json is a list, a transforms.json an object.
     let text =
@@ -141,7 +158,7 @@ pub(crate) fn open(path: &Path) -> Result<Vec<View>> {
         let place = |camera: Camera| View { image_path: camera.name.clone().into(), camera };
         inria::read_cameras(path)?.into_iter().map(place).collect()
     } else {
-        nerf::read_views(path)?
+        nerf::read_views_with(path, LensDistortion::Ignore)?
     };
     views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
     Ok(views)
@@ -170,8 +187,50 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
     Ok(training)
 }
 
+/// Cameras that see less than this share of a model's opacity may be those of another model.
+const LEAST_SEEN: f64 = 0.5;
+
+/// What cameras see of a model.
+pub(crate) struct Seen {
+    /// Sum of squared blending weights per Gaussian.
+    pub(crate) weights: Vec<f32>,
+    /// Share of the opacity of all Gaussians that belongs to those seen.
+    pub(crate) share: f64,
+}
+
+impl Seen {
+    /// Looks at `scene`, and warns if the cameras, which `path` names, see little of it.
+    ///
+    /// # Errors
+    /// If they see nothing.
+    pub(crate) fn of(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Self> {
+        let weights = importance(scene, cameras);
+        let share = seen_opacity_share(scene, &weights);
+        if share == 0.0 {
+            bail!("{}: these cameras see nothing of the model; are they its own?", path.display());
+        }
+        if share < LEAST_SEEN {
+            note(format_args!(
+                "warning: {}: these cameras see {} of the model's opacity; are they its own?",
+                path.display(),
+                per_cent(share)
+            ));
+        }
+        Ok(Self { weights, share })
+    }
+
+    /// Gaussians that no camera sees.
+    pub(crate) fn unseen(&self) -> usize {
+        self.weights.iter().filter(|&&w| w <= 0.0).count()
+    }
+}
+
+fn per_cent(share: f64) -> String {
+    if share < 0.01 { "less than 1 %".into() } else { format!("{:.0} %", 100.0 * share) }
+}
+
 /// Sum of squared blending weights per Gaussian over the cameras.
-pub(crate) fn importance(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
+fn importance(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
     let steps = Steps::new("importance", cameras.len() as u64);
     let mut sum = vec![0.0f32; scene.len()];
     for camera in cameras {

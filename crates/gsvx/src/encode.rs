@@ -21,6 +21,8 @@ pub struct Encoded {
     pub bytes: Vec<u8>,
     /// Its head.
     pub index: Index,
+    /// Gaussians that the voxelization left out; those that it merged are not counted.
+    pub left_out: usize,
 }
 
 impl Encoded {
@@ -260,7 +262,8 @@ pub(crate) fn encode_source(
     }
     let chunks = without_zero_degrees(chunks, exact_degree);
     let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
-    Ok(assemble(header, chunks))
+    let left_out = source.voxels.dropped.len();
+    Ok(Encoded { left_out, ..assemble(header, chunks) })
 }
 
 /// Adds outliers, which fit the leaves, to encoded chunks without empty SH degrees at the end.
@@ -398,7 +401,7 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
         offset += layer.len;
     }
     bytes.extend(payload);
-    Encoded { bytes, index: Index { header, chunks, head_len } }
+    Encoded { bytes, index: Index { header, chunks, head_len }, left_out: 0 }
 }
 
 /// Outliers that fit the scene of the leaves.

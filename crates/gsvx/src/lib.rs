@@ -24,6 +24,8 @@ mod prepare;
 #[cfg(feature = "encode")]
 pub mod rate;
 mod reader;
+#[cfg(feature = "encode")]
+mod viewpoints;
 
 pub use decode::{
     DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, decode, decode_leaves, decode_with,

@@ -39,6 +39,10 @@ pub struct EncodeOptions {
     /// Importance of each Gaussian (of each leaf for [`crate::encode_voxels`]), in any unit; see
     /// [`crate::importance`]. `None` uses [`crate::importance::without_cameras`].
     pub importance: Option<Vec<f32>>,
+    /// With importances from cameras: [`crate::encode`] leaves out what they see too little of to pay for
+    /// its bits, and above all what they do not see. Otherwise it keeps that, coarsely
+    /// ([`crate::importance::with_unseen`]).
+    pub drop_unseen: bool,
     /// Of each leaf, in any unit: how much a change of its covariance shows, for the codebook of
     /// [`CovarianceMode::Vq`]. From cameras: the squared derivatives of the pixels. `None` uses
     /// the importance.
@@ -99,6 +103,7 @@ impl EncodeOptions {
             covariance: CovarianceMode::Transform,
             max_sh_degree: 3,
             importance: None,
+            drop_unseen: false,
             covariance_sensitivity: None,
             uniform_precision: false,
             lod: false,

@@ -41,22 +41,33 @@ const BITS_PER_POINT: f64 = 1.2;
 /// coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     check_lengths(scene)?;
-    let strategy = |importance: &[f32], seen| default_strategy(options.quality, importance, seen);
-    let Some(split) = split_outliers(scene)? else {
-        return encode_with(scene, strategy, None, options);
-    };
-    let outliers = scene.select(&split.outliers);
-    let inside = scene.select(&split.inside);
-    let of_inside = |given: &Vec<f32>| split.inside.iter().map(|&i| given[i]).collect();
     if let Some(given) = options.importance.as_ref().filter(|i| i.len() != scene.len()) {
         return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
     }
-    let importance = options.importance.as_ref().map(of_inside);
+    let strategy = |importance: &[f32], seen| {
+        let only = seen == Seen::ByCameras && options.drop_unseen;
+        let seen = if only { Seen::ByCamerasOnly } else { seen };
+        default_strategy(options.quality, importance, seen)
+    };
+    let keep = |given: &Vec<f32>| match options.drop_unseen {
+        true => given.clone(),
+        false => importance::with_unseen(scene, given),
+    };
+    let importance = options.importance.as_ref().map(keep);
+    let Some(split) = split_outliers(scene)? else {
+        let options = EncodeOptions { importance, ..options.clone() };
+        return encode_with(scene, strategy, None, &options);
+    };
+    let outliers = scene.select(&split.outliers);
+    let inside = scene.select(&split.inside);
+    let of_inside = |given: Vec<f32>| split.inside.iter().map(|&i| given[i]).collect();
+    let importance = importance.map(of_inside);
     let options = EncodeOptions { importance, ..options.clone() };
     encode_with(&inside, strategy, Some(&outliers), &options)
 }
 
-/// As [`encode`], with a voxelization of the caller's choice. `outliers` are coded exactly.
+/// As [`encode`], with a voxelization of the caller's choice. `outliers` are coded exactly. Importances
+/// are taken as they are: [`EncodeOptions::drop_unseen`] has no effect.
 ///
 /// # Errors
 /// As [`encode`].
@@ -86,9 +97,12 @@ pub struct Prepared {
 /// Where importances come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
-    /// The rasterizer's sum of squared blending weights over cameras: it knows what is hidden,
-    /// so what is never seen can be left out.
+    /// The rasterizer's sum of squared blending weights over cameras. Nothing is left out: see
+    /// [`importance::with_unseen`].
     ByCameras,
+    /// The same from cameras that show all that counts: what they see too little of to pay for its bits
+    /// is left out.
+    ByCamerasOnly,
     /// [`importance::without_cameras`]: a guess, on which nothing is left out.
     Guessed,
 }
@@ -102,7 +116,8 @@ pub enum Seen {
 pub fn default_strategy(quality: f32, importance: &[f32], seen: Seen) -> Result<Strategy> {
     EncodeOptions::from_quality(quality)?;
     let (lambda, exponent, drop) = match seen {
-        Seen::ByCameras => (LAMBDA_AT_50, EXPONENT, Some(DROP)),
+        Seen::ByCameras => (LAMBDA_AT_50, EXPONENT, None),
+        Seen::ByCamerasOnly => (LAMBDA_AT_50, EXPONENT, Some(DROP)),
         Seen::Guessed => (LAMBDA_AT_50_GUESSED, 1.0, None),
     };
     let above = f64::from(quality) - 50.0;

@@ -40,7 +40,7 @@ fn decode_all_ways(bytes: &[u8]) {
 
 #[test]
 fn truncated_at_every_byte() {
-    let Encoded { bytes, index } = small(60);
+    let Encoded { bytes, index, .. } = small(60);
     assert_eq!(index.chunks.len(), 4);
     let whole = decode(&bytes).unwrap();
     for end in 0..bytes.len() {
@@ -87,7 +87,7 @@ fn every_flipped_bit_is_noticed() {
 
 #[test]
 fn damage_of_the_head_shows() {
-    let Encoded { bytes, index } = small(40);
+    let Encoded { bytes, index, .. } = small(40);
     for at in 13..index.head_len as usize {
         let mut broken = bytes.clone();
         broken[at] ^= 4;
@@ -100,7 +100,7 @@ fn damage_of_the_head_shows() {
 
 #[test]
 fn damage_in_one_chunk_costs_that_chunk_alone() {
-    let Encoded { bytes, index } = small(60);
+    let Encoded { bytes, index, .. } = small(60);
     let whole = decode(&bytes).unwrap();
     let mut first = 0;
     for (number, chunk) in index.chunks.iter().enumerate() {

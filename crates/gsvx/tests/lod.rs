@@ -24,7 +24,7 @@ fn tree() -> (Scene, Encoded) {
 
 #[test]
 fn each_level_decodes_alone_from_the_front() {
-    let Encoded { bytes, index } = tree().1;
+    let Encoded { bytes, index, .. } = tree().1;
     let mut last = 0;
     for lod in (0..=index.coarsest_lod()).rev() {
         let chunks = index.chunks.iter().filter(|c| c.lod == lod);

@@ -58,7 +58,7 @@ fn put_together(reader: &mut Reader, lod: u8) -> Scene {
 
 #[test]
 fn one_chunk_is_read_with_its_base_layer_and_nothing_else() {
-    let Encoded { bytes, index } = many_chunks();
+    let Encoded { bytes, index, .. } = many_chunks();
     assert!(index.chunks.len() > 100 && index.head_len > 4096);
     let whole = decode(&bytes).unwrap();
     let mut first = 0;
@@ -138,7 +138,7 @@ fn pieces_in_any_order_and_size_give_the_same_gaussians() {
 
 #[test]
 fn what_is_missing_or_damaged_is_said() {
-    let Encoded { bytes, index } = many_chunks();
+    let Encoded { bytes, index, .. } = many_chunks();
     let mut reader = Reader::new();
     assert!(matches!(reader.decode(0, 1), Err(Error::Truncated { .. })));
     reader.give(0, &bytes[..index.head_len as usize]).unwrap();
@@ -243,7 +243,7 @@ fn blocks_are_the_scene() {
 
 #[test]
 fn a_damaged_layer_leaves_what_is_held() {
-    let Encoded { bytes, index } = many_chunks();
+    let Encoded { bytes, index, .. } = many_chunks();
     let whole = decode(&bytes).unwrap();
     let mut damaged = bytes.clone();
     let layer = index.chunks[0].layers[1];

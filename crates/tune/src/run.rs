@@ -302,12 +302,11 @@ impl Tune {
             self.measure_last()?;
         }
         let Stage::Loop(mut state) = self.stage else { return Err(Error::NothingSeen) };
-        let fits = steering::fit_bytes(&mut state, self.options.target)?;
-        let encoded = state.latents.encode(state.outliers.as_ref())?;
+        let encoded = steering::fitting(&mut state, self.options.target)?;
         let (_, psnr) = self.views.aside(&state.scene);
         let reached = match self.options.target {
             Target::Quality(_) => true,
-            Target::Bytes(bytes) => fits && encoded.bytes.len() as u64 <= bytes,
+            Target::Bytes(bytes) => encoded.bytes.len() as u64 <= bytes,
             Target::Psnr(db) => psnr >= db,
         };
         let CodecLoop { scene: last, quality, bytes, outliers, .. } = *state;

@@ -1,5 +1,7 @@
 //! Steering: the quality follows the target while the loop runs.
 
+use gsvx::Encoded;
+
 use crate::codec_loop::CodecLoop;
 use crate::error::Result;
 use crate::options::Target;
@@ -52,18 +54,19 @@ pub(crate) fn steer(state: &mut CodecLoop, target: Target, psnr: f64) -> Result<
     state.set_quality(state.quality + points as f32)
 }
 
-/// Makes the stream fit a target in bytes. True if it does.
-pub(crate) fn fit_bytes(state: &mut CodecLoop, target: Target) -> Result<bool> {
-    let Target::Bytes(bytes) = target else { return Ok(true) };
+/// The stream; with a target in bytes one that fits it, if there is one.
+pub(crate) fn fitting(state: &mut CodecLoop, target: Target) -> Result<Encoded> {
+    let mut encoded = state.latents.encode(state.outliers.as_ref())?;
+    let Target::Bytes(bytes) = target else { return Ok(encoded) };
     for _ in 0..LAST_TRIES {
-        // The count of the bytes is exact to a few; the stream is to be at most the target.
-        let over = state.bytes as f64 / (bytes as f64 * (1.0 - 0.25 * MARGIN));
+        let over = encoded.bytes.len() as f64 / bytes as f64;
         if over <= 1.0 || state.quality <= 0.0 {
             break;
         }
         let points = (libm::log(over) / LOG_BYTES_PER_POINT).max(0.05);
         state.set_quality(state.quality - points as f32)?;
         state.settle()?;
+        encoded = state.latents.encode(state.outliers.as_ref())?;
     }
-    Ok(state.bytes <= bytes)
+    Ok(encoded)
 }

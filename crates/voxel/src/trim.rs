@@ -17,8 +17,10 @@ pub struct Trim {
     pub bits_per_outlier: f64,
     /// Bits per octree level of a Gaussian that is alone in its cell.
     pub bits_per_level: f64,
-    /// Bits that a missing octree level is worth, per Gaussian. An octree has at most 21 levels;
-    /// every further one that the wanted cell needs is missing, and doubles the cells.
+    /// Bits that a small part of a missing octree level is worth, per Gaussian. An octree has at most
+    /// 21 levels; every further one that the wanted cell needs is missing, and doubles the cells.
+    /// Squared errors of the positions are then four times as large, so `m` missing levels are worth
+    /// `(4^m - 1) / ln 4` times as much.
     pub bits_per_missing_level: f64,
 }
 
@@ -79,8 +81,8 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
         let wanted = depth_for(cube.side, options.cell);
         let missing = f64::from(wanted.saturating_sub(MAX_DEPTH));
         let inside = (means.len() - outliers) as f64;
-        outliers as f64 * options.bits_per_outlier
-            + inside * missing * options.bits_per_missing_level
+        let worth = (libm::exp2(2.0 * missing) - 1.0) / (2.0 * std::f64::consts::LN_2);
+        outliers as f64 * options.bits_per_outlier + inside * worth * options.bits_per_missing_level
     };
     // What an outlier costs in the octree of all means.
     let chain = f64::from(plain.j_high) * options.bits_per_level;

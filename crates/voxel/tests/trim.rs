@@ -57,3 +57,22 @@ fn real_scenes_keep_their_floaters() {
         }
     }
 }
+
+/// Exact floats cost ten times as much as a coded Gaussian, and are still better than two scenes that an
+/// octree turns into a few cells.
+#[test]
+fn two_scenes_far_apart_became_a_few_gaussians() {
+    let one = clustered(1000, 3).means;
+    let far = |distance: f32| one.iter().map(move |p| [p[0] + distance, p[1], p[2]]);
+    let weighed = Trim { bits_per_outlier: 1800.0, ..Trim::new(0.01) };
+    let trimmed = |distance| {
+        let both: Vec<_> = one.iter().copied().chain(far(distance)).collect();
+        trim(&both, &weighed).unwrap()
+    };
+    // Cells 50 times as wide as wanted.
+    let t = trimmed(1e6);
+    assert_eq!((t.inside.len(), t.outliers.len()), (1000, 1000));
+    assert!(t.cube.side < 4.0, "{t:?}");
+    // Cells 5 times as wide.
+    assert!(trimmed(1e5).outliers.is_empty());
+}

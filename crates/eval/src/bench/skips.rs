@@ -202,7 +202,8 @@ fn with_cameras(
 ) -> Result<()> {
     let n = scene.len() as u64;
     let seen = finetune::saliency_per_view(scene, cameras);
-    let choose = |f: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, f, seen);
+    let choose =
+        |f: &[f32], _| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, f, Seen::ByCamerasOnly);
     let prepared = gsvx::prepare(scene, choose, Some(&seen.squared))?;
     out.push((
         "voxel, with cameras",

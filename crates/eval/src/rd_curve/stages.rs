@@ -58,7 +58,12 @@ impl<'a> Branch<'a> {
         let (importance, _) = self.study.importance();
         let strategy = |found: &[f32], seen| match &self.plan.rule {
             Rule::Fixed(strategy) => Ok(strategy.clone()),
-            &Rule::Default(quality) => gsvx::default_strategy(quality, found, seen),
+            &Rule::Default(quality) => {
+                // The views measured are of the same capture as the cameras.
+                let only = seen == gsvx::Seen::ByCameras;
+                let seen = if only { gsvx::Seen::ByCamerasOnly } else { seen };
+                gsvx::default_strategy(quality, found, seen)
+            }
         };
         let (prepared, seconds) =
             timed(|| gsvx::prepare(&self.study.test.model, strategy, importance.as_deref()));

@@ -25,6 +25,9 @@ use std::ops::Range;
 /// their bits need less of a dead zone than others.
 const LAMBDA: f32 = 0.04;
 
+/// Bytes that a coder takes beside its words: four states and the number of words.
+const CODER_BYTES: u64 = 18;
+
 /// Channels of the covariance.
 const SHAPE: usize = 6;
 
@@ -253,7 +256,7 @@ impl Degrees<'_> {
                 Predictor::write(predictors[usize::from(degree) - 2].as_ref(), &mut head);
             }
             if head.len() > 1 || !all_zero {
-                bytes += head.len() as u64 + tally.bits().div_ceil(8);
+                bytes += head.len() as u64 + CODER_BYTES + tally.bits().div_ceil(8);
             }
         }
         Ok(bytes)

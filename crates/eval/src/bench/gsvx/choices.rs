@@ -50,7 +50,8 @@ impl Study {
         let (scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
         let training: Vec<Camera> = found.dataset.training().map(|v| v.camera.clone()).collect();
         let seen = finetune::saliency_per_view(&scene, &training).squared;
-        let strategy = |importance: &[f32], seen| gsvx::default_strategy(QUALITY, importance, seen);
+        let only = gsvx::Seen::ByCamerasOnly;
+        let strategy = |importance: &[f32], _| gsvx::default_strategy(QUALITY, importance, only);
         let prepared = gsvx::prepare(&scene, strategy, Some(&seen))?;
         let held: Vec<&Camera> = found.dataset.held_out().map(|v| &v.camera).collect();
         let every = held.len().div_ceil(VIEWS).max(1);

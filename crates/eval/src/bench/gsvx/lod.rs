@@ -18,6 +18,7 @@ pub(super) fn run(names: &[String]) -> Result<()> {
         let TestScene { model, training, held_out, .. } = TestScene::open(name, usize::MAX)?;
         let mut options = EncodeOptions::default();
         options.importance = Some(finetune::saliency_per_view(&model, &training).squared);
+        options.drop_unseen = true;
         let plain = gsvx::encode(&model, &options)?.bytes.len() as f64;
         options.lod = true;
         let encoded = gsvx::encode(&model, &options)?;

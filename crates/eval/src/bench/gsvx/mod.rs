@@ -6,6 +6,7 @@
 mod choices;
 mod lod;
 mod targets;
+mod viewpoints;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -160,6 +161,15 @@ pub fn targets(gsvx: &Path, scenes: &[String]) -> Result<()> {
 /// If a scene cannot be read or coding fails.
 pub fn lod(scenes: &[String]) -> Result<()> {
     lod::run(scenes)
+}
+
+/// What virtual viewpoints bring where no cameras are known, and what becomes of models with parts far
+/// away, as tables.
+///
+/// # Errors
+/// If a scene cannot be read or coding fails.
+pub fn viewpoints(scenes: &[String]) -> Result<()> {
+    viewpoints::run(scenes)
 }
 
 /// Prints for each scene what each way of coding covariances costs at equal rendered error.

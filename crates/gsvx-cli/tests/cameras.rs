@@ -1,0 +1,160 @@
+//! What `encode` and `tune` do with cameras and photos that do not fit the model.
+
+mod common;
+
+use common::{gsvx, model, one_line, room};
+use finetune::{RenderOptions, metrics, render};
+use gs_model::{Camera, Scene, dataset};
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::Output;
+
+fn run(words: &[&str], paths: &[&Path]) -> Output {
+    let mut paths = paths.iter();
+    let words = words.iter().map(|&w| match w {
+        "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
+        word => word.into(),
+    });
+    gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
+}
+
+/// The report, and what was said on standard error.
+fn report(words: &[&str], paths: &[&Path]) -> (serde_json::Value, String) {
+    let out = run(&[words, &["--json"]].concat(), paths);
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert!(out.status.success(), "{words:?}: {said}");
+    (serde_json::from_slice(&out.stdout).unwrap(), said)
+}
+
+fn cameras() -> Vec<Camera> {
+    dataset::open_views(room()).unwrap().1.into_iter().map(|v| v.camera).collect()
+}
+
+/// A cameras.json as Inria's trainer writes it.
+fn write_json(path: &Path, cameras: &[Camera]) {
+    let entry = |c: &Camera| {
+        let (p, r) = (c.position(), c.rotation.transpose());
+        let row = |k: usize| [r.row(k).x, r.row(k).y, r.row(k).z];
+        serde_json::json!({
+            "id": 0, "img_name": c.name, "width": c.width, "height": c.height,
+            "position": [p.x, p.y, p.z], "rotation": [row(0), row(1), row(2)],
+            "fx": c.fx, "fy": c.fy,
+        })
+    };
+    let all: Vec<_> = cameras.iter().map(entry).collect();
+    std::fs::write(path, serde_json::to_string(&all).unwrap()).unwrap();
+}
+
+fn looking(from: [f64; 3], at: [f64; 3]) -> Vec<Camera> {
+    let camera = |i: i32| {
+        let from = [from[0] + 0.01 * f64::from(i), from[1], from[2]];
+        Camera::looking_at(format!("{i}.png"), from, at, [0.0, 0.0, 1.0], [120, 80], 100.0)
+    };
+    (0..3).map(camera).collect()
+}
+
+/// Mean PSNR of a decoded stream against the model, over some of the room's cameras.
+fn psnr(stream: &Path) -> f64 {
+    let (input, _) = gs_model::ply::read(model()).unwrap();
+    let decoded: Scene = gsvx::decode(&std::fs::read(stream).unwrap()).unwrap();
+    let options = RenderOptions::default();
+    let views: Vec<Camera> = cameras().into_iter().step_by(7).collect();
+    let of =
+        |c: &Camera| metrics::psnr(&render(&decoded, c, &options), &render(&input, c, &options));
+    views.iter().map(of).sum::<f64>() / views.len() as f64
+}
+
+#[test]
+fn cameras_that_do_not_show_the_scene_deleted_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let (json, stream) = (dir.path().join("cameras.json"), dir.path().join("a.gsvx"));
+    let input = model();
+    // Cameras that look into the void beside the room.
+    write_json(&json, &looking([90.0, 90.0, 90.0], [180.0, 180.0, 180.0]));
+    let words = ["encode", "@", "-o", "@", "--cameras", "@"];
+    one_line(&run(&words, &[&input, &stream, &json]), "see nothing of the model");
+    assert!(!stream.exists());
+    // Cameras close to a wall: they see a little of it.
+    let mut near = cameras().swap_remove(3);
+    (near.fx, near.fy) = (20.0 * near.fx, 20.0 * near.fy);
+    let second = Camera { name: "second".into(), ..near.clone() };
+    write_json(&json, &[near, second]);
+    let (kept, said) = report(&words, &[&input, &stream, &json]);
+    assert!(said.contains("warning") && said.contains("of the model's opacity"), "{said}");
+    assert!(kept["seen_opacity_share"].as_f64().unwrap() < 0.5, "{kept}");
+    assert!(kept["unseen"].as_u64().unwrap() > 5000, "{kept}");
+    assert_eq!(kept["left_out"], 0);
+    let all_around = psnr(&stream);
+    assert!(all_around > 25.0, "{all_around} dB: no picture");
+    // Whoever asks for it gets what the cameras see, and is told what is missing.
+    let only = [&words[..], &["--drop-unseen", "--force"]].concat();
+    let (dropped, _) = report(&only, &[&input, &stream, &json]);
+    assert!(dropped["left_out"].as_u64().unwrap() > 5000, "{dropped}");
+    assert!(dropped["bytes"].as_u64() < kept["bytes"].as_u64());
+    let out = run(&only, &[&input, &stream, &json]);
+    let said = String::from_utf8(out.stdout).unwrap();
+    let left_out = format!("{} Gaussians left out", dropped["left_out"]);
+    assert!(said.contains(&left_out), "{said}");
+    assert!(psnr(&stream) < all_around - 5.0);
+}
+
+/// The room's cameras as a COLMAP project whose lens distorts.
+fn distorted_project(dir: &Path) {
+    let sparse = dir.join("sparse/0");
+    std::fs::create_dir_all(&sparse).unwrap();
+    let all = cameras();
+    let c = &all[0];
+    let lens = format!(
+        "1 OPENCV {} {} {} {} {} {} 0.05 0.01 0 0\n",
+        c.width, c.height, c.fx, c.fy, c.cx, c.cy
+    );
+    std::fs::write(sparse.join("cameras.txt"), lens).unwrap();
+    let mut images = String::new();
+    for (i, c) in all.iter().enumerate() {
+        let rows = [0, 1, 2].map(|k| c.rotation.row(k).to_array());
+        let [w, x, y, z] = gs_model::math::quaternion(&rows);
+        let t = c.translation;
+        let (id, name) = (i + 1, &c.name);
+        writeln!(images, "{id} {w} {x} {y} {z} {} {} {} 1 {name}\n", t.x, t.y, t.z).unwrap();
+    }
+    std::fs::write(sparse.join("images.txt"), images).unwrap();
+    std::fs::write(sparse.join("points3D.txt"), "").unwrap();
+}
+
+#[test]
+fn a_distorted_lens_was_refused_where_no_photo_is_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    distorted_project(dir.path());
+    let stream = dir.path().join("a.gsvx");
+    let (project, input) = (dir.path(), model());
+    let words = ["encode", "@", "-o", "@", "--cameras", "@"];
+    let (json, said) = report(&words, &[&input, &stream, project]);
+    assert!(said.contains("lens distortion (OPENCV), which is ignored"), "{said}");
+    assert!(json["seen_opacity_share"].as_f64().unwrap() > 0.9, "{json}");
+    let words = ["tune", "@", "-o", "@", "--cameras", "@", "--force"];
+    one_line(&run(&words, &[&input, &stream, project]), "image_undistorter");
+}
+
+#[test]
+fn a_tune_took_photos_of_another_scene_without_a_word() {
+    let dir = tempfile::tempdir().unwrap();
+    let (images, sparse) = (dir.path().join("images"), dir.path().join("sparse/0"));
+    std::fs::create_dir_all(&images).unwrap();
+    std::fs::create_dir_all(&sparse).unwrap();
+    for file in std::fs::read_dir(room().join("sparse/0")).unwrap() {
+        let file = file.unwrap();
+        std::fs::copy(file.path(), sparse.join(file.file_name())).unwrap();
+    }
+    for camera in cameras() {
+        let pattern = |x: u32, y: u32| image::Rgb([(x * 40) as u8, (y * 90) as u8, 255]);
+        let photo = image::RgbImage::from_fn(camera.width, camera.height, pattern);
+        photo.save(images.join(&camera.name)).unwrap();
+    }
+    let tuned = dir.path().join("tuned.ply");
+    let words = "tune @ -o @ --cameras @ --profile paper --steps 1 --backend cpu --past-input";
+    let words: Vec<&str> = words.split(' ').collect();
+    let (_, said) = report(&words, &[&model(), &tuned, dir.path()]);
+    assert!(said.contains("warning") && said.contains("are they of this scene?"), "{said}");
+    let (_, said) = report(&[&words[..], &["--force"]].concat(), &[&model(), &tuned, &room()]);
+    assert!(!said.contains("warning"), "{said}");
+}
