@@ -27,7 +27,7 @@ pub(crate) fn photos(path: &Path) -> Result<Option<Vec<TrainView>>> {
 
 /// The views that are not held out for measuring.
 fn training(path: &Path) -> Result<Vec<View>> {
-    let all = views::open(path)?;
+    let all = views::read(path)?;
     if all.is_empty() {
         bail!("{}: no cameras", path.display());
     }
@@ -95,7 +95,9 @@ pub(crate) fn renders_around(
 
 fn renders(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
     let steps = Steps::new("renders", cameras.len() as u64);
-    let one = |camera: Camera| {
+    let one = |mut camera: Camera| {
+        // A render has no lens.
+        camera.ignored_distortion = None;
         let mut photo = render(scene, &camera, &RenderOptions::default());
         // What a screen shows is clamped; differences beyond it do not count.
         photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));

@@ -131,7 +131,7 @@ pub(crate) fn up(views: &[View]) -> Option<[f64; 3]> {
 
 /// The views of a scene folder or of a camera file, by name. Lenses that distort count as pinholes: a
 /// note says so.
-pub(crate) fn open(path: &Path) -> Result<Vec<View>> {
+fn open(path: &Path) -> Result<Vec<View>> {
     let views = read(path)?;
     let distorted = views.iter().filter_map(|v| v.camera.ignored_distortion.as_ref());
     if let Some(model) = distorted.clone().next() {
@@ -146,7 +146,8 @@ pub(crate) fn open(path: &Path) -> Result<Vec<View>> {
     Ok(views)
 }
 
-fn read(path: &Path) -> Result<Vec<View>> {
+/// The same without a note.
+pub(crate) fn read(path: &Path) -> Result<Vec<View>> {
     if !path.is_file() {
         return Ok(dataset::open_views_with(path, LensDistortion::Ignore)?.1);
     }

@@ -131,6 +131,13 @@ fn a_distorted_lens_was_refused_where_no_photo_is_compared() {
     let (json, said) = report(&words, &[&input, &stream, project]);
     assert!(said.contains("lens distortion (OPENCV), which is ignored"), "{said}");
     assert!(json["seen_opacity_share"].as_f64().unwrap() > 0.9, "{json}");
+    // Photos are compared pixel by pixel.
+    let images = project.join("images");
+    std::fs::create_dir_all(&images).unwrap();
+    for camera in cameras() {
+        let photo = image::RgbImage::new(camera.width, camera.height);
+        photo.save(images.join(&camera.name)).unwrap();
+    }
     let words = ["tune", "@", "-o", "@", "--cameras", "@", "--force"];
     one_line(&run(&words, &[&input, &stream, project]), "image_undistorter");
 }

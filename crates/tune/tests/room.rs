@@ -24,7 +24,7 @@ fn views() -> Vec<TrainView> {
         let photo = Image::from_rgb8(width, height, photo.as_raw()).unwrap();
         TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
     };
-    dataset::open_views(&room()).unwrap().1.into_iter().map(load).collect()
+    dataset::open_views(room()).unwrap().1.into_iter().map(load).collect()
 }
 
 fn training() -> Vec<TrainView> {
