@@ -50,7 +50,7 @@ enum Task {
     BenchGsvx(bench::GsvxArgs),
     /// What the pipeline skips, and the tests that prove it harmless
     Skips(bench::SkipsArgs),
-    /// The decoder for browsers: npm package, viewer page, their tests
+    /// The decoder for browsers: npm package, viewer page, tests
     Web(web::Args),
     /// Make fixtures/room from its seed
     Fixture(fixture::Args),

@@ -22,13 +22,15 @@ pub(crate) fn return_soon(inputs: &[PathBuf]) {
 }
 
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
-#[allow(unsafe_code, reason = "one parameter of the C library's allocator, set at the start")]
+#[allow(unsafe_code, reason = "two parameters of the C library's allocator, set at the start")]
 mod allocator {
     pub(super) fn return_blocks_of(bytes: i32) {
         // SAFETY: `mallopt` takes two integers and keeps no pointer; it is unsafe only to call
         // while another thread allocates, and `main` calls this before it starts any.
         unsafe {
             libc::mallopt(libc::M_MMAP_THRESHOLD, bytes);
+            // One heap for all threads: each heap keeps free memory of its own.
+            libc::mallopt(libc::M_ARENA_MAX, 1);
         }
     }
 }

@@ -160,7 +160,8 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {
         note("no photos: the model is tuned to its own renders");
-    } else {
+    } else if backend.is_some() {
+        // The other profile refuses photos that show something else.
         photos::warn_of_others(&scene, &training, cameras);
     }
     let ply = extension == "ply";

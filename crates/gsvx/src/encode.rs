@@ -238,16 +238,17 @@ pub(crate) fn encode_source(
     for level in levels.iter().rev() {
         let importance = level.sum(&importance);
         let classes = if options.uniform_precision {
-            vec![f64::from(importance::MEAN_CLASS); importance.len()]
+            vec![f32::from(importance::MEAN_CLASS); importance.len()]
         } else {
             importance::log_classes(&importance)
         };
         jobs.push((level, classes));
     }
+    drop(importance);
     let each = jobs.iter().flat_map(|(level, classes)| {
         level.cuts.windows(2).map(move |cut| (*level, &classes[..], cut[0]..cut[1]))
     });
-    let encode = |(level, classes, range): (&LodLevel, &[f64], Range<usize>)| {
+    let encode = |(level, classes, range): (&LodLevel, &[f32], Range<usize>)| {
         encode_chunk(&q, &header, source, &book, (level, classes, range))
     };
     let each: Vec<_> = each.collect();
@@ -302,7 +303,7 @@ fn encode_chunk(
     header: &Header,
     source: &Source<'_>,
     book: &Book,
-    (level, classes, range): (&LodLevel, &[f64], Range<usize>),
+    (level, classes, range): (&LodLevel, &[f32], Range<usize>),
 ) -> Result<EncodedChunk> {
     let coarse = level.lod > 0;
     let source = Source {

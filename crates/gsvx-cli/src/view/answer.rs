@@ -70,7 +70,9 @@ fn refused(status: u16, text: &str) -> ResponseBox {
 }
 
 fn page() -> ResponseBox {
-    let page = Response::new(200.into(), Vec::new(), PAGE, Some(PAGE.len()), None).boxed();
+    let page = Response::new(200.into(), Vec::new(), PAGE, Some(PAGE.len()), None)
+        .with_chunked_threshold(usize::MAX)
+        .boxed();
     with(
         page,
         &[

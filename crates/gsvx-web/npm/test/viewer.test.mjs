@@ -139,7 +139,7 @@ test('all is done by keys, and every control has a name', { skip, timeout: 40000
   // The last Tab may have left the page.
   await viewer.locator('canvas').focus();
   await viewer.keyboard.press('w', { delay: 300 });
-  await viewer.waitForFunction((n) => window.gsvx.frames > n, before);
+  await viewer.waitForFunction((n) => window.gsvx.frames > n, before, { timeout: 120000, polling: 200 });
   await viewer.locator('#lod').selectOption('1');
   await viewer.waitForFunction(() => window.gsvx.slots[0].lod === 1 && window.gsvx.slots[0].complete);
   assert.match(await text(viewer, 'count'), /^1,\d{3}$/);

@@ -13,7 +13,12 @@ const LINGER = 1200;
 const slots = [];
 const state = (window.gsvx = { slots, frames: 0 });
 let until = 0;
-const dirty = () => { until = performance.now() + LINGER; };
+/** A change that no frame has shown yet, however long frames take. */
+let changed = false;
+const dirty = () => {
+  until = performance.now() + LINGER;
+  changed = true;
+};
 const stage = $('stage');
 const camera = new Camera(stage, dirty);
 
@@ -161,7 +166,8 @@ function frame(now) {
   const seconds = Math.min((now - last) / 1000, 0.1);
   last = now;
   camera.step(seconds);
-  if (now < until && slots.length) {
+  if ((changed || now < until) && slots.length) {
+    changed = false;
     for (const { view } of slots) view.draw(camera.camera);
     counted += 1;
     state.frames += 1;

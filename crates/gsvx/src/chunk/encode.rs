@@ -40,7 +40,7 @@ pub(crate) struct Quantisation {
 pub(crate) struct ChunkInput<'a> {
     pub(crate) leaves: Vec<Leaf>,
     /// Real-valued importance class of each leaf.
-    pub(crate) log_classes: &'a [f64],
+    pub(crate) log_classes: &'a [f32],
     /// One Gaussian per leaf, of SH degree 0.
     pub(crate) base: Scene,
     /// Codeword and logarithm of the scale factor of each leaf, where there is a codebook.
@@ -48,7 +48,7 @@ pub(crate) struct ChunkInput<'a> {
 }
 
 /// Leaves whose SH coefficients are in memory as input at a time.
-const PIECE: usize = 1 << 12;
+const PIECE: usize = 1 << 11;
 
 /// Encodes a chunk: its base layer, then one layer for each SH degree. `sh` gives the coefficients of a
 /// degree for a range of leaves: `2 degree + 1` per leaf.
@@ -82,15 +82,15 @@ pub(crate) fn encode(
 pub(super) fn encode_classes(
     coder: &mut Encoder,
     plan: &Plan,
-    log_classes: &[f64],
+    log_classes: &[f32],
 ) -> Result<(Factors, Vec<u8>)> {
     let leaves = plan.leaves();
     let even = vec![0; leaves.len()];
-    let factors = Factors::fit(leaves, &even, |i| log_classes[i] as f32);
+    let factors = Factors::fit(leaves, &even, |i| log_classes[i]);
     let factors = Factors { class: 0, ..factors };
     let mut rows = Rows::new(plan.len(), 1);
     for (i, &leaf) in leaves.iter().enumerate() {
-        rows.row_mut(i)[0] = log_classes[i] as f32 - factors.predict(leaf, 0);
+        rows.row_mut(i)[0] = log_classes[i] - factors.predict(leaf, 0);
     }
     attribute::encode(coder, plan, &[CLASS_STEP], &Options { lambda: LAMBDA }, &mut rows)
         .map_err(coding("importance"))?;

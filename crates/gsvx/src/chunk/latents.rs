@@ -105,7 +105,7 @@ struct Prices {
 
 impl ChunkLatents {
     /// Fixes leaves and classes; `log_classes` are real-valued classes of the leaves.
-    pub(crate) fn new(leaves: Vec<Leaf>, j_high: u8, log_classes: &[f64]) -> Result<Self> {
+    pub(crate) fn new(leaves: Vec<Leaf>, j_high: u8, log_classes: &[f32]) -> Result<Self> {
         let layout = Layout::of(&leaves, j_high).map_err(coding("geometry"))?;
         let plan = Plan::of(leaves, j_high).map_err(coding("geometry"))?;
         let mut coder = Encoder::default();
