@@ -21,16 +21,16 @@ fn within(a: &Scene, i: usize, b: &Scene, k: usize, bounds: &MaxError) -> bool {
     // What rounding the measured error to f32 hides.
     let at_most = |error: f64, bound: f32| error <= f64::from(bound) * (1.0 + 1e-6);
     let distance = |p: &[f32], q: &[f32]| {
-        let squares = p.iter().zip(q).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2));
-        squares.sum::<f64>().sqrt()
+        let differences = p.iter().zip(q).map(|(x, y)| f64::from(*x) - f64::from(*y));
+        differences.map(|d| d * d).sum::<f64>().sqrt()
     };
     let longest = a.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    let alpha = |logit: f32| 1.0 / (1.0 + (-f64::from(logit)).exp());
+    let alpha = |logit: f32| 1.0 / (1.0 + libm::exp(-f64::from(logit)));
     let shape = |s: &Scene, j: usize| coordinates(s.rotations[j], s.log_scales[j]);
     let sh = |s: &Scene, j: usize, c: usize| s.sh_of(j).get(c).copied().unwrap_or_default();
     let coefficients = a.sh_len().max(b.sh_len());
     let mean = distance(&a.means[i], &b.means[k]);
-    (mean == 0.0 || at_most(mean / f64::from(longest).exp(), bounds.mean))
+    (mean == 0.0 || at_most(mean / libm::exp(f64::from(longest)), bounds.mean))
         && at_most((alpha(a.opacity_logits[i]) - alpha(b.opacity_logits[k])).abs(), bounds.opacity)
         && at_most(distance(&shape(a, i), &shape(b, k)), bounds.shape)
         && (0..coefficients).all(|c| {
@@ -46,7 +46,7 @@ fn unmatched(a: &Scene, b: &Scene, bounds: &MaxError) -> usize {
     let edges: Vec<Vec<usize>> = (0..a.len())
         .map(|i| {
             let longest = a.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            let reach = f64::from(bounds.mean) * f64::from(longest).exp() * (1.0 + 1e-6);
+            let reach = f64::from(bounds.mean) * libm::exp(f64::from(longest)) * (1.0 + 1e-6);
             let x = f64::from(a.means[i][0]);
             let from = by_x.partition_point(|&k| f64::from(b.means[k][0]) < x - reach);
             let near = by_x[from..].iter().take_while(|&&k| f64::from(b.means[k][0]) <= x + reach);
@@ -96,7 +96,7 @@ fn exact(encoded: &Encoded) -> u64 {
 }
 
 fn bound() -> impl Strategy<Value = f32> {
-    (-10.0f32..-1.0).prop_map(|e| e.exp2())
+    (-10.0f32..-1.0).prop_map(libm::exp2f)
 }
 
 proptest! {
