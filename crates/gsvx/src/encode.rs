@@ -278,17 +278,8 @@ pub(crate) fn encode_source(
     let chunks = without_zero_degrees(chunks, exact_degree);
     let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
     let left_out = source.voxels.dropped.len();
-    let rows = options.rows.then(|| rows_of(source.voxels, source.scene.len()));
+    let rows = options.rows.then(|| source.voxels.leaf_of_each(source.scene.len()));
     Ok(Encoded { left_out, rows, ..assemble(header, chunks) })
-}
-
-/// The leaf of each of `n` Gaussians.
-fn rows_of(voxels: &Voxelization, n: usize) -> Vec<u32> {
-    let mut rows = vec![LEFT_OUT; n];
-    for leaf in 0..voxels.len() {
-        voxels.members_of(leaf).iter().for_each(|&i| rows[i as usize] = leaf as u32);
-    }
-    rows
 }
 
 /// Adds outliers, which fit the leaves, to encoded chunks without empty SH degrees at the end.
