@@ -65,7 +65,10 @@ class Cameras:
     def __getitem__(self, which: Union[slice, Sequence[int], npt.NDArray[Any]]) -> "Cameras":
         """Some of the cameras: a slice, numbers, or a mask."""
         index = np.arange(len(self))[which]
-        pick = lambda values: [values[i] for i in index] if values else []  # noqa: E731
+
+        def pick(values: List[Any]) -> List[Any]:
+            return [values[i] for i in index] if values else []
+
         return Cameras(
             self.viewmats[index],
             self.Ks[index],

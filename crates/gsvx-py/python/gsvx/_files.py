@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+import warnings
 from contextlib import contextmanager, suppress
-from typing import Any, BinaryIO, Dict, Iterator, Mapping, Tuple, Union, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, Dict, Iterator, Tuple, Union, cast
 
 from . import _gsvx
 from ._arrays import PathLike, Splats, SplatsLike, checked, from_native
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeGuard
 
 #: A file name or an object with ``read`` and ``seek``: an open file, ``io.BytesIO``, an fsspec file.
 Source = Union[PathLike, BinaryIO, Any]
@@ -17,14 +21,14 @@ Target = Union[PathLike, BinaryIO, Any]
 ModelLike = Union[SplatsLike, PathLike]
 
 
-def is_path(value: Any) -> bool:
+def is_path(value: object) -> TypeGuard[PathLike]:
     return isinstance(value, (str, os.PathLike))
 
 
 def write(target: Target, data: bytes) -> None:
     """Writes a file. One with a name appears whole or not at all; an existing one is replaced."""
     if not is_path(target):
-        target.write(data)
+        cast(Any, target).write(data)
         return
     path = os.fspath(target)
     partial = f"{path}.{os.getpid()}.part"
@@ -55,7 +59,7 @@ def opened(source: Source) -> Iterator[Tuple[BinaryIO, str]]:
         with open(source, "rb") as file:
             yield file, os.fspath(source)
     elif hasattr(source, "read") and hasattr(source, "seek"):
-        yield source, name_of(source)
+        yield cast(BinaryIO, source), name_of(source)
     elif hasattr(source, "open"):
         # What fsspec.open returns.
         with source.open() as file:
@@ -82,12 +86,9 @@ def read_model(path: PathLike, *, drop_invalid: bool = False) -> Splats:
     Raises :class:`gsvx.Error` for a file that holds no model, OSError for one that cannot be read.
     """
     arrays, notes = _gsvx.read_model(os.fspath(path), drop_invalid)
-    if drop_invalid:
-        import warnings
-
-        for note in notes:
-            if "invalid Gaussians" in note:
-                warnings.warn(note, stacklevel=2)
+    for note in notes:
+        if "invalid Gaussians" in note:
+            warnings.warn(note, stacklevel=2)
     return from_native(arrays)
 
 
@@ -106,5 +107,5 @@ def write_model(path: PathLike, splats: SplatsLike) -> None:
 def model(value: ModelLike) -> Dict[str, Any]:
     """Checked splats, read from a file if they are the name of one."""
     if is_path(value):
-        return checked(read_model(cast(PathLike, value)))
-    return checked(cast(Mapping[str, Any], value))
+        return checked(read_model(value))
+    return checked(cast(SplatsLike, value))

@@ -67,6 +67,6 @@ class GsvxCompression:
             splats["shN"] = np.concatenate([splats["shN"], padding], axis=1)
         if importlib.util.find_spec("torch") is None:
             return dict(splats)
-        import torch
+        import torch  # type: ignore[import-not-found,unused-ignore]
 
         return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in splats.items()}

@@ -1,9 +1,25 @@
 """The compiled part. Use the package's own functions, which check arguments and document them."""
 
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, final
 
 import numpy as np
 import numpy.typing as npt
+
+__all__ = [
+    "DEFAULT_QUALITY",
+    "Error",
+    "Reader",
+    "__version__",
+    "compare",
+    "compress",
+    "decompress",
+    "finetune",
+    "read_cameras",
+    "read_model",
+    "render",
+    "set_threads",
+    "write_model",
+]
 
 __version__: str
 DEFAULT_QUALITY: float
@@ -14,6 +30,7 @@ _Tell = Optional[Callable[..., Any]]
 class Error(Exception):
     """A model, a stream, cameras or photos that cannot be used; the message says why."""
 
+@final
 class Reader:
     def __new__(cls, name: str) -> Reader: ...
     def head_needs(self) -> Optional[Tuple[int, int]]: ...

@@ -35,7 +35,7 @@ class Stream:
     """A stream whose chunks are read one by one; :func:`gsvx.open` makes it.
 
     ``gaussians``: of the finest level. ``sh_degree``. ``levels``: levels of detail. ``octree_depth``,
-    ``cube_origin``, ``cube_side``: the octree. ``bytes``: length of the stream. ``parts``: bytes by part.
+    ``cube_origin``, ``cube_side``: the octree. ``size``: its bytes. ``parts``: bytes by part.
     ``chunks``: the index. ``bytes_read``: bytes read so far.
     """
 
@@ -45,7 +45,7 @@ class Stream:
     octree_depth: int
     cube_origin: Tuple[float, float, float]
     cube_side: float
-    bytes: int
+    size: int
     parts: Dict[str, int]
     chunks: List[Chunk]
     bytes_read: int
@@ -68,7 +68,7 @@ class Stream:
         self.octree_depth = head["octree_depth"]
         self.cube_origin = tuple(head["cube_origin"])
         self.cube_side = head["cube_side"]
-        self.bytes = head["bytes"]
+        self.size = head["bytes"]
         self.parts = head["parts"]
         for chunk in head["chunks"]:
             chunk["bounds"] = tuple(map(tuple, chunk["bounds"]))
@@ -144,7 +144,7 @@ class Stream:
     def __repr__(self) -> str:
         return (
             f"Stream({self.gaussians} Gaussians, SH degree {self.sh_degree}, {len(self.chunks)} chunks, "
-            f"{self.bytes} bytes)"
+            f"{self.size} bytes)"
         )
 
 

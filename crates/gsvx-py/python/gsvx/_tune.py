@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from typing import Any, Dict, Optional, Sequence, cast
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -143,10 +143,10 @@ def _photos(
             f"{views.name}: camera {views.names[i]} has lens distortion ({views.ignored_distortion[i]}); "
             "undistort the photos first"
         )
-    used = []
+    used: List[Any] = []
     for photo in photos:
         if is_path(photo):
-            used.append(os.fspath(cast(PathLike, photo)))
+            used.append(os.fspath(photo))
             continue
         kind = np.uint8 if str(getattr(photo, "dtype", "")).endswith("uint8") else np.float32
         array = as_array(photo, kind, "photos")
