@@ -118,7 +118,7 @@ pub(crate) struct Args {
     reading: Reading,
 
     /// The target size in megabits (10^6 bits).
-    #[arg(long, value_name = "MBIT", group = "rate", value_parser = positive,
+    #[arg(long, value_name = "MBIT", group = "rate", value_parser = crate::size::positive,
           hide_short_help = true, help_heading = EXPERTS)]
     target_mbit: Option<f64>,
     /// Voxelize uniformly at this octree depth instead of by rate and distortion.
@@ -175,12 +175,6 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 /// A number of dB on the command line.
 pub(crate) fn finite(text: &str) -> std::result::Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "use a number of dB".into())
-}
-
-/// A positive number on the command line.
-pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
-    let value = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
-    value.ok_or_else(|| "use a positive number".into())
 }
 
 fn covariance(text: &str) -> std::result::Result<CovarianceMode, String> {

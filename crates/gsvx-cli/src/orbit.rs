@@ -12,7 +12,7 @@ pub(crate) struct Orbit {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub(crate) orbit: Option<u32>,
     /// With --orbit: distance from the centre in world units [default: what sees most].
-    #[arg(long, value_name = "UNITS", requires = "orbit", value_parser = crate::encode::positive)]
+    #[arg(long, value_name = "UNITS", requires = "orbit", value_parser = crate::size::positive)]
     orbit_radius: Option<f64>,
     /// With --orbit: height of the circle, degrees above the horizon [default: 8, or higher where
     /// more is seen from there].
