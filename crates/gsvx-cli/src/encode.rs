@@ -60,7 +60,7 @@ pub(crate) struct Args {
     #[arg(short, long, group = "rate", value_parser = quality,
           default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// A quality by name: 30, 50, 70 or 90.
+    /// A quality by name: 30, 50, 75 or 90.
     #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
     preset: Option<Preset>,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
