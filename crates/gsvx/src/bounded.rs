@@ -61,7 +61,8 @@ pub(crate) fn encode(scene: &Scene, bounds: &MaxError, options: &EncodeOptions) 
         let (encoded, ratios) = encode_once(scene, &placed, &exact, bounds, (steps, options))?;
         let worst = of_groups(&ratios);
         if round > 0 && worst.iter().all(|&r| r <= 1.0) {
-            return Ok(Encoded { max_error: Some(bounds.times(&worst)), ..encoded });
+            let rows = options.rows.then(|| rows(&placed.order, &exact));
+            return Ok(Encoded { max_error: Some(bounds.times(&worst)), rows, ..encoded });
         }
         steps = steered(steps, &worst, round == 0, bounds);
         if round >= STEERED {
@@ -72,6 +73,14 @@ pub(crate) fn encode(scene: &Scene, bounds: &MaxError, options: &EncodeOptions) 
         }
     }
     all_exact(scene)
+}
+
+/// The row of each Gaussian in the decoded scene: leaves first, then what is exact.
+fn rows(order: &[usize], exact: &[bool]) -> Vec<u32> {
+    let mut rows = vec![0; exact.len()];
+    let outliers = (0..exact.len()).filter(|&i| exact[i]);
+    (0..).zip(order.iter().copied().chain(outliers)).for_each(|(row, i)| rows[i] = row);
+    rows
 }
 
 /// A stream without any error.

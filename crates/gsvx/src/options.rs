@@ -100,6 +100,8 @@ pub struct EncodeOptions {
     /// Most leaves of a chunk. Smaller chunks cost bytes, since each learns its statistics anew; larger ones
     /// cost memory, and fewer of them can be decoded at once.
     pub chunk_leaves: NonZeroUsize,
+    /// Return in [`crate::Encoded::rows`] what became of each Gaussian.
+    pub rows: bool,
 }
 
 /// Leaves of a chunk by default.
@@ -156,6 +158,7 @@ impl EncodeOptions {
             uniform_precision: false,
             lod: false,
             chunk_leaves: CHUNK_LEAVES,
+            rows: false,
         }
     }
 }

@@ -68,7 +68,10 @@ pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     let of_inside = |given: Vec<f32>| split.inside.iter().map(|&i| given[i]).collect();
     let importance = importance.map(of_inside);
     let options = EncodeOptions { importance, ..options.clone() };
-    encode_with(&inside, strategy, Some(&outliers), &options)
+    let encoded = encode_with(&inside, strategy, Some(&outliers), &options)?;
+    let leaves = encoded.index.header.count as usize - outliers.len();
+    let rows = encoded.rows.as_ref().map(|rows| split.rows(rows, leaves as u32));
+    Ok(Encoded { rows, ..encoded })
 }
 
 /// As [`encode`], with a voxelization of the caller's choice. `outliers` are coded exactly. Importances
