@@ -559,7 +559,11 @@ fn largest_below(
         found => (found?, None),
     };
     let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
-    Ok(search_result(found, &counts, format!("{share:.1}% of the target"), why))
+    let note = match &why {
+        Some(_) => "above the target".into(),
+        None => format!("{share:.1} % of the target"),
+    };
+    Ok(search_result(found, &counts, note, why))
 }
 
 /// The smallest stream of at least `target` dB, or the best if there is none.
