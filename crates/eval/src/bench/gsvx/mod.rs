@@ -171,7 +171,7 @@ pub fn choices(scenes: &[String]) -> Result<()> {
 }
 
 /// The command, relative to the root of the workspace.
-fn command(gsvx: &Path) -> Result<PathBuf> {
+pub(super) fn command(gsvx: &Path) -> Result<PathBuf> {
     let gsvx = scenes::root().join(gsvx);
     ensure!(
         gsvx.is_file(),
