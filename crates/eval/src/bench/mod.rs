@@ -8,6 +8,7 @@ pub mod gsvx;
 mod memory;
 mod skips;
 mod stages;
+pub mod tune;
 pub mod voxel;
 
 pub use memory::child as memory_child;
