@@ -21,9 +21,10 @@
 //!
 //! Normative description: `docs/format.md`, "Attributes".
 
-use crate::coder::{Coder, SCALE_BITS, code_gamma};
-use crate::model::{Bit, SYMBOLS, Symbols};
+use crate::coder::{Coder, code_gamma};
+use crate::model::Bit;
 use crate::raht::{LANES, Plan};
+use crate::symbols::{SCALE_BITS, SYMBOLS, Symbols};
 
 /// Activities of a row: activity `a` is that of the channels `a`, `a + 3`, `a + 6` and so on.
 pub(crate) const ACTIVITIES: usize = 3;

@@ -53,6 +53,7 @@ pub mod predict;
 pub mod quant;
 pub mod raht;
 pub mod rlgr;
+mod symbols;
 
 pub use error::{Error, Result};
 pub use leaf::Leaf;

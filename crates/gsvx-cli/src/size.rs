@@ -29,6 +29,12 @@ pub(crate) fn count(text: &str) -> Result<u64, String> {
     parse(text, &COUNT).ok_or_else(|| "use a number such as 800000, 500k or 2M".into())
 }
 
+/// A positive number.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
+    value.ok_or_else(|| "use a positive number".into())
+}
+
 fn parse(text: &str, units: &[(&str, f64)]) -> Option<u64> {
     let text = text.trim().to_ascii_lowercase();
     let unit = units.iter().find_map(|&(u, f)| Some((text.strip_suffix(u)?, f)));

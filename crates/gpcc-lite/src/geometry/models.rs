@@ -6,7 +6,8 @@ use super::Layout;
 use super::density::{Classes, lean};
 use super::slabs::{FITS, STATES, Slabs};
 use crate::coder::{Coder, code_gamma};
-use crate::model::{Bit, SYMBOLS, Symbols, table};
+use crate::model::{Bit, table};
+use crate::symbols::{SYMBOLS, Symbols};
 
 /// Memory of the decisions' models, in observations.
 const LIMIT: u32 = 255;

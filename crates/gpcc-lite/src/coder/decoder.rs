@@ -1,0 +1,157 @@
+//! Reads a stream, symbol by symbol.
+
+use super::{Coder, LOWEST, STATES};
+use crate::bytes::{BitReader, Reader};
+use crate::error::{Error, Result};
+use crate::symbols::{SCALE_BITS, Symbols};
+
+/// The decoder half of the [coder](super).
+#[derive(Clone, Debug)]
+pub struct Decoder<'a> {
+    states: [u32; STATES],
+    /// Number of symbols decoded so far, modulo [`STATES`].
+    turn: usize,
+    words: &'a [[u8; 2]],
+    /// Words taken so far.
+    taken: usize,
+    plain: BitReader<'a>,
+}
+
+impl<'a> Decoder<'a> {
+    /// A decoder of the stream `data`.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] or [`Error::Corrupt`] if the head of the stream is damaged.
+    pub fn new(data: &'a [u8]) -> Result<Self> {
+        let mut states = [LOWEST; STATES];
+        if data.is_empty() {
+            let plain = BitReader::new(data);
+            return Ok(Self { states, turn: 0, words: &[], taken: 0, plain });
+        }
+        let mut r = Reader::new(data);
+        let words = r.varint("number of words")?;
+        for x in &mut states {
+            let b = r.bytes(4, "rANS state")?;
+            *x = u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+            if *x < LOWEST {
+                return Err(r.corrupt("rANS state"));
+            }
+        }
+        let words = r.bytes(words.saturating_mul(2), "rANS words")?;
+        let (words, _) = words.as_chunks::<2>();
+        Ok(Self { states, turn: 0, words, taken: 0, plain: BitReader::new(&data[r.pos()..]) })
+    }
+
+    /// Whether the stream ends here, as a whole stream does: all words and all bytes of plain bits are
+    /// taken, and the states are those that the encoder began with.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] or [`Error::Corrupt`].
+    pub fn finish(&self) -> Result<()> {
+        if self.exhausted() {
+            return Err(Error::Truncated { offset: self.taken * 2, what: "entropy-coded data" });
+        }
+        let whole = self.taken == self.words.len() && self.plain.at_end();
+        if !whole || self.states != [LOWEST; STATES] {
+            return Err(Error::Corrupt { offset: self.taken * 2, what: "entropy-coded data" });
+        }
+        Ok(())
+    }
+
+    /// Removes the symbol with this interval from state `x`, the state whose turn it is.
+    #[inline(always)]
+    fn advance(&mut self, x: u32, code: u32, start: u32, size: u32) {
+        self.states[self.turn] = next_state(x, code, start, size, self.words, &mut self.taken);
+        self.turn = (self.turn + 1) % STATES;
+    }
+}
+
+/// The state after an interval was taken out of `x`.
+#[inline(always)]
+fn next_state(
+    x: u32,
+    code: u32,
+    start: u32,
+    size: u32,
+    words: &[[u8; 2]],
+    taken: &mut usize,
+) -> u32 {
+    let x = size.wrapping_mul(x >> SCALE_BITS).wrapping_add(code - start);
+    // Whether a word is taken cannot be predicted: no branch.
+    let word = words.get(*taken).map_or(0, |w| u16::from_le_bytes(*w));
+    let take = x < LOWEST;
+    *taken += usize::from(take);
+    std::hint::select_unpredictable(take, x << 16 | u32::from(word), x)
+}
+
+impl Coder for Decoder<'_> {
+    const ENCODING: bool = false;
+
+    #[inline]
+    fn decision(&mut self, p1: u32, _: bool) -> bool {
+        let x = self.states[self.turn];
+        let code = x & ((1 << SCALE_BITS) - 1);
+        let value = code < p1;
+        let (start, size) = if value { (0, p1) } else { (p1, (1 << SCALE_BITS) - p1) };
+        self.advance(x, code, start, size);
+        value
+    }
+
+    #[inline]
+    fn symbol(&mut self, model: &mut Symbols, _: usize) -> usize {
+        let x = self.states[self.turn];
+        let code = x & ((1 << SCALE_BITS) - 1);
+        let symbol = model.find(code);
+        let (start, size) = model.interval(symbol);
+        self.advance(x, code, start, size);
+        model.learn(symbol);
+        symbol
+    }
+
+    fn symbols(&mut self, models: &mut [Symbols], contexts: &[u8], values: &mut [u8]) {
+        let (contexts, last_contexts) = contexts.as_chunks::<STATES>();
+        let (values, last_values) = values.as_chunks_mut::<STATES>();
+        // In registers: the states in the order of their turns.
+        let mut states: [u32; STATES] =
+            std::array::from_fn(|i| self.states[(self.turn + i) % STATES]);
+        let (words, mut taken) = (self.words, self.taken);
+        for (contexts, values) in contexts.iter().zip(values) {
+            for i in 0..STATES {
+                let model = &mut models[usize::from(contexts[i])];
+                let code = states[i] & ((1 << SCALE_BITS) - 1);
+                let symbol = model.find(code);
+                let (start, size) = model.interval(symbol);
+                states[i] = next_state(states[i], code, start, size, words, &mut taken);
+                model.learn(symbol);
+                values[i] = symbol as u8;
+            }
+        }
+        self.taken = taken;
+        for (i, state) in states.into_iter().enumerate() {
+            self.states[(self.turn + i) % STATES] = state;
+        }
+        for (&context, value) in last_contexts.iter().zip(last_values) {
+            *value = self.symbol(&mut models[usize::from(context)], 0) as u8;
+        }
+    }
+
+    #[inline]
+    fn bits(&mut self, _: u32, n: u32) -> u32 {
+        self.plain.get(n)
+    }
+
+    #[inline]
+    fn bits_and_sign(&mut self, above: u32, (_, n): (u32, u32), _: bool) -> (u32, bool) {
+        // Both at once, the sign on trial.
+        let both = self.plain.peek(n + 1);
+        let (value, sign) = (both >> 1, both & 1);
+        let signed = u32::from(above | value != 0);
+        self.plain.skip(n + signed);
+        (value, sign & signed != 0)
+    }
+
+    #[inline]
+    fn exhausted(&self) -> bool {
+        self.taken > self.words.len() || self.plain.overrun()
+    }
+}
