@@ -174,7 +174,11 @@ fn the_smallest_runs_end() {
         options
     };
     let mut one = training().remove(0);
+    // The two pixels in the middle of four by three.
     one.camera = one.camera.scaled_to(4, 3).unwrap();
+    (one.camera.width, one.camera.height) = (2, 1);
+    one.camera.cx -= 1.0;
+    one.camera.cy -= 1.0;
     one.photo = render(&model(), &one.camera, &RenderOptions::default());
     let run = Tune::new(model(), vec![one.clone()], options()).unwrap();
     assert!(!gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().is_empty());

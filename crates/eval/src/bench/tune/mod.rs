@@ -4,11 +4,13 @@
 //! be made in parts: a run measures what it is asked for and writes all that is recorded.
 
 mod page;
+mod step;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 
+use crate::command;
 use crate::rd_curve::streams::{How, Point, QUALITIES, Streams};
 use crate::rd_curve::study::Study;
 use crate::rd_curve::{Effort, Options as CurveOptions};
@@ -59,6 +61,9 @@ struct Scene {
     original: [f64; 2],
     untuned: Vec<Point>,
     tuned: Vec<Tuned>,
+    step: step::Cost,
+    /// Greatest memory of a plain fine-tune, MB.
+    plain_peak_mb: f64,
 }
 
 /// Measures and writes the page.
@@ -104,5 +109,7 @@ fn scene(options: &Options, name: &str) -> Result<Scene> {
         original: [score.psnr_db, score.ssim],
         untuned,
         tuned,
+        step: step::cost(&study)?,
+        plain_peak_mb: step::plain_peak_mb(&study, &command::find(&options.gsvx)?)?,
     })
 }
