@@ -14,7 +14,9 @@ mod framing;
 mod info;
 mod input;
 mod interrupt;
+mod loss;
 mod lost_columns;
+mod max_error;
 mod memory;
 mod nearest;
 mod orbit;
@@ -107,8 +109,17 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
     }
 }
 
+/// The command line, with wildcards expanded.
+fn arguments() -> impl Iterator<Item = std::ffi::OsString> {
+    #[cfg(windows)]
+    return wild::args_os();
+    // Elsewhere the shell has done it.
+    #[cfg(not(windows))]
+    std::env::args_os()
+}
+
 fn main() -> std::process::ExitCode {
-    match run(&Cli::parse()) {
+    match run(&Cli::parse_from(arguments())) {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => exit::code(&error).into(),
     }

@@ -7,7 +7,7 @@ use crate::head::{Chunk, Cube, Header, Index, Kind, Layer, Shapes, Steps};
 use crate::importance;
 use crate::lod::{self, LodLevel};
 use crate::lossless;
-use crate::options::{CovarianceMode, EncodeOptions};
+use crate::options::{CovarianceMode, EncodeOptions, MaxError};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -23,6 +23,8 @@ pub struct Encoded {
     pub index: Index,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
+    /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
+    pub max_error: Option<MaxError>,
     /// If [`EncodeOptions::rows`] asks for it, and always of [`encode_lossless`]: the row in which a decoder
     /// returns each Gaussian of the input. Gaussians that were merged share one. [`LEFT_OUT`] stands for
     /// those left out.
@@ -241,6 +243,8 @@ pub(crate) fn encode_source(
         steps: options.steps,
         j_high: header.j_high,
         sh_degree,
+        // What saves bits on average makes single errors large.
+        to_nearest: options.max_error.is_some(),
         integer_bits: match options.covariance {
             CovarianceMode::Lossless { bits } => Some(bits),
             _ => None,
@@ -418,7 +422,7 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
         offset += layer.len;
     }
     bytes.extend(payload);
-    Encoded { bytes, index: Index { header, chunks, head_len }, left_out: 0, rows: None }
+    Encoded { bytes, index: Index { header, chunks, head_len }, ..Encoded::default() }
 }
 
 /// Outliers that fit the scene of the leaves.

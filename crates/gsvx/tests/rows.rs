@@ -4,7 +4,7 @@
 mod common;
 
 use common::{bits, encoding, scene, with_floaters};
-use gsvx::{EncodeOptions, LEFT_OUT, decode, encode, encode_lossless};
+use gsvx::{EncodeOptions, LEFT_OUT, MaxError, decode, encode, encode_lossless};
 
 #[test]
 fn rows_lead_to_the_gaussians_that_the_input_became() {
@@ -47,6 +47,27 @@ fn gaussians_that_no_camera_sees_have_no_row() {
     let rows = encoded.rows.unwrap();
     let left_out = rows.iter().filter(|&&row| row == LEFT_OUT).count();
     assert!(left_out > 0 && left_out == encoded.left_out);
+}
+
+#[test]
+fn with_bounds_on_errors_each_gaussian_has_a_row_of_its_own() {
+    let (scene, outliers) = with_floaters(scene(1000, 1, 11));
+    let options = encoding(|o| (o.max_error, o.rows) = (Some(MaxError::all(0.05)), true));
+    let encoded = encode(&scene, &options).unwrap();
+    let (rows, back) = (encoded.rows.unwrap(), decode(&encoded.bytes).unwrap());
+    let mut sorted = rows.clone();
+    sorted.sort_unstable();
+    assert!(sorted.into_iter().eq(0..scene.len() as u32));
+    for (i, &row) in rows.iter().enumerate() {
+        let row = row as usize;
+        if outliers.contains(&i) {
+            assert_eq!(bits(&back, row), bits(&scene, i));
+        }
+        let longest = scene.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let d: [f32; 3] = std::array::from_fn(|k| back.means[row][k] - scene.means[i][k]);
+        let off = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        assert!(off <= 0.0501 * libm::expf(longest), "{i}");
+    }
 }
 
 #[test]
