@@ -5,8 +5,8 @@
     python crates/gsvx-py/bench.py MODEL.ply ...
 
 With --install it also makes an empty environment, installs the package into it with an empty cargo target
-folder, runs the README's example, and measures the wheel. Figures that it does not measure are taken
-from the page as it is.
+folder, runs the README's example, and measures the wheel, which stays in target/wheels. With --tests it runs the
+tests. Figures that it does not measure are taken from the page as it is.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import os
 import platform
 import re
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -49,8 +50,8 @@ def peak():
 before, start, cpu = peak(), time.perf_counter(), time.process_time()
 if what == "compress":
     gsvx.compress(out, splats)
-elif what == "compress file":
-    gsvx.compress(out, source)
+elif what == "lossless":
+    gsvx.compress(out, source, lossless=True)
 elif what == "decompress":
     splats = gsvx.decompress(source)
 seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
@@ -94,12 +95,16 @@ def command(*words):
 def model_rows(gsvx, model, folder):
     """The figures of a model: rows of the three tables."""
     prepared = worker("prepare", model, folder)
-    stream, other, ply = folder / "a.gsvx", folder / "b.gsvx", folder / "a.ply"
-    runs = {name: [] for name in ("encode", "compress", "compress file", "decode", "decompress")}
+    names = ("a.gsvx", "b.gsvx", "exact.gsvx", "a.ply")
+    stream, other, exact, ply = (folder / name for name in names)
+    runs = {name: [] for name in ("encode", "compress", "lossless", "decode", "decompress")}
+    runs["encode lossless"] = []
     for _ in range(RUNS):
         runs["encode"].append(command(gsvx, "encode", model, "-o", stream, "--force", "--json"))
         runs["compress"].append(worker("compress", folder, other))
-        runs["compress file"].append(worker("compress file", model, other))
+        words = [gsvx, "encode", model, "-o", exact, "--lossless", "--force", "--json"]
+        runs["encode lossless"].append(command(*words))
+        runs["lossless"].append(worker("lossless", model, exact))
         runs["decode"].append(command(gsvx, "decode", stream, "-o", "/dev/null", "--force", "--json"))
         runs["decompress"].append(worker("decompress", stream, "-"))
     if stream.read_bytes() != other.read_bytes():
@@ -112,7 +117,7 @@ def model_rows(gsvx, model, folder):
         row(name, "decompress", best("decode", "decode_seconds"), best("decompress", "seconds")),
     ]
     cpus = [
-        row(name, "compress", best("encode", "cpu"), best("compress file", "cpu")),
+        row(name, "lossless", best("encode lossless", "cpu"), best("lossless", "cpu")),
         row(name, "decompress", best("decode", "cpu"), best("decompress", "cpu")),
     ]
     peaks = []
@@ -141,7 +146,8 @@ def install():
         start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
         run([sys.executable, "-m", "venv", venv])
         python = venv / "bin" / "python"
-        wheels = folder / "wheels"
+        wheels = REPOSITORY / "target" / "wheels"
+        shutil.rmtree(wheels, ignore_errors=True)
         run([python, "-m", "pip", "wheel", "--no-deps", "-w", wheels, FOLDER], env=environment)
         (wheel,) = wheels.glob("*.whl")
         run([python, "-m", "pip", "install", wheel], env=environment)
@@ -170,10 +176,15 @@ def kept(heading):
 
 
 def tests():
-    """What pytest says in its last line."""
+    """What pytest says in its last line, without its time."""
     words = [sys.executable, "-m", "pytest", "-q", FOLDER / "tests"]
     said = subprocess.run([str(w) for w in words], capture_output=True, text=True).stdout
-    return said.strip().splitlines()[-1]
+    return said.strip().splitlines()[-1].split(" in ")[0]
+
+
+def kept_tests():
+    found = re.search(r"`pytest crates/gsvx-py/tests`: (.*?)\.", PAGE.read_text() if PAGE.exists() else "")
+    return found[1] if found else "not run"
 
 
 def processor():
@@ -185,6 +196,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("models", nargs="*", type=Path)
     parser.add_argument("--install", action="store_true")
+    parser.add_argument("--tests", action="store_true")
     parser.add_argument("--command", type=Path, default=REPOSITORY / "target" / "release" / "gsvx")
     arguments = parser.parse_args()
     tables = [[], [], []]
@@ -204,7 +216,7 @@ def main():
         cpus="\n".join(cpus),
         peaks="\n".join(peaks),
         runs=RUNS,
-        tests=tests(),
+        tests=tests() if arguments.tests else kept_tests(),
     )
     PAGE.write_text(page)
     print(PAGE)
@@ -212,7 +224,7 @@ def main():
 
 TEMPLATE = """# In Python
 
-`python crates/gsvx-py/bench.py MODELS --install`, beside `target/release/gsvx`. {machine}.
+`python crates/gsvx-py/bench.py MODELS --install --tests`, beside `target/release/gsvx`. {machine}.
 
 ## From nothing
 
@@ -237,9 +249,9 @@ The streams are byte for byte the same.
 
 ## How much work
 
-Processor seconds, which other programs on the machine disturb less. Of the command they are those of the whole process. Of
-Python they are those of `gsvx.compress` with the name of the same PLY, which it reads into arrays first, and of
-`gsvx.decompress`.
+Processor seconds, which other programs on the machine disturb less. Of the command they are those of the whole process:
+`encode --lossless`, which makes no estimate of the loss, and `decode`. Of Python they are those of
+`gsvx.compress` with the name of the same PLY, which it reads into arrays first, and of `gsvx.decompress`.
 
 | model, Gaussians | | command | Python | more |
 |---|---|---:|---:|---:|
@@ -259,7 +271,7 @@ is 0 at most.
 
 `pytest crates/gsvx-py/tests`: {tests}. Among them: 1,000 streams with random damage are given to
 `decompress_bytes` and to `open`, and every one is decoded as if it were whole or raises `gsvx.Error`; the
-streams of 16 sets of options are those of the command.
+streams of 17 sets of options are those of the command.
 """
 
 if __name__ == "__main__":
