@@ -9,6 +9,7 @@ mod memory;
 pub mod quality;
 mod skips;
 mod stages;
+pub mod tune;
 pub mod voxel;
 
 pub use memory::child as memory_child;

@@ -11,7 +11,7 @@ use gs_model::Scene;
 use gsvx::{EncodeOptions, MaxError};
 use serde_json::Value;
 
-use super::gsvx::command;
+use crate::command;
 use crate::measure;
 use crate::progress::Bar;
 use crate::scenes::{self, TestScene};
@@ -80,7 +80,7 @@ impl Row {
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn run(options: &Options) -> Result<()> {
-    let gsvx = command(&options.gsvx)?;
+    let gsvx = command::find(&options.gsvx)?;
     let (mut rows, mut bounded) = (Vec::new(), String::new());
     for name in &options.scenes {
         let scene = Reference::open(name)?;

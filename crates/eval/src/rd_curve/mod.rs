@@ -9,6 +9,7 @@ pub(crate) mod plan;
 pub(crate) mod record;
 mod size;
 pub(crate) mod stages;
+pub(crate) mod streams;
 pub(crate) mod study;
 pub(crate) mod tune;
 
@@ -23,7 +24,7 @@ use crate::peers;
 use crate::pictures;
 use crate::published;
 use crate::report::{self, sections};
-use plan::{Coding, GSVX, slug};
+use plan::{Coding, GSVX, TUNED, slug};
 use record::{Bd, Curve, Picture, Run};
 use stages::Branch;
 use study::{PICTURE_VIEWS, Study};
@@ -31,6 +32,7 @@ use tune::Tuning;
 
 pub use plan::parse_depths;
 pub use size::run as size;
+pub use streams::Effort;
 
 /// What [`run`] does.
 #[derive(Clone, Debug)]
@@ -51,6 +53,9 @@ pub struct Options {
     /// Steps of a fine-tune of each voxelized model against the training photos. None if not given;
     /// experiments then take 400.
     pub finetune: Option<u64>,
+    /// Draw the curve of `gsvx tune` too: the command, relative to the root of the workspace, and how
+    /// long it tunes.
+    pub tune: Option<(PathBuf, Effort)>,
     /// Run every stage, done before or not.
     pub fresh: bool,
     /// Other codecs' tools.
@@ -67,6 +72,7 @@ impl Default for Options {
             depth: None,
             adaptive: None,
             finetune: None,
+            tune: None,
             fresh: false,
             peers: peers::Options::default(),
         }
@@ -123,6 +129,9 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
         }
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
+    if let Some((gsvx, effort)) = &options.tune {
+        curves.push(streams::curve(study, gsvx, *effort)?);
+    }
     let tools = study.peers(&options.peers, base)?;
 
     let found = &study.test.files;
@@ -156,16 +165,21 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
     Ok(run)
 }
 
-/// Hull against hull: gsvx against our other curves, those against the uniform one, all against the
-/// others.
+/// Hull against hull: the tuned curve against ours, gsvx against our other curves, those against the
+/// uniform one, all against the others.
 fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
     let mut out = Vec::new();
     let mut pair = |test: &Curve, anchor: &Curve| {
         let (of_test, of_anchor) = (test.rates(), anchor.rates());
         out.push(sections::compare((&test.name, &of_test), (&anchor.name, &of_anchor)));
     };
-    if let [uniform, rest @ ..] = curves {
-        let (gsvx, rest): (Vec<&Curve>, Vec<&Curve>) = rest.iter().partition(|c| c.name == GSVX);
+    let (tuned, untuned): (Vec<&Curve>, Vec<&Curve>) = curves.iter().partition(|c| c.name == TUNED);
+    for tuned in tuned {
+        untuned.iter().rev().for_each(|curve| pair(tuned, curve));
+    }
+    if let [uniform, rest @ ..] = &untuned[..] {
+        let (gsvx, rest): (Vec<&Curve>, Vec<&Curve>) =
+            rest.iter().copied().partition(|c| c.name == GSVX);
         for gsvx in gsvx {
             rest.iter().for_each(|curve| pair(gsvx, curve));
             pair(gsvx, uniform);

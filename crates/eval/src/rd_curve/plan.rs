@@ -124,6 +124,7 @@ pub(crate) const UNIFORM: &str = "uniform";
 pub(crate) const PAPER_CRITERIA: &str = "paper's criteria";
 pub(crate) const PAPER_CODING: &str = "paper's coding";
 pub(crate) const GSVX: &str = "gsvx";
+pub(crate) const TUNED: &str = "gsvx, tuned";
 
 /// A name as a part of file names and links.
 pub(crate) fn slug(name: &str) -> String {
