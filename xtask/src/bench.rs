@@ -241,6 +241,28 @@ pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
     bench::gsvx::run(&bench::gsvx::Options { scene, sizes, gsvx, out })
 }
 
+/// Flags of `cargo xtask bench-quality`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct QualityArgs {
+    /// Scenes with photos
+    #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
+    scenes: Vec<String>,
+    /// Folder of models without photos
+    #[arg(long, default_value = "../shared/models")]
+    models: PathBuf,
+    /// The command that is measured
+    #[arg(long, default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
+    /// Where the page goes
+    #[arg(long, default_value = "docs/results/quality.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn quality(args: QualityArgs) -> Result<()> {
+    let QualityArgs { scenes, models, gsvx, out } = args;
+    bench::quality::run(&bench::quality::Options { scenes, models, gsvx, out })
+}
+
 /// Flags of `cargo xtask bench-tune`.
 #[derive(clap::Args, Debug)]
 pub(crate) struct TuneArgs {

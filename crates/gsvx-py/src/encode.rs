@@ -6,10 +6,10 @@ use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use crate::views::{Reference, Seen};
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, LEFT_OUT, Prepared, rate};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, LEFT_OUT, MaxError, Prepared, rate};
 use numpy::PyArray1;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::{IntoPyDict, PyBytes, PyDict};
 use std::num::NonZeroUsize;
 use std::time::Instant;
 use voxel::{Strategy, Trimmed};
@@ -21,6 +21,7 @@ enum Aim {
     Quality(f32),
     Bytes(u64),
     Psnr(f64),
+    Within(MaxError),
 }
 
 /// Options as Python has them.
@@ -31,6 +32,8 @@ pub(crate) struct Options {
     target_bytes: Option<u64>,
     target_psnr: Option<f64>,
     lossless: bool,
+    /// Bounds on mean, opacity, shape and SH.
+    max_error: Option<(f32, f32, f32, f32)>,
     drop_unseen: bool,
     drop_invalid: bool,
     lod: bool,
@@ -47,6 +50,9 @@ pub(crate) struct Options {
 
 impl Options {
     fn aim(&self) -> Aim {
+        if let Some((mean, opacity, shape, sh)) = self.max_error {
+            return Aim::Within(MaxError { mean, opacity, shape, sh });
+        }
         match (self.lossless, self.target_bytes, self.target_psnr) {
             (true, ..) => Aim::Lossless,
             (_, Some(bytes), _) => Aim::Bytes(bytes),
@@ -159,6 +165,13 @@ impl Job {
             _ => None,
         };
         self.prune()?;
+        if let Aim::Within(bounds) = aim {
+            let mut options = self.options.at(gsvx::DEFAULT_QUALITY)?;
+            options.max_error = Some(bounds);
+            self.made.encoded = gsvx::encode(&self.scene, &options)?;
+            self.made.encodes = 1;
+            return Ok(self.finish());
+        }
         self.trim()?;
         match (aim, reference) {
             (Aim::Bytes(most), _) => self.largest_below(most, line)?,
@@ -381,6 +394,10 @@ fn report<'py>(py: Python<'py>, made: &Made, input: usize) -> PyResult<Bound<'py
     out.set_item("parts", parts(py, encoded)?)?;
     let rows = made.rows.as_ref().map(|rows| PyArray1::from_slice(py, rows));
     out.set_item("index_map", rows)?;
+    let errors = encoded
+        .max_error
+        .map(|e| [("mean", e.mean), ("opacity", e.opacity), ("shape", e.shape), ("sh", e.sh)]);
+    out.set_item("max_error", errors.map(|e| e.into_py_dict(py)).transpose()?)?;
     Ok(out)
 }
 

@@ -69,6 +69,17 @@ def test_index_map_tells_what_became_of_each_gaussian(splats):
     assert gsvx.compress(io.BytesIO(), MODEL).index_map is None
 
 
+def test_errors_keep_their_bounds(small):
+    out = io.BytesIO()
+    bounds = dict(mean=0.1, opacity=0.02, shape=0.05, sh=0.01)
+    report = gsvx.compress(out, small, max_error=bounds, index_map=True)
+    assert report.gaussians == 400 and all(report.max_error[name] <= bounds[name] for name in bounds)
+    back = {name: a[report.index_map] for name, a in gsvx.decompress_bytes(out.getvalue()).items()}
+    assert np.abs(back["shN"] - small["shN"]).max() <= 0.01
+    longest = np.exp(small["scales"].max(axis=1))
+    assert (np.linalg.norm(back["means"] - small["means"], axis=1) <= 0.1001 * longest).all()
+
+
 class Tensor:
     """As a tensor of torch that lies on a GPU and requires gradients."""
 
@@ -89,8 +100,13 @@ class Tensor:
 
 class OnlyDlpack:
     def __init__(self, array):
-        self.__dlpack__ = array.__dlpack__
-        self.__dlpack_device__ = array.__dlpack_device__
+        self.array = array
+
+    def __dlpack__(self, **options):
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
 
 
 def test_any_arrays_give_the_same_bytes(small):
@@ -175,6 +191,9 @@ def test_cameras_of_another_scene_are_an_error_or_a_warning(splats):
         (dict(target_psnr=30), "needs cameras"),
         (dict(drop_unseen=True), "needs cameras"),
         (dict(lossless=True, prune=0.1), "lossless: cannot be used with prune"),
+        (dict(max_error=0), "bound on the mean is 0"),
+        (dict(max_error={"mean": 1}), "one for each of mean, opacity, shape, sh"),
+        (dict(max_error=0.1, web=True), "max_error: cannot be used with web"),
         (dict(prune=1.0), "prune is 1, must be from 0 to below 1"),
         (dict(covariance="vq:4"), "BITS must be 8 to 16"),
         (dict(covariance="best"), "use transform, vq:BITS or lossless:BITS"),

@@ -14,6 +14,7 @@ CASES = [
     (dict(web=True), ["--web"]),
     (dict(lod=True, max_sh_degree=1), ["--lod", "--max-sh-degree", 1]),
     (dict(lossless=True), ["--lossless"]),
+    (dict(max_error=0.02, max_sh_degree=2), ["--max-error", 0.02, "--max-sh-degree", 2]),
     (dict(target_bytes=50_000), ["--target-bytes", 50_000]),
     (dict(prune=0.3), ["--prune", 0.3]),
     (dict(trim=False), ["--trim", "off"]),

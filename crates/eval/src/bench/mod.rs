@@ -6,6 +6,7 @@ pub mod finetune;
 pub mod gpcc;
 pub mod gsvx;
 mod memory;
+pub mod quality;
 mod skips;
 mod stages;
 pub mod tune;

@@ -4,6 +4,7 @@
 //! A stage whose record carries the hash of its inputs, its settings and the program is not run
 //! again, so a run that was cut goes on where it stopped.
 
+mod enlarge;
 pub(crate) mod plan;
 pub(crate) mod record;
 mod size;
@@ -213,7 +214,22 @@ fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::
     chosen.dedup();
     for (v, held_out) in study.test.held_out.iter().take(PICTURE_VIEWS).enumerate() {
         let read = |name: &String| measure::read_photo(&study.out.join(name));
-        let original = read(&originals[v])?;
+        let larger = enlarge::larger(&held_out.camera);
+        let original = match &larger {
+            Some((camera, _)) => enlarge::drawn(&study.test.model, camera),
+            None => read(&originals[v])?,
+        };
+        let (photo, photo_says) = match larger {
+            Some((_, factor)) => (
+                enlarge::photo(&held_out.photo, factor),
+                format!(
+                    "The photo, held out from training. It has {}x{} pixels; renders are drawn {factor} times as \
+                     large.",
+                    held_out.photo.width, held_out.photo.height
+                ),
+            ),
+            None => (held_out.photo.clone(), "The photo, held out from training.".to_owned()),
+        };
         let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
         let view = &held_out.camera.name;
         let stem = pictures::stem(view);
@@ -225,8 +241,11 @@ fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::
         let mut decoded = Vec::new();
         for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
             let file = format!("pictures/{stem}-{}-q{:.0}.png", slug(&curve.name), point.quality);
-            let image = read(&point.renders[v])?;
-            let panel = pictures::side_by_side(&[&held_out.photo, &original, &image]);
+            let image = match &larger {
+                Some((camera, _)) => enlarge::drawn(&decode(study, point)?, camera),
+                None => read(&point.renders[v])?,
+            };
+            let panel = pictures::side_by_side(&[&photo, &original, &image]);
             pictures::write(&study.out.join(&file), &panel)?;
             let says = format!(
                 "{} MB ({}, quality {:.0}), {:.2} dB",
@@ -239,8 +258,15 @@ fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::
             files.push(Picture { file, view: view.clone(), caption });
             decoded.push((image, format!("{} MB", report::megabytes(point.bytes)), says));
         }
-        let crops = report::crops(&held_out.photo, (&original, &original_says), &decoded)?;
+        let crops = report::crops((&photo, &photo_says), (&original, &original_says), &decoded)?;
         views.push(report::View { name: view.clone(), crops });
     }
     Ok((files, views))
+}
+
+/// The model in the stream of a point.
+fn decode(study: &Study, point: &record::Coded) -> Result<gs_model::Scene> {
+    let path = study.out.join(&point.stream);
+    let stream = fs::read(&path).with_context(|| format!("read {}", path.display()))?;
+    gsvx::decode(&stream).with_context(|| path.display().to_string())
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
 from . import _gsvx
 from ._arrays import Splats, from_native, joined
@@ -28,6 +28,7 @@ def compress(
     preset: Optional[str] = None,
     target_bytes: Optional[int] = None,
     target_psnr: Optional[float] = None,
+    max_error: Optional[Union[float, Mapping[str, float]]] = None,
     lossless: bool = False,
     cameras: Optional[CamerasLike] = None,
     drop_unseen: bool = False,
@@ -66,7 +67,10 @@ def compress(
     One of these decides the size (default: quality 60): ``quality``, 0 (smallest) to 100 (best);
     ``preset``, "tiny", "web", "high" or "archive"; ``target_bytes``, the best stream of at most so many
     bytes; ``target_psnr``, the smallest stream whose renders reach so many dB against renders of the input,
-    with ``cameras``; ``lossless``, every float bit for bit. A stream that misses its target is written
+    with ``cameras``; ``max_error``, near-lossless: nothing is merged, and no attribute is off by more than this
+    number, or than those of a dict: "mean", of positions, in standard deviations along the Gaussian's longest
+    axis; "opacity", from 0 to 1; "shape", of the logarithms of the scales, with the rotation; "sh", of each
+    SH coefficient; ``lossless``, every float bit for bit. A stream that misses its target is written
     too: a warning and ``Report.missed`` say why.
 
     ``cameras``: what they see gets more bits. A path, of which the training views count (see
@@ -100,6 +104,7 @@ def compress(
         preset=preset,
         target_bytes=target_bytes,
         target_psnr=target_psnr,
+        max_error=_bounds(max_error),
         lossless=lossless,
         drop_unseen=drop_unseen,
         drop_invalid=drop_invalid,
@@ -158,7 +163,7 @@ def _check(
     options: Dict[str, Any],
 ) -> None:
     """Combinations of arguments that make no sense."""
-    rates = ("quality", "target_bytes", "target_psnr")
+    rates = ("quality", "target_bytes", "target_psnr", "max_error")
     given = [name for name in rates if options[name] is not None]
     if preset is not None:
         given.append("preset")
@@ -177,6 +182,11 @@ def _check(
     for name in ("depth", "j_low"):
         if options[name] is not None and not 1 <= options[name] <= 21:
             raise ValueError(f"{name} is {options[name]}, must be 1 to 21")
+    if options["max_error"] is not None:
+        changed = ["cameras"] * (cameras is not None) + ["depth"] * (options["depth"] is not None)
+        changed += ["covariance"] * (covariance != "transform") + ["web"] * web
+        if changed:
+            raise ValueError(f"max_error: cannot be used with {', '.join(changed)}")
     if options["lossless"]:
         changed = given + ["web"] * web + ["lod"] * options["lod"] + ["prune"] * (options["prune"] != 0)
         changed += ["cameras"] * (cameras is not None) + ["depth"] * (options["depth"] is not None)
@@ -184,6 +194,18 @@ def _check(
         changed += ["covariance"] * (covariance != "transform") + ["trim"] * (not options["trim"])
         if changed:
             raise ValueError(f"lossless: cannot be used with {', '.join(changed)}")
+
+
+def _bounds(
+    error: Optional[Union[float, Mapping[str, float]]],
+) -> Optional[Tuple[float, float, float, float]]:
+    """Bounds on mean, opacity, shape and SH."""
+    if error is None or not isinstance(error, Mapping):
+        return None if error is None else (error, error, error, error)
+    names = ("mean", "opacity", "shape", "sh")
+    if set(error) != set(names):
+        raise ValueError(f"max_error: a number, or one for each of {', '.join(names)} expected")
+    return (error["mean"], error["opacity"], error["shape"], error["sh"])
 
 
 def _covariance(text: str) -> Tuple[str, int]:

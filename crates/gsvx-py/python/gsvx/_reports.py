@@ -45,7 +45,7 @@ class Report:
     bit for bit because they are far away. ``seen_opacity_share``, ``unseen``: with cameras, the share of the
     opacity that they see, and the number of Gaussians that they do not. ``missed``: why the stream misses
     its target, or None. ``parts``: bytes by part of the stream. ``seconds``: time of the encoding.
-    ``index_map``: if asked for, (N,) int64, the row in which :func:`gsvx.decompress` returns each Gaussian of
+    ``max_error``: the greatest errors, where bounds were asked for, as measured. ``index_map``: if asked for, (N,) int64, the row in which :func:`gsvx.decompress` returns each Gaussian of
     the input; merged Gaussians share one, -1 is for those left out.
     """
 
@@ -66,6 +66,7 @@ class Report:
     warnings: List[str]
     seconds: float
     parts: Dict[str, int]
+    max_error: Optional[Dict[str, float]] = None
     index_map: Optional[npt.NDArray[np.int64]] = field(default=None, repr=False, compare=False)
 
     @property
