@@ -60,7 +60,7 @@ pub(crate) struct Args {
     #[arg(short, long, group = "rate", value_parser = quality,
           default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// A quality by name: 30, 50, 70 or 90.
+    /// A quality by name: 30, 50, 75 or 90.
     #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
     preset: Option<Preset>,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
@@ -559,7 +559,11 @@ fn largest_below(
         found => (found?, None),
     };
     let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
-    Ok(search_result(found, &counts, format!("{share:.1}% of the target"), why))
+    let note = match &why {
+        Some(_) => "above the target".into(),
+        None => format!("{share:.1} % of the target"),
+    };
+    Ok(search_result(found, &counts, note, why))
 }
 
 /// The smallest stream of at least `target` dB, or the best if there is none.

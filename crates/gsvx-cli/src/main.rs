@@ -109,17 +109,8 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
     }
 }
 
-/// The command line, with wildcards expanded.
-fn arguments() -> impl Iterator<Item = std::ffi::OsString> {
-    #[cfg(windows)]
-    return wild::args_os();
-    // Elsewhere the shell has done it.
-    #[cfg(not(windows))]
-    std::env::args_os()
-}
-
 fn main() -> std::process::ExitCode {
-    match run(&Cli::parse_from(arguments())) {
+    match run(&Cli::parse()) {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => exit::code(&error).into(),
     }
