@@ -233,7 +233,8 @@ TEMPLATE = """# In Python
 ## From nothing
 
 An empty environment and an empty cargo target folder; crates and wheels come from the network or from its
-caches. The aim is 5 minutes on 2 cores, and a wheel of at most 6 MB.
+caches. Where other programs are busy too, processor seconds tell more than those that passed. The aim is 5
+minutes on 2 cores, and a wheel of at most 6 MB.
 
 | | |
 |---|---|
