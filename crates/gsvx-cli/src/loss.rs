@@ -210,3 +210,30 @@ fn decode_in_sight(stream: &[u8], cameras: &[Camera]) -> gsvx::Result<Scene> {
     parts.iter().for_each(|(_, part)| scene.append(part));
     Ok(scene)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn what_is_left_out_reaches_into_no_picture() {
+        let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
+        let (scene, _) = gs_model::ply::read(room.join("point_cloud.ply")).unwrap();
+        let cameras = around(&scene);
+        assert_eq!(cameras.len(), VIEWS);
+        let pictures = Pictures::of(&scene, None);
+        assert_eq!(pictures.views.len(), VIEWS);
+        for (camera, picture) in &pictures.views {
+            assert!(*picture == render(&scene, camera, &RenderOptions::default()));
+        }
+        let stream = gsvx::encode_lossless(&scene, false).unwrap().bytes;
+        let kept = decode_in_sight(&stream, &cameras[..1]).unwrap().len();
+        assert!(0 < kept && kept < scene.len(), "{kept}");
+        let loss = pictures.loss(&stream).unwrap().unwrap();
+        assert!(loss.psnr >= EQUAL && loss.ssim > 0.9999, "{loss:?}");
+        assert!(loss.human().contains("no difference") && loss.warning().is_none());
+        let nothing = Pictures::of(&Scene::default(), None);
+        assert_eq!(nothing.loss(&stream).unwrap(), None);
+    }
+}
