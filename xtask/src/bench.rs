@@ -240,3 +240,51 @@ pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
     }
     bench::gsvx::run(&bench::gsvx::Options { scene, sizes, gsvx, out })
 }
+
+/// Flags of `cargo xtask bench-quality`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct QualityArgs {
+    /// Scenes with photos
+    #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
+    scenes: Vec<String>,
+    /// Folder of models without photos
+    #[arg(long, default_value = "../shared/models")]
+    models: PathBuf,
+    /// The command that is measured
+    #[arg(long, default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
+    /// Where the page goes
+    #[arg(long, default_value = "docs/results/quality.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn quality(args: QualityArgs) -> Result<()> {
+    let QualityArgs { scenes, models, gsvx, out } = args;
+    bench::quality::run(&bench::quality::Options { scenes, models, gsvx, out })
+}
+
+/// Flags of `cargo xtask bench-tune`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct TuneArgs {
+    /// Scenes of the page; the picture is of the first.
+    #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
+    scenes: Vec<String>,
+    /// Measure only these runs, for example normal,quick (all if none); others are shown as far as they
+    /// are recorded.
+    #[arg(long = "run", value_delimiter = ',')]
+    runs: Vec<String>,
+    /// Measure only these qualities (all if none).
+    #[arg(long = "quality", value_delimiter = ',')]
+    qualities: Vec<f32>,
+    /// The command to measure.
+    #[arg(long, default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
+    /// Where the page goes.
+    #[arg(long, default_value = "docs/results/tune.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn tune(args: TuneArgs) -> Result<()> {
+    let TuneArgs { scenes, runs, qualities, gsvx, out } = args;
+    bench::tune::run(&bench::tune::Options { scenes, runs, qualities, gsvx, out })
+}

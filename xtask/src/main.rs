@@ -48,6 +48,10 @@ enum Task {
     BenchFinetune(bench::FinetuneArgs),
     /// The gsvx command: seconds and memory by size of model
     BenchGsvx(bench::GsvxArgs),
+    /// What is lost at each quality, and what bounds on errors cost
+    BenchQuality(bench::QualityArgs),
+    /// What gsvx tune saves, beside streams without it
+    BenchTune(bench::TuneArgs),
     /// What the pipeline skips, and the tests that prove it harmless
     Skips(bench::SkipsArgs),
     /// The decoder for browsers: npm package, viewer page, tests
@@ -70,6 +74,8 @@ fn main() -> ExitCode {
         Task::BenchVoxel(args) => bench::voxel(args),
         Task::BenchFinetune(args) => bench::finetune(args),
         Task::BenchGsvx(args) => bench::gsvx(args),
+        Task::BenchQuality(args) => bench::quality(args),
+        Task::BenchTune(args) => bench::tune(args),
         Task::Skips(args) => bench::skips(&args),
         Task::Web(args) => web::run(&args),
         Task::Fixture(args) => fixture::run(args),

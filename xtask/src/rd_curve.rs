@@ -6,6 +6,7 @@ use std::time::Duration;
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use eval::experiments::Experiment;
+use eval::rd_curve::Effort;
 use eval::{experiments, peers, rd_curve, scenes};
 
 /// Flags of `cargo xtask rd-curve`.
@@ -39,6 +40,13 @@ pub(crate) struct Args {
     /// One of the paper's experiments instead of the default curves
     #[arg(long, value_parser = PossibleValuesParser::new(Experiment::ALL.map(Experiment::name)).map(experiment))]
     experiment: Option<Experiment>,
+    /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long
+    #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true, default_missing_value = "normal",
+        value_parser = PossibleValuesParser::new(Effort::ALL.map(Effort::name)).map(effort))]
+    tune: Option<Effort>,
+    /// The command that tunes
+    #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
     /// Run every stage, done before or not
     #[arg(long)]
     fresh: bool,
@@ -78,6 +86,11 @@ fn experiment(name: String) -> Experiment {
     named.unwrap_or(Experiment::Baseline)
 }
 
+/// The effort of that name; clap has checked the name.
+pub(crate) fn effort(name: String) -> Effort {
+    Effort::ALL.into_iter().find(|e| e.name() == name).unwrap_or(Effort::Normal)
+}
+
 pub(crate) fn run(args: &Args) -> Result<()> {
     let default = rd_curve::Options::default();
     let (views, rates) = if args.quick { QUICK } else { (default.views, default.rates) };
@@ -90,6 +103,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         depth: args.depth,
         adaptive: args.adaptive,
         finetune: args.finetune,
+        tune: args.tune.map(|effort| (args.gsvx.clone(), effort)),
         fresh: args.fresh,
         peers: peers::Options {
             tmc3: peers.tmc3,

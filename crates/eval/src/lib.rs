@@ -10,6 +10,7 @@ pub mod bench;
 mod cache;
 pub mod chart;
 mod codec;
+mod command;
 pub mod experiments;
 mod manifest;
 pub mod measure;

@@ -19,7 +19,7 @@ pub struct Leaf {
 /// Checks that `leaves` are cells of a tree of depth `j_high`, disjoint and in Morton order.
 ///
 /// # Errors
-/// The first leaf that is too deep, misaligned or out of order; [`Error::Limit`] for 2^32 - 1 leaves
+/// The first leaf that is too deep, misaligned or out of order; [`Error::TooManyPoints`] for 2^32 - 1 leaves
 /// or more, because leaves are numbered in 32 bits.
 pub fn check_leaves(leaves: &[Leaf], j_high: u8) -> Result<()> {
     if j_high > MAX_DEPTH {

@@ -103,7 +103,10 @@ impl Camera {
     /// numbers, and a rotation that is orthonormal to 1e-3 with determinant +1.
     ///
     /// `file` is for the message.
-    pub(crate) fn checked(self, file: &Path) -> Result<Self> {
+    ///
+    /// # Errors
+    /// [`Error::BadCamera`].
+    pub fn checked(self, file: &Path) -> Result<Self> {
         let intrinsics = [self.fx, self.fy, self.cx, self.cy];
         let deviation = self.rotation * self.rotation.transpose() - DMat3::IDENTITY;
         let reason = if self.width == 0 || self.height == 0 {

@@ -111,11 +111,15 @@ impl Scene {
     pub fn drop_invalid(&mut self) -> InvalidReport {
         let report = self.invalid();
         if report.count > 0 || self.check_shape().is_err() {
-            let n = self.checked_len();
-            let kept: Vec<usize> = (0..n).filter(|&i| self.defect(i).is_none()).collect();
-            *self = self.select(&kept);
+            *self = self.select(&self.valid_indices());
         }
         report
+    }
+
+    /// The indices of the Gaussians that are valid: those that [`Scene::drop_invalid`] keeps.
+    #[must_use]
+    pub fn valid_indices(&self) -> Vec<usize> {
+        (0..self.checked_len()).filter(|&i| self.defect(i).is_none()).collect()
     }
 
     /// Number of Gaussians of which every array has an entry.

@@ -6,7 +6,7 @@ use crate::format::Model;
 use crate::input::{self, Limit};
 use crate::output::Output;
 use crate::report::Reporter;
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -75,6 +75,7 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
             gsvx::decode_with(&bytes, &options).map_err(|e| damage(e, args, &job.input))?;
         drop(bytes);
         let scene = &decoded.scene;
+        something(args, job, scene.len(), &decoded.skipped)?;
         output.write(|out| Ok(format.write(out, scene, &Default::default())?))?;
         if let Some(lost) = format.loses(scene.sh_degree) {
             note(lost);
@@ -83,6 +84,7 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
     } else {
         let damage = |e| damage(e, args, &job.input);
         let decoder = gsvx::Decoder::new(&bytes, &options).map_err(damage)?;
+        something(args, job, decoder.len(), decoder.skipped())?;
         write(&decoder, output, damage)?;
         let skipped = decoder.skipped().to_vec();
         Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped }
@@ -114,6 +116,16 @@ impl Decoding {
             "decode_seconds": seconds,
         });
         report.say(stdout, &human, &json)
+    }
+}
+
+/// An error where damage has left no Gaussian: a model of none would look like a success.
+fn something(args: &Args, job: &Job, gaussians: usize, skipped: &[String]) -> Result<()> {
+    match skipped.last() {
+        Some(why) if args.allow_truncated && gaussians == 0 => {
+            Err(anyhow!("{}: nothing of it can be decoded: {why}", input::name(&job.input)))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,7 +1,7 @@
 //! What `gsvx info` says of a model that is no stream.
 
 use crate::input::{self, Loaded};
-use crate::output::megabytes;
+use crate::output::with_bytes;
 use crate::report::Reporter;
 use anyhow::Result;
 use gs_model::Scene;
@@ -14,9 +14,9 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
     let name = input::name(path);
     let bits = 8.0 * *bytes as f64 / (*gaussians_in_file).max(1) as f64;
     let mut text = format!(
-        "{name}: {} ({bytes} bytes)\n  format         {format}\n  Gaussians      {}\n  \
+        "{name}: {}\n  format         {format}\n  Gaussians      {}\n  \
          SH degree      {}\n  bits/Gaussian  {bits:.2}\n",
-        megabytes(*bytes),
+        with_bytes(*bytes),
         scene.len(),
         scene.sh_degree,
     );

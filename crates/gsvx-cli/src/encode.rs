@@ -4,15 +4,16 @@ use crate::batch::{self, Job};
 use crate::exit::{missed, note, usage};
 use crate::format::Extension;
 use crate::input::Reading;
+use crate::loss::{Loss, Pictures};
 use crate::lost_columns::Lost;
 use crate::output::{Output, megabytes};
 use crate::preset::{self, Preset};
 use crate::report::Reporter;
 use crate::trim::Trim;
-use crate::{input, progress, size, views};
+use crate::{input, max_error, progress, size, views};
 use anyhow::{Context, Result};
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, Prepared, Seen, rate};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, MaxError, Prepared, Seen, rate};
 use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -30,6 +31,7 @@ Examples:
   gsvx encode model.ply -o scene.gsvx --quality 75 --cameras data/fox
   gsvx encode model.ply -o scene.gsvx --target-bytes 1.5MB
   gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
+  gsvx encode model.ply -o scene.gsvx --max-error 0.01         near-lossless
   gsvx encode model.ply -o scene.gsvx --lossless
   gsvx encode model.ply -o scene.gsvx --web                    for a web page
   gsvx encode *.ply -o streams/                                one stream per model
@@ -58,7 +60,7 @@ pub(crate) struct Args {
     #[arg(short, long, group = "rate", value_parser = quality,
           default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// A quality by name: 30, 50, 70 or 90.
+    /// A quality by name: 30, 50, 75 or 90.
     #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
     preset: Option<Preset>,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
@@ -69,6 +71,16 @@ pub(crate) struct Args {
     /// The PSNR is that of renders of the stream against renders of the input.
     #[arg(long, value_name = "DB", group = "rate", requires = "cameras", value_parser = finite)]
     target_psnr: Option<f64>,
+    /// Near-lossless: no Gaussian is merged, and no attribute is off by more than this. 0.01, say, or
+    /// 0.01,mean=0.05 for other bounds by name.
+    ///
+    /// mean: of positions, in standard deviations along the Gaussian's longest axis. opacity: from 0 to 1.
+    /// shape: of the logarithms of the scales, with the rotation (the norm that gsvx compare prints). sh: of
+    /// each SH coefficient. The errors are measured and printed.
+    #[arg(long, value_name = "BOUND", group = "rate", value_parser = max_error::parse,
+          hide_short_help = true, help_heading = CONTENT,
+          conflicts_with_all = ["cameras", "covariance", "depth", "web"])]
+    max_error: Option<MaxError>,
     /// Cameras of the training photos: what they see gets more bits.
     ///
     /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
@@ -223,22 +235,30 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
     let made = if args.lossless { lossless(job, &scene)? } else { lossy(args, job, scene)? };
-    let encode_seconds = step.elapsed().as_secs_f64();
+    let encode_seconds = step.elapsed().as_secs_f64() - made.estimate_seconds;
     let (name, stdout) = (output.name(), output.is_stdout());
     output.write(|out| Ok(out.write_all(&made.encoded.bytes)?))?;
 
     let bytes = made.encoded.bytes.len() as u64;
     let mut human = format!(
         "{name}: {in_input} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
-         read {read_seconds:.2} s, encode {encode_seconds:.2} s",
+         read {read_seconds:.2} s, encode {encode_seconds:.2} s, estimate {:.2} s",
         made.gaussians,
         megabytes(input_bytes),
         megabytes(bytes),
         input_bytes as f64 / bytes as f64,
         8.0 * bytes as f64 / made.gaussians.max(1) as f64,
         made.remarks(),
+        made.estimate_seconds,
     );
     let mut json = made.json();
+    if let Some(loss) = &made.loss {
+        human += &format!("\n{}", loss.human());
+        json["estimated_loss"] = loss.json();
+        if let Some(warning) = loss.warning() {
+            note(format_args!("{warning}"));
+        }
+    }
     if args.web {
         let snippet = embed(&job.output);
         human += &format!("\nembed it: {snippet}");
@@ -251,6 +271,7 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     json["lost_columns"] = json!(lost);
     json["read_seconds"] = json!(read_seconds);
     json["encode_seconds"] = json!(encode_seconds);
+    json["estimate_seconds"] = json!(made.estimate_seconds);
     report.say(stdout, &human, &json)?;
     match made.missed {
         Some(why) => Err(missed(format!("{name}: written, but {why}"))),
@@ -281,6 +302,9 @@ struct Encoding {
     share_and_unseen: Option<(f64, usize)>,
     /// Whether --drop-unseen was asked for.
     drop_unseen: bool,
+    /// How much less the stream shows than the input, and how long the estimate took.
+    loss: Option<Loss>,
+    estimate_seconds: f64,
     /// Why the stream misses its target, if it does.
     missed: Option<String>,
 }
@@ -328,6 +352,7 @@ impl Encoding {
             "seen_opacity_share": self.share_and_unseen.map(|s| s.0),
             "unseen": self.share_and_unseen.map(|s| s.1),
             "left_out": self.encoded.left_out,
+            "max_error": max_error::json(&self.encoded),
             "target_reached": self.missed.is_none(),
             "parts": parts.collect::<serde_json::Map<String, Value>>(),
         })
@@ -443,35 +468,68 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
         (Some(target), Some(cameras)) => Some((target, views::Reference::new(&scene, cameras)?)),
         _ => None,
     };
+    let (pictures, seconds_before) = timed(|| Pictures::of(&scene, views.cameras.as_deref()));
     let pruned = prune(args.prune, &mut scene, &mut views.seen).with_context(name)?;
-    let outliers = args.trim.split(&mut scene, views.seen.as_mut(), name)?;
-    let made = if let Some(bytes) = args.most_bytes() {
-        largest_below(args, &scene, outliers.as_ref(), &views, bytes)
-    } else if let Some((target, reference)) = &reference {
-        smallest_above(args, &scene, outliers.as_ref(), &views, *target, reference)
-    } else {
-        let quality = args.quality();
-        encode_at(args, &scene, outliers.as_ref(), views.parts(), quality).map(|(encoded, n)| {
-            Encoding {
-                encoded,
-                gaussians: n,
-                note: match args.preset() {
-                    Some(preset) => format!("preset {}, quality {quality}", preset.name),
-                    None => format!("quality {quality}"),
-                },
-                quality: Some(quality),
-                encodes: 1,
-                ..Encoding::default()
-            }
-        })
+    let made = match args.max_error {
+        Some(bounds) => within(args, &scene, bounds).with_context(name)?,
+        None => {
+            let outliers = args.trim.split(&mut scene, views.seen.as_mut(), name)?;
+            let made = coded(args, &scene, outliers.as_ref(), &views, reference.as_ref());
+            Encoding { outliers: outliers.map_or(0, |o| o.len()), ..made.with_context(name)? }
+        }
     };
+    drop(scene);
+    let (loss, seconds_after) = timed(|| pictures.loss(&made.encoded.bytes));
     Ok(Encoding {
         pruned,
-        outliers: outliers.map_or(0, |o| o.len()),
         share_and_unseen: views.share_and_unseen,
         drop_unseen: args.drop_unseen,
-        ..made.with_context(name)?
+        loss: loss.with_context(name)?,
+        estimate_seconds: seconds_before + seconds_after,
+        ..made
     })
+}
+
+/// What `work` returns, and how long it takes.
+fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    let made = work();
+    (made, start.elapsed().as_secs_f64())
+}
+
+/// The stream that keeps the bounds of --max-error.
+fn within(args: &Args, scene: &Scene, bounds: MaxError) -> gsvx::Result<Encoding> {
+    let _bar = progress::spinner("encoding within the bounds".into());
+    let mut options = options_at(args, gsvx::DEFAULT_QUALITY)?;
+    options.max_error = Some(bounds);
+    let encoded = gsvx::encode(scene, &options)?;
+    let gaussians = encoded.index.header.count as usize;
+    let note = max_error::human(&encoded).unwrap_or_default();
+    Ok(Encoding { encoded, gaussians, note, encodes: 1, ..Encoding::default() })
+}
+
+/// The stream that the flags ask for.
+fn coded(
+    args: &Args,
+    scene: &Scene,
+    outliers: Option<&Scene>,
+    views: &Views,
+    reference: Option<&(f64, views::Reference)>,
+) -> gsvx::Result<Encoding> {
+    if let Some(bytes) = args.most_bytes() {
+        return largest_below(args, scene, outliers, views, bytes);
+    }
+    if let Some((target, reference)) = reference {
+        return smallest_above(args, scene, outliers, views, *target, reference);
+    }
+    let quality = args.quality();
+    let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), quality)?;
+    let note = match args.preset() {
+        Some(preset) => format!("preset {}, quality {quality}", preset.name),
+        None => format!("quality {quality}"),
+    };
+    let quality = Some(quality);
+    Ok(Encoding { encoded, gaussians, note, quality, encodes: 1, ..Encoding::default() })
 }
 
 /// The best stream of at most `most` bytes, or the smallest if there is none.
@@ -501,7 +559,11 @@ fn largest_below(
         found => (found?, None),
     };
     let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
-    Ok(search_result(found, &counts, format!("{share:.1}% of the target"), why))
+    let note = match &why {
+        Some(_) => "above the target".into(),
+        None => format!("{share:.1} % of the target"),
+    };
+    Ok(search_result(found, &counts, note, why))
 }
 
 /// The smallest stream of at least `target` dB, or the best if there is none.

@@ -3,7 +3,7 @@
 use crate::batch;
 use crate::describe;
 use crate::input::{self, Opened, ReadingAny};
-use crate::output::megabytes;
+use crate::output::with_bytes;
 use crate::report::Reporter;
 use anyhow::Result;
 use gsvx::{Chunk, DecodeOptions, Decoder, Index, Kind};
@@ -46,7 +46,7 @@ fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()
     let exact: u64 = index.chunks.iter().filter(|c| c.kind == Kind::Exact).map(|c| c.count).sum();
     args.reading.limit().check(path, h.count)?;
     let per = |n: u64| 8.0 * n as f64 / (h.count.max(1) as f64);
-    let mut text = format!("{name}: {} ({have} bytes)\n", megabytes(have));
+    let mut text = format!("{name}: {}\n", with_bytes(have));
     let mut line = |s: String| {
         // Writing to a String does not fail.
         let _ = writeln!(text, "{s}");

@@ -1,7 +1,7 @@
 //! Generated cameras: a circle around what matters in a model, or the part of a circle from which it
 //! was photographed.
 
-use crate::framing::{self, Constraints, Placement, V3};
+use crate::framing::{self, Constraints, V3};
 use gs_model::{Camera, Scene};
 
 /// Options for cameras on a circle.
@@ -103,23 +103,6 @@ impl Orbit {
         let camera = |(i, turn): (usize, f64)| {
             found.ring.camera(format!("orbit-{i:04}"), turn, [width, height], focal)
         };
-        Ok(places(&found, n).into_iter().enumerate().map(camera).collect())
+        Ok(found.places(n).into_iter().enumerate().map(camera).collect())
     }
-}
-
-/// Where on the circle `n` cameras stand, in turns: the best one first, then around the circle, or to
-/// the ends of the arc and back.
-fn places(found: &Placement, n: u32) -> Vec<f64> {
-    let step = |i: u32| f64::from(i) / f64::from(n);
-    let Some([first, last]) = found.arc else {
-        return (0..n).map(|i| found.best + step(i)).collect();
-    };
-    let (ahead, back) = (last - found.best, found.best - first);
-    let way = 2.0 * (ahead + back);
-    let along = |s: f64| match s {
-        s if s <= ahead => found.best + s,
-        s if s <= 2.0 * ahead + back => last - (s - ahead),
-        s => first + (s - 2.0 * ahead - back),
-    };
-    (0..n).map(|i| along(way * step(i))).collect()
 }

@@ -298,6 +298,11 @@ fn is_stdout(path: &Path) -> bool {
     is_stdio(path) || (cfg!(unix) && path == Path::new("/dev/stdout"))
 }
 
+/// Bytes as a person reads them, and their exact number.
+pub(crate) fn with_bytes(bytes: u64) -> String {
+    if bytes < 1000 { megabytes(bytes) } else { format!("{} ({bytes} bytes)", megabytes(bytes)) }
+}
+
 /// Bytes as a person reads them (decimal megabytes).
 pub(crate) fn megabytes(bytes: u64) -> String {
     if bytes >= 1_000_000 {

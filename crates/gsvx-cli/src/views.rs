@@ -8,7 +8,7 @@ use crate::progress::Steps;
 use anyhow::{Context, Result, bail};
 use finetune::{Image, RenderOptions, metrics, render, saliency_per_view, seen_opacity_share};
 use gs_model::camera::LensDistortion;
-use gs_model::{Camera, Scene, View, dataset, inria, nerf};
+use gs_model::{Camera, Scene, View, dataset};
 use std::path::{Path, PathBuf};
 
 /// Views used to measure quality; more only slow the search down.
@@ -148,21 +148,7 @@ fn open(path: &Path) -> Result<Vec<View>> {
 
 /// The same without a note.
 pub(crate) fn read(path: &Path) -> Result<Vec<View>> {
-    if !path.is_file() {
-        return Ok(dataset::open_views_with(path, LensDistortion::Ignore)?.1);
-    }
-    // Inria's cameras.json is a list, a transforms.json an object.
-    let text =
-        std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
-    let list = text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[');
-    let mut views = if list {
-        let place = |camera: Camera| View { image_path: camera.name.clone().into(), camera };
-        inria::read_cameras(path)?.into_iter().map(place).collect()
-    } else {
-        nerf::read_views_with(path, LensDistortion::Ignore)?
-    };
-    views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
-    Ok(views)
+    Ok(dataset::open_views_at(path, LensDistortion::Ignore)?)
 }
 
 /// Generated cameras around a model that was read from `path`.

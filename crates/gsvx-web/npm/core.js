@@ -6,6 +6,8 @@ import init, { Stream } from './wasm/gsvx.js';
 
 /** Ranges closer than this are one request. */
 const GAP = 1 << 16;
+/** Bytes that the decoder is given at a time: what it holds of the stream besides the chunk it decodes. */
+const PIECE = 1 << 16;
 /** Milliseconds between reports of progress. */
 const OFTEN = 50;
 /** As in the decoder of whole streams: what a stream of few bytes may hold. */
@@ -247,30 +249,31 @@ function ranges(decoding) {
 /** Only the bytes that are wanted. */
 async function byRanges(decoding, input) {
   const length = input.length ?? Infinity;
-  const read = async (start, end) => {
-    const bytes = start < length ? await input.range(start, Math.min(end, length)) : new Uint8Array(0);
-    decoding.give(start, bytes, input.length);
-    return bytes.length;
-  };
+  const fetched = async (start, end) => (start < length ? input.range(start, Math.min(end, length)) : new Uint8Array(0));
   let reached = 0;
   if (input.first) {
     decoding.give(0, input.first, input.length);
     reached = input.first.length;
   }
   for (let needs = decoding.stream.headNeeds(); needs; needs = decoding.stream.headNeeds()) {
-    const got = await read(needs[0], needs[1]);
-    reached = needs[0] + got;
-    if (got === 0) decoding.finish(reached);
+    const bytes = await fetched(...needs);
+    decoding.give(needs[0], bytes, input.length);
+    reached = needs[0] + bytes.length;
+    if (bytes.length === 0) decoding.finish(reached);
   }
   const wanted = ranges(decoding).filter(([, end]) => end > reached);
-  let next = wanted.length ? read(...wanted[0]) : undefined;
+  let next = wanted.length ? fetched(...wanted[0]) : undefined;
   await decoding.advance();
   for (let i = 0; i < wanted.length; i += 1) {
-    await next;
+    const bytes = await next;
     // The next request is under way while this one's chunks are decoded.
-    next = i + 1 < wanted.length ? read(...wanted[i + 1]) : undefined;
+    next = i + 1 < wanted.length ? fetched(...wanted[i + 1]) : undefined;
     next?.catch(() => {});
-    await decoding.advance();
+    const [start] = wanted[i];
+    for (let at = 0; at < bytes.length; at += PIECE) {
+      decoding.give(start + at, bytes.subarray(at, at + PIECE), input.length);
+      await decoding.advance();
+    }
   }
   decoding.finish(Math.min(length, decoding.head.length));
 }

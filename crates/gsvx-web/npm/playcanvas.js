@@ -3,6 +3,21 @@
 import { GSplatFormat, GSplatResourceBase, PIXELFORMAT_RGBA32U, Vec3 } from 'playcanvas';
 import { decode } from './index.js';
 
+/** The same in both languages: coefficients from the words of `d`. */
+const coefficients = `    sh[0] = gsvxCoefficient(d.x); sh[1] = gsvxCoefficient(d.y); sh[2] = gsvxCoefficient(d.z);
+    #if SH_BANDS > 1
+        sh[3] = gsvxCoefficient(d.w);
+        d = loadGsvxSh2();
+        sh[4] = gsvxCoefficient(d.x); sh[5] = gsvxCoefficient(d.y); sh[6] = gsvxCoefficient(d.z); sh[7] = gsvxCoefficient(d.w);
+    #endif
+    #if SH_BANDS > 2
+        d = loadGsvxSh3a();
+        sh[8] = gsvxCoefficient(d.x); sh[9] = gsvxCoefficient(d.y); sh[10] = gsvxCoefficient(d.z); sh[11] = gsvxCoefficient(d.w);
+        d = loadGsvxSh3b();
+        sh[12] = gsvxCoefficient(d.x); sh[13] = gsvxCoefficient(d.y); sh[14] = gsvxCoefficient(d.z);
+    #endif
+`;
+
 const readGLSL = /* glsl */`
 uvec4 packedB;
 
@@ -41,19 +56,7 @@ vec3 gsvxCoefficient(uint word) {
 void readSHData(out vec3 sh[SH_COEFFS], out float scale) {
     scale = 1.0;
     uvec4 d = loadGsvxSh1();
-    sh[0] = gsvxCoefficient(d.x); sh[1] = gsvxCoefficient(d.y); sh[2] = gsvxCoefficient(d.z);
-    #if SH_BANDS > 1
-        sh[3] = gsvxCoefficient(d.w);
-        d = loadGsvxSh2();
-        sh[4] = gsvxCoefficient(d.x); sh[5] = gsvxCoefficient(d.y); sh[6] = gsvxCoefficient(d.z); sh[7] = gsvxCoefficient(d.w);
-    #endif
-    #if SH_BANDS > 2
-        d = loadGsvxSh3a();
-        sh[8] = gsvxCoefficient(d.x); sh[9] = gsvxCoefficient(d.y); sh[10] = gsvxCoefficient(d.z); sh[11] = gsvxCoefficient(d.w);
-        d = loadGsvxSh3b();
-        sh[12] = gsvxCoefficient(d.x); sh[13] = gsvxCoefficient(d.y); sh[14] = gsvxCoefficient(d.z);
-    #endif
-}
+${coefficients}}
 
 #endif
 `;
@@ -94,19 +97,7 @@ fn gsvxCoefficient(word: u32) -> half3 {
 fn readSHData(sh: ptr<function, array<half3, SH_COEFFS>>, scale: ptr<function, f32>) {
     *scale = 1.0;
     var d = loadGsvxSh1();
-    sh[0] = gsvxCoefficient(d.x); sh[1] = gsvxCoefficient(d.y); sh[2] = gsvxCoefficient(d.z);
-    #if SH_BANDS > 1
-        sh[3] = gsvxCoefficient(d.w);
-        d = loadGsvxSh2();
-        sh[4] = gsvxCoefficient(d.x); sh[5] = gsvxCoefficient(d.y); sh[6] = gsvxCoefficient(d.z); sh[7] = gsvxCoefficient(d.w);
-    #endif
-    #if SH_BANDS > 2
-        d = loadGsvxSh3a();
-        sh[8] = gsvxCoefficient(d.x); sh[9] = gsvxCoefficient(d.y); sh[10] = gsvxCoefficient(d.z); sh[11] = gsvxCoefficient(d.w);
-        d = loadGsvxSh3b();
-        sh[12] = gsvxCoefficient(d.x); sh[13] = gsvxCoefficient(d.y); sh[14] = gsvxCoefficient(d.z);
-    #endif
-}
+${coefficients}}
 
 #endif
 `;

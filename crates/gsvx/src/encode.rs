@@ -7,7 +7,7 @@ use crate::head::{Chunk, Cube, Header, Index, Kind, Layer, Shapes, Steps};
 use crate::importance;
 use crate::lod::{self, LodLevel};
 use crate::lossless;
-use crate::options::{CovarianceMode, EncodeOptions};
+use crate::options::{CovarianceMode, EncodeOptions, MaxError};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -23,7 +23,16 @@ pub struct Encoded {
     pub index: Index,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
+    /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
+    pub max_error: Option<MaxError>,
+    /// If [`EncodeOptions::rows`] asks for it, and always of [`encode_lossless`]: the row in which a decoder
+    /// returns each Gaussian of the input. Gaussians that were merged share one. [`LEFT_OUT`] stands for
+    /// those left out.
+    pub rows: Option<Vec<u32>>,
 }
+
+/// In [`Encoded::rows`]: a Gaussian that is not in the stream.
+pub const LEFT_OUT: u32 = u32::MAX;
 
 impl Encoded {
     /// The number of bytes of each part of the stream; see [`Index::parts`].
@@ -100,8 +109,15 @@ pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
         shapes: Shapes::Transform,
         codebook: Vec::new(),
     };
-    let chunks = if n == 0 { Vec::new() } else { vec![exact_chunk(scene, keep_order)] };
-    Ok(assemble(header, chunks))
+    if n == 0 {
+        return Ok(Encoded { rows: Some(Vec::new()), ..assemble(header, Vec::new()) });
+    }
+    let (chunk, order) = exact_chunk(scene, keep_order);
+    let mut rows: Vec<u32> = (0..n as u32).collect();
+    if !keep_order {
+        (0..).zip(&order).for_each(|(row, &i)| rows[i as usize] = row);
+    }
+    Ok(Encoded { rows: Some(rows), ..assemble(header, vec![chunk]) })
 }
 
 /// All arrays of a scene have the lengths that its number of Gaussians and its SH degree ask for.
@@ -227,6 +243,8 @@ pub(crate) fn encode_source(
         steps: options.steps,
         j_high: header.j_high,
         sh_degree,
+        // What saves bits on average makes single errors large.
+        to_nearest: options.max_error.is_some(),
         integer_bits: match options.covariance {
             CovarianceMode::Lossless { bits } => Some(bits),
             _ => None,
@@ -264,7 +282,8 @@ pub(crate) fn encode_source(
     let chunks = without_zero_degrees(chunks, exact_degree);
     let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
     let left_out = source.voxels.dropped.len();
-    Ok(Encoded { left_out, ..assemble(header, chunks) })
+    let rows = options.rows.then(|| source.voxels.leaf_of_each(source.scene.len()));
+    Ok(Encoded { left_out, rows, ..assemble(header, chunks) })
 }
 
 /// Adds outliers, which fit the leaves, to encoded chunks without empty SH degrees at the end.
@@ -288,7 +307,7 @@ fn joined(
     if let Some(outliers) = outliers {
         let mut outliers = outliers.clone();
         at_degree(&mut outliers, sh_degree);
-        chunks.push(exact_chunk(&outliers, true));
+        chunks.push(exact_chunk(&outliers, true).0);
     }
     let of_finest = |(chunk, _): &&(Chunk, _)| chunk.lod == 0;
     let count = chunks.iter().filter(of_finest).map(|(chunk, _)| chunk.count).sum();
@@ -361,8 +380,8 @@ pub(crate) fn without_zero_degrees(mut chunks: Vec<EncodedChunk>, least: u8) -> 
     chunks
 }
 
-/// A chunk of Gaussians bit for bit.
-fn exact_chunk(scene: &Scene, keep_order: bool) -> EncodedChunk {
+/// A chunk of Gaussians bit for bit, and the Gaussians in Morton order.
+fn exact_chunk(scene: &Scene, keep_order: bool) -> (EncodedChunk, Vec<u32>) {
     let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     for mean in &scene.means {
         for k in 0..3 {
@@ -378,7 +397,8 @@ fn exact_chunk(scene: &Scene, keep_order: bool) -> EncodedChunk {
         bounds,
         layers: Vec::new(),
     };
-    (chunk, vec![lossless::encode_payload(scene, keep_order)])
+    let (payload, order) = lossless::encode_payload(scene, keep_order);
+    ((chunk, vec![payload]), order)
 }
 
 /// Puts head and layers together.
@@ -402,7 +422,7 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
         offset += layer.len;
     }
     bytes.extend(payload);
-    Encoded { bytes, index: Index { header, chunks, head_len }, left_out: 0 }
+    Encoded { bytes, index: Index { header, chunks, head_len }, ..Encoded::default() }
 }
 
 /// Outliers that fit the scene of the leaves.

@@ -2,6 +2,8 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod attributes;
+#[cfg(feature = "encode")]
+mod bounded;
 mod bytes;
 mod chunk;
 pub mod covariance;
@@ -29,11 +31,11 @@ pub use decode::{
     DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, decode, decode_leaves, decode_with,
 };
 #[cfg(feature = "encode")]
-pub use encode::{Encoded, encode_lossless, encode_voxels};
+pub use encode::{Encoded, LEFT_OUT, encode_lossless, encode_voxels};
 pub use error::{Error, Result};
 pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps, VERSION};
 #[cfg(feature = "encode")]
-pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions};
+pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions, MaxError};
 #[cfg(feature = "encode")]
 pub use prepare::{
     Prepared, Seen, default_strategy, encode, encode_with, prepare, prune, split_outliers,

@@ -24,12 +24,58 @@ pub enum CovarianceMode {
     },
 }
 
+/// The greatest error of each attribute, as a bound or as measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MaxError {
+    /// Distance of a mean from where it was, in standard deviations along the Gaussian's longest axis.
+    pub mean: f32,
+    /// Of an opacity, from 0 to 1.
+    pub opacity: f32,
+    /// Frobenius norm of the difference of the matrices `R diag(log-scales) R^T`: no log-scale is off by
+    /// more, and an axis that is `r` times as long as another turns towards it by at most about
+    /// `shape / (1.4 ln r)`.
+    pub shape: f32,
+    /// Of an SH coefficient, DC included.
+    pub sh: f32,
+}
+
+impl MaxError {
+    /// The same number for all attributes.
+    #[must_use]
+    pub fn all(error: f32) -> Self {
+        Self { mean: error, opacity: error, shape: error, sh: error }
+    }
+
+    /// Whether all are bounds that an encoder takes: from 1e-6 to 1000.
+    ///
+    /// # Errors
+    /// [`Error::Option`] names one that is not.
+    pub fn check(&self) -> Result<()> {
+        let all = [
+            ("bound on the mean", self.mean),
+            ("bound on the opacity", self.opacity),
+            ("bound on the shape", self.shape),
+            ("bound on SH coefficients", self.sh),
+        ];
+        match all.into_iter().find(|(_, v)| !(1e-6..=1e3).contains(v)) {
+            Some((option, v)) => {
+                Err(Error::Option { option, value: v.into(), range: "from 1e-6 to 1000" })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
 /// Options of [`crate::encode`] and [`crate::encode_voxels`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct EncodeOptions {
     /// Quality from 0 (smallest) to 100 (best), by which [`crate::encode`] voxelizes.
     pub quality: f32,
+    /// Bounds on errors. With these [`crate::encode`] merges nothing, and codes as few bits as keep every
+    /// attribute of every Gaussian within them. Quality, steps, covariance mode and importances have no effect
+    /// then. See [`MaxError::check`].
+    pub max_error: Option<MaxError>,
     /// Quantisation steps.
     pub steps: Steps,
     /// Covariance mode.
@@ -54,6 +100,8 @@ pub struct EncodeOptions {
     /// Most leaves of a chunk. Smaller chunks cost bytes, since each learns its statistics anew; larger ones
     /// cost memory, and fewer of them can be decoded at once.
     pub chunk_leaves: NonZeroUsize,
+    /// Return in [`crate::Encoded::rows`] what became of each Gaussian.
+    pub rows: bool,
 }
 
 /// Leaves of a chunk by default.
@@ -65,8 +113,9 @@ impl Default for EncodeOptions {
     }
 }
 
-/// Quality used when none is asked for.
-pub const DEFAULT_QUALITY: f32 = 60.0;
+/// Quality used when none is asked for: the least at which nobody should see a difference, on the models of
+/// `docs/results/quality.md`.
+pub const DEFAULT_QUALITY: f32 = 75.0;
 
 /// Step of the DC planes at quality 0, and the number of quality points that halve it: 0.165 at
 /// quality 50, where renders are 35 to 38 dB from those of the input on the scenes measured.
@@ -99,6 +148,7 @@ impl EncodeOptions {
         let dc = DC_STEP_AT_ZERO * libm::exp2f(-quality / QUALITY_PER_OCTAVE);
         Self {
             quality,
+            max_error: None,
             steps: Steps::from_dc(dc),
             covariance: CovarianceMode::Transform,
             max_sh_degree: 3,
@@ -108,6 +158,7 @@ impl EncodeOptions {
             uniform_precision: false,
             lod: false,
             chunk_leaves: CHUNK_LEAVES,
+            rows: false,
         }
     }
 }

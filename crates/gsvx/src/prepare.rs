@@ -1,5 +1,6 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
+use crate::bounded;
 use crate::encode::{Encoded, Source, check_lengths, encode_source};
 use crate::error::{Error, Result};
 use crate::importance;
@@ -33,7 +34,8 @@ const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
 
 /// Encodes a trained model. Gaussians so far away that they would cost all others precision are coded
-/// bit for bit (see [`split_outliers`]); all others are voxelized and merged as the quality asks.
+/// bit for bit (see [`split_outliers`]); all others are voxelized and merged as the quality asks. With
+/// [`EncodeOptions::max_error`] nothing is merged.
 ///
 /// # Errors
 /// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances in
@@ -41,6 +43,9 @@ const BITS_PER_POINT: f64 = 1.2;
 /// coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     check_lengths(scene)?;
+    if let Some(bounds) = &options.max_error {
+        return bounded::encode(scene, bounds, options);
+    }
     if let Some(given) = options.importance.as_ref().filter(|i| i.len() != scene.len()) {
         return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
     }
@@ -63,7 +68,10 @@ pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     let of_inside = |given: Vec<f32>| split.inside.iter().map(|&i| given[i]).collect();
     let importance = importance.map(of_inside);
     let options = EncodeOptions { importance, ..options.clone() };
-    encode_with(&inside, strategy, Some(&outliers), &options)
+    let encoded = encode_with(&inside, strategy, Some(&outliers), &options)?;
+    let leaves = encoded.index.header.count as usize - outliers.len();
+    let rows = encoded.rows.as_ref().map(|rows| split.rows(rows, leaves as u32));
+    Ok(Encoded { rows, ..encoded })
 }
 
 /// As [`encode`], with a voxelization of the caller's choice. `outliers` are coded exactly. Importances

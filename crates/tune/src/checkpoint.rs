@@ -82,7 +82,7 @@ impl Writer {
         let temporary = path.with_file_name(name);
         let error = |file: &Path, action| {
             let file = file.to_owned();
-            move |cause| Error::Io { file, action, cause }
+            move |cause| finetune::Error::Io { file, action, cause }
         };
         let written = std::fs::write(&temporary, &self.0)
             .map_err(error(&temporary, "write"))
@@ -91,7 +91,7 @@ impl Writer {
             // A partial checkpoint is useless and takes space.
             let _ = std::fs::remove_file(&temporary);
         }
-        written
+        Ok(written?)
     }
 }
 
@@ -105,7 +105,7 @@ pub(crate) struct Reader<'a> {
 impl<'a> Reader<'a> {
     /// Opens a checkpoint of the run with this fingerprint.
     pub(crate) fn open(path: &'a Path, fingerprint: u32) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|cause| Error::Io {
+        let bytes = std::fs::read(path).map_err(|cause| finetune::Error::Io {
             file: path.into(),
             action: "read",
             cause,
@@ -126,7 +126,8 @@ impl<'a> Reader<'a> {
     }
 
     pub(crate) fn error(&self, reason: &'static str) -> Error {
-        Error::Checkpoint { file: self.path.into(), offset: self.at, reason }
+        let (file, offset) = (self.path.into(), self.at as u64);
+        finetune::Error::Checkpoint { file, offset, reason }.into()
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {

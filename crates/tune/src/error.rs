@@ -6,9 +6,9 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The rasterizer refuses the views.
+    /// Views that the rasterizer refuses, and checkpoints that cannot be read or written.
     #[error("{0}")]
-    Views(finetune::Error),
+    Finetune(finetune::Error),
     /// The scene is not valid.
     #[error("invalid scene: {0}")]
     Scene(gs_model::Error),
@@ -56,26 +56,6 @@ pub enum Error {
         /// The accepted range.
         range: &'static str,
     },
-    /// A checkpoint could not be read or written.
-    #[error("{}: cannot {action}: {cause}", file.display())]
-    Io {
-        /// The file.
-        file: PathBuf,
-        /// What was tried.
-        action: &'static str,
-        /// The operating system's reason.
-        cause: std::io::Error,
-    },
-    /// A file that is no checkpoint, or a damaged one.
-    #[error("{}: not a usable checkpoint: at byte {offset}: {reason}", file.display())]
-    Checkpoint {
-        /// The file.
-        file: PathBuf,
-        /// Where in the file.
-        offset: usize,
-        /// What is wrong.
-        reason: &'static str,
-    },
     /// A checkpoint of another run.
     #[error(
         "{}: the checkpoint is of another model, other cameras or other options; name another file",
@@ -92,7 +72,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 
 impl From<finetune::Error> for Error {
     fn from(error: finetune::Error) -> Self {
-        Self::Views(error)
+        Self::Finetune(error)
     }
 }
 

@@ -220,17 +220,15 @@ impl Tune {
 
     /// Scores the views kept aside, steers, and keeps the best.
     fn measure(&mut self) -> Result<()> {
-        if let Stage::Loop(state) = &mut self.stage
-            && state.done > 0
-        {
-            state.settle()?;
+        match &mut self.stage {
+            // Nothing is coded yet, so there is no scene.
+            Stage::Loop(state) if state.done == 0 => return Ok(()),
+            Stage::Loop(state) => state.settle()?,
+            Stage::Round { .. } => (),
         }
         let (mse, psnr) = self.views.aside(self.stage.scene());
         self.aside_psnr = Some(psnr);
         let Stage::Loop(state) = &mut self.stage else { return Ok(()) };
-        if state.done == 0 {
-            return Ok(());
-        }
         if state.done as f64 >= BEST_FROM * state.steps as f64 {
             let cost = mse + state.lambda() * 8.0 * state.bytes as f64;
             if self.best.as_ref().is_none_or(|best| cost < best.0) {

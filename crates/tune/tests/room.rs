@@ -125,6 +125,16 @@ fn a_run_that_was_cut_goes_on_to_the_same_bytes() {
     assert!(error.to_string().contains("checksum"), "{error}");
 }
 
+/// Before its first step the loop has no scene. It was scored all the same.
+#[test]
+fn the_loop_began_with_the_psnr_of_an_empty_scene() {
+    let run = Tune::new(model(), training(), short(Target::Quality(54.0))).unwrap();
+    let least = run.input_psnr() - 8.0;
+    let mut scores = Vec::new();
+    run.run(|p| scores.extend(p.aside_psnr)).unwrap();
+    assert!(!scores.is_empty() && scores.iter().all(|&db| db > least), "{scores:?}");
+}
+
 #[test]
 fn a_target_in_bytes_is_met_from_below() {
     for target in [50_000, 80_000] {
@@ -174,7 +184,11 @@ fn the_smallest_runs_end() {
         options
     };
     let mut one = training().remove(0);
+    // The two pixels in the middle of four by three.
     one.camera = one.camera.scaled_to(4, 3).unwrap();
+    (one.camera.width, one.camera.height) = (2, 1);
+    one.camera.cx -= 1.0;
+    one.camera.cy -= 1.0;
     one.photo = render(&model(), &one.camera, &RenderOptions::default());
     let run = Tune::new(model(), vec![one.clone()], options()).unwrap();
     assert!(!gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().is_empty());

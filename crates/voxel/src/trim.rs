@@ -47,6 +47,18 @@ pub struct Trimmed {
     pub saved_bits: f64,
 }
 
+impl Trimmed {
+    /// The row of every Gaussian of the scene in an output of which `inside` are the rows of those inside,
+    /// and in which the outliers follow from row `first_outlier` on.
+    #[must_use]
+    pub fn rows(&self, inside: &[u32], first_outlier: u32) -> Vec<u32> {
+        let mut rows = vec![0; self.inside.len() + self.outliers.len()];
+        self.inside.iter().zip(inside).for_each(|(&i, &row)| rows[i] = row);
+        self.outliers.iter().zip(first_outlier..).for_each(|(&i, row)| rows[i] = row);
+        rows
+    }
+}
+
 /// Chooses among boxes around the per-axis median, each half as wide as the last, by cost.
 ///
 /// Empty space costs an octree little: a level that all Gaussians share costs bits once, and an

@@ -51,6 +51,19 @@ impl Voxelization {
         &self.members[self.member_offsets[i] as usize..self.member_offsets[i + 1] as usize]
     }
 
+    /// The leaf of each of the `n` Gaussians of the scene; `u32::MAX` for those without.
+    ///
+    /// # Panics
+    /// If the scene has more than `n` Gaussians.
+    #[must_use]
+    pub fn leaf_of_each(&self, n: usize) -> Vec<u32> {
+        let mut leaves = vec![u32::MAX; n];
+        for leaf in 0..self.len() {
+            self.members_of(leaf).iter().for_each(|&i| leaves[i as usize] = leaf as u32);
+        }
+        leaves
+    }
+
     /// For each leaf the sum of `values` over its members. `values` has one entry per Gaussian of the
     /// scene.
     #[must_use]

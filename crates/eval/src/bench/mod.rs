@@ -6,8 +6,10 @@ pub mod finetune;
 pub mod gpcc;
 pub mod gsvx;
 mod memory;
+pub mod quality;
 mod skips;
 mod stages;
+pub mod tune;
 pub mod voxel;
 
 pub use memory::child as memory_child;

@@ -50,6 +50,9 @@ const PAGE: Theme = Theme {
     font: "inherit",
 };
 
+/// The same where there is room.
+const WIDE_PAGE: Theme = Theme { width: 900.0, height: 460.0, font_size: 15, ..PAGE };
+
 /// Text that is safe inside SVG and HTML.
 pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
@@ -88,11 +91,16 @@ impl Chart {
         out
     }
 
-    /// The plot alone, for a page: its colours are the page's `--ink` and `--rule`.
-    pub(crate) fn inline_svg(&self) -> String {
-        let mut out = open(PAGE.width, PAGE.height, &PAGE);
-        self.plot(&mut out, 0.0, &PAGE);
-        out.push_str("</svg>\n");
+    /// The plot alone, for a page, which shows the first on phones and the second where there is room. Its
+    /// colours are the page's `--ink` and `--rule`.
+    pub(crate) fn inline_svgs(&self) -> String {
+        let mut out = String::new();
+        for (class, theme) in [("narrow", &PAGE), ("wide", &WIDE_PAGE)] {
+            let mut one = open(theme.width, theme.height, theme);
+            self.plot(&mut one, 0.0, theme);
+            one.push_str("</svg>\n");
+            out += &one.replacen("<svg", &format!("<svg class=\"{class}\""), 1);
+        }
         out
     }
 
@@ -326,7 +334,7 @@ mod tests {
     #[test]
     fn the_svg_is_well_formed_and_names_everything() {
         let chart = sample();
-        for svg in [chart.svg(), chart.inline_svg()] {
+        for svg in [chart.svg(), chart.inline_svgs()] {
             assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
             assert_eq!(svg.matches("<text").count(), svg.matches("</text>").count());
             assert!(svg.contains("PSNR, dB") && svg.contains("MB") && !svg.contains("NaN"));
@@ -336,7 +344,7 @@ mod tests {
             assert!(whole.contains(name), "{name}");
         }
         assert_eq!(chart.legend().len(), 4);
-        assert!(chart.inline_svg().contains("var(--ink)") && !whole.contains("var("));
+        assert!(chart.inline_svgs().contains("var(--ink)") && !whole.contains("var("));
     }
 
     #[test]

@@ -4,10 +4,12 @@
 //! A stage whose record carries the hash of its inputs, its settings and the program is not run
 //! again, so a run that was cut goes on where it stopped.
 
+mod enlarge;
 pub(crate) mod plan;
 pub(crate) mod record;
 mod size;
 pub(crate) mod stages;
+pub(crate) mod streams;
 pub(crate) mod study;
 pub(crate) mod tune;
 
@@ -22,7 +24,7 @@ use crate::peers;
 use crate::pictures;
 use crate::published;
 use crate::report::{self, sections};
-use plan::{Coding, GSVX, slug};
+use plan::{Coding, GSVX, TUNED, slug};
 use record::{Bd, Curve, Picture, Run};
 use stages::Branch;
 use study::{PICTURE_VIEWS, Study};
@@ -30,6 +32,7 @@ use tune::Tuning;
 
 pub use plan::parse_depths;
 pub use size::run as size;
+pub use streams::Effort;
 
 /// What [`run`] does.
 #[derive(Clone, Debug)]
@@ -50,6 +53,9 @@ pub struct Options {
     /// Steps of a fine-tune of each voxelized model against the training photos. None if not given;
     /// experiments then take 400.
     pub finetune: Option<u64>,
+    /// Draw the curve of `gsvx tune` too: the command, relative to the root of the workspace, and how
+    /// long it tunes.
+    pub tune: Option<(PathBuf, Effort)>,
     /// Run every stage, done before or not.
     pub fresh: bool,
     /// Other codecs' tools.
@@ -66,6 +72,7 @@ impl Default for Options {
             depth: None,
             adaptive: None,
             finetune: None,
+            tune: None,
             fresh: false,
             peers: peers::Options::default(),
         }
@@ -122,6 +129,9 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
         }
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
+    if let Some((gsvx, effort)) = &options.tune {
+        curves.push(streams::curve(study, gsvx, *effort)?);
+    }
     let tools = study.peers(&options.peers, base)?;
 
     let found = &study.test.files;
@@ -155,16 +165,21 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
     Ok(run)
 }
 
-/// Hull against hull: gsvx against our other curves, those against the uniform one, all against the
-/// others.
+/// Hull against hull: the tuned curve against ours, gsvx against our other curves, those against the
+/// uniform one, all against the others.
 fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
     let mut out = Vec::new();
     let mut pair = |test: &Curve, anchor: &Curve| {
         let (of_test, of_anchor) = (test.rates(), anchor.rates());
         out.push(sections::compare((&test.name, &of_test), (&anchor.name, &of_anchor)));
     };
-    if let [uniform, rest @ ..] = curves {
-        let (gsvx, rest): (Vec<&Curve>, Vec<&Curve>) = rest.iter().partition(|c| c.name == GSVX);
+    let (tuned, untuned): (Vec<&Curve>, Vec<&Curve>) = curves.iter().partition(|c| c.name == TUNED);
+    for tuned in tuned {
+        untuned.iter().rev().for_each(|curve| pair(tuned, curve));
+    }
+    if let [uniform, rest @ ..] = &untuned[..] {
+        let (gsvx, rest): (Vec<&Curve>, Vec<&Curve>) =
+            rest.iter().copied().partition(|c| c.name == GSVX);
         for gsvx in gsvx {
             rest.iter().for_each(|curve| pair(gsvx, curve));
             pair(gsvx, uniform);
@@ -199,7 +214,22 @@ fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::
     chosen.dedup();
     for (v, held_out) in study.test.held_out.iter().take(PICTURE_VIEWS).enumerate() {
         let read = |name: &String| measure::read_photo(&study.out.join(name));
-        let original = read(&originals[v])?;
+        let larger = enlarge::larger(&held_out.camera);
+        let original = match &larger {
+            Some((camera, _)) => enlarge::drawn(&study.test.model, camera),
+            None => read(&originals[v])?,
+        };
+        let (photo, photo_says) = match larger {
+            Some((_, factor)) => (
+                enlarge::photo(&held_out.photo, factor),
+                format!(
+                    "The photo, held out from training. It has {}x{} pixels; renders are drawn {factor} times as \
+                     large.",
+                    held_out.photo.width, held_out.photo.height
+                ),
+            ),
+            None => (held_out.photo.clone(), "The photo, held out from training.".to_owned()),
+        };
         let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
         let view = &held_out.camera.name;
         let stem = pictures::stem(view);
@@ -211,8 +241,11 @@ fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::
         let mut decoded = Vec::new();
         for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
             let file = format!("pictures/{stem}-{}-q{:.0}.png", slug(&curve.name), point.quality);
-            let image = read(&point.renders[v])?;
-            let panel = pictures::side_by_side(&[&held_out.photo, &original, &image]);
+            let image = match &larger {
+                Some((camera, _)) => enlarge::drawn(&decode(study, point)?, camera),
+                None => read(&point.renders[v])?,
+            };
+            let panel = pictures::side_by_side(&[&photo, &original, &image]);
             pictures::write(&study.out.join(&file), &panel)?;
             let says = format!(
                 "{} MB ({}, quality {:.0}), {:.2} dB",
@@ -225,8 +258,15 @@ fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::
             files.push(Picture { file, view: view.clone(), caption });
             decoded.push((image, format!("{} MB", report::megabytes(point.bytes)), says));
         }
-        let crops = report::crops(&held_out.photo, (&original, &original_says), &decoded)?;
+        let crops = report::crops((&photo, &photo_says), (&original, &original_says), &decoded)?;
         views.push(report::View { name: view.clone(), crops });
     }
     Ok((files, views))
+}
+
+/// The model in the stream of a point.
+fn decode(study: &Study, point: &record::Coded) -> Result<gs_model::Scene> {
+    let path = study.out.join(&point.stream);
+    let stream = fs::read(&path).with_context(|| format!("read {}", path.display()))?;
+    gsvx::decode(&stream).with_context(|| path.display().to_string())
 }

@@ -72,7 +72,7 @@ pub(crate) fn curves(
         let depth = depth.unwrap_or_else(|| shifted(levels_deeper(q)));
         Voxels {
             name: format!("uniform-{depth}"),
-            what: format!("J = {depth}"),
+            what: format!("depth {depth}"),
             rule: Rule::Fixed(Strategy::Uniform { depth }),
         }
     };
@@ -81,7 +81,7 @@ pub(crate) fn curves(
         let (low, high) = adaptive.unwrap_or_else(|| (shifted(by - 1), shifted(by + 2)));
         Voxels {
             name: format!("paper-criteria-{low}-{high}"),
-            what: format!("J = {low} to {high}"),
+            what: format!("depths {low} to {high}"),
             rule: Rule::Fixed(Strategy::paper(low, high)),
         }
     };
@@ -100,7 +100,11 @@ pub(crate) fn curves(
         }
         let parameters = |s: Option<&(Voxels, Vec<f32>)>| s.map_or("", |(v, _)| &v.what).to_owned();
         let (first, last) = (parameters(steps.first()), parameters(steps.last()));
-        let span = if first == last { first } else { format!("{first} .. {last}") };
+        let span = if first == last {
+            first
+        } else {
+            format!("{first} at the smallest size, {last} at the largest")
+        };
         CurvePlan { name, what: format!("{what}, {span}"), steps }
     };
     vec![
@@ -108,7 +112,7 @@ pub(crate) fn curves(
         plan(PAPER_CRITERIA, "gsvx's coding, leaves by the paper's adaptive criteria", &paper),
         plan(
             PAPER_CODING,
-            "the uniform octree, coded as the paper does: RAHT and RLGR at its QPs, covariances by a codebook",
+            "the uniform octree, coded as the paper does (RAHT and RLGR at its parameters, covariances by a codebook)",
             &uniform,
         ),
         plan(GSVX, "this codec: leaves by rate and distortion, precision by importance", &default),
@@ -120,6 +124,7 @@ pub(crate) const UNIFORM: &str = "uniform";
 pub(crate) const PAPER_CRITERIA: &str = "paper's criteria";
 pub(crate) const PAPER_CODING: &str = "paper's coding";
 pub(crate) const GSVX: &str = "gsvx";
+pub(crate) const TUNED: &str = "gsvx, tuned";
 
 /// A name as a part of file names and links.
 pub(crate) fn slug(name: &str) -> String {

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use finetune::{Image, TrainView};
@@ -41,6 +41,8 @@ pub(crate) struct Study {
     pub(crate) cache: Cache,
     /// Hashes of program, model, and cameras with photos.
     hashes: [String; 3],
+    /// Ignore old records.
+    fresh: bool,
     /// Training photos, read when a fine-tune first needs them.
     photos: OnceCell<Vec<TrainView>>,
     /// What each Gaussian contributes to the training views, and the seconds to find it.
@@ -74,7 +76,19 @@ impl Study {
         );
         let hashes = [program, model, views];
         let (photos, saliency) = (OnceCell::new(), OnceCell::new());
-        Ok(Self { test, out, cache, hashes, photos, saliency })
+        let fresh = options.fresh;
+        Ok(Self { test, out, cache, hashes, fresh, photos, saliency })
+    }
+
+    /// Records of what another program makes of model, cameras and photos.
+    pub(super) fn cache_of(&self, program: &Path) -> Result<Cache> {
+        let mut views = self.hashes[2].clone();
+        for view in self.test.files.dataset.training().filter(|v| v.has_photo()) {
+            views.push_str(&cache::hash_file(&view.image_path)?);
+        }
+        let program = cache::hash_file(program)?;
+        let inputs = Inputs { program: &program, model: &self.hashes[1], views: &views };
+        Cache::open(&self.out.join("stages"), &inputs, self.fresh)
     }
 
     /// Training cameras with their photos.

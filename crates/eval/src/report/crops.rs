@@ -6,7 +6,7 @@ use finetune::Image;
 use crate::pictures;
 
 /// Largest crop, pixels.
-const CROP: (usize, usize) = (320, 240);
+const CROP: (usize, usize) = (480, 360);
 /// Differences are shown this many times as strong.
 const AMPLIFY: f32 = 8.0;
 /// Crops begin at multiples of this.
@@ -40,7 +40,7 @@ pub(crate) struct Crop {
 /// decoded from the original. `decoded` has a label and a caption each; the window is where the
 /// first of them differs most.
 pub(crate) fn crops(
-    photo: &Image,
+    photo: (&Image, &str),
     original: (&Image, &str),
     decoded: &[(Image, String, String)],
 ) -> Result<Vec<Crop>> {
@@ -52,7 +52,7 @@ pub(crate) fn crops(
         Ok(Crop { label, caption, shown, size, png: pictures::encode(&part)? })
     };
     let mut out = vec![
-        cut(photo, "photo".into(), "The photo, held out from training.".into(), false)?,
+        cut(photo.0, "photo".into(), photo.1.to_owned(), false)?,
         cut(original.0, "original".into(), original.1.to_owned(), false)?,
     ];
     for (i, (image, label, caption)) in decoded.iter().enumerate() {
@@ -151,7 +151,7 @@ mod tests {
     fn a_view_has_photo_original_decoded_and_differences() {
         let image = Image::new(40, 30);
         let decoded = |name: &str| (image.clone(), name.to_owned(), String::new());
-        let all = crops(&image, (&image, ""), &[decoded("a"), decoded("b")]).unwrap();
+        let all = crops((&image, ""), (&image, ""), &[decoded("a"), decoded("b")]).unwrap();
         let labels: Vec<&str> = all.iter().map(|c| c.label.as_str()).collect();
         assert_eq!(labels, ["photo", "original", "a", "b", "difference, a", "difference, b"]);
         assert_eq!(all.iter().filter(|c| c.shown).count(), 1);

@@ -1,12 +1,9 @@
 //! What a reader wants first: how many bytes gsvx needs for the same picture, beside what.
 
 use crate::bd;
-use crate::published::Other;
+use crate::published::{Other, PAPER_CHAIN};
 use crate::rd_curve::plan::{GSVX, PAPER_CODING, PAPER_CRITERIA, UNIFORM};
 use crate::rd_curve::record::{Coded, Run};
-
-/// Comparisons in the sentence.
-const MOST: usize = 3;
 
 /// The bytes of gsvx beside those of something else at equal PSNR.
 pub(super) struct Comparison {
@@ -14,8 +11,8 @@ pub(super) struct Comparison {
     pub(super) difference: f64,
     /// What it is compared with, in words.
     pub(super) against: String,
-    /// How.
-    pub(super) how: &'static str,
+    /// At which quality.
+    pub(super) at: &'static str,
 }
 
 /// What a curve is, for someone who has not seen its name before.
@@ -25,7 +22,10 @@ pub(crate) fn in_words(name: &str) -> String {
         PAPER_CRITERIA => {
             "the same coding on the paper's adaptive octree (`paper's criteria`)".into()
         }
-        PAPER_CODING => "the paper's coding".into(),
+        PAPER_CODING => "the coding of the paper that gsvx follows (`paper's coding`)".into(),
+        PAPER_CHAIN => {
+            "the whole chain of the paper that gsvx follows, by its authors' tools".into()
+        }
         other => other.into(),
     }
 }
@@ -35,8 +35,8 @@ pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
     let mut out: Vec<Comparison> = Vec::new();
     for bd in run.bd.iter().filter(|b| b.test == GSVX) {
         if let Some(difference) = bd.rate_pchip.or(bd.rate_cubic) {
-            let how = "mean over all qualities that both reach (BD-rate)";
-            out.push(Comparison { difference, against: in_words(&bd.anchor), how });
+            let at = "at equal picture quality, on average over the curve";
+            out.push(Comparison { difference, against: in_words(&bd.anchor), at });
         }
     }
     // Codecs of one setting have no curve.
@@ -51,8 +51,8 @@ pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
             };
             let weakest = other.points.iter().filter_map(difference).reduce(f64::max);
             if let Some(difference) = weakest {
-                let how = "at its own PSNR";
-                out.push(Comparison { difference, against: other.name.clone(), how });
+                let at = "at its own picture quality";
+                out.push(Comparison { difference, against: in_words(&other.name), at });
             }
         }
     }
@@ -60,37 +60,26 @@ pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
     out
 }
 
-/// "84 % fewer bytes", "3 % more bytes".
+/// "84 % fewer", "3 % more", without a line break inside.
 fn amount(difference: f64) -> String {
     let word = if difference <= 0.0 { "fewer" } else { "more" };
-    format!("{:.0} % {word} bytes", difference.abs())
+    format!("{:.0}\u{a0}%\u{a0}{word}", difference.abs())
+}
+
+/// What stands in brackets is for the cards.
+fn without_brackets(text: &str) -> &str {
+    text.split(" (`").next().unwrap_or(text)
 }
 
 /// The strongest comparison, after the name of the scene.
 pub(super) fn title(scene: &str, all: &[Comparison]) -> String {
     match all.first() {
         Some(c) => format!(
-            "{scene}: for the same picture quality, gsvx needs {} than {}",
+            "{scene}: for the same picture quality, gsvx needs {} bytes than {}",
             amount(c.difference),
-            c.against.replace('`', "")
+            without_brackets(&c.against)
         ),
         None => format!("{scene}: picture quality over size"),
-    }
-}
-
-/// The strongest comparisons in one sentence; empty if there is none.
-pub(super) fn sentence(all: &[Comparison]) -> String {
-    let parts: Vec<String> = all
-        .iter()
-        .take(MOST)
-        .map(|c| format!("{} than {}", amount(c.difference), c.against))
-        .collect();
-    match parts.split_last() {
-        None => String::new(),
-        Some((only, [])) => format!("For the same picture quality, gsvx needs {only}. "),
-        Some((last, before)) => {
-            format!("For the same picture quality, gsvx needs {}, and {last}. ", before.join(", "))
-        }
     }
 }
 
@@ -98,10 +87,7 @@ pub(super) fn sentence(all: &[Comparison]) -> String {
 pub(super) fn highlights(run: &Run, all: &[Comparison]) -> Vec<(String, String)> {
     let mut out: Vec<(String, String)> = all
         .iter()
-        .map(|c| {
-            let what = format!("bytes of gsvx at equal PSNR against {}, {}", c.against, c.how);
-            (format!("{:+.0} %", c.difference), what)
-        })
+        .map(|c| (amount(c.difference), format!("bytes than {}, {}", c.against, c.at)))
         .collect();
     // The smallest stream within half a dB of the uncompressed model.
     let close = |p: &&Coded| p.score.psnr_db > run.original.score.psnr_db - 0.5;
@@ -110,7 +96,7 @@ pub(super) fn highlights(run: &Run, all: &[Comparison]) -> Vec<(String, String)>
         out.push((
             format!("{:.0}x", run.original.file_bytes as f64 / p.bytes.max(1) as f64),
             format!(
-                "smaller than the model's PLY, {:+.2} dB from its PSNR: {:.3} MB at quality {:.0}",
+                "smaller than the model's PLY, {:+.2} dB from its PSNR: {:.3} MB, at quality {:.0}",
                 p.score.psnr_db - run.original.score.psnr_db,
                 p.bytes as f64 / 1e6,
                 p.quality
@@ -127,24 +113,13 @@ mod tests {
     #[test]
     fn the_strongest_comparison_comes_first_in_plain_words() {
         let comparison =
-            |difference, name| Comparison { difference, against: in_words(name), how: "" };
-        let all = [
-            comparison(-84.2, PAPER_CODING),
-            comparison(-80.0, "SPZ v4"),
-            comparison(2.6, UNIFORM),
-        ];
+            |difference, name| Comparison { difference, against: in_words(name), at: "" };
+        let all = [comparison(-84.2, PAPER_CODING), comparison(2.6, UNIFORM)];
         assert_eq!(
-            title("fox", &all),
-            "fox: for the same picture quality, gsvx needs 84 % fewer bytes than the paper's coding"
+            title("fox", &all).replace('\u{a0}', " "),
+            "fox: for the same picture quality, gsvx needs 84 % fewer bytes than the coding of the paper that \
+             gsvx follows"
         );
-        assert_eq!(
-            sentence(&all),
-            "For the same picture quality, gsvx needs 84 % fewer bytes than the paper's coding, 80 % fewer \
-             bytes than SPZ v4, and 3 % more bytes than the same coding on an octree of one depth (`uniform`). "
-        );
-        assert_eq!(
-            (sentence(&[]), title("fox", &[])),
-            (String::new(), "fox: picture quality over size".into())
-        );
+        assert_eq!(title("fox", &[]), "fox: picture quality over size");
     }
 }

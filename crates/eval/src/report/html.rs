@@ -79,7 +79,7 @@ fn render_block(out: &mut String, block: &Block, section: usize) -> Result<()> {
                 out,
                 "<figure class=\"chart\">\n<figcaption>{}</figcaption>\n{}<ul class=\"legend\">",
                 escape(&chart.title),
-                chart.inline_svg()
+                chart.inline_svgs()
             );
             for (sample, name) in chart.legend() {
                 let _ = writeln!(out, "<li>{sample}<span>{}</span></li>", escape(&name));

@@ -13,7 +13,13 @@ pub(crate) const WIDEST: f64 = 4.5;
 
 /// What a reader must know to read the chart.
 const TERMS: &str = "Each point is a stream, decoded and rendered: its size, and its PSNR against photos that \
-     the model was not trained on. Further left is smaller, higher is nearer to the photos.";
+     the model was not trained on (held out). PSNR measures how near a render is to the photo, in dB: one dB more \
+     is a fifth less squared error. Further left is smaller, higher is nearer. An octree divides space into cells; \
+     its depth says how small the finest are.";
+
+/// What gsvx is, for someone who has never heard of it.
+const WHAT: &str = "gsvx compresses trained 3D Gaussian splatting models. It follows the paper Adaptive \
+     Voxelization for Transform Coding of 3D Gaussian Splatting Data (arXiv 2506.00271).";
 
 const COLUMNS: [&str; 12] = [
     "curve",
@@ -66,7 +72,7 @@ pub(crate) fn points(original: &crate::rd_curve::record::Original, curves: &[Cur
         none(),
         format!("{:.2}", original.render_seconds),
     ]);
-    for curve in curves {
+    for curve in curves.iter().rev() {
         table.rows.extend(curve.points.iter().map(|p| cells(curve, p)));
     }
     table
@@ -108,9 +114,9 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
     };
     let comparisons = headline::comparisons(run);
     let lead = format!(
-        "{}The scene: {}. {} views, {} held out (every 8th by sorted name), {} measured. The model has {} Gaussians of \
-         SH degree {}{invalid}; uncompressed it is {:.1} MB and reaches {:.3} dB and {:.4} SSIM.",
-        headline::sentence(&comparisons),
+        "{WHAT} Here the model of one scene is coded at several sizes. The scene: {}. Of {} photos {} are held out \
+         from training (every 8th by name), and {} are compared with renders. The model has {} Gaussians with colours of \
+         SH degree {}{invalid}; uncompressed it is {:.1} MB and reaches {:.2} dB PSNR and an SSIM of {:.4}.",
         run.what,
         run.views,
         run.held_out,
@@ -127,7 +133,7 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
     all.extend(sections::other_series(&run.others, WIDEST * largest));
     let title = format!("{}: PSNR over size, {} held-out views", run.scene, run.measured);
     let chart = chart(title, all, o.score.psnr_db);
-    let curves = run.curves.iter().map(|c| format!("`{}`: {}", c.name, c.what)).collect();
+    let curves = run.curves.iter().rev().map(|c| format!("`{}`: {}", c.name, c.what)).collect();
     let mut sections = vec![
         Section::open(
             "Curves",
@@ -139,7 +145,7 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
             vec![Block::Text(UNITS.into()), Block::Table(points(o, &run.curves))],
         ),
         Section::open(
-            "Bjontegaard differences",
+            "Curves against each other (Bjontegaard differences)",
             vec![Block::Text(BD_TEXT.into()), Block::Table(sections::bd_table(&run.bd))],
         ),
     ];
@@ -288,8 +294,10 @@ fn pictures(run: &Run, views: Vec<View>) -> Section {
         blocks.insert(
             0,
             Block::Text(
-                "The window of each view where the smallest stream differs most from the original \
-                 model. Whole views, side by side, are in `pictures/`."
+                "Press a button to change the picture: the photo, the render of the uncompressed model \
+                 (original), of streams by their size, and the difference of each from the original. Of a large view \
+                 it is the window where the smallest stream differs most; whole views, side by side, are in \
+                 `pictures/`."
                     .into(),
             ),
         );

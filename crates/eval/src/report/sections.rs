@@ -44,7 +44,8 @@ pub(crate) fn bd_table(all: &[Bd]) -> Table {
 }
 
 /// How the differences are meant.
-pub(crate) const BD_TEXT: &str = "Between the upper-left convex hulls, by a cubic fit of log-rate (as the paper does) and by \
+pub(crate) const BD_TEXT: &str = "BD-rate: how many more bytes a curve needs than another at equal PSNR, on average. BD-PSNR: how much higher \
+     its PSNR is at equal bytes. Between the upper-left convex hulls, by a cubic fit of log-rate (as the paper does) and by \
      monotone interpolation (pchip). Negative BD-rate: smaller at equal PSNR. A dash: the curves share no \
      range, or have too few points.";
 

@@ -113,3 +113,27 @@ pub fn open_views_with(
     }
     Ok((kind, views))
 }
+
+/// The views of a folder, as [`open_views_with`], or of a file: a `cameras.json` of Inria's trainer or a
+/// `transforms.json`. Sorted by image name. Views of a `cameras.json` have the names of the images as their
+/// paths.
+///
+/// # Errors
+/// Those of [`open_views_with`] and of the readers in [`crate::inria`] and [`crate::nerf`].
+pub fn open_views_at(path: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
+    let path = path.as_ref();
+    if !path.is_file() {
+        return Ok(open_views_with(path, distortion)?.1);
+    }
+    // Inria's cameras.json is a list, a transforms.json an object.
+    let text = std::fs::read(path).map_err(|e| Error::io(path, "read", e))?;
+    let list = text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[');
+    let mut views = if list {
+        let cameras = inria::read_cameras(path)?.into_iter();
+        cameras.map(|camera| View { image_path: camera.name.clone().into(), camera }).collect()
+    } else {
+        nerf::read_views_with(path, distortion)?
+    };
+    views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
+    Ok(views)
+}

@@ -23,6 +23,7 @@ const stage = $('stage');
 const camera = new Camera(stage, dirty);
 
 function size(bytes) {
+  if (!bytes) return '–';
   const [unit, name] = bytes >= 1e6 ? [1e6, 'MB'] : [1e3, 'kB'];
   return `${(bytes / unit).toFixed(bytes / unit < 100 ? 1 : 0)} ${name}`;
 }
@@ -108,7 +109,7 @@ function show() {
   $('title').textContent = two ? `${one.name} | ${two.name}` : one.name;
   document.title = $('title').textContent;
   $('size').textContent = both((s) => size(s.head?.length ?? s.received));
-  $('count').textContent = both((s) => numbers.format(s.drawn()));
+  $('count').textContent = both((s) => s.drawn() ? numbers.format(s.drawn()) : '–');
   $('layers').textContent = both((s) => s.layers());
   const { lods = 1, shDegree = 0 } = one.head ?? {};
   $('lod-row').hidden = lods < 2;

@@ -9,9 +9,10 @@ export class View {
     this.canvas = this.renderer.domElement;
     parent.append(this.canvas);
     this.scene = new Scene();
-    // As gsvx render and the trainers draw.
+    // As gsvx render and the trainers draw: kernels of 0.3 pixels that dim nothing, up to three standard deviations.
     this.spark = new SparkRenderer({
-      renderer: this.renderer, onDirty, sortRadial: false, preBlurAmount: 0.3, maxStdDev: 3, minAlpha: 1 / 255,
+      renderer: this.renderer, onDirty, sortRadial: false, preBlurAmount: 0.3, blurAmount: 0, maxStdDev: 3, minAlpha: 1 / 255,
+      accumExtSplats: true,
     });
     this.scene.add(this.spark);
     this.pieces = new Map();

@@ -30,6 +30,8 @@ pub(crate) struct Quantisation {
     pub(crate) steps: Steps,
     pub(crate) j_high: u8,
     pub(crate) sh_degree: u8,
+    /// Round to the nearest level, whatever that costs in bits.
+    pub(crate) to_nearest: bool,
     /// Width of the integers of [`crate::Shapes::Integers`].
     pub(crate) integer_bits: Option<u8>,
     /// Codewords of [`crate::Shapes::Codebook`].
@@ -132,6 +134,7 @@ impl Chunk<'_> {
     /// Codes rows of values with one step for all channels; says whether all levels are zero.
     fn code(&self, coder: &mut Encoder, step: f32, lambda: f32, rows: &mut Rows) -> Result<bool> {
         let steps = steps_of(step, rows.channels());
+        let lambda = if self.q.to_nearest { 0.0 } else { lambda };
         attribute::encode(coder, self.plan, &steps, &Options { lambda }, rows)
             .map_err(coding("attribute"))
     }

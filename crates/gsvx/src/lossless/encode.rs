@@ -16,8 +16,8 @@ const COMMON: usize = 256;
 
 /// The payload of a scene's Gaussians, bit for bit. They come back in Morton order of their means, or in
 /// their own at `ceil(log2 N)` bits each. Values need not be valid: NaN, infinities and zero
-/// quaternions are kept.
-pub(crate) fn encode_payload(scene: &Scene, keep_order: bool) -> Vec<u8> {
+/// quaternions are kept. Returns the Gaussians in Morton order too.
+pub(crate) fn encode_payload(scene: &Scene, keep_order: bool) -> (Vec<u8>, Vec<u32>) {
     let n = scene.len();
     let MortonOrder { column, least, below, order } = morton_order(scene);
     let count = n.div_ceil(MAX_PART);
@@ -49,7 +49,7 @@ pub(crate) fn encode_payload(scene: &Scene, keep_order: bool) -> Vec<u8> {
     for block in coded {
         w.block(&block);
     }
-    w.bytes
+    (w.bytes, order)
 }
 
 /// The order in which Gaussians are coded.

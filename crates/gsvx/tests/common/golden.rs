@@ -8,16 +8,21 @@ use voxel::Strategy;
 
 const SEED: u64 = 42;
 
+/// The quality of most; the default may change.
+fn usual() -> EncodeOptions {
+    EncodeOptions::from_quality(60.0).expect("a quality")
+}
+
 /// Options for chunks of at most `leaves` leaves.
 fn in_chunks(leaves: usize) -> EncodeOptions {
-    let mut options = EncodeOptions::default();
+    let mut options = usual();
     options.chunk_leaves = NonZeroUsize::new(leaves).expect("a positive number");
     options
 }
 
 /// Names and bytes.
 pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
-    let default = EncodeOptions::default();
+    let default = usual();
     let mut vq = default.clone();
     vq.covariance = CovarianceMode::Vq { bits: 8 };
     let mut integers = default.clone();

@@ -8,13 +8,12 @@ mod lod;
 mod targets;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use gs_model::Scene;
 
 use crate::chart::{Axis, Chart, Kind, Series};
+use crate::command::{self, Cost};
 use crate::scenes;
 
 /// What [`run`] measures.
@@ -55,7 +54,7 @@ struct Row {
 /// # Errors
 /// If the command is not there or fails, or the scene cannot be read.
 pub fn run(options: &Options) -> Result<()> {
-    let gsvx = command(&options.gsvx)?;
+    let gsvx = command::find(&options.gsvx)?;
     let found = scenes::find(&options.scene)?;
     let (scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
     ensure!(!scene.is_empty(), "{}: the model is empty", found.name);
@@ -81,7 +80,7 @@ fn measure_size(gsvx: &Path, scene: &Scene, n: usize, dir: &Path) -> Result<Vec<
     for (step, words) in STEPS {
         let (input, output) =
             if words[0] == "encode" { (&model, &stream) } else { (&stream, &back) };
-        let cost = measure(gsvx, words, input, output)?;
+        let cost = command::measure(gsvx, words, input, output)?;
         let stream_mb = std::fs::metadata(&stream).map_or(0, |m| m.len()) as f64 / 1e6;
         let row = Row { step, gaussians: n, cost, raw_mb, stream_mb };
         print!("{}", row.line());
@@ -151,7 +150,7 @@ fn chart(scene: &str, rows: &[Row]) -> Chart {
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn targets(gsvx: &Path, scenes: &[String]) -> Result<()> {
-    targets::run(&command(gsvx)?, scenes)
+    targets::run(&command::find(gsvx)?, scenes)
 }
 
 /// Prints for each scene what coarse levels of detail cost, and what they show.
@@ -168,17 +167,6 @@ pub fn lod(scenes: &[String]) -> Result<()> {
 /// If a scene cannot be read or coding fails.
 pub fn choices(scenes: &[String]) -> Result<()> {
     choices::run(scenes)
-}
-
-/// The command, relative to the root of the workspace.
-fn command(gsvx: &Path) -> Result<PathBuf> {
-    let gsvx = scenes::root().join(gsvx);
-    ensure!(
-        gsvx.is_file(),
-        "{}: not there; run `cargo build --release -p gsvx-cli` first",
-        gsvx.display()
-    );
-    Ok(gsvx)
 }
 
 /// `n` Gaussians: copies of the scene on a grid, every float jittered a little so that copies
@@ -208,49 +196,6 @@ fn replicate(scene: &Scene, n: usize) -> Scene {
         }
     }
     out
-}
-
-struct Cost {
-    wall: f64,
-    user: f64,
-    peak_mb: f64,
-}
-
-fn measure(gsvx: &Path, words: &[&str], input: &Path, output: &Path) -> Result<Cost> {
-    // Replacing a file would also measure the disk.
-    if output.exists() {
-        std::fs::remove_file(output)?;
-    }
-    let started = Instant::now();
-    let mut child = Command::new(gsvx)
-        .args(words)
-        .arg(input)
-        .arg("-o")
-        .arg(output)
-        .stdout(Stdio::null())
-        .spawn()
-        .with_context(|| format!("start {}", gsvx.display()))?;
-    let (mut peak, mut ticks) = (0u64, 0u64);
-    let status = loop {
-        // Both files are gone when the process ends, so the last reading before that is kept.
-        let proc = format!("/proc/{}", child.id());
-        peak = crate::usage::peak_bytes_of(&child.id().to_string()).unwrap_or(peak);
-        if let Ok(text) = std::fs::read_to_string(format!("{proc}/stat"))
-            && let Some((_, rest)) = text.rsplit_once(") ")
-        {
-            ticks = rest.split(' ').nth(11).and_then(|v| v.parse().ok()).unwrap_or(ticks);
-        }
-        if let Some(status) = child.try_wait().context("wait for gsvx")? {
-            break status;
-        }
-        std::thread::sleep(Duration::from_millis(3));
-    };
-    if !status.success() {
-        bail!("gsvx {} failed with {status}", words.join(" "));
-    }
-    // Linux counts processor time in hundredths of a second.
-    let user = ticks as f64 / 100.0;
-    Ok(Cost { wall: started.elapsed().as_secs_f64(), user, peak_mb: peak as f64 / 1e6 })
 }
 
 #[cfg(test)]

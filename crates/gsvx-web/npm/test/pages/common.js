@@ -27,6 +27,15 @@ window.state = { pictures: 0, log: [] };
 window.addEventListener('error', (e) => { window.state.error = String(e.message); });
 window.addEventListener('unhandledrejection', (e) => { window.state.error ??= String(e.reason?.message ?? e.reason); });
 
-export const frames = async (n) => {
-  for (let i = 0; i < n; i += 1) await new Promise((resolve) => requestAnimationFrame(resolve));
-};
+/** Tells the test how a loading ended; `more` gets what it gave. */
+export const settle = (loading, more = () => {}) => loading.then(more, (error) => {
+  state.failed = { message: error.message ?? error, code: error.code, chunk: error.chunk };
+}).then(() => { state.done = true; });
+
+/** Draws a scene in every frame with a renderer of three.js. */
+export function animate(renderer, scene, three) {
+  const view = threeCamera(three);
+  renderer.setSize(camera.width, camera.height);
+  document.body.append(renderer.domElement);
+  renderer.setAnimationLoop(() => renderer.render(scene, view));
+}

@@ -1,0 +1,215 @@
+//! Streams that the `gsvx` command makes of a scene, tuned or not: points of a curve, measured with
+//! processes of their own.
+//!
+//! A tune takes minutes, so a point is recorded by the hash of the command: it is measured once for one
+//! build of `gsvx`, whatever becomes of this program.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Serialize};
+
+use super::record::{Coded, Curve};
+use super::study::Study;
+use crate::cache::Cache;
+use crate::codec::timed;
+use crate::progress::Bar;
+use crate::{command, measure};
+
+/// How long to tune.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Effort {
+    /// About a minute for a scene of 120,000 Gaussians and small photos.
+    Quick,
+    /// About five.
+    Normal,
+    /// About thirty.
+    Long,
+}
+
+impl Effort {
+    /// All efforts, the shortest first.
+    pub const ALL: [Self; 3] = [Self::Quick, Self::Normal, Self::Long];
+
+    /// As the command calls it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quick => "quick",
+            Self::Normal => "normal",
+            Self::Long => "long",
+        }
+    }
+}
+
+/// How the command makes a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) enum How {
+    /// `gsvx encode`, with cameras and without what they do not see.
+    Encode,
+    /// `gsvx tune`.
+    Tune {
+        /// How long.
+        effort: Effort,
+        /// To the renders of the model instead of the photos.
+        distil: bool,
+        /// Of the order of the views.
+        seed: u64,
+    },
+}
+
+impl How {
+    /// With photos, and the first seed.
+    pub(crate) fn tune(effort: Effort) -> Self {
+        Self::Tune { effort, distil: false, seed: 0 }
+    }
+
+    /// For tables and file names.
+    pub(crate) fn name(self) -> String {
+        let Self::Tune { effort, distil, seed } = self else { return "untuned".into() };
+        let distil = if distil { "-distil" } else { "" };
+        let seed = if seed == 0 { String::new() } else { format!("-seed-{seed}") };
+        format!("{}{distil}{seed}", effort.name())
+    }
+
+    /// Words of the command, but for quality and paths.
+    fn words(self) -> Vec<String> {
+        let Self::Tune { effort, distil, seed } = self else {
+            return vec!["encode".into(), "--drop-unseen".into()];
+        };
+        let mut out = vec!["tune".into(), "--effort".into(), effort.name().into()];
+        out.extend(["--seed".into(), seed.to_string()]);
+        if distil {
+            out.push("--distil".into());
+        }
+        out
+    }
+}
+
+/// One stream.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Point {
+    /// Size and quality.
+    pub(crate) coded: Coded,
+    /// Processor seconds of the command, all threads.
+    pub(crate) user_seconds: f64,
+    /// Greatest memory of the command, MB.
+    pub(crate) peak_mb: f64,
+    /// Bytes that the loop counted, of a tune.
+    pub(crate) counted_bytes: Option<u64>,
+}
+
+/// Streams of one scene by one build of the command.
+pub(crate) struct Streams<'a> {
+    study: &'a Study,
+    gsvx: PathBuf,
+    cache: Cache,
+}
+
+impl<'a> Streams<'a> {
+    /// `gsvx` is relative to the root of the workspace.
+    pub(crate) fn open(study: &'a Study, gsvx: &Path) -> Result<Self> {
+        let gsvx = command::find(gsvx)?;
+        let cache = study.cache_of(&gsvx)?;
+        Ok(Self { study, gsvx, cache })
+    }
+
+    /// The point, if it was measured before.
+    pub(crate) fn find(&self, how: How, quality: f32) -> Result<Option<Point>> {
+        let usable = |p: &Point| {
+            let size = fs::metadata(self.study.out.join(&p.coded.stream)).map(|m| m.len());
+            size.is_ok_and(|s| s == p.coded.bytes) && self.study.all_there(&p.coded.renders)
+        };
+        self.cache.find(&stage(how, quality), &(how, quality), usable)
+    }
+
+    /// The point, measured unless that was done before.
+    pub(crate) fn point(&self, how: How, quality: f32) -> Result<Point> {
+        if let Some(point) = self.find(how, quality)? {
+            return Ok(point);
+        }
+        let point = self.measure(how, quality)?;
+        self.cache.store(&stage(how, quality), &(how, quality), &point)?;
+        Ok(point)
+    }
+
+    fn measure(&self, how: How, quality: f32) -> Result<Point> {
+        let Self { study, gsvx, .. } = self;
+        let dataset = &study.test.files.dataset;
+        let name = stage(how, quality);
+        println!("{}: {name} ...", study.test.files.name);
+        let stream = format!("streams/{name}.gsvx");
+        fs::create_dir_all(study.out.join("streams")).context("create streams/")?;
+        let path = study.out.join(&stream);
+        let mut words: Vec<OsString> = how.words().into_iter().map(Into::into).collect();
+        words.extend(["--json".into(), format!("--quality={quality}").into(), "--cameras".into()]);
+        words.push(dataset.dir.clone().into());
+        let cost = command::measure(gsvx, &words, &dataset.model_path, &path)?;
+        let said: serde_json::Value =
+            serde_json::from_slice(&cost.printed).context("the report of gsvx is not JSON")?;
+        let bytes = fs::metadata(&path).with_context(|| format!("{}", path.display()))?.len();
+        ensure!(said["bytes"] == bytes, "gsvx says {} bytes, the file has {bytes}", said["bytes"]);
+
+        let folder = tempfile::tempdir().context("make a temporary folder")?;
+        let back = folder.path().join("back.ply");
+        let decode = || command::measure(gsvx, &["decode"], &path, &back);
+        let (decoded, decode_seconds) = timed(decode);
+        decoded?;
+        let (scene, _) = gs_model::ply::read(&back)?;
+        let bar = Bar::new(&format!("render {name}"), study.test.held_out.len() as u64);
+        let (score, images) = measure::score(&scene, &study.test.held_out, &bar);
+        let render_seconds = bar.done();
+        let renders = study.render_names(&name);
+        study.save(&renders, &images)?;
+        let parts = said["parts"].as_object().into_iter().flatten();
+        let parts = parts.filter_map(|(part, n)| Some((part.clone(), n.as_u64()?)));
+        let coded = Coded {
+            voxels: String::new(),
+            quality,
+            paper: None,
+            bytes,
+            parts: parts.collect(),
+            gaussians: scene.len(),
+            score,
+            encode_seconds: cost.wall,
+            decode_seconds,
+            render_seconds,
+            stream,
+            renders,
+        };
+        let counted_bytes = said["counted_bytes"].as_u64();
+        Ok(Point { coded, user_seconds: cost.user, peak_mb: cost.peak_mb, counted_bytes })
+    }
+}
+
+fn stage(how: How, quality: f32) -> String {
+    format!("{}-q{quality:.0}", how.name())
+}
+
+/// Qualities of the tuned curve: from about 2 dB below the model as it was trained to above it or near it.
+pub(crate) const QUALITIES: [f32; 4] = [42.0, 54.0, 66.0, 78.0];
+
+/// The tuned curve of a report.
+pub(crate) fn curve(study: &Study, gsvx: &Path, effort: Effort) -> Result<Curve> {
+    let streams = Streams::open(study, gsvx)?;
+    let point = |q: &f32| Ok(streams.point(How::tune(effort), *q)?.coded);
+    let points = QUALITIES.iter().map(point).collect::<Result<_>>()?;
+    let what = format!("pruned and tuned with the codec in the loop, effort {}", effort.name());
+    Ok(Curve { name: super::plan::TUNED.into(), what, voxelized: Vec::new(), points })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_way_has_its_words() {
+        assert_eq!(How::Encode.words(), ["encode", "--drop-unseen"]);
+        let distil = How::Tune { effort: Effort::Quick, distil: true, seed: 1 };
+        assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
+        assert_eq!(distil.name(), "quick-distil-seed-1");
+        assert_eq!(How::tune(Effort::Normal).name(), "normal");
+    }
+}

@@ -1,0 +1,73 @@
+//! What an encode says about what is lost, and bounds on it.
+
+mod common;
+
+use common::room;
+use std::path::Path;
+
+/// Runs the command with paths, and returns its JSON report and what it says on standard error.
+fn report(words: &[&str], paths: &[&Path]) -> (serde_json::Value, String) {
+    let out = common::gsvx().args(words).args(paths).arg("--json").output().unwrap();
+    let error = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert!(out.status.success(), "{words:?}: {error}");
+    (serde_json::from_slice(&out.stdout).unwrap(), error)
+}
+
+#[test]
+fn an_encode_did_not_say_what_was_lost() {
+    let dir = tempfile::tempdir().unwrap();
+    let (room, stream) = (room(), dir.path().join("a.gsvx"));
+    let model = room.join("point_cloud.ply");
+    let mut before = 0.0;
+    for quality in ["10", "50", "90"] {
+        let words = ["encode", "--force", "-q", quality, "-o"];
+        let (said, error) = report(&words, &[&stream, &model]);
+        let estimate = said["estimated_loss"]["psnr"].as_f64().unwrap();
+        // The truth at the cameras, which the estimate does not know.
+        let words = ["compare", "--every", "8", "--cameras"];
+        let (truth, _) = report(&words, &[&room, &model, &stream]);
+        let truth = truth["psnr"].as_f64().unwrap();
+        assert!((estimate - truth).abs() < 4.0, "quality {quality}: {estimate}, in truth {truth}");
+        assert!(estimate > before);
+        before = estimate;
+        assert_eq!(error.contains("the loss is easy to see"), quality == "10", "{error}");
+    }
+    let (said, _) = report(&["encode", "--force", "--lossless", "-o"], &[&stream, &model]);
+    assert!(said["estimated_loss"].is_null());
+    // With cameras it is measured there, and a person reads what the number means.
+    let out = common::gsvx()
+        .args(["encode", "--force", "-q", "90", "--cameras"])
+        .args([&room, &model])
+        .arg("-o")
+        .arg(&stream)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&out.stdout).into_owned();
+    assert!(said.contains("estimated loss: about") && said.contains("see"), "{said}");
+}
+
+#[test]
+fn nothing_lay_between_the_best_quality_and_lossless() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, stream) = (room().join("point_cloud.ply"), dir.path().join("a.gsvx"));
+    let words = ["encode", "--max-error", "0.02,mean=0.05", "-o"];
+    let (said, _) = report(&words, &[&stream, &model]);
+    assert_eq!(said["gaussians"], said["input_gaussians"]);
+    for (name, bound) in [("mean", 0.05), ("opacity", 0.02), ("shape", 0.02), ("sh", 0.02)] {
+        let error = said["max_error"][name].as_f64().unwrap();
+        assert!(0.3 * bound < error && error <= bound, "{name}: {error}");
+    }
+    let (lossless, _) = report(&["encode", "--force", "--lossless", "-o"], &[&stream, &model]);
+    assert!(2 * said["bytes"].as_u64().unwrap() < lossless["bytes"].as_u64().unwrap());
+    let both = common::gsvx()
+        .args(["encode", "--max-error", "0.01", "--quality", "60"])
+        .arg(&model)
+        .arg("-o")
+        .arg(&stream)
+        .output()
+        .unwrap();
+    assert_eq!(both.status.code(), Some(2));
+    // What is there stays.
+    let again = common::gsvx().args(words).args([&stream, &model]).output().unwrap();
+    common::one_line(&again, "--force");
+}

@@ -1,0 +1,297 @@
+"""Splats to streams and back."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
+
+from . import _gsvx
+from ._arrays import Splats, from_native, joined
+from ._cameras import CamerasLike, _as_cameras
+from ._files import ModelLike, Source, Target, check_writable, model, opened, write
+from ._reports import ProgressCallback, Report, _callback
+from ._stream import open as open_stream
+
+#: Qualities by name, as those of the command.
+PRESETS = {"tiny": 30.0, "web": 50.0, "high": 70.0, "archive": 90.0}
+#: Leaves of a chunk for the web.
+_WEB_CHUNK = 1 << 14
+
+
+def compress(
+    path: Target,
+    splats: ModelLike,
+    *,
+    quality: Optional[float] = None,
+    preset: Optional[str] = None,
+    target_bytes: Optional[int] = None,
+    target_psnr: Optional[float] = None,
+    max_error: Optional[Union[float, Mapping[str, float]]] = None,
+    lossless: bool = False,
+    cameras: Optional[CamerasLike] = None,
+    drop_unseen: bool = False,
+    drop_invalid: bool = False,
+    web: bool = False,
+    lod: bool = False,
+    max_sh_degree: int = 3,
+    prune: float = 0.0,
+    trim: bool = True,
+    depth: Optional[int] = None,
+    j_low: Optional[int] = None,
+    covariance: str = "transform",
+    index_map: bool = False,
+    progress: Optional[ProgressCallback] = None,
+) -> Report:
+    """Compresses splats into a stream. It has the bytes that ``gsvx encode`` makes of the same model.
+
+    ``path``: the file to write, or an object with ``write``. A file appears whole or not at all; an existing
+    one is replaced.
+
+    ``splats``: a dict of arrays with gsplat's names, as they are in training, before any activation:
+
+    ============= ========= ==========================================================
+    means         (N, 3)    positions, world units
+    scales        (N, 3)    natural logarithms of the standard deviations, world units
+    quats         (N, 4)    rotations, w x y z, not necessarily of length 1
+    opacities     (N,)      logits
+    sh0           (N, 1, 3) SH coefficients of degree 0, RGB
+    shN           (N, K, 3) the others; K is 0, 3, 8 or 15. May be left out
+    ============= ========= ==========================================================
+
+    Arrays of numpy, tensors of torch, or anything with ``__array__`` or ``__dlpack__``; float32 is read
+    as it is, other types are converted. They are not changed. Or the name of a file that
+    :func:`gsvx.read_model` reads.
+
+    One of these decides the size (default: quality 60): ``quality``, 0 (smallest) to 100 (best);
+    ``preset``, "tiny", "web", "high" or "archive"; ``target_bytes``, the best stream of at most so many
+    bytes; ``target_psnr``, the smallest stream whose renders reach so many dB against renders of the input,
+    with ``cameras``; ``max_error``, near-lossless: nothing is merged, and no attribute is off by more than this
+    number, or than those of a dict: "mean", of positions, in standard deviations along the Gaussian's longest
+    axis; "opacity", from 0 to 1; "shape", of the logarithms of the scales, with the rotation; "sh", of each
+    SH coefficient; ``lossless``, every float bit for bit. A stream that misses its target is written
+    too: a warning and ``Report.missed`` say why.
+
+    ``cameras``: what they see gets more bits. A path, of which the training views count (see
+    :func:`gsvx.read_cameras`), :class:`gsvx.Cameras`, or (viewmats, Ks, sizes). ``drop_unseen``: leave out
+    what they see too little of to pay for its bits.
+
+    ``web``: what a web page wants (quality 50 if none is given, a coarse scene first, small chunks).
+    ``lod``: store a coarse scene first. ``max_sh_degree``: highest SH degree to keep. ``prune``: leave out
+    this fraction of the Gaussians first, the least important. ``drop_invalid``: leave out Gaussians with
+    NaN, infinity or a zero quaternion instead of failing. ``trim``: code Gaussians so far away that the others
+    lose octree levels exactly, where that is cheaper.
+
+    For experts: ``depth``, uniform voxelization at this octree depth; ``j_low``, adaptively by the paper's
+    criteria from this depth to ``depth``; ``covariance``, "transform", "vq:BITS" or "lossless:BITS".
+
+    The order of the Gaussians changes: they come back in Morton order, outliers last, and Gaussians of one
+    voxel are merged. With ``index_map`` the report says which row each became.
+
+    ``progress``: called with a :class:`gsvx.Progress` now and then. Ctrl-C ends the work, and nothing is
+    written.
+
+    Raises ValueError for arguments that make no sense, :class:`gsvx.Error` for a model or cameras that
+    cannot be used, OSError if a file cannot be read or written.
+    """
+    check_writable(path)
+    stream, report = _encode(
+        splats,
+        cameras,
+        progress,
+        quality=quality,
+        preset=preset,
+        target_bytes=target_bytes,
+        target_psnr=target_psnr,
+        max_error=_bounds(max_error),
+        lossless=lossless,
+        drop_unseen=drop_unseen,
+        drop_invalid=drop_invalid,
+        web=web,
+        lod=lod,
+        max_sh_degree=max_sh_degree,
+        prune=prune,
+        trim=trim,
+        depth=depth,
+        j_low=j_low,
+        covariance=covariance,
+        rows=index_map,
+    )
+    write(path, stream)
+    for warning in [*report.warnings, *filter(None, [report.missed])]:
+        warnings.warn(warning, stacklevel=2)
+    return report
+
+
+def compress_to_bytes(splats: ModelLike, **options: Any) -> bytes:
+    """As :func:`gsvx.compress`, with the same options; returns the stream. For its report, pass an
+    ``io.BytesIO`` to :func:`gsvx.compress`."""
+    out = io.BytesIO()
+    compress(out, splats, **options)
+    return out.getvalue()
+
+
+def _encode(
+    splats: ModelLike,
+    cameras: Optional[CamerasLike],
+    progress: Optional[ProgressCallback],
+    *,
+    preset: Optional[str],
+    web: bool,
+    covariance: str,
+    **options: Any,
+) -> Tuple[bytes, Report]:
+    _check(cameras, preset, web, covariance, options)
+    if preset is not None:
+        options["quality"] = PRESETS[preset]
+    elif web and options["quality"] is None:
+        options["quality"] = PRESETS["web"]
+    options["lod"] = options["lod"] or web
+    options["chunk_leaves"] = _WEB_CHUNK if web else None
+    options["covariance"] = _covariance(covariance)
+    views = None if cameras is None else _as_cameras(cameras, training=True)._native()
+    stream, report = _gsvx.compress(model(splats), options, views, _callback(progress))
+    return stream, Report(**report)
+
+
+def _check(
+    cameras: Optional[CamerasLike],
+    preset: Optional[str],
+    web: bool,
+    covariance: str,
+    options: Dict[str, Any],
+) -> None:
+    """Combinations of arguments that make no sense."""
+    rates = ("quality", "target_bytes", "target_psnr", "max_error")
+    given = [name for name in rates if options[name] is not None]
+    if preset is not None:
+        given.append("preset")
+        if preset not in PRESETS:
+            raise ValueError(f"preset: use {', '.join(PRESETS)}, not {preset!r}")
+    if len(given) > 1:
+        raise ValueError(f"{' and '.join(given)}: only one of them can be given")
+    needing = ["target_psnr"] if options["target_psnr"] is not None else []
+    needing += ["drop_unseen"] if options["drop_unseen"] else []
+    if needing and cameras is None:
+        raise ValueError(f"{needing[0]}: needs cameras")
+    if options["j_low"] is not None and options["depth"] is None:
+        raise ValueError("j_low: needs depth")
+    if not 0 <= options["max_sh_degree"] <= 3:
+        raise ValueError(f"max_sh_degree is {options['max_sh_degree']}, must be 0 to 3")
+    for name in ("depth", "j_low"):
+        if options[name] is not None and not 1 <= options[name] <= 21:
+            raise ValueError(f"{name} is {options[name]}, must be 1 to 21")
+    if options["max_error"] is not None:
+        changed = ["cameras"] * (cameras is not None) + ["depth"] * (options["depth"] is not None)
+        changed += ["covariance"] * (covariance != "transform") + ["web"] * web
+        if changed:
+            raise ValueError(f"max_error: cannot be used with {', '.join(changed)}")
+    if options["lossless"]:
+        changed = given + ["web"] * web + ["lod"] * options["lod"] + ["prune"] * (options["prune"] != 0)
+        changed += ["cameras"] * (cameras is not None) + ["depth"] * (options["depth"] is not None)
+        changed += ["max_sh_degree"] * (options["max_sh_degree"] != 3)
+        changed += ["covariance"] * (covariance != "transform") + ["trim"] * (not options["trim"])
+        if changed:
+            raise ValueError(f"lossless: cannot be used with {', '.join(changed)}")
+
+
+def _bounds(
+    error: Optional[Union[float, Mapping[str, float]]],
+) -> Optional[Tuple[float, float, float, float]]:
+    """Bounds on mean, opacity, shape and SH."""
+    if error is None or not isinstance(error, Mapping):
+        return None if error is None else (error, error, error, error)
+    names = ("mean", "opacity", "shape", "sh")
+    if set(error) != set(names):
+        raise ValueError(f"max_error: a number, or one for each of {', '.join(names)} expected")
+    return (error["mean"], error["opacity"], error["shape"], error["sh"])
+
+
+def _covariance(text: str) -> Tuple[str, int]:
+    """Name and bits of a covariance mode."""
+    found = re.fullmatch(r"(transform|vq|lossless)(?::(\d+))?", text)
+    if not found or (found[1] == "transform" and found[2]):
+        raise ValueError(f"covariance: use transform, vq:BITS or lossless:BITS, not {text!r}")
+    default, low, high = {"transform": (0, 0, 0), "vq": (12, 8, 16), "lossless": (16, 8, 24)}[found[1]]
+    bits = int(found[2]) if found[2] else default
+    if not low <= bits <= high:
+        raise ValueError(f"covariance: BITS must be {low} to {high}, not {bits}")
+    return found[1], bits
+
+
+def decompress(
+    path: Source,
+    *,
+    chunks: Optional[Sequence[int]] = None,
+    max_sh_degree: Optional[int] = None,
+    lod: int = 0,
+    allow_truncated: bool = False,
+    max_gaussians: Optional[int] = None,
+) -> Splats:
+    """Decompresses a stream.
+
+    ``path``: a file name, or an object with ``read`` and ``seek``. ``chunks``: only the chunks of these
+    numbers, in this order; of the stream only their bytes are read (see :func:`gsvx.open`).
+    ``max_sh_degree``: highest SH degree to decode; less is faster. ``lod``: level of detail, 0 is the finest.
+    ``allow_truncated``: decode what is whole of a truncated or damaged stream instead of failing; warnings
+    say what is missing. ``max_gaussians``: refuse streams of more; the default follows from the length.
+
+    Returns a dict of float32 arrays with gsplat's names; see :func:`gsvx.compress`. Gaussians come in Morton
+    order, outliers last. ``sh0`` and ``shN`` are views of one array.
+
+    Raises :class:`gsvx.Error` for what is no stream or a damaged one, OSError for a file that cannot be
+    read.
+    """
+    if chunks is not None:
+        if lod or allow_truncated:
+            raise ValueError("chunks: cannot be used with lod or allow_truncated")
+        with open_stream(path) as stream:
+            wanted = [stream.chunks[number].gaussians for number in chunks]
+            if max_gaussians is not None and sum(wanted) > max_gaussians:
+                raise _gsvx.Error(f"{sum(wanted)} Gaussians, more than the limit of {max_gaussians}")
+            parts = [stream.read(number, max_sh_degree=max_sh_degree) for number in chunks]
+            return joined(parts, min(stream.sh_degree, _degree(max_sh_degree)))
+    with opened(path) as (file, name):
+        file.seek(0)
+        data = file.read()
+    return _decode(data, name, max_sh_degree, lod, allow_truncated, max_gaussians)
+
+
+def decompress_bytes(
+    data: Any,
+    *,
+    max_sh_degree: Optional[int] = None,
+    lod: int = 0,
+    allow_truncated: bool = False,
+    max_gaussians: Optional[int] = None,
+) -> Splats:
+    """As :func:`gsvx.decompress`, from bytes, a bytearray or a memoryview."""
+    if not isinstance(data, (bytes, bytearray, memoryview)):
+        raise ValueError(f"data: bytes expected, not {type(data).__name__}")
+    return _decode(bytes(data), "", max_sh_degree, lod, allow_truncated, max_gaussians)
+
+
+def _degree(max_sh_degree: Optional[int]) -> int:
+    degree = 3 if max_sh_degree is None else max_sh_degree
+    if not 0 <= degree <= 3:
+        raise ValueError(f"max_sh_degree is {degree}, must be 0 to 3")
+    return degree
+
+
+def _decode(
+    data: bytes,
+    name: str,
+    max_sh_degree: Optional[int],
+    lod: int,
+    allow_truncated: bool,
+    max_gaussians: Optional[int],
+) -> Splats:
+    degree = _degree(max_sh_degree)
+    if not 0 <= lod <= 255:
+        raise ValueError(f"lod is {lod}, must be 0 to 255")
+    arrays, skipped = _gsvx.decompress(data, name, degree, lod, allow_truncated, max_gaussians)
+    for line in skipped:
+        if not line.endswith("not asked for"):
+            warnings.warn(line, stacklevel=3)
+    return from_native(arrays)

@@ -1,0 +1,111 @@
+"""Files: those with a name, and objects that are like files."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, BinaryIO, Dict, Iterator, Tuple, Union, cast
+
+from . import _gsvx
+from ._arrays import PathLike, Splats, SplatsLike, checked, from_native
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeGuard
+
+#: A file name or an object with ``read`` and ``seek``: an open file, ``io.BytesIO``, an fsspec file.
+Source = Union[PathLike, BinaryIO, Any]
+#: A file name or an object with ``write``.
+Target = Union[PathLike, BinaryIO, Any]
+#: Splats, or the name of a file that holds a model or a stream.
+ModelLike = Union[SplatsLike, PathLike]
+
+
+def is_path(value: object) -> TypeGuard[PathLike]:
+    return isinstance(value, (str, os.PathLike))
+
+
+def write(target: Target, data: bytes) -> None:
+    """Writes a file. One with a name appears whole or not at all; an existing one is replaced."""
+    if not is_path(target):
+        cast(Any, target).write(data)
+        return
+    path = os.fspath(target)
+    partial = f"{path}.{os.getpid()}.part"
+    try:
+        with open(partial, "wb") as file:
+            file.write(data)
+        os.replace(partial, path)
+    except BaseException:
+        with suppress(OSError):
+            os.remove(partial)
+        raise
+
+
+def check_writable(target: Target) -> None:
+    """Raises before long work what would be raised after it."""
+    if is_path(target):
+        folder = os.path.dirname(os.path.abspath(os.fspath(target)))
+        if not os.path.isdir(folder):
+            raise FileNotFoundError(f"{os.fspath(target)}: there is no folder {folder}")
+    elif not hasattr(target, "write"):
+        raise ValueError("path: a file name or an object with write expected")
+
+
+@contextmanager
+def opened(source: Source) -> Iterator[Tuple[BinaryIO, str]]:
+    """The open file and its name. A file that was open stays open."""
+    if is_path(source):
+        with open(source, "rb") as file:
+            yield file, os.fspath(source)
+    elif hasattr(source, "read") and hasattr(source, "seek"):
+        yield cast(BinaryIO, source), name_of(source)
+    elif hasattr(source, "open"):
+        # What fsspec.open returns.
+        with source.open() as file:
+            yield file, name_of(source)
+    else:
+        raise ValueError("path: a file name or an object with read and seek expected")
+
+
+def name_of(source: Any) -> str:
+    name = getattr(source, "path", None) or getattr(source, "name", None)
+    return name if isinstance(name, str) else "stream"
+
+
+def read_model(path: PathLike, *, drop_invalid: bool = False) -> Splats:
+    """Reads a model: any format that gsvx knows, such as PLY in the Inria layout, SPZ and .splat, or a stream.
+
+    Gaussians keep the order of the file. ``drop_invalid``: leave out Gaussians with NaN, infinity or a zero
+    quaternion instead of failing; a warning says how many. Columns that are not part of a model are not
+    read.
+
+    Returns a dict of float32 arrays with gsplat's names; see :func:`gsvx.compress`. ``sh0`` and ``shN`` are
+    views of one array.
+
+    Raises :class:`gsvx.Error` for a file that holds no model, OSError for one that cannot be read.
+    """
+    arrays, notes = _gsvx.read_model(os.fspath(path), drop_invalid)
+    for note in notes:
+        if "invalid Gaussians" in note:
+            warnings.warn(note, stacklevel=2)
+    return from_native(arrays)
+
+
+def write_model(path: PathLike, splats: SplatsLike) -> None:
+    """Writes a model as .ply (every float as it is), .spz (version 4) or .splat (no view dependence): the
+    extension says which. Gaussians keep their order. The file appears whole or not at all; an existing one
+    is replaced. For streams there is :func:`gsvx.compress`.
+
+    ``splats``: as for :func:`gsvx.compress`.
+
+    Raises ValueError for another extension, OSError if the file cannot be written.
+    """
+    _gsvx.write_model(os.fspath(path), checked(splats))
+
+
+def model(value: ModelLike) -> Dict[str, Any]:
+    """Checked splats, read from a file if they are the name of one."""
+    if is_path(value):
+        return checked(read_model(value))
+    return checked(cast(SplatsLike, value))

@@ -1,0 +1,127 @@
+"""What functions report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Optional
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far work has come.
+
+    ``stage``: what is being done. ``done`` and ``total``: steps; ``total`` is 0 if it is not known.
+    ``values``: figures by name, such as "bytes", "quality", "psnr" (dB), "eta_seconds".
+    """
+
+    stage: str
+    done: int
+    total: int
+    values: Dict[str, float]
+
+
+#: Called on the thread that called the function. An exception from it ends the work.
+ProgressCallback = Callable[[Progress], Any]
+
+
+def _callback(progress: Optional[ProgressCallback]) -> Optional[Callable[..., Any]]:
+    if progress is None:
+        return None
+    return lambda stage, done, total, values: progress(Progress(stage, done, total, values))
+
+
+@dataclass(frozen=True)
+class Report:
+    """What :func:`gsvx.compress` made.
+
+    ``bytes``: length of the stream. ``gaussians``: Gaussians in it, fewer than ``input_gaussians`` where
+    some were merged. ``sh_degree``: of the stream; degrees that are zero everywhere are not stored.
+    ``quality``: 0 to 100, None for lossless. ``psnr``: of renders against renders of the input in dB, where
+    a target asked for it. ``encodes``: encodings that a search took. ``invalid``, ``pruned``: Gaussians left
+    out on request. ``left_out``: those that cameras see too little of. ``outliers``: Gaussians coded
+    bit for bit because they are far away. ``seen_opacity_share``, ``unseen``: with cameras, the share of the
+    opacity that they see, and the number of Gaussians that they do not. ``missed``: why the stream misses
+    its target, or None. ``parts``: bytes by part of the stream. ``seconds``: time of the encoding.
+    ``max_error``: the greatest errors, where bounds were asked for, as measured. ``index_map``: if asked for, (N,) int64, the row in which :func:`gsvx.decompress` returns each Gaussian of
+    the input; merged Gaussians share one, -1 is for those left out.
+    """
+
+    bytes: int
+    gaussians: int
+    input_gaussians: int
+    sh_degree: int
+    quality: Optional[float]
+    psnr: Optional[float]
+    encodes: int
+    invalid: int
+    pruned: int
+    left_out: int
+    outliers: int
+    seen_opacity_share: Optional[float]
+    unseen: Optional[int]
+    missed: Optional[str]
+    warnings: List[str]
+    seconds: float
+    parts: Dict[str, int]
+    max_error: Optional[Dict[str, float]] = None
+    index_map: Optional[npt.NDArray[np.int64]] = field(default=None, repr=False, compare=False)
+
+    @property
+    def bits_per_gaussian(self) -> float:
+        """Bits of the stream per Gaussian in it."""
+        return 8 * self.bytes / max(self.gaussians, 1)
+
+
+@dataclass(frozen=True)
+class TuneReport:
+    """What :func:`gsvx.finetune` made.
+
+    ``psnr`` and ``input_psnr``: of the stream and of the input model at views kept aside, in dB; with the
+    paper's profile only that of the input, at the training views. ``distilled``: whether the model was
+    tuned to its own renders. ``steps``, ``seconds``: how long. ``reason``: why it ended. The others are as in
+    :class:`Report`.
+    """
+
+    bytes: int
+    gaussians: int
+    sh_degree: int
+    outliers: int
+    psnr: Optional[float]
+    input_psnr: Optional[float]
+    quality: float
+    distilled: bool
+    steps: int
+    seconds: float
+    reason: str
+    missed: Optional[str]
+    warnings: List[str]
+    parts: Dict[str, int]
+
+
+@dataclass(frozen=True)
+class ViewScore:
+    """How alike two renders are: ``psnr`` in dB, infinite for equal ones, and ``ssim``."""
+
+    name: str
+    psnr: float
+    ssim: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How alike two models look: ``psnr`` (dB) and ``ssim`` are means over ``views``. ``gaussians`` and
+    ``sh_degree`` are those of both models."""
+
+    psnr: float
+    ssim: float
+    views: List[ViewScore] = field(repr=False)
+    gaussians: "tuple[int, int]"
+    sh_degree: "tuple[int, int]"
+
+    @property
+    def worst(self) -> ViewScore:
+        """The view of the lowest PSNR."""
+        return min(self.views, key=lambda view: view.psnr)

@@ -1,0 +1,156 @@
+"""Fine-tune with the codec in the loop."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from typing import Any, Dict, List, Optional, Sequence
+
+import numpy as np
+
+from . import _gsvx
+from ._arrays import PathLike, as_array
+from ._cameras import Cameras, CamerasLike, _as_cameras
+from ._files import ModelLike, Target, check_writable, is_path, model, write
+from ._reports import ProgressCallback, TuneReport, _callback
+
+
+def finetune(
+    path: Target,
+    splats: ModelLike,
+    cameras: CamerasLike,
+    photos: Optional[Sequence[Any]] = None,
+    *,
+    quality: Optional[float] = None,
+    target_bytes: Optional[int] = None,
+    target_psnr: Optional[float] = None,
+    effort: str = "normal",
+    distil: bool = False,
+    checkpoint: Optional[PathLike] = None,
+    seed: int = 0,
+    drop_invalid: bool = False,
+    profile: str = "rate",
+    steps: Optional[int] = None,
+    backend: Optional[str] = None,
+    patience: Optional[int] = None,
+    past_input: bool = False,
+    trim: Optional[bool] = None,
+    checkpoint_every: Optional[int] = None,
+    progress: Optional[ProgressCallback] = None,
+) -> TuneReport:
+    """Tunes splats for a smaller stream of equal quality, and writes the stream: ``gsvx tune``.
+
+    ``path``, ``splats``: as for :func:`gsvx.compress`.
+
+    ``cameras``: a scene folder, of which the training views with their photos count, or cameras as for
+    :func:`gsvx.compress`. ``photos``: one per camera: arrays (height, width, 3), uint8 or floats from 0 to 1, or
+    files (PNG, JPEG). Without photos, or with ``distil``, the model is tuned to its own renders.
+
+    One of these is the target (default: quality 58): ``quality``, 0 to 100; ``target_bytes``;
+    ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (about 1 minute for 120,000
+    Gaussians and small photos on one core), "normal" (5 minutes) or "long" (30 minutes). ``seed``: of the
+    order of the views. ``checkpoint``: file that keeps what is needed to go on after an interruption; an
+    existing one is continued.
+
+    ``profile``: "rate", with the codec in the loop, or "paper", attributes only, after voxelization, until
+    the photos are matched as well as by the input. Only for "paper": ``steps`` (8000), ``backend``
+    ("auto", "cpu" or "gpu"; a GPU needs a build with the feature gpu), ``patience`` (stop after so
+    many passes over the photos without improvement, 5; 0 for never), ``past_input`` (go on when the input
+    is matched), ``trim`` (True, as for compress), ``checkpoint_every`` (1000 steps).
+
+    Ctrl-C ends the work, and no stream is written; the checkpoint stays. To see the tuned model, decompress
+    the stream.
+
+    Raises as :func:`gsvx.compress`.
+    """
+    check_writable(path)
+    paper: Dict[str, Any] = dict(
+        steps=steps,
+        backend=backend,
+        patience=patience,
+        past_input=past_input or None,
+        trim=trim,
+        checkpoint_every=checkpoint_every,
+    )
+    _check(quality, target_bytes, target_psnr, effort, profile, paper)
+    views = _as_cameras(cameras, training=True)
+    used = None if distil else _photos(cameras, views, photos)
+    options = dict(
+        quality=quality,
+        target_bytes=target_bytes,
+        target_psnr=target_psnr,
+        effort=effort,
+        seed=seed,
+        checkpoint=None if checkpoint is None else os.fspath(checkpoint),
+        drop_invalid=drop_invalid,
+        paper=_paper(paper) if profile == "paper" else None,
+    )
+    native = views._native()
+    stream, report = _gsvx.finetune(model(splats), native, used, options, _callback(progress))
+    write(path, stream)
+    result = TuneReport(**report, distilled=used is None)
+    for warning in [*result.warnings, *filter(None, [result.missed])]:
+        warnings.warn(warning, stacklevel=2)
+    return result
+
+
+def _check(
+    quality: Optional[float],
+    target_bytes: Optional[int],
+    target_psnr: Optional[float],
+    effort: str,
+    profile: str,
+    paper: Dict[str, Any],
+) -> None:
+    """Combinations of arguments that make no sense."""
+    targets = dict(quality=quality, target_bytes=target_bytes, target_psnr=target_psnr)
+    given = [name for name, value in targets.items() if value is not None]
+    if len(given) > 1:
+        raise ValueError(f"{' and '.join(given)}: only one of them can be given")
+    if effort not in ("quick", "normal", "long"):
+        raise ValueError(f"effort: use quick, normal or long, not {effort!r}")
+    if profile not in ("rate", "paper"):
+        raise ValueError(f"profile: use rate or paper, not {profile!r}")
+    if profile == "paper":
+        if given not in ([], ["quality"]):
+            raise ValueError("profile paper has no target but quality")
+        return
+    for name, value in paper.items():
+        if value is not None:
+            raise ValueError(f"{name}: only with profile paper")
+
+
+def _paper(given: Dict[str, Any]) -> Dict[str, Any]:
+    defaults: Dict[str, Any] = dict(
+        steps=8000, backend="auto", patience=5, past_input=False, trim=True, checkpoint_every=1000
+    )
+    return {**defaults, **{name: value for name, value in given.items() if value is not None}}
+
+
+def _photos(
+    cameras: CamerasLike, views: Cameras, photos: Optional[Sequence[Any]]
+) -> Optional[Sequence[Any]]:
+    """Photos as arrays or names of files; None if there are none."""
+    if photos is None:
+        found = [photo for photo in views.photos if os.path.isfile(photo)]
+        if not found:
+            return None
+        photos = views.photos
+    if any(views.ignored_distortion):
+        # Photos are compared pixel by pixel, so a lens that distorts is not ignored here.
+        i = next(i for i, lens in enumerate(views.ignored_distortion) if lens)
+        raise _gsvx.Error(
+            f"{views.name}: camera {views.names[i]} has lens distortion ({views.ignored_distortion[i]}); "
+            "undistort the photos first"
+        )
+    used: List[Any] = []
+    for photo in photos:
+        if is_path(photo):
+            used.append(os.fspath(photo))
+            continue
+        kind = np.uint8 if str(getattr(photo, "dtype", "")).endswith("uint8") else np.float32
+        array = as_array(photo, kind, "photos")
+        if array.ndim != 3:
+            raise ValueError(f"photos: arrays (height, width, 3) expected, not {array.shape}")
+        used.append(array)
+    return used

@@ -1,0 +1,118 @@
+//! Cameras as arrays, as gsplat has them, and from files.
+
+use crate::error::{Fault, Result};
+use glam::{DMat3, DVec3};
+use gs_model::Camera;
+use gs_model::camera::LensDistortion;
+use gs_model::dataset::open_views_at;
+use numpy::ndarray::{ArrayView2, Axis};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::{Path, PathBuf};
+
+/// Longest edge of an image that is drawn, in pixels.
+const MAX_EDGE: u32 = 1 << 14;
+
+/// Cameras as Python has checked them.
+#[derive(FromPyObject)]
+pub(crate) struct CameraArrays<'py> {
+    /// What a person calls them: the path that they are from.
+    #[pyo3(item)]
+    name: String,
+    #[pyo3(item)]
+    names: Vec<String>,
+    /// World to camera, (C, 4, 4).
+    #[pyo3(item)]
+    viewmats: PyReadonlyArray3<'py, f64>,
+    /// Intrinsics in pixels, (C, 3, 3).
+    #[pyo3(item("Ks"))]
+    intrinsics: PyReadonlyArray3<'py, f64>,
+    /// Width and height, (C, 2).
+    #[pyo3(item)]
+    sizes: PyReadonlyArray2<'py, i64>,
+    #[pyo3(item)]
+    ignored_distortion: Vec<Option<String>>,
+}
+
+/// Cameras, and what a person calls them.
+#[derive(Clone, Debug)]
+pub(crate) struct Cameras {
+    pub(crate) name: String,
+    pub(crate) list: Vec<Camera>,
+}
+
+impl CameraArrays<'_> {
+    pub(crate) fn cameras(&self) -> Result<Cameras> {
+        let (poses, lenses) = (self.viewmats.as_array(), self.intrinsics.as_array());
+        let sizes = self.sizes.as_array();
+        let mut list = Vec::with_capacity(self.names.len());
+        for (i, name) in self.names.iter().enumerate() {
+            let size = [0, 1].map(|k| u32::try_from(sizes[[i, k]]).unwrap_or(0));
+            let (pose, lens) = (poses.index_axis(Axis(0), i), lenses.index_axis(Axis(0), i));
+            let mut camera = camera(name, size, &pose, &lens).checked(Path::new(&self.name))?;
+            camera.ignored_distortion = self.ignored_distortion.get(i).cloned().flatten();
+            if camera.width.max(camera.height) > MAX_EDGE {
+                let (w, h) = (camera.width, camera.height);
+                return Err(Fault::Failed(format!(
+                    "camera {name:?}: {w}x{h} pixels, more than {MAX_EDGE} along an edge"
+                )));
+            }
+            list.push(camera);
+        }
+        if list.is_empty() {
+            return Err(Fault::Failed(format!("{}: no cameras", self.name)));
+        }
+        Ok(Cameras { name: self.name.clone(), list })
+    }
+}
+
+fn camera(
+    name: &str,
+    [width, height]: [u32; 2],
+    pose: &ArrayView2<'_, f64>,
+    lens: &ArrayView2<'_, f64>,
+) -> Camera {
+    let column = |k: usize| DVec3::new(pose[[0, k]], pose[[1, k]], pose[[2, k]]);
+    Camera {
+        name: name.into(),
+        width,
+        height,
+        fx: lens[[0, 0]],
+        fy: lens[[1, 1]],
+        cx: lens[[0, 2]],
+        cy: lens[[1, 2]],
+        rotation: DMat3::from_cols(column(0), column(1), column(2)),
+        translation: column(3),
+        ignored_distortion: None,
+    }
+}
+
+/// The views of a folder or of a camera file, sorted by name, as a dict of arrays.
+#[pyfunction]
+pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
+    let views = open_views_at(&path, LensDistortion::Ignore).map_err(Fault::from)?;
+    let (mut poses, mut lenses, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
+    for view in &views {
+        let c = &view.camera;
+        for k in 0..3 {
+            let row = c.rotation.row(k);
+            poses.extend([row.x, row.y, row.z, c.translation[k]]);
+        }
+        poses.extend([0.0, 0.0, 0.0, 1.0]);
+        lenses.extend([c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]);
+        sizes.extend([i64::from(c.width), i64::from(c.height)]);
+    }
+    let n = views.len();
+    let out = PyDict::new(py);
+    out.set_item("viewmats", PyArray1::from_vec(py, poses).reshape([n, 4, 4])?)?;
+    out.set_item("Ks", PyArray1::from_vec(py, lenses).reshape([n, 3, 3])?)?;
+    out.set_item("sizes", PyArray1::from_vec(py, sizes).reshape([n, 2])?)?;
+    let names: Vec<&str> = views.iter().map(|v| &v.camera.name[..]).collect();
+    out.set_item("names", names)?;
+    let photos: Vec<&Path> = views.iter().map(|v| v.image_path.as_path()).collect();
+    out.set_item("photos", photos)?;
+    let lenses: Vec<_> = views.iter().map(|v| v.camera.ignored_distortion.as_deref()).collect();
+    out.set_item("ignored_distortion", lenses)?;
+    Ok(out)
+}

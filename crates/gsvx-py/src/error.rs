@@ -1,0 +1,95 @@
+//! Errors of the library crates as Python exceptions: wrong use is a `ValueError`, a file that cannot be
+//! read or written an `OSError`, all else `gsvx.Error`. The sentences are those of the library crates.
+
+use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
+use pyo3::{PyErr, create_exception};
+use std::io;
+
+create_exception!(
+    gsvx,
+    Error,
+    PyException,
+    "A model, a stream, cameras or photos that cannot be used; the message says why."
+);
+
+/// Why work failed. It becomes an exception on the thread that waits for it.
+#[derive(Debug)]
+pub(crate) enum Fault {
+    /// An argument that makes no sense.
+    Usage(String),
+    /// A model, a stream, cameras or photos that cannot be used.
+    Failed(String),
+    Io(io::Error),
+    /// A mistake in the program.
+    Internal(String),
+    /// The caller has stopped waiting: nobody hears of this.
+    Stopped,
+}
+
+pub(crate) type Result<T> = std::result::Result<T, Fault>;
+
+impl Fault {
+    /// The same with the name of a file or an argument in front.
+    pub(crate) fn named(self, name: &str) -> Self {
+        match self {
+            Self::Failed(text) if !name.is_empty() => Self::Failed(format!("{name}: {text}")),
+            other => other,
+        }
+    }
+}
+
+impl From<Fault> for PyErr {
+    fn from(fault: Fault) -> Self {
+        match fault {
+            Fault::Usage(text) => PyValueError::new_err(text),
+            Fault::Failed(text) => Error::new_err(text),
+            Fault::Io(error) => error.into(),
+            Fault::Internal(text) => PyRuntimeError::new_err(text),
+            Fault::Stopped => PyRuntimeError::new_err("stopped"),
+        }
+    }
+}
+
+impl From<gsvx::Error> for Fault {
+    fn from(error: gsvx::Error) -> Self {
+        match error {
+            gsvx::Error::Option { .. } => Self::Usage(error.to_string()),
+            _ => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+impl From<gs_model::Error> for Fault {
+    fn from(error: gs_model::Error) -> Self {
+        let text = error.to_string();
+        match error {
+            gs_model::Error::Io { cause, .. } => Self::Io(io::Error::new(cause.kind(), text)),
+            gs_model::Error::InvalidGaussian { .. } => {
+                let said = text.replace("; they can be dropped on request", "");
+                let said = said.trim_start_matches("<scene>: ");
+                Self::Failed(format!("{said}: pass drop_invalid=True to leave them out"))
+            }
+            gs_model::Error::SceneShape { .. } | gs_model::Error::SceneDegree { .. } => {
+                Self::Usage(text)
+            }
+            _ => Self::Failed(text),
+        }
+    }
+}
+
+impl From<finetune::Error> for Fault {
+    fn from(error: finetune::Error) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+impl From<tune::Error> for Fault {
+    fn from(error: tune::Error) -> Self {
+        match error {
+            tune::Error::Option { .. } => Self::Usage(error.to_string()),
+            tune::Error::Codec(error) => error.into(),
+            tune::Error::Scene(error) => error.into(),
+            _ => Self::Failed(error.to_string()),
+        }
+    }
+}

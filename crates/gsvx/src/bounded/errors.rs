@@ -1,0 +1,91 @@
+//! The errors of a decoded Gaussian, over their bounds.
+
+use crate::covariance::log_euclidean::coordinates;
+use crate::options::MaxError;
+use gs_model::Scene;
+
+/// Values that share a step: the mean, which has none, opacity, DC, SH degrees 1 to 3, shape.
+pub(super) const GROUPS: usize = 7;
+/// For each group the greatest error over its bound.
+pub(super) type Ratios = [f32; GROUPS];
+
+/// The standard deviation along a Gaussian's longest axis.
+pub(super) fn longest_axis(scene: &Scene, i: usize) -> f64 {
+    let size = scene.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    libm::exp(f64::from(size))
+}
+
+/// The distance of a mean from that of Gaussian `i`, in standard deviations along its longest axis.
+pub(super) fn of_mean(scene: &Scene, i: usize, mean: [f32; 3]) -> f32 {
+    let square = |k: usize| {
+        let d = f64::from(mean[k]) - f64::from(scene.means[i][k]);
+        d * d
+    };
+    // Where both are 0 there is no error; where only the axis is, no bound holds.
+    let distance = (square(0) + square(1) + square(2)).sqrt();
+    if distance == 0.0 { 0.0 } else { (distance / longest_axis(scene, i)) as f32 }
+}
+
+fn alpha(logit: f32) -> f64 {
+    1.0 / (1.0 + libm::exp(-f64::from(logit)))
+}
+
+/// The errors of Gaussian `k` of `decoded`, which was Gaussian `i` of `scene`.
+pub(super) fn measure(
+    scene: &Scene,
+    i: usize,
+    decoded: &Scene,
+    k: usize,
+    bounds: &MaxError,
+) -> Ratios {
+    let opacity = alpha(scene.opacity_logits[i]) - alpha(decoded.opacity_logits[k]);
+    let before = coordinates(scene.rotations[i], scene.log_scales[i]);
+    let after = coordinates(decoded.rotations[k], decoded.log_scales[k]);
+    let squares = before.iter().zip(after).map(|(a, b)| f64::from(a - b) * f64::from(a - b));
+    let shape = squares.sum::<f64>().sqrt() as f32;
+    let (mine, theirs) = (scene.sh_of(i), decoded.sh_of(k));
+    let degree = |d: usize| {
+        // Coefficients that a decoder does not have are 0 to it.
+        let at = |sh: &[[f32; 3]], c: usize, rgb: usize| sh.get(c).map_or(0.0, |v| v[rgb]);
+        let each = (d * d..(d + 1) * (d + 1)).flat_map(|c| (0..3).map(move |rgb| (c, rgb)));
+        let errors = each.map(|(c, rgb)| (at(mine, c, rgb) - at(theirs, c, rgb)).abs());
+        errors.fold(0.0, larger) / bounds.sh
+    };
+    [
+        of_mean(scene, i, decoded.means[k]) / bounds.mean,
+        opacity.abs() as f32 / bounds.opacity,
+        degree(0),
+        degree(1),
+        degree(2),
+        degree(3),
+        shape / bounds.shape,
+    ]
+}
+
+/// The larger number; NaN if one is.
+fn larger(a: f32, b: f32) -> f32 {
+    if b > a || b.is_nan() { b } else { a }
+}
+
+/// The largest ratios of all Gaussians.
+pub(super) fn of_groups(ratios: &[Ratios]) -> Ratios {
+    let mut worst = [0.0; GROUPS];
+    for ratio in ratios {
+        worst.iter_mut().zip(ratio).for_each(|(w, &r)| *w = larger(*w, r));
+    }
+    worst
+}
+
+impl MaxError {
+    /// The errors that these shares of the bounds are.
+    pub(super) fn times(&self, worst: &Ratios) -> Self {
+        let [mean, opacity, dc, sh1, sh2, sh3, shape] = *worst;
+        let sh = [dc, sh1, sh2, sh3].into_iter().fold(0.0, larger);
+        Self {
+            mean: self.mean * mean,
+            opacity: self.opacity * opacity,
+            shape: self.shape * shape,
+            sh: self.sh * sh,
+        }
+    }
+}
