@@ -50,7 +50,7 @@ const CONTENT: &str = "What is kept";
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Args {
-    /// The trained models: PLY in the Inria layout, .splat or .spz; `-` for standard input.
+    /// The trained models, of any format that gsvx convert reads; `-` for standard input.
     #[arg(required = true, value_name = "MODEL")]
     inputs: Vec<PathBuf>,
     /// The stream to write, or a folder for several; `-` for standard output.
