@@ -63,8 +63,13 @@ pub(crate) fn write_model(py: Python<'_>, path: PathBuf, splats: Splats<'_>) -> 
 }
 
 fn write(path: &Path, scene: &Scene) -> Result<()> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    match &extension.to_ascii_lowercase()[..] {
+    let file = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let (front, extension) = file.rsplit_once('.').unwrap_or_default();
+    match extension {
+        "ply" if front.ends_with(".compressed") => {
+            gs_model::ply::compressed::write(path, scene)?;
+        }
+        "glb" => gs_model::gltf::write(path, scene)?,
         "ply" => gs_model::ply::write(path, scene)?,
         "spz" => gs_model::spz::write(path, scene, &Default::default())?,
         "splat" => gs_model::splat::write(path, scene)?,
@@ -77,7 +82,7 @@ fn write(path: &Path, scene: &Scene) -> Result<()> {
         _ => {
             let name = path.display();
             return Err(Fault::Usage(format!(
-                "{name}: its extension names no format; use .ply, .splat or .spz"
+                "{name}: its extension names no format; use .ply, .compressed.ply, .glb, .splat or .spz"
             )));
         }
     }
