@@ -175,7 +175,7 @@ def install():
 def kept(heading):
     """The rows of a table on the page as it is."""
     text = PAGE.read_text() if PAGE.exists() else ""
-    found = re.search(rf"## {heading}\n.*?\n\|[-:| ]+\|\n(.*?)\n\n", text + "\n\n", re.DOTALL)
+    found = re.search(rf"## {heading}\n.*?\n\|-[-:|]+\|\n(.*?)\n\n", text + "\n\n", re.DOTALL)
     return found[1].splitlines() if found else ["| not measured | |"]
 
 
