@@ -83,10 +83,10 @@ pub enum Error {
         /// The file.
         file: PathBuf,
     },
-    /// PlayCanvas' `compressed.ply`, another format under the same file extension.
+    /// PlayCanvas' `compressed.ply`, another format under the same file extension:
+    /// [`crate::ply::compressed`] and [`crate::model`] read it.
     #[error(
-        "{}: a PlayCanvas compressed PLY (packed_position, packed_rotation, ...), not a float 3DGS \
-         model: convert it first, e.g. with splat-transform",
+        "{}: a PlayCanvas compressed PLY (packed_position, packed_rotation, ...), not a PLY of floats",
         file.display()
     )]
     PlyCompressed {
@@ -239,6 +239,19 @@ pub enum Error {
         file: PathBuf,
         /// Its length, bytes.
         len: usize,
+    },
+
+    /// A file of another format than PLY, SPZ and `.splat` that is not as it must be.
+    #[error("{}: {format}: {place} {reason}", file.display())]
+    Malformed {
+        /// The file.
+        file: PathBuf,
+        /// `compressed.ply`, `.ksplat`, `SOG` or `glTF`.
+        format: &'static str,
+        /// Which part of the file.
+        place: String,
+        /// What is wrong with it, and what to do about it where that is known.
+        reason: String,
     },
 
     /// Gaussians with a value that is not finite, or whose quaternion has no direction.
@@ -434,6 +447,11 @@ pub enum Error {
 impl Error {
     pub(crate) fn io(file: &Path, action: &'static str, cause: std::io::Error) -> Self {
         Self::Io { file: file.to_owned(), action, cause }
+    }
+
+    pub(crate) fn malformed(file: &Path, format: &'static str, place: &str, reason: &str) -> Self {
+        let (place, reason) = (excerpt(place.as_bytes()), excerpt(reason.as_bytes()));
+        Self::Malformed { file: file.to_owned(), format, place, reason }
     }
 }
 

@@ -2,8 +2,9 @@
 //!
 //! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
 //! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
-//! the layout of the Inria reference implementation; [`model`] also reads SPZ and `.splat`,
-//! which [`spz`] and [`splat`] write; [`Dataset`] opens a folder with a model, cameras and photos that
+//! the layout of the Inria reference implementation; [`model`] reads every format: those of [`gltf`],
+//! [`ply::compressed`], [`spz`] and [`splat`], which are written too, and of `sog` (a feature) and
+//! [`ksplat`]; [`Dataset`] opens a folder with a model, cameras and photos that
 //! COLMAP, the Inria trainer or a NeRF tool made. [`math`] has the rotations and covariances that the
 //! other crates share.
 //!
@@ -60,11 +61,15 @@ mod field;
 #[cfg(feature = "files")]
 mod fs;
 #[cfg(feature = "files")]
+pub mod gltf;
+#[cfg(feature = "files")]
 mod image_limits;
 #[cfg(feature = "files")]
 mod image_size;
 #[cfg(feature = "files")]
 pub mod inria;
+#[cfg(feature = "files")]
+pub mod ksplat;
 pub mod math;
 #[cfg(feature = "files")]
 pub mod model;
@@ -79,6 +84,8 @@ mod report;
 #[cfg(feature = "files")]
 mod rows;
 pub mod scene;
+#[cfg(feature = "sog")]
+pub mod sog;
 #[cfg(feature = "files")]
 pub mod splat;
 #[cfg(feature = "files")]

@@ -7,21 +7,37 @@ use crate::error::{Error, Result};
 use crate::options::ReadOptions;
 pub use crate::report::{Format, Report};
 use crate::scene::Scene;
-use crate::{fs, ply, splat, spz};
+use crate::{fs, gltf, ksplat, ply, splat, spz};
 
-/// Reads a model: SPZ if the file starts as one (gzip or `NGSP`), `.splat` if its name ends in
-/// `.splat`, else PLY.
+/// Reads a model, whose first bytes say what it is: PLY (also PlayCanvas' `compressed.ply`), SPZ (gzip or
+/// `NGSP`), glTF (`glTF`), SOG (a zip archive, or the `meta.json` of an unbundled one). `.splat` and
+/// `.ksplat` have no such mark: their name has to end so.
 ///
 /// # Errors
-/// Those of [`ply::read_with`], [`spz::read`] and [`splat::read`].
+/// Those of [`ply::read_with`] and of the other readers.
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
-    let splat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("splat"));
-    if !splat && starts_like_ply(path)? {
-        let (scene, report) = ply::read_with(path, options)?;
-        return Ok((scene, of_ply(report)));
+    if !has_no_mark(path) && starts_like_ply(path)? {
+        return match ply::read_with(path, options) {
+            Ok((scene, report)) => Ok((scene, of_ply(report))),
+            Err(Error::PlyCompressed { .. }) => ply::compressed::read(path, options),
+            Err(error) => Err(error),
+        };
+    }
+    #[cfg(feature = "sog")]
+    if has_extension(path, "json") {
+        return crate::sog::read(path, options);
     }
     read_named(path, &fs::read(path)?, options)
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// True for files that their name alone identifies.
+fn has_no_mark(path: &Path) -> bool {
+    has_extension(path, "splat") || has_extension(path, "ksplat")
 }
 
 /// True for a PLY file that can be read again from its start. A pipe cannot: the bytes read here are
@@ -58,12 +74,27 @@ pub fn read_named(
     options: &ReadOptions,
 ) -> Result<(Scene, Report)> {
     let path = name.as_ref();
+    if has_extension(path, "splat") {
+        return splat::decode(path, bytes, options);
+    }
+    if has_extension(path, "ksplat") {
+        return ksplat::decode(path, bytes, options);
+    }
     if bytes.starts_with(&[0x1f, 0x8b]) || bytes.starts_with(b"NGSP") {
         return spz::decode(path, bytes, options);
     }
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("splat")) {
-        return splat::decode(path, bytes, options);
+    if bytes.starts_with(b"glTF") || has_extension(path, "gltf") {
+        return gltf::decode(path, bytes, options);
     }
-    let (scene, ply) = ply::read_named(path, bytes, options)?;
-    Ok((scene, of_ply(ply)))
+    if bytes.starts_with(b"PK") {
+        #[cfg(feature = "sog")]
+        return crate::sog::decode(path, bytes, options);
+        #[cfg(not(feature = "sog"))]
+        return Err(Error::malformed(path, "SOG", "the file", "is not read by this build"));
+    }
+    match ply::read_named(path, bytes, options) {
+        Ok((scene, report)) => Ok((scene, of_ply(report))),
+        Err(Error::PlyCompressed { .. }) => ply::compressed::decode(path, bytes, options),
+        Err(error) => Err(error),
+    }
 }

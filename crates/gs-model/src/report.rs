@@ -14,11 +14,19 @@ use crate::validate::InvalidReport;
 pub enum Format {
     /// PLY in the Inria layout: see [`crate::ply`].
     Ply(ply::Format),
+    /// PlayCanvas' `compressed.ply`: see [`crate::ply::compressed`].
+    CompressedPly,
     /// SPZ: see [`crate::spz`].
     Spz {
         /// 2 to 4.
         version: u32,
     },
+    /// `.ksplat`: see [`crate::ksplat`].
+    Ksplat,
+    /// SOG, version 2: see `crate::sog`, under the feature `sog`.
+    Sog,
+    /// glTF with splats: see [`crate::gltf`].
+    Gltf,
     /// `.splat`: see [`crate::splat`].
     Splat,
 }

@@ -25,9 +25,9 @@ Examples:
 /// Arguments of `gsvx compare`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The reference: a stream, PLY, .splat or SPZ.
+    /// The reference: a stream or a model of any format.
     reference: PathBuf,
-    /// The model that is judged: a stream, PLY, .splat or SPZ.
+    /// The one that is judged: a stream or a model of any format.
     model: PathBuf,
     #[command(flatten)]
     views: ViewArgs,

@@ -19,10 +19,13 @@ Examples:
   gsvx convert niantic.spz model.ply --axes keep        an SPZ made by Niantic's ply_to_spz
   gsvx convert scene.gsvx scene.splat
   gsvx convert old.spz - --to ply > new.ply
+  gsvx convert scene.gsvx scene.glb                     glTF, as three.js and others read it
+  gsvx convert scene.sog scene.compressed.ply
+  gsvx convert folder/meta.json model.ply               an unbundled SOG
   cat a.splat | gsvx convert - a.ply --from splat
 
-PLY keeps every float; SPZ (version 4 is written, 2 to 4 are read) and .splat are lossy. To write a
-gsvx stream, use gsvx encode.
+PLY keeps every float, glTF almost; SPZ (version 4 is written, 2 to 4 are read), compressed.ply and
+.splat are lossy. SOG (version 2) and .ksplat are read. To write a gsvx stream, use gsvx encode.
 
 Axes of SPZ: its specification has y up and z back, PLY models have y down and z forward. gsvx turns
 the model around whenever it reads or writes SPZ, so that it stands upright in viewers that follow the
@@ -33,7 +36,7 @@ numbers as they are, as Niantic's tools do.";
 /// Arguments of `gsvx convert`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A PLY, .splat, SPZ or stream; `-` for standard input.
+    /// A model of any format, or a stream; `-` for standard input.
     input: PathBuf,
     /// The file to write; `-` for standard output.
     output: PathBuf,

@@ -15,7 +15,7 @@ use std::time::Instant;
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx decode scene.gsvx -o back.ply
-  gsvx decode scene.gsvx -o back.spz                       SPZ or .splat, by the extension
+  gsvx decode scene.gsvx -o back.spz                       or .splat, .glb, .compressed.ply: by the extension
   gsvx decode *.gsvx -o models/                            one PLY per stream
   gsvx decode scene.gsvx -o base.ply --max-sh-degree 0     base colour only
   gsvx decode scene.gsvx -o coarse.ply --lod 1             a coarser level of detail
@@ -28,8 +28,8 @@ pub(crate) struct Args {
     /// The streams; `-` for standard input.
     #[arg(required = true, value_name = "STREAM")]
     inputs: Vec<PathBuf>,
-    /// The model to write, or a folder for several: .ply, .spz or .splat by its extension, PLY if it
-    /// has another; `-` for standard output.
+    /// The model to write, or a folder for several: .ply, .compressed.ply, .glb, .spz or .splat by its
+    /// extension, PLY if it has another; `-` for standard output.
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
     /// Format of the output [default: by its extension].

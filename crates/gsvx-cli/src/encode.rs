@@ -50,7 +50,7 @@ const CONTENT: &str = "What is kept";
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Args {
-    /// The trained models: PLY in the Inria layout, .splat or .spz; `-` for standard input.
+    /// The trained models, of any format that gsvx convert reads; `-` for standard input.
     #[arg(required = true, value_name = "MODEL")]
     inputs: Vec<PathBuf>,
     /// The stream to write, or a folder for several; `-` for standard output.
@@ -104,6 +104,9 @@ pub(crate) struct Args {
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
+    /// Do not estimate the loss: less time and memory. The stream is the same.
+    #[arg(long, hide_short_help = true)]
+    no_estimate: bool,
 
     /// What a web page wants: the preset web if no quality is given, a coarse scene first, small chunks.
     #[arg(long, hide_short_help = true, help_heading = CONTENT)]
@@ -468,7 +471,8 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
         (Some(target), Some(cameras)) => Some((target, views::Reference::new(&scene, cameras)?)),
         _ => None,
     };
-    let (pictures, seconds_before) = timed(|| Pictures::of(&scene, views.cameras.as_deref()));
+    let draw = || Pictures::of(&scene, views.cameras.as_deref());
+    let (pictures, seconds_before) = timed(|| (!args.no_estimate).then(draw));
     let pruned = prune(args.prune, &mut scene, &mut views.seen).with_context(name)?;
     let made = match args.max_error {
         Some(bounds) => within(args, &scene, bounds).with_context(name)?,
@@ -479,7 +483,8 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
         }
     };
     drop(scene);
-    let (loss, seconds_after) = timed(|| pictures.loss(&made.encoded.bytes));
+    let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
+    let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
     Ok(Encoding {
         pruned,
         share_and_unseen: views.share_and_unseen,

@@ -4,7 +4,7 @@ use crate::exit::usage;
 use crate::output::is_stdio;
 use anyhow::Result;
 use clap::ValueEnum;
-use gs_model::{Scene, ply, splat, spz};
+use gs_model::{Scene, gltf, ply, splat, spz};
 use std::io::Write;
 use std::path::Path;
 
@@ -13,12 +13,18 @@ use std::path::Path;
 pub(crate) enum Source {
     /// A gsvx stream.
     Gsvx,
-    /// Inria's PLY layout.
+    /// Inria's PLY layout, or PlayCanvas' compressed.ply.
     Ply,
     /// antimatter15's .splat.
     Splat,
     /// Niantic's SPZ, versions 2 to 4.
     Spz,
+    /// The .ksplat of GaussianSplats3D.
+    Ksplat,
+    /// PlayCanvas' SOG, version 2, in one file.
+    Sog,
+    /// Binary glTF with KHR_gaussian_splatting.
+    Glb,
 }
 
 /// A format of models that is written.
@@ -30,6 +36,10 @@ pub(crate) enum Model {
     Splat,
     /// Niantic's SPZ, version 4.
     Spz,
+    /// PlayCanvas' compressed.ply.
+    CompressedPly,
+    /// Binary glTF with KHR_gaussian_splatting.
+    Glb,
 }
 
 /// What the extension of a file name says.
@@ -37,17 +47,23 @@ pub(crate) enum Model {
 pub(crate) enum Extension {
     Stream,
     Model(Model),
+    /// A format that is read and not written.
+    ReadOnly,
     Other,
 }
 
 impl Extension {
     pub(crate) fn of(path: &Path) -> Self {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-        match extension.to_ascii_lowercase().as_str() {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let (front, extension) = name.rsplit_once('.').unwrap_or((name.as_str(), ""));
+        match extension {
             "gsvx" => Self::Stream,
+            "ply" if front.ends_with(".compressed") => Self::Model(Model::CompressedPly),
             "ply" => Self::Model(Model::Ply),
+            "glb" => Self::Model(Model::Glb),
             "splat" => Self::Model(Model::Splat),
             "spz" => Self::Model(Model::Spz),
+            "sog" | "ksplat" | "gltf" => Self::ReadOnly,
             _ => Self::Other,
         }
     }
@@ -60,6 +76,8 @@ impl Model {
             Self::Ply => "ply",
             Self::Splat => "splat",
             Self::Spz => "spz",
+            Self::CompressedPly => "compressed.ply",
+            Self::Glb => "glb",
         }
     }
 
@@ -73,11 +91,17 @@ impl Model {
             (None, Extension::Stream) => Err(usage(format!(
                 "{name}: this command writes models; to write a stream, use gsvx encode"
             ))),
+            (None, Extension::ReadOnly) => Err(usage(format!(
+                "{name}: this format is not written; write a .glb, .compressed.ply, .spz, .splat or .ply"
+            ))),
             (None, Extension::Other) => other.ok_or_else(|| {
                 usage(if is_stdio(path) {
-                    "standard output: name its format with --to ply, splat or spz".into()
+                    "standard output: name its format with --to ply, splat, spz, compressed-ply or glb".into()
                 } else {
-                    format!("{name}: its extension names no format; pass --to ply, splat or spz")
+                    format!(
+                        "{name}: its extension names no format; pass --to ply, splat, spz, \
+                         compressed-ply or glb"
+                    )
                 })
             }),
         }
@@ -94,6 +118,8 @@ impl Model {
             Self::Ply => ply::write_to(out, scene),
             Self::Splat => splat::write_to(out, scene),
             Self::Spz => spz::write_to(out, scene, spz),
+            Self::CompressedPly => ply::compressed::write_to(out, scene),
+            Self::Glb => gltf::write_to(out, scene),
         }
     }
 

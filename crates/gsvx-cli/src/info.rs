@@ -21,7 +21,7 @@ Examples:
 /// Arguments of `gsvx info`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Streams, PLY, .splat or SPZ; `-` for standard input.
+    /// Streams or models of any format; `-` for standard input.
     #[arg(required = true, value_name = "FILE")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]

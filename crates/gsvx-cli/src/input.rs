@@ -72,12 +72,19 @@ impl Loaded {
         let format = match report.format {
             Format::Spz { version } => format!("SPZ, version {version}"),
             Format::Splat => ".splat".into(),
+            Format::Ksplat => ".ksplat".into(),
+            Format::CompressedPly => "PlayCanvas compressed.ply".into(),
+            Format::Sog => "SOG, version 2".into(),
+            Format::Gltf => "glTF, KHR_gaussian_splatting".into(),
             other => format!("{other:?}"),
         };
         Self { scene, bytes, format, gaussians_in_file: report.gaussians_in_file, ply: None }
     }
 
     fn say_what_was_skipped(self) -> Self {
+        for said in self.ply.iter().flat_map(|p| &p.notes) {
+            note(format_args!("note: {said}"));
+        }
         for property in self.ply.iter().flat_map(|p| &p.unknown_properties) {
             note(format_args!("skipped: property {property} is not part of a 3DGS model"));
         }
@@ -157,13 +164,20 @@ impl Reading {
         let (options, bytes) = (self.options(), all.len() as u64);
         let called = if is_stdio(path) { Path::new("standard input") } else { path };
         let outcome = match self.from {
-            Some(Source::Ply) => {
-                let read = ply::read_bytes_with(all, &options);
-                let (scene, report) = read.map_err(|e| explain(e, path))?;
-                return Ok(Loaded::of_ply(scene, bytes, report).say_what_was_skipped());
-            }
+            Some(Source::Ply) => match ply::read_bytes_with(all, &options) {
+                Err(gs_model::Error::PlyCompressed { .. }) => {
+                    ply::compressed::read_bytes(all, &options)
+                }
+                read => {
+                    let (scene, report) = read.map_err(|e| explain(e, path))?;
+                    return Ok(Loaded::of_ply(scene, bytes, report).say_what_was_skipped());
+                }
+            },
             Some(Source::Splat) => gs_model::splat::read_bytes(all, &options),
             Some(Source::Spz) => gs_model::spz::read_bytes(all, &options),
+            Some(Source::Ksplat) => gs_model::ksplat::read_bytes(all, &options),
+            Some(Source::Sog) => gs_model::sog::read_bytes(all, &options),
+            Some(Source::Glb) => gs_model::gltf::read_bytes(all, &options),
             Some(Source::Gsvx) | None => gs_model::model::read_named(called, all, &options),
         };
         let (scene, report) = outcome.map_err(|e| explain(e, path))?;
@@ -269,7 +283,7 @@ fn explain(error: gs_model::Error, path: &Path) -> anyhow::Error {
             anyhow!("{}: its compressed data is {reason}; get it again", name(path))
         }
         Error::PlyMagic { .. } if is_stdio(path) => anyhow!(
-            "{}; for a .splat from a pipe pass --from splat",
+            "{}; for a .splat or .ksplat from a pipe pass --from splat or --from ksplat",
             called(&error.to_string(), path)
         ),
         _ => anyhow!("{}", called(&error.to_string(), path)),

@@ -1,28 +1,22 @@
 //! How much less a stream shows than its model: an estimate after every encode.
 //!
 //! The middle of a few views is drawn twice, from the model and from what the stream decodes to, at the
-//! resolution of a photo: a whole view of fewer pixels would hide what is lost. Only the Gaussians that
-//! reach into these pictures are kept, and they are few, so the estimate costs little beside the encode.
+//! resolution of a photo: a whole view of fewer pixels would hide what is lost. Pictures are compared at
+//! 8 bits, as screens show them.
 
 use crate::framing;
 use finetune::{Image, RenderOptions, metrics, render};
 use gs_model::{Camera, Scene};
-use gsvx::{DecodeOptions, Decoder};
-use rayon::prelude::*;
+use gsvx::DecodeOptions;
 use serde_json::{Value, json};
-use std::sync::{Mutex, PoisonError};
 
 /// Views that are looked at.
-const VIEWS: usize = 6;
+const VIEWS: usize = 4;
 /// Size of the pictures, pixels.
 const SIZE: [u32; 2] = [256, 192];
 /// Width of the generated views, pixels, and tangent of half their field of view.
 const WIDTH: f64 = 960.0;
 const TANGENT: f64 = 0.577;
-/// Standard deviations at which the most opaque Gaussian ends: alpha falls below 1/255.
-const REACH: f64 = 3.4;
-/// Pixels by which a rasterizer may widen a Gaussian.
-const WIDENED: f64 = 4.0;
 /// PSNR of equal pictures, and the greatest that is told, dB.
 const EQUAL: f64 = 99.0;
 /// Below this the loss is worth a warning, dB.
@@ -30,7 +24,8 @@ const POOR: f64 = 32.0;
 
 /// The pictures of a model, for comparison with those of a stream.
 pub(crate) struct Pictures {
-    views: Vec<(Camera, Image)>,
+    /// Cameras, and pictures of 8 bits: the encoder needs the memory.
+    views: Vec<(Camera, Vec<u8>)>,
 }
 
 /// How much less a stream shows.
@@ -52,16 +47,12 @@ impl Pictures {
             }
             None => around(scene),
         };
-        let frusta: Vec<Frustum> = cameras.iter().map(Frustum::of).collect();
-        let seen = |&i: &usize| frusta.iter().any(|f| f.sees(scene, i));
-        let near: Vec<usize> = (0..scene.len()).into_par_iter().filter(seen).collect();
-        let near = scene.select(&near);
         let views = cameras.into_iter().map(|camera| {
-            let image = render(&near, &camera, &RenderOptions::default());
-            (camera, image)
+            let image = render(scene, &camera, &RenderOptions::default());
+            (camera, image.to_rgb8())
         });
         // Where nothing is drawn there is nothing to compare.
-        let shows = |(_, image): &(Camera, Image)| image.rgb.iter().any(|&v| v > 0.0);
+        let shows = |(_, rgb): &(Camera, Vec<u8>)| rgb.iter().any(|&v| v > 0);
         Self { views: views.filter(shows).collect() }
     }
 
@@ -73,13 +64,16 @@ impl Pictures {
         if self.views.is_empty() {
             return Ok(None);
         }
-        let cameras: Vec<Camera> = self.views.iter().map(|v| v.0.clone()).collect();
-        let scene = decode_in_sight(stream, &cameras)?;
+        let mut options = DecodeOptions::default();
+        options.max_gaussians = Some(u64::MAX);
+        let scene = gsvx::decode_with(stream, &options)?.scene;
         let (mut psnr, mut ssim) = (0.0, 0.0);
         for (camera, reference) in &self.views {
-            let image = render(&scene, camera, &RenderOptions::default());
-            psnr += metrics::psnr(&image, reference).min(EQUAL);
-            ssim += metrics::ssim(&image, reference);
+            let shown = render(&scene, camera, &RenderOptions::default());
+            let eight = |rgb: &[u8]| Image::from_rgb8(camera.width, camera.height, rgb);
+            let (Some(a), Some(b)) = (eight(&shown.to_rgb8()), eight(reference)) else { continue };
+            psnr += metrics::psnr(&a, &b).min(EQUAL);
+            ssim += metrics::ssim(&a, &b);
         }
         let n = self.views.len();
         Ok(Some(Loss { psnr: psnr / n as f64, ssim: ssim / n as f64, views: n }))
@@ -143,97 +137,4 @@ fn around(scene: &Scene) -> Vec<Camera> {
     let focal = 0.5 * WIDTH / TANGENT;
     let places = found.places(VIEWS as u32).into_iter().enumerate();
     places.map(|(i, turn)| found.ring.camera(format!("view-{i}"), turn, SIZE, focal)).collect()
-}
-
-/// What a camera must see of a Gaussian to draw it.
-struct Frustum {
-    rows: [[f64; 4]; 3],
-    /// Inward normals of the four planes through the camera's centre and the picture's edges, in camera
-    /// coordinates, of length 1.
-    planes: [[f64; 3]; 4],
-}
-
-impl Frustum {
-    fn of(camera: &Camera) -> Self {
-        let row = |k: usize| {
-            let r = camera.rotation.row(k);
-            [r.x, r.y, r.z, camera.translation[k]]
-        };
-        let plane = |v: [f64; 3]| {
-            let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-            v.map(|x| x / length)
-        };
-        let (w, h) = (f64::from(camera.width), f64::from(camera.height));
-        let (fx, fy, cx, cy) = (camera.fx, camera.fy, camera.cx, camera.cy);
-        // A point is inside if -WIDENED <= fx x/z + cx <= w + WIDENED.
-        let planes = [
-            plane([fx, 0.0, cx + WIDENED]),
-            plane([-fx, 0.0, w + WIDENED - cx]),
-            plane([0.0, fy, cy + WIDENED]),
-            plane([0.0, -fy, h + WIDENED - cy]),
-        ];
-        Self { rows: [row(0), row(1), row(2)], planes }
-    }
-
-    /// Whether a Gaussian reaches into the picture.
-    fn sees(&self, scene: &Scene, i: usize) -> bool {
-        let size = scene.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let radius = REACH * f64::from(libm::expf(size));
-        let m = scene.means[i].map(f64::from);
-        let p = self.rows.map(|r| r[0] * m[0] + r[1] * m[1] + r[2] * m[2] + r[3]);
-        p[2] > -radius
-            && self.planes.iter().all(|n| n[0] * p[0] + n[1] * p[1] + n[2] * p[2] > -radius)
-    }
-}
-
-/// The Gaussians of a stream that reach into one of the pictures. The others are dropped block by block.
-fn decode_in_sight(stream: &[u8], cameras: &[Camera]) -> gsvx::Result<Scene> {
-    let mut options = DecodeOptions::default();
-    options.max_gaussians = Some(u64::MAX);
-    let decoder = Decoder::new(stream, &options)?;
-    let frusta: Vec<Frustum> = cameras.iter().map(Frustum::of).collect();
-    let found: Mutex<Vec<(usize, Scene)>> = Mutex::default();
-    decoder.blocks::<(), gsvx::Error>(|(), first, block| {
-        let seen = |&i: &usize| frusta.iter().any(|f| f.sees(block, i));
-        let chosen: Vec<usize> = (0..block.len()).filter(seen).collect();
-        if !chosen.is_empty() {
-            found
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .push((first, block.select(&chosen)));
-        }
-        Ok(())
-    })?;
-    let mut parts = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    parts.sort_unstable_by_key(|p| p.0);
-    let mut scene = Scene { sh_degree: decoder.sh_degree(), ..Scene::default() };
-    parts.iter().for_each(|(_, part)| scene.append(part));
-    Ok(scene)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::path::Path;
-
-    #[test]
-    fn what_is_left_out_reaches_into_no_picture() {
-        let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
-        let (scene, _) = gs_model::ply::read(room.join("point_cloud.ply")).unwrap();
-        let cameras = around(&scene);
-        assert_eq!(cameras.len(), VIEWS);
-        let pictures = Pictures::of(&scene, None);
-        assert_eq!(pictures.views.len(), VIEWS);
-        for (camera, picture) in &pictures.views {
-            assert!(*picture == render(&scene, camera, &RenderOptions::default()));
-        }
-        let stream = gsvx::encode_lossless(&scene, false).unwrap().bytes;
-        let kept = decode_in_sight(&stream, &cameras[..1]).unwrap().len();
-        assert!(0 < kept && kept < scene.len(), "{kept}");
-        let loss = pictures.loss(&stream).unwrap().unwrap();
-        assert!(loss.psnr >= EQUAL && loss.ssim > 0.9999, "{loss:?}");
-        assert!(loss.human().contains("no difference") && loss.warning().is_none());
-        let nothing = Pictures::of(&Scene::default(), None);
-        assert_eq!(nothing.loss(&stream).unwrap(), None);
-    }
 }

@@ -59,10 +59,10 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Compress a model (PLY, .splat, SPZ) into a gsvx stream.
+    /// Compress a model (PLY, SOG, SPZ, glTF ...) into a gsvx stream.
     #[command(after_help = encode::MORE, after_long_help = encode::EXAMPLES)]
     Encode(encode::Args),
-    /// Write the model in a stream as a PLY that any 3DGS viewer opens, or as SPZ or .splat.
+    /// Write the model in a stream as a PLY that any 3DGS viewer opens, or as glTF, SPZ, .splat.
     #[command(after_help = decode::EXAMPLES)]
     Decode(decode::Args),
     /// Tune a model to its photos, or to itself, for a smaller stream of equal quality.
@@ -77,7 +77,7 @@ enum Command {
     /// Compare two models: PSNR and SSIM of their renders, errors of their attributes.
     #[command(after_help = compare::EXAMPLES)]
     Compare(compare::Args),
-    /// Convert between PLY, .splat and SPZ; streams are read too.
+    /// Convert between PLY, compressed.ply, glTF, SPZ, .splat; SOG, .ksplat, streams are read too.
     #[command(after_help = convert::EXAMPLES)]
     Convert(convert::Args),
     /// Look at a stream or a model in the browser.

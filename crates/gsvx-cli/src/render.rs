@@ -26,7 +26,7 @@ Examples:
 /// Arguments of `gsvx render`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A stream, PLY, .splat or SPZ; `-` for standard input.
+    /// A stream or a model of any format; `-` for standard input.
     input: PathBuf,
     /// Folder for the PNGs (made if it is not there), or with a single view a file called .png;
     /// `-` for standard output.

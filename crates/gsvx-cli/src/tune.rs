@@ -39,7 +39,7 @@ const PICTURED: u64 = 100;
 #[command(group = clap::ArgGroup::new("target"))]
 #[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
 pub(crate) struct Args {
-    /// The trained model: a PLY in the Inria layout, .splat or .spz; `-` for standard input.
+    /// The trained model, of any format that gsvx convert reads; `-` for standard input.
     input: PathBuf,
     /// Scene folder with cameras and photos. Without photos, or with --distil, the model is tuned to
     /// its own renders at the cameras.

@@ -192,6 +192,8 @@ fn info_read_streams_alone() {
         ("a.ply", "PLY, binary little-endian", 3),
         ("a.spz", "SPZ, version 4", 3),
         ("a.splat", ".splat", 0),
+        ("a.compressed.ply", "PlayCanvas compressed.ply", 3),
+        ("a.glb", "glTF, KHR_gaussian_splatting", 3),
     ] {
         ok(&["convert", "@", "@"], &[&input, &at(name)]);
         let said = json(&["info", "@"], &[&at(name)]);
@@ -325,4 +327,40 @@ fn the_short_help_had_every_flag() {
         assert!(long.contains(expected), "{long}");
         assert!(!short.contains(expected), "{short}");
     }
+}
+
+#[test]
+fn files_of_other_tools_had_to_be_converted_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let formats = common::room().join("../formats");
+    for (name, format) in [
+        ("small.compressed.ply", "PlayCanvas compressed.ply"),
+        ("small.sog", "SOG, version 2"),
+        ("small.glb", "glTF, KHR_gaussian_splatting"),
+        ("small.ksplat", ".ksplat"),
+    ] {
+        let file = formats.join(name);
+        let said = json(&["info", "@"], &[&file]);
+        assert_eq!((&said["format"], &said["gaussians"]), (&format.into(), &300.into()));
+        ok(&["encode", "@", "-o", "@", "--force"], &[&file, &at("a.gsvx")]);
+        ok(&["convert", "@", "@", "--force"], &[&file, &at("a.ply")]);
+        let words = ["compare", "@", "@", "--orbit", "2", "--size", "80x60"];
+        let same = json(&words, &[&file, &at("a.ply")]);
+        assert!(same["psnr"].as_f64().is_none_or(|psnr| psnr > 80.0), "{name}: {same}");
+        // The content says what it is, but for a .ksplat.
+        let from = if name == "small.ksplat" { &["--from", "ksplat"][..] } else { &[] };
+        let words = [&["info", "-", "--json"], from].concat();
+        let piped = piped(&words, &std::fs::read(&file).unwrap());
+        let said: serde_json::Value = serde_json::from_slice(&piped.stdout).unwrap();
+        assert_eq!(said["format"], format);
+    }
+    // A stream to glTF and back.
+    ok(&["convert", "@", "@"], &[&at("a.gsvx"), &at("a.glb")]);
+    ok(&["encode", "@", "-o", "@", "--force"], &[&at("a.glb"), &at("b.gsvx")]);
+    let glb = at("a.glb");
+    let short = std::fs::read(&glb).unwrap();
+    std::fs::write(&glb, &short[..9000]).unwrap();
+    one_line(&run(&["info", "@"], &[&glb]), "a.glb: glTF: the file promises more");
+    wrong_usage(&run(&["convert", "@", "@"], &[&at("a.ply"), &at("a.sog")]), "not written");
 }

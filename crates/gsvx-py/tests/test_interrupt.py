@@ -24,7 +24,9 @@ SCRIPTS = {
 def test_ctrl_c_ends_the_work_and_nothing_is_written(what, tmp_path):
     call = SCRIPTS[what].format(model=str(MODEL), room=str(ROOM))
     script = f"""
-import gsvx
+import gsvx, signal
+# A shell that starts the tests in the background makes its children ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 def say(progress):
     print(progress.stage, flush=True)
 try:

@@ -50,7 +50,7 @@ impl<'a> Lines<'a> {
             for i in 0..rows.len() {
                 let (line, text) = lines[rows.first + i];
                 parse_row(file, line, text, vertex, &mut numbers)?;
-                rows.set(i, |c| numbers[columns.properties[c]]);
+                rows.set(i, |c| columns.number(c, |p| numbers[p]));
                 columns.count_normals(1, |_, p| numbers[p]);
             }
             Ok(())

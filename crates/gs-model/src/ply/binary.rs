@@ -81,7 +81,7 @@ impl Body<'_> {
                     number(self.bytes, offsets[p], vertex.properties[p].scalar, self.big_endian)
                         as f32
                 };
-                rows.set(i, |c| of_property(columns.properties[c]));
+                rows.set(i, |c| columns.number(c, of_property));
                 columns.count_normals(1, |_, p| of_property(p));
             }
             Ok(())
@@ -152,22 +152,22 @@ pub(super) struct RowLayout {
     pub(super) stride: usize,
     /// Offset and type of each property, in file order.
     properties: Vec<(usize, Scalar)>,
-    /// Offset and type of each number in scene order.
-    numbers: Vec<(usize, Scalar)>,
-    all_f32: bool,
+    /// Offset of each number in scene order.
+    numbers: Vec<usize>,
+    /// True if the numbers are those of the file: `f32`, and none of them a stand-in.
+    plain: bool,
     big_endian: bool,
 }
 
 impl RowLayout {
     pub(super) fn of(vertex: &Element, columns: &Columns, big_endian: bool) -> Self {
         let properties = offsets_and_types(vertex);
-        let numbers: Vec<(usize, Scalar)> =
-            columns.properties.iter().map(|&p| properties[p]).collect();
+        let numbers = || columns.properties.iter().map(|&p| properties[p]);
         Self {
             stride: vertex.least_row_bytes(Format::BinaryLittleEndian),
-            all_f32: numbers.iter().all(|s| s.1 == Scalar::F32),
+            plain: numbers().all(|s| s.1 == Scalar::F32) && !columns.variants.any(),
+            numbers: numbers().map(|s| s.0).collect(),
             properties,
-            numbers,
             big_endian,
         }
     }
@@ -175,19 +175,20 @@ impl RowLayout {
     /// Fills `rows` from the bytes that hold them, and counts their normals in `columns`.
     pub(super) fn fill(&self, rows: Rows, part: &[u8], columns: &Columns) {
         let (stride, at) = (self.stride, &self.numbers);
-        columns.count_normals(rows.len(), |row, p| {
+        let of_property = |row: &[u8], p: usize| {
             let (offset, scalar) = self.properties[p];
-            number(&part[row * stride..], offset, scalar, self.big_endian) as f32
-        });
-        match (self.all_f32, self.big_endian) {
+            number(row, offset, scalar, self.big_endian) as f32
+        };
+        columns.count_normals(rows.len(), |row, p| of_property(&part[row * stride..], p));
+        match (self.plain, self.big_endian) {
             (true, false) => {
-                fill(rows, part, stride, |row, c| f32::from_le_bytes(bytes_at(row, at[c].0)));
+                fill(rows, part, stride, |row, c| f32::from_le_bytes(bytes_at(row, at[c])));
             }
             (true, true) => {
-                fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes_at(row, at[c].0)));
+                fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes_at(row, at[c])));
             }
-            (false, big) => {
-                fill(rows, part, stride, |row, c| number(row, at[c].0, at[c].1, big) as f32);
+            (false, _) => {
+                fill(rows, part, stride, |row, c| columns.number(c, |p| of_property(row, p)));
             }
         }
     }

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::header::Element;
+use super::variants::Variants;
 use crate::error::{Error, Result};
 use crate::rows::{SH, row_len};
 use crate::scene::sh_len;
@@ -44,8 +45,10 @@ pub(super) fn inria_names(sh_degree: u8) -> Vec<String> {
 #[derive(Debug)]
 pub(super) struct Columns {
     pub(super) sh_degree: u8,
-    /// Property index of each number, in scene order; [`row_len`] entries.
+    /// Property index of each number, in scene order; [`row_len`] entries. Where the model is one of
+    /// [`Variants`], some are stand-ins.
     pub(super) properties: Vec<usize>,
+    pub(super) variants: Variants,
     /// Property indices of `nx`, `ny` and `nz`, as far as they exist, in file order.
     pub(super) normals: Vec<usize>,
     /// Names of the properties that are not part of the Inria layout, in file order.
@@ -73,9 +76,10 @@ impl Columns {
             let properties = names.join(", ");
             Error::PlyMissingProperty { file: file.into(), properties }
         };
+        let variants = Variants::of(vertex, &index);
         let absent: Vec<String> = inria_names(0)
             .into_iter()
-            .filter(|n| !is_normal(n) && !index.contains_key(n.as_str()))
+            .filter(|n| !is_normal(n) && !index.contains_key(variants.stand_in(n)))
             .collect();
         if !absent.is_empty() {
             return Err(missing(absent));
@@ -87,7 +91,7 @@ impl Columns {
         let mut properties = Vec::with_capacity(row_len(sh_degree));
         for i in 0..row_len(sh_degree) {
             let name = name(i, sh_degree);
-            let Some(&at) = index.get(name.as_str()) else {
+            let Some(&at) = index.get(variants.stand_in(&name)) else {
                 return Err(missing(vec![name]));
             };
             if vertex.properties[at].list.is_some() {
@@ -96,7 +100,7 @@ impl Columns {
             properties.push(at);
         }
         let mut known = vec![false; vertex.properties.len()];
-        for &p in &properties {
+        for &p in properties.iter().chain(&variants.filter_3d) {
             known[p] = true;
         }
         let (mut normals, mut unknown) = (Vec::new(), Vec::new());
@@ -108,7 +112,17 @@ impl Columns {
             }
         }
         let rows_with_normal = AtomicUsize::new(0);
-        Ok(Self { sh_degree, properties, normals, unknown, rows_with_normal })
+        Ok(Self { sh_degree, properties, variants, normals, unknown, rows_with_normal })
+    }
+
+    /// Number `c` in scene order of a row; `property` gives the numbers of its properties.
+    #[inline]
+    pub(super) fn number(&self, c: usize, property: impl Fn(usize) -> f32) -> f32 {
+        if self.variants.any() {
+            self.variants.number(c, |c| property(self.properties[c]), &property)
+        } else {
+            property(self.properties[c])
+        }
     }
 
     /// Counts those of `rows` rows whose normal is not zero. `number(row, property)` is a number

@@ -4,14 +4,18 @@
 //! SH coefficients, **channel-major**: all of red, then green, then blue), `opacity` (a logit),
 //! `scale_0..2` (natural logarithms), `rot_0..3` (quaternion, w first). The reader takes ASCII
 //! and both binary formats, properties in any order and of any scalar type, with or without
-//! normals. It skips other properties and elements and names them in the [`ReadReport`].
+//! normals. It skips other properties and elements and names them in the [`ReadReport`]. It also takes
+//! models of 2D Gaussian splatting (two scales), of Mip-Splatting (`filter_3D`), and with `red green blue`
+//! as bytes: [`ReadReport::notes`] says what became of them. [`compressed`] is PlayCanvas' format in PLY.
 
 mod ascii;
 mod binary;
 mod columns;
+pub mod compressed;
 mod header;
 mod report;
 mod stream;
+mod variants;
 mod write;
 
 use std::path::Path;

@@ -27,6 +27,8 @@ pub struct ReadReport {
     pub clamped_opacities: usize,
     /// Properties of `vertex` that are not part of the Inria layout, in file order; ignored.
     pub unknown_properties: Vec<String>,
+    /// How a model that is not in the Inria layout was read, in words: see [`super`].
+    pub notes: Vec<&'static str>,
     /// Which of `nx`, `ny` and `nz` the file has, in file order; ignored.
     pub normal_properties: Vec<String>,
     /// Gaussians in the file whose normal is not zero (-0 included). The Inria trainer writes zero
@@ -80,6 +82,7 @@ pub(super) fn finish(
         dropped,
         clamped_opacities,
         unknown_properties: columns.unknown,
+        notes: columns.variants.notes(),
         normal_properties: columns
             .normals
             .iter()

@@ -1,0 +1,91 @@
+//! The numbers of one attribute.
+
+use super::json::{self, Root};
+
+/// An attribute whose rows are all in the data.
+pub(super) struct View<'a> {
+    /// From the first row on.
+    bytes: &'a [u8],
+    stride: usize,
+    pub(super) count: usize,
+    component: u32,
+    normalized: bool,
+}
+
+impl<'a> View<'a> {
+    /// The accessor, if it has numbers of the given type (`SCALAR`, `VEC3`, `VEC4`) in `data`; an error
+    /// is what is wrong with it.
+    pub(super) fn of(
+        root: &Root,
+        data: &'a [u8],
+        accessor: usize,
+        kind: &str,
+    ) -> Result<Self, &'static str> {
+        let accessor = root.accessors.get(accessor).ok_or("names an accessor that is not there")?;
+        if accessor.kind != kind {
+            return Err("has an accessor of the wrong type");
+        }
+        if accessor.sparse.is_some() {
+            return Err("has a sparse accessor, which is not read");
+        }
+        let view = accessor.buffer_view.and_then(|at| root.buffer_views.get(at));
+        let view = view.ok_or("has an accessor without data")?;
+        let buffer = root.buffers.get(view.buffer).ok_or("names a buffer that is not there")?;
+        if view.buffer != 0 || buffer.uri.is_some() {
+            return Err("has its data in another file; pack all into one .glb");
+        }
+        let component = accessor.component_type;
+        let size = match component {
+            json::I8 | json::U8 => 1,
+            json::I16 | json::U16 => 2,
+            json::F32 => 4,
+            _ => return Err("has components of a type that is not read"),
+        };
+        let row = size
+            * if kind == "SCALAR" {
+                1
+            } else if kind == "VEC3" {
+                3
+            } else {
+                4
+            };
+        let stride = view.byte_stride.unwrap_or(row).max(row);
+        const SHORT: &str = "promises more than the file holds";
+        let end = view.byte_offset.checked_add(view.byte_length).ok_or(SHORT)?;
+        let bytes = data.get(view.byte_offset..end).ok_or(SHORT)?;
+        let bytes = bytes.get(accessor.byte_offset..).ok_or(SHORT)?;
+        // The last row needs no gap after it.
+        let before_last = accessor.count.saturating_sub(1).checked_mul(stride).ok_or(SHORT)?;
+        if accessor.count > 0 && before_last.checked_add(row).is_none_or(|len| len > bytes.len()) {
+            return Err(SHORT);
+        }
+        let (count, normalized) = (accessor.count, accessor.normalized);
+        Ok(Self { bytes, stride, count, component, normalized })
+    }
+
+    /// Number `k` of a row.
+    pub(super) fn number(&self, row: usize, k: usize) -> f32 {
+        let row = &self.bytes[row * self.stride..];
+        let wide = |k: usize| [row[2 * k], row[2 * k + 1]];
+        let (value, most) = match self.component {
+            json::I8 => (f32::from(row[k] as i8), 127.0),
+            json::U8 => (f32::from(row[k]), 255.0),
+            json::I16 => (f32::from(i16::from_le_bytes(wide(k))), 32767.0),
+            json::U16 => (f32::from(u16::from_le_bytes(wide(k))), 65535.0),
+            _ => {
+                let b = &row[4 * k..4 * k + 4];
+                return f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+            }
+        };
+        if self.normalized { (value / most).max(-1.0) } else { value }
+    }
+
+    /// Half of the distance between neighbouring numbers near 1.
+    pub(super) fn half_step(&self) -> f64 {
+        match self.component {
+            json::F32 => 1.0 / f64::from(1u32 << 25),
+            json::I8 | json::U8 => 0.5 / 255.0,
+            _ => 0.5 / 65535.0,
+        }
+    }
+}

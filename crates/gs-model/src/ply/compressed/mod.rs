@@ -1,0 +1,130 @@
+//! PlayCanvas' `compressed.ply`: Gaussians quantised within chunks of 256, in a binary PLY file.
+//!
+//! Element `chunk` holds, for every 256 Gaussians, the bounds of their means, log-scales and colours.
+//! Element `vertex` holds four words per Gaussian: the mean and the log-scales (11, 10 and 11 bits
+//! between the chunk's bounds), the rotation (the three smallest components, 10 bits each), and the
+//! colour with the opacity (a byte each). Element `sh`, where there is one, holds a byte per higher SH
+//! coefficient, channel-major, between -4 and 4. Older files have no bounds of colours: theirs are 0
+//! and 1. Axes are those of other PLY files.
+
+mod layout;
+mod table;
+mod write;
+
+use std::path::Path;
+
+use super::header::{self, Format, Header};
+use crate::error::{Error, Result};
+use crate::options::ReadOptions;
+use crate::rows;
+use crate::scene::{Scene, sh_len};
+use crate::{fs, report};
+use layout::Decoder;
+use table::Table;
+pub use write::{write, write_to};
+
+/// Gaussians per chunk.
+const CHUNK: usize = 256;
+/// Properties of `chunk`, in file order; the last six are missing in older files.
+const BOUNDS: [&str; 18] = [
+    "min_x",
+    "min_y",
+    "min_z",
+    "max_x",
+    "max_y",
+    "max_z",
+    "min_scale_x",
+    "min_scale_y",
+    "min_scale_z",
+    "max_scale_x",
+    "max_scale_y",
+    "max_scale_z",
+    "min_r",
+    "min_g",
+    "min_b",
+    "max_r",
+    "max_g",
+    "max_b",
+];
+/// Properties of `vertex`, in file order.
+const WORDS: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
+
+/// Reads a `compressed.ply`.
+///
+/// # Errors
+/// [`Error::Io`], the errors of a PLY header, [`Error::PlyTruncated`], [`Error::Malformed`].
+pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
+    let path = path.as_ref();
+    decode(path, &fs::read(path)?, options)
+}
+
+/// Reads a `compressed.ply` from its bytes.
+///
+/// # Errors
+/// As [`read`]; the file in the errors is `<bytes>`.
+pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
+    decode(Path::new("<bytes>"), bytes, options)
+}
+
+pub(crate) fn decode(
+    file: &Path,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<(Scene, report::Report)> {
+    let header = header::parse(file, bytes)?;
+    if header.format != Format::BinaryLittleEndian {
+        return Err(malformed(file, "header", "is not binary_little_endian"));
+    }
+    let (n, sh_degree, decoder) = decoder(file, bytes, &header)?;
+    let scene = rows::scene(n, sh_degree, |mut rows| {
+        for i in 0..rows.len() {
+            let row = decoder.row(rows.first + i);
+            rows.set(i, |c| row.number(c));
+        }
+        Ok(())
+    })?;
+    report::finish(file, scene, report::Format::CompressedPly, options)
+}
+
+/// The number of Gaussians, their SH degree, and where the file holds them.
+fn decoder<'a>(
+    file: &Path,
+    bytes: &'a [u8],
+    header: &'a Header,
+) -> Result<(usize, u8, Decoder<'a>)> {
+    let table = |element: &str| Table::find(file, bytes, header, element);
+    let vertices = table("vertex")?.ok_or_else(|| Error::PlyNoVertex { file: file.into() })?;
+    let chunks = table("chunk")?;
+    let chunks = chunks.ok_or_else(|| malformed(file, "header", "has no element \"chunk\""))?;
+    let n = vertices.rows;
+    if chunks.rows < n.div_ceil(CHUNK) {
+        return Err(malformed(file, "element \"chunk\"", "has fewer rows than vertices need"));
+    }
+    let sh = table("sh")?;
+    let sh_degree = match &sh {
+        None => 0,
+        Some(sh) => {
+            let fits = (1..=3u8).find(|&d| 3 * (sh_len(d) - 1) == sh.properties());
+            let count = sh.properties();
+            fits.ok_or_else(|| Error::PlyRestCount { file: file.into(), count })?
+        }
+    };
+    if sh.as_ref().is_some_and(|sh| sh.rows != n) {
+        return Err(malformed(
+            file,
+            "element \"sh\"",
+            "has another number of rows than \"vertex\"",
+        ));
+    }
+    let bounds = if chunks.has("min_r") { &BOUNDS[..] } else { &BOUNDS[..12] };
+    let decoder = Decoder {
+        words: vertices.words(file, &WORDS)?,
+        bounds: chunks.floats(file, bounds)?,
+        sh: sh.map(|sh| sh.sh_bytes(file)).transpose()?,
+    };
+    Ok((n, sh_degree, decoder))
+}
+
+fn malformed(file: &Path, place: &str, reason: &str) -> Error {
+    Error::malformed(file, "compressed.ply", place, reason)
+}

@@ -1,0 +1,51 @@
+//! The files that make a SOG: members of a zip archive, or files in a folder.
+
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use zip::ZipArchive;
+
+use super::malformed;
+use crate::error::Result;
+use crate::fs;
+
+/// Largest ratio of a member's length to the archive's. WebP images hardly compress.
+const MAX_RATIO: u64 = 64;
+
+pub(super) enum Members<'a> {
+    Archive(Box<ZipArchive<Cursor<&'a [u8]>>>, u64),
+    Folder(&'a Path),
+}
+
+impl<'a> Members<'a> {
+    pub(super) fn archive(file: &Path, bytes: &'a [u8]) -> Result<Self> {
+        let broken = |_| malformed(file, "the zip archive", "is broken or cut short; get it again");
+        let archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
+        Ok(Self::Archive(Box::new(archive), MAX_RATIO * bytes.len() as u64))
+    }
+
+    /// The bytes of a member. `file` is what was opened, for messages.
+    pub(super) fn read(&mut self, file: &Path, name: &str) -> Result<Vec<u8>> {
+        let bad = |reason: &str| malformed(file, name, reason);
+        // A name with folders could lead anywhere.
+        if name.is_empty() || name.contains(['/', '\\', ':']) || name.starts_with("..") {
+            return Err(bad("is not the name of a file beside meta.json"));
+        }
+        match self {
+            Self::Folder(folder) => fs::read(&folder.join(name)),
+            Self::Archive(archive, most) => {
+                let mut member = archive.by_name(name).map_err(|e| match e {
+                    zip::result::ZipError::FileNotFound => bad("is not in the archive"),
+                    _ => bad("cannot be unpacked"),
+                })?;
+                if member.size() > *most {
+                    return Err(bad("is far larger than the archive"));
+                }
+                let mut data = Vec::new();
+                let read = member.by_ref().take(*most).read_to_end(&mut data);
+                read.map_err(|_| bad("cannot be unpacked: its data is broken"))?;
+                Ok(data)
+            }
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! SOG (PlayCanvas), version 2: read only.
+//!
+//! A `meta.json` and up to seven lossless WebP images, in which pixel `i` belongs to Gaussian `i`: in one
+//! zip archive (`.sog`), or as files in one folder. Means are 16-bit steps between bounds, of
+//! `sign(x) ln(1 + |x|)`; log-scales and colours are indices of codebooks of 256 numbers; rotations are the
+//! three smallest components, a byte each; opacities are bytes. The higher SH coefficients of a
+//! Gaussian are a row of a palette whose entries are indices of a codebook. Axes are those of PLY files.
+//!
+//! *Limits:* images have at most 2^20 pixels and 4 more per byte of the textures. A scene therefore takes
+//! at most about a thousand times the memory of its file, and some megabytes.
+
+mod decoder;
+mod members;
+mod meta;
+mod texture;
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::options::ReadOptions;
+use crate::rows;
+use crate::scene::Scene;
+use crate::{fs, report};
+use decoder::Decoder;
+use members::Members;
+use meta::Meta;
+use texture::Texture;
+
+/// Reads a bundled `.sog`, or the `meta.json` of an unbundled one with the images beside it.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Malformed`] if a part is missing, broken or of version 1;
+/// [`Error::InvalidGaussian`] as the options say: indices may point beyond a codebook or the palette.
+pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
+    let path = path.as_ref();
+    let bytes = fs::read(path)?;
+    if bytes.starts_with(b"PK") {
+        return decode(path, &bytes, options);
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    unpack(path, &bytes, Members::Folder(folder), options)
+}
+
+/// Reads a bundled `.sog` from its bytes.
+///
+/// # Errors
+/// As [`read`]; the file in the errors is `<bytes>`.
+pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
+    decode(Path::new("<bytes>"), bytes, options)
+}
+
+pub(crate) fn decode(
+    file: &Path,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<(Scene, report::Report)> {
+    let mut archive = Members::archive(file, bytes)?;
+    let meta = archive.read(file, "meta.json")?;
+    unpack(file, &meta, archive, options)
+}
+
+fn unpack(
+    file: &Path,
+    meta: &[u8],
+    mut members: Members,
+    options: &ReadOptions,
+) -> Result<(Scene, report::Report)> {
+    let meta = Meta::parse(file, meta)?;
+    let names = meta.textures();
+    let images = names.iter().map(|name| members.read(file, name));
+    let images: Vec<Vec<u8>> = images.collect::<Result<_>>()?;
+    let most_pixels = texture::most_pixels(&images);
+    let textures: Vec<Result<Texture>> = names
+        .par_iter()
+        .zip(&images)
+        .map(|(name, image)| {
+            Texture::decode(image, most_pixels).map_err(|reason| malformed(file, name, reason))
+        })
+        .collect();
+    let textures: Vec<Texture> = textures.into_iter().collect::<Result<_>>()?;
+    let decoder = Decoder::new(file, &meta, &textures)?;
+    let scene = rows::scene(decoder.len(), meta.sh_degree(), |mut rows| {
+        for i in 0..rows.len() {
+            let row = decoder.row(rows.first + i);
+            rows.set(i, |c| row.number(c));
+        }
+        Ok(())
+    })?;
+    report::finish(file, scene, report::Format::Sog, options)
+}
+
+fn malformed(file: &Path, place: &str, reason: &str) -> Error {
+    Error::malformed(file, "SOG", place, reason)
+}
