@@ -222,13 +222,27 @@ pub(crate) struct GsvxArgs {
     /// Instead: what coarse levels of detail cost and show, per scene (comma-separated), as a table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     lod: Vec<String>,
+    /// Instead: what cameras bring, and what stands in for them, per scene (comma-separated), with skies and
+    /// pairs, as docs/results/importance.md.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    importance: Vec<String>,
+    /// Instead: whether a greater quality ever looks worse, per scene (comma-separated), as
+    /// docs/results/sweep.md.
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
+    sweep: Vec<String>,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/speed.md")]
     out: PathBuf,
 }
 
 pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
-    let GsvxArgs { scene, sizes, gsvx, targets, choices, lod, out } = args;
+    let GsvxArgs { scene, sizes, gsvx, targets, choices, lod, importance, sweep, out } = args;
+    if !importance.is_empty() {
+        return bench::gsvx::importance(&importance, Path::new("docs/results/importance.md"));
+    }
+    if !sweep.is_empty() {
+        return bench::gsvx::sweep(&sweep, Path::new("docs/results/sweep.md"));
+    }
     if !lod.is_empty() {
         return bench::gsvx::lod(&lod);
     }

@@ -4,8 +4,12 @@
 //! their number is chosen. Memory is the peak resident set that Linux reports.
 
 mod choices;
+mod importance;
 mod lod;
+mod monotone;
 mod targets;
+
+pub use monotone::{Drop, Sweep, all_qualities};
 
 use std::path::{Path, PathBuf};
 
@@ -151,6 +155,22 @@ fn chart(scene: &str, rows: &[Row]) -> Chart {
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn targets(gsvx: &Path, scenes: &[String]) -> Result<()> {
     targets::run(&command::find(gsvx)?, scenes)
+}
+
+/// Writes what cameras bring, and what stands in for them, as a page.
+///
+/// # Errors
+/// If a scene cannot be read or coded, or the page cannot be written.
+pub fn importance(scenes: &[String], out: &Path) -> Result<()> {
+    importance::run(scenes, out)
+}
+
+/// Writes whether a greater quality ever looks worse, as a page.
+///
+/// # Errors
+/// As [`importance`](fn@importance).
+pub fn sweep(scenes: &[String], out: &Path) -> Result<()> {
+    monotone::run(scenes, out)
 }
 
 /// Prints for each scene what coarse levels of detail cost, and what they show.

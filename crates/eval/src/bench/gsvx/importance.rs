@@ -1,0 +1,179 @@
+//! What cameras bring, and what stands in for them: curves with and without cameras, and models with a sky
+//! or with a far copy of themselves.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use finetune::{RenderOptions, metrics, render};
+use gs_model::{Camera, Scene};
+use gsvx::{EncodeOptions, Seen};
+use testing::Rng;
+
+use crate::codec::{self, Codec, Curve};
+use crate::page;
+use crate::scenes::{self, TestScene};
+
+const QUALITIES: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
+
+/// Measures, prints and writes the page at `out`.
+pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
+    let mut text = format!(
+        "# What do cameras bring, and what stands in for them?\n\n\
+         `cargo xtask bench-gsvx --importance {}`. Without cameras, importance is a guess from opacity and from \
+         area relative to that of the neighbours (`gsvx::importance::without_cameras`).\n\n\
+         BD-rate (pchip, qualities 34, 48, 62, 76 and 90, PSNR of the held-out views against the photos) against \
+         a plainer guess: opacity times the root of the area of the two largest axes. Negative is smaller.\n\n\
+         | scene | without cameras | cameras, nothing left out | cameras, what they do not see left out |\n\
+         |---|---:|---:|---:|\n",
+        names.join(","),
+    );
+    for name in names {
+        text += &beside_cameras(name)?;
+    }
+    text += &format!(
+        "\n## Skies and pairs\n\n\
+         The room at quality {}, without cameras: alone; with a third as many large Gaussians on a sphere around \
+         it; and with a copy of itself far away. dB of the room's held-out views against renders of the \
+         input.\n\n\
+         | model | guess | Gaussians in the stream | bytes | room, dB |\n|---|---|---:|---:|---:|\n",
+        gsvx::DEFAULT_QUALITY
+    );
+    text += &far_parts()?;
+    print!("{text}");
+    page::write(out, &text, None)
+}
+
+/// The plainer guess, which depends on the scale of each part of a scene.
+fn opacity_and_size(scene: &Scene) -> Vec<f32> {
+    let of = |(&logit, ls): (&f32, &[f32; 3])| {
+        let thin = ls.iter().copied().fold(f32::INFINITY, f32::min);
+        let log_area = f64::from(ls[0] + ls[1] + ls[2] - thin);
+        (libm::exp(0.5 * log_area) / (1.0 + libm::exp(-f64::from(logit)))) as f32
+    };
+    scene.opacity_logits.iter().zip(&scene.log_scales).map(of).collect()
+}
+
+/// The codec with importances from one source.
+struct With {
+    importance: Vec<f32>,
+    seen: Seen,
+}
+
+impl Codec for With {
+    fn name(&self) -> String {
+        format!("{:?}", self.seen)
+    }
+
+    fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
+        let mut options = EncodeOptions::from_quality(quality)?;
+        options.importance = Some(self.importance.clone());
+        let strategy = |found: &[f32], _| gsvx::default_strategy(quality, found, self.seen);
+        Ok(gsvx::encode_with(&scene.model, strategy, None, &options)?.bytes)
+    }
+
+    fn decode(&self, stream: &[u8]) -> Result<Scene> {
+        Ok(gsvx::decode(stream)?)
+    }
+}
+
+/// One row: the curves of a scene, against that of opacity and size.
+fn beside_cameras(name: &str) -> Result<String> {
+    let scene = TestScene::open(name, usize::MAX)?;
+    let curve = |importance: Vec<f32>, seen| -> Result<Curve> {
+        codec::curve(&With { importance, seen }, &scene, &QUALITIES)
+    };
+    let plainer = curve(opacity_and_size(&scene.model), Seen::Guessed)?.rates();
+    let seen = finetune::saliency_per_view(&scene.model, &scene.training).squared;
+    let kept = gsvx::importance::with_unseen(&scene.model, &seen);
+    let guessed = gsvx::importance::without_cameras(&scene.model);
+    let mut row = format!("| {name} |");
+    for (importance, seen) in
+        [(guessed, Seen::Guessed), (kept, Seen::ByCameras), (seen, Seen::ByCamerasOnly)]
+    {
+        let rate = curve(importance, seen)?.bd_rate(&plainer);
+        write!(row, " {:+.1} % |", rate.context("the curves share no range of PSNR")?)?;
+    }
+    Ok(row + "\n")
+}
+
+/// The rows of the room alone, with skies, and with copies of itself far away.
+fn far_parts() -> Result<String> {
+    let room = TestScene::open(scenes::DEFAULT, usize::MAX)?;
+    let cameras: Vec<Camera> = room.held_out.iter().map(|v| v.camera.clone()).collect();
+    let mut models = vec![("alone".to_owned(), room.model.clone())];
+    for radius in [30.0, 100.0, 1000.0] {
+        let mut model = room.model.clone();
+        model.append(&sky(radius, room.model.len() / 3, room.model.sh_degree));
+        models.push((format!("a sky, {radius} units away"), model));
+    }
+    for distance in [1e5f32, 3e6] {
+        let mut copy = room.model.clone();
+        copy.means.iter_mut().for_each(|p| p[0] += distance);
+        let mut model = room.model.clone();
+        model.append(&copy);
+        models.push((format!("a copy, {distance:.0e} units away"), model));
+    }
+    let mut rows = String::new();
+    for (what, model) in &models {
+        for (guess, importance) in
+            [("opacity and size", Some(opacity_and_size(model))), ("the encoder's", None)]
+        {
+            let mut options = EncodeOptions::default();
+            if let Some(importance) = importance {
+                options.importance = Some(importance);
+            }
+            let encoded = guessed(model, &options)?;
+            let decoded = gsvx::decode(&encoded.bytes)?;
+            let (count, bytes) = (encoded.index.header.count, encoded.bytes.len());
+            let db = db(&decoded, model, &cameras);
+            writeln!(rows, "| {what} | {guess} | {count} | {bytes} | {db:.2} |")?;
+        }
+    }
+    Ok(rows)
+}
+
+/// Encodes as [`gsvx::encode`] does without cameras, also where importances are given.
+fn guessed(model: &Scene, options: &EncodeOptions) -> Result<gsvx::Encoded> {
+    let quality = options.quality;
+    let Some(importance) = &options.importance else { return Ok(gsvx::encode(model, options)?) };
+    let strategy = |found: &[f32], _| gsvx::default_strategy(quality, found, Seen::Guessed);
+    let Some(split) = gsvx::split_outliers(model)? else {
+        return Ok(gsvx::encode_with(model, strategy, None, options)?);
+    };
+    let inside = split.inside.iter().map(|&i| importance[i]).collect();
+    let mut options = options.clone();
+    options.importance = Some(inside);
+    let (inside, outliers) = (model.select(&split.inside), model.select(&split.outliers));
+    Ok(gsvx::encode_with(&inside, strategy, Some(&outliers), &options)?)
+}
+
+/// Mean PSNR between the renders of two scenes, dB.
+fn db(scene: &Scene, reference: &Scene, cameras: &[Camera]) -> f64 {
+    let options = RenderOptions::default();
+    let of =
+        |c: &Camera| metrics::psnr(&render(scene, c, &options), &render(reference, c, &options));
+    cameras.iter().map(of).sum::<f64>() / cameras.len() as f64
+}
+
+/// Large Gaussians on a sphere, of two colours. Each covers twice its share of the sphere.
+fn sky(radius: f32, n: usize, sh_degree: u8) -> Scene {
+    let mut rng = Rng::seeded(21);
+    let mut scene = Scene { sh_degree, ..Scene::default() };
+    let log_scale = libm::logf(radius * (4.0 / n as f32).sqrt());
+    while scene.len() < n {
+        let p: [f32; 3] = std::array::from_fn(|_| rng.signed());
+        let length = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
+        if !(0.1..1.0).contains(&length) {
+            continue;
+        }
+        scene.means.push(p.map(|x| x * radius / length));
+        scene.rotations.push([1.0, 0.0, 0.0, 0.0]);
+        scene.log_scales.push([log_scale; 3]);
+        scene.opacity_logits.push(2.0);
+        let light = if rng.unit() < 0.5 { 0.2 } else { 0.9 };
+        scene.sh.push([0.3 * light, 0.6 * light, light]);
+        scene.sh.extend(std::iter::repeat_n([0.0; 3], scene.sh_len() - 1));
+    }
+    scene
+}

@@ -1,0 +1,164 @@
+//! Does a greater quality ever look worse? Streams of many qualities with cameras, whose renders at held-out
+//! views are compared with renders of the input.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use finetune::{Image, RenderOptions, metrics, render};
+use gs_model::Scene;
+use gsvx::EncodeOptions;
+
+use crate::chart::{Axis, Chart, Kind, Series};
+use crate::page;
+use crate::progress::Bar;
+use crate::scenes::TestScene;
+
+/// Held-out views that are rendered.
+const VIEWS: usize = 4;
+
+/// Qualities from 5 to 100 in steps of one half.
+#[must_use]
+pub fn all_qualities() -> Vec<f32> {
+    (10..=200).map(|q| 0.5 * q as f32).collect()
+}
+
+/// PSNR at each quality.
+pub struct Sweep {
+    /// What was asked for, ascending.
+    pub qualities: Vec<f32>,
+    /// PSNR against renders of the input, dB: for each quality, that of each view.
+    pub views: Vec<Vec<f64>>,
+}
+
+/// By how much a quality lies below a lower one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drop {
+    /// The lower quality, which looks better.
+    pub from: f32,
+    /// The greater quality, which looks worse.
+    pub to: f32,
+    /// The difference, dB; 0 if no quality lies below a lower one.
+    pub db: f64,
+}
+
+impl Sweep {
+    /// Encodes, decodes and renders a scene at each quality, which must ascend. Importances come from the
+    /// training cameras, and nothing is left out, as the command does with `--cameras`.
+    ///
+    /// # Errors
+    /// If the scene cannot be read or coded.
+    pub fn of(name: &str, qualities: &[f32]) -> Result<Self> {
+        let scene = TestScene::open(name, VIEWS)?;
+        let settings = RenderOptions::default();
+        let seen = finetune::saliency_per_view(&scene.model, &scene.training).squared;
+        let draw = |model: &Scene| -> Vec<Image> {
+            scene.held_out.iter().map(|v| render(model, &v.camera, &settings)).collect()
+        };
+        let references = draw(&scene.model);
+        let mut views = Vec::with_capacity(qualities.len());
+        let bar = Bar::new(&format!("qualities of {name}"), qualities.len() as u64);
+        for &quality in qualities {
+            let mut options = EncodeOptions::from_quality(quality)?;
+            options.importance = Some(seen.clone());
+            let decoded = gsvx::decode(&gsvx::encode(&scene.model, &options)?.bytes)?;
+            let renders = draw(&decoded);
+            let pairs = renders.iter().zip(&references);
+            views.push(pairs.map(|(a, b)| metrics::psnr(a, b)).collect());
+            bar.step(1);
+        }
+        bar.done();
+        Ok(Self { qualities: qualities.to_vec(), views })
+    }
+
+    /// Mean PSNR over the views at each quality.
+    #[must_use]
+    pub fn means(&self) -> Vec<f64> {
+        self.views.iter().map(|v| v.iter().sum::<f64>() / v.len() as f64).collect()
+    }
+
+    /// The largest drop of the mean over the views.
+    #[must_use]
+    pub fn of_mean(&self) -> Drop {
+        largest(&self.qualities, &self.means())
+    }
+
+    /// The largest drop of a single view.
+    #[must_use]
+    pub fn of_worst_view(&self) -> Drop {
+        let count = self.views.first().map_or(0, Vec::len);
+        let of = |view: usize| {
+            let curve: Vec<f64> = self.views.iter().map(|v| v[view]).collect();
+            largest(&self.qualities, &curve)
+        };
+        let none = Drop { from: 0.0, to: 0.0, db: 0.0 };
+        (0..count).map(of).fold(none, |a, b| if b.db > a.db { b } else { a })
+    }
+}
+
+/// The largest amount by which a value lies below an earlier one.
+fn largest(qualities: &[f32], psnr: &[f64]) -> Drop {
+    let mut best = 0;
+    let mut worst = Drop { from: 0.0, to: 0.0, db: 0.0 };
+    for (i, &db) in psnr.iter().enumerate() {
+        if db > psnr[best] {
+            best = i;
+        } else if psnr[best] - db > worst.db {
+            worst = Drop { from: qualities[best], to: qualities[i], db: psnr[best] - db };
+        }
+    }
+    worst
+}
+
+/// Sweeps every scene over all qualities, prints the drops and writes the page at `out`.
+pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
+    let qualities = all_qualities();
+    let mut text = format!(
+        "# Does a greater quality ever look worse?\n\n\
+         `cargo xtask bench-gsvx --sweep {}`: qualities 5 to 100 in steps of 0.5, importances from the training \
+         cameras, nothing left out. PSNR is that of held-out views (at most {VIEWS}) against renders of the \
+         input. A drop is the amount by which a quality lies below a lower one.\n\n\
+         {}\n\n\
+         | scene | largest drop of the mean, dB | from quality | to | up to quality 95, dB | largest drop of a view, dB | from quality | to |\n\
+         |---|---:|---:|---:|---:|---:|---:|---:|\n",
+        names.join(","),
+        page::picture(out, "PSNR over quality"),
+    );
+    let mut series = Vec::new();
+    for name in names {
+        let sweep = Sweep::of(name, &qualities)?;
+        let (mean, view) = (sweep.of_mean(), sweep.of_worst_view());
+        let means = sweep.means();
+        let low = qualities.iter().take_while(|&&q| q <= 95.0).count();
+        let usual = largest(&qualities[..low], &means[..low]);
+        writeln!(
+            text,
+            "| {name} | {:.2} | {} | {} | {:.2} | {:.2} | {} | {} |",
+            mean.db, mean.from, mean.to, usual.db, view.db, view.from, view.to
+        )
+        .context("write a row")?;
+        let points = qualities.iter().map(|&q| f64::from(q)).zip(means).collect();
+        series.push(Series { name: name.clone(), points, kind: Kind::Ours });
+    }
+    let chart = Chart::new(
+        "Quality and PSNR",
+        Axis::linear("quality"),
+        Axis::linear("PSNR against renders of the input, dB"),
+        series,
+        None,
+    );
+    print!("{text}");
+    page::write(out, &text, Some(&chart))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drop_is_measured_from_the_best_before() {
+        let drop = largest(&[1.0, 2.0, 3.0, 4.0], &[30.0, 33.0, 32.5, 32.0]);
+        assert_eq!(drop, Drop { from: 2.0, to: 4.0, db: 1.0 });
+        assert_eq!(largest(&[1.0, 2.0], &[30.0, 31.0]).db, 0.0);
+    }
+}
