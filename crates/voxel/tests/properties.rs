@@ -219,6 +219,27 @@ fn merging_degree_by_degree_is_merging() {
     }
 }
 
+/// The encoder merges a chunk at a time. Each time it looked at the importances of the whole scene, which took a
+/// fifth of the encoding of a million Gaussians.
+#[test]
+fn a_part_was_merged_with_a_look_at_all_importances() {
+    let scene = clustered(40, 4);
+    let whole = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 9 }).unwrap();
+    let part = Voxelization {
+        leaves: whole.leaves[..1].to_vec(),
+        member_offsets: vec![0, 1],
+        members: whole.members[..1].to_vec(),
+        ..whole.clone()
+    };
+    let with_nan_at = |i: u32| {
+        let mut given = vec![1.0; 40];
+        given[i as usize] = f32::NAN;
+        merge_up_to(&scene, &part, Merge::Moments, &Importance::Given(given), 0)
+    };
+    assert_eq!(with_nan_at(whole.members[1]).unwrap().len(), 1);
+    assert!(with_nan_at(whole.members[0]).is_err());
+}
+
 /// Half-open: the extreme mean gets the last index, not one past it.
 #[test]
 fn extreme_means_stay_inside() {
