@@ -30,7 +30,6 @@ mod progress;
 mod render;
 mod report;
 mod size;
-mod trim;
 mod tune;
 mod view;
 mod views;

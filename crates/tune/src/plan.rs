@@ -81,9 +81,12 @@ impl Plan {
     }
 }
 
-/// Quality of the voxelization.
-pub(crate) fn voxel_quality(quality: f32) -> f32 {
-    (quality - VOXEL_QUALITY_BELOW).max(0.0)
+/// The voxelization of a quality, with importances from cameras.
+pub(crate) fn voxel_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<EncodeOptions> {
+    let mut options = EncodeOptions::from_quality((quality - VOXEL_QUALITY_BELOW).max(0.0))?;
+    options.importance = Some(importance);
+    options.drop_unseen = true;
+    Ok(options)
 }
 
 /// The quantisation steps of a quality.

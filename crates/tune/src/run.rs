@@ -11,7 +11,7 @@ use crate::checkpoint::{Reader, Writer, fingerprint};
 use crate::codec_loop::{CodecLoop, FITTED, encode_options};
 use crate::error::{Error, Result};
 use crate::options::{Options, Target};
-use crate::plan::{Plan, quality_for_psnr, voxel_quality};
+use crate::plan::{Plan, quality_for_psnr, voxel_options};
 use crate::progress::{Outcome, Progress, StageName};
 use crate::stage::{self, Stage};
 use crate::steering;
@@ -204,7 +204,7 @@ impl Tune {
 
     fn enter_loop(&mut self, scene: Scene) -> Result<()> {
         self.views.gradients.move_means(false);
-        let mut state = stage::codec_loop(&self.plan, &self.views, scene)?;
+        let mut state = stage::codec_loop(&self.plan, &self.views, &scene)?;
         steering::begin(&mut state, self.options.target)?;
         self.stage = Stage::Loop(Box::new(state));
         Ok(())
@@ -355,22 +355,15 @@ fn plan(scene: &Scene, views: &Views, options: &Options, input_psnr: f64) -> Res
         Target::Bytes(bytes) => {
             let importance = views.importance(scene);
             let probe = |quality: f32| probe(scene, &importance, quality, options);
-            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe);
-            found.map_err(|e| too_small(e, bytes))?.quality
+            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe)?;
+            if !found.reached {
+                let smallest = (found.encoded.len() as f64 * TUNED_OVER_PROBED) as u64;
+                return Err(Error::TargetTooSmall { target: bytes, smallest });
+            }
+            found.quality
         }
     };
     Plan::new(quality, options.effort)
-}
-
-/// A target that no plan reaches, with the numbers of the caller.
-fn too_small(error: gsvx::Error, target: u64) -> Error {
-    match error {
-        gsvx::Error::TargetTooSmall { smallest, .. } => {
-            let smallest = (smallest as f64 * TUNED_OVER_PROBED) as u64;
-            Error::TargetTooSmall { target, smallest }
-        }
-        other => other.into(),
-    }
 }
 
 /// The stream of a plan without any tuning.
@@ -385,12 +378,9 @@ fn probe(
         _ => gsvx::Error::Option { option: "quality", value: quality.into(), range: "0 to 100" },
     };
     let plan = Plan::new(quality, options.effort).map_err(as_codec)?;
-    let kept = gsvx::prune(importance, plan.fraction)?;
-    let importance: Vec<f32> = kept.iter().map(|&i| importance[i]).collect();
-    let strategy = |found: &[f32], _| {
-        gsvx::default_strategy(voxel_quality(quality), found, gsvx::Seen::ByCamerasOnly)
-    };
-    let prepared = gsvx::prepare(&scene.select(&kept), strategy, Some(&importance))?;
+    let mut choices = voxel_options(quality, importance.to_vec())?;
+    choices.prune = plan.fraction;
+    let prepared = gsvx::prepare(scene, &choices)?;
     let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
     Ok(gsvx::encode_voxels(&prepared.scene, &prepared.voxels, None, &encode)?.bytes)
 }
