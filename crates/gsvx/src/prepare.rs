@@ -34,9 +34,13 @@ const DROP: f64 = 5.0;
 const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
 
-/// Encodes a trained model: leaves out what [`EncodeOptions::prune`] says, codes Gaussians so far away that they
-/// would cost all others precision bit for bit (see [`split_outliers`]), voxelizes and merges all others as the
-/// quality asks. With [`EncodeOptions::max_error`] nothing is merged.
+/// Encodes a trained model, in three steps:
+///
+/// 1. It leaves out what [`EncodeOptions::prune`] says.
+/// 2. It codes outliers bit for bit. These are Gaussians so far away that the octree of 21 levels would be too
+///    coarse for all others. Most scenes have none.
+/// 3. It voxelizes, merges and codes all others as the quality asks. With [`EncodeOptions::max_error`] it merges
+///    nothing.
 ///
 /// # Errors
 /// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances or the
