@@ -27,6 +27,7 @@ mod pictures;
 mod positional;
 mod preset;
 mod progress;
+mod region;
 mod render;
 mod report;
 mod size;
