@@ -7,7 +7,7 @@ use std::process::Command;
 
 use common::shared;
 use gs_model::model::{self, Format};
-use gs_model::{ReadOptions, SH_C0, Scene, gltf, ply, sog};
+use gs_model::{ReadOptions, SH_C0, Scene, ply};
 
 fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../fixtures").join(name)
@@ -124,7 +124,7 @@ fn a_sog_is_the_same_in_a_folder_and_in_an_archive() {
     let path = fixture("formats/small.sog");
     let file = std::fs::File::open(&path).unwrap();
     zip::ZipArchive::new(file).unwrap().extract(dir.path()).unwrap();
-    let (bundled, _) = sog::read(path, &ReadOptions::default()).unwrap();
+    let (bundled, _) = model::read(path, &ReadOptions::default()).unwrap();
     let (unbundled, report) =
         model::read(dir.path().join("meta.json"), &ReadOptions::default()).unwrap();
     assert_eq!(report.format, Format::Sog);
@@ -146,7 +146,7 @@ fn a_compressed_ply_comes_back_within_its_steps() {
         assert_eq!((report.format, back.len()), (Format::CompressedPly, n));
         let mut again = Vec::new();
         ply::compressed::write_to(&mut again, &back).unwrap();
-        let (back_again, _) = ply::compressed::read_bytes(&again, &ReadOptions::default()).unwrap();
+        let (back_again, _) = model::read_named("a.ply", &again, &ReadOptions::default()).unwrap();
         assert_eq!((back_again.len(), back_again.sh_degree), (n, degree));
         if n > 0 {
             // Half steps of a chunk that spans everything: 0..8, -15..5, colours of 2 x 2 x 0.28.
@@ -200,7 +200,7 @@ fn splat_transform_reads_the_same_values() {
         // It reads no glTF, so what it writes is compared with what it was given.
         let file = to(&format!("{name}.glb"));
         convert(&tool, &floats, &file);
-        let (back, _) = gltf::read(&file, &ReadOptions::default()).unwrap();
+        let (back, _) = model::read(&file, &ReadOptions::default()).unwrap();
         let bounds = [1e-6, 1e-6, 2e-5, 1e-6, 0.0, 0.0];
         assert_within(&format!("{name}.glb"), scene, &back, bounds);
     }
