@@ -50,6 +50,58 @@ pub fn splat(data: &[u8]) -> bool {
     true
 }
 
+/// A reader of models that takes bytes.
+type Read = fn(&[u8], &ReadOptions) -> gs_model::Result<(Scene, gs_model::model::Report)>;
+
+/// Options, then the file.
+fn model(data: &[u8], read: Read) -> bool {
+    let (byte, file) = choice(data);
+    let Ok((scene, _)) = read(file, &options(byte)) else { return false };
+    check_model(&scene);
+    true
+}
+
+/// `compressed.ply`: options, then the file.
+pub fn compressed_ply(data: &[u8]) -> bool {
+    model(data, ply::compressed::read_bytes)
+}
+
+/// `.glb`: options, then the file.
+pub fn glb(data: &[u8]) -> bool {
+    model(data, gs_model::gltf::read_bytes)
+}
+
+/// SOG: options, then the file; with bit 2, the lengths of `meta.json` and of the image `a`, both, and the
+/// image `b`, which are packed here. Checksums of zip would let no change through.
+pub fn sog(data: &[u8]) -> bool {
+    let (byte, rest) = choice(data);
+    if byte & 4 == 0 {
+        return model(data, gs_model::sog::read_bytes);
+    }
+    let (json, rest) = number(rest);
+    let (json, rest) = rest.split_at(json.min(rest.len()));
+    let (a, rest) = number(rest);
+    let (a, b) = rest.split_at(a.min(rest.len()));
+    let file = crate::zip::zip(&[("meta.json", json), ("a", a), ("b", b)]);
+    model(&[&[byte], &file[..]].concat(), gs_model::sog::read_bytes)
+}
+
+/// `.ksplat`: options, then the numbers of the header and of the first section's header, four bytes
+/// each, then what follows the headers. They are mostly zeros, which would take the room of an input.
+pub fn ksplat(data: &[u8]) -> bool {
+    let (byte, data) = choice(data);
+    let Some((heads, body)) = data.split_at_checked(KSPLAT_HEADS) else { return false };
+    let (file, section) = heads.split_at(44);
+    let mut whole = vec![0; 4096 + 1024];
+    whole[..44].copy_from_slice(file);
+    whole[4096..4096 + 44].copy_from_slice(section);
+    whole.extend(body);
+    model(&[&[byte], &whole[..]].concat(), gs_model::ksplat::read_bytes)
+}
+
+/// Bytes of the two headers of a `.ksplat` that have a meaning.
+pub(crate) const KSPLAT_HEADS: usize = 88;
+
 /// COLMAP: form and file, then a points file, or the length of a cameras file, that file, and an
 /// images file.
 pub fn colmap(data: &[u8]) -> bool {
