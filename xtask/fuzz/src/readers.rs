@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use gs_model::model::{self, Kind};
 use gs_model::ply::{self, Invalid};
 use gs_model::{ReadOptions, Scene, colmap as sfm, inria, nerf};
 
@@ -33,42 +34,41 @@ pub fn ply(data: &[u8]) -> bool {
     true
 }
 
+/// Reads a file with the options of a byte.
+fn read(kind: Kind, byte: u8, file: &[u8]) -> bool {
+    let Ok((scene, _)) = model::read_as(kind, "<bytes>", file, &options(byte)) else {
+        return false;
+    };
+    check_model(&scene);
+    true
+}
+
+/// Options, then the file.
+fn whole(kind: Kind, data: &[u8]) -> bool {
+    let (byte, file) = choice(data);
+    read(kind, byte, file)
+}
+
 /// SPZ: options, then the file; with bit 2, what is inside the gzip file instead.
 pub fn spz(data: &[u8]) -> bool {
     let (byte, file) = choice(data);
     let zipped = if byte & 4 != 0 { &gzip::gzip(file) } else { file };
-    let Ok((scene, _)) = gs_model::spz::read_bytes(zipped, &options(byte)) else { return false };
-    check_model(&scene);
-    true
+    read(Kind::Spz, byte, zipped)
 }
 
 /// `.splat`: options, then the file.
 pub fn splat(data: &[u8]) -> bool {
-    let (byte, file) = choice(data);
-    let Ok((scene, _)) = gs_model::splat::read_bytes(file, &options(byte)) else { return false };
-    check_model(&scene);
-    true
-}
-
-/// A reader of models that takes bytes.
-type Read = fn(&[u8], &ReadOptions) -> gs_model::Result<(Scene, gs_model::model::Report)>;
-
-/// Options, then the file.
-fn model(data: &[u8], read: Read) -> bool {
-    let (byte, file) = choice(data);
-    let Ok((scene, _)) = read(file, &options(byte)) else { return false };
-    check_model(&scene);
-    true
+    whole(Kind::Splat, data)
 }
 
 /// `compressed.ply`: options, then the file.
 pub fn compressed_ply(data: &[u8]) -> bool {
-    model(data, ply::compressed::read_bytes)
+    whole(Kind::Ply, data)
 }
 
 /// `.glb`: options, then the file.
 pub fn glb(data: &[u8]) -> bool {
-    model(data, gs_model::gltf::read_bytes)
+    whole(Kind::Gltf, data)
 }
 
 /// SOG: options, then the file; with bit 2, the lengths of `meta.json` and of the image `a`, both, and the
@@ -76,14 +76,14 @@ pub fn glb(data: &[u8]) -> bool {
 pub fn sog(data: &[u8]) -> bool {
     let (byte, rest) = choice(data);
     if byte & 4 == 0 {
-        return model(data, gs_model::sog::read_bytes);
+        return whole(Kind::Sog, data);
     }
     let (json, rest) = number(rest);
     let (json, rest) = rest.split_at(json.min(rest.len()));
     let (a, rest) = number(rest);
     let (a, b) = rest.split_at(a.min(rest.len()));
     let file = crate::zip::zip(&[("meta.json", json), ("a", a), ("b", b)]);
-    model(&[&[byte], &file[..]].concat(), gs_model::sog::read_bytes)
+    read(Kind::Sog, byte, &file)
 }
 
 /// `.ksplat`: options, then the numbers of the header and of the first section's header, four bytes
@@ -96,7 +96,7 @@ pub fn ksplat(data: &[u8]) -> bool {
     whole[..44].copy_from_slice(file);
     whole[4096..4096 + 44].copy_from_slice(section);
     whole.extend(body);
-    model(&[&[byte], &whole[..]].concat(), gs_model::ksplat::read_bytes)
+    read(Kind::Ksplat, byte, &whole)
 }
 
 /// Bytes of the two headers of a `.ksplat` that have a meaning.

@@ -179,7 +179,7 @@ const ROTATIONS: [u8; 52] = [
     23, 32, 16, 72, 113, 0, 131, 44, 22, 76, 118, 230, 111, 148, 217, 100, 204, 127, 192, 95, 96,
     12, 34, 250, 31, 1, 0,
 ];
-/// A lossless WebP image of 192 x 1 pixels, written by splat-transform for a palette of degree 1.
+/// A lossless WebP image of 960 x 1 pixels, written by splat-transform for a palette of degree 3.
 const PALETTE: [u8; 128] = [
     82, 73, 70, 70, 120, 0, 0, 0, 87, 69, 66, 80, 86, 80, 56, 76, 107, 0, 0, 0, 47, 191, 3, 0, 16,
     181, 184, 13, 0, 128, 108, 98, 78, 118, 38, 219, 118, 82, 247, 255, 207, 124, 10, 131, 0, 0,
@@ -193,7 +193,7 @@ fn sog() -> Vec<Vec<u8>> {
     let numbers = vec!["0.5"; 256].join(",");
     let meta = |count: usize, numbers: &str, palette: bool| {
         let sh =
-            format!(r#","shN":{{"count":9,"bands":1,"codebook":[{numbers}],"files":["b","a"]}}"#);
+            format!(r#","shN":{{"count":9,"bands":3,"codebook":[{numbers}],"files":["b","a"]}}"#);
         let sh = if palette { &sh[..] } else { "" };
         format!(
             r#"{{"version":2,"count":{count},"means":{{"mins":[0,-1,0],"maxs":[1,1,2],"files":["a","a"]}},
