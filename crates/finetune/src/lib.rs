@@ -85,6 +85,7 @@ pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use sensitivity::covariance_sensitivity;
+pub use stages::removal::removal_effects;
 pub use train::{FineTune, FineTuneOptions, Outcome, Progress, StopReason, TrainView};
 pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};
 

@@ -28,13 +28,13 @@ pub(crate) fn round(
     input: usize,
     round: u64,
 ) -> Result<Stage> {
-    let importance = views.importance(&scene);
-    if importance.iter().all(|&v| v <= 0.0) {
+    let effects = views.removal_effects(&scene);
+    if effects.iter().all(|&v| v <= 0.0) {
         return Err(Error::NothingSeen);
     }
     let kept = plan.kept(input, round).min(scene.len());
     let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
-    let kept = gsvx::prune(&importance, fraction.clamp(0.0, 0.999_999))?;
+    let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
     let scene = scene.select(&kept);
     let recovery = Recovery::new(scene, extent(&views.cameras), plan.round_steps);
     Ok(Stage::Round { round, recovery: Box::new(recovery) })
