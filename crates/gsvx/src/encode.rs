@@ -270,7 +270,7 @@ pub(crate) fn encode_source(
         let classes = if options.uniform_precision {
             vec![f32::from(importance::MEAN_CLASS); importance.len()]
         } else {
-            importance::log_classes(&importance)
+            importance::log_classes(&importance, options.steps.covariance)
         };
         jobs.push((level, classes));
     }
