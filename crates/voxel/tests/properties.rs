@@ -266,7 +266,7 @@ fn a_merged_gaussian_was_more_opaque_than_its_members_on_top_of_each_other() {
     let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 0 }).unwrap();
     let seen = Importance::Given(vec![1.0, 1e-8]);
     let merged = merge_weighted(&scene, &v, Merge::Moments, &seen).unwrap();
-    let clear = |logit: f32| 1.0 / (1.0 + logit.exp());
+    let clear = |logit: f32| 1.0 / (1.0 + libm::expf(logit));
     let stacked = 1.0 - clear(-3.0) * clear(-2.0);
     let opacity = 1.0 - clear(merged.opacity_logits[0]);
     assert!(opacity < 1.001 * stacked, "{opacity}, stacked {stacked}");
