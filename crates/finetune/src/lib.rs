@@ -76,7 +76,7 @@ mod train;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{PhotoMatch, photo_match, seen_opacity_share};
+pub use camera_check::{PhotoMatch, References, Seen, photo_match, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 pub use gradients::{Gradients, gradients};

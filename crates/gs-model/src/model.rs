@@ -9,24 +9,66 @@ pub use crate::report::{Format, Report};
 use crate::scene::Scene;
 use crate::{fs, gltf, ksplat, ply, splat, spz};
 
-/// Reads a model, whose first bytes say what it is: PLY (also PlayCanvas' `compressed.ply`), SPZ (gzip or
-/// `NGSP`), glTF (`glTF`), SOG (a zip archive, or the `meta.json` of an unbundled one). `.splat` and
-/// `.ksplat` have no such mark: their name has to end so.
+/// The kinds of files that are told apart before they are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Kind {
+    /// PLY, also PlayCanvas' `compressed.ply`.
+    Ply,
+    /// SPZ.
+    Spz,
+    /// glTF in one file.
+    Gltf,
+    /// SOG in one file. It is read where the feature `sog` is on.
+    Sog,
+    /// `.splat`.
+    Splat,
+    /// `.ksplat`.
+    Ksplat,
+}
+
+impl Kind {
+    /// What a file is by its first bytes: `ply`; gzip's mark or `NGSP` of SPZ; `glTF`; a zip archive of
+    /// SOG. `.splat` and `.ksplat` have no such mark: their name has to end so. Anything else is
+    /// taken for PLY, whose reader says that it is none.
+    #[must_use]
+    pub fn of(name: &Path, bytes: &[u8]) -> Self {
+        if has_extension(name, "splat") {
+            Self::Splat
+        } else if has_extension(name, "ksplat") {
+            Self::Ksplat
+        } else if bytes.starts_with(&[0x1f, 0x8b]) || bytes.starts_with(b"NGSP") {
+            Self::Spz
+        } else if bytes.starts_with(b"glTF") || has_extension(name, "gltf") {
+            Self::Gltf
+        } else if bytes.starts_with(b"PK") {
+            Self::Sog
+        } else {
+            Self::Ply
+        }
+    }
+}
+
+/// Reads a model of the kind that its first bytes or its name say ([`Kind::of`]), or a SOG from its
+/// `meta.json` and the images beside it.
 ///
 /// # Errors
-/// Those of [`ply::read_with`] and of the other readers.
+/// Those of [`ply::read_with`]; [`Error::Malformed`], [`Error::SplatLength`] or an `Spz*` error of the other
+/// formats; [`Error::InvalidGaussian`] as the options say.
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
     if !has_no_mark(path) && starts_like_ply(path)? {
         return match ply::read_with(path, options) {
             Ok((scene, report)) => Ok((scene, of_ply(report))),
-            Err(Error::PlyCompressed { .. }) => ply::compressed::read(path, options),
+            Err(Error::PlyCompressed { .. }) => {
+                ply::compressed::decode(path, &fs::read(path)?, options)
+            }
             Err(error) => Err(error),
         };
     }
     #[cfg(feature = "sog")]
     if has_extension(path, "json") {
-        return crate::sog::read(path, options);
+        return crate::sog::decode_beside(path, &fs::read(path)?, options);
     }
     read_named(path, &fs::read(path)?, options)
 }
@@ -73,28 +115,34 @@ pub fn read_named(
     bytes: &[u8],
     options: &ReadOptions,
 ) -> Result<(Scene, Report)> {
-    let path = name.as_ref();
-    if has_extension(path, "splat") {
-        return splat::decode(path, bytes, options);
-    }
-    if has_extension(path, "ksplat") {
-        return ksplat::decode(path, bytes, options);
-    }
-    if bytes.starts_with(&[0x1f, 0x8b]) || bytes.starts_with(b"NGSP") {
-        return spz::decode(path, bytes, options);
-    }
-    if bytes.starts_with(b"glTF") || has_extension(path, "gltf") {
-        return gltf::decode(path, bytes, options);
-    }
-    if bytes.starts_with(b"PK") {
+    let name = name.as_ref();
+    read_as(Kind::of(name, bytes), name, bytes, options)
+}
+
+/// Reads a model of a known kind from bytes. `name` is the file in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_as(
+    kind: Kind,
+    name: impl AsRef<Path>,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<(Scene, Report)> {
+    let name = name.as_ref();
+    match kind {
+        Kind::Splat => splat::decode(name, bytes, options),
+        Kind::Ksplat => ksplat::decode(name, bytes, options),
+        Kind::Spz => spz::decode(name, bytes, options),
+        Kind::Gltf => gltf::decode(name, bytes, options),
         #[cfg(feature = "sog")]
-        return crate::sog::decode(path, bytes, options);
+        Kind::Sog => crate::sog::decode(name, bytes, options),
         #[cfg(not(feature = "sog"))]
-        return Err(Error::malformed(path, "SOG", "the file", "is not read by this build"));
-    }
-    match ply::read_named(path, bytes, options) {
-        Ok((scene, report)) => Ok((scene, of_ply(report))),
-        Err(Error::PlyCompressed { .. }) => ply::compressed::decode(path, bytes, options),
-        Err(error) => Err(error),
+        Kind::Sog => Err(Error::malformed(name, "SOG", "the file", "is not read by this build")),
+        Kind::Ply => match ply::read_named(name, bytes, options) {
+            Ok((scene, report)) => Ok((scene, of_ply(report))),
+            Err(Error::PlyCompressed { .. }) => ply::compressed::decode(name, bytes, options),
+            Err(error) => Err(error),
+        },
     }
 }

@@ -27,24 +27,6 @@ pub(crate) fn opacity_logit(byte: u8) -> f32 {
     libm::log(opacity / (1.0 - opacity)) as f32
 }
 
-/// Reads a `.splat` file.
-///
-/// # Errors
-/// [`Error::Io`], [`Error::SplatLength`]; [`Error::InvalidGaussian`] as the options say: the
-/// means and scales in such a file can be anything.
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    let path = path.as_ref();
-    decode(path, &fs::read(path)?, options)
-}
-
-/// Reads a `.splat` file from its bytes.
-///
-/// # Errors
-/// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    decode(Path::new("<bytes>"), bytes, options)
-}
-
 pub(crate) fn decode(
     file: &Path,
     bytes: &[u8],

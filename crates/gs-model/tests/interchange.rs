@@ -7,7 +7,7 @@ use std::process::Command;
 
 use common::shared;
 use gs_model::model::{self, Format};
-use gs_model::{ReadOptions, SH_C0, Scene, gltf, ply, sog};
+use gs_model::{ReadOptions, SH_C0, Scene, ply, splat, spz};
 
 fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../fixtures").join(name)
@@ -119,12 +119,23 @@ fn files_of_other_tools_hold_the_model_that_was_written() {
 }
 
 #[test]
+fn a_ksplat_of_floats_holds_the_model_that_was_written() {
+    let (room, _) = ply::read(fixture("room/point_cloud.ply")).unwrap();
+    let mut tiny = room.select(&(0..60).map(|i| 180 * i).collect::<Vec<_>>());
+    tiny.cut_sh(2);
+    let (read, _) = model::read(fixture("formats/tiny.0.ksplat"), &ReadOptions::default()).unwrap();
+    // Colours and opacities are bytes, rounded down.
+    let paired = paired(&tiny, &read);
+    assert_within("tiny.0.ksplat", &paired, &read, [0.0, 1e-6, 1e-6, 3.93e-3, 3.93e-3, 0.0]);
+}
+
+#[test]
 fn a_sog_is_the_same_in_a_folder_and_in_an_archive() {
     let dir = tempfile::tempdir().unwrap();
     let path = fixture("formats/small.sog");
     let file = std::fs::File::open(&path).unwrap();
     zip::ZipArchive::new(file).unwrap().extract(dir.path()).unwrap();
-    let (bundled, _) = sog::read(path, &ReadOptions::default()).unwrap();
+    let (bundled, _) = model::read(path, &ReadOptions::default()).unwrap();
     let (unbundled, report) =
         model::read(dir.path().join("meta.json"), &ReadOptions::default()).unwrap();
     assert_eq!(report.format, Format::Sog);
@@ -146,7 +157,7 @@ fn a_compressed_ply_comes_back_within_its_steps() {
         assert_eq!((report.format, back.len()), (Format::CompressedPly, n));
         let mut again = Vec::new();
         ply::compressed::write_to(&mut again, &back).unwrap();
-        let (back_again, _) = ply::compressed::read_bytes(&again, &ReadOptions::default()).unwrap();
+        let (back_again, _) = model::read_named("a.ply", &again, &ReadOptions::default()).unwrap();
         assert_eq!((back_again.len(), back_again.sh_degree), (n, degree));
         if n > 0 {
             // Half steps of a chunk that spans everything: 0..8, -15..5, colours of 2 x 2 x 0.28.
@@ -168,53 +179,86 @@ fn splat_transform() -> Option<PathBuf> {
 }
 
 fn convert(tool: &Path, from: &Path, to: &Path) {
+    convert_with(tool, from, &[], to);
+}
+
+/// `actions` are done between reading and writing.
+fn convert_with(tool: &Path, from: &Path, actions: &[&str], to: &Path) {
     let mut command = Command::new(tool);
-    command.args(["--quiet", "--overwrite", "--gpu", "cpu"]).arg(from).arg(to);
+    command.args(["--quiet", "--overwrite", "--gpu", "cpu"]).arg(from).args(actions).arg(to);
     let out = command.output().unwrap();
     assert!(out.status.success(), "{from:?}: {}", String::from_utf8_lossy(&out.stderr));
+}
+
+/// What splat-transform makes of a PLY, a part of whose SH degrees it may leave out.
+fn written(tool: &Path, dir: &Path, name: &str, scene: &Scene, sh_degree: u8) -> Vec<PathBuf> {
+    let floats = dir.join(format!("{name}.ply"));
+    let mut cut = scene.clone();
+    cut.cut_sh(sh_degree);
+    ply::write(&floats, &cut).unwrap();
+    let files = ["compressed.ply", "sog", "spz", "glb"].map(|e| dir.join(format!("{name}.{e}")));
+    for file in &files {
+        convert(tool, &floats, file);
+    }
+    // It reads no glTF, so what it writes is compared with what it was given.
+    let (back, _) = model::read(&files[3], &ReadOptions::default()).unwrap();
+    assert_within(&format!("{name}.glb"), &cut, &back, [1e-6, 1e-6, 2e-5, 1e-6, 0.0, 0.0]);
+    let ours = ["compressed.ply", "spz", "splat"].map(|e| dir.join(format!("{name}.ours.{e}")));
+    ply::compressed::write(&ours[0], &cut).unwrap();
+    spz::write(&ours[1], &cut, &spz::WriteOptions::default()).unwrap();
+    splat::write(&ours[2], &cut).unwrap();
+    files.into_iter().take(3).chain(ours).collect()
+}
+
+/// The same file, read here and by splat-transform.
+fn assert_read_alike(tool: &Path, file: &Path, dir: &Path) {
+    let theirs = dir.join("theirs.ply");
+    // It leaves the axes of SPZ as they are. A turn makes them those of PLY files: biker.spz is then the model of
+    // biker.compressed.ply, as it is here.
+    let is_spz = file.extension().is_some_and(|e| e == "spz");
+    let turn: &[&str] = if is_spz { &["--rotate", "180,0,0"] } else { &[] };
+    convert_with(tool, file, turn, &theirs);
+    // It writes opacities of 0 and 1 as infinite logits, where the bytes 0 and 255 stand for a quarter of
+    // a step inside here.
+    let options = ReadOptions { clamp_infinite_opacity: Some(7.0), ..ReadOptions::default() };
+    let (theirs, _) = ply::read_with(theirs, &options).unwrap();
+    let (ours, _) = model::read(file, &ReadOptions::default()).unwrap();
+    // It takes the byte b of a quaternion in a .splat for b / 127.5 - 1, where it is b / 128 - 1.
+    let is_splat = file.extension().is_some_and(|e| e == "splat");
+    let rotations = if is_splat { 3.2e-5 } else { 1e-6 };
+    let bounds = [2e-6, rotations, 2e-6, 1.01e-3, 1e-6, 1e-6];
+    assert_within(&file.display().to_string(), &ours, &theirs, bounds);
 }
 
 #[test]
 fn splat_transform_reads_the_same_values() {
     let Some(tool) = splat_transform() else { return };
     let dir = tempfile::tempdir().unwrap();
-    let to = |name: &str| dir.path().join(name);
     let (room, _) = ply::read(fixture("room/point_cloud.ply")).unwrap();
-    let mut models = vec![("room", room.select(&(0..11_001).step_by(5).collect::<Vec<_>>()))];
+    let room = room.select(&(0..11_001).step_by(5).collect::<Vec<_>>());
+    let mut files = written(&tool, dir.path(), "room", &room, 3);
     if let Some(path) = shared("scenes/fox/point_cloud.ply") {
         let (fox, _) = ply::read(path).unwrap();
-        models.push(("fox", fox.select(&(0..fox.len()).step_by(20).collect::<Vec<_>>())));
-    }
-    let mut files = Vec::new();
-    for (name, scene) in &models {
-        let floats = to(&format!("{name}.ply"));
-        ply::write(&floats, scene).unwrap();
-        for extension in ["compressed.ply", "sog"] {
-            let file = to(&format!("{name}.{extension}"));
-            convert(&tool, &floats, &file);
-            files.push(file);
+        let part = |step: usize| fox.select(&(0..fox.len()).step_by(step).collect::<Vec<_>>());
+        files.extend(written(&tool, dir.path(), "fox", &part(20), 3));
+        // A palette for each number of degrees, and none.
+        for degree in 0..3 {
+            files.extend(written(&tool, dir.path(), &format!("fox{degree}"), &part(100), degree));
         }
-        let ours = to(&format!("{name}.ours.compressed.ply"));
-        ply::compressed::write(&ours, scene).unwrap();
-        files.push(ours);
-        // It reads no glTF, so what it writes is compared with what it was given.
-        let file = to(&format!("{name}.glb"));
-        convert(&tool, &floats, &file);
-        let (back, _) = gltf::read(&file, &ReadOptions::default()).unwrap();
-        let bounds = [1e-6, 1e-6, 2e-5, 1e-6, 0.0, 0.0];
-        assert_within(&format!("{name}.glb"), scene, &back, bounds);
     }
-    files.push(fixture("formats/small.ksplat"));
-    files.extend(shared("models/biker.compressed.ply"));
+    if let Some(biker) = shared("models/biker.compressed.ply") {
+        let sog = dir.path().join("biker.sog");
+        convert(&tool, &biker, &sog);
+        files.extend([biker, sog]);
+    }
+    let ksplats = ["small", "tiny.0", "tiny.1"];
+    files.extend(ksplats.map(|name| fixture(&format!("formats/{name}.ksplat"))));
+    files.extend(
+        ["biker.spz", "flower.spz", "flower.splat"]
+            .iter()
+            .filter_map(|name| shared(&format!("models/{name}"))),
+    );
     for file in files {
-        let theirs = to("theirs.ply");
-        convert(&tool, &file, &theirs);
-        // It writes opacities of 0 and 1 as infinite logits.
-        let options = ReadOptions { clamp_infinite_opacity: Some(7.0), ..ReadOptions::default() };
-        let (theirs, _) = ply::read_with(theirs, &options).unwrap();
-        let (ours, _) = model::read(&file, &ReadOptions::default()).unwrap();
-        // The bytes 0 and 255 stand for a quarter of a step inside here.
-        let bounds = [2e-6, 1e-6, 2e-6, 1.01e-3, 1e-6, 1e-6];
-        assert_within(&file.display().to_string(), &ours, &theirs, bounds);
+        assert_read_alike(&tool, &file, dir.path());
     }
 }

@@ -69,7 +69,7 @@ proptest! {
         let scene = random(n, degree, seed);
         let mut file = Vec::new();
         gltf::write_to(&mut file, &scene).unwrap();
-        let (back, _) = gltf::read_bytes(&file, &ReadOptions::default()).unwrap();
+        let (back, _) = model::read_named("a.glb", &file, &ReadOptions::default()).unwrap();
         prop_assert_eq!(&back.means, &scene.means);
         prop_assert_eq!(&back.sh, &scene.sh);
         prop_assert_eq!(back.sh_degree, degree);

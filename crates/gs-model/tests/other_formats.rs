@@ -341,7 +341,7 @@ fn a_coordinate_beyond_the_range_of_spz_is_named() {
     scene.means[1][2] = -524_287.0;
     let mut file = Vec::new();
     gs_model::spz::write_to(&mut file, &scene, &Default::default()).unwrap();
-    let (back, _) = gs_model::spz::read_bytes(&file, &ReadOptions::default()).unwrap();
+    let (back, _) = model::read_named("a.spz", &file, &ReadOptions::default()).unwrap();
     assert_eq!(back.means[1][2], -524_287.0);
 }
 

@@ -4,6 +4,7 @@ use crate::exit::usage;
 use crate::output::is_stdio;
 use anyhow::Result;
 use clap::ValueEnum;
+use gs_model::model::Kind;
 use gs_model::{Scene, gltf, ply, splat, spz};
 use std::io::Write;
 use std::path::Path;
@@ -25,6 +26,21 @@ pub(crate) enum Source {
     Sog,
     /// Binary glTF with KHR_gaussian_splatting.
     Glb,
+}
+
+impl Source {
+    /// The kind of a model; `None` of a stream.
+    pub(crate) fn kind(self) -> Option<Kind> {
+        Some(match self {
+            Self::Gsvx => return None,
+            Self::Ply => Kind::Ply,
+            Self::Splat => Kind::Splat,
+            Self::Spz => Kind::Spz,
+            Self::Ksplat => Kind::Ksplat,
+            Self::Sog => Kind::Sog,
+            Self::Glb => Kind::Gltf,
+        })
+    }
 }
 
 /// A format of models that is written.

@@ -7,7 +7,7 @@ use crate::output::is_stdio;
 use crate::size;
 use anyhow::{Context, Result, anyhow, bail};
 use gs_model::Scene;
-use gs_model::model::Format;
+use gs_model::model::{self, Format, Kind};
 use gs_model::ply::{self, Invalid, ReadOptions};
 use std::fs::File;
 use std::io::Read;
@@ -65,7 +65,7 @@ impl Loaded {
         Self { scene, bytes, format: format.into(), gaussians_in_file, ply: Some(ply) }
     }
 
-    fn of_model(scene: Scene, bytes: u64, report: gs_model::model::Report) -> Self {
+    fn of_model(scene: Scene, bytes: u64, report: model::Report) -> Self {
         if let Some(ply) = report.ply {
             return Self::of_ply(scene, bytes, ply);
         }
@@ -154,8 +154,7 @@ impl Reading {
     /// A model in a plain file, whose name and content say what it is.
     fn file(&self, path: &Path) -> Result<Loaded> {
         let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
-        let (scene, report) =
-            gs_model::model::read(path, &self.options()).map_err(|e| explain(e, path))?;
+        let (scene, report) = model::read(path, &self.options()).map_err(|e| explain(e, path))?;
         Ok(Loaded::of_model(scene, bytes, report).say_what_was_skipped())
     }
 
@@ -163,24 +162,9 @@ impl Reading {
     fn parse(&self, path: &Path, all: &[u8]) -> Result<Loaded> {
         let (options, bytes) = (self.options(), all.len() as u64);
         let called = if is_stdio(path) { Path::new("standard input") } else { path };
-        let outcome = match self.from {
-            Some(Source::Ply) => match ply::read_bytes_with(all, &options) {
-                Err(gs_model::Error::PlyCompressed { .. }) => {
-                    ply::compressed::read_bytes(all, &options)
-                }
-                read => {
-                    let (scene, report) = read.map_err(|e| explain(e, path))?;
-                    return Ok(Loaded::of_ply(scene, bytes, report).say_what_was_skipped());
-                }
-            },
-            Some(Source::Splat) => gs_model::splat::read_bytes(all, &options),
-            Some(Source::Spz) => gs_model::spz::read_bytes(all, &options),
-            Some(Source::Ksplat) => gs_model::ksplat::read_bytes(all, &options),
-            Some(Source::Sog) => gs_model::sog::read_bytes(all, &options),
-            Some(Source::Glb) => gs_model::gltf::read_bytes(all, &options),
-            Some(Source::Gsvx) | None => gs_model::model::read_named(called, all, &options),
-        };
-        let (scene, report) = outcome.map_err(|e| explain(e, path))?;
+        let kind = self.from.and_then(Source::kind).unwrap_or_else(|| Kind::of(called, all));
+        let (scene, report) =
+            model::read_as(kind, called, all, &options).map_err(|e| explain(e, path))?;
         Ok(Loaded::of_model(scene, bytes, report).say_what_was_skipped())
     }
 }

@@ -7,7 +7,6 @@
 use gsvx::{EncodeOptions, Steps};
 
 use crate::error::{Error, Result};
-use crate::options::Effort;
 
 /// A Gaussian is left out if its removal effect is below this many times that of an error of one DC step
 /// (measured, docs/results/tune.md).
@@ -23,6 +22,18 @@ const VOXEL_QUALITY_BELOW: f32 = 14.0;
 /// Steps over those of a stream without tuning, relative to the other channels.
 const SH_STEP: f32 = 1.3;
 const COVARIANCE_STEP: f32 = 1.4;
+
+/// How long to tune.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Effort {
+    /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on one core.
+    Quick,
+    /// About five minutes for the same.
+    #[default]
+    Normal,
+    /// About half an hour for the same.
+    Long,
+}
 
 /// What a run will do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,9 +92,12 @@ impl Plan {
     }
 }
 
-/// Quality of the voxelization.
-pub(crate) fn voxel_quality(quality: f32) -> f32 {
-    (quality - VOXEL_QUALITY_BELOW).max(0.0)
+/// The voxelization of a quality, with importances from cameras.
+pub(crate) fn voxel_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<EncodeOptions> {
+    let mut options = EncodeOptions::from_quality((quality - VOXEL_QUALITY_BELOW).max(0.0))?;
+    options.importance = Some(importance);
+    options.drop_unseen = true;
+    Ok(options)
 }
 
 /// The quantisation steps of a quality.

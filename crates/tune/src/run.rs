@@ -11,7 +11,7 @@ use crate::checkpoint::{Reader, Writer, fingerprint};
 use crate::codec_loop::{CodecLoop, FITTED, encode_options};
 use crate::error::{Error, Result};
 use crate::options::{Options, Target};
-use crate::plan::{Plan, Spare, quality_for_psnr, voxel_quality};
+use crate::plan::{Plan, Spare, quality_for_psnr, voxel_options};
 use crate::progress::{Outcome, Progress, StageName};
 use crate::stage::{self, Stage};
 use crate::steering;
@@ -204,7 +204,7 @@ impl Tune {
 
     fn enter_loop(&mut self, scene: Scene) -> Result<()> {
         self.views.gradients.move_means(false);
-        let mut state = stage::codec_loop(&self.plan, &self.views, scene)?;
+        let mut state = stage::codec_loop(&self.plan, &self.views, &scene)?;
         steering::begin(&mut state, self.options.target)?;
         self.stage = Stage::Loop(Box::new(state));
         Ok(())
@@ -357,22 +357,15 @@ fn plan(scene: &Scene, views: &Views, options: &Options, input_psnr: f64) -> Res
         Target::Bytes(bytes) => {
             let seen = (effects.as_slice(), importance.as_slice());
             let probe = |quality: f32| probe(scene, seen, &spare, quality, options);
-            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe);
-            found.map_err(|e| too_small(e, bytes))?.quality
+            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe)?;
+            if !found.reached {
+                let smallest = (found.encoded.len() as f64 * TUNED_OVER_PROBED) as u64;
+                return Err(Error::TargetTooSmall { target: bytes, smallest });
+            }
+            found.quality
         }
     };
     Plan::new(quality, options.effort, &spare)
-}
-
-/// A target that no plan reaches, with the numbers of the caller.
-fn too_small(error: gsvx::Error, target: u64) -> Error {
-    match error {
-        gsvx::Error::TargetTooSmall { smallest, .. } => {
-            let smallest = (smallest as f64 * TUNED_OVER_PROBED) as u64;
-            Error::TargetTooSmall { target, smallest }
-        }
-        other => other.into(),
-    }
 }
 
 /// The stream of a plan without any tuning.
@@ -389,11 +382,8 @@ fn probe(
     };
     let plan = Plan::new(quality, options.effort, spare).map_err(as_codec)?;
     let kept = gsvx::prune(effects, plan.fraction)?;
-    let importance: Vec<f32> = kept.iter().map(|&i| importance[i]).collect();
-    let strategy = |found: &[f32], _| {
-        gsvx::default_strategy(voxel_quality(quality), found, gsvx::Seen::ByCamerasOnly)
-    };
-    let prepared = gsvx::prepare(&scene.select(&kept), strategy, Some(&importance))?;
+    let importance = kept.iter().map(|&i| importance[i]).collect();
+    let prepared = gsvx::prepare(&scene.select(&kept), &voxel_options(quality, importance)?)?;
     let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
     Ok(gsvx::encode_voxels(&prepared.scene, &prepared.voxels, None, &encode)?.bytes)
 }

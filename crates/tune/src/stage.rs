@@ -8,7 +8,7 @@ use voxel::{Cube, Voxelization};
 use crate::checkpoint::{Reader, Writer};
 use crate::codec_loop::{CodecLoop, Start, encode_options};
 use crate::error::{Error, Result};
-use crate::plan::{Plan, voxel_quality};
+use crate::plan::{Plan, voxel_options};
 use crate::prune::{Recovery, extent};
 use crate::views::Views;
 
@@ -41,21 +41,9 @@ pub(crate) fn round(
 }
 
 /// Voxelizes and puts the codec into the loop.
-pub(crate) fn codec_loop(plan: &Plan, views: &Views, mut scene: Scene) -> Result<CodecLoop> {
-    let outliers = match gsvx::split_outliers(&scene)? {
-        Some(split) => {
-            let outliers = scene.select(&split.outliers);
-            scene = scene.select(&split.inside);
-            Some(outliers)
-        }
-        None => None,
-    };
-    let importance = views.importance(&scene);
-    let quality = voxel_quality(plan.quality);
-    let only = gsvx::Seen::ByCamerasOnly;
-    let strategy = |found: &[f32], _| gsvx::default_strategy(quality, found, only);
-    let Prepared { scene, voxels, importance } =
-        gsvx::prepare(&scene, strategy, Some(&importance))?;
+pub(crate) fn codec_loop(plan: &Plan, views: &Views, scene: &Scene) -> Result<CodecLoop> {
+    let options = voxel_options(plan.quality, views.importance(scene))?;
+    let Prepared { scene, voxels, importance, outliers } = gsvx::prepare(scene, &options)?;
     if scene.is_empty() {
         return Err(Error::NothingSeen);
     }

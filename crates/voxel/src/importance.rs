@@ -24,23 +24,35 @@ impl Importance {
     /// Checks that there is one entry per Gaussian, each finite and not negative.
     pub(crate) fn validate(&self, scene: &Scene) -> Result<()> {
         let Self::Given(given) = self else { return Ok(()) };
-        if given.len() != scene.len() {
-            let (got, want) = (given.len(), scene.len());
-            return Err(Error::Length { name: "importance", got, want });
-        }
-        let good = |w: f32| (0.0..f32::INFINITY).contains(&w);
+        check_length(given, scene)?;
         let first_bad = |chunk: &[f32]| {
             // This loop has no branch. The search runs only if it found something.
-            let all = chunk.iter().fold(true, |all, &w| all & good(w));
-            if all { None } else { chunk.iter().copied().find(|&w| !good(w)) }
+            let all = chunk.iter().fold(true, |all, &w| all & is_good(w));
+            if all { None } else { chunk.iter().copied().find(|&w| !is_good(w)) }
         };
-        match given.par_chunks(CHUNK).find_map_first(first_bad) {
-            Some(bad) => Err(Error::Parameter {
-                name: "importance",
-                value: f64::from(bad),
-                range: "0 upwards, finite",
-            }),
-            None => Ok(()),
-        }
+        refuse(given.par_chunks(CHUNK).find_map_first(first_bad))
     }
+
+    /// The same of some Gaussians, `members`, which are in the scene.
+    pub(crate) fn check_members(&self, scene: &Scene, members: &[u32]) -> Result<()> {
+        let Self::Given(given) = self else { return Ok(()) };
+        check_length(given, scene)?;
+        let weights = members.par_iter().map(|&m| given[m as usize]);
+        refuse(weights.find_first(|&w| !is_good(w)))
+    }
+}
+
+fn is_good(weight: f32) -> bool {
+    (0.0..f32::INFINITY).contains(&weight)
+}
+
+fn check_length(given: &[f32], scene: &Scene) -> Result<()> {
+    let (got, want) = (given.len(), scene.len());
+    if got == want { Ok(()) } else { Err(Error::Length { name: "importance", got, want }) }
+}
+
+fn refuse(bad: Option<f32>) -> Result<()> {
+    let Some(bad) = bad else { return Ok(()) };
+    let (name, value, range) = ("importance", f64::from(bad), "0 upwards, finite");
+    Err(Error::Parameter { name, value, range })
 }

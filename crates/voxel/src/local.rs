@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::order::MortonOrder;
 
 /// Members of a window whose distances say how compact it is.
-const SAMPLES: usize = 8;
+const SAMPLES: usize = 4;
 
 /// For each Gaussian, the mean of `values` over `width` Gaussians around it. `values` has one finite entry
 /// per Gaussian.

@@ -219,6 +219,27 @@ fn merging_degree_by_degree_is_merging() {
     }
 }
 
+/// The encoder merges a chunk at a time. Each time it looked at the importances of the whole scene, which took a
+/// fifth of the encoding of a million Gaussians.
+#[test]
+fn a_part_was_merged_with_a_look_at_all_importances() {
+    let scene = clustered(40, 4);
+    let whole = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 9 }).unwrap();
+    let part = Voxelization {
+        leaves: whole.leaves[..1].to_vec(),
+        member_offsets: vec![0, 1],
+        members: whole.members[..1].to_vec(),
+        ..whole.clone()
+    };
+    let with_nan_at = |i: u32| {
+        let mut given = vec![1.0; 40];
+        given[i as usize] = f32::NAN;
+        merge_up_to(&scene, &part, Merge::Moments, &Importance::Given(given), 0)
+    };
+    assert_eq!(with_nan_at(whole.members[1]).unwrap().len(), 1);
+    assert!(with_nan_at(whole.members[0]).is_err());
+}
+
 /// Half-open: the extreme mean gets the last index, not one past it.
 #[test]
 fn extreme_means_stay_inside() {
@@ -228,4 +249,25 @@ fn extreme_means_stay_inside() {
         let last = v.leaves.last().unwrap();
         assert!(morton::decode(last.morton).iter().all(|&i| i < 1 << depth));
     }
+}
+
+/// The weights are importances: what is hidden gives the merged Gaussian no size, and must not make it opaque.
+#[test]
+fn a_merged_gaussian_was_more_opaque_than_its_members_on_top_of_each_other() {
+    let scene = Scene {
+        means: vec![[0.1; 3], [0.2; 3]],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+        // Faint, small and seen; half as opaque again, a hundred times as large and hidden.
+        log_scales: vec![[-4.0; 3], [0.6; 3]],
+        opacity_logits: vec![-3.0, -2.0],
+        sh_degree: 0,
+        sh: vec![[0.3; 3]; 2],
+    };
+    let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 0 }).unwrap();
+    let seen = Importance::Given(vec![1.0, 1e-8]);
+    let merged = merge_weighted(&scene, &v, Merge::Moments, &seen).unwrap();
+    let clear = |logit: f32| 1.0 / (1.0 + libm::expf(logit));
+    let stacked = 1.0 - clear(-3.0) * clear(-2.0);
+    let opacity = 1.0 - clear(merged.opacity_logits[0]);
+    assert!(opacity < 1.001 * stacked, "{opacity}, stacked {stacked}");
 }

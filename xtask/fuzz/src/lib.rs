@@ -13,9 +13,12 @@ mod readers;
 mod seal;
 pub mod seeds;
 mod streams;
+mod zip;
 
 pub use codec::{attribute, coder, geometry, predict, rlgr};
-pub use readers::{cameras, checkpoint, colmap, ply, splat, spz, tiny_scene};
+pub use readers::{
+    cameras, checkpoint, colmap, compressed_ply, glb, ksplat, ply, sog, splat, spz, tiny_scene,
+};
 pub use streams::{chunk, codebook, gsvx, lossless, reader};
 
 /// Runs parallel loops on the thread that fuzzes: handing work to a pool costs more than the

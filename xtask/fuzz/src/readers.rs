@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use gs_model::model::{self, Kind};
 use gs_model::ply::{self, Invalid};
 use gs_model::{ReadOptions, Scene, colmap as sfm, inria, nerf};
 
@@ -33,22 +34,73 @@ pub fn ply(data: &[u8]) -> bool {
     true
 }
 
-/// SPZ: options, then the file; with bit 2, what is inside the gzip file instead.
-pub fn spz(data: &[u8]) -> bool {
-    let (byte, file) = choice(data);
-    let zipped = if byte & 4 != 0 { &gzip::gzip(file) } else { file };
-    let Ok((scene, _)) = gs_model::spz::read_bytes(zipped, &options(byte)) else { return false };
+/// Reads a file with the options of a byte.
+fn read(kind: Kind, byte: u8, file: &[u8]) -> bool {
+    let Ok((scene, _)) = model::read_as(kind, "<bytes>", file, &options(byte)) else {
+        return false;
+    };
     check_model(&scene);
     true
 }
 
+/// Options, then the file.
+fn whole(kind: Kind, data: &[u8]) -> bool {
+    let (byte, file) = choice(data);
+    read(kind, byte, file)
+}
+
+/// SPZ: options, then the file; with bit 2, what is inside the gzip file instead.
+pub fn spz(data: &[u8]) -> bool {
+    let (byte, file) = choice(data);
+    let zipped = if byte & 4 != 0 { &gzip::gzip(file) } else { file };
+    read(Kind::Spz, byte, zipped)
+}
+
 /// `.splat`: options, then the file.
 pub fn splat(data: &[u8]) -> bool {
-    let (byte, file) = choice(data);
-    let Ok((scene, _)) = gs_model::splat::read_bytes(file, &options(byte)) else { return false };
-    check_model(&scene);
-    true
+    whole(Kind::Splat, data)
 }
+
+/// `compressed.ply`: options, then the file.
+pub fn compressed_ply(data: &[u8]) -> bool {
+    whole(Kind::Ply, data)
+}
+
+/// `.glb`: options, then the file.
+pub fn glb(data: &[u8]) -> bool {
+    whole(Kind::Gltf, data)
+}
+
+/// SOG: options, then the file; with bit 2, the lengths of `meta.json` and of the image `a`, both, and the
+/// image `b`, which are packed here. Checksums of zip would let no change through.
+pub fn sog(data: &[u8]) -> bool {
+    let (byte, rest) = choice(data);
+    if byte & 4 == 0 {
+        return whole(Kind::Sog, data);
+    }
+    let (json, rest) = number(rest);
+    let (json, rest) = rest.split_at(json.min(rest.len()));
+    let (a, rest) = number(rest);
+    let (a, b) = rest.split_at(a.min(rest.len()));
+    let file = crate::zip::zip(&[("meta.json", json), ("a", a), ("b", b)]);
+    read(Kind::Sog, byte, &file)
+}
+
+/// `.ksplat`: options, then the numbers of the header and of the first section's header, four bytes
+/// each, then what follows the headers. They are mostly zeros, which would take the room of an input.
+pub fn ksplat(data: &[u8]) -> bool {
+    let (byte, data) = choice(data);
+    let Some((heads, body)) = data.split_at_checked(KSPLAT_HEADS) else { return false };
+    let (file, section) = heads.split_at(44);
+    let mut whole = vec![0; 4096 + 1024];
+    whole[..44].copy_from_slice(file);
+    whole[4096..4096 + 44].copy_from_slice(section);
+    whole.extend(body);
+    read(Kind::Ksplat, byte, &whole)
+}
+
+/// Bytes of the two headers of a `.ksplat` that have a meaning.
+pub(crate) const KSPLAT_HEADS: usize = 88;
 
 /// COLMAP: form and file, then a points file, or the length of a cameras file, that file, and an
 /// images file.

@@ -16,10 +16,14 @@ use crate::common::{self, forge, scene};
 pub type Target = (&'static str, fn(&[u8]) -> bool, usize);
 
 /// All targets.
-pub const TARGETS: [Target; 16] = [
+pub const TARGETS: [Target; 20] = [
     ("ply", crate::ply, 2048),
     ("spz", crate::spz, 512),
     ("splat", crate::splat, 256),
+    ("compressed_ply", crate::compressed_ply, 1024),
+    ("ksplat", crate::ksplat, 384),
+    ("sog", crate::sog, 4096),
+    ("glb", crate::glb, 2048),
     ("colmap", crate::colmap, 512),
     ("cameras", crate::cameras, 768),
     ("gsvx", crate::gsvx, 1024),
@@ -45,6 +49,10 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         "ply" => models(),
         "spz" => spz(),
         "splat" => vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])],
+        "compressed_ply" => written(|file, s| ply::compressed::write_to(file, s).expect("written")),
+        "glb" => glb(),
+        "ksplat" => ksplat(),
+        "sog" => sog(),
         "colmap" => colmap(),
         "cameras" => cameras(),
         "gsvx" => whole(),
@@ -122,6 +130,90 @@ fn spz() -> Vec<Vec<u8>> {
     out
 }
 
+/// Small models, as `write` writes them.
+fn written(write: fn(&mut Vec<u8>, &gs_model::Scene)) -> Vec<Vec<u8>> {
+    let models = [(1, 0), (2, 0), (1, 3)].map(|(n, degree)| {
+        let mut file = vec![0];
+        write(&mut file, &scene(n, degree, 1));
+        file
+    });
+    models.into()
+}
+
+fn glb() -> Vec<Vec<u8>> {
+    // More coefficients make JSON longer than what is worth trying.
+    let mut file = vec![0];
+    gs_model::gltf::write_to(&mut file, &scene(2, 0, 1)).expect("written");
+    vec![file]
+}
+
+/// The meaningful bytes of both headers, then the section: a row of each level.
+fn ksplat() -> Vec<Vec<u8>> {
+    let file = |level: u16| {
+        let mut heads = vec![0; crate::readers::KSPLAT_HEADS];
+        heads[1] = 1;
+        heads[4] = 1;
+        heads[20..22].copy_from_slice(&level.to_le_bytes());
+        let section = &mut heads[44..];
+        let words =
+            [(0, 1), (4, 1), (8, 256), (12, u32::from(level > 0)), (36, u32::from(level > 0))];
+        for (at, word) in words {
+            section[at..at + 4].copy_from_slice(&u32::to_le_bytes(word));
+        }
+        section[16..20].copy_from_slice(&5.0f32.to_le_bytes());
+        section[20] = 12;
+        let number = if level == 0 { 4 } else { 2 };
+        let bucket = if level == 0 { vec![] } else { [vec![1, 0, 0, 0], vec![0; 12]].concat() };
+        // 1.0 as float and as half float.
+        let one: &[u8] = if level == 0 { &[0, 0, 0x80, 0x3f] } else { &[0, 0x3c] };
+        let row = [&one.repeat(10)[..], &[9; 4]].concat();
+        debug_assert_eq!(row.len(), 10 * number + 4);
+        [&[0], &heads[..], &bucket, &row].concat()
+    };
+    [0, 1, 2].map(file).into()
+}
+
+/// A lossless WebP image of 4 x 4 pixels with alpha, written by splat-transform for two rotations.
+const ROTATIONS: [u8; 52] = [
+    82, 73, 70, 70, 44, 0, 0, 0, 87, 69, 66, 80, 86, 80, 56, 76, 31, 0, 0, 0, 47, 3, 192, 0, 16,
+    23, 32, 16, 72, 113, 0, 131, 44, 22, 76, 118, 230, 111, 148, 217, 100, 204, 127, 192, 95, 96,
+    12, 34, 250, 31, 1, 0,
+];
+/// A lossless WebP image of 960 x 1 pixels, written by splat-transform for a palette of degree 3.
+const PALETTE: [u8; 128] = [
+    82, 73, 70, 70, 120, 0, 0, 0, 87, 69, 66, 80, 86, 80, 56, 76, 107, 0, 0, 0, 47, 191, 3, 0, 16,
+    181, 184, 13, 0, 128, 108, 98, 78, 118, 38, 219, 118, 82, 247, 255, 207, 124, 10, 131, 0, 0,
+    146, 208, 221, 252, 159, 193, 176, 198, 86, 97, 219, 70, 202, 53, 247, 184, 255, 174, 76, 253,
+    207, 253, 190, 230, 147, 1, 192, 248, 73, 208, 11, 129, 240, 31, 246, 91, 83, 168, 211, 175,
+    240, 49, 10, 67, 127, 238, 240, 246, 44, 159, 115, 55, 114, 23, 4, 40, 88, 76, 222, 40, 242,
+    121, 114, 1, 187, 189, 116, 212, 96, 220, 186, 45, 41, 31, 158, 60, 21, 228, 255, 2, 5, 0,
+];
+
+fn sog() -> Vec<Vec<u8>> {
+    let numbers = vec!["0.5"; 256].join(",");
+    let meta = |count: usize, numbers: &str, palette: bool| {
+        let sh =
+            format!(r#","shN":{{"count":9,"bands":3,"codebook":[{numbers}],"files":["b","a"]}}"#);
+        let sh = if palette { &sh[..] } else { "" };
+        format!(
+            r#"{{"version":2,"count":{count},"means":{{"mins":[0,-1,0],"maxs":[1,1,2],"files":["a","a"]}},
+            "scales":{{"codebook":[{numbers}],"files":["a"]}},"quats":{{"files":["a"]}},
+            "sh0":{{"codebook":[{numbers}],"files":["a"]}}{sh}}}"#
+        )
+    };
+    let packed = |options: u8, meta: &str| {
+        let json = (meta.len() as u16).to_le_bytes();
+        let a = (ROTATIONS.len() as u16).to_le_bytes();
+        [&[options], &json[..], meta.as_bytes(), &a, &ROTATIONS, &PALETTE].concat()
+    };
+    // Where an index points at nothing, the Gaussian is invalid and is dropped.
+    vec![
+        packed(5, &meta(2, "1,2", false)),
+        packed(5, &meta(16, "1,2,3", true)),
+        packed(4, &meta(2, &numbers, false)),
+    ]
+}
+
 fn colmap() -> Vec<Vec<u8>> {
     let split = |byte: u8, cameras: &[u8], images: &[u8]| {
         [&[byte], &(cameras.len() as u16).to_le_bytes()[..], cameras, images].concat()
@@ -196,12 +288,9 @@ fn streams() -> Vec<(u8, Vec<u8>)> {
 /// Two levels of detail. No encoder makes one for so few Gaussians: the coarse level is that of a stream
 /// of its own.
 fn levels() -> Vec<u8> {
-    let coded = |scene| {
-        gsvx::encode_with(&scene, uniform, None, &EncodeOptions::default()).expect("encoded").bytes
-    };
-    fn uniform(_: &[f32], _: gsvx::Seen) -> gsvx::Result<voxel::Strategy> {
-        Ok(voxel::Strategy::Uniform { depth: 6 })
-    }
+    let mut uniform = EncodeOptions::default();
+    uniform.leaves = gsvx::Leaves::Uniform { depth: 6 };
+    let coded = |scene| gsvx::encode(&scene, &uniform).expect("encoded").bytes;
     let fine = scene(9, 0, 7);
     let (mut index, mut layers) = forge::take_apart(&coded(fine.clone()));
     let (mut coarse, of_coarse) = forge::take_apart(&coded(fine.select(&[0, 4])));

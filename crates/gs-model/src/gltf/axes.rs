@@ -18,32 +18,11 @@ pub(super) fn turned_rotation([w, x, y, z]: [f32; 4]) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::{axes_product, rotation};
+    use crate::math::{axes_product, rotation, sh_basis};
 
     #[test]
     fn signs_are_those_of_the_basis_functions() {
-        // The polynomials of the real spherical harmonics, in 3DGS order, without constants.
-        let basis: [fn(f64, f64, f64) -> f64; 16] = [
-            |_, _, _| 1.0,
-            |_, y, _| y,
-            |_, _, z| z,
-            |x, _, _| x,
-            |x, y, _| x * y,
-            |_, y, z| y * z,
-            |x, y, z| 2.0 * z * z - x * x - y * y,
-            |x, _, z| x * z,
-            |x, y, _| x * x - y * y,
-            |x, y, _| y * (3.0 * x * x - y * y),
-            |x, y, z| x * y * z,
-            |x, y, z| y * (4.0 * z * z - x * x - y * y),
-            |x, y, z| z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y),
-            |x, y, z| x * (4.0 * z * z - x * x - y * y),
-            |x, y, z| z * (x * x - y * y),
-            |x, y, _| x * (x * x - 3.0 * y * y),
-        ];
-        for (f, sign) in basis.iter().zip(SH_SIGNS) {
-            assert_eq!(f(-0.3, -0.6, 0.5), f64::from(sign) * f(0.3, 0.6, 0.5));
-        }
+        assert_eq!(sh_basis::signs_under([-1.0, -1.0, 1.0]), SH_SIGNS);
     }
 
     #[test]

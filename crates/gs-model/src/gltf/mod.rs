@@ -19,7 +19,6 @@ mod json;
 mod read;
 mod write;
 
-pub use read::{read, read_bytes};
 pub use write::{write, write_to};
 
 pub(crate) use read::decode;

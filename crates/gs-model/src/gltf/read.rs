@@ -8,9 +8,9 @@ use super::json::{POINTS, Primitive, Root, Splats};
 use super::{EXTENSION, attribute, container, malformed, sh_attribute};
 use crate::error::Result;
 use crate::options::ReadOptions;
+use crate::report;
 use crate::rows::{self, SH};
 use crate::scene::{Scene, sh_len};
-use crate::{fs, report};
 
 /// Extensions that a file may require.
 const KNOWN: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
@@ -18,23 +18,6 @@ const KNOWN: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
 const LEAST_BYTES: usize = 3;
 
 /// Reads a `.glb` file: all primitives with the extension, one after the other.
-///
-/// # Errors
-/// [`crate::Error::Io`]; [`crate::Error::Malformed`] if the file is not whole, has no splats, or has what is not read;
-/// [`crate::Error::InvalidGaussian`] as the options say.
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    let path = path.as_ref();
-    decode(path, &fs::read(path)?, options)
-}
-
-/// Reads a `.glb` file from its bytes.
-///
-/// # Errors
-/// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    decode(Path::new("<bytes>"), bytes, options)
-}
-
 pub(crate) fn decode(
     file: &Path,
     bytes: &[u8],

@@ -14,33 +14,15 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
+use crate::report;
 use crate::rows;
 use crate::scene::Scene;
-use crate::{fs, report};
 use section::{SECTION_HEADER, Section};
 
 /// Header bytes.
 const HEADER: usize = 4096;
 /// What the SH bounds of level 2 are where the header says 0.
 const DEFAULT_SH_BOUND: f32 = 1.5;
-
-/// Reads a `.ksplat` file.
-///
-/// # Errors
-/// [`Error::Io`]; [`Error::Malformed`] if the file is not whole or of another version;
-/// [`Error::InvalidGaussian`] as the options say.
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    let path = path.as_ref();
-    decode(path, &fs::read(path)?, options)
-}
-
-/// Reads a `.ksplat` file from its bytes.
-///
-/// # Errors
-/// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    decode(Path::new("<bytes>"), bytes, options)
-}
 
 pub(crate) fn decode(
     file: &Path,

@@ -20,6 +20,8 @@
 
 mod eigen;
 mod rotation;
+#[cfg(test)]
+pub(crate) mod sh_basis;
 
 pub use eigen::{eigen, eigen_of};
 pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation};

@@ -20,37 +20,15 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
+use crate::report;
 use crate::rows;
 use crate::scene::Scene;
-use crate::{fs, report};
 use decoder::Decoder;
 use members::Members;
 use meta::Meta;
 use texture::Texture;
 
-/// Reads a bundled `.sog`, or the `meta.json` of an unbundled one with the images beside it.
-///
-/// # Errors
-/// [`Error::Io`]; [`Error::Malformed`] if a part is missing, broken or of version 1;
-/// [`Error::InvalidGaussian`] as the options say: indices may point beyond a codebook or the palette.
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    let path = path.as_ref();
-    let bytes = fs::read(path)?;
-    if bytes.starts_with(b"PK") {
-        return decode(path, &bytes, options);
-    }
-    let folder = path.parent().unwrap_or(Path::new(""));
-    unpack(path, &bytes, Members::Folder(folder), options)
-}
-
-/// Reads a bundled `.sog` from its bytes.
-///
-/// # Errors
-/// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    decode(Path::new("<bytes>"), bytes, options)
-}
-
+/// Reads a bundled `.sog`.
 pub(crate) fn decode(
     file: &Path,
     bytes: &[u8],
@@ -59,6 +37,16 @@ pub(crate) fn decode(
     let mut archive = Members::archive(file, bytes)?;
     let meta = archive.read(file, "meta.json")?;
     unpack(file, &meta, archive, options)
+}
+
+/// Reads the `meta.json` of an unbundled one, with the images beside it.
+pub(crate) fn decode_beside(
+    file: &Path,
+    meta: &[u8],
+    options: &ReadOptions,
+) -> Result<(Scene, report::Report)> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    unpack(file, meta, Members::Folder(folder), options)
 }
 
 fn unpack(

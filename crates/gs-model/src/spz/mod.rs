@@ -26,8 +26,8 @@ pub use write::{MAX_COORDINATE, WriteOptions, write, write_to};
 
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
+use crate::report;
 use crate::scene::Scene;
-use crate::{fs, report};
 
 const HEADER: usize = 16;
 
@@ -36,23 +36,6 @@ const HEADER: usize = 16;
 /// Memory: the scene and as much of the decompressed file as the header's count needs. DEFLATE data
 /// decompresses to at most 1,032 times its size; Zstandard streams that promise more than 1,024 times
 /// the size of the file are refused.
-///
-/// # Errors
-/// [`Error::Io`], [`Error::SpzHeader`], [`Error::SpzVersion`], [`Error::SpzTruncated`],
-/// [`Error::SpzCompressedData`].
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    let path = path.as_ref();
-    decode(path, &fs::read(path)?, options)
-}
-
-/// Reads an SPZ file from its bytes.
-///
-/// # Errors
-/// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    decode(Path::new("<bytes>"), bytes, options)
-}
-
 pub(crate) fn decode(
     file: &Path,
     bytes: &[u8],

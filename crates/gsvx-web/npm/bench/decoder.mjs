@@ -13,7 +13,7 @@ const bytes = new Uint8Array(readFileSync(file));
 const floats = (cloud) => ['positions', 'scales', 'rotations', 'alphas', 'colors', 'sh'].map((name) => cloud[name]);
 
 async function measured(decode) {
-  global.gc?.();
+  global.gc();
   forget();
   const before = resident();
   const used = process.cpuUsage();

@@ -4,7 +4,7 @@ import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'nod
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, afterEach, before, test } from 'node:test';
-import { CAMERA, gsvx, launch, missing, nearing, psnr, serve } from './browser.mjs';
+import { CAMERA, alike, gsvx, launch, missing, nearing, psnr, rooms, serve } from './browser.mjs';
 
 const skip = missing();
 if (skip) console.error(skip);
@@ -24,6 +24,7 @@ before(async () => {
   gsvx('render', stream, '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'reference.png'));
   reference = readFileSync(join(folder, 'reference.png'));
   writeFileSync(join(pictures, 'reference.png'), reference);
+  await rooms(join(folder, 'rooms.gsvx'));
   writeFileSync(join(folder, 'model.gsvx'), readFileSync(join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply')));
   server = await serve({
     gsvx: join(import.meta.dirname, '../node_modules/gsvx'),
@@ -42,7 +43,7 @@ after(async () => {
 });
 
 /** Opens the page of an engine on a file; console errors fail the test. */
-async function open(engine, file, before = () => {}) {
+async function open(engine, file, { before = () => {}, options } = {}) {
   const page = await browser.newPage({ viewport: { width: CAMERA.width, height: CAMERA.height }, deviceScaleFactor: 1 });
   page.problems = [];
   page.on('console', (m) => { if (m.type() === 'error') page.problems.push(m.text()); });
@@ -50,7 +51,8 @@ async function open(engine, file, before = () => {}) {
   const address = `${server.base}/data/${file}`;
   page.setDefaultTimeout(180000);
   await before(page);
-  await page.goto(`${server.base}/pages/${engine}.html?url=${encodeURIComponent(address)}&camera=${encodeURIComponent(JSON.stringify(CAMERA))}`);
+  const query = { url: address, camera: JSON.stringify(CAMERA), ...(options && { options: JSON.stringify(options) }) };
+  await page.goto(`${server.base}/pages/${engine}.html?${new URLSearchParams(query)}`);
   return page;
 }
 
@@ -116,23 +118,25 @@ for (const [engine, least] of Object.entries(ENGINES)) {
   });
 }
 
-test('three: without its cut-off and its dimming the picture is that of gsvx render', { skip }, async () => {
-  const page = await open('three', 'room.gsvx', async (before) => {
-    const addon = '**/objects/GaussianSplat.js';
-    await before.route(addon, async (route) => {
-      const response = await route.fetch();
-      let body = await response.text();
-      for (const [from, to] of [
-        ['r2.greaterThan( 4 )', 'r2.greaterThan( 9 )'], ['color.a.mul( alphaScale )', 'color.a'],
-        [/2, (-? ?)2, 0/g, '3, $13, 0'],
-      ]) {
-        const changed = body.replace(from, to);
-        assert.notEqual(changed, body, `${from}`);
-        body = changed;
-      }
-      await route.fulfill({ response, body });
-    });
+for (const ranges of ['yes', 'no']) {
+  test(`spark: a part of a stream, ranges: ${ranges}`, { skip }, async () => {
+    const from = server.log.length;
+    const page = await open('spark', `rooms.gsvx?ranges=${ranges}`, { options: { maxShDegree: 0 } });
+    const state = await settled(page);
+    assert.equal(state.failed, undefined, JSON.stringify(state.failed));
+    assert.ok(state.log.some((c) => c.lod === 0));
+    const answers = server.log.slice(from).filter(({ path }) => path === '/data/rooms.gsvx');
+    const bytes = answers.reduce((sum, answer) => sum + answer.bytes, 0);
+    const all = readFileSync(join(folder, 'rooms.gsvx')).length;
+    console.log(`spark, base layers, ranges ${ranges}: ${answers.length} answers, ${bytes} of ${all} bytes`);
+    if (ranges === 'yes') assert.ok(answers.length > 1 && answers.every((a) => a.status === 206) && bytes < 0.8 * all, JSON.stringify(answers));
+    else assert.deepEqual(answers.map((a) => [a.status, a.bytes]), [[200, all]]);
+    await page.close();
   });
+}
+
+test('three: without its cut-off and its dimming the picture is that of gsvx render', { skip }, async () => {
+  const page = await open('three', 'room.gsvx', { before: alike });
   await settled(page);
   const got = await nearing(page, () => shot(page, 'three-alike'), reference, 43);
   console.log(`three, without its differences: ${got.toFixed(2)} dB`);

@@ -4,6 +4,7 @@ import { existsSync, readFileSync, statSync } from 'node:fs';
 import { spawnSync } from 'node:child_process';
 import { createRequire } from 'node:module';
 import { extname, join, normalize } from 'node:path';
+import { pathToFileURL } from 'node:url';
 
 const npm = process.env.GSVX_NPM;
 
@@ -52,7 +53,6 @@ export async function serve(folders) {
     let all = readFileSync(path);
     if (query.cut) all = all.subarray(0, Number(query.cut));
     if (query.flip) all[Number(query.flip)] ^= 4;
-    log.push({ path: url.pathname, range: request.headers.range });
     const headers = { 'Content-Type': TYPES[extname(path)] ?? 'application/octet-stream', 'Cache-Control': 'no-store', 'Cross-Origin-Opener-Policy': 'same-origin', 'Cross-Origin-Embedder-Policy': 'require-corp' };
     const range = query.ranges !== 'no' && /bytes=(\d+)-(\d*)/.exec(request.headers.range ?? '');
     let status = 200;
@@ -62,6 +62,7 @@ export async function serve(folders) {
       all = all.subarray(start, end);
       status = 206;
     }
+    log.push({ path: url.pathname, status, bytes: all.length });
     response.writeHead(status, { ...headers, 'Content-Length': all.length });
     if (query.hang) response.write(all.subarray(0, Number(query.hang)));
     else if (query.rate) slowly(response, all, Number(query.rate));
@@ -145,3 +146,26 @@ export const CAMERA = {
   id: 0, img_name: 'camera', width: 480, height: 320, fx: 390, fy: 390,
   position: [0.35, -2.2, 0.8], rotation: turned(-0.2, -0.07),
 };
+
+/** Lets the addon GaussianSplat of three.js draw what gsvx render draws: no end at two standard deviations, no dimming. */
+export const alike = (page) => page.route('**/objects/GaussianSplat.js', async (route) => {
+  const response = await route.fetch();
+  let body = await response.text();
+  for (const [from, to] of [
+    ['r2.greaterThan( 4 )', 'r2.greaterThan( 9 )'], ['color.a.mul( alphaScale )', 'color.a'],
+    [/2, (-? ?)2, 0/g, '3, $13, 0'],
+  ]) {
+    const changed = body.replace(from, to);
+    if (changed === body) throw new Error(`the addon has no ${from}`);
+    body = changed;
+  }
+  await route.fulfill({ response, body });
+});
+
+/** Writes the stream of a model that is larger than the first request of a part: copies of the fixture room. */
+export async function rooms(file) {
+  const { replicate } = await import(pathToFileURL(join(npm, 'bench/model.mjs')));
+  const model = `${file}.ply`;
+  replicate(join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply'), model, 60_000);
+  gsvx('encode', model, '-o', file, '--web', '--no-estimate');
+}

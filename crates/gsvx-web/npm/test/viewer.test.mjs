@@ -6,7 +6,7 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, afterEach, before, test } from 'node:test';
 import { gunzipSync } from 'node:zlib';
-import { CAMERA, gsvx, launch, missing, nearing, serve } from './browser.mjs';
+import { CAMERA, gsvx, launch, missing, nearing, rooms, serve } from './browser.mjs';
 
 const skip = missing();
 if (skip) console.error(skip);
@@ -80,6 +80,29 @@ test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 
     child.kill('SIGINT');
   }
   assert.equal(await new Promise((resolve) => child.on('exit', resolve)), 0);
+});
+
+test('gsvx view answers with ranges, and a coarser level is read by them', { skip, timeout: 400000 }, async () => {
+  const file = join(folder, 'rooms.gsvx');
+  await rooms(file);
+  const { length } = readFileSync(file);
+  const child = spawn(process.env.GSVX_BIN, ['view', '--no-open', file], { stdio: ['ignore', 'pipe', 'inherit'] });
+  try {
+    const [line] = await new Promise((resolve) => child.stdout.on('data', (d) => resolve(String(d).split('\n'))));
+    const viewer = await page(line);
+    await loaded(viewer);
+    const answers = [];
+    viewer.on('response', (answer) => answers.push([answer.status(), Number(answer.headers()['content-length'])]));
+    await viewer.locator('#lod').selectOption('1');
+    await viewer.waitForFunction(() => window.gsvx.slots[0].lod === 1 && window.gsvx.slots[0].complete);
+    const bytes = answers.reduce((sum, [, n]) => sum + n, 0);
+    console.log(`viewer, level 1: ${answers.length} answers, ${bytes} of ${length} bytes`);
+    assert.ok(answers.length > 0 && answers.every(([status]) => status === 206) && bytes < 0.7 * length, JSON.stringify(answers));
+    assert.deepEqual(quiet(viewer), []);
+    await viewer.close();
+  } finally {
+    child.kill('SIGINT');
+  }
 });
 
 for (const [name, least] of [['room.gsvx', 44], ['room.spz', 44]]) {

@@ -2,12 +2,19 @@
 import { PerspectiveCamera, Spherical, Quaternion, Vector3 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
+/** Degrees of the shorter side of the view, and most of the longer. */
 const FOV = 50;
+const MOST = 75;
 /** Keys that fly: right, up, back, in units of the distance per second. */
 const FLY = { KeyW: [0, 0, -1], KeyS: [0, 0, 1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0] };
 /** Keys that turn: around, up. */
 const TURN = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const ZOOM = { Equal: -1, NumpadAdd: -1, Minus: 1, NumpadSubtract: 1 };
+
+/** The angle of a side that is so many times as long as one with this angle; degrees. */
+function wider(angle, times) {
+  return (2 * Math.atan(times * Math.tan((angle * Math.PI) / 360)) * 180) / Math.PI;
+}
 
 export class Camera {
   constructor(element, onChange) {
@@ -67,8 +74,8 @@ export class Camera {
     }
     // Along the horizontal axis of most data sets: from -y where z is up, else from -z.
     const ahead = Math.abs(this.up.z) > 0.5 ? new Vector3(0, 1, 0) : new Vector3(0, 0, 1);
-    const half = (Math.min(1, this.camera.aspect) * FOV * Math.PI) / 360;
-    const distance = (0.9 * radius) / Math.tan(half);
+    const half = Math.tan((this.camera.fov * Math.PI) / 360) * Math.min(1, this.camera.aspect);
+    const distance = (0.9 * radius) / half;
     this.controls.target.set(...centre);
     this.camera.position.copy(this.controls.target).addScaledVector(ahead, -distance).addScaledVector(this.up, 0.25 * distance);
     this.finish(distance);
@@ -97,7 +104,9 @@ export class Camera {
   }
 
   resize(width, height) {
-    this.camera.aspect = width / height;
+    const aspect = width / height;
+    this.camera.aspect = aspect;
+    if (!this.isFixed) this.camera.fov = aspect < 1 ? Math.min(wider(FOV, 1 / aspect), MOST) : FOV;
     this.camera.updateProjectionMatrix();
   }
 

@@ -105,7 +105,8 @@ function show() {
   $('welcome').hidden = Boolean(one);
   $('panel').hidden = !one;
   if (!one) return;
-  const both = (f) => slots.filter((s) => s.shown).map(f).join(' | ');
+  // What is the same of both is said once.
+  const both = (f) => [...new Set(slots.filter((s) => s.shown).map(f))].join(' | ');
   $('title').textContent = two ? `${one.name} | ${two.name}` : one.name;
   document.title = $('title').textContent;
   $('size').textContent = both((s) => size(s.head?.length ?? s.received));
@@ -174,7 +175,8 @@ function frame(now) {
     state.frames += 1;
   }
   if (now - since > 500) {
-    $('fps').textContent = counted > 1 ? Math.round((1000 * counted) / (now - since)) : 'at rest';
+    const rate = (1000 * counted) / (now - since);
+    $('fps').textContent = counted < 2 ? 'at rest' : rate < 1 ? rate.toFixed(1) : Math.round(rate);
     [counted, since] = [0, now];
   }
 }

@@ -121,17 +121,18 @@ fn merge_to_degree(
     Ok(())
 }
 
-/// Checks that the importances and the members belong to this scene.
+/// Checks that the members belong to this scene, and their importances. Others are not looked at: a scene may
+/// be merged in many parts.
 fn check_members(
     scene: &Scene,
     voxelization: &Voxelization,
     importance: &Importance,
 ) -> Result<()> {
-    importance.validate(scene)?;
-    let outside = voxelization.members.par_iter().find_first(|&&m| m as usize >= scene.len());
+    let members = &voxelization.members;
+    let outside = members.par_iter().find_first(|&&m| m as usize >= scene.len());
     match outside {
         Some(&member) => Err(Error::Member { member, len: scene.len() }),
-        None => Ok(()),
+        None => importance.check_members(scene, members),
     }
 }
 

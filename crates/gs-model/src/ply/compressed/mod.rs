@@ -16,9 +16,9 @@ use std::path::Path;
 use super::header::{self, Format, Header};
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
+use crate::report;
 use crate::rows;
 use crate::scene::{Scene, sh_len};
-use crate::{fs, report};
 use layout::Decoder;
 use table::Table;
 pub use write::{write, write_to};
@@ -48,23 +48,6 @@ const BOUNDS: [&str; 18] = [
 ];
 /// Properties of `vertex`, in file order.
 const WORDS: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
-
-/// Reads a `compressed.ply`.
-///
-/// # Errors
-/// [`Error::Io`], the errors of a PLY header, [`Error::PlyTruncated`], [`Error::Malformed`].
-pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    let path = path.as_ref();
-    decode(path, &fs::read(path)?, options)
-}
-
-/// Reads a `compressed.ply` from its bytes.
-///
-/// # Errors
-/// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, report::Report)> {
-    decode(Path::new("<bytes>"), bytes, options)
-}
 
 pub(crate) fn decode(
     file: &Path,
