@@ -30,7 +30,7 @@ pub(super) fn text(options: &Options, scenes: &[Scene]) -> Result<String> {
         .collect();
     let mut out = format!(
         "# Tune: fewer bytes at equal quality\n\n\
-         `cargo build --release -p gsvx-cli && cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q QUALITY \
+         `cargo build --release -p gsvx-cli && cargo xtask bench-tune {}{}` runs `gsvx tune MODEL --cameras SCENE -q QUALITY \
          --effort EFFORT` for each row below. Another process decodes the stream and compares it with the \
          photos that are held out: every 8th, which neither training nor importance nor the views kept \
          aside see. PSNR (dB) and SSIM are means over those views. {} CPU minutes are user time of all threads. The points are \
@@ -39,6 +39,10 @@ pub(super) fn text(options: &Options, scenes: &[Scene]) -> Result<String> {
          The models as they were trained: {}. Bold: at or above that.\n\n\
          {}\n",
         names.join(" "),
+        options
+            .reference
+            .as_ref()
+            .map_or(String::new(), |r| format!(" --reference {}=COMMAND", r.name)),
         anchor(options),
         models.join("; "),
         picture(&options.out, names[0]),
