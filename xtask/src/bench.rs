@@ -293,12 +293,19 @@ pub(crate) struct TuneArgs {
     /// The command to measure.
     #[arg(long, default_value = "target/release/gsvx")]
     gsvx: PathBuf,
+    /// Compare with `gsvx encode --cameras` of another version, not with this one without tuning
+    #[arg(
+        long,
+        value_name = "NAME=COMMAND",
+        value_parser = |s: &str| bench::tune::parse_reference(s).map_err(|e| e.to_string())
+    )]
+    reference: Option<bench::tune::Reference>,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/tune.md")]
     out: PathBuf,
 }
 
 pub(crate) fn tune(args: TuneArgs) -> Result<()> {
-    let TuneArgs { scenes, runs, qualities, gsvx, out } = args;
-    bench::tune::run(&bench::tune::Options { scenes, runs, qualities, gsvx, out })
+    let TuneArgs { scenes, runs, qualities, gsvx, reference, out } = args;
+    bench::tune::run(&bench::tune::Options { scenes, runs, qualities, gsvx, reference, out })
 }

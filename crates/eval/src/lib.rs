@@ -26,6 +26,7 @@ pub mod room;
 pub mod scenes;
 pub mod stress;
 mod usage;
+mod voxelized;
 
 pub use codec::{Codec, Curve, Gsvx, Point, curve, measure_point};
 pub use scenes::TestScene;

@@ -1,13 +1,15 @@
 //! Checks that cameras and photos belong to a scene.
 //!
 //! Importances from cameras of another scene, or a fine-tune on photos of another scene, destroy a
-//! model without an error. These two measures let a caller warn before that.
+//! model without an error. These measures let a caller warn before that, and measure the loss after it.
 
-use gs_model::Scene;
+use gs_model::{Camera, Scene};
 
 use crate::forward::render;
+use crate::image::Image;
 use crate::metrics::psnr;
 use crate::options::RenderOptions;
+use crate::saliency::saliency_per_view;
 use crate::stages::opacity_of;
 use crate::train::view::TrainView;
 
@@ -50,6 +52,102 @@ pub fn seen_opacity_share(scene: &Scene, weights: &[f32]) -> f64 {
         }
     }
     if all > 0.0 { seen / all } else { 1.0 }
+}
+
+/// Cameras that see less than this share of a scene's opacity may be those of another scene.
+const LEAST_SEEN: f64 = 0.5;
+
+/// What cameras see of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seen {
+    /// Sum of squared blending weights of each Gaussian over the pixels of all views.
+    pub weights: Vec<f32>,
+    /// See [`seen_opacity_share`].
+    pub share: f64,
+}
+
+impl Seen {
+    /// Looks at `scene` from each camera. `step` hears the number of cameras that are done, and may end the
+    /// work.
+    ///
+    /// # Errors
+    /// Those of `step`.
+    pub fn of<E>(
+        scene: &Scene,
+        cameras: &[Camera],
+        mut step: impl FnMut(usize) -> Result<(), E>,
+    ) -> Result<Self, E> {
+        let mut weights = vec![0.0f32; scene.len()];
+        for (i, camera) in cameras.iter().enumerate() {
+            let one = saliency_per_view(scene, std::slice::from_ref(camera));
+            weights.iter_mut().zip(one.squared).for_each(|(sum, w)| *sum += w);
+            step(i + 1)?;
+        }
+        let share = seen_opacity_share(scene, &weights);
+        Ok(Self { weights, share })
+    }
+
+    /// Number of Gaussians that no camera sees.
+    #[must_use]
+    pub fn unseen(&self) -> usize {
+        self.weights.iter().filter(|&&w| w <= 0.0).count()
+    }
+
+    /// A sentence, if these may be the cameras of another scene: they see nothing, or less than half of the
+    /// opacity.
+    #[must_use]
+    pub fn doubt(&self) -> Option<String> {
+        let part = match self.share {
+            s if s >= LEAST_SEEN => return None,
+            0.0 => "nothing of the model".into(),
+            s if s < 0.01 => "less than 1 % of the model's opacity".into(),
+            s => format!("{:.0} % of the model's opacity", 100.0 * s),
+        };
+        Some(format!("these cameras see {part}; are they its own?"))
+    }
+}
+
+/// Views of [`References`]; more only take longer.
+const REFERENCES: usize = 12;
+
+/// Renders of a scene, to measure its stream against.
+#[derive(Clone, Debug)]
+pub struct References {
+    views: Vec<(Camera, Image)>,
+}
+
+impl References {
+    /// Renders `scene` from at most 12 of the cameras, evenly spread. `step` hears the number of renders that
+    /// are done and that there are, and may end the work.
+    ///
+    /// # Errors
+    /// Those of `step`.
+    pub fn new<E>(
+        scene: &Scene,
+        cameras: &[Camera],
+        mut step: impl FnMut(usize, usize) -> Result<(), E>,
+    ) -> Result<Self, E> {
+        let every = cameras.len().div_ceil(REFERENCES).max(1);
+        let chosen: Vec<&Camera> = cameras.iter().step_by(every).collect();
+        let mut views = Vec::with_capacity(chosen.len());
+        for camera in &chosen {
+            let image = render(scene, camera, &RenderOptions::default());
+            // What a screen shows is clamped; differences beyond it do not count.
+            let image = Image::from_rgb8(image.width, image.height, &image.to_rgb8());
+            views.push(((*camera).clone(), image.unwrap_or_default()));
+            step(views.len(), chosen.len())?;
+        }
+        Ok(Self { views })
+    }
+
+    /// Mean over the views of the PSNR of `scene`'s render, dB.
+    #[must_use]
+    pub fn psnr(&self, scene: &Scene) -> f64 {
+        let of = |(camera, image): &(Camera, Image)| {
+            psnr(&render(scene, camera, &RenderOptions::default()), image)
+        };
+        self.views.iter().map(of).sum::<f64>() / self.views.len() as f64
+    }
 }
 
 /// How well a scene's renders match photos.

@@ -76,7 +76,7 @@ mod train;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{PhotoMatch, photo_match, seen_opacity_share};
+pub use camera_check::{PhotoMatch, References, Seen, photo_match, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 pub use gradients::{Gradients, gradients};
@@ -85,6 +85,7 @@ pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use sensitivity::covariance_sensitivity;
+pub use stages::removal::removal_effects;
 pub use train::{FineTune, FineTuneOptions, Outcome, Progress, StopReason, TrainView};
 pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};
 

@@ -4,7 +4,8 @@ use crate::batch::{self, Job};
 use crate::exit::note;
 use crate::format::Model;
 use crate::input::{self, Limit};
-use crate::output::Output;
+use crate::output::{Output, megabytes};
+use crate::region::{self, Part, Region};
 use crate::report::Reporter;
 use anyhow::{Result, anyhow};
 use serde_json::json;
@@ -19,6 +20,7 @@ Examples:
   gsvx decode *.gsvx -o models/                            one PLY per stream
   gsvx decode scene.gsvx -o base.ply --max-sh-degree 0     base colour only
   gsvx decode scene.gsvx -o coarse.ply --lod 1             a coarser level of detail
+  gsvx decode city.gsvx -o house.ply --box 3,0,-2,9,5,4    a part of it
   curl https://example.org/scene.gsvx | gsvx decode - -o back.ply
   gsvx decode half.gsvx -o part.ply --allow-truncated";
 
@@ -42,6 +44,11 @@ pub(crate) struct Args {
     /// Level of detail: 0 is the finest; gsvx info tells which there are.
     #[arg(long, value_name = "LEVEL", default_value_t = 0)]
     lod: u8,
+    /// Only the Gaussians whose centres lie in this box, given by two corners. Only the chunks that reach into
+    /// it are read. The centres of all are between the corners that gsvx info prints.
+    #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = region::parse,
+          allow_hyphen_values = true, conflicts_with = "allow_truncated")]
+    region: Option<Region>,
     /// Decode what is whole of a truncated or damaged stream instead of failing.
     #[arg(long)]
     allow_truncated: bool,
@@ -64,6 +71,10 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
     let output = Output::open(&job.output, args.force, &[&job.input])?;
     let (written, stdout) = (output.name(), output.is_stdout());
     let start = Instant::now();
+    if let Some(region) = args.region {
+        let part = region::read(&job.input, region, args.lod, args.max_sh_degree, args.limit)?;
+        return write_part(part, output, format, start, report);
+    }
     let bytes = input::bytes(&job.input)?;
     let mut options = gsvx::DecodeOptions::default();
     options.max_sh_degree = args.max_sh_degree;
@@ -90,6 +101,40 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
         Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped }
     };
     made.say(&written, stdout, start.elapsed().as_secs_f64(), report)
+}
+
+/// Writes the Gaussians of a region.
+fn write_part(
+    part: Part,
+    output: Output,
+    format: Model,
+    start: Instant,
+    report: Reporter,
+) -> Result<()> {
+    let Part { scene, chunks: [decoded, all], bytes_read } = part;
+    let (written, stdout) = (output.name(), output.is_stdout());
+    output.write(|out| Ok(format.write(out, &scene, &Default::default())?))?;
+    if let Some(lost) = format.loses(scene.sh_degree) {
+        note(lost);
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    let human = format!(
+        "{written}: {} Gaussians in the box, SH degree {}, from {decoded} of {all} chunks ({} read), in \
+         {seconds:.2} s",
+        scene.len(),
+        scene.sh_degree,
+        megabytes(bytes_read)
+    );
+    let json = json!({
+        "output": written,
+        "gaussians": scene.len(),
+        "sh_degree": scene.sh_degree,
+        "chunks_decoded": decoded,
+        "chunks": all,
+        "bytes_read": bytes_read,
+        "decode_seconds": seconds,
+    });
+    report.say(stdout, &human, &json)
 }
 
 /// What was decoded.

@@ -8,17 +8,18 @@ use crate::loss::{Loss, Pictures};
 use crate::lost_columns::Lost;
 use crate::output::{Output, megabytes};
 use crate::preset::{self, Preset};
+use crate::progress::{self, Steps};
 use crate::report::Reporter;
-use crate::trim::Trim;
-use crate::{input, max_error, progress, size, views};
+use crate::{input, max_error, size, views};
 use anyhow::{Context, Result};
+use finetune::References;
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, MaxError, Prepared, Seen, rate};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, Leaves, MaxError, rate};
 use serde_json::{Value, json};
+use std::convert::Infallible;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
-use voxel::Strategy;
 
 /// Shown after the short help.
 pub(crate) const MORE: &str = "gsvx encode --help shows all flags, and examples.";
@@ -99,7 +100,7 @@ pub(crate) struct Args {
     /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
     /// those that are not zero.
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
-          "max_sh_degree", "prune", "trim", "lod", "web", "drop_unseen"])]
+          "max_sh_degree", "prune", "lod", "web", "drop_unseen"])]
     lossless: bool,
     /// Replace an existing output.
     #[arg(long)]
@@ -123,12 +124,6 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FRACTION", default_value_t = 0.0, value_parser = fraction,
           hide_short_help = true, help_heading = CONTENT)]
     prune: f64,
-    /// Gaussians so far away that the others lose octree levels: auto codes them exactly where that
-    /// is cheaper, off keeps them in the octree.
-    #[arg(long, default_value = "auto", value_name = "WHEN", hide_short_help = true,
-          help_heading = CONTENT)]
-    trim: Trim,
-
     #[command(flatten)]
     reading: Reading,
 
@@ -166,6 +161,26 @@ impl Args {
     fn preset(&self) -> Option<Preset> {
         let web = self.web && self.quality == gsvx::DEFAULT_QUALITY;
         self.preset.or_else(|| web.then_some(preset::WEB))
+    }
+
+    /// The coding choices, without what cameras see.
+    fn options(&self) -> gsvx::Result<EncodeOptions> {
+        let mut options = EncodeOptions::from_quality(self.quality())?;
+        options.max_error = self.max_error;
+        options.covariance = self.covariance.unwrap_or_default();
+        options.max_sh_degree = self.max_sh_degree;
+        options.prune = self.prune;
+        options.drop_unseen = self.drop_unseen;
+        options.lod = self.lod || self.web;
+        if self.web {
+            options.chunk_leaves = WEB_CHUNK;
+        }
+        options.leaves = match (self.depth, self.j_low) {
+            (Some(depth), Some(j_low)) => Leaves::Paper { j_low: j_low.min(depth), j_high: depth },
+            (Some(depth), None) => Leaves::Uniform { depth },
+            _ => Leaves::RateDistortion,
+        };
+        Ok(options)
     }
 
     /// The greatest number of bytes, if there is one.
@@ -246,11 +261,11 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     let mut human = format!(
         "{name}: {in_input} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
          read {read_seconds:.2} s, encode {encode_seconds:.2} s, estimate {:.2} s",
-        made.gaussians,
+        made.gaussians(),
         megabytes(input_bytes),
         megabytes(bytes),
         input_bytes as f64 / bytes as f64,
-        8.0 * bytes as f64 / made.gaussians.max(1) as f64,
+        8.0 * bytes as f64 / made.gaussians().max(1) as f64,
         made.remarks(),
         made.estimate_seconds,
     );
@@ -288,23 +303,17 @@ fn embed(output: &std::path::Path) -> String {
     format!("import {{ GSVXSplats }} from 'gsvx/spark'; scene.add(new GSVXSplats('{file}'));")
 }
 
+/// A stream, and what is to be said of it.
 #[derive(Default)]
-struct Encoding {
+struct Made {
     encoded: Encoded,
-    gaussians: usize,
     note: String,
     quality: Option<f32>,
     /// Against renders of the input, where it was measured.
     psnr: Option<f64>,
     encodes: usize,
-    /// Gaussians left out by --prune.
-    pruned: usize,
-    /// Gaussians coded exactly by --trim.
-    outliers: usize,
-    /// With cameras: the share of the opacity that they see, and the number of Gaussians that they do not.
-    share_and_unseen: Option<(f64, usize)>,
-    /// Whether --drop-unseen was asked for.
-    drop_unseen: bool,
+    /// With cameras: what they see.
+    seen: Option<SeenShare>,
     /// How much less the stream shows than the input, and how long the estimate took.
     loss: Option<Loss>,
     estimate_seconds: f64,
@@ -312,14 +321,33 @@ struct Encoding {
     missed: Option<String>,
 }
 
-impl Encoding {
+/// How much of a model cameras see.
+#[derive(Clone, Copy)]
+struct SeenShare {
+    of_opacity: f64,
+    unseen: usize,
+    /// Whether --drop-unseen was asked for.
+    drop_unseen: bool,
+}
+
+impl Made {
+    fn gaussians(&self) -> u64 {
+        self.encoded.index.header.count
+    }
+
+    /// Gaussians that are coded exactly, where others are not.
+    fn outliers(&self) -> usize {
+        let exact = self.encoded.exact();
+        if exact as u64 == self.gaussians() { 0 } else { exact }
+    }
+
     /// For a person.
     fn remarks(&self) -> String {
-        let pruned = match self.pruned {
+        let pruned = match self.encoded.pruned {
             0 => String::new(),
             n => format!("; {n} pruned"),
         };
-        let outliers = match self.outliers {
+        let outliers = match self.outliers() {
             0 => String::new(),
             1 => "; 1 outlier coded exactly".into(),
             n => format!("; {n} outliers coded exactly"),
@@ -329,15 +357,15 @@ impl Encoding {
 
     /// What became of the Gaussians that no camera sees.
     fn unseen(&self) -> String {
-        match self.share_and_unseen {
-            Some(_) if self.drop_unseen => {
+        match self.seen {
+            Some(SeenShare { drop_unseen: true, .. }) => {
                 format!(
                     "; {} Gaussians left out that the cameras see too little of",
                     self.encoded.left_out
                 )
             }
-            Some((_, n)) if n > 0 => {
-                format!("; {n} Gaussians that no camera sees are kept, coarsely")
+            Some(SeenShare { unseen, .. }) if unseen > 0 => {
+                format!("; {unseen} Gaussians that no camera sees are kept, coarsely")
             }
             _ => String::new(),
         }
@@ -346,14 +374,14 @@ impl Encoding {
     fn json(&self) -> Value {
         let parts = self.encoded.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n)));
         json!({
-            "gaussians": self.gaussians,
+            "gaussians": self.gaussians(),
             "quality": self.quality,
             "psnr": self.psnr,
             "encodes": self.encodes,
-            "pruned": self.pruned,
-            "outliers": self.outliers,
-            "seen_opacity_share": self.share_and_unseen.map(|s| s.0),
-            "unseen": self.share_and_unseen.map(|s| s.1),
+            "pruned": self.encoded.pruned,
+            "outliers": self.outliers(),
+            "seen_opacity_share": self.seen.map(|s| s.of_opacity),
+            "unseen": self.seen.map(|s| s.unseen),
             "left_out": self.encoded.left_out,
             "max_error": max_error::json(&self.encoded),
             "target_reached": self.missed.is_none(),
@@ -362,137 +390,53 @@ impl Encoding {
     }
 }
 
-fn lossless(job: &Job, scene: &Scene) -> Result<Encoding> {
+fn lossless(job: &Job, scene: &Scene) -> Result<Made> {
     let encoded = gsvx::encode_lossless(scene, false).with_context(|| input::name(&job.input))?;
-    let (gaussians, note) = (scene.len(), "every float bit for bit".into());
-    Ok(Encoding { encoded, gaussians, note, ..Encoding::default() })
+    Ok(Made { encoded, note: "every float bit for bit".into(), ..Made::default() })
 }
 
-/// What one encode of a search makes: the stream and its number of Gaussians.
-type EncodedWithCount = (Encoded, usize);
-
-/// The coding choices at a quality.
-fn options_at(args: &Args, q: f32) -> gsvx::Result<EncodeOptions> {
-    let mut options = EncodeOptions::from_quality(q)?;
-    options.covariance = args.covariance.unwrap_or_default();
-    options.max_sh_degree = args.max_sh_degree;
-    options.lod = args.lod || args.web;
-    if args.web {
-        options.chunk_leaves = WEB_CHUNK;
-    }
-    Ok(options)
-}
-
-/// Voxelizes and encodes at a quality.
-fn encode_at(
-    args: &Args,
-    scene: &Scene,
-    outliers: Option<&Scene>,
-    (cameras, seen): (Option<&[Camera]>, Option<&[f32]>),
-    q: f32,
-) -> gsvx::Result<EncodedWithCount> {
-    let _bar = progress::spinner(format!("encoding at quality {q:.1}"));
-    let strategy = |importance: &[f32], seen: Seen| match (args.depth, args.j_low) {
-        (Some(depth), Some(j_low)) => Ok(Strategy::paper(j_low.min(depth), depth)),
-        (Some(depth), None) => Ok(Strategy::Uniform { depth }),
-        (None, _) if args.drop_unseen => gsvx::default_strategy(q, importance, Seen::ByCamerasOnly),
-        (None, _) => gsvx::default_strategy(q, importance, seen),
-    };
-    let mut options = options_at(args, q)?;
-    let encoded = match (options.covariance, cameras) {
-        (CovarianceMode::Vq { .. }, Some(cameras)) => {
-            let Prepared { scene, voxels, importance } = gsvx::prepare(scene, strategy, seen)?;
-            options.importance = Some(importance);
-            options.covariance_sensitivity =
-                Some(finetune::covariance_sensitivity(&scene, cameras));
-            let left_out = voxels.dropped.len();
-            Encoded { left_out, ..gsvx::encode_voxels(&scene, &voxels, outliers, &options)? }
-        }
-        _ => {
-            options.importance = seen.map(<[f32]>::to_vec);
-            gsvx::encode_with(scene, strategy, outliers, &options)?
-        }
-    };
-    let gaussians = encoded.index.header.count as usize;
-    Ok((encoded, gaussians))
-}
-
-/// The cameras of an encode, and what they see of each Gaussian.
-struct Views {
-    cameras: Option<Vec<Camera>>,
-    /// Importances, one per Gaussian.
-    seen: Option<Vec<f32>>,
-    /// Share of the opacity that is seen, and the number of Gaussians that are not.
-    share_and_unseen: Option<(f64, usize)>,
-}
-
-impl Views {
-    fn of(args: &Args, scene: &Scene) -> Result<Self> {
-        let Some(path) = &args.cameras else {
-            return Ok(Self { cameras: None, seen: None, share_and_unseen: None });
-        };
-        let cameras = views::cameras(path)?;
-        let seen = views::Seen::of(scene, &cameras, path)?;
-        let share_and_unseen = Some((seen.share, seen.unseen()));
-        let importance = match args.drop_unseen {
-            true => seen.weights,
-            false => gsvx::importance::with_unseen(scene, &seen.weights),
-        };
-        Ok(Self { cameras: Some(cameras), seen: Some(importance), share_and_unseen })
-    }
-
-    fn parts(&self) -> (Option<&[Camera]>, Option<&[f32]>) {
-        (self.cameras.as_deref(), self.seen.as_deref())
-    }
-}
-
-/// Leaves out the least important Gaussians. Returns their number.
-fn prune(fraction: f64, scene: &mut Scene, seen: &mut Option<Vec<f32>>) -> gsvx::Result<usize> {
-    if fraction == 0.0 {
-        return Ok(0);
-    }
-    let kept = match seen {
-        Some(seen) => gsvx::prune(seen, fraction)?,
-        None => gsvx::prune(&gsvx::importance::without_cameras(scene), fraction)?,
-    };
-    let pruned = scene.len() - kept.len();
-    if let Some(seen) = seen {
-        *seen = kept.iter().map(|&i| seen[i]).collect();
-    }
-    *scene = scene.select(&kept);
-    Ok(pruned)
-}
-
-fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
+fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
     let name = || input::name(&job.input);
-    let mut views = Views::of(args, &scene)?;
-    // Quality is measured against what came in, not against what pruning left.
-    let reference = match (args.target_psnr, &views.cameras) {
-        (Some(target), Some(cameras)) => Some((target, views::Reference::new(&scene, cameras)?)),
-        _ => None,
-    };
-    let draw = || Pictures::of(&scene, views.cameras.as_deref());
-    let (pictures, seconds_before) = timed(|| (!args.no_estimate).then(draw));
-    let pruned = prune(args.prune, &mut scene, &mut views.seen).with_context(name)?;
-    let made = match args.max_error {
-        Some(bounds) => within(args, &scene, bounds).with_context(name)?,
-        None => {
-            let outliers = args.trim.split(&mut scene, views.seen.as_mut(), name)?;
-            let made = coded(args, &scene, outliers.as_ref(), &views, reference.as_ref());
-            Encoding { outliers: outliers.map_or(0, |o| o.len()), ..made.with_context(name)? }
+    let mut options = args.options()?;
+    let mut seen_share = None;
+    let mut cameras = None;
+    if let Some(path) = &args.cameras {
+        let training = views::cameras(path)?;
+        let seen = views::seen(&scene, &training, path)?;
+        let (of_opacity, unseen) = (seen.share, seen.unseen());
+        seen_share = Some(SeenShare { of_opacity, unseen, drop_unseen: args.drop_unseen });
+        options.importance = Some(seen.weights);
+        if let CovarianceMode::Vq { .. } = options.covariance {
+            options.covariance_sensitivity =
+                Some(finetune::covariance_sensitivity(&scene, &training));
         }
-    };
+        cameras = Some(training);
+    }
+    // Quality is measured against what came in, not against what pruning leaves.
+    let target = args.target_psnr.zip(cameras.as_ref());
+    let target = target.map(|(db, cameras)| (db, references(&scene, cameras)));
+    let draw = || Pictures::of(&scene, cameras.as_deref());
+    let (pictures, seconds_before) = timed(|| (!args.no_estimate).then(draw));
+    let made = coded(args, &scene, &options, target.as_ref()).with_context(name)?;
     drop(scene);
     let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
     let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
-    Ok(Encoding {
-        pruned,
-        share_and_unseen: views.share_and_unseen,
-        drop_unseen: args.drop_unseen,
+    Ok(Made {
+        seen: seen_share,
         loss: loss.with_context(name)?,
         estimate_seconds: seconds_before + seconds_after,
         ..made
     })
+}
+
+/// Renders of the input.
+fn references(scene: &Scene, cameras: &[Camera]) -> References {
+    let mut bar: Option<Steps> = None;
+    let Ok(references) = References::new(scene, cameras, |_, all| {
+        bar.get_or_insert_with(|| Steps::new("renders of the input", all as u64)).inc();
+        Ok::<_, Infallible>(())
+    });
+    references
 }
 
 /// What `work` returns, and how long it takes.
@@ -502,121 +446,77 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
     (made, start.elapsed().as_secs_f64())
 }
 
-/// The stream that keeps the bounds of --max-error.
-fn within(args: &Args, scene: &Scene, bounds: MaxError) -> gsvx::Result<Encoding> {
-    let _bar = progress::spinner("encoding within the bounds".into());
-    let mut options = options_at(args, gsvx::DEFAULT_QUALITY)?;
-    options.max_error = Some(bounds);
-    let encoded = gsvx::encode(scene, &options)?;
-    let gaussians = encoded.index.header.count as usize;
-    let note = max_error::human(&encoded).unwrap_or_default();
-    Ok(Encoding { encoded, gaussians, note, encodes: 1, ..Encoding::default() })
-}
-
 /// The stream that the flags ask for.
 fn coded(
     args: &Args,
     scene: &Scene,
-    outliers: Option<&Scene>,
-    views: &Views,
-    reference: Option<&(f64, views::Reference)>,
-) -> gsvx::Result<Encoding> {
-    if let Some(bytes) = args.most_bytes() {
-        return largest_below(args, scene, outliers, views, bytes);
+    options: &EncodeOptions,
+    target: Option<&(f64, References)>,
+) -> gsvx::Result<Made> {
+    let at = |quality: f32| {
+        let _bar = progress::spinner(format!("encoding at quality {quality:.1}"));
+        gsvx::encode(scene, &options.at_quality(quality)?)
+    };
+    if let Some(most) = args.most_bytes() {
+        let found = rate::to_bytes(most, at)?;
+        let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
+        let (note, missed) = match found.reached {
+            true => (format!("{share:.1} % of the target"), None),
+            false => ("above the target".into(), Some(too_small(most, &found.encoded))),
+        };
+        return Ok(search_result(found, &note, missed));
     }
-    if let Some((target, reference)) = reference {
-        return smallest_above(args, scene, outliers, views, *target, reference);
+    if let Some((db, references)) = target {
+        let found = rate::to_measure(*db, at, |encoded| psnr(references, encoded))?;
+        let got = found.measured.unwrap_or(f64::NAN);
+        let missed = (!found.reached).then(|| {
+            format!(
+                "its renders reach {got:.2} dB, not {db:.2}: quality {} is the best there is; \
+                 --lossless keeps every float",
+                found.quality
+            )
+        });
+        return Ok(search_result(found, &format!("{got:.2} dB from the input's renders"), missed));
     }
-    let quality = args.quality();
-    let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), quality)?;
+    if options.max_error.is_some() {
+        let _bar = progress::spinner("encoding within the bounds".into());
+        let encoded = gsvx::encode(scene, options)?;
+        let note = max_error::human(&encoded).unwrap_or_default();
+        return Ok(Made { encoded, note, encodes: 1, ..Made::default() });
+    }
+    let encoded = at(options.quality)?;
+    let quality = options.quality;
     let note = match args.preset() {
         Some(preset) => format!("preset {}, quality {quality}", preset.name),
         None => format!("quality {quality}"),
     };
-    let quality = Some(quality);
-    Ok(Encoding { encoded, gaussians, note, quality, encodes: 1, ..Encoding::default() })
+    Ok(Made { encoded, note, quality: Some(quality), encodes: 1, ..Made::default() })
 }
 
-/// The best stream of at most `most` bytes, or the smallest if there is none.
-fn largest_below(
-    args: &Args,
-    scene: &Scene,
-    outliers: Option<&Scene>,
-    views: &Views,
-    most: u64,
-) -> gsvx::Result<Encoding> {
-    let mut counts = Vec::new();
-    let mut at = |q: f32| {
-        let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), q)?;
-        counts.push((q, gaussians));
-        Ok(encoded)
-    };
-    let (found, why) = match rate::to_bytes(most, &mut at) {
-        Err(gsvx::Error::TargetTooSmall { smallest, .. }) => {
-            let why = format!(
-                "the target of {most} bytes is below the smallest stream of this scene, {smallest} \
-                 bytes; --prune or --max-sh-degree 0 makes smaller ones"
-            );
-            let encoded = at(0.0)?;
-            let encodes = counts.len();
-            (rate::Found { encoded, quality: 0.0, encodes, measured: None }, Some(why))
-        }
-        found => (found?, None),
-    };
-    let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
-    let note = match &why {
-        Some(_) => "above the target".into(),
-        None => format!("{share:.1} % of the target"),
-    };
-    Ok(search_result(found, &counts, note, why))
+/// Why a stream is above its target.
+fn too_small(most: u64, smallest: &Encoded) -> String {
+    format!(
+        "the target of {most} bytes is below the smallest stream of this scene, {} bytes; --prune or \
+         --max-sh-degree 0 makes smaller ones",
+        smallest.bytes.len()
+    )
 }
 
-/// The smallest stream of at least `target` dB, or the best if there is none.
-fn smallest_above(
-    args: &Args,
-    scene: &Scene,
-    outliers: Option<&Scene>,
-    views: &Views,
-    target: f64,
-    reference: &views::Reference,
-) -> gsvx::Result<Encoding> {
-    let mut counts = Vec::new();
-    let at = |q: f32| {
-        let (encoded, gaussians) = encode_at(args, scene, outliers, views.parts(), q)?;
-        counts.push((q, gaussians));
-        Ok(encoded)
-    };
-    let measure = |encoded: &Encoded| {
-        let mut options = gsvx::DecodeOptions::default();
-        options.max_gaussians = Some(u64::MAX);
-        Ok(reference.psnr(&gsvx::decode_with(&encoded.bytes, &options)?.scene))
-    };
-    let found = rate::to_measure(target, at, measure)?;
-    let got = found.measured.unwrap_or(f64::NAN);
-    let why = (got < target).then(|| {
-        format!(
-            "its renders reach {got:.2} dB, not {target:.2}: quality {} is the best there is; \
-             --lossless keeps every float",
-            found.quality
-        )
-    });
-    Ok(search_result(found, &counts, format!("{got:.2} dB from the input's renders"), why))
+/// Mean PSNR of a stream's renders, dB.
+fn psnr(references: &References, encoded: &Encoded) -> gsvx::Result<f64> {
+    let mut options = gsvx::DecodeOptions::default();
+    options.max_gaussians = Some(u64::MAX);
+    Ok(references.psnr(&gsvx::decode_with(&encoded.bytes, &options)?.scene))
 }
 
-fn search_result(
-    found: rate::Found<Encoded>,
-    counts: &[(f32, usize)],
-    note: String,
-    missed: Option<String>,
-) -> Encoding {
-    Encoding {
-        gaussians: counts.iter().find(|(q, _)| *q == found.quality).map_or(0, |(_, n)| *n),
+fn search_result(found: rate::Found<Encoded>, note: &str, missed: Option<String>) -> Made {
+    Made {
         note: format!("quality {:.1}, {note}, {} encodes", found.quality, found.encodes),
         quality: Some(found.quality),
         psnr: found.measured,
         encodes: found.encodes,
         encoded: found.encoded,
         missed,
-        ..Encoding::default()
+        ..Made::default()
     }
 }

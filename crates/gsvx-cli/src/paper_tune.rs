@@ -7,7 +7,6 @@ use crate::interrupt;
 use crate::output::{Output, megabytes};
 use crate::progress::Steps;
 use crate::report::Reporter;
-use crate::trim::Trim;
 use crate::views;
 use anyhow::{Context, Result, anyhow};
 use finetune::backend::Backend;
@@ -38,10 +37,6 @@ pub(crate) struct PaperArgs {
     /// Go on when the photos are matched as well as by the input model.
     #[arg(long, hide_short_help = true, help_heading = PAPER)]
     past_input: bool,
-    /// Gaussians so far away that the others lose octree levels: auto tunes them too and codes them
-    /// exactly where that is cheaper, off keeps them in the octree [default: auto].
-    #[arg(long, value_name = "WHEN", hide_short_help = true, help_heading = PAPER)]
-    trim: Option<Trim>,
     /// Steps between checkpoints; also how far back a run goes if the GPU fails [default: 1000].
     #[arg(long, value_name = "STEPS", hide_short_help = true, help_heading = PAPER,
           value_parser = clap::value_parser!(u64).range(1..))]
@@ -51,13 +46,12 @@ pub(crate) struct PaperArgs {
 impl PaperArgs {
     /// A flag of this profile that was given, if any.
     pub(crate) fn given(&self) -> Option<&'static str> {
-        let Self { steps, backend, patience, past_input, trim, checkpoint_every } = self;
+        let Self { steps, backend, patience, past_input, checkpoint_every } = self;
         [
             (steps.is_some(), "--steps"),
             (backend.is_some(), "--backend"),
             (patience.is_some(), "--patience"),
             (*past_input, "--past-input"),
-            (trim.is_some(), "--trim"),
             (checkpoint_every.is_some(), "--checkpoint-every"),
         ]
         .into_iter()
@@ -171,29 +165,27 @@ fn in_words(reason: StopReason) -> &'static str {
 fn prepare(
     args: &PaperArgs,
     job: &Job<'_>,
-    mut scene: Scene,
+    scene: Scene,
     training: Vec<TrainView>,
 ) -> Result<Start> {
     let name = || input::name(job.input);
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let seen = views::Seen::of(&scene, &cameras, job.cameras)?;
+    let seen = views::seen(&scene, &cameras, job.cameras)?;
     let unseen = seen.unseen();
     if unseen > 0 {
         let n = scene.len();
         note(format_args!("{unseen} of {n} Gaussians show in no training view: kept, coarsely"));
     }
-    let mut importance = gsvx::importance::with_unseen(&scene, &seen.weights);
     let target = (!args.past_input).then(|| quality_of(&scene, &training));
     if let Some(db) = target {
         note(format_args!(
             "input model: {db:.2} dB at the training views; the fine-tune ends there"
         ));
     }
-    let strategy = |found: &[f32], seen| gsvx::default_strategy(job.quality, found, seen);
-    let outliers =
-        args.trim.unwrap_or(Trim::Auto).split(&mut scene, Some(&mut importance), name)?;
-    let Prepared { mut scene, voxels, importance } =
-        gsvx::prepare(&scene, strategy, Some(&importance)).with_context(name)?;
+    let mut options = EncodeOptions::from_quality(job.quality)?;
+    options.importance = Some(seen.weights);
+    let Prepared { mut scene, voxels, importance, outliers } =
+        gsvx::prepare(&scene, &options).with_context(name)?;
     // The means of Gaussians that are coded exactly stay where they are, as those of the leaves do.
     if let Some(outliers) = &outliers {
         let n = outliers.len();

@@ -1,18 +1,17 @@
-//! Cameras at encode time: importance of each Gaussian, and quality as seen.
+//! Cameras on the command line: which views to draw, and what they see of a model.
 
 use crate::exit::{note, usage};
 use crate::framing;
 use crate::orbit::Orbit;
 use crate::output::is_stdio;
 use crate::progress::Steps;
-use anyhow::{Context, Result, bail};
-use finetune::{Image, RenderOptions, metrics, render, saliency_per_view, seen_opacity_share};
+use anyhow::{Result, bail};
+use finetune::Seen;
 use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, View, dataset};
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 
-/// Views used to measure quality; more only slow the search down.
-const MEASURED_VIEWS: usize = 12;
 /// Longest edge of an image that is drawn, in pixels.
 const MAX_EDGE: u32 = 1 << 14;
 
@@ -174,95 +173,23 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
     Ok(training)
 }
 
-/// Cameras that see less than this share of a model's opacity may be those of another model.
-const LEAST_SEEN: f64 = 0.5;
-
-/// What cameras see of a model.
-pub(crate) struct Seen {
-    /// Sum of squared blending weights per Gaussian.
-    pub(crate) weights: Vec<f32>,
-    /// Share of the opacity of all Gaussians that belongs to those seen.
-    pub(crate) share: f64,
-}
-
-impl Seen {
-    /// Looks at `scene`, and warns if the cameras, which `path` names, see little of it.
-    ///
-    /// # Errors
-    /// If they see nothing.
-    pub(crate) fn of(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Self> {
-        let weights = importance(scene, cameras);
-        let share = seen_opacity_share(scene, &weights);
-        if share == 0.0 {
-            bail!("{}: these cameras see nothing of the model; are they its own?", path.display());
-        }
-        if share < LEAST_SEEN {
-            note(format_args!(
-                "warning: {}: these cameras see {} of the model's opacity; are they its own?",
-                path.display(),
-                per_cent(share)
-            ));
-        }
-        Ok(Self { weights, share })
-    }
-
-    /// Gaussians that no camera sees.
-    pub(crate) fn unseen(&self) -> usize {
-        self.weights.iter().filter(|&&w| w <= 0.0).count()
-    }
-}
-
-fn per_cent(share: f64) -> String {
-    if share < 0.01 { "less than 1 %".into() } else { format!("{:.0} %", 100.0 * share) }
-}
-
-/// Sum of squared blending weights per Gaussian over the cameras.
-fn importance(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
+/// What the cameras, which `path` names, see of `scene`. Warns if that is little.
+///
+/// # Errors
+/// If they see nothing.
+pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Seen> {
     let steps = Steps::new("importance", cameras.len() as u64);
-    let mut sum = vec![0.0f32; scene.len()];
-    for camera in cameras {
-        let one = saliency_per_view(scene, std::slice::from_ref(camera));
-        for (s, v) in sum.iter_mut().zip(one.squared) {
-            *s += v;
-        }
+    let Ok(seen) = Seen::of(scene, cameras, |_| {
         steps.inc();
+        Ok::<_, Infallible>(())
+    });
+    drop(steps);
+    match seen.doubt() {
+        Some(doubt) if seen.share == 0.0 => bail!("{}: {doubt}", path.display()),
+        Some(doubt) => note(format_args!("warning: {}: {doubt}", path.display())),
+        None => {}
     }
-    sum
-}
-
-/// Measures a decoded scene against renders of the input model.
-pub(crate) struct Reference {
-    views: Vec<(Camera, Image)>,
-}
-
-impl Reference {
-    /// Renders the input model at some of the cameras.
-    pub(crate) fn new(scene: &Scene, cameras: &[Camera]) -> Result<Self> {
-        let step = cameras.len().div_ceil(MEASURED_VIEWS).max(1);
-        let views: Vec<_> = cameras
-            .iter()
-            .step_by(step)
-            .map(|camera| {
-                let image = render(scene, camera, &RenderOptions::default());
-                // What a screen shows is clamped; differences beyond it do not count.
-                let image = Image::from_rgb8(image.width, image.height, &image.to_rgb8());
-                Ok((camera.clone(), image.context("render has no pixels")?))
-            })
-            .collect::<Result<_>>()?;
-        Ok(Self { views })
-    }
-
-    /// Mean over the views of the PSNR of `scene`'s render, dB.
-    pub(crate) fn psnr(&self, scene: &Scene) -> f64 {
-        let sum: f64 = self
-            .views
-            .iter()
-            .map(|(camera, image)| {
-                metrics::psnr(&render(scene, camera, &RenderOptions::default()), image)
-            })
-            .sum();
-        sum / self.views.len() as f64
-    }
+    Ok(seen)
 }
 
 #[cfg(test)]

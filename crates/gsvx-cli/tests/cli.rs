@@ -224,42 +224,27 @@ fn info_tells_chunks_and_levels_of_detail() {
     assert!(text.contains("level 1") && text.contains("coarse levels"), "{text}");
 }
 
-/// Three floaters a million units away: coded exactly by default, in the octree with --trim off.
+/// Three floaters a million units away are coded exactly.
 #[test]
 fn floaters_are_trimmed() {
     let dir = tempfile::tempdir().unwrap();
-    let [model, near, auto, off, back] =
-        ["m.ply", "n.ply", "a.gsvx", "o.gsvx", "b.ply"].map(|name| dir.path().join(name));
+    let [model, stream, back] = ["m.ply", "a.gsvx", "b.ply"].map(|name| dir.path().join(name));
     let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
-    gs_model::ply::write(&near, &scene).unwrap();
     let at = [5, 700, scene.len() - 1];
     for (axis, &i) in at.iter().enumerate() {
         scene.means[i][axis] = 1e6;
     }
     gs_model::ply::write(&model, &scene).unwrap();
-    let said = ok(&["encode", path(&model), "-o", path(&auto)]);
+    let said = ok(&["encode", path(&model), "-o", path(&stream)]);
     assert!(said.contains("3 outliers coded exactly"), "{said}");
-    assert!(ok(&["info", path(&auto)]).contains("3 of them bit for bit"));
-    ok(&["decode", path(&auto), "-o", path(&back)]);
+    assert!(ok(&["info", path(&stream)]).contains("3 of them bit for bit"));
+    ok(&["decode", path(&stream), "-o", path(&back)]);
     let (decoded, _) = gs_model::ply::read(&back).unwrap();
     for (k, &i) in at.iter().enumerate() {
         assert_eq!(row(&decoded, decoded.len() - 3 + k), row(&scene, i));
     }
-    let said = json(&ok(&["encode", path(&model), "-o", path(&off), "--trim", "off", "--json"]));
-    assert_eq!(said["outliers"], 0);
-    let info = |p: &Path| json(&ok(&["info", path(p), "--json"]));
-    let (trimmed, whole) = (info(&auto), info(&off));
-    assert_eq!(
-        (&trimmed["exact_gaussians"], &trimmed["gaussians"]),
-        (&3.into(), &decoded.len().into())
-    );
-    let depth = |info: &serde_json::Value| info["octree_depth"].as_u64().unwrap();
-    assert!(depth(&trimmed) < depth(&whole), "{trimmed} {whole}");
-    // Without floaters the option changes nothing.
-    for (stream, trim) in [(&auto, "auto"), (&off, "off")] {
-        ok(&["encode", path(&near), "-o", path(stream), "--force", "--trim", trim]);
-    }
-    assert!(std::fs::read(&auto).unwrap() == std::fs::read(&off).unwrap());
+    let info = json(&ok(&["info", path(&stream), "--json"]));
+    assert_eq!((&info["exact_gaussians"], &info["gaussians"]), (&3.into(), &decoded.len().into()));
 }
 
 #[test]

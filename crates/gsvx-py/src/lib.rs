@@ -12,10 +12,8 @@ mod decode;
 mod encode;
 mod error;
 mod files;
-mod paper_tune;
 mod render;
 mod tuning;
-mod views;
 
 use pyo3::prelude::*;
 

@@ -5,16 +5,14 @@ use crate::background::{Event, Line, pool, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::encode::parts;
 use crate::error::{Fault, Result};
-use crate::paper_tune::{self, PaperOptions};
 use ::finetune::{Image, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
-use gsvx::Encoded;
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::path::PathBuf;
 use std::sync::Arc;
-use tune::{Effort, Progress, Target, Tune};
+use tune::{Effort, Outcome, Progress, Target, Tune};
 
 /// Quality used when none is asked for.
 const QUALITY: f32 = 58.0;
@@ -23,15 +21,13 @@ const QUALITY: f32 = 58.0;
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Options {
-    pub(crate) quality: Option<f32>,
+    quality: Option<f32>,
     target_bytes: Option<u64>,
     target_psnr: Option<f64>,
     effort: String,
     seed: u64,
-    pub(crate) checkpoint: Option<PathBuf>,
+    checkpoint: Option<PathBuf>,
     drop_invalid: bool,
-    /// None for the profile with the codec in the loop.
-    paper: Option<PaperOptions>,
 }
 
 /// A photo: an array (height, width, 3) or a file.
@@ -48,19 +44,11 @@ enum Photo {
     File(PathBuf),
 }
 
-/// What a tune returns, whatever the profile.
-pub(crate) struct Tuned {
-    pub(crate) encoded: Encoded,
-    pub(crate) outliers: usize,
-    /// PSNR of the stream and of the input, where they were measured, dB.
-    pub(crate) psnr: Option<f64>,
-    pub(crate) input_psnr: Option<f64>,
-    pub(crate) quality: f32,
-    pub(crate) steps: u64,
-    pub(crate) seconds: f64,
-    pub(crate) reason: String,
-    pub(crate) missed: Option<String>,
-    pub(crate) warnings: Vec<String>,
+/// What a tune returns.
+struct Tuned {
+    outcome: Outcome,
+    missed: Option<String>,
+    warnings: Vec<String>,
 }
 
 /// Tunes splats to photos, or to renders of themselves if there are none. Returns the stream and the fields of
@@ -84,20 +72,21 @@ pub(crate) fn finetune<'py>(
         tune_scene(scene, cameras, photos, &options, line)
     })?;
     let out = PyDict::new(py);
-    out.set_item("bytes", tuned.encoded.bytes.len())?;
-    out.set_item("gaussians", tuned.encoded.index.header.count)?;
-    out.set_item("sh_degree", tuned.encoded.index.header.sh_degree)?;
-    out.set_item("outliers", tuned.outliers)?;
-    out.set_item("psnr", tuned.psnr)?;
-    out.set_item("input_psnr", tuned.input_psnr)?;
-    out.set_item("quality", tuned.quality)?;
-    out.set_item("steps", tuned.steps)?;
-    out.set_item("seconds", tuned.seconds)?;
-    out.set_item("reason", &tuned.reason)?;
+    let Outcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } =
+        &tuned.outcome;
+    out.set_item("bytes", encoded.bytes.len())?;
+    out.set_item("gaussians", encoded.index.header.count)?;
+    out.set_item("sh_degree", encoded.index.header.sh_degree)?;
+    out.set_item("outliers", outliers)?;
+    out.set_item("psnr", psnr)?;
+    out.set_item("input_psnr", input_psnr)?;
+    out.set_item("quality", quality)?;
+    out.set_item("steps", steps)?;
+    out.set_item("seconds", seconds)?;
     out.set_item("missed", &tuned.missed)?;
     out.set_item("warnings", &tuned.warnings)?;
-    out.set_item("parts", parts(py, &tuned.encoded)?)?;
-    Ok((PyBytes::new(py, &tuned.encoded.bytes), out))
+    out.set_item("parts", parts(py, encoded)?)?;
+    Ok((PyBytes::new(py, &encoded.bytes), out))
 }
 
 impl Photo {
@@ -179,7 +168,7 @@ fn tune_scene(
     if options.drop_invalid {
         scene.drop_invalid();
     }
-    let Cameras { name, list } = cameras;
+    let list = cameras.list;
     let training = match photos {
         Some(photos) if photos.len() == list.len() => list
             .iter()
@@ -192,14 +181,10 @@ fn tune_scene(
         }
         None => renders(&scene, list, line)?,
     };
-    match &options.paper {
-        Some(paper) => paper_tune::run(scene, (&name, training), options, paper, line),
-        None => in_the_loop(scene, training, options, line),
-    }
+    run_tune(scene, training, options, line)
 }
 
-/// The profile with the codec in the loop.
-fn in_the_loop(
+fn run_tune(
     scene: Scene,
     training: Vec<TrainView>,
     options: &Options,
@@ -234,18 +219,7 @@ fn in_the_loop(
         Target::Bytes(most) => Some(format!("{bytes} bytes are above the target of {most}")),
         Target::Quality(_) => None,
     };
-    Ok(Tuned {
-        outliers: outcome.outliers,
-        psnr: Some(outcome.psnr),
-        input_psnr: Some(outcome.input_psnr),
-        quality: outcome.quality,
-        steps: outcome.steps,
-        seconds: outcome.seconds,
-        reason: "all steps are done".into(),
-        missed,
-        warnings,
-        encoded: outcome.encoded,
-    })
+    Ok(Tuned { outcome, missed, warnings })
 }
 
 fn event(p: &Progress<'_>) -> Event {

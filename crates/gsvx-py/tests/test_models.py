@@ -124,10 +124,6 @@ def test_wrong_use_of_finetune(splats, tmp_path):
     for given, said in [
         (dict(quality=40, target_bytes=1), "only one of them"),
         (dict(effort="much"), "effort: use quick"),
-        (dict(profile="other"), "profile: use rate or paper"),
-        (dict(steps=5), "steps: only with profile paper"),
-        (dict(profile="paper", target_bytes=5), "no target but quality"),
-        (dict(profile="paper", steps=1, backend="x"), "unknown backend"),
         (dict(photos=[np.zeros((4, 4))] * 3), "height, width, 3"),
         (dict(photos=[np.zeros((160, 240, 3), np.uint8)]), "1 of them for 3 cameras"),
     ]:

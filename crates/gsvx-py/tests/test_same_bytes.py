@@ -17,7 +17,6 @@ CASES = [
     (dict(max_error=0.02, max_sh_degree=2), ["--max-error", 0.02, "--max-sh-degree", 2]),
     (dict(target_bytes=50_000), ["--target-bytes", 50_000]),
     (dict(prune=0.3), ["--prune", 0.3]),
-    (dict(trim=False), ["--trim", "off"]),
     (dict(depth=8), ["--depth", 8]),
     (dict(depth=9, j_low=6), ["--depth", 9, "--j-low", 6]),
     (dict(covariance="lossless:14"), ["--covariance", "lossless:14"]),
@@ -61,13 +60,3 @@ def test_tune(command, splats, tmp_path):
     report = gsvx.finetune(ours, splats, ROOM, effort="quick", target_bytes=20_000)
     assert ours.read_bytes() == path.read_bytes()
     assert report.bytes <= 20_000 and not report.distilled
-
-
-def test_tune_paper(command, splats, tmp_path):
-    path = tmp_path / "command.gsvx"
-    words = ["--profile", "paper", "--steps", 40, "--backend", "cpu", "--quality", 45]
-    command("tune", MODEL, "--cameras", ROOM, "-o", path, *words)
-    ours = tmp_path / "ours.gsvx"
-    options = dict(profile="paper", steps=40, backend="cpu", quality=45)
-    gsvx.finetune(ours, splats, ROOM, **options)
-    assert ours.read_bytes() == path.read_bytes()

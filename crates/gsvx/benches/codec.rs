@@ -29,14 +29,13 @@ fn with(change: impl FnOnce(&mut EncodeOptions)) -> EncodeOptions {
 
 fn codec(c: &mut Criterion) {
     let scene = model();
-    let strategy =
-        |importance: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, importance, seen);
-    let prepare = || gsvx::prepare(black_box(&scene), strategy, None).expect("a valid scene");
+    let default = EncodeOptions::default();
+    let prepare = || gsvx::prepare(black_box(&scene), &default).expect("a valid scene");
     let mut g = c.benchmark_group("codec");
     g.sample_size(10).throughput(Throughput::Elements(scene.len() as u64));
     g.bench_function("yardstick: copy of the model", |b| b.iter(|| black_box(&scene).clone()));
     g.bench_function("prepare", |b| b.iter(prepare));
-    let gsvx::Prepared { scene: merged, voxels, importance } = prepare();
+    let gsvx::Prepared { scene: merged, voxels, importance, .. } = prepare();
     let default = with(|o| o.importance = Some(importance));
     let mut codebook = default.clone();
     codebook.covariance = CovarianceMode::Vq { bits: 12 };

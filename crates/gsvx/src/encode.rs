@@ -21,6 +21,8 @@ pub struct Encoded {
     pub bytes: Vec<u8>,
     /// Its head.
     pub index: Index,
+    /// Gaussians that [`EncodeOptions::prune`] left out.
+    pub pruned: usize,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
     /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
@@ -39,6 +41,13 @@ impl Encoded {
     #[must_use]
     pub fn parts(&self) -> Vec<(&'static str, u64)> {
         self.index.parts()
+    }
+
+    /// The number of Gaussians that are coded bit for bit.
+    #[must_use]
+    pub fn exact(&self) -> usize {
+        let chunks = self.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
+        chunks.map(|c| c.count as usize).sum()
     }
 }
 
@@ -69,13 +78,14 @@ pub fn encode_voxels(
         return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
     }
     check_centres(scene, voxels)?;
-    let importance = match &options.importance {
-        Some(given) if given.len() != scene.len() => {
+    for given in [&options.importance, &options.covariance_sensitivity].into_iter().flatten() {
+        if given.len() != scene.len() {
             return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
         }
-        Some(given) => given.clone(),
-        None => importance::without_cameras(scene),
-    };
+    }
+    let given = options.importance.clone();
+    let importance = given.unwrap_or_else(|| importance::without_cameras(scene));
+    let weights = &Importance::Given(importance);
     let own = Voxelization {
         members: (0..voxels.len() as u32).collect(),
         member_offsets: (0..=voxels.len() as u32).collect(),
@@ -83,8 +93,8 @@ pub fn encode_voxels(
         leaves: voxels.leaves.clone(),
         ..*voxels
     };
-    let source =
-        Source { scene, voxels: &own, weights: &Importance::Given(importance), merged: true };
+    let sensitivities = options.covariance_sensitivity.as_deref();
+    let source = Source { scene, voxels: &own, weights, sensitivities, merged: true };
     encode_source(&source, outliers, options)
 }
 
@@ -170,6 +180,8 @@ pub(crate) struct Source<'a> {
     pub(crate) voxels: &'a Voxelization,
     /// Importance of each Gaussian of the scene.
     pub(crate) weights: &'a Importance,
+    /// Of each leaf: see [`EncodeOptions::covariance_sensitivity`].
+    pub(crate) sensitivities: Option<&'a [f32]>,
     /// Every leaf has one member, in leaf order, at its centre.
     pub(crate) merged: bool,
 }
@@ -258,7 +270,7 @@ pub(crate) fn encode_source(
         let classes = if options.uniform_precision {
             vec![f32::from(importance::MEAN_CLASS); importance.len()]
         } else {
-            importance::log_classes(&importance)
+            importance::log_classes(&importance, options.steps.covariance)
         };
         jobs.push((level, classes));
     }
@@ -502,10 +514,7 @@ impl Book {
             return Ok((Shapes::Transform, Self::default()));
         }
         let parts = split(&scene)?;
-        let given = options.covariance_sensitivity.as_deref().unwrap_or(importance);
-        if given.len() != scene.len() {
-            return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
-        }
+        let given = source.sensitivities.unwrap_or(importance);
         let clean = |&v: &f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
         let sensitivities: Vec<f32> = given.iter().map(clean).collect();
         let covariances: Vec<_> = parts.iter().map(|p| p.0).collect();

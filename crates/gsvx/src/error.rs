@@ -134,16 +134,6 @@ pub enum Error {
         /// The accepted range.
         range: &'static str,
     },
-    /// A rate target lies below what the coarsest settings reach.
-    #[error(
-        "target of {target} bytes is below the smallest stream of this scene, {smallest} bytes; reduce the number of Gaussians (coarser voxels) or the SH degree"
-    )]
-    TargetTooSmall {
-        /// Bytes asked for.
-        target: u64,
-        /// Bytes of the smallest stream.
-        smallest: u64,
-    },
     /// Geometry or attribute coding failed.
     #[error("{what}: {source}")]
     Coding {

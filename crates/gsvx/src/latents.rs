@@ -102,7 +102,7 @@ impl Latents {
                 return Err(Error::CountMismatch { scene: found, leaves: voxels.len() });
             }
         }
-        let classes = importance::log_classes(importance);
+        let classes = importance::log_classes(importance, options.steps.covariance);
         let whole = EncodeOptions { lod: false, ..options.clone() };
         let cuts = lod::levels(voxels, &whole).swap_remove(0).cuts;
         let chunk = |cut: &[usize]| {

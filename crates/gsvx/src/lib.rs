@@ -35,9 +35,7 @@ pub use encode::{Encoded, LEFT_OUT, encode_lossless, encode_voxels};
 pub use error::{Error, Result};
 pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps, VERSION};
 #[cfg(feature = "encode")]
-pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions, MaxError};
+pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
 #[cfg(feature = "encode")]
-pub use prepare::{
-    Prepared, Seen, default_strategy, encode, encode_with, prepare, prune, split_outliers,
-};
+pub use prepare::{Prepared, Seen, default_strategy, encode, prepare, prune};
 pub use reader::Reader;

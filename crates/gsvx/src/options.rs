@@ -24,6 +24,27 @@ pub enum CovarianceMode {
     },
 }
 
+/// Which cells of the octree become leaves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Leaves {
+    /// Those that cost the fewest bits at the distortion that the quality allows.
+    #[default]
+    RateDistortion,
+    /// All occupied cells at one depth (the paper's section 3.1).
+    Uniform {
+        /// From 0 to 21.
+        depth: u8,
+    },
+    /// The paper's criteria (section 3.2.2), with the thresholds of its authors' code.
+    Paper {
+        /// Lowest depth, from 0 to `j_high`.
+        j_low: u8,
+        /// Highest depth, up to 21.
+        j_high: u8,
+    },
+}
+
 /// The greatest error of each attribute, as a bound or as measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MaxError {
@@ -66,12 +87,17 @@ impl MaxError {
     }
 }
 
-/// Options of [`crate::encode`] and [`crate::encode_voxels`].
+/// Options of [`crate::encode`], [`crate::prepare`] and [`crate::encode_voxels`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct EncodeOptions {
     /// Quality from 0 (smallest) to 100 (best), by which [`crate::encode`] voxelizes.
     pub quality: f32,
+    /// Which cells of the octree become leaves.
+    pub leaves: Leaves,
+    /// Fraction of the Gaussians that [`crate::encode`] leaves out first, those of least importance; from 0
+    /// to below 1.
+    pub prune: f64,
     /// Bounds on errors. With these [`crate::encode`] merges nothing, and codes as few bits as keep every
     /// attribute of every Gaussian within them. Quality, steps, covariance mode and importances have no effect
     /// then. See [`MaxError::check`].
@@ -89,9 +115,9 @@ pub struct EncodeOptions {
     /// its bits, and above all what they do not see. Otherwise it keeps that, coarsely
     /// ([`crate::importance::with_unseen`]).
     pub drop_unseen: bool,
-    /// Of each leaf, in any unit: how much a change of its covariance shows, for the codebook of
-    /// [`CovarianceMode::Vq`]. From cameras: the squared derivatives of the pixels. `None` uses
-    /// the importance.
+    /// Of each Gaussian (of each leaf for [`crate::encode_voxels`]), in any unit: how much a change of its
+    /// covariance shows, for the codebook of [`CovarianceMode::Vq`]. From cameras: the squared derivatives of
+    /// the pixels. `None` uses the importance.
     pub covariance_sensitivity: Option<Vec<f32>>,
     /// Code all Gaussians with the same precision, as the paper does.
     pub uniform_precision: bool,
@@ -144,10 +170,21 @@ impl EncodeOptions {
         }
     }
 
+    /// The same options at another quality.
+    ///
+    /// # Errors
+    /// As [`EncodeOptions::from_quality`].
+    pub fn at_quality(&self, quality: f32) -> Result<Self> {
+        let Self { quality, steps, .. } = Self::from_quality(quality)?;
+        Ok(Self { quality, steps, ..self.clone() })
+    }
+
     fn at(quality: f32) -> Self {
         let dc = DC_STEP_AT_ZERO * libm::exp2f(-quality / QUALITY_PER_OCTAVE);
         Self {
             quality,
+            leaves: Leaves::RateDistortion,
+            prune: 0.0,
             max_error: None,
             steps: Steps::from_dc(dc),
             covariance: CovarianceMode::Transform,

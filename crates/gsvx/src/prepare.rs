@@ -1,13 +1,14 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
 use crate::bounded;
-use crate::encode::{Encoded, Source, check_lengths, encode_source};
+use crate::encode::{Encoded, LEFT_OUT, Source, check_lengths, encode_source};
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::lossless::layout;
-use crate::options::EncodeOptions;
+use crate::options::{EncodeOptions, Leaves};
 use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
+use std::borrow::Cow;
 use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Trim, Trimmed, Voxelization};
 
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
@@ -33,73 +34,166 @@ const DROP: f64 = 5.0;
 const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
 
-/// Encodes a trained model. Gaussians so far away that they would cost all others precision are coded
-/// bit for bit (see [`split_outliers`]); all others are voxelized and merged as the quality asks. With
-/// [`EncodeOptions::max_error`] nothing is merged.
+/// Encodes a trained model, in three steps:
+///
+/// 1. It leaves out what [`EncodeOptions::prune`] says.
+/// 2. It codes outliers bit for bit. These are Gaussians so far away that the octree of 21 levels would be too
+///    coarse for all others. Most scenes have none.
+/// 3. It voxelizes, merges and codes all others as the quality asks. With [`EncodeOptions::max_error`] it merges
+///    nothing.
 ///
 /// # Errors
-/// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances in
-/// `options` are not one per Gaussian, [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy
-/// coding cannot hold.
+/// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances or the
+/// sensitivities in `options` are not one per Gaussian, [`Error::Option`] for options out of range,
+/// [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
-    check_lengths(scene)?;
-    if let Some(bounds) = &options.max_error {
-        return bounded::encode(scene, bounds, options);
-    }
-    if let Some(given) = options.importance.as_ref().filter(|i| i.len() != scene.len()) {
-        return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
-    }
-    let strategy = |importance: &[f32], seen| {
-        let only = seen == Seen::ByCameras && options.drop_unseen;
-        let seen = if only { Seen::ByCamerasOnly } else { seen };
-        default_strategy(options.quality, importance, seen)
+    let mut input = Input::new(scene, options)?;
+    input.prune(options.prune)?;
+    let encoded = match &options.max_error {
+        Some(bounds) => bounded::encode(&input.scene, bounds, options)?,
+        None => encode_leaves(&mut input, options)?,
     };
-    let keep = |given: &Vec<f32>| match options.drop_unseen {
-        true => given.clone(),
-        false => importance::with_unseen(scene, given),
+    let rows = encoded.rows.map(|rows| input.rows(&rows, scene.len()));
+    Ok(Encoded { pruned: scene.len() - input.count, rows, ..encoded })
+}
+
+/// Outliers, voxelization and coding.
+fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encoded> {
+    let split = input.split()?;
+    let (voxels, importance) = input.voxelize(options)?;
+    let weights = Importance::Given(importance);
+    let sensitivities = input.sensitivities.take().map(|s| voxels.sums(&s));
+    let source = Source {
+        scene: &input.scene,
+        voxels: &voxels,
+        weights: &weights,
+        sensitivities: sensitivities.as_deref(),
+        merged: false,
     };
-    let importance = options.importance.as_ref().map(keep);
-    let Some(split) = split_outliers(scene)? else {
-        let options = EncodeOptions { importance, ..options.clone() };
-        return encode_with(scene, strategy, None, &options);
-    };
-    let outliers = scene.select(&split.outliers);
-    let inside = scene.select(&split.inside);
-    let of_inside = |given: Vec<f32>| split.inside.iter().map(|&i| given[i]).collect();
-    let importance = importance.map(of_inside);
-    let options = EncodeOptions { importance, ..options.clone() };
-    let encoded = encode_with(&inside, strategy, Some(&outliers), &options)?;
+    let Some((trimmed, outliers)) = split else { return encode_source(&source, None, options) };
+    let encoded = encode_source(&source, Some(&outliers), options)?;
     let leaves = encoded.index.header.count as usize - outliers.len();
-    let rows = encoded.rows.as_ref().map(|rows| split.rows(rows, leaves as u32));
+    let rows = encoded.rows.as_ref().map(|rows| trimmed.rows(rows, leaves as u32));
     Ok(Encoded { rows, ..encoded })
 }
 
-/// As [`encode`], with a voxelization of the caller's choice. `outliers` are coded exactly. Importances
-/// are taken as they are: [`EncodeOptions::drop_unseen`] has no effect.
-///
-/// # Errors
-/// As [`encode`].
-pub fn encode_with(
-    scene: &Scene,
-    strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
-    outliers: Option<&Scene>,
-    options: &EncodeOptions,
-) -> Result<Encoded> {
-    let importance = options.importance.as_deref();
-    let (voxels, weights) = voxels_and_weights(scene, strategy, importance)?;
-    let source = Source { scene, voxels: &voxels, weights: &weights, merged: false };
-    encode_source(&source, outliers, options)
-}
-
-/// A voxelized scene with the importance of each leaf.
+/// A voxelized scene with the importance of each leaf, for [`crate::encode_voxels`].
 #[derive(Clone, Debug)]
 pub struct Prepared {
     /// One Gaussian per leaf, at its centre.
     pub scene: Scene,
-    /// The leaves and their members.
+    /// The leaves, and their members among the Gaussians that were not left out before.
     pub voxels: Voxelization,
-    /// Importance per leaf, for [`EncodeOptions::importance`] of [`crate::encode_voxels`].
+    /// Importance per leaf, for [`EncodeOptions::importance`].
     pub importance: Vec<f32>,
+    /// Gaussians to be coded bit for bit; `None` if there are none.
+    pub outliers: Option<Scene>,
+}
+
+/// Voxelizes and merges as [`encode`] does, for a caller that changes the merged Gaussians before they are
+/// coded. [`EncodeOptions::max_error`] has no effect.
+///
+/// # Errors
+/// As [`encode`].
+pub fn prepare(scene: &Scene, options: &EncodeOptions) -> Result<Prepared> {
+    let mut input = Input::new(scene, options)?;
+    input.prune(options.prune)?;
+    let split = input.split()?;
+    let (voxels, weights) = input.voxelize(options)?;
+    let importance = voxels.sums(&weights);
+    let weights = Importance::Given(weights);
+    let scene = voxel::merge_weighted(&input.scene, &voxels, Merge::Moments, &weights)?;
+    Ok(Prepared { scene, voxels, importance, outliers: split.map(|s| s.1) })
+}
+
+/// What is encoded, with what belongs to each Gaussian.
+struct Input<'a> {
+    scene: Cow<'a, Scene>,
+    importance: Option<Vec<f32>>,
+    sensitivities: Option<Vec<f32>>,
+    /// Where each Gaussian that [`Input::prune`] kept was; `None` if it kept all.
+    kept: Option<Vec<usize>>,
+    /// Gaussians that [`Input::prune`] kept.
+    count: usize,
+}
+
+impl<'a> Input<'a> {
+    fn new(scene: &'a Scene, options: &EncodeOptions) -> Result<Self> {
+        check_lengths(scene)?;
+        let count = scene.len();
+        let sensitivities = options.covariance_sensitivity.clone();
+        for given in [&options.importance, &sensitivities].into_iter().flatten() {
+            if given.len() != count {
+                return Err(Error::CountMismatch { scene: given.len(), leaves: count });
+            }
+        }
+        let importance = options.importance.as_ref().map(|given| match options.drop_unseen {
+            true => given.clone(),
+            false => importance::with_unseen(scene, given),
+        });
+        Ok(Self { scene: Cow::Borrowed(scene), importance, sensitivities, kept: None, count })
+    }
+
+    /// Keeps the Gaussians at `indices` only.
+    fn select(&mut self, indices: &[usize]) {
+        self.scene = Cow::Owned(self.scene.select(indices));
+        for values in [&mut self.importance, &mut self.sensitivities].into_iter().flatten() {
+            *values = indices.iter().map(|&i| values[i]).collect();
+        }
+    }
+
+    /// Leaves out the least important Gaussians.
+    fn prune(&mut self, fraction: f64) -> Result<()> {
+        if fraction == 0.0 {
+            return Ok(());
+        }
+        let kept = match &self.importance {
+            Some(importance) => prune(importance, fraction)?,
+            None => prune(&importance::without_cameras(&self.scene), fraction)?,
+        };
+        self.select(&kept);
+        self.count = kept.len();
+        self.kept = Some(kept);
+        Ok(())
+    }
+
+    /// Takes the outliers out, if there are any.
+    fn split(&mut self) -> Result<Option<(Trimmed, Scene)>> {
+        let Some(split) = split_outliers(&self.scene)? else { return Ok(None) };
+        let outliers = self.scene.select(&split.outliers);
+        self.select(&split.inside);
+        Ok(Some((split, outliers)))
+    }
+
+    /// The leaves, and the importance of each Gaussian.
+    fn voxelize(&mut self, options: &EncodeOptions) -> Result<(Voxelization, Vec<f32>)> {
+        let seen = match (&self.importance, options.drop_unseen) {
+            (None, _) => Seen::Guessed,
+            (Some(_), true) => Seen::ByCamerasOnly,
+            (Some(_), false) => Seen::ByCameras,
+        };
+        let guess = || importance::without_cameras(&self.scene);
+        let importance = self.importance.take().unwrap_or_else(guess);
+        let cube = Cube::of(&self.scene.means)?;
+        let mut strategy = match options.leaves {
+            Leaves::RateDistortion => default_strategy(options.quality, &importance, seen)?,
+            Leaves::Uniform { depth } => Strategy::Uniform { depth },
+            Leaves::Paper { j_low, j_high } => Strategy::paper(j_low, j_high),
+        };
+        if let Strategy::RateDistortion(options) = &mut strategy {
+            options.j_high = options.j_high.max(needed_depth(&self.scene, &cube));
+        }
+        let voxels = voxel::voxelize(&self.scene, &cube, &strategy)?;
+        Ok((voxels, importance))
+    }
+
+    /// The rows of all Gaussians, from those of the ones that were kept.
+    fn rows(&self, rows: &[u32], len: usize) -> Vec<u32> {
+        let Some(kept) = &self.kept else { return rows.to_vec() };
+        let mut all = vec![LEFT_OUT; len];
+        kept.iter().zip(rows).for_each(|(&i, &row)| all[i] = row);
+        all
+    }
 }
 
 /// Where importances come from.
@@ -141,50 +235,6 @@ pub fn default_strategy(quality: f32, importance: &[f32], seen: Seen) -> Result<
     Ok(Strategy::RateDistortion(options))
 }
 
-/// Voxelizes with `strategy` and merges, weighting members by importance.
-///
-/// `importance` is per Gaussian of `scene`, from cameras; `None` uses
-/// [`importance::without_cameras`].
-///
-/// # Errors
-/// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances
-/// are not one per Gaussian.
-pub fn prepare(
-    scene: &Scene,
-    strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
-    importance: Option<&[f32]>,
-) -> Result<Prepared> {
-    let (voxels, weights) = voxels_and_weights(scene, strategy, importance)?;
-    let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;
-    let importance =
-        Source { scene, voxels: &voxels, weights: &weights, merged: false }.importance();
-    Ok(Prepared { scene: merged, voxels, importance })
-}
-
-/// The leaves, and the importance that weighs their members.
-fn voxels_and_weights(
-    scene: &Scene,
-    strategy: impl FnOnce(&[f32], Seen) -> Result<Strategy>,
-    importance: Option<&[f32]>,
-) -> Result<(Voxelization, Importance)> {
-    check_lengths(scene)?;
-    let seen = if importance.is_some() { Seen::ByCameras } else { Seen::Guessed };
-    let importance = match importance {
-        Some(given) if given.len() == scene.len() => given.to_vec(),
-        Some(given) => {
-            return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
-        }
-        None => importance::without_cameras(scene),
-    };
-    let cube = Cube::of(&scene.means)?;
-    let mut strategy = strategy(&importance, seen)?;
-    if let Strategy::RateDistortion(options) = &mut strategy {
-        options.j_high = options.j_high.max(needed_depth(scene, &cube));
-    }
-    let voxels = voxel::voxelize(scene, &cube, &strategy)?;
-    Ok((voxels, Importance::Given(importance)))
-}
-
 /// Depth at which a cell is [`CELLS_PER_AXIS`] times smaller than the median Gaussian's largest axis.
 fn needed_depth(scene: &Scene, cube: &Cube) -> u8 {
     let depth = median_log_scale(scene).map_or(0.0, |median| wanted_depth(median, cube));
@@ -215,12 +265,11 @@ fn median_log_scale(scene: &Scene) -> Option<f64> {
 ///
 /// Where cells an eighth as wide as the median Gaussian lie deeper than an octree's 21 levels,
 /// [`voxel::trim`] weighs what a smaller cube gives the inliers against the floats of the
-/// outliers. Select [`Trimmed::inside`] for [`prepare`], and [`Trimmed::outliers`] for
-/// [`encode_with`].
+/// outliers.
 ///
 /// # Errors
 /// [`Error::Voxel`] if a mean or the median log-scale is not finite.
-pub fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
+pub(crate) fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
     let cube = Cube::of(&scene.means)?;
     let Some(median) = median_log_scale(scene) else { return Ok(None) };
     let cell = libm::exp(median) / CELLS_PER_AXIS;
@@ -286,8 +335,7 @@ mod tests {
             sh: vec![[0.3; 3]; 64],
         };
         scene.means[63] = [3000.0, 0.0, 0.0];
-        let strategy = |importance: &[f32], seen| default_strategy(60.0, importance, seen);
-        let prepared = prepare(&scene, strategy, None).unwrap();
+        let prepared = prepare(&scene, &EncodeOptions::from_quality(60.0).unwrap()).unwrap();
         assert_eq!(prepared.voxels.len(), 64);
         for (i, &member) in prepared.voxels.members.iter().enumerate() {
             for k in 0..3 {

@@ -4,7 +4,7 @@
 //! stream (it may voxelize differently at each quality); the search brackets the target and
 //! closes in by interpolating in the logarithm of the size, which is nearly linear in quality.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 /// Qualities a search looks at; [`crate::EncodeOptions::from_quality`] accepts these.
 const LOWEST: f32 = 0.0;
@@ -35,15 +35,18 @@ pub struct Found<T> {
     pub encodes: usize,
     /// The measured value, for searches that measure one.
     pub measured: Option<f64>,
+    /// Whether the target is reached. If not, there is no better stream.
+    pub reached: bool,
 }
 
 /// The largest stream not above `target` bytes.
 ///
 /// Ends within 0.5 % below the target where the stream's size is continuous in quality; if even
-/// the best quality is smaller, that stream is returned.
+/// the best quality is smaller, that stream is returned. If quality 0 is still larger, that stream is
+/// returned, and [`Found::reached`] is false.
 ///
 /// # Errors
-/// [`Error::TargetTooSmall`] if quality 0 is still larger; errors of `encode`.
+/// Errors of `encode`.
 pub fn to_bytes<T: AsRef<[u8]>>(
     target: u64,
     mut encode: impl FnMut(f32) -> Result<T>,
@@ -72,20 +75,22 @@ pub fn to_bytes<T: AsRef<[u8]>>(
         let bytes = next.as_ref().len() as u64;
         if bytes > target {
             if quality <= LOWEST {
-                return Err(Error::TargetTooSmall { target, smallest: bytes });
+                let (encoded, measured, reached) = (next, None, false);
+                return Ok(Found { encoded, quality, encodes, measured, reached });
             }
             above = Some((quality, bytes));
         } else {
             let near = bytes as f64 >= target as f64 * (1.0 - BYTES_TOLERANCE);
             if near || quality >= HIGHEST {
-                return Ok(Found { quality, encoded: next, encodes, measured: None });
+                let (encoded, measured, reached) = (next, None, true);
+                return Ok(Found { encoded, quality, encodes, measured, reached });
             }
             below = Some((quality, next));
         }
         if encodes >= MAX_ENCODES
             && let Some((quality, encoded)) = below.take()
         {
-            return Ok(Found { quality, encoded, encodes, measured: None });
+            return Ok(Found { encoded, quality, encodes, measured: None, reached: true });
         }
     }
 }
@@ -103,8 +108,7 @@ fn between(low: f32, high: f32, t: f64) -> f32 {
 
 /// The smallest stream found whose measure (larger is better, say PSNR in dB) reaches `target`.
 ///
-/// If even the best quality falls short, that stream is returned; compare
-/// [`Found::measured`].
+/// If even the best quality falls short, that stream is returned, and [`Found::reached`] is false.
 ///
 /// # Errors
 /// Errors of `encode` and `measure`.
@@ -146,6 +150,7 @@ pub fn to_measure<T>(
             quality,
             encodes,
             measured: Some(value),
+            reached: value >= target,
         };
         if reached {
             good = Some((quality, encoded, value));
@@ -188,9 +193,9 @@ mod tests {
     }
 
     #[test]
-    fn a_target_below_the_smallest_stream_is_an_error() {
-        let error = to_bytes(999, coder(1000.0)).unwrap_err();
-        assert!(matches!(error, Error::TargetTooSmall { target: 999, smallest: 1000 }));
+    fn a_target_below_the_smallest_stream_gives_the_smallest_stream() {
+        let found = to_bytes(999, coder(1000.0)).unwrap();
+        assert_eq!((found.encoded.len(), found.quality, found.reached), (1000, 0.0, false));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use common::with_related_degrees;
 use common::{Rng, decoding, encoding, leaves, scene, voxelized, with_floaters};
 use gsvx::{
     CovarianceMode, Decoded, EncodeOptions, Encoded, Error, Index, Kind, Reader, decode,
-    decode_leaves, decode_with, encode, encode_lossless, encode_voxels, encode_with,
+    decode_leaves, decode_with, encode, encode_lossless, encode_voxels,
 };
 use std::time::{Duration, Instant};
 use voxel::Strategy;
@@ -361,9 +361,9 @@ fn the_default_limit_admits_a_constant_grid() {
         sh_degree: 0,
         sh: vec![[0.3; 3]; n],
     };
-    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 6 });
-    let options = EncodeOptions::default();
-    let encoded = encode_with(&scene, uniform, None, &options).unwrap();
+    let mut options = EncodeOptions::default();
+    options.leaves = gsvx::Leaves::Uniform { depth: 6 };
+    let encoded = encode(&scene, &options).unwrap();
     eprintln!("{n} equal Gaussians: {} bytes", encoded.bytes.len());
     assert_eq!(decode(&encoded.bytes).unwrap().len(), n);
     let exact = encode_lossless(&scene, false).unwrap();

@@ -2,7 +2,7 @@
 
 use gs_model::Scene;
 use gsvx::latents::Latents;
-use gsvx::{EncodeOptions, Encoded, Prepared, decode, default_strategy, encode_voxels, prepare};
+use gsvx::{EncodeOptions, Encoded, Prepared, decode, encode_voxels, prepare};
 use std::num::NonZeroUsize;
 use testing::{Rng, with_related_degrees};
 
@@ -12,7 +12,7 @@ fn trained_like(n: usize, sh_degree: u8, seed: u64) -> Scene {
 
 fn prepared(n: usize, sh_degree: u8) -> Prepared {
     let scene = trained_like(n, sh_degree, 7);
-    prepare(&scene, |found, seen| default_strategy(55.0, found, seen), None).unwrap()
+    prepare(&scene, &EncodeOptions::from_quality(55.0).unwrap()).unwrap()
 }
 
 fn options(p: &Prepared) -> EncodeOptions {

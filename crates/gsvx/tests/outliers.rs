@@ -5,49 +5,43 @@ mod common;
 
 use common::{bits, decoding, encoding, scene, voxelized, with_floaters};
 use gs_model::Scene;
-use gsvx::{
-    EncodeOptions, Error, Kind, decode, decode_with, default_strategy, encode, encode_voxels,
-    encode_with, split_outliers,
-};
+use gsvx::{EncodeOptions, Error, Kind, decode, decode_with, encode, encode_voxels};
 use voxel::Strategy;
 
 #[test]
 fn floaters_come_back_bit_for_bit_in_their_order() {
     for degree in [0, 3] {
         let (scene, at) = with_floaters(scene(3000, degree, 8));
-        let split = split_outliers(&scene).unwrap().unwrap();
-        assert_eq!(split.outliers, at);
         let encoded = encode(&scene, &EncodeOptions::default()).unwrap();
         let last = encoded.index.chunks.last().unwrap();
-        assert_eq!((last.kind, last.count), (Kind::Exact, 3));
+        assert_eq!((last.kind, last.count, encoded.exact()), (Kind::Exact, 3, 3));
         let back = decode(&encoded.bytes).unwrap();
         let leaves = back.len() - 3;
         for (k, &i) in at.iter().enumerate() {
             assert_eq!(bits(&back, leaves + k), bits(&scene, i));
         }
         // The others are what they are without the floaters.
-        let inliers = scene.select(&split.inside);
+        let inside: Vec<usize> = (0..scene.len()).filter(|i| !at.contains(i)).collect();
+        let inliers = scene.select(&inside);
         let alone = decode(&encode(&inliers, &EncodeOptions::default()).unwrap().bytes).unwrap();
         assert_eq!(alone, back.select(&(0..leaves).collect::<Vec<_>>()));
-        // In the octree the floaters cost everyone levels: the finest cell is 0.95 units wide.
-        let strategy = |importance: &[f32], seen| default_strategy(60.0, importance, seen);
-        let untrimmed = encode_with(&scene, strategy, None, &EncodeOptions::default()).unwrap();
-        let (with, without) = (&encoded.index.header, &untrimmed.index.header);
-        let cell = |h: &gsvx::Header| h.cube.side / f64::from(1u32 << h.j_high);
-        assert!(without.j_high == 21 && with.j_high < 21 && cell(with) < 1e-3 * cell(without));
-        assert!(2 * without.count < with.count, "they share cells");
+        // In an octree around all, the finest cell is a thousand times as wide.
+        let header = &encoded.index.header;
+        let whole = voxel::Cube::of(&scene.means).unwrap().side / f64::from(1u32 << 21);
+        assert!(header.cube.side / f64::from(1u32 << header.j_high) < 1e-3 * whole);
     }
 }
 
 #[test]
 fn a_scene_without_floaters_is_not_trimmed() {
     for n in [0, 1, 500] {
-        assert_eq!(split_outliers(&scene(n, 1, 8)).unwrap(), None, "{n}");
+        let encoded = encode(&scene(n, 1, 8), &EncodeOptions::default()).unwrap();
+        assert_eq!(encoded.exact(), 0, "{n}");
     }
     // One floater within reach of 21 levels is cheaper in the octree.
     let mut near = scene(500, 1, 8);
     near.means[3] = [1000.0, 0.0, 0.0];
-    assert_eq!(split_outliers(&near).unwrap(), None);
+    assert_eq!(encode(&near, &EncodeOptions::default()).unwrap().exact(), 0);
     // No outliers, no chunk of them.
     let (merged, voxels) = voxelized(&scene(80, 1, 3), &Strategy::Uniform { depth: 9 });
     let options = EncodeOptions::default();

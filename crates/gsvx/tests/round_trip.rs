@@ -8,7 +8,7 @@ use gs_model::Scene;
 use gsvx::covariance::log_euclidean::coordinates;
 use gsvx::{
     CovarianceMode, EncodeOptions, Error, decode, decode_leaves, decode_with, encode,
-    encode_voxels, encode_with, importance,
+    encode_voxels, importance,
 };
 use voxel::Strategy;
 
@@ -264,21 +264,20 @@ fn importances_of_another_length_are_refused() {
     let (floaters, _) = with_floaters(scene(300, 1, 5));
     let plain = scene(300, 1, 5);
     let (merged, voxels) = voxelized(&plain, &Strategy::Uniform { depth: 12 });
-    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 10 });
     for n in [0, 1, 299, 301] {
         let options = encoding(|o| o.importance = Some(vec![1.0; n]));
         for refused in [
             encode(&plain, &options),
             encode(&floaters, &options),
-            encode_with(&plain, uniform, None, &options),
             encode_voxels(&merged, &voxels, None, &options),
         ] {
             assert!(matches!(refused, Err(Error::CountMismatch { .. })), "{n}");
         }
         let mut options = encoding(|o| o.covariance = CovarianceMode::Vq { bits: 8 });
         options.covariance_sensitivity = Some(vec![1.0; n]);
-        let refused = encode_voxels(&merged, &voxels, None, &options);
-        assert!(matches!(refused, Err(Error::CountMismatch { .. })), "sensitivity {n}");
+        for refused in [encode(&plain, &options), encode_voxels(&merged, &voxels, None, &options)] {
+            assert!(matches!(refused, Err(Error::CountMismatch { .. })), "sensitivity {n}");
+        }
     }
 }
 
@@ -340,7 +339,6 @@ fn misfits_are_errors() {
 fn arrays_of_different_lengths_are_refused() {
     let plain = scene(50, 1, 5);
     let (merged, voxels) = voxelized(&plain, &Strategy::Uniform { depth: 9 });
-    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 10 });
     let changes: [fn(&mut Scene); 5] = [
         |s| s.rotations.truncate(1),
         |s| s.log_scales.truncate(1),
@@ -357,7 +355,6 @@ fn arrays_of_different_lengths_are_refused() {
         };
         for refused in [
             encode(&changed(&plain), &options),
-            encode_with(&changed(&plain), uniform, None, &options),
             encode_voxels(&changed(&merged), &voxels, None, &options),
             encode_voxels(&merged, &voxels, Some(&changed(&plain)), &options),
         ] {

@@ -12,7 +12,7 @@ use gsvx::latents::{GaussianGradient, Latents};
 use voxel::Voxelization;
 
 use crate::error::Result;
-use crate::plan;
+use crate::plan::{self, DC_BASIS};
 use crate::rows::Moments;
 
 /// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
@@ -23,8 +23,6 @@ const FINAL_RATE: f64 = 0.05;
 const PRICED: u64 = 4;
 /// Every so many steps the predictions are fitted anew; between two fits a run cannot be cut.
 pub(crate) const FITTED: u64 = 50;
-/// The DC basis function.
-const DC_BASIS: f64 = 0.282_094_791_773_878_14;
 /// Price of a bit over that of a uniform quantiser at high rates. The latter is the derivative of
 /// `step^2 / 12` by the bits, `ln 2 / 6 step^2`.
 const PRICE: f64 = 8.0;

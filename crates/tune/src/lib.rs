@@ -14,7 +14,7 @@ mod steering;
 mod views;
 
 pub use error::{Error, Result};
-pub use options::{Effort, Options, Target};
-pub use plan::Plan;
+pub use options::{Options, Target};
+pub use plan::{Effort, Plan};
 pub use progress::{Outcome, Progress, StageName};
 pub use run::Tune;

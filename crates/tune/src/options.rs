@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::plan::Plan;
+use crate::plan::{Effort, Plan};
 
 /// What the stream aims for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,18 +15,6 @@ pub enum Target {
     Bytes(u64),
     /// So many dB against the photos, at the views kept aside.
     Psnr(f64),
-}
-
-/// How long to tune.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Effort {
-    /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on one core.
-    Quick,
-    /// About five minutes for the same.
-    #[default]
-    Normal,
-    /// About half an hour for the same.
-    Long,
 }
 
 /// How to tune.

@@ -1,18 +1,20 @@
 //! [`Plan`]: how far to prune and how long to tune, from the target.
 //!
-//! All settings follow from one number, the quality, which sets the quantisation steps. Low rates want
-//! fewer Gaussians at finer steps than a stream without tuning has. The fractions below are the convex
-//! hull of measurements on one scene; the shares of blending weight that they give up are nearly the
-//! same in others (docs/results/tune.md).
+//! All settings follow from one number, the quality, which sets the quantisation steps. A Gaussian is left
+//! out if the views change less without it than by the quantisation error that the quality allows: see
+//! [`Spare`].
 
 use gsvx::{EncodeOptions, Steps};
 
 use crate::error::{Error, Result};
-use crate::options::Effort;
 
-/// Quality, and the fraction of the Gaussians that is left out there. Linear in between.
-const FRACTIONS: [(f32, f64); 7] =
-    [(30.0, 0.85), (42.0, 0.75), (54.0, 0.65), (58.0, 0.5), (63.0, 0.3), (70.0, 0.15), (85.0, 0.0)];
+/// A Gaussian is left out if its removal effect is below this many times that of an error of one DC step
+/// (measured, docs/results/tune.md).
+const LEFT_OUT_BELOW: f64 = 9.0;
+/// Most that is left out.
+const MOST_LEFT_OUT: f64 = 0.95;
+/// The DC basis function.
+pub(crate) const DC_BASIS: f64 = 0.282_094_791_773_878_14;
 /// [`Effort::Quick`] prunes as far as a quality so much higher.
 const QUICK_PRUNES_AS: f32 = 4.0;
 /// The octree is that of a quality so much lower: positions are fitted no better than that.
@@ -20,6 +22,18 @@ const VOXEL_QUALITY_BELOW: f32 = 14.0;
 /// Steps over those of a stream without tuning, relative to the other channels.
 const SH_STEP: f32 = 1.3;
 const COVARIANCE_STEP: f32 = 1.4;
+
+/// How long to tune.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Effort {
+    /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on one core.
+    Quick,
+    /// About five minutes for the same.
+    #[default]
+    Normal,
+    /// About half an hour for the same.
+    Long,
+}
 
 /// What a run will do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,10 +52,7 @@ pub struct Plan {
 
 impl Plan {
     /// The plan for a quality.
-    ///
-    /// # Errors
-    /// [`Error::Option`] if `quality` is out of range.
-    pub fn new(quality: f32, effort: Effort) -> Result<Self> {
+    pub(crate) fn new(quality: f32, effort: Effort, spare: &Spare) -> Result<Self> {
         EncodeOptions::from_quality(quality)?;
         let (rounds, round_steps, loop_steps) = match effort {
             Effort::Quick => (3, 60, 240),
@@ -50,7 +61,7 @@ impl Plan {
         };
         // A short run recovers from less pruning.
         let mild = if effort == Effort::Quick { QUICK_PRUNES_AS } else { 0.0 };
-        let fraction = fraction(quality + mild);
+        let fraction = spare.fraction((quality + mild).min(100.0))?;
         Ok(Self { quality, fraction, rounds, round_steps, loop_steps })
     }
 
@@ -81,9 +92,12 @@ impl Plan {
     }
 }
 
-/// Quality of the voxelization.
-pub(crate) fn voxel_quality(quality: f32) -> f32 {
-    (quality - VOXEL_QUALITY_BELOW).max(0.0)
+/// The voxelization of a quality, with importances from cameras.
+pub(crate) fn voxel_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<EncodeOptions> {
+    let mut options = EncodeOptions::from_quality((quality - VOXEL_QUALITY_BELOW).max(0.0))?;
+    options.importance = Some(importance);
+    options.drop_unseen = true;
+    Ok(options)
 }
 
 /// The quantisation steps of a quality.
@@ -94,22 +108,38 @@ pub(crate) fn steps(quality: f32) -> Result<Steps> {
     Ok(steps)
 }
 
-fn fraction(quality: f32) -> f64 {
-    let [first, .., last] = FRACTIONS;
-    if quality <= first.0 {
-        return first.1;
+/// How many Gaussians a scene can spare.
+pub(crate) struct Spare {
+    /// Of each Gaussian, ascending: its removal effect over that of an error of 1 in the DC value of a
+    /// Gaussian of mean importance.
+    ratios: Vec<f64>,
+}
+
+impl Spare {
+    /// `effects` are `finetune::removal_effects`, `importance` the sums of squared blending weights.
+    pub(crate) fn new(effects: &[f32], importance: &[f32]) -> Self {
+        let sum: f64 = importance.iter().map(|&v| f64::from(v)).sum();
+        let mean = sum / importance.len().max(1) as f64;
+        // Such an error shows in all three colour channels.
+        let of_one = 3.0 * DC_BASIS * DC_BASIS * mean;
+        let mut ratios: Vec<f64> = effects.iter().map(|&e| f64::from(e) / of_one).collect();
+        ratios.sort_unstable_by(f64::total_cmp);
+        Self { ratios }
     }
-    let pair = FRACTIONS.windows(2).find(|w| quality <= w[1].0);
-    pair.map_or(last.1, |w| {
-        let t = f64::from((quality - w[0].0) / (w[1].0 - w[0].0));
-        w[0].1 + t * (w[1].1 - w[0].1)
-    })
+
+    /// The fraction that is left out at a quality.
+    fn fraction(&self, quality: f32) -> Result<f64> {
+        let step = f64::from(EncodeOptions::from_quality(quality)?.steps.dc);
+        let most = LEFT_OUT_BELOW * step * step;
+        let out = self.ratios.partition_point(|&r| r < most);
+        Ok((out as f64 / self.ratios.len().max(1) as f64).min(MOST_LEFT_OUT))
+    }
 }
 
 /// How far the PSNR of a tuned stream is below that of the input model, dB, by quality. Where a search
 /// for a PSNR begins.
 const LOSSES: [(f32, f64); 6] =
-    [(42.0, 1.83), (54.0, 0.9), (58.0, 0.5), (63.0, 0.22), (70.0, 0.05), (80.0, 0.0)];
+    [(42.0, 3.0), (50.0, 1.7), (58.0, 0.9), (66.0, 0.45), (78.0, 0.1), (90.0, 0.0)];
 /// Loss per quality point below all of these.
 const LOSS_PER_POINT: f64 = 0.12;
 
@@ -152,15 +182,39 @@ mod tests {
 
     #[test]
     fn lower_qualities_prune_more() {
-        let fractions: Vec<f64> = (0..=100).map(|q| fraction(q as f32)).collect();
+        let spare = spare();
+        let fractions: Vec<f64> = (0..=100).map(|q| spare.fraction(q as f32).unwrap()).collect();
         assert!(fractions.windows(2).all(|w| w[0] >= w[1]), "{fractions:?}");
-        assert_eq!((fraction(0.0), fraction(58.0), fraction(100.0)), (0.85, 0.5, 0.0));
-        assert!(Plan::new(101.0, Effort::Quick).is_err());
+        assert!(fractions[20] > fractions[58] && fractions[58] > fractions[90], "{fractions:?}");
+        assert!(Plan::new(101.0, Effort::Quick, &spare).is_err());
+    }
+
+    #[test]
+    fn what_shows_nothing_is_always_left_out_but_never_all() {
+        let half = Spare::new(&[0.0, 1e9, 0.0, 1e9], &[1.0; 4]);
+        assert_eq!((half.fraction(0.0).unwrap(), half.fraction(100.0).unwrap()), (0.5, 0.5));
+        let none = Spare::new(&[0.0; 4], &[1.0; 4]);
+        assert_eq!(none.fraction(50.0).unwrap(), MOST_LEFT_OUT);
+        assert_eq!(Spare::new(&[], &[]).fraction(50.0).unwrap(), 0.0);
+    }
+
+    #[test]
+    fn brighter_importance_units_change_nothing() {
+        let effects: Vec<f32> = (0..50).map(|i| libm::exp2f(i as f32 * 0.5 - 20.0)).collect();
+        let scaled: Vec<f32> = effects.iter().map(|e| e * 8.0).collect();
+        let (a, b) = (Spare::new(&effects, &[1.0; 50]), Spare::new(&scaled, &[8.0; 50]));
+        assert_eq!(a.fraction(55.0).unwrap(), b.fraction(55.0).unwrap());
+    }
+
+    /// Effects over 16 orders of magnitude.
+    fn spare() -> Spare {
+        let effects: Vec<f32> = (0..1000).map(|i| libm::exp10f(i as f32 * 0.016 - 12.0)).collect();
+        Spare::new(&effects, &[1.0; 1000])
     }
 
     #[test]
     fn rounds_leave_the_fraction() {
-        let plan = Plan::new(58.0, Effort::Normal).unwrap();
+        let plan = Plan { fraction: 0.5, ..Plan::new(58.0, Effort::Normal, &spare()).unwrap() };
         let kept: Vec<usize> = (1..=plan.rounds).map(|r| plan.kept(1000, r)).collect();
         assert_eq!(kept[3], 500);
         assert!(kept.windows(2).all(|w| w[0] > w[1]));
@@ -171,6 +225,6 @@ mod tests {
     fn a_greater_loss_asks_for_a_lower_quality() {
         let found: Vec<f32> = (-10..60).map(|i| quality_for_loss(f64::from(i) * 0.1)).collect();
         assert!(found.windows(2).all(|w| w[0] >= w[1]), "{found:?}");
-        assert!((quality_for_loss(0.5) - 58.0).abs() < 1e-3);
+        assert!((quality_for_loss(0.9) - 58.0).abs() < 1e-3);
     }
 }

@@ -11,7 +11,7 @@ use crate::checkpoint::{Reader, Writer, fingerprint};
 use crate::codec_loop::{CodecLoop, FITTED, encode_options};
 use crate::error::{Error, Result};
 use crate::options::{Options, Target};
-use crate::plan::{Plan, quality_for_psnr, voxel_quality};
+use crate::plan::{Plan, Spare, quality_for_psnr, voxel_options};
 use crate::progress::{Outcome, Progress, StageName};
 use crate::stage::{self, Stage};
 use crate::steering;
@@ -204,7 +204,7 @@ impl Tune {
 
     fn enter_loop(&mut self, scene: Scene) -> Result<()> {
         self.views.gradients.move_means(false);
-        let mut state = stage::codec_loop(&self.plan, &self.views, scene)?;
+        let mut state = stage::codec_loop(&self.plan, &self.views, &scene)?;
         steering::begin(&mut state, self.options.target)?;
         self.stage = Stage::Loop(Box::new(state));
         Ok(())
@@ -349,34 +349,30 @@ fn plan(scene: &Scene, views: &Views, options: &Options, input_psnr: f64) -> Res
     if let Some(plan) = options.plan {
         return plan.checked();
     }
+    let (effects, importance) = (views.removal_effects(scene), views.importance(scene));
+    let spare = Spare::new(&effects, &importance);
     let quality = match options.target {
         Target::Quality(quality) => quality,
         Target::Psnr(db) => quality_for_psnr(db, input_psnr),
         Target::Bytes(bytes) => {
-            let importance = views.importance(scene);
-            let probe = |quality: f32| probe(scene, &importance, quality, options);
-            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe);
-            found.map_err(|e| too_small(e, bytes))?.quality
+            let seen = (effects.as_slice(), importance.as_slice());
+            let probe = |quality: f32| probe(scene, seen, &spare, quality, options);
+            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe)?;
+            if !found.reached {
+                let smallest = (found.encoded.len() as f64 * TUNED_OVER_PROBED) as u64;
+                return Err(Error::TargetTooSmall { target: bytes, smallest });
+            }
+            found.quality
         }
     };
-    Plan::new(quality, options.effort)
-}
-
-/// A target that no plan reaches, with the numbers of the caller.
-fn too_small(error: gsvx::Error, target: u64) -> Error {
-    match error {
-        gsvx::Error::TargetTooSmall { smallest, .. } => {
-            let smallest = (smallest as f64 * TUNED_OVER_PROBED) as u64;
-            Error::TargetTooSmall { target, smallest }
-        }
-        other => other.into(),
-    }
+    Plan::new(quality, options.effort, &spare)
 }
 
 /// The stream of a plan without any tuning.
 fn probe(
     scene: &Scene,
-    importance: &[f32],
+    (effects, importance): (&[f32], &[f32]),
+    spare: &Spare,
     quality: f32,
     options: &Options,
 ) -> gsvx::Result<Vec<u8>> {
@@ -384,13 +380,10 @@ fn probe(
         Error::Codec(e) => e,
         _ => gsvx::Error::Option { option: "quality", value: quality.into(), range: "0 to 100" },
     };
-    let plan = Plan::new(quality, options.effort).map_err(as_codec)?;
-    let kept = gsvx::prune(importance, plan.fraction)?;
-    let importance: Vec<f32> = kept.iter().map(|&i| importance[i]).collect();
-    let strategy = |found: &[f32], _| {
-        gsvx::default_strategy(voxel_quality(quality), found, gsvx::Seen::ByCamerasOnly)
-    };
-    let prepared = gsvx::prepare(&scene.select(&kept), strategy, Some(&importance))?;
+    let plan = Plan::new(quality, options.effort, spare).map_err(as_codec)?;
+    let kept = gsvx::prune(effects, plan.fraction)?;
+    let importance = kept.iter().map(|&i| importance[i]).collect();
+    let prepared = gsvx::prepare(&scene.select(&kept), &voxel_options(quality, importance)?)?;
     let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
     Ok(gsvx::encode_voxels(&prepared.scene, &prepared.voxels, None, &encode)?.bytes)
 }

@@ -8,7 +8,7 @@ use voxel::{Cube, Voxelization};
 use crate::checkpoint::{Reader, Writer};
 use crate::codec_loop::{CodecLoop, Start, encode_options};
 use crate::error::{Error, Result};
-use crate::plan::{Plan, voxel_quality};
+use crate::plan::{Plan, voxel_options};
 use crate::prune::{Recovery, extent};
 use crate::views::Views;
 
@@ -28,34 +28,22 @@ pub(crate) fn round(
     input: usize,
     round: u64,
 ) -> Result<Stage> {
-    let importance = views.importance(&scene);
-    if importance.iter().all(|&v| v <= 0.0) {
+    let effects = views.removal_effects(&scene);
+    if effects.iter().all(|&v| v <= 0.0) {
         return Err(Error::NothingSeen);
     }
     let kept = plan.kept(input, round).min(scene.len());
     let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
-    let kept = gsvx::prune(&importance, fraction.clamp(0.0, 0.999_999))?;
+    let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
     let scene = scene.select(&kept);
     let recovery = Recovery::new(scene, extent(&views.cameras), plan.round_steps);
     Ok(Stage::Round { round, recovery: Box::new(recovery) })
 }
 
 /// Voxelizes and puts the codec into the loop.
-pub(crate) fn codec_loop(plan: &Plan, views: &Views, mut scene: Scene) -> Result<CodecLoop> {
-    let outliers = match gsvx::split_outliers(&scene)? {
-        Some(split) => {
-            let outliers = scene.select(&split.outliers);
-            scene = scene.select(&split.inside);
-            Some(outliers)
-        }
-        None => None,
-    };
-    let importance = views.importance(&scene);
-    let quality = voxel_quality(plan.quality);
-    let only = gsvx::Seen::ByCamerasOnly;
-    let strategy = |found: &[f32], _| gsvx::default_strategy(quality, found, only);
-    let Prepared { scene, voxels, importance } =
-        gsvx::prepare(&scene, strategy, Some(&importance))?;
+pub(crate) fn codec_loop(plan: &Plan, views: &Views, scene: &Scene) -> Result<CodecLoop> {
+    let options = voxel_options(plan.quality, views.importance(scene))?;
+    let Prepared { scene, voxels, importance, outliers } = gsvx::prepare(scene, &options)?;
     if scene.is_empty() {
         return Err(Error::NothingSeen);
     }

@@ -81,6 +81,11 @@ impl Views {
         self.cameras.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum()
     }
 
+    /// How much the views change without each Gaussian.
+    pub(crate) fn removal_effects(&self, scene: &Scene) -> Vec<f32> {
+        finetune::removal_effects(scene, &self.cameras)
+    }
+
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
         finetune::saliency_per_view(scene, &self.cameras).squared

@@ -20,7 +20,8 @@ const SAMPLES: usize = 4;
 /// per Gaussian.
 ///
 /// Runs in Morton order stand for neighbourhoods. Where such a run leaves a cell it may jump to another part of
-/// the scene, so the nearest of three counts: before, around and after the Gaussian.
+/// the scene, so the nearest of six counts: before, around and after the Gaussian, in the octrees of two
+/// cubes that have no common faces.
 ///
 /// # Errors
 /// [`Error::NonFiniteMean`]; [`Error::Length`] if `values` does not fit the scene.
@@ -29,12 +30,23 @@ pub fn local_means(scene: &Scene, values: &[f64], width: usize) -> Result<Vec<f6
     if values.len() != len {
         return Err(Error::Length { name: "values", got: values.len(), want: len });
     }
-    let order = MortonOrder::of(scene, &Cube::of(&scene.means)?, MAX_DEPTH)?;
-    let runs = Runs::new(scene, values, &order.members, width);
-    let found: Vec<f64> = (0..len).into_par_iter().map(|i| runs.nearest_mean(i)).collect();
-    let mut means = vec![0.0; len];
-    order.members.iter().zip(found).for_each(|(&member, mean)| means[member as usize] = mean);
-    Ok(means)
+    let cube = Cube::of(&scene.means)?;
+    let shift = [0.5, 0.45, 0.4];
+    let origin = std::array::from_fn(|k| cube.origin[k] - shift[k] * cube.side);
+    let shifted = Cube { origin, side: 1.5 * cube.side };
+    let mut nearest = vec![(f64::INFINITY, 0.0); len];
+    for cube in [cube, shifted] {
+        let order = MortonOrder::of(scene, &cube, MAX_DEPTH)?;
+        let runs = Runs::new(scene, values, &order.members, width);
+        let found: Vec<(f64, f64)> = (0..len).into_par_iter().map(|i| runs.nearest(i)).collect();
+        for (&member, run) in order.members.iter().zip(found) {
+            let best = &mut nearest[member as usize];
+            if run.0 < best.0 {
+                *best = run;
+            }
+        }
+    }
+    Ok(nearest.into_iter().map(|(_, mean)| mean).collect())
 }
 
 /// Runs of Gaussians in an order.
@@ -58,14 +70,16 @@ impl Runs {
         Self { means, sums, width: width.clamp(1, members.len().max(1)) }
     }
 
-    /// The mean value of the nearest run with the Gaussian at `i`.
-    fn nearest_mean(&self, i: usize) -> f64 {
+    /// The mean squared distance and the mean value of the nearest run with the Gaussian at `i`.
+    fn nearest(&self, i: usize) -> (f64, f64) {
         let last = self.means.len() - self.width;
         let first = |before: usize| i.saturating_sub(before).min(last);
         let firsts = [first(0), first(self.width / 2), first(self.width - 1)];
-        let runs = firsts.map(|first| (self.spread(i, first), first));
-        let (_, nearest) = runs.into_iter().fold(runs[0], |a, b| if b.0 < a.0 { b } else { a });
-        (self.sums[nearest + self.width] - self.sums[nearest]) / self.width as f64
+        let runs = firsts.map(|first| {
+            let sum = self.sums[first + self.width] - self.sums[first];
+            (self.spread(i, first), sum / self.width as f64)
+        });
+        runs.into_iter().fold(runs[0], |a, b| if b.0 < a.0 { b } else { a })
     }
 
     /// Mean squared distance of some of the run from `first` on to the Gaussian at `i`.

@@ -250,3 +250,24 @@ fn extreme_means_stay_inside() {
         assert!(morton::decode(last.morton).iter().all(|&i| i < 1 << depth));
     }
 }
+
+/// The weights are importances: what is hidden gives the merged Gaussian no size, and must not make it opaque.
+#[test]
+fn a_merged_gaussian_was_more_opaque_than_its_members_on_top_of_each_other() {
+    let scene = Scene {
+        means: vec![[0.1; 3], [0.2; 3]],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+        // Faint, small and seen; half as opaque again, a hundred times as large and hidden.
+        log_scales: vec![[-4.0; 3], [0.6; 3]],
+        opacity_logits: vec![-3.0, -2.0],
+        sh_degree: 0,
+        sh: vec![[0.3; 3]; 2],
+    };
+    let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 0 }).unwrap();
+    let seen = Importance::Given(vec![1.0, 1e-8]);
+    let merged = merge_weighted(&scene, &v, Merge::Moments, &seen).unwrap();
+    let clear = |logit: f32| 1.0 / (1.0 + libm::expf(logit));
+    let stacked = 1.0 - clear(-3.0) * clear(-2.0);
+    let opacity = 1.0 - clear(merged.opacity_logits[0]);
+    assert!(opacity < 1.001 * stacked, "{opacity}, stacked {stacked}");
+}

@@ -9,9 +9,8 @@ use std::num::NonZeroUsize;
 use std::sync::OnceLock;
 
 use gs_model::{Scene, ply};
-use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions};
+use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Leaves};
 use sha2::{Digest, Sha256};
-use voxel::Strategy;
 
 const ROOM: &[u8] = include_bytes!("../../../fixtures/room/point_cloud.ply");
 
@@ -69,9 +68,9 @@ fn streams(room: &Scene) -> Vec<(String, Vec<u8>)> {
         (format!("room, {name}"), gsvx::encode(room, &options).expect(name).bytes)
     };
     let mut out: Vec<(String, Vec<u8>)> = modes.into_iter().map(coded).collect();
-    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 11 });
-    let uniform = gsvx::encode_with(room, uniform, None, &default).expect("uniform").bytes;
-    out.push(("room, uniform".into(), uniform));
+    let mut uniform = default;
+    uniform.leaves = Leaves::Uniform { depth: 11 };
+    out.push(coded(("uniform", uniform)));
     let lossless = gsvx::encode_lossless(room, false).expect("lossless").bytes;
     out.push(("room, lossless".into(), lossless));
     out

@@ -288,12 +288,9 @@ fn streams() -> Vec<(u8, Vec<u8>)> {
 /// Two levels of detail. No encoder makes one for so few Gaussians: the coarse level is that of a stream
 /// of its own.
 fn levels() -> Vec<u8> {
-    let coded = |scene| {
-        gsvx::encode_with(&scene, uniform, None, &EncodeOptions::default()).expect("encoded").bytes
-    };
-    fn uniform(_: &[f32], _: gsvx::Seen) -> gsvx::Result<voxel::Strategy> {
-        Ok(voxel::Strategy::Uniform { depth: 6 })
-    }
+    let mut uniform = EncodeOptions::default();
+    uniform.leaves = gsvx::Leaves::Uniform { depth: 6 };
+    let coded = |scene| gsvx::encode(&scene, &uniform).expect("encoded").bytes;
     let fine = scene(9, 0, 7);
     let (mut index, mut layers) = forge::take_apart(&coded(fine.clone()));
     let (mut coarse, of_coarse) = forge::take_apart(&coded(fine.select(&[0, 4])));

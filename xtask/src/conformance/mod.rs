@@ -1,10 +1,11 @@
 //! `cargo xtask conformance`: checks that this build decodes the golden streams to the recorded
-//! floats, encodes the same for any number of threads, agrees with its references and refuses broken
-//! streams. One line per check.
+//! floats, encodes the same for any number of threads, agrees with its references, looks no worse at a greater
+//! quality and refuses broken streams. One line per check.
 
 mod damage;
 mod golden;
 mod page;
+mod quality;
 mod references;
 mod seal;
 mod threads;
@@ -80,6 +81,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     golden::checks(&mut tally);
     threads::checks(&mut tally);
     references::checks(&mut tally, args.no_gpu);
+    quality::checks(&mut tally);
     let broken = damage::checks(&mut tally, args.broken);
     println!(
         "{} checks hold, {} fail, {} skipped, {:.1} s",

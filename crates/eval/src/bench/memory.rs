@@ -133,10 +133,9 @@ fn write_streams(found: &SceneFiles, scratch: &Path) -> Result<()> {
 /// The steps of an encoder one after the other, and its last step alone.
 fn of_voxelization(found: &SceneFiles, stage: &str) -> Result<Peak> {
     let scene = model(found)?;
-    let choose =
-        |found: &[f32], seen: Seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, seen);
     let voxelize = || {
-        let strategy = choose(&importance::without_cameras(&scene), Seen::Guessed)?;
+        let guess = importance::without_cameras(&scene);
+        let strategy = gsvx::default_strategy(gsvx::DEFAULT_QUALITY, &guess, Seen::Guessed)?;
         Ok(voxel::voxelize(&scene, &voxel::Cube::of(&scene.means)?, &strategy)?)
     };
     match stage {
@@ -151,10 +150,10 @@ fn of_voxelization(found: &SceneFiles, stage: &str) -> Result<Peak> {
             peak_of(|| Ok(gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high)?))
         }
         _ => {
-            let Prepared { scene: merged, voxels, importance } =
-                gsvx::prepare(&scene, choose, None)?;
-            drop(scene);
             let mut options = EncodeOptions::default();
+            let Prepared { scene: merged, voxels, importance, .. } =
+                gsvx::prepare(&scene, &options)?;
+            drop(scene);
             options.importance = Some(importance);
             peak_of(|| Ok(gsvx::encode_voxels(&merged, &voxels, None, &options)?))
         }

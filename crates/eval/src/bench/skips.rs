@@ -174,8 +174,7 @@ fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
             PRUNED,
         ));
     }
-    let choose = |f: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, f, seen);
-    let prepared = gsvx::prepare(&scene, choose, None)?;
+    let prepared = gsvx::prepare(&scene, &EncodeOptions::default())?;
     let voxels = &prepared.voxels;
     let single = (0..voxels.len()).filter(|&i| voxels.members_of(i).len() == 1).count() as u64;
     out.push((
@@ -202,9 +201,10 @@ fn with_cameras(
 ) -> Result<()> {
     let n = scene.len() as u64;
     let seen = finetune::saliency_per_view(scene, cameras);
-    let choose =
-        |f: &[f32], _| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, f, Seen::ByCamerasOnly);
-    let prepared = gsvx::prepare(scene, choose, Some(&seen.squared))?;
+    let mut options = EncodeOptions::default();
+    options.importance = Some(seen.squared.clone());
+    options.drop_unseen = true;
+    let prepared = gsvx::prepare(scene, &options)?;
     out.push((
         "voxel, with cameras",
         "Gaussians that cost more than they show",

@@ -184,9 +184,8 @@ fn covariances(
     cameras: &[Camera],
     repeat: usize,
 ) -> Result<()> {
-    let choose = |found: &[f32], seen| gsvx::default_strategy(gsvx::DEFAULT_QUALITY, found, seen);
-    let Prepared { scene: merged, voxels, importance } = gsvx::prepare(scene, choose, None)?;
     let mut options = EncodeOptions::default();
+    let Prepared { scene: merged, voxels, importance, .. } = gsvx::prepare(scene, &options)?;
     options.importance = Some(importance);
     let stage = Stage {
         name: "Covariances in a stream",

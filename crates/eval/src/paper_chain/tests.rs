@@ -1,4 +1,4 @@
-use gsvx::Prepared;
+use gsvx::{EncodeOptions, Prepared};
 
 use super::*;
 use crate::scenes::TestScene;
@@ -8,12 +8,14 @@ const QP: PaperQp = PaperQp { ac: 28, dc: 4, opacity: 16 };
 /// The room, voxelized.
 fn room() -> Prepared {
     let model = TestScene::open("room", 1).unwrap().model;
-    gsvx::prepare(&model, |_, _| Ok(voxel::Strategy::paper(8, 12)), None).unwrap()
+    let mut options = EncodeOptions::default();
+    options.leaves = gsvx::Leaves::Paper { j_low: 8, j_high: 12 };
+    gsvx::prepare(&model, &options).unwrap()
 }
 
 fn round_trip(prepared: &Prepared, covariance: Covariance) -> Scene {
     let chain = PaperChain { qp: QP, covariance };
-    let Prepared { scene, voxels, importance } = prepared;
+    let Prepared { scene, voxels, importance, .. } = prepared;
     let encoded = chain.encode(scene, voxels, importance).unwrap();
     let sum: u64 = encoded.parts.iter().map(|p| p.1).sum();
     assert_eq!(sum, encoded.bytes.len() as u64);
@@ -89,7 +91,7 @@ fn a_scene_without_gaussians_comes_back() {
     prepared.importance.clear();
     for covariance in [Covariance::Codebook { bits: 12 }, Covariance::Integers { bits: 16 }] {
         let chain = PaperChain { qp: QP, covariance };
-        let Prepared { scene, voxels, importance } = &prepared;
+        let Prepared { scene, voxels, importance, .. } = &prepared;
         let bytes = chain.encode(scene, voxels, importance).unwrap().bytes;
         assert_eq!(decode(&bytes).unwrap(), *scene, "{covariance:?}");
     }

@@ -4,7 +4,9 @@
 use std::cell::OnceCell;
 use std::fs;
 
+use crate::voxelized::voxelized;
 use anyhow::{Context, Result, ensure};
+use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 
 use super::plan::{Coding, Rule, Voxels, slug};
@@ -56,17 +58,8 @@ impl<'a> Branch<'a> {
             return Ok(model);
         }
         let (importance, _) = self.study.importance();
-        let strategy = |found: &[f32], seen| match &self.plan.rule {
-            Rule::Fixed(strategy) => Ok(strategy.clone()),
-            &Rule::Default(quality) => {
-                // The views measured are of the same capture as the cameras.
-                let only = seen == gsvx::Seen::ByCameras;
-                let seen = if only { gsvx::Seen::ByCamerasOnly } else { seen };
-                gsvx::default_strategy(quality, found, seen)
-            }
-        };
-        let (prepared, seconds) =
-            timed(|| gsvx::prepare(&self.study.test.model, strategy, importance.as_deref()));
+        let (scene, importance) = (&self.study.test.model, importance.clone());
+        let (prepared, seconds) = timed(|| self.prepared(scene, importance));
         let mut prepared = prepared.with_context(|| format!("voxelize ({})", self.plan.name))?;
         if let Some(tuning) = self.tuning {
             let record = tune::tuned(self.study, &self.name(), &self.key(), &prepared, tuning)?;
@@ -76,6 +69,22 @@ impl<'a> Branch<'a> {
             prepared.scene = scene;
         }
         Ok(self.model.get_or_init(|| Model { prepared, seconds }))
+    }
+
+    fn prepared(&self, scene: &Scene, importance: Option<Vec<f32>>) -> Result<Prepared> {
+        match &self.plan.rule {
+            Rule::Fixed(strategy) => {
+                let guess = || gsvx::importance::without_cameras(scene);
+                Ok(voxelized(scene, strategy, importance.unwrap_or_else(guess))?)
+            }
+            &Rule::Default(quality) => {
+                let mut options = EncodeOptions::from_quality(quality)?;
+                options.importance = importance;
+                // The views measured are of the same capture as the cameras.
+                options.drop_unseen = true;
+                Ok(gsvx::prepare(scene, &options)?)
+            }
+        }
     }
 
     /// Voxelizes, merges, perhaps fine-tunes, and scores the result.
@@ -117,7 +126,7 @@ impl<'a> Branch<'a> {
             return Ok(record);
         }
 
-        let Prepared { scene: merged, voxels, importance } = &self.model()?.prepared;
+        let Prepared { scene: merged, voxels, importance, .. } = &self.model()?.prepared;
         let mut parts = Vec::new();
         let encode = || match coding {
             Coding::Quality(quality) => {

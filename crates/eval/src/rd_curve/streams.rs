@@ -49,6 +49,8 @@ impl Effort {
 pub(crate) enum How {
     /// `gsvx encode`, with cameras and without what they do not see.
     Encode,
+    /// The same by a version that keeps what they do not see.
+    Reference,
     /// `gsvx tune`.
     Tune {
         /// How long.
@@ -68,7 +70,9 @@ impl How {
 
     /// For tables and file names.
     pub(crate) fn name(self) -> String {
-        let Self::Tune { effort, distil, seed } = self else { return "untuned".into() };
+        let Self::Tune { effort, distil, seed } = self else {
+            return if self == Self::Encode { "untuned" } else { "reference" }.into();
+        };
         let distil = if distil { "-distil" } else { "" };
         let seed = if seed == 0 { String::new() } else { format!("-seed-{seed}") };
         format!("{}{distil}{seed}", effort.name())
@@ -76,8 +80,10 @@ impl How {
 
     /// Words of the command, but for quality and paths.
     fn words(self) -> Vec<String> {
-        let Self::Tune { effort, distil, seed } = self else {
-            return vec!["encode".into(), "--drop-unseen".into()];
+        let (effort, distil, seed) = match self {
+            Self::Encode => return vec!["encode".into(), "--drop-unseen".into()],
+            Self::Reference => return vec!["encode".into()],
+            Self::Tune { effort, distil, seed } => (effort, distil, seed),
         };
         let mut out = vec!["tune".into(), "--effort".into(), effort.name().into()];
         out.extend(["--seed".into(), seed.to_string()]);
@@ -189,7 +195,7 @@ fn stage(how: How, quality: f32) -> String {
 }
 
 /// Qualities of the tuned curve: from about 2 dB below the model as it was trained to above it or near it.
-pub(crate) const QUALITIES: [f32; 4] = [42.0, 54.0, 66.0, 78.0];
+pub(crate) const QUALITIES: [f32; 5] = [50.0, 58.0, 66.0, 78.0, 90.0];
 
 /// The tuned curve of a report.
 pub(crate) fn curve(study: &Study, gsvx: &Path, effort: Effort) -> Result<Curve> {
@@ -207,6 +213,7 @@ mod tests {
     #[test]
     fn each_way_has_its_words() {
         assert_eq!(How::Encode.words(), ["encode", "--drop-unseen"]);
+        assert_eq!(How::Reference.words(), ["encode"]);
         let distil = How::Tune { effort: Effort::Quick, distil: true, seed: 1 };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
         assert_eq!(distil.name(), "quick-distil-seed-1");

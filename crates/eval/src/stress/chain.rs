@@ -6,9 +6,9 @@ use std::num::NonZeroUsize;
 use anyhow::{Result, anyhow, ensure};
 use gs_model::{Scene, ply};
 use gsvx::covariance::log_euclidean;
-use gsvx::{CovarianceMode, EncodeOptions, Prepared, importance};
+use gsvx::{CovarianceMode, EncodeOptions, Leaves, Prepared, importance};
 use serde::{Deserialize, Serialize};
-use voxel::{Strategy, Voxelization};
+use voxel::Voxelization;
 
 use super::gaussians::{of_degree, rows};
 use super::levels;
@@ -61,6 +61,12 @@ fn options_of(mode: &str) -> EncodeOptions {
         options.chunk_leaves = SMALL;
     }
     options.uniform_precision = mode == "uniform precision";
+    options.leaves = match mode {
+        "uniform depth 12" => Leaves::Uniform { depth: 12 },
+        "paper 6 to 12" => Leaves::Paper { j_low: 6, j_high: 12 },
+        _ => Leaves::RateDistortion,
+    };
+    options.rows = true;
     if mode == "SH degree 0" {
         options.max_sh_degree = 0;
     }
@@ -102,21 +108,15 @@ fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
     ply::write_to(&mut file, scene).map_err(by("write"))?;
     let (scene, _) = ply::read_bytes(&file).map_err(by("read"))?;
     drop(file);
-    let (inside, outliers) = match gsvx::split_outliers(&scene).map_err(by("split"))? {
-        Some(split) => (scene.select(&split.inside), scene.select(&split.outliers)),
-        None => (scene, Scene::default()),
-    };
-    let strategy = |importance: &[f32], seen| match mode {
-        "uniform depth 12" => Ok(Strategy::Uniform { depth: 12 }),
-        "paper 6 to 12" => Ok(Strategy::paper(6, 12)),
-        _ => gsvx::default_strategy(gsvx::DEFAULT_QUALITY, importance, seen),
-    };
-    let prepared = gsvx::prepare(&inside, strategy, None).map_err(by("voxelize"))?;
     let options = options_of(mode);
-    let bytes = gsvx::encode_with(&inside, strategy, Some(&outliers), &options)
-        .map_err(by("encode"))?
-        .bytes;
-    Ok(Coded { prepared, inside, outliers, bytes, options })
+    let mut prepared = gsvx::prepare(&scene, &options).map_err(by("voxelize"))?;
+    let encoded = gsvx::encode(&scene, &options).map_err(by("encode"))?;
+    let outliers = prepared.outliers.take().unwrap_or_default();
+    // Outliers follow the leaves.
+    let leaves = prepared.scene.len() as u32;
+    let rows = encoded.rows.unwrap_or_default();
+    let inside: Vec<usize> = (0..scene.len()).filter(|&i| rows[i] < leaves).collect();
+    Ok(Coded { prepared, inside: scene.select(&inside), outliers, bytes: encoded.bytes, options })
 }
 
 /// Decodes a stream and compares with what it was made from.

@@ -26,6 +26,7 @@ pub(crate) mod loss;
 pub(crate) mod project;
 pub(crate) mod project_adjoint;
 pub(crate) mod reference;
+pub(crate) mod removal;
 pub(crate) mod sort_depth;
 pub(crate) mod tiles;
 

@@ -37,7 +37,6 @@ def compress(
     lod: bool = False,
     max_sh_degree: int = 3,
     prune: float = 0.0,
-    trim: bool = True,
     depth: Optional[int] = None,
     j_low: Optional[int] = None,
     covariance: str = "transform",
@@ -80,8 +79,7 @@ def compress(
     ``web``: what a web page wants (quality 50 if none is given, a coarse scene first, small chunks).
     ``lod``: store a coarse scene first. ``max_sh_degree``: highest SH degree to keep. ``prune``: leave out
     this fraction of the Gaussians first, the least important. ``drop_invalid``: leave out Gaussians with
-    NaN, infinity or a zero quaternion instead of failing. ``trim``: code Gaussians so far away that the others
-    lose octree levels exactly, where that is cheaper.
+    NaN, infinity or a zero quaternion instead of failing.
 
     For experts: ``depth``, uniform voxelization at this octree depth; ``j_low``, adaptively by the paper's
     criteria from this depth to ``depth``; ``covariance``, "transform", "vq:BITS" or "lossless:BITS".
@@ -112,7 +110,6 @@ def compress(
         lod=lod,
         max_sh_degree=max_sh_degree,
         prune=prune,
-        trim=trim,
         depth=depth,
         j_low=j_low,
         covariance=covariance,
@@ -191,7 +188,7 @@ def _check(
         changed = given + ["web"] * web + ["lod"] * options["lod"] + ["prune"] * (options["prune"] != 0)
         changed += ["cameras"] * (cameras is not None) + ["depth"] * (options["depth"] is not None)
         changed += ["max_sh_degree"] * (options["max_sh_degree"] != 3)
-        changed += ["covariance"] * (covariance != "transform") + ["trim"] * (not options["trim"])
+        changed += ["covariance"] * (covariance != "transform")
         if changed:
             raise ValueError(f"lossless: cannot be used with {', '.join(changed)}")
 

@@ -79,23 +79,21 @@ class Report:
 class TuneReport:
     """What :func:`gsvx.finetune` made.
 
-    ``psnr`` and ``input_psnr``: of the stream and of the input model at views kept aside, in dB; with the
-    paper's profile only that of the input, at the training views. ``distilled``: whether the model was
-    tuned to its own renders. ``steps``, ``seconds``: how long. ``reason``: why it ended. The others are as in
-    :class:`Report`.
+    ``psnr`` and ``input_psnr``: of the stream and of the input model at views kept aside, in dB.
+    ``distilled``: whether the model was tuned to its own renders. ``steps``, ``seconds``: how long. The others
+    are as in :class:`Report`.
     """
 
     bytes: int
     gaussians: int
     sh_degree: int
     outliers: int
-    psnr: Optional[float]
-    input_psnr: Optional[float]
+    psnr: float
+    input_psnr: float
     quality: float
     distilled: bool
     steps: int
     seconds: float
-    reason: str
     missed: Optional[str]
     warnings: List[str]
     parts: Dict[str, int]

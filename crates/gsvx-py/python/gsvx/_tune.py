@@ -29,13 +29,6 @@ def finetune(
     checkpoint: Optional[PathLike] = None,
     seed: int = 0,
     drop_invalid: bool = False,
-    profile: str = "rate",
-    steps: Optional[int] = None,
-    backend: Optional[str] = None,
-    patience: Optional[int] = None,
-    past_input: bool = False,
-    trim: Optional[bool] = None,
-    checkpoint_every: Optional[int] = None,
     progress: Optional[ProgressCallback] = None,
 ) -> TuneReport:
     """Tunes splats for a smaller stream of equal quality, and writes the stream: ``gsvx tune``.
@@ -52,27 +45,13 @@ def finetune(
     order of the views. ``checkpoint``: file that keeps what is needed to go on after an interruption; an
     existing one is continued.
 
-    ``profile``: "rate", with the codec in the loop, or "paper", attributes only, after voxelization, until
-    the photos are matched as well as by the input. Only for "paper": ``steps`` (8000), ``backend``
-    ("auto", "cpu" or "gpu"; a GPU needs a build with the feature gpu), ``patience`` (stop after so
-    many passes over the photos without improvement, 5; 0 for never), ``past_input`` (go on when the input
-    is matched), ``trim`` (True, as for compress), ``checkpoint_every`` (1000 steps).
-
     Ctrl-C ends the work, and no stream is written; the checkpoint stays. To see the tuned model, decompress
     the stream.
 
     Raises as :func:`gsvx.compress`.
     """
     check_writable(path)
-    paper: Dict[str, Any] = dict(
-        steps=steps,
-        backend=backend,
-        patience=patience,
-        past_input=past_input or None,
-        trim=trim,
-        checkpoint_every=checkpoint_every,
-    )
-    _check(quality, target_bytes, target_psnr, effort, profile, paper)
+    _check(quality, target_bytes, target_psnr, effort)
     views = _as_cameras(cameras, training=True)
     used = None if distil else _photos(cameras, views, photos)
     options = dict(
@@ -83,7 +62,6 @@ def finetune(
         seed=seed,
         checkpoint=None if checkpoint is None else os.fspath(checkpoint),
         drop_invalid=drop_invalid,
-        paper=_paper(paper) if profile == "paper" else None,
     )
     native = views._native()
     stream, report = _gsvx.finetune(model(splats), native, used, options, _callback(progress))
@@ -99,8 +77,6 @@ def _check(
     target_bytes: Optional[int],
     target_psnr: Optional[float],
     effort: str,
-    profile: str,
-    paper: Dict[str, Any],
 ) -> None:
     """Combinations of arguments that make no sense."""
     targets = dict(quality=quality, target_bytes=target_bytes, target_psnr=target_psnr)
@@ -109,22 +85,6 @@ def _check(
         raise ValueError(f"{' and '.join(given)}: only one of them can be given")
     if effort not in ("quick", "normal", "long"):
         raise ValueError(f"effort: use quick, normal or long, not {effort!r}")
-    if profile not in ("rate", "paper"):
-        raise ValueError(f"profile: use rate or paper, not {profile!r}")
-    if profile == "paper":
-        if given not in ([], ["quality"]):
-            raise ValueError("profile paper has no target but quality")
-        return
-    for name, value in paper.items():
-        if value is not None:
-            raise ValueError(f"{name}: only with profile paper")
-
-
-def _paper(given: Dict[str, Any]) -> Dict[str, Any]:
-    defaults: Dict[str, Any] = dict(
-        steps=8000, backend="auto", patience=5, past_input=False, trim=True, checkpoint_every=1000
-    )
-    return {**defaults, **{name: value for name, value in given.items() if value is not None}}
 
 
 def _photos(

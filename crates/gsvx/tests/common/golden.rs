@@ -2,9 +2,8 @@
 
 use super::{on_walls, scene, with_floaters, with_related_degrees};
 use gs_model::Scene;
-use gsvx::{CovarianceMode, EncodeOptions, encode, encode_lossless, encode_with};
+use gsvx::{CovarianceMode, EncodeOptions, Leaves, encode, encode_lossless};
 use std::num::NonZeroUsize;
-use voxel::Strategy;
 
 const SEED: u64 = 42;
 
@@ -35,22 +34,22 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
     let plain = |n, degree| scene(n, degree, SEED);
     let coded = |scene: &Scene, options| encode(scene, options).expect("a valid scene").bytes;
     let exact = |scene: &Scene, keep| encode_lossless(scene, keep).expect("a scene").bytes;
-    let uniform = |_: &[f32], _| Ok(Strategy::Uniform { depth: 10 });
-    let lod = encode_with(&plain(12_000, 0), uniform, None, &lod).expect("a valid scene");
-    let uniform = encode_with(&plain(500, 2), uniform, None, &default).expect("a valid scene");
+    lod.leaves = Leaves::Uniform { depth: 10 };
+    let mut uniform = default.clone();
+    uniform.leaves = lod.leaves;
     let streams = [
         ("empty", coded(&plain(0, 3), &default)),
         ("one", coded(&plain(1, 2), &default)),
         ("default", coded(&plain(600, 3), &default)),
         ("degree-0", coded(&plain(600, 0), &default)),
-        ("uniform", uniform.bytes),
+        ("uniform", coded(&plain(500, 2), &uniform)),
         ("codebook", coded(&plain(500, 1), &vq)),
         ("integers", coded(&plain(400, 1), &integers)),
         ("outliers", coded(&with_floaters(plain(400, 1)).0, &default)),
         ("predicted", coded(&with_related_degrees(plain(900, 3)), &high)),
         ("walls", coded(&on_walls(plain(1200, 0)), &default)),
         ("chunks", coded(&plain(1500, 1), &in_chunks(300))),
-        ("lod", lod.bytes),
+        ("lod", coded(&plain(12_000, 0), &lod)),
         ("lossless", exact(&plain(300, 2), false)),
         ("lossless-ordered", exact(&plain(100, 1), true)),
     ];

@@ -84,6 +84,8 @@ pub(super) struct PendingLeaves {
     covariances: Symmetric<Lanes>,
     /// Sum of optical depth times area.
     densities: Lanes,
+    /// Sum of optical depths: that of all members on top of each other.
+    stacked: Lanes,
 }
 
 impl PendingLeaves {
@@ -109,7 +111,7 @@ impl PendingLeaves {
         // Second moments, in the frame of the dominant member.
         let frame = rotation(members[dominant].rotation);
         let mut covariance = [0.0; 6];
-        let mut density = 0.0;
+        let (mut density, mut stacked) = (0.0, 0.0);
         for (i, (member, &w)) in members.iter().zip(weights).enumerate() {
             let squares = member.scales.map(|x| x * x);
             let c = if i == dominant {
@@ -130,11 +132,13 @@ impl PendingLeaves {
                 covariance[e] += w * share * (c[e] + d[a] * d[b]);
             }
             density += member.optical_depth * member.area;
+            stacked += member.optical_depth;
         }
         let l = self.len;
         self.rotations[l] = members[dominant].rotation;
         self.covariances.iter_mut().zip(covariance).for_each(|(all, c)| all[l] = c);
         self.densities[l] = density;
+        self.stacked[l] = stacked;
         self.len += 1;
         self.len == LANES
     }
@@ -158,7 +162,8 @@ impl PendingLeaves {
             // Optical depth times area is conserved: members on top of each other give
             // 1 - prod(1 - alpha), members side by side their mean.
             let merged_area = area([0, 1, 2].map(|k| variances[k][l].sqrt()));
-            let alpha = 1.0 - exp((-density / merged_area).max(-700.0));
+            let depth = (density / merged_area).min(self.stacked[l]);
+            let alpha = 1.0 - exp((-depth).max(-700.0));
             *logit = crate::gaussian::logit(alpha.clamp(1e-12, MAX_ALPHA)) as f32;
         }
         for (l, &leaf) in (0..self.len).zip(leaves) {

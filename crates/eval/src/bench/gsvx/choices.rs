@@ -50,9 +50,10 @@ impl Study {
         let (scene, _) = gs_model::ply::read(&found.dataset.model_path)?;
         let training: Vec<Camera> = found.dataset.training().map(|v| v.camera.clone()).collect();
         let seen = finetune::saliency_per_view(&scene, &training).squared;
-        let only = gsvx::Seen::ByCamerasOnly;
-        let strategy = |importance: &[f32], _| gsvx::default_strategy(QUALITY, importance, only);
-        let prepared = gsvx::prepare(&scene, strategy, Some(&seen))?;
+        let mut options = EncodeOptions::from_quality(QUALITY)?;
+        options.importance = Some(seen);
+        options.drop_unseen = true;
+        let prepared = gsvx::prepare(&scene, &options)?;
         let held: Vec<&Camera> = found.dataset.held_out().map(|v| &v.camera).collect();
         let every = held.len().div_ceil(VIEWS).max(1);
         let views = held

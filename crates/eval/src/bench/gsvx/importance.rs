@@ -13,6 +13,7 @@ use testing::Rng;
 use crate::codec::{self, Codec, Curve};
 use crate::page;
 use crate::scenes::{self, TestScene};
+use crate::voxelized::voxelized;
 
 const QUALITIES: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
 
@@ -36,7 +37,7 @@ pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
          The room at quality {}, without cameras: alone; with a third as many large Gaussians on a sphere around \
          it; and with a copy of itself far away. dB of the room's held-out views against renders of the \
          input.\n\n\
-         | model | guess | Gaussians in the stream | bytes | room, dB |\n|---|---|---:|---:|---:|\n",
+         | model | Gaussians in the stream | bytes | room, dB |\n|---|---:|---:|---:|\n",
         gsvx::DEFAULT_QUALITY
     );
     text += &far_parts()?;
@@ -66,10 +67,11 @@ impl Codec for With {
     }
 
     fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
+        let strategy = gsvx::default_strategy(quality, &self.importance, self.seen)?;
+        let prepared = voxelized(&scene.model, &strategy, self.importance.clone())?;
         let mut options = EncodeOptions::from_quality(quality)?;
-        options.importance = Some(self.importance.clone());
-        let strategy = |found: &[f32], _| gsvx::default_strategy(quality, found, self.seen);
-        Ok(gsvx::encode_with(&scene.model, strategy, None, &options)?.bytes)
+        options.importance = Some(prepared.importance);
+        Ok(gsvx::encode_voxels(&prepared.scene, &prepared.voxels, None, &options)?.bytes)
     }
 
     fn decode(&self, stream: &[u8]) -> Result<Scene> {
@@ -116,36 +118,12 @@ fn far_parts() -> Result<String> {
     }
     let mut rows = String::new();
     for (what, model) in &models {
-        for (guess, importance) in
-            [("opacity and size", Some(opacity_and_size(model))), ("the encoder's", None)]
-        {
-            let mut options = EncodeOptions::default();
-            if let Some(importance) = importance {
-                options.importance = Some(importance);
-            }
-            let encoded = guessed(model, &options)?;
-            let decoded = gsvx::decode(&encoded.bytes)?;
-            let (count, bytes) = (encoded.index.header.count, encoded.bytes.len());
-            let db = db(&decoded, model, &cameras);
-            writeln!(rows, "| {what} | {guess} | {count} | {bytes} | {db:.2} |")?;
-        }
+        let encoded = gsvx::encode(model, &EncodeOptions::default())?;
+        let decoded = gsvx::decode(&encoded.bytes)?;
+        let (count, bytes) = (encoded.index.header.count, encoded.bytes.len());
+        writeln!(rows, "| {what} | {count} | {bytes} | {:.2} |", db(&decoded, model, &cameras))?;
     }
     Ok(rows)
-}
-
-/// Encodes as [`gsvx::encode`] does without cameras, also where importances are given.
-fn guessed(model: &Scene, options: &EncodeOptions) -> Result<gsvx::Encoded> {
-    let quality = options.quality;
-    let Some(importance) = &options.importance else { return Ok(gsvx::encode(model, options)?) };
-    let strategy = |found: &[f32], _| gsvx::default_strategy(quality, found, Seen::Guessed);
-    let Some(split) = gsvx::split_outliers(model)? else {
-        return Ok(gsvx::encode_with(model, strategy, None, options)?);
-    };
-    let inside = split.inside.iter().map(|&i| importance[i]).collect();
-    let mut options = options.clone();
-    options.importance = Some(inside);
-    let (inside, outliers) = (model.select(&split.inside), model.select(&split.outliers));
-    Ok(gsvx::encode_with(&inside, strategy, Some(&outliers), &options)?)
 }
 
 /// Mean PSNR between the renders of two scenes, dB.

@@ -9,7 +9,7 @@ mod lod;
 mod monotone;
 mod targets;
 
-pub use monotone::{Drop, Sweep, all_qualities};
+pub use monotone::{ALLOWED_DB, Drop, Sweep, all_qualities};
 
 use std::path::{Path, PathBuf};
 

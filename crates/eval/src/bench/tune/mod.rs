@@ -26,12 +26,34 @@ pub struct Options {
     pub qualities: Vec<f32>,
     /// The command.
     pub gsvx: PathBuf,
+    /// Another version to compare with, instead of the command's own streams without tuning.
+    pub reference: Option<Reference>,
     /// Where the page goes, relative to the root of the workspace.
     pub out: PathBuf,
 }
 
-/// Qualities of the curve without tuning.
+/// Another version of the command.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// As the page calls it.
+    pub name: String,
+    /// The command.
+    pub gsvx: PathBuf,
+}
+
+/// `NAME=COMMAND`.
+///
+/// # Errors
+/// If there is no such sign, or nothing before it.
+pub fn parse_reference(text: &str) -> Result<Reference> {
+    let (name, gsvx) = text.split_once('=').context("NAME=COMMAND expected")?;
+    ensure!(!name.is_empty(), "a name is missing");
+    Ok(Reference { name: name.into(), gsvx: gsvx.into() })
+}
+
+/// Qualities of the curve without tuning, and of that of a reference.
 const UNTUNED: [f32; 7] = [30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0];
+const REFERENCE: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
 
 /// Ways of tuning on the page.
 const RUNS: [How; 4] = [
@@ -59,7 +81,8 @@ struct Scene {
     gaussians: usize,
     /// PSNR and SSIM of the model as it was trained.
     original: [f64; 2],
-    untuned: Vec<Point>,
+    /// What the tuned streams are compared with.
+    anchor: Vec<Point>,
     tuned: Vec<Tuned>,
     step: step::Cost,
     /// Greatest memory of a plain fine-tune, MB.
@@ -78,15 +101,28 @@ pub fn run(options: &Options) -> Result<()> {
     let scenes = options.scenes.iter().map(|name| scene(options, name));
     let scenes = scenes.collect::<Result<Vec<_>>>()?;
     let first = scenes.first().context("no scene")?;
-    crate::page::write(&options.out, &page::text(options, &scenes)?, Some(&page::chart(first)))
+    crate::page::write(
+        &options.out,
+        &page::text(options, &scenes)?,
+        Some(&page::chart(options, first)),
+    )
 }
 
 fn scene(options: &Options, name: &str) -> Result<Scene> {
     let study = Study::open(&CurveOptions { scene: name.into(), ..CurveOptions::default() })?;
     let original = study.original()?;
     let streams = Streams::open(&study, &options.gsvx)?;
-    let untuned = UNTUNED.iter().map(|&q| streams.point(How::Encode, q));
-    let untuned = untuned.collect::<Result<_>>()?;
+    let anchor = match &options.reference {
+        Some(other) => {
+            let other = Streams::open(&study, &other.gsvx)?;
+            let points = REFERENCE.iter().map(|&q| other.point(How::Reference, q));
+            points.collect::<Result<_>>()?
+        }
+        None => {
+            let points = UNTUNED.iter().map(|&q| streams.point(How::Encode, q));
+            points.collect::<Result<_>>()?
+        }
+    };
     let mut tuned = Vec::new();
     for how in RUNS {
         let asked = options.runs.is_empty() || options.runs.contains(&how.name());
@@ -107,7 +143,7 @@ fn scene(options: &Options, name: &str) -> Result<Scene> {
         name: study.test.files.name.clone(),
         gaussians: original.gaussians,
         original: [score.psnr_db, score.ssim],
-        untuned,
+        anchor,
         tuned,
         step: step::cost(&study)?,
         plain_peak_mb: step::plain_peak_mb(&study, &command::find(&options.gsvx)?)?,

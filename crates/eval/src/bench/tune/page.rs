@@ -33,42 +33,59 @@ pub(super) fn text(options: &Options, scenes: &[Scene]) -> Result<String> {
          `cargo build --release -p gsvx-cli && cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q QUALITY \
          --effort EFFORT` for each row below. Another process decodes the stream and compares it with the \
          photos that are held out: every 8th, which neither training nor importance nor the views kept \
-         aside see. PSNR (dB) and SSIM are means over those views. \"Untuned\" is `gsvx encode --cameras SCENE \
-         --drop-unseen` of the same build. CPU minutes are user time of all threads. The points are \
+         aside see. PSNR (dB) and SSIM are means over those views. {} CPU minutes are user time of all threads. The points are \
          recorded: `--run` and `--quality` measure a part, and rows that were not measured with this build \
          are missing.\n\n\
          The models as they were trained: {}. Bold: at or above that.\n\n\
          {}\n",
         names.join(" "),
+        anchor(options),
         models.join("; "),
         picture(&options.out, names[0]),
     );
-    bd_table(&mut out, scenes)?;
-    points_table(&mut out, scenes)?;
-    untuned_table(&mut out, scenes)?;
+    let anchor = anchor_name(options);
+    bd_table(&mut out, scenes, anchor)?;
+    points_table(&mut out, scenes, anchor)?;
+    anchor_table(&mut out, scenes, anchor)?;
     costs(&mut out, scenes)?;
     write!(out, "\n{CHOICES}")?;
     Ok(out)
 }
 
+/// What the page calls the streams that tuned ones are compared with.
+fn anchor_name(options: &Options) -> &str {
+    options.reference.as_ref().map_or("untuned", |r| &r.name)
+}
+
+/// How they were made.
+fn anchor(options: &Options) -> String {
+    let name = anchor_name(options);
+    match options.reference {
+        Some(_) => format!("\"{name}\" is `gsvx encode --cameras SCENE` of that version."),
+        None => {
+            format!("\"{name}\" is `gsvx encode --cameras SCENE --drop-unseen` of the same build.")
+        }
+    }
+}
+
 fn picture(out: &Path, scene: &str) -> String {
-    crate::page::picture(out, &format!("PSNR over size on {scene}, tuned and untuned"))
+    crate::page::picture(out, &format!("PSNR over size on {scene}"))
 }
 
 /// Mean differences over the range that both curves share.
-fn bd_table(out: &mut String, scenes: &[Scene]) -> Result<()> {
+fn bd_table(out: &mut String, scenes: &[Scene], anchor: &str) -> Result<()> {
     writeln!(
         out,
-        "\nBytes against untuned at equal PSNR, mean over the range that both curves share (BD-rate by \
+        "\nBytes against {anchor} at equal PSNR, mean over the range that both curves share (BD-rate by \
          pchip; negative is smaller):\n\n\
          | scene | run | BD-rate | over, dB | last point above the model, dB |\n|---|---|---:|---|---:|"
     )?;
     for scene in scenes {
-        let anchor = bd::hull(&rates(&scene.untuned));
+        let hull = bd::hull(&rates(&scene.anchor));
         for Tuned { how, points } in &scene.tuned {
             let test = bd::hull(&rates(points));
-            let Some(rate) = bd::bd_rate(&anchor, &test, Method::Pchip) else { continue };
-            let (a, t) = (ends(&anchor), ends(&test));
+            let Some(rate) = bd::bd_rate(&hull, &test, Method::Pchip) else { continue };
+            let (a, t) = (ends(&hull), ends(&test));
             writeln!(
                 out,
                 "| {} | {} | {rate:+.1} % | {:.2} to {:.2} | {:+.2} |",
@@ -89,15 +106,15 @@ fn ends(hull: &[bd::Point]) -> (f64, f64) {
     (db(hull.first()), db(hull.last()))
 }
 
-fn points_table(out: &mut String, scenes: &[Scene]) -> Result<()> {
+fn points_table(out: &mut String, scenes: &[Scene], anchor: &str) -> Result<()> {
     writeln!(
         out,
-        "\n| scene | run | quality | Gaussians | bytes | dB | SSIM | bytes against untuned at these dB | \
+        "\n| scene | run | quality | Gaussians | bytes | dB | SSIM | bytes against {anchor} at these dB | \
          counted bytes off by | CPU minutes | peak MB |\n\
          |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
     )?;
     for scene in scenes {
-        let untuned = rates(&scene.untuned);
+        let untuned = rates(&scene.anchor);
         for (how, point) in scene.tuned.iter().flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
             let p = &point.coded;
             let db = p.score.psnr_db;
@@ -127,23 +144,24 @@ fn difference(bytes: u64, of: f64) -> String {
     format!("{:+.1} %", 100.0 * (bytes as f64 / of.max(1.0) - 1.0))
 }
 
-fn untuned_table(out: &mut String, scenes: &[Scene]) -> Result<()> {
+fn anchor_table(out: &mut String, scenes: &[Scene], anchor: &str) -> Result<()> {
     let head: Vec<String> =
         scenes.iter().map(|s| format!("{}: bytes | dB | SSIM", s.name)).collect();
     writeln!(
         out,
-        "\nUntuned:\n\n| quality | {} |\n|---:|{}",
+        "\n{anchor}:\n\n| quality | {} |\n|---:|{}",
         head.join(" | "),
         "---:|".repeat(3 * scenes.len())
     )?;
-    for (i, quality) in super::UNTUNED.iter().enumerate() {
-        let cells = scenes.iter().filter_map(|s| s.untuned.get(i)).map(|p| {
+    let rows = scenes.first().map_or(&[][..], |s| &s.anchor);
+    for (i, row) in rows.iter().enumerate() {
+        let cells = scenes.iter().filter_map(|s| s.anchor.get(i)).map(|p| {
             let Point { coded, .. } = p;
             let score = &coded.score;
             format!("{} | {:.3} | {:.4}", coded.bytes, score.psnr_db, score.ssim)
         });
         let cells: Vec<String> = cells.collect();
-        writeln!(out, "| {quality:.0} | {} |", cells.join(" | "))?;
+        writeln!(out, "| {:.0} | {} |", row.coded.quality, cells.join(" | "))?;
     }
     Ok(())
 }
@@ -179,14 +197,14 @@ fn costs(out: &mut String, scenes: &[Scene]) -> Result<()> {
 }
 
 /// All curves of a scene.
-pub(super) fn chart(scene: &Scene) -> Chart {
+pub(super) fn chart(options: &Options, scene: &Scene) -> Chart {
     let series = |name: String, points: &[Point]| {
         let points = rates(points).iter().map(|p| (p.rate / 1e6, p.psnr_db)).collect();
         Series { name, kind: Kind::Ours, points }
     };
     let tuned = scene.tuned.iter().filter(|t| !t.points.is_empty());
     let mut all: Vec<Series> = tuned.map(|t| series(t.how.name(), &t.points)).collect();
-    all.push(series("untuned".into(), &scene.untuned));
-    let title = format!("{}: tuned and untuned", scene.name);
+    all.push(series(anchor_name(options).into(), &scene.anchor));
+    let title = format!("{}: tuned and {}", scene.name, anchor_name(options));
     report::run::chart(title, all, scene.original[0])
 }

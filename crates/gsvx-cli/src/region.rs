@@ -1,0 +1,151 @@
+//! `gsvx decode --box`: the Gaussians of a part of the scene. Only the chunks that reach into it are read.
+
+use crate::input::{self, Limit};
+use crate::output::is_stdio;
+use anyhow::{Context, Result};
+use gs_model::Scene;
+use gsvx::Reader;
+use std::fs::File;
+use std::io::{Cursor, Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::Path;
+
+/// A box in world units, with its border.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Region {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+/// Reads `X0,Y0,Z0,X1,Y1,Z1`.
+pub(crate) fn parse(text: &str) -> Result<Region, String> {
+    const USE: &str = "use two corners, six numbers: X0,Y0,Z0,X1,Y1,Z1";
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    let numbers = numbers.map_err(|_| USE.to_owned())?;
+    match <[f32; 6]>::try_from(numbers) {
+        Ok(n) if n.iter().all(|v| v.is_finite()) => {
+            let (a, b) = ([n[0], n[1], n[2]], [n[3], n[4], n[5]]);
+            let (low, high) = (|k: usize| a[k].min(b[k]), |k: usize| a[k].max(b[k]));
+            Ok(Region { low: std::array::from_fn(low), high: std::array::from_fn(high) })
+        }
+        _ => Err(USE.into()),
+    }
+}
+
+impl Region {
+    fn contains(&self, mean: [f32; 3]) -> bool {
+        (0..3).all(|k| (self.low[k]..=self.high[k]).contains(&mean[k]))
+    }
+
+    /// Whether a box, given by its corners, has a point in common with this one.
+    fn meets(&self, [low, high]: [[f32; 3]; 2]) -> bool {
+        (0..3).all(|k| low[k] <= self.high[k] && self.low[k] <= high[k])
+    }
+}
+
+/// What lies in a region.
+pub(crate) struct Part {
+    pub(crate) scene: Scene,
+    /// Chunks that were decoded, and that the level of detail has.
+    pub(crate) chunks: [usize; 2],
+    /// Bytes of the stream that were read.
+    pub(crate) bytes_read: u64,
+}
+
+/// Reads the Gaussians whose means lie in `region`, at a level of detail and up to an SH degree.
+pub(crate) fn read(
+    path: &Path,
+    region: Region,
+    lod: u8,
+    max_sh_degree: u8,
+    limit: Limit,
+) -> Result<Part> {
+    let damage = |e| input::explain_stream(e, path, "");
+    let mut source = Source::open(path)?;
+    let mut reader = Reader::new();
+    while let Some(range) = reader.head_needs() {
+        let bytes = source.read(range.clone())?;
+        if bytes.is_empty() {
+            let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
+            return Err(damage(gsvx::Error::Truncated { what: "head", offset, need, have: 0 }));
+        }
+        reader.give(range.start, &bytes).map_err(damage)?;
+    }
+    let index = reader.index().context("a head without an index")?;
+    let sh_degree = index.header.sh_degree.min(max_sh_degree);
+    let of_level: Vec<usize> = index.chunks_of_lod(lod.min(index.coarsest_lod())).collect();
+    let wanted: Vec<usize> =
+        of_level.iter().copied().filter(|&i| region.meets(index.chunks[i].bounds)).collect();
+    limit.check(path, wanted.iter().map(|&i| index.chunks[i].count).sum())?;
+    let layers: Vec<usize> = wanted
+        .iter()
+        .map(|&i| index.chunks[i].layers.len().min(1 + usize::from(sh_degree)))
+        .collect();
+    let mut scene = Scene { sh_degree, ..Scene::default() };
+    for (&chunk, &layers) in wanted.iter().zip(&layers) {
+        for range in reader.needs(chunk, layers) {
+            let bytes = source.read(range.clone())?;
+            reader.give(range.start, &bytes).map_err(damage)?;
+        }
+        let decoded = reader.decode(chunk, layers).map_err(damage)?;
+        let inside: Vec<usize> =
+            (0..decoded.len()).filter(|&i| region.contains(decoded.means[i])).collect();
+        scene.append(&decoded.select(&inside));
+        reader.forget(chunk);
+    }
+    Ok(Part { scene, chunks: [wanted.len(), of_level.len()], bytes_read: source.bytes_read })
+}
+
+/// A stream that is read in ranges; standard input is read whole.
+struct Source {
+    file: Box<dyn ReadSeek>,
+    bytes_read: u64,
+    name: String,
+}
+
+trait ReadSeek: Read + Seek {}
+impl<T: Read + Seek> ReadSeek for T {}
+
+impl Source {
+    fn open(path: &Path) -> Result<Self> {
+        let name = input::name(path);
+        let file: Box<dyn ReadSeek> = if is_stdio(path) {
+            Box::new(Cursor::new(input::bytes(path)?))
+        } else {
+            Box::new(File::open(path).with_context(|| format!("{name}: cannot be read"))?)
+        };
+        Ok(Self { file, bytes_read: 0, name })
+    }
+
+    /// The bytes of a range; fewer where the stream ends.
+    fn read(&mut self, range: Range<u64>) -> Result<Vec<u8>> {
+        let bytes =
+            self.try_read(range).with_context(|| format!("{}: cannot be read", self.name))?;
+        self.bytes_read += bytes.len() as u64;
+        Ok(bytes)
+    }
+
+    fn try_read(&mut self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.file.seek(SeekFrom::Start(range.start))?;
+        self.file.by_ref().take(range.end - range.start).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_in_any_order_make_a_box() {
+        let region = parse("1, 5,-2,0,4,3").unwrap();
+        assert_eq!((region.low, region.high), ([0.0, 4.0, -2.0], [1.0, 5.0, 3.0]));
+        assert!(region.contains([1.0, 4.5, 0.0]) && !region.contains([1.1, 4.5, 0.0]));
+        assert!(region.meets([[1.0; 3], [4.0; 3]]) && !region.meets([[1.1; 3], [4.0; 3]]));
+        for wrong in ["", "1,2,3", "1,2,3,4,5,6,7", "1,2,3,4,5,x", "1,2,3,4,5,nan", "inf,0,0,1,1,1"]
+        {
+            assert!(parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}
