@@ -28,7 +28,7 @@ pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx encode model.ply -o scene.gsvx                          default quality
   gsvx encode model.ply -o scene.gsvx --preset web
-  gsvx encode model.ply -o scene.gsvx --quality 75 --cameras data/fox
+  gsvx encode model.ply -o scene.gsvx --quality 80 --cameras data/fox
   gsvx encode model.ply -o scene.gsvx --target-bytes 1.5MB
   gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
   gsvx encode model.ply -o scene.gsvx --max-error 0.01         near-lossless
@@ -60,7 +60,7 @@ pub(crate) struct Args {
     #[arg(short, long, group = "rate", value_parser = quality,
           default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// A quality by name: 30, 50, 75 or 90.
+    /// A quality by name: 30, 50, 80 or 90.
     #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
     preset: Option<Preset>,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
@@ -478,6 +478,14 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
         Some(bounds) => within(args, &scene, bounds).with_context(name)?,
         None => {
             let outliers = args.trim.split(&mut scene, views.seen.as_mut(), name)?;
+            if let Some(cells) = gsvx::coarse_cells(&scene).with_context(name)? {
+                note(format_args!(
+                    "warning: {}: its parts lie so far apart that positions come in steps of {cells:.1} times the \
+                     size of a typical Gaussian, which shows at any quality; encode each part apart, or use \
+                     --max-error or --lossless",
+                    name()
+                ));
+            }
             let made = coded(args, &scene, outliers.as_ref(), &views, reference.as_ref());
             Encoding { outliers: outliers.map_or(0, |o| o.len()), ..made.with_context(name)? }
         }

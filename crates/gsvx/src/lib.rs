@@ -38,6 +38,7 @@ pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps
 pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions, MaxError};
 #[cfg(feature = "encode")]
 pub use prepare::{
-    Prepared, Seen, default_strategy, encode, encode_with, prepare, prune, split_outliers,
+    Prepared, Seen, coarse_cells, default_strategy, encode, encode_with, prepare, prune,
+    split_outliers,
 };
 pub use reader::Reader;
