@@ -261,6 +261,8 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
         if let Some(warning) = loss.warning() {
             note(format_args!("{warning}"));
         }
+    } else if made.unseen_estimate {
+        human += "\nno estimate of the loss: nothing of the model shows in the pictures";
     }
     if args.web {
         let snippet = embed(&job.output);
@@ -308,6 +310,8 @@ struct Encoding {
     /// How much less the stream shows than the input, and how long the estimate took.
     loss: Option<Loss>,
     estimate_seconds: f64,
+    /// The loss was to be estimated, and the pictures show nothing.
+    unseen_estimate: bool,
     /// Why the stream misses its target, if it does.
     missed: Option<String>,
 }
@@ -493,11 +497,13 @@ fn lossy(args: &Args, job: &Job, mut scene: Scene) -> Result<Encoding> {
     drop(scene);
     let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
     let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
+    let loss = loss.with_context(name)?;
     Ok(Encoding {
         pruned,
         share_and_unseen: views.share_and_unseen,
         drop_unseen: args.drop_unseen,
-        loss: loss.with_context(name)?,
+        unseen_estimate: !args.no_estimate && loss.is_none(),
+        loss,
         estimate_seconds: seconds_before + seconds_after,
         ..made
     })
