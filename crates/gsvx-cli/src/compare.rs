@@ -1,7 +1,7 @@
 //! `gsvx compare`.
 
 use crate::attribute_errors::AttributeErrors;
-use crate::exit::usage;
+use crate::exit::{note, usage};
 use crate::input::ReadingAny;
 use crate::output::{Output, is_stdio};
 use crate::pictures;
@@ -47,6 +47,8 @@ struct ViewScore<'a> {
     camera: &'a Camera,
     psnr: f64,
     ssim: f64,
+    /// Both pictures are black.
+    empty: bool,
 }
 
 /// Compares two models. PSNR and SSIM are of the float renders, clamped to 0..=1; means are over the
@@ -85,6 +87,11 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             worst.camera.name, worst.psnr, worst.ssim
         );
     }
+    if seen.iter().all(|s| s.empty) {
+        note(
+            "warning: nothing of either model shows in any view, so the renders say nothing; give --cameras",
+        );
+    }
     if let (Some(folder), Some(first)) = (&folder, pictures.first()) {
         let (n, folder) = (pictures.len(), folder.display());
         human += &format!("  {n} pictures in {folder}, the worst view first: {first}\n");
@@ -115,7 +122,8 @@ fn score_views<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<ViewScore
     for camera in cameras {
         let [reference, image] = render_both(a, b, camera);
         let psnr = metrics::psnr(&image, &reference);
-        seen.push(ViewScore { camera, psnr, ssim: metrics::ssim(&image, &reference) });
+        let empty = [&reference, &image].iter().all(|i| i.to_rgb8().iter().all(|&v| v == 0));
+        seen.push(ViewScore { camera, psnr, ssim: metrics::ssim(&image, &reference), empty });
         steps.inc();
     }
     seen

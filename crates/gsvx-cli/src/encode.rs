@@ -29,7 +29,7 @@ pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx encode model.ply -o scene.gsvx                          default quality
   gsvx encode model.ply -o scene.gsvx --preset web
-  gsvx encode model.ply -o scene.gsvx --quality 75 --cameras data/fox
+  gsvx encode model.ply -o scene.gsvx --quality 80 --cameras data/fox
   gsvx encode model.ply -o scene.gsvx --target-bytes 1.5MB
   gsvx encode model.ply -o scene.gsvx --cameras data/fox --target-psnr 40
   gsvx encode model.ply -o scene.gsvx --max-error 0.01         near-lossless
@@ -61,7 +61,7 @@ pub(crate) struct Args {
     #[arg(short, long, group = "rate", value_parser = quality,
           default_value_t = gsvx::DEFAULT_QUALITY)]
     quality: f32,
-    /// A quality by name: 30, 50, 75 or 90.
+    /// A quality by name: 30, 50, 80 or 90.
     #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
     preset: Option<Preset>,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
@@ -276,6 +276,8 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
         if let Some(warning) = loss.warning() {
             note(format_args!("{warning}"));
         }
+    } else if made.unseen_estimate {
+        human += "\nno estimate of the loss: nothing of the model shows in the pictures";
     }
     if args.web {
         let snippet = embed(&job.output);
@@ -317,6 +319,8 @@ struct Made {
     /// How much less the stream shows than the input, and how long the estimate took.
     loss: Option<Loss>,
     estimate_seconds: f64,
+    /// The loss was to be estimated, and the pictures show nothing.
+    unseen_estimate: bool,
     /// Why the stream misses its target, if it does.
     missed: Option<String>,
 }
@@ -421,9 +425,19 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
     drop(scene);
     let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
     let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
+    let loss = loss.with_context(name)?;
+    if let Some(cells) = made.encoded.coarse_cells {
+        note(format_args!(
+            "warning: {}: its parts lie so far apart that positions come in steps of {cells:.1} times the \
+             size of a typical Gaussian, which shows at any quality; encode each part apart, or use \
+             --max-error or --lossless",
+            name()
+        ));
+    }
     Ok(Made {
         seen: seen_share,
-        loss: loss.with_context(name)?,
+        unseen_estimate: !args.no_estimate && loss.is_none(),
+        loss,
         estimate_seconds: seconds_before + seconds_after,
         ..made
     })

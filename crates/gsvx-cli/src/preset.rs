@@ -17,7 +17,7 @@ pub(crate) const WEB: Preset = Preset { name: "web", quality: 50.0, help: "web p
 pub(crate) const PRESETS: [Preset; 4] = [
     Preset { name: "tiny", quality: 30.0, help: "thumbnails and previews: quality 30" },
     WEB,
-    Preset { name: "high", quality: 75.0, help: "no visible difference: quality 75, the default" },
+    Preset { name: "high", quality: 80.0, help: "no visible difference: quality 80, the default" },
     Preset { name: "archive", quality: 90.0, help: "keeping and editing: quality 90" },
 ];
 

@@ -253,7 +253,7 @@ fn sizes_and_presets_had_to_be_numbers() {
     let size = json(&words, &[&input, &stream])["bytes"].as_u64().unwrap();
     assert!(size <= 8500, "{size}");
     let mut last = 0;
-    for (name, quality) in [("tiny", 30.0), ("web", 50.0), ("high", 75.0), ("archive", 90.0)] {
+    for (name, quality) in [("tiny", 30.0), ("web", 50.0), ("high", 80.0), ("archive", 90.0)] {
         let words = ["encode", "@", "-o", "@", "--force", "--preset", name];
         let said = json(&words, &[&input, &stream]);
         assert_eq!(said["quality"], quality);

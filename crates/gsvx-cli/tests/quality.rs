@@ -71,3 +71,38 @@ fn nothing_lay_between_the_best_quality_and_lossless() {
     let again = common::gsvx().args(words).args([&stream, &model]).output().unwrap();
     common::one_line(&again, "--force");
 }
+
+#[test]
+fn pictures_that_show_nothing_passed_for_equal_ones() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, stream) = (dir.path().join("clear.ply"), dir.path().join("a.gsvx"));
+    let (mut scene, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
+    scene.opacity_logits.fill(-12.0);
+    gs_model::ply::write(&model, &scene).unwrap();
+    let encode = common::gsvx().arg("encode").arg(&model).arg("-o").arg(&stream).output().unwrap();
+    let said = String::from_utf8_lossy(&encode.stdout).into_owned();
+    assert!(said.contains("no estimate of the loss: nothing of the model shows"), "{said}");
+    let compare = common::gsvx()
+        .arg("compare")
+        .args([&model, &stream])
+        .args(["--orbit", "2"])
+        .output()
+        .unwrap();
+    let error = String::from_utf8_lossy(&compare.stderr).into_owned();
+    assert!(error.contains("nothing of either model shows in any view"), "{error}");
+}
+
+#[test]
+fn two_parts_far_apart_got_coarse_without_a_word() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, stream) = (dir.path().join("pair.ply"), dir.path().join("a.gsvx"));
+    let (one, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
+    for (distance, warned) in [(1e3, false), (1e5, true)] {
+        let mut both = one.clone();
+        both.append(&one);
+        both.means[one.len()..].iter_mut().for_each(|p| p[0] += distance);
+        gs_model::ply::write(&model, &both).unwrap();
+        let (_, error) = report(&["encode", "--force", "--no-estimate", "-o"], &[&stream, &model]);
+        assert_eq!(error.contains("its parts lie so far apart"), warned, "{distance}: {error}");
+    }
+}

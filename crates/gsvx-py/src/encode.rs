@@ -147,6 +147,12 @@ fn encode(
         }
     };
     made.invalid = input - scene.len();
+    made.warnings.extend(made.encoded.coarse_cells.map(|cells| {
+        format!(
+            "its parts lie so far apart that positions come in steps of {cells:.1} times the size of a typical \
+             Gaussian, which shows at any quality; compress each part apart, or use max_error or lossless"
+        )
+    }));
     let rows = made.encoded.rows.take().filter(|_| options.rows);
     made.rows = rows.map(|rows| rows_of_input(&rows, valid.as_deref(), input));
     Ok(made)

@@ -4,8 +4,11 @@ import { GsvxError } from './error.js';
 import { open } from './source.js';
 import init, { Stream } from './wasm/gsvx.js';
 
-/** Ranges closer than this are one request. */
-const GAP = 1 << 16;
+/** Ranges closer than this are one request, up to a size. */
+const GAP = 1 << 13;
+const REQUEST = 1 << 20;
+/** Requests that are under way at once. */
+const AHEAD = 4;
 /** Bytes that the decoder is given at a time: what it holds of the stream besides the chunk it decodes. */
 const PIECE = 1 << 16;
 /** Milliseconds between reports of progress. */
@@ -240,7 +243,7 @@ function ranges(decoding) {
     const wanted = decoding.head.chunks[chunk].layers.slice(0, layers);
     const [start, end] = [wanted[0][0], wanted.at(-1)[0] + wanted.at(-1)[1]];
     const last = list.at(-1);
-    if (last && start - last[1] < GAP && end - last[0] < 16 * GAP) last[1] = end;
+    if (last && start - last[1] < GAP && end - last[0] < REQUEST) last[1] = end;
     else list.push([start, end]);
   }
   return list;
@@ -261,14 +264,20 @@ async function byRanges(decoding, input) {
     reached = needs[0] + bytes.length;
     if (bytes.length === 0) decoding.finish(reached);
   }
-  const wanted = ranges(decoding).filter(([, end]) => end > reached);
-  let next = wanted.length ? fetched(...wanted[0]) : undefined;
+  const wanted = ranges(decoding).filter(([, end]) => end > reached).map(([start, end]) => [Math.max(start, reached), end]);
+  const requests = [];
+  const ask = (i) => {
+    if (i >= wanted.length) return;
+    requests[i] = fetched(...wanted[i]);
+    // Whoever waits for it hears of a failure.
+    requests[i].catch(() => {});
+  };
+  for (let i = 0; i < AHEAD; i += 1) ask(i);
   await decoding.advance();
   for (let i = 0; i < wanted.length; i += 1) {
-    const bytes = await next;
-    // The next request is under way while this one's chunks are decoded.
-    next = i + 1 < wanted.length ? fetched(...wanted[i + 1]) : undefined;
-    next?.catch(() => {});
+    const bytes = await requests[i];
+    requests[i] = undefined;
+    ask(i + AHEAD);
     const [start] = wanted[i];
     for (let at = 0; at < bytes.length; at += PIECE) {
       decoding.give(start + at, bytes.subarray(at, at + PIECE), input.length);

@@ -111,7 +111,7 @@ export interface Progress {
 export interface Options<L extends Layout = 'planar'> {
   /** What the Gaussians are decoded to; `planar` without it. */
   layout?: L;
-  /** Highest SH degree; 3 without it. A remote stream's further layers are not fetched. */
+  /** Highest SH degree; 3 without it. A remote stream's further layers are not fetched, but for gaps of less than 8 kB. */
   maxShDegree?: number;
   /** Level of detail; 0, the finest, without it. A number above the coarsest stands for the coarsest. */
   lod?: number;

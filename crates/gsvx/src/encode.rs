@@ -25,6 +25,10 @@ pub struct Encoded {
     pub pruned: usize,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
+    /// Side of the finest cells, in units of the median Gaussian's largest axis, if they are so coarse that
+    /// positions err visibly at any quality: where parts of a scene lie so far apart that an octree's 21 levels
+    /// do not suffice. The parts are better encoded apart.
+    pub coarse_cells: Option<f64>,
     /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
     pub max_error: Option<MaxError>,
     /// If [`EncodeOptions::rows`] asks for it, and always of [`encode_lossless`]: the row in which a decoder

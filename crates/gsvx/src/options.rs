@@ -141,7 +141,7 @@ impl Default for EncodeOptions {
 
 /// Quality used when none is asked for: the least at which nobody should see a difference, on the models that
 /// `cargo xtask bench-quality` measures.
-pub const DEFAULT_QUALITY: f32 = 75.0;
+pub const DEFAULT_QUALITY: f32 = 80.0;
 
 /// Step of the DC planes at quality 0, and the number of quality points that halve it: 0.165 at
 /// quality 50, where renders are 35 to 38 dB from those of the input on the scenes measured.

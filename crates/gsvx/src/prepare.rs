@@ -14,11 +14,17 @@ use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Trim, Trimmed, Vo
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
 /// unbounded scene needs for its nearest Gaussians.
 const J_HIGH: u8 = 17;
-/// Where outliers make the cube large, the octree is so deep that this many of its finest leaves fit
-/// along the largest axis of a median Gaussian (at most `MAX_DEPTH`). Smaller position errors do not
-/// show. An outlier costs the octree about three bits a level, less than its floats, so outliers are
-/// split off only where the greatest depth does not suffice: see [`split_outliers`].
+/// Where far parts make the cube large, the octree is so deep that this many of its finest leaves fit
+/// along the largest axis of a median Gaussian (at most `MAX_DEPTH`): small Gaussians need far finer ones
+/// than the median. With 8, a room below a sky 1000 units away lost 2 dB.
+const LEAVES_PER_AXIS: f64 = 64.0;
+/// Cells this many times smaller than the median Gaussian's largest axis are needed at least. An outlier costs the
+/// octree about three bits a level, less than its floats, so outliers are split off only where the greatest
+/// depth does not suffice for these: see [`split_outliers`].
 const CELLS_PER_AXIS: f64 = 8.0;
+/// Cells of this part of the median Gaussian's largest axis are worth a warning. Two rooms 1e4 units apart, with 0.07,
+/// lose 1 dB at quality 75; 1e5 units apart, with 0.7, 15 dB.
+const COARSE: f64 = 0.2;
 /// Lagrangian weight at quality 50, in the units of [`RateDistortion::lambda`]. It follows the
 /// square of the attribute steps, so that positions and attributes stay in balance.
 const LAMBDA_AT_50: f64 = 3e-3;
@@ -60,6 +66,7 @@ pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
 /// Outliers, voxelization and coding.
 fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encoded> {
     let split = input.split()?;
+    let coarse_cells = coarse_cells(&input.scene)?;
     let (voxels, importance) = input.voxelize(options)?;
     let weights = Importance::Given(importance);
     let sensitivities = input.sensitivities.take().map(|s| voxels.sums(&s));
@@ -70,8 +77,9 @@ fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encod
         sensitivities: sensitivities.as_deref(),
         merged: false,
     };
-    let Some((trimmed, outliers)) = split else { return encode_source(&source, None, options) };
-    let encoded = encode_source(&source, Some(&outliers), options)?;
+    let outliers = split.as_ref().map(|s| &s.1);
+    let encoded = Encoded { coarse_cells, ..encode_source(&source, outliers, options)? };
+    let Some((trimmed, outliers)) = &split else { return Ok(encoded) };
     let leaves = encoded.index.header.count as usize - outliers.len();
     let rows = encoded.rows.as_ref().map(|rows| trimmed.rows(rows, leaves as u32));
     Ok(Encoded { rows, ..encoded })
@@ -235,15 +243,15 @@ pub fn default_strategy(quality: f32, importance: &[f32], seen: Seen) -> Result<
     Ok(Strategy::RateDistortion(options))
 }
 
-/// Depth at which a cell is [`CELLS_PER_AXIS`] times smaller than the median Gaussian's largest axis.
+/// Depth at which [`LEAVES_PER_AXIS`] cells fit along the median Gaussian's largest axis.
 fn needed_depth(scene: &Scene, cube: &Cube) -> u8 {
-    let depth = median_log_scale(scene).map_or(0.0, |median| wanted_depth(median, cube));
-    depth.ceil().clamp(0.0, f64::from(MAX_DEPTH)) as u8
+    let of = |median| depth_of(LEAVES_PER_AXIS, median, cube);
+    median_log_scale(scene).map_or(0.0, of).ceil().clamp(0.0, f64::from(MAX_DEPTH)) as u8
 }
 
-/// As [`needed_depth`], without a greatest depth and without rounding.
-fn wanted_depth(median_log_scale: f64, cube: &Cube) -> f64 {
-    libm::log2(cube.side * CELLS_PER_AXIS) - median_log_scale * std::f64::consts::LOG2_E
+/// Depth at which this many cells fit along a largest axis, without a greatest depth and without rounding.
+fn depth_of(cells: f64, log_scale: f64, cube: &Cube) -> f64 {
+    libm::log2(cube.side * cells) - log_scale * std::f64::consts::LOG2_E
 }
 
 /// The median of the logarithms of the largest axes.
@@ -274,13 +282,24 @@ pub(crate) fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
     let Some(median) = median_log_scale(scene) else { return Ok(None) };
     let cell = libm::exp(median) / CELLS_PER_AXIS;
     // Before that no trimmed cube pays. Most scenes end here.
-    if wanted_depth(median, &cube) <= f64::from(MAX_DEPTH) || cell <= 0.0 {
+    if depth_of(CELLS_PER_AXIS, median, &cube) <= f64::from(MAX_DEPTH) || cell <= 0.0 {
         return Ok(None);
     }
     let exact = 32.0 * layout::columns(scene.sh_degree) as f64;
     let weighed = Trim { bits_per_outlier: exact - BITS_AT_50, ..Trim::new(cell) };
     let trimmed = voxel::trim(&scene.means, &weighed)?;
     Ok((!trimmed.outliers.is_empty()).then_some(trimmed))
+}
+
+/// See [`Encoded::coarse_cells`]; of the Gaussians that are no outliers.
+///
+/// # Errors
+/// [`Error::Voxel`] if a mean is not finite.
+fn coarse_cells(scene: &Scene) -> Result<Option<f64>> {
+    let side = Cube::of(&scene.means)?.side;
+    let Some(median) = median_log_scale(scene) else { return Ok(None) };
+    let cells = side * libm::exp2(-f64::from(MAX_DEPTH)) / libm::exp(median);
+    Ok((cells > COARSE).then_some(cells))
 }
 
 /// Leaves out the given fraction of the Gaussians, those of least importance, and returns the indices of
@@ -319,6 +338,36 @@ mod tests {
         for fraction in [-0.1, 1.0, f64::NAN] {
             assert!(matches!(prune(&importance, fraction), Err(Error::Option { .. })));
         }
+    }
+
+    /// Two copies of a scene, a distance apart.
+    fn pair(distance: f32) -> Scene {
+        let one = testing::trained_like(2000, 0, &mut testing::Rng::seeded(5));
+        let mut both = one.clone();
+        both.append(&one);
+        both.means[2000..].iter_mut().for_each(|p| p[0] += distance);
+        both
+    }
+
+    #[test]
+    fn two_parts_far_apart_got_coarse_without_a_word() {
+        let median = libm::exp(median_log_scale(&pair(1.0)).unwrap());
+        for (cells, wanted) in [(0.01, false), (0.15, false), (0.3, true), (3.0, true)] {
+            let both = pair((cells * median * libm::exp2(21.0)) as f32);
+            let told = coarse_cells(&both).unwrap();
+            assert_eq!(told.is_some(), wanted, "{cells}");
+            assert!(told.is_none_or(|t| (t / cells - 1.0).abs() < 0.1), "{told:?}, not {cells}");
+        }
+        assert_eq!(coarse_cells(&Scene::default()).unwrap(), None);
+    }
+
+    #[test]
+    fn a_far_sky_took_depth_from_small_gaussians() {
+        // The cube is so large that a cell at depth 18 is an eighth of the median Gaussian.
+        let both = pair(0.0);
+        let median = libm::exp(median_log_scale(&both).unwrap());
+        let cube = Cube { origin: [0.0; 3], side: median / 8.0 * libm::exp2(18.0) };
+        assert_eq!(needed_depth(&both, &cube), 21);
     }
 
     /// A cluster and one floater, far away.

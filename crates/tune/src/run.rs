@@ -357,15 +357,30 @@ fn plan(scene: &Scene, views: &Views, options: &Options, input_psnr: f64) -> Res
         Target::Bytes(bytes) => {
             let seen = (effects.as_slice(), importance.as_slice());
             let probe = |quality: f32| probe(scene, seen, &spare, quality, options);
-            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, probe)?;
-            if !found.reached {
-                let smallest = (found.encoded.len() as f64 * TUNED_OVER_PROBED) as u64;
-                return Err(Error::TargetTooSmall { target: bytes, smallest });
+            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
+            if !found.reached || is_empty(&found.encoded)? {
+                let smallest = smallest(probe)? as f64 * TUNED_OVER_PROBED;
+                return Err(Error::TargetTooSmall { target: bytes, smallest: smallest as u64 });
             }
             found.quality
         }
     };
     Plan::new(quality, options.effort, &spare)
+}
+
+/// Bytes of the smallest stream that has a Gaussian, to five points of quality.
+fn smallest(mut probe: impl FnMut(f32) -> gsvx::Result<Vec<u8>>) -> Result<usize> {
+    for quality in (0..=100u8).step_by(5) {
+        let stream = probe(quality.into())?;
+        if !is_empty(&stream)? {
+            return Ok(stream.len());
+        }
+    }
+    Err(Error::NothingSeen)
+}
+
+fn is_empty(stream: &[u8]) -> Result<bool> {
+    Ok(gsvx::Index::parse(stream)?.header.count == 0)
 }
 
 /// The stream of a plan without any tuning.

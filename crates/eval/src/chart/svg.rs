@@ -41,8 +41,8 @@ const PAPER: Theme = Theme {
 /// The page's own colours, by custom properties, so that they follow its light and dark. Small:
 /// on a phone the numbers must still be legible.
 const PAGE: Theme = Theme {
-    width: 470.0,
-    height: 370.0,
+    width: 400.0,
+    height: 340.0,
     font_size: 14,
     ground: None,
     ink: "var(--ink)",

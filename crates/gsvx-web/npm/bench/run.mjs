@@ -144,7 +144,7 @@ set: ${SWITCHES.map((name, i) => `\`${name}\` takes ${megabytes(saved[i])} MB of
 of 1.3 holds for first decodings from an output of ${megabytes(fixed(decode.planar.peak, twice.peak) / (1.3 - slope(decode.planar.peak, twice.peak)))} MB on. A layout of fewer bytes has a greater ratio.
 
 Two whole decodings at once, each in a worker, reach ${(together.two / 1e6).toFixed(2)} M Gaussians/s together in Chromium (packed), one alone ${(together.one / 1e6).toFixed(2)}. Chunks
-decode alone, so several workers could share a stream, but on these ${cpus().length} cores they would stay below that.
+decode alone, so several workers could share a stream, but on these ${cpus().length} cores that is the most they would reach.
 
 ## Over a link of 10 Mbit/s
 

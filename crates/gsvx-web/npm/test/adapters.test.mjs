@@ -119,7 +119,7 @@ for (const [engine, least] of Object.entries(ENGINES)) {
 }
 
 for (const ranges of ['yes', 'no']) {
-  test(`spark: a part of a stream, ranges: ${ranges}`, { skip }, async () => {
+  test(`spark: the start of a stream was fetched twice, ranges: ${ranges}`, { skip }, async () => {
     const from = server.log.length;
     const page = await open('spark', `rooms.gsvx?ranges=${ranges}`, { options: { maxShDegree: 0 } });
     const state = await settled(page);
