@@ -416,7 +416,7 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
         }
         cameras = Some(training);
     }
-    // Quality is measured against what came in, not against what pruning leaves.
+    // The loss is measured against the input before pruning.
     let target = args.target_psnr.zip(cameras.as_ref());
     let target = target.map(|(db, cameras)| (db, references(&scene, cameras)));
     let draw = || Pictures::of(&scene, cameras.as_deref());

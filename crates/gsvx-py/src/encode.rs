@@ -211,7 +211,7 @@ fn lossy(scene: &Scene, options: &Options, cameras: Option<&Cameras>, line: &Lin
             let Some(cameras) = cameras else {
                 return Err(Fault::Usage("target_psnr needs cameras".into()));
             };
-            // Quality is measured against what came in, not against what pruning leaves.
+            // The PSNR is measured against the input before pruning.
             let step = |done, all| line.step("renders of the input", done, all);
             let references = References::new(scene, &cameras.list, step)?;
             let found = rate::to_measure(target, at, |encoded| psnr(&references, encoded))?;

@@ -23,16 +23,16 @@ mod errors;
 
 use errors::{Ratios, measure, of_groups};
 
-/// Encodes after which what breaks a bound is not blamed on the steps: single precision has its limits.
+/// After this many encodes a broken bound no longer makes steps finer: the limit is single precision.
 const STEERED: usize = 6;
 /// Encodes after which everything is coded exactly.
 const MOST_ENCODES: usize = 24;
-/// Steps over bound at first, and at least: errors of finer steps are not theirs.
+/// First and smallest ratio of step to bound. Below the smallest, a finer step does not reduce the error.
 const FIRST_STEP: f32 = 1.0;
 const LEAST_STEP: f32 = 0.02;
 /// By how much steps grow at most.
 const GROWTH: f32 = 4.0;
-/// How far below its bound a group aims that has broken it. Other steps change all errors a little.
+/// A group that has broken its bound then aims at this fraction of it: other steps change all errors a little.
 const AIM: f32 = 0.98;
 
 /// Encodes a scene so that each error is at most its bound.
@@ -98,8 +98,8 @@ fn steps_over(bounds: &MaxError, factor: f32) -> Steps {
     }
 }
 
-/// Steps at which the bounds may hold, by the worst errors of these: they are about in proportion. The
-/// `first` time steps may grow too.
+/// Steps at which the bounds may hold, from the worst errors at the present steps. Errors are about in
+/// proportion to steps. Only the `first` time steps may grow.
 fn steered(steps: Steps, worst: &Ratios, first: bool, bounds: &MaxError) -> Steps {
     let least = steps_over(bounds, LEAST_STEP);
     let times = |step: f32, worst: f32, least: f32| {

@@ -183,7 +183,7 @@ mod tests {
             let both = log_classes(&without_cameras(&with_sky(6000, 2000, radius)), 0.1);
             let of = |classes: &[f32]| classes.iter().map(|&c| f64::from(c)).sum::<f64>() / 6000.0;
             let lost = of(&alone) - of(&both[..6000]);
-            // A class is a factor of two in all steps. By opacity and size alone 2 are lost, all there are.
+            // A class is a factor of two in all steps. Importance from opacity and size alone loses 2 classes.
             assert!(lost < 0.25, "radius {radius}: {lost} classes");
         }
     }

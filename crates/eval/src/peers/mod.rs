@@ -231,8 +231,8 @@ pub(crate) fn curves(all: &[Outcome]) -> Vec<Other> {
             ssim: Some(m.ssim),
         };
         let name = match outcome.peer.as_str() {
-            "tmc3" => "paper's chain (tmc3), run here".to_owned(),
-            peer => format!("{peer}, {}, run here", outcome.settings),
+            "tmc3" => "paper's chain (tmc3)".to_owned(),
+            peer => format!("{peer}, {}", outcome.settings),
         };
         match out.iter_mut().find(|o| o.name == name) {
             Some(other) => other.points.push(point),

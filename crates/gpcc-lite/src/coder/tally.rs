@@ -1,4 +1,4 @@
-//! Counts the bits of a stream that nobody needs.
+//! Counts the bits of a stream without writing it.
 
 use super::Coder;
 use crate::symbols::{SCALE_BITS, Symbols};

@@ -30,7 +30,7 @@ fn alpha(logit: f32) -> f64 {
     1.0 / (1.0 + libm::exp(-f64::from(logit)))
 }
 
-/// The errors of Gaussian `k` of `decoded`, which was Gaussian `i` of `scene`.
+/// Errors over their bounds: of Gaussian `k` of `decoded`, which stands for Gaussian `i` of `scene`.
 pub(super) fn measure(
     scene: &Scene,
     i: usize,
@@ -77,7 +77,7 @@ pub(super) fn of_groups(ratios: &[Ratios]) -> Ratios {
 }
 
 impl MaxError {
-    /// The errors that these shares of the bounds are.
+    /// The errors, from their ratios to these bounds.
     pub(super) fn times(&self, worst: &Ratios) -> Self {
         let [mean, opacity, dc, sh1, sh2, sh3, shape] = *worst;
         let sh = [dc, sh1, sh2, sh3].into_iter().fold(0.0, larger);
