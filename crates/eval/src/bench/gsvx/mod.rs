@@ -34,11 +34,12 @@ pub struct Options {
 }
 
 /// Steps that are measured: name, and words of the command.
-const STEPS: [(&str, &[&str]); 5] = [
-    ("encode", &["encode"]),
+const STEPS: [(&str, &[&str]); 6] = [
+    ("encode, with the estimate of the loss", &["encode"]),
+    ("encode", &["encode", "--no-estimate"]),
     ("decode", &["decode"]),
     ("decode, SH degree 0", &["decode", "--max-sh-degree", "0"]),
-    ("encode --lod", &["encode", "--lod"]),
+    ("encode --lod", &["encode", "--lod", "--no-estimate"]),
     // What is beyond the coarsest level means the coarsest.
     ("decode of the coarsest level", &["decode", "--lod", "255"]),
 ];
