@@ -67,8 +67,8 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Looks at `scene` from each camera. `step` hears the number of cameras that are done, and may end the
-    /// work.
+    /// Renders `scene` from each camera. `step` is called after each with the number of cameras that are done. An
+    /// error from it ends the work.
     ///
     /// # Errors
     /// Those of `step`.
@@ -117,8 +117,8 @@ pub struct References {
 }
 
 impl References {
-    /// Renders `scene` from at most 12 of the cameras, evenly spread. `step` hears the number of renders that
-    /// are done and that there are, and may end the work.
+    /// Renders `scene` from at most 12 of the cameras, evenly spread. `step` is called after each render with the
+    /// numbers of renders that are done and that there will be. An error from it ends the work.
     ///
     /// # Errors
     /// Those of `step`.

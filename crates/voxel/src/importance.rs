@@ -33,7 +33,7 @@ impl Importance {
         refuse(given.par_chunks(CHUNK).find_map_first(first_bad))
     }
 
-    /// The same of some Gaussians, `members`, which are in the scene.
+    /// Checks the length, and the entries of `members` only. All of them are Gaussians of the scene.
     pub(crate) fn check_members(&self, scene: &Scene, members: &[u32]) -> Result<()> {
         let Self::Given(given) = self else { return Ok(()) };
         check_length(given, scene)?;

@@ -121,8 +121,8 @@ fn merge_to_degree(
     Ok(())
 }
 
-/// Checks that the members belong to this scene, and their importances. Others are not looked at: a scene may
-/// be merged in many parts.
+/// Checks that the members belong to this scene, and that their importances are valid. It does not look at other
+/// Gaussians: a scene may be merged in many parts.
 fn check_members(
     scene: &Scene,
     voxelization: &Voxelization,
