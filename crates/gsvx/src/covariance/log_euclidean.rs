@@ -1,11 +1,10 @@
 //! Covariance as the matrix logarithm of its square root, in six orthonormal coordinates.
 //!
-//! With rotation `R` and log-scales `l`, the matrix `L = R diag(l) R^T` has no sign or
-//! permutation symmetry (the 48 pairs of quaternion and scales that mean the same Gaussian
-//! give one `L`), is smooth in space where shapes are, and measures what a renderer sees: an
-//! error `e` in `L` changes each axis by the factor `exp(e)`, and turns the Gaussian the less
-//! the rounder it is. Measured on `fox` at equal error of the projected footprints it needs
-//! about a fifth fewer bits than quaternion plus log-scales.
+//! The matrix is `L = R diag(l) R^T` with rotation `R` and log-scales `l`. The 48 pairs of quaternion and scales
+//! that describe one Gaussian give the same `L`. It varies smoothly in space where shapes do. An error `e` in `L`
+//! changes each axis by about the factor `exp(e)`, and turns a Gaussian less, the rounder it is, which is what a
+//! renderer shows. On `fox`, at equal error of the projected footprints, it needs about a fifth fewer bits than
+//! quaternion plus log-scales.
 //!
 //! A decoder's arithmetic is single precision, only `+ - * /` and square roots, so every machine decodes
 //! the same.
@@ -20,7 +19,7 @@ const INV_SQRT_2: f32 = std::f32::consts::FRAC_1_SQRT_2;
 const INV_SQRT_3: f32 = 0.577_350_26;
 /// 1 / sqrt 6.
 const INV_SQRT_6: f32 = 0.408_248_3;
-/// Coordinates are moved into this range first: beyond it squares overflow, and no encoder goes there.
+/// Coordinates are clamped to plus and minus this, beyond which squares overflow. No encoder goes there.
 const LARGEST: f32 = 1e6;
 
 /// Sweeps of the Jacobi iteration; convergence is quadratic, three or four are enough.
@@ -119,7 +118,7 @@ fn in_basis(entry: impl Fn(usize, usize) -> f64) -> Coordinates {
     .map(|v| v as f32)
 }
 
-/// Coordinates within [`LARGEST`]; what is no number becomes the least.
+/// Clamps coordinates to [`LARGEST`]. NaN becomes the lower limit.
 #[inline(always)]
 #[allow(clippy::manual_clamp, reason = "clamp would keep NaN")]
 fn within_limits(c: Coordinates) -> Coordinates {
