@@ -47,7 +47,7 @@ const MIN_IMPORTANCE: f64 = 1e-3;
 ///
 /// The size of trained Gaussians grows with their distance from the cameras, so the size of the neighbours stands
 /// for that distance. The result does not depend on the scene's scale: two distant parts, or an object and the
-/// sky, get similar importances whatever their sizes. This estimate does not know what is hidden. With cameras,
+/// sky, get similar importances whatever their sizes. This guess does not know what is hidden. With cameras,
 /// the rasterizer's sum of squared blending weights over the training views is better.
 #[cfg(feature = "encode")]
 #[must_use]
@@ -64,13 +64,13 @@ pub fn without_cameras(scene: &Scene) -> Vec<f32> {
         let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
         vec![mean; areas.len()]
     });
-    let importance = |((&logit, area), around): ((&f32, f64), f64)| {
+    let guess = |((&logit, area), around): ((&f32, f64), f64)| {
         let log_alpha = crate::attributes::opacity::log_alpha_of_logit(logit);
         let log =
             OPACITY_POWER * log_alpha + AREA_POWER * (area - around).min(MAX_LOG_RELATIVE_AREA);
         libm::exp(log.clamp(-80.0, 80.0)).max(MIN_IMPORTANCE) as f32
     };
-    scene.opacity_logits.par_iter().zip(areas).zip(around).map(importance).collect()
+    scene.opacity_logits.par_iter().zip(areas).zip(around).map(guess).collect()
 }
 
 /// Importance of a Gaussian that no camera sees, relative to one that cameras see. It is coded as if at 30 quality
@@ -87,9 +87,9 @@ const UNSEEN: f64 = 1.0 / 16.0;
 #[cfg(feature = "encode")]
 #[must_use]
 pub fn with_unseen(scene: &Scene, seen: &[f32]) -> Vec<f32> {
-    let estimate = without_cameras(scene);
+    let guess = without_cameras(scene);
     let clean = |v: f32| if v.is_finite() && v > 0.0 { f64::from(v) } else { 0.0 };
-    let pairs = || seen.iter().map(|&s| clean(s)).zip(estimate.iter().map(|&g| f64::from(g)));
+    let pairs = || seen.iter().map(|&s| clean(s)).zip(guess.iter().map(|&g| f64::from(g)));
     let mut sums = [0.0; 2];
     for (s, g) in pairs().filter(|&(s, _)| s > 0.0) {
         sums = [sums[0] + s, sums[1] + g];
