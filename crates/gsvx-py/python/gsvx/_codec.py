@@ -11,7 +11,7 @@ from . import _gsvx
 from ._arrays import Splats, from_native, joined
 from ._cameras import CamerasLike, _as_cameras
 from ._files import ModelLike, Source, Target, check_writable, model, opened, write
-from ._reports import ProgressCallback, Report, _callback
+from ._reports import Estimate, ProgressCallback, Report, _callback
 from ._stream import open as open_stream
 
 #: Qualities by name, as those of the command.
@@ -41,6 +41,7 @@ def compress(
     j_low: Optional[int] = None,
     covariance: str = "transform",
     index_map: bool = False,
+    estimate: bool = False,
     progress: Optional[ProgressCallback] = None,
 ) -> Report:
     """Compresses splats into a stream. It has the bytes that ``gsvx encode`` makes of the same model.
@@ -85,7 +86,8 @@ def compress(
     criteria from this depth to ``depth``; ``covariance``, "transform", "vq:BITS" or "lossless:BITS".
 
     The order of the Gaussians changes: they come back in Morton order, outliers last, and Gaussians of one
-    voxel are merged. With ``index_map`` the report says which row each became.
+    voxel are merged. With ``index_map`` the report says which row each became. With ``estimate`` it says how much
+    less the stream shows, from a few pictures, as the command does; that takes time and memory of its own.
 
     ``progress``: called with a :class:`gsvx.Progress` now and then. Ctrl-C ends the work, and nothing is
     written.
@@ -114,6 +116,7 @@ def compress(
         j_low=j_low,
         covariance=covariance,
         rows=index_map,
+        estimate=estimate,
     )
     write(path, stream)
     for warning in [*report.warnings, *filter(None, [report.missed])]:
@@ -149,6 +152,8 @@ def _encode(
     options["covariance"] = _covariance(covariance)
     views = None if cameras is None else _as_cameras(cameras, training=True)._native()
     stream, report = _gsvx.compress(model(splats), options, views, _callback(progress))
+    if report["estimate"] is not None:
+        report["estimate"] = Estimate(*report["estimate"])
     return stream, Report(**report)
 
 
