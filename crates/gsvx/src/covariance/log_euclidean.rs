@@ -38,12 +38,9 @@ pub fn coordinates(quaternion: [f32; 4], log_scales: [f32; 3]) -> Coordinates {
     in_basis(entry)
 }
 
-/// Unit quaternion and log-scales of the matrix with these coordinates.
-///
-/// Log-scales come in the order the iteration leaves them; the pair is one of the equivalent
-/// descriptions of the same Gaussian.
-#[must_use]
-pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
+/// The reference of [`decompose_into`]: one matrix.
+#[cfg(test)]
+fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
     let c = within_limits(c);
     let mut a = matrix(&c);
     // Columns of v converge to the eigenvectors; rotations keep its determinant at +1.
@@ -61,8 +58,8 @@ pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
     (quaternion_of(&v), [a[0][0], a[1][1], a[2][2]])
 }
 
-/// The derivative of a loss by the coordinates, from those by the quaternion (of unit norm) and the
-/// log-scales that [`decompose`] made of them.
+/// The derivative of a loss by the coordinates, from its derivatives by the quaternion (of unit norm) and the
+/// log-scales that [`decompose_into`] made of them.
 ///
 /// In the frame of the axes the derivative by the diagonal is that by the log-scales. A turn about one
 /// axis moves the entry of the other two by their difference, so the derivative by that entry is the
@@ -70,7 +67,7 @@ pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
 /// and counts less the smaller the difference is.
 #[cfg(feature = "encode")]
 #[must_use]
-pub fn gradient(
+pub(crate) fn gradient(
     quaternion: [f32; 4],
     log_scales: [f32; 3],
     by_quaternion: [f32; 4],
@@ -139,6 +136,7 @@ fn matrix(c: &Coordinates) -> [[f32; 3]; 3] {
 }
 
 /// One Jacobi rotation in the plane `(p, q)`; `r` is the remaining axis.
+#[cfg(test)]
 fn rotate(a: &mut [[f32; 3]; 3], v: &mut [[f32; 3]; 3], p: usize, q: usize, r: usize) {
     let apq = a[p][q];
     if apq == 0.0 {
@@ -166,10 +164,13 @@ fn rotate(a: &mut [[f32; 3]; 3], v: &mut [[f32; 3]; 3], p: usize, q: usize, r: u
     }
 }
 
-/// [`decompose`] of as many as there are, with the same bits: several at a time, whose chains of
-/// divisions and roots then overlap.
+/// Unit quaternions and log-scales of the matrices with these coordinates. Log-scales come in the order in which
+/// the iteration leaves them; the pair is one of the equivalent descriptions of the same Gaussian.
+///
+/// Several matrices are decomposed at a time, so that their chains of divisions and roots overlap. The bits are
+/// the same as one by one.
 #[multiversion(targets("x86_64+avx2"))]
-pub fn decompose_into(
+pub(crate) fn decompose_into(
     coordinates: &[Coordinates],
     rotations: &mut [[f32; 4]],
     log_scales: &mut [[f32; 3]],

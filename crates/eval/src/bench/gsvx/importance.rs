@@ -1,5 +1,4 @@
-//! Rates with and without cameras: curves with and without cameras, and models with a sky
-//! or with a far copy of themselves.
+//! Rates with and without cameras, also of models with a sky or with a distant copy of themselves.
 
 use std::fmt::Write as _;
 use std::path::Path;
