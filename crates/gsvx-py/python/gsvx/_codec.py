@@ -15,7 +15,7 @@ from ._reports import Estimate, ProgressCallback, Report, _callback
 from ._stream import open as open_stream
 
 #: Qualities by name, as those of the command.
-PRESETS = {"tiny": 30.0, "web": 50.0, "high": 70.0, "archive": 90.0}
+PRESETS = {"tiny": 30.0, "web": 50.0, "high": 80.0, "archive": 90.0}
 #: Leaves of a chunk for the web.
 _WEB_CHUNK = 1 << 14
 
@@ -64,7 +64,7 @@ def compress(
     as it is, other types are converted. They are not changed. Or the name of a file that
     :func:`gsvx.read_model` reads.
 
-    One of these decides the size (default: quality 60): ``quality``, 0 (smallest) to 100 (best);
+    One of these decides the size (default: quality 80): ``quality``, 0 (smallest) to 100 (best);
     ``preset``, "tiny", "web", "high" or "archive"; ``target_bytes``, the best stream of at most so many
     bytes; ``target_psnr``, the smallest stream whose renders reach so many dB against renders of the input,
     with ``cameras``; ``max_error``, near-lossless: nothing is merged, and no attribute is off by more than this
