@@ -124,6 +124,26 @@ pub enum Error {
         /// The attribute.
         field: gs_model::validate::Field,
     },
+    /// Gaussians lie so far apart that some should be outliers, which a plan for parts does not have.
+    #[cfg(feature = "encode")]
+    #[error(
+        "the scene is {side:e} units wide, too wide for Gaussians of its size; leave out what lies far away, or encode it in memory"
+    )]
+    TooWide {
+        /// Side of the cube around all means.
+        side: f64,
+    },
+    /// Streams are not parts of one scene.
+    #[cfg(feature = "encode")]
+    #[error("streams {first} and {second} (counted from 0) are not parts of one scene: {why}")]
+    NotOneScene {
+        /// A stream.
+        first: usize,
+        /// Another.
+        second: usize,
+        /// What contradicts it.
+        why: &'static str,
+    },
     /// An option is out of its range.
     #[error("{option} is {value}, must be {range}")]
     Option {
