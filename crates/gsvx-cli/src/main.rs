@@ -14,6 +14,7 @@ mod framing;
 mod info;
 mod input;
 mod interrupt;
+mod join;
 mod loss;
 mod lost_columns;
 mod max_error;
@@ -24,12 +25,14 @@ mod output;
 mod paper_tune;
 mod photos;
 mod pictures;
+mod plan;
 mod positional;
 mod preset;
 mod progress;
 mod region;
 mod render;
 mod report;
+mod scale;
 mod size;
 mod tune;
 mod view;
@@ -38,6 +41,9 @@ mod views;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use report::Reporter;
+
+/// The version of this build.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Compress trained 3D Gaussian splatting scenes.
 ///
@@ -80,6 +86,12 @@ enum Command {
     /// Convert between PLY, compressed.ply, glTF, SPZ, .splat; SOG, .ksplat, streams are read too.
     #[command(after_help = convert::EXAMPLES)]
     Convert(convert::Args),
+    /// Divide a scene that is too large for one machine, for gsvx encode --part.
+    #[command(after_help = plan::EXAMPLES)]
+    Plan(plan::Args),
+    /// Make one stream of the parts of a plan.
+    #[command(after_help = join::EXAMPLES)]
+    Join(join::Args),
     /// Look at a stream or a model in the browser.
     #[command(after_help = view::EXAMPLES)]
     View(view::Args),
@@ -105,6 +117,8 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Render(args) => render::run(args, report),
         Command::Compare(args) => compare::run(args, report),
         Command::Convert(args) => convert::run(args, report),
+        Command::Plan(args) => plan::run(args, report),
+        Command::Join(args) => join::run(args, report),
         Command::View(args) => view::run(args, report),
     }
 }

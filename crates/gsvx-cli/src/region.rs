@@ -62,15 +62,7 @@ pub(crate) fn read(
 ) -> Result<Part> {
     let damage = |e| input::explain_stream(e, path, "");
     let mut source = Source::open(path)?;
-    let mut reader = Reader::new();
-    while let Some(range) = reader.head_needs() {
-        let bytes = source.read(range.clone())?;
-        if bytes.is_empty() {
-            let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
-            return Err(damage(gsvx::Error::Truncated { what: "head", offset, need, have: 0 }));
-        }
-        reader.give(range.start, &bytes).map_err(damage)?;
-    }
+    let mut reader = source.head(path)?;
     let index = reader.index().context("a head without an index")?;
     let sh_degree = index.header.sh_degree.min(max_sh_degree);
     let of_level: Vec<usize> = index.chunks_of_lod(lod.min(index.coarsest_lod())).collect();
@@ -97,7 +89,7 @@ pub(crate) fn read(
 }
 
 /// A stream that is read in ranges; standard input is read whole.
-struct Source {
+pub(crate) struct Source {
     file: Box<dyn ReadSeek>,
     bytes_read: u64,
     name: String,
@@ -107,7 +99,7 @@ trait ReadSeek: Read + Seek {}
 impl<T: Read + Seek> ReadSeek for T {}
 
 impl Source {
-    fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         let name = input::name(path);
         let file: Box<dyn ReadSeek> = if is_stdio(path) {
             Box::new(Cursor::new(input::bytes(path)?))
@@ -117,8 +109,23 @@ impl Source {
         Ok(Self { file, bytes_read: 0, name })
     }
 
+    /// A reader that knows the head.
+    pub(crate) fn head(&mut self, path: &Path) -> Result<Reader> {
+        let damage = |e| input::explain_stream(e, path, "");
+        let mut reader = Reader::new();
+        while let Some(range) = reader.head_needs() {
+            let bytes = self.read(range.clone())?;
+            if bytes.is_empty() {
+                let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
+                return Err(damage(gsvx::Error::Truncated { what: "head", offset, need, have: 0 }));
+            }
+            reader.give(range.start, &bytes).map_err(damage)?;
+        }
+        Ok(reader)
+    }
+
     /// The bytes of a range; fewer where the stream ends.
-    fn read(&mut self, range: Range<u64>) -> Result<Vec<u8>> {
+    pub(crate) fn read(&mut self, range: Range<u64>) -> Result<Vec<u8>> {
         let bytes =
             self.try_read(range).with_context(|| format!("{}: cannot be read", self.name))?;
         self.bytes_read += bytes.len() as u64;

@@ -61,6 +61,9 @@ pub enum Error {
         /// Checksum of the bytes.
         found: u32,
     },
+    /// A stream that is not in memory cannot be read.
+    #[error("cannot be read: {0}")]
+    Read(std::io::Error),
     /// A chunk cannot be decoded.
     #[error("chunk {chunk}: {source}")]
     Chunk {

@@ -36,7 +36,8 @@ mod survey;
 mod tiled;
 
 pub use decode::{
-    DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, decode, decode_leaves, decode_with,
+    DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Source, decode, decode_leaves,
+    decode_with,
 };
 #[cfg(feature = "encode")]
 pub use encode::{Encoded, LEFT_OUT, encode_lossless, encode_voxels};

@@ -1,0 +1,44 @@
+//! How much memory to use.
+
+use crate::exit::usage;
+use crate::output::megabytes;
+use anyhow::Result;
+
+/// The bound where the system does not say how much memory there is.
+const UNKNOWN: u64 = 4 << 30;
+/// Bytes that the process has besides its tiles, and that a tile takes while it is encoded: measured, with SH of
+/// degree 3.
+const PROCESS: u64 = 150 << 20;
+const TILE: u64 = 300 << 20;
+/// An encode in memory takes so many times the bytes of the models.
+const TIMES: u64 = 2;
+
+/// Most bytes to use: as asked for, or a quarter of the machine's.
+pub(crate) fn bound(asked: Option<u64>) -> u64 {
+    asked.unwrap_or_else(|| total().map_or(UNKNOWN, |all| all / 4))
+}
+
+/// Bytes of memory for an encode in memory of files of so many bytes.
+pub(crate) fn in_memory(bytes: u64) -> u64 {
+    bytes.saturating_mul(TIMES)
+}
+
+/// Tiles that are encoded at once within a bound.
+pub(crate) fn tiles_at_once(bound: u64) -> Result<usize> {
+    match bound.saturating_sub(PROCESS) / TILE {
+        0 => Err(usage(format!("--memory: at least {} are needed", megabytes(PROCESS + TILE)))),
+        n => Ok((n as usize).min(rayon::current_num_threads())),
+    }
+}
+
+/// Bytes of memory that the machine has.
+#[cfg(target_os = "linux")]
+fn total() -> Option<u64> {
+    let info = rustix::system::sysinfo();
+    Some(u64::from(info.totalram) * u64::from(info.mem_unit))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn total() -> Option<u64> {
+    None
+}
