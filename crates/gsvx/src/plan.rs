@@ -145,13 +145,25 @@ impl Plan {
     /// [`Error::CountMismatch`] if these are not the Gaussians of the tile; otherwise as [`crate::encode`].
     pub fn encode(&self, tile: usize, scene: &Scene) -> Result<Encoded> {
         self.check(tile, scene)?;
+        self.encode_range(&self.codes(tile), scene)
+    }
+
+    /// The stream of a part without tiles.
+    ///
+    /// # Errors
+    /// As [`Plan::encode`].
+    pub fn encode_nothing(&self) -> Result<Encoded> {
+        self.encode_range(&(0..u64::MAX), &Scene::default())
+    }
+
+    fn encode_range(&self, codes: &Range<u64>, scene: &Scene) -> Result<Encoded> {
         let importance = importance::without_cameras(scene);
         let sums = WeightSums {
             count: self.sample_count,
             importance: self.sample_importance,
             geometry: self.sample_geometry,
         };
-        let voxels = self.octree().leaves(scene, &importance, &self.codes(tile), sums)?;
+        let voxels = self.octree().leaves(scene, &importance, codes, sums)?;
         let whole = Whole {
             cuts: &[],
             mean_importance: self.mean_importance,

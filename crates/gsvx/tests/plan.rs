@@ -69,8 +69,9 @@ fn tiles_joined_are_the_scene_in_memory() {
     let whole = gsvx::encode(&scene, &options).unwrap();
     assert!(joined(&streams) == whole.bytes);
     assert_eq!(gsvx::decode(&whole.bytes).unwrap().len() as u64, whole.index.header.count);
-    // In any order, and in two steps.
+    // In any order, in two steps, and with a part without tiles.
     let mut parts: Vec<Vec<u8>> = streams.chunks(2).map(joined).collect();
+    parts.push(plan.encode_nothing().unwrap().bytes);
     parts.reverse();
     assert!(joined(&parts) == whole.bytes);
     // The plan survives its text.

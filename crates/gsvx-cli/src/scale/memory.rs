@@ -8,8 +8,8 @@ use anyhow::Result;
 const UNKNOWN: u64 = 4 << 30;
 /// Bytes that the process has besides its tiles, and that a tile takes while it is encoded: measured, with SH of
 /// degree 3.
-const PROCESS: u64 = 150 << 20;
-const TILE: u64 = 300 << 20;
+const PROCESS: u64 = 150_000_000;
+const TILE: u64 = 150_000_000;
 /// An encode in memory takes so many times the bytes of the models.
 const TIMES: u64 = 2;
 

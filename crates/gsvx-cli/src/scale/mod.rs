@@ -28,6 +28,8 @@ use std::time::Instant;
 
 /// Name of the plan among the scratch files.
 const PLAN: &str = "plan";
+/// Name of the stream of a part without tiles.
+const NOTHING: &str = "tile-none.gsvx";
 /// Bytes of a stream per Gaussian, at most: for the room that is needed.
 const STREAM_BYTES: u64 = 60;
 /// Bytes of a mean.
@@ -165,8 +167,8 @@ pub(crate) fn encode(job: &Job<'_>, report: Reporter) -> Result<()> {
     let start = Instant::now();
     let scratch = job.room.scratch(job.output, &job.key("encode")?)?;
     job.state_room(&scratch)?;
-    let plan = match std::fs::read_to_string(scratch.path(PLAN)) {
-        Ok(text) => PlanFile::parse(&text)?,
+    let plan = match std::fs::read(scratch.path(PLAN)) {
+        Ok(bytes) => PlanFile::parse(&bytes)?,
         Err(_) => {
             let mut plan = planning::survey(job.inputs, job.reading, job.choices, &scratch)?;
             let all: Vec<usize> = (0..plan.plan.tile_counts().len()).collect();
@@ -224,7 +226,12 @@ impl Made {
         let at_once = room.tiles_at_once()?;
         let name = |tile: usize| format!("tile-{tile:06}.gsvx");
         let left: Vec<usize> = tiles.iter().copied().filter(|&t| !scratch.has(&name(t))).collect();
-        let streams = tiles.iter().map(|&t| scratch.path(&name(t))).collect();
+        let mut streams: Vec<PathBuf> = tiles.iter().map(|&t| scratch.path(&name(t))).collect();
+        if tiles.is_empty() {
+            // The join needs a head.
+            scratch.write(NOTHING, &plan.plan.encode_nothing()?.bytes)?;
+            streams.push(scratch.path(NOTHING));
+        }
         let gaussians = tiles.iter().map(|&t| plan.plan.tile_counts()[t]).sum();
         let input_bytes = plan.inputs.iter().map(|i| i.bytes).sum();
         let mut before = start.elapsed().as_secs_f64();

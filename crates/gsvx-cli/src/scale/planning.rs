@@ -3,7 +3,7 @@
 use super::inputs::{Input, steps};
 use super::rows::Rows;
 use super::scratch::Scratch;
-use crate::input::{Reading, name};
+use crate::input::{self, Reading, name};
 use crate::progress;
 use anyhow::{Context, Result, anyhow, bail};
 use gsvx::{Choices, Plan, Survey};
@@ -30,15 +30,14 @@ pub(crate) struct PlanFile {
 impl PlanFile {
     /// Reads a plan.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
-            .with_context(|| format!("{}: cannot be read", name(path)))?;
-        Self::parse(&text)
+        let bytes = input::bytes(path)?;
+        Self::parse(&bytes)
             .with_context(|| format!("{}: is no plan; gsvx plan makes one", name(path)))
     }
 
     /// A plan from its text.
-    pub(crate) fn parse(text: &str) -> Result<Self> {
-        let plan: Self = serde_json::from_str(text)?;
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self> {
+        let plan: Self = serde_json::from_slice(bytes)?;
         if plan.gsvx != crate::VERSION {
             bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, crate::VERSION);
         }
