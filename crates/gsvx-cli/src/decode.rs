@@ -95,7 +95,7 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
         Decoding { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped: decoded.skipped }
     } else {
         // A file need not be in memory.
-        let file = StreamFile::open(&job.input)?;
+        let file = FileBytes::open(&job.input)?;
         let bytes = if file.is_none() { input::bytes(&job.input)? } else { Vec::new() };
         let decoder = match &file {
             Some(file) => gsvx::Decoder::of_source(file, &options),
@@ -110,14 +110,14 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
     made.say(&written, stdout, start.elapsed().as_secs_f64(), report)
 }
 
-/// A stream in a file.
+/// The bytes of a stream in a file.
 #[derive(Debug)]
-struct StreamFile {
+struct FileBytes {
     file: File,
     len: u64,
 }
 
-impl StreamFile {
+impl FileBytes {
     /// Opens a plain file; `None` for what can only be read from its start.
     fn open(path: &Path) -> Result<Option<Self>> {
         let is_file = std::fs::metadata(path).is_ok_and(|m| m.is_file());
@@ -131,7 +131,7 @@ impl StreamFile {
     }
 }
 
-impl gsvx::Source for StreamFile {
+impl gsvx::Source for FileBytes {
     fn len(&self) -> u64 {
         self.len
     }

@@ -3,8 +3,8 @@
 use crate::exit::usage;
 use crate::input;
 use crate::output::{Output, megabytes};
-use crate::region::Source;
 use crate::report::Reporter;
+use crate::stream_file::StreamFile;
 use anyhow::{Context, Result, bail};
 use gsvx::Index;
 use serde_json::json;
@@ -67,8 +67,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
 
 /// The head of a stream.
 pub(crate) fn head(path: &Path) -> Result<Index> {
-    let reader = Source::open(path)?.head(path)?;
-    reader.index().cloned().context("a head without an index")
+    Ok(StreamFile::open(path)?.index().clone())
 }
 
 /// Writes the stream that some streams are joined to, whose heads are known. Returns its head.
@@ -89,18 +88,18 @@ pub(crate) fn write<P: AsRef<Path>>(
         other => other.into(),
     })?;
     out.write_all(&joined.head)?;
-    let mut open: Option<(usize, Source)> = None;
+    let mut open: Option<(usize, StreamFile)> = None;
     for (number, range) in &joined.pieces {
         let source = match &mut open {
             Some((same, source)) if same == number => source,
-            other => &mut other.insert((*number, Source::open(paths[*number].as_ref())?)).1,
+            other => &mut other.insert((*number, StreamFile::open(paths[*number].as_ref())?)).1,
         };
         copy(source, range.clone(), out).with_context(|| named(*number))?;
     }
     Ok(joined.index)
 }
 
-fn copy(from: &mut Source, range: Range<u64>, out: &mut (dyn Write + Send)) -> Result<()> {
+fn copy(from: &mut StreamFile, range: Range<u64>, out: &mut (dyn Write + Send)) -> Result<()> {
     for start in range.clone().step_by(PIECE as usize) {
         let end = range.end.min(start + PIECE);
         let bytes = from.read(start..end)?;
@@ -138,7 +137,7 @@ impl Part {
 /// The part that a stream is, and its plan.
 fn mark_of(path: &Path, index: &Index) -> Result<(Part, String)> {
     let end = index.stream_len();
-    let bytes = Source::open(path)?.read(end..end + 100)?;
+    let bytes = StreamFile::open(path)?.read(end..end + 100)?;
     let text = String::from_utf8_lossy(&bytes);
     let words: Vec<&str> = text.split_whitespace().collect();
     match words[..] {

@@ -15,6 +15,7 @@ mod info;
 mod input;
 mod interrupt;
 mod join;
+mod lod;
 mod loss;
 mod lost_columns;
 mod max_error;
@@ -34,6 +35,7 @@ mod render;
 mod report;
 mod scale;
 mod size;
+mod stream_file;
 mod tune;
 mod view;
 mod views;
@@ -92,6 +94,9 @@ enum Command {
     /// Make one stream of the parts of a plan.
     #[command(after_help = join::EXAMPLES)]
     Join(join::Args),
+    /// Divide a stream into files that PlayCanvas streams by distance.
+    #[command(after_help = lod::EXAMPLES)]
+    Lod(lod::Args),
     /// Look at a stream or a model in the browser.
     #[command(after_help = view::EXAMPLES)]
     View(view::Args),
@@ -119,6 +124,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Convert(args) => convert::run(args, report),
         Command::Plan(args) => plan::run(args, report),
         Command::Join(args) => join::run(args, report),
+        Command::Lod(args) => lod::run(args, report),
         Command::View(args) => view::run(args, report),
     }
 }
