@@ -92,7 +92,8 @@ fn parts(dir: &Path, n: usize) -> Vec<PathBuf> {
     let each = |k: usize| {
         let part = dir.join(format!("part-{k}-of-{n}.gsvx"));
         if !part.exists() {
-            run(&mut of(&["encode", "--part", &format!("{k}/{n}")], &[plan.clone()], &part));
+            let words = ["encode", "--part", &format!("{k}/{n}")];
+            run(&mut of(&words, std::slice::from_ref(&plan), &part));
         }
         part
     };

@@ -31,14 +31,9 @@ pub(crate) fn tiles_at_once(bound: u64) -> Result<usize> {
     }
 }
 
-/// Bytes of memory that the machine has.
-#[cfg(target_os = "linux")]
+/// Bytes of memory that the machine has; `None` where there is no such file.
 fn total() -> Option<u64> {
-    let info = rustix::system::sysinfo();
-    Some(u64::from(info.totalram) * u64::from(info.mem_unit))
-}
-
-#[cfg(not(target_os = "linux"))]
-fn total() -> Option<u64> {
-    None
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
+    Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
