@@ -8,12 +8,13 @@ use crate::framing;
 use finetune::{Image, RenderOptions, metrics, render};
 use gs_model::{Camera, Scene};
 use gsvx::DecodeOptions;
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 /// Views that are looked at.
-const VIEWS: usize = 4;
+const VIEWS: usize = 2;
 /// Size of the pictures, pixels.
-const SIZE: [u32; 2] = [256, 192];
+const SIZE: [u32; 2] = [320, 240];
 /// Width of the generated views, pixels, and tangent of half their field of view.
 const WIDTH: f64 = 960.0;
 const TANGENT: f64 = 0.577;
@@ -47,7 +48,7 @@ impl Pictures {
             }
             None => around(scene),
         };
-        let views = cameras.into_iter().map(|camera| {
+        let views = cameras.into_par_iter().map(|camera| {
             let image = render(scene, &camera, &RenderOptions::default());
             (camera, image.to_rgb8())
         });
@@ -67,16 +68,17 @@ impl Pictures {
         let mut options = DecodeOptions::default();
         options.max_gaussians = Some(u64::MAX);
         let scene = gsvx::decode_with(stream, &options)?.scene;
-        let (mut psnr, mut ssim) = (0.0, 0.0);
-        for (camera, reference) in &self.views {
+        let compared = self.views.par_iter().filter_map(|(camera, reference)| {
             let shown = render(&scene, camera, &RenderOptions::default());
             let eight = |rgb: &[u8]| Image::from_rgb8(camera.width, camera.height, rgb);
-            let (Some(a), Some(b)) = (eight(&shown.to_rgb8()), eight(reference)) else { continue };
-            psnr += metrics::psnr(&a, &b).min(EQUAL);
-            ssim += metrics::ssim(&a, &b);
-        }
-        let n = self.views.len();
-        Ok(Some(Loss { psnr: psnr / n as f64, ssim: ssim / n as f64, views: n }))
+            let (a, b) = (eight(&shown.to_rgb8())?, eight(reference)?);
+            Some((metrics::psnr(&a, &b).min(EQUAL), metrics::ssim(&a, &b)))
+        });
+        let compared: Vec<(f64, f64)> = compared.collect();
+        let n = compared.len();
+        let mean = |values: f64| values / n as f64;
+        let psnr = mean(compared.iter().map(|c| c.0).sum());
+        Ok(Some(Loss { psnr, ssim: mean(compared.iter().map(|c| c.1).sum()), views: n }))
     }
 }
 
@@ -133,8 +135,10 @@ fn middle(camera: &Camera) -> Camera {
 /// Views of what matters in a model.
 fn around(scene: &Scene) -> Vec<Camera> {
     let tangents = [TANGENT, TANGENT * f64::from(SIZE[1]) / f64::from(SIZE[0])];
-    let Some(found) = framing::find_quickly(scene, tangents) else { return Vec::new() };
+    let Some((ring, turns)) = framing::find_quickly(scene, VIEWS, tangents) else {
+        return Vec::new();
+    };
     let focal = 0.5 * WIDTH / TANGENT;
-    let places = found.places(VIEWS as u32).into_iter().enumerate();
-    places.map(|(i, turn)| found.ring.camera(format!("view-{i}"), turn, SIZE, focal)).collect()
+    let places = turns.into_iter().enumerate();
+    places.map(|(i, turn)| ring.camera(format!("view-{i}"), turn, SIZE, focal)).collect()
 }

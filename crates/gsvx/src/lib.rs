@@ -31,7 +31,7 @@ pub use decode::{
     DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, decode, decode_leaves, decode_with,
 };
 #[cfg(feature = "encode")]
-pub use encode::{Encoded, LEFT_OUT, encode_lossless, encode_voxels};
+pub use encode::{CoarseCells, Encoded, LEFT_OUT, encode_lossless, encode_voxels};
 pub use error::{Error, Result};
 pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps, VERSION};
 #[cfg(feature = "encode")]
