@@ -451,7 +451,7 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
     }
     if made.encoded.max_error.is_none() && made.outliers() as u64 > made.gaussians() / 10 {
         note(format_args!(
-            "warning: {}: {} of {} lie so far from the others that the octree does not reach them; they are coded \
+            "warning: {}: {} of the stream's {} lie so far from the others that the octree does not reach them; they are coded \
              exactly, which takes {:.0} % of the bytes; encode each part apart for a smaller size",
             name(),
             made.outliers(),
