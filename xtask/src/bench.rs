@@ -222,7 +222,7 @@ pub(crate) struct GsvxArgs {
     /// Instead: what coarse levels of detail cost and show, per scene (comma-separated), as a table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     lod: Vec<String>,
-    /// Instead: what cameras bring, and what stands in for them, per scene (comma-separated), with skies and
+    /// Instead: compare rates with and without cameras, per scene (comma-separated), with skies and
     /// pairs, as docs/results/importance.md.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     importance: Vec<String>,

@@ -180,7 +180,7 @@ impl Plan {
 
     /// Weight of a leaf.
     #[must_use]
-    pub fn weight_of_leaf(&self, leaf: usize) -> f64 {
+    pub(crate) fn weight_of_leaf(&self, leaf: usize) -> f64 {
         self.weight_of(leaf as u32, leaf as u32 + 1)
     }
 

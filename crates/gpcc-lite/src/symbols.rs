@@ -6,14 +6,13 @@ use wide::i16x16;
 pub(crate) const SCALE_BITS: u32 = 15;
 /// Number of symbols of a [`Symbols`] model.
 pub(crate) const SYMBOLS: usize = 16;
-/// What an observed symbol adds to its count.
-const SEEN: u16 = 32;
-/// Counts are halved once they are worth this many observations.
-const MEMORY: u32 = 1024;
-/// Observations before the intervals are made from the counts for the first time, and the most
-/// between two times.
-const FIRST: u8 = 4;
-const LONGEST: u8 = 64;
+/// What each observation adds to a symbol's count.
+const INCREMENT: u16 = 32;
+/// Counts are halved when their sum is worth this many observations.
+const HALVE_AFTER: u32 = 1024;
+/// Observations before intervals are first made from the counts, and the most between two updates.
+const FIRST_INTERVAL: u8 = 4;
+const MAX_INTERVAL: u8 = 64;
 
 /// Model of a symbol out of sixteen. Every observation adds to a count. The intervals that the
 /// coder uses are made from the counts after 4 observations, after 8 more, 16 more, 32 more, and
@@ -36,14 +35,15 @@ impl Symbols {
         let mean = u64::from(mean);
         // Of the symbols `s` and above, this share is above `s`, for any `s`.
         let more = (mean * 65536 / (mean + 256)).clamp(300, 65000);
-        let mut left = u64::from(weight * u32::from(SEEN)) << 16;
+        let mut left = u64::from(weight * u32::from(INCREMENT)) << 16;
         let counts = std::array::from_fn(|_| {
             let beyond = (left * more) >> 16;
             let count = (left - beyond) >> 16;
             left = beyond;
             count as u16 + 1
         });
-        let mut this = Self { counts, start: [0; SYMBOLS], wait: FIRST, interval: FIRST };
+        let mut this =
+            Self { counts, start: [0; SYMBOLS], wait: FIRST_INTERVAL, interval: FIRST_INTERVAL };
         this.make_intervals(this.sum());
         this
     }
@@ -83,7 +83,7 @@ impl Symbols {
     /// Learns a symbol.
     #[inline]
     pub(crate) fn learn(&mut self, symbol: usize) {
-        self.counts[symbol % SYMBOLS] += SEEN;
+        self.counts[symbol % SYMBOLS] += INCREMENT;
         self.wait -= 1;
         if self.wait == 0 {
             self.renew();
@@ -93,13 +93,13 @@ impl Symbols {
     #[inline(never)]
     fn renew(&mut self) {
         let mut sum = self.sum();
-        if sum >= u32::from(SEEN) * MEMORY {
+        if sum >= u32::from(INCREMENT) * HALVE_AFTER {
             for c in &mut self.counts {
                 *c = (*c >> 1) + (*c & 1);
             }
             sum = self.sum();
         }
-        self.interval = (2 * self.interval).min(LONGEST);
+        self.interval = (2 * self.interval).min(MAX_INTERVAL);
         self.wait = self.interval;
         self.make_intervals(sum);
     }

@@ -10,10 +10,10 @@ mod describe;
 mod encode;
 mod exit;
 mod format;
-mod framing;
 mod info;
 mod input;
 mod interrupt;
+mod lod;
 mod loss;
 mod lost_columns;
 mod max_error;
@@ -31,6 +31,7 @@ mod region;
 mod render;
 mod report;
 mod size;
+mod stream_file;
 mod tune;
 mod view;
 mod views;
@@ -80,6 +81,9 @@ enum Command {
     /// Convert between PLY, compressed.ply, glTF, SPZ, .splat; SOG, .ksplat, streams are read too.
     #[command(after_help = convert::EXAMPLES)]
     Convert(convert::Args),
+    /// Divide a stream into files that PlayCanvas streams by distance.
+    #[command(after_help = lod::EXAMPLES)]
+    Lod(lod::Args),
     /// Look at a stream or a model in the browser.
     #[command(after_help = view::EXAMPLES)]
     View(view::Args),
@@ -105,6 +109,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Render(args) => render::run(args, report),
         Command::Compare(args) => compare::run(args, report),
         Command::Convert(args) => convert::run(args, report),
+        Command::Lod(args) => lod::run(args, report),
         Command::View(args) => view::run(args, report),
     }
 }

@@ -1,13 +1,9 @@
 //! `gsvx decode --box`: the Gaussians of a part of the scene. Only the chunks that reach into it are read.
 
-use crate::input::{self, Limit};
-use crate::output::is_stdio;
-use anyhow::{Context, Result};
+use crate::input::Limit;
+use crate::stream_file::StreamFile;
+use anyhow::Result;
 use gs_model::Scene;
-use gsvx::Reader;
-use std::fs::File;
-use std::io::{Cursor, Read, Seek, SeekFrom};
-use std::ops::Range;
 use std::path::Path;
 
 /// A box in world units, with its border.
@@ -60,18 +56,8 @@ pub(crate) fn read(
     max_sh_degree: u8,
     limit: Limit,
 ) -> Result<Part> {
-    let damage = |e| input::explain_stream(e, path, "");
-    let mut source = Source::open(path)?;
-    let mut reader = Reader::new();
-    while let Some(range) = reader.head_needs() {
-        let bytes = source.read(range.clone())?;
-        if bytes.is_empty() {
-            let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
-            return Err(damage(gsvx::Error::Truncated { what: "head", offset, need, have: 0 }));
-        }
-        reader.give(range.start, &bytes).map_err(damage)?;
-    }
-    let index = reader.index().context("a head without an index")?;
+    let mut file = StreamFile::open(path)?;
+    let index = file.index();
     let sh_degree = index.header.sh_degree.min(max_sh_degree);
     let of_level: Vec<usize> = index.chunks_of_lod(lod.min(index.coarsest_lod())).collect();
     let wanted: Vec<usize> =
@@ -83,54 +69,12 @@ pub(crate) fn read(
         .collect();
     let mut scene = Scene { sh_degree, ..Scene::default() };
     for (&chunk, &layers) in wanted.iter().zip(&layers) {
-        for range in reader.needs(chunk, layers) {
-            let bytes = source.read(range.clone())?;
-            reader.give(range.start, &bytes).map_err(damage)?;
-        }
-        let decoded = reader.decode(chunk, layers).map_err(damage)?;
+        let decoded = file.decode(chunk, layers)?;
         let inside: Vec<usize> =
             (0..decoded.len()).filter(|&i| region.contains(decoded.means[i])).collect();
         scene.append(&decoded.select(&inside));
-        reader.forget(chunk);
     }
-    Ok(Part { scene, chunks: [wanted.len(), of_level.len()], bytes_read: source.bytes_read })
-}
-
-/// A stream that is read in ranges; standard input is read whole.
-struct Source {
-    file: Box<dyn ReadSeek>,
-    bytes_read: u64,
-    name: String,
-}
-
-trait ReadSeek: Read + Seek {}
-impl<T: Read + Seek> ReadSeek for T {}
-
-impl Source {
-    fn open(path: &Path) -> Result<Self> {
-        let name = input::name(path);
-        let file: Box<dyn ReadSeek> = if is_stdio(path) {
-            Box::new(Cursor::new(input::bytes(path)?))
-        } else {
-            Box::new(File::open(path).with_context(|| format!("{name}: cannot be read"))?)
-        };
-        Ok(Self { file, bytes_read: 0, name })
-    }
-
-    /// The bytes of a range; fewer where the stream ends.
-    fn read(&mut self, range: Range<u64>) -> Result<Vec<u8>> {
-        let bytes =
-            self.try_read(range).with_context(|| format!("{}: cannot be read", self.name))?;
-        self.bytes_read += bytes.len() as u64;
-        Ok(bytes)
-    }
-
-    fn try_read(&mut self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        self.file.seek(SeekFrom::Start(range.start))?;
-        self.file.by_ref().take(range.end - range.start).read_to_end(&mut bytes)?;
-        Ok(bytes)
-    }
+    Ok(Part { scene, chunks: [wanted.len(), of_level.len()], bytes_read: file.bytes_read() })
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Encoding with a bound on the error of every attribute of every Gaussian.
 //!
-//! Nothing is merged: each Gaussian has its own leaf, as small as its bound on the mean asks for and no
-//! other Gaussian is in. The stream is decoded and measured, and the steps of attributes that break a bound
-//! are lowered until none does. What cannot keep its bounds is coded exactly, in the chunk that outliers have:
-//! Gaussians that share the finest cell, and those that single precision does not hold well enough.
+//! Nothing is merged. Each Gaussian has its own leaf, small enough for the bound on its mean and to hold no other
+//! Gaussian. The encoder decodes the stream and measures the errors. It lowers the steps of attributes that
+//! break a bound until none does. Some Gaussians cannot keep their bounds: those that share the finest cell, and
+//! those for which single precision is too coarse. They are coded exactly, in a chunk with the outliers.
 //!
 //! Invariant: what [`encode`] returns has been decoded, and keeps all bounds.
 
@@ -21,19 +21,21 @@ use voxel::{Cube, Voxelization};
 
 mod errors;
 
-use errors::{Ratios, measure, of_groups};
+use errors::{Ratios, largest_ratios, measure};
 
-/// After this many encodes a broken bound no longer makes steps finer: the limit is single precision.
-const STEERED: usize = 6;
+/// After this many encodes, Gaussians that break a bound are coded exactly: finer steps no longer help.
+const MAX_STEP_UPDATES: usize = 6;
 /// Encodes after which everything is coded exactly.
 const MOST_ENCODES: usize = 24;
-/// First and smallest ratio of step to bound. Below the smallest, a finer step does not reduce the error.
+/// Ratio of step to bound in the first encode, and the smallest. Below the smallest, a finer step does not reduce
+/// the error.
 const FIRST_STEP: f32 = 1.0;
-const LEAST_STEP: f32 = 0.02;
-/// By how much steps grow at most.
-const GROWTH: f32 = 4.0;
-/// A group that has broken its bound then aims at this fraction of it: other steps change all errors a little.
-const AIM: f32 = 0.98;
+const MIN_STEP: f32 = 0.02;
+/// Greatest factor by which a step grows.
+const MAX_GROWTH: f32 = 4.0;
+/// A group that broke its bound then aims at this fraction of it, since changes of other steps move all errors a
+/// little.
+const SAFETY: f32 = 0.98;
 
 /// Encodes a scene so that each error is at most its bound.
 ///
@@ -59,15 +61,15 @@ pub(crate) fn encode(scene: &Scene, bounds: &MaxError, options: &EncodeOptions) 
     for round in 0..MOST_ENCODES {
         let Some(placed) = place(scene, &mut exact, bounds)? else { break };
         let (encoded, ratios) = encode_once(scene, &placed, &exact, bounds, (steps, options))?;
-        let worst = of_groups(&ratios);
+        let worst = largest_ratios(&ratios);
         if round > 0 && worst.iter().all(|&r| r <= 1.0) {
             let rows = options.rows.then(|| rows(&placed.order, &exact));
             return Ok(Encoded { max_error: Some(bounds.times(&worst)), rows, ..encoded });
         }
-        steps = steered(steps, &worst, round == 0, bounds);
-        if round >= STEERED {
+        steps = updated_steps(steps, &worst, round == 0, bounds);
+        if round >= MAX_STEP_UPDATES {
             for (&i, ratio) in placed.order.iter().zip(&ratios) {
-                // A comparison that a NaN fails too.
+                // Written so that a NaN counts as broken.
                 exact[i] |= !ratio.iter().all(|&r| r <= 1.0);
             }
         }
@@ -75,7 +77,7 @@ pub(crate) fn encode(scene: &Scene, bounds: &MaxError, options: &EncodeOptions) 
     all_exact(scene)
 }
 
-/// The row of each Gaussian in the decoded scene: leaves first, then what is exact.
+/// The row of each Gaussian in the decoded scene: Gaussians of leaves first, then exact ones.
 fn rows(order: &[usize], exact: &[bool]) -> Vec<u32> {
     let mut rows = vec![0; exact.len()];
     let outliers = (0..exact.len()).filter(|&i| exact[i]);
@@ -83,7 +85,7 @@ fn rows(order: &[usize], exact: &[bool]) -> Vec<u32> {
     rows
 }
 
-/// A stream without any error.
+/// A stream that codes every Gaussian exactly.
 fn all_exact(scene: &Scene) -> Result<Encoded> {
     let max_error = Some(MaxError { mean: 0.0, opacity: 0.0, shape: 0.0, sh: 0.0 });
     Ok(Encoded { max_error, ..encode_lossless(scene, false)? })
@@ -98,14 +100,14 @@ fn steps_over(bounds: &MaxError, factor: f32) -> Steps {
     }
 }
 
-/// Steps at which the bounds may hold, from the worst errors at the present steps. Errors are about in
-/// proportion to steps. Only the `first` time steps may grow.
-fn steered(steps: Steps, worst: &Ratios, first: bool, bounds: &MaxError) -> Steps {
-    let least = steps_over(bounds, LEAST_STEP);
+/// New steps, from the worst errors at the present ones. Errors are about proportional to steps. Steps may grow
+/// after the `first` encode only.
+fn updated_steps(steps: Steps, worst: &Ratios, first: bool, bounds: &MaxError) -> Steps {
+    let least = steps_over(bounds, MIN_STEP);
     let times = |step: f32, worst: f32, least: f32| {
         let scale = match worst {
-            w if first => (1.0 / w).min(GROWTH),
-            w if w > 1.0 => AIM / w,
+            w if first => (1.0 / w).min(MAX_GROWTH),
+            w if w > 1.0 => SAFETY / w,
             _ => 1.0,
         };
         (step * scale).max(least)
@@ -145,7 +147,7 @@ fn place(scene: &Scene, exact: &mut [bool], bounds: &MaxError) -> Result<Option<
             .map(|&i| (cube.index_of(scene.means[i], MAX_DEPTH).map_or(0, morton::encode), i))
             .collect();
         sorted.par_sort_unstable();
-        // One Gaussian of each of the finest cells.
+        // One Gaussian of each finest cell stays, the others become exact.
         let before = sorted.len();
         sorted.dedup_by(|next, kept| {
             let same = next.0 == kept.0;
@@ -155,11 +157,11 @@ fn place(scene: &Scene, exact: &mut [bool], bounds: &MaxError) -> Result<Option<
         let placed = with_leaves(scene, cube, &sorted, bounds);
         let off = |k: &usize| {
             let i = placed.order[*k];
-            errors::of_mean(scene, i, placed.voxels.centre(*k)) > bounds.mean
+            errors::mean_error(scene, i, placed.voxels.centre(*k)) > bounds.mean
         };
         let off: Vec<usize> = (0..placed.order.len()).into_par_iter().filter(off).collect();
         off.iter().for_each(|&k| exact[placed.order[k]] = true);
-        // Without them, and without those that shared a cell, the cube may be smaller.
+        // The cube may be smaller without the Gaussians that have become exact.
         if off.is_empty() && before == sorted.len() {
             return Ok(Some(placed));
         }

@@ -241,6 +241,28 @@ impl Index {
         out.bytes
     }
 
+    /// The head of a stream of some chunks of this one, as its finest level of detail. Their layers follow it,
+    /// back to back and in the given order. SH degrees that are empty in all of them are left out: each chunk
+    /// of leaves has as many layers in the new stream as [`Index::parse`] of the result says.
+    ///
+    /// `chunks` are numbers of chunks of one level of detail, ascending.
+    #[cfg(feature = "encode")]
+    #[must_use]
+    pub fn head_of(&self, chunks: &[usize]) -> Vec<u8> {
+        let mut chosen: Vec<Chunk> = chunks.iter().map(|&i| self.chunks[i].clone()).collect();
+        let used = |c: &Chunk| match c.kind {
+            Kind::Exact => self.header.sh_degree,
+            Kind::Leaves => c.layers.iter().rposition(|l| l.len > 0).unwrap_or(0) as u8,
+        };
+        let sh_degree = chosen.iter().map(used).max().unwrap_or(0);
+        for chunk in &mut chosen {
+            chunk.lod = 0;
+            chunk.layers.truncate(1 + usize::from(sh_degree));
+        }
+        let count = chosen.iter().map(|c| c.count).sum();
+        Self::to_bytes(&Header { count, sh_degree, ..self.header.clone() }, &chosen)
+    }
+
     /// The number of bytes of each part of the stream: head, coarse levels, base layers, each SH degree,
     /// exact Gaussians. Parts of no bytes are left out.
     #[must_use]

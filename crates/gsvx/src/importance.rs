@@ -36,45 +36,45 @@ const AREA_POWER: f64 = 0.85;
 /// Logarithm of the greatest relative area in [`without_cameras`]: a few Gaussians of another part of the scene
 /// among the neighbours must not take the precision of all others.
 #[cfg(feature = "encode")]
-const LARGEST: f64 = 4.5;
+const MAX_LOG_RELATIVE_AREA: f64 = 4.5;
 /// The least importance without cameras, in units of that of an opaque Gaussian as large as its neighbours.
-/// What is faint and small still keeps its place: its position errs by a few of its own sizes.
+/// It bounds the error of the position of faint and small Gaussians to a few times their size.
 #[cfg(feature = "encode")]
-const LEAST: f64 = 1e-3;
+const MIN_IMPORTANCE: f64 = 1e-3;
 
-/// Importance without cameras: alpha to the power of 1.3 times the power of 0.85 of the area of the two largest
-/// axes, relative to that of the neighbours.
+/// Importance without cameras: `alpha^1.3 * relative_area^0.85`. The area is that of the two largest axes, relative
+/// to the areas of the neighbours.
 ///
-/// Trained Gaussians are as large as the cameras that see them are far, so the size of the
-/// neighbours stands for the distance of the cameras. Nothing depends on the scene's scale: two far parts,
-/// or content and sky, get alike importances whatever their sizes. A rasterizer's sum of squared
-/// blending weights over the training views is better where cameras are known: this guess
-/// does not know what is hidden.
+/// The size of trained Gaussians grows with their distance from the cameras, so the size of the neighbours stands
+/// for that distance. The result does not depend on the scene's scale: two distant parts, or an object and the
+/// sky, get similar importances whatever their sizes. This guess does not know what is hidden. With cameras,
+/// the rasterizer's sum of squared blending weights over the training views is better.
 #[cfg(feature = "encode")]
 #[must_use]
 pub fn without_cameras(scene: &Scene) -> Vec<f32> {
     let area = |ls: &[f32; 3]| {
         let thin = ls.iter().copied().fold(f32::INFINITY, f32::min);
         let log_area = f64::from(ls[0]) + f64::from(ls[1]) + f64::from(ls[2]) - f64::from(thin);
-        // What trained scenes hold lies far inside; sums over neighbours must stay finite.
+        // Trained scenes lie far inside this range. It keeps sums over neighbours finite.
         if log_area.is_nan() { 0.0 } else { log_area.clamp(-80.0, 80.0) }
     };
     let areas: Vec<f64> = scene.log_scales.par_iter().map(area).collect();
-    // Means that are not finite, which voxelization refuses: as if all Gaussians were neighbours.
+    // Means that are not finite: all Gaussians count as neighbours. Voxelization refuses such scenes later.
     let around = voxel::local_means(scene, &areas, NEIGHBOURHOOD).unwrap_or_else(|_| {
         let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
         vec![mean; areas.len()]
     });
     let guess = |((&logit, area), around): ((&f32, f64), f64)| {
         let log_alpha = crate::attributes::opacity::log_alpha_of_logit(logit);
-        let log = OPACITY_POWER * log_alpha + AREA_POWER * (area - around).min(LARGEST);
-        libm::exp(log.clamp(-80.0, 80.0)).max(LEAST) as f32
+        let log =
+            OPACITY_POWER * log_alpha + AREA_POWER * (area - around).min(MAX_LOG_RELATIVE_AREA);
+        libm::exp(log.clamp(-80.0, 80.0)).max(MIN_IMPORTANCE) as f32
     };
     scene.opacity_logits.par_iter().zip(areas).zip(around).map(guess).collect()
 }
 
-/// Importance of a Gaussian that no camera sees, beside one that cameras see: its precision is that of
-/// 30 quality points less. Such a scene is coarse and still makes a picture.
+/// Importance of a Gaussian that no camera sees, relative to one that cameras see. It is coded as if at 30 quality
+/// points less: coarse, but still recognisable.
 #[cfg(feature = "encode")]
 const UNSEEN: f64 = 1.0 / 16.0;
 
@@ -106,8 +106,8 @@ const SLOPE: f64 = 0.7;
 #[cfg(feature = "encode")]
 const FLOOR: f64 = 3.0;
 /// Greatest step of covariances at the lowest class, in log-scale; it matters at qualities below 33. A faint
-/// Gaussian whose log-scale errs by more takes the size of its neighbours, and shows far beyond its place
-/// however little it showed before. With steps up to 6.4, quality 23 of `fox` was 0.44 dB worse than 22.5.
+/// Gaussian whose log-scale errs by more may become as large as its neighbours, and then shows where it did not
+/// before. With steps up to 6.4, quality 23 of `fox` was 0.44 dB worse than 22.5.
 #[cfg(feature = "encode")]
 const GREATEST_STEP: f64 = 4.0;
 

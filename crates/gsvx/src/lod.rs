@@ -62,7 +62,7 @@ pub(crate) fn levels(voxels: &Voxelization, options: &EncodeOptions) -> Vec<LodL
     levels
 }
 
-/// The level whose cells have as few leaves as makes at most `most` of them.
+/// The finest level that has at most `most` cells.
 fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> LodLevel {
     let leaves = &voxels.leaves;
     // More leaves per cell make fewer cells.
@@ -88,8 +88,8 @@ fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> LodLevel {
     LodLevel { lod, voxels: Some(coarse), first, cuts: Vec::new() }
 }
 
-/// The largest cells that hold at most `most` leaves each, all leaves together: the first leaf of each, and
-/// the smallest cell that holds its leaves.
+/// Divides the octree into the largest cells that hold at most `most` leaves each. Returns the first leaf of each
+/// cell, and the smallest cell around its leaves.
 fn cells(leaves: &[Leaf], j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
     let mut cells = Vec::new();
     // Nodes in Morton order, the next one last: first leaf, leaf behind the last, depth.

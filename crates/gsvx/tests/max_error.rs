@@ -54,11 +54,11 @@ fn unmatched(a: &Scene, b: &Scene, bounds: &MaxError) -> usize {
         })
         .collect();
     let mut taken: Vec<Option<usize>> = vec![None; b.len()];
-    (0..a.len()).filter(|&i| !find(i, &edges, &mut taken, &mut Vec::new())).count()
+    (0..a.len()).filter(|&i| !augment(i, &edges, &mut taken, &mut Vec::new())).count()
 }
 
-/// An augmenting path of a bipartite matching.
-fn find(
+/// Finds a partner for Gaussian `i` along an augmenting path of the bipartite matching.
+fn augment(
     i: usize,
     edges: &[Vec<usize>],
     taken: &mut [Option<usize>],
@@ -69,7 +69,7 @@ fn find(
             continue;
         }
         tried.push(k);
-        if taken[k].is_none_or(|other| find(other, edges, taken, tried)) {
+        if taken[k].is_none_or(|other| augment(other, edges, taken, tried)) {
             taken[k] = Some(i);
             return true;
         }
@@ -82,7 +82,7 @@ fn check(scene: &Scene, bounds: MaxError) -> Encoded {
     let decoded = decode(&encoded.bytes).unwrap();
     assert_eq!(decoded.len(), scene.len(), "nothing is merged, nothing is left out");
     assert_eq!(unmatched(scene, &decoded, &bounds), 0, "{bounds:?}");
-    // And it is not the bound that holds only, but what is reported.
+    // The reported errors hold too.
     let told = encoded.max_error.expect("errors have been measured");
     assert!(told.mean <= bounds.mean && told.opacity <= bounds.opacity);
     assert!(told.shape <= bounds.shape && told.sh <= bounds.sh);

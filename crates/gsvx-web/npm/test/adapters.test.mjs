@@ -1,8 +1,8 @@
 // The adapters in Chromium: pictures beside those of `gsvx render`, failures, and what is left behind.
 import assert from 'node:assert/strict';
-import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
-import { join } from 'node:path';
+import { basename, join } from 'node:path';
 import { after, afterEach, before, test } from 'node:test';
 import { CAMERA, alike, gsvx, launch, missing, nearing, psnr, rooms, serve } from './browser.mjs';
 
@@ -144,25 +144,29 @@ test('three: without its cut-off and its dimming the picture is that of gsvx ren
   await page.close();
 });
 
-test('playcanvas: lod-meta.json streams .gsvx files', { skip }, async () => {
-  // One place, at two levels of detail: each a file.
-  const lods = ['fine', 'coarse'];
-  const bound = { min: [-3.1, -3, -0.5], max: [3.1, 3, 3.5] };
-  const { gaussians } = JSON.parse(gsvx('info', join(folder, 'room.gsvx'), '--json'));
-  const stream = readFileSync(join(folder, 'room.gsvx'));
-  for (const name of lods) writeFileSync(join(folder, `${name}.gsvx`), stream);
-  const entry = (file) => ({ file, offset: 0, count: gaussians });
-  writeFileSync(join(folder, 'lod-meta.json'), JSON.stringify({
-    lodLevels: 2, filenames: lods.map((name) => `${name}.gsvx`), tree: { bound, lods: { 0: entry(0), 1: entry(1) } },
-  }));
-  const from = server.log.length;
-  const page = await open('playcanvas', 'lod-meta.json');
-  const state = await settled(page);
-  assert.equal(state.failed, undefined, JSON.stringify(state.failed));
-  const got = await nearing(page, () => shot(page, 'playcanvas-tree'), reference, 33);
-  console.log(`playcanvas, lod-meta.json: ${got.toFixed(2)} dB`);
-  assert.ok(got >= 33, `${got} dB`);
-  const fetched = server.log.slice(from).map((r) => r.path).filter((p) => p.endsWith('.gsvx'));
-  assert.ok(fetched.length > 0, fetched.join());
-  await page.close();
+test('playcanvas: the folder of gsvx lod streams within a budget, near places fine', { skip }, async () => {
+  const rooms = join(folder, 'rooms.gsvx');
+  gsvx('lod', rooms, '-o', join(folder, 'tree'));
+  gsvx('render', rooms, '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'rooms.png'));
+  const first = readFileSync(join(folder, 'rooms.png'));
+  const look = async (name, options, least) => {
+    const from = server.log.length;
+    const page = await open('playcanvas', 'tree/lod-meta.json', { options });
+    const state = await settled(page);
+    assert.equal(state.failed, undefined, JSON.stringify(state.failed));
+    const got = await nearing(page, () => shot(page, `playcanvas-${name}`), first, least);
+    const files = server.log.slice(from).map((r) => basename(r.path)).filter((file) => file.endsWith('.gsvx'));
+    const bytes = files.reduce((sum, file) => sum + statSync(join(folder, 'tree', file)).size, 0);
+    console.log(`playcanvas, ${name}: ${got.toFixed(2)} dB, ${bytes} bytes of ${files.sort()}`);
+    assert.ok(got >= least, `${name}: ${got} dB`);
+    await page.close();
+    return { fine: files.filter((file) => file.startsWith('0-')).length, bytes };
+  };
+  const all = await look('all', {}, 33);
+  assert.equal(all.fine, 4);
+  // The camera is in the first of six rooms in a row, whose walls hide the others.
+  const near = await look('near', { budget: 25000 }, 33);
+  assert.ok(near.fine < 3 && near.bytes < 0.6 * all.bytes, `${near.bytes} of ${all.bytes} bytes`);
+  const coarse = await look('coarse', { budget: 7000 }, 14);
+  assert.ok(coarse.fine === 0 && coarse.bytes < 0.1 * all.bytes, `${coarse.bytes} of ${all.bytes} bytes`);
 });

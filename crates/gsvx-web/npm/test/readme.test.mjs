@@ -18,6 +18,14 @@ const renderer = new THREE.WebGLRenderer({ antialias: false });
 const [scene, camera] = [new THREE.Scene(), new THREE.PerspectiveCamera(50, 1.5, 0.01, 100)];
 camera.rotation.x = Math.PI; // the room is above
 renderer.setAnimationLoop(() => renderer.render(scene, camera));`;
+const playcanvas = `import { started } from '/pages/app.js';
+const canvas = document.createElement('canvas');
+document.body.append(canvas);
+const app = await started(pc, canvas, 480, 320);
+const eye = new pc.Entity();
+eye.addComponent('camera', { clearColor: new pc.Color(0, 0, 0), fov: 50, nearClip: 0.01, farClip: 100 });
+eye.setEulerAngles(180, 0, 0); // the room is above
+app.root.addChild(eye);`;
 const EXAMPLES = [
   { of: 'README.md', with: 'console.log(scene.count', after: 'window.count = scene.count;' },
   {
@@ -33,16 +41,18 @@ function show(id, replaces, count, data) {
   { of: 'README.md', with: "from 'gsvx/spark'", after: `${draws} await splats.done;`, draws: true },
   { of: 'README.md', with: "from 'gsvx/three'", after: draws, draws: true, webgpu: true },
   {
-    of: 'README.md', with: "from 'gsvx/playcanvas'",
-    before: `import { started } from '/pages/app.js';
-const canvas = document.createElement('canvas');
-document.body.append(canvas);
-const app = await started(pc, canvas, 480, 320);
-const eye = new pc.Entity();
-eye.addComponent('camera', { clearColor: new pc.Color(0, 0, 0), fov: 50, nearClip: 0.01, farClip: 100 });
-eye.setEulerAngles(180, 0, 0); // the room is above
-app.root.addChild(eye);`,
+    of: 'README.md', with: "from 'gsvx/playcanvas'", before: playcanvas,
     after: 'await new Promise((resolve) => asset.ready(resolve));', draws: true,
+  },
+  {
+    of: 'README.md', with: "'web/lod-meta.json'",
+    before: `import * as pc from 'playcanvas';
+import { GSVXParser } from 'gsvx/playcanvas';
+${playcanvas}
+app.loader.getHandler('gsplat').addParser(new GSVXParser(app));
+const entity = new pc.Entity();
+app.root.addChild(entity);`,
+    after: 'await new Promise((resolve) => city.ready(resolve));', draws: true,
   },
   { of: '../../../README.md', with: "from 'gsvx/spark'", before: threeScene, after: draws, draws: true },
 ];
@@ -55,6 +65,7 @@ before(async () => {
   folder = mkdtempSync(join(tmpdir(), 'gsvx-readme-'));
   mkdirSync(pictures, { recursive: true });
   gsvx('encode', join(root, 'fixtures/room/point_cloud.ply'), '-o', join(folder, 'scene.gsvx'), '--web', '--no-estimate');
+  gsvx('lod', join(folder, 'scene.gsvx'), '-o', join(folder, 'web'));
   server = await serve({
     gsvx: join(import.meta.dirname, '../node_modules/gsvx'),
     engines: join(process.env.GSVX_NPM, 'node_modules'),

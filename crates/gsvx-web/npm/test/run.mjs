@@ -21,7 +21,8 @@ try {
   cpSync(join(npm, 'test'), join(folder, 'test'), { recursive: true });
   const only = process.argv.slice(3);
   const all = readdirSync(join(folder, 'test')).filter((name) => name.endsWith('.test.mjs'));
-  run('node', ['--test', ...(only.length ? only : all).map((name) => `test/${name}`)], folder);
+  // Two files at a time: the tests of leaks mostly wait for the engine's garbage collection.
+  run('node', ['--test', '--test-concurrency=2', ...(only.length ? only : all).map((name) => `test/${name}`)], folder);
 } catch (error) {
   console.error(`error: ${error.message}`);
   process.exitCode = 1;

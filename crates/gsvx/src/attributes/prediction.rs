@@ -1,12 +1,11 @@
-//! SH degrees 2 and 3, each from the degree below.
+//! Linear prediction of SH degrees 2 and 3 from the degree below.
 //!
-//! The cameras see a Gaussian from a part of the sphere only. There the basis functions of the
-//! degrees are far from independent: training moves the coefficients of all degrees together, along
-//! the values that the basis has where the cameras are. So a good deal of a degree follows from the
-//! one below, linearly, in the same way for the three colour planes, and in a way that changes from
-//! place to place with the directions of the cameras. Each run of leaves therefore has factors of
-//! its own, and what is coded of a degree is what the prediction from the decoded degree below
-//! leaves of it. Measurements are in docs/results/format.md.
+//! Cameras see a Gaussian from a part of the sphere only. On that part the SH basis functions are far from
+//! independent, so training moves the coefficients of all degrees together. A linear prediction from the
+//! degree below therefore removes much of a degree. It is the same for the three colour planes. It changes
+//! from place to place with the directions of the cameras, so each run of leaves has its own factors. The
+//! stream holds the residuals of the prediction from the decoded degree below. Measurements are in
+//! docs/results/format.md.
 //!
 //! A decoder's arithmetic is `+` and `*` in single precision in a stated order.
 
@@ -20,15 +19,15 @@ use gpcc_lite::raht::Rows;
 const UNIT: f32 = 64.0;
 /// Binary logarithms of the lengths that runs may have.
 const LOG_RUNS: std::ops::RangeInclusive<u8> = 10..=30;
-/// Leaves of a run, as logarithms: short runs, and if those do not pay, as at low rates, longer ones.
+/// Run lengths that the encoder tries, as logarithms. At low rates short runs often do not pay, and longer ones do.
 /// Half as many leaves save 0.1 % of a stream at best, twice as many cost up to 0.7 %.
 #[cfg(feature = "encode")]
 const TRIED: [u8; 2] = [12, 14];
-/// Of this many consecutive leaves, one pair is for the fit of the factors, and another pair tells
-/// whether they pay.
+/// Of this many consecutive leaves, one pair of neighbours serves to fit the factors. Another pair serves to
+/// test whether they pay.
 #[cfg(feature = "encode")]
 const STRIDE: usize = 4;
-/// Squares of steps added to the energy of each input: factors from next to nothing stay small.
+/// Ridge of the least squares, in squares of steps: inputs of little energy get small factors.
 #[cfg(feature = "encode")]
 const RIDGE: f64 = 4.0;
 /// Four channels of a row.
@@ -175,8 +174,8 @@ impl Predictor {
     }
 }
 
-/// The predictions of a row: of each channel the sum of its factors times the channels of its plane
-/// below, from left to right.
+/// The predictions of a row. Each is a sum over the coefficients of the degree below, in the channel's plane, of
+/// factor times coefficient, from left to right.
 #[inline(always)]
 fn predict<const IN: usize, const V: usize>(
     factors: &[[Lanes; V]; IN],
@@ -184,19 +183,19 @@ fn predict<const IN: usize, const V: usize>(
 ) -> [Lanes; V] {
     let mut sums = [[0.0; 4]; V];
     for (factors, &planes) in factors.iter().zip(lower) {
-        let turned = turned(planes);
+        let repeated = repeated(planes);
         for v in 0..V {
             for i in 0..4 {
-                sums[v][i] += factors[v][i] * turned[v % 3][i];
+                sums[v][i] += factors[v][i] * repeated[v % 3][i];
             }
         }
     }
     sums
 }
 
-/// Three planes over and over, as they meet the channels of a row.
+/// Y, Co, Cg repeated, in the order of the channels of a row.
 #[inline(always)]
-fn turned([y, o, g]: [f32; 3]) -> [Lanes; 3] {
+fn repeated([y, o, g]: [f32; 3]) -> [Lanes; 3] {
     [[y, o, g, y], [o, g, y, o], [g, y, o, g]]
 }
 
@@ -210,8 +209,8 @@ struct Fit<'a, E> {
     exact: E,
 }
 
-/// Differences of a pair of neighbours below and of the degree, and the weights of the planes: a
-/// difference squared times its weight is in squares of steps.
+/// The differences between two neighbouring leaves, in the degree below and in the degree. A squared
+/// difference times the weight of its plane is in squares of steps.
 #[cfg(feature = "encode")]
 struct Pair<const IN: usize, const V: usize> {
     lower: [[f32; 3]; IN],
@@ -221,9 +220,9 @@ struct Pair<const IN: usize, const V: usize> {
 
 #[cfg(feature = "encode")]
 impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
-    /// The factors of all runs, zeros where they do not pay, and the bits that they save by the
-    /// estimate, more than they take. `INV` and `V` are the chunks of four
-    /// that the channels of the degree below and of the degree fill.
+    /// The factors of all runs, zero where they do not pay, and the estimated bits that they save beyond
+    /// their own. `INV` and `V` are the numbers of chunks of four that the channels of the degree below
+    /// and of the degree fill.
     fn runs<const IN: usize, const INV: usize, const OUT: usize, const V: usize>(
         &self,
         log_run: u8,
@@ -245,7 +244,7 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
         (runs.into_iter().flat_map(|run| run.0).collect(), saved)
     }
 
-    /// The pair of leaf `i` and the one before.
+    /// The differences between leaf `i` and the leaf before it.
     fn pair<const IN: usize, const V: usize>(&self, channels: usize, i: usize) -> Pair<IN, V> {
         let mut lower = [[[0.0; 3]; IN]; 2];
         for (k, lower) in lower.iter_mut().enumerate() {
@@ -270,12 +269,12 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
         }
     }
 
-    /// Least squares over pairs of neighbours: differences are most of what the transform codes.
+    /// Least squares over differences between neighbours, since the transform codes mostly differences.
     fn factors<const IN: usize, const INV: usize, const OUT: usize, const V: usize>(
         &self,
         pairs: impl Iterator<Item = usize>,
     ) -> Vec<i8> {
-        // Of each input: times the inputs, times the outputs, channel by channel.
+        // The products of each input with all inputs, and with all outputs, channel by channel.
         let mut a = [[[0.0f32; 4]; INV]; IN];
         let mut b = [[[0.0f32; 4]; V]; IN];
         for i in pairs {
@@ -283,7 +282,7 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
             let mut below = [[0.0; 4]; INV];
             below.as_flattened_mut()[..3 * IN].copy_from_slice(pair.lower.as_flattened());
             for (j, planes) in pair.lower.iter().enumerate() {
-                let weighted = turned(std::array::from_fn(|p| planes[p] * pair.weights[p]));
+                let weighted = repeated(std::array::from_fn(|p| planes[p] * pair.weights[p]));
                 for v in 0..INV {
                     for k in 0..4 {
                         a[j][v][k] += weighted[v % 3][k] * below[v][k];
@@ -296,7 +295,7 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
                 }
             }
         }
-        // The planes have the same factors.
+        // The three planes share their factors.
         let planes = |channels: &[f32], k: usize| -> f64 {
             channels[3 * k..3 * k + 3].iter().map(|&v| f64::from(v)).sum()
         };
@@ -318,8 +317,8 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
         factors
     }
 
-    /// The bits that the factors of a run save by the estimate over the given pairs, which should not
-    /// be those of the fit; their own are not counted.
+    /// The estimated bits that the factors of a run save, without their own bits. `pairs` should not be those
+    /// of the fit.
     fn saved<const IN: usize, const OUT: usize, const V: usize>(
         &self,
         factors: &[i8],
@@ -333,7 +332,7 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
         for i in pairs {
             let pair: Pair<IN, V> = self.pair(3 * OUT, i);
             let predicted = predict(lanes, &pair.lower);
-            let weights = turned(pair.weights);
+            let weights = repeated(pair.weights);
             for v in 0..V {
                 for k in 0..4 {
                     let (weight, whole) = (weights[v % 3][k], pair.exact[v][k]);
@@ -347,10 +346,9 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
     }
 }
 
-/// Twice the bits that a difference of neighbours of this square takes, about, in 2^-23: the binary
-/// logarithm of one plus six times it, between powers of two as if it were linear. That is
-/// linear in squares far below that of the step, as the cost of rare ones is, and the
-/// logarithm of the ratio far above.
+/// About twice the bits of a difference whose square is `square` squared steps, in units of 2^-23. It is
+/// `log2(1 + 6 square)`, read from the bits of a float, so it is linear between powers of two. Far below a
+/// step the bits grow in proportion to the square, far above with its logarithm.
 #[cfg(feature = "encode")]
 #[inline(always)]
 fn half_bits(square: f32) -> u32 {

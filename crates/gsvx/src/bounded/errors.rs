@@ -16,12 +16,12 @@ pub(super) fn longest_axis(scene: &Scene, i: usize) -> f64 {
 }
 
 /// The distance of a mean from that of Gaussian `i`, in standard deviations along its longest axis.
-pub(super) fn of_mean(scene: &Scene, i: usize, mean: [f32; 3]) -> f32 {
+pub(super) fn mean_error(scene: &Scene, i: usize, mean: [f32; 3]) -> f32 {
     let square = |k: usize| {
         let d = f64::from(mean[k]) - f64::from(scene.means[i][k]);
         d * d
     };
-    // Where both are 0 there is no error; where only the axis is, no bound holds.
+    // A Gaussian without size has no error if its mean is exact, and an infinite one otherwise.
     let distance = (square(0) + square(1) + square(2)).sqrt();
     if distance == 0.0 { 0.0 } else { (distance / longest_axis(scene, i)) as f32 }
 }
@@ -45,14 +45,14 @@ pub(super) fn measure(
     let shape = squares.sum::<f64>().sqrt() as f32;
     let (mine, theirs) = (scene.sh_of(i), decoded.sh_of(k));
     let degree = |d: usize| {
-        // Coefficients that a decoder does not have are 0 to it.
+        // A missing coefficient is 0.
         let at = |sh: &[[f32; 3]], c: usize, rgb: usize| sh.get(c).map_or(0.0, |v| v[rgb]);
         let each = (d * d..(d + 1) * (d + 1)).flat_map(|c| (0..3).map(move |rgb| (c, rgb)));
         let errors = each.map(|(c, rgb)| (at(mine, c, rgb) - at(theirs, c, rgb)).abs());
         errors.fold(0.0, larger) / bounds.sh
     };
     [
-        of_mean(scene, i, decoded.means[k]) / bounds.mean,
+        mean_error(scene, i, decoded.means[k]) / bounds.mean,
         opacity.abs() as f32 / bounds.opacity,
         degree(0),
         degree(1),
@@ -67,8 +67,8 @@ fn larger(a: f32, b: f32) -> f32 {
     if b > a || b.is_nan() { b } else { a }
 }
 
-/// The largest ratios of all Gaussians.
-pub(super) fn of_groups(ratios: &[Ratios]) -> Ratios {
+/// The largest ratio of each group over all Gaussians.
+pub(super) fn largest_ratios(ratios: &[Ratios]) -> Ratios {
     let mut worst = [0.0; GROUPS];
     for ratio in ratios {
         worst.iter_mut().zip(ratio).for_each(|(w, &r)| *w = larger(*w, r));

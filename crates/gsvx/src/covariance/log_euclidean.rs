@@ -1,11 +1,10 @@
 //! Covariance as the matrix logarithm of its square root, in six orthonormal coordinates.
 //!
-//! With rotation `R` and log-scales `l`, the matrix `L = R diag(l) R^T` has no sign or
-//! permutation symmetry (the 48 pairs of quaternion and scales that mean the same Gaussian
-//! give one `L`), is smooth in space where shapes are, and measures what a renderer sees: an
-//! error `e` in `L` changes each axis by the factor `exp(e)`, and turns the Gaussian the less
-//! the rounder it is. Measured on `fox` at equal error of the projected footprints it needs
-//! about a fifth fewer bits than quaternion plus log-scales.
+//! The matrix is `L = R diag(l) R^T` with rotation `R` and log-scales `l`. The 48 pairs of quaternion and scales
+//! that describe one Gaussian give the same `L`. It varies smoothly in space where shapes do. An error `e` in `L`
+//! changes each axis by about the factor `exp(e)`, and turns a Gaussian less, the rounder it is, which is what a
+//! renderer shows. On `fox`, at equal error of the projected footprints, it needs about a fifth fewer bits than
+//! quaternion plus log-scales.
 //!
 //! A decoder's arithmetic is single precision, only `+ - * /` and square roots, so every machine decodes
 //! the same.
@@ -20,7 +19,7 @@ const INV_SQRT_2: f32 = std::f32::consts::FRAC_1_SQRT_2;
 const INV_SQRT_3: f32 = 0.577_350_26;
 /// 1 / sqrt 6.
 const INV_SQRT_6: f32 = 0.408_248_3;
-/// Coordinates are moved into this range first: beyond it squares overflow, and no encoder goes there.
+/// Coordinates are clamped to plus and minus this, beyond which squares overflow. No encoder goes there.
 const LARGEST: f32 = 1e6;
 
 /// Sweeps of the Jacobi iteration; convergence is quadratic, three or four are enough.
@@ -39,12 +38,9 @@ pub fn coordinates(quaternion: [f32; 4], log_scales: [f32; 3]) -> Coordinates {
     in_basis(entry)
 }
 
-/// Unit quaternion and log-scales of the matrix with these coordinates.
-///
-/// Log-scales come in the order the iteration leaves them; the pair is one of the equivalent
-/// descriptions of the same Gaussian.
-#[must_use]
-pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
+/// The reference of [`decompose_into`]: one matrix.
+#[cfg(test)]
+fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
     let c = within_limits(c);
     let mut a = matrix(&c);
     // Columns of v converge to the eigenvectors; rotations keep its determinant at +1.
@@ -62,8 +58,8 @@ pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
     (quaternion_of(&v), [a[0][0], a[1][1], a[2][2]])
 }
 
-/// The derivative of a loss by the coordinates, from those by the quaternion (of unit norm) and the
-/// log-scales that [`decompose`] made of them.
+/// The derivative of a loss by the coordinates, from its derivatives by the quaternion (of unit norm) and the
+/// log-scales that [`decompose_into`] made of them.
 ///
 /// In the frame of the axes the derivative by the diagonal is that by the log-scales. A turn about one
 /// axis moves the entry of the other two by their difference, so the derivative by that entry is the
@@ -71,7 +67,7 @@ pub fn decompose(c: Coordinates) -> ([f32; 4], [f32; 3]) {
 /// and counts less the smaller the difference is.
 #[cfg(feature = "encode")]
 #[must_use]
-pub fn gradient(
+pub(crate) fn gradient(
     quaternion: [f32; 4],
     log_scales: [f32; 3],
     by_quaternion: [f32; 4],
@@ -119,7 +115,7 @@ fn in_basis(entry: impl Fn(usize, usize) -> f64) -> Coordinates {
     .map(|v| v as f32)
 }
 
-/// Coordinates within [`LARGEST`]; what is no number becomes the least.
+/// Clamps coordinates to [`LARGEST`]. NaN becomes the lower limit.
 #[inline(always)]
 #[allow(clippy::manual_clamp, reason = "clamp would keep NaN")]
 fn within_limits(c: Coordinates) -> Coordinates {
@@ -140,6 +136,7 @@ fn matrix(c: &Coordinates) -> [[f32; 3]; 3] {
 }
 
 /// One Jacobi rotation in the plane `(p, q)`; `r` is the remaining axis.
+#[cfg(test)]
 fn rotate(a: &mut [[f32; 3]; 3], v: &mut [[f32; 3]; 3], p: usize, q: usize, r: usize) {
     let apq = a[p][q];
     if apq == 0.0 {
@@ -167,10 +164,13 @@ fn rotate(a: &mut [[f32; 3]; 3], v: &mut [[f32; 3]; 3], p: usize, q: usize, r: u
     }
 }
 
-/// [`decompose`] of as many as there are, with the same bits: several at a time, whose chains of
-/// divisions and roots then overlap.
+/// Unit quaternions and log-scales of the matrices with these coordinates. Log-scales come in the order in which
+/// the iteration leaves them; the pair is one of the equivalent descriptions of the same Gaussian.
+///
+/// Several matrices are decomposed at a time, so that their chains of divisions and roots overlap. The bits are
+/// the same as one by one.
 #[multiversion(targets("x86_64+avx2"))]
-pub fn decompose_into(
+pub(crate) fn decompose_into(
     coordinates: &[Coordinates],
     rotations: &mut [[f32; 4]],
     log_scales: &mut [[f32; 3]],

@@ -1,5 +1,4 @@
-//! What cameras bring, and what stands in for them: curves with and without cameras, and models with a sky
-//! or with a far copy of themselves.
+//! Rates with and without cameras, also of models with a sky or with a distant copy of themselves.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -20,7 +19,7 @@ const QUALITIES: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
 /// Measures, prints and writes the page at `out`.
 pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
     let mut text = format!(
-        "# What do cameras bring, and what stands in for them?\n\n\
+        "# What do cameras bring?\n\n\
          `cargo xtask bench-gsvx --importance {}`. Without cameras, importance is a guess from opacity and from \
          area relative to that of the neighbours (`gsvx::importance::without_cameras`).\n\n\
          BD-rate (pchip, qualities 34, 48, 62, 76 and 90, PSNR of the held-out views against the photos) against \

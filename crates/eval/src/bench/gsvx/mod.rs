@@ -158,7 +158,7 @@ pub fn targets(gsvx: &Path, scenes: &[String]) -> Result<()> {
     targets::run(&command::find(gsvx)?, scenes)
 }
 
-/// Writes what cameras bring, and what stands in for them, as a page.
+/// Writes a page that compares rates with and without cameras.
 ///
 /// # Errors
 /// If a scene cannot be read or coded, or the page cannot be written.

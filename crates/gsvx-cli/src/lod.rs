@@ -1,0 +1,186 @@
+//! `gsvx lod`: a stream as a folder of small streams that PlayCanvas loads by distance.
+//!
+//! Each chunk becomes a stream of its own. `lod-meta.json` lists places: one for each chunk of the finest level.
+//! For each level of detail it says which file shows the place, and which of the file's Gaussians. Coarse chunks
+//! cover many places, so many places name the same file. Gaussians that are coded exactly belong to no place: they
+//! are the environment, which is always shown.
+
+use crate::input::{self, Limit};
+use crate::output::{Output, megabytes};
+use crate::pictures::folder;
+use crate::progress::Steps;
+use crate::report::Reporter;
+use crate::stream_file::StreamFile;
+use anyhow::{Result, bail};
+use gsvx::{Index, Kind};
+use serde_json::{Value, json};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Shown after the help.
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  gsvx encode city.ply -o city.gsvx --web
+  gsvx lod city.gsvx -o web/          put web/ on a server and give PlayCanvas web/lod-meta.json";
+
+/// Arguments of `gsvx lod`.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The stream; one that was encoded with --lod or --web has coarse levels.
+    #[arg(value_name = "STREAM")]
+    input: PathBuf,
+    /// Folder for lod-meta.json and the files that it names; made if it is not there.
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
+    #[command(flatten)]
+    limit: Limit,
+    /// Write into a folder that is not empty, and replace files there.
+    #[arg(long)]
+    force: bool,
+}
+
+/// Name of the list of places, as PlayCanvas looks for it.
+const LIST: &str = "lod-meta.json";
+/// Name of the stream of Gaussians that are coded exactly.
+const EXACT: &str = "exact.gsvx";
+
+/// Writes the folder.
+pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+    let mut stream = StreamFile::open(&args.input)?;
+    let index = stream.index().clone();
+    args.limit.check(&args.input, index.header.count)?;
+    let name = input::name(&args.input);
+    if index.chunks.iter().all(|c| c.kind == Kind::Exact) {
+        bail!("{name}: is lossless, so it has no octree to divide; encode without --lossless");
+    }
+    folder(&args.output, args.force)?;
+    let mut bytes = 0;
+    let progress = Steps::new("chunks", index.chunks.len() as u64);
+    for chunk in 0..index.chunks.len() {
+        bytes += write_chunk(args, &mut stream, &index, chunk)?;
+        progress.inc();
+    }
+    let places = places(&mut stream, &index)?;
+    let list = list(&index, &places).to_string();
+    write(args, LIST, &[list.as_bytes()])?;
+    let levels = u32::from(index.coarsest_lod()) + 1;
+    let files = index.chunks.len();
+    let mut human = format!(
+        "{}: {} places at {levels} levels of detail, in {files} files of {}",
+        args.output.join(LIST).display(),
+        places.len(),
+        megabytes(bytes)
+    );
+    if levels == 1 {
+        human += "\nThe stream has no coarse levels, so a place is shown whole or not at all. gsvx encode --lod makes them.";
+    }
+    let json = json!({
+        "output": args.output.display().to_string(),
+        "places": places.len(),
+        "levels": levels,
+        "files": files,
+        "bytes": bytes,
+    });
+    report.say(false, &human, &json)
+}
+
+/// The name of a chunk's file: its level of detail and its number.
+fn file_name(index: &Index, chunk: usize) -> String {
+    match index.chunks[chunk].kind {
+        Kind::Exact => EXACT.into(),
+        Kind::Leaves => format!("{}-{chunk}.gsvx", index.chunks[chunk].lod),
+    }
+}
+
+/// Writes a chunk as a stream. Returns its length.
+fn write_chunk(args: &Args, stream: &mut StreamFile, index: &Index, chunk: usize) -> Result<u64> {
+    let head = index.head_of(&[chunk]);
+    let layers = Index::parse(&head)?.chunks[0].layers.len();
+    let body = stream.bytes(chunk, layers)?;
+    write(args, &file_name(index, chunk), &[&head, &body])?;
+    Ok((head.len() + body.len()) as u64)
+}
+
+fn write(args: &Args, name: &str, parts: &[&[u8]]) -> Result<()> {
+    let inputs: [&Path; 1] = [&args.input];
+    let output = Output::open(&args.output.join(name), args.force, &inputs)?;
+    output.write(|out| Ok(parts.iter().try_for_each(|part| out.write_all(part))?))
+}
+
+/// A place: a chunk of the finest level, and which Gaussians of which chunk show it at each coarser level.
+struct Place {
+    chunk: usize,
+    coarser: Vec<(usize, Range<usize>)>,
+}
+
+/// The places, in Morton order.
+fn places(stream: &mut StreamFile, index: &Index) -> Result<Vec<Place>> {
+    let of_level = |lod: u8| -> Vec<usize> {
+        let leaves = |&i: &usize| index.chunks[i].kind == Kind::Leaves;
+        index.chunks_of_lod(lod).filter(leaves).collect()
+    };
+    let finest = of_level(0);
+    let mut places: Vec<Place> =
+        finest.iter().map(|&chunk| Place { chunk, coarser: Vec::new() }).collect();
+    for lod in 1..=index.coarsest_lod() {
+        let level = of_level(lod);
+        for (k, &coarse) in level.iter().enumerate() {
+            let starts = |c: usize| index.chunks[c].first_cell;
+            let inside = |p: &&mut Place| {
+                let at = starts(p.chunk);
+                (k == 0 || at >= starts(coarse)) && level.get(k + 1).is_none_or(|&n| at < starts(n))
+            };
+            let mut own: Vec<&mut Place> = places.iter_mut().filter(inside).collect();
+            let codes = stream.last_codes(coarse)?;
+            let mut first = 0;
+            for i in 0..own.len() {
+                // A cell that reaches into the next place belongs to that one.
+                let end = own.get(i + 1).map_or(codes.len(), |next| {
+                    codes.partition_point(|&code| code < starts(next.chunk))
+                });
+                own[i].coarser.push((coarse, first..end));
+                first = end;
+            }
+        }
+    }
+    Ok(places)
+}
+
+/// `lod-meta.json`.
+fn list(index: &Index, places: &[Place]) -> Value {
+    let bound = |[min, max]: [[f32; 3]; 2]| json!({ "min": min, "max": max });
+    let node = |place: &Place| {
+        let chunk = &index.chunks[place.chunk];
+        let fine = [(place.chunk, 0..chunk.count as usize)];
+        let lods: serde_json::Map<String, Value> = fine
+            .iter()
+            .chain(&place.coarser)
+            .enumerate()
+            .map(|(lod, (file, range))| {
+                (
+                    lod.to_string(),
+                    json!({ "file": file, "offset": range.start, "count": range.len() }),
+                )
+            })
+            .collect();
+        json!({ "bound": bound(chunk.bounds), "lods": lods })
+    };
+    let mut all = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    for place in places {
+        let [low, high] = index.chunks[place.chunk].bounds;
+        for k in 0..3 {
+            all[0][k] = all[0][k].min(low[k]);
+            all[1][k] = all[1][k].max(high[k]);
+        }
+    }
+    let names: Vec<String> = (0..index.chunks.len()).map(|i| file_name(index, i)).collect();
+    let mut list = json!({
+        "lodLevels": u32::from(index.coarsest_lod()) + 1,
+        "filenames": names,
+        "tree": { "bound": bound(all), "children": places.iter().map(node).collect::<Vec<_>>() },
+    });
+    if index.chunks.iter().any(|c| c.kind == Kind::Exact) {
+        list["environment"] = json!(EXACT);
+    }
+    list
+}
