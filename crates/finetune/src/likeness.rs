@@ -9,7 +9,6 @@ use crate::image::Image;
 use crate::metrics;
 use crate::options::RenderOptions;
 use gs_model::{Camera, Scene};
-use rayon::prelude::*;
 
 /// Views that are looked at.
 const VIEWS: usize = 2;
@@ -50,7 +49,7 @@ impl Pictures {
             }
             None => around(scene),
         };
-        let views = cameras.into_par_iter().map(|camera| {
+        let views = cameras.into_iter().map(|camera| {
             let image = render(scene, &camera, &RenderOptions::default());
             (camera, image.to_rgb8())
         });
@@ -68,7 +67,7 @@ impl Pictures {
     /// Compares with another version of the model; `None` if the pictures show nothing.
     #[must_use]
     pub fn likeness(&self, scene: &Scene) -> Option<Likeness> {
-        let compared = self.views.par_iter().filter_map(|(camera, reference)| {
+        let compared = self.views.iter().filter_map(|(camera, reference)| {
             let shown = render(scene, camera, &RenderOptions::default());
             let eight = |rgb: &[u8]| Image::from_rgb8(camera.width, camera.height, rgb);
             let (a, b) = (eight(&shown.to_rgb8())?, eight(reference)?);
