@@ -255,6 +255,34 @@ pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
     bench::gsvx::run(&bench::gsvx::Options { scene, sizes, gsvx, out })
 }
 
+/// Flags of `cargo xtask bench-scale`.
+#[derive(clap::Args, Debug)]
+pub(crate) struct ScaleArgs {
+    /// Scenes that are replicated (comma-separated).
+    #[arg(default_value = "fox,bonsai", value_delimiter = ',')]
+    scenes: Vec<String>,
+    /// Millions of Gaussians.
+    #[arg(long, value_delimiter = ',', default_values_t = [1, 4, 10])]
+    millions: Vec<usize>,
+    /// Bound on the memory of each process.
+    #[arg(long, default_value = "1G")]
+    memory: String,
+    /// The command to measure.
+    #[arg(long, default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
+    /// Folder for what is removed again: three times 250 MB per million.
+    #[arg(long, default_value = "/tmp")]
+    scratch: PathBuf,
+    /// Where the page goes.
+    #[arg(long, default_value = "docs/results/scale.md")]
+    out: PathBuf,
+}
+
+pub(crate) fn scale(args: ScaleArgs) -> Result<()> {
+    let ScaleArgs { scenes, millions, memory, gsvx, scratch, out } = args;
+    bench::scale::run(&bench::scale::Options { scenes, millions, memory, gsvx, scratch, out })
+}
+
 /// Flags of `cargo xtask bench-quality`.
 #[derive(clap::Args, Debug)]
 pub(crate) struct QualityArgs {

@@ -9,12 +9,13 @@ use anyhow::{Context, Result, anyhow, bail};
 use gs_model::Scene;
 use gs_model::model::{self, Format, Kind};
 use gs_model::ply::{self, Invalid, ReadOptions};
+use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 /// How a model is read.
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Reading {
     /// Format of the input, where its name and content do not say: a .splat from a pipe, say.
     #[arg(long, value_name = "FORMAT", hide_short_help = true, help_heading = "Input")]
@@ -126,6 +127,19 @@ impl Reading {
     fn options(&self) -> ReadOptions {
         let invalid = if self.drop_invalid { Invalid::Drop } else { Invalid::Error };
         ReadOptions { invalid, ..Default::default() }
+    }
+
+    /// A model that can be read some Gaussians at a time; `None` of any other.
+    pub(crate) fn parts(&self, path: &Path) -> Result<Option<ply::Parts>> {
+        if self.from.is_some() || starts_like_stream(path)? {
+            return Ok(None);
+        }
+        ply::Parts::open(path, &self.options()).map_err(|e| explain(e, path))
+    }
+
+    /// The next Gaussians of a model.
+    pub(crate) fn next_part(&self, parts: &mut ply::Parts, path: &Path) -> Result<Option<Scene>> {
+        parts.next_part().map_err(|e| explain(e, path))
     }
 
     /// A model of any format that gs-model reads; a stream is refused. Says what it skipped, and

@@ -11,6 +11,7 @@ const root = resolve(npm, '../../..');
 process.env.GSVX_NPM = npm;
 const { gsvx, launch, missing, serve } = await import('../test/browser.mjs');
 const { replicate } = await import('./model.mjs');
+const { large, section } = await import('./large.mjs');
 
 const COUNT = 500_000;
 /** Bytes a second: 10 Mbit/s. */
@@ -113,6 +114,7 @@ try {
   }
   const memory = {};
   for (const layout of ['planar', 'packed', 'covariances']) memory[layout] = await peaks(server.base, layout);
+  const city = await large(source, npm, folder, join(root, 'out/web/pictures'));
   const version = browser.version();
   await browser.close();
   await server.close();
@@ -190,7 +192,8 @@ model, a stream of quality 50 is 35 to 38 dB from it.
 | file | first picture | all |
 |---|---:|---:|
 ${Object.entries(link).map(([name, { first, last }]) => `| ${name} | ${first.toFixed(2)} | ${last.toFixed(2)} |`).join('\n')}
-`;
+
+${section(city)}`;
   writeFileSync(join(root, 'docs/results/web.md'), text);
   console.log(text);
 } finally {
