@@ -10,7 +10,6 @@ mod describe;
 mod encode;
 mod exit;
 mod format;
-mod framing;
 mod info;
 mod input;
 mod interrupt;

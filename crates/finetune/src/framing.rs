@@ -1,4 +1,4 @@
-//! Where a model is best looked at from: what matters in it, and which circle of cameras sees it.
+//! Cameras for a model that has none: what matters in it, and which circle of cameras sees it.
 //!
 //! What matters is where the detail is: trained models describe what the photos were taken of by many
 //! small Gaussians, and what lies around it by few large ones. So a Gaussian weighs its opacity
@@ -6,19 +6,19 @@
 //! the lens, is found by drawing a thinned-out copy of the model, small, from circles of different
 //! size, height and axis.
 
-use finetune::saliency_per_view;
+use crate::saliency::saliency_per_view;
 use gs_model::{Camera, Scene};
 use rayon::prelude::*;
 
 /// A vector.
-pub(crate) type V3 = [f64; 3];
+pub type V3 = [f64; 3];
 
 /// Where the detail is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bulk {
-    pub(crate) centre: V3,
+struct Bulk {
+    centre: V3,
     /// Of a sphere around the centre that holds nearly all of it.
-    pub(crate) radius: f64,
+    radius: f64,
 }
 
 /// Share of the smallest Gaussians that weigh no more than the largest of them: a few specks would
@@ -34,7 +34,7 @@ const WITHIN: f64 = 0.99;
 
 impl Bulk {
     /// The bulk of a scene; `None` if it holds no Gaussian.
-    pub(crate) fn of(scene: &Scene, weigh: Weigh) -> Option<Self> {
+    fn of(scene: &Scene, weigh: Weigh) -> Option<Self> {
         let weights = weights(scene, weigh);
         let all: Vec<usize> = (0..scene.len()).filter(|&i| weights[i] > 0.0).collect();
         let at = |i: usize| scene.means[i].map(f64::from);
@@ -59,7 +59,7 @@ impl Bulk {
 
 /// What a Gaussian weighs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Weigh {
+enum Weigh {
     /// Its opacity divided by its area.
     Detail,
     /// Its opacity.
@@ -101,18 +101,21 @@ fn quantile(mut values: Vec<(f64, f64)>, share: f64) -> f64 {
 
 /// A circle of cameras that look at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Ring {
-    pub(crate) centre: V3,
-    pub(crate) up: V3,
+pub struct Ring {
+    /// The point.
+    pub centre: V3,
+    /// A direction of length 1.
+    pub up: V3,
     /// From the centre to the cameras.
-    pub(crate) radius: f64,
+    pub radius: f64,
     /// Above the horizon, degrees.
-    pub(crate) elevation: f64,
+    pub elevation: f64,
 }
 
 impl Ring {
     /// A camera at `turn` (in turns) around the circle.
-    pub(crate) fn camera(&self, name: String, turn: f64, size: [u32; 2], focal: f64) -> Camera {
+    #[must_use]
+    pub fn camera(&self, name: String, turn: f64, size: [u32; 2], focal: f64) -> Camera {
         let angle = std::f64::consts::TAU * turn;
         let (right, ahead) = horizon(self.up);
         let (sin, cos) = (libm::sin(angle), libm::cos(angle));
@@ -136,28 +139,33 @@ fn horizon(up: V3) -> (V3, V3) {
 
 /// What is given, and what is to be found.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Constraints {
-    pub(crate) up: Option<V3>,
-    pub(crate) radius: Option<f64>,
-    pub(crate) elevation: Option<f64>,
+pub struct Constraints {
+    /// A direction of length 1.
+    pub up: Option<V3>,
+    /// World units.
+    pub radius: Option<f64>,
+    /// Degrees above the horizon.
+    pub elevation: Option<f64>,
     /// Tangents of half the field of view, horizontal and vertical.
-    pub(crate) tangents: [f64; 2],
+    pub tangents: [f64; 2],
 }
 
 /// A circle, and the part of it from which the model is seen well.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Placement {
-    pub(crate) ring: Ring,
+pub struct Placement {
+    /// The circle.
+    pub ring: Ring,
     /// Where the best camera is, in turns.
-    pub(crate) best: f64,
+    pub best: f64,
     /// First and last place, in turns; `None` if the whole circle will do.
-    pub(crate) arc: Option<[f64; 2]>,
+    pub arc: Option<[f64; 2]>,
 }
 
 impl Placement {
     /// Where `n` cameras stand, in turns: the best one first, then around the circle, or to the ends of the
     /// arc and back.
-    pub(crate) fn places(&self, n: u32) -> Vec<f64> {
+    #[must_use]
+    pub fn places(&self, n: u32) -> Vec<f64> {
         let step = |i: u32| f64::from(i) / f64::from(n);
         let Some([first, last]) = self.arc else {
             return (0..n).map(|i| self.best + step(i)).collect();
@@ -170,6 +178,15 @@ impl Placement {
             s => first + (s - 2.0 * ahead - back),
         };
         (0..n).map(|i| along(way * step(i))).collect()
+    }
+
+    /// `n` cameras, at [`Placement::places`]. Their names are `name` and a number. `focal` is in pixels.
+    #[must_use]
+    pub fn cameras(&self, n: u32, name: &str, size: [u32; 2], focal: f64) -> Vec<Camera> {
+        let places = self.places(n).into_iter().enumerate();
+        places
+            .map(|(i, turn)| self.ring.camera(format!("{name}-{i:04}"), turn, size, focal))
+            .collect()
     }
 }
 
@@ -197,7 +214,8 @@ const SEES: f64 = 0.6;
 const WHOLE: f64 = 0.8;
 
 /// Finds a circle; `None` for a scene without a Gaussian.
-pub(crate) fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
+#[must_use]
+pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
     let found = find_around(scene, Bulk::of(scene, Weigh::Detail)?, constraints, Weigh::Detail);
     // In some models the smallest Gaussians are specks in the air: then all count alike.
     let seen = ThinnedScene::of(scene, constraints.tangents, Weigh::Alike).all(&found.ring);
@@ -212,7 +230,8 @@ const FEWER: usize = 8_000;
 const QUICK_ELEVATION: f64 = 20.0;
 
 /// As [`find`], in a tenth of a second for a model of any size: from some of the Gaussians, and at one height.
-pub(crate) fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
+#[must_use]
+pub fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
     let (up, elevation) = (Some(COLMAP_UP), Some(QUICK_ELEVATION));
     let (thin, _) = thinned(scene, FEWER);
     find(&thin, &Constraints { up, radius: None, elevation, tangents })
@@ -369,7 +388,9 @@ impl ThinnedScene {
     }
 }
 
-pub(crate) fn distance(a: V3, b: V3) -> f64 {
+/// The distance of two points.
+#[must_use]
+pub fn distance(a: V3, b: V3) -> f64 {
     let d = sub(a, b);
     dot(d, d).sqrt()
 }
@@ -391,7 +412,8 @@ fn cross(a: V3, b: V3) -> V3 {
 }
 
 /// `a` with length 1; `a` itself if it has none.
-pub(crate) fn unit(a: V3) -> V3 {
+#[must_use]
+pub fn unit(a: V3) -> V3 {
     let length = dot(a, a).sqrt();
     if length > 0.0 { scaled(a, 1.0 / length) } else { a }
 }
