@@ -230,13 +230,36 @@ pub(crate) struct GsvxArgs {
     /// docs/results/sweep.md.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     sweep: Vec<String>,
+    /// Instead: scenes of so many million Gaussians (comma-separated), within a bound on memory and in parts, as
+    /// docs/results/scale.md. Takes about 750 MB of disk per million.
+    #[arg(long, value_name = "MILLIONS", value_delimiter = ',')]
+    millions: Vec<usize>,
+    /// With --millions: the bound on the memory of each process.
+    #[arg(long, default_value = "1G", requires = "millions")]
+    memory: String,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/speed.md")]
     out: PathBuf,
 }
 
 pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
-    let GsvxArgs { scene, sizes, gsvx, targets, choices, lod, importance, sweep, out } = args;
+    let GsvxArgs {
+        scene,
+        sizes,
+        gsvx,
+        targets,
+        choices,
+        lod,
+        importance,
+        sweep,
+        millions,
+        memory,
+        out,
+    } = args;
+    if !millions.is_empty() {
+        let out = "docs/results/scale.md".into();
+        return bench::scale::run(&bench::scale::Options { millions, memory, gsvx, out });
+    }
     if !importance.is_empty() {
         return bench::gsvx::importance(&importance, Path::new("docs/results/importance.md"));
     }
@@ -253,34 +276,6 @@ pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
         return bench::gsvx::targets(&gsvx, &targets);
     }
     bench::gsvx::run(&bench::gsvx::Options { scene, sizes, gsvx, out })
-}
-
-/// Flags of `cargo xtask bench-scale`.
-#[derive(clap::Args, Debug)]
-pub(crate) struct ScaleArgs {
-    /// Scenes that are replicated (comma-separated).
-    #[arg(default_value = "fox,bonsai", value_delimiter = ',')]
-    scenes: Vec<String>,
-    /// Millions of Gaussians.
-    #[arg(long, value_delimiter = ',', default_values_t = [1, 4, 10])]
-    millions: Vec<usize>,
-    /// Bound on the memory of each process.
-    #[arg(long, default_value = "1G")]
-    memory: String,
-    /// The command to measure.
-    #[arg(long, default_value = "target/release/gsvx")]
-    gsvx: PathBuf,
-    /// Folder for what is removed again: three times 250 MB per million.
-    #[arg(long, default_value = "/tmp")]
-    scratch: PathBuf,
-    /// Where the page goes.
-    #[arg(long, default_value = "docs/results/scale.md")]
-    out: PathBuf,
-}
-
-pub(crate) fn scale(args: ScaleArgs) -> Result<()> {
-    let ScaleArgs { scenes, millions, memory, gsvx, scratch, out } = args;
-    bench::scale::run(&bench::scale::Options { scenes, millions, memory, gsvx, scratch, out })
 }
 
 /// Flags of `cargo xtask bench-quality`.

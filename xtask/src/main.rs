@@ -48,8 +48,6 @@ enum Task {
     BenchFinetune(bench::FinetuneArgs),
     /// The gsvx command: seconds and memory by size of model
     BenchGsvx(bench::GsvxArgs),
-    /// Scenes larger than memory, and in parts
-    BenchScale(bench::ScaleArgs),
     /// What is lost at each quality, and what bounds on errors cost
     BenchQuality(bench::QualityArgs),
     /// What gsvx tune saves, beside streams without it
@@ -76,7 +74,6 @@ fn main() -> ExitCode {
         Task::BenchVoxel(args) => bench::voxel(args),
         Task::BenchFinetune(args) => bench::finetune(args),
         Task::BenchGsvx(args) => bench::gsvx(args),
-        Task::BenchScale(args) => bench::scale(args),
         Task::BenchQuality(args) => bench::quality(args),
         Task::BenchTune(args) => bench::tune(args),
         Task::Skips(args) => bench::skips(&args),

@@ -13,6 +13,8 @@ use super::gsvx::replicate;
 use crate::command::{self, Cost};
 use crate::scenes;
 
+/// Scenes whose Gaussians are replicated.
+const SCENES: [&str; 2] = ["fox", "bonsai"];
 /// Gaussians of a file.
 const FILE: usize = 1_000_000;
 /// Parts of the distributed encode.
@@ -21,16 +23,12 @@ const PARTS: usize = 16;
 /// What [`run`] measures.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Scenes whose Gaussians are replicated.
-    pub scenes: Vec<String>,
     /// Millions of Gaussians.
     pub millions: Vec<usize>,
     /// Bound on memory, as the command takes it.
     pub memory: String,
     /// The command to measure.
     pub gsvx: PathBuf,
-    /// Folder for the scenes and the scratch files.
-    pub scratch: PathBuf,
     /// Where the page goes, relative to the root of the workspace.
     pub out: PathBuf,
 }
@@ -59,7 +57,7 @@ struct Made {
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn run(options: &Options) -> Result<()> {
     let gsvx = command::find(&options.gsvx)?;
-    let models = options.scenes.iter().map(|name| {
+    let models = SCENES.iter().map(|name| {
         let found = scenes::find(name)?;
         let (mut model, _) = ply::read(&found.dataset.model_path)?;
         model.drop_invalid();
@@ -69,7 +67,7 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!(models.iter().all(|m| !m.is_empty()), "a model is empty");
     let mut made = Vec::new();
     for &millions in &options.millions {
-        let dir = tempfile::tempdir_in(&options.scratch).context("make a temporary folder")?;
+        let dir = tempfile::tempdir().context("make a temporary folder")?;
         made.push(measure(&gsvx, options, &models, millions, dir.path())?);
     }
     crate::page::write(&options.out, &page(options, &made), None)
@@ -201,10 +199,12 @@ fn fit(points: &[(f64, f64)]) -> [f64; 2] {
 
 /// The measured rows, the fits, and what they predict.
 fn page(options: &Options, made: &[Made]) -> String {
-    let (scenes, memory) = (options.scenes.join(" and "), &options.memory);
+    let (scenes, memory) = (SCENES.join(" and "), &options.memory);
+    let millions: Vec<String> = options.millions.iter().map(ToString::to_string).collect();
+    let millions = millions.join(",");
     let mut out = format!(
         "# Cities\n\n\
-         `cargo build --release -p gsvx-cli && cargo xtask bench-scale` encodes scenes of many millions of Gaussians: \
+         `cargo build --release -p gsvx-cli && cargo xtask bench-gsvx --millions {millions}` encodes scenes of many millions of Gaussians: \
          {scenes} in turn, replicated side by side and jittered, in files of a million each. `--memory {memory}`, {} \
          threads, {}. The stream of the joined parts is the stream of `encode --memory`, byte for byte: the command \
          checks it. Parts run one after the other; their peak is that of one. Times are those of whole processes, \

@@ -12,7 +12,7 @@ mod scratch;
 use crate::exit::note;
 use crate::input::Reading;
 use crate::join::{self, Part};
-use crate::output::{Output, megabytes};
+use crate::output::{Output, is_stdio, megabytes};
 use crate::progress::Steps;
 use crate::report::Reporter;
 use anyhow::Result;
@@ -64,6 +64,9 @@ impl Room {
     fn scratch(&self, output: &Path, key: &str) -> Result<Scratch> {
         let beside = || {
             let mut name = output.as_os_str().to_owned();
+            if is_stdio(output) {
+                name = "gsvx".into();
+            }
             name.push(".scratch");
             PathBuf::from(name)
         };
