@@ -230,13 +230,36 @@ pub(crate) struct GsvxArgs {
     /// docs/results/sweep.md.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     sweep: Vec<String>,
+    /// Instead: scenes of so many million Gaussians (comma-separated), within a bound on memory and in parts, as
+    /// docs/results/scale.md. Takes about 750 MB of disk per million.
+    #[arg(long, value_name = "MILLIONS", value_delimiter = ',')]
+    millions: Vec<usize>,
+    /// With --millions: the bound on the memory of each process.
+    #[arg(long, default_value = "1G", requires = "millions")]
+    memory: String,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/speed.md")]
     out: PathBuf,
 }
 
 pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
-    let GsvxArgs { scene, sizes, gsvx, targets, choices, lod, importance, sweep, out } = args;
+    let GsvxArgs {
+        scene,
+        sizes,
+        gsvx,
+        targets,
+        choices,
+        lod,
+        importance,
+        sweep,
+        millions,
+        memory,
+        out,
+    } = args;
+    if !millions.is_empty() {
+        let out = "docs/results/scale.md".into();
+        return bench::scale::run(&bench::scale::Options { millions, memory, gsvx, out });
+    }
     if !importance.is_empty() {
         return bench::gsvx::importance(&importance, Path::new("docs/results/importance.md"));
     }

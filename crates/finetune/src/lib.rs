@@ -7,6 +7,8 @@
 //!
 //! - [`render`] draws a scene, [`metrics`] compares images, [`saliency`] measures how much each
 //!   Gaussian contributes to a set of views.
+//! - [`framing`] finds cameras for a scene that has none; [`Pictures`] tell how alike two versions of a scene
+//!   look.
 //! - [`seen_opacity_share`] and [`photo_match`] tell cameras and photos of another scene.
 //! - [`gradients`] gives a loss and its gradients, for other optimisers.
 //! - [`ViewGradients`] and [`optimiser`] are for loops of one's own, view after view.
@@ -55,10 +57,12 @@ pub mod backend;
 mod camera_check;
 mod error;
 mod forward;
+pub mod framing;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod gradients;
 mod image;
+mod likeness;
 pub mod metrics;
 pub mod optimiser;
 mod options;
@@ -81,6 +85,7 @@ pub use error::{Error, Result};
 pub use forward::render;
 pub use gradients::{Gradients, gradients};
 pub use image::Image;
+pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{FORMATS, File, Property, bits, scene};
-use gs_model::ply::{self, Format};
+use gs_model::ply::{self, Format, Invalid, Parts, ReadOptions};
 use gs_model::{Error, Scene};
 
 /// A fixed shuffle: the same in every run.
@@ -250,4 +250,33 @@ fn lost_normals_are_reported_of_large_files() {
     assert_eq!(bits(&back), bits(&scene));
     assert_eq!(report.nonzero_normals, 10_000);
     assert_eq!(report.properties_not_kept(), ["nx", "ny", "nz"]);
+}
+
+#[test]
+fn a_file_in_parts_is_the_whole_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("model.ply");
+    let mut whole = scene(30_000, 3);
+    ply::write(&path, &whole).unwrap();
+    let read = |options: &ReadOptions| -> gs_model::Result<Vec<Scene>> {
+        let mut parts = Parts::open(&path, options)?.unwrap();
+        assert_eq!(parts.gaussians_in_file(), 30_000);
+        std::iter::from_fn(|| parts.next_part().transpose()).collect()
+    };
+    let parts = read(&ReadOptions::default()).unwrap();
+    assert!(parts.len() > 5);
+    let mut joined = Scene { sh_degree: 3, ..Scene::default() };
+    parts.iter().for_each(|part| joined.append(part));
+    assert_eq!(bits(&joined), bits(&whole));
+    // The error is that of the whole file.
+    for i in [9_000, 9_001, 29_999] {
+        whole.means[i][1] = f32::NAN;
+    }
+    ply::write(&path, &whole).unwrap();
+    let error = ply::read(&path).unwrap_err().to_string();
+    assert_eq!(read(&ReadOptions::default()).unwrap_err().to_string(), error);
+    let drop = ReadOptions { invalid: Invalid::Drop, ..Default::default() };
+    assert_eq!(read(&drop).unwrap().iter().map(Scene::len).sum::<usize>(), 29_997);
+    std::fs::write(&path, "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n").unwrap();
+    assert!(Parts::open(&path, &drop).unwrap().is_none());
 }

@@ -4,11 +4,14 @@ use crate::batch::{self, Job};
 use crate::exit::note;
 use crate::format::Model;
 use crate::input::{self, Limit};
-use crate::output::{Output, megabytes};
+use crate::output::{Output, counted, is_stdio, megabytes};
+use crate::positional;
 use crate::region::{self, Part, Region};
 use crate::report::Reporter;
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use serde_json::json;
+use std::fs::File;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -75,16 +78,14 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
         let part = region::read(&job.input, region, args.lod, args.max_sh_degree, args.limit)?;
         return write_part(part, output, format, start, report);
     }
-    let bytes = input::bytes(&job.input)?;
     let mut options = gsvx::DecodeOptions::default();
     options.max_sh_degree = args.max_sh_degree;
     options.lod = args.lod;
     options.salvage = args.allow_truncated;
     options.max_gaussians = args.limit.max_gaussians;
+    let damage = |e| damage(e, args, &job.input);
     let made = if format != Model::Ply {
-        let decoded =
-            gsvx::decode_with(&bytes, &options).map_err(|e| damage(e, args, &job.input))?;
-        drop(bytes);
+        let decoded = gsvx::decode_with(&input::bytes(&job.input)?, &options).map_err(damage)?;
         let scene = &decoded.scene;
         something(args, job, scene.len(), &decoded.skipped)?;
         output.write(|out| Ok(format.write(out, scene, &Default::default())?))?;
@@ -93,14 +94,53 @@ fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Resul
         }
         Decoding { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped: decoded.skipped }
     } else {
-        let damage = |e| damage(e, args, &job.input);
-        let decoder = gsvx::Decoder::new(&bytes, &options).map_err(damage)?;
+        // A file need not be in memory.
+        let file = FileBytes::open(&job.input)?;
+        let bytes = if file.is_none() { input::bytes(&job.input)? } else { Vec::new() };
+        let decoder = match &file {
+            Some(file) => gsvx::Decoder::of_source(file, &options),
+            None => gsvx::Decoder::new(&bytes, &options),
+        };
+        let decoder = decoder.map_err(damage)?;
         something(args, job, decoder.len(), decoder.skipped())?;
         write(&decoder, output, damage)?;
         let skipped = decoder.skipped().to_vec();
         Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped }
     };
     made.say(&written, stdout, start.elapsed().as_secs_f64(), report)
+}
+
+/// The bytes of a stream in a file.
+#[derive(Debug)]
+struct FileBytes {
+    file: File,
+    len: u64,
+}
+
+impl FileBytes {
+    /// Opens a plain file; `None` for what can only be read from its start.
+    fn open(path: &Path) -> Result<Option<Self>> {
+        let is_file = std::fs::metadata(path).is_ok_and(|m| m.is_file());
+        if is_stdio(path) || !is_file {
+            return Ok(None);
+        }
+        let cannot = || format!("{}: cannot be read", input::name(path));
+        let file = File::open(path).with_context(cannot)?;
+        let len = file.metadata().with_context(cannot)?.len();
+        Ok(Some(Self { file, len }))
+    }
+}
+
+impl gsvx::Source for FileBytes {
+    fn len(&self) -> u64 {
+        self.len
+    }
+
+    fn read(&self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
+        let mut bytes = vec![0; (range.end - range.start) as usize];
+        positional::read_exact_at(&self.file, &mut bytes, range.start)?;
+        Ok(bytes)
+    }
 }
 
 /// Writes the Gaussians of a region.
@@ -151,7 +191,8 @@ impl Decoding {
             note(format_args!("note: {skipped}"));
         }
         let human = format!(
-            "{written}: {gaussians} Gaussians, SH degree {sh_degree}, decoded in {seconds:.2} s"
+            "{written}: {}, SH degree {sh_degree}, decoded in {seconds:.2} s",
+            counted(*gaussians as u64, "Gaussian")
         );
         let json = json!({
             "output": written,

@@ -4,21 +4,23 @@ use crate::batch::{self, Job};
 use crate::exit::{missed, note, usage};
 use crate::format::Extension;
 use crate::input::Reading;
+use crate::join::{self, Part};
 use crate::loss::{Loss, Pictures};
 use crate::lost_columns::Lost;
-use crate::output::{Output, megabytes};
+use crate::output::{Output, counted, megabytes, short};
 use crate::preset::{self, Preset};
 use crate::progress::{self, Steps};
 use crate::report::Reporter;
-use crate::{input, max_error, size, views};
+use crate::scale::{self, Room};
+use crate::{input, max_error, plan, size, views};
 use anyhow::{Context, Result};
 use finetune::References;
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, Leaves, MaxError, rate};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, Kind, Leaves, MaxError, rate};
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Shown after the short help.
@@ -37,6 +39,8 @@ Examples:
   gsvx encode model.ply -o scene.gsvx --web                    for a web page
   gsvx encode *.ply -o streams/                                one stream per model
   gsvx encode model.ply -o scene.gsvx --prune 0.2 --cameras data/fox
+  gsvx encode tiles/*.ply -o city.gsvx --memory 1G             several models as one scene
+  gsvx encode city.plan --part 3/16 -o part-3.gsvx             see gsvx plan
   gsvx encode - -o - < model.ply > scene.gsvx";
 
 /// Leaves of a chunk for the web: a page shows it, and a worker holds it, at once.
@@ -51,10 +55,11 @@ const CONTENT: &str = "What is kept";
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Args {
-    /// The trained models, of any format that gsvx convert reads; `-` for standard input.
+    /// The trained models, of any format that gsvx convert reads; `-` for standard input. With --part: the plan.
     #[arg(required = true, value_name = "MODEL")]
     inputs: Vec<PathBuf>,
-    /// The stream to write, or a folder for several; `-` for standard output.
+    /// The stream to write; `-` for standard output. A folder for one stream per model; with a name in .gsvx
+    /// several models become one scene.
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
     /// Quality from 0 (smallest) to 100 (best).
@@ -145,6 +150,13 @@ pub(crate) struct Args {
     #[arg(long, value_parser = covariance, value_name = "MODE", hide_short_help = true,
           help_heading = EXPERTS)]
     covariance: Option<CovarianceMode>,
+
+    #[command(flatten)]
+    room: Room,
+    /// Encode the K-th of N parts of a plan; the plan stands in the place of the model, and says the quality.
+    #[arg(long, value_name = "K/N", value_parser = join::part, hide_short_help = true,
+          help_heading = "Scenes larger than memory")]
+    part: Option<Part>,
 }
 
 impl Args {
@@ -181,6 +193,23 @@ impl Args {
             _ => Leaves::RateDistortion,
         };
         Ok(options)
+    }
+
+    /// A flag that needs the whole scene in memory.
+    fn not_at_scale(&self) -> Option<&'static str> {
+        let flags = [
+            ("--lossless", self.lossless),
+            ("--max-error", self.max_error.is_some()),
+            ("--cameras", self.cameras.is_some()),
+            ("--target-bytes", self.target_bytes.is_some()),
+            ("--target-mbit", self.target_mbit.is_some()),
+            ("--prune", self.prune > 0.0),
+            ("--web", self.web),
+            ("--lod", self.lod),
+            ("--depth", self.depth.is_some()),
+            ("--covariance", self.covariance.is_some()),
+        ];
+        flags.iter().find(|(_, given)| *given).map(|(flag, _)| *flag)
     }
 
     /// The greatest number of bytes, if there is one.
@@ -230,8 +259,50 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
         )));
     }
+    if let Some(part) = args.part {
+        return encode_part(args, part, report);
+    }
+    let as_one = args.inputs.len() > 1 && is_stream_name(&args.output);
+    let large = scale::is_large(&args.inputs) && args.inputs.len() == 1;
+    match args.not_at_scale() {
+        Some(flag) if as_one || args.room.memory.is_some() => {
+            let why = if as_one { "several models as one scene" } else { "--memory" };
+            return Err(usage(format!("{flag} does not go with {why}")));
+        }
+        None if as_one || large || args.room.memory.is_some() => return encode_large(args, report),
+        _ => {}
+    }
     let jobs = batch::jobs(&args.inputs, &args.output, "gsvx", args.force)?;
     batch::run(&jobs, |job| encode_file(args, job, report))
+}
+
+/// Whether a path is the name of a stream, and no folder.
+fn is_stream_name(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gsvx")) && !path.is_dir()
+}
+
+/// Encodes a part of a plan.
+fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
+    if let Some(flag) = args.not_at_scale() {
+        return Err(usage(format!("{flag} does not go with --part: the plan says how to encode")));
+    }
+    let [plan] = &args.inputs[..] else {
+        return Err(usage("--part: name one plan, which gsvx plan has made"));
+    };
+    scale::part(plan, part, (&args.output, args.force), &args.room, report)
+}
+
+/// Encodes models as one scene, within a bound on memory.
+fn encode_large(args: &Args, report: Reporter) -> Result<()> {
+    let job = scale::Job {
+        inputs: &args.inputs,
+        reading: &args.reading,
+        choices: plan::choices(args.quality(), args.max_sh_degree),
+        output: &args.output,
+        force: args.force,
+        room: &args.room,
+    };
+    scale::encode(&job, report)
 }
 
 /// Encodes one model.
@@ -259,8 +330,9 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
 
     let bytes = made.encoded.bytes.len() as u64;
     let mut human = format!(
-        "{name}: {in_input} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
+        "{name}: {} coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
          read {read_seconds:.2} s, encode {encode_seconds:.2} s, estimate {:.2} s",
+        counted(in_input as u64, "Gaussian"),
         made.gaussians(),
         megabytes(input_bytes),
         megabytes(bytes),
@@ -300,7 +372,7 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
 }
 
 /// What shows a stream in a page, by the npm package.
-fn embed(output: &std::path::Path) -> String {
+fn embed(output: &Path) -> String {
     let file = output.file_name().map_or("scene.gsvx".into(), |n| n.to_string_lossy());
     format!("import {{ GSVXSplats }} from 'gsvx/spark'; scene.add(new GSVXSplats('{file}'));")
 }
@@ -345,16 +417,28 @@ impl Made {
         if exact as u64 == self.gaussians() { 0 } else { exact }
     }
 
+    /// Share of the bytes that Gaussians take that are coded exactly, in percent.
+    fn exact_share(&self) -> f64 {
+        let chunks = self.encoded.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
+        let bytes: u64 = chunks.flat_map(|c| &c.layers).map(|l| l.len).sum();
+        100.0 * bytes as f64 / self.encoded.bytes.len().max(1) as f64
+    }
+
     /// For a person.
     fn remarks(&self) -> String {
         let pruned = match self.encoded.pruned {
             0 => String::new(),
             n => format!("; {n} pruned"),
         };
+        // With bounds on errors the note says how many are exact.
         let outliers = match self.outliers() {
             0 => String::new(),
-            1 => "; 1 outlier coded exactly".into(),
-            n => format!("; {n} outliers coded exactly"),
+            _ if self.encoded.max_error.is_some() => String::new(),
+            n => format!(
+                "; {} coded exactly, far from all others: {:.0} % of the bytes",
+                counted(n as u64, "outlier"),
+                self.exact_share()
+            ),
         };
         format!("{}{pruned}{outliers}{}", self.note, self.unseen())
     }
@@ -426,12 +510,24 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
     let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
     let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
     let loss = loss.with_context(name)?;
-    if let Some(cells) = made.encoded.coarse_cells {
+    if let Some(coarse) = made.encoded.coarse_cells {
         note(format_args!(
-            "warning: {}: its parts lie so far apart that positions come in steps of {cells:.1} times the \
-             size of a typical Gaussian, which shows at any quality; encode each part apart, or use \
+            "warning: {}: its parts lie so far apart, or differ so much in size, that positions come in steps of \
+             {} times the size of its {} Gaussians, which shows at any quality; encode each part apart, or use \
              --max-error or --lossless",
-            name()
+            name(),
+            short(coarse.cells),
+            coarse.which()
+        ));
+    }
+    if made.encoded.max_error.is_none() && made.outliers() as u64 > made.gaussians() / 10 {
+        note(format_args!(
+            "warning: {}: {} of the stream's {} lie so far from the others that the octree does not reach them; they are coded \
+             exactly, which takes {:.0} % of the bytes; encode each part apart for a smaller size",
+            name(),
+            made.outliers(),
+            counted(made.gaussians(), "Gaussian"),
+            made.exact_share()
         ));
     }
     Ok(Made {

@@ -6,11 +6,12 @@ use anyhow::Result;
 use clap::ValueEnum;
 use gs_model::model::Kind;
 use gs_model::{Scene, gltf, ply, splat, spz};
+use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
 
 /// A format that is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 pub(crate) enum Source {
     /// A gsvx stream.
     Gsvx,

@@ -3,18 +3,19 @@
 use crate::exit::note;
 use crate::format::Source;
 use crate::lost_columns::{self, Lost};
-use crate::output::is_stdio;
+use crate::output::{counted, is_stdio};
 use crate::size;
 use anyhow::{Context, Result, anyhow, bail};
 use gs_model::Scene;
 use gs_model::model::{self, Format, Kind};
 use gs_model::ply::{self, Invalid, ReadOptions};
+use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 /// How a model is read.
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Reading {
     /// Format of the input, where its name and content do not say: a .splat from a pipe, say.
     #[arg(long, value_name = "FORMAT", hide_short_help = true, help_heading = "Input")]
@@ -90,7 +91,10 @@ impl Loaded {
         }
         let (kept, all) = (self.scene.len(), self.gaussians_in_file);
         if kept < all {
-            note(format_args!("skipped: {} invalid Gaussians of {all}", all - kept));
+            note(format_args!(
+                "skipped: {} of {all}",
+                counted((all - kept) as u64, "invalid Gaussian")
+            ));
         }
         self
     }
@@ -123,6 +127,19 @@ impl Reading {
     fn options(&self) -> ReadOptions {
         let invalid = if self.drop_invalid { Invalid::Drop } else { Invalid::Error };
         ReadOptions { invalid, ..Default::default() }
+    }
+
+    /// A model that can be read some Gaussians at a time; `None` of any other.
+    pub(crate) fn parts(&self, path: &Path) -> Result<Option<ply::Parts>> {
+        if self.from.is_some() || starts_like_stream(path)? {
+            return Ok(None);
+        }
+        ply::Parts::open(path, &self.options()).map_err(|e| explain(e, path))
+    }
+
+    /// The next Gaussians of a model.
+    pub(crate) fn next_part(&self, parts: &mut ply::Parts, path: &Path) -> Result<Option<Scene>> {
+        parts.next_part().map_err(|e| explain(e, path))
     }
 
     /// A model of any format that gs-model reads; a stream is refused. Says what it skipped, and
@@ -260,7 +277,7 @@ fn explain(error: gs_model::Error, path: &Path) -> anyhow::Error {
     use gs_model::Error;
     match &error {
         Error::InvalidGaussian { .. } => {
-            let said = error.to_string().replace("; they can be dropped on request", "");
+            let said = error.to_string().replace("; what is invalid can be dropped on request", "");
             anyhow!("{}: pass --drop-invalid to leave them out", called(&said, path))
         }
         Error::SpzCompressedData { reason, .. } => {

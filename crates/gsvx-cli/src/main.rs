@@ -10,10 +10,10 @@ mod describe;
 mod encode;
 mod exit;
 mod format;
-mod framing;
 mod info;
 mod input;
 mod interrupt;
+mod join;
 mod lod;
 mod loss;
 mod lost_columns;
@@ -25,12 +25,14 @@ mod output;
 mod paper_tune;
 mod photos;
 mod pictures;
+mod plan;
 mod positional;
 mod preset;
 mod progress;
 mod region;
 mod render;
 mod report;
+mod scale;
 mod size;
 mod stream_file;
 mod tune;
@@ -40,6 +42,9 @@ mod views;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use report::Reporter;
+
+/// The version of this build.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Compress trained 3D Gaussian splatting scenes.
 ///
@@ -82,6 +87,12 @@ enum Command {
     /// Convert between PLY, compressed.ply, glTF, SPZ, .splat; SOG, .ksplat, streams are read too.
     #[command(after_help = convert::EXAMPLES)]
     Convert(convert::Args),
+    /// Divide a scene that is too large for one machine, for gsvx encode --part.
+    #[command(after_help = plan::EXAMPLES)]
+    Plan(plan::Args),
+    /// Make one stream of the parts of a plan.
+    #[command(after_help = join::EXAMPLES)]
+    Join(join::Args),
     /// Divide a stream into files that PlayCanvas streams by distance.
     #[command(after_help = lod::EXAMPLES)]
     Lod(lod::Args),
@@ -110,6 +121,8 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::Render(args) => render::run(args, report),
         Command::Compare(args) => compare::run(args, report),
         Command::Convert(args) => convert::run(args, report),
+        Command::Plan(args) => plan::run(args, report),
+        Command::Join(args) => join::run(args, report),
         Command::Lod(args) => lod::run(args, report),
         Command::View(args) => view::run(args, report),
     }

@@ -1,7 +1,7 @@
 //! Generated cameras: a circle around what matters in a model, or the part of a circle from which it
 //! was photographed.
 
-use crate::framing::{self, Constraints, V3};
+use finetune::framing::{self, Constraints, V3};
 use gs_model::{Camera, Scene};
 
 /// Options for cameras on a circle.
@@ -100,9 +100,6 @@ impl Orbit {
             found.arc = None;
         }
         let focal = 0.5 * f64::from(width) / tangent;
-        let camera = |(i, turn): (usize, f64)| {
-            found.ring.camera(format!("orbit-{i:04}"), turn, [width, height], focal)
-        };
-        Ok(found.places(n).into_iter().enumerate().map(camera).collect())
+        Ok(found.cameras(n, "orbit", [width, height], focal))
     }
 }

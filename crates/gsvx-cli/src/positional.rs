@@ -1,4 +1,4 @@
-//! Writing at a position of a file, from several threads at once.
+//! Reading and writing at a position of a file, from several threads at once.
 
 use std::fs::File;
 use std::io::Result;
@@ -21,6 +21,27 @@ pub(crate) fn write_all_at(file: &File, mut bytes: &[u8], mut at: u64) -> Result
         }
         bytes = &bytes[written..];
         at += written as u64;
+    }
+    Ok(())
+}
+
+/// Reads as many bytes as `bytes` has, from the position `at` on.
+#[cfg(unix)]
+pub(crate) fn read_exact_at(file: &File, bytes: &mut [u8], at: u64) -> Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, at)
+}
+
+/// Reads as many bytes as `bytes` has, from the position `at` on.
+#[cfg(windows)]
+pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut at: u64) -> Result<()> {
+    use std::os::windows::fs::FileExt;
+    while !bytes.is_empty() {
+        let read = file.seek_read(bytes, at)?;
+        if read == 0 {
+            return Err(std::io::ErrorKind::UnexpectedEof.into());
+        }
+        bytes = &mut bytes[read..];
+        at += read as u64;
     }
     Ok(())
 }

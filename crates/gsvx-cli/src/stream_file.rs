@@ -46,6 +46,11 @@ impl StreamFile {
         self.source.bytes_read
     }
 
+    /// The bytes of a range; fewer where the file ends.
+    pub(crate) fn read(&mut self, range: Range<u64>) -> Result<Vec<u8>> {
+        self.source.read(range)
+    }
+
     /// The first layers of a chunk, as they are in the stream.
     pub(crate) fn bytes(&mut self, chunk: usize, layers: usize) -> Result<Vec<u8>> {
         let range = self.index.chunks[chunk].range(layers);

@@ -1,12 +1,11 @@
 //! Cameras on the command line: which views to draw, and what they see of a model.
 
 use crate::exit::{note, usage};
-use crate::framing;
 use crate::orbit::Orbit;
 use crate::output::is_stdio;
 use crate::progress::Steps;
 use anyhow::{Result, bail};
-use finetune::Seen;
+use finetune::{Seen, framing};
 use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, View, dataset};
 use std::convert::Infallible;

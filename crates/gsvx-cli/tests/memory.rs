@@ -74,3 +74,19 @@ fn encoding_takes_twice_the_memory_of_the_floats() {
         }
     }
 }
+
+/// A scene of several tiles takes less memory within a bound than in memory, and no more than the bound.
+#[test]
+fn a_bound_on_memory_holds() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, output) = (dir.path().join("model.ply"), dir.path().join("model.gsvx"));
+    let len = 1_000_000;
+    gs_model::ply::write(&input, &replicated(len)).unwrap();
+    let most = 300_000_000;
+    let mut command = gsvx();
+    command.arg("encode").arg(&input).arg("-o").arg(&output).args(["--threads", "2"]);
+    let peak = peak_bytes(command.args(["--memory", &most.to_string()]));
+    println!("{len} Gaussians: {peak} bytes");
+    assert!(peak > 50_000_000, "{peak}: not the process that was meant");
+    assert!(peak <= most && most < 2 * 4 * FLOATS * len as u64, "{peak} bytes, at most {most}");
+}

@@ -1,6 +1,9 @@
-//! Cameras as arrays, as gsplat has them, and from files.
+//! Cameras as arrays, as gsplat has them: from files, or around a model.
 
+use crate::arrays::Splats;
+use crate::background::{pool, run};
 use crate::error::{Fault, Result};
+use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
 use gs_model::Camera;
 use gs_model::camera::LensDistortion;
@@ -92,9 +95,50 @@ fn camera(
 #[pyfunction]
 pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
     let views = open_views_at(&path, LensDistortion::Ignore).map_err(Fault::from)?;
+    let cameras: Vec<&Camera> = views.iter().map(|v| &v.camera).collect();
+    let out = as_arrays(py, &cameras)?;
+    let photos: Vec<&Path> = views.iter().map(|v| v.image_path.as_path()).collect();
+    out.set_item("photos", photos)?;
+    Ok(out)
+}
+
+/// Cameras on a circle, or on an arc of it, around what matters in a model; as [`read_cameras`]. What is `None` is
+/// found.
+#[pyfunction]
+pub(crate) fn orbit<'py>(
+    py: Python<'py>,
+    splats: Splats<'py>,
+    count: u32,
+    size: [u32; 2],
+    field_of_view: f64,
+    up: Option<[f64; 3]>,
+    radius: Option<f64>,
+    elevation: Option<f64>,
+    full_circle: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let pool = pool()?;
+    let scene = splats.scene(&pool)?;
+    drop(splats);
+    let cameras = run(py, pool, None, move |_| {
+        let tangent = libm::tan(0.5 * field_of_view.to_radians());
+        let tangents = [tangent, tangent * f64::from(size[1]) / f64::from(size[0])];
+        let up = up.map(framing::unit);
+        let constraints = Constraints { up, radius, elevation, tangents };
+        let Some(mut found) = framing::find(&scene, &constraints) else {
+            return Err(Fault::Failed("the model holds no Gaussian to look at".into()));
+        };
+        if full_circle {
+            found.arc = None;
+        }
+        Ok(found.cameras(count, "orbit", size, 0.5 * f64::from(size[0]) / tangent))
+    })?;
+    as_arrays(py, &cameras.iter().collect::<Vec<_>>())
+}
+
+/// Cameras as a dict of arrays.
+fn as_arrays<'py>(py: Python<'py>, cameras: &[&Camera]) -> PyResult<Bound<'py, PyDict>> {
     let (mut poses, mut lenses, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
-    for view in &views {
-        let c = &view.camera;
+    for c in cameras {
         for k in 0..3 {
             let row = c.rotation.row(k);
             poses.extend([row.x, row.y, row.z, c.translation[k]]);
@@ -103,16 +147,14 @@ pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, 
         lenses.extend([c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]);
         sizes.extend([i64::from(c.width), i64::from(c.height)]);
     }
-    let n = views.len();
+    let n = cameras.len();
     let out = PyDict::new(py);
     out.set_item("viewmats", PyArray1::from_vec(py, poses).reshape([n, 4, 4])?)?;
     out.set_item("Ks", PyArray1::from_vec(py, lenses).reshape([n, 3, 3])?)?;
     out.set_item("sizes", PyArray1::from_vec(py, sizes).reshape([n, 2])?)?;
-    let names: Vec<&str> = views.iter().map(|v| &v.camera.name[..]).collect();
+    let names: Vec<&str> = cameras.iter().map(|c| &c.name[..]).collect();
     out.set_item("names", names)?;
-    let photos: Vec<&Path> = views.iter().map(|v| v.image_path.as_path()).collect();
-    out.set_item("photos", photos)?;
-    let lenses: Vec<_> = views.iter().map(|v| v.camera.ignored_distortion.as_deref()).collect();
+    let lenses: Vec<_> = cameras.iter().map(|c| c.ignored_distortion.as_deref()).collect();
     out.set_item("ignored_distortion", lenses)?;
     Ok(out)
 }

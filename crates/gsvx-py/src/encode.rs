@@ -4,7 +4,7 @@ use crate::arrays::Splats;
 use crate::background::{Event, Line, pool, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
-use finetune::{References, Seen};
+use finetune::{Likeness, Pictures, References, Seen};
 use gs_model::Scene;
 use gsvx::{CovarianceMode, EncodeOptions, Encoded, LEFT_OUT, Leaves, MaxError, rate};
 use numpy::PyArray1;
@@ -44,6 +44,8 @@ pub(crate) struct Options {
     /// Name and bits.
     covariance: (String, u8),
     rows: bool,
+    /// Estimate how much less the stream shows.
+    estimate: bool,
 }
 
 impl Options {
@@ -93,6 +95,7 @@ struct Made {
     rows: Option<Vec<i64>>,
     quality: Option<f32>,
     psnr: Option<f64>,
+    likeness: Option<Likeness>,
     encodes: usize,
     invalid: usize,
     share_and_unseen: Option<(f64, usize)>,
@@ -143,14 +146,22 @@ fn encode(
         }
         _ => {
             scene.validate()?;
-            lossy(&scene, options, cameras, line)?
+            let views = cameras.map(|c| &c.list[..]);
+            let pictures = options.estimate.then(|| Pictures::of(&scene, views));
+            line.check()?;
+            let made = lossy(&scene, options, cameras, line)?;
+            let likeness = pictures.map(|p| likeness(&p, &made.encoded)).transpose()?.flatten();
+            Made { likeness, ..made }
         }
     };
     made.invalid = input - scene.len();
-    made.warnings.extend(made.encoded.coarse_cells.map(|cells| {
+    made.warnings.extend(made.encoded.coarse_cells.map(|coarse| {
         format!(
-            "its parts lie so far apart that positions come in steps of {cells:.1} times the size of a typical \
-             Gaussian, which shows at any quality; compress each part apart, or use max_error or lossless"
+            "its parts lie so far apart, or differ so much in size, that positions come in steps of {:.1} times \
+             the size of its {} Gaussians, which shows at any quality; compress each part apart, or use \
+             max_error or lossless",
+            coarse.cells,
+            coarse.which()
         )
     }));
     let rows = made.encoded.rows.take().filter(|_| options.rows);
@@ -234,9 +245,18 @@ fn lossy(scene: &Scene, options: &Options, cameras: Option<&Cameras>, line: &Lin
 
 /// Mean PSNR of a stream's renders, dB.
 fn psnr(references: &References, encoded: &Encoded) -> gsvx::Result<f64> {
+    Ok(references.psnr(&decoded(encoded)?))
+}
+
+fn decoded(encoded: &Encoded) -> gsvx::Result<Scene> {
     let mut options = gsvx::DecodeOptions::default();
     options.max_gaussians = Some(u64::MAX);
-    Ok(references.psnr(&gsvx::decode_with(&encoded.bytes, &options)?.scene))
+    Ok(gsvx::decode_with(&encoded.bytes, &options)?.scene)
+}
+
+/// How alike the pictures of the input and those of a stream are.
+fn likeness(pictures: &Pictures, encoded: &Encoded) -> Result<Option<Likeness>> {
+    Ok(if pictures.is_empty() { None } else { pictures.likeness(&decoded(encoded)?) })
 }
 
 fn encoded_event(encodes: u64, quality: f32, encoded: &Encoded) -> Event {
@@ -269,6 +289,8 @@ fn report<'py>(py: Python<'py>, made: &Made, input: usize) -> PyResult<Bound<'py
     out.set_item("sh_degree", encoded.index.header.sh_degree)?;
     out.set_item("quality", made.quality)?;
     out.set_item("psnr", made.psnr)?;
+    let estimate = made.likeness.map(|l| (l.psnr, l.ssim, l.views, l.meaning()));
+    out.set_item("estimate", estimate)?;
     out.set_item("encodes", made.encodes)?;
     out.set_item("invalid", made.invalid)?;
     out.set_item("pruned", encoded.pruned)?;

@@ -25,6 +25,7 @@ fn _gsvx(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<decode::Reader>()?;
     m.add_function(wrap_pyfunction!(background::set_threads, m)?)?;
     m.add_function(wrap_pyfunction!(cameras::read_cameras, m)?)?;
+    m.add_function(wrap_pyfunction!(cameras::orbit, m)?)?;
     m.add_function(wrap_pyfunction!(decode::decompress, m)?)?;
     m.add_function(wrap_pyfunction!(encode::compress, m)?)?;
     m.add_function(wrap_pyfunction!(files::read_model, m)?)?;

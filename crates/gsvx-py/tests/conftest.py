@@ -36,8 +36,8 @@ def small(splats) -> Dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="session")
-def command() -> Callable[..., None]:
-    """Runs the gsvx command: the one in the variable GSVX, or the newest that cargo has built."""
+def command() -> Callable[..., str]:
+    """Runs the gsvx command and returns what it prints: the one in the variable GSVX, or the newest that cargo has built."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", REPOSITORY / "target"))
     name = "gsvx.exe" if sys.platform == "win32" else "gsvx"
     built = [p for p in (target / profile / name for profile in ("debug", "release")) if p.exists()]
@@ -45,8 +45,11 @@ def command() -> Callable[..., None]:
     if found is None:
         say_skipped("the gsvx command is not built: cargo build -p gsvx-cli")
 
-    def run(*words: object) -> None:
-        subprocess.run([str(found), *map(str, words)], check=True, capture_output=True)
+    def run(*words: object) -> str:
+        done = subprocess.run(
+            [str(found), *map(str, words)], check=True, capture_output=True, text=True
+        )
+        return done.stdout
 
     return run
 

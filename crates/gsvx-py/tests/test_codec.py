@@ -288,3 +288,19 @@ def test_damage_is_named_and_the_rest_can_be_had(splats, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert gsvx.decompress_bytes(stream, max_sh_degree=1)["shN"].shape[1] == 3
+
+
+def test_an_estimate_of_the_loss(splats):
+    import io
+
+    none = gsvx.compress(io.BytesIO(), splats)
+    assert none.estimate is None
+    estimates = []
+    for options in [dict(quality=20), dict(quality=80), dict(quality=80, cameras=ROOM)]:
+        out = io.BytesIO()
+        estimates.append(gsvx.compress(out, splats, estimate=True, **options).estimate)
+        assert out.getvalue() == gsvx.compress_to_bytes(splats, **options)
+    low, high, seen = estimates
+    assert low.views == high.views == seen.views == 4
+    assert 10 < low.psnr < high.psnr < 99 and low.ssim < high.ssim <= 1
+    assert low.meaning != high.meaning

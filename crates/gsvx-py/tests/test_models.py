@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from conftest import MODEL, ROOM, equal
@@ -36,7 +38,7 @@ def test_invalid_gaussians_of_a_file(small, tmp_path):
     gsvx.write_model(tmp_path / "nan.ply", small)
     with pytest.raises(gsvx.Error, match="nan.ply.*pass drop_invalid=True"):
         gsvx.read_model(tmp_path / "nan.ply")
-    with pytest.warns(UserWarning, match="1 invalid Gaussians of 400"):
+    with pytest.warns(UserWarning, match="1 invalid Gaussian of 400"):
         assert len(gsvx.read_model(tmp_path / "nan.ply", drop_invalid=True)["means"]) == 399
 
 
@@ -137,3 +139,23 @@ def test_wrong_use_of_finetune(splats, tmp_path):
     with pytest.raises(gsvx.Error, match="below what a tune of this model reaches"):
         gsvx.finetune(out, splats, ROOM, effort="quick", target_bytes=100)
     assert not out.exists()
+
+
+def test_cameras_around_a_model_are_those_of_the_command(splats, command, tmp_path):
+    cameras = gsvx.orbit(splats, 3, size=(96, 64), fov=50, up=(0, 0, 2))
+    assert len(cameras) == 3 and cameras.names[2] == "orbit-0002"
+    gsvx.compress(tmp_path / "s.gsvx", splats, quality=20)
+    turn = ["--orbit", 3, "--size", "96x64", "--fov", 50, "--up", "z"]
+    want = json.loads(command("compare", MODEL, tmp_path / "s.gsvx", *turn, "--json"))["views"]
+    got = gsvx.compare(splats, tmp_path / "s.gsvx", cameras).views
+    assert [view.name for view in got] == [view["name"] for view in want]
+    assert np.allclose([view.psnr for view in got], [view["psnr"] for view in want], rtol=1e-6)
+    # All on one circle.
+    eyes = [-np.asarray(m[:3, :3]).T @ m[:3, 3] for m in gsvx.orbit(splats, 8, full_circle=True).viewmats]
+    far = np.linalg.norm(np.asarray(eyes) - np.mean(eyes, axis=0), axis=1)
+    assert np.ptp(far) < 1e-6 * far.max()
+    for wrong in [dict(count=0), dict(count=1, fov=0), dict(count=1, up=(0, 0, 0)), dict(count=1, radius=-1)]:
+        with pytest.raises(ValueError):
+            gsvx.orbit(splats, **wrong)
+    with pytest.raises(gsvx.Error, match="no Gaussian to look at"):
+        gsvx.orbit({name: array[:0] for name, array in splats.items()}, 1)

@@ -36,6 +36,10 @@ def test_the_curve_is_plotted(tmp_path):
     assert done.stdout.count(" dB") == 5
 
 
+def test_the_documented_default_was_an_old_one():
+    assert f"(default: quality {gsvx.DEFAULT_QUALITY:g})" in gsvx.compress.__doc__
+
+
 def test_everything_public_is_documented():
     for name in gsvx.__all__:
         value = getattr(gsvx, name)

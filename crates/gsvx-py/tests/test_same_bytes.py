@@ -10,7 +10,7 @@ import gsvx
 CASES = [
     ({}, []),
     (dict(quality=35.5), ["--quality", 35.5]),
-    (dict(preset="web"), ["--preset", "web"]),
+    *((dict(preset=name), ["--preset", name]) for name in gsvx.PRESETS),
     (dict(web=True), ["--web"]),
     (dict(lod=True, max_sh_degree=1), ["--lod", "--max-sh-degree", 1]),
     (dict(lossless=True), ["--lossless"]),

@@ -74,6 +74,8 @@ class Decoding {
       const text = `the stream needs about ${bytes} bytes of memory, more than the limit of ${limits.bytes}`;
       throw new GsvxError(text, { code: 'limit', offset: 0 });
     }
+    const { share } = this.options;
+    if (share) this.pending = this.pending.filter((_, i) => i % share.of === share.part);
     this.total = chunks.filter((c) => (this.lod ? c.exact || c.lod === this.lod : c.lod === 0))
       .reduce((sum, c) => sum + c.count, 0);
     this.told = { ...this.head, lod: this.lod, shDegree: this.shDegree, total: this.total };

@@ -136,6 +136,11 @@ export interface Options<L extends Layout = 'planar'> {
   request?: RequestInit;
   /** Decode in a worker of its own (true), in the calling thread (false), or in the one that is made here. */
   worker?: boolean | (() => Worker);
+  /**
+   * Workers that share the chunks; 1 without it. For a source that is at hand, bytes or a Blob, and with `onChunk`:
+   * chunks come in any order, and no coarser levels before them. Each worker has a decoder's memory.
+   */
+  workers?: number;
   /** The decoder, where it is not beside the package: URL, bytes or compiled module. */
   wasm?: string | URL | BufferSource | WebAssembly.Module;
 }

@@ -14,12 +14,16 @@ function number(name, value, least, most) {
 }
 
 /** What a worker needs of the options, checked. */
-function checked({ layout = 'planar', maxShDegree = 3, lod = 0, salvage = false, limits = {}, request, onChunk, progressive = Boolean(onChunk) }) {
+function checked({ layout = 'planar', maxShDegree = 3, lod = 0, salvage = false, limits = {}, request, onChunk, progressive = Boolean(onChunk), worker = true, workers = 1 }) {
   if (!LAYOUTS.includes(layout)) {
     throw new GsvxError(`layout is ${layout}, must be ${LAYOUTS.join(', ')}`, { code: 'option' });
   }
   number('maxShDegree', maxShDegree, 0, 3);
   number('lod', lod, 0, 255);
+  number('workers', workers, 1, 64);
+  if (workers > 1 && !(onChunk && worker)) {
+    throw new GsvxError('workers hand out chunks: give onChunk, and leave worker as it is', { code: 'option' });
+  }
   const { gaussians, bytes } = limits;
   const whole = !onChunk;
   return { layout, maxShDegree, lod, salvage: Boolean(salvage), limits: { gaussians, bytes }, request, whole, progressive: progressive && !whole };
@@ -45,6 +49,9 @@ function sendable(source) {
   }
   return source;
 }
+
+/** Whether each worker can read its own parts of a source. */
+const atHand = (source) => source instanceof Blob || source instanceof ArrayBuffer || ArrayBuffer.isView(source);
 
 /** Starts a worker; returns how to send to it, hear from it and end it. */
 async function spawn(make) {
@@ -99,15 +106,44 @@ async function inWorker(make, message, transfer, handle, signal) {
   }
 }
 
+/** Each of some workers decodes a share of the chunks. The first failure ends all. */
+async function shared(count, make, { options, ...message }, handle, signal) {
+  const stop = new AbortController();
+  const abort = () => stop.abort(signal.reason);
+  signal?.addEventListener('abort', abort);
+  const latest = [];
+  const worker = (part) => {
+    const one = { ...message, options: { ...options, progressive: false, share: { part, of: count } } };
+    return inWorker(make, one, [], (received) => {
+      if (received.type === 'head' && latest.length) return;
+      if (received.type !== 'progress') return handle(received);
+      latest[part] = received;
+      const sum = (name) => latest.reduce((n, progress) => n + progress[name], 0);
+      handle({ ...received, received: sum('received'), gaussians: sum('gaussians') });
+    }, stop.signal);
+  };
+  try {
+    const results = await Promise.all(Array.from({ length: count }, (_, part) => worker(part)));
+    const sum = (name) => results.reduce((n, result) => n + result[name], 0);
+    return { ...results[0], skipped: results.flatMap((r) => r.skipped), received: sum('received'), memory: sum('memory') };
+  } finally {
+    stop.abort();
+    signal?.removeEventListener('abort', abort);
+  }
+}
+
 /**
  * Decodes a stream. With `onChunk`, chunks are handed out as they become whole, the coarse level first;
  * without, the scene is returned when it is whole. See index.d.ts.
  */
 export async function decode(source, options = {}) {
-  const { onHead, onChunk, onProgress, signal, worker = true, wasm } = options;
+  const { onHead, onChunk, onProgress, signal, worker = true, workers = 1, wasm } = options;
   const settings = checked(options);
   signal?.throwIfAborted();
   const input = sendable(await source);
+  if (workers > 1 && !atHand(input)) {
+    throw new GsvxError('several workers need bytes or a Blob: what arrives is decoded by one', { code: 'option' });
+  }
   const module = await load(wasm);
   signal?.throwIfAborted();
   let scene;
@@ -118,7 +154,9 @@ export async function decode(source, options = {}) {
     else onProgress?.(message);
   };
   let result;
-  if (worker) {
+  if (workers > 1) {
+    result = await shared(workers, worker, { module, source: input, options: settings }, handle, signal);
+  } else if (worker) {
     const transfer = input instanceof ReadableStream ? [input] : [];
     result = await inWorker(worker, { module, source: input, options: settings }, transfer, handle, signal);
   } else {

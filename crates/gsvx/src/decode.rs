@@ -1,11 +1,13 @@
-//! The decoder of whole streams in memory. [`crate::Reader`] is for those that arrive in parts.
+//! The decoder of whole streams, in memory or in files. [`crate::Reader`] is for those that arrive in parts.
 
 use crate::chunk::{ChunkDecoder, GaussiansMut, resize};
 use crate::error::{Error, Result};
-use crate::head::{Chunk, Header, Index, Kind, Layer};
+use crate::head::{Chunk, Header, Index, Kind, Layer, head_len};
 use crate::{lossless, parallel};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
+use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// Gaussians per stream byte that a decoder accepts by default; 2^17 more are always accepted. Trained
@@ -107,10 +109,76 @@ pub fn decode_leaves(bytes: &[u8]) -> Result<(Vec<Leaf>, Vec<u8>)> {
     Ok((leaves, classes))
 }
 
-/// A stream in memory about to be decoded, for callers that need not hold the whole scene.
+/// Where a stream is that is not in memory, for [`Decoder::of_source`].
+pub trait Source: std::fmt::Debug + Sync {
+    /// Bytes of the stream, and of what may follow it.
+    fn len(&self) -> u64;
+
+    /// True if there are none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The bytes of a range that ends within [`Source::len`]. It is called from several threads.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    fn read(&self, range: Range<u64>) -> std::io::Result<Vec<u8>>;
+}
+
+/// The bytes of a stream.
+#[derive(Clone, Copy, Debug)]
+enum Bytes<'a> {
+    Memory(&'a [u8]),
+    Source(&'a dyn Source),
+}
+
+impl<'a> Bytes<'a> {
+    fn len(self) -> u64 {
+        match self {
+            Self::Memory(bytes) => bytes.len() as u64,
+            Self::Source(source) => source.len(),
+        }
+    }
+
+    /// The bytes of a range.
+    fn read(self, range: Range<u64>, what: &'static str) -> Result<Cow<'a, [u8]>> {
+        if range.end > self.len() {
+            return Err(Error::Truncated {
+                what,
+                offset: range.start as usize,
+                need: (range.end - range.start) as usize,
+                have: self.len().saturating_sub(range.start) as usize,
+            });
+        }
+        match self {
+            Self::Memory(bytes) => {
+                Ok(Cow::Borrowed(&bytes[range.start as usize..range.end as usize]))
+            }
+            Self::Source(source) => source.read(range).map(Cow::Owned).map_err(Error::Read),
+        }
+    }
+
+    /// The start of the stream, as far as the head reaches; more where that costs nothing.
+    fn head(self) -> Result<Cow<'a, [u8]>> {
+        match self {
+            Self::Memory(bytes) => Ok(Cow::Borrowed(bytes)),
+            Self::Source(_) => {
+                let start = self.read(0..self.len().min(LENGTH_KNOWN), "head")?;
+                let end = if start.len() as u64 == LENGTH_KNOWN { head_len(&start)? } else { 0 };
+                self.read(0..self.len().min(end.max(LENGTH_KNOWN)), "head")
+            }
+        }
+    }
+}
+
+/// Bytes that tell how long the head is.
+const LENGTH_KNOWN: u64 = 13;
+
+/// A stream about to be decoded, for callers that need not hold the whole scene.
 #[derive(Debug)]
 pub struct Decoder<'a> {
-    bytes: &'a [u8],
+    bytes: Bytes<'a>,
     index: Index,
     sh_degree: u8,
     skipped: Vec<String>,
@@ -140,10 +208,22 @@ impl<'a> Decoder<'a> {
     /// # Errors
     /// As [`decode`], as far as damage shows before the decoding.
     pub fn new(bytes: &'a [u8], options: &DecodeOptions) -> Result<Self> {
-        let index = Index::parse(bytes)?;
-        let limit = options
-            .max_gaussians
-            .unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() as u64 + LEAST_LIMIT);
+        Self::of(Bytes::Memory(bytes), options)
+    }
+
+    /// As [`Decoder::new`], of a stream that is not in memory. Each thread holds the bytes of one chunk at a time; they
+    /// are read, and compared with their checksums, once here and once when they are decoded.
+    ///
+    /// # Errors
+    /// As [`Decoder::new`]; [`Error::Read`].
+    pub fn of_source(source: &'a dyn Source, options: &DecodeOptions) -> Result<Self> {
+        Self::of(Bytes::Source(source), options)
+    }
+
+    fn of(bytes: Bytes<'a>, options: &DecodeOptions) -> Result<Self> {
+        let index = Index::parse(&bytes.head()?)?;
+        let limit =
+            options.max_gaussians.unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() + LEAST_LIMIT);
         let sh_degree = index.header.sh_degree.min(options.max_sh_degree);
         let mut this = Self { bytes, index, sh_degree, skipped: Vec::new(), jobs: Vec::new() };
         if sh_degree < this.index.header.sh_degree {
@@ -190,19 +270,9 @@ impl<'a> Decoder<'a> {
     }
 
     /// The bytes of a layer, verified.
-    fn layer(&self, chunk: usize, number: usize, layer: Layer) -> Result<&'a [u8]> {
-        let range = layer.range();
-        let bytes = usize::try_from(range.start)
-            .ok()
-            .zip(usize::try_from(range.end).ok())
-            .and_then(|(start, end)| self.bytes.get(start..end))
-            .ok_or(Error::Truncated {
-                what: "a chunk",
-                offset: range.start as usize,
-                need: layer.len as usize,
-                have: self.bytes.len().saturating_sub(range.start as usize),
-            })?;
-        verify(bytes, chunk, number, layer)?;
+    fn layer(&self, chunk: usize, number: usize, layer: Layer) -> Result<Cow<'a, [u8]>> {
+        let bytes = self.bytes.read(layer.range(), "a chunk")?;
+        verify(&bytes, chunk, number, layer)?;
         Ok(bytes)
     }
 
@@ -244,17 +314,19 @@ impl<'a> Decoder<'a> {
         then: impl FnOnce(Part<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<(), E> {
         let Chunk { kind, ref layers, .. } = self.index.chunks[job.chunk];
-        let bytes = |i: usize| {
-            let range = layers[i].range();
-            &self.bytes[range.start as usize..range.end as usize]
+        let bytes = |i: usize| match self.bytes {
+            // Verified already, and cannot have changed.
+            Bytes::Memory(_) => self.bytes.read(layers[i].range(), "a chunk"),
+            Bytes::Source(_) => self.layer(job.chunk, i, layers[i]),
         };
         match kind {
             Kind::Exact => {
-                let scene = decode_exact(&self.index, job.chunk, bytes(0))?;
+                let scene = decode_exact(&self.index, job.chunk, &bytes(0)?)?;
                 then(Part::Exact(&scene))
             }
             Kind::Leaves => {
-                let all: Vec<&[u8]> = (0..job.layers).map(bytes).collect();
+                let all = (0..job.layers).map(bytes).collect::<Result<Vec<_>>>()?;
+                let all: Vec<&[u8]> = all.iter().map(|b| &**b).collect();
                 decode_leaf_chunk(&self.index, job.chunk, &all, decoder)?;
                 then(Part::Leaves(decoder))
             }

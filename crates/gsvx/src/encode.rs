@@ -25,16 +25,33 @@ pub struct Encoded {
     pub pruned: usize,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
-    /// Side of the finest cells, in units of the median Gaussian's largest axis, if they are so coarse that
-    /// positions err visibly at any quality: where parts of a scene lie so far apart that an octree's 21 levels
-    /// do not suffice. The parts are better encoded apart.
-    pub coarse_cells: Option<f64>,
+    /// Where the finest cells are so coarse that positions err visibly at any quality: parts of the scene lie so
+    /// far apart, or differ so much in size, that an octree's 21 levels do not suffice. The parts are better
+    /// encoded apart.
+    pub coarse_cells: Option<CoarseCells>,
     /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
     pub max_error: Option<MaxError>,
     /// If [`EncodeOptions::rows`] asks for it, and always of [`encode_lossless`]: the row in which a decoder
     /// returns each Gaussian of the input. Gaussians that were merged share one. [`LEFT_OUT`] stands for
     /// those left out.
     pub rows: Option<Vec<u32>>,
+}
+
+/// How coarse the finest cells are; see [`Encoded::coarse_cells`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CoarseCells {
+    /// Side of a cell, in units of the largest axis of a Gaussian.
+    pub cells: f64,
+    /// Of the Gaussian below which a tenth of all are smaller, rather than of the median one.
+    pub of_small: bool,
+}
+
+impl CoarseCells {
+    /// Which Gaussians are meant: "typical" or "small".
+    #[must_use]
+    pub fn which(&self) -> &'static str {
+        if self.of_small { "small" } else { "typical" }
+    }
 }
 
 /// In [`Encoded::rows`]: a Gaussian that is not in the stream.
@@ -98,7 +115,7 @@ pub fn encode_voxels(
         ..*voxels
     };
     let sensitivities = options.covariance_sensitivity.as_deref();
-    let source = Source { scene, voxels: &own, weights, sensitivities, merged: true };
+    let source = Source { scene, voxels: &own, weights, sensitivities, merged: true, whole: None };
     encode_source(&source, outliers, options)
 }
 
@@ -188,6 +205,19 @@ pub(crate) struct Source<'a> {
     pub(crate) sensitivities: Option<&'a [f32]>,
     /// Every leaf has one member, in leaf order, at its centre.
     pub(crate) merged: bool,
+    /// What tiles share; `None` without tiles.
+    pub(crate) whole: Option<Whole<'a>>,
+}
+
+/// What the tiles of a scene share.
+#[derive(Clone, Copy)]
+pub(crate) struct Whole<'a> {
+    /// The first leaf of each tile: chunks begin there.
+    pub(crate) cuts: &'a [usize],
+    /// Mean importance of leaves.
+    pub(crate) mean_importance: f64,
+    /// The highest SH degree in use.
+    pub(crate) sh_degree: Option<u8>,
 }
 
 impl Source<'_> {
@@ -243,7 +273,8 @@ pub(crate) fn encode_source(
     check_steps(&options.steps)?;
     let outliers = checked_outliers(outliers, source.scene)?;
     let exact_degree = outliers.map_or(0, |o| used_degree(o, options.max_sh_degree));
-    let sh_degree = used_degree(source.scene, options.max_sh_degree).max(exact_degree);
+    let used = || used_degree(source.scene, options.max_sh_degree).max(exact_degree);
+    let sh_degree = source.whole.and_then(|w| w.sh_degree).unwrap_or_else(used);
     let importance = source.importance();
     let (shapes, book) = Book::of(source, &importance, options)?;
     let header = Header {
@@ -267,12 +298,16 @@ pub(crate) fn encode_source(
         },
         codewords: (shapes == Shapes::Codebook).then_some(book.codewords),
     };
-    let levels = lod::levels(source.voxels, options);
+    let fixed = source.whole.map_or(&[][..], |w| w.cuts);
+    let levels = lod::levels(source.voxels, options, fixed);
     let mut jobs = Vec::new();
     for level in levels.iter().rev() {
         let importance = level.sum(&importance);
         let classes = if options.uniform_precision {
             vec![f32::from(importance::MEAN_CLASS); importance.len()]
+        } else if let Some(Whole { mean_importance, .. }) = source.whole.filter(|_| level.lod == 0)
+        {
+            importance::log_classes_about(mean_importance, &importance, options.steps.covariance)
         } else {
             importance::log_classes(&importance, options.steps.covariance)
         };

@@ -61,6 +61,9 @@ pub enum Error {
         /// Checksum of the bytes.
         found: u32,
     },
+    /// A stream that is not in memory cannot be read.
+    #[error("cannot be read: {0}")]
+    Read(std::io::Error),
     /// A chunk cannot be decoded.
     #[error("chunk {chunk}: {source}")]
     Chunk {
@@ -123,6 +126,26 @@ pub enum Error {
         index: usize,
         /// The attribute.
         field: gs_model::validate::Field,
+    },
+    /// Gaussians lie so far apart that some should be outliers, which a plan for parts does not have.
+    #[cfg(feature = "encode")]
+    #[error(
+        "the scene is {side:e} units wide, too wide for Gaussians of its size; leave out what lies far away, or encode it in memory"
+    )]
+    TooWide {
+        /// Side of the cube around all means.
+        side: f64,
+    },
+    /// Streams are not parts of one scene.
+    #[cfg(feature = "encode")]
+    #[error("streams {first} and {second} (counted from 0) are not parts of one scene: {why}")]
+    NotOneScene {
+        /// A stream.
+        first: usize,
+        /// Another.
+        second: usize,
+        /// What contradicts it.
+        why: &'static str,
     },
     /// An option is out of its range.
     #[error("{option} is {value}, must be {range}")]

@@ -88,7 +88,6 @@ const UNSEEN: f64 = 1.0 / 16.0;
 #[must_use]
 pub fn with_unseen(scene: &Scene, seen: &[f32]) -> Vec<f32> {
     let guess = without_cameras(scene);
-    let clean = |v: f32| if v.is_finite() && v > 0.0 { f64::from(v) } else { 0.0 };
     let pairs = || seen.iter().map(|&s| clean(s)).zip(guess.iter().map(|&g| f64::from(g)));
     let mut sums = [0.0; 2];
     for (s, g) in pairs().filter(|&(s, _)| s > 0.0) {
@@ -112,14 +111,24 @@ const FLOOR: f64 = 3.0;
 const GREATEST_STEP: f64 = 4.0;
 
 /// Real-valued classes from importances (any unit; negative and NaN count as 0), relative to
-/// the mean importance of the scene. `covariance_step` is that of [`MEAN_CLASS`].
+/// their mean. `covariance_step` is that of [`MEAN_CLASS`].
 #[cfg(feature = "encode")]
 pub(crate) fn log_classes(importance: &[f32], covariance_step: f32) -> Vec<f32> {
+    let mean = sum(importance) / importance.len().max(1) as f64;
+    log_classes_about(mean, importance, covariance_step)
+}
+
+/// The sum of importances.
+#[cfg(feature = "encode")]
+pub(crate) fn sum(importance: &[f32]) -> f64 {
+    importance.iter().map(|&v| clean(v)).sum()
+}
+
+/// As [`log_classes`], relative to a mean importance that is given.
+#[cfg(feature = "encode")]
+pub(crate) fn log_classes_about(mean: f64, importance: &[f32], covariance_step: f32) -> Vec<f32> {
     let floor = libm::log2(GREATEST_STEP / f64::from(covariance_step)).clamp(0.0, FLOOR);
     let lowest = f64::from(MEAN_CLASS) - floor;
-    let clean = |v: f32| if v.is_finite() && v > 0.0 { f64::from(v) } else { 0.0 };
-    let sum: f64 = importance.iter().map(|&v| clean(v)).sum();
-    let mean = sum / importance.len().max(1) as f64;
     importance
         .par_iter()
         .map(|&v| {
@@ -131,6 +140,12 @@ pub(crate) fn log_classes(importance: &[f32], covariance_step: f32) -> Vec<f32> 
             class.clamp(lowest, f64::from(CLASSES - 1)) as f32
         })
         .collect()
+}
+
+/// An importance, or 0 for what is none.
+#[cfg(feature = "encode")]
+fn clean(importance: f32) -> f64 {
+    if importance.is_finite() && importance > 0.0 { f64::from(importance) } else { 0.0 }
 }
 
 /// The class of a decoded value.

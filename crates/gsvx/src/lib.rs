@@ -14,6 +14,8 @@ mod error;
 mod head;
 pub mod importance;
 #[cfg(feature = "encode")]
+mod join;
+#[cfg(feature = "encode")]
 pub mod latents;
 #[cfg(feature = "encode")]
 mod lod;
@@ -22,20 +24,33 @@ mod lossless;
 mod options;
 mod parallel;
 #[cfg(feature = "encode")]
+mod plan;
+#[cfg(feature = "encode")]
 mod prepare;
 #[cfg(feature = "encode")]
 pub mod rate;
 mod reader;
+#[cfg(feature = "encode")]
+mod survey;
+#[cfg(feature = "encode")]
+mod tiled;
 
 pub use decode::{
-    DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, decode, decode_leaves, decode_with,
+    DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Source, decode, decode_leaves,
+    decode_with,
 };
 #[cfg(feature = "encode")]
-pub use encode::{Encoded, LEFT_OUT, encode_lossless, encode_voxels};
+pub use encode::{CoarseCells, Encoded, LEFT_OUT, encode_lossless, encode_voxels};
 pub use error::{Error, Result};
 pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps, VERSION};
 #[cfg(feature = "encode")]
+pub use join::{Joined, join};
+#[cfg(feature = "encode")]
 pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
+#[cfg(feature = "encode")]
+pub use plan::{Choices, Plan};
 #[cfg(feature = "encode")]
 pub use prepare::{Prepared, Seen, default_strategy, encode, prepare, prune};
 pub use reader::Reader;
+#[cfg(feature = "encode")]
+pub use survey::Survey;

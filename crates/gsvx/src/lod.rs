@@ -35,8 +35,13 @@ impl LodLevel {
     }
 }
 
-/// The levels of detail of a voxelized scene, the finest first; only that if no others are wanted.
-pub(crate) fn levels(voxels: &Voxelization, options: &EncodeOptions) -> Vec<LodLevel> {
+/// The levels of detail of a voxelized scene, the finest first; only that if no others are wanted. Chunks of
+/// the finest also begin at the leaves `fixed`.
+pub(crate) fn levels(
+    voxels: &Voxelization,
+    options: &EncodeOptions,
+    fixed: &[usize],
+) -> Vec<LodLevel> {
     let n = voxels.len();
     let first = (0..=n as u32).collect();
     let mut levels = vec![LodLevel { lod: 0, voxels: None, first, cuts: Vec::new() }];
@@ -55,7 +60,8 @@ pub(crate) fn levels(voxels: &Voxelization, options: &EncodeOptions) -> Vec<LodL
     let mut inherited: Vec<u64> = Vec::new();
     for level in levels.iter_mut().rev() {
         let leaves = level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves);
-        level.cuts = cuts(leaves, &inherited, options.chunk_leaves.get());
+        let fixed = if level.lod == 0 { fixed } else { &[] };
+        level.cuts = cuts(leaves, &inherited, fixed, options.chunk_leaves.get());
         let starts = level.cuts.iter().filter_map(|&i| leaves.get(i)).map(|l| l.morton);
         inherited = starts.collect();
     }
@@ -122,11 +128,12 @@ fn common_cell(first: Leaf, last: Leaf, j_high: u8) -> Leaf {
     Leaf { morton: first.morton >> (3 * above) << (3 * above), depth: j_high - above as u8 }
 }
 
-/// Where chunks begin: at the inherited cells, and between them so that chunks have at most `size` leaves and
-/// about the same number.
-fn cuts(leaves: &[Leaf], inherited: &[u64], size: usize) -> Vec<usize> {
+/// Where chunks begin: at the inherited cells, at the fixed leaves, and between them so that chunks have at most
+/// `size` leaves and about the same number.
+fn cuts(leaves: &[Leaf], inherited: &[u64], fixed: &[usize], size: usize) -> Vec<usize> {
+    let first_in = |&cell: &u64| leaves.partition_point(|l| l.morton < cell);
     let mut fixed: Vec<usize> =
-        inherited.iter().map(|&cell| leaves.partition_point(|l| l.morton < cell)).collect();
+        inherited.iter().map(first_in).chain(fixed.iter().copied()).collect();
     fixed.extend([0, leaves.len()]);
     fixed.sort_unstable();
     fixed.dedup();
@@ -161,7 +168,8 @@ mod tests {
         };
         let chunk_leaves = NonZeroUsize::new(64).unwrap();
         let options = EncodeOptions { lod: true, chunk_leaves, ..EncodeOptions::default() };
-        let levels = levels(&voxels, &options);
+        let levels = levels(&voxels, &options, &[700]);
+        assert!(levels[0].cuts.contains(&700));
         assert!(levels.len() >= 3);
         let leaves_of = |level: &LodLevel| -> Vec<Leaf> {
             level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves).clone()

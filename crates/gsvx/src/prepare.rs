@@ -1,11 +1,13 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
 use crate::bounded;
-use crate::encode::{Encoded, LEFT_OUT, Source, check_lengths, encode_source};
+use crate::encode::{CoarseCells, Encoded, LEFT_OUT, Source, Whole, check_lengths, encode_source};
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::lossless::layout;
 use crate::options::{EncodeOptions, Leaves};
+use crate::survey::Survey;
+use crate::tiled::{Octree, Tiled};
 use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
 use std::borrow::Cow;
@@ -25,6 +27,8 @@ const CELLS_PER_AXIS: f64 = 8.0;
 /// Cells of this part of the median Gaussian's largest axis are worth a warning. Two rooms 1e4 units apart, with 0.07,
 /// lose 1 dB at quality 75; 1e5 units apart, with 0.7, 15 dB.
 const COARSE: f64 = 0.2;
+/// The same for the small Gaussians of a scene whose median one is large: a tenth of all are below one cell.
+const COARSE_FOR_SMALL: f64 = 1.0;
 /// Lagrangian weight at quality 50, in the units of [`RateDistortion::lambda`]. It follows the
 /// square of the attribute steps, so that positions and attributes stay in balance.
 const LAMBDA_AT_50: f64 = 3e-3;
@@ -67,15 +71,21 @@ pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
 fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encoded> {
     let split = input.split()?;
     let coarse_cells = coarse_cells(&input.scene)?;
-    let (voxels, importance) = input.voxelize(options)?;
+    let Tiled { voxels, importance, shared } = input.voxelize(options)?;
     let weights = Importance::Given(importance);
     let sensitivities = input.sensitivities.take().map(|s| voxels.sums(&s));
+    let whole = shared.as_ref().map(|(cuts, mean_importance)| Whole {
+        cuts,
+        mean_importance: *mean_importance,
+        sh_degree: None,
+    });
     let source = Source {
         scene: &input.scene,
         voxels: &voxels,
         weights: &weights,
         sensitivities: sensitivities.as_deref(),
         merged: false,
+        whole,
     };
     let outliers = split.as_ref().map(|s| &s.1);
     let encoded = Encoded { coarse_cells, ..encode_source(&source, outliers, options)? };
@@ -107,7 +117,7 @@ pub fn prepare(scene: &Scene, options: &EncodeOptions) -> Result<Prepared> {
     let mut input = Input::new(scene, options)?;
     input.prune(options.prune)?;
     let split = input.split()?;
-    let (voxels, weights) = input.voxelize(options)?;
+    let Tiled { voxels, importance: weights, .. } = input.voxelize(options)?;
     let importance = voxels.sums(&weights);
     let weights = Importance::Given(weights);
     let scene = voxel::merge_weighted(&input.scene, &voxels, Merge::Moments, &weights)?;
@@ -174,25 +184,27 @@ impl<'a> Input<'a> {
     }
 
     /// The leaves, and the importance of each Gaussian.
-    fn voxelize(&mut self, options: &EncodeOptions) -> Result<(Voxelization, Vec<f32>)> {
+    fn voxelize(&mut self, options: &EncodeOptions) -> Result<Tiled> {
         let seen = match (&self.importance, options.drop_unseen) {
             (None, _) => Seen::Guessed,
             (Some(_), true) => Seen::ByCamerasOnly,
             (Some(_), false) => Seen::ByCameras,
         };
-        let guess = || importance::without_cameras(&self.scene);
-        let importance = self.importance.take().unwrap_or_else(guess);
         let cube = Cube::of(&self.scene.means)?;
-        let mut strategy = match options.leaves {
-            Leaves::RateDistortion => default_strategy(options.quality, &importance, seen)?,
+        let given = self.importance.take();
+        let strategy = match options.leaves {
+            Leaves::RateDistortion => {
+                let survey = Survey::of(&self.scene);
+                let j_high = j_high(survey.median_log_scale(), &cube);
+                let octree = Octree { cube, j_high, quality: options.quality, seen };
+                return octree.voxelize(&self.scene, given);
+            }
             Leaves::Uniform { depth } => Strategy::Uniform { depth },
             Leaves::Paper { j_low, j_high } => Strategy::paper(j_low, j_high),
         };
-        if let Strategy::RateDistortion(options) = &mut strategy {
-            options.j_high = options.j_high.max(needed_depth(&self.scene, &cube));
-        }
         let voxels = voxel::voxelize(&self.scene, &cube, &strategy)?;
-        Ok((voxels, importance))
+        let importance = given.unwrap_or_else(|| importance::without_cameras(&self.scene));
+        Ok(Tiled { voxels, importance, shared: None })
     }
 
     /// The rows of all Gaussians, from those of the ones that were kept.
@@ -224,6 +236,15 @@ pub enum Seen {
 /// # Errors
 /// [`Error::Option`] if `quality` is out of range.
 pub fn default_strategy(quality: f32, importance: &[f32], seen: Seen) -> Result<Strategy> {
+    rate_distortion(quality, importance, seen).map(Strategy::RateDistortion)
+}
+
+/// The parameters of [`default_strategy`].
+pub(crate) fn rate_distortion(
+    quality: f32,
+    importance: &[f32],
+    seen: Seen,
+) -> Result<RateDistortion> {
     EncodeOptions::from_quality(quality)?;
     let (lambda, exponent, drop) = match seen {
         Seen::ByCameras => (LAMBDA_AT_50, EXPONENT, None),
@@ -240,32 +261,19 @@ pub fn default_strategy(quality: f32, importance: &[f32], seen: Seen) -> Result<
         libm::pow(v, exponent) as f32
     });
     options.importance = Importance::Given(given.collect());
-    Ok(Strategy::RateDistortion(options))
+    Ok(options)
 }
 
-/// Depth at which [`LEAVES_PER_AXIS`] cells fit along the median Gaussian's largest axis.
-fn needed_depth(scene: &Scene, cube: &Cube) -> u8 {
-    let of = |median| depth_of(LEAVES_PER_AXIS, median, cube);
-    median_log_scale(scene).map_or(0.0, of).ceil().clamp(0.0, f64::from(MAX_DEPTH)) as u8
+/// The finest depth of leaves: at least that at which [`LEAVES_PER_AXIS`] cells fit along the median Gaussian's
+/// largest axis.
+pub(crate) fn j_high(median: Option<f64>, cube: &Cube) -> u8 {
+    let needed = median.map_or(0.0, |m| depth_of(LEAVES_PER_AXIS, m, cube));
+    J_HIGH.max(needed.ceil().clamp(0.0, f64::from(MAX_DEPTH)) as u8)
 }
 
 /// Depth at which this many cells fit along a largest axis, without a greatest depth and without rounding.
 fn depth_of(cells: f64, log_scale: f64, cube: &Cube) -> f64 {
     libm::log2(cube.side * cells) - log_scale * std::f64::consts::LOG2_E
-}
-
-/// The median of the logarithms of the largest axes.
-fn median_log_scale(scene: &Scene) -> Option<f64> {
-    let mut sizes: Vec<f32> = scene
-        .log_scales
-        .iter()
-        .map(|l| l.iter().copied().fold(f32::NEG_INFINITY, f32::max))
-        .collect();
-    if sizes.is_empty() {
-        return None;
-    }
-    let middle = sizes.len() / 2;
-    Some(f64::from(*sizes.select_nth_unstable_by(middle, f32::total_cmp).1))
 }
 
 /// The outliers that make the octree too coarse for all others, and the cube without them; `None` if
@@ -279,10 +287,10 @@ fn median_log_scale(scene: &Scene) -> Option<f64> {
 /// [`Error::Voxel`] if a mean or the median log-scale is not finite.
 pub(crate) fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
     let cube = Cube::of(&scene.means)?;
-    let Some(median) = median_log_scale(scene) else { return Ok(None) };
+    let Some(median) = Survey::of(scene).median_log_scale() else { return Ok(None) };
     let cell = libm::exp(median) / CELLS_PER_AXIS;
     // Before that no trimmed cube pays. Most scenes end here.
-    if depth_of(CELLS_PER_AXIS, median, &cube) <= f64::from(MAX_DEPTH) || cell <= 0.0 {
+    if suffices(median, &cube) || cell <= 0.0 {
         return Ok(None);
     }
     let exact = 32.0 * layout::columns(scene.sh_degree) as f64;
@@ -291,15 +299,38 @@ pub(crate) fn split_outliers(scene: &Scene) -> Result<Option<Trimmed>> {
     Ok((!trimmed.outliers.is_empty()).then_some(trimmed))
 }
 
+/// Whether an octree's 21 levels suffice for all: no Gaussian is an outlier then.
+pub(crate) fn suffices(median: f64, cube: &Cube) -> bool {
+    depth_of(CELLS_PER_AXIS, median, cube) <= f64::from(MAX_DEPTH)
+}
+
 /// See [`Encoded::coarse_cells`]; of the Gaussians that are no outliers.
 ///
 /// # Errors
 /// [`Error::Voxel`] if a mean is not finite.
-fn coarse_cells(scene: &Scene) -> Result<Option<f64>> {
-    let side = Cube::of(&scene.means)?.side;
-    let Some(median) = median_log_scale(scene) else { return Ok(None) };
-    let cells = side * libm::exp2(-f64::from(MAX_DEPTH)) / libm::exp(median);
-    Ok((cells > COARSE).then_some(cells))
+fn coarse_cells(scene: &Scene) -> Result<Option<CoarseCells>> {
+    let cube = Cube::of(&scene.means)?;
+    let typical = Survey::of(scene).median_log_scale().and_then(|median| coarse(median, &cube));
+    if let Some(cells) = typical {
+        return Ok(Some(CoarseCells { cells, of_small: false }));
+    }
+    let Some(small) = small_log_scale(scene) else { return Ok(None) };
+    let cells = cube.side * libm::exp2(-f64::from(MAX_DEPTH)) / libm::exp(small);
+    Ok((cells > COARSE_FOR_SMALL).then_some(CoarseCells { cells, of_small: true }))
+}
+
+/// The logarithm of the largest axis below which a tenth of the Gaussians are.
+fn small_log_scale(scene: &Scene) -> Option<f64> {
+    let largest = |l: &[f32; 3]| l.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let mut sizes: Vec<f32> = scene.log_scales.iter().map(largest).collect();
+    let tenth = sizes.len() / 10;
+    (!sizes.is_empty()).then(|| f64::from(*sizes.select_nth_unstable_by(tenth, f32::total_cmp).1))
+}
+
+/// See [`Encoded::coarse_cells`].
+pub(crate) fn coarse(median: f64, cube: &Cube) -> Option<f64> {
+    let cells = cube.side * libm::exp2(-f64::from(MAX_DEPTH)) / libm::exp(median);
+    (cells > COARSE).then_some(cells)
 }
 
 /// Leaves out the given fraction of the Gaussians, those of least importance, and returns the indices of
@@ -351,23 +382,38 @@ mod tests {
 
     #[test]
     fn two_parts_far_apart_got_coarse_without_a_word() {
-        let median = libm::exp(median_log_scale(&pair(1.0)).unwrap());
+        let median = libm::exp(Survey::of(&pair(1.0)).median_log_scale().unwrap());
         for (cells, wanted) in [(0.01, false), (0.15, false), (0.3, true), (3.0, true)] {
             let both = pair((cells * median * libm::exp2(21.0)) as f32);
             let told = coarse_cells(&both).unwrap();
             assert_eq!(told.is_some(), wanted, "{cells}");
-            assert!(told.is_none_or(|t| (t / cells - 1.0).abs() < 0.1), "{told:?}, not {cells}");
+            let right = |t: CoarseCells| (t.cells / cells - 1.0).abs() < 0.1 && !t.of_small;
+            assert!(told.is_none_or(right), "{told:?}, not {cells}");
         }
         assert_eq!(coarse_cells(&Scene::default()).unwrap(), None);
+    }
+
+    #[test]
+    fn a_two_centimetre_part_of_a_large_scene_became_one_gaussian_without_a_word() {
+        let mut both = pair(0.0);
+        // The second half is as large as all others, the first a millionth of that.
+        for i in 0..2000 {
+            both.means[i] = both.means[i].map(|x| 1e-6 * x);
+            both.log_scales[i] = both.log_scales[i].map(|l| l - 13.8);
+        }
+        both.append(&pair(0.0).select(&(0..100).collect::<Vec<_>>()));
+        let told = coarse_cells(&both).unwrap().expect("a warning");
+        assert!(told.of_small && told.cells > 1.0, "{told:?}");
     }
 
     #[test]
     fn a_far_sky_took_depth_from_small_gaussians() {
         // The cube is so large that a cell at depth 18 is an eighth of the median Gaussian.
         let both = pair(0.0);
-        let median = libm::exp(median_log_scale(&both).unwrap());
-        let cube = Cube { origin: [0.0; 3], side: median / 8.0 * libm::exp2(18.0) };
-        assert_eq!(needed_depth(&both, &cube), 21);
+        let median = Survey::of(&both).median_log_scale();
+        let cube =
+            Cube { origin: [0.0; 3], side: libm::exp(median.unwrap()) / 8.0 * libm::exp2(18.0) };
+        assert_eq!(j_high(median, &cube), 21);
     }
 
     /// A cluster and one floater, far away.

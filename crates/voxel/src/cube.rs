@@ -54,11 +54,18 @@ impl Cube {
                 high[k] = high[k].max(mean[k]);
             }
         }
+        Ok(Self::spanning(low, high))
+    }
+
+    /// The cube that [`Cube::of`] gives means of which these are the least and the greatest on each axis; both
+    /// finite.
+    #[must_use]
+    pub fn spanning(low: [f32; 3], high: [f32; 3]) -> Self {
         let extent = (0..3).map(|k| f64::from(high[k]) - f64::from(low[k])).fold(0.0, f64::max);
         // `+ 0.0` makes -0.0 into 0.0, so that the cube does not depend on the order of means.
         let origin = low.map(|x| f64::from(x) + 0.0);
         let side = if extent > 0.0 { above(extent) } else { POINT_SIDE };
-        Ok(Self { origin, side })
+        Self { origin, side }
     }
 
     /// Checks that the cube can be divided.

@@ -6,6 +6,7 @@ use gs_model::Scene;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+use crate::check::check_depths;
 use crate::cube::{Cube, Grid};
 use crate::error::{Error, Result};
 use crate::pages::Pages;
@@ -29,26 +30,7 @@ impl MortonOrder {
             return Err(Error::TooMany(len));
         }
         let mut codes = Pages::<u64>::zeroed(len);
-        let grid = cube.grid(depth);
-        let first_outside = codes
-            .par_chunks_mut(CHUNK)
-            .zip(scene.means.par_chunks(CHUNK))
-            .enumerate()
-            .filter_map(|(chunk, (codes, means))| {
-                encode(grid, codes, means);
-                // No cell has this code.
-                let outside = codes.iter().position(|&code| code == u64::MAX)?;
-                Some(chunk * CHUNK + outside)
-            })
-            .min();
-        if let Some(index) = first_outside {
-            let finite = scene.means[index].iter().all(|x| x.is_finite());
-            return Err(if finite {
-                Error::OutsideCube { index }
-            } else {
-                Error::NonFiniteMean { index }
-            });
-        }
+        fill(&mut codes, &scene.means, cube, depth)?;
         Ok(Self::sorted(codes))
     }
 
@@ -57,6 +39,37 @@ impl MortonOrder {
         let members = radix::sort(&mut codes);
         Self { codes, members }
     }
+}
+
+/// The Morton code of each mean at `depth`.
+///
+/// # Errors
+/// [`Error::OutsideCube`], [`Error::NonFiniteMean`] and [`Error::DepthTooGreat`].
+pub fn morton_codes(means: &[[f32; 3]], cube: &Cube, depth: u8) -> Result<Vec<u64>> {
+    check_depths(0, depth)?;
+    cube.validate()?;
+    let mut codes = vec![0; means.len()];
+    fill(&mut codes, means, cube, depth)?;
+    Ok(codes)
+}
+
+/// Writes the code of each mean.
+fn fill(codes: &mut [u64], means: &[[f32; 3]], cube: &Cube, depth: u8) -> Result<()> {
+    let grid = cube.grid(depth);
+    let first_outside = codes
+        .par_chunks_mut(CHUNK)
+        .zip(means.par_chunks(CHUNK))
+        .enumerate()
+        .filter_map(|(chunk, (codes, means))| {
+            encode(grid, codes, means);
+            // No cell has this code.
+            let outside = codes.iter().position(|&code| code == u64::MAX)?;
+            Some(chunk * CHUNK + outside)
+        })
+        .min();
+    let Some(index) = first_outside else { return Ok(()) };
+    let finite = means[index].iter().all(|x| x.is_finite());
+    Err(if finite { Error::OutsideCube { index } } else { Error::NonFiniteMean { index } })
 }
 
 /// Writes the code of each mean; all bits are set for a mean outside the cube.

@@ -13,6 +13,7 @@ use crate::error::Result;
 use crate::gaussian::{area, opacity, scale};
 use crate::importance::Importance;
 use crate::pages::Pages;
+use crate::rate_distortion::RateDistortion;
 
 /// One Gaussian, in one cache line: the members of a cell lie all over the scene, and reading each
 /// of the scene's arrays would be another cache miss.
@@ -37,13 +38,39 @@ const BLOCK: usize = 64;
 /// Standard deviations count as at most this in `root`, whose entries are `f32`.
 const WIDEST: f64 = 1e37;
 
-/// The records of a scene, and the factors that scale their weights to units of the mean
-/// importance.
+/// The records of a scene, and the sums that scale their weights to units of the mean importance.
 #[derive(Debug)]
 pub(crate) struct Records {
     records: Pages<Record>,
-    per_importance: f64,
-    per_geometry: f64,
+    sums: WeightSums,
+}
+
+/// What scales the weights of Gaussians: sums over the scene, or over a sample of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WeightSums {
+    /// Gaussians.
+    pub count: u64,
+    /// Of importances.
+    pub importance: f64,
+    /// Of geometry times area.
+    pub geometry: f64,
+}
+
+impl WeightSums {
+    /// Of one scene, for [`rate_distortion_of_tile`](crate::rate_distortion_of_tile).
+    ///
+    /// # Errors
+    /// As [`voxelize`](crate::voxelize), for the importances.
+    pub fn of(scene: &Scene, options: &RateDistortion) -> Result<Self> {
+        Ok(Records::of(scene, &options.importance, options.size_exponent)?.sums)
+    }
+
+    /// Adds those of more Gaussians.
+    pub fn add(&mut self, other: &Self) {
+        self.count += other.count;
+        self.importance += other.importance;
+        self.geometry += other.geometry;
+    }
 }
 
 impl Records {
@@ -62,12 +89,19 @@ impl Records {
             .map(|(b, records)| fill(records, scene, importance, size_exponent, b * BLOCK))
             .collect();
         let sums = sums.iter().fold([0.0; 2], |s, b| [s[0] + b[0], s[1] + b[1]]);
-        let scale = |sum: f64| if sum > 0.0 { len as f64 / sum } else { 1.0 };
-        Ok(Self { records, per_importance: scale(sums[0]), per_geometry: scale(sums[1]) })
+        let sums = WeightSums { count: len as u64, importance: sums[0], geometry: sums[1] };
+        Ok(Self { records, sums })
+    }
+
+    /// Scales weights by the sums of a scene of which this one is a part.
+    pub(crate) fn scaled_by(self, sums: WeightSums) -> Self {
+        Self { sums, ..self }
     }
 
     pub(crate) fn view(&self) -> RecordView<'_> {
-        let &Self { ref records, per_importance, per_geometry } = self;
+        let Self { records, sums } = self;
+        let scale = |sum: f64| if sum > 0.0 { sums.count as f64 / sum } else { 1.0 };
+        let (per_importance, per_geometry) = (scale(sums.importance), scale(sums.geometry));
         RecordView { records, per_importance, per_geometry }
     }
 }

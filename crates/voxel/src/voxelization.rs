@@ -72,6 +72,18 @@ impl Voxelization {
         (0..self.len()).map(of).collect()
     }
 
+    /// Adds the leaves of the next tile of the same octree. `numbers` are the places of its Gaussians in the
+    /// scene.
+    pub fn append(&mut self, tile: &Self, numbers: &[u32]) {
+        let first = self.members.len() as u32;
+        let number = |&i: &u32| numbers[i as usize];
+        self.leaves.extend(&tile.leaves);
+        self.member_offsets.pop();
+        self.member_offsets.extend(tile.member_offsets.iter().map(|o| first + o));
+        self.members.extend(tile.members.iter().map(number));
+        self.dropped.extend(tile.dropped.iter().map(number));
+    }
+
     /// Centre of leaf `i` in world units: the mean of the merged Gaussian.
     #[must_use]
     pub fn centre(&self, i: usize) -> [f32; 3] {

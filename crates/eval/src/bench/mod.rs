@@ -7,6 +7,7 @@ pub mod gpcc;
 pub mod gsvx;
 mod memory;
 pub mod quality;
+pub mod scale;
 mod skips;
 mod stages;
 pub mod tune;

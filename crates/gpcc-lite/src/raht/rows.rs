@@ -42,6 +42,8 @@ impl Rows {
         (self.leaves, self.channels) = (leaves, channels);
         let len = leaves * self.width();
         if len > self.lanes.capacity() {
+            // The old memory goes first, so that it can be part of the new.
+            self.lanes = Vec::new();
             // Zeroed pages come from the system, and cost nothing until they are written.
             self.lanes = vec![[0.0; LANES]; len];
         } else {

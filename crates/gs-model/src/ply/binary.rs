@@ -147,6 +147,7 @@ impl Body<'_> {
 }
 
 /// The layout of rows without lists.
+#[derive(Debug)]
 pub(super) struct RowLayout {
     /// Bytes per row.
     pub(super) stride: usize,

@@ -22,6 +22,7 @@ use std::path::Path;
 
 pub use header::{Format, MAX_HEADER_BYTES};
 pub use report::ReadReport;
+pub use stream::Parts;
 pub use write::{header, row_bytes, rows, write, write_rows_to, write_to};
 
 use report::{Extent, finish};

@@ -3,11 +3,11 @@
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::binary::RowLayout;
 use super::columns::Columns;
-use super::header::{self, Format};
+use super::header::{self, Format, Header};
 use super::report::{Extent, ReadReport, finish};
 use crate::error::{Error, Result};
 use crate::options::ReadOptions;
@@ -25,62 +25,170 @@ const PART_BYTES: usize = 1 << 20;
 /// next is read. `None` if the file has another layout or is wrong in any way: then the reader of
 /// whole files decides, and words the error.
 pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, ReadReport)>> {
-    let io = |e| Error::io(path, "read", e);
-    let mut file = File::open(path).map_err(io)?;
-    let metadata = file.metadata().map_err(io)?;
-    if !metadata.is_file() || metadata.len() < SMALL_FILE {
+    let small = std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < SMALL_FILE);
+    if small {
         return Ok(None);
     }
-    let Ok(len) = usize::try_from(metadata.len()) else { return Ok(None) };
-    let mut head = vec![0; PART_BYTES.min(len)];
-    file.read_exact(&mut head).map_err(io)?;
-    let Ok(header) = header::parse(path, &head) else { return Ok(None) };
-    let Some((vertex, after)) = header.elements.split_first() else { return Ok(None) };
-    let plain = header.format != Format::Ascii && vertex.name == "vertex" && !vertex.has_list();
-    if !plain || !after.is_empty() {
-        return Ok(None);
+    let Some(mut body) = Body::open(path)? else { return Ok(None) };
+    let mut scene = Scene::zeros(body.rows, body.columns.sh_degree);
+    while body.first < body.rows {
+        body.fill_part(&mut scene, 0)?;
     }
-    let columns = Columns::of(path, vertex)?;
-    let layout = RowLayout::of(vertex, &columns, header.format == Format::BinaryBigEndian);
-    let rows = usize::try_from(vertex.count).ok();
-    let body = rows.and_then(|rows| rows.checked_mul(layout.stride));
-    let (Some(rows), Some(body)) = (rows, body) else { return Ok(None) };
-    if body > len - header.len || layout.stride > PART_BYTES {
-        return Ok(None);
+    let Body { header, columns, len, trailing_bytes, .. } = body;
+    let Some(vertex) = header.elements.first() else { return Ok(None) };
+    let skipped_elements = Vec::new();
+    let extent = Extent { vertex, skipped_elements, file_bytes: len, trailing_bytes };
+    finish(path, scene, options, &header, columns, extent).map(Some)
+}
+
+/// A PLY file that is read some Gaussians at a time, for scenes larger than memory.
+#[derive(Debug)]
+pub struct Parts {
+    body: Body,
+    options: ReadOptions,
+}
+
+impl Parts {
+    /// Opens a binary file that holds Gaussians of fixed length and nothing else. `None` if it is anything else,
+    /// which [`super::read_with`] reads or refuses.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; those of the columns.
+    pub fn open(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Option<Self>> {
+        let body = Body::open(path.as_ref())?;
+        Ok(body.map(|body| Self { body, options: *options }))
     }
 
-    let mut scene = Scene::zeros(rows, columns.sh_degree);
-    head.drain(..header.len);
-    head.truncate(body);
-    let (mut part, mut next) = (head, Vec::new());
-    let (mut first, mut unread) = (0, body - part.len());
-    while first < rows {
+    /// Gaussians in the file.
+    #[must_use]
+    pub fn gaussians_in_file(&self) -> usize {
+        self.body.rows
+    }
+
+    /// The next Gaussians, about as many as a megabyte holds; `None` at the end. Invalid ones are left out if the
+    /// options say so.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::InvalidGaussian`], which counts those from this part on.
+    pub fn next_part(&mut self) -> Result<Option<Scene>> {
+        let body = &mut self.body;
+        let first = body.first;
+        if first == body.rows {
+            return Ok(None);
+        }
+        let mut scene = Scene::zeros(body.rows_in_part(), body.columns.sh_degree);
+        body.fill_part(&mut scene, first)?;
+        match self.options.apply(&mut scene, &body.path) {
+            Ok(_) => Ok(Some(scene)),
+            Err(Error::InvalidGaussian { file, index, field, value, mut count }) => {
+                while body.first < body.rows {
+                    let start = body.first;
+                    let mut rest = Scene::zeros(body.rows_in_part(), body.columns.sh_degree);
+                    body.fill_part(&mut rest, start)?;
+                    count += rest.invalid().count;
+                }
+                Err(Error::InvalidGaussian { file, index: first + index, field, value, count })
+            }
+            Err(error) => Err(error),
+        }
+    }
+}
+
+/// The rows of a file, as far as they have been read.
+#[derive(Debug)]
+struct Body {
+    path: PathBuf,
+    file: File,
+    header: Header,
+    columns: Columns,
+    layout: RowLayout,
+    /// Length of the file, and of what follows the rows.
+    len: usize,
+    trailing_bytes: usize,
+    rows: usize,
+    /// The first row in `part`.
+    first: usize,
+    part: Vec<u8>,
+    next: Vec<u8>,
+    /// Bytes of the body that are still in the file.
+    unread: usize,
+}
+
+impl Body {
+    fn open(path: &Path) -> Result<Option<Self>> {
+        let io = |e| Error::io(path, "read", e);
+        let mut file = File::open(path).map_err(io)?;
+        let metadata = file.metadata().map_err(io)?;
+        let Ok(len) = usize::try_from(metadata.len()) else { return Ok(None) };
+        if !metadata.is_file() {
+            return Ok(None);
+        }
+        let mut part = vec![0; PART_BYTES.min(len)];
+        file.read_exact(&mut part).map_err(io)?;
+        let Ok(header) = header::parse(path, &part) else { return Ok(None) };
+        let [vertex] = &header.elements[..] else { return Ok(None) };
+        if header.format == Format::Ascii || vertex.name != "vertex" || vertex.has_list() {
+            return Ok(None);
+        }
+        let columns = Columns::of(path, vertex)?;
+        let layout = RowLayout::of(vertex, &columns, header.format == Format::BinaryBigEndian);
+        let rows = usize::try_from(vertex.count).ok();
+        let body = rows.and_then(|rows| rows.checked_mul(layout.stride));
+        let (Some(rows), Some(body)) = (rows, body) else { return Ok(None) };
+        if body > len - header.len || layout.stride > PART_BYTES {
+            return Ok(None);
+        }
+        part.drain(..header.len);
+        part.truncate(body);
+        let (unread, trailing_bytes) = (body - part.len(), len - header.len - body);
+        let (path, first, next) = (path.to_path_buf(), 0, Vec::new());
+        Ok(Some(Self {
+            path,
+            file,
+            header,
+            columns,
+            layout,
+            len,
+            trailing_bytes,
+            rows,
+            first,
+            part,
+            next,
+            unread,
+        }))
+    }
+
+    fn rows_in_part(&self) -> usize {
+        self.part.len() / self.layout.stride
+    }
+
+    /// Converts what has been read while it reads more. `scene` holds rows from `origin` on.
+    fn fill_part(&mut self, scene: &mut Scene, origin: usize) -> Result<()> {
+        let Self { path, file, columns, layout, first, part, next, unread, .. } = self;
         let whole = part.len() / layout.stride;
         let used = whole * layout.stride;
         let kept = part.len() - used;
-        let more = (PART_BYTES - kept).min(unread);
+        let more = (PART_BYTES - kept).min(*unread);
         // Every byte of it is overwritten below.
         next.resize(kept + more, 0);
         next[..kept].copy_from_slice(&part[used..]);
+        let start = *first - origin;
         let (fetched, filled) = rayon::join(
             || file.read_exact(&mut next[kept..]),
             || {
-                rows::fill_range(&mut scene, first..first + whole, |rows| {
-                    let at = (rows.first - first) * layout.stride;
+                rows::fill_range(scene, start..start + whole, |rows| {
+                    let at = (rows.first - start) * layout.stride;
                     let bytes = &part[at..at + rows.len() * layout.stride];
-                    layout.fill(rows, bytes, &columns);
+                    layout.fill(rows, bytes, columns);
                     Ok(())
                 })
             },
         );
-        fetched.map_err(io)?;
+        fetched.map_err(|e| Error::io(path, "read", e))?;
         filled?;
-        first += whole;
-        unread -= more;
-        std::mem::swap(&mut part, &mut next);
+        *first += whole;
+        *unread -= more;
+        std::mem::swap(part, next);
+        Ok(())
     }
-    let trailing_bytes = len - header.len - body;
-    let skipped_elements = Vec::new();
-    let extent = Extent { vertex, skipped_elements, file_bytes: len, trailing_bytes };
-    finish(path, scene, options, &header, columns, extent).map(Some)
 }

@@ -15,8 +15,8 @@ from ._codec import PRESETS, compress, compress_to_bytes, decompress, decompress
 from ._files import read_model, write_model
 from ._gsplat import GsvxCompression
 from ._gsvx import DEFAULT_QUALITY, Error, __version__, set_threads
-from ._render import compare, render
-from ._reports import Comparison, Progress, Report, TuneReport, ViewScore
+from ._render import compare, orbit, render
+from ._reports import Comparison, Estimate, Progress, Report, TuneReport, ViewScore
 from ._stream import Chunk, Stream, open
 from ._tune import finetune
 
@@ -26,6 +26,7 @@ __all__ = [
     "Comparison",
     "DEFAULT_QUALITY",
     "Error",
+    "Estimate",
     "GsvxCompression",
     "PRESETS",
     "Progress",
@@ -42,6 +43,7 @@ __all__ = [
     "decompress_bytes",
     "finetune",
     "open",
+    "orbit",
     "read_cameras",
     "read_model",
     "render",

@@ -11,11 +11,11 @@ from . import _gsvx
 from ._arrays import Splats, from_native, joined
 from ._cameras import CamerasLike, _as_cameras
 from ._files import ModelLike, Source, Target, check_writable, model, opened, write
-from ._reports import ProgressCallback, Report, _callback
+from ._reports import Estimate, ProgressCallback, Report, _callback
 from ._stream import open as open_stream
 
 #: Qualities by name, as those of the command.
-PRESETS = {"tiny": 30.0, "web": 50.0, "high": 70.0, "archive": 90.0}
+PRESETS = {"tiny": 30.0, "web": 50.0, "high": 80.0, "archive": 90.0}
 #: Leaves of a chunk for the web.
 _WEB_CHUNK = 1 << 14
 
@@ -41,6 +41,7 @@ def compress(
     j_low: Optional[int] = None,
     covariance: str = "transform",
     index_map: bool = False,
+    estimate: bool = False,
     progress: Optional[ProgressCallback] = None,
 ) -> Report:
     """Compresses splats into a stream. It has the bytes that ``gsvx encode`` makes of the same model.
@@ -63,7 +64,7 @@ def compress(
     as it is, other types are converted. They are not changed. Or the name of a file that
     :func:`gsvx.read_model` reads.
 
-    One of these decides the size (default: quality 60): ``quality``, 0 (smallest) to 100 (best);
+    One of these decides the size (default: quality 80): ``quality``, 0 (smallest) to 100 (best);
     ``preset``, "tiny", "web", "high" or "archive"; ``target_bytes``, the best stream of at most so many
     bytes; ``target_psnr``, the smallest stream whose renders reach so many dB against renders of the input,
     with ``cameras``; ``max_error``, near-lossless: nothing is merged, and no attribute is off by more than this
@@ -85,7 +86,8 @@ def compress(
     criteria from this depth to ``depth``; ``covariance``, "transform", "vq:BITS" or "lossless:BITS".
 
     The order of the Gaussians changes: they come back in Morton order, outliers last, and Gaussians of one
-    voxel are merged. With ``index_map`` the report says which row each became.
+    voxel are merged. With ``index_map`` the report says which row each became. With ``estimate`` it says how much
+    less the stream shows, from a few pictures, as the command does; that takes time and memory of its own.
 
     ``progress``: called with a :class:`gsvx.Progress` now and then. Ctrl-C ends the work, and nothing is
     written.
@@ -114,6 +116,7 @@ def compress(
         j_low=j_low,
         covariance=covariance,
         rows=index_map,
+        estimate=estimate,
     )
     write(path, stream)
     for warning in [*report.warnings, *filter(None, [report.missed])]:
@@ -149,6 +152,8 @@ def _encode(
     options["covariance"] = _covariance(covariance)
     views = None if cameras is None else _as_cameras(cameras, training=True)._native()
     stream, report = _gsvx.compress(model(splats), options, views, _callback(progress))
+    if report["estimate"] is not None:
+        report["estimate"] = Estimate(*report["estimate"])
     return stream, Report(**report)
 
 

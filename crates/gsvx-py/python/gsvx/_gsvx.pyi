@@ -14,6 +14,7 @@ __all__ = [
     "compress",
     "decompress",
     "finetune",
+    "orbit",
     "read_cameras",
     "read_model",
     "render",
@@ -44,6 +45,16 @@ def set_threads(threads: int) -> None:
     """Sets the number of threads of all later calls; 0 for one per core."""
 
 def read_cameras(path: str) -> Dict[str, Any]: ...
+def orbit(
+    splats: Dict[str, Any],
+    count: int,
+    size: Tuple[int, int],
+    field_of_view: float,
+    up: Optional[Sequence[float]],
+    radius: Optional[float],
+    elevation: Optional[float],
+    full_circle: bool,
+) -> Dict[str, Any]: ...
 def decompress(
     stream: bytes,
     name: str,

@@ -1,4 +1,4 @@
-"""Renders, and how alike two models look."""
+"""Cameras around a model, renders, and how alike two models look."""
 
 from __future__ import annotations
 
@@ -8,9 +8,48 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _gsvx
-from ._cameras import CamerasLike, _as_cameras
+from ._cameras import Cameras, CamerasLike, _as_cameras
 from ._files import ModelLike, model
 from ._reports import Comparison, ProgressCallback, ViewScore, _callback
+
+
+def orbit(
+    splats: ModelLike,
+    count: int,
+    *,
+    size: Tuple[int, int] = (640, 480),
+    fov: float = 60.0,
+    up: Optional[Sequence[float]] = None,
+    radius: Optional[float] = None,
+    elevation: Optional[float] = None,
+    full_circle: bool = False,
+) -> Cameras:
+    """Cameras around what splats show, as those of ``gsvx render --orbit``: for models that have none.
+
+    They stand on a circle, or where the model is seen from one side only, on an arc. The first is the one that sees
+    most.
+
+    ``splats``: as for :func:`gsvx.compress`. ``size``: image width and height in pixels. ``fov``: horizontal field
+    of view in degrees. ``up``: a direction (x, y, z). ``radius``: distance from the centre in world units.
+    ``elevation``: degrees above the horizon. What is None is found; up is then -y, leaning where clearly more
+    is seen then. ``full_circle``: the whole circle in any case.
+    """
+    width, height = (int(v) for v in size)
+    if not (1 <= count <= 3600 and 1 <= width <= 8192 and 1 <= height <= 8192):
+        raise ValueError("count: use 1 to 3600; size: use 1 to 8192 each")
+    if not 1 <= fov <= 170:
+        raise ValueError(f"fov is {fov}, must be 1 to 170 degrees")
+    if radius is not None and not 0 < radius < float("inf"):
+        raise ValueError(f"radius is {radius}, must be above 0")
+    if elevation is not None and not -90 < elevation < 90:
+        raise ValueError(f"elevation is {elevation}, must be between -90 and 90 degrees")
+    direction = None if up is None else [float(v) for v in up]
+    if direction is not None and not (len(direction) == 3 and 0 < np.linalg.norm(direction) < np.inf):
+        raise ValueError("up: use three numbers that are not all 0")
+    found = _gsvx.orbit(
+        model(splats), count, (width, height), fov, direction, radius, elevation, full_circle
+    )
+    return Cameras(**found, name="orbit")
 
 
 def render(

@@ -34,6 +34,17 @@ def _callback(progress: Optional[ProgressCallback]) -> Optional[Callable[..., An
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """How much less a stream shows than the input: ``psnr`` (dB, 99 for equal pictures) and ``ssim``, means over
+    ``views`` small pictures, and what that means in words."""
+
+    psnr: float
+    ssim: float
+    views: int
+    meaning: str
+
+
+@dataclass(frozen=True)
 class Report:
     """What :func:`gsvx.compress` made.
 
@@ -45,8 +56,10 @@ class Report:
     bit for bit because they are far away. ``seen_opacity_share``, ``unseen``: with cameras, the share of the
     opacity that they see, and the number of Gaussians that they do not. ``missed``: why the stream misses
     its target, or None. ``parts``: bytes by part of the stream. ``seconds``: time of the encoding.
-    ``max_error``: the greatest errors, where bounds were asked for, as measured. ``index_map``: if asked for, (N,) int64, the row in which :func:`gsvx.decompress` returns each Gaussian of
-    the input; merged Gaussians share one, -1 is for those left out.
+    ``max_error``: the greatest errors, where bounds were asked for, as measured. ``index_map``: if asked for,
+    (N,) int64, the row in which :func:`gsvx.decompress` returns each Gaussian of the input;
+    merged Gaussians share one, -1 is for those left out. ``estimate``: if asked for, how much is lost; None where
+    the pictures show nothing.
     """
 
     bytes: int
@@ -67,6 +80,7 @@ class Report:
     seconds: float
     parts: Dict[str, int]
     max_error: Optional[Dict[str, float]] = None
+    estimate: Optional[Estimate] = None
     index_map: Optional[npt.NDArray[np.int64]] = field(default=None, repr=False, compare=False)
 
     @property

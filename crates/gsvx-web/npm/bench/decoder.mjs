@@ -1,7 +1,7 @@
 // One decoder in a process of its own: seconds, those of the processor, and the growth of the process's memory.
 import { readFileSync, writeFileSync } from 'node:fs';
 
-const [what, file, more, earlier] = process.argv.slice(2);
+const [what, file, more] = process.argv.slice(2);
 
 /** Bytes of memory that the process has had at most. */
 const peak = () => 1024 * Number(/VmHWM:\s+(\d+)/.exec(readFileSync('/proc/self/status', 'utf8'))[1]);
@@ -18,20 +18,18 @@ async function measured(decode) {
   const before = resident();
   const used = process.cpuUsage();
   const start = performance.now();
-  const { count, arrays } = await decode();
+  const { count, arrays, memory } = await decode();
   const seconds = (performance.now() - start) / 1000;
   const { user, system } = process.cpuUsage(used);
   const output = arrays.reduce((n, a) => n + a.byteLength, 0);
-  console.log(JSON.stringify({ seconds, cpu: (user + system) / 1e6, count, output, peak: peak() - before }));
+  console.log(JSON.stringify({ seconds, cpu: (user + system) / 1e6, count, output, memory, peak: peak() - before }));
 }
 
 if (what === 'gsvx') {
   const { decode } = await import('../index.js');
-  // A later decoding finds the decoder compiled.
-  if (earlier) await decode(new Uint8Array(readFileSync(earlier)), { layout: more });
   await measured(async () => {
     const scene = await decode(bytes, { layout: more });
-    return { count: scene.count, arrays: Object.values(scene).filter(ArrayBuffer.isView) };
+    return { count: scene.count, memory: scene.memory, arrays: Object.values(scene).filter(ArrayBuffer.isView) };
   });
 } else {
   const { default: createSpz } = await import('@adobe/spz');

@@ -11,12 +11,11 @@ const root = resolve(npm, '../../..');
 process.env.GSVX_NPM = npm;
 const { gsvx, launch, missing, serve } = await import('../test/browser.mjs');
 const { replicate } = await import('./model.mjs');
+const { large, section } = await import('./large.mjs');
 
 const COUNT = 500_000;
 /** Bytes a second: 10 Mbit/s. */
 const RATE = 1_250_000;
-/** Switches of Node for the compiler of WebAssembly. */
-const SWITCHES = ['--liftoff-only', '--no-liftoff', '--wasm-num-compilation-tasks=1'];
 const source = resolve(process.argv[2] ?? join(root, '../shared/scenes/fox/point_cloud.ply'));
 if (missing() || !existsSync(source)) {
   console.error(missing() || `SKIPPED: ${source} is not there; nothing is measured`);
@@ -34,11 +33,8 @@ function packages() {
 }
 
 /** Runs a decoder in a process of its own; what it prints. */
-const alone = (...args) => switched([], ...args);
-
-/** The same, with switches of Node. */
-function switched(switches, ...args) {
-  const { stdout, stderr, status } = spawnSync('node', ['--expose-gc', ...switches, join(import.meta.dirname, 'decoder.mjs'), ...args], { encoding: 'utf8', maxBuffer: 1 << 24 });
+function alone(...args) {
+  const { stdout, stderr, status } = spawnSync('node', ['--expose-gc', join(import.meta.dirname, 'decoder.mjs'), ...args], { encoding: 'utf8', maxBuffer: 1 << 24 });
   if (status !== 0) throw new Error(stderr);
   return JSON.parse(stdout.trim().split('\n').at(-1));
 }
@@ -60,6 +56,42 @@ async function inPage(browser, base, query) {
   return result;
 }
 
+/** Bytes of a process: of its own, and with the pages of files that it maps, such as Chromium itself. */
+function uses(process) {
+  const status = readFileSync(`/proc/${process}/status`, 'utf8');
+  const of = (name) => 1024 * Number(new RegExp(`${name}:\\s+(\\d+)`).exec(status)[1]);
+  return { own: of('RssAnon') + of('RssShmem'), resident: of('VmRSS') };
+}
+
+/** What decodings of a scene take in a page's process, the first and a later one: the greatest use, every 2 ms. */
+async function peaks(base, layout) {
+  const browser = await launch();
+  const page = await browser.newPage();
+  await page.goto(`${base}/bench/page.html?${new URLSearchParams({ what: 'scene', layout, url: `${base}/data/model.gsvx` })}`);
+  await page.waitForFunction(() => Boolean(window.again));
+  const { processInfo } = await (await browser.newBrowserCDPSession()).send('SystemInfo.getProcessInfo');
+  const pages = processInfo.filter(({ type }) => type === 'renderer').map(({ id }) => id);
+  const collector = await page.context().newCDPSession(page);
+  const found = [];
+  for (const which of ['first', 'later']) {
+    await collector.send('HeapProfiler.collectGarbage');
+    await page.waitForTimeout(500);
+    const before = pages.map(uses);
+    const most = structuredClone(before);
+    const look = () => pages.map(uses).forEach((now, i) => {
+      for (const name of Object.keys(now)) most[i][name] = Math.max(most[i][name], now[name]);
+    });
+    const timer = setInterval(look, 2);
+    const { seconds, output, count } = await page.evaluate(() => window.again());
+    clearInterval(timer);
+    look();
+    const growth = (name) => Math.max(...most.map((m, i) => m[name] - before[i][name]));
+    found.push({ which, seconds, count, output, own: growth('own'), resident: growth('resident') });
+  }
+  await browser.close();
+  return found;
+}
+
 try {
   replicate(source, join(folder, 'model.ply'), COUNT);
   gsvx('encode', join(folder, 'model.ply'), '-o', join(folder, 'model.gsvx'), '--web');
@@ -67,35 +99,33 @@ try {
   alone('spz3', join(folder, 'model4.spz'), join(folder, 'model.spz'));
   const decode = {};
   for (const layout of ['planar', 'packed', 'covariances']) decode[layout] = best('gsvx', join(folder, 'model.gsvx'), layout);
-  const small = join(root, 'fixtures/streams/default.gsvx');
-  for (const layout of ['planar', 'packed', 'covariances']) decode[layout].later = alone('gsvx', join(folder, 'model.gsvx'), layout, small).peak;
-  replicate(source, join(folder, 'twice.ply'), 2 * COUNT);
-  gsvx('encode', join(folder, 'twice.ply'), '-o', join(folder, 'twice.gsvx'), '--web', '--no-estimate');
-  const twice = { ...best('gsvx', join(folder, 'twice.gsvx'), 'planar'), later: alone('gsvx', join(folder, 'twice.gsvx'), 'planar', small).peak };
-  rmSync(join(folder, 'twice.ply'));
-  const saved = SWITCHES.map((name) => decode.planar.peak - switched([name], 'gsvx', join(folder, 'model.gsvx'), 'planar').peak);
   decode.spz = best('spz', join(folder, 'model.spz'));
   decode.spz4 = best('spz', join(folder, 'model4.spz'));
 
   const server = await serve({ gsvx: npm, engines: join(npm, 'node_modules'), bench: import.meta.dirname, data: folder });
   const browser = await launch();
-  const page = {};
-  for (const layout of ['planar', 'packed']) page[layout] = await inPage(browser, server.base, { what: 'decoding', layout, url: `${server.base}/data/model.gsvx` });
-  const together = await inPage(browser, server.base, { what: 'together', layout: 'packed', url: `${server.base}/data/model.gsvx` });
+  const longest = {};
+  for (const layout of ['planar', 'packed']) ({ longest: longest[layout] } = await inPage(browser, server.base, { what: 'watching', layout, url: `${server.base}/data/model.gsvx` }));
+  const shared = {};
+  for (const layout of ['planar', 'packed']) shared[layout] = await inPage(browser, server.base, { what: 'shared', layout, url: `${server.base}/data/model.gsvx` });
   const link = {};
   for (const name of ['model.gsvx', 'model.spz', 'model.ply']) {
     link[name] = await inPage(browser, server.base, { what: 'link', url: `${server.base}/data/${name}?rate=${RATE}` });
   }
+  const memory = {};
+  for (const layout of ['planar', 'packed', 'covariances']) memory[layout] = await peaks(server.base, layout);
+  const city = await large(source, npm, folder, join(root, 'out/web/pictures'));
   const version = browser.version();
   await browser.close();
   await server.close();
 
-  /** Growth of the peak for each byte of planar output, and what there is without output. */
-  const slope = (one, two) => (two - one) / (twice.output - decode.planar.output);
-  const fixed = (one, two) => one - slope(one, two) * decode.planar.output;
+  const rate = ({ count, seconds }) => (count / seconds / 1e6).toFixed(2);
   const { ours, spz } = packages();
   const speed = (r) => (r.count / r.cpu / 1e6).toFixed(2);
-  const row = (name, r) => `| ${name} | ${r.seconds.toFixed(2)} | ${r.cpu.toFixed(2)} | ${speed(r)} | ${megabytes(r.output)} | ${megabytes(r.peak)} | ${(r.peak / r.output).toFixed(2)} | ${r.later ? (r.later / r.output).toFixed(2) : ''} |`;
+  const row = (name, r) => `| ${name} | ${r.seconds.toFixed(2)} | ${r.cpu.toFixed(2)} | ${speed(r)} | ${megabytes(r.output)} | ${megabytes(r.peak)} | ${(r.peak / r.output).toFixed(2)} |`;
+  const ratio = (bytes, { output }) => `${megabytes(bytes)} (${(bytes / output).toFixed(2)})`;
+  const used = Object.entries(memory).flatMap(([layout, runs]) => runs.map((r) => `| ${layout}, ${r.which} | ${r.seconds.toFixed(2)} | ${rate(r)} | ${megabytes(r.output)} | ${ratio(r.own, r)} | ${ratio(r.resident, r)} |`)).join('\n');
+  const [first, later] = memory.planar;
   const text = `# In the browser
 
 \`cargo xtask web --bench\`: fox, replicated to ${COUNT.toLocaleString('en')} Gaussians with SH degree 3, one run. Streams are those of
@@ -110,41 +140,51 @@ ${cpus().length} cores; Node ${process.version}, Chromium ${version}.
 | gsvx: decoder, loader and worker | ${ours.toLocaleString('en')} |
 | @adobe/spz 0.2.3 | ${spz.toLocaleString('en')} |
 
-## Decoding in one worker
+## Beside another decoder
 
-A process of its own for each row, the best of three. Other programs ran beside them (the load average was
-${loadavg()[0].toFixed(0)}), so the processor's time tells more than the seconds that passed; it has all threads in it, those
-that compile WebAssembly too. Peak is the growth of the process's memory from before the decoding; it holds the
-output. The first decoding of a page compiles the decoder, which the count of @adobe/spz does not have: it is made
-ready before. "Later" is the peak of a decoding after one of a small stream.
+In Node, one worker, a process of its own for each row, the best of three. Where other programs run beside them (the
+load average was ${loadavg()[0].toFixed(0)}), the processor's time tells more than the seconds that passed; it has all threads in it, those that
+compile WebAssembly too. That compiling is in the time and the memory of gsvx; @adobe/spz is made ready before. Peak is
+the growth of the process's resident memory from before the decoding, with the output.
 
-| decoder and output | seconds | processor, s | M Gaussians per processor second | output, MB | peak, MB | peak / output | later |
-|---|---:|---:|---:|---:|---:|---:|---:|
+| decoder and output | seconds | processor, s | M Gaussians per processor second | output, MB | peak, MB | peak / output |
+|---|---:|---:|---:|---:|---:|---:|
 ${row('gsvx, planar (floats)', decode.planar)}
-${row('gsvx, planar, of twice the model', twice)}
 ${row('gsvx, packed (Spark, PlayCanvas)', decode.packed)}
 ${row('gsvx, covariances (three.js)', decode.covariances)}
 ${row('@adobe/spz, version 3 (floats)', decode.spz)}
 ${row('@adobe/spz, version 4 (floats)', decode.spz4)}
 
-In Chromium: planar ${(page.planar.count / page.planar.seconds / 1e6).toFixed(2)} M Gaussians/s, packed
-${(page.packed.count / page.packed.seconds / 1e6).toFixed(2)}. While chunks came in, the longest time that the main thread was not
-free was ${page.planar.longest.toFixed(1)} ms (planar) and ${page.packed.longest.toFixed(1)} ms (packed).
+## In a page
+
+Whole scenes in Chromium, one worker: seconds, and the growth of the page's process while a scene is decoded, with the
+output, in MB and as a multiple of the output. A page's first decoding starts and compiles the decoder. "Own" is memory
+that only this process has; "resident" counts the pages of Chromium's own program too that are touched then.
+
+| decoding | seconds | M Gaussians/s | output, MB | own, MB | resident, MB |
+|---|---:|---:|---:|---:|---:|
+${used}
+
+What is not output is about the same for any scene: the worker, WebAssembly's memory (${megabytes(decode.planar.memory)} MB, most of it the
+values of the chunk that is decoded), the compiled decoder, and the stream. So a layout of fewer bytes has a greater ratio.
+
+## Workers, and the page's own thread
+
+Two workers (\`workers: 2\`) beside one, in Chromium, chunk by chunk, M Gaussians/s, the best of four:
+
+| layout | one | two | times as many |
+|---|---:|---:|---:|
+${Object.entries(shared).map(([layout, { one, two }]) => `| ${layout} | ${(one / 1e6).toFixed(2)} | ${(two / 1e6).toFixed(2)} | ${(two / one).toFixed(2)} |`).join('\n')}
+
+While one worker decodes and chunks come in, the longest time that the page's main thread is not free is
+${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms (packed), in the best of three runs: the thread asks all the time, and the system
+gives the two cores to others too.
 
 | aim | here |
 |---|---:|
-| 0.8 M Gaussians per second, all SH | ${speed(decode.planar)} |
-| the main thread is kept for 16 ms at most | ${Math.max(page.planar.longest, page.packed.longest).toFixed(1)} ms |
-| peak of at most 1.3 times the output | first decoding ${(decode.planar.peak / decode.planar.output).toFixed(2)}, later ones ${(decode.planar.later / decode.planar.output).toFixed(2)} |
-
-For each byte of output the peak of planar grows by ${slope(decode.planar.peak, twice.peak).toFixed(2)} bytes. The rest, ${megabytes(fixed(decode.planar.peak, twice.peak))} MB at the first
-decoding and ${megabytes(fixed(decode.planar.later, twice.later))} MB at later ones, is there for any scene: the worker, WebAssembly's memory, and what the engine needs to
-compile the decoder, in the background and while it runs. Switches of Node change that part, which a library cannot
-set: ${SWITCHES.map((name, i) => `\`${name}\` takes ${megabytes(saved[i])} MB off it`).join(', ')}. The bound
-of 1.3 holds for first decodings from an output of ${megabytes(fixed(decode.planar.peak, twice.peak) / (1.3 - slope(decode.planar.peak, twice.peak)))} MB on. A layout of fewer bytes has a greater ratio.
-
-Two whole decodings at once, each in a worker, reach ${(together.two / 1e6).toFixed(2)} M Gaussians/s together in Chromium (packed), one alone ${(together.one / 1e6).toFixed(2)}. Chunks
-decode alone, so several workers could share a stream, but on these ${cpus().length} cores that is the most they would reach.
+| 0.8 M Gaussians per second, all SH, in one worker | first decoding ${rate(first)}, later ones ${rate(later)} |
+| the main thread is kept for 16 ms at most | ${Math.max(longest.planar, longest.packed).toFixed(1)} ms |
+| peak of at most 1.3 times the output | first decoding ${(first.own / first.output).toFixed(2)}, later ones ${(later.own / later.output).toFixed(2)} |
 
 ## Over a link of 10 Mbit/s
 
@@ -155,7 +195,8 @@ model, a stream of quality 50 is 35 to 38 dB from it.
 | file | first picture | all |
 |---|---:|---:|
 ${Object.entries(link).map(([name, { first, last }]) => `| ${name} | ${first.toFixed(2)} | ${last.toFixed(2)} |`).join('\n')}
-`;
+
+${section(city)}`;
   writeFileSync(join(root, 'docs/results/web.md'), text);
   console.log(text);
 } finally {

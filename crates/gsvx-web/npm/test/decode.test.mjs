@@ -123,6 +123,49 @@ test('the coarse level comes first, and every piece of it is replaced', async ()
   assert.deepEqual(result.skipped, []);
 });
 
+test('several workers hand out what one does', async () => {
+  for (const name of ['chunks', 'lod']) {
+    const bytes = stream(name);
+    const chunks = async (workers) => {
+      const found = new Map();
+      let heads = 0;
+      let progress;
+      const result = await decode(bytes, {
+        workers, progressive: false,
+        onHead() { heads += 1; },
+        onProgress(told) { progress = told; },
+        onChunk({ id, count, data }) {
+          assert.ok(!found.has(id), id);
+          found.set(id, `${count} ${hash(data)}`);
+        },
+      });
+      assert.equal(heads, 1);
+      assert.equal(progress.gaussians, progress.total);
+      assert.deepEqual(result.skipped, []);
+      return [...found].sort();
+    };
+    const one = await chunks(1);
+    assert.ok(one.length > 2);
+    for (const workers of [2, 3, 20]) assert.deepEqual(await chunks(workers), one, `${name} ${workers}`);
+  }
+});
+
+test('several workers: damage, cancelling and what they cannot do', async () => {
+  const bytes = new Uint8Array(stream('chunks'));
+  const onChunk = () => {};
+  await assert.rejects(decode(`${base}/chunks.gsvx`, { workers: 2, onChunk }), { code: 'option' });
+  await assert.rejects(decode(bytes, { workers: 2 }), { code: 'option' });
+  await assert.rejects(decode(bytes, { workers: 0, onChunk }), { code: 'option' });
+  const stop = new AbortController();
+  const cancelled = decode(bytes, { workers: 2, onChunk: () => stop.abort(new Error('enough')), signal: stop.signal });
+  await assert.rejects(cancelled, { message: 'enough' });
+  const damaged = bytes.slice();
+  damaged[damaged.length - 40] ^= 4;
+  await assert.rejects(decode(damaged, { workers: 2, onChunk }), { code: 'damaged' });
+  const { skipped } = await decode(damaged, { workers: 2, onChunk, salvage: true });
+  assert.equal(skipped.length, 1);
+});
+
 test('the parts of a coarse chunk are all of it', async () => {
   let head;
   const counts = {};

@@ -140,6 +140,11 @@ test('a phone shows the coarse level first, then two scenes beside each other', 
   await shot(two, 'viewer-phone-split-light');
   await two.locator('#divider').press('ArrowRight');
   assert.equal(await two.locator('#divider').getAttribute('aria-valuenow'), '52');
+  await two.locator('#toggle').tap();
+  await two.locator('#compare').tap();
+  assert.equal(await two.locator('#divider').isVisible(), false);
+  assert.equal(await two.locator('canvas').count(), 1);
+  assert.equal(await text(two, 'compare'), 'Compare');
   assert.deepEqual(quiet(two), []);
   await two.close();
 });

@@ -124,6 +124,7 @@ function show() {
     $(id).textContent = slots[i]?.name ?? '';
   }
   $('divider').hidden = !two;
+  $('compare').textContent = two ? 'One scene' : 'Compare';
   const loading = slots.filter((s) => !s.complete);
   const done = loading.reduce((sum, s) => sum + (s.length ? s.received / s.length : 0), 0);
   $('progress').hidden = !loading.length;
@@ -138,6 +139,14 @@ function open(source, name, number) {
   }
   if (number === 0) state.framed = false;
   return slots[number].open(source, name);
+}
+
+/** Ends the comparison. */
+function endComparison() {
+  const [second] = slots.splice(1);
+  second.stop.abort();
+  second.view.dispose();
+  show();
 }
 
 function theme() {
@@ -176,7 +185,8 @@ function frame(now) {
   }
   if (now - since > 500) {
     const rate = (1000 * counted) / (now - since);
-    $('fps').textContent = counted < 2 ? 'at rest' : rate < 1 ? rate.toFixed(1) : Math.round(rate);
+    const rests = counted < 2 && !changed && now >= until;
+    $('fps').textContent = rests ? 'at rest' : rate < 1 ? rate.toFixed(1) : Math.round(rate);
     [counted, since] = [0, now];
   }
 }
@@ -189,7 +199,7 @@ function listen() {
   };
   $('pick').onclick = pick(0);
   $('open').onclick = pick(0);
-  $('compare').onclick = pick(1);
+  $('compare').onclick = () => slots[1] ? endComparison() : pick(1)();
   $('file').onchange = () => {
     const [file] = $('file').files;
     if (file) open(file, file.name, number);

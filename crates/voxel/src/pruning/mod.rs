@@ -29,6 +29,8 @@ mod state;
 #[cfg(test)]
 mod tests;
 
+use std::ops::Range;
+
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 
@@ -36,7 +38,7 @@ use crate::cube::Cube;
 use crate::error::Result;
 use crate::order::MortonOrder;
 use crate::rate_distortion::{RateDistortion, RateDistortionReport};
-use crate::record::{Record, RecordView, Records};
+use crate::record::{Record, RecordView, Records, WeightSums};
 use crate::voxelization::Voxelization;
 use prices::Prices;
 use state::Cell;
@@ -61,6 +63,33 @@ pub fn rate_distortion(
         drop(records);
         let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]);
         Ok((voxelization, report))
+    })
+}
+
+/// As [`rate_distortion`] for one tile of a larger scene: `scene` holds the Gaussians of the tile `codes` of
+/// [`Tiles`](crate::Tiles), whose Morton codes are at `options.j_high`, and `sums` scale its weights. Cells that reach
+/// beyond the tile are divided.
+///
+/// # Errors
+/// As [`voxelize`](crate::voxelize).
+pub fn rate_distortion_of_tile(
+    scene: &Scene,
+    cube: &Cube,
+    options: &RateDistortion,
+    codes: &Range<u64>,
+    sums: WeightSums,
+) -> Result<Voxelization> {
+    options.validate()?;
+    cube.validate()?;
+    rayon::scope(|_| {
+        let order = MortonOrder::of(scene, cube, options.j_high)?;
+        let records = Records::of(scene, &options.importance, options.size_exponent)?;
+        let records = records.scaled_by(sums);
+        let mut depths = vec![0; scene.len()];
+        let root = Cell { codes: &order.codes, members: &order.members };
+        Pruning::new(cube, options, &records).solve_inside(codes, root, 0, &mut depths);
+        drop(records);
+        Ok(Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]))
     })
 }
 
@@ -92,6 +121,19 @@ impl<'a> Pruning<'a> {
             cost: solved.cost,
         };
         (depths, report)
+    }
+
+    /// Solves the largest cells whose codes are all in `codes`.
+    fn solve_inside(&self, codes: &Range<u64>, cell: Cell<'_, u32>, depth: u8, depths: &mut [u8]) {
+        let Some(&code) = cell.codes.first() else { return };
+        let below = (1u64 << (3 * u32::from(self.options.j_high - depth))) - 1;
+        if codes.start <= code & !below && code | below < codes.end {
+            self.solve_in_blocks(cell, depth, depths);
+            return;
+        }
+        for (child, depths) in cell.children(depths, depth + 1, self.options.j_high) {
+            self.solve_inside(codes, child, depth + 1, depths);
+        }
     }
 
     /// Centre of the cell at `depth` that holds `code`, relative to the cube's origin.

@@ -3,11 +3,14 @@
 use gs_model::Scene;
 
 use super::state::{Cell, Solved};
-use super::{Pruning, blocks};
+use super::{Pruning, blocks, rate_distortion, rate_distortion_of_tile};
 use crate::cube::Cube;
-use crate::order::MortonOrder;
+use crate::importance::Importance;
+use crate::order::{MortonOrder, morton_codes};
 use crate::rate_distortion::RateDistortion;
-use crate::record::{Record, Records};
+use crate::record::{Record, Records, WeightSums};
+use crate::tiles::Tiles;
+use crate::voxelization::Voxelization;
 
 /// Clusters of small Gaussians, every tenth one at the mean of the one before.
 fn scene(len: usize) -> Scene {
@@ -101,5 +104,49 @@ fn blocks_equal_one_pass() {
             assert_eq!(report.decided, solved.tally.decided);
             assert_eq!(report.skipped, solved.tally.skipped);
         }
+    }
+}
+
+/// Where the cells of the tiles are divided anyway, tiles one after the other are the scene.
+#[test]
+fn tiles_joined_are_the_whole_scene() {
+    let scene = scene(3000);
+    let cube = Cube::of(&scene.means).unwrap();
+    for drop in [None, Some(2.0)] {
+        let base = RateDistortion { j_high: 12, drop, ..RateDistortion::new(1e-4) };
+        // Importances that go with the Gaussians: the default is relative to the scene.
+        let of = |range: std::ops::Range<usize>| -> Vec<f32> {
+            range.map(|i| ((i * 37) % 11) as f32 + 0.5).collect()
+        };
+        let options = RateDistortion { importance: Importance::Given(of(0..3000)), ..base.clone() };
+        let sums = WeightSums::of(&scene, &options).unwrap();
+        let (whole, _) = rate_distortion(&scene, &cube, &options).unwrap();
+        let codes = morton_codes(&scene.means, &cube, options.j_high).unwrap();
+        let tiles = Tiles::cut(options.j_high, 700, |take| {
+            take(&codes);
+            Ok::<_, ()>(())
+        })
+        .unwrap();
+        assert!(tiles.len() > 4);
+        let mut joined = Voxelization {
+            leaves: Vec::new(),
+            member_offsets: vec![0],
+            members: Vec::new(),
+            dropped: Vec::new(),
+            ..whole
+        };
+        for tile in 0..tiles.len() {
+            let members: Vec<u32> =
+                (0..3000u32).filter(|&i| tiles.of(codes[i as usize]) == tile).collect();
+            let places: Vec<usize> = members.iter().map(|&i| i as usize).collect();
+            let all = of(0..3000);
+            let importance = Importance::Given(places.iter().map(|&i| all[i]).collect());
+            let options = RateDistortion { importance, ..base.clone() };
+            let part = scene.select(&places);
+            let leaves =
+                rate_distortion_of_tile(&part, &cube, &options, &tiles.codes(tile), sums).unwrap();
+            joined.append(&leaves, &members);
+        }
+        assert!(joined == whole, "{drop:?}");
     }
 }

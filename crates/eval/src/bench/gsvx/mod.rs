@@ -192,7 +192,7 @@ pub fn choices(scenes: &[String]) -> Result<()> {
 
 /// `n` Gaussians: copies of the scene on a grid, every float jittered a little so that copies
 /// are not equal.
-fn replicate(scene: &Scene, n: usize) -> Scene {
+pub(super) fn replicate(scene: &Scene, n: usize) -> Scene {
     let indices: Vec<usize> = (0..n).map(|i| i % scene.len()).collect();
     let mut out = scene.select(&indices);
     let mut seed = 1u64;

@@ -1,0 +1,126 @@
+//! Plans: what `gsvx plan` writes, and how it is found.
+
+use super::inputs::{Input, steps};
+use super::rows::Rows;
+use super::scratch::Scratch;
+use crate::input::{self, Reading, name};
+use crate::progress;
+use anyhow::{Context, Result, anyhow, bail};
+use gsvx::{Choices, Plan, Survey};
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{BufWriter, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+
+/// Name of the file of all means.
+const MEANS: &str = "means";
+/// Means that are in memory at a time.
+const PIECE: usize = 1 << 16;
+
+/// A plan, and the inputs that it is for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PlanFile {
+    /// The version of gsvx. Another may cut and code differently.
+    pub(crate) gsvx: String,
+    pub(crate) reading: Reading,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) plan: Plan,
+}
+
+impl PlanFile {
+    /// Reads a plan.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        let bytes = input::bytes(path)?;
+        Self::parse(&bytes)
+            .with_context(|| format!("{}: is no plan; gsvx plan makes one", name(path)))
+    }
+
+    /// A plan from its text.
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self> {
+        let plan: Self = serde_json::from_slice(bytes)?;
+        if plan.gsvx != crate::VERSION {
+            bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, crate::VERSION);
+        }
+        Ok(plan)
+    }
+
+    pub(crate) fn text(&self) -> Result<String> {
+        Ok(serde_json::to_string(self)? + "\n")
+    }
+
+    /// Tells this plan from others.
+    pub(crate) fn id(&self) -> Result<u32> {
+        Ok(crc32c::crc32c(self.text()?.as_bytes()))
+    }
+}
+
+/// Reads all inputs, and cuts their scene into tiles. The plan lacks what the sample says.
+pub(crate) fn survey(
+    inputs: &[PathBuf],
+    reading: &Reading,
+    choices: Choices,
+    scratch: &Scratch,
+) -> Result<PlanFile> {
+    let mut inputs = inputs.iter().map(|path| Input::new(path)).collect::<Result<Vec<_>>>()?;
+    let mut survey = Survey::new(choices.max_sh_degree);
+    let mut means = BufWriter::with_capacity(1 << 20, scratch.begin(MEANS)?);
+    let bar = steps("survey", inputs.iter());
+    for input in &mut inputs {
+        input.gaussians = input.each(reading, true, &bar, |scene| {
+            survey.add(&scene);
+            let coordinates = scene.means.as_flattened().iter();
+            let bytes: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
+            means.write_all(&bytes).map_err(|e| scratch.full(e))
+        })?;
+    }
+    drop(bar);
+    let mut means = means.into_inner().map_err(|e| scratch.full(e.into_error()))?;
+    let _bar = progress::spinner("counting".into());
+    let plan = Plan::new::<Failure>(&survey, choices, |take| {
+        means.rewind().map_err(|e| Failure(scratch.full(e)))?;
+        let mut left = survey.count();
+        while left > 0 {
+            let piece = read_means(&mut means, &mut left).map_err(|e| Failure(scratch.full(e)))?;
+            take(&piece);
+        }
+        Ok(())
+    })
+    .map_err(|e| e.0)?;
+    means.rewind().map_err(|e| scratch.full(e))?;
+    for input in &mut inputs {
+        let mut left = input.gaussians;
+        let mut found = vec![false; plan.tile_counts().len()];
+        while left > 0 {
+            let piece = read_means(&mut means, &mut left).map_err(|e| scratch.full(e))?;
+            plan.tiles_of(&piece)?.into_iter().for_each(|t| found[t as usize] = true);
+        }
+        input.tiles = (0..).zip(found).filter(|(_, f)| *f).map(|(t, _)| t).collect();
+    }
+    scratch.forget(&format!("{MEANS}.part"));
+    Ok(PlanFile { gsvx: crate::VERSION.into(), reading: reading.clone(), inputs, plan })
+}
+
+/// An error from inside the plan.
+struct Failure(anyhow::Error);
+
+impl From<gsvx::Error> for Failure {
+    fn from(error: gsvx::Error) -> Self {
+        Self(anyhow!(error))
+    }
+}
+
+fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>> {
+    let count = (*left).min(PIECE as u64);
+    let mut bytes = vec![0; 12 * count as usize];
+    from.read_exact(&mut bytes)?;
+    *left -= count;
+    let (floats, _) = bytes.as_chunks::<4>();
+    let (means, _) = floats.as_chunks::<3>();
+    Ok(means.iter().map(|m| m.map(f32::from_le_bytes)).collect())
+}
+
+/// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians.
+pub(crate) fn measure(plan: &mut Plan, rows: &Rows) -> Result<()> {
+    let _bar = progress::spinner("measuring a sample".into());
+    plan.measure::<Failure>(|tile| rows.tile(tile).map_err(Failure)).map_err(|e| e.0)
+}

@@ -1,0 +1,273 @@
+//! Scenes larger than memory, and scenes in parts: `gsvx encode --memory`, `gsvx plan`, `gsvx encode --part`,
+//! `gsvx join`. Whatever the way, and however often it is killed, the stream is that of an encode in memory.
+
+#[allow(dead_code, reason = "each test file uses its own part")]
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::LazyLock;
+use std::time::{Duration, Instant, SystemTime};
+
+use common::{gsvx, model, one_line, wrong_usage};
+use gs_model::{Scene, ply};
+
+/// Three files of a city of several tiles, the same Gaussians in one file, and the stream that an encode in memory
+/// makes of them.
+struct City {
+    dir: tempfile::TempDir,
+    inputs: Vec<PathBuf>,
+    stream: Vec<u8>,
+}
+
+/// Rooms side by side. Those of the last file are small and among those of the others.
+fn rooms(file: usize, copies: usize) -> Scene {
+    let (mut room, _) = ply::read(model()).unwrap();
+    room.cut_sh(1);
+    let mut scene = Scene { sh_degree: 1, ..Scene::default() };
+    for copy in 0..copies {
+        let first = scene.len();
+        scene.append(&room);
+        let (scale, x) = if file == 2 { (0.3, 7.0) } else { (1.0, 12.0) };
+        for i in first..scene.len() {
+            let jitter = 0.01 * ((i * 37 + file * 11) % 101) as f32 / 101.0;
+            scene.means[i] = scene.means[i].map(|v| scale * v + jitter);
+            scene.means[i][0] += x * copy as f32;
+            scene.means[i][2] += 9.0 * file as f32;
+            scene.log_scales[i] = scene.log_scales[i].map(|v| v + libm::logf(scale));
+        }
+    }
+    scene
+}
+
+static CITY: LazyLock<City> = LazyLock::new(|| {
+    let dir = tempfile::tempdir().unwrap();
+    let (room, _) = ply::read(model()).unwrap();
+    let copies = 200_000 / room.len() + 1;
+    let mut all = Scene { sh_degree: 1, ..Scene::default() };
+    let mut inputs = Vec::new();
+    for file in 0..3 {
+        let scene = rooms(file, copies);
+        let path = dir.path().join(format!("tile-{file}.ply"));
+        ply::write(&path, &scene).unwrap();
+        inputs.push(path);
+        all.append(&scene);
+    }
+    let whole = dir.path().join("whole.ply");
+    ply::write(&whole, &all).unwrap();
+    let stream = dir.path().join("whole.gsvx");
+    let out = gsvx().args(["encode", "--no-estimate"]).arg(whole).arg("-o").arg(&stream).output();
+    done(&out.unwrap());
+    City { inputs, stream: std::fs::read(&stream).unwrap(), dir }
+});
+
+fn done(out: &Output) {
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+}
+
+fn run(command: &mut Command) {
+    done(&command.output().unwrap());
+}
+
+/// `gsvx WORDS INPUTS -o OUTPUT`.
+fn of(words: &[&str], inputs: &[PathBuf], output: &Path) -> Command {
+    let mut command = gsvx();
+    command.args(words).args(inputs).arg("-o").arg(output);
+    command
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let list = std::fs::read_dir(dir).unwrap();
+    let mut names: Vec<_> = list.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Plans the city and encodes `n` parts.
+fn parts(dir: &Path, n: usize) -> Vec<PathBuf> {
+    let plan = dir.join("city.plan");
+    if !plan.exists() {
+        run(&mut of(&["plan"], &CITY.inputs, &plan));
+    }
+    let each = |k: usize| {
+        let part = dir.join(format!("part-{k}-of-{n}.gsvx"));
+        if !part.exists() {
+            let words = ["encode", "--part", &format!("{k}/{n}")];
+            run(&mut of(&words, std::slice::from_ref(&plan), &part));
+        }
+        part
+    };
+    (1..=n).map(each).collect()
+}
+
+#[test]
+fn a_bound_on_memory_changes_no_byte() {
+    let dir = tempfile::tempdir().unwrap();
+    let city = dir.path().join("city.gsvx");
+    let out = of(&["encode", "--memory", "500M"], &CITY.inputs, &city).output().unwrap();
+    done(&out);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("scratch files: about"), "{out:?}");
+    assert!(std::fs::read(&city).unwrap() == CITY.stream);
+    assert_eq!(names(dir.path()), ["city.gsvx"]);
+    // One file too, on one thread, with scratch files elsewhere.
+    let whole = CITY.dir.path().join("whole.ply");
+    let (again, scratch) = (dir.path().join("again.gsvx"), dir.path().join("scratch"));
+    let mut command = of(&["encode", "--memory", "1G", "--threads", "1"], &[whole], &again);
+    run(command.arg("--scratch").arg(&scratch));
+    assert!(std::fs::read(&again).unwrap() == CITY.stream && !scratch.exists());
+}
+
+#[test]
+fn parts_joined_are_the_scene_in_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    let joined = dir.path().join("joined.gsvx");
+    for n in [1, 2, 5] {
+        let mut parts = parts(dir.path(), n);
+        // Each part is a stream itself.
+        assert!(gsvx::decode(&std::fs::read(&parts[0]).unwrap()).is_ok());
+        parts.reverse();
+        run(of(&["join"], &parts, &joined).arg("--force"));
+        assert!(std::fs::read(&joined).unwrap() == CITY.stream, "{n} parts");
+    }
+    let mut parts = parts(dir.path(), 5);
+    let join = |parts: &[PathBuf]| of(&["join", "--force"], parts, &joined).output().unwrap();
+    let last = parts.split_off(4);
+    one_line(&join(&parts), "parts are missing: 5/5");
+    wrong_usage(&join(&[&parts[..], &parts[..1]].concat()), "the same part");
+    let other = dir.path().join("part-2-of-2.gsvx");
+    one_line(&join(&[&parts[..], &[other]].concat()), "different numbers of parts");
+    let bytes = std::fs::read(&last[0]).unwrap();
+    std::fs::write(&last[0], &bytes[..bytes.len() - 3]).unwrap();
+    one_line(&join(&[parts, last].concat()), "part-5-of-5.gsvx: is no whole part");
+    assert!(std::fs::read(&joined).unwrap() == CITY.stream);
+}
+
+#[test]
+fn inputs_that_are_broken_or_change_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let mut inputs = Vec::new();
+    for (i, name) in ["a.ply", "b.ply"].iter().enumerate() {
+        ply::write(at(name), &rooms(i, 1)).unwrap();
+        inputs.push(at(name));
+    }
+    run(&mut of(&["plan"], &inputs, &at("plan")));
+    let part =
+        || of(&["encode", "--part", "1/1"], &[at("plan")], &at("part.gsvx")).output().unwrap();
+    done(&part());
+    std::fs::remove_file(at("part.gsvx")).unwrap();
+    let mut moved = rooms(1, 1);
+    moved.means[5][0] += 1e4;
+    ply::write(at("b.ply"), &moved).unwrap();
+    one_line(&part(), "b.ply: has changed since the plan was made");
+    moved.means[5][0] = f32::NAN;
+    ply::write(at("b.ply"), &moved).unwrap();
+    one_line(&of(&["plan"], &inputs, &at("plan2")).output().unwrap(), "b.ply");
+    assert!(!at("plan2").exists());
+    // Invalid Gaussians can be left out, in every way alike.
+    run(of(&["plan"], &inputs, &at("plan3")).arg("--drop-invalid"));
+    run(&mut of(&["encode", "--part", "1/1"], &[at("plan3")], &at("part3.gsvx")));
+    let out = of(&["encode", "--drop-invalid"], &inputs, &at("one.gsvx")).output().unwrap();
+    done(&out);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("skipped: 1 invalid"), "{out:?}");
+    run(&mut of(&["join"], &[at("part3.gsvx")], &at("three.gsvx")));
+    assert!(std::fs::read(at("one.gsvx")).unwrap() == std::fs::read(at("three.gsvx")).unwrap());
+}
+
+#[test]
+fn flags_that_need_the_scene_in_memory_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out.gsvx");
+    let with = |words: &[&str]| of(words, &[model()], &out).output().unwrap();
+    wrong_usage(&with(&["encode", "--memory", "1G", "--lod"]), "--lod does not go with --memory");
+    wrong_usage(&with(&["encode", "--memory", "1M"]), "at least");
+    wrong_usage(&with(&["encode", "--part", "3/2"]), "K/N");
+    one_line(&with(&["encode", "--part", "1/2"]), "is no plan");
+    let two = [model(), model()];
+    let lossless = of(&["encode", "--lossless"], &two, &out).output().unwrap();
+    wrong_usage(&lossless, "several models as one scene");
+    assert!(names(dir.path()).is_empty());
+}
+
+/// Other moments every run. A failure prints the seed; `GSVX_KILL_SEED` sets it.
+struct Moments(u64);
+
+impl Moments {
+    fn new() -> Self {
+        let given = std::env::var("GSVX_KILL_SEED").ok().and_then(|s| s.parse().ok());
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
+        let seed = given.unwrap_or(now.as_nanos() as u64);
+        println!("GSVX_KILL_SEED={seed}");
+        Self(seed)
+    }
+
+    /// From the start to nearly the end of a run that takes `whole`.
+    fn next(&mut self, whole: Duration) -> Duration {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        whole.mul_f64(((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 53) as f64)
+    }
+}
+
+/// Kills a command again and again, each time later, until it ends. Returns how often, and how often it
+/// said that it goes on.
+fn until_done(
+    mut command: impl FnMut() -> Command,
+    kills: usize,
+    moments: &mut Moments,
+) -> [usize; 2] {
+    let started = Instant::now();
+    run(&mut command());
+    let whole = started.elapsed();
+    let (mut killed, mut resumed) = (0, 0);
+    for kill in 0..=kills {
+        let mut child = command().stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        if kill < kills {
+            std::thread::sleep(moments.next(whole));
+            // It may have ended by itself.
+            killed += usize::from(child.try_wait().unwrap().is_none());
+            child.kill().unwrap();
+        }
+        let out = child.wait_with_output().unwrap();
+        resumed += usize::from(String::from_utf8_lossy(&out.stderr).contains("going on with"));
+        if kill == kills {
+            done(&out);
+        }
+    }
+    [killed, resumed]
+}
+
+#[test]
+fn killed_at_random_an_encode_goes_on_to_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut moments = Moments::new();
+    let at = |name: &str| dir.path().join(name);
+    let encode = || {
+        let mut command = of(&["encode", "--memory", "500M"], &CITY.inputs, &at("city.gsvx"));
+        command.arg("--force");
+        command
+    };
+    let [kills, resumed] = until_done(encode, 10, &mut moments);
+    assert!(std::fs::read(at("city.gsvx")).unwrap() == CITY.stream);
+    println!("encode: {kills} kills, {resumed} runs went on");
+    assert!(kills >= 5 && resumed >= 2, "{kills} kills, {resumed} runs went on");
+    run(&mut of(&["plan"], &CITY.inputs, &at("plan")));
+    for k in ["1/2", "2/2"] {
+        let name = format!("part-{}.gsvx", &k[..1]);
+        let part = || {
+            let mut command = of(&["encode", "--force", "--part", k], &[at("plan")], &at(&name));
+            command.args(["--memory", "500M"]);
+            command
+        };
+        let [kills, resumed] = until_done(part, 5, &mut moments);
+        println!("part {k}: {kills} kills, {resumed} runs went on");
+    }
+    let both = [at("part-1.gsvx"), at("part-2.gsvx")];
+    let join = || of(&["join", "--force"], &both, &at("joined.gsvx"));
+    let [kills, _] = until_done(join, 10, &mut moments);
+    println!("join: {kills} kills");
+    assert!(std::fs::read(at("joined.gsvx")).unwrap() == CITY.stream);
+    let left = names(dir.path());
+    let wanted = ["city.gsvx", "joined.gsvx", "part-1.gsvx", "part-2.gsvx", "plan"];
+    assert_eq!(left, wanted);
+}

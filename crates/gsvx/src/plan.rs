@@ -1,0 +1,274 @@
+//! [`Plan`]: all that the tiles of a scene must know of the whole. With it each tile is encoded alone, anywhere, and
+//! [`crate::join`] makes the stream that [`crate::encode`] makes of the scene in memory, byte for byte.
+//!
+//! A plan is made in three passes over the Gaussians: a [`Survey`], then [`Plan::new`] counts Morton codes,
+//! then [`Plan::measure`] looks at a sample of the tiles.
+
+use crate::encode::{Encoded, Source, Whole, encode_source};
+use crate::error::{Error, Result};
+use crate::importance;
+use crate::options::EncodeOptions;
+use crate::prepare::{Seen, coarse, j_high, suffices};
+use crate::survey::Survey;
+use crate::tiled::{Mean, Octree, TILE, sample};
+use gs_model::Scene;
+use serde::{Deserialize, Serialize};
+use std::num::NonZeroUsize;
+use std::ops::Range;
+use voxel::{Cube, Importance, Tiles, WeightSums};
+
+/// What the caller of [`Plan::new`] chooses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Choices {
+    /// See [`EncodeOptions::quality`].
+    pub quality: f32,
+    /// See [`EncodeOptions::max_sh_degree`].
+    pub max_sh_degree: u8,
+    /// See [`EncodeOptions::chunk_leaves`].
+    pub chunk_leaves: NonZeroUsize,
+}
+
+impl Choices {
+    fn options(&self) -> Result<EncodeOptions> {
+        let options = EncodeOptions::from_quality(self.quality)?;
+        let Self { max_sh_degree, chunk_leaves, .. } = *self;
+        Ok(EncodeOptions { max_sh_degree, chunk_leaves, ..options })
+    }
+}
+
+/// What the tiles of a scene must know of the whole.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    choices: Choices,
+    count: u64,
+    sh_degree: u8,
+    origin: [f64; 3],
+    side: f64,
+    j_high: u8,
+    coarse_cells: Option<f64>,
+    /// First Morton codes of the tiles, at `j_high`, and their Gaussians.
+    tile_starts: Vec<u64>,
+    tile_counts: Vec<u64>,
+    /// Of the sample: sums that scale weights, and the mean importance of leaves.
+    sample_count: u64,
+    sample_importance: f64,
+    sample_geometry: f64,
+    mean_importance: f64,
+}
+
+impl Plan {
+    /// A plan that lacks what the sample says. `visit` hands over the means of all Gaussians, in any order and in
+    /// pieces of any size; it is called once for every four levels of the octree.
+    ///
+    /// # Errors
+    /// [`Error::TooWide`]; [`Error::Option`] for choices out of range; those of `visit`.
+    pub fn new<E: From<Error>>(
+        survey: &Survey,
+        choices: Choices,
+        mut visit: impl FnMut(&mut dyn FnMut(&[[f32; 3]])) -> std::result::Result<(), E>,
+    ) -> std::result::Result<Self, E> {
+        choices.options()?;
+        let (cube, median) = (survey.cube(), survey.median_log_scale());
+        if median.is_some_and(|m| !suffices(m, &cube)) {
+            return Err(Error::TooWide { side: cube.side }.into());
+        }
+        let j_high = j_high(median, &cube);
+        let tiles = if survey.count() <= TILE {
+            Tiles::one(survey.count())
+        } else {
+            Tiles::cut(j_high, TILE, |take| {
+                let mut failed = None;
+                visit(&mut |means| match voxel::morton_codes(means, &cube, j_high) {
+                    Ok(codes) => take(&codes),
+                    Err(e) => failed = Some(Error::from(e)),
+                })?;
+                failed.map_or(Ok(()), |e| Err(E::from(e)))
+            })?
+        };
+        Ok(Self {
+            choices,
+            count: survey.count(),
+            sh_degree: survey.sh_degree(),
+            origin: cube.origin,
+            side: cube.side,
+            j_high,
+            coarse_cells: median.and_then(|m| coarse(m, &cube)),
+            tile_starts: tiles.starts().to_vec(),
+            tile_counts: tiles.counts().to_vec(),
+            sample_count: 0,
+            sample_importance: 0.0,
+            sample_geometry: 0.0,
+            mean_importance: 0.0,
+        })
+    }
+
+    /// Tiles whose Gaussians stand for all, ascending.
+    #[must_use]
+    pub fn sample(&self) -> Vec<usize> {
+        sample(self.tile_starts.len())
+    }
+
+    /// Finishes the plan. `scene` gives the Gaussians of a tile of [`Plan::sample`], in the order of the input; it is
+    /// called twice for each. SH coefficients above DC do not matter.
+    ///
+    /// # Errors
+    /// Those of `scene`; [`Error::CountMismatch`] if a tile has another number of Gaussians than were counted.
+    pub fn measure<E: From<Error>>(
+        &mut self,
+        mut scene: impl FnMut(usize) -> std::result::Result<Scene, E>,
+    ) -> std::result::Result<(), E> {
+        let octree = self.octree();
+        let mut sums = WeightSums::default();
+        let mut importances = Vec::new();
+        for tile in self.sample() {
+            let scene = scene(tile)?;
+            self.check(tile, &scene)?;
+            let importance = importance::without_cameras(&scene);
+            sums.add(&octree.sums(&scene, &importance)?);
+            importances.push(importance);
+        }
+        self.sample_count = sums.count;
+        self.sample_importance = sums.importance;
+        self.sample_geometry = sums.geometry;
+        let mut mean = Mean::default();
+        for (tile, importance) in self.sample().into_iter().zip(importances) {
+            let voxels = octree.leaves(&scene(tile)?, &importance, &self.codes(tile), sums)?;
+            mean.add(&Mean::of(&voxels.sums(&importance)));
+        }
+        self.mean_importance = mean.value();
+        Ok(())
+    }
+
+    /// Encodes a tile from its Gaussians, in the order of the input: a stream of its own, for [`crate::join`].
+    ///
+    /// # Errors
+    /// [`Error::CountMismatch`] if these are not the Gaussians of the tile; otherwise as [`crate::encode`].
+    pub fn encode(&self, tile: usize, scene: &Scene) -> Result<Encoded> {
+        self.check(tile, scene)?;
+        self.encode_range(&self.codes(tile), scene)
+    }
+
+    /// The stream of a part without tiles.
+    ///
+    /// # Errors
+    /// As [`Plan::encode`].
+    pub fn encode_nothing(&self) -> Result<Encoded> {
+        self.encode_range(&(0..u64::MAX), &Scene::default())
+    }
+
+    fn encode_range(&self, codes: &Range<u64>, scene: &Scene) -> Result<Encoded> {
+        let importance = importance::without_cameras(scene);
+        let sums = WeightSums {
+            count: self.sample_count,
+            importance: self.sample_importance,
+            geometry: self.sample_geometry,
+        };
+        let voxels = self.octree().leaves(scene, &importance, codes, sums)?;
+        let whole = Whole {
+            cuts: &[],
+            mean_importance: self.mean_importance,
+            sh_degree: Some(self.sh_degree),
+        };
+        let source = Source {
+            scene,
+            voxels: &voxels,
+            weights: &Importance::Given(importance),
+            sensitivities: None,
+            merged: false,
+            whole: Some(whole),
+        };
+        encode_source(&source, None, &self.choices.options()?)
+    }
+
+    /// The tile of each Gaussian, from their means.
+    ///
+    /// # Errors
+    /// [`Error::Voxel`] if a mean was not there when the plan was made.
+    pub fn tiles_of(&self, means: &[[f32; 3]]) -> Result<Vec<u32>> {
+        let codes = voxel::morton_codes(means, &self.octree().cube, self.j_high)?;
+        let tile = |code| self.tile_starts.partition_point(|&start| start <= code) as u32 - 1;
+        Ok(codes.into_iter().map(tile).collect())
+    }
+
+    /// Gaussians.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The Gaussians of each tile.
+    #[must_use]
+    pub fn tile_counts(&self) -> &[u64] {
+        &self.tile_counts
+    }
+
+    /// The highest SH degree that is coded.
+    #[must_use]
+    pub fn sh_degree(&self) -> u8 {
+        self.sh_degree
+    }
+
+    /// See [`Encoded::coarse_cells`].
+    #[must_use]
+    pub fn coarse_cells(&self) -> Option<f64> {
+        self.coarse_cells
+    }
+
+    /// The tiles of part `k` of `n`, with `k` from 0: each part has about as many Gaussians, some may have none.
+    #[must_use]
+    pub fn part(&self, k: u64, n: u64) -> Range<usize> {
+        let before = |sum: &mut u64, count: &u64| {
+            *sum += count;
+            Some(*sum - count)
+        };
+        let starts: Vec<u64> = self.tile_counts.iter().scan(0, before).collect();
+        let first = |k: u64| {
+            let wanted = (u128::from(self.count) * u128::from(k)).div_ceil(u128::from(n.max(1)));
+            if k >= n { starts.len() } else { starts.partition_point(|&s| u128::from(s) < wanted) }
+        };
+        first(k)..first(k + 1)
+    }
+
+    fn octree(&self) -> Octree {
+        let cube = Cube { origin: self.origin, side: self.side };
+        let (j_high, quality) = (self.j_high, self.choices.quality);
+        Octree { cube, j_high, quality, seen: Seen::Guessed }
+    }
+
+    fn codes(&self, tile: usize) -> Range<u64> {
+        let end = self.tile_starts.get(tile + 1).copied().unwrap_or(u64::MAX);
+        self.tile_starts[tile]..end
+    }
+
+    fn check(&self, tile: usize, scene: &Scene) -> Result<()> {
+        let wanted = self.tile_counts.get(tile).copied().unwrap_or_default() as usize;
+        match scene.len() == wanted {
+            true => Ok(()),
+            false => Err(Error::CountMismatch { scene: scene.len(), leaves: wanted }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_all_tiles_once() {
+        let mut survey = Survey::new(0);
+        survey.add(&testing::trained_like(50, 0, &mut testing::Rng::seeded(1)));
+        let choices = Choices { quality: 50.0, max_sh_degree: 3, chunk_leaves: NonZeroUsize::MIN };
+        let mut plan = Plan::new::<Error>(&survey, choices, |_| Ok(())).unwrap();
+        plan.tile_counts = vec![5, 10, 3, 12, 20];
+        for n in 1..9 {
+            let mut next = 0;
+            for k in 0..n {
+                let part = plan.part(k, n);
+                assert_eq!(part.start, next);
+                next = part.end;
+            }
+            assert_eq!(next, 5);
+        }
+        assert_eq!(plan.part(1, 2), 4..5);
+    }
+}

@@ -1,0 +1,132 @@
+//! What one pass over a scene finds: its extent, the sizes of its Gaussians, the SH degree in use.
+//!
+//! Invariant: the result does not depend on the order of the Gaussians, nor on how they are divided into parts.
+
+use crate::encode::used_degree;
+use gs_model::Scene;
+use voxel::Cube;
+
+/// Sizes are counted by the first 16 bits of their floats: to within 0.8 %.
+const SIZE_BITS: u32 = 16;
+
+/// What is known of the Gaussians seen so far.
+#[derive(Clone, Debug)]
+pub struct Survey {
+    count: u64,
+    low: [f32; 3],
+    high: [f32; 3],
+    /// How many Gaussians have a log-scale of their largest axis in each class.
+    sizes: Vec<u64>,
+    most_degree: u8,
+    degree: u8,
+}
+
+impl Survey {
+    /// No Gaussian yet. SH degrees above `max_sh_degree` do not count.
+    #[must_use]
+    pub fn new(max_sh_degree: u8) -> Self {
+        Self {
+            count: 0,
+            low: [f32::INFINITY; 3],
+            high: [f32::NEG_INFINITY; 3],
+            sizes: vec![0; 1 << SIZE_BITS],
+            most_degree: max_sh_degree,
+            degree: 0,
+        }
+    }
+
+    /// Of one scene.
+    pub(crate) fn of(scene: &Scene) -> Self {
+        let mut survey = Self::new(0);
+        survey.add(scene);
+        survey
+    }
+
+    /// Counts valid Gaussians in.
+    pub fn add(&mut self, scene: &Scene) {
+        self.count += scene.len() as u64;
+        for mean in &scene.means {
+            for k in 0..3 {
+                self.low[k] = self.low[k].min(mean[k]);
+                self.high[k] = self.high[k].max(mean[k]);
+            }
+        }
+        for log_scale in &scene.log_scales {
+            let size = log_scale.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            self.sizes[(key(size) >> (32 - SIZE_BITS)) as usize] += 1;
+        }
+        if !scene.is_empty() && scene.sh_degree.min(self.most_degree) > self.degree {
+            self.degree = self.degree.max(used_degree(scene, self.most_degree));
+        }
+    }
+
+    /// Gaussians.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The highest SH degree with a coefficient that is not zero.
+    #[must_use]
+    pub fn sh_degree(&self) -> u8 {
+        self.degree
+    }
+
+    /// The cube of all means, which are finite.
+    #[must_use]
+    pub fn cube(&self) -> Cube {
+        match self.count {
+            0 => Cube::spanning([0.0; 3], [0.0; 3]),
+            _ => Cube::spanning(self.low, self.high),
+        }
+    }
+
+    /// The median of the logarithms of the largest axes, to within 0.8 %; `None` without Gaussians.
+    pub(crate) fn median_log_scale(&self) -> Option<f64> {
+        let mut left = self.count / 2;
+        let class = self.sizes.iter().position(|&n| {
+            let found = left < n;
+            left = left.saturating_sub(n);
+            found
+        })?;
+        Some(f64::from(value((class as u32) << (32 - SIZE_BITS))))
+    }
+}
+
+/// A number that ascends with the float.
+fn key(value: f32) -> u32 {
+    let bits = value.to_bits();
+    if bits >> 31 == 1 { !bits } else { bits | 1 << 31 }
+}
+
+/// The float of a key.
+fn value(key: u32) -> f32 {
+    f32::from_bits(if key >> 31 == 1 { key & !(1 << 31) } else { !key })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_that_of_a_sort() {
+        let mut scene = testing::trained_like(2001, 1, &mut testing::Rng::seeded(4));
+        for (i, scale) in scene.log_scales.iter_mut().enumerate() {
+            scale[0] += (i % 13) as f32 - 6.0;
+        }
+        let largest = |l: &[f32; 3]| l.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let mut sizes: Vec<f32> = scene.log_scales.iter().map(largest).collect();
+        sizes.sort_by(f32::total_cmp);
+        let exact = f64::from(sizes[1000]);
+        let mut parts = Survey::new(3);
+        parts.add(&scene.select(&(1200..2001).collect::<Vec<_>>()));
+        parts.add(&Scene::default());
+        parts.add(&scene.select(&(0..1200).collect::<Vec<_>>()));
+        let found = parts.median_log_scale().unwrap();
+        assert!((found - exact).abs() <= 0.008 * exact.abs(), "{found}, not {exact}");
+        assert_eq!(parts.cube(), Cube::of(&scene.means).unwrap());
+        assert_eq!((parts.count(), parts.sh_degree()), (2001, 1));
+        assert_eq!(Survey::new(3).median_log_scale(), None);
+        assert_eq!(Survey::new(3).cube(), Cube::of(&[]).unwrap());
+    }
+}
