@@ -245,33 +245,16 @@ pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
     Some(find_around(scene, Bulk::of(scene, Weigh::Alike)?, constraints, Weigh::Alike))
 }
 
-/// Gaussians of the copy that [`find_quickly`] looks at, its height (degrees), and the radii that it tries.
-const FEWER: usize = 2_000;
+/// Gaussians of the copy that [`find_quickly`] looks at, and its height, degrees.
+const FEWER: usize = 8_000;
 const QUICK_ELEVATION: f64 = 20.0;
-const QUICK_RADII: [f64; 2] = [0.8, 0.5];
 
-/// A circle, and the `n` places on it that see most, in turns: from some of the Gaussians, at one height, and so
-/// in a hundredth of a second for a model of any size. `None` for a scene without a Gaussian.
+/// As [`find`], in a tenth of a second for a model of any size: from some of the Gaussians, and at one height.
 #[must_use]
-pub fn find_quickly(scene: &Scene, n: usize, tangents: [f64; 2]) -> Option<(Ring, Vec<f64>)> {
-    let (few, _) = thinned(scene, FEWER);
-    let bulk = Bulk::of(&few, Weigh::Detail)?;
-    let thin =
-        ThinnedScene { edge: FEWER_PIXELS, ..ThinnedScene::of(&few, tangents, Weigh::Detail) };
-    let turn = |i: u32| f64::from(i) / f64::from(FEW);
-    let around = |share: f64| {
-        let radius = share * framing_distance(bulk, tangents);
-        let ring = Ring { centre: bulk.centre, up: COLMAP_UP, radius, elevation: QUICK_ELEVATION };
-        let mut seen: Vec<(f64, f64)> =
-            (0..FEW).map(|i| (thin.view(&ring, turn(i)), turn(i))).collect();
-        seen.sort_by(|a, b| b.0.total_cmp(&a.0));
-        seen.truncate(n);
-        (ring, seen)
-    };
-    let sum = |seen: &[(f64, f64)]| seen.iter().map(|s| s.0).sum::<f64>();
-    let [far, near] = QUICK_RADII.map(around);
-    let (ring, seen) = if sum(&near.1) > CLOSER * sum(&far.1) { near } else { far };
-    Some((ring, seen.into_iter().map(|s| s.1).collect()))
+pub fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
+    let (up, elevation) = (Some(COLMAP_UP), Some(QUICK_ELEVATION));
+    let (thin, _) = thinned(scene, FEWER);
+    find(&thin, &Constraints { up, radius: None, elevation, tangents })
 }
 
 /// The distance at which the bulk's sphere nearly touches the edges of the image.
@@ -345,15 +328,12 @@ struct ThinnedScene {
     scene: Scene,
     weights: Vec<f64>,
     tangents: [f64; 2],
-    /// Pixels along the longer edge of the images.
-    edge: f64,
 }
 
 /// Gaussians that a copy has at most.
 const MOST: usize = 16_000;
-/// Pixels along the longer edge of its images: in [`find`], and in [`find_quickly`].
+/// Pixels along the longer edge of its images.
 const EDGE_PIXELS: f64 = 64.0;
-const FEWER_PIXELS: f64 = 24.0;
 /// A Gaussian that fills this much of a pixel is seen.
 const SEEN: f64 = 0.02;
 
@@ -379,14 +359,14 @@ impl ThinnedScene {
         let weights = weights(scene, weigh);
         let (base, chosen) = thinned(scene, MOST);
         let weights = chosen.iter().map(|&i| weights[i]).collect();
-        Self { scene: base, weights, tangents, edge: EDGE_PIXELS }
+        Self { scene: base, weights, tangents }
     }
 
     /// The share of the detail that one camera sees.
     fn view(&self, ring: &Ring, turn: f64) -> f64 {
         let wide = self.tangents[0].max(self.tangents[1]);
-        let size = self.tangents.map(|t| (self.edge * t / wide).round().max(1.0) as u32);
-        let focal = 0.5 * self.edge / wide;
+        let size = self.tangents.map(|t| (EDGE_PIXELS * t / wide).round().max(1.0) as u32);
+        let focal = 0.5 * EDGE_PIXELS / wide;
         let camera = ring.camera(String::new(), turn, size, focal);
         let seen = saliency_per_view(&self.scene, &[camera]).total;
         let sum: f64 =
