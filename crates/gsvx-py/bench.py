@@ -277,7 +277,7 @@ is 0 at most.
 
 `pytest crates/gsvx-py/tests`: {tests}. Among them: 1,000 streams with random damage are given to
 `decompress_bytes` and to `open`, and every one is decoded as if it were whole or raises `gsvx.Error`; the
-streams of 17 sets of options are those of the command.
+streams of 19 sets of options are those of the command.
 """
 
 if __name__ == "__main__":

@@ -32,6 +32,10 @@ const FAR: f64 = 2.0;
 const EDGE: f64 = 0.01;
 const WITHIN: f64 = 0.99;
 
+/// Gaussians all in one place are as large as this many of their standard deviations.
+const SIZES: f64 = 2.0;
+const LEAST_RADIUS: f64 = 1e-9;
+
 impl Bulk {
     /// The bulk of a scene; `None` if it holds no Gaussian.
     fn of(scene: &Scene, weigh: Weigh) -> Option<Self> {
@@ -53,7 +57,12 @@ impl Bulk {
             all.iter().copied().filter(|&i| distance(at(i), median) <= reach).collect();
         let near = if near.is_empty() { all } else { near };
         let centre = [0, 1, 2].map(|k| 0.5 * (along(&near, k, EDGE) + along(&near, k, 1.0 - EDGE)));
-        Some(Self { centre, radius: from(&near, centre, WITHIN).max(1e-3) })
+        let size = |i: usize| f64::from(largest(&scene.log_scales[i]));
+        let typical = quantile(near.iter().map(|&i| (size(i), weights[i])).collect(), 0.5);
+        let least = SIZES * libm::exp(typical);
+        let radius = from(&near, centre, WITHIN).max(least);
+        // What is smaller than numbers of 32 bits can tell apart is nothing.
+        Some(Self { centre, radius: radius.clamp(LEAST_RADIUS, f64::from(f32::MAX)) })
     }
 }
 
@@ -71,6 +80,11 @@ fn weights(scene: &Scene, weigh: Weigh) -> Vec<f64> {
     let least = quantile(areas.iter().map(|&a| (a, 1.0)).collect(), SPECKS).max(f64::MIN_POSITIVE);
     let small = |a: f64| if weigh == Weigh::Detail { least / a.max(least) } else { 1.0 };
     areas.iter().zip(&scene.opacity_logits).map(|(&a, &o)| opacity(o) * small(a)).collect()
+}
+
+/// The largest of a Gaussian's three.
+fn largest(log_scale: &[f32; 3]) -> f32 {
+    log_scale.iter().copied().fold(f32::NEG_INFINITY, f32::max)
 }
 
 /// Product of the two largest standard deviations.
@@ -112,15 +126,21 @@ pub struct Ring {
     pub elevation: f64,
 }
 
+/// Renderers show nothing that is nearer than 0.2 units, so no camera stands nearer to the centre than this.
+const NEAREST: f64 = 0.5;
+
 impl Ring {
-    /// A camera at `turn` (in turns) around the circle.
+    /// A camera at `turn` (in turns) around the circle. Where the circle is too small to see anything from it, the
+    /// camera stands farther away and has a longer lens.
     #[must_use]
     pub fn camera(&self, name: String, turn: f64, size: [u32; 2], focal: f64) -> Camera {
         let angle = std::f64::consts::TAU * turn;
         let (right, ahead) = horizon(self.up);
         let (sin, cos) = (libm::sin(angle), libm::cos(angle));
         let raised = self.elevation.to_radians();
-        let (out, up) = (self.radius * libm::cos(raised), self.radius * libm::sin(raised));
+        let radius = self.radius.max(NEAREST);
+        let focal = focal * (radius / self.radius);
+        let (out, up) = (radius * libm::cos(raised), radius * libm::sin(raised));
         let eye = [0, 1, 2]
             .map(|k| self.centre[k] + out * (cos * right[k] + sin * ahead[k]) + up * self.up[k]);
         Camera::looking_at(name, eye, self.centre, self.up, size, focal)
@@ -225,24 +245,45 @@ pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
     Some(find_around(scene, Bulk::of(scene, Weigh::Alike)?, constraints, Weigh::Alike))
 }
 
-/// Gaussians of the copy that [`find_quickly`] looks at, and its height, degrees.
-const FEWER: usize = 8_000;
+/// Gaussians of the copy that [`find_quickly`] looks at, its height (degrees), and the radii that it tries.
+const FEWER: usize = 2_000;
 const QUICK_ELEVATION: f64 = 20.0;
+const QUICK_RADII: [f64; 2] = [0.8, 0.5];
 
-/// As [`find`], in a tenth of a second for a model of any size: from some of the Gaussians, and at one height.
+/// A circle, and the `n` places on it that see most, in turns: from some of the Gaussians, at one height, and so
+/// in a hundredth of a second for a model of any size. `None` for a scene without a Gaussian.
 #[must_use]
-pub fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
-    let (up, elevation) = (Some(COLMAP_UP), Some(QUICK_ELEVATION));
-    let (thin, _) = thinned(scene, FEWER);
-    find(&thin, &Constraints { up, radius: None, elevation, tangents })
+pub fn find_quickly(scene: &Scene, n: usize, tangents: [f64; 2]) -> Option<(Ring, Vec<f64>)> {
+    let (few, _) = thinned(scene, FEWER);
+    let bulk = Bulk::of(&few, Weigh::Detail)?;
+    let thin =
+        ThinnedScene { edge: FEWER_PIXELS, ..ThinnedScene::of(&few, tangents, Weigh::Detail) };
+    let turn = |i: u32| f64::from(i) / f64::from(FEW);
+    let around = |share: f64| {
+        let radius = share * framing_distance(bulk, tangents);
+        let ring = Ring { centre: bulk.centre, up: COLMAP_UP, radius, elevation: QUICK_ELEVATION };
+        let mut seen: Vec<(f64, f64)> =
+            (0..FEW).map(|i| (thin.view(&ring, turn(i)), turn(i))).collect();
+        seen.sort_by(|a, b| b.0.total_cmp(&a.0));
+        seen.truncate(n);
+        (ring, seen)
+    };
+    let sum = |seen: &[(f64, f64)]| seen.iter().map(|s| s.0).sum::<f64>();
+    let [far, near] = QUICK_RADII.map(around);
+    let (ring, seen) = if sum(&near.1) > CLOSER * sum(&far.1) { near } else { far };
+    Some((ring, seen.into_iter().map(|s| s.1).collect()))
+}
+
+/// The distance at which the bulk's sphere nearly touches the edges of the image.
+fn framing_distance(bulk: Bulk, tangents: [f64; 2]) -> f64 {
+    let narrow = tangents[0].min(tangents[1]);
+    MARGIN * bulk.radius * (1.0 + narrow * narrow).sqrt() / narrow
 }
 
 /// Finds a circle around what matters.
 fn find_around(scene: &Scene, bulk: Bulk, constraints: &Constraints, weigh: Weigh) -> Placement {
     let thin = ThinnedScene::of(scene, constraints.tangents, weigh);
-    let narrow = constraints.tangents[0].min(constraints.tangents[1]);
-    // The distance at which the sphere nearly touches the edges of the image.
-    let framing = MARGIN * bulk.radius * (1.0 + narrow * narrow).sqrt() / narrow;
+    let framing = framing_distance(bulk, constraints.tangents);
     let radii = match constraints.radius {
         Some(radius) => vec![radius],
         None => RADII.map(|share| share * framing).to_vec(),
@@ -304,12 +345,15 @@ struct ThinnedScene {
     scene: Scene,
     weights: Vec<f64>,
     tangents: [f64; 2],
+    /// Pixels along the longer edge of the images.
+    edge: f64,
 }
 
 /// Gaussians that a copy has at most.
 const MOST: usize = 16_000;
-/// Pixels along the longer edge of its images.
+/// Pixels along the longer edge of its images: in [`find`], and in [`find_quickly`].
 const EDGE_PIXELS: f64 = 64.0;
+const FEWER_PIXELS: f64 = 24.0;
 /// A Gaussian that fills this much of a pixel is seen.
 const SEEN: f64 = 0.02;
 
@@ -335,14 +379,14 @@ impl ThinnedScene {
         let weights = weights(scene, weigh);
         let (base, chosen) = thinned(scene, MOST);
         let weights = chosen.iter().map(|&i| weights[i]).collect();
-        Self { scene: base, weights, tangents }
+        Self { scene: base, weights, tangents, edge: EDGE_PIXELS }
     }
 
     /// The share of the detail that one camera sees.
     fn view(&self, ring: &Ring, turn: f64) -> f64 {
         let wide = self.tangents[0].max(self.tangents[1]);
-        let size = self.tangents.map(|t| (EDGE_PIXELS * t / wide).round().max(1.0) as u32);
-        let focal = 0.5 * EDGE_PIXELS / wide;
+        let size = self.tangents.map(|t| (self.edge * t / wide).round().max(1.0) as u32);
+        let focal = 0.5 * self.edge / wide;
         let camera = ring.camera(String::new(), turn, size, focal);
         let seen = saliency_per_view(&self.scene, &[camera]).total;
         let sum: f64 =
@@ -458,6 +502,28 @@ mod tests {
         assert!(1.0 / (found.ring.radius * found.ring.radius - 1.0).sqrt() < 0.45, "{found:?}");
         assert!(found.ring.radius < 6.0, "{found:?}");
         assert!(find(&Scene::default(), &constraints).is_none());
+    }
+
+    #[test]
+    fn a_model_of_no_extent_or_of_two_centimetres_was_not_shown() {
+        let mut small = sphere([0.0; 3]).select(&(0..500).collect::<Vec<_>>());
+        for i in 0..small.len() {
+            small.means[i] = small.means[i].map(|x| 0.01 * x);
+            small.log_scales[i] = small.log_scales[i].map(|l| l - 4.6);
+        }
+        let mut one_place = sphere([0.0; 3]);
+        one_place.means.fill([1.0, 2.0, 3.0]);
+        let mut one_speck = one_place.clone();
+        one_speck.log_scales.fill([-11.0; 3]);
+        for scene in [small, one_place.select(&[0]), one_place, one_speck] {
+            let constraints =
+                Constraints { up: None, radius: None, elevation: None, tangents: [0.6, 0.45] };
+            let found = find(&scene, &constraints).unwrap();
+            let camera = found.ring.camera(String::new(), found.best, [64, 48], 53.0);
+            let image = crate::render(&scene, &camera, &crate::RenderOptions::default());
+            let shows = image.rgb.iter().filter(|&&v| v > 0.1).count();
+            assert!(shows > image.rgb.len() / 10, "{shows} of {found:?}");
+        }
     }
 
     #[test]

@@ -11,9 +11,9 @@ use crate::options::RenderOptions;
 use gs_model::{Camera, Scene};
 
 /// Views that are looked at.
-const VIEWS: usize = 4;
+const VIEWS: usize = 2;
 /// Size of the pictures, pixels.
-const SIZE: [u32; 2] = [256, 192];
+const SIZE: [u32; 2] = [320, 240];
 /// Width of the generated views, pixels, and tangent of half their field of view.
 const WIDTH: f64 = 960.0;
 const TANGENT: f64 = 0.577;
@@ -67,17 +67,16 @@ impl Pictures {
     /// Compares with another version of the model; `None` if the pictures show nothing.
     #[must_use]
     pub fn likeness(&self, scene: &Scene) -> Option<Likeness> {
-        let (mut psnr, mut ssim) = (0.0, 0.0);
-        for (camera, reference) in &self.views {
+        let compared = self.views.iter().filter_map(|(camera, reference)| {
             let shown = render(scene, camera, &RenderOptions::default());
             let eight = |rgb: &[u8]| Image::from_rgb8(camera.width, camera.height, rgb);
-            let (Some(a), Some(b)) = (eight(&shown.to_rgb8()), eight(reference)) else { continue };
-            psnr += metrics::psnr(&a, &b).min(EQUAL);
-            ssim += metrics::ssim(&a, &b);
-        }
-        let views = self.views.len();
-        let n = views as f64;
-        (views > 0).then(|| Likeness { psnr: psnr / n, ssim: ssim / n, views })
+            let (a, b) = (eight(&shown.to_rgb8())?, eight(reference)?);
+            Some((metrics::psnr(&a, &b).min(EQUAL), metrics::ssim(&a, &b)))
+        });
+        let compared: Vec<(f64, f64)> = compared.collect();
+        let views = compared.len();
+        let mean = |of: fn(&(f64, f64)) -> f64| compared.iter().map(of).sum::<f64>() / views as f64;
+        (views > 0).then(|| Likeness { psnr: mean(|c| c.0), ssim: mean(|c| c.1), views })
     }
 }
 
@@ -109,7 +108,10 @@ fn middle(camera: &Camera) -> Camera {
 /// Views of what matters in a model.
 fn around(scene: &Scene) -> Vec<Camera> {
     let tangents = [TANGENT, TANGENT * f64::from(SIZE[1]) / f64::from(SIZE[0])];
-    let Some(found) = framing::find_quickly(scene, tangents) else { return Vec::new() };
+    let Some((ring, turns)) = framing::find_quickly(scene, VIEWS, tangents) else {
+        return Vec::new();
+    };
     let focal = 0.5 * WIDTH / TANGENT;
-    found.cameras(VIEWS as u32, "view", SIZE, focal)
+    let places = turns.into_iter().enumerate();
+    places.map(|(i, turn)| ring.camera(format!("view-{i}"), turn, SIZE, focal)).collect()
 }

@@ -256,9 +256,10 @@ pub enum Error {
 
     /// Gaussians with a value that is not finite, or whose quaternion has no direction.
     #[error(
-        "{}: Gaussian {index}: {field} is {value} ({count} invalid Gaussians in all); \
-         they can be dropped on request",
-        file.display()
+        "{}: Gaussian {index}: {field} is {value} ({count} invalid {} in all); \
+         what is invalid can be dropped on request",
+        file.display(),
+        if *count == 1 { "Gaussian" } else { "Gaussians" }
     )]
     InvalidGaussian {
         /// The file.

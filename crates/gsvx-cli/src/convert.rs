@@ -4,7 +4,7 @@ use crate::axes::{self, Axes};
 use crate::exit::note;
 use crate::format::Model;
 use crate::input::ReadingAny;
-use crate::output::{Output, megabytes};
+use crate::output::{Output, counted, megabytes};
 use crate::report::Reporter;
 use anyhow::Result;
 use gs_model::spz;
@@ -86,7 +86,8 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     if let Some(lost) = format.loses(scene.sh_degree) {
         note(lost);
     }
-    let human = format!("{name}: {} Gaussians, {}", scene.len(), megabytes(bytes));
+    let human =
+        format!("{name}: {}, {}", counted(scene.len() as u64, "Gaussian"), megabytes(bytes));
     let json = json!({
         "output": name,
         "gaussians": scene.len(),

@@ -4,7 +4,7 @@ use crate::batch::{self, Job};
 use crate::exit::note;
 use crate::format::Model;
 use crate::input::{self, Limit};
-use crate::output::{Output, is_stdio, megabytes};
+use crate::output::{Output, counted, is_stdio, megabytes};
 use crate::positional;
 use crate::region::{self, Part, Region};
 use crate::report::Reporter;
@@ -191,7 +191,8 @@ impl Decoding {
             note(format_args!("note: {skipped}"));
         }
         let human = format!(
-            "{written}: {gaussians} Gaussians, SH degree {sh_degree}, decoded in {seconds:.2} s"
+            "{written}: {}, SH degree {sh_degree}, decoded in {seconds:.2} s",
+            counted(*gaussians as u64, "Gaussian")
         );
         let json = json!({
             "output": written,

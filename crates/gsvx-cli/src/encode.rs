@@ -7,7 +7,7 @@ use crate::input::Reading;
 use crate::join::{self, Part};
 use crate::loss::{Loss, Pictures};
 use crate::lost_columns::Lost;
-use crate::output::{Output, megabytes};
+use crate::output::{Output, counted, megabytes, short};
 use crate::preset::{self, Preset};
 use crate::progress::{self, Steps};
 use crate::report::Reporter;
@@ -16,7 +16,7 @@ use crate::{input, max_error, plan, size, views};
 use anyhow::{Context, Result};
 use finetune::References;
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, Leaves, MaxError, rate};
+use gsvx::{CovarianceMode, EncodeOptions, Encoded, Kind, Leaves, MaxError, rate};
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::num::NonZeroUsize;
@@ -330,8 +330,9 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
 
     let bytes = made.encoded.bytes.len() as u64;
     let mut human = format!(
-        "{name}: {in_input} Gaussians coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
+        "{name}: {} coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
          read {read_seconds:.2} s, encode {encode_seconds:.2} s, estimate {:.2} s",
+        counted(in_input as u64, "Gaussian"),
         made.gaussians(),
         megabytes(input_bytes),
         megabytes(bytes),
@@ -416,16 +417,28 @@ impl Made {
         if exact as u64 == self.gaussians() { 0 } else { exact }
     }
 
+    /// Share of the bytes that Gaussians take that are coded exactly, in percent.
+    fn exact_share(&self) -> f64 {
+        let chunks = self.encoded.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
+        let bytes: u64 = chunks.flat_map(|c| &c.layers).map(|l| l.len).sum();
+        100.0 * bytes as f64 / self.encoded.bytes.len().max(1) as f64
+    }
+
     /// For a person.
     fn remarks(&self) -> String {
         let pruned = match self.encoded.pruned {
             0 => String::new(),
             n => format!("; {n} pruned"),
         };
+        // With bounds on errors the note says how many are exact.
         let outliers = match self.outliers() {
             0 => String::new(),
-            1 => "; 1 outlier coded exactly".into(),
-            n => format!("; {n} outliers coded exactly"),
+            _ if self.encoded.max_error.is_some() => String::new(),
+            n => format!(
+                "; {} coded exactly, far from all others: {:.0} % of the bytes",
+                counted(n as u64, "outlier"),
+                self.exact_share()
+            ),
         };
         format!("{}{pruned}{outliers}{}", self.note, self.unseen())
     }
@@ -497,12 +510,24 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
     let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
     let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
     let loss = loss.with_context(name)?;
-    if let Some(cells) = made.encoded.coarse_cells {
+    if let Some(coarse) = made.encoded.coarse_cells {
         note(format_args!(
-            "warning: {}: its parts lie so far apart that positions come in steps of {cells:.1} times the \
-             size of a typical Gaussian, which shows at any quality; encode each part apart, or use \
+            "warning: {}: its parts lie so far apart, or differ so much in size, that positions come in steps of \
+             {} times the size of its {} Gaussians, which shows at any quality; encode each part apart, or use \
              --max-error or --lossless",
-            name()
+            name(),
+            short(coarse.cells),
+            coarse.which()
+        ));
+    }
+    if made.encoded.max_error.is_none() && made.outliers() as u64 > made.gaussians() / 10 {
+        note(format_args!(
+            "warning: {}: {} of the stream's {} lie so far from the others that the octree does not reach them; they are coded \
+             exactly, which takes {:.0} % of the bytes; encode each part apart for a smaller size",
+            name(),
+            made.outliers(),
+            counted(made.gaussians(), "Gaussian"),
+            made.exact_share()
         ));
     }
     Ok(Made {

@@ -3,7 +3,7 @@
 use crate::batch;
 use crate::describe;
 use crate::input::{self, Opened, ReadingAny};
-use crate::output::with_bytes;
+use crate::output::{short, with_bytes};
 use crate::report::Reporter;
 use anyhow::Result;
 use gsvx::{Chunk, DecodeOptions, Decoder, Index, Kind};
@@ -59,8 +59,8 @@ fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()
     line(format!("  Gaussians      {}{coded_exactly}", h.count));
     line(format!("  SH degree      {}", h.sh_degree));
     line(format!("  octree depth   {}", h.j_high));
-    let [x, y, z] = h.cube.origin;
-    line(format!("  cube           side {} at ({x}, {y}, {z})", h.cube.side));
+    let [x, y, z] = h.cube.origin.map(short);
+    line(format!("  cube           side {} at ({x}, {y}, {z})", short(h.cube.side)));
     line(format!("  chunks         {}", index.chunks.len()));
     for lod in (0..=index.coarsest_lod()).rev().filter(|_| index.coarsest_lod() > 0) {
         let chunks = index.chunks_of_lod(lod);

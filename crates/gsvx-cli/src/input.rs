@@ -3,7 +3,7 @@
 use crate::exit::note;
 use crate::format::Source;
 use crate::lost_columns::{self, Lost};
-use crate::output::is_stdio;
+use crate::output::{counted, is_stdio};
 use crate::size;
 use anyhow::{Context, Result, anyhow, bail};
 use gs_model::Scene;
@@ -91,7 +91,10 @@ impl Loaded {
         }
         let (kept, all) = (self.scene.len(), self.gaussians_in_file);
         if kept < all {
-            note(format_args!("skipped: {} invalid Gaussians of {all}", all - kept));
+            note(format_args!(
+                "skipped: {} of {all}",
+                counted((all - kept) as u64, "invalid Gaussian")
+            ));
         }
         self
     }
@@ -274,7 +277,7 @@ fn explain(error: gs_model::Error, path: &Path) -> anyhow::Error {
     use gs_model::Error;
     match &error {
         Error::InvalidGaussian { .. } => {
-            let said = error.to_string().replace("; they can be dropped on request", "");
+            let said = error.to_string().replace("; what is invalid can be dropped on request", "");
             anyhow!("{}: pass --drop-invalid to leave them out", called(&said, path))
         }
         Error::SpzCompressedData { reason, .. } => {

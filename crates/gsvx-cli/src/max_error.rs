@@ -1,5 +1,6 @@
 //! `gsvx encode --max-error`: bounds on errors, and what they became.
 
+use crate::output::counted;
 use gsvx::{Encoded, Kind, MaxError};
 use serde_json::{Value, json};
 
@@ -49,12 +50,12 @@ pub(crate) fn human(encoded: &Encoded) -> Option<String> {
     let e = encoded.max_error?;
     Some(format!(
         "largest errors, measured: mean {:.2e} of the Gaussian's longest axis, opacity {:.2e}, shape {:.2e}, \
-         SH {:.2e}; {} Gaussians coded exactly",
+         SH {:.2e}; {} coded exactly",
         e.mean,
         e.opacity,
         e.shape,
         e.sh,
-        exact(encoded)
+        counted(exact(encoded), "Gaussian")
     ))
 }
 

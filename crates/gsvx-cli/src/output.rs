@@ -303,6 +303,20 @@ pub(crate) fn with_bytes(bytes: u64) -> String {
     if bytes < 1000 { megabytes(bytes) } else { format!("{} ({bytes} bytes)", megabytes(bytes)) }
 }
 
+/// A number of things: "1 Gaussian", "2 Gaussians".
+pub(crate) fn counted(n: u64, thing: &str) -> String {
+    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
+}
+
+/// A number with five digits, without the zeros of very small and very large ones.
+pub(crate) fn short(x: f64) -> String {
+    if x == 0.0 || (1e-3..1e6).contains(&x.abs()) {
+        format!("{}", (x * 1e4).round() / 1e4)
+    } else {
+        format!("{x:.4e}")
+    }
+}
+
 /// Bytes as a person reads them (decimal megabytes).
 pub(crate) fn megabytes(bytes: u64) -> String {
     if bytes >= 1_000_000 {

@@ -3,7 +3,7 @@
 use crate::exit::usage;
 use crate::format::Extension;
 use crate::input::ReadingAny;
-use crate::output::{Output, is_stdio};
+use crate::output::{Output, counted, is_stdio};
 use crate::pictures;
 use crate::progress::Steps;
 use crate::report::Reporter;
@@ -82,8 +82,12 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         steps.inc();
     }
     drop(steps);
-    let human =
-        format!("{}: {} images of {} Gaussians", args.output.display(), names.len(), scene.len());
+    let human = format!(
+        "{}: {} of {}",
+        args.output.display(),
+        counted(names.len() as u64, "image"),
+        counted(scene.len() as u64, "Gaussian")
+    );
     report.say(stdout, &human, &json!({ "images": names, "gaussians": scene.len() }))
 }
 

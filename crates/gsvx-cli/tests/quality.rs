@@ -106,3 +106,46 @@ fn two_parts_far_apart_got_coarse_without_a_word() {
         assert_eq!(error.contains("its parts lie so far apart"), warned, "{distance}: {error}");
     }
 }
+
+#[test]
+fn half_of_a_model_was_coded_exactly_without_plain_words() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, stream) = (dir.path().join("pair.ply"), dir.path().join("a.gsvx"));
+    let one = testing::trained_like(1000, 0, &mut testing::Rng::seeded(5));
+    let mut both = one.clone();
+    both.append(&one);
+    both.means[one.len()..].iter_mut().for_each(|p| p[0] += 1e7);
+    gs_model::ply::write(&model, &both).unwrap();
+    let (said, error) = report(&["encode", "--force", "-o"], &[&stream, &model]);
+    assert_eq!(said["outliers"], 1000);
+    assert!(error.contains("1000 of the stream's 1999 Gaussians lie so far"), "{error}");
+    assert!(error.contains("% of the bytes; encode each part apart"), "{error}");
+}
+
+#[test]
+fn one_gaussian_was_told_as_many() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, stream) = (dir.path().join("one.ply"), dir.path().join("a.gsvx"));
+    let mut scene = testing::trained_like(1, 0, &mut testing::Rng::seeded(5));
+    gs_model::ply::write(&model, &scene).unwrap();
+    let ok = |words: &[&str]| {
+        let out =
+            common::gsvx().args(words).args(["--force", "-o"]).args([&stream, &model]).output();
+        let out = out.unwrap();
+        let text =
+            String::from_utf8_lossy(if out.status.success() { &out.stdout } else { &out.stderr });
+        text.into_owned()
+    };
+    let said = ok(&["encode"]);
+    assert!(said.contains("1 Gaussian coded as 1"), "{said}");
+    // A model of one Gaussian has no extent, and still shows in pictures.
+    assert!(said.contains("estimated loss"), "{said}");
+    let info = common::gsvx().arg("info").arg(&stream).output().unwrap();
+    let info = String::from_utf8_lossy(&info.stdout).into_owned();
+    assert!(info.contains("side 1.1755e-38"), "{info}");
+    scene.append(&testing::trained_like(2, 0, &mut testing::Rng::seeded(6)));
+    scene.means[1][0] = f32::NAN;
+    gs_model::ply::write(&model, &scene).unwrap();
+    let said = ok(&["encode"]);
+    assert!(said.contains("(1 invalid Gaussian in all): pass --drop-invalid"), "{said}");
+}

@@ -155,10 +155,13 @@ fn encode(
         }
     };
     made.invalid = input - scene.len();
-    made.warnings.extend(made.encoded.coarse_cells.map(|cells| {
+    made.warnings.extend(made.encoded.coarse_cells.map(|coarse| {
         format!(
-            "its parts lie so far apart that positions come in steps of {cells:.1} times the size of a typical \
-             Gaussian, which shows at any quality; compress each part apart, or use max_error or lossless"
+            "its parts lie so far apart, or differ so much in size, that positions come in steps of {:.1} times \
+             the size of its {} Gaussians, which shows at any quality; compress each part apart, or use \
+             max_error or lossless",
+            coarse.cells,
+            coarse.which()
         )
     }));
     let rows = made.encoded.rows.take().filter(|_| options.rows);

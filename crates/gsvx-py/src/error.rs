@@ -65,7 +65,7 @@ impl From<gs_model::Error> for Fault {
         match error {
             gs_model::Error::Io { cause, .. } => Self::Io(io::Error::new(cause.kind(), text)),
             gs_model::Error::InvalidGaussian { .. } => {
-                let said = text.replace("; they can be dropped on request", "");
+                let said = text.replace("; what is invalid can be dropped on request", "");
                 let said = said.trim_start_matches("<scene>: ");
                 Self::Failed(format!("{said}: pass drop_invalid=True to leave them out"))
             }

@@ -43,7 +43,8 @@ fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Vec<String>)> {
         .collect();
     let (kept, all) = (scene.len(), report.gaussians_in_file);
     if kept < all {
-        notes.push(format!("{name}: {} invalid Gaussians of {all} are left out", all - kept));
+        let (n, s) = (all - kept, if all - kept == 1 { "" } else { "s" });
+        notes.push(format!("{name}: left out: {n} invalid Gaussian{s} of {all}"));
     }
     Ok((scene, notes))
 }

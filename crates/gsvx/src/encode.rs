@@ -25,16 +25,33 @@ pub struct Encoded {
     pub pruned: usize,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
-    /// Side of the finest cells, in units of the median Gaussian's largest axis, if they are so coarse that
-    /// positions err visibly at any quality: where parts of a scene lie so far apart that an octree's 21 levels
-    /// do not suffice. The parts are better encoded apart.
-    pub coarse_cells: Option<f64>,
+    /// Where the finest cells are so coarse that positions err visibly at any quality: parts of the scene lie so
+    /// far apart, or differ so much in size, that an octree's 21 levels do not suffice. The parts are better
+    /// encoded apart.
+    pub coarse_cells: Option<CoarseCells>,
     /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
     pub max_error: Option<MaxError>,
     /// If [`EncodeOptions::rows`] asks for it, and always of [`encode_lossless`]: the row in which a decoder
     /// returns each Gaussian of the input. Gaussians that were merged share one. [`LEFT_OUT`] stands for
     /// those left out.
     pub rows: Option<Vec<u32>>,
+}
+
+/// How coarse the finest cells are; see [`Encoded::coarse_cells`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CoarseCells {
+    /// Side of a cell, in units of the largest axis of a Gaussian.
+    pub cells: f64,
+    /// Of the Gaussian below which a tenth of all are smaller, rather than of the median one.
+    pub of_small: bool,
+}
+
+impl CoarseCells {
+    /// Which Gaussians are meant: "typical" or "small".
+    #[must_use]
+    pub fn which(&self) -> &'static str {
+        if self.of_small { "small" } else { "typical" }
+    }
 }
 
 /// In [`Encoded::rows`]: a Gaussian that is not in the stream.

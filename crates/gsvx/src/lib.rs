@@ -40,7 +40,7 @@ pub use decode::{
     decode_with,
 };
 #[cfg(feature = "encode")]
-pub use encode::{Encoded, LEFT_OUT, encode_lossless, encode_voxels};
+pub use encode::{CoarseCells, Encoded, LEFT_OUT, encode_lossless, encode_voxels};
 pub use error::{Error, Result};
 pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps, VERSION};
 #[cfg(feature = "encode")]

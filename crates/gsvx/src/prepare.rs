@@ -1,7 +1,7 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
 use crate::bounded;
-use crate::encode::{Encoded, LEFT_OUT, Source, Whole, check_lengths, encode_source};
+use crate::encode::{CoarseCells, Encoded, LEFT_OUT, Source, Whole, check_lengths, encode_source};
 use crate::error::{Error, Result};
 use crate::importance;
 use crate::lossless::layout;
@@ -27,6 +27,8 @@ const CELLS_PER_AXIS: f64 = 8.0;
 /// Cells of this part of the median Gaussian's largest axis are worth a warning. Two rooms 1e4 units apart, with 0.07,
 /// lose 1 dB at quality 75; 1e5 units apart, with 0.7, 15 dB.
 const COARSE: f64 = 0.2;
+/// The same for the small Gaussians of a scene whose median one is large: a tenth of all are below one cell.
+const COARSE_FOR_SMALL: f64 = 1.0;
 /// Lagrangian weight at quality 50, in the units of [`RateDistortion::lambda`]. It follows the
 /// square of the attribute steps, so that positions and attributes stay in balance.
 const LAMBDA_AT_50: f64 = 3e-3;
@@ -306,9 +308,23 @@ pub(crate) fn suffices(median: f64, cube: &Cube) -> bool {
 ///
 /// # Errors
 /// [`Error::Voxel`] if a mean is not finite.
-fn coarse_cells(scene: &Scene) -> Result<Option<f64>> {
+fn coarse_cells(scene: &Scene) -> Result<Option<CoarseCells>> {
     let cube = Cube::of(&scene.means)?;
-    Ok(Survey::of(scene).median_log_scale().and_then(|median| coarse(median, &cube)))
+    let typical = Survey::of(scene).median_log_scale().and_then(|median| coarse(median, &cube));
+    if let Some(cells) = typical {
+        return Ok(Some(CoarseCells { cells, of_small: false }));
+    }
+    let Some(small) = small_log_scale(scene) else { return Ok(None) };
+    let cells = cube.side * libm::exp2(-f64::from(MAX_DEPTH)) / libm::exp(small);
+    Ok((cells > COARSE_FOR_SMALL).then_some(CoarseCells { cells, of_small: true }))
+}
+
+/// The logarithm of the largest axis below which a tenth of the Gaussians are.
+fn small_log_scale(scene: &Scene) -> Option<f64> {
+    let largest = |l: &[f32; 3]| l.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let mut sizes: Vec<f32> = scene.log_scales.iter().map(largest).collect();
+    let tenth = sizes.len() / 10;
+    (!sizes.is_empty()).then(|| f64::from(*sizes.select_nth_unstable_by(tenth, f32::total_cmp).1))
 }
 
 /// See [`Encoded::coarse_cells`].
@@ -371,9 +387,23 @@ mod tests {
             let both = pair((cells * median * libm::exp2(21.0)) as f32);
             let told = coarse_cells(&both).unwrap();
             assert_eq!(told.is_some(), wanted, "{cells}");
-            assert!(told.is_none_or(|t| (t / cells - 1.0).abs() < 0.1), "{told:?}, not {cells}");
+            let right = |t: CoarseCells| (t.cells / cells - 1.0).abs() < 0.1 && !t.of_small;
+            assert!(told.is_none_or(right), "{told:?}, not {cells}");
         }
         assert_eq!(coarse_cells(&Scene::default()).unwrap(), None);
+    }
+
+    #[test]
+    fn a_two_centimetre_part_of_a_large_scene_became_one_gaussian_without_a_word() {
+        let mut both = pair(0.0);
+        // The second half is as large as all others, the first a millionth of that.
+        for i in 0..2000 {
+            both.means[i] = both.means[i].map(|x| 1e-6 * x);
+            both.log_scales[i] = both.log_scales[i].map(|l| l - 13.8);
+        }
+        both.append(&pair(0.0).select(&(0..100).collect::<Vec<_>>()));
+        let told = coarse_cells(&both).unwrap().expect("a warning");
+        assert!(told.of_small && told.cells > 1.0, "{told:?}");
     }
 
     #[test]

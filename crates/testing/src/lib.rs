@@ -6,8 +6,10 @@
 //! A crate uses it as a dev-dependency. Integration tests and benches of `gs-model` may use it
 //! too; unit tests inside `gs-model` may not, because they would see two versions of `Scene`.
 
+mod desk;
 mod rng;
 mod scenes;
 
+pub use desk::{desk, desk_cameras};
 pub use rng::Rng;
 pub use scenes::{clustered, sha256, trained_like, with_floaters, with_related_degrees};

@@ -87,7 +87,7 @@ def read_model(path: PathLike, *, drop_invalid: bool = False) -> Splats:
     """
     arrays, notes = _gsvx.read_model(os.fspath(path), drop_invalid)
     for note in notes:
-        if "invalid Gaussians" in note:
+        if "invalid Gaussian" in note:
             warnings.warn(note, stacklevel=2)
     return from_native(arrays)
 

@@ -142,10 +142,10 @@ ${cpus().length} cores; Node ${process.version}, Chromium ${version}.
 
 ## Beside another decoder
 
-In Node, one worker, a process of its own for each row, the best of three. Where other programs run beside them (the load average
-was ${loadavg()[0].toFixed(0)}), the processor's time tells more than the seconds that passed; it has all threads in it, those
-that compile WebAssembly too. That compiling is in the time and the memory of gsvx; @adobe/spz is made ready before. Peak
-is the growth of the process's resident memory from before the decoding, with the output.
+In Node, one worker, a process of its own for each row, the best of three. Where other programs run beside them (the
+load average was ${loadavg()[0].toFixed(0)}), the processor's time tells more than the seconds that passed; it has all threads in it, those that
+compile WebAssembly too. That compiling is in the time and the memory of gsvx; @adobe/spz is made ready before. Peak is
+the growth of the process's resident memory from before the decoding, with the output.
 
 | decoder and output | seconds | processor, s | M Gaussians per processor second | output, MB | peak, MB | peak / output |
 |---|---:|---:|---:|---:|---:|---:|
@@ -170,8 +170,11 @@ values of the chunk that is decoded), the compiled decoder, and the stream. So a
 
 ## Workers, and the page's own thread
 
-With two workers (\`workers: 2\`) beside one, in Chromium, chunk by chunk, the best of four: ${Object.entries(shared).map(([layout, { one, two }]) => `${layout} ${(two / 1e6).toFixed(2)}
-M Gaussians/s instead of ${(one / 1e6).toFixed(2)}, ${(two / one).toFixed(2)} times as many`).join('; ')}.
+Two workers (\`workers: 2\`) beside one, in Chromium, chunk by chunk, M Gaussians/s, the best of four:
+
+| layout | one | two | times as many |
+|---|---:|---:|---:|
+${Object.entries(shared).map(([layout, { one, two }]) => `| ${layout} | ${(one / 1e6).toFixed(2)} | ${(two / 1e6).toFixed(2)} | ${(two / one).toFixed(2)} |`).join('\n')}
 
 While one worker decodes and chunks come in, the longest time that the page's main thread is not free is
 ${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms (packed), in the best of three runs: the thread asks all the time, and the system
