@@ -17,10 +17,12 @@
 
 mod decoder;
 mod encoder;
+mod silent;
 mod tally;
 
 pub use decoder::Decoder;
 pub use encoder::Encoder;
+pub use silent::Silent;
 pub use tally::Tally;
 
 use crate::symbols::Symbols;
@@ -37,6 +39,8 @@ const LOWEST: u32 = 1 << 16;
 pub trait Coder {
     /// True for the encoder.
     const ENCODING: bool;
+    /// False if nothing comes of what is coded, so that a model may leave it out.
+    const HEARD: bool = true;
 
     /// Codes a decision whose probability of being true is `p1 / 2^15`, `0 < p1 < 2^15`.
     fn decision(&mut self, p1: u32, value: bool) -> bool;

@@ -179,6 +179,9 @@ impl RowCoder {
 
     /// Codes the rows of a level, after [`RowCoder::expect`]. A decoder fills in what is active.
     pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, plan: &Plan, level: &mut Level) {
+        if !C::HEARD {
+            return self.learn(plan, level);
+        }
         self.code_row_flags(coder, level);
         let size = self.group_size();
         let groups = self.channels.div_ceil(size);

@@ -178,12 +178,12 @@ impl Latents {
     }
 
     /// Puts the scene that a decoder would return into `scene`; Gaussians behind the leaves stay as they
-    /// are, and must have the SH degree of the latents. Returns the bytes of the stream, counted
-    /// with the coder's own models but not written.
+    /// are, and must have the SH degree of the latents.
     ///
     /// With `fit`, the predictions (of opacity and size from depth and class, of an SH degree from the
-    /// one below) are fitted to the values first; otherwise they are those of the last fit. The first
-    /// call has to fit. `prices` take the derivatives of the number of bits by the values.
+    /// one below) are fitted to the values first, and the bytes of the stream are returned, counted
+    /// with the coder's own models but not written. Otherwise the predictions are those of the last fit,
+    /// and nothing is counted, which saves time. The first call has to fit. `prices` take the derivatives of the number of bits by the values.
     ///
     /// # Errors
     /// [`Error::Coding`].
@@ -192,7 +192,7 @@ impl Latents {
         fit: bool,
         prices: Option<&mut [f32]>,
         scene: &mut Scene,
-    ) -> Result<u64> {
+    ) -> Result<Option<u64>> {
         let Self { header, chunks, channels, values } = self;
         let channels = *channels;
         let how = Coding { steps: &header.steps, sh_degree: header.sh_degree, fit };
@@ -214,7 +214,7 @@ impl Latents {
             .collect();
         let layers = sizes.into_iter().sum::<Result<u64>>()?;
         self.rebuild(scene)?;
-        Ok(layers + self.head_bytes())
+        Ok(fit.then(|| layers + self.head_bytes()))
     }
 
     /// The Gaussians of what was coded last.

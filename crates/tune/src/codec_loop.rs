@@ -1,8 +1,9 @@
 //! The second stage: the codec in the loop.
 //!
-//! A step renders one view of what a decoder would return now, and takes the gradient back to the values
-//! that the codec transforms, as if quantisation were the identity (straight-through). Every few steps
-//! the bits have a gradient too, from what the coder expects of each coefficient.
+//! A step renders one view of what a decoder would return, and takes the gradient back to the values
+//! that the codec transforms, as if quantisation were the identity (straight-through). Every few steps the
+//! codec makes a new scene of the values, and the bits have a gradient too, from what the coder expects of
+//! each coefficient. The steps between render the same scene, which costs little more than a plain step.
 
 use finetune::optimiser::Adam;
 use finetune::{ViewGradients, ViewLoss};
@@ -19,10 +20,11 @@ use crate::rows::Moments;
 const RATES: [f32; 4] = [0.01, 0.003, 4e-4, 0.005];
 /// Rates fall to this fraction.
 const FINAL_RATE: f64 = 0.05;
-/// Every so many steps the bits have a gradient.
-const PRICED: u64 = 4;
+/// Every so many steps the codec runs, and the bits have a gradient.
+const CODED: u64 = 4;
 /// Every so many steps the predictions are fitted anew; between two fits a run cannot be cut.
-pub(crate) const FITTED: u64 = 50;
+pub(crate) const FITTED: u64 = 48;
+const _: () = assert!(FITTED.is_multiple_of(CODED), "a fit runs the codec");
 /// Price of a bit over that of a uniform quantiser at high rates. The latter is the derivative of
 /// `step^2 / 12` by the bits, `ln 2 / 6 step^2`.
 const PRICE: f64 = 8.0;
@@ -32,7 +34,7 @@ pub(crate) struct CodecLoop {
     pub(crate) latents: Latents,
     pub(crate) voxels: Voxelization,
     pub(crate) importance: Vec<f32>,
-    /// What a decoder would return at the last step, then the outliers.
+    /// What a decoder would return when the codec last ran, then the outliers.
     pub(crate) scene: Scene,
     pub(crate) outliers: Option<Scene>,
     pub(crate) moments: Moments,
@@ -43,7 +45,7 @@ pub(crate) struct CodecLoop {
     price: f64,
     pub(crate) steps: u64,
     pub(crate) done: u64,
-    /// Bytes at the last step.
+    /// Bytes when they were last counted.
     pub(crate) bytes: u64,
 }
 
@@ -126,10 +128,12 @@ impl CodecLoop {
 
     /// One step at a view.
     pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
-        let priced = self.done.is_multiple_of(PRICED);
-        let (fit, lambda) = (self.at_fit(), if priced { self.lambda() as f32 } else { 0.0 });
+        let coded = self.done.is_multiple_of(CODED);
+        let (fit, lambda) = (self.at_fit(), if coded { self.lambda() as f32 } else { 0.0 });
         let Self { latents, scene, prices, .. } = self;
-        self.bytes = latents.reconstruct(fit, priced.then_some(&mut prices[..]), scene)?;
+        if coded {
+            self.bytes = latents.reconstruct(fit, Some(prices), scene)?.unwrap_or(self.bytes);
+        }
         let loss = views.run(scene, view);
         self.done += 1;
         let share = (self.done - 1) as f64 / self.steps.saturating_sub(1).max(1) as f64;
@@ -161,7 +165,8 @@ impl CodecLoop {
 
     /// Bytes and scene of the values as they are, with predictions fitted to them.
     pub(crate) fn settle(&mut self) -> Result<()> {
-        self.bytes = self.latents.reconstruct(true, None, &mut self.scene)?;
+        let counted = self.latents.reconstruct(true, None, &mut self.scene)?;
+        self.bytes = counted.unwrap_or(self.bytes);
         Ok(())
     }
 

@@ -147,6 +147,17 @@ fn a_target_in_bytes_is_met_from_below() {
     }
 }
 
+/// No stream has this PSNR: the run ends with the best it found, and says that it is not enough.
+#[test]
+fn a_psnr_out_of_reach_ends_with_the_best() {
+    let mut options = short(Target::Psnr(60.0));
+    let plan = options.plan.as_mut().unwrap();
+    (plan.round_steps, plan.loop_steps) = (10, 60);
+    let outcome = tuned(&options);
+    assert!(!outcome.reached && outcome.psnr > 20.0, "{} dB", outcome.psnr);
+    assert_eq!(bits(&gsvx::decode(&outcome.encoded.bytes).unwrap()), bits(&outcome.scene));
+}
+
 #[test]
 fn bad_input_gives_one_line() {
     let error = |scene: Scene, views: Vec<TrainView>, target: Target| {

@@ -16,7 +16,7 @@ use crate::head::Steps;
 use crate::importance;
 use gpcc_lite::Leaf;
 use gpcc_lite::attribute::{self, Options};
-use gpcc_lite::coder::{Coder, Encoder, Tally};
+use gpcc_lite::coder::{Coder, Encoder, Silent, Tally};
 use gpcc_lite::geometry::{self, Layout};
 use gpcc_lite::raht::{Plan, Rows};
 use std::ops::Range;
@@ -70,7 +70,7 @@ pub(crate) struct ChunkLatents {
 pub(crate) struct Coding<'a> {
     pub(crate) steps: &'a Steps,
     pub(crate) sh_degree: u8,
-    /// Fit the predictions anew.
+    /// Fit the predictions anew, and count bits.
     pub(crate) fit: bool,
 }
 
@@ -92,6 +92,16 @@ impl Group<'_> {
             }
         }
         .map_err(coding("attribute"))
+    }
+
+    /// As [`Group::code`], and the bits if they are `counted`.
+    fn bits(self, counted: bool, rows: &mut Rows) -> Result<u64> {
+        if !counted {
+            return self.code(&mut Silent, rows).map(|_| 0);
+        }
+        let mut tally = Tally::default();
+        self.code(&mut tally, rows)?;
+        Ok(tally.bits())
     }
 }
 
@@ -125,9 +135,9 @@ impl ChunkLatents {
         &self.decoded
     }
 
-    /// Transforms, quantises and reconstructs. Returns the number of bytes of the layers, as the coder
-    /// would write them but for the rounding of its last words. `prices` take the derivatives of the
-    /// number of bits by the values.
+    /// Transforms, quantises and reconstructs. With a fit it returns the number of bytes of the layers,
+    /// as the coder would write them but for the rounding of its last words. Without, attributes are not
+    /// counted. `prices` take the derivatives of the number of bits by the values.
     pub(crate) fn code(
         &mut self,
         how: &Coding<'_>,
@@ -151,10 +161,9 @@ impl ChunkLatents {
                         let g = group(how.steps.opacity, priced.then_some(opacity));
                         let bits =
                             one(g, &mut side.opacity, (how, values, 0..1, classes), parts.opacity)?;
-                        let mut tally = Tally::default();
                         values.copy_to(&channels_of(0), sh_dc);
-                        group(how.steps.dc, priced.then_some(dc_prices)).code(&mut tally, sh_dc)?;
-                        Ok(bits + tally.bits())
+                        let g = group(how.steps.dc, priced.then_some(dc_prices));
+                        Ok(bits + g.bits(how.fit, sh_dc)?)
                     },
                     || -> Result<u64> {
                         let range = values.channels - SHAPE..values.channels;
@@ -225,9 +234,7 @@ fn one(
         *factors = Factors::fit(leaves, classes, |i| rows.row(i)[0]);
     }
     subtract_predicted(*factors, leaves, classes, rows);
-    let mut tally = Tally::default();
-    group.code(&mut tally, rows)?;
-    Ok(tally.bits())
+    group.bits(how.fit, rows)
 }
 
 /// The SH degrees of a chunk, from 1 on.
@@ -239,7 +246,7 @@ struct Degrees<'a> {
 }
 
 impl Degrees<'_> {
-    /// All degrees, one after another; returns the bytes.
+    /// All degrees, one after another; returns the bytes if they are counted.
     fn code(
         &self,
         predictors: &mut [Option<Predictor>; 2],
@@ -248,8 +255,12 @@ impl Degrees<'_> {
     ) -> Result<u64> {
         let mut bytes = 0;
         for degree in 1..=self.how.sh_degree {
-            let mut tally = Tally::default();
             let prices = prices.as_mut().map(|p| &mut p[usize::from(degree) - 1]);
+            if !self.how.fit {
+                self.degree(degree, (&mut Silent, prices), predictors, sh)?;
+                continue;
+            }
+            let mut tally = Tally::default();
             let all_zero = self.degree(degree, (&mut tally, prices), predictors, sh)?;
             let mut head = Vec::new();
             if degree >= 2 {

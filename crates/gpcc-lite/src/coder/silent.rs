@@ -1,0 +1,37 @@
+//! Codes nothing, where only the values that a decoder returns are wanted.
+
+use super::Coder;
+use crate::symbols::Symbols;
+
+/// Takes what an [`Encoder`](super::Encoder) would write, and forgets it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Coder for Silent {
+    const ENCODING: bool = true;
+    const HEARD: bool = false;
+
+    #[inline]
+    fn decision(&mut self, _p1: u32, value: bool) -> bool {
+        value
+    }
+
+    #[inline]
+    fn symbol(&mut self, _model: &mut Symbols, value: usize) -> usize {
+        value
+    }
+
+    #[inline]
+    fn bits(&mut self, value: u32, _n: u32) -> u32 {
+        value
+    }
+
+    #[inline]
+    fn bits_and_sign(&mut self, _above: u32, value: (u32, u32), negative: bool) -> (u32, bool) {
+        (value.0, negative)
+    }
+
+    fn exhausted(&self) -> bool {
+        false
+    }
+}
