@@ -146,14 +146,17 @@ fn measure(
     Ok(Made { rows, stream_mb: stream.len() as f64 / 1e6, region })
 }
 
-/// Decodes a box of a tenth of the scene's width. Returns the share of the Gaussians in it, and that of the stream
+/// Decodes a box of a tenth of the scene's width, around the densest chunk. Returns the share of the Gaussians in it, and that of the stream
 /// which is read for it.
 fn region(gsvx: &Path, stream: &[u8], dir: &Path) -> Result<[f64; 2]> {
     let index = ::gsvx::Index::parse(stream)?;
     let chunks = &index.chunks;
     let least = |k: usize| chunks.iter().map(|c| c.bounds[0][k]).fold(f32::INFINITY, f32::min);
     let most = |k: usize| chunks.iter().map(|c| c.bounds[1][k]).fold(f32::NEG_INFINITY, f32::max);
-    let middle = chunks.get(chunks.len() / 2).context("a stream without chunks")?.bounds;
+    let width =
+        |c: &::gsvx::Chunk| (0..3).map(|k| c.bounds[1][k] - c.bounds[0][k]).fold(0.0, f32::max);
+    let dense = chunks.iter().min_by(|a, b| width(a).total_cmp(&width(b)));
+    let middle = dense.context("a stream without chunks")?.bounds;
     let corner = |sign: f32| {
         let of = |k: usize| {
             let centre = 0.5 * (middle[0][k] + middle[1][k]);
@@ -215,12 +218,12 @@ fn page(options: &Options, made: &[Made]) -> String {
     );
     let rows: Vec<&Row> = made.iter().flat_map(|m| &m.rows).collect();
     rows.iter().for_each(|row| out += &row.line());
-    out += "\n| Gaussians | stream MB | join, of the user seconds of plan, parts and join | a box with | reads of the stream |\n\
+    out += "\n| Gaussians | stream MB | join, of the wall seconds of plan, parts and join | a box with | reads of the stream |\n\
             |---:|---:|---:|---:|---:|\n";
     for made in made {
-        let user =
-            |stage| made.rows.iter().filter(|r| r.stage == stage).map(|r| r.user).sum::<f64>();
-        let join = user(JOIN) / (user(PLAN) + user(PART) + user(JOIN));
+        let wall =
+            |stage| made.rows.iter().filter(|r| r.stage == stage).map(|r| r.wall).sum::<f64>();
+        let join = wall(JOIN) / (wall(PLAN) + wall(PART) + wall(JOIN));
         let [inside, read] = made.region.map(|share| 100.0 * share);
         out += &format!(
             "| {} M | {:.1} | {:.1} % | {inside:.2} % of the Gaussians | {read:.2} % |\n",
@@ -238,8 +241,8 @@ fn prediction(rows: &[&Row]) -> String {
         let points = rows.iter().filter(|r| r.stage == stage);
         fit(&points.map(|r| (r.millions as f64, r.wall)).collect::<Vec<_>>())
     };
-    let mut out = "\nWall seconds against millions of Gaussians `n`, by least squares of the logarithms, and what they predict. \
-                   It has not been measured.\n\n\
+    let mut out = "\nWall seconds against millions of Gaussians `n`, by least squares of the logarithms, and what they predict, \
+                   which has not been measured.\n\n\
                    | stage | seconds | 100 M | 1000 M |\n|---|---|---:|---:|\n"
         .to_owned();
     let at = |[a, b]: [f64; 2], n: f64| a * libm::pow(n, b);
