@@ -146,8 +146,8 @@ fn measure(
     Ok(Made { rows, stream_mb: stream.len() as f64 / 1e6, region })
 }
 
-/// Decodes a box of a tenth of the scene's width, around the densest chunk. Returns the share of the Gaussians in it, and that of the stream
-/// which is read for it.
+/// Decodes a box of a tenth of the scene's width, around the densest chunk. Returns the share of the Gaussians in
+/// it, and the share of the stream that is read for it.
 fn region(gsvx: &Path, stream: &[u8], dir: &Path) -> Result<[f64; 2]> {
     let index = ::gsvx::Index::parse(stream)?;
     let chunks = &index.chunks;
@@ -206,12 +206,12 @@ fn page(options: &Options, made: &[Made]) -> String {
     let millions: Vec<String> = options.millions.iter().map(ToString::to_string).collect();
     let millions = millions.join(",");
     let mut out = format!(
-        "# Cities\n\n\
+        "# Larger than memory?\n\n\
          `cargo build --release -p gsvx-cli && cargo xtask bench-gsvx --millions {millions}` encodes scenes of many millions of Gaussians: \
          {scenes} in turn, replicated side by side and jittered, in files of a million each. `--memory {memory}`, {} \
          threads, {}. The stream of the joined parts is the stream of `encode --memory`, byte for byte: the command \
          checks it. Parts run one after the other; their peak is that of one. Times are those of whole processes, \
-         files included, on a machine with other work on it: user seconds say more than wall seconds.\n\n\
+         files included. Wall seconds depend on the disk too, so predictions use user seconds.\n\n\
          | Gaussians | stage | wall s | user s | user s per million | peak MB |\n|---:|---|---:|---:|---:|---:|\n",
         rayon::current_num_threads(),
         crate::manifest::processor(),
@@ -239,10 +239,10 @@ fn page(options: &Options, made: &[Made]) -> String {
 fn prediction(rows: &[&Row]) -> String {
     let of = |stage: &str| {
         let points = rows.iter().filter(|r| r.stage == stage);
-        fit(&points.map(|r| (r.millions as f64, r.wall)).collect::<Vec<_>>())
+        fit(&points.map(|r| (r.millions as f64, r.user)).collect::<Vec<_>>())
     };
-    let mut out = "\nWall seconds against millions of Gaussians `n`, by least squares of the logarithms, and what they predict, \
-                   which has not been measured.\n\n\
+    let mut out = "\nUser seconds against millions of Gaussians `n`, by least squares of the logarithms, and what they predict. \
+                   Nothing beyond the first table was measured, and disks are not in it.\n\n\
                    | stage | seconds | 100 M | 1000 M |\n|---|---|---:|---:|\n"
         .to_owned();
     let at = |[a, b]: [f64; 2], n: f64| a * libm::pow(n, b);
@@ -251,7 +251,7 @@ fn prediction(rows: &[&Row]) -> String {
         let [small, large] = [100.0, 1000.0].map(|n| at([a, b], n));
         out += &format!("| {stage} | {a:.2} n^{b:.2} | {small:.0} | {large:.0} |\n");
     }
-    out += "\nPlan, parts and join on so many machines like this one, seconds:\n\n\
+    out += "\nProcessor seconds, one after the other: the plan, the parts that one of so many machines encodes, and the join:\n\n\
             | machines | 100 M | 1000 M |\n|---:|---:|---:|\n";
     for machines in [1.0, 16.0, 256.0] {
         let [small, large] =
