@@ -115,7 +115,9 @@ pub fn encode_voxels(
         ..*voxels
     };
     let sensitivities = options.covariance_sensitivity.as_deref();
-    let source = Source { scene, voxels: &own, weights, sensitivities, merged: true, whole: None };
+    let members = &own.members;
+    let source =
+        Source { scene, voxels: &own, members, weights, sensitivities, merged: true, whole: None };
     encode_source(&source, outliers, options)
 }
 
@@ -199,6 +201,8 @@ pub(crate) fn check_steps(steps: &Steps) -> Result<()> {
 pub(crate) struct Source<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) voxels: &'a Voxelization,
+    /// What the member offsets of `voxels` count: the members of the finest leaves, at every level of detail.
+    pub(crate) members: &'a [u32],
     /// Importance of each Gaussian of the scene.
     pub(crate) weights: &'a Importance,
     /// Of each leaf: see [`EncodeOptions::covariance_sensitivity`].
@@ -234,7 +238,7 @@ impl Source<'_> {
             part.append_range(self.scene, range);
             return Ok(part);
         }
-        let part = part_of(self.voxels, range);
+        let part = part_of(self.voxels, self.members, range);
         Ok(voxel::merge_up_to(self.scene, &part, Merge::Moments, self.weights, 0)?)
     }
 
@@ -245,13 +249,13 @@ impl Source<'_> {
             let of = |i: usize| &self.scene.sh[i * k + d * d..i * k + (d + 1) * (d + 1)];
             return Ok(range.flat_map(of).copied().collect());
         }
-        let part = part_of(self.voxels, range);
+        let part = part_of(self.voxels, self.members, range);
         Ok(voxel::merge_sh(self.scene, &part, Merge::Moments, self.weights, degree)?)
     }
 }
 
 /// Some of the leaves.
-fn part_of(voxels: &Voxelization, range: Range<usize>) -> Voxelization {
+fn part_of(voxels: &Voxelization, members: &[u32], range: Range<usize>) -> Voxelization {
     let offsets = &voxels.member_offsets[range.start..=range.end];
     let (first, last) = (offsets[0], offsets[offsets.len() - 1]);
     Voxelization {
@@ -259,7 +263,7 @@ fn part_of(voxels: &Voxelization, range: Range<usize>) -> Voxelization {
         j_high: voxels.j_high,
         leaves: voxels.leaves[range].to_vec(),
         member_offsets: offsets.iter().map(|o| o - first).collect(),
-        members: voxels.members[first as usize..last as usize].to_vec(),
+        members: members[first as usize..last as usize].to_vec(),
         dropped: Vec::new(),
     }
 }

@@ -18,8 +18,8 @@ const LEAST: usize = 256;
 pub(crate) struct LodLevel {
     /// 0 is the finest.
     pub(crate) lod: u8,
-    /// Its leaves, and the members of the scene for which each stands; `None` for the finest, whose leaves
-    /// are those of the source.
+    /// Its leaves; `None` for the finest, whose leaves are those of the source. Member offsets count the members of the
+    /// finest leaves, which are not repeated here.
     pub(crate) voxels: Option<Voxelization>,
     /// For each leaf, the number of its first leaf of the finest level; then the number of those.
     first: Vec<u32>,
@@ -88,7 +88,8 @@ fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> LodLevel {
         j_high: voxels.j_high,
         leaves: cells.iter().map(|c| c.1).collect(),
         member_offsets: first.iter().map(|&i| voxels.member_offsets[i as usize]).collect(),
-        members: voxels.members.clone(),
+        // The offsets count the members of the finest leaves.
+        members: Vec::new(),
         dropped: Vec::new(),
     };
     LodLevel { lod, voxels: Some(coarse), first, cuts: Vec::new() }

@@ -172,6 +172,7 @@ impl Plan {
         let source = Source {
             scene,
             voxels: &voxels,
+            members: &voxels.members,
             weights: &Importance::Given(importance),
             sensitivities: None,
             merged: false,

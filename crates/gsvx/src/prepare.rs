@@ -82,6 +82,7 @@ fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encod
     let source = Source {
         scene: &input.scene,
         voxels: &voxels,
+        members: &voxels.members,
         weights: &weights,
         sensitivities: sensitivities.as_deref(),
         merged: false,
