@@ -159,7 +159,7 @@ impl Reading {
             return self.file(path);
         }
         let all = bytes(path)?;
-        if all.starts_with(&gsvx::SIGNATURE) {
+        if is_stream(&all) {
             return Err(is_a_stream(path));
         }
         if let Some(lost) = lost {
@@ -201,7 +201,7 @@ impl ReadingAny {
             self.model.file(path)?
         } else {
             let all = bytes(path)?;
-            let stream = from.is_none() && all.starts_with(&gsvx::SIGNATURE);
+            let stream = from.is_none() && is_stream(&all);
             if stream || from == Some(Source::Gsvx) {
                 return Ok(Opened::Stream(all));
             }
@@ -269,7 +269,13 @@ fn starts_like_stream(path: &Path) -> Result<bool> {
     let most = gsvx::SIGNATURE.len() as u64;
     let read = file.take(most).read_to_end(&mut start);
     read.with_context(|| format!("{}: cannot be read", path.display()))?;
-    Ok(start == gsvx::SIGNATURE)
+    Ok(is_stream(&start))
+}
+
+/// True for the bytes of a stream, also where it is cut within its signature.
+fn is_stream(bytes: &[u8]) -> bool {
+    let signature = &gsvx::SIGNATURE;
+    bytes.starts_with(signature) || (!bytes.is_empty() && signature.starts_with(bytes))
 }
 
 /// An error of a model's reader, with its remedy.
@@ -283,6 +289,7 @@ fn explain(error: gs_model::Error, path: &Path) -> anyhow::Error {
         Error::SpzCompressedData { reason, .. } => {
             anyhow!("{}: its compressed data is {reason}; get it again", name(path))
         }
+        Error::PlyMagic { found, .. } if found.is_empty() => anyhow!("{}: is empty", name(path)),
         Error::PlyMagic { .. } if is_stdio(path) => anyhow!(
             "{}; for a .splat or .ksplat from a pipe pass --from splat or --from ksplat",
             called(&error.to_string(), path)

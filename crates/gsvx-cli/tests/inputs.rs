@@ -115,7 +115,13 @@ fn messages_named_wrong_causes() {
     assert!(said.contains("is a gsvx stream already"));
     let bytes = std::fs::read(&stream).unwrap();
     line(&piped(&["encode", "-", "-o", "-"], &bytes), "is a gsvx stream already");
-    // A stream that was cut.
+    // A stream that was cut, also within its first bytes.
+    for kept in 1..20 {
+        std::fs::write(at("cut.gsvx"), &bytes[..kept]).unwrap();
+        line(&run(&["info", "@"], &[&at("cut.gsvx")]), "stream truncated in head");
+    }
+    std::fs::write(at("empty.ply"), b"").unwrap();
+    line(&run(&["info", "@"], &[&at("empty.ply")]), "empty.ply: is empty");
     std::fs::write(at("cut.gsvx"), &bytes[..bytes.len() - 9]).unwrap();
     line(&run(&["decode", "@", "-o", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--allow-truncated");
     line(&run(&["convert", "@", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--allow-truncated");

@@ -18,7 +18,7 @@ pub enum Error {
         ours: u8,
     },
     /// The stream ends before a promised byte.
-    #[error("stream truncated in {what}: {need} bytes needed at offset {offset}, {have} there")]
+    #[error("stream truncated in {what}: {have} of {need} bytes at offset {offset}")]
     Truncated {
         /// Which part was being read.
         what: &'static str,
