@@ -63,7 +63,12 @@ struct With {
 
 impl Codec for With {
     fn name(&self) -> String {
-        format!("{:?}", self.seen)
+        match self.seen {
+            Seen::Guessed => "without cameras",
+            Seen::ByCameras => "with cameras",
+            Seen::ByCamerasOnly => "what cameras see",
+        }
+        .into()
     }
 
     fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
