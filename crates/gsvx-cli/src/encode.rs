@@ -12,7 +12,7 @@ use crate::preset::{self, Preset};
 use crate::progress::{self, Steps};
 use crate::report::Reporter;
 use crate::scale::{self, Room};
-use crate::{input, max_error, plan, size, views};
+use crate::{coincident, input, max_error, plan, size, views};
 use anyhow::{Context, Result};
 use finetune::References;
 use gs_model::{Camera, Scene};
@@ -345,7 +345,8 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     if let Some(loss) = &made.loss {
         human += &format!("\n{}", loss.human());
         json["estimated_loss"] = loss.json();
-        if let Some(warning) = loss.warning() {
+        // Where positions coincide, another warning says what helps.
+        if let Some(warning) = loss.warning().filter(|_| made.coincident == 0) {
             note(format_args!("{warning}"));
         }
     } else if made.unseen_estimate {
@@ -393,6 +394,8 @@ struct Made {
     estimate_seconds: f64,
     /// The loss was to be estimated, and the pictures show nothing.
     unseen_estimate: bool,
+    /// Gaussians that share their positions, where merging them shows.
+    coincident: u64,
     /// Why the stream misses its target, if it does.
     missed: Option<String>,
 }
@@ -506,6 +509,9 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
     let draw = || Pictures::of(&scene, cameras.as_deref());
     let (pictures, seconds_before) = timed(|| (!args.no_estimate).then(draw));
     let made = coded(args, &scene, &options, target.as_ref()).with_context(name)?;
+    let merged = (scene.len() as u64).saturating_sub(made.gaussians());
+    let merged_many = made.encoded.max_error.is_none() && merged > scene.len() as u64 / 20;
+    let coincident = if merged_many { coincident::count(&scene) } else { 0 };
     drop(scene);
     let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
     let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
@@ -518,6 +524,15 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
             name(),
             short(coarse.cells),
             coarse.which()
+        ));
+    }
+    let coincident = if coincident > merged / 2 { coincident } else { 0 };
+    if coincident > 0 {
+        note(format_args!(
+            "warning: {}: {} share their position with another; a leaf of the octree holds one Gaussian, so they \
+             are merged at any quality; --max-error or --lossless keeps each",
+            name(),
+            counted(coincident, "Gaussian"),
         ));
     }
     if made.encoded.max_error.is_none() && made.outliers() as u64 > made.gaussians() / 10 {
@@ -535,6 +550,7 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
         unseen_estimate: !args.no_estimate && loss.is_none(),
         loss,
         estimate_seconds: seconds_before + seconds_after,
+        coincident,
         ..made
     })
 }

@@ -1,5 +1,6 @@
 //! How much less a stream shows than its model: an estimate after every encode.
 
+use crate::output::counted;
 use finetune::Likeness;
 use gs_model::{Camera, Scene};
 use gsvx::DecodeOptions;
@@ -38,7 +39,8 @@ impl Loss {
     pub(crate) fn human(&self) -> String {
         let Likeness { psnr, ssim, views } = self.0;
         format!(
-            "estimated loss: about {psnr:.0} dB PSNR, SSIM {ssim:.3}, against the input in {views} pictures: {}",
+            "estimated loss: about {psnr:.0} dB PSNR, SSIM {ssim:.3}, against the input in {}: {}",
+            counted(views as u64, "picture"),
             self.0.meaning()
         )
     }

@@ -3,6 +3,7 @@
 mod attribute_errors;
 mod axes;
 mod batch;
+mod coincident;
 mod compare;
 mod convert;
 mod decode;

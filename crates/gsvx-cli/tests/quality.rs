@@ -123,6 +123,21 @@ fn half_of_a_model_was_coded_exactly_without_plain_words() {
 }
 
 #[test]
+fn positions_that_coincide_were_merged_without_a_word() {
+    let dir = tempfile::tempdir().unwrap();
+    let (model, stream) = (dir.path().join("double.ply"), dir.path().join("a.gsvx"));
+    let mut double = common::scene();
+    double.append(&double.clone());
+    gs_model::ply::write(&model, &double).unwrap();
+    let words = ["encode", "--force", "-o"];
+    let (_, error) = report(&words, &[&stream, &model]);
+    assert!(error.contains("800 Gaussians share their position with another"), "{error}");
+    let (_, error) =
+        report(&[&words[..2], &["--max-error", "0.01", "-o"]].concat(), &[&stream, &model]);
+    assert!(!error.contains("share their position"), "{error}");
+}
+
+#[test]
 fn one_gaussian_was_told_as_many() {
     let dir = tempfile::tempdir().unwrap();
     let (model, stream) = (dir.path().join("one.ply"), dir.path().join("a.gsvx"));

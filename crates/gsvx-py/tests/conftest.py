@@ -51,6 +51,7 @@ def command() -> Callable[..., str]:
         )
         return done.stdout
 
+    run.path = str(found)
     return run
 
 

@@ -12,7 +12,7 @@ mod scratch;
 use crate::exit::note;
 use crate::input::Reading;
 use crate::join::{self, Part};
-use crate::output::{Output, is_stdio, megabytes};
+use crate::output::{Output, counted, is_stdio, megabytes};
 use crate::progress::Steps;
 use crate::report::Reporter;
 use anyhow::Result;
@@ -134,7 +134,8 @@ pub(crate) fn plan(job: &Job<'_>, report: Reporter) -> Result<()> {
     scratch.remove();
     let (count, tiles) = (plan.plan.count(), plan.plan.tile_counts().len());
     let seconds = start.elapsed().as_secs_f64();
-    let human = format!("{name}: {count} Gaussians in {tiles} tiles, planned in {seconds:.2} s");
+    let (of, into) = (counted(count, "Gaussian"), counted(tiles as u64, "tile"));
+    let human = format!("{name}: {of} in {into}, planned in {seconds:.2} s");
     let json =
         json!({ "output": name, "gaussians": count, "tiles": tiles, "plan_seconds": seconds });
     warn_of_coarse_cells(&plan);
@@ -273,12 +274,12 @@ impl Made {
         let (bytes, coded) = (index.stream_len(), index.header.count);
         let Self { gaussians, input_bytes, before, tiles, .. } = self;
         let human = format!(
-            "{name}: {gaussians} Gaussians coded as {coded}, {} -> {} ({:.1} bits per Gaussian), {} tiles\n\
+            "{name}: {gaussians} Gaussians coded as {coded}, {} -> {} ({:.1} bits per Gaussian), {}\n\
              read and partition {before:.2} s, encode {tiles:.2} s, join {join:.2} s",
             megabytes(input_bytes),
             megabytes(bytes),
             8.0 * bytes as f64 / coded.max(1) as f64,
-            self.streams.len(),
+            counted(self.streams.len() as u64, "tile"),
         );
         let json: Value = json!({
             "output": name,
