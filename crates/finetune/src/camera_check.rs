@@ -6,6 +6,7 @@
 use gs_model::{Camera, Scene};
 
 use crate::forward::render;
+use crate::frustum::that_see;
 use crate::image::Image;
 use crate::metrics::psnr;
 use crate::options::RenderOptions;
@@ -58,7 +59,7 @@ pub fn seen_opacity_share(scene: &Scene, weights: &[f32]) -> f64 {
 const LEAST_SEEN: f64 = 0.5;
 
 /// What cameras see of a scene.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Seen {
     /// Sum of squared blending weights of each Gaussian over the pixels of all views.
     pub weights: Vec<f32>,
@@ -67,8 +68,9 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Renders `scene` from each camera. `step` is called after each with the number of cameras that are done. An
-    /// error from it ends the work.
+    /// Renders `scene` from each camera that can see it; if these are more than 256, from as many of them, which stand
+    /// for all. `step` is called after each with the number of cameras that are done. An error from it ends the
+    /// work.
     ///
     /// # Errors
     /// Those of `step`.
@@ -78,10 +80,14 @@ impl Seen {
         mut step: impl FnMut(usize) -> Result<(), E>,
     ) -> Result<Self, E> {
         let mut weights = vec![0.0f32; scene.len()];
-        for (i, camera) in cameras.iter().enumerate() {
+        let (chosen, each) = that_see(scene, cameras);
+        for (i, camera) in chosen.iter().enumerate() {
             let one = saliency_per_view(scene, std::slice::from_ref(camera));
             weights.iter_mut().zip(one.squared).for_each(|(sum, w)| *sum += w);
-            step(i + 1)?;
+            step((i + 1) * cameras.len() / chosen.len())?;
+        }
+        if each > 1.0 {
+            weights.iter_mut().for_each(|w| *w = (f64::from(*w) * each) as f32);
         }
         let share = seen_opacity_share(scene, &weights);
         Ok(Self { weights, share })

@@ -58,6 +58,7 @@ mod camera_check;
 mod error;
 mod forward;
 pub mod framing;
+mod frustum;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod gradients;

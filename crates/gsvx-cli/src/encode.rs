@@ -200,7 +200,7 @@ impl Args {
         let flags = [
             ("--lossless", self.lossless),
             ("--max-error", self.max_error.is_some()),
-            ("--cameras", self.cameras.is_some()),
+            ("--target-psnr", self.target_psnr.is_some()),
             ("--target-bytes", self.target_bytes.is_some()),
             ("--target-mbit", self.target_mbit.is_some()),
             ("--prune", self.prune > 0.0),
@@ -283,7 +283,8 @@ fn is_stream_name(path: &Path) -> bool {
 
 /// Encodes a part of a plan.
 fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
-    if let Some(flag) = args.not_at_scale() {
+    let cameras = args.cameras.is_some().then_some("--cameras");
+    if let Some(flag) = args.not_at_scale().or(cameras) {
         return Err(usage(format!("{flag} does not go with --part: the plan says how to encode")));
     }
     let [plan] = &args.inputs[..] else {
@@ -294,10 +295,16 @@ fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
 
 /// Encodes models as one scene, within a bound on memory.
 fn encode_large(args: &Args, report: Reporter) -> Result<()> {
+    let cameras = args.cameras.as_deref();
     let job = scale::Job {
         inputs: &args.inputs,
         reading: &args.reading,
-        choices: plan::choices(args.quality(), args.max_sh_degree),
+        choices: plan::choices(
+            args.quality(),
+            args.max_sh_degree,
+            plan::seen(cameras, args.drop_unseen),
+        ),
+        cameras,
         output: &args.output,
         force: args.force,
         room: &args.room,

@@ -6,8 +6,8 @@ use crate::preset::{self, Preset};
 use crate::report::Reporter;
 use crate::scale::{self, Job, Room};
 use anyhow::Result;
-use gsvx::{Choices, EncodeOptions};
-use std::path::PathBuf;
+use gsvx::{Choices, EncodeOptions, Seen};
+use std::path::{Path, PathBuf};
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
@@ -35,6 +35,12 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3),
           value_name = "DEGREE")]
     max_sh_degree: u8,
+    /// A scene folder, a cameras.json or a transforms.json: bits go where its training cameras look.
+    #[arg(long, value_name = "PATH")]
+    cameras: Option<PathBuf>,
+    /// With --cameras: leave out what they see too little of to pay for its bits.
+    #[arg(long, requires = "cameras")]
+    drop_unseen: bool,
     #[command(flatten)]
     reading: Reading,
     #[command(flatten)]
@@ -45,18 +51,29 @@ pub(crate) struct Args {
 }
 
 /// What `gsvx encode` chooses by itself.
-pub(crate) fn choices(quality: f32, max_sh_degree: u8) -> Choices {
+pub(crate) fn choices(quality: f32, max_sh_degree: u8, seen: Seen) -> Choices {
     let chunk_leaves = EncodeOptions::default().chunk_leaves;
-    Choices { quality, max_sh_degree, chunk_leaves }
+    Choices { quality, max_sh_degree, chunk_leaves, seen }
+}
+
+/// Where importances come from.
+pub(crate) fn seen(cameras: Option<&Path>, drop_unseen: bool) -> Seen {
+    match (cameras, drop_unseen) {
+        (None, _) => Seen::Guessed,
+        (Some(_), false) => Seen::ByCameras,
+        (Some(_), true) => Seen::ByCamerasOnly,
+    }
 }
 
 /// Makes a plan.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let quality = args.preset.map_or(args.quality, |p| p.quality);
+    let cameras = args.cameras.as_deref();
     let job = Job {
         inputs: &args.inputs,
         reading: &args.reading,
-        choices: choices(quality, args.max_sh_degree),
+        choices: choices(quality, args.max_sh_degree, seen(cameras, args.drop_unseen)),
+        cameras,
         output: &args.output,
         force: args.force,
         room: &args.room,

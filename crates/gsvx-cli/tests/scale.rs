@@ -189,6 +189,63 @@ fn flags_that_need_the_scene_in_memory_are_refused() {
     assert!(names(dir.path()).is_empty());
 }
 
+#[test]
+fn cameras_change_no_byte_between_one_machine_and_parts() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let read = |name: &str| std::fs::read(at(name)).unwrap();
+    // One tile: what cameras see is what they see in memory.
+    let (first, second) = (rooms(0, 1), rooms(1, 1));
+    let mut both = first.clone();
+    both.append(&second);
+    for (name, scene) in [("a.ply", &first), ("b.ply", &second), ("both.ply", &both)] {
+        ply::write(at(name), scene).unwrap();
+    }
+    let with = |words: &[&str], inputs: &[&str], output: &str| {
+        let inputs: Vec<PathBuf> = inputs.iter().map(|i| at(i)).collect();
+        let mut command = of(words, &inputs, &at(output));
+        command.arg("--cameras").arg(common::room());
+        command
+    };
+    run(&mut with(&["encode", "--no-estimate"], &["both.ply"], "memory.gsvx"));
+    run(&mut with(&["encode"], &["a.ply", "b.ply"], "two.gsvx"));
+    assert!(read("memory.gsvx") == read("two.gsvx"));
+    let guessed = of(&["encode", "--no-estimate"], &[at("both.ply")], &at("guessed.gsvx")).output();
+    done(&guessed.unwrap());
+    assert!(read("memory.gsvx") != read("guessed.gsvx"));
+    // Several tiles: one process, and parts.
+    let cameras = |command: &mut Command| run(command.arg("--cameras").arg(common::room()));
+    cameras(&mut of(&["encode", "--memory", "1G"], &CITY.inputs, &at("one.gsvx")));
+    cameras(&mut of(&["plan"], &CITY.inputs, &at("plan")));
+    let part = |k: usize| {
+        let name = format!("part-{k}.gsvx");
+        run(&mut of(&["encode", "--part", &format!("{k}/2")], &[at("plan")], &at(&name)));
+        at(&name)
+    };
+    run(&mut of(&["join"], &[part(1), part(2)], &at("joined.gsvx")));
+    assert!(read("one.gsvx") == read("joined.gsvx"));
+    assert!(read("one.gsvx") != CITY.stream);
+    // Cameras of another place, and cameras that changed.
+    let cameras = at("cameras.json");
+    let cameras_at = |z: f64| {
+        let view = |i: usize| {
+            format!(
+                r#"{{"id":{i},"img_name":"v{i}","width":64,"height":48,"position":[0,0,{z}],
+                   "rotation":[[1,0,0],[0,1,0],[0,0,1]],"fx":60,"fy":60}}"#
+            )
+        };
+        std::fs::write(&cameras, format!("[{},{}]", view(0), view(1))).unwrap();
+    };
+    cameras_at(-3.0);
+    run(of(&["plan"], &[at("a.ply")], &at("plan2")).arg("--cameras").arg(&cameras));
+    cameras_at(1000.0);
+    let part = of(&["encode", "--part", "1/1"], &[at("plan2")], &at("part.gsvx")).output();
+    one_line(&part.unwrap(), "cameras.json: has changed since the plan was made");
+    let nothing =
+        of(&["plan"], &[at("a.ply")], &at("plan3")).arg("--cameras").arg(&cameras).output();
+    one_line(&nothing.unwrap(), "these cameras see nothing of the model");
+}
+
 /// Other moments every run. A failure prints the seed; `GSVX_KILL_SEED` sets it.
 struct Moments(u64);
 

@@ -88,13 +88,35 @@ const UNSEEN: f64 = 1.0 / 16.0;
 #[must_use]
 pub fn with_unseen(scene: &Scene, seen: &[f32]) -> Vec<f32> {
     let guess = without_cameras(scene);
-    let pairs = || seen.iter().map(|&s| clean(s)).zip(guess.iter().map(|&g| f64::from(g)));
-    let mut sums = [0.0; 2];
-    for (s, g) in pairs().filter(|&(s, _)| s > 0.0) {
-        sums = [sums[0] + s, sums[1] + g];
+    let mut unit = UnseenUnit::default();
+    unit.add(seen, &guess);
+    unit.fill(seen, &guess)
+}
+
+/// The importance of what no camera sees follows from the sums over what they see.
+#[cfg(feature = "encode")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct UnseenUnit {
+    seen: f64,
+    guessed: f64,
+}
+
+#[cfg(feature = "encode")]
+impl UnseenUnit {
+    /// Adds some Gaussians.
+    pub(crate) fn add(&mut self, seen: &[f32], guess: &[f32]) {
+        for (s, &g) in seen.iter().map(|&s| clean(s)).zip(guess).filter(|&(s, _)| s > 0.0) {
+            self.seen += s;
+            self.guessed += f64::from(g);
+        }
     }
-    let unit = if sums[1] > 0.0 { UNSEEN * sums[0] / sums[1] } else { 1.0 };
-    pairs().map(|(s, g)| s.max(unit * g) as f32).collect()
+
+    /// Importances of some Gaussians.
+    pub(crate) fn fill(&self, seen: &[f32], guess: &[f32]) -> Vec<f32> {
+        let unit = if self.guessed > 0.0 { UNSEEN * self.seen / self.guessed } else { 1.0 };
+        let pairs = seen.iter().map(|&s| clean(s)).zip(guess);
+        pairs.map(|(s, &g)| s.max(unit * f64::from(g)) as f32).collect()
+    }
 }
 
 /// Classes per factor of four in importance. On `fox` at equal rendered error the streams of

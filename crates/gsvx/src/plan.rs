@@ -6,7 +6,7 @@
 
 use crate::encode::{Encoded, Source, Whole, encode_source};
 use crate::error::{Error, Result};
-use crate::importance;
+use crate::importance::{self, UnseenUnit};
 use crate::options::EncodeOptions;
 use crate::prepare::{Seen, coarse, j_high, suffices};
 use crate::survey::Survey;
@@ -26,6 +26,8 @@ pub struct Choices {
     pub max_sh_degree: u8,
     /// See [`EncodeOptions::chunk_leaves`].
     pub chunk_leaves: NonZeroUsize,
+    /// Where importances come from.
+    pub seen: Seen,
 }
 
 impl Choices {
@@ -54,6 +56,7 @@ pub struct Plan {
     sample_importance: f64,
     sample_geometry: f64,
     mean_importance: f64,
+    unseen: UnseenUnit,
 }
 
 impl Plan {
@@ -99,6 +102,7 @@ impl Plan {
             sample_importance: 0.0,
             sample_geometry: 0.0,
             mean_importance: 0.0,
+            unseen: UnseenUnit::default(),
         })
     }
 
@@ -109,21 +113,33 @@ impl Plan {
     }
 
     /// Finishes the plan. `scene` gives the Gaussians of a tile of [`Plan::sample`], in the order of the input; it is
-    /// called twice for each. SH coefficients above DC do not matter.
+    /// called two or three times for each. `seen` gives what cameras see of them (see [`EncodeOptions::importance`]);
+    /// it is called once for each, unless importances are guessed. SH coefficients above DC do not matter.
     ///
     /// # Errors
-    /// Those of `scene`; [`Error::CountMismatch`] if a tile has another number of Gaussians than were counted.
+    /// Those of `scene` and `seen`; [`Error::CountMismatch`] if a tile has another number of Gaussians than were
+    /// counted, or `seen` gives another number.
     pub fn measure<E: From<Error>>(
         &mut self,
         mut scene: impl FnMut(usize) -> std::result::Result<Scene, E>,
+        mut seen: impl FnMut(&Scene) -> std::result::Result<Vec<f32>, E>,
     ) -> std::result::Result<(), E> {
         let octree = self.octree();
         let mut sums = WeightSums::default();
+        let sample = self.sample();
+        let mut weights = vec![Vec::new(); sample.len()];
+        if self.choices.seen != Seen::Guessed {
+            for (&tile, weights) in sample.iter().zip(&mut weights) {
+                let scene = scene(tile)?;
+                *weights = seen(&scene)?;
+                self.unseen.add(weights, &importance::without_cameras(&scene));
+            }
+        }
         let mut importances = Vec::new();
-        for tile in self.sample() {
+        for (&tile, seen) in sample.iter().zip(weights) {
             let scene = scene(tile)?;
             self.check(tile, &scene)?;
-            let importance = importance::without_cameras(&scene);
+            let importance = self.importance(&scene, &seen)?;
             sums.add(&octree.sums(&scene, &importance)?);
             importances.push(importance);
         }
@@ -131,7 +147,7 @@ impl Plan {
         self.sample_importance = sums.importance;
         self.sample_geometry = sums.geometry;
         let mut mean = Mean::default();
-        for (tile, importance) in self.sample().into_iter().zip(importances) {
+        for (tile, importance) in sample.into_iter().zip(importances) {
             let voxels = octree.leaves(&scene(tile)?, &importance, &self.codes(tile), sums)?;
             mean.add(&Mean::of(&voxels.sums(&importance)));
         }
@@ -139,13 +155,27 @@ impl Plan {
         Ok(())
     }
 
-    /// Encodes a tile from its Gaussians, in the order of the input: a stream of its own, for [`crate::join`].
+    /// Encodes a tile from its Gaussians, in the order of the input, and from what cameras see of them: a stream of its
+    /// own, for [`crate::join`]. `seen` is empty if importances are guessed.
     ///
     /// # Errors
-    /// [`Error::CountMismatch`] if these are not the Gaussians of the tile; otherwise as [`crate::encode`].
-    pub fn encode(&self, tile: usize, scene: &Scene) -> Result<Encoded> {
+    /// [`Error::CountMismatch`] if these are not the Gaussians of the tile, or `seen` has another number; otherwise
+    /// as [`crate::encode`].
+    pub fn encode(&self, tile: usize, scene: &Scene, seen: &[f32]) -> Result<Encoded> {
         self.check(tile, scene)?;
-        self.encode_range(&self.codes(tile), scene)
+        self.encode_range(&self.codes(tile), scene, seen)
+    }
+
+    /// Importances of some Gaussians.
+    fn importance(&self, scene: &Scene, seen: &[f32]) -> Result<Vec<f32>> {
+        if self.choices.seen != Seen::Guessed && seen.len() != scene.len() {
+            return Err(Error::CountMismatch { scene: seen.len(), leaves: scene.len() });
+        }
+        Ok(match self.choices.seen {
+            Seen::Guessed => importance::without_cameras(scene),
+            Seen::ByCameras => self.unseen.fill(seen, &importance::without_cameras(scene)),
+            Seen::ByCamerasOnly => seen.to_vec(),
+        })
     }
 
     /// The stream of a part without tiles.
@@ -153,11 +183,11 @@ impl Plan {
     /// # Errors
     /// As [`Plan::encode`].
     pub fn encode_nothing(&self) -> Result<Encoded> {
-        self.encode_range(&(0..u64::MAX), &Scene::default())
+        self.encode_range(&(0..u64::MAX), &Scene::default(), &[])
     }
 
-    fn encode_range(&self, codes: &Range<u64>, scene: &Scene) -> Result<Encoded> {
-        let importance = importance::without_cameras(scene);
+    fn encode_range(&self, codes: &Range<u64>, scene: &Scene, seen: &[f32]) -> Result<Encoded> {
+        let importance = self.importance(scene, seen)?;
         let sums = WeightSums {
             count: self.sample_count,
             importance: self.sample_importance,
@@ -233,7 +263,7 @@ impl Plan {
     fn octree(&self) -> Octree {
         let cube = Cube { origin: self.origin, side: self.side };
         let (j_high, quality) = (self.j_high, self.choices.quality);
-        Octree { cube, j_high, quality, seen: Seen::Guessed }
+        Octree { cube, j_high, quality, seen: self.choices.seen }
     }
 
     fn codes(&self, tile: usize) -> Range<u64> {

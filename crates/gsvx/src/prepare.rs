@@ -218,7 +218,7 @@ impl<'a> Input<'a> {
 }
 
 /// Where importances come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Seen {
     /// The rasterizer's sum of squared blending weights over cameras. Nothing is left out: see
     /// [`importance::with_unseen`].

@@ -2,7 +2,7 @@
 #![cfg(feature = "encode")]
 
 use gs_model::Scene;
-use gsvx::{Choices, EncodeOptions, Error, Index, Plan, Survey, join};
+use gsvx::{Choices, EncodeOptions, Error, Index, Plan, Seen, Survey, join};
 use std::num::NonZeroUsize;
 
 /// A dense part, a wide one, and one far away, mixed in the order of the scene.
@@ -19,7 +19,8 @@ fn city(len: usize) -> Scene {
 }
 
 fn choices(quality: f32) -> Choices {
-    Choices { quality, max_sh_degree: 3, chunk_leaves: NonZeroUsize::new(20_000).unwrap() }
+    let chunk_leaves = NonZeroUsize::new(20_000).unwrap();
+    Choices { quality, max_sh_degree: 3, chunk_leaves, seen: Seen::Guessed }
 }
 
 /// A plan, from a scene that arrives in pieces, and the Gaussians of each tile.
@@ -40,7 +41,8 @@ fn planned(scene: &Scene, choices: Choices) -> (Plan, Vec<Scene>) {
     let tiles = plan.tiles_of(&scene.means).unwrap();
     tiles.iter().enumerate().for_each(|(i, &t)| members[t as usize].push(i));
     let scenes: Vec<Scene> = members.iter().map(|m| scene.select(m)).collect();
-    plan.measure::<Error>(|tile| Ok(scenes[tile].clone())).unwrap();
+    let seen = |_: &Scene| -> Result<_, Error> { unreachable!("importances are guessed") };
+    plan.measure(|tile| Ok(scenes[tile].clone()), seen).unwrap();
     (plan, scenes)
 }
 
@@ -63,7 +65,7 @@ fn tiles_joined_are_the_scene_in_memory() {
     let (plan, tiles) = planned(&scene, choices);
     assert!(tiles.len() >= 3, "{} tiles", tiles.len());
     let streams: Vec<Vec<u8>> =
-        tiles.iter().enumerate().map(|(t, s)| plan.encode(t, s).unwrap().bytes).collect();
+        tiles.iter().enumerate().map(|(t, s)| plan.encode(t, s, &[]).unwrap().bytes).collect();
     let mut options = EncodeOptions::from_quality(60.0).unwrap();
     options.chunk_leaves = choices.chunk_leaves;
     let whole = gsvx::encode(&scene, &options).unwrap();
@@ -84,7 +86,7 @@ fn a_scene_of_one_tile_is_planned_too() {
     for len in [0, 1, 700] {
         let scene = city(len);
         let (plan, tiles) = planned(&scene, choices(40.0));
-        let stream = plan.encode(0, &tiles[0]).unwrap().bytes;
+        let stream = plan.encode(0, &tiles[0], &[]).unwrap().bytes;
         let mut options = EncodeOptions::from_quality(40.0).unwrap();
         options.chunk_leaves = choices(40.0).chunk_leaves;
         let whole = gsvx::encode(&scene, &options).unwrap().bytes;
@@ -108,6 +110,9 @@ fn what_does_not_belong_together_is_not_joined() {
     }
     assert!(join(&[index(&scene, 50.0, true)]).is_err());
     let (plan, tiles) = planned(&scene, choices(50.0));
-    assert!(matches!(plan.encode(0, &tiles[0].select(&[1, 2])), Err(Error::CountMismatch { .. })));
+    assert!(matches!(
+        plan.encode(0, &tiles[0].select(&[1, 2]), &[]),
+        Err(Error::CountMismatch { .. })
+    ));
     assert!(plan.tiles_of(&[[1e9; 3]]).is_err());
 }

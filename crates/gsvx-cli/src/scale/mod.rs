@@ -8,6 +8,7 @@ mod memory;
 mod planning;
 mod rows;
 mod scratch;
+mod sight;
 
 use crate::exit::note;
 use crate::input::Reading;
@@ -23,6 +24,7 @@ use rayon::prelude::*;
 use rows::Rows;
 use scratch::Scratch;
 use serde_json::{Value, json};
+use sight::{CameraFile, Sight};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -84,6 +86,7 @@ pub(crate) struct Job<'a> {
     pub(crate) inputs: &'a [PathBuf],
     pub(crate) reading: &'a Reading,
     pub(crate) choices: Choices,
+    pub(crate) cameras: Option<&'a Path>,
     pub(crate) output: &'a Path,
     pub(crate) force: bool,
     pub(crate) room: &'a Room,
@@ -91,14 +94,18 @@ pub(crate) struct Job<'a> {
 
 impl Job<'_> {
     /// Tells this work from other work.
-    fn key(&self, what: &str) -> Result<String> {
+    fn key(&self, what: &str, sight: Option<&Sight>) -> Result<String> {
         let mut key = format!("gsvx {} {what}\n", crate::VERSION);
-        key += &serde_json::to_string(&(self.reading, self.choices))?;
+        key += &serde_json::to_string(&(self.reading, self.choices, sight.map(Sight::file)))?;
         key.push('\n');
         for path in self.inputs {
             key += &Input::new(path)?.key();
         }
         Ok(key)
+    }
+
+    fn sight(&self) -> Result<Option<Sight>> {
+        self.cameras.map(Sight::read).transpose()
     }
 
     fn open_output(&self) -> Result<Output> {
@@ -124,10 +131,12 @@ impl Job<'_> {
 pub(crate) fn plan(job: &Job<'_>, report: Reporter) -> Result<()> {
     let output = job.open_output()?;
     let start = Instant::now();
-    let scratch = job.room.scratch(job.output, &job.key("plan")?)?;
-    let mut plan = planning::survey(job.inputs, job.reading, job.choices, &scratch)?;
+    let sight = job.sight()?;
+    let scratch = job.room.scratch(job.output, &job.key("plan", sight.as_ref())?)?;
+    let mut plan =
+        planning::survey(job.inputs, job.reading, job.choices, sight.as_ref(), &scratch)?;
     let rows = Rows::write(&plan, &plan.plan.sample(), 0, &scratch)?;
-    planning::measure(&mut plan.plan, &rows)?;
+    planning::measure(&mut plan.plan, &rows, sight.as_ref())?;
     let text = plan.text()?;
     let (name, stdout) = (output.name(), output.is_stdout());
     output.write(|out| Ok(out.write_all(text.as_bytes())?))?;
@@ -158,7 +167,8 @@ pub(crate) fn part(
     plan.inputs.iter().for_each(|i| key += &i.key());
     let scratch = room.scratch(output, &key)?;
     let tiles: Vec<usize> = plan.plan.part(part.k - 1, part.n).collect();
-    let made = Made::of(&plan, &tiles, room, &scratch, Instant::now())?;
+    let sight = plan.cameras.as_ref().map(CameraFile::open).transpose()?;
+    let made = Made::of(&plan, &tiles, (room, sight.as_ref()), &scratch, Instant::now())?;
     made.write(opened, &part.mark(id), report)?;
     scratch.remove();
     Ok(())
@@ -169,23 +179,25 @@ pub(crate) fn encode(job: &Job<'_>, report: Reporter) -> Result<()> {
     job.room.tiles_at_once()?;
     let output = job.open_output()?;
     let start = Instant::now();
-    let scratch = job.room.scratch(job.output, &job.key("encode")?)?;
+    let sight = job.sight()?;
+    let scratch = job.room.scratch(job.output, &job.key("encode", sight.as_ref())?)?;
     job.state_room(&scratch)?;
     let plan = match std::fs::read(scratch.path(PLAN)) {
         Ok(bytes) => PlanFile::parse(&bytes)?,
         Err(_) => {
-            let mut plan = planning::survey(job.inputs, job.reading, job.choices, &scratch)?;
+            let sight = sight.as_ref();
+            let mut plan = planning::survey(job.inputs, job.reading, job.choices, sight, &scratch)?;
             let all: Vec<usize> = (0..plan.plan.tile_counts().len()).collect();
             check_room(&plan, &all, &scratch)?;
             let rows = Rows::write(&plan, &all, plan.plan.sh_degree(), &scratch)?;
-            planning::measure(&mut plan.plan, &rows)?;
+            planning::measure(&mut plan.plan, &rows, sight)?;
             scratch.write(PLAN, plan.text()?.as_bytes())?;
             plan
         }
     };
     warn_of_coarse_cells(&plan);
     let all: Vec<usize> = (0..plan.plan.tile_counts().len()).collect();
-    let made = Made::of(&plan, &all, job.room, &scratch, start)?;
+    let made = Made::of(&plan, &all, (job.room, sight.as_ref()), &scratch, start)?;
     made.write(output, "", report)?;
     scratch.remove();
     Ok(())
@@ -222,7 +234,7 @@ impl Made {
     fn of(
         plan: &PlanFile,
         tiles: &[usize],
-        room: &Room,
+        (room, sight): (&Room, Option<&Sight>),
         scratch: &Scratch,
         start: Instant,
     ) -> Result<Self> {
@@ -248,7 +260,9 @@ impl Made {
             (left.len()..tiles.len()).for_each(|_| bar.inc());
             for some in left.chunks(at_once) {
                 some.par_iter().with_max_len(1).try_for_each(|&tile| {
-                    let encoded = plan.plan.encode(tile, &rows.tile(tile)?)?;
+                    let gaussians = rows.tile(tile)?;
+                    let seen = sight.map(|s| s.of(&gaussians).weights).unwrap_or_default();
+                    let encoded = plan.plan.encode(tile, &gaussians, &seen)?;
                     scratch.write(&name(tile), &encoded.bytes)?;
                     bar.inc();
                     Ok::<(), anyhow::Error>(())

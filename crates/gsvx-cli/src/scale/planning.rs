@@ -3,9 +3,11 @@
 use super::inputs::{Input, steps};
 use super::rows::Rows;
 use super::scratch::Scratch;
+use super::sight::{CameraFile, Sight};
 use crate::input::{self, Reading, name};
-use crate::progress;
+use crate::progress::{self, Steps};
 use anyhow::{Context, Result, anyhow, bail};
+use gs_model::Scene;
 use gsvx::{Choices, Plan, Survey};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -24,6 +26,7 @@ pub(crate) struct PlanFile {
     pub(crate) gsvx: String,
     pub(crate) reading: Reading,
     pub(crate) inputs: Vec<Input>,
+    pub(crate) cameras: Option<CameraFile>,
     pub(crate) plan: Plan,
 }
 
@@ -59,6 +62,7 @@ pub(crate) fn survey(
     inputs: &[PathBuf],
     reading: &Reading,
     choices: Choices,
+    sight: Option<&Sight>,
     scratch: &Scratch,
 ) -> Result<PlanFile> {
     let mut inputs = inputs.iter().map(|path| Input::new(path)).collect::<Result<Vec<_>>>()?;
@@ -97,7 +101,8 @@ pub(crate) fn survey(
         input.tiles = (0..).zip(found).filter(|(_, f)| *f).map(|(t, _)| t).collect();
     }
     scratch.forget(&format!("{MEANS}.part"));
-    Ok(PlanFile { gsvx: crate::VERSION.into(), reading: reading.clone(), inputs, plan })
+    let (reading, cameras) = (reading.clone(), sight.map(Sight::file));
+    Ok(PlanFile { gsvx: crate::VERSION.into(), reading, inputs, cameras, plan })
 }
 
 /// An error from inside the plan.
@@ -120,7 +125,18 @@ fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>>
 }
 
 /// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians.
-pub(crate) fn measure(plan: &mut Plan, rows: &Rows) -> Result<()> {
-    let _bar = progress::spinner("measuring a sample".into());
-    plan.measure::<Failure>(|tile| rows.tile(tile).map_err(Failure)).map_err(|e| e.0)
+pub(crate) fn measure(plan: &mut Plan, rows: &Rows, sight: Option<&Sight>) -> Result<()> {
+    let bar = sight.map(|_| Steps::new("importance of a sample", plan.sample().len() as u64));
+    let _spinner = sight.is_none().then(|| progress::spinner("measuring a sample".into()));
+    let (mut seen, mut all) = (0.0, 0.0);
+    let see = |tile: &Scene| {
+        let found = sight.map(|s| s.of(tile)).unwrap_or_default();
+        seen += found.share * tile.len() as f64;
+        all += tile.len() as f64;
+        bar.iter().for_each(Steps::inc);
+        Ok(found.weights)
+    };
+    plan.measure::<Failure>(|tile| rows.tile(tile).map_err(Failure), see).map_err(|e| e.0)?;
+    drop(bar);
+    sight.map_or(Ok(()), |s| s.check(if all > 0.0 { seen / all } else { 1.0 }))
 }

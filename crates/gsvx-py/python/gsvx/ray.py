@@ -51,6 +51,8 @@ def arguments() -> argparse.ArgumentParser:
     add("-q", "--quality", type=float, metavar="Q", help="0 (smallest) to 100 (best)")
     add("--preset", metavar="NAME", help="a quality by name, as in gsvx encode")
     add("--max-sh-degree", type=int, metavar="DEGREE", help="highest SH degree to keep, 0 to 3")
+    add("--cameras", metavar="PATH", help="a scene folder or camera file, at the same path on every machine")
+    add("--drop-unseen", action="store_true", help="with --cameras: leave out what they see too little of")
     add("--drop-invalid", action="store_true", help="leave out Gaussians that are not finite")
     add("--parts", type=int, metavar="N", help="number of parts; two for each CPU of the cluster without it")
     add("--cpus", type=int, default=1, metavar="N", help="CPUs of a task (1)")
@@ -104,8 +106,9 @@ def encode(args: argparse.Namespace) -> None:
 
 def plan_options(args: argparse.Namespace) -> List[str]:
     named = {"--quality": args.quality, "--preset": args.preset, "--max-sh-degree": args.max_sh_degree}
+    named["--cameras"] = args.cameras and os.path.abspath(args.cameras)
     words = [word for name, value in named.items() if value is not None for word in (name, str(value))]
-    return words + ["--drop-invalid"] * args.drop_invalid
+    return words + ["--drop-invalid"] * args.drop_invalid + ["--drop-unseen"] * args.drop_unseen
 
 
 def encoded(folder: str, name: str) -> set[tuple[int, int]]:

@@ -1,0 +1,70 @@
+//! What cameras see of a scene, tile by tile: of each tile from the cameras that can see it, with nothing else in front.
+
+use crate::exit::note;
+use crate::views;
+use anyhow::{Result, bail};
+use finetune::Seen;
+use gs_model::{Camera, Scene};
+use serde::{Deserialize, Serialize};
+use std::convert::Infallible;
+use std::path::{Path, PathBuf};
+
+/// The cameras of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct CameraFile {
+    path: PathBuf,
+    /// Of the training cameras: whoever encodes a part has to see the same.
+    checksum: u32,
+}
+
+/// Cameras that were read.
+pub(crate) struct Sight {
+    path: PathBuf,
+    cameras: Vec<Camera>,
+}
+
+impl Sight {
+    /// Reads the cameras of a scene folder or of a camera file.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        Ok(Self { path: path.into(), cameras: views::cameras(path)? })
+    }
+
+    /// What stands in the plan.
+    pub(crate) fn file(&self) -> CameraFile {
+        let checksum = crc32c::crc32c(format!("{:?}", self.cameras).as_bytes());
+        CameraFile { path: self.path.clone(), checksum }
+    }
+
+    /// What they see of a tile.
+    pub(crate) fn of(&self, tile: &Scene) -> Seen {
+        let Ok(seen) = Seen::of(tile, &self.cameras, |_| Ok::<_, Infallible>(()));
+        seen
+    }
+
+    /// Warns if they see little; `share` is that of the opacity in a sample.
+    ///
+    /// # Errors
+    /// If they see nothing.
+    pub(crate) fn check(&self, share: f64) -> Result<()> {
+        match (Seen { weights: Vec::new(), share }).doubt() {
+            Some(doubt) if share == 0.0 => bail!("{}: {doubt}", self.path.display()),
+            Some(doubt) => note(format_args!("warning: {}: {doubt}", self.path.display())),
+            None => {}
+        }
+        Ok(())
+    }
+}
+
+impl CameraFile {
+    /// The cameras, as they were when the plan was made.
+    pub(crate) fn open(&self) -> Result<Sight> {
+        let sight = Sight::read(&self.path)?;
+        if sight.file() != *self {
+            bail!(
+                "{}: has changed since the plan was made; make the plan anew",
+                self.path.display()
+            );
+        }
+        Ok(sight)
+    }
+}
