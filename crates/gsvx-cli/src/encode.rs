@@ -205,7 +205,6 @@ impl Args {
             ("--target-mbit", self.target_mbit.is_some()),
             ("--prune", self.prune > 0.0),
             ("--web", self.web),
-            ("--lod", self.lod),
             ("--depth", self.depth.is_some()),
             ("--covariance", self.covariance.is_some()),
         ];
@@ -283,8 +282,9 @@ fn is_stream_name(path: &Path) -> bool {
 
 /// Encodes a part of a plan.
 fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
-    let cameras = args.cameras.is_some().then_some("--cameras");
-    if let Some(flag) = args.not_at_scale().or(cameras) {
+    let planned = [("--cameras", args.cameras.is_some()), ("--lod", args.lod)];
+    let planned = planned.iter().find(|(_, given)| *given).map(|(flag, _)| *flag);
+    if let Some(flag) = args.not_at_scale().or(planned) {
         return Err(usage(format!("{flag} does not go with --part: the plan says how to encode")));
     }
     let [plan] = &args.inputs[..] else {
@@ -303,6 +303,7 @@ fn encode_large(args: &Args, report: Reporter) -> Result<()> {
             args.quality(),
             args.max_sh_degree,
             plan::seen(cameras, args.drop_unseen),
+            args.lod,
         ),
         cameras,
         output: &args.output,

@@ -41,6 +41,9 @@ pub(crate) struct Args {
     /// With --cameras: leave out what they see too little of to pay for its bits.
     #[arg(long, requires = "cameras")]
     drop_unseen: bool,
+    /// Store levels of detail too: coarse scenes that viewers show first or from afar.
+    #[arg(long)]
+    lod: bool,
     #[command(flatten)]
     reading: Reading,
     #[command(flatten)]
@@ -51,9 +54,9 @@ pub(crate) struct Args {
 }
 
 /// What `gsvx encode` chooses by itself.
-pub(crate) fn choices(quality: f32, max_sh_degree: u8, seen: Seen) -> Choices {
+pub(crate) fn choices(quality: f32, max_sh_degree: u8, seen: Seen, lod: bool) -> Choices {
     let chunk_leaves = EncodeOptions::default().chunk_leaves;
-    Choices { quality, max_sh_degree, chunk_leaves, seen }
+    Choices { quality, max_sh_degree, chunk_leaves, seen, lod }
 }
 
 /// Where importances come from.
@@ -72,7 +75,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let job = Job {
         inputs: &args.inputs,
         reading: &args.reading,
-        choices: choices(quality, args.max_sh_degree, seen(cameras, args.drop_unseen)),
+        choices: choices(quality, args.max_sh_degree, seen(cameras, args.drop_unseen), args.lod),
         cameras,
         output: &args.output,
         force: args.force,

@@ -179,7 +179,7 @@ fn flags_that_need_the_scene_in_memory_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out.gsvx");
     let with = |words: &[&str]| of(words, &[model()], &out).output().unwrap();
-    wrong_usage(&with(&["encode", "--memory", "1G", "--lod"]), "--lod does not go with --memory");
+    wrong_usage(&with(&["encode", "--memory", "1G", "--web"]), "--web does not go with --memory");
     wrong_usage(&with(&["encode", "--memory", "1M"]), "at least");
     wrong_usage(&with(&["encode", "--part", "3/2"]), "K/N");
     one_line(&with(&["encode", "--part", "1/2"]), "is no plan");
@@ -213,8 +213,9 @@ fn cameras_change_no_byte_between_one_machine_and_parts() {
     let guessed = of(&["encode", "--no-estimate"], &[at("both.ply")], &at("guessed.gsvx")).output();
     done(&guessed.unwrap());
     assert!(read("memory.gsvx") != read("guessed.gsvx"));
-    // Several tiles: one process, and parts.
-    let cameras = |command: &mut Command| run(command.arg("--cameras").arg(common::room()));
+    // Several tiles: one process, and parts. Levels of detail too.
+    let cameras =
+        |command: &mut Command| run(command.arg("--lod").arg("--cameras").arg(common::room()));
     cameras(&mut of(&["encode", "--memory", "1G"], &CITY.inputs, &at("one.gsvx")));
     cameras(&mut of(&["plan"], &CITY.inputs, &at("plan")));
     let part = |k: usize| {
@@ -224,7 +225,13 @@ fn cameras_change_no_byte_between_one_machine_and_parts() {
     };
     run(&mut of(&["join"], &[part(1), part(2)], &at("joined.gsvx")));
     assert!(read("one.gsvx") == read("joined.gsvx"));
-    assert!(read("one.gsvx") != CITY.stream);
+    let index = gsvx::Index::parse(&read("one.gsvx")).unwrap();
+    assert_eq!(index.coarsest_lod(), 2);
+    run(&mut of(&["lod"], &[at("one.gsvx")], &at("web")));
+    let decoded = of(&["decode", "--lod", "2"], &[at("one.gsvx")], &at("coarse.ply")).output();
+    done(&decoded.unwrap());
+    let coarse = ply::read(at("coarse.ply")).unwrap().0.len();
+    assert!((1000..20_000).contains(&coarse), "{coarse}");
     // Cameras of another place, and cameras that changed.
     let cameras = at("cameras.json");
     let cameras_at = |z: f64| {

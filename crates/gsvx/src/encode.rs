@@ -216,8 +216,8 @@ pub(crate) struct Source<'a> {
 /// What the tiles of a scene share.
 #[derive(Clone, Copy)]
 pub(crate) struct Whole<'a> {
-    /// The first leaf of each tile: chunks begin there.
-    pub(crate) cuts: &'a [usize],
+    /// The tiles: chunks begin where they begin.
+    pub(crate) tiles: lod::Tiles<'a>,
     /// Mean importance of leaves.
     pub(crate) mean_importance: f64,
     /// The highest SH degree in use.
@@ -302,8 +302,8 @@ pub(crate) fn encode_source(
         },
         codewords: (shapes == Shapes::Codebook).then_some(book.codewords),
     };
-    let fixed = source.whole.map_or(&[][..], |w| w.cuts);
-    let levels = lod::levels(source.voxels, options, fixed);
+    let tiles = source.whole.map_or(lod::Tiles::ONE, |w| w.tiles);
+    let levels = lod::levels(source.voxels, options, tiles);
     let mut jobs = Vec::new();
     for level in levels.iter().rev() {
         let importance = level.sum(&importance);
@@ -313,7 +313,11 @@ pub(crate) fn encode_source(
         {
             importance::log_classes_about(mean_importance, &importance, options.steps.covariance)
         } else {
-            importance::log_classes(&importance, options.steps.covariance)
+            // Relative to the mean of the tile.
+            let of = |tile: &Range<usize>| {
+                importance::log_classes(&importance[tile.clone()], options.steps.covariance)
+            };
+            level.tiles.iter().flat_map(of).collect()
         };
         jobs.push((level, classes));
     }

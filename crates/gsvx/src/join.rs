@@ -21,8 +21,8 @@ pub struct Joined {
 /// everywhere and left out.
 ///
 /// # Errors
-/// [`Error::NotOneScene`] if streams differ in what parts of a scene share, or overlap; if they have levels of detail or
-/// exact Gaussians.
+/// [`Error::NotOneScene`] if streams differ in what parts of a scene share, or overlap; if they have
+/// different levels of detail, or exact Gaussians.
 pub fn join(streams: &[Index]) -> Result<Joined> {
     let Some(first) = streams.first() else { return Ok(Joined::default()) };
     let mut sh_degree = 0;
@@ -33,8 +33,12 @@ pub fn join(streams: &[Index]) -> Result<Joined> {
         if common(&stream.header) != common(&first.header) {
             return Err(not_one("their octrees or steps differ"));
         }
-        if stream.chunks.iter().any(|c| c.kind != Kind::Leaves || c.lod > 0) {
-            return Err(not_one("levels of detail and exact Gaussians cannot be joined"));
+        if stream.chunks.iter().any(|c| c.kind != Kind::Leaves) {
+            return Err(not_one("exact Gaussians cannot be joined"));
+        }
+        let levels = |s: &Index| (!s.chunks.is_empty()).then(|| s.coarsest_lod());
+        if levels(stream).zip(streams.iter().find_map(levels)).is_some_and(|(a, b)| a != b) {
+            return Err(not_one("they have different levels of detail"));
         }
         if !stream.chunks.is_empty() {
             sh_degree = sh_degree.max(stream.header.sh_degree);
@@ -44,11 +48,13 @@ pub fn join(streams: &[Index]) -> Result<Joined> {
     if chunks.is_empty() {
         sh_degree = first.header.sh_degree;
     }
-    chunks.sort_by_key(|(_, c)| c.first_cell);
-    if let Some(w) = chunks.windows(2).find(|w| w[0].1.first_cell == w[1].1.first_cell) {
+    // The coarsest level first, each in Morton order.
+    let place = |c: &Chunk| (u8::MAX - c.lod, c.first_cell);
+    chunks.sort_by_key(|(_, c)| place(c));
+    if let Some(w) = chunks.windows(2).find(|w| place(w[0].1) == place(w[1].1)) {
         return Err(Error::NotOneScene { first: w[0].0, second: w[1].0, why: "they overlap" });
     }
-    let count = chunks.iter().map(|(_, c)| c.count).sum();
+    let count = chunks.iter().filter(|(_, c)| c.lod == 0).map(|(_, c)| c.count).sum();
     let header = Header { count, sh_degree, ..first.header.clone() };
     Ok(put_together(header, &chunks))
 }

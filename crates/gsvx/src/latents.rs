@@ -104,7 +104,7 @@ impl Latents {
         }
         let classes = importance::log_classes(importance, options.steps.covariance);
         let whole = EncodeOptions { lod: false, ..options.clone() };
-        let cuts = lod::levels(voxels, &whole, &[]).swap_remove(0).cuts;
+        let cuts = lod::levels(voxels, &whole, lod::Tiles::ONE).swap_remove(0).cuts;
         let chunk = |cut: &[usize]| {
             let range = cut[0]..cut[1];
             let leaves = voxels.leaves[range.clone()].to_vec();

@@ -4,9 +4,13 @@
 //! their Gaussians, weighted by importance. All cells of a level hold about the same number of leaves.
 //! Levels get coarser until one fits a chunk. Chunks nest: where a coarse chunk begins, a chunk of the
 //! next finer level begins too, so that a viewer can replace a coarse chunk by finer ones.
+//!
+//! Invariant: no Gaussian of any level stands for leaves of two tiles, so the levels of a tile follow from its own
+//! leaves and the number of levels.
 
 use crate::options::EncodeOptions;
 use gpcc_lite::Leaf;
+use std::ops::Range;
 use voxel::Voxelization;
 
 /// A coarse level has at most one Gaussian for so many of the next finer.
@@ -23,6 +27,8 @@ pub(crate) struct LodLevel {
     pub(crate) voxels: Option<Voxelization>,
     /// For each leaf, the number of its first leaf of the finest level; then the number of those.
     first: Vec<u32>,
+    /// The leaves of each tile.
+    pub(crate) tiles: Vec<Range<usize>>,
     /// The number of the first leaf of each chunk, and of all leaves.
     pub(crate) cuts: Vec<usize>,
 }
@@ -35,32 +41,68 @@ impl LodLevel {
     }
 }
 
+/// The tiles of a voxelized scene.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tiles<'a> {
+    /// The first leaf of each, and its Morton codes.
+    pub(crate) tiles: &'a [(usize, Range<u64>)],
+    /// Levels beside the finest, if other tiles have a say in it.
+    pub(crate) coarse_levels: Option<usize>,
+}
+
+impl Tiles<'_> {
+    /// A scene that is not cut.
+    pub(crate) const ONE: Self = Self { tiles: &[(0, 0..u64::MAX)], coarse_levels: None };
+}
+
+/// The number of levels beside the finest in a scene of several tiles.
+pub(crate) fn coarse_levels(gaussians: u64, options: &EncodeOptions) -> usize {
+    let mut left = gaussians as usize;
+    let mut levels = 0;
+    while another(levels, left, options) {
+        left /= RATIO;
+        levels += 1;
+    }
+    levels
+}
+
+/// Whether a scene with so many coarse levels, the coarsest of so many leaves, has another.
+fn another(levels: usize, leaves: usize, options: &EncodeOptions) -> bool {
+    options.lod
+        && leaves >= LEAST
+        && (levels == 0 || leaves > options.chunk_leaves.get())
+        && levels + 1 < usize::from(crate::head::MAX_LODS)
+}
+
 /// The levels of detail of a voxelized scene, the finest first; only that if no others are wanted. Chunks of
-/// the finest also begin at the leaves `fixed`.
+/// all levels also begin where tiles begin.
 pub(crate) fn levels(
     voxels: &Voxelization,
     options: &EncodeOptions,
-    fixed: &[usize],
+    tiles: Tiles<'_>,
 ) -> Vec<LodLevel> {
     let n = voxels.len();
+    let ends = tiles.tiles.iter().skip(1).map(|t| t.0).chain([n]);
+    let runs: Vec<_> = tiles.tiles.iter().zip(ends).map(|(t, end)| t.0..end).collect();
     let first = (0..=n as u32).collect();
-    let mut levels = vec![LodLevel { lod: 0, voxels: None, first, cuts: Vec::new() }];
-    let mut leaves = n;
-    while options.lod
-        && leaves >= LEAST
-        && (levels.len() == 1 || leaves > options.chunk_leaves.get())
-        && levels.len() < usize::from(crate::head::MAX_LODS)
+    let finest = LodLevel { lod: 0, voxels: None, first, tiles: runs.clone(), cuts: Vec::new() };
+    let mut levels = vec![finest];
+    let wanted = |levels: usize, leaves: usize| match tiles.coarse_levels {
+        Some(wanted) => options.lod && levels < wanted,
+        None => another(levels, leaves, options),
+    };
+    while let Some(last) = levels.last()
+        && wanted(levels.len() - 1, last.first.len() - 1)
     {
-        let lod = levels.len() as u8;
-        let level = coarser(voxels, lod, leaves / RATIO);
-        leaves = level.first.len() - 1;
-        levels.push(level);
+        let runs = runs.iter().zip(tiles.tiles).zip(&last.tiles);
+        let runs = runs.map(|((run, (_, codes)), last)| (run, codes, last.len() / RATIO));
+        levels.push(coarser(voxels, levels.len() as u8, runs));
     }
     // Cuts from the coarsest on: a level is cut wherever a coarser one is.
     let mut inherited: Vec<u64> = Vec::new();
     for level in levels.iter_mut().rev() {
         let leaves = level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves);
-        let fixed = if level.lod == 0 { fixed } else { &[] };
+        let fixed = level.tiles.iter().map(|t| t.start);
         level.cuts = cuts(leaves, &inherited, fixed, options.chunk_leaves.get());
         let starts = level.cuts.iter().filter_map(|&i| leaves.get(i)).map(|l| l.morton);
         inherited = starts.collect();
@@ -68,46 +110,68 @@ pub(crate) fn levels(
     levels
 }
 
-/// The finest level that has at most `most` cells.
-fn coarser(voxels: &Voxelization, lod: u8, most: usize) -> LodLevel {
-    let leaves = &voxels.leaves;
-    // More leaves per cell make fewer cells.
-    let (mut too_few, mut enough) = (1, leaves.len());
-    while enough - too_few > 1 {
-        let middle = too_few + (enough - too_few) / 2;
-        if cells(leaves, voxels.j_high, middle).len() <= most {
-            enough = middle;
-        } else {
-            too_few = middle;
-        }
+/// A level, from the finest leaves of each tile, its codes, and how many cells it may have at most.
+fn coarser<'a>(
+    voxels: &Voxelization,
+    lod: u8,
+    tiles: impl Iterator<Item = (&'a Range<usize>, &'a Range<u64>, usize)>,
+) -> LodLevel {
+    let mut all = Vec::new();
+    let mut runs = Vec::new();
+    for (run, codes, most) in tiles {
+        let start = all.len();
+        let found = at_most(&voxels.leaves[run.clone()], codes, voxels.j_high, most);
+        all.extend(found.into_iter().map(|(first, cell)| (run.start + first, cell)));
+        runs.push(start..all.len());
     }
-    let cells = cells(leaves, voxels.j_high, enough);
-    let first: Vec<u32> = cells.iter().map(|c| c.0 as u32).chain([leaves.len() as u32]).collect();
+    let end = voxels.leaves.len() as u32;
+    let first: Vec<u32> = all.iter().map(|c| c.0 as u32).chain([end]).collect();
     let coarse = Voxelization {
         cube: voxels.cube,
         j_high: voxels.j_high,
-        leaves: cells.iter().map(|c| c.1).collect(),
+        leaves: all.iter().map(|c| c.1).collect(),
         member_offsets: first.iter().map(|&i| voxels.member_offsets[i as usize]).collect(),
         // The offsets count the members of the finest leaves.
         members: Vec::new(),
         dropped: Vec::new(),
     };
-    LodLevel { lod, voxels: Some(coarse), first, cuts: Vec::new() }
+    LodLevel { lod, voxels: Some(coarse), first, tiles: runs, cuts: Vec::new() }
 }
 
-/// Divides the octree into the largest cells that hold at most `most` leaves each. Returns the first leaf of each
-/// cell, and the smallest cell around its leaves.
-fn cells(leaves: &[Leaf], j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
+/// The smallest cells of a tile that are at most `most`, or as few as it has.
+fn at_most(leaves: &[Leaf], codes: &Range<u64>, j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
+    // More leaves per cell make fewer cells.
+    let (mut too_few, mut enough) = (1, leaves.len());
+    while enough.saturating_sub(too_few) > 1 {
+        let middle = too_few + (enough - too_few) / 2;
+        if cells(leaves, codes, j_high, middle).len() <= most {
+            enough = middle;
+        } else {
+            too_few = middle;
+        }
+    }
+    cells(leaves, codes, j_high, enough)
+}
+
+/// Divides a tile into the largest cells that hold at most `most` leaves each and lie within its codes. Returns the first
+/// leaf of each cell, and the smallest cell around its leaves.
+fn cells(leaves: &[Leaf], codes: &Range<u64>, j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
     let mut cells = Vec::new();
     // Nodes in Morton order, the next one last: first leaf, leaf behind the last, depth.
     let mut nodes = vec![(0, leaves.len(), 0u8)];
     while let Some((first, end, depth)) = nodes.pop() {
-        if end - first <= most {
+        if first == end {
+            continue;
+        }
+        let bits = 3 * u32::from(j_high - depth);
+        let start = leaves[first].morton >> bits << bits;
+        let within = codes.start <= start && start + (1 << bits) <= codes.end;
+        if end - first <= most && within {
             cells.push((first, common_cell(leaves[first], leaves[end - 1], j_high)));
             continue;
         }
-        // There are two leaves or more, so all are deeper than the node.
-        let shift = 3 * u32::from(j_high - depth - 1);
+        // There are two leaves or more, or the node reaches beyond the tile: all leaves are deeper than it.
+        let shift = bits - 3;
         let mut behind = end;
         while behind > first {
             let child = leaves[behind - 1].morton >> shift;
@@ -131,10 +195,14 @@ fn common_cell(first: Leaf, last: Leaf, j_high: u8) -> Leaf {
 
 /// Where chunks begin: at the inherited cells, at the fixed leaves, and between them so that chunks have at most
 /// `size` leaves and about the same number.
-fn cuts(leaves: &[Leaf], inherited: &[u64], fixed: &[usize], size: usize) -> Vec<usize> {
+fn cuts(
+    leaves: &[Leaf],
+    inherited: &[u64],
+    fixed: impl Iterator<Item = usize>,
+    size: usize,
+) -> Vec<usize> {
     let first_in = |&cell: &u64| leaves.partition_point(|l| l.morton < cell);
-    let mut fixed: Vec<usize> =
-        inherited.iter().map(first_in).chain(fixed.iter().copied()).collect();
+    let mut fixed: Vec<usize> = inherited.iter().map(first_in).chain(fixed).collect();
     fixed.extend([0, leaves.len()]);
     fixed.sort_unstable();
     fixed.dedup();
@@ -169,9 +237,13 @@ mod tests {
         };
         let chunk_leaves = NonZeroUsize::new(64).unwrap();
         let options = EncodeOptions { lod: true, chunk_leaves, ..EncodeOptions::default() };
-        let levels = levels(&voxels, &options, &[700]);
+        // Two tiles: the second begins with leaf 700.
+        let code = voxels.leaves[700].morton;
+        let tiles = [(0, 0..code), (700, code..u64::MAX)];
+        let tiles = Tiles { tiles: &tiles, coarse_levels: Some(3) };
+        let levels = levels(&voxels, &options, tiles);
         assert!(levels[0].cuts.contains(&700));
-        assert!(levels.len() >= 3);
+        assert_eq!(levels.len(), 4);
         let leaves_of = |level: &LodLevel| -> Vec<Leaf> {
             level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves).clone()
         };
@@ -182,7 +254,14 @@ mod tests {
                 let first = fine.partition_point(|l| l.morton < coarse[cut].morton);
                 assert!(pair[0].cuts.contains(&first));
             }
-            assert!(pair[1].first.len() * RATIO <= pair[0].first.len() + RATIO);
+            for (fine, coarse) in pair[0].tiles.iter().zip(&pair[1].tiles) {
+                assert!(coarse.len() * RATIO <= fine.len() || coarse.len() < 8 * 11);
+            }
+            // No cell reaches beyond its tile.
+            let level = &pair[1];
+            let tile = &leaves_of(level)[level.tiles[0].clone()];
+            let end = tile.last().map(|l| l.morton + (1 << (3 * (11 - l.depth))));
+            assert!(end.unwrap() <= code);
             assert!(pair[1].cuts.windows(2).all(|w| w[1] - w[0] <= 64));
         }
     }

@@ -7,6 +7,7 @@
 use crate::encode::{Encoded, Source, Whole, encode_source};
 use crate::error::{Error, Result};
 use crate::importance::{self, UnseenUnit};
+use crate::lod;
 use crate::options::EncodeOptions;
 use crate::prepare::{Seen, coarse, j_high, suffices};
 use crate::survey::Survey;
@@ -28,13 +29,15 @@ pub struct Choices {
     pub chunk_leaves: NonZeroUsize,
     /// Where importances come from.
     pub seen: Seen,
+    /// See [`EncodeOptions::lod`].
+    pub lod: bool,
 }
 
 impl Choices {
     fn options(&self) -> Result<EncodeOptions> {
         let options = EncodeOptions::from_quality(self.quality)?;
-        let Self { max_sh_degree, chunk_leaves, .. } = *self;
-        Ok(EncodeOptions { max_sh_degree, chunk_leaves, ..options })
+        let Self { max_sh_degree, chunk_leaves, lod, .. } = *self;
+        Ok(EncodeOptions { max_sh_degree, chunk_leaves, lod, ..options })
     }
 }
 
@@ -194,8 +197,13 @@ impl Plan {
             geometry: self.sample_geometry,
         };
         let voxels = self.octree().leaves(scene, &importance, codes, sums)?;
+        let options = self.choices.options()?;
+        let several = self.tile_starts.len() > 1;
         let whole = Whole {
-            cuts: &[],
+            tiles: lod::Tiles {
+                tiles: &[(0, codes.clone())],
+                coarse_levels: several.then(|| lod::coarse_levels(self.count, &options)),
+            },
             mean_importance: self.mean_importance,
             sh_degree: Some(self.sh_degree),
         };
@@ -208,7 +216,7 @@ impl Plan {
             merged: false,
             whole: Some(whole),
         };
-        encode_source(&source, None, &self.choices.options()?)
+        encode_source(&source, None, &options)
     }
 
     /// The tile of each Gaussian, from their means.
@@ -288,7 +296,13 @@ mod tests {
     fn parts_are_all_tiles_once() {
         let mut survey = Survey::new(0);
         survey.add(&testing::trained_like(50, 0, &mut testing::Rng::seeded(1)));
-        let choices = Choices { quality: 50.0, max_sh_degree: 3, chunk_leaves: NonZeroUsize::MIN };
+        let choices = Choices {
+            quality: 50.0,
+            max_sh_degree: 3,
+            chunk_leaves: NonZeroUsize::MIN,
+            seen: Seen::Guessed,
+            lod: false,
+        };
         let mut plan = Plan::new::<Error>(&survey, choices, |_| Ok(())).unwrap();
         plan.tile_counts = vec![5, 10, 3, 12, 20];
         for n in 1..9 {

@@ -4,6 +4,7 @@ use crate::bounded;
 use crate::encode::{CoarseCells, Encoded, LEFT_OUT, Source, Whole, check_lengths, encode_source};
 use crate::error::{Error, Result};
 use crate::importance;
+use crate::lod;
 use crate::lossless::layout;
 use crate::options::{EncodeOptions, Leaves};
 use crate::survey::Survey;
@@ -11,6 +12,7 @@ use crate::tiled::{Octree, Tiled};
 use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
 use std::borrow::Cow;
+use std::ops::Range;
 use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, Trim, Trimmed, Voxelization};
 
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
@@ -74,9 +76,9 @@ fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encod
     let Tiled { voxels, importance, shared } = input.voxelize(options)?;
     let weights = Importance::Given(importance);
     let sensitivities = input.sensitivities.take().map(|s| voxels.sums(&s));
-    let whole = shared.as_ref().map(|(cuts, mean_importance)| Whole {
-        cuts,
-        mean_importance: *mean_importance,
+    let whole = shared.as_ref().map(|shared| Whole {
+        tiles: tiles_of(&shared.tiles, input.scene.len() as u64, options),
+        mean_importance: shared.mean_importance,
         sh_degree: None,
     });
     let source = Source {
@@ -94,6 +96,16 @@ fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encod
     let leaves = encoded.index.header.count as usize - outliers.len();
     let rows = encoded.rows.as_ref().map(|rows| trimmed.rows(rows, leaves as u32));
     Ok(Encoded { rows, ..encoded })
+}
+
+/// The tiles of a scene of so many Gaussians.
+pub(crate) fn tiles_of<'a>(
+    tiles: &'a [(usize, Range<u64>)],
+    gaussians: u64,
+    options: &EncodeOptions,
+) -> lod::Tiles<'a> {
+    let several = tiles.len() > 1;
+    lod::Tiles { tiles, coarse_levels: several.then(|| lod::coarse_levels(gaussians, options)) }
 }
 
 /// A voxelized scene with the importance of each leaf, for [`crate::encode_voxels`].

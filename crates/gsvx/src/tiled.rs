@@ -41,8 +41,16 @@ pub(crate) struct Tiled {
     pub(crate) voxels: Voxelization,
     /// Of each Gaussian.
     pub(crate) importance: Vec<f32>,
-    /// The first leaf of each tile, and the mean importance of leaves; `None` without tiles.
-    pub(crate) shared: Option<(Vec<usize>, f64)>,
+    /// `None` without tiles.
+    pub(crate) shared: Option<Shared>,
+}
+
+/// What the tiles of a voxelized scene share.
+pub(crate) struct Shared {
+    /// The first leaf of each tile, and its codes.
+    pub(crate) tiles: Vec<(usize, Range<u64>)>,
+    /// Mean importance of leaves.
+    pub(crate) mean_importance: f64,
 }
 
 impl Octree {
@@ -93,8 +101,9 @@ impl Octree {
         let mut voxelized: Vec<_> = (0..tiles.len()).into_par_iter().map(leaves).collect();
         if members.is_empty() {
             let voxels = voxelized.remove(0)?;
-            let mean = Mean::of(&voxels.sums(&importance)).value();
-            return Ok(Tiled { voxels, importance, shared: Some((vec![0], mean)) });
+            let mean_importance = Mean::of(&voxels.sums(&importance)).value();
+            let shared = Shared { tiles: vec![(0, tiles.codes(0))], mean_importance };
+            return Ok(Tiled { voxels, importance, shared: Some(shared) });
         }
         let mut voxels = Voxelization {
             cube: self.cube,
@@ -110,10 +119,11 @@ impl Octree {
             if sampled.contains(&t) {
                 mean.add(&Mean::of(&tile.sums(&of_members(t))));
             }
-            cuts.push(voxels.len());
+            cuts.push((voxels.len(), tiles.codes(t)));
             voxels.append(&tile, &members[t]);
         }
-        Ok(Tiled { voxels, importance, shared: Some((cuts, mean.value())) })
+        let shared = Shared { tiles: cuts, mean_importance: mean.value() };
+        Ok(Tiled { voxels, importance, shared: Some(shared) })
     }
 
     /// The tiles, and their Gaussians in ascending order; none of these for one tile.

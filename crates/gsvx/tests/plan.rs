@@ -20,7 +20,7 @@ fn city(len: usize) -> Scene {
 
 fn choices(quality: f32) -> Choices {
     let chunk_leaves = NonZeroUsize::new(20_000).unwrap();
-    Choices { quality, max_sh_degree: 3, chunk_leaves, seen: Seen::Guessed }
+    Choices { quality, max_sh_degree: 3, chunk_leaves, seen: Seen::Guessed, lod: false }
 }
 
 /// A plan, from a scene that arrives in pieces, and the Gaussians of each tile.
@@ -60,17 +60,32 @@ fn joined(streams: &[Vec<u8>]) -> Vec<u8> {
 
 #[test]
 fn tiles_joined_are_the_scene_in_memory() {
+    for lod in [false, true] {
+        tiles_joined_are_the_scene(Choices { lod, ..choices(60.0) });
+    }
+}
+
+fn tiles_joined_are_the_scene(choices: Choices) {
     let scene = city(600_000);
-    let choices = choices(60.0);
     let (plan, tiles) = planned(&scene, choices);
     assert!(tiles.len() >= 3, "{} tiles", tiles.len());
     let streams: Vec<Vec<u8>> =
         tiles.iter().enumerate().map(|(t, s)| plan.encode(t, s, &[]).unwrap().bytes).collect();
     let mut options = EncodeOptions::from_quality(60.0).unwrap();
-    options.chunk_leaves = choices.chunk_leaves;
+    (options.chunk_leaves, options.lod) = (choices.chunk_leaves, choices.lod);
     let whole = gsvx::encode(&scene, &options).unwrap();
     assert!(joined(&streams) == whole.bytes);
     assert_eq!(gsvx::decode(&whole.bytes).unwrap().len() as u64, whole.index.header.count);
+    // Each level has about a ninth of the Gaussians of the next finer, in chunks that nest.
+    let index = &whole.index;
+    assert_eq!(index.coarsest_lod(), if choices.lod { 2 } else { 0 });
+    let leaves = |lod| index.chunks_of_lod(lod).map(|c| index.chunks[c].count).sum::<u64>();
+    for lod in 0..index.coarsest_lod() {
+        let (fine, coarse) = (leaves(lod), leaves(lod + 1));
+        assert!(coarse <= fine / 8 && coarse >= fine / 40, "{fine} leaves above {coarse}");
+        let finer = index.chunks_of_lod(lod + 1).flat_map(|c| index.finer(c)).collect::<Vec<_>>();
+        assert_eq!(finer, index.chunks_of_lod(lod).collect::<Vec<_>>());
+    }
     // In any order, in two steps, and with a part without tiles.
     let mut parts: Vec<Vec<u8>> = streams.chunks(2).map(joined).collect();
     parts.push(plan.encode_nothing().unwrap().bytes);
@@ -108,7 +123,11 @@ fn what_does_not_belong_together_is_not_joined() {
         let error = join(&[one.clone(), other]).unwrap_err();
         assert!(matches!(error, Error::NotOneScene { first: 0, second: 1, .. }), "{error}");
     }
-    assert!(join(&[index(&scene, 50.0, true)]).is_err());
+    // Levels of detail in one part only.
+    let mut other = one.clone();
+    other.chunks.iter_mut().for_each(|c| c.first_cell += 1);
+    assert!(join(&[one.clone(), other.clone()]).is_ok());
+    assert!(join(&[index(&scene, 50.0, true), other]).is_err());
     let (plan, tiles) = planned(&scene, choices(50.0));
     assert!(matches!(
         plan.encode(0, &tiles[0].select(&[1, 2]), &[]),
