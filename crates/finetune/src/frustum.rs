@@ -63,7 +63,7 @@ mod tests {
         let mut rng = testing::Rng::seeded(4);
         let mut place = |far: f64| [0, 1, 2].map(|_| far * f64::from(rng.signed()));
         let camera = |_| {
-            let (eye, target) = (place(12.0), place(6.0));
+            let (eye, target) = (place(30.0), place(30.0));
             Camera::looking_at("c".into(), eye, target, [0.0, 1.0, 0.0], [40, 30], 40.0)
         };
         (0..n).map(camera).collect()

@@ -22,7 +22,7 @@ MODEL = ROOM / "point_cloud.ply"
 def say_skipped(why: str) -> None:
     """Skips a test, so that one sees it without -rs."""
     print(f"SKIPPED: {why}", file=sys.__stderr__)
-    pytest.skip(why)
+    pytest.skip(why, allow_module_level=True)
 
 
 @pytest.fixture()

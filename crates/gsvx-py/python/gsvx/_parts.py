@@ -33,6 +33,8 @@ class Model(NamedTuple):
     url: str
     #: Where it is on every machine: the file itself, or a copy of it.
     path: str
+    #: Tells the file from what was there before.
+    key: str
 
 
 def find_command(given: str | None) -> str:
@@ -63,14 +65,14 @@ def models(patterns: Sequence[str], cache: str) -> List[Model]:
         if not paths or not all(map(fs.exists, paths)):
             raise Failed(f"{pattern}: there is no such file")
         for path in paths:
+            key = hashlib.sha256(f"{path} {fs.ukey(path)}".encode()).hexdigest()[:16]
             if is_local(fs):
-                found.append(Model(path, path))
+                found.append(Model(path, path, key))
             else:
                 # Of "zip://*.ply::s3://...", what is behind the first "::" stays.
                 url = fs.unstrip_protocol(path) + "".join(pattern.partition("::")[1:])
                 # A file that changes gets another place.
-                key = hashlib.sha256(f"{url} {fs.ukey(path)}".encode()).hexdigest()[:16]
-                found.append(Model(url, os.path.join(cache, key, path.rsplit("/", 1)[-1])))
+                found.append(Model(url, os.path.join(cache, key, path.rsplit("/", 1)[-1]), key))
     return found
 
 

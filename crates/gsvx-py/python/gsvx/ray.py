@@ -12,7 +12,7 @@ import os
 import re
 import sys
 import tempfile
-from typing import Dict, List, Sequence
+from typing import Any, Dict, List, Sequence
 
 try:
     import fsspec
@@ -53,6 +53,7 @@ def arguments() -> argparse.ArgumentParser:
     add("--max-sh-degree", type=int, metavar="DEGREE", help="highest SH degree to keep, 0 to 3")
     add("--cameras", metavar="PATH", help="a scene folder or camera file, at the same path on every machine")
     add("--drop-unseen", action="store_true", help="with --cameras: leave out what they see too little of")
+    add("--lod", action="store_true", help="store levels of detail too")
     add("--drop-invalid", action="store_true", help="leave out Gaussians that are not finite")
     add("--parts", type=int, metavar="N", help="number of parts; two for each CPU of the cluster without it")
     add("--cpus", type=int, default=1, metavar="N", help="CPUs of a task (1)")
@@ -76,6 +77,8 @@ def encode(args: argparse.Namespace) -> None:
     out_fs, out_path = fsspec.url_to_fs(args.output)
     if out_fs.exists(out_path) and not args.force:
         raise Failed(f"{args.output}: exists; pass --force to replace it")
+    # Workers have other working folders.
+    output = out_path if _parts.is_local(out_fs) else args.output
     command = _parts.find_command(args.gsvx)
     scene = _parts.models(args.models, args.cache)
     if not ray.is_initialized():
@@ -85,8 +88,8 @@ def encode(args: argparse.Namespace) -> None:
 
     say(f"planning {len(scene)} models")
     plan = result(ray.remote(**task)(_parts.plan).remote(command, scene, plan_options(args)), "the plan")
-    folder = args.output + ".parts"
-    name = hashlib.sha256(plan).hexdigest()[:12]
+    folder = output + ".parts"
+    name = hashlib.sha256(b"".join([plan, *(model.key.encode() for model in scene)])).hexdigest()[:12]
     there = encoded(folder, name)
     n = parts(args, plan, there)
     urls = {k: f"{folder}/{name}-{k}-of-{n}.gsvx" for k in range(1, n + 1)}
@@ -98,7 +101,7 @@ def encode(args: argparse.Namespace) -> None:
     held, options = ray.put(plan), ["--threads", str(args.cpus)]
     waiting = {work.remote(command, held, k, n, scene, options, urls[k]): k for k in missing}
     wait_for(waiting, n)
-    size = _parts.join(command, list(urls.values()), args.output)
+    size = _parts.join(command, list(urls.values()), output)
     fs, path = fsspec.url_to_fs(folder)
     fs.rm(path, recursive=True)
     say(f"{args.output}: {sum(_parts.tiles(plan))} Gaussians in {size} bytes, of {n} parts")
@@ -108,7 +111,8 @@ def plan_options(args: argparse.Namespace) -> List[str]:
     named = {"--quality": args.quality, "--preset": args.preset, "--max-sh-degree": args.max_sh_degree}
     named["--cameras"] = args.cameras and os.path.abspath(args.cameras)
     words = [word for name, value in named.items() if value is not None for word in (name, str(value))]
-    return words + ["--drop-invalid"] * args.drop_invalid + ["--drop-unseen"] * args.drop_unseen
+    given = {"--drop-invalid": args.drop_invalid, "--drop-unseen": args.drop_unseen, "--lod": args.lod}
+    return words + [name for name, value in given.items() if value]
 
 
 def encoded(folder: str, name: str) -> set[tuple[int, int]]:
@@ -143,7 +147,8 @@ def wait_for(waiting: Dict[ray.ObjectRef, int], n: int) -> None:
             ray.cancel(task)
 
 
-def result(task: ray.ObjectRef, what: str) -> object:
+def result(task: ray.ObjectRef, what: str) -> Any:
+    """What a task returns; `what` names it in an error."""
     try:
         return ray.get(task)
     except ray.exceptions.RayTaskError as error:
