@@ -63,6 +63,8 @@ mod frustum;
 mod gpu;
 mod gradients;
 mod image;
+#[cfg(feature = "gpu")]
+pub mod latents;
 mod likeness;
 pub mod metrics;
 pub mod optimiser;
@@ -93,6 +95,8 @@ pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use sensitivity::covariance_sensitivity;
 pub use stages::removal::removal_effects;
 pub use train::{FineTune, FineTuneOptions, Outcome, Progress, StopReason, TrainView};
+#[cfg(feature = "gpu")]
+pub use view_gradients::Adapter;
 pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};
 
 // The README's example is a test too.

@@ -24,6 +24,12 @@ impl Adam {
         }
     }
 
+    /// What a rate is multiplied by, and the root of the second moment.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn corrections(&self) -> (f32, f32) {
+        (self.inverse_bias1, self.inv_sqrt_bias2)
+    }
+
     /// Moves parameters against their gradient. `moments` are the first and the second, zero before the
     /// first step. A gradient that is not finite counts as zero.
     pub fn update(

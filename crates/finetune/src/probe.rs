@@ -108,7 +108,7 @@ impl Probe {
     #[cfg(feature = "gpu")]
     #[must_use]
     pub fn on_device(&self) -> Option<DeviceProbe> {
-        use crate::gpu::{Context, Sizes, StepUniform, Workspace};
+        use crate::gpu::{CodecSizes, Context, Sizes, StepUniform, Workspace};
         let f = &self.pass.forward;
         let sizes = Sizes {
             count: f.projected.splats.len(),
@@ -116,6 +116,7 @@ impl Probe {
             capacity: f.lists.ids.len(),
             tiles: self.view.tiles(),
             pixels: (self.view.width * self.view.height) as usize,
+            codec: CodecSizes::default(),
         };
         let gpu = Workspace::new(Context::software().ok()?, sizes).ok()?;
         gpu.write("gradient", &self.pass.tiles);

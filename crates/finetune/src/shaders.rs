@@ -24,6 +24,19 @@ pub(crate) const BLOCKS: u32 = 8;
 #[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
 pub(crate) const LOSS_RUN: u32 = 8;
 
+/// Words of a chunk of the codec: first leaf, root of the sum of weights, factors of depth and class for
+/// opacity and for size, then for SH degrees 2 and 3 the logarithm of the run length and the first factor.
+pub(crate) const CHUNK_WORDS: u32 = 10;
+/// Groups of channels that the codec transforms apart: opacity, DC, SH degrees 1 to 3, covariance.
+#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
+pub(crate) const CODEC_GROUPS: usize = 6;
+/// Greatest class of expected magnitudes; `gpcc_lite::attribute` has as many.
+const LAST_CLASS: u32 = 15;
+/// Logits of a decoder, and log-scales that count as nearly equal; `gsvx` has the same.
+const MIN_LOGIT: f32 = -8.0;
+const MAX_LOGIT: f32 = 12.0;
+const EQUAL_AXES: f32 = 1e-2;
+
 /// The type F of the shared mathematics in a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ScalarType {
@@ -51,6 +64,7 @@ const BLOCK: &str = include_str!("stages/block.wgsl");
 const STEP: &str = include_str!("stages/step.wgsl");
 const PARAMS: &str = include_str!("stages/params.wgsl");
 const TOUCHES: &str = include_str!("stages/touches.wgsl");
+const CODEC: &str = include_str!("stages/codec/codec.wgsl");
 /// `struct Splat` for stages that do not test tiles.
 const SPLAT: &str = "struct Splat { a: vec4<f32>, b: vec4<f32>, c: vec4<f32> }\n";
 
@@ -148,6 +162,49 @@ pub(crate) const SHADERS: &[Shader] = &[
     },
 ];
 
+/// The shaders of the codec in the loop, in the order of the stages.
+pub(crate) const CODEC_SHADERS: &[Shader] = &[
+    Shader {
+        name: "side",
+        entries: &["load", "add_predicted"],
+        scalar: ScalarType::F32,
+        parts: &[STEP, CODEC, include_str!("stages/codec/side.wgsl")],
+    },
+    Shader {
+        name: "transform",
+        entries: &["transform"],
+        scalar: ScalarType::F32,
+        parts: &[STEP, CODEC, include_str!("stages/codec/transform.wgsl")],
+    },
+    Shader {
+        name: "quantise",
+        entries: &["quantise_means", "quantise"],
+        scalar: ScalarType::F32,
+        parts: &[STEP, CODEC, include_str!("stages/codec/quantise.wgsl")],
+    },
+    Shader {
+        name: "rebuild",
+        entries: &["rebuild"],
+        scalar: ScalarType::F32,
+        parts: &[STEP, CODEC, include_str!("stages/codec/rebuild.wgsl")],
+    },
+    Shader {
+        name: "move_latents",
+        entries: &["move_latents"],
+        scalar: ScalarType::F32,
+        parts: &[
+            SCALAR,
+            PROJECT,
+            PROJECT_ADJOINT,
+            SH,
+            STEP,
+            PARAMS,
+            CODEC,
+            include_str!("stages/codec/latents.wgsl"),
+        ],
+    },
+];
+
 impl Shader {
     /// The whole text.
     pub(crate) fn source(&self) -> String {
@@ -180,6 +237,8 @@ impl Shader {
             ("TILES", GROUP_TILES),
             ("BLOCKS", BLOCKS),
             ("RUN", LOSS_RUN),
+            ("CHUNK_WORDS", CHUNK_WORDS),
+            ("LAST_CLASS", LAST_CLASS),
         ] {
             writeln!(out, "const {name}: u32 = {value}u;")?;
         }
@@ -197,6 +256,9 @@ impl Shader {
             ("ADAM_BETA2", BETA2),
             ("ADAM_BETA2_REST", 1.0 - BETA2),
             ("ADAM_EPSILON", EPSILON),
+            ("MIN_LOGIT", MIN_LOGIT),
+            ("MAX_LOGIT", MAX_LOGIT),
+            ("EQUAL_AXES", EQUAL_AXES),
         ] {
             writeln!(out, "const {name}: f32 = {};", exact(value))?;
         }
@@ -287,7 +349,7 @@ mod tests {
     /// backend of wgpu reads. The test needs no adapter.
     #[test]
     fn every_shader_is_valid_and_translates_everywhere() {
-        for shader in SHADERS {
+        for shader in SHADERS.iter().chain(CODEC_SHADERS) {
             let source = shader.source();
             let module = naga::front::wgsl::parse_str(&source)
                 .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&source)));
@@ -329,7 +391,7 @@ mod tests {
     fn blocks_of_lines_repeat_and_nest() {
         let text = "a\n  //@each i 0 1\nb$i\n//@each k x y\nc$i$k\n//@end\n  //@end\nd";
         assert_eq!(repeat(text), "a\nb0\nc0x\nc0y\nb1\nc1x\nc1y\nd\n");
-        for shader in SHADERS {
+        for shader in SHADERS.iter().chain(CODEC_SHADERS) {
             let source = shader.source();
             assert!(!source.contains('$') && !source.contains("//@"), "{}", shader.name);
         }

@@ -3,7 +3,7 @@
 use gs_model::Scene;
 
 use crate::error::Result;
-use crate::gradients::{Backward, planes_of};
+use crate::gradients::Backward;
 use crate::image::Image;
 use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING};
@@ -28,6 +28,16 @@ impl ViewLoss {
     }
 }
 
+/// Which graphics adapter to use.
+#[cfg(feature = "gpu")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Adapter {
+    /// A hardware one.
+    Hardware,
+    /// One in software if there is one, else any: for tests.
+    Software,
+}
+
 /// Derivatives of a loss by the arrays of one Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GaussianGradient {
@@ -44,13 +54,36 @@ pub struct GaussianGradient {
 }
 
 /// Renders views, compares them with their photos and gives gradients. Buffers are used again from view
-/// to view.
+/// to view. Photos are kept with 8 bits per value, as their files have them.
 pub struct ViewGradients {
-    /// Views with their photos as planes.
-    views: Vec<(View, Vec<f32>)>,
+    views: Vec<Held>,
     loss: Loss,
     pass: Pass,
     last: usize,
+    /// Planes of the photo of the last view.
+    planes: Vec<f32>,
+}
+
+/// A view and the planes of its photo.
+pub(crate) struct Held {
+    pub(crate) view: View,
+    planes: Vec<u8>,
+    /// What its gradients are multiplied by.
+    pub(crate) weight: f32,
+}
+
+impl Held {
+    fn new(TrainView { camera, photo }: TrainView, options: &RenderOptions) -> Self {
+        let bytes = photo.to_rgb8();
+        let planes = (0..3).flat_map(|c| bytes.iter().skip(c).step_by(3)).copied().collect();
+        Self { view: View::new(&camera, options), planes, weight: 1.0 }
+    }
+
+    /// Puts the planes into `out`.
+    pub(crate) fn planes(&self, out: &mut Vec<f32>) {
+        out.clear();
+        out.extend(self.planes.iter().map(|&v| f32::from(v) / 255.0));
+    }
 }
 
 /// With or without gradients of the means.
@@ -65,11 +98,16 @@ impl ViewGradients {
     /// # Errors
     /// [`NoViews`](crate::Error::NoViews), [`PhotoSize`](crate::Error::PhotoSize),
     /// [`ViewSize`](crate::Error::ViewSize), [`DistortedView`](crate::Error::DistortedView).
-    pub fn new(views: &[TrainView], loss: Loss, options: &RenderOptions) -> Result<Self> {
-        check_views(views)?;
-        let one = |v: &TrainView| (View::new(&v.camera, options), planes_of(&v.photo));
-        let views = views.iter().map(one).collect();
-        Ok(Self { views, loss, pass: Pass::Frozen(Box::default()), last: 0 })
+    pub fn new(views: Vec<TrainView>, loss: Loss, options: &RenderOptions) -> Result<Self> {
+        check_views(&views)?;
+        let views = views.into_iter().map(|v| Held::new(v, options)).collect();
+        Ok(Self { views, loss, pass: Pass::Frozen(Box::default()), last: 0, planes: Vec::new() })
+    }
+
+    /// Gives view `view` (modulo their number) a weight: its gradients are multiplied by it. At first it is 1.
+    pub fn weigh(&mut self, view: usize, weight: f32) {
+        let n = self.views.len();
+        self.views[view % n].weight = weight;
     }
 
     /// Whether gradients of the means are wanted from now on; at first they are not.
@@ -87,7 +125,9 @@ impl ViewGradients {
     /// Renders `scene` at view `view` (modulo their number) and prepares the gradients.
     pub fn run(&mut self, scene: &Scene, view: usize) -> ViewLoss {
         self.last = view % self.views.len();
-        let (view, photo) = &self.views[self.last];
+        let held = &self.views[self.last];
+        held.planes(&mut self.planes);
+        let (view, photo) = (&held.view, &self.planes);
         let value = match &mut self.pass {
             Pass::Frozen(pass) => pass.run(scene, view, photo, self.loss),
             Pass::Moving(pass) => pass.run(scene, view, photo, self.loss),
@@ -95,10 +135,29 @@ impl ViewGradients {
         ViewLoss { loss: value.loss, mse: value.mse }
     }
 
+    /// An executor of steps on the values of a codec, on a graphics adapter, for the same views. The loss must
+    /// be the mean squared error. See [`LatentExecutor`](crate::latents::LatentExecutor) for `scene`.
+    ///
+    /// # Errors
+    /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).
+    #[cfg(feature = "gpu")]
+    pub fn on_device(
+        &self,
+        adapter: Adapter,
+        scene: &Scene,
+        codec: &crate::latents::Codec,
+    ) -> Result<crate::latents::LatentExecutor> {
+        let context = match adapter {
+            Adapter::Hardware => crate::gpu::Context::hardware()?,
+            Adapter::Software => crate::gpu::Context::software()?,
+        };
+        crate::latents::LatentExecutor::new(context, scene, codec, &self.views)
+    }
+
     /// The image of the last [`ViewGradients::run`].
     #[must_use]
     pub fn image(&self) -> Image {
-        let view = &self.views[self.last].0;
+        let view = &self.views[self.last].view;
         match &self.pass {
             Pass::Frozen(pass) => pass.forward.image(view),
             Pass::Moving(pass) => pass.forward.image(view),
@@ -110,20 +169,21 @@ impl ViewGradients {
     #[inline]
     #[must_use]
     pub fn of(&self, scene: &Scene, i: usize) -> Option<GaussianGradient> {
-        let (view, gaussian) = (&self.views[self.last].0, Gaussian::of(scene, i));
+        let (view, gaussian) = (&self.views[self.last].view, Gaussian::of(scene, i));
         let g = match &self.pass {
             Pass::Frozen(pass) => gaussian_gradient(view, &gaussian, pass.sums.get(i)?),
             Pass::Moving(pass) => gaussian_gradient(view, &gaussian, pass.sums.get(i)?),
         }?;
+        let weight = self.views[self.last].weight;
         let mut out = GaussianGradient {
-            opacity_logit: g.d_opacity_logit,
-            log_scale: g.d_log_scale,
-            rotation: g.d_rotation,
-            mean: g.d_mean,
+            opacity_logit: g.d_opacity_logit * weight,
+            log_scale: g.d_log_scale.map(|v| v * weight),
+            rotation: g.d_rotation.map(|v| v * weight),
+            mean: g.d_mean.map(|v| v * weight),
             ..GaussianGradient::default()
         };
         for (d, b) in out.sh.iter_mut().zip(&g.basis).take(scene.sh_len()) {
-            *d = g.v_raw.map(|v| b * v);
+            *d = g.v_raw.map(|v| b * v * weight);
         }
         Some(out)
     }

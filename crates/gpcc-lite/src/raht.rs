@@ -57,6 +57,24 @@ pub struct Plan {
     prefix: Vec<Sums>,
 }
 
+/// A merge of a [`Plan`], for an executor that does not run in Rust.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Merge {
+    /// First leaf of the left child: its row holds the mean of the node.
+    pub left: u32,
+    /// First leaf of the right child: its row holds the difference of the children's means.
+    pub right: u32,
+    /// Coefficient of the merge above; 0 for the root.
+    pub parent: u32,
+    /// Weight of the right child over that of the node.
+    pub share: f32,
+    /// `sqrt(w / (w1 w2))`, which takes a coefficient to the difference of the children's means.
+    pub scale: f32,
+    /// Standard deviation of the coefficient if the values of the leaves were independent, each with one
+    /// of 1.
+    pub noise_gain: f32,
+}
+
 /// Sums of weights and of squared weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Sums {
@@ -161,6 +179,20 @@ impl Plan {
         self.noise_gain[merge] = ((s1 / (w1 * w1) + s2 / (w2 * w2)) / inverse).sqrt() as f32;
     }
 
+    /// The merge of coefficient `k >= 1`.
+    #[must_use]
+    pub fn merge(&self, k: usize) -> Merge {
+        let m = k - 1;
+        Merge {
+            left: self.left[m],
+            right: self.right[m],
+            parent: self.parent[m],
+            share: self.share[m],
+            scale: self.scale[m],
+            noise_gain: self.noise_gain[m],
+        }
+    }
+
     /// Number of points, and of coefficients.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -180,7 +212,7 @@ impl Plan {
 
     /// Weight of a leaf.
     #[must_use]
-    pub(crate) fn weight_of_leaf(&self, leaf: usize) -> f64 {
+    pub fn weight_of_leaf(&self, leaf: usize) -> f64 {
         self.weight_of(leaf as u32, leaf as u32 + 1)
     }
 
@@ -238,7 +270,8 @@ impl Plan {
     }
 
     /// The root of the sum of all weights: what takes the mean of all leaves to coefficient 0.
-    pub(crate) fn root_of_weight(&self) -> f64 {
+    #[must_use]
+    pub fn root_of_weight(&self) -> f64 {
         self.weight_of(0, self.points as u32).max(1.0).sqrt()
     }
 

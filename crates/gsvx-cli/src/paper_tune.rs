@@ -28,9 +28,6 @@ pub(crate) struct PaperArgs {
     /// Largest number of steps, one photo each [default: 8000].
     #[arg(long, value_name = "STEPS", hide_short_help = true, help_heading = PAPER)]
     steps: Option<u64>,
-    /// Where to compute: cpu, gpu or auto [default: auto].
-    #[arg(long, value_name = "WHERE", hide_short_help = true, help_heading = PAPER)]
-    backend: Option<Backend>,
     /// Stop after so many passes over the photos without improvement; 0 for never [default: 5].
     #[arg(long, value_name = "PASSES", hide_short_help = true, help_heading = PAPER)]
     patience: Option<u32>,
@@ -46,10 +43,9 @@ pub(crate) struct PaperArgs {
 impl PaperArgs {
     /// A flag of this profile that was given, if any.
     pub(crate) fn given(&self) -> Option<&'static str> {
-        let Self { steps, backend, patience, past_input, checkpoint_every } = self;
+        let Self { steps, patience, past_input, checkpoint_every } = self;
         [
             (steps.is_some(), "--steps"),
-            (backend.is_some(), "--backend"),
             (patience.is_some(), "--patience"),
             (*past_input, "--past-input"),
             (checkpoint_every.is_some(), "--checkpoint-every"),
@@ -69,6 +65,8 @@ pub(crate) struct Job<'a> {
     pub(crate) quality: f32,
     pub(crate) checkpoint: Option<&'a Path>,
     pub(crate) output: Output,
+    /// The backend that was asked for.
+    pub(crate) wanted: Backend,
     /// A model instead of a stream.
     pub(crate) ply: bool,
 }
@@ -98,8 +96,7 @@ struct Start {
 
 /// Refuses a backend that is not there: whoever asked for a GPU should not wait to hear that there is
 /// none. Returns what `auto` stands for.
-pub(crate) fn choose(args: &PaperArgs) -> Result<Backend> {
-    let wanted = args.backend.unwrap_or_default();
+pub(crate) fn choose(wanted: Backend) -> Result<Backend> {
     let backend = finetune::backend::choose(wanted).context("try --backend cpu or auto")?;
     note(format_args!("backend: {}", backend.reason));
     Ok(backend.used)
@@ -213,7 +210,8 @@ fn tune(
         checkpoint: job.checkpoint.map(Path::to_owned),
         checkpoint_every: args.checkpoint_every.unwrap_or(1000),
         cancel: Some(interrupt::cancel_flag()),
-        backend: args.backend.unwrap_or_default(),
+        // With auto, a GPU that fails is followed by the processor.
+        backend: job.wanted,
         report_every: (steps / 200).clamp(1, 50),
         ..Default::default()
     };

@@ -10,7 +10,7 @@ use crate::progress::Steps;
 use crate::report::Reporter;
 use crate::{interrupt, photos, pictures, size};
 use anyhow::{Context, Result};
-use finetune::{RenderOptions, TrainView, render};
+use finetune::{Backend, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -75,6 +75,10 @@ pub(crate) struct Args {
     /// Seed of the order of the views.
     #[arg(long, default_value_t = 0, hide_short_help = true)]
     seed: u64,
+    /// Where to compute: cpu, gpu, or auto for a GPU if there is one [default: cpu; auto with --profile paper].
+    /// Pruning is on the processor. A GPU does not make the same bytes as the processor.
+    #[arg(long, value_name = "WHERE", hide_short_help = true)]
+    backend: Option<Backend>,
     /// rate: the codec in the loop, for fewer bytes. paper: attributes only, after voxelization, until
     /// the photos are matched as well as by the input.
     #[arg(long, default_value = "rate", value_name = "PROFILE", hide_short_help = true)]
@@ -151,21 +155,22 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     args.check()?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
     let pictures = args.pictures.as_deref().map(|p| pictures::folder(p, args.force)).transpose()?;
-    let backend = match args.profile {
-        Profile::Paper => Some(paper_tune::choose(&args.paper)?),
-        Profile::Rate => None,
-    };
+    let wanted = args.backend.unwrap_or(match args.profile {
+        Profile::Paper => Backend::Auto,
+        Profile::Rate => Backend::Cpu,
+    });
+    let backend = paper_tune::choose(wanted)?;
     let scene = args.reading.model(&args.input, None)?.scene;
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {
         note("no photos: the model is tuned to its own renders");
-    } else if backend.is_some() {
+    } else if args.profile == Profile::Paper {
         // The other profile refuses photos that show something else.
         photos::warn_of_others(&scene, &training, cameras);
     }
     let ply = extension == "ply";
-    if let Some(backend) = backend {
+    if args.profile == Profile::Paper {
         let job = paper_tune::Job {
             input: &args.input,
             cameras,
@@ -174,21 +179,22 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             quality: args.quality.unwrap_or(gsvx::DEFAULT_QUALITY),
             checkpoint: args.checkpoint.as_deref(),
             output,
+            wanted,
             ply,
         };
         return paper_tune::run(&args.paper, job, backend, report);
     }
     let first = training.first().map(|v| v.camera.clone());
     let pictures = pictures.zip(first);
-    let outcome = tuned(args, scene, training, pictures.as_ref())?;
+    let outcome = tuned(args, (scene, training), backend, pictures.as_ref())?;
     write(args, output, ply, distilled, &outcome, report)
 }
 
 /// Says what will be done, and does it.
 fn tuned(
     args: &Args,
-    scene: Scene,
-    training: Vec<TrainView>,
+    (scene, training): (Scene, Vec<TrainView>),
+    backend: Backend,
     pictures: Option<&(PathBuf, Camera)>,
 ) -> Result<Outcome> {
     let name = || input::name(&args.input);
@@ -199,6 +205,7 @@ fn tuned(
         EffortName::Normal => Effort::Normal,
         EffortName::Long => Effort::Long,
     };
+    options.backend = backend;
     options.seed = args.seed;
     options.checkpoint.clone_from(&args.checkpoint);
     options.cancel = Some(interrupt::cancel_flag());

@@ -189,4 +189,16 @@ fn without_a_gpu_the_finetune_falls_back_or_says_so() {
     assert!(String::from_utf8_lossy(&out.stderr).contains("backend: cpu"));
     one_line(&run("gpu"), "adapter");
     assert_eq!(names(dir.path()), ["auto.gsvx"]);
+    let tune = gsvx()
+        .arg("tune")
+        .arg(model())
+        .arg("--cameras")
+        .arg(room())
+        .args(["--backend", "gpu", "-o"])
+        .arg(dir.path().join("rate.gsvx"))
+        .env("VK_ICD_FILENAMES", "/nonexistent.json")
+        .env("VK_DRIVER_FILES", "/nonexistent.json")
+        .output()
+        .unwrap();
+    one_line(&tune, "adapter");
 }

@@ -13,7 +13,8 @@
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
 use crate::attributes::{colour, opacity};
-use crate::chunk::{self, ChunkLatents, Coding, GaussiansMut, Values};
+pub use crate::chunk::Transform;
+use crate::chunk::{self, ChunkLatents, Coding, GaussiansMut, LAMBDA, Values};
 use crate::covariance::log_euclidean;
 use crate::encode::{
     Encoded, assemble, check_centres, check_lengths, check_steps, leaves_chunk, used_degree,
@@ -165,6 +166,25 @@ impl Latents {
     #[must_use]
     pub fn steps(&self) -> Steps {
         self.header.steps
+    }
+
+    /// The Lagrangian multiplier of the quantiser, in `step^2` per bit.
+    #[must_use]
+    pub fn lambda(&self) -> f32 {
+        LAMBDA
+    }
+
+    /// Steps of a leaf of weight 1: opacity, DC, SH degrees 1 to 3, covariance.
+    #[must_use]
+    pub fn steps_of_unit_weight(&self) -> [f32; 6] {
+        let Steps { opacity, dc, sh, covariance, .. } = self.header.steps;
+        let [one, two, three] = sh;
+        [opacity, dc, one, two, three, covariance].map(chunk::step_of_unit_weight)
+    }
+
+    /// The transform of each chunk, with the predictions of the last fit.
+    pub fn transforms(&self) -> impl Iterator<Item = Transform<'_>> {
+        self.chunks.iter().map(|(_, chunk)| chunk.transform())
     }
 
     /// Other quantisation steps from now on.

@@ -6,12 +6,18 @@
 //! each coefficient. The steps between render the same scene, which costs little more than a plain step.
 
 use finetune::optimiser::Adam;
+#[cfg(feature = "gpu")]
+use finetune::{Adapter, latents::LatentStep};
 use finetune::{ViewGradients, ViewLoss};
 use gs_model::Scene;
 use gsvx::EncodeOptions;
 use gsvx::latents::{GaussianGradient, Latents};
 use voxel::Voxelization;
 
+#[cfg(feature = "gpu")]
+use crate::device::Device;
+#[cfg(feature = "gpu")]
+use crate::error::Error;
 use crate::error::Result;
 use crate::plan::{self, DC_BASIS};
 use crate::rows::Moments;
@@ -47,6 +53,9 @@ pub(crate) struct CodecLoop {
     pub(crate) done: u64,
     /// Bytes when they were last counted.
     pub(crate) bytes: u64,
+    /// Where the steps are made, if not here.
+    #[cfg(feature = "gpu")]
+    pub(crate) device: Option<Device>,
 }
 
 /// Where a loop begins.
@@ -106,6 +115,8 @@ impl CodecLoop {
             steps,
             done: 0,
             bytes: 0,
+            #[cfg(feature = "gpu")]
+            device: None,
         }
     }
 
@@ -113,6 +124,12 @@ impl CodecLoop {
     pub(crate) fn lambda(&self) -> f64 {
         let dc = f64::from(self.latents.steps().dc);
         self.price * dc * dc
+    }
+
+    /// The derivatives of the bits when the codec last ran here.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn prices(&self) -> &[f32] {
+        &self.prices
     }
 
     /// Goes to another quality: other steps, and another price of bits.
@@ -126,18 +143,71 @@ impl CodecLoop {
         self.done.is_multiple_of(FITTED)
     }
 
+    /// Moves the steps to a graphics adapter.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn place(&mut self, adapter: Adapter, views: &ViewGradients) -> Result<()> {
+        // Fills in the means and fits the predictions.
+        self.settle()?;
+        let Self { latents, scene, moments, .. } = self;
+        self.device = Some(Device::new(adapter, views, scene, latents, moments)?);
+        Ok(())
+    }
+
+    /// Fetches what a device has made of the values since the last time.
+    pub(crate) fn fetch(&mut self) -> Result<()> {
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &mut self.device {
+            device.fetch(&mut self.latents, &mut self.moments)?;
+        }
+        Ok(())
+    }
+
+    /// One step at a view on the device. The loss is that of an earlier step.
+    #[cfg(feature = "gpu")]
+    fn step_on_device(&mut self, view: usize) -> Result<ViewLoss> {
+        let (fit, coded) = (self.at_fit(), self.done.is_multiple_of(CODED));
+        if fit {
+            self.settle()?;
+        }
+        let decay = self.decay();
+        let step = LatentStep {
+            view,
+            number: self.done + 1,
+            rates: RATES.map(|r| r * decay),
+            coded,
+            bit_price: self.lambda() as f32,
+        };
+        let Self { device, latents, .. } = self;
+        let Some(device) = device else { return Err(Error::NothingSeen) };
+        if fit {
+            device.update(latents)?;
+        }
+        let loss = device.step(&step)?;
+        self.done += 1;
+        Ok(loss.unwrap_or(ViewLoss { loss: 1.0, mse: 1.0 }))
+    }
+
+    /// What the rates are multiplied by in the next step.
+    fn decay(&self) -> f32 {
+        let share = self.done as f64 / self.steps.saturating_sub(1).max(1) as f64;
+        libm::pow(FINAL_RATE, share) as f32
+    }
+
     /// One step at a view.
     pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
+        #[cfg(feature = "gpu")]
+        if self.device.is_some() {
+            return self.step_on_device(view);
+        }
         let coded = self.done.is_multiple_of(CODED);
         let (fit, lambda) = (self.at_fit(), if coded { self.lambda() as f32 } else { 0.0 });
+        let decay = self.decay();
         let Self { latents, scene, prices, .. } = self;
         if coded {
             self.bytes = latents.reconstruct(fit, Some(prices), scene)?.unwrap_or(self.bytes);
         }
         let loss = views.run(scene, view);
         self.done += 1;
-        let share = (self.done - 1) as f64 / self.steps.saturating_sub(1).max(1) as f64;
-        let decay = libm::pow(FINAL_RATE, share) as f32;
         let rates: Vec<f32> = self.rates.iter().map(|r| r * decay).collect();
         let mut values = std::mem::take(latents.values_mut());
         let (latents, scene, views, prices) = (&self.latents, &self.scene, &*views, &self.prices);
@@ -165,6 +235,7 @@ impl CodecLoop {
 
     /// Bytes and scene of the values as they are, with predictions fitted to them.
     pub(crate) fn settle(&mut self) -> Result<()> {
+        self.fetch()?;
         let counted = self.latents.reconstruct(true, None, &mut self.scene)?;
         self.bytes = counted.unwrap_or(self.bytes);
         Ok(())
@@ -177,7 +248,12 @@ impl CodecLoop {
 
     /// Comes back to a snapshot.
     pub(crate) fn restore(&mut self, (values, quality): (Vec<f32>, f32)) -> Result<()> {
+        self.fetch()?;
         *self.latents.values_mut() = values;
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &mut self.device {
+            device.put(&self.latents, &self.moments)?;
+        }
         self.set_quality(quality)?;
         self.settle()
     }

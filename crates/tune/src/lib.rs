@@ -2,6 +2,8 @@
 
 mod checkpoint;
 mod codec_loop;
+#[cfg(feature = "gpu")]
+mod device;
 mod error;
 mod options;
 mod plan;

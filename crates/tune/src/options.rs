@@ -4,6 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use finetune::Backend;
+
 use crate::plan::{Effort, Plan};
 
 /// What the stream aims for.
@@ -26,6 +28,8 @@ pub struct Options {
     pub effort: Effort,
     /// A plan of the caller's instead of the one that follows from target and effort.
     pub plan: Option<Plan>,
+    /// Where the steps with the codec in the loop are made. Pruning is on the processor.
+    pub backend: Backend,
     /// Seed of the order of the views.
     pub seed: u64,
     /// Where to keep a checkpoint. An existing one is continued.
@@ -35,9 +39,17 @@ pub struct Options {
 }
 
 impl Options {
-    /// Normal effort.
+    /// Normal effort, on the processor.
     #[must_use]
     pub fn new(target: Target) -> Self {
-        Self { target, effort: Effort::Normal, plan: None, seed: 0, checkpoint: None, cancel: None }
+        Self {
+            target,
+            effort: Effort::Normal,
+            plan: None,
+            backend: Backend::Cpu,
+            seed: 0,
+            checkpoint: None,
+            cancel: None,
+        }
     }
 }

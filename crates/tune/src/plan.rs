@@ -55,8 +55,8 @@ impl Plan {
     pub(crate) fn new(quality: f32, effort: Effort, spare: &Spare) -> Result<Self> {
         EncodeOptions::from_quality(quality)?;
         let (rounds, round_steps, loop_steps) = match effort {
-            Effort::Quick => (3, 60, 240),
-            Effort::Normal => (4, 250, 1400),
+            Effort::Quick => (3, 80, 400),
+            Effort::Normal => (4, 300, 2400),
             Effort::Long => (5, 1000, 9000),
         };
         // A short run recovers from less pruning.

@@ -64,22 +64,23 @@ impl Tune {
     ///
     /// # Errors
     /// Those of [`Error`].
-    pub fn new(scene: Scene, views: Vec<TrainView>, options: Options) -> Result<Self> {
+    pub fn new(scene: Scene, views: Vec<TrainView>, mut options: Options) -> Result<Self> {
         scene.validate()?;
+        options.backend = finetune::backend::choose(options.backend)?.used;
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
         {
             return Err(Error::target("target PSNR", db, "a number of dB"));
         }
         let fingerprint = fingerprint(&scene, &views, &options);
-        let mut set = Views::new(views, options.seed)?;
+        let mut set = Views::new(&scene, views, options.seed)?;
         let input_psnr = set.check(&scene)?;
         let plan = plan(&scene, &set, &options, input_psnr)?;
         let step_seconds = seconds_of_a_step(&scene, &mut set);
         let input = scene.len();
         let (mut done, mut best, mut aside_psnr) = (0, None, None);
         let existing = options.checkpoint.as_deref().filter(|p| p.exists());
-        let stage = match existing {
+        let mut stage = match existing {
             Some(path) => {
                 let mut file = Reader::open(path, fingerprint)?;
                 done = match file.integers()?[..] {
@@ -96,6 +97,9 @@ impl Tune {
             }
             None => stage::round(&plan, &set, scene, input, 1)?,
         };
+        if let Stage::Loop(state) = &mut stage {
+            place(state, &options, &set)?;
+        }
         set.gradients.move_means(matches!(stage, Stage::Round { .. }));
         let checkpoint_failed = None;
         Ok(Self {
@@ -206,6 +210,7 @@ impl Tune {
         self.views.gradients.move_means(false);
         let mut state = stage::codec_loop(&self.plan, &self.views, &scene)?;
         steering::begin(&mut state, self.options.target)?;
+        place(&mut state, &self.options, &self.views)?;
         self.stage = Stage::Loop(Box::new(state));
         Ok(())
     }
@@ -342,6 +347,16 @@ impl Tune {
             _ => Ok(()),
         }
     }
+}
+
+/// Moves the steps of a loop to a graphics adapter, if one is asked for.
+fn place(state: &mut CodecLoop, options: &Options, views: &Views) -> Result<()> {
+    #[cfg(feature = "gpu")]
+    if options.backend == finetune::Backend::Gpu {
+        return state.place(finetune::Adapter::Hardware, &views.gradients);
+    }
+    let _ = (state, options, views);
+    Ok(())
 }
 
 /// The plan for the target.

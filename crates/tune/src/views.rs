@@ -1,4 +1,8 @@
 //! The views of a run: those that gradients come from, in their order, and those kept aside.
+//!
+//! A photo that the input model matches far worse than it does most photos shows something that the model
+//! cannot: another exposure, a lens out of focus, a person who walked by. Its squared error is so large that it
+//! would outweigh all others, so it counts less: see [`weights`].
 
 use finetune::optimiser::permutation;
 use finetune::{Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
@@ -10,6 +14,8 @@ use crate::error::{Error, Result};
 const ASIDE: usize = 16;
 /// A model whose renders match the photos worse than this does not belong to them.
 const LEAST_MATCH_DB: f64 = 12.0;
+/// A photo counts in full up to this many times the median of the squared errors (3 dB).
+const FULL_WEIGHT: f64 = 2.0;
 
 /// See the module.
 pub(crate) struct Views {
@@ -22,7 +28,8 @@ pub(crate) struct Views {
 }
 
 impl Views {
-    pub(crate) fn new(views: Vec<TrainView>, seed: u64) -> Result<Self> {
+    /// `scene` is the input model.
+    pub(crate) fn new(scene: &Scene, views: Vec<TrainView>, seed: u64) -> Result<Self> {
         for (index, view) in views.iter().enumerate() {
             if view.photo.rgb.iter().any(|v| !v.is_finite()) {
                 return Err(Error::PhotoValue { index, name: view.camera.name.clone() });
@@ -34,10 +41,13 @@ impl Views {
             if i % ASIDE == ASIDE / 2 { aside.push(view) } else { training.push(view) }
         }
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
-        let gradients = ViewGradients::new(&training, Loss::Mse, &RenderOptions::default())?;
         if aside.is_empty() {
             aside.extend(training.first().cloned());
         }
+        let errors: Vec<f64> =
+            training.iter().map(|v| libm::exp10(-0.1 * psnr(scene, v))).collect();
+        let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
+        weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
         Ok(Self { cameras, gradients, aside, seed, order: Vec::new() })
     }
 
@@ -62,10 +72,7 @@ impl Views {
 
     /// Mean squared error and mean PSNR at the views kept aside.
     pub(crate) fn aside(&self, scene: &Scene) -> (f64, f64) {
-        let psnr = |v: &TrainView| {
-            metrics::psnr(&render(scene, &v.camera, &RenderOptions::default()), &v.photo).min(100.0)
-        };
-        let all: Vec<f64> = self.aside.iter().map(psnr).collect();
+        let all: Vec<f64> = self.aside.iter().map(|v| psnr(scene, v)).collect();
         let n = all.len().max(1) as f64;
         let mse = all.iter().map(|db| libm::exp10(-0.1 * db)).sum::<f64>() / n;
         (mse, all.iter().sum::<f64>() / n)
@@ -89,5 +96,31 @@ impl Views {
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
         finetune::saliency_per_view(scene, &self.cameras).squared
+    }
+}
+
+/// PSNR of a scene at a view, dB, at most 100.
+fn psnr(scene: &Scene, view: &TrainView) -> f64 {
+    metrics::psnr(&render(scene, &view.camera, &RenderOptions::default()), &view.photo).min(100.0)
+}
+
+/// Weights of photos with these mean squared errors.
+fn weights(errors: &[f64]) -> Vec<f64> {
+    let mut sorted = errors.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let full = sorted.get(sorted.len() / 2).map_or(0.0, |median| FULL_WEIGHT * median);
+    errors.iter().map(|&e| if e > full { full / e } else { 1.0 }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_photos_that_match_far_worse_than_most_count_less() {
+        assert_eq!(weights(&[1.0, 2.0, 1.5, 0.1, 1.0]), [1.0; 5]);
+        assert_eq!(weights(&[1.0, 8.0, 1.0, 1.0]), [1.0, 0.25, 1.0, 1.0]);
+        assert_eq!(weights(&[0.0; 3]), [1.0; 3]);
+        assert!(weights(&[]).is_empty());
     }
 }

@@ -64,6 +64,16 @@ impl Context {
         Ok(Self { device, queue, limits, loop_limit: None, errors })
     }
 
+    /// A uniform buffer of `size` bytes.
+    pub(super) fn uniform(&self, label: &str, size: usize) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: size as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    }
+
     /// Fails if anything went wrong since the device was made.
     pub(crate) fn check(&self) -> Result<()> {
         let stored = |pick: fn(&Errors) -> Option<String>| match self.errors.lock() {

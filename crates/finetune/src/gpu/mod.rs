@@ -4,12 +4,15 @@
 //! scheduling. During a run only the losses are read back, every few steps.
 
 pub(crate) mod adapter;
+mod codec;
 mod device;
 mod executor;
+pub(crate) mod latents;
 mod loops;
 mod passes;
 mod pipelines;
 mod sizes;
+mod steps;
 #[cfg(test)]
 mod tests;
 mod transfer;
@@ -19,6 +22,6 @@ mod workspace;
 pub(crate) use device::Context;
 pub(crate) use executor::GpuExecutor;
 pub(crate) use passes::{STEP, Stage};
-pub(crate) use sizes::Sizes;
+pub(crate) use sizes::{CodecSizes, Sizes};
 pub(crate) use uniform::StepUniform;
 pub(crate) use workspace::Workspace;

@@ -20,6 +20,10 @@ pub(crate) enum Stage {
     BlendAdjoint,
     Gather,
     Adam,
+    /// The codec: from the latents to the scene, with the derivatives of the bits.
+    Code,
+    /// Adam on the latents.
+    MoveLatents,
 }
 
 /// All stages of a step, in order.
@@ -34,6 +38,35 @@ pub(crate) const STEP: [Stage; 10] = [
     Stage::BlendAdjoint,
     Stage::Gather,
     Stage::Adam,
+];
+
+/// A step on latents: the scene is what the codec made last.
+pub(crate) const LATENT_STEP: [Stage; 10] = [
+    Stage::Project,
+    Stage::SortDepth,
+    Stage::Emit,
+    Stage::SortTile,
+    Stage::Ranges,
+    Stage::Blend,
+    Stage::Loss,
+    Stage::BlendAdjoint,
+    Stage::Gather,
+    Stage::MoveLatents,
+];
+
+/// A step on latents that runs the codec first.
+pub(crate) const CODED_STEP: [Stage; 11] = [
+    Stage::Code,
+    Stage::Project,
+    Stage::SortDepth,
+    Stage::Emit,
+    Stage::SortTile,
+    Stage::Ranges,
+    Stage::Blend,
+    Stage::Loss,
+    Stage::BlendAdjoint,
+    Stage::Gather,
+    Stage::MoveLatents,
 ];
 
 impl Workspace {
@@ -125,6 +158,8 @@ impl Workspace {
             Stage::BlendAdjoint => single(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
             Stage::Gather => single(pass, "gather", gaussians),
             Stage::Adam => single(pass, "adam", gaussians),
+            Stage::Code => self.code(pass),
+            Stage::MoveLatents => single(pass, "move_latents", self.leaf_groups()),
         }
     }
 
@@ -153,7 +188,7 @@ impl Workspace {
         }
     }
 
-    fn dispatch(
+    pub(super) fn dispatch(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
         shader: &'static str,

@@ -8,7 +8,7 @@ use gs_model::{Camera, Scene};
 use super::device::Context;
 use super::executor::GpuExecutor;
 use super::passes::{Stage, fold};
-use super::sizes::Sizes;
+use super::sizes::{CodecSizes, Sizes};
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::forward::Forward;
@@ -111,6 +111,7 @@ fn pair_of(scene: Scene, (width, height): (u32, u32), loss: Loss) -> Option<Pair
         capacity: cpu.forward.lists.ids.len() + 100,
         tiles: view.tiles(),
         pixels: (width * height) as usize,
+        codec: CodecSizes::default(),
     };
     let gpu = Workspace::new(context, sizes).unwrap();
     gpu.upload(&scene, &Moments::zeros(&scene));

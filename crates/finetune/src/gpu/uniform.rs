@@ -34,7 +34,8 @@ pub(crate) struct StepUniform {
     pub(crate) widths: [f32; 4],
     pub(crate) rotation_width: f32,
     pub(crate) noise: u32,
-    pub(crate) pad: [u32; 2],
+    pub(crate) bit_price: f32,
+    pub(crate) view_weight: f32,
 }
 
 impl StepUniform {

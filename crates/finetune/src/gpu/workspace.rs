@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use super::codec::CodecGroups;
 use super::device::Context;
 use super::pipelines::{Pipeline, compile};
 use super::sizes::{SCAN_TOTALS, SCANNED, Scan, Sizes, scan_lengths};
 use super::uniform::StepUniform;
 use crate::error::{Error, Result};
-use crate::shaders::{SCAN_BLOCK, SHADERS};
+use crate::shaders::{CODEC_SHADERS, SCAN_BLOCK, SHADERS};
 
 /// One level of a scan: its bind group and its number of workgroups (folded by the encoder).
 pub(crate) struct Level {
@@ -22,23 +23,22 @@ pub(crate) struct Workspace {
     pipelines: BTreeMap<&'static str, Pipeline>,
     buffers: BTreeMap<&'static str, wgpu::Buffer>,
     pub(crate) uniform: wgpu::Buffer,
-    groups: BTreeMap<&'static str, wgpu::BindGroup>,
+    pub(super) groups: BTreeMap<&'static str, wgpu::BindGroup>,
     /// Eight passes over the depth keys.
     pub(crate) depth_passes: Vec<wgpu::BindGroup>,
     /// Passes over the tile keys, as many as the largest tile index needs.
     pub(crate) tile_passes: Vec<wgpu::BindGroup>,
     scans: Vec<Vec<Level>>,
+    /// With the codec in the loop.
+    pub(crate) codec: Option<CodecGroups>,
 }
 
 impl Workspace {
     pub(crate) fn new(context: Context, sizes: Sizes) -> Result<Self> {
-        let pipelines = SHADERS.iter().map(|s| (s.name, compile(&context.device, s))).collect();
-        let uniform = context.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("step"),
-            size: size_of::<StepUniform>() as u64,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let codec = if sizes.codec.leaves > 0 { CODEC_SHADERS } else { &[] };
+        let shaders = SHADERS.iter().chain(codec);
+        let pipelines = shaders.map(|s| (s.name, compile(&context.device, s))).collect();
+        let uniform = context.uniform("step", size_of::<StepUniform>());
         let mut out = Self {
             context,
             sizes,
@@ -49,6 +49,7 @@ impl Workspace {
             depth_passes: Vec::new(),
             tile_passes: Vec::new(),
             scans: Vec::new(),
+            codec: None,
         };
         for (name, words) in sizes.buffers() {
             let buffer = out.storage(name, words)?;
@@ -203,13 +204,8 @@ impl Workspace {
         out
     }
 
-    fn constant(&self, label: &str, words: &[u32; 4]) -> wgpu::Buffer {
-        let buffer = self.context.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(label),
-            size: 16,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+    pub(crate) fn constant(&self, label: &str, words: &[u32; 4]) -> wgpu::Buffer {
+        let buffer = self.context.uniform(label, 16);
         self.context.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(words));
         buffer
     }

@@ -23,7 +23,8 @@ struct StepUniform {
     step: u32,
     seed: u32,
     l1_ssim: u32,
-    // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction.
+    // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction. With the codec
+    // in the loop: ln(alpha), DC, the other SH coefficients, covariance.
     rates: vec4<f32>,
     rotation_rate: f32,
     inv_sqrt_bias2: f32,
@@ -33,8 +34,10 @@ struct StepUniform {
     widths: vec4<f32>,
     rotation_width: f32,
     noise: u32,
-    pad0: u32,
-    pad1: u32,
+    // What a bit costs, in units of the loss; 0 where the codec does not run.
+    bit_price: f32,
+    // What the gradients of the view are multiplied by.
+    view_weight: f32,
 }
 
 @group(0) @binding(0) var<uniform> u: StepUniform;

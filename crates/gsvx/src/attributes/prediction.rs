@@ -98,6 +98,13 @@ impl Predictor {
         Ok((Some(Self::new(degree, log_run, factors)), rest))
     }
 
+    /// The logarithm of the run length, and the factors by run, coefficient of the degree and coefficient of the
+    /// degree below.
+    #[cfg(feature = "encode")]
+    pub(crate) fn as_floats(&self) -> (u8, Vec<f32>) {
+        (self.log_run, self.factors.iter().map(|&f| f32::from(f) / UNIT).collect())
+    }
+
     /// Undoes [`Predictor::split`].
     #[cfg(feature = "encode")]
     pub(crate) fn write(predictor: Option<&Self>, out: &mut Vec<u8>) {

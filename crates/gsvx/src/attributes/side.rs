@@ -25,6 +25,12 @@ impl Factors {
         by_depth + f32::from(self.class) * UNIT * f32::from(class)
     }
 
+    /// The factors of depth and class.
+    #[cfg(feature = "encode")]
+    pub(crate) fn as_floats(self) -> [f32; 2] {
+        [self.depth, self.class].map(|f| f32::from(f) * UNIT)
+    }
+
     /// Least squares over the differences of consecutive leaves, weighted by importance.
     #[cfg(feature = "encode")]
     pub(crate) fn fit(leaves: &[Leaf], classes: &[u8], value: impl Fn(usize) -> f32) -> Self {

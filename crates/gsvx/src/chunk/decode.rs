@@ -2,6 +2,8 @@
 
 use super::{CLASS_STEP, GaussiansMut, SideFactors, steps_of};
 use crate::attributes::prediction::Predictor;
+#[cfg(feature = "encode")]
+use crate::attributes::side::Factors;
 use crate::attributes::{colour, opacity};
 use crate::bytes::Reader;
 use crate::covariance::codebook::{Codebook, code_indices};
@@ -177,6 +179,17 @@ impl ChunkDecoder {
         }
         self.sh_degree = degree as u8;
         Ok(())
+    }
+
+    #[cfg(feature = "encode")]
+    pub(super) fn plan(&self) -> Option<&Plan> {
+        self.plan.as_ref()
+    }
+
+    /// What predicts opacity and size.
+    #[cfg(feature = "encode")]
+    pub(super) fn side_factors(&self) -> (Factors, Factors) {
+        (self.side.opacity, self.side.size)
     }
 
     /// The leaves.

@@ -23,7 +23,7 @@ use std::ops::Range;
 
 /// Lagrangian multiplier of the quantisers, in `step^2` per bit. Values that were moved with the price of
 /// their bits need less of a dead zone than others.
-const LAMBDA: f32 = 0.04;
+pub(crate) const LAMBDA: f32 = 0.04;
 
 /// Bytes that a coder takes beside its words: four states and the number of words.
 const CODER_BYTES: u64 = 18;
@@ -64,6 +64,23 @@ pub(crate) struct ChunkLatents {
     layout: Layout,
     /// Bytes of geometry and importance classes alone.
     fixed_bytes: u64,
+}
+
+/// How a chunk's values become coefficients, for an executor that does not run in Rust. The leaves of a
+/// chunk follow those of the chunks before.
+#[derive(Clone, Debug)]
+pub struct Transform<'a> {
+    /// The transform; `None` without leaves.
+    pub plan: Option<&'a Plan>,
+    /// Importance class of each leaf.
+    pub classes: &'a [u8],
+    /// Factors of depth and class that predict ln(alpha).
+    pub opacity: [f32; 2],
+    /// Factors of depth and class that predict the first coordinate of the covariance.
+    pub size: [f32; 2],
+    /// The predictions of SH degrees 2 and 3 from the degree below: the binary logarithm of the leaves of a run,
+    /// and the factors by run, coefficient of the degree and coefficient of the degree below.
+    pub sh: [Option<(u8, Vec<f32>)>; 2],
 }
 
 /// How to code.
@@ -128,6 +145,18 @@ impl ChunkLatents {
         let side = SideFactors { importance, ..SideFactors::default() };
         let decoded = ChunkDecoder::with_plan(plan, classes, side);
         Ok(Self { decoded, predictors: [None, None], coder, layout, fixed_bytes })
+    }
+
+    /// The transform and the predictions.
+    pub(crate) fn transform(&self) -> Transform<'_> {
+        let (opacity, size) = self.decoded.side_factors();
+        Transform {
+            plan: self.decoded.plan(),
+            classes: self.decoded.classes(),
+            opacity: opacity.as_floats(),
+            size: size.as_floats(),
+            sh: self.predictors.each_ref().map(|p| p.as_ref().map(Predictor::as_floats)),
+        }
     }
 
     /// The values as a decoder would have them.

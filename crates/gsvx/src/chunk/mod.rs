@@ -16,7 +16,9 @@ pub(crate) use decode::ChunkDecoder;
 pub(crate) use encode::{ChunkInput, Quantisation, check, check_sh, encode};
 pub(crate) use gaussians::{GaussiansMut, resize};
 #[cfg(feature = "encode")]
-pub(crate) use latents::{ChunkLatents, Coding, Values};
+pub use latents::Transform;
+#[cfg(feature = "encode")]
+pub(crate) use latents::{ChunkLatents, Coding, LAMBDA, Values};
 
 use crate::attributes::side::Factors;
 use crate::importance;
@@ -25,10 +27,14 @@ use crate::importance;
 /// here is saved for every Gaussian.
 const CLASS_STEP: f32 = 1.0;
 
-/// Steps of the transform for a group of channels: those of the header hold for the mean class, and the
-/// transform's for weight 1.
+/// The transform's step, which is for weight 1, from that of the header, which is for the mean class.
+pub(crate) fn step_of_unit_weight(step: f32) -> f32 {
+    step * f32::from(1u16 << importance::MEAN_CLASS)
+}
+
+/// Steps of the transform for a group of channels.
 fn steps_of(step: f32, channels: usize) -> Vec<f32> {
-    vec![step * f32::from(1u16 << importance::MEAN_CLASS); channels]
+    vec![step_of_unit_weight(step); channels]
 }
 
 /// What is predicted from the depth and class of each leaf.
