@@ -53,6 +53,8 @@ pub(crate) struct CodecLoop {
     pub(crate) done: u64,
     /// Bytes when they were last counted.
     pub(crate) bytes: u64,
+    /// Predictions and bytes are those of the values and steps as they are.
+    settled: bool,
     /// Where the steps are made, if not here.
     #[cfg(feature = "gpu")]
     pub(crate) device: Option<Device>,
@@ -115,6 +117,7 @@ impl CodecLoop {
             steps,
             done: 0,
             bytes: 0,
+            settled: false,
             #[cfg(feature = "gpu")]
             device: None,
         }
@@ -135,6 +138,7 @@ impl CodecLoop {
     /// Goes to another quality: other steps, and another price of bits.
     pub(crate) fn set_quality(&mut self, quality: f32) -> Result<()> {
         self.quality = quality.clamp(0.0, 100.0);
+        self.settled = false;
         Ok(self.latents.set_steps(plan::steps(self.quality)?)?)
     }
 
@@ -166,9 +170,10 @@ impl CodecLoop {
     #[cfg(feature = "gpu")]
     fn step_on_device(&mut self, view: usize) -> Result<ViewLoss> {
         let (fit, coded) = (self.at_fit(), self.done.is_multiple_of(CODED));
-        if fit {
+        if fit && !self.settled {
             self.settle()?;
         }
+        self.settled = false;
         let decay = self.decay();
         let step = LatentStep {
             view,
@@ -200,7 +205,9 @@ impl CodecLoop {
             return self.step_on_device(view);
         }
         let coded = self.done.is_multiple_of(CODED);
-        let (fit, lambda) = (self.at_fit(), if coded { self.lambda() as f32 } else { 0.0 });
+        let fit = self.at_fit() && !self.settled;
+        let lambda = if coded { self.lambda() as f32 } else { 0.0 };
+        self.settled = false;
         let decay = self.decay();
         let Self { latents, scene, prices, .. } = self;
         if coded {
@@ -238,6 +245,7 @@ impl CodecLoop {
         self.fetch()?;
         let counted = self.latents.reconstruct(true, None, &mut self.scene)?;
         self.bytes = counted.unwrap_or(self.bytes);
+        self.settled = true;
         Ok(())
     }
 
