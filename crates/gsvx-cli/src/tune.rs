@@ -155,11 +155,11 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     args.check()?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
     let pictures = args.pictures.as_deref().map(|p| pictures::folder(p, args.force)).transpose()?;
-    let wanted = args.backend.unwrap_or(match args.profile {
-        Profile::Paper => Backend::Auto,
-        Profile::Rate => Backend::Cpu,
-    });
-    let backend = paper_tune::choose(wanted)?;
+    let wanted = args.backend.unwrap_or_default();
+    let backend = match (args.profile, args.backend) {
+        (Profile::Rate, None) => Backend::Cpu,
+        _ => paper_tune::choose(wanted)?,
+    };
     let scene = args.reading.model(&args.input, None)?.scene;
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
