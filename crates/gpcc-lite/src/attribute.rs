@@ -10,7 +10,7 @@
 
 use crate::coder::{Coder, Decoder, code_gamma};
 use crate::coefficients::{
-    ACTIVITIES, CLASSES, Level, RowCoder, class_of, expected_in_group, mean_of_class,
+    ACTIVITIES, CLASSES, Level, RowCoder, UNGROUPED, class_of, expected_in_group, mean_of_class,
 };
 use crate::error::{Error, Result};
 use crate::raht::{self, LANES, Lanes, Plan, Rows};
@@ -102,7 +102,8 @@ fn encode_priced<C: Coder>(
         prices.row_mut(0).fill(0.0);
     }
     let mut context = RowCoder::new(plan, steps.len());
-    let (mut level, mut row) = (Level::default(), vec![[0; LANES]; rows.width()]);
+    let mut level = Level::default();
+    let mut row = Row::new(rows.width());
     for range in plan.levels().windows(2) {
         if range[0] == range[1] {
             continue;
@@ -111,19 +112,18 @@ fn encode_priced<C: Coder>(
         context.expect(plan, &level);
         for i in 0..level.count {
             let k = level.first + i;
-            let differences = rows.row(plan.split_leaf(k));
             let to_high_pass = 1.0 / plan.scale_of(k);
-            let any = quantiser.quantise(&context, differences, to_high_pass, i, &mut row);
+            let large = quantiser.load(rows.lanes_of(plan.split_leaf(k)), to_high_pass, &mut row);
+            let any = large && quantiser.quantise(&context, i, &mut row);
             if let Some(prices) = &mut prices {
-                if !any {
-                    row.fill([0; LANES]);
+                if !large {
+                    quantiser.expect_of_zeros(&context, i, &mut row);
                 }
-                let out = prices.row_mut(plan.split_leaf(k));
-                quantiser.price(&context, differences, to_high_pass, (i, &row), out);
+                quantiser.price(&row, to_high_pass, prices.lanes_of_mut(plan.split_leaf(k)));
             }
             if any {
                 level.active.push(i as u32);
-                level.levels.extend_from_slice(&row);
+                level.levels.extend_from_slice(&row.levels);
                 all_zero = false;
             }
         }
@@ -258,6 +258,22 @@ fn undo_row(
     }
 }
 
+/// A row on its way through the quantiser, padded to whole lanes.
+struct Row {
+    /// In steps.
+    values: Vec<Lanes>,
+    levels: Vec<[i32; LANES]>,
+    /// Magnitudes that the coder expects, in the middle of their class.
+    means: Vec<Lanes>,
+}
+
+impl Row {
+    fn new(width: usize) -> Self {
+        let values = vec![[0.0; LANES]; width];
+        Self { values, levels: vec![[0; LANES]; width], means: vec![[1.0; LANES]; width] }
+    }
+}
+
 /// Rate-distortion optimised quantisation: a dead zone whose width depends on the expected magnitude.
 ///
 /// Where small magnitudes are expected, one that is not zero costs many bits. If magnitudes are
@@ -265,48 +281,56 @@ fn undo_row(
 /// costs one more bit for the sign. A value of `x` steps becomes `q` rather than `q - 1` if that
 /// lowers `error + lambda bits`, hence if `x - (q - 1) > 1/2 + lambda bits / 2`.
 struct Quantiser {
-    per_step: Vec<f32>,
+    channels: usize,
+    /// One over the step of each channel; 0 behind the last.
+    per_step: Vec<Lanes>,
     /// Least values, by class, that do not become zero.
     zero: [f32; CLASSES],
     /// Fractions, by class, from which larger values are rounded up.
     rest: [f32; CLASSES],
+    /// Expected magnitudes by class.
+    means: [f32; CLASSES],
 }
 
 impl Quantiser {
     fn new(steps: &[f32], options: &Options) -> Self {
         let half = 0.5 * options.lambda;
-        let bits = |class: usize| {
-            let mean = mean_of_class(class).max(1.0 / 512.0);
-            log2(1.0 + 1.0 / mean)
-        };
+        let means = std::array::from_fn(|class| mean_of_class(class).max(1.0 / 512.0));
+        let bits = |class: usize| log2(1.0 + 1.0 / means[class]);
+        let mut per_step = vec![[0.0; LANES]; steps.len().div_ceil(LANES)];
+        per_step.as_flattened_mut().iter_mut().zip(steps).for_each(|(p, s)| *p = 1.0 / s);
         Self {
-            per_step: steps.iter().map(|s| 1.0 / s).collect(),
+            channels: steps.len(),
+            per_step,
             zero: std::array::from_fn(|c| (0.5 + half * (bits(c) + 1.0)).min(1.45)),
             rest: std::array::from_fn(|c| (0.5 + half * bits(c)).min(0.95)),
+            means,
         }
     }
 
-    /// Fills in the levels of row `row` of a level; false if all are zero.
-    fn quantise(
-        &self,
-        context: &RowCoder,
-        differences: &[f32],
-        to_high_pass: f32,
-        row: usize,
-        levels: &mut [[i32; LANES]],
-    ) -> bool {
-        let in_steps = |(d, per_step): (&f32, &f32)| d * per_step * to_high_pass;
-        let values = || differences.iter().zip(&self.per_step).map(in_steps);
-        // Whatever is expected, less than half a step is zero.
-        if !values().fold(false, |large, x| large | (x.abs() >= 0.5)) {
-            return false;
-        }
-        let (size, expected) = (context.group_size(), context.expected(row));
+    /// Fills in the values. False if all are less than half a step, which is zero whatever is expected.
+    #[inline]
+    fn load(&self, differences: &[Lanes], to_high_pass: f32, row: &mut Row) -> bool {
+        // Loops over all lanes at once become vector instructions.
+        let values = row.values.as_flattened_mut();
+        let from = differences.as_flattened().iter().zip(self.per_step.as_flattened());
+        values.iter_mut().zip(from).for_each(|(x, (d, per_step))| *x = d * per_step * to_high_pass);
+        values.iter().fold(0, |large, x| large | u32::from(x.abs() >= 0.5)) != 0
+    }
+
+    /// Fills in the levels of row `number` of a level, and the means; false if all levels are zero.
+    fn quantise(&self, context: &RowCoder, number: usize, row: &mut Row) -> bool {
+        let (size, expected) = (context.group_size(), context.expected(number));
+        let above: [f32; UNGROUPED] = std::array::from_fn(|i| expected[i % ACTIVITIES]);
         let (mut i, mut sum, mut any) = (0, 0u32, false);
-        for (c, (x, level)) in values().zip(levels.as_flattened_mut()).enumerate() {
-            let class = class_of(expected_in_group(expected[c % ACTIVITIES], sum, i));
+        let Row { values, levels, means } = row;
+        let out = levels.as_flattened_mut().iter_mut().zip(means.as_flattened_mut());
+        let values = &values.as_flattened()[..self.channels];
+        for (&x, (level, mean)) in values.iter().zip(out) {
+            let class = class_of(expected_in_group(above[i], sum, i));
             let magnitude = self.magnitude(x.abs(), class);
             *level = if x < 0.0 { -magnitude } else { magnitude };
+            *mean = self.means[class];
             any |= magnitude != 0;
             sum = sum.saturating_add(magnitude as u32);
             i += 1;
@@ -317,38 +341,41 @@ impl Quantiser {
         any
     }
 
-    /// The derivatives of the bits of row `row` by its coefficients, as the inverse transform takes
-    /// them: those of the differences of means, given by the derivatives of high-pass values.
+    /// Fills in the means of a row of zeros, in which all groups are alike.
+    fn expect_of_zeros(&self, context: &RowCoder, number: usize, row: &mut Row) {
+        let (size, expected) = (context.group_size(), context.expected(number));
+        let mean = |i: usize| {
+            let expected = expected_in_group(expected[i % ACTIVITIES], 0, i);
+            self.means[class_of(expected)]
+        };
+        if size == 3 {
+            // Most rows: a few vector instructions.
+            let [a, b, c] = [mean(0), mean(1), mean(2)];
+            let pattern = [[a, b, c, a], [b, c, a, b], [c, a, b, c]];
+            let lanes = row.means.iter_mut().zip(pattern.iter().cycle());
+            lanes.for_each(|(lanes, pattern)| *lanes = *pattern);
+            return;
+        }
+        let means = row.means.as_flattened_mut()[..self.channels].iter_mut();
+        means.enumerate().for_each(|(i, out)| *out = mean(i));
+    }
+
+    /// The derivatives of the bits of a row by its coefficients, as the inverse transform takes them:
+    /// those of the differences of means, given by the derivatives of high-pass values.
     ///
     /// A magnitude of `x` steps costs about `x log2(1 + 1/m)` bits where `m` is expected, and a sign
     /// where it is not zero. What a large magnitude adds to later expectations makes it cheaper, so
     /// the mean is half way to it: `m + x/2`. Around zero the price fades out, since a value that
     /// stays zero costs nothing more.
-    fn price(
-        &self,
-        context: &RowCoder,
-        differences: &[f32],
-        to_high_pass: f32,
-        (row, levels): (usize, &[[i32; LANES]]),
-        out: &mut [f32],
-    ) {
-        let (size, expected) = (context.group_size(), context.expected(row));
-        let (mut i, mut sum) = (0, 0u32);
-        let levels = levels.as_flattened();
-        for (c, (d, per_step)) in differences.iter().zip(&self.per_step).enumerate() {
-            let x = d * per_step * to_high_pass;
-            let class = class_of(expected_in_group(expected[c % ACTIVITIES], sum, i));
+    fn price(&self, row: &Row, to_high_pass: f32, out: &mut [Lanes]) {
+        let values = row.values.as_flattened().iter().zip(row.means.as_flattened());
+        let out = out.as_flattened_mut().iter_mut().zip(self.per_step.as_flattened());
+        for ((out, per_step), (&x, mean)) in out.zip(values) {
             let magnitude = x.abs();
-            let mean = mean_of_class(class).max(1.0 / 512.0) + 0.5 * magnitude;
             let sign = if magnitude < 1.0 { 1.0 } else { 0.0 };
-            let bits = log2(1.0 + 1.0 / mean) + sign;
+            let bits = log2(1.0 + 1.0 / (mean + 0.5 * magnitude)) + sign;
             let faded = bits * (x * FADE).clamp(-1.0, 1.0);
-            out[c] = faded * per_step / to_high_pass;
-            sum = sum.saturating_add(levels[c].unsigned_abs());
-            i += 1;
-            if i == size {
-                (i, sum) = (0, 0);
-            }
+            *out = faded * per_step / to_high_pass;
         }
     }
 

@@ -5,6 +5,8 @@ use rayon::prelude::*;
 
 /// Rows of a task.
 const CHUNK: usize = 256;
+/// Rows that Adam moves at once: a row alone is too short for wide registers.
+const BLOCK: usize = 16;
 
 /// Adam's two moments of rows of parameters.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,15 +34,19 @@ impl Moments {
         let first = self.first.par_chunks_mut(CHUNK * stride);
         let second = self.second.par_chunks_mut(CHUNK * stride);
         let chunks = parameters.par_chunks_mut(CHUNK * stride).zip(first).zip(second);
+        let rates = rates.repeat(BLOCK);
         chunks.enumerate().for_each(|(c, ((p, m), v))| {
-            let mut g = vec![0.0; stride];
-            let rows = p.chunks_exact_mut(stride);
-            let rows = rows.zip(m.chunks_exact_mut(stride)).zip(v.chunks_exact_mut(stride));
-            for (j, ((p, m), v)) in rows.enumerate() {
+            let mut g = vec![0.0; BLOCK * stride];
+            let blocks = p.chunks_mut(BLOCK * stride);
+            let blocks = blocks.zip(m.chunks_mut(BLOCK * stride)).zip(v.chunks_mut(BLOCK * stride));
+            for (b, ((p, m), v)) in blocks.enumerate() {
+                let g = &mut g[..p.len()];
                 g.fill(0.0);
-                gradient(c * CHUNK + j, &mut g);
-                adam.update(p, [m, v], &g, rates);
-                after(p);
+                let first = c * CHUNK + b * BLOCK;
+                let rows = g.chunks_exact_mut(stride).enumerate();
+                rows.for_each(|(j, row)| gradient(first + j, row));
+                adam.update(p, [m, v], g, &rates);
+                p.chunks_exact_mut(stride).for_each(&after);
             }
         });
     }

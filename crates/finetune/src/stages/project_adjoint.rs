@@ -36,6 +36,7 @@ pub(crate) struct Gaussian<'a> {
 }
 
 impl<'a> Gaussian<'a> {
+    #[inline(always)]
     pub(crate) fn of(scene: &'a Scene, i: usize) -> Self {
         Self {
             mean: scene.means[i],

@@ -68,19 +68,32 @@ impl Rows {
         self.channels.div_ceil(LANES)
     }
 
+    /// The values of a leaf, padded.
+    #[inline]
+    pub(crate) fn lanes_of(&self, leaf: usize) -> &[Lanes] {
+        let width = self.width();
+        &self.lanes[leaf * width..(leaf + 1) * width]
+    }
+
+    /// The values of a leaf, padded.
+    #[inline]
+    pub(crate) fn lanes_of_mut(&mut self, leaf: usize) -> &mut [Lanes] {
+        let width = self.width();
+        &mut self.lanes[leaf * width..(leaf + 1) * width]
+    }
+
     /// The values of a leaf.
     #[inline]
     #[must_use]
     pub fn row(&self, leaf: usize) -> &[f32] {
-        let width = self.width();
-        &self.lanes[leaf * width..(leaf + 1) * width].as_flattened()[..self.channels]
+        &self.lanes_of(leaf).as_flattened()[..self.channels]
     }
 
     /// The values of a leaf.
     #[inline]
     pub fn row_mut(&mut self, leaf: usize) -> &mut [f32] {
-        let (width, channels) = (self.width(), self.channels);
-        &mut self.lanes[leaf * width..(leaf + 1) * width].as_flattened_mut()[..channels]
+        let channels = self.channels;
+        &mut self.lanes_of_mut(leaf).as_flattened_mut()[..channels]
     }
 }
 

@@ -40,12 +40,43 @@ pub(crate) struct Values<'a> {
 }
 
 impl Values<'_> {
-    /// Copies some channels of all leaves.
-    fn copy_to(self, range: &Range<usize>, rows: &mut Rows) {
-        rows.resize(self.flat.len() / self.channels, range.len());
-        for (i, values) in self.flat.chunks_exact(self.channels).enumerate() {
-            rows.row_mut(i).copy_from_slice(&values[range.clone()]);
+    /// Distributes the values of all leaves to their groups.
+    fn copy_to(self, sh_degree: u8, opacity: &mut Rows, sh: &mut [Rows; 4], shape: &mut Rows) {
+        let leaves = self.flat.len() / self.channels;
+        opacity.resize(leaves, 1);
+        shape.resize(leaves, SHAPE);
+        for degree in 0..=sh_degree {
+            sh[usize::from(degree)].resize(leaves, channels_of(degree).len());
         }
+        // In one pass, since memory decides how long it takes.
+        for (i, values) in self.flat.chunks_exact(self.channels).enumerate() {
+            opacity.row_mut(i)[0] = values[0];
+            for degree in 0..=sh_degree {
+                let sh = sh[usize::from(degree)].row_mut(i);
+                copy_short(&values[channels_of(degree)], sh);
+            }
+            copy_short(&values[self.channels - SHAPE..], shape.row_mut(i));
+        }
+    }
+}
+
+/// Copies the channels of a group. With a number known at compile time that is a few instructions instead of
+/// a call.
+#[inline]
+fn copy_short(from: &[f32], to: &mut [f32]) {
+    fn copy<const N: usize>(from: &[f32], to: &mut [f32]) {
+        if let (Some(from), Some(to)) = (from.first_chunk::<N>(), to.first_chunk_mut()) {
+            *to = *from;
+        }
+    }
+    match from.len() {
+        1 => copy::<1>(from, to),
+        3 => copy::<3>(from, to),
+        6 => copy::<6>(from, to),
+        9 => copy::<9>(from, to),
+        15 => copy::<15>(from, to),
+        21 => copy::<21>(from, to),
+        _ => to.copy_from_slice(from),
     }
 }
 
@@ -179,6 +210,7 @@ impl ChunkLatents {
         let Self { decoded, predictors, .. } = self;
         let parts = decoded.parts()?;
         let (plan, classes) = (parts.plan, parts.classes);
+        values.copy_to(how.sh_degree, parts.opacity, parts.sh, parts.shape);
         let group = |step, prices| Group { plan, step, prices };
         let [sh_dc, sh_rest @ ..] = parts.sh;
         let [dc_prices, rest_prices @ ..] = sh;
@@ -188,21 +220,18 @@ impl ChunkLatents {
                 rayon::join(
                     || -> Result<u64> {
                         let g = group(how.steps.opacity, priced.then_some(opacity));
-                        let bits =
-                            one(g, &mut side.opacity, (how, values, 0..1, classes), parts.opacity)?;
-                        values.copy_to(&channels_of(0), sh_dc);
+                        let bits = one(g, &mut side.opacity, (how, classes), parts.opacity)?;
                         let g = group(how.steps.dc, priced.then_some(dc_prices));
                         Ok(bits + g.bits(how.fit, sh_dc)?)
                     },
                     || -> Result<u64> {
-                        let range = values.channels - SHAPE..values.channels;
                         let g = group(how.steps.covariance, priced.then_some(shape));
-                        one(g, &mut side.size, (how, values, range, classes), parts.shape)
+                        one(g, &mut side.size, (how, classes), parts.shape)
                     },
                 )
             },
             || {
-                let degrees = Degrees { plan, classes, how, values };
+                let degrees = Degrees { plan, classes, how };
                 degrees.code(predictors, sh_rest, priced.then_some(rest_prices))
             },
         );
@@ -227,13 +256,11 @@ impl ChunkLatents {
         let parts = self.decoded.parts()?;
         let (plan, classes, leaves) = (parts.plan, parts.classes, parts.plan.leaves());
         let group = |step| Group { plan, step, prices: None };
-        values.copy_to(&(0..1), parts.opacity);
+        values.copy_to(sh_degree, parts.opacity, parts.sh, parts.shape);
         subtract_predicted(parts.side.opacity, leaves, classes, parts.opacity);
         group(steps.opacity).code(&mut coder, parts.opacity)?;
         let [sh_dc, sh_rest @ ..] = parts.sh;
-        values.copy_to(&channels_of(0), sh_dc);
         group(steps.dc).code(&mut coder, sh_dc)?;
-        values.copy_to(&(values.channels - SHAPE..values.channels), parts.shape);
         subtract_predicted(parts.side.size, leaves, classes, parts.shape);
         group(steps.covariance).code(&mut coder, parts.shape)?;
         let mut base = vec![layout.to_byte()];
@@ -241,7 +268,7 @@ impl ChunkLatents {
         base.extend(coder.finish());
         let mut layers = vec![base];
         let how = &Coding { steps, sh_degree, fit: false };
-        let degrees = Degrees { plan, classes, how, values };
+        let degrees = Degrees { plan, classes, how };
         for degree in 1..=sh_degree {
             layers.push(degrees.layer(degree, &mut self.predictors, sh_rest)?);
         }
@@ -254,11 +281,10 @@ impl ChunkLatents {
 fn one(
     group: Group<'_>,
     factors: &mut Factors,
-    (how, values, range, classes): (&Coding<'_>, Values<'_>, Range<usize>, &[u8]),
+    (how, classes): (&Coding<'_>, &[u8]),
     rows: &mut Rows,
 ) -> Result<u64> {
     let leaves = group.plan.leaves();
-    values.copy_to(&range, rows);
     if how.fit {
         *factors = Factors::fit(leaves, classes, |i| rows.row(i)[0]);
     }
@@ -271,7 +297,6 @@ struct Degrees<'a> {
     plan: &'a Plan,
     classes: &'a [u8],
     how: &'a Coding<'a>,
-    values: Values<'a>,
 }
 
 impl Degrees<'_> {
@@ -333,7 +358,6 @@ impl Degrees<'_> {
         let step = self.how.steps.sh[usize::from(degree) - 1];
         let (below, rest) = sh.split_at_mut(usize::from(degree) - 1);
         let rows = &mut rest[0];
-        self.values.copy_to(&channels_of(degree), rows);
         let mut predictor = None;
         if let (2.., Some(below)) = (degree, below.last()) {
             let kept = &mut predictors[usize::from(degree) - 2];
@@ -359,8 +383,8 @@ fn spread(prices: &Prices, sh_degree: u8, channels: usize, out: &mut [f32]) {
     for (i, out) in out.chunks_exact_mut(channels).enumerate() {
         out[0] = prices.opacity.row(i)[0];
         for degree in 0..=sh_degree {
-            out[channels_of(degree)].copy_from_slice(prices.sh[usize::from(degree)].row(i));
+            copy_short(prices.sh[usize::from(degree)].row(i), &mut out[channels_of(degree)]);
         }
-        out[channels - SHAPE..].copy_from_slice(prices.shape.row(i));
+        copy_short(prices.shape.row(i), &mut out[channels - SHAPE..]);
     }
 }
