@@ -10,7 +10,7 @@
 
 use crate::coder::{Coder, Decoder, code_gamma};
 use crate::coefficients::{
-    ACTIVITIES, CLASSES, Level, RowCoder, UNGROUPED, class_of, expected_in_group, mean_of_class,
+    ACTIVITIES, CLASSES, Level, RowCoder, class_of, expected_in_group, mean_of_class,
 };
 use crate::error::{Error, Result};
 use crate::raht::{self, LANES, Lanes, Plan, Rows};
@@ -321,21 +321,20 @@ impl Quantiser {
     /// Fills in the levels of row `number` of a level, and the means; false if all levels are zero.
     fn quantise(&self, context: &RowCoder, number: usize, row: &mut Row) -> bool {
         let (size, expected) = (context.group_size(), context.expected(number));
-        let above: [f32; UNGROUPED] = std::array::from_fn(|i| expected[i % ACTIVITIES]);
-        let (mut i, mut sum, mut any) = (0, 0u32, false);
+        let mut any = false;
         let Row { values, levels, means } = row;
-        let out = levels.as_flattened_mut().iter_mut().zip(means.as_flattened_mut());
-        let values = &values.as_flattened()[..self.channels];
-        for (&x, (level, mean)) in values.iter().zip(out) {
-            let class = class_of(expected_in_group(above[i], sum, i));
-            let magnitude = self.magnitude(x.abs(), class);
-            *level = if x < 0.0 { -magnitude } else { magnitude };
-            *mean = self.means[class];
-            any |= magnitude != 0;
-            sum = sum.saturating_add(magnitude as u32);
-            i += 1;
-            if i == size {
-                (i, sum) = (0, 0);
+        let values = values.as_flattened()[..self.channels].chunks(size);
+        let levels = levels.as_flattened_mut().chunks_mut(size);
+        let means = means.as_flattened_mut().chunks_mut(size);
+        for ((values, levels), means) in values.zip(levels).zip(means) {
+            let mut sum = 0u32;
+            for (i, ((&x, level), mean)) in values.iter().zip(levels).zip(means).enumerate() {
+                let class = class_of(expected_in_group(expected[i % ACTIVITIES], sum, i));
+                let magnitude = self.magnitude(x.abs(), class);
+                *level = if x < 0.0 { -magnitude } else { magnitude };
+                *mean = self.means[class];
+                any |= magnitude != 0;
+                sum = sum.saturating_add(magnitude as u32);
             }
         }
         any

@@ -31,7 +31,7 @@ pub(crate) const ACTIVITIES: usize = 3;
 /// Channels of a group in a row of more than [`UNGROUPED`] channels: the planes of an SH
 /// coefficient.
 const GROUP: usize = 3;
-pub(crate) const UNGROUPED: usize = 6;
+const UNGROUPED: usize = 6;
 /// Factor of an activity from one row to the row below. The row's own mean magnitude has the rest.
 const KEPT: f32 = 0.5;
 /// Weight of the expectation from above against one magnitude in the same group.

@@ -15,8 +15,8 @@ use crate::{command, measure, usage};
 /// Quality of the loop.
 const QUALITY: f32 = 58.0;
 /// Steps from the first that counts to the last. Between them the codec runs at each fourth, and the predictions are
-/// fitted, the bytes counted and the views kept aside rendered once, as in every 48 steps.
-const STEPS: (u64, u64) = (50, 98);
+/// fitted, the bytes counted and the views kept aside rendered five times, once in 48 steps.
+const STEPS: (u64, u64) = (50, 290);
 
 /// Processor seconds of a step.
 #[derive(Clone, Debug, Serialize, Deserialize)]
