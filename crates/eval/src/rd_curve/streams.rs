@@ -194,8 +194,8 @@ fn stage(how: How, quality: f32) -> String {
     format!("{}-q{quality:.0}", how.name())
 }
 
-/// Qualities of the tuned curve: from about 2 dB below the model as it was trained to above it or near it.
-pub(crate) const QUALITIES: [f32; 5] = [50.0, 58.0, 66.0, 78.0, 90.0];
+/// Qualities of the tuned curve: from 2 dB or more below the model as it was trained to above it or near it.
+pub(crate) const QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
 
 /// The tuned curve of a report.
 pub(crate) fn curve(study: &Study, gsvx: &Path, effort: Effort) -> Result<Curve> {

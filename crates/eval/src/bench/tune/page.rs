@@ -175,7 +175,7 @@ fn costs(out: &mut String, scenes: &[Scene]) -> Result<()> {
     writeln!(
         out,
         "\nA step with the codec in the loop beside a plain step of fine-tune on the same Gaussians (processor \
-         milliseconds, all threads, means of 240 steps with all that belongs to them), and the memory of the command beside that of \
+         milliseconds, all threads, the median of three means over 240 steps), and the memory of the command beside that of \
          `--profile paper`:\n\n\
          | scene | Gaussians | plain step, ms | in the loop, ms | | plain, MB | tuned, MB | |\n\
          |---|---:|---:|---:|---:|---:|---:|---:|"
