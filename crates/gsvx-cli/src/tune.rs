@@ -322,6 +322,11 @@ fn write(
         "parts": parts.collect::<serde_json::Map<_, _>>(),
     });
     report.say(false, &human, &json)?;
+    if loss(outcome.psnr, outcome.input_psnr) < finetune::Likeness::POOR {
+        note(format_args!(
+            "warning: the loss is easy to see; a higher --quality or more bytes keep more"
+        ));
+    }
     match (outcome.reached, args.target()) {
         (true, _) | (_, Target::Quality(_)) => Ok(()),
         (false, Target::Bytes(wanted)) => Err(missed(format!(
@@ -331,5 +336,25 @@ fn write(
             "{name}: written, but {:.2} dB are below the target of {db} dB",
             outcome.psnr
         ))),
+    }
+}
+
+/// PSNR of the error that tuning adds to that of the input, dB: the mean squared errors are subtracted.
+fn loss(psnr: f64, input_psnr: f64) -> f64 {
+    let mse = |db: f64| libm::pow(10.0, -db / 10.0);
+    -10.0 * libm::log10((mse(psnr) - mse(input_psnr)).max(1e-10))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loss_is_what_was_added() {
+        // Against renders of the input, all error was added.
+        assert!((loss(30.0, f64::INFINITY) - 30.0).abs() < 1e-9);
+        // 3 dB below 30 dB is as much again as there was.
+        assert!((loss(26.9897, 30.0) - 30.0).abs() < 1e-3);
+        assert!(loss(31.0, 30.0) == 100.0);
     }
 }
