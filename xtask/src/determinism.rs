@@ -148,7 +148,7 @@ fn differing(runs: &[(String, String)]) -> Vec<String> {
 fn report(runs: &[(String, String)], skipped: &[String], differing: &[String]) -> String {
     let mut text = String::from(
         "# Are the bytes the same everywhere?\n\n`cargo xtask determinism`: every golden stream and the fixture room are \
-         voxelized, encoded in every mode and decoded (at each level of detail) by builds \
+         voxelized, tuned, encoded in every mode and decoded (at each level of detail) by builds \
          for several processors, and the SHA-256 (first 12 bytes) of coded bytes and decoded \
          floats are compared.\n\n| run | lines equal to the first run's |\n|---|---:|\n",
     );

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod checkpoint;
+mod clock;
 mod codec_loop;
 #[cfg(feature = "gpu")]
 mod device;

@@ -1,13 +1,13 @@
 //! [`Tune`]: the run.
 
 use std::sync::atomic::Ordering;
-use std::time::Instant;
 
 use finetune::TrainView;
 use gs_model::Scene;
 use gsvx::rate;
 
 use crate::checkpoint::{Reader, Writer, fingerprint};
+use crate::clock::Clock;
 use crate::codec_loop::{CodecLoop, FITTED, encode_options};
 use crate::error::{Error, Result};
 use crate::options::{Options, Target};
@@ -163,7 +163,7 @@ impl Tune {
     /// # Errors
     /// [`Error::Codec`].
     pub fn run(mut self, mut progress: impl FnMut(&Progress<'_>)) -> Result<Outcome> {
-        let (started, first) = (Instant::now(), self.done);
+        let (started, first) = (Clock::start(), self.done);
         let cancelled = loop {
             if self.options.cancel.as_ref().is_some_and(|c| c.load(Ordering::Relaxed)) {
                 break true;
@@ -266,10 +266,10 @@ impl Tune {
     fn report(
         &self,
         psnr: f64,
-        (started, first): (Instant, u64),
+        (started, first): (Clock, u64),
         progress: &mut impl FnMut(&Progress<'_>),
     ) {
-        let seconds = started.elapsed().as_secs_f64();
+        let seconds = started.seconds();
         let per_step = seconds / (self.done - first).max(1) as f64;
         let (stage, bytes) = match &self.stage {
             Stage::Round { round, .. } => {
@@ -293,7 +293,7 @@ impl Tune {
     }
 
     /// The stream of what has been reached.
-    fn finish(mut self, started: Instant, cancelled: bool) -> Result<Outcome> {
+    fn finish(mut self, started: Clock, cancelled: bool) -> Result<Outcome> {
         if let Stage::Round { recovery, .. } = &mut self.stage {
             let scene = std::mem::take(&mut recovery.scene);
             self.enter_loop(scene)?;
@@ -326,7 +326,7 @@ impl Tune {
             quality,
             outliers: outliers.map_or(0, |o| o.len()),
             steps: self.done,
-            seconds: started.elapsed().as_secs_f64(),
+            seconds: started.seconds(),
             cancelled,
             reached,
         })
@@ -421,7 +421,7 @@ fn probe(
 /// Seconds of a render with its gradients, the second time.
 fn seconds_of_a_step(scene: &Scene, views: &mut Views) -> f64 {
     views.gradients.run(scene, 0);
-    let started = Instant::now();
+    let started = Clock::start();
     views.gradients.run(scene, 1);
-    started.elapsed().as_secs_f64()
+    started.seconds()
 }

@@ -8,9 +8,12 @@ use std::fmt::Write as _;
 use std::num::NonZeroUsize;
 use std::sync::OnceLock;
 
+use finetune::framing::{self, Constraints};
+use finetune::{RenderOptions, TrainView, render};
 use gs_model::{Scene, ply};
 use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Leaves};
 use sha2::{Digest, Sha256};
+use tune::{Options, Plan, Target, Tune};
 
 const ROOM: &[u8] = include_bytes!("../../../fixtures/room/point_cloud.ply");
 
@@ -73,7 +76,23 @@ fn streams(room: &Scene) -> Vec<(String, Vec<u8>)> {
     out.push(coded(("uniform", uniform)));
     let lossless = gsvx::encode_lossless(room, false).expect("lossless").bytes;
     out.push(("room, lossless".into(), lossless));
+    out.push(("room, tuned".into(), tuned(room)));
     out
+}
+
+/// A short tune of the fixture to its own renders: a round of pruning, and a loop with two fits.
+fn tuned(room: &Scene) -> Vec<u8> {
+    let tangents = [0.6, 0.45];
+    let constraints = Constraints { up: None, radius: None, elevation: None, tangents };
+    let placement = framing::find(room, &constraints).expect("something to look at");
+    let view =
+        |camera| TrainView { photo: render(room, &camera, &RenderOptions::default()), camera };
+    let cameras = placement.cameras(6, "tuned", [48, 36], 40.0);
+    let mut options = Options::new(Target::Quality(50.0));
+    options.plan =
+        Some(Plan { quality: 50.0, fraction: 0.5, rounds: 1, round_steps: 6, loop_steps: 54 });
+    let run = Tune::new(room.clone(), cameras.into_iter().map(view).collect(), options);
+    run.expect("tune").run(|_| ()).expect("tune").encoded.bytes
 }
 
 static TEXT: OnceLock<String> = OnceLock::new();
