@@ -56,7 +56,7 @@ pub struct GaussianGradient {
 /// Renders views, compares them with their photos and gives gradients. Buffers are used again from view
 /// to view. Photos are kept with 8 bits per value, as their files have them.
 pub struct ViewGradients {
-    views: Vec<Held>,
+    views: Vec<PreparedView>,
     loss: Loss,
     pass: Pass,
     last: usize,
@@ -65,14 +65,14 @@ pub struct ViewGradients {
 }
 
 /// A view and the planes of its photo.
-pub(crate) struct Held {
+pub(crate) struct PreparedView {
     pub(crate) view: View,
     planes: Vec<u8>,
     /// What its gradients are multiplied by.
     pub(crate) weight: f32,
 }
 
-impl Held {
+impl PreparedView {
     fn new(TrainView { camera, photo }: TrainView, options: &RenderOptions) -> Self {
         let bytes = photo.to_rgb8();
         let planes = (0..3).flat_map(|c| bytes.iter().skip(c).step_by(3)).copied().collect();
@@ -100,7 +100,7 @@ impl ViewGradients {
     /// [`ViewSize`](crate::Error::ViewSize), [`DistortedView`](crate::Error::DistortedView).
     pub fn new(views: Vec<TrainView>, loss: Loss, options: &RenderOptions) -> Result<Self> {
         check_views(&views)?;
-        let views = views.into_iter().map(|v| Held::new(v, options)).collect();
+        let views = views.into_iter().map(|v| PreparedView::new(v, options)).collect();
         Ok(Self { views, loss, pass: Pass::Frozen(Box::default()), last: 0, planes: Vec::new() })
     }
 
@@ -125,9 +125,9 @@ impl ViewGradients {
     /// Renders `scene` at view `view` (modulo their number) and prepares the gradients.
     pub fn run(&mut self, scene: &Scene, view: usize) -> ViewLoss {
         self.last = view % self.views.len();
-        let held = &self.views[self.last];
-        held.planes(&mut self.planes);
-        let (view, photo) = (&held.view, &self.planes);
+        let prepared = &self.views[self.last];
+        prepared.planes(&mut self.planes);
+        let (view, photo) = (&prepared.view, &self.planes);
         let value = match &mut self.pass {
             Pass::Frozen(pass) => pass.run(scene, view, photo, self.loss),
             Pass::Moving(pass) => pass.run(scene, view, photo, self.loss),
@@ -170,7 +170,7 @@ impl ViewGradients {
     #[inline(always)]
     #[must_use]
     pub fn of(&self, scene: &Scene, i: usize) -> Option<GaussianGradient> {
-        let Held { view, weight, .. } = &self.views[self.last];
+        let PreparedView { view, weight, .. } = &self.views[self.last];
         let g = match &self.pass {
             Pass::Frozen(pass) => gradient_of(scene, i, view, pass.sums.get(i)?),
             Pass::Moving(pass) => gradient_of(scene, i, view, pass.sums.get(i)?),

@@ -324,7 +324,7 @@ fn write(
     report.say(false, &human, &json)?;
     if loss(outcome.psnr, outcome.input_psnr) < finetune::Likeness::POOR {
         note(format_args!(
-            "warning: the loss is easy to see; a higher --quality or more bytes keep more"
+            "warning: the loss is easy to see; use a higher --quality, or a larger target"
         ));
     }
     match (outcome.reached, args.target()) {

@@ -1,8 +1,8 @@
-//! Time, where there is some.
+//! The time that a run takes.
 
 use std::time::Instant;
 
-/// Since when. WebAssembly without a host has no clock, and everything takes 0 s there.
+/// When something began. The standard library has no clock on wasm32-unknown-unknown; there everything takes 0 s.
 #[derive(Clone, Copy)]
 pub(crate) struct Clock(Option<Instant>);
 

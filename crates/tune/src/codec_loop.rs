@@ -16,8 +16,6 @@ use voxel::Voxelization;
 
 #[cfg(feature = "gpu")]
 use crate::device::Device;
-#[cfg(feature = "gpu")]
-use crate::error::Error;
 use crate::error::Result;
 use crate::plan::{self, DC_BASIS};
 use crate::rows::Moments;
@@ -53,7 +51,7 @@ pub(crate) struct CodecLoop {
     pub(crate) done: u64,
     /// Bytes when they were last counted.
     pub(crate) bytes: u64,
-    /// Predictions and bytes are those of the values and steps as they are.
+    /// Scene, prices, predictions and bytes are those of the values and steps as they are.
     settled: bool,
     /// Where the steps are made, if not here.
     #[cfg(feature = "gpu")]
@@ -149,11 +147,12 @@ impl CodecLoop {
 
     /// Moves the steps to a graphics adapter.
     #[cfg(feature = "gpu")]
-    pub(crate) fn place(&mut self, adapter: Adapter, views: &ViewGradients) -> Result<()> {
+    pub(crate) fn place(&mut self, adapter: Adapter, views: &mut ViewGradients) -> Result<()> {
         // Fills in the means and fits the predictions.
         self.settle()?;
+        let loss = views.run(&self.scene, 0);
         let Self { latents, scene, moments, .. } = self;
-        self.device = Some(Device::new(adapter, views, scene, latents, moments)?);
+        self.device = Some(Device::new(adapter, views, scene, latents, moments, loss)?);
         Ok(())
     }
 
@@ -166,30 +165,29 @@ impl CodecLoop {
         Ok(())
     }
 
-    /// One step at a view on the device. The loss is that of an earlier step.
+    /// One step at a view on the device, if there is one. The loss is that of an earlier step.
     #[cfg(feature = "gpu")]
-    fn step_on_device(&mut self, view: usize) -> Result<ViewLoss> {
-        let (fit, coded) = (self.at_fit(), self.done.is_multiple_of(CODED));
-        if fit && !self.settled {
+    fn step_on_device(&mut self, view: usize) -> Result<Option<ViewLoss>> {
+        let fit = self.at_fit();
+        if self.device.is_some() && fit && !self.settled {
             self.settle()?;
         }
-        self.settled = false;
         let decay = self.decay();
         let step = LatentStep {
             view,
             number: self.done + 1,
             rates: RATES.map(|r| r * decay),
-            coded,
+            coded: self.done.is_multiple_of(CODED),
             bit_price: self.lambda() as f32,
         };
-        let Self { device, latents, .. } = self;
-        let Some(device) = device else { return Err(Error::NothingSeen) };
+        let Some(device) = &mut self.device else { return Ok(None) };
         if fit {
-            device.update(latents)?;
+            device.update(&self.latents)?;
         }
         let loss = device.step(&step)?;
+        self.settled = false;
         self.done += 1;
-        Ok(loss.unwrap_or(ViewLoss { loss: 1.0, mse: 1.0 }))
+        Ok(Some(loss))
     }
 
     /// What the rates are multiplied by in the next step.
@@ -201,22 +199,20 @@ impl CodecLoop {
     /// One step at a view.
     pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
         #[cfg(feature = "gpu")]
-        if self.device.is_some() {
-            return self.step_on_device(view);
+        if let Some(loss) = self.step_on_device(view)? {
+            return Ok(loss);
         }
         let coded = self.done.is_multiple_of(CODED);
-        let fit = self.at_fit() && !self.settled;
-        let lambda = if coded { self.lambda() as f32 } else { 0.0 };
-        self.settled = false;
-        let decay = self.decay();
-        let Self { latents, scene, prices, .. } = self;
-        if coded {
-            self.bytes = latents.reconstruct(fit, Some(prices), scene)?.unwrap_or(self.bytes);
+        if coded && !self.settled {
+            self.code(self.at_fit())?;
         }
-        let loss = views.run(scene, view);
+        self.settled = false;
+        let lambda = if coded { self.lambda() as f32 } else { 0.0 };
+        let decay = self.decay();
+        let loss = views.run(&self.scene, view);
         self.done += 1;
         let rates: Vec<f32> = self.rates.iter().map(|r| r * decay).collect();
-        let mut values = std::mem::take(latents.values_mut());
+        let mut values = std::mem::take(self.latents.values_mut());
         let (latents, scene, views, prices) = (&self.latents, &self.scene, &*views, &self.prices);
         let gradient = |i: usize, row: &mut [f32]| {
             if let Some(g) = views.of(scene, i) {
@@ -240,12 +236,18 @@ impl CodecLoop {
         Ok(loss)
     }
 
-    /// Bytes and scene of the values as they are, with predictions fitted to them.
+    /// Fits predictions to the values as they are, and makes scene, prices and bytes of them.
     pub(crate) fn settle(&mut self) -> Result<()> {
         self.fetch()?;
-        let counted = self.latents.reconstruct(true, None, &mut self.scene)?;
-        self.bytes = counted.unwrap_or(self.bytes);
+        self.code(true)?;
         self.settled = true;
+        Ok(())
+    }
+
+    /// Runs the codec: scene and prices of the values as they are; with a fit, predictions and bytes too.
+    fn code(&mut self, fit: bool) -> Result<()> {
+        let Self { latents, scene, prices, .. } = self;
+        self.bytes = latents.reconstruct(fit, Some(prices), scene)?.unwrap_or(self.bytes);
         Ok(())
     }
 

@@ -18,20 +18,22 @@ pub(crate) struct Device {
     executor: LatentExecutor,
     /// The device has newer values than the host.
     ahead: bool,
-    loss: Option<ViewLoss>,
+    /// The last that was fetched.
+    loss: ViewLoss,
 }
 
 impl Device {
-    /// `scene` holds the leaves, then Gaussians that do not move.
+    /// `scene` holds the leaves, then Gaussians that do not move; `loss` is that of one of the views.
     pub(crate) fn new(
         adapter: Adapter,
         views: &ViewGradients,
         scene: &Scene,
         latents: &Latents,
         moments: &Moments,
+        loss: ViewLoss,
     ) -> Result<Self> {
         let executor = views.on_device(adapter, scene, &codec(latents))?;
-        let mut this = Self { executor, ahead: false, loss: None };
+        let mut this = Self { executor, ahead: false, loss };
         this.put(latents, moments)?;
         Ok(this)
     }
@@ -49,7 +51,7 @@ impl Device {
         if !std::mem::take(&mut self.ahead) {
             return Ok(());
         }
-        self.loss = self.executor.losses()?.pop().or(self.loss);
+        self.loss = self.executor.losses()?.pop().unwrap_or(self.loss);
         let LatentState { values, moments: [first, second] } = self.executor.state()?;
         *latents.values_mut() = values;
         (moments.first, moments.second) = (first, second);
@@ -61,8 +63,8 @@ impl Device {
         Ok(self.executor.update(&codec(latents))?)
     }
 
-    /// One step. The loss is the last that was fetched; `None` before the first.
-    pub(crate) fn step(&mut self, step: &LatentStep) -> Result<Option<ViewLoss>> {
+    /// One step. The loss is the last that was fetched.
+    pub(crate) fn step(&mut self, step: &LatentStep) -> Result<ViewLoss> {
         self.executor.step(step)?;
         self.ahead = true;
         Ok(self.loss)
@@ -81,14 +83,14 @@ pub(crate) fn codec(latents: &Latents) -> Codec {
         levels,
         ..Codec::default()
     };
-    for (number, t) in transforms.iter().enumerate() {
+    for t in &transforms {
         let Some(plan) = t.plan else { continue };
-        let first = codec.leaves.len() as u32;
+        let (first, number) = (codec.leaves.len() as u32, codec.chunks.len() as u16);
         let leaves = plan.leaves().iter().zip(t.classes).enumerate();
         codec.leaves.extend(leaves.map(|(i, (leaf, &class))| Leaf {
             depth: leaf.depth,
             class,
-            chunk: number as u16,
+            chunk: number,
             weight: plan.weight_of_leaf(i) as f32,
         }));
         codec.chunks.push(Chunk {
@@ -161,10 +163,10 @@ mod tests {
         };
         let views = dataset::open_views(room).unwrap().1.into_iter().take(6).map(load).collect();
         let options = Options::new(Target::Quality(PLAN.quality));
-        let views = Views::new(&scene, views, options.seed).unwrap();
+        let mut views = Views::new(&scene, views, options.seed).unwrap();
         let on_host = stage::codec_loop(&PLAN, &views, &scene).unwrap();
         let mut on_device = stage::codec_loop(&PLAN, &views, &scene).unwrap();
-        match on_device.place(Adapter::Software, &views.gradients) {
+        match on_device.place(Adapter::Software, &mut views.gradients) {
             Ok(()) => Some((on_host, on_device, views)),
             Err(crate::Error::Finetune(e @ finetune::Error::NoAdapter { .. })) => {
                 println!("SKIPPED: {e}; install mesa-vulkan-drivers to compare with the device");

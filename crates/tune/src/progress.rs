@@ -37,7 +37,7 @@ pub struct Progress<'a> {
     pub steps: u64,
     /// Gaussians at present.
     pub gaussians: usize,
-    /// PSNR of the last step's view, dB.
+    /// PSNR of the last step's view, dB. A GPU tells it every 48 steps.
     pub psnr: f64,
     /// PSNR at the views kept aside when it was last measured, dB.
     pub aside_psnr: Option<f64>,
@@ -47,7 +47,8 @@ pub struct Progress<'a> {
     pub seconds: f64,
     /// Seconds to the end at this speed.
     pub eta_seconds: f64,
-    /// The scene of the last step: with the codec in the loop, what a decoder would return.
+    /// The scene of the last step: with the codec in the loop, what a decoder would return. A GPU tells it every 48
+    /// steps.
     pub scene: &'a Scene,
     /// Why the checkpoint could not be written, the first time that it could not.
     pub checkpoint_failed: Option<&'a crate::Error>,

@@ -98,7 +98,7 @@ impl Tune {
             None => stage::round(&plan, &set, scene, input, 1)?,
         };
         if let Stage::Loop(state) = &mut stage {
-            place(state, &options, &set)?;
+            place(state, &options, &mut set)?;
         }
         set.gradients.move_means(matches!(stage, Stage::Round { .. }));
         let checkpoint_failed = None;
@@ -210,7 +210,7 @@ impl Tune {
         self.views.gradients.move_means(false);
         let mut state = stage::codec_loop(&self.plan, &self.views, &scene)?;
         steering::begin(&mut state, self.options.target)?;
-        place(&mut state, &self.options, &self.views)?;
+        place(&mut state, &self.options, &mut self.views)?;
         self.stage = Stage::Loop(Box::new(state));
         Ok(())
     }
@@ -350,10 +350,10 @@ impl Tune {
 }
 
 /// Moves the steps of a loop to a graphics adapter, if one is asked for.
-fn place(state: &mut CodecLoop, options: &Options, views: &Views) -> Result<()> {
+fn place(state: &mut CodecLoop, options: &Options, views: &mut Views) -> Result<()> {
     #[cfg(feature = "gpu")]
     if options.backend == finetune::Backend::Gpu {
-        return state.place(finetune::Adapter::Hardware, &views.gradients);
+        return state.place(finetune::Adapter::Hardware, &mut views.gradients);
     }
     let _ = (state, options, views);
     Ok(())

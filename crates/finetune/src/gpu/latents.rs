@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use super::device::Context;
 use super::executor::sizes;
-use super::passes::{CODED_STEP, LATENT_STEP, Stage};
+use super::passes::LATENT_STEP;
 use super::sizes::CodecSizes;
 use super::steps::{DeviceSteps, DeviceView};
 use super::uniform::StepUniform;
@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::latents::{Codec, LatentState, LatentStep};
 use crate::optimiser::Adam;
 use crate::stages::adam::Moments;
-use crate::view_gradients::{Held, ViewLoss};
+use crate::view_gradients::{PreparedView, ViewLoss};
 
 /// See [`crate::latents`].
 pub struct LatentExecutor {
@@ -36,7 +36,7 @@ impl LatentExecutor {
         context: Context,
         scene: &Scene,
         codec: &Codec,
-        views: &[Held],
+        views: &[PreparedView],
     ) -> Result<Self> {
         let mut sizes = sizes(scene, views.iter().map(|v| &v.view));
         sizes.codec = CodecSizes {
@@ -54,9 +54,9 @@ impl LatentExecutor {
             ..StepUniform::default()
         };
         let mut planes = Vec::new();
-        let on_device = |held: &Held| {
-            held.planes(&mut planes);
-            DeviceView::new(&workspace, &held.view, &planes)
+        let on_device = |prepared: &PreparedView| {
+            prepared.planes(&mut planes);
+            DeviceView::new(&workspace, &prepared.view, &planes)
         };
         let on_device = views.iter().map(on_device).collect::<Result<Vec<_>>>()?;
         let values = codec.leaves.len() * codec.channels();
@@ -118,8 +118,7 @@ impl LatentExecutor {
         u.view_weight = self.weights[view];
         u.bit_price = if step.coded { step.bit_price } else { 0.0 };
         u.step = step.number as u32;
-        let stages: &'static [Stage] = if step.coded { &CODED_STEP } else { &LATENT_STEP };
-        self.steps.step(view, u, stages)
+        self.steps.step(view, u, if step.coded { &LATENT_STEP } else { &LATENT_STEP[1..] })
     }
 
     /// The losses of the steps since the last call, in order. Waits for the device.
@@ -137,6 +136,7 @@ impl LatentExecutor {
     ///
     /// # Errors
     /// [`Error::Gpu`].
+    #[doc(hidden)]
     pub fn scene(&mut self, scene: &mut Scene) -> Result<()> {
         self.steps.settle()?;
         let mut moments = Moments::zeros(scene);
@@ -147,6 +147,7 @@ impl LatentExecutor {
     ///
     /// # Errors
     /// [`Error::Gpu`].
+    #[doc(hidden)]
     pub fn bit_prices(&mut self, codec: &Codec) -> Result<Vec<f32>> {
         self.steps.settle()?;
         let mut prices: Vec<f32> = self.steps.workspace.read("bit_prices", self.values)?;

@@ -40,22 +40,8 @@ pub(crate) const STEP: [Stage; 10] = [
     Stage::Adam,
 ];
 
-/// A step on latents: the scene is what the codec made last.
-pub(crate) const LATENT_STEP: [Stage; 10] = [
-    Stage::Project,
-    Stage::SortDepth,
-    Stage::Emit,
-    Stage::SortTile,
-    Stage::Ranges,
-    Stage::Blend,
-    Stage::Loss,
-    Stage::BlendAdjoint,
-    Stage::Gather,
-    Stage::MoveLatents,
-];
-
-/// A step on latents that runs the codec first.
-pub(crate) const CODED_STEP: [Stage; 11] = [
+/// All stages of a step on latents. Without the first, the scene is what the codec made before.
+pub(crate) const LATENT_STEP: [Stage; 11] = [
     Stage::Code,
     Stage::Project,
     Stage::SortDepth,

@@ -36,8 +36,8 @@ pub(crate) struct CodecSizes {
 }
 
 impl CodecSizes {
-    /// Words of the factors of SH predictions: every chunk may have runs of 2^12 leaves or more, and one
-    /// that is shorter.
+    /// Words of the factors of SH predictions, at most: a chunk has runs of 2^10 leaves or more, and a shorter one
+    /// at its end.
     pub(crate) fn sh_factors(&self) -> usize {
         (self.leaves.div_ceil(1 << 10) + self.chunks) * (3 * 5 + 5 * 7)
     }

@@ -98,9 +98,9 @@ fn quantise(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
             q = max(q, 1.0);
         }
         // The derivative of the bits by the difference of means.
-        let later = log2_linear(1.0 + 1.0 / (mean + 0.5 * magnitude));
-        let dear = later + select(0.0, 1.0, magnitude < 1.0);
-        let price = dear * clamp(4.0 * x, -1.0, 1.0) * per_step / to_high_pass;
+        let per_unit = log2_linear(1.0 + 1.0 / (mean + 0.5 * magnitude));
+        let with_sign = per_unit + select(0.0, 1.0, magnitude < 1.0);
+        let price = with_sign * clamp(4.0 * x, -1.0, 1.0) * per_step / to_high_pass;
         // Both children, from the node and the difference.
         let difference = select(q, -q, x < 0.0) * width * merge.scale;
         let low = latent_rows[left + c] - difference * merge.share;
