@@ -215,10 +215,6 @@ pub(crate) struct GsvxArgs {
     /// Instead: five byte targets and three PSNR targets per scene (comma-separated), as a table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     targets: Vec<String>,
-    /// Instead: the ways of coding covariances at equal rendered error, per scene (comma-separated), as a
-    /// table.
-    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
-    choices: Vec<String>,
     /// Instead: what coarse levels of detail cost and show, per scene (comma-separated), as a table.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     lod: Vec<String>,
@@ -243,19 +239,8 @@ pub(crate) struct GsvxArgs {
 }
 
 pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
-    let GsvxArgs {
-        scene,
-        sizes,
-        gsvx,
-        targets,
-        choices,
-        lod,
-        importance,
-        sweep,
-        millions,
-        memory,
-        out,
-    } = args;
+    let GsvxArgs { scene, sizes, gsvx, targets, lod, importance, sweep, millions, memory, out } =
+        args;
     if !millions.is_empty() {
         let out = "docs/results/scale.md".into();
         return bench::scale::run(&bench::scale::Options { millions, memory, gsvx, out });
@@ -268,9 +253,6 @@ pub(crate) fn gsvx(args: GsvxArgs) -> Result<()> {
     }
     if !lod.is_empty() {
         return bench::gsvx::lod(&lod);
-    }
-    if !choices.is_empty() {
-        return bench::gsvx::choices(&choices);
     }
     if !targets.is_empty() {
         return bench::gsvx::targets(&gsvx, &targets);

@@ -20,14 +20,6 @@ pub(crate) fn colour_planes(rgb: [f32; 3]) -> [f64; 3] {
     ]
 }
 
-/// `ln` of the root of a covariance's trace; log-scales beyond +-100 are moved there.
-pub(crate) fn log_size(log_scales: [f32; 3]) -> f64 {
-    let l = log_scales.map(|v| v.clamp(-100.0, 100.0));
-    let top = f64::from(l.iter().copied().fold(f32::NEG_INFINITY, f32::max));
-    let sum: f64 = l.iter().map(|&v| libm::exp(2.0 * (f64::from(v) - top))).sum();
-    top + 0.5 * libm::log(sum)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -45,10 +37,5 @@ mod tests {
         let rgb = [0.3, -1.5, 2.25];
         assert!((square(colour_planes(rgb)) - square(rgb.map(f64::from))).abs() < 1e-12);
         assert_eq!(colour_planes([1.0; 3])[1..], [0.0; 2]);
-    }
-
-    #[test]
-    fn the_size_of_a_sphere_is_its_trace() {
-        assert!((log_size([-2.0; 3]) - (-2.0 + 0.5 * 3.0f64.ln())).abs() < 1e-12);
     }
 }

@@ -73,7 +73,6 @@ mod options;
 pub mod probe;
 mod quantization;
 mod saliency;
-mod sensitivity;
 #[cfg(any(test, feature = "gpu"))]
 mod shaders;
 mod shuffle;
@@ -92,7 +91,6 @@ pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};
-pub use sensitivity::covariance_sensitivity;
 pub use stages::removal::removal_effects;
 pub use train::{FineTune, FineTuneOptions, Outcome, Progress, StopReason, TrainView};
 #[cfg(feature = "gpu")]

@@ -88,8 +88,8 @@ pub(crate) struct RowCoder {
     rows: Vec<Bit>,
     /// Models of the flags of groups, by what the groups before hold, and class.
     groups: Vec<Bit>,
-    /// Models of magnitudes, by channel of the group, whether an earlier channel of it is not zero,
-    /// and class.
+    /// Models of magnitudes, by channel of the group (0 if there is one group only), whether an earlier
+    /// channel of the group is not zero, and class.
     magnitudes: Vec<Symbols>,
     /// For each row of the level: the magnitudes expected by the three activities, and twice their
     /// sum.
@@ -142,9 +142,9 @@ impl RowCoder {
             channels,
             factors: std::array::from_fn(factor),
             activity: vec![[0.0; LANES]; plan.len()],
-            rows: vec![Bit::default(); 2 * CLASSES],
+            rows: vec![Bit::default(); CLASSES],
             groups: vec![Bit::default(); 4 * CLASSES],
-            magnitudes: (0..UNGROUPED * 2 * CLASSES).map(model).collect(),
+            magnitudes: (0..2 * GROUP * CLASSES).map(model).collect(),
             expected: Vec::new(),
             chosen: Vec::new(),
             sums: Vec::new(),
@@ -222,7 +222,7 @@ impl RowCoder {
             let mut active = level.active.iter().peekable();
             for row in 0..level.count {
                 let value = active.next_if(|&&a| a == row as u32).is_some();
-                let class = sum_class(self.expected[row][3]);
+                let class = class_of(self.expected[row][3]);
                 self.rows[class].code(coder, value, LIMIT);
             }
             return;
@@ -233,7 +233,7 @@ impl RowCoder {
         let mut found = 0;
         for (row, expected) in self.expected.iter().enumerate() {
             level.active[found] = row as u32;
-            found += usize::from(self.rows[sum_class(expected[3])].code(coder, false, LIMIT));
+            found += usize::from(self.rows[class_of(expected[3])].code(coder, false, LIMIT));
         }
         level.active.truncate(found);
         level.levels.resize(found * width, [0; LANES]);
@@ -279,13 +279,15 @@ impl RowCoder {
     ) {
         let width = self.channels.div_ceil(LANES);
         let (lane, activity) = (channel / LANES, channel % ACTIVITIES);
+        let position = if self.channels > UNGROUPED { i } else { 0 };
         let Self { magnitudes, expected, chosen, sums, contexts, shifts, symbols, .. } = self;
         contexts.clear();
         shifts.clear();
         for (&at, &sum) in chosen.iter().zip(&*sums) {
             let above = expected[level.active[at as usize] as usize][activity];
             let expected = expected_in_group(above, sum, i);
-            contexts.push((usize::from(sum != 0) * CLASSES + class_of(expected)) as u8);
+            let state = 2 * position + usize::from(sum != 0);
+            contexts.push((state * CLASSES + class_of(expected)) as u8);
             shifts.push(plain_bits(expected) as u8);
         }
         symbols.clear();
@@ -296,7 +298,7 @@ impl RowCoder {
                 *symbol = (value.unsigned_abs() >> shift).min(ESCAPE) as u8;
             }
         }
-        coder.symbols(&mut magnitudes[2 * i * CLASSES..2 * (i + 1) * CLASSES], contexts, symbols);
+        coder.symbols(magnitudes, contexts, symbols);
         for (((&at, sum), &symbol), &shift) in chosen.iter().zip(sums).zip(&*symbols).zip(&*shifts)
         {
             let value = &mut level.levels[at as usize * width + lane][channel % LANES];
@@ -331,13 +333,6 @@ impl RowCoder {
             }
         }
     }
-}
-
-/// The class of an expected sum, in half-octaves up to 2^12.
-#[inline(always)]
-fn sum_class(expected: f32) -> usize {
-    let class = ((expected + 0.0625).to_bits() >> 22) - (0.0625f32.to_bits() >> 22);
-    (class as usize).min(2 * CLASSES - 1)
 }
 
 /// Sum of magnitudes.

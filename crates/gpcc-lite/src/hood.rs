@@ -13,8 +13,6 @@
 pub(crate) const CENTRE: u32 = 21;
 /// The 27 bits of a window.
 const WINDOW: u64 = 0x0000_0777_0777_0777;
-/// The six cells of a window that share a face with its centre.
-const FACES: u64 = 1 << 5 | 1 << 37 | 1 << 17 | 1 << 25 | 1 << 20 | 1 << 22;
 
 /// Number of set bits of a byte. The baseline of x86-64 has no instruction for it.
 pub(crate) const ONES: [u8; 256] = {
@@ -116,12 +114,29 @@ fn cells_of(place: usize, mask: u8) -> u64 {
     SPREAD[usize::from(mask & e.keep)].rotate_left(u32::from(e.rotate))
 }
 
-/// Number of occupied cells around the centre of a window, and of those that share a face with the
-/// centre.
+/// Number of occupied cells around the centre of a window.
 #[inline]
-pub(crate) fn count(window: u64) -> (u8, u8) {
-    let around = (window & !(1 << CENTRE)).count_ones();
-    (around as u8, (window & FACES).count_ones() as u8)
+pub(crate) fn count(window: u64) -> u8 {
+    (window & !(1 << CENTRE)).count_ones() as u8
+}
+
+/// For each child of a window's centre: the seven other cells of the window that touch it.
+const TOUCHING: [u64; 8] = {
+    let mut t = [0u64; 8];
+    let mut c = 0;
+    while c < 8 {
+        // The eight cells of a corner of the window; its first cell is at 0 or 1 on each axis.
+        let corner = 0x0000_0000_0033_0033u64;
+        t[c] = (corner << offset(c as u32)) & !(1 << CENTRE);
+        c += 1;
+    }
+    t
+};
+
+/// For each child of a window's centre: how many of the seven other cells that touch it are occupied.
+#[inline]
+pub(crate) fn touching(window: u64) -> [u8; 8] {
+    TOUCHING.map(|cells| (window & cells).count_ones() as u8)
 }
 
 /// Neighbourhoods of the nodes of a level, in order, without those that have no children.
@@ -197,7 +212,7 @@ impl Block {
 
 /// Bit of the block at which the window around child `c` begins.
 #[inline]
-fn offset(c: u32) -> u32 {
+const fn offset(c: u32) -> u32 {
     16 * (c >> 2 & 1) + 4 * (c >> 1 & 1) + (c & 1)
 }
 
@@ -259,7 +274,7 @@ mod tests {
                             below.near.push(want as u32);
                         }
                     }
-                    assert_eq!(u32::from(count(window).0), window.count_ones() - 1);
+                    assert_eq!(u32::from(count(window)), window.count_ones() - 1);
                     below.present.push(window);
                     at += 1;
                 }

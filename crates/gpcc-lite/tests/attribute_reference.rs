@@ -110,7 +110,7 @@ impl State {
         }
         let mut active = Vec::new();
         for (row, [a, b, c]) in expected.iter().enumerate() {
-            let model = self.rows.entry(class(2.0 * (a + b + c)).min(31)).or_default();
+            let model = self.rows.entry(class(2.0 * (a + b + c)).min(15)).or_default();
             if model.code(coder, false, 1023) {
                 active.push(row);
             }
@@ -159,7 +159,8 @@ impl State {
     fn value(&mut self, coder: &mut Decoder<'_>, i: usize, some: bool, expected: f32) -> i32 {
         let (class, plain, channels) =
             (class(expected).min(15), plain_bits(expected), self.channels);
-        let model = self.magnitudes.entry((i, some, class));
+        let position = if channels > 6 { i } else { 0 };
+        let model = self.magnitudes.entry((position, some, class));
         let model = model.or_insert_with(|| magnitude_model(class, !some, channels));
         let mut high = coder.symbol(model, 0) as u32;
         if high == 15 {

@@ -1,13 +1,13 @@
-//! A second decoder of geometry, written from the documentation: every neighbour searched for in
-//! sorted maps, every weight computed where it is used.
+//! A second decoder of geometry, written from the documentation: every neighbour is searched for in a
+//! sorted set.
 
 mod common;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use common::{any_leaves, shapes};
 use gpcc_lite::coder::{Coder, Decoder};
-use gpcc_lite::geometry::{self, Layout};
+use gpcc_lite::geometry;
 use gpcc_lite::model::{Bit, Symbols};
 use gpcc_lite::{Leaf, morton};
 use proptest::prelude::*;
@@ -34,68 +34,29 @@ fn beside(code: u64, depth: u8, offset: [i64; 3]) -> Option<u64> {
     inside.then(|| morton::encode([0, 1, 2].map(|k| there[k] as u32)))
 }
 
-/// Sixteenths of an octave, linear within an octave.
-fn log(v: i64) -> i64 {
-    let l = i64::from(v.ilog2());
-    16 * l + 16 * v / (1 << l) - 16
-}
-
 /// All 26 offsets.
 fn offsets() -> impl Iterator<Item = [i64; 3]> {
     (0..27).map(|p| [p / 9 - 1, p / 3 % 3 - 1, p % 3 - 1]).filter(|o| *o != [0; 3])
 }
 
-/// What is known of the nodes of a level: nothing of those not coded yet, then their children, none
-/// of a single leaf.
-type Known = BTreeMap<u64, Option<u8>>;
-
-/// Neighbours of a node with their offsets.
-fn neighbours(code: u64, depth: u8, known: &Known) -> Vec<([i64; 3], Option<u8>)> {
-    let state = |o| Some((o, *known.get(&beside(code, depth, o)?)?));
-    offsets().filter_map(state).collect()
+/// Offsets of the neighbours of a node, which is one of `nodes`.
+fn neighbours(code: u64, depth: u8, nodes: &BTreeSet<u64>) -> Vec<[i64; 3]> {
+    let exists = |o: &[i64; 3]| beside(code, depth, *o).is_some_and(|code| nodes.contains(&code));
+    offsets().filter(exists).collect()
 }
 
-/// Density at a child of a node.
-fn density(near: &[([i64; 3], Option<u8>)], child: usize) -> i64 {
-    let power = |v: [i64; 3]| v.iter().map(|x| x * x).sum::<i64>().pow(2);
-    let mut sum = 0;
-    for &(e, mask) in near {
-        let centre = [0, 1, 2].map(|k| 4 * e[k] + 1 - 2 * cell(child)[k]);
-        match mask {
-            None => sum += 131_072 / power(centre),
-            Some(0) => sum += 65_536 / power(centre),
-            Some(mask) => {
-                for q in (0..8).filter(|q| mask >> q & 1 == 1) {
-                    let v = [0, 1, 2].map(|k| 2 * e[k] + cell(q)[k] - cell(child)[k]);
-                    sum += 4096 / power(v);
-                }
-            }
-        }
-    }
-    sum
-}
-
-/// Classes of a child's share in the density at all children, and of the sum.
-fn classes(near: &[([i64; 3], Option<u8>)], child: usize) -> (usize, usize) {
-    let total: i64 = (0..8).map(|c| density(near, c)).sum();
-    if total == 0 {
-        return (0, 0);
-    }
-    let share = match density(near, child) {
-        0 => 1,
-        own => (3 * (log(own) - log(total) + 96)).div_euclid(16).clamp(0, 18) + 1,
-    };
-    (share as usize, ((3 * (log(total) - 128).max(0) / 32).min(14) + 1) as usize)
+/// How many of the neighbours touch a child.
+fn touching(near: &[[i64; 3]], child: usize) -> usize {
+    let touches = |e: &&[i64; 3]| (0..3).all(|k| [0, 2 * cell(child)[k] - 1].contains(&e[k]));
+    near.iter().filter(touches).count()
 }
 
 struct Reference<'a> {
     coder: Decoder<'a>,
     j: u8,
-    layout: Layout,
+    slabs_kept: bool,
     bits: BTreeMap<(&'static str, usize), Bit>,
     levels: BTreeMap<usize, Symbols>,
-    /// Depths of the last two single leaves found at each depth.
-    last: BTreeMap<u8, [u8; 2]>,
     /// Counts of the low and the high half, by depth, axis and index of the slab.
     slabs: BTreeMap<(u8, usize, u32), [usize; 2]>,
     leaves: Vec<Leaf>,
@@ -139,41 +100,25 @@ impl Reference<'_> {
     }
 
     /// The single leaf below a node.
-    fn single(&mut self, code: u64, depth: u8, near: &[([i64; 3], Option<u8>)]) {
-        let most = self.j - depth;
-        let levels = if self.layout.mixed_depths {
-            let [a, b] = *self.last.entry(depth).or_insert([depth; 2]);
-            let expected = usize::from(a - depth + b - depth).min(31);
-            let model = self.levels.entry(4 * expected + near.len().min(3));
-            let model = model.or_insert_with(|| Symbols::geometric(64 * expected as u32, 2));
-            let mut levels = self.coder.symbol(model, 0) as u32;
-            if levels == 15 {
-                levels += gamma(&mut self.coder);
-            }
-            self.last.insert(depth, [depth + levels as u8, a]);
-            levels as u8
-        } else {
-            most
-        };
+    fn single(&mut self, code: u64, depth: u8) {
+        let model = self.levels.entry(depth.into());
+        let model = model.or_insert_with(|| Symbols::geometric(512, 2));
+        let mut levels = self.coder.symbol(model, 0) as u8;
+        if levels == 15 {
+            levels += gamma(&mut self.coder) as u8;
+        }
         let mut code = code;
         for step in 0..levels {
             let mut child = 0;
             for k in 0..3 {
-                if self.layout.planes {
+                if self.slabs_kept {
                     let [low, high] = *self.slab(code, depth + step, k);
                     let bit = u64::from(self.bit("slab", 8 * low + high));
                     self.learn(code, depth + step, k, &[(bit as usize) << (2 - k)]);
                     child = 2 * child + bit;
                     continue;
                 }
-                let side = |v: i64| near.iter().filter(|(o, _)| o[k] == v).count();
-                let (low, high) = (side(-1), side(1));
-                let lean = high.abs_diff(low);
-                let bit = if step > 0 || lean < 2 {
-                    self.coder.bits(0, 1) == 1
-                } else {
-                    self.bit("half", 32 * lean + near.len()) == (high > low)
-                };
+                let bit = self.coder.bits(0, 1);
                 child = 2 * child + u64::from(bit);
             }
             code = 8 * code + child;
@@ -183,24 +128,20 @@ impl Reference<'_> {
     }
 
     /// The children of a node with several leaves.
-    fn children(
-        &mut self,
-        (code, depth): (u64, u8),
-        near: &[([i64; 3], Option<u8>)],
-        least: usize,
-    ) -> u8 {
+    fn children(&mut self, (code, depth): (u64, u8), near: &[[i64; 3]], least: usize) -> u8 {
         let (mut mask, mut count) = (0u8, 0usize);
         for c in 0..8usize {
             let forced = count < least && 8 - c == least - count;
-            let (share, total) = classes(near, c);
-            let fit = if self.layout.planes { self.fit(code, depth, c) } else { 0 };
-            let context = ((32 * fit + share) * 16 + total) * 4 + count.min(3);
+            let beside = [1, 2, 4].iter().filter(|&&b| mask >> (c ^ b) & 1 == 1).count();
+            let fit = if self.slabs_kept { self.fit(code, depth, c) } else { 0 };
+            let known = 4 * (4 * (8 * touching(near, c) + c) + beside) + count.min(3);
+            let context = 1024 * fit + known;
             if forced || self.bit("child", context) {
                 mask |= 1 << c;
                 count += 1;
             }
         }
-        if self.layout.planes {
+        if self.slabs_kept {
             let found: Vec<usize> = (0..8).filter(|c| mask >> c & 1 == 1).collect();
             (0..3).for_each(|axis| self.learn(code, depth, axis, &found));
         }
@@ -209,22 +150,15 @@ impl Reference<'_> {
 
     /// Nodes, each with the number of its parent's children, become those of the next level.
     fn level(&mut self, depth: u8, nodes: &[(u64, usize)]) -> Vec<(u64, usize)> {
-        let mut known: Known = nodes.iter().map(|n| (n.0, None)).collect();
+        let all: BTreeSet<u64> = nodes.iter().map(|n| n.0).collect();
         let mut below = Vec::new();
         for &(code, siblings) in nodes {
-            let near = neighbours(code, depth, &known);
-            let is_face = |o: &[i64; 3]| o.iter().filter(|v| **v != 0).count() == 1;
-            let faces = near.iter().filter(|(o, _)| is_face(o)).count();
-            if siblings > 1 || depth == 0 {
-                let context = (near.len().min(15) * 8 + faces) * 8 + siblings - 1;
-                if self.bit("single", context) {
-                    known.insert(code, Some(0));
-                    self.single(code, depth, &near);
-                    continue;
-                }
+            let near = neighbours(code, depth, &all);
+            if (siblings > 1 || depth == 0) && self.bit("single", near.len()) {
+                self.single(code, depth);
+                continue;
             }
             let mask = self.children((code, depth), &near, if depth + 1 == self.j { 2 } else { 1 });
-            known.insert(code, Some(mask));
             let children = (0..8).filter(|c| mask >> c & 1 == 1);
             below.extend(children.map(|c| (code * 8 + c, mask.count_ones() as usize)));
         }
@@ -234,7 +168,7 @@ impl Reference<'_> {
 
 /// Decodes a whole stream that an encoder wrote.
 fn decode(bytes: &[u8]) -> (Vec<Leaf>, u8) {
-    let (j, layout) = (bytes[0], Layout::from_byte(bytes[1]).unwrap());
+    let (j, slabs_kept) = (bytes[0], bytes[1] == 1);
     let (mut points, mut at) = (0, 1);
     loop {
         at += 1;
@@ -246,10 +180,9 @@ fn decode(bytes: &[u8]) -> (Vec<Leaf>, u8) {
     let mut reference = Reference {
         coder: Decoder::new(&bytes[at + 1..]).unwrap(),
         j,
-        layout,
+        slabs_kept,
         bits: BTreeMap::new(),
         levels: BTreeMap::new(),
-        last: BTreeMap::new(),
         slabs: BTreeMap::new(),
         leaves: Vec::new(),
     };
@@ -283,7 +216,7 @@ fn a_second_decoder_agrees_on_shapes() {
     }
 }
 
-/// Points near a surface, so that nodes have many neighbours and single leaves lean towards them.
+/// Points near a surface, so that nodes have many neighbours.
 #[test]
 fn a_second_decoder_agrees_on_a_surface() {
     let mut s = 9u32;
@@ -323,10 +256,10 @@ fn a_second_decoder_agrees_on_planes() {
         let mut leaves: Vec<Leaf> = points.iter().map(leaf).collect();
         leaves.sort();
         leaves.dedup();
-        assert!(Layout::of(&leaves, 9).unwrap().planes, "{name}");
         let bytes = geometry::encode(&leaves, 9).unwrap();
+        assert_eq!(bytes[1], 1, "{name}");
         let mut without = gpcc_lite::coder::Encoder::default();
-        geometry::encode_leaves(&mut without, &leaves, 9, Layout::default()).unwrap();
+        geometry::encode_leaves(&mut without, &leaves, 9).unwrap();
         assert!(bytes.len() * 10 < without.finish().len() * 9, "{name}");
         assert_eq!(decode(&bytes), (leaves, 9), "{name}");
     }

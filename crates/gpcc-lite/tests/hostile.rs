@@ -5,7 +5,6 @@ mod common;
 use common::{channel, rows_of};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
-use gpcc_lite::geometry::Layout;
 use gpcc_lite::predict::{
     Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
 };
@@ -13,9 +12,6 @@ use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Error, Leaf, Limits, geometry, rlgr};
 use proptest::prelude::*;
-
-/// Leaves end at different depths, and slabs are kept.
-const LAYOUT: Layout = Layout { mixed_depths: true, planes: true };
 
 /// Calls `decode` with every truncation and every single-bit flip of `bytes`.
 fn damage(bytes: &[u8], mut decode: impl FnMut(&[u8])) {
@@ -159,15 +155,16 @@ fn a_short_stream_with_a_great_count_ends_early() {
         }
         bytes.resize(20, 0);
         for j in [21, 12, 32] {
-            for layout in (0..4).filter_map(Layout::from_byte) {
-                let Ok(mut coder) = Decoder::new(&bytes) else { continue };
-                assert!(geometry::decode_leaves(&mut coder, count, j, layout).is_err());
-            }
+            let Ok(mut coder) = Decoder::new(&bytes) else { continue };
+            assert!(geometry::decode_leaves(&mut coder, count, j).is_err());
+            let head = [j, 1, 0xfe, 0xff, 0xff, 0xff, 0x0f];
+            let with_slabs = [&head[..], &bytes].concat();
+            assert!(geometry::decode(&with_slabs, &Limits { max_points: count }).is_err());
         }
     }
     let mut coder = Decoder::new(&[]).unwrap();
-    assert!(geometry::decode_leaves(&mut coder, count, 21, LAYOUT).is_err());
-    assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, 21, LAYOUT).is_err());
+    assert!(geometry::decode_leaves(&mut coder, count, 21).is_err());
+    assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, 21).is_err());
 }
 
 /// Invalid input is refused by name.
@@ -175,7 +172,7 @@ fn a_short_stream_with_a_great_count_ends_early() {
 fn bad_leaves_are_refused() {
     let leaf = |morton, depth| Leaf { morton, depth };
     let e = |l: &[Leaf], j| {
-        let shared = geometry::encode_leaves(&mut Encoder::default(), l, j, LAYOUT).unwrap_err();
+        let shared = geometry::encode_leaves(&mut Encoder::default(), l, j).unwrap_err();
         let alone = geometry::encode(l, j).unwrap_err();
         assert_eq!(shared, alone);
         assert_eq!(Plan::new(l, j).unwrap_err(), alone);
@@ -230,8 +227,7 @@ proptest! {
         let _ = decode_lossless(&near, &bytes, 4);
         let _ = rlgr::decode(&bytes, 5000);
         if let Ok(mut coder) = Decoder::new(&bytes) {
-            let layout = Layout::from_byte(channels as u8 % 4).unwrap();
-            let _ = geometry::decode_leaves(&mut coder, 100_000, j, layout);
+            let _ = geometry::decode_leaves(&mut coder, 100_000, j);
         }
     }
 }

@@ -44,17 +44,16 @@ proptest! {
     }
 
     #[test]
-    fn leaves_share_a_stream_with_other_things((leaves, j) in any_leaves(), before: u32, after: u32, planes: bool) {
+    fn leaves_share_a_stream_with_other_things((leaves, j) in any_leaves(), before: u32, after: u32) {
         use gpcc_lite::coder::Coder;
-        let layout = geometry::Layout { planes, ..geometry::Layout::of(&leaves, j).unwrap() };
         let mut coder = Encoder::default();
         coder.bits(before, 32);
-        geometry::encode_leaves(&mut coder, &leaves, j, layout).unwrap();
+        geometry::encode_leaves(&mut coder, &leaves, j).unwrap();
         coder.bits(after, 32);
         let bytes = coder.finish();
         let mut decoder = Decoder::new(&bytes).unwrap();
         prop_assert_eq!(decoder.bits(0, 32), before);
-        let back = geometry::decode_leaves(&mut decoder, leaves.len(), j, layout).unwrap();
+        let back = geometry::decode_leaves(&mut decoder, leaves.len(), j).unwrap();
         prop_assert_eq!(back, leaves);
         prop_assert_eq!(decoder.bits(0, 32), after);
         decoder.finish().unwrap();

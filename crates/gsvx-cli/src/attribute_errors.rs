@@ -2,7 +2,7 @@
 
 use crate::nearest::{Tree, square};
 use gs_model::Scene;
-use gsvx::covariance::log_euclidean::coordinates;
+use gsvx::covariance::coordinates;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 

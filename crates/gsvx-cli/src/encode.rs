@@ -16,7 +16,7 @@ use crate::{coincident, input, max_error, plan, size, views};
 use anyhow::{Context, Result};
 use finetune::References;
 use gs_model::{Camera, Scene};
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, Kind, Leaves, MaxError, rate};
+use gsvx::{EncodeOptions, Encoded, Kind, Leaves, MaxError, rate};
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::num::NonZeroUsize;
@@ -85,7 +85,7 @@ pub(crate) struct Args {
     /// each SH coefficient. The errors are measured and printed.
     #[arg(long, value_name = "BOUND", group = "rate", value_parser = max_error::parse,
           hide_short_help = true, help_heading = CONTENT,
-          conflicts_with_all = ["cameras", "covariance", "depth", "web"])]
+          conflicts_with_all = ["cameras", "depth", "web"])]
     max_error: Option<MaxError>,
     /// Cameras of the training photos: what they see gets more bits.
     ///
@@ -104,7 +104,7 @@ pub(crate) struct Args {
     ///
     /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
     /// those that are not zero.
-    #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras", "covariance",
+    #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras",
           "max_sh_degree", "prune", "lod", "web", "drop_unseen"])]
     lossless: bool,
     /// Replace an existing output.
@@ -145,11 +145,6 @@ pub(crate) struct Args {
           value_parser = clap::value_parser!(u8).range(1..=21), hide_short_help = true,
           help_heading = EXPERTS)]
     j_low: Option<u8>,
-    /// Covariance mode: transform, vq:BITS (a codebook of 2^BITS) or lossless:BITS (integers)
-    /// [default: transform].
-    #[arg(long, value_parser = covariance, value_name = "MODE", hide_short_help = true,
-          help_heading = EXPERTS)]
-    covariance: Option<CovarianceMode>,
 
     #[command(flatten)]
     room: Room,
@@ -179,7 +174,6 @@ impl Args {
     fn options(&self) -> gsvx::Result<EncodeOptions> {
         let mut options = EncodeOptions::from_quality(self.quality())?;
         options.max_error = self.max_error;
-        options.covariance = self.covariance.unwrap_or_default();
         options.max_sh_degree = self.max_sh_degree;
         options.prune = self.prune;
         options.drop_unseen = self.drop_unseen;
@@ -206,7 +200,6 @@ impl Args {
             ("--prune", self.prune > 0.0),
             ("--web", self.web),
             ("--depth", self.depth.is_some()),
-            ("--covariance", self.covariance.is_some()),
         ];
         flags.iter().find(|(_, given)| *given).map(|(flag, _)| *flag)
     }
@@ -233,21 +226,6 @@ fn fraction(text: &str) -> std::result::Result<f64, String> {
 /// A number of dB on the command line.
 pub(crate) fn finite(text: &str) -> std::result::Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "use a number of dB".into())
-}
-
-fn covariance(text: &str) -> std::result::Result<CovarianceMode, String> {
-    let bits = |b: &str, low: u8, high: u8| match b.parse() {
-        Ok(bits) if (low..=high).contains(&bits) => Ok(bits),
-        _ => Err(format!("BITS must be {low} to {high}")),
-    };
-    match text.split_once(':') {
-        None if text == "transform" => Ok(CovarianceMode::Transform),
-        None if text == "vq" => Ok(CovarianceMode::Vq { bits: 12 }),
-        None if text == "lossless" => Ok(CovarianceMode::Lossless { bits: 16 }),
-        Some(("vq", b)) => Ok(CovarianceMode::Vq { bits: bits(b, 8, 16)? }),
-        Some(("lossless", b)) => Ok(CovarianceMode::Lossless { bits: bits(b, 8, 24)? }),
-        _ => Err("use transform, vq:BITS or lossless:BITS".into()),
-    }
 }
 
 /// Encodes the models.
@@ -505,10 +483,6 @@ fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
         let (of_opacity, unseen) = (seen.share, seen.unseen());
         seen_share = Some(SeenShare { of_opacity, unseen, drop_unseen: args.drop_unseen });
         options.importance = Some(seen.weights);
-        if let CovarianceMode::Vq { .. } = options.covariance {
-            options.covariance_sensitivity =
-                Some(finetune::covariance_sensitivity(&scene, &training));
-        }
         cameras = Some(training);
     }
     // The loss is measured against the input before pruning.

@@ -329,7 +329,7 @@ fn the_short_help_had_every_flag() {
     // Eight, and -h.
     assert_eq!(flags.count(), 9, "{short}");
     let long = ok(&["encode", "--help"], &[]);
-    for expected in ["--max-sh-degree", "--covariance", "--json", "For experts", "What is kept"] {
+    for expected in ["--max-sh-degree", "--json", "For experts", "What is kept"] {
         assert!(long.contains(expected), "{long}");
         assert!(!short.contains(expected), "{short}");
     }

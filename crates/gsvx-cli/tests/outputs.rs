@@ -180,7 +180,6 @@ fn wrong_values_looked_like_failures() {
         &["--target-bytes", "1XB"],
         &["--preset", "huge"],
         &["--qp", "28,4,4"],
-        &["--qp", "28,x,4,4", "--covariance", "paper"],
         &["--target-psnr", "inf", "--cameras", "x"],
         &["--preset", "web", "--quality", "60"],
     ] {

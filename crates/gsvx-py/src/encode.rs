@@ -6,7 +6,7 @@ use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use finetune::{Likeness, Pictures, References, Seen};
 use gs_model::Scene;
-use gsvx::{CovarianceMode, EncodeOptions, Encoded, LEFT_OUT, Leaves, MaxError, rate};
+use gsvx::{EncodeOptions, Encoded, LEFT_OUT, Leaves, MaxError, rate};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict};
@@ -42,7 +42,6 @@ pub(crate) struct Options {
     depth: Option<u8>,
     j_low: Option<u8>,
     /// Name and bits.
-    covariance: (String, u8),
     rows: bool,
     /// Estimate how much less the stream shows.
     estimate: bool,
@@ -65,11 +64,6 @@ impl Options {
     fn choices(&self) -> gsvx::Result<EncodeOptions> {
         let quality = self.quality.unwrap_or(gsvx::DEFAULT_QUALITY);
         let mut options = EncodeOptions::from_quality(quality)?;
-        options.covariance = match (&self.covariance.0[..], self.covariance.1) {
-            ("vq", bits) => CovarianceMode::Vq { bits },
-            ("lossless", bits) => CovarianceMode::Lossless { bits },
-            _ => CovarianceMode::Transform,
-        };
         if let Aim::Within(bounds) = self.aim() {
             options.max_error = Some(bounds);
         }
@@ -192,9 +186,6 @@ fn lossy(scene: &Scene, options: &Options, cameras: Option<&Cameras>, line: &Lin
         }
         made.share_and_unseen = Some((seen.share, seen.unseen()));
         choices.importance = Some(seen.weights);
-        if let CovarianceMode::Vq { .. } = choices.covariance {
-            choices.covariance_sensitivity = Some(finetune::covariance_sensitivity(scene, list));
-        }
     }
     let mut encodes = 0;
     let mut at = |quality: f32| {

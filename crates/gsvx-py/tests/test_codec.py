@@ -195,8 +195,6 @@ def test_cameras_of_another_scene_are_an_error_or_a_warning(splats):
         (dict(max_error={"mean": 1}), "one for each of mean, opacity, shape, sh"),
         (dict(max_error=0.1, web=True), "max_error: cannot be used with web"),
         (dict(prune=1.0), "prune is 1, must be from 0 to below 1"),
-        (dict(covariance="vq:4"), "BITS must be 8 to 16"),
-        (dict(covariance="best"), "use transform, vq:BITS or lossless:BITS"),
         (dict(max_sh_degree=4), "must be 0 to 3"),
         (dict(depth=22), "depth is 22"),
         (dict(j_low=3), "j_low: needs depth"),

@@ -19,8 +19,6 @@ CASES = [
     (dict(prune=0.3), ["--prune", 0.3]),
     (dict(depth=8), ["--depth", 8]),
     (dict(depth=9, j_low=6), ["--depth", 9, "--j-low", 6]),
-    (dict(covariance="lossless:14"), ["--covariance", "lossless:14"]),
-    (dict(covariance="vq:8", cameras=ROOM), ["--covariance", "vq:8", "--cameras", ROOM]),
     (dict(cameras=ROOM), ["--cameras", ROOM]),
     (
         dict(cameras=ROOM, drop_unseen=True, prune=0.1),

@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions};
+use gsvx::{DecodeOptions, EncodeOptions};
 
 fn model() -> gs_model::Scene {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -37,13 +37,11 @@ fn codec(c: &mut Criterion) {
     g.bench_function("prepare", |b| b.iter(prepare));
     let gsvx::Prepared { scene: merged, voxels, importance, .. } = prepare();
     let default = with(|o| o.importance = Some(importance));
-    let mut codebook = default.clone();
-    codebook.covariance = CovarianceMode::Vq { bits: 12 };
     let mut lod = default.clone();
     lod.lod = true;
     let mut base = DecodeOptions::default();
     base.max_sh_degree = 0;
-    for (name, options) in [("default", &default), ("codebook", &codebook), ("lod", &lod)] {
+    for (name, options) in [("default", &default), ("lod", &lod)] {
         let encode = || gsvx::encode_voxels(black_box(&merged), &voxels, None, options);
         let coded = encode().expect("a valid scene").bytes;
         g.bench_function(format!("encode, {name}"), |b| b.iter(encode));

@@ -11,7 +11,7 @@ use crate::decode::{DecodeOptions, decode_with};
 use crate::encode::{Encoded, check_lengths, encode_lossless, encode_voxels};
 use crate::error::Result;
 use crate::head::Steps;
-use crate::options::{CovarianceMode, EncodeOptions, MaxError};
+use crate::options::{EncodeOptions, MaxError};
 use crate::prepare::split_outliers;
 use gpcc_lite::Leaf;
 use gpcc_lite::morton::{self, MAX_DEPTH};
@@ -218,7 +218,6 @@ fn encode_once(
     let options = EncodeOptions {
         steps,
         importance: Some(vec![1.0; inside.len()]),
-        covariance: CovarianceMode::Transform,
         uniform_precision: true,
         max_error: Some(*bounds),
         ..options.clone()

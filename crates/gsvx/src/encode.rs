@@ -1,13 +1,12 @@
 //! The encoder: chunks of leaves, levels of detail, and the head in front of them.
 
 use crate::chunk::{self, ChunkInput, Quantisation};
-use crate::covariance::codebook;
 use crate::error::{Error, Result};
-use crate::head::{Chunk, Cube, Header, Index, Kind, Layer, Shapes, Steps};
+use crate::head::{Chunk, Cube, Header, Index, Kind, Layer, Steps};
 use crate::importance;
 use crate::lod::{self, LodLevel};
 use crate::lossless;
-use crate::options::{CovarianceMode, EncodeOptions, MaxError};
+use crate::options::{EncodeOptions, MaxError};
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -99,12 +98,12 @@ pub fn encode_voxels(
         return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
     }
     check_centres(scene, voxels)?;
-    for given in [&options.importance, &options.covariance_sensitivity].into_iter().flatten() {
-        if given.len() != scene.len() {
-            return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
-        }
-    }
     let given = options.importance.clone();
+    if let Some(given) = &given
+        && given.len() != scene.len()
+    {
+        return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
+    }
     let importance = given.unwrap_or_else(|| importance::without_cameras(scene));
     let weights = &Importance::Given(importance);
     let own = Voxelization {
@@ -114,10 +113,8 @@ pub fn encode_voxels(
         leaves: voxels.leaves.clone(),
         ..*voxels
     };
-    let sensitivities = options.covariance_sensitivity.as_deref();
     let members = &own.members;
-    let source =
-        Source { scene, voxels: &own, members, weights, sensitivities, merged: true, whole: None };
+    let source = Source { scene, voxels: &own, members, weights, merged: true, whole: None };
     encode_source(&source, outliers, options)
 }
 
@@ -139,17 +136,13 @@ pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
         j_high: 0,
         cube: Cube { origin: [0.0; 3], side: 1.0 },
         steps: Steps::from_dc(1.0),
-        shapes: Shapes::Transform,
-        codebook: Vec::new(),
     };
     if n == 0 {
         return Ok(Encoded { rows: Some(Vec::new()), ..assemble(header, Vec::new()) });
     }
     let (chunk, order) = exact_chunk(scene, keep_order);
     let mut rows: Vec<u32> = (0..n as u32).collect();
-    if !keep_order {
-        (0..).zip(&order).for_each(|(row, &i)| rows[i as usize] = row);
-    }
+    (0..).zip(&order).for_each(|(row, &i)| rows[i as usize] = row);
     Ok(Encoded { rows: Some(rows), ..assemble(header, vec![chunk]) })
 }
 
@@ -205,8 +198,6 @@ pub(crate) struct Source<'a> {
     pub(crate) members: &'a [u32],
     /// Importance of each Gaussian of the scene.
     pub(crate) weights: &'a Importance,
-    /// Of each leaf: see [`EncodeOptions::covariance_sensitivity`].
-    pub(crate) sensitivities: Option<&'a [f32]>,
     /// Every leaf has one member, in leaf order, at its centre.
     pub(crate) merged: bool,
     /// What tiles share; `None` without tiles.
@@ -280,15 +271,12 @@ pub(crate) fn encode_source(
     let used = || used_degree(source.scene, options.max_sh_degree).max(exact_degree);
     let sh_degree = source.whole.and_then(|w| w.sh_degree).unwrap_or_else(used);
     let importance = source.importance();
-    let (shapes, book) = Book::of(source, &importance, options)?;
     let header = Header {
         count: 0,
         sh_degree,
         j_high: source.voxels.j_high,
         cube: source.voxels.cube.into(),
         steps: options.steps,
-        shapes,
-        codebook: book.bytes.clone(),
     };
     let q = Quantisation {
         steps: options.steps,
@@ -296,11 +284,6 @@ pub(crate) fn encode_source(
         sh_degree,
         // What saves bits on average makes single errors large.
         to_nearest: options.max_error.is_some(),
-        integer_bits: match options.covariance {
-            CovarianceMode::Lossless { bits } => Some(bits),
-            _ => None,
-        },
-        codewords: (shapes == Shapes::Codebook).then_some(book.codewords),
     };
     let tiles = source.whole.map_or(lod::Tiles::ONE, |w| w.tiles);
     let levels = lod::levels(source.voxels, options, tiles);
@@ -326,7 +309,7 @@ pub(crate) fn encode_source(
         level.cuts.windows(2).map(move |cut| (*level, &classes[..], cut[0]..cut[1]))
     });
     let encode = |(level, classes, range): (&LodLevel, &[f32], Range<usize>)| {
-        encode_chunk(&q, &header, source, &book, (level, classes, range))
+        encode_chunk(&q, &header, source, (level, classes, range))
     };
     let each: Vec<_> = each.collect();
     // At most a quarter of the Gaussians at a time, for memory's sake: a chunk keeps two cores busy.
@@ -380,7 +363,6 @@ fn encode_chunk(
     q: &Quantisation,
     header: &Header,
     source: &Source<'_>,
-    book: &Book,
     (level, classes, range): (&LodLevel, &[f32], Range<usize>),
 ) -> Result<EncodedChunk> {
     let coarse = level.lod > 0;
@@ -393,14 +375,7 @@ fn encode_chunk(
     chunk::check(&base, range.start)?;
     let leaves = source.voxels.leaves[range.clone()].to_vec();
     let chunk = leaves_chunk(header, level.lod, &leaves);
-    let split;
-    let indices = if coarse && q.codewords.is_some() {
-        split = book.split(&base)?;
-        Some(split.as_slice())
-    } else {
-        book.indices.get(range.clone())
-    };
-    let input = ChunkInput { leaves, log_classes: &classes[range.clone()], base, indices };
+    let input = ChunkInput { leaves, log_classes: &classes[range.clone()], base };
     // Coarse levels are seen for a moment or from afar, so they have base layers only.
     let q = &Quantisation { sh_degree: if coarse { 0 } else { q.sh_degree }, ..*q };
     let sh = |degree, piece: Range<usize>| {
@@ -439,7 +414,7 @@ pub(crate) fn without_zero_degrees(mut chunks: Vec<EncodedChunk>, least: u8) -> 
     chunks
 }
 
-/// A chunk of Gaussians bit for bit, and the Gaussians in Morton order.
+/// A chunk of Gaussians bit for bit, and the order in which they come back.
 fn exact_chunk(scene: &Scene, keep_order: bool) -> (EncodedChunk, Vec<u32>) {
     let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     for mean in &scene.means {
@@ -524,73 +499,6 @@ pub(crate) fn used_degree(scene: &Scene, most: u8) -> u8 {
         degree -= 1;
     }
     degree
-}
-
-/// A trained codebook and the codewords of the finest leaves; empty for other modes.
-#[derive(Default)]
-struct Book {
-    bytes: Vec<u8>,
-    codewords: usize,
-    indices: Vec<(u32, f32)>,
-    trained: Option<vq::Codebook>,
-}
-
-/// Log-scales are moved into this range before they are split: e^+-100 is beyond what f32 means hold.
-const LOG_SCALE_LIMIT: f32 = 100.0;
-
-impl Book {
-    fn of(
-        source: &Source<'_>,
-        importance: &[f32],
-        options: &EncodeOptions,
-    ) -> Result<(Shapes, Self)> {
-        let bits = match options.covariance {
-            CovarianceMode::Transform => return Ok((Shapes::Transform, Self::default())),
-            CovarianceMode::Lossless { .. } => return Ok((Shapes::Integers, Self::default())),
-            CovarianceMode::Vq { bits: bits @ 8..=16 } => bits,
-            CovarianceMode::Vq { bits } => {
-                return Err(Error::Option {
-                    option: "covariance codebook bits",
-                    value: bits.into(),
-                    range: "between 8 and 16",
-                });
-            }
-        };
-        let scene = source.base(0..source.voxels.len())?;
-        if scene.is_empty() {
-            return Ok((Shapes::Transform, Self::default()));
-        }
-        let parts = split(&scene)?;
-        let given = source.sensitivities.unwrap_or(importance);
-        let clean = |&v: &f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
-        let sensitivities: Vec<f32> = given.iter().map(clean).collect();
-        let covariances: Vec<_> = parts.iter().map(|p| p.0).collect();
-        let settings = vq::Options::with_codewords(1 << bits);
-        let trained = vq::Codebook::train(&covariances, &sensitivities, &settings)?;
-        let (rotation_bits, log_scale_bits, codewords) = trained.integers();
-        let coded = codebook::Codebook { rotation_bits, log_scale_bits, codewords };
-        let (bytes, codewords) = (coded.to_bytes(), coded.codewords.len());
-        let mut book = Self { bytes, codewords, indices: Vec::new(), trained: Some(trained) };
-        book.indices = book.split(&scene)?;
-        Ok((Shapes::Codebook, book))
-    }
-
-    /// The codeword and the logarithm of the scale factor of each Gaussian.
-    fn split(&self, scene: &Scene) -> Result<Vec<(u32, f32)>> {
-        let Some(trained) = &self.trained else { return Ok(Vec::new()) };
-        let parts = split(scene)?;
-        let covariances: Vec<_> = parts.iter().map(|p| p.0).collect();
-        Ok(trained.assign(&covariances).into_iter().zip(parts).map(|(i, p)| (i, p.1)).collect())
-    }
-}
-
-/// Normalised covariances and the logarithms of their scale factors.
-fn split(scene: &Scene) -> Result<Vec<(vq::Covariance, f32)>> {
-    let one = |(&q, l): (&[f32; 4], &[f32; 3])| {
-        vq::Covariance::split(q, l.map(|v| v.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT)))
-    };
-    let parts = scene.rotations.par_iter().zip(&scene.log_scales).map(one);
-    Ok(parts.collect::<std::result::Result<_, _>>()?)
 }
 
 impl From<voxel::Cube> for Cube {

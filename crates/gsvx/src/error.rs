@@ -169,10 +169,6 @@ pub enum Error {
     #[cfg(feature = "encode")]
     #[error("voxelization: {0}")]
     Voxel(#[from] voxel::Error),
-    /// The training of a codebook failed.
-    #[cfg(feature = "encode")]
-    #[error("covariance codebook: {0}")]
-    Codebook(#[from] vq::Error),
 }
 
 /// Result with [`Error`].

@@ -43,18 +43,6 @@ impl Cube {
     }
 }
 
-/// How the covariances of a stream are coded.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Shapes {
-    /// Log-Euclidean coordinates through RAHT.
-    #[default]
-    Transform,
-    /// Log-scales and quaternions as integers, predicted without further loss.
-    Integers,
-    /// An index into a codebook and one scale factor.
-    Codebook,
-}
-
 /// Quantisation steps of a Gaussian of class [`crate::importance::MEAN_CLASS`]. One of class `c` more
 /// has steps `2^c` times finer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -95,10 +83,6 @@ pub struct Header {
     pub cube: Cube,
     /// Quantisation steps.
     pub steps: Steps,
-    /// How covariances are coded.
-    pub shapes: Shapes,
-    /// The codebook of [`Shapes::Codebook`], as it is in the stream; else empty.
-    pub codebook: Vec<u8>,
 }
 
 /// What a chunk holds.
@@ -333,18 +317,10 @@ const EXACT: u8 = 255;
 fn write_header(w: &mut Writer, header: &Header) {
     w.u8(header.sh_degree);
     w.u8(header.j_high);
-    w.u8(match header.shapes {
-        Shapes::Transform => 0,
-        Shapes::Integers => 1,
-        Shapes::Codebook => 2,
-    });
     header.cube.origin.iter().for_each(|&v| w.f64(v));
     w.f64(header.cube.side);
     header.steps.all().iter().for_each(|&v| w.f32(v));
     w.varint(header.count);
-    if header.shapes == Shapes::Codebook {
-        w.block(&header.codebook);
-    }
 }
 
 fn corrupt(what: &'static str, value: impl Into<u64>) -> Error {
@@ -360,12 +336,6 @@ fn read_header(r: &mut Reader<'_>) -> Result<Header> {
     if j_high > gpcc_lite::morton::MAX_DEPTH {
         return Err(corrupt("octree depth", j_high));
     }
-    let shapes = match r.u8()? {
-        0 => Shapes::Transform,
-        1 => Shapes::Integers,
-        2 => Shapes::Codebook,
-        other => return Err(corrupt("covariance mode", other)),
-    };
     let mut origin = [0.0; 3];
     for v in &mut origin {
         *v = r.finite_f64("cube origin")?;
@@ -384,8 +354,7 @@ fn read_header(r: &mut Reader<'_>) -> Result<Header> {
     let [opacity, dc, sh1, sh2, sh3, covariance] = steps;
     let steps = Steps { opacity, dc, sh: [sh1, sh2, sh3], covariance };
     let count = r.varint()?;
-    let codebook = if shapes == Shapes::Codebook { r.block()?.to_vec() } else { Vec::new() };
-    Ok(Header { count, sh_degree, j_high, cube: Cube { origin, side }, steps, shapes, codebook })
+    Ok(Header { count, sh_degree, j_high, cube: Cube { origin, side }, steps })
 }
 
 fn read_chunks(r: &mut Reader<'_>, header: &Header, head_len: u64) -> Result<Vec<Chunk>> {

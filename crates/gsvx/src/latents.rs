@@ -15,13 +15,13 @@
 use crate::attributes::{colour, opacity};
 pub use crate::chunk::Transform;
 use crate::chunk::{self, ChunkLatents, Coding, GaussiansMut, LAMBDA, Values};
-use crate::covariance::log_euclidean;
+use crate::covariance;
 use crate::encode::{
     Encoded, assemble, check_centres, check_lengths, check_steps, leaves_chunk, used_degree,
     with_outliers, without_zero_degrees,
 };
 use crate::error::{Error, Result};
-use crate::head::{Header, Index, Shapes, Steps};
+use crate::head::{Header, Index, Steps};
 use crate::importance;
 use crate::lod;
 use crate::options::EncodeOptions;
@@ -119,8 +119,6 @@ impl Latents {
             j_high: voxels.j_high,
             cube: voxels.cube.into(),
             steps: options.steps,
-            shapes: Shapes::Transform,
-            codebook: Vec::new(),
         };
         let chunks = chunks.into_iter().collect::<Result<_>>()?;
         Ok(Self { header, chunks, channels, values })
@@ -285,7 +283,7 @@ impl Latents {
             *out = colour::forward(rgb);
         }
         let (rotation, log_scales) = (scene.rotations[i], scene.log_scales[i]);
-        let d = log_euclidean::gradient(rotation, log_scales, given.rotation, given.log_scale);
+        let d = covariance::gradient(rotation, log_scales, given.rotation, given.log_scale);
         shape.copy_from_slice(&d);
     }
 
@@ -317,6 +315,5 @@ fn set_values(scene: &Scene, i: usize, row: &mut [f32]) {
     for (out, &rgb) in row[1..shape].as_chunks_mut::<3>().0.iter_mut().zip(scene.sh_of(i)) {
         *out = colour::forward(rgb);
     }
-    row[shape..]
-        .copy_from_slice(&log_euclidean::coordinates(scene.rotations[i], scene.log_scales[i]));
+    row[shape..].copy_from_slice(&covariance::coordinates(scene.rotations[i], scene.log_scales[i]));
 }

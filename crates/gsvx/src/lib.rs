@@ -42,11 +42,11 @@ pub use decode::{
 #[cfg(feature = "encode")]
 pub use encode::{CoarseCells, Encoded, LEFT_OUT, encode_lossless, encode_voxels};
 pub use error::{Error, Result};
-pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Shapes, Steps, VERSION};
+pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Steps, VERSION};
 #[cfg(feature = "encode")]
 pub use join::{Joined, join};
 #[cfg(feature = "encode")]
-pub use options::{CovarianceMode, DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
+pub use options::{DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
 #[cfg(feature = "encode")]
 pub use plan::{Choices, Plan};
 #[cfg(feature = "encode")]

@@ -4,26 +4,6 @@ use crate::error::{Error, Result};
 use crate::head::Steps;
 use std::num::NonZeroUsize;
 
-/// How covariances are coded.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum CovarianceMode {
-    /// Log-Euclidean coordinates through RAHT; the smallest at equal rendered error.
-    #[default]
-    Transform,
-    /// A codebook of `2^bits` normalised covariances and one scale factor per Gaussian.
-    Vq {
-        /// Binary logarithm of the number of codewords, 8 to 16.
-        bits: u8,
-    },
-    /// Log-scales and quaternions as integers of `bits` bits over each channel's range, coded
-    /// without further loss by prediction from neighbours (the paper's lossless mode).
-    Lossless {
-        /// Bits per integer, 8 to 24; the paper uses 16.
-        bits: u8,
-    },
-}
-
 /// Which cells of the octree become leaves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -99,13 +79,11 @@ pub struct EncodeOptions {
     /// to below 1.
     pub prune: f64,
     /// Bounds on errors. With these [`crate::encode`] merges nothing, and codes as few bits as keep every
-    /// attribute of every Gaussian within them. Quality, steps, covariance mode and importances have no effect
+    /// attribute of every Gaussian within them. Quality, steps and importances have no effect
     /// then. See [`MaxError::check`].
     pub max_error: Option<MaxError>,
     /// Quantisation steps.
     pub steps: Steps,
-    /// Covariance mode.
-    pub covariance: CovarianceMode,
     /// Highest SH degree kept; higher ones are dropped. 3 keeps all.
     pub max_sh_degree: u8,
     /// Importance of each Gaussian (of each leaf for [`crate::encode_voxels`]), in any unit; see
@@ -115,10 +93,6 @@ pub struct EncodeOptions {
     /// its bits, and above all what they do not see. Otherwise it keeps that, coarsely
     /// ([`crate::importance::with_unseen`]).
     pub drop_unseen: bool,
-    /// Of each Gaussian (of each leaf for [`crate::encode_voxels`]), in any unit: how much a change of its
-    /// covariance shows, for the codebook of [`CovarianceMode::Vq`]. From cameras: the squared derivatives of
-    /// the pixels. `None` uses the importance.
-    pub covariance_sensitivity: Option<Vec<f32>>,
     /// Code all Gaussians with the same precision, as the paper does.
     pub uniform_precision: bool,
     /// Store coarser levels of detail in front of the finest.
@@ -187,11 +161,9 @@ impl EncodeOptions {
             prune: 0.0,
             max_error: None,
             steps: Steps::from_dc(dc),
-            covariance: CovarianceMode::Transform,
             max_sh_degree: 3,
             importance: None,
             drop_unseen: false,
-            covariance_sensitivity: None,
             uniform_precision: false,
             lod: false,
             chunk_leaves: CHUNK_LEAVES,

@@ -212,7 +212,6 @@ impl Plan {
             voxels: &voxels,
             members: &voxels.members,
             weights: &Importance::Given(importance),
-            sensitivities: None,
             merged: false,
             whole: Some(whole),
         };

@@ -55,8 +55,8 @@ const BITS_PER_POINT: f64 = 1.2;
 ///    nothing.
 ///
 /// # Errors
-/// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances or the
-/// sensitivities in `options` are not one per Gaussian, [`Error::Option`] for options out of range,
+/// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances in
+/// `options` are not one per Gaussian, [`Error::Option`] for options out of range,
 /// [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     let mut input = Input::new(scene, options)?;
@@ -75,7 +75,6 @@ fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encod
     let coarse_cells = coarse_cells(&input.scene)?;
     let Tiled { voxels, importance, shared } = input.voxelize(options)?;
     let weights = Importance::Given(importance);
-    let sensitivities = input.sensitivities.take().map(|s| voxels.sums(&s));
     let whole = shared.as_ref().map(|shared| Whole {
         tiles: tiles_of(&shared.tiles, input.scene.len() as u64, options),
         mean_importance: shared.mean_importance,
@@ -86,7 +85,6 @@ fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encod
         voxels: &voxels,
         members: &voxels.members,
         weights: &weights,
-        sensitivities: sensitivities.as_deref(),
         merged: false,
         whole,
     };
@@ -141,7 +139,6 @@ pub fn prepare(scene: &Scene, options: &EncodeOptions) -> Result<Prepared> {
 struct Input<'a> {
     scene: Cow<'a, Scene>,
     importance: Option<Vec<f32>>,
-    sensitivities: Option<Vec<f32>>,
     /// Where each Gaussian that [`Input::prune`] kept was; `None` if it kept all.
     kept: Option<Vec<usize>>,
     /// Gaussians that [`Input::prune`] kept.
@@ -152,23 +149,22 @@ impl<'a> Input<'a> {
     fn new(scene: &'a Scene, options: &EncodeOptions) -> Result<Self> {
         check_lengths(scene)?;
         let count = scene.len();
-        let sensitivities = options.covariance_sensitivity.clone();
-        for given in [&options.importance, &sensitivities].into_iter().flatten() {
-            if given.len() != count {
-                return Err(Error::CountMismatch { scene: given.len(), leaves: count });
-            }
+        if let Some(given) = &options.importance
+            && given.len() != count
+        {
+            return Err(Error::CountMismatch { scene: given.len(), leaves: count });
         }
         let importance = options.importance.as_ref().map(|given| match options.drop_unseen {
             true => given.clone(),
             false => importance::with_unseen(scene, given),
         });
-        Ok(Self { scene: Cow::Borrowed(scene), importance, sensitivities, kept: None, count })
+        Ok(Self { scene: Cow::Borrowed(scene), importance, kept: None, count })
     }
 
     /// Keeps the Gaussians at `indices` only.
     fn select(&mut self, indices: &[usize]) {
         self.scene = Cow::Owned(self.scene.select(indices));
-        for values in [&mut self.importance, &mut self.sensitivities].into_iter().flatten() {
+        if let Some(values) = &mut self.importance {
             *values = indices.iter().map(|&i| values[i]).collect();
         }
     }

@@ -5,7 +5,7 @@ mod common;
 
 use common::scene;
 use gs_model::Scene;
-use gsvx::covariance::log_euclidean::coordinates;
+use gsvx::covariance::coordinates;
 use gsvx::{EncodeOptions, Encoded, Error, Kind, MaxError, decode, encode};
 use proptest::prelude::*;
 use std::path::Path;

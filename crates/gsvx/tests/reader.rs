@@ -221,8 +221,6 @@ fn blocks_are_the_scene() {
     let streams = [
         coded(&|_| ()),
         coded(&|o| o.chunk_leaves = leaves(700)),
-        coded(&|o| o.covariance = gsvx::CovarianceMode::Lossless { bits: 12 }),
-        coded(&|o| o.covariance = gsvx::CovarianceMode::Vq { bits: 8 }),
         coded(&|o| o.lod = true),
         gsvx::encode_lossless(&floaters, true).unwrap().bytes,
     ];

@@ -5,10 +5,9 @@ mod common;
 
 use common::{encoding, leaves, on_threads, scene, spread, voxelized, with_floaters};
 use gs_model::Scene;
-use gsvx::covariance::log_euclidean::coordinates;
+use gsvx::covariance::coordinates;
 use gsvx::{
-    CovarianceMode, EncodeOptions, Error, decode, decode_leaves, decode_with, encode,
-    encode_voxels, importance,
+    EncodeOptions, Error, decode, decode_leaves, decode_with, encode, encode_voxels, importance,
 };
 use voxel::Strategy;
 
@@ -19,12 +18,9 @@ fn at(quality: f32, change: impl FnOnce(&mut EncodeOptions)) -> EncodeOptions {
 }
 
 fn modes() -> Vec<(&'static str, EncodeOptions)> {
-    let integers = CovarianceMode::Lossless { bits: 16 };
     vec![
         ("default", at(70.0, |_| ())),
         ("uniform precision", at(70.0, |o| o.uniform_precision = true)),
-        ("codebook", at(70.0, |o| o.covariance = CovarianceMode::Vq { bits: 8 })),
-        ("integers", at(70.0, |o| o.covariance = integers)),
         ("chunks", at(70.0, |o| o.chunk_leaves = leaves(100))),
         ("levels of detail", at(70.0, |o| (o.lod, o.chunk_leaves) = (true, leaves(100)))),
     ]
@@ -119,51 +115,6 @@ fn errors_shrink_with_quality_and_respect_the_steps() {
                 *last = absolute;
             }
         }
-    }
-}
-
-#[test]
-fn integers_are_off_by_half_a_step_at_most() {
-    let (merged, voxels) = voxelized(&scene(700, 0, 3), &Strategy::Uniform { depth: 12 });
-    for bits in [8, 16, 24] {
-        let options = encoding(|o| o.covariance = CovarianceMode::Lossless { bits });
-        let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
-        let back = decode(&bytes).unwrap();
-        let columns = |s: &Scene| -> Vec<Vec<f32>> {
-            let scale = (0..3).map(|k| s.log_scales.iter().map(|v| v[k]).collect());
-            scale.chain((0..4).map(|k| s.rotations.iter().map(|v| v[k]).collect())).collect()
-        };
-        for (a, b) in columns(&merged).iter().zip(columns(&back)) {
-            let (min, max) = a.iter().fold((f32::MAX, f32::MIN), |m, &v| (m.0.min(v), m.1.max(v)));
-            let step = f64::from(max - min) / ((1u64 << bits) - 1) as f64;
-            let error = spread(a.iter().zip(&b).map(|(a, b)| f64::from(a - b))).largest;
-            assert!(error <= 0.5 * step + 1e-6, "{bits} bits: {error} of {step}");
-        }
-    }
-    for bits in [7, 25] {
-        let options = encoding(|o| o.covariance = CovarianceMode::Lossless { bits });
-        let refused = encode_voxels(&merged, &voxels, None, &options);
-        assert!(matches!(refused, Err(Error::Option { .. })), "{bits}");
-    }
-}
-
-#[test]
-fn a_larger_codebook_has_a_smaller_error() {
-    let (merged, voxels) = voxelized(&scene(3000, 0, 3), &Strategy::Uniform { depth: 12 });
-    let mut last = f64::INFINITY;
-    for bits in [8, 11] {
-        let options = at(80.0, |o| o.covariance = CovarianceMode::Vq { bits });
-        let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
-        let errors = errors_in_steps(&merged, &decode(&bytes).unwrap(), &options);
-        let error = spread(errors[1].1.iter().map(|e| e * f64::from(options.steps.covariance)));
-        // Natural logarithms: 0.5 is a factor of 1.65 on an axis.
-        assert!(error.rms < 0.5 && error.rms < 0.9 * last, "{bits} bits: {}", error.rms);
-        last = error.rms;
-    }
-    for bits in [7, 17] {
-        let options = encoding(|o| o.covariance = CovarianceMode::Vq { bits });
-        let refused = encode_voxels(&merged, &voxels, None, &options);
-        assert!(matches!(refused, Err(Error::Option { .. })), "{bits}");
     }
 }
 
@@ -272,11 +223,6 @@ fn importances_of_another_length_are_refused() {
             encode_voxels(&merged, &voxels, None, &options),
         ] {
             assert!(matches!(refused, Err(Error::CountMismatch { .. })), "{n}");
-        }
-        let mut options = encoding(|o| o.covariance = CovarianceMode::Vq { bits: 8 });
-        options.covariance_sensitivity = Some(vec![1.0; n]);
-        for refused in [encode(&plain, &options), encode_voxels(&merged, &voxels, None, &options)] {
-            assert!(matches!(refused, Err(Error::CountMismatch { .. })), "sensitivity {n}");
         }
     }
 }

@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use finetune::framing::{self, Constraints};
 use finetune::{RenderOptions, TrainView, render};
 use gs_model::{Scene, ply};
-use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Leaves};
+use gsvx::{DecodeOptions, EncodeOptions, Leaves};
 use sha2::{Digest, Sha256};
 use tune::{Options, Plan, Target, Tune};
 
@@ -56,16 +56,10 @@ fn streams(room: &Scene) -> Vec<(String, Vec<u8>)> {
     small_chunks.chunk_leaves = NonZeroUsize::new(1000).expect("a positive number");
     let mut levels = small_chunks.clone();
     levels.lod = true;
-    let mut codebook = default.clone();
-    codebook.covariance = CovarianceMode::Vq { bits: 8 };
-    let mut integers = default.clone();
-    integers.covariance = CovarianceMode::Lossless { bits: 16 };
     let modes = [
         ("default", default.clone()),
         ("levels of detail", levels),
         ("small chunks", small_chunks),
-        ("codebook", codebook),
-        ("integers", integers),
     ];
     let coded = |(name, options): (&str, EncodeOptions)| {
         (format!("room, {name}"), gsvx::encode(room, &options).expect(name).bytes)

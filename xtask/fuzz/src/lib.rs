@@ -19,7 +19,7 @@ pub use codec::{attribute, coder, geometry, predict, rlgr};
 pub use readers::{
     cameras, checkpoint, colmap, compressed_ply, glb, ksplat, ply, sog, splat, spz, tiny_scene,
 };
-pub use streams::{chunk, codebook, gsvx, lossless, reader};
+pub use streams::{chunk, gsvx, lossless, reader};
 
 /// Runs parallel loops on the thread that fuzzes: handing work to a pool costs more than the
 /// work.

@@ -6,7 +6,7 @@ use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Rows;
 use gpcc_lite::{attribute, geometry, rlgr};
 use gs_model::ply;
-use gsvx::{CovarianceMode, EncodeOptions};
+use gsvx::EncodeOptions;
 use std::num::NonZeroUsize;
 
 use crate::codec::{leaves, plans};
@@ -30,7 +30,6 @@ pub const TARGETS: [Target; 20] = [
     ("reader", crate::reader, 1024),
     ("chunk", crate::chunk, 640),
     ("lossless", crate::lossless, 768),
-    ("codebook", crate::codebook, 512),
     ("geometry", crate::geometry, 256),
     ("attribute", crate::attribute, 512),
     ("coder", crate::coder, 256),
@@ -64,7 +63,6 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         "coder" => coded(),
         "rlgr" => golomb(),
         "predict" => predicted(),
-        "codebook" => codebooks(),
         "checkpoint" => vec![checkpoint()],
         _ => panic!("{target}: no such target"),
     }
@@ -257,10 +255,6 @@ fn cameras() -> Vec<Vec<u8>> {
 /// Streams of few Gaussians in every mode, with their SH degrees.
 fn streams() -> Vec<(u8, Vec<u8>)> {
     let base = EncodeOptions::from_quality(20.0).expect("a quality");
-    let mut codebook = base.clone();
-    codebook.covariance = CovarianceMode::Vq { bits: 8 };
-    let mut integers = base.clone();
-    integers.covariance = CovarianceMode::Lossless { bits: 8 };
     let mut chunks = base.clone();
     chunks.chunk_leaves = NonZeroUsize::new(3).expect("a positive number");
     let mut out = Vec::new();
@@ -269,8 +263,7 @@ fn streams() -> Vec<(u8, Vec<u8>)> {
         (1, 1, &base),
         (6, 0, &base),
         (3, 3, &base),
-        (4, 1, &codebook),
-        (4, 1, &integers),
+        (4, 1, &base),
         (9, 1, &chunks),
     ] {
         let bytes = gsvx::encode(&scene(n, degree, 7), options).expect("encoded").bytes;
@@ -326,27 +319,16 @@ fn in_pieces() -> Vec<Vec<u8>> {
 
 fn chunks() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
-    let mut options = EncodeOptions::from_quality(85.0).expect("a quality");
-    let modes = [
-        CovarianceMode::Transform,
-        CovarianceMode::Vq { bits: 8 },
-        CovarianceMode::Lossless { bits: 8 },
-    ];
-    for (mode, covariance) in modes.into_iter().enumerate() {
-        options.covariance = covariance;
-        // The target has the codebook of 20 Gaussians.
-        let sizes: &[usize] = if mode == 1 { &[20] } else { &[20, 1, 7] };
-        for &n in sizes {
-            let bytes = gsvx::encode(&scene(n, 1, 7), &options).expect("encoded").bytes;
-            let (index, layers) = forge::take_apart(&bytes);
-            let count = index.chunks[0].count as u16 - 1;
-            let [base, sh] = &layers[0][..] else { continue };
-            let len = base.len() as u16;
-            let cell = index.chunks[0].first_cell.to_le_bytes();
-            let head =
-                [&[mode as u8], &count.to_le_bytes()[..], &cell, &len.to_le_bytes()].concat();
-            out.push([&head[..], base, sh].concat());
-        }
+    let options = EncodeOptions::from_quality(85.0).expect("a quality");
+    for n in [20, 1, 7] {
+        let bytes = gsvx::encode(&scene(n, 1, 7), &options).expect("encoded").bytes;
+        let (index, layers) = forge::take_apart(&bytes);
+        let count = index.chunks[0].count as u16 - 1;
+        let [base, sh] = &layers[0][..] else { continue };
+        let len = base.len() as u16;
+        let cell = index.chunks[0].first_cell.to_le_bytes();
+        let head = [&count.to_le_bytes()[..], &cell, &len.to_le_bytes()].concat();
+        out.push([&head[..], base, sh].concat());
     }
     out
 }
@@ -359,17 +341,6 @@ fn lossless() -> Vec<Vec<u8>> {
         out.push([&[degree], &(n as u16 - 1).to_le_bytes()[..], &layers[0][0]].concat());
     }
     out
-}
-
-fn codebooks() -> Vec<Vec<u8>> {
-    let mut options = EncodeOptions::from_quality(85.0).expect("a quality");
-    options.covariance = CovarianceMode::Vq { bits: 8 };
-    let book = |seed| {
-        let bytes = gsvx::encode(&scene(20, 1, seed), &options).expect("encoded").bytes;
-        gsvx::Index::parse(&bytes).expect("parsed").header.codebook
-    };
-    // The first is the target's own, the others have as many codewords.
-    vec![book(7), book(8), book(9)]
 }
 
 fn octrees() -> Vec<Vec<u8>> {

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use gsvx::{CovarianceMode, DecodeOptions, EncodeOptions, Index, Kind, Reader};
+use gsvx::{DecodeOptions, EncodeOptions, Index, Kind, Reader};
 use testing::sha256;
 
 use crate::common::forge::{Layers, assemble, take_apart};
@@ -96,25 +96,20 @@ pub fn reader(data: &[u8]) -> bool {
     true
 }
 
-/// Index and layers of a stream of each mode of covariances, of SH degree 1.
-fn templates() -> &'static [(Index, Layers)] {
-    static TEMPLATES: OnceLock<Vec<(Index, Layers)>> = OnceLock::new();
-    TEMPLATES.get_or_init(|| {
+/// Index and layers of a stream of SH degree 1.
+fn template() -> &'static (Index, Layers) {
+    static TEMPLATE: OnceLock<(Index, Layers)> = OnceLock::new();
+    TEMPLATE.get_or_init(|| {
         // So fine that SH degree 1 is there.
-        let mut codebook = EncodeOptions::from_quality(85.0).expect("a quality");
-        let mut integers = codebook.clone();
-        let transform = codebook.clone();
-        codebook.covariance = CovarianceMode::Vq { bits: 8 };
-        integers.covariance = CovarianceMode::Lossless { bits: 8 };
+        let options = EncodeOptions::from_quality(85.0).expect("a quality");
         let scene = common::scene(20, 1, 7);
-        let coded = |options: &EncodeOptions| gsvx::encode(&scene, options).expect("encoded").bytes;
-        [transform, codebook, integers].map(|options| take_apart(&coded(&options))).into()
+        take_apart(&gsvx::encode(&scene, &options).expect("encoded").bytes)
     })
 }
 
 /// The template with one chunk of `count` Gaussians from a cell on that has these layers.
-fn forged(template: usize, (count, cell): (usize, u64), layers: &[&[u8]]) -> Vec<u8> {
-    let (mut index, _) = templates()[template].clone();
+fn forged((count, cell): (usize, u64), layers: &[&[u8]]) -> Vec<u8> {
+    let (mut index, _) = template().clone();
     index.chunks.truncate(1);
     index.header.count = count as u64;
     index.header.sh_degree = layers.len() as u8 - 1;
@@ -126,29 +121,18 @@ fn forged(template: usize, (count, cell): (usize, u64), layers: &[&[u8]]) -> Vec
     assemble(&index, &vec![layers.iter().map(|l| l.to_vec()).collect()])
 }
 
-/// Layers of a chunk: mode of covariances, number of Gaussians, first cell, length of the base layer, then
+/// Layers of a chunk: number of Gaussians, first cell, length of the base layer, then
 /// the base layer and that of SH degree 1.
 pub fn chunk(data: &[u8]) -> bool {
-    let (byte, data) = choice(data);
     let (count, data) = number(data);
     let Some((&cell, data)) = data.split_first_chunk() else { return false };
     let cell = u64::from_le_bytes(cell);
     let (len, layers) = number(data);
     let (base, sh) = layers.split_at(len.min(layers.len()));
     let count = 1 + count % MOST as usize;
-    let stream = forged(usize::from(byte) % 3, (count, cell), &[base, sh]);
+    let stream = forged((count, cell), &[base, sh]);
     let Ok(decoded) = gsvx::decode_with(&stream, &options()) else { return false };
     assert_eq!(decoded.scene.len(), count);
-    decoded.scene.validate().expect("the decoder returned an invalid scene");
-    true
-}
-
-/// A covariance codebook, in the head of a stream that is otherwise right.
-pub fn codebook(data: &[u8]) -> bool {
-    let (mut index, layers) = templates()[1].clone();
-    index.header.codebook = data.to_vec();
-    let stream = assemble(&index, &layers);
-    let Ok(decoded) = gsvx::decode_with(&stream, &options()) else { return false };
     decoded.scene.validate().expect("the decoder returned an invalid scene");
     true
 }
@@ -158,7 +142,7 @@ pub fn lossless(data: &[u8]) -> bool {
     let (degree, data) = choice(data);
     let (count, payload) = number(data);
     let count = 1 + count % 16;
-    let (mut index, _) = templates()[0].clone();
+    let (mut index, _) = template().clone();
     index.chunks.truncate(1);
     index.header.count = count as u64;
     index.header.sh_degree = degree & 3;

@@ -44,14 +44,10 @@ fn layers(head: &[u8]) -> Vec<(usize, std::ops::Range<usize>)> {
     let mut cursor = Cursor { bytes: head, at: PREAMBLE };
     let mut offset = head.len() + 4;
     let mut walk = || {
-        let (sh_degree, _, shapes) = (cursor.byte()?, cursor.byte()?, cursor.byte()?);
+        let (sh_degree, _) = (cursor.byte()?, cursor.byte()?);
         // The cube and the steps.
         cursor.skip(4 * 8 + 6 * 4)?;
         cursor.varint()?;
-        if shapes == 2 {
-            let codebook = cursor.varint()?;
-            cursor.skip(usize::try_from(codebook).ok()?)?;
-        }
         for _ in 0..cursor.varint()? {
             let lod = cursor.byte()?;
             cursor.varint()?;

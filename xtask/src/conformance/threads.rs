@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use eval::{measure, scenes};
 use finetune::{FineTune, FineTuneOptions, RenderOptions};
-use gsvx::{CovarianceMode, EncodeOptions};
+use gsvx::EncodeOptions;
 use std::num::NonZeroUsize;
 
 use sha2::{Digest, Sha256};
@@ -44,15 +44,11 @@ pub(super) fn checks(tally: &mut Tally) {
         Err(why) => return tally.check("threads", || Err(why)),
     };
     let default = EncodeOptions::default();
-    let mut codebook = default.clone();
-    codebook.covariance = CovarianceMode::Vq { bits: 10 };
     // Many chunks, so that threads have something to share.
     let mut levels = default.clone();
     levels.lod = true;
     levels.chunk_leaves = NonZeroUsize::MIN.saturating_add(999);
-    for (name, options) in
-        [("default", &default), ("codebook", &codebook), ("levels of detail", &levels)]
-    {
+    for (name, options) in [("default", &default), ("levels of detail", &levels)] {
         tally.check(&format!("encoder over threads, {name}"), || {
             same("the same bytes", || Ok(hash_bytes(&gsvx::encode(&scene, options)?.bytes)))
         });

@@ -8,7 +8,7 @@ use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::Neighbours;
 use gpcc_lite::raht::{self, Plan, Rows};
 use gs_model::{Camera, Scene, ply};
-use gsvx::{CovarianceMode, EncodeOptions, Prepared, Seen, importance};
+use gsvx::{Seen, importance};
 use voxel::{Cube, Merge, Strategy, Voxelization};
 
 use super::{Cost, Row, Stage, timed};
@@ -31,7 +31,6 @@ pub(super) fn measure(found: &SceneFiles, repeat: usize) -> Result<Vec<Row>> {
     transforms(&mut rows, &merged, &voxels, repeat)?;
     attributes(&mut rows, &merged, &voxels, repeat)?;
     neighbours(&mut rows, &merged, &voxels, repeat)?;
-    covariances(&mut rows, &scene, &cameras, repeat)?;
     voxelizations(&mut rows, &scene, &cube, &cameras, repeat)?;
     rasterizers(&mut rows, &scene, &cameras[..1], repeat)?;
     variants(&mut rows, &scene, &cameras[..1], repeat)?;
@@ -173,38 +172,6 @@ fn neighbours(
         })?;
         let error = sum / 4096.0 / near.len().max(1) as f64;
         rows.push(stage.row(&format!("k = {k}"), cost, error, None));
-    }
-    Ok(())
-}
-
-/// Covariance modes, and sizes of the codebook, in whole streams at the default quality.
-fn covariances(
-    rows: &mut Vec<Row>,
-    scene: &Scene,
-    cameras: &[Camera],
-    repeat: usize,
-) -> Result<()> {
-    let mut options = EncodeOptions::default();
-    let Prepared { scene: merged, voxels, importance, .. } = gsvx::prepare(scene, &options)?;
-    options.importance = Some(importance);
-    let stage = Stage {
-        name: "Covariances in a stream",
-        error: "root mean square difference of renders from those of the merged scene, two held-out \
-                views; the time is of encoding the stream, the codebook's training included",
-    };
-    for (setting, covariance) in [
-        ("transform", CovarianceMode::Transform),
-        ("2^8 codewords", CovarianceMode::Vq { bits: 8 }),
-        ("2^10 codewords", CovarianceMode::Vq { bits: 10 }),
-        ("2^12 codewords", CovarianceMode::Vq { bits: 12 }),
-        ("integers of 16 bits", CovarianceMode::Lossless { bits: 16 }),
-    ] {
-        options.covariance = covariance;
-        let (bytes, cost) = timed(repeat.min(2), || {
-            Ok(gsvx::encode_voxels(&merged, &voxels, None, &options)?.bytes)
-        })?;
-        let error = render_error(&merged, &gsvx::decode(&bytes)?, cameras);
-        rows.push(stage.row(setting, cost, error, Some(bytes.len())));
     }
     Ok(())
 }

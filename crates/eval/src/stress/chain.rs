@@ -5,23 +5,21 @@ use std::num::NonZeroUsize;
 
 use anyhow::{Result, anyhow, ensure};
 use gs_model::{Scene, ply};
-use gsvx::covariance::log_euclidean;
-use gsvx::{CovarianceMode, EncodeOptions, Leaves, Prepared, importance};
+use gsvx::covariance;
+use gsvx::{EncodeOptions, Leaves, Prepared, importance};
 use serde::{Deserialize, Serialize};
 use voxel::Voxelization;
 
 use super::gaussians::{of_degree, rows};
 use super::levels;
-use crate::attributes::{colour_planes, log_alpha, log_size};
+use crate::attributes::{colour_planes, log_alpha};
 
 /// Settings of voxelization and encoder.
-pub(crate) const MODES: [&str; 12] = [
+pub(crate) const MODES: [&str; 10] = [
     "default",
     "chunks of 64",
     "lod",
     "lod, chunks of 64",
-    "vq:8",
-    "lossless:16",
     "uniform precision",
     "SH degree 0",
     "uniform depth 12",
@@ -51,11 +49,6 @@ pub(crate) struct Outcome {
 /// What the encoder is asked for in a mode.
 fn options_of(mode: &str) -> EncodeOptions {
     let mut options = EncodeOptions::default();
-    options.covariance = match mode {
-        "vq:8" => CovarianceMode::Vq { bits: 8 },
-        "lossless:16" => CovarianceMode::Lossless { bits: 16 },
-        _ => CovarianceMode::Transform,
-    };
     options.lod = mode.starts_with("lod");
     if mode.ends_with("chunks of 64") {
         options.chunk_leaves = SMALL;
@@ -177,87 +170,12 @@ fn attributes(
             |s: &Scene, i: usize| colour_planes(s.sh_of(i).get(k).copied().unwrap_or_default());
         add("SH", bound.ratio(merged, decoded, step, planes));
     }
-    match options.covariance {
-        CovarianceMode::Lossless { bits } => {
-            add("covariance (integers)", integers(merged, decoded, bits));
-        }
-        CovarianceMode::Vq { bits } => {
-            add("covariance (shape)", shapes(prepared, decoded, bits)?);
-            let size = |s: &Scene, i: usize| [log_size(s.log_scales[i])];
-            let bound = Bound { rounding: CODEWORD_SIZE, ..bound };
-            add("covariance (size)", bound.ratio(merged, decoded, steps.covariance, size));
-        }
-        _ => {
-            let c = |s: &Scene, i: usize| {
-                log_euclidean::coordinates(s.rotations[i], s.log_scales[i]).map(f64::from)
-            };
-            add("covariance", bound.ratio(merged, decoded, steps.covariance, c));
-        }
-    }
+    let c = |s: &Scene, i: usize| {
+        covariance::coordinates(s.rotations[i], s.log_scales[i]).map(f64::from)
+    };
+    add("covariance", bound.ratio(merged, decoded, steps.covariance, c));
     Ok(worst)
 }
-
-/// Worst distance of a shape from its codeword's over the bound. The codebook is trained a second time,
-/// which gives the same one; every Gaussian (or every so many) must have the nearest codeword, and be
-/// decoded to it.
-fn shapes(prepared: &Prepared, got: &Scene, bits: u8) -> Result<f64> {
-    use vq::{Codebook, Covariance};
-    let want = &prepared.scene;
-    if want.is_empty() {
-        return Ok(0.0);
-    }
-    let covariances: Vec<Covariance> = want
-        .rotations
-        .iter()
-        .zip(&want.log_scales)
-        .map(|(&q, l)| Ok(Covariance::split(q, l.map(|v| v.clamp(-100.0, 100.0)))?.0))
-        .collect::<Result<_>>()?;
-    let options = vq::Options::with_codewords(1 << bits);
-    let book = Codebook::train(&covariances, &prepared.importance, &options)?;
-    let indices = book.assign(&covariances);
-    let words: Vec<[f64; 6]> = book.decode_all().iter().map(|&(q, l)| root(q, l)).collect();
-    let bound = (2.0 + book.trace_tolerance()).sqrt();
-    let mut worst = 0.0f64;
-    for i in (0..want.len()).step_by(1 + want.len() / SHAPES) {
-        let shape = root(covariances[i].quaternion(), covariances[i].log_scales());
-        let square =
-            |w: &[f64; 6]| -> f64 { (0..6).map(|k| (w[k] - shape[k]) * (w[k] - shape[k])).sum() };
-        let (q, l) = book.decode(indices[i])?;
-        let own: f64 = square(&words[indices[i] as usize]);
-        let nearest: f64 = words.iter().map(square).fold(f64::INFINITY, f64::min);
-        // The search compares squares in f32.
-        if own > nearest + 1e-6 {
-            return Err(anyhow!("Gaussian {i}: {own} from its codeword, {nearest} from another"));
-        }
-        let apart = |k: usize| (got.log_scales[i][k] - got.log_scales[i][0]) - (l[k] - l[0]);
-        let ulp = 1e-6 * got.log_scales[i].iter().fold(1.0f32, |m, v| m.max(v.abs()));
-        if got.rotations[i] != q || (1..3).any(|k| apart(k).abs() > 4.0 * ulp) {
-            return Err(anyhow!("Gaussian {i} was not decoded to the shape of its codeword"));
-        }
-        worst = worst.max(own.sqrt() / bound);
-    }
-    Ok(worst)
-}
-
-/// Shapes compared with all codewords, at most.
-const SHAPES: usize = 100_000;
-
-/// Root of a covariance as a vector whose norm is the matrix's (off-diagonal entries count twice).
-fn root(q: [f32; 4], l: [f32; 3]) -> [f64; 6] {
-    let [w, x, y, z] = q.map(f64::from);
-    let r = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ];
-    let s = l.map(|v| libm::exp(f64::from(v)));
-    let entry = |i: usize, j: usize| (0..3).map(|k| r[i][k] * s[k] * r[j][k]).sum::<f64>();
-    let off = std::f64::consts::SQRT_2;
-    [entry(0, 0), entry(1, 1), entry(2, 2), off * entry(0, 1), off * entry(0, 2), off * entry(1, 2)]
-}
-
-/// How far the logarithm of a codeword's size can be from 0 (`vq::Codebook::trace_tolerance`).
-const CODEWORD_SIZE: f64 = 0.02;
 
 fn lossless(scene: &Scene, in_order: bool) -> Result<Outcome> {
     let encoded = gsvx::encode_lossless(scene, in_order)?;
@@ -344,27 +262,4 @@ impl Bound {
         let rms = square.iter().map(|s| (s / n).sqrt() / (COEFFICIENT * step));
         rms.fold(worst, f64::max)
     }
-}
-
-/// Worst error of log-scales and quaternion components over half a unit of their grids.
-fn integers(want: &Scene, got: &Scene, bits: u8) -> f64 {
-    let units = (libm::exp2(f64::from(bits)) - 1.0).max(1.0);
-    let mut worst = 0.0f64;
-    let mut channel = |a: &[f32], b: &[f32], width: usize, k: usize| {
-        let column = || a.iter().skip(k).step_by(width).copied();
-        let low = f64::from(column().fold(f32::INFINITY, f32::min));
-        let high = f64::from(column().fold(f32::NEG_INFINITY, f32::max));
-        let half = 0.5 * (high - low) / units;
-        for (x, y) in column().zip(b.iter().skip(k).step_by(width)) {
-            let rounding = 1e-6 * f64::from(x.abs()) + 1e-12;
-            worst = worst.max((f64::from(x) - f64::from(*y)).abs() / (half + rounding));
-        }
-    };
-    for k in 0..3 {
-        channel(want.log_scales.as_flattened(), got.log_scales.as_flattened(), 3, k);
-    }
-    for k in 0..4 {
-        channel(want.rotations.as_flattened(), got.rotations.as_flattened(), 4, k);
-    }
-    worst
 }

@@ -5,12 +5,16 @@
 //! that axis lie in the same half of every cell of their slab. So each slab counts how often its
 //! low and its high half were occupied of late. The two counts are the context of what comes next.
 
+use super::models::{LIMIT, NodeContext};
+use crate::coder::Coder;
+use crate::model::{Bit, table};
+
 /// Slabs for each depth and axis. Greater indices are folded: few chunks reach so far.
 const SLABS: usize = 1 << 12;
 /// Greatest count.
 const MOST: u8 = 7;
 /// Number of different pairs of counts.
-pub(super) const STATES: usize = 64;
+const STATES: usize = 64;
 /// Number of different fits of a child.
 pub(super) const FITS: usize = 16;
 /// The children in the high half of each axis.
@@ -18,52 +22,86 @@ const HIGH: [u8; 3] = [0xf0, 0xcc, 0xaa];
 
 /// How often the low and the high half of a slab were occupied.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Counts([u8; 2]);
+struct Counts([u8; 2]);
 
 impl Counts {
     /// Both counts in one number below [`STATES`].
     #[inline]
-    pub(super) fn state(self) -> usize {
+    fn state(self) -> usize {
         usize::from(self.0[0]) * 8 + usize::from(self.0[1])
     }
 
     /// Learns which halves are occupied.
     #[inline]
-    pub(super) fn learn(&mut self, occupied: [bool; 2]) {
+    fn learn(&mut self, occupied: [bool; 2]) {
         for (count, occupied) in self.0.iter_mut().zip(occupied) {
             *count = if occupied { (*count + 1).min(MOST) } else { *count - *count / 2 };
         }
     }
 }
 
-/// The counts of all slabs.
-pub(super) struct Slabs(Vec<Counts>);
+/// Where the counts of the slab of the cells at a depth with this index along an axis are.
+#[inline]
+fn place(depth: u8, axis: usize, index: u32) -> usize {
+    (usize::from(depth) * 3 + axis) * SLABS + index as usize % SLABS
+}
+
+/// The counts of all slabs, and what is learned of them.
+pub(super) struct Slabs {
+    counts: Vec<Counts>,
+    /// The half of a cell in which a single leaf is, by the counts of the slab.
+    half: Box<[Bit; STATES]>,
+}
 
 impl Slabs {
     /// The slabs of the cells above the finest, none of them occupied.
     pub(super) fn new(j_high: u8) -> Self {
-        Self(vec![Counts::default(); usize::from(j_high) * 3 * SLABS])
+        let counts = vec![Counts::default(); usize::from(j_high) * 3 * SLABS];
+        Self { counts, half: table() }
     }
 
     /// The slab of the cells at a depth with this index along an axis.
     #[inline]
-    pub(super) fn slab(&mut self, depth: u8, axis: usize, index: u32) -> &mut Counts {
-        &mut self.0[(usize::from(depth) * 3 + axis) * SLABS + index as usize % SLABS]
+    fn slab(&mut self, depth: u8, axis: usize, index: u32) -> &mut Counts {
+        &mut self.counts[place(depth, axis, index)]
     }
 
     /// How well each child of a cell fits the cell's slabs: the number of axes along which only the
     /// other half was occupied, plus four times the number along which only its own was.
     #[inline]
-    pub(super) fn fits(&mut self, depth: u8, cell: [u32; 3]) -> [u8; 8] {
+    pub(super) fn fits(&self, depth: u8, cell: [u32; 3]) -> [u8; 8] {
         let mut fits = [0; 8];
         for (axis, high) in HIGH.into_iter().enumerate() {
-            let Counts([below, above]) = *self.slab(depth, axis, cell[axis]);
+            let Counts([below, above]) = self.counts[place(depth, axis, cell[axis])];
             for (c, fit) in fits.iter_mut().enumerate() {
                 let (own, other) = if high >> c & 1 == 1 { (above, below) } else { (below, above) };
                 *fit += u8::from(own == 0 && other > 0) + 4 * u8::from(own > 0 && other == 0);
             }
         }
         fits
+    }
+
+    /// Codes the path from a node to its single leaf: each half by what its slab has held.
+    pub(super) fn path<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        node: &NodeContext,
+        levels: u32,
+        value: u64,
+    ) -> u64 {
+        let mut path = 0;
+        let mut cell = node.cell;
+        for level in 0..levels {
+            for (axis, index) in cell.iter_mut().enumerate() {
+                let counts = &mut self.counts[place(node.depth + level as u8, axis, *index)];
+                let high = value >> (3 * (levels - level) - 1 - axis as u32) & 1 == 1;
+                let high = self.half[counts.state() % STATES].code(coder, high, LIMIT);
+                counts.learn([!high, high]);
+                *index = 2 * *index + u32::from(high);
+                path = path << 1 | u64::from(high);
+            }
+        }
+        path
     }
 
     /// Learns which children of a cell are occupied.

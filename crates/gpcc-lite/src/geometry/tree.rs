@@ -1,11 +1,10 @@
 //! The traversal of the tree, level by level, written once for both directions.
 
-use super::density::{Classes, Densities, KERNEL, Kernel};
 use super::models::{Models, NodeContext};
 use super::source::Source;
 use crate::coder::Coder;
 use crate::error::{Error, Result};
-use crate::hood::{Block, CENTRE, Children, Hoods, ONES, count};
+use crate::hood::{Block, Children, Hoods, ONES};
 use crate::leaf::Leaf;
 use crate::morton;
 
@@ -60,7 +59,6 @@ impl<'a> Tree<'a> {
         if let Some(source) = known::<C>(&mut self.source) {
             source.start_level(depth);
         }
-        let kernel: &Kernel = &KERNEL;
         let mut block = Block::new();
         let mut near = self.above.hoods.near.as_slice();
         let (mut index, mut children) = (0usize, 0usize);
@@ -73,20 +71,19 @@ impl<'a> Tree<'a> {
                 rest &= rest - 1;
                 let code = parent << 3 | u64::from(c);
                 let window = block.window(c);
-                let (around, faces) = count(window);
-                let cell = if models.planes() { morton::decode(code) } else { [0; 3] };
-                let node = NodeContext { depth, cell, siblings, faces, around, least };
+                let cell = if models.has_slabs() { morton::decode(code) } else { [0; 3] };
+                let node = NodeContext { depth, cell, siblings, window, least };
                 let single = known::<C>(&mut self.source).is_some_and(Source::next_is_single);
                 if !node.splits() && models.single(coder, &node, single) {
                     let wanted = known::<C>(&mut self.source).map(|s| s.first_leaf());
-                    let leaf = code_path(self.j_high, models, coder, &node, (code, window), wanted);
+                    let leaf = code_path(self.j_high, models, coder, &node, code, wanted);
                     self.leaves.push(leaf);
                     index += 1;
                     continue;
                 }
-                let densities = enter_neighbours(&mut level, kernel, &block, c, window, index);
+                enter_neighbours(&mut level, &block, c, window);
                 let wanted = known::<C>(&mut self.source).map_or(0, Source::occupied_children);
-                let mask = models.occupancy(coder, &node, &Classes::new(&densities), wanted);
+                let mask = models.occupancy(coder, &node, wanted);
                 level.codes.push(code);
                 level.children[index] = Children { first: children as u32, mask };
                 index += 1;
@@ -120,32 +117,15 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// Records the neighbourhood of node `index` of a level, which is child `c` of the block's node,
-/// and returns how densely it is filled. Neighbours before the node are coded, those after it are
-/// not.
+/// Records the neighbourhood of child `c` of the block's node.
 #[inline(always)]
-fn enter_neighbours(
-    level: &mut Nodes,
-    kernel: &Kernel,
-    block: &Block,
-    c: u32,
-    window: u64,
-    index: usize,
-) -> Densities {
-    let mut densities = Densities::default();
+fn enter_neighbours(level: &mut Nodes, block: &Block, c: u32, window: u64) {
     let mut rest = window;
     while rest != 0 {
-        let place = rest.trailing_zeros();
+        level.hoods.near.push(block.index(c, rest.trailing_zeros()));
         rest &= rest - 1;
-        let neighbour = block.index(c, place);
-        level.hoods.near.push(neighbour);
-        if place != CENTRE {
-            let coded = (neighbour as usize) < index;
-            kernel.add(&mut densities, place, coded, level.children[neighbour as usize].mask);
-        }
     }
     level.hoods.present.push(window);
-    densities
 }
 
 /// Codes the path from a node to its single leaf.
@@ -154,7 +134,7 @@ fn code_path<C: Coder>(
     models: &mut Models,
     coder: &mut C,
     node: &NodeContext,
-    (code, window): (u64, u64),
+    code: u64,
     wanted: Option<Leaf>,
 ) -> Leaf {
     let most = u32::from(j_high - node.depth);
@@ -162,7 +142,7 @@ fn code_path<C: Coder>(
     let levels = models.levels_below(coder, node, most, u32::from(wanted.depth - node.depth));
     let depth = node.depth + levels as u8;
     let wanted = wanted.morton >> (3 * (j_high - depth));
-    let path = models.path(coder, node, window, levels, wanted);
+    let path = models.path(coder, node, levels, wanted);
     let path = code << (3 * levels) | path;
     Leaf { morton: path << (3 * (j_high - depth)), depth }
 }

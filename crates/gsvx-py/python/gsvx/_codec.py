@@ -39,7 +39,6 @@ def compress(
     prune: float = 0.0,
     depth: Optional[int] = None,
     j_low: Optional[int] = None,
-    covariance: str = "transform",
     index_map: bool = False,
     estimate: bool = False,
     progress: Optional[ProgressCallback] = None,
@@ -83,7 +82,7 @@ def compress(
     NaN, infinity or a zero quaternion instead of failing.
 
     For experts: ``depth``, uniform voxelization at this octree depth; ``j_low``, adaptively by the paper's
-    criteria from this depth to ``depth``; ``covariance``, "transform", "vq:BITS" or "lossless:BITS".
+    criteria from this depth to ``depth``.
 
     The order of the Gaussians changes: they come back in Morton order, outliers last, and Gaussians of one
     voxel are merged. With ``index_map`` the report says which row each became. With ``estimate`` it says how much
@@ -114,7 +113,6 @@ def compress(
         prune=prune,
         depth=depth,
         j_low=j_low,
-        covariance=covariance,
         rows=index_map,
         estimate=estimate,
     )
@@ -139,17 +137,15 @@ def _encode(
     *,
     preset: Optional[str],
     web: bool,
-    covariance: str,
     **options: Any,
 ) -> Tuple[bytes, Report]:
-    _check(cameras, preset, web, covariance, options)
+    _check(cameras, preset, web, options)
     if preset is not None:
         options["quality"] = PRESETS[preset]
     elif web and options["quality"] is None:
         options["quality"] = PRESETS["web"]
     options["lod"] = options["lod"] or web
     options["chunk_leaves"] = _WEB_CHUNK if web else None
-    options["covariance"] = _covariance(covariance)
     views = None if cameras is None else _as_cameras(cameras, training=True)._native()
     stream, report = _gsvx.compress(model(splats), options, views, _callback(progress))
     if report["estimate"] is not None:
@@ -161,7 +157,6 @@ def _check(
     cameras: Optional[CamerasLike],
     preset: Optional[str],
     web: bool,
-    covariance: str,
     options: Dict[str, Any],
 ) -> None:
     """Combinations of arguments that make no sense."""
@@ -186,14 +181,13 @@ def _check(
             raise ValueError(f"{name} is {options[name]}, must be 1 to 21")
     if options["max_error"] is not None:
         changed = ["cameras"] * (cameras is not None) + ["depth"] * (options["depth"] is not None)
-        changed += ["covariance"] * (covariance != "transform") + ["web"] * web
+        changed += ["web"] * web
         if changed:
             raise ValueError(f"max_error: cannot be used with {', '.join(changed)}")
     if options["lossless"]:
         changed = given + ["web"] * web + ["lod"] * options["lod"] + ["prune"] * (options["prune"] != 0)
         changed += ["cameras"] * (cameras is not None) + ["depth"] * (options["depth"] is not None)
         changed += ["max_sh_degree"] * (options["max_sh_degree"] != 3)
-        changed += ["covariance"] * (covariance != "transform")
         if changed:
             raise ValueError(f"lossless: cannot be used with {', '.join(changed)}")
 
@@ -208,18 +202,6 @@ def _bounds(
     if set(error) != set(names):
         raise ValueError(f"max_error: a number, or one for each of {', '.join(names)} expected")
     return (error["mean"], error["opacity"], error["shape"], error["sh"])
-
-
-def _covariance(text: str) -> Tuple[str, int]:
-    """Name and bits of a covariance mode."""
-    found = re.fullmatch(r"(transform|vq|lossless)(?::(\d+))?", text)
-    if not found or (found[1] == "transform" and found[2]):
-        raise ValueError(f"covariance: use transform, vq:BITS or lossless:BITS, not {text!r}")
-    default, low, high = {"transform": (0, 0, 0), "vq": (12, 8, 16), "lossless": (16, 8, 24)}[found[1]]
-    bits = int(found[2]) if found[2] else default
-    if not low <= bits <= high:
-        raise ValueError(f"covariance: BITS must be {low} to {high}, not {bits}")
-    return found[1], bits
 
 
 def decompress(

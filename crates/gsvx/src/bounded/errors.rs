@@ -1,6 +1,6 @@
 //! The errors of a decoded Gaussian, over their bounds.
 
-use crate::covariance::log_euclidean::coordinates;
+use crate::covariance::coordinates;
 use crate::options::MaxError;
 use gs_model::Scene;
 

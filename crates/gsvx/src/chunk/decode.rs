@@ -6,13 +6,12 @@ use crate::attributes::prediction::Predictor;
 use crate::attributes::side::Factors;
 use crate::attributes::{colour, opacity};
 use crate::bytes::Reader;
-use crate::covariance::codebook::{Codebook, code_indices};
-use crate::covariance::{Covariances, integers, log_euclidean};
+use crate::covariance;
 use crate::error::{Error, Result, coding};
-use crate::head::{Header, Shapes};
+use crate::head::Header;
 use crate::importance;
 use gpcc_lite::coder::Decoder;
-use gpcc_lite::geometry::{self, Layout};
+use gpcc_lite::geometry;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Leaf, attribute};
 
@@ -27,10 +26,8 @@ pub(crate) struct ChunkDecoder {
     classes: Vec<u8>,
     side: SideFactors,
     opacity: Rows,
-    /// Log-Euclidean coordinates, or logarithms of scale factors.
+    /// Log-Euclidean coordinates.
     shape: Rows,
-    /// Where there are no coordinates.
-    covariances: Option<Covariances>,
     /// By SH degree.
     sh: [Rows; 4],
     /// SH degrees decoded.
@@ -76,15 +73,11 @@ impl ChunkDecoder {
     /// [`Error::Truncated`], [`Error::Corrupt`] and [`Error::Coding`].
     pub(crate) fn base(&mut self, header: &Header, count: u64, bytes: &[u8]) -> Result<()> {
         let mut r = Reader::new(bytes, "base layer");
-        let byte = r.u8()?;
-        let layout = Layout::from_byte(byte)
-            .ok_or(Error::Corrupt { what: "layout of a chunk", value: byte.into() })?;
         self.side = SideFactors::from_bytes(r.take(SideFactors::LEN)?);
-        let integers = if header.shapes == Shapes::Integers { Some(r.block()?) } else { None };
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let error = coding("base layer");
         let mut coder = Decoder::new(r.take(r.remaining())?).map_err(error)?;
-        let leaves = geometry::decode_leaves(&mut coder, count, header.j_high, layout)
+        let leaves = geometry::decode_leaves(&mut coder, count, header.j_high)
             .map_err(coding("geometry"))?;
         let mut plan = Plan::of(leaves, header.j_high).map_err(coding("geometry"))?;
         self.decode_classes(&mut coder, &plan)?;
@@ -97,20 +90,7 @@ impl ChunkDecoder {
         };
         decode(steps.opacity, 1, &mut self.opacity)?;
         decode(steps.dc, 3, &mut self.sh[0])?;
-        self.covariances = None;
-        match integers {
-            Some(block) => {
-                self.covariances = Some(integers::decode(block, plan.leaves(), header.j_high)?);
-            }
-            None if header.shapes == Shapes::Codebook => {
-                decode(steps.covariance, 1, &mut self.shape)?;
-            }
-            None => decode(steps.covariance, 6, &mut self.shape)?,
-        }
-        if header.shapes == Shapes::Codebook {
-            self.covariances =
-                Some(self.codebook_covariances(header, &mut coder, plan.leaves())?);
-        }
+        decode(steps.covariance, 6, &mut self.shape)?;
         coder.finish().map_err(error)?;
         self.plan = Some(plan);
         self.sh_degree = 0;
@@ -128,25 +108,6 @@ impl ChunkDecoder {
         };
         self.classes = plan.leaves().iter().enumerate().map(class).collect();
         Ok(())
-    }
-
-    /// Covariances as codewords and scale factors.
-    fn codebook_covariances(
-        &self,
-        header: &Header,
-        coder: &mut Decoder<'_>,
-        leaves: &[Leaf],
-    ) -> Result<Covariances> {
-        let codewords = Codebook::from_bytes(&header.codebook)?.covariances();
-        let mut indices = vec![0; leaves.len()];
-        code_indices(coder, &mut indices, codewords.len());
-        let covariance = |(i, &leaf): (usize, &Leaf)| {
-            // Indices are below the number of codewords.
-            let (q, l) = codewords[indices[i] as usize];
-            let log_gamma = self.shape.row(i)[0] + self.side.size.predict(leaf, self.classes[i]);
-            (q, l.map(|v| v + log_gamma))
-        };
-        Ok(leaves.iter().enumerate().map(covariance).collect())
     }
 
     /// Decodes the layer of the next SH degree.
@@ -225,13 +186,7 @@ impl ChunkDecoder {
             let predicted = self.side.opacity.predict(leaf, self.classes[i]);
             *logit = opacity::logit_of_log_alpha(self.opacity.row(i)[0] + predicted);
         }
-        match &self.covariances {
-            Some((rotations, log_scales)) => {
-                out.rotations.copy_from_slice(&rotations[range.clone()]);
-                out.log_scales.copy_from_slice(&log_scales[range]);
-            }
-            None => self.fill_shapes(first, leaves, out),
-        }
+        self.fill_shapes(first, leaves, out);
         self.fill_sh(first, out);
         Ok(())
     }
@@ -246,7 +201,7 @@ impl ChunkDecoder {
                 c.copy_from_slice(self.shape.row(first + at));
                 c[0] += self.side.size.predict(leaves[at], self.classes[first + at]);
             }
-            log_euclidean::decompose_into(coordinates, rotations, log_scales);
+            covariance::decompose_into(coordinates, rotations, log_scales);
         }
     }
 

@@ -4,15 +4,13 @@ use super::{CLASS_STEP, SideFactors, steps_of};
 use crate::attributes::prediction::Predictor;
 use crate::attributes::side::Factors;
 use crate::attributes::{colour, opacity};
-use crate::bytes::Writer;
-use crate::covariance::codebook::code_indices;
-use crate::covariance::{integers, log_euclidean};
+use crate::covariance;
 use crate::error::{Error, Result, coding};
 use crate::head::Steps;
 use crate::importance;
 use gpcc_lite::attribute::Options;
 use gpcc_lite::coder::Encoder;
-use gpcc_lite::geometry::{self, Layout};
+use gpcc_lite::geometry;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::{Leaf, attribute};
 use gs_model::Scene;
@@ -32,10 +30,6 @@ pub(crate) struct Quantisation {
     pub(crate) sh_degree: u8,
     /// Round to the nearest level, whatever that costs in bits.
     pub(crate) to_nearest: bool,
-    /// Width of the integers of [`crate::Shapes::Integers`].
-    pub(crate) integer_bits: Option<u8>,
-    /// Codewords of [`crate::Shapes::Codebook`].
-    pub(crate) codewords: Option<usize>,
 }
 
 /// What a chunk is encoded from.
@@ -45,8 +39,6 @@ pub(crate) struct ChunkInput<'a> {
     pub(crate) log_classes: &'a [f32],
     /// One Gaussian per leaf, of SH degree 0.
     pub(crate) base: Scene,
-    /// Codeword and logarithm of the scale factor of each leaf, where there is a codebook.
-    pub(crate) indices: Option<&'a [(u32, f32)]>,
 }
 
 /// Leaves whose SH coefficients are in memory as input at a time.
@@ -59,21 +51,17 @@ pub(crate) fn encode(
     input: ChunkInput<'_>,
     sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
 ) -> Result<Vec<Vec<u8>>> {
-    let ChunkInput { leaves, log_classes, base, indices } = input;
-    let layout = Layout::of(&leaves, q.j_high).map_err(coding("geometry"))?;
+    let ChunkInput { leaves, log_classes, base } = input;
     let plan = Plan::of(leaves, q.j_high).map_err(coding("geometry"))?;
     let mut coder = Encoder::default();
-    geometry::encode_leaves(&mut coder, plan.leaves(), q.j_high, layout)
-        .map_err(coding("geometry"))?;
+    geometry::encode_leaves(&mut coder, plan.leaves(), q.j_high).map_err(coding("geometry"))?;
     let (importance, classes) = encode_classes(&mut coder, &plan, log_classes)?;
     let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
     let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
     let chunk = Chunk { q, plan: &plan, classes: &classes };
     let side = SideFactors { importance, ..SideFactors::default() };
-    let (base_layer, sh_layers) = rayon::join(
-        || chunk.base_layer(coder, side, layout, base, indices),
-        || chunk.sh_layers(sh),
-    );
+    let (base_layer, sh_layers) =
+        rayon::join(|| chunk.base_layer(coder, side, base), || chunk.sh_layers(sh));
     let mut layers = vec![base_layer?];
     layers.extend(sh_layers?);
     Ok(layers)
@@ -144,9 +132,7 @@ impl Chunk<'_> {
         &self,
         mut coder: Encoder,
         mut side: SideFactors,
-        layout: Layout,
         base: Scene,
-        indices: Option<&[(u32, f32)]>,
     ) -> Result<Vec<u8>> {
         let Self { q, plan, .. } = self;
         let Scene { opacity_logits, sh, rotations, log_scales, .. } = base;
@@ -161,32 +147,15 @@ impl Chunk<'_> {
         drop(sh);
         self.code(&mut coder, q.steps.dc, LAMBDA, &mut rows)?;
         drop(rows);
-        let mut out = Writer::default();
-        out.u8(layout.to_byte());
-        let mut block = None;
-        if let Some(bits) = q.integer_bits {
-            let leaves = plan.leaves();
-            block = Some(integers::encode(&rotations, &log_scales, leaves, q.j_high, bits)?);
-        } else if let (Some(indices), Some(codewords)) = (indices, q.codewords) {
-            let (mut rows, factors) = self.less_predicted(1, |i, row| row[0] = indices[i].1);
-            side.size = factors;
-            self.code(&mut coder, q.steps.covariance, LAMBDA_COVARIANCE, &mut rows)?;
-            let mut indices: Vec<u32> = indices.iter().map(|i| i.0).collect();
-            code_indices(&mut coder, &mut indices, codewords);
-        } else {
-            let (mut rows, factors) = self.less_predicted(6, |i, row| {
-                row.copy_from_slice(&log_euclidean::coordinates(rotations[i], log_scales[i]));
-            });
-            side.size = factors;
-            drop((rotations, log_scales));
-            self.code(&mut coder, q.steps.covariance, LAMBDA_COVARIANCE, &mut rows)?;
-        }
-        out.bytes.extend(side.to_bytes());
-        if let Some(block) = block {
-            out.block(&block);
-        }
-        out.bytes.extend(coder.finish());
-        Ok(out.bytes)
+        let (mut rows, factors) = self.less_predicted(6, |i, row| {
+            row.copy_from_slice(&covariance::coordinates(rotations[i], log_scales[i]));
+        });
+        side.size = factors;
+        drop((rotations, log_scales));
+        self.code(&mut coder, q.steps.covariance, LAMBDA_COVARIANCE, &mut rows)?;
+        let mut out = side.to_bytes().to_vec();
+        out.extend(coder.finish());
+        Ok(out)
     }
 
     /// Rows of values; the prediction from depth and class is subtracted from the first channel.

@@ -17,7 +17,7 @@ use crate::importance;
 use gpcc_lite::Leaf;
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Encoder, Silent, Tally};
-use gpcc_lite::geometry::{self, Layout};
+use gpcc_lite::geometry;
 use gpcc_lite::raht::{Plan, Rows};
 use std::ops::Range;
 
@@ -92,7 +92,6 @@ pub(crate) struct ChunkLatents {
     predictors: [Option<Predictor>; 2],
     /// Holds geometry and importance classes.
     coder: Encoder,
-    layout: Layout,
     /// Bytes of geometry and importance classes alone.
     fixed_bytes: u64,
 }
@@ -164,18 +163,16 @@ struct Prices {
 impl ChunkLatents {
     /// Fixes leaves and classes; `log_classes` are real-valued classes of the leaves.
     pub(crate) fn new(leaves: Vec<Leaf>, j_high: u8, log_classes: &[f32]) -> Result<Self> {
-        let layout = Layout::of(&leaves, j_high).map_err(coding("geometry"))?;
         let plan = Plan::of(leaves, j_high).map_err(coding("geometry"))?;
         let mut coder = Encoder::default();
-        geometry::encode_leaves(&mut coder, plan.leaves(), j_high, layout)
-            .map_err(coding("geometry"))?;
+        geometry::encode_leaves(&mut coder, plan.leaves(), j_high).map_err(coding("geometry"))?;
         let (importance, classes) = encode_classes(&mut coder, &plan, log_classes)?;
         let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
         let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
         let fixed_bytes = coder.clone().finish().len() as u64;
         let side = SideFactors { importance, ..SideFactors::default() };
         let decoded = ChunkDecoder::with_plan(plan, classes, side);
-        Ok(Self { decoded, predictors: [None, None], coder, layout, fixed_bytes })
+        Ok(Self { decoded, predictors: [None, None], coder, fixed_bytes })
     }
 
     /// The transform and the predictions.
@@ -240,7 +237,7 @@ impl ChunkLatents {
         if let Some(out) = prices {
             spread(&found.unwrap_or_default(), how.sh_degree, values.channels, out);
         }
-        let base_bytes = self.fixed_bytes + 1 + SideFactors::LEN as u64 + bits.div_ceil(8);
+        let base_bytes = self.fixed_bytes + SideFactors::LEN as u64 + bits.div_ceil(8);
         Ok(base_bytes + rest?)
     }
 
@@ -252,7 +249,6 @@ impl ChunkLatents {
         values: Values<'_>,
     ) -> Result<Vec<Vec<u8>>> {
         let mut coder = self.coder.clone();
-        let layout = self.layout;
         let parts = self.decoded.parts()?;
         let (plan, classes, leaves) = (parts.plan, parts.classes, parts.plan.leaves());
         let group = |step| Group { plan, step, prices: None };
@@ -263,8 +259,7 @@ impl ChunkLatents {
         group(steps.dc).code(&mut coder, sh_dc)?;
         subtract_predicted(parts.side.size, leaves, classes, parts.shape);
         group(steps.covariance).code(&mut coder, parts.shape)?;
-        let mut base = vec![layout.to_byte()];
-        base.extend(parts.side.to_bytes());
+        let mut base = parts.side.to_bytes().to_vec();
         base.extend(coder.finish());
         let mut layers = vec![base];
         let how = &Coding { steps, sh_degree, fit: false };

@@ -42,7 +42,7 @@ fn steps_of(step: f32, channels: usize) -> Vec<f32> {
 struct SideFactors {
     importance: Factors,
     opacity: Factors,
-    /// Of the trace of the log-scales, or the logarithm of the scale factor.
+    /// Of the trace of the log-scales.
     size: Factors,
 }
 

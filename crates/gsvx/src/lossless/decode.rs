@@ -4,7 +4,10 @@ use super::column::{CELLS, Map};
 use super::layout::{self, MEANS};
 use super::means::Means;
 use super::predictor::Predictor;
-use super::{Coded, Column, MAX_PART, index_bits, neighbours, part_bounds, rows};
+use super::{
+    Coded, Column, MAX_PART, MORTON_ORDER, OWN_ORDER, RAW, index_bits, neighbours, part_bounds,
+    rows,
+};
 use crate::bytes::Reader;
 use crate::error::{Error, Result, coding};
 use gpcc_lite::coder::{Coder, Decoder};
@@ -27,6 +30,9 @@ fn corrupt(what: &'static str, value: impl Into<u64>) -> Error {
 pub(crate) fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Result<Scene> {
     check_limit(count, payload.len(), 0)?;
     let n = count as usize;
+    if let Some((&RAW, rows)) = payload.split_first() {
+        return decode_raw(rows, n, sh_degree);
+    }
     let mut r = Reader::new(payload, "exact Gaussians");
     let head = Head::read(&mut r, n, sh_degree)?;
     let blocks: Vec<&[u8]> = (0..head.parts).map(|_| r.block()).collect::<Result<_>>()?;
@@ -56,6 +62,20 @@ pub(crate) fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Resul
     Ok(scene)
 }
 
+/// Floats as they are, row by row.
+fn decode_raw(bytes: &[u8], n: usize, sh_degree: u8) -> Result<Scene> {
+    let columns = layout::columns(sh_degree);
+    if bytes.len() as u64 != 4 * columns as u64 * n as u64 {
+        return Err(corrupt("bytes of raw Gaussians", bytes.len() as u64));
+    }
+    let mut scene = Scene::zeros(n, sh_degree);
+    for (i, row) in bytes.chunks_exact(4 * columns).enumerate() {
+        let row: Vec<u32> = row.as_chunks::<4>().0.iter().map(|v| u32::from_le_bytes(*v)).collect();
+        layout::scatter(&mut scene, i, &row);
+    }
+    Ok(scene)
+}
+
 fn check_limit(points: u64, bytes: usize, more: u64) -> Result<()> {
     let limit = ROWS_PER_BYTE * bytes as u64 + more;
     if points > limit { Err(Error::Limit { points, limit }) } else { Ok(()) }
@@ -74,10 +94,11 @@ struct Head {
 
 impl Head {
     fn read(r: &mut Reader<'_>, n: usize, sh_degree: u8) -> Result<Self> {
-        let flags = r.u8()?;
-        if flags > 1 {
-            return Err(corrupt("flags of exact Gaussians", flags));
-        }
+        let keep_order = match r.u8()? {
+            MORTON_ORDER => false,
+            OWN_ORDER => true,
+            other => return Err(corrupt("form of exact Gaussians", other)),
+        };
         let parts = r.varint()?;
         if parts != n.div_ceil(MAX_PART) as u64 {
             return Err(corrupt("number of parts", parts));
@@ -98,7 +119,7 @@ impl Head {
         for c in MEANS..layout::columns(sh_degree) {
             columns.push(read_column(r, c)?);
         }
-        let (keep_order, parts, below) = (flags == 1, parts as usize, below.into());
+        let (parts, below) = (parts as usize, below.into());
         Ok(Self { keep_order, parts, below, least, columns })
     }
 

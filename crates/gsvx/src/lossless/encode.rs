@@ -5,7 +5,9 @@ use super::fit::{self, Sample};
 use super::layout::{self, MEANS};
 use super::means::Means;
 use super::neighbours::{self, Neighbours};
-use super::{Coded, Column, MAX_PART, column, index_bits, part_bounds, rows};
+use super::{
+    Coded, Column, MAX_PART, MORTON_ORDER, OWN_ORDER, RAW, column, index_bits, part_bounds, rows,
+};
 use crate::bytes::Writer;
 use gpcc_lite::coder::{Coder, Encoder};
 use gs_model::Scene;
@@ -14,10 +16,22 @@ use rayon::prelude::*;
 /// A value this frequent (one in so many) gets a flag of its own.
 const COMMON: usize = 256;
 
-/// The payload of a scene's Gaussians, bit for bit. They come back in Morton order of their means, or in
-/// their own at `ceil(log2 N)` bits each. Values need not be valid: NaN, infinities and zero
-/// quaternions are kept. Returns the Gaussians in Morton order too.
+/// The payload of a scene's Gaussians, bit for bit, and the order in which they come back: their own, at
+/// `ceil(log2 N)` bits each if they are coded, or the Morton order of their means. Few Gaussians are stored as
+/// they are. Values need not be valid: NaN, infinities and zero quaternions are kept.
 pub(crate) fn encode_payload(scene: &Scene, keep_order: bool) -> (Vec<u8>, Vec<u32>) {
+    let (coded, order) = encode_columns(scene, keep_order);
+    let own: Vec<u32> = (0..scene.len() as u32).collect();
+    if coded.len() <= 4 * own.len() * layout::columns(scene.sh_degree) {
+        return (coded, if keep_order { own } else { order });
+    }
+    let mut raw = vec![RAW];
+    raw.extend(layout::gather_rows(scene, &own).iter().flat_map(|v| v.to_le_bytes()));
+    (raw, own)
+}
+
+/// The coded payload, and the Gaussians in Morton order.
+fn encode_columns(scene: &Scene, keep_order: bool) -> (Vec<u8>, Vec<u32>) {
     let n = scene.len();
     let MortonOrder { column, least, below, order } = morton_order(scene);
     let count = n.div_ceil(MAX_PART);
@@ -29,7 +43,7 @@ pub(crate) fn encode_payload(scene: &Scene, keep_order: bool) -> (Vec<u8>, Vec<u
     drop(sample);
 
     let mut w = Writer::default();
-    w.u8(u8::from(keep_order));
+    w.u8(if keep_order { OWN_ORDER } else { MORTON_ORDER });
     w.varint(count as u64);
     w.u8(below as u8);
     for v in least {

@@ -28,6 +28,13 @@ pub(crate) use decode::decode_payload;
 #[cfg(feature = "encode")]
 pub(crate) use encode::encode_payload;
 
+/// The first byte of a payload: floats as they are.
+const RAW: u8 = 0;
+/// The first byte of a payload: coded, in Morton order.
+const MORTON_ORDER: u8 = 1;
+/// The first byte of a payload: coded, with the original order.
+const OWN_ORDER: u8 = 2;
+
 /// Gaussians per part, at most; parts are coded independently of each other.
 const MAX_PART: usize = 1 << 16;
 

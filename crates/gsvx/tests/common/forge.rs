@@ -1,6 +1,6 @@
 //! Streams that no encoder writes: heads and layers are changed, checksums are repaired.
 
-use gsvx::{Index, Kind, Shapes};
+use gsvx::{Index, Kind};
 
 /// The layers of each chunk.
 pub(crate) type Layers = Vec<Vec<Vec<u8>>>;
@@ -39,11 +39,6 @@ fn varint(out: &mut Vec<u8>, mut v: u64) {
 pub(crate) fn head(index: &Index) -> Vec<u8> {
     let h = &index.header;
     let mut body = vec![h.sh_degree, h.j_high];
-    body.push(match h.shapes {
-        Shapes::Transform => 0,
-        Shapes::Integers => 1,
-        Shapes::Codebook => 2,
-    });
     for v in [h.cube.origin[0], h.cube.origin[1], h.cube.origin[2], h.cube.side] {
         body.extend(v.to_le_bytes());
     }
@@ -52,10 +47,6 @@ pub(crate) fn head(index: &Index) -> Vec<u8> {
         body.extend(v.to_le_bytes());
     }
     varint(&mut body, h.count);
-    if h.shapes == Shapes::Codebook {
-        varint(&mut body, h.codebook.len() as u64);
-        body.extend(&h.codebook);
-    }
     varint(&mut body, index.chunks.len() as u64);
     for chunk in &index.chunks {
         body.push(if chunk.kind == Kind::Exact { 255 } else { chunk.lod });

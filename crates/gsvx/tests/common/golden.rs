@@ -2,7 +2,7 @@
 
 use super::{on_walls, scene, with_floaters, with_related_degrees};
 use gs_model::Scene;
-use gsvx::{CovarianceMode, EncodeOptions, Leaves, encode, encode_lossless};
+use gsvx::{EncodeOptions, Leaves, encode, encode_lossless};
 use std::num::NonZeroUsize;
 
 const SEED: u64 = 42;
@@ -22,10 +22,6 @@ fn in_chunks(leaves: usize) -> EncodeOptions {
 /// Names and bytes.
 pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
     let default = usual();
-    let mut vq = default.clone();
-    vq.covariance = CovarianceMode::Vq { bits: 8 };
-    let mut integers = default.clone();
-    integers.covariance = CovarianceMode::Lossless { bits: 16 };
     let mut lod = in_chunks(100);
     lod.lod = true;
     // Many leaves in few bytes.
@@ -43,8 +39,6 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
         ("default", coded(&plain(600, 3), &default)),
         ("degree-0", coded(&plain(600, 0), &default)),
         ("uniform", coded(&plain(500, 2), &uniform)),
-        ("codebook", coded(&plain(500, 1), &vq)),
-        ("integers", coded(&plain(400, 1), &integers)),
         ("outliers", coded(&with_floaters(plain(400, 1)).0, &default)),
         ("predicted", coded(&with_related_degrees(plain(900, 3)), &high)),
         ("walls", coded(&on_walls(plain(1200, 0)), &default)),

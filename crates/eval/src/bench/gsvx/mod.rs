@@ -3,7 +3,6 @@
 //! Models are a real scene, replicated side by side and jittered: their attributes are real,
 //! their number is chosen. Memory is the peak resident set that Linux reports.
 
-mod choices;
 mod importance;
 mod lod;
 mod monotone;
@@ -180,14 +179,6 @@ pub fn sweep(scenes: &[String], out: &Path) -> Result<()> {
 /// If a scene cannot be read or coding fails.
 pub fn lod(scenes: &[String]) -> Result<()> {
     lod::run(scenes)
-}
-
-/// Prints for each scene what each way of coding covariances costs at equal rendered error.
-///
-/// # Errors
-/// If a scene cannot be read or coding fails.
-pub fn choices(scenes: &[String]) -> Result<()> {
-    choices::run(scenes)
 }
 
 /// `n` Gaussians: copies of the scene on a grid, every float jittered a little so that copies
