@@ -1,8 +1,9 @@
-"""Bytes, plain bits and the entropy coder: format.md, sections 1 and 4; format-lossless.md, section 1."""
+"""Bytes, plain bits and the entropy coder: format.md, sections 1 and 4."""
 import io
 import struct
-from bisect import bisect_left
 from collections import defaultdict
+
+from trace import note_symbol
 
 def need(condition, why):
     """Refuses the stream unless the condition holds."""
@@ -110,7 +111,7 @@ class Block:
         self.start_models()
 
     def start_models(self):
-        self.decisions, self.symbols, self.mixers = defaultdict(lambda: [2**21, 0]), {}, {}
+        self.decisions, self.symbols = defaultdict(lambda: [2**21, 0]), {}
 
     def end(self):
         need(self.next_word == len(self.words), "an entropy block has words left")
@@ -119,6 +120,7 @@ class Block:
     def interval(self, bounds):
         """Decodes a symbol: the number of its interval, which lies between two of the bounds."""
         x, symbol = self.states[self.lane], 0
+        before = x
         while x % 2**15 >= bounds[symbol + 1]:
             symbol += 1
         x = (bounds[symbol + 1] - bounds[symbol]) * (x >> 15) + x % 2**15 - bounds[symbol]
@@ -126,6 +128,7 @@ class Block:
             need(self.next_word < len(self.words), "an entropy block needs a word beyond its end")
             x = x * 2**16 + self.words[self.next_word]
             self.next_word += 1
+        note_symbol(self.lane, before, bounds[symbol], bounds[symbol + 1] - bounds[symbol], x)
         self.states[self.lane] = x
         self.lane = (self.lane + 1) % 4
         return symbol
@@ -137,20 +140,6 @@ class Block:
         model = self.decisions[key]
         outcome = self.decision_of(clamp(model[0] >> 7, 16, 2**15 - 16))
         learn(model, outcome, limit)
-        return outcome
-
-    def mixed_decision(self, mixer, keys, limit):
-        """format-lossless.md, section 1."""
-        weights = self.mixers.setdefault(mixer, [72000 // len(keys)] * len(keys))
-        models = [self.decisions[key] for key in keys]
-        inputs = [STRETCH[clamp(p >> 10, 2, 4094)] for p, _ in models]
-        p = squash(sum(weight * x for weight, x in zip(weights, inputs)) >> 16)
-        outcome = self.decision_of(p >> 1)
-        error = 3 * (65536 * outcome - p)
-        for k, x in enumerate(inputs):
-            weight = weights[k] + ((x * error + 2**17) >> 18)
-            weights[k] = (weight + 2**31) % 2**32 - 2**31
-            learn(models[k], outcome, limit)
         return outcome
 
     def symbol(self, key, v, w):
@@ -171,29 +160,3 @@ class Block:
         while zeros < 32 and self.bits(1) == 0:
             zeros += 1
         return min(2**zeros + self.bits(zeros) - 1, 2**32 - 1)
-
-    def tree(self, key, bits, limit):
-        """A number of `bits` bits, by the binary tree of the models (key, node)."""
-        node = 1
-        for _ in range(bits):
-            node = 2 * node + self.decision((key, node), limit)
-        return node - 2**bits
-
-    def below_leading_one(self, name, bits):
-        """A number of exactly `bits` bits. The first three below the leading one are modelled."""
-        modelled = min(bits - 1, 3)
-        head, plain = 2**modelled + self.tree((name, bits), modelled, 255), bits - 1 - modelled
-        return (head << plain) + self.bits(plain)
-
-def squash(x):
-    return SQUASH[clamp(x, -2047, 2047) + 2047]
-
-def squash_table():
-    upper, e = [], 2**40
-    for _ in range(2048):
-        upper.append(min((65536 * e + (2**40 + e) // 2) // (2**40 + e), 65504))
-        e = (e * 4629735647166717428) >> 62
-    return [65536 - value for value in upper[:0:-1]] + upper
-
-SQUASH = squash_table()
-STRETCH = [min(bisect_left(SQUASH, 16 * q + 8) - 2047, 2047) for q in range(4095)]

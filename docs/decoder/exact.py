@@ -1,17 +1,63 @@
-"""Exact chunks: format-lossless.md, sections 4 to 9. All arithmetic is on integers."""
+"""Exact chunks: format.md, section 3; format-lossless.md, sections 2 to 7. All arithmetic is on integers."""
 import math
 from bisect import bisect_left
 
 import numpy as np
 
-from entropy import Block, Bytes, clamp, floor_log2, need
+from entropy import Block, Bytes, clamp, floor_log2, learn, need
 from geometry import axes
+
+class MixedBlock(Block):
+    """An entropy block with mixed decisions (1)."""
+
+    def start_models(self):
+        super().start_models()
+        self.mixers = {}
+
+    def mixed_decision(self, mixer, keys, limit):
+        weights = self.mixers.setdefault(mixer, [72000 // len(keys)] * len(keys))
+        models = [self.decisions[key] for key in keys]
+        inputs = [STRETCH[clamp(p >> 10, 2, 4094)] for p, _ in models]
+        p = squash(sum(weight * x for weight, x in zip(weights, inputs)) >> 16)
+        outcome = self.decision_of(p >> 1)
+        error = 3 * (65536 * outcome - p)
+        for k, x in enumerate(inputs):
+            weight = weights[k] + ((x * error + 2**17) >> 18)
+            weights[k] = (weight + 2**31) % 2**32 - 2**31
+            learn(models[k], outcome, limit)
+        return outcome
+
+    def tree(self, key, bits, limit):
+        """A number of `bits` bits, by the binary tree of the models (key, node)."""
+        node = 1
+        for _ in range(bits):
+            node = 2 * node + self.decision((key, node), limit)
+        return node - 2**bits
+
+    def below_leading_one(self, name, bits):
+        """A number of exactly `bits` bits. The first three below the leading one are modelled."""
+        modelled = min(bits - 1, 3)
+        head, plain = 2**modelled + self.tree((name, bits), modelled, 255), bits - 1 - modelled
+        return (head << plain) + self.bits(plain)
+
+def squash(x):
+    return SQUASH[clamp(x, -2047, 2047) + 2047]
+
+def squash_table():
+    upper, e = [], 2**40
+    for _ in range(2048):
+        upper.append(min((65536 * e + (2**40 + e) // 2) // (2**40 + e), 65504))
+        e = (e * 4629735647166717428) >> 62
+    return [65536 - value for value in upper[:0:-1]] + upper
+
+SQUASH = squash_table()
+STRETCH = [min(bisect_left(SQUASH, 16 * q + 8) - 2047, 2047) for q in range(4095)]
 
 def cut(v):
     return clamp(v, -2**24, 2**24 - 1)
 
 class Column:
-    """A column: its description (5), its map (4.1)."""
+    """A column: its description (3), its map (2.1)."""
 
     def __init__(self, fields, number):
         self.number, self.map = number, fields.number("B")
@@ -46,7 +92,7 @@ class Column:
         return -1 - a if pattern >> 31 else a
 
     def pattern(self, q, block, axis=0):
-        """The pattern in a cell. Its place inside the cell is read from the block (6)."""
+        """The pattern in a cell. Its place inside the cell is read from the block (4)."""
         if self.map == 2:
             key = self.keys[clamp(q, 0, len(self.keys) - 1)] if self.keys else 2**31
             return key ^ (2**31 if key >> 31 else 2**32 - 1)
@@ -64,14 +110,19 @@ class Column:
         return (q < 0) << 31 | E << 23 | fraction
 
 def exact_columns(payload, count, degree):
-    """The floats of an exact chunk: a row for each Gaussian, the columns of section 4."""
-    fields, patterns, numbers = Bytes(payload), [], []
-    ordered, blocks, low = fields.number("B"), fields.varint(), fields.number("B")
+    """The floats of an exact chunk: a row for each Gaussian, the columns of section 2."""
+    fields, patterns, numbers, width = Bytes(payload), [], [], 11 + 3 * (degree + 1) ** 2
+    form = fields.number("B")
+    if form == 0:
+        floats = np.array(fields.numbers(f"{count * width}f"), np.float32).reshape(count, width)
+        need(not fields.read(), "an exact chunk has bytes left")
+        return floats
+    ordered, blocks, low = form == 2, fields.varint(), fields.number("B")
     least = [fields.varint() - 2**24 for _ in range(3)]
-    means, *columns = [Column(fields, k) for k in (0, *range(3, 11 + 3 * (degree + 1) ** 2))]
+    means, *columns = [Column(fields, k) for k in (0, *range(3, width))]
     for k in range(blocks):
         rows = count * (k + 1) // blocks - count * k // blocks
-        block = Block(fields.sized())
+        block = MixedBlock(fields.sized())
         left, cells = decode_means(block, rows, low, least, means)
         decoder = RowDecoder(block, columns, np.array(cells))
         patterns.append(np.hstack([left, [decoder.row(i) for i in range(rows)]]))
@@ -82,7 +133,7 @@ def exact_columns(payload, count, degree):
     return floats[np.argsort(numbers)] if ordered else floats
 
 def decode_means(block, rows, low, least, column):
-    """Patterns and cells of the means of a block (7)."""
+    """Patterns and cells of the means of a block (5)."""
     patterns, cells, h, m = [], [], 0, 0
     for _ in range(rows):
         bits = block.tree(("octave", h >> 2), 6, 255)
@@ -99,13 +150,13 @@ def decode_means(block, rows, low, least, column):
     return patterns, cells
 
 def neighbours(cells, i):
-    """Eight of the rows before row i whose means are near (7)."""
+    """Eight of the rows before row i whose means are near (5)."""
     before = np.arange(max(i - 64, 0), i)[::-1]
     nearest = np.argsort(((cells[before] - cells[i]) ** 2).sum(1), kind="stable")[:8]
     return before[nearest].tolist() + [max(i - 1, 0)] * (8 - len(nearest))
 
 class LocalPrediction:
-    """8.1."""
+    """6.1."""
 
     def __init__(self, n):
         self.n, (self.C, self.R, self.L) = n, np.zeros((3, n, n), np.int64)

@@ -8,10 +8,10 @@ from collections import namedtuple
 import numpy as np
 
 from attributes import F, colours, covariances, offset, opacity_logits, sh_degree
-from covariance_modes import Codebook, integer_covariances
 from entropy import Block, Bytes, crc32c, need
 from exact import exact_columns
-from geometry import Geometry, axes
+from geometry import axes, leaves
+from trace import note
 from transform import Merges, Raht
 
 EXACT = 255
@@ -30,11 +30,10 @@ class Head:
         need(start.take(9) == b"\x89GSVX\r\n\x1a\x01", "not a gsvx stream of format 1")
         fields = Bytes(start.take(start.number("I")))
         need(crc32c(stream[:start.tell()]) == start.number("I"), "the head is damaged")
-        self.degree, self.depth, self.mode, *cube = fields.numbers("3B4d")
+        self.degree, self.depth, *cube = fields.numbers("2B4d")
         self.origin, self.side = np.array(cube[:3]), cube[3]
         self.step_opacity, self.step_dc, *self.steps_sh, self.step_covariance = F(fields.numbers("6f")) * F(32)
         count = fields.varint()
-        self.codebook = Codebook(fields.sized()) if self.mode == 2 else None
         self.chunks, at = [], start.tell()
         for _ in range(fields.varint()):
             kind, number, first_cell = fields.number("B"), fields.varint(), fields.varint()
@@ -50,11 +49,9 @@ class Head:
 def leaf_chunk(head, number, layers):
     """Decodes a chunk of leaves (5 and 8), with the SH layers that are given (9)."""
     base, J, chunk = Bytes(layers[0]), head.depth, head.chunks[number]
-    layout, a_importance, a_opacity, b_opacity, a_covariance, b_covariance = base.numbers("B5b")
-    need(layout < 4, "an unknown layout")
-    integers = base.sized() if head.mode == 1 else None
+    a_importance, a_opacity, b_opacity, a_covariance, b_covariance = base.numbers("5b")
     block = Block(base.read())
-    codes, depths = zip(*Geometry(block, J, mixed=layout & 1, planes=layout & 2).leaves(chunk.count))
+    codes, depths = zip(*leaves(block, J, chunk.count))
     behind = [other.first_cell for other in head.chunks[number + 1:number + 2] if other.kind == chunk.kind]
     end = codes[-1] + 8 ** (J - depths[-1])
     need(codes[0] == chunk.first_cell and not any(end > cell for cell in behind), "a chunk leaves its cells")
@@ -64,17 +61,16 @@ def leaf_chunk(head, number, layers):
 
     v = Raht(block, merges, np.ones(chunk.count)).attribute(1, 1)[:, 0]
     classes = np.floor(np.clip(v + offset(depths, a_importance) + F(0.5), 0, 11)).astype(np.int64)
+    for i, leaf in enumerate(zip(codes, depths, classes)):
+        note("leaf %d: code %d, depth %d, class %d" % (i, *leaf))
     weights = 4**classes
     raht = Raht(block, merges, weights)
     v = raht.attribute(1, head.step_opacity)[:, 0]
     opacity = opacity_logits(v + offset(depths, a_opacity, classes, b_opacity))
     degrees = [raht.attribute(3, head.step_dc).reshape(-1, 1, 3)]
-    if head.mode == 1:
-        log_scales, rotations = integer_covariances(integers, 2 * indices + sizes)
-    else:
-        v = raht.attribute(6 if head.mode == 0 else 1, head.step_covariance)
-        v[:, 0] += offset(depths, a_covariance, classes, b_covariance)
-        log_scales, rotations = covariances(v) if head.mode == 0 else head.codebook.covariances(block, v)
+    v = raht.attribute(6, head.step_covariance)
+    v[:, 0] += offset(depths, a_covariance, classes, b_covariance)
+    log_scales, rotations = covariances(v)
     block.end()
 
     for k in range(1, head.degree + 1):

@@ -23,10 +23,20 @@ def passes(name, expected):
     print(f"{name}: {result}, {time.time() - start:.1f} s", flush=True)
     return result == "passed"
 
+def trace_is_the_same():
+    from trace import trace
+    made = trace((FOLDER / "default.gsvx").read_bytes()).splitlines()
+    kept = (FOLDER / "default.trace").read_text().splitlines()
+    wrong = next((i for i, (a, b) in enumerate(zip(made, kept)) if a != b), min(len(made), len(kept)))
+    same = made == kept
+    print("default.trace: passed" if same else f"default.trace: FAILED: differs at line {wrong + 1}")
+    return same
+
 if importlib.util.find_spec("numpy") is None:
     print("SKIPPED: the second decoder did not run, because numpy is missing (remedy: pip install numpy)")
     sys.exit(0)
 lines = [line.split() for line in (FOLDER / "hashes.txt").read_text().splitlines() if line[0] != "#"]
-passed = sum([passes(name, expected) for expected, name in lines])
-print(f"{passed} passed, {len(lines) - passed} failed")
-sys.exit(passed == 0 or passed < len(lines))
+passed = sum([passes(name, expected) for expected, name in lines] + [trace_is_the_same()])
+failed = len(lines) + 1 - passed
+print(f"{passed} passed, {failed} failed")
+sys.exit(failed > 0)

@@ -2,6 +2,7 @@
 import numpy as np
 
 from entropy import floor_log2, unfold
+from trace import note, note_rows
 
 F = np.float32
 
@@ -45,6 +46,7 @@ class Raht:
         merges, step = self.merges, F(step)
         self.block.start_models()
         values, activity = np.zeros((merges.count, channels), F), np.zeros((merges.count, 3), F)
+        coefficients = np.zeros((merges.count, channels), np.int64)
         values[0] = [F(unfold(self.block.gamma()) * np.float64(step) / np.sqrt(self.total))
                      for _ in range(channels)]
         rows = Rows(self.block, channels)
@@ -53,12 +55,16 @@ class Raht:
             gain, scale, share = (v[stage, None] for v in (self.gain, self.scale, self.share))
             inherited, left = activity[merges.parent[stage]], merges.first[stage]
             q, active = rows.of_stage(inherited * gain)
+            coefficients[stage] = q
             sums = np.stack([sum_cut(abs(q[:, a::3])) for a in range(3)], 1)
             activity[stage] = inherited * F(0.5) + F(sums) * (half_mean * (F(1) / gain))
             d = F(q) * step * scale
             moved = values[left] - d * share
             values[stage] = np.where(active, moved + d, values[left])  # leaf j begins the right side
             values[left] = np.where(active, moved, values[left])
+        note(f"attribute of {channels} channels, step {step}")
+        note_rows("coefficients of visited merge", coefficients[np.concatenate(merges.stages or [[]]).astype(int)])
+        note_rows("values of leaf", values)
         return values
 
 class Rows:
@@ -74,13 +80,13 @@ class Rows:
         q, active = np.zeros((len(expected), self.channels), np.int64), np.ones(len(expected), bool)
         total = F(2) * (expected[:, 0] + expected[:, 1] + expected[:, 2])
         if self.channels > 1:
-            active = self.flags("row", magnitude_class(total, 31))
+            active = self.flags("row", magnitude_class(total))
         for group in self.groups:
             chosen = np.flatnonzero(active)
             if len(self.groups) > 1:
                 before = sum_cut(abs(q[chosen, :group.start]))
                 state = np.where(before == 0, 3 * (group == self.groups[-1]), 1 + (2 * before > group.start))
-                chosen = chosen[self.flags("group", 16 * state + magnitude_class(total[chosen], 15))]
+                chosen = chosen[self.flags("group", 16 * state + magnitude_class(total[chosen]))]
             for channel in group:
                 before = sum_cut(abs(q[chosen, group.start:channel]))
                 q[chosen, channel] = self.magnitudes(channel - group.start, before, expected[chosen, channel % 3])
@@ -94,14 +100,14 @@ class Rows:
         if i > 0:
             expected = (F(3) * expected + F(before)) * F(1 / (3 + i))
         shifts = np.where(expected == 0, 0, np.clip(np.frexp(expected)[1] - 1 - 2, 0, 30))
-        rows = zip((before > 0).tolist(), magnitude_class(expected, 15).tolist(), shifts.tolist())
-        return [self.coefficient(i, *row) for row in rows]
+        rows = zip((before > 0).tolist(), magnitude_class(expected).tolist(), shifts.tolist())
+        return [self.coefficient(i if len(self.groups) > 1 else 0, *row) for row in rows]
 
-    def coefficient(self, i, z, k, shift):
+    def coefficient(self, g, z, k, shift):
         v = 4 * 2 ** (k // 2) * (7 if k % 2 else 5) - 16
         v = v // 2 if k >= 14 else v
         v = v + 64 if z == 0 and self.channels > 1 else v
-        value = self.block.symbol(("magnitude", i, z, k), v, 8)
+        value = self.block.symbol(("magnitude", g, z, k), v, 8)
         if value == 15:
             value += self.block.gamma()
         value = (min(value, (2**31 - 1) >> shift) << shift) + self.block.bits(shift)
@@ -110,6 +116,6 @@ class Rows:
 def sum_cut(magnitudes):
     return np.minimum(magnitudes.sum(1), 2**32 - 1)
 
-def magnitude_class(expected, greatest):
+def magnitude_class(expected):
     mantissa, exponent = np.frexp(expected + F(1 / 16))  # the mantissa is in 0.5 .. 1
-    return np.minimum(2 * (exponent - 1 + 4) + (mantissa >= 0.75), greatest)
+    return np.minimum(2 * (exponent - 1 + 4) + (mantissa >= 0.75), 15)

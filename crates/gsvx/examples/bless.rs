@@ -10,7 +10,8 @@ fn main() -> std::io::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
     std::fs::create_dir_all(&folder)?;
     let mut list = String::from(
-        "# SHA-256 of the decoded floats, name. Written by: cargo run --release -p gsvx --example bless\n",
+        "# SHA-256 of the decoded floats, name. The floats are f32, little-endian: all means, all rotations, all \
+         log-scales, all opacity logits, all SH coefficients. Written by: cargo run --release -p gsvx --example bless\n",
     );
     for (name, bytes) in golden::streams() {
         let scene = gsvx::decode(&bytes).map_err(std::io::Error::other)?;

@@ -40,3 +40,17 @@ fn the_encoder_writes_the_golden_streams() {
         assert!(golden == bytes, "{name} differs from what this build encodes");
     }
 }
+
+/// The second decoder writes and checks the whole trace; its leaves are those of this decoder.
+#[test]
+fn the_trace_has_the_leaves_of_the_default_stream() {
+    let trace = std::fs::read_to_string(folder().join("default.trace")).expect("default.trace");
+    let bytes = std::fs::read(folder().join("default.gsvx")).expect("default.gsvx");
+    let (leaves, classes) = gsvx::decode_leaves(&bytes).expect("a golden stream");
+    let line = |(i, (leaf, class)): (usize, (&gpcc_lite::Leaf, &u8))| {
+        format!("leaf {i}: code {}, depth {}, class {class}", leaf.morton, leaf.depth)
+    };
+    let want: Vec<String> = leaves.iter().zip(&classes).enumerate().map(line).collect();
+    let found: Vec<&str> = trace.lines().filter(|l| l.starts_with("leaf ")).collect();
+    assert_eq!(found, want);
+}

@@ -8,7 +8,7 @@ use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::Neighbours;
 use gpcc_lite::raht::{self, Plan, Rows};
 use gs_model::{Camera, Scene, ply};
-use gsvx::{Seen, importance};
+use gsvx::{EncodeOptions, Seen, importance};
 use voxel::{Cube, Merge, Strategy, Voxelization};
 
 use super::{Cost, Row, Stage, timed};

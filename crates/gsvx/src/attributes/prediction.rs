@@ -4,8 +4,7 @@
 //! independent, so training moves the coefficients of all degrees together. A linear prediction from the
 //! degree below therefore removes much of a degree. It is the same for the three colour planes. It changes
 //! from place to place with the directions of the cameras, so each run of leaves has its own factors. The
-//! stream holds the residuals of the prediction from the decoded degree below. Measurements are in
-//! docs/results/format.md.
+//! stream holds the residuals of the prediction from the decoded degree below.
 //!
 //! A decoder's arithmetic is `+` and `*` in single precision in a stated order.
 

@@ -1,6 +1,6 @@
 //! What the golden streams are made from.
 
-use super::{on_walls, scene, with_floaters, with_related_degrees};
+use super::{scene, with_floaters, with_related_degrees};
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Leaves, encode, encode_lossless};
 use std::num::NonZeroUsize;
@@ -41,7 +41,6 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
         ("uniform", coded(&plain(500, 2), &uniform)),
         ("outliers", coded(&with_floaters(plain(400, 1)).0, &default)),
         ("predicted", coded(&with_related_degrees(plain(900, 3)), &high)),
-        ("walls", coded(&on_walls(plain(1200, 0)), &default)),
         ("chunks", coded(&plain(1500, 1), &in_chunks(300))),
         ("lod", coded(&plain(12_000, 0), &lod)),
         ("lossless", exact(&plain(300, 2), false)),

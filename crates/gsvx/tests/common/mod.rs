@@ -14,14 +14,6 @@ pub(crate) fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
     testing::trained_like(n, sh_degree, &mut Rng::seeded(seed))
 }
 
-/// Moves every Gaussian onto one of three walls.
-pub(crate) fn on_walls(mut scene: Scene) -> Scene {
-    for (i, mean) in scene.means.iter_mut().enumerate() {
-        mean[i % 3] = 0.37;
-    }
-    scene
-}
-
 pub(crate) fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelization) {
     let cube = Cube::of(&scene.means).unwrap();
     let voxels = voxelize(scene, &cube, strategy).unwrap();
