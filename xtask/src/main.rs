@@ -4,7 +4,6 @@ mod bench;
 mod conformance;
 mod determinism;
 mod fetch;
-mod fixture;
 mod rd_curve;
 mod stability;
 mod stress;
@@ -56,8 +55,6 @@ enum Task {
     Skips(bench::SkipsArgs),
     /// The decoder for browsers: npm package, viewer page, tests
     Web(web::Args),
-    /// Make fixtures/room from its seed
-    Fixture(fixture::Args),
 }
 
 fn main() -> ExitCode {
@@ -78,7 +75,6 @@ fn main() -> ExitCode {
         Task::BenchTune(args) => bench::tune(args),
         Task::Skips(args) => bench::skips(&args),
         Task::Web(args) => web::run(&args),
-        Task::Fixture(args) => fixture::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -22,7 +22,6 @@ pub mod progress;
 pub mod published;
 pub mod rd_curve;
 mod report;
-pub mod room;
 pub mod scenes;
 pub mod stress;
 mod usage;
