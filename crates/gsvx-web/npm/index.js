@@ -112,10 +112,14 @@ async function shared(count, make, { options, ...message }, handle, signal) {
   const abort = () => stop.abort(signal.reason);
   signal?.addEventListener('abort', abort);
   const latest = [];
+  let headTold = false;
   const worker = (part) => {
     const one = { ...message, options: { ...options, progressive: false, share: { part, of: count } } };
     return inWorker(make, one, [], (received) => {
-      if (received.type === 'head' && latest.length) return;
+      if (received.type === 'head') {
+        if (headTold) return;
+        headTold = true;
+      }
       if (received.type !== 'progress') return handle(received);
       latest[part] = received;
       const sum = (name) => latest.reduce((n, progress) => n + progress[name], 0);
