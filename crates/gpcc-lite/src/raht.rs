@@ -31,7 +31,7 @@ use crate::leaf::{Leaf, check_leaves};
 const MAX_WEIGHT_SUM: u64 = 1 << 50;
 
 /// The merges of a set of leaves, shared by all channels.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Plan {
     points: usize,
     /// Per merge, coarse to fine: position of the low-pass value (first leaf of the left child).

@@ -1,6 +1,6 @@
 //! The decoder of whole streams, in memory or in files. [`crate::Reader`] is for those that arrive in parts.
 
-use crate::chunk::{ChunkDecoder, GaussiansMut, resize};
+use crate::chunk::{ChunkValues, GaussiansMut, resize};
 use crate::error::{Error, Result};
 use crate::head::{Chunk, Header, Index, Kind, Layer, head_len};
 use crate::{lossless, parallel};
@@ -75,7 +75,7 @@ pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         jobs.push((job, out));
     }
     let work = |(job, mut out): (&Job, GaussiansMut<'_>)| {
-        decoder.decode_job::<Error>(job, &mut ChunkDecoder::default(), |decoded| match decoded {
+        decoder.decode_job::<Error>(job, &mut ChunkValues::default(), |decoded| match decoded {
             Part::Leaves(chunk) => chunk.fill(&decoder.index.header, 0, &mut out),
             Part::Exact(scene) => {
                 out.copy_from(scene, 0);
@@ -96,7 +96,7 @@ pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
 pub fn decode_leaves(bytes: &[u8]) -> Result<(Vec<Leaf>, Vec<u8>)> {
     let decoder = Decoder::new(bytes, &DecodeOptions { max_sh_degree: 0, ..Default::default() })?;
     let (mut leaves, mut classes) = (Vec::new(), Vec::new());
-    let mut chunk = ChunkDecoder::default();
+    let mut chunk = ChunkValues::default();
     for job in &decoder.jobs {
         decoder.decode_job::<Error>(job, &mut chunk, |part| {
             if let Part::Leaves(chunk) = part {
@@ -198,7 +198,7 @@ struct Job {
 
 /// The decoded values of a chunk.
 enum Part<'a> {
-    Leaves(&'a ChunkDecoder),
+    Leaves(&'a ChunkValues),
     Exact(&'a Scene),
 }
 
@@ -310,7 +310,7 @@ impl<'a> Decoder<'a> {
     fn decode_job<E: From<Error>>(
         &self,
         job: &Job,
-        decoder: &mut ChunkDecoder,
+        decoder: &mut ChunkValues,
         then: impl FnOnce(Part<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<(), E> {
         let Chunk { kind, ref layers, .. } = self.index.chunks[job.chunk];
@@ -346,7 +346,7 @@ impl<'a> Decoder<'a> {
             let work = |job: &Job| {
                 let mut scene = Scene::zeros(job.count, self.sh_degree);
                 let mut out = GaussiansMut::of(&mut scene);
-                self.decode_job::<Error>(job, &mut ChunkDecoder::default(), |part| match part {
+                self.decode_job::<Error>(job, &mut ChunkValues::default(), |part| match part {
                     Part::Leaves(chunk) => chunk.fill(&self.index.header, 0, &mut out),
                     Part::Exact(exact) => {
                         out.copy_from(exact, 0);
@@ -374,7 +374,7 @@ impl<'a> Decoder<'a> {
         &self,
         visit: impl Fn(&mut T, usize, &Scene) -> std::result::Result<(), E> + Sync + Send,
     ) -> std::result::Result<(), E> {
-        type Space<T> = (ChunkDecoder, T, Scene);
+        type Space<T> = (ChunkValues, T, Scene);
         let free: Mutex<Vec<Space<T>>> = Mutex::default();
         let lock = || free.lock().unwrap_or_else(PoisonError::into_inner);
         let header: &Header = &self.index.header;
@@ -382,7 +382,7 @@ impl<'a> Decoder<'a> {
             let space = lock().pop();
             let empty = || Scene { sh_degree: self.sh_degree, ..Scene::default() };
             let mut space =
-                space.unwrap_or_else(|| (ChunkDecoder::default(), T::default(), empty()));
+                space.unwrap_or_else(|| (ChunkValues::default(), T::default(), empty()));
             let (decoder, buffer, block) = &mut space;
             self.decode_job::<E>(job, decoder, |part| {
                 for at in (0..job.count).step_by(BLOCK) {
@@ -418,7 +418,7 @@ pub(crate) fn decode_leaf_chunk(
     index: &Index,
     number: usize,
     layers: &[&[u8]],
-    decoder: &mut ChunkDecoder,
+    decoder: &mut ChunkValues,
 ) -> Result<()> {
     let Some((base, degrees)) = layers.split_first() else { return Ok(()) };
     let named = |source: Error| Error::Chunk { chunk: number, source: Box::new(source) };

@@ -1,6 +1,6 @@
 //! The encoder: chunks of leaves, levels of detail, and the head in front of them.
 
-use crate::chunk::{self, ChunkInput, Quantisation};
+use crate::chunk::{self, ChunkEncoder, How};
 use crate::error::{Error, Result};
 use crate::head::{Chunk, Cube, Header, Index, Kind, Layer, Steps};
 use crate::importance;
@@ -278,12 +278,12 @@ pub(crate) fn encode_source(
         cube: source.voxels.cube.into(),
         steps: options.steps,
     };
-    let q = Quantisation {
-        steps: options.steps,
-        j_high: header.j_high,
+    let how = How {
+        steps: &options.steps,
         sh_degree,
+        fit: true,
         // What saves bits on average makes single errors large.
-        to_nearest: options.max_error.is_some(),
+        lambda: options.max_error.map(|_| 0.0),
     };
     let tiles = source.whole.map_or(lod::Tiles::ONE, |w| w.tiles);
     let levels = lod::levels(source.voxels, options, tiles);
@@ -309,7 +309,7 @@ pub(crate) fn encode_source(
         level.cuts.windows(2).map(move |cut| (*level, &classes[..], cut[0]..cut[1]))
     });
     let encode = |(level, classes, range): (&LodLevel, &[f32], Range<usize>)| {
-        encode_chunk(&q, &header, source, (level, classes, range))
+        encode_chunk(how, &header, source, (level, classes, range))
     };
     let each: Vec<_> = each.collect();
     // At most a quarter of the Gaussians at a time, for memory's sake: a chunk keeps two cores busy.
@@ -360,7 +360,7 @@ fn joined(
 pub(crate) type EncodedChunk = (Chunk, Vec<Vec<u8>>);
 
 fn encode_chunk(
-    q: &Quantisation,
+    how: How<'_>,
     header: &Header,
     source: &Source<'_>,
     (level, classes, range): (&LodLevel, &[f32], Range<usize>),
@@ -375,16 +375,16 @@ fn encode_chunk(
     chunk::check(&base, range.start)?;
     let leaves = source.voxels.leaves[range.clone()].to_vec();
     let chunk = leaves_chunk(header, level.lod, &leaves);
-    let input = ChunkInput { leaves, log_classes: &classes[range.clone()], base };
     // Coarse levels are seen for a moment or from afar, so they have base layers only.
-    let q = &Quantisation { sh_degree: if coarse { 0 } else { q.sh_degree }, ..*q };
+    let how = How { sh_degree: if coarse { 0 } else { how.sh_degree }, ..how };
     let sh = |degree, piece: Range<usize>| {
         let leaves = range.start + piece.start..range.start + piece.end;
         let sh = source.sh(leaves.clone(), degree)?;
         chunk::check_sh(&sh, usize::from(2 * degree + 1), leaves.start)?;
         Ok(sh)
     };
-    let mut layers = chunk::encode(q, input, sh)?;
+    let encoder = ChunkEncoder::new(leaves, header.j_high, &classes[range.clone()])?;
+    let mut layers = encoder.encode(&how, base, sh)?;
     layers.resize(1 + usize::from(header.sh_degree), Vec::new());
     Ok((chunk, layers))
 }

@@ -12,10 +12,8 @@
 //!
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
-use crate::attributes::{colour, opacity};
 pub use crate::chunk::Transform;
-use crate::chunk::{self, ChunkLatents, Coding, GaussiansMut, LAMBDA, Values};
-use crate::covariance;
+use crate::chunk::{self, BASE, ChunkEncoder, GROUPS, GaussiansMut, How, LAMBDA_MOVED, Values};
 use crate::encode::{
     Encoded, assemble, check_centres, check_lengths, check_steps, leaves_chunk, used_degree,
     with_outliers, without_zero_degrees,
@@ -51,7 +49,7 @@ pub struct GaussianGradient<'a> {
 /// See the [module](self).
 pub struct Latents {
     header: Header,
-    chunks: Vec<(Range<usize>, ChunkLatents)>,
+    chunks: Vec<(Range<usize>, ChunkEncoder)>,
     channels: usize,
     values: Vec<f32>,
 }
@@ -81,7 +79,11 @@ impl Latents {
         let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
         let mut values = vec![0.0; channels * scene.len()];
         let rows = values.par_chunks_mut(channels).enumerate();
-        rows.for_each(|(i, row)| set_values(scene, i, row));
+        rows.for_each(|(i, row)| {
+            for group in &GROUPS[..BASE + usize::from(sh_degree)] {
+                group.values(scene, i, &mut row[group.among(channels)]);
+            }
+        });
         Self::with_values(voxels, importance, options, sh_degree, values)
     }
 
@@ -109,7 +111,7 @@ impl Latents {
         let chunk = |cut: &[usize]| {
             let range = cut[0]..cut[1];
             let leaves = voxels.leaves[range.clone()].to_vec();
-            let chunk = ChunkLatents::new(leaves, voxels.j_high, &classes[range.clone()])?;
+            let chunk = ChunkEncoder::new(leaves, voxels.j_high, &classes[range.clone()])?;
             Ok((range, chunk))
         };
         let chunks = cuts.par_windows(2).map(chunk).collect::<Vec<Result<_>>>();
@@ -169,7 +171,7 @@ impl Latents {
     /// The Lagrangian multiplier of the quantiser, in `step^2` per bit.
     #[must_use]
     pub fn lambda(&self) -> f32 {
-        LAMBDA
+        LAMBDA_MOVED
     }
 
     /// Steps of a leaf of weight 1: opacity, DC, SH degrees 1 to 3, covariance.
@@ -213,7 +215,7 @@ impl Latents {
     ) -> Result<Option<u64>> {
         let Self { header, chunks, channels, values } = self;
         let channels = *channels;
-        let how = Coding { steps: &header.steps, sh_degree: header.sh_degree, fit };
+        let how = how(header, fit);
         let mut rest = prices;
         let mut jobs = Vec::with_capacity(chunks.len());
         for (range, chunk) in chunks.iter_mut() {
@@ -275,16 +277,9 @@ impl Latents {
     /// Takes the derivatives of a loss by the arrays of Gaussian `i` of the last scene of
     /// [`Latents::reconstruct`] to its values.
     pub fn gradient(&self, scene: &Scene, i: usize, given: &GaussianGradient<'_>, out: &mut [f32]) {
-        let [log_alpha, middle @ ..] = out else { return };
-        *log_alpha = opacity::gradient(scene.opacity_logits[i], given.opacity_logit);
-        let (sh, shape) = middle.split_at_mut(self.channels - OTHERS);
-        for (out, &rgb) in sh.as_chunks_mut::<3>().0.iter_mut().zip(given.sh) {
-            // The transform of colours is orthonormal.
-            *out = colour::forward(rgb);
+        for group in &GROUPS[..BASE + usize::from(self.header.sh_degree)] {
+            group.gradient(scene, i, given, &mut out[group.among(self.channels)]);
         }
-        let (rotation, log_scales) = (scene.rotations[i], scene.log_scales[i]);
-        let d = covariance::gradient(rotation, log_scales, given.rotation, given.log_scale);
-        shape.copy_from_slice(&d);
     }
 
     /// The stream. `outliers` are coded bit for bit behind the leaves.
@@ -294,10 +289,10 @@ impl Latents {
     pub fn encode(&mut self, outliers: Option<&Scene>) -> Result<Encoded> {
         let Self { header, chunks, channels, values } = self;
         let (channels, header) = (*channels, &*header);
-        let encode = |(range, chunk): &mut (Range<usize>, ChunkLatents)| {
+        let encode = |(range, chunk): &mut (Range<usize>, ChunkEncoder)| {
             let flat = &values[range.start * channels..range.end * channels];
             let values = Values { flat, channels };
-            let layers = chunk.layers(&header.steps, header.sh_degree, values)?;
+            let layers = chunk.layers(&how(header, false), values)?;
             Ok((leaves_chunk(header, 0, chunk.decoded().leaves()), layers))
         };
         let chunks: Vec<Result<_>> = chunks.par_iter_mut().with_max_len(1).map(encode).collect();
@@ -308,12 +303,8 @@ impl Latents {
     }
 }
 
-/// The values of Gaussian `i`.
-fn set_values(scene: &Scene, i: usize, row: &mut [f32]) {
-    row[0] = opacity::log_alpha_of_logit(scene.opacity_logits[i]) as f32;
-    let shape = row.len() - 6;
-    for (out, &rgb) in row[1..shape].as_chunks_mut::<3>().0.iter_mut().zip(scene.sh_of(i)) {
-        *out = colour::forward(rgb);
-    }
-    row[shape..].copy_from_slice(&covariance::coordinates(scene.rotations[i], scene.log_scales[i]));
+/// Values that an optimiser moves are coded with a dead zone of their own.
+fn how(header: &Header, fit: bool) -> How<'_> {
+    let Header { steps, sh_degree, .. } = header;
+    How { steps, sh_degree: *sh_degree, fit, lambda: Some(LAMBDA_MOVED) }
 }

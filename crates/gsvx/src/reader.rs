@@ -29,7 +29,7 @@
 
 mod held;
 
-use crate::chunk::ChunkDecoder;
+use crate::chunk::ChunkValues;
 use crate::error::Result;
 use crate::head::{Index, head_len};
 use held::Held;
@@ -49,7 +49,7 @@ pub struct Reader {
     index: Option<Index>,
     /// The layers of each chunk, as far as they have arrived.
     layers: Vec<Vec<Buffer>>,
-    decoder: ChunkDecoder,
+    decoder: ChunkValues,
     held: Option<Held>,
 }
 

@@ -84,7 +84,7 @@ pub(crate) fn codec(latents: &Latents) -> Codec {
         ..Codec::default()
     };
     for t in &transforms {
-        let Some(plan) = t.plan else { continue };
+        let plan = t.plan;
         let (first, number) = (codec.leaves.len() as u32, codec.chunks.len() as u16);
         let leaves = plan.leaves().iter().zip(t.classes).enumerate();
         codec.leaves.extend(leaves.map(|(i, (leaf, &class))| Leaf {
@@ -106,7 +106,7 @@ pub(crate) fn codec(latents: &Latents) -> Codec {
 
 /// The merges of all chunks, level by level, and the first of each level.
 fn merges(transforms: &[Transform<'_>]) -> (Vec<Merge>, Vec<u32>) {
-    let plans: Vec<_> = transforms.iter().filter_map(|t| t.plan).collect();
+    let plans: Vec<_> = transforms.iter().map(|t| t.plan).collect();
     let depth = plans.iter().map(|p| p.levels().len()).max().unwrap_or(1);
     // By chunk and coefficient: the number of the merge, plus one.
     let mut numbers: Vec<Vec<u32>> = plans.iter().map(|p| vec![0; p.len().max(1)]).collect();

@@ -8,6 +8,7 @@
 //!
 //! A decoder's arithmetic is `+` and `*` in single precision in a stated order.
 
+use crate::bytes::Reader;
 use crate::error::{Error, Result};
 #[cfg(feature = "encode")]
 use crate::importance;
@@ -69,32 +70,21 @@ impl Predictor {
         Self { degree, log_run, factors, lanes }
     }
 
-    /// Takes the prediction of `degree`, 2 or 3, of so many leaves off the front of a payload; the
-    /// rest is an attribute payload.
+    /// Reads the prediction of `degree`, 2 or 3, of so many leaves; `None` if there is none.
     ///
     /// # Errors
     /// [`Error::Truncated`] and [`Error::Corrupt`].
-    pub(crate) fn split(
-        degree: u8,
-        leaves: usize,
-        payload: &[u8],
-    ) -> Result<(Option<Self>, &[u8])> {
-        let what = "SH prediction";
-        let Some((&log_run, rest)) = payload.split_first() else {
-            return Err(Error::Truncated { what, offset: 0, need: 1, have: 0 });
-        };
+    pub(crate) fn read(degree: u8, leaves: usize, r: &mut Reader<'_>) -> Result<Option<Self>> {
+        let log_run = r.u8()?;
         if log_run == 0 {
-            return Ok((None, rest));
+            return Ok(None);
         }
         if !LOG_RUNS.contains(&log_run) {
-            return Err(Error::Corrupt { what, value: log_run.into() });
+            return Err(Error::Corrupt { what: "SH prediction", value: log_run.into() });
         }
         let need = leaves.div_ceil(1 << log_run) * coefficients(degree) * coefficients(degree - 1);
-        let Some((factors, rest)) = rest.split_at_checked(need) else {
-            return Err(Error::Truncated { what, offset: 1, need, have: rest.len() });
-        };
-        let factors = factors.iter().map(|&b| b as i8).collect();
-        Ok((Some(Self::new(degree, log_run, factors)), rest))
+        let factors = r.take(need)?.iter().map(|&b| b as i8).collect();
+        Ok(Some(Self::new(degree, log_run, factors)))
     }
 
     /// The logarithm of the run length, and the factors by run, coefficient of the degree and coefficient of the
@@ -104,16 +94,11 @@ impl Predictor {
         (self.log_run, self.factors.iter().map(|&f| f32::from(f) / UNIT).collect())
     }
 
-    /// Undoes [`Predictor::split`].
+    /// Undoes [`Predictor::read`] of a prediction.
     #[cfg(feature = "encode")]
-    pub(crate) fn write(predictor: Option<&Self>, out: &mut Vec<u8>) {
-        match predictor {
-            None => out.push(0),
-            Some(predictor) => {
-                out.push(predictor.log_run);
-                out.extend(predictor.factors.iter().map(|&f| f as u8));
-            }
-        }
+    pub(crate) fn write(&self, out: &mut Vec<u8>) {
+        out.push(self.log_run);
+        out.extend(self.factors.iter().map(|&f| f as u8));
     }
 
     /// Adds its prediction to the values of leaf `leaf`, given those of the degree below; three channels
@@ -440,15 +425,16 @@ mod tests {
         ) {
             let len = leaves.div_ceil(1 << 10) * some(degree);
             let predictor = Predictor::new(degree, 10, factors[..len].to_vec());
-            for predictor in [None, Some(predictor)] {
-                let mut bytes = Vec::new();
-                Predictor::write(predictor.as_ref(), &mut bytes);
-                let head = bytes.len();
-                bytes.extend(&rest);
-                let back = Predictor::split(degree, leaves, &bytes).unwrap();
-                prop_assert_eq!(back, (predictor, &rest[..]));
-                prop_assert!(Predictor::split(degree, leaves, &bytes[..head - 1]).is_err());
-            }
+            let mut bytes = Vec::new();
+            predictor.write(&mut bytes);
+            let head = bytes.len();
+            bytes.extend(&rest);
+            let read = |bytes| Predictor::read(degree, leaves, &mut Reader::new(bytes, "test"));
+            let mut r = Reader::new(&bytes, "test");
+            prop_assert_eq!(Predictor::read(degree, leaves, &mut r).unwrap(), Some(predictor));
+            prop_assert_eq!(r.remaining(), rest.len());
+            prop_assert!(read(&bytes[..head - 1]).is_err());
+            prop_assert_eq!(read(&[0]).unwrap(), None);
         }
 
         #[test]

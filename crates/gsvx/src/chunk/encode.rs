@@ -1,271 +1,354 @@
-//! From the Gaussians of a chunk to its layers.
+//! From the values of a chunk to its layers, or to their number of bytes.
+//!
+//! Leaves, classes and weights are fixed when a [`ChunkEncoder`] is made. The values of each group then go through
+//! the transform, the quantiser and a coder, and become those that a decoder will have. An optimiser does
+//! that again and again.
+//!
+//! *Invariant:* [`ChunkEncoder::decoded`] makes the Gaussians that a decoder makes of the layers, bit for bit.
 
-use super::{CLASS_STEP, SideFactors, steps_of};
-use crate::attributes::prediction::Predictor;
+use super::groups::{BASE, GROUPS, Group, Predicted, Prediction, colours};
+use super::values::{Skeleton, classes};
+use super::{CLASS_STEP, ChunkValues, steps_of};
 use crate::attributes::side::Factors;
-use crate::attributes::{colour, opacity};
-use crate::covariance;
-use crate::error::{Error, Result, coding};
+use crate::error::{Result, coding};
 use crate::head::Steps;
-use crate::importance;
-use gpcc_lite::attribute::Options;
-use gpcc_lite::coder::Encoder;
+use gpcc_lite::Leaf;
+use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::coder::{Coder, Encoder, Silent, Tally};
 use gpcc_lite::geometry;
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, attribute};
 use gs_model::Scene;
 use std::ops::Range;
 
-/// Lagrangian multipliers of the quantisers, in `step^2` per bit. What rate-distortion optimisation sets to
-/// zero is missing from every pixel that the Gaussian is in, so they are below those of least squared
-/// error; a higher one for SH coefficients saves fewer bytes than it costs at equal rendered error.
-const LAMBDA: f32 = 18.0 / 256.0;
-const LAMBDA_SH: f32 = 8.0 / 256.0;
-const LAMBDA_COVARIANCE: f32 = 24.0 / 256.0;
-
-/// What holds for all chunks of a stream.
-pub(crate) struct Quantisation {
-    pub(crate) steps: Steps,
-    pub(crate) j_high: u8,
-    pub(crate) sh_degree: u8,
-    /// Round to the nearest level, whatever that costs in bits.
-    pub(crate) to_nearest: bool,
-}
-
-/// What a chunk is encoded from.
-pub(crate) struct ChunkInput<'a> {
-    pub(crate) leaves: Vec<Leaf>,
-    /// Real-valued importance class of each leaf.
-    pub(crate) log_classes: &'a [f32],
-    /// One Gaussian per leaf, of SH degree 0.
-    pub(crate) base: Scene,
-}
-
+/// Lagrangian multiplier of the quantiser of importance classes, in `step^2` per bit.
+const LAMBDA_CLASSES: f32 = 18.0 / 256.0;
+/// The same for values that an optimiser moves. It knows the price of their bits, so they need less of a dead
+/// zone than others.
+pub(crate) const LAMBDA_MOVED: f32 = 0.04;
+/// Bytes that a coder takes beside its words: four states and the number of words.
+const CODER_BYTES: u64 = 18;
 /// Leaves whose SH coefficients are in memory as input at a time.
 const PIECE: usize = 1 << 11;
 
-/// Encodes a chunk: its base layer, then one layer for each SH degree. `sh` gives the coefficients of a
-/// degree for a range of leaves: `2 degree + 1` per leaf.
-pub(crate) fn encode(
-    q: &Quantisation,
-    input: ChunkInput<'_>,
-    sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
-) -> Result<Vec<Vec<u8>>> {
-    let ChunkInput { leaves, log_classes, base } = input;
-    let plan = Plan::of(leaves, q.j_high).map_err(coding("geometry"))?;
-    let mut coder = Encoder::default();
-    geometry::encode_leaves(&mut coder, plan.leaves(), q.j_high).map_err(coding("geometry"))?;
-    let (importance, classes) = encode_classes(&mut coder, &plan, log_classes)?;
-    let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
-    let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
-    let chunk = Chunk { q, plan: &plan, classes: &classes };
-    let side = SideFactors { importance, ..SideFactors::default() };
-    let (base_layer, sh_layers) =
-        rayon::join(|| chunk.base_layer(coder, side, base), || chunk.sh_layers(sh));
-    let mut layers = vec![base_layer?];
-    layers.extend(sh_layers?);
-    Ok(layers)
+/// How to code.
+#[derive(Clone, Copy)]
+pub(crate) struct How<'a> {
+    pub(crate) steps: &'a Steps,
+    pub(crate) sh_degree: u8,
+    /// Fit the predictions anew. Where nothing is written, bits are counted only then.
+    pub(crate) fit: bool,
+    /// Lagrangian multiplier of the quantisers; `None` for those of [`Group::lambda`], 0 rounds to nearest.
+    pub(crate) lambda: Option<f32>,
 }
 
-/// Codes importance classes through the transform without weights, and returns those that a decoder will
-/// have.
-pub(super) fn encode_classes(
-    coder: &mut Encoder,
-    plan: &Plan,
-    log_classes: &[f32],
-) -> Result<(Factors, Vec<u8>)> {
-    let leaves = plan.leaves();
-    let even = vec![0; leaves.len()];
-    let factors = Factors::fit(leaves, &even, |i| log_classes[i]);
-    let factors = Factors { class: 0, ..factors };
-    let mut rows = Rows::new(plan.len(), 1);
-    for (i, &leaf) in leaves.iter().enumerate() {
-        rows.row_mut(i)[0] = log_classes[i] - factors.predict(leaf, 0);
-    }
-    attribute::encode(coder, plan, &[CLASS_STEP], &Options { lambda: LAMBDA }, &mut rows)
-        .map_err(coding("importance"))?;
-    let class = |(i, &leaf): (usize, &Leaf)| {
-        importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
-    };
-    Ok((factors, leaves.iter().enumerate().map(class).collect()))
+/// Values of all leaves of a chunk, leaf after leaf: see [`Group::among`].
+#[derive(Clone, Copy)]
+pub(crate) struct Values<'a> {
+    pub(crate) flat: &'a [f32],
+    pub(crate) channels: usize,
 }
 
-/// Subtracts what depth and class predict from the first channel.
-pub(super) fn subtract_predicted(
-    factors: Factors,
-    leaves: &[Leaf],
-    classes: &[u8],
-    rows: &mut Rows,
-) {
-    for (i, &leaf) in leaves.iter().enumerate() {
-        rows.row_mut(i)[0] -= factors.predict(leaf, classes[i]);
-    }
+/// How a chunk's values become coefficients, for an executor that does not run in Rust. The leaves of a
+/// chunk follow those of the chunks before.
+#[derive(Clone, Debug)]
+pub struct Transform<'a> {
+    /// The transform.
+    pub plan: &'a Plan,
+    /// Importance class of each leaf.
+    pub classes: &'a [u8],
+    /// Factors of depth and class that predict ln(alpha).
+    pub opacity: [f32; 2],
+    /// Factors of depth and class that predict the first coordinate of the covariance.
+    pub size: [f32; 2],
+    /// The predictions of SH degrees 2 and 3 from the degree below: the binary logarithm of the leaves of a run,
+    /// and the factors by run, coefficient of the degree and coefficient of the degree below.
+    pub sh: [Option<(u8, Vec<f32>)>; 2],
 }
 
-/// Writes Y, Co, Cg of the coefficients of some leaves into their rows, from row `first` on.
-fn set_colours(rows: &mut Rows, first: usize, sh: &[[f32; 3]]) {
-    let each = rows.channels() / 3;
-    for (i, sh) in sh.chunks_exact(each).enumerate() {
-        for (out, &rgb) in rows.row_mut(first + i).as_chunks_mut::<3>().0.iter_mut().zip(sh) {
-            *out = colour::forward(rgb);
+/// See the module.
+pub(crate) struct ChunkEncoder {
+    values: ChunkValues,
+    predictions: [Prediction; GROUPS.len()],
+    /// The prediction of importance classes.
+    importance: Factors,
+    /// Holds geometry and importance classes.
+    coder: Encoder,
+    /// Derivatives of the bits by the values, by group.
+    prices: [Rows; GROUPS.len()],
+}
+
+impl ChunkEncoder {
+    /// Codes leaves and classes; `log_classes` are real-valued classes of the leaves.
+    pub(crate) fn new(leaves: Vec<Leaf>, j_high: u8, log_classes: &[f32]) -> Result<Self> {
+        let plan = Plan::of(leaves, j_high).map_err(coding("geometry"))?;
+        let leaves = plan.leaves();
+        let mut coder = Encoder::default();
+        geometry::encode_leaves(&mut coder, leaves, j_high).map_err(coding("geometry"))?;
+        let even = vec![0; leaves.len()];
+        let fitted = Factors::fit(leaves, &even, |i| log_classes[i]);
+        let importance = Factors { class: 0, ..fitted };
+        let mut rows = Rows::new(plan.len(), 1);
+        for (i, &leaf) in leaves.iter().enumerate() {
+            rows.row_mut(i)[0] = log_classes[i] - importance.predict(leaf, 0);
         }
-    }
-}
-
-struct Chunk<'a> {
-    q: &'a Quantisation,
-    plan: &'a Plan,
-    classes: &'a [u8],
-}
-
-impl Chunk<'_> {
-    /// Codes rows of values with one step for all channels; says whether all levels are zero.
-    fn code(&self, coder: &mut Encoder, step: f32, lambda: f32, rows: &mut Rows) -> Result<bool> {
-        let steps = steps_of(step, rows.channels());
-        let lambda = if self.q.to_nearest { 0.0 } else { lambda };
-        attribute::encode(coder, self.plan, &steps, &Options { lambda }, rows)
-            .map_err(coding("attribute"))
+        let options = Options { lambda: LAMBDA_CLASSES };
+        attribute::encode(&mut coder, &plan, &[CLASS_STEP], &options, &mut rows)
+            .map_err(coding("importance"))?;
+        let classes = classes(importance, leaves, &rows);
+        let skeleton = Skeleton::new(plan, classes)?;
+        let values = ChunkValues { skeleton, ..ChunkValues::default() };
+        let (predictions, prices) = Default::default();
+        Ok(Self { values, predictions, importance, coder, prices })
     }
 
-    /// The first layer. `coder` holds geometry and importance already.
-    fn base_layer(
-        &self,
-        mut coder: Encoder,
-        mut side: SideFactors,
+    /// The layers of a chunk whose Gaussians, one per leaf, are read once. `base` holds them with SH degree
+    /// 0. `sh` gives the coefficients of a degree for a range of leaves: `2 degree + 1` per leaf.
+    pub(crate) fn encode(
+        mut self,
+        how: &How<'_>,
         base: Scene,
-    ) -> Result<Vec<u8>> {
-        let Self { q, plan, .. } = self;
-        let Scene { opacity_logits, sh, rotations, log_scales, .. } = base;
-        let log_alpha = |i: usize| opacity::log_alpha_of_logit(opacity_logits[i]) as f32;
-        let (mut rows, factors) = self.less_predicted(1, |i, row| row[0] = log_alpha(i));
-        side.opacity = factors;
-        drop(opacity_logits);
-        self.code(&mut coder, q.steps.opacity, LAMBDA, &mut rows)?;
-        drop(rows);
-        let mut rows = Rows::new(plan.len(), 3);
-        set_colours(&mut rows, 0, &sh);
-        drop(sh);
-        self.code(&mut coder, q.steps.dc, LAMBDA, &mut rows)?;
-        drop(rows);
-        let (mut rows, factors) = self.less_predicted(6, |i, row| {
-            row.copy_from_slice(&covariance::coordinates(rotations[i], log_scales[i]));
-        });
-        side.size = factors;
-        drop((rotations, log_scales));
-        self.code(&mut coder, q.steps.covariance, LAMBDA_COVARIANCE, &mut rows)?;
-        let mut out = side.to_bytes().to_vec();
-        out.extend(coder.finish());
-        Ok(out)
-    }
-
-    /// Rows of values; the prediction from depth and class is subtracted from the first channel.
-    fn less_predicted(
-        &self,
-        channels: usize,
-        value: impl Fn(usize, &mut [f32]),
-    ) -> (Rows, Factors) {
-        let (leaves, classes) = (self.plan.leaves(), self.classes);
-        let mut rows = Rows::new(leaves.len(), channels);
-        (0..leaves.len()).for_each(|i| value(i, rows.row_mut(i)));
-        let factors = Factors::fit(leaves, classes, |i| rows.row(i)[0]);
-        subtract_predicted(factors, leaves, classes, &mut rows);
-        (rows, factors)
-    }
-
-    /// The layers of all SH degrees. Each is predicted from what a decoder will have of the degree below,
-    /// where that pays.
-    fn sh_layers(
-        &self,
-        sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>>,
+        sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
     ) -> Result<Vec<Vec<u8>>> {
-        let mut layers = Vec::new();
-        let mut below: Option<Rows> = None;
-        let leaves = self.plan.len();
-        for degree in 1..=self.q.sh_degree {
-            let mut rows = Rows::new(leaves, 3 * usize::from(2 * degree + 1));
-            for first in (0..leaves).step_by(PIECE) {
-                let piece = sh(degree, first..leaves.min(first + PIECE))?;
-                set_colours(&mut rows, first, &piece);
-            }
-            let (layer, rows) = self.sh_layer(degree, rows, below)?;
-            layers.push(layer);
-            below = Some(rows);
+        let leaves = base.len();
+        let (front, coder) = (self.importance.depth as u8, std::mem::take(&mut self.coder));
+        let (mut low, mut high) = self.parts(how, false);
+        let (base, degrees) = rayon::join(
+            || {
+                for (group, rows) in low.groups.iter().zip(&mut *low.rows) {
+                    rows.resize(leaves, group.channels);
+                    (0..leaves).for_each(|i| group.values(&base, i, rows.row_mut(i)));
+                }
+                drop(base);
+                low.base_layer(front, coder)
+            },
+            move || {
+                let layer = |number: usize| {
+                    let degree = number as u8 + 1;
+                    let rows = &mut high.rows[number];
+                    rows.resize(leaves, high.groups[number].channels);
+                    for first in (0..leaves).step_by(PIECE) {
+                        let piece = sh(degree, first..leaves.min(first + PIECE))?;
+                        let each = piece.chunks_exact(usize::from(2 * degree + 1));
+                        (first..).zip(each).for_each(|(i, sh)| colours(sh, rows.row_mut(i)));
+                    }
+                    high.degree_layer(number)
+                };
+                (0..usize::from(how.sh_degree)).map(layer).collect::<Result<Vec<_>>>()
+            },
+        );
+        let mut layers = vec![base?];
+        layers.extend(degrees?);
+        Ok(layers)
+    }
+
+    /// The layers. Predictions are those of the last [`ChunkEncoder::code`] with a fit.
+    pub(crate) fn layers(&mut self, how: &How<'_>, values: Values<'_>) -> Result<Vec<Vec<u8>>> {
+        self.set(how.sh_degree, values);
+        let (front, coder) = (self.importance.depth as u8, self.coder.clone());
+        let (mut low, mut high) = self.parts(how, false);
+        let mut layers = vec![low.base_layer(front, coder)?];
+        for number in 0..usize::from(how.sh_degree) {
+            layers.push(high.degree_layer(number)?);
         }
         Ok(layers)
     }
 
-    /// The layer of one SH degree, and its values as a decoder will have them.
-    fn sh_layer(&self, degree: u8, mut rows: Rows, below: Option<Rows>) -> Result<(Vec<u8>, Rows)> {
-        let step = self.q.steps.sh[usize::from(degree) - 1];
-        let mut out = Vec::new();
-        let mut predictor = None;
-        if let (2.., Some(below)) = (degree, &below) {
-            let exact = |i: usize, row: &mut [f32]| row.copy_from_slice(rows.row(i));
-            predictor = Predictor::fit(degree, below, self.classes, [step; 2], exact);
-            Predictor::write(predictor.as_ref(), &mut out);
-            if let Some(predictor) = &predictor {
-                for i in 0..rows.leaves() {
-                    predictor.subtract(i, below.row(i), rows.row_mut(i));
+    /// Transforms, quantises and reconstructs. With a fit it returns the number of bytes of the layers,
+    /// as the coder would write them but for the rounding of its last words. Without, attributes are not
+    /// counted. `prices` take the derivatives of the number of bits by the values.
+    pub(crate) fn code(
+        &mut self,
+        how: &How<'_>,
+        values: Values<'_>,
+        prices: Option<&mut [f32]>,
+    ) -> Result<u64> {
+        self.set(how.sh_degree, values);
+        let (mut low, mut high) = self.parts(how, prices.is_some());
+        let (base, degrees) = rayon::join(
+            || (0..BASE).map(|number| Ok(low.count(number)?.0)).sum::<Result<u64>>(),
+            || (0..usize::from(how.sh_degree)).map(|n| high.degree_bytes(n)).sum::<Result<u64>>(),
+        );
+        if let Some(out) = prices {
+            let groups = &GROUPS[..BASE + usize::from(how.sh_degree)];
+            for (i, out) in out.chunks_exact_mut(values.channels).enumerate() {
+                for (group, prices) in groups.iter().zip(&self.prices) {
+                    copy_short(prices.row(i), &mut out[group.among(values.channels)]);
                 }
             }
         }
-        let mut coder = Encoder::default();
-        let all_zero = self.code(&mut coder, step, LAMBDA_SH, &mut rows)?;
-        if let (Some(predictor), Some(below)) = (&predictor, &below) {
-            for i in 0..rows.leaves() {
-                predictor.add(i, below.row(i), rows.row_mut(i));
+        if !how.fit {
+            return Ok(0);
+        }
+        let from_leaf = GROUPS.iter().filter(|g| g.predicted == Predicted::FromLeaf).count();
+        let fixed = 1 + 2 * from_leaf + self.coder.clone().finish().len();
+        Ok(fixed as u64 + base?.div_ceil(8) + degrees?)
+    }
+
+    /// The values as a decoder would have them.
+    pub(crate) fn decoded(&self) -> &ChunkValues {
+        &self.values
+    }
+
+    /// The transform and the predictions.
+    pub(crate) fn transform(&self) -> Transform<'_> {
+        let [opacity, _, covariance, _, two, three] = &self.predictions;
+        let of_leaf = |prediction: &Prediction| match prediction {
+            Prediction::Leaf(factors) => factors.as_floats(),
+            _ => [0.0; 2],
+        };
+        let of_degree = |prediction: &Prediction| match prediction {
+            Prediction::Below(predictor) => Some(predictor.as_floats()),
+            _ => None,
+        };
+        Transform {
+            plan: &self.values.skeleton.plan,
+            classes: &self.values.skeleton.classes,
+            opacity: of_leaf(opacity),
+            size: of_leaf(covariance),
+            sh: [of_degree(two), of_degree(three)],
+        }
+    }
+
+    /// Distributes the values of all leaves to their groups.
+    fn set(&mut self, sh_degree: u8, values: Values<'_>) {
+        let leaves = values.flat.len() / values.channels;
+        let groups = &GROUPS[..BASE + usize::from(sh_degree)];
+        let all_rows = &mut self.values.rows[..groups.len()];
+        for (group, rows) in groups.iter().zip(&mut *all_rows) {
+            rows.resize(leaves, group.channels);
+        }
+        // In one pass, since memory decides how long it takes.
+        for (i, flat) in values.flat.chunks_exact(values.channels).enumerate() {
+            for (group, rows) in groups.iter().zip(&mut *all_rows) {
+                copy_short(&flat[group.among(values.channels)], rows.row_mut(i));
             }
-        } else if all_zero {
-            return Ok((Vec::new(), rows));
+        }
+        self.values.sh_degree = sh_degree;
+    }
+
+    /// The groups of the base layer, and those of the SH degrees: they do not depend on each other.
+    fn parts<'a>(&'a mut self, how: &'a How<'a>, priced: bool) -> (Part<'a>, Part<'a>) {
+        let Self { values: ChunkValues { skeleton, rows, .. }, predictions, prices, .. } = self;
+        let (groups, high_groups) = GROUPS.split_at(BASE);
+        let (rows, high_rows) = rows.split_at_mut(BASE);
+        let (predictions, high_predictions) = predictions.split_at_mut(BASE);
+        let (prices, high_prices) = prices.split_at_mut(BASE);
+        let low =
+            Part { skeleton, how, groups, rows, predictions, prices: priced.then_some(prices) };
+        let high = Part {
+            skeleton,
+            how,
+            groups: high_groups,
+            rows: high_rows,
+            predictions: high_predictions,
+            prices: priced.then_some(high_prices),
+        };
+        (low, high)
+    }
+}
+
+/// Copies the channels of a group. With a number known at compile time that is a few instructions instead of
+/// a call.
+#[inline]
+fn copy_short(from: &[f32], to: &mut [f32]) {
+    fn copy<const N: usize>(from: &[f32], to: &mut [f32]) {
+        if let (Some(from), Some(to)) = (from.first_chunk::<N>(), to.first_chunk_mut()) {
+            *to = *from;
+        }
+    }
+    match from.len() {
+        1 => copy::<1>(from, to),
+        3 => copy::<3>(from, to),
+        6 => copy::<6>(from, to),
+        9 => copy::<9>(from, to),
+        15 => copy::<15>(from, to),
+        21 => copy::<21>(from, to),
+        _ => to.copy_from_slice(from),
+    }
+}
+
+/// Some groups of a chunk on their way through a coder.
+struct Part<'a> {
+    skeleton: &'a Skeleton,
+    how: &'a How<'a>,
+    groups: &'static [Group],
+    rows: &'a mut [Rows],
+    predictions: &'a mut [Prediction],
+    prices: Option<&'a mut [Rows]>,
+}
+
+impl Part<'_> {
+    /// Codes a group, whose rows become what a decoder will have. Says whether all levels are zero.
+    fn code<C: Coder>(&mut self, number: usize, coder: &mut C) -> Result<bool> {
+        let (group, plan) = (&self.groups[number], &self.skeleton.plan);
+        let (below, rest) = self.rows.split_at_mut(number);
+        let (below, rows) = (below.last(), &mut rest[0]);
+        let step = group.step(self.how.steps);
+        let prediction = &mut self.predictions[number];
+        if self.how.fit {
+            *prediction = group.fit(self.skeleton, step, below, rows);
+        }
+        prediction.subtract(self.skeleton, below, rows);
+        let steps = steps_of(step, group.channels);
+        let options = &Options { lambda: self.how.lambda.unwrap_or(group.lambda()) };
+        let all_zero = match &mut self.prices {
+            None => attribute::encode(coder, plan, &steps, options, rows),
+            Some(prices) => {
+                let prices = &mut prices[number];
+                attribute::encode_with_prices(coder, plan, &steps, options, rows, prices)
+            }
+        };
+        let all_zero = all_zero.map_err(coding("attribute"))?;
+        prediction.add(self.skeleton, below, rows);
+        Ok(all_zero)
+    }
+
+    /// The bits of a group, if they are counted, and whether all levels are zero.
+    fn count(&mut self, number: usize) -> Result<(u64, bool)> {
+        if !self.how.fit {
+            return Ok((0, self.code(number, &mut Silent)?));
+        }
+        let mut tally = Tally::default();
+        let all_zero = self.code(number, &mut tally)?;
+        Ok((tally.bits(), all_zero))
+    }
+
+    /// The bytes of the layer of an SH degree, if they are counted.
+    fn degree_bytes(&mut self, number: usize) -> Result<u64> {
+        let (bits, all_zero) = self.count(number)?;
+        if !self.how.fit || self.is_empty(number, all_zero) {
+            return Ok(0);
+        }
+        let mut prediction = Vec::new();
+        self.groups[number].write_prediction(&self.predictions[number], &mut prediction);
+        Ok(prediction.len() as u64 + CODER_BYTES + bits.div_ceil(8))
+    }
+
+    /// Whether an SH degree needs no layer: it is zero.
+    fn is_empty(&self, number: usize, all_zero: bool) -> bool {
+        all_zero && self.predictions[number] == Prediction::None
+    }
+
+    /// The layer of an SH degree.
+    fn degree_layer(&mut self, number: usize) -> Result<Vec<u8>> {
+        let mut coder = Encoder::default();
+        let all_zero = self.code(number, &mut coder)?;
+        let mut out = Vec::new();
+        if !self.is_empty(number, all_zero) {
+            self.groups[number].write_prediction(&self.predictions[number], &mut out);
+            out.extend(coder.finish());
+        }
+        Ok(out)
+    }
+
+    /// The base layer. `coder` holds geometry and importance classes already, `importance` is their prediction.
+    fn base_layer(&mut self, importance: u8, mut coder: Encoder) -> Result<Vec<u8>> {
+        let mut out = vec![importance];
+        for (number, group) in self.groups.iter().enumerate() {
+            self.code(number, &mut coder)?;
+            group.write_prediction(&self.predictions[number], &mut out);
         }
         out.extend(coder.finish());
-        Ok((out, rows))
+        Ok(out)
     }
-}
-
-/// Greatest magnitude of a log-scale or an SH coefficient, far beyond any trained attribute.
-pub(crate) const LARGEST: f32 = 18_900.0;
-
-/// Checks that Gaussians are what lossy coding can hold; `first` is the number of the first, for the error.
-pub(crate) fn check(scene: &Scene, first: usize) -> Result<()> {
-    let each = |field: &'static str, bad: &dyn Fn(usize) -> bool| match (0..scene.len())
-        .find(|&i| bad(i))
-    {
-        Some(i) => Err(Error::NonFinite { index: first + i, field }),
-        None => Ok(()),
-    };
-    each("mean", &|i| !scene.means[i].iter().all(|v| v.is_finite()))?;
-    each("opacity", &|i| !scene.opacity_logits[i].is_finite())?;
-    each("rotation", &|i| {
-        let q = scene.rotations[i];
-        !q.iter().all(|v| v.is_finite()) || q == [0.0; 4]
-    })?;
-    each("log-scale", &|i| !scene.log_scales[i].iter().all(|v| v.is_finite()))?;
-    let fits = |field, values: &dyn Fn(usize) -> Vec<f32>| {
-        for i in 0..scene.len() {
-            if let Some(&value) = values(i).iter().find(|v| v.abs() > LARGEST) {
-                return Err(Error::TooLarge { index: first + i, field, value, limit: LARGEST });
-            }
-        }
-        Ok(())
-    };
-    fits("log-scale", &|i| scene.log_scales[i].to_vec())?;
-    check_sh(&scene.sh, scene.sh_len(), first)
-}
-
-/// Checks that SH coefficients, `each` per Gaussian, are what lossy coding can hold.
-pub(crate) fn check_sh(sh: &[[f32; 3]], each: usize, first: usize) -> Result<()> {
-    let field = "SH coefficient";
-    for (i, sh) in sh.chunks_exact(each).enumerate() {
-        let index = first + i;
-        for &value in sh.as_flattened() {
-            if !value.is_finite() {
-                return Err(Error::NonFinite { index, field });
-            }
-            if value.abs() > LARGEST {
-                return Err(Error::TooLarge { index, field, value, limit: LARGEST });
-            }
-        }
-    }
-    Ok(())
 }

@@ -1,0 +1,168 @@
+//! The decoded values of one chunk: from its layers, and to Gaussians.
+
+use super::groups::{BASE, GROUPS, Prediction, coefficients};
+use super::{CLASS_STEP, GaussiansMut, steps_of};
+use crate::attributes::side::Factors;
+use crate::bytes::Reader;
+use crate::error::{Error, Result, coding};
+use crate::head::Header;
+use crate::importance;
+use gpcc_lite::coder::Decoder;
+use gpcc_lite::geometry;
+use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::{Leaf, attribute};
+use std::ops::Range;
+
+/// What all groups of a chunk share.
+#[derive(Debug, Default)]
+pub(crate) struct Skeleton {
+    /// The leaves and their weighted transform.
+    pub(crate) plan: Plan,
+    /// Importance class of each leaf.
+    pub(crate) classes: Vec<u8>,
+}
+
+impl Skeleton {
+    /// The classes as weights.
+    pub(super) fn new(plan: Plan, classes: Vec<u8>) -> Result<Self> {
+        let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
+        let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
+        Ok(Self { plan, classes })
+    }
+
+    /// Changes the first channel of each leaf by what depth and class predict.
+    pub(super) fn each(&self, factors: Factors, rows: &mut Rows, op: impl Fn(f32, f32) -> f32) {
+        for (i, (&leaf, &class)) in self.plan.leaves().iter().zip(&self.classes).enumerate() {
+            let value = &mut rows.row_mut(i)[0];
+            *value = op(*value, factors.predict(leaf, class));
+        }
+    }
+}
+
+/// The decoded values of one chunk. Its memory serves one chunk after another.
+#[derive(Debug, Default)]
+pub(crate) struct ChunkValues {
+    pub(super) skeleton: Skeleton,
+    /// By group of [`GROUPS`].
+    pub(super) rows: [Rows; GROUPS.len()],
+    /// SH degrees that are decoded.
+    pub(super) sh_degree: u8,
+}
+
+impl ChunkValues {
+    /// Decodes the first layer of a chunk that has so many leaves.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`], [`Error::Corrupt`] and [`Error::Coding`].
+    pub(crate) fn base(&mut self, header: &Header, count: u64, bytes: &[u8]) -> Result<()> {
+        let mut r = Reader::new(bytes, "base layer");
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        let importance = Factors { depth: r.u8()? as i8, class: 0 };
+        let predictions = predictions(0..BASE, count, &mut r)?;
+        let mut coder = Decoder::new(r.take(r.remaining())?).map_err(coding("base layer"))?;
+        let leaves = geometry::decode_leaves(&mut coder, count, header.j_high)
+            .map_err(coding("geometry"))?;
+        let plan = Plan::of(leaves, header.j_high).map_err(coding("geometry"))?;
+        let rows = &mut self.rows[0];
+        rows.resize(plan.len(), 1);
+        attribute::decode(&mut coder, &plan, &[CLASS_STEP], rows).map_err(coding("importance"))?;
+        let classes = classes(importance, plan.leaves(), rows);
+        self.skeleton = Skeleton::new(plan, classes)?;
+        self.sh_degree = 0;
+        self.groups(0..BASE, header, &predictions, coder)
+    }
+
+    /// Decodes the layer of the next SH degree.
+    ///
+    /// # Errors
+    /// As [`ChunkValues::base`].
+    pub(crate) fn next_degree(&mut self, header: &Header, bytes: &[u8]) -> Result<()> {
+        self.sh_degree += 1;
+        let group = BASE - 1 + usize::from(self.sh_degree);
+        let leaves = self.skeleton.plan.len();
+        if bytes.is_empty() {
+            let rows = &mut self.rows[group];
+            rows.resize(leaves, GROUPS[group].channels);
+            (0..leaves).for_each(|i| rows.row_mut(i).fill(0.0));
+            return Ok(());
+        }
+        let mut r = Reader::new(bytes, "SH prediction");
+        let predictions = predictions(group..group + 1, leaves, &mut r)?;
+        let coder = Decoder::new(r.take(r.remaining())?).map_err(coding("SH coefficients"))?;
+        self.groups(group..group + 1, header, &predictions, coder)
+    }
+
+    /// Decodes the groups of a layer.
+    fn groups(
+        &mut self,
+        numbers: Range<usize>,
+        header: &Header,
+        predictions: &[Prediction],
+        mut coder: Decoder<'_>,
+    ) -> Result<()> {
+        let Self { skeleton, rows, .. } = self;
+        for (number, prediction) in numbers.zip(predictions) {
+            let group = &GROUPS[number];
+            let (below, rest) = rows.split_at_mut(number);
+            let rows = &mut rest[0];
+            rows.resize(skeleton.plan.len(), group.channels);
+            let steps = steps_of(group.step(&header.steps), group.channels);
+            attribute::decode(&mut coder, &skeleton.plan, &steps, rows)
+                .map_err(coding("attribute"))?;
+            prediction.add(skeleton, below.last(), rows);
+        }
+        coder.finish().map_err(coding("attribute"))
+    }
+
+    /// The leaves.
+    pub(crate) fn leaves(&self) -> &[Leaf] {
+        self.skeleton.plan.leaves()
+    }
+
+    /// Importance classes, one per leaf.
+    pub(crate) fn classes(&self) -> &[u8] {
+        &self.skeleton.classes
+    }
+
+    /// Puts the Gaussians of the leaves from `first` on into `out`. SH degrees that were not decoded
+    /// become 0.
+    ///
+    /// # Errors
+    /// [`Error::Corrupt`] if a mean is beyond what an f32 holds: an encoder refuses such scenes.
+    pub(crate) fn fill(
+        &self,
+        header: &Header,
+        first: usize,
+        out: &mut GaussiansMut<'_>,
+    ) -> Result<()> {
+        let leaves = &self.leaves()[first..first + out.len()];
+        for (mean, &leaf) in out.means.iter_mut().zip(leaves) {
+            *mean = header.cube.leaf_centre(leaf, header.j_high);
+            if !mean.iter().all(|v| v.is_finite()) {
+                return Err(Error::Corrupt { what: "mean beyond f32", value: leaf.morton });
+            }
+        }
+        let known = BASE + usize::from(self.sh_degree);
+        for (group, rows) in GROUPS.iter().zip(&self.rows).take(known) {
+            group.restore(rows, first, out);
+        }
+        let sh_len = out.sh.len() / out.len().max(1);
+        let known = coefficients(self.sh_degree).end;
+        if known < sh_len {
+            out.sh.chunks_exact_mut(sh_len).for_each(|sh| sh[known..].fill([0.0; 3]));
+        }
+        Ok(())
+    }
+}
+
+fn predictions(groups: Range<usize>, leaves: usize, r: &mut Reader<'_>) -> Result<Vec<Prediction>> {
+    GROUPS[groups].iter().map(|group| group.read_prediction(leaves, r)).collect()
+}
+
+/// The importance classes, from decoded values.
+pub(super) fn classes(factors: Factors, leaves: &[Leaf], rows: &Rows) -> Vec<u8> {
+    let class = |(i, &leaf): (usize, &Leaf)| {
+        importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
+    };
+    leaves.iter().enumerate().map(class).collect()
+}
