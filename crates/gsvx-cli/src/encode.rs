@@ -1,25 +1,25 @@
 //! `gsvx encode`.
 
 use crate::batch::{self, Job};
+use crate::content::{CONTENT, Content};
 use crate::exit::{missed, note, usage};
 use crate::format::Extension;
 use crate::input::Reading;
 use crate::join::{self, Part};
 use crate::loss::{Loss, Pictures};
 use crate::lost_columns::Lost;
-use crate::output::{Output, counted, megabytes, short};
-use crate::preset::{self, Preset};
+use crate::output::{Output, counted, megabytes};
 use crate::progress::{self, Steps};
 use crate::report::Reporter;
 use crate::scale::{self, Room};
-use crate::{coincident, input, max_error, plan, size, views};
+use crate::{input, max_error, size, views};
 use anyhow::{Context, Result};
 use finetune::References;
 use gs_model::{Camera, Scene};
-use gsvx::{EncodeOptions, Encoded, Kind, Leaves, MaxError, rate};
+use gsvx::{Aim, Choices, EncodeProgress, EncodeWarning, Encoder, Leaves, Made, MaxError, Missed};
 use serde_json::{Value, json};
 use std::convert::Infallible;
-use std::num::NonZeroUsize;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -43,17 +43,11 @@ Examples:
   gsvx encode city.plan --part 3/16 -o part-3.gsvx             see gsvx plan
   gsvx encode - -o - < model.ply > scene.gsvx";
 
-/// Leaves of a chunk for the web: a page shows it, and a worker holds it, at once.
-const WEB_CHUNK: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
-
 /// Heading of what most people never need.
 const EXPERTS: &str = "For experts, and for comparison with the paper";
-/// Heading of what changes the scene.
-const CONTENT: &str = "What is kept";
 
 /// Arguments of `gsvx encode`.
 #[derive(clap::Args)]
-#[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Args {
     /// The trained models, of any format that gsvx convert reads; `-` for standard input. With --part: the plan.
     #[arg(required = true, value_name = "MODEL")]
@@ -62,13 +56,8 @@ pub(crate) struct Args {
     /// several models become one scene.
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
-    /// Quality from 0 (smallest) to 100 (best).
-    #[arg(short, long, group = "rate", value_parser = quality,
-          default_value_t = gsvx::DEFAULT_QUALITY)]
-    quality: f32,
-    /// A quality by name: 30, 50, 80 or 90.
-    #[arg(long, value_name = "NAME", group = "rate", value_parser = preset::parser())]
-    preset: Option<Preset>,
+    #[command(flatten)]
+    content: Content,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
     #[arg(long, value_name = "SIZE", group = "rate", value_parser = size::bytes)]
     target_bytes: Option<u64>,
@@ -87,19 +76,6 @@ pub(crate) struct Args {
           hide_short_help = true, help_heading = CONTENT,
           conflicts_with_all = ["cameras", "depth", "web"])]
     max_error: Option<MaxError>,
-    /// Cameras of the training photos: what they see gets more bits.
-    ///
-    /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
-    /// transforms.json.
-    #[arg(long, value_name = "PATH")]
-    cameras: Option<PathBuf>,
-    /// With --cameras: leave out the Gaussians that they see too little of to pay for their bits, and
-    /// so all that they do not see.
-    ///
-    /// Streams are 5 to 15 % smaller and show the same from places like those of the cameras. From elsewhere
-    /// parts may be missing. Without this, what the cameras do not see is kept coarsely.
-    #[arg(long, requires = "cameras", hide_short_help = true, help_heading = CONTENT)]
-    drop_unseen: bool,
     /// Keep every float of the Gaussians bit for bit.
     ///
     /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
@@ -113,17 +89,6 @@ pub(crate) struct Args {
     /// Do not estimate the loss: less time and memory. The stream is the same.
     #[arg(long, hide_short_help = true)]
     no_estimate: bool,
-
-    /// What a web page wants: the preset web if no quality is given, a coarse scene first, small chunks.
-    #[arg(long, hide_short_help = true, help_heading = CONTENT)]
-    web: bool,
-    /// Store a coarse scene first, for viewers that show a scene while it loads.
-    #[arg(long, hide_short_help = true, help_heading = CONTENT)]
-    lod: bool,
-    /// Highest SH degree to keep.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3),
-          value_name = "DEGREE", hide_short_help = true, help_heading = CONTENT)]
-    max_sh_degree: u8,
     /// Leave out this fraction of the Gaussians first, the least important: those that --cameras
     /// see least, else those of least opacity times size.
     #[arg(long, value_name = "FRACTION", default_value_t = 0.0, value_parser = fraction,
@@ -150,6 +115,7 @@ pub(crate) struct Args {
     room: Room,
     /// Encode the K-th of N parts of a plan; the plan stands in the place of the model, and says the quality.
     #[arg(long, value_name = "K/N", value_parser = join::part, hide_short_help = true,
+          conflicts_with_all = ["rate", "content", "lossless", "prune", "depth"],
           help_heading = "Scenes larger than memory")]
     part: Option<Part>,
 }
@@ -160,61 +126,39 @@ impl Args {
         &self.inputs
     }
 
-    fn quality(&self) -> f32 {
-        self.preset().map_or(self.quality, |p| p.quality)
-    }
-
-    /// The preset that was asked for: --web names one, unless there is a quality.
-    fn preset(&self) -> Option<Preset> {
-        let web = self.web && self.quality == gsvx::DEFAULT_QUALITY;
-        self.preset.or_else(|| web.then_some(preset::WEB))
-    }
-
-    /// The coding choices, without what cameras see.
-    fn options(&self) -> gsvx::Result<EncodeOptions> {
-        let mut options = EncodeOptions::from_quality(self.quality())?;
-        options.max_error = self.max_error;
-        options.max_sh_degree = self.max_sh_degree;
-        options.prune = self.prune;
-        options.drop_unseen = self.drop_unseen;
-        options.lod = self.lod || self.web;
-        if self.web {
-            options.chunk_leaves = WEB_CHUNK;
-        }
-        options.leaves = match (self.depth, self.j_low) {
-            (Some(depth), Some(j_low)) => Leaves::Paper { j_low: j_low.min(depth), j_high: depth },
-            (Some(depth), None) => Leaves::Uniform { depth },
-            _ => Leaves::RateDistortion,
-        };
-        Ok(options)
-    }
-
-    /// A flag that needs the whole scene in memory.
-    fn not_at_scale(&self) -> Option<&'static str> {
-        let flags = [
-            ("--lossless", self.lossless),
-            ("--max-error", self.max_error.is_some()),
-            ("--target-psnr", self.target_psnr.is_some()),
-            ("--target-bytes", self.target_bytes.is_some()),
-            ("--target-mbit", self.target_mbit.is_some()),
-            ("--prune", self.prune > 0.0),
-            ("--web", self.web),
-            ("--depth", self.depth.is_some()),
-        ];
-        flags.iter().find(|(_, given)| *given).map(|(flag, _)| *flag)
-    }
-
     /// The greatest number of bytes, if there is one.
     fn most_bytes(&self) -> Option<u64> {
         self.target_mbit.map(|mbit| (mbit * 1e6 / 8.0) as u64).or(self.target_bytes)
     }
-}
 
-/// A quality on the command line.
-pub(crate) fn quality(text: &str) -> std::result::Result<f32, String> {
-    let value = text.parse().map_err(|_| "use a number from 0 to 100".to_owned())?;
-    EncodeOptions::from_quality(value).map_err(|e| e.to_string())?;
-    Ok(value)
+    /// What the stream aims for; `measure` tells the PSNR of a decoded scene.
+    fn aim<'a>(&self, measure: Option<impl FnMut(&Scene) -> f64 + 'a>) -> Aim<'a> {
+        match (self.most_bytes(), self.target_psnr.zip(measure), self.max_error) {
+            _ if self.lossless => Aim::Lossless,
+            (Some(bytes), ..) => Aim::Bytes(bytes),
+            (_, Some((db, measure)), _) => Aim::Psnr { db, measure: Box::new(measure) },
+            (.., Some(bounds)) => Aim::MaxError(bounds),
+            _ => Aim::Quality(self.content.quality()),
+        }
+    }
+
+    /// An encoder that does what the flags ask for.
+    fn encoder<'a>(&self, aim: Aim<'a>) -> Encoder<'a> {
+        let mut encoder = self.content.encoder(aim);
+        encoder.options.prune = self.prune;
+        encoder.options.leaves = match (self.depth, self.j_low) {
+            (Some(depth), Some(j_low)) => Leaves::Paper { j_low: j_low.min(depth), j_high: depth },
+            (Some(depth), None) => Leaves::Uniform { depth },
+            _ => Leaves::RateDistortion,
+        };
+        encoder
+    }
+
+    /// The choices of a scene larger than memory, where the flags go with that.
+    fn choices(&self) -> gsvx::Result<Choices> {
+        let aim = self.aim(self.target_psnr.map(|_| |_: &Scene| f64::NAN));
+        self.encoder(aim).choices(self.content.cameras.is_some())
+    }
 }
 
 fn fraction(text: &str) -> std::result::Result<f64, String> {
@@ -241,13 +185,18 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     let as_one = args.inputs.len() > 1 && is_stream_name(&args.output);
     let large = scale::is_large(&args.inputs) && args.inputs.len() == 1;
-    match args.not_at_scale() {
-        Some(flag) if as_one || args.room.memory.is_some() => {
-            let why = if as_one { "several models as one scene" } else { "--memory" };
-            return Err(usage(format!("{flag} does not go with {why}")));
+    if as_one || large || args.room.memory.is_some() {
+        match args.choices() {
+            Ok(choices) => return encode_large(args, choices, report),
+            Err(why) if as_one => {
+                return Err(usage(format!("several models as one scene: {why}")));
+            }
+            Err(why) if args.room.memory.is_some() => {
+                return Err(usage(format!("--memory: {why}")));
+            }
+            // The machine may have the memory after all.
+            Err(_) => {}
         }
-        None if as_one || large || args.room.memory.is_some() => return encode_large(args, report),
-        _ => {}
     }
     let jobs = batch::jobs(&args.inputs, &args.output, "gsvx", args.force)?;
     batch::run(&jobs, |job| encode_file(args, job, report))
@@ -260,11 +209,6 @@ fn is_stream_name(path: &Path) -> bool {
 
 /// Encodes a part of a plan.
 fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
-    let planned = [("--cameras", args.cameras.is_some()), ("--lod", args.lod)];
-    let planned = planned.iter().find(|(_, given)| *given).map(|(flag, _)| *flag);
-    if let Some(flag) = args.not_at_scale().or(planned) {
-        return Err(usage(format!("{flag} does not go with --part: the plan says how to encode")));
-    }
     let [plan] = &args.inputs[..] else {
         return Err(usage("--part: name one plan, which gsvx plan has made"));
     };
@@ -272,18 +216,12 @@ fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
 }
 
 /// Encodes models as one scene, within a bound on memory.
-fn encode_large(args: &Args, report: Reporter) -> Result<()> {
-    let cameras = args.cameras.as_deref();
+fn encode_large(args: &Args, choices: Choices, report: Reporter) -> Result<()> {
     let job = scale::Job {
         inputs: &args.inputs,
         reading: &args.reading,
-        choices: plan::choices(
-            args.quality(),
-            args.max_sh_degree,
-            plan::seen(cameras, args.drop_unseen),
-            args.lod,
-        ),
-        cameras,
+        choices,
+        cameras: args.content.cameras.as_deref(),
         output: &args.output,
         force: args.force,
         room: &args.room,
@@ -309,36 +247,41 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     }
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
-    let made = if args.lossless { lossless(job, &scene)? } else { lossy(args, job, scene)? };
-    let encode_seconds = step.elapsed().as_secs_f64() - made.estimate_seconds;
+    let done = encoded(args, job, scene)?;
+    let encode_seconds = step.elapsed().as_secs_f64() - done.estimate_seconds;
     let (name, stdout) = (output.name(), output.is_stdout());
-    output.write(|out| Ok(out.write_all(&made.encoded.bytes)?))?;
+    let encoded = &done.made.encoded;
+    output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
 
-    let bytes = made.encoded.bytes.len() as u64;
+    let (bytes, gaussians) = (encoded.bytes.len() as u64, encoded.index.header.count);
     let mut human = format!(
-        "{name}: {} coded as {}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
+        "{name}: {} coded as {gaussians}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
          read {read_seconds:.2} s, encode {encode_seconds:.2} s, estimate {:.2} s",
         counted(in_input as u64, "Gaussian"),
-        made.gaussians(),
         megabytes(input_bytes),
         megabytes(bytes),
         input_bytes as f64 / bytes as f64,
-        8.0 * bytes as f64 / made.gaussians().max(1) as f64,
-        made.remarks(),
-        made.estimate_seconds,
+        8.0 * bytes as f64 / gaussians.max(1) as f64,
+        done.remarks(),
+        done.estimate_seconds,
     );
-    let mut json = made.json();
-    if let Some(loss) = &made.loss {
+    let mut json = done.json();
+    for warning in &done.made.warnings {
+        note(format_args!("warning: {}: {warning}", input::name(&job.input)));
+    }
+    if let Some(loss) = &done.loss {
         human += &format!("\n{}", loss.human());
         json["estimated_loss"] = loss.json();
         // Where positions coincide, another warning says what helps.
-        if let Some(warning) = loss.warning().filter(|_| made.coincident == 0) {
+        let coincident = |w: &EncodeWarning| matches!(w, EncodeWarning::Coincident(_));
+        if let Some(warning) = loss.warning().filter(|_| !done.made.warnings.iter().any(coincident))
+        {
             note(format_args!("{warning}"));
         }
-    } else if made.unseen_estimate {
+    } else if done.unseen_estimate {
         human += "\nno estimate of the loss: nothing of the model shows in the pictures";
     }
-    if args.web {
+    if args.content.web {
         let snippet = embed(&job.output);
         human += &format!("\nembed it: {snippet}");
         json["embed"] = json!(snippet);
@@ -350,9 +293,9 @@ fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     json["lost_columns"] = json!(lost);
     json["read_seconds"] = json!(read_seconds);
     json["encode_seconds"] = json!(encode_seconds);
-    json["estimate_seconds"] = json!(made.estimate_seconds);
+    json["estimate_seconds"] = json!(done.estimate_seconds);
     report.say(stdout, &human, &json)?;
-    match made.missed {
+    match done.made.missed {
         Some(why) => Err(missed(format!("{name}: written, but {why}"))),
         None => Ok(()),
     }
@@ -365,14 +308,10 @@ fn embed(output: &Path) -> String {
 }
 
 /// A stream, and what is to be said of it.
-#[derive(Default)]
-struct Made {
-    encoded: Encoded,
+struct Done {
+    made: Made,
+    /// What the stream aimed for, and how near it came.
     note: String,
-    quality: Option<f32>,
-    /// Against renders of the input, where it was measured.
-    psnr: Option<f64>,
-    encodes: usize,
     /// With cameras: what they see.
     seen: Option<SeenShare>,
     /// How much less the stream shows than the input, and how long the estimate took.
@@ -380,10 +319,6 @@ struct Made {
     estimate_seconds: f64,
     /// The loss was to be estimated, and the pictures show nothing.
     unseen_estimate: bool,
-    /// Gaussians that share their positions, where merging them shows.
-    coincident: u64,
-    /// Why the stream misses its target, if it does.
-    missed: Option<String>,
 }
 
 /// How much of a model cameras see.
@@ -391,150 +326,123 @@ struct Made {
 struct SeenShare {
     of_opacity: f64,
     unseen: usize,
-    /// Whether --drop-unseen was asked for.
-    drop_unseen: bool,
 }
 
-impl Made {
-    fn gaussians(&self) -> u64 {
-        self.encoded.index.header.count
-    }
-
-    /// Gaussians that are coded exactly, where others are not.
-    fn outliers(&self) -> usize {
-        let exact = self.encoded.exact();
-        if exact as u64 == self.gaussians() { 0 } else { exact }
-    }
-
-    /// Share of the bytes that Gaussians take that are coded exactly, in percent.
-    fn exact_share(&self) -> f64 {
-        let chunks = self.encoded.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
-        let bytes: u64 = chunks.flat_map(|c| &c.layers).map(|l| l.len).sum();
-        100.0 * bytes as f64 / self.encoded.bytes.len().max(1) as f64
-    }
-
+impl Done {
     /// For a person.
     fn remarks(&self) -> String {
-        let pruned = match self.encoded.pruned {
+        let encoded = &self.made.encoded;
+        let pruned = match encoded.pruned {
             0 => String::new(),
             n => format!("; {n} pruned"),
         };
         // With bounds on errors the note says how many are exact.
-        let outliers = match self.outliers() {
+        let outliers = match encoded.outliers() {
             0 => String::new(),
-            _ if self.encoded.max_error.is_some() => String::new(),
+            _ if encoded.max_error.is_some() => String::new(),
             n => format!(
                 "; {} coded exactly, far from all others: {:.0} % of the bytes",
                 counted(n as u64, "outlier"),
-                self.exact_share()
+                100.0 * encoded.exact_share()
             ),
         };
-        format!("{}{pruned}{outliers}{}", self.note, self.unseen())
-    }
-
-    /// What became of the Gaussians that no camera sees.
-    fn unseen(&self) -> String {
-        match self.seen {
-            Some(SeenShare { drop_unseen: true, .. }) => {
-                format!(
-                    "; {} Gaussians left out that the cameras see too little of",
-                    self.encoded.left_out
-                )
+        let unseen = match self.seen {
+            Some(_) if encoded.left_out > 0 => {
+                let n = encoded.left_out;
+                format!("; {n} Gaussians left out that the cameras see too little of")
             }
             Some(SeenShare { unseen, .. }) if unseen > 0 => {
                 format!("; {unseen} Gaussians that no camera sees are kept, coarsely")
             }
             _ => String::new(),
-        }
+        };
+        format!("{}{pruned}{outliers}{unseen}", self.note)
     }
 
     fn json(&self) -> Value {
-        let parts = self.encoded.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n)));
+        let Self { made: Made { encoded, .. }, seen, .. } = self;
+        let parts = encoded.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n)));
         json!({
-            "gaussians": self.gaussians(),
-            "quality": self.quality,
-            "psnr": self.psnr,
-            "encodes": self.encodes,
-            "pruned": self.encoded.pruned,
-            "outliers": self.outliers(),
-            "seen_opacity_share": self.seen.map(|s| s.of_opacity),
-            "unseen": self.seen.map(|s| s.unseen),
-            "left_out": self.encoded.left_out,
-            "max_error": max_error::json(&self.encoded),
-            "target_reached": self.missed.is_none(),
+            "gaussians": encoded.index.header.count,
+            "quality": self.made.quality,
+            "psnr": self.made.psnr,
+            "encodes": self.made.encodes,
+            "pruned": encoded.pruned,
+            "outliers": encoded.outliers(),
+            "seen_opacity_share": seen.map(|s| s.of_opacity),
+            "unseen": seen.map(|s| s.unseen),
+            "left_out": encoded.left_out,
+            "max_error": max_error::json(encoded),
+            "target_reached": self.made.missed.is_none(),
             "parts": parts.collect::<serde_json::Map<String, Value>>(),
         })
     }
 }
 
-fn lossless(job: &Job, scene: &Scene) -> Result<Made> {
-    let encoded = gsvx::encode_lossless(scene, false).with_context(|| input::name(&job.input))?;
-    Ok(Made { encoded, note: "every float bit for bit".into(), ..Made::default() })
-}
-
-fn lossy(args: &Args, job: &Job, scene: Scene) -> Result<Made> {
+/// The stream that the flags ask for.
+fn encoded(args: &Args, job: &Job, scene: Scene) -> Result<Done> {
     let name = || input::name(&job.input);
-    let mut options = args.options()?;
-    let mut seen_share = None;
-    let mut cameras = None;
-    if let Some(path) = &args.cameras {
+    let (mut seen_share, mut importance, mut cameras) = (None, None, None);
+    if let Some(path) = &args.content.cameras {
         let training = views::cameras(path)?;
         let seen = views::seen(&scene, &training, path)?;
-        let (of_opacity, unseen) = (seen.share, seen.unseen());
-        seen_share = Some(SeenShare { of_opacity, unseen, drop_unseen: args.drop_unseen });
-        options.importance = Some(seen.weights);
+        seen_share = Some(SeenShare { of_opacity: seen.share, unseen: seen.unseen() });
+        importance = Some(seen.weights);
         cameras = Some(training);
     }
-    // The loss is measured against the input before pruning.
-    let target = args.target_psnr.zip(cameras.as_ref());
-    let target = target.map(|(db, cameras)| (db, references(&scene, cameras)));
-    let draw = || Pictures::of(&scene, cameras.as_deref());
-    let (pictures, seconds_before) = timed(|| (!args.no_estimate).then(draw));
-    let made = coded(args, &scene, &options, target.as_ref()).with_context(name)?;
-    let merged = (scene.len() as u64).saturating_sub(made.gaussians());
-    let merged_many = made.encoded.max_error.is_none() && merged > scene.len() as u64 / 20;
-    let coincident = if merged_many { coincident::count(&scene) } else { 0 };
-    drop(scene);
+    // PSNR and loss are measured against the input before pruning.
+    let references = args.target_psnr.and(cameras.as_ref()).map(|c| references(&scene, c));
+    let estimated = !args.no_estimate && !args.lossless;
+    let (pictures, seconds_before) =
+        timed(|| estimated.then(|| Pictures::of(&scene, cameras.as_deref())));
+    let measure = references.as_ref().map(|references| |scene: &Scene| references.psnr(scene));
+    let mut encoder = args.encoder(args.aim(measure));
+    encoder.options.importance = importance;
+    let mut bar = None;
+    encoder.on_progress(move |event| {
+        drop(bar.take());
+        if let EncodeProgress::Begins(quality) = event {
+            bar = Some(progress::spinner(format!("encoding at quality {quality:.1}")));
+        }
+        ControlFlow::Continue(())
+    });
+    let made = encoder.encode(&scene).with_context(name)?;
+    drop((encoder, scene));
     let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
     let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
     let loss = loss.with_context(name)?;
-    if let Some(coarse) = made.encoded.coarse_cells {
-        note(format_args!(
-            "warning: {}: its parts lie so far apart, or differ so much in size, that positions come in steps of \
-             {} times the size of its {} Gaussians, which shows at any quality; encode each part apart, or use \
-             --max-error or --lossless",
-            name(),
-            short(coarse.cells),
-            coarse.which()
-        ));
-    }
-    let coincident = if coincident > merged / 2 { coincident } else { 0 };
-    if coincident > 0 {
-        note(format_args!(
-            "warning: {}: {} share their position with another; a leaf of the octree holds one Gaussian, so they \
-             are merged at any quality; --max-error or --lossless keeps each",
-            name(),
-            counted(coincident, "Gaussian"),
-        ));
-    }
-    if made.encoded.max_error.is_none() && made.outliers() as u64 > made.gaussians() / 10 {
-        note(format_args!(
-            "warning: {}: {} of the stream's {} lie so far from the others that the octree does not reach them; they are coded \
-             exactly, which takes {:.0} % of the bytes; encode each part apart for a smaller size",
-            name(),
-            made.outliers(),
-            counted(made.gaussians(), "Gaussian"),
-            made.exact_share()
-        ));
-    }
-    Ok(Made {
+    Ok(Done {
+        note: aimed(args, &made),
         seen: seen_share,
-        unseen_estimate: !args.no_estimate && loss.is_none(),
+        unseen_estimate: estimated && loss.is_none(),
         loss,
         estimate_seconds: seconds_before + seconds_after,
-        coincident,
-        ..made
+        made,
     })
+}
+
+/// What the stream aimed for, and how near it came.
+fn aimed(args: &Args, made: &Made) -> String {
+    let Some(quality) = made.quality else {
+        let bounds = max_error::human(&made.encoded);
+        return bounds.unwrap_or_else(|| "every float bit for bit".into());
+    };
+    let reached = match (made.missed, made.psnr) {
+        (Some(Missed::Bytes { .. }), _) => "above the target".into(),
+        (_, Some(psnr)) => format!("{psnr:.2} dB from the input's renders"),
+        (None, None) if made.encodes > 1 || args.most_bytes().is_some() => {
+            let most = args.most_bytes().unwrap_or_default().max(1);
+            let share = 100.0 * made.encoded.bytes.len() as f64 / most as f64;
+            format!("{share:.1} % of the target")
+        }
+        _ => {
+            return match args.content.preset() {
+                Some(preset) => format!("preset {}, quality {quality}", preset.name),
+                None => format!("quality {quality}"),
+            };
+        }
+    };
+    format!("quality {quality:.1}, {reached}, {} encodes", made.encodes)
 }
 
 /// Renders of the input.
@@ -552,79 +460,4 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let made = work();
     (made, start.elapsed().as_secs_f64())
-}
-
-/// The stream that the flags ask for.
-fn coded(
-    args: &Args,
-    scene: &Scene,
-    options: &EncodeOptions,
-    target: Option<&(f64, References)>,
-) -> gsvx::Result<Made> {
-    let at = |quality: f32| {
-        let _bar = progress::spinner(format!("encoding at quality {quality:.1}"));
-        gsvx::encode(scene, &options.at_quality(quality)?)
-    };
-    if let Some(most) = args.most_bytes() {
-        let found = rate::to_bytes(most, at)?;
-        let share = 100.0 * found.encoded.bytes.len() as f64 / most as f64;
-        let (note, missed) = match found.reached {
-            true => (format!("{share:.1} % of the target"), None),
-            false => ("above the target".into(), Some(too_small(most, &found.encoded))),
-        };
-        return Ok(search_result(found, &note, missed));
-    }
-    if let Some((db, references)) = target {
-        let found = rate::to_measure(*db, at, |encoded| psnr(references, encoded))?;
-        let got = found.measured.unwrap_or(f64::NAN);
-        let missed = (!found.reached).then(|| {
-            format!(
-                "its renders reach {got:.2} dB, not {db:.2}: quality {} is the best there is; \
-                 --lossless keeps every float",
-                found.quality
-            )
-        });
-        return Ok(search_result(found, &format!("{got:.2} dB from the input's renders"), missed));
-    }
-    if options.max_error.is_some() {
-        let _bar = progress::spinner("encoding within the bounds".into());
-        let encoded = gsvx::encode(scene, options)?;
-        let note = max_error::human(&encoded).unwrap_or_default();
-        return Ok(Made { encoded, note, encodes: 1, ..Made::default() });
-    }
-    let encoded = at(options.quality)?;
-    let quality = options.quality;
-    let note = match args.preset() {
-        Some(preset) => format!("preset {}, quality {quality}", preset.name),
-        None => format!("quality {quality}"),
-    };
-    Ok(Made { encoded, note, quality: Some(quality), encodes: 1, ..Made::default() })
-}
-
-/// Why a stream is above its target.
-fn too_small(most: u64, smallest: &Encoded) -> String {
-    format!(
-        "the target of {most} bytes is below the smallest stream of this scene, {} bytes; --prune or \
-         --max-sh-degree 0 makes smaller ones",
-        smallest.bytes.len()
-    )
-}
-
-/// Mean PSNR of a stream's renders, dB.
-fn psnr(references: &References, encoded: &Encoded) -> gsvx::Result<f64> {
-    let mut options = gsvx::DecodeOptions::default();
-    options.max_gaussians = Some(u64::MAX);
-    Ok(references.psnr(&gsvx::decode_with(&encoded.bytes, &options)?.scene))
-}
-
-fn search_result(found: rate::Found<Encoded>, note: &str, missed: Option<String>) -> Made {
-    Made {
-        note: format!("quality {:.1}, {note}, {} encodes", found.quality, found.encodes),
-        quality: Some(found.quality),
-        psnr: found.measured,
-        encodes: found.encodes,
-        encoded: found.encoded,
-        missed,
-        ..Made::default()
-    }
 }

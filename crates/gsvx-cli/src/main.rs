@@ -3,8 +3,8 @@
 mod attribute_errors;
 mod axes;
 mod batch;
-mod coincident;
 mod compare;
+mod content;
 mod convert;
 mod decode;
 mod describe;
@@ -28,7 +28,6 @@ mod photos;
 mod pictures;
 mod plan;
 mod positional;
-mod preset;
 mod progress;
 mod region;
 mod render;

@@ -1,13 +1,12 @@
 //! `gsvx plan`.
 
-use crate::encode::quality;
+use crate::content::Content;
 use crate::input::Reading;
-use crate::preset::{self, Preset};
 use crate::report::Reporter;
 use crate::scale::{self, Job, Room};
 use anyhow::Result;
-use gsvx::{Choices, EncodeOptions, Seen};
-use std::path::{Path, PathBuf};
+use gsvx::Aim;
+use std::path::PathBuf;
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
@@ -25,25 +24,8 @@ pub(crate) struct Args {
     /// The plan to write; `-` for standard output.
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
-    /// Quality from 0 (smallest) to 100 (best).
-    #[arg(short, long, value_parser = quality, default_value_t = gsvx::DEFAULT_QUALITY)]
-    quality: f32,
-    /// A quality by name: 30, 50, 80 or 90.
-    #[arg(long, value_name = "NAME", conflicts_with = "quality", value_parser = preset::parser())]
-    preset: Option<Preset>,
-    /// Highest SH degree to keep.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3),
-          value_name = "DEGREE")]
-    max_sh_degree: u8,
-    /// A scene folder, a cameras.json or a transforms.json: bits go where its training cameras look.
-    #[arg(long, value_name = "PATH")]
-    cameras: Option<PathBuf>,
-    /// With --cameras: leave out what they see too little of to pay for its bits.
-    #[arg(long, requires = "cameras")]
-    drop_unseen: bool,
-    /// Store levels of detail too: coarse scenes that viewers show first or from afar.
-    #[arg(long)]
-    lod: bool,
+    #[command(flatten)]
+    content: Content,
     #[command(flatten)]
     reading: Reading,
     #[command(flatten)]
@@ -53,29 +35,15 @@ pub(crate) struct Args {
     force: bool,
 }
 
-/// What `gsvx encode` chooses by itself.
-pub(crate) fn choices(quality: f32, max_sh_degree: u8, seen: Seen, lod: bool) -> Choices {
-    let chunk_leaves = EncodeOptions::default().chunk_leaves;
-    Choices { quality, max_sh_degree, chunk_leaves, seen, lod }
-}
-
-/// Where importances come from.
-pub(crate) fn seen(cameras: Option<&Path>, drop_unseen: bool) -> Seen {
-    match (cameras, drop_unseen) {
-        (None, _) => Seen::Guessed,
-        (Some(_), false) => Seen::ByCameras,
-        (Some(_), true) => Seen::ByCamerasOnly,
-    }
-}
-
 /// Makes a plan.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let quality = args.preset.map_or(args.quality, |p| p.quality);
-    let cameras = args.cameras.as_deref();
+    let content = &args.content;
+    let cameras = content.cameras.as_deref();
+    let encoder = content.encoder(Aim::Quality(content.quality()));
     let job = Job {
         inputs: &args.inputs,
         reading: &args.reading,
-        choices: choices(quality, args.max_sh_degree, seen(cameras, args.drop_unseen), args.lod),
+        choices: encoder.choices(cameras.is_some())?,
         cameras,
         output: &args.output,
         force: args.force,

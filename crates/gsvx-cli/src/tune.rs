@@ -1,6 +1,6 @@
 //! `gsvx tune`.
 
-use crate::encode::quality;
+use crate::content::quality;
 use crate::exit::{missed, note, usage};
 use crate::input::{self, Reading};
 use crate::orbit::Orbit;
@@ -29,8 +29,6 @@ Examples:
 Ctrl-C, or SIGTERM, ends the tuning early; what has been reached is written. A second one, later, ends
 the command without an output.";
 
-/// Quality used when none is asked for.
-const QUALITY: f32 = 58.0;
 /// Steps between two pictures.
 const PICTURED: u64 = 100;
 
@@ -112,7 +110,7 @@ impl Args {
         match (self.target_bytes, self.target_psnr) {
             (Some(bytes), _) => Target::Bytes(bytes),
             (_, Some(db)) => Target::Psnr(db),
-            _ => Target::Quality(self.quality.unwrap_or(QUALITY)),
+            _ => Target::Quality(self.quality.unwrap_or(tune::DEFAULT_QUALITY)),
         }
     }
 

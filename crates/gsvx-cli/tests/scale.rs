@@ -179,7 +179,9 @@ fn flags_that_need_the_scene_in_memory_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out.gsvx");
     let with = |words: &[&str]| of(words, &[model()], &out).output().unwrap();
-    wrong_usage(&with(&["encode", "--memory", "1G", "--web"]), "--web does not go with --memory");
+    let wide = "--memory: pruning needs the whole scene in memory";
+    wrong_usage(&with(&["encode", "--memory", "1G", "--prune", "0.1"]), wide);
+    wrong_usage(&with(&["encode", "--part", "1/2", "--quality", "80"]), "--part");
     wrong_usage(&with(&["encode", "--memory", "1M"]), "at least");
     wrong_usage(&with(&["encode", "--part", "3/2"]), "K/N");
     one_line(&with(&["encode", "--part", "1/2"]), "is no plan");
@@ -187,6 +189,20 @@ fn flags_that_need_the_scene_in_memory_are_refused() {
     let lossless = of(&["encode", "--lossless"], &two, &out).output().unwrap();
     wrong_usage(&lossless, "several models as one scene");
     assert!(names(dir.path()).is_empty());
+}
+
+#[test]
+fn a_web_stream_is_the_same_in_parts_and_in_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let web = ["encode", "--web", "--quality", "80"];
+    run(&mut of(&web, &[model()], &at("memory.gsvx")));
+    run(of(&web, &[model()], &at("parts.gsvx")).args(["--memory", "1G"]));
+    let read = |name: &str| std::fs::read(at(name)).unwrap();
+    assert!(read("memory.gsvx") == read("parts.gsvx"));
+    // The quality that was asked for, and not that of the preset.
+    let step = gsvx::EncodeOptions::from_quality(80.0).unwrap().steps;
+    assert_eq!(gsvx::Index::parse(&read("memory.gsvx")).unwrap().header.steps, step);
 }
 
 #[test]

@@ -54,6 +54,7 @@ impl From<gsvx::Error> for Fault {
     fn from(error: gsvx::Error) -> Self {
         match error {
             gsvx::Error::Option { .. } => Self::Usage(error.to_string()),
+            gsvx::Error::Cancelled => Self::Stopped,
             _ => Self::Failed(error.to_string()),
         }
     }

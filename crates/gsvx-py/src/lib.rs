@@ -16,11 +16,14 @@ mod render;
 mod tuning;
 
 use pyo3::prelude::*;
+use pyo3::types::IntoPyDict;
 
 #[pymodule]
 fn _gsvx(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("DEFAULT_QUALITY", gsvx::DEFAULT_QUALITY)?;
+    let presets = gsvx::Preset::ALL.map(|preset| (preset.name, preset.quality));
+    m.add("PRESETS", presets.into_py_dict(m.py())?)?;
     m.add("Error", m.py().get_type::<error::Error>())?;
     m.add_class::<decode::Reader>()?;
     m.add_function(wrap_pyfunction!(background::set_threads, m)?)?;
@@ -32,6 +35,6 @@ fn _gsvx(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(files::write_model, m)?)?;
     m.add_function(wrap_pyfunction!(render::compare, m)?)?;
     m.add_function(wrap_pyfunction!(render::render, m)?)?;
-    m.add_function(wrap_pyfunction!(tuning::finetune, m)?)?;
+    m.add_function(wrap_pyfunction!(tuning::tune, m)?)?;
     Ok(())
 }

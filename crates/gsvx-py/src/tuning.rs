@@ -1,4 +1,4 @@
-//! `finetune`: `gsvx tune` for arrays.
+//! `gsvx tune` for arrays.
 
 use crate::arrays::Splats;
 use crate::background::{Event, Line, pool, run};
@@ -6,16 +6,13 @@ use crate::cameras::{CameraArrays, Cameras};
 use crate::encode::parts;
 use crate::error::{Fault, Result};
 use ::finetune::{Image, RenderOptions, TrainView, render};
+use ::tune::{Effort, Outcome, Progress, Target, Tune};
 use gs_model::{Camera, Scene};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::path::PathBuf;
 use std::sync::Arc;
-use tune::{Effort, Outcome, Progress, Target, Tune};
-
-/// Quality used when none is asked for.
-const QUALITY: f32 = 58.0;
 
 /// Options as Python has them.
 #[derive(FromPyObject)]
@@ -54,7 +51,7 @@ struct Tuned {
 /// Tunes splats to photos, or to renders of themselves if there are none. Returns the stream and the fields of
 /// a report.
 #[pyfunction]
-pub(crate) fn finetune<'py>(
+pub(crate) fn tune<'py>(
     py: Python<'py>,
     splats: Splats<'py>,
     cameras: CameraArrays<'py>,
@@ -193,9 +190,9 @@ fn run_tune(
     let target = match (options.target_bytes, options.target_psnr) {
         (Some(bytes), _) => Target::Bytes(bytes),
         (_, Some(db)) => Target::Psnr(db),
-        _ => Target::Quality(options.quality.unwrap_or(QUALITY)),
+        _ => Target::Quality(options.quality.unwrap_or(::tune::DEFAULT_QUALITY)),
     };
-    let mut choices = tune::Options::new(target);
+    let mut choices = ::tune::Options::new(target);
     choices.effort = match &options.effort[..] {
         "quick" => Effort::Quick,
         "long" => Effort::Long,

@@ -14,7 +14,7 @@ from conftest import MODEL, ROOM
 import gsvx
 
 SCRIPTS = {
-    "finetune": "gsvx.finetune('out.gsvx', {model!r}, {room!r}, effort='long', progress=say)",
+    "tune": "gsvx.tune('out.gsvx', {model!r}, {room!r}, effort='long', progress=say)",
     "search": "gsvx.compress('out.gsvx', {model!r}, cameras={room!r}, target_psnr=45, progress=say)",
 }
 

@@ -107,20 +107,20 @@ def test_comparison(splats):
     assert np.isclose(found.views[0].psnr, -10 * np.log10(error))
 
 
-def test_finetune_takes_photos_as_arrays(splats, tmp_path):
+def test_tune_takes_photos_as_arrays(splats, tmp_path):
     splats = {name: array[::5] for name, array in splats.items()}
     cameras = gsvx.read_cameras(ROOM, "train")[::4]
     photos = [image.clip(0, 1) for image in gsvx.render(splats, cameras)]
     given = dict(effort="quick", quality=30)
-    floats = gsvx.finetune(tmp_path / "a.gsvx", splats, cameras, photos, **given)
+    floats = gsvx.tune(tmp_path / "a.gsvx", splats, cameras, photos, **given)
     assert not floats.distilled and floats.input_psnr > 60
-    renders = gsvx.finetune(tmp_path / "b.gsvx", splats, cameras, distil=True, **given)
+    renders = gsvx.tune(tmp_path / "b.gsvx", splats, cameras, distil=True, **given)
     assert renders.distilled
     assert (tmp_path / "a.gsvx").read_bytes() == (tmp_path / "b.gsvx").read_bytes()
     assert len(gsvx.decompress(tmp_path / "a.gsvx")["means"]) < len(splats["means"])
 
 
-def test_wrong_use_of_finetune(splats, tmp_path):
+def test_wrong_use_of_tune(splats, tmp_path):
     out = tmp_path / "x.gsvx"
     cameras = gsvx.read_cameras(ROOM, "train")[:3]
     for given, said in [
@@ -130,14 +130,14 @@ def test_wrong_use_of_finetune(splats, tmp_path):
         (dict(photos=[np.zeros((160, 240, 3), np.uint8)]), "1 of them for 3 cameras"),
     ]:
         with pytest.raises(ValueError, match=said):
-            gsvx.finetune(out, splats, cameras, **given)
+            gsvx.tune(out, splats, cameras, **given)
     black = [np.zeros((160, 240, 3), np.uint8)] * 3
     with pytest.raises(gsvx.Error, match="do not show this model"):
-        gsvx.finetune(out, splats, cameras, black)
+        gsvx.tune(out, splats, cameras, black)
     with pytest.raises(gsvx.Error, match="aspect ratio"):
-        gsvx.finetune(out, splats, cameras, [np.zeros((100, 100, 3), np.uint8)] * 3)
+        gsvx.tune(out, splats, cameras, [np.zeros((100, 100, 3), np.uint8)] * 3)
     with pytest.raises(gsvx.Error, match="below what a tune of this model reaches"):
-        gsvx.finetune(out, splats, ROOM, effort="quick", target_bytes=100)
+        gsvx.tune(out, splats, ROOM, effort="quick", target_bytes=100)
     assert not out.exists()
 
 

@@ -55,6 +55,6 @@ def test_tune(command, splats, tmp_path):
     path = tmp_path / "command.gsvx"
     command("tune", MODEL, "--cameras", ROOM, "-o", path, "--effort", "quick", "--target-bytes", 20_000)
     ours = tmp_path / "ours.gsvx"
-    report = gsvx.finetune(ours, splats, ROOM, effort="quick", target_bytes=20_000)
+    report = gsvx.tune(ours, splats, ROOM, effort="quick", target_bytes=20_000)
     assert ours.read_bytes() == path.read_bytes()
     assert report.bytes <= 20_000 and not report.distilled

@@ -69,6 +69,21 @@ impl Encoded {
         let chunks = self.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
         chunks.map(|c| c.count as usize).sum()
     }
+
+    /// The number of Gaussians that are coded exactly where others are not.
+    #[must_use]
+    pub fn outliers(&self) -> usize {
+        let exact = self.exact();
+        if exact as u64 == self.index.header.count { 0 } else { exact }
+    }
+
+    /// The share of the bytes that Gaussians take that are coded exactly, from 0 to 1.
+    #[must_use]
+    pub fn exact_share(&self) -> f64 {
+        let chunks = self.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
+        let bytes: u64 = chunks.flat_map(|c| &c.layers).map(|l| l.len).sum();
+        bytes as f64 / self.bytes.len().max(1) as f64
+    }
 }
 
 impl AsRef<[u8]> for Encoded {

@@ -136,6 +136,17 @@ pub enum Error {
         /// Side of the cube around all means.
         side: f64,
     },
+    /// An option needs the whole scene in memory, which a plan for parts does without.
+    #[cfg(feature = "encode")]
+    #[error("{option} needs the whole scene in memory at once")]
+    NotAtScale {
+        /// What was asked for.
+        option: &'static str,
+    },
+    /// The caller's progress function ended the work.
+    #[cfg(feature = "encode")]
+    #[error("cancelled")]
+    Cancelled,
     /// Streams are not parts of one scene.
     #[cfg(feature = "encode")]
     #[error("streams {first} and {second} (counted from 0) are not parts of one scene: {why}")]

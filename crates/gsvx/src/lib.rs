@@ -10,6 +10,8 @@ pub mod covariance;
 mod decode;
 #[cfg(feature = "encode")]
 mod encode;
+#[cfg(feature = "encode")]
+mod encoder;
 mod error;
 mod head;
 pub mod importance;
@@ -28,12 +30,16 @@ mod plan;
 #[cfg(feature = "encode")]
 mod prepare;
 #[cfg(feature = "encode")]
+mod preset;
+#[cfg(feature = "encode")]
 pub mod rate;
 mod reader;
 #[cfg(feature = "encode")]
 mod survey;
 #[cfg(feature = "encode")]
 mod tiled;
+#[cfg(feature = "encode")]
+mod warning;
 
 pub use decode::{
     DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Source, decode, decode_leaves,
@@ -41,7 +47,11 @@ pub use decode::{
 };
 #[cfg(feature = "encode")]
 pub use encode::{CoarseCells, Encoded, LEFT_OUT, encode_lossless, encode_voxels};
+#[cfg(feature = "encode")]
+pub use encoder::{Aim, EncodeProgress, Encoder, Made};
 pub use error::{Error, Result};
+pub use gpcc_lite::Leaf;
+pub use gs_model::Scene;
 pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Steps, VERSION};
 #[cfg(feature = "encode")]
 pub use join::{Joined, join};
@@ -51,6 +61,12 @@ pub use options::{DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
 pub use plan::{Choices, Plan};
 #[cfg(feature = "encode")]
 pub use prepare::{Prepared, Seen, default_strategy, encode, prepare, prune};
+#[cfg(feature = "encode")]
+pub use preset::Preset;
 pub use reader::Reader;
 #[cfg(feature = "encode")]
 pub use survey::Survey;
+#[cfg(feature = "encode")]
+pub use voxel::{Strategy, Voxelization};
+#[cfg(feature = "encode")]
+pub use warning::{EncodeWarning, Missed};

@@ -4,7 +4,7 @@
 //! A plan is made in three passes over the Gaussians: a [`Survey`], then [`Plan::new`] counts Morton codes,
 //! then [`Plan::measure`] looks at a sample of the tiles.
 
-use crate::encode::{Encoded, Source, Whole, encode_source};
+use crate::encode::{CoarseCells, Encoded, Source, Whole, encode_source};
 use crate::error::{Error, Result};
 use crate::importance::{self, UnseenUnit};
 use crate::lod;
@@ -12,6 +12,7 @@ use crate::options::EncodeOptions;
 use crate::prepare::{Seen, coarse, j_high, suffices};
 use crate::survey::Survey;
 use crate::tiled::{Mean, Octree, TILE, sample};
+use crate::warning::EncodeWarning;
 use gs_model::Scene;
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
@@ -246,10 +247,11 @@ impl Plan {
         self.sh_degree
     }
 
-    /// See [`Encoded::coarse_cells`].
+    /// What the user of the stream should know.
     #[must_use]
-    pub fn coarse_cells(&self) -> Option<f64> {
-        self.coarse_cells
+    pub fn warning(&self) -> Option<EncodeWarning> {
+        let coarse = |cells| CoarseCells { cells, of_small: false };
+        self.coarse_cells.map(coarse).map(EncodeWarning::CoarseCells)
     }
 
     /// The tiles of part `k` of `n`, with `k` from 0: each part has about as many Gaussians, some may have none.

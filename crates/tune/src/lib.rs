@@ -17,7 +17,7 @@ mod steering;
 mod views;
 
 pub use error::{Error, Result};
-pub use options::{Options, Target};
+pub use options::{DEFAULT_QUALITY, Options, Target};
 pub use plan::{Effort, Plan};
 pub use progress::{Outcome, Progress, StageName};
 pub use run::Tune;

@@ -8,6 +8,9 @@ use finetune::Backend;
 
 use crate::plan::{Effort, Plan};
 
+/// Quality used when none is asked for.
+pub const DEFAULT_QUALITY: f32 = 58.0;
+
 /// What the stream aims for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {

@@ -204,11 +204,8 @@ pub(crate) fn encode(job: &Job<'_>, report: Reporter) -> Result<()> {
 }
 
 fn warn_of_coarse_cells(plan: &PlanFile) {
-    if let Some(cells) = plan.plan.coarse_cells() {
-        note(format_args!(
-            "warning: parts of the scene lie so far apart that positions come in steps of {cells:.1} times the \
-             size of a typical Gaussian, which shows at any quality; encode each part apart"
-        ));
+    if let Some(warning) = plan.plan.warning() {
+        note(format_args!("warning: {warning}"));
     }
 }
 

@@ -18,7 +18,7 @@ from ._gsvx import DEFAULT_QUALITY, Error, __version__, set_threads
 from ._render import compare, orbit, render
 from ._reports import Comparison, Estimate, Progress, Report, TuneReport, ViewScore
 from ._stream import Chunk, Stream, open
-from ._tune import finetune
+from ._tune import tune
 
 __all__ = [
     "Cameras",
@@ -41,12 +41,12 @@ __all__ = [
     "compress_to_bytes",
     "decompress",
     "decompress_bytes",
-    "finetune",
     "open",
     "orbit",
     "read_cameras",
     "read_model",
     "render",
     "set_threads",
+    "tune",
     "write_model",
 ]

@@ -15,9 +15,7 @@ from ._reports import Estimate, ProgressCallback, Report, _callback
 from ._stream import open as open_stream
 
 #: Qualities by name, as those of the command.
-PRESETS = {"tiny": 30.0, "web": 50.0, "high": 80.0, "archive": 90.0}
-#: Leaves of a chunk for the web.
-_WEB_CHUNK = 1 << 14
+PRESETS: Dict[str, float] = _gsvx.PRESETS
 
 
 def compress(
@@ -144,8 +142,7 @@ def _encode(
         options["quality"] = PRESETS[preset]
     elif web and options["quality"] is None:
         options["quality"] = PRESETS["web"]
-    options["lod"] = options["lod"] or web
-    options["chunk_leaves"] = _WEB_CHUNK if web else None
+    options["web"] = web
     views = None if cameras is None else _as_cameras(cameras, training=True)._native()
     stream, report = _gsvx.compress(model(splats), options, views, _callback(progress))
     if report["estimate"] is not None:

@@ -8,22 +8,24 @@ import numpy.typing as npt
 __all__ = [
     "DEFAULT_QUALITY",
     "Error",
+    "PRESETS",
     "Reader",
     "__version__",
     "compare",
     "compress",
     "decompress",
-    "finetune",
     "orbit",
     "read_cameras",
     "read_model",
     "render",
     "set_threads",
+    "tune",
     "write_model",
 ]
 
 __version__: str
 DEFAULT_QUALITY: float
+PRESETS: Dict[str, float]
 
 _Arrays = Dict[str, npt.NDArray[np.float32]]
 _Tell = Optional[Callable[..., Any]]
@@ -77,7 +79,7 @@ def compare(
 def render(
     splats: Dict[str, Any], cameras: Dict[str, Any], background: Sequence[float], progress: _Tell
 ) -> List[npt.NDArray[np.float32]]: ...
-def finetune(
+def tune(
     splats: Dict[str, Any],
     cameras: Dict[str, Any],
     photos: Optional[Sequence[Any]],

@@ -91,7 +91,7 @@ class Report:
 
 @dataclass(frozen=True)
 class TuneReport:
-    """What :func:`gsvx.finetune` made.
+    """What :func:`gsvx.tune` made.
 
     ``psnr`` and ``input_psnr``: of the stream and of the input model at views kept aside, in dB.
     ``distilled``: whether the model was tuned to its own renders. ``steps``, ``seconds``: how long. The others

@@ -15,7 +15,7 @@ from ._files import ModelLike, Target, check_writable, is_path, model, write
 from ._reports import ProgressCallback, TuneReport, _callback
 
 
-def finetune(
+def tune(
     path: Target,
     splats: ModelLike,
     cameras: CamerasLike,
@@ -64,7 +64,7 @@ def finetune(
         drop_invalid=drop_invalid,
     )
     native = views._native()
-    stream, report = _gsvx.finetune(model(splats), native, used, options, _callback(progress))
+    stream, report = _gsvx.tune(model(splats), native, used, options, _callback(progress))
     write(path, stream)
     result = TuneReport(**report, distilled=used is None)
     for warning in [*result.warnings, *filter(None, [result.missed])]:

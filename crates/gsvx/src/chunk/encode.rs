@@ -119,7 +119,9 @@ impl ChunkEncoder {
                     (0..leaves).for_each(|i| group.values(&base, i, rows.row_mut(i)));
                 }
                 drop(base);
-                low.base_layer(front, coder)
+                let layer = low.base_layer(front, coder);
+                low.rows.fill(Rows::default());
+                layer
             },
             move || {
                 let layer = |number: usize| {
@@ -131,7 +133,12 @@ impl ChunkEncoder {
                         let each = piece.chunks_exact(usize::from(2 * degree + 1));
                         (first..).zip(each).for_each(|(i, sh)| colours(sh, rows.row_mut(i)));
                     }
-                    high.degree_layer(number)
+                    let layer = high.degree_layer(number);
+                    // Only the next degree needs its values.
+                    if let Some(below) = number.checked_sub(1) {
+                        high.rows[below] = Rows::default();
+                    }
+                    layer
                 };
                 (0..usize::from(how.sh_degree)).map(layer).collect::<Result<Vec<_>>>()
             },

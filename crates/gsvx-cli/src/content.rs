@@ -1,0 +1,85 @@
+//! What `gsvx encode` and `gsvx plan` both take: the quality, and what is kept.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use gsvx::{Aim, DEFAULT_QUALITY, EncodeOptions, Encoder, Preset};
+use std::path::PathBuf;
+
+/// Heading of what changes the scene.
+pub(crate) const CONTENT: &str = "What is kept";
+
+/// Quality and content of a stream.
+#[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("rate"))]
+pub(crate) struct Content {
+    /// Quality from 0 (smallest) to 100 (best) [default: 80].
+    #[arg(short, long, group = "rate", value_parser = quality)]
+    quality: Option<f32>,
+    /// A quality by name: 30, 50, 80 or 90.
+    #[arg(long, value_name = "NAME", group = "rate", value_parser = presets())]
+    preset: Option<Preset>,
+    /// Cameras of the training photos: what they see gets more bits.
+    ///
+    /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
+    /// transforms.json.
+    #[arg(long, value_name = "PATH")]
+    pub(crate) cameras: Option<PathBuf>,
+    /// With --cameras: leave out the Gaussians that they see too little of to pay for their bits, and
+    /// so all that they do not see.
+    ///
+    /// Streams are 5 to 15 % smaller and show the same from places like those of the cameras. From elsewhere
+    /// parts may be missing. Without this, what the cameras do not see is kept coarsely.
+    #[arg(long, requires = "cameras", hide_short_help = true, help_heading = CONTENT)]
+    pub(crate) drop_unseen: bool,
+    /// Store a coarse scene first, for viewers that show a scene while it loads.
+    #[arg(long, hide_short_help = true, help_heading = CONTENT)]
+    lod: bool,
+    /// What a web page wants: the preset web if no quality is given, a coarse scene first, small chunks.
+    #[arg(long, hide_short_help = true, help_heading = CONTENT)]
+    pub(crate) web: bool,
+    /// Highest SH degree to keep.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3),
+          value_name = "DEGREE", hide_short_help = true, help_heading = CONTENT)]
+    max_sh_degree: u8,
+}
+
+impl Content {
+    /// The preset that was asked for: --web names one, unless there is a quality.
+    pub(crate) fn preset(&self) -> Option<Preset> {
+        let web = self.web && self.quality.is_none();
+        self.preset.or_else(|| web.then_some(Preset::WEB))
+    }
+
+    /// The quality that was asked for, or the default.
+    pub(crate) fn quality(&self) -> f32 {
+        let preset = self.preset().map(|p| p.quality);
+        preset.or(self.quality).unwrap_or(DEFAULT_QUALITY)
+    }
+
+    /// An encoder that keeps this.
+    pub(crate) fn encoder<'a>(&self, aim: Aim<'a>) -> Encoder<'a> {
+        let mut encoder = Encoder::new(aim);
+        encoder.options.max_sh_degree = self.max_sh_degree;
+        encoder.options.drop_unseen = self.drop_unseen;
+        encoder.options.lod = self.lod;
+        if self.web {
+            encoder.for_web();
+        }
+        encoder
+    }
+}
+
+/// A quality on the command line.
+pub(crate) fn quality(text: &str) -> Result<f32, String> {
+    let value = text.parse().map_err(|_| "use a number from 0 to 100".to_owned())?;
+    EncodeOptions::from_quality(value).map_err(|e| e.to_string())?;
+    Ok(value)
+}
+
+/// Reads the name of a preset.
+fn presets() -> impl TypedValueParser<Value = Preset> {
+    let help = |p: Preset| format!("{}: quality {}", p.purpose, p.quality);
+    let values = Preset::ALL.map(|p| PossibleValue::new(p.name).help(help(p)));
+    PossibleValuesParser::new(values).try_map(|name| {
+        Preset::ALL.into_iter().find(|p| p.name == name).ok_or_else(|| format!("no preset {name}"))
+    })
+}
