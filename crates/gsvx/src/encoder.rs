@@ -40,6 +40,8 @@ pub enum EncodeProgress<'a> {
     Made(f32, &'a Encoded),
 }
 
+type OnProgress<'a> = Box<dyn FnMut(EncodeProgress<'_>) -> ControlFlow<()> + 'a>;
+
 /// Makes streams of scenes in memory.
 ///
 /// ```
@@ -60,7 +62,7 @@ pub struct Encoder<'a> {
     aim: Aim<'a>,
     /// What is kept, and what cameras see. Quality, steps and bounds on errors follow from the aim.
     pub options: EncodeOptions,
-    progress: Option<Box<dyn FnMut(EncodeProgress<'_>) -> ControlFlow<()> + 'a>>,
+    progress: Option<OnProgress<'a>>,
 }
 
 /// A stream, and what is to be said of it.
@@ -201,8 +203,7 @@ impl Made {
 
 /// The scene that a stream of our own decodes to.
 fn whole(encoded: &Encoded) -> Result<Scene> {
-    let mut options = crate::DecodeOptions::default();
-    options.max_gaussians = Some(u64::MAX);
+    let options = crate::DecodeOptions { max_gaussians: Some(u64::MAX), ..Default::default() };
     Ok(crate::decode_with(&encoded.bytes, &options)?.scene)
 }
 
