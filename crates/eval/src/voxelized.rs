@@ -10,7 +10,7 @@ pub(crate) fn voxelized(
     strategy: &Strategy,
     importance: Vec<f32>,
 ) -> voxel::Result<Prepared> {
-    let voxels = voxel::voxelize(scene, &Cube::of(&scene.means)?, strategy)?;
+    let voxels = voxel::voxelize(scene, &voxel::cube_of(&scene.means)?, strategy)?;
     let of_leaves = voxels.sums(&importance);
     let weights = Importance::Given(importance);
     let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;

@@ -11,12 +11,12 @@ use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lossless, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows, forward, inverse};
-use gpcc_lite::{Leaf, Limits, geometry, morton, rlgr};
+use gpcc_lite::{Leaf, Limits, Octree, geometry, morton, rlgr};
 
 const J: u8 = 15;
 
 /// A noisy sphere with a smooth colour.
-fn cloud(n: usize) -> (Vec<Leaf>, Vec<Vec<i32>>) {
+fn cloud(n: usize) -> (Octree, Vec<Vec<i32>>) {
     let mut s = 0x9e37_79b9_7f4a_7c15u64;
     let mut next = || {
         s ^= s << 13;
@@ -36,16 +36,17 @@ fn cloud(n: usize) -> (Vec<Leaf>, Vec<Vec<i32>>) {
     points.sort_unstable();
     points.dedup_by_key(|p| p.0);
     let leaves = points.iter().map(|p| Leaf { morton: p.0, depth: J }).collect();
-    (leaves, (0..3).map(|c| points.iter().map(|p| p.1[c]).collect()).collect())
+    let tree = Octree::of_points(J, leaves).expect("valid leaves");
+    (tree, (0..3).map(|c| points.iter().map(|p| p.1[c]).collect()).collect())
 }
 
 type Group<'a> = criterion::BenchmarkGroup<'a, criterion::measurement::WallTime>;
 
 fn stages(c: &mut Criterion) {
     let n = std::env::var("GPCC_POINTS").ok().and_then(|v| v.parse().ok()).unwrap_or(100_000);
-    let (leaves, channels) = cloud(n);
+    let (tree, channels) = cloud(n);
     let random: Vec<u64> =
-        leaves.iter().map(|l| l.morton.wrapping_mul(0x9e37_79b9_7f4a_7c15)).collect();
+        tree.leaves().iter().map(|l| l.morton.wrapping_mul(0x9e37_79b9_7f4a_7c15)).collect();
     let mut g = c.benchmark_group("stages");
     g.sample_size(10);
     g.bench_function("yardstick: sort_unstable of as many u64", |b| {
@@ -55,20 +56,20 @@ fn stages(c: &mut Criterion) {
             criterion::BatchSize::LargeInput,
         );
     });
-    let bytes = geometry::encode(&leaves, J).expect("valid leaves");
-    let limits = Limits { max_points: leaves.len() };
-    g.bench_function("geometry encode", |b| b.iter(|| geometry::encode(&leaves, J)));
+    let bytes = geometry::encode(&tree).expect("valid leaves");
+    let limits = Limits { max_points: tree.len() };
+    g.bench_function("geometry encode", |b| b.iter(|| geometry::encode(&tree)));
     g.bench_function("geometry decode", |b| b.iter(|| geometry::decode(&bytes, &limits)));
-    attributes(&mut g, &leaves, &channels);
-    tools(&mut g, &leaves, &channels);
+    attributes(&mut g, &tree, &channels);
+    tools(&mut g, &tree, &channels);
     g.finish();
 }
 
-fn attributes(g: &mut Group<'_>, leaves: &[Leaf], channels: &[Vec<i32>]) {
-    g.bench_function("RAHT plan", |b| b.iter(|| Plan::new(leaves, J)));
-    let plan = Plan::new(leaves, J).expect("valid leaves");
-    let mut rows = Rows::new(leaves.len(), channels.len());
-    for i in 0..leaves.len() {
+fn attributes(g: &mut Group<'_>, tree: &Octree, channels: &[Vec<i32>]) {
+    g.bench_function("RAHT plan", |b| b.iter(|| Plan::new(tree.clone())));
+    let plan = Plan::new(tree.clone());
+    let mut rows = Rows::new(tree.len(), channels.len());
+    for i in 0..tree.len() {
         (0..channels.len()).for_each(|c| rows.row_mut(i)[c] = channels[c][i] as f32);
     }
     for (name, transform) in
@@ -104,7 +105,7 @@ fn attributes(g: &mut Group<'_>, leaves: &[Leaf], channels: &[Vec<i32>]) {
     });
 }
 
-fn tools(g: &mut Group<'_>, leaves: &[Leaf], channels: &[Vec<i32>]) {
+fn tools(g: &mut Group<'_>, tree: &Octree, channels: &[Vec<i32>]) {
     let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
     let levels: Vec<i32> = channels[0].iter().map(|v| (v - 128) / 8).collect();
     g.bench_function("RLGR encode, one channel", |b| b.iter(|| rlgr::encode(black_box(&levels))));
@@ -112,12 +113,12 @@ fn tools(g: &mut Group<'_>, leaves: &[Leaf], channels: &[Vec<i32>]) {
     g.bench_function("RLGR decode, one channel", |b| {
         b.iter(|| rlgr::decode(black_box(&coded), levels.len()));
     });
-    g.bench_function("neighbours", |b| b.iter(|| Neighbours::new(leaves, J)));
-    let near = Neighbours::new(leaves, J).expect("valid leaves");
+    g.bench_function("neighbours", |b| b.iter(|| Neighbours::new(tree)));
+    let near = Neighbours::new(tree);
     let lossless = encode_lossless(&near, &refs).expect("valid channels");
     g.bench_function("lossless encode", |b| b.iter(|| encode_lossless(&near, &refs)));
     g.bench_function("lossless decode", |b| b.iter(|| decode_lossless(&near, &lossless, 3)));
-    let coarser = Neighbours::coarser(leaves, J).expect("valid leaves");
+    let coarser = Neighbours::coarser(tree);
     let lift = Lifting::new(&coarser);
     let steps = [Step::from_qp(22); 3];
     g.bench_function("lifting encode", |b| b.iter(|| encode_lifting(&lift, &refs, &steps)));

@@ -16,27 +16,20 @@
 //! Normative description: `docs/format.md`, "Geometry".
 
 mod models;
+mod node;
 mod slabs;
 mod source;
 mod tree;
 
 use crate::bytes::{Reader, put_varint};
 use crate::coder::{Coder, Decoder, Encoder};
+use crate::cube::Cube;
 use crate::error::{Error, Result};
-use crate::leaf::{Leaf, check_count, check_leaves};
+use crate::leaf::Leaf;
 use crate::limits::Limits;
-use crate::morton::MAX_DEPTH;
+use crate::octree::{Octree, check_count, check_depth};
 use models::Models;
 use tree::Tree;
-
-/// Decoded geometry.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Geometry {
-    /// Leaves in Morton order; codes are at depth `j_high`.
-    pub leaves: Vec<Leaf>,
-    /// Depth of the finest possible leaf.
-    pub j_high: u8,
-}
 
 /// Leaves that are coded as a sample, with slabs and without.
 const SAMPLE: usize = 2048;
@@ -44,42 +37,39 @@ const SAMPLE: usize = 2048;
 const LEAST_GAIN: usize = 50;
 
 /// Whether slabs pay, tried on the first leaves.
-fn slabs_pay(leaves: &[Leaf], j_high: u8) -> Result<bool> {
-    let sample = &leaves[..leaves.len().min(SAMPLE)];
+fn slabs_pay(tree: &Octree) -> Result<bool> {
+    let sample = &tree.leaves()[..tree.len().min(SAMPLE)];
     let cost = |slabs| -> Result<usize> {
         let mut coder = Encoder::default();
-        code(&mut coder, Some(sample), sample.len(), j_high, slabs)?;
+        code(&mut coder, Some(sample), Shape { count: sample.len(), depth: tree.depth(), slabs })?;
         Ok(coder.finish().len())
     };
     let (without, with) = (cost(false)?, cost(true)?);
     Ok(with + without / LEAST_GAIN < without)
 }
 
-/// Codes `leaves` (sorted, disjoint, not deeper than `j_high`) as a stream of its own.
+/// Codes the leaves of an octree as a stream of its own. It does not hold the cube.
 ///
 /// # Errors
-/// If the leaves are not valid, or there are 2^32 - 1 of them or more.
-pub fn encode(leaves: &[Leaf], j_high: u8) -> Result<Vec<u8>> {
-    check_leaves(leaves, j_high)?;
-    let slabs = slabs_pay(leaves, j_high)?;
-    let mut out = vec![j_high, u8::from(slabs)];
-    put_varint(&mut out, leaves.len() as u64);
+/// None for a valid octree.
+pub fn encode(tree: &Octree) -> Result<Vec<u8>> {
+    let (count, depth, slabs) = (tree.len(), tree.depth(), slabs_pay(tree)?);
+    let mut out = vec![depth, u8::from(slabs)];
+    put_varint(&mut out, count as u64);
     let mut coder = Encoder::default();
-    code(&mut coder, Some(leaves), leaves.len(), j_high, slabs)?;
+    code(&mut coder, Some(tree.leaves()), Shape { count, depth, slabs })?;
     out.extend(coder.finish());
     Ok(out)
 }
 
-/// Decodes what [`encode`] wrote.
+/// Decodes what [`encode`] wrote, as an octree with cells of side 1.
 ///
 /// # Errors
 /// If the stream is truncated, corrupt, or claims more points than `limits` allows.
-pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Geometry> {
+pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Octree> {
     let mut r = Reader::new(bytes);
-    let j_high = r.u8("geometry header")?;
-    if j_high > MAX_DEPTH {
-        return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
-    }
+    let depth = r.u8("geometry header")?;
+    check_depth(depth)?;
     let offset = r.pos();
     let slabs = match r.u8("slabs")? {
         byte @ 0..2 => byte == 1,
@@ -90,64 +80,67 @@ pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Geometry> {
         return Err(Error::TooManyPoints { points, limit: limits.max_points });
     }
     let mut coder = Decoder::new(&bytes[r.pos()..])?;
-    let leaves = decode_counted(&mut coder, points as usize, j_high, slabs)?;
+    let leaves = decode_counted(&mut coder, Shape { count: points as usize, depth, slabs })?;
     coder.finish()?;
-    Ok(Geometry { leaves, j_high })
+    Octree::of_points(depth, leaves)
 }
 
-/// Codes leaves into a stream that holds other things too.
+/// Codes the leaves of an octree into a stream that holds other things too.
 ///
 /// # Errors
-/// If the leaves are not valid, or there are 2^32 - 1 of them or more.
-pub fn encode_leaves(coder: &mut Encoder, leaves: &[Leaf], j_high: u8) -> Result<()> {
-    check_leaves(leaves, j_high)?;
-    code(coder, Some(leaves), leaves.len(), j_high, false).map(|_| ())
+/// None for a valid octree.
+pub fn encode_leaves(coder: &mut Encoder, tree: &Octree) -> Result<()> {
+    let shape = Shape { count: tree.len(), depth: tree.depth(), slabs: false };
+    code(coder, Some(tree.leaves()), shape).map(|_| ())
 }
 
-/// Decodes what [`encode_leaves`] coded.
+/// Decodes what [`encode_leaves`] coded: `count` leaves of an octree of this depth.
 ///
 /// Time and memory are bounded by the bytes of the stream as well as by `count`: a stream that
 /// claims more leaves than it holds ends early.
 ///
 /// # Errors
-/// If the stream is truncated or does not hold `count` leaves, or `j_high` exceeds
-/// [`MAX_DEPTH`].
-pub fn decode_leaves(coder: &mut Decoder<'_>, count: usize, j_high: u8) -> Result<Vec<Leaf>> {
-    if j_high > MAX_DEPTH {
-        return Err(Error::Depth { depth: j_high, max: MAX_DEPTH });
-    }
-    decode_counted(coder, count, j_high, false)
-}
-
-fn decode_counted(
+/// If the stream is truncated or does not hold `count` leaves, or `depth` exceeds
+/// [`MAX_DEPTH`](crate::morton::MAX_DEPTH).
+pub fn decode_leaves(
     coder: &mut Decoder<'_>,
     count: usize,
-    j_high: u8,
+    cube: Cube,
+    depth: u8,
+) -> Result<Octree> {
+    check_depth(depth)?;
+    let leaves = decode_counted(coder, Shape { count, depth, slabs: false })?;
+    Octree::new(cube, depth, leaves)
+}
+
+/// What a decoder knows of the leaves before it reads them.
+#[derive(Clone, Copy)]
+struct Shape {
+    count: usize,
+    /// Depth of the octree.
+    depth: u8,
     slabs: bool,
-) -> Result<Vec<Leaf>> {
-    check_count(count as u64)?;
-    let leaves = code(coder, None, count, j_high, slabs)?;
-    if leaves.len() != count {
+}
+
+fn decode_counted(coder: &mut Decoder<'_>, shape: Shape) -> Result<Vec<Leaf>> {
+    check_count(shape.count as u64)?;
+    let leaves = code(coder, None, shape)?;
+    if leaves.len() != shape.count {
         return Err(Error::Corrupt { what: "point count", offset: 0 });
     }
     Ok(leaves)
 }
 
 /// Codes or decodes the levels of the tree from the root down.
-fn code<C: Coder>(
-    coder: &mut C,
-    leaves: Option<&[Leaf]>,
-    count: usize,
-    j_high: u8,
-    slabs: bool,
-) -> Result<Vec<Leaf>> {
+fn code<C: Coder>(coder: &mut C, leaves: Option<&[Leaf]>, shape: Shape) -> Result<Vec<Leaf>> {
+    let Shape { count, depth, slabs } = shape;
     if count == 0 {
         return Ok(Vec::new());
     }
-    let mut models = Models::new(slabs, j_high);
-    let mut tree = Tree::new(leaves, j_high, count);
-    for depth in 0..j_high {
-        tree.level(depth, &mut models, coder)?;
+    let mut models = Models::new(slabs, depth);
+    let mut tree = Tree::new(leaves, depth, count);
+    for level in 0..depth {
+        tree.level(level, &mut models, coder)?;
     }
     Ok(tree.finish())
 }

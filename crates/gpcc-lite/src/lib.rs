@@ -19,12 +19,12 @@
 //!
 //! ```
 //! use gpcc_lite::raht::{Plan, Rows, forward, inverse};
-//! use gpcc_lite::{Leaf, morton};
+//! use gpcc_lite::{Leaf, Octree, morton};
 //!
 //! // Occupied voxels in Morton order, each with one row of channels.
 //! let leaves: Vec<Leaf> =
 //!     (0..100).map(|i| Leaf { morton: morton::encode([i, i, i]), depth: 7 }).collect();
-//! let plan = Plan::new(&leaves, 7)?;
+//! let plan = Plan::new(Octree::of_points(7, leaves)?);
 //! let mut rows = Rows::new(100, 1);
 //! (0..100).for_each(|i| rows.row_mut(i)[0] = i as f32);
 //! forward(&plan, &mut rows)?; // The mean in row 0, differences of means in all others.
@@ -40,24 +40,28 @@ pub mod attribute;
 mod bytes;
 pub mod coder;
 mod coefficients;
+mod cube;
 mod error;
 pub mod geometry;
 mod hood;
-pub mod leaf;
+mod leaf;
 mod limits;
 mod logistic;
 pub mod mix;
 pub mod model;
 pub mod morton;
+mod octree;
 pub mod predict;
 pub mod quant;
 pub mod raht;
 pub mod rlgr;
 mod symbols;
 
+pub use cube::{Cube, Grid};
 pub use error::{Error, Result};
 pub use leaf::Leaf;
 pub use limits::Limits;
+pub use octree::Octree;
 
 /// The README's examples, run with those of the documentation.
 #[cfg(doctest)]

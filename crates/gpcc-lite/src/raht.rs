@@ -22,10 +22,10 @@ mod rows;
 
 pub(crate) use rows::{LANES, Lanes, split, undo};
 pub use rows::{Rows, forward, inverse};
-use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::leaf::{Leaf, check_leaves};
+use crate::leaf::Leaf;
+use crate::octree::Octree;
 
 /// Greatest sum of leaf weights (exclusive): sums of weights are exact in `f64`.
 const MAX_WEIGHT_SUM: u64 = 1 << 50;
@@ -33,7 +33,6 @@ const MAX_WEIGHT_SUM: u64 = 1 << 50;
 /// The merges of a set of leaves, shared by all channels.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
-    points: usize,
     /// Per merge, coarse to fine: position of the low-pass value (first leaf of the left child).
     left: Vec<u32>,
     /// Per merge: position of the high-pass value (first leaf of the right child).
@@ -49,9 +48,9 @@ pub struct Plan {
     scale: Vec<f32>,
     /// Per merge: see [`Plan::noise_gain`].
     noise_gain: Vec<f32>,
-    /// First coefficient of each level of merges, `3 j_high` levels, then `N`.
+    /// First coefficient of each level of merges, `3 tree_depth` levels, then `N`.
     levels: Vec<u32>,
-    leaves: Arc<Vec<Leaf>>,
+    tree: Octree,
     /// Sums of the weights of the leaves before each, and of their squares; empty if all weights
     /// are 1.
     prefix: Vec<Sums>,
@@ -83,54 +82,14 @@ struct Sums {
 }
 
 impl Plan {
-    /// The plan for `leaves` with weight 1 each.
-    ///
-    /// # Errors
-    /// If the leaves are not sorted, disjoint cells of a tree of depth `j_high`.
-    pub fn new(leaves: &[Leaf], j_high: u8) -> Result<Self> {
-        Self::of(leaves.to_vec(), j_high)
-    }
-
-    /// As [`Plan::new`], without a copy of the leaves, which may be shared.
-    ///
-    /// # Errors
-    /// As [`Plan::new`].
-    pub fn of(leaves: impl Into<Arc<Vec<Leaf>>>, j_high: u8) -> Result<Self> {
-        let leaves = leaves.into();
-        check_leaves(&leaves, j_high)?;
-        Ok(Self::build(leaves, j_high, None))
-    }
-
-    /// The plan for `leaves` with an importance weight each.
-    ///
-    /// # Errors
-    /// As [`Plan::new`]; also if a weight is 0, the sum reaches 2^50, or the counts differ.
-    pub fn with_weights(leaves: &[Leaf], j_high: u8, weights: &[u32]) -> Result<Self> {
-        check_leaves(leaves, j_high)?;
-        check_weights(leaves.len(), weights)?;
-        Ok(Self::build(Arc::new(leaves.to_vec()), j_high, Some(weights)))
-    }
-
-    /// The same leaves with other weights: the same as [`Plan::with_weights`], in less time.
-    ///
-    /// # Errors
-    /// As [`Plan::with_weights`].
-    pub fn weighted(mut self, weights: &[u32]) -> Result<Self> {
-        check_weights(self.points, weights)?;
-        self.prefix = prefix_of(weights);
-        for m in 0..self.left.len() {
-            self.set_factors(m);
-        }
-        Ok(self)
-    }
-
-    fn build(leaves: Arc<Vec<Leaf>>, j_high: u8, weights: Option<&[u32]>) -> Self {
-        let points = leaves.len();
+    /// The plan for the leaves of an octree, with weight 1 each.
+    #[must_use]
+    pub fn new(tree: Octree) -> Self {
+        let points = tree.len();
         let merges = points.saturating_sub(1);
-        let boundaries = Boundaries::between(&leaves);
-        let (levels, sorted) = boundaries.sorted(j_high);
+        let boundaries = Boundaries::between(tree.leaves());
+        let (levels, sorted) = boundaries.sorted(tree.depth());
         let mut plan = Self {
-            points,
             left: vec![0; merges],
             right: Vec::new(),
             parent: vec![0; merges],
@@ -139,8 +98,8 @@ impl Plan {
             scale: vec![0.0; merges],
             noise_gain: vec![1.0; merges],
             levels,
-            leaves,
-            prefix: weights.map(prefix_of).unwrap_or_default(),
+            tree,
+            prefix: Vec::new(),
         };
         // Parents come before their children. No boundary is above the root's: its parent is 0, the
         // DC.
@@ -157,6 +116,19 @@ impl Plan {
             plan.set_factors(m);
         }
         plan
+    }
+
+    /// The plan for the same leaves with an importance weight each.
+    ///
+    /// # Errors
+    /// If a weight is 0, the sum reaches 2^50, or the counts differ.
+    pub fn weighted(mut self, weights: &[u32]) -> Result<Self> {
+        check_weights(self.len(), weights)?;
+        self.prefix = prefix_of(weights);
+        for m in 0..self.left.len() {
+            self.set_factors(m);
+        }
+        Ok(self)
     }
 
     /// Sets what a merge needs of the weights of its children.
@@ -196,13 +168,19 @@ impl Plan {
     /// Number of points, and of coefficients.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.points
+        self.tree.len()
     }
 
-    /// The leaves.
+    /// The octree.
+    #[must_use]
+    pub fn octree(&self) -> &Octree {
+        &self.tree
+    }
+
+    /// Its leaves.
     #[must_use]
     pub fn leaves(&self) -> &[Leaf] {
-        &self.leaves
+        self.tree.leaves()
     }
 
     /// `sqrt(w)` of each leaf; nothing if all are 1.
@@ -219,7 +197,7 @@ impl Plan {
     /// True for a plan of no points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.points == 0
+        self.tree.is_empty()
     }
 
     /// Coefficient index of the merge above coefficient `k`; 0 (the DC) for the root merge.
@@ -233,7 +211,7 @@ impl Plan {
         &self.parent
     }
 
-    /// First coefficient of each level of merges, `3 j_high` levels, then `len()` (or 1 if that is
+    /// First coefficient of each level of merges, `3 tree_depth` levels, then `len()` (or 1 if that is
     /// greater). The DC (coefficient 0) precedes the first.
     #[must_use]
     pub fn levels(&self) -> &[u32] {
@@ -272,7 +250,7 @@ impl Plan {
     /// The root of the sum of all weights: what takes the mean of all leaves to coefficient 0.
     #[must_use]
     pub fn root_of_weight(&self) -> f64 {
-        self.weight_of(0, self.points as u32).max(1.0).sqrt()
+        self.weight_of(0, self.len() as u32).max(1.0).sqrt()
     }
 
     /// The first leaf on the far side of the split of coefficient `k >= 1`: one coefficient per
@@ -290,10 +268,10 @@ impl Plan {
     }
 
     fn check(&self, len: usize) -> Result<()> {
-        if len == self.points {
+        if len == self.len() {
             Ok(())
         } else {
-            Err(Error::ChannelLength { channel: 0, got: len, want: self.points })
+            Err(Error::ChannelLength { channel: 0, got: len, want: self.len() })
         }
     }
 
@@ -364,8 +342,8 @@ impl Boundaries {
 
     /// The boundaries by descending bit, in Morton order within a bit, and the first coefficient of
     /// each bit: a counting sort.
-    fn sorted(&self, j_high: u8) -> (Vec<u32>, Vec<u32>) {
-        let bits = 3 * usize::from(j_high);
+    fn sorted(&self, tree_depth: u8) -> (Vec<u32>, Vec<u32>) {
+        let bits = 3 * usize::from(tree_depth);
         let mut histogram = [0u32; 64];
         for &b in &self.bit[1..] {
             histogram[usize::from(b)] += 1;
@@ -415,25 +393,26 @@ fn prefix_of(weights: &[u32]) -> Vec<Sums> {
 mod tests {
     use super::*;
 
-    fn some_leaves() -> Vec<Leaf> {
+    fn some_leaves() -> Octree {
         let leaves = (0..300u64).map(|i| Leaf { morton: i * i % 4093, depth: 5 });
         let mut leaves: Vec<Leaf> = leaves.collect();
         leaves.sort_unstable();
         leaves.dedup();
-        leaves
+        Octree::of_points(5, leaves).unwrap()
     }
 
     #[test]
-    fn weights_may_come_later() {
-        let leaves = some_leaves();
-        let weights: Vec<u32> = (0..leaves.len() as u32).map(|i| 1 + i * 7 % 50).collect();
-        let at_once = Plan::with_weights(&leaves, 5, &weights).unwrap();
-        let later = Plan::new(&leaves, 5).unwrap().weighted(&weights).unwrap();
-        assert_eq!((&at_once.share, &at_once.scale), (&later.share, &later.scale));
-        assert_eq!(at_once.noise_gain, later.noise_gain);
-        assert_eq!(at_once.prefix, later.prefix);
-        assert!(later.root_weights().map(|r| (r * r).round() as u32).eq(weights.iter().copied()));
-        assert!(Plan::new(&leaves, 5).unwrap().weighted(&weights[1..]).is_err());
-        assert!(Plan::new(&leaves, 5).unwrap().weighted(&vec![0; leaves.len()]).is_err());
+    fn weights_of_one_change_nothing_and_others_come_back() {
+        let plan = Plan::new(some_leaves());
+        let ones = plan.clone().weighted(&vec![1; plan.len()]).unwrap();
+        assert_eq!((&plan.share, &plan.scale), (&ones.share, &ones.scale));
+        assert_eq!(plan.noise_gain, ones.noise_gain);
+        let weights: Vec<u32> = (0..plan.len() as u32).map(|i| 1 + i * 7 % 50).collect();
+        let weighted = plan.clone().weighted(&weights).unwrap();
+        assert!(
+            weighted.root_weights().map(|r| (r * r).round() as u32).eq(weights.iter().copied())
+        );
+        assert!(plan.clone().weighted(&weights[1..]).is_err());
+        assert!(plan.clone().weighted(&vec![0; plan.len()]).is_err());
     }
 }

@@ -6,12 +6,12 @@ mod common;
 
 use std::collections::BTreeMap;
 
-use common::{any_leaves, any_weights, power_of_two, rows_of};
+use common::{any_octree, any_weights, power_of_two, rows_of};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gpcc_lite::model::{Bit, Symbols};
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, morton};
+use gpcc_lite::{Leaf, Octree, morton};
 use proptest::prelude::*;
 
 /// Elias gamma.
@@ -230,17 +230,17 @@ fn decode(bytes: &[u8], leaves: &[Leaf], weights: &[u32], steps: &[f32]) -> Vec<
 }
 
 /// Encodes rows and compares both decoders.
-fn compare(leaves: &[Leaf], j: u8, weights: &[u32], steps: &[f32], lambda: f32, rows: &Rows) {
-    let plan = Plan::with_weights(leaves, j, weights).unwrap();
+fn compare(tree: &Octree, weights: &[u32], steps: &[f32], lambda: f32, rows: &Rows) {
+    let plan = Plan::new(tree.clone()).weighted(weights).unwrap();
     let mut told = rows.clone();
     let mut coder = Encoder::default();
     attribute::encode(&mut coder, &plan, steps, &Options { lambda }, &mut told).unwrap();
     let bytes = coder.finish();
-    let mut read = Rows::new(leaves.len(), steps.len());
+    let mut read = Rows::new(tree.len(), steps.len());
     attribute::decode(&mut Decoder::new(&bytes).unwrap(), &plan, steps, &mut read).unwrap();
-    let second = decode(&bytes, leaves, weights, steps);
+    let second = decode(&bytes, tree.leaves(), weights, steps);
     for (i, row) in second.iter().enumerate() {
-        assert_eq!(row, read.row(i), "leaf {i} of {}, {} channels", leaves.len(), steps.len());
+        assert_eq!(row, read.row(i), "leaf {i} of {}, {} channels", tree.len(), steps.len());
     }
 }
 
@@ -251,12 +251,12 @@ proptest! {
 
     #[test]
     fn a_second_decoder_agrees(
-        (leaves, j) in any_leaves(), seed: u64, log_step in -6i32..10, lambda in 0.0f32..0.3,
+        tree in any_octree(), seed: u64, log_step in -6i32..10, lambda in 0.0f32..0.3,
         channels in prop::sample::select(CHANNELS.to_vec()),
     ) {
-        let weights = any_weights(leaves.len(), seed);
-        let rows = rows_of(leaves.len(), channels, seed, 1);
-        compare(&leaves, j, &weights, &vec![power_of_two(log_step); channels], lambda, &rows);
+        let weights = any_weights(tree.len(), seed);
+        let rows = rows_of(tree.len(), channels, seed, 1);
+        compare(&tree, &weights, &vec![power_of_two(log_step); channels], lambda, &rows);
     }
 }
 
@@ -269,10 +269,11 @@ fn a_second_decoder_agrees_on_a_plane() {
     };
     let mut points: Vec<(u64, f32, f32)> = (0..4096).map(point).collect();
     points.sort_by_key(|p| p.0);
-    let leaves: Vec<Leaf> = points.iter().map(|p| Leaf { morton: p.0, depth: 7 }).collect();
+    let leaves = points.iter().map(|p| Leaf { morton: p.0, depth: 7 });
+    let tree = Octree::of_points(7, leaves.collect()).unwrap();
     for channels in CHANNELS {
-        let noise = rows_of(leaves.len(), channels, 9, 1);
-        let mut rows = Rows::new(leaves.len(), channels);
+        let noise = rows_of(tree.len(), channels, 9, 1);
+        let mut rows = Rows::new(tree.len(), channels);
         for (i, &(_, x, y)) in points.iter().enumerate() {
             for c in 0..channels {
                 let smooth = 2.0 * x - y + x * y / (9.0 + c as f32);
@@ -280,8 +281,8 @@ fn a_second_decoder_agrees_on_a_plane() {
             }
         }
         for (seed, step, lambda) in [(4, 0.01, 0.0), (4, 6.0, 0.1), (5, 0.3, 0.1), (6, 20.0, 0.1)] {
-            let weights = any_weights(leaves.len(), seed);
-            compare(&leaves, 7, &weights, &vec![step; channels], lambda, &rows);
+            let weights = any_weights(tree.len(), seed);
+            compare(&tree, &weights, &vec![step; channels], lambda, &rows);
         }
     }
 }

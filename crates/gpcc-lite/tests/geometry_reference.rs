@@ -5,11 +5,11 @@ mod common;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use common::{any_leaves, shapes};
+use common::{any_octree, shapes};
 use gpcc_lite::coder::{Coder, Decoder};
 use gpcc_lite::geometry;
 use gpcc_lite::model::{Bit, Symbols};
-use gpcc_lite::{Leaf, morton};
+use gpcc_lite::{Leaf, Octree, morton};
 use proptest::prelude::*;
 
 /// Elias gamma.
@@ -202,17 +202,17 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn a_second_decoder_agrees((leaves, j) in any_leaves()) {
-        let (back, depth) = decode(&geometry::encode(&leaves, j).unwrap());
-        prop_assert_eq!(&back, &leaves);
-        prop_assert_eq!(depth, j);
+    fn a_second_decoder_agrees(tree in any_octree()) {
+        let (back, depth) = decode(&geometry::encode(&tree).unwrap());
+        prop_assert_eq!(&back, tree.leaves());
+        prop_assert_eq!(depth, tree.depth());
     }
 }
 
 #[test]
 fn a_second_decoder_agrees_on_shapes() {
-    for (name, leaves, j) in shapes() {
-        assert_eq!(decode(&geometry::encode(&leaves, j).unwrap()).0, leaves, "{name}");
+    for (name, tree) in shapes() {
+        assert_eq!(decode(&geometry::encode(&tree).unwrap()).0, tree.leaves(), "{name}");
     }
 }
 
@@ -232,7 +232,8 @@ fn a_second_decoder_agrees_on_a_surface() {
         .collect();
     leaves.sort();
     leaves.dedup();
-    assert_eq!(decode(&geometry::encode(&leaves, 8).unwrap()), (leaves, 8));
+    let tree = Octree::of_points(8, leaves.clone()).unwrap();
+    assert_eq!(decode(&geometry::encode(&tree).unwrap()), (leaves, 8));
 }
 
 /// Walls, and points on a lattice whose pitch is no power of two: the encoder uses slabs, and saves
@@ -256,10 +257,11 @@ fn a_second_decoder_agrees_on_planes() {
         let mut leaves: Vec<Leaf> = points.iter().map(leaf).collect();
         leaves.sort();
         leaves.dedup();
-        let bytes = geometry::encode(&leaves, 9).unwrap();
+        let tree = Octree::of_points(9, leaves.clone()).unwrap();
+        let bytes = geometry::encode(&tree).unwrap();
         assert_eq!(bytes[1], 1, "{name}");
         let mut without = gpcc_lite::coder::Encoder::default();
-        geometry::encode_leaves(&mut without, &leaves, 9).unwrap();
+        geometry::encode_leaves(&mut without, &tree).unwrap();
         assert!(bytes.len() * 10 < without.finish().len() * 9, "{name}");
         assert_eq!(decode(&bytes), (leaves, 9), "{name}");
     }

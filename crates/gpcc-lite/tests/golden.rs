@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::{any_weights, channel, leaves_from, rows_of};
+use common::{any_weights, channel, octree_from, rows_of};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::Encoder;
 use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Plan;
-use gpcc_lite::{Leaf, geometry, rlgr};
+use gpcc_lite::{Leaf, Octree, geometry, rlgr};
 
 fn hash(bytes: impl IntoIterator<Item = u8>) -> u64 {
     bytes
@@ -17,30 +17,31 @@ fn hash(bytes: impl IntoIterator<Item = u8>) -> u64 {
 }
 
 /// Leaves of several depths.
-fn cloud() -> Vec<Leaf> {
+fn cloud() -> Octree {
     let codes: Vec<(u64, u8)> =
         (0..5000u64).map(|i| ((i * i).wrapping_mul(7919) % (1 << 36), 6 + (i % 7) as u8)).collect();
-    leaves_from(&codes, 12)
+    octree_from(&codes, 12)
 }
 
 #[test]
 fn geometry_has_one_result() {
     let mixed = cloud();
-    let uniform: Vec<Leaf> = mixed.iter().map(|l| Leaf { depth: 12, ..*l }).collect();
-    let hashes = [mixed, uniform].map(|l| hash(geometry::encode(&l, 12).unwrap()));
+    let uniform = mixed.leaves().iter().map(|l| Leaf { depth: 12, ..*l }).collect();
+    let uniform = Octree::of_points(12, uniform).unwrap();
+    let hashes = [mixed, uniform].map(|tree| hash(geometry::encode(&tree).unwrap()));
     assert_eq!(hashes, [11_327_565_538_243_235_329, 8_261_662_417_673_644_604]);
 }
 
 #[test]
 fn attributes_have_one_result() {
-    let leaves = cloud();
-    let plan = Plan::with_weights(&leaves, 12, &any_weights(leaves.len(), 3)).unwrap();
+    let tree = cloud();
+    let plan = Plan::new(tree.clone()).weighted(&any_weights(tree.len(), 3)).unwrap();
     let hashes = [1, 3, 6, 9, 15, 21].map(|channels| {
-        let mut rows = rows_of(leaves.len(), channels, 5, 1);
+        let mut rows = rows_of(tree.len(), channels, 5, 1);
         let mut coder = Encoder::default();
         let steps = vec![3.5; channels];
         attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
-        let values = (0..leaves.len()).flat_map(|i| rows.row(i).to_vec());
+        let values = (0..tree.len()).flat_map(|i| rows.row(i).to_vec());
         hash(coder.finish().into_iter().chain(values.flat_map(f32::to_le_bytes)))
     });
     assert_eq!(
@@ -58,10 +59,10 @@ fn attributes_have_one_result() {
 
 #[test]
 fn tools_have_one_result() {
-    let leaves = cloud();
-    let c = channel(leaves.len(), 9, 1);
-    let near = Neighbours::new(&leaves, 12).unwrap();
-    let coarser = Neighbours::coarser(&leaves, 12).unwrap();
+    let tree = cloud();
+    let c = channel(tree.len(), 9, 1);
+    let near = Neighbours::new(&tree);
+    let coarser = Neighbours::coarser(&tree);
     let hashes = [
         hash(encode_lossless(&near, &[&c]).unwrap()),
         hash(encode_lifting(&Lifting::new(&coarser), &[&c], &[Step::from_qp(22)]).unwrap()),

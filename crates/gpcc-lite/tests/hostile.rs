@@ -10,8 +10,11 @@ use gpcc_lite::predict::{
 };
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Error, Leaf, Limits, geometry, rlgr};
+use gpcc_lite::{Cube, Error, Leaf, Limits, Octree, geometry, rlgr};
 use proptest::prelude::*;
+
+/// Any cube: leaves do not depend on it.
+const CUBE: Cube = Cube { origin: [0.0; 3], side: 1.0 };
 
 /// Calls `decode` with every truncation and every single-bit flip of `bytes`.
 fn damage(bytes: &[u8], mut decode: impl FnMut(&[u8])) {
@@ -27,10 +30,10 @@ fn damage(bytes: &[u8], mut decode: impl FnMut(&[u8])) {
 }
 
 /// A small tree of mixed depth.
-fn leaves() -> (Vec<Leaf>, u8) {
+fn tree() -> Octree {
     let codes: Vec<(u64, u8)> =
         (0..150u64).map(|i| (i * i * 31 % (1 << 21), 5 + (i % 3) as u8)).collect();
-    (common::leaves_from(&codes, 7), 7)
+    common::octree_from(&codes, 7)
 }
 
 fn decode_attributes(plan: &Plan, bytes: &[u8], channels: usize) -> Result<(), Error> {
@@ -40,15 +43,14 @@ fn decode_attributes(plan: &Plan, bytes: &[u8], channels: usize) -> Result<(), E
 
 #[test]
 fn geometry() {
-    let (leaves, j) = leaves();
-    let uniform: Vec<Leaf> = leaves.iter().map(|l| Leaf { depth: j, ..*l }).collect();
-    for leaves in [leaves, uniform] {
-        let bytes = geometry::encode(&leaves, j).unwrap();
-        let limits = Limits { max_points: 2 * leaves.len() };
+    let tree = tree();
+    let uniform = tree.leaves().iter().map(|l| Leaf { depth: 7, ..*l }).collect();
+    for tree in [tree, Octree::of_points(7, uniform).unwrap()] {
+        let bytes = geometry::encode(&tree).unwrap();
+        let limits = Limits { max_points: 2 * tree.len() };
         damage(&bytes, |b| {
             if let Ok(g) = geometry::decode(b, &limits) {
-                assert!(g.leaves.len() <= limits.max_points);
-                gpcc_lite::leaf::check_leaves(&g.leaves, g.j_high).unwrap();
+                assert!(g.len() <= limits.max_points);
             }
         });
         // The entropy coder notices every truncation.
@@ -60,10 +62,10 @@ fn geometry() {
 
 #[test]
 fn attributes() {
-    let (leaves, j) = leaves();
-    let plan = Plan::new(&leaves, j).unwrap();
+    let tree = tree();
+    let plan = Plan::new(tree.clone());
     for channels in [1, 3, 7, 9] {
-        let mut rows = rows_of(leaves.len(), channels, 3, 1);
+        let mut rows = rows_of(tree.len(), channels, 3, 1);
         let mut coder = Encoder::default();
         let steps = vec![30.0; channels];
         attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
@@ -76,12 +78,12 @@ fn attributes() {
 
 #[test]
 fn lossless_lifting_and_rlgr() {
-    let (leaves, j) = leaves();
-    let near = Neighbours::new(&leaves, j).unwrap();
-    let coarser = Neighbours::coarser(&leaves, j).unwrap();
+    let tree = tree();
+    let near = Neighbours::new(&tree);
+    let coarser = Neighbours::coarser(&tree);
     let lift = Lifting::new(&coarser);
     for kind in 0..4 {
-        let c = channel(leaves.len(), 3, kind);
+        let c = channel(tree.len(), 3, kind);
         damage(&encode_lossless(&near, &[&c]).unwrap(), |b| drop(decode_lossless(&near, b, 1)));
         damage(&encode_lifting(&lift, &[&c], &[Step::from_qp(10)]).unwrap(), |b| {
             drop(decode_lifting(&lift, b, 1));
@@ -93,9 +95,9 @@ fn lossless_lifting_and_rlgr() {
 /// A coder of plain bits alone, as an attacker writes them: magnitudes near 2^31 and beyond.
 #[test]
 fn the_greatest_values_wrap_or_saturate() {
-    let (leaves, j) = leaves();
-    for weights in [vec![1; leaves.len()], (0..leaves.len()).map(|i| 1 << (i % 23)).collect()] {
-        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+    let tree = tree();
+    for weights in [vec![1; tree.len()], (0..tree.len()).map(|i| 1 << (i % 23)).collect()] {
+        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
         for channels in [1, 3, 6, 7, 21] {
             let mut coder = Encoder::default();
             // Certain decisions and the escape symbol, as far as a stream of this length goes.
@@ -106,15 +108,15 @@ fn the_greatest_values_wrap_or_saturate() {
             }
             drop(decode_attributes(&plan, &coder.finish(), channels));
         }
-        let mut rows = Rows::new(leaves.len(), 3);
-        for i in 0..leaves.len() {
+        let mut rows = Rows::new(tree.len(), 3);
+        for i in 0..tree.len() {
             let v = [f32::MAX, f32::NAN, f32::NEG_INFINITY];
             rows.row_mut(i).copy_from_slice(&[v[i % 3], v[(i + 1) % 3], 1e30]);
         }
         let mut coder = Encoder::default();
         let steps = [f32::MIN_POSITIVE, 1.0, f32::MAX];
         attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
-        let (bytes, mut read) = (coder.finish(), Rows::new(leaves.len(), 3));
+        let (bytes, mut read) = (coder.finish(), Rows::new(tree.len(), 3));
         let mut decoder = Decoder::new(&bytes).unwrap();
         attribute::decode(&mut decoder, &plan, &steps, &mut read).unwrap();
         decoder.finish().unwrap();
@@ -127,8 +129,8 @@ fn claims_are_not_believed() {
     let bytes = [21, 0, 0xff, 0xff, 0xff, 0xff, 0x0e];
     let e = geometry::decode(&bytes, &Limits::for_stream(bytes.len())).unwrap_err();
     assert!(matches!(e, Error::TooManyPoints { .. }), "{e}");
-    let (leaves, j) = leaves();
-    let near = Neighbours::new(&leaves, j).unwrap();
+    let tree = tree();
+    let near = Neighbours::new(&tree);
     assert!(decode_lossless(&near, &[0xff, 0xff, 0xff, 0x7f], 100).is_err());
     // One bit of RLGR stands for up to 1024 zeros: the list grows no further than that.
     assert!(rlgr::decode(&[0; 20], usize::MAX).is_err());
@@ -156,28 +158,22 @@ fn a_short_stream_with_a_great_count_ends_early() {
         bytes.resize(20, 0);
         for j in [21, 12, 32] {
             let Ok(mut coder) = Decoder::new(&bytes) else { continue };
-            assert!(geometry::decode_leaves(&mut coder, count, j).is_err());
+            assert!(geometry::decode_leaves(&mut coder, count, CUBE, j).is_err());
             let head = [j, 1, 0xfe, 0xff, 0xff, 0xff, 0x0f];
             let with_slabs = [&head[..], &bytes].concat();
             assert!(geometry::decode(&with_slabs, &Limits { max_points: count }).is_err());
         }
     }
     let mut coder = Decoder::new(&[]).unwrap();
-    assert!(geometry::decode_leaves(&mut coder, count, 21).is_err());
-    assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, 21).is_err());
+    assert!(geometry::decode_leaves(&mut coder, count, CUBE, 21).is_err());
+    assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, CUBE, 21).is_err());
 }
 
 /// Invalid input is refused by name.
 #[test]
 fn bad_leaves_are_refused() {
     let leaf = |morton, depth| Leaf { morton, depth };
-    let e = |l: &[Leaf], j| {
-        let shared = geometry::encode_leaves(&mut Encoder::default(), l, j).unwrap_err();
-        let alone = geometry::encode(l, j).unwrap_err();
-        assert_eq!(shared, alone);
-        assert_eq!(Plan::new(l, j).unwrap_err(), alone);
-        alone
-    };
+    let e = |l: &[Leaf], j| Octree::of_points(j, l.to_vec()).unwrap_err();
     assert_eq!(e(&[leaf(1, 2), leaf(1, 2)], 2), Error::LeafOrder { index: 1 });
     assert_eq!(e(&[leaf(0, 1), leaf(3, 2)], 2), Error::LeafOrder { index: 1 });
     assert_eq!(e(&[leaf(3, 1)], 2), Error::LeafAlign { index: 0, morton: 3, depth: 1 });
@@ -188,9 +184,9 @@ fn bad_leaves_are_refused() {
 
 #[test]
 fn bad_arguments_are_refused() {
-    let (leaves, j) = leaves();
-    let n = leaves.len();
-    let plan = Plan::new(&leaves, j).unwrap();
+    let tree = tree();
+    let n = tree.len();
+    let plan = Plan::new(tree.clone());
     let encode = |steps: &[f32], rows: &mut Rows| {
         attribute::encode(&mut Encoder::default(), &plan, steps, &Options::default(), rows).err()
     };
@@ -205,7 +201,7 @@ fn bad_arguments_are_refused() {
     let mut decoder = Decoder::new(&[]).unwrap();
     assert_eq!(attribute::decode(&mut decoder, &plan, &[1.0], &mut rows), Err(short));
     let zero = Error::Weight { index: 0, weight: 0 };
-    assert_eq!(Plan::with_weights(&leaves, j, &vec![0; n]).unwrap_err(), zero);
+    assert_eq!(plan.weighted(&vec![0; n]).unwrap_err(), zero);
 }
 
 proptest! {
@@ -213,9 +209,9 @@ proptest! {
 
     #[test]
     fn noise(bytes in prop::collection::vec(any::<u8>(), 0..400), whole_states: bool, channels in 1usize..10) {
-        let (leaves, j) = leaves();
-        let plan = Plan::new(&leaves, j).unwrap();
-        let near = Neighbours::new(&leaves, j).unwrap();
+        let tree = tree();
+        let plan = Plan::new(tree.clone());
+        let near = Neighbours::new(&tree);
         // Without this most streams end at the check of the states.
         let mut bytes = bytes;
         if whole_states && bytes.len() > 20 {
@@ -227,7 +223,7 @@ proptest! {
         let _ = decode_lossless(&near, &bytes, 4);
         let _ = rlgr::decode(&bytes, 5000);
         if let Ok(mut coder) = Decoder::new(&bytes) {
-            let _ = geometry::decode_leaves(&mut coder, 100_000, j);
+            let _ = geometry::decode_leaves(&mut coder, 100_000, CUBE, 7);
         }
     }
 }

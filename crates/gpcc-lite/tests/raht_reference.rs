@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{any_leaves, any_weights, channel};
+use common::{any_octree, any_weights, channel};
 use gpcc_lite::Leaf;
 use gpcc_lite::raht::{Plan, Rows, forward, inverse};
 use proptest::prelude::*;
@@ -48,12 +48,12 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn raht_agrees_with_the_paper((leaves, j) in any_leaves(), seed: u64) {
-        let n = leaves.len();
+    fn raht_agrees_with_the_paper(tree in any_octree(), seed: u64) {
+        let n = tree.len();
         let weights = any_weights(n, seed);
-        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
         let values: Vec<f64> = channel(n, seed, 1).iter().map(|&v| f64::from(v)).collect();
-        let (dc, high) = raht(&leaves, &weights, &values);
+        let (dc, high) = raht(tree.leaves(), &weights, &values);
         let mut transformed = values.clone();
         plan.forward_f64(&mut transformed).unwrap();
         for k in 0..n {
@@ -73,10 +73,10 @@ proptest! {
     /// The rows hold means and differences in single precision. A mean takes part in 63 merges at
     /// most, and each rounds it a few times by 2^-24 of the greatest value.
     #[test]
-    fn rows_agree_with_double_precision((leaves, j) in any_leaves(), seed: u64, channels in 1usize..8) {
-        let n = leaves.len();
+    fn rows_agree_with_double_precision(tree in any_octree(), seed: u64, channels in 1usize..8) {
+        let n = tree.len();
         let weights = any_weights(n, seed);
-        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
         let all: Vec<Vec<i32>> = (0..channels).map(|c| channel(n, seed ^ c as u64, 1)).collect();
         let mut rows = Rows::new(n, channels);
         for i in 0..n {
@@ -109,14 +109,15 @@ proptest! {
     }
 
     #[test]
-    fn coefficients_run_coarse_to_fine((leaves, j) in any_leaves()) {
-        let plan = Plan::new(&leaves, j).unwrap();
+    fn coefficients_run_coarse_to_fine(tree in any_octree()) {
+        let plan = Plan::new(tree.clone());
+        let (leaves, j) = (tree.leaves(), tree.depth());
         let bit = |k: usize| {
             let r = plan.split_leaf(k);
             63 - (leaves[r - 1].morton ^ leaves[r].morton).leading_zeros()
         };
         prop_assert_eq!(plan.levels().len(), 3 * usize::from(j) + 1);
-        prop_assert_eq!(*plan.levels().last().unwrap() as usize, leaves.len().max(1));
+        prop_assert_eq!(*plan.levels().last().unwrap() as usize, tree.len().max(1));
         for (level, range) in plan.levels().windows(2).enumerate() {
             let range = range[0] as usize..range[1] as usize;
             for k in range.clone() {

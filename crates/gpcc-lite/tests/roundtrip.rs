@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{any_leaves, any_weights, channel, power_of_two, rows_of, shapes};
+use common::{any_octree, any_weights, channel, power_of_two, rows_of, shapes};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::{
@@ -10,7 +10,7 @@ use gpcc_lite::predict::{
 };
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, Limits, geometry, rlgr};
+use gpcc_lite::{Leaf, Limits, Octree, geometry, rlgr};
 use proptest::prelude::*;
 
 /// Codes the rows, decodes them, and checks that the decoder returns what the encoder says, bit for
@@ -32,40 +32,44 @@ fn attributes(plan: &Plan, steps: &[f32], options: &Options, rows: &Rows) -> (Ve
     (bytes, read)
 }
 
+/// Cells of one depth.
+fn uniform(depth: u8, codes: impl Iterator<Item = u64>) -> Octree {
+    Octree::of_points(depth, codes.map(|morton| Leaf { morton, depth }).collect()).unwrap()
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn geometry_is_lossless((leaves, j) in any_leaves()) {
-        let bytes = geometry::encode(&leaves, j).unwrap();
-        let back = geometry::decode(&bytes, &Limits { max_points: leaves.len() }).unwrap();
-        prop_assert_eq!(&back.leaves, &leaves);
-        prop_assert_eq!(back.j_high, j);
+    fn geometry_is_lossless(tree in any_octree()) {
+        let bytes = geometry::encode(&tree).unwrap();
+        let back = geometry::decode(&bytes, &Limits { max_points: tree.len() }).unwrap();
+        prop_assert_eq!(back, tree);
     }
 
     #[test]
-    fn leaves_share_a_stream_with_other_things((leaves, j) in any_leaves(), before: u32, after: u32) {
+    fn leaves_share_a_stream_with_other_things(tree in any_octree(), before: u32, after: u32) {
         use gpcc_lite::coder::Coder;
         let mut coder = Encoder::default();
         coder.bits(before, 32);
-        geometry::encode_leaves(&mut coder, &leaves, j).unwrap();
+        geometry::encode_leaves(&mut coder, &tree).unwrap();
         coder.bits(after, 32);
         let bytes = coder.finish();
         let mut decoder = Decoder::new(&bytes).unwrap();
         prop_assert_eq!(decoder.bits(0, 32), before);
-        let back = geometry::decode_leaves(&mut decoder, leaves.len(), j).unwrap();
-        prop_assert_eq!(back, leaves);
+        let back = geometry::decode_leaves(&mut decoder, tree.len(), tree.cube(), tree.depth());
+        prop_assert_eq!(back.unwrap(), tree);
         prop_assert_eq!(decoder.bits(0, 32), after);
         decoder.finish().unwrap();
     }
 
     #[test]
     fn attribute_decoder_agrees_with_encoder(
-        (leaves, j) in any_leaves(), seed: u64, kind: u8, log_step in -8i32..12, lambda in 0.0f32..0.5,
+        tree in any_octree(), seed: u64, kind: u8, log_step in -8i32..12, lambda in 0.0f32..0.5,
         channels in prop::sample::select(vec![1usize, 2, 3, 5, 6, 7, 8, 9, 15, 21, 25]),
     ) {
-        let plan = Plan::with_weights(&leaves, j, &any_weights(leaves.len(), seed)).unwrap();
-        let rows = rows_of(leaves.len(), channels, seed, kind);
+        let plan = Plan::new(tree.clone()).weighted(&any_weights(tree.len(), seed)).unwrap();
+        let rows = rows_of(tree.len(), channels, seed, kind);
         let step = power_of_two(log_step);
         let steps: Vec<f32> = (0..channels).map(|c| step * (1.0 + c as f32 / 7.0)).collect();
         attributes(&plan, &steps, &Options { lambda }, &rows);
@@ -75,11 +79,11 @@ proptest! {
     /// or 1.45 steps where it becomes zero: so the weighted squared error has a bound.
     #[test]
     fn quantisation_error_is_bounded(
-        (leaves, j) in any_leaves(), seed: u64, log_step in -2i32..6, channels in 1usize..10,
+        tree in any_octree(), seed: u64, log_step in -2i32..6, channels in 1usize..10,
     ) {
-        let n = leaves.len();
+        let n = tree.len();
         let weights = any_weights(n, seed);
-        let plan = Plan::with_weights(&leaves, j, &weights).unwrap();
+        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
         let rows = rows_of(n, channels, seed, 1);
         let step = power_of_two(log_step);
         let (_, read) = attributes(&plan, &vec![step; channels], &Options::default(), &rows);
@@ -96,9 +100,9 @@ proptest! {
     }
 
     #[test]
-    fn lossless_prediction_is_lossless((leaves, j) in any_leaves(), seed: u64, kinds in prop::collection::vec(any::<u8>(), 0..4)) {
-        let near = Neighbours::new(&leaves, j).unwrap();
-        let channels: Vec<Vec<i32>> = kinds.iter().map(|&k| channel(leaves.len(), seed, k)).collect();
+    fn lossless_prediction_is_lossless(tree in any_octree(), seed: u64, kinds in prop::collection::vec(any::<u8>(), 0..4)) {
+        let near = Neighbours::new(&tree);
+        let channels: Vec<Vec<i32>> = kinds.iter().map(|&k| channel(tree.len(), seed, k)).collect();
         let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
         let bytes = encode_lossless(&near, &refs).unwrap();
         prop_assert_eq!(decode_lossless(&near, &bytes, channels.len()).unwrap(), channels);
@@ -112,10 +116,10 @@ proptest! {
     }
 
     #[test]
-    fn lifting_inverts_exactly((leaves, j) in any_leaves(), seed: u64, kind: u8) {
-        let near = Neighbours::coarser(&leaves, j).unwrap();
+    fn lifting_inverts_exactly(tree in any_octree(), seed: u64, kind: u8) {
+        let near = Neighbours::coarser(&tree);
         let lift = Lifting::new(&near);
-        let c: Vec<i64> = channel(leaves.len(), seed, kind).iter().map(|&v| i64::from(v) << 12).collect();
+        let c: Vec<i64> = channel(tree.len(), seed, kind).iter().map(|&v| i64::from(v) << 12).collect();
         let mut v = c.clone();
         lift.forward(&mut v).unwrap();
         lift.inverse(&mut v).unwrap();
@@ -123,10 +127,10 @@ proptest! {
     }
 
     #[test]
-    fn lifting_with_small_steps_is_nearly_lossless((leaves, j) in any_leaves(), seed: u64) {
-        let near = Neighbours::coarser(&leaves, j).unwrap();
+    fn lifting_with_small_steps_is_nearly_lossless(tree in any_octree(), seed: u64) {
+        let near = Neighbours::coarser(&tree);
         let lift = Lifting::new(&near);
-        let c = channel(leaves.len(), seed, 1);
+        let c = channel(tree.len(), seed, 1);
         let bytes = encode_lifting(&lift, &[&c], &[Step::new(0.05)]).unwrap();
         let back = decode_lifting(&lift, &bytes, 1).unwrap();
         for (a, b) in back[0].iter().zip(&c) {
@@ -138,20 +142,20 @@ proptest! {
 /// Everything on every odd shape.
 #[test]
 fn shapes_survive_every_coder() {
-    for (name, leaves, j) in shapes() {
-        let limits = Limits { max_points: leaves.len() };
-        let bytes = geometry::encode(&leaves, j).unwrap();
-        assert_eq!(geometry::decode(&bytes, &limits).unwrap().leaves, leaves, "{name}");
-        let plan = Plan::new(&leaves, j).unwrap();
-        let near = Neighbours::new(&leaves, j).unwrap();
+    for (name, tree) in shapes() {
+        let limits = Limits { max_points: tree.len() };
+        let bytes = geometry::encode(&tree).unwrap();
+        assert_eq!(geometry::decode(&bytes, &limits).unwrap(), tree, "{name}");
+        let plan = Plan::new(tree.clone());
+        let near = Neighbours::new(&tree);
         for kind in 0..4 {
-            let c = channel(leaves.len(), 99, kind);
-            let d = channel(leaves.len(), 7, kind);
+            let c = channel(tree.len(), 99, kind);
+            let d = channel(tree.len(), 7, kind);
             let bytes = encode_lossless(&near, &[&c, &d]).unwrap();
             let back = decode_lossless(&near, &bytes, 2).unwrap();
             assert_eq!(back, [c.clone(), d.clone()], "{name}");
             for channels in [1, 3, 6, 9, 15, 21, 7] {
-                let rows = rows_of(leaves.len(), channels, 5, kind);
+                let rows = rows_of(tree.len(), channels, 5, kind);
                 attributes(&plan, &vec![2.0; channels], &Options::default(), &rows);
             }
         }
@@ -162,15 +166,15 @@ fn shapes_survive_every_coder() {
 /// quantised but not coded, so that a decoder returned other values than the encoder said.
 #[test]
 fn channels_beyond_the_last_whole_group_are_coded() {
-    let leaves: Vec<Leaf> = (0..500u64).map(|i| Leaf { morton: 3 * i, depth: 4 }).collect();
-    let plan = Plan::new(&leaves, 4).unwrap();
+    let tree = uniform(4, (0..500u64).map(|i| 3 * i));
+    let plan = Plan::new(tree.clone());
     for channels in [7, 8, 10, 11] {
-        let rows = rows_of(leaves.len(), channels, 1, 1);
+        let rows = rows_of(tree.len(), channels, 1, 1);
         let options = Options { lambda: 0.0 };
         let (_, read) = attributes(&plan, &vec![1.0; channels], &options, &rows);
         let last = channels - 1;
         let squares = |value: &dyn Fn(usize) -> f32| -> f32 {
-            (0..leaves.len()).map(|i| value(i) * value(i)).sum()
+            (0..tree.len()).map(|i| value(i) * value(i)).sum()
         };
         let error = squares(&|i| read.row(i)[last] - rows.row(i)[last]);
         assert!(error < 0.1 * squares(&|i| rows.row(i)[last]), "{channels} channels: {error}");
@@ -181,43 +185,43 @@ fn channels_beyond_the_last_whole_group_are_coded() {
 /// mean.
 #[test]
 fn constants_are_almost_free() {
-    let leaves: Vec<Leaf> = (0..4096u64).map(|i| Leaf { morton: i, depth: 4 }).collect();
-    let plan = Plan::new(&leaves, 4).unwrap();
-    let mut rows = Rows::new(leaves.len(), 3);
-    (0..leaves.len()).for_each(|i| rows.row_mut(i).fill(200.0));
+    let tree = uniform(4, 0..4096u64);
+    let plan = Plan::new(tree.clone());
+    let mut rows = Rows::new(tree.len(), 3);
+    (0..tree.len()).for_each(|i| rows.row_mut(i).fill(200.0));
     let (bytes, read) = attributes(&plan, &[4.0; 3], &Options::default(), &rows);
     assert!(bytes.len() < 40, "{}", bytes.len());
     let half = 0.5 * 4.0 / 64.0;
-    assert!((0..leaves.len()).all(|i| read.row(i).iter().all(|v| (v - 200.0).abs() <= half)));
+    assert!((0..tree.len()).all(|i| read.row(i).iter().all(|v| (v - 200.0).abs() <= half)));
 }
 
 /// The rows of a group are reused for the next: what they held must not matter.
 #[test]
 fn rows_may_hold_anything_before_decoding() {
-    let (_, leaves, j) = shapes().pop().unwrap();
-    let plan = Plan::new(&leaves, j).unwrap();
-    let rows = rows_of(leaves.len(), 6, 3, 1);
+    let (_, tree) = shapes().pop().unwrap();
+    let plan = Plan::new(tree.clone());
+    let rows = rows_of(tree.len(), 6, 3, 1);
     let (bytes, want) = attributes(&plan, &[3.0; 6], &Options::default(), &rows);
-    let mut used = Rows::new(leaves.len(), 8);
-    (0..leaves.len()).for_each(|i| used.row_mut(i).fill(f32::NAN));
-    used.resize(leaves.len(), 6);
+    let mut used = Rows::new(tree.len(), 8);
+    (0..tree.len()).for_each(|i| used.row_mut(i).fill(f32::NAN));
+    used.resize(tree.len(), 6);
     attribute::decode(&mut Decoder::new(&bytes).unwrap(), &plan, &[3.0; 6], &mut used).unwrap();
-    assert!((0..leaves.len()).all(|i| used.row(i) == want.row(i)));
+    assert!((0..tree.len()).all(|i| used.row(i) == want.row(i)));
 }
 
 /// A larger multiplier of the quantiser costs fewer bytes and more error.
 #[test]
 fn lambda_trades_bytes_for_error() {
-    let leaves: Vec<Leaf> = (0..4000u64).map(|i| Leaf { morton: i * 5, depth: 5 }).collect();
-    let plan = Plan::new(&leaves, 5).unwrap();
-    let rows = rows_of(leaves.len(), 3, 8, 1);
+    let tree = uniform(5, (0..4000u64).map(|i| i * 5));
+    let plan = Plan::new(tree.clone());
+    let rows = rows_of(tree.len(), 3, 8, 1);
     let run = |lambda| {
         let (bytes, read) = attributes(&plan, &[60.0; 3], &Options { lambda }, &rows);
         let square = |i: usize| -> f64 {
             let pairs = read.row(i).iter().zip(rows.row(i));
             pairs.map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum()
         };
-        (bytes.len(), (0..leaves.len()).map(square).sum::<f64>())
+        (bytes.len(), (0..tree.len()).map(square).sum::<f64>())
     };
     let (nearest, priced) = (run(0.0), run(0.2));
     assert!(priced.0 < nearest.0 && priced.1 > nearest.1, "{nearest:?} {priced:?}");
@@ -226,8 +230,8 @@ fn lambda_trades_bytes_for_error() {
 /// Eight-bit values stored in sixteen bits: the palette must find them.
 #[test]
 fn gaps_are_closed_by_a_palette() {
-    let leaves: Vec<Leaf> = (0..4000u64).map(|i| Leaf { morton: i, depth: 4 }).collect();
-    let near = Neighbours::new(&leaves, 4).unwrap();
+    let tree = uniform(4, 0..4000u64);
+    let near = Neighbours::new(&tree);
     let narrow: Vec<i32> = channel(4000, 3, 1).iter().map(|v| v.rem_euclid(60)).collect();
     let wide: Vec<i32> = narrow.iter().map(|v| v * 1021 - 30_000).collect();
     let a = encode_lossless(&near, &[&narrow]).unwrap().len();
@@ -240,8 +244,8 @@ fn gaps_are_closed_by_a_palette() {
 /// the decoder returned other values than the encoder meant.
 #[test]
 fn the_greatest_step_is_one_that_a_decoder_reads() {
-    let leaves: Vec<Leaf> = (0..64u64).map(|i| Leaf { morton: i, depth: 2 }).collect();
-    let near = Neighbours::coarser(&leaves, 2).unwrap();
+    let tree = uniform(2, 0..64u64);
+    let near = Neighbours::coarser(&tree);
     let lift = Lifting::new(&near);
     let c = vec![i32::MAX; 64];
     let [a, b] = [Step::from_qp(255), Step(u64::MAX)]

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::any_leaves;
+use common::any_octree;
 use gpcc_lite::predict::{MAX_NEIGHBOURS, Neighbours};
 use gpcc_lite::{morton, rlgr};
 use proptest::prelude::*;
@@ -70,9 +70,10 @@ proptest! {
     }
 
     #[test]
-    fn neighbours_agree_with_a_sorted_list((leaves, j) in any_leaves()) {
-        let near = Neighbours::new(&leaves, j).unwrap();
-        let mut seen = vec![false; leaves.len()];
+    fn neighbours_agree_with_a_sorted_list(tree in any_octree()) {
+        let near = Neighbours::new(&tree);
+        let mut seen = vec![false; tree.len()];
+        let (leaves, j) = (tree.leaves(), tree.depth());
         let centre = |i: usize| {
             let size = 1i64 << (j - leaves[i].depth);
             morton::decode(leaves[i].morton).map(|v| 2 * i64::from(v) + size)

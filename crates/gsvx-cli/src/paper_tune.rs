@@ -124,7 +124,7 @@ pub(crate) fn run(
         let outliers = (!outliers.is_empty()).then_some(outliers);
         let mut options = options;
         options.importance = Some(importance);
-        let encoded = gsvx::encode_voxels(&tuned, &voxels, outliers.as_ref(), &options)
+        let encoded = gsvx::encode_voxels(&tuned, voxels.octree(), outliers.as_ref(), &options)
             .with_context(|| input::name(job.input))?;
         bytes = encoded.bytes.len() as u64;
         job.output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;

@@ -42,7 +42,7 @@ fn codec(c: &mut Criterion) {
     let mut base = DecodeOptions::default();
     base.max_sh_degree = 0;
     for (name, options) in [("default", &default), ("lod", &lod)] {
-        let encode = || gsvx::encode_voxels(black_box(&merged), &voxels, None, options);
+        let encode = || gsvx::encode_voxels(black_box(&merged), voxels.octree(), None, options);
         let coded = encode().expect("a valid scene").bytes;
         g.bench_function(format!("encode, {name}"), |b| b.iter(encode));
         g.bench_function(format!("decode, {name}"), |b| b.iter(|| gsvx::decode(black_box(&coded))));

@@ -8,16 +8,17 @@
 //! Invariant: what [`encode`] returns has been decoded, and keeps all bounds.
 
 use crate::decode::{DecodeOptions, decode_with};
-use crate::encode::{Encoded, check_lengths, encode_lossless, encode_voxels};
-use crate::error::Result;
+use crate::encode::{encode_lossless, encode_voxels};
+use crate::encoded::Encoded;
+use crate::error::{Result, coding};
 use crate::head::Steps;
 use crate::options::{EncodeOptions, MaxError};
-use crate::prepare::split_outliers;
-use gpcc_lite::Leaf;
+use crate::outliers::split_outliers;
+use crate::survey::Survey;
 use gpcc_lite::morton::{self, MAX_DEPTH};
+use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;
 use rayon::prelude::*;
-use voxel::{Cube, Voxelization};
 
 mod errors;
 
@@ -41,8 +42,12 @@ const SAFETY: f32 = 0.98;
 ///
 /// # Errors
 /// [`Error::Option`] for bounds out of range; those of [`encode_voxels`].
-pub(crate) fn encode(scene: &Scene, bounds: &MaxError, options: &EncodeOptions) -> Result<Encoded> {
-    check_lengths(scene)?;
+pub(crate) fn encode(
+    scene: &Scene,
+    survey: &Survey,
+    bounds: &MaxError,
+    options: &EncodeOptions,
+) -> Result<Encoded> {
     bounds.check()?;
     let cut;
     let scene = if scene.sh_degree > options.max_sh_degree {
@@ -54,7 +59,7 @@ pub(crate) fn encode(scene: &Scene, bounds: &MaxError, options: &EncodeOptions) 
         scene
     };
     let mut exact = vec![false; scene.len()];
-    if let Some(split) = split_outliers(scene)? {
+    if let Some(split) = split_outliers(scene, survey)? {
         split.outliers.iter().for_each(|&i| exact[i] = true);
     }
     let mut steps = steps_over(bounds, FIRST_STEP);
@@ -129,7 +134,7 @@ fn updated_steps(steps: Steps, worst: &Ratios, first: bool, bounds: &MaxError) -
 struct Placed {
     /// Their numbers in the scene, in the order of the leaves.
     order: Vec<usize>,
-    voxels: Voxelization,
+    octree: Octree,
 }
 
 /// Gives a leaf to every Gaussian that is not exact. Those for which no leaf is small enough become
@@ -141,7 +146,7 @@ fn place(scene: &Scene, exact: &mut [bool], bounds: &MaxError) -> Result<Option<
             return Ok(None);
         }
         let means: Vec<[f32; 3]> = inside.iter().map(|&i| scene.means[i]).collect();
-        let cube = Cube::of(&means)?;
+        let cube = voxel::cube_of(&means)?;
         let mut sorted: Vec<(u64, usize)> = inside
             .par_iter()
             .map(|&i| (cube.index_of(scene.means[i], MAX_DEPTH).map_or(0, morton::encode), i))
@@ -154,10 +159,10 @@ fn place(scene: &Scene, exact: &mut [bool], bounds: &MaxError) -> Result<Option<
             exact[next.1] |= same;
             same
         });
-        let placed = with_leaves(scene, cube, &sorted, bounds);
+        let placed = with_leaves(scene, cube, &sorted, bounds)?;
         let off = |k: &usize| {
             let i = placed.order[*k];
-            errors::mean_error(scene, i, placed.voxels.centre(*k)) > bounds.mean
+            errors::mean_error(scene, i, placed.octree.centre(*k)) > bounds.mean
         };
         let off: Vec<usize> = (0..placed.order.len()).into_par_iter().filter(off).collect();
         off.iter().for_each(|&k| exact[placed.order[k]] = true);
@@ -169,7 +174,12 @@ fn place(scene: &Scene, exact: &mut [bool], bounds: &MaxError) -> Result<Option<
 }
 
 /// The largest leaves that keep the bound on the mean and hold one Gaussian each.
-fn with_leaves(scene: &Scene, cube: Cube, sorted: &[(u64, usize)], bounds: &MaxError) -> Placed {
+fn with_leaves(
+    scene: &Scene,
+    cube: Cube,
+    sorted: &[(u64, usize)],
+    bounds: &MaxError,
+) -> Result<Placed> {
     let apart = |k: usize| {
         // Codes differ, and their highest bits are those of the coarsest level.
         let shared = (sorted[k].0 ^ sorted[k + 1].0).leading_zeros() as u8;
@@ -185,21 +195,14 @@ fn with_leaves(scene: &Scene, cube: Cube, sorted: &[(u64, usize)], bounds: &MaxE
         wanted.max(left).max(right)
     };
     let depths: Vec<u8> = (0..sorted.len()).into_par_iter().map(depth).collect();
-    let j_high = depths.iter().copied().max().unwrap_or(0);
+    let finest = depths.iter().copied().max().unwrap_or(0);
     let leaf = |(&(code, _), &depth): (&(u64, usize), &u8)| Leaf {
-        morton: code >> (3 * (MAX_DEPTH - depth)) << (3 * (j_high - depth)),
+        morton: code >> (3 * (MAX_DEPTH - depth)) << (3 * (finest - depth)),
         depth,
     };
-    let n = sorted.len() as u32;
-    let voxels = Voxelization {
-        cube,
-        j_high,
-        leaves: sorted.iter().zip(&depths).map(leaf).collect(),
-        member_offsets: (0..=n).collect(),
-        members: (0..n).collect(),
-        dropped: Vec::new(),
-    };
-    Placed { order: sorted.iter().map(|s| s.1).collect(), voxels }
+    let leaves = sorted.iter().zip(&depths).map(leaf).collect();
+    let octree = Octree::new(cube, finest, leaves).map_err(coding("geometry"))?;
+    Ok(Placed { order: sorted.iter().map(|s| s.1).collect(), octree })
 }
 
 /// Encodes, decodes and measures: for each Gaussian that has a leaf, its errors over their bounds.
@@ -213,7 +216,7 @@ fn encode_once(
     let outliers: Vec<usize> = (0..scene.len()).filter(|&i| exact[i]).collect();
     let outliers = scene.select(&outliers);
     let mut inside = scene.select(&placed.order);
-    let centre = |(k, mean): (usize, &mut [f32; 3])| *mean = placed.voxels.centre(k);
+    let centre = |(k, mean): (usize, &mut [f32; 3])| *mean = placed.octree.centre(k);
     inside.means.par_iter_mut().enumerate().for_each(centre);
     let options = EncodeOptions {
         steps,
@@ -222,7 +225,7 @@ fn encode_once(
         max_error: Some(*bounds),
         ..options.clone()
     };
-    let encoded = encode_voxels(&inside, &placed.voxels, Some(&outliers), &options)?;
+    let encoded = encode_voxels(&inside, &placed.octree, Some(&outliers), &options)?;
     drop((inside, outliers));
     let all = DecodeOptions { max_gaussians: Some(u64::MAX), ..DecodeOptions::default() };
     let decoded = decode_with(&encoded.bytes, &all)?.scene;

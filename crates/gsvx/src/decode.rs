@@ -1,10 +1,10 @@
 //! The decoder of whole streams, in memory or in files. [`crate::Reader`] is for those that arrive in parts.
 
 use crate::chunk::{ChunkValues, GaussiansMut, resize};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, coding};
 use crate::head::{Chunk, Header, Index, Kind, Layer, head_len};
 use crate::{lossless, parallel};
-use gpcc_lite::Leaf;
+use gpcc_lite::{Leaf, Octree};
 use gs_model::Scene;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -76,7 +76,7 @@ pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     }
     let work = |(job, mut out): (&Job, GaussiansMut<'_>)| {
         decoder.decode_job::<Error>(job, &mut ChunkValues::default(), |decoded| match decoded {
-            Part::Leaves(chunk) => chunk.fill(&decoder.index.header, 0, &mut out),
+            Part::Leaves(chunk) => chunk.fill(0, &mut out),
             Part::Exact(scene) => {
                 out.copy_from(scene, 0);
                 Ok(())
@@ -93,20 +93,22 @@ pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
 ///
 /// # Errors
 /// As [`decode`].
-pub fn decode_leaves(bytes: &[u8]) -> Result<(Vec<Leaf>, Vec<u8>)> {
+pub fn decode_leaves(bytes: &[u8]) -> Result<(Octree, Vec<u8>)> {
     let decoder = Decoder::new(bytes, &DecodeOptions { max_sh_degree: 0, ..Default::default() })?;
-    let (mut leaves, mut classes) = (Vec::new(), Vec::new());
+    let Header { cube, j_high, .. } = decoder.index.header;
+    let mut octree = Octree::new(cube, j_high, Vec::new()).map_err(coding("geometry"))?;
+    let mut classes = Vec::new();
     let mut chunk = ChunkValues::default();
     for job in &decoder.jobs {
         decoder.decode_job::<Error>(job, &mut chunk, |part| {
             if let Part::Leaves(chunk) = part {
-                leaves.extend_from_slice(chunk.leaves());
+                octree.append(chunk.octree()).map_err(coding("geometry"))?;
                 classes.extend_from_slice(chunk.classes());
             }
             Ok(())
         })?;
     }
-    Ok((leaves, classes))
+    Ok((octree, classes))
 }
 
 /// Where a stream is that is not in memory, for [`Decoder::of_source`].
@@ -347,7 +349,7 @@ impl<'a> Decoder<'a> {
                 let mut scene = Scene::zeros(job.count, self.sh_degree);
                 let mut out = GaussiansMut::of(&mut scene);
                 self.decode_job::<Error>(job, &mut ChunkValues::default(), |part| match part {
-                    Part::Leaves(chunk) => chunk.fill(&self.index.header, 0, &mut out),
+                    Part::Leaves(chunk) => chunk.fill(0, &mut out),
                     Part::Exact(exact) => {
                         out.copy_from(exact, 0);
                         Ok(())
@@ -377,7 +379,6 @@ impl<'a> Decoder<'a> {
         type Space<T> = (ChunkValues, T, Scene);
         let free: Mutex<Vec<Space<T>>> = Mutex::default();
         let lock = || free.lock().unwrap_or_else(PoisonError::into_inner);
-        let header: &Header = &self.index.header;
         let work = |job: &Job| {
             let space = lock().pop();
             let empty = || Scene { sh_degree: self.sh_degree, ..Scene::default() };
@@ -389,7 +390,7 @@ impl<'a> Decoder<'a> {
                     resize(block, BLOCK.min(job.count - at));
                     let mut out = GaussiansMut::of(block);
                     match &part {
-                        Part::Leaves(chunk) => chunk.fill(header, at, &mut out)?,
+                        Part::Leaves(chunk) => chunk.fill(at, &mut out)?,
                         Part::Exact(scene) => out.copy_from(scene, at),
                     }
                     visit(buffer, job.first + at, block)?;
@@ -423,7 +424,7 @@ pub(crate) fn decode_leaf_chunk(
     let Some((base, degrees)) = layers.split_first() else { return Ok(()) };
     let named = |source: Error| Error::Chunk { chunk: number, source: Box::new(source) };
     decoder.base(&index.header, index.chunks[number].count, base).map_err(named)?;
-    check_place(index, number, decoder.leaves()).map_err(named)?;
+    check_place(index, number, decoder.octree().leaves()).map_err(named)?;
     degrees.iter().try_for_each(|bytes| decoder.next_degree(&index.header, bytes)).map_err(named)
 }
 

@@ -1,11 +1,13 @@
 //! [`Encoder`]: the one way from a model to a stream, whatever the stream aims for.
 
-use crate::encode::{Encoded, encode_lossless};
+use crate::encode::encode_lossless;
+use crate::encoded::Encoded;
 use crate::error::{Error, Result};
 use crate::options::{EncodeOptions, Leaves, MaxError};
 use crate::plan::Choices;
-use crate::prepare::{Seen, encode};
+use crate::prepare::encode;
 use crate::rate::{self, Found};
+use crate::strategy::Seen;
 use crate::warning::{EncodeWarning, Missed, warnings};
 use gs_model::Scene;
 use std::num::NonZeroUsize;

@@ -7,7 +7,7 @@ use crate::bytes::Reader;
 #[cfg(feature = "encode")]
 use crate::bytes::Writer;
 use crate::error::{Error, Result};
-use gpcc_lite::Leaf;
+use gpcc_lite::Cube;
 use std::ops::Range;
 
 /// First eight bytes of every stream. The non-ASCII byte, CR LF and ^Z catch text-mode transfers, as
@@ -22,26 +22,6 @@ pub(crate) const MAX_LODS: u8 = 8;
 /// Bytes of an index entry at least (kind, count, first cell, box; length and checksum of a layer):
 /// bounds the memory that a head can ask for.
 const LEAST_ENTRY: usize = 1 + 1 + 1 + 24 + 1 + 4;
-
-/// The cube that the octree divides.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cube {
-    /// Minimum corner, world units.
-    pub origin: [f64; 3],
-    /// Side, world units; positive.
-    pub side: f64,
-}
-
-impl Cube {
-    /// The centre of a leaf of an octree whose finest depth is `j_high`: where its Gaussian is.
-    #[must_use]
-    pub fn leaf_centre(&self, leaf: Leaf, j_high: u8) -> [f32; 3] {
-        let index = gpcc_lite::morton::decode(leaf.morton);
-        let cell = self.side / (1u64 << j_high) as f64;
-        let half = 0.5 * (1u64 << (j_high - leaf.depth)) as f64;
-        std::array::from_fn(|k| (self.origin[k] + (f64::from(index[k]) + half) * cell) as f32)
-    }
-}
 
 /// Quantisation steps of a Gaussian of class [`crate::importance::MEAN_CLASS`]. One of class `c` more
 /// has steps `2^c` times finer.

@@ -12,17 +12,17 @@
 //!
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
-pub use crate::chunk::Transform;
+use crate::assemble::{assemble, leaves_chunk, with_outliers, without_zero_degrees};
+use crate::check::{check_centres, check_lengths, check_steps, used_degree};
 use crate::chunk::{self, BASE, ChunkEncoder, GROUPS, GaussiansMut, How, LAMBDA_MOVED, Values};
-use crate::encode::{
-    Encoded, assemble, check_centres, check_lengths, check_steps, leaves_chunk, used_degree,
-    with_outliers, without_zero_degrees,
-};
+pub use crate::chunk::{GaussianGradient, Transform};
+use crate::encoded::Encoded;
 use crate::error::{Error, Result};
 use crate::head::{Header, Index, Steps};
 use crate::importance;
 use crate::lod;
 use crate::options::EncodeOptions;
+use gpcc_lite::Octree;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -32,19 +32,6 @@ use voxel::Voxelization;
 const OTHERS: usize = 7;
 /// Gaussians rebuilt at a time.
 const BLOCK: usize = 512;
-
-/// Derivatives of a loss by the arrays of one Gaussian of a scene.
-#[derive(Clone, Copy, Debug)]
-pub struct GaussianGradient<'a> {
-    /// By its opacity logit.
-    pub opacity_logit: f32,
-    /// By its SH coefficients.
-    pub sh: &'a [[f32; 3]],
-    /// By its log-scales.
-    pub log_scale: [f32; 3],
-    /// By its quaternion.
-    pub rotation: [f32; 4],
-}
 
 /// See the [module](self).
 pub struct Latents {
@@ -60,12 +47,9 @@ impl Latents {
     ///
     /// # Errors
     /// Those of [`crate::encode_voxels`].
-    pub fn new(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Self> {
+    pub fn new(scene: &Scene, octree: &Octree, options: &EncodeOptions) -> Result<Self> {
         check_lengths(scene)?;
-        if scene.len() != voxels.len() {
-            return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
-        }
-        check_centres(scene, voxels)?;
+        check_centres(scene, octree)?;
         chunk::check(scene, 0)?;
         let guessed;
         let importance = match &options.importance {
@@ -84,7 +68,7 @@ impl Latents {
                 group.values(scene, i, &mut row[group.among(channels)]);
             }
         });
-        Self::with_values(voxels, importance, options, sh_degree, values)
+        Self::with_values(octree, importance, options, sh_degree, values)
     }
 
     /// Goes on with the values of other latents on the same leaves, with the same importance of each.
@@ -92,7 +76,7 @@ impl Latents {
     /// # Errors
     /// As [`Latents::new`].
     pub fn with_values(
-        voxels: &Voxelization,
+        octree: &Octree,
         importance: &[f32],
         options: &EncodeOptions,
         sh_degree: u8,
@@ -101,25 +85,25 @@ impl Latents {
         check_steps(&options.steps)?;
         let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
         for found in [importance.len(), values.len() / channels] {
-            if found != voxels.len() || !values.len().is_multiple_of(channels) {
-                return Err(Error::CountMismatch { scene: found, leaves: voxels.len() });
+            if found != octree.len() || !values.len().is_multiple_of(channels) {
+                return Err(Error::CountMismatch { scene: found, leaves: octree.len() });
             }
         }
         let classes = importance::log_classes(importance, options.steps.covariance);
         let whole = EncodeOptions { lod: false, ..options.clone() };
-        let cuts = lod::levels(voxels, &whole, lod::Tiles::ONE).swap_remove(0).cuts;
+        let voxels = Voxelization::one_each(octree.clone());
+        let cuts = lod::levels(&voxels, &whole, lod::Tiles::ONE)?.swap_remove(0).cuts;
         let chunk = |cut: &[usize]| {
             let range = cut[0]..cut[1];
-            let leaves = voxels.leaves[range.clone()].to_vec();
-            let chunk = ChunkEncoder::new(leaves, voxels.j_high, &classes[range.clone()])?;
+            let chunk = ChunkEncoder::new(octree.part(range.clone()), &classes[range.clone()])?;
             Ok((range, chunk))
         };
         let chunks = cuts.par_windows(2).map(chunk).collect::<Vec<Result<_>>>();
         let header = Header {
-            count: voxels.len() as u64,
+            count: octree.len() as u64,
             sh_degree,
-            j_high: voxels.j_high,
-            cube: voxels.cube.into(),
+            j_high: octree.depth(),
+            cube: octree.cube(),
             steps: options.steps,
         };
         let chunks = chunks.into_iter().collect::<Result<_>>()?;
@@ -252,7 +236,7 @@ impl Latents {
             }
         }
         jobs.into_par_iter()
-            .map(|(chunk, first, mut out)| chunk.fill(&self.header, first, &mut out))
+            .map(|(chunk, first, mut out)| chunk.fill(first, &mut out))
             .collect::<Vec<_>>()
             .into_iter()
             .collect()
@@ -265,7 +249,7 @@ impl Latents {
             .chunks
             .iter()
             .map(|(range, chunk)| {
-                let mut entry = leaves_chunk(&self.header, 0, chunk.decoded().leaves());
+                let mut entry = leaves_chunk(0, chunk.decoded().octree());
                 let bytes = (range.len() * self.channels / 8) as u64;
                 entry.layers = vec![crate::head::Layer { offset: 0, len: bytes, crc: 0 }; layers];
                 entry
@@ -293,7 +277,7 @@ impl Latents {
             let flat = &values[range.start * channels..range.end * channels];
             let values = Values { flat, channels };
             let layers = chunk.layers(&how(header, false), values)?;
-            Ok((leaves_chunk(header, 0, chunk.decoded().leaves()), layers))
+            Ok((leaves_chunk(0, chunk.decoded().octree()), layers))
         };
         let chunks: Vec<Result<_>> = chunks.par_iter_mut().with_max_len(1).map(encode).collect();
         let chunks = chunks.into_iter().collect::<Result<Vec<_>>>()?;

@@ -1,15 +1,21 @@
 #![doc = include_str!("../README.md")]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+#[cfg(feature = "encode")]
+mod assemble;
 mod attributes;
 #[cfg(feature = "encode")]
 mod bounded;
 mod bytes;
+#[cfg(feature = "encode")]
+mod check;
 mod chunk;
 pub mod covariance;
 mod decode;
 #[cfg(feature = "encode")]
 mod encode;
+#[cfg(feature = "encode")]
+mod encoded;
 #[cfg(feature = "encode")]
 mod encoder;
 mod error;
@@ -24,6 +30,8 @@ mod lod;
 mod lossless;
 #[cfg(feature = "encode")]
 mod options;
+#[cfg(feature = "encode")]
+mod outliers;
 mod parallel;
 #[cfg(feature = "encode")]
 mod plan;
@@ -34,6 +42,10 @@ mod preset;
 #[cfg(feature = "encode")]
 pub mod rate;
 mod reader;
+#[cfg(feature = "encode")]
+mod source;
+#[cfg(feature = "encode")]
+mod strategy;
 #[cfg(feature = "encode")]
 mod survey;
 #[cfg(feature = "encode")]
@@ -46,13 +58,15 @@ pub use decode::{
     decode_with,
 };
 #[cfg(feature = "encode")]
-pub use encode::{CoarseCells, Encoded, LEFT_OUT, encode_lossless, encode_voxels};
+pub use encode::{encode_lossless, encode_voxels};
+#[cfg(feature = "encode")]
+pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
 #[cfg(feature = "encode")]
 pub use encoder::{Aim, EncodeProgress, Encoder, Made};
 pub use error::{Error, Result};
-pub use gpcc_lite::Leaf;
+pub use gpcc_lite::{Cube, Leaf, Octree};
 pub use gs_model::Scene;
-pub use head::{Chunk, Cube, Header, Index, Kind, Layer, SIGNATURE, Steps, VERSION};
+pub use head::{Chunk, Header, Index, Kind, Layer, SIGNATURE, Steps, VERSION};
 #[cfg(feature = "encode")]
 pub use join::{Joined, join};
 #[cfg(feature = "encode")]
@@ -60,10 +74,12 @@ pub use options::{DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
 #[cfg(feature = "encode")]
 pub use plan::{Choices, Plan};
 #[cfg(feature = "encode")]
-pub use prepare::{Prepared, Seen, default_strategy, encode, prepare, prune};
+pub use prepare::{Prepared, encode, prepare, prune};
 #[cfg(feature = "encode")]
 pub use preset::Preset;
 pub use reader::Reader;
+#[cfg(feature = "encode")]
+pub use strategy::{Seen, default_strategy};
 #[cfg(feature = "encode")]
 pub use survey::Survey;
 #[cfg(feature = "encode")]

@@ -8,8 +8,9 @@
 //! Invariant: no Gaussian of any level stands for leaves of two tiles, so the levels of a tile follow from its own
 //! leaves and the number of levels.
 
+use crate::error::{Result, coding};
 use crate::options::EncodeOptions;
-use gpcc_lite::Leaf;
+use gpcc_lite::{Leaf, Octree};
 use std::ops::Range;
 use voxel::Voxelization;
 
@@ -22,9 +23,8 @@ const LEAST: usize = 256;
 pub(crate) struct LodLevel {
     /// 0 is the finest.
     pub(crate) lod: u8,
-    /// Its leaves; `None` for the finest, whose leaves are those of the source. Member offsets count the members of the
-    /// finest leaves, which are not repeated here.
-    pub(crate) voxels: Option<Voxelization>,
+    /// Its leaves; `None` for the finest, whose leaves are those of the voxelization.
+    octree: Option<Octree>,
     /// For each leaf, the number of its first leaf of the finest level; then the number of those.
     first: Vec<u32>,
     /// The leaves of each tile.
@@ -34,6 +34,17 @@ pub(crate) struct LodLevel {
 }
 
 impl LodLevel {
+    /// Its leaves.
+    pub(crate) fn octree<'a>(&'a self, finest: &'a Voxelization) -> &'a Octree {
+        self.octree.as_ref().unwrap_or_else(|| finest.octree())
+    }
+
+    /// Some of its leaves, with their Gaussians.
+    pub(crate) fn part(&self, finest: &Voxelization, leaves: Range<usize>) -> Voxelization {
+        let octree = self.octree(finest).part(leaves.clone());
+        finest.regrouped(octree, &self.first[leaves.start..=leaves.end])
+    }
+
     /// Sums of what the finest leaves have, per leaf of this level.
     pub(crate) fn sum(&self, finest: &[f32]) -> Vec<f32> {
         let of = |w: &[u32]| finest[w[0] as usize..w[1] as usize].iter().sum();
@@ -80,12 +91,12 @@ pub(crate) fn levels(
     voxels: &Voxelization,
     options: &EncodeOptions,
     tiles: Tiles<'_>,
-) -> Vec<LodLevel> {
+) -> Result<Vec<LodLevel>> {
     let n = voxels.len();
     let ends = tiles.tiles.iter().skip(1).map(|t| t.0).chain([n]);
     let runs: Vec<_> = tiles.tiles.iter().zip(ends).map(|(t, end)| t.0..end).collect();
     let first = (0..=n as u32).collect();
-    let finest = LodLevel { lod: 0, voxels: None, first, tiles: runs.clone(), cuts: Vec::new() };
+    let finest = LodLevel { lod: 0, octree: None, first, tiles: runs.clone(), cuts: Vec::new() };
     let mut levels = vec![finest];
     let wanted = |levels: usize, leaves: usize| match tiles.coarse_levels {
         Some(wanted) => options.lod && levels < wanted,
@@ -96,66 +107,60 @@ pub(crate) fn levels(
     {
         let runs = runs.iter().zip(tiles.tiles).zip(&last.tiles);
         let runs = runs.map(|((run, (_, codes)), last)| (run, codes, last.len() / RATIO));
-        levels.push(coarser(voxels, levels.len() as u8, runs));
+        levels.push(coarser(voxels.octree(), levels.len() as u8, runs)?);
     }
     // Cuts from the coarsest on: a level is cut wherever a coarser one is.
     let mut inherited: Vec<u64> = Vec::new();
     for level in levels.iter_mut().rev() {
-        let leaves = level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves);
+        let leaves = level.octree(voxels).leaves();
         let fixed = level.tiles.iter().map(|t| t.start);
-        level.cuts = cuts(leaves, &inherited, fixed, options.chunk_leaves.get());
-        let starts = level.cuts.iter().filter_map(|&i| leaves.get(i)).map(|l| l.morton);
-        inherited = starts.collect();
+        let cuts = cuts(leaves, &inherited, fixed, options.chunk_leaves.get());
+        inherited = cuts.iter().filter_map(|&i| leaves.get(i)).map(|l| l.morton).collect();
+        level.cuts = cuts;
     }
-    levels
+    Ok(levels)
 }
 
 /// A level, from the finest leaves of each tile, its codes, and how many cells it may have at most.
 fn coarser<'a>(
-    voxels: &Voxelization,
+    finest: &Octree,
     lod: u8,
     tiles: impl Iterator<Item = (&'a Range<usize>, &'a Range<u64>, usize)>,
-) -> LodLevel {
+) -> Result<LodLevel> {
     let mut all = Vec::new();
     let mut runs = Vec::new();
     for (run, codes, most) in tiles {
         let start = all.len();
-        let found = at_most(&voxels.leaves[run.clone()], codes, voxels.j_high, most);
+        let found = at_most(&finest.leaves()[run.clone()], codes, finest.depth(), most);
         all.extend(found.into_iter().map(|(first, cell)| (run.start + first, cell)));
         runs.push(start..all.len());
     }
-    let end = voxels.leaves.len() as u32;
+    let end = finest.len() as u32;
     let first: Vec<u32> = all.iter().map(|c| c.0 as u32).chain([end]).collect();
-    let coarse = Voxelization {
-        cube: voxels.cube,
-        j_high: voxels.j_high,
-        leaves: all.iter().map(|c| c.1).collect(),
-        member_offsets: first.iter().map(|&i| voxels.member_offsets[i as usize]).collect(),
-        // The offsets count the members of the finest leaves.
-        members: Vec::new(),
-        dropped: Vec::new(),
-    };
-    LodLevel { lod, voxels: Some(coarse), first, tiles: runs, cuts: Vec::new() }
+    let leaves = all.into_iter().map(|c| c.1).collect();
+    let octree =
+        Octree::new(finest.cube(), finest.depth(), leaves).map_err(coding("level of detail"))?;
+    Ok(LodLevel { lod, octree: Some(octree), first, tiles: runs, cuts: Vec::new() })
 }
 
 /// The smallest cells of a tile that are at most `most`, or as few as it has.
-fn at_most(leaves: &[Leaf], codes: &Range<u64>, j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
+fn at_most(leaves: &[Leaf], codes: &Range<u64>, tree_depth: u8, most: usize) -> Vec<(usize, Leaf)> {
     // More leaves per cell make fewer cells.
     let (mut too_few, mut enough) = (1, leaves.len());
     while enough.saturating_sub(too_few) > 1 {
         let middle = too_few + (enough - too_few) / 2;
-        if cells(leaves, codes, j_high, middle).len() <= most {
+        if cells(leaves, codes, tree_depth, middle).len() <= most {
             enough = middle;
         } else {
             too_few = middle;
         }
     }
-    cells(leaves, codes, j_high, enough)
+    cells(leaves, codes, tree_depth, enough)
 }
 
 /// Divides a tile into the largest cells that hold at most `most` leaves each and lie within its codes. Returns the first
 /// leaf of each cell, and the smallest cell around its leaves.
-fn cells(leaves: &[Leaf], codes: &Range<u64>, j_high: u8, most: usize) -> Vec<(usize, Leaf)> {
+fn cells(leaves: &[Leaf], codes: &Range<u64>, tree_depth: u8, most: usize) -> Vec<(usize, Leaf)> {
     let mut cells = Vec::new();
     // Nodes in Morton order, the next one last: first leaf, leaf behind the last, depth.
     let mut nodes = vec![(0, leaves.len(), 0u8)];
@@ -163,11 +168,11 @@ fn cells(leaves: &[Leaf], codes: &Range<u64>, j_high: u8, most: usize) -> Vec<(u
         if first == end {
             continue;
         }
-        let bits = 3 * u32::from(j_high - depth);
+        let bits = 3 * u32::from(tree_depth - depth);
         let start = leaves[first].morton >> bits << bits;
         let within = codes.start <= start && start + (1 << bits) <= codes.end;
         if end - first <= most && within {
-            cells.push((first, common_cell(leaves[first], leaves[end - 1], j_high)));
+            cells.push((first, common_cell(leaves[first], leaves[end - 1], tree_depth)));
             continue;
         }
         // There are two leaves or more, or the node reaches beyond the tile: all leaves are deeper than it.
@@ -185,12 +190,12 @@ fn cells(leaves: &[Leaf], codes: &Range<u64>, j_high: u8, most: usize) -> Vec<(u
 }
 
 /// The smallest cell that holds two leaves.
-fn common_cell(first: Leaf, last: Leaf, j_high: u8) -> Leaf {
+fn common_cell(first: Leaf, last: Leaf, tree_depth: u8) -> Leaf {
     if first == last {
         return first;
     }
     let above = 1 + (63 - (first.morton ^ last.morton).leading_zeros()) / 3;
-    Leaf { morton: first.morton >> (3 * above) << (3 * above), depth: j_high - above as u8 }
+    Leaf { morton: first.morton >> (3 * above) << (3 * above), depth: tree_depth - above as u8 }
 }
 
 /// Where chunks begin: at the inherited cells, at the fixed leaves, and between them so that chunks have at most
@@ -226,27 +231,18 @@ mod tests {
     fn chunks_of_levels_nest() {
         let leaves: Vec<Leaf> =
             (0..20_000u64).map(|i| Leaf { morton: i * i * 19, depth: 11 }).collect();
-        let n = leaves.len() as u32;
-        let voxels = Voxelization {
-            cube: voxel::Cube { origin: [0.0; 3], side: 1.0 },
-            j_high: 11,
-            leaves,
-            member_offsets: (0..=n).collect(),
-            members: (0..n).collect(),
-            dropped: Vec::new(),
-        };
+        let cube = gpcc_lite::Cube { origin: [0.0; 3], side: 1.0 };
+        let voxels = Voxelization::one_each(Octree::new(cube, 11, leaves).unwrap());
         let chunk_leaves = NonZeroUsize::new(64).unwrap();
         let options = EncodeOptions { lod: true, chunk_leaves, ..EncodeOptions::default() };
         // Two tiles: the second begins with leaf 700.
-        let code = voxels.leaves[700].morton;
+        let code = voxels.octree().leaves()[700].morton;
         let tiles = [(0, 0..code), (700, code..u64::MAX)];
         let tiles = Tiles { tiles: &tiles, coarse_levels: Some(3) };
-        let levels = levels(&voxels, &options, tiles);
+        let levels = levels(&voxels, &options, tiles).unwrap();
         assert!(levels[0].cuts.contains(&700));
         assert_eq!(levels.len(), 4);
-        let leaves_of = |level: &LodLevel| -> Vec<Leaf> {
-            level.voxels.as_ref().map_or(&voxels.leaves, |v| &v.leaves).clone()
-        };
+        let leaves_of = |level: &LodLevel| level.octree(&voxels).leaves().to_vec();
         for pair in levels.windows(2) {
             let (fine, coarse) = (leaves_of(&pair[0]), leaves_of(&pair[1]));
             // No fine chunk has leaves of two coarse ones.

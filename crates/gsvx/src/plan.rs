@@ -4,20 +4,24 @@
 //! A plan is made in three passes over the Gaussians: a [`Survey`], then [`Plan::new`] counts Morton codes,
 //! then [`Plan::measure`] looks at a sample of the tiles.
 
-use crate::encode::{CoarseCells, Encoded, Source, Whole, encode_source};
+use crate::encode::encode_source;
+use crate::encoded::{CoarseCells, Encoded};
 use crate::error::{Error, Result};
 use crate::importance::{self, UnseenUnit};
 use crate::lod;
 use crate::options::EncodeOptions;
-use crate::prepare::{Seen, coarse, j_high, suffices};
+use crate::outliers::{coarse_cells, suffices};
+use crate::source::{Source, Whole};
+use crate::strategy::{Seen, j_high};
 use crate::survey::Survey;
-use crate::tiled::{Mean, Octree, TILE, sample};
+use crate::tiled::{Mean, TILE, TileRules, sample};
 use crate::warning::EncodeWarning;
+use gpcc_lite::Cube;
 use gs_model::Scene;
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 use std::ops::Range;
-use voxel::{Cube, Importance, Tiles, WeightSums};
+use voxel::{Importance, Tiles, WeightSums};
 
 /// What the caller of [`Plan::new`] chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,9 +54,9 @@ pub struct Plan {
     sh_degree: u8,
     origin: [f64; 3],
     side: f64,
-    j_high: u8,
-    coarse_cells: Option<f64>,
-    /// First Morton codes of the tiles, at `j_high`, and their Gaussians.
+    depth: u8,
+    coarse_cells: Option<CoarseCells>,
+    /// First Morton codes of the tiles, at `depth`, and their Gaussians.
     tile_starts: Vec<u64>,
     tile_counts: Vec<u64>,
     /// Of the sample: sums that scale weights, and the mean importance of leaves.
@@ -79,13 +83,13 @@ impl Plan {
         if median.is_some_and(|m| !suffices(m, &cube)) {
             return Err(Error::TooWide { side: cube.side }.into());
         }
-        let j_high = j_high(median, &cube);
+        let depth = j_high(median, &cube);
         let tiles = if survey.count() <= TILE {
             Tiles::one(survey.count())
         } else {
-            Tiles::cut(j_high, TILE, |take| {
+            Tiles::cut(depth, TILE, |take| {
                 let mut failed = None;
-                visit(&mut |means| match voxel::morton_codes(means, &cube, j_high) {
+                visit(&mut |means| match voxel::morton_codes(means, &cube, depth) {
                     Ok(codes) => take(&codes),
                     Err(e) => failed = Some(Error::from(e)),
                 })?;
@@ -98,8 +102,8 @@ impl Plan {
             sh_degree: survey.sh_degree(),
             origin: cube.origin,
             side: cube.side,
-            j_high,
-            coarse_cells: median.and_then(|m| coarse(m, &cube)),
+            depth,
+            coarse_cells: coarse_cells(survey),
             tile_starts: tiles.starts().to_vec(),
             tile_counts: tiles.counts().to_vec(),
             sample_count: 0,
@@ -128,7 +132,7 @@ impl Plan {
         mut scene: impl FnMut(usize) -> std::result::Result<Scene, E>,
         mut seen: impl FnMut(&Scene) -> std::result::Result<Vec<f32>, E>,
     ) -> std::result::Result<(), E> {
-        let octree = self.octree();
+        let rules = self.rules();
         let mut sums = WeightSums::default();
         let sample = self.sample();
         let mut weights = vec![Vec::new(); sample.len()];
@@ -144,7 +148,7 @@ impl Plan {
             let scene = scene(tile)?;
             self.check(tile, &scene)?;
             let importance = self.importance(&scene, &seen)?;
-            sums.add(&octree.sums(&scene, &importance)?);
+            sums.add(&rules.sums(&scene, &importance)?);
             importances.push(importance);
         }
         self.sample_count = sums.count;
@@ -152,7 +156,7 @@ impl Plan {
         self.sample_geometry = sums.geometry;
         let mut mean = Mean::default();
         for (tile, importance) in sample.into_iter().zip(importances) {
-            let voxels = octree.leaves(&scene(tile)?, &importance, &self.codes(tile), sums)?;
+            let voxels = rules.leaves(&scene(tile)?, &importance, &self.codes(tile), sums)?;
             mean.add(&Mean::of(&voxels.sums(&importance)));
         }
         self.mean_importance = mean.value();
@@ -197,7 +201,7 @@ impl Plan {
             importance: self.sample_importance,
             geometry: self.sample_geometry,
         };
-        let voxels = self.octree().leaves(scene, &importance, codes, sums)?;
+        let voxels = self.rules().leaves(scene, &importance, codes, sums)?;
         let options = self.choices.options()?;
         let several = self.tile_starts.len() > 1;
         let whole = Whole {
@@ -211,7 +215,6 @@ impl Plan {
         let source = Source {
             scene,
             voxels: &voxels,
-            members: &voxels.members,
             weights: &Importance::Given(importance),
             merged: false,
             whole: Some(whole),
@@ -224,7 +227,7 @@ impl Plan {
     /// # Errors
     /// [`Error::Voxel`] if a mean was not there when the plan was made.
     pub fn tiles_of(&self, means: &[[f32; 3]]) -> Result<Vec<u32>> {
-        let codes = voxel::morton_codes(means, &self.octree().cube, self.j_high)?;
+        let codes = voxel::morton_codes(means, &self.rules().cube, self.depth)?;
         let tile = |code| self.tile_starts.partition_point(|&start| start <= code) as u32 - 1;
         Ok(codes.into_iter().map(tile).collect())
     }
@@ -250,8 +253,7 @@ impl Plan {
     /// What the user of the stream should know.
     #[must_use]
     pub fn warning(&self) -> Option<EncodeWarning> {
-        let coarse = |cells| CoarseCells { cells, of_small: false };
-        self.coarse_cells.map(coarse).map(EncodeWarning::CoarseCells)
+        self.coarse_cells.map(EncodeWarning::CoarseCells)
     }
 
     /// The tiles of part `k` of `n`, with `k` from 0: each part has about as many Gaussians, some may have none.
@@ -269,10 +271,10 @@ impl Plan {
         first(k)..first(k + 1)
     }
 
-    fn octree(&self) -> Octree {
+    fn rules(&self) -> TileRules {
         let cube = Cube { origin: self.origin, side: self.side };
-        let (j_high, quality) = (self.j_high, self.choices.quality);
-        Octree { cube, j_high, quality, seen: self.choices.seen }
+        let Choices { quality, seen, .. } = self.choices;
+        TileRules { cube, depth: self.depth, quality, seen }
     }
 
     fn codes(&self, tile: usize) -> Range<u64> {

@@ -2,9 +2,10 @@
 //!
 //! Invariant: the result does not depend on the order of the Gaussians, nor on how they are divided into parts.
 
-use crate::encode::used_degree;
+use crate::check::used_degree;
+use crate::error::Result;
+use gpcc_lite::Cube;
 use gs_model::Scene;
-use voxel::Cube;
 
 /// Sizes are counted by the first 16 bits of their floats: to within 0.8 %.
 const SIZE_BITS: u32 = 16;
@@ -35,11 +36,15 @@ impl Survey {
         }
     }
 
-    /// Of one scene.
-    pub(crate) fn of(scene: &Scene) -> Self {
+    /// Of one scene, without its SH degree.
+    ///
+    /// # Errors
+    /// [`crate::Error::Voxel`] if a mean is not finite.
+    pub(crate) fn of(scene: &Scene) -> Result<Self> {
+        voxel::cube_of(&scene.means)?;
         let mut survey = Self::new(0);
         survey.add(scene);
-        survey
+        Ok(survey)
     }
 
     /// Counts valid Gaussians in.
@@ -83,7 +88,17 @@ impl Survey {
 
     /// The median of the logarithms of the largest axes, to within 0.8 %; `None` without Gaussians.
     pub(crate) fn median_log_scale(&self) -> Option<f64> {
-        let mut left = self.count / 2;
+        self.log_scale_of(self.count / 2)
+    }
+
+    /// The same logarithm below which a tenth of the Gaussians are.
+    pub(crate) fn small_log_scale(&self) -> Option<f64> {
+        self.log_scale_of(self.count / 10)
+    }
+
+    /// The logarithm of the largest axis at this place in ascending order, counted from 0.
+    fn log_scale_of(&self, place: u64) -> Option<f64> {
+        let mut left = place;
         let class = self.sizes.iter().position(|&n| {
             let found = left < n;
             left = left.saturating_sub(n);
@@ -124,9 +139,9 @@ mod tests {
         parts.add(&scene.select(&(0..1200).collect::<Vec<_>>()));
         let found = parts.median_log_scale().unwrap();
         assert!((found - exact).abs() <= 0.008 * exact.abs(), "{found}, not {exact}");
-        assert_eq!(parts.cube(), Cube::of(&scene.means).unwrap());
+        assert_eq!(parts.cube(), voxel::cube_of(&scene.means).unwrap());
         assert_eq!((parts.count(), parts.sh_degree()), (2001, 1));
         assert_eq!(Survey::new(3).median_log_scale(), None);
-        assert_eq!(Survey::new(3).cube(), Cube::of(&[]).unwrap());
+        assert_eq!(Survey::new(3).cube(), voxel::cube_of(&[]).unwrap());
     }
 }

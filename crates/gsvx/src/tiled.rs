@@ -4,17 +4,18 @@
 //! Importances are guessed among the Gaussians of a tile, and no leaf reaches beyond one. A scene of at most
 //! [`TILE`] Gaussians is one tile. What scales importances is summed over a sample of the tiles.
 //!
-//! Invariant: what becomes of a tile follows from its own Gaussians, the [`Octree`] and the sums.
+//! Invariant: what becomes of a tile follows from its own Gaussians, the [`TileRules`] and the sums.
 
 use crate::error::Result;
 use crate::importance;
-use crate::prepare::{Seen, rate_distortion};
+use crate::strategy::{Seen, rate_distortion};
+use gpcc_lite::Cube;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::convert::Infallible;
 use std::ops::Range;
-use voxel::{Cube, RateDistortion, Tiles, Voxelization, WeightSums, rate_distortion_of_tile};
+use voxel::{RateDistortion, Tiles, Voxelization, WeightSums, rate_distortion_of_tile};
 
 /// Most Gaussians of a tile: enough for eight chunks.
 pub(crate) const TILE: u64 = 1 << 18;
@@ -27,11 +28,12 @@ pub(crate) fn sample(tiles: usize) -> Vec<usize> {
     (0..n).map(|i| (2 * i + 1) * tiles / (2 * n)).collect()
 }
 
-/// What all tiles share before any is looked at.
+/// What decides the leaves of every tile.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Octree {
+pub(crate) struct TileRules {
     pub(crate) cube: Cube,
-    pub(crate) j_high: u8,
+    /// Depth of the octree.
+    pub(crate) depth: u8,
     pub(crate) quality: f32,
     pub(crate) seen: Seen,
 }
@@ -53,10 +55,10 @@ pub(crate) struct Shared {
     pub(crate) mean_importance: f64,
 }
 
-impl Octree {
+impl TileRules {
     fn strategy(&self, importance: &[f32]) -> Result<RateDistortion> {
         let strategy = rate_distortion(self.quality, importance, self.seen)?;
-        Ok(RateDistortion { j_high: self.j_high, ..strategy })
+        Ok(RateDistortion { j_high: self.depth, ..strategy })
     }
 
     /// What scales the weights of a tile.
@@ -105,14 +107,7 @@ impl Octree {
             let shared = Shared { tiles: vec![(0, tiles.codes(0))], mean_importance };
             return Ok(Tiled { voxels, importance, shared: Some(shared) });
         }
-        let mut voxels = Voxelization {
-            cube: self.cube,
-            j_high: self.j_high,
-            leaves: Vec::new(),
-            member_offsets: vec![0],
-            members: Vec::new(),
-            dropped: Vec::new(),
-        };
+        let mut voxels = Voxelization::empty(self.cube, self.depth)?;
         let (mut cuts, mut mean) = (Vec::new(), Mean::default());
         for (t, tile) in voxelized.into_iter().enumerate() {
             let tile = tile?;
@@ -120,7 +115,7 @@ impl Octree {
                 mean.add(&Mean::of(&tile.sums(&of_members(t))));
             }
             cuts.push((voxels.len(), tiles.codes(t)));
-            voxels.append(&tile, &members[t]);
+            voxels.append(&tile, &members[t])?;
         }
         let shared = Shared { tiles: cuts, mean_importance: mean.value() };
         Ok(Tiled { voxels, importance, shared: Some(shared) })
@@ -131,12 +126,12 @@ impl Octree {
         if scene.len() as u64 <= TILE {
             return Ok((Tiles::one(scene.len() as u64), Vec::new()));
         }
-        let codes = voxel::morton_codes(&scene.means, &self.cube, self.j_high)?;
+        let codes = voxel::morton_codes(&scene.means, &self.cube, self.depth)?;
         let visit = |take: &mut dyn FnMut(&[u64])| {
             take(&codes);
             Ok::<(), Infallible>(())
         };
-        let Ok(tiles) = Tiles::cut(self.j_high, TILE, visit);
+        let Ok(tiles) = Tiles::cut(self.depth, TILE, visit);
         let mut members: Vec<Vec<u32>> =
             tiles.counts().iter().map(|&n| Vec::with_capacity(n as usize)).collect();
         (0..).zip(&codes).for_each(|(i, &code)| members[tiles.of(code)].push(i));

@@ -18,7 +18,7 @@ fn small(n: usize) -> Encoded {
     let mut options = EncodeOptions::from_quality(80.0).unwrap();
     options.chunk_leaves = leaves(n.div_ceil(3));
     let (merged, voxels) = voxelized(&scene(n, 3, 9), &Strategy::paper(3, 9));
-    encode_voxels(&merged, &voxels, Some(&scene(2, 3, 1)), &options).unwrap()
+    encode_voxels(&merged, voxels.octree(), Some(&scene(2, 3, 1)), &options).unwrap()
 }
 
 fn salvage(bytes: &[u8]) -> Result<Decoded, Error> {

@@ -46,11 +46,11 @@ fn the_encoder_writes_the_golden_streams() {
 fn the_trace_has_the_leaves_of_the_default_stream() {
     let trace = std::fs::read_to_string(folder().join("default.trace")).expect("default.trace");
     let bytes = std::fs::read(folder().join("default.gsvx")).expect("default.gsvx");
-    let (leaves, classes) = gsvx::decode_leaves(&bytes).expect("a golden stream");
+    let (octree, classes) = gsvx::decode_leaves(&bytes).expect("a golden stream");
     let line = |(i, (leaf, class)): (usize, (&gpcc_lite::Leaf, &u8))| {
         format!("leaf {i}: code {}, depth {}, class {class}", leaf.morton, leaf.depth)
     };
-    let want: Vec<String> = leaves.iter().zip(&classes).enumerate().map(line).collect();
+    let want: Vec<String> = octree.leaves().iter().zip(&classes).enumerate().map(line).collect();
     let found: Vec<&str> = trace.lines().filter(|l| l.starts_with("leaf ")).collect();
     assert_eq!(found, want);
 }

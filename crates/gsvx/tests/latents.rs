@@ -46,7 +46,7 @@ fn the_stream_decodes_to_the_scene_of_the_loop() {
         let p = prepared(n, degree);
         let mut options = options(&p);
         options.chunk_leaves = NonZeroUsize::new(chunk).unwrap();
-        let mut latents = Latents::new(&p.scene, &p.voxels, &options).unwrap();
+        let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
         let mut scene = Scene::default();
         let counted = latents.reconstruct(true, None, &mut scene).unwrap().unwrap();
         let encoded = latents.encode(None).unwrap();
@@ -67,7 +67,7 @@ fn outliers_stay_behind_the_leaves() {
     let p = prepared(400, 2);
     let mut outliers = trained_like(3, 2, 9);
     outliers.means.iter_mut().for_each(|m| m[0] += 1e4);
-    let mut latents = Latents::new(&p.scene, &p.voxels, &options(&p)).unwrap();
+    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options(&p)).unwrap();
     let mut scene = p.scene.clone();
     scene.append(&outliers);
     latents.reconstruct(true, None, &mut scene).unwrap();
@@ -79,10 +79,10 @@ fn outliers_stay_behind_the_leaves() {
 fn the_loop_loses_no_more_than_the_encoder() {
     let p = prepared(2000, 3);
     let options = options(&p);
-    let mut latents = Latents::new(&p.scene, &p.voxels, &options).unwrap();
+    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
     let mut scene = Scene::default();
     latents.reconstruct(true, None, &mut scene).unwrap();
-    let encoded = encode_voxels(&p.scene, &p.voxels, None, &options).unwrap();
+    let encoded = encode_voxels(&p.scene, p.voxels.octree(), None, &options).unwrap();
     let error = |s: &Scene| -> f64 {
         let pairs = s.sh.as_flattened().iter().zip(p.scene.sh.as_flattened());
         pairs.map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum()
@@ -95,7 +95,7 @@ fn the_loop_loses_no_more_than_the_encoder() {
 #[test]
 fn prices_are_the_derivatives_of_the_bits() {
     let p = prepared(3000, 3);
-    let mut latents = Latents::new(&p.scene, &p.voxels, &options(&p)).unwrap();
+    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options(&p)).unwrap();
     let mut scene = Scene::default();
     let mut prices = vec![0.0; latents.values().len()];
     let first = latents.reconstruct(true, Some(&mut prices), &mut scene).unwrap().unwrap();
@@ -114,12 +114,12 @@ fn what_does_not_fit_is_refused() {
     let p = prepared(300, 1);
     let mut few = options(&p);
     few.importance = Some(vec![1.0; 5]);
-    assert!(Latents::new(&p.scene, &p.voxels, &few).is_err());
-    assert!(Latents::new(&trained_like(3, 1, 1), &p.voxels, &options(&p)).is_err());
+    assert!(Latents::new(&p.scene, p.voxels.octree(), &few).is_err());
+    assert!(Latents::new(&trained_like(3, 1, 1), p.voxels.octree(), &options(&p)).is_err());
     let mut broken = p.scene.clone();
     broken.sh[4][1] = f32::NAN;
-    assert!(Latents::new(&broken, &p.voxels, &options(&p)).is_err());
-    let mut latents = Latents::new(&p.scene, &p.voxels, &options(&p)).unwrap();
+    assert!(Latents::new(&broken, p.voxels.octree(), &options(&p)).is_err());
+    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options(&p)).unwrap();
     let mut steps = latents.steps();
     steps.dc = 0.0;
     assert!(latents.set_steps(steps).is_err());

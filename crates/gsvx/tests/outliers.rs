@@ -27,7 +27,7 @@ fn floaters_come_back_bit_for_bit_in_their_order() {
         assert_eq!(alone, back.select(&(0..leaves).collect::<Vec<_>>()));
         // In an octree around all, the finest cell is a thousand times as wide.
         let header = &encoded.index.header;
-        let whole = voxel::Cube::of(&scene.means).unwrap().side / f64::from(1u32 << 21);
+        let whole = voxel::cube_of(&scene.means).unwrap().side / f64::from(1u32 << 21);
         assert!(header.cube.side / f64::from(1u32 << header.j_high) < 1e-3 * whole);
     }
 }
@@ -45,8 +45,8 @@ fn a_scene_without_floaters_is_not_trimmed() {
     // No outliers, no chunk of them.
     let (merged, voxels) = voxelized(&scene(80, 1, 3), &Strategy::Uniform { depth: 9 });
     let options = EncodeOptions::default();
-    let plain = encode_voxels(&merged, &voxels, None, &options).unwrap();
-    let none = encode_voxels(&merged, &voxels, Some(&scene(0, 1, 3)), &options).unwrap();
+    let plain = encode_voxels(&merged, voxels.octree(), None, &options).unwrap();
+    let none = encode_voxels(&merged, voxels.octree(), Some(&scene(0, 1, 3)), &options).unwrap();
     assert_eq!(plain, none);
 }
 
@@ -69,7 +69,7 @@ fn fewer_degrees_and_coarser_levels_keep_the_outliers() {
     let (merged, voxels) = voxelized(&scene(600, 2, 3), &Strategy::Uniform { depth: 9 });
     let outliers = scene(3, 2, 4);
     let options = encoding(|o| o.lod = true);
-    let encoded = encode_voxels(&merged, &voxels, Some(&outliers), &options).unwrap();
+    let encoded = encode_voxels(&merged, voxels.octree(), Some(&outliers), &options).unwrap();
     for degree in 0..3 {
         let options = decoding(|o| o.max_sh_degree = degree);
         let part = decode_with(&encoded.bytes, &options).unwrap().scene;
@@ -102,7 +102,7 @@ fn degrees_that_only_outliers_use_are_kept() {
     let outliers = scene(2, 2, 4);
     for (most, degree) in [(3, 2), (1, 1)] {
         let options = encoding(|o| o.max_sh_degree = most);
-        let encoded = encode_voxels(&merged, &voxels, Some(&outliers), &options).unwrap();
+        let encoded = encode_voxels(&merged, voxels.octree(), Some(&outliers), &options).unwrap();
         let back = decode(&encoded.bytes).unwrap();
         assert_eq!(back.sh_degree, degree);
         assert_eq!(back.sh_of(merged.len() + 1), &outliers.sh_of(1)[..back.sh_len()]);
@@ -113,7 +113,8 @@ fn degrees_that_only_outliers_use_are_kept() {
 fn a_scene_of_nothing_but_outliers() {
     let (merged, voxels) = voxelized(&scene(0, 2, 3), &Strategy::Uniform { depth: 9 });
     let outliers = scene(5, 2, 4);
-    let encoded = encode_voxels(&merged, &voxels, Some(&outliers), &EncodeOptions::default());
+    let encoded =
+        encode_voxels(&merged, voxels.octree(), Some(&outliers), &EncodeOptions::default());
     let back = decode(&encoded.unwrap().bytes).unwrap();
     assert_eq!(back, outliers);
 }
@@ -122,7 +123,7 @@ fn a_scene_of_nothing_but_outliers() {
 fn outliers_that_do_not_fit_are_refused() {
     let (merged, voxels) = voxelized(&scene(80, 1, 3), &Strategy::Uniform { depth: 9 });
     let encode = |outliers: Scene| {
-        encode_voxels(&merged, &voxels, Some(&outliers), &EncodeOptions::default())
+        encode_voxels(&merged, voxels.octree(), Some(&outliers), &EncodeOptions::default())
     };
     let mut broken = scene(3, 1, 3);
     broken.rotations[1] = [0.0; 4];

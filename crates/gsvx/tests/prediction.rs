@@ -47,7 +47,7 @@ fn degrees_that_follow_from_others_are_smaller_at_the_same_error() {
         let mut options = options();
         options.uniform_precision = uniform_precision;
         let coded = |scene: &Scene| {
-            let encoded = encode_voxels(scene, &voxels, None, &options).unwrap();
+            let encoded = encode_voxels(scene, voxels.octree(), None, &options).unwrap();
             let layers = &encoded.index.chunks[0].layers[2..];
             let size: u64 = layers.iter().map(|l| l.len).sum();
             let error = rms(&decode(&encoded.bytes).unwrap(), scene);
@@ -65,14 +65,14 @@ fn degrees_that_follow_from_others_are_smaller_at_the_same_error() {
 #[test]
 fn nothing_is_predicted_where_it_does_not_pay() {
     let (merged, voxels) = voxelized(&scene(3000, 3, 3), &Strategy::Uniform { depth: 12 });
-    let bytes = encode_voxels(&merged, &voxels, None, &options()).unwrap().bytes;
+    let bytes = encode_voxels(&merged, voxels.octree(), None, &options()).unwrap().bytes;
     assert_eq!(run_lengths(&bytes), [0, 0]);
 }
 
 #[test]
 fn degrees_below_do_not_need_what_follows() {
     let (merged, voxels) = related(3000);
-    let bytes = encode_voxels(&merged, &voxels, None, &options()).unwrap().bytes;
+    let bytes = encode_voxels(&merged, voxels.octree(), None, &options()).unwrap().bytes;
     let full = decode(&bytes).unwrap();
     for max_sh_degree in 0..3 {
         let part = decode_with(&bytes, &decoding(|o| o.max_sh_degree = max_sh_degree)).unwrap();
@@ -95,7 +95,7 @@ fn any_thread_count_gives_the_same_bytes_and_floats() {
     options.chunk_leaves = leaves(4600);
     let at = |threads: usize| {
         on_threads(threads, || {
-            let bytes = encode_voxels(&merged, &voxels, None, &options).unwrap().bytes;
+            let bytes = encode_voxels(&merged, voxels.octree(), None, &options).unwrap().bytes;
             let scene = decode(&bytes).unwrap();
             (bytes, scene)
         })
@@ -111,7 +111,7 @@ fn any_thread_count_gives_the_same_bytes_and_floats() {
 #[test]
 fn damaged_factors_are_refused_or_finite() {
     let (merged, voxels) = related(900);
-    let bytes = encode_voxels(&merged, &voxels, None, &options()).unwrap().bytes;
+    let bytes = encode_voxels(&merged, voxels.octree(), None, &options()).unwrap().bytes;
     assert!(run_lengths(&bytes).iter().all(|&b| b != 0));
     let (index, good) = take_apart(&bytes);
     let forged = |change: &dyn Fn(&mut Vec<u8>)| {

@@ -9,10 +9,10 @@ use finetune::optimiser::Adam;
 #[cfg(feature = "gpu")]
 use finetune::{Adapter, latents::LatentStep};
 use finetune::{ViewGradients, ViewLoss};
+use gpcc_lite::Octree;
 use gs_model::Scene;
 use gsvx::EncodeOptions;
 use gsvx::latents::{GaussianGradient, Latents};
-use voxel::Voxelization;
 
 #[cfg(feature = "gpu")]
 use crate::device::Device;
@@ -36,7 +36,7 @@ const PRICE: f64 = 8.0;
 /// Latents on their way.
 pub(crate) struct CodecLoop {
     pub(crate) latents: Latents,
-    pub(crate) voxels: Voxelization,
+    pub(crate) octree: Octree,
     pub(crate) importance: Vec<f32>,
     /// What a decoder would return when the codec last ran, then the outliers.
     pub(crate) scene: Scene,
@@ -60,7 +60,7 @@ pub(crate) struct CodecLoop {
 
 /// Where a loop begins.
 pub(crate) struct Start {
-    pub(crate) voxels: Voxelization,
+    pub(crate) octree: Octree,
     /// Importance of each leaf.
     pub(crate) importance: Vec<f32>,
     pub(crate) outliers: Option<Scene>,
@@ -81,7 +81,7 @@ pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> Result<Encod
 
 impl CodecLoop {
     pub(crate) fn new(start: Start) -> Self {
-        let Start { voxels, importance, outliers, latents, quality, steps, pixels } = start;
+        let Start { octree, importance, outliers, latents, quality, steps, pixels } = start;
         let n = latents.values().len();
         let [opacity, dc, ac, covariance] = RATES;
         let mut rates = vec![opacity];
@@ -91,7 +91,7 @@ impl CodecLoop {
         let mut scene = Scene { sh_degree: latents.sh_degree(), ..Scene::default() };
         if let Some(outliers) = &outliers {
             // The leaves come before the outliers; their values are filled in by the first step.
-            let blank = vec![0; voxels.len()];
+            let blank = vec![0; octree.len()];
             scene.append(&outliers.select(&blank));
             scene.append(outliers);
         }
@@ -103,7 +103,7 @@ impl CodecLoop {
         let price = PRICE * std::f64::consts::LN_2 / 6.0 * DC_BASIS * DC_BASIS * weight;
         Self {
             latents,
-            voxels,
+            octree,
             importance,
             scene,
             outliers,

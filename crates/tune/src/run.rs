@@ -415,7 +415,7 @@ fn probe(
     let importance = kept.iter().map(|&i| importance[i]).collect();
     let prepared = gsvx::prepare(&scene.select(&kept), &voxel_options(quality, importance)?)?;
     let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
-    Ok(gsvx::encode_voxels(&prepared.scene, &prepared.voxels, None, &encode)?.bytes)
+    Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &encode)?.bytes)
 }
 
 /// Seconds of a render with its gradients, the second time.

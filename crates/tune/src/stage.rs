@@ -1,9 +1,9 @@
 //! The two stages of a run, how one follows the other, and what a checkpoint keeps of each.
 
+use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;
 use gsvx::latents::Latents;
 use gsvx::{EncodeOptions, Prepared};
-use voxel::{Cube, Voxelization};
 
 use crate::checkpoint::{Reader, Writer};
 use crate::codec_loop::{CodecLoop, Start, encode_options};
@@ -48,10 +48,11 @@ pub(crate) fn codec_loop(plan: &Plan, views: &Views, scene: &Scene) -> Result<Co
         return Err(Error::NothingSeen);
     }
     let options = encode_options(plan.quality, importance.clone())?;
-    let latents = Latents::new(&scene, &voxels, &options)?;
+    let octree = voxels.octree().clone();
+    let latents = Latents::new(&scene, &octree, &options)?;
     let outliers = outliers.map(|o| at_degree(&o, latents.sh_degree()));
     let start = Start {
-        voxels,
+        octree,
         importance,
         outliers,
         latents,
@@ -92,7 +93,7 @@ impl Stage {
                 let degree = state.latents.sh_degree();
                 out.integers(&[1, state.steps, state.done, degree.into()]);
                 out.numbers(&[state.quality.into()]);
-                write_leaves(out, &state.voxels);
+                write_leaves(out, &state.octree);
                 out.floats(&state.importance);
                 out.floats(state.latents.values());
                 out.floats(&state.moments.first);
@@ -122,31 +123,25 @@ impl Stage {
     }
 }
 
-fn write_leaves(out: &mut Writer, voxels: &Voxelization) {
-    let Cube { origin, side } = voxels.cube;
-    out.numbers(&[origin[0], origin[1], origin[2], side, voxels.j_high.into()]);
-    out.integers(&voxels.leaves.iter().map(|l| l.morton).collect::<Vec<_>>());
-    out.integers(&voxels.leaves.iter().map(|l| l.depth.into()).collect::<Vec<_>>());
+fn write_leaves(out: &mut Writer, octree: &Octree) {
+    let Cube { origin, side } = octree.cube();
+    out.numbers(&[origin[0], origin[1], origin[2], side, octree.depth().into()]);
+    out.integers(&octree.leaves().iter().map(|l| l.morton).collect::<Vec<_>>());
+    out.integers(&octree.leaves().iter().map(|l| l.depth.into()).collect::<Vec<_>>());
 }
 
-fn read_leaves(input: &mut Reader<'_>) -> Result<Voxelization> {
-    let [x, y, z, side, j_high] = input.numbers()?[..] else {
+fn read_leaves(input: &mut Reader<'_>) -> Result<Octree> {
+    let [x, y, z, side, depth] = input.numbers()?[..] else {
         return Err(input.error("octree"));
     };
     let (cells, depths) = (input.integers()?, input.integers()?);
     if cells.len() != depths.len() {
         return Err(input.error("leaves differ in number"));
     }
-    let n = cells.len() as u32;
-    let leaf = |(morton, depth): (u64, u64)| gpcc_lite::Leaf { morton, depth: depth as u8 };
-    Ok(Voxelization {
-        cube: Cube { origin: [x, y, z], side },
-        j_high: j_high as u8,
-        leaves: cells.into_iter().zip(depths).map(leaf).collect(),
-        member_offsets: (0..=n).collect(),
-        members: (0..n).collect(),
-        dropped: Vec::new(),
-    })
+    let leaf = |(morton, depth): (u64, u64)| Leaf { morton, depth: depth as u8 };
+    let leaves = cells.into_iter().zip(depths).map(leaf).collect();
+    let cube = Cube { origin: [x, y, z], side };
+    Octree::new(cube, depth as u8, leaves).map_err(|_| input.error("leaves"))
 }
 
 fn read_moments(input: &mut Reader<'_>, out: &mut Vec<f32>) -> Result<()> {
@@ -164,17 +159,17 @@ fn read_loop(
     (steps, done, sh_degree): (u64, u64, u8),
 ) -> Result<CodecLoop> {
     let [quality] = input.numbers()?[..] else { return Err(input.error("quality")) };
-    let voxels = read_leaves(input)?;
+    let octree = read_leaves(input)?;
     let importance = input.floats()?;
     let values = input.floats()?;
     let options: EncodeOptions = encode_options(quality as f32, importance.clone())?;
-    let latents = Latents::with_values(&voxels, &importance, &options, sh_degree, values)?;
+    let latents = Latents::with_values(&octree, &importance, &options, sh_degree, values)?;
     let (first, second) = (input.floats()?, input.floats()?);
     let outliers = input.scene()?;
     let outliers = (!outliers.is_empty()).then_some(outliers);
     let pixels = views.pixels();
     let quality = quality as f32;
-    let start = Start { voxels, importance, outliers, latents, quality, steps, pixels };
+    let start = Start { octree, importance, outliers, latents, quality, steps, pixels };
     let mut state = CodecLoop::new(start);
     if first.len() != state.moments.first.len() || second.len() != first.len() {
         return Err(input.error("moments differ in number"));

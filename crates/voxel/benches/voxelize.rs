@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use gs_model::Scene;
-use voxel::{Cube, Merge, RateDistortion, Strategy, merge, voxelize};
+use voxel::{Merge, RateDistortion, Strategy, cube_of, merge, voxelize};
 
 const N: usize = 100_000;
 
@@ -29,7 +29,7 @@ fn scene() -> Scene {
 
 fn strategies(c: &mut Criterion) {
     let scene = scene();
-    let cube = Cube::of(&scene.means).expect("finite means");
+    let cube = cube_of(&scene.means).expect("finite means");
     let mut g = c.benchmark_group("voxelize");
     g.sample_size(10).throughput(Throughput::Elements(N as u64));
     g.bench_function("yardstick: sort_unstable of as many u64", |b| {

@@ -60,6 +60,9 @@ pub enum Error {
         /// Number of Gaussians.
         want: usize,
     },
+    /// Leaves that are no pruned octree.
+    #[error(transparent)]
+    Octree(#[from] gpcc_lite::Error),
     /// More Gaussians than a `u32` counts.
     #[error("{0} Gaussians are more than the 2^32 - 1 that can be voxelized together")]
     TooMany(usize),

@@ -14,7 +14,7 @@
 //!
 //! ```
 //! use gs_model::Scene;
-//! use voxel::{Cube, Merge, Strategy, merge, voxelize};
+//! use voxel::{Merge, Strategy, cube_of, merge, voxelize};
 //!
 //! // Three Gaussians of SH degree 0; two of them almost coincide.
 //! let scene = Scene {
@@ -25,14 +25,14 @@
 //!     sh_degree: 0,
 //!     sh: vec![[0.1, 0.2, 0.3]; 3],
 //! };
-//! let cube = Cube::of(&scene.means)?;
+//! let cube = cube_of(&scene.means)?;
 //! let voxels = voxelize(&scene, &cube, &Strategy::Uniform { depth: 6 })?;
 //! assert_eq!(voxels.len(), 2);
 //! assert_eq!(voxels.members_of(0), [0, 1]);
 //!
 //! let merged = merge(&scene, &voxels, Merge::Moments)?;
 //! assert_eq!(merged.len(), 2);
-//! assert_eq!(merged.means[0], cube.leaf_centre(voxels.leaves[0], voxels.j_high));
+//! assert_eq!(merged.means[0], voxels.octree().centre(0));
 //! # Ok::<(), voxel::Error>(())
 //! ```
 
@@ -68,8 +68,9 @@ mod voxelize;
 pub mod w2;
 
 pub use cost::CostModel;
-pub use cube::Cube;
+pub use cube::cube_of;
 pub use error::{Error, Result};
+pub use gpcc_lite::{Cube, Leaf, Octree};
 pub use importance::Importance;
 pub use local::local_means;
 pub use merge::{Merge, merge, merge_into, merge_sh, merge_up_to, merge_weighted};

@@ -9,9 +9,10 @@ use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
 use rayon::prelude::*;
 
-use crate::cube::Cube;
+use crate::cube::cube_of;
 use crate::error::{Error, Result};
 use crate::order::MortonOrder;
+use gpcc_lite::Cube;
 
 /// Members of a window whose distances say how compact it is.
 const SAMPLES: usize = 4;
@@ -30,7 +31,7 @@ pub fn local_means(scene: &Scene, values: &[f64], width: usize) -> Result<Vec<f6
     if values.len() != len {
         return Err(Error::Length { name: "values", got: values.len(), want: len });
     }
-    let cube = Cube::of(&scene.means)?;
+    let cube = cube_of(&scene.means)?;
     let shift = [0.5, 0.45, 0.4];
     let origin = std::array::from_fn(|k| cube.origin[k] - shift[k] * cube.side);
     let shifted = Cube { origin, side: 1.5 * cube.side };

@@ -7,11 +7,12 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::check::check_depths;
-use crate::cube::{Cube, Grid};
+use crate::cube::check_cube;
 use crate::error::{Error, Result};
 use crate::pages::Pages;
 use crate::parallel::CHUNK;
 use crate::radix;
+use gpcc_lite::{Cube, Grid};
 
 /// The Gaussians of a scene in Morton order at one depth.
 #[derive(Debug)]
@@ -47,7 +48,7 @@ impl MortonOrder {
 /// [`Error::OutsideCube`], [`Error::NonFiniteMean`] and [`Error::DepthTooGreat`].
 pub fn morton_codes(means: &[[f32; 3]], cube: &Cube, depth: u8) -> Result<Vec<u64>> {
     check_depths(0, depth)?;
-    cube.validate()?;
+    check_cube(cube)?;
     let mut codes = vec![0; means.len()];
     fill(&mut codes, means, cube, depth)?;
     Ok(codes)

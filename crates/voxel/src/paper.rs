@@ -6,12 +6,12 @@ use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
 
-use crate::cube::Cube;
 use crate::descend;
 use crate::gaussian::log_volume;
 use crate::order::MortonOrder;
 use crate::pages::Pages;
 use crate::parallel::CHUNK;
+use gpcc_lite::Cube;
 
 /// Flags the Gaussians whose volume reaches the `100 - percent` percentile.
 ///

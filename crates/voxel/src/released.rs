@@ -12,11 +12,12 @@ use gpcc_lite::morton::{self, MAX_DEPTH};
 use gs_model::Scene;
 
 use crate::check::check_depths;
-use crate::cube::Cube;
+use crate::cube::cube_of;
 use crate::error::{Error, Result};
 use crate::order::MortonOrder;
 use crate::paper::large;
 use crate::voxelization::Voxelization;
+use gpcc_lite::Cube;
 
 /// Parameters of the authors' released code.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +56,7 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
         return Err(Error::DepthTooGreat { depth: max_depth, max: MAX_DEPTH - 2 });
     }
     check_depths(j_low, max_depth)?;
-    let tight = Cube::of(&scene.means)?;
+    let tight = cube_of(&scene.means)?;
     let origin = tight.origin.map(|x| x as f32);
     let width = (0..3)
         .map(|k| scene.means.iter().map(|p| p[k] - origin[k]).fold(0.0, f32::max))
@@ -72,7 +73,7 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
     let mut depth = j_low;
     loop {
         let cell = width / (1u32 << depth) as f32;
-        let order = sorted(&points, origin, cell);
+        let order = sorted(&points, origin, cell, depth);
         let mut all_small = true;
         let mut start = 0;
         while start < order.codes.len() {
@@ -100,18 +101,20 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
         }
     }
     let cell = width / (1u32 << depth) as f32;
-    let order = sorted(&points, origin, cell);
+    let order = sorted(&points, origin, cell, depth);
     let cube = Cube { origin: tight.origin, side: 2.0 * f64::from(width) };
-    Ok(Voxelization::from_depths(cube, depth + 1, order, |_| depth + 1))
+    Voxelization::from_depths(cube, depth + 1, order, |_| depth + 1)
 }
 
-fn sorted(points: &[[f32; 3]], origin: [f32; 3], cell: f32) -> MortonOrder {
-    let codes: Vec<u64> = points.iter().map(|p| code(*p, origin, cell)).collect();
+fn sorted(points: &[[f32; 3]], origin: [f32; 3], cell: f32, depth: u8) -> MortonOrder {
+    let codes: Vec<u64> = points.iter().map(|p| code(*p, origin, cell, depth)).collect();
     MortonOrder::sorted(codes.into())
 }
 
-fn code(p: [f32; 3], origin: [f32; 3], cell: f32) -> u64 {
-    morton::encode(std::array::from_fn(|k| ((p[k] - origin[k]) / cell) as u32))
+fn code(p: [f32; 3], origin: [f32; 3], cell: f32, depth: u8) -> u64 {
+    // A point on the upper face has this index. Where the cell underflows, so have others.
+    let last = 1 << depth;
+    morton::encode(std::array::from_fn(|k| (((p[k] - origin[k]) / cell) as u32).min(last)))
 }
 
 fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {

@@ -5,8 +5,9 @@
 
 use gpcc_lite::morton::MAX_DEPTH;
 
-use crate::cube::Cube;
+use crate::cube::cube_of;
 use crate::error::{Error, Result};
+use gpcc_lite::Cube;
 
 /// The costs that [`trim`] compares.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +78,7 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
             range: "above 0, finite",
         });
     }
-    let all = Cube::of(means)?;
+    let all = cube_of(means)?;
     let plain = Trimmed {
         cube: all,
         j_high: depth_for(all.side, options.cell).min(MAX_DEPTH),
@@ -111,7 +112,7 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
             break;
         }
         let kept: Vec<[f32; 3]> = ins.iter().map(|&i| means[i]).collect();
-        let cube = Cube::of(&kept)?;
+        let cube = cube_of(&kept)?;
         let saved = whole + outs.len() as f64 * chain - cost(&cube, outs.len());
         if saved > best.saved_bits {
             let j_high = depth_for(cube.side, options.cell).min(MAX_DEPTH);

@@ -3,52 +3,83 @@
 //! *Invariant:* every Gaussian is a member of exactly one leaf, or dropped; leaves ascend in Morton
 //! code and none contains another.
 
-use gpcc_lite::Leaf;
+use gpcc_lite::{Cube, Leaf, Octree};
 use rayon::prelude::*;
 
-use crate::cube::Cube;
+use crate::error::Result;
 use crate::order::MortonOrder;
 use crate::parallel::CHUNK;
 
 /// The leaves of a pruned octree and the Gaussians in each.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Voxelization {
-    /// The cube that the octree divides.
-    pub cube: Cube,
-    /// Depth of the finest possible leaf; Morton codes are at this depth.
-    pub j_high: u8,
-    /// Leaves, ascending in Morton code; none contains another.
-    pub leaves: Vec<Leaf>,
-    /// `leaves.len() + 1` ascending offsets into `members`.
-    pub member_offsets: Vec<u32>,
-    /// Indices into the scene, each at most once, grouped by leaf. Inside a leaf they are in Morton
-    /// order at `j_high`; ties ascend.
-    pub members: Vec<u32>,
-    /// Gaussians without a leaf, in Morton order. Only
-    /// [`RateDistortion::drop`](crate::RateDistortion::drop) leaves Gaussians out.
-    pub dropped: Vec<u32>,
+    octree: Octree,
+    /// As many ascending offsets into `members` as there are leaves, and one.
+    pub(crate) member_offsets: Vec<u32>,
+    pub(crate) members: Vec<u32>,
+    dropped: Vec<u32>,
 }
 
 /// The depth of Gaussians without a leaf.
 pub(crate) const DROPPED: u8 = u8::MAX;
 
 impl Voxelization {
+    /// No leaf yet: [`Voxelization::append`] adds them.
+    ///
+    /// # Errors
+    /// [`Error::Octree`](crate::Error::Octree) for a depth above 21.
+    pub fn empty(cube: Cube, depth: u8) -> Result<Self> {
+        Ok(Self::one_each(Octree::new(cube, depth, Vec::new())?))
+    }
+
+    /// Gaussian `i` is in leaf `i`, alone.
+    #[must_use]
+    pub fn one_each(octree: Octree) -> Self {
+        let n = octree.len() as u32;
+        Self {
+            octree,
+            member_offsets: (0..=n).collect(),
+            members: (0..n).collect(),
+            dropped: Vec::new(),
+        }
+    }
+
+    /// The leaves.
+    #[must_use]
+    pub fn octree(&self) -> &Octree {
+        &self.octree
+    }
+
     /// Number of leaves.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.leaves.len()
+        self.octree.len()
     }
 
     /// True if there is no leaf.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.leaves.is_empty()
+        self.octree.is_empty()
+    }
+
+    /// Indices into the scene, each at most once, grouped by leaf. Inside a leaf they are in Morton
+    /// order at the depth of the octree; ties ascend.
+    #[must_use]
+    pub fn members(&self) -> &[u32] {
+        &self.members
     }
 
     /// The Gaussians in leaf `i`.
     #[must_use]
     pub fn members_of(&self, i: usize) -> &[u32] {
         &self.members[self.member_offsets[i] as usize..self.member_offsets[i + 1] as usize]
+    }
+
+    /// Gaussians without a leaf, in Morton order. Only
+    /// [`RateDistortion::drop`](crate::RateDistortion::drop) leaves Gaussians out.
+    #[must_use]
+    pub fn dropped(&self) -> &[u32] {
+        &self.dropped
     }
 
     /// The leaf of each of the `n` Gaussians of the scene; `u32::MAX` for those without.
@@ -74,30 +105,36 @@ impl Voxelization {
 
     /// Adds the leaves of the next tile of the same octree. `numbers` are the places of its Gaussians in the
     /// scene.
-    pub fn append(&mut self, tile: &Self, numbers: &[u32]) {
+    ///
+    /// # Errors
+    /// [`Error::Octree`](crate::Error::Octree) if they do not follow those so far.
+    pub fn append(&mut self, tile: &Self, numbers: &[u32]) -> Result<()> {
         let first = self.members.len() as u32;
         let number = |&i: &u32| numbers[i as usize];
-        self.leaves.extend(&tile.leaves);
+        self.octree.append(&tile.octree)?;
         self.member_offsets.pop();
         self.member_offsets.extend(tile.member_offsets.iter().map(|o| first + o));
         self.members.extend(tile.members.iter().map(number));
         self.dropped.extend(tile.dropped.iter().map(number));
+        Ok(())
     }
 
-    /// Centre of leaf `i` in world units: the mean of the merged Gaussian.
+    /// Gaussians of some leaves in the leaves of another octree: its leaf `i` holds what the leaves
+    /// `first[i]..first[i + 1]` hold.
+    ///
+    /// # Panics
+    /// If `first` does not ascend from leaf to leaf, or is not as long as `octree` and one.
     #[must_use]
-    pub fn centre(&self, i: usize) -> [f32; 3] {
-        self.cube.leaf_centre(self.leaves[i], self.j_high)
-    }
-
-    /// Number of leaves at every depth, 0 to `j_high`.
-    #[must_use]
-    pub fn depth_histogram(&self) -> Vec<usize> {
-        let mut counts = vec![0; usize::from(self.j_high) + 1];
-        for leaf in &self.leaves {
-            counts[usize::from(leaf.depth)] += 1;
+    pub fn regrouped(&self, octree: Octree, first: &[u32]) -> Self {
+        assert_eq!(first.len(), octree.len() + 1, "one leaf more than the octree has");
+        let offset = |leaf: u32| self.member_offsets[leaf as usize];
+        let (start, end) = (offset(first[0]), offset(first[octree.len()]));
+        Self {
+            octree,
+            member_offsets: first.iter().map(|&leaf| offset(leaf) - start).collect(),
+            members: self.members[start as usize..end as usize].to_vec(),
+            dropped: Vec::new(),
         }
-        counts
     }
 
     /// Cuts the sorted Gaussians into leaves. `depth_at(i)` is the depth of the leaf of the `i`-th
@@ -107,7 +144,7 @@ impl Voxelization {
         j_high: u8,
         order: MortonOrder,
         depth_at: impl Fn(usize) -> u8 + Sync,
-    ) -> Self {
+    ) -> Result<Self> {
         // The leaf of a Gaussian is that of its code, not of its mean: the authors' code moves
         // Gaussians before it voxelizes them.
         let MortonOrder { codes, members: sorted } = order;
@@ -131,7 +168,8 @@ impl Voxelization {
             let member_offsets = positions(codes.len(), starts_leaf);
             let starts = &member_offsets[..member_offsets.len() - 1];
             let leaves = starts.par_iter().map(|&i| leaf(i as usize)).collect();
-            return Self { cube, j_high, leaves, member_offsets, members: sorted, dropped: vec![] };
+            let octree = Octree::new(cube, j_high, leaves)?;
+            return Ok(Self { octree, member_offsets, members: sorted, dropped: vec![] });
         }
         let members_at = |mut positions: Vec<u32>| -> (Vec<u32>, Vec<u32>) {
             positions.pop();
@@ -143,7 +181,8 @@ impl Voxelization {
         let member_offsets = positions(kept.len(), |j| starts_leaf(kept[j] as usize));
         let starts = &member_offsets[..member_offsets.len() - 1];
         let leaves = starts.par_iter().map(|&j| leaf(kept[j as usize] as usize)).collect();
-        Self { cube, j_high, leaves, member_offsets, members, dropped }
+        let octree = Octree::new(cube, j_high, leaves)?;
+        Ok(Self { octree, member_offsets, members, dropped })
     }
 }
 

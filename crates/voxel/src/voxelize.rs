@@ -3,7 +3,7 @@
 
 use gs_model::Scene;
 
-use crate::cube::Cube;
+use crate::cube::check_cube;
 use crate::error::Result;
 use crate::order::MortonOrder;
 use crate::paper;
@@ -11,6 +11,7 @@ use crate::pruning::rate_distortion;
 use crate::released::released;
 use crate::strategy::Strategy;
 use crate::voxelization::Voxelization;
+use gpcc_lite::Cube;
 
 /// Divides `cube` by `strategy` and assigns every Gaussian of `scene` to the leaf that
 /// contains its mean.
@@ -25,19 +26,19 @@ use crate::voxelization::Voxelization;
 /// Gaussian; other errors name the parameter that is out of range.
 pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxelization> {
     strategy.validate()?;
-    cube.validate()?;
+    check_cube(cube)?;
     // One scope for all parallel loops, so that the threads wake up once.
     rayon::scope(|_| match strategy {
         &Strategy::Uniform { depth } => {
             let order = MortonOrder::of(scene, cube, depth)?;
-            Ok(Voxelization::from_depths(*cube, depth, order, |_| depth))
+            Voxelization::from_depths(*cube, depth, order, |_| depth)
         }
         &Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => {
             let order = MortonOrder::of(scene, cube, j_high)?;
             let large = paper::large(scene, large_percent);
             let rule = paper::Rule { scene, cube, large: &large, j_low, j_high, tau1, tau2 };
             let depths = rule.depths(&order);
-            Ok(Voxelization::from_depths(*cube, j_high, order, |i| depths[i]))
+            Voxelization::from_depths(*cube, j_high, order, |i| depths[i])
         }
         Strategy::Released(options) => released(scene, options),
         Strategy::RateDistortion(options) => {

@@ -223,17 +223,17 @@ pub fn total_distortion(scene: &Scene, voxelization: &Voxelization) -> f64 {
 /// As [`voxelize`](crate::voxelize).
 pub fn voxelize_exact(
     scene: &Scene,
-    cube: &crate::Cube,
+    cube: &gpcc_lite::Cube,
     j_low: u8,
     j_high: u8,
     limit: f64,
 ) -> crate::Result<Voxelization> {
     crate::check::check_depths(j_low, j_high)?;
     crate::check::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
-    cube.validate()?;
+    crate::cube::check_cube(cube)?;
     let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
     let depths = crate::descend::depths(&order.codes, j_low, j_high, |_, range, _| {
         voxel_distortion(scene, &order.members[range]) > limit
     });
-    Ok(Voxelization::from_depths(*cube, j_high, order, |i| depths[i]))
+    Voxelization::from_depths(*cube, j_high, order, |i| depths[i])
 }

@@ -14,33 +14,31 @@ use voxel::{
 /// Every Gaussian is in exactly one leaf (or dropped, where that is asked for); leaves ascend
 /// and do not overlap; depths are in range.
 fn check_partition(scene: &Scene, v: &Voxelization, may_drop: bool) {
-    let mut all: Vec<u32> = v.members.iter().chain(&v.dropped).copied().collect();
+    let mut all: Vec<u32> = v.members().iter().chain(v.dropped()).copied().collect();
     all.sort_unstable();
     assert!(all.iter().copied().eq(0..scene.len() as u32));
-    assert!(may_drop || v.dropped.is_empty());
-    assert_eq!(v.member_offsets.len(), v.leaves.len() + 1);
-    assert_eq!(v.member_offsets[0], 0);
-    assert_eq!(*v.member_offsets.last().unwrap() as usize, v.members.len());
-    assert!(v.member_offsets.windows(2).all(|w| w[0] < w[1]), "no empty leaf");
-    for leaf in &v.leaves {
-        assert!(leaf.depth <= v.j_high);
-        assert_eq!(leaf.morton & ((1 << (3 * (v.j_high - leaf.depth))) - 1), 0);
+    assert!(may_drop || v.dropped().is_empty());
+    assert!((0..v.len()).all(|i| !v.members_of(i).is_empty()), "no empty leaf");
+    assert_eq!((0..v.len()).map(|i| v.members_of(i).len()).sum::<usize>(), v.members().len());
+    for leaf in v.octree().leaves() {
+        assert!(leaf.depth <= v.octree().depth());
+        assert_eq!(leaf.morton & ((1 << (3 * (v.octree().depth() - leaf.depth))) - 1), 0);
     }
-    for pair in v.leaves.windows(2) {
-        let end = pair[0].morton + (1u64 << (3 * (v.j_high - pair[0].depth)));
+    for pair in v.octree().leaves().windows(2) {
+        let end = pair[0].morton + (1u64 << (3 * (v.octree().depth() - pair[0].depth)));
         assert!(end <= pair[1].morton, "leaves overlap or are out of order");
     }
 }
 
 /// Every leaf contains the means of its members, in exact arithmetic on corners.
 fn check_containment(scene: &Scene, v: &Voxelization) {
-    for (l, leaf) in v.leaves.iter().enumerate() {
-        let cell = v.cube.cell(v.j_high);
-        let width = (1u64 << (v.j_high - leaf.depth)) as f64;
+    for (l, leaf) in v.octree().leaves().iter().enumerate() {
+        let cell = v.octree().cube().cell(v.octree().depth());
+        let width = (1u64 << (v.octree().depth() - leaf.depth)) as f64;
         let index = morton::decode(leaf.morton).map(f64::from);
         for &m in v.members_of(l) {
             for k in 0..3 {
-                let d = f64::from(scene.means[m as usize][k]) - v.cube.origin[k];
+                let d = f64::from(scene.means[m as usize][k]) - v.octree().cube().origin[k];
                 assert!(index[k] * cell <= d && d < (index[k] + width) * cell);
             }
         }
@@ -57,19 +55,21 @@ fn check(scene: &Scene, cube: &Cube, j_low: u8, j_high: u8) {
             continue; // Its means move before they are voxelized, and J_high is a result.
         }
         check_containment(scene, &v);
-        assert!(v.leaves.iter().all(|l| l.depth >= j_low && l.depth <= j_high));
+        assert!(v.octree().leaves().iter().all(|l| l.depth >= j_low && l.depth <= j_high));
         // A pruning of the full octree: every full-depth cell with a kept member lies in a leaf.
-        if !may_drop && v.j_high == j_high {
+        if !may_drop && v.octree().depth() == j_high {
             let mut at = 0;
-            for full in &uniform.leaves {
-                let end =
-                    |i: usize| v.leaves[i].morton + (1u64 << (3 * (j_high - v.leaves[i].depth)));
+            for full in uniform.octree().leaves() {
+                let end = |i: usize| {
+                    v.octree().leaves()[i].morton
+                        + (1u64 << (3 * (j_high - v.octree().leaves()[i].depth)))
+                };
                 while end(at) <= full.morton {
                     at += 1;
                 }
-                assert!(v.leaves[at].morton <= full.morton);
+                assert!(v.octree().leaves()[at].morton <= full.morton);
             }
-            assert_eq!(at + 1, v.leaves.len());
+            assert_eq!(at + 1, v.octree().leaves().len());
         }
     }
 }
@@ -102,19 +102,19 @@ proptest! {
             let by_shift = voxelize(&moved, &cube(&moved), &strategy).unwrap();
             // The authors' f32 centres are not translation-invariant; ours are.
             if !matches!(strategy, Strategy::Released(_)) {
-                prop_assert_eq!(&want.leaves, &by_shift.leaves);
-                prop_assert_eq!(&want.members, &by_shift.members);
+                prop_assert_eq!(want.octree().leaves(), by_shift.octree().leaves());
+                prop_assert_eq!(want.members(), by_shift.members());
             }
             // The log-scales of a scaled scene are rounded, which may tip a rate-distortion
             // decision whose two sides are equal to 7 digits; positions alone may not.
             let exact = !matches!(strategy, Strategy::RateDistortion(_));
             let by_factor = voxelize(&scaled, &cube(&scaled), &strategy).unwrap();
             if exact {
-                prop_assert_eq!(&want.leaves, &by_factor.leaves);
-                prop_assert_eq!(&want.members, &by_factor.members);
+                prop_assert_eq!(want.octree().leaves(), by_factor.octree().leaves());
+                prop_assert_eq!(want.members(), by_factor.members());
             } else {
-                let differing = want.leaves.iter().filter(|l| !by_factor.leaves.contains(l)).count();
-                prop_assert!(differing * 100 <= want.leaves.len(), "{} leaves", differing);
+                let differing = want.octree().leaves().iter().filter(|l| !by_factor.octree().leaves().contains(l)).count();
+                prop_assert!(differing * 100 <= want.octree().leaves().len(), "{} leaves", differing);
             }
         }
     }
@@ -128,7 +128,7 @@ proptest! {
             let merged = merge(&scene, &v, rule).unwrap();
             prop_assert_eq!(merged.len(), v.len());
             for l in 0..v.len() {
-                prop_assert_eq!(merged.means[l], cube.leaf_centre(v.leaves[l], v.j_high));
+                prop_assert_eq!(merged.means[l], cube.leaf_centre(v.octree().leaves()[l], v.octree().depth()));
                 if let &[m] = v.members_of(l) {
                     let m = m as usize;
                     prop_assert_eq!(merged.rotations[l], scene.rotations[m]);
@@ -225,19 +225,14 @@ fn merging_degree_by_degree_is_merging() {
 fn a_part_was_merged_with_a_look_at_all_importances() {
     let scene = clustered(40, 4);
     let whole = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 9 }).unwrap();
-    let part = Voxelization {
-        leaves: whole.leaves[..1].to_vec(),
-        member_offsets: vec![0, 1],
-        members: whole.members[..1].to_vec(),
-        ..whole.clone()
-    };
+    let part = whole.regrouped(whole.octree().part(0..1), &[0, 1]);
     let with_nan_at = |i: u32| {
         let mut given = vec![1.0; 40];
         given[i as usize] = f32::NAN;
         merge_up_to(&scene, &part, Merge::Moments, &Importance::Given(given), 0)
     };
-    assert_eq!(with_nan_at(whole.members[1]).unwrap().len(), 1);
-    assert!(with_nan_at(whole.members[0]).is_err());
+    assert_eq!(with_nan_at(whole.members()[1]).unwrap().len(), 1);
+    assert!(with_nan_at(whole.members()[0]).is_err());
 }
 
 /// Half-open: the extreme mean gets the last index, not one past it.
@@ -246,7 +241,7 @@ fn extreme_means_stay_inside() {
     for depth in [0, 1, 7, 21] {
         let scene = common::at(&[[0.0; 3], [1.0; 3], [0.5, 0.25, 1.0]], -3.0);
         let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth }).unwrap();
-        let last = v.leaves.last().unwrap();
+        let last = v.octree().leaves().last().unwrap();
         assert!(morton::decode(last.morton).iter().all(|&i| i < 1 << depth));
     }
 }

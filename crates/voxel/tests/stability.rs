@@ -4,7 +4,7 @@ mod common;
 
 use common::{at, cube, strategies};
 use gs_model::Scene;
-use voxel::{Cube, Error, Merge, Strategy, merge, voxelize, w2};
+use voxel::{Cube, Error, Merge, Strategy, cube_of, merge, voxelize, w2};
 
 /// Runs everything; returns the number of leaves under `Uniform` at depth 12.
 fn run(scene: &Scene) -> usize {
@@ -29,7 +29,7 @@ fn one_point() {
     assert_eq!(run(&scene), 1);
     // Its voxelized mean is itself.
     let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 12 }).unwrap();
-    assert_eq!(v.centre(0), scene.means[0]);
+    assert_eq!(v.octree().centre(0), scene.means[0]);
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn non_finite_means_are_named() {
     let cube = cube(&scene);
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         scene.means[1][2] = bad;
-        assert_eq!(Cube::of(&scene.means), Err(Error::NonFiniteMean { index: 1 }));
+        assert_eq!(cube_of(&scene.means), Err(Error::NonFiniteMean { index: 1 }));
         assert_eq!(
             voxelize(&scene, &cube, &Strategy::Uniform { depth: 3 }),
             Err(Error::NonFiniteMean { index: 1 })

@@ -3,7 +3,7 @@
 mod common;
 
 use common::clustered;
-use voxel::{Cube, Trim, trim};
+use voxel::{Trim, cube_of, trim};
 
 /// An octree that can reach the wanted cells keeps its floaters: a floater costs 3 bits per level.
 #[test]
@@ -12,7 +12,7 @@ fn floaters_stay_while_levels_suffice() {
     scene.means.push([900.0, 0.0, 0.0]);
     let t = trim(&scene.means, &Trim::new(0.01)).unwrap();
     assert_eq!(t.outliers, [0usize; 0]);
-    assert_eq!(t.cube, Cube::of(&scene.means).unwrap());
+    assert_eq!(t.cube, cube_of(&scene.means).unwrap());
     assert_eq!(t.j_high, 17);
 }
 
@@ -50,7 +50,7 @@ fn real_scenes_keep_their_floaters() {
     for name in ["fox", "bonsai"] {
         let Some(path) = common::shared(&format!("scenes/{name}/point_cloud.ply")) else { return };
         let (scene, _) = gs_model::ply::read(&path).unwrap();
-        let cube = Cube::of(&scene.means).unwrap();
+        let cube = cube_of(&scene.means).unwrap();
         for depth in [10, 15, 21] {
             let t = trim(&scene.means, &Trim::new(cube.cell(depth))).unwrap();
             assert_eq!((t.outliers.len(), t.j_high), (0, depth), "{name} at {depth}");

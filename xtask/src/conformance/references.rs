@@ -27,11 +27,11 @@ fn room() -> Result<Scene> {
 /// The decoder's RAHT on rows of means, in single precision, against RAHT in f64, and its inverse.
 fn raht() -> Result<Verdict> {
     let scene = room()?;
-    let cube = voxel::Cube::of(&scene.means)?;
+    let cube = voxel::cube_of(&scene.means)?;
     let voxels = voxel::voxelize(&scene, &cube, &voxel::Strategy::Uniform { depth: 12 })?;
-    let leaves: &[Leaf] = &voxels.leaves;
+    let leaves: &[Leaf] = voxels.octree().leaves();
     ensure!(leaves.windows(2).all(|w| w[0].morton < w[1].morton), "leaves are not in Morton order");
-    let plan = Plan::new(leaves, voxels.j_high)?;
+    let plan = Plan::new(leaves, voxels.octree().depth())?;
     // Values from -1 to 1 without correlation between neighbours.
     let values: Vec<f32> = leaves
         .iter()

@@ -136,7 +136,7 @@ fn of_voxelization(found: &SceneFiles, stage: &str) -> Result<Peak> {
     let voxelize = || {
         let guess = importance::without_cameras(&scene);
         let strategy = gsvx::default_strategy(gsvx::DEFAULT_QUALITY, &guess, Seen::Guessed)?;
-        Ok(voxel::voxelize(&scene, &voxel::Cube::of(&scene.means)?, &strategy)?)
+        Ok(voxel::voxelize(&scene, &voxel::cube_of(&scene.means)?, &strategy)?)
     };
     match stage {
         "voxelize" => peak_of(voxelize),
@@ -147,7 +147,7 @@ fn of_voxelization(found: &SceneFiles, stage: &str) -> Result<Peak> {
         "octree of all leaves" => {
             let voxels = voxelize()?;
             drop(scene);
-            peak_of(|| Ok(gpcc_lite::geometry::encode(&voxels.leaves, voxels.j_high)?))
+            peak_of(|| Ok(gpcc_lite::geometry::encode(voxels.octree())?))
         }
         _ => {
             let mut options = EncodeOptions::default();
@@ -155,7 +155,7 @@ fn of_voxelization(found: &SceneFiles, stage: &str) -> Result<Peak> {
                 gsvx::prepare(&scene, &options)?;
             drop(scene);
             options.importance = Some(importance);
-            peak_of(|| Ok(gsvx::encode_voxels(&merged, &voxels, None, &options)?))
+            peak_of(|| Ok(gsvx::encode_voxels(&merged, voxels.octree(), None, &options)?))
         }
     }
 }

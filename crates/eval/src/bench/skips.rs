@@ -165,7 +165,7 @@ fn count(found: &scenes::SceneFiles) -> Result<Vec<Counted>> {
     let guessed = gsvx::importance::without_cameras(&scene);
     let strategy = gsvx::default_strategy(gsvx::DEFAULT_QUALITY, &guessed, Seen::Guessed)?;
     if let Strategy::RateDistortion(options) = &strategy {
-        let cube = Cube::of(&scene.means)?;
+        let cube = voxel::cube_of(&scene.means)?;
         let (_, report) = voxel::rate_distortion(&scene, &cube, options)?;
         out.push((
             "voxel, rate-distortion",
@@ -208,7 +208,7 @@ fn with_cameras(
     out.push((
         "voxel, with cameras",
         "Gaussians that cost more than they show",
-        [prepared.voxels.dropped.len() as u64, n],
+        [prepared.voxels.dropped().len() as u64, n],
         DROPPED,
     ));
     let shown: Vec<usize> = (0..scene.len()).filter(|&i| seen.total[i] > 0.0).collect();

@@ -23,7 +23,7 @@ pub(super) fn measure(found: &SceneFiles, repeat: usize) -> Result<Vec<Row>> {
     let stage = Stage { name: "Reading the model", error: "none, every float comes back" };
     let bytes = std::fs::metadata(path).ok().map(|m| m.len() as usize);
     rows.push(stage.row("PLY", cost, 0.0, bytes));
-    let cube = Cube::of(&scene.means)?;
+    let cube = voxel::cube_of(&scene.means)?;
     let depth = 12;
     let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth })?;
     let merged = voxel::merge(&scene, &voxels, Merge::Moments)?;
@@ -74,7 +74,7 @@ fn transforms(
     voxels: &Voxelization,
     repeat: usize,
 ) -> Result<()> {
-    let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
+    let plan = Plan::new(voxels.octree().clone());
     let colours = base_colours(merged);
     let luma: Vec<f64> = (0..colours.leaves()).map(|i| f64::from(colours.row(i)[0])).collect();
     let stage = Stage {
@@ -114,7 +114,7 @@ fn attributes(
     voxels: &Voxelization,
     repeat: usize,
 ) -> Result<()> {
-    let plan = Plan::new(&voxels.leaves, voxels.j_high)?;
+    let plan = Plan::new(voxels.octree().clone());
     let colours = base_colours(merged);
     let steps = [0.1; 3];
     let stage = Stage {
@@ -146,7 +146,7 @@ fn neighbours(
     voxels: &Voxelization,
     repeat: usize,
 ) -> Result<()> {
-    let near = Neighbours::new(&voxels.leaves, voxels.j_high)?;
+    let near = Neighbours::new(voxels.octree());
     let values: Vec<i64> =
         merged.log_scales.iter().map(|l| (f64::from(l[0]) * 4096.0) as i64).collect();
     let stage = Stage {

@@ -125,10 +125,10 @@ impl PaperChain {
     ) -> Result<Encoded> {
         let n = scene.len();
         ensure!(n == voxels.len(), "{n} Gaussians for {} leaves", voxels.len());
-        let leaves = voxels.leaves.as_slice();
-        let plan = Plan::new(leaves, voxels.j_high)?;
+        let leaves = voxels.octree().leaves().as_slice();
+        let plan = Plan::new(leaves, voxels.octree().depth())?;
         let mut out = vec![scene.sh_degree];
-        for v in voxels.cube.origin.into_iter().chain([voxels.cube.side]) {
+        for v in voxels.octree().cube().origin.into_iter().chain([voxels.octree().cube().side]) {
             out.extend(v.to_le_bytes());
         }
         let mut parts = vec![("head", out.len() as u64)];
@@ -141,7 +141,7 @@ impl PaperChain {
                 _ => parts.push((part, size)),
             }
         };
-        add("geometry", &geometry::encode(leaves, voxels.j_high)?);
+        add("geometry", &geometry::encode(leaves, voxels.octree().depth())?);
         let all = channels(scene.sh_degree);
         let code = |c: &Channel| {
             let values = c.values(scene);
@@ -150,7 +150,10 @@ impl PaperChain {
         };
         let coded: Vec<Vec<u8>> = all.par_iter().map(code).collect::<Result<_>>()?;
         all.iter().zip(&coded).for_each(|(channel, bytes)| add(channel.part(), bytes));
-        add("covariance", &self.covariance.encode(scene, &plan, voxels.j_high, importance)?);
+        add(
+            "covariance",
+            &self.covariance.encode(scene, &plan, voxels.octree().depth(), importance)?,
+        );
         Ok(Encoded { bytes: out, parts })
     }
 }

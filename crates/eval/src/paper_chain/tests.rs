@@ -87,7 +87,7 @@ fn codewords_are_decoded_as_they_were_trained() {
 fn a_scene_without_gaussians_comes_back() {
     let mut prepared = room();
     prepared.scene = Scene { sh_degree: 3, ..Scene::default() };
-    prepared.voxels.leaves.clear();
+    prepared.voxels.octree().leaves().clear();
     prepared.importance.clear();
     for covariance in [Covariance::Codebook { bits: 12 }, Covariance::Integers { bits: 16 }] {
         let chain = PaperChain { qp: QP, covariance };

@@ -137,12 +137,12 @@ impl Codec for Tmc3 {
 
     fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
         let qps = Self::qps(quality);
-        let cube = Cube::of(&scene.model.means)?;
+        let cube = voxel::cube_of(&scene.model.means)?;
         let strategy = Strategy::Uniform { depth: self.depth };
         let voxels = voxel::voxelize(&scene.model, &cube, &strategy)?;
         let merged = voxel::merge(&scene.model, &voxels, Merge::Paper)?;
         let positions: Vec<[u32; 3]> =
-            voxels.leaves.iter().map(|l| morton::decode(l.morton)).collect();
+            voxels.octree().leaves().iter().map(|l| morton::decode(l.morton)).collect();
         let [x, y, z] = cube.origin.map(f64::to_bits);
         let mut header = Header {
             counted: 0,

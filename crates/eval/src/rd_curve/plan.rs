@@ -244,7 +244,7 @@ pub(crate) fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
     let options = finetune::RenderOptions::default();
     let bar = Bar::new("choose depth", DEPTHS.count() as u64);
     let originals: Vec<_> = cameras.iter().map(|c| finetune::render(scene, c, &options)).collect();
-    let cube = Cube::of(&scene.means)?;
+    let cube = voxel::cube_of(&scene.means)?;
     for depth in DEPTHS {
         let voxels = voxel::voxelize(scene, &cube, &Strategy::Uniform { depth })?;
         let merged = voxel::merge(scene, &voxels, Merge::Moments)?;
@@ -337,7 +337,7 @@ mod tests {
             ignored_distortion: None,
         };
         let depth = choose_depth(&scene, &[camera]).unwrap();
-        let cube = Cube::of(&scene.means).unwrap();
+        let cube = voxel::cube_of(&scene.means).unwrap();
         let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth }).unwrap();
         assert_eq!(voxels.len(), 3, "depth {depth}");
     }

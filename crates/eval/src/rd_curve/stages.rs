@@ -98,7 +98,7 @@ impl<'a> Branch<'a> {
             Ok(Voxelized {
                 name: name.clone(),
                 what: self.plan.what.clone(),
-                j_high: voxels.j_high,
+                j_high: voxels.octree().depth(),
                 depth_histogram: voxels.depth_histogram(),
                 gaussians: scene.len(),
                 score,
@@ -132,7 +132,7 @@ impl<'a> Branch<'a> {
             Coding::Quality(quality) => {
                 let mut options = EncodeOptions::from_quality(quality)?;
                 options.importance = Some(importance.clone());
-                let encoded = gsvx::encode_voxels(merged, voxels, None, &options)?;
+                let encoded = gsvx::encode_voxels(merged, voxels.octree(), None, &options)?;
                 parts = encoded.parts();
                 Ok(encoded.bytes)
             }

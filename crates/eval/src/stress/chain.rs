@@ -136,7 +136,7 @@ fn checked(coded: &Coded) -> Result<Outcome> {
         "an outlier came back with other bits"
     );
     let (found, classes) = gsvx::decode_leaves(bytes)?;
-    ensure!(found == voxels.leaves, "decoded leaves are not those of the voxels");
+    ensure!(found == voxels.octree().leaves(), "decoded leaves are not those of the voxels");
     if options.lod {
         levels::check(bytes, voxels, &outliers)?;
     }
@@ -197,9 +197,9 @@ fn lossless(scene: &Scene, in_order: bool) -> Result<Outcome> {
 /// Distance of each input mean from its leaf's centre, per axis, over half the leaf's side.
 fn displacement(scene: &Scene, voxels: &Voxelization) -> f64 {
     let mut worst = 0.0f64;
-    for (leaf, &l) in voxels.leaves.iter().enumerate() {
-        let centre = voxels.cube.leaf_centre(l, voxels.j_high);
-        let half = voxels.cube.cell(l.depth) / 2.0;
+    for (leaf, &l) in voxels.octree().leaves().iter().enumerate() {
+        let centre = voxels.octree().cube().leaf_centre(l, voxels.octree().depth());
+        let half = voxels.octree().cube().cell(l.depth) / 2.0;
         for &member in voxels.members_of(leaf) {
             for k in 0..3 {
                 let mean = f64::from(scene.means[member as usize][k]);
@@ -232,7 +232,7 @@ impl Bound {
         let n = classes.len() as f64;
         Self {
             fineness: classes.iter().map(fineness).collect(),
-            path: (3.0 * f64::from(voxels.j_high) + 1.0).min(n.sqrt()),
+            path: (3.0 * f64::from(voxels.octree().depth()) + 1.0).min(n.sqrt()),
             rounding: 4.0 / 65536.0,
         }
     }

@@ -46,14 +46,16 @@ pub(super) fn check(bytes: &[u8], voxels: &Voxelization, outliers: &Scene) -> Re
 
 /// Whether `means` are the centres of cells, in Morton order, that hold every leaf once.
 fn are_cells(voxels: &Voxelization, means: &[[f32; 3]]) -> bool {
-    let mut rest = &voxels.leaves[..];
+    let mut rest = voxels.octree().leaves()[..];
     means.iter().all(|mean| {
         let Some(first) = rest.first() else { return false };
         let cell = |depth: u8| {
-            let below = 3 * u32::from(voxels.j_high - depth);
+            let below = 3 * u32::from(voxels.octree().depth() - depth);
             (below, Leaf { morton: first.morton >> below << below, depth })
         };
-        let at_mean = |c: &(u32, Leaf)| voxels.cube.leaf_centre(c.1, voxels.j_high) == *mean;
+        let at_mean = |c: &(u32, Leaf)| {
+            voxels.octree().cube().leaf_centre(c.1, voxels.octree().depth()) == *mean
+        };
         let Some((below, cell)) = (0..=first.depth).rev().map(cell).find(at_mean) else {
             return false;
         };

@@ -2,42 +2,17 @@
 //!
 //! `docs/format.md`, "Geometry", lists the contexts.
 
+use super::node::{LIMIT, NodeContext};
 use super::slabs::{FITS, Slabs};
 use crate::coder::{Coder, code_gamma};
 use crate::hood::{count, touching};
 use crate::model::{Bit, table};
 use crate::symbols::{SYMBOLS, Symbols};
 
-/// Memory of the decisions' models, in observations.
-pub(super) const LIMIT: u32 = 255;
 /// Contexts of a child, for one fit to its slabs.
 const CONTEXTS: usize = 8 * 8 * 4 * 4;
 /// The symbol of a leaf that lies this many levels below its node, or more.
 const DEEP: u32 = SYMBOLS as u32 - 1;
-
-/// What is known of a node before its children are coded.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct NodeContext {
-    pub(super) depth: u8,
-    /// Its indices along the axes; zero where no slabs are kept.
-    pub(super) cell: [u32; 3],
-    /// Number of children of the parent.
-    pub(super) siblings: u8,
-    /// The occupied cells around it.
-    pub(super) window: u64,
-    /// Least number of children that it can have: two at the last level, since it has two leaves or
-    /// more.
-    pub(super) least: u8,
-}
-
-impl NodeContext {
-    /// Whether it is known that two leaves or more lie below: the only child of a parent with
-    /// several.
-    #[inline]
-    pub(super) fn splits(&self) -> bool {
-        self.siblings == 1 && self.depth > 0
-    }
-}
 
 /// All adaptive state of a geometry stream.
 pub(super) struct Models {
@@ -51,13 +26,13 @@ pub(super) struct Models {
 }
 
 impl Models {
-    pub(super) fn new(slabs: bool, j_high: u8) -> Self {
+    pub(super) fn new(slabs: bool, tree_depth: u8) -> Self {
         let fits = if slabs { FITS } else { 1 };
         Self {
             single: table(),
             levels_below: (0..32).map(|_| Symbols::geometric(512, 2)).collect(),
             occupied: vec![Bit::default(); fits * CONTEXTS],
-            slabs: slabs.then(|| Slabs::new(j_high)),
+            slabs: slabs.then(|| Slabs::new(tree_depth)),
         }
     }
 

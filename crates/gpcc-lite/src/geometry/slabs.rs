@@ -5,7 +5,7 @@
 //! that axis lie in the same half of every cell of their slab. So each slab counts how often its
 //! low and its high half were occupied of late. The two counts are the context of what comes next.
 
-use super::models::{LIMIT, NodeContext};
+use super::node::{LIMIT, NodeContext};
 use crate::coder::Coder;
 use crate::model::{Bit, table};
 
@@ -55,8 +55,8 @@ pub(super) struct Slabs {
 
 impl Slabs {
     /// The slabs of the cells above the finest, none of them occupied.
-    pub(super) fn new(j_high: u8) -> Self {
-        let counts = vec![Counts::default(); usize::from(j_high) * 3 * SLABS];
+    pub(super) fn new(tree_depth: u8) -> Self {
+        let counts = vec![Counts::default(); usize::from(tree_depth) * 3 * SLABS];
         Self { counts, half: table() }
     }
 

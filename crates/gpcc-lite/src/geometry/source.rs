@@ -10,7 +10,7 @@ use crate::leaf::Leaf;
 /// Walks the tree of the leaves, level by level and node by node, as the coder does.
 pub(super) struct Source<'a> {
     leaves: &'a [Leaf],
-    j_high: u8,
+    tree_depth: u8,
     /// Boundaries by level, in order; boundary `j` lies before leaf `j`.
     boundaries: Vec<u32>,
     /// First boundary of each level, then the number of boundaries.
@@ -30,12 +30,12 @@ pub(super) struct Source<'a> {
 
 impl<'a> Source<'a> {
     /// Starts above the root. The leaves must be valid.
-    pub(super) fn new(leaves: &'a [Leaf], j_high: u8) -> Self {
+    pub(super) fn new(leaves: &'a [Leaf], tree_depth: u8) -> Self {
         let depth_of = |pair: &[Leaf]| {
             let bit = 63 - (pair[0].morton ^ pair[1].morton).leading_zeros();
-            usize::from(j_high) - 1 - bit as usize / 3
+            usize::from(tree_depth) - 1 - bit as usize / 3
         };
-        let mut levels = vec![0usize; usize::from(j_high) + 1];
+        let mut levels = vec![0usize; usize::from(tree_depth) + 1];
         for pair in leaves.windows(2) {
             levels[depth_of(pair) + 1] += 1;
         }
@@ -51,7 +51,7 @@ impl<'a> Source<'a> {
         }
         Self {
             leaves,
-            j_high,
+            tree_depth,
             boundaries,
             levels,
             depth: 0,
@@ -87,7 +87,7 @@ impl<'a> Source<'a> {
     /// The occupied children of the current node, which join the nodes of the next level.
     #[inline]
     pub(super) fn occupied_children(&mut self) -> u8 {
-        let shift = 3 * (self.j_high - self.depth - 1);
+        let shift = 3 * (self.tree_depth - self.depth - 1);
         let [mut first, end] = self.range;
         let level_end = self.levels[usize::from(self.depth) + 1];
         let mut mask = 0;

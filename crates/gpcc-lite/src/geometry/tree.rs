@@ -1,6 +1,7 @@
 //! The traversal of the tree, level by level, written once for both directions.
 
-use super::models::{Models, NodeContext};
+use super::models::Models;
+use super::node::NodeContext;
 use super::source::Source;
 use crate::coder::Coder;
 use crate::error::{Error, Result};
@@ -24,7 +25,7 @@ struct Nodes {
 pub(super) struct Tree<'a> {
     /// What the encoder codes; a decoder has none.
     source: Option<Source<'a>>,
-    j_high: u8,
+    tree_depth: u8,
     /// The level above the one that is coded next.
     above: Nodes,
     /// The leaves that are the single leaf of a node.
@@ -35,14 +36,14 @@ pub(super) struct Tree<'a> {
 
 impl<'a> Tree<'a> {
     /// The root alone. The encoder gives the leaves.
-    pub(super) fn new(leaves: Option<&'a [Leaf]>, j_high: u8, limit: usize) -> Self {
+    pub(super) fn new(leaves: Option<&'a [Leaf]>, tree_depth: u8, limit: usize) -> Self {
         let above = Nodes {
             codes: vec![0],
             hoods: Hoods::above_root(),
             children: vec![Children { first: 0, mask: 1 }],
         };
-        let source = leaves.map(|l| Source::new(l, j_high));
-        Self { source, j_high, above, leaves: Vec::new(), limit }
+        let source = leaves.map(|l| Source::new(l, tree_depth));
+        Self { source, tree_depth, above, leaves: Vec::new(), limit }
     }
 
     /// Codes the nodes at `depth`: their single leaves, or their children.
@@ -52,7 +53,7 @@ impl<'a> Tree<'a> {
         models: &mut Models,
         coder: &mut C,
     ) -> Result<()> {
-        let least = if depth + 1 == self.j_high { 2 } else { 1 };
+        let least = if depth + 1 == self.tree_depth { 2 } else { 1 };
         let count_of = |c: &Children| usize::from(ONES[usize::from(c.mask)]);
         let nodes = self.above.children.iter().map(count_of).sum();
         let mut level = Nodes { children: vec![Children::default(); nodes], ..Nodes::default() };
@@ -76,7 +77,7 @@ impl<'a> Tree<'a> {
                 let single = known::<C>(&mut self.source).is_some_and(Source::next_is_single);
                 if !node.splits() && models.single(coder, &node, single) {
                     let wanted = known::<C>(&mut self.source).map(|s| s.first_leaf());
-                    let leaf = code_path(self.j_high, models, coder, &node, code, wanted);
+                    let leaf = code_path(self.tree_depth, models, coder, &node, code, wanted);
                     self.leaves.push(leaf);
                     index += 1;
                     continue;
@@ -108,7 +109,7 @@ impl<'a> Tree<'a> {
             let mut rest = c.mask;
             while rest != 0 {
                 let morton = code << 3 | u64::from(rest.trailing_zeros());
-                leaves.push(Leaf { morton, depth: self.j_high });
+                leaves.push(Leaf { morton, depth: self.tree_depth });
                 rest &= rest - 1;
             }
         }
@@ -130,21 +131,21 @@ fn enter_neighbours(level: &mut Nodes, block: &Block, c: u32, window: u64) {
 
 /// Codes the path from a node to its single leaf.
 fn code_path<C: Coder>(
-    j_high: u8,
+    tree_depth: u8,
     models: &mut Models,
     coder: &mut C,
     node: &NodeContext,
     code: u64,
     wanted: Option<Leaf>,
 ) -> Leaf {
-    let most = u32::from(j_high - node.depth);
+    let most = u32::from(tree_depth - node.depth);
     let wanted = wanted.unwrap_or(Leaf { morton: 0, depth: node.depth });
     let levels = models.levels_below(coder, node, most, u32::from(wanted.depth - node.depth));
     let depth = node.depth + levels as u8;
-    let wanted = wanted.morton >> (3 * (j_high - depth));
+    let wanted = wanted.morton >> (3 * (tree_depth - depth));
     let path = models.path(coder, node, levels, wanted);
     let path = code << (3 * levels) | path;
-    Leaf { morton: path << (3 * (j_high - depth)), depth }
+    Leaf { morton: path << (3 * (tree_depth - depth)), depth }
 }
 
 /// The encoder's source. It is a constant `None` in a decoder, so that the compiler drops what

@@ -3,9 +3,9 @@
 //! Points near in Morton order are candidates for the nearest, so the search takes a fixed time per
 //! point. The invariant that decoders rely on: every neighbour is before its point in coding order.
 
-use crate::error::Result;
-use crate::leaf::{Leaf, check_leaves};
+use crate::leaf::Leaf;
 use crate::morton;
+use crate::octree::Octree;
 
 /// Neighbours kept per point.
 pub const MAX_NEIGHBOURS: usize = 12;
@@ -30,28 +30,24 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// Orders `leaves` and finds each one's neighbours among all that precede it.
-    ///
-    /// # Errors
-    /// If the leaves are not valid.
-    pub fn new(leaves: &[Leaf], j_high: u8) -> Result<Self> {
-        Self::build(leaves, j_high, true)
+    /// Orders the leaves of an octree and finds each one's neighbours among all that precede it.
+    #[must_use]
+    pub fn new(tree: &Octree) -> Self {
+        Self::build(tree, true)
     }
 
     /// As [`Neighbours::new`], but finds neighbours in coarser levels of detail only, as lifting
     /// needs them.
-    ///
-    /// # Errors
-    /// If the leaves are not valid.
-    pub fn coarser(leaves: &[Leaf], j_high: u8) -> Result<Self> {
-        Self::build(leaves, j_high, false)
+    #[must_use]
+    pub fn coarser(tree: &Octree) -> Self {
+        Self::build(tree, false)
     }
 
-    fn build(leaves: &[Leaf], j_high: u8, same_level: bool) -> Result<Self> {
-        check_leaves(leaves, j_high)?;
+    fn build(tree: &Octree, same_level: bool) -> Self {
+        let leaves = tree.leaves();
         let n = leaves.len();
         let centre = |l: &Leaf| {
-            let size = 1i32 << (j_high - l.depth);
+            let size = 1i32 << (tree.depth() - l.depth);
             morton::decode(l.morton).map(|v| 2 * v as i32 + size)
         };
         let position: Vec<[i32; 3]> = leaves.iter().map(centre).collect();
@@ -93,7 +89,7 @@ impl Neighbours {
             }
             level -= 1;
         }
-        Ok(this)
+        this
     }
 
     /// Looks for the neighbours of leaf `i` among multiples of `before` below it and multiples of

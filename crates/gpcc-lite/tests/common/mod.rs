@@ -2,17 +2,17 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use gpcc_lite::raht::Rows;
-use gpcc_lite::{Leaf, morton};
+use gpcc_lite::{Leaf, Octree, morton};
 use proptest::prelude::*;
 
 /// Leaves from arbitrary codes and depths: sorted, overlapping ones dropped.
-pub fn leaves_from(codes: &[(u64, u8)], j_high: u8) -> Vec<Leaf> {
+pub fn octree_from(codes: &[(u64, u8)], tree_depth: u8) -> Octree {
     let mut cells: Vec<Leaf> = codes
         .iter()
         .map(|&(code, depth)| {
-            let depth = depth % (j_high + 1);
-            let cut = 3 * (j_high - depth);
-            let code = if j_high == 0 { 0 } else { code & ((1u64 << (3 * j_high)) - 1) };
+            let depth = depth % (tree_depth + 1);
+            let cut = 3 * (tree_depth - depth);
+            let code = if tree_depth == 0 { 0 } else { code & ((1u64 << (3 * tree_depth)) - 1) };
             Leaf { morton: code >> cut << cut, depth }
         })
         .collect();
@@ -21,15 +21,15 @@ pub fn leaves_from(codes: &[(u64, u8)], j_high: u8) -> Vec<Leaf> {
     cells.retain(|l| {
         let keep = l.morton >= end;
         if keep {
-            end = l.morton + (1u64 << (3 * (j_high - l.depth)));
+            end = l.morton + (1u64 << (3 * (tree_depth - l.depth)));
         }
         keep
     });
-    cells
+    Octree::of_points(tree_depth, cells).expect("valid leaves")
 }
 
 /// Sparse and dense trees, uniform and mixed depths, 0, 1, 2 and more leaves.
-pub fn any_leaves() -> impl Strategy<Value = (Vec<Leaf>, u8)> {
+pub fn any_octree() -> impl Strategy<Value = Octree> {
     let deep = (1u8..=21, prop::collection::vec((any::<u64>(), any::<u8>()), 0..300));
     let dense = (1u8..=4, prop::collection::vec((any::<u64>(), any::<u8>()), 0..900));
     prop_oneof![deep, dense, (Just(0u8), prop::collection::vec((Just(0u64), any::<u8>()), 0..3))]
@@ -37,7 +37,7 @@ pub fn any_leaves() -> impl Strategy<Value = (Vec<Leaf>, u8)> {
         .prop_map(|(j, codes, uniform)| {
             let codes: Vec<_> =
                 codes.into_iter().map(|(c, d)| (c, if uniform { j } else { d })).collect();
-            (leaves_from(&codes, j), j)
+            octree_from(&codes, j)
         })
 }
 
@@ -83,25 +83,25 @@ pub fn any_weights(leaves: usize, seed: u64) -> Vec<u32> {
 }
 
 /// Shapes that tests of point clouds forget: one line, one plane, a full cube, two points.
-pub fn shapes() -> Vec<(&'static str, Vec<Leaf>, u8)> {
-    let leaves = |points: Vec<[u32; 3]>, j: u8| {
+pub fn shapes() -> Vec<(&'static str, Octree)> {
+    let tree = |points: Vec<[u32; 3]>, j: u8| {
         let mut l: Vec<Leaf> =
             points.into_iter().map(|p| Leaf { morton: morton::encode(p), depth: j }).collect();
         l.sort();
         l.dedup();
-        l
+        Octree::of_points(j, l).expect("valid leaves")
     };
     let top = (1 << 21) - 1;
     let plane = (0..16).flat_map(|x| (0..16).map(move |y| [x, y, 5])).collect();
     let cube = (0..512).map(|i| [i >> 6, i >> 3 & 7, i & 7]).collect();
     vec![
-        ("no point", Vec::new(), 7),
-        ("root", vec![Leaf { morton: 0, depth: 0 }], 0),
-        ("one point at depth 21", leaves(vec![[top, 0, top]], 21), 21),
-        ("two far corners at depth 21", leaves(vec![[0, 0, 0], [top, top, top]], 21), 21),
-        ("depth 1", leaves(vec![[0, 0, 0], [1, 0, 1], [1, 1, 1]], 1), 1),
-        ("line", leaves((0..300).map(|x| [x, 7, 7]).collect(), 9), 9),
-        ("plane", leaves(plane, 6), 6),
-        ("full cube", leaves(cube, 3), 3),
+        ("no point", tree(Vec::new(), 7)),
+        ("root", tree(vec![[0; 3]], 0)),
+        ("one point at depth 21", tree(vec![[top, 0, top]], 21)),
+        ("two far corners at depth 21", tree(vec![[0, 0, 0], [top, top, top]], 21)),
+        ("depth 1", tree(vec![[0, 0, 0], [1, 0, 1], [1, 1, 1]], 1)),
+        ("line", tree((0..300).map(|x| [x, 7, 7]).collect(), 9)),
+        ("plane", tree(plane, 6)),
+        ("full cube", tree(cube, 3)),
     ]
 }

@@ -7,12 +7,12 @@
 //! *Invariant:* [`ChunkEncoder::decoded`] makes the Gaussians that a decoder makes of the layers, bit for bit.
 
 use super::groups::{BASE, GROUPS, Group, Predicted, Prediction, colours};
-use super::values::{Skeleton, classes};
+use super::skeleton::{Skeleton, classes};
 use super::{CLASS_STEP, ChunkValues, steps_of};
 use crate::attributes::side::Factors;
 use crate::error::{Result, coding};
 use crate::head::Steps;
-use gpcc_lite::Leaf;
+use gpcc_lite::Octree;
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Coder, Encoder, Silent, Tally};
 use gpcc_lite::geometry;
@@ -79,11 +79,11 @@ pub(crate) struct ChunkEncoder {
 
 impl ChunkEncoder {
     /// Codes leaves and classes; `log_classes` are real-valued classes of the leaves.
-    pub(crate) fn new(leaves: Vec<Leaf>, j_high: u8, log_classes: &[f32]) -> Result<Self> {
-        let plan = Plan::of(leaves, j_high).map_err(coding("geometry"))?;
+    pub(crate) fn new(octree: Octree, log_classes: &[f32]) -> Result<Self> {
+        let plan = Plan::new(octree);
         let leaves = plan.leaves();
         let mut coder = Encoder::default();
-        geometry::encode_leaves(&mut coder, leaves, j_high).map_err(coding("geometry"))?;
+        geometry::encode_leaves(&mut coder, plan.octree()).map_err(coding("geometry"))?;
         let even = vec![0; leaves.len()];
         let fitted = Factors::fit(leaves, &even, |i| log_classes[i]);
         let importance = Factors { class: 0, ..fitted };

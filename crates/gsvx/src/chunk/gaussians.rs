@@ -71,3 +71,17 @@ pub(crate) fn resize(scene: &mut Scene, n: usize) {
         scene.sh.resize(sh, [0.0; 3]);
     }
 }
+
+/// Derivatives of a loss by the arrays of one Gaussian of a scene.
+#[cfg(feature = "encode")]
+#[derive(Clone, Copy, Debug)]
+pub struct GaussianGradient<'a> {
+    /// By its opacity logit.
+    pub opacity_logit: f32,
+    /// By its SH coefficients.
+    pub sh: &'a [[f32; 3]],
+    /// By its log-scales.
+    pub log_scale: [f32; 3],
+    /// By its quaternion.
+    pub rotation: [f32; 4],
+}

@@ -164,9 +164,9 @@ mod encode {
     use crate::attributes::prediction::Predictor;
     use crate::attributes::side::Factors;
     use crate::attributes::{colour, opacity};
+    use crate::chunk::GaussianGradient;
     use crate::chunk::Skeleton;
     use crate::covariance;
-    use crate::latents::GaussianGradient;
     use gpcc_lite::raht::Rows;
     use gs_model::Scene;
     use std::ops::Range;

@@ -10,6 +10,7 @@ mod check;
 mod encode;
 mod gaussians;
 mod groups;
+mod skeleton;
 mod values;
 
 #[cfg(feature = "encode")]
@@ -18,10 +19,13 @@ pub(crate) use check::{check, check_sh};
 pub use encode::Transform;
 #[cfg(feature = "encode")]
 pub(crate) use encode::{ChunkEncoder, How, LAMBDA_MOVED, Values};
+#[cfg(feature = "encode")]
+pub use gaussians::GaussianGradient;
 pub(crate) use gaussians::{GaussiansMut, resize};
 #[cfg(feature = "encode")]
 pub(crate) use groups::{BASE, GROUPS};
-pub(crate) use values::{ChunkValues, Skeleton};
+pub(crate) use skeleton::Skeleton;
+pub(crate) use values::ChunkValues;
 
 use crate::importance;
 

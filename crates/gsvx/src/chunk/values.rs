@@ -1,43 +1,17 @@
 //! The decoded values of one chunk: from its layers, and to Gaussians.
 
 use super::groups::{BASE, GROUPS, Prediction, coefficients};
+use super::skeleton::{Skeleton, classes};
 use super::{CLASS_STEP, GaussiansMut, steps_of};
 use crate::attributes::side::Factors;
 use crate::bytes::Reader;
 use crate::error::{Error, Result, coding};
 use crate::head::Header;
-use crate::importance;
 use gpcc_lite::coder::Decoder;
 use gpcc_lite::geometry;
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, attribute};
+use gpcc_lite::{Octree, attribute};
 use std::ops::Range;
-
-/// What all groups of a chunk share.
-#[derive(Debug, Default)]
-pub(crate) struct Skeleton {
-    /// The leaves and their weighted transform.
-    pub(crate) plan: Plan,
-    /// Importance class of each leaf.
-    pub(crate) classes: Vec<u8>,
-}
-
-impl Skeleton {
-    /// The classes as weights.
-    pub(super) fn new(plan: Plan, classes: Vec<u8>) -> Result<Self> {
-        let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
-        let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
-        Ok(Self { plan, classes })
-    }
-
-    /// Changes the first channel of each leaf by what depth and class predict.
-    pub(super) fn each(&self, factors: Factors, rows: &mut Rows, op: impl Fn(f32, f32) -> f32) {
-        for (i, (&leaf, &class)) in self.plan.leaves().iter().zip(&self.classes).enumerate() {
-            let value = &mut rows.row_mut(i)[0];
-            *value = op(*value, factors.predict(leaf, class));
-        }
-    }
-}
 
 /// The decoded values of one chunk. Its memory serves one chunk after another.
 #[derive(Debug, Default)]
@@ -60,9 +34,9 @@ impl ChunkValues {
         let importance = Factors { depth: r.u8()? as i8, class: 0 };
         let predictions = predictions(0..BASE, count, &mut r)?;
         let mut coder = Decoder::new(r.take(r.remaining())?).map_err(coding("base layer"))?;
-        let leaves = geometry::decode_leaves(&mut coder, count, header.j_high)
+        let octree = geometry::decode_leaves(&mut coder, count, header.cube, header.j_high)
             .map_err(coding("geometry"))?;
-        let plan = Plan::of(leaves, header.j_high).map_err(coding("geometry"))?;
+        let plan = Plan::new(octree);
         let rows = &mut self.rows[0];
         rows.resize(plan.len(), 1);
         attribute::decode(&mut coder, &plan, &[CLASS_STEP], rows).map_err(coding("importance"))?;
@@ -115,8 +89,8 @@ impl ChunkValues {
     }
 
     /// The leaves.
-    pub(crate) fn leaves(&self) -> &[Leaf] {
-        self.skeleton.plan.leaves()
+    pub(crate) fn octree(&self) -> &Octree {
+        self.skeleton.plan.octree()
     }
 
     /// Importance classes, one per leaf.
@@ -129,17 +103,13 @@ impl ChunkValues {
     ///
     /// # Errors
     /// [`Error::Corrupt`] if a mean is beyond what an f32 holds: an encoder refuses such scenes.
-    pub(crate) fn fill(
-        &self,
-        header: &Header,
-        first: usize,
-        out: &mut GaussiansMut<'_>,
-    ) -> Result<()> {
-        let leaves = &self.leaves()[first..first + out.len()];
-        for (mean, &leaf) in out.means.iter_mut().zip(leaves) {
-            *mean = header.cube.leaf_centre(leaf, header.j_high);
+    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) -> Result<()> {
+        let octree = self.octree();
+        for (i, mean) in (first..).zip(&mut *out.means) {
+            *mean = octree.centre(i);
             if !mean.iter().all(|v| v.is_finite()) {
-                return Err(Error::Corrupt { what: "mean beyond f32", value: leaf.morton });
+                let value = octree.leaves()[i].morton;
+                return Err(Error::Corrupt { what: "mean beyond f32", value });
             }
         }
         let known = BASE + usize::from(self.sh_degree);
@@ -157,12 +127,4 @@ impl ChunkValues {
 
 fn predictions(groups: Range<usize>, leaves: usize, r: &mut Reader<'_>) -> Result<Vec<Prediction>> {
     GROUPS[groups].iter().map(|group| group.read_prediction(leaves, r)).collect()
-}
-
-/// The importance classes, from decoded values.
-pub(super) fn classes(factors: Factors, leaves: &[Leaf], rows: &Rows) -> Vec<u8> {
-    let class = |(i, &leaf): (usize, &Leaf)| {
-        importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
-    };
-    leaves.iter().enumerate().map(class).collect()
 }

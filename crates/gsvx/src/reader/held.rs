@@ -70,7 +70,7 @@ impl Reader {
     pub fn held_len(&self) -> usize {
         match &self.held {
             Some(Held { exact: Some(scene), .. }) => scene.len(),
-            Some(_) => self.decoder.leaves().len(),
+            Some(_) => self.decoder.octree().len(),
             None => 0,
         }
     }
@@ -79,7 +79,7 @@ impl Reader {
     #[must_use]
     pub fn held_leaves(&self) -> &[Leaf] {
         if self.held.as_ref().is_some_and(|h| h.exact.is_none()) {
-            self.decoder.leaves()
+            self.decoder.octree().leaves()
         } else {
             &[]
         }
@@ -95,10 +95,10 @@ impl Reader {
         let first = range.start.min(end);
         resize(out, end - first);
         let mut gaussians = GaussiansMut::of(out);
-        match (&self.held, &self.index) {
-            (Some(Held { exact: Some(scene), .. }), _) => gaussians.copy_from(scene, first),
-            (Some(_), Some(index)) => self.decoder.fill(&index.header, first, &mut gaussians)?,
-            _ => {}
+        match &self.held {
+            Some(Held { exact: Some(scene), .. }) => gaussians.copy_from(scene, first),
+            Some(_) => self.decoder.fill(first, &mut gaussians)?,
+            None => {}
         }
         Ok(())
     }

@@ -7,7 +7,7 @@ pub(crate) mod golden;
 pub(crate) use testing::{Rng, with_floaters, with_related_degrees};
 
 use gs_model::Scene;
-use voxel::{Cube, Merge, Strategy, Voxelization, merge, voxelize};
+use voxel::{Merge, Strategy, Voxelization, cube_of, merge, voxelize};
 
 /// A small scene that looks like a trained one.
 pub(crate) fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
@@ -15,7 +15,7 @@ pub(crate) fn scene(n: usize, sh_degree: u8, seed: u64) -> Scene {
 }
 
 pub(crate) fn voxelized(scene: &Scene, strategy: &Strategy) -> (Scene, Voxelization) {
-    let cube = Cube::of(&scene.means).unwrap();
+    let cube = cube_of(&scene.means).unwrap();
     let voxels = voxelize(scene, &cube, strategy).unwrap();
     (merge(scene, &voxels, Merge::Moments).unwrap(), voxels)
 }

@@ -41,7 +41,7 @@ struct Shape {
 /// Merges the members of every leaf into one Gaussian at the leaf's centre, in leaf order.
 ///
 /// A leaf of one member keeps every attribute of it bit for bit, except the mean, which
-/// becomes `cube.leaf_centre(leaf, j_high)` under either rule. The result does not depend on
+/// becomes the centre of its leaf under either rule. The result does not depend on
 /// the number of threads. Non-finite attributes spread into their leaf only.
 ///
 /// # Errors
@@ -101,7 +101,7 @@ fn merge_to_degree(
     set_len(&mut out.sh, len * sh_len);
     out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
         for (i, mean) in means.iter_mut().enumerate() {
-            *mean = voxelization.centre(batch * BATCH + i);
+            *mean = voxelization.octree().centre(batch * BATCH + i);
         }
     });
     out.rotations

@@ -34,12 +34,13 @@ use std::ops::Range;
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 
-use crate::cube::Cube;
+use crate::cube::check_cube;
 use crate::error::Result;
 use crate::order::MortonOrder;
 use crate::rate_distortion::{RateDistortion, RateDistortionReport};
 use crate::record::{Record, RecordView, Records, WeightSums};
 use crate::voxelization::Voxelization;
+use gpcc_lite::Cube;
 use prices::Prices;
 use state::Cell;
 
@@ -54,14 +55,14 @@ pub fn rate_distortion(
     options: &RateDistortion,
 ) -> Result<(Voxelization, RateDistortionReport)> {
     options.validate()?;
-    cube.validate()?;
+    check_cube(cube)?;
     // One scope for all parallel loops, so that the threads wake up once.
     rayon::scope(|_| {
         let order = MortonOrder::of(scene, cube, options.j_high)?;
         let records = Records::of(scene, &options.importance, options.size_exponent)?;
         let (depths, report) = Pruning::new(cube, options, &records).run(&order);
         drop(records);
-        let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]);
+        let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i])?;
         Ok((voxelization, report))
     })
 }
@@ -80,7 +81,7 @@ pub fn rate_distortion_of_tile(
     sums: WeightSums,
 ) -> Result<Voxelization> {
     options.validate()?;
-    cube.validate()?;
+    check_cube(cube)?;
     rayon::scope(|_| {
         let order = MortonOrder::of(scene, cube, options.j_high)?;
         let records = Records::of(scene, &options.importance, options.size_exponent)?;
@@ -89,7 +90,7 @@ pub fn rate_distortion_of_tile(
         let root = Cell { codes: &order.codes, members: &order.members };
         Pruning::new(cube, options, &records).solve_inside(codes, root, 0, &mut depths);
         drop(records);
-        Ok(Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i]))
+        Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i])
     })
 }
 

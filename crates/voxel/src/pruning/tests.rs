@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use super::state::{Cell, Solved};
 use super::{Pruning, blocks, rate_distortion, rate_distortion_of_tile};
-use crate::cube::Cube;
+use crate::cube::cube_of;
 use crate::importance::Importance;
 use crate::order::{MortonOrder, morton_codes};
 use crate::rate_distortion::RateDistortion;
@@ -57,7 +57,7 @@ fn assert_close(a: &Solved, b: &Solved, scale: f64) {
 #[test]
 fn single_equals_the_recurrence() {
     let scene = scene(300);
-    let cube = Cube::of(&scene.means).unwrap();
+    let cube = cube_of(&scene.means).unwrap();
     for options in all_options() {
         let order = MortonOrder::of(&scene, &cube, options.j_high).unwrap();
         let records = Records::of(&scene, &options.importance, options.size_exponent).unwrap();
@@ -87,7 +87,7 @@ fn single_equals_the_recurrence() {
 #[test]
 fn blocks_equal_one_pass() {
     let scene = scene(5 * blocks::BLOCK);
-    let cube = Cube::of(&scene.means).unwrap();
+    let cube = cube_of(&scene.means).unwrap();
     for options in all_options() {
         let order = MortonOrder::of(&scene, &cube, options.j_high).unwrap();
         let records = Records::of(&scene, &options.importance, options.size_exponent).unwrap();
@@ -111,7 +111,7 @@ fn blocks_equal_one_pass() {
 #[test]
 fn tiles_joined_are_the_whole_scene() {
     let scene = scene(3000);
-    let cube = Cube::of(&scene.means).unwrap();
+    let cube = cube_of(&scene.means).unwrap();
     for drop in [None, Some(2.0)] {
         let base = RateDistortion { j_high: 12, drop, ..RateDistortion::new(1e-4) };
         // Importances that go with the Gaussians: the default is relative to the scene.
@@ -128,13 +128,7 @@ fn tiles_joined_are_the_whole_scene() {
         })
         .unwrap();
         assert!(tiles.len() > 4);
-        let mut joined = Voxelization {
-            leaves: Vec::new(),
-            member_offsets: vec![0],
-            members: Vec::new(),
-            dropped: Vec::new(),
-            ..whole
-        };
+        let mut joined = Voxelization::empty(cube, options.j_high).unwrap();
         for tile in 0..tiles.len() {
             let members: Vec<u32> =
                 (0..3000u32).filter(|&i| tiles.of(codes[i as usize]) == tile).collect();
@@ -145,7 +139,7 @@ fn tiles_joined_are_the_whole_scene() {
             let part = scene.select(&places);
             let leaves =
                 rate_distortion_of_tile(&part, &cube, &options, &tiles.codes(tile), sums).unwrap();
-            joined.append(&leaves, &members);
+            joined.append(&leaves, &members).unwrap();
         }
         assert!(joined == whole, "{drop:?}");
     }

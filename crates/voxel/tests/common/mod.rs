@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use gs_model::Scene;
 use testing::Rng;
-use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy};
+use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy, cube_of};
 
 /// Clusters of Gaussians of mixed sizes, SH degree 1.
 pub(crate) fn clustered(len: usize, seed: u64) -> Scene {
@@ -50,7 +50,7 @@ pub(crate) fn strategies(len: usize, j_low: u8, j_high: u8) -> Vec<Strategy> {
 }
 
 pub(crate) fn cube(scene: &Scene) -> Cube {
-    Cube::of(&scene.means).expect("finite means")
+    cube_of(&scene.means).expect("finite means")
 }
 
 /// A path below the shared data, or `None` with a loud line.

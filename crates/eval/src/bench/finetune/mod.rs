@@ -199,7 +199,7 @@ fn study(args: &Options, scene: TestScene, train: &[TrainView]) -> Result<Study>
     } else {
         Importance::OpacityArea
     };
-    let cube = Cube::of(&scene.means)?;
+    let cube = voxel::cube_of(&scene.means)?;
     let mut runs = Vec::new();
     for strategy in &args.voxels {
         let label = match strategy {

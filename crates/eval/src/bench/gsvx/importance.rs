@@ -76,7 +76,7 @@ impl Codec for With {
         let prepared = voxelized(&scene.model, &strategy, self.importance.clone())?;
         let mut options = EncodeOptions::from_quality(quality)?;
         options.importance = Some(prepared.importance);
-        Ok(gsvx::encode_voxels(&prepared.scene, &prepared.voxels, None, &options)?.bytes)
+        Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &options)?.bytes)
     }
 
     fn decode(&self, stream: &[u8]) -> Result<Scene> {

@@ -16,12 +16,12 @@ const NAMES: [&str; TERMS] = ["1 child", "2 children", "3", "4 to 8", "leaf flag
 
 fn counts(v: &Voxelization) -> [f64; TERMS] {
     let mut out = [0.0; TERMS];
-    let lowest = v.leaves.iter().map(|l| l.depth).min().unwrap_or(0);
-    for depth in 0..v.j_high {
+    let lowest = v.octree().leaves().iter().map(|l| l.depth).min().unwrap_or(0);
+    for depth in 0..v.octree().depth() {
         // Occupied cells of this depth that are divided, with their children.
         let mut children: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
-        let at = |d: u8, code: u64| code >> (3 * u32::from(v.j_high - d));
-        for leaf in v.leaves.iter().filter(|l| l.depth > depth) {
+        let at = |d: u8, code: u64| code >> (3 * u32::from(v.octree().depth() - d));
+        for leaf in v.octree().leaves().iter().filter(|l| l.depth > depth) {
             let list = children.entry(at(depth, leaf.morton)).or_default();
             let child = at(depth + 1, leaf.morton);
             if list.last() != Some(&child) {
@@ -32,7 +32,7 @@ fn counts(v: &Voxelization) -> [f64; TERMS] {
             out[list.len().min(4) - 1] += 1.0;
         }
         if depth >= lowest {
-            out[4] += v.leaves.iter().filter(|l| l.depth == depth).count() as f64;
+            out[4] += v.octree().leaves().iter().filter(|l| l.depth == depth).count() as f64;
             out[5] += children.len() as f64;
         }
     }
@@ -55,7 +55,7 @@ pub(super) fn table(study: &Study) -> Result<String> {
     let mut rows = Vec::new();
     for strategy in octrees {
         let v = voxelize(&study.scene, &study.cube, &strategy)?;
-        let bits = gpcc_lite::geometry::encode(&v.leaves, v.j_high)?.len() as f64 * 8.0;
+        let bits = gpcc_lite::geometry::encode(v.octree())?.len() as f64 * 8.0;
         rows.push((counts(&v), bits, v.len() as f64));
     }
     // Least squares of bits per leaf, with a weak prior: the cost of isolated points.

@@ -62,7 +62,7 @@ pub(super) fn measure(args: &Options) -> Result<(Vec<Comparison>, String)> {
         let (found, comparison) = rows(name, &scene, None, &mut out)?;
         all.push(comparison);
         if name == "fox" {
-            let cube = Cube::of(&scene.means)?;
+            let cube = voxel::cube_of(&scene.means)?;
             let large = models::replicated(&scene, &cube, LARGE * 1000);
             all.push(rows("fox, replicated", &large, Some(found), &mut out)?.1);
         }
@@ -83,7 +83,7 @@ fn rows(
     known: Option<Found>,
     out: &mut String,
 ) -> Result<(Found, Comparison)> {
-    let cube = Cube::of(&scene.means)?;
+    let cube = voxel::cube_of(&scene.means)?;
     let depth = models::depth_of(scene, &cube)?;
     let (low, high) = (depth - BELOW, depth + ABOVE);
     let (paper, paper_s) = fastest(&|| Ok(voxelize(scene, &cube, &Strategy::paper(low, high))?))?;

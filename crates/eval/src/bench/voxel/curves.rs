@@ -52,7 +52,7 @@ pub(super) fn coded(
 ) -> Result<Point> {
     let mut options = gsvx::EncodeOptions::from_quality(quality)?;
     options.importance = Some(v.sums(&study.seen));
-    let bytes = gsvx::encode_voxels(merged, v, None, &options)?.bytes;
+    let bytes = gsvx::encode_voxels(merged, v.octree(), None, &options)?.bytes;
     let decoded = gsvx::decode(&bytes)?;
     ensure!(decoded.means == merged.means, "decoded means are not the voxelized ones");
     Ok(Point { rate: bytes.len() as f64, psnr_db: study.psnr(&decoded) })

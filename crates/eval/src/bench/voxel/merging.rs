@@ -24,7 +24,7 @@ pub(super) fn table(study: &Study) -> Result<String> {
     );
     let seen = Importance::Given(study.seen.clone());
     let mut row = |name: &str, v: &Voxelization| -> Result<()> {
-        let bits = gpcc_lite::geometry::encode(&v.leaves, v.j_high)?.len() as f64 * 8.0;
+        let bits = gpcc_lite::geometry::encode(v.octree())?.len() as f64 * 8.0;
         let psnr = |rule, importance: &Importance| -> Result<f64> {
             Ok(study.psnr(&merge_weighted(scene, v, rule, importance)?))
         };
@@ -66,7 +66,7 @@ pub(super) fn table(study: &Study) -> Result<String> {
             cube,
             &Strategy::RateDistortion(RateDistortion::seen(lambda, study.seen.clone())),
         )?;
-        let dropped = v.dropped.len();
+        let dropped = v.dropped().len();
         row(&format!("RateDistortion::seen, {dropped} dropped, {lambda:e}"), &v)?;
     }
     Ok(out)

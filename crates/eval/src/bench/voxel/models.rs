@@ -31,7 +31,7 @@ impl Study {
         let views = measure::load(data.held_out())?;
         let cameras: Vec<Camera> = data.training().map(|v| v.camera.clone()).collect();
         let seen = finetune::saliency_per_view(&scene, &cameras).squared;
-        let cube = Cube::of(&scene.means)?;
+        let cube = voxel::cube_of(&scene.means)?;
         let depth = depth_of(&scene, &cube)?;
         Ok(Self { name: name.to_owned(), dir: dir.to_owned(), scene, cube, views, seen, depth })
     }

@@ -18,9 +18,9 @@ const RUNS: usize = 9;
 
 pub(super) fn table(args: &Options) -> Result<String> {
     let fox = models::read(&args.shared.join("scenes/fox/point_cloud.ply"))?;
-    let scene = models::replicated(&fox, &Cube::of(&fox.means)?, args.thousands * 1000);
+    let scene = models::replicated(&fox, &voxel::cube_of(&fox.means)?, args.thousands * 1000);
     drop(fox);
-    let cube = Cube::of(&scene.means)?;
+    let cube = voxel::cube_of(&scene.means)?;
     let depth = models::depth_of(&scene, &cube)?;
     let seen: Vec<f32> = (0..scene.len()).map(|i| (i % 101) as f32).collect();
 
@@ -55,7 +55,8 @@ pub(super) fn table(args: &Options) -> Result<String> {
             let v = voxelize(&scene, &cube, &strategy)?;
             voxelizing = voxelizing.min(start.elapsed().as_secs_f64());
             peak = peak.max(usage::peak_bytes().saturating_sub(before));
-            kept = v.leaves.len() * 16 + (v.members.len() + v.member_offsets.len()) * 4;
+            kept =
+                v.octree().leaves().len() * 16 + (v.members().len() + v.member_offsets.len()) * 4;
             let start = Instant::now();
             let mut merged = merge(&scene, &v, Merge::Moments)?;
             merging = merging.min(start.elapsed().as_secs_f64());

@@ -1,0 +1,64 @@
+//! What the encoder refuses before it begins.
+
+use crate::error::{Error, Result};
+use crate::head::Steps;
+use gpcc_lite::Octree;
+use gs_model::Scene;
+use rayon::prelude::*;
+
+/// All arrays of a scene have the lengths that its number of Gaussians and its SH degree ask for.
+pub(crate) fn check_lengths(scene: &Scene) -> Result<()> {
+    let n = scene.len();
+    for len in [scene.opacity_logits.len(), scene.log_scales.len(), scene.rotations.len()] {
+        if len != n {
+            return Err(Error::CountMismatch { scene: n, leaves: len });
+        }
+    }
+    if scene.sh_degree > 3 || scene.sh.len() != n * scene.sh_len() {
+        return Err(Error::CountMismatch { scene: n * scene.sh_len(), leaves: scene.sh.len() });
+    }
+    Ok(())
+}
+
+/// There is one Gaussian for each leaf, at its centre.
+pub(crate) fn check_centres(scene: &Scene, octree: &Octree) -> Result<()> {
+    if scene.len() != octree.len() {
+        return Err(Error::CountMismatch { scene: scene.len(), leaves: octree.len() });
+    }
+    let off_centre = |(leaf, mean): (usize, &[f32; 3])| octree.centre(leaf) != *mean;
+    let pairs = scene.means.par_iter().enumerate().with_min_len(4096);
+    match pairs.position_first(off_centre) {
+        Some(index) => Err(Error::OffCentre { index }),
+        None => Ok(()),
+    }
+}
+
+/// Steps that a decoder accepts.
+pub(crate) fn check_steps(steps: &Steps) -> Result<()> {
+    match steps.all().into_iter().find(|&step| !Steps::is_valid(step)) {
+        Some(step) => Err(Error::Option {
+            option: "quantisation step",
+            value: step.into(),
+            range: "above 1.2e-38 and below 1e9",
+        }),
+        None => Ok(()),
+    }
+}
+
+/// The highest degree, up to `most`, with a coefficient that is not zero.
+pub(crate) fn used_degree(scene: &Scene, most: u8) -> u8 {
+    let mut degree = scene.sh_degree.min(most);
+    if scene.is_empty() {
+        return degree;
+    }
+    let zero = |v: &[f32; 3]| v.iter().all(|&x| x == 0.0);
+    while degree > 0 {
+        let d = usize::from(degree);
+        let own = |sh: &[[f32; 3]]| sh[d * d..(d + 1) * (d + 1)].iter().all(zero);
+        if !scene.sh.par_chunks(scene.sh_len()).all(own) {
+            break;
+        }
+        degree -= 1;
+    }
+    degree
+}

@@ -1,0 +1,41 @@
+//! [`Skeleton`]: leaves, importance classes and weights of a chunk.
+
+use crate::attributes::side::Factors;
+use crate::error::{Result, coding};
+use crate::importance;
+use gpcc_lite::Leaf;
+use gpcc_lite::raht::{Plan, Rows};
+
+/// What all groups of a chunk share.
+#[derive(Debug, Default)]
+pub(crate) struct Skeleton {
+    /// The leaves and their weighted transform.
+    pub(crate) plan: Plan,
+    /// Importance class of each leaf.
+    pub(crate) classes: Vec<u8>,
+}
+
+impl Skeleton {
+    /// The classes as weights.
+    pub(super) fn new(plan: Plan, classes: Vec<u8>) -> Result<Self> {
+        let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
+        let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
+        Ok(Self { plan, classes })
+    }
+
+    /// Changes the first channel of each leaf by what depth and class predict.
+    pub(super) fn each(&self, factors: Factors, rows: &mut Rows, op: impl Fn(f32, f32) -> f32) {
+        for (i, (&leaf, &class)) in self.plan.leaves().iter().zip(&self.classes).enumerate() {
+            let value = &mut rows.row_mut(i)[0];
+            *value = op(*value, factors.predict(leaf, class));
+        }
+    }
+}
+
+/// The importance classes, from decoded values.
+pub(super) fn classes(factors: Factors, leaves: &[Leaf], rows: &Rows) -> Vec<u8> {
+    let class = |(i, &leaf): (usize, &Leaf)| {
+        importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
+    };
+    leaves.iter().enumerate().map(class).collect()
+}

@@ -1,0 +1,83 @@
+//! [`Encoded`]: a finished stream, and what is known of it.
+
+use crate::head::{Index, Kind};
+use crate::options::MaxError;
+
+/// A finished stream.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Encoded {
+    /// The stream.
+    pub bytes: Vec<u8>,
+    /// Its head.
+    pub index: Index,
+    /// Gaussians that [`EncodeOptions::prune`] left out.
+    pub pruned: usize,
+    /// Gaussians that the voxelization left out; those that it merged are not counted.
+    pub left_out: usize,
+    /// Where the finest cells are so coarse that positions err visibly at any quality: parts of the scene lie so
+    /// far apart, or differ so much in size, that an octree's 21 levels do not suffice. The parts are better
+    /// encoded apart.
+    pub coarse_cells: Option<CoarseCells>,
+    /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
+    pub max_error: Option<MaxError>,
+    /// If [`EncodeOptions::rows`] asks for it, and always of [`encode_lossless`]: the row in which a decoder
+    /// returns each Gaussian of the input. Gaussians that were merged share one. [`LEFT_OUT`] stands for
+    /// those left out.
+    pub rows: Option<Vec<u32>>,
+}
+
+/// How coarse the finest cells are; see [`Encoded::coarse_cells`].
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct CoarseCells {
+    /// Side of a cell, in units of the largest axis of a Gaussian.
+    pub cells: f64,
+    /// Of the Gaussian below which a tenth of all are smaller, rather than of the median one.
+    pub of_small: bool,
+}
+
+impl CoarseCells {
+    /// Which Gaussians are meant: "typical" or "small".
+    #[must_use]
+    pub fn which(&self) -> &'static str {
+        if self.of_small { "small" } else { "typical" }
+    }
+}
+
+/// In [`Encoded::rows`]: a Gaussian that is not in the stream.
+pub const LEFT_OUT: u32 = u32::MAX;
+
+impl Encoded {
+    /// The number of bytes of each part of the stream; see [`Index::parts`].
+    #[must_use]
+    pub fn parts(&self) -> Vec<(&'static str, u64)> {
+        self.index.parts()
+    }
+
+    /// The number of Gaussians that are coded bit for bit.
+    #[must_use]
+    pub fn exact(&self) -> usize {
+        let chunks = self.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
+        chunks.map(|c| c.count as usize).sum()
+    }
+
+    /// The number of Gaussians that are coded exactly where others are not.
+    #[must_use]
+    pub fn outliers(&self) -> usize {
+        let exact = self.exact();
+        if exact as u64 == self.index.header.count { 0 } else { exact }
+    }
+
+    /// The share of the bytes that Gaussians take that are coded exactly, from 0 to 1.
+    #[must_use]
+    pub fn exact_share(&self) -> f64 {
+        let chunks = self.index.chunks.iter().filter(|c| c.kind == Kind::Exact);
+        let bytes: u64 = chunks.flat_map(|c| &c.layers).map(|l| l.len).sum();
+        bytes as f64 / self.bytes.len().max(1) as f64
+    }
+}
+
+impl AsRef<[u8]> for Encoded {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}

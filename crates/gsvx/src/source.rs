@@ -1,0 +1,89 @@
+//! [`Source`]: where the Gaussians of leaves come from, and how a chunk of them is encoded.
+
+use crate::assemble::{EncodedChunk, leaves_chunk};
+use crate::chunk::{self, ChunkEncoder, How};
+use crate::error::Result;
+use crate::lod::{self, LodLevel};
+use gs_model::Scene;
+use std::ops::Range;
+use voxel::{Importance, Merge, Voxelization};
+
+/// Where the Gaussians of leaves come from.
+pub(crate) struct Source<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) voxels: &'a Voxelization,
+    /// Importance of each Gaussian of the scene.
+    pub(crate) weights: &'a Importance,
+    /// Every leaf has one member, in leaf order, at its centre.
+    pub(crate) merged: bool,
+    /// What tiles share; `None` without tiles.
+    pub(crate) whole: Option<Whole<'a>>,
+}
+
+/// What the tiles of a scene share.
+#[derive(Clone, Copy)]
+pub(crate) struct Whole<'a> {
+    /// The tiles: chunks begin where they begin.
+    pub(crate) tiles: lod::Tiles<'a>,
+    /// Mean importance of leaves.
+    pub(crate) mean_importance: f64,
+    /// The highest SH degree in use.
+    pub(crate) sh_degree: Option<u8>,
+}
+
+impl Source<'_> {
+    /// The sum of the members' importance, per leaf.
+    pub(crate) fn importance(&self) -> Vec<f32> {
+        let Importance::Given(importance) = self.weights else { return Vec::new() };
+        self.voxels.sums(importance)
+    }
+
+    /// Gaussians of SH degree 0 of some leaves of a level.
+    fn base(&self, level: &LodLevel, range: Range<usize>) -> Result<Scene> {
+        if self.merged && level.lod == 0 {
+            let mut part = Scene { sh_degree: 0, ..Scene::default() };
+            part.append_range(self.scene, range);
+            return Ok(part);
+        }
+        let part = level.part(self.voxels, range);
+        Ok(voxel::merge_up_to(self.scene, &part, Merge::Moments, self.weights, 0)?)
+    }
+
+    /// Coefficients of one SH degree of some of the finest leaves.
+    fn sh(&self, level: &LodLevel, range: Range<usize>, degree: u8) -> Result<Vec<[f32; 3]>> {
+        if self.merged {
+            let (d, k) = (usize::from(degree), self.scene.sh_len());
+            let of = |i: usize| &self.scene.sh[i * k + d * d..i * k + (d + 1) * (d + 1)];
+            return Ok(range.flat_map(of).copied().collect());
+        }
+        let part = level.part(self.voxels, range);
+        Ok(voxel::merge_sh(self.scene, &part, Merge::Moments, self.weights, degree)?)
+    }
+
+    /// Encodes some leaves of a level; `classes` are those of the level.
+    pub(crate) fn encode_chunk(
+        &self,
+        how: How<'_>,
+        level: &LodLevel,
+        classes: &[f32],
+        range: Range<usize>,
+    ) -> Result<EncodedChunk> {
+        let base = self.base(level, range.clone())?;
+        chunk::check(&base, range.start)?;
+        let octree = level.octree(self.voxels).part(range.clone());
+        let chunk = leaves_chunk(level.lod, &octree);
+        // Coarse levels are seen for a moment or from afar, so they have base layers only.
+        let sh_degree = how.sh_degree;
+        let how = How { sh_degree: if level.lod > 0 { 0 } else { how.sh_degree }, ..how };
+        let sh = |degree, piece: Range<usize>| {
+            let leaves = range.start + piece.start..range.start + piece.end;
+            let sh = self.sh(level, leaves.clone(), degree)?;
+            chunk::check_sh(&sh, usize::from(2 * degree + 1), leaves.start)?;
+            Ok(sh)
+        };
+        let encoder = ChunkEncoder::new(octree, &classes[range.clone()])?;
+        let mut layers = encoder.encode(&how, base, sh)?;
+        layers.resize(1 + usize::from(sh_degree), Vec::new());
+        Ok((chunk, layers))
+    }
+}
