@@ -5,6 +5,7 @@
 
 mod inputs;
 mod memory;
+mod plan_file;
 mod planning;
 mod rows;
 mod scratch;
@@ -19,7 +20,7 @@ use crate::report::Reporter;
 use anyhow::Result;
 use gsvx::{Choices, Index};
 use inputs::Input;
-use planning::PlanFile;
+use plan_file::PlanFile;
 use rayon::prelude::*;
 use rows::Rows;
 use scratch::Scratch;

@@ -1,61 +1,23 @@
 //! Plans: what `gsvx plan` writes, and how it is found.
 
 use super::inputs::{Input, steps};
+use super::plan_file::PlanFile;
 use super::rows::Rows;
 use super::scratch::Scratch;
-use super::sight::{CameraFile, Sight};
-use crate::input::{self, Reading, name};
+use super::sight::Sight;
+use crate::input::Reading;
 use crate::progress::{self, Steps};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow};
 use gs_model::Scene;
 use gsvx::{Choices, Plan, Survey};
-use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{BufWriter, Read, Seek, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Name of the file of all means.
 const MEANS: &str = "means";
 /// Means that are in memory at a time.
 const PIECE: usize = 1 << 16;
-
-/// A plan, and the inputs that it is for.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct PlanFile {
-    /// The version of gsvx. Another may cut and code differently.
-    pub(crate) gsvx: String,
-    pub(crate) reading: Reading,
-    pub(crate) inputs: Vec<Input>,
-    pub(crate) cameras: Option<CameraFile>,
-    pub(crate) plan: Plan,
-}
-
-impl PlanFile {
-    /// Reads a plan.
-    pub(crate) fn read(path: &Path) -> Result<Self> {
-        let bytes = input::bytes(path)?;
-        Self::parse(&bytes)
-            .with_context(|| format!("{}: is no plan; gsvx plan makes one", name(path)))
-    }
-
-    /// A plan from its text.
-    pub(crate) fn parse(bytes: &[u8]) -> Result<Self> {
-        let plan: Self = serde_json::from_slice(bytes)?;
-        if plan.gsvx != crate::VERSION {
-            bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, crate::VERSION);
-        }
-        Ok(plan)
-    }
-
-    pub(crate) fn text(&self) -> Result<String> {
-        Ok(serde_json::to_string(self)? + "\n")
-    }
-
-    /// Tells this plan from others.
-    pub(crate) fn id(&self) -> Result<u32> {
-        Ok(crc32c::crc32c(self.text()?.as_bytes()))
-    }
-}
 
 /// Reads all inputs, and cuts their scene into tiles. The plan lacks what the sample says.
 pub(crate) fn survey(

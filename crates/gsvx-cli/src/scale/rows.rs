@@ -1,7 +1,7 @@
 //! The Gaussians of a scene on disk, tile by tile, each in the order of the input: as rows of a PLY.
 
 use super::inputs::{Input, steps};
-use super::planning::PlanFile;
+use super::plan_file::PlanFile;
 use super::scratch::{KEPT as FILE, Scratch};
 use crate::positional::{read_exact_at, write_all_at};
 use anyhow::{Context, Result};

@@ -1,0 +1,47 @@
+//! [`PlanFile`]: what `gsvx plan` writes.
+
+use super::inputs::Input;
+use super::sight::CameraFile;
+use crate::input::{self, Reading, name};
+use anyhow::{Context, Result, bail};
+use gsvx::Plan;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A plan, and the inputs that it is for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PlanFile {
+    /// The version of gsvx. Another may cut and code differently.
+    pub(crate) gsvx: String,
+    pub(crate) reading: Reading,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) cameras: Option<CameraFile>,
+    pub(crate) plan: Plan,
+}
+
+impl PlanFile {
+    /// Reads a plan.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        let bytes = input::bytes(path)?;
+        Self::parse(&bytes)
+            .with_context(|| format!("{}: is no plan; gsvx plan makes one", name(path)))
+    }
+
+    /// A plan from its text.
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self> {
+        let plan: Self = serde_json::from_slice(bytes)?;
+        if plan.gsvx != crate::VERSION {
+            bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, crate::VERSION);
+        }
+        Ok(plan)
+    }
+
+    pub(crate) fn text(&self) -> Result<String> {
+        Ok(serde_json::to_string(self)? + "\n")
+    }
+
+    /// Tells this plan from others.
+    pub(crate) fn id(&self) -> Result<u32> {
+        Ok(crc32c::crc32c(self.text()?.as_bytes()))
+    }
+}
