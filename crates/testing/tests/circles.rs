@@ -142,7 +142,7 @@ fn circle(from: &Module, arrows: &BTreeMap<Module, BTreeSet<Module>>) -> Option<
                 return Some(way.iter().map(|m| m.join("/")).collect());
             }
             if seen.insert(next.clone()) {
-                ways.push([&way[..], &[next.clone()]].concat());
+                ways.push([&way[..], std::slice::from_ref(next)].concat());
             }
         }
     }
