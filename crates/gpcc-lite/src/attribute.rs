@@ -44,10 +44,10 @@ pub fn encode<C: Coder>(
     options: &Options,
     rows: &mut Rows,
 ) -> Result<bool> {
-    encode_priced(coder, plan, steps, options, rows, None)
+    encode_with_prices(coder, plan, steps, options, rows, None)
 }
 
-/// As [`encode`]; `prices` become the derivatives of the number of bits by the values.
+/// As [`encode`]; `prices`, if they are wanted, become the derivatives of the number of bits by the values.
 ///
 /// Levels are integers, so the derivatives are those of a smooth estimate: the bits that a
 /// magnitude costs where the coder expects what it expects there, as a function of the value
@@ -61,30 +61,11 @@ pub fn encode_with_prices<C: Coder>(
     steps: &[f32],
     options: &Options,
     rows: &mut Rows,
-    prices: &mut Rows,
-) -> Result<bool> {
-    prices.resize(plan.len(), steps.len());
-    let all_zero = encode_priced(coder, plan, steps, options, rows, Some(prices))?;
-    if plan.is_empty() || steps.is_empty() {
-        return Ok(all_zero);
-    }
-    // The transform of the weighted values is orthonormal, so its inverse is its transpose.
-    raht::inverse(plan, prices)?;
-    for leaf in 0..plan.len() {
-        let weight = plan.weight_of_leaf(leaf) as f32;
-        prices.row_mut(leaf).iter_mut().for_each(|v| *v *= weight);
-    }
-    Ok(all_zero)
-}
-
-fn encode_priced<C: Coder>(
-    coder: &mut C,
-    plan: &Plan,
-    steps: &[f32],
-    options: &Options,
-    rows: &mut Rows,
     mut prices: Option<&mut Rows>,
 ) -> Result<bool> {
+    if let Some(prices) = &mut prices {
+        prices.resize(plan.len(), steps.len());
+    }
     check_steps(steps, rows.channels())?;
     if plan.is_empty() || steps.is_empty() {
         return Ok(true);
@@ -130,7 +111,21 @@ fn encode_priced<C: Coder>(
         context.code(coder, plan, &mut level);
         reconstruct(plan, &level, steps, rows);
     }
+    if let Some(prices) = prices {
+        to_prices_of_values(plan, prices)?;
+    }
     Ok(all_zero)
+}
+
+/// Takes prices of coefficients to those of the values.
+fn to_prices_of_values(plan: &Plan, prices: &mut Rows) -> Result<()> {
+    // The transform of the weighted values is orthonormal, so its inverse is its transpose.
+    raht::inverse(plan, prices)?;
+    for leaf in 0..plan.len() {
+        let weight = plan.weight_of_leaf(leaf) as f32;
+        prices.row_mut(leaf).iter_mut().for_each(|v| *v *= weight);
+    }
+    Ok(())
 }
 
 /// Decodes what [`encode`] coded into `rows`, which have one channel per step.

@@ -41,6 +41,9 @@ impl<const N: usize> Mixer<N> {
     }
 }
 
+/// How fast mixers learn.
+const RATE: i32 = 3;
+
 /// Codes one decision with the mixed prediction of the models `bits`; then these and the mixer
 /// learn it.
 #[inline(always)]
@@ -49,7 +52,6 @@ pub fn code_mixed<const N: usize, C: Coder>(
     mixer: &mut Mixer<N>,
     bits: [&mut Bit; N],
     bit: bool,
-    rate: i32,
     limit: u32,
 ) -> bool {
     let mut inputs = [0; N];
@@ -58,7 +60,7 @@ pub fn code_mixed<const N: usize, C: Coder>(
     }
     let p1 = mixer.mix(&inputs);
     let bit = coder.decision(p1 >> 1, bit);
-    mixer.update(&inputs, p1, bit, rate);
+    mixer.update(&inputs, p1, bit, RATE);
     for b in bits {
         b.learn(bit, limit);
     }

@@ -61,22 +61,22 @@ impl<'a> Decoder<'a> {
     /// Removes the symbol with this interval from state `x`, the state whose turn it is.
     #[inline(always)]
     fn advance(&mut self, x: u32, code: u32, start: u32, size: u32) {
-        self.states[self.turn] = next_state(x, code, start, size, self.words, &mut self.taken);
+        let x = outside(x, code - start, size);
+        self.states[self.turn] = refilled(x, self.words, &mut self.taken);
         self.turn = (self.turn + 1) % STATES;
     }
 }
 
-/// The state after an interval was taken out of `x`.
+/// What remains of state `x` when an interval of this size is taken out of it. `place` is that of the code in the
+/// interval.
 #[inline(always)]
-fn next_state(
-    x: u32,
-    code: u32,
-    start: u32,
-    size: u32,
-    words: &[[u8; 2]],
-    taken: &mut usize,
-) -> u32 {
-    let x = size.wrapping_mul(x >> SCALE_BITS).wrapping_add(code - start);
+fn outside(x: u32, place: u32, size: u32) -> u32 {
+    size.wrapping_mul(x >> SCALE_BITS).wrapping_add(place)
+}
+
+/// The state with another word, if it is low.
+#[inline(always)]
+fn refilled(x: u32, words: &[[u8; 2]], taken: &mut usize) -> u32 {
     // Whether a word is taken cannot be predicted: no branch.
     let word = words.get(*taken).map_or(0, |w| u16::from_le_bytes(*w));
     let take = x < LOWEST;
@@ -121,7 +121,7 @@ impl Coder for Decoder<'_> {
                 let code = states[i] & ((1 << SCALE_BITS) - 1);
                 let symbol = model.find(code);
                 let (start, size) = model.interval(symbol);
-                states[i] = next_state(states[i], code, start, size, words, &mut taken);
+                states[i] = refilled(outside(states[i], code - start, size), words, &mut taken);
                 model.learn(symbol);
                 values[i] = symbol as u8;
             }

@@ -7,6 +7,7 @@ use super::slabs::{FITS, Slabs};
 use crate::coder::{Coder, code_gamma};
 use crate::hood::{count, touching};
 use crate::model::{Bit, table};
+use crate::morton;
 use crate::symbols::{SYMBOLS, Symbols};
 
 /// Contexts of a child, for one fit to its slabs.
@@ -34,11 +35,6 @@ impl Models {
             occupied: vec![Bit::default(); fits * CONTEXTS],
             slabs: slabs.then(|| Slabs::new(tree_depth)),
         }
-    }
-
-    /// Whether slabs are kept.
-    pub(super) fn has_slabs(&self) -> bool {
-        self.slabs.is_some()
     }
 
     /// Codes whether there is exactly one leaf below a node.
@@ -92,7 +88,8 @@ impl Models {
         node: &NodeContext,
         value: u8,
     ) -> u8 {
-        let fits = self.slabs.as_ref().map_or([0; 8], |s| s.fits(node.depth, node.cell));
+        let fits =
+            self.slabs.as_ref().map_or([0; 8], |s| s.fits(node.depth, morton::decode(node.code)));
         let touching = touching(node.window);
         let mut occupancy = 0u8;
         let mut count = 0u8;
@@ -109,7 +106,7 @@ impl Models {
             count += u8::from(bit);
         }
         if let Some(slabs) = &mut self.slabs {
-            slabs.learn(node.depth, node.cell, occupancy);
+            slabs.learn(node.depth, morton::decode(node.code), occupancy);
         }
         occupancy
     }

@@ -7,8 +7,8 @@ pub(super) const LIMIT: u32 = 255;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NodeContext {
     pub(super) depth: u8,
-    /// Its indices along the axes; zero where no slabs are kept.
-    pub(super) cell: [u32; 3],
+    /// Its Morton code at its depth.
+    pub(super) code: u64,
     /// Number of children of the parent.
     pub(super) siblings: u8,
     /// The occupied cells around it.

@@ -8,6 +8,7 @@
 use super::node::{LIMIT, NodeContext};
 use crate::coder::Coder;
 use crate::model::{Bit, table};
+use crate::morton;
 
 /// Slabs for each depth and axis. Greater indices are folded: few chunks reach so far.
 const SLABS: usize = 1 << 12;
@@ -90,7 +91,7 @@ impl Slabs {
         value: u64,
     ) -> u64 {
         let mut path = 0;
-        let mut cell = node.cell;
+        let mut cell = morton::decode(node.code);
         for level in 0..levels {
             for (axis, index) in cell.iter_mut().enumerate() {
                 let counts = &mut self.counts[place(node.depth + level as u8, axis, *index)];

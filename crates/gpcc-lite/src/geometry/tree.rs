@@ -7,7 +7,6 @@ use crate::coder::Coder;
 use crate::error::{Error, Result};
 use crate::hood::{Block, Children, Hoods, ONES};
 use crate::leaf::Leaf;
-use crate::morton;
 
 /// The nodes of one level, as the level below needs them. Nodes without children (those with a
 /// single leaf) have an entry in `children` only.
@@ -72,12 +71,11 @@ impl<'a> Tree<'a> {
                 rest &= rest - 1;
                 let code = parent << 3 | u64::from(c);
                 let window = block.window(c);
-                let cell = if models.has_slabs() { morton::decode(code) } else { [0; 3] };
-                let node = NodeContext { depth, cell, siblings, window, least };
+                let node = NodeContext { depth, code, siblings, window, least };
                 let single = known::<C>(&mut self.source).is_some_and(Source::next_is_single);
                 if !node.splits() && models.single(coder, &node, single) {
                     let wanted = known::<C>(&mut self.source).map(|s| s.first_leaf());
-                    let leaf = code_path(self.tree_depth, models, coder, &node, code, wanted);
+                    let leaf = code_path(self.tree_depth, models, coder, &node, wanted);
                     self.leaves.push(leaf);
                     index += 1;
                     continue;
@@ -135,7 +133,6 @@ fn code_path<C: Coder>(
     models: &mut Models,
     coder: &mut C,
     node: &NodeContext,
-    code: u64,
     wanted: Option<Leaf>,
 ) -> Leaf {
     let most = u32::from(tree_depth - node.depth);
@@ -144,7 +141,7 @@ fn code_path<C: Coder>(
     let depth = node.depth + levels as u8;
     let wanted = wanted.morton >> (3 * (tree_depth - depth));
     let path = models.path(coder, node, levels, wanted);
-    let path = code << (3 * levels) | path;
+    let path = node.code << (3 * levels) | path;
     Leaf { morton: path << (3 * (tree_depth - depth)), depth }
 }
 

@@ -39,7 +39,7 @@ impl Residual {
             let [a, b] = &mut self.class;
             let (a, b) = (&mut a[expected[0]][node], &mut b[expected[1]][node]);
             let value = class >> level & 1 == 1;
-            let bit = code_mixed(coder, &mut self.mixers[node], [a, b], value, 3, LIMIT);
+            let bit = code_mixed(coder, &mut self.mixers[node], [a, b], value, LIMIT);
             node = node * 2 + usize::from(bit);
         }
         let class = (node as u32 - 64).min(33);

@@ -298,13 +298,8 @@ impl Part<'_> {
         prediction.subtract(self.skeleton, below, rows);
         let steps = steps_of(step, group.channels);
         let options = &Options { lambda: self.how.lambda.unwrap_or(group.lambda()) };
-        let all_zero = match &mut self.prices {
-            None => attribute::encode(coder, plan, &steps, options, rows),
-            Some(prices) => {
-                let prices = &mut prices[number];
-                attribute::encode_with_prices(coder, plan, &steps, options, rows, prices)
-            }
-        };
+        let prices = self.prices.as_mut().map(|prices| &mut prices[number]);
+        let all_zero = attribute::encode_with_prices(coder, plan, &steps, options, rows, prices);
         let all_zero = all_zero.map_err(coding("attribute"))?;
         prediction.add(self.skeleton, below, rows);
         Ok(all_zero)

@@ -56,7 +56,15 @@ fn encode_columns(scene: &Scene, keep_order: bool) -> (Vec<u8>, Vec<u32>) {
     let index_bits = keep_order.then(|| index_bits(n));
     let jobs = parts.par_iter().zip(&near);
     let coded: Vec<Vec<u8>> = jobs
-        .map(|(part, near)| encode_part(scene, part, &means, &columns, near, index_bits))
+        .map(|(part, near)| {
+            let mut coder = encode_part(scene, part, &means, &columns, near);
+            if let Some(width) = index_bits {
+                for &i in *part {
+                    coder.bits(i, width);
+                }
+            }
+            coder.finish()
+        })
         .collect();
     const LENGTH_OF_A_BLOCK: usize = 10;
     w.bytes.reserve_exact(coded.iter().map(|b| b.len() + LENGTH_OF_A_BLOCK).sum());
@@ -177,26 +185,20 @@ fn fit_columns(columns: &mut [Column], sample: &Sample) {
     }
 }
 
-/// The bytes of one part; with the index of each Gaussian if its width is given.
+/// Codes one part.
 fn encode_part(
     scene: &Scene,
     order: &[u32],
     means: &Means<'_>,
     columns: &[Column],
     near: &Neighbours,
-    index_bits: Option<u32>,
-) -> Vec<u8> {
+) -> Encoder {
     let bits = layout::gather_rows(scene, order);
     let mut coder = Encoder::default();
     let mut coded = Coded { bits: vec![0; bits.len()], ..Default::default() };
     means.code(&mut coder, &mut coded, order.len(), columns.len(), &bits);
     rows::code(&mut coder, columns, near, &bits, &mut coded);
-    if let Some(width) = index_bits {
-        for &i in order {
-            coder.bits(i, width);
-        }
-    }
-    coder.finish()
+    coder
 }
 
 /// The value of a column that deserves a flag.

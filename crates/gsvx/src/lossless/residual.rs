@@ -134,7 +134,7 @@ impl Models {
             &mut self.both[at[2] + node],
             &mut self.last[at[3] + node],
         ];
-        code_mixed(coder, &mut self.mixers[node], bits, bit, 3, MEMORY)
+        code_mixed(coder, &mut self.mixers[node], bits, bit, MEMORY)
     }
 }
 
