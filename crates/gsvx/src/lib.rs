@@ -86,3 +86,8 @@ pub use survey::Survey;
 pub use voxel::{Strategy, Voxelization};
 #[cfg(feature = "encode")]
 pub use warning::{EncodeWarning, Missed};
+
+// The example of the repository's README is a test too.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct RootReadme;
