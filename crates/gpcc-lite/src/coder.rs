@@ -80,6 +80,12 @@ pub(crate) fn code_gamma<C: Coder>(coder: &mut C, value: u32) -> u32 {
     ((1u64 << zeros | u64::from(low)) - 1).min(u64::from(u32::MAX)) as u32
 }
 
+/// Codes a signed number in plain bits, the sign in the lowest bit.
+pub(crate) fn code_signed<C: Coder>(coder: &mut C, v: i32) -> i32 {
+    let folded = code_gamma(coder, (v << 1 ^ v >> 31) as u32);
+    (folded >> 1) as i32 ^ -((folded & 1) as i32)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,6 +6,7 @@ use super::node::{LIMIT, NodeContext};
 use super::slabs::{FITS, Slabs};
 use crate::coder::{Coder, code_gamma};
 use crate::hood::{count, touching};
+use crate::leaf::Leaf;
 use crate::model::{Bit, table};
 use crate::morton;
 use crate::symbols::{SYMBOLS, Symbols};
@@ -24,6 +25,7 @@ pub(super) struct Models {
     /// Whether a child is occupied.
     occupied: Vec<Bit>,
     slabs: Option<Slabs>,
+    tree_depth: u8,
 }
 
 impl Models {
@@ -34,6 +36,7 @@ impl Models {
             levels_below: (0..32).map(|_| Symbols::geometric(512, 2)).collect(),
             occupied: vec![Bit::default(); fits * CONTEXTS],
             slabs: slabs.then(|| Slabs::new(tree_depth)),
+            tree_depth,
         }
     }
 
@@ -47,8 +50,24 @@ impl Models {
         self.single[usize::from(count(node.window)) & 31].code(coder, value, LIMIT)
     }
 
+    /// Codes the single leaf below a node.
+    pub(super) fn leaf<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        node: &NodeContext,
+        wanted: Option<Leaf>,
+    ) -> Leaf {
+        let most = u32::from(self.tree_depth - node.depth);
+        let wanted = wanted.unwrap_or(Leaf { morton: 0, depth: node.depth });
+        let levels = self.levels_below(coder, node, most, u32::from(wanted.depth - node.depth));
+        let depth = node.depth + levels as u8;
+        let below = 3 * (self.tree_depth - depth);
+        let path = self.path(coder, node, levels, wanted.morton >> below);
+        Leaf { morton: (node.code << (3 * levels) | path) << below, depth }
+    }
+
     /// Codes how many levels below a node its single leaf is, at most `most`.
-    pub(super) fn levels_below<C: Coder>(
+    fn levels_below<C: Coder>(
         &mut self,
         coder: &mut C,
         node: &NodeContext,
@@ -62,7 +81,7 @@ impl Models {
     }
 
     /// Codes the path from a node to its single leaf, `levels` child numbers of three bits.
-    pub(super) fn path<C: Coder>(
+    fn path<C: Coder>(
         &mut self,
         coder: &mut C,
         node: &NodeContext,

@@ -75,7 +75,7 @@ impl<'a> Tree<'a> {
                 let single = known::<C>(&mut self.source).is_some_and(Source::next_is_single);
                 if !node.splits() && models.single(coder, &node, single) {
                     let wanted = known::<C>(&mut self.source).map(|s| s.first_leaf());
-                    let leaf = code_path(self.tree_depth, models, coder, &node, wanted);
+                    let leaf = models.leaf(coder, &node, wanted);
                     self.leaves.push(leaf);
                     index += 1;
                     continue;
@@ -125,24 +125,6 @@ fn enter_neighbours(level: &mut Nodes, block: &Block, c: u32, window: u64) {
         rest &= rest - 1;
     }
     level.hoods.present.push(window);
-}
-
-/// Codes the path from a node to its single leaf.
-fn code_path<C: Coder>(
-    tree_depth: u8,
-    models: &mut Models,
-    coder: &mut C,
-    node: &NodeContext,
-    wanted: Option<Leaf>,
-) -> Leaf {
-    let most = u32::from(tree_depth - node.depth);
-    let wanted = wanted.unwrap_or(Leaf { morton: 0, depth: node.depth });
-    let levels = models.levels_below(coder, node, most, u32::from(wanted.depth - node.depth));
-    let depth = node.depth + levels as u8;
-    let wanted = wanted.morton >> (3 * (tree_depth - depth));
-    let path = models.path(coder, node, levels, wanted);
-    let path = node.code << (3 * levels) | path;
-    Leaf { morton: path << (3 * (tree_depth - depth)), depth }
 }
 
 /// The encoder's source. It is a constant `None` in a decoder, so that the compiler drops what
