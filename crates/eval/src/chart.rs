@@ -96,7 +96,7 @@ impl ValueFormatter<f64> for Placed {
 
 /// Multiples of 1, 2 or 5 times a power of ten, about seven.
 fn multiples((low, high): (f64, f64)) -> Vec<f64> {
-    let rough = (high - low) / 7.0;
+    let rough = (high - low) / 8.0;
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough);
     let step = step.unwrap_or(10.0 * power);
@@ -362,7 +362,7 @@ pub(crate) mod tests {
         let (linear, log) = (Axis::linear(""), Axis::logarithmic(""));
         assert_eq!(numbers(&linear, &[26.1, 31.9]), ["26", "27", "28", "29", "30", "31", "32"]);
         assert_eq!(numbers(&log, &[0.16, 4.5]), ["0.2", "0.5", "1", "2", "5"]);
-        assert_eq!(numbers(&log, &[0.0241, 0.0254]).len(), 6);
+        assert_eq!(numbers(&log, &[0.0241, 0.0254]).len(), 7);
         for values in [vec![], vec![3.0], vec![1e-4, 1e5]] {
             let n = [&linear, &log].map(|axis| numbers(axis, &values).len());
             assert!(n.iter().all(|n| (1..16).contains(n)), "{values:?}: {n:?}");
