@@ -4,11 +4,12 @@
 //! What is hashed is in `xtask/determinism`, a package that also builds for WebAssembly (run in
 //! Node) and 64-bit Arm (run by qemu's user mode). What is not installed is skipped, and said.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
+use eval::cells;
+use eval::page::{Page, Table};
 
 /// Arguments of `determinism`.
 #[derive(clap::Args, Debug)]
@@ -75,7 +76,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let differing = differing(&runs);
     println!("{} runs, {} lines each, {} differ", runs.len(), lines(&runs), differing.len());
     if !args.quick {
-        eval::page::write(&args.out, &report(&runs, &skipped, &differing), None)?;
+        page(&args.out, &runs, &skipped, &differing).write()?;
     }
     ensure!(differing.is_empty(), "hashes differ: {}", differing.join("; "));
     Ok(())
@@ -145,29 +146,30 @@ fn differing(runs: &[(String, String)]) -> Vec<String> {
     out
 }
 
-fn report(runs: &[(String, String)], skipped: &[String], differing: &[String]) -> String {
-    let mut text = String::from(
-        "# Are the bytes the same everywhere?\n\n`cargo xtask determinism`: every golden stream and the fixture room are \
-         voxelized, tuned, encoded in every mode and decoded (at each level of detail) by builds \
-         for several processors, and the SHA-256 (first 12 bytes) of coded bytes and decoded \
-         floats are compared.\n\n| run | lines equal to the first run's |\n|---|---:|\n",
+fn page(out: &Path, runs: &[(String, String)], skipped: &[String], differing: &[String]) -> Page {
+    let mut page = Page::new(out, "Are the bytes the same everywhere?");
+    page.text(
+        "`cargo xtask determinism`: every golden stream and the fixture room are voxelized, tuned, encoded in every \
+         mode and decoded (at each level of detail) by builds for several processors, and the SHA-256 (first 12 bytes) \
+         of coded bytes and decoded floats are compared.",
     );
     let total = lines(runs);
+    let mut table = Table::new("run | lines equal to the first run's");
     for (name, _) in runs {
         let start = format!("{name}: ");
         let bad = differing.iter().filter(|d| d.starts_with(&start)).count();
-        let _ = writeln!(text, "| {name} | {} of {total} |", total - bad.min(total));
+        table.row(cells![name, format!("{} of {total}", total - bad.min(total))]);
     }
-    for what in skipped {
-        let _ = writeln!(text, "\nSkipped: {what}.");
-    }
-    text += "\n| stream | coded bytes | decoded floats |\n|---|---|---|\n";
+    page.table(&table);
+    skipped.iter().for_each(|what| page.text(format!("Skipped: {what}.")));
+    let mut table = Table::new("stream | coded bytes | decoded floats");
     for line in runs.first().map_or("", |r| r.1.as_str()).lines() {
-        let mut parts = line.rsplitn(3, ' ');
-        let (decoded, coded) = (parts.next().unwrap_or("-"), parts.next().unwrap_or("-"));
-        let _ = writeln!(text, "| {} | {coded} | {decoded} |", parts.next().unwrap_or("-"));
+        let mut row: Vec<String> = line.rsplitn(3, ' ').map(str::to_owned).collect();
+        row.reverse();
+        table.row(row);
     }
-    text
+    page.table(&table);
+    page
 }
 
 #[cfg(test)]
@@ -180,7 +182,6 @@ mod tests {
         let runs = [run("a", "x 1 2\ny 3 4\n"), run("b", "x 1 2\ny 3 5\n"), run("c", "x 1 2\n")];
         let found = differing(&runs);
         assert_eq!(found, ["b: y 3 5, not y 3 4", "c: another number of lines"]);
-        assert!(report(&runs, &[], &found).contains("| b | 1 of 2 |"));
         assert!(differing(&runs[..1]).is_empty());
     }
 }

@@ -1,17 +1,15 @@
 //! Project tasks: `cargo xtask --help`. A module a task; what they measure is in `eval`.
 
-mod bench;
 mod conformance;
 mod determinism;
 mod fetch;
-mod rd_curve;
 mod stability;
-mod stress;
 mod web;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use eval::{bench, rd_curve, stress};
 
 /// Tasks of this project.
 #[derive(Debug, Parser)]
@@ -24,7 +22,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Task {
     /// Rate-distortion curves of a scene, with a report
-    RdCurve(rd_curve::Args),
+    RdCurve(rd_curve::Options),
     /// Fetch a scene of the paper
     Fetch(fetch::Args),
     /// Check this build: golden streams, threads, broken streams
@@ -32,27 +30,25 @@ enum Task {
     /// Compare streams over threads, builds and processors
     Determinism(determinism::Args),
     /// Pathological scenes against the bounds of docs/accuracy.md
-    Stress(stress::Args),
+    Stress(stress::Options),
     /// The rasterizer against its f64 oracle
     Stability(stability::Args),
-    /// Time, error and peak memory of every stage
-    Bench(bench::BenchArgs),
+    /// Time and peak memory of every stage
+    Bench(bench::Options),
     /// Sizes of streams on the test scenes, beside other codecs
-    BenchSize(bench::SizeArgs),
+    BenchSize(rd_curve::SizeOptions),
     /// gpcc-lite beside TMC13's recorded figures
-    BenchGpcc(bench::GpccArgs),
-    /// Voxelization: speed, merging, curves at equal bytes
-    BenchVoxel(bench::VoxelArgs),
+    BenchGpcc(bench::gpcc::Options),
+    /// Strategies of voxelization at equal quality
+    BenchVoxel(bench::voxel::Options),
     /// What the fine-tune restores of a voxelized model
-    BenchFinetune(bench::FinetuneArgs),
+    BenchFinetune(bench::finetune::Options),
     /// The gsvx command: seconds and memory by size of model
-    BenchGsvx(bench::GsvxArgs),
+    BenchGsvx(bench::gsvx::Options),
     /// What is lost at each quality, and what bounds on errors cost
-    BenchQuality(bench::QualityArgs),
+    BenchQuality(bench::quality::Options),
     /// What gsvx tune saves, beside streams without it
-    BenchTune(bench::TuneArgs),
-    /// What the pipeline skips, and the tests that prove it harmless
-    Skips(bench::SkipsArgs),
+    BenchTune(bench::tune::Options),
     /// The decoder for browsers: npm package, viewer page, tests
     Web(web::Args),
 }
@@ -63,17 +59,16 @@ fn main() -> ExitCode {
         Task::Fetch(args) => fetch::run(&args),
         Task::Conformance(args) => conformance::run(&args),
         Task::Determinism(args) => determinism::run(&args),
-        Task::Stress(args) => stress::run(args),
+        Task::Stress(args) => stress::run(&args),
         Task::Stability(args) => stability::run(&args),
-        Task::Bench(args) => bench::run(args),
-        Task::BenchSize(args) => bench::size(&args),
-        Task::BenchGpcc(args) => bench::gpcc(args),
-        Task::BenchVoxel(args) => bench::voxel(args),
-        Task::BenchFinetune(args) => bench::finetune(args),
-        Task::BenchGsvx(args) => bench::gsvx(args),
-        Task::BenchQuality(args) => bench::quality(args),
-        Task::BenchTune(args) => bench::tune(args),
-        Task::Skips(args) => bench::skips(&args),
+        Task::Bench(args) => bench::run(&args),
+        Task::BenchSize(args) => rd_curve::size(&args),
+        Task::BenchGpcc(args) => bench::gpcc::run(&args),
+        Task::BenchVoxel(args) => bench::voxel::run(&args),
+        Task::BenchFinetune(args) => bench::finetune::run(&args),
+        Task::BenchGsvx(args) => bench::gsvx::run(&args),
+        Task::BenchQuality(args) => bench::quality::run(&args),
+        Task::BenchTune(args) => bench::tune::run(&args),
         Task::Web(args) => web::run(&args),
     };
     match done {

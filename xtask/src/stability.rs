@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
+use eval::cells;
+use eval::page::{Page, Table};
 
 /// Flags of `cargo xtask stability`.
 #[derive(clap::Args, Debug)]
@@ -24,48 +26,54 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         .context("start cargo")?;
     let error = String::from_utf8_lossy(&tests.stderr);
     ensure!(tests.status.success(), "cargo {words}: {}", error.lines().last().unwrap_or_default());
-    eval::page::write(&args.out, &page(&String::from_utf8_lossy(&tests.stdout)), None)
+    let mut page = Page::new(&args.out, "Is the rasterizer stable?");
+    write(&mut page, &String::from_utf8_lossy(&tests.stdout));
+    page.write()
 }
 
-/// The page of what the tests printed: rows of the table, and `input: ... from the oracle` or
+/// The page of what the tests printed: rows of a table, and `input: ... from the oracle` or
 /// `... worst relative error ...`.
-fn page(printed: &str) -> String {
-    let table: String =
-        printed.lines().filter(|l| l.starts_with('|')).map(|l| format!("{l}\n")).collect();
-    let figures = printed.lines().filter_map(|line| {
-        let (input, says) = line.split_once(": ")?;
-        let figure = says.ends_with("from the oracle") || says.contains("relative error");
-        figure.then(|| format!("| {input} | {says} |\n"))
-    });
-    let figures: String = figures.collect();
-    format!(
-        "# Is the rasterizer stable?\n\n\
-         Written by `cargo xtask stability` from the tests `stability` and `oracle` of finetune, which \
-         fail where a bound is broken. The oracle is a renderer in f64 without tiles: covariance and conic \
-         as in the textbook, every Gaussian against every pixel. A pixel is doubtful, and not counted, if \
-         in f64 some alpha is within 1e-3 of the cut at 1/255 or some transmittance within 1 % of the \
-         stop: there f32 may decide otherwise, and both images are right. All images, losses and gradients \
-         must be finite.\n\n{table}\n\
-         | input | result |\n|---|---|\n{figures}\n\
-         The tests also render cameras with zero, negative, infinite and NaN parameters, images without \
-         pixels, 100,000 layers in a pixel, and random bit patterns, and demand finite output.\n\n\
-         The 2D shape of a Gaussian is the Cholesky factor of half its conic, not the conic: its exponent is \
-         a sum of two squares, in which nothing cancels. The determinant is a sum of squares as well. The \
-         adjoint blends front to back a second time, and divides by no transmittance.\n"
-    )
+fn write(page: &mut Page, printed: &str) {
+    page.text(
+        "Written by `cargo xtask stability` from the tests `stability` and `oracle` of finetune, which fail where a \
+         bound is broken. The oracle is a renderer in f64 without tiles: covariance and conic as in the textbook, every \
+         Gaussian against every pixel. A pixel is doubtful, and not counted, if in f64 some alpha is within 1e-3 of the \
+         cut at 1/255 or some transmittance within 1 % of the stop: there f32 may decide otherwise, and both images are \
+         right. All images, losses and gradients must be finite.",
+    );
+    let rows: Vec<&str> = printed.lines().filter(|l| l.starts_with('|')).collect();
+    page.text(rows.join("\n"));
+    page.table(&figures(printed));
+    page.text(
+        "The tests also render cameras with zero, negative, infinite and NaN parameters, images without pixels, 100,000 \
+         layers in a pixel, and random bit patterns, and demand finite output.",
+    );
+    page.text(
+        "The 2D shape of a Gaussian is the Cholesky factor of half its conic, not the conic: its exponent is a sum of \
+         two squares, in which nothing cancels. The determinant is a sum of squares as well. The adjoint blends front to \
+         back a second time, and divides by no transmittance.",
+    );
+}
+
+fn figures(printed: &str) -> Table {
+    let mut table = Table::new("input | result");
+    for (input, says) in printed.lines().filter_map(|line| line.split_once(": ")) {
+        if says.ends_with("from the oracle") || says.contains("relative error") {
+            table.row(cells![input, says]);
+        }
+    }
+    table
 }
 
 #[cfg(test)]
 mod tests {
-    use super::page;
+    use super::figures;
 
     #[test]
-    fn tables_and_figures_are_told_from_the_rest() {
-        let text =
-            page("\nrunning 2 tests\n| a | 1 |\n16x16: 1e-6 from the oracle\nok: as it was\n");
-        assert!(
-            text.contains("\n| a | 1 |\n") && text.contains("| 16x16 | 1e-6 from the oracle |")
-        );
-        assert!(!text.contains("running") && !text.contains("as it was"));
+    fn figures_are_told_from_the_rest() {
+        let printed = "\nrunning 2 tests\n| a | 1 |\n16x16: 1e-6 from the oracle\nok: as it was\n";
+        let rows = figures(printed);
+        assert_eq!(format!("{rows:?}").matches("16x16").count(), 1);
+        assert!(!format!("{rows:?}").contains("as it was"));
     }
 }

@@ -46,7 +46,7 @@ pub(crate) fn of(program: &str, model: &str, views: &str) -> Manifest {
 }
 
 /// The command line of this run.
-pub(crate) fn command() -> String {
+fn command() -> String {
     let args: Vec<String> = std::env::args().skip(1).collect();
     format!("cargo xtask {}", args.join(" "))
 }
@@ -64,7 +64,7 @@ fn versions() -> Vec<(String, String)> {
 }
 
 /// Commit of the checkout.
-pub(crate) fn commit() -> String {
+fn commit() -> String {
     let git = |args: &[&str]| {
         let out = Command::new("git").args(args).current_dir(crate::scenes::root()).output();
         out.ok().filter(|o| o.status.success()).and_then(|o| String::from_utf8(o.stdout).ok())
@@ -74,8 +74,13 @@ pub(crate) fn commit() -> String {
     format!("{}{}", head.trim(), if dirty { "-dirty" } else { "" })
 }
 
+/// Threads and processor, in words.
+pub(crate) fn machine() -> String {
+    format!("{} threads, {}", rayon::current_num_threads(), processor())
+}
+
 /// The processor's name, from Linux' `/proc/cpuinfo`; empty elsewhere.
-pub(crate) fn processor() -> String {
+fn processor() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let line = text.lines().find_map(|l| l.strip_prefix("model name"));
     line.map(|l| l.trim_start_matches([' ', '\t', ':']).to_owned()).unwrap_or_default()

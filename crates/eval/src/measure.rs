@@ -90,6 +90,11 @@ pub fn score(scene: &Scene, views: &[TrainView], bar: &Bar) -> (Score, Vec<Image
     (Score::of(scores), renders)
 }
 
+/// Mean PSNR of a scene at the views against their photos, dB.
+pub(crate) fn psnr_db(scene: &Scene, views: &[TrainView]) -> f64 {
+    score(scene, views, &Bar::hidden()).0.psnr_db
+}
+
 impl Score {
     fn of(views: Vec<ViewScore>) -> Self {
         let n = views.len().max(1) as f64;

@@ -1,60 +1,178 @@
-//! Pages of docs/results: each answers one question, in few words, with a picture beside it.
+//! Pages of docs/results: each answers one question, in few words, with tables and pictures.
 
-use std::path::Path;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
 use crate::chart::Chart;
 use crate::scenes;
 
-/// Markdown that shows the picture of the page at `out`.
-#[must_use]
-pub fn picture(out: &Path, what: &str) -> String {
-    let name = out.with_extension("svg");
-    let name = name.file_name().unwrap_or_default().to_string_lossy();
-    format!("![{what}]({name})")
+/// Rows under a header; the first column is names, the others are numbers.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// Names of the columns.
+    pub(crate) header: Vec<String>,
+    /// As many cells each.
+    pub(crate) rows: Vec<Vec<String>>,
 }
 
-/// Writes a page and its picture, which has the page's name with the ending `.svg`. `out` is relative
-/// to the root of the workspace.
-///
-/// # Errors
-/// If a file cannot be written.
-pub fn write(out: &Path, text: &str, picture: Option<&Chart>) -> Result<()> {
-    let out = scenes::root().join(out);
-    if let Some(folder) = out.parent() {
-        let cannot = || format!("create {}", folder.display());
-        std::fs::create_dir_all(folder).with_context(cannot)?;
+/// The cells of a row: whatever can be displayed.
+#[macro_export]
+macro_rules! cells {
+    ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
+}
+
+/// A figure with its sign and a unit, or a dash.
+pub(crate) fn signed(figure: Option<f64>, decimals: usize, unit: &str) -> String {
+    figure.map_or("-".into(), |x| format!("{x:+.decimals$}{unit}"))
+}
+
+impl Table {
+    /// No rows yet; the names of the columns are separated by `|`.
+    #[must_use]
+    pub fn new(header: &str) -> Self {
+        Self { header: header.split('|').map(|h| h.trim().to_owned()).collect(), rows: Vec::new() }
     }
-    let put = |path: &Path, text: &str| {
-        std::fs::write(path, text).with_context(|| format!("write {}", path.display()))
-    };
-    put(&out, text)?;
-    if let Some(chart) = picture {
-        put(&out.with_extension("svg"), &chart.svg())?;
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: Vec<String>) {
+        self.rows.push(cells);
     }
-    println!("written: {}", out.display());
-    Ok(())
+
+    /// Adds a row and prints it: for rows that take a while.
+    pub(crate) fn told(&mut self, cells: Vec<String>) {
+        eprintln!("{}", cells.join(" | "));
+        self.rows.push(cells);
+    }
+
+    /// As Markdown, with an empty line behind it.
+    pub(crate) fn markdown(&self) -> String {
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let rule = "---:|".repeat(self.header.len().saturating_sub(1));
+        let rows: String = self.rows.iter().map(|row| line(row)).collect();
+        format!("{}|---|{rule}\n{rows}\n", line(&self.header))
+    }
+
+    /// For a terminal: columns aligned.
+    pub(crate) fn plain(&self) -> String {
+        let width = |c: usize| {
+            let cells = self.rows.iter().chain([&self.header]).filter_map(|r| r.get(c));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
+        let mut out = String::new();
+        for row in [&self.header].into_iter().chain(&self.rows) {
+            let mut line = String::new();
+            for (c, (cell, w)) in row.iter().zip(&widths).enumerate() {
+                // Names to the left, numbers to the right.
+                let _ =
+                    if c == 0 { write!(line, "{cell:<w$}") } else { write!(line, "  {cell:>w$}") };
+            }
+            let _ = writeln!(out, "{}", line.trim_end());
+        }
+        out
+    }
+}
+
+/// A page in the making.
+pub struct Page {
+    out: PathBuf,
+    text: String,
+    /// With the names of their files.
+    charts: Vec<(PathBuf, Chart)>,
+}
+
+impl Page {
+    /// A page that goes to `out`, relative to the root of the workspace.
+    #[must_use]
+    pub fn new(out: &Path, title: &str) -> Self {
+        let out = scenes::root().join(out);
+        Self { out, text: format!("# {title}\n\n"), charts: Vec::new() }
+    }
+
+    /// Adds a paragraph, or a heading with its `##`.
+    pub fn text(&mut self, text: impl AsRef<str>) {
+        self.text += text.as_ref();
+        self.text += "\n\n";
+    }
+
+    /// Adds a table.
+    pub fn table(&mut self, table: &Table) {
+        self.text += &table.markdown();
+    }
+
+    /// Adds a picture, which has the page's name and `suffix`.
+    pub fn chart(&mut self, suffix: &str, chart: Chart) {
+        let stem = self.out.file_stem().unwrap_or_default().to_string_lossy();
+        let file = format!("{stem}{suffix}.svg");
+        self.text += &format!("![{}]({file})\n\n", chart.title);
+        self.charts.push((self.out.with_file_name(file), chart));
+    }
+
+    /// Writes the page and its pictures.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write(self) -> Result<()> {
+        if let Some(folder) = self.out.parent() {
+            let cannot = || format!("create {}", folder.display());
+            std::fs::create_dir_all(folder).with_context(cannot)?;
+        }
+        let put = |path: &Path, text: &str| {
+            std::fs::write(path, text).with_context(|| format!("write {}", path.display()))
+        };
+        put(&self.out, &format!("{}\n", self.text.trim_end()))?;
+        for (path, chart) in &self.charts {
+            put(path, &chart.svg()?)?;
+        }
+        println!("written: {}", self.out.display());
+        Ok(())
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Words of a page outside its tables.
-    fn words(page: &str) -> usize {
-        let text = page.lines().filter(|l| !l.starts_with('|'));
-        text.map(|l| l.split_whitespace().count()).sum()
+    #[test]
+    fn a_table_is_aligned_on_a_terminal_and_marked_in_markdown() {
+        let mut table = Table::new("name | n");
+        table.row(cells!["a", 10]);
+        table.row(cells!["longer", 7]);
+        assert_eq!(table.plain(), "name     n\na       10\nlonger   7\n");
+        assert_eq!(table.markdown(), "| name | n |\n|---|---:|\n| a | 10 |\n| longer | 7 |\n\n");
     }
 
     #[test]
-    fn every_page_of_results_is_short() {
+    fn a_page_is_written_with_its_pictures() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("folder/page.md");
+        let mut page = Page::new(&out, "Why?");
+        page.text("Because.");
+        page.chart("-fox", crate::chart::tests::sample());
+        page.write().unwrap();
+        let text = std::fs::read_to_string(&out).unwrap();
+        assert_eq!(text, "# Why?\n\nBecause.\n\n![a < b](page-fox.svg)\n");
+        assert!(out.with_file_name("page-fox.svg").is_file());
+    }
+
+    /// Every page of results is short, and its pictures are there.
+    #[test]
+    fn the_pages_of_results_are_short_and_whole() {
         let folder = scenes::root().join("docs/results");
-        for entry in std::fs::read_dir(folder).unwrap() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
             let path = entry.unwrap().path();
-            if path.extension().is_some_and(|e| e == "md") {
-                let words = words(&std::fs::read_to_string(&path).unwrap());
-                assert!(words <= 1500, "{}: {words} words", path.display());
+            if path.extension().is_none_or(|e| e != "md") {
+                continue;
+            }
+            let text = std::fs::read_to_string(&path).unwrap();
+            let prose = text.lines().filter(|l| !l.starts_with('|'));
+            let words: usize = prose.map(|l| l.split_whitespace().count()).sum();
+            assert!(words <= 700, "{}: {words} words", path.display());
+            for link in text.split("](").skip(1).filter_map(|l| l.split([')', '#']).next()) {
+                let here = link.starts_with("http") || folder.join(link).exists();
+                assert!(here, "{}: {link}", path.display());
             }
         }
     }

@@ -11,42 +11,37 @@ use serde::{Deserialize, Serialize};
 use crate::bd::Point;
 
 /// `data/published.json`.
-#[derive(Clone, Debug, Deserialize)]
-pub struct Published {
-    /// By scene name.
-    pub scenes: BTreeMap<String, PublishedScene>,
+#[derive(Deserialize)]
+struct Published {
+    scenes: BTreeMap<String, PublishedScene>,
 }
 
 /// What is published about one scene.
 #[derive(Clone, Debug, Deserialize)]
-pub struct PublishedScene {
-    /// PSNR of the uncompressed model.
-    #[allow(dead_code, reason = "recorded for the reader of the file")]
-    pub uncompressed_psnr_db: f64,
+pub(crate) struct PublishedScene {
     /// Curves.
-    pub lists: Vec<List>,
+    pub(crate) lists: Vec<List>,
 }
 
 /// One published curve.
 #[derive(Clone, Debug, Deserialize)]
-pub struct List {
+pub(crate) struct List {
     /// Codec and configuration.
-    pub name: String,
+    pub(crate) name: String,
     /// Covariance mode, for the paper's own lists.
     #[serde(default)]
-    pub covariance: Option<String>,
+    pub(crate) covariance: Option<String>,
     /// Bits to one unit of the rates below.
-    pub unit_bits: f64,
+    pub(crate) unit_bits: f64,
     /// Rate and PSNR in dB.
-    pub points: Vec<[f64; 2]>,
+    pub(crate) points: Vec<[f64; 2]>,
 }
 
-/// Reads the published points that are built in.
-///
-/// # Errors
-/// If `data/published.json` is not what it should be.
-pub fn read() -> Result<Published> {
-    serde_json::from_str(include_str!("../data/published.json")).context("data/published.json")
+/// The published points that are built in, by scene name.
+pub(crate) fn read() -> Result<BTreeMap<String, PublishedScene>> {
+    let text = include_str!("../data/published.json");
+    let all: Published = serde_json::from_str(text).context("data/published.json")?;
+    Ok(all.scenes)
 }
 
 /// A curve of another codec on a scene, in bytes.
@@ -114,10 +109,10 @@ struct Peer {
 
 /// How the names of the paper's lists without initialisation (Fig. 6 and 7) begin; only the
 /// experiments show them.
-pub const NO_INIT: &str = "paper, no initialisation";
+pub(crate) const NO_INIT: &str = "paper, no initialisation";
 
 /// Name of the curve that holds the paper's coding chain as recorded beside a scene.
-pub const PAPER_CHAIN: &str = "paper's chain (TMC13)";
+pub(crate) const PAPER_CHAIN: &str = "paper's chain (TMC13)";
 
 /// What is known of other codecs on the scene in `dir` called `name`.
 ///
@@ -150,7 +145,7 @@ pub fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
             out.push(Other { name, source: "peers.json, recorded".to_owned(), points });
         }
     }
-    if let Some(scene) = read()?.scenes.get(name) {
+    if let Some(scene) = read()?.get(name) {
         out.extend(scene.lists.iter().map(published));
     }
     Ok(out)

@@ -2,7 +2,7 @@
 
 use gs_model::Scene;
 use gsvx::Prepared;
-use voxel::{Cube, Importance, Merge, Strategy};
+use voxel::{Importance, Merge, Strategy};
 
 /// Voxelizes and merges. `importance` has one entry per Gaussian.
 pub(crate) fn voxelized(

@@ -19,9 +19,9 @@ impl Default for CostModel {
     /// The values of the encoder (`gsvx::default_strategy`) at quality 50. At other qualities it
     /// sets `gaussian` anew, since that depends on the attribute steps, and keeps the rest.
     ///
-    /// The bits of the geometry are close to a least-squares fit to octrees that gpcc-lite coded
-    /// (`cargo xtask bench-voxel --only cost`). Cells of four and more children are cheap in the
-    /// fit because they are found at low depths, which are dense and well predicted.
+    /// The bits of the geometry are close to a least-squares fit to octrees that gpcc-lite coded.
+    /// Cells of four and more children are cheap in the fit because they are found at low depths,
+    /// which are dense and well predicted.
     fn default() -> Self {
         Self {
             gaussian: 60.0,

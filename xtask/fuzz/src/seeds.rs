@@ -12,61 +12,51 @@ use std::num::NonZeroUsize;
 use crate::codec::{leaves, plans};
 use crate::common::{self, forge, scene};
 
-/// A target: its name, what it runs, and the longest input worth trying.
-pub type Target = (&'static str, fn(&[u8]) -> bool, usize);
+/// A fuzz target.
+pub struct Target {
+    /// Its name.
+    pub name: &'static str,
+    /// What it runs; returns whether the input was accepted.
+    pub run: fn(&[u8]) -> bool,
+    /// The longest input worth trying.
+    pub max_len: usize,
+    /// Its seeds. They panic if an encoder fails on its own fixture.
+    pub seeds: fn() -> Vec<Vec<u8>>,
+}
+
+const fn target(
+    name: &'static str,
+    run: fn(&[u8]) -> bool,
+    max_len: usize,
+    seeds: fn() -> Vec<Vec<u8>>,
+) -> Target {
+    Target { name, run, max_len, seeds }
+}
 
 /// All targets.
-pub const TARGETS: [Target; 20] = [
-    ("ply", crate::ply, 2048),
-    ("spz", crate::spz, 512),
-    ("splat", crate::splat, 256),
-    ("compressed_ply", crate::compressed_ply, 1024),
-    ("ksplat", crate::ksplat, 384),
-    ("sog", crate::sog, 4096),
-    ("glb", crate::glb, 2048),
-    ("colmap", crate::colmap, 512),
-    ("cameras", crate::cameras, 768),
-    ("gsvx", crate::gsvx, 1024),
-    ("reader", crate::reader, 1024),
-    ("chunk", crate::chunk, 640),
-    ("lossless", crate::lossless, 768),
-    ("geometry", crate::geometry, 256),
-    ("attribute", crate::attribute, 512),
-    ("coder", crate::coder, 256),
-    ("rlgr", crate::rlgr, 256),
-    ("predict", crate::predict, 256),
-    ("checkpoint", crate::checkpoint, 512),
+pub const TARGETS: &[Target] = &[
+    target("ply", crate::ply, 2048, models),
+    target("spz", crate::spz, 512, spz),
+    target("splat", crate::splat, 256, || vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])]),
+    target("compressed_ply", crate::compressed_ply, 1024, || {
+        written(|file, s| ply::compressed::write_to(file, s).expect("written"))
+    }),
+    target("ksplat", crate::ksplat, 384, ksplat),
+    target("sog", crate::sog, 4096, sog),
+    target("glb", crate::glb, 2048, glb),
+    target("colmap", crate::colmap, 512, colmap),
+    target("cameras", crate::cameras, 768, cameras),
+    target("gsvx", crate::gsvx, 1024, whole),
+    target("reader", crate::reader, 1024, in_pieces),
+    target("chunk", crate::chunk, 640, chunks),
+    target("lossless", crate::lossless, 768, lossless),
+    target("geometry", crate::geometry, 256, octrees),
+    target("attribute", crate::attribute, 512, attributes),
+    target("coder", crate::coder, 256, coded),
+    target("rlgr", crate::rlgr, 256, golomb),
+    target("predict", crate::predict, 256, predicted),
+    target("checkpoint", crate::checkpoint, 512, || vec![checkpoint()]),
 ];
-
-/// Seeds of a target.
-///
-/// # Panics
-/// If an encoder fails on its own fixture, or there is no such target.
-#[must_use]
-pub fn of(target: &str) -> Vec<Vec<u8>> {
-    match target {
-        "ply" => models(),
-        "spz" => spz(),
-        "splat" => vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])],
-        "compressed_ply" => written(|file, s| ply::compressed::write_to(file, s).expect("written")),
-        "glb" => glb(),
-        "ksplat" => ksplat(),
-        "sog" => sog(),
-        "colmap" => colmap(),
-        "cameras" => cameras(),
-        "gsvx" => whole(),
-        "reader" => in_pieces(),
-        "chunk" => chunks(),
-        "lossless" => lossless(),
-        "geometry" => octrees(),
-        "attribute" => attributes(),
-        "coder" => coded(),
-        "rlgr" => golomb(),
-        "predict" => predicted(),
-        "checkpoint" => vec![checkpoint()],
-        _ => panic!("{target}: no such target"),
-    }
-}
 
 fn with(byte: u8, rest: &[u8]) -> Vec<u8> {
     [&[byte], rest].concat()
@@ -424,13 +414,14 @@ mod tests {
     #[test]
     fn seeds_are_accepted_and_short_enough() {
         let mut bad = Vec::new();
-        for (target, run, max_len) in TARGETS {
-            let seeds = of(target);
-            let accepted = seeds.iter().filter(|s| run(s)).count();
+        for target in TARGETS {
+            let seeds = (target.seeds)();
+            let accepted = seeds.iter().filter(|s| (target.run)(s)).count();
             let longest = seeds.iter().map(Vec::len).max().unwrap_or(0);
-            println!("{target}: {accepted} of {} seeds accepted, {longest} bytes", seeds.len());
-            if accepted * 2 <= seeds.len() || longest > max_len {
-                bad.push(target);
+            let name = target.name;
+            println!("{name}: {accepted} of {} seeds accepted, {longest} bytes", seeds.len());
+            if accepted * 2 <= seeds.len() || longest > target.max_len {
+                bad.push(name);
             }
         }
         assert!(bad.is_empty(), "{bad:?}");

@@ -1,7 +1,7 @@
 //! A greater quality does not look worse.
 
 use anyhow::{Result, ensure};
-use eval::bench::gsvx::{ALLOWED_DB, Sweep, all_qualities};
+use eval::bench::{ALLOWED_DB, Sweep, all_qualities};
 use eval::scenes;
 
 use super::{Tally, Verdict};

@@ -8,7 +8,7 @@ fn points(list: &[(f64, f64)]) -> Vec<Point> {
 /// All points of the lists whose name starts with `prefix`, both covariance modes.
 fn paper(scene: &str, prefix: &str) -> Vec<Point> {
     let scenes = published::read().unwrap();
-    let lists = &scenes.scenes[scene].lists;
+    let lists = &scenes[scene].lists;
     let chosen = lists.iter().filter(|l| l.name.starts_with(prefix));
     chosen.flat_map(|l| l.points.iter().map(|&[rate, psnr_db]| Point { rate, psnr_db })).collect()
 }

@@ -4,21 +4,14 @@ use anyhow::Result;
 
 use super::{Inputs, Results, page};
 use crate::published::NO_INIT;
-use crate::report::{Block, Section};
 
 pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let mut curves = Vec::new();
     for depth in inputs.depths() {
-        let voxels = inputs.uniform(depth);
-        let codings = inputs.paper_lossy().into_iter().chain(inputs.paper_lossless()).collect();
         let what = format!("uniform, J = {depth}, no initialisation, paper's coding");
-        let parts = [(voxels, codings)];
-        curves.push(inputs.curve(
-            &format!("baseline J={depth}"),
-            what,
-            &parts,
-            inputs.tuning(false),
-        )?);
+        let parts = [(inputs.uniform(depth), inputs.paper())];
+        let name = format!("baseline J={depth}");
+        curves.push(inputs.curve(&name, what, &parts, inputs.tuning(false))?);
     }
     let others = inputs.others(|o| o.name.starts_with(NO_INIT))?;
     let [first, second] = inputs.depths();
@@ -30,14 +23,10 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
          original, and what the initialisation is worth is the next experiment (`--experiment init`).",
         inputs.steps, inputs.steps
     );
-    let chart = page::chart(inputs, "uniform, no initialisation (Fig. 6)", &curves, &others);
-    let parts = vec![
-        Section::open("Curves", vec![Block::Chart(chart, "baseline".into())]),
-        page::tunes(inputs, page::tunes_of(&curves)),
-        page::points(inputs, &curves),
-        page::others(&others),
+    let title = "uniform, no initialisation (Fig. 6)";
+    let sections = vec![
+        page::curves(inputs, title, &curves, &others, "baseline"),
+        page::tunes(inputs, curves.iter().flat_map(|c| &c.voxelized)),
     ];
-    let title = "Baseline (Fig. 6)";
-    let document = page::document(inputs, title, lead, Vec::new(), parts);
-    Ok(Results { document, curves, bd: Vec::new(), others, tools: Vec::new() })
+    Ok(Results { title: "Baseline (Fig. 6)", lead, sections, curves, others, ..Results::default() })
 }

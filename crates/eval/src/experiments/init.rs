@@ -3,13 +3,11 @@
 
 use anyhow::Result;
 
-use super::{Inputs, Results, page, points};
-use crate::chart::{Axis, Chart, Kind, Series};
+use super::{Inputs, Results, compare, page};
 use crate::published::NO_INIT;
-use crate::rd_curve::record::{Tuned, Voxelized};
+use crate::rd_curve::record::Voxelized;
 use crate::rd_curve::stages::Branch;
-use crate::report::sections::{self, BD_TEXT};
-use crate::report::{Block, Section};
+use crate::report::{Block, Section, sections, tunes};
 
 /// A tuned model counts as recovered if it is within this many dB of the original.
 const RECOVERED_DB: f64 = 0.1;
@@ -18,9 +16,8 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let depth = inputs.depth;
     let mut curves = Vec::new();
     for (initialised, name) in [(true, "initialised"), (false, "from nothing")] {
-        let codings = inputs.paper_lossy().into_iter().chain(inputs.paper_lossless()).collect();
         let what = format!("uniform, J = {depth}, {name}, paper's coding");
-        let parts = [(inputs.uniform(depth), codings)];
+        let parts = [(inputs.uniform(depth), inputs.paper())];
         curves.push(inputs.curve(name, what, &parts, inputs.tuning(initialised))?);
     }
     let mut models: Vec<Voxelized> = Vec::new();
@@ -32,102 +29,58 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
             }
         }
     }
-    let tuned = || models.iter().filter_map(|m| m.tuned.as_ref().map(|t| (m, t)));
-    let bd = vec![sections::compare(
-        (&curves[0].name, &points(&curves[0])),
-        (&curves[1].name, &points(&curves[1])),
-    )];
+    let bd = vec![compare(&curves[0], &curves[1])];
     let others = inputs.others(|o| {
         // The paper shows the smaller of its depths here.
         let own = o.name.ends_with("J=11") || o.name.ends_with("J=15");
         own && (o.name.starts_with(NO_INIT) || o.name.starts_with("paper, uniform"))
     })?;
-    let over_size =
-        page::chart(inputs, "with and without initialisation (Fig. 7)", &curves, &others);
-    let over_steps = steps_chart(inputs, "PSNR over steps of the fine-tune", tuned());
-    let near = steps_chart(
-        inputs,
-        "the same, initialised models only",
-        tuned().filter(|(_, t)| t.initialised),
-    );
-    let original = inputs.original.score.psnr_db;
+    let over_steps = |title: &str, stem: &str, all: bool| {
+        let shown = tunes::of(&models).filter(|(_, t)| all || t.initialised);
+        let title = format!("{}: {title}", inputs.scene());
+        Block::Chart(tunes::chart(title, shown, &inputs.original), stem.into())
+    };
     let lead = format!(
         "The paper's Fig. 7: voxelized models fine-tuned for {} steps, beginning with the attributes of the \
          merged Gaussians (averages weighted by what the training cameras see, covariances by matched moments) \
          or with none, at equal steps; uniform and adaptive at two depths. The original model reaches \
-         {original:.3} dB.",
-        inputs.steps
+         {:.3} dB.",
+        inputs.steps, inputs.original.score.psnr_db,
     );
-    let parts = vec![
-        Section::open(
-            "PSNR over steps",
-            vec![
-                Block::Chart(over_steps, "init-steps".into()),
-                Block::Chart(near, "init-steps-near".into()),
-            ],
-        ),
-        page::tunes(inputs, tuned().map(|(m, t)| (m.name.as_str(), m.gaussians, t))),
-        Section::open("Curves", vec![Block::Chart(over_size, "init".into())]),
-        Section::open(
-            "Bjontegaard difference",
-            vec![Block::Text(BD_TEXT.into()), Block::Table(sections::bd_table(&bd))],
-        ),
-        page::points(inputs, &curves),
-        page::others(&others),
+    let steps = vec![
+        over_steps("PSNR over steps of the fine-tune", "init-steps", true),
+        over_steps("the same, initialised models only", "init-steps-near", false),
     ];
-    let title = "Initialisation (Fig. 7)";
-    let highlights = highlights(inputs, tuned());
-    let document = page::document(inputs, title, lead, highlights, parts);
-    Ok(Results { document, curves, bd, others, tools: Vec::new() })
+    let sections = vec![
+        Section::open("PSNR over steps", steps),
+        page::tunes(inputs, &models),
+        page::curves(inputs, "with and without initialisation (Fig. 7)", &curves, &others, "init"),
+        sections::differences("Bjontegaard difference", &bd),
+    ];
+    let (title, highlights) = ("Initialisation (Fig. 7)", vec![highlight(inputs, &models)]);
+    Ok(Results { title, lead, highlights, sections, curves, bd, others, ..Results::default() })
 }
 
-fn last_db(tuned: &Tuned) -> f64 {
-    tuned.held_out_db.last().map_or(f64::NAN, |l| l.1)
-}
-
-fn highlights<'a>(
-    inputs: &Inputs<'_>,
-    models: impl Iterator<Item = (&'a Voxelized, &'a Tuned)>,
-) -> Vec<(String, String)> {
+/// The smallest model that the fine-tune brought back.
+fn highlight(inputs: &Inputs<'_>, models: &[Voxelized]) -> (String, String) {
     let original = inputs.original.score.psnr_db;
-    let mut back: Vec<(&Voxelized, &Tuned)> =
-        models.filter(|(_, t)| t.initialised && last_db(t) >= original - RECOVERED_DB).collect();
-    // The smallest recovered model is reported.
-    back.sort_by_key(|(m, _)| m.gaussians);
-    match back.first() {
-        Some((m, t)) => vec![(
-            format!("{:+.2} dB", last_db(t) - original),
+    let back = tunes::of(models)
+        .filter(|(_, t)| t.initialised && t.last_db() >= original - RECOVERED_DB)
+        .min_by_key(|(m, _)| m.gaussians);
+    match back {
+        Some((m, t)) => (
+            format!("{:+.2} dB", t.last_db() - original),
             format!(
                 "from the original after {} steps: `{}`, {} Gaussians, {:.0} s",
                 t.steps, m.what, m.gaussians, t.seconds
             ),
-        )],
-        None => vec![(
+        ),
+        None => (
             "not recovered".into(),
             format!(
                 "no model came within {RECOVERED_DB} dB of the original in {} steps",
                 inputs.steps
             ),
-        )],
+        ),
     }
-}
-
-fn steps_chart<'a>(
-    inputs: &Inputs<'_>,
-    title: &str,
-    models: impl Iterator<Item = (&'a Voxelized, &'a Tuned)>,
-) -> Chart {
-    let line = |(m, t): (&Voxelized, &Tuned)| Series {
-        name: format!("{}, {}", m.what, if t.initialised { "initialised" } else { "from nothing" }),
-        kind: if t.initialised { Kind::Ours } else { Kind::Theirs },
-        points: t.held_out_db.iter().map(|&(step, db)| (step as f64, db)).collect(),
-    };
-    let original = inputs.original.score.psnr_db;
-    Chart::new(
-        format!("{}: {title}", inputs.scene()),
-        Axis::linear("steps, one training view each"),
-        Axis::linear("PSNR at held-out views, dB"),
-        models.map(line).collect(),
-        Some((original, format!("original model, {original:.2} dB"))),
-    )
 }

@@ -20,17 +20,17 @@ use voxel::Strategy;
 use crate::manifest::Manifest;
 use crate::peers::Outcome;
 use crate::published::Other;
-use crate::rd_curve::plan::{Coding, PAPER_QPS, Rule, Voxels};
+use crate::rd_curve::Options;
+use crate::rd_curve::plan::{Coding, PAPER_QPS, Voxels};
 use crate::rd_curve::record::{Bd, Curve, Original};
 use crate::rd_curve::stages::Branch;
 use crate::rd_curve::study::Study;
 use crate::rd_curve::tune::Tuning;
-use crate::rd_curve::{Options, report_of};
-use crate::report::Document;
+use crate::report::{Section, sections};
 
 /// An experiment of the paper.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Experiment {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Experiment {
     /// Fig. 6: uniform voxelization at two depths, fine-tuned without initialisation.
     Baseline,
     /// Fig. 7: fine-tuned with and without the initialisation, at two depths.
@@ -42,7 +42,7 @@ pub enum Experiment {
 }
 
 /// Steps of every fine-tune unless given: about a minute on two cores. The paper takes 8000 to 30000.
-pub(crate) const STEPS: u64 = 400;
+const STEPS: u64 = 400;
 /// The second depth is this much deeper than the first.
 const DEEPER: u8 = 2;
 /// The paper's adaptive trees reach from so many levels above the uniform depth to so many below.
@@ -55,22 +55,6 @@ const TUNED_AT: [f32; 3] = [34.0, 62.0, 90.0];
 fn nearest(quality: f32) -> f32 {
     let distance = |at: &f32| (at - quality).abs();
     TUNED_AT.into_iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(TUNED_AT[0])
-}
-
-impl Experiment {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Baseline, Self::Init, Self::Adaptive, Self::Sota];
-
-    /// Name, as given on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Baseline => "baseline",
-            Self::Init => "init",
-            Self::Adaptive => "adaptive",
-            Self::Sota => "sota",
-        }
-    }
 }
 
 /// What an experiment works on.
@@ -99,88 +83,76 @@ struct Record<'a> {
 }
 
 /// Results of an experiment.
+#[derive(Default)]
 struct Results {
-    document: Document,
+    title: &'static str,
+    lead: String,
+    highlights: Vec<(String, String)>,
+    /// Of its own, before those that all experiments have.
+    sections: Vec<Section>,
     curves: Vec<Curve>,
     bd: Vec<Bd>,
     others: Vec<Other>,
     tools: Vec<Outcome>,
 }
 
-/// Runs an experiment, prints its tables and writes its folder.
-///
-/// # Errors
-/// If the scene cannot be read, an option is out of range or a file cannot be written.
-pub fn run(experiment: Experiment, options: &Options) -> Result<()> {
-    report_of(options, |study, qualities| written(experiment, study, options, qualities))
-}
-
-/// Runs an experiment and writes its folder. Returns the path of the page.
-fn written(
-    experiment: Experiment,
-    study: &Study,
-    options: &Options,
-    qualities: &[f32],
-) -> Result<PathBuf> {
-    let original = study.original()?;
-    let depth = study.depth(options.depth)?;
-    let steps = options.finetune.unwrap_or(STEPS);
-    let inputs = Inputs { study, options, qualities, original, depth, steps };
-    let results = match experiment {
-        Experiment::Baseline => baseline::run(&inputs)?,
-        Experiment::Init => init::run(&inputs)?,
-        Experiment::Adaptive => adaptive::run(&inputs)?,
-        Experiment::Sota => sota::run(&inputs)?,
-    };
-    let name = experiment.name();
-    let out = study.out.join(name);
-    fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
-    let record = Record {
-        experiment: name,
-        scene: &study.test.files.name,
-        measured: study.test.held_out.len(),
-        original: &inputs.original,
-        curves: &results.curves,
-        bd: &results.bd,
-        others: &results.others,
-        tools: &results.tools,
-        manifest: study.manifest(),
-    };
-    let json = out.join(format!("{name}.json"));
-    let text = serde_json::to_string_pretty(&record).context("record of an experiment")? + "\n";
-    fs::write(&json, text).with_context(|| format!("write {}", json.display()))?;
-    results.document.write(&out)?;
-    page::print(&results.document);
-    Ok(out.join("report.html"))
+impl Experiment {
+    /// Runs it, prints its tables and writes its folder, which is returned.
+    pub(crate) fn run(
+        self,
+        study: &Study,
+        options: &Options,
+        qualities: &[f32],
+    ) -> Result<PathBuf> {
+        let original = study.original()?;
+        let depth = study.depth(options.depth)?;
+        let steps = options.finetune.unwrap_or(STEPS);
+        let inputs = Inputs { study, options, qualities, original, depth, steps };
+        let (name, results) = match self {
+            Self::Baseline => ("baseline", baseline::run(&inputs)?),
+            Self::Init => ("init", init::run(&inputs)?),
+            Self::Adaptive => ("adaptive", adaptive::run(&inputs)?),
+            Self::Sota => ("sota", sota::run(&inputs)?),
+        };
+        let out = study.out.join(name);
+        fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
+        let record = Record {
+            experiment: name,
+            scene: &study.test.files.name,
+            measured: study.test.held_out.len(),
+            original: &inputs.original,
+            curves: &results.curves,
+            bd: &results.bd,
+            others: &results.others,
+            tools: &results.tools,
+            manifest: study.manifest(),
+        };
+        let json = out.join(format!("{name}.json"));
+        let text = serde_json::to_string_pretty(&record).context("record of an experiment")?;
+        fs::write(&json, text + "\n").with_context(|| format!("write {}", json.display()))?;
+        let document = page::document(&inputs, results);
+        document.write(&out)?;
+        document.print();
+        Ok(out)
+    }
 }
 
 impl Inputs<'_> {
     fn uniform(&self, depth: u8) -> Voxels {
-        Voxels {
-            name: format!("uniform-{depth}"),
-            what: format!("uniform, J = {depth}"),
-            rule: Rule::Fixed(Strategy::Uniform { depth }),
-        }
+        named(Voxels::fixed(Strategy::Uniform { depth }), format!("uniform, J = {depth}"))
     }
 
     /// The paper's adaptive criteria around a uniform depth.
     fn adaptive(&self, depth: u8) -> Voxels {
         let around = (depth.saturating_sub(ABOVE).max(1), (depth + BELOW).min(20));
         let (low, high) = self.options.adaptive.filter(|_| depth == self.depth).unwrap_or(around);
-        Voxels {
-            name: format!("paper-criteria-{low}-{high}"),
-            what: format!("paper's criteria, J = {low} to {high}"),
-            rule: Rule::Fixed(Strategy::paper(low, high)),
-        }
+        let what = format!("paper's criteria, J = {low} to {high}");
+        named(Voxels::fixed(Strategy::paper(low, high)), what)
     }
 
     /// The codec's own voxelization at a quality.
     fn default(&self, quality: f32) -> Voxels {
-        Voxels {
-            name: format!("gsvx-q{quality:.0}"),
-            what: format!("gsvx, quality {quality:.0}"),
-            rule: Rule::Default(quality),
-        }
+        named(Voxels::default(quality), format!("gsvx, quality {quality:.0}"))
     }
 
     /// The codec's own voxelizations that are tuned, each with the qualities near it. As without a
@@ -223,14 +195,11 @@ impl Inputs<'_> {
         Ok(Curve { name: name.to_owned(), what, voxelized, points })
     }
 
-    /// The paper's coding at all QPs with the codebook.
-    fn paper_lossy(&self) -> Vec<Coding> {
-        (0..PAPER_QPS.len()).map(|i| Coding::of_triple(i, false, None)).collect()
-    }
-
-    /// The paper's coding with lossless covariance, at the upper half of the QPs.
-    fn paper_lossless(&self) -> Vec<Coding> {
-        (PAPER_QPS.len() / 2..PAPER_QPS.len()).map(|i| Coding::of_triple(i, true, None)).collect()
+    /// The paper's coding at all QPs with the codebook, and at the upper half with lossless covariance.
+    fn paper(&self) -> Vec<Coding> {
+        let n = PAPER_QPS.len();
+        let lossy = (0..n).map(|i| Coding::of_triple(i, false, None));
+        lossy.chain((n / 2..n).map(|i| Coding::of_triple(i, true, None))).collect()
     }
 
     /// The codec's own coding at the run's qualities.
@@ -252,9 +221,14 @@ impl Inputs<'_> {
     }
 }
 
-/// The size and quality that a chart shows of a curve's points.
-fn points(curve: &Curve) -> Vec<crate::bd::Point> {
-    curve.rates()
+/// The voxelization in other words, which a chart of several kinds needs.
+fn named(voxels: Voxels, what: String) -> Voxels {
+    Voxels { what, ..voxels }
+}
+
+/// Bjontegaard differences of curves.
+fn compare(test: &Curve, anchor: &Curve) -> Bd {
+    sections::compare((&test.name, &test.rates()), (&anchor.name, &anchor.rates()))
 }
 
 #[cfg(test)]

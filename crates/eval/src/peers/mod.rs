@@ -1,11 +1,10 @@
 //! Other projects' codecs, run as their own tools on the same model: SPZ, splat-transform and the
-//! paper's chain around tmc3. Each implements [`Codec`].
+//! paper's chain around tmc3.
 //!
 //! A tool that is absent or fails is a line of the report, not an error: the curves of this project
 //! do not depend on them.
 
-mod splat_transform;
-mod spz;
+mod converter;
 mod tmc3;
 mod tool;
 
@@ -18,37 +17,39 @@ use gs_model::ply::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions};
 use serde::{Deserialize, Serialize};
 
 use crate::cache::{self, Cache};
-use crate::codec::{Codec, measure_point};
+use crate::cells;
+use crate::codec::{Codec, Point, measure_point};
+use crate::page::Table;
 use crate::published::{Other, OtherPoint};
-use crate::report::{Table, megabits};
+use crate::report::megabits;
 use crate::scenes::TestScene;
 
-pub use splat_transform::{Format, SplatTransform};
-pub use spz::Spz;
-pub use tmc3::Tmc3;
+use converter::Converter;
+use tmc3::Tmc3;
 
 /// Which peers run, and where their tools are.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// MPEG's tmc3, for the paper's own chain; on the PATH if not given.
-    pub tmc3: Option<PathBuf>,
-    /// Folder with SPZ's `ply_to_spz` and `spz_to_ply`; on the PATH if not given.
-    pub spz: Option<PathBuf>,
-    /// PlayCanvas' splat-transform; on the PATH if not given.
-    pub splat_transform: Option<PathBuf>,
-    /// Let splat-transform make SOG too. Without a GPU that is hours of k-means.
-    pub sog: bool,
-    /// Longest run of a tool.
-    pub limit: Duration,
-    /// Run no peer.
-    pub none: bool,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        let limit = Duration::from_secs(600);
-        Self { tmc3: None, spz: None, splat_transform: None, sog: false, limit, none: false }
-    }
+#[derive(Clone, Debug, clap::Args)]
+#[cfg_attr(test, derive(Default))]
+#[command(next_help_heading = "Peers")]
+pub(crate) struct Options {
+    /// MPEG's tmc3, for the paper's own chain [default: on the PATH]
+    #[arg(long, value_name = "FILE")]
+    tmc3: Option<PathBuf>,
+    /// Folder with SPZ's ply_to_spz and spz_to_ply [default: on the PATH]
+    #[arg(long, value_name = "DIR")]
+    spz: Option<PathBuf>,
+    /// PlayCanvas' splat-transform [default: on the PATH]
+    #[arg(long, value_name = "FILE")]
+    splat_transform: Option<PathBuf>,
+    /// Let splat-transform make SOG too: without a GPU, hours of k-means
+    #[arg(long)]
+    sog: bool,
+    /// Longest run of a peer's tool, in seconds
+    #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..))]
+    peer_seconds: u64,
+    /// Run no peer
+    #[arg(long)]
+    pub(crate) no_peers: bool,
 }
 
 /// What came of one peer at one setting.
@@ -67,28 +68,11 @@ pub(crate) struct Outcome {
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Fate {
     /// It ran.
-    Measured(Measured),
+    Measured(Point),
     /// It is not here.
     Absent(String),
     /// It is here, but it failed.
     Failed(String),
-}
-
-/// A peer's point.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Measured {
-    /// Size of its stream.
-    pub(crate) bytes: u64,
-    /// Gaussians decoded.
-    pub(crate) gaussians: usize,
-    /// Mean PSNR at the held-out views, dB.
-    pub(crate) psnr_db: f64,
-    /// Mean SSIM.
-    pub(crate) ssim: f64,
-    /// Seconds of its encoder processes.
-    pub(crate) encode_seconds: f64,
-    /// Seconds of its decoder processes.
-    pub(crate) decode_seconds: f64,
 }
 
 impl Outcome {
@@ -106,31 +90,24 @@ impl Outcome {
     }
 }
 
+/// A peer at one setting.
+struct Setting<'a> {
+    peer: &'a str,
+    settings: &'a str,
+    /// Its program, whose hash tells versions apart.
+    tool: &'a Path,
+    codec: &'a dyn Codec,
+    quality: f32,
+}
+
 /// Runs one peer at one setting, unless that was done before with the same tool.
-fn measured(
-    cache: &Cache,
-    scene: &TestScene,
-    (peer, settings): (&str, &str),
-    tool: &Path,
-    (codec, quality): (&dyn Codec, f32),
-) -> Result<Outcome> {
-    let key = (cache::hash_file(tool)?, peer, settings);
-    let measure = || -> Result<Measured> {
-        let point = measure_point(codec, scene, quality)?;
-        Ok(Measured {
-            bytes: point.bytes,
-            gaussians: point.gaussians,
-            psnr_db: point.score.psnr_db,
-            ssim: point.score.ssim,
-            encode_seconds: point.encode_seconds,
-            decode_seconds: point.decode_seconds,
-        })
-    };
-    let fate = match cache.run("peer", &key, measure) {
-        Ok(measured) => Fate::Measured(measured),
+fn measured(cache: &Cache, scene: &TestScene, of: &Setting<'_>) -> Result<Outcome> {
+    let key = (cache::hash_file(of.tool)?, of.peer, of.settings);
+    let fate = match cache.run("peer", &key, || measure_point(of.codec, scene, of.quality)) {
+        Ok(point) => Fate::Measured(point),
         Err(why) => Fate::Failed(format!("{why:#}").replace('\n', " ")),
     };
-    Ok(Outcome { peer: peer.into(), settings: settings.into(), fate })
+    Ok(Outcome { peer: of.peer.into(), settings: of.settings.into(), fate })
 }
 
 /// Reads what a peer decoded. Opacities of 0 and 1 come as infinite logits from codecs of 8-bit
@@ -148,70 +125,65 @@ pub(crate) fn run(
     scene: &TestScene,
     depth: u8,
 ) -> Result<Vec<Outcome>> {
-    if options.none {
+    if options.no_peers {
         return Ok(Vec::new());
     }
-    let limit = options.limit;
+    let limit = Duration::from_secs(options.peer_seconds);
     let mut out = Vec::new();
-    match Spz::find(options.spz.as_deref(), limit) {
-        Ok(spz) => {
-            out.push(measured(cache, scene, ("SPZ", "default"), spz.program(), (&spz, 0.0))?);
-        }
-        Err(why) => out.push(Outcome::absent("SPZ", why)),
-    }
-    let given = options.splat_transform.as_deref();
-    for format in Format::ALL {
-        match SplatTransform::find(given, format, limit) {
-            Err(why) => {
-                out.push(Outcome::absent("splat-transform", why));
-                break;
-            }
-            Ok(_) if format == Format::Sog && !options.sog => out.push(Outcome::absent(
-                "splat-transform, SOG",
-                "hours of k-means without a GPU; --sog --peer-seconds N runs it",
-            )),
+    let mut convert = |peer: &str, found: Result<Converter, String>| -> Result<()> {
+        out.push(match found {
+            Err(why) => Outcome::absent(peer, why),
             Ok(codec) => {
-                let names = ("splat-transform", format.name());
-                out.push(measured(cache, scene, names, codec.program(), (&codec, 0.0))?);
+                let (settings, tool) = (codec.format, codec.program());
+                measured(
+                    cache,
+                    scene,
+                    &Setting { peer, settings, tool, codec: &codec, quality: 0.0 },
+                )?
             }
-        }
+        });
+        Ok(())
+    };
+    convert("SPZ", Converter::spz(options.spz.as_deref(), limit))?;
+    let given = options.splat_transform.as_deref();
+    for format in [converter::COMPRESSED_PLY, converter::SPZ] {
+        convert("splat-transform", Converter::splat_transform(given, format, limit))?;
     }
+    let sog = match options.sog {
+        true => Converter::splat_transform(given, converter::SOG, limit),
+        false => Err("hours of k-means without a GPU; --sog --peer-seconds N runs it".into()),
+    };
+    convert(if sog.is_ok() { "splat-transform" } else { "splat-transform, SOG" }, sog)?;
     match Tmc3::find(options.tmc3.as_deref(), depth, limit) {
         Ok(tmc3) => {
             for quality in tmc3::QUALITIES {
-                let settings = tmc3.settings(quality);
-                let codec: (&dyn Codec, f32) = (&tmc3, quality);
-                out.push(measured(cache, scene, ("tmc3", &settings), tmc3.program(), codec)?);
+                let (settings, tool) = (&tmc3.settings(quality), tmc3.program());
+                let of = Setting { peer: "tmc3", settings, tool, codec: &tmc3, quality };
+                out.push(measured(cache, scene, &of)?);
             }
         }
         Err(why) => out.push(Outcome::absent("tmc3", why)),
     }
+    // Without splat-transform, neither of its formats is there: one line.
+    out.dedup_by_key(|o| o.absence().unwrap_or(o.settings.clone()));
     Ok(out)
 }
 
 /// The points of those that ran.
 pub(crate) fn table(all: &[Outcome]) -> Table {
-    let mut table = Table::new(&[
-        "peer",
-        "settings",
-        "bytes",
-        "Mbit",
-        "PSNR dB",
-        "SSIM",
-        "Gaussians",
-        "encode s",
-        "decode s",
-    ]);
+    let mut table = Table::new(
+        "peer | settings | bytes | Mbit | PSNR dB | SSIM | Gaussians | encode s | decode s",
+    );
     for outcome in all {
         let Fate::Measured(m) = &outcome.fate else { continue };
-        table.rows.push(vec![
-            outcome.peer.clone(),
-            outcome.settings.clone(),
-            m.bytes.to_string(),
+        table.row(cells![
+            outcome.peer,
+            outcome.settings,
+            m.bytes,
             megabits(m.bytes),
-            format!("{:.3}", m.psnr_db),
-            format!("{:.4}", m.ssim),
-            m.gaussians.to_string(),
+            format!("{:.3}", m.score.psnr_db),
+            format!("{:.4}", m.score.ssim),
+            m.gaussians,
             format!("{:.2}", m.encode_seconds),
             format!("{:.2}", m.decode_seconds),
         ]);
@@ -227,8 +199,8 @@ pub(crate) fn curves(all: &[Outcome]) -> Vec<Other> {
         let point = OtherPoint {
             label: outcome.settings.clone(),
             bytes: m.bytes,
-            psnr_db: m.psnr_db,
-            ssim: Some(m.ssim),
+            psnr_db: m.score.psnr_db,
+            ssim: Some(m.score.ssim),
         };
         let name = match outcome.peer.as_str() {
             "tmc3" => "paper's chain (tmc3)".to_owned(),

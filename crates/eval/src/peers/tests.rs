@@ -6,7 +6,6 @@ use std::os::unix::fs::PermissionsExt as _;
 
 use super::*;
 use crate::measure;
-use crate::progress::Bar;
 
 /// An executable shell script.
 fn script(dir: &Path, name: &str, body: &str) -> PathBuf {
@@ -52,11 +51,11 @@ impl Setup {
     }
 
     fn original_db(&self) -> f64 {
-        measure::score(&self.scene.model, &self.scene.held_out, &Bar::hidden()).0.psnr_db
+        measure::psnr_db(&self.scene.model, &self.scene.held_out)
     }
 }
 
-fn measured(all: &[Outcome], peer: &str) -> Vec<Measured> {
+fn measured(all: &[Outcome], peer: &str) -> Vec<Point> {
     let of = |o: &Outcome| match &o.fate {
         Fate::Measured(m) if o.peer == peer => Some(m.clone()),
         _ => None,
@@ -75,7 +74,7 @@ fn every_peer_is_run_decoded_and_scored() {
         tmc3: Some(script(&tools, "tmc3", TMC3)),
         spz: Some(tools.clone()),
         splat_transform: Some(script(&tools, "splat-transform", COPY)),
-        limit: Duration::from_secs(60),
+        peer_seconds: 60,
         ..Options::default()
     };
     let all = setup.run(&options);
@@ -83,7 +82,10 @@ fn every_peer_is_run_decoded_and_scored() {
     let file = fs::metadata(&setup.scene.files.dataset.model_path).unwrap().len();
     for peer in ["SPZ", "splat-transform"] {
         for point in measured(&all, peer) {
-            assert!((point.psnr_db - original).abs() < 1e-9 && point.bytes == file, "{point:?}");
+            assert!(
+                (point.score.psnr_db - original).abs() < 1e-9 && point.bytes == file,
+                "{point:?}"
+            );
             assert_eq!(point.gaussians, setup.scene.model.len());
         }
     }
@@ -92,7 +94,7 @@ fn every_peer_is_run_decoded_and_scored() {
     assert_eq!(chain.len(), 3);
     // Positions once, 16 colours, 8 scalars; what is lost is the voxels and the authors' integers.
     assert_eq!(chain[0].bytes, 100 + 16 * 20 + 8 * 3);
-    assert!(chain[0].psnr_db > original - 3.0, "{} of {original}", chain[0].psnr_db);
+    assert!(chain[0].score.psnr_db > original - 3.0, "{} of {original}", chain[0].score.psnr_db);
     assert_eq!(table(&all).rows.len(), 6);
     assert_eq!(curves(&all).len(), 4);
     let again = setup.run(&options);
@@ -115,7 +117,7 @@ fn absent_and_failing_tools_are_lines_not_errors() {
             "splat-transform",
             "echo first >&2; echo 'no memory' >&2; exit 3",
         )),
-        limit: Duration::from_secs(60),
+        peer_seconds: 60,
         ..Options::default()
     };
     let lines: Vec<String> = setup.run(&options).iter().filter_map(Outcome::absence).collect();
@@ -128,10 +130,10 @@ fn absent_and_failing_tools_are_lines_not_errors() {
         splat_transform: Some(script(&tools, "slow", "exec sleep 60")),
         spz: Some(tools.join("nowhere")),
         tmc3: Some(tools.join("nowhere")),
-        limit: Duration::from_secs(1),
+        peer_seconds: 1,
         ..Options::default()
     };
     let lines: Vec<String> = setup.run(&options).iter().filter_map(Outcome::absence).collect();
     assert!(lines.iter().any(|l| l.contains("stopped after 1 s")), "{lines:?}");
-    assert!(setup.run(&Options { none: true, ..options }).is_empty());
+    assert!(setup.run(&Options { no_peers: true, ..options }).is_empty());
 }

@@ -6,7 +6,6 @@
 //! does not count.
 
 mod channels;
-mod ply;
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -18,11 +17,12 @@ use serde::{Deserialize, Serialize};
 use voxel::{Cube, Merge, Strategy};
 
 use super::tool;
+use crate::cloud::{self, Channels};
 use crate::codec::Codec;
 use crate::paper_chain::PaperQp;
 use crate::rd_curve::plan::{Coding, PAPER_CODING};
 use crate::scenes::TestScene;
-use channels::{Channels, Part};
+use channels::Part;
 
 /// Qualities whose QPs are on the hull of the authors' published curves, greatest rate last.
 pub(super) const QUALITIES: [f32; 3] = [34.0, 62.0, 90.0];
@@ -40,7 +40,7 @@ const COVARIANCE: &str = "--mode=0 --mergeDuplicatedPoints=0 --positionQuantizat
      --adaptivePredictionThreshold=64 --bitdepth=16 --attrOffset=0 --attrScale=1 --attribute=reflectance";
 
 /// The paper's chain. The quality chooses the QPs, as for the paper's coding of `rd_curve`.
-pub struct Tmc3 {
+pub(super) struct Tmc3 {
     program: PathBuf,
     depth: u8,
     limit: Duration,
@@ -60,24 +60,18 @@ struct Header {
 }
 
 impl Tmc3 {
-    /// The program `given`, or the one on the PATH. `depth` is that of the uniform octree, `limit`
-    /// the longest run of the program.
-    ///
-    /// # Errors
-    /// Says what is missing.
-    pub fn find(given: Option<&Path>, depth: u8, limit: Duration) -> Result<Self, String> {
+    /// The program `given`, or the one on the PATH; or what is missing. `depth` is that of the uniform octree,
+    /// `limit` the longest run of the program.
+    pub(super) fn find(given: Option<&Path>, depth: u8, limit: Duration) -> Result<Self, String> {
         Ok(Self { program: tool::find(given, "tmc3")?, depth, limit })
     }
 
-    /// The program.
-    #[must_use]
-    pub fn program(&self) -> &Path {
+    pub(super) fn program(&self) -> &Path {
         &self.program
     }
 
     /// The settings at a quality, in words.
-    #[must_use]
-    pub fn settings(&self, quality: f32) -> String {
+    pub(super) fn settings(&self, quality: f32) -> String {
         let PaperQp { ac, dc, opacity } = Self::qps(quality);
         format!("paper's chain, J = {}, QP {ac}/{dc}/{opacity}, lossless covariance", self.depth)
     }
@@ -94,25 +88,25 @@ impl Tmc3 {
         channels: &Channels,
         (options, qp): (&str, u8),
     ) -> Result<(Vec<u8>, [u64; 2])> {
-        let (stream, done) = tool::written("stream.bin", |dir, stream| {
-            let input = dir.join("in.ply");
-            ply::write(&input, positions, channels)?;
-            let mut args: Vec<String> = options.split_whitespace().map(str::to_owned).collect();
-            // tmc3 ignores it at this setting, but the authors give it.
-            if options.contains("--partitionMethod") {
-                args.push(format!("--partitionOctreeDepth={}", self.depth));
-            }
-            args.push(format!("--qp={qp}"));
-            args.push(format!("--uncompressedDataPath={}", input.display()));
-            args.push(format!("--compressedStreamPath={}", stream.display()));
-            tool::run(&self.program, &args, dir, self.limit)
-        })?;
+        let dir = tempfile::tempdir().context("make a folder for a tool")?;
+        let (input, stream) = (dir.path().join("in.ply"), dir.path().join("stream.bin"));
+        cloud::write(&input, positions, channels)?;
+        let mut args: Vec<String> = options.split_whitespace().map(str::to_owned).collect();
+        // tmc3 ignores it at this setting, but the authors give it.
+        if options.contains("--partitionMethod") {
+            args.push(format!("--partitionOctreeDepth={}", self.depth));
+        }
+        args.push(format!("--qp={qp}"));
+        args.push(format!("--uncompressedDataPath={}", input.display()));
+        args.push(format!("--compressedStreamPath={}", stream.display()));
+        let printed = tool::run(&self.program, &args, dir.path(), self.limit)?;
         let kind = if channels.is_colour() { "colors" } else { "reflectances" };
-        Ok((stream, [payload(&done.stdout, "positions")?, payload(&done.stdout, kind)?]))
+        let bytes = [payload(&printed, "positions")?, payload(&printed, kind)?];
+        Ok((tool::contents(&stream)?, bytes))
     }
 
-    /// Decodes one attribute, in Morton order of the positions.
-    fn decode_part(&self, stream: &[u8], colour: bool) -> Result<(Vec<[u32; 3]>, Channels)> {
+    /// Decodes one attribute.
+    fn decode_part(&self, stream: &[u8]) -> Result<(Vec<[u32; 3]>, Channels)> {
         let dir = tempfile::tempdir().context("make a folder for a tool")?;
         let (input, back) = (dir.path().join("stream.bin"), dir.path().join("out.ply"));
         std::fs::write(&input, stream).with_context(|| format!("write {}", input.display()))?;
@@ -123,10 +117,7 @@ impl Tmc3 {
             format!("--reconstructedDataPath={}", back.display()),
         ];
         tool::run(&self.program, &args, dir.path(), self.limit)?;
-        let (positions, values) = ply::read(&back, colour)?;
-        let mut order: Vec<usize> = (0..positions.len()).collect();
-        order.sort_unstable_by_key(|&i| morton::encode(positions[i]));
-        Ok((order.iter().map(|&i| positions[i]).collect(), values.reordered(&order)))
+        cloud::read(&back)
     }
 }
 
@@ -185,7 +176,7 @@ impl Codec for Tmc3 {
         for (part, (len, bits)) in parts.into_iter().zip(&header.parts) {
             let (own, behind) = rest.split_at_checked(*len).context("an attribute is cut off")?;
             rest = behind;
-            let (positions, channels) = self.decode_part(own, part.is_colour())?;
+            let (positions, channels) = self.decode_part(own)?;
             if first.is_none() {
                 scene = blank(&positions, &cube, &header);
             }

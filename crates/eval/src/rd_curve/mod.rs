@@ -18,96 +18,109 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use clap::{Args as _, FromArgMatches as _};
 
-use crate::measure;
-use crate::peers;
-use crate::pictures;
-use crate::published;
+use crate::experiments::Experiment;
+use crate::process::Gsvx;
 use crate::report::{self, sections};
+use crate::{measure, peers, pictures, published};
 use plan::{Coding, GSVX, TUNED, slug};
 use record::{Bd, Curve, Picture, Run};
 use stages::Branch;
 use study::{PICTURE_VIEWS, Study};
 use tune::Tuning;
 
-pub use plan::parse_depths;
-pub use size::run as size;
+pub use size::{Options as SizeOptions, run as size};
 pub use streams::Effort;
 
-/// What [`run`] does.
-#[derive(Clone, Debug)]
+/// Flags of `cargo xtask rd-curve`.
+#[derive(Clone, Debug, clap::Args)]
 pub struct Options {
-    /// A name of `scenes.toml`, or a folder with model, cameras and photos.
-    pub scene: String,
-    /// Folder of the report; `out/rd/SCENE` if not given.
-    pub out: Option<PathBuf>,
-    /// Measure at most this many held-out views.
-    pub views: usize,
-    /// Rates per curve, at least 2.
-    pub rates: usize,
-    /// Depth of the uniform octree; chosen by rendering if not given, deeper at higher rates.
-    pub depth: Option<u8>,
-    /// Lowest and highest depth of the paper's adaptive octree; around the uniform depth if not
-    /// given.
-    pub adaptive: Option<(u8, u8)>,
-    /// Steps of a fine-tune of each voxelized model against the training photos. None if not given;
-    /// experiments then take 400.
-    pub finetune: Option<u64>,
-    /// Draw the curve of `gsvx tune` too: the command, relative to the root of the workspace, and how
-    /// long it tunes.
-    pub tune: Option<(PathBuf, Effort)>,
-    /// Run every stage, done before or not.
-    pub fresh: bool,
-    /// Other codecs' tools.
-    pub peers: peers::Options,
+    /// A folder with model, cameras and photos, or a name from crates/eval/scenes.toml
+    #[arg(default_value = crate::scenes::DEFAULT)]
+    pub(crate) scene: String,
+    /// Folder of the report [default: out/rd/SCENE]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Measure at most this many held-out views
+    #[arg(long)]
+    views: Option<usize>,
+    /// Rates per curve [default: 6]
+    #[arg(long)]
+    rates: Option<usize>,
+    /// Two views, five rates
+    #[arg(long)]
+    quick: bool,
+    /// Depth of the uniform octree [default: chosen by rendering, deeper at higher rates]
+    #[arg(long)]
+    pub(crate) depth: Option<u8>,
+    /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
+    #[arg(long, value_parser = plan::parse_depths)]
+    pub(crate) adaptive: Option<(u8, u8)>,
+    /// Fine-tune each voxelized model against the training photos for this many steps [default:
+    /// none; experiments: 400]
+    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) finetune: Option<u64>,
+    /// One of the paper's experiments instead of the default curves
+    #[arg(long)]
+    experiment: Option<Experiment>,
+    /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long
+    #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
+        default_missing_value = "normal", hide_possible_values = true)]
+    tune: Option<Effort>,
+    /// The command that tunes
+    #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
+    /// Run every stage, done before or not
+    #[arg(long)]
+    fresh: bool,
+    #[command(flatten)]
+    pub(crate) peers: peers::Options,
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scene: crate::scenes::DEFAULT.to_owned(),
-            out: None,
-            views: usize::MAX,
-            rates: 6,
-            depth: None,
-            adaptive: None,
-            finetune: None,
-            tune: None,
-            fresh: false,
-            peers: peers::Options::default(),
-        }
+/// `--quick`: held-out views and rates.
+const QUICK: (usize, usize) = (2, 5);
+
+impl Options {
+    /// Those of `cargo xtask rd-curve SCENE`, without flags.
+    pub(crate) fn of(scene: &str) -> Result<Self> {
+        let command = Self::augment_args(clap::Command::new("rd-curve").no_binary_name(true));
+        Ok(Self::from_arg_matches(&command.try_get_matches_from([scene])?)?)
+    }
+
+    fn views(&self) -> usize {
+        self.views.unwrap_or(if self.quick { QUICK.0 } else { usize::MAX })
+    }
+
+    fn qualities(&self) -> Result<Vec<f32>> {
+        plan::qualities(self.rates.unwrap_or(if self.quick { QUICK.1 } else { 6 }))
     }
 }
 
-/// Measures the curves of a scene and writes the report: `report.html`, `report.md`, `rd.json` and the
-/// chart.
+/// Measures the curves of a scene, or an experiment of the paper, and writes the report: `report.html`, `report.md`,
+/// a JSON and the charts.
 ///
 /// # Errors
 /// If the scene cannot be read, an option is out of range or a file cannot be written.
 pub fn run(options: &Options) -> Result<()> {
-    report_of(options, |study, qualities| {
-        curves(study, options, qualities)?;
-        Ok(study.out.join("report.html"))
-    })
-}
-
-/// Opens a scene, lets `make` write a report and prints what was done.
-pub(crate) fn report_of(
-    options: &Options,
-    make: impl FnOnce(&Study, &[f32]) -> Result<PathBuf>,
-) -> Result<()> {
     let started = Instant::now();
     // Before anything long, so that a bad option is reported at once.
-    let qualities = plan::qualities(options.rates)?;
+    let qualities = options.qualities()?;
     let study = Study::open(options)?;
-    let report = make(&study, &qualities)?;
+    let folder = match options.experiment {
+        Some(experiment) => experiment.run(&study, options, &qualities)?,
+        None => {
+            curves(&study, options, &qualities)?;
+            study.out.clone()
+        }
+    };
     let (skipped, stages) = study.tally();
     if skipped > 0 {
         println!(
             "{skipped} of {stages} stages were already done for the same inputs and were skipped"
         );
     }
-    println!("report: {}", report.display());
+    println!("report: {}", folder.join("report.html").display());
     println!("{:.1} s in all", started.elapsed().as_secs_f64());
     Ok(())
 }
@@ -129,8 +142,8 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
         }
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
-    if let Some((gsvx, effort)) = &options.tune {
-        curves.push(streams::curve(study, gsvx, *effort)?);
+    if let Some(effort) = options.tune {
+        curves.push(streams::curve(study, &Gsvx::find(&options.gsvx)?, effort)?);
     }
     let tools = study.peers(&options.peers, base)?;
 
@@ -160,8 +173,10 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
     let json = study.out.join("rd.json");
     let text = serde_json::to_string_pretty(&run).context("rd.json")? + "\n";
     fs::write(&json, text).with_context(|| format!("write {}", json.display()))?;
-    report::run::document(&run, views).write(&study.out)?;
-    report::run::print(&run);
+    let document = report::run::document(&run, views);
+    document.write(&study.out)?;
+    document.print();
+    run.tools.iter().filter_map(peers::Outcome::absence).for_each(|line| println!("{line}"));
     Ok(run)
 }
 

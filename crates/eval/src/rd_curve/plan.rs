@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Camera, Scene};
-use voxel::{Cube, Merge, Strategy};
+use voxel::{Merge, Strategy};
 
 use crate::paper_chain::{Covariance, PaperChain, PaperQp};
 use crate::progress::Bar;
@@ -34,6 +34,26 @@ pub(crate) enum Rule {
     Fixed(Strategy),
     /// The codec's default at a quality: rate-distortion pruning.
     Default(f32),
+}
+
+impl Voxels {
+    /// A strategy as given.
+    pub(crate) fn fixed(strategy: Strategy) -> Self {
+        let (name, what) = match &strategy {
+            Strategy::Uniform { depth } => (format!("uniform-{depth}"), format!("depth {depth}")),
+            Strategy::Paper { j_low, j_high, .. } => {
+                (format!("paper-criteria-{j_low}-{j_high}"), format!("depths {j_low} to {j_high}"))
+            }
+            other => (slug(&format!("{other:?}")), format!("{other:?}")),
+        };
+        Self { name, what, rule: Rule::Fixed(strategy) }
+    }
+
+    /// The codec's default at a quality.
+    pub(crate) fn default(quality: f32) -> Self {
+        let name = format!("gsvx-q{quality:.0}");
+        Self { name, what: format!("quality {quality:.0}"), rule: Rule::Default(quality) }
+    }
 }
 
 /// One curve to make: qualities grouped by the voxelization they are coded with.
@@ -70,25 +90,12 @@ pub(crate) fn curves(
     let shifted = |by: i32| (i32::from(base) + by).clamp(1, 20) as u8;
     let uniform = |q: f32| {
         let depth = depth.unwrap_or_else(|| shifted(levels_deeper(q)));
-        Voxels {
-            name: format!("uniform-{depth}"),
-            what: format!("depth {depth}"),
-            rule: Rule::Fixed(Strategy::Uniform { depth }),
-        }
+        Voxels::fixed(Strategy::Uniform { depth })
     };
     let paper = |q: f32| {
         let by = levels_deeper(q);
         let (low, high) = adaptive.unwrap_or_else(|| (shifted(by - 1), shifted(by + 2)));
-        Voxels {
-            name: format!("paper-criteria-{low}-{high}"),
-            what: format!("depths {low} to {high}"),
-            rule: Rule::Fixed(Strategy::paper(low, high)),
-        }
-    };
-    let default = |q: f32| Voxels {
-        name: format!("gsvx-q{q:.0}"),
-        what: format!("quality {q:.0}"),
-        rule: Rule::Default(q),
+        Voxels::fixed(Strategy::paper(low, high))
     };
     let plan = |name, what: &str, voxels: &dyn Fn(f32) -> Voxels| {
         let mut steps: Vec<(Voxels, Vec<f32>)> = Vec::new();
@@ -115,7 +122,11 @@ pub(crate) fn curves(
             "the uniform octree, coded as the paper does (RAHT and RLGR at its parameters, covariances by a codebook)",
             &uniform,
         ),
-        plan(GSVX, "this codec: leaves by rate and distortion, precision by importance", &default),
+        plan(
+            GSVX,
+            "this codec: leaves by rate and distortion, precision by importance",
+            &Voxels::default,
+        ),
     ]
 }
 
@@ -223,10 +234,7 @@ pub(crate) fn qualities(count: usize) -> Result<Vec<f32>> {
 }
 
 /// Parses `LOW:HIGH`, two depths of an octree.
-///
-/// # Errors
-/// If that is not what `text` is.
-pub fn parse_depths(text: &str) -> Result<(u8, u8)> {
+pub(super) fn parse_depths(text: &str) -> Result<(u8, u8)> {
     let (low, high) = text.split_once(':').context("expected LOW:HIGH, for example 9:14")?;
     let depth = |s: &str| s.parse::<u8>().with_context(|| format!("{s} is not a depth"));
     let (low, high) = (depth(low)?, depth(high)?);

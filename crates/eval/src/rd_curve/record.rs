@@ -69,6 +69,13 @@ pub(crate) struct Tuned {
     pub(crate) file: String,
 }
 
+impl Tuned {
+    /// PSNR at its end, dB.
+    pub(crate) fn last_db(&self) -> f64 {
+        self.held_out_db.last().map_or(f64::NAN, |l| l.1)
+    }
+}
+
 /// One stream, decoded and scored.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Coded {
@@ -143,14 +150,10 @@ pub(crate) struct Bd {
     pub(crate) test: String,
     /// What it is compared with.
     pub(crate) anchor: String,
-    /// BD-rate by cubic fit of the hulls, per cent.
-    pub(crate) rate_cubic: Option<f64>,
     /// BD-rate by pchip on the hulls, per cent.
-    pub(crate) rate_pchip: Option<f64>,
-    /// BD-PSNR by cubic fit of the hulls, dB.
-    pub(crate) psnr_cubic: Option<f64>,
+    pub(crate) rate: Option<f64>,
     /// BD-PSNR by pchip on the hulls, dB.
-    pub(crate) psnr_pchip: Option<f64>,
+    pub(crate) psnr: Option<f64>,
 }
 
 /// One picture: photo, original, decoded side by side.

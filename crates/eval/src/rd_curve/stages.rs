@@ -99,7 +99,7 @@ impl<'a> Branch<'a> {
                 name: name.clone(),
                 what: self.plan.what.clone(),
                 j_high: voxels.octree().depth(),
-                depth_histogram: voxels.depth_histogram(),
+                depth_histogram: voxels.octree().depth_histogram(),
                 gaussians: scene.len(),
                 score,
                 voxelize_seconds: *seconds,

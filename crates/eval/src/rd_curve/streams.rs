@@ -4,9 +4,8 @@
 //! A tune takes minutes, so a point is recorded by the hash of the command: it is measured once for one
 //! build of `gsvx`, whatever becomes of this program.
 
-use std::ffi::OsString;
+use std::ffi::OsStr;
 use std::fs;
-use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
@@ -14,12 +13,12 @@ use serde::{Deserialize, Serialize};
 use super::record::{Coded, Curve};
 use super::study::Study;
 use crate::cache::Cache;
-use crate::codec::timed;
+use crate::measure;
+use crate::process::Gsvx;
 use crate::progress::Bar;
-use crate::{command, measure};
 
 /// How long to tune.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
 pub enum Effort {
     /// About a minute for a scene of 120,000 Gaussians and small photos.
     Quick,
@@ -30,12 +29,8 @@ pub enum Effort {
 }
 
 impl Effort {
-    /// All efforts, the shortest first.
-    pub const ALL: [Self; 3] = [Self::Quick, Self::Normal, Self::Long];
-
     /// As the command calls it.
-    #[must_use]
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Quick => "quick",
             Self::Normal => "normal",
@@ -49,8 +44,6 @@ impl Effort {
 pub(crate) enum How {
     /// `gsvx encode`, with cameras and without what they do not see.
     Encode,
-    /// The same by a version that keeps what they do not see.
-    Reference,
     /// `gsvx tune`.
     Tune {
         /// How long.
@@ -70,9 +63,7 @@ impl How {
 
     /// For tables and file names.
     pub(crate) fn name(self) -> String {
-        let Self::Tune { effort, distil, seed } = self else {
-            return if self == Self::Encode { "untuned" } else { "reference" }.into();
-        };
+        let Self::Tune { effort, distil, seed } = self else { return "untuned".into() };
         let distil = if distil { "-distil" } else { "" };
         let seed = if seed == 0 { String::new() } else { format!("-seed-{seed}") };
         format!("{}{distil}{seed}", effort.name())
@@ -80,10 +71,8 @@ impl How {
 
     /// Words of the command, but for quality and paths.
     fn words(self) -> Vec<String> {
-        let (effort, distil, seed) = match self {
-            Self::Encode => return vec!["encode".into(), "--drop-unseen".into()],
-            Self::Reference => return vec!["encode".into()],
-            Self::Tune { effort, distil, seed } => (effort, distil, seed),
+        let Self::Tune { effort, distil, seed } = self else {
+            return vec!["encode".into(), "--drop-unseen".into()];
         };
         let mut out = vec!["tune".into(), "--effort".into(), effort.name().into()];
         out.extend(["--seed".into(), seed.to_string()]);
@@ -110,16 +99,13 @@ pub(crate) struct Point {
 /// Streams of one scene by one build of the command.
 pub(crate) struct Streams<'a> {
     study: &'a Study,
-    gsvx: PathBuf,
+    gsvx: &'a Gsvx,
     cache: Cache,
 }
 
 impl<'a> Streams<'a> {
-    /// `gsvx` is relative to the root of the workspace.
-    pub(crate) fn open(study: &'a Study, gsvx: &Path) -> Result<Self> {
-        let gsvx = command::find(gsvx)?;
-        let cache = study.cache_of(&gsvx)?;
-        Ok(Self { study, gsvx, cache })
+    pub(crate) fn open(study: &'a Study, gsvx: &'a Gsvx) -> Result<Self> {
+        Ok(Self { study, gsvx, cache: study.cache_of(gsvx.path())? })
     }
 
     /// The point, if it was measured before.
@@ -149,20 +135,18 @@ impl<'a> Streams<'a> {
         let stream = format!("streams/{name}.gsvx");
         fs::create_dir_all(study.out.join("streams")).context("create streams/")?;
         let path = study.out.join(&stream);
-        let mut words: Vec<OsString> = how.words().into_iter().map(Into::into).collect();
-        words.extend(["--json".into(), format!("--quality={quality}").into(), "--cameras".into()]);
-        words.push(dataset.dir.clone().into());
-        let cost = command::measure(gsvx, &words, &dataset.model_path, &path)?;
-        let said: serde_json::Value =
-            serde_json::from_slice(&cost.printed).context("the report of gsvx is not JSON")?;
+        let mut words = how.words();
+        words.extend([format!("--quality={quality}"), "--cameras".into()]);
+        let words = words.iter().map(|w| w as &dyn AsRef<OsStr>);
+        let words: Vec<_> = words.chain([&dataset.dir as _, &dataset.model_path as _]).collect();
+        let cost = gsvx.make(&words, &path)?;
+        let said: serde_json::Value = cost.json()?;
         let bytes = fs::metadata(&path).with_context(|| format!("{}", path.display()))?.len();
         ensure!(said["bytes"] == bytes, "gsvx says {} bytes, the file has {bytes}", said["bytes"]);
 
         let folder = tempfile::tempdir().context("make a temporary folder")?;
         let back = folder.path().join("back.ply");
-        let decode = || command::measure(gsvx, &["decode"], &path, &back);
-        let (decoded, decode_seconds) = timed(decode);
-        decoded?;
+        let decode_seconds = gsvx.make(&[&"decode", &path], &back)?.wall;
         let (scene, _) = gs_model::ply::read(&back)?;
         let bar = Bar::new(&format!("render {name}"), study.test.held_out.len() as u64);
         let (score, images) = measure::score(&scene, &study.test.held_out, &bar);
@@ -198,7 +182,7 @@ fn stage(how: How, quality: f32) -> String {
 pub(crate) const QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
 
 /// The tuned curve of a report.
-pub(crate) fn curve(study: &Study, gsvx: &Path, effort: Effort) -> Result<Curve> {
+pub(crate) fn curve(study: &Study, gsvx: &Gsvx, effort: Effort) -> Result<Curve> {
     let streams = Streams::open(study, gsvx)?;
     let point = |q: &f32| Ok(streams.point(How::tune(effort), *q)?.coded);
     let points = QUALITIES.iter().map(point).collect::<Result<_>>()?;
@@ -213,7 +197,6 @@ mod tests {
     #[test]
     fn each_way_has_its_words() {
         assert_eq!(How::Encode.words(), ["encode", "--drop-unseen"]);
-        assert_eq!(How::Reference.words(), ["encode"]);
         let distil = How::Tune { effort: Effort::Quick, distil: true, seed: 1 };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
         assert_eq!(distil.name(), "quick-distil-seed-1");

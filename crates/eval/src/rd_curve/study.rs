@@ -52,8 +52,8 @@ pub(crate) struct Study {
 impl Study {
     /// Reads the scene of `options`.
     pub(crate) fn open(options: &Options) -> Result<Self> {
-        ensure!(options.views > 0, "--views must be at least 1");
-        let test = TestScene::open(&options.scene, options.views)?;
+        ensure!(options.views() > 0, "--views must be at least 1");
+        let test = TestScene::open(&options.scene, options.views())?;
         let files = &test.files;
         let out = match &options.out {
             Some(out) => out.clone(),
@@ -62,7 +62,7 @@ impl Study {
         fs::create_dir_all(&out).with_context(|| format!("create {}", out.display()))?;
         let program = cache::program_hash()?;
         let model = cache::hash_file(&files.dataset.model_path)?;
-        let measured = scenes::spread(files.dataset.held_out().collect(), options.views);
+        let measured = scenes::spread(files.dataset.held_out().collect(), options.views());
         let views = hash_views(&files.dataset, &measured)?;
         let inputs = Inputs { program: &program, model: &model, views: &views };
         let cache = Cache::open(&out.join("stages"), &inputs, options.fresh)?;

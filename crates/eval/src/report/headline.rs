@@ -34,7 +34,7 @@ pub(crate) fn in_words(name: &str) -> String {
 pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
     let mut out: Vec<Comparison> = Vec::new();
     for bd in run.bd.iter().filter(|b| b.test == GSVX) {
-        if let Some(difference) = bd.rate_pchip.or(bd.rate_cubic) {
+        if let Some(difference) = bd.rate {
             let at = "at equal picture quality, on average over the curve";
             out.push(Comparison { difference, against: in_words(&bd.anchor), at });
         }

@@ -6,8 +6,13 @@ use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use super::{Block, Document, Table, View};
-use crate::chart::escape;
+use super::{Block, Document, View};
+use crate::page::Table;
+
+/// Text that is safe inside HTML.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
 
 /// The whole page.
 pub(super) fn render(document: &Document) -> Result<String> {
@@ -75,16 +80,7 @@ fn render_block(out: &mut String, block: &Block, section: usize) -> Result<()> {
         }
         Block::Table(table) => render_table(out, table),
         Block::Chart(chart, _) => {
-            let _ = writeln!(
-                out,
-                "<figure class=\"chart\">\n<figcaption>{}</figcaption>\n{}<ul class=\"legend\">",
-                escape(&chart.title),
-                chart.inline_svgs()
-            );
-            for (sample, name) in chart.legend() {
-                let _ = writeln!(out, "<li>{sample}<span>{}</span></li>", escape(&name));
-            }
-            out.push_str("</ul>\n</figure>\n");
+            let _ = writeln!(out, "<figure class=\"chart\">\n{}</figure>", chart.inline()?);
         }
         Block::Views(views) => {
             for (i, view) in views.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Block, Document, Table};
+use super::{Block, Document};
 
 /// The whole report.
 pub(super) fn render(document: &Document) -> String {
@@ -33,7 +33,7 @@ fn render_block(out: &mut String, block: &Block) {
             }
             out.push('\n');
         }
-        Block::Table(table) => render_table(out, table),
+        Block::Table(table) => *out += &table.markdown(),
         Block::Chart(chart, stem) => {
             let _ = writeln!(out, "![{}]({stem}.svg)\n", chart.title);
         }
@@ -44,15 +44,4 @@ fn render_block(out: &mut String, block: &Block) {
             }
         }
     }
-}
-
-fn render_table(out: &mut String, table: &Table) {
-    let _ = writeln!(out, "| {} |", table.header.join(" | "));
-    let align = |i: usize| if i == 0 { "---" } else { "---:" };
-    let rule: Vec<&str> = (0..table.header.len()).map(align).collect();
-    let _ = writeln!(out, "|{}|", rule.join("|"));
-    for row in &table.rows {
-        let _ = writeln!(out, "| {} |", row.join(" | "));
-    }
-    out.push('\n');
 }

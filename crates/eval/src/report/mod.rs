@@ -6,14 +6,15 @@ mod html;
 mod markdown;
 pub(crate) mod run;
 pub(crate) mod sections;
+pub(crate) mod tunes;
 
-use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
 
 use crate::chart::Chart;
+use crate::page::Table;
 
 pub(crate) use crops::{View, crops};
 
@@ -58,42 +59,6 @@ pub(crate) enum Block {
     Files(Vec<(String, String)>),
 }
 
-/// Rows under a header; the first column is names, the others are numbers.
-#[derive(Clone, Debug)]
-pub(crate) struct Table {
-    /// Names of the columns.
-    pub(crate) header: Vec<String>,
-    /// As many cells each.
-    pub(crate) rows: Vec<Vec<String>>,
-}
-
-impl Table {
-    /// No rows yet.
-    pub(crate) fn new(header: &[&str]) -> Self {
-        Self { header: header.iter().map(|h| (*h).to_owned()).collect(), rows: Vec::new() }
-    }
-
-    /// The table for a terminal: columns aligned.
-    pub(crate) fn plain(&self) -> String {
-        let width = |c: usize| {
-            let cells = self.rows.iter().chain([&self.header]).filter_map(|r| r.get(c));
-            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-        };
-        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
-        let mut out = String::new();
-        for row in [&self.header].into_iter().chain(&self.rows) {
-            let mut line = String::new();
-            for (c, (cell, w)) in row.iter().zip(&widths).enumerate() {
-                // Names to the left, numbers to the right.
-                let _ =
-                    if c == 0 { write!(line, "{cell:<w$}") } else { write!(line, "  {cell:>w$}") };
-            }
-            let _ = writeln!(out, "{}", line.trim_end());
-        }
-        out
-    }
-}
-
 impl Section {
     /// Shown unfolded.
     pub(crate) fn open(title: impl Into<String>, blocks: Vec<Block>) -> Self {
@@ -115,12 +80,27 @@ impl Document {
         };
         for block in self.sections.iter().flat_map(|s| &s.blocks) {
             if let Block::Chart(chart, stem) = block {
-                put(&format!("{stem}.svg"), chart.svg().as_bytes())?;
+                put(&format!("{stem}.svg"), chart.svg()?.as_bytes())?;
                 put(&format!("{stem}.png"), &chart.png()?)?;
             }
         }
         put("report.md", markdown::render(self).as_bytes())?;
         put("report.html", html::render(self)?.as_bytes())
+    }
+
+    /// Prints title, highlights and the tables that a page shows unfolded.
+    pub(crate) fn print(&self) {
+        println!("{}", self.title);
+        for (figure, what) in &self.highlights {
+            println!("  {figure}  {what}");
+        }
+        for section in self.sections.iter().filter(|s| s.open) {
+            for block in &section.blocks {
+                if let Block::Table(table) = block {
+                    print!("\n{}\n{}", section.title, table.plain());
+                }
+            }
+        }
     }
 }
 
@@ -139,17 +119,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plain_table_is_aligned() {
-        let mut table = Table::new(&["name", "n"]);
-        table.rows = vec![vec!["a".into(), "10".into()], vec!["longer".into(), "7".into()]];
-        assert_eq!(table.plain(), "name     n\na       10\nlonger   7\n");
-    }
-
-    #[test]
     fn both_forms_say_the_same_and_the_page_needs_no_other_file() {
         let dir = tempfile::tempdir().unwrap();
-        let mut table = Table::new(&["curve", "bytes"]);
-        table.rows = vec![vec!["a <b>".into(), "12345".into()]];
+        let mut table = Table::new("curve | bytes");
+        table.row(crate::cells!["a <b>", 12345]);
         let document = Document {
             title: "Title & more".into(),
             lead: "Run `cargo xtask`.".into(),

@@ -1,10 +1,12 @@
 //! Parts that the default run and the experiments share.
 
-use super::{Block, Section, Table, megabits};
+use super::{Block, Section, megabits};
 use crate::bd::{self, Method, Point};
+use crate::cells;
 use crate::chart::{Kind, Series};
 use crate::manifest::Manifest;
-use crate::published::Other;
+use crate::page::{Table, signed};
+use crate::published::{Other, PAPER_CHAIN};
 use crate::rd_curve::record::Bd;
 
 /// Bjontegaard differences of the hull of `test` against that of `anchor`.
@@ -13,48 +15,36 @@ pub(crate) fn compare(test: (&str, &[Point]), anchor: (&str, &[Point])) -> Bd {
     Bd {
         test: test.0.to_owned(),
         anchor: anchor.0.to_owned(),
-        rate_cubic: bd::bd_rate(&a, &t, Method::Cubic),
-        rate_pchip: bd::bd_rate(&a, &t, Method::Pchip),
-        psnr_cubic: bd::bd_psnr(&a, &t, Method::Cubic),
-        psnr_pchip: bd::bd_psnr(&a, &t, Method::Pchip),
+        rate: bd::bd_rate(&a, &t, Method::Pchip),
+        psnr: bd::bd_psnr(&a, &t, Method::Pchip),
     }
 }
 
-/// A figure with its sign, or a dash.
-fn signed(x: Option<f64>) -> String {
-    x.map_or("-".into(), |x| format!("{x:+.2}"))
-}
-
-/// Bjontegaard differences as a table.
-pub(crate) fn bd_table(all: &[Bd]) -> Table {
-    let mut table = Table::new(&[
-        "curve",
-        "against",
-        "BD-rate %, cubic",
-        "BD-rate %, pchip",
-        "BD-PSNR dB, cubic",
-        "BD-PSNR dB, pchip",
-    ]);
+/// Bjontegaard differences, with what they are.
+pub(crate) fn differences(title: &str, all: &[Bd]) -> Section {
+    let mut table = Table::new("curve | against | BD-rate, % | BD-PSNR, dB");
     for bd in all {
-        let mut row = vec![bd.test.clone(), bd.anchor.clone()];
-        row.extend([bd.rate_cubic, bd.rate_pchip, bd.psnr_cubic, bd.psnr_pchip].map(signed));
-        table.rows.push(row);
+        table.row(cells![bd.test, bd.anchor, signed(bd.rate, 2, ""), signed(bd.psnr, 2, "")]);
     }
-    table
+    Section::open(title, vec![Block::Text(BD_TEXT.into()), Block::Table(table)])
 }
 
 /// How the differences are meant.
-pub(crate) const BD_TEXT: &str = "BD-rate: how many more bytes a curve needs than another at equal PSNR, on average. BD-PSNR: how much higher \
-     its PSNR is at equal bytes. Between the upper-left convex hulls, by a cubic fit of log-rate (as the paper does) and by \
-     monotone interpolation (pchip). Negative BD-rate: smaller at equal PSNR. A dash: the curves share no \
-     range, or have too few points.";
+const BD_TEXT: &str = "BD-rate: how many more bytes a curve needs than another at equal PSNR, on average. BD-PSNR: how \
+     much higher its PSNR is at equal bytes. Between the upper-left convex hulls, by monotone interpolation (pchip). \
+     Negative BD-rate: smaller at equal PSNR. A dash: the curves share no range, or have too few points.";
 
 /// How sizes and PSNRs are meant.
 pub(crate) const UNITS: &str = "Sizes are of whole streams, decoded before rendering. Mbit = 10^6 bit. PSNR is \
      the mean over views of the per-view dB of the clamped float render against the 8-bit photo.";
 
+/// What to know about points recorded beside a scene.
+const RECORDED_NOTE: &str = "The paper's chain is recorded: authors' voxelizer and initialisation, TMC13 with their \
+     options, lossless covariance, no fine-tune. Peers are recorded too. All PSNRs by the same conventions as ours, \
+     all held-out views.";
+
 /// What to know about published points.
-pub(crate) const PUBLISHED_NOTE: &str = "Published points are of another training of these photos (compare gains, not levels). The \
+const PUBLISHED_NOTE: &str = "Published points are of another training of these photos (compare gains, not levels). The \
      paper's own Mbit are 2^20 bit and are converted to 10^6. On playroom the authors' files list the \
      lossy points of the two voxelizations swapped, judging by the rate increments; they are drawn as \
      published. The paper's lossy rates leave out the codebook indices, and its decoder uses the \
@@ -86,16 +76,16 @@ pub(crate) fn other_series(others: &[Other], widest: f64) -> Vec<Series> {
 }
 
 /// Points of others as a table.
-pub(crate) fn others_table(others: &[Other]) -> Table {
-    let mut table = Table::new(&["codec", "settings", "bytes", "Mbit", "PSNR dB", "SSIM"]);
+fn others_table(others: &[Other]) -> Table {
+    let mut table = Table::new("codec | settings | bytes | Mbit | PSNR dB | SSIM");
     for other in others {
         let mut points = other.points.clone();
         points.sort_by_key(|p| p.bytes);
         for p in points {
-            table.rows.push(vec![
-                other.name.clone(),
-                p.label.clone(),
-                p.bytes.to_string(),
+            table.row(cells![
+                other.name,
+                p.label,
+                p.bytes,
                 megabits(p.bytes),
                 format!("{:.3}", p.psnr_db),
                 p.ssim.map_or("-".into(), |s| format!("{s:.4}")),
@@ -103,6 +93,21 @@ pub(crate) fn others_table(others: &[Other]) -> Table {
         }
     }
     table
+}
+
+/// The others' points; nothing without others.
+pub(crate) fn others(others: &[Other]) -> Section {
+    let mut blocks = Vec::new();
+    if others.iter().any(|o| o.name == PAPER_CHAIN) {
+        blocks.push(Block::Text(RECORDED_NOTE.into()));
+    }
+    if others.iter().any(Other::is_published) {
+        blocks.push(Block::Text(PUBLISHED_NOTE.into()));
+    }
+    if !others.is_empty() {
+        blocks.push(Block::Table(others_table(others)));
+    }
+    Section::folded("Others on this scene", blocks)
 }
 
 /// Provenance of a run, and how many of its stages were already done.

@@ -40,9 +40,8 @@ pub(crate) struct Outcome {
     pub(crate) bytes: usize,
     /// Per attribute: the worst error over its bound.
     pub(crate) worst: Vec<(String, f64)>,
+    /// Of the whole process, as the greatest memory.
     pub(crate) seconds: f64,
-    /// Of all threads.
-    pub(crate) cpu_seconds: f64,
     pub(crate) peak_mb: f64,
 }
 
@@ -136,7 +135,7 @@ fn checked(coded: &Coded) -> Result<Outcome> {
         "an outlier came back with other bits"
     );
     let (found, classes) = gsvx::decode_leaves(bytes)?;
-    ensure!(found == voxels.octree().leaves(), "decoded leaves are not those of the voxels");
+    ensure!(&found == voxels.octree(), "decoded leaves are not those of the voxels");
     if options.lod {
         levels::check(bytes, voxels, &outliers)?;
     }

@@ -46,7 +46,7 @@ pub(super) fn check(bytes: &[u8], voxels: &Voxelization, outliers: &Scene) -> Re
 
 /// Whether `means` are the centres of cells, in Morton order, that hold every leaf once.
 fn are_cells(voxels: &Voxelization, means: &[[f32; 3]]) -> bool {
-    let mut rest = voxels.octree().leaves()[..];
+    let mut rest = voxels.octree().leaves();
     means.iter().all(|mean| {
         let Some(first) = rest.first() else { return false };
         let cell = |depth: u8| {

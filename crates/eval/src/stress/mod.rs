@@ -7,31 +7,40 @@ mod inputs;
 mod levels;
 mod page;
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+
+use crate::page::Page;
+use crate::process;
 use chain::{MODES, Outcome};
 use inputs::{HUGE, INPUTS, Input};
 
-/// What [`run`] runs.
-#[derive(Clone, Debug)]
+/// Flags of `cargo xtask stress`.
+#[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Only this input.
-    pub input: Option<String>,
+    #[arg(long)]
+    input: Option<String>,
     /// Only this mode.
-    pub mode: Option<String>,
+    #[arg(long, allow_hyphen_values = true)]
+    mode: Option<String>,
     /// Gaussians of inputs that do not fix their number.
-    pub size: usize,
+    #[arg(long, default_value_t = 3000)]
+    size: usize,
     /// Also the input of ten million Gaussians: minutes per mode, several GB.
-    pub all: bool,
+    #[arg(long)]
+    all: bool,
     /// Seconds after which a run counts as hanging.
-    pub timeout: u64,
-    /// How to start a process that calls [`child`] with this input, mode and size.
-    pub child: fn(&str, &str, usize) -> std::io::Result<Command>,
-    /// Where the page goes, relative to the root of the workspace.
-    pub out: PathBuf,
+    #[arg(long, default_value_t = 1800)]
+    timeout: u64,
+    /// Run one input in one mode in this process, and print the outcome as JSON.
+    #[arg(long, hide = true, requires = "input", requires = "mode")]
+    child: bool,
+    /// Where the page goes.
+    #[arg(long, default_value = "docs/results/stress.md")]
+    out: PathBuf,
 }
 
 /// Gaussians of the huge input.
@@ -87,6 +96,9 @@ fn size_of(input: &Input, args: &Options) -> usize {
 /// # Errors
 /// If a run fails, hangs or breaks a bound.
 pub fn run(args: &Options) -> Result<()> {
+    if let (true, Some(input), Some(mode)) = (args.child, &args.input, &args.mode) {
+        return child(input, mode, args.size);
+    }
     let wanted = |given: &Option<String>, name: &str| given.as_ref().is_none_or(|g| g == name);
     let inputs: Vec<&Input> = INPUTS
         .iter()
@@ -111,11 +123,12 @@ pub fn run(args: &Options) -> Result<()> {
     eprintln!();
     let table = page::table(&runs);
     if args.input.is_none() && args.mode.is_none() {
-        crate::page::write(Path::new(DETAILS), &table, None)?;
-        let text = page::page(args, &runs, started.elapsed(), DETAILS);
-        crate::page::write(&args.out, &text, Some(&page::chart(&runs)))?;
+        let mut details = Page::new(DETAILS.as_ref(), "All runs");
+        details.table(&table);
+        details.write()?;
+        page::page(args, &runs, started.elapsed(), DETAILS).write()?;
     } else {
-        print!("{table}");
+        print!("{}", table.plain());
     }
     let failures: Vec<String> = runs.iter().filter_map(Run::failure).collect();
     match failures.first() {
@@ -124,43 +137,19 @@ pub fn run(args: &Options) -> Result<()> {
     }
 }
 
-/// Runs one input in one mode in this process and prints the outcome as JSON. [`run`] starts it.
-///
-/// # Errors
-/// If there is no such input, or the chain breaks a promise.
-pub fn child(input: &str, mode: &str, size: usize) -> Result<()> {
+/// Runs one input in one mode in this process and prints the outcome as JSON.
+fn child(input: &str, mode: &str, size: usize) -> Result<()> {
     let input = INPUTS.iter().find(|i| i.name == input).context("no such input")?;
-    let scene = input.scene(size);
-    let (start, cpu) = (Instant::now(), crate::usage::cpu_seconds());
-    let mut outcome = chain::run(&scene, mode)?;
-    outcome.seconds = start.elapsed().as_secs_f64();
-    outcome.cpu_seconds = crate::usage::cpu_seconds() - cpu;
-    outcome.peak_mb = crate::usage::peak_mb();
-    println!("{}", serde_json::to_string(&outcome)?);
+    println!("{}", serde_json::to_string(&chain::run(&input.scene(size), mode)?)?);
     Ok(())
 }
 
 /// Runs one input in one mode in a process of its own.
 fn apart(input: &Input, mode: &str, args: &Options) -> Result<Outcome> {
-    let mut process = (args.child)(input.name, mode, size_of(input, args))?
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()?;
-    let start = Instant::now();
-    // An outcome is far smaller than a pipe's buffer, so the child does not wait for it to be read.
-    while process.try_wait()?.is_none() {
-        if start.elapsed().as_secs() > args.timeout {
-            process.kill()?;
-            bail!("no end after {} s", args.timeout);
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    }
-    let output = process.wait_with_output()?;
-    if !output.status.success() {
-        let text = String::from_utf8_lossy(&output.stderr);
-        bail!("{}: {}", output.status, text.lines().next().unwrap_or("no message"));
-    }
-    serde_json::from_slice(&output.stdout).context("the child's outcome")
+    let (size, mode) = (size_of(input, args).to_string(), format!("--mode={mode}"));
+    let words = ["stress", "--child", "--size", &size, "--input", input.name, &mode];
+    let done = process::run(&mut process::own(&words)?, Duration::from_secs(args.timeout))?;
+    Ok(Outcome { seconds: done.wall, peak_mb: done.peak_mb, ..done.json()? })
 }
 
 #[cfg(test)]

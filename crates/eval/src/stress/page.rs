@@ -3,26 +3,24 @@
 use std::time::Duration;
 
 use super::{Options, Run};
+use crate::cells;
 use crate::chart::{Axis, Chart, Series};
+use crate::page::{Page, Table};
 
 /// All runs, a row each.
-pub(super) fn table(runs: &[Run]) -> String {
-    let mut out = String::from(
-        "| input | mode | outcome | worst error / bound | Gaussians out | bytes | s | CPU s | peak MB |\n\
-         |---|---|---|---|---:|---:|---:|---:|---:|\n",
+pub(super) fn table(runs: &[Run]) -> Table {
+    let mut table = Table::new(
+        "input | mode | outcome | worst error / bound | Gaussians out | bytes | s | peak MB",
     );
-    runs.iter().for_each(|run| out += &row(run));
-    out
+    runs.iter().for_each(|run| table.row(row(run)));
+    table
 }
 
-fn row(run: &Run) -> String {
+fn row(run: &Run) -> Vec<String> {
     let o = match &run.outcome {
         Ok(outcome) => outcome,
         Err(why) => {
-            return format!(
-                "| {} | {} | FAILED: {why} | - | - | - | - | - | - |\n",
-                run.input, run.mode
-            );
+            return cells![run.input, run.mode, format!("FAILED: {why}"), "-", "-", "-", "-", "-"];
         }
     };
     let outcome = match &o.refused {
@@ -32,16 +30,9 @@ fn row(run: &Run) -> String {
     let worst: Vec<_> = run.worst().iter().map(|(n, r)| format!("{n} {r:.2}")).collect();
     let worst = if worst.is_empty() { "-".into() } else { worst.join(", ") };
     let number = |n: usize| if o.refused.is_some() { "-".into() } else { n.to_string() };
-    format!(
-        "| {} | {} | {outcome} | {worst} | {} | {} | {:.2} | {:.2} | {:.0} |\n",
-        run.input,
-        run.mode,
-        number(o.gaussians),
-        number(o.bytes),
-        o.seconds,
-        o.cpu_seconds,
-        o.peak_mb
-    )
+    let (gaussians, bytes) = (number(o.gaussians), number(o.bytes));
+    let (seconds, peak) = (format!("{:.2}", o.seconds), format!("{:.0}", o.peak_mb));
+    cells![run.input, run.mode, outcome, worst, gaussians, bytes, seconds, peak]
 }
 
 /// One attribute over all accepted runs.
@@ -67,71 +58,59 @@ fn attributes(runs: &[Run]) -> Vec<Attribute> {
 }
 
 /// The page.
-pub(super) fn page(args: &Options, runs: &[Run], elapsed: Duration, details: &str) -> String {
+pub(super) fn page(args: &Options, runs: &[Run], elapsed: Duration, details: &str) -> Page {
     let count = |of: &dyn Fn(&Run) -> bool| runs.iter().filter(|r| of(r)).count();
     let refused = count(&|r| r.refused().is_some());
     let failed = count(&|r| r.outcome.is_err());
-    let mut out = format!(
-        "# How exact?\n\n\
-         `cargo xtask stress{}` takes pathological scenes of {} Gaussians (where the input does not \
-         fix the number) through PLY writer, strict reader, voxelization, encoder, decoder and \
-         writer, at the default quality, in {} modes. {} runs were accepted, {refused} refused with \
-         an error, {failed} failed, in {:.0} s. All rows are in `{details}` after the run.\n\n\
-         Each error is divided by its bound in [accuracy.md](../accuracy.md); the command fails above \
-         1. Means are compared with those of the input, attributes with those of the merged Gaussians \
-         that the encoder was given. A mean at the edge of its cell and an integer halfway between two others \
-         reach their bounds, 1. \
-         `--lossless` takes any floats, valid or not, and returns every bit.\n\n\
-         {}\n\n\
-         | attribute | runs | median error / bound | greatest | where |\n|---|---:|---:|---:|---|\n",
+    let mut page = Page::new(&args.out, "How exact?");
+    page.text(format!(
+        "`cargo xtask stress{}` takes pathological scenes of {} Gaussians (where the input does not fix the number) \
+         through PLY writer, strict reader, voxelization, encoder, decoder and writer, at the default quality, in {} \
+         modes. {} runs were accepted, {refused} refused with an error, {failed} failed, in {:.0} s. All rows are in \
+         `{details}` after the run.",
         if args.all { " --all" } else { "" },
         args.size,
         super::MODES.len(),
         runs.len() - refused - failed,
         elapsed.as_secs_f64(),
-        crate::page::picture(&args.out, "Error over bound of every accepted run, sorted"),
+    ));
+    page.text(
+        "Each error is divided by its bound in [accuracy.md](../accuracy.md); the command fails above 1. Means are \
+         compared with those of the input, attributes with those of the merged Gaussians that the encoder was given. A \
+         mean at the edge of its cell reaches its bound, 1. `--lossless` takes any floats, valid or not, and returns \
+         every bit.",
     );
+    page.chart("", chart(runs));
+    let mut table = Table::new("attribute | runs | median error / bound | greatest | where");
     for Attribute { name, ratios } in attributes(runs) {
         let (median, (worst, input, mode)) = (ratios[ratios.len() / 2].0, ratios[ratios.len() - 1]);
         let place = if worst > 0.0 { format!("{input}, {mode}") } else { "-".into() };
-        out += &format!("| {name} | {} | {median:.2} | {worst:.2} | {place} |\n", ratios.len());
+        let [median, worst] = [median, worst].map(|r| format!("{r:.2}"));
+        table.row(cells![name, ratios.len(), median, worst, place]);
     }
-    out += "\n| input | modes that accept it | refused by | greatest error / bound, but for the \
-            two that reach it |\n\
-            |---|---:|---|---:|\n";
+    page.table(&table);
+    let mut table = Table::new(
+        "input | modes that accept it | refused by | greatest error / bound, but for means",
+    );
     for of in runs.chunk_by(|a, b| a.input == b.input) {
-        out += &input_row(of);
+        let accepted = of.iter().filter(|r| r.refused().is_none() && r.outcome.is_ok()).count();
+        let mut parts: Vec<&str> = of.iter().filter_map(Run::refused).collect();
+        parts.dedup();
+        let parts = if parts.is_empty() { "-".into() } else { parts.join(", ") };
+        let others = of.iter().flat_map(Run::worst).filter(|w| w.0 != "mean");
+        let worst = others.map(|w| w.1).fold(0.0, f64::max);
+        let accepted = format!("{accepted} of {}", of.len());
+        table.row(cells![of[0].input, accepted, parts, format!("{worst:.2}")]);
     }
-    out
-}
-
-/// Attributes whose errors reach their bounds in any large scene: half a cell, half a unit.
-const AT_THE_BOUND: [&str; 2] = ["mean", "covariance (integers)"];
-
-/// The runs of one input.
-fn input_row(runs: &[Run]) -> String {
-    let accepted = runs.iter().filter(|r| r.refused().is_none() && r.outcome.is_ok()).count();
-    let mut parts: Vec<&str> = runs.iter().filter_map(Run::refused).collect();
-    parts.dedup();
-    let others = runs.iter().flat_map(Run::worst).filter(|w| !AT_THE_BOUND.contains(&&*w.0));
-    let worst = others.map(|w| w.1).fold(0.0, f64::max);
-    format!(
-        "| {} | {accepted} of {} | {} | {worst:.2} |\n",
-        runs[0].input,
-        runs.len(),
-        if parts.is_empty() { "-".into() } else { parts.join(", ") },
-    )
+    page.table(&table);
+    page
 }
 
 /// Error over bound of the accepted runs, sorted, a line for each attribute that has errors.
-pub(super) fn chart(runs: &[Run]) -> Chart {
+fn chart(runs: &[Run]) -> Chart {
     let line = |a: Attribute| Series::sorted(&a.name, a.ratios.iter().map(|r| r.0).collect());
     let all = attributes(runs).into_iter().filter(|a| a.ratios.iter().any(|r| r.0 > 0.0));
-    Chart::new(
-        "Error over bound, pathological scenes",
-        Axis::linear("accepted runs, sorted, per cent"),
-        Axis::linear("error / bound"),
-        all.map(line).collect(),
-        Some((1.0, "bound".into())),
-    )
+    let axes = ["accepted runs, sorted, per cent", "error / bound"].map(Axis::linear);
+    let title = "Error over bound of every accepted run, sorted";
+    Chart::new(title, axes, all.map(line), Some((1.0, "bound".into())))
 }

@@ -9,7 +9,9 @@ use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::rlgr;
 
-use super::cloud::{Cloud, Peer, depth_of, read};
+use super::cloud::{Cloud, Peer, read};
+use crate::cells;
+use crate::page::{Table, signed};
 
 /// Bytes that tell the decoder the step of a channel.
 const HEADER_BYTES: usize = 1;
@@ -32,7 +34,7 @@ fn mse(a: &[Vec<i32>], b: &[Vec<i32>]) -> f64 {
 }
 
 /// The channels of a cloud, leaf by leaf.
-pub(super) fn rows_of(channels: &[Vec<i32>]) -> Rows {
+fn rows_of(channels: &[Vec<i32>]) -> Rows {
     let mut rows = Rows::new(channels.first().map_or(0, Vec::len), channels.len());
     for (c, values) in channels.iter().enumerate() {
         values.iter().enumerate().for_each(|(i, &v)| rows.row_mut(i)[c] = v as f32);
@@ -40,20 +42,15 @@ pub(super) fn rows_of(channels: &[Vec<i32>]) -> Rows {
     rows
 }
 
-/// The same step for each channel.
-pub(super) fn steps_of(step: Step, channels: usize) -> Vec<f32> {
-    vec![step.value() as f32; channels]
-}
-
 fn coded(bytes: usize, cloud: &Cloud, decoded: &[Vec<i32>]) -> Coded {
     let bytes = bytes + HEADER_BYTES * cloud.channels.len();
-    let bits = bytes as f64 * 8.0 / cloud.leaves.len() as f64;
+    let bits = bytes as f64 * 8.0 / cloud.octree.len() as f64;
     Coded { bits, error: mse(&cloud.channels, decoded) }
 }
 
 /// Codes a cloud with the attribute coder, decodes it and compares with the encoder's reconstruction.
 fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
-    let steps = steps_of(step, cloud.channels.len());
+    let steps = vec![step.value() as f32; cloud.channels.len()];
     let mut rows = rows_of(&cloud.channels);
     let mut coder = Encoder::default();
     attribute::encode(&mut coder, plan, &steps, &Options::default(), &mut rows)?;
@@ -69,7 +66,7 @@ fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
 }
 
 /// RAHT coefficients of a channel, rounded to multiples of the step.
-pub(super) fn levels(plan: &Plan, values: &[i32], step: Step) -> Result<Vec<i32>> {
+fn levels(plan: &Plan, values: &[i32], step: Step) -> Result<Vec<i32>> {
     let mut coefficients: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
     plan.forward_f64(&mut coefficients)?;
     Ok(coefficients.iter().map(|c| (c / step.value()).round() as i32).collect())
@@ -119,118 +116,77 @@ fn rate_at(target: f64, channels: usize, run: impl Fn(Step) -> Result<Coded>) ->
     Ok(run(Step::new(x.exp()))?.bits)
 }
 
-/// One cloud and attribute at one QP of the peer.
-struct Row {
-    cloud: String,
-    attribute: String,
-    /// Our rate against the peer's with the authors' settings, per cent.
-    against_authors: f64,
-    /// The same against the peer with prediction, at that run's error.
-    against_prediction: Option<f64>,
+/// The comparisons with the recorded QPs of one cloud and attribute, per cent.
+#[derive(Default)]
+struct Against {
+    authors: Vec<f64>,
+    /// The peer with prediction, at that run's error.
+    prediction: Vec<f64>,
     /// RAHT with RLGR against the authors' settings.
-    rlgr: f64,
-    /// All figures, a row of the long table.
-    line: String,
+    rlgr: Vec<f64>,
 }
 
-/// RAHT at the peer's error: a table with a row for each QP, and its summary.
-pub(super) fn tables(
-    dir: &Path,
-    clouds: &[&str],
-    attrs: &[&str],
-    qps: &[u8],
-    peers: &[Peer],
-) -> Result<[String; 2]> {
-    let mut rows = Vec::new();
+/// RAHT at the peer's error: a row for each cloud and attribute, the mean over the QPs.
+pub(super) fn table(dir: &Path, clouds: &[String], qps: &[u8], peers: &[Peer]) -> Result<Table> {
+    let mut table = Table::new(
+        "cloud | attribute | QPs | against authors, mean | least | greatest | against prediction, mean | RAHT and \
+         RLGR against authors, mean",
+    );
     for name in clouds {
-        for attr in attrs {
-            let path = dir.join(format!("{name}_{attr}.ply"));
-            if !path.exists() {
-                continue;
+        for attribute in ["dc", "opacity", "rest"] {
+            let Some(mut cloud) = read(dir, name, attribute)? else { continue };
+            if attribute == "opacity" {
+                cloud.channels[0].iter_mut().for_each(|v| *v /= 257);
             }
-            let mut cloud = read(&path, depth_of(name)?)?;
-            if *attr == "opacity" {
-                for v in &mut cloud.channels[0] {
-                    *v /= 257;
+            let of_cloud = |p: &&Peer| p.cloud == *name && p.attribute == attribute;
+            let find = |run: String| peers.iter().filter(of_cloud).find(|p| p.name == run);
+            let mut all = Against::default();
+            for qp in qps {
+                if let Some(authors) = find(format!("r_auth_q{qp}")) {
+                    all.add(&cloud, authors, find(format!("r_pred_q{qp}")))?;
                 }
             }
-            let plan = Plan::new(&cloud.leaves, cloud.j)?;
-            for &qp in qps {
-                let of_cloud = |p: &&Peer| p.cloud == *name && p.attr == *attr && p.qp == Some(qp);
-                let find = |prefix: &str| {
-                    let run = format!("{prefix}_q{qp}");
-                    peers.iter().filter(of_cloud).find(|p| p.name == run)
-                };
-                let Some(authors) = find("r_auth") else { continue };
-                let row = row(&plan, &cloud, authors, find("r_pred"))?;
-                eprintln!("{}", row.line);
-                rows.push(row);
+            if all.authors.is_empty() {
+                continue;
             }
+            let mean = |of: &[f64]| {
+                let mean = of.iter().sum::<f64>() / of.len() as f64;
+                signed((!of.is_empty()).then_some(mean), 2, " %")
+            };
+            let end = |pick: fn(f64, f64) -> f64| {
+                signed(all.authors.iter().copied().reduce(pick), 2, " %")
+            };
+            table.told(cells![
+                name,
+                attribute,
+                all.authors.len(),
+                mean(&all.authors),
+                end(f64::min),
+                end(f64::max),
+                mean(&all.prediction),
+                mean(&all.rlgr),
+            ]);
         }
     }
-    let details = rows.iter().fold(String::from(HEAD), |out, row| out + &row.line + "\n");
-    Ok([details, summary(&rows)])
+    Ok(table)
 }
 
-const HEAD: &str = "| cloud | attribute | QP | squared error | TMC13 authors | TMC13 prediction | gpcc-lite | against authors | against prediction (at its error) | RAHT and RLGR | against authors |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
-
-/// Mean over the QPs for each cloud and attribute.
-fn summary(rows: &[Row]) -> String {
-    let mut out = String::from(
-        "| cloud | attribute | QPs | against authors, mean | least | greatest | against prediction, mean | \
-         RAHT and RLGR against authors, mean |\n|---|---|---:|---:|---:|---:|---:|---:|\n",
-    );
-    for of in rows.chunk_by(|a, b| a.cloud == b.cloud && a.attribute == b.attribute) {
-        let authors = || of.iter().map(|r| r.against_authors);
-        let predicted: Vec<f64> = of.iter().filter_map(|r| r.against_prediction).collect();
-        let mean = |sum: f64, n: usize| match n {
-            0 => "-".to_owned(),
-            n => format!("{:+.2} %", sum / n as f64),
+impl Against {
+    /// One QP: the peer with the authors' settings, and with its prediction.
+    fn add(&mut self, cloud: &Cloud, authors: &Peer, predicted: Option<&Peer>) -> Result<()> {
+        let plan = Plan::new(cloud.octree.clone());
+        let channels = cloud.channels.len();
+        let percent = |ours: f64, theirs: &Peer| (ours / theirs.attribute_bits - 1.0) * 100.0;
+        let contexts = |peer: &Peer| {
+            rate_at(peer.mse, channels, |step| by_contexts(&plan, cloud, step))
+                .map(|bits| percent(bits, peer))
         };
-        out += &format!(
-            "| {} | {} | {} | {} | {:+.2} % | {:+.2} % | {} | {} |\n",
-            of[0].cloud,
-            of[0].attribute,
-            of.len(),
-            mean(authors().sum(), of.len()),
-            authors().fold(f64::INFINITY, f64::min),
-            authors().fold(f64::NEG_INFINITY, f64::max),
-            mean(predicted.iter().sum(), predicted.len()),
-            mean(of.iter().map(|r| r.rlgr).sum(), of.len()),
-        );
+        self.authors.push(contexts(authors)?);
+        let rlgr = rate_at(authors.mse, channels, |step| by_rlgr(&plan, cloud, step))?;
+        self.rlgr.push(percent(rlgr, authors));
+        if let Some(peer) = predicted {
+            self.prediction.push(contexts(peer)?);
+        }
+        Ok(())
     }
-    out
-}
-
-/// One QP: the peer with the authors' settings, and with its prediction.
-fn row(plan: &Plan, cloud: &Cloud, authors: &Peer, predicted: Option<&Peer>) -> Result<Row> {
-    let channels = cloud.channels.len();
-    let contexts = |target| rate_at(target, channels, |step| by_contexts(plan, cloud, step));
-    let percent = |ours: f64, theirs: f64| (ours / theirs - 1.0) * 100.0;
-    let bits = contexts(authors.mse)?;
-    let rlgr_bits = rate_at(authors.mse, channels, |step| by_rlgr(plan, cloud, step))?;
-    let (against_authors, rlgr) =
-        (percent(bits, authors.attr_bpp), percent(rlgr_bits, authors.attr_bpp));
-    let against_prediction = match predicted {
-        Some(p) => Some(percent(contexts(p.mse)?, p.attr_bpp)),
-        None => None,
-    };
-    let line = format!(
-        "| {} | {} | {} | {:.3} | {:.3} | {} | {bits:.3} | {against_authors:+.2} % | {} | {rlgr_bits:.3} | {rlgr:+.2} % |",
-        authors.cloud,
-        authors.attr,
-        authors.qp.unwrap_or_default(),
-        authors.mse,
-        authors.attr_bpp,
-        predicted.map_or("-".into(), |p| format!("{:.3}", p.attr_bpp)),
-        against_prediction.map_or("-".into(), |a| format!("{a:+.2} %")),
-    );
-    Ok(Row {
-        cloud: authors.cloud.clone(),
-        attribute: authors.attr.clone(),
-        against_authors,
-        against_prediction,
-        rlgr,
-        line,
-    })
 }

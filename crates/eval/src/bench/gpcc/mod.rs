@@ -1,104 +1,127 @@
 //! gpcc-lite beside TMC13's recorded figures.
 
-mod accuracy;
-mod adaptive;
 mod cloud;
 mod lossy;
-mod model;
-mod rates;
-mod speed;
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
+use gpcc_lite::predict::{self, Neighbours};
+use gpcc_lite::{Limits, geometry};
 
-/// What [`run`] measures.
-#[derive(Clone, Debug)]
+use crate::cells;
+use crate::codec::timed;
+use crate::page::{Page, Table};
+use cloud::{Peer, read};
+
+/// Flags of `cargo xtask bench-gpcc`.
+#[derive(Clone, Debug, clap::Args)]
 pub struct Options {
-    /// Directory of the clouds and `tmc13.jsonl`.
-    pub clouds: PathBuf,
-    /// Only these parts: model, geometry, adaptive, lossless, raht, speed, accuracy (all if none);
-    /// a partial run is printed, not written.
-    pub only: Vec<String>,
-    /// Only these clouds (all if none).
-    pub cloud: Vec<String>,
-    /// Only these attributes (all if none).
-    pub attr: Vec<String>,
-    /// Only these quantisation parameters.
-    pub qp: Vec<u8>,
-    /// Where the page goes, relative to the root of the workspace.
-    pub out: PathBuf,
+    /// Directory of the clouds and `tmc13.jsonl`
+    #[arg(long, default_value = "../shared/clouds")]
+    clouds: PathBuf,
+    /// Only these clouds
+    #[arg(long, value_delimiter = ',', default_values = ["vic12", "vic15", "jus15", "gsv12", "kac15", "syn15"])]
+    only: Vec<String>,
+    /// Quantisation parameters of the lossy channels
+    #[arg(long, value_delimiter = ',', default_values = ["4", "16", "28", "34", "40"])]
+    qp: Vec<u8>,
+    /// Where the page goes
+    #[arg(long, default_value = "docs/results/gpcc.md")]
+    out: PathBuf,
 }
 
-const CLOUDS: [&str; 6] = ["vic12", "vic15", "jus15", "gsv12", "kac15", "syn15"];
-
-/// Measures the parts asked for; a whole run writes the page.
+/// Measures and writes the page.
 ///
 /// # Errors
 /// If a cloud or the record cannot be read, or a stream does not decode to what was coded.
-pub fn run(args: &Options) -> Result<()> {
-    let pick = |chosen: &[String], all: &[&'static str]| -> Vec<&'static str> {
-        let keep = |x: &&&str| chosen.is_empty() || chosen.iter().any(|c| c == **x);
-        all.iter().filter(keep).copied().collect()
-    };
-    let clouds = pick(&args.cloud, &CLOUDS);
-    let attrs = pick(&args.attr, &["dc", "opacity", "rest", "scale", "rot"]);
-    let lossy: Vec<&str> =
-        attrs.iter().copied().filter(|a| ["dc", "opacity", "rest"].contains(a)).collect();
-    let lossless: Vec<&str> = attrs.iter().copied().filter(|a| *a != "opacity").collect();
-    let qps = if args.qp.is_empty() { vec![4, 16, 28, 34, 40] } else { args.qp.clone() };
-    let wants = |part: &str| args.only.is_empty() || args.only.iter().any(|o| o == part);
-    let dir = &args.clouds;
-    let peers = cloud::peers(&dir.join("tmc13.jsonl"))?;
-    let mut report = String::from(INTRODUCTION);
-    // Prints all figures; the page has the summary.
-    let mut part = |title: &str, [details, summary]: [String; 2]| {
-        println!("## {title}\n\n{details}");
-        report += &format!("\n## {title}\n\n{summary}");
-    };
-    let whole = |table: String| [table.clone(), table];
-    // First, because peak memory is counted from the start of the process.
-    let model = if wants("model") { Some(model::report(dir)?) } else { None };
-    if wants("geometry") {
-        part("Geometry", whole(rates::geometry_table(dir, &clouds, &peers)?));
-    }
-    if wants("adaptive") {
-        part("Leaves of different depth", whole(adaptive::table(dir)?));
-    }
-    if wants("raht") {
-        part("RAHT", lossy::tables(dir, &clouds, &lossy, &qps, &peers)?);
-    }
-    if wants("lossless") {
-        part("Lossless channels", whole(rates::lossless_table(dir, &clouds, &lossless, &peers)?));
-    }
-    if wants("speed") {
-        part("Time on one thread, syn15 (500 k points, J = 15)", whole(speed::speed_table(dir)?));
-    }
-    if let Some(text) = model {
-        part("A model of 56 coded channels on all cores", whole(text));
-    }
-    if wants("accuracy") {
-        part("Error of RAHT in single precision", accuracy::tables()?);
-    }
-    let partial = [&args.only, &args.cloud, &args.attr].iter().any(|a| !a.is_empty());
-    if !partial && args.qp.is_empty() {
-        crate::page::write(&args.out, &report, None)?;
-    }
-    Ok(())
+pub fn run(options: &Options) -> Result<()> {
+    let peers = cloud::peers(&options.clouds.join("tmc13.jsonl"))?;
+    let mut page = Page::new(&options.out, "How does the point-cloud coder compare with TMC13?");
+    page.text(
+        "`cargo xtask bench-gpcc`. TMC13 v23 is MPEG's test model of G-PCC, the coder that the paper uses. Its figures \
+         are recorded runs (`tmc13.jsonl` beside the clouds). Ours are whole streams, decoded and compared. Rates are \
+         bits per point. \"Authors\" are the settings of the paper's scripts, \"best\" is the smallest of all recorded \
+         option sets.",
+    );
+    page.text(
+        "Lossy rates are compared at the peer's squared error, summed over the stored 8-bit channels after rounding \
+         and clipping to 0..255 (opacity: the 16-bit attribute divided by 257, as the peer codes it). Our step is \
+         searched until the error agrees within 0.2 %; the rest is interpolated. A byte for the step of each channel \
+         is counted. \"RAHT and RLGR\" is the paper's coder: a uniform quantiser of RAHT coefficients, each channel \
+         coded by RLGR.",
+    );
+    page.text("## Geometry");
+    page.table(&of_geometry(options, &peers)?);
+    page.text("## RAHT");
+    page.table(&lossy::table(&options.clouds, &options.only, &options.qp, &peers)?);
+    page.text("## Lossless channels");
+    page.table(&lossless(options, &peers)?);
+    page.write()
 }
 
-const INTRODUCTION: &str = "# How does the point-cloud coder compare with TMC13?
+/// The peer with the authors' settings and at its best, ours, ours against both, and our seconds.
+fn cells_of([authors, best, ours]: [f64; 3], [encode, decode]: [f64; 2]) -> Vec<String> {
+    let bits = |x: f64| if x.is_nan() { "-".into() } else { format!("{x:.3}") };
+    let against = |theirs: f64| match theirs.is_nan() {
+        true => "-".into(),
+        false => format!("{:+.2} %", (ours / theirs - 1.0) * 100.0),
+    };
+    let seconds = format!("{encode:.3} / {decode:.3}");
+    cells![bits(authors), bits(best), bits(ours), against(authors), against(best), seconds]
+}
 
-Written by `cargo xtask bench-gpcc`, which also prints every row. TMC13 v23 is MPEG's test model of
-G-PCC, the coder that the paper uses. Its figures are recorded runs (`tmc13.jsonl` beside the clouds).
-Ours are whole streams, decoded and compared. Rates are bits per point. \"Authors\" are the settings of
-the paper's scripts, \"best\" is the smallest of all recorded option sets.
+const COLUMNS: &str =
+    "TMC13 authors | TMC13 best | gpcc-lite | against authors | against best | encode / decode s";
 
-Lossy rates are compared at the peer's squared error, summed over the stored 8-bit channels after
-rounding and clipping to 0..255 (opacity: the 16-bit attribute divided by 257, as the peer codes it).
-Our step is searched until the error agrees within 0.2 %; the rest is interpolated. A byte for the step of
-each channel is counted. \"RAHT and RLGR\" is the paper's coder: a uniform quantiser of RAHT
-coefficients, each channel coded by RLGR.
+/// Geometry of each cloud.
+fn of_geometry(options: &Options, peers: &[Peer]) -> Result<Table> {
+    let mut table = Table::new(&format!("cloud | points | {COLUMNS}"));
+    for name in &options.only {
+        let cloud =
+            read(&options.clouds, name, "dc")?.with_context(|| format!("no cloud {name}"))?;
+        let (bytes, encode) = timed(|| geometry::encode(&cloud.octree));
+        let bytes = bytes?;
+        let (back, decode) = timed(|| geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
+        ensure!(back? == cloud.octree, "{name}: geometry differs");
+        let of = peers
+            .iter()
+            .filter(|p| p.cloud == *name && p.name.starts_with("g_") && p.geometry_bits > 0.0);
+        let authors =
+            of.clone().find(|p| p.name == "g_default").map_or(f64::NAN, |p| p.geometry_bits);
+        let best = of.map(|p| p.geometry_bits).fold(f64::NAN, f64::min);
+        let ours = bytes.len() as f64 * 8.0 / cloud.octree.len() as f64;
+        let mut row = cells![name, cloud.octree.len()];
+        row.extend(cells_of([authors, best, ours], [encode, decode]));
+        table.told(row);
+    }
+    Ok(table)
+}
 
-Times are processor seconds of one thread; of all threads for the model of 56 channels.
-";
+/// Channels without loss.
+fn lossless(options: &Options, peers: &[Peer]) -> Result<Table> {
+    let mut table = Table::new(&format!("cloud | attribute | {COLUMNS}"));
+    for name in &options.only {
+        for attribute in ["dc", "rest", "scale", "rot"] {
+            let Some(cloud) = read(&options.clouds, name, attribute)? else { continue };
+            let near = Neighbours::new(&cloud.octree);
+            let refs: Vec<&[i32]> = cloud.channels.iter().map(Vec::as_slice).collect();
+            let (bytes, encode) = timed(|| predict::encode_lossless(&near, &refs));
+            let bytes = bytes?;
+            let (back, decode) = timed(|| predict::decode_lossless(&near, &bytes, refs.len()));
+            ensure!(back? == cloud.channels, "{name} {attribute}: channels differ");
+            let of = peers.iter().filter(|p| {
+                let same = p.cloud == *name && p.attribute == attribute;
+                same && p.mse == 0.0 && p.attribute_bits > 0.0
+            });
+            let authors = of.clone().find(|p| p.name == "p_auth" || p.name == "p_auth_col");
+            let authors = authors.map_or(f64::NAN, |p| p.attribute_bits);
+            let best = of.map(|p| p.attribute_bits).fold(f64::NAN, f64::min);
+            let ours = bytes.len() as f64 * 8.0 / cloud.octree.len() as f64;
+            let mut row = cells![name, attribute];
+            row.extend(cells_of([authors, best, ours], [encode, decode]));
+            table.told(row);
+        }
+    }
+    Ok(table)
+}

@@ -8,52 +8,36 @@ mod step;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 
-use crate::command;
+use crate::process::Gsvx;
 use crate::rd_curve::streams::{How, Point, QUALITIES, Streams};
 use crate::rd_curve::study::Study;
 use crate::rd_curve::{Effort, Options as CurveOptions};
 
-/// What [`run`] measures.
-#[derive(Clone, Debug)]
+/// Flags of `cargo xtask bench-tune`.
+#[derive(Clone, Debug, clap::Args)]
 pub struct Options {
-    /// Scenes of the page.
-    pub scenes: Vec<String>,
-    /// Only these runs; all if none.
-    pub runs: Vec<String>,
-    /// Only these qualities of them; all if none.
-    pub qualities: Vec<f32>,
-    /// The command.
-    pub gsvx: PathBuf,
-    /// Another version to compare with, instead of the command's own streams without tuning.
-    pub reference: Option<Reference>,
-    /// Where the page goes, relative to the root of the workspace.
-    pub out: PathBuf,
+    /// Scenes of the page; the picture is of the first.
+    #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
+    scenes: Vec<String>,
+    /// Measure only these runs, for example normal,quick (all if none); others are shown as far as they
+    /// are recorded.
+    #[arg(long = "run", value_delimiter = ',')]
+    runs: Vec<String>,
+    /// Measure only these qualities (all if none).
+    #[arg(long = "quality", value_delimiter = ',')]
+    qualities: Vec<f32>,
+    /// The command to measure.
+    #[arg(long, default_value = "target/release/gsvx")]
+    gsvx: PathBuf,
+    /// Where the page goes.
+    #[arg(long, default_value = "docs/results/tune.md")]
+    out: PathBuf,
 }
 
-/// Another version of the command.
-#[derive(Clone, Debug)]
-pub struct Reference {
-    /// As the page calls it.
-    pub name: String,
-    /// The command.
-    pub gsvx: PathBuf,
-}
-
-/// `NAME=COMMAND`.
-///
-/// # Errors
-/// If there is no such sign, or nothing before it.
-pub fn parse_reference(text: &str) -> Result<Reference> {
-    let (name, gsvx) = text.split_once('=').context("NAME=COMMAND expected")?;
-    ensure!(!name.is_empty(), "a name is missing");
-    Ok(Reference { name: name.into(), gsvx: gsvx.into() })
-}
-
-/// Qualities of the curve without tuning, and of that of a reference.
+/// Qualities of the curve without tuning.
 const UNTUNED: [f32; 7] = [30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0];
-const REFERENCE: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
 
 /// Ways of tuning on the page.
 const RUNS: [How; 4] = [
@@ -62,12 +46,6 @@ const RUNS: [How; 4] = [
     How::Tune { effort: Effort::Quick, distil: false, seed: 0 },
     How::Tune { effort: Effort::Normal, distil: true, seed: 0 },
 ];
-
-/// Names of the ways of tuning, for a command line.
-#[must_use]
-pub fn runs() -> Vec<String> {
-    RUNS.map(How::name).into()
-}
 
 /// The points of one way of tuning, by quality.
 struct Tuned {
@@ -81,8 +59,7 @@ struct Scene {
     gaussians: usize,
     /// PSNR and SSIM of the model as it was trained.
     original: [f64; 2],
-    /// What the tuned streams are compared with.
-    anchor: Vec<Point>,
+    untuned: Vec<Point>,
     tuned: Vec<Tuned>,
     step: step::Cost,
     /// Greatest memory of a plain fine-tune, MB.
@@ -94,58 +71,39 @@ struct Scene {
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn run(options: &Options) -> Result<()> {
+    let known = RUNS.map(How::name);
     for name in &options.runs {
-        let known = runs();
         ensure!(known.contains(name), "{name}: no such run; there are {}", known.join(", "));
     }
-    let scenes = options.scenes.iter().map(|name| scene(options, name));
-    let scenes = scenes.collect::<Result<Vec<_>>>()?;
-    let first = scenes.first().context("no scene")?;
-    crate::page::write(
-        &options.out,
-        &page::text(options, &scenes)?,
-        Some(&page::chart(options, first)),
-    )
+    let gsvx = Gsvx::find(&options.gsvx)?;
+    let scenes = options.scenes.iter().map(|name| scene(options, &gsvx, name));
+    page::page(options, &scenes.collect::<Result<Vec<_>>>()?).write()
 }
 
-fn scene(options: &Options, name: &str) -> Result<Scene> {
-    let study = Study::open(&CurveOptions { scene: name.into(), ..CurveOptions::default() })?;
+fn scene(options: &Options, gsvx: &Gsvx, name: &str) -> Result<Scene> {
+    let study = Study::open(&CurveOptions::of(name)?)?;
     let original = study.original()?;
-    let streams = Streams::open(&study, &options.gsvx)?;
-    let anchor = match &options.reference {
-        Some(other) => {
-            let other = Streams::open(&study, &other.gsvx)?;
-            let points = REFERENCE.iter().map(|&q| other.point(How::Reference, q));
-            points.collect::<Result<_>>()?
-        }
-        None => {
-            let points = UNTUNED.iter().map(|&q| streams.point(How::Encode, q));
-            points.collect::<Result<_>>()?
-        }
-    };
+    let streams = Streams::open(&study, gsvx)?;
     let mut tuned = Vec::new();
     for how in RUNS {
         let asked = options.runs.is_empty() || options.runs.contains(&how.name());
-        let mut points = Vec::new();
-        for quality in QUALITIES {
-            let asked =
-                asked && (options.qualities.is_empty() || options.qualities.contains(&quality));
-            let point = match asked {
-                true => Some(streams.point(how, quality)?),
-                false => streams.find(how, quality)?,
-            };
-            points.extend(point);
-        }
-        tuned.push(Tuned { how, points });
+        let point = |quality: f32| match &options.qualities {
+            only if asked && (only.is_empty() || only.contains(&quality)) => {
+                streams.point(how, quality).map(Some)
+            }
+            _ => streams.find(how, quality),
+        };
+        let points: Vec<_> = QUALITIES.into_iter().map(point).collect::<Result<_>>()?;
+        tuned.push(Tuned { how, points: points.into_iter().flatten().collect() });
     }
-    let score = &original.score;
+    let untuned = UNTUNED.iter().map(|&q| streams.point(How::Encode, q));
     Ok(Scene {
         name: study.test.files.name.clone(),
         gaussians: original.gaussians,
-        original: [score.psnr_db, score.ssim],
-        anchor,
+        original: [original.score.psnr_db, original.score.ssim],
+        untuned: untuned.collect::<Result<_>>()?,
         tuned,
         step: step::cost(&study)?,
-        plain_peak_mb: step::plain_peak_mb(&study, &command::find(&options.gsvx)?)?,
+        plain_peak_mb: step::plain_peak_mb(&study, gsvx)?,
     })
 }

@@ -1,16 +1,15 @@
 //! What a step with the codec in the loop costs beside a plain step of fine-tune on the same Gaussians, and
 //! what memory the commands take.
 
-use std::path::Path;
-
 use anyhow::{Context, Result};
 use finetune::{FineTune, FineTuneOptions, Loss, TrainView};
 use gs_model::Scene;
 use serde::{Deserialize, Serialize};
 use tune::{Options, Plan, Target, Tune};
 
+use crate::process::Gsvx;
 use crate::rd_curve::study::Study;
-use crate::{command, measure, usage};
+use crate::{measure, usage};
 
 /// Quality of the loop.
 const QUALITY: f32 = 58.0;
@@ -85,14 +84,24 @@ impl Clock {
 }
 
 /// Greatest memory of the command that tunes as the paper does, MB.
-pub(super) fn plain_peak_mb(study: &Study, gsvx: &Path) -> Result<f64> {
-    study.cache.run("tune-plain-memory", &gsvx, || {
+pub(super) fn plain_peak_mb(study: &Study, gsvx: &Gsvx) -> Result<f64> {
+    study.cache.run("tune-plain-memory", &gsvx.path(), || {
         let dataset = &study.test.files.dataset;
         let folder = tempfile::tempdir().context("make a temporary folder")?;
-        let words = ["tune", "--profile", "paper", "--steps", "10", "--cameras"];
-        let mut words: Vec<std::ffi::OsString> = words.iter().map(Into::into).collect();
-        words.push(dataset.dir.clone().into());
         let out = folder.path().join("plain.gsvx");
-        Ok(command::measure(gsvx, &words, &dataset.model_path, &out)?.peak_mb)
+        let done = gsvx.make(
+            &[
+                &"tune",
+                &"--profile",
+                &"paper",
+                &"--steps",
+                &"10",
+                &"--cameras",
+                &dataset.dir,
+                &dataset.model_path,
+            ],
+            &out,
+        )?;
+        Ok(done.peak_mb)
     })
 }

@@ -2,28 +2,7 @@
 
 use gs_model::Scene;
 
-/// Integers of one run: three 8-bit channels, or one of 16 bits.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Channels {
-    /// Three channels of 8 bits.
-    Colour(Vec<[u8; 3]>),
-    /// One channel of 16 bits.
-    Scalar(Vec<u16>),
-}
-
-impl Channels {
-    pub(super) fn is_colour(&self) -> bool {
-        matches!(self, Self::Colour(_))
-    }
-
-    /// The entries in another order: entry `i` is the old entry `order[i]`.
-    pub(super) fn reordered(&self, order: &[usize]) -> Self {
-        match self {
-            Self::Colour(all) => Self::Colour(order.iter().map(|&i| all[i]).collect()),
-            Self::Scalar(all) => Self::Scalar(order.iter().map(|&i| all[i]).collect()),
-        }
-    }
-}
+use crate::cloud::Channels;
 
 /// Least and greatest value of each channel.
 pub(super) type Ranges = Vec<(f64, f64)>;

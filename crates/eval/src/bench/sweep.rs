@@ -5,16 +5,16 @@
 //! in front, and the least change of a mean decides anew. How much that alone changes is measured by the input in
 //! reverse order. An error below that one says nothing about quality, so no PSNR above it counts.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use finetune::{Image, RenderOptions, metrics, render};
 use gs_model::Scene;
 use gsvx::EncodeOptions;
 
-use crate::chart::{Axis, Chart, Kind, Series};
-use crate::page;
+use crate::cells;
+use crate::chart::{Axis, Chart, Series};
+use crate::page::{Page, Table};
 use crate::progress::Bar;
 use crate::scenes::ModelAndCameras;
 
@@ -33,13 +33,13 @@ pub fn all_qualities(per_point: u32) -> Vec<f32> {
 /// PSNR at each quality.
 pub struct Sweep {
     /// What was asked for, ascending.
-    pub qualities: Vec<f32>,
+    qualities: Vec<f32>,
     /// PSNR against renders of the input, dB, at most `order`: for each quality, that of each view.
-    pub views: Vec<Vec<f64>>,
+    views: Vec<Vec<f64>>,
     /// The same of the merged Gaussians before their attributes are coded.
-    pub merged: Vec<Vec<f64>>,
+    merged: Vec<Vec<f64>>,
     /// PSNR of the input in reverse order against the input, dB, of each view.
-    pub order: Vec<f64>,
+    order: Vec<f64>,
 }
 
 /// By how much a quality lies below a lower one.
@@ -88,22 +88,10 @@ impl Sweep {
         Ok(Self { qualities: qualities.to_vec(), views, merged, order })
     }
 
-    /// Mean PSNR over the views at each quality.
-    #[must_use]
-    pub fn means(&self) -> Vec<f64> {
-        means(&self.views)
-    }
-
-    /// The largest drop of the mean over the views of the merged Gaussians, before they are coded.
-    #[must_use]
-    pub fn of_merging(&self) -> Drop {
-        largest(&self.qualities, &means(&self.merged))
-    }
-
     /// The largest drop of the mean over the views.
     #[must_use]
     pub fn of_mean(&self) -> Drop {
-        largest(&self.qualities, &self.means())
+        largest(&self.qualities, &means(&self.views))
     }
 
     /// The largest drop of a single view.
@@ -137,58 +125,51 @@ fn largest(qualities: &[f32], psnr: &[f64]) -> Drop {
     worst
 }
 
-/// Sweeps every scene over all qualities, prints the drops and writes the page at `out`.
+/// Sweeps every scene over all qualities and writes the page at `out`.
 pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
     let qualities = all_qualities(2);
-    let mut text = format!(
-        "# Does a greater quality ever look worse?\n\n\
-         `cargo xtask bench-gsvx --sweep {}`: qualities 5 to 100 in steps of 0.5, importances from the training \
-         cameras, nothing left out. PSNR is that of held-out views (at most {VIEWS}) against renders of the \
-         input. A drop is the amount by which a quality lies below a lower one; up to {ALLOWED_DB} dB of the mean is \
-         allowed. `cargo xtask conformance` checks it on the room, in steps of 1.\n\n\
-         Where Gaussians lie at equal depth, as on a wall that faces the camera, their order decides which is in \
-         front, and the least change of a mean decides anew. How much that alone changes is the PSNR of the input \
-         in reverse order, \"order alone\" in the table. In each view no more than that counts.\n\n\
-         \"Merging alone\" renders the merged Gaussians before their attributes are coded: what the choice of leaves \
-         loses.\n\n\
-         The desk is generated (`testing::desk`): 60,000 Gaussians at the scale of a metre, with 300 bright ones \
-         that are up to ninety times as long as wide. Turned by one step of its covariance, the end of such a \
-         Gaussian moves by several times its width.\n\n\
-         {}\n\n\
-         | scene | order alone, dB | largest drop of the mean, dB | from quality | to | largest drop of a view, dB | from quality | to | merging alone: largest drop of the mean, dB |\n\
-         |---|---:|---:|---:|---:|---:|---:|---:|---:|\n",
-        names.join(","),
-        page::picture(out, "PSNR over quality"),
+    let mut table = Table::new(
+        "scene | order alone, dB | largest drop of the mean, dB | from quality | to | largest drop of a view, dB | \
+         from quality | to | merging alone: largest drop of the mean, dB",
     );
     let mut series = Vec::new();
     for name in names {
         let sweep = Sweep::of(name, &qualities)?;
         let (mean, view) = (sweep.of_mean(), sweep.of_worst_view());
         let order = sweep.order.iter().sum::<f64>() / sweep.order.len() as f64;
-        writeln!(
-            text,
-            "| {name} | {order:.1} | {:.2} | {} | {} | {:.2} | {} | {} | {:.2} |",
-            mean.db,
-            mean.from,
-            mean.to,
-            view.db,
-            view.from,
-            view.to,
-            sweep.of_merging().db
-        )
-        .context("write a row")?;
-        let points = qualities.iter().map(|&q| f64::from(q)).zip(sweep.means()).collect();
-        series.push(Series { name: name.clone(), points, kind: Kind::Ours });
+        let merging = largest(&qualities, &means(&sweep.merged)).db;
+        let mut row = cells![name, format!("{order:.1}")];
+        for drop in [mean, view] {
+            row.extend(cells![format!("{:.2}", drop.db), drop.from, drop.to]);
+        }
+        row.push(format!("{merging:.2}"));
+        table.told(row);
+        let points = qualities.iter().map(|&q| f64::from(q)).zip(means(&sweep.views));
+        series.push(Series::ours(name, points.collect()));
     }
-    let chart = Chart::new(
-        "Quality and PSNR",
-        Axis::linear("quality"),
-        Axis::linear("PSNR against renders of the input, dB"),
-        series,
-        None,
+    let mut page = Page::new(out, "Does a greater quality ever look worse?");
+    page.text(format!(
+        "`cargo xtask bench-gsvx --sweep {}`: qualities 5 to 100 in steps of 0.5, importances from the training \
+         cameras, nothing left out. PSNR is that of held-out views (at most {VIEWS}) against renders of the input. A \
+         drop is the amount by which a quality lies below a lower one; up to {ALLOWED_DB} dB of the mean is allowed. \
+         `cargo xtask conformance` checks it on the room, in steps of 1.",
+        names.join(","),
+    ));
+    page.text(
+        "Where Gaussians lie at equal depth, as on a wall that faces the camera, their order decides which is in \
+         front, and the least change of a mean decides anew. How much that alone changes is the PSNR of the input in \
+         reverse order, \"order alone\" in the table. In each view no more than that counts. \"Merging alone\" renders \
+         the merged Gaussians before their attributes are coded: what the choice of leaves loses.",
     );
-    print!("{text}");
-    page::write(out, &text, Some(&chart))
+    page.text(
+        "The desk is generated (`testing::desk`): 60,000 Gaussians at the scale of a metre, with 300 bright ones that \
+         are up to ninety times as long as wide. Turned by one step of its covariance, the end of such a Gaussian \
+         moves by several times its width.",
+    );
+    let axes = ["quality", "PSNR against renders of the input, dB"].map(Axis::linear);
+    page.chart("", Chart::new("Quality and PSNR", axes, series, None));
+    page.table(&table);
+    page.write()
 }
 
 #[cfg(test)]

@@ -1,48 +1,49 @@
 //! Rates with and without cameras, also of models with a sky or with a distant copy of themselves.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use finetune::{RenderOptions, metrics, render};
 use gs_model::{Camera, Scene};
 use gsvx::{EncodeOptions, Seen};
 use testing::Rng;
 
+use crate::cells;
 use crate::codec::{self, Codec, Curve};
-use crate::page;
-use crate::scenes::{self, ModelAndCameras, TestScene};
+use crate::page::{Page, Table, signed};
+use crate::scenes::{self, TestScene};
 use crate::voxelized::voxelized;
 
 const QUALITIES: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
 
-/// Measures, prints and writes the page at `out`.
+/// Measures and writes the page at `out`.
 pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
-    let mut text = format!(
-        "# What do cameras bring?\n\n\
-         `cargo xtask bench-gsvx --importance {}`. Without cameras, importance is a guess from opacity and from \
-         area relative to that of the neighbours (`gsvx::importance::without_cameras`).\n\n\
-         BD-rate (pchip, qualities 34, 48, 62, 76 and 90, PSNR of the held-out views against the photos) against \
-         a plainer guess: opacity times the root of the area of the two largest axes. Negative is smaller.\n\n\
-         | scene | without cameras | cameras, nothing left out | cameras, what they do not see left out |\n\
-         |---|---:|---:|---:|\n",
+    let mut page = Page::new(out, "What do cameras bring?");
+    page.text(format!(
+        "`cargo xtask bench-gsvx --importance {}`. Without cameras, importance is a guess from opacity and from area \
+         relative to that of the neighbours (`gsvx::importance::without_cameras`).",
         names.join(","),
+    ));
+    page.text(
+        "BD-rate (pchip, qualities 34, 48, 62, 76 and 90, PSNR of the held-out views against the photos) against a \
+         plainer guess: opacity times the root of the area of the two largest axes. Negative is smaller.",
+    );
+    let mut table = Table::new(
+        "scene | without cameras | cameras, nothing left out | cameras, what they do not see left out",
     );
     for name in names {
-        text += &beside_cameras(name)?;
+        beside_cameras(name, &mut table)?;
     }
-    text += &format!(
-        "\n## Skies and pairs\n\n\
-         A scene at quality {}, without cameras: alone; with a third as many large Gaussians on a sphere around \
-         it; and with a copy of itself far away. The room has a few units, the desk is generated and 2 units wide \
-         (`testing::desk`). dB of the scene's held-out views against renders of the input.\n\n\
-         | scene | model | Gaussians in the stream | bytes | dB |\n|---|---|---:|---:|---:|\n",
+    page.table(&table);
+    page.text("## Skies and copies");
+    page.text(format!(
+        "The room, a few units wide, at quality {}, without cameras: alone; with a third as many large Gaussians on a \
+         sphere around it; and with a copy of itself far away. dB of the room's held-out views against renders of the \
+         input.",
         gsvx::DEFAULT_QUALITY
-    );
-    text += &far_parts(scenes::DEFAULT)?;
-    text += &far_parts(scenes::DESK)?;
-    print!("{text}");
-    page::write(out, &text, None)
+    ));
+    page.table(&far_parts(scenes::DEFAULT)?);
+    page.write()
 }
 
 /// The plainer guess, which depends on the scale of each part of a scene.
@@ -63,12 +64,7 @@ struct With {
 
 impl Codec for With {
     fn name(&self) -> String {
-        match self.seen {
-            Seen::Guessed => "without cameras",
-            Seen::ByCameras => "with cameras",
-            Seen::ByCamerasOnly => "what cameras see",
-        }
-        .into()
+        format!("{:?}", self.seen)
     }
 
     fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
@@ -85,7 +81,7 @@ impl Codec for With {
 }
 
 /// One row: the curves of a scene, against that of opacity and size.
-fn beside_cameras(name: &str) -> Result<String> {
+fn beside_cameras(name: &str, table: &mut Table) -> Result<()> {
     let scene = TestScene::open(name, usize::MAX)?;
     let curve = |importance: Vec<f32>, seen| -> Result<Curve> {
         codec::curve(&With { importance, seen }, &scene, &QUALITIES)
@@ -94,52 +90,52 @@ fn beside_cameras(name: &str) -> Result<String> {
     let seen = finetune::saliency_per_view(&scene.model, &scene.training).squared;
     let kept = gsvx::importance::with_unseen(&scene.model, &seen);
     let guessed = gsvx::importance::without_cameras(&scene.model);
-    let mut row = format!("| {name} |");
+    let mut row = cells![name];
     for (importance, seen) in
         [(guessed, Seen::Guessed), (kept, Seen::ByCameras), (seen, Seen::ByCamerasOnly)]
     {
-        let rate = curve(importance, seen)?.bd_rate(&plainer);
-        write!(row, " {:+.1} % |", rate.context("the curves share no range of PSNR")?)?;
+        row.push(signed(curve(importance, seen)?.bd_rate(&plainer), 1, " %"));
     }
-    Ok(row + "\n")
+    table.told(row);
+    Ok(())
 }
 
 /// The rows of a scene alone, with skies, and with copies of itself far away.
-fn far_parts(name: &str) -> Result<String> {
-    let ModelAndCameras { model: alone, held_out, .. } = ModelAndCameras::open(name, usize::MAX)?;
-    let mut models = vec![("alone".to_owned(), alone.clone())];
+fn far_parts(name: &str) -> Result<Table> {
+    let TestScene { model: alone, held_out, .. } = TestScene::open(name, usize::MAX)?;
+    let mut models = vec![("alone".to_owned(), Scene::default())];
     for radius in [30.0, 100.0, 1000.0] {
-        let mut model = alone.clone();
-        model.append(&sky(radius, alone.len() / 3, alone.sh_degree));
-        models.push((format!("a sky, {radius} units away"), model));
+        let sky = sky(radius, alone.len() / 3, alone.sh_degree);
+        models.push((format!("a sky, {radius} units away"), sky));
     }
     for distance in [1e5f32, 3e6] {
         let mut copy = alone.clone();
         copy.means.iter_mut().for_each(|p| p[0] += distance);
-        let mut model = alone.clone();
-        model.append(&copy);
-        models.push((format!("a copy, {distance:.0e} units away"), model));
+        models.push((format!("a copy, {distance:.0e} units away"), copy));
     }
-    let mut rows = String::new();
-    for (what, model) in &models {
-        let encoded = gsvx::encode(model, &EncodeOptions::default())?;
+    let mut table = Table::new("model | Gaussians in the stream | bytes | dB");
+    for (what, far) in models {
+        let mut model = alone.clone();
+        model.append(&far);
+        let encoded = gsvx::encode(&model, &EncodeOptions::default())?;
         let decoded = gsvx::decode(&encoded.bytes)?;
         let (count, bytes) = (encoded.index.header.count, encoded.bytes.len());
-        writeln!(
-            rows,
-            "| {name} | {what} | {count} | {bytes} | {:.2} |",
-            db(&decoded, model, &held_out)
-        )?;
+        let cameras = held_out.iter().map(|v| &v.camera);
+        table.told(cells![what, count, bytes, format!("{:.2}", db(&decoded, &model, cameras))]);
     }
-    Ok(rows)
+    Ok(table)
 }
 
 /// Mean PSNR between the renders of two scenes, dB.
-fn db(scene: &Scene, reference: &Scene, cameras: &[Camera]) -> f64 {
-    let options = RenderOptions::default();
+fn db<'a>(
+    scene: &Scene,
+    reference: &Scene,
+    cameras: impl ExactSizeIterator<Item = &'a Camera>,
+) -> f64 {
+    let (options, count) = (RenderOptions::default(), cameras.len());
     let of =
         |c: &Camera| metrics::psnr(&render(scene, c, &options), &render(reference, c, &options));
-    cameras.iter().map(of).sum::<f64>() / cameras.len() as f64
+    cameras.map(of).sum::<f64>() / count as f64
 }
 
 /// Large Gaussians on a sphere, of two colours. Each covers twice its share of the sphere.

@@ -1,15 +1,37 @@
-//! Point clouds as tmc3 reads and writes them.
+//! Point clouds as MPEG's tmc3 reads and writes them: integer positions with one attribute.
 
 use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use gpcc_lite::morton;
 
-use super::channels::Channels;
+/// Integers of one attribute: three 8-bit channels, or one of 16 bits.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Channels {
+    /// Three channels of 8 bits.
+    Colour(Vec<[u8; 3]>),
+    /// One channel of 16 bits.
+    Scalar(Vec<u16>),
+}
+
+impl Channels {
+    pub(crate) fn is_colour(&self) -> bool {
+        matches!(self, Self::Colour(_))
+    }
+
+    /// The entries in another order: entry `i` is the old entry `order[i]`.
+    fn reordered(&self, order: &[usize]) -> Self {
+        match self {
+            Self::Colour(all) => Self::Colour(order.iter().map(|&i| all[i]).collect()),
+            Self::Scalar(all) => Self::Scalar(order.iter().map(|&i| all[i]).collect()),
+        }
+    }
+}
 
 /// Writes integer positions as floats, with one attribute.
-pub(super) fn write(path: &Path, at: &[[u32; 3]], channels: &Channels) -> Result<()> {
+pub(crate) fn write(path: &Path, at: &[[u32; 3]], channels: &Channels) -> Result<()> {
     let properties = match channels {
         Channels::Colour(_) => "property uchar red\nproperty uchar green\nproperty uchar blue",
         Channels::Scalar(_) => "property ushort reflectance",
@@ -58,8 +80,8 @@ fn number(kind: &str, b: &[u8]) -> Option<(usize, f64)> {
     Some((size, value))
 }
 
-/// Reads positions and the attribute of what tmc3 wrote.
-pub(super) fn read(path: &Path, colour: bool) -> Result<(Vec<[u32; 3]>, Channels)> {
+/// Reads positions and their attribute, which is a colour where there is one. In Morton order.
+pub(crate) fn read(path: &Path) -> Result<(Vec<[u32; 3]>, Channels)> {
     let shown = path.display();
     let data = fs::read(path).with_context(|| format!("read {shown}"))?;
     let mark = b"end_header\n";
@@ -75,6 +97,7 @@ pub(super) fn read(path: &Path, colour: bool) -> Result<(Vec<[u32; 3]>, Channels
         .filter_map(|l| l.strip_prefix("property ")?.split_once(' '))
         .map(|(kind, name)| (kind, name.trim()))
         .collect();
+    let colour = properties.iter().any(|p| p.1 == "red");
     let wanted: &[&[&str]] = if colour {
         &[&["x"], &["y"], &["z"], &["red"], &["green"], &["blue"]]
     } else {
@@ -107,7 +130,9 @@ pub(super) fn read(path: &Path, colour: bool) -> Result<(Vec<[u32; 3]>, Channels
         }
     }
     let channels = if colour { Channels::Colour(colours) } else { Channels::Scalar(scalars) };
-    Ok((at, channels))
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_unstable_by_key(|&i| morton::encode(at[i]));
+    Ok((order.iter().map(|&i| at[i]).collect(), channels.reordered(&order)))
 }
 
 #[cfg(test)]
@@ -118,14 +143,14 @@ mod tests {
     fn clouds_come_back() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.ply");
-        let at = vec![[0, 5, 70_000], [1, 2, 3]];
+        let at = vec![[1, 2, 3], [0, 5, 70_000]];
         for channels in
             [Channels::Colour(vec![[1, 2, 3], [255, 0, 9]]), Channels::Scalar(vec![7, 65535])]
         {
             write(&path, &at, &channels).unwrap();
-            assert_eq!(read(&path, channels.is_colour()).unwrap(), (at.clone(), channels));
+            assert_eq!(read(&path).unwrap(), (at.clone(), channels));
         }
         fs::write(&path, "ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n").unwrap();
-        assert!(read(&path, true).is_err());
+        assert!(read(&path).is_err());
     }
 }
