@@ -1,7 +1,7 @@
 //! The encoder: chunks of leaves, levels of detail, and the head in front of them.
 
 use crate::chunk::{self, ChunkEncoder, How};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_length};
 use crate::head::{Chunk, Cube, Header, Index, Kind, Layer, Steps};
 use crate::importance;
 use crate::lod::{self, LodLevel};
@@ -99,7 +99,7 @@ impl AsRef<[u8]> for Encoded {
 /// `outliers` are coded bit for bit; a decoder returns them behind the leaves, in their order.
 ///
 /// # Errors
-/// [`Error::CountMismatch`], [`Error::OffCentre`] or [`Error::NonFinite`] if the scene does not fit,
+/// [`Error::Length`], [`Error::OffCentre`] or [`Error::NonFinite`] if the scene does not fit,
 /// [`Error::InvalidOutlier`] if an outlier does not; [`Error::Coding`] if the leaves are not a valid
 /// pruned octree.
 pub fn encode_voxels(
@@ -109,15 +109,11 @@ pub fn encode_voxels(
     options: &EncodeOptions,
 ) -> Result<Encoded> {
     check_lengths(scene)?;
-    if scene.len() != voxels.len() {
-        return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
-    }
+    check_length("Gaussians of the leaves", scene.len(), voxels.len())?;
     check_centres(scene, voxels)?;
     let given = options.importance.clone();
-    if let Some(given) = &given
-        && given.len() != scene.len()
-    {
-        return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
+    if let Some(given) = &given {
+        check_length("importances", given.len(), scene.len())?;
     }
     let importance = given.unwrap_or_else(|| importance::without_cameras(scene));
     let weights = &Importance::Given(importance);
@@ -137,7 +133,7 @@ pub fn encode_voxels(
 /// at `ceil(log2 N)` bits each. Values need not be valid: NaN, infinities and zero quaternions are kept.
 ///
 /// # Errors
-/// [`Error::CountMismatch`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
+/// [`Error::Length`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
 /// 2^32 - 2 Gaussians.
 pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
     check_lengths(scene)?;
@@ -164,15 +160,14 @@ pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
 /// All arrays of a scene have the lengths that its number of Gaussians and its SH degree ask for.
 pub(crate) fn check_lengths(scene: &Scene) -> Result<()> {
     let n = scene.len();
-    for len in [scene.opacity_logits.len(), scene.log_scales.len(), scene.rotations.len()] {
-        if len != n {
-            return Err(Error::CountMismatch { scene: n, leaves: len });
-        }
+    if scene.sh_degree > 3 {
+        let value = f64::from(scene.sh_degree);
+        return Err(Error::Option { option: "SH degree", value, range: "0 to 3" });
     }
-    if scene.sh_degree > 3 || scene.sh.len() != n * scene.sh_len() {
-        return Err(Error::CountMismatch { scene: n * scene.sh_len(), leaves: scene.sh.len() });
-    }
-    Ok(())
+    check_length("opacity logits", scene.opacity_logits.len(), n)?;
+    check_length("log-scales", scene.log_scales.len(), n)?;
+    check_length("rotations", scene.rotations.len(), n)?;
+    check_length("SH coefficients", scene.sh.len(), n * scene.sh_len())
 }
 
 /// Each Gaussian is at the centre of its leaf, and no leaf is deeper than the finest depth.

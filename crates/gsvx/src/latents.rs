@@ -18,7 +18,7 @@ use crate::encode::{
     Encoded, assemble, check_centres, check_lengths, check_steps, leaves_chunk, used_degree,
     with_outliers, without_zero_degrees,
 };
-use crate::error::{Error, Result};
+use crate::error::{Result, check_length};
 use crate::head::{Header, Index, Steps};
 use crate::importance;
 use crate::lod;
@@ -62,9 +62,7 @@ impl Latents {
     /// Those of [`crate::encode_voxels`].
     pub fn new(scene: &Scene, voxels: &Voxelization, options: &EncodeOptions) -> Result<Self> {
         check_lengths(scene)?;
-        if scene.len() != voxels.len() {
-            return Err(Error::CountMismatch { scene: scene.len(), leaves: voxels.len() });
-        }
+        check_length("Gaussians of the leaves", scene.len(), voxels.len())?;
         check_centres(scene, voxels)?;
         chunk::check(scene, 0)?;
         let guessed;
@@ -100,11 +98,8 @@ impl Latents {
     ) -> Result<Self> {
         check_steps(&options.steps)?;
         let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
-        for found in [importance.len(), values.len() / channels] {
-            if found != voxels.len() || !values.len().is_multiple_of(channels) {
-                return Err(Error::CountMismatch { scene: found, leaves: voxels.len() });
-            }
-        }
+        check_length("importances", importance.len(), voxels.len())?;
+        check_length("values", values.len(), channels * voxels.len())?;
         let classes = importance::log_classes(importance, options.steps.covariance);
         let whole = EncodeOptions { lod: false, ..options.clone() };
         let cuts = lod::levels(voxels, &whole, lod::Tiles::ONE).swap_remove(0).cuts;

@@ -48,8 +48,9 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         "ply" => models(),
         "spz" => spz(),
         "splat" => vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])],
-        "compressed_ply" => written(|file, s| ply::compressed::write_to(file, s).expect("written")),
-        "glb" => glb(),
+        "compressed_ply" => [(1, 0), (2, 0), (1, 3)].map(|m| written("compressed-ply", m)).into(),
+        // More coefficients make JSON longer than what is worth trying.
+        "glb" => vec![written("glb", (2, 0))],
         "ksplat" => ksplat(),
         "sog" => sog(),
         "colmap" => colmap(),
@@ -122,27 +123,16 @@ fn spz() -> Vec<Vec<u8>> {
     let inner = [file(2, 2, 0), file(3, 1, 3), file(3, 0, 0), file(2, 1, 1)];
     let mut out: Vec<Vec<u8>> = inner.iter().map(|f| with(4, f)).collect();
     out.push(with(0, &crate::gzip::gzip(&inner[0])));
-    let mut latest = Vec::new();
-    gs_model::spz::write_to(&mut latest, &scene(2, 1, 1), &Default::default()).expect("written");
-    out.push(with(0, &latest));
+    out.push(written("spz", (2, 1)));
     out
 }
 
-/// Small models, as `write` writes them.
-fn written(write: fn(&mut Vec<u8>, &gs_model::Scene)) -> Vec<Vec<u8>> {
-    let models = [(1, 0), (2, 0), (1, 3)].map(|(n, degree)| {
-        let mut file = vec![0];
-        write(&mut file, &scene(n, degree, 1));
-        file
-    });
-    models.into()
-}
-
-fn glb() -> Vec<Vec<u8>> {
-    // More coefficients make JSON longer than what is worth trying.
+/// Strict options, then a file of that format with so many Gaussians of that SH degree.
+fn written(format: &str, (n, degree): (usize, u8)) -> Vec<u8> {
     let mut file = vec![0];
-    gs_model::gltf::write_to(&mut file, &scene(2, 0, 1)).expect("written");
-    vec![file]
+    let format = gs_model::Format::named(format).expect("a format of the table");
+    format.write_to("<seed>", &mut file, &scene(n, degree, 1)).expect("written");
+    file
 }
 
 /// The meaningful bytes of both headers, then the section: a row of each level.
@@ -187,6 +177,12 @@ const PALETTE: [u8; 128] = [
     121, 114, 1, 187, 189, 116, 212, 96, 220, 186, 45, 41, 31, 158, 60, 21, 228, 255, 2, 5, 0,
 ];
 
+/// A `meta.json` of SOG version 1.
+const VERSION_1: &str = r#"{"means":{"shape":[16,3],"mins":[0,-1,0],"maxs":[1,1,2],"files":["a","a"]},
+"scales":{"shape":[16,3],"mins":[-9,-9,-9],"maxs":[-3,-3,-3],"files":["a"]},"quats":{"files":["a"]},
+"sh0":{"shape":[16,1,4],"mins":[-1,-1,-1,-5],"maxs":[2,2,2,5],"files":["a"]},
+"shN":{"shape":[16,45],"mins":-0.5,"maxs":0.5,"files":["b","a"]}}"#;
+
 fn sog() -> Vec<Vec<u8>> {
     let numbers = vec!["0.5"; 256].join(",");
     let meta = |count: usize, numbers: &str, palette: bool| {
@@ -209,6 +205,7 @@ fn sog() -> Vec<Vec<u8>> {
         packed(5, &meta(2, "1,2", false)),
         packed(5, &meta(16, "1,2,3", true)),
         packed(4, &meta(2, &numbers, false)),
+        packed(5, VERSION_1),
     ]
 }
 
@@ -232,15 +229,7 @@ fn colmap() -> Vec<Vec<u8>> {
     images.extend(b"a.png\0");
     images.extend(1u64.to_le_bytes());
     images.extend([0; 24]);
-    let mut points = 1u64.to_le_bytes().to_vec();
-    points.extend(7u64.to_le_bytes());
-    [1.0f64, 2.0, 3.0].iter().for_each(|v| points.extend(v.to_le_bytes()));
-    points.extend([9, 8, 7]);
-    points.extend(0.5f64.to_le_bytes());
-    points.extend(1u64.to_le_bytes());
-    points.extend([0; 8]);
-    let lines = b"# points\n1 0.1 0.2 0.3 1 2 3 0.5 1 2\n2 1 2 3 4 5 6 7\n";
-    vec![text, split(0, &cameras, &images), with(2, &points), with(3, lines)]
+    vec![text, split(0, &cameras, &images)]
 }
 
 fn cameras() -> Vec<Vec<u8>> {

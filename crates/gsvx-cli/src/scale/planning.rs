@@ -4,9 +4,10 @@ use super::inputs::{Input, steps};
 use super::rows::Rows;
 use super::scratch::Scratch;
 use super::sight::{CameraFile, Sight};
+use crate::exit::Failure;
 use crate::input::{self, Reading, name};
 use crate::progress::{self, Steps};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use gs_model::Scene;
 use gsvx::{Choices, Plan, Survey};
 use serde::{Deserialize, Serialize};
@@ -41,8 +42,8 @@ impl PlanFile {
     /// A plan from its text.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self> {
         let plan: Self = serde_json::from_slice(bytes)?;
-        if plan.gsvx != crate::VERSION {
-            bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, crate::VERSION);
+        if plan.gsvx != super::VERSION {
+            bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, super::VERSION);
         }
         Ok(plan)
     }
@@ -102,16 +103,7 @@ pub(crate) fn survey(
     }
     scratch.forget(&format!("{MEANS}.part"));
     let (reading, cameras) = (reading.clone(), sight.map(Sight::file));
-    Ok(PlanFile { gsvx: crate::VERSION.into(), reading, inputs, cameras, plan })
-}
-
-/// An error from inside the plan.
-struct Failure(anyhow::Error);
-
-impl From<gsvx::Error> for Failure {
-    fn from(error: gsvx::Error) -> Self {
-        Self(anyhow!(error))
-    }
+    Ok(PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan })
 }
 
 fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>> {
