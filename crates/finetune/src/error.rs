@@ -3,20 +3,18 @@
 use std::path::PathBuf;
 
 /// What can go wrong in this crate.
-///
-/// A message contains its cause. [`std::error::Error::source`] is therefore always `None`: whoever
-/// prints the chain of causes prints each of them once.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file could not be read or written.
-    #[error("{}: cannot {action}: {cause}", file.display())]
+    #[error("{}: cannot {action}", file.display())]
     Io {
         /// The file.
         file: PathBuf,
         /// What was tried: `read`, `write`, `rename`.
         action: &'static str,
         /// The operating system's reason.
+        #[source]
         cause: std::io::Error,
     },
     /// A checkpoint that cannot be used.
@@ -36,8 +34,8 @@ pub enum Error {
         reason: String,
     },
     /// The scene is not valid.
-    #[error("invalid scene: {0}")]
-    Scene(gs_model::Error),
+    #[error("invalid scene")]
+    Scene(#[from] gs_model::Error),
     /// There is nothing to train on.
     #[error("no training views")]
     NoViews,
@@ -108,12 +106,6 @@ pub enum Error {
 
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
-
-impl From<gs_model::Error> for Error {
-    fn from(error: gs_model::Error) -> Self {
-        Self::Scene(error)
-    }
-}
 
 impl Error {
     pub(crate) fn io(

@@ -5,8 +5,14 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
-use crate::image_limits::size_fits;
-pub use crate::image_limits::{MAX_IMAGE_EDGE, MAX_IMAGE_PIXELS};
+
+/// Longest edge of an image, in pixels. It is the longest edge that a JPEG file can hold, and no
+/// camera needs more.
+pub const MAX_IMAGE_EDGE: u32 = 65_535;
+
+/// Most pixels of an image. It is the limit of COLMAP, which computes the bytes of an RGB image,
+/// `width * height * 3`, in a C++ `int` (`Bitmap` in `src/colmap/sensor/bitmap.cc`).
+pub const MAX_IMAGE_PIXELS: u64 = i32::MAX as u64 / 3;
 
 /// What to do with a camera whose lens distorts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -124,7 +130,7 @@ impl Camera {
         } else {
             return Ok(self);
         };
-        Err(Error::BadCamera { file: file.into(), view: self.name, reason })
+        Err(bad(file, self.name, reason))
     }
 
     /// The same view for a photo of another size: focal lengths and principal point scaled per
@@ -156,13 +162,29 @@ impl Camera {
     }
 }
 
+/// True if an image is within both limits.
+fn size_fits(width: u32, height: u32) -> bool {
+    width.max(height) <= MAX_IMAGE_EDGE && u64::from(width) * u64::from(height) <= MAX_IMAGE_PIXELS
+}
+
 /// The width and height that a file states, if images may have that size. `view` and `file` are for
 /// the message.
 pub(crate) fn checked_size(file: &Path, view: &str, width: u64, height: u64) -> Result<(u32, u32)> {
     match (u32::try_from(width), u32::try_from(height)) {
         (Ok(w), Ok(h)) if size_fits(w, h) => Ok((w, h)),
-        _ => Err(Error::ImageTooLarge { file: file.into(), view: view.to_owned(), width, height }),
+        _ => {
+            let reason = format!(
+                "an image of {width} x {height} pixels is too large: at most {MAX_IMAGE_EDGE} along an \
+                 edge and {MAX_IMAGE_PIXELS} in all"
+            );
+            Err(bad(file, view, reason))
+        }
     }
+}
+
+/// The error about an impossible camera.
+pub(crate) fn bad(file: &Path, view: impl Into<String>, reason: impl Into<String>) -> Error {
+    Error::BadCamera { file: file.into(), view: view.into(), reason: reason.into() }
 }
 
 #[cfg(test)]

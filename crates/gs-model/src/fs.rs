@@ -13,6 +13,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// The names in a folder, sorted; none if the folder does not exist.
+#[cfg(feature = "cameras")]
 pub(crate) fn names(dir: &Path) -> Result<Vec<OsString>> {
     if !dir.is_dir() {
         return Ok(Vec::new());
@@ -32,18 +33,16 @@ pub(crate) fn names(dir: &Path) -> Result<Vec<OsString>> {
 /// cut.
 pub(crate) fn write_atomically(
     path: &Path,
-    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    write: impl FnOnce(&mut dyn Write) -> Result<()>,
 ) -> Result<()> {
     // A device or a pipe (/dev/stdout) is written to, not replaced by a file.
     if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
         let mut out =
             OpenOptions::new().write(true).open(path).map_err(|e| Error::io(path, "open", e))?;
-        return write(&mut out).map_err(|e| Error::io(path, "write", e));
+        return write(&mut out);
     }
     let (temporary, mut out) = create_beside(path).map_err(|e| Error::io(path, "create", e))?;
     let outcome = write(&mut out)
-        .and_then(|()| out.flush())
-        .map_err(|e| Error::io(path, "write", e))
         .and_then(|()| fs::rename(&temporary, path).map_err(|e| Error::io(path, "rename", e)));
     if outcome.is_err() {
         // Best effort: the first error is the one to report.

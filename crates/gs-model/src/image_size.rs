@@ -9,11 +9,13 @@ use crate::error::{Error, Result};
 /// Reads `(width, height)` in pixels.
 pub(crate) fn read(file: &Path) -> Result<(u32, u32)> {
     let input = File::open(file).map_err(|e| Error::io(file, "read", e))?;
-    let bad = |reason| Error::ImageSize { file: file.into(), reason };
+    let bad = |why: &str| {
+        Error::malformed(file, "image header", format!("{why}, so its size is not known"))
+    };
     match size(&mut BufReader::new(input)) {
         Ok(Some(size)) => Ok(size),
-        Ok(None) => Err(bad("no size in a PNG or JPEG header")),
-        Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => Err(bad("truncated")),
+        Ok(None) => Err(bad("not that of a PNG or JPEG")),
+        Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => Err(bad("not whole")),
         Err(e) => Err(Error::io(file, "read", e)),
     }
 }

@@ -12,9 +12,9 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
 use crate::camera::{Camera, checked_size};
+use crate::dataset::View;
 use crate::error::{Error, Result};
 use crate::fs;
-use crate::view::View;
 
 #[derive(Deserialize)]
 struct Entry {
@@ -32,7 +32,7 @@ struct Entry {
 /// Reads a `cameras.json`, in file order.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Json`], [`Error::ImageTooLarge`], [`Error::BadCamera`].
+/// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`].
 pub fn read_cameras(file: impl AsRef<Path>) -> Result<Vec<Camera>> {
     let file = file.as_ref();
     parse(file, &fs::read(file)?)
@@ -48,7 +48,7 @@ pub fn cameras_from_bytes(bytes: &[u8]) -> Result<Vec<Camera>> {
 
 fn parse(file: &Path, bytes: &[u8]) -> Result<Vec<Camera>> {
     let entries: Vec<Entry> =
-        serde_json::from_slice(bytes).map_err(|cause| Error::Json { file: file.into(), cause })?;
+        serde_json::from_slice(bytes).map_err(|e| Error::json(file, "a camera file", e))?;
     entries.into_iter().map(|entry| camera(file, entry)).collect()
 }
 

@@ -2,9 +2,8 @@
 //!
 //! A [`Scene`] is a trained 3DGS model as a struct of arrays, in the parametrisation that it
 //! was trained in (log-scales, opacity logits, quaternions). [`ply`] reads and writes it in
-//! the layout of the Inria reference implementation; [`model`] reads every format: those of [`gltf`],
-//! [`ply::compressed`], [`spz`] and [`splat`], which are written too, and of `sog` (a feature) and
-//! [`ksplat`]; [`Dataset`] opens a folder with a model, cameras and photos that
+//! the layout of the Inria reference implementation; [`model`] reads every format of the table
+//! [`Format::all`], some of which are written too; [`Dataset`] opens a folder with a model, cameras and photos that
 //! COLMAP, the Inria trainer or a NeRF tool made. [`math`] has the rotations and covariances that the
 //! other crates share.
 //!
@@ -26,7 +25,7 @@
 //! ply::write_to(&mut file, &scene)?;
 //! let (back, report) = ply::read_bytes(&file)?;
 //! assert_eq!(back, scene);
-//! assert_eq!((report.gaussians, report.sh_degree), (1, 0));
+//! assert_eq!((report.gaussians_in_file, &report.form[..]), (1, "PLY, binary little-endian"));
 //!
 //! // The error about a file that is cut short says where it ends and what its header promises.
 //! let error = ply::read_bytes(&file[..file.len() - 1]).unwrap_err();
@@ -48,35 +47,36 @@
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+#[cfg(feature = "formats")]
+mod axes;
 #[cfg(feature = "files")]
+mod bytes;
+#[cfg(feature = "cameras")]
 pub mod camera;
-#[cfg(feature = "files")]
+mod chain;
+#[cfg(feature = "cameras")]
 pub mod colmap;
-#[cfg(feature = "files")]
+#[cfg(feature = "cameras")]
 pub mod dataset;
 #[cfg(feature = "files")]
 pub mod error;
 #[cfg(feature = "files")]
-mod field;
+mod format;
 #[cfg(feature = "files")]
 mod fs;
-#[cfg(feature = "files")]
-pub mod gltf;
-#[cfg(feature = "files")]
-mod image_limits;
-#[cfg(feature = "files")]
+#[cfg(feature = "formats")]
+mod gltf;
+#[cfg(feature = "cameras")]
 mod image_size;
-#[cfg(feature = "files")]
+#[cfg(feature = "cameras")]
 pub mod inria;
-#[cfg(feature = "files")]
-pub mod ksplat;
+#[cfg(feature = "formats")]
+mod ksplat;
 pub mod math;
 #[cfg(feature = "files")]
 pub mod model;
-#[cfg(feature = "files")]
+#[cfg(feature = "cameras")]
 pub mod nerf;
-#[cfg(feature = "files")]
-pub mod options;
 #[cfg(feature = "files")]
 pub mod ply;
 #[cfg(feature = "files")]
@@ -85,27 +85,28 @@ mod report;
 mod rows;
 pub mod scene;
 #[cfg(feature = "sog")]
-pub mod sog;
-#[cfg(feature = "files")]
-pub mod splat;
-#[cfg(feature = "files")]
+mod sog;
+#[cfg(feature = "formats")]
+mod splat;
+#[cfg(feature = "formats")]
 pub mod spz;
 #[cfg(feature = "files")]
 pub mod validate;
-#[cfg(feature = "files")]
-mod view;
 
-#[cfg(feature = "files")]
+#[cfg(feature = "cameras")]
 pub use camera::Camera;
-#[cfg(feature = "files")]
+pub use chain::chain;
+#[cfg(feature = "cameras")]
 pub use dataset::{Dataset, View};
 #[cfg(feature = "files")]
 pub use error::{Error, Result};
 #[cfg(feature = "files")]
-pub use options::ReadOptions;
+pub use format::Format;
+#[cfg(feature = "files")]
+pub use report::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions, Report};
 pub use scene::{SH_C0, Scene, sh_len};
 
 // The README's example is a test too.
-#[cfg(doctest)]
+#[cfg(all(doctest, feature = "files"))]
 #[doc = include_str!("../README.md")]
 struct Readme;

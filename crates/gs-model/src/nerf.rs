@@ -4,41 +4,22 @@
 //! The reader negates the y and z axes to get those of [`Camera`]. World coordinates are
 //! taken as they are.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
+use serde_json::Value;
 
-use crate::camera::{Camera, LensDistortion, checked_size};
+use crate::camera::{self, Camera, LensDistortion, checked_size};
+use crate::dataset::View;
 use crate::error::{Error, Result};
-use crate::view::View;
 use crate::{fs, image_size};
-
-/// Numbers that the file states for all frames and a frame may override. Sizes are floats because instant-ngp writes `1080.0`.
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(default)]
-struct Intrinsics {
-    w: Option<f64>,
-    h: Option<f64>,
-    fl_x: Option<f64>,
-    fl_y: Option<f64>,
-    cx: Option<f64>,
-    cy: Option<f64>,
-    /// Horizontal and vertical field of view, radians.
-    camera_angle_x: Option<f64>,
-    camera_angle_y: Option<f64>,
-    k1: Option<f64>,
-    k2: Option<f64>,
-    k3: Option<f64>,
-    k4: Option<f64>,
-    p1: Option<f64>,
-    p2: Option<f64>,
-}
 
 #[derive(Deserialize)]
 struct Transforms {
     #[serde(flatten)]
-    intrinsics: Intrinsics,
+    all: BTreeMap<String, Value>,
     camera_model: Option<String>,
     frames: Vec<Frame>,
 }
@@ -50,47 +31,34 @@ struct Frame {
     transform_matrix: Vec<[f64; 4]>,
     camera_model: Option<String>,
     #[serde(flatten)]
-    intrinsics: Intrinsics,
+    own: BTreeMap<String, Value>,
 }
 
-impl Intrinsics {
-    /// The numbers of a frame, and the file's where the frame has none.
-    ///
-    /// A frame that states a focal length or a field of view inherits neither from the file.
-    fn or(self, file: Self) -> Self {
-        let frame_has_focal = self.fl_x.or(self.fl_y).or(self.camera_angle_x).is_some();
-        let focal =
-            |frame: Option<f64>, file: Option<f64>| if frame_has_focal { frame } else { file };
-        Self {
-            w: self.w.or(file.w),
-            h: self.h.or(file.h),
-            fl_x: focal(self.fl_x, file.fl_x),
-            fl_y: focal(self.fl_y, file.fl_y),
-            cx: self.cx.or(file.cx),
-            cy: self.cy.or(file.cy),
-            camera_angle_x: focal(self.camera_angle_x, file.camera_angle_x),
-            camera_angle_y: focal(self.camera_angle_y, file.camera_angle_y),
-            k1: self.k1.or(file.k1),
-            k2: self.k2.or(file.k2),
-            k3: self.k3.or(file.k3),
-            k4: self.k4.or(file.k4),
-            p1: self.p1.or(file.p1),
-            p2: self.p2.or(file.p2),
-        }
+/// The focal lengths in pixels, or else the fields of view in radians.
+const FOCAL: [&str; 4] = ["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"];
+const DISTORTION: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
+
+/// The numbers of a frame, and those that the file states for all frames.
+struct Intrinsics<'a> {
+    own: &'a BTreeMap<String, Value>,
+    all: &'a BTreeMap<String, Value>,
+}
+
+impl Intrinsics<'_> {
+    /// The number of that name: the frame's, or else the file's. Sizes are floats too, because instant-ngp
+    /// writes `1080.0`.
+    fn get(&self, name: &str) -> Option<f64> {
+        let own = |name: &str| self.own.get(name).and_then(Value::as_f64);
+        // A frame that states a focal length or a field of view inherits neither from the file.
+        let complete = FOCAL.contains(&name) && FOCAL.iter().any(|n| own(n).is_some());
+        let all = || self.all.get(name).and_then(Value::as_f64).filter(|_| !complete);
+        own(name).or_else(all)
     }
 
     /// The first distortion coefficient that is not zero.
     fn distortion(&self) -> Option<String> {
-        let all = [
-            ("k1", self.k1),
-            ("k2", self.k2),
-            ("k3", self.k3),
-            ("k4", self.k4),
-            ("p1", self.p1),
-            ("p2", self.p2),
-        ];
-        let found = all.into_iter().find_map(|(n, v)| v.filter(|&v| v != 0.0).map(|v| (n, v)));
-        found.map(|(name, value)| format!("{name} = {value}"))
+        let value = |name: &str| self.get(name).filter(|&v| v != 0.0);
+        DISTORTION.iter().find_map(|name| Some(format!("{name} = {}", value(name)?)))
     }
 }
 
@@ -103,18 +71,10 @@ impl Intrinsics {
 /// image's centre. A size that the file does not give is read from the photo.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Json`], [`Error::DistortedCamera`] if a distortion coefficient is
-/// not zero or the camera model is a fisheye, [`Error::ImageSize`], [`Error::ImageTooLarge`],
-/// [`Error::BadCamera`].
-pub fn read_views(file: impl AsRef<Path>) -> Result<Vec<View>> {
-    read_views_with(file, LensDistortion::Refuse)
-}
-
-/// As [`read_views`], with a choice of what to do with distorted cameras.
-///
-/// # Errors
-/// As [`read_views`], without [`Error::DistortedCamera`] for [`LensDistortion::Ignore`].
-pub fn read_views_with(file: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
+/// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`], [`Error::Malformed`] for a photo without a size. With
+/// [`LensDistortion::Refuse`] [`Error::DistortedCamera`] if a distortion coefficient is not zero or the camera
+/// model is a fisheye.
+pub fn read_views(file: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
     let file = file.as_ref();
     parse(file, &fs::read(file)?, distortion)
 }
@@ -130,21 +90,20 @@ pub fn views_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<View
 
 fn parse(file: &Path, bytes: &[u8], distortion: LensDistortion) -> Result<Vec<View>> {
     let transforms: Transforms =
-        serde_json::from_slice(bytes).map_err(|cause| Error::Json { file: file.into(), cause })?;
-    let Transforms { intrinsics, camera_model, frames } = transforms;
-    frames
-        .into_iter()
-        .map(|frame| {
-            let camera_model = frame.camera_model.as_ref().or(camera_model.as_ref());
-            view(file, &frame, &frame.intrinsics.or(intrinsics), camera_model, distortion)
-        })
-        .collect()
+        serde_json::from_slice(bytes).map_err(|e| Error::json(file, "a camera file", e))?;
+    let Transforms { all, camera_model, frames } = transforms;
+    let of_frame = |frame: &Frame| {
+        let camera_model = frame.camera_model.as_ref().or(camera_model.as_ref());
+        let intrinsics = Intrinsics { own: &frame.own, all: &all };
+        view(file, frame, &intrinsics, camera_model, distortion)
+    };
+    frames.iter().map(of_frame).collect()
 }
 
 fn view(
     file: &Path,
     frame: &Frame,
-    intrinsics: &Intrinsics,
+    intrinsics: &Intrinsics<'_>,
     camera_model: Option<&String>,
     distortion: LensDistortion,
 ) -> Result<View> {
@@ -158,14 +117,15 @@ fn view(
         }
         (found, _) => found,
     };
-    let bad = |reason| Error::BadCamera { file: file.into(), view: name.clone(), reason };
+    let bad = |reason: &str| camera::bad(file, &name, reason);
 
     let image_path = photo(file.parent().unwrap_or(Path::new("")), &name);
     let (width, height) = size_of(file, &name, intrinsics, &image_path)?;
     let (w, h) = (f64::from(width), f64::from(height));
     let of_angle = |angle: f64, size: f64| size / 2.0 / libm::tan(angle / 2.0);
-    let fx = intrinsics.fl_x.or(intrinsics.camera_angle_x.map(|a| of_angle(a, w)));
-    let fy = intrinsics.fl_y.or(intrinsics.camera_angle_y.map(|a| of_angle(a, h))).or(fx);
+    let of = |name: &str| intrinsics.get(name);
+    let fx = of("fl_x").or(of("camera_angle_x").map(|a| of_angle(a, w)));
+    let fy = of("fl_y").or(of("camera_angle_y").map(|a| of_angle(a, h))).or(fx);
     let (Some(fx), Some(fy)) = (fx.or(fy), fy) else {
         return Err(bad("no focal length: neither fl_x nor camera_angle_x"));
     };
@@ -179,7 +139,7 @@ fn view(
     let column = |row: [f64; 4]| DVec3::new(row[0], -row[1], -row[2]);
     let rotation = DMat3::from_cols(column(x), column(y), column(z));
     let translation = -(rotation * DVec3::new(x[3], y[3], z[3]));
-    let (cx, cy) = (intrinsics.cx.unwrap_or(w / 2.0), intrinsics.cy.unwrap_or(h / 2.0));
+    let (cx, cy) = (of("cx").unwrap_or(w / 2.0), of("cy").unwrap_or(h / 2.0));
     let camera =
         Camera { name, width, height, fx, fy, cx, cy, rotation, translation, ignored_distortion };
     Ok(View { camera: camera.checked(file)?, image_path })
@@ -189,16 +149,15 @@ fn view(
 fn size_of(
     file: &Path,
     name: &str,
-    intrinsics: &Intrinsics,
+    intrinsics: &Intrinsics<'_>,
     image_path: &Path,
 ) -> Result<(u32, u32)> {
-    let (Some(w), Some(h)) = (intrinsics.w, intrinsics.h) else {
+    let (Some(w), Some(h)) = (intrinsics.get("w"), intrinsics.get("h")) else {
         let (width, height) = image_size::read(image_path)?;
         return checked_size(image_path, name, width.into(), height.into());
     };
     if [w, h].iter().any(|v| v.fract() != 0.0 || *v < 0.0) {
-        let (view, reason) = (name.to_owned(), "w or h is not a whole number of pixels");
-        return Err(Error::BadCamera { file: file.into(), view, reason });
+        return Err(camera::bad(file, name, "w or h is not a whole number of pixels"));
     }
     // The cast saturates.
     checked_size(file, name, w as u64, h as u64)

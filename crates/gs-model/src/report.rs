@@ -1,60 +1,107 @@
-//! [`Report`]: what a model file held, whatever its format.
+//! [`ReadOptions`] and [`Report`]: how a model is read, and what its file held.
 
 use std::path::Path;
 
 use crate::error::Result;
-use crate::options::ReadOptions;
-use crate::ply;
+use crate::format::Format;
 use crate::scene::Scene;
-use crate::validate::InvalidReport;
 
-/// The format of a model file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Format {
-    /// PLY in the Inria layout: see [`crate::ply`].
-    Ply(ply::Format),
-    /// PlayCanvas' `compressed.ply`: see [`crate::ply::compressed`].
-    CompressedPly,
-    /// SPZ: see [`crate::spz`].
-    Spz {
-        /// 2 to 4.
-        version: u32,
-    },
-    /// `.ksplat`: see [`crate::ksplat`].
-    Ksplat,
-    /// SOG, version 2: see `crate::sog`, under the feature `sog`.
-    Sog,
-    /// glTF with splats: see [`crate::gltf`].
-    Gltf,
-    /// `.splat`: see [`crate::splat`].
-    Splat,
+/// What to do with Gaussians that are invalid (see [`crate::validate::InvalidReport`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Invalid {
+    /// Fail with [`crate::Error::InvalidGaussian`], which names the first one and their number.
+    #[default]
+    Error,
+    /// Leave them out; the report counts them.
+    Drop,
 }
 
-/// What a model file held.
+/// The opacity logit that [`ReadOptions::clamp_infinite_opacity`] is meant for.
+///
+/// The sigmoid of -10 is 4.5e-5, far below the 1/255 under which a Gaussian is not drawn, and
+/// that of +10 is as near to 1, above the 0.99 at which renderers cap alpha.
+pub const CLAMPED_OPACITY_LOGIT: f32 = 10.0;
+
+/// How to read a model. The default is strict: any invalid Gaussian is an error.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReadOptions {
+    /// What to do with invalid Gaussians.
+    pub invalid: Invalid,
+    /// Replace opacity logits of -inf and +inf by minus and plus this number (say
+    /// [`CLAMPED_OPACITY_LOGIT`]) before looking for invalid Gaussians.
+    ///
+    /// Tools that convert 8-bit opacities (SPZ, compressed.ply) write 0 and 255 as infinite
+    /// logits; these Gaussians are fully transparent or opaque rather than broken.
+    pub clamp_infinite_opacity: Option<f32>,
+}
+
+/// What a model file held. What only PLY files have is empty for other formats.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Report {
     /// The format.
-    pub format: Format,
+    pub format: &'static Format,
+    /// The form of the file in words: `SPZ, version 4`.
+    pub form: String,
     /// Gaussians in the file.
     pub gaussians_in_file: usize,
-    /// Invalid Gaussians that were left out; indices are those of the file.
-    pub dropped: InvalidReport,
+    /// Invalid Gaussians that were left out.
+    pub dropped: usize,
     /// Infinite opacity logits that were replaced.
     pub clamped_opacities: usize,
-    /// What is reported of PLY files only.
-    pub ply: Option<ply::ReadReport>,
+    /// How a model that is not in the Inria layout was read, in words: see [`crate::ply`].
+    pub notes: Vec<&'static str>,
+    /// Properties of a PLY's `vertex` that are not part of the Inria layout, in file order; ignored.
+    pub unknown_properties: Vec<String>,
+    /// What a PLY holds that a scene does not keep: properties that are not zero everywhere, other elements,
+    /// numbers that no float holds.
+    pub lost: Vec<String>,
+    /// `comment` and `obj_info` lines of a PLY.
+    pub comments: Vec<String>,
+    /// Bytes after the last row that a PLY's header declares; ignored. (In ASCII files, white space
+    /// at the end does not count.)
+    pub trailing_bytes: usize,
 }
 
-/// Applies the options to a scene just decoded, and reports.
+impl ReadOptions {
+    /// Does to a scene just read what the options ask for. Returns the number of opacities
+    /// clamped and of invalid Gaussians dropped. `file` is for the message.
+    pub(crate) fn apply(&self, scene: &mut Scene, file: &Path) -> Result<(usize, usize)> {
+        let mut clamped = 0;
+        if let Some(limit) = self.clamp_infinite_opacity {
+            for logit in scene.opacity_logits.iter_mut().filter(|l| l.is_infinite()) {
+                *logit = limit.copysign(*logit);
+                clamped += 1;
+            }
+        }
+        match self.invalid {
+            Invalid::Drop => Ok((clamped, scene.drop_invalid().count)),
+            Invalid::Error => scene.invalid().error(file).map_or(Ok((clamped, 0)), Err),
+        }
+    }
+}
+
+/// Applies the options to a scene just read, and reports.
 pub(crate) fn finish(
     file: &Path,
     mut scene: Scene,
-    format: Format,
+    (format, form): (&'static Format, impl Into<String>),
     options: &ReadOptions,
 ) -> Result<(Scene, Report)> {
     let gaussians_in_file = scene.len();
     let (clamped_opacities, dropped) = options.apply(&mut scene, file)?;
-    Ok((scene, Report { format, gaussians_in_file, dropped, clamped_opacities, ply: None }))
+    let (notes, unknown_properties, lost, comments) = Default::default();
+    let report = Report {
+        format,
+        form: form.into(),
+        gaussians_in_file,
+        dropped,
+        clamped_opacities,
+        notes,
+        unknown_properties,
+        lost,
+        comments,
+        trailing_bytes: 0,
+    };
+    Ok((scene, report))
 }

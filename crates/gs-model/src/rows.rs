@@ -67,6 +67,25 @@ pub(crate) fn scene(
     Ok(scene)
 }
 
+/// As [`scene`], where each row is decoded by itself: `row(i)` gives the numbers of Gaussian `i` by their place
+/// in scene order.
+#[cfg(feature = "formats")]
+pub(crate) fn scene_of<R: Fn(usize) -> f32>(
+    n: usize,
+    sh_degree: u8,
+    row: impl Fn(usize) -> R + Sync,
+) -> Scene {
+    let mut scene = Scene::zeros(n, sh_degree);
+    let filled = fill_range(&mut scene, 0..n, |mut rows| {
+        for i in 0..rows.len() {
+            rows.set(i, row(rows.first + i));
+        }
+        Ok(())
+    });
+    debug_assert!(filled.is_ok());
+    scene
+}
+
 /// As [`scene`], for a range of the rows of an existing scene.
 pub(crate) fn fill_range(
     scene: &mut Scene,

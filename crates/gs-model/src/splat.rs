@@ -3,17 +3,32 @@
 //! A row is the mean and the standard deviations (three little-endian `f32` each, the latter
 //! linear), then four bytes colour and opacity, then four bytes quaternion, w first. The format
 //! is that of antimatter15/splat; world axes are those of the PLY file that it was made from.
+//!
+//! What is written lacks the SH coefficients above the DC; colours and opacities are bytes, rotations are good
+//! to about half a degree. Rows keep their order.
 
 use std::io::Write;
 use std::path::Path;
 
 use rayon::prelude::*;
 
+use crate::bytes::float;
 use crate::error::{Error, Result};
-use crate::options::ReadOptions;
-use crate::rows;
+use crate::format::Format;
+use crate::math::unit;
+use crate::report::{self, ReadOptions, Report};
+use crate::rows::{self, SH};
 use crate::scene::{SH_C0, Scene};
-use crate::{fs, report};
+
+pub(crate) static FORMAT: Format = Format {
+    name: "splat",
+    about: ".splat of antimatter15: 32 bytes per Gaussian, no view dependence",
+    extensions: &["splat"],
+    magic: &[],
+    max_sh_degree: 0,
+    read,
+    write: Some(write),
+};
 
 const ROW: usize = 32;
 
@@ -27,57 +42,25 @@ pub(crate) fn opacity_logit(byte: u8) -> f32 {
     libm::log(opacity / (1.0 - opacity)) as f32
 }
 
-pub(crate) fn decode(
-    file: &Path,
-    bytes: &[u8],
-    options: &ReadOptions,
-) -> Result<(Scene, report::Report)> {
+fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
     if !bytes.len().is_multiple_of(ROW) {
-        return Err(Error::SplatLength { file: file.into(), len: bytes.len() });
+        let missing = format!("the rows of a .splat are {ROW} bytes each, the last is not whole");
+        return Err(Error::truncated(file, bytes.len(), missing));
     }
-    let scene = rows::scene(bytes.len() / ROW, 0, |mut rows| {
-        for i in 0..rows.len() {
-            let at = ROW * (rows.first + i);
-            let row = &bytes[at..at + ROW];
-            let float = |k: usize| {
-                f32::from_le_bytes([row[4 * k], row[4 * k + 1], row[4 * k + 2], row[4 * k + 3]])
-            };
-            rows.set(i, |c| match c {
-                0..3 => float(c),
-                3..7 => (f32::from(row[28 + c - 3]) - 128.0) / 128.0,
-                7..10 => libm::logf(float(3 + c - 7)),
-                10 => opacity_logit(row[27]),
-                _ => (f32::from(row[24 + c - rows::SH]) / 255.0 - 0.5) / SH_C0,
-            });
+    let scene = rows::scene_of(bytes.len() / ROW, 0, |i| {
+        let row = &bytes[ROW * i..ROW * (i + 1)];
+        move |c| match c {
+            0..3 => float(row, 4 * c),
+            3..7 => (f32::from(row[28 + c - 3]) - 128.0) / 128.0,
+            7..10 => libm::logf(float(row, 4 * (c - 4))),
+            10 => opacity_logit(row[27]),
+            _ => (f32::from(row[24 + c - SH]) / 255.0 - 0.5) / SH_C0,
         }
-        Ok(())
-    })?;
-    report::finish(file, scene, report::Format::Splat, options)
+    });
+    report::finish(file, scene, (&FORMAT, ".splat"), options)
 }
 
-/// Writes a scene as a `.splat` file: SH coefficients above the DC are left out, colours and
-/// opacities become bytes, rotations are good to about half a degree. Rows keep their order.
-/// The file appears whole or not at all.
-///
-/// # Errors
-/// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
-/// [`Error::Io`].
-pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
-    let path = path.as_ref();
-    scene.check_shape()?;
-    fs::write_atomically(path, |out| out.write_all(&rows_of(scene)))
-}
-
-/// Writes a scene as [`write()`] does, to anything that takes bytes.
-///
-/// # Errors
-/// As [`write()`]; the file in an [`Error::Io`] is `<writer>`.
-pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
-    scene.check_shape()?;
-    out.write_all(&rows_of(scene)).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
-}
-
-fn rows_of(scene: &Scene) -> Vec<u8> {
+fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
     let mut bytes = vec![0; ROW * scene.len()];
     bytes.par_chunks_mut(ROW).with_min_len(1024).enumerate().for_each(|(i, row)| {
         // A scale of zero or infinity could not be read back.
@@ -89,11 +72,9 @@ fn rows_of(scene: &Scene) -> Vec<u8> {
             *o = libm::roundf(255.0 * (0.5 + SH_C0 * v)) as u8;
         }
         row[27] = libm::roundf(255.0 / (1.0 + libm::expf(-scene.opacity_logits[i]))) as u8;
-        let q = scene.rotations[i];
-        let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
-        for (o, v) in row[28..].iter_mut().zip(q) {
-            *o = libm::roundf(128.0 + 128.0 * v / norm) as u8;
+        for (o, v) in row[28..].iter_mut().zip(unit(scene.rotations[i])) {
+            *o = libm::round(128.0 + 128.0 * v) as u8;
         }
     });
-    bytes
+    out.write_all(&bytes).map_err(|e| Error::io(file, "write", e))
 }

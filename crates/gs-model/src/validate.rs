@@ -4,13 +4,46 @@
 //! held 889,536 rows of zeros whose quaternions have no direction. One of them is enough to
 //! turn a rendered pixel, a bounding cube or a mean over Gaussians into NaN.
 
-use std::path::{Path, PathBuf};
+use std::fmt;
+use std::path::Path;
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-pub use crate::field::Field;
 use crate::scene::{Scene, sh_len};
+
+/// One array of a [`Scene`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Field {
+    /// [`Scene::means`].
+    Mean,
+    /// [`Scene::rotations`].
+    Rotation,
+    /// [`Scene::log_scales`].
+    LogScale,
+    /// [`Scene::opacity_logits`].
+    OpacityLogit,
+    /// [`Scene::sh`].
+    Sh,
+}
+
+impl Field {
+    /// All fields, in the order in which they are checked.
+    pub const ALL: [Self; 5] =
+        [Self::Mean, Self::Rotation, Self::LogScale, Self::OpacityLogit, Self::Sh];
+}
+
+impl fmt::Display for Field {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mean => "mean",
+            Self::Rotation => "rotation",
+            Self::LogScale => "log-scale",
+            Self::OpacityLogit => "opacity logit",
+            Self::Sh => "SH coefficient",
+        })
+    }
+}
 
 /// One invalid Gaussian.
 #[derive(Clone, Copy, Debug)]
@@ -32,8 +65,6 @@ pub struct InvalidGaussian {
 pub struct InvalidReport {
     /// How many Gaussians are invalid.
     pub count: usize,
-    /// How many are invalid in each field of [`Field::ALL`]; one Gaussian may count in several.
-    pub by_field: [usize; 5],
     /// The invalid Gaussian with the smallest index.
     pub first: Option<InvalidGaussian>,
 }
@@ -68,10 +99,7 @@ impl Scene {
     /// first invalid Gaussian (see [`InvalidReport`]) and how many there are.
     pub fn validate(&self) -> Result<()> {
         self.check_shape()?;
-        match self.invalid().error(Path::new("<scene>")) {
-            Some(e) => Err(e),
-            None => Ok(()),
-        }
+        self.invalid().error(Path::new("scene")).map_or(Ok(()), Err)
     }
 
     /// Finds and counts the invalid Gaussians.
@@ -86,22 +114,14 @@ impl Scene {
         let parts: Vec<InvalidReport> = (0..n.div_ceil(ROWS))
             .into_par_iter()
             .map(|c| {
-                let mut part = InvalidReport::default();
-                for i in c * ROWS..n.min((c + 1) * ROWS) {
-                    part.check(self, i);
-                }
-                part
+                let rows = c * ROWS..n.min((c + 1) * ROWS);
+                let mut all = rows.filter_map(|index| self.defect(index));
+                let first = all.next();
+                InvalidReport { count: usize::from(first.is_some()) + all.count(), first }
             })
             .collect();
-        let mut all = InvalidReport::default();
-        for part in parts {
-            all.count += part.count;
-            for (a, b) in all.by_field.iter_mut().zip(part.by_field) {
-                *a += b;
-            }
-            all.first = all.first.or(part.first);
-        }
-        all
+        let first = parts.iter().find_map(|part| part.first);
+        InvalidReport { count: parts.iter().map(|part| part.count).sum(), first }
     }
 
     /// Removes the invalid Gaussians, keeping the order of the others.
@@ -132,54 +152,31 @@ impl Scene {
             .min(self.sh.len() / self.sh_len())
     }
 
-    /// The first invalid value in a field of Gaussian `i`.
-    fn bad_value(&self, i: usize, field: Field) -> Option<f32> {
+    /// What is wrong with Gaussian `index`, if anything is.
+    fn defect(&self, index: usize) -> Option<InvalidGaussian> {
         let not_finite = |values: &[f32]| values.iter().copied().find(|v| !v.is_finite());
-        match field {
-            Field::Mean => not_finite(&self.means[i]),
+        let bad_value = |field: Field| match field {
+            Field::Mean => not_finite(&self.means[index]),
             Field::Rotation => {
-                let q = self.rotations[i];
+                let q = self.rotations[index];
                 not_finite(&q).or_else(|| {
                     let norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
                     (!norm2.is_normal()).then_some(q[0])
                 })
             }
-            Field::LogScale => not_finite(&self.log_scales[i]),
-            Field::OpacityLogit => not_finite(&[self.opacity_logits[i]]),
-            Field::Sh => not_finite(self.sh_of(i).as_flattened()),
-        }
-    }
-
-    /// The first invalid field of Gaussian `i`, and its value.
-    fn defect(&self, i: usize) -> Option<(Field, f32)> {
-        Field::ALL.into_iter().find_map(|f| self.bad_value(i, f).map(|v| (f, v)))
+            Field::LogScale => not_finite(&self.log_scales[index]),
+            Field::OpacityLogit => not_finite(&[self.opacity_logits[index]]),
+            Field::Sh => not_finite(self.sh_of(index).as_flattened()),
+        };
+        let bad = |field| bad_value(field).map(|value| InvalidGaussian { index, field, value });
+        Field::ALL.into_iter().find_map(bad)
     }
 }
 
 impl InvalidReport {
-    /// Counts Gaussian `i` if it is invalid.
-    fn check(&mut self, scene: &Scene, i: usize) {
-        let mut first = None;
-        for (k, field) in Field::ALL.into_iter().enumerate() {
-            if let Some(value) = scene.bad_value(i, field) {
-                self.by_field[k] += 1;
-                first = first.or(Some(InvalidGaussian { index: i, field, value }));
-            }
-        }
-        if first.is_some() {
-            self.count += 1;
-            self.first = self.first.or(first);
-        }
-    }
-
     /// The error about the first invalid Gaussian, if there is one.
     pub(crate) fn error(&self, file: &Path) -> Option<Error> {
-        self.first.map(|InvalidGaussian { index, field, value }| Error::InvalidGaussian {
-            file: PathBuf::from(file),
-            index,
-            field,
-            value,
-            count: self.count,
-        })
+        let InvalidGaussian { index, field, value } = self.first?;
+        Some(Error::InvalidGaussian { file: file.into(), index, field, value, count: self.count })
     }
 }

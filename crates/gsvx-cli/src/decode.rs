@@ -1,15 +1,16 @@
 //! `gsvx decode`.
 
 use crate::batch::{self, Job};
-use crate::exit::note;
-use crate::format::Model;
+use crate::exit::{Failure, note};
+use crate::format;
 use crate::input::{self, Limit};
 use crate::output::{Output, counted, is_stdio, megabytes};
 use crate::positional;
-use crate::region::{self, Part, Region};
+use crate::region::{self, Inside, Region};
 use crate::report::Reporter;
-use anyhow::{Context, Result, anyhow};
-use serde_json::json;
+use anyhow::{Context, Result, bail};
+use gs_model::Format;
+use serde_json::{Value, json};
 use std::fs::File;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -38,8 +39,8 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
     /// Format of the output [default: by its extension].
-    #[arg(long, value_name = "FORMAT")]
-    to: Option<Model>,
+    #[arg(long, value_name = "FORMAT", value_parser = format::written())]
+    to: Option<&'static Format>,
     /// Highest SH degree to decode; less is faster and needs less of the stream.
     #[arg(long, default_value_t = 3, value_name = "DEGREE",
           value_parser = clap::value_parser!(u8).range(0..=3))]
@@ -64,51 +65,64 @@ pub(crate) struct Args {
 
 /// Decodes the streams.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let format = Model::of_output(args.to, &args.output, Some(Model::Ply))?;
-    let jobs = batch::jobs(&args.inputs, &args.output, format.extension(), args.force)?;
+    let format = format::of_output(args.to, &args.output, Format::named(PLY))?;
+    let jobs = batch::jobs(&args.inputs, &args.output, format.extensions[0], args.force)?;
     batch::run(&jobs, |job| decode_file(args, job, format, report))
 }
 
 /// Decodes one stream to a model.
-fn decode_file(args: &Args, job: &Job, format: Model, report: Reporter) -> Result<()> {
+fn decode_file(args: &Args, job: &Job, format: &Format, report: Reporter) -> Result<()> {
     let output = Output::open(&job.output, args.force, &[&job.input])?;
     let (written, stdout) = (output.name(), output.is_stdout());
     let start = Instant::now();
-    if let Some(region) = args.region {
+    let (human, json) = if let Some(region) = args.region {
         let part = region::read(&job.input, region, args.lod, args.max_sh_degree, args.limit)?;
-        return write_part(part, output, format, start, report);
-    }
+        format::write(format, output, &part.scene)?;
+        describe_part(&part)
+    } else {
+        let decoded = decode(args, &job.input, format, output)?;
+        decoded.skipped.iter().for_each(|skipped| note(format_args!("note: {skipped}")));
+        decoded.describe()
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let mut json = json;
+    json["output"] = json!(written);
+    json["decode_seconds"] = json!(seconds);
+    report.say(stdout, &format!("{written}: {human}, in {seconds:.2} s"), &json)
+}
+
+/// Writes the whole of a stream as a model.
+fn decode(args: &Args, input: &Path, format: &Format, output: Output) -> Result<Decoding> {
     let mut options = gsvx::DecodeOptions::default();
     options.max_sh_degree = args.max_sh_degree;
     options.lod = args.lod;
     options.salvage = args.allow_truncated;
     options.max_gaussians = args.limit.max_gaussians;
-    let damage = |e| damage(e, args, &job.input);
-    let made = if format != Model::Ply {
-        let decoded = gsvx::decode_with(&input::bytes(&job.input)?, &options).map_err(damage)?;
-        let scene = &decoded.scene;
-        something(args, job, scene.len(), &decoded.skipped)?;
-        output.write(|out| Ok(format.write(out, scene, &Default::default())?))?;
-        if let Some(lost) = format.loses(scene.sh_degree) {
-            note(lost);
-        }
-        Decoding { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped: decoded.skipped }
-    } else {
-        // A file need not be in memory.
-        let file = FileBytes::open(&job.input)?;
-        let bytes = if file.is_none() { input::bytes(&job.input)? } else { Vec::new() };
-        let decoder = match &file {
-            Some(file) => gsvx::Decoder::of_source(file, &options),
-            None => gsvx::Decoder::new(&bytes, &options),
-        };
-        let decoder = decoder.map_err(damage)?;
-        something(args, job, decoder.len(), decoder.skipped())?;
-        write(&decoder, output, damage)?;
-        let skipped = decoder.skipped().to_vec();
-        Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped }
+    let named = || input::name(input);
+    // A file need not be in memory.
+    let file = if format.name == PLY { FileBytes::open(input)? } else { None };
+    let bytes = if file.is_none() { input::bytes(input)? } else { Vec::new() };
+    if format.name != PLY {
+        let gsvx::Decoded { scene, skipped, .. } =
+            gsvx::decode_with(&bytes, &options).with_context(named)?;
+        something(args, input, scene.len(), &skipped)?;
+        format::write(format, output, &scene)?;
+        return Ok(Decoding { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped });
+    }
+    let decoder = match &file {
+        Some(file) => gsvx::Decoder::of_source(file, &options),
+        None => gsvx::Decoder::new(&bytes, &options),
     };
-    made.say(&written, stdout, start.elapsed().as_secs_f64(), report)
+    let decoder = decoder.with_context(named)?;
+    something(args, input, decoder.len(), decoder.skipped())?;
+    write_ply(&decoder, output)
+        .map_err(|e| if e.is::<gsvx::Error>() { e.context(named()) } else { e })?;
+    let skipped = decoder.skipped().to_vec();
+    Ok(Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped })
 }
+
+/// The format that is written while a stream is decoded.
+const PLY: &str = "ply";
 
 /// The bytes of a stream in a file.
 #[derive(Debug)]
@@ -143,38 +157,23 @@ impl gsvx::Source for FileBytes {
     }
 }
 
-/// Writes the Gaussians of a region.
-fn write_part(
-    part: Part,
-    output: Output,
-    format: Model,
-    start: Instant,
-    report: Reporter,
-) -> Result<()> {
-    let Part { scene, chunks: [decoded, all], bytes_read } = part;
-    let (written, stdout) = (output.name(), output.is_stdout());
-    output.write(|out| Ok(format.write(out, &scene, &Default::default())?))?;
-    if let Some(lost) = format.loses(scene.sh_degree) {
-        note(lost);
-    }
-    let seconds = start.elapsed().as_secs_f64();
+/// What was decoded of a region, for a person and as JSON.
+fn describe_part(part: &Inside) -> (String, Value) {
+    let Inside { scene, chunks: [decoded, all], bytes_read } = part;
     let human = format!(
-        "{written}: {} Gaussians in the box, SH degree {}, from {decoded} of {all} chunks ({} read), in \
-         {seconds:.2} s",
+        "{} Gaussians in the box, SH degree {}, from {decoded} of {all} chunks ({} read)",
         scene.len(),
         scene.sh_degree,
-        megabytes(bytes_read)
+        megabytes(*bytes_read)
     );
     let json = json!({
-        "output": written,
         "gaussians": scene.len(),
         "sh_degree": scene.sh_degree,
         "chunks_decoded": decoded,
         "chunks": all,
         "bytes_read": bytes_read,
-        "decode_seconds": seconds,
     });
-    report.say(stdout, &human, &json)
+    (human, json)
 }
 
 /// What was decoded.
@@ -185,86 +184,47 @@ struct Decoding {
 }
 
 impl Decoding {
-    fn say(&self, written: &str, stdout: bool, seconds: f64, report: Reporter) -> Result<()> {
+    /// For a person and as JSON.
+    fn describe(&self) -> (String, Value) {
         let Self { gaussians, sh_degree, skipped } = self;
-        for skipped in skipped {
-            note(format_args!("note: {skipped}"));
-        }
-        let human = format!(
-            "{written}: {}, SH degree {sh_degree}, decoded in {seconds:.2} s",
-            counted(*gaussians as u64, "Gaussian")
-        );
-        let json = json!({
-            "output": written,
-            "gaussians": gaussians,
-            "sh_degree": sh_degree,
-            "skipped": skipped,
-            "decode_seconds": seconds,
-        });
-        report.say(stdout, &human, &json)
+        let human = format!("{}, SH degree {sh_degree}", counted(*gaussians as u64, "Gaussian"));
+        let json = json!({ "gaussians": gaussians, "sh_degree": sh_degree, "skipped": skipped });
+        (human, json)
     }
 }
 
 /// An error where damage has left no Gaussian: a model of none would look like a success.
-fn something(args: &Args, job: &Job, gaussians: usize, skipped: &[String]) -> Result<()> {
+fn something(args: &Args, input: &Path, gaussians: usize, skipped: &[String]) -> Result<()> {
     match skipped.last() {
         Some(why) if args.allow_truncated && gaussians == 0 => {
-            Err(anyhow!("{}: nothing of it can be decoded: {why}", input::name(&job.input)))
+            bail!("{}: nothing of it can be decoded: {why}", input::name(input))
         }
         _ => Ok(()),
     }
 }
 
-/// An error of the stream, with its remedy.
-fn damage(error: gsvx::Error, args: &Args, input: &Path) -> anyhow::Error {
-    let remedy =
-        if args.allow_truncated { "" } else { "pass --allow-truncated to decode what is there" };
-    input::explain_stream(error, input, remedy)
-}
-
-/// Writes what the decoder gives as PLY; `damage` makes an error of one in the stream.
-fn write(
-    decoder: &gsvx::Decoder<'_>,
-    output: Output,
-    damage: impl Fn(gsvx::Error) -> anyhow::Error,
-) -> Result<()> {
+/// Writes what the decoder gives as PLY.
+fn write_ply(decoder: &gsvx::Decoder<'_>, output: Output) -> Result<()> {
     let header = gs_model::ply::header(decoder.len(), decoder.sh_degree());
-    let outcome = |outcome: std::result::Result<(), Stop>| {
-        outcome.map_err(|stop| match stop {
-            Stop::Output(error) => error,
-            Stop::Damage(error) => damage(error),
-        })
-    };
     // Every thread writes what it decodes to where it belongs: nothing waits for its turn, and
     // nothing holds more than a block of floats.
     if output.is_file() {
         let row = gs_model::ply::row_bytes(decoder.sh_degree()) as u64;
         return output.write_at(|write| {
             write(&header, 0)?;
-            outcome(decoder.blocks(|rows: &mut Vec<u8>, first, scene| {
-                gs_model::ply::rows(scene, rows).map_err(|e| Stop::Output(e.into()))?;
+            let outcome = decoder.blocks(|rows: &mut Vec<u8>, first, scene| {
+                gs_model::ply::rows(scene, rows).map_err(Failure::from)?;
                 let at = header.len() as u64 + first as u64 * row;
-                write(rows, at).map_err(|e| Stop::Output(e.into()))
-            }))
+                write(rows, at).map_err(Failure)
+            });
+            outcome.map_err(|e| e.0)
         });
     }
     output.write(|out| {
         out.write_all(&header)?;
-        outcome(decoder.chunks(|scene| {
-            let written = gs_model::ply::write_rows_to(&mut *out, &scene);
-            written.map_err(|e| Stop::Output(e.into()))
-        }))
-    })
-}
-
-/// Why decoding ended early.
-enum Stop {
-    Damage(gsvx::Error),
-    Output(anyhow::Error),
-}
-
-impl From<gsvx::Error> for Stop {
-    fn from(error: gsvx::Error) -> Self {
-        Self::Damage(error)
-    }
+        let outcome = decoder
+            .chunks(|scene| Ok::<_, Failure>(gs_model::ply::write_rows_to(&mut *out, &scene)?));
+        outcome.map_err(|e| e.0)
+    })?;
+    Ok(())
 }

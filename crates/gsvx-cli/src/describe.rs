@@ -10,9 +10,11 @@ use std::path::Path;
 
 /// Describes a model.
 pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()> {
-    let Loaded { scene, bytes, format, gaussians_in_file, ply } = loaded;
+    let Loaded { scene, bytes, report: file } = loaded;
+    let format = loaded.form();
+    let gaussians_in_file = file.as_ref().map_or(scene.len(), |r| r.gaussians_in_file);
     let name = input::name(path);
-    let bits = 8.0 * *bytes as f64 / (*gaussians_in_file).max(1) as f64;
+    let bits = 8.0 * *bytes as f64 / gaussians_in_file.max(1) as f64;
     let mut text = format!(
         "{name}: {}\n  format         {format}\n  Gaussians      {}\n  \
          SH degree      {}\n  bits/Gaussian  {bits:.2}\n",
@@ -28,8 +30,7 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         text += &format!("  from           ({x}, {y}, {z})\n  to             ({u}, {v}, {w})\n");
         text += &spread.human();
     }
-    let unknown: Vec<&str> =
-        ply.iter().flat_map(|p| &p.unknown_properties).map(String::as_str).collect();
+    let unknown: &[String] = file.as_ref().map_or(&[], |r| &r.unknown_properties);
     if !unknown.is_empty() {
         text += &format!("  other columns  {}\n", unknown.join(", "));
     }
@@ -43,7 +44,7 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         "high": high,
         "spread": spread.map(|s| s.json()),
         "other_columns": unknown,
-        "comments": ply.as_ref().map(|p| &p.comments),
+        "comments": file.as_ref().map(|r| &r.comments),
     });
     report.say(false, text.trim_end(), &json)
 }

@@ -3,11 +3,10 @@
 use crate::batch::{self, Job};
 use crate::content::{CONTENT, Content};
 use crate::exit::{missed, note, usage};
-use crate::format::Extension;
+use crate::format::is_stream_name;
 use crate::input::Reading;
 use crate::join::{self, Part};
 use crate::loss::{Loss, Pictures};
-use crate::lost_columns::Lost;
 use crate::output::{Output, counted, megabytes};
 use crate::progress::{self, Steps};
 use crate::report::Reporter;
@@ -15,7 +14,7 @@ use crate::scale::{self, Room};
 use crate::{input, max_error, size, views};
 use anyhow::{Context, Result};
 use finetune::References;
-use gs_model::{Camera, Scene};
+use gs_model::{Camera, Format, Scene};
 use gsvx::{Aim, Choices, EncodeProgress, EncodeWarning, Encoder, Leaves, Made, MaxError, Missed};
 use serde_json::{Value, json};
 use std::convert::Infallible;
@@ -174,8 +173,8 @@ pub(crate) fn finite(text: &str) -> std::result::Result<f64, String> {
 
 /// Encodes the models.
 pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    if let Extension::Model(format) = Extension::of(&args.output) {
-        let (name, extension) = (args.output.display(), format.extension());
+    if let Some(format) = Format::of_name(&args.output).filter(|f| f.is_written()) {
+        let (name, extension) = (args.output.display(), format.extensions[0]);
         return Err(usage(format!(
             "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
         )));
@@ -183,7 +182,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     if let Some(part) = args.part {
         return encode_part(args, part, report);
     }
-    let as_one = args.inputs.len() > 1 && is_stream_name(&args.output);
+    let as_one = args.inputs.len() > 1 && is_stream_name(&args.output) && !args.output.is_dir();
     let large = scale::is_large(&args.inputs) && args.inputs.len() == 1;
     if as_one || large || args.room.memory.is_some() {
         match args.choices() {
@@ -202,11 +201,6 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     batch::run(&jobs, |job| encode_file(args, job, report))
 }
 
-/// Whether a path is the name of a stream, and no folder.
-fn is_stream_name(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gsvx")) && !path.is_dir()
-}
-
 /// Encodes a part of a plan.
 fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
     let [plan] = &args.inputs[..] else {
@@ -217,7 +211,7 @@ fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
 
 /// Encodes models as one scene, within a bound on memory.
 fn encode_large(args: &Args, choices: Choices, report: Reporter) -> Result<()> {
-    let job = scale::Job {
+    let job = scale::LargeJob {
         inputs: &args.inputs,
         reading: &args.reading,
         choices,
@@ -233,9 +227,8 @@ fn encode_large(args: &Args, choices: Choices, report: Reporter) -> Result<()> {
 fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
     let output = Output::open(&job.output, args.force, &[&job.input])?;
     let start = Instant::now();
-    let mut lost = Lost::new();
-    let look = args.lossless.then_some(&mut lost);
-    let loaded = args.reading.model(&job.input, look)?;
+    let loaded = args.reading.model(&job.input)?;
+    let lost = if args.lossless { loaded.lost().to_vec() } else { Vec::new() };
     let (scene, input_bytes) = (loaded.scene, loaded.bytes);
     let in_input = scene.len();
     if !lost.is_empty() {

@@ -2,6 +2,10 @@
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
+use std::path::Path;
+
+/// What a person calls standard input.
+pub(crate) const STDIN: &str = "standard input";
 
 /// Shown after the help.
 pub(crate) const CODES: &str = "\
@@ -52,21 +56,46 @@ pub(crate) fn missed(text: impl Into<String>) -> anyhow::Error {
     anyhow::Error::new(Missed(text.into()))
 }
 
-/// The chain of causes on one line, outermost first, each once: some errors repeat their cause in
-/// their own text.
-pub(crate) fn line(error: &anyhow::Error) -> String {
-    let mut text = String::new();
-    for cause in error.chain() {
-        let said = cause.to_string();
-        if text.contains(&said) {
-            continue;
-        }
-        if !text.is_empty() {
-            text += ": ";
-        }
-        text += &said;
+/// An error of work that a library crate calls back: its own, or one of this command.
+pub(crate) struct Failure(pub(crate) anyhow::Error);
+
+impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self(error.into())
     }
-    text.replace(['\n', '\r'], " ")
+}
+
+/// The chain of causes on one line, outermost first, and what the flags of this command do about it.
+pub(crate) fn line(error: &anyhow::Error) -> String {
+    let text = gs_model::chain(error.as_ref());
+    match error.chain().find_map(remedy) {
+        Some(remedy) => format!("{text}; {remedy}"),
+        None => text,
+    }
+}
+
+/// What a flag does about an error of the library crates.
+fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
+    use gs_model::Error as Model;
+    use gsvx::Error as Stream;
+    if let Some(error) = cause.downcast_ref::<Model>() {
+        return match error {
+            Model::InvalidGaussian { .. } => Some("pass --drop-invalid to leave them out".into()),
+            Model::OtherFormat { file, .. } if file == Path::new(STDIN) => Some(
+                "for a .splat or .ksplat from a pipe pass --from splat or --from ksplat".into(),
+            ),
+            _ => None,
+        };
+    }
+    match cause.downcast_ref::<Stream>()? {
+        Stream::Limit { points, .. } => {
+            Some(format!("pass --max-gaussians {points} if you trust it"))
+        }
+        Stream::Truncated { what, .. } if *what != "head" => {
+            Some("gsvx decode --allow-truncated writes what is there".into())
+        }
+        _ => None,
+    }
 }
 
 /// Writes the error's line to standard error. Returns the exit code.
@@ -90,18 +119,4 @@ pub(crate) fn code(error: &anyhow::Error) -> u8 {
 /// Writes a line to standard error. Nobody can be told if that fails.
 pub(crate) fn note(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use anyhow::Context;
-
-    #[test]
-    fn causes_were_said_twice() {
-        let cause = std::io::Error::other("no such thing");
-        let twice = gs_model::Error::Io { file: "a.ply".into(), action: "read", cause };
-        let error = Err::<(), _>(twice).context("model").unwrap_err();
-        assert_eq!(line(&error), "model: a.ply: cannot read: no such thing");
-    }
 }

@@ -1,149 +1,93 @@
-//! Formats of models, their names and extensions.
+//! Formats on the command line: the models of [`Format::all`], and streams beside them.
 
-use crate::exit::usage;
-use crate::output::is_stdio;
+use crate::exit::{note, usage};
+use crate::output::{Output, is_stdio};
 use anyhow::Result;
-use clap::ValueEnum;
-use gs_model::model::Kind;
-use gs_model::{Scene, gltf, ply, splat, spz};
-use serde::{Deserialize, Serialize};
-use std::io::Write;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use gs_model::{Format, Scene};
 use std::path::Path;
 
-/// A format that is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
-pub(crate) enum Source {
-    /// A gsvx stream.
-    Gsvx,
-    /// Inria's PLY layout, or PlayCanvas' compressed.ply.
-    Ply,
-    /// antimatter15's .splat.
-    Splat,
-    /// Niantic's SPZ, versions 2 to 4.
-    Spz,
-    /// The .ksplat of GaussianSplats3D.
-    Ksplat,
-    /// PlayCanvas' SOG, version 2, in one file.
-    Sog,
-    /// Binary glTF with KHR_gaussian_splatting.
-    Glb,
+/// What streams are called, and the extension of their files.
+pub(crate) const STREAM: &str = "gsvx";
+
+/// Reads the name of a format that is read.
+pub(crate) fn read_name() -> impl TypedValueParser<Value = String> {
+    let models = Format::all().iter().map(|f| PossibleValue::new(f.name).help(f.about));
+    let stream = PossibleValue::new(STREAM).help("a gsvx stream");
+    PossibleValuesParser::new(models.chain([stream]))
 }
 
-impl Source {
-    /// The kind of a model; `None` of a stream.
-    pub(crate) fn kind(self) -> Option<Kind> {
-        Some(match self {
-            Self::Gsvx => return None,
-            Self::Ply => Kind::Ply,
-            Self::Splat => Kind::Splat,
-            Self::Spz => Kind::Spz,
-            Self::Ksplat => Kind::Ksplat,
-            Self::Sog => Kind::Sog,
-            Self::Glb => Kind::Gltf,
-        })
+/// Reads the name of a format that is written.
+pub(crate) fn written() -> impl TypedValueParser<Value = &'static Format> {
+    let models = Format::all().iter().filter(|f| f.is_written());
+    let models = models.map(|f| PossibleValue::new(f.name).help(f.about));
+    PossibleValuesParser::new(models)
+        .try_map(|name| Format::named(&name).ok_or_else(|| format!("no format {name}")))
+}
+
+/// The table of formats, for help texts.
+pub(crate) fn table() -> String {
+    let row = |f: &&Format| {
+        let written = if f.is_written() { "" } else { " (read only)" };
+        format!("  {:<16} {}{written}\n", f.name, f.about)
+    };
+    format!("Formats:\n{}", Format::all().iter().map(row).collect::<String>())
+}
+
+/// True for the name of a stream.
+pub(crate) fn is_stream_name(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(STREAM))
+}
+
+/// The names of all formats that are written, as `pick` has them, separated by commas.
+fn all_written(pick: impl Fn(&Format) -> String) -> String {
+    let names = Format::all().iter().filter(|f| f.is_written()).map(|f| pick(f));
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// The format of an output: the one asked for, or that of the output's extension. `other` is for
+/// extensions that name none.
+pub(crate) fn of_output(
+    asked: Option<&'static Format>,
+    path: &Path,
+    other: Option<&'static Format>,
+) -> Result<&'static Format> {
+    let name = path.display();
+    if let Some(format) = asked {
+        return Ok(format);
     }
-}
-
-/// A format of models that is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Model {
-    /// Inria's PLY layout: every float as it is.
-    Ply,
-    /// 32 bytes per Gaussian, no view dependence.
-    Splat,
-    /// Niantic's SPZ, version 4.
-    Spz,
-    /// PlayCanvas' compressed.ply.
-    CompressedPly,
-    /// Binary glTF with KHR_gaussian_splatting.
-    Glb,
-}
-
-/// What the extension of a file name says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Extension {
-    Stream,
-    Model(Model),
-    /// A format that is read and not written.
-    ReadOnly,
-    Other,
-}
-
-impl Extension {
-    pub(crate) fn of(path: &Path) -> Self {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let (front, extension) = name.rsplit_once('.').unwrap_or((name.as_str(), ""));
-        match extension {
-            "gsvx" => Self::Stream,
-            "ply" if front.ends_with(".compressed") => Self::Model(Model::CompressedPly),
-            "ply" => Self::Model(Model::Ply),
-            "glb" => Self::Model(Model::Glb),
-            "splat" => Self::Model(Model::Splat),
-            "spz" => Self::Model(Model::Spz),
-            "sog" | "ksplat" | "gltf" => Self::ReadOnly,
-            _ => Self::Other,
-        }
+    if is_stream_name(path) {
+        let why = "this command writes models; to write a stream, use gsvx encode";
+        return Err(usage(format!("{name}: {why}")));
+    }
+    let named = Format::of_name(path);
+    // A .gltf is named, but what is written is a .glb.
+    let lower = name.to_string().to_ascii_lowercase();
+    match named.filter(|f| f.is_written() && lower.ends_with(f.extensions[0])) {
+        Some(format) => Ok(format),
+        None if named.is_some() => Err(usage(format!(
+            "{name}: this format is not written; write one of {}",
+            all_written(|f| format!(".{}", f.extensions[0]))
+        ))),
+        None => other.ok_or_else(|| {
+            let names = all_written(|f| f.name.into());
+            usage(if is_stdio(path) {
+                format!("standard output: name its format with --to {names}")
+            } else {
+                format!("{name}: its extension names no format; pass --to with one of {names}")
+            })
+        }),
     }
 }
 
-impl Model {
-    /// The extension of its files.
-    pub(crate) fn extension(self) -> &'static str {
-        match self {
-            Self::Ply => "ply",
-            Self::Splat => "splat",
-            Self::Spz => "spz",
-            Self::CompressedPly => "compressed.ply",
-            Self::Glb => "glb",
-        }
+/// Writes a model, and says what its format does not hold. Returns the bytes written.
+pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<u64> {
+    let name = output.name();
+    let bytes = output.write(|out| Ok(format.write_to(&name, out, scene)?))?;
+    let (kept, all) = (format.max_sh_degree, scene.sh_degree);
+    if kept < all {
+        let (first, format) = (kept + 1, format.extensions[0]);
+        note(format_args!("skipped: SH degrees {first} to {all}: .{format} does not hold them"));
     }
-
-    /// The format of an output: the one asked for, or that of the output's extension. `other` is for
-    /// extensions that name none.
-    pub(crate) fn of_output(asked: Option<Self>, path: &Path, other: Option<Self>) -> Result<Self> {
-        let name = path.display();
-        match (asked, Extension::of(path)) {
-            (Some(format), _) => Ok(format),
-            (None, Extension::Model(format)) => Ok(format),
-            (None, Extension::Stream) => Err(usage(format!(
-                "{name}: this command writes models; to write a stream, use gsvx encode"
-            ))),
-            (None, Extension::ReadOnly) => Err(usage(format!(
-                "{name}: this format is not written; write a .glb, .compressed.ply, .spz, .splat or .ply"
-            ))),
-            (None, Extension::Other) => other.ok_or_else(|| {
-                usage(if is_stdio(path) {
-                    "standard output: name its format with --to ply, splat, spz, compressed-ply or glb".into()
-                } else {
-                    format!(
-                        "{name}: its extension names no format; pass --to ply, splat, spz, \
-                         compressed-ply or glb"
-                    )
-                })
-            }),
-        }
-    }
-
-    /// Writes a scene.
-    pub(crate) fn write(
-        self,
-        out: &mut dyn Write,
-        scene: &Scene,
-        spz: &spz::WriteOptions,
-    ) -> gs_model::Result<()> {
-        match self {
-            Self::Ply => ply::write_to(out, scene),
-            Self::Splat => splat::write_to(out, scene),
-            Self::Spz => spz::write_to(out, scene, spz),
-            Self::CompressedPly => ply::compressed::write_to(out, scene),
-            Self::Glb => gltf::write_to(out, scene),
-        }
-    }
-
-    /// What the format cannot hold of a scene of this SH degree.
-    pub(crate) fn loses(self, sh_degree: u8) -> Option<String> {
-        (self == Self::Splat && sh_degree > 0).then(|| {
-            format!("skipped: SH degrees 1 to {sh_degree}: .splat holds no view dependence")
-        })
-    }
+    Ok(bytes)
 }

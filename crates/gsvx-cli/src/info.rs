@@ -5,7 +5,7 @@ use crate::describe;
 use crate::input::{self, Opened, ReadingAny};
 use crate::output::{short, with_bytes};
 use crate::report::Reporter;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use gsvx::{Chunk, DecodeOptions, Decoder, Index, Kind};
 use serde_json::json;
 use std::fmt::Write;
@@ -40,7 +40,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
 /// Prints what a stream holds, and what is missing or damaged.
 fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()> {
     let name = input::name(path);
-    let index = Index::parse(bytes).map_err(|e| input::explain_stream(e, path, ""))?;
+    let index = Index::parse(bytes).with_context(|| input::name(path))?;
     let h = &index.header;
     let (have, total) = (bytes.len() as u64, index.stream_len());
     let exact: u64 = index.chunks.iter().filter(|c| c.kind == Kind::Exact).map(|c| c.count).sum();

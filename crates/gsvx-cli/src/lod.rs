@@ -104,7 +104,8 @@ fn write_chunk(args: &Args, stream: &mut StreamFile, index: &Index, chunk: usize
 fn write(args: &Args, name: &str, parts: &[&[u8]]) -> Result<()> {
     let inputs: [&Path; 1] = [&args.input];
     let output = Output::open(&args.output.join(name), args.force, &inputs)?;
-    output.write(|out| Ok(parts.iter().try_for_each(|part| out.write_all(part))?))
+    output.write(|out| Ok(parts.iter().try_for_each(|part| out.write_all(part))?))?;
+    Ok(())
 }
 
 /// A place: a chunk of the finest level, and which Gaussians of which chunk show it at each coarser level.

@@ -1,7 +1,6 @@
 //! The `gsvx` command.
 
 mod attribute_errors;
-mod axes;
 mod batch;
 mod compare;
 mod content;
@@ -17,7 +16,6 @@ mod interrupt;
 mod join;
 mod lod;
 mod loss;
-mod lost_columns;
 mod max_error;
 mod memory;
 mod nearest;
@@ -42,9 +40,6 @@ mod views;
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 use report::Reporter;
-
-/// The version of this build.
-const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Compress trained 3D Gaussian splatting scenes.
 ///
@@ -84,8 +79,8 @@ enum Command {
     /// Compare two models: PSNR and SSIM of their renders, errors of their attributes.
     #[command(after_help = compare::EXAMPLES)]
     Compare(compare::Args),
-    /// Convert between PLY, compressed.ply, glTF, SPZ, .splat; SOG, .ksplat, streams are read too.
-    #[command(after_help = convert::EXAMPLES)]
+    /// Convert between PLY, glTF, SPZ, SOG and the formats of other tools; streams are read too.
+    #[command(after_help = convert::more())]
     Convert(convert::Args),
     /// Divide a scene that is too large for one machine, for gsvx encode --part.
     #[command(after_help = plan::EXAMPLES)]

@@ -9,7 +9,7 @@ use crate::exit::usage;
 use crate::positional;
 use anyhow::{Context, Result, anyhow, bail};
 use std::fs::File;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use tempfile::NamedTempFile;
@@ -136,22 +136,19 @@ impl Output {
         if self.is_stdout() { "standard output".into() } else { self.path.display().to_string() }
     }
 
-    /// Writes everything and gives the file its name.
+    /// Writes everything and gives the file its name. Returns the bytes written.
     pub(crate) fn write(
         self,
         fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
-    ) -> Result<()> {
+    ) -> Result<u64> {
         let name = self.name();
-        let buffered = |out: &mut (dyn Write + Send)| {
-            let mut out = std::io::BufWriter::with_capacity(1 << 20, out);
-            fill(&mut out).and_then(|()| Ok(out.flush()?)).map_err(|e| explain(&name, e))
-        };
         match self.target {
-            Target::Stdout => buffered(&mut std::io::stdout()),
-            Target::Device(mut file) => buffered(&mut file),
+            Target::Stdout => Watched::fill(&mut io::stdout(), &name, fill),
+            Target::Device(mut file) => Watched::fill(&mut file, &name, fill),
             Target::File(mut to) => {
-                buffered(to.file.as_file_mut())?;
-                to.put_in_place(&name, true)
+                let bytes = Watched::fill(to.file.as_file_mut(), &name, fill)?;
+                to.put_in_place(&name, true)?;
+                Ok(bytes)
             }
         }
     }
@@ -160,24 +157,74 @@ impl Output {
     /// again: the disk is waited for only where a file is replaced, which a power cut must not cost.
     pub(crate) fn write_at(
         self,
-        fill: impl FnOnce(&(dyn Fn(&[u8], u64) -> std::io::Result<()> + Sync)) -> Result<()>,
+        fill: impl FnOnce(&(dyn Fn(&[u8], u64) -> Result<()> + Sync)) -> Result<()>,
     ) -> Result<()> {
         let name = self.name();
         let Target::File(to) = self.target else {
             bail!("{name}: can only be written from its start");
         };
         let file = to.file.as_file();
-        fill(&|bytes, at| positional::write_all_at(file, bytes, at))
-            .map_err(|e| explain(&name, e))?;
+        fill(&|bytes, at| {
+            positional::write_all_at(file, bytes, at).map_err(|e| not_written(&name, e))
+        })?;
         let replaces = to.path.exists();
         to.put_in_place(&name, replaces)
+    }
+}
+
+/// A writer that counts what goes through, and keeps the first failure: what is above it words it
+/// otherwise, or not at all.
+struct Watched<'a> {
+    out: &'a mut (dyn Write + Send),
+    bytes: u64,
+    failed: Option<io::Error>,
+}
+
+impl<'a> Watched<'a> {
+    /// Calls `fill` with a buffer before `out`, which is called `name`. Returns the bytes written.
+    fn fill(
+        out: &'a mut (dyn Write + Send),
+        name: &str,
+        fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
+    ) -> Result<u64> {
+        let mut watched = Self { out, bytes: 0, failed: None };
+        let mut buffer = io::BufWriter::with_capacity(1 << 20, &mut watched);
+        let outcome = fill(&mut buffer).and_then(|()| Ok(buffer.flush()?));
+        drop(buffer);
+        match watched.failed {
+            Some(failure) => Err(not_written(name, failure)),
+            None => outcome.map(|()| watched.bytes),
+        }
+    }
+
+    fn keep<T>(&mut self, outcome: io::Result<T>) -> io::Result<T> {
+        if let Err(e) = &outcome
+            && e.kind() != ErrorKind::Interrupted
+        {
+            self.failed.get_or_insert_with(|| io::Error::new(e.kind(), e.to_string()));
+        }
+        outcome
+    }
+}
+
+impl Write for Watched<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let outcome = self.out.write(bytes);
+        let n = self.keep(outcome)?;
+        self.bytes += n as u64;
+        Ok(n)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let outcome = self.out.flush();
+        self.keep(outcome)
     }
 }
 
 impl Replacement {
     /// Gives the file its name, once the disk has it if `on_disk`.
     fn put_in_place(self, name: &str, on_disk: bool) -> Result<()> {
-        let failed = |e: std::io::Error| explain(name, e.into());
+        let failed = |e| not_written(name, e);
         if on_disk {
             self.file.as_file().sync_all().map_err(failed)?;
         }
@@ -266,25 +313,19 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-/// What went wrong while an output was written, with the cause that the system gave, or else with
-/// what the error says: a model that its format cannot hold has nothing to do with the disk.
-fn explain(name: &str, error: anyhow::Error) -> anyhow::Error {
-    let Some(io) = error.chain().find_map(|c| c.downcast_ref::<std::io::Error>()) else {
-        let text = format!("{error:#}");
-        return if text.contains("<writer>") {
-            anyhow!("{}", text.replace("<writer>", name))
-        } else {
-            error
-        };
+/// The error of an output that cannot be written.
+fn not_written(name: &str, error: io::Error) -> anyhow::Error {
+    let known = match error.kind() {
+        ErrorKind::StorageFull => Some("the disk is full"),
+        ErrorKind::QuotaExceeded => Some("your quota on this disk is used up"),
+        ErrorKind::FileTooLarge => Some("the file is larger than the system allows"),
+        _ => None,
     };
-    let cause = match io.kind() {
-        ErrorKind::StorageFull => "the disk is full".into(),
-        ErrorKind::QuotaExceeded => "your quota on this disk is used up".into(),
-        ErrorKind::FileTooLarge => "the file is larger than the system allows".into(),
-        _ => io.to_string(),
+    let cause = match known {
+        Some(text) => io::Error::new(error.kind(), text),
+        None => error,
     };
-    anyhow::Error::new(std::io::Error::new(io.kind(), cause))
-        .context(format!("{name}: could not be written"))
+    anyhow::Error::new(cause).context(format!("{name}: could not be written"))
 }
 
 /// True for `-`, which stands for standard input or output.

@@ -13,7 +13,8 @@ const GAP: u32 = 8;
 /// Writes an image as PNG.
 pub(crate) fn write(image: &Image, output: Output) -> Result<()> {
     let png = png(image)?;
-    output.write(|out| Ok(out.write_all(&png)?))
+    output.write(|out| Ok(out.write_all(&png)?))?;
+    Ok(())
 }
 
 fn png(image: &Image) -> Result<Vec<u8>> {

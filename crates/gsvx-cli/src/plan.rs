@@ -3,7 +3,7 @@
 use crate::content::Content;
 use crate::input::Reading;
 use crate::report::Reporter;
-use crate::scale::{self, Job, Room};
+use crate::scale::{self, LargeJob, Room};
 use anyhow::Result;
 use gsvx::Aim;
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let content = &args.content;
     let cameras = content.cameras.as_deref();
     let encoder = content.encoder(Aim::Quality(content.quality()));
-    let job = Job {
+    let job = LargeJob {
         inputs: &args.inputs,
         reading: &args.reading,
         choices: encoder.choices(cameras.is_some())?,

@@ -40,7 +40,7 @@ impl Region {
 }
 
 /// What lies in a region.
-pub(crate) struct Part {
+pub(crate) struct Inside {
     pub(crate) scene: Scene,
     /// Chunks that were decoded, and that the level of detail has.
     pub(crate) chunks: [usize; 2],
@@ -55,7 +55,7 @@ pub(crate) fn read(
     lod: u8,
     max_sh_degree: u8,
     limit: Limit,
-) -> Result<Part> {
+) -> Result<Inside> {
     let mut file = StreamFile::open(path)?;
     let index = file.index();
     let sh_degree = index.header.sh_degree.min(max_sh_degree);
@@ -74,7 +74,7 @@ pub(crate) fn read(
             (0..decoded.len()).filter(|&i| region.contains(decoded.means[i])).collect();
         scene.append(&decoded.select(&inside));
     }
-    Ok(Part { scene, chunks: [wanted.len(), of_level.len()], bytes_read: file.bytes_read() })
+    Ok(Inside { scene, chunks: [wanted.len(), of_level.len()], bytes_read: file.bytes_read() })
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! `gsvx render`.
 
 use crate::exit::usage;
-use crate::format::Extension;
+use crate::format::is_stream_name;
 use crate::input::ReadingAny;
 use crate::output::{Output, counted, is_stdio};
 use crate::pictures;
@@ -10,7 +10,7 @@ use crate::report::Reporter;
 use crate::views::ViewArgs;
 use anyhow::{Context, Result, bail};
 use finetune::{RenderOptions, render};
-use gs_model::Camera;
+use gs_model::{Camera, Format};
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -100,7 +100,7 @@ fn is_single(output: &Path) -> Result<bool> {
         "jpg" | "jpeg" | "webp" | "tif" | "tiff" | "bmp" => {
             Err(usage(format!("{name}: images are written as PNG; name it .png, or name a folder")))
         }
-        _ if Extension::of(output) != Extension::Other => {
+        _ if is_stream_name(output) || Format::of_name(output).is_some() => {
             Err(usage(format!("{name}: render writes images; name it .png, or name a folder")))
         }
         // A device takes one image.

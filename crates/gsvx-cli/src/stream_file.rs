@@ -21,16 +21,17 @@ pub(crate) struct StreamFile {
 impl StreamFile {
     /// Opens a stream and reads its head. Standard input is read whole.
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let damage = |e| input::explain_stream(e, path, "");
+        let named = || input::name(path);
         let mut source = Source::open(path)?;
         let mut reader = Reader::new();
         while let Some(range) = reader.head_needs() {
             let bytes = source.read(range.clone())?;
             if bytes.is_empty() {
                 let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
-                return Err(damage(gsvx::Error::Truncated { what: "head", offset, need, have: 0 }));
+                let cut = gsvx::Error::Truncated { what: "head", offset, need, have: 0 };
+                return Err(cut).with_context(named);
             }
-            reader.give(range.start, &bytes).map_err(damage)?;
+            reader.give(range.start, &bytes).with_context(named)?;
         }
         let index = reader.index().context("a head without an index")?.clone();
         Ok(Self { path: path.into(), source, reader, index })
@@ -59,7 +60,7 @@ impl StreamFile {
             let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
             let have = bytes.len();
             let error = gsvx::Error::Truncated { what: "chunk", offset, need, have };
-            return Err(input::explain_stream(error, &self.path, ""));
+            return Err(error).with_context(|| input::name(&self.path));
         }
         Ok(bytes)
     }
@@ -69,7 +70,7 @@ impl StreamFile {
         self.fetch(chunk, layers)?;
         let scene = self.reader.decode(chunk, layers);
         self.reader.forget(chunk);
-        scene.map_err(|e| input::explain_stream(e, &self.path, ""))
+        scene.with_context(|| input::name(&self.path))
     }
 
     /// The greatest Morton code, at the finest depth, within the leaf of each Gaussian of a chunk of leaves.
@@ -77,7 +78,7 @@ impl StreamFile {
         self.fetch(chunk, 1)?;
         let held = self.reader.hold(chunk, 1);
         self.reader.forget(chunk);
-        held.map_err(|e| input::explain_stream(e, &self.path, ""))?;
+        held.with_context(|| input::name(&self.path))?;
         let j_high = self.index.header.j_high;
         let last = |depth: u8| (1u64 << (3 * u32::from(j_high - depth))) - 1;
         Ok(self.reader.held_leaves().iter().map(|l| l.morton + last(l.depth)).collect())
@@ -87,7 +88,7 @@ impl StreamFile {
         for range in self.reader.needs(chunk, layers) {
             let bytes = self.source.read(range.clone())?;
             let given = self.reader.give(range.start, &bytes);
-            given.map_err(|e| input::explain_stream(e, &self.path, ""))?;
+            given.with_context(|| input::name(&self.path))?;
         }
         Ok(())
     }

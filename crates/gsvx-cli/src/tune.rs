@@ -158,7 +158,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         (Profile::Rate, None) => Backend::Cpu,
         _ => paper_tune::choose(wanted)?,
     };
-    let scene = args.reading.model(&args.input, None)?.scene;
+    let scene = args.reading.model(&args.input)?.scene;
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {

@@ -106,7 +106,7 @@ pub(crate) fn beside(model: &Path) -> Option<Vec<View>> {
     // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
     [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        dataset::open_views(folder).ok().map(|(_, views)| views)
+        dataset::open_views(folder, LensDistortion::Refuse).ok()
     })
 }
 
@@ -146,7 +146,7 @@ fn open(path: &Path) -> Result<Vec<View>> {
 
 /// The same without a note.
 pub(crate) fn read(path: &Path) -> Result<Vec<View>> {
-    Ok(dataset::open_views_at(path, LensDistortion::Ignore)?)
+    Ok(dataset::open_views(path, LensDistortion::Ignore)?)
 }
 
 /// Generated cameras around a model that was read from `path`.

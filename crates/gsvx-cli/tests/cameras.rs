@@ -2,32 +2,19 @@
 
 mod common;
 
-use common::{gsvx, model, one_line, room};
+use common::{model, one_line, report, room, run};
 use finetune::{RenderOptions, metrics, render};
+use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, dataset};
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::Output;
-
-fn run(words: &[&str], paths: &[&Path]) -> Output {
-    let mut paths = paths.iter();
-    let words = words.iter().map(|&w| match w {
-        "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
-        word => word.into(),
-    });
-    gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
-}
-
-/// The report, and what was said on standard error.
-fn report(words: &[&str], paths: &[&Path]) -> (serde_json::Value, String) {
-    let out = run(&[words, &["--json"]].concat(), paths);
-    let said = String::from_utf8(out.stderr).unwrap();
-    assert!(out.status.success(), "{words:?}: {said}");
-    (serde_json::from_slice(&out.stdout).unwrap(), said)
-}
 
 fn cameras() -> Vec<Camera> {
-    dataset::open_views(room()).unwrap().1.into_iter().map(|v| v.camera).collect()
+    dataset::open_views(room(), LensDistortion::Refuse)
+        .unwrap()
+        .into_iter()
+        .map(|v| v.camera)
+        .collect()
 }
 
 /// A cameras.json as Inria's trainer writes it.

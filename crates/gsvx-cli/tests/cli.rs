@@ -11,11 +11,13 @@ fn gsvx(args: &[&str]) -> Output {
     common::gsvx().args(args).output().expect("gsvx starts")
 }
 
+#[track_caller]
 fn ok(args: &[&str]) -> String {
-    let out = gsvx(args);
-    let error = String::from_utf8_lossy(&out.stderr).into_owned();
-    assert!(out.status.success(), "{args:?}: {error}");
-    String::from_utf8_lossy(&out.stdout).into_owned()
+    common::said(&gsvx(args))
+}
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
 }
 
 /// Exit code 1 and exactly one line, which holds `needle`.
@@ -166,27 +168,6 @@ fn a_short_finetune_writes_a_stream_that_decodes() {
     common::wrong_usage(&out, ".gsvx or .ply");
 }
 
-fn gsvx_piped(args: &[&str], input: &[u8]) -> Output {
-    use std::io::Write;
-    use std::process::Stdio;
-    let mut child = Command::new(env!("CARGO_BIN_EXE_gsvx"))
-        .args(args)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("gsvx starts");
-    let (mut stdin, input) = (child.stdin.take().unwrap(), input.to_vec());
-    let feeder = std::thread::spawn(move || stdin.write_all(&input));
-    let out = child.wait_with_output().unwrap();
-    feeder.join().unwrap().unwrap();
-    out
-}
-
-fn json(text: &str) -> serde_json::Value {
-    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
-}
-
 #[test]
 fn pipes_threads_and_json() {
     let dir = tempfile::tempdir().unwrap();
@@ -198,11 +179,11 @@ fn pipes_threads_and_json() {
     ok(&["--threads", "3", "encode", path(&model), "-o", path(&two)]);
     let stream = std::fs::read(&one).unwrap();
     assert!(stream == std::fs::read(&two).unwrap(), "the bytes depend on the number of threads");
-    let piped = gsvx_piped(&["encode", "-", "-o", "-"], &std::fs::read(&model).unwrap());
+    let piped = common::piped(&["encode", "-", "-o", "-"], &std::fs::read(&model).unwrap());
     assert!(piped.status.success() && piped.stdout == stream);
     // The report goes where the data does not.
     assert!(String::from_utf8_lossy(&piped.stderr).contains("bits per Gaussian"));
-    let ply = gsvx_piped(&["decode", "-", "-o", "-"], &stream);
+    let ply = common::piped(&["decode", "-", "-o", "-"], &stream);
     let (scene, _) = gs_model::ply::read_bytes(&ply.stdout).unwrap();
     let info = json(&ok(&["info", path(&one), "--json"]));
     assert_eq!(info["gaussians"], scene.len());
@@ -321,7 +302,8 @@ fn convert_and_compare() {
     common::wrong_usage(&gsvx(&["convert", path(&model), path(&file("a.gsvx"))]), "gsvx encode");
     common::wrong_usage(&gsvx(&["convert", path(&model), path(&file("a.xyz"))]), "--to");
     common::wrong_usage(&gsvx(&["convert", path(&model), "-"]), "--to");
-    let piped = gsvx_piped(&["convert", "-", "-", "--to", "spz"], &std::fs::read(&model).unwrap());
+    let piped =
+        common::piped(&["convert", "-", "-", "--to", "spz"], &std::fs::read(&model).unwrap());
     assert!(piped.stdout == std::fs::read(&spz).unwrap());
 }
 

@@ -2,36 +2,9 @@
 
 mod common;
 
-use common::{gsvx, one_line, run, scene, small, wrong_usage};
+use common::{heard, json, ok, one_line, piped, run, scene, small, wrong_usage};
 use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
-
-fn ok(words: &[&str], paths: &[&Path]) -> String {
-    let out = run(words, paths);
-    assert!(out.status.success(), "{words:?}: {}", String::from_utf8_lossy(&out.stderr));
-    String::from_utf8(out.stdout).unwrap()
-}
-
-fn json(words: &[&str], paths: &[&Path]) -> serde_json::Value {
-    serde_json::from_str(&ok(&[words, &["--json"]].concat(), paths)).unwrap()
-}
-
-fn piped(words: &[&str], input: &[u8]) -> Output {
-    use std::io::Write;
-    let mut child = gsvx()
-        .args(words)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let (mut stdin, input) = (child.stdin.take().unwrap(), input.to_vec());
-    let feeder = std::thread::spawn(move || stdin.write_all(&input));
-    let out = child.wait_with_output().unwrap();
-    // A command that refuses its input need not read all of it.
-    let _ = feeder.join().unwrap();
-    out
-}
+use std::process::Output;
 
 #[test]
 fn the_limit_on_gaussians_had_no_flag() {
@@ -70,11 +43,11 @@ fn lossless_lost_normals_without_a_word() {
     let words = ["encode", "@", "-o", "@", "--lossless", "--force"];
     let out = run(&words, &[&with_normals, &stream]);
     assert!(out.status.success());
-    let said = String::from_utf8_lossy(&out.stderr);
+    let said = heard(&out);
     assert!(said.contains("it loses: ny") && said.lines().count() == 1, "{said}");
     let from_pipe = piped(&["encode", "-", "-o", "/dev/null", "--lossless"], &file);
     if cfg!(unix) {
-        assert!(String::from_utf8_lossy(&from_pipe.stderr).contains("it loses: ny"));
+        assert!(heard(&from_pipe).contains("it loses: ny"));
     }
 }
 
@@ -85,7 +58,7 @@ fn messages_named_wrong_causes() {
     let (input, stream) = (small(dir.path()), at("a.gsvx"));
     let line = |out: &Output, needle: &str| {
         one_line(out, needle);
-        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        let said = heard(out);
         for wrong in ["disk", "Error", "<", "{"] {
             assert!(!said.contains(wrong), "{said}");
         }
@@ -182,7 +155,10 @@ fn a_pipe_could_not_say_its_format() {
     let said: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!((&said["format"], &said["gaussians"]), (&".splat".into(), &10.into()));
     // The wrong format is named, with the input's name.
-    one_line(&piped(&["info", "-", "--from", "splat"], &splat[..33]), "standard input: 33 bytes");
+    one_line(
+        &piped(&["info", "-", "--from", "splat"], &splat[..33]),
+        "standard input: truncated at byte 33",
+    );
     one_line(&piped(&["info", "-", "--from", "ply"], &splat), "standard input: not a PLY");
     // A file whose name says nothing, too.
     std::fs::write(at("odd"), &splat).unwrap();
@@ -213,7 +189,7 @@ fn info_read_streams_alone() {
     assert_eq!(out.status.code(), Some(1));
     let said = String::from_utf8_lossy(&out.stdout);
     assert!(said.contains("a.ply") && said.contains("a.spz"), "{said}");
-    assert!(String::from_utf8_lossy(&out.stderr).contains("1 of 3 inputs failed"));
+    assert!(heard(&out).contains("1 of 3 inputs failed"));
 }
 
 #[test]
@@ -367,6 +343,6 @@ fn files_of_other_tools_had_to_be_converted_first() {
     let glb = at("a.glb");
     let short = std::fs::read(&glb).unwrap();
     std::fs::write(&glb, &short[..9000]).unwrap();
-    one_line(&run(&["info", "@"], &[&glb]), "a.glb: glTF: the file promises more");
+    one_line(&run(&["info", "@"], &[&glb]), "a.glb: glTF, the file: it promises more");
     wrong_usage(&run(&["convert", "@", "@"], &[&at("a.ply"), &at("a.sog")]), "not written");
 }

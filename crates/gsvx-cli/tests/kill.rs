@@ -8,29 +8,9 @@ use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
-use common::{gsvx, model, one_line, room};
-
-/// Other moments every run. A failure prints the seed; `GSVX_KILL_SEED` sets it.
-struct Moments(u64);
-
-impl Moments {
-    fn new() -> Self {
-        let given = std::env::var("GSVX_KILL_SEED").ok().and_then(|s| s.parse().ok());
-        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
-        let seed = given.unwrap_or(now.as_nanos() as u64);
-        println!("GSVX_KILL_SEED={seed}");
-        Self(seed)
-    }
-
-    /// Anywhere from the start of a run to a little after the end of one that takes `whole`.
-    fn next(&mut self, whole: Duration) -> Duration {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        whole.mul_f64(1.1 * ((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 53) as f64)
-    }
-}
+use common::{Moments, gsvx, heard, model, names, one_line, room};
 
 /// Starts the command and kills it after `wait`, unless it ended before. True if it was killed.
 fn killed(command: &mut Command, wait: Duration) -> bool {
@@ -48,13 +28,6 @@ fn killed(command: &mut Command, wait: Duration) -> bool {
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-}
-
-fn names(dir: &Path) -> Vec<String> {
-    let list = std::fs::read_dir(dir).unwrap();
-    let mut names: Vec<_> = list.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
 }
 
 /// Every command that writes one file, its arguments before the target.
@@ -97,7 +70,7 @@ fn killed_at_random_the_target_is_absent_or_whole() {
             }
             let mut command = gsvx();
             command.args(words).arg(&target).arg("--force");
-            let killed = killed(&mut command, moments.next(whole));
+            let killed = killed(&mut command, moments.next(whole.mul_f64(1.1)));
             *(if killed { &mut kills } else { &mut ends }) += 1;
             let found = std::fs::read(&target).ok();
             let is_old = found.as_deref() == old;
@@ -147,7 +120,7 @@ fn a_finetune_killed_at_random_loses_no_checkpoint() {
     let read = |name: &str| std::fs::read(at(name)).unwrap();
     let (mut kills, mut kept, mut ends) = (0, 0, 0);
     while kills < 6 || ends == 0 || at("b.ckpt").exists() {
-        let wait = if kills < 6 { moments.next(whole) } else { Duration::MAX };
+        let wait = if kills < 6 { moments.next(whole.mul_f64(1.1)) } else { Duration::MAX };
         if killed(&mut tune(dir.path(), "b.gsvx", "b.ckpt"), wait) {
             kills += 1;
             kept += usize::from(at("b.ckpt").exists());
@@ -186,9 +159,9 @@ fn a_checkpoint_that_does_not_fit_leaves_the_old_one() {
         .args(command.get_args().filter(|a| *a != "--steps" && *a != "24"))
         .output()
         .unwrap();
-    let error = String::from_utf8_lossy(&out.stderr);
+    let error = heard(&out);
     assert_eq!(out.status.code(), Some(1), "{error}");
-    let last = error.trim_end().lines().last().unwrap_or_default();
+    let last = error.lines().last().unwrap_or_default();
     assert!(last.starts_with("error: ") && last.contains("run.ckpt"), "{error}");
     assert!(std::fs::read(&checkpoint).unwrap() == old);
     assert_eq!(names(dir.path()), ["a.gsvx", "run.ckpt"]);
@@ -343,9 +316,9 @@ fn a_photo_or_camera_that_was_cut_short_is_named() {
             .output()
             .unwrap();
         std::fs::write(&path, whole).unwrap();
-        let error = String::from_utf8_lossy(&out.stderr);
+        let error = heard(&out);
         assert_eq!(out.status.code(), Some(1), "{error}");
-        let last = error.trim_end().lines().last().unwrap_or_default();
+        let last = error.lines().last().unwrap_or_default();
         let file = Path::new(name).file_name().unwrap().to_str().unwrap();
         assert!(last.starts_with("error: ") && last.contains(file), "{error}");
         assert_eq!(names(dir.path()), ["room"]);

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{one_line, run};
+use common::{json, ok, one_line, run};
 use gs_model::Scene;
 use serde_json::Value;
 use std::num::NonZeroUsize;
@@ -37,9 +37,7 @@ fn the_places_show_the_whole_scene_at_every_level() {
     let dir = tempfile::tempdir().unwrap();
     let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("web"));
     stream(&input, true);
-    let out = run(&["lod", "@", "-o", "@", "--json"], &[&input, &web]);
-    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-    let said: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let said = json(&["lod", "@", "-o", "@"], &[&input, &web]);
     let read = |name: &str| std::fs::read(web.join(name)).unwrap();
     let list: Value = serde_json::from_slice(&read("lod-meta.json")).unwrap();
     let places = list["tree"]["children"].as_array().unwrap();
@@ -75,17 +73,11 @@ fn streams_without_an_octree_or_coarse_levels_say_so() {
     let dir = tempfile::tempdir().unwrap();
     let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("web"));
     stream(&input, false);
-    let out = run(&["lod", "@", "-o", "@"], &[&input, &web]);
-    assert!(out.status.success());
-    assert!(String::from_utf8_lossy(&out.stdout).contains("no coarse levels"));
+    assert!(ok(&["lod", "@", "-o", "@"], &[&input, &web]).contains("no coarse levels"));
     // The folder holds something now.
     one_line(&run(&["lod", "@", "-o", "@"], &[&input, &web]), "--force");
     let lossless = dir.path().join("lossless.gsvx");
-    assert!(
-        run(&["encode", "@", "-o", "@", "--lossless"], &[&common::model(), &lossless])
-            .status
-            .success()
-    );
+    ok(&["encode", "@", "-o", "@", "--lossless"], &[&common::model(), &lossless]);
     one_line(&run(&["lod", "@", "-o", "@", "--force"], &[&lossless, &web]), "lossless");
     // A stream that was cut: the chunk that is missing is an error.
     let bytes = std::fs::read(&input).unwrap();

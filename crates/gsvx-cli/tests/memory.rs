@@ -1,7 +1,6 @@
 //! Memory of the command as a whole process.
 #![cfg(target_os = "linux")]
 
-#[allow(dead_code, reason = "each test file uses its own part")]
 mod common;
 
 use std::process::{Command, Stdio};

@@ -5,12 +5,9 @@ mod common;
 use common::room;
 use std::path::Path;
 
-/// Runs the command with paths, and returns its JSON report and what it says on standard error.
+/// [`common::report`], with the paths behind the words.
 fn report(words: &[&str], paths: &[&Path]) -> (serde_json::Value, String) {
-    let out = common::gsvx().args(words).args(paths).arg("--json").output().unwrap();
-    let error = String::from_utf8_lossy(&out.stderr).into_owned();
-    assert!(out.status.success(), "{words:?}: {error}");
-    (serde_json::from_slice(&out.stdout).unwrap(), error)
+    common::report(&[words, &vec!["@"; paths.len()]].concat(), paths)
 }
 
 #[test]
@@ -35,14 +32,8 @@ fn an_encode_did_not_say_what_was_lost() {
     let (said, _) = report(&["encode", "--force", "--lossless", "-o"], &[&stream, &model]);
     assert!(said["estimated_loss"].is_null());
     // With cameras it is measured there, and a person reads what the number means.
-    let out = common::gsvx()
-        .args(["encode", "--force", "-q", "90", "--cameras"])
-        .args([&room, &model])
-        .arg("-o")
-        .arg(&stream)
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&out.stdout).into_owned();
+    let words = ["encode", "--force", "-q", "90", "--cameras", "@", "@", "-o", "@"];
+    let said = common::ok(&words, &[&room, &model, &stream]);
     assert!(said.contains("estimated loss: about") && said.contains("see"), "{said}");
 }
 
@@ -59,16 +50,10 @@ fn nothing_lay_between_the_best_quality_and_lossless() {
     }
     let (lossless, _) = report(&["encode", "--force", "--lossless", "-o"], &[&stream, &model]);
     assert!(2 * said["bytes"].as_u64().unwrap() < lossless["bytes"].as_u64().unwrap());
-    let both = common::gsvx()
-        .args(["encode", "--max-error", "0.01", "--quality", "60"])
-        .arg(&model)
-        .arg("-o")
-        .arg(&stream)
-        .output()
-        .unwrap();
-    assert_eq!(both.status.code(), Some(2));
+    let both = ["encode", "--max-error", "0.01", "--quality", "60", "@", "-o", "@"];
+    common::wrong_usage(&common::run(&both, &[&model, &stream]), "--quality");
     // What is there stays.
-    let again = common::gsvx().args(words).args([&stream, &model]).output().unwrap();
+    let again = common::run(&[&words[..], &["@", "@"]].concat(), &[&stream, &model]);
     common::one_line(&again, "--force");
 }
 
@@ -79,16 +64,10 @@ fn pictures_that_show_nothing_passed_for_equal_ones() {
     let (mut scene, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
     scene.opacity_logits.fill(-12.0);
     gs_model::ply::write(&model, &scene).unwrap();
-    let encode = common::gsvx().arg("encode").arg(&model).arg("-o").arg(&stream).output().unwrap();
-    let said = String::from_utf8_lossy(&encode.stdout).into_owned();
+    let said = common::ok(&["encode", "@", "-o", "@"], &[&model, &stream]);
     assert!(said.contains("no estimate of the loss: nothing of the model shows"), "{said}");
-    let compare = common::gsvx()
-        .arg("compare")
-        .args([&model, &stream])
-        .args(["--orbit", "2"])
-        .output()
-        .unwrap();
-    let error = String::from_utf8_lossy(&compare.stderr).into_owned();
+    let error =
+        common::heard(&common::run(&["compare", "@", "@", "--orbit", "2"], &[&model, &stream]));
     assert!(error.contains("nothing of either model shows in any view"), "{error}");
 }
 
@@ -147,24 +126,15 @@ fn one_gaussian_was_told_as_many() {
     let (model, stream) = (dir.path().join("one.ply"), dir.path().join("a.gsvx"));
     let mut scene = testing::trained_like(1, 0, &mut testing::Rng::seeded(5));
     gs_model::ply::write(&model, &scene).unwrap();
-    let ok = |words: &[&str]| {
-        let out =
-            common::gsvx().args(words).args(["--force", "-o"]).args([&stream, &model]).output();
-        let out = out.unwrap();
-        let text =
-            String::from_utf8_lossy(if out.status.success() { &out.stdout } else { &out.stderr });
-        text.into_owned()
-    };
-    let said = ok(&["encode"]);
+    let encode = || common::run(&["encode", "@", "--force", "-o", "@"], &[&model, &stream]);
+    let said = common::said(&encode());
     assert!(said.contains("1 Gaussian coded as 1"), "{said}");
     // A model of one Gaussian has no extent, and still shows in pictures.
     assert!(said.contains("estimated loss"), "{said}");
-    let info = common::gsvx().arg("info").arg(&stream).output().unwrap();
-    let info = String::from_utf8_lossy(&info.stdout).into_owned();
+    let info = common::ok(&["info", "@"], &[&stream]);
     assert!(info.contains("side 1.1755e-38"), "{info}");
     scene.append(&testing::trained_like(2, 0, &mut testing::Rng::seeded(6)));
     scene.means[1][0] = f32::NAN;
     gs_model::ply::write(&model, &scene).unwrap();
-    let said = ok(&["encode"]);
-    assert!(said.contains("(1 invalid Gaussian in all): pass --drop-invalid"), "{said}");
+    common::one_line(&encode(), "(1 invalid Gaussian in all); pass --drop-invalid");
 }

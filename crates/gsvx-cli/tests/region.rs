@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{one_line, run, wrong_usage};
+use common::{ok, one_line, run, said, wrong_usage};
 use std::num::NonZeroUsize;
 use std::path::Path;
 
@@ -30,9 +30,7 @@ fn a_box_is_the_part_of_the_scene_and_little_else_is_read() {
     let decode = |more: &[&str]| {
         let words =
             [&["decode", "@", "-o", "@", "--force", "--json", "--box", &region], more].concat();
-        let out = run(&words, &[&stream, &back]);
-        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-        let said: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let said: serde_json::Value = serde_json::from_str(&ok(&words, &[&stream, &back])).unwrap();
         (said, gs_model::ply::read(&back).unwrap().0)
     };
     let (said, part) = decode(&[]);
@@ -56,9 +54,7 @@ fn a_box_without_gaussians_and_wrong_boxes() {
     let (stream, back) = (stream(dir.path()), dir.path().join("part.ply"));
     let words = ["decode", "@", "-o", "@", "--force", "--box"];
     let with = |region: &str| run(&[&words[..], &[region]].concat(), &[&stream, &back]);
-    let out = with("900,900,900,901,901,901");
-    assert!(out.status.success());
-    assert!(String::from_utf8_lossy(&out.stdout).contains("0 Gaussians in the box"), "{out:?}");
+    assert!(said(&with("900,900,900,901,901,901")).contains("0 Gaussians in the box"));
     wrong_usage(&with("1,2,3"), "six numbers");
     std::fs::write(&stream, &std::fs::read(&stream).unwrap()[..9]).unwrap();
     one_line(&with("-1,-1,-1,1,1,1"), "room.gsvx");

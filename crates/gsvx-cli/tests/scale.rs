@@ -1,15 +1,14 @@
 //! Scenes larger than memory, and scenes in parts: `gsvx encode --memory`, `gsvx plan`, `gsvx encode --part`,
 //! `gsvx join`. Whatever the way, and however often it is killed, the stream is that of an encode in memory.
 
-#[allow(dead_code, reason = "each test file uses its own part")]
 mod common;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::LazyLock;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::Instant;
 
-use common::{gsvx, model, one_line, wrong_usage};
+use common::{Moments, gsvx, model, names, one_line, wrong_usage};
 use gs_model::{Scene, ply};
 
 /// Three files of a city of several tiles, the same Gaussians in one file, and the stream that an encode in memory
@@ -74,13 +73,6 @@ fn of(words: &[&str], inputs: &[PathBuf], output: &Path) -> Command {
     let mut command = gsvx();
     command.args(words).args(inputs).arg("-o").arg(output);
     command
-}
-
-fn names(dir: &Path) -> Vec<String> {
-    let list = std::fs::read_dir(dir).unwrap();
-    let mut names: Vec<_> = list.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
 }
 
 /// Plans the city and encodes `n` parts.
@@ -267,26 +259,6 @@ fn cameras_change_no_byte_between_one_machine_and_parts() {
     let nothing =
         of(&["plan"], &[at("a.ply")], &at("plan3")).arg("--cameras").arg(&cameras).output();
     one_line(&nothing.unwrap(), "these cameras see nothing of the model");
-}
-
-/// Other moments every run. A failure prints the seed; `GSVX_KILL_SEED` sets it.
-struct Moments(u64);
-
-impl Moments {
-    fn new() -> Self {
-        let given = std::env::var("GSVX_KILL_SEED").ok().and_then(|s| s.parse().ok());
-        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
-        let seed = given.unwrap_or(now.as_nanos() as u64);
-        println!("GSVX_KILL_SEED={seed}");
-        Self(seed)
-    }
-
-    /// From the start to nearly the end of a run that takes `whole`.
-    fn next(&mut self, whole: Duration) -> Duration {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        whole.mul_f64(((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 53) as f64)
-    }
 }
 
 /// Kills a command again and again, each time later, until it ends. Returns how often, and how often it

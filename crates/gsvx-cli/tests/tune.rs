@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{gsvx, model, one_line, room, wrong_usage};
+use common::{gsvx, heard, model, one_line, room, said, wrong_usage};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 /// Every 25th Gaussian of the room.
 fn small(dir: &Path) -> PathBuf {
@@ -29,18 +29,13 @@ fn quick(dir: &Path, output: &str) -> Command {
     command
 }
 
-fn said(out: &Output) -> String {
-    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-    String::from_utf8_lossy(&out.stdout).into_owned()
-}
-
 #[test]
 fn a_model_is_tuned_to_itself() {
     let dir = tempfile::tempdir().unwrap();
     let out = quick(dir.path(), "a.gsvx").arg("--json").output().unwrap();
     let json: serde_json::Value = serde_json::from_str(&said(&out)).unwrap();
-    let heard = String::from_utf8_lossy(&out.stderr);
-    assert!(heard.contains("own renders") && heard.contains("plan: quality 58.0"), "{heard}");
+    let text = heard(&out);
+    assert!(text.contains("own renders") && text.contains("plan: quality 58.0"), "{text}");
     let bytes = std::fs::read(dir.path().join("a.gsvx")).unwrap();
     let decoded = gsvx::decode(&bytes).unwrap();
     assert_eq!(
@@ -61,13 +56,13 @@ fn a_target_in_bytes_is_met_or_missed_with_exit_code_3() {
     assert!(std::fs::metadata(dir.path().join("a.gsvx")).unwrap().len() <= 4500);
     // A poor result says so.
     let out = quick(dir.path(), "poor.gsvx").args(["--target-bytes", "1500"]).output().unwrap();
-    assert!(String::from_utf8_lossy(&out.stderr).contains("easy to see"), "{out:?}");
+    assert!(heard(&out).contains("easy to see"), "{out:?}");
     let out = quick(dir.path(), "b.gsvx").args(["--target-bytes", "100"]).output().unwrap();
-    let error = String::from_utf8_lossy(&out.stderr);
-    let last = error.trim_end().lines().last().unwrap();
+    let error = heard(&out);
+    let last = error.lines().last().unwrap();
     assert!(last.contains("100 bytes is below"), "{error}");
     let out = quick(dir.path(), "c.gsvx").args(["--target-psnr", "90"]).output().unwrap();
-    assert_eq!(out.status.code(), Some(3), "{}", String::from_utf8_lossy(&out.stderr));
+    assert_eq!(out.status.code(), Some(3), "{}", heard(&out));
     assert!(dir.path().join("c.gsvx").exists() && !dir.path().join("b.gsvx").exists());
 }
 
@@ -132,9 +127,9 @@ fn a_checkpoint_that_does_not_fit_does_not_end_the_run() {
         .output()
         .unwrap();
     said(&out);
-    let heard = String::from_utf8_lossy(&out.stderr);
-    let warnings = heard.lines().filter(|l| l.starts_with("warning: ")).count();
-    assert!(warnings == 1 && heard.contains("run.ckpt"), "{heard}");
+    let text = heard(&out);
+    let warnings = text.lines().filter(|l| l.starts_with("warning: ")).count();
+    assert!(warnings == 1 && text.contains("run.ckpt"), "{text}");
     assert!(gsvx::decode(&std::fs::read(dir.path().join("a.gsvx")).unwrap()).is_ok());
     assert!(!dir.path().join("run.ckpt").exists());
 }

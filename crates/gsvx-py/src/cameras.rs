@@ -7,7 +7,7 @@ use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
 use gs_model::Camera;
 use gs_model::camera::LensDistortion;
-use gs_model::dataset::open_views_at;
+use gs_model::dataset::open_views;
 use numpy::ndarray::{ArrayView2, Axis};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -94,7 +94,7 @@ fn camera(
 /// The views of a folder or of a camera file, sorted by name, as a dict of arrays.
 #[pyfunction]
 pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let views = open_views_at(&path, LensDistortion::Ignore).map_err(Fault::from)?;
+    let views = open_views(&path, LensDistortion::Ignore).map_err(Fault::from)?;
     let cameras: Vec<&Camera> = views.iter().map(|v| &v.camera).collect();
     let out = as_arrays(py, &cameras)?;
     let photos: Vec<&Path> = views.iter().map(|v| v.image_path.as_path()).collect();
@@ -102,12 +102,10 @@ pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, 
     Ok(out)
 }
 
-/// Cameras on a circle, or on an arc of it, around what matters in a model; as [`read_cameras`]. What is `None` is
-/// found.
-#[pyfunction]
-pub(crate) fn orbit<'py>(
-    py: Python<'py>,
-    splats: Splats<'py>,
+/// Cameras around a model, as Python asks for them. What is `None` is found.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Orbit {
     count: u32,
     size: [u32; 2],
     field_of_view: f64,
@@ -115,7 +113,16 @@ pub(crate) fn orbit<'py>(
     radius: Option<f64>,
     elevation: Option<f64>,
     full_circle: bool,
+}
+
+/// Cameras on a circle, or on an arc of it, around what matters in a model; as [`read_cameras`].
+#[pyfunction]
+pub(crate) fn orbit<'py>(
+    py: Python<'py>,
+    splats: Splats<'py>,
+    orbit: Orbit,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let Orbit { count, size, field_of_view, up, radius, elevation, full_circle } = orbit;
     let pool = pool()?;
     let scene = splats.scene(&pool)?;
     drop(splats);

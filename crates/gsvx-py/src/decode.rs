@@ -8,42 +8,33 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::PyDict;
 
+/// What of a stream is decoded, as Python has it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Wanted {
+    max_sh_degree: u8,
+    lod: u8,
+    allow_truncated: bool,
+    max_gaussians: Option<u64>,
+}
+
 /// Decodes a whole stream. Returns a dict of arrays and what was left out, in words.
 #[pyfunction]
 pub(crate) fn decompress<'py>(
     py: Python<'py>,
     stream: PyBackedBytes,
     name: String,
-    max_sh_degree: u8,
-    lod: u8,
-    allow_truncated: bool,
-    max_gaussians: Option<u64>,
+    wanted: Wanted,
 ) -> PyResult<(Bound<'py, PyDict>, Vec<String>)> {
     let mut options = DecodeOptions::default();
-    options.max_sh_degree = max_sh_degree;
-    options.lod = lod;
-    options.salvage = allow_truncated;
-    options.max_gaussians = max_gaussians;
+    options.max_sh_degree = wanted.max_sh_degree;
+    options.lod = wanted.lod;
+    options.salvage = wanted.allow_truncated;
+    options.max_gaussians = wanted.max_gaussians;
     let decoded = run(py, pool()?, None, move |_| {
-        gsvx::decode_with(&stream, &options).map_err(|e| explain(e, &name))
+        gsvx::decode_with(&stream, &options).map_err(|e| Fault::from(e).named(&name))
     })?;
     Ok((arrays::dict(py, decoded.scene)?, decoded.skipped))
-}
-
-/// An error of a stream, with its remedy.
-pub(crate) fn explain(error: gsvx::Error, name: &str) -> Fault {
-    let truncated = matches!(error, gsvx::Error::Truncated { .. });
-    let limit = matches!(error, gsvx::Error::Limit { .. });
-    let fault = match Fault::from(error) {
-        Fault::Failed(said) if truncated => {
-            Fault::Failed(format!("{said}; pass allow_truncated=True to decode what is there"))
-        }
-        Fault::Failed(said) if limit => {
-            Fault::Failed(said.replace("raise the limit", "raise max_gaussians"))
-        }
-        fault => fault,
-    };
-    fault.named(name)
 }
 
 /// A stream that arrives in parts; it does no I/O.

@@ -3,6 +3,7 @@
 
 use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
 use pyo3::{PyErr, create_exception};
+use std::error::Error as StdError;
 use std::io;
 
 create_exception!(
@@ -53,23 +54,18 @@ impl From<Fault> for PyErr {
 impl From<gsvx::Error> for Fault {
     fn from(error: gsvx::Error) -> Self {
         match error {
-            gsvx::Error::Option { .. } => Self::Usage(error.to_string()),
+            gsvx::Error::Option { .. } => Self::Usage(line(&error)),
             gsvx::Error::Cancelled => Self::Stopped,
-            _ => Self::Failed(error.to_string()),
+            _ => Self::Failed(line(&error)),
         }
     }
 }
 
 impl From<gs_model::Error> for Fault {
     fn from(error: gs_model::Error) -> Self {
-        let text = error.to_string();
+        let text = line(&error);
         match error {
-            gs_model::Error::Io { cause, .. } => Self::Io(io::Error::new(cause.kind(), text)),
-            gs_model::Error::InvalidGaussian { .. } => {
-                let said = text.replace("; what is invalid can be dropped on request", "");
-                let said = said.trim_start_matches("<scene>: ");
-                Self::Failed(format!("{said}: pass drop_invalid=True to leave them out"))
-            }
+            gs_model::Error::Io { source, .. } => Self::Io(io::Error::new(source.kind(), text)),
             gs_model::Error::SceneShape { .. } | gs_model::Error::SceneDegree { .. } => {
                 Self::Usage(text)
             }
@@ -80,17 +76,41 @@ impl From<gs_model::Error> for Fault {
 
 impl From<finetune::Error> for Fault {
     fn from(error: finetune::Error) -> Self {
-        Self::Failed(error.to_string())
+        Self::Failed(line(&error))
     }
 }
 
 impl From<tune::Error> for Fault {
     fn from(error: tune::Error) -> Self {
         match error {
-            tune::Error::Option { .. } => Self::Usage(error.to_string()),
+            tune::Error::Option { .. } => Self::Usage(line(&error)),
             tune::Error::Codec(error) => error.into(),
             tune::Error::Scene(error) => error.into(),
-            _ => Self::Failed(error.to_string()),
+            _ => Self::Failed(line(&error)),
         }
+    }
+}
+
+/// An error and its causes on one line, and what an argument does about it.
+fn line(error: &(dyn StdError + 'static)) -> String {
+    let text = gs_model::chain(error);
+    match std::iter::successors(Some(error), |&e| e.source()).find_map(remedy) {
+        Some(remedy) => format!("{text}; {remedy}"),
+        None => text,
+    }
+}
+
+fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
+    if let Some(gs_model::Error::InvalidGaussian { .. }) = error.downcast_ref() {
+        return Some("pass drop_invalid=True to leave them out".into());
+    }
+    match error.downcast_ref()? {
+        gsvx::Error::Limit { points, .. } => {
+            Some(format!("pass max_gaussians={points} if you trust it"))
+        }
+        gsvx::Error::Truncated { what, .. } if *what != "head" => {
+            Some("pass allow_truncated=True to decode what is there".into())
+        }
+        _ => None,
     }
 }

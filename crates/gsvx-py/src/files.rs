@@ -2,10 +2,8 @@
 
 use crate::arrays::{self, Splats};
 use crate::background::{pool, run};
-use crate::decode::explain;
 use crate::error::{Fault, Result};
-use gs_model::Scene;
-use gs_model::ply::{Invalid, ReadOptions};
+use gs_model::{Format, Invalid, ReadOptions, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::fs::File;
@@ -32,18 +30,18 @@ fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Vec<String>)> {
         |e: io::Error| Fault::Io(io::Error::new(e.kind(), format!("{name}: cannot be read: {e}")));
     if starts_like_stream(path).map_err(failed)? {
         let stream = std::fs::read(path).map_err(failed)?;
-        let scene = gsvx::decode(&stream).map_err(|e| explain(e, &name.to_string()))?;
+        let scene = gsvx::decode(&stream).map_err(|e| Fault::from(e).named(&name.to_string()))?;
         return Ok((scene, Vec::new()));
     }
     let invalid = if drop_invalid { Invalid::Drop } else { Invalid::Error };
     let options = ReadOptions { invalid, ..Default::default() };
     let (scene, report) = gs_model::model::read(path, &options)?;
-    let mut notes: Vec<String> = (report.ply.iter().flat_map(|ply| &ply.unknown_properties))
+    let mut notes: Vec<String> = (report.unknown_properties.iter())
         .map(|property| format!("{name}: property {property} is not part of a 3DGS model"))
         .collect();
-    let (kept, all) = (scene.len(), report.gaussians_in_file);
-    if kept < all {
-        let (n, s) = (all - kept, if all - kept == 1 { "" } else { "s" });
+    let (n, all) = (report.dropped, report.gaussians_in_file);
+    if n > 0 {
+        let s = if n == 1 { "" } else { "s" };
         notes.push(format!("{name}: left out: {n} invalid Gaussian{s} of {all}"));
     }
     Ok((scene, notes))
@@ -64,28 +62,16 @@ pub(crate) fn write_model(py: Python<'_>, path: PathBuf, splats: Splats<'_>) -> 
 }
 
 fn write(path: &Path, scene: &Scene) -> Result<()> {
-    let file = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let (front, extension) = file.rsplit_once('.').unwrap_or_default();
-    match extension {
-        "ply" if front.ends_with(".compressed") => {
-            gs_model::ply::compressed::write(path, scene)?;
-        }
-        "glb" => gs_model::gltf::write(path, scene)?,
-        "ply" => gs_model::ply::write(path, scene)?,
-        "spz" => gs_model::spz::write(path, scene, &Default::default())?,
-        "splat" => gs_model::splat::write(path, scene)?,
-        "gsvx" => {
-            let name = path.display();
-            return Err(Fault::Usage(format!(
-                "{name}: this function writes models; to write a stream, use compress"
-            )));
-        }
-        _ => {
-            let name = path.display();
-            return Err(Fault::Usage(format!(
-                "{name}: its extension names no format; use .ply, .compressed.ply, .glb, .splat or .spz"
-            )));
-        }
-    }
-    Ok(())
+    let name = path.display();
+    let Some(format) = Format::of_name(path).filter(|format| format.is_written()) else {
+        let written = Format::all().iter().filter(|format| format.is_written());
+        let extensions: Vec<String> = written.map(|f| format!(".{}", f.extensions[0])).collect();
+        let why = if path.extension().is_some_and(|e| e == "gsvx") {
+            "this function writes models; to write a stream, use compress".into()
+        } else {
+            format!("its extension names no format that is written; use {}", extensions.join(", "))
+        };
+        return Err(Fault::Usage(format!("{name}: {why}")));
+    };
+    Ok(format.write(path, scene)?)
 }

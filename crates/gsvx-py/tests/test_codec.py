@@ -277,7 +277,7 @@ def test_damage_is_named_and_the_rest_can_be_had(splats, tmp_path):
     with pytest.warns(UserWarning, match="truncated"):
         part = gsvx.decompress(path, allow_truncated=True)
     assert len(part["means"]) > 5000 and not part["shN"][:, 8:].any()
-    with pytest.raises(gsvx.Error, match="raise max_gaussians"):
+    with pytest.raises(gsvx.Error, match="pass max_gaussians="):
         gsvx.decompress_bytes(stream, max_gaussians=10)
     with pytest.raises(gsvx.Error, match="not a gsvx stream"):
         gsvx.decompress(MODEL)

@@ -32,7 +32,7 @@ fn place(error: &Error, index: Option<&Index>) -> (Option<usize>, Option<usize>,
 /// The error as an object: `message`, `code`, `offset`, and `chunk` and `layer` where they are known.
 pub(crate) fn of(error: &Error, index: Option<&Index>) -> JsValue {
     let (chunk, layer, offset) = place(error, index);
-    let object = object(&error.to_string(), code(error));
+    let object = object(&gs_model::chain(error), code(error));
     set(&object, "offset", &(offset as f64).into());
     for (name, number) in [("chunk", chunk), ("layer", layer)] {
         if let Some(number) = number {

@@ -2,8 +2,7 @@
 
 use crate::error;
 use crate::layout;
-use gs_model::ply::{Invalid, ReadOptions};
-use gs_model::{Scene, model};
+use gs_model::{Invalid, ReadOptions, Scene, chain, model};
 use wasm_bindgen::prelude::*;
 
 /// Gaussians handed over at a time.
@@ -26,7 +25,7 @@ impl Model {
     pub fn new(name: &str, bytes: &[u8]) -> Result<Self, JsValue> {
         let options = ReadOptions { invalid: Invalid::Drop, ..Default::default() };
         let (scene, _) = model::read_named(name, bytes, &options)
-            .map_err(|e| JsValue::from(error::object(&e.to_string(), "model")))?;
+            .map_err(|e| JsValue::from(error::object(&chain(&e), "model")))?;
         Ok(Self { scene })
     }
 

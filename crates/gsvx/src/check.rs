@@ -1,6 +1,6 @@
 //! What the encoder refuses before it begins.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_length};
 use crate::head::Steps;
 use gpcc_lite::Octree;
 use gs_model::Scene;
@@ -9,22 +9,19 @@ use rayon::prelude::*;
 /// All arrays of a scene have the lengths that its number of Gaussians and its SH degree ask for.
 pub(crate) fn check_lengths(scene: &Scene) -> Result<()> {
     let n = scene.len();
-    for len in [scene.opacity_logits.len(), scene.log_scales.len(), scene.rotations.len()] {
-        if len != n {
-            return Err(Error::CountMismatch { scene: n, leaves: len });
-        }
+    if scene.sh_degree > 3 {
+        let value = f64::from(scene.sh_degree);
+        return Err(Error::Option { option: "SH degree", value, range: "0 to 3" });
     }
-    if scene.sh_degree > 3 || scene.sh.len() != n * scene.sh_len() {
-        return Err(Error::CountMismatch { scene: n * scene.sh_len(), leaves: scene.sh.len() });
-    }
-    Ok(())
+    check_length("opacity logits", scene.opacity_logits.len(), n)?;
+    check_length("log-scales", scene.log_scales.len(), n)?;
+    check_length("rotations", scene.rotations.len(), n)?;
+    check_length("SH coefficients", scene.sh.len(), n * scene.sh_len())
 }
 
 /// There is one Gaussian for each leaf, at its centre.
 pub(crate) fn check_centres(scene: &Scene, octree: &Octree) -> Result<()> {
-    if scene.len() != octree.len() {
-        return Err(Error::CountMismatch { scene: scene.len(), leaves: octree.len() });
-    }
+    check_length("Gaussians of the leaves", scene.len(), octree.len())?;
     let off_centre = |(leaf, mean): (usize, &[f32; 3])| octree.centre(leaf) != *mean;
     let pairs = scene.means.par_iter().enumerate().with_min_len(4096);
     match pairs.position_first(off_centre) {

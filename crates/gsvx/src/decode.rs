@@ -262,8 +262,11 @@ impl<'a> Decoder<'a> {
                 }
                 let count = self.index.chunks[chunk].count;
                 self.skipped.push(match layer {
-                    0 => format!("chunk {chunk} ({count} Gaussians): {e}"),
-                    degree => format!("SH degree {degree} and above of chunk {chunk}: {e}"),
+                    0 => format!("chunk {chunk} ({count} Gaussians): {}", gs_model::chain(&e)),
+                    degree => format!(
+                        "SH degree {degree} and above of chunk {chunk}: {}",
+                        gs_model::chain(&e)
+                    ),
                 });
                 return Ok(layer);
             }

@@ -4,7 +4,7 @@ use crate::assemble::{assemble, checked_outliers, exact_chunk, joined, without_z
 use crate::check::{check_centres, check_lengths, check_steps, used_degree};
 use crate::chunk::How;
 use crate::encoded::Encoded;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_length};
 use crate::head::{Header, Steps};
 use crate::importance;
 use crate::lod::{self, LodLevel};
@@ -23,7 +23,7 @@ use voxel::{Importance, Voxelization};
 /// `outliers` are coded bit for bit; a decoder returns them behind the leaves, in their order.
 ///
 /// # Errors
-/// [`Error::CountMismatch`], [`Error::OffCentre`] or [`Error::NonFinite`] if the scene does not fit,
+/// [`Error::Length`], [`Error::OffCentre`] or [`Error::NonFinite`] if the scene does not fit,
 /// [`Error::InvalidOutlier`] if an outlier does not.
 pub fn encode_voxels(
     scene: &Scene,
@@ -34,10 +34,8 @@ pub fn encode_voxels(
     check_lengths(scene)?;
     check_centres(scene, octree)?;
     let given = options.importance.clone();
-    if let Some(given) = &given
-        && given.len() != scene.len()
-    {
-        return Err(Error::CountMismatch { scene: given.len(), leaves: scene.len() });
+    if let Some(given) = &given {
+        check_length("importances", given.len(), scene.len())?;
     }
     let importance = given.unwrap_or_else(|| importance::without_cameras(scene));
     let weights = &Importance::Given(importance);
@@ -50,7 +48,7 @@ pub fn encode_voxels(
 /// at `ceil(log2 N)` bits each. Values need not be valid: NaN, infinities and zero quaternions are kept.
 ///
 /// # Errors
-/// [`Error::CountMismatch`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
+/// [`Error::Length`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
 /// 2^32 - 2 Gaussians.
 pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
     check_lengths(scene)?;

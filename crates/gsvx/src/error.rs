@@ -62,10 +62,10 @@ pub enum Error {
         found: u32,
     },
     /// A stream that is not in memory cannot be read.
-    #[error("cannot be read: {0}")]
-    Read(std::io::Error),
+    #[error("cannot be read")]
+    Read(#[source] std::io::Error),
     /// A chunk cannot be decoded.
-    #[error("chunk {chunk}: {source}")]
+    #[error("chunk {chunk}")]
     Chunk {
         /// Number of the chunk.
         chunk: usize,
@@ -73,22 +73,22 @@ pub enum Error {
         source: Box<Error>,
     },
     /// The stream would need more memory than the caller allows.
-    #[error(
-        "stream claims {points} Gaussians, more than the limit of {limit}; raise the limit if you trust it"
-    )]
+    #[error("{points} Gaussians, more than the limit of {limit}")]
     Limit {
         /// Gaussians claimed.
         points: u64,
         /// Greatest number allowed.
         limit: u64,
     },
-    /// Scene and voxelization do not belong together.
-    #[error("scene has {scene} Gaussians but the voxelization has {leaves} leaves")]
-    CountMismatch {
-        /// Gaussians in the scene.
-        scene: usize,
-        /// Leaves in the voxelization.
-        leaves: usize,
+    /// Lengths that belong together differ.
+    #[error("{found} {what} given, {expected} needed")]
+    Length {
+        /// Of what: `Gaussians of the leaves`, say.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many there must be.
+        expected: usize,
     },
     /// A Gaussian's mean is not its leaf's centre.
     #[error("Gaussian {index} is not at the centre of its voxel; merge the scene first")]
@@ -169,7 +169,7 @@ pub enum Error {
         range: &'static str,
     },
     /// Geometry or attribute coding failed.
-    #[error("{what}: {source}")]
+    #[error("{what}")]
     Coding {
         /// Which part.
         what: &'static str,
@@ -178,12 +178,17 @@ pub enum Error {
     },
     /// Voxelization failed.
     #[cfg(feature = "encode")]
-    #[error("voxelization: {0}")]
+    #[error("voxelization")]
     Voxel(#[from] voxel::Error),
 }
 
 /// Result with [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Refuses a number of things that is not the one needed.
+pub(crate) fn check_length(what: &'static str, found: usize, expected: usize) -> Result<()> {
+    if found == expected { Ok(()) } else { Err(Error::Length { what, found, expected }) }
+}
 
 /// Wraps an error of the coder with the part in which it happened.
 pub(crate) fn coding(what: &'static str) -> impl Fn(gpcc_lite::Error) -> Error + Copy {

@@ -17,7 +17,7 @@ use crate::check::{check_centres, check_lengths, check_steps, used_degree};
 use crate::chunk::{self, BASE, ChunkEncoder, GROUPS, GaussiansMut, How, LAMBDA_MOVED, Values};
 pub use crate::chunk::{GaussianGradient, Transform};
 use crate::encoded::Encoded;
-use crate::error::{Error, Result};
+use crate::error::{Result, check_length};
 use crate::head::{Header, Index, Steps};
 use crate::importance;
 use crate::lod;
@@ -84,11 +84,8 @@ impl Latents {
     ) -> Result<Self> {
         check_steps(&options.steps)?;
         let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
-        for found in [importance.len(), values.len() / channels] {
-            if found != octree.len() || !values.len().is_multiple_of(channels) {
-                return Err(Error::CountMismatch { scene: found, leaves: octree.len() });
-            }
-        }
+        check_length("importances", importance.len(), octree.len())?;
+        check_length("values", values.len(), channels * octree.len())?;
         let classes = importance::log_classes(importance, options.steps.covariance);
         let whole = EncodeOptions { lod: false, ..options.clone() };
         let voxels = Voxelization::one_each(octree.clone());

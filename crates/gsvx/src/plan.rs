@@ -6,7 +6,7 @@
 
 use crate::encode::encode_source;
 use crate::encoded::{CoarseCells, Encoded};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_length};
 use crate::importance::{self, UnseenUnit};
 use crate::lod;
 use crate::options::EncodeOptions;
@@ -125,7 +125,7 @@ impl Plan {
     /// it is called once for each, unless importances are guessed. SH coefficients above DC do not matter.
     ///
     /// # Errors
-    /// Those of `scene` and `seen`; [`Error::CountMismatch`] if a tile has another number of Gaussians than were
+    /// Those of `scene` and `seen`; [`Error::Length`] if a tile has another number of Gaussians than were
     /// counted, or `seen` gives another number.
     pub fn measure<E: From<Error>>(
         &mut self,
@@ -167,7 +167,7 @@ impl Plan {
     /// own, for [`crate::join`]. `seen` is empty if importances are guessed.
     ///
     /// # Errors
-    /// [`Error::CountMismatch`] if these are not the Gaussians of the tile, or `seen` has another number; otherwise
+    /// [`Error::Length`] if these are not the Gaussians of the tile, or `seen` has another number; otherwise
     /// as [`crate::encode`].
     pub fn encode(&self, tile: usize, scene: &Scene, seen: &[f32]) -> Result<Encoded> {
         self.check(tile, scene)?;
@@ -176,8 +176,8 @@ impl Plan {
 
     /// Importances of some Gaussians.
     fn importance(&self, scene: &Scene, seen: &[f32]) -> Result<Vec<f32>> {
-        if self.choices.seen != Seen::Guessed && seen.len() != scene.len() {
-            return Err(Error::CountMismatch { scene: seen.len(), leaves: scene.len() });
+        if self.choices.seen != Seen::Guessed {
+            check_length("importances", seen.len(), scene.len())?;
         }
         Ok(match self.choices.seen {
             Seen::Guessed => importance::without_cameras(scene),
@@ -284,10 +284,7 @@ impl Plan {
 
     fn check(&self, tile: usize, scene: &Scene) -> Result<()> {
         let wanted = self.tile_counts.get(tile).copied().unwrap_or_default() as usize;
-        match scene.len() == wanted {
-            true => Ok(()),
-            false => Err(Error::CountMismatch { scene: scene.len(), leaves: wanted }),
-        }
+        check_length("Gaussians of the tile", scene.len(), wanted)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::bounded;
 use crate::check::check_lengths;
 use crate::encode::encode_source;
 use crate::encoded::{Encoded, LEFT_OUT};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_length};
 use crate::importance;
 use crate::lod;
 use crate::options::{EncodeOptions, Leaves};
@@ -27,7 +27,7 @@ use voxel::{Importance, Merge, Strategy, Trimmed, Voxelization};
 ///    nothing.
 ///
 /// # Errors
-/// [`Error::Voxel`] for what voxelization refuses, [`Error::CountMismatch`] if the importances in
+/// [`Error::Voxel`] for what voxelization refuses, [`Error::Length`] if the importances in
 /// `options` are not one per Gaussian, [`Error::Option`] for options out of range,
 /// [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
@@ -116,10 +116,8 @@ impl<'a> Input<'a> {
     fn new(scene: &'a Scene, options: &EncodeOptions) -> Result<Self> {
         check_lengths(scene)?;
         let count = scene.len();
-        if let Some(given) = &options.importance
-            && given.len() != count
-        {
-            return Err(Error::CountMismatch { scene: given.len(), leaves: count });
+        if let Some(given) = &options.importance {
+            check_length("importances", given.len(), count)?;
         }
         let survey = Survey::of(scene)?;
         let importance = options.importance.as_ref().map(|given| match options.drop_unseen {

@@ -134,5 +134,5 @@ fn outliers_that_do_not_fit_are_refused() {
     assert!(matches!(encode(scene(3, 2, 3)), Err(Error::Option { .. })));
     let mut short = scene(3, 1, 3);
     short.rotations.pop();
-    assert!(matches!(encode(short), Err(Error::CountMismatch { scene: 3, leaves: 2 })));
+    assert!(matches!(encode(short), Err(Error::Length { found: 2, expected: 3, .. })));
 }

@@ -224,7 +224,7 @@ fn importances_of_another_length_are_refused() {
             encode(&floaters, &options),
             encode_voxels(&merged, voxels.octree(), None, &options),
         ] {
-            assert!(matches!(refused, Err(Error::CountMismatch { .. })), "{n}");
+            assert!(matches!(refused, Err(Error::Length { .. })), "{n}");
         }
     }
 }
@@ -257,7 +257,7 @@ fn misfits_are_errors() {
     nan.log_scales[4][0] = f32::NAN;
     assert!(matches!(encode(&nan), Err(Error::NonFinite { index: 4, field: "log-scale" })));
     let short = merged.select(&[0, 1, 2]);
-    assert!(matches!(encode(&short), Err(Error::CountMismatch { .. })));
+    assert!(matches!(encode(&short), Err(Error::Length { .. })));
     for quality in [f32::NAN, -1.0, 101.0] {
         assert!(matches!(EncodeOptions::from_quality(quality), Err(Error::Option { .. })));
         let options = encoding(|o| o.quality = quality);
@@ -297,7 +297,7 @@ fn arrays_of_different_lengths_are_refused() {
             encode_voxels(&merged, voxels.octree(), Some(&changed(&plain)), &options),
         ] {
             assert!(
-                matches!(refused, Err(Error::CountMismatch { .. } | Error::Option { .. })),
+                matches!(refused, Err(Error::Length { .. } | Error::Option { .. })),
                 "change {i}"
             );
         }

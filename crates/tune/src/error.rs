@@ -7,13 +7,13 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum Error {
     /// Views that the rasterizer refuses, and checkpoints that cannot be read or written.
-    #[error("{0}")]
-    Finetune(finetune::Error),
+    #[error(transparent)]
+    Finetune(#[from] finetune::Error),
     /// The scene is not valid.
-    #[error("invalid scene: {0}")]
-    Scene(gs_model::Error),
+    #[error("invalid scene")]
+    Scene(#[from] gs_model::Error),
     /// The codec refuses the scene or the target.
-    #[error("{0}")]
+    #[error(transparent)]
     Codec(#[from] gsvx::Error),
     /// A photo holds a value that is no number.
     #[error("view {index} ({name}): the photo holds a value that is not finite")]
@@ -69,15 +69,3 @@ pub enum Error {
 
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
-
-impl From<finetune::Error> for Error {
-    fn from(error: finetune::Error) -> Self {
-        Self::Finetune(error)
-    }
-}
-
-impl From<gs_model::Error> for Error {
-    fn from(error: gs_model::Error) -> Self {
-        Self::Scene(error)
-    }
-}

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use finetune::{Image, RenderOptions, TrainView, metrics, render};
+use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, dataset, ply};
 use tune::{Effort, Error, Options, Outcome, Plan, Target, Tune};
 
@@ -24,7 +25,7 @@ fn views() -> Vec<TrainView> {
         let photo = Image::from_rgb8(width, height, photo.as_raw()).unwrap();
         TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
     };
-    dataset::open_views(room()).unwrap().1.into_iter().map(load).collect()
+    dataset::open_views(room(), LensDistortion::Refuse).unwrap().into_iter().map(load).collect()
 }
 
 fn training() -> Vec<TrainView> {

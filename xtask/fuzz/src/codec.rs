@@ -6,13 +6,13 @@ use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gpcc_lite::model::{Bit, Symbols};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lifting, decode_lossless};
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, Limits, attribute as rows, geometry as octree};
+use gpcc_lite::{Leaf, Limits, Octree, attribute as rows, geometry as octree};
 use gpcc_lite::{morton, rlgr as golomb};
 
 use crate::{choice, number};
 
 /// Sets of leaves: none, one, a dense block, a sparse tree of mixed depth.
-pub(crate) fn leaves() -> Vec<(Vec<Leaf>, u8)> {
+pub(crate) fn octrees() -> Vec<Octree> {
     let block = (0..27u32)
         .map(|i| Leaf { morton: morton::encode([i % 3, i / 3 % 3, i / 9]), depth: 2 })
         .collect();
@@ -24,19 +24,20 @@ pub(crate) fn leaves() -> Vec<(Vec<Leaf>, u8)> {
         })
         .collect();
     let one = vec![Leaf { morton: 0, depth: 0 }];
-    let mut sets: Vec<(Vec<Leaf>, u8)> = vec![(Vec::new(), 4), (one, 0), (block, 2), (mixed, 7)];
-    for (leaves, j_high) in &mut sets {
+    let sets: [(Vec<Leaf>, u8); 4] = [(Vec::new(), 4), (one, 0), (block, 2), (mixed, 7)];
+    let tree = |(mut leaves, depth): (Vec<Leaf>, u8)| {
         leaves.sort();
         let mut end = 0;
         leaves.retain(|l| {
             let keep = l.morton >= end;
             if keep {
-                end = l.morton + (1 << (3 * (*j_high - l.depth)));
+                end = l.morton + (1 << (3 * (depth - l.depth)));
             }
             keep
         });
-    }
-    sets
+        Octree::of_points(depth, leaves).expect("valid leaves")
+    };
+    sets.into_iter().map(tree).collect()
 }
 
 /// Unweighted and weighted transforms of every set.
@@ -44,10 +45,10 @@ pub(crate) fn plans() -> &'static [Plan] {
     static PLANS: OnceLock<Vec<Plan>> = OnceLock::new();
     PLANS.get_or_init(|| {
         let mut plans = Vec::new();
-        for (leaves, j_high) in leaves() {
-            let weights: Vec<u32> = (0..leaves.len()).map(|i| 1 << (2 * (i % 11))).collect();
-            plans.push(Plan::new(&leaves, j_high).expect("valid leaves"));
-            plans.push(Plan::with_weights(&leaves, j_high, &weights).expect("valid weights"));
+        for tree in octrees() {
+            let weights: Vec<u32> = (0..tree.len()).map(|i| 1 << (2 * (i % 11))).collect();
+            plans.push(Plan::new(tree.clone()));
+            plans.push(Plan::new(tree).weighted(&weights).expect("valid weights"));
         }
         plans
     })
@@ -58,10 +59,9 @@ pub fn geometry(data: &[u8]) -> bool {
     let (byte, bytes) = choice(data);
     let limits = Limits { max_points: 128 };
     let Ok(g) = octree::decode(bytes, &limits) else { return false };
-    assert!(g.leaves.len() <= limits.max_points);
-    gpcc_lite::leaf::check_leaves(&g.leaves, g.j_high).expect("decoded leaves are not valid");
+    assert!(g.len() <= limits.max_points);
     if byte & 1 == 1 {
-        let again = octree::encode(&g.leaves, g.j_high).expect("decoded leaves were refused");
+        let again = octree::encode(&g).expect("decoded leaves were refused");
         assert!(octree::decode(&again, &limits).expect("own stream was refused") == g);
     }
     true
@@ -162,10 +162,8 @@ pub fn rlgr(data: &[u8]) -> bool {
 pub fn predict(data: &[u8]) -> bool {
     static NEAR: OnceLock<Vec<[Neighbours; 2]>> = OnceLock::new();
     let near = NEAR.get_or_init(|| {
-        let of = |(l, j): (Vec<Leaf>, u8)| {
-            [Neighbours::new(&l, j), Neighbours::coarser(&l, j)].map(|n| n.expect("valid leaves"))
-        };
-        leaves().into_iter().map(of).collect()
+        let of = |tree: Octree| [Neighbours::new(&tree), Neighbours::coarser(&tree)];
+        octrees().into_iter().map(of).collect()
     });
     let (byte, bytes) = choice(data);
     let [all, coarser] = &near[usize::from(byte) % 4];

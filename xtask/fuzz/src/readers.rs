@@ -2,9 +2,7 @@
 
 use std::sync::OnceLock;
 
-use gs_model::model::{self, Kind};
-use gs_model::ply::{self, Invalid};
-use gs_model::{ReadOptions, Scene, colmap as sfm, inria, nerf};
+use gs_model::{Format, Invalid, ReadOptions, Scene, colmap as sfm, inria, nerf, ply};
 
 use crate::{choice, gzip, number};
 
@@ -28,47 +26,44 @@ fn check_model(scene: &Scene) {
 /// PLY: options, then the file.
 pub fn ply(data: &[u8]) -> bool {
     let (byte, file) = choice(data);
-    let Ok((scene, report)) = ply::read_bytes_with(file, &options(byte)) else { return false };
-    assert_eq!(report.gaussians, scene.len());
-    check_model(&scene);
-    true
+    read("ply", byte, file)
 }
 
 /// Reads a file with the options of a byte.
-fn read(kind: Kind, byte: u8, file: &[u8]) -> bool {
-    let Ok((scene, _)) = model::read_as(kind, "<bytes>", file, &options(byte)) else {
-        return false;
-    };
+fn read(format: &str, byte: u8, file: &[u8]) -> bool {
+    let format = Format::named(format).expect("a format of the table");
+    let Ok((scene, report)) = format.read("<bytes>", file, &options(byte)) else { return false };
+    assert_eq!(report.gaussians_in_file, scene.len() + report.dropped);
     check_model(&scene);
     true
 }
 
 /// Options, then the file.
-fn whole(kind: Kind, data: &[u8]) -> bool {
+fn whole(format: &str, data: &[u8]) -> bool {
     let (byte, file) = choice(data);
-    read(kind, byte, file)
+    read(format, byte, file)
 }
 
 /// SPZ: options, then the file; with bit 2, what is inside the gzip file instead.
 pub fn spz(data: &[u8]) -> bool {
     let (byte, file) = choice(data);
     let zipped = if byte & 4 != 0 { &gzip::gzip(file) } else { file };
-    read(Kind::Spz, byte, zipped)
+    read("spz", byte, zipped)
 }
 
 /// `.splat`: options, then the file.
 pub fn splat(data: &[u8]) -> bool {
-    whole(Kind::Splat, data)
+    whole("splat", data)
 }
 
 /// `compressed.ply`: options, then the file.
 pub fn compressed_ply(data: &[u8]) -> bool {
-    whole(Kind::Ply, data)
+    whole("compressed-ply", data)
 }
 
 /// `.glb`: options, then the file.
 pub fn glb(data: &[u8]) -> bool {
-    whole(Kind::Gltf, data)
+    whole("glb", data)
 }
 
 /// SOG: options, then the file; with bit 2, the lengths of `meta.json` and of the image `a`, both, and the
@@ -76,14 +71,14 @@ pub fn glb(data: &[u8]) -> bool {
 pub fn sog(data: &[u8]) -> bool {
     let (byte, rest) = choice(data);
     if byte & 4 == 0 {
-        return whole(Kind::Sog, data);
+        return whole("sog", data);
     }
     let (json, rest) = number(rest);
     let (json, rest) = rest.split_at(json.min(rest.len()));
     let (a, rest) = number(rest);
     let (a, b) = rest.split_at(a.min(rest.len()));
     let file = crate::zip::zip(&[("meta.json", json), ("a", a), ("b", b)]);
-    read(Kind::Sog, byte, &file)
+    read("sog", byte, &file)
 }
 
 /// `.ksplat`: options, then the numbers of the header and of the first section's header, four bytes
@@ -96,20 +91,16 @@ pub fn ksplat(data: &[u8]) -> bool {
     whole[..44].copy_from_slice(file);
     whole[4096..4096 + 44].copy_from_slice(section);
     whole.extend(body);
-    read(Kind::Ksplat, byte, &whole)
+    read("ksplat", byte, &whole)
 }
 
 /// Bytes of the two headers of a `.ksplat` that have a meaning.
 pub(crate) const KSPLAT_HEADS: usize = 88;
 
-/// COLMAP: form and file, then a points file, or the length of a cameras file, that file, and an
-/// images file.
+/// COLMAP: form, the length of a cameras file, that file, and an images file.
 pub fn colmap(data: &[u8]) -> bool {
     let (byte, data) = choice(data);
     let form = if byte & 1 == 0 { sfm::Form::Binary } else { sfm::Form::Text };
-    if byte & 2 != 0 {
-        return sfm::points_from_bytes(data, form).is_ok();
-    }
     let (len, rest) = number(data);
     let (cameras, images) = rest.split_at(len.min(rest.len()));
     let Ok(cameras) = sfm::cameras_from_bytes(cameras, images, form) else { return false };

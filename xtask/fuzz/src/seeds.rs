@@ -4,12 +4,12 @@ use gpcc_lite::coder::Encoder;
 use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Rows;
-use gpcc_lite::{attribute, geometry, rlgr};
+use gpcc_lite::{Octree, attribute, geometry, rlgr};
 use gs_model::ply;
 use gsvx::EncodeOptions;
 use std::num::NonZeroUsize;
 
-use crate::codec::{leaves, plans};
+use crate::codec::{self, plans};
 use crate::common::{self, forge, scene};
 
 /// A fuzz target.
@@ -39,11 +39,12 @@ pub const TARGETS: &[Target] = &[
     target("spz", crate::spz, 512, spz),
     target("splat", crate::splat, 256, || vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])]),
     target("compressed_ply", crate::compressed_ply, 1024, || {
-        written(|file, s| ply::compressed::write_to(file, s).expect("written"))
+        [(1, 0), (2, 0), (1, 3)].map(|m| written("compressed-ply", m)).into()
     }),
     target("ksplat", crate::ksplat, 384, ksplat),
     target("sog", crate::sog, 4096, sog),
-    target("glb", crate::glb, 2048, glb),
+    // More coefficients make JSON longer than what is worth trying.
+    target("glb", crate::glb, 2048, || vec![written("glb", (2, 0))]),
     target("colmap", crate::colmap, 512, colmap),
     target("cameras", crate::cameras, 768, cameras),
     target("gsvx", crate::gsvx, 1024, whole),
@@ -112,27 +113,16 @@ fn spz() -> Vec<Vec<u8>> {
     let inner = [file(2, 2, 0), file(3, 1, 3), file(3, 0, 0), file(2, 1, 1)];
     let mut out: Vec<Vec<u8>> = inner.iter().map(|f| with(4, f)).collect();
     out.push(with(0, &crate::gzip::gzip(&inner[0])));
-    let mut latest = Vec::new();
-    gs_model::spz::write_to(&mut latest, &scene(2, 1, 1), &Default::default()).expect("written");
-    out.push(with(0, &latest));
+    out.push(written("spz", (2, 1)));
     out
 }
 
-/// Small models, as `write` writes them.
-fn written(write: fn(&mut Vec<u8>, &gs_model::Scene)) -> Vec<Vec<u8>> {
-    let models = [(1, 0), (2, 0), (1, 3)].map(|(n, degree)| {
-        let mut file = vec![0];
-        write(&mut file, &scene(n, degree, 1));
-        file
-    });
-    models.into()
-}
-
-fn glb() -> Vec<Vec<u8>> {
-    // More coefficients make JSON longer than what is worth trying.
+/// Strict options, then a file of that format with so many Gaussians of that SH degree.
+fn written(format: &str, (n, degree): (usize, u8)) -> Vec<u8> {
     let mut file = vec![0];
-    gs_model::gltf::write_to(&mut file, &scene(2, 0, 1)).expect("written");
-    vec![file]
+    let format = gs_model::Format::named(format).expect("a format of the table");
+    format.write_to("<seed>", &mut file, &scene(n, degree, 1)).expect("written");
+    file
 }
 
 /// The meaningful bytes of both headers, then the section: a row of each level.
@@ -177,6 +167,12 @@ const PALETTE: [u8; 128] = [
     121, 114, 1, 187, 189, 116, 212, 96, 220, 186, 45, 41, 31, 158, 60, 21, 228, 255, 2, 5, 0,
 ];
 
+/// A `meta.json` of SOG version 1.
+const VERSION_1: &str = r#"{"means":{"shape":[16,3],"mins":[0,-1,0],"maxs":[1,1,2],"files":["a","a"]},
+"scales":{"shape":[16,3],"mins":[-9,-9,-9],"maxs":[-3,-3,-3],"files":["a"]},"quats":{"files":["a"]},
+"sh0":{"shape":[16,1,4],"mins":[-1,-1,-1,-5],"maxs":[2,2,2,5],"files":["a"]},
+"shN":{"shape":[16,45],"mins":-0.5,"maxs":0.5,"files":["b","a"]}}"#;
+
 fn sog() -> Vec<Vec<u8>> {
     let numbers = vec!["0.5"; 256].join(",");
     let meta = |count: usize, numbers: &str, palette: bool| {
@@ -199,6 +195,7 @@ fn sog() -> Vec<Vec<u8>> {
         packed(5, &meta(2, "1,2", false)),
         packed(5, &meta(16, "1,2,3", true)),
         packed(4, &meta(2, &numbers, false)),
+        packed(5, VERSION_1),
     ]
 }
 
@@ -222,15 +219,7 @@ fn colmap() -> Vec<Vec<u8>> {
     images.extend(b"a.png\0");
     images.extend(1u64.to_le_bytes());
     images.extend([0; 24]);
-    let mut points = 1u64.to_le_bytes().to_vec();
-    points.extend(7u64.to_le_bytes());
-    [1.0f64, 2.0, 3.0].iter().for_each(|v| points.extend(v.to_le_bytes()));
-    points.extend([9, 8, 7]);
-    points.extend(0.5f64.to_le_bytes());
-    points.extend(1u64.to_le_bytes());
-    points.extend([0; 8]);
-    let lines = b"# points\n1 0.1 0.2 0.3 1 2 3 0.5 1 2\n2 1 2 3 4 5 6 7\n";
-    vec![text, split(0, &cameras, &images), with(2, &points), with(3, lines)]
+    vec![text, split(0, &cameras, &images)]
 }
 
 fn cameras() -> Vec<Vec<u8>> {
@@ -334,11 +323,11 @@ fn lossless() -> Vec<Vec<u8>> {
 }
 
 fn octrees() -> Vec<Vec<u8>> {
-    let code = |(l, j): &(Vec<_>, u8)| geometry::encode(l, *j).expect("encoded");
-    let mut out: Vec<Vec<u8>> = leaves().iter().map(|set| with(0, &code(set))).collect();
-    out.push(with(1, &code(&leaves()[3])));
+    let code = |tree: &Octree| geometry::encode(tree).expect("encoded");
+    let mut out: Vec<Vec<u8>> = codec::octrees().iter().map(|tree| with(0, &code(tree))).collect();
+    out.push(with(1, &code(&codec::octrees()[3])));
     let far = (0..20u64).map(|i| gpcc_lite::Leaf { morton: i << 55, depth: 21 }).collect();
-    out.push(with(1, &code(&(far, 21))));
+    out.push(with(1, &code(&Octree::of_points(21, far).expect("valid leaves"))));
     out
 }
 
@@ -386,10 +375,10 @@ fn golomb() -> Vec<Vec<u8>> {
 
 fn predicted() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
-    for (at, (l, j)) in leaves().iter().enumerate() {
-        let near = Neighbours::new(l, *j).expect("valid leaves");
-        let coarser = Neighbours::coarser(l, *j).expect("valid leaves");
-        for v in [values(l.len(), 1), (0..l.len() as i32).map(|i| i % 3 * 1000).collect()] {
+    for (at, tree) in codec::octrees().iter().enumerate() {
+        let near = Neighbours::new(tree);
+        let coarser = Neighbours::coarser(tree);
+        for v in [values(tree.len(), 1), (0..tree.len() as i32).map(|i| i % 3 * 1000).collect()] {
             let coded = encode_lossless(&near, &[&v, &v]).expect("encoded");
             out.push(with(at as u8 + 8, &coded));
             let lift = Lifting::new(&coarser);

@@ -12,8 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Result;
-use gs_model::Scene;
-use gs_model::ply::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions};
+use gs_model::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions, Scene};
 use serde::{Deserialize, Serialize};
 
 use crate::cache::{self, Cache};

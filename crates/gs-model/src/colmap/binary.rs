@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::entries::{Image, Intrinsics, MODELS, Model, SfmPoint};
+use super::entries::{Image, Intrinsics, MODELS, Model, unknown_model};
+use crate::camera;
 use crate::error::{Error, Result, excerpt};
 
 /// A position in a file whose numbers of entries are promises.
@@ -70,8 +71,10 @@ impl<'a> Cursor<'a> {
     }
 
     fn truncated(&self, what: &'static str) -> Error {
-        let (file, len) = (self.file.into(), self.bytes.len());
-        Error::ColmapTruncated { file, len, offset: self.at, what, promised: self.promised }
+        let Self { file, bytes, at, promised } = self;
+        let missing =
+            format!("the header promises {promised} entries, but {what} at byte {at} is missing");
+        Error::truncated(file, bytes.len(), missing)
     }
 }
 
@@ -82,8 +85,7 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
         let model = cursor.u32("a camera model")?;
         let Some(model) = Some(model as usize).filter(|&m| m < MODELS.len()).map(Model) else {
             // The number of its parameters is not known, so nothing after it can be read.
-            let (file, model) = (file.into(), model.to_string());
-            return Err(Error::UnknownCameraModel { file, camera: id, model });
+            return Err(unknown_model(file, id, &model.to_string()));
         };
         let width = cursor.u64("a camera's width")?;
         let height = cursor.u64("a camera's height")?;
@@ -105,26 +107,11 @@ pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
         let camera = cursor.u32("an image's camera id")?;
         let name = cursor.string("an image's name")?;
         let Ok(name) = std::str::from_utf8(name).map(str::to_owned) else {
-            let (file, view) = (file.into(), excerpt(name));
-            return Err(Error::BadCamera { file, view, reason: "name is not UTF-8" });
+            return Err(camera::bad(file, excerpt(name), "name is not UTF-8"));
         };
         let observations = cursor.u64("an image's number of points")?;
         cursor.skip(observations, 24, "an image's points")?;
         images.push(Image { name, camera, rotation, translation });
     }
     Ok(images)
-}
-
-pub(super) fn points(file: &Path, bytes: &[u8]) -> Result<Vec<SfmPoint>> {
-    let (mut cursor, mut points) = Cursor::open(file, bytes, 51)?;
-    for _ in 0..cursor.promised {
-        cursor.u64("a point id")?;
-        let position = cursor.f64s("a point's position")?;
-        let rgb = cursor.take("a point's colour")?;
-        let [error] = cursor.f64s("a point's error")?;
-        let track = cursor.u64("a point's track length")?;
-        cursor.skip(track, 8, "a point's track")?;
-        points.push(SfmPoint { position, rgb, error });
-    }
-    Ok(points)
 }

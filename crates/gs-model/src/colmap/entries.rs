@@ -1,15 +1,8 @@
 //! The entries of the files, and the camera models.
 
-/// A point of the sparse reconstruction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SfmPoint {
-    /// Position, world units.
-    pub position: [f64; 3],
-    /// Colour, 0 to 255.
-    pub rgb: [u8; 3],
-    /// Mean reprojection error, pixels.
-    pub error: f64,
-}
+use std::path::Path;
+
+use crate::error::Error;
 
 /// A row of the cameras file.
 pub(super) struct Intrinsics {
@@ -71,4 +64,12 @@ impl Model {
     pub(super) fn is_distorted(self) -> bool {
         !UNDISTORTED.contains(&self)
     }
+}
+
+/// The error of a camera whose model is not one of [`MODELS`].
+pub(super) fn unknown_model(file: &Path, id: u32, model: &str) -> Error {
+    let reason = format!(
+        "unknown camera model {model}: undistort the images first with `colmap image_undistorter`"
+    );
+    Error::malformed(file, &format!("camera {id}"), reason)
 }

@@ -1,4 +1,4 @@
-//! COLMAP sparse models: `cameras`, `images` and `points3D`, binary or text.
+//! COLMAP sparse models: `cameras` and `images`, binary or text.
 //!
 //! Images should be undistorted, with the camera models `PINHOLE` and `SIMPLE_PINHOLE`. Models with
 //! lens distortion are refused by default and can be read as pinhole cameras
@@ -14,10 +14,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
-pub use entries::SfmPoint;
 use entries::{Image, Intrinsics};
 
-use crate::camera::{Camera, LensDistortion, checked_size};
+use crate::camera::{self, Camera, LensDistortion, checked_size};
 use crate::error::{Error, Result};
 use crate::fs;
 
@@ -36,18 +35,9 @@ pub(crate) fn is_model(dir: impl AsRef<Path>) -> bool {
 /// [`Camera::name`] is the image's path relative to the images folder.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::ColmapTruncated`], [`Error::ColmapLine`]; [`Error::DistortedCamera`]
-/// or [`Error::UnknownCameraModel`] for a camera that an image uses; [`Error::UnknownCamera`],
-/// [`Error::DuplicateView`], [`Error::ImageTooLarge`], [`Error::BadCamera`].
-pub fn read_cameras(dir: impl AsRef<Path>) -> Result<Vec<Camera>> {
-    read_cameras_with(dir, LensDistortion::Refuse)
-}
-
-/// As [`read_cameras`], with a choice of what to do with distorted cameras.
-///
-/// # Errors
-/// As [`read_cameras`], without [`Error::DistortedCamera`] for [`LensDistortion::Ignore`].
-pub fn read_cameras_with(dir: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<Camera>> {
+/// [`Error::Io`], [`Error::Truncated`], [`Error::Malformed`], [`Error::BadCamera`]; [`Error::DistortedCamera`] for
+/// a camera that an image uses, with [`LensDistortion::Refuse`].
+pub fn read_cameras(dir: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<Camera>> {
     let dir = dir.as_ref();
     let (cameras_file, form) = choose(dir, "cameras");
     let cameras = cameras(&cameras_file, &fs::read(&cameras_file)?, form)?;
@@ -95,9 +85,11 @@ fn with_intrinsics(
     for camera in cameras {
         let id = camera.id;
         if by_id.insert(id, camera).is_some() {
-            let name = id.to_string();
-            let file = cameras_file.into();
-            return Err(Error::DuplicateView { file, what: "camera", name });
+            return Err(Error::malformed(
+                cameras_file,
+                &format!("camera {id}"),
+                "it is there twice",
+            ));
         }
     }
     images
@@ -105,35 +97,12 @@ fn with_intrinsics(
         .map(|image| match by_id.get(&image.camera) {
             Some(camera) => posed((cameras_file, camera), (images_file, image), distortion),
             None => {
-                let (image, camera) = (image.name, image.camera);
-                Err(Error::UnknownCamera { file: images_file.into(), image, camera })
+                let camera = image.camera;
+                let reason = format!("it names camera {camera}, which is not in the cameras file");
+                Err(Error::malformed(images_file, &format!("image {:?}", image.name), reason))
             }
         })
         .collect()
-}
-
-/// Reads the points of the sparse model in `dir`, in file order.
-///
-/// # Errors
-/// [`Error::Io`], [`Error::ColmapTruncated`], [`Error::ColmapLine`].
-pub fn read_points(dir: impl AsRef<Path>) -> Result<Vec<SfmPoint>> {
-    let (file, form) = choose(dir.as_ref(), "points3D");
-    points(&file, &fs::read(&file)?, form)
-}
-
-/// Reads the points from the bytes of a `points3D` file.
-///
-/// # Errors
-/// As [`read_points`]; the file in the errors is `<points3D>`.
-pub fn points_from_bytes(bytes: &[u8], form: Form) -> Result<Vec<SfmPoint>> {
-    points(Path::new("<points3D>"), bytes, form)
-}
-
-fn points(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<SfmPoint>> {
-    match form {
-        Form::Binary => binary::points(file, bytes),
-        Form::Text => text::points(file, bytes),
-    }
 }
 
 /// How a file of a sparse model is written.
@@ -166,8 +135,7 @@ fn posed(
         [f, cx, cy, ..] if model.has_one_focal_length() => (f, f, cx, cy),
         [fx, fy, cx, cy, ..] => (fx, fy, cx, cy),
         _ => {
-            let (file, view) = (cameras_file.into(), format!("camera {id}"));
-            return Err(Error::BadCamera { file, view, reason: "too few parameters" });
+            return Err(camera::bad(cameras_file, format!("camera {id}"), "too few parameters"));
         }
     };
     let (width, height) = checked_size(cameras_file, &format!("camera {id}"), width, height)?;
@@ -176,8 +144,7 @@ fn posed(
     // COLMAP writes unit quaternions, in text files with few digits, and normalises what it reads.
     let length = (w * w + x * x + y * y + z * z).sqrt();
     if !length.is_normal() {
-        let (file, view) = (images_file.into(), image.name);
-        return Err(Error::BadCamera { file, view, reason: "quaternion has no direction" });
+        return Err(camera::bad(images_file, image.name, "quaternion has no direction"));
     }
     let rotation =
         DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::entries::{Image, Intrinsics, MODELS, Model, SfmPoint};
+use super::entries::{Image, Intrinsics, MODELS, Model, unknown_model};
 use crate::error::{Error, Result, excerpt};
 
 /// One line, taken apart word by word.
@@ -36,8 +36,8 @@ impl<'a> Line<'a> {
     }
 
     fn error(&self, what: &'static str) -> Error {
-        let (file, text) = (self.file.into(), excerpt(self.whole));
-        Error::ColmapLine { file, line: self.number, what, text }
+        let reason = format!("bad {what}: {:?}", excerpt(self.whole));
+        Error::malformed(self.file, &format!("line {}", self.number), reason)
     }
 }
 
@@ -59,7 +59,7 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
         let id = line.next("camera id")?;
         let name: String = line.next("camera model")?;
         let Some(model) = MODELS.iter().position(|m| m.0 == name).map(Model) else {
-            return Err(Error::UnknownCameraModel { file: file.into(), camera: id, model: name });
+            return Err(unknown_model(file, id, &name));
         };
         let width = line.next("width")?;
         let height = line.next("height")?;
@@ -96,16 +96,4 @@ pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
         all.next();
     }
     Ok(images)
-}
-
-pub(super) fn points(file: &Path, bytes: &[u8]) -> Result<Vec<SfmPoint>> {
-    let mut points = Vec::new();
-    for mut line in lines(file, bytes).filter(holds_data) {
-        let _id: u64 = line.next("point id")?;
-        let position = line.f64s("position")?;
-        let rgb = [line.next("colour")?, line.next("colour")?, line.next("colour")?];
-        let error = line.next("error")?;
-        points.push(SfmPoint { position, rgb, error });
-    }
-    Ok(points)
 }

@@ -4,32 +4,35 @@ mod model;
 
 use std::path::{Path, PathBuf};
 
-use crate::camera::LensDistortion;
+use crate::camera::{Camera, LensDistortion};
 use crate::error::{Error, Result};
-pub use crate::view::View;
-use crate::{colmap, inria, nerf};
+use crate::{colmap, fs, inria, nerf};
+
+/// One posed photo.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// Where the photo was taken from.
+    pub camera: Camera,
+    /// Where the photo is expected. It may be missing: see [`View::has_photo`].
+    pub image_path: PathBuf,
+}
+
+impl View {
+    /// True if the photo is there.
+    #[must_use]
+    pub fn has_photo(&self) -> bool {
+        self.image_path.is_file()
+    }
+}
 
 /// Every how many views one is held out.
 pub const HOLD_OUT_EVERY: usize = 8;
-
-/// What kind of folder a [`Dataset`] was opened from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// A COLMAP project: `sparse/0/` and `images/`.
-    Colmap,
-    /// An output folder of the Inria trainer: `cameras.json`.
-    Inria,
-    /// `transforms.json`, as NeRF tools write it.
-    Nerf,
-}
 
 /// A folder with posed photos and a trained model of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dataset {
     /// The folder.
     pub dir: PathBuf,
-    /// What the cameras were read from.
-    pub kind: Kind,
     /// All views, sorted by image name (bytewise).
     pub views: Vec<View>,
     /// The trained model, a PLY file.
@@ -49,14 +52,14 @@ impl Dataset {
     /// with the largest `N`, and a single `*.ply` in the folder.
     ///
     /// # Errors
-    /// [`Error::Io`] if the folder is not there, [`Error::NoCameras`], [`Error::NoModel`],
-    /// [`Error::ManyModels`], [`Error::DuplicateView`] if two images share a name, and those of the
+    /// [`Error::Io`] if the folder is not there, [`Error::NoCameras`], [`Error::NotOneModel`],
+    /// [`Error::Malformed`] if two images share a name, and those of the
     /// readers in [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]: distorted cameras are
     /// refused. A photo that is missing is not an error here.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         let dir = dir.as_ref();
-        let (kind, views) = open_views(dir)?;
-        Ok(Self { dir: dir.into(), kind, views, model_path: model::find(dir)? })
+        let views = open_views(dir, LensDistortion::Refuse)?;
+        Ok(Self { dir: dir.into(), views, model_path: model::find(dir)? })
     }
 
     /// The held-out views: the first and every [`HOLD_OUT_EVERY`]th after it, by sorted name.
@@ -71,69 +74,50 @@ impl Dataset {
     }
 }
 
-/// The views of a folder, sorted by image name, whether or not it holds a model. Distorted cameras
-/// are refused, so renders can be compared with the photos.
+/// The views of a folder as [`Dataset::open`] takes it, whether or not it holds a model, or of a file: a
+/// `cameras.json` of Inria's trainer or a `transforms.json`. Sorted by image name. Views of a `cameras.json`
+/// file have the names of the images as their paths.
 ///
 /// # Errors
-/// As [`Dataset::open`], without those about the model.
-pub fn open_views(dir: impl AsRef<Path>) -> Result<(Kind, Vec<View>)> {
-    open_views_with(dir, LensDistortion::Refuse)
+/// As [`Dataset::open`], without those about the model; distorted cameras are refused as asked for.
+pub fn open_views(path: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
+    let path = path.as_ref();
+    let mut views =
+        if path.is_file() { of_file(path, distortion)? } else { of_folder(path, distortion)? };
+    views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
+    match views.windows(2).find(|pair| pair[0].camera.name == pair[1].camera.name) {
+        Some(pair) => {
+            let image = format!("image {:?}", pair[0].camera.name);
+            Err(Error::malformed(path, &image, "two views have this name"))
+        }
+        None => Ok(views),
+    }
 }
 
-/// As [`open_views`], with a choice of what to do with distorted cameras.
-///
-/// # Errors
-/// As [`open_views`], without [`Error::DistortedCamera`] for [`LensDistortion::Ignore`].
-pub fn open_views_with(
-    dir: impl AsRef<Path>,
-    distortion: LensDistortion,
-) -> Result<(Kind, Vec<View>)> {
-    let dir = dir.as_ref();
+fn of_folder(dir: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
     let sparse = [dir.join("sparse/0"), dir.join("sparse")];
-    let (kind, mut views) = if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
-        let cameras = colmap::read_cameras_with(sparse, distortion)?;
+    if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
         let images = dir.join("images");
-        let views = cameras
-            .into_iter()
-            .map(|camera| View { image_path: images.join(&camera.name), camera });
-        (Kind::Colmap, views.collect::<Vec<_>>())
+        let view = |camera: Camera| View { image_path: images.join(&camera.name), camera };
+        Ok(colmap::read_cameras(sparse, distortion)?.into_iter().map(view).collect())
     } else if dir.join("cameras.json").is_file() {
-        (Kind::Inria, inria::read_views(dir)?)
+        inria::read_views(dir)
     } else if dir.join("transforms.json").is_file() {
-        (Kind::Nerf, nerf::read_views_with(dir.join("transforms.json"), distortion)?)
+        nerf::read_views(dir.join("transforms.json"), distortion)
     } else {
         // A missing folder is reported as such, not as a folder without cameras.
         std::fs::read_dir(dir).map_err(|e| Error::io(dir, "list", e))?;
-        return Err(Error::NoCameras { dir: dir.into() });
-    };
-    views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
-    if let Some(pair) = views.windows(2).find(|pair| pair[0].camera.name == pair[1].camera.name) {
-        let name = pair[0].camera.name.clone();
-        return Err(Error::DuplicateView { file: dir.into(), what: "image", name });
+        Err(Error::NoCameras { dir: dir.into() })
     }
-    Ok((kind, views))
 }
 
-/// The views of a folder, as [`open_views_with`], or of a file: a `cameras.json` of Inria's trainer or a
-/// `transforms.json`. Sorted by image name. Views of a `cameras.json` have the names of the images as their
-/// paths.
-///
-/// # Errors
-/// Those of [`open_views_with`] and of the readers in [`crate::inria`] and [`crate::nerf`].
-pub fn open_views_at(path: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
-    let path = path.as_ref();
-    if !path.is_file() {
-        return Ok(open_views_with(path, distortion)?.1);
-    }
+fn of_file(path: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
     // Inria's cameras.json is a list, a transforms.json an object.
-    let text = std::fs::read(path).map_err(|e| Error::io(path, "read", e))?;
-    let list = text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[');
-    let mut views = if list {
-        let cameras = inria::read_cameras(path)?.into_iter();
-        cameras.map(|camera| View { image_path: camera.name.clone().into(), camera }).collect()
+    let text = fs::read(path)?;
+    if text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[') {
+        let view = |camera: Camera| View { image_path: camera.name.clone().into(), camera };
+        Ok(inria::read_cameras(path)?.into_iter().map(view).collect())
     } else {
-        nerf::read_views_with(path, distortion)?
-    };
-    views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
-    Ok(views)
+        nerf::read_views(path, distortion)
+    }
 }

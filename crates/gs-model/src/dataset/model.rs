@@ -30,13 +30,12 @@ pub(super) fn find(dir: &Path) -> Result<PathBuf> {
         .collect();
     // The Inria trainer puts the SfM points that it started from beside its output.
     models.retain(|p| !p.ends_with("input.ply"));
-    match models.len() {
-        0 => Err(Error::NoModel { dir: dir.into() }),
-        1 => Ok(models.remove(0)),
-        _ => {
-            let names: Vec<_> =
-                models.iter().filter_map(|p| p.file_name()).map(|n| n.to_string_lossy()).collect();
-            Err(Error::ManyModels { dir: dir.into(), names: names.join(", ") })
+    match &models[..] {
+        [only] => Ok(only.clone()),
+        several => {
+            let names = several.iter().filter_map(|p| p.file_name());
+            let found = names.map(|n| n.to_string_lossy().into_owned()).collect();
+            Err(Error::NotOneModel { dir: dir.into(), found })
         }
     }
 }

@@ -1,9 +1,10 @@
 //! The numbers of one attribute.
 
 use super::json::{self, Root};
+use crate::bytes::{float, half_word};
 
 /// An attribute whose rows are all in the data.
-pub(super) struct View<'a> {
+pub(super) struct Numbers<'a> {
     /// From the first row on.
     bytes: &'a [u8],
     stride: usize,
@@ -12,7 +13,7 @@ pub(super) struct View<'a> {
     normalized: bool,
 }
 
-impl<'a> View<'a> {
+impl<'a> Numbers<'a> {
     /// The accessor, if it has numbers of the given type (`SCALAR`, `VEC3`, `VEC4`) in `data`; an error
     /// is what is wrong with it.
     pub(super) fn of(
@@ -41,14 +42,8 @@ impl<'a> View<'a> {
             json::F32 => 4,
             _ => return Err("has components of a type that is not read"),
         };
-        let row = size
-            * if kind == "SCALAR" {
-                1
-            } else if kind == "VEC3" {
-                3
-            } else {
-                4
-            };
+        let row =
+            size * [("SCALAR", 1), ("VEC3", 3)].iter().find(|t| t.0 == kind).map_or(4, |t| t.1);
         let stride = view.byte_stride.unwrap_or(row).max(row);
         const SHORT: &str = "promises more than the file holds";
         let end = view.byte_offset.checked_add(view.byte_length).ok_or(SHORT)?;
@@ -66,16 +61,12 @@ impl<'a> View<'a> {
     /// Number `k` of a row.
     pub(super) fn number(&self, row: usize, k: usize) -> f32 {
         let row = &self.bytes[row * self.stride..];
-        let wide = |k: usize| [row[2 * k], row[2 * k + 1]];
         let (value, most) = match self.component {
             json::I8 => (f32::from(row[k] as i8), 127.0),
             json::U8 => (f32::from(row[k]), 255.0),
-            json::I16 => (f32::from(i16::from_le_bytes(wide(k))), 32767.0),
-            json::U16 => (f32::from(u16::from_le_bytes(wide(k))), 65535.0),
-            _ => {
-                let b = &row[4 * k..4 * k + 4];
-                return f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-            }
+            json::I16 => (f32::from(half_word(row, 2 * k) as i16), 32767.0),
+            json::U16 => (f32::from(half_word(row, 2 * k)), 65535.0),
+            _ => return float(row, 4 * k),
         };
         if self.normalized { (value / most).max(-1.0) } else { value }
     }

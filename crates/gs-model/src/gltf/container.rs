@@ -1,9 +1,9 @@
 //! The GLB container: a header, a chunk of JSON, a chunk of data.
 
-use std::io::{self, Write};
+use crate::bytes::word;
 
 /// What a GLB file starts with.
-const MAGIC: &[u8; 4] = b"glTF";
+pub(super) const MAGIC: &[u8] = b"glTF";
 const VERSION: u32 = 2;
 const HEADER: usize = 12;
 const CHUNK_HEADER: usize = 8;
@@ -13,16 +13,16 @@ const DATA: &[u8; 4] = b"BIN\0";
 /// The JSON and the data of a file; an error is what is wrong with it.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], &[u8]), &'static str> {
     if !bytes.starts_with(MAGIC) || bytes.len() < HEADER {
-        return Err("does not start with \"glTF\"; pack a .gltf and its files into one .glb");
+        return Err("it does not start with \"glTF\"; pack a .gltf and its files into one .glb");
     }
     if word(bytes, 4) != VERSION {
-        return Err("has another version of the container than 2");
+        return Err("another version of the container than 2");
     }
-    const SHORT: &str = "promises more than the file holds: it is cut short";
+    const SHORT: &str = "it promises more than is there: it is cut short; get it again";
     let body = bytes.get(HEADER..word(bytes, 8) as usize).ok_or(SHORT)?;
     let (kind, json, rest) = chunk(body).ok_or(SHORT)?;
     if kind != JSON {
-        return Err("has a first chunk that is not JSON");
+        return Err("its first chunk is not JSON");
     }
     if rest.is_empty() {
         return Ok((json, &[]));
@@ -37,10 +37,6 @@ fn chunk(bytes: &[u8]) -> Option<(&[u8], &[u8], &[u8])> {
     let (head, rest) = bytes.split_at_checked(CHUNK_HEADER)?;
     let (contents, rest) = rest.split_at_checked(word(head, 0) as usize)?;
     Some((&head[4..], contents, rest))
-}
-
-fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
 
 /// The head of a file of `data_len` bytes of data, up to where the data starts; `None` if the file
@@ -59,20 +55,4 @@ pub(super) fn head(json: &[u8], data_len: u64) -> Option<Vec<u8>> {
     out.extend(data_len.to_le_bytes());
     out.extend(DATA);
     Some(out)
-}
-
-/// Writes rows of numbers, `len` of them, through a buffer.
-pub(super) fn write_rows(
-    out: &mut dyn Write,
-    len: usize,
-    row: impl Fn(usize, &mut Vec<u8>),
-) -> io::Result<()> {
-    const ROWS: usize = 4096;
-    let mut buffer = Vec::new();
-    for first in (0..len).step_by(ROWS) {
-        buffer.clear();
-        (first..len.min(first + ROWS)).for_each(|i| row(i, &mut buffer));
-        out.write_all(&buffer)?;
-    }
-    Ok(())
 }

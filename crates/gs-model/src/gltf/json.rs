@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::Value;
 
 /// `componentType` of accessors.
@@ -21,17 +21,10 @@ const TRIANGLES: u32 = 4;
 /// `target` of buffer views that hold attributes.
 pub(super) const ARRAY_BUFFER: u32 = 34962;
 
-#[derive(Default, Deserialize, Serialize)]
+#[derive(Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Root {
-    pub(super) asset: BTreeMap<String, Value>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(super) extensions_used: Vec<String>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) extensions_required: Vec<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) scene: Option<usize>,
-    pub(super) scenes: Vec<BTreeMap<String, Value>>,
     pub(super) nodes: Vec<Node>,
     pub(super) meshes: Vec<Mesh>,
     pub(super) accessors: Vec<Accessor>,
@@ -39,21 +32,15 @@ pub(super) struct Root {
     pub(super) buffers: Vec<Buffer>,
 }
 
-#[derive(Default, Deserialize, Serialize)]
+#[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Node {
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) mesh: Option<usize>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) children: Vec<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) matrix: Option<[f32; 16]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) translation: Option<[f32; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) rotation: Option<[f32; 4]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) scale: Option<[f32; 3]>,
+    matrix: Option<[f32; 16]>,
+    translation: Option<[f32; 3]>,
+    rotation: Option<[f32; 4]>,
+    scale: Option<[f32; 3]>,
 }
 
 impl Node {
@@ -67,12 +54,12 @@ impl Node {
     }
 }
 
-#[derive(Deserialize, Serialize)]
+#[derive(Deserialize)]
 pub(super) struct Mesh {
     pub(super) primitives: Vec<Primitive>,
 }
 
-#[derive(Deserialize, Serialize)]
+#[derive(Deserialize)]
 pub(super) struct Primitive {
     pub(super) attributes: BTreeMap<String, usize>,
     #[serde(default = "triangles")]
@@ -85,61 +72,49 @@ fn triangles() -> u32 {
     TRIANGLES
 }
 
-#[derive(Default, Deserialize, Serialize)]
+#[derive(Default, Deserialize)]
 pub(super) struct Extensions {
-    #[serde(rename = "KHR_gaussian_splatting", skip_serializing_if = "Option::is_none")]
+    #[serde(rename = "KHR_gaussian_splatting")]
     pub(super) splats: Option<Splats>,
 }
 
 /// The extension of a primitive.
-#[derive(Deserialize, Serialize)]
+#[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Splats {
     pub(super) kernel: String,
     pub(super) color_space: String,
     /// Extensions of the extension: compression.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(default)]
     pub(super) extensions: BTreeMap<String, Value>,
 }
 
-#[derive(Deserialize, Serialize)]
+#[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Accessor {
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) buffer_view: Option<usize>,
     #[serde(default)]
     pub(super) byte_offset: usize,
     pub(super) component_type: u32,
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[serde(default)]
     pub(super) normalized: bool,
     pub(super) count: usize,
     #[serde(rename = "type")]
     pub(super) kind: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) min: Option<Vec<f64>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) max: Option<Vec<f64>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) sparse: Option<Value>,
 }
 
-#[derive(Deserialize, Serialize)]
+#[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct BufferView {
     pub(super) buffer: usize,
     #[serde(default)]
     pub(super) byte_offset: usize,
     pub(super) byte_length: usize,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) byte_stride: Option<usize>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) target: Option<u32>,
 }
 
-#[derive(Deserialize, Serialize)]
-#[serde(rename_all = "camelCase")]
+#[derive(Deserialize)]
 pub(super) struct Buffer {
-    pub(super) byte_length: u64,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) uri: Option<Value>,
 }

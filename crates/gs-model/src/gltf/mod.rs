@@ -2,30 +2,40 @@
 //!
 //! A Gaussian is a point of a primitive. The attributes are the mean, the rotation as a unit quaternion
 //! (x, y, z, w), the linear standard deviations, the linear opacity, and the SH coefficients, one
-//! attribute each. [`write()`] adds `COLOR_0`, the colour without view dependence, for viewers that show
+//! attribute each. What is written also has `COLOR_0`, the colour without view dependence, for viewers that show
 //! points only.
 //!
 //! glTF's axes are x left, y up, z forward; those of a PLY file are x right, y down, z forward. Reader and
 //! writer turn a model by half a turn about z, as splat-transform does: x and y of means and
 //! quaternions, and every SH function that is odd in them, change sign.
 //!
+//! Means and SH coefficients are written bit for bit. Rotations become unit quaternions, scales and
+//! opacities linear, all as `f32`: log-scales come back to within 2^-22 of their size or of 1, opacities
+//! to within 2^-24. glTF holds no empty scene, and at most 4 GiB.
+//!
 //! Not read: node transforms, compressed primitives, colours in linear light, other kernels, data in
 //! other files. Each is an error that says so.
 
 mod accessor;
-mod axes;
 mod container;
 mod json;
 mod read;
 mod write;
 
-pub use write::{write, write_to};
-
-pub(crate) use read::decode;
-
 use std::path::Path;
 
 use crate::error::Error;
+use crate::format::Format;
+
+pub(crate) static FORMAT: Format = Format {
+    name: "glb",
+    about: "glTF in one file, with KHR_gaussian_splatting",
+    extensions: &["glb", "gltf"],
+    magic: &[container::MAGIC],
+    max_sh_degree: 3,
+    read: read::read,
+    write: Some(write::write),
+};
 
 /// Name of the extension, and prefix of its attributes.
 const EXTENSION: &str = "KHR_gaussian_splatting";
@@ -41,6 +51,6 @@ fn sh_attribute(k: usize) -> String {
     attribute(&format!("SH_DEGREE_{degree}_COEF_{}", k - degree * degree))
 }
 
-fn malformed(file: &Path, place: &str, reason: &str) -> Error {
-    Error::malformed(file, "glTF", place, reason)
+fn malformed(file: &Path, place: &str, reason: impl AsRef<str>) -> Error {
+    Error::malformed(file, &format!("glTF, {place}"), reason)
 }

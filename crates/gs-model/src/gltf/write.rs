@@ -1,44 +1,35 @@
 //! Writes `.glb` files.
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::axes::{SH_SIGNS, turned, turned_rotation};
-use super::json::{
-    self, Accessor, Buffer, BufferView, Extensions, Mesh, Node, Primitive, Root, Splats,
-};
-use super::{EXTENSION, attribute, container, malformed, sh_attribute};
+use super::json;
+use super::{EXTENSION, attribute, container, sh_attribute};
+use crate::axes::ABOUT_Z;
 use crate::error::{Error, Result};
-use crate::fs;
+use crate::math::unit;
 use crate::scene::{SH_C0, Scene};
 
-/// Writes a scene as a `.glb` file with one primitive of points.
-///
-/// Means and SH coefficients are kept bit for bit. Rotations become unit quaternions, scales and
-/// opacities linear, all as `f32`: log-scales come back to within 2^-22 of their size or of 1, opacities
-/// to within 2^-24. The file appears whole or not at all.
-///
-/// # Errors
-/// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together;
-/// [`Error::Malformed`] for an empty scene, which glTF cannot hold, and for one of more than 4 GiB;
-/// [`Error::Io`].
-pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
-    let path = path.as_ref();
-    let head = head(path, scene)?;
-    fs::write_atomically(path, |out| write_all(out, &head, scene))
-}
+/// Gaussians whose numbers are buffered.
+const ROWS: usize = 4096;
 
-/// Writes a scene as [`write()`] does, to anything that takes bytes.
-///
-/// # Errors
-/// As [`write()`]; the file in the errors is `<writer>`.
-pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
-    let name = Path::new("<writer>");
-    let head = head(name, scene)?;
-    write_all(&mut out, &head, scene).map_err(|e| Error::io(name, "write", e))
+/// Writes a `.glb` file with one primitive of points.
+pub(super) fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
+    let head = head(file, scene)?;
+    let mut put = |bytes: &[u8]| out.write_all(bytes).map_err(|e| Error::io(file, "write", e));
+    put(&head)?;
+    let mut buffer = Vec::new();
+    for attribute in attributes(scene) {
+        for first in (0..scene.len()).step_by(ROWS) {
+            buffer.clear();
+            (first..scene.len().min(first + ROWS)).for_each(|i| (attribute.row)(i, &mut buffer));
+            put(&buffer)?;
+        }
+    }
+    Ok(())
 }
 
 /// Appends the bytes of the Gaussian at an index.
@@ -69,7 +60,7 @@ fn attributes(scene: &Scene) -> Vec<Attribute<'_>> {
         colour(scene, i).iter().for_each(|v| out.extend(v.to_le_bytes()));
     };
     let mut all = vec![
-        floats("POSITION".into(), "VEC3", |i| turned(scene.means[i])),
+        floats("POSITION".into(), "VEC3", |i| ABOUT_Z.mean(scene.means[i])),
         Attribute {
             name: "COLOR_0".into(),
             component: json::U16,
@@ -82,7 +73,7 @@ fn attributes(scene: &Scene) -> Vec<Attribute<'_>> {
         floats(attribute("OPACITY"), "SCALAR", |i| [opacity(scene.opacity_logits[i]) as f32]),
     ];
     all.extend((0..scene.sh_len()).map(|k| {
-        let sh = move |i: usize| scene.sh_of(i)[k].map(|v| SH_SIGNS[k] * v);
+        let sh = move |i: usize| scene.sh_of(i)[k].map(|v| ABOUT_Z.sh(k, v));
         floats(sh_attribute(k), "VEC3", sh)
     }));
     all
@@ -101,13 +92,8 @@ fn opacity(logit: f32) -> f64 {
 /// A quaternion `[w, x, y, z]` of any norm, turned, as a unit quaternion x, y, z, w; the identity for one
 /// without direction.
 fn unit_xyzw(q: [f32; 4]) -> [f32; 4] {
-    let [w, x, y, z] = turned_rotation(q).map(f64::from);
-    let norm = (w * w + x * x + y * y + z * z).sqrt();
-    if norm > 0.0 && norm.is_finite() {
-        [x, y, z, w].map(|v| (v / norm) as f32)
-    } else {
-        [0.0, 0.0, 0.0, 1.0]
-    }
+    let [w, x, y, z] = unit(ABOUT_Z.rotation(q));
+    [x, y, z, w].map(|v| v as f32)
 }
 
 /// `COLOR_0`: the colour without view dependence, in linear light as glTF has it, and the opacity.
@@ -122,85 +108,60 @@ fn colour(scene: &Scene, i: usize) -> [u16; 4] {
     [r, g, b, word(opacity(scene.opacity_logits[i]))]
 }
 
-fn write_all(out: &mut dyn Write, head: &[u8], scene: &Scene) -> io::Result<()> {
-    out.write_all(head)?;
-    attributes(scene)
-        .iter()
-        .try_for_each(|attribute| container::write_rows(out, scene.len(), &attribute.row))
-}
-
 /// Everything before the data.
 fn head(file: &Path, scene: &Scene) -> Result<Vec<u8>> {
-    scene.check_shape()?;
+    let unwritable = |reason: &str| Error::Unwritable { file: file.into(), reason: reason.into() };
     if scene.is_empty() {
-        return Err(malformed(
-            file,
-            "an empty model",
-            "cannot be written: glTF has no empty meshes",
-        ));
+        return Err(unwritable("the model is empty, and glTF has no empty meshes"));
     }
     let attributes = attributes(scene);
     let data_len: u64 = attributes.iter().map(|a| (a.size * scene.len()) as u64).sum();
-    let root = root(scene, &attributes, data_len);
-    let json = serde_json::to_vec(&root)
-        .map_err(|e| malformed(file, "the JSON", &format!("cannot be written: {e}")))?;
-    container::head(&json, data_len).ok_or_else(|| {
-        malformed(file, "a model of more than 4 GiB", "cannot be written; lower its SH degree")
-    })
+    let json = root(scene, &attributes, data_len).to_string().into_bytes();
+    let large = "it takes more than 4 GiB, which glTF cannot hold; lower its SH degree";
+    container::head(&json, data_len).ok_or_else(|| unwritable(large))
 }
 
-fn root(scene: &Scene, attributes: &[Attribute], data_len: u64) -> Root {
+fn root(scene: &Scene, attributes: &[Attribute], data_len: u64) -> Value {
     let (low, high) = bounds(scene);
     let (mut accessors, mut views, mut names) = (Vec::new(), Vec::new(), BTreeMap::new());
-    let mut byte_offset = 0;
+    let mut offset = 0;
     for (at, attribute) in attributes.iter().enumerate() {
-        let byte_length = attribute.size * scene.len();
-        let position = at == 0;
-        names.insert(attribute.name.clone(), at);
-        accessors.push(Accessor {
-            buffer_view: Some(at),
-            byte_offset: 0,
-            component_type: attribute.component,
-            normalized: attribute.component != json::F32,
-            count: scene.len(),
-            kind: attribute.kind.into(),
-            min: position.then(|| low.to_vec()),
-            max: position.then(|| high.to_vec()),
-            sparse: None,
-        });
-        let target = Some(json::ARRAY_BUFFER);
-        views.push(BufferView { buffer: 0, byte_offset, byte_length, byte_stride: None, target });
-        byte_offset += byte_length;
+        let length = attribute.size * scene.len();
+        let mut accessor = json!({ "bufferView": at, "componentType": attribute.component,
+            "count": scene.len(), "type": attribute.kind });
+        if attribute.component != json::F32 {
+            accessor["normalized"] = json!(true);
+        }
+        if at == 0 {
+            (accessor["min"], accessor["max"]) = (json!(low), json!(high));
+        }
+        names.insert(&attribute.name, at);
+        accessors.push(accessor);
+        views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": length,
+            "target": json::ARRAY_BUFFER }));
+        offset += length;
     }
-    let splats = Splats {
-        kernel: "ellipse".into(),
-        color_space: "srgb_rec709_display".into(),
-        extensions: BTreeMap::new(),
-    };
-    let extensions = Extensions { splats: Some(splats) };
-    let primitive = Primitive { attributes: names, mode: json::POINTS, extensions };
-    let object = |key: &str, value: Value| BTreeMap::from([(key.to_owned(), value)]);
-    let mut asset = object("version", json!("2.0"));
-    asset.extend(object("generator", json!("gsvx")));
-    Root {
-        asset,
-        extensions_used: vec![EXTENSION.into()],
-        extensions_required: Vec::new(),
-        scene: Some(0),
-        scenes: vec![object("nodes", json!([0]))],
-        nodes: vec![Node { mesh: Some(0), ..Node::default() }],
-        meshes: vec![Mesh { primitives: vec![primitive] }],
-        accessors,
-        buffer_views: views,
-        buffers: vec![Buffer { byte_length: data_len, uri: None }],
-    }
+    let splats = json!({ "kernel": "ellipse", "colorSpace": "srgb_rec709_display" });
+    let primitive =
+        json!({ "attributes": names, "mode": json::POINTS, "extensions": { EXTENSION: splats } });
+    json!({
+        "asset": { "version": "2.0", "generator": "gsvx" },
+        "extensionsUsed": [EXTENSION],
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [primitive] }],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{ "byteLength": data_len }],
+    })
 }
 
 /// Least and greatest coordinates of the turned means.
 fn bounds(scene: &Scene) -> ([f64; 3], [f64; 3]) {
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for &mean in &scene.means {
-        for (k, v) in turned(mean).into_iter().map(f64::from).enumerate() {
+        for (k, v) in ABOUT_Z.mean(mean).into_iter().map(f64::from).enumerate() {
             low[k] = low[k].min(v);
             high[k] = high[k].max(v);
         }

@@ -12,40 +12,42 @@ mod section;
 
 use std::path::Path;
 
+use crate::bytes::{float, half_word, word};
 use crate::error::{Error, Result};
-use crate::options::ReadOptions;
-use crate::report;
+use crate::format::Format;
+use crate::report::{self, ReadOptions, Report};
 use crate::rows;
 use crate::scene::Scene;
 use section::{SECTION_HEADER, Section};
+
+pub(crate) static FORMAT: Format = Format {
+    name: "ksplat",
+    about: ".ksplat of GaussianSplats3D, version 0.1",
+    extensions: &["ksplat"],
+    magic: &[],
+    max_sh_degree: 3,
+    read,
+    write: None,
+};
 
 /// Header bytes.
 const HEADER: usize = 4096;
 /// What the SH bounds of level 2 are where the header says 0.
 const DEFAULT_SH_BOUND: f32 = 1.5;
 
-pub(crate) fn decode(
-    file: &Path,
-    bytes: &[u8],
-    options: &ReadOptions,
-) -> Result<(Scene, report::Report)> {
+fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
     let header = Header::parse(file, bytes)?;
     let sections = sections(file, bytes, &header)?;
-    let degree = sections.iter().map(|s| s.sh_degree).max().unwrap_or(0);
-    // Every row of a section is in the file, so the sum is bounded by its length.
-    let mut scene = Scene::zeros(sections.iter().map(|s| s.rows).sum(), degree);
-    let mut first = 0;
+    let sh_degree = sections.iter().map(|s| s.sh_degree).max().unwrap_or(0);
+    let mut scene = Scene { sh_degree, ..Scene::default() };
     for section in &sections {
-        rows::fill_range(&mut scene, first..first + section.rows, |mut rows| {
-            for i in 0..rows.len() {
-                let row = section.row(rows.first + i - first);
-                rows.set(i, |c| row.number(c));
-            }
-            Ok(())
-        })?;
-        first += section.rows;
+        // Every row of a section is in the file.
+        scene.append(&rows::scene_of(section.rows, section.sh_degree, |i| {
+            let row = section.row(i);
+            move |c| row.number(c)
+        }));
     }
-    report::finish(file, scene, report::Format::Ksplat, options)
+    report::finish(file, scene, (&FORMAT, ".ksplat"), options)
 }
 
 /// What the header says of all sections.
@@ -57,17 +59,19 @@ struct Header {
 
 impl Header {
     fn parse(file: &Path, bytes: &[u8]) -> Result<Self> {
-        let bad = |reason: String| Err(malformed(file, "header", &reason));
         if bytes.len() < HEADER {
-            return bad(format!("takes {HEADER} bytes, the file has {}", bytes.len()));
+            let missing = format!("the header of a .ksplat takes {HEADER} bytes");
+            return Err(Error::truncated(file, bytes.len(), missing));
         }
         let (major, minor) = (bytes[0], bytes[1]);
         if major != 0 || minor < 1 {
-            return bad(format!("has version {major}.{minor}; 0.1 is read"));
+            let (found, read) = (format!("{major}.{minor}"), "0.1 is");
+            return Err(Error::Version { file: file.into(), format: ".ksplat", found, read });
         }
         let level = half_word(bytes, 20);
         if level > 2 {
-            return bad(format!("has compression level {level}; 0 to 2 are known"));
+            let reason = format!("compression level {level}; 0 to 2 are known");
+            return Err(Error::malformed(file, "header", reason));
         }
         let bound = |at: usize, default: f32| match float(bytes, at) {
             0.0 => default,
@@ -82,32 +86,17 @@ impl Header {
 fn sections<'a>(file: &Path, bytes: &'a [u8], header: &Header) -> Result<Vec<Section<'a>>> {
     let room = (bytes.len() - HEADER) / SECTION_HEADER;
     if header.sections > room {
-        let reason = format!("promises {} sections, the file has room for {room}", header.sections);
-        return Err(malformed(file, "header", &reason));
+        let missing =
+            format!("{} sections are promised, there is room for {room}", header.sections);
+        return Err(Error::truncated(file, bytes.len(), missing));
     }
     let (heads, mut data) = bytes[HEADER..].split_at(header.sections * SECTION_HEADER);
     let mut sections = Vec::with_capacity(header.sections);
     for (i, head) in heads.chunks_exact(SECTION_HEADER).enumerate() {
-        let bad = |reason: &str| malformed(file, &format!("section {i}"), reason);
+        let bad = |reason: &str| Error::malformed(file, &format!("section {i}"), reason);
         let (section, rest) = Section::parse(head, data, header).map_err(bad)?;
         sections.push(section);
         data = rest;
     }
     Ok(sections)
-}
-
-fn malformed(file: &Path, place: &str, reason: &str) -> Error {
-    Error::malformed(file, ".ksplat", place, reason)
-}
-
-fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-}
-
-fn half_word(bytes: &[u8], at: usize) -> u16 {
-    u16::from_le_bytes([bytes[at], bytes[at + 1]])
-}
-
-fn float(bytes: &[u8], at: usize) -> f32 {
-    f32::from_bits(word(bytes, at))
 }

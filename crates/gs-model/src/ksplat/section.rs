@@ -1,6 +1,7 @@
 //! One section: where its rows are, and how a Gaussian is decoded from its row.
 
-use super::{Header, float, half_word, word};
+use super::Header;
+use crate::bytes::{float, half_word, word};
 use crate::rows::SH;
 use crate::scene::{SH_C0, sh_len};
 use crate::splat::opacity_logit;
@@ -56,22 +57,22 @@ impl<'a> Section<'a> {
         let (full, partial) = (word(head, 32) as usize, word(head, 36) as usize);
         let sh_degree = half_word(head, 40);
         if sh_degree > 3 {
-            return Err("has an SH degree above 3");
+            return Err("an SH degree above 3");
         }
         if rows > most_rows {
-            return Err("has more Gaussians than room for them");
+            return Err("more Gaussians than room for them");
         }
         let stored = usize::from(half_word(head, 20));
         if buckets > 0 && stored != BUCKET {
-            return Err("has buckets of another size than 12 bytes");
+            return Err("buckets of another size than 12 bytes");
         }
         let level = header.level;
         if level > 0 && full.checked_add(partial) != Some(buckets) {
-            return Err("has not as many full and partial buckets as buckets");
+            return Err("not as many full and partial buckets as buckets");
         }
         let sh_degree = sh_degree as u8;
         let row_bytes = row_bytes(level, sh_degree);
-        const SHORT: &str = "is not whole: the file is cut short";
+        const SHORT: &str = "not whole: the file is cut short; get it again";
         let take = |data: &'a [u8], count: usize, size: usize| {
             count.checked_mul(size).and_then(|len| data.split_at_checked(len)).ok_or(SHORT)
         };
@@ -86,7 +87,7 @@ impl<'a> Section<'a> {
         let partial_ends: Vec<u64> = ends.collect();
         let buckets = Buckets { centres, full, full_size, partial_ends };
         if level > 0 && buckets.of(rows.saturating_sub(1)).is_none() && rows > 0 {
-            return Err("has Gaussians in no bucket");
+            return Err("Gaussians in no bucket");
         }
         let range = f64::from(match word(head, 24) {
             0 => DEFAULT_RANGE,
@@ -173,12 +174,9 @@ impl Row<'_> {
         }
     }
 
-    /// The coefficient of basis function `k`, which the section may not have.
+    /// The coefficient of basis function `k`.
     fn sh(&self, k: usize, channel: usize, start: usize) -> f32 {
         let section = self.section;
-        if k >= sh_len(section.sh_degree) {
-            return 0.0;
-        }
         let degree = k.isqrt();
         let (first, width) = (degree * degree, 2 * degree + 1);
         let i = 3 * (first - 1) + channel * width + k - first;

@@ -8,23 +8,28 @@
 //! instructions get it compiled for them too.
 //!
 //! ```
-//! use gs_model::math::{axes_product, eigen_of, quaternion, rotation};
+//! use gs_model::math::{axes_product, eigen, quaternion, rotation};
 //!
 //! let r = rotation([0.9, 0.1, -0.2, 0.05]);
 //! let covariance = axes_product(&r, [1.0, 4.0, 9.0]);
-//! let (variances, axes) = eigen_of(&covariance);
-//! assert!((variances[0] * variances[1] * variances[2] - 36.0).abs() < 1e-10);
-//! let q = quaternion(&axes);
+//! // As many matrices at once as the arrays are long.
+//! let (variances, axes) = eigen(&covariance.map(|x| [x]));
+//! assert!((variances[0][0] * variances[1][0] * variances[2][0] - 36.0).abs() < 1e-10);
+//! let q = quaternion(&axes.map(|row| row.map(|[x]| x)));
 //! assert!((q.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-12);
 //! ```
 
 mod eigen;
 mod rotation;
-#[cfg(test)]
+#[cfg(all(test, feature = "formats"))]
 pub(crate) mod sh_basis;
+#[cfg(feature = "formats")]
+mod smallest;
 
-pub use eigen::{eigen, eigen_of};
+pub use eigen::eigen;
 pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation};
+#[cfg(feature = "formats")]
+pub(crate) use smallest::{completed, smallest_three, unit};
 
 /// Rows of a 3x3 matrix.
 pub type Matrix<T = f64> = [[T; 3]; 3];

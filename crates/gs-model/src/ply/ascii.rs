@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{Element, Format, Header, Property, Scalar};
+use super::header::{Element, Encoding, Header, Property, Scalar};
 use crate::error::{Error, Result, excerpt};
 use crate::rows;
 use crate::scene::Scene;
@@ -51,7 +51,7 @@ impl<'a> Lines<'a> {
                 let (line, text) = lines[rows.first + i];
                 parse_row(file, line, text, vertex, &mut numbers)?;
                 rows.set(i, |c| columns.number(c, |p| numbers[p]));
-                columns.count_normals(1, |_, p| numbers[p]);
+                columns.look(1, |_, p| f64::from(numbers[p]));
             }
             Ok(())
         })
@@ -81,7 +81,7 @@ impl<'a> Lines<'a> {
     fn check_fits(&self, element: &Element) -> Result<()> {
         // One more byte: the last line need not end.
         let bytes = self.bytes.len() - self.at + 1;
-        let least = element.least_row_bytes(Format::Ascii);
+        let least = element.least_row_bytes(Encoding::Ascii);
         let fitting = bytes.checked_div(least).map_or(u64::MAX, |n| n as u64);
         if element.count > fitting { Err(self.truncated(element, fitting)) } else { Ok(()) }
     }
@@ -101,11 +101,9 @@ fn parse_row(
 ) -> Result<()> {
     out.clear();
     let words = || text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
-    let short = || Error::PlyRow {
-        file: file.into(),
-        line,
-        found: words().count(),
-        expected: element.properties.len(),
+    let short = || {
+        let (found, expected) = (words().count(), element.properties.len());
+        Error::malformed(file, &place(line), format!("{found} numbers, expected {expected}"))
     };
     let mut rest = words();
     for property in &element.properties {
@@ -125,8 +123,12 @@ fn parse_row(
 }
 
 fn bad_number(file: &Path, line: usize, property: &Property, word: &[u8]) -> Error {
-    let (property, text) = (property.name.clone(), excerpt(word));
-    Error::PlyNumber { file: file.into(), line, property, text }
+    let reason = format!("property {:?}: {:?} is not a number", property.name, excerpt(word));
+    Error::malformed(file, &place(line), reason)
+}
+
+fn place(line: usize) -> String {
+    format!("line {line}")
 }
 
 fn ascii(word: &[u8]) -> Option<&str> {

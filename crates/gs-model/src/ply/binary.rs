@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{Element, Format, Scalar};
+use super::header::{Element, Encoding, Scalar};
+use crate::bytes;
 use crate::error::{Error, Result};
 use crate::rows::{self, Rows};
 use crate::scene::Scene;
@@ -29,7 +30,7 @@ impl Body<'_> {
         }
         let mut end = at;
         for row in 0..element.count {
-            end = self.walk(element, row, end, |_| {})?;
+            end = self.walk(element, row, end)?;
         }
         Ok(end)
     }
@@ -43,9 +44,6 @@ impl Body<'_> {
     ) -> Result<(Scene, usize)> {
         self.check_fits(vertex, at)?;
         let n = vertex.count as usize;
-        if vertex.has_list() {
-            return self.uneven_vertices(vertex, columns, at, n);
-        }
         let layout = RowLayout::of(vertex, columns, self.big_endian);
         let stride = layout.stride;
         let body = &self.bytes[at..at + n * stride];
@@ -57,51 +55,11 @@ impl Body<'_> {
         Ok((scene, at + n * stride))
     }
 
-    /// As [`Body::vertices`], for rows of varying length.
-    fn uneven_vertices(
-        &self,
-        vertex: &Element,
-        columns: &Columns,
-        at: usize,
-        n: usize,
-    ) -> Result<(Scene, usize)> {
-        let mut starts = Vec::with_capacity(n);
-        let mut end = at;
-        for row in 0..vertex.count {
-            starts.push(end);
-            end = self.walk(vertex, row, end, |_| {})?;
-        }
-        let scene = rows::scene(n, columns.sh_degree, |mut rows| {
-            let mut offsets = Vec::with_capacity(vertex.properties.len());
-            for i in 0..rows.len() {
-                offsets.clear();
-                let row = rows.first + i;
-                self.walk(vertex, row as u64, starts[row], |o| offsets.push(o))?;
-                let of_property = |p: usize| {
-                    number(self.bytes, offsets[p], vertex.properties[p].scalar, self.big_endian)
-                        as f32
-                };
-                rows.set(i, |c| columns.number(c, of_property));
-                columns.count_normals(1, |_, p| of_property(p));
-            }
-            Ok(())
-        })?;
-        Ok((scene, end))
-    }
-
-    /// Walks one row that starts at `at`: calls `visit` with the offset of each property, and
-    /// returns the offset after the row.
-    fn walk(
-        &self,
-        element: &Element,
-        row: u64,
-        at: usize,
-        mut visit: impl FnMut(usize),
-    ) -> Result<usize> {
+    /// The offset after a row that starts at `at`.
+    fn walk(&self, element: &Element, row: u64, at: usize) -> Result<usize> {
         let len = self.bytes.len();
         let mut end = at;
         for property in &element.properties {
-            visit(end);
             let size = property.list.unwrap_or(property.scalar).size();
             if len - end < size {
                 return Err(self.truncated(element, row));
@@ -109,12 +67,8 @@ impl Body<'_> {
             if let Some(length_type) = property.list {
                 let length = number(self.bytes, end, length_type, self.big_endian);
                 if length < 0.0 {
-                    let element = element.name.clone();
-                    return Err(Error::PlyListLength {
-                        file: self.file.into(),
-                        offset: end,
-                        element,
-                    });
+                    let place = format!("byte {end}, element {:?}", element.name);
+                    return Err(Error::malformed(self.file, &place, "a list of negative length"));
                 }
                 // At most 2^32 - 1, which can still overflow where usize has 32 bits.
                 let items = (length as usize).saturating_mul(property.scalar.size());
@@ -138,7 +92,7 @@ impl Body<'_> {
     }
 
     fn least(&self, element: &Element) -> usize {
-        element.least_row_bytes(Format::BinaryLittleEndian)
+        element.least_row_bytes(Encoding::BinaryLittleEndian)
     }
 
     fn truncated(&self, element: &Element, row: u64) -> Error {
@@ -165,7 +119,7 @@ impl RowLayout {
         let properties = offsets_and_types(vertex);
         let numbers = || columns.properties.iter().map(|&p| properties[p]);
         Self {
-            stride: vertex.least_row_bytes(Format::BinaryLittleEndian),
+            stride: vertex.least_row_bytes(Encoding::BinaryLittleEndian),
             plain: numbers().all(|s| s.1 == Scalar::F32) && !columns.variants.any(),
             numbers: numbers().map(|s| s.0).collect(),
             properties,
@@ -173,23 +127,25 @@ impl RowLayout {
         }
     }
 
-    /// Fills `rows` from the bytes that hold them, and counts their normals in `columns`.
+    /// Fills `rows` from the bytes that hold them, and notes in `columns` what a scene does not keep.
     pub(super) fn fill(&self, rows: Rows, part: &[u8], columns: &Columns) {
         let (stride, at) = (self.stride, &self.numbers);
         let of_property = |row: &[u8], p: usize| {
             let (offset, scalar) = self.properties[p];
-            number(row, offset, scalar, self.big_endian) as f32
+            number(row, offset, scalar, self.big_endian)
         };
-        columns.count_normals(rows.len(), |row, p| of_property(&part[row * stride..], p));
+        columns.look(rows.len(), |row, p| of_property(&part[row * stride..], p));
         match (self.plain, self.big_endian) {
             (true, false) => {
-                fill(rows, part, stride, |row, c| f32::from_le_bytes(bytes_at(row, at[c])));
+                fill(rows, part, stride, |row, c| bytes::float(row, at[c]));
             }
             (true, true) => {
-                fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes_at(row, at[c])));
+                fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes::array(row, at[c])));
             }
             (false, _) => {
-                fill(rows, part, stride, |row, c| columns.number(c, |p| of_property(row, p)));
+                fill(rows, part, stride, |row, c| {
+                    columns.number(c, |p| of_property(row, p) as f32)
+                });
             }
         }
     }
@@ -212,13 +168,6 @@ fn fill(mut rows: Rows, part: &[u8], stride: usize, get: impl Fn(&[u8], usize) -
     }
 }
 
-#[inline]
-fn bytes_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
-    let mut out = [0; N];
-    out.copy_from_slice(&bytes[at..at + N]);
-    out
-}
-
 /// The number of type `scalar` at offset `at`. It is exact: `f64` holds every value of every PLY
 /// type.
 #[inline]
@@ -226,9 +175,9 @@ fn number(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> f64 {
     macro_rules! read {
         ($t:ty) => {
             if big_endian {
-                f64::from(<$t>::from_be_bytes(bytes_at(bytes, at)))
+                f64::from(<$t>::from_be_bytes(bytes::array(bytes, at)))
             } else {
-                f64::from(<$t>::from_le_bytes(bytes_at(bytes, at)))
+                f64::from(<$t>::from_le_bytes(bytes::array(bytes, at)))
             }
         };
     }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::header::Element;
+use super::header::{Element, Scalar};
 use super::variants::Variants;
 use crate::error::{Error, Result};
 use crate::rows::{SH, row_len};
@@ -49,17 +49,33 @@ pub(super) struct Columns {
     /// [`Variants`], some are stand-ins.
     pub(super) properties: Vec<usize>,
     pub(super) variants: Variants,
-    /// Property indices of `nx`, `ny` and `nz`, as far as they exist, in file order.
-    pub(super) normals: Vec<usize>,
+    /// What a scene may not keep.
+    lost: Vec<Lost>,
     /// Names of the properties that are not part of the Inria layout, in file order.
     pub(super) unknown: Vec<String>,
-    /// Rows read so far whose normal is not zero. Tasks add to it in any order; the sum is the same.
-    pub(super) rows_with_normal: AtomicUsize,
 }
 
-/// True for a number that is lost when the writer puts +0 in its place. This includes -0.
-fn is_not_zero(v: f32) -> bool {
-    v.to_bits() != 0
+/// A property that may hold something that a scene does not keep.
+#[derive(Debug)]
+struct Lost {
+    property: usize,
+    /// In words.
+    what: String,
+    /// Whether it is part of a Gaussian, and so lost only where no float holds its number. Otherwise it is lost
+    /// where it is not zero.
+    kept: bool,
+    /// Set by any task.
+    found: AtomicBool,
+}
+
+impl Lost {
+    fn is_in(&self, number: f64) -> bool {
+        if self.kept {
+            !number.is_nan() && f64::from(number as f32) != number
+        } else {
+            number != 0.0
+        }
+    }
 }
 
 impl Columns {
@@ -67,15 +83,16 @@ impl Columns {
     pub(super) fn of(file: &Path, vertex: &Element) -> Result<Self> {
         let index: BTreeMap<&str, usize> =
             vertex.properties.iter().enumerate().map(|(i, p)| (p.name.as_str(), i)).collect();
-
-        if index.contains_key("packed_position") && !index.contains_key("x") {
-            return Err(Error::PlyCompressed { file: file.into() });
-        }
         let rest = index.keys().filter(|n| is_rest(n)).count();
         let missing = |names: Vec<String>| {
-            let properties = names.join(", ");
-            Error::PlyMissingProperty { file: file.into(), properties }
+            let reason =
+                format!("no property {}: not a 3DGS model in the Inria layout", names.join(", "));
+            Error::malformed(file, PLACE, reason)
         };
+        if let Some(list) = vertex.properties.iter().find(|p| p.list.is_some()) {
+            let reason = format!("property {:?} is a list; a 3DGS model has numbers", list.name);
+            return Err(Error::malformed(file, PLACE, reason));
+        }
         let variants = Variants::of(vertex, &index);
         let absent: Vec<String> = inria_names(0)
             .into_iter()
@@ -85,7 +102,7 @@ impl Columns {
             return Err(missing(absent));
         }
         let Some(sh_degree) = (0..4u8).find(|&d| REST_COUNTS[usize::from(d)] == rest) else {
-            return Err(Error::PlyRestCount { file: file.into(), count: rest });
+            return Err(rest_count(file, rest));
         };
 
         let mut properties = Vec::with_capacity(row_len(sh_degree));
@@ -94,25 +111,25 @@ impl Columns {
             let Some(&at) = index.get(variants.stand_in(&name)) else {
                 return Err(missing(vec![name]));
             };
-            if vertex.properties[at].list.is_some() {
-                return Err(Error::PlyListProperty { file: file.into(), property: name });
-            }
             properties.push(at);
         }
         let mut known = vec![false; vertex.properties.len()];
         for &p in properties.iter().chain(&variants.filter_3d) {
             known[p] = true;
         }
-        let (mut normals, mut unknown) = (Vec::new(), Vec::new());
-        for (at, property) in vertex.properties.iter().enumerate().filter(|&(at, _)| !known[at]) {
-            if is_normal(&property.name) && property.list.is_none() {
-                normals.push(at);
-            } else {
-                unknown.push(property.name.clone());
+        let (mut lost, mut unknown) = (Vec::new(), Vec::new());
+        for (at, property) in vertex.properties.iter().enumerate() {
+            let name = &property.name;
+            if !known[at] && !is_normal(name) {
+                unknown.push(name.clone());
+            }
+            if !(known[at] && property.scalar == Scalar::F32) {
+                let beyond = if known[at] { " beyond float precision" } else { "" };
+                let (what, found) = (format!("{name}{beyond}"), AtomicBool::new(false));
+                lost.push(Lost { property: at, what, kept: known[at], found });
             }
         }
-        let rows_with_normal = AtomicUsize::new(0);
-        Ok(Self { sh_degree, properties, variants, normals, unknown, rows_with_normal })
+        Ok(Self { sh_degree, properties, variants, lost, unknown })
     }
 
     /// Number `c` in scene order of a row; `property` gives the numbers of its properties.
@@ -125,16 +142,29 @@ impl Columns {
         }
     }
 
-    /// Counts those of `rows` rows whose normal is not zero. `number(row, property)` is a number
-    /// of the file.
-    pub(super) fn count_normals(&self, rows: usize, number: impl Fn(usize, usize) -> f32) {
-        if self.normals.is_empty() {
-            return;
+    /// Looks at `rows` rows for what a scene does not keep. `number(row, property)` is a number of the file.
+    pub(super) fn look(&self, rows: usize, number: impl Fn(usize, usize) -> f64) {
+        for lost in self.lost.iter().filter(|lost| !lost.found.load(Ordering::Relaxed)) {
+            if (0..rows).any(|row| lost.is_in(number(row, lost.property))) {
+                lost.found.store(true, Ordering::Relaxed);
+            }
         }
-        let has_normal = |&row: &usize| self.normals.iter().any(|&p| is_not_zero(number(row, p)));
-        let count = (0..rows).filter(has_normal).count();
-        self.rows_with_normal.fetch_add(count, Ordering::Relaxed);
     }
+
+    /// What a scene does not keep, in words and in file order.
+    pub(super) fn lost(&self) -> impl Iterator<Item = String> {
+        let found = self.lost.iter().filter(|lost| lost.found.load(Ordering::Relaxed));
+        found.map(|lost| lost.what.clone())
+    }
+}
+
+/// Where the columns are.
+const PLACE: &str = "element \"vertex\"";
+
+/// The error of a number of `f_rest` properties that no SH degree has.
+pub(super) fn rest_count(file: &Path, count: usize) -> Error {
+    let reason = format!("{count} f_rest properties; SH degrees 0, 1, 2, 3 have 0, 9, 24, 45");
+    Error::malformed(file, PLACE, reason)
 }
 
 fn is_normal(name: &str) -> bool {

@@ -1,7 +1,6 @@
 //! The text header of a PLY file.
 
 use std::collections::BTreeSet;
-use std::fmt;
 use std::path::Path;
 
 use crate::error::{Error, Result, excerpt};
@@ -14,7 +13,7 @@ pub const MAX_HEADER_BYTES: usize = 1 << 20;
 
 /// How the rows of a PLY file are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub(super) enum Encoding {
     /// Decimal numbers, one row per line.
     Ascii,
     /// Packed, least significant byte first.
@@ -23,13 +22,14 @@ pub enum Format {
     BinaryBigEndian,
 }
 
-impl fmt::Display for Format {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Ascii => "ascii",
-            Self::BinaryLittleEndian => "binary_little_endian",
-            Self::BinaryBigEndian => "binary_big_endian",
-        })
+impl Encoding {
+    /// The form of a file, in words.
+    pub(super) fn form(self) -> &'static str {
+        match self {
+            Self::Ascii => "PLY, ASCII",
+            Self::BinaryLittleEndian => "PLY, binary little-endian",
+            Self::BinaryBigEndian => "PLY, binary big-endian",
+        }
     }
 }
 
@@ -94,18 +94,22 @@ pub(super) struct Element {
 
 impl Element {
     /// The least number of bytes that a row can take.
-    pub(super) fn least_row_bytes(&self, format: Format) -> usize {
-        match format {
+    pub(super) fn least_row_bytes(&self, encoding: Encoding) -> usize {
+        match encoding {
             // A digit and a separator per number; the last line may end without separator.
-            Format::Ascii => 2 * self.properties.len(),
+            Encoding::Ascii => 2 * self.properties.len(),
             _ => self.properties.iter().map(|p| p.list.unwrap_or(p.scalar).size()).sum(),
         }
     }
 
     /// The error of a file of `len` bytes without all rows; `row` is the first that is missing.
     pub(super) fn truncated(&self, file: &Path, len: usize, row: u64) -> Error {
-        let (element, promised) = (self.name.clone(), self.count);
-        Error::PlyTruncated { file: file.into(), len, element, promised, row }
+        let Self { name, count, .. } = self;
+        let missing = format!(
+            "the header promises {count} rows of element {:?}, row {row} is not whole",
+            excerpt(name.as_bytes())
+        );
+        Error::truncated(file, len, missing)
     }
 
     pub(super) fn has_list(&self) -> bool {
@@ -116,7 +120,7 @@ impl Element {
 /// A parsed header.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
-    pub(super) format: Format,
+    pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
     pub(super) comments: Vec<String>,
     /// Offset of the first byte after the header.
@@ -133,15 +137,12 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Header> {
     let line_end = match bytes {
         [b'p', b'l', b'y', b'\n', ..] | [b'p', b'l', b'y', b'\r', b'\n', ..] => b'\n',
         [b'p', b'l', b'y', b'\r', ..] => b'\r',
-        _ => {
-            let line = bytes.split(|&b| b == b'\n').next().unwrap_or_default();
-            return Err(Error::PlyMagic { file: file.into(), found: excerpt(line) });
-        }
+        _ => return Err(Error::other_format(file, "a PLY file", bytes)),
     };
     let mut parser = Parser {
         file,
         line: 1,
-        format: None,
+        encoding: None,
         elements: Vec::new(),
         comments: Vec::new(),
         elements_seen: BTreeSet::new(),
@@ -153,11 +154,11 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Header> {
         let text = searched[at..at + length].trim_ascii();
         at += length + 1;
         if text == b"end_header" {
-            let Some(format) = parser.format else {
+            let Some(encoding) = parser.encoding else {
                 return Err(parser.error("no format line before it", text));
             };
             return Ok(Header {
-                format,
+                encoding,
                 elements: parser.elements,
                 comments: parser.comments,
                 len: at,
@@ -171,16 +172,17 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Header> {
         parser.line += 1;
     }
     Err(if bytes.len() > searched.len() {
-        Error::PlyHeaderTooLong { file: file.into(), limit: MAX_HEADER_BYTES }
+        let reason = format!("no end_header in the first {MAX_HEADER_BYTES} bytes");
+        Error::malformed(file, "header", reason)
     } else {
-        Error::PlyHeaderTruncated { file: file.into(), len: bytes.len() }
+        Error::truncated(file, bytes.len(), "the header has no end_header")
     })
 }
 
 struct Parser<'a> {
     file: &'a Path,
     line: usize,
-    format: Option<Format>,
+    encoding: Option<Encoding>,
     elements: Vec<Element>,
     comments: Vec<String>,
     elements_seen: BTreeSet<String>,
@@ -188,9 +190,9 @@ struct Parser<'a> {
 }
 
 impl Parser<'_> {
-    fn error(&self, reason: &'static str, text: &[u8]) -> Error {
-        let file = self.file.into();
-        Error::PlyHeader { file, line: self.line, reason, text: excerpt(text) }
+    fn error(&self, reason: &str, text: &[u8]) -> Error {
+        let reason = format!("{reason}: {:?}", excerpt(text));
+        Error::malformed(self.file, &format!("header line {}", self.line), reason)
     }
 
     /// One header line between the magic and `end_header`.
@@ -211,16 +213,16 @@ impl Parser<'_> {
     }
 
     fn format(&mut self, text: &[u8], name: Option<&[u8]>, version: Option<&[u8]>) -> Result<()> {
-        if self.format.is_some() {
+        if self.encoding.is_some() {
             return Err(self.error("second format line", text));
         }
         if version != Some(b"1.0") {
             return Err(self.error("format version is not 1.0", text));
         }
-        self.format = Some(match name {
-            Some(b"ascii") => Format::Ascii,
-            Some(b"binary_little_endian") => Format::BinaryLittleEndian,
-            Some(b"binary_big_endian") => Format::BinaryBigEndian,
+        self.encoding = Some(match name {
+            Some(b"ascii") => Encoding::Ascii,
+            Some(b"binary_little_endian") => Encoding::BinaryLittleEndian,
+            Some(b"binary_big_endian") => Encoding::BinaryBigEndian,
             _ => return Err(self.error("unknown format", text)),
         });
         Ok(())
@@ -236,8 +238,7 @@ impl Parser<'_> {
             return Err(self.error("bad element count", text));
         };
         if !self.elements_seen.insert(name.clone()) {
-            let (file, line) = (self.file.into(), self.line);
-            return Err(Error::PlyDuplicate { file, line, what: "element", name });
+            return Err(self.error("element is declared twice", text));
         }
         self.properties_seen.clear();
         self.elements.push(Element { name, count, properties: Vec::new() });
@@ -263,8 +264,7 @@ impl Parser<'_> {
             return Err(self.error("property before the first element", text));
         }
         if !self.properties_seen.insert(name.clone()) {
-            let (file, line) = (self.file.into(), self.line);
-            return Err(Error::PlyDuplicate { file, line, what: "property", name });
+            return Err(self.error("property is declared twice", text));
         }
         if let Some(element) = self.elements.last_mut() {
             element.properties.push(Property { name, scalar, list });

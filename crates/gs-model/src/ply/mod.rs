@@ -4,40 +4,52 @@
 //! SH coefficients, **channel-major**: all of red, then green, then blue), `opacity` (a logit),
 //! `scale_0..2` (natural logarithms), `rot_0..3` (quaternion, w first). The reader takes ASCII
 //! and both binary formats, properties in any order and of any scalar type, with or without
-//! normals. It skips other properties and elements and names them in the [`ReadReport`]. It also takes
+//! normals. It skips other properties and elements and names them in the [`Report`]. It also takes
 //! models of 2D Gaussian splatting (two scales), of Mip-Splatting (`filter_3D`), and with `red green blue`
-//! as bytes: [`ReadReport::notes`] says what became of them. [`compressed`] is PlayCanvas' format in PLY.
+//! as bytes: [`Report::notes`] says what became of them. PlayCanvas' `compressed.ply` is read too, under the
+//! feature `formats`.
 
 mod ascii;
 mod binary;
 mod columns;
-pub mod compressed;
+#[cfg(feature = "formats")]
+pub(crate) mod compressed;
 mod header;
-mod report;
 mod stream;
 mod variants;
 mod write;
 
 use std::path::Path;
 
-pub use header::{Format, MAX_HEADER_BYTES};
-pub use report::ReadReport;
+pub use header::MAX_HEADER_BYTES;
 pub use stream::Parts;
 pub use write::{header, row_bytes, rows, write, write_rows_to, write_to};
 
-use report::{Extent, finish};
+use columns::Columns;
+use header::{Element, Encoding, Header};
 
 use crate::error::{Error, Result};
+use crate::format::Format;
 use crate::fs;
-pub use crate::options::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions};
+use crate::report::{self, ReadOptions, Report};
 use crate::scene::Scene;
+
+pub(crate) static FORMAT: Format = Format {
+    name: "ply",
+    about: "PLY of 3DGS (Inria, gsplat ...), of 2D Gaussian splatting and of Mip-Splatting; every float as it is",
+    extensions: &["ply"],
+    magic: &[b"ply"],
+    max_sh_degree: 3,
+    read: read_named,
+    write: Some(write::write_all),
+};
 
 /// Reads a 3DGS model, with the default [`ReadOptions`].
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, a `Ply*` error if it is not a 3DGS model or not
-/// whole, [`Error::InvalidGaussian`] if a Gaussian is invalid.
-pub fn read(path: impl AsRef<Path>) -> Result<(Scene, ReadReport)> {
+/// [`Error::Io`] if the file cannot be read; [`Error::OtherFormat`], [`Error::Malformed`] or
+/// [`Error::Truncated`] if it is not a 3DGS model or not whole; [`Error::InvalidGaussian`].
+pub fn read(path: impl AsRef<Path>) -> Result<(Scene, Report)> {
     read_with(path, &ReadOptions::default())
 }
 
@@ -47,8 +59,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<(Scene, ReadReport)> {
 /// promises more rows than the file holds is an error before anything is allocated for them.
 ///
 /// # Errors
-/// As [`read`]; with [`Invalid::Drop`] no invalid Gaussian is an error.
-pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, ReadReport)> {
+/// As [`read`]; with [`crate::Invalid::Drop`] no invalid Gaussian is an error.
+pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
     match stream::read(path, options)? {
         Some(read) => Ok(read),
@@ -60,42 +72,43 @@ pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene
 ///
 /// # Errors
 /// As [`read`]; the file in the errors is `<bytes>`.
-pub fn read_bytes(bytes: &[u8]) -> Result<(Scene, ReadReport)> {
-    read_bytes_with(bytes, &ReadOptions::default())
-}
-
-/// Reads a 3DGS model from the bytes of a PLY file.
-///
-/// # Errors
-/// As [`read_with`]; the file in the errors is `<bytes>`.
-pub fn read_bytes_with(bytes: &[u8], options: &ReadOptions) -> Result<(Scene, ReadReport)> {
-    read_named(Path::new("<bytes>"), bytes, options)
+pub fn read_bytes(bytes: &[u8]) -> Result<(Scene, Report)> {
+    read_named(Path::new("<bytes>"), bytes, &ReadOptions::default())
 }
 
 pub(crate) fn read_named(
     file: &Path,
     bytes: &[u8],
     options: &ReadOptions,
-) -> Result<(Scene, ReadReport)> {
+) -> Result<(Scene, Report)> {
     let header = header::parse(file, bytes)?;
     let Some(vertex_at) = header.elements.iter().position(|e| e.name == "vertex") else {
-        return Err(Error::PlyNoVertex { file: file.into() });
+        return Err(Error::malformed(file, "header", "no element \"vertex\""));
     };
     let vertex = &header.elements[vertex_at];
+    if vertex.properties.iter().any(|p| p.name == "packed_position") {
+        #[cfg(feature = "formats")]
+        return compressed::read(file, bytes, &header, options);
+        #[cfg(not(feature = "formats"))]
+        return Err(Error::malformed(
+            file,
+            "header",
+            "a compressed.ply, which this build does not read",
+        ));
+    }
     let (before, after) = (&header.elements[..vertex_at], &header.elements[vertex_at + 1..]);
-    let columns = columns::Columns::of(file, vertex)?;
-
-    let (scene, trailing_bytes) = match header.format {
-        Format::Ascii => {
+    let columns = Columns::of(file, vertex)?;
+    let (scene, trailing_bytes) = match header.encoding {
+        Encoding::Ascii => {
             let mut lines = ascii::Lines::new(file, bytes, &header);
             before.iter().try_for_each(|e| lines.skip(e))?;
             let scene = lines.vertices(vertex, &columns)?;
             after.iter().try_for_each(|e| lines.skip(e))?;
             (scene, lines.trailing())
         }
-        Format::BinaryLittleEndian | Format::BinaryBigEndian => {
-            let body =
-                binary::Body { file, bytes, big_endian: header.format == Format::BinaryBigEndian };
+        encoding => {
+            let big_endian = encoding == Encoding::BinaryBigEndian;
+            let body = binary::Body { file, bytes, big_endian };
             let at = before.iter().try_fold(header.len, |at, e| body.skip(e, at))?;
             let (scene, at) = body.vertices(vertex, &columns, at)?;
             let end = after.iter().try_fold(at, |at, e| body.skip(e, at))?;
@@ -103,8 +116,25 @@ pub(crate) fn read_named(
         }
     };
 
-    let skipped_elements = before.iter().chain(after).map(|e| (e.name.clone(), e.count)).collect();
-    let file_bytes = bytes.len();
-    let extent = Extent { vertex, skipped_elements, file_bytes, trailing_bytes };
-    finish(file, scene, options, &header, columns, extent)
+    let (scene, mut report) = finish(file, scene, options, &header, columns)?;
+    let others = before.iter().chain(after).filter(|e| e.count > 0);
+    report.lost.splice(
+        0..0,
+        others.map(|Element { name, count, .. }| format!("element {name} ({count} rows)")),
+    );
+    Ok((scene, Report { trailing_bytes, ..report }))
+}
+
+/// Applies the options to a scene just read, and reports what its columns were.
+fn finish(
+    file: &Path,
+    scene: Scene,
+    options: &ReadOptions,
+    header: &Header,
+    columns: Columns,
+) -> Result<(Scene, Report)> {
+    let (scene, report) = report::finish(file, scene, (&FORMAT, header.encoding.form()), options)?;
+    let (notes, comments) = (columns.variants.notes(), header.comments.clone());
+    let lost = columns.lost().collect();
+    Ok((scene, Report { notes, lost, unknown_properties: columns.unknown, comments, ..report }))
 }

@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 
 use super::binary::RowLayout;
 use super::columns::Columns;
-use super::header::{self, Format, Header};
-use super::report::{Extent, ReadReport, finish};
+use super::finish;
+use super::header::{self, Encoding, Header};
 use crate::error::{Error, Result};
-use crate::options::ReadOptions;
+use crate::report::{ReadOptions, Report};
 use crate::rows;
 use crate::scene::Scene;
 
@@ -24,7 +24,7 @@ const PART_BYTES: usize = 1 << 20;
 /// Reads a file whose rows are Gaussians of fixed length, in parts: one part is converted while the
 /// next is read. `None` if the file has another layout or is wrong in any way: then the reader of
 /// whole files decides, and words the error.
-pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, ReadReport)>> {
+pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, Report)>> {
     let small = std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < SMALL_FILE);
     if small {
         return Ok(None);
@@ -34,11 +34,9 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, 
     while body.first < body.rows {
         body.fill_part(&mut scene, 0)?;
     }
-    let Body { header, columns, len, trailing_bytes, .. } = body;
-    let Some(vertex) = header.elements.first() else { return Ok(None) };
-    let skipped_elements = Vec::new();
-    let extent = Extent { vertex, skipped_elements, file_bytes: len, trailing_bytes };
-    finish(path, scene, options, &header, columns, extent).map(Some)
+    let Body { header, columns, trailing_bytes, .. } = body;
+    let (scene, report) = finish(path, scene, options, &header, columns)?;
+    Ok(Some((scene, Report { trailing_bytes, ..report })))
 }
 
 /// A PLY file that is read some Gaussians at a time, for scenes larger than memory.
@@ -102,8 +100,7 @@ struct Body {
     header: Header,
     columns: Columns,
     layout: RowLayout,
-    /// Length of the file, and of what follows the rows.
-    len: usize,
+    /// Length of what follows the rows.
     trailing_bytes: usize,
     rows: usize,
     /// The first row in `part`.
@@ -127,11 +124,11 @@ impl Body {
         file.read_exact(&mut part).map_err(io)?;
         let Ok(header) = header::parse(path, &part) else { return Ok(None) };
         let [vertex] = &header.elements[..] else { return Ok(None) };
-        if header.format == Format::Ascii || vertex.name != "vertex" || vertex.has_list() {
+        if header.encoding == Encoding::Ascii || vertex.name != "vertex" {
             return Ok(None);
         }
         let columns = Columns::of(path, vertex)?;
-        let layout = RowLayout::of(vertex, &columns, header.format == Format::BinaryBigEndian);
+        let layout = RowLayout::of(vertex, &columns, header.encoding == Encoding::BinaryBigEndian);
         let rows = usize::try_from(vertex.count).ok();
         let body = rows.and_then(|rows| rows.checked_mul(layout.stride));
         let (Some(rows), Some(body)) = (rows, body) else { return Ok(None) };
@@ -148,7 +145,6 @@ impl Body {
             header,
             columns,
             layout,
-            len,
             trailing_bytes,
             rows,
             first,

@@ -32,15 +32,12 @@ pub(super) struct Variants {
 impl Variants {
     pub(super) fn of(vertex: &Element, index: &BTreeMap<&str, usize>) -> Self {
         let has = |name: &str| index.contains_key(name);
-        let scalar = |name: &str| {
-            let property = index.get(name).map(|&at| &vertex.properties[at])?;
-            property.list.is_none().then_some(property.scalar)
-        };
+        let scalar = |name: &str| index.get(name).map(|&at| vertex.properties[at].scalar);
         let has_dc = ["f_dc_0", "f_dc_1", "f_dc_2"].into_iter().any(has);
         Self {
             discs: has("scale_0") && has("scale_1") && !has("scale_2"),
             colours: !has_dc && COLOURS.iter().all(|c| scalar(c) == Some(Scalar::U8)),
-            filter_3d: scalar("filter_3D").and(index.get("filter_3D").copied()),
+            filter_3d: index.get("filter_3D").copied(),
         }
     }
 

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use super::columns;
 use crate::error::{Error, Result};
-use crate::fs;
 use crate::rows::SH;
 use crate::scene::{Scene, sh_len};
 
@@ -26,18 +25,15 @@ const ROWS_PER_WRITE: usize = 64 * ROWS_PER_TASK;
 /// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
 /// [`Error::Io`] if the file cannot be written. Values are not validated.
 pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
-    let path = path.as_ref();
-    scene.check_shape()?;
-    fs::write_atomically(path, |out| write_all(out, scene))
+    super::FORMAT.write(path, scene)
 }
 
 /// Writes a scene as [`write()`] does, to anything that takes bytes. No buffering is needed.
 ///
 /// # Errors
 /// As [`write()`]; the file in an [`Error::Io`] is `<writer>`.
-pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
-    scene.check_shape()?;
-    write_all(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
+pub fn write_to(out: impl Write, scene: &Scene) -> Result<()> {
+    super::FORMAT.write_to("<writer>", out, scene)
 }
 
 /// The header that [`write()`] puts before the rows of `count` Gaussians. With [`rows`] it serves
@@ -74,7 +70,7 @@ pub fn rows(scene: &Scene, out: &mut Vec<u8>) -> Result<()> {
 /// As [`write_to`].
 pub fn write_rows_to(mut out: impl Write, scene: &Scene) -> Result<()> {
     scene.check_shape()?;
-    write_rows(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
+    write_rows(Path::new("<writer>"), &mut out, scene)
 }
 
 /// Bytes of a row of [`rows`].
@@ -83,12 +79,13 @@ pub fn row_bytes(sh_degree: u8) -> usize {
     4 * (SH + 3 * sh_len(sh_degree) + 3)
 }
 
-fn write_all(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
-    out.write_all(&header(scene.len(), scene.sh_degree))?;
-    write_rows(out, scene)
+pub(super) fn write_all(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
+    let header = header(scene.len(), scene.sh_degree);
+    out.write_all(&header).map_err(|e| Error::io(file, "write", e))?;
+    write_rows(file, out, scene)
 }
 
-fn write_rows(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
+fn write_rows(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
     let stride = row_bytes(scene.sh_degree);
     let mut buffer = vec![0; stride * ROWS_PER_WRITE.min(scene.len())];
     for first in (0..scene.len()).step_by(ROWS_PER_WRITE) {
@@ -99,7 +96,7 @@ fn write_rows(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
                 encode_row(scene, first + task * ROWS_PER_TASK + i, row);
             }
         });
-        out.write_all(part)?;
+        out.write_all(part).map_err(|e| Error::io(file, "write", e))?;
     }
     Ok(())
 }

@@ -6,9 +6,9 @@ use super::malformed;
 use super::meta::{Means, Meta, Palette};
 use super::texture::Texture;
 use crate::error::Result;
+use crate::math::completed;
 use crate::rows::SH;
 use crate::scene::sh_len;
-use crate::splat::opacity_logit;
 
 /// Entries of the palette in a row of its image.
 const PALETTE_ROW: usize = 64;
@@ -33,39 +33,30 @@ pub(super) struct Row<'a> {
 }
 
 impl<'a> Decoder<'a> {
-    /// `textures` are those of [`Meta::textures`].
+    /// `textures` are those of [`Meta::files`].
     pub(super) fn new(file: &Path, meta: &'a Meta, textures: &'a [Texture]) -> Result<Self> {
         let sh_len = sh_len(meta.sh_degree());
-        for (at, (texture, name)) in textures.iter().zip(meta.textures()).enumerate() {
-            if at == 5 {
-                let width = PALETTE_ROW * (sh_len - 1);
-                if texture.width != width {
-                    let reason = format!("is {} pixels wide, not {width}", texture.width);
-                    return Err(malformed(file, name, &reason));
-                }
-            } else if texture.pixels() < meta.count {
-                let reason =
-                    format!("has {} pixels for {} Gaussians", texture.pixels(), meta.count);
-                return Err(malformed(file, name, &reason));
+        for (at, (texture, name)) in textures.iter().zip(&meta.files).enumerate() {
+            let (pixels, width) = (texture.pixels(), PALETTE_ROW * (sh_len - 1));
+            if at == 5 && texture.width != width {
+                let reason = format!("is {} pixels wide, not {width}", texture.width);
+                return Err(malformed(file, name, reason));
+            }
+            if at != 5 && pixels < meta.count {
+                let reason = format!("has {pixels} pixels for {} Gaussians", meta.count);
+                return Err(malformed(file, name, reason));
             }
         }
         Ok(Self { meta, textures, sh_len })
     }
 
-    pub(super) fn len(&self) -> usize {
-        self.meta.count
-    }
-
     pub(super) fn row(&self, i: usize) -> Row<'_> {
         let pixel = |texture: usize| self.textures[texture].pixel(i);
         let (low, high) = (pixel(0), pixel(1));
-        let entry = match self.textures.get(6) {
-            Some(texture) => {
-                let [low, high, ..] = texture.pixel(i);
-                usize::from(u16::from_le_bytes([low, high]))
-            }
-            None => 0,
-        };
+        let entry = self.textures.get(6).map_or(0, |texture| {
+            let [low, high, ..] = texture.pixel(i);
+            usize::from(u16::from_le_bytes([low, high]))
+        });
         Row {
             decoder: self,
             means: [0, 1, 2].map(|k| u16::from_le_bytes([low[k], high[k]])),
@@ -76,11 +67,11 @@ impl<'a> Decoder<'a> {
         }
     }
 
-    /// The index in the codebook of a palette entry's coefficient.
+    /// The byte of a palette entry's coefficient.
     fn coefficient(&self, palette: &Palette, entry: usize, k: usize) -> Option<[u8; 4]> {
         let texture = &self.textures[5];
         let (y, x) = (entry / PALETTE_ROW, entry % PALETTE_ROW * (self.sh_len - 1) + k - 1);
-        let known = entry < palette.count && y < texture.height;
+        let known = entry < palette.entries && y < texture.height;
         known.then(|| texture.pixel(y * texture.width + x))
     }
 }
@@ -89,20 +80,19 @@ impl Row<'_> {
     /// Number `c` in scene order; NaN where an index points at nothing.
     pub(super) fn number(&self, c: usize) -> f32 {
         let meta = self.decoder.meta;
-        let of = |codebook: &[f32], index: u8| {
-            codebook.get(usize::from(index)).copied().unwrap_or(f32::NAN)
-        };
+        let of =
+            |values: &[f32], byte: u8| values.get(usize::from(byte)).copied().unwrap_or(f32::NAN);
         match c {
             0..3 => mean(&meta.means, c, self.means[c]),
             3..7 => self.rotation[c - 3],
-            7..10 => of(&meta.scales.codebook, self.scales[c - 7]),
-            10 => opacity_logit(self.colour[3]),
-            11..14 => of(&meta.sh0.codebook, self.colour[c - SH]),
+            7..10 => of(&meta.scales[c - 7], self.scales[c - 7]),
+            10 => of(&meta.opacities, self.colour[3]),
+            11..14 => of(&meta.colours[c - SH], self.colour[c - SH]),
             _ => {
                 let (k, channel) = ((c - SH) / 3, (c - SH) % 3);
-                meta.sh_n.as_ref().map_or(0.0, |palette| {
+                meta.palette.as_ref().map_or(0.0, |palette| {
                     let pixel = self.decoder.coefficient(palette, self.entry, k);
-                    pixel.map_or(f32::NAN, |p| of(&palette.codebook, p[channel]))
+                    pixel.map_or(f32::NAN, |p| of(&palette.values, p[channel]))
                 })
             }
         }
@@ -117,12 +107,7 @@ fn mean(means: &Means, k: usize, step: u16) -> f32 {
 
 /// The quaternion of a pixel; without direction, and so invalid, if its alpha names no component.
 fn rotation([a, b, c, alpha]: [u8; 4]) -> [f32; 4] {
-    let mut q = [0.0f64; 4];
     let Some(largest) = alpha.checked_sub(LARGEST).map(usize::from) else { return [0.0; 4] };
-    let others = q.iter_mut().enumerate().filter(|&(k, _)| k != largest);
-    for ((_, slot), byte) in others.zip([a, b, c]) {
-        *slot = (f64::from(byte) / 255.0 * 2.0 - 1.0) * std::f64::consts::FRAC_1_SQRT_2;
-    }
-    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-    q.map(|v| v as f32)
+    let part = |byte| (f64::from(byte) / 255.0 * 2.0 - 1.0) * std::f64::consts::FRAC_1_SQRT_2;
+    completed(largest, [a, b, c].map(part))
 }

@@ -1,10 +1,11 @@
-//! SOG (PlayCanvas), version 2: read only.
+//! SOG (PlayCanvas), versions 1 and 2: read only.
 //!
 //! A `meta.json` and up to seven lossless WebP images, in which pixel `i` belongs to Gaussian `i`: in one
 //! zip archive (`.sog`), or as files in one folder. Means are 16-bit steps between bounds, of
-//! `sign(x) ln(1 + |x|)`; log-scales and colours are indices of codebooks of 256 numbers; rotations are the
-//! three smallest components, a byte each; opacities are bytes. The higher SH coefficients of a
-//! Gaussian are a row of a palette whose entries are indices of a codebook. Axes are those of PLY files.
+//! `sign(x) ln(1 + |x|)`; rotations are the three smallest components, a byte each; log-scales and colours are
+//! bytes. The higher SH coefficients of a Gaussian are a row of a palette of bytes. In version 2 a byte is the
+//! index of a codebook of 256 numbers, and opacities are bytes; in version 1, which does not say its version, a
+//! byte is a step between bounds, and so is that of an opacity's logit. Axes are those of PLY files.
 //!
 //! *Limits:* images have at most 2^20 pixels and 4 more per byte of the textures. A scene therefore takes
 //! at most about a thousand times the memory of its file, and some megabytes.
@@ -19,8 +20,8 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::options::ReadOptions;
-use crate::report;
+use crate::format::Format;
+use crate::report::{self, ReadOptions, Report};
 use crate::rows;
 use crate::scene::Scene;
 use decoder::Decoder;
@@ -28,57 +29,42 @@ use members::Members;
 use meta::Meta;
 use texture::Texture;
 
-/// Reads a bundled `.sog`.
-pub(crate) fn decode(
-    file: &Path,
-    bytes: &[u8],
-    options: &ReadOptions,
-) -> Result<(Scene, report::Report)> {
-    let mut archive = Members::archive(file, bytes)?;
-    let meta = archive.read(file, "meta.json")?;
-    unpack(file, &meta, archive, options)
-}
+pub(crate) static FORMAT: Format = Format {
+    name: "sog",
+    about: "SOG of PlayCanvas, versions 1 and 2: an archive, or its meta.json with the images beside it",
+    extensions: &["sog", "json"],
+    magic: &[b"PK"],
+    max_sh_degree: 3,
+    read,
+    write: None,
+};
 
-/// Reads the `meta.json` of an unbundled one, with the images beside it.
-pub(crate) fn decode_beside(
-    file: &Path,
-    meta: &[u8],
-    options: &ReadOptions,
-) -> Result<(Scene, report::Report)> {
-    let folder = file.parent().unwrap_or(Path::new(""));
-    unpack(file, meta, Members::Folder(folder), options)
-}
-
-fn unpack(
-    file: &Path,
-    meta: &[u8],
-    mut members: Members,
-    options: &ReadOptions,
-) -> Result<(Scene, report::Report)> {
-    let meta = Meta::parse(file, meta)?;
-    let names = meta.textures();
-    let images = names.iter().map(|name| members.read(file, name));
+/// Reads a bundled `.sog`, or the `meta.json` of an unbundled one, with the images beside it.
+fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+    let (meta, mut members) = if bytes.starts_with(b"PK") {
+        let mut archive = Members::archive(file, bytes)?;
+        (archive.read(file, "meta.json")?, archive)
+    } else {
+        (bytes.to_vec(), Members::Folder(file.parent().unwrap_or(Path::new(""))))
+    };
+    let meta = Meta::parse(file, &meta)?;
+    let images = meta.files.iter().map(|name| members.read(file, name));
     let images: Vec<Vec<u8>> = images.collect::<Result<_>>()?;
     let most_pixels = texture::most_pixels(&images);
-    let textures: Vec<Result<Texture>> = names
-        .par_iter()
-        .zip(&images)
+    let textures: Vec<Result<Texture>> = (meta.files.par_iter().zip(&images))
         .map(|(name, image)| {
             Texture::decode(image, most_pixels).map_err(|reason| malformed(file, name, reason))
         })
         .collect();
     let textures: Vec<Texture> = textures.into_iter().collect::<Result<_>>()?;
     let decoder = Decoder::new(file, &meta, &textures)?;
-    let scene = rows::scene(decoder.len(), meta.sh_degree(), |mut rows| {
-        for i in 0..rows.len() {
-            let row = decoder.row(rows.first + i);
-            rows.set(i, |c| row.number(c));
-        }
-        Ok(())
-    })?;
-    report::finish(file, scene, report::Format::Sog, options)
+    let scene = rows::scene_of(meta.count, meta.sh_degree(), |i| {
+        let row = decoder.row(i);
+        move |c| row.number(c)
+    });
+    report::finish(file, scene, (&FORMAT, format!("SOG, version {}", meta.version)), options)
 }
 
-fn malformed(file: &Path, place: &str, reason: &str) -> Error {
-    Error::malformed(file, "SOG", place, reason)
+fn malformed(file: &Path, place: &str, reason: impl AsRef<str>) -> Error {
+    Error::malformed(file, &format!("SOG, {place}"), reason)
 }

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use crate::axes::ABOUT_X;
+use crate::bytes::word;
 use crate::error::{Error, Result};
 use crate::rows::{self, SH};
 use crate::scene::{Scene, sh_len};
@@ -9,14 +11,6 @@ use crate::splat::opacity_logit;
 
 /// A colour's byte is `255 (1/2 + COLOUR_SCALE * coefficient)`.
 pub(super) const COLOUR_SCALE: f32 = 0.15;
-
-/// Sign of each basis function under `(x, y, z) -> (x, -y, -z)`, degrees 0 to 3.
-pub(super) const SH_SIGNS: [f32; 16] =
-    [1., -1., -1., 1., -1., 1., 1., -1., 1., -1., 1., -1., -1., 1., -1., 1.];
-
-pub(super) fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-}
 
 /// What the header says about the attributes.
 pub(super) struct Layout {
@@ -32,9 +26,9 @@ impl Layout {
         sh_degree: u8,
         fractional_bits: u8,
     ) -> Result<Self> {
-        let bad = |reason| Err(Error::SpzHeader { file: file.into(), reason });
+        let bad = |reason: &str| Err(Error::malformed(file, "SPZ header", reason));
         if sh_degree > 3 {
-            return bad("SH degree above 3");
+            return bad("an SH degree above 3; lower it with the tool that wrote the file");
         }
         if fractional_bits > 31 {
             return bad("more than 31 fractional bits");
@@ -49,37 +43,26 @@ impl Layout {
     }
 
     /// The scene of `n` Gaussians whose attributes are `streams`, in file order.
-    pub(super) fn scene(&self, streams: [&[u8]; 6], n: usize) -> Result<Scene> {
+    pub(super) fn scene(&self, streams: [&[u8]; 6], n: usize) -> Scene {
         let sizes = self.sizes();
-        let attributes: [(&[u8], usize); 6] = std::array::from_fn(|k| (streams[k], sizes[k]));
         let unit = 1.0 / f64::from(1u32 << self.fractional_bits);
-        rows::scene(n, self.sh_degree, |mut rows| {
-            for i in 0..rows.len() {
-                let at = rows.first + i;
-                let [position, opacity, colour, log_scale, rotation, sh] =
-                    attributes.map(|(bytes, size)| &bytes[at * size..(at + 1) * size]);
-                let q = if self.version == 2 {
-                    first_three(rotation)
-                } else {
-                    smallest_three(word(rotation, 0))
-                };
-                rows.set(i, |c| match c {
-                    0..3 => {
-                        let sign = if c == 0 { 1.0 } else { -1.0 };
-                        (sign * unit * f64::from(fixed24(&position[3 * c..]))) as f32
-                    }
-                    3..5 => q[c - 3],
-                    5..7 => -q[c - 3],
-                    7..10 => f32::from(log_scale[c - 7]) / 16.0 - 10.0,
-                    10 => opacity_logit(opacity[0]),
-                    11..14 => (f32::from(colour[c - SH]) / 255.0 - 0.5) / COLOUR_SCALE,
-                    _ => {
-                        let value = (f32::from(sh[c - SH - 3]) - 128.0) / 128.0;
-                        SH_SIGNS[(c - SH) / 3] * value
-                    }
-                });
+        rows::scene_of(n, self.sh_degree, |i| {
+            let at = |k: usize| &streams[k][i * sizes[k]..(i + 1) * sizes[k]];
+            let [position, opacity, colour, log_scale, rotation, sh] = std::array::from_fn(at);
+            let mean = [0, 1, 2].map(|k| (unit * f64::from(fixed24(&position[3 * k..]))) as f32);
+            let q = match self.version {
+                2 => first_three(rotation),
+                _ => smallest_three(word(rotation, 0)),
+            };
+            let (mean, q) = (ABOUT_X.mean(mean), ABOUT_X.rotation(q));
+            move |c| match c {
+                0..3 => mean[c],
+                3..7 => q[c - 3],
+                7..10 => f32::from(log_scale[c - 7]) / 16.0 - 10.0,
+                10 => opacity_logit(opacity[0]),
+                11..14 => (f32::from(colour[c - SH]) / 255.0 - 0.5) / COLOUR_SCALE,
+                _ => ABOUT_X.sh((c - SH) / 3, (f32::from(sh[c - SH - 3]) - 128.0) / 128.0),
             }
-            Ok(())
         })
     }
 }
@@ -96,7 +79,7 @@ fn first_three(bytes: &[u8]) -> [f32; 4] {
     [(1.0 - x * x - y * y - z * z).max(0.0).sqrt(), x, y, z]
 }
 
-/// Version 3: the top two bits say which of x, y, z, w is largest and left out; the others
+/// From version 3: the top two bits say which of x, y, z, w is largest and left out; the others
 /// follow, the last in the lowest bits, as a sign and nine bits of magnitude up to sqrt(1/2).
 pub(super) fn smallest_three(mut bits: u32) -> [f32; 4] {
     let largest = (bits >> 30) as usize;
@@ -115,12 +98,6 @@ pub(super) fn smallest_three(mut bits: u32) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::sh_basis;
-
-    #[test]
-    fn signs_are_those_of_the_basis_functions() {
-        assert_eq!(sh_basis::signs_under([1.0, -1.0, -1.0]), SH_SIGNS);
-    }
 
     #[test]
     fn fixed_point_extends_its_sign() {

@@ -21,58 +21,81 @@ use std::path::Path;
 
 use flate2::bufread::GzDecoder;
 
-use layout::{Layout, word};
-pub use write::{MAX_COORDINATE, WriteOptions, write, write_to};
+use layout::Layout;
+pub use write::{MAX_COORDINATE, ShBits, pack};
 
+use crate::axes::ABOUT_X;
+use crate::bytes::word;
 use crate::error::{Error, Result};
-use crate::options::ReadOptions;
-use crate::report;
+use crate::format::Format;
+use crate::report::{self, ReadOptions, Report};
 use crate::scene::Scene;
 
+pub(crate) static FORMAT: Format = Format {
+    name: "spz",
+    about: "SPZ of Niantic: versions 2 to 4 are read, 4 is written",
+    extensions: &["spz"],
+    magic: &[b"\x1f\x8b", MAGIC],
+    max_sh_degree: 3,
+    read,
+    write: Some(write::write),
+};
+
+const MAGIC: &[u8] = b"NGSP";
 const HEADER: usize = 16;
+
+/// Turns a scene between the axes of PLY files and those of SPZ, as reading and writing SPZ do.
+pub fn turn(scene: &mut Scene) {
+    ABOUT_X.scene(scene);
+}
 
 /// Reads an SPZ file.
 ///
 /// Memory: the scene and as much of the decompressed file as the header's count needs. DEFLATE data
 /// decompresses to at most 1,032 times its size; Zstandard streams that promise more than 1,024 times
 /// the size of the file are refused.
-pub(crate) fn decode(
-    file: &Path,
-    bytes: &[u8],
-    options: &ReadOptions,
-) -> Result<(Scene, report::Report)> {
-    if bytes.starts_with(b"NGSP") {
+fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+    let (scene, version) = if bytes.starts_with(MAGIC) {
         // From version 4 the header is not compressed.
         let (layout, n, streams) = streams::parse(file, bytes)?;
-        let scene = layout.scene(streams.each_ref().map(|s| &s[..]), n)?;
-        return report::finish(file, scene, report::Format::Spz { version: 4 }, options);
-    }
-    let bad = |reason| Error::SpzHeader { file: file.into(), reason };
+        (layout.scene(streams.each_ref().map(|s| &s[..]), n), 4)
+    } else if bytes.starts_with(b"\x1f\x8b") {
+        zipped(file, bytes)?
+    } else {
+        return Err(Error::other_format(file, "an SPZ file", bytes));
+    };
+    report::finish(file, scene, (&FORMAT, format!("SPZ, version {version}")), options)
+}
+
+/// Versions 2 and 3: one gzip stream. Returns the version too.
+fn zipped(file: &Path, bytes: &[u8]) -> Result<(Scene, u32)> {
     let mut unzip = GzDecoder::new(bytes);
     let mut data = Vec::new();
     let mut inflate = |data: &mut Vec<u8>, len: u64| {
         let outcome = unzip.by_ref().take(len).read_to_end(data);
-        outcome.map_err(|e| {
-            let cut_short = e.kind() == std::io::ErrorKind::UnexpectedEof;
-            let reason = if cut_short { "cut short" } else { "broken" };
-            Error::SpzCompressedData { file: file.into(), compression: "gzip", reason }
+        outcome.map_err(|e| match e.kind() {
+            std::io::ErrorKind::UnexpectedEof => Error::truncated(
+                file,
+                bytes.len(),
+                "the compressed data is cut short; get it again",
+            ),
+            _ => broken(file),
         })
     };
     inflate(&mut data, HEADER as u64)?;
-    if data.len() < HEADER || &data[..4] != b"NGSP" {
-        return Err(bad("no NGSP header in a gzip stream"));
+    if data.len() < HEADER || !data.starts_with(MAGIC) {
+        return Err(Error::other_format(file, "an SPZ file but another gzip file", &data));
     }
     let (version, promised) = (word(&data, 4), word(&data, 8));
     if !matches!(version, 2 | 3) {
-        return Err(Error::SpzVersion { file: file.into(), version });
+        return Err(other_version(file, version));
     }
     let layout = Layout::new(file, version, data[12], data[13])?;
     let needed = u64::from(promised) * layout.sizes().iter().sum::<usize>() as u64;
     inflate(&mut data, needed)?;
     let body = &data[HEADER..];
     if (body.len() as u64) < needed {
-        let (needed, len) = (needed + HEADER as u64, data.len());
-        return Err(Error::SpzTruncated { file: file.into(), promised, needed, len });
+        return Err(short(file, data.len(), promised, needed + HEADER as u64));
     }
     // gzip's checksum is verified at the end of the stream. Surplus data is ignored.
     inflate(&mut Vec::new(), 1)?;
@@ -82,6 +105,21 @@ pub(crate) fn decode(
         rest = after;
         attribute
     });
-    let scene = layout.scene(attributes, promised as usize)?;
-    report::finish(file, scene, report::Format::Spz { version }, options)
+    Ok((layout.scene(attributes, promised as usize), version))
+}
+
+fn other_version(file: &Path, version: u32) -> Error {
+    let (found, read) = (version.to_string(), "2 to 4 are");
+    Error::Version { file: file.into(), format: "SPZ", found, read }
+}
+
+/// The decompressors' own messages name their internal types.
+fn broken(file: &Path) -> Error {
+    Error::malformed(file, "SPZ", "its compressed data is broken; get it again")
+}
+
+fn short(file: &Path, len: usize, promised: u32, needed: u64) -> Error {
+    let missing =
+        format!("the header promises {promised} Gaussians, {needed} bytes after decompression");
+    Error::truncated(file, len, missing)
 }

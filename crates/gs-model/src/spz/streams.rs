@@ -6,7 +6,9 @@ use std::path::Path;
 use rayon::prelude::*;
 use ruzstd::decoding::StreamingDecoder;
 
-use super::layout::{Layout, word};
+use super::layout::Layout;
+use super::{broken, other_version, short};
+use crate::bytes::word;
 use crate::error::{Error, Result};
 
 /// Header bytes.
@@ -19,23 +21,23 @@ const MAX_RATIO: u64 = 1024;
 
 /// The layout, the number of Gaussians, and the decompressed attributes in file order.
 pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(Layout, usize, [Vec<u8>; 6])> {
-    let bad = |reason| Error::SpzHeader { file: file.into(), reason };
+    let bad = |reason: &str| Error::malformed(file, "SPZ header", reason);
+    let header = || Error::truncated(file, bytes.len(), "the header is not whole");
     if bytes.len() < 8 {
-        return Err(bad("shorter than its header"));
+        return Err(header());
     }
     let version = word(bytes, 4);
     if version != 4 {
-        return Err(Error::SpzVersion { file: file.into(), version });
+        return Err(other_version(file, version));
     }
     if bytes.len() < HEADER {
-        return Err(bad("shorter than its header"));
+        return Err(header());
     }
     let promised = word(bytes, 8);
     let layout = Layout::new(file, version, bytes[12], bytes[13])?;
     let sizes = layout.sizes().map(|size| u64::from(promised) * size as u64);
     let needed: u64 = sizes.iter().sum();
-    let truncated =
-        |needed| Error::SpzTruncated { file: file.into(), promised, needed, len: bytes.len() };
+    let truncated = |needed| short(file, bytes.len(), promised, needed);
     if needed > MAX_RATIO * bytes.len() as u64 {
         return Err(truncated(needed));
     }
@@ -80,14 +82,8 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(Layout, usize, [Vec<u8
 
 /// At most `len` bytes of a Zstandard frame.
 fn unpack(file: &Path, part: &[u8], len: u64) -> Result<Vec<u8>> {
-    // The decoder's own messages name its internal types.
-    let broken = || Error::SpzCompressedData {
-        file: file.into(),
-        compression: "Zstandard",
-        reason: "broken",
-    };
-    let decoder = StreamingDecoder::new(part).map_err(|_| broken())?;
+    let decoder = StreamingDecoder::new(part).map_err(|_| broken(file))?;
     let mut data = Vec::new();
-    decoder.take(len).read_to_end(&mut data).map_err(|_| broken())?;
+    decoder.take(len).read_to_end(&mut data).map_err(|_| broken(file))?;
     Ok(data)
 }

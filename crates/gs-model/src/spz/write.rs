@@ -6,10 +6,11 @@ use std::path::Path;
 use rayon::prelude::*;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::layout::{COLOUR_SCALE, SH_SIGNS};
-use super::streams;
+use super::layout::COLOUR_SCALE;
+use super::{MAGIC, streams};
+use crate::axes::ABOUT_X;
 use crate::error::{Error, Result};
-use crate::fs;
+use crate::math::{smallest_three, unit};
 use crate::scene::Scene;
 
 /// Fractional bits of positions by default: a step of 2^-12 world units, as in Niantic's packer, and
@@ -26,47 +27,25 @@ pub const MAX_COORDINATE: f32 = ((1 << (POSITION_BITS - LEAST_FRACTIONAL_BITS)) 
 /// bits than [`FRACTIONAL_BITS`].
 const LEAST_STEPS: i32 = 16;
 
-/// How SH coefficients are quantised.
+/// Bits per SH coefficient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WriteOptions {
-    /// Bits per coefficient of degree 1, 1 to 8; others are moved into that range.
-    pub sh1_bits: u8,
-    /// Bits per coefficient of degrees 2 and 3, 1 to 8.
-    pub sh_rest_bits: u8,
+pub struct ShBits {
+    /// Of degree 1, 1 to 8; others are moved into that range.
+    pub degree_1: u8,
+    /// Of degrees 2 and 3, 1 to 8.
+    pub rest: u8,
 }
 
-impl Default for WriteOptions {
+impl Default for ShBits {
     /// All 8 bits of the format. Niantic's packer defaults to 5 and 4: half the bytes, and on
     /// trained scenes a loss of about a decibel against the photos.
     fn default() -> Self {
-        Self { sh1_bits: 8, sh_rest_bits: 8 }
+        Self { degree_1: 8, rest: 8 }
     }
 }
 
-/// Writes a scene as an SPZ file of version 4.
-///
-/// The format is lossy: positions in steps of 2^-12 world units (finer where the whole scene is
-/// smaller than 16 units, coarser beyond 2048), log-scales in steps of 1/16 within -10..5.94,
-/// opacities and colours as bytes, rotations to about 0.1 degrees, SH coefficients within -1..1.
-/// The file appears whole or not at all.
-///
-/// # Errors
-/// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
-/// [`Error::SpzRange`] for a coordinate beyond [`MAX_COORDINATE`] or not finite, [`Error::Io`].
-pub fn write(path: impl AsRef<Path>, scene: &Scene, options: &WriteOptions) -> Result<()> {
-    let path = path.as_ref();
-    let file = pack(path, scene, options)?;
-    fs::write_atomically(path, |out| out.write_all(&file))
-}
-
-/// Writes a scene as [`write()`] does, to anything that takes bytes.
-///
-/// # Errors
-/// As [`write()`]; the file in the errors is `<writer>`.
-pub fn write_to(mut out: impl Write, scene: &Scene, options: &WriteOptions) -> Result<()> {
-    let name = Path::new("<writer>");
-    let file = pack(name, scene, options)?;
-    out.write_all(&file).map_err(|e| Error::io(name, "write", e))
+pub(super) fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
+    out.write_all(&pack(file, scene, ShBits::default())?).map_err(|e| Error::io(file, "write", e))
 }
 
 /// Writes the bytes of an attribute of the Gaussian at an index.
@@ -96,19 +75,27 @@ impl<'a> Attribute<'a> {
     }
 }
 
-fn pack(file: &Path, scene: &Scene, options: &WriteOptions) -> Result<Vec<u8>> {
+/// A scene as an SPZ file of version 4. `file` is its name in errors.
+///
+/// The format is lossy: positions in steps of 2^-12 world units (finer where the whole scene is
+/// smaller than 16 units, coarser beyond 2048), log-scales in steps of 1/16 within -10..5.94,
+/// opacities and colours as bytes, rotations to about 0.1 degrees, SH coefficients within -1..1.
+///
+/// # Errors
+/// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
+/// [`Error::Unwritable`] for a coordinate beyond [`MAX_COORDINATE`] or not finite.
+pub fn pack(file: impl AsRef<Path>, scene: &Scene, bits: ShBits) -> Result<Vec<u8>> {
+    let file = file.as_ref();
     scene.check_shape()?;
-    let n = u32::try_from(scene.len()).map_err(|_| Error::SpzHeader {
-        file: file.into(),
-        reason: "more than 2^32 - 1 Gaussians cannot be written",
-    })?;
+    let n = u32::try_from(scene.len())
+        .map_err(|_| unwritable(file, "SPZ holds at most 2^32 - 1 Gaussians".into()))?;
     let fractional_bits = fractional_bits(file, scene)?;
-    let packed: Vec<(usize, Vec<u8>)> = attributes(scene, fractional_bits, options)
+    let packed: Vec<(usize, Vec<u8>)> = attributes(scene, fractional_bits, bits)
         .par_iter()
         .filter(|attribute| attribute.size > 0 && n > 0)
         .map(|attribute| attribute.compressed(scene.len()))
         .collect();
-    let mut out = b"NGSP".to_vec();
+    let mut out = MAGIC.to_vec();
     out.extend(4u32.to_le_bytes());
     out.extend(n.to_le_bytes());
     out.extend([scene.sh_degree, fractional_bits, 0, packed.len() as u8]);
@@ -124,19 +111,18 @@ fn pack(file: &Path, scene: &Scene, options: &WriteOptions) -> Result<Vec<u8>> {
     Ok(out)
 }
 
+fn unwritable(file: &Path, reason: String) -> Error {
+    Error::Unwritable { file: file.into(), reason }
+}
+
 /// The attributes in file order.
-fn attributes<'a>(
-    scene: &'a Scene,
-    fractional_bits: u8,
-    options: &WriteOptions,
-) -> [Attribute<'a>; 6] {
-    let unit = f64::from(1u32 << fractional_bits);
-    let buckets = [options.sh1_bits, options.sh_rest_bits].map(|b| 1u8 << (8 - b.clamp(1, 8)));
+fn attributes(scene: &Scene, fractional_bits: u8, bits: ShBits) -> [Attribute<'_>; 6] {
+    let steps = f64::from(1u32 << fractional_bits);
+    let buckets = [bits.degree_1, bits.rest].map(|b| 1u8 << (8 - b.clamp(1, 8)));
     [
         Attribute::new(9, move |i, out| {
-            for (k, v) in scene.means[i].into_iter().enumerate() {
-                let v = if k == 0 { f64::from(v) } else { -f64::from(v) };
-                let fixed = libm::round(v * unit) as i32;
+            for (k, v) in ABOUT_X.mean(scene.means[i]).into_iter().enumerate() {
+                let fixed = libm::round(f64::from(v) * steps) as i32;
                 out[3 * k..3 * k + 3].copy_from_slice(&fixed.to_le_bytes()[..3]);
             }
         }),
@@ -152,14 +138,14 @@ fn attributes<'a>(
             }
         }),
         Attribute::new(4, |i, out| {
-            out.copy_from_slice(&smallest_three(scene.rotations[i]).to_le_bytes());
+            out.copy_from_slice(&packed_rotation(scene.rotations[i]).to_le_bytes());
         }),
         Attribute::new(3 * (scene.sh_len() - 1), move |i, out| {
             let coefficients = &scene.sh_of(i)[1..];
             for (k, (rgb, out)) in coefficients.iter().zip(out.chunks_exact_mut(3)).enumerate() {
                 let bucket = buckets[usize::from(k >= 3)];
                 for (o, v) in out.iter_mut().zip(rgb) {
-                    *o = sh_byte(SH_SIGNS[k + 1] * v, bucket);
+                    *o = sh_byte(ABOUT_X.sh(k + 1, *v), bucket);
                 }
             }
         }),
@@ -172,8 +158,10 @@ fn fractional_bits(file: &Path, scene: &Scene) -> Result<u8> {
     for (index, mean) in scene.means.iter().enumerate() {
         for &value in mean {
             if value.is_nan() || value.abs() > MAX_COORDINATE {
-                let limit = MAX_COORDINATE;
-                return Err(Error::SpzRange { file: file.into(), index, value, limit });
+                let (what, most) =
+                    (format!("Gaussian {index}: coordinate {value}"), MAX_COORDINATE);
+                let reason = format!("{what} is outside the range of SPZ, -{most} to {most}");
+                return Err(unwritable(file, reason));
             }
             largest = largest.max(value.abs());
         }
@@ -204,22 +192,13 @@ fn sh_byte(v: f32, bucket: u8) -> u8 {
 
 /// A quaternion `[w, x, y, z]` of any norm, turned to SPZ's axes, as its three smallest
 /// components.
-fn smallest_three([w, x, y, z]: [f32; 4]) -> u32 {
-    let mut q = [x, -y, -z, w].map(f64::from);
-    let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
-    if norm > 0.0 && norm.is_finite() {
-        q = q.map(|v| v / norm);
-    } else {
-        q = [0.0, 0.0, 0.0, 1.0];
-    }
-    let largest = (1..4).fold(0, |best, k| if q[k].abs() > q[best].abs() { k } else { best });
-    let flip = q[largest] < 0.0;
-    let mut bits = largest as u32;
-    for (_, v) in q.iter().enumerate().filter(|&(k, _)| k != largest) {
+fn packed_rotation(q: [f32; 4]) -> u32 {
+    let [w, x, y, z] = unit(ABOUT_X.rotation(q));
+    let (largest, others) = smallest_three([x, y, z, w]);
+    others.iter().fold(largest as u32, |bits, v| {
         let magnitude = (511.0 * std::f64::consts::SQRT_2 * v.abs() + 0.5) as u32;
-        bits = bits << 10 | u32::from((*v < 0.0) != flip) << 9 | magnitude.min(511);
-    }
-    bits
+        bits << 10 | u32::from(*v < 0.0) << 9 | magnitude.min(511)
+    })
 }
 
 #[cfg(test)]
@@ -240,7 +219,7 @@ mod tests {
             assert!(f64::from(coordinate) * f64::from(1u32 << bits) < 8_388_607.5);
         }
         for coordinate in [524_288.0, f32::NAN, f32::INFINITY] {
-            assert!(matches!(at(coordinate), Err(Error::SpzRange { index: 0, .. })));
+            assert!(at(coordinate).unwrap_err().to_string().contains("Gaussian 0"));
         }
     }
 
@@ -255,7 +234,7 @@ mod tests {
     fn rotations_come_back() {
         for q in [[1.0f32, 0.0, 0.0, 0.0], [-0.1, 0.9, -0.3, 0.2], [0.5, -0.5, 0.5, -0.5], [0.0; 4]]
         {
-            let [w, x, y, z] = crate::spz::layout::smallest_three(smallest_three(q));
+            let [w, x, y, z] = crate::spz::layout::smallest_three(packed_rotation(q));
             let back = [w, x, -y, -z];
             let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
             let dot: f32 = if norm > 0.0 {

@@ -3,8 +3,7 @@
 
 use std::path::PathBuf;
 
-use gs_model::Scene;
-use gs_model::ply::Format;
+use gs_model::{Error, ReadOptions, Report, Result, SH_C0, Scene, model};
 
 /// A path in the shared test data beside the workspace, or `None` with a message if it is absent.
 pub(crate) fn shared(path: &str) -> Option<PathBuf> {
@@ -15,6 +14,39 @@ pub(crate) fn shared(path: &str) -> Option<PathBuf> {
         eprintln!("SKIPPED: no {}", full.display());
         None
     }
+}
+
+/// A file of `fixtures`.
+pub(crate) fn fixture(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../fixtures").join(name)
+}
+
+/// Reads a model of that name from bytes.
+pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<(Scene, Report)> {
+    model::read_named(name, bytes, &ReadOptions::default())
+}
+
+/// The message of an error that is one line of plain words, begins with the file's name and says `needle`.
+#[track_caller]
+pub(crate) fn says<T: std::fmt::Debug>(outcome: Result<T>, needle: &str) -> String {
+    let text = gs_model::chain(&outcome.unwrap_err());
+    assert!(text.contains(needle), "{needle:?} is not in {text:?}");
+    assert!(text.lines().count() == 1 && !text.contains("{ ") && text.contains(": "), "{text}");
+    text
+}
+
+/// A part of a file that is missing, or is not as it must be.
+pub(crate) fn is_broken(error: &Error) -> bool {
+    let known = matches!(
+        error,
+        Error::Truncated { .. }
+            | Error::Malformed { .. }
+            | Error::OtherFormat { .. }
+            | Error::Version { .. }
+            | Error::Json { .. }
+            | Error::InvalidGaussian { .. }
+    );
+    known && gs_model::chain(error).lines().count() == 1
 }
 
 /// A small scene: every number differs from every other, signs and magnitudes vary.
@@ -83,7 +115,8 @@ pub(crate) struct Property {
 /// A description of a PLY file, written one number at a time.
 #[derive(Clone)]
 pub(crate) struct File {
-    pub(crate) format: Format,
+    /// As the header names it.
+    pub(crate) encoding: &'static str,
     pub(crate) line_end: &'static str,
     pub(crate) properties: Vec<Property>,
     /// Rows with lists, in elements before and after `vertex`.
@@ -95,7 +128,7 @@ pub(crate) struct File {
 
 impl File {
     /// The Inria layout.
-    pub(crate) fn inria(format: Format, sh_degree: u8) -> Self {
+    pub(crate) fn inria(encoding: &'static str, sh_degree: u8) -> Self {
         let rest = [0, 9, 24, 45][usize::from(sh_degree)];
         let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).into();
         names.extend((0..3).map(|i| format!("f_dc_{i}")));
@@ -106,12 +139,12 @@ impl File {
         let float = |name| Property { name, kind: "float", list: false };
         let properties = names.into_iter().map(float).collect();
         let (faces_before, faces_after) = (0, 0);
-        Self { format, line_end: "\n", properties, faces_before, faces_after, normal: 0.0 }
+        Self { encoding, line_end: "\n", properties, faces_before, faces_after, normal: 0.0 }
     }
 
     /// The bytes of the file; the second value is the length of the header.
     pub(crate) fn bytes(&self, scene: &Scene) -> (Vec<u8>, usize) {
-        let mut header = vec!["ply".to_owned(), format!("format {} 1.0", self.format)];
+        let mut header = vec!["ply".to_owned(), format!("format {} 1.0", self.encoding)];
         header.push("comment made by a test".into());
         let faces = |name: &str, n: usize| {
             let list = "property list uchar int vertex_indices".to_owned();
@@ -177,22 +210,23 @@ impl File {
                 "double" | "float64" => value.to_le_bytes().into(),
                 other => panic!("{other}"),
             };
-            match self.format {
-                Format::Ascii => out.extend(format!("{value} ").bytes()),
-                Format::BinaryLittleEndian => out.extend(little),
-                Format::BinaryBigEndian => out.extend(little.iter().rev()),
+            match self.encoding {
+                ASCII => out.extend(format!("{value} ").bytes()),
+                LITTLE => out.extend(little),
+                _ => out.extend(little.iter().rev()),
             }
         }
-        if self.format == Format::Ascii {
+        if self.encoding == ASCII {
             out.extend(self.line_end.bytes());
         }
     }
 }
 
-pub(crate) const FORMATS: [Format; 3] =
-    [Format::Ascii, Format::BinaryLittleEndian, Format::BinaryBigEndian];
+pub(crate) const ASCII: &str = "ascii";
+pub(crate) const LITTLE: &str = "binary_little_endian";
+pub(crate) const ENCODINGS: [&str; 3] = [ASCII, LITTLE, "binary_big_endian"];
 
-/// Share of SfM points that a camera sees in front of it and inside its image.
+/// Share of points that a camera sees in front of it and inside its image.
 pub(crate) fn share_in_view(camera: &gs_model::Camera, points: &[[f64; 3]]) -> f64 {
     let seen = points.iter().filter(|&&p| {
         let c = camera.rotation * glam::DVec3::from_array(p) + camera.translation;
@@ -203,4 +237,44 @@ pub(crate) fn share_in_view(camera: &gs_model::Camera, points: &[[f64; 3]]) -> f
             && (0.0..f64::from(camera.height)).contains(&v)
     });
     seen.count() as f64 / points.len() as f64
+}
+
+/// The largest differences of two scenes: means, rotations (1 - |cosine|, half turns about an axis of the
+/// Gaussian left out), log-scales, opacities, colours, SH coefficients above degree 0.
+fn differences(a: &Scene, b: &Scene) -> [f32; 6] {
+    assert_eq!((a.len(), a.sh_degree), (b.len(), b.sh_degree));
+    let mut worst = [0.0f32; 6];
+    let mut see = |k: usize, v: f32| {
+        assert!(v.is_finite());
+        worst[k] = worst[k].max(v);
+    };
+    let opacity = |l: f32| 1.0 / (1.0 + libm::exp(-f64::from(l)));
+    for i in 0..a.len() {
+        for k in 0..3 {
+            see(0, (a.means[i][k] - b.means[i][k]).abs());
+            see(2, (a.log_scales[i][k] - b.log_scales[i][k]).abs());
+            see(4, SH_C0 * (a.sh_of(i)[0][k] - b.sh_of(i)[0][k]).abs());
+            for (p, q) in a.sh_of(i)[1..].iter().zip(&b.sh_of(i)[1..]) {
+                see(5, (p[k] - q[k]).abs());
+            }
+        }
+        let [p, q] = [a, b].map(|s| {
+            let [w, x, y, z] = s.rotations[i].map(f64::from);
+            glam::DQuat::from_xyzw(x, y, z, w).normalize()
+        });
+        // From one to the other: half a turn about an axis changes nothing of a Gaussian.
+        let between = glam::DVec4::from(p.conjugate() * q).abs();
+        see(1, 1.0 - between.max_element() as f32);
+        see(3, (opacity(a.opacity_logits[i]) - opacity(b.opacity_logits[i])).abs() as f32);
+    }
+    worst
+}
+
+#[track_caller]
+pub(crate) fn assert_within(what: &str, a: &Scene, b: &Scene, bounds: [f32; 6]) {
+    let worst = differences(a, b);
+    println!("{what}: {worst:?}");
+    for (k, (d, bound)) in worst.into_iter().zip(bounds).enumerate() {
+        assert!(d <= bound, "{what}, attribute {k}: {worst:?} of {bounds:?}");
+    }
 }

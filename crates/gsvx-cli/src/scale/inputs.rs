@@ -46,13 +46,13 @@ impl Input {
         let mut all = 0;
         let Some(mut parts) = reading.parts(&self.path)? else {
             // Formats that are read whole.
-            let scene = reading.model(&self.path, None)?.scene;
+            let scene = reading.model(&self.path)?.scene;
             all += scene.len() as u64;
             take(scene)?;
             (0..self.bytes / STEP).for_each(|_| steps.inc());
             return Ok(all);
         };
-        while let Some(scene) = reading.next_part(&mut parts, &self.path)? {
+        while let Some(scene) = parts.next_part()? {
             all += scene.len() as u64;
             take(scene)?;
             steps.inc();

@@ -29,6 +29,8 @@ use sight::{CameraFile, Sight};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// The version of this build.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Name of the plan among the scratch files.
 const PLAN: &str = "plan";
 /// Name of the stream of a part without tiles.
@@ -83,7 +85,7 @@ impl Room {
 }
 
 /// Several models as one scene, and how they are encoded.
-pub(crate) struct Job<'a> {
+pub(crate) struct LargeJob<'a> {
     pub(crate) inputs: &'a [PathBuf],
     pub(crate) reading: &'a Reading,
     pub(crate) choices: Choices,
@@ -93,10 +95,10 @@ pub(crate) struct Job<'a> {
     pub(crate) room: &'a Room,
 }
 
-impl Job<'_> {
+impl LargeJob<'_> {
     /// Tells this work from other work.
     fn key(&self, what: &str, sight: Option<&Sight>) -> Result<String> {
-        let mut key = format!("gsvx {} {what}\n", crate::VERSION);
+        let mut key = format!("gsvx {} {what}\n", VERSION);
         key += &serde_json::to_string(&(self.reading, self.choices, sight.map(Sight::file)))?;
         key.push('\n');
         for path in self.inputs {
@@ -129,7 +131,7 @@ impl Job<'_> {
 }
 
 /// `gsvx plan`.
-pub(crate) fn plan(job: &Job<'_>, report: Reporter) -> Result<()> {
+pub(crate) fn plan(job: &LargeJob<'_>, report: Reporter) -> Result<()> {
     let output = job.open_output()?;
     let start = Instant::now();
     let sight = job.sight()?;
@@ -164,7 +166,7 @@ pub(crate) fn part(
     let inputs: Vec<&Path> = plan.inputs.iter().map(|i| &*i.path).chain([plan_path]).collect();
     let opened = Output::open(output, force, &inputs)?;
     let id = plan.id()?;
-    let mut key = format!("gsvx {} part {}/{} of {id:08x}\n", crate::VERSION, part.k, part.n);
+    let mut key = format!("gsvx {} part {}/{} of {id:08x}\n", VERSION, part.k, part.n);
     plan.inputs.iter().for_each(|i| key += &i.key());
     let scratch = room.scratch(output, &key)?;
     let tiles: Vec<usize> = plan.plan.part(part.k - 1, part.n).collect();
@@ -176,7 +178,7 @@ pub(crate) fn part(
 }
 
 /// `gsvx encode` of a scene that does not fit in memory, or that is in several files.
-pub(crate) fn encode(job: &Job<'_>, report: Reporter) -> Result<()> {
+pub(crate) fn encode(job: &LargeJob<'_>, report: Reporter) -> Result<()> {
     job.room.tiles_at_once()?;
     let output = job.open_output()?;
     let start = Instant::now();

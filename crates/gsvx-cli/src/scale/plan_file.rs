@@ -30,8 +30,8 @@ impl PlanFile {
     /// A plan from its text.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self> {
         let plan: Self = serde_json::from_slice(bytes)?;
-        if plan.gsvx != crate::VERSION {
-            bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, crate::VERSION);
+        if plan.gsvx != super::VERSION {
+            bail!("made by gsvx {}, this is {}; make the plan anew", plan.gsvx, super::VERSION);
         }
         Ok(plan)
     }

@@ -5,9 +5,10 @@ use super::plan_file::PlanFile;
 use super::rows::Rows;
 use super::scratch::Scratch;
 use super::sight::Sight;
+use crate::exit::Failure;
 use crate::input::Reading;
 use crate::progress::{self, Steps};
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use gs_model::Scene;
 use gsvx::{Choices, Plan, Survey};
 use std::fs::File;
@@ -64,16 +65,7 @@ pub(crate) fn survey(
     }
     scratch.forget(&format!("{MEANS}.part"));
     let (reading, cameras) = (reading.clone(), sight.map(Sight::file));
-    Ok(PlanFile { gsvx: crate::VERSION.into(), reading, inputs, cameras, plan })
-}
-
-/// An error from inside the plan.
-struct Failure(anyhow::Error);
-
-impl From<gsvx::Error> for Failure {
-    fn from(error: gsvx::Error) -> Self {
-        Self(anyhow!(error))
-    }
+    Ok(PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan })
 }
 
 fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>> {

@@ -20,6 +20,13 @@ pub(crate) struct Rows {
     sh_degree: u8,
 }
 
+/// Where Gaussians come from.
+struct From<'a> {
+    input: &'a Input,
+    plan: &'a Plan,
+    scratch: &'a Scratch,
+}
+
 impl Rows {
     /// Rows of the tiles `wanted`, without room for others.
     fn of(file: File, plan: &Plan, wanted: &[usize], sh_degree: u8) -> Self {
@@ -47,15 +54,14 @@ impl Rows {
             return Ok(open(File::open(scratch.path(FILE)).map_err(|e| scratch.full(e))?));
         }
         let rows = open(scratch.begin(FILE)?);
-        // Where the next row of each tile goes.
         let mut next: Vec<u64> = rows.places.iter().map(|p| p.start).collect();
         let has_wanted = |i: &&Input| i.tiles.iter().any(|&t| !rows.places[t as usize].is_empty());
         let bar = steps("partition", inputs.iter().filter(has_wanted));
         for input in inputs.iter().filter(has_wanted) {
             input.check()?;
-            let found = input.each(reading, false, &bar, |scene| {
-                rows.put(plan, input, &scene, &mut next, scratch)
-            })?;
+            let from = From { input, plan, scratch };
+            let found =
+                input.each(reading, false, &bar, |scene| rows.put(&from, &scene, &mut next))?;
             if found != input.gaussians {
                 return Err(input.changed());
             }
@@ -68,15 +74,9 @@ impl Rows {
         Ok(rows)
     }
 
-    /// Appends Gaussians to their tiles.
-    fn put(
-        &self,
-        plan: &Plan,
-        input: &Input,
-        scene: &Scene,
-        next: &mut [u64],
-        scratch: &Scratch,
-    ) -> Result<()> {
+    /// Appends Gaussians to their tiles; `next` is where the next row of each tile goes.
+    fn put(&self, from: &From<'_>, scene: &Scene, next: &mut [u64]) -> Result<()> {
+        let From { input, plan, scratch } = from;
         let mut members = vec![Vec::new(); self.places.len()];
         let tiles = plan.tiles_of(&scene.means).map_err(|_| input.changed())?;
         for (i, tile) in tiles.into_iter().enumerate() {

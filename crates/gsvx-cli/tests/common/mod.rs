@@ -1,7 +1,9 @@
-//! The command, and the model it is run on.
+//! The command, the models it is run on, and what is said of a run.
+#![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, SystemTime};
 
 pub(crate) fn gsvx() -> Command {
     Command::new(env!("CARGO_BIN_EXE_gsvx"))
@@ -16,14 +18,12 @@ pub(crate) fn model() -> PathBuf {
 }
 
 /// The first 400 Gaussians of the room.
-#[allow(dead_code, reason = "each test file uses its own part")]
 pub(crate) fn scene() -> gs_model::Scene {
     let (scene, _) = gs_model::ply::read(model()).unwrap();
     scene.select(&(0..400).collect::<Vec<_>>())
 }
 
 /// A file of [`scene`] in `dir`.
-#[allow(dead_code, reason = "each test file uses its own part")]
 pub(crate) fn small(dir: &Path) -> PathBuf {
     let path = dir.join("small.ply");
     gs_model::ply::write(&path, &scene()).unwrap();
@@ -31,7 +31,6 @@ pub(crate) fn small(dir: &Path) -> PathBuf {
 }
 
 /// Runs the command; each `@` of `words` stands for the next of `paths`.
-#[allow(dead_code, reason = "each test file uses its own part")]
 pub(crate) fn run(words: &[&str], paths: &[&Path]) -> Output {
     let mut paths = paths.iter();
     let words = words.iter().map(|&w| match w {
@@ -41,18 +40,96 @@ pub(crate) fn run(words: &[&str], paths: &[&Path]) -> Output {
     gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
 }
 
+/// What a run that succeeded says on standard output.
+#[track_caller]
+pub(crate) fn ok(words: &[&str], paths: &[&Path]) -> String {
+    said(&run(words, paths))
+}
+
+/// What a run that succeeded has said on standard output.
+#[track_caller]
+pub(crate) fn said(out: &Output) -> String {
+    assert!(out.status.success(), "{}", heard(out));
+    String::from_utf8_lossy(&out.stdout).into_owned()
+}
+
+/// What a run has said on standard error.
+pub(crate) fn heard(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stderr).trim_end().to_owned()
+}
+
+/// The report of a run that succeeded, and what it said on standard error.
+#[track_caller]
+pub(crate) fn report(words: &[&str], paths: &[&Path]) -> (serde_json::Value, String) {
+    let out = run(&[words, &["--json"]].concat(), paths);
+    (serde_json::from_str(&said(&out)).unwrap(), heard(&out))
+}
+
+/// The report of a run that succeeded.
+#[track_caller]
+pub(crate) fn json(words: &[&str], paths: &[&Path]) -> serde_json::Value {
+    report(words, paths).0
+}
+
+/// Runs the command with this on standard input.
+pub(crate) fn piped(words: &[&str], input: &[u8]) -> Output {
+    use std::io::Write;
+    let mut child = gsvx()
+        .args(words)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let (mut stdin, input) = (child.stdin.take().unwrap(), input.to_vec());
+    let feeder = std::thread::spawn(move || stdin.write_all(&input));
+    let out = child.wait_with_output().unwrap();
+    // A command that refuses its input need not read all of it.
+    let _ = feeder.join().unwrap();
+    out
+}
+
 /// Exit code 1 and exactly one line, which holds `needle`.
+#[track_caller]
 pub(crate) fn one_line(out: &Output, needle: &str) {
-    let error = String::from_utf8_lossy(&out.stderr);
+    let error = heard(out);
     assert_eq!(out.status.code(), Some(1), "{error}");
-    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
-    assert!(error.contains(needle), "{error}");
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(error.contains(needle), "{needle:?} is not in {error:?}");
 }
 
 /// Exit code 2 and one line, which holds `needle`.
-#[allow(dead_code, reason = "each test file uses its own part")]
+#[track_caller]
 pub(crate) fn wrong_usage(out: &Output, needle: &str) {
-    let error = String::from_utf8_lossy(&out.stderr);
+    let error = heard(out);
     assert_eq!(out.status.code(), Some(2), "{error}");
-    assert!(error.contains(needle), "{error}");
+    assert!(error.contains(needle), "{needle:?} is not in {error:?}");
+}
+
+/// The names in a folder, sorted.
+pub(crate) fn names(dir: &Path) -> Vec<String> {
+    let list = std::fs::read_dir(dir).unwrap();
+    let mut names: Vec<_> = list.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Moments to kill a run at: others every time. A failure prints the seed; `GSVX_KILL_SEED` sets it.
+pub(crate) struct Moments(u64);
+
+impl Moments {
+    pub(crate) fn new() -> Self {
+        let given = std::env::var("GSVX_KILL_SEED").ok().and_then(|s| s.parse().ok());
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
+        let seed = given.unwrap_or(now.as_nanos() as u64);
+        println!("GSVX_KILL_SEED={seed}");
+        Self(seed)
+    }
+
+    /// Anywhere from the start of a run to the end of one that takes `whole`.
+    pub(crate) fn next(&mut self, whole: Duration) -> Duration {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        whole.mul_f64(((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 53) as f64)
+    }
 }

@@ -271,7 +271,13 @@ def _decode(
     degree = _degree(max_sh_degree)
     if not 0 <= lod <= 255:
         raise ValueError(f"lod is {lod}, must be 0 to 255")
-    arrays, skipped = _gsvx.decompress(data, name, degree, lod, allow_truncated, max_gaussians)
+    wanted = dict(
+        max_sh_degree=degree,
+        lod=lod,
+        allow_truncated=allow_truncated,
+        max_gaussians=max_gaussians,
+    )
+    arrays, skipped = _gsvx.decompress(data, name, wanted)
     for line in skipped:
         if not line.endswith("not asked for"):
             warnings.warn(line, stacklevel=3)

@@ -47,23 +47,9 @@ def set_threads(threads: int) -> None:
     """Sets the number of threads of all later calls; 0 for one per core."""
 
 def read_cameras(path: str) -> Dict[str, Any]: ...
-def orbit(
-    splats: Dict[str, Any],
-    count: int,
-    size: Tuple[int, int],
-    field_of_view: float,
-    up: Optional[Sequence[float]],
-    radius: Optional[float],
-    elevation: Optional[float],
-    full_circle: bool,
-) -> Dict[str, Any]: ...
+def orbit(splats: Dict[str, Any], orbit: Dict[str, Any]) -> Dict[str, Any]: ...
 def decompress(
-    stream: bytes,
-    name: str,
-    max_sh_degree: int,
-    lod: int,
-    allow_truncated: bool,
-    max_gaussians: Optional[int],
+    stream: bytes, name: str, wanted: Dict[str, Any]
 ) -> Tuple[_Arrays, List[str]]: ...
 def compress(
     splats: Dict[str, Any],

@@ -46,9 +46,16 @@ def orbit(
     direction = None if up is None else [float(v) for v in up]
     if direction is not None and not (len(direction) == 3 and 0 < np.linalg.norm(direction) < np.inf):
         raise ValueError("up: use three numbers that are not all 0")
-    found = _gsvx.orbit(
-        model(splats), count, (width, height), fov, direction, radius, elevation, full_circle
+    wanted = dict(
+        count=count,
+        size=(width, height),
+        field_of_view=fov,
+        up=direction,
+        radius=radius,
+        elevation=elevation,
+        full_circle=full_circle,
     )
+    found = _gsvx.orbit(model(splats), wanted)
     return Cameras(**found, name="orbit")
 
 

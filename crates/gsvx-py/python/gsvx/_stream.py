@@ -80,7 +80,8 @@ class Stream:
             data = self._fetch(*needs)
             if not data:
                 # The decoder of whole streams says what is missing.
-                _gsvx.decompress(start, name, 3, 0, False, None)
+                whole = dict(max_sh_degree=3, lod=0, allow_truncated=False, max_gaussians=None)
+                _gsvx.decompress(start, name, whole)
                 raise _gsvx.Error(f"{name}: the head is not whole")
             start += data
             self._reader.give(needs[0], data)

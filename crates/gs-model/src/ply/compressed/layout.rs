@@ -2,6 +2,7 @@
 
 use super::CHUNK;
 use super::table::Columns;
+use crate::math::{completed, smallest_three, unit};
 use crate::rows::SH;
 use crate::scene::SH_C0;
 use crate::splat::opacity_logit;
@@ -120,29 +121,17 @@ pub(super) fn step(t: f64, bits: u32) -> u32 {
 
 /// The top two bits say which of w, x, y, z is largest and left out; the others follow.
 fn unpack_rotation(word: u32) -> [f32; 4] {
-    let largest = (word >> 30) as usize;
-    let mut q = [0.0f64; 4];
-    let mut shift = 20;
-    for (_, v) in q.iter_mut().enumerate().filter(|&(k, _)| k != largest) {
-        let t = f64::from(word >> shift & 1023) / 1023.0;
-        *v = (t - 0.5) * std::f64::consts::SQRT_2;
-        shift = if shift == 0 { 0 } else { shift - 10 };
-    }
-    q[largest] = (1.0 - q.iter().map(|v| v * v).sum::<f64>()).max(0.0).sqrt();
-    q.map(|v| v as f32)
+    let part = |shift: u32| f64::from(word >> shift & 1023) / 1023.0;
+    completed(
+        (word >> 30) as usize,
+        [20, 10, 0].map(|shift| (part(shift) - 0.5) * std::f64::consts::SQRT_2),
+    )
 }
 
 /// The word of a quaternion `[w, x, y, z]` of any norm; the identity for one without direction.
 pub(super) fn pack_rotation(q: [f32; 4]) -> u32 {
-    let q = q.map(f64::from);
-    let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let known = norm > 0.0 && norm.is_finite();
-    let q = if known { q.map(|v| v / norm) } else { [1.0, 0.0, 0.0, 0.0] };
-    let largest = (1..4).fold(0, |best, k| if q[k].abs() > q[best].abs() { k } else { best });
-    let sign = if q[largest] < 0.0 { -1.0 } else { 1.0 };
-    let mut word = largest as u32;
-    for (_, v) in q.iter().enumerate().filter(|&(k, _)| k != largest) {
-        word = word << 10 | step(sign * v * std::f64::consts::FRAC_1_SQRT_2 + 0.5, 10);
-    }
-    word
+    let (largest, others) = smallest_three(unit(q));
+    others.iter().fold(largest as u32, |word, v| {
+        word << 10 | step(v * std::f64::consts::FRAC_1_SQRT_2 + 0.5, 10)
+    })
 }

@@ -13,60 +13,53 @@ mod write;
 
 use std::path::Path;
 
-use super::header::{self, Format, Header};
+use super::header::{Encoding, Header};
 use crate::error::{Error, Result};
-use crate::options::ReadOptions;
-use crate::report;
+use crate::format::Format;
+use crate::report::{self, ReadOptions, Report};
 use crate::rows;
 use crate::scene::{Scene, sh_len};
 use layout::Decoder;
 use table::Table;
-pub use write::{write, write_to};
+
+/// Files are read as other PLY files are, whose reader finds them by their header.
+pub(crate) static FORMAT: Format = Format {
+    name: "compressed-ply",
+    about: "compressed.ply of PlayCanvas",
+    extensions: &["compressed.ply"],
+    magic: super::FORMAT.magic,
+    max_sh_degree: 3,
+    read: super::read_named,
+    write: Some(write::write),
+};
 
 /// Gaussians per chunk.
 const CHUNK: usize = 256;
 /// Properties of `chunk`, in file order; the last six are missing in older files.
-const BOUNDS: [&str; 18] = [
-    "min_x",
-    "min_y",
-    "min_z",
-    "max_x",
-    "max_y",
-    "max_z",
-    "min_scale_x",
-    "min_scale_y",
-    "min_scale_z",
-    "max_scale_x",
-    "max_scale_y",
-    "max_scale_z",
-    "min_r",
-    "min_g",
-    "min_b",
-    "max_r",
-    "max_g",
-    "max_b",
+const BOUNDS: [[&str; 6]; 3] = [
+    ["min_x", "min_y", "min_z", "max_x", "max_y", "max_z"],
+    ["min_scale_x", "min_scale_y", "min_scale_z", "max_scale_x", "max_scale_y", "max_scale_z"],
+    ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"],
 ];
 /// Properties of `vertex`, in file order.
 const WORDS: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
-pub(crate) fn decode(
+/// Reads the file of that header.
+pub(super) fn read(
     file: &Path,
     bytes: &[u8],
+    header: &Header,
     options: &ReadOptions,
-) -> Result<(Scene, report::Report)> {
-    let header = header::parse(file, bytes)?;
-    if header.format != Format::BinaryLittleEndian {
+) -> Result<(Scene, Report)> {
+    if header.encoding != Encoding::BinaryLittleEndian {
         return Err(malformed(file, "header", "is not binary_little_endian"));
     }
-    let (n, sh_degree, decoder) = decoder(file, bytes, &header)?;
-    let scene = rows::scene(n, sh_degree, |mut rows| {
-        for i in 0..rows.len() {
-            let row = decoder.row(rows.first + i);
-            rows.set(i, |c| row.number(c));
-        }
-        Ok(())
-    })?;
-    report::finish(file, scene, report::Format::CompressedPly, options)
+    let (n, sh_degree, decoder) = decoder(file, bytes, header)?;
+    let scene = rows::scene_of(n, sh_degree, |i| {
+        let row = decoder.row(i);
+        move |c| row.number(c)
+    });
+    report::finish(file, scene, (&FORMAT, "PlayCanvas compressed.ply"), options)
 }
 
 /// The number of Gaussians, their SH degree, and where the file holds them.
@@ -76,9 +69,11 @@ fn decoder<'a>(
     header: &'a Header,
 ) -> Result<(usize, u8, Decoder<'a>)> {
     let table = |element: &str| Table::find(file, bytes, header, element);
-    let vertices = table("vertex")?.ok_or_else(|| Error::PlyNoVertex { file: file.into() })?;
-    let chunks = table("chunk")?;
-    let chunks = chunks.ok_or_else(|| malformed(file, "header", "has no element \"chunk\""))?;
+    let needed = |element: &str| {
+        table(element)?
+            .ok_or_else(|| malformed(file, "header", format!("has no element {element:?}")))
+    };
+    let (vertices, chunks) = (needed("vertex")?, needed("chunk")?);
     let n = vertices.rows;
     if chunks.rows < n.div_ceil(CHUNK) {
         return Err(malformed(file, "element \"chunk\"", "has fewer rows than vertices need"));
@@ -89,25 +84,21 @@ fn decoder<'a>(
         Some(sh) => {
             let fits = (1..=3u8).find(|&d| 3 * (sh_len(d) - 1) == sh.properties());
             let count = sh.properties();
-            fits.ok_or_else(|| Error::PlyRestCount { file: file.into(), count })?
+            fits.ok_or_else(|| super::columns::rest_count(file, count))?
         }
     };
     if sh.as_ref().is_some_and(|sh| sh.rows != n) {
-        return Err(malformed(
-            file,
-            "element \"sh\"",
-            "has another number of rows than \"vertex\"",
-        ));
+        return Err(malformed(file, "element \"sh\"", "has other rows than \"vertex\""));
     }
-    let bounds = if chunks.has("min_r") { &BOUNDS[..] } else { &BOUNDS[..12] };
+    let bounds = if chunks.has("min_r") { &BOUNDS[..] } else { &BOUNDS[..2] };
     let decoder = Decoder {
         words: vertices.words(file, &WORDS)?,
-        bounds: chunks.floats(file, bounds)?,
+        bounds: chunks.floats(file, bounds.as_flattened())?,
         sh: sh.map(|sh| sh.sh_bytes(file)).transpose()?,
     };
     Ok((n, sh_degree, decoder))
 }
 
-fn malformed(file: &Path, place: &str, reason: &str) -> Error {
-    Error::malformed(file, "compressed.ply", place, reason)
+fn malformed(file: &Path, place: &str, reason: impl AsRef<str>) -> Error {
+    Error::malformed(file, &format!("compressed.ply, {place}"), reason)
 }

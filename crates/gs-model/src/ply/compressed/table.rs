@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::malformed;
+use crate::bytes;
 use crate::error::Result;
 use crate::ply::binary::Body;
 use crate::ply::header::{Element, Header, Scalar};
@@ -86,8 +87,9 @@ impl<'a> Table<'a> {
             Some(&(at, found)) if found == scalar => Ok(at),
             _ => {
                 let place = format!("element {:?}", self.element.name);
-                let reason = format!("property {name} is missing or has another type");
-                Err(malformed(file, &place, &reason))
+                let reason =
+                    format!("property {name} is missing or has another type than {scalar:?}");
+                Err(malformed(file, &place, reason))
             }
         };
         let offsets = names.map(offset).collect::<Result<_>>()?;
@@ -97,9 +99,7 @@ impl<'a> Table<'a> {
 
 impl Columns<'_> {
     pub(super) fn word(&self, row: usize, column: usize) -> u32 {
-        let at = row * self.stride + self.offsets[column];
-        let b = &self.bytes[at..at + 4];
-        u32::from_le_bytes([b[0], b[1], b[2], b[3]])
+        bytes::word(self.bytes, row * self.stride + self.offsets[column])
     }
 
     pub(super) fn float(&self, row: usize, column: usize) -> f32 {

@@ -9,7 +9,6 @@ use rayon::prelude::*;
 use super::layout::{pack, pack_rotation, sh_byte, step};
 use super::{BOUNDS, CHUNK, WORDS};
 use crate::error::{Error, Result};
-use crate::fs;
 use crate::scene::{SH_C0, Scene};
 
 /// Log-scales are kept within minus and plus this: one infinite scale would spoil its whole chunk.
@@ -20,38 +19,19 @@ const MAX_LOG_SCALE: f32 = 20.0;
 /// The format is lossy: means and log-scales in 1,024 or 2,048 steps between the least and the greatest
 /// of their chunk of 256 Gaussians, colours in 256 steps likewise, opacities as bytes, rotations to
 /// about 0.1 degrees, SH coefficients in steps of 1/32 within -4..4. Gaussians are sorted along a
-/// Morton curve, so that those of a chunk are near each other. The file appears whole or not at all.
-///
-/// # Errors
-/// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together, [`Error::Io`].
-pub fn write(path: impl AsRef<Path>, scene: &Scene) -> Result<()> {
-    scene.check_shape()?;
-    fs::write_atomically(path.as_ref(), |out| write_all(out, scene))
-}
-
-/// Writes a scene as [`write()`] does, to anything that takes bytes.
-///
-/// # Errors
-/// As [`write()`]; the file in an [`Error::Io`] is `<writer>`.
-pub fn write_to(mut out: impl Write, scene: &Scene) -> Result<()> {
-    scene.check_shape()?;
-    write_all(&mut out, scene).map_err(|e| Error::io(Path::new("<writer>"), "write", e))
-}
-
-fn write_all(out: &mut dyn Write, scene: &Scene) -> std::io::Result<()> {
+/// Morton curve, so that those of a chunk are near each other.
+pub(super) fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
     let order = morton_order(&scene.means);
     let chunks: Vec<Chunk> = order.par_chunks(CHUNK).map(|part| Chunk::of(scene, part)).collect();
-    out.write_all(header(scene).as_bytes())?;
+    let mut put = |bytes: &[u8]| out.write_all(bytes).map_err(|e| Error::io(file, "write", e));
+    put(header(scene).as_bytes())?;
     let bounds = chunks.iter().flat_map(|c| c.bounds).flat_map(f32::to_le_bytes);
-    out.write_all(&bounds.collect::<Vec<u8>>())?;
+    put(&bounds.collect::<Vec<u8>>())?;
     for chunk in &chunks {
         let words = chunk.words.as_flattened().iter().flat_map(|w| w.to_le_bytes());
-        out.write_all(&words.collect::<Vec<u8>>())?;
+        put(&words.collect::<Vec<u8>>())?;
     }
-    for part in order.chunks(CHUNK) {
-        out.write_all(&sh_bytes(scene, part))?;
-    }
-    Ok(())
+    order.chunks(CHUNK).try_for_each(|part| put(&sh_bytes(scene, part)))
 }
 
 fn header(scene: &Scene) -> String {
@@ -64,7 +44,7 @@ fn header(scene: &Scene) -> String {
             let _ = writeln!(text, "property {kind} {property}");
         }
     };
-    element("chunk", n.div_ceil(CHUNK), "float", &BOUNDS);
+    element("chunk", n.div_ceil(CHUNK), "float", BOUNDS.as_flattened());
     element("vertex", n, "uint", &WORDS);
     if rest > 0 {
         let names: Vec<String> = (0..rest).map(|i| format!("f_rest_{i}")).collect();

@@ -1,0 +1,71 @@
+//! Half turns, which lead from the axes of PLY files to those of other formats and back.
+
+use crate::scene::Scene;
+
+/// Half a turn about a coordinate axis.
+pub(crate) struct HalfTurn {
+    /// Signs of x, y and z.
+    axes: [f32; 3],
+    /// Sign of each basis function, degrees 0 to 3.
+    sh: [f32; 16],
+}
+
+/// `(x, -y, -z)`: SPZ.
+pub(crate) const ABOUT_X: HalfTurn = HalfTurn {
+    axes: [1., -1., -1.],
+    sh: [1., -1., -1., 1., -1., 1., 1., -1., 1., -1., 1., -1., -1., 1., -1., 1.],
+};
+
+/// `(-x, -y, z)`: glTF.
+pub(crate) const ABOUT_Z: HalfTurn = HalfTurn {
+    axes: [-1., -1., 1.],
+    sh: [1., -1., 1., -1., 1., -1., 1., -1., 1., -1., 1., -1., 1., -1., 1., -1.],
+};
+
+impl HalfTurn {
+    pub(crate) fn mean(&self, mean: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|k| self.axes[k] * mean[k])
+    }
+
+    /// A quaternion `[w, x, y, z]`. The axes of its Gaussian keep their names: each of them changes
+    /// its sign at most, and a Gaussian is symmetric.
+    pub(crate) fn rotation(&self, [w, x, y, z]: [f32; 4]) -> [f32; 4] {
+        let [x, y, z] = self.mean([x, y, z]);
+        [w, x, y, z]
+    }
+
+    /// The coefficient of basis function `k`.
+    pub(crate) fn sh(&self, k: usize, value: f32) -> f32 {
+        self.sh[k] * value
+    }
+
+    pub(crate) fn scene(&self, scene: &mut Scene) {
+        let per_gaussian = scene.sh_len();
+        scene.means.iter_mut().for_each(|m| *m = self.mean(*m));
+        scene.rotations.iter_mut().for_each(|q| *q = self.rotation(*q));
+        for (i, rgb) in scene.sh.iter_mut().enumerate() {
+            *rgb = rgb.map(|v| self.sh(i % per_gaussian, v));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{axes_product, rotation, sh_basis};
+
+    #[test]
+    fn signs_are_those_of_the_basis_functions_and_covariances_turn_with_points() {
+        for turn in [ABOUT_X, ABOUT_Z] {
+            let [x, y, z] = turn.axes.map(f64::from);
+            assert_eq!(sh_basis::signs_under([x, y, z]), turn.sh);
+            let (q, variances) = ([0.8, 0.3, -0.4, 0.2], [1.0, 4.0, 9.0]);
+            let before = axes_product(&rotation(q), variances);
+            let after = axes_product(&rotation(turn.rotation(q)), variances);
+            // xx, yy, zz, xy, xz, yz.
+            for (k, sign) in [1.0, 1.0, 1.0, x * y, x * z, y * z].into_iter().enumerate() {
+                assert!((after[k] - sign * before[k]).abs() < 1e-12, "{k}");
+            }
+        }
+    }
+}
