@@ -15,7 +15,6 @@ pub mod experiments;
 mod manifest;
 pub mod measure;
 pub mod page;
-mod paper_chain;
 pub mod peers;
 mod pictures;
 pub mod progress;

@@ -149,7 +149,7 @@ mod tests {
     fn every_stage_has_a_bench() {
         let found = targets(&crate::scenes::root());
         let packages: Vec<&str> = found.iter().map(|t| t.package.as_str()).collect();
-        for package in ["finetune", "gpcc-lite", "gs-model", "gsvx", "voxel", "vq"] {
+        for package in ["finetune", "gpcc-lite", "gs-model", "gsvx", "voxel"] {
             assert!(packages.contains(&package), "{package} has no bench: {packages:?}");
         }
         let codec = found.iter().find(|t| t.package == "gsvx").unwrap();

@@ -24,7 +24,7 @@ mod rotation;
 pub(crate) mod sh_basis;
 
 pub use eigen::{eigen, eigen_of};
-pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation};
+pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation, unit_quaternion};
 
 /// Rows of a 3x3 matrix.
 pub type Matrix<T = f64> = [[T; 3]; 3];
