@@ -15,7 +15,6 @@ mod experiments;
 mod manifest;
 pub mod measure;
 pub mod page;
-mod paper_chain;
 mod peers;
 mod pictures;
 mod process;

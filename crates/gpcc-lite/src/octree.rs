@@ -53,6 +53,12 @@ impl Octree {
         Self::new(Cube { origin: [0.0; 3], side: (1u64 << depth) as f64 }, depth, leaves)
     }
 
+    /// The same leaves in another cube.
+    #[must_use]
+    pub fn in_cube(self, cube: Cube) -> Self {
+        Self { cube, ..self }
+    }
+
     /// The cube that it divides.
     #[must_use]
     pub fn cube(&self) -> Cube {

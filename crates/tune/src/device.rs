@@ -162,7 +162,8 @@ mod tests {
             let photo = Image::from_rgb8(width, height, photo.as_raw()).unwrap();
             TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
         };
-        let views = dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
+        let views =
+            dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
         let options = Options::new(Target::Quality(PLAN.quality));
         let mut views = Views::new(&scene, views, options.seed).unwrap();
         let on_host = stage::codec_loop(&PLAN, &views, &scene).unwrap();

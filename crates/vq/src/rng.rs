@@ -31,6 +31,15 @@ impl SplitMix64 {
     }
 }
 
+/// Random features and their weights.
+#[cfg(test)]
+pub(crate) fn random_points(n: usize, seed: u64) -> (Vec<crate::covariance::Feature>, Vec<f32>) {
+    let mut rng = SplitMix64::new(seed);
+    let points = (0..n).map(|_| [0; 6].map(|_: i32| rng.unit() as f32)).collect();
+    let weights = (0..n).map(|_| rng.unit() as f32).collect();
+    (points, weights)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

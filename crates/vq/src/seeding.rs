@@ -45,27 +45,10 @@ pub(crate) fn kmeans_plus_plus(
     count: usize,
     rng: &mut SplitMix64,
 ) -> Vec<u32> {
-    if points.is_empty() || count == 0 {
-        return Vec::new();
-    }
-    let mut tree = Tree {
-        points,
-        weights,
-        ids: (0..points.len() as u32).collect(),
-        nodes: Vec::new(),
-        // Equal distances to begin with: the first draw is by weight alone.
-        distance: vec![1.0; points.len()],
-    };
-    let mut ids = std::mem::take(&mut tree.ids);
-    tree.build(&mut ids, 0);
-    tree.ids = ids;
+    let mut tree = Tree::new(points, weights);
     let mut chosen = Vec::with_capacity(count.min(points.len()));
     let mut draw = tree.draw(rng);
-    // The first centre must replace the distances of 1 everywhere.
-    tree.distance.fill(f32::INFINITY);
-    for node in &mut tree.nodes {
-        node.farthest = f32::INFINITY;
-    }
+    tree.forget_distances();
     while let Some(id) = draw {
         chosen.push(id);
         if chosen.len() == count {
@@ -77,7 +60,23 @@ pub(crate) fn kmeans_plus_plus(
     chosen
 }
 
-impl Tree<'_> {
+impl<'a> Tree<'a> {
+    /// Distances are 1 to begin with: the first draw is by weight alone.
+    fn new(points: &'a [Feature], weights: &'a [f32]) -> Self {
+        let mut ids: Vec<u32> = (0..points.len() as u32).collect();
+        let distance = vec![1.0; points.len()];
+        let mut tree = Self { points, weights, ids: Vec::new(), nodes: Vec::new(), distance };
+        tree.build(&mut ids, 0);
+        tree.ids = ids;
+        tree
+    }
+
+    /// The first centre must replace the distances of 1 everywhere.
+    fn forget_distances(&mut self) {
+        self.distance.fill(f32::INFINITY);
+        self.nodes.iter_mut().for_each(|node| node.farthest = f32::INFINITY);
+    }
+
     fn build(&mut self, ids: &mut [u32], first: u32) {
         let (low, high) = bounds(self.points, ids);
         let index = self.nodes.len();
@@ -173,13 +172,7 @@ fn box_distance(low: &Feature, high: &Feature, x: &Feature) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn random_points(n: usize, seed: u64) -> (Vec<Feature>, Vec<f32>) {
-        let mut rng = SplitMix64::new(seed);
-        let points = (0..n).map(|_| [0; 6].map(|_: i32| rng.unit() as f32)).collect();
-        let weights = (0..n).map(|_| rng.unit() as f32).collect();
-        (points, weights)
-    }
+    use crate::rng::random_points;
 
     #[test]
     fn distances_equal_the_plain_algorithm() {
@@ -188,17 +181,8 @@ mod tests {
         let chosen = kmeans_plus_plus(&points, &weights, 200, &mut rng);
         assert_eq!(chosen.len(), 200);
         // Rebuild the tree's state for these centres and compare every distance.
-        let mut ids: Vec<u32> = (0..3000).collect();
-        let mut tree = Tree {
-            points: &points,
-            weights: &weights,
-            ids: Vec::new(),
-            nodes: Vec::new(),
-            distance: vec![f32::INFINITY; 3000],
-        };
-        tree.build(&mut ids, 0);
-        tree.ids = ids;
-        tree.nodes.iter_mut().for_each(|n| n.farthest = f32::INFINITY);
+        let mut tree = Tree::new(&points, &weights);
+        tree.forget_distances();
         for &c in &chosen {
             tree.add_centre(0, &points[c as usize]);
         }
@@ -242,8 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_draw() {
-        assert!(kmeans_plus_plus(&[], &[], 4, &mut SplitMix64::new(0)).is_empty());
+    fn without_weight_there_is_nothing_to_draw() {
         let none = kmeans_plus_plus(&[[0.0; 6]; 3], &[0.0; 3], 4, &mut SplitMix64::new(0));
         assert!(none.is_empty());
     }

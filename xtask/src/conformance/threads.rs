@@ -60,6 +60,17 @@ pub(super) fn checks(tally: &mut Tally) {
         let bytes = gsvx::encode(&scene, &levels)?.bytes;
         same("the same floats", || Ok(sha256(&gsvx::decode(&bytes)?)))
     });
+    tally.check("paper's codec over threads", || {
+        same("the same bytes and floats", || {
+            let voxelized = paper::voxelize(&scene, &paper::Strategy::paper(8, 12))?;
+            let qp = paper::Qp { ac: 28, dc: 4, opacity: 16 };
+            let covariance = paper::Covariance::Lossy { codebook_bits: 8 };
+            let options = paper::Options { qp, covariance };
+            let bytes =
+                paper::encode(&voxelized.scene, voxelized.voxels.octree(), None, &options)?.bytes;
+            Ok(hash_bytes(&[&*bytes, sha256(&paper::decode(&bytes)?).as_bytes()].concat()))
+        })
+    });
     let views = match measure::load(room.training().take(2)) {
         Ok(views) => views,
         Err(why) => return tally.check("rasterizer over threads", || Err(why)),

@@ -19,7 +19,6 @@ use voxel::{Cube, Merge, Strategy};
 use super::tool;
 use crate::cloud::{self, Channels};
 use crate::codec::Codec;
-use crate::paper_chain::PaperQp;
 use crate::rd_curve::plan::{Coding, PAPER_CODING};
 use crate::scenes::TestScene;
 use channels::Part;
@@ -72,13 +71,13 @@ impl Tmc3 {
 
     /// The settings at a quality, in words.
     pub(super) fn settings(&self, quality: f32) -> String {
-        let PaperQp { ac, dc, opacity } = Self::qps(quality);
+        let paper::Qp { ac, dc, opacity } = Self::qps(quality);
         format!("paper's chain, J = {}, QP {ac}/{dc}/{opacity}, lossless covariance", self.depth)
     }
 
-    fn qps(quality: f32) -> PaperQp {
-        let least = PaperQp { ac: 4, dc: 4, opacity: 4 };
-        Coding::of(PAPER_CODING, quality).paper().map_or(least, |chain| chain.qp)
+    fn qps(quality: f32) -> paper::Qp {
+        let least = paper::Qp { ac: 4, dc: 4, opacity: 4 };
+        Coding::of(PAPER_CODING, quality).paper().map_or(least, |options| options.qp)
     }
 
     /// Codes one attribute. Returns its stream and the bytes of positions and attribute in it.

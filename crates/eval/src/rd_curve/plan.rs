@@ -2,9 +2,9 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Camera, Scene};
+use paper::{Covariance, Qp};
 use voxel::{Merge, Strategy};
 
-use crate::paper_chain::{Covariance, PaperChain, PaperQp};
 use crate::progress::Bar;
 
 /// Depths among which the uniform depth is chosen.
@@ -153,7 +153,7 @@ pub(crate) enum Coding {
         /// The quality under which the QPs appear in tables.
         quality: f32,
         /// Its QPs and its way of coding covariances.
-        chain: PaperChain,
+        options: paper::Options,
     },
 }
 
@@ -169,8 +169,6 @@ pub(crate) const PAPER_QPS: [(u8, u8, u8, f32); 6] = [
 ];
 /// Codewords of the paper's lossy covariance, as a power of two.
 const CODEBOOK_BITS: u8 = 12;
-/// Bits per integer of its lossless covariance.
-const LOSSLESS_BITS: u8 = 16;
 
 impl Coding {
     /// The coding of a curve at a quality.
@@ -188,11 +186,11 @@ impl Coding {
         let (ac, dc, opacity, own) = PAPER_QPS[index.min(PAPER_QPS.len() - 1)];
         let quality = quality.unwrap_or(own);
         let covariance = match lossless_covariance {
-            true => Covariance::Integers { bits: LOSSLESS_BITS },
-            false => Covariance::Codebook { bits: CODEBOOK_BITS },
+            true => Covariance::Lossless,
+            false => Covariance::Lossy { codebook_bits: CODEBOOK_BITS },
         };
-        let chain = PaperChain { qp: PaperQp { ac, dc, opacity }, covariance };
-        Self::Paper { quality, chain }
+        let options = paper::Options { qp: Qp { ac, dc, opacity }, covariance };
+        Self::Paper { quality, options }
     }
 
     /// The quality, also of the paper's coding.
@@ -204,22 +202,22 @@ impl Coding {
 
     /// File-name part.
     pub(crate) fn name(&self) -> String {
-        let lossless = self.paper().is_some_and(|chain| chain.lossless_covariance());
+        let lossless = self.paper().is_some_and(|o| o.covariance == Covariance::Lossless);
         format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
     }
 
     /// The paper's QPs in words.
     pub(crate) fn paper_setting(&self) -> Option<String> {
-        let chain = self.paper()?;
-        let PaperChain { qp, .. } = chain;
-        let covariance = if chain.lossless_covariance() { ", lossless covariance" } else { "" };
+        let paper::Options { qp, covariance } = self.paper()?;
+        let lossless = *covariance == Covariance::Lossless;
+        let covariance = if lossless { ", lossless covariance" } else { "" };
         Some(format!("QP {}/{}/{}{covariance}", qp.ac, qp.dc, qp.opacity))
     }
 
     /// The paper's coding, if it is that.
-    pub(crate) fn paper(&self) -> Option<&PaperChain> {
+    pub(crate) fn paper(&self) -> Option<&paper::Options> {
         match self {
-            Self::Paper { chain, .. } => Some(chain),
+            Self::Paper { options, .. } => Some(options),
             Self::Quality(_) => None,
         }
     }

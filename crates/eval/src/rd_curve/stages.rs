@@ -15,7 +15,6 @@ use super::study::Study;
 use super::tune::{self, Tuning};
 use crate::codec::{RoundTrip, round_trip, timed};
 use crate::measure;
-use crate::paper_chain;
 use crate::progress::Bar;
 
 /// The stages of one voxelization. The voxelized model is made when a stage first needs it.
@@ -136,15 +135,15 @@ impl<'a> Branch<'a> {
                 parts = encoded.parts();
                 Ok(encoded.bytes)
             }
-            Coding::Paper { chain, .. } => {
-                let encoded = chain.encode(merged, voxels, importance)?;
+            Coding::Paper { options, .. } => {
+                let encoded = paper::encode(merged, voxels.octree(), Some(importance), &options)?;
                 parts = encoded.parts;
                 Ok(encoded.bytes)
             }
         };
         let decode = |bytes: &[u8]| match coding {
             Coding::Quality(_) => Ok(gsvx::decode(bytes)?),
-            Coding::Paper { .. } => paper_chain::decode(bytes),
+            Coding::Paper { .. } => Ok(paper::decode(bytes)?),
         };
         let trip = round_trip(&name, &study.test.held_out, encode, decode)?;
         let RoundTrip { stream: bytes, decoded, score, .. } = trip;

@@ -106,16 +106,18 @@ pub fn eigen<const N: usize>(a: &Symmetric<[f64; N]>) -> ([[f64; N]; 3], Matrix<
     (state.diagonal, state.axes)
 }
 
+/// [`eigen`] of one matrix, with the same bits.
+#[inline(always)]
+#[must_use]
+pub fn eigen_of(a: &Symmetric) -> ([f64; 3], Matrix) {
+    let (values, axes) = eigen(&a.map(|x| [x]));
+    (values.map(|[x]| x), axes.map(|row| row.map(|[x]| x)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::{axes_product, rotation};
     use super::*;
-
-    /// [`eigen`] of one matrix.
-    fn eigen_of(a: &Symmetric) -> ([f64; 3], Matrix) {
-        let (values, axes) = eigen(&a.map(|x| [x]));
-        (values.map(|[x]| x), axes.map(|row| row.map(|[x]| x)))
-    }
 
     fn check(a: Symmetric) {
         let (values, v) = eigen_of(&a);

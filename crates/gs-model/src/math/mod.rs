@@ -26,8 +26,8 @@ pub(crate) mod sh_basis;
 #[cfg(feature = "formats")]
 mod smallest;
 
-pub use eigen::eigen;
-pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation};
+pub use eigen::{eigen, eigen_of};
+pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation, unit_quaternion};
 #[cfg(feature = "formats")]
 pub(crate) use smallest::{completed, smallest_three, unit};
 

@@ -55,6 +55,20 @@ pub fn quaternion(r: &Matrix) -> [f64; 4] {
     q.map(|x| x / norm)
 }
 
+/// A quaternion of any norm scaled to unit norm; the identity for a zero or non-finite one.
+#[inline(always)]
+#[must_use]
+pub fn unit_quaternion(q: [f64; 4]) -> [f64; 4] {
+    let largest = q.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    if largest == 0.0 || q.iter().any(|x| !x.is_finite()) {
+        return [1.0, 0.0, 0.0, 0.0];
+    }
+    // Relative to the largest, because squares of others may be out of range.
+    let q = q.map(|x| x / largest);
+    let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+    q.map(|x| x / norm)
+}
+
 /// Hamilton product: the rotation `b`, then the rotation `a`.
 #[inline(always)]
 #[must_use]
@@ -129,6 +143,10 @@ mod tests {
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         for q in [[0.0; 4], [f32::NAN, 0.0, 0.0, 1.0], [f32::INFINITY, 0.0, 0.0, 0.0]] {
             assert_eq!(rotation(q), identity);
+            assert_eq!(unit_quaternion(q.map(f64::from)), [1.0, 0.0, 0.0, 0.0]);
+        }
+        for length in [f64::MIN_POSITIVE, 2.0, f64::MAX] {
+            assert_eq!(unit_quaternion([0.0, -length, 0.0, 0.0]), [0.0, -1.0, 0.0, 0.0]);
         }
     }
 }

@@ -1,0 +1,95 @@
+//! Section 2.2: the codec as a whole. Voxelized Gaussians go in; positions, opacity and SH coefficients, and
+//! covariances are coded one after the other.
+
+use gpcc_lite::raht::Plan;
+use gpcc_lite::{Limits, Octree};
+use gs_model::Scene;
+
+use crate::container::{Reader, Writer};
+use crate::covariance::{self, Covariance};
+use crate::error::{Error, Result};
+use crate::positions;
+use crate::sh_and_opacity::{self, Qp};
+
+/// What a stream is coded with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Quantisation parameters.
+    pub qp: Qp,
+    /// How covariances are coded.
+    pub covariance: Covariance,
+}
+
+/// A finished stream.
+#[derive(Clone, Debug)]
+pub struct Encoded {
+    /// The stream.
+    pub bytes: Vec<u8>,
+    /// Bytes by what they are for, in the order of the stream.
+    pub parts: Vec<(&'static str, u64)>,
+}
+
+/// Encodes a voxelized scene: one Gaussian per leaf of `octree`, in leaf order, at the leaf's centre.
+///
+/// `sensitivities`, one per Gaussian, finite and >= 0, say how much an error of each matters to the
+/// codebook of covariances, for example how much it shows in the training views. Without them opacity and
+/// size stand in.
+///
+/// # Errors
+/// [`Error::Scene`], [`Error::NotVoxelized`], [`Error::Option`]; [`Error::Codebook`] if sensitivities do not
+/// fit the scene or a log-scale is beyond ±1e4.
+pub fn encode(
+    scene: &Scene,
+    octree: &Octree,
+    sensitivities: Option<&[f32]>,
+    options: &Options,
+) -> Result<Encoded> {
+    let Options { qp, covariance } = options;
+    qp.check()?;
+    covariance.check()?;
+    scene.validate()?;
+    check_means(scene, octree)?;
+    let plan = Plan::new(octree.clone());
+    let mut out = Writer::new(scene.sh_degree);
+    positions::encode(octree, &mut out)?;
+    sh_and_opacity::encode(scene, &plan, qp, &mut out)?;
+    let covariances = covariance.encode(scene, &plan, sensitivities)?;
+    out.block("covariance", &covariances);
+    Ok(Encoded { bytes: out.bytes, parts: out.parts })
+}
+
+fn check_means(scene: &Scene, octree: &Octree) -> Result<()> {
+    let (gaussians, leaves) = (scene.len(), octree.len());
+    let shared = gaussians.min(leaves);
+    let moved = (0..shared).find(|&i| scene.means[i] != octree.centre(i));
+    match moved.or((gaussians != leaves).then_some(shared)) {
+        Some(index) => Err(Error::NotVoxelized { index, gaussians, leaves }),
+        None => Ok(()),
+    }
+}
+
+/// Decodes a stream of [`encode`] that holds at most 4 Gaussians a byte and 65 536 more. The scene is valid.
+///
+/// # Errors
+/// [`Error::Signature`], [`Error::Truncated`], [`Error::Corrupt`], [`Error::Coding`], [`Error::Codebook`].
+pub fn decode(bytes: &[u8]) -> Result<Scene> {
+    let max_points = bytes.len().saturating_mul(4).saturating_add(1 << 16);
+    decode_within(bytes, &Limits { max_points })
+}
+
+/// As [`decode`], with a limit of the caller's on the number of Gaussians. Memory is proportional to it, about
+/// 500 bytes a Gaussian, whatever the stream claims.
+///
+/// # Errors
+/// As [`decode`].
+pub fn decode_within(bytes: &[u8], limits: &Limits) -> Result<Scene> {
+    let (mut input, sh_degree) = Reader::open(bytes)?;
+    let octree = positions::decode(&mut input, limits)?;
+    let means = (0..octree.len()).map(|i| octree.centre(i)).collect();
+    let plan = Plan::new(octree);
+    let (opacity_logits, sh) = sh_and_opacity::decode(&mut input, &plan, sh_degree)?;
+    let coded = input.block("covariance")?;
+    let (rotations, log_scales) = covariance::decode(coded, &plan)?;
+    input.finish()?;
+    Ok(Scene { means, rotations, log_scales, opacity_logits, sh_degree, sh })
+}

@@ -1,0 +1,49 @@
+//! The codec of *Adaptive Voxelization for Transform Coding of 3D Gaussian Splatting Data* (arXiv
+//! 2506.00271), whole: what gsvx started from, and what it is measured beside.
+//!
+//! The steps, in the paper's order:
+//!
+//! | step | section | where |
+//! |---|---|---|
+//! | overview: from voxelized Gaussians to a stream, and back | 2.2 | `codec` |
+//! | positions by an octree | 2.3 | `positions` |
+//! | covariances, lossy: vector quantisation | 2.3 | `covariance/lossy`, on the crate `vq` |
+//! | covariances, lossless: predictive lifting | 2.3 | `covariance/lossless` |
+//! | SH coefficients and opacity by RAHT and RLGR | 2.4 | `sh_and_opacity` |
+//! | uniform voxelization | 3.1 | [`voxelize`] with [`Strategy::Uniform`] |
+//! | adaptive voxelization | 3.2 | [`voxelize`] with [`Strategy::paper`] |
+//! | initialisation of the merged Gaussians | 3.3 | [`voxelize`] |
+//! | fine-tuning with the means fixed | 3.3 | the crate `finetune`, between [`voxelize`] and [`encode`] |
+//!
+//! The paper has no container. This one (`container`) holds everything that a decoder needs, so it counts
+//! more than the paper does, which leaves out the indices into the codebook.
+//!
+//! Where it differs: SH channels go through RLGR one by one, not three together; YUV is an orthonormal
+//! transform; leaves of adaptive voxelization keep their depth, as the text of the paper has it (in the
+//! authors' code all are coded at the greatest depth).
+//!
+//! *Invariant:* encoder and decoder give the same bytes and floats on every machine and for any number
+//! of threads. [`decode`] gives a valid scene or an error, whatever it is given.
+//!
+//! The README has an example.
+
+mod codec;
+mod container;
+mod covariance;
+mod error;
+mod positions;
+mod sh_and_opacity;
+mod voxelization;
+
+pub use codec::{Encoded, Options, decode, decode_within, encode};
+pub use covariance::Covariance;
+pub use error::{Error, Result};
+pub use gpcc_lite::Limits;
+pub use sh_and_opacity::Qp;
+pub use voxel::{Strategy, Voxelization};
+pub use voxelization::{Voxelized, voxelize};
+
+/// The README's example, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
