@@ -161,10 +161,4 @@ mod tests {
         fs::write(cache.path("stage", &0).unwrap(), "{").unwrap();
         assert_eq!(cache.find("stage", &0, |_: &u32| true).unwrap(), None);
     }
-
-    #[test]
-    fn sha256_of_abc() {
-        let want = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-        assert_eq!(hash_bytes(b"abc"), want);
-    }
 }

@@ -37,7 +37,7 @@ impl Axis {
         let (low, high) =
             values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-        let log = self.log && high / low >= LOG_FROM;
+        let log = self.log && low > 0.0 && high / low >= LOG_FROM;
         let (low, high) = if log { (low.log10(), high.log10()) } else { (low, high) };
         let air = (AIR * (high - low)).max(1e-3 * high.abs().max(1e-3));
         let ends = (low - air, high + air);

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use finetune::{Image, TrainView};
+use finetune::TrainView;
 use gs_model::Scene;
 use gsvx::EncodeOptions;
 use serde::{Deserialize, Serialize};
@@ -117,8 +117,6 @@ pub(crate) struct RoundTrip {
     pub(crate) stream: Vec<u8>,
     pub(crate) decoded: Scene,
     pub(crate) score: Score,
-    /// Renders of the decoded model, in the order of the views.
-    pub(crate) renders: Vec<Image>,
     pub(crate) encode_seconds: f64,
     pub(crate) decode_seconds: f64,
     pub(crate) render_seconds: f64,
@@ -136,17 +134,9 @@ pub(crate) fn round_trip(
     let (decoded, decode_seconds) = timed(|| decode(&stream));
     let decoded = decoded.with_context(|| format!("decode {label}"))?;
     let bar = Bar::new(&format!("render {label}"), views.len() as u64);
-    let (score, renders) = measure::score(&decoded, views, &bar);
+    let (score, _) = measure::score(&decoded, views, &bar);
     let render_seconds = bar.done();
-    Ok(RoundTrip {
-        stream,
-        decoded,
-        score,
-        renders,
-        encode_seconds,
-        decode_seconds,
-        render_seconds,
-    })
+    Ok(RoundTrip { stream, decoded, score, encode_seconds, decode_seconds, render_seconds })
 }
 
 /// The result of `work` and its wall-clock seconds.

@@ -237,14 +237,9 @@ fn streams() -> Vec<(u8, Vec<u8>)> {
     let mut chunks = base.clone();
     chunks.chunk_leaves = NonZeroUsize::new(3).expect("a positive number");
     let mut out = Vec::new();
-    for (n, degree, options) in [
-        (0, 0, &base),
-        (1, 1, &base),
-        (6, 0, &base),
-        (3, 3, &base),
-        (4, 1, &base),
-        (9, 1, &chunks),
-    ] {
+    for (n, degree, options) in
+        [(0, 0, &base), (1, 1, &base), (6, 0, &base), (3, 3, &base), (4, 1, &base), (9, 1, &chunks)]
+    {
         let bytes = gsvx::encode(&scene(n, degree, 7), options).expect("encoded").bytes;
         out.push((degree, bytes));
     }

@@ -1,5 +1,7 @@
 //! Least-squares cubic.
 
+use glam::{DMat4, DVec4};
+
 use super::Curve;
 
 /// A cubic in the normalised variable `(x - middle) / half`, where `x` spans -1 to 1: the normal
@@ -21,18 +23,16 @@ impl Cubic {
             return None;
         }
         let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
-        let mut rows = [[0.0; 5]; 4];
+        let (mut products, mut sums) = (DMat4::ZERO, DVec4::ZERO);
         for (&x, &y) in xs.iter().zip(ys) {
             let t = (x - middle) / half;
-            let powers = [1.0, t, t * t, t * t * t];
-            for (i, row) in rows.iter_mut().enumerate() {
-                for (j, power) in powers.iter().enumerate() {
-                    row[j] += powers[i] * power;
-                }
-                row[4] += powers[i] * y;
-            }
+            let powers = DVec4::new(1.0, t, t * t, t * t * t);
+            products +=
+                DMat4::from_cols_array(&std::array::from_fn(|i| powers[i / 4] * powers[i % 4]));
+            sums += powers * y;
         }
-        Some(Self { coefficients: solve(rows)?, middle, half })
+        let coefficients = (products.inverse() * sums).to_array();
+        coefficients.iter().all(|c| c.is_finite()).then_some(Self { coefficients, middle, half })
     }
 
     fn antiderivative(&self, x: f64) -> f64 {
@@ -46,28 +46,4 @@ impl Curve for Cubic {
     fn integral(&self, a: f64, b: f64) -> f64 {
         self.antiderivative(b) - self.antiderivative(a)
     }
-}
-
-/// Gaussian elimination with partial pivoting.
-fn solve(mut rows: [[f64; 5]; 4]) -> Option<[f64; 4]> {
-    for i in 0..4 {
-        let pivot = (i..4).max_by(|&a, &b| rows[a][i].abs().total_cmp(&rows[b][i].abs()))?;
-        rows.swap(i, pivot);
-        if rows[i][i].abs() < 1e-12 {
-            return None;
-        }
-        let upper = rows[i];
-        for row in rows.iter_mut().skip(i + 1) {
-            let factor = row[i] / upper[i];
-            for (x, u) in row.iter_mut().zip(&upper) {
-                *x -= factor * u;
-            }
-        }
-    }
-    let mut out = [0.0; 4];
-    for i in (0..4).rev() {
-        let known: f64 = (i + 1..4).map(|k| rows[i][k] * out[k]).sum();
-        out[i] = (rows[i][4] - known) / rows[i][i];
-    }
-    Some(out)
 }

@@ -44,17 +44,6 @@ fn the_papers_curves_by_hull() {
 }
 
 #[test]
-fn hull_of_the_papers_truck() {
-    let rates: Vec<String> =
-        hull(&paper("truck", "paper, adaptive")).iter().map(|p| format!("{:.2}", p.rate)).collect();
-    let want = [
-        "55.32", "56.69", "58.37", "60.22", "65.63", "70.16", "77.62", "91.76", "94.75", "103.97",
-        "202.04", "205.45", "333.77",
-    ];
-    assert_eq!(rates, want);
-}
-
-#[test]
 fn half_the_rate_is_minus_fifty_per_cent() {
     let anchor = points(&[(10.0, 30.0), (20.0, 32.0), (40.0, 33.5), (80.0, 34.5)]);
     let test: Vec<Point> = anchor.iter().map(|p| Point { rate: p.rate / 2.0, ..*p }).collect();

@@ -1,4 +1,4 @@
-//! Scenes of many millions of Gaussians: time and memory of each stage against their number, and what that predicts.
+//! Scenes of many millions of Gaussians: time and memory of each stage.
 //!
 //! A scene is several files of a million Gaussians each: fox and bonsai in turn, replicated and jittered. It is
 //! made in a temporary folder and removed.
@@ -23,25 +23,8 @@ const FILE: usize = 1_000_000;
 /// Parts of the distributed encode.
 const PARTS: usize = 16;
 
-const ENCODE: &str = "encode --memory";
-const PLAN: &str = "plan";
-const PART: &str = "16 parts";
-const JOIN: &str = "join";
-const DECODE: &str = "decode";
-const STAGES: [&str; 5] = [ENCODE, PLAN, PART, JOIN, DECODE];
-
-/// A stage of the work on a scene.
-struct Row {
-    stage: &'static str,
-    millions: usize,
-    /// Seconds of all processes of the stage.
-    wall: f64,
-    user: f64,
-}
-
 /// What the page has.
 struct Tables {
-    rows: Vec<Row>,
     stages: Table,
     streams: Table,
 }
@@ -56,7 +39,6 @@ pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
     };
     let models = SCENES.iter().map(model).collect::<Result<Vec<Scene>>>()?;
     let mut tables = Tables {
-        rows: Vec::new(),
         stages: Table::new("Gaussians | stage | wall s | user s | user s per million | peak MB"),
         streams: Table::new(
             "Gaussians | stream MB | join, of the wall seconds of plan, parts and join | a box with, of the Gaussians \
@@ -118,24 +100,23 @@ fn measure(run: &Run<'_>, inputs: &[PathBuf], tables: &mut Tables) -> Result<()>
         let [wall_s, user_s, each] = [wall, user, each].map(|s| format!("{s:.2}"));
         let peak = format!("{peak_mb:.0}");
         tables.stages.told(cells![format!("{millions} M"), stage, wall_s, user_s, each, peak]);
-        tables.rows.push(Row { stage, millions, wall, user });
         wall
     };
-    row(ENCODE, &[run.make(&["encode", "--memory", run.memory], inputs, "city.gsvx")?]);
-    let plan = row(PLAN, &[run.make(&["plan"], inputs, "plan")?]);
+    row("encode --memory", &[run.make(&["encode", "--memory", run.memory], inputs, "city.gsvx")?]);
+    let plan = row("plan", &[run.make(&["plan"], inputs, "plan")?]);
     let part = |k: usize| {
         let words = ["encode", "--memory", run.memory, "--part", &format!("{k}/{PARTS}")];
         run.make(&words, &[at("plan")], &format!("part-{k:02}.gsvx"))
     };
-    let encoded = row(PART, &(1..=PARTS).map(part).collect::<Result<Vec<_>>>()?);
+    let encoded = row("16 parts", &(1..=PARTS).map(part).collect::<Result<Vec<_>>>()?);
     let parts: Vec<PathBuf> = (1..=PARTS).map(|k| at(&format!("part-{k:02}.gsvx"))).collect();
-    let join = row(JOIN, &[run.make(&["join"], &parts, "joined.gsvx")?]);
+    let join = row("join", &[run.make(&["join"], &parts, "joined.gsvx")?]);
     let stream = std::fs::read(at("city.gsvx"))?;
     ensure!(std::fs::read(at("joined.gsvx"))? == stream, "the joined parts are another stream");
     for file in inputs.iter().chain(&parts) {
         std::fs::remove_file(file)?;
     }
-    row(DECODE, &[run.make(&["decode"], &[at("city.gsvx")], "back.ply")?]);
+    row("decode", &[run.make(&["decode"], &[at("city.gsvx")], "back.ply")?]);
     let [inside, read] = region(run, &stream)?.map(|share| format!("{:.2} %", 100.0 * share));
     tables.streams.row(cells![
         format!("{millions} M"),
@@ -173,19 +154,7 @@ fn region(run: &Run<'_>, stream: &[u8]) -> Result<[f64; 2]> {
     Ok([share, number("bytes_read")? / stream.len() as f64])
 }
 
-/// The factor and the exponent of seconds over millions of Gaussians: least squares of the logarithms.
-fn fit(points: &[(f64, f64)]) -> [f64; 2] {
-    let logs: Vec<[f64; 2]> =
-        points.iter().map(|&(n, s)| [libm::log(n), libm::log(s.max(1e-3))]).collect();
-    let count = logs.len() as f64;
-    let mean = |k: usize| logs.iter().map(|l| l[k]).sum::<f64>() / count;
-    let (x, y) = (mean(0), mean(1));
-    let slope = logs.iter().map(|l| (l[0] - x) * (l[1] - y)).sum::<f64>()
-        / logs.iter().map(|l| (l[0] - x) * (l[0] - x)).sum::<f64>().max(1e-12);
-    [libm::exp(y - slope * x), slope]
-}
-
-/// The measured rows, the fits, and what they predict.
+/// The page.
 fn page(options: &Options, tables: &Tables, out: &Path) -> Page {
     let millions: Vec<String> = options.millions.iter().map(ToString::to_string).collect();
     let mut page = Page::new(out, "Larger than memory?");
@@ -194,7 +163,7 @@ fn page(options: &Options, tables: &Tables, out: &Path) -> Page {
          of Gaussians: {} in turn, replicated side by side and jittered, in files of a million each. `--memory {}`, \
          {}. The stream of the joined parts is the stream of `encode --memory`, byte for byte: the command checks it. \
          Parts run one after the other; their peak is that of one. Times are those of whole processes, files \
-         included. Wall seconds depend on the disk too, so predictions use user seconds.",
+         included.",
         millions.join(","),
         SCENES.join(" and "),
         options.memory,
@@ -202,48 +171,5 @@ fn page(options: &Options, tables: &Tables, out: &Path) -> Page {
     ));
     page.table(&tables.stages);
     page.table(&tables.streams);
-    let of = |stage: &str| {
-        let points = tables.rows.iter().filter(|r| r.stage == stage);
-        // A join only copies bytes: it takes no user seconds.
-        let seconds = |r: &Row| if stage == JOIN { r.wall } else { r.user };
-        fit(&points.map(|r| (r.millions as f64, seconds(r))).collect::<Vec<_>>())
-    };
-    let at = |[a, b]: [f64; 2], n: f64| a * libm::pow(n, b);
-    page.text(
-        "User seconds (of the join: wall seconds) against millions of Gaussians `n`, by least squares of the \
-         logarithms, and what they predict. Nothing beyond the first table was measured, and disks are in the join \
-         alone.",
-    );
-    let mut table = Table::new("stage | seconds | 100 M | 1000 M");
-    for stage in STAGES {
-        let [a, b] = of(stage);
-        let [small, large] = [100.0, 1000.0].map(|n| format!("{:.0}", at([a, b], n)));
-        table.row(cells![stage, format!("{a:.2} n^{b:.2}"), small, large]);
-    }
-    page.table(&table);
-    page.text(
-        "Processor seconds, one after the other: the plan, the parts that one of so many machines encodes, and the \
-         join:",
-    );
-    let mut table = Table::new("machines | 100 M | 1000 M");
-    for machines in [1.0, 16.0, 256.0] {
-        let all = |n| at(of(PLAN), n) + at(of(PART), n) / machines + at(of(JOIN), n);
-        let [small, large] = [100.0, 1000.0].map(|n| format!("{:.0}", all(n)));
-        table.row(cells![machines, small, large]);
-    }
-    page.table(&table);
     page
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fit_finds_the_exponent() {
-        let points: Vec<(f64, f64)> =
-            [1.0, 4.0, 10.0].iter().map(|&n| (n, 3.0 * libm::pow(n, 1.1))).collect();
-        let [a, b] = fit(&points);
-        assert!((a - 3.0).abs() < 1e-9 && (b - 1.1).abs() < 1e-9);
-    }
 }

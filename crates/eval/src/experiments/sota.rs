@@ -32,8 +32,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     others.extend(peers::curves(&tools));
     let mut bd: Vec<Bd> = Vec::new();
     for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
-        let anchor = (other.name.as_str(), &other.rates()[..]);
-        bd.extend(curves.iter().map(|c| sections::compare((&c.name, &c.rates()), anchor)));
+        bd.extend(curves.iter().map(|c| sections::compare(c, &other.name, &other.rates())));
     }
     bd.push(compare(&curves[0], &curves[1]));
     let lead = format!(

@@ -85,7 +85,8 @@ impl Tmc3 {
         &self,
         positions: &[[u32; 3]],
         channels: &Channels,
-        (options, qp): (&str, u8),
+        options: &str,
+        qp: u8,
     ) -> Result<(Vec<u8>, [u64; 2])> {
         let dir = tempfile::tempdir().context("make a folder for a tool")?;
         let (input, stream) = (dir.path().join("in.ply"), dir.path().join("stream.bin"));
@@ -150,8 +151,7 @@ impl Codec for Tmc3 {
                 Part::Scale(_) | Part::Rotation(_) => (COVARIANCE.to_owned(), 4),
             };
             let (integers, ranges) = part.take(&merged);
-            let (stream, [geometry, attribute]) =
-                self.code(&positions, &integers, (&options, qp))?;
+            let (stream, [geometry, attribute]) = self.code(&positions, &integers, &options, qp)?;
             // The authors count positions once, in the first (DC) stream.
             header.counted += attribute + if index == 0 { geometry } else { 0 };
             let bits = ranges.iter().map(|&(low, high)| [low.to_bits(), high.to_bits()]);

@@ -4,7 +4,6 @@
 //! A stage whose record carries the hash of its inputs, its settings and the program is not run
 //! again, so a run that was cut goes on where it stopped.
 
-mod enlarge;
 pub(crate) mod plan;
 pub(crate) mod record;
 mod size;
@@ -12,6 +11,7 @@ pub(crate) mod stages;
 pub(crate) mod streams;
 pub(crate) mod study;
 pub(crate) mod tune;
+mod views;
 
 use std::fs;
 use std::path::PathBuf;
@@ -23,11 +23,11 @@ use clap::{Args as _, FromArgMatches as _};
 use crate::experiments::Experiment;
 use crate::process::Gsvx;
 use crate::report::{self, sections};
-use crate::{measure, peers, pictures, published};
-use plan::{Coding, GSVX, TUNED, slug};
-use record::{Bd, Curve, Picture, Run};
+use crate::{peers, published};
+use plan::{Coding, GSVX, TUNED};
+use record::{Bd, Curve, Run};
 use stages::Branch;
-use study::{PICTURE_VIEWS, Study};
+use study::Study;
 use tune::Tuning;
 
 pub use size::{Options as SizeOptions, run as size};
@@ -168,7 +168,7 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
         stages,
         manifest: study.manifest(),
     };
-    let (files, views) = side_by_sides(&run, study)?;
+    let (files, views) = views::draw(&run, study)?;
     run.pictures = files;
     let json = study.out.join("rd.json");
     let text = serde_json::to_string_pretty(&run).context("rd.json")? + "\n";
@@ -185,8 +185,7 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
 fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
     let mut out = Vec::new();
     let mut pair = |test: &Curve, anchor: &Curve| {
-        let (of_test, of_anchor) = (test.rates(), anchor.rates());
-        out.push(sections::compare((&test.name, &of_test), (&anchor.name, &of_anchor)));
+        out.push(sections::compare(test, &anchor.name, &anchor.rates()));
     };
     let (tuned, untuned): (Vec<&Curve>, Vec<&Curve>) = curves.iter().partition(|c| c.name == TUNED);
     for tuned in tuned {
@@ -204,84 +203,7 @@ fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
     // A published curve is of another model; only what was measured on this very model can be
     // compared by rate.
     for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
-        let anchor = other.rates();
-        for curve in curves {
-            out.push(sections::compare((&curve.name, &curve.rates()), (&other.name, &anchor)));
-        }
+        out.extend(curves.iter().map(|c| sections::compare(c, &other.name, &other.rates())));
     }
     out
-}
-
-/// Pictures of the first views at the lowest, a middle and the highest rate of the last curve:
-/// whole views side by side as files, and crops for the page.
-fn side_by_sides(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<report::View>)> {
-    let (mut files, mut views) = (Vec::new(), Vec::new());
-    let Some(curve) = run.curves.last() else { return Ok((files, views)) };
-    // Pictures of earlier settings would stay beside the report and contradict it.
-    let dir = study.out.join("pictures");
-    if dir.is_dir() {
-        fs::remove_dir_all(&dir).with_context(|| format!("clear {}", dir.display()))?;
-    }
-    fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
-    let originals = study.render_names("original");
-    let n = curve.points.len();
-    let mut chosen = vec![0, n / 2, n - 1];
-    chosen.dedup();
-    for (v, held_out) in study.test.held_out.iter().take(PICTURE_VIEWS).enumerate() {
-        let read = |name: &String| measure::read_photo(&study.out.join(name));
-        let larger = enlarge::larger(&held_out.camera);
-        let original = match &larger {
-            Some((camera, _)) => enlarge::drawn(&study.test.model, camera),
-            None => read(&originals[v])?,
-        };
-        let (photo, photo_says) = match larger {
-            Some((_, factor)) => (
-                enlarge::photo(&held_out.photo, factor),
-                format!(
-                    "The photo, held out from training. It has {}x{} pixels; renders are drawn {factor} times as \
-                     large.",
-                    held_out.photo.width, held_out.photo.height
-                ),
-            ),
-            None => (held_out.photo.clone(), "The photo, held out from training.".to_owned()),
-        };
-        let db = |s: &measure::Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
-        let view = &held_out.camera.name;
-        let stem = pictures::stem(view);
-        let original_says = format!(
-            "original model, {} MB, {:.2} dB",
-            report::megabytes(run.original.file_bytes),
-            db(&run.original.score)
-        );
-        let mut decoded = Vec::new();
-        for point in chosen.iter().filter_map(|&i| curve.points.get(i)) {
-            let file = format!("pictures/{stem}-{}-q{:.0}.png", slug(&curve.name), point.quality);
-            let image = match &larger {
-                Some((camera, _)) => enlarge::drawn(&decode(study, point)?, camera),
-                None => read(&point.renders[v])?,
-            };
-            let panel = pictures::side_by_side(&[&photo, &original, &image]);
-            pictures::write(&study.out.join(&file), &panel)?;
-            let says = format!(
-                "{} MB ({}, quality {:.0}), {:.2} dB",
-                report::megabytes(point.bytes),
-                curve.name,
-                point.quality,
-                db(&point.score)
-            );
-            let caption = format!("photo | {original_says} | {says}");
-            files.push(Picture { file, view: view.clone(), caption });
-            decoded.push((image, format!("{} MB", report::megabytes(point.bytes)), says));
-        }
-        let crops = report::crops((&photo, &photo_says), (&original, &original_says), &decoded)?;
-        views.push(report::View { name: view.clone(), crops });
-    }
-    Ok((files, views))
-}
-
-/// The model in the stream of a point.
-fn decode(study: &Study, point: &record::Coded) -> Result<gs_model::Scene> {
-    let path = study.out.join(&point.stream);
-    let stream = fs::read(&path).with_context(|| format!("read {}", path.display()))?;
-    gsvx::decode(&stream).with_context(|| path.display().to_string())
 }

@@ -292,14 +292,6 @@ mod tests {
     }
 
     #[test]
-    fn qualities_span_the_range() {
-        let q = qualities(5).unwrap();
-        assert_eq!(q.len(), 5);
-        assert!(q.windows(2).all(|w| w[0] < w[1]) && q[4] <= 100.0);
-        assert!(qualities(1).is_err());
-    }
-
-    #[test]
     fn qualities_of_one_voxelization_stay_together() {
         let q = qualities(6).unwrap();
         for plan in curves(11, None, None, &q) {

@@ -101,8 +101,6 @@ pub(crate) struct Coded {
     pub(crate) render_seconds: f64,
     /// Stream file, relative to the report.
     pub(crate) stream: String,
-    /// Renders of the first views, relative to the report.
-    pub(crate) renders: Vec<String>,
 }
 
 impl Coded {

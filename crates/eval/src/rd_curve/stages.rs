@@ -117,11 +117,7 @@ impl<'a> Branch<'a> {
         let settings = (self.key(), format!("{coding:?}"));
         let extension = if coding.paper().is_some() { "paper" } else { "gsvx" };
         let stream = format!("streams/{name}.{extension}");
-        let usable = |record: &Coded| {
-            let size = fs::metadata(study.out.join(&record.stream)).map(|m| m.len());
-            size.is_ok_and(|s| s == record.bytes) && study.all_there(&record.renders)
-        };
-        if let Some(record) = study.cache.find(&stage, &settings, usable)? {
+        if let Some(record) = study.cache.find(&stage, &settings, |r| study.has_stream(r))? {
             return Ok(record);
         }
 
@@ -152,8 +148,6 @@ impl<'a> Branch<'a> {
         let path = study.out.join(&stream);
         fs::create_dir_all(study.out.join("streams")).context("create streams/")?;
         fs::write(&path, &bytes).with_context(|| format!("write {}", path.display()))?;
-        let renders = study.render_names(&name);
-        study.save(&renders, &trip.renders)?;
         let record = Coded {
             voxels: self.name(),
             quality: coding.quality(),
@@ -166,7 +160,6 @@ impl<'a> Branch<'a> {
             decode_seconds: trip.decode_seconds,
             render_seconds: trip.render_seconds,
             stream,
-            renders,
         };
         study.cache.store(&stage, &settings, &record)?;
         Ok(record)

@@ -110,10 +110,7 @@ impl<'a> Streams<'a> {
 
     /// The point, if it was measured before.
     pub(crate) fn find(&self, how: How, quality: f32) -> Result<Option<Point>> {
-        let usable = |p: &Point| {
-            let size = fs::metadata(self.study.out.join(&p.coded.stream)).map(|m| m.len());
-            size.is_ok_and(|s| s == p.coded.bytes) && self.study.all_there(&p.coded.renders)
-        };
+        let usable = |p: &Point| self.study.has_stream(&p.coded);
         self.cache.find(&stage(how, quality), &(how, quality), usable)
     }
 
@@ -149,10 +146,8 @@ impl<'a> Streams<'a> {
         let decode_seconds = gsvx.make(&[&"decode", &path], &back)?.wall;
         let (scene, _) = gs_model::ply::read(&back)?;
         let bar = Bar::new(&format!("render {name}"), study.test.held_out.len() as u64);
-        let (score, images) = measure::score(&scene, &study.test.held_out, &bar);
+        let (score, _) = measure::score(&scene, &study.test.held_out, &bar);
         let render_seconds = bar.done();
-        let renders = study.render_names(&name);
-        study.save(&renders, &images)?;
         let parts = said["parts"].as_object().into_iter().flatten();
         let parts = parts.filter_map(|(part, n)| Some((part.clone(), n.as_u64()?)));
         let coded = Coded {
@@ -167,7 +162,6 @@ impl<'a> Streams<'a> {
             decode_seconds,
             render_seconds,
             stream,
-            renders,
         };
         let counted_bytes = said["counted_bytes"].as_u64();
         Ok(Point { coded, user_seconds: cost.user, peak_mb: cost.peak_mb, counted_bytes })

@@ -5,24 +5,20 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use finetune::{Image, TrainView};
+use finetune::TrainView;
 use gs_model::dataset::{Dataset, View};
 use serde::Serialize;
 
 use super::Options;
 use super::plan;
-use super::record::Original;
+use super::record::{Coded, Original};
 use crate::cache::{self, Cache};
 use crate::codec::timed;
 use crate::manifest::{self, Manifest};
 use crate::measure;
 use crate::peers;
-use crate::pictures;
 use crate::progress::Bar;
 use crate::scenes::{self, TestScene};
-
-/// Views whose renders are kept as pictures.
-pub(crate) const PICTURE_VIEWS: usize = 2;
 
 /// What every stage depends on.
 #[derive(Serialize)]
@@ -35,7 +31,7 @@ struct Inputs<'a> {
 /// A scene, the folder of its results, and what stages compute once for all.
 pub(crate) struct Study {
     pub(crate) test: TestScene,
-    /// Folder of finished stages, streams and renders.
+    /// Folder of finished stages and streams.
     pub(crate) out: PathBuf,
     /// Finished stages.
     pub(crate) cache: Cache,
@@ -112,26 +108,19 @@ impl Study {
 
     /// Renders the uncompressed model and compares it with the photos.
     pub(crate) fn original(&self) -> Result<Original> {
-        let renders = self.render_names("original");
-        let usable = |_: &Original| self.all_there(&renders);
-        if let Some(record) = self.cache.find("original", &(), usable)? {
-            return Ok(record);
-        }
-        let TestScene { model, held_out, invalid, files, .. } = &self.test;
-        let bar = Bar::new("render original", held_out.len() as u64);
-        let (score, images) = measure::score(model, held_out, &bar);
-        let render_seconds = bar.done();
-        self.save(&renders, &images)?;
-        let record = Original {
-            gaussians: model.len(),
-            invalid: *invalid,
-            sh_degree: model.sh_degree,
-            file_bytes: fs::metadata(&files.dataset.model_path).map_or(0, |m| m.len()),
-            score,
-            render_seconds,
-        };
-        self.cache.store("original", &(), &record)?;
-        Ok(record)
+        self.cache.run("original", &(), || {
+            let TestScene { model, held_out, invalid, files, .. } = &self.test;
+            let bar = Bar::new("render original", held_out.len() as u64);
+            let (score, _) = measure::score(model, held_out, &bar);
+            Ok(Original {
+                gaussians: model.len(),
+                invalid: *invalid,
+                sh_degree: model.sh_degree,
+                file_bytes: fs::metadata(&files.dataset.model_path).map_or(0, |m| m.len()),
+                score,
+                render_seconds: bar.done(),
+            })
+        })
     }
 
     /// Depth of the uniform octree: the given one, or the one that rendering asks for.
@@ -156,22 +145,10 @@ impl Study {
         (skipped.len(), skipped.len() + ran.len())
     }
 
-    /// File names of the renders of the model called `name`, relative to the report.
-    pub(crate) fn render_names(&self, name: &str) -> Vec<String> {
-        let views = self.test.held_out.iter().take(PICTURE_VIEWS);
-        views.map(|v| format!("renders/{name}-{}.png", pictures::stem(&v.camera.name))).collect()
-    }
-
-    /// Whether all files, relative to the report, exist.
-    pub(super) fn all_there(&self, files: &[String]) -> bool {
-        files.iter().all(|f| self.out.join(f).is_file())
-    }
-
-    /// Writes renders under names relative to the report.
-    pub(super) fn save(&self, names: &[String], images: &[Image]) -> Result<()> {
-        let dir = self.out.join("renders");
-        fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
-        names.iter().zip(images).try_for_each(|(n, i)| pictures::write(&self.out.join(n), i))
+    /// Whether the stream of a point is still there.
+    pub(super) fn has_stream(&self, point: &Coded) -> bool {
+        let size = fs::metadata(self.out.join(&point.stream)).map(|m| m.len());
+        size.is_ok_and(|s| s == point.bytes)
     }
 }
 

@@ -21,12 +21,25 @@ pub(crate) struct View {
     pub(crate) crops: Vec<Crop>,
 }
 
-/// One picture.
-#[derive(Clone, Debug)]
-pub(crate) struct Crop {
+/// A picture of a view.
+pub(crate) struct Shown {
+    pub(crate) image: Image,
     /// On its button.
     pub(crate) label: String,
     /// Below it.
+    pub(crate) caption: String,
+}
+
+impl Shown {
+    pub(crate) fn new(image: Image, label: &str, caption: String) -> Self {
+        Self { image, label: label.to_owned(), caption }
+    }
+}
+
+/// One picture of a page.
+#[derive(Clone, Debug)]
+pub(crate) struct Crop {
+    pub(crate) label: String,
     pub(crate) caption: String,
     /// Shown first.
     pub(crate) shown: bool,
@@ -37,39 +50,27 @@ pub(crate) struct Crop {
 }
 
 /// Cuts one window out of photo, original and decoded renders, and adds the differences of the
-/// decoded from the original. `decoded` has a label and a caption each; the window is where the
-/// first of them differs most.
-pub(crate) fn crops(
-    photo: (&Image, &str),
-    original: (&Image, &str),
-    decoded: &[(Image, String, String)],
-) -> Result<Vec<Crop>> {
-    let Some((worst, ..)) = decoded.first() else { return Ok(Vec::new()) };
-    let window = window(original.0, worst);
-    let cut = |image: &Image, label: String, caption: String, shown| -> Result<Crop> {
-        let part = cut(image, window);
-        let size = (part.width, part.height);
-        Ok(Crop { label, caption, shown, size, png: pictures::encode(&part)? })
-    };
-    let mut out = vec![
-        cut(photo.0, "photo".into(), photo.1.to_owned(), false)?,
-        cut(original.0, "original".into(), original.1.to_owned(), false)?,
-    ];
-    for (i, (image, label, caption)) in decoded.iter().enumerate() {
-        out.push(cut(image, label.clone(), caption.clone(), i == decoded.len() / 2)?);
-    }
-    for (image, label, _) in decoded {
+/// decoded from the original. The window is where the first of them differs most.
+pub(crate) fn crops(photo: Shown, original: Shown, decoded: Vec<Shown>) -> Result<Vec<Crop>> {
+    let Some(worst) = decoded.first() else { return Ok(Vec::new()) };
+    let window = window(&original.image, &worst.image);
+    let difference = |of: &Shown| {
         let caption = format!(
-            "Difference of {label} from the original model's render, {AMPLIFY:.0} times as strong."
+            "Difference of {} from the original model's render, {AMPLIFY:.0} times as strong.",
+            of.label
         );
-        out.push(cut(
-            &difference(original.0, image),
-            format!("difference, {label}"),
-            caption,
-            false,
-        )?);
-    }
-    Ok(out)
+        let image = difference(&original.image, &of.image);
+        Shown::new(image, &format!("difference, {}", of.label), caption)
+    };
+    let differences: Vec<Shown> = decoded.iter().map(difference).collect();
+    let first = 2 + decoded.len() / 2;
+    let all = [photo, original].into_iter().chain(decoded).chain(differences);
+    let crop = |(i, Shown { image, label, caption }): (usize, Shown)| {
+        let part = cut(&image, window);
+        let (size, png) = ((part.width, part.height), pictures::encode(&part)?);
+        Ok(Crop { label, caption, shown: i == first, size, png })
+    };
+    all.enumerate().map(crop).collect()
 }
 
 /// Column, row, width, height.
@@ -150,8 +151,9 @@ mod tests {
     #[test]
     fn a_view_has_photo_original_decoded_and_differences() {
         let image = Image::new(40, 30);
-        let decoded = |name: &str| (image.clone(), name.to_owned(), String::new());
-        let all = crops((&image, ""), (&image, ""), &[decoded("a"), decoded("b")]).unwrap();
+        let shown = |name: &str| Shown::new(image.clone(), name, String::new());
+        let decoded = vec![shown("a"), shown("b")];
+        let all = crops(shown("photo"), shown("original"), decoded).unwrap();
         let labels: Vec<&str> = all.iter().map(|c| c.label.as_str()).collect();
         assert_eq!(labels, ["photo", "original", "a", "b", "difference, a", "difference, b"]);
         assert_eq!(all.iter().filter(|c| c.shown).count(), 1);

@@ -16,7 +16,7 @@ use anyhow::{Context, Result};
 use crate::chart::Chart;
 use crate::page::Table;
 
-pub(crate) use crops::{View, crops};
+pub(crate) use crops::{Shown, View, crops};
 
 /// A report, independent of how it is shown.
 #[derive(Debug)]

@@ -7,14 +7,14 @@ use crate::chart::{Kind, Series};
 use crate::manifest::Manifest;
 use crate::page::{Table, signed};
 use crate::published::{Other, PAPER_CHAIN};
-use crate::rd_curve::record::Bd;
+use crate::rd_curve::record::{Bd, Curve};
 
-/// Bjontegaard differences of the hull of `test` against that of `anchor`.
-pub(crate) fn compare(test: (&str, &[Point]), anchor: (&str, &[Point])) -> Bd {
-    let (t, a) = (bd::hull(test.1), bd::hull(anchor.1));
+/// Bjontegaard differences of the hull of our curve against that of another.
+pub(crate) fn compare(test: &Curve, anchor: &str, rates: &[Point]) -> Bd {
+    let (t, a) = (bd::hull(&test.rates()), bd::hull(rates));
     Bd {
-        test: test.0.to_owned(),
-        anchor: anchor.0.to_owned(),
+        test: test.name.clone(),
+        anchor: anchor.to_owned(),
         rate: bd::bd_rate(&a, &t, Method::Pchip),
         psnr: bd::bd_psnr(&a, &t, Method::Pchip),
     }

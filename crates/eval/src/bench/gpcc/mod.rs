@@ -10,7 +10,6 @@ use gpcc_lite::predict::{self, Neighbours};
 use gpcc_lite::{Limits, geometry};
 
 use crate::cells;
-use crate::codec::timed;
 use crate::page::{Page, Table};
 use cloud::{Peer, read};
 
@@ -60,19 +59,17 @@ pub fn run(options: &Options) -> Result<()> {
     page.write()
 }
 
-/// The peer with the authors' settings and at its best, ours, ours against both, and our seconds.
-fn cells_of([authors, best, ours]: [f64; 3], [encode, decode]: [f64; 2]) -> Vec<String> {
+/// The peer with the authors' settings and at its best, ours, and ours against both.
+fn cells_of(authors: f64, best: f64, ours: f64) -> Vec<String> {
     let bits = |x: f64| if x.is_nan() { "-".into() } else { format!("{x:.3}") };
     let against = |theirs: f64| match theirs.is_nan() {
         true => "-".into(),
         false => format!("{:+.2} %", (ours / theirs - 1.0) * 100.0),
     };
-    let seconds = format!("{encode:.3} / {decode:.3}");
-    cells![bits(authors), bits(best), bits(ours), against(authors), against(best), seconds]
+    cells![bits(authors), bits(best), bits(ours), against(authors), against(best)]
 }
 
-const COLUMNS: &str =
-    "TMC13 authors | TMC13 best | gpcc-lite | against authors | against best | encode / decode s";
+const COLUMNS: &str = "TMC13 authors | TMC13 best | gpcc-lite | against authors | against best";
 
 /// Geometry of each cloud.
 fn of_geometry(options: &Options, peers: &[Peer]) -> Result<Table> {
@@ -80,10 +77,9 @@ fn of_geometry(options: &Options, peers: &[Peer]) -> Result<Table> {
     for name in &options.only {
         let cloud =
             read(&options.clouds, name, "dc")?.with_context(|| format!("no cloud {name}"))?;
-        let (bytes, encode) = timed(|| geometry::encode(&cloud.octree));
-        let bytes = bytes?;
-        let (back, decode) = timed(|| geometry::decode(&bytes, &Limits::for_stream(bytes.len())));
-        ensure!(back? == cloud.octree, "{name}: geometry differs");
+        let bytes = geometry::encode(&cloud.octree)?;
+        let back = geometry::decode(&bytes, &Limits::for_stream(bytes.len()))?;
+        ensure!(back == cloud.octree, "{name}: geometry differs");
         let of = peers
             .iter()
             .filter(|p| p.cloud == *name && p.name.starts_with("g_") && p.geometry_bits > 0.0);
@@ -92,7 +88,7 @@ fn of_geometry(options: &Options, peers: &[Peer]) -> Result<Table> {
         let best = of.map(|p| p.geometry_bits).fold(f64::NAN, f64::min);
         let ours = bytes.len() as f64 * 8.0 / cloud.octree.len() as f64;
         let mut row = cells![name, cloud.octree.len()];
-        row.extend(cells_of([authors, best, ours], [encode, decode]));
+        row.extend(cells_of(authors, best, ours));
         table.told(row);
     }
     Ok(table)
@@ -106,10 +102,9 @@ fn lossless(options: &Options, peers: &[Peer]) -> Result<Table> {
             let Some(cloud) = read(&options.clouds, name, attribute)? else { continue };
             let near = Neighbours::new(&cloud.octree);
             let refs: Vec<&[i32]> = cloud.channels.iter().map(Vec::as_slice).collect();
-            let (bytes, encode) = timed(|| predict::encode_lossless(&near, &refs));
-            let bytes = bytes?;
-            let (back, decode) = timed(|| predict::decode_lossless(&near, &bytes, refs.len()));
-            ensure!(back? == cloud.channels, "{name} {attribute}: channels differ");
+            let bytes = predict::encode_lossless(&near, &refs)?;
+            let back = predict::decode_lossless(&near, &bytes, refs.len())?;
+            ensure!(back == cloud.channels, "{name} {attribute}: channels differ");
             let of = peers.iter().filter(|p| {
                 let same = p.cloud == *name && p.attribute == attribute;
                 same && p.mse == 0.0 && p.attribute_bits > 0.0
@@ -119,7 +114,7 @@ fn lossless(options: &Options, peers: &[Peer]) -> Result<Table> {
             let best = of.map(|p| p.attribute_bits).fold(f64::NAN, f64::min);
             let ours = bytes.len() as f64 * 8.0 / cloud.octree.len() as f64;
             let mut row = cells![name, attribute];
-            row.extend(cells_of([authors, best, ours], [encode, decode]));
+            row.extend(cells_of(authors, best, ours));
             table.told(row);
         }
     }

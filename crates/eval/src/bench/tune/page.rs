@@ -1,6 +1,6 @@
 //! The page and its picture.
 
-use super::{Options, Point, Scene, Tuned, step};
+use super::{Options, Point, Scene, Tuned};
 use crate::bd::{self, Method};
 use crate::cells;
 use crate::chart::{Chart, Series};
@@ -48,12 +48,6 @@ pub(super) fn page(options: &Options, scenes: &[Scene]) -> Page {
     page.table(&points_table(scenes));
     page.text("Untuned:");
     page.table(&untuned_table(scenes));
-    page.text(
-        "A step with the codec in the loop beside a plain step of fine-tune on the same Gaussians (processor \
-         milliseconds, all threads, the median of three means over 240 steps), and the memory of the command beside \
-         that of `--profile paper`:",
-    );
-    page.table(&costs(scenes));
     page.text(CHOICES.trim());
     page
 }
@@ -120,30 +114,6 @@ fn untuned_table(scenes: &[Scene]) -> Table {
             let [db, ssim] = [p.score.psnr_db, p.score.ssim].map(|v| format!("{v:.4}"));
             table.row(cells![scene.name, p.quality, p.bytes, db, ssim]);
         }
-    }
-    table
-}
-
-/// What the loop costs.
-fn costs(scenes: &[Scene]) -> Table {
-    let mut table = Table::new(
-        "scene | Gaussians | plain step, ms | in the loop, ms | times | plain, MB | tuned, MB | times",
-    );
-    for scene in scenes {
-        let step::Cost { gaussians, plain, in_loop } = scene.step;
-        let plain_mb = scene.plain_peak_mb;
-        let peaks = scene.tuned.iter().flat_map(|t| &t.points).map(|p| p.peak_mb);
-        let tuned_mb = peaks.fold(0.0, f64::max);
-        table.row(cells![
-            scene.name,
-            gaussians,
-            format!("{:.1}", 1e3 * plain),
-            format!("{:.1}", 1e3 * in_loop),
-            format!("{:.2}", in_loop / plain.max(1e-9)),
-            format!("{plain_mb:.0}"),
-            format!("{tuned_mb:.0}"),
-            format!("{:.2}", tuned_mb / plain_mb.max(1.0)),
-        ]);
     }
     table
 }

@@ -4,7 +4,6 @@
 //! be made in parts: a run measures what it is asked for and writes all that is recorded.
 
 mod page;
-mod step;
 
 use std::path::PathBuf;
 
@@ -61,9 +60,6 @@ struct Scene {
     original: [f64; 2],
     untuned: Vec<Point>,
     tuned: Vec<Tuned>,
-    step: step::Cost,
-    /// Greatest memory of a plain fine-tune, MB.
-    plain_peak_mb: f64,
 }
 
 /// Measures and writes the page.
@@ -103,7 +99,5 @@ fn scene(options: &Options, gsvx: &Gsvx, name: &str) -> Result<Scene> {
         original: [original.score.psnr_db, original.score.ssim],
         untuned: untuned.collect::<Result<_>>()?,
         tuned,
-        step: step::cost(&study)?,
-        plain_peak_mb: step::plain_peak_mb(&study, gsvx)?,
     })
 }
