@@ -22,7 +22,7 @@ fn sigmoid(logit: f32) -> f64 {
 
 #[test]
 fn the_table_names_every_format_once() {
-    let readme = std::fs::read_to_string(fixture("../README.md")).unwrap();
+    let readme = std::fs::read_to_string(fixture("../README.md")).unwrap().to_lowercase();
     for format in Format::all() {
         assert_eq!(Format::named(format.name), Some(*format));
         for extension in format.extensions {
@@ -216,11 +216,11 @@ fn a_hostile_meta_of_a_sog_is_refused() {
         ("\"mins\": [-1, 0, 0]", "\"mins\": [-1, 0]", "not the JSON of a SOG's meta.json"),
         ("\"mins\": [-1, 0, 0]", "\"mins\": [1e400, 0, 0]", "not the JSON of a SOG's meta.json"),
         ("\"maxs\": [-5, -4, -3]", "\"maxs\": [1e39, -4, -3]", "number out of range"),
-        ("[2, ", "[9, ", "l: has 2 pixels for 9 Gaussians"),
+        ("[2, ", "[9, ", "l: it has 2 pixels for 9 Gaussians"),
         ("[2, 9]", "[2, 10]", "shN: its shape is not N by 9, 24 or 45"),
-        ("[2, 9]", "[2, 24]", "p: is 192 pixels wide, not 512"),
-        ("[\"s\"]", "[\"../s\"]", "is not the name of a file beside meta.json"),
-        ("[\"s\"]", "[\"gone\"]", "gone: is not in the archive"),
+        ("[2, 9]", "[2, 24]", "p: it is 192 pixels wide, not 512"),
+        ("[\"s\"]", "[\"../s\"]", "not the name of a file beside meta.json"),
+        ("[\"s\"]", "[\"gone\"]", "gone: it is not in the archive"),
         ("\"means\"", "\"version\": 3, \"means\"", "SOG version 3 is not read (1 and 2 are)"),
         ("\"means\"", "\"version\": 2, \"means\"", "not the JSON of a SOG's meta.json"),
     ] {
