@@ -90,7 +90,11 @@ impl Format {
         bytes: &[u8],
         options: &ReadOptions,
     ) -> Result<(Scene, Report)> {
-        (self.read)(name.as_ref(), bytes, options)
+        let name = name.as_ref();
+        if bytes.is_empty() && !self.magic.is_empty() {
+            return Err(Error::other_format(name, self.name, bytes));
+        }
+        (self.read)(name, bytes, options)
     }
 
     /// True if the format is written.

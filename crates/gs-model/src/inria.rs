@@ -35,18 +35,15 @@ struct Entry {
 /// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`].
 pub fn read_cameras(file: impl AsRef<Path>) -> Result<Vec<Camera>> {
     let file = file.as_ref();
-    parse(file, &fs::read(file)?)
+    cameras_from_bytes(file, &fs::read(file)?)
 }
 
-/// Reads a `cameras.json` from its bytes.
+/// Reads a `cameras.json` from its bytes; `file` is its name in errors.
 ///
 /// # Errors
-/// As [`read_cameras`]; the file in the errors is `<bytes>`.
-pub fn cameras_from_bytes(bytes: &[u8]) -> Result<Vec<Camera>> {
-    parse(Path::new("<bytes>"), bytes)
-}
-
-fn parse(file: &Path, bytes: &[u8]) -> Result<Vec<Camera>> {
+/// As [`read_cameras`].
+pub fn cameras_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<Camera>> {
+    let file = file.as_ref();
     let entries: Vec<Entry> =
         serde_json::from_slice(bytes).map_err(|e| Error::json(file, "a camera file", e))?;
     entries.into_iter().map(|entry| camera(file, entry)).collect()

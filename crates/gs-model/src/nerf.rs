@@ -76,7 +76,7 @@ impl Intrinsics<'_> {
 /// model is a fisheye.
 pub fn read_views(file: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
     let file = file.as_ref();
-    parse(file, &fs::read(file)?, distortion)
+    views_from_bytes(file, &fs::read(file)?, distortion)
 }
 
 /// Reads the views from the bytes of a `transforms.json`. `file` is the path that the file would
@@ -84,11 +84,12 @@ pub fn read_views(file: impl AsRef<Path>, distortion: LensDistortion) -> Result<
 ///
 /// # Errors
 /// As [`read_views`].
-pub fn views_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<View>> {
-    parse(file.as_ref(), bytes, LensDistortion::Refuse)
-}
-
-fn parse(file: &Path, bytes: &[u8], distortion: LensDistortion) -> Result<Vec<View>> {
+pub fn views_from_bytes(
+    file: impl AsRef<Path>,
+    bytes: &[u8],
+    distortion: LensDistortion,
+) -> Result<Vec<View>> {
+    let file = file.as_ref();
     let transforms: Transforms =
         serde_json::from_slice(bytes).map_err(|e| Error::json(file, "a camera file", e))?;
     let Transforms { all, camera_model, frames } = transforms;

@@ -43,6 +43,8 @@ pub struct Report {
     pub format: &'static Format,
     /// The form of the file in words: `SPZ, version 4`.
     pub form: String,
+    /// Bytes of the files beside it that belong to the model: the images of a SOG.
+    pub bytes_beside: u64,
     /// Gaussians in the file.
     pub gaussians_in_file: usize,
     /// Invalid Gaussians that were left out.
@@ -94,6 +96,7 @@ pub(crate) fn finish(
     let report = Report {
         format,
         form: form.into(),
+        bytes_beside: 0,
         gaussians_in_file,
         dropped,
         clamped_opacities,

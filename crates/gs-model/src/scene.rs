@@ -62,6 +62,17 @@ impl Scene {
         sh_len(self.sh_degree)
     }
 
+    /// Least and greatest coordinates of the means; of an empty scene infinity and minus infinity.
+    #[must_use]
+    pub fn bounds(&self) -> [[f32; 3]; 2] {
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for mean in &self.means {
+            low = std::array::from_fn(|k| low[k].min(mean[k]));
+            high = std::array::from_fn(|k| high[k].max(mean[k]));
+        }
+        [low, high]
+    }
+
     /// The SH coefficients of Gaussian `i`, DC first; `sh_len()` RGB triples.
     #[must_use]
     pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {

@@ -2,7 +2,6 @@
 
 mod common;
 
-use std::collections::BTreeMap;
 use std::io::{Cursor, Write};
 
 use common::{assert_within, fixture, read, says, shared};
@@ -22,7 +21,7 @@ fn sigmoid(logit: f32) -> f64 {
 
 #[test]
 fn the_table_names_every_format_once() {
-    let readme = std::fs::read_to_string(fixture("../README.md")).unwrap();
+    let readme = std::fs::read_to_string(fixture("../README.md")).unwrap().to_lowercase();
     for format in Format::all() {
         assert_eq!(Format::named(format.name), Some(*format));
         for extension in format.extensions {
@@ -201,28 +200,21 @@ fn bytes_of_a_sog_of_version_1_are_steps_between_bounds() {
 
 #[test]
 fn a_hostile_meta_of_a_sog_is_refused() {
+    let not_json = "not the JSON of a SOG's meta.json";
     for (from, to, said) in [
-        (
-            "\"shape\": [2, 3], \"dtype\"",
-            "\"shape\": [], \"dtype\"",
-            "meta.json: means: its shape is empty",
-        ),
-        (
-            "\"shape\": [2, 3], \"dtype\"",
-            "\"shape\": [-2, 3], \"dtype\"",
-            "not the JSON of a SOG's meta.json",
-        ),
-        ("\"shape\": [2, 3], \"mins\"", "\"shape\": [9, 3], \"mins\"", "different shapes"),
-        ("\"mins\": [-1, 0, 0]", "\"mins\": [-1, 0]", "not the JSON of a SOG's meta.json"),
-        ("\"mins\": [-1, 0, 0]", "\"mins\": [1e400, 0, 0]", "not the JSON of a SOG's meta.json"),
-        ("\"maxs\": [-5, -4, -3]", "\"maxs\": [1e39, -4, -3]", "number out of range"),
-        ("[2, ", "[9, ", "l: has 2 pixels for 9 Gaussians"),
+        ("[2, 3], \"dtype\"", "[], \"dtype\"", "meta.json: means: its shape is empty"),
+        ("[2, 3], \"dtype\"", "[-2, 3], \"dtype\"", not_json),
+        ("[2, 3], \"mins\"", "[9, 3], \"mins\"", "different shapes"),
+        ("[-1, 0, 0]", "[-1, 0]", not_json),
+        ("[-1, 0, 0]", "[1e400, 0, 0]", not_json),
+        ("[-5, -4, -3]", "[1e39, -4, -3]", "number out of range"),
+        ("[2, ", "[9, ", "l: it has 2 pixels for 9 Gaussians"),
         ("[2, 9]", "[2, 10]", "shN: its shape is not N by 9, 24 or 45"),
-        ("[2, 9]", "[2, 24]", "p: is 192 pixels wide, not 512"),
-        ("[\"s\"]", "[\"../s\"]", "is not the name of a file beside meta.json"),
-        ("[\"s\"]", "[\"gone\"]", "gone: is not in the archive"),
+        ("[2, 9]", "[2, 24]", "p: it is 192 pixels wide, not 512"),
+        ("[\"s\"]", "[\"../s\"]", "not the name of a file beside meta.json"),
+        ("[\"s\"]", "[\"gone\"]", "gone: it is not in the archive"),
         ("\"means\"", "\"version\": 3, \"means\"", "SOG version 3 is not read (1 and 2 are)"),
-        ("\"means\"", "\"version\": 2, \"means\"", "not the JSON of a SOG's meta.json"),
+        ("\"means\"", "\"version\": 2, \"means\"", not_json),
     ] {
         says(read("a.sog", &sog_1((from, to))), said);
     }
@@ -411,82 +403,6 @@ fn splat_is_decoded() {
     let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
     let (kept, report) = model::read_named("a.splat", &all, &drop).unwrap();
     assert_eq!((kept, report.dropped), (scene, 2));
-}
-
-/// R S S R^T.
-fn covariance(scene: &Scene, i: usize) -> glam::DMat3 {
-    let [w, x, y, z] = scene.rotations[i].map(f64::from);
-    let r = glam::DMat3::from_quat(glam::DQuat::from_xyzw(x, y, z, w).normalize());
-    let s = glam::DVec3::from_array(scene.log_scales[i].map(|v| libm::exp(2.0 * f64::from(v))));
-    r * glam::DMat3::from_diagonal(s) * r.transpose()
-}
-
-#[test]
-fn one_model_in_two_formats_is_the_same_model() {
-    let (Some(spz), Some(splat)) = (shared("models/flower.spz"), shared("models/flower.splat"))
-    else {
-        return;
-    };
-    let (a, report) = model::read(spz, &ReadOptions::default()).unwrap();
-    assert_eq!(report.form, "SPZ, version 3");
-    assert_eq!((a.len(), a.sh_degree), (116_549, 3));
-    let (b, _) = model::read(splat, &ReadOptions::default()).unwrap();
-    assert_eq!((b.len(), b.sh_degree), (116_549, 0));
-
-    // The .splat has its rows in another order and the model elsewhere: turned, moved, and larger
-    // by a factor that the log-scales show. Gaussians are paired by log-scales and opacity.
-    let mean = |s: &Scene| {
-        let all = s.log_scales.as_flattened();
-        all.iter().map(|&v| f64::from(v)).sum::<f64>() / all.len() as f64
-    };
-    let log_factor = mean(&b) - mean(&a);
-    let opacity = |s: &Scene, i: usize| sigmoid(s.opacity_logits[i]);
-    let key = |s: &Scene, i: usize, shift: f64| {
-        let l = s.log_scales[i].map(|v| ((f64::from(v) - shift) * 16.0).round() as i64);
-        (l, (opacity(s, i) * 255.0).round() as i64)
-    };
-    let mut by_key = BTreeMap::new();
-    for i in 0..a.len() {
-        by_key.entry(key(&a, i, 0.0)).or_insert_with(Vec::new).push(i);
-    }
-    let mut of_b = BTreeMap::new();
-    for j in 0..b.len() {
-        of_b.entry(key(&b, j, log_factor)).or_insert_with(Vec::new).push(j);
-    }
-    let pairs: Vec<(usize, usize)> = of_b
-        .iter()
-        .filter_map(|(k, js)| match (by_key.get(k)?.as_slice(), js.as_slice()) {
-            (&[i], &[j]) => Some((i, j)),
-            _ => None,
-        })
-        .collect();
-
-    // What does not change when a model is turned, moved and scaled: ratios of distances, and
-    // how a Gaussian lies with respect to the way to another one.
-    let at = |s: &Scene, i: usize| glam::DVec3::from_array(s.means[i].map(f64::from));
-    let (mut right, mut tried) = ([0; 3], 0);
-    for ab in pairs.windows(2) {
-        let [(i1, j1), (i2, j2)] = [ab[0], ab[1]];
-        let (d, e) = (at(&a, i2) - at(&a, i1), at(&b, j2) - at(&b, j1));
-        let colour = (0..3).all(|c| {
-            let rgb = |s: &Scene, i: usize| 0.5 + gs_model::SH_C0 * s.sh_of(i)[0][c];
-            // The .splat clips colours to 0..1.
-            (rgb(&a, i1).clamp(0.0, 1.0) - rgb(&b, j1)).abs() < 0.01
-        });
-        let along = |s: &Scene, i: usize, d: glam::DVec3| {
-            let c = covariance(s, i);
-            d.normalize().dot(c * d.normalize()) / (c.x_axis.x + c.y_axis.y + c.z_axis.z)
-        };
-        tried += 1;
-        right[0] += usize::from(colour);
-        right[1] +=
-            usize::from((e.length() / d.length() / libm::exp(log_factor) - 1.0).abs() < 0.01);
-        right[2] += usize::from((along(&a, i1, d) - along(&b, j1, e)).abs() < 0.03);
-    }
-    println!("{tried} paired; of these agree in colour, distance, rotation: {right:?}");
-    assert!(tried > 20_000, "{tried}");
-    // Some pairs are wrong: a log-scale at the edge of its step falls on the next one.
-    assert!(right.iter().all(|&r| r * 10 > tried * 9), "{right:?} of {tried}");
 }
 
 /// The command blamed a full disk.

@@ -148,8 +148,8 @@ fn what_is_not_read_of_gltf_is_named() {
     said("\"mode\":0", "\"mode\":1", "POINTS");
     said("\"count\":3", "\"count\":9999999999", "more than the file holds");
     said("\"count\":3", "\"count\":2", "different lengths");
-    said("KHR_gaussian_splatting:SCALE", "SCALE", "SCALE: is missing");
-    said("SH_DEGREE_1_COEF_2", "SH_DEGREE_1_COEF_5", "COEF_2: is missing");
+    said("KHR_gaussian_splatting:SCALE", "SCALE", "SCALE: it is missing");
+    said("SH_DEGREE_1_COEF_2", "SH_DEGREE_1_COEF_5", "COEF_2: it is missing");
     // The same primitive a hundred times over.
     let file = glb_with("\"mode\":0", "\"mode\":0");
     let text = String::from_utf8_lossy(&file).into_owned();

@@ -1,19 +1,8 @@
 //! Appending to scenes and splitting them.
 
-use gs_model::Scene;
+mod common;
 
-fn scene(n: usize, sh_degree: u8) -> Scene {
-    let mut s = Scene { sh_degree, ..Scene::default() };
-    for i in 0..n {
-        let v = i as f32;
-        s.means.push([v, 1.0, 2.0]);
-        s.rotations.push([1.0, v, 0.0, 0.0]);
-        s.log_scales.push([-v; 3]);
-        s.opacity_logits.push(0.5 + v);
-        s.sh.extend((0..s.sh_len()).map(|k| [v, k as f32, 3.0]));
-    }
-    s
-}
+use common::scene;
 
 #[test]
 fn what_was_appended_is_split_off() {
@@ -29,10 +18,10 @@ fn what_was_appended_is_split_off() {
 
 #[test]
 fn appended_gaussians_take_the_degree_of_the_scene() {
-    let mut low = scene(1, 0);
+    let (mut low, mut high) = (scene(1, 0), scene(0, 1));
+    let first = low.sh[0];
     low.append(&scene(1, 1));
-    assert_eq!(low.sh, [[0.0, 0.0, 3.0]; 2]);
-    let mut high = scene(0, 1);
+    assert_eq!(low.sh, [first, scene(1, 1).sh[0]]);
     high.append(&scene(1, 0));
-    assert_eq!(high.sh, [[0.0, 0.0, 3.0], [0.0; 3], [0.0; 3], [0.0; 3]]);
+    assert_eq!(high.sh, [first, [0.0; 3], [0.0; 3], [0.0; 3]]);
 }

@@ -132,13 +132,7 @@ fn distance2(a: [f32; 3], b: [f32; 3]) -> f64 {
 
 /// Diagonal of the bounding box; 1 if that is a point.
 fn diagonal(scene: &Scene) -> f64 {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for p in &scene.means {
-        for k in 0..3 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
-    }
+    let [low, high] = scene.bounds();
     let d = distance2(low, high).sqrt();
     if d > 0.0 { d } else { 1.0 }
 }

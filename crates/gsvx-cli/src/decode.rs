@@ -34,8 +34,8 @@ pub(crate) struct Args {
     /// The streams; `-` for standard input.
     #[arg(required = true, value_name = "STREAM")]
     inputs: Vec<PathBuf>,
-    /// The model to write, or a folder for several: .ply, .compressed.ply, .glb, .spz or .splat by its
-    /// extension, PLY if it has another; `-` for standard output.
+    /// The model to write, or a folder for several; `-` for standard output. Its extension names the format
+    /// (gsvx convert --help lists them); it is PLY if it names none.
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
     /// Format of the output [default: by its extension].

@@ -22,7 +22,7 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         scene.len(),
         scene.sh_degree,
     );
-    let (low, high) = bounds(scene);
+    let [low, high] = scene.bounds();
     let spread = (!scene.is_empty()).then(|| Spread::of(scene));
     if let Some(spread) = &spread {
         let [x, y, z] = low;
@@ -47,18 +47,6 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         "comments": file.as_ref().map(|r| &r.comments),
     });
     report.say(false, text.trim_end(), &json)
-}
-
-/// Least and greatest coordinates of the means.
-fn bounds(scene: &Scene) -> ([f32; 3], [f32; 3]) {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for mean in &scene.means {
-        for k in 0..3 {
-            low[k] = low[k].min(mean[k]);
-            high[k] = high[k].max(mean[k]);
-        }
-    }
-    (low, high)
 }
 
 /// Tenth, fiftieth and ninetieth percentile of what a person asks about.

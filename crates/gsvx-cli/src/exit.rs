@@ -23,37 +23,29 @@ const MISSED: u8 = 3;
 /// What a shell reports for a process that SIGPIPE ended.
 const READER_GONE: u8 = 141;
 
-/// A value or a combination of flags that makes no sense.
+/// An error with an exit code of its own.
 #[derive(Debug)]
-struct Usage(String);
+struct Coded {
+    code: u8,
+    text: String,
+}
 
-/// An output that was written, but misses its target.
-#[derive(Debug)]
-struct Missed(String);
-
-impl Display for Usage {
+impl Display for Coded {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
+        f.write_str(&self.text)
     }
 }
 
-impl Display for Missed {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for Usage {}
-impl std::error::Error for Missed {}
+impl std::error::Error for Coded {}
 
 /// An error that ends the command with the exit code of wrong usage.
 pub(crate) fn usage(text: impl Into<String>) -> anyhow::Error {
-    anyhow::Error::new(Usage(text.into()))
+    anyhow::Error::new(Coded { code: USAGE, text: text.into() })
 }
 
 /// An error that says that the output was written, but misses its target.
 pub(crate) fn missed(text: impl Into<String>) -> anyhow::Error {
-    anyhow::Error::new(Missed(text.into()))
+    anyhow::Error::new(Coded { code: MISSED, text: text.into() })
 }
 
 /// An error of work that a library crate calls back: its own, or one of this command.
@@ -107,13 +99,7 @@ pub(crate) fn code(error: &anyhow::Error) -> u8 {
         return READER_GONE;
     }
     note(format_args!("error: {}", line(error)));
-    if error.chain().any(|c| c.is::<Usage>()) {
-        USAGE
-    } else if error.chain().any(|c| c.is::<Missed>()) {
-        MISSED
-    } else {
-        FAILED
-    }
+    error.chain().find_map(|c| c.downcast_ref()).map_or(FAILED, |coded: &Coded| coded.code)
 }
 
 /// Writes a line to standard error. Nobody can be told if that fails.

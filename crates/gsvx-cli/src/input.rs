@@ -44,7 +44,7 @@ pub(crate) struct Limit {
 /// A model, and what its file said.
 pub(crate) struct Loaded {
     pub(crate) scene: Scene,
-    /// Length of the file.
+    /// Length of the file, and of what belongs to it.
     pub(crate) bytes: u64,
     /// None of a stream.
     pub(crate) report: Option<Report>,
@@ -63,6 +63,7 @@ impl Loaded {
             let (dropped, all) = (report.dropped as u64, report.gaussians_in_file);
             note(format_args!("skipped: {} of {all}", counted(dropped, "invalid Gaussian")));
         }
+        let bytes = bytes + report.bytes_beside;
         Self { scene, bytes, report: Some(report) }
     }
 

@@ -4,14 +4,14 @@ use crate::exit::note;
 use crate::orbit::Orbit;
 use crate::progress::Steps;
 use crate::views;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use finetune::{Image, RenderOptions, TrainView, photo_match, render};
 use gs_model::{Camera, Scene, View};
 use std::path::Path;
 
 /// Training views with their photos; `None` if none of the photos is there.
 pub(crate) fn photos(path: &Path) -> Result<Option<Vec<TrainView>>> {
-    let training = training(path)?;
+    let training = views::training(path, views::read(path)?)?;
     if !training.iter().any(|v| v.image_path.is_file()) {
         return Ok(None);
     }
@@ -25,28 +25,14 @@ pub(crate) fn photos(path: &Path) -> Result<Option<Vec<TrainView>>> {
     training.iter().map(photo).collect::<Result<_>>().map(Some)
 }
 
-/// The views that are not held out for measuring.
-fn training(path: &Path) -> Result<Vec<View>> {
-    let all = views::read(path)?;
-    if all.is_empty() {
-        bail!("{}: no cameras", path.display());
-    }
-    let training: Vec<View> =
-        all.into_iter().enumerate().filter(|(i, _)| i % 8 != 0).map(|(_, v)| v).collect();
-    if training.is_empty() {
-        bail!("{}: a single camera is held out for measuring; give two or more", path.display());
-    }
-    Ok(training)
-}
-
 fn photo(view: &View) -> Result<TrainView> {
     let file = view.image_path.display();
     let photo = image::ImageReader::open(&view.image_path)
-        .with_context(|| format!("photo {file}"))?
-        .with_guessed_format()
+        .and_then(image::ImageReader::with_guessed_format)
         .with_context(|| format!("photo {file}"))?
         .decode()
-        .with_context(|| format!("photo {file}: PNG or JPEG expected"))?
+        // An image error repeats its own cause.
+        .map_err(|e| anyhow!("photo {file}: PNG or JPEG expected: {e}"))?
         .to_rgb8();
     let (width, height) = photo.dimensions();
     let Some(camera) = view.camera.scaled_to(width, height) else {

@@ -7,7 +7,8 @@ use crate::progress::Steps;
 use anyhow::{Result, bail};
 use finetune::{Seen, framing};
 use gs_model::camera::LensDistortion;
-use gs_model::{Camera, Scene, View, dataset};
+use gs_model::dataset::{self, HOLD_OUT_EVERY};
+use gs_model::{Camera, Scene, View};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 
@@ -156,18 +157,24 @@ pub(crate) fn around(orbit: &Orbit, n: u32, path: &Path, scene: &Scene) -> Resul
     Ok(cameras)
 }
 
+/// The views, which `path` names, that are not held out for measuring.
+pub(crate) fn training(path: &Path, views: Vec<View>) -> Result<Vec<View>> {
+    let name = path.display();
+    if views.is_empty() {
+        bail!("{name}: no cameras");
+    }
+    let kept = views.into_iter().enumerate().filter(|(i, _)| i % HOLD_OUT_EVERY != 0);
+    let training: Vec<View> = kept.map(|(_, view)| view).collect();
+    if training.is_empty() {
+        bail!("{name}: a single camera is held out for measuring; give two or more");
+    }
+    Ok(training)
+}
+
 /// The training cameras of a scene folder or of a camera file.
 pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
-    let views = open(path)?;
-    if views.is_empty() {
-        bail!("{}: no cameras", path.display());
-    }
-    // Every 8th is held out for measuring, as everywhere in this project.
-    let training: Vec<Camera> =
-        views.into_iter().enumerate().filter(|(i, _)| i % 8 != 0).map(|(_, v)| v.camera).collect();
-    if training.is_empty() {
-        bail!("{}: a single camera is held out for measuring; give two or more", path.display());
-    }
+    let training = training(path, open(path)?)?;
+    let training: Vec<Camera> = training.into_iter().map(|view| view.camera).collect();
     drawable(&training, &format!("correct the sizes in {}", path.display()))?;
     Ok(training)
 }

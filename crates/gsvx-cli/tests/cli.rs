@@ -2,93 +2,70 @@
 
 mod common;
 
-use common::{model, room};
-use gs_model::Scene;
+use common::{heard, json, model, ok, one_line, piped, room, run, wrong_usage};
+use gs_model::{Scene, ply};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
-fn gsvx(args: &[&str]) -> Output {
-    common::gsvx().args(args).output().expect("gsvx starts")
+/// `line` in words, for the helpers of [`common`].
+fn words(line: &str) -> Vec<&str> {
+    line.split(' ').collect()
 }
 
-#[track_caller]
-fn ok(args: &[&str]) -> String {
-    common::said(&gsvx(args))
-}
-
-fn json(text: &str) -> serde_json::Value {
-    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
-}
-
-/// Exit code 1 and exactly one line, which holds `needle`.
-fn fails(args: &[&str], needle: &str) {
-    println!("{args:?}");
-    common::one_line(&gsvx(args), needle);
-}
-
-fn path(p: &Path) -> &str {
-    p.to_str().expect("test paths are UTF-8")
+fn read(path: &Path) -> Scene {
+    ply::read(path).unwrap().0
 }
 
 #[test]
 fn encode_info_decode() {
     let dir = tempfile::tempdir().unwrap();
-    let (model, stream, back) = (model(), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
-    let said = ok(&["encode", path(&model), "-o", path(&stream)]);
+    let (stream, back) = (dir.path().join("a.gsvx"), dir.path().join("b.ply"));
+    let said = ok(&words("encode @ -o @"), &[&model(), &stream]);
     assert!(said.contains("bits per Gaussian"), "{said}");
-    let said = ok(&["info", path(&stream)]);
+    let said = ok(&["info", "@"], &[&stream]);
     for part in ["head", "base layers", "SH degree 1", "SH degree 2", "SH degree 3"] {
         assert!(said.contains(part), "{said}");
     }
-    ok(&["decode", path(&stream), "-o", path(&back)]);
-    let (scene, report) = gs_model::ply::read(&back).unwrap();
-    assert!(scene.len() > 1000 && report.unknown_properties.is_empty());
+    ok(&words("decode @ -o @"), &[&stream, &back]);
+    let (scene, report) = ply::read(&back).unwrap();
+    assert!(scene.len() > 1000 && report.lost.is_empty());
     // Replacing needs --force, and a failed run leaves the old file.
     let before = std::fs::read(&back).unwrap();
-    fails(&["decode", path(&stream), "-o", path(&back)], "--force");
+    one_line(&run(&words("decode @ -o @"), &[&stream, &back]), "--force");
     assert_eq!(before, std::fs::read(&back).unwrap());
-    ok(&["decode", path(&stream), "-o", path(&back), "--force", "--max-sh-degree", "0"]);
-    assert_eq!(gs_model::ply::read(&back).unwrap().0.sh_degree, 0);
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2, "no temporary files left");
+    ok(&words("decode @ -o @ --force --max-sh-degree 0"), &[&stream, &back]);
+    assert_eq!(read(&back).sh_degree, 0);
+    assert_eq!(common::names(dir.path()).len(), 2, "no temporary files left");
 }
 
 #[test]
 fn targets_are_hit() {
     let dir = tempfile::tempdir().unwrap();
     let (room, stream) = (room(), dir.path().join("a.gsvx"));
-    let model = room.join("point_cloud.ply");
     for target in ["40000", "90000"] {
-        ok(&["encode", path(&model), "-o", path(&stream), "--force", "--target-bytes", target]);
+        let line = ["encode", "@", "-o", "@", "--force", "--target-bytes", target];
+        ok(&line, &[&model(), &stream]);
         let size = std::fs::metadata(&stream).unwrap().len() as f64;
         let share = size / target.parse::<f64>().unwrap();
         assert!((0.99..=1.0).contains(&share), "{target}: {share}");
     }
-    ok(&[
-        "encode",
-        path(&model),
-        "-o",
-        path(&stream),
-        "--force",
-        "--target-psnr",
-        "34",
-        "--cameras",
-        path(&room),
-    ]);
+    let line = words("encode @ -o @ --force --target-psnr 34 --cameras @");
+    ok(&line, &[&model(), &stream, &room]);
 }
 
 #[test]
 fn lossless_returns_every_bit() {
     let dir = tempfile::tempdir().unwrap();
-    let (model, stream, back) = (model(), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
-    ok(&["encode", path(&model), "-o", path(&stream), "--lossless"]);
-    ok(&["decode", path(&stream), "-o", path(&back)]);
+    let (stream, back) = (dir.path().join("a.gsvx"), dir.path().join("b.ply"));
+    ok(&words("encode @ -o @ --lossless"), &[&model(), &stream]);
+    ok(&words("decode @ -o @"), &[&stream, &back]);
     let rows = |p: &Path| {
-        let (s, _) = gs_model::ply::read(p).unwrap();
+        let s = read(p);
         let mut rows: Vec<Vec<u32>> = (0..s.len()).map(|i| row(&s, i)).collect();
         rows.sort();
         rows
     };
-    assert!(rows(&model) == rows(&back), "some float changed");
+    assert!(rows(&model()) == rows(&back), "some float changed");
 }
 
 fn row(s: &Scene, i: usize) -> Vec<u32> {
@@ -101,20 +78,19 @@ fn row(s: &Scene, i: usize) -> Vec<u32> {
 #[test]
 fn mistakes_get_one_line() {
     let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
     let file = |name: &str, bytes: &[u8]| {
-        let p = dir.path().join(name);
-        std::fs::write(&p, bytes).unwrap();
-        p
+        std::fs::write(at(name), bytes).unwrap();
+        at(name)
     };
     let model = std::fs::read(model()).unwrap();
-    let (out, back) = (dir.path().join("out.gsvx"), dir.path().join("back.ply"));
-    let (out, back) = (path(&out), path(&back));
+    let (out, back) = (at("out.gsvx"), at("back.ply"));
     let whole = file("whole.ply", &model);
-    let encode = |p: &Path, needle: &str| fails(&["encode", path(p), "-o", out], needle);
-    encode(&dir.path().join("absent.ply"), "absent.ply");
-    encode(&file("empty.ply", b""), "empty.ply");
-    encode(&file("text.ply", b"hello"), "text.ply");
-    encode(&file("cut.ply", &model[..model.len() / 2]), "cut.ply");
+    let encode = |p: &Path, needle| one_line(&run(&words("encode @ -o @"), &[p, &out]), needle);
+    encode(&at("absent.ply"), "absent.ply");
+    encode(&file("empty.ply", b""), "empty.ply: is empty");
+    encode(&file("text.ply", b"hello"), "text.ply: not a PLY file");
+    encode(&file("cut.ply", &model[..model.len() / 2]), "cut.ply: truncated at byte");
     let header =
         b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n";
     encode(&file("bare.ply", header), "bare.ply");
@@ -124,84 +100,68 @@ fn mistakes_get_one_line() {
     nan[start..start + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     let nan = file("nan.ply", &nan);
     encode(&nan, "--drop-invalid");
-    let dropped = dir.path().join("dropped.gsvx");
-    ok(&["encode", path(&nan), "-o", path(&dropped), "--drop-invalid"]);
-    fails(&["convert", path(&whole), path(dir.path()), "--to", "ply"], "directory");
-    fails(&["encode", path(&whole), "-o", "/nonexistent-folder/a.gsvx"], "no such directory");
-    fails(&["encode", path(&whole), "-o", out, "--cameras", path(dir.path())], "camera");
-    fails(&["decode", path(&whole), "-o", back], "not a gsvx stream");
-    let stream = dir.path().join("s.gsvx");
-    ok(&["encode", path(&whole), "-o", path(&stream)]);
+    ok(&words("encode @ -o @ --drop-invalid"), &[&nan, &at("dropped.gsvx")]);
+    one_line(&run(&words("convert @ @ --to ply"), &[&whole, dir.path()]), "directory");
+    let nowhere = Path::new("/nonexistent-folder/a.gsvx");
+    one_line(&run(&words("encode @ -o @"), &[&whole, nowhere]), "no such directory");
+    one_line(&run(&words("encode @ -o @ --cameras @"), &[&whole, &out, dir.path()]), "camera");
+    let decode = |p: &Path, needle| one_line(&run(&words("decode @ -o @"), &[p, &back]), needle);
+    decode(&whole, "not a gsvx stream");
+    let stream = at("s.gsvx");
+    ok(&words("encode @ -o @"), &[&whole, &stream]);
     let bytes = std::fs::read(&stream).unwrap();
-    let cut = file("cut.gsvx", &bytes[..bytes.len() - 10]);
-    fails(&["decode", path(&cut), "-o", back], "truncated");
-    ok(&["decode", path(&cut), "-o", back, "--allow-truncated"]);
     let mut flipped = bytes.clone();
-    let middle = flipped.len() / 2;
-    flipped[middle] ^= 4;
-    fails(&["decode", path(&file("flip.gsvx", &flipped)), "-o", back, "--force"], "CRC-32C");
+    flipped[bytes.len() / 2] ^= 4;
+    decode(&file("flip.gsvx", &flipped), "CRC-32C");
+    let cut = file("cut.gsvx", &bytes[..bytes.len() - 10]);
+    decode(&cut, "truncated");
+    ok(&words("decode @ -o @ --allow-truncated"), &[&cut, &back]);
 }
 
 #[test]
 fn a_short_finetune_writes_a_stream_that_decodes() {
     let dir = tempfile::tempdir().unwrap();
-    let (room, stream, back) = (room(), dir.path().join("a.gsvx"), dir.path().join("b.ply"));
-    let model = room.join("point_cloud.ply");
-    let said = ok(&[
-        "tune",
-        "--profile",
-        "paper",
-        path(&model),
-        "--cameras",
-        path(&room),
-        "-o",
-        path(&stream),
-        "--steps",
-        "20",
-        "--backend",
-        "cpu",
-    ]);
+    let at = |name: &str| dir.path().join(name);
+    let (model, room) = (model(), room());
+    let line = words("tune --profile paper @ --cameras @ -o @ --steps 20 --backend cpu");
+    let said = ok(&line, &[&model, &room, &at("a.gsvx")]);
     assert!(said.contains("20 steps"), "{said}");
-    ok(&["decode", path(&stream), "-o", path(&back)]);
-    let wrong = dir.path().join("x.txt");
-    let out = gsvx(&["tune", path(&model), "--cameras", path(&room), "-o", path(&wrong)]);
-    common::wrong_usage(&out, ".gsvx or .ply");
+    ok(&words("decode @ -o @"), &[&at("a.gsvx"), &at("b.ply")]);
+    let wrong = run(&words("tune @ --cameras @ -o @"), &[&model, &room, &at("x.txt")]);
+    wrong_usage(&wrong, ".gsvx or .ply");
 }
 
 #[test]
 fn pipes_threads_and_json() {
     let dir = tempfile::tempdir().unwrap();
-    let model = model();
     let (one, two) = (dir.path().join("1.gsvx"), dir.path().join("2.gsvx"));
-    let said = json(&ok(&["encode", path(&model), "-o", path(&one), "--threads", "1", "--json"]));
+    let said = json(&words("encode @ -o @ --threads 1"), &[&model(), &one]);
     assert_eq!(said["bytes"], std::fs::metadata(&one).unwrap().len());
     assert!(said["parts"]["base layers"].as_u64().unwrap() > 100, "{said}");
-    ok(&["--threads", "3", "encode", path(&model), "-o", path(&two)]);
+    ok(&words("--threads 3 encode @ -o @"), &[&model(), &two]);
     let stream = std::fs::read(&one).unwrap();
     assert!(stream == std::fs::read(&two).unwrap(), "the bytes depend on the number of threads");
-    let piped = common::piped(&["encode", "-", "-o", "-"], &std::fs::read(&model).unwrap());
-    assert!(piped.status.success() && piped.stdout == stream);
+    let encoded = piped(&words("encode - -o -"), &std::fs::read(model()).unwrap());
+    assert!(encoded.status.success() && encoded.stdout == stream);
     // The report goes where the data does not.
-    assert!(String::from_utf8_lossy(&piped.stderr).contains("bits per Gaussian"));
-    let ply = common::piped(&["decode", "-", "-o", "-"], &stream);
-    let (scene, _) = gs_model::ply::read_bytes(&ply.stdout).unwrap();
-    let info = json(&ok(&["info", path(&one), "--json"]));
+    assert!(heard(&encoded).contains("bits per Gaussian"));
+    let decoded = piped(&words("decode - -o -"), &stream);
+    let (scene, _) = ply::read_bytes(&decoded.stdout).unwrap();
+    let info = json(&["info", "@"], &[&one]);
     assert_eq!(info["gaussians"], scene.len());
     assert_eq!(info["expected_bytes"], stream.len());
-    let usage = gsvx(&["encode", path(&model)]);
-    assert_eq!(usage.status.code(), Some(2), "no output given");
+    wrong_usage(&run(&["encode", "@"], &[&model()]), "--output");
 }
 
 /// Of the golden streams.
 #[test]
 fn info_tells_chunks_and_levels_of_detail() {
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
-    let info = |name: &str| json(&ok(&["info", path(&golden.join(name)), "--json"]));
+    let golden = room().join("../streams");
+    let info = |name: &str| json(&["info", "@"], &[&golden.join(name)]);
     assert!(info("chunks.gsvx")["chunks"].as_array().unwrap().len() > 1);
-    let levels = info("lod.gsvx")["levels_of_detail"].as_u64().unwrap();
-    assert!(levels > 1);
+    assert!(info("lod.gsvx")["levels_of_detail"].as_u64().unwrap() > 1);
     assert_eq!(info("default.gsvx")["levels_of_detail"], 1);
-    let text = ok(&["info", path(&golden.join("lod.gsvx"))]);
+    let text = ok(&["info", "@"], &[&golden.join("lod.gsvx")]);
     assert!(text.contains("level 1") && text.contains("coarse levels"), "{text}");
 }
 
@@ -209,76 +169,61 @@ fn info_tells_chunks_and_levels_of_detail() {
 #[test]
 fn floaters_are_trimmed() {
     let dir = tempfile::tempdir().unwrap();
-    let [model, stream, back] = ["m.ply", "a.gsvx", "b.ply"].map(|name| dir.path().join(name));
-    let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
+    let [input, stream, back] = ["m.ply", "a.gsvx", "b.ply"].map(|name| dir.path().join(name));
+    let mut scene = read(&model());
     let at = [5, 700, scene.len() - 1];
     for (axis, &i) in at.iter().enumerate() {
         scene.means[i][axis] = 1e6;
     }
-    gs_model::ply::write(&model, &scene).unwrap();
-    let said = ok(&["encode", path(&model), "-o", path(&stream)]);
+    ply::write(&input, &scene).unwrap();
+    let said = ok(&words("encode @ -o @"), &[&input, &stream]);
     assert!(said.contains("3 outliers coded exactly, far from all others: "), "{said}");
-    assert!(ok(&["info", path(&stream)]).contains("3 of them bit for bit"));
-    ok(&["decode", path(&stream), "-o", path(&back)]);
-    let (decoded, _) = gs_model::ply::read(&back).unwrap();
+    assert!(ok(&["info", "@"], &[&stream]).contains("3 of them bit for bit"));
+    ok(&words("decode @ -o @"), &[&stream, &back]);
+    let decoded = read(&back);
     for (k, &i) in at.iter().enumerate() {
         assert_eq!(row(&decoded, decoded.len() - 3 + k), row(&scene, i));
     }
-    let info = json(&ok(&["info", path(&stream), "--json"]));
+    let info = json(&["info", "@"], &[&stream]);
     assert_eq!((&info["exact_gaussians"], &info["gaussians"]), (&3.into(), &decoded.len().into()));
 }
 
 #[test]
 fn render_writes_one_png_per_camera() {
     let dir = tempfile::tempdir().unwrap();
-    let (model, out) = (model(), dir.path().join("views"));
-    let room = room();
-    let render = ["render", path(&model), "--cameras", path(&room), "--every", "8"];
-    let args = |more: &[&'static str]| [&render[..], &["-o", path(&out)], more].concat();
-    let said = json(&ok(&args(&["--json", "--scale", "0.5"])));
+    let (model, room, out) = (model(), room(), dir.path().join("views"));
+    let render = words("render @ --cameras @ -o @ --every 8 --scale 0.5");
+    let paths: [&Path; 3] = [&model, &room, &out];
+    let said = json(&render, &paths);
     let images = said["images"].as_array().unwrap();
-    assert_eq!(images.len(), std::fs::read_dir(&out).unwrap().count());
+    assert_eq!(images.len(), common::names(&out).len());
     let first = image::open(images[0].as_str().unwrap()).unwrap().to_rgb8();
     assert!(first.width() > 16);
-    let mean =
-        first.as_raw().iter().map(|&v| u64::from(v)).sum::<u64>() / first.as_raw().len() as u64;
+    let sum: u64 = first.as_raw().iter().map(|&v| u64::from(v)).sum();
+    let mean = sum / first.as_raw().len() as u64;
     assert!((20..236).contains(&mean), "{mean}");
-    fails(&args(&[]), "--force");
+    one_line(&run(&render, &paths), "--force");
     let orbit = dir.path().join("orbit.png");
-    ok(&["render", path(&model), "--orbit", "1", "--size", "80x60", "-o", path(&orbit)]);
+    ok(&words("render @ --orbit 1 --size 80x60 -o @"), &[&model, &orbit]);
     assert_eq!(image::image_dimensions(&orbit).unwrap(), (80, 60));
-    let two = gsvx(&["render", path(&model), "--orbit", "2", "-o", path(&orbit), "--force"]);
-    common::wrong_usage(&two, "folder");
-    fails(
-        &["render", path(&model), "--cameras", path(&room), "--view", "none", "-o", path(&out)],
-        "none",
-    );
-    assert_eq!(gsvx(&["render", path(&model), "-o", path(&out)]).status.code(), Some(2));
+    let two = run(&words("render @ --orbit 2 -o @ --force"), &[&model, &orbit]);
+    wrong_usage(&two, "folder");
+    one_line(&run(&words("render @ --cameras @ -o @ --view none"), &paths), "none");
+    wrong_usage(&run(&words("render @ -o @"), &[&model, &out]), "--orbit");
 }
 
 #[test]
 fn convert_and_compare() {
     let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
     let model = model();
-    let file = |name: &str| dir.path().join(name);
-    let (spz, small, splat) = (file("a.spz"), file("small.spz"), file("a.splat"));
-    ok(&["convert", path(&model), path(&spz)]);
-    ok(&["convert", path(&model), path(&small), "--spz-sh-bits", "5,4"]);
-    ok(&["convert", path(&model), path(&splat)]);
+    let (spz, small, splat) = (at("a.spz"), at("small.spz"), at("a.splat"));
+    ok(&words("convert @ @"), &[&model, &spz]);
+    ok(&words("convert @ @ --spz-sh-bits 5,4"), &[&model, &small]);
+    ok(&words("convert @ @"), &[&model, &splat]);
     let len = |p: &Path| std::fs::metadata(p).unwrap().len();
     assert!(len(&small) < len(&spz));
-    let compare = |b: &Path| {
-        json(&ok(&[
-            "compare",
-            path(&model),
-            path(b),
-            "--orbit",
-            "3",
-            "--size",
-            "160x120",
-            "--json",
-        ]))
-    };
+    let compare = |b: &Path| json(&words("compare @ @ --orbit 3 --size 160x120"), &[&model, b]);
     let same = compare(&model);
     assert!(same["psnr"].is_null() && same["ssim"] == 1.0, "{same}");
     assert_eq!(same["attributes"]["mean"], 0.0);
@@ -286,24 +231,21 @@ fn convert_and_compare() {
     let (fine, coarse, flat) = (psnr(&spz), psnr(&small), psnr(&splat));
     assert!(fine > 40.0 && fine > coarse && coarse > 25.0 && flat > 15.0, "{fine} {coarse} {flat}");
     // A stream is a model too, and its Gaussians are another number in another order.
-    let (stream, back) = (file("a.gsvx"), file("b.ply"));
-    ok(&["encode", path(&model), "-o", path(&stream), "-q", "90"]);
+    let (stream, back) = (at("a.gsvx"), at("b.ply"));
+    ok(&words("encode @ -o @ -q 90"), &[&model, &stream]);
     let seen = compare(&stream);
     assert_eq!(seen["attributes"]["pairing"], "nearest");
     assert!(seen["psnr"].as_f64().unwrap() > 35.0, "{seen}");
-    ok(&["convert", path(&stream), path(&back)]);
-    let said = ok(&["compare", path(&stream), path(&back), "--orbit", "1"]);
+    ok(&words("convert @ @"), &[&stream, &back]);
+    let said = ok(&words("compare @ @ --orbit 1"), &[&stream, &back]);
     assert!(said.contains("row by row") && said.contains("PSNR"), "{said}");
     // PLY to PLY keeps every bit.
-    let copy = file("copy.ply");
-    ok(&["convert", path(&model), path(&copy)]);
-    let read = |p: &Path| gs_model::ply::read(p).unwrap().0;
-    assert_eq!(read(&model), read(&copy));
-    common::wrong_usage(&gsvx(&["convert", path(&model), path(&file("a.gsvx"))]), "gsvx encode");
-    common::wrong_usage(&gsvx(&["convert", path(&model), path(&file("a.xyz"))]), "--to");
-    common::wrong_usage(&gsvx(&["convert", path(&model), "-"]), "--to");
-    let piped =
-        common::piped(&["convert", "-", "-", "--to", "spz"], &std::fs::read(&model).unwrap());
+    ok(&words("convert @ @"), &[&model, &at("copy.ply")]);
+    assert_eq!(read(&model), read(&at("copy.ply")));
+    wrong_usage(&run(&words("convert @ @"), &[&model, &at("b.gsvx")]), "gsvx encode");
+    wrong_usage(&run(&words("convert @ @"), &[&model, &at("a.xyz")]), "--to");
+    wrong_usage(&run(&words("convert @ -"), &[&model]), "--to");
+    let piped = piped(&words("convert - - --to spz"), &std::fs::read(&model).unwrap());
     assert!(piped.stdout == std::fs::read(&spz).unwrap());
 }
 
@@ -311,16 +253,14 @@ fn convert_and_compare() {
 #[test]
 fn an_interrupted_encode_leaves_nothing_and_keeps_what_was_there() {
     let dir = tempfile::tempdir().unwrap();
-    let (room, stream) = (room(), dir.path().join("a.gsvx"));
+    let stream = dir.path().join("a.gsvx");
     std::fs::write(&stream, b"before").unwrap();
-    let model = room.join("point_cloud.ply");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_gsvx"))
-        .args(["encode", path(&model), "-o", path(&stream), "--force", "--target-bytes", "60000"])
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut command = common::gsvx();
+    command.arg("encode").arg(model()).arg("-o").arg(&stream);
+    command.args(["--force", "--target-bytes", "60000"]).stderr(std::process::Stdio::piped());
+    let mut child = command.spawn().unwrap();
     // The temporary file is there before the work begins.
-    while std::fs::read_dir(dir.path()).unwrap().count() < 2 {
+    while common::names(dir.path()).len() < 2 {
         assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
@@ -328,7 +268,7 @@ fn an_interrupted_encode_leaves_nothing_and_keeps_what_was_there() {
     assert!(killed.success());
     let out = child.wait_with_output().unwrap();
     assert_eq!(out.status.code(), Some(130));
-    assert!(String::from_utf8_lossy(&out.stderr).contains("interrupted"));
+    assert!(heard(&out).contains("interrupted"));
     assert_eq!(std::fs::read(&stream).unwrap(), b"before");
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    assert_eq!(common::names(dir.path()).len(), 1);
 }

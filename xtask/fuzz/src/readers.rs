@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use gs_model::camera::LensDistortion;
 use gs_model::{Format, Invalid, ReadOptions, Scene, colmap as sfm, inria, nerf, ply};
 
 use crate::{choice, gzip, number};
@@ -112,11 +113,11 @@ pub fn colmap(data: &[u8]) -> bool {
 pub fn cameras(data: &[u8]) -> bool {
     let (byte, file) = choice(data);
     if byte & 1 == 0 {
-        let Ok(cameras) = inria::cameras_from_bytes(file) else { return false };
+        let Ok(cameras) = inria::cameras_from_bytes("<bytes>", file) else { return false };
         cameras.iter().for_each(check_camera);
     } else {
         let place = "/nowhere/transforms.json";
-        let Ok(views) = nerf::views_from_bytes(place, file) else { return false };
+        let Ok(views) = nerf::views_from_bytes(place, file, LensDistortion::Refuse) else { return false };
         views.iter().for_each(|v| check_camera(&v.camera));
     }
     true

@@ -22,30 +22,31 @@ impl<'a> Numbers<'a> {
         accessor: usize,
         kind: &str,
     ) -> Result<Self, &'static str> {
-        let accessor = root.accessors.get(accessor).ok_or("names an accessor that is not there")?;
+        let accessor =
+            root.accessors.get(accessor).ok_or("it names an accessor that is not there")?;
         if accessor.kind != kind {
-            return Err("has an accessor of the wrong type");
+            return Err("it has an accessor of the wrong type");
         }
         if accessor.sparse.is_some() {
-            return Err("has a sparse accessor, which is not read");
+            return Err("it has a sparse accessor, which is not read");
         }
         let view = accessor.buffer_view.and_then(|at| root.buffer_views.get(at));
-        let view = view.ok_or("has an accessor without data")?;
-        let buffer = root.buffers.get(view.buffer).ok_or("names a buffer that is not there")?;
+        let view = view.ok_or("it has an accessor without data")?;
+        let buffer = root.buffers.get(view.buffer).ok_or("it names a buffer that is not there")?;
         if view.buffer != 0 || buffer.uri.is_some() {
-            return Err("has its data in another file; pack all into one .glb");
+            return Err("it has its data in another file; pack all into one .glb");
         }
         let component = accessor.component_type;
         let size = match component {
             json::I8 | json::U8 => 1,
             json::I16 | json::U16 => 2,
             json::F32 => 4,
-            _ => return Err("has components of a type that is not read"),
+            _ => return Err("it has components of a type that is not read"),
         };
         let row =
             size * [("SCALAR", 1), ("VEC3", 3)].iter().find(|t| t.0 == kind).map_or(4, |t| t.1);
         let stride = view.byte_stride.unwrap_or(row).max(row);
-        const SHORT: &str = "promises more than the file holds";
+        const SHORT: &str = "it promises more than the file holds";
         let end = view.byte_offset.checked_add(view.byte_length).ok_or(SHORT)?;
         let bytes = data.get(view.byte_offset..end).ok_or(SHORT)?;
         let bytes = bytes.get(accessor.byte_offset..).ok_or(SHORT)?;

@@ -105,7 +105,7 @@ impl<'a> Part<'a> {
         }
         let numbers = |name: &str, kind: &str| {
             let bad = |reason: &str| (format!(", {name}"), reason.to_owned());
-            let accessor = primitive.attributes.get(name).ok_or_else(|| bad("is missing"))?;
+            let accessor = primitive.attributes.get(name).ok_or_else(|| bad("it is missing"))?;
             Numbers::of(root, data, *accessor, kind).map_err(bad)
         };
         let has = |k: usize| primitive.attributes.contains_key(&sh_attribute(k));

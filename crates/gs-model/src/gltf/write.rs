@@ -122,7 +122,8 @@ fn head(file: &Path, scene: &Scene) -> Result<Vec<u8>> {
 }
 
 fn root(scene: &Scene, attributes: &[Attribute], data_len: u64) -> Value {
-    let (low, high) = bounds(scene);
+    let [a, b] = scene.bounds().map(|corner| ABOUT_Z.mean(corner).map(f64::from));
+    let bound = |pick: fn(f64, f64) -> f64| [0, 1, 2].map(|k| pick(a[k], b[k]));
     let (mut accessors, mut views, mut names) = (Vec::new(), Vec::new(), BTreeMap::new());
     let mut offset = 0;
     for (at, attribute) in attributes.iter().enumerate() {
@@ -133,7 +134,7 @@ fn root(scene: &Scene, attributes: &[Attribute], data_len: u64) -> Value {
             accessor["normalized"] = json!(true);
         }
         if at == 0 {
-            (accessor["min"], accessor["max"]) = (json!(low), json!(high));
+            (accessor["min"], accessor["max"]) = (json!(bound(f64::min)), json!(bound(f64::max)));
         }
         names.insert(&attribute.name, at);
         accessors.push(accessor);
@@ -155,16 +156,4 @@ fn root(scene: &Scene, attributes: &[Attribute], data_len: u64) -> Value {
         "bufferViews": views,
         "buffers": [{ "byteLength": data_len }],
     })
-}
-
-/// Least and greatest coordinates of the turned means.
-fn bounds(scene: &Scene) -> ([f64; 3], [f64; 3]) {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for &mean in &scene.means {
-        for (k, v) in ABOUT_Z.mean(mean).into_iter().map(f64::from).enumerate() {
-            low[k] = low[k].min(v);
-            high[k] = high[k].max(v);
-        }
-    }
-    (low, high)
 }

@@ -39,11 +39,11 @@ impl<'a> Decoder<'a> {
         for (at, (texture, name)) in textures.iter().zip(&meta.files).enumerate() {
             let (pixels, width) = (texture.pixels(), PALETTE_ROW * (sh_len - 1));
             if at == 5 && texture.width != width {
-                let reason = format!("is {} pixels wide, not {width}", texture.width);
+                let reason = format!("it is {} pixels wide, not {width}", texture.width);
                 return Err(malformed(file, name, reason));
             }
             if at != 5 && pixels < meta.count {
-                let reason = format!("has {pixels} pixels for {} Gaussians", meta.count);
+                let reason = format!("it has {pixels} pixels for {} Gaussians", meta.count);
                 return Err(malformed(file, name, reason));
             }
         }

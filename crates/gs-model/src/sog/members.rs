@@ -19,7 +19,7 @@ pub(super) enum Members<'a> {
 
 impl<'a> Members<'a> {
     pub(super) fn archive(file: &Path, bytes: &'a [u8]) -> Result<Self> {
-        let broken = |_| malformed(file, "the zip archive", "is broken or cut short; get it again");
+        let broken = |_| malformed(file, "the zip archive", "broken or cut short; get it again");
         let archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
         Ok(Self::Archive(Box::new(archive), MAX_RATIO * bytes.len() as u64))
     }
@@ -29,21 +29,21 @@ impl<'a> Members<'a> {
         let bad = |reason: &str| malformed(file, name, reason);
         // A name with folders could lead anywhere.
         if name.is_empty() || name.contains(['/', '\\', ':']) || name.starts_with("..") {
-            return Err(bad("is not the name of a file beside meta.json"));
+            return Err(bad("not the name of a file beside meta.json"));
         }
         match self {
             Self::Folder(folder) => fs::read(&folder.join(name)),
             Self::Archive(archive, most) => {
                 let mut member = archive.by_name(name).map_err(|e| match e {
-                    zip::result::ZipError::FileNotFound => bad("is not in the archive"),
-                    _ => bad("cannot be unpacked"),
+                    zip::result::ZipError::FileNotFound => bad("it is not in the archive"),
+                    _ => bad("it cannot be unpacked"),
                 })?;
                 if member.size() > *most {
-                    return Err(bad("is far larger than the archive"));
+                    return Err(bad("it is far larger than the archive"));
                 }
                 let mut data = Vec::new();
                 let read = member.by_ref().take(*most).read_to_end(&mut data);
-                read.map_err(|_| bad("cannot be unpacked: its data is broken"))?;
+                read.map_err(|_| bad("it cannot be unpacked: its data is broken"))?;
                 Ok(data)
             }
         }

@@ -44,8 +44,10 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
     let (meta, mut members) = if bytes.starts_with(b"PK") {
         let mut archive = Members::archive(file, bytes)?;
         (archive.read(file, "meta.json")?, archive)
-    } else {
+    } else if bytes.trim_ascii_start().starts_with(b"{") {
         (bytes.to_vec(), Members::Folder(file.parent().unwrap_or(Path::new(""))))
+    } else {
+        return Err(Error::other_format(file, "a SOG, neither archive nor meta.json", bytes));
     };
     let meta = Meta::parse(file, &meta)?;
     let images = meta.files.iter().map(|name| members.read(file, name));
@@ -62,7 +64,13 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
         let row = decoder.row(i);
         move |c| row.number(c)
     });
-    report::finish(file, scene, (&FORMAT, format!("SOG, version {}", meta.version)), options)
+    let form = format!("SOG, version {}", meta.version);
+    let (scene, report) = report::finish(file, scene, (&FORMAT, form), options)?;
+    let bytes_beside = match members {
+        Members::Folder(_) => images.iter().map(|image| image.len() as u64).sum(),
+        Members::Archive(..) => 0,
+    };
+    Ok((scene, Report { bytes_beside, ..report }))
 }
 
 fn malformed(file: &Path, place: &str, reason: impl AsRef<str>) -> Error {

@@ -26,17 +26,17 @@ pub(super) struct Texture {
 impl Texture {
     /// Decodes an image; an error is what is wrong with it.
     pub(super) fn decode(image: &[u8], most_pixels: u64) -> Result<Self, &'static str> {
-        const BROKEN: &str = "is not a whole WebP image";
+        const BROKEN: &str = "not a whole WebP image";
         let mut decoder = WebPDecoder::new(Cursor::new(image)).map_err(|_| BROKEN)?;
         let (width, height) = decoder.dimensions();
         if u64::from(width) * u64::from(height) > most_pixels {
-            return Err("has far more pixels than its length gives reason for");
+            return Err("it has far more pixels than its length gives reason for");
         }
         if decoder.is_animated() {
-            return Err("is an animation");
+            return Err("it is an animation");
         }
         if decoder.is_lossy() {
-            return Err("is a lossy WebP image: its values are not those that were meant");
+            return Err("it is a lossy WebP image: its values are not those that were meant");
         }
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut data = vec![0; decoder.output_buffer_size().ok_or(BROKEN)?];

@@ -52,7 +52,7 @@ pub(super) fn read(
     options: &ReadOptions,
 ) -> Result<(Scene, Report)> {
     if header.encoding != Encoding::BinaryLittleEndian {
-        return Err(malformed(file, "header", "is not binary_little_endian"));
+        return Err(malformed(file, "header", "it is not binary_little_endian"));
     }
     let (n, sh_degree, decoder) = decoder(file, bytes, header)?;
     let scene = rows::scene_of(n, sh_degree, |i| {
@@ -71,12 +71,12 @@ fn decoder<'a>(
     let table = |element: &str| Table::find(file, bytes, header, element);
     let needed = |element: &str| {
         table(element)?
-            .ok_or_else(|| malformed(file, "header", format!("has no element {element:?}")))
+            .ok_or_else(|| malformed(file, "header", format!("it has no element {element:?}")))
     };
     let (vertices, chunks) = (needed("vertex")?, needed("chunk")?);
     let n = vertices.rows;
     if chunks.rows < n.div_ceil(CHUNK) {
-        return Err(malformed(file, "element \"chunk\"", "has fewer rows than vertices need"));
+        return Err(malformed(file, "element \"chunk\"", "it has fewer rows than vertices need"));
     }
     let sh = table("sh")?;
     let sh_degree = match &sh {
@@ -88,7 +88,7 @@ fn decoder<'a>(
         }
     };
     if sh.as_ref().is_some_and(|sh| sh.rows != n) {
-        return Err(malformed(file, "element \"sh\"", "has other rows than \"vertex\""));
+        return Err(malformed(file, "element \"sh\"", "it has other rows than \"vertex\""));
     }
     let bounds = if chunks.has("min_r") { &BOUNDS[..] } else { &BOUNDS[..2] };
     let decoder = Decoder {

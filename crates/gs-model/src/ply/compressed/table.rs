@@ -37,7 +37,7 @@ impl<'a> Table<'a> {
             let end = body.skip(element, at)?;
             if element.name == name {
                 if element.has_list() {
-                    return Err(malformed(file, &format!("element {name:?}"), "has a list"));
+                    return Err(malformed(file, &format!("element {name:?}"), "it has a list"));
                 }
                 // Both fit: `skip` has found the rows in the file. A row without a byte has no end.
                 let stride = element.properties.iter().map(|p| p.scalar.size()).sum::<usize>();
