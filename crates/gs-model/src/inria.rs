@@ -12,9 +12,9 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
 use crate::camera::{Camera, checked_size};
-use crate::dataset::View;
 use crate::error::{Error, Result};
 use crate::fs;
+use crate::view::View;
 
 #[derive(Deserialize)]
 struct Entry {

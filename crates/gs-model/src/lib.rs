@@ -61,7 +61,9 @@ pub mod dataset;
 #[cfg(feature = "files")]
 pub mod error;
 #[cfg(feature = "files")]
+mod field;
 mod format;
+mod formats;
 #[cfg(feature = "files")]
 mod fs;
 #[cfg(feature = "formats")]
@@ -92,6 +94,7 @@ mod splat;
 pub mod spz;
 #[cfg(feature = "files")]
 pub mod validate;
+mod view;
 
 #[cfg(feature = "cameras")]
 pub use camera::Camera;

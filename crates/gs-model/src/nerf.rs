@@ -12,8 +12,8 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::camera::{self, Camera, LensDistortion, checked_size};
-use crate::dataset::View;
 use crate::error::{Error, Result};
+use crate::view::View;
 use crate::{fs, image_size};
 
 #[derive(Deserialize)]

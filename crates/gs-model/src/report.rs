@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use crate::error::Result;
-use crate::format::Format;
 use crate::scene::Scene;
 
 /// What to do with Gaussians that are invalid (see [`crate::validate::InvalidReport`]).
@@ -39,8 +38,8 @@ pub struct ReadOptions {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Report {
-    /// The format.
-    pub format: &'static Format,
+    /// The [`crate::Format::name`] of the format.
+    pub format: &'static str,
     /// The form of the file in words: `SPZ, version 4`.
     pub form: String,
     /// Bytes of the files beside it that belong to the model: the images of a SOG.
@@ -87,7 +86,7 @@ impl ReadOptions {
 pub(crate) fn finish(
     file: &Path,
     mut scene: Scene,
-    (format, form): (&'static Format, impl Into<String>),
+    (format, form): (&'static str, impl Into<String>),
     options: &ReadOptions,
 ) -> Result<(Scene, Report)> {
     let gaussians_in_file = scene.len();

@@ -57,7 +57,7 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
             _ => (f32::from(row[24 + c - SH]) / 255.0 - 0.5) / SH_C0,
         }
     });
-    report::finish(file, scene, (&FORMAT, ".splat"), options)
+    report::finish(file, scene, (FORMAT.name, ".splat"), options)
 }
 
 fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {

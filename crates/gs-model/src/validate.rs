@@ -4,46 +4,13 @@
 //! held 889,536 rows of zeros whose quaternions have no direction. One of them is enough to
 //! turn a rendered pixel, a bounding cube or a mean over Gaussians into NaN.
 
-use std::fmt;
 use std::path::Path;
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+pub use crate::field::Field;
 use crate::scene::{Scene, sh_len};
-
-/// One array of a [`Scene`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Field {
-    /// [`Scene::means`].
-    Mean,
-    /// [`Scene::rotations`].
-    Rotation,
-    /// [`Scene::log_scales`].
-    LogScale,
-    /// [`Scene::opacity_logits`].
-    OpacityLogit,
-    /// [`Scene::sh`].
-    Sh,
-}
-
-impl Field {
-    /// All fields, in the order in which they are checked.
-    pub const ALL: [Self; 5] =
-        [Self::Mean, Self::Rotation, Self::LogScale, Self::OpacityLogit, Self::Sh];
-}
-
-impl fmt::Display for Field {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Mean => "mean",
-            Self::Rotation => "rotation",
-            Self::LogScale => "log-scale",
-            Self::OpacityLogit => "opacity logit",
-            Self::Sh => "SH coefficient",
-        })
-    }
-}
 
 /// One invalid Gaussian.
 #[derive(Clone, Copy, Debug)]

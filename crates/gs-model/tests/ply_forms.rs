@@ -62,7 +62,7 @@ fn every_form_reads_as_the_same_bits() {
                     ply::read_bytes(&bytes).unwrap_or_else(|e| panic!("{name}: {e}"));
                 assert_eq!(bits(&back), bits(&scene), "{name}");
                 assert_eq!((back.sh_degree, report.gaussians_in_file), (degree, 7), "{name}");
-                assert_eq!((report.format.name, report.trailing_bytes), ("ply", 0), "{name}");
+                assert_eq!((report.format, report.trailing_bytes), ("ply", 0), "{name}");
                 let unknown: Vec<&str> = file
                     .properties
                     .iter()

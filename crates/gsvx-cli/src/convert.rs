@@ -84,15 +84,15 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let format = format::of_output(args.to, &args.output, None)?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
     let loaded = args.reading.any(&args.input)?;
-    let is_spz = |f: &Format| f.name == "spz";
+    let is_spz = |name: &str| name == "spz";
     // Each of reading and writing SPZ has turned the scene once, or is about to.
     let read = loaded.report.as_ref().is_some_and(|r| is_spz(r.format));
     let mut scene = loaded.scene;
-    if args.axes == Axes::Keep && read != is_spz(format) {
+    if args.axes == Axes::Keep && read != is_spz(format.name) {
         spz::turn(&mut scene);
     }
     let (name, stdout) = (output.name(), output.is_stdout());
-    let bytes = if is_spz(format) {
+    let bytes = if is_spz(format.name) {
         output.write(|out| Ok(out.write_all(&spz::pack(&name, &scene, args.spz_sh_bits)?)?))?
     } else {
         format::write(format, output, &scene)?

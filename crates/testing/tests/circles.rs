@@ -40,7 +40,7 @@ fn code(path: &Path) -> String {
 /// The paths of `a::{b, c::{d, e}}`.
 fn paths(tree: &str) -> Vec<String> {
     let Some((front, rest)) = tree.split_once('{') else {
-        return vec![tree.split(" as ").next().unwrap_or_default().trim().to_owned()];
+        return vec![tree.trim().to_owned()];
     };
     let body = rest.rsplit_once('}').map_or(rest, |(body, _)| body);
     let (mut depth, mut parts) = (0, vec![String::new()]);
@@ -55,8 +55,13 @@ fn paths(tree: &str) -> Vec<String> {
     parts.iter().flat_map(|part| paths(&format!("{}{}", front.trim(), part.trim()))).collect()
 }
 
-/// What a file names: the paths from the root of the crate, and whether each is a re-export.
-fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<(Module, bool)> {
+/// What a file names: the paths from the root of the crate, and the name under which each is re-exported, if
+/// it is.
+fn named(
+    module: &Module,
+    text: &str,
+    known: &BTreeMap<Module, PathBuf>,
+) -> Vec<(Module, Option<String>)> {
     let mut out = Vec::new();
     for (at, _) in text.match_indices("use ") {
         let before = text[..at].trim_end();
@@ -69,6 +74,7 @@ fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<
         let tree = text[at + 4..].split(';').next().unwrap_or_default();
         let is_export = before.ends_with("pub") || before.ends_with(')');
         for path in paths(tree) {
+            let (path, alias) = path.split_once(" as ").unwrap_or((&path, ""));
             let mut names: Module = path.split("::").map(|n| n.trim().to_owned()).collect();
             let mut base = Vec::new();
             match names[0].as_str() {
@@ -92,7 +98,9 @@ fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<
                     base = module.clone();
                 }
             }
-            out.push((base.into_iter().chain(names).collect(), is_export));
+            let own = if alias.is_empty() { names.last().cloned() } else { Some(alias.into()) };
+            let exported = own.filter(|_| is_export);
+            out.push((base.into_iter().chain(names).collect(), exported));
         }
     }
     out
@@ -118,13 +126,12 @@ fn arrows(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
         known.iter().map(|(module, path)| (module, named(module, &code(path), &known))).collect();
     let mut exports = BTreeMap::new();
     for (module, names) in &all {
-        for (path, _) in names.iter().filter(|(_, is_export)| *is_export) {
-            let name = path.last().cloned().into_iter();
-            exports.insert(module.iter().cloned().chain(name).collect(), path.clone());
+        for (path, name) in names.iter().filter_map(|(path, name)| Some((path, name.clone()?))) {
+            exports.insert(module.iter().cloned().chain([name]).collect(), path.clone());
         }
     }
-    let of = |(module, names): &(&Module, Vec<(Module, bool)>)| {
-        let used = names.iter().filter(|(_, is_export)| !is_export);
+    let of = |(module, names): &(&Module, Vec<(Module, Option<String>)>)| {
+        let used = names.iter().filter(|(_, exported)| exported.is_none());
         let to = used.filter_map(|(path, _)| defining(path, &known, &exports));
         let is_apart = |to: &Module| !to.starts_with(module) && !module.starts_with(to);
         ((*module).clone(), to.filter(is_apart).collect())

@@ -3,6 +3,7 @@
 pub mod finetune;
 pub mod gpcc;
 pub mod gsvx;
+mod gsvx_flags;
 mod importance;
 pub mod quality;
 mod scale;

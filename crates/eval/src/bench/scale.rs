@@ -9,7 +9,7 @@ use anyhow::{Context, Result, ensure};
 use gs_model::{Scene, ply};
 use serde_json::Value;
 
-use super::gsvx::Options;
+use super::gsvx_flags::Options;
 use super::speed::replicate;
 use crate::cells;
 use crate::page::{Page, Table};

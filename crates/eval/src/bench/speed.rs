@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use gs_model::{Scene, ply};
 
-use super::gsvx::Options;
+use super::gsvx_flags::Options;
 use crate::cells;
 use crate::chart::{Axis, Chart, Series};
 use crate::page::{Page, Table};

@@ -20,26 +20,13 @@ use voxel::Strategy;
 use crate::manifest::Manifest;
 use crate::peers::Outcome;
 use crate::published::Other;
-use crate::rd_curve::Options;
+use crate::rd_curve::options::{Experiment, Options};
 use crate::rd_curve::plan::{Coding, PAPER_QPS, Voxels};
 use crate::rd_curve::record::{Bd, Curve, Original};
 use crate::rd_curve::stages::Branch;
 use crate::rd_curve::study::Study;
 use crate::rd_curve::tune::Tuning;
 use crate::report::{Section, sections};
-
-/// An experiment of the paper.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Experiment {
-    /// Fig. 6: uniform voxelization at two depths, fine-tuned without initialisation.
-    Baseline,
-    /// Fig. 7: fine-tuned with and without the initialisation, at two depths.
-    Init,
-    /// Fig. 8, Table 1: adaptive voxelization against uniform.
-    Adaptive,
-    /// Fig. 9: against other codecs.
-    Sota,
-}
 
 /// Steps of every fine-tune unless given: about a minute on two cores. The paper takes 8000 to 30000.
 const STEPS: u64 = 400;

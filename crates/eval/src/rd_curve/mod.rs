@@ -4,6 +4,7 @@
 //! A stage whose record carries the hash of its inputs, its settings and the program is not run
 //! again, so a run that was cut goes on where it stopped.
 
+pub(crate) mod options;
 pub(crate) mod plan;
 pub(crate) mod record;
 mod size;
@@ -14,13 +15,10 @@ pub(crate) mod tune;
 mod views;
 
 use std::fs;
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use clap::{Args as _, FromArgMatches as _};
 
-use crate::experiments::Experiment;
 use crate::process::Gsvx;
 use crate::report::{self, sections};
 use crate::{peers, published};
@@ -30,72 +28,8 @@ use stages::Branch;
 use study::Study;
 use tune::Tuning;
 
+pub use options::{Effort, Options};
 pub use size::{Options as SizeOptions, run as size};
-pub use streams::Effort;
-
-/// Flags of `cargo xtask rd-curve`.
-#[derive(Clone, Debug, clap::Args)]
-pub struct Options {
-    /// A folder with model, cameras and photos, or a name from crates/eval/scenes.toml
-    #[arg(default_value = crate::scenes::DEFAULT)]
-    pub(crate) scene: String,
-    /// Folder of the report [default: out/rd/SCENE]
-    #[arg(long)]
-    out: Option<PathBuf>,
-    /// Measure at most this many held-out views
-    #[arg(long)]
-    views: Option<usize>,
-    /// Rates per curve [default: 6]
-    #[arg(long)]
-    rates: Option<usize>,
-    /// Two views, five rates
-    #[arg(long)]
-    quick: bool,
-    /// Depth of the uniform octree [default: chosen by rendering, deeper at higher rates]
-    #[arg(long)]
-    pub(crate) depth: Option<u8>,
-    /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
-    #[arg(long, value_parser = plan::parse_depths)]
-    pub(crate) adaptive: Option<(u8, u8)>,
-    /// Fine-tune each voxelized model against the training photos for this many steps [default:
-    /// none; experiments: 400]
-    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u64).range(1..))]
-    pub(crate) finetune: Option<u64>,
-    /// One of the paper's experiments instead of the default curves
-    #[arg(long)]
-    experiment: Option<Experiment>,
-    /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long
-    #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
-        default_missing_value = "normal", hide_possible_values = true)]
-    tune: Option<Effort>,
-    /// The command that tunes
-    #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
-    gsvx: PathBuf,
-    /// Run every stage, done before or not
-    #[arg(long)]
-    fresh: bool,
-    #[command(flatten)]
-    pub(crate) peers: peers::Options,
-}
-
-/// `--quick`: held-out views and rates.
-const QUICK: (usize, usize) = (2, 5);
-
-impl Options {
-    /// Those of `cargo xtask rd-curve SCENE`, without flags.
-    pub(crate) fn of(scene: &str) -> Result<Self> {
-        let command = Self::augment_args(clap::Command::new("rd-curve").no_binary_name(true));
-        Ok(Self::from_arg_matches(&command.try_get_matches_from([scene])?)?)
-    }
-
-    fn views(&self) -> usize {
-        self.views.unwrap_or(if self.quick { QUICK.0 } else { usize::MAX })
-    }
-
-    fn qualities(&self) -> Result<Vec<f32>> {
-        plan::qualities(self.rates.unwrap_or(if self.quick { QUICK.1 } else { 6 }))
-    }
-}
 
 /// Measures the curves of a scene, or an experiment of the paper, and writes the report: `report.html`, `report.md`,
 /// a JSON and the charts.

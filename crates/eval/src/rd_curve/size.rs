@@ -31,7 +31,7 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<()> {
     let mut runs = Vec::new();
     for scene in &options.scenes {
-        let mut of_scene = super::Options::of(scene)?;
+        let mut of_scene = super::options::Options::of(scene)?;
         of_scene.peers.no_peers = true;
         runs.push(super::curves(&Study::open(&of_scene)?, &of_scene, &of_scene.qualities()?)?);
     }

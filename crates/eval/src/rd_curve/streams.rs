@@ -10,34 +10,13 @@ use std::fs;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use super::options::Effort;
 use super::record::{Coded, Curve};
 use super::study::Study;
 use crate::cache::Cache;
 use crate::measure;
 use crate::process::Gsvx;
 use crate::progress::Bar;
-
-/// How long to tune.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
-pub enum Effort {
-    /// About a minute for a scene of 120,000 Gaussians and small photos.
-    Quick,
-    /// About five.
-    Normal,
-    /// About thirty.
-    Long,
-}
-
-impl Effort {
-    /// As the command calls it.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Quick => "quick",
-            Self::Normal => "normal",
-            Self::Long => "long",
-        }
-    }
-}
 
 /// How the command makes a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

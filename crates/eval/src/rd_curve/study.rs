@@ -9,7 +9,7 @@ use finetune::TrainView;
 use gs_model::dataset::{Dataset, View};
 use serde::Serialize;
 
-use super::Options;
+use super::options::Options;
 use super::plan;
 use super::record::{Coded, Original};
 use crate::cache::{self, Cache};

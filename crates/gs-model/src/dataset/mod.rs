@@ -6,24 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::camera::{Camera, LensDistortion};
 use crate::error::{Error, Result};
+pub use crate::view::View;
 use crate::{colmap, fs, inria, nerf};
-
-/// One posed photo.
-#[derive(Clone, Debug, PartialEq)]
-pub struct View {
-    /// Where the photo was taken from.
-    pub camera: Camera,
-    /// Where the photo is expected. It may be missing: see [`View::has_photo`].
-    pub image_path: PathBuf,
-}
-
-impl View {
-    /// True if the photo is there.
-    #[must_use]
-    pub fn has_photo(&self) -> bool {
-        self.image_path.is_file()
-    }
-}
 
 /// Every how many views one is held out.
 pub const HOLD_OUT_EVERY: usize = 8;

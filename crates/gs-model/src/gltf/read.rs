@@ -47,7 +47,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
     for part in parts {
         scene.append(&part.scene());
     }
-    report::finish(file, scene, (&FORMAT, "glTF, KHR_gaussian_splatting"), options)
+    report::finish(file, scene, (FORMAT.name, "glTF, KHR_gaussian_splatting"), options)
 }
 
 /// Refuses what would change the splats and is not read.

@@ -47,7 +47,7 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
             move |c| row.number(c)
         }));
     }
-    report::finish(file, scene, (&FORMAT, ".ksplat"), options)
+    report::finish(file, scene, (FORMAT.name, ".ksplat"), options)
 }
 
 /// What the header says of all sections.

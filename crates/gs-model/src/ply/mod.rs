@@ -133,7 +133,8 @@ fn finish(
     header: &Header,
     columns: Columns,
 ) -> Result<(Scene, Report)> {
-    let (scene, report) = report::finish(file, scene, (&FORMAT, header.encoding.form()), options)?;
+    let (scene, report) =
+        report::finish(file, scene, (FORMAT.name, header.encoding.form()), options)?;
     let (notes, comments) = (columns.variants.notes(), header.comments.clone());
     let lost = columns.lost().collect();
     Ok((scene, Report { notes, lost, unknown_properties: columns.unknown, comments, ..report }))

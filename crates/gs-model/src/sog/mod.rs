@@ -65,7 +65,7 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
         move |c| row.number(c)
     });
     let form = format!("SOG, version {}", meta.version);
-    let (scene, report) = report::finish(file, scene, (&FORMAT, form), options)?;
+    let (scene, report) = report::finish(file, scene, (FORMAT.name, form), options)?;
     let bytes_beside = match members {
         Members::Folder(_) => images.iter().map(|image| image.len() as u64).sum(),
         Members::Archive(..) => 0,

@@ -64,7 +64,7 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
     } else {
         return Err(Error::other_format(file, "an SPZ file", bytes));
     };
-    report::finish(file, scene, (&FORMAT, format!("SPZ, version {version}")), options)
+    report::finish(file, scene, (FORMAT.name, format!("SPZ, version {version}")), options)
 }
 
 /// Versions 2 and 3: one gzip stream. Returns the version too.

@@ -59,7 +59,7 @@ pub(super) fn read(
         let row = decoder.row(i);
         move |c| row.number(c)
     });
-    report::finish(file, scene, (&FORMAT, "PlayCanvas compressed.ply"), options)
+    report::finish(file, scene, (FORMAT.name, "PlayCanvas compressed.ply"), options)
 }
 
 /// The number of Gaussians, their SH degree, and where the file holds them.

@@ -1,0 +1,109 @@
+//! Flags of `cargo xtask rd-curve`.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::{Args as _, FromArgMatches as _};
+use serde::Serialize;
+
+use super::plan;
+use crate::peers;
+
+/// How long to tune.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+pub enum Effort {
+    /// About a minute for a scene of 120,000 Gaussians and small photos.
+    Quick,
+    /// About five.
+    Normal,
+    /// About thirty.
+    Long,
+}
+
+impl Effort {
+    /// As the command calls it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Quick => "quick",
+            Self::Normal => "normal",
+            Self::Long => "long",
+        }
+    }
+}
+
+/// An experiment of the paper.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Experiment {
+    /// Fig. 6: uniform voxelization at two depths, fine-tuned without initialisation.
+    Baseline,
+    /// Fig. 7: fine-tuned with and without the initialisation, at two depths.
+    Init,
+    /// Fig. 8, Table 1: adaptive voxelization against uniform.
+    Adaptive,
+    /// Fig. 9: against other codecs.
+    Sota,
+}
+
+/// Flags of `cargo xtask rd-curve`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Options {
+    /// A folder with model, cameras and photos, or a name from crates/eval/scenes.toml
+    #[arg(default_value = crate::scenes::DEFAULT)]
+    pub(crate) scene: String,
+    /// Folder of the report [default: out/rd/SCENE]
+    #[arg(long)]
+    pub(crate) out: Option<PathBuf>,
+    /// Measure at most this many held-out views
+    #[arg(long)]
+    pub(crate) views: Option<usize>,
+    /// Rates per curve [default: 6]
+    #[arg(long)]
+    pub(crate) rates: Option<usize>,
+    /// Two views, five rates
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Depth of the uniform octree [default: chosen by rendering, deeper at higher rates]
+    #[arg(long)]
+    pub(crate) depth: Option<u8>,
+    /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
+    #[arg(long, value_parser = plan::parse_depths)]
+    pub(crate) adaptive: Option<(u8, u8)>,
+    /// Fine-tune each voxelized model against the training photos for this many steps [default:
+    /// none; experiments: 400]
+    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) finetune: Option<u64>,
+    /// One of the paper's experiments instead of the default curves
+    #[arg(long)]
+    pub(crate) experiment: Option<Experiment>,
+    /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long
+    #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
+        default_missing_value = "normal", hide_possible_values = true)]
+    pub(crate) tune: Option<Effort>,
+    /// The command that tunes
+    #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
+    pub(crate) gsvx: PathBuf,
+    /// Run every stage, done before or not
+    #[arg(long)]
+    pub(crate) fresh: bool,
+    #[command(flatten)]
+    pub(crate) peers: peers::Options,
+}
+
+/// `--quick`: held-out views and rates.
+const QUICK: (usize, usize) = (2, 5);
+
+impl Options {
+    /// Those of `cargo xtask rd-curve SCENE`, without flags.
+    pub(crate) fn of(scene: &str) -> Result<Self> {
+        let command = Self::augment_args(clap::Command::new("rd-curve").no_binary_name(true));
+        Ok(Self::from_arg_matches(&command.try_get_matches_from([scene])?)?)
+    }
+
+    pub(crate) fn views(&self) -> usize {
+        self.views.unwrap_or(if self.quick { QUICK.0 } else { usize::MAX })
+    }
+
+    pub(crate) fn qualities(&self) -> Result<Vec<f32>> {
+        plan::qualities(self.rates.unwrap_or(if self.quick { QUICK.1 } else { 6 }))
+    }
+}
