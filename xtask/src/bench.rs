@@ -162,12 +162,6 @@ pub(crate) struct FinetuneArgs {
     /// What is minimised
     #[arg(long, default_value = "l1-ssim", value_parser = ["l1-ssim", "mse"])]
     loss: String,
-    /// Factor on all learning rates
-    #[arg(long, default_value_t = 1.0)]
-    rate: f32,
-    /// Fraction of the learning rates at the last step
-    #[arg(long, default_value_t = 0.1)]
-    final_rate: f64,
     /// Merge by blending weights over the training views rather than by opacity and area
     #[arg(long)]
     weigh: bool,
@@ -184,15 +178,12 @@ pub(crate) struct FinetuneArgs {
 
 pub(crate) fn finetune(args: FinetuneArgs) -> Result<()> {
     let mse = args.loss == "mse";
-    let FinetuneArgs { scenes, steps, voxels, rate, final_rate, weigh, .. } = args;
-    let FinetuneArgs { from_none, variants, out, .. } = args;
+    let FinetuneArgs { scenes, steps, voxels, weigh, from_none, variants, out, .. } = args;
     bench::finetune::run(&bench::finetune::Options {
         scenes,
         steps,
         voxels,
         mse,
-        rate,
-        final_rate,
         weigh,
         from_none,
         variants,

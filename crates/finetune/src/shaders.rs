@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 
 use crate::metrics::taps;
-use crate::stages::adam::{BETA1, BETA2, EPSILON};
+use crate::optimiser::{BETA1, BETA2, EPSILON};
 use crate::stages::consts::*;
 
 /// Workgroups per row of a dispatch; more are folded into further rows.

@@ -6,12 +6,12 @@
 
 use finetune::latents::{Chunk, Codec, Leaf, Merge, ShPrediction};
 use finetune::latents::{LatentExecutor, LatentState, LatentStep};
+use finetune::optimiser::Moments;
 use finetune::{Adapter, ViewGradients, ViewLoss};
 use gs_model::Scene;
 use gsvx::latents::{Latents, Transform};
 
 use crate::error::Result;
-use crate::rows::Moments;
 
 /// Latents on a device.
 pub(crate) struct Device {
@@ -32,18 +32,11 @@ impl Device {
         moments: &Moments,
         loss: ViewLoss,
     ) -> Result<Self> {
-        let executor = views.on_device(adapter, scene, &codec(latents))?;
-        let mut this = Self { executor, ahead: false, loss };
-        this.put(latents, moments)?;
-        Ok(this)
-    }
-
-    /// Uploads values and moments.
-    pub(crate) fn put(&mut self, latents: &Latents, moments: &Moments) -> Result<()> {
+        let mut executor = views.on_device(adapter, scene, &codec(latents))?;
         let (values, first, second) =
             (latents.values().to_vec(), moments.first.clone(), moments.second.clone());
-        self.ahead = false;
-        Ok(self.executor.set_state(&LatentState { values, moments: [first, second] })?)
+        executor.set_state(&LatentState { values, moments: [first, second] })?;
+        Ok(Self { executor, ahead: false, loss })
     }
 
     /// Fetches values and moments if the device has newer ones.

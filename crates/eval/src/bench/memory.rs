@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
-use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
+use finetune::{RenderOptions, TrainView};
 use gs_model::{Scene, ply};
 use gsvx::{DecodeOptions, Decoder, EncodeOptions, Prepared, Seen, importance};
 use serde::{Deserialize, Serialize};
+use tune::{FineTune, FineTuneOptions};
 
 use crate::scenes::{self, SceneFiles};
 use crate::usage;

@@ -3,16 +3,16 @@
 use gs_model::Scene;
 
 use super::device::Context;
-use super::executor::sizes;
+use super::executor::{on_device, sizes};
 use super::passes::LATENT_STEP;
 use super::sizes::CodecSizes;
-use super::steps::{DeviceSteps, DeviceView};
+use super::steps::DeviceSteps;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::error::{Error, Result};
 use crate::latents::{Codec, LatentState, LatentStep};
-use crate::optimiser::Adam;
-use crate::stages::adam::Moments;
+use crate::optimiser::{Adam, SceneOptimiser, rows_of};
+use crate::options::LearningRates;
 use crate::view_gradients::{PreparedView, ViewLoss};
 
 /// See [`crate::latents`].
@@ -46,19 +46,16 @@ impl LatentExecutor {
             chunks: codec.chunks.len(),
         };
         let mut workspace = Workspace::new(context, sizes)?;
-        workspace.upload(scene, &Moments::zeros(scene));
+        let rows = rows_of(scene);
+        let still = vec![0.0; rows.len()];
+        workspace.upload([&rows, &still, &still]);
         workspace.set_codec(codec);
         let base = StepUniform {
             count: scene.len() as u32,
             sh_len: scene.sh_len() as u32,
             ..StepUniform::default()
         };
-        let mut planes = Vec::new();
-        let on_device = |prepared: &PreparedView| {
-            prepared.planes(&mut planes);
-            DeviceView::new(&workspace, &prepared.view, &planes)
-        };
-        let on_device = views.iter().map(on_device).collect::<Result<Vec<_>>>()?;
+        let on_device = on_device(&workspace, views)?;
         let values = codec.leaves.len() * codec.channels();
         let steps = DeviceSteps::new(workspace, on_device)?;
         Ok(Self { steps, values, base, weights: views.iter().map(|v| v.weight).collect() })
@@ -126,9 +123,7 @@ impl LatentExecutor {
     /// # Errors
     /// [`Error::Gpu`].
     pub fn losses(&mut self) -> Result<Vec<ViewLoss>> {
-        self.steps.settle()?;
-        let one = |v: crate::stages::loss::LossValue| ViewLoss { loss: v.loss, mse: v.mse };
-        Ok(self.steps.losses.drain(..).map(one).collect())
+        self.steps.losses()
     }
 
     /// The scene that the codec made last, for tests: means and Gaussians that do not move are those of
@@ -139,8 +134,10 @@ impl LatentExecutor {
     #[doc(hidden)]
     pub fn scene(&mut self, scene: &mut Scene) -> Result<()> {
         self.steps.settle()?;
-        let mut moments = Moments::zeros(scene);
-        self.steps.workspace.download(scene, &mut moments)
+        let mut out = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
+        out.set_state(self.steps.workspace.download()?);
+        *scene = out.take_scene();
+        Ok(())
     }
 
     /// The derivatives of the bits by the values when the codec ran last, for tests.

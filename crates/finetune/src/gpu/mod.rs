@@ -20,7 +20,7 @@ mod uniform;
 mod workspace;
 
 pub(crate) use device::Context;
-pub(crate) use executor::GpuExecutor;
+pub use executor::DeviceOptimiser;
 pub(crate) use passes::{STEP, Stage};
 pub(crate) use sizes::{CodecSizes, Sizes};
 pub(crate) use uniform::StepUniform;

@@ -6,8 +6,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use finetune::{FineTune, FineTuneOptions, LearningRates, Loss, TrainView};
+use finetune::{Loss, TrainView};
 use gs_model::Scene;
+use tune::{FineTune, FineTuneOptions};
 use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge_weighted, voxelize};
 
 use crate::chart::{Axis, Chart, Kind, Series};
@@ -29,10 +30,6 @@ pub struct Options {
     pub voxels: Vec<Strategy>,
     /// Minimise the squared error instead of L1 and SSIM.
     pub mse: bool,
-    /// Factor on all learning rates.
-    pub rate: f32,
-    /// Fraction of the learning rates at the last step.
-    pub final_rate: f64,
     /// Merge by blending weights over the training views rather than by opacity and area.
     pub weigh: bool,
     /// Begin a second run of each voxelization from no initialisation.
@@ -103,28 +100,16 @@ fn tune(
     let steps = args.steps;
     let before = score(&scene, held_out);
     let gaussians = scene.len();
-    let r = LearningRates::default();
-    let options = FineTuneOptions {
-        steps,
-        loss: if args.mse { Loss::Mse } else { Loss::default() },
-        rates: LearningRates {
-            sh_dc: args.rate * r.sh_dc,
-            sh_rest: args.rate * r.sh_rest,
-            opacity: args.rate * r.opacity,
-            log_scale: args.rate * r.log_scale,
-            rotation: args.rate * r.rotation,
-        },
-        final_rate: args.final_rate,
-        report_every: 100,
-        ..FineTuneOptions::default()
-    };
+    let loss = if args.mse { Loss::Mse } else { Loss::default() };
+    let options = FineTuneOptions { steps, loss, ..FineTuneOptions::default() };
     let cpu = usage::cpu_seconds();
     let run = FineTune::new(scene, train.to_vec(), options)?;
     let out = run.run(|p| {
-        println!(
-            "  {label}: step {} of {}, {:.2} dB, {:.0} s left",
-            p.step, p.steps, p.psnr, p.eta_seconds
-        );
+        if p.step.is_multiple_of(100) {
+            let db = p.pass_psnr.unwrap_or(p.psnr);
+            let (step, steps, left) = (p.step, p.steps, p.eta_seconds);
+            println!("  {label}: step {step} of {steps}, {db:.2} dB, {left:.0} s left");
+        }
     })?;
     let cpu = usage::cpu_seconds() - cpu;
     let after = score(&out.scene, held_out);
@@ -134,7 +119,7 @@ fn tune(
         out.seconds,
         usage::peak_bytes() as f64 / 1e6,
     );
-    Ok(Run { label, gaussians, steps, cpu, before, after, epochs: out.epoch_psnr })
+    Ok(Run { label, gaussians, steps, cpu, before, after, epochs: out.pass_psnr })
 }
 
 /// PSNR of the training views over steps; runs without initialisation are thin lines.

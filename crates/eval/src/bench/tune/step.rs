@@ -4,10 +4,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use finetune::{FineTune, FineTuneOptions, Loss, TrainView};
+use finetune::{Loss, TrainView};
 use gs_model::Scene;
 use serde::{Deserialize, Serialize};
-use tune::{Options, Plan, Target, Tune};
+use tune::{FineTune, FineTuneOptions, Options, Plan, Target, Tune};
 
 use crate::rd_curve::study::Study;
 use crate::{command, measure, usage};

@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use finetune::{FineTune, FineTuneOptions, TrainView};
+use finetune::TrainView;
+use tune::{FineTune, FineTuneOptions};
 use voxel::{Importance, Merge, RateDistortion, Strategy, merge_weighted, voxelize};
 
 use super::curves::{AT_50, bits, coded, lambda};
@@ -76,6 +77,6 @@ pub(super) fn measure(study: &Study, steps: u64) -> Result<Tuned> {
 }
 
 fn tune(scene: gs_model::Scene, views: &[TrainView], steps: u64) -> Result<gs_model::Scene> {
-    let options = FineTuneOptions { steps, report_every: 100, ..FineTuneOptions::default() };
+    let options = FineTuneOptions { steps, ..FineTuneOptions::default() };
     Ok(FineTune::new(scene, views.to_vec(), options)?.run(|_| {})?.scene)
 }
