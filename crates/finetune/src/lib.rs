@@ -62,7 +62,7 @@ mod gpu;
 mod gradients;
 mod image;
 #[cfg(feature = "gpu")]
-pub mod latents;
+pub mod kernels;
 mod likeness;
 pub mod metrics;
 pub mod optimiser;

@@ -91,7 +91,7 @@ impl Probe {
     #[cfg(feature = "gpu")]
     #[must_use]
     pub fn on_device(&self) -> Option<DeviceProbe> {
-        use crate::gpu::{CodecSizes, Context, Sizes, StepUniform, Workspace};
+        use crate::gpu::{Context, Sizes, StepUniform, Workspace};
         let f = &self.pass.forward;
         let sizes = Sizes {
             count: f.projected.splats.len(),
@@ -99,9 +99,8 @@ impl Probe {
             capacity: f.lists.ids.len(),
             tiles: self.view.tiles(),
             pixels: (self.view.width * self.view.height) as usize,
-            codec: CodecSizes::default(),
         };
-        let gpu = Workspace::new(Context::software().ok()?, sizes).ok()?;
+        let gpu = Workspace::new(Context::software().ok()?, sizes, None).ok()?;
         gpu.write("gradient", &self.pass.tiles);
         let mut u = StepUniform::of_view(&self.view);
         (u.count, u.capacity) = (sizes.count as u32, sizes.capacity as u32);

@@ -145,19 +145,19 @@ impl ViewGradients {
         ViewLoss { loss: value.loss, mse: value.mse }
     }
 
-    /// An executor of steps on the values of a codec, on a graphics adapter, for the same views. The loss must
-    /// be the mean squared error. See [`LatentExecutor`](crate::latents::LatentExecutor) for `scene`.
+    /// Steps with kernels of the caller on a graphics adapter, for the same views. The loss is the mean squared
+    /// error. Of `scene`, the kernels overwrite what they like.
     ///
     /// # Errors
     /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).
     #[cfg(feature = "gpu")]
-    pub fn on_device(
+    pub fn with_kernels(
         &self,
         adapter: Adapter,
         scene: &Scene,
-        codec: &crate::latents::Codec,
-    ) -> Result<crate::latents::LatentExecutor> {
-        crate::latents::LatentExecutor::new(adapter.context()?, scene, codec, &self.views)
+        program: &crate::kernels::Program,
+    ) -> Result<crate::kernels::KernelLoop> {
+        crate::kernels::KernelLoop::new(adapter.context()?, scene, program, &self.views)
     }
 
     /// An optimiser that goes on from `from` on a graphics adapter, for the same views and loss. Means stay where

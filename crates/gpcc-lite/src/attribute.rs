@@ -9,8 +9,9 @@
 //! Normative description: `docs/format.md`, "Attributes".
 
 use crate::coder::{Coder, Decoder, code_gamma};
+pub use crate::coefficients::CLASSES;
 use crate::coefficients::{
-    ACTIVITIES, CLASSES, Level, RowCoder, class_of, expected_in_group, mean_of_class,
+    ACTIVITIES, Level, RowCoder, class_of, expected_in_group, mean_of_class,
 };
 use crate::error::{Error, Result};
 use crate::raht::{self, LANES, Lanes, Plan, Rows};

@@ -12,8 +12,10 @@
 //!
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
+pub use crate::attributes::opacity::LOGIT_RANGE;
 pub use crate::chunk::Transform;
 use crate::chunk::{self, BASE, ChunkEncoder, GROUPS, GaussiansMut, How, LAMBDA_MOVED, Values};
+pub use crate::covariance::EQUAL_AXES;
 use crate::encode::{
     Encoded, assemble, check_centres, check_lengths, check_steps, leaves_chunk, used_degree,
     with_outliers, without_zero_degrees,

@@ -7,7 +7,7 @@
 
 use finetune::optimiser::{Adam, Moments};
 #[cfg(feature = "gpu")]
-use finetune::{Adapter, latents::LatentStep};
+use finetune::{Adapter, kernels::KernelStep};
 use finetune::{ViewGradients, ViewLoss};
 use gs_model::Scene;
 use gsvx::EncodeOptions;
@@ -185,12 +185,14 @@ impl CodecLoop {
             self.settle()?;
         }
         let decay = self.decay();
-        let step = LatentStep {
+        let coded = self.done.is_multiple_of(CODED);
+        let step = KernelStep {
             view,
             number: self.done + 1,
             rates: RATES.map(|r| r * decay),
-            coded: self.done.is_multiple_of(CODED),
-            bit_price: self.lambda() as f32,
+            made: coded,
+            // The price of a bit, where the codec runs.
+            extra: if coded { self.lambda() as f32 } else { 0.0 },
         };
         let Some(device) = &mut self.device else { return Ok(None) };
         if fit {

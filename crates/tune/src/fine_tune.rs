@@ -127,19 +127,20 @@ impl FineTune {
         self.trainer.done
     }
 
-    /// Runs to the end, calling `progress` now and then. In every case the state at the end is kept in the
-    /// checkpoint, if there is one.
+    /// Runs to the end, calling `progress` now and then, and once more at the end. In every case the state at the
+    /// end is kept in the checkpoint, if there is one.
     ///
     /// If a GPU fails under [`Backend::Auto`], the processor goes on from the last state that was kept. A checkpoint
     /// that cannot be written does not end the run: see [`Progress::checkpoint_failed`].
     ///
     /// # Errors
     /// [`Error::Finetune`] if a GPU that was asked for fails.
-    pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<FineTuned> {
+    pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<FineTuned> {
         let Self { mut trainer, mut work } = self;
-        let started = Clock::start();
-        let reason = trainer.run(&mut work, progress)?;
+        let (started, first) = (Clock::start(), trainer.done);
+        let reason = trainer.run(&mut work, &mut progress)?;
         trainer.keep(&work);
+        progress(&trainer.progress(&work, work.psnr, (started, first)));
         Ok(FineTuned {
             scene: work.run.take_scene(),
             steps: trainer.done,

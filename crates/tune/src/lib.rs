@@ -12,6 +12,8 @@ mod fine_tune;
 mod options;
 mod plan;
 mod probe;
+#[cfg(feature = "gpu")]
+mod program;
 mod progress;
 mod run;
 mod scene_loop;

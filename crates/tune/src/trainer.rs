@@ -184,7 +184,7 @@ impl Trainer {
         }
     }
 
-    fn progress<'a>(
+    pub(crate) fn progress<'a>(
         &'a self,
         work: &'a impl Work,
         psnr: f64,

@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use super::device::Context;
 use super::passes::{STEP, Stage};
-use super::sizes::{CodecSizes, Sizes};
+use super::sizes::Sizes;
 use super::steps::{DeviceSteps, DeviceView};
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
@@ -21,7 +21,7 @@ pub struct DeviceOptimiser {
     rates: LearningRates,
 }
 
-/// The sizes of a scene and its views, without those of a codec.
+/// The sizes of a scene and its views.
 pub(super) fn sizes<'a>(scene: &Scene, views: impl Iterator<Item = &'a View>) -> Sizes {
     let one = |v: &View| (v.tiles(), v.width as usize * v.height as usize);
     let largest = views.map(one).fold((1, 1), |a, b| (a.0.max(b.0), a.1.max(b.1)));
@@ -32,7 +32,6 @@ pub(super) fn sizes<'a>(scene: &Scene, views: impl Iterator<Item = &'a View>) ->
         capacity: (4 * scene.len()).max(1 << 14),
         tiles: largest.0,
         pixels: largest.1,
-        codec: CodecSizes::default(),
     }
 }
 
@@ -54,7 +53,7 @@ impl DeviceOptimiser {
         loss: Loss,
     ) -> Result<Self> {
         let scene = from.scene();
-        let workspace = Workspace::new(context, sizes(scene, views.iter().map(|v| &v.view)))?;
+        let workspace = Workspace::new(context, sizes(scene, views.iter().map(|v| &v.view)), None)?;
         workspace.upload(from.state());
         let base = StepUniform {
             count: scene.len() as u32,

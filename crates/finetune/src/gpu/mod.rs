@@ -4,10 +4,9 @@
 //! scheduling. During a run only the losses are read back, every few steps.
 
 pub(crate) mod adapter;
-mod codec;
 mod device;
 mod executor;
-pub(crate) mod latents;
+pub(crate) mod kernels;
 mod loops;
 mod passes;
 mod pipelines;
@@ -22,6 +21,6 @@ mod workspace;
 pub(crate) use device::Context;
 pub use executor::DeviceOptimiser;
 pub(crate) use passes::{STEP, Stage};
-pub(crate) use sizes::{CodecSizes, Sizes};
+pub(crate) use sizes::Sizes;
 pub(crate) use uniform::StepUniform;
 pub(crate) use workspace::Workspace;

@@ -8,7 +8,7 @@ use gs_model::{Camera, Scene};
 use super::device::Context;
 use super::executor::DeviceOptimiser;
 use super::passes::{Stage, fold};
-use super::sizes::{CodecSizes, Sizes};
+use super::sizes::Sizes;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::forward::Forward;
@@ -109,9 +109,8 @@ fn pair_of(scene: Scene, (width, height): (u32, u32), loss: Loss) -> Option<Pair
         capacity: cpu.forward.lists.ids.len() + 100,
         tiles: view.tiles(),
         pixels: (width * height) as usize,
-        codec: CodecSizes::default(),
     };
-    let gpu = Workspace::new(context, sizes).unwrap();
+    let gpu = Workspace::new(context, sizes, None).unwrap();
     let still = vec![0.0; rows_of(&scene).len()];
     gpu.upload([&rows_of(&scene), &still, &still]);
     gpu.write("state", &[n as u32, cpu.forward.lists.ids.len() as u32, 0, 0]);

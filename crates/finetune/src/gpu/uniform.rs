@@ -23,7 +23,7 @@ pub(crate) struct StepUniform {
     pub(crate) loss_slot: u32,
     pub(crate) step: u32,
     pub(crate) l1_ssim: u32,
-    pub(crate) bit_price: f32,
+    pub(crate) extra: f32,
     pub(crate) rates: [f32; 4],
     pub(crate) rotation_rate: f32,
     pub(crate) inv_sqrt_bias2: f32,

@@ -22,10 +22,10 @@ struct StepUniform {
     loss_slot: u32,
     step: u32,
     l1_ssim: u32,
-    // What a bit costs, in units of the loss; 0 where the codec does not run.
-    bit_price: f32,
-    // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction. With the codec
-    // in the loop: ln(alpha), DC, the other SH coefficients, covariance.
+    // A number for kernels of another crate.
+    extra: f32,
+    // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction. Kernels of another
+    // crate have four rates of their own.
     rates: vec4<f32>,
     rotation_rate: f32,
     inv_sqrt_bias2: f32,

@@ -52,15 +52,8 @@ fn memory_that_the_driver_refuses_is_an_error() {
     let words = (context.device.limits().max_buffer_size / 4 + 1024) as usize;
     context.limits.max_buffer_size = u64::MAX;
     context.limits.max_storage_buffer_binding_size = u64::MAX;
-    let sizes = Sizes {
-        count: 10,
-        sh_len: 1,
-        capacity: 16,
-        tiles: 1,
-        pixels: 256,
-        codec: crate::gpu::CodecSizes::default(),
-    };
-    let workspace = Workspace::new(context, sizes).unwrap();
+    let sizes = Sizes { count: 10, sh_len: 1, capacity: 16, tiles: 1, pixels: 256 };
+    let workspace = Workspace::new(context, sizes, None).unwrap();
     let _ = workspace.storage("photo", words);
     let error = workspace.read::<u32>("state", 4).unwrap_err().to_string();
     assert!(error.starts_with("GPU: ") && !error.contains('\n'), "{error}");
