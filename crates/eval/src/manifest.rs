@@ -35,7 +35,7 @@ pub(crate) fn of(program: &str, model: &str, views: &str) -> Manifest {
         command: command(),
         commit: commit(),
         versions: versions(),
-        seed: finetune::FineTuneOptions::default().seed,
+        seed: tune::FineTuneOptions::default().seed,
         program_sha256: program.to_owned(),
         model_sha256: model.to_owned(),
         views_sha256: views.to_owned(),

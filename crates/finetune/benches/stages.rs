@@ -35,7 +35,7 @@ fn main() {
     let names: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
     let wanted = |name: &str| names.is_empty() || names.iter().any(|n| name.contains(n.as_str()));
     let (model, camera, photo) = scene::setup();
-    let mut rust = Stages::new(&model, &camera, &photo);
+    let mut rust = Stages::new(&model, &camera, &photo).expect("a view of its photo's size");
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let mut total = 0.0;
     for (k, name) in Stages::NAMES.iter().enumerate() {

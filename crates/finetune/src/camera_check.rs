@@ -12,7 +12,7 @@ use crate::metrics::psnr;
 use crate::options::RenderOptions;
 use crate::saliency::saliency_per_view;
 use crate::stages::opacity_of;
-use crate::train::view::TrainView;
+use crate::train_view::TrainView;
 
 /// A perfect view counts as this many dB, so that the mean stays finite.
 const MAX_PSNR: f64 = 100.0;

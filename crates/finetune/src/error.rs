@@ -1,41 +1,9 @@
 //! [`Error`].
 
-use std::path::PathBuf;
-
 /// What can go wrong in this crate.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A file could not be read or written.
-    #[error("{}: cannot {action}", file.display())]
-    Io {
-        /// The file.
-        file: PathBuf,
-        /// What was tried: `read`, `write`, `rename`.
-        action: &'static str,
-        /// The operating system's reason.
-        #[source]
-        cause: std::io::Error,
-    },
-    /// A checkpoint that cannot be used.
-    #[error("{}: not a usable checkpoint: at byte {offset}: {reason}", file.display())]
-    Checkpoint {
-        /// The file.
-        file: PathBuf,
-        /// Where in the file.
-        offset: u64,
-        /// What is wrong.
-        reason: &'static str,
-    },
-    /// A checkpoint of another scene or of other options.
-    #[error("checkpoint does not belong to this run: {reason}")]
-    CheckpointMismatch {
-        /// What differs.
-        reason: String,
-    },
-    /// The scene is not valid.
-    #[error("invalid scene")]
-    Scene(#[from] gs_model::Error),
     /// There is nothing to train on.
     #[error("no training views")]
     NoViews,
@@ -80,16 +48,6 @@ pub enum Error {
         /// The distortion.
         model: String,
     },
-    /// An option out of range.
-    #[error("option {option}: {value} is not {expected}")]
-    Option {
-        /// Its name.
-        option: &'static str,
-        /// Its value.
-        value: f64,
-        /// What it has to be.
-        expected: &'static str,
-    },
     /// No graphics adapter that the choice of backend allows.
     #[error("no usable GPU: {reason}")]
     NoAdapter {
@@ -106,13 +64,3 @@ pub enum Error {
 
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
-
-impl Error {
-    pub(crate) fn io(
-        file: impl Into<PathBuf>,
-        action: &'static str,
-    ) -> impl FnOnce(std::io::Error) -> Self {
-        let file = file.into();
-        move |cause| Self::Io { file, action, cause }
-    }
-}

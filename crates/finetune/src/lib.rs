@@ -1,19 +1,13 @@
-//! A deterministic, differentiable rasterizer of 3D Gaussians, and the fine-tune that uses it.
-//!
-//! Voxelization moves and merges Gaussians, and quality falls. The fine-tune ([`FineTune`])
-//! brings it back: it renders the scene from the cameras of posed photos, compares, and moves
-//! SH coefficients, opacities, scales and rotations, but not the means, which stay at the
-//! centres of their voxels.
+//! A deterministic, differentiable rasterizer of 3D Gaussians, with losses, metrics and an optimiser.
 //!
 //! - [`render`] draws a scene, [`metrics`] compares images, [`saliency`] measures how much each
 //!   Gaussian contributes to a set of views.
 //! - [`framing`] finds cameras for a scene that has none; [`Pictures`] tell how alike two versions of a scene
 //!   look.
 //! - [`seen_opacity_share`] and [`photo_match`] tell cameras and photos of another scene.
-//! - [`gradients`] gives a loss and its gradients, for other optimisers.
-//! - [`ViewGradients`] and [`optimiser`] are for loops of one's own, view after view.
-//! - [`FineTune`] runs Adam with a decaying rate, early stop, checkpoints, and, if asked, the
-//!   codec's quantiser in the loop ([`Quantization`]).
+//! - [`gradients`] gives a loss and its gradients by all arrays of a scene.
+//! - [`ViewGradients`] gives them view after view, and [`optimiser`] moves a scene or other parameters against
+//!   them. The crate tune makes runs of such steps.
 //!
 //! There is one list of stages (project, depth sort, tile lists, blend, loss, blend adjoint,
 //! gather, projection adjoint and Adam) and two executors of it: Rust on all cores, and WGSL on
@@ -23,7 +17,8 @@
 //! pixels of blur, alpha capped at 0.99 and cut at 1/255, stop at a transmittance of 1e-4).
 //!
 //! ```
-//! use finetune::{FineTune, FineTuneOptions, Image, RenderOptions, TrainView, metrics, render};
+//! use finetune::optimiser::SceneOptimiser;
+//! use finetune::{LearningRates, Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
 //! use gs_model::{Camera, Scene};
 //!
 //! let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
@@ -36,17 +31,20 @@
 //!     sh_degree: 0,
 //!     sh: vec![[1.0, 0.2, -0.5]],
 //! };
-//! let photo = render(&scene, &camera, &RenderOptions::default());
+//! let options = RenderOptions::default();
+//! let photo = render(&scene, &camera, &options);
 //!
-//! // Spoil the colour, then let the photo bring it back.
+//! // Spoil the colour, then let the photo bring it back. The mean stays where it is.
 //! scene.sh[0] = [0.5, 0.5, 0.5];
-//! let before = metrics::psnr(&render(&scene, &camera, &RenderOptions::default()), &photo);
+//! let before = metrics::psnr(&render(&scene, &camera, &options), &photo);
 //! let views = vec![TrainView { camera: camera.clone(), photo: photo.clone() }];
-//! let options = FineTuneOptions { steps: 300, ..FineTuneOptions::default() };
-//! let outcome = FineTune::new(scene, views, options)?.run(|progress| {
-//!     assert!(progress.loss.is_finite());
-//! })?;
-//! let after = metrics::psnr(&render(&outcome.scene, &camera, &RenderOptions::default()), &photo);
+//! let mut views = ViewGradients::new(views, Loss::default(), &options)?;
+//! let mut run = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
+//! for step in 1..=300 {
+//!     let loss = run.step(&mut views, 0, step, 1.0);
+//!     assert!(loss.loss.is_finite());
+//! }
+//! let after = metrics::psnr(&render(run.scene(), &camera, &options), &photo);
 //! assert!(after > before + 3.0, "{before} dB, then {after} dB");
 //! # Ok::<(), finetune::Error>(())
 //! ```
@@ -64,35 +62,35 @@ mod gpu;
 mod gradients;
 mod image;
 #[cfg(feature = "gpu")]
-pub mod latents;
+pub mod kernels;
 mod likeness;
 pub mod metrics;
 pub mod optimiser;
 mod options;
 #[doc(hidden)]
 pub mod probe;
-mod quantization;
 mod saliency;
 #[cfg(any(test, feature = "gpu"))]
 mod shaders;
 mod shuffle;
 mod simd;
 mod stages;
-mod train;
+mod train_view;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
 pub use camera_check::{PhotoMatch, References, Seen, photo_match, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
+#[cfg(feature = "gpu")]
+pub use gpu::DeviceOptimiser;
 pub use gradients::{Gradients, gradients};
 pub use image::Image;
 pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
-pub use quantization::{Quantization, QuantizationMode};
 pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use stages::removal::removal_effects;
-pub use train::{FineTune, FineTuneOptions, Outcome, Progress, StopReason, TrainView};
+pub use train_view::TrainView;
 #[cfg(feature = "gpu")]
 pub use view_gradients::Adapter;
 pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};

@@ -1,4 +1,4 @@
-//! Single stages, checkpoints and variants for benchmarks and fuzzing. Not part of the API: it may
+//! Single stages and variants for benchmarks. Not part of the API: it may
 //! change without notice.
 
 use gs_model::{Camera, Scene};
@@ -6,30 +6,13 @@ use gs_model::{Camera, Scene};
 use crate::forward::Forward;
 use crate::gradients::{Backward, planes_of};
 use crate::image::Image;
+use crate::optimiser::SceneOptimiser;
 use crate::options::{Loss, RenderOptions};
 use crate::stages::blend::blend;
 use crate::stages::blend_adjoint::{FROZEN, blend_adjoint};
 use crate::stages::project::View;
 use crate::stages::reference;
-use crate::train::Checkpoint;
-
-/// Reads the bytes of a checkpoint of a run on `scene` with `views` views, fingerprint 0.
-///
-/// # Errors
-/// Those of [`crate::FineTune::new`] about a checkpoint.
-pub fn read_checkpoint(scene: &Scene, views: usize, bytes: &[u8]) -> crate::Result<u64> {
-    let path = std::path::Path::new("<bytes>");
-    let start = Checkpoint::start(scene.clone(), views);
-    Ok(Checkpoint::parse(path, bytes, 0, start)?.step)
-}
-
-/// Writes a checkpoint that [`read_checkpoint`] takes.
-///
-/// # Errors
-/// [`crate::Error::Io`].
-pub fn write_checkpoint(scene: &Scene, views: usize, path: &std::path::Path) -> crate::Result<()> {
-    Checkpoint::start(scene.clone(), views).write(path, 0)
-}
+use crate::{LearningRates, TrainView, ViewGradients};
 
 /// A scene and a view, run once, whose stages can be repeated.
 #[derive(Debug)]
@@ -108,7 +91,7 @@ impl Probe {
     #[cfg(feature = "gpu")]
     #[must_use]
     pub fn on_device(&self) -> Option<DeviceProbe> {
-        use crate::gpu::{CodecSizes, Context, Sizes, StepUniform, Workspace};
+        use crate::gpu::{Context, Sizes, StepUniform, Workspace};
         let f = &self.pass.forward;
         let sizes = Sizes {
             count: f.projected.splats.len(),
@@ -116,9 +99,8 @@ impl Probe {
             capacity: f.lists.ids.len(),
             tiles: self.view.tiles(),
             pixels: (self.view.width * self.view.height) as usize,
-            codec: CodecSizes::default(),
         };
-        let gpu = Workspace::new(Context::software().ok()?, sizes).ok()?;
+        let gpu = Workspace::new(Context::software().ok()?, sizes, None).ok()?;
         gpu.write("gradient", &self.pass.tiles);
         let mut u = StepUniform::of_view(&self.view);
         (u.count, u.capacity) = (sizes.count as u32, sizes.capacity as u32);
@@ -205,9 +187,26 @@ impl VariantPass {
     }
 }
 
+/// A fine-tune of `scene` on the software adapter, and after `warm` steps of it.
+#[cfg(feature = "gpu")]
+fn on_software(
+    scene: &Scene,
+    views: Vec<TrainView>,
+    warm: u64,
+) -> crate::Result<crate::DeviceOptimiser> {
+    let views = ViewGradients::new(views, Loss::default(), &RenderOptions::default())?;
+    let from = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
+    let mut gpu = views.scene_on_device(crate::Adapter::Software, &from)?;
+    for step in 1..=warm {
+        gpu.step(0, step, 1.0)?;
+        gpu.losses()?;
+    }
+    Ok(gpu)
+}
+
 /// The stages of a step on the software adapter, one at a time, after a whole step has been run.
 #[cfg(feature = "gpu")]
-pub struct DeviceStages(crate::gpu::GpuExecutor);
+pub struct DeviceStages(crate::DeviceOptimiser);
 
 #[cfg(feature = "gpu")]
 impl DeviceStages {
@@ -215,19 +214,8 @@ impl DeviceStages {
     ///
     /// # Errors
     /// [`crate::Error::NoAdapter`] without an adapter, [`crate::Error::Gpu`].
-    pub fn new(scene: &Scene, view: crate::TrainView) -> crate::Result<Self> {
-        use crate::gpu::{Context, GpuExecutor};
-        use crate::stages::adam::{AdamStep, Moments};
-        use crate::train::executor::Executor as _;
-        let options = crate::FineTuneOptions::default();
-        let moments = Moments::zeros(scene);
-        let context = Context::software()?;
-        let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, &[view], &options)?;
-        for step in 1..=2 {
-            gpu.step(0, step, &AdamStep::new(&options.rates, step, 1.0))?;
-            gpu.drain_losses(&mut Vec::new())?;
-        }
-        Ok(Self(gpu))
+    pub fn new(scene: &Scene, view: TrainView) -> crate::Result<Self> {
+        Ok(Self(on_software(scene, vec![view], 2)?))
     }
 
     /// Names of the stages, in order.
@@ -247,19 +235,27 @@ pub struct Stages {
     scene: Scene,
     photo: Vec<f32>,
     probe: Probe,
-    moments: crate::stages::adam::Moments,
+    views: ViewGradients,
+    optimiser: SceneOptimiser,
 }
 
 impl Stages {
     /// Runs everything once.
-    #[must_use]
-    pub fn new(scene: &Scene, camera: &Camera, photo: &Image) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// Those of [`ViewGradients::new`].
+    pub fn new(scene: &Scene, camera: &Camera, photo: &Image) -> crate::Result<Self> {
+        let view = TrainView { camera: camera.clone(), photo: photo.clone() };
+        let options = RenderOptions::default();
+        let mut views = ViewGradients::new(vec![view], Loss::default(), &options)?;
+        views.run(scene, 0);
+        Ok(Self {
             scene: scene.clone(),
             photo: planes_of(photo),
             probe: Probe::new(scene, camera, photo),
-            moments: crate::stages::adam::Moments::zeros(scene),
-        }
+            views,
+            optimiser: SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0),
+        })
     }
 
     /// Names of the stages, in order.
@@ -276,7 +272,6 @@ impl Stages {
 
     /// Repeats stage number `k`.
     pub fn run(&mut self, k: usize) {
-        use crate::stages::adam::{AdamStep, adam};
         use crate::stages::gather::gather_gradients;
         use crate::stages::project::project;
         use crate::stages::sort_depth::sort_depth;
@@ -300,10 +295,7 @@ impl Stages {
                 let splats = &f.projected.splats;
                 gather_gradients(&f.lists, &pass.records, splats, &mut pass.sums);
             }
-            _ => {
-                let step = AdamStep::new(&crate::LearningRates::default(), 1000, 1e-6);
-                adam(&view, &step, &pass.sums, None, &mut self.scene, &mut self.moments);
-            }
+            _ => self.optimiser.descend(&self.views, 1000, 1e-6),
         }
     }
 }
@@ -311,31 +303,20 @@ impl Stages {
 /// Whole steps of a fine-tune on the software adapter, for timing lavapipe.
 ///
 /// # Errors
-/// Those of [`crate::FineTune`].
+/// Those of [`ViewGradients::scene_on_device`].
 #[cfg(feature = "gpu")]
 pub fn software_steps(
     scene: &Scene,
-    views: Vec<crate::TrainView>,
+    views: Vec<TrainView>,
     steps: u64,
 ) -> crate::Result<std::time::Duration> {
-    use crate::gpu::{Context, GpuExecutor};
-    use crate::stages::adam::{AdamStep, Moments};
-    use crate::train::executor::Executor as _;
-    let options = crate::FineTuneOptions::default();
     let count = views.len();
-    let moments = Moments::zeros(scene);
-    let context = Context::software()?;
-    let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, &views, &options)?;
-    let mut losses = Vec::new();
-    let mut started = std::time::Instant::now();
-    for step in 1..=steps + 1 {
-        gpu.step(step as usize % count, step, &AdamStep::new(&options.rates, step, 1.0))?;
-        if step == 1 {
-            // The first step compiles the kernels and finds room for the slots.
-            gpu.drain_losses(&mut losses)?;
-            started = std::time::Instant::now();
-        }
+    // The first step compiles the kernels and finds room for the slots.
+    let mut gpu = on_software(scene, views, 1)?;
+    let started = std::time::Instant::now();
+    for step in 2..=steps + 1 {
+        gpu.step(step as usize % count, step, 1.0)?;
     }
-    gpu.drain_losses(&mut losses)?;
+    gpu.losses()?;
     Ok(started.elapsed())
 }

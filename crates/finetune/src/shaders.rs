@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 
 use crate::metrics::taps;
-use crate::stages::adam::{BETA1, BETA2, EPSILON};
+use crate::optimiser::{BETA1, BETA2, EPSILON};
 use crate::stages::consts::*;
 
 /// Workgroups per row of a dispatch; more are folded into further rows.
@@ -24,19 +24,6 @@ pub(crate) const BLOCKS: u32 = 8;
 #[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
 pub(crate) const LOSS_RUN: u32 = 8;
 
-/// Words of a chunk of the codec: first leaf, root of the sum of weights, factors of depth and class for
-/// opacity and for size, then for SH degrees 2 and 3 the logarithm of the run length and the first factor.
-pub(crate) const CHUNK_WORDS: u32 = 10;
-/// Groups of channels that the codec transforms apart: opacity, DC, SH degrees 1 to 3, covariance.
-#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
-pub(crate) const CODEC_GROUPS: usize = 6;
-/// Greatest class of expected magnitudes; `gpcc_lite::attribute` has as many.
-const LAST_CLASS: u32 = 15;
-/// Logits of a decoder, and log-scales that count as nearly equal; `gsvx` has the same.
-const MIN_LOGIT: f32 = -8.0;
-const MAX_LOGIT: f32 = 12.0;
-const EQUAL_AXES: f32 = 1e-2;
-
 /// The type F of the shared mathematics in a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ScalarType {
@@ -46,7 +33,7 @@ enum ScalarType {
 
 /// A shader module: the entry points of a stage, and the texts that it is made of, its own file last.
 #[derive(Debug)]
-pub(crate) struct Shader {
+pub struct Shader {
     pub(crate) name: &'static str,
     pub(crate) entries: &'static [&'static str],
     scalar: ScalarType,
@@ -54,17 +41,23 @@ pub(crate) struct Shader {
 }
 
 const PRELUDE: &str = include_str!("stages/math/prelude.wgsl");
-const SCALAR: &str = include_str!("stages/math/scalar.wgsl");
-const PROJECT: &str = include_str!("stages/math/project.wgsl");
-const PROJECT_ADJOINT: &str = include_str!("stages/math/project_adjoint.wgsl");
-const SH: &str = include_str!("stages/math/sh.wgsl");
+/// Exponentials and the like.
+pub const SCALAR: &str = include_str!("stages/math/scalar.wgsl");
+/// Projection of a Gaussian.
+pub const PROJECT: &str = include_str!("stages/math/project.wgsl");
+/// Its adjoint.
+pub const PROJECT_ADJOINT: &str = include_str!("stages/math/project_adjoint.wgsl");
+/// SH basis.
+pub const SH: &str = include_str!("stages/math/sh.wgsl");
 const BLEND: &str = include_str!("stages/math/blend.wgsl");
 const REACH: &str = include_str!("stages/math/reach.wgsl");
 const BLOCK: &str = include_str!("stages/block.wgsl");
-const STEP: &str = include_str!("stages/step.wgsl");
-const PARAMS: &str = include_str!("stages/params.wgsl");
+/// The uniform `u` of a step, and `group_index` of a folded dispatch.
+pub const STEP: &str = include_str!("stages/step.wgsl");
+/// Parameters of a Gaussian and its `Frame` in a view. Needs the buffers `means`, `geo` and `sh`, and the texts
+/// above.
+pub const PARAMS: &str = include_str!("stages/params.wgsl");
 const TOUCHES: &str = include_str!("stages/touches.wgsl");
-const CODEC: &str = include_str!("stages/codec/codec.wgsl");
 /// `struct Splat` for stages that do not test tiles.
 const SPLAT: &str = "struct Splat { a: vec4<f32>, b: vec4<f32>, c: vec4<f32> }\n";
 
@@ -162,53 +155,33 @@ pub(crate) const SHADERS: &[Shader] = &[
     },
 ];
 
-/// The shaders of the codec in the loop, in the order of the stages.
-pub(crate) const CODEC_SHADERS: &[Shader] = &[
-    Shader {
-        name: "side",
-        entries: &["load", "add_predicted"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, CODEC, include_str!("stages/codec/side.wgsl")],
-    },
-    Shader {
-        name: "transform",
-        entries: &["transform"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, CODEC, include_str!("stages/codec/transform.wgsl")],
-    },
-    Shader {
-        name: "quantise",
-        entries: &["quantise_means", "quantise"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, CODEC, include_str!("stages/codec/quantise.wgsl")],
-    },
-    Shader {
-        name: "rebuild",
-        entries: &["rebuild"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, CODEC, include_str!("stages/codec/rebuild.wgsl")],
-    },
-    Shader {
-        name: "move_latents",
-        entries: &["move_latents"],
-        scalar: ScalarType::F32,
-        parts: &[
-            SCALAR,
-            PROJECT,
-            PROJECT_ADJOINT,
-            SH,
-            STEP,
-            PARAMS,
-            CODEC,
-            include_str!("stages/codec/latents.wgsl"),
-        ],
-    },
-];
-
 impl Shader {
-    /// The whole text.
-    pub(crate) fn source(&self) -> String {
-        let mut out = String::new();
+    /// A shader of that name with these entry points, made of texts of this crate and of the caller's.
+    #[must_use]
+    pub const fn new(
+        name: &'static str,
+        entries: &'static [&'static str],
+        parts: &'static [&'static str],
+    ) -> Self {
+        Self { name, entries, scalar: ScalarType::F32, parts }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Its entry points.
+    #[must_use]
+    pub fn entries(&self) -> &'static [&'static str] {
+        self.entries
+    }
+
+    /// The whole text, with constants of the caller's before the rest.
+    #[must_use]
+    pub fn source(&self, constants: &str) -> String {
+        let mut out = String::from(constants);
         // Formatting into a String cannot fail.
         let _ = self.constants(&mut out);
         out.push_str(PRELUDE);
@@ -237,8 +210,6 @@ impl Shader {
             ("TILES", GROUP_TILES),
             ("BLOCKS", BLOCKS),
             ("RUN", LOSS_RUN),
-            ("CHUNK_WORDS", CHUNK_WORDS),
-            ("LAST_CLASS", LAST_CLASS),
         ] {
             writeln!(out, "const {name}: u32 = {value}u;")?;
         }
@@ -256,9 +227,6 @@ impl Shader {
             ("ADAM_BETA2", BETA2),
             ("ADAM_BETA2_REST", 1.0 - BETA2),
             ("ADAM_EPSILON", EPSILON),
-            ("MIN_LOGIT", MIN_LOGIT),
-            ("MAX_LOGIT", MAX_LOGIT),
-            ("EQUAL_AXES", EQUAL_AXES),
         ] {
             writeln!(out, "const {name}: f32 = {};", exact(value))?;
         }
@@ -342,48 +310,17 @@ pub(crate) fn bindings(source: &str) -> Vec<Binding> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use naga::back;
-    use naga::valid::{Capabilities, ValidationFlags, Validator};
-
     /// Every shader is valid without optional capabilities and translates to every language that a
     /// backend of wgpu reads. The test needs no adapter.
     #[test]
     fn every_shader_is_valid_and_translates_everywhere() {
-        for shader in SHADERS.iter().chain(CODEC_SHADERS) {
-            let source = shader.source();
-            let module = naga::front::wgsl::parse_str(&source)
-                .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&source)));
-            let entries: Vec<_> = module.entry_points.iter().map(|e| e.name.as_str()).collect();
-            assert_eq!(entries, shader.entries, "{}", shader.name);
-            let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
-                .validate(&module)
-                .unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&source)));
+        for shader in SHADERS {
+            let source = shader.source("");
+            testing::wgsl::check(shader.name, &source, shader.entries);
             let bindings = bindings(&source);
             assert_eq!(bindings.len(), source.matches("@binding(").count(), "{}", shader.name);
             let storage = bindings.iter().filter(|b| b.access != Access::Uniform).count();
             assert!(storage <= 8, "{}: {storage} storage buffers", shader.name);
-
-            let words =
-                back::spv::write_vec(&module, &info, &back::spv::Options::default(), None).unwrap();
-            assert!(words.len() > 100);
-
-            let options = back::msl::Options { fake_missing_bindings: true, ..Default::default() };
-            let pipeline = back::msl::PipelineOptions::default();
-            let (msl, _) = back::msl::write_string(&module, &info, &options, &pipeline).unwrap();
-
-            let options = back::hlsl::Options {
-                shader_model: back::hlsl::ShaderModel::V6_0,
-                fake_missing_bindings: true,
-                ..Default::default()
-            };
-            let mut hlsl = String::new();
-            let pipeline = back::hlsl::PipelineOptions::default();
-            back::hlsl::Writer::new(&mut hlsl, &options, &pipeline)
-                .write(&module, &info, None)
-                .unwrap();
-            for entry in shader.entries {
-                assert!(msl.contains(entry) && hlsl.contains(entry), "{}", shader.name);
-            }
         }
     }
 
@@ -391,8 +328,8 @@ mod tests {
     fn blocks_of_lines_repeat_and_nest() {
         let text = "a\n  //@each i 0 1\nb$i\n//@each k x y\nc$i$k\n//@end\n  //@end\nd";
         assert_eq!(repeat(text), "a\nb0\nc0x\nc0y\nb1\nc1x\nc1y\nd\n");
-        for shader in SHADERS.iter().chain(CODEC_SHADERS) {
-            let source = shader.source();
+        for shader in SHADERS {
+            let source = shader.source("");
             assert!(!source.contains('$') && !source.contains("//@"), "{}", shader.name);
         }
     }

@@ -9,7 +9,7 @@ use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING};
 use crate::stages::project::View;
 use crate::stages::project_adjoint::{self, Gaussian, gaussian_gradient};
-use crate::train::view::{TrainView, check_views};
+use crate::train_view::{TrainView, check_views};
 
 /// The loss of one view.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +36,16 @@ pub enum Adapter {
     Hardware,
     /// One in software if there is one, else any: for tests.
     Software,
+}
+
+#[cfg(feature = "gpu")]
+impl Adapter {
+    fn context(self) -> Result<crate::gpu::Context> {
+        match self {
+            Self::Hardware => crate::gpu::Context::hardware(),
+            Self::Software => crate::gpu::Context::software(),
+        }
+    }
 }
 
 /// Derivatives of a loss by the arrays of one Gaussian.
@@ -73,7 +83,7 @@ pub(crate) struct PreparedView {
 }
 
 impl PreparedView {
-    fn new(TrainView { camera, photo }: TrainView, options: &RenderOptions) -> Self {
+    pub(crate) fn new(TrainView { camera, photo }: TrainView, options: &RenderOptions) -> Self {
         let bytes = photo.to_rgb8();
         let planes = (0..3).flat_map(|c| bytes.iter().skip(c).step_by(3)).copied().collect();
         Self { view: View::new(&camera, options), planes, weight: 1.0 }
@@ -135,23 +145,42 @@ impl ViewGradients {
         ViewLoss { loss: value.loss, mse: value.mse }
     }
 
-    /// An executor of steps on the values of a codec, on a graphics adapter, for the same views. The loss must
-    /// be the mean squared error. See [`LatentExecutor`](crate::latents::LatentExecutor) for `scene`.
+    /// Steps with kernels of the caller on a graphics adapter, for the same views. The loss is the mean squared
+    /// error. Of `scene`, the kernels overwrite what they like.
     ///
     /// # Errors
     /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).
     #[cfg(feature = "gpu")]
-    pub fn on_device(
+    pub fn with_kernels(
         &self,
         adapter: Adapter,
         scene: &Scene,
-        codec: &crate::latents::Codec,
-    ) -> Result<crate::latents::LatentExecutor> {
-        let context = match adapter {
-            Adapter::Hardware => crate::gpu::Context::hardware()?,
-            Adapter::Software => crate::gpu::Context::software()?,
-        };
-        crate::latents::LatentExecutor::new(context, scene, codec, &self.views)
+        program: &crate::kernels::Program,
+    ) -> Result<crate::kernels::KernelLoop> {
+        crate::kernels::KernelLoop::new(adapter.context()?, scene, program, &self.views)
+    }
+
+    /// An optimiser that goes on from `from` on a graphics adapter, for the same views and loss. Means stay where
+    /// they are.
+    ///
+    /// # Errors
+    /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).
+    #[cfg(feature = "gpu")]
+    pub fn scene_on_device(
+        &self,
+        adapter: Adapter,
+        from: &crate::optimiser::SceneOptimiser,
+    ) -> Result<crate::gpu::DeviceOptimiser> {
+        crate::gpu::DeviceOptimiser::new(adapter.context()?, from, &self.views, self.loss)
+    }
+
+    /// What the stage `gather` found at the last view, means frozen.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn sums(&self) -> Vec<[f32; 7]> {
+        match &self.pass {
+            Pass::Frozen(pass) => pass.sums.clone(),
+            Pass::Moving(_) => Vec::new(),
+        }
     }
 
     /// The image of the last [`ViewGradients::run`].

@@ -12,6 +12,7 @@ mod quantiser;
 mod reconstruct;
 
 use crate::coder::{Coder, Decoder, code_signed};
+pub use crate::coefficients::CLASSES;
 use crate::coefficients::{Level, RowCoder};
 use crate::error::{Error, Result};
 use crate::raht::{self, LANES, Plan, Rows};

@@ -37,7 +37,7 @@ const KEPT: f32 = 0.5;
 /// Weight of the expectation from above against one magnitude in the same group.
 const ABOVE: f32 = 3.0;
 /// Classes of expected magnitudes, in half-octaves.
-pub(crate) const CLASSES: usize = 16;
+pub const CLASSES: usize = 16;
 /// Memory of the flags' models, in observations.
 const LIMIT: u32 = 1023;
 /// Observations that the magnitudes' models begin with.

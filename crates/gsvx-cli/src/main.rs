@@ -9,6 +9,7 @@ mod decode;
 mod describe;
 mod encode;
 mod exit;
+mod follow;
 mod format;
 mod info;
 mod input;

@@ -2,21 +2,21 @@
 //! bits have no price.
 
 use crate::exit::note;
+use crate::follow::{Follower, gpu_hint};
 use crate::input;
 use crate::interrupt;
 use crate::output::{Output, megabytes};
-use crate::progress::Steps;
+use crate::progress::spinner;
 use crate::report::Reporter;
 use crate::views;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use finetune::backend::Backend;
-use finetune::{
-    FineTune, FineTuneOptions, Outcome, RenderOptions, StopReason, TrainView, metrics, render,
-};
+use finetune::{RenderOptions, TrainView, photo_match};
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 use serde_json::json;
 use std::path::Path;
+use tune::{FineTune, FineTuneOptions, FineTuned};
 use voxel::Voxelization;
 
 /// Heading of what belongs to this profile.
@@ -71,18 +71,6 @@ pub(crate) struct Job<'a> {
     pub(crate) ply: bool,
 }
 
-/// Mean PSNR of the model at the training views, dB.
-fn quality_of(scene: &Scene, views: &[TrainView]) -> f64 {
-    let steps = Steps::new("input model", views.len() as u64);
-    let mut sum = 0.0;
-    for view in views {
-        let image = render(scene, &view.camera, &RenderOptions::default());
-        sum += metrics::psnr(&image, &view.photo);
-        steps.inc();
-    }
-    sum / views.len() as f64
-}
-
 /// A model about to be tuned.
 struct Start {
     /// The voxelized scene, then the Gaussians that are coded exactly.
@@ -94,26 +82,13 @@ struct Start {
     target: Option<f64>,
 }
 
-/// Refuses a backend that is not there: whoever asked for a GPU should not wait to hear that there is
-/// none. Returns what `auto` stands for.
-pub(crate) fn choose(wanted: Backend) -> Result<Backend> {
-    let backend = finetune::backend::choose(wanted).context("try --backend cpu or auto")?;
-    note(format_args!("backend: {}", backend.reason));
-    Ok(backend.used)
-}
-
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
-pub(crate) fn run(
-    args: &PaperArgs,
-    mut job: Job<'_>,
-    chosen: Backend,
-    report: Reporter,
-) -> Result<()> {
+pub(crate) fn run(args: &PaperArgs, mut job: Job<'_>, report: Reporter) -> Result<()> {
     let options = EncodeOptions::from_quality(job.quality)?;
     let (scene, training) = (std::mem::take(&mut job.scene), std::mem::take(&mut job.training));
     let start = prepare(args, &job, scene, training)?;
     let (voxels, importance) = (start.voxels, start.importance);
-    let outcome = tune(args, &job, start.scene, start.training, (start.target, chosen))?;
+    let outcome = tune(args, &job, start.scene, start.training, start.target)?;
     let (target, mut tuned) = (job.output.name(), outcome.scene);
     let gaussians = tuned.len();
     let mut bytes = 0;
@@ -131,10 +106,8 @@ pub(crate) fn run(
     }
     let size = if bytes > 0 { format!(", {}", megabytes(bytes)) } else { String::new() };
     let (steps, seconds, reason) = (outcome.steps, outcome.seconds, outcome.reason);
-    let human = format!(
-        "{steps} steps in {seconds:.1} s: {}\n{target}: {gaussians} Gaussians{size}",
-        in_words(reason)
-    );
+    let human =
+        format!("{steps} steps in {seconds:.1} s: {reason}\n{target}: {gaussians} Gaussians{size}");
     let json = json!({
         "output": target,
         "gaussians": gaussians,
@@ -142,20 +115,10 @@ pub(crate) fn run(
         "bytes": bytes,
         "steps": steps,
         "seconds": seconds,
-        "reason": in_words(reason),
+        "reason": reason.to_string(),
         "backend": format!("{:?}", outcome.backend.used).to_lowercase(),
     });
     report.say(false, &human, &json)
-}
-
-fn in_words(reason: StopReason) -> &'static str {
-    match reason {
-        StopReason::Steps => "all steps are done",
-        StopReason::TargetReached => "the photos are matched as well as by the input model",
-        StopReason::NoImprovement => "the match no longer improves",
-        StopReason::Cancelled => "interrupted",
-        _ => "ended",
-    }
 }
 
 /// Voxelizes the model.
@@ -173,7 +136,13 @@ fn prepare(
         let n = scene.len();
         note(format_args!("{unseen} of {n} Gaussians show in no training view: kept, coarsely"));
     }
-    let target = (!args.past_input).then(|| quality_of(&scene, &training));
+    let target = if args.past_input {
+        None
+    } else {
+        let _alive = spinner("input model".into());
+        photo_match(&scene, &training, training.len(), &RenderOptions::default())
+            .map(|m| m.mean_psnr)
+    };
     if let Some(db) = target {
         note(format_args!(
             "input model: {db:.2} dB at the training views; the fine-tune ends there"
@@ -199,54 +168,29 @@ fn tune(
     job: &Job<'_>,
     scene: Scene,
     training: Vec<TrainView>,
-    (target, chosen): (Option<f64>, Backend),
-) -> Result<Outcome> {
+    target_psnr: Option<f64>,
+) -> Result<FineTuned> {
     let name = || input::name(job.input);
     let (steps, patience) = (args.steps.unwrap_or(8000), args.patience.unwrap_or(5));
     let tuning = FineTuneOptions {
         steps,
-        target_psnr: target,
+        target_psnr,
         patience: (patience > 0).then_some(patience),
         checkpoint: job.checkpoint.map(Path::to_owned),
         checkpoint_every: args.checkpoint_every.unwrap_or(1000),
         cancel: Some(interrupt::cancel_flag()),
         // With auto, a GPU that fails is followed by the processor.
         backend: job.wanted,
-        report_every: (steps / 200).clamp(1, 50),
         ..Default::default()
     };
-    let tune =
-        FineTune::new(scene, training, tuning).map_err(|e| gpu_hint(e, job)).with_context(name)?;
-    let begun = tune.backend().used;
-    let mut used = begun;
-    if begun != chosen {
-        note(format_args!("backend: {}", tune.backend().reason));
-    }
-    let bar = Steps::new("fine-tune", steps);
-    let outcome = tune
-        .run(|p| {
-            if p.backend != used {
-                bar.say("the GPU failed: going on without it");
-                used = p.backend;
-            }
-            let (loss, psnr, speed) = (p.loss, p.psnr, p.steps_per_second);
-            bar.set(p.step, &format!("loss {loss:.4}, {psnr:.2} dB, {speed:.1} steps/s"));
-        })
-        .map_err(|e| gpu_hint(e, job))
-        .with_context(name)?;
-    drop(bar);
+    let hint = |e| gpu_hint(e, job.checkpoint);
+    let run = FineTune::new(scene, training, tuning).map_err(hint).with_context(name)?;
+    let begun = run.backend().used;
+    let mut follower = Follower::new(steps, run.backend());
+    let outcome = run.run(|p| follower.see(p)).map_err(hint).with_context(name)?;
+    drop(follower);
     if outcome.backend.used != begun {
         note(format_args!("backend: {}", outcome.backend.reason));
     }
     Ok(outcome)
-}
-
-/// Says what to do about a GPU that failed.
-fn gpu_hint(error: finetune::Error, job: &Job<'_>) -> anyhow::Error {
-    if !matches!(error, finetune::Error::Gpu { .. }) {
-        return error.into();
-    }
-    let kept = job.checkpoint.filter(|p| p.exists());
-    let kept = kept.map(|p| format!(", from {}", p.display())).unwrap_or_default();
-    anyhow!("{error}: --backend auto or cpu goes on without it{kept}")
 }

@@ -2,11 +2,11 @@
 
 use crate::content::quality;
 use crate::exit::{missed, note, usage};
+use crate::follow::{Follower, duration, gpu_hint};
 use crate::input::{self, Reading};
 use crate::orbit::Orbit;
 use crate::output::{Output, megabytes};
 use crate::paper_tune::{self, PaperArgs};
-use crate::progress::Steps;
 use crate::report::Reporter;
 use crate::{interrupt, photos, pictures, size};
 use anyhow::{Context, Result};
@@ -14,7 +14,7 @@ use finetune::{Backend, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use tune::{Effort, Options, Outcome, Progress, Target, Tune};
+use tune::{Effort, Options, Outcome, Progress, StopReason, Target, Tune};
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
@@ -154,9 +154,14 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let output = Output::open(&args.output, args.force, &[&args.input])?;
     let pictures = args.pictures.as_deref().map(|p| pictures::folder(p, args.force)).transpose()?;
     let wanted = args.backend.unwrap_or_default();
-    let backend = match (args.profile, args.backend) {
+    let wanted = match (args.profile, args.backend) {
         (Profile::Rate, None) => Backend::Cpu,
-        _ => paper_tune::choose(wanted)?,
+        _ => {
+            // Whoever asked for a GPU should not wait to hear that there is none.
+            let found = finetune::backend::choose(wanted).context("try --backend cpu or auto")?;
+            note(format_args!("backend: {}", found.reason));
+            wanted
+        }
     };
     let scene = args.reading.model(&args.input)?.scene;
     let (training, distilled) = args.views(&scene)?;
@@ -180,11 +185,11 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             wanted,
             ply,
         };
-        return paper_tune::run(&args.paper, job, backend, report);
+        return paper_tune::run(&args.paper, job, report);
     }
     let first = training.first().map(|v| v.camera.clone());
     let pictures = pictures.zip(first);
-    let outcome = tuned(args, (scene, training), backend, pictures.as_ref())?;
+    let outcome = tuned(args, (scene, training), wanted, pictures.as_ref())?;
     write(args, output, ply, distilled, &outcome, report)
 }
 
@@ -209,22 +214,24 @@ fn tuned(
     options.cancel = Some(interrupt::cancel_flag());
     let run = Tune::new(scene, training, options).with_context(name)?;
     announce(&run, gaussians);
-    let steps = Steps::new("tune", run.plan().steps());
-    let mut told = false;
+    let begun = run.backend().used;
+    let mut follower = Follower::new(run.plan().steps(), run.backend());
     let outcome = run.run(|p| {
-        if let (Some(error), false) = (p.checkpoint_failed, told) {
-            steps.say(&format!("warning: {error}; the run goes on without checkpoints"));
-            told = true;
-        }
-        steps.set(p.step, &line(p));
+        follower.see(p);
         if let Some((folder, camera)) = pictures
             && p.step.is_multiple_of(PICTURED)
             && let Err(error) = picture(folder, camera, p)
         {
-            steps.say(&format!("warning: {error:#}"));
+            follower.say(&format!("warning: {error:#}"));
         }
     });
-    outcome.with_context(name)
+    drop(follower);
+    let outcome =
+        outcome.map_err(|e| gpu_hint(e, args.checkpoint.as_deref())).with_context(name)?;
+    if outcome.backend.used != begun {
+        note(format_args!("backend: {}", outcome.backend.reason));
+    }
+    Ok(outcome)
 }
 
 /// What will be done, and how long it takes.
@@ -252,22 +259,6 @@ fn announce(run: &Tune, gaussians: usize) {
     ));
 }
 
-fn duration(seconds: f64) -> String {
-    if seconds < 90.0 {
-        format!("{:.0} s", seconds.max(1.0))
-    } else {
-        format!("{:.0} min", seconds / 60.0)
-    }
-}
-
-/// The live line.
-fn line(p: &Progress<'_>) -> String {
-    let aside = p.aside_psnr.map(|db| format!(", {db:.2} dB aside")).unwrap_or_default();
-    let bytes = p.bytes.map(|b| format!(", {}", megabytes(b))).unwrap_or_default();
-    let left = duration(p.eta_seconds);
-    format!("{}: {} Gaussians{aside}{bytes}, {left} left", p.stage, p.gaussians)
-}
-
 fn picture(folder: &Path, camera: &Camera, p: &Progress<'_>) -> Result<()> {
     let file = folder.join(format!("step-{:06}.png", p.step));
     let image = render(p.scene, camera, &RenderOptions::default());
@@ -290,7 +281,7 @@ fn write(
     } else {
         output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?;
     }
-    let ended = if outcome.cancelled { "interrupted" } else { "all steps are done" };
+    let ended = if outcome.cancelled { StopReason::Cancelled } else { StopReason::Steps };
     let of = if distilled { "renders of the input" } else { "photos" };
     let gaussians = outcome.scene.len();
     let human = format!(
@@ -315,7 +306,7 @@ fn write(
         "distilled": distilled,
         "steps": outcome.steps,
         "seconds": outcome.seconds,
-        "reason": ended,
+        "reason": ended.to_string(),
         "target_reached": outcome.reached,
         "parts": parts.collect::<serde_json::Map<_, _>>(),
     });

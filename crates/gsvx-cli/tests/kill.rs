@@ -154,17 +154,17 @@ fn a_checkpoint_that_does_not_fit_leaves_the_old_one() {
     let command = tune(dir.path(), "b.gsvx", "run.ckpt");
     // The signal that comes with the limit is ignored, so that the write itself fails.
     let out = Command::new("sh")
-        .args(["-c", "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\" --steps 40"])
+        .args(["-c", "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\" --steps 40"])
         .arg(command.get_program())
         .args(command.get_args().filter(|a| *a != "--steps" && *a != "24"))
         .output()
         .unwrap();
-    let error = heard(&out);
-    assert_eq!(out.status.code(), Some(1), "{error}");
-    let last = error.lines().last().unwrap_or_default();
-    assert!(last.starts_with("error: ") && last.contains("run.ckpt"), "{error}");
+    let heard = heard(&out);
+    assert!(out.status.success(), "{heard}");
+    let warnings: Vec<_> = heard.lines().filter(|l| l.starts_with("warning: ")).collect();
+    assert!(warnings.len() == 1 && warnings[0].contains("run.ckpt"), "{heard}");
     assert!(std::fs::read(&checkpoint).unwrap() == old);
-    assert_eq!(names(dir.path()), ["a.gsvx", "run.ckpt"]);
+    assert_eq!(names(dir.path()), ["a.gsvx", "b.gsvx", "run.ckpt"]);
 }
 
 /// Runs `command` while `change` is done to `input` over and over.

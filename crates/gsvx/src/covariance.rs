@@ -98,7 +98,7 @@ pub(crate) fn gradient(
 
 /// Axes whose log-scales differ by less than this count as nearly equal.
 #[cfg(feature = "encode")]
-const EQUAL_AXES: f64 = 1e-2;
+pub const EQUAL_AXES: f64 = 1e-2;
 
 /// The coordinates of a symmetric matrix given by its entries.
 fn in_basis(entry: impl Fn(usize, usize) -> f64) -> Coordinates {

@@ -9,6 +9,8 @@
 mod desk;
 mod rng;
 mod scenes;
+#[cfg(feature = "wgsl")]
+pub mod wgsl;
 
 pub use desk::{desk, desk_cameras};
 pub use rng::Rng;

@@ -7,20 +7,20 @@
 use std::path::Path;
 
 use finetune::TrainView;
+use finetune::optimiser::Moments;
 use gs_model::Scene;
 
 use crate::error::{Error, Result};
-use crate::options::Options;
 
 const MAGIC: [u8; 8] = *b"GSTUNECK";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
-/// A checksum of what a checkpoint must share with the run that goes on from it.
-pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &Options) -> u32 {
+/// A checksum of what a checkpoint must share with the run that goes on from it. `options` says in words what
+/// else they share.
+pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &str) -> u32 {
     let mut crc = 0;
     let mut add = |bytes: &[u8]| crc = crc32c::crc32c_append(crc, bytes);
-    let Options { target, effort, plan, seed, .. } = options;
-    add(format!("{target:?} {effort:?} {plan:?} {seed} {}", scene.sh_degree).as_bytes());
+    add(format!("{options} {}", scene.sh_degree).as_bytes());
     for array in [scene.means.as_flattened(), &scene.opacity_logits, scene.sh.as_flattened()] {
         array.iter().for_each(|v| add(&v.to_le_bytes()));
     }
@@ -60,6 +60,11 @@ impl Writer {
         values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
     }
 
+    pub(crate) fn moments(&mut self, moments: &Moments) {
+        self.floats(&moments.first);
+        self.floats(&moments.second);
+    }
+
     pub(crate) fn scene(&mut self, scene: &Scene) {
         self.integers(&[scene.sh_degree.into(), scene.len() as u64]);
         for array in [
@@ -73,26 +78,32 @@ impl Writer {
         }
     }
 
-    /// Writes the file.
-    pub(crate) fn write(mut self, path: &Path) -> Result<()> {
+    /// The file.
+    pub(crate) fn finish(mut self) -> Vec<u8> {
         let crc = crc32c::crc32c(&self.0);
         self.0.extend(crc.to_le_bytes());
-        let mut name = path.file_name().unwrap_or_default().to_os_string();
-        name.push(".tmp");
-        let temporary = path.with_file_name(name);
-        let error = |file: &Path, action| {
-            let file = file.to_owned();
-            move |cause| finetune::Error::Io { file, action, cause }
-        };
-        let written = std::fs::write(&temporary, &self.0)
-            .map_err(error(&temporary, "write"))
-            .and_then(|()| std::fs::rename(&temporary, path).map_err(error(path, "rename")));
-        if written.is_err() {
-            // A partial checkpoint is useless and takes space.
-            let _ = std::fs::remove_file(&temporary);
-        }
-        Ok(written?)
+        self.0
     }
+}
+
+/// Writes a checkpoint.
+pub(crate) fn save(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".tmp");
+    let temporary = path.with_file_name(name);
+    let written = std::fs::write(&temporary, bytes)
+        .map_err(io(&temporary, "write"))
+        .and_then(|()| std::fs::rename(&temporary, path).map_err(io(path, "rename")));
+    if written.is_err() {
+        // A partial checkpoint is useless and takes space.
+        let _ = std::fs::remove_file(&temporary);
+    }
+    written
+}
+
+fn io(file: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Error {
+    let file = file.to_owned();
+    move |cause| Error::Io { file, action, cause }
 }
 
 /// A checkpoint that is being taken apart.
@@ -105,11 +116,11 @@ pub(crate) struct Reader<'a> {
 impl<'a> Reader<'a> {
     /// Opens a checkpoint of the run with this fingerprint.
     pub(crate) fn open(path: &'a Path, fingerprint: u32) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|cause| finetune::Error::Io {
-            file: path.into(),
-            action: "read",
-            cause,
-        })?;
+        Self::new(path, std::fs::read(path).map_err(io(path, "read"))?, fingerprint)
+    }
+
+    /// As [`Reader::open`], of what is in memory.
+    pub(crate) fn new(path: &'a Path, bytes: Vec<u8>, fingerprint: u32) -> Result<Self> {
         let mut this = Self { path, bytes, at: 0 };
         if this.take::<8>()? != MAGIC || u32::from_le_bytes(this.take()?) != VERSION {
             return Err(this.error("it does not start as a checkpoint of a tune"));
@@ -127,7 +138,7 @@ impl<'a> Reader<'a> {
 
     pub(crate) fn error(&self, reason: &'static str) -> Error {
         let (file, offset) = (self.path.into(), self.at as u64);
-        finetune::Error::Checkpoint { file, offset, reason }.into()
+        Error::Checkpoint { file, offset, reason }
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
@@ -183,5 +194,14 @@ impl<'a> Reader<'a> {
             return Err(self.error("arrays of a scene differ in length"));
         }
         Ok(scene)
+    }
+
+    /// Moments of as many parameters as `like`.
+    pub(crate) fn moments(&mut self, like: &Moments) -> Result<Moments> {
+        let read = Moments { first: self.floats()?, second: self.floats()? };
+        if read.first.len() != like.first.len() || read.second.len() != like.second.len() {
+            return Err(self.error("moments differ in number"));
+        }
+        Ok(read)
     }
 }

@@ -5,9 +5,9 @@
 //! codec makes a new scene of the values, and the bits have a gradient too, from what the coder expects of
 //! each coefficient. The steps between render the same scene, which costs little more than a plain step.
 
-use finetune::optimiser::Adam;
+use finetune::optimiser::{Adam, Moments};
 #[cfg(feature = "gpu")]
-use finetune::{Adapter, latents::LatentStep};
+use finetune::{Adapter, kernels::KernelStep};
 use finetune::{ViewGradients, ViewLoss};
 use gpcc_lite::Octree;
 use gs_model::Scene;
@@ -18,7 +18,6 @@ use gsvx::latents::{GaussianGradient, Latents};
 use crate::device::Device;
 use crate::error::Result;
 use crate::plan::{self, DC_BASIS};
-use crate::rows::Moments;
 
 /// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
 const RATES: [f32; 4] = [0.01, 0.003, 4e-4, 0.005];
@@ -145,9 +144,12 @@ impl CodecLoop {
         self.done.is_multiple_of(FITTED)
     }
 
-    /// Moves the steps to a graphics adapter.
+    /// Moves the steps to a graphics adapter, unless they are there.
     #[cfg(feature = "gpu")]
     pub(crate) fn place(&mut self, adapter: Adapter, views: &mut ViewGradients) -> Result<()> {
+        if self.device.is_some() {
+            return Ok(());
+        }
         // Fills in the means and fits the predictions.
         self.settle()?;
         let loss = views.run(&self.scene, 0);
@@ -165,6 +167,16 @@ impl CodecLoop {
         Ok(())
     }
 
+    /// Goes on on the processor.
+    pub(crate) fn leave_device(&mut self) -> Result<()> {
+        self.fetch()?;
+        #[cfg(feature = "gpu")]
+        {
+            self.device = None;
+        }
+        Ok(())
+    }
+
     /// One step at a view on the device, if there is one. The loss is that of an earlier step.
     #[cfg(feature = "gpu")]
     fn step_on_device(&mut self, view: usize) -> Result<Option<ViewLoss>> {
@@ -173,12 +185,14 @@ impl CodecLoop {
             self.settle()?;
         }
         let decay = self.decay();
-        let step = LatentStep {
+        let coded = self.done.is_multiple_of(CODED);
+        let step = KernelStep {
             view,
             number: self.done + 1,
             rates: RATES.map(|r| r * decay),
-            coded: self.done.is_multiple_of(CODED),
-            bit_price: self.lambda() as f32,
+            made: coded,
+            // The price of a bit, where the codec runs.
+            extra: if coded { self.lambda() as f32 } else { 0.0 },
         };
         let Some(device) = &mut self.device else { return Ok(None) };
         if fit {
@@ -258,12 +272,7 @@ impl CodecLoop {
 
     /// Comes back to a snapshot.
     pub(crate) fn restore(&mut self, (values, quality): (Vec<f32>, f32)) -> Result<()> {
-        self.fetch()?;
         *self.latents.values_mut() = values;
-        #[cfg(feature = "gpu")]
-        if let Some(device) = &mut self.device {
-            device.put(&self.latents, &self.moments)?;
-        }
         self.set_quality(quality)?;
         self.settle()
     }

@@ -4,18 +4,18 @@
 //! [`FITTED`](crate::codec_loop::FITTED) steps it fetches the latents: fitting the predictions and counting
 //! the bytes is work of the encoder, and so is the stream at the end.
 
-use finetune::latents::{Chunk, Codec, Leaf, Merge, ShPrediction};
-use finetune::latents::{LatentExecutor, LatentState, LatentStep};
+use finetune::kernels::{KernelLoop, KernelStep};
+use finetune::optimiser::Moments;
 use finetune::{Adapter, ViewGradients, ViewLoss};
 use gs_model::Scene;
-use gsvx::latents::{Latents, Transform};
+use gsvx::latents::Latents;
 
 use crate::error::Result;
-use crate::rows::Moments;
+use crate::program::{fitted, fixed, program, uniform};
 
 /// Latents on a device.
 pub(crate) struct Device {
-    executor: LatentExecutor,
+    kernels: KernelLoop,
     /// The device has newer values than the host.
     ahead: bool,
     /// The last that was fetched.
@@ -32,18 +32,16 @@ impl Device {
         moments: &Moments,
         loss: ViewLoss,
     ) -> Result<Self> {
-        let executor = views.on_device(adapter, scene, &codec(latents))?;
-        let mut this = Self { executor, ahead: false, loss };
-        this.put(latents, moments)?;
+        let mut kernels = views.with_kernels(adapter, scene, &program(latents))?;
+        let (merges, leaves, weights) = fixed(latents);
+        kernels.write("merges", &merges)?;
+        kernels.write("leaf_words", &leaves)?;
+        kernels.write("leaf_weights", &weights)?;
+        kernels.write("latents", latents.values())?;
+        kernels.write("latent_moments", &[&moments.first[..], &moments.second].concat())?;
+        let mut this = Self { kernels, ahead: false, loss };
+        this.update(latents)?;
         Ok(this)
-    }
-
-    /// Uploads values and moments.
-    pub(crate) fn put(&mut self, latents: &Latents, moments: &Moments) -> Result<()> {
-        let (values, first, second) =
-            (latents.values().to_vec(), moments.first.clone(), moments.second.clone());
-        self.ahead = false;
-        Ok(self.executor.set_state(&LatentState { values, moments: [first, second] })?)
     }
 
     /// Fetches values and moments if the device has newer ones.
@@ -51,87 +49,28 @@ impl Device {
         if !std::mem::take(&mut self.ahead) {
             return Ok(());
         }
-        self.loss = self.executor.losses()?.pop().unwrap_or(self.loss);
-        let LatentState { values, moments: [first, second] } = self.executor.state()?;
-        *latents.values_mut() = values;
-        (moments.first, moments.second) = (first, second);
+        self.loss = self.kernels.losses()?.pop().unwrap_or(self.loss);
+        let n = latents.values().len();
+        moments.first = self.kernels.read("latent_moments", 2 * n)?;
+        moments.second = moments.first.split_off(n);
+        *latents.values_mut() = self.kernels.read("latents", n)?;
         Ok(())
     }
 
     /// Tells the device the steps and the predictions of the last fit.
     pub(crate) fn update(&mut self, latents: &Latents) -> Result<()> {
-        Ok(self.executor.update(&codec(latents))?)
+        let (chunks, factors) = fitted(latents);
+        self.kernels.set_uniform(&uniform(latents))?;
+        self.kernels.write("chunks", &chunks)?;
+        Ok(self.kernels.write("sh_factors", &factors)?)
     }
 
     /// One step. The loss is the last that was fetched.
-    pub(crate) fn step(&mut self, step: &LatentStep) -> Result<ViewLoss> {
-        self.executor.step(step)?;
+    pub(crate) fn step(&mut self, step: &KernelStep) -> Result<ViewLoss> {
+        self.kernels.step(step)?;
         self.ahead = true;
         Ok(self.loss)
     }
-}
-
-/// What the device needs to know of the codec.
-pub(crate) fn codec(latents: &Latents) -> Codec {
-    let transforms: Vec<Transform<'_>> = latents.transforms().collect();
-    let (merges, levels) = merges(&transforms);
-    let mut codec = Codec {
-        sh_degree: latents.sh_degree(),
-        steps: latents.steps_of_unit_weight(),
-        lambda: latents.lambda(),
-        merges,
-        levels,
-        ..Codec::default()
-    };
-    for t in &transforms {
-        let plan = t.plan;
-        let (first, number) = (codec.leaves.len() as u32, codec.chunks.len() as u16);
-        let leaves = plan.leaves().iter().zip(t.classes).enumerate();
-        codec.leaves.extend(leaves.map(|(i, (leaf, &class))| Leaf {
-            depth: leaf.depth,
-            class,
-            chunk: number,
-            weight: plan.weight_of_leaf(i) as f32,
-        }));
-        codec.chunks.push(Chunk {
-            first,
-            root_of_weight: plan.root_of_weight() as f32,
-            opacity: t.opacity,
-            size: t.size,
-            sh: t.sh.clone().map(|p| p.map(|(log_run, factors)| ShPrediction { log_run, factors })),
-        });
-    }
-    codec
-}
-
-/// The merges of all chunks, level by level, and the first of each level.
-fn merges(transforms: &[Transform<'_>]) -> (Vec<Merge>, Vec<u32>) {
-    let plans: Vec<_> = transforms.iter().map(|t| t.plan).collect();
-    let depth = plans.iter().map(|p| p.levels().len()).max().unwrap_or(1);
-    // By chunk and coefficient: the number of the merge, plus one.
-    let mut numbers: Vec<Vec<u32>> = plans.iter().map(|p| vec![0; p.len().max(1)]).collect();
-    let (mut merges, mut levels) = (Vec::new(), vec![0]);
-    for level in 1..depth {
-        let mut first_leaf = 0;
-        for (plan, numbers) in plans.iter().zip(&mut numbers) {
-            let range = plan.levels().get(level - 1).zip(plan.levels().get(level));
-            for k in range.map_or(0..0, |(&a, &b)| a as usize..b as usize) {
-                let m = plan.merge(k);
-                merges.push(Merge {
-                    left: m.left + first_leaf,
-                    right: m.right + first_leaf,
-                    parent: numbers[m.parent as usize],
-                    share: m.share,
-                    scale: m.scale,
-                    noise_gain: m.noise_gain,
-                });
-                numbers[k] = merges.len() as u32;
-            }
-            first_leaf += plan.len() as u32;
-        }
-        levels.push(merges.len() as u32);
-    }
-    (merges, levels)
 }
 
 #[cfg(test)]
@@ -191,8 +130,7 @@ mod tests {
         host.step(&mut views.gradients, 2).unwrap();
         device.step(&mut views.gradients, 2).unwrap();
         let Some(on_device) = &mut device.device else { panic!("no device") };
-        let mut scene = host.scene.clone();
-        on_device.executor.scene(&mut scene).unwrap();
+        let scene = on_device.kernels.scene(host.scene.clone()).unwrap();
         // Rounding may move a coefficient over the edge of a step; its leaves then differ.
         let pairs = [
             ("opacity", differing(&scene.opacity_logits, &host.scene.opacity_logits, 1e-3)),
@@ -210,7 +148,12 @@ mod tests {
             println!("{name}: {share}");
             assert!(share < 0.01, "{name}: {share} of the values differ");
         }
-        let prices = on_device.executor.bit_prices(&codec(&host.latents)).unwrap();
+        let n = host.latents.values().len();
+        let mut prices: Vec<f32> = on_device.kernels.read("bit_prices", n).unwrap();
+        let rows = prices.chunks_exact_mut(host.latents.channels());
+        for (row, weight) in rows.zip(fixed(&host.latents).2) {
+            row.iter_mut().for_each(|p| *p *= weight);
+        }
         let largest = host.prices().iter().fold(0.0f32, |m, p| m.max(p.abs()));
         let scaled = |p: &[f32]| p.iter().map(|p| p / largest * 100.0).collect::<Vec<_>>();
         let share = differing(&scaled(&prices), &scaled(host.prices()), 1e-3);

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Views that the rasterizer refuses, and checkpoints that cannot be read or written.
+    /// Views that the rasterizer refuses, a GPU that is not there or fails.
     #[error(transparent)]
     Finetune(#[from] finetune::Error),
     /// The scene is not valid.
@@ -55,6 +55,26 @@ pub enum Error {
         value: f64,
         /// The accepted range.
         range: &'static str,
+    },
+    /// A checkpoint could not be read or written.
+    #[error("{}: cannot {action}: {cause}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What was tried: `read`, `write`, `rename`.
+        action: &'static str,
+        /// The operating system's reason.
+        cause: std::io::Error,
+    },
+    /// A checkpoint that cannot be used.
+    #[error("{}: not a usable checkpoint: at byte {offset}: {reason}", file.display())]
+    Checkpoint {
+        /// The file.
+        file: PathBuf,
+        /// Where in the file.
+        offset: u64,
+        /// What is wrong.
+        reason: &'static str,
     },
     /// A checkpoint of another run.
     #[error(

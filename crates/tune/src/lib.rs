@@ -3,21 +3,28 @@
 mod checkpoint;
 mod clock;
 mod codec_loop;
+mod course;
 #[cfg(feature = "gpu")]
 mod device;
+mod epochs;
 mod error;
+mod fine_tune;
 mod options;
 mod plan;
+mod probe;
+#[cfg(feature = "gpu")]
+mod program;
 mod progress;
-mod prune;
-mod rows;
 mod run;
+mod scene_loop;
 mod stage;
 mod steering;
+mod trainer;
 mod views;
 
 pub use error::{Error, Result};
+pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Options, Target};
 pub use plan::{Effort, Plan};
-pub use progress::{Outcome, Progress, StageName};
+pub use progress::{Outcome, Progress, StageName, StopReason};
 pub use run::Tune;

@@ -1,5 +1,6 @@
 //! [`Progress`] and [`Outcome`].
 
+use finetune::{Backend, BackendReport};
 use gs_model::Scene;
 use gsvx::Encoded;
 
@@ -15,6 +16,8 @@ pub enum StageName {
     },
     /// The codec in the loop.
     CodecInTheLoop,
+    /// The fine-tune of attributes, without a codec.
+    Attributes,
 }
 
 impl std::fmt::Display for StageName {
@@ -22,34 +25,65 @@ impl std::fmt::Display for StageName {
         match self {
             Self::Round { round, rounds } => write!(f, "pruning {round}/{rounds}"),
             Self::CodecInTheLoop => f.write_str("codec in the loop"),
+            Self::Attributes => f.write_str("attributes"),
         }
     }
 }
 
-/// A report from a running tune.
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    /// All steps are done.
+    Steps,
+    /// The target PSNR was reached.
+    TargetReached,
+    /// The PSNR stopped improving.
+    NoImprovement,
+    /// The cancellation flag was set.
+    Cancelled,
+}
+
+/// In plain words, for messages.
+impl std::fmt::Display for StopReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Steps => "all steps are done",
+            Self::TargetReached => "the photos are matched as well as asked for",
+            Self::NoImprovement => "the match no longer improves",
+            Self::Cancelled => "interrupted",
+        })
+    }
+}
+
+/// A report from a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress<'a> {
     /// What it is doing.
     pub stage: StageName,
-    /// Steps done, of both stages together.
+    /// Steps done, of all stages together.
     pub step: u64,
-    /// Steps of the whole run.
+    /// Steps of the whole run, at most.
     pub steps: u64,
     /// Gaussians at present.
     pub gaussians: usize,
-    /// PSNR of the last step's view, dB. A GPU tells it every 48 steps.
+    /// PSNR of the last step's view, dB. A GPU tells it now and then.
     pub psnr: f64,
     /// PSNR at the views kept aside when it was last measured, dB.
     pub aside_psnr: Option<f64>,
+    /// Mean PSNR over the last pass over the views, each as rendered in its step, dB; in the first pass over the
+    /// steps so far. Of [`StageName::Attributes`].
+    pub pass_psnr: Option<f64>,
     /// Bytes of the stream, with the codec in the loop.
     pub bytes: Option<u64>,
     /// Seconds since the start or the resumption.
     pub seconds: f64,
     /// Seconds to the end at this speed.
     pub eta_seconds: f64,
-    /// The scene of the last step: with the codec in the loop, what a decoder would return. A GPU tells it every 48
-    /// steps.
+    /// The scene of the last step: with the codec in the loop, what a decoder would return. A GPU tells it now and
+    /// then.
     pub scene: &'a Scene,
+    /// Where the last step was made: it changes if a GPU fails under [`Backend::Auto`].
+    pub backend: Backend,
     /// Why the checkpoint could not be written, the first time that it could not.
     pub checkpoint_failed: Option<&'a crate::Error>,
 }
@@ -75,6 +109,8 @@ pub struct Outcome {
     pub steps: u64,
     /// Wall-clock seconds of this run.
     pub seconds: f64,
+    /// Where the run ended, and why there.
+    pub backend: BackendReport,
     /// Whether the run was cut short.
     pub cancelled: bool,
     /// Whether the stream reaches the target.

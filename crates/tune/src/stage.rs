@@ -1,5 +1,6 @@
 //! The two stages of a run, how one follows the other, and what a checkpoint keeps of each.
 
+use finetune::optimiser::Moments;
 use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;
 use gsvx::latents::Latents;
@@ -9,13 +10,13 @@ use crate::checkpoint::{Reader, Writer};
 use crate::codec_loop::{CodecLoop, Start, encode_options};
 use crate::error::{Error, Result};
 use crate::plan::{Plan, voxel_options};
-use crate::prune::{Recovery, extent};
+use crate::scene_loop::{SceneLoop, mean_rate};
 use crate::views::Views;
 
 /// What a run is doing.
 pub(crate) enum Stage {
     /// Round number `round`, counted from 1.
-    Round { round: u64, recovery: Box<Recovery> },
+    Round { round: u64, recovery: Box<SceneLoop> },
     /// The codec in the loop.
     Loop(Box<CodecLoop>),
 }
@@ -36,7 +37,7 @@ pub(crate) fn round(
     let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
     let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
     let scene = scene.select(&kept);
-    let recovery = Recovery::new(scene, extent(&views.cameras), plan.round_steps);
+    let recovery = SceneLoop::new(scene, mean_rate(&views.cameras), plan.round_steps);
     Ok(Stage::Round { round, recovery: Box::new(recovery) })
 }
 
@@ -74,7 +75,7 @@ impl Stage {
     /// The scene as it is.
     pub(crate) fn scene(&self) -> &Scene {
         match self {
-            Self::Round { recovery, .. } => &recovery.scene,
+            Self::Round { recovery, .. } => recovery.scene(),
             Self::Loop(state) => &state.scene,
         }
     }
@@ -83,39 +84,32 @@ impl Stage {
     pub(crate) fn write(&self, out: &mut Writer) {
         match self {
             Self::Round { round, recovery } => {
-                out.integers(&[0, *round, recovery.steps, recovery.done]);
-                out.scene(&recovery.scene);
-                out.floats(&recovery.moments.first);
-                out.floats(&recovery.moments.second);
+                out.integers(&[0, *round]);
+                recovery.write(out);
             }
             Self::Loop(state) => {
                 let outliers = state.outliers.as_ref();
                 let degree = state.latents.sh_degree();
-                out.integers(&[1, state.steps, state.done, degree.into()]);
+                out.integers(&[1, state.done, degree.into()]);
                 out.numbers(&[state.quality.into()]);
                 write_leaves(out, &state.octree);
                 out.floats(&state.importance);
                 out.floats(state.latents.values());
-                out.floats(&state.moments.first);
-                out.floats(&state.moments.second);
+                out.moments(&state.moments);
                 out.scene(outliers.unwrap_or(&Scene { sh_degree: degree, ..Scene::default() }));
             }
         }
     }
 
     /// Undoes [`Stage::write`].
-    pub(crate) fn read(input: &mut Reader<'_>, views: &Views) -> Result<Self> {
+    pub(crate) fn read(input: &mut Reader<'_>, plan: &Plan, views: &Views) -> Result<Self> {
         match input.integers()?[..] {
-            [0, round, steps, done] => {
-                let scene = input.scene()?;
-                let mut recovery = Recovery::new(scene, extent(&views.cameras), steps);
-                read_moments(input, &mut recovery.moments.first)?;
-                read_moments(input, &mut recovery.moments.second)?;
-                recovery.done = done;
+            [0, round] => {
+                let recovery = SceneLoop::read(input, mean_rate(&views.cameras), plan.round_steps)?;
                 Ok(Self::Round { round, recovery: Box::new(recovery) })
             }
-            [1, steps, done, degree @ 0..=3] => {
-                let state = read_loop(input, views, (steps, done, degree as u8))?;
+            [1, done, degree @ 0..=3] => {
+                let state = read_loop(input, views, (plan.loop_steps, done, degree as u8))?;
                 Ok(Self::Loop(Box::new(state)))
             }
             _ => Err(input.error("unknown stage")),
@@ -144,15 +138,6 @@ fn read_leaves(input: &mut Reader<'_>) -> Result<Octree> {
     Octree::new(cube, depth as u8, leaves).map_err(|_| input.error("leaves"))
 }
 
-fn read_moments(input: &mut Reader<'_>, out: &mut Vec<f32>) -> Result<()> {
-    let read = input.floats()?;
-    if read.len() != out.len() {
-        return Err(input.error("moments differ in number"));
-    }
-    *out = read;
-    Ok(())
-}
-
 fn read_loop(
     input: &mut Reader<'_>,
     views: &Views,
@@ -164,17 +149,13 @@ fn read_loop(
     let values = input.floats()?;
     let options: EncodeOptions = encode_options(quality as f32, importance.clone())?;
     let latents = Latents::with_values(&octree, &importance, &options, sh_degree, values)?;
-    let (first, second) = (input.floats()?, input.floats()?);
+    let moments = input.moments(&Moments::zeros(latents.values().len()))?;
     let outliers = input.scene()?;
     let outliers = (!outliers.is_empty()).then_some(outliers);
     let pixels = views.pixels();
     let quality = quality as f32;
     let start = Start { octree, importance, outliers, latents, quality, steps, pixels };
     let mut state = CodecLoop::new(start);
-    if first.len() != state.moments.first.len() || second.len() != first.len() {
-        return Err(input.error("moments differ in number"));
-    }
-    (state.moments.first, state.moments.second) = (first, second);
-    state.done = done;
+    (state.moments, state.done) = (moments, done);
     Ok(state)
 }

@@ -28,24 +28,26 @@ pub(crate) struct Views {
 }
 
 impl Views {
-    /// `scene` is the input model.
+    /// Gradients of `loss` come from all views, which all count the same.
+    pub(crate) fn all(views: Vec<TrainView>, loss: Loss, seed: u64) -> Result<Self> {
+        let cameras = cameras_of(&views)?;
+        let gradients = ViewGradients::new(views, loss, &RenderOptions::default())?;
+        Ok(Self { cameras, gradients, aside: Vec::new(), seed, order: Vec::new() })
+    }
+
+    /// Some views are kept aside, and photos that `scene`, the input model, matches badly count less.
     pub(crate) fn new(scene: &Scene, views: Vec<TrainView>, seed: u64) -> Result<Self> {
-        for (index, view) in views.iter().enumerate() {
-            if view.photo.rgb.iter().any(|v| !v.is_finite()) {
-                return Err(Error::PhotoValue { index, name: view.camera.name.clone() });
-            }
-        }
-        let cameras = views.iter().map(|v| v.camera.clone()).collect();
+        let cameras = cameras_of(&views)?;
         let (mut training, mut aside) = (Vec::new(), Vec::new());
         for (i, view) in views.into_iter().enumerate() {
             if i % ASIDE == ASIDE / 2 { aside.push(view) } else { training.push(view) }
         }
-        // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         if aside.is_empty() {
             aside.extend(training.first().cloned());
         }
         let errors: Vec<f64> =
             training.iter().map(|v| libm::exp10(-0.1 * psnr(scene, v))).collect();
+        // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
         Ok(Self { cameras, gradients, aside, seed, order: Vec::new() })
@@ -97,6 +99,16 @@ impl Views {
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
         finetune::saliency_per_view(scene, &self.cameras).squared
     }
+}
+
+/// The cameras of views whose photos hold numbers.
+fn cameras_of(views: &[TrainView]) -> Result<Vec<Camera>> {
+    for (index, view) in views.iter().enumerate() {
+        if view.photo.rgb.iter().any(|v| !v.is_finite()) {
+            return Err(Error::PhotoValue { index, name: view.camera.name.clone() });
+        }
+    }
+    Ok(views.iter().map(|v| v.camera.clone()).collect())
 }
 
 /// PSNR of a scene at a view, dB, at most 100.

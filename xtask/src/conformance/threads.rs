@@ -2,13 +2,13 @@
 
 use anyhow::{Context, Result, ensure};
 use eval::{measure, scenes};
-use finetune::{FineTune, FineTuneOptions, RenderOptions};
+use finetune::RenderOptions;
 use gsvx::EncodeOptions;
 use std::num::NonZeroUsize;
 
 use sha2::{Digest, Sha256};
 use testing::sha256;
-use tune::{Options, Plan, Target, Tune};
+use tune::{FineTune, FineTuneOptions, Options, Plan, Target, Tune};
 
 use super::{Tally, Verdict};
 

@@ -5,10 +5,11 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use finetune::{FineTune, FineTuneOptions, RenderOptions, TrainView};
+use finetune::{RenderOptions, TrainView};
 use gs_model::{Scene, ply};
 use gsvx::{DecodeOptions, Decoder, EncodeOptions, Prepared, Seen, importance};
 use serde::{Deserialize, Serialize};
+use tune::{FineTune, FineTuneOptions};
 use voxel::{Merge, Voxelization};
 
 use crate::scenes::SceneFiles;

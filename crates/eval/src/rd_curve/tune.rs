@@ -2,14 +2,14 @@
 //! cut goes on from its checkpoint.
 
 use std::fs;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::Path;
+use std::time::Instant;
 
 use anyhow::{Context, Result};
-use finetune::{FineTune, FineTuneOptions};
 use gs_model::Scene;
 use gsvx::Prepared;
 use serde::Serialize;
+use tune::{FineTune, FineTuneOptions};
 
 use super::record::Tuned;
 use super::study::Study;
@@ -58,70 +58,68 @@ pub(super) fn tuned(
         return Ok(record);
     }
     let start = if tuning.initialised { prepared.scene.clone() } else { blank(prepared) };
-    let photos = study.photos()?;
     let dir = study.out.join("tuned");
     fs::create_dir_all(&dir).with_context(|| format!("create {}", dir.display()))?;
     // The key is in the name, so that a checkpoint of other settings is not continued.
     let checkpoint = dir.join(format!("{name}-{}.part", &cache::hash_bytes(key.as_bytes())[..8]));
-    let bar = Bar::new(&format!("fine-tune {name}"), tuning.steps);
+    let (scene, record) = fine_tune(study, name, start, tuning, &checkpoint)
+        .with_context(|| format!("fine-tune ({name})"))?;
+    gs_model::ply::write(study.out.join(&record.file), &scene)?;
+    // The model is complete: its checkpoint is no longer needed.
+    let _ = fs::remove_file(&checkpoint);
+    study.cache.store(&stage(name), &key, &record)?;
+    Ok(record)
+}
+
+/// Runs the fine-tune, or what is left of it.
+fn fine_tune(
+    study: &Study,
+    name: &str,
+    start: Scene,
+    tuning: Tuning,
+    checkpoint: &Path,
+) -> Result<(Scene, Tuned)> {
+    let Tuning { steps, initialised } = tuning;
+    let bar = Bar::new(&format!("fine-tune {name}"), steps);
     let score =
         |scene: &Scene| measure::score(scene, &study.test.held_out, &Bar::hidden()).0.psnr_db;
     let mut held_out_db = vec![(0, score(&start))];
-    let (mut seconds, mut user_seconds) = (0.0, 0.0);
-    usage::reset_peak();
-    let mut scene = start.clone();
-    for stop in (1..=STOPS).map(|i| tuning.steps * i / STOPS) {
-        if stop == held_out_db.last().map_or(0, |l| l.0) {
-            continue;
-        }
-        let cancel = Arc::new(AtomicBool::new(false));
-        let options = FineTuneOptions {
-            steps: tuning.steps,
-            report_every: 1,
-            checkpoint: Some(checkpoint.clone()),
-            checkpoint_every: (tuning.steps / STOPS).max(1),
-            cancel: Some(Arc::clone(&cancel)),
-            ..Default::default()
-        };
-        let before = usage::cpu_seconds();
-        let tune = FineTune::new(start.clone(), photos.to_vec(), options)
-            .with_context(|| format!("fine-tune ({name})"))?;
-        // A checkpoint of a run that was cut may be beyond this stop.
-        if tune.steps_done() > stop {
-            continue;
-        }
-        let mut done = tune.steps_done();
-        let outcome = tune
-            .run(|p| {
-                bar.step(p.step.saturating_sub(done));
-                done = p.step;
-                if p.step >= stop {
-                    cancel.store(true, Ordering::Relaxed);
-                }
-            })
-            .with_context(|| format!("fine-tune ({name})"))?;
-        seconds += outcome.seconds;
-        user_seconds += usage::cpu_seconds() - before;
-        held_out_db.push((outcome.steps, score(&outcome.scene)));
-        scene = outcome.scene;
-    }
-    let peak_bytes = usage::peak_bytes();
-    bar.done();
-    let file = format!("tuned/{name}.ply");
-    gs_model::ply::write(study.out.join(&file), &scene)?;
-    // The model is complete: its checkpoint is no longer needed.
-    let _ = fs::remove_file(&checkpoint);
-    let record = Tuned {
-        steps: tuning.steps,
-        initialised: tuning.initialised,
-        held_out_db,
-        seconds,
-        user_seconds,
-        peak_bytes,
-        file,
+    let options = FineTuneOptions {
+        steps,
+        checkpoint: Some(checkpoint.to_owned()),
+        checkpoint_every: (steps / STOPS).max(1),
+        ..Default::default()
     };
-    study.cache.store(&stage(name), &key, &record)?;
-    Ok(record)
+    usage::reset_peak();
+    let (started, began) = (Instant::now(), usage::cpu_seconds());
+    let run = FineTune::new(start, study.photos()?.to_vec(), options)?;
+    let (mut done, mut scoring) = (run.steps_done(), [0.0; 2]);
+    // A run that goes on from a checkpoint is beyond some of the stops.
+    let mut next = STOPS * done / steps.max(1) + 1;
+    let outcome = run.run(|p| {
+        bar.step(p.step - done);
+        done = p.step;
+        if p.step < steps && STOPS * p.step >= next * steps {
+            let (wall, cpu) = (Instant::now(), usage::cpu_seconds());
+            held_out_db.push((p.step, score(p.scene)));
+            scoring[0] += wall.elapsed().as_secs_f64();
+            scoring[1] += usage::cpu_seconds() - cpu;
+            next = STOPS * p.step / steps + 1;
+        }
+    })?;
+    let (seconds, cpu) = (started.elapsed().as_secs_f64(), usage::cpu_seconds() - began);
+    held_out_db.push((outcome.steps, score(&outcome.scene)));
+    bar.done();
+    let record = Tuned {
+        steps,
+        initialised,
+        held_out_db,
+        seconds: seconds - scoring[0],
+        user_seconds: cpu - scoring[1],
+        peak_bytes: usage::peak_bytes(),
+        file: format!("tuned/{name}.ply"),
+    };
+    Ok((outcome.scene, record))
 }
 
 /// The nearest leaves are looked for among this many before and after a leaf in Morton order.

@@ -1,31 +1,27 @@
-//! The fine-tune's steps on the device.
+//! [`DeviceOptimiser`]: the fine-tune's steps on the device.
 
 use gs_model::Scene;
 
 use super::device::Context;
 use super::passes::{STEP, Stage};
-use super::sizes::{CodecSizes, Sizes};
+use super::sizes::Sizes;
 use super::steps::{DeviceSteps, DeviceView};
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::error::Result;
-use crate::gradients::planes_of;
-use crate::options::RenderOptions;
-use crate::stages::adam::{AdamStep, Moments};
-use crate::stages::loss::LossValue;
+use crate::optimiser::{Adam, SceneOptimiser};
+use crate::options::{LearningRates, Loss};
 use crate::stages::project::View;
-use crate::train::executor::Executor;
-use crate::train::options::FineTuneOptions;
-use crate::train::view::TrainView;
+use crate::view_gradients::{PreparedView, ViewLoss};
 
-pub(crate) struct GpuExecutor {
+/// A [`SceneOptimiser`] on a graphics adapter. Means stay where they are.
+pub struct DeviceOptimiser {
     steps: DeviceSteps,
-    /// Host copy of what does not change: the means and the degree.
-    scene: Scene,
     base: StepUniform,
+    rates: LearningRates,
 }
 
-/// The sizes of a scene and its views, without those of a codec.
+/// The sizes of a scene and its views.
 pub(super) fn sizes<'a>(scene: &Scene, views: impl Iterator<Item = &'a View>) -> Sizes {
     let one = |v: &View| (v.tiles(), v.width as usize * v.height as usize);
     let largest = views.map(one).fold((1, 1), |a, b| (a.0.max(b.0), a.1.max(b.1)));
@@ -36,37 +32,67 @@ pub(super) fn sizes<'a>(scene: &Scene, views: impl Iterator<Item = &'a View>) ->
         capacity: (4 * scene.len()).max(1 << 14),
         tiles: largest.0,
         pixels: largest.1,
-        codec: CodecSizes::default(),
     }
 }
 
-impl GpuExecutor {
+/// The views and their photos on the device.
+pub(super) fn on_device(workspace: &Workspace, views: &[PreparedView]) -> Result<Vec<DeviceView>> {
+    let mut planes = Vec::new();
+    let one = |prepared: &PreparedView| {
+        prepared.planes(&mut planes);
+        DeviceView::new(workspace, &prepared.view, &planes)
+    };
+    views.iter().map(one).collect()
+}
+
+impl DeviceOptimiser {
     pub(crate) fn new(
         context: Context,
-        scene: Scene,
-        moments: &Moments,
-        views: &[TrainView],
-        options: &FineTuneOptions,
+        from: &SceneOptimiser,
+        views: &[PreparedView],
+        loss: Loss,
     ) -> Result<Self> {
-        let render = RenderOptions { background: options.background, ..Default::default() };
-        let rendered: Vec<View> = views.iter().map(|v| View::new(&v.camera, &render)).collect();
-        let workspace = Workspace::new(context, sizes(&scene, rendered.iter()))?;
-        workspace.upload(&scene, moments);
-        let mut base = StepUniform {
+        let scene = from.scene();
+        let workspace = Workspace::new(context, sizes(scene, views.iter().map(|v| &v.view)), None)?;
+        workspace.upload(from.state());
+        let base = StepUniform {
             count: scene.len() as u32,
             sh_len: scene.sh_len() as u32,
-            seed: (options.seed ^ (options.seed >> 32)) as u32,
-            ..Default::default()
+            ..StepUniform::default()
         };
-        base = base.with_loss(options.loss);
-        if let Some(q) = options.quantization {
-            base = base.with_quantization(&q);
-        }
-        let on_device = |(view, v): (&View, &TrainView)| {
-            DeviceView::new(&workspace, view, &planes_of(&v.photo))
-        };
-        let views = rendered.iter().zip(views).map(on_device).collect::<Result<Vec<_>>>()?;
-        Ok(Self { steps: DeviceSteps::new(workspace, views)?, scene, base })
+        let on_device = on_device(&workspace, views)?;
+        let steps = DeviceSteps::new(workspace, on_device)?;
+        Ok(Self { steps, base: base.with_loss(loss), rates: *from.rates() })
+    }
+
+    /// Submits step number `number`, counted from 1, at a view. It does not wait for the device.
+    ///
+    /// # Errors
+    /// [`crate::Error::Gpu`].
+    pub fn step(&mut self, view: usize, number: u64, decay: f32) -> Result<()> {
+        let view = view % self.steps.views.len();
+        let mut u =
+            self.steps.views[view].view.merge(&self.base).with_adam(&self.rates, number, decay);
+        u.step = number as u32;
+        self.steps.step(view, u, &STEP)
+    }
+
+    /// The losses of the steps since the last call, in order. Waits for the device.
+    ///
+    /// # Errors
+    /// [`crate::Error::Gpu`].
+    pub fn losses(&mut self) -> Result<Vec<ViewLoss>> {
+        self.steps.losses()
+    }
+
+    /// Puts parameters and moments into `out`, which the steps began with. Waits for the device.
+    ///
+    /// # Errors
+    /// [`crate::Error::Gpu`].
+    pub fn fetch(&mut self, out: &mut SceneOptimiser) -> Result<()> {
+        self.steps.settle()?;
+        out.set_state(self.steps.workspace.download()?);
+        Ok(())
     }
 
     #[cfg(test)]
@@ -86,27 +112,13 @@ impl GpuExecutor {
     }
 }
 
-impl Executor for GpuExecutor {
-    fn step(&mut self, view: usize, step: u64, adam: &AdamStep) -> Result<()> {
-        let mut u = self.steps.views[view].view.merge(&self.base).with_adam(adam);
-        u.step = step as u32;
-        self.steps.step(view, u, &STEP)
+impl StepUniform {
+    /// With Adam's rates at a step.
+    pub(crate) fn with_adam(mut self, r: &LearningRates, number: u64, decay: f32) -> Self {
+        let (inverse_bias1, inv_sqrt_bias2) = Adam::new(number).corrections();
+        let rate = |r: f32| r * decay * inverse_bias1;
+        self.rates = [r.sh_dc, r.sh_rest, r.opacity, r.log_scale].map(rate);
+        (self.rotation_rate, self.inv_sqrt_bias2) = (rate(r.rotation), inv_sqrt_bias2);
+        self
     }
-
-    fn drain_losses(&mut self, out: &mut Vec<LossValue>) -> Result<()> {
-        self.steps.settle()?;
-        out.append(&mut self.steps.losses);
-        Ok(())
-    }
-
-    fn take_state(&mut self) -> Result<(Scene, Moments)> {
-        self.steps.settle()?;
-        let mut scene = self.scene.clone();
-        let mut moments = Moments::zeros(&scene);
-        self.steps.workspace.download(&mut scene, &mut moments)?;
-        Ok((scene, moments))
-    }
-
-    /// Nothing to do: the device still has the state.
-    fn restore(&mut self, _: Scene, _: Moments) {}
 }

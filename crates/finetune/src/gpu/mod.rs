@@ -4,10 +4,9 @@
 //! scheduling. During a run only the losses are read back, every few steps.
 
 pub(crate) mod adapter;
-mod codec;
 mod device;
 mod executor;
-pub(crate) mod latents;
+pub(crate) mod kernels;
 mod loops;
 mod passes;
 mod pipelines;
@@ -20,8 +19,8 @@ mod uniform;
 mod workspace;
 
 pub(crate) use device::Context;
-pub(crate) use executor::GpuExecutor;
+pub use executor::DeviceOptimiser;
 pub(crate) use passes::{STEP, Stage};
-pub(crate) use sizes::{CodecSizes, Sizes};
+pub(crate) use sizes::Sizes;
 pub(crate) use uniform::StepUniform;
 pub(crate) use workspace::Workspace;

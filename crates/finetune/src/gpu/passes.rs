@@ -20,10 +20,10 @@ pub(crate) enum Stage {
     BlendAdjoint,
     Gather,
     Adam,
-    /// The codec: from the latents to the scene, with the derivatives of the bits.
-    Code,
-    /// Adam on the latents.
-    MoveLatents,
+    /// Kernels of another crate, which make the scene.
+    Before,
+    /// Kernels of another crate, which use the derivatives.
+    After,
 }
 
 /// All stages of a step, in order.
@@ -40,9 +40,9 @@ pub(crate) const STEP: [Stage; 10] = [
     Stage::Adam,
 ];
 
-/// All stages of a step on latents. Without the first, the scene is what the codec made before.
-pub(crate) const LATENT_STEP: [Stage; 11] = [
-    Stage::Code,
+/// All stages of a step with kernels of another crate. Without the first, the scene is that of the step before.
+pub(crate) const KERNEL_STEP: [Stage; 11] = [
+    Stage::Before,
     Stage::Project,
     Stage::SortDepth,
     Stage::Emit,
@@ -52,7 +52,7 @@ pub(crate) const LATENT_STEP: [Stage; 11] = [
     Stage::Loss,
     Stage::BlendAdjoint,
     Stage::Gather,
-    Stage::MoveLatents,
+    Stage::After,
 ];
 
 impl Workspace {
@@ -144,8 +144,8 @@ impl Workspace {
             Stage::BlendAdjoint => single(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
             Stage::Gather => single(pass, "gather", gaussians),
             Stage::Adam => single(pass, "adam", gaussians),
-            Stage::Code => self.code(pass),
-            Stage::MoveLatents => single(pass, "move_latents", self.leaf_groups()),
+            Stage::Before => self.calls(pass, &self.before),
+            Stage::After => self.calls(pass, &self.after),
         }
     }
 

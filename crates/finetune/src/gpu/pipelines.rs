@@ -12,8 +12,8 @@ pub(super) struct Pipeline {
 }
 
 /// Compiles a shader.
-pub(super) fn compile(device: &wgpu::Device, shader: &Shader) -> Pipeline {
-    let source = shader.source();
+pub(super) fn compile(device: &wgpu::Device, shader: &Shader, constants: &str) -> Pipeline {
+    let source = shader.source(constants);
     let bindings = bindings(&source);
     let entries: Vec<_> = bindings
         .iter()

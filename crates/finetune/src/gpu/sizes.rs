@@ -1,6 +1,6 @@
 //! Names and sizes of the device's buffers.
 
-use crate::shaders::{BLOCKS, CHUNK_WORDS, CODEC_GROUPS, RADIX_BLOCK, SCAN_BLOCK};
+use crate::shaders::{BLOCKS, RADIX_BLOCK, SCAN_BLOCK};
 
 /// Losses that the device keeps before the host has to fetch them.
 pub(crate) const LOSS_RING: usize = 256;
@@ -18,46 +18,6 @@ pub(crate) struct Sizes {
     pub(crate) tiles: usize,
     /// Pixels of the largest view.
     pub(crate) pixels: usize,
-    /// Of the codec, if it is in the loop.
-    pub(crate) codec: CodecSizes,
-}
-
-/// Sizes of the buffers of the codec; all zero without it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct CodecSizes {
-    /// Leaves: the Gaussians that are coded.
-    pub(crate) leaves: usize,
-    /// Values of each.
-    pub(crate) channels: usize,
-    /// Merges of all chunks.
-    pub(crate) merges: usize,
-    /// Chunks.
-    pub(crate) chunks: usize,
-}
-
-impl CodecSizes {
-    /// Words of the factors of SH predictions, at most: a chunk has runs of 2^10 leaves or more, and a shorter one
-    /// at its end.
-    pub(crate) fn sh_factors(&self) -> usize {
-        (self.leaves.div_ceil(1 << 10) + self.chunks) * (3 * 5 + 5 * 7)
-    }
-
-    fn buffers(&self) -> [(&'static str, usize); 10] {
-        let Self { leaves, channels, merges, chunks } = *self;
-        let values = leaves * channels;
-        [
-            ("latents", values),
-            ("latent_moments", 2 * values),
-            ("latent_rows", values),
-            ("bit_prices", values),
-            ("activity", 3 * CODEC_GROUPS * merges),
-            ("merges", 6 * merges),
-            ("leaf_words", leaves),
-            ("leaf_weights", leaves),
-            ("chunks", CHUNK_WORDS as usize * chunks),
-            ("sh_factors", self.sh_factors()),
-        ]
-    }
 }
 
 impl Sizes {
@@ -75,7 +35,7 @@ impl Sizes {
 
     /// Every buffer by name, with its length in 32-bit words.
     pub(super) fn buffers(&self) -> Vec<(&'static str, usize)> {
-        let Self { count: n, sh_len: k, capacity, tiles, pixels, codec } = *self;
+        let Self { count: n, sh_len: k, capacity, tiles, pixels } = *self;
         let mut list = vec![
             ("means", 3 * n),
             ("geo", 8 * n),
@@ -118,9 +78,6 @@ impl Sizes {
             ("losses", 2 * LOSS_RING),
             ("block_sums", 2 * (3 * pixels).div_ceil(4096)),
         ];
-        if codec.leaves > 0 {
-            list.extend(codec.buffers());
-        }
         for (name, length) in self.scans() {
             for (level, words) in scan_lengths(length).into_iter().enumerate() {
                 list.push((SCAN_TOTALS[name as usize][level], words.div_ceil(SCAN_BLOCK as usize)));

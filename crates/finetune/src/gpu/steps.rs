@@ -6,8 +6,8 @@ use super::sizes::LOSS_RING;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::error::Result;
-use crate::stages::loss::LossValue;
 use crate::stages::project::View;
+use crate::view_gradients::ViewLoss;
 
 /// A training view and its photo on the device.
 pub(super) struct DeviceView {
@@ -41,7 +41,7 @@ pub(super) struct DeviceSteps {
     pub(super) workspace: Workspace,
     pub(super) views: Vec<DeviceView>,
     pending: Vec<Pending>,
-    pub(super) losses: Vec<LossValue>,
+    losses: Vec<ViewLoss>,
 }
 
 impl DeviceSteps {
@@ -82,6 +82,12 @@ impl DeviceSteps {
         Ok(())
     }
 
+    /// The losses of the steps since the last call, in order.
+    pub(super) fn losses(&mut self) -> Result<Vec<ViewLoss>> {
+        self.settle()?;
+        Ok(std::mem::take(&mut self.losses))
+    }
+
     /// Fetches the losses of all pending steps. If one of them did not have enough slots, it and
     /// those after it did nothing: makes room and repeats them.
     pub(super) fn settle(&mut self) -> Result<()> {
@@ -95,7 +101,7 @@ impl DeviceSteps {
             self.losses.extend(
                 values[..failed]
                     .iter()
-                    .map(|v| LossValue { loss: f64::from(v[0]), mse: f64::from(v[1]) }),
+                    .map(|v| ViewLoss { loss: f64::from(v[0]), mse: f64::from(v[1]) }),
             );
             let again: Vec<_> = self.pending.drain(..).skip(failed).collect();
             if again.is_empty() {

@@ -6,24 +6,22 @@ mod faults;
 use gs_model::{Camera, Scene};
 
 use super::device::Context;
-use super::executor::GpuExecutor;
+use super::executor::DeviceOptimiser;
 use super::passes::{Stage, fold};
-use super::sizes::{CodecSizes, Sizes};
+use super::sizes::Sizes;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::forward::Forward;
 use crate::gradients::{Backward, planes_of};
 use crate::image::Image;
+use crate::optimiser::{SceneOptimiser, rows_of};
 use crate::options::{LearningRates, Loss, RenderOptions};
-use crate::quantization::{Quantization, QuantizationMode};
 use crate::shaders::BLOCKS;
 use crate::shuffle::Rng;
-use crate::stages::adam::{AdamStep, Moments, adam};
 use crate::stages::blend_adjoint::{FROZEN, TileGradient};
 use crate::stages::project::{CULLED, View};
-use crate::train::executor::Executor;
-use crate::train::options::FineTuneOptions;
-use crate::train::view::TrainView;
+use crate::train_view::TrainView;
+use crate::view_gradients::{PreparedView, ViewGradients};
 
 fn context() -> Option<Context> {
     match Context::software() {
@@ -111,10 +109,10 @@ fn pair_of(scene: Scene, (width, height): (u32, u32), loss: Loss) -> Option<Pair
         capacity: cpu.forward.lists.ids.len() + 100,
         tiles: view.tiles(),
         pixels: (width * height) as usize,
-        codec: CodecSizes::default(),
     };
-    let gpu = Workspace::new(context, sizes).unwrap();
-    gpu.upload(&scene, &Moments::zeros(&scene));
+    let gpu = Workspace::new(context, sizes, None).unwrap();
+    let still = vec![0.0; rows_of(&scene).len()];
+    gpu.upload([&rows_of(&scene), &still, &still]);
     gpu.write("state", &[n as u32, cpu.forward.lists.ids.len() as u32, 0, 0]);
     let mut u = StepUniform::of_view(&view).with_loss(loss);
     (u.count, u.sh_len, u.step) = (n as u32, scene.sh_len() as u32, 1);
@@ -308,94 +306,102 @@ fn losses_agree() {
     }
 }
 
+/// One training view of [`photo`], and the gradients of a fine-tune at it.
+fn gradients_at(views: &[TrainView], loss: Loss) -> ViewGradients {
+    let options = RenderOptions { background: BACKGROUND, ..Default::default() };
+    ViewGradients::new(views.to_vec(), loss, &options).unwrap()
+}
+
 #[test]
 fn adam_agrees() {
-    let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
-    let step = AdamStep::new(&LearningRates::default(), 1, 1.0);
-    let q = Quantization {
-        mode: QuantizationMode::UniformNoise,
-        sh_dc: 0.1,
-        sh_rest: 0.2,
-        opacity_logit: 0.3,
-        log_scale: 0.05,
-        rotation: 0.02,
+    let size = (200, 130);
+    let Some(p) = pair(3000, size, Loss::Mse) else { return };
+    let view = TrainView { camera: camera(size.0, size.1), photo: photo(size.0, size.1) };
+    let mut views = gradients_at(&[view], Loss::Mse);
+    let mut host = SceneOptimiser::new(p.scene.clone(), LearningRates::default(), 0.0);
+    host.step(&mut views, 0, 1, 1.0);
+    // The photo of the views has 8 bits per value, so the sums are those of the views.
+    p.gpu.write("sums", &flat(&views.sums()));
+    p.gpu.run(&[Stage::Adam], &p.u.with_adam(&LearningRates::default(), 1, 1.0), None);
+    let [rows, first, second] = p.gpu.download().unwrap();
+    assert!(relative("first moments", &first, &host.moments.first) < 1e-5);
+    assert!(relative("second moments", &second, &host.moments.second) < 1e-5);
+    // Adam divides by the size of the gradient: compare only where that is not noise.
+    let (stride, at) = (rows.len() / p.scene.len(), 3 + 3 * p.scene.sh_len() + 1);
+    let scales = |v: &[f32]| -> Vec<f32> {
+        v.chunks_exact(stride).flat_map(|row| &row[at..at + 3]).copied().collect()
     };
-    for quantization in [None, Some(q)] {
-        let mut u = p.u.with_adam(&step);
-        let mut quantized = Scene::default();
-        if let Some(q) = quantization {
-            u = u.with_quantization(&q);
-            q.apply(&p.scene, 0, 1, &mut quantized);
-        }
-        let (mut scene, mut moments) = (p.scene.clone(), Moments::zeros(&p.scene));
-        let rendered = quantization.map(|_| &quantized);
-        adam(&p.view, &step, &p.cpu.sums, rendered, &mut scene, &mut moments);
-        p.gpu.upload(&p.scene, &Moments::zeros(&p.scene));
-        p.gpu.write("sums", &flat(&p.cpu.sums));
-        p.gpu.run(&[Stage::Adam], &u, None);
-        let (mut got, mut got_moments) = (p.scene.clone(), moments.clone());
-        p.gpu.download(&mut got, &mut got_moments).unwrap();
-        for (k, (a, b)) in got_moments.arrays().iter().zip(moments.arrays()).enumerate() {
-            assert!(relative(&format!("moment {k}"), a, b) < 1e-5);
-        }
-        // Adam divides by the size of the gradient: compare only where that is not noise.
-        let mut compared = 0;
-        let largest = moments.log_scale[0].iter().fold(0.0f32, |a, m| a.max(m.abs()));
-        let counts = |(_, m): &(usize, &f32)| m.abs() > 1e-5 * largest;
-        for (i, m) in moments.log_scale[0].iter().enumerate().filter(counts) {
-            let (a, b) = (got.log_scales[i / 3][i % 3], scene.log_scales[i / 3][i % 3]);
-            assert!((a - b).abs() <= 1e-5, "{i}: {a} {b}, moment {m}");
-            compared += 1;
-        }
-        assert!(compared > 100, "{compared}");
-        worst_ulps("SH after a step", got.sh.as_flattened(), scene.sh.as_flattened());
+    let (got, moments) = (scales(&rows), scales(&host.moments.first));
+    let wanted = host.scene().log_scales.as_flattened();
+    let largest = moments.iter().fold(0.0f32, |a, m| a.max(m.abs()));
+    let mut compared = 0;
+    for (i, m) in moments.iter().enumerate().filter(|(_, m)| m.abs() > 1e-5 * largest) {
+        assert!((got[i] - wanted[i]).abs() <= 1e-5, "{i}: {} {}, {m}", got[i], wanted[i]);
+        compared += 1;
     }
+    assert!(compared > 100, "{compared}");
+    let mut out = host;
+    out.set_state([rows, first, second]);
+    assert_eq!(out.scene().means, p.scene.means);
+}
+
+/// A fine-tune of `scene` on the given device.
+fn on_device(
+    context: Context,
+    scene: &Scene,
+    views: &[TrainView],
+) -> crate::Result<DeviceOptimiser> {
+    let options = RenderOptions { background: BACKGROUND, ..Default::default() };
+    let prepared: Vec<_> = views.iter().map(|v| PreparedView::new(v.clone(), &options)).collect();
+    let from = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
+    DeviceOptimiser::new(context, &from, &prepared, Loss::default())
+}
+
+/// Three views of a scene with large Gaussians: more than the four slots each that the executor begins with.
+fn large(n: usize, (width, height): (u32, u32)) -> (Scene, Vec<TrainView>) {
+    let mut scene = scene(n, 1, 5);
+    scene.log_scales.iter_mut().flatten().for_each(|l| *l = l.max(-1.0));
+    let view = |i| {
+        let mut camera = camera(width, height);
+        camera.translation.x += 0.1 * f64::from(i);
+        TrainView { camera, photo: photo(width, height) }
+    };
+    (scene, (0..3).map(view).collect())
 }
 
 /// Steps of the executor on lavapipe against those in Rust, with too few slots to begin with.
 #[test]
 fn whole_steps_agree_and_slots_grow() {
     let Some(context) = context() else { return };
-    let (width, height) = (120, 80);
-    // Large Gaussians: more than the four slots each that the executor begins with.
-    let mut scene = scene(6000, 1, 5);
-    scene.log_scales.iter_mut().flatten().for_each(|l| *l = l.max(-1.0));
-    let views: Vec<TrainView> = (0..3)
-        .map(|i| {
-            let mut camera = camera(width, height);
-            camera.translation.x += 0.1 * f64::from(i);
-            TrainView { camera, photo: photo(width, height) }
-        })
-        .collect();
-    let options = FineTuneOptions { steps: 6, background: BACKGROUND, ..Default::default() };
-    let moments = Moments::zeros(&scene);
-    let run = |executor: &mut dyn Executor| {
+    let (scene, views) = large(6000, (120, 80));
+    let start = || SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
+    let decay = |step: u64| 1.0 - 0.1 * step as f32;
+    let run = |mut gpu: DeviceOptimiser| {
+        let before = gpu.capacity();
         for step in 1..=6u64 {
-            let adam = AdamStep::new(&options.rates, step, options.decay_at(step));
-            executor.step(step as usize % 3, step, &adam).unwrap();
+            gpu.step(step as usize % 3, step, decay(step)).unwrap();
         }
-        let mut losses = Vec::new();
-        executor.drain_losses(&mut losses).unwrap();
-        (executor.take_state().unwrap().0, losses)
+        let losses = gpu.losses().unwrap();
+        assert!(gpu.capacity() > before, "the scene fits into {before} slots: nothing was tested");
+        let mut out = start();
+        gpu.fetch(&mut out).unwrap();
+        (out.take_scene(), losses)
     };
-    let mut gpu = GpuExecutor::new(context, scene.clone(), &moments, &views, &options).unwrap();
-    let before = gpu.capacity();
-    let (on_gpu, gpu_losses) = run(&mut gpu);
-    assert!(gpu.capacity() > before, "the scene fits into {before} slots: nothing was tested");
-    let mut cpu =
-        crate::train::cpu_executor(scene.clone(), moments.clone(), views.clone(), &options);
-    let (on_cpu, cpu_losses) = run(&mut *cpu);
+    let (on_gpu, gpu_losses) = run(on_device(context, &scene, &views).unwrap());
+    let (mut cpu, mut gradients) = (start(), gradients_at(&views, Loss::default()));
+    let step = |step: u64| cpu.step(&mut gradients, step as usize % 3, step, decay(step));
+    let cpu_losses: Vec<_> = (1..=6).map(step).collect();
     assert_eq!(gpu_losses.len(), 6);
     for (a, b) in gpu_losses.iter().zip(&cpu_losses) {
         println!("{a:?} {b:?}");
         assert!((a.loss / b.loss - 1.0).abs() < 1e-4 && (a.mse / b.mse - 1.0).abs() < 1e-4);
     }
     assert!(cpu_losses[5].loss < cpu_losses[2].loss, "the same view, three steps later");
+    let on_cpu = cpu.take_scene();
     assert!(relative("SH", on_gpu.sh.as_flattened(), on_cpu.sh.as_flattened()) < 1e-3);
     // Twice on the device: the same bits.
-    let mut again =
-        GpuExecutor::new(Context::software().unwrap(), scene, &moments, &views, &options).unwrap();
-    assert_eq!(run(&mut again).0, on_gpu);
+    let again = on_device(Context::software().unwrap(), &scene, &views).unwrap();
+    assert_eq!(run(again).0, on_gpu);
 }
 
 #[test]

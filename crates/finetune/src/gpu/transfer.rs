@@ -1,58 +1,42 @@
-//! Parameters and moments to the device and back.
-
-use gs_model::Scene;
+//! Parameters and moments to the device and back, as rows of [`crate::optimiser::SceneOptimiser`].
 
 use super::workspace::Workspace;
 use crate::error::Result;
-use crate::stages::adam::Moments;
+
+/// Buffers of parameters, first and second moments: of SH coefficients, and of opacity, scales and rotation.
+const BUFFERS: [(&str, &str); 3] = [("sh", "geo"), ("sh_m", "geo_m"), ("sh_v", "geo_v")];
+/// Floats of a mean, and of opacity, scales and rotation.
+const MEAN: usize = 3;
+const GEO: usize = 8;
 
 impl Workspace {
-    /// Uploads a scene and the optimiser's moments.
-    pub(crate) fn upload(&self, scene: &Scene, moments: &Moments) {
-        self.write("means", scene.means.as_flattened());
-        self.write("sh", scene.sh.as_flattened());
-        let [sh_m, sh_v] = &moments.sh;
-        self.write("sh_m", sh_m);
-        self.write("sh_v", sh_v);
-        let geo = |o: &[f32], l: &[f32], q: &[f32]| -> Vec<f32> {
-            let mut out = Vec::with_capacity(8 * o.len());
-            for ((o, l), q) in o.iter().zip(l.chunks_exact(3)).zip(q.chunks_exact(4)) {
-                out.push(*o);
-                out.extend_from_slice(l);
-                out.extend_from_slice(q);
-            }
-            out
+    /// Uploads rows of parameters and of the optimiser's moments.
+    pub(crate) fn upload(&self, state: [&[f32]; 3]) {
+        let sh_end = MEAN + 3 * self.sizes.sh_len;
+        let part = |rows: &[f32], from: usize, to: usize| -> Vec<f32> {
+            rows.chunks_exact(sh_end + GEO).flat_map(|row| &row[from..to]).copied().collect()
         };
-        let (l, q) = (scene.log_scales.as_flattened(), scene.rotations.as_flattened());
-        self.write("geo", &geo(&scene.opacity_logits, l, q));
-        for (k, name) in ["geo_m", "geo_v"].into_iter().enumerate() {
-            let m = moments;
-            self.write(name, &geo(&m.opacity[k], &m.log_scale[k], &m.rotation[k]));
+        self.write("means", &part(state[0], 0, MEAN));
+        for (rows, (sh, geo)) in state.into_iter().zip(BUFFERS) {
+            self.write(sh, &part(rows, MEAN, sh_end));
+            self.write(geo, &part(rows, sh_end, sh_end + GEO));
         }
     }
 
-    /// The inverse of [`Workspace::upload`], but for the means and the degree, which stay.
-    pub(crate) fn download(&self, scene: &mut Scene, moments: &mut Moments) -> Result<()> {
-        let n = self.sizes.count;
-        let split = |geo: &[f32], o: &mut [f32], l: &mut [f32], q: &mut [f32]| {
-            let geo = geo.chunks_exact(8);
-            for (((g, o), l), q) in geo.zip(o).zip(l.chunks_exact_mut(3)).zip(q.chunks_exact_mut(4))
-            {
-                *o = g[0];
-                l.copy_from_slice(&g[1..4]);
-                q.copy_from_slice(&g[4..8]);
-            }
-        };
-        let (l, q) = (scene.log_scales.as_flattened_mut(), scene.rotations.as_flattened_mut());
-        split(&self.read("geo", 8 * n)?, &mut scene.opacity_logits, l, q);
-        for (k, name) in ["geo_m", "geo_v"].into_iter().enumerate() {
-            let m = &mut *moments;
-            let geo = self.read::<f32>(name, 8 * n)?;
-            split(&geo, &mut m.opacity[k], &mut m.log_scale[k], &mut m.rotation[k]);
+    /// The inverse of [`Workspace::upload`]. Moments of the means are zero.
+    pub(crate) fn download(&self) -> Result<[Vec<f32>; 3]> {
+        let (n, sh_len) = (self.sizes.count, 3 * self.sizes.sh_len);
+        let means: Vec<f32> = self.read("means", MEAN * n)?;
+        let still = vec![0.0; MEAN * n];
+        let mut out = [Vec::new(), Vec::new(), Vec::new()];
+        for (k, (sh, geo)) in BUFFERS.into_iter().enumerate() {
+            let sh: Vec<f32> = self.read(sh, sh_len * n)?;
+            let geo: Vec<f32> = self.read(geo, GEO * n)?;
+            let means = if k == 0 { &means } else { &still };
+            let rows =
+                means.chunks_exact(MEAN).zip(sh.chunks_exact(sh_len)).zip(geo.chunks_exact(GEO));
+            out[k] = rows.flat_map(|((mean, sh), geo)| [mean, sh, geo].concat()).collect();
         }
-        let words = 3 * self.sizes.sh_len * n;
-        scene.sh.as_flattened_mut().copy_from_slice(&self.read::<f32>("sh", words)?);
-        moments.sh = [self.read("sh_m", words)?, self.read("sh_v", words)?];
-        Ok(())
+        Ok(out)
     }
 }

@@ -1,8 +1,6 @@
 //! [`StepUniform`].
 
 use crate::options::Loss;
-use crate::quantization::{Quantization, QuantizationMode};
-use crate::stages::adam::AdamStep;
 use crate::stages::project::View;
 
 /// `StepUniform` of `stages/step.wgsl`.
@@ -24,17 +22,12 @@ pub(crate) struct StepUniform {
     pub(crate) capacity: u32,
     pub(crate) loss_slot: u32,
     pub(crate) step: u32,
-    pub(crate) seed: u32,
     pub(crate) l1_ssim: u32,
+    pub(crate) extra: f32,
     pub(crate) rates: [f32; 4],
     pub(crate) rotation_rate: f32,
     pub(crate) inv_sqrt_bias2: f32,
     pub(crate) ssim_weight: f32,
-    pub(crate) pad2: u32,
-    pub(crate) widths: [f32; 4],
-    pub(crate) rotation_width: f32,
-    pub(crate) noise: u32,
-    pub(crate) bit_price: f32,
     pub(crate) view_weight: f32,
 }
 
@@ -66,25 +59,10 @@ impl StepUniform {
         self
     }
 
-    pub(crate) fn with_quantization(mut self, q: &Quantization) -> Self {
-        self.widths = [q.sh_dc, q.sh_rest, q.opacity_logit, q.log_scale];
-        self.rotation_width = q.rotation;
-        self.noise = u32::from(q.mode == QuantizationMode::UniformNoise);
-        self
-    }
-
-    pub(crate) fn with_adam(mut self, a: &AdamStep) -> Self {
-        self.rates = [a.sh_dc, a.sh_rest, a.opacity, a.log_scale];
-        (self.rotation_rate, self.inv_sqrt_bias2) = (a.rotation, a.inv_sqrt_bias2);
-        self
-    }
-
-    /// The view of `self` with the scene, loss and quantiser of `base`.
+    /// The view of `self` with the scene and loss of `base`.
     pub(crate) fn merge(mut self, base: &Self) -> Self {
-        (self.count, self.sh_len, self.seed) = (base.count, base.sh_len, base.seed);
+        (self.count, self.sh_len) = (base.count, base.sh_len);
         (self.l1_ssim, self.ssim_weight) = (base.l1_ssim, base.ssim_weight);
-        (self.widths, self.rotation_width) = (base.widths, base.rotation_width);
-        self.noise = base.noise;
         self
     }
 

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::codec::CodecGroups;
 use super::device::Context;
+use super::kernels::{Call, Program};
 use super::pipelines::{Pipeline, compile};
 use super::sizes::{SCAN_TOTALS, SCANNED, Scan, Sizes, scan_lengths};
 use super::uniform::StepUniform;
 use crate::error::{Error, Result};
-use crate::shaders::{CODEC_SHADERS, SCAN_BLOCK, SHADERS};
+use crate::shaders::{SCAN_BLOCK, SHADERS, Shader};
 
 /// One level of a scan: its bind group and its number of workgroups (folded by the encoder).
 pub(crate) struct Level {
@@ -29,15 +29,22 @@ pub(crate) struct Workspace {
     /// Passes over the tile keys, as many as the largest tile index needs.
     pub(crate) tile_passes: Vec<wgpu::BindGroup>,
     scans: Vec<Vec<Level>>,
-    /// With the codec in the loop.
-    pub(crate) codec: Option<CodecGroups>,
+    /// Calls of kernels of another crate, before and after the other stages.
+    pub(super) before: Vec<(Call, wgpu::BindGroup)>,
+    pub(super) after: Vec<(Call, wgpu::BindGroup)>,
 }
 
 impl Workspace {
-    pub(crate) fn new(context: Context, sizes: Sizes) -> Result<Self> {
-        let codec = if sizes.codec.leaves > 0 { CODEC_SHADERS } else { &[] };
-        let shaders = SHADERS.iter().chain(codec);
-        let pipelines = shaders.map(|s| (s.name, compile(&context.device, s))).collect();
+    pub(crate) fn new(context: Context, sizes: Sizes, program: Option<&Program>) -> Result<Self> {
+        let compiled =
+            |s: &Shader, constants: &str| (s.name, compile(&context.device, s, constants));
+        let mut pipelines: BTreeMap<_, _> = SHADERS.iter().map(|s| compiled(s, "")).collect();
+        let mut lengths = sizes.buffers();
+        if let Some(program) = program {
+            program.check()?;
+            pipelines.extend(program.shaders.iter().map(|s| compiled(s, &program.constants)));
+            lengths.extend(&program.buffers);
+        }
         let uniform = context.uniform("step", size_of::<StepUniform>());
         let mut out = Self {
             context,
@@ -49,9 +56,10 @@ impl Workspace {
             depth_passes: Vec::new(),
             tile_passes: Vec::new(),
             scans: Vec::new(),
-            codec: None,
+            before: Vec::new(),
+            after: Vec::new(),
         };
-        for (name, words) in sizes.buffers() {
+        for (name, words) in lengths {
             let buffer = out.storage(name, words)?;
             out.buffers.insert(name, buffer);
         }
@@ -93,7 +101,7 @@ impl Workspace {
         self.context.check()
     }
 
-    /// The buffer of that name; all names are in [`Sizes::buffers`].
+    /// The buffer of that name; all names are in [`Sizes::buffers`] and [`Program::buffers`].
     pub(crate) fn buffer(&self, name: &str) -> &wgpu::Buffer {
         // Cannot fail: the names come from the text of the shaders and from this module, and the
         // conformance test binds each of them.

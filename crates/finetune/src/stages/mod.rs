@@ -16,7 +16,6 @@
     reason = "the included text is WGSL as well: its idiom, literals and argument lists"
 )]
 
-pub(crate) mod adam;
 pub(crate) mod blend;
 pub(crate) mod blend_adjoint;
 #[cfg(test)]
@@ -118,7 +117,7 @@ fn mantissa_of(x: F) -> F {
 /// True unless NaN or infinite. Tests the exponent's bits, as in WGSL, where compilers may assume
 /// that NaN and infinity do not occur.
 #[inline(always)]
-fn finite(x: F) -> B {
+pub(crate) fn finite(x: F) -> B {
     x.to_bits() & 0x7f80_0000 != 0x7f80_0000
 }
 

@@ -1,70 +1,22 @@
-// Loading parameters, through the quantiser if there is one. `geo` holds eight floats per
-// Gaussian: opacity logit, log-scales, quaternion.
-
-fn noise_of(class_id: u32, index: u32) -> f32 {
-    let seed = u.seed ^ (class_id * 0xc2b2ae35u);
-    var h = (seed ^ (u.step * 0x9e3779b9u)) ^ (index * 0x85ebca6bu);
-    h ^= h >> 16u;
-    h *= 0x7feb352du;
-    h ^= h >> 15u;
-    h *= 0x846ca68bu;
-    h ^= h >> 16u;
-    return f32(h >> 8u) / 16777216.0 - 0.5;
-}
-
-fn disturb(value: f32, width: f32, class_id: u32, index: u32) -> f32 {
-    if (width == 0.0) {
-        return value;
-    }
-    if (u.noise == 1u) {
-        let amount = noise_of(class_id, index) * width;
-        return value + amount;
-    }
-    return round(value / width) * width;
-}
+// Loading parameters. `geo` holds eight floats per Gaussian: opacity logit, log-scales, quaternion.
 
 fn load_opacity(i: u32) -> f32 {
-    return disturb(geo[8u * i], u.widths.z, 1u, i);
+    return geo[8u * i];
 }
 
 fn load_log_scale(i: u32) -> vec3<f32> {
     let at = 8u * i + 1u;
-    return vec3<f32>(
-        disturb(geo[at], u.widths.w, 2u, 3u * i),
-        disturb(geo[at + 1u], u.widths.w, 2u, 3u * i + 1u),
-        disturb(geo[at + 2u], u.widths.w, 2u, 3u * i + 2u),
-    );
+    return vec3<f32>(geo[at], geo[at + 1u], geo[at + 2u]);
 }
 
 fn load_rotation(i: u32) -> vec4<f32> {
     let at = 8u * i + 4u;
-    let q = vec4<f32>(geo[at], geo[at + 1u], geo[at + 2u], geo[at + 3u]);
-    if (u.rotation_width == 0.0) {
-        return q;
-    }
-    let n0 = q.x * q.x;
-    let n1 = q.y * q.y;
-    let n2 = q.z * q.z;
-    let n3 = q.w * q.w;
-    let n01 = n0 + n1;
-    let n012 = n01 + n2;
-    let norm = sqrt(n012 + n3);
-    return vec4<f32>(
-        disturb(q.x / norm, u.rotation_width, 3u, 4u * i),
-        disturb(q.y / norm, u.rotation_width, 3u, 4u * i + 1u),
-        disturb(q.z / norm, u.rotation_width, 3u, 4u * i + 2u),
-        disturb(q.w / norm, u.rotation_width, 3u, 4u * i + 3u),
-    ) * norm;
+    return vec4<f32>(geo[at], geo[at + 1u], geo[at + 2u], geo[at + 3u]);
 }
 
 fn load_sh(i: u32, k: u32) -> vec3<f32> {
-    let entry = i * u.sh_len + k;
-    let width = select(u.widths.y, u.widths.x, k == 0u);
-    return vec3<f32>(
-        disturb(sh[3u * entry], width, 0u, 3u * entry),
-        disturb(sh[3u * entry + 1u], width, 0u, 3u * entry + 1u),
-        disturb(sh[3u * entry + 2u], width, 0u, 3u * entry + 2u),
-    );
+    let at = 3u * (i * u.sh_len + k);
+    return vec3<f32>(sh[at], sh[at + 1u], sh[at + 2u]);
 }
 
 // The SH basis; entries beyond the degree stay zero.

@@ -18,24 +18,18 @@ struct StepUniform {
     sh_len: u32,
     reference: u32,
     capacity: u32,
-    // Entry of the loss ring, number of the step, seed, 1 for L1 + SSIM.
+    // Entry of the loss ring, number of the step, 1 for L1 + SSIM.
     loss_slot: u32,
     step: u32,
-    seed: u32,
     l1_ssim: u32,
-    // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction. With the codec
-    // in the loop: ln(alpha), DC, the other SH coefficients, covariance.
+    // A number for kernels of another crate.
+    extra: f32,
+    // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction. Kernels of another
+    // crate have four rates of their own.
     rates: vec4<f32>,
     rotation_rate: f32,
     inv_sqrt_bias2: f32,
     ssim_weight: f32,
-    pad2: u32,
-    // Quantiser steps: SH DC, other SH, opacity, log-scale; rotation; 1 for noise.
-    widths: vec4<f32>,
-    rotation_width: f32,
-    noise: u32,
-    // What a bit costs, in units of the loss; 0 where the codec does not run.
-    bit_price: f32,
     // What the gradients of the view are multiplied by.
     view_weight: f32,
 }

@@ -14,7 +14,7 @@
 @group(0) @binding(9) var<storage, read> sh: array<f32>;
 
 fn move_value(at: u32, by_loss: f32, weight: f32, rate: f32) {
-    let gradient = by_loss * u.view_weight + u.bit_price * weight * bit_prices[at];
+    let gradient = by_loss * u.view_weight + u.extra * weight * bit_prices[at];
     let g = select(0.0, gradient, finite(gradient));
     let second_at = codec.leaves * codec.channels + at;
     let first = latent_moments[at] * ADAM_BETA1 + g * ADAM_BETA1_REST;

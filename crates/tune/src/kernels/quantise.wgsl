@@ -3,7 +3,7 @@
 // children, and takes the derivatives of the bits the same way.
 
 @group(0) @binding(1) var<uniform> codec: Codec;
-@group(0) @binding(2) var<uniform> level: Level;
+@group(0) @binding(2) var<uniform> call: Call;
 @group(0) @binding(3) var<storage, read> merges: array<Merge>;
 @group(0) @binding(4) var<storage, read_write> latent_rows: array<f32>;
 @group(0) @binding(5) var<storage, read_write> bit_prices: array<f32>;
@@ -36,13 +36,13 @@ fn quantise_means(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let groups = groups_of_pass(level.pass_index, codec.sh_degree);
+    let groups = groups_of_pass(call.pass_index, codec.sh_degree);
     let task = group_index(group) * 64u + lane;
     if (task >= codec.chunks * groups) {
         return;
     }
     let chunk = CHUNK_WORDS * (task / groups);
-    let g = group_of_pass(level.pass_index, task % groups);
+    let g = group_of_pass(call.pass_index, task % groups);
     let root = bitcast<f32>(chunks[chunk + 1u]);
     let width = step_of(codec, g) / root;
     let first = chunks[chunk] * codec.channels + first_channel(g, codec.channels);
@@ -55,14 +55,14 @@ fn quantise_means(
 
 @compute @workgroup_size(64)
 fn quantise(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let groups = groups_of_pass(level.pass_index, codec.sh_degree);
+    let groups = groups_of_pass(call.pass_index, codec.sh_degree);
     let task = group_index(group) * 64u + lane;
-    if (task >= level.count * groups) {
+    if (task >= call.count * groups) {
         return;
     }
-    let index = level.first + task / groups;
+    let index = call.first + task / groups;
     let merge = merges[index];
-    let g = group_of_pass(level.pass_index, task % groups);
+    let g = group_of_pass(call.pass_index, task % groups);
     let count = channels_of(g);
     let first = first_channel(g, codec.channels);
     let left = merge.left * codec.channels + first;

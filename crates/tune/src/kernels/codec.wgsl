@@ -1,4 +1,4 @@
-// What the kernels of the codec share. The Rust twin is `gpcc_lite::attribute` with `gsvx::latents`.
+// What the kernels of the codec share. The Rust twin is `gpcc_lite::attribute` with `gsvx::latents`; constants come from there.
 //
 // A leaf has `channels` values: ln(alpha), Y Co Cg of each SH coefficient, six coordinates of the covariance.
 // They form groups that are transformed and quantised apart: opacity, DC, SH degrees 1 to 3, covariance.
@@ -20,8 +20,8 @@ struct Codec {
     pad2: u32,
 }
 
-// A level of merges, and the pass.
-struct Level {
+// What a call of a kernel works on: a level of merges, and the pass.
+struct Call {
     first: u32,
     count: u32,
     pass_index: u32,

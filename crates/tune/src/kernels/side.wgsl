@@ -2,7 +2,7 @@
 // transform; `add_predicted` adds the predictions to the reconstruction, after it.
 
 @group(0) @binding(1) var<uniform> codec: Codec;
-@group(0) @binding(2) var<uniform> level: Level;
+@group(0) @binding(2) var<uniform> call: Call;
 @group(0) @binding(3) var<storage, read> latents: array<f32>;
 @group(0) @binding(4) var<storage, read_write> latent_rows: array<f32>;
 // Depth, importance class << 8, chunk << 16.
@@ -58,8 +58,8 @@ fn load(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (leaf >= codec.leaves) {
         return;
     }
-    for (var j = 0u; j < groups_of_pass(level.pass_index, codec.sh_degree); j++) {
-        let g = group_of_pass(level.pass_index, j);
+    for (var j = 0u; j < groups_of_pass(call.pass_index, codec.sh_degree); j++) {
+        let g = group_of_pass(call.pass_index, j);
         let first = leaf * codec.channels + first_channel(g, codec.channels);
         for (var c = 0u; c < channels_of(g); c++) {
             latent_rows[first + c] = latents[first + c] - predicted(leaf, g, c);
@@ -76,8 +76,8 @@ fn add_predicted(
     if (leaf >= codec.leaves) {
         return;
     }
-    for (var j = 0u; j < groups_of_pass(level.pass_index, codec.sh_degree); j++) {
-        let g = group_of_pass(level.pass_index, j);
+    for (var j = 0u; j < groups_of_pass(call.pass_index, codec.sh_degree); j++) {
+        let g = group_of_pass(call.pass_index, j);
         let first = leaf * codec.channels + first_channel(g, codec.channels);
         for (var c = 0u; c < channels_of(g); c++) {
             latent_rows[first + c] += predicted(leaf, g, c);

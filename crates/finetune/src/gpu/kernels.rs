@@ -1,0 +1,237 @@
+//! [`KernelLoop`]: steps in which kernels of another crate take part.
+
+use gs_model::Scene;
+
+use super::device::Context;
+use super::executor::{on_device, sizes};
+use super::passes::KERNEL_STEP;
+use super::steps::DeviceSteps;
+use super::uniform::StepUniform;
+use super::workspace::Workspace;
+use crate::error::{Error, Result};
+use crate::optimiser::{Adam, SceneOptimiser, rows_of};
+use crate::options::LearningRates;
+use crate::shaders::{Shader, bindings};
+use crate::view_gradients::{PreparedView, ViewLoss};
+
+/// Buffers of this crate that kernels may bind: means, opacity with log-scales and quaternion, SH, and the derivatives
+/// that the stage `gather` leaves.
+const SHARED: [&str; 4] = ["means", "geo", "sh", "sums"];
+
+/// Kernels, their buffers, and when they run.
+pub struct Program {
+    /// WGSL constants for all shaders.
+    pub constants: String,
+    /// The kernels. A variable is bound to the buffer of its name: one of `buffers`, or `means`, `geo`, `sh`, `sums`.
+    /// The uniform `u` is that of the step, `call` holds [`Call::words`], and one of another name holds
+    /// [`Program::uniform`].
+    pub shaders: &'static [Shader],
+    /// Buffers by name, with their lengths in 32-bit words. They begin with zeros.
+    pub buffers: Vec<(&'static str, usize)>,
+    /// A uniform by name, with its words.
+    pub uniform: (&'static str, Vec<u32>),
+    /// What makes the scene, in order.
+    pub before: Vec<Call>,
+    /// What uses the derivatives of the loss, in order.
+    pub after: Vec<Call>,
+}
+
+/// A dispatch of a kernel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Call {
+    /// Name of the shader.
+    pub shader: &'static str,
+    /// Its entry point.
+    pub entry: &'static str,
+    /// Words of the uniform `call`.
+    pub words: [u32; 4],
+    /// Workgroups; `group_index` counts them.
+    pub workgroups: u32,
+}
+
+impl Program {
+    /// Names that nothing stands for.
+    pub(super) fn check(&self) -> Result<()> {
+        let failed = |reason| Err(Error::Gpu { reason });
+        for shader in self.shaders {
+            for binding in bindings(&shader.source(&self.constants)) {
+                let name = binding.name.as_str();
+                let known = ["u", "call", self.uniform.0].contains(&name)
+                    || SHARED.contains(&name)
+                    || self.buffers.iter().any(|b| b.0 == name);
+                if !known {
+                    return failed(format!("{}: no buffer {name}", shader.name));
+                }
+            }
+        }
+        for call in self.before.iter().chain(&self.after) {
+            let of = |s: &&Shader| s.name == call.shader && s.entries.contains(&call.entry);
+            if !self.shaders.iter().any(|s| of(&s)) {
+                return failed(format!("no kernel {} in {}", call.entry, call.shader));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Workspace {
+    /// Binds calls of a program.
+    fn bind_calls(
+        &self,
+        calls: &[Call],
+        uniform: (&str, &wgpu::Buffer),
+    ) -> Vec<(Call, wgpu::BindGroup)> {
+        let bind = |call: &Call| {
+            let words = self.constant("call", &call.words);
+            (*call, self.bind_group(call.shader, &[], &[uniform, ("call", &words)]))
+        };
+        calls.iter().map(bind).collect()
+    }
+
+    /// Records calls.
+    pub(super) fn calls(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        calls: &[(Call, wgpu::BindGroup)],
+    ) {
+        for (call, group) in calls {
+            self.dispatch(pass, call.shader, call.entry, group, call.workgroups, 1);
+        }
+    }
+}
+
+/// What a step of [`KernelLoop`] does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KernelStep {
+    /// View to render, modulo the number of views.
+    pub view: usize,
+    /// Number of the step, from 1, for Adam.
+    pub number: u64,
+    /// Rates of four kinds of values: `u.rates` holds them over Adam's first correction, `u.inv_sqrt_bias2` the
+    /// second.
+    pub rates: [f32; 4],
+    /// Whether the scene is made anew. Otherwise it is the one of the step before.
+    pub made: bool,
+    /// A number for the kernels: `u.extra`.
+    pub extra: f32,
+}
+
+/// See [`crate::kernels`].
+pub struct KernelLoop {
+    steps: DeviceSteps,
+    uniform: wgpu::Buffer,
+    buffers: Vec<(&'static str, usize)>,
+    base: StepUniform,
+    weights: Vec<f32>,
+}
+
+impl std::fmt::Debug for KernelLoop {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("KernelLoop").field("buffers", &self.buffers).finish()
+    }
+}
+
+impl KernelLoop {
+    pub(crate) fn new(
+        context: Context,
+        scene: &Scene,
+        program: &Program,
+        views: &[PreparedView],
+    ) -> Result<Self> {
+        let sizes = sizes(scene, views.iter().map(|v| &v.view));
+        let mut workspace = Workspace::new(context, sizes, Some(program))?;
+        let rows = rows_of(scene);
+        let still = vec![0.0; rows.len()];
+        workspace.upload([&rows, &still, &still]);
+        let (name, words) = &program.uniform;
+        let uniform = workspace.context.uniform(name, 4 * words.len());
+        workspace.before = workspace.bind_calls(&program.before, (name, &uniform));
+        workspace.after = workspace.bind_calls(&program.after, (name, &uniform));
+        let base = StepUniform {
+            count: scene.len() as u32,
+            sh_len: scene.sh_len() as u32,
+            ..StepUniform::default()
+        };
+        let on_device = on_device(&workspace, views)?;
+        let steps = DeviceSteps::new(workspace, on_device)?;
+        let weights = views.iter().map(|v| v.weight).collect();
+        let buffers = program.buffers.clone();
+        let mut this = Self { steps, uniform, buffers, base, weights };
+        this.set_uniform(words)?;
+        Ok(this)
+    }
+
+    /// Other words of the uniform from now on.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`].
+    pub fn set_uniform(&mut self, words: &[u32]) -> Result<()> {
+        self.steps.settle()?;
+        let queue = &self.steps.workspace.context.queue;
+        queue.write_buffer(&self.uniform, 0, bytemuck::cast_slice(words));
+        Ok(())
+    }
+
+    /// Writes the beginning of a buffer of the program.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`], also if there is no such buffer or it is shorter.
+    pub fn write<T: bytemuck::NoUninit>(&mut self, buffer: &str, data: &[T]) -> Result<()> {
+        self.fits(buffer, size_of_val(data).div_ceil(4))?;
+        self.steps.settle()?;
+        self.steps.workspace.write(buffer, data);
+        Ok(())
+    }
+
+    /// Reads the first `n` values of a buffer of the program. Waits for the device.
+    ///
+    /// # Errors
+    /// As [`KernelLoop::write`].
+    pub fn read<T: bytemuck::AnyBitPattern>(&mut self, buffer: &str, n: usize) -> Result<Vec<T>> {
+        self.fits(buffer, (n * size_of::<T>()).div_ceil(4))?;
+        self.steps.settle()?;
+        self.steps.workspace.read(buffer, n)
+    }
+
+    fn fits(&self, buffer: &str, words: usize) -> Result<()> {
+        match self.buffers.iter().find(|b| b.0 == buffer) {
+            Some((_, length)) if words <= *length => Ok(()),
+            _ => Err(Error::Gpu { reason: format!("no buffer {buffer} of {words} words") }),
+        }
+    }
+
+    /// Submits a step. It does not wait for the device.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`].
+    pub fn step(&mut self, step: &KernelStep) -> Result<()> {
+        let view = step.view % self.steps.views.len();
+        let (inverse_bias1, inv_sqrt_bias2) = Adam::new(step.number).corrections();
+        let mut u = self.steps.views[view].view.merge(&self.base);
+        u.rates = step.rates.map(|r| r * inverse_bias1);
+        u.inv_sqrt_bias2 = inv_sqrt_bias2;
+        u.view_weight = self.weights[view];
+        u.extra = step.extra;
+        u.step = step.number as u32;
+        self.steps.step(view, u, if step.made { &KERNEL_STEP } else { &KERNEL_STEP[1..] })
+    }
+
+    /// The losses of the steps since the last call, in order. Waits for the device.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`].
+    pub fn losses(&mut self) -> Result<Vec<ViewLoss>> {
+        self.steps.losses()
+    }
+
+    /// The scene that the kernels made last, with the lengths of `like`. Waits for the device.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`].
+    pub fn scene(&mut self, like: Scene) -> Result<Scene> {
+        self.steps.settle()?;
+        let mut out = SceneOptimiser::new(like, LearningRates::default(), 0.0);
+        out.set_state(self.steps.workspace.download()?);
+        Ok(out.take_scene())
+    }
+}

@@ -1,0 +1,167 @@
+//! Adam, for the attributes of a scene ([`SceneOptimiser`]) and for rows of any other parameters ([`Moments`]),
+//! and the order of views.
+
+mod scene;
+
+pub use crate::shuffle::permutation;
+pub use scene::SceneOptimiser;
+#[cfg(feature = "gpu")]
+pub(crate) use scene::rows_of;
+
+use crate::simd;
+use crate::stages::finite;
+use rayon::prelude::*;
+
+pub(crate) const BETA1: f32 = 0.9;
+pub(crate) const BETA2: f32 = 0.999;
+pub(crate) const EPSILON: f32 = 1.0e-15;
+
+/// Rows of a task.
+const CHUNK: usize = 256;
+/// Rows that Adam moves at once: a row alone is too short for wide registers.
+const BLOCK: usize = 16;
+
+/// The part of a step that all parameters share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adam {
+    /// What a rate is divided by: the first bias correction.
+    inverse_bias1: f32,
+    inv_sqrt_bias2: f32,
+}
+
+impl Adam {
+    /// `step` counts from 1.
+    #[must_use]
+    pub fn new(step: u64) -> Self {
+        let t = step.clamp(1, 1 << 30) as f64;
+        let bias = |beta: f32| 1.0 - libm::pow(f64::from(beta), t);
+        Self {
+            inverse_bias1: (1.0 / bias(BETA1)) as f32,
+            inv_sqrt_bias2: (1.0 / bias(BETA2).sqrt()) as f32,
+        }
+    }
+
+    /// What a rate is multiplied by, and the root of the second moment.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn corrections(&self) -> (f32, f32) {
+        (self.inverse_bias1, self.inv_sqrt_bias2)
+    }
+
+    /// Moves parameters against their gradient. `moments` are the first and the second, zero before the
+    /// first step. A gradient that is not finite counts as zero.
+    pub fn update(
+        &self,
+        parameters: &mut [f32],
+        moments: [&mut [f32]; 2],
+        gradient: &[f32],
+        rates: &[f32],
+    ) {
+        simd::run(Update { adam: self, parameters, moments, gradient, rates });
+    }
+}
+
+struct Update<'a> {
+    adam: &'a Adam,
+    parameters: &'a mut [f32],
+    moments: [&'a mut [f32]; 2],
+    gradient: &'a [f32],
+    rates: &'a [f32],
+}
+
+impl simd::Kernel for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { adam, parameters, moments: [m, v], gradient, rates } = self;
+        for ((((p, m), v), &g), &rate) in
+            parameters.iter_mut().zip(m).zip(v).zip(gradient).zip(rates)
+        {
+            update(p, m, v, g, rate * adam.inverse_bias1, adam.inv_sqrt_bias2);
+        }
+    }
+}
+
+/// Updates one parameter. A gradient that is not finite counts as zero, so that one bad pixel does
+/// not end a run of thousands of steps.
+#[inline(always)]
+fn update(p: &mut f32, m: &mut f32, v: &mut f32, g: f32, rate: f32, inv_sqrt_bias2: f32) {
+    let g = if finite(g) { g } else { 0.0 };
+    let m0 = *m * BETA1;
+    let m1 = g * (1.0 - BETA1);
+    *m = m0 + m1;
+    let gg = g * g;
+    let v0 = *v * BETA2;
+    let v1 = gg * (1.0 - BETA2);
+    *v = v0 + v1;
+    let root = v.sqrt() * inv_sqrt_bias2;
+    let ratio = *m / (root + EPSILON);
+    let move_by = ratio * rate;
+    *p -= move_by;
+}
+
+/// Adam's two moments of rows of parameters.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// Of the gradient.
+    pub first: Vec<f32>,
+    /// Of its square.
+    pub second: Vec<f32>,
+}
+
+impl Moments {
+    /// Those before the first step.
+    #[must_use]
+    pub fn zeros(len: usize) -> Self {
+        Self { first: vec![0.0; len], second: vec![0.0; len] }
+    }
+
+    /// Moves rows of `rates.len()` parameters. `gradient` fills in the gradient of one row; it begins
+    /// with zeros. `after` may put a row back into its range.
+    pub fn step(
+        &mut self,
+        adam: Adam,
+        rates: &[f32],
+        parameters: &mut [f32],
+        gradient: impl Fn(usize, &mut [f32]) + Sync,
+        after: impl Fn(&mut [f32]) + Sync,
+    ) {
+        let stride = rates.len();
+        let first = self.first.par_chunks_mut(CHUNK * stride);
+        let second = self.second.par_chunks_mut(CHUNK * stride);
+        let chunks = parameters.par_chunks_mut(CHUNK * stride).zip(first).zip(second);
+        let rates = rates.repeat(BLOCK);
+        chunks.enumerate().for_each(|(c, ((p, m), v))| {
+            let mut g = vec![0.0; BLOCK * stride];
+            let blocks = p.chunks_mut(BLOCK * stride);
+            let blocks = blocks.zip(m.chunks_mut(BLOCK * stride)).zip(v.chunks_mut(BLOCK * stride));
+            for (b, ((p, m), v)) in blocks.enumerate() {
+                let g = &mut g[..p.len()];
+                g.fill(0.0);
+                let first = c * CHUNK + b * BLOCK;
+                let rows = g.chunks_exact_mut(stride).enumerate();
+                rows.for_each(|(j, row)| gradient(first + j, row));
+                adam.update(p, [m, v], g, &rates);
+                p.chunks_exact_mut(stride).for_each(&after);
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_is_descended() {
+        let (mut p, mut m, mut v) = ([3.0f32, -2.0], [0.0; 2], [0.0; 2]);
+        for step in 1..=2000 {
+            let gradient = p.map(|p| 2.0 * p);
+            let rate = 0.05 * (1.0 - step as f32 / 2000.0);
+            Adam::new(step).update(&mut p, [&mut m, &mut v], &gradient, &[rate; 2]);
+        }
+        assert!(p.iter().all(|p| p.abs() < 1e-2), "{p:?}");
+        Adam::new(1).update(&mut p, [&mut m, &mut v], &[f32::NAN, 0.0], &[1e-3; 2]);
+        assert!(p.iter().all(|p| p.is_finite()));
+    }
+}

@@ -1,0 +1,181 @@
+//! [`Course`]: rounds of pruning, then the codec in the loop.
+
+use gs_model::Scene;
+
+use crate::checkpoint::{Reader, Writer};
+use crate::codec_loop::{CodecLoop, FITTED};
+use crate::error::{Error, Result};
+use crate::options::Target;
+use crate::plan::Plan;
+use crate::progress::{StageName, StopReason};
+use crate::stage::{self, Stage};
+use crate::steering;
+use crate::trainer::{State, Work};
+use crate::views::Views;
+
+/// From this share of the loop on, the best state is kept.
+const BEST_FROM: f64 = 0.5;
+
+/// See the module.
+pub(crate) struct Course {
+    pub(crate) plan: Plan,
+    target: Target,
+    /// Gaussians of the input.
+    pub(crate) input: usize,
+    stage: Stage,
+    /// The values of least cost so far in the last part of the loop, and that cost.
+    best: Option<(f64, (Vec<f32>, f32))>,
+    aside_psnr: Option<f64>,
+}
+
+impl Course {
+    /// Prunes for the first round.
+    pub(crate) fn new(plan: Plan, target: Target, scene: Scene, views: &mut Views) -> Result<Self> {
+        let input = scene.len();
+        let stage = stage::round(&plan, views, scene, input, 1)?;
+        views.gradients.move_means(true);
+        Ok(Self { plan, target, input, stage, best: None, aside_psnr: None })
+    }
+
+    fn enter_loop(&mut self, scene: &Scene, views: &mut Views) -> Result<()> {
+        views.gradients.move_means(false);
+        let mut state = stage::codec_loop(&self.plan, views, scene)?;
+        steering::begin(&mut state, self.target)?;
+        self.stage = Stage::Loop(Box::new(state));
+        Ok(())
+    }
+
+    /// The loop at its end, with the best state if the last one costs more, unless the run was cut short.
+    pub(crate) fn finish(mut self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
+        if let Stage::Round { recovery, .. } = &mut self.stage {
+            let scene = recovery.take_scene();
+            self.enter_loop(&scene, views)?;
+        }
+        let Stage::Loop(mut state) = self.stage else { return Err(Error::NothingSeen) };
+        state.settle()?;
+        // With a target the quality was steered until the end: the last state is closest to it.
+        if let (false, Target::Quality(_), Some((best, snapshot))) =
+            (cancelled, self.target, self.best)
+        {
+            let (mse, _) = views.aside(&state.scene);
+            if best < cost(&state, mse) {
+                state.restore(snapshot)?;
+            }
+        }
+        Ok(*state)
+    }
+}
+
+/// What a state costs, with its squared error at the views kept aside.
+fn cost(state: &CodecLoop, mse: f64) -> f64 {
+    mse + state.lambda() * 8.0 * state.bytes as f64
+}
+
+impl Work for Course {
+    fn steps(&self) -> u64 {
+        self.plan.steps()
+    }
+
+    fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>> {
+        match &mut self.stage {
+            Stage::Round { recovery, .. } if recovery.done < recovery.steps => Ok(None),
+            Stage::Round { round, recovery } => {
+                let (round, scene) = (*round, recovery.take_scene());
+                if round < self.plan.rounds {
+                    self.stage = stage::round(&self.plan, views, scene, self.input, round + 1)?;
+                } else {
+                    self.enter_loop(&scene, views)?;
+                }
+                Ok(None)
+            }
+            Stage::Loop(state) => Ok((state.done >= state.steps).then_some(StopReason::Steps)),
+        }
+    }
+
+    /// Where the state is whole without the predictions of the codec.
+    fn due(&self) -> bool {
+        match &self.stage {
+            Stage::Round { recovery, .. } => recovery.done.is_multiple_of(FITTED),
+            Stage::Loop(state) => state.at_fit(),
+        }
+    }
+
+    /// Scores the views kept aside, steers, and keeps the best.
+    fn measure(&mut self, views: &Views) -> Result<()> {
+        match &mut self.stage {
+            // Nothing is coded yet, so there is no scene.
+            Stage::Loop(state) if state.done == 0 => return Ok(()),
+            Stage::Loop(state) => state.settle()?,
+            Stage::Round { .. } => (),
+        }
+        let (mse, psnr) = views.aside(self.stage.scene());
+        self.aside_psnr = Some(psnr);
+        let Stage::Loop(state) = &mut self.stage else { return Ok(()) };
+        if state.done as f64 >= BEST_FROM * state.steps as f64 {
+            let cost = cost(state, mse);
+            if self.best.as_ref().is_none_or(|best| cost < best.0) {
+                self.best = Some((cost, state.snapshot()));
+            }
+        }
+        steering::steer(state, self.target, psnr)
+    }
+
+    /// Pruning is on the processor.
+    fn place(&mut self, views: &mut Views) -> Result<()> {
+        #[cfg(feature = "gpu")]
+        if let Stage::Loop(state) = &mut self.stage {
+            return state.place(finetune::Adapter::Hardware, &mut views.gradients);
+        }
+        let _ = views;
+        Ok(())
+    }
+
+    fn step(&mut self, views: &mut Views, view: usize) -> Result<f64> {
+        let loss = match &mut self.stage {
+            Stage::Round { recovery, .. } => recovery.step(&mut views.gradients, view),
+            Stage::Loop(state) => state.step(&mut views.gradients, view)?,
+        };
+        Ok(loss.psnr())
+    }
+
+    fn fetch(&mut self) -> Result<()> {
+        match &mut self.stage {
+            Stage::Loop(state) => state.leave_device(),
+            Stage::Round { .. } => Ok(()),
+        }
+    }
+
+    fn write(&self, out: &mut Writer) {
+        out.numbers(self.aside_psnr.as_slice());
+        match &self.best {
+            Some((cost, (values, quality))) => {
+                out.numbers(&[*cost, (*quality).into()]);
+                out.floats(values);
+            }
+            None => out.numbers(&[]),
+        }
+        self.stage.write(out);
+    }
+
+    fn read(&mut self, input: &mut Reader<'_>, views: &mut Views) -> Result<()> {
+        self.aside_psnr = input.numbers()?.first().copied();
+        self.best = match input.numbers()?[..] {
+            [cost, quality] => Some((cost, (input.floats()?, quality as f32))),
+            _ => None,
+        };
+        self.stage = Stage::read(input, &self.plan, views)?;
+        views.gradients.move_means(matches!(self.stage, Stage::Round { .. }));
+        Ok(())
+    }
+
+    fn state(&self) -> State<'_> {
+        let (stage, bytes) = match &self.stage {
+            Stage::Round { round, .. } => {
+                (StageName::Round { round: *round, rounds: self.plan.rounds }, None)
+            }
+            Stage::Loop(state) => (StageName::CodecInTheLoop, Some(state.bytes)),
+        };
+        let (scene, aside_psnr) = (self.stage.scene(), self.aside_psnr);
+        State { stage, scene, aside_psnr, pass_psnr: None, bytes }
+    }
+}

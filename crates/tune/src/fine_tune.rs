@@ -1,0 +1,289 @@
+//! [`FineTune`]: the paper's fine-tune. Means stay at the centres of the voxels, and bits have no price.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+#[cfg(feature = "gpu")]
+use finetune::{Adapter, DeviceOptimiser};
+use finetune::{Backend, BackendReport, Loss, TrainView, ViewLoss};
+use gs_model::Scene;
+
+use crate::checkpoint::{Reader, Writer, fingerprint};
+use crate::clock::Clock;
+use crate::epochs::Epochs;
+use crate::error::{Error, Result};
+use crate::progress::{Progress, StageName, StopReason};
+use crate::scene_loop::SceneLoop;
+use crate::trainer::{Settings, State, Trainer, Work};
+use crate::views::Views;
+
+/// How to fine-tune.
+#[derive(Clone, Debug)]
+pub struct FineTuneOptions {
+    /// Largest number of steps; one view each. The paper uses 8000.
+    pub steps: u64,
+    /// What is minimised.
+    pub loss: Loss,
+    /// Stop when the mean PSNR over a pass over the views, each as rendered in its step, reaches this
+    /// many dB: usually what the model had before voxelization.
+    pub target_psnr: Option<f64>,
+    /// Stop when so many passes have brought no more than 0.01 dB.
+    pub patience: Option<u32>,
+    /// Seed of the order of the views.
+    pub seed: u64,
+    /// Where to keep a checkpoint. An existing one is continued; the number of steps and the rules for stopping may
+    /// differ.
+    pub checkpoint: Option<PathBuf>,
+    /// Steps between checkpoints, at least 1. So far goes a run back if a GPU fails.
+    pub checkpoint_every: u64,
+    /// Setting it ends the run after the current step.
+    pub cancel: Option<Arc<AtomicBool>>,
+    /// Where the steps are made.
+    pub backend: Backend,
+}
+
+impl Default for FineTuneOptions {
+    fn default() -> Self {
+        Self {
+            steps: 8000,
+            loss: Loss::default(),
+            target_psnr: None,
+            patience: None,
+            seed: 0,
+            checkpoint: None,
+            checkpoint_every: 1000,
+            cancel: None,
+            backend: Backend::Cpu,
+        }
+    }
+}
+
+/// The result of a fine-tune.
+#[derive(Clone, Debug)]
+pub struct FineTuned {
+    /// The scene with its new attributes; means and order as given.
+    pub scene: Scene,
+    /// Steps done in all, including those before a resumption.
+    pub steps: u64,
+    /// Wall-clock seconds of this run.
+    pub seconds: f64,
+    /// Why the run ended.
+    pub reason: StopReason,
+    /// Mean PSNR over each whole pass over the views, each as rendered in its step, dB.
+    pub pass_psnr: Vec<f64>,
+    /// Where the run ended, and why there.
+    pub backend: BackendReport,
+}
+
+/// A fine-tune of the attributes of one scene.
+///
+/// Means are frozen; nothing is added, removed or reset (the reference implementation resets
+/// opacities every 3000 steps, which hurts a mature model). The result is a function of the
+/// scene, the views and the options alone, whatever the number of threads.
+pub struct FineTune {
+    trainer: Trainer,
+    work: Attributes,
+}
+
+impl std::fmt::Debug for FineTune {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Trainer { backend, done, .. } = &self.trainer;
+        f.debug_struct("FineTune").field("backend", backend).field("done", done).finish()
+    }
+}
+
+impl FineTune {
+    /// Prepares a run. If the options name a checkpoint that exists, the run goes on from it.
+    ///
+    /// # Errors
+    /// Those of [`Error`], but for [`Error::Codec`].
+    pub fn new(scene: Scene, views: Vec<TrainView>, options: FineTuneOptions) -> Result<Self> {
+        scene.validate()?;
+        let FineTuneOptions { loss, seed, backend, checkpoint, cancel, .. } = options.clone();
+        if let Loss::L1Ssim { ssim_weight } = loss
+            && !(0.0..=1.0).contains(&ssim_weight)
+        {
+            return Err(Error::target("SSIM weight", ssim_weight.into(), "from 0 to 1"));
+        }
+        let fingerprint = fingerprint(&scene, &views, &format!("attributes {loss:?} {seed}"));
+        let views = Views::all(views, loss, seed)?;
+        let settings = Settings { fingerprint, backend, checkpoint, cancel };
+        let mut trainer = Trainer::new(views, settings)?;
+        let mut work = Attributes::new(scene, trainer.views.gradients.views(), options);
+        trainer.resume(&mut work)?;
+        Ok(Self { trainer, work })
+    }
+
+    /// Where the steps are made, and why there.
+    #[must_use]
+    pub fn backend(&self) -> &BackendReport {
+        &self.trainer.backend
+    }
+
+    /// Steps already done by the run whose checkpoint this one goes on from.
+    #[must_use]
+    pub fn steps_done(&self) -> u64 {
+        self.trainer.done
+    }
+
+    /// Runs to the end, calling `progress` now and then, and once more at the end. In every case the state at the
+    /// end is kept in the checkpoint, if there is one.
+    ///
+    /// If a GPU fails under [`Backend::Auto`], the processor goes on from the last state that was kept. A checkpoint
+    /// that cannot be written does not end the run: see [`Progress::checkpoint_failed`].
+    ///
+    /// # Errors
+    /// [`Error::Finetune`] if a GPU that was asked for fails.
+    pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<FineTuned> {
+        let Self { mut trainer, mut work } = self;
+        let (started, first) = (Clock::start(), trainer.done);
+        let reason = trainer.run(&mut work, &mut progress)?;
+        trainer.keep(&work);
+        progress(&trainer.progress(&work, work.psnr, (started, first)));
+        Ok(FineTuned {
+            scene: work.run.take_scene(),
+            steps: trainer.done,
+            seconds: started.seconds(),
+            reason,
+            pass_psnr: work.epochs.past,
+            backend: trainer.backend,
+        })
+    }
+}
+
+/// The attributes of a scene on their way.
+struct Attributes {
+    options: FineTuneOptions,
+    run: SceneLoop,
+    epochs: Epochs,
+    /// Of the last step that is known.
+    psnr: f64,
+    views: usize,
+    /// Where the steps are made, if not here.
+    #[cfg(feature = "gpu")]
+    device: Option<DeviceOptimiser>,
+}
+
+impl Attributes {
+    fn new(scene: Scene, views: usize, options: FineTuneOptions) -> Self {
+        Self {
+            run: SceneLoop::new(scene, 0.0, options.steps),
+            options,
+            epochs: Epochs::default(),
+            psnr: 0.0,
+            views,
+            #[cfg(feature = "gpu")]
+            device: None,
+        }
+    }
+
+    fn add(&mut self, loss: &ViewLoss) {
+        self.psnr = loss.psnr();
+        self.epochs.add(self.psnr, self.views);
+    }
+
+    /// The losses of the steps that a device has made.
+    fn listen(&mut self) -> Result<()> {
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &mut self.device {
+            device.losses()?.iter().for_each(|loss| self.add(loss));
+        }
+        Ok(())
+    }
+}
+
+impl Work for Attributes {
+    fn steps(&self) -> u64 {
+        self.options.steps
+    }
+
+    fn advance(&mut self, _: &mut Views) -> Result<Option<StopReason>> {
+        if self.run.done >= self.run.steps {
+            return Ok(Some(StopReason::Steps));
+        }
+        if self.run.done.is_multiple_of(self.views as u64) {
+            self.listen()?;
+        }
+        Ok(self.epochs.stop(self.options.target_psnr, self.options.patience))
+    }
+
+    fn due(&self) -> bool {
+        self.run.done.is_multiple_of(self.options.checkpoint_every.max(1))
+    }
+
+    /// Fetches what a device has made since the last time.
+    fn measure(&mut self, _: &Views) -> Result<()> {
+        self.listen()?;
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &mut self.device {
+            device.fetch(&mut self.run.optimiser)?;
+        }
+        Ok(())
+    }
+
+    fn place(&mut self, views: &mut Views) -> Result<()> {
+        #[cfg(feature = "gpu")]
+        if self.device.is_none() {
+            let from = &self.run.optimiser;
+            self.device = Some(views.gradients.scene_on_device(Adapter::Hardware, from)?);
+        }
+        let _ = views;
+        Ok(())
+    }
+
+    fn step(&mut self, views: &mut Views, view: usize) -> Result<f64> {
+        #[cfg(feature = "gpu")]
+        if let Some(device) = &mut self.device {
+            let (number, decay) = self.run.next();
+            device.step(view, number, decay)?;
+            return Ok(self.psnr);
+        }
+        let loss = self.run.step(&mut views.gradients, view);
+        self.add(&loss);
+        Ok(self.psnr)
+    }
+
+    fn fetch(&mut self) -> Result<()> {
+        self.listen()?;
+        #[cfg(feature = "gpu")]
+        if let Some(mut device) = self.device.take() {
+            device.fetch(&mut self.run.optimiser)?;
+        }
+        Ok(())
+    }
+
+    fn write(&self, out: &mut Writer) {
+        out.numbers(&self.epochs.past);
+        out.numbers(&self.epochs.current);
+        self.run.write(out);
+    }
+
+    fn read(&mut self, input: &mut Reader<'_>, _: &mut Views) -> Result<()> {
+        let (past, current) = (input.numbers()?, input.numbers()?);
+        // A pass ends when its length is reached, so a longer one would never end.
+        if current.len() >= self.views {
+            return Err(input.error("more steps in a pass than views"));
+        }
+        let run = SceneLoop::read(input, 0.0, self.options.steps)?;
+        if run.scene().means != self.run.scene().means {
+            return Err(input.error("other means"));
+        }
+        (self.epochs, self.run) = (Epochs { past, current }, run);
+        #[cfg(feature = "gpu")]
+        {
+            self.device = None;
+        }
+        Ok(())
+    }
+
+    fn state(&self) -> State<'_> {
+        State {
+            stage: StageName::Attributes,
+            scene: self.run.scene(),
+            aside_psnr: None,
+            pass_psnr: self.epochs.psnr(),
+            bytes: None,
+        }
+    }
+}

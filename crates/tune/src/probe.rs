@@ -1,0 +1,78 @@
+//! The plan that follows from a target: for a size, by streams of the scene without tuning.
+
+use gs_model::Scene;
+use gsvx::rate;
+
+use crate::codec_loop::encode_options;
+use crate::error::{Error, Result};
+use crate::options::{Options, Target};
+use crate::plan::{Plan, Spare, quality_for_psnr, voxel_options};
+use crate::views::Views;
+
+/// Bytes of a tuned stream over those of one of the same plan without tuning, about: where a search for
+/// a size begins.
+const TUNED_OVER_PROBED: f64 = 0.85;
+
+/// The plan for the target.
+pub(crate) fn plan(
+    scene: &Scene,
+    views: &Views,
+    options: &Options,
+    input_psnr: f64,
+) -> Result<Plan> {
+    if let Some(plan) = options.plan {
+        return plan.checked();
+    }
+    let (effects, importance) = (views.removal_effects(scene), views.importance(scene));
+    let spare = Spare::new(&effects, &importance);
+    let quality = match options.target {
+        Target::Quality(quality) => quality,
+        Target::Psnr(db) => quality_for_psnr(db, input_psnr),
+        Target::Bytes(bytes) => {
+            let seen = (effects.as_slice(), importance.as_slice());
+            let probe = |quality: f32| probe(scene, seen, &spare, quality, options);
+            let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
+            if !found.reached || is_empty(&found.encoded)? {
+                let smallest = smallest(probe)? as f64 * TUNED_OVER_PROBED;
+                return Err(Error::TargetTooSmall { target: bytes, smallest: smallest as u64 });
+            }
+            found.quality
+        }
+    };
+    Plan::new(quality, options.effort, &spare)
+}
+
+/// Bytes of the smallest stream that has a Gaussian, to five points of quality.
+fn smallest(mut probe: impl FnMut(f32) -> gsvx::Result<Vec<u8>>) -> Result<usize> {
+    for quality in (0..=100u8).step_by(5) {
+        let stream = probe(quality.into())?;
+        if !is_empty(&stream)? {
+            return Ok(stream.len());
+        }
+    }
+    Err(Error::NothingSeen)
+}
+
+fn is_empty(stream: &[u8]) -> Result<bool> {
+    Ok(gsvx::Index::parse(stream)?.header.count == 0)
+}
+
+/// The stream of a plan without any tuning.
+fn probe(
+    scene: &Scene,
+    (effects, importance): (&[f32], &[f32]),
+    spare: &Spare,
+    quality: f32,
+    options: &Options,
+) -> gsvx::Result<Vec<u8>> {
+    let as_codec = |e: Error| match e {
+        Error::Codec(e) => e,
+        _ => gsvx::Error::Option { option: "quality", value: quality.into(), range: "0 to 100" },
+    };
+    let plan = Plan::new(quality, options.effort, spare).map_err(as_codec)?;
+    let kept = gsvx::prune(effects, plan.fraction)?;
+    let importance = kept.iter().map(|&i| importance[i]).collect();
+    let prepared = gsvx::prepare(&scene.select(&kept), &voxel_options(quality, importance)?)?;
+    let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
+    Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &encode)?.bytes)
+}

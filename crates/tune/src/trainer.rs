@@ -1,0 +1,349 @@
+//! [`Trainer`]: the steps of a run, whatever it moves. One order of views, one checkpoint, one kind of report, one
+//! way on when a GPU fails.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use finetune::backend;
+use finetune::{Backend, BackendReport};
+use gs_model::Scene;
+
+use crate::checkpoint::{self, Reader, Writer};
+use crate::clock::Clock;
+use crate::error::{Error, Result};
+use crate::progress::{Progress, StageName, StopReason};
+use crate::views::Views;
+
+/// Steps between two reports.
+const REPORTED: u64 = 10;
+
+/// What a run moves, and what it does between its steps.
+pub(crate) trait Work {
+    /// Steps of the whole run, at most.
+    fn steps(&self) -> u64;
+    /// Goes to what follows the steps that are done; says why the run ends if nothing does.
+    fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>>;
+    /// Whether it is time to measure and to keep the state.
+    fn due(&self) -> bool;
+    /// Measures, and steers by what it finds.
+    fn measure(&mut self, views: &Views) -> Result<()>;
+    /// Moves the steps that come to a graphics adapter, where it can make them and does not yet.
+    fn place(&mut self, views: &mut Views) -> Result<()>;
+    /// One step at a view; its PSNR, dB.
+    fn step(&mut self, views: &mut Views, view: usize) -> Result<f64>;
+    /// Takes the steps back from a graphics adapter.
+    fn fetch(&mut self) -> Result<()>;
+    /// Adds what a run needs to go on from here.
+    fn write(&self, out: &mut Writer);
+    /// Undoes [`Work::write`]. The steps that come are made on the processor.
+    fn read(&mut self, input: &mut Reader<'_>, views: &mut Views) -> Result<()>;
+    /// For a report.
+    fn state(&self) -> State<'_>;
+}
+
+/// See the fields of [`Progress`].
+pub(crate) struct State<'a> {
+    pub(crate) stage: StageName,
+    pub(crate) scene: &'a Scene,
+    pub(crate) aside_psnr: Option<f64>,
+    pub(crate) pass_psnr: Option<f64>,
+    pub(crate) bytes: Option<u64>,
+}
+
+/// See the module.
+pub(crate) struct Trainer {
+    pub(crate) views: Views,
+    /// Steps done.
+    pub(crate) done: u64,
+    pub(crate) backend: BackendReport,
+    fingerprint: u32,
+    checkpoint: Option<PathBuf>,
+    cancel: Option<Arc<AtomicBool>>,
+    checkpoint_failed: Option<Error>,
+    /// The last state that was kept, where the processor may take over from a GPU.
+    kept: Option<Vec<u8>>,
+    /// Steps that were done when the run began here, or went on from a state that was kept.
+    begun: u64,
+}
+
+/// What all runs are told.
+pub(crate) struct Settings {
+    pub(crate) fingerprint: u32,
+    pub(crate) backend: Backend,
+    pub(crate) checkpoint: Option<PathBuf>,
+    pub(crate) cancel: Option<Arc<AtomicBool>>,
+}
+
+impl Trainer {
+    pub(crate) fn new(views: Views, settings: Settings) -> Result<Self> {
+        let Settings { fingerprint, backend: wanted, checkpoint, cancel } = settings;
+        let backend = backend::choose(wanted)?;
+        // What is kept before the first step follows in `run`.
+        let may_fall_back = wanted == Backend::Auto && backend.used == Backend::Gpu;
+        Ok(Self {
+            views,
+            done: 0,
+            backend,
+            fingerprint,
+            checkpoint,
+            cancel,
+            checkpoint_failed: None,
+            kept: may_fall_back.then(Vec::new),
+            begun: 0,
+        })
+    }
+
+    /// Goes on from the checkpoint, if there is one.
+    pub(crate) fn resume(&mut self, work: &mut impl Work) -> Result<()> {
+        let Some(path) = self.checkpoint.clone().filter(|p| p.exists()) else { return Ok(()) };
+        self.read(work, Reader::open(&path, self.fingerprint)?)
+    }
+
+    fn read(&mut self, work: &mut impl Work, mut file: Reader<'_>) -> Result<()> {
+        let [done] = file.integers()?[..] else { return Err(file.error("steps")) };
+        work.read(&mut file, &mut self.views)?;
+        (self.done, self.begun) = (done, done);
+        Ok(())
+    }
+
+    /// Runs to the end, calling `progress` now and then. Says why it ended.
+    pub(crate) fn run(
+        &mut self,
+        work: &mut impl Work,
+        mut progress: impl FnMut(&Progress<'_>),
+    ) -> Result<StopReason> {
+        if self.kept.is_some() {
+            self.kept = Some(self.state(work));
+        }
+        let clock = (Clock::start(), self.done);
+        loop {
+            match (self.steps(work, clock, &mut progress), self.kept.take()) {
+                (Err(Error::Finetune(finetune::Error::Gpu { reason })), Some(kept)) => {
+                    let kept = Reader::new(Path::new("kept state"), kept, self.fingerprint)?;
+                    self.read(work, kept)?;
+                    self.backend = took_over(&reason, self.done);
+                }
+                (end, _) => return end,
+            }
+        }
+    }
+
+    /// Steps until the run ends.
+    fn steps(
+        &mut self,
+        work: &mut impl Work,
+        clock: (Clock, u64),
+        progress: &mut impl FnMut(&Progress<'_>),
+    ) -> Result<StopReason> {
+        let reason = loop {
+            if self.cancel.as_ref().is_some_and(|c| c.load(Ordering::Relaxed)) {
+                break StopReason::Cancelled;
+            }
+            if let Some(reason) = work.advance(&mut self.views)? {
+                break reason;
+            }
+            if self.done > self.begun && work.due() {
+                work.measure(&self.views)?;
+                self.keep(work);
+            }
+            if self.backend.used == Backend::Gpu {
+                work.place(&mut self.views)?;
+            }
+            let view = self.views.at(self.done);
+            let psnr = work.step(&mut self.views, view)?;
+            self.done += 1;
+            if self.done.is_multiple_of(REPORTED) || self.done == work.steps() {
+                progress(&self.progress(work, psnr, clock));
+            }
+        };
+        work.fetch()?;
+        Ok(reason)
+    }
+
+    fn state(&self, work: &impl Work) -> Vec<u8> {
+        let mut out = Writer::new(self.fingerprint);
+        out.integers(&[self.done]);
+        work.write(&mut out);
+        out.finish()
+    }
+
+    /// Keeps the state: in the checkpoint, and for the case that the GPU fails. A checkpoint that cannot be written
+    /// does not end the run.
+    pub(crate) fn keep(&mut self, work: &impl Work) {
+        let path = self.checkpoint.as_ref().filter(|_| self.checkpoint_failed.is_none());
+        if path.is_none() && self.kept.is_none() {
+            return;
+        }
+        let state = self.state(work);
+        if let Some(path) = path {
+            self.checkpoint_failed = checkpoint::save(path, &state).err();
+        }
+        if let Some(kept) = &mut self.kept {
+            *kept = state;
+        }
+    }
+
+    pub(crate) fn progress<'a>(
+        &'a self,
+        work: &'a impl Work,
+        psnr: f64,
+        (started, first): (Clock, u64),
+    ) -> Progress<'a> {
+        let seconds = started.seconds();
+        let per_step = seconds / self.done.saturating_sub(first).max(1) as f64;
+        let State { stage, scene, aside_psnr, pass_psnr, bytes } = work.state();
+        Progress {
+            stage,
+            step: self.done,
+            steps: work.steps(),
+            gaussians: scene.len(),
+            psnr,
+            aside_psnr,
+            pass_psnr,
+            bytes,
+            seconds,
+            eta_seconds: per_step * work.steps().saturating_sub(self.done) as f64,
+            scene,
+            backend: self.backend.used,
+            checkpoint_failed: self.checkpoint_failed.as_ref(),
+        }
+    }
+}
+
+/// The report of a run that the processor took over.
+fn took_over(reason: &str, step: u64) -> BackendReport {
+    let threads = rayon::current_num_threads();
+    let reason = format!("cpu: the GPU failed ({reason}); from step {step} on; {threads} threads");
+    BackendReport { used: Backend::Cpu, reason }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use finetune::{Image, Loss, TrainView};
+    use gs_model::Camera;
+
+    /// Adds the numbers of its steps and views. Its GPU fails after so many steps on it.
+    #[derive(Default)]
+    struct Sum {
+        sum: u64,
+        done: u64,
+        fails_after: u64,
+        on_gpu: Option<u64>,
+        scene: Scene,
+    }
+
+    impl Work for Sum {
+        fn steps(&self) -> u64 {
+            50
+        }
+
+        fn advance(&mut self, _: &mut Views) -> Result<Option<StopReason>> {
+            Ok((self.done == 50).then_some(StopReason::Steps))
+        }
+
+        fn due(&self) -> bool {
+            self.done.is_multiple_of(12)
+        }
+
+        fn measure(&mut self, _: &Views) -> Result<()> {
+            self.sum *= 3;
+            Ok(())
+        }
+
+        fn place(&mut self, _: &mut Views) -> Result<()> {
+            self.on_gpu.get_or_insert(0);
+            Ok(())
+        }
+
+        fn step(&mut self, _: &mut Views, view: usize) -> Result<f64> {
+            if let Some(steps) = &mut self.on_gpu {
+                *steps += 1;
+                if *steps > self.fails_after {
+                    return Err(finetune::Error::Gpu { reason: "lost".into() }.into());
+                }
+            }
+            self.sum = self.sum % 1_000_003 * 7 + self.done + view as u64;
+            self.done += 1;
+            Ok(0.0)
+        }
+
+        fn fetch(&mut self) -> Result<()> {
+            Ok(())
+        }
+
+        fn write(&self, out: &mut Writer) {
+            out.integers(&[self.sum, self.done]);
+        }
+
+        fn read(&mut self, input: &mut Reader<'_>, _: &mut Views) -> Result<()> {
+            let [sum, done] = input.integers()?[..] else { return Err(input.error("sum")) };
+            (self.sum, self.done, self.on_gpu) = (sum, done, None);
+            Ok(())
+        }
+
+        fn state(&self) -> State<'_> {
+            let (stage, scene) = (StageName::Attributes, &self.scene);
+            State { stage, scene, aside_psnr: None, pass_psnr: None, bytes: None }
+        }
+    }
+
+    /// A run that is on a GPU, and may leave it.
+    fn trainer(used: Backend, may_fall_back: bool, checkpoint: Option<&Path>) -> Trainer {
+        let up = [0.0, -1.0, 0.0];
+        let eye = [0.0, 0.0, -2.0];
+        let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [4, 3], 30.0);
+        let view = TrainView { camera, photo: Image::new(4, 3) };
+        let views = Views::all(vec![view; 5], Loss::Mse, 1).unwrap();
+        let checkpoint = checkpoint.map(Into::into);
+        let (fingerprint, backend, cancel) = (7, Backend::Cpu, None);
+        let settings = Settings { fingerprint, backend, checkpoint, cancel };
+        let mut trainer = Trainer::new(views, settings).unwrap();
+        trainer.backend = BackendReport { used, reason: "given".into() };
+        trainer.kept = may_fall_back.then(Vec::new);
+        trainer
+    }
+
+    #[test]
+    fn a_run_whose_gpu_fails_goes_on_from_the_last_kept_step() {
+        let whole = |fails_after| {
+            let mut work = Sum { fails_after, ..Sum::default() };
+            let mut trainer = trainer(Backend::Gpu, true, None);
+            let mut told = Vec::new();
+            let end = trainer.run(&mut work, |p| told.push((p.step, p.backend))).unwrap();
+            assert_eq!((end, trainer.done), (StopReason::Steps, 50));
+            (work.sum, trainer.backend, told)
+        };
+        let (sum, backend, _) = whole(1000);
+        assert_eq!(backend.used, Backend::Gpu);
+        // In the first step, before the first kept state, and after the second.
+        for (fails_after, from) in [(0, 0), (11, 0), (33, 24)] {
+            let (other, backend, told) = whole(fails_after);
+            assert_eq!((other, backend.used), (sum, Backend::Cpu));
+            let said = backend.reason;
+            assert!(
+                said.contains("lost") && said.contains(&format!("from step {from} on")),
+                "{said}"
+            );
+            assert_eq!(told.last(), Some(&(50, Backend::Cpu)));
+        }
+    }
+
+    #[test]
+    fn a_gpu_that_was_asked_for_fails_with_an_error_and_the_checkpoint_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.ckpt");
+        let mut work = Sum { fails_after: 30, ..Sum::default() };
+        let error = trainer(Backend::Gpu, false, Some(&path)).run(&mut work, |_| ()).unwrap_err();
+        assert!(matches!(&error, Error::Finetune(finetune::Error::Gpu { .. })), "{error}");
+        let mut rest = trainer(Backend::Cpu, false, Some(&path));
+        let mut work = Sum::default();
+        rest.resume(&mut work).unwrap();
+        assert_eq!(rest.done, 24);
+        rest.run(&mut work, |_| ()).unwrap();
+        let mut whole = Sum::default();
+        trainer(Backend::Cpu, false, None).run(&mut whole, |_| ()).unwrap();
+        assert_eq!(work.sum, whole.sum);
+    }
+}
