@@ -7,5 +7,6 @@
 //! A kernel is WGSL text after [`STEP`] and, as far as it needs them, the other texts of this module. It adds no
 //! floats with atomics or across subgroups, so that the result does not depend on the scheduling.
 
-pub use crate::gpu::kernels::{Call, KernelLoop, KernelStep, Program};
+pub use crate::gpu::kernels::{KernelLoop, KernelStep};
+pub use crate::gpu::program::{Call, Program};
 pub use crate::shaders::{PARAMS, PROJECT, PROJECT_ADJOINT, SCALAR, SH, STEP, Shader};

@@ -83,7 +83,7 @@ pub use camera_check::{PhotoMatch, References, Seen, photo_match, seen_opacity_s
 pub use error::{Error, Result};
 pub use forward::render;
 #[cfg(feature = "gpu")]
-pub use gpu::DeviceOptimiser;
+pub use gpu::{Adapter, DeviceOptimiser};
 pub use gradients::{Gradients, gradients};
 pub use image::Image;
 pub use likeness::{Likeness, Pictures};
@@ -91,8 +91,6 @@ pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use stages::removal::removal_effects;
 pub use train_view::TrainView;
-#[cfg(feature = "gpu")]
-pub use view_gradients::Adapter;
 pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};
 
 // The README's example is a test too.

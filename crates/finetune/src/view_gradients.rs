@@ -28,26 +28,6 @@ impl ViewLoss {
     }
 }
 
-/// Which graphics adapter to use.
-#[cfg(feature = "gpu")]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Adapter {
-    /// A hardware one.
-    Hardware,
-    /// One in software if there is one, else any: for tests.
-    Software,
-}
-
-#[cfg(feature = "gpu")]
-impl Adapter {
-    fn context(self) -> Result<crate::gpu::Context> {
-        match self {
-            Self::Hardware => crate::gpu::Context::hardware(),
-            Self::Software => crate::gpu::Context::software(),
-        }
-    }
-}
-
 /// Derivatives of a loss by the arrays of one Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GaussianGradient {
@@ -66,8 +46,8 @@ pub struct GaussianGradient {
 /// Renders views, compares them with their photos and gives gradients. Buffers are used again from view
 /// to view. Photos are kept with 8 bits per value, as their files have them.
 pub struct ViewGradients {
-    views: Vec<PreparedView>,
-    loss: Loss,
+    pub(crate) views: Vec<PreparedView>,
+    pub(crate) loss: Loss,
     pass: Pass,
     last: usize,
     /// Planes of the photo of the last view.
@@ -143,35 +123,6 @@ impl ViewGradients {
             Pass::Moving(pass) => pass.run(scene, view, photo, self.loss),
         };
         ViewLoss { loss: value.loss, mse: value.mse }
-    }
-
-    /// Steps with kernels of the caller on a graphics adapter, for the same views. The loss is the mean squared
-    /// error. Of `scene`, the kernels overwrite what they like.
-    ///
-    /// # Errors
-    /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).
-    #[cfg(feature = "gpu")]
-    pub fn with_kernels(
-        &self,
-        adapter: Adapter,
-        scene: &Scene,
-        program: &crate::kernels::Program,
-    ) -> Result<crate::kernels::KernelLoop> {
-        crate::kernels::KernelLoop::new(adapter.context()?, scene, program, &self.views)
-    }
-
-    /// An optimiser that goes on from `from` on a graphics adapter, for the same views and loss. Means stay where
-    /// they are.
-    ///
-    /// # Errors
-    /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).
-    #[cfg(feature = "gpu")]
-    pub fn scene_on_device(
-        &self,
-        adapter: Adapter,
-        from: &crate::optimiser::SceneOptimiser,
-    ) -> Result<crate::gpu::DeviceOptimiser> {
-        crate::gpu::DeviceOptimiser::new(adapter.context()?, from, &self.views, self.loss)
     }
 
     /// What the stage `gather` found at the last view, means frozen.

@@ -10,7 +10,9 @@ pub(crate) mod kernels;
 mod loops;
 mod passes;
 mod pipelines;
+pub(crate) mod program;
 mod sizes;
+mod start;
 mod steps;
 #[cfg(test)]
 mod tests;
@@ -22,5 +24,6 @@ pub(crate) use device::Context;
 pub use executor::DeviceOptimiser;
 pub(crate) use passes::{STEP, Stage};
 pub(crate) use sizes::Sizes;
+pub use start::Adapter;
 pub(crate) use uniform::StepUniform;
 pub(crate) use workspace::Workspace;

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::device::Context;
-use super::kernels::{Call, Program};
 use super::pipelines::{Pipeline, compile};
+use super::program::{Call, Program};
 use super::sizes::{SCAN_TOTALS, SCANNED, Scan, Sizes, scan_lengths};
 use super::uniform::StepUniform;
 use crate::error::{Error, Result};
