@@ -27,7 +27,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let error = String::from_utf8_lossy(&tests.stderr);
     ensure!(tests.status.success(), "cargo {words}: {}", error.lines().last().unwrap_or_default());
     let mut page = Page::new(&args.out, "Is the rasterizer stable?");
-    write(&mut page, &String::from_utf8_lossy(&tests.stdout));
+    // A dot for each test may stand before what the next one prints.
+    let printed = String::from_utf8_lossy(&tests.stdout);
+    let lines: Vec<&str> = printed.lines().map(|l| l.trim_start_matches('.')).collect();
+    write(&mut page, &lines.join("\n"));
     page.write()
 }
 
