@@ -67,8 +67,6 @@ mod likeness;
 pub mod metrics;
 pub mod optimiser;
 mod options;
-#[doc(hidden)]
-pub mod probe;
 mod saliency;
 #[cfg(any(test, feature = "gpu"))]
 mod shaders;

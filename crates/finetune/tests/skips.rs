@@ -88,21 +88,3 @@ fn renders_do_not_depend_on_the_number_of_threads() {
     assert_eq!(images[0], images[1]);
     assert_eq!(images[0], images[2]);
 }
-
-#[test]
-fn every_tile_test_gives_the_same_image() {
-    use finetune::probe::{TileTest, Variant, VariantPass};
-    let scene = common::scene(400, 1, 8);
-    let camera = common::camera(120, 90);
-    let photo = finetune::Image::new(120, 90);
-    let passes = [TileTest::Ellipse, TileTest::Rectangle, TileTest::Square].map(|tile_test| {
-        let variant = Variant { tile_test, ..Variant::default() };
-        let mut pass = VariantPass::new(&camera, &photo, variant);
-        pass.forward(&scene);
-        (pass.slots(), pass.image())
-    });
-    let [ellipse, rectangle, square] = &passes;
-    assert!(ellipse.0 < rectangle.0 && rectangle.0 < square.0);
-    assert_eq!(ellipse.1, rectangle.1);
-    assert_eq!(ellipse.1, square.1);
-}

@@ -1,4 +1,4 @@
-//! The scene of the benchmarks, and a clock that other processes do not affect.
+//! The scene of the benchmarks.
 
 use finetune::{Image, RenderOptions, render};
 use gs_model::{Camera, Scene};
@@ -41,13 +41,4 @@ pub(crate) fn setup() -> (Scene, Camera, Image) {
     let photo = render(&scene, &camera, &RenderOptions::default());
     scene.sh.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.1, 0.1));
     (scene, camera, photo)
-}
-
-/// Processor seconds of this process so far, all threads; Linux only.
-pub(crate) fn cpu_seconds() -> Option<f64> {
-    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
-    let fields: Vec<&str> = stat.rsplit(") ").next()?.split(' ').collect();
-    let ticks = |i: usize| fields.get(i)?.parse::<f64>().ok();
-    // utime and stime, in hundredths of a second.
-    Some((ticks(11)? + ticks(12)?) / 100.0)
 }

@@ -20,10 +20,5 @@ mod transfer;
 mod uniform;
 mod workspace;
 
-pub(crate) use device::Context;
 pub use executor::DeviceOptimiser;
-pub(crate) use passes::{STEP, Stage};
-pub(crate) use sizes::Sizes;
 pub use start::Adapter;
-pub(crate) use uniform::StepUniform;
-pub(crate) use workspace::Workspace;

@@ -36,7 +36,6 @@ fn blend_row<const WEIGHTS: bool>(
     s: &Splat,
     dx: &[f32; LANES],
     dy: f32,
-    stop: f32,
     t: &mut [f32; LANES],
     red: &mut [f32; LANES],
     green: &mut [f32; LANES],
@@ -49,7 +48,7 @@ fn blend_row<const WEIGHTS: bool>(
     for l in 0..LANES {
         let px = s.p * dx[l];
         let e0 = px + qy;
-        let step = gate(e0, e1, s.cut, s.opacity, stop, t[l]);
+        let step = gate(e0, e1, s.cut, s.opacity, T_STOP, t[l]);
         let r = step.w * s.red;
         let g = step.w * s.green;
         let b = step.w * s.blue;
@@ -150,7 +149,6 @@ impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
                         &s,
                         &dx,
                         dy,
-                        view.t_stop,
                         &mut px_state.t[y],
                         &mut px_state.red[y],
                         &mut px_state.green[y],

@@ -66,7 +66,6 @@ fn replay_row<const N: usize>(
     dy: f32,
     state: &mut PixelRow,
     g: [&[f32; LANES]; 3],
-    stop: f32,
     acc: &mut [[f32; LANES]; N],
 ) {
     let qy = s.q * dy;
@@ -81,7 +80,7 @@ fn replay_row<const N: usize>(
         let cb = s.blue * gb;
         let crg = cr + cgr;
         let cg = crg + cb;
-        let step = replay(e0, e1, s.cut, s.opacity, stop, state.t[l], state.rg[l], cg);
+        let step = replay(e0, e1, s.cut, s.opacity, T_STOP, state.t[l], state.rg[l], cg);
         state.t[l] = step.t;
         state.rg[l] = step.rg;
         let v = step.v_sigma;
@@ -175,7 +174,7 @@ impl<const N: usize> simd::Kernel for ReplayTile<'_, N> {
                         }
                         let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
                         let g = [&gradient.red[y], &gradient.green[y], &gradient.blue[y]];
-                        replay_row::<N>(&s, &dx, dy, &mut state[y], g, view.t_stop, &mut acc);
+                        replay_row::<N>(&s, &dx, dy, &mut state[y], g, &mut acc);
                     }
                     for (side, part) in sides.iter_mut().zip(acc.chunks(4)) {
                         side[0] += sum_eight(part, 0);

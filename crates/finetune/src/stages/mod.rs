@@ -24,6 +24,7 @@ pub(crate) mod gather;
 pub(crate) mod loss;
 pub(crate) mod project;
 pub(crate) mod project_adjoint;
+#[cfg(test)]
 pub(crate) mod reference;
 pub(crate) mod removal;
 pub(crate) mod sort_depth;

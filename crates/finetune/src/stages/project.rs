@@ -53,24 +53,6 @@ pub(crate) struct View {
     pub(crate) background: [f32; 3],
     /// [`Profile::Reference`].
     pub(crate) reference: bool,
-    /// [`T_STOP`]. Benchmarks also use other values of this and of the next two fields.
-    pub(crate) t_stop: f32,
-    /// [`TileTest::Ellipse`].
-    pub(crate) tile_test: TileTest,
-    /// Whether colours are rounded to half precision: `false`.
-    pub(crate) half_colour: bool,
-}
-
-/// Which tiles a splat is listed in.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum TileTest {
-    /// All that touch the square around the ellipse of alpha = 1/255.
-    Square,
-    /// All that touch its bounding rectangle.
-    Rectangle,
-    /// Only those with a pixel centre that the ellipse reaches.
-    #[default]
-    Ellipse,
 }
 
 impl View {
@@ -83,9 +65,6 @@ impl View {
             tiles_y: camera.height.div_ceil(TILE),
             background: options.background,
             reference: options.profile == Profile::Reference,
-            t_stop: T_STOP,
-            tile_test: TileTest::Ellipse,
-            half_colour: false,
         }
     }
 
@@ -133,10 +112,6 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
         let t = 2.0 * cut * 1.0001;
         let half_x = sqrt(t * shape.cov_xx) + 0.01;
         let half_y = sqrt(t * shape.cov_yy) + 0.01;
-        let (half_x, half_y) = match view.tile_test {
-            TileTest::Square => (max(half_x, half_y), max(half_x, half_y)),
-            _ => (half_x, half_y),
-        };
         (span(x, half_x, view.width), span(y, half_y, view.height))
     };
     if !(cols.0 < cols.1 && rows.0 < rows.1) {
@@ -151,7 +126,6 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
     if !(finite(raw[0]) & finite(raw[1]) & finite(raw[2])) {
         return None;
     }
-    let raw = if view.half_colour { raw.map(to_half) } else { raw };
     let splat = Splat {
         x,
         y,
@@ -173,14 +147,6 @@ fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, 
         y1: rows.1.div_ceil(TILE),
     };
     Some((splat, tiles, f.m.z.to_bits()))
-}
-
-/// `v` rounded to the 11 significant bits of half precision, ties to even. The range of the exponent
-/// stays that of `f32`.
-fn to_half(v: f32) -> f32 {
-    let bits = v.to_bits();
-    let odd = (bits >> 13) & 1;
-    f32::from_bits(bits.wrapping_add(0xfff + odd) & !0x1fff)
 }
 
 /// Inria's radius: three standard deviations of the major axis, rounded up.

@@ -5,7 +5,7 @@ use super::blend::{LANES, TilePixels};
 use super::blend_adjoint::{FROZEN, TileGradient};
 use super::project::{Splat, View};
 use super::tiles::TileLists;
-use super::{TILE, gate, replay};
+use super::{T_STOP, TILE, gate, replay};
 
 /// A pixel: its tile, its coordinates within the tile, its centre and row in the image.
 struct Pixel {
@@ -48,7 +48,7 @@ pub(crate) fn blend(view: &View, splats: &[Splat], lists: &TileLists) -> Vec<Til
         for &i in lists.of(p.tile) {
             let s = &splats[i as usize];
             let (e0, e1, cut) = offsets(s, &p);
-            let step = gate(e0, e1, cut, s.opacity, view.t_stop, t);
+            let step = gate(e0, e1, cut, s.opacity, T_STOP, t);
             tile.red[p.y][p.x] += step.w * s.red;
             tile.green[p.y][p.x] += step.w * s.green;
             tile.blue[p.y][p.x] += step.w * s.blue;
@@ -85,7 +85,7 @@ pub(crate) fn blend_adjoint(
             let s = &splats[i as usize];
             let (e0, e1, cut) = offsets(s, &p);
             let cg = s.red * g[0] + s.green * g[1] + s.blue * g[2];
-            let step = replay(e0, e1, cut, s.opacity, view.t_stop, t, rg, cg);
+            let step = replay(e0, e1, cut, s.opacity, T_STOP, t, rg, cg);
             let v = step.v_sigma;
             let add = [
                 step.w * g[0],

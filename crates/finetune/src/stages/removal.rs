@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::blend::{LANES, TilePixels, live, sum_lanes};
 use super::gather::gather;
 use super::project::{Splat, View};
-use super::{TILE, gate};
+use super::{T_STOP, TILE, gate};
 use crate::forward::Forward;
 use crate::options::RenderOptions;
 use crate::simd;
@@ -60,20 +60,13 @@ struct Row {
 
 /// One splat on one row of pixels.
 #[inline(always)]
-fn effect_row(
-    s: &Splat,
-    dx: &[f32; LANES],
-    dy: f32,
-    stop: f32,
-    row: &mut Row,
-    sum: &mut [f32; LANES],
-) {
+fn effect_row(s: &Splat, dx: &[f32; LANES], dy: f32, row: &mut Row, sum: &mut [f32; LANES]) {
     let qy = s.q * dy;
     let e1 = s.r * dy;
     let colour = [s.red, s.green, s.blue];
     for l in 0..LANES {
         let px = s.p * dx[l];
-        let step = gate(px + qy, e1, s.cut, s.opacity, stop, row.t[l]);
+        let step = gate(px + qy, e1, s.cut, s.opacity, T_STOP, row.t[l]);
         row.t[l] = step.t;
         let alpha = if step.counts { step.alpha } else { 0.0 };
         let clear = 1.0 - alpha;
@@ -143,7 +136,7 @@ impl simd::Kernel for EffectsTile<'_> {
                     let y = y as usize;
                     if row_live[y] {
                         let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                        effect_row(&s, &dx, dy, view.t_stop, &mut state[y], &mut sum);
+                        effect_row(&s, &dx, dy, &mut state[y], &mut sum);
                     }
                 }
                 *record = [sum_lanes(&sum)];

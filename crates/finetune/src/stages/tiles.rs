@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::project::{Splat, TileBox, TileTest, View};
+use super::project::{Splat, TileBox, View};
 use super::*;
 
 /// Per-tile lists of Gaussian indices.
@@ -34,7 +34,7 @@ impl TileLists {
 /// Whether the splat reaches a pixel centre of tile (tx, ty).
 #[inline]
 pub(crate) fn touches(view: &View, s: &Splat, tx: u32, ty: u32) -> bool {
-    if view.reference || view.tile_test != TileTest::Ellipse {
+    if view.reference {
         return true;
     }
     let edge = (TILE - 1) as f32;
@@ -102,5 +102,47 @@ pub(crate) fn tile_lists(
             out.offsets.push(sum);
         }
         out.ids.extend_from_slice(ids);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::options::RenderOptions;
+    use crate::shuffle::Rng;
+    use gs_model::Camera;
+
+    #[test]
+    fn a_tile_is_skipped_only_if_the_splat_reaches_none_of_its_pixel_centres() {
+        let camera = Camera::looking_at(
+            "a".into(),
+            [0.0; 3],
+            [0.0, 0.0, 1.0],
+            [0.0, -1.0, 0.0],
+            [64; 2],
+            60.0,
+        );
+        let view = View::new(&camera, &RenderOptions::default());
+        let mut rng = Rng(3);
+        let mut unit = || (rng.next() >> 40) as f32 / (1 << 24) as f32;
+        let mut skipped = 0;
+        for _ in 0..2000 {
+            let (x, y, cut) = (64.0 * unit(), 64.0 * unit(), 5.0 * unit());
+            let (p, q, r) = (unit(), unit() - 0.5, unit());
+            let s = Splat { x, y, p, q, r, cut, ..Splat::default() };
+            for (tx, ty) in (0..4).flat_map(|tx| (0..4).map(move |ty| (tx, ty))) {
+                if touches(&view, &s, tx, ty) {
+                    continue;
+                }
+                skipped += 1;
+                let pixels = (0..TILE * TILE).map(|i| (tx * TILE + i % TILE, ty * TILE + i / TILE));
+                for (u, v) in pixels {
+                    let (dx, dy) = (x - (u as f32 + 0.5), y - (v as f32 + 0.5));
+                    let sigma = (p * dx + q * dy) * (p * dx + q * dy) + r * dy * r * dy;
+                    assert!(sigma > cut * (1.0 - 1e-5), "{s:?}: pixel {u}, {v} of a skipped tile");
+                }
+            }
+        }
+        assert!(skipped > 1000);
     }
 }
