@@ -11,7 +11,7 @@ use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::ops::Range;
-use voxel::{Importance, Merge, Voxelization};
+use voxel::{Importance, Merge, Merging, Voxelization};
 
 /// A finished stream.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -245,7 +245,7 @@ impl Source<'_> {
             return Ok(part);
         }
         let part = part_of(self.voxels, self.members, range);
-        Ok(voxel::merge_up_to(self.scene, &part, Merge::Moments, self.weights, 0)?)
+        Ok(Merging::new(self.scene, &part, Merge::Moments, self.weights)?.up_to(0))
     }
 
     /// Coefficients of one SH degree of some leaves.
@@ -256,7 +256,7 @@ impl Source<'_> {
             return Ok(range.flat_map(of).copied().collect());
         }
         let part = part_of(self.voxels, self.members, range);
-        Ok(voxel::merge_sh(self.scene, &part, Merge::Moments, self.weights, degree)?)
+        Ok(Merging::new(self.scene, &part, Merge::Moments, self.weights)?.sh(degree))
     }
 }
 

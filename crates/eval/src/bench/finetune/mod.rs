@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use finetune::{FineTune, FineTuneOptions, LearningRates, Loss, TrainView};
 use gs_model::Scene;
-use voxel::{Cube, Importance, Merge, Strategy, Voxelization, merge_weighted, voxelize};
+use voxel::{Cube, Importance, Merge, Merging, Strategy, Voxelization, voxelize};
 
 use crate::chart::{Axis, Chart, Kind, Series};
 use crate::measure;
@@ -208,7 +208,7 @@ fn study(args: &Options, scene: TestScene, train: &[TrainView]) -> Result<Study>
             _ => continue,
         };
         let cells = voxelize(&scene, &cube, strategy)?;
-        let merged = merge_weighted(&scene, &cells, Merge::default(), &importance)?;
+        let merged = Merging::new(&scene, &cells, Merge::default(), &importance)?.scene();
         let none = args.from_none.then(|| blank(&merged, &cells));
         runs.push(tune(label.clone(), merged, train, &held_out, args)?);
         if let Some(none) = none {

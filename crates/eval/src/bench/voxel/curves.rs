@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Result, ensure};
 use gs_model::Scene;
-use voxel::{Importance, Merge, RateDistortion, Strategy, Voxelization, merge_weighted, voxelize};
+use voxel::{Importance, Merge, Merging, RateDistortion, Strategy, Voxelization, voxelize};
 
 use super::Options;
 use super::models::Study;
@@ -39,7 +39,7 @@ fn point(
 ) -> Result<(Point, usize)> {
     let v = voxelize(&study.scene, &study.cube, strategy)?;
     let seen = Importance::Given(study.seen.clone());
-    let merged = merge_weighted(&study.scene, &v, merging, &seen)?;
+    let merged = Merging::new(&study.scene, &v, merging, &seen)?.scene();
     Ok((coded(study, &merged, &v, quality)?, v.len()))
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use voxel::{
-    Importance, Merge, RateDistortion, Released, Strategy, Voxelization, merge_weighted, released,
+    Importance, Merge, Merging, RateDistortion, Released, Strategy, Voxelization, released,
     voxelize,
 };
 
@@ -26,7 +26,7 @@ pub(super) fn table(study: &Study) -> Result<String> {
     let mut row = |name: &str, v: &Voxelization| -> Result<()> {
         let bits = gpcc_lite::geometry::encode(&v.leaves, v.j_high)?.len() as f64 * 8.0;
         let psnr = |rule, importance: &Importance| -> Result<f64> {
-            Ok(study.psnr(&merge_weighted(scene, v, rule, importance)?))
+            Ok(study.psnr(&Merging::new(scene, v, rule, importance)?.scene()))
         };
         let area = Importance::OpacityArea;
         writeln!(

@@ -5,9 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use testing::Rng;
-use voxel::{
-    Cube, Importance, Merge, RateDistortion, Strategy, merge, merge_into, rate_distortion, voxelize,
-};
+use voxel::{Cube, Merge, RateDistortion, Strategy, merge, rate_distortion, voxelize};
 
 use super::Options;
 use super::models;
@@ -28,11 +26,11 @@ pub(super) fn table(args: &Options) -> Result<String> {
     let mut out = format!(
         "{} Gaussians (fox, replicated) of SH degree {}, {} threads. `sort_unstable` of as many random u64: {sort:.3} s.\n\n\
          CPU seconds are of both steps on all threads: on quiet cores the wall time is at least \
-         that divided by the threads. `again`: merged into the memory of the run before. \
+         that divided by the threads. \
          Every time is the fastest of {RUNS}. `skipped`: cells whose subtrees were not visited, of \
          those decided.\n\n\
-         | strategy | leaves | voxelize s | merge s | both / sort | CPU s | merge again s | both / sort | peak bytes per Gaussian above input, voxelize | ... of which result | skipped |\n\
-         |---|---|---|---|---|---|---|---|---|---|---|\n",
+         | strategy | leaves | voxelize s | merge s | both / sort | CPU s | peak bytes per Gaussian above input, voxelize | ... of which result | skipped |\n\
+         |---|---|---|---|---|---|---|---|---|\n",
         scene.len(),
         scene.sh_degree,
         rayon::current_num_threads()
@@ -45,7 +43,7 @@ pub(super) fn table(args: &Options) -> Result<String> {
     ];
     for (name, strategy) in strategies {
         let (mut voxelizing, mut merging, mut leaves) = (f64::INFINITY, f64::INFINITY, 0);
-        let (mut cpu, mut again) = (f64::INFINITY, f64::INFINITY);
+        let mut cpu = f64::INFINITY;
         let (mut peak, mut kept) = (0, 0);
         for _ in 0..RUNS {
             usage::reset_peak();
@@ -57,12 +55,9 @@ pub(super) fn table(args: &Options) -> Result<String> {
             peak = peak.max(usage::peak_bytes().saturating_sub(before));
             kept = v.leaves.len() * 16 + (v.members.len() + v.member_offsets.len()) * 4;
             let start = Instant::now();
-            let mut merged = merge(&scene, &v, Merge::Moments)?;
+            let merged = merge(&scene, &v, Merge::Moments)?;
             merging = merging.min(start.elapsed().as_secs_f64());
             cpu = cpu.min(cpu_seconds() - used);
-            let start = Instant::now();
-            merge_into(&scene, &v, Merge::Moments, &Importance::OpacityArea, &mut merged)?;
-            again = again.min(start.elapsed().as_secs_f64());
             leaves = merged.len();
         }
         let skipped = match &strategy {
@@ -75,9 +70,8 @@ pub(super) fn table(args: &Options) -> Result<String> {
         let per = |bytes: usize| bytes as f64 / scene.len() as f64;
         writeln!(
             out,
-            "| {name} | {leaves} | {voxelizing:.3} | {merging:.3} | {:.1} | {cpu:.2} | {again:.3} | {:.1} | {:.0} | {:.0} | {skipped} |",
+            "| {name} | {leaves} | {voxelizing:.3} | {merging:.3} | {:.1} | {cpu:.2} | {:.0} | {:.0} | {skipped} |",
             (voxelizing + merging) / sort,
-            (voxelizing + again) / sort,
             per(peak as usize),
             per(kept)
         )?;

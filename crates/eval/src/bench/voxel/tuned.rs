@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use finetune::{FineTune, FineTuneOptions, TrainView};
-use voxel::{Importance, Merge, RateDistortion, Strategy, merge_weighted, voxelize};
+use voxel::{Importance, Merge, Merging, RateDistortion, Strategy, voxelize};
 
 use super::curves::{AT_50, bits, coded, lambda};
 use super::models::Study;
@@ -50,7 +50,7 @@ pub(super) fn measure(study: &Study, steps: u64) -> Result<Tuned> {
         for (q, deeper) in QUALITIES {
             let v = voxelize(&study.scene, &study.cube, &strategy(kind, q, deeper))?;
             let seen = Importance::Given(study.seen.clone());
-            let merged = merge_weighted(&study.scene, &v, Merge::Moments, &seen)?;
+            let merged = Merging::new(&study.scene, &v, Merge::Moments, &seen)?.scene();
             let before = coded(study, &merged, &v, q)?;
             let tuned = tune(merged, &views, steps)?;
             let after = coded(study, &tuned, &v, q)?;
