@@ -13,6 +13,6 @@ pub(crate) fn voxelized(
     let voxels = voxel::voxelize(scene, &voxel::cube_of(&scene.means)?, strategy)?;
     let of_leaves = voxels.sums(&importance);
     let weights = Importance::Given(importance);
-    let merged = voxel::merge_weighted(scene, &voxels, Merge::Moments, &weights)?;
+    let merged = voxel::Merging::new(scene, &voxels, Merge::Moments, &weights)?.scene();
     Ok(Prepared { scene: merged, voxels, importance: of_leaves, outliers: None })
 }

@@ -97,7 +97,7 @@ pub fn prepare(scene: &Scene, options: &EncodeOptions) -> Result<Prepared> {
     let Tiled { voxels, importance: weights, .. } = input.voxelize(options)?;
     let importance = voxels.sums(&weights);
     let weights = Importance::Given(weights);
-    let scene = voxel::merge_weighted(&input.scene, &voxels, Merge::Moments, &weights)?;
+    let scene = voxel::Merging::new(&input.scene, &voxels, Merge::Moments, &weights)?.scene();
     Ok(Prepared { scene, voxels, importance, outliers: split.map(|s| s.1) })
 }
 

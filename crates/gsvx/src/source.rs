@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::lod::{self, LodLevel};
 use gs_model::Scene;
 use std::ops::Range;
-use voxel::{Importance, Merge, Voxelization};
+use voxel::{Importance, Merge, Merging, Voxelization};
 
 /// Where the Gaussians of leaves come from.
 pub(crate) struct Source<'a> {
@@ -46,7 +46,7 @@ impl Source<'_> {
             return Ok(part);
         }
         let part = level.part(self.voxels, range);
-        Ok(voxel::merge_up_to(self.scene, &part, Merge::Moments, self.weights, 0)?)
+        Ok(Merging::new(self.scene, &part, Merge::Moments, self.weights)?.up_to(0))
     }
 
     /// Coefficients of one SH degree of some of the finest leaves.
@@ -57,7 +57,7 @@ impl Source<'_> {
             return Ok(range.flat_map(of).copied().collect());
         }
         let part = level.part(self.voxels, range);
-        Ok(voxel::merge_sh(self.scene, &part, Merge::Moments, self.weights, degree)?)
+        Ok(Merging::new(self.scene, &part, Merge::Moments, self.weights)?.sh(degree))
     }
 
     /// Encodes some leaves of a level; `classes` are those of the level.

@@ -81,11 +81,6 @@ pub(crate) fn ln(x: f64) -> f64 {
     n * LN2_HIGH - ((half - (s * (half + (even + odd)) + n * LN2_LOW)) - f)
 }
 
-/// Standard deviations, world units.
-pub(crate) fn scales(log_scale: [f32; 3]) -> [f64; 3] {
-    log_scale.map(scale)
-}
-
 /// Standard deviation, world units.
 #[inline(always)]
 #[allow(clippy::manual_clamp, reason = "NaN must end up in range, as exp needs")]

@@ -65,6 +65,7 @@ mod tiles;
 mod trim;
 mod voxelization;
 mod voxelize;
+#[cfg(feature = "reference")]
 pub mod w2;
 
 pub use cost::CostModel;
@@ -73,7 +74,7 @@ pub use error::{Error, Result};
 pub use gpcc_lite::{Cube, Leaf, Octree};
 pub use importance::Importance;
 pub use local::local_means;
-pub use merge::{Merge, merge, merge_into, merge_sh, merge_up_to, merge_weighted};
+pub use merge::{Merge, Merging, merge};
 pub use order::morton_codes;
 pub use pruning::{rate_distortion, rate_distortion_of_tile};
 pub use rate_distortion::{RateDistortion, RateDistortionReport};

@@ -1,6 +1,6 @@
 //! Reference: 2-Wasserstein distances and barycenters of Gaussians (the paper's eq. 3 to 6).
 //!
-//! Everything here is exact up to rounding in `f64`, and slow. No strategy calls it; tests and
+//! With the feature `reference`. Everything here is exact up to rounding in `f64`, and slow. No strategy calls it; tests and
 //! measurements compare the strategies with it.
 //!
 //! ```
@@ -20,7 +20,7 @@ use gs_model::math::{axes_product, rotation};
 use nalgebra::{Matrix3, SVD, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-use crate::gaussian::scales;
+use crate::gaussian::scale;
 use crate::parallel::CHUNK;
 use crate::voxelization::Voxelization;
 
@@ -45,7 +45,7 @@ impl Gaussian {
     /// (scales of 1e+-50) are clamped.
     #[must_use]
     pub fn of_scene(scene: &Scene, i: usize) -> Self {
-        let s = scales(scene.log_scales[i]).map(|s| s * s);
+        let s = scene.log_scales[i].map(scale).map(|s| s * s);
         let [xx, yy, zz, xy, xz, yz] = axes_product(&rotation(scene.rotations[i]), s);
         Self::new(scene.means[i].map(f64::from), [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     }

@@ -6,10 +6,7 @@ use common::{clustered, cube, strategies};
 use gpcc_lite::morton;
 use gs_model::Scene;
 use proptest::prelude::*;
-use voxel::{
-    Cube, Importance, Merge, Strategy, Voxelization, merge, merge_into, merge_sh, merge_up_to,
-    merge_weighted, voxelize,
-};
+use voxel::{Cube, Importance, Merge, Merging, Strategy, Voxelization, merge, voxelize};
 
 /// Every Gaussian is in exactly one leaf (or dropped, where that is asked for); leaves ascend
 /// and do not overlap; depths are in range.
@@ -165,25 +162,6 @@ fn thread_count_does_not_matter() {
     }
 }
 
-/// Memory that held another scene, larger or smaller, leaves no trace.
-#[test]
-fn merging_into_used_memory_is_merging() {
-    let mut out = Scene::default();
-    for (len, rule) in [(900, Merge::Moments), (2000, Merge::Paper), (300, Merge::Moments)] {
-        let scene = clustered(len, 7);
-        let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 6 }).unwrap();
-        merge_into(&scene, &v, rule, &Importance::OpacityArea, &mut out).unwrap();
-        assert!(out == merge(&scene, &v, rule).unwrap());
-    }
-    // An error leaves it alone.
-    let before = out.clone();
-    let scene = clustered(40, 8);
-    let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 6 }).unwrap();
-    let short = Importance::Given(vec![1.0; 3]);
-    assert!(merge_into(&scene, &v, Merge::Moments, &short, &mut out).is_err());
-    assert!(out == before);
-}
-
 /// Degree by degree, of a scene that loses each degree once it is merged, as at once.
 #[test]
 fn merging_degree_by_degree_is_merging() {
@@ -198,23 +176,26 @@ fn merging_degree_by_degree_is_merging() {
         assert!((0..v.len()).any(|i| v.members_of(i).len() > 1));
         let given = (0..len).map(|i| 0.1 + (i % 17) as f32).collect();
         for importance in [Importance::OpacityArea, Importance::Given(given)] {
-            let whole = merge_weighted(&scene, &v, rule, &importance).unwrap();
+            let merging = Merging::new(&scene, &v, rule, &importance).unwrap();
+            let whole = merging.scene();
             let mut left = scene.clone();
             for degree in (1..=3u8).rev() {
-                let upper = merge_sh(&left, &v, rule, &importance, degree).unwrap();
-                assert_eq!(upper, merge_sh(&scene, &v, rule, &importance, degree).unwrap());
+                let part = Merging::new(&left, &v, rule, &importance).unwrap();
+                let upper = part.sh(degree);
+                assert_eq!(upper, merging.sh(degree));
                 let d = usize::from(degree);
                 let wanted = (0..v.len()).flat_map(|i| &whole.sh_of(i)[d * d..(d + 1) * (d + 1)]);
                 assert!(upper.iter().eq(wanted), "degree {degree}");
                 let mut lower = whole.clone();
                 lower.cut_sh(degree - 1);
-                assert!(merge_up_to(&left, &v, rule, &importance, degree - 1).unwrap() == lower);
+                assert!(part.up_to(degree - 1) == lower);
                 left.cut_sh(degree - 1);
-                assert!(merge_sh(&left, &v, rule, &importance, degree).unwrap().is_empty());
+                let part = Merging::new(&left, &v, rule, &importance).unwrap();
+                assert!(part.sh(degree).is_empty());
             }
             let mut lower = whole;
             lower.cut_sh(0);
-            assert!(merge_weighted(&left, &v, rule, &importance).unwrap() == lower);
+            assert!(Merging::new(&left, &v, rule, &importance).unwrap().scene() == lower);
         }
     }
 }
@@ -229,7 +210,8 @@ fn a_part_was_merged_with_a_look_at_all_importances() {
     let with_nan_at = |i: u32| {
         let mut given = vec![1.0; 40];
         given[i as usize] = f32::NAN;
-        merge_up_to(&scene, &part, Merge::Moments, &Importance::Given(given), 0)
+        let importance = Importance::Given(given);
+        Merging::new(&scene, &part, Merge::Moments, &importance).map(|merging| merging.up_to(0))
     };
     assert_eq!(with_nan_at(whole.members()[1]).unwrap().len(), 1);
     assert!(with_nan_at(whole.members()[0]).is_err());
@@ -260,7 +242,7 @@ fn a_merged_gaussian_was_more_opaque_than_its_members_on_top_of_each_other() {
     };
     let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 0 }).unwrap();
     let seen = Importance::Given(vec![1.0, 1e-8]);
-    let merged = merge_weighted(&scene, &v, Merge::Moments, &seen).unwrap();
+    let merged = Merging::new(&scene, &v, Merge::Moments, &seen).unwrap().scene();
     let clear = |logit: f32| 1.0 / (1.0 + libm::expf(logit));
     let stacked = 1.0 - clear(-3.0) * clear(-2.0);
     let opacity = 1.0 - clear(merged.opacity_logits[0]);

@@ -5,14 +5,11 @@ use rayon::prelude::*;
 use crate::codeword::Codeword;
 use crate::covariance::{Covariance, Feature};
 use crate::error::{Error, Result};
-use crate::nearest::Nearest;
+use crate::nearest::{CHUNK, Nearest};
 use crate::{order, training};
 
 /// Most codewords of a codebook.
 pub const MAX_CODEWORDS: usize = 1 << 20;
-
-/// Covariances handed to a thread at a time.
-pub(crate) const CHUNK: usize = 4096;
 
 /// A table of normalised covariances.
 ///

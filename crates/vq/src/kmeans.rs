@@ -6,9 +6,8 @@
 
 use rayon::prelude::*;
 
-use crate::codebook::CHUNK;
 use crate::covariance::Feature;
-use crate::nearest::{Hit, Nearest};
+use crate::nearest::{CHUNK, Hit, Nearest};
 
 /// Most iterations.
 const ITERATIONS: usize = 8;

@@ -11,6 +11,9 @@
 
 use crate::covariance::Feature;
 
+/// Covariances handed to a thread at a time.
+pub(crate) const CHUNK: usize = 4096;
+
 const LANES: usize = 8;
 
 /// Squared distance, always summed in this order.

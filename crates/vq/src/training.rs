@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use crate::codebook::CHUNK;
 use crate::covariance::{Covariance, Feature};
 use crate::error::{Error, Result};
 use crate::kmeans;
+use crate::nearest::CHUNK;
 use crate::rng::SplitMix64;
 use crate::seeding::kmeans_plus_plus;
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
-use voxel::{Cube, Importance, Merge, RateDistortion, Strategy, merge_weighted, voxelize};
+use voxel::{Cube, Importance, Merge, Merging, RateDistortion, Strategy, voxelize};
 
 use crate::bd::{self, Method, Point};
 use crate::cells;
@@ -114,7 +114,8 @@ impl<'a> Study<'a> {
     fn point(&self, strategy: &Strategy, merging: Merge, quality: f32) -> Result<Point> {
         let model = &self.test.model;
         let v = voxelize(model, &self.cube, strategy)?;
-        let merged = merge_weighted(model, &v, merging, &Importance::Given(self.seen.clone()))?;
+        let seen = Importance::Given(self.seen.clone());
+        let merged = Merging::new(model, &v, merging, &seen)?.scene();
         let mut options = gsvx::EncodeOptions::from_quality(quality)?;
         options.importance = Some(v.sums(&self.seen));
         let bytes = gsvx::encode_voxels(&merged, v.octree(), None, &options)?.bytes;

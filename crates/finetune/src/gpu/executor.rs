@@ -3,7 +3,7 @@
 use gs_model::Scene;
 
 use super::device::Context;
-use super::passes::{STEP, Stage};
+use super::passes::STEP;
 use super::sizes::Sizes;
 use super::steps::{DeviceSteps, DeviceView};
 use super::uniform::StepUniform;
@@ -98,17 +98,6 @@ impl DeviceOptimiser {
     #[cfg(test)]
     pub(crate) fn capacity(&self) -> usize {
         self.steps.workspace.sizes.capacity
-    }
-
-    /// Runs stages of the last step again, for benchmarks.
-    pub(crate) fn repeat(&self, stages: &[Stage]) {
-        let (workspace, view) = (&self.steps.workspace, &self.steps.views[0]);
-        let mut u = view.view.merge(&self.base);
-        u.capacity = workspace.sizes.capacity as u32;
-        // Rates of zero: the scene stays what it is.
-        u.inv_sqrt_bias2 = 1.0;
-        workspace.run(stages, &u, Some(&view.group));
-        std::hint::black_box(workspace.read::<u32>("state", 4).is_ok());
     }
 }
 

@@ -3,6 +3,7 @@
 use super::sizes::Scan;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
+#[cfg(test)]
 use crate::forward::Forward;
 use crate::shaders::{DISPATCH_ROW, GROUP_TILES, LOSS_RUN};
 use crate::stages::TILE;
@@ -72,6 +73,7 @@ impl Workspace {
 
     /// Uploads the projected splats of the Rust executor and repeats the stages that make the lists,
     /// so that `blend` and its adjoint have the same inputs in both executors.
+    #[cfg(test)]
     pub(crate) fn upload_lists(&self, forward: &Forward, u: &StepUniform) {
         let (projected, lists) = (&forward.projected, &forward.lists);
         let mut counts = vec![0u32; projected.splats.len()];

@@ -1,4 +1,4 @@
-//! [`merge`]: one Gaussian per leaf (the paper's section 3.3).
+//! [`merge`] and [`Merging`]: one Gaussian per leaf (the paper's section 3.3).
 //!
 //! *Invariant:* a leaf of one member keeps every attribute bit for bit, except the mean, which is
 //! the leaf's centre. Leaves are merged in batches of fixed size, so no result depends on the
@@ -7,8 +7,6 @@
 mod moments;
 mod paper;
 mod sh;
-
-pub use sh::{merge_sh, merge_up_to};
 
 use gs_model::Scene;
 use multiversion::multiversion;
@@ -38,111 +36,90 @@ struct Shape {
     opacity_logit: f32,
 }
 
-/// Merges the members of every leaf into one Gaussian at the leaf's centre, in leaf order.
-///
-/// A leaf of one member keeps every attribute of it bit for bit, except the mean, which
-/// becomes the centre of its leaf under either rule. The result does not depend on
-/// the number of threads. Non-finite attributes spread into their leaf only.
+/// Merges the members of every leaf into one Gaussian at the leaf's centre, in leaf order. With
+/// [`Merge::Moments`], members weigh opacity times area; [`Merging`] has other weights.
 ///
 /// # Errors
 /// [`Error::Member`] if `voxelization` is not of this scene.
 pub fn merge(scene: &Scene, voxelization: &Voxelization, rule: Merge) -> Result<Scene> {
-    merge_weighted(scene, voxelization, rule, &Importance::OpacityArea)
+    Ok(Merging::new(scene, voxelization, rule, &Importance::OpacityArea)?.scene())
 }
 
-/// As [`merge`], with [`Merge::Moments`] weighting members by `importance` (the rasterizer's
-/// saliency knows what is hidden) instead of opacity times area. [`Merge::Paper`] ignores it.
+/// A scene whose leaves can be merged, all at once or attribute by attribute.
 ///
-/// # Errors
-/// As [`merge`]; [`Error::Length`] if `importance` does not fit the scene.
-pub fn merge_weighted(
-    scene: &Scene,
-    voxelization: &Voxelization,
+/// A leaf of one member keeps every attribute of it bit for bit, except the mean, which
+/// becomes the centre of its leaf under either rule. The result does not depend on
+/// the number of threads. Non-finite attributes spread into their leaf only.
+#[derive(Clone, Copy)]
+pub struct Merging<'a> {
+    scene: &'a Scene,
+    voxelization: &'a Voxelization,
     rule: Merge,
-    importance: &Importance,
-) -> Result<Scene> {
-    let mut out = Scene::default();
-    merge_into(scene, voxelization, rule, importance, &mut out)?;
-    Ok(out)
+    importance: &'a Importance,
 }
 
-/// As [`merge_weighted`], into a scene whose memory is used again. A search that merges one scene
-/// many times saves the first touch of new memory. After an error `out` is unchanged.
-///
-/// # Errors
-/// As [`merge_weighted`].
-pub fn merge_into(
-    scene: &Scene,
-    voxelization: &Voxelization,
-    rule: Merge,
-    importance: &Importance,
-    out: &mut Scene,
-) -> Result<()> {
-    merge_to_degree(scene, voxelization, rule, importance, scene.sh_degree, out)
-}
-
-/// As [`merge_into`], of SH coefficients up to `degree`, which the scene has.
-fn merge_to_degree(
-    scene: &Scene,
-    voxelization: &Voxelization,
-    rule: Merge,
-    importance: &Importance,
-    degree: u8,
-    out: &mut Scene,
-) -> Result<()> {
-    check_members(scene, voxelization, importance)?;
-    let len = voxelization.len();
-    let sh_len = gs_model::sh_len(degree);
-    out.sh_degree = degree;
-    set_len(&mut out.means, len);
-    set_len(&mut out.rotations, len);
-    set_len(&mut out.log_scales, len);
-    set_len(&mut out.opacity_logits, len);
-    set_len(&mut out.sh, len * sh_len);
-    out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
-        for (i, mean) in means.iter_mut().enumerate() {
-            *mean = voxelization.octree().centre(batch * BATCH + i);
+impl<'a> Merging<'a> {
+    /// [`Merge::Moments`] weights members by `importance`; [`Merge::Paper`] ignores it.
+    ///
+    /// It does not look at Gaussians that are in no leaf: a scene may be merged in many parts.
+    ///
+    /// # Errors
+    /// [`Error::Member`] if `voxelization` is not of this scene; [`Error::Length`] and
+    /// [`Error::Parameter`] if `importance` does not fit it.
+    pub fn new(
+        scene: &'a Scene,
+        voxelization: &'a Voxelization,
+        rule: Merge,
+        importance: &'a Importance,
+    ) -> Result<Self> {
+        let members = &voxelization.members;
+        let outside = members.par_iter().find_first(|&&m| m as usize >= scene.len());
+        if let Some(&member) = outside {
+            return Err(Error::Member { member, len: scene.len() });
         }
-    });
-    out.rotations
-        .par_chunks_mut(BATCH)
-        .zip(out.log_scales.par_chunks_mut(BATCH))
-        .zip(out.opacity_logits.par_chunks_mut(BATCH))
-        .zip(out.sh.par_chunks_mut(BATCH * sh_len))
-        .enumerate()
-        .for_each_init(
-            Scratch::default,
-            |scratch, (batch, (((rotations, scales), logits), sh))| {
-                let first = batch * BATCH;
-                let out = Batch { rotations, log_scales: scales, opacity_logits: logits, sh };
-                fill(out, scene, voxelization, first, rule, importance, scratch);
-            },
-        );
-    Ok(())
-}
-
-/// Checks that the members belong to this scene, and that their importances are valid. It does not look at other
-/// Gaussians: a scene may be merged in many parts.
-fn check_members(
-    scene: &Scene,
-    voxelization: &Voxelization,
-    importance: &Importance,
-) -> Result<()> {
-    let members = &voxelization.members;
-    let outside = members.par_iter().find_first(|&&m| m as usize >= scene.len());
-    match outside {
-        Some(&member) => Err(Error::Member { member, len: scene.len() }),
-        None => importance.check_members(scene, members),
+        importance.check_members(scene, members)?;
+        Ok(Self { scene, voxelization, rule, importance })
     }
-}
 
-/// Makes `list` that long, with arbitrary contents.
-fn set_len<T: Clone + Default>(list: &mut Vec<T>, len: usize) {
-    if list.capacity() < len {
-        // Zeroed pages of the system, first touched by the threads that fill them.
-        *list = vec![T::default(); len];
-    } else {
-        list.resize(len, T::default());
+    /// The merged Gaussians.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        self.up_to(self.scene.sh_degree)
+    }
+
+    /// As [`Self::scene`], of SH coefficients up to `degree` only: the same bits as if the scene had
+    /// no others.
+    #[must_use]
+    pub fn up_to(&self, degree: u8) -> Scene {
+        let sh_degree = degree.min(self.scene.sh_degree);
+        let (len, sh_len) = (self.voxelization.len(), gs_model::sh_len(sh_degree));
+        let mut out = Scene {
+            means: vec![[0.0; 3]; len],
+            rotations: vec![[0.0; 4]; len],
+            log_scales: vec![[0.0; 3]; len],
+            opacity_logits: vec![0.0; len],
+            sh_degree,
+            sh: vec![[0.0; 3]; len * sh_len],
+        };
+        out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
+            for (i, mean) in means.iter_mut().enumerate() {
+                *mean = self.voxelization.octree().centre(batch * BATCH + i);
+            }
+        });
+        out.rotations
+            .par_chunks_mut(BATCH)
+            .zip(out.log_scales.par_chunks_mut(BATCH))
+            .zip(out.opacity_logits.par_chunks_mut(BATCH))
+            .zip(out.sh.par_chunks_mut(BATCH * sh_len))
+            .enumerate()
+            .for_each_init(
+                Scratch::default,
+                |scratch, (batch, (((rotations, log_scales), opacity_logits), sh))| {
+                    let out = Batch { rotations, log_scales, opacity_logits, sh };
+                    fill(out, self, batch * BATCH, scratch);
+                },
+            );
+        out
     }
 }
 
@@ -175,14 +152,8 @@ impl Scratch {
     /// Finds the leaves that have more than one member, and weighs their members. Properties are
     /// only computed if the weights or (`shapes`) the caller need them.
     #[inline(always)]
-    fn find(
-        &mut self,
-        scene: &Scene,
-        batch: &BatchMembers<'_>,
-        rule: Merge,
-        importance: &Importance,
-        shapes: bool,
-    ) {
+    fn find(&mut self, merging: &Merging<'_>, batch: &BatchMembers<'_>, shapes: bool) {
+        let Merging { scene, rule, importance, .. } = *merging;
         let Self { shared, members, weights, properties } = self;
         shared.clear();
         shared.extend((0..batch.len()).filter(|&i| batch.of(i).len() > 1));
@@ -247,15 +218,8 @@ impl<'a> BatchMembers<'a> {
 /// The attributes are copied one by one, in loops that do little else: members lie all over the
 /// scene, and only then do the cache misses of many leaves overlap.
 #[multiversion(targets("x86_64+avx2"))]
-fn fill(
-    out: Batch<'_>,
-    scene: &Scene,
-    voxelization: &Voxelization,
-    first: usize,
-    rule: Merge,
-    importance: &Importance,
-    scratch: &mut Scratch,
-) {
+fn fill(out: Batch<'_>, merging: &Merging<'_>, first: usize, scratch: &mut Scratch) {
+    let Merging { scene, voxelization, rule, .. } = *merging;
     let len = out.rotations.len();
     let batch = BatchMembers::new(voxelization, first, len);
     let sh_len = out.sh.len() / len;
@@ -271,7 +235,7 @@ fn fill(
         *logit = scene.opacity_logits[batch.first(i)];
     }
     // Then the leaves that have more members.
-    scratch.find(scene, &batch, rule, importance, true);
+    scratch.find(merging, &batch, true);
     sh::average_shared(scene, &batch, scratch, 0..sh_len, out.sh);
     let Scratch { shared, members, weights, properties } = scratch;
     let mut put = |i: usize, shape: Shape| {

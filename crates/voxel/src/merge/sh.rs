@@ -6,72 +6,42 @@ use gs_model::{Scene, sh_len};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::{BATCH, BatchMembers, Merge, Scratch, check_members, merge_to_degree};
-use crate::error::Result;
-use crate::importance::Importance;
-use crate::voxelization::Voxelization;
+use super::{BATCH, BatchMembers, Merging, Scratch};
 
-/// As [`merge_weighted`](crate::merge_weighted), of SH coefficients up to `degree` only: the same
-/// bits as if the scene had no others.
-///
-/// # Errors
-/// As [`merge_weighted`](crate::merge_weighted).
-pub fn merge_up_to(
-    scene: &Scene,
-    voxelization: &Voxelization,
-    rule: Merge,
-    importance: &Importance,
-    degree: u8,
-) -> Result<Scene> {
-    let mut out = Scene::default();
-    let degree = degree.min(scene.sh_degree);
-    merge_to_degree(scene, voxelization, rule, importance, degree, &mut out)?;
-    Ok(out)
-}
-
-/// The SH coefficients of one degree of what [`merge_weighted`](crate::merge_weighted) returns,
-/// with the same bits: `2 degree + 1` per leaf, or none if the scene's degree is lower. For callers
-/// that have no memory for all merged Gaussians beside the scene.
-///
-/// # Errors
-/// As [`merge_weighted`](crate::merge_weighted).
-pub fn merge_sh(
-    scene: &Scene,
-    voxelization: &Voxelization,
-    rule: Merge,
-    importance: &Importance,
-    degree: u8,
-) -> Result<Vec<[f32; 3]>> {
-    check_members(scene, voxelization, importance)?;
-    if degree > scene.sh_degree {
-        return Ok(Vec::new());
+impl Merging<'_> {
+    /// The SH coefficients of one degree of [`Merging::scene`], with the same bits: `2 degree + 1` per
+    /// leaf, or none if the scene's degree is lower. For callers that have no memory for all merged
+    /// Gaussians beside the scene.
+    #[must_use]
+    pub fn sh(&self, degree: u8) -> Vec<[f32; 3]> {
+        if degree > self.scene.sh_degree {
+            return Vec::new();
+        }
+        let coefficients = degree.checked_sub(1).map_or(0, sh_len)..sh_len(degree);
+        let mut out = vec![[0.0; 3]; self.voxelization.len() * coefficients.len()];
+        out.par_chunks_mut(BATCH * coefficients.len())
+            .enumerate()
+            .for_each_init(Scratch::default, |scratch, (batch, out)| {
+                fill(self, batch * BATCH, coefficients.clone(), scratch, out)
+            });
+        out
     }
-    let coefficients = degree.checked_sub(1).map_or(0, sh_len)..sh_len(degree);
-    let mut out = vec![[0.0; 3]; voxelization.len() * coefficients.len()];
-    out.par_chunks_mut(BATCH * coefficients.len()).enumerate().for_each_init(
-        Scratch::default,
-        |scratch, (batch, out)| {
-            let batch =
-                BatchMembers::new(voxelization, batch * BATCH, out.len() / coefficients.len());
-            fill(scene, &batch, rule, importance, coefficients.clone(), scratch, out);
-        },
-    );
-    Ok(out)
 }
 
+/// Of the leaves from `first` on, as many as `out` has room for.
 #[multiversion(targets("x86_64+avx2"))]
 fn fill(
-    scene: &Scene,
-    batch: &BatchMembers<'_>,
-    rule: Merge,
-    importance: &Importance,
+    merging: &Merging<'_>,
+    first: usize,
     coefficients: Range<usize>,
     scratch: &mut Scratch,
     out: &mut [[f32; 3]],
 ) {
-    copy(scene, batch, coefficients.clone(), out);
-    scratch.find(scene, batch, rule, importance, false);
-    average_shared(scene, batch, scratch, coefficients, out);
+    let len = out.len() / coefficients.len();
+    let batch = BatchMembers::new(merging.voxelization, first, len);
+    copy(merging.scene, &batch, coefficients.clone(), out);
+    scratch.find(merging, &batch, false);
+    average_shared(merging.scene, &batch, scratch, coefficients, out);
 }
 
 /// Copies some coefficients of the first member of every leaf.
