@@ -32,7 +32,8 @@ fn root((q, log_scales): ([f32; 4], [f32; 3])) -> [f64; 6] {
 
 /// Squared Frobenius norm of the difference.
 fn distance(a: [f64; 6], b: [f64; 6]) -> f64 {
-    (0..6).map(|k| if k < 3 { 1.0 } else { 2.0 } * (a[k] - b[k]).powi(2)).sum()
+    let square = |k: usize| (a[k] - b[k]) * (a[k] - b[k]);
+    (0..6).map(|k| if k < 3 { 1.0 } else { 2.0 } * square(k)).sum()
 }
 
 fn distances(codebook: &Codebook, covariance: &Covariance) -> Vec<f64> {
