@@ -5,7 +5,7 @@
 
 use std::time::{Duration, Instant};
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use finetune::optimiser::SceneOptimiser;
 use finetune::{LearningRates, Loss, RenderOptions, TrainView, ViewGradients};
 use gs_model::Scene;
