@@ -98,7 +98,8 @@ mod tests {
             // |d angle / d parameter| is at most 4, at the origin, and three half steps add up as
             // sqrt(3) / 2.
             let (a, b) = (covariance.quaternion(), decoded.quaternion());
-            let chord = (0..4).map(|k| f64::from(a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+            let off = |k: usize| f64::from(a[k] - b[k]);
+            let chord = (0..4).map(|k| off(k) * off(k)).sum::<f64>().sqrt();
             prop_assert!(4.0 * libm::asin(chord / 2.0) <= 2.0 * 3f64.sqrt() * ROTATION_STEP + 1e-6);
         }
     }
