@@ -190,7 +190,13 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let first = training.first().map(|v| v.camera.clone());
     let pictures = pictures.zip(first);
     let outcome = tuned(args, (scene, training), wanted, pictures.as_ref())?;
-    write(args, output, ply, distilled, &outcome, report)
+    let name = output.name();
+    if ply {
+        output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?;
+    } else {
+        output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?;
+    }
+    tell(args, &name, distilled, &outcome, report)
 }
 
 /// Says what will be done, and does it.
@@ -265,22 +271,15 @@ fn picture(folder: &Path, camera: &Camera, p: &Progress<'_>) -> Result<()> {
     pictures::write(&image, Output::open(&file, true, &[])?)
 }
 
-/// Writes the result and reports.
-fn write(
+/// Reports what has been written.
+fn tell(
     args: &Args,
-    output: Output,
-    ply: bool,
+    name: &str,
     distilled: bool,
     outcome: &Outcome,
     report: Reporter,
 ) -> Result<()> {
-    let name = output.name();
     let bytes = outcome.encoded.bytes.len() as u64;
-    if ply {
-        output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?;
-    } else {
-        output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?;
-    }
     let ended = if outcome.cancelled { StopReason::Cancelled } else { StopReason::Steps };
     let of = if distilled { "renders of the input" } else { "photos" };
     let gaussians = outcome.scene.len();

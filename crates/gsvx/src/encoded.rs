@@ -10,7 +10,7 @@ pub struct Encoded {
     pub bytes: Vec<u8>,
     /// Its head.
     pub index: Index,
-    /// Gaussians that [`EncodeOptions::prune`] left out.
+    /// Gaussians that [`crate::EncodeOptions::prune`] left out.
     pub pruned: usize,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
@@ -18,9 +18,9 @@ pub struct Encoded {
     /// far apart, or differ so much in size, that an octree's 21 levels do not suffice. The parts are better
     /// encoded apart.
     pub coarse_cells: Option<CoarseCells>,
-    /// The greatest errors, where [`EncodeOptions::max_error`] bounds them: they have been measured.
+    /// The greatest errors, where [`crate::EncodeOptions::max_error`] bounds them: they have been measured.
     pub max_error: Option<MaxError>,
-    /// If [`EncodeOptions::rows`] asks for it, and always of [`encode_lossless`]: the row in which a decoder
+    /// If [`crate::EncodeOptions::rows`] asks for it, and always of [`crate::encode_lossless`]: the row in which a decoder
     /// returns each Gaussian of the input. Gaussians that were merged share one. [`LEFT_OUT`] stands for
     /// those left out.
     pub rows: Option<Vec<u32>>,

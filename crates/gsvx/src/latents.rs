@@ -173,7 +173,7 @@ impl Latents {
     /// Other quantisation steps from now on.
     ///
     /// # Errors
-    /// [`Error::Option`] for a step that no stream may have.
+    /// [`crate::Error::Option`] for a step that no stream may have.
     pub fn set_steps(&mut self, steps: Steps) -> Result<()> {
         check_steps(&steps)?;
         self.header.steps = steps;
@@ -189,7 +189,7 @@ impl Latents {
     /// and nothing is counted, which saves time. The first call has to fit. `prices` take the derivatives of the number of bits by the values.
     ///
     /// # Errors
-    /// [`Error::Coding`].
+    /// [`crate::Error::Coding`].
     pub fn reconstruct(
         &mut self,
         fit: bool,

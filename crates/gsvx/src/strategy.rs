@@ -46,7 +46,7 @@ pub enum Seen {
 /// `importance` has one entry per Gaussian of the scene.
 ///
 /// # Errors
-/// [`Error::Option`] if `quality` is out of range.
+/// [`crate::Error::Option`] if `quality` is out of range.
 pub fn default_strategy(quality: f32, importance: &[f32], seen: Seen) -> Result<Strategy> {
     rate_distortion(quality, importance, seen).map(Strategy::RateDistortion)
 }

@@ -215,7 +215,8 @@ impl Surface {
         let rgb = self.colours[stripe].map(|c| c * light + 0.02 * bell(rng));
         // One in seven is faint: what training left over.
         let logit = if rng.unit() < 0.15 { -3.0 + bell(rng) } else { 2.0 + 1.5 * bell(rng) };
-        push(scene, p, turned(tilted, rng), log_scale, logit, rgb, rng);
+        let rotation = turned(tilted, rng);
+        push(scene, One { mean: p, rotation, log_scale, logit, rgb }, rng);
     }
 }
 
@@ -229,7 +230,9 @@ fn glint(rng: &mut Rng, scene: &mut Scene) {
     let light = rng.range(1.0, 4.0);
     let rgb = [light, light * rng.range(0.8, 1.0), light * rng.range(0.6, 1.0)];
     // The third column of the rotation is the axis.
-    push(scene, p, turned(axis, rng), [thin, thin - 0.3, long], rng.range(-2.0, 4.0), rgb, rng);
+    let (rotation, logit) = (turned(axis, rng), rng.range(-2.0, 4.0));
+    let log_scale = [thin, thin - 0.3, long];
+    push(scene, One { mean: p, rotation, log_scale, logit, rgb }, rng);
 }
 
 /// Adds a large Gaussian in the air that hardly shows.
@@ -239,18 +242,21 @@ fn faint(rng: &mut Rng, scene: &mut Scene) {
     let size = libm::log(rng.range(0.01, 0.08));
     let log_scale = [0; 3].map(|_| size + 0.6 * bell(rng));
     let normal = unit([bell(rng), bell(rng), bell(rng)]);
-    push(scene, p, turned(normal, rng), log_scale, rng.range(-5.0, -2.5), colour(rng), rng);
+    let (rotation, logit) = (turned(normal, rng), rng.range(-5.0, -2.5));
+    push(scene, One { mean: p, rotation, log_scale, logit, rgb: colour(rng) }, rng);
 }
 
-fn push(
-    scene: &mut Scene,
+/// A Gaussian without shine.
+struct One {
     mean: V3,
     rotation: [f32; 4],
     log_scale: V3,
     logit: f64,
     rgb: V3,
-    rng: &mut Rng,
-) {
+}
+
+fn push(scene: &mut Scene, one: One, rng: &mut Rng) {
+    let One { mean, rotation, log_scale, logit, rgb } = one;
     /// Value of the SH function of degree 0.
     const Y0: f64 = 0.282_094_791_773_878_14;
     scene.means.push(mean.map(|x| x as f32));

@@ -28,35 +28,40 @@ pub(crate) fn depths(
         (start, rest) = (end, tail);
     }
     tasks.par_iter_mut().with_min_len(64).for_each(|(start, depths)| {
-        divide(&splits, j_high, codes, *start, j_low, depths);
+        Division { splits: &splits, j_high, codes }.divide(*start, j_low, depths);
     });
     depths
 }
 
-/// Decides one voxel and the voxels below it. It holds as many codes as `depths`, from `start` on.
-fn divide(
-    splits: &impl Fn(u64, Range<usize>, u8) -> bool,
+/// See [`depths`].
+#[derive(Clone, Copy)]
+struct Division<'a, S> {
+    splits: &'a S,
     j_high: u8,
-    codes: &[u64],
-    start: usize,
-    depth: u8,
-    depths: &mut [u8],
-) {
-    let stop = start + depths.len();
-    if let [leaf] = depths {
-        // One Gaussian: every voxel below holds it alone.
-        *leaf = (depth..j_high).find(|&d| !splits(codes[start], start..stop, d)).unwrap_or(j_high);
-        return;
-    }
-    if depth == j_high || !splits(codes[start], start..stop, depth) {
-        depths.fill(depth);
-        return;
-    }
-    let (mut at, mut rest) = (start, depths);
-    while at < stop {
-        let end = at + cell_end(&codes[at..stop], 0, j_high, depth + 1);
-        let (head, tail) = rest.split_at_mut(end - at);
-        divide(splits, j_high, codes, at, depth + 1, head);
-        (at, rest) = (end, tail);
+    codes: &'a [u64],
+}
+
+impl<S: Fn(u64, Range<usize>, u8) -> bool> Division<'_, S> {
+    /// Decides one voxel and the voxels below it. It holds as many codes as `depths`, from `start` on.
+    fn divide(&self, start: usize, depth: u8, depths: &mut [u8]) {
+        let Self { splits, j_high, codes } = *self;
+        let stop = start + depths.len();
+        if let [leaf] = depths {
+            // One Gaussian: every voxel below holds it alone.
+            *leaf =
+                (depth..j_high).find(|&d| !splits(codes[start], start..stop, d)).unwrap_or(j_high);
+            return;
+        }
+        if depth == j_high || !splits(codes[start], start..stop, depth) {
+            depths.fill(depth);
+            return;
+        }
+        let (mut at, mut rest) = (start, depths);
+        while at < stop {
+            let end = at + cell_end(&codes[at..stop], 0, j_high, depth + 1);
+            let (head, tail) = rest.split_at_mut(end - at);
+            self.divide(at, depth + 1, head);
+            (at, rest) = (end, tail);
+        }
     }
 }

@@ -77,6 +77,16 @@ struct Rows<'a> {
     near_levels: Vec<i32>,
 }
 
+/// A value that is about to be coded: column `c` of Gaussian `i`, what the columns before it predict, and what the
+/// neighbours say of that prediction.
+#[derive(Clone, Copy)]
+struct Place {
+    i: usize,
+    c: usize,
+    own: i32,
+    expected: i32,
+}
+
 impl<'a> Rows<'a> {
     fn new(columns: &'a [Column], near: &'a Neighbours, given: &'a [u32]) -> Self {
         let n = columns.len() - MEANS;
@@ -138,14 +148,14 @@ impl<'a> Rows<'a> {
         let column = &self.columns[MEANS + c];
         let value = if C::ENCODING { self.given[i * self.columns.len() + MEANS + c] } else { 0 };
         let own = column.predictor.own(&self.q);
-        let expected = self.covariance.predict(c);
+        let place = Place { i, c, own, expected: self.covariance.predict(c) };
         if let Some(common) = column.common {
             let context = self.common_context(i, c);
             let is = self.flags[c][context].code(coder, C::ENCODING && value == common, MEMORY);
             let at = i * self.width() + c;
             self.commons[at] = is;
             if is {
-                self.set_without_prediction((i, c), own, expected, common, trend);
+                self.set_without_prediction(place, common, trend);
                 return common;
             }
         }
@@ -154,11 +164,11 @@ impl<'a> Rows<'a> {
             let escape = C::ENCODING && matches!(cell, Cell::Escape { .. });
             if self.tails[c].escape.code(coder, escape, MEMORY) {
                 let bits = coder.bits(value, 32);
-                self.set_without_prediction((i, c), own, expected, bits, trend);
+                self.set_without_prediction(place, bits, trend);
                 return bits;
             }
         }
-        let q = self.predicted_cell(coder, (i, c), own, expected, cell, trend);
+        let q = self.predicted_cell(coder, place, cell, trend);
         self.tails[c].code(coder, &column.map, q, cell)
     }
 
@@ -173,14 +183,8 @@ impl<'a> Rows<'a> {
 
     /// Takes note of a value that is coded without prediction.
     #[inline]
-    fn set_without_prediction(
-        &mut self,
-        (i, c): (usize, usize),
-        own: i32,
-        expected: i32,
-        bits: u32,
-        trend: &mut Trend,
-    ) {
+    fn set_without_prediction(&mut self, place: Place, bits: u32, trend: &mut Trend) {
+        let Place { i, c, own, expected } = place;
         let at = i * self.width() + c;
         let column = &self.columns[MEANS + c];
         self.q[MEANS + c] = column.map.stand_in(bits);
@@ -196,12 +200,11 @@ impl<'a> Rows<'a> {
     fn predicted_cell<C: Coder>(
         &mut self,
         coder: &mut C,
-        (i, c): (usize, usize),
-        own: i32,
-        expected: i32,
+        place: Place,
         cell: Cell,
         trend: &mut Trend,
     ) -> i32 {
+        let Place { i, c, own, expected } = place;
         let at = i * self.width() + c;
         let column = &self.columns[MEANS + c];
         let centre = i32::from(column.centre);
