@@ -133,8 +133,7 @@ impl<const N: usize> Backward<N> {
             Loss::L1Ssim { ssim_weight } => l1_ssim(
                 (w, h),
                 ssim_weight,
-                &self.planes,
-                photo,
+                [&self.planes, photo],
                 &mut self.scratch,
                 &mut self.gradient,
             ),

@@ -77,7 +77,7 @@ impl simd::Kernel for Update<'_> {
         for ((((p, m), v), &g), &rate) in
             parameters.iter_mut().zip(m).zip(v).zip(gradient).zip(rates)
         {
-            update(p, m, v, g, rate * adam.inverse_bias1, adam.inv_sqrt_bias2);
+            update(p, [m, v], g, rate * adam.inverse_bias1, adam.inv_sqrt_bias2);
         }
     }
 }
@@ -85,7 +85,7 @@ impl simd::Kernel for Update<'_> {
 /// Updates one parameter. A gradient that is not finite counts as zero, so that one bad pixel does
 /// not end a run of thousands of steps.
 #[inline(always)]
-fn update(p: &mut f32, m: &mut f32, v: &mut f32, g: f32, rate: f32, inv_sqrt_bias2: f32) {
+fn update(p: &mut f32, [m, v]: [&mut f32; 2], g: f32, rate: f32, inv_sqrt_bias2: f32) {
     let g = if finite(g) { g } else { 0.0 };
     let m0 = *m * BETA1;
     let m1 = g * (1.0 - BETA1);

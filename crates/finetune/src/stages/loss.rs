@@ -268,8 +268,7 @@ impl simd::Kernel for RowGradient<'_> {
 pub(crate) fn l1_ssim(
     (w, h): (usize, usize),
     weight: f32,
-    x: &[f32],
-    y: &[f32],
+    [x, y]: [&[f32]; 2],
     scratch: &mut SsimScratch,
     gradient: &mut Vec<f32>,
 ) -> LossValue {
