@@ -62,7 +62,9 @@ pub mod dataset;
 pub mod error;
 #[cfg(feature = "files")]
 mod field;
+#[cfg(feature = "files")]
 mod format;
+#[cfg(feature = "files")]
 mod formats;
 #[cfg(feature = "files")]
 mod fs;
@@ -94,6 +96,7 @@ mod splat;
 pub mod spz;
 #[cfg(feature = "files")]
 pub mod validate;
+#[cfg(feature = "cameras")]
 mod view;
 
 #[cfg(feature = "cameras")]

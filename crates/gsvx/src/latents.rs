@@ -13,7 +13,7 @@
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
 use crate::assemble::{assemble, leaves_chunk, with_outliers, without_zero_degrees};
-pub use crate::attributes::opacity::LOGIT_RANGE;
+use crate::attributes::opacity;
 use crate::check::{check_centres, check_lengths, check_steps, used_degree};
 use crate::chunk::{self, BASE, ChunkEncoder, GROUPS, GaussiansMut, How, LAMBDA_MOVED, Values};
 pub use crate::chunk::{GaussianGradient, Transform};
@@ -30,6 +30,8 @@ use rayon::prelude::*;
 use std::ops::Range;
 use voxel::Voxelization;
 
+/// Opacity logits are moved into this range.
+pub const LOGIT_RANGE: [f32; 2] = opacity::LOGIT_RANGE;
 /// Channels beside the SH coefficients: ln(alpha) and six coordinates.
 const OTHERS: usize = 7;
 /// Gaussians rebuilt at a time.

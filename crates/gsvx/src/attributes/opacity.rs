@@ -7,7 +7,7 @@
 
 /// Logits outside this range are moved to its ends before coding: below, alpha is under 1/2980 and no
 /// rasterizer draws it (cut 1/255); above, alpha rounds to 1 in 8 bits.
-pub const LOGIT_RANGE: [f32; 2] = [-8.0, 12.0];
+pub(crate) const LOGIT_RANGE: [f32; 2] = [-8.0, 12.0];
 
 /// `ln(sigmoid(logit))`, at most 0.
 #[cfg(feature = "encode")]
