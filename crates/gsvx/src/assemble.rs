@@ -1,8 +1,8 @@
 //! The parts of a stream put together: chunks of leaves, the exact chunk, and the head in front of them.
 
-use crate::check::check_lengths;
+use crate::check::checked_outliers;
 use crate::encoded::Encoded;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::head::{Chunk, Header, Index, Kind, Layer};
 use crate::lossless;
 use gpcc_lite::Octree;
@@ -76,26 +76,6 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
     Encoded { bytes, index: Index { header, chunks, head_len }, ..Encoded::default() }
 }
 
-/// Outliers that fit the scene of the leaves.
-pub(crate) fn checked_outliers<'a>(
-    outliers: Option<&'a Scene>,
-    leaves: &Scene,
-) -> Result<Option<&'a Scene>> {
-    let Some(outliers) = outliers.filter(|o| !o.is_empty()) else { return Ok(None) };
-    if outliers.sh_degree > leaves.sh_degree {
-        return Err(Error::Option {
-            option: "SH degree of the outliers",
-            value: outliers.sh_degree.into(),
-            range: "at most that of the leaves",
-        });
-    }
-    check_lengths(outliers)?;
-    match outliers.invalid().first {
-        Some(first) => Err(Error::InvalidOutlier { index: first.index, field: first.field }),
-        None => Ok(Some(outliers)),
-    }
-}
-
 /// Gives a scene another SH degree: coefficients are cut, or zeros are added.
 fn at_degree(scene: &mut Scene, degree: u8) {
     let mut other = Scene { sh_degree: degree, ..Scene::default() };
@@ -109,8 +89,7 @@ pub(crate) fn with_outliers(
     chunks: Vec<EncodedChunk>,
     outliers: Option<&Scene>,
 ) -> Result<(Header, Vec<EncodedChunk>)> {
-    let leaves = Scene { sh_degree: header.sh_degree, ..Scene::default() };
-    let outliers = checked_outliers(outliers, &leaves)?;
+    let outliers = checked_outliers(outliers, header.sh_degree)?;
     Ok(joined(header, chunks, outliers, outliers.map_or(0, |o| o.sh_degree)))
 }
 

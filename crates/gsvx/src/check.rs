@@ -42,6 +42,23 @@ pub(crate) fn check_steps(steps: &Steps) -> Result<()> {
     }
 }
 
+/// Outliers that fit leaves of this SH degree; `None` if there are none.
+pub(crate) fn checked_outliers(outliers: Option<&Scene>, sh_degree: u8) -> Result<Option<&Scene>> {
+    let Some(outliers) = outliers.filter(|o| !o.is_empty()) else { return Ok(None) };
+    if outliers.sh_degree > sh_degree {
+        return Err(Error::Option {
+            option: "SH degree of the outliers",
+            value: outliers.sh_degree.into(),
+            range: "at most that of the leaves",
+        });
+    }
+    check_lengths(outliers)?;
+    match outliers.invalid().first {
+        Some(first) => Err(Error::InvalidOutlier { index: first.index, field: first.field }),
+        None => Ok(Some(outliers)),
+    }
+}
+
 /// The highest degree, up to `most`, with a coefficient that is not zero.
 pub(crate) fn used_degree(scene: &Scene, most: u8) -> u8 {
     let mut degree = scene.sh_degree.min(most);

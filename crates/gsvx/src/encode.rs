@@ -1,16 +1,16 @@
 //! The encoder: chunks of leaves, levels of detail, and the head in front of them.
 
-use crate::assemble::{assemble, checked_outliers, exact_chunk, joined, without_zero_degrees};
-use crate::check::{check_centres, check_lengths, check_steps, used_degree};
+use crate::assemble::{assemble, joined, without_zero_degrees};
+use crate::check::{check_centres, check_lengths, check_steps, checked_outliers, used_degree};
 use crate::chunk::How;
 use crate::encoded::Encoded;
-use crate::error::{Error, Result, check_length};
-use crate::head::{Header, Steps};
+use crate::error::{Result, check_length};
+use crate::head::Header;
 use crate::importance;
 use crate::lod::{self, LodLevel};
 use crate::options::EncodeOptions;
 use crate::source::{Source, Whole};
-use gpcc_lite::{Cube, Octree};
+use gpcc_lite::Octree;
 use gs_model::Scene;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -44,34 +44,6 @@ pub fn encode_voxels(
     encode_source(&source, outliers, options)
 }
 
-/// Encodes a scene bit for bit. Gaussians come back in Morton order of their means, or in their own order
-/// at `ceil(log2 N)` bits each. Values need not be valid: NaN, infinities and zero quaternions are kept.
-///
-/// # Errors
-/// [`Error::Length`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
-/// 2^32 - 2 Gaussians.
-pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
-    check_lengths(scene)?;
-    let n = scene.len();
-    if n as u64 >= u64::from(u32::MAX) {
-        return Err(Error::Limit { points: n as u64, limit: u64::from(u32::MAX) - 1 });
-    }
-    let header = Header {
-        count: n as u64,
-        sh_degree: scene.sh_degree,
-        j_high: 0,
-        cube: Cube { origin: [0.0; 3], side: 1.0 },
-        steps: Steps::from_dc(1.0),
-    };
-    if n == 0 {
-        return Ok(Encoded { rows: Some(Vec::new()), ..assemble(header, Vec::new()) });
-    }
-    let (chunk, order) = exact_chunk(scene, keep_order);
-    let mut rows: Vec<u32> = (0..n as u32).collect();
-    (0..).zip(&order).for_each(|(row, &i)| rows[i as usize] = row);
-    Ok(Encoded { rows: Some(rows), ..assemble(header, vec![chunk]) })
-}
-
 /// Encodes the leaves of a source, a chunk at a time on each thread.
 pub(crate) fn encode_source(
     source: &Source<'_>,
@@ -79,7 +51,7 @@ pub(crate) fn encode_source(
     options: &EncodeOptions,
 ) -> Result<Encoded> {
     check_steps(&options.steps)?;
-    let outliers = checked_outliers(outliers, source.scene)?;
+    let outliers = checked_outliers(outliers, source.scene.sh_degree)?;
     let exact_degree = outliers.map_or(0, |o| used_degree(o, options.max_sh_degree));
     let used = || used_degree(source.scene, options.max_sh_degree).max(exact_degree);
     let sh_degree = source.whole.and_then(|w| w.sh_degree).unwrap_or_else(used);

@@ -1,7 +1,10 @@
 //! [`Encoded`]: a finished stream, and what is known of it.
 
+use crate::decode::{DecodeOptions, decode_with};
+use crate::error::Result;
 use crate::head::{Index, Kind};
 use crate::options::MaxError;
+use gs_model::Scene;
 
 /// A finished stream.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,6 +50,15 @@ impl CoarseCells {
 pub const LEFT_OUT: u32 = u32::MAX;
 
 impl Encoded {
+    /// The scene of the finest level.
+    ///
+    /// # Errors
+    /// As [`crate::decode`], of bytes that have been changed.
+    pub fn decode(&self) -> Result<Scene> {
+        let all = DecodeOptions { max_gaussians: Some(u64::MAX), ..DecodeOptions::default() };
+        Ok(decode_with(&self.bytes, &all)?.scene)
+    }
+
     /// The number of bytes of each part of the stream; see [`Index::parts`].
     #[must_use]
     pub fn parts(&self) -> Vec<(&'static str, u64)> {

@@ -1,8 +1,8 @@
 //! [`Encoder`]: the one way from a model to a stream, whatever the stream aims for.
 
-use crate::encode::encode_lossless;
 use crate::encoded::Encoded;
 use crate::error::{Error, Result};
+use crate::exact::encode_lossless;
 use crate::options::{EncodeOptions, Leaves, MaxError};
 use crate::plan::Choices;
 use crate::prepare::encode;
@@ -145,7 +145,7 @@ impl<'a> Encoder<'a> {
                 Made::of(found, missed)
             }
             Aim::Psnr { db, measure } => {
-                let found = rate::to_measure(*db, at, |encoded| Ok(measure(&whole(encoded)?)))?;
+                let found = rate::to_measure(*db, at, |encoded| Ok(measure(&encoded.decode()?)))?;
                 let best = found.measured.unwrap_or(f64::NAN);
                 Made::of(found, Missed::Psnr { wanted: *db, best })
             }
@@ -201,12 +201,6 @@ impl Made {
             warnings: Vec::new(),
         }
     }
-}
-
-/// The scene that a stream of our own decodes to.
-fn whole(encoded: &Encoded) -> Result<Scene> {
-    let options = crate::DecodeOptions { max_gaussians: Some(u64::MAX), ..Default::default() };
-    Ok(crate::decode_with(&encoded.bytes, &options)?.scene)
 }
 
 #[cfg(test)]

@@ -19,6 +19,8 @@ mod encoded;
 #[cfg(feature = "encode")]
 mod encoder;
 mod error;
+#[cfg(feature = "encode")]
+mod exact;
 mod head;
 pub mod importance;
 #[cfg(feature = "encode")]
@@ -58,12 +60,14 @@ pub use decode::{
     decode_with,
 };
 #[cfg(feature = "encode")]
-pub use encode::{encode_lossless, encode_voxels};
+pub use encode::encode_voxels;
 #[cfg(feature = "encode")]
 pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
 #[cfg(feature = "encode")]
 pub use encoder::{Aim, EncodeProgress, Encoder, Made};
 pub use error::{Error, Result};
+#[cfg(feature = "encode")]
+pub use exact::encode_lossless;
 pub use gpcc_lite::{Cube, Leaf, Octree};
 pub use gs_model::Scene;
 pub use head::{Chunk, Header, Index, Kind, Layer, SIGNATURE, Steps, VERSION};

@@ -61,20 +61,25 @@ pub(crate) struct Tiles<'a> {
     pub(crate) coarse_levels: Option<usize>,
 }
 
-impl Tiles<'_> {
+impl<'a> Tiles<'a> {
     /// A scene that is not cut.
     pub(crate) const ONE: Self = Self { tiles: &[(0, 0..u64::MAX)], coarse_levels: None };
-}
 
-/// The number of levels beside the finest in a scene of several tiles.
-pub(crate) fn coarse_levels(gaussians: u64, options: &EncodeOptions) -> usize {
-    let mut left = gaussians as usize;
-    let mut levels = 0;
-    while another(levels, left, options) {
-        left /= RATIO;
-        levels += 1;
+    /// Some tiles of a scene that has so many Gaussians in `several` tiles or in one.
+    pub(crate) fn new(
+        tiles: &'a [(usize, Range<u64>)],
+        several: bool,
+        gaussians: u64,
+        options: &EncodeOptions,
+    ) -> Self {
+        let mut levels = 0;
+        let mut left = gaussians as usize;
+        while another(levels, left, options) {
+            left /= RATIO;
+            levels += 1;
+        }
+        Self { tiles, coarse_levels: several.then_some(levels) }
     }
-    levels
 }
 
 /// Whether a scene with so many coarse levels, the coarsest of so many leaves, has another.

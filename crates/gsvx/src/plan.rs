@@ -10,7 +10,7 @@ use crate::error::{Error, Result, check_length};
 use crate::importance::{self, UnseenUnit};
 use crate::lod;
 use crate::options::EncodeOptions;
-use crate::outliers::{coarse_cells, suffices};
+use crate::outliers::suffices;
 use crate::source::{Source, Whole};
 use crate::strategy::{Seen, j_high};
 use crate::survey::Survey;
@@ -103,7 +103,7 @@ impl Plan {
             origin: cube.origin,
             side: cube.side,
             depth,
-            coarse_cells: coarse_cells(survey),
+            coarse_cells: survey.coarse_cells(),
             tile_starts: tiles.starts().to_vec(),
             tile_counts: tiles.counts().to_vec(),
             sample_count: 0,
@@ -204,11 +204,9 @@ impl Plan {
         let voxels = self.rules().leaves(scene, &importance, codes, sums)?;
         let options = self.choices.options()?;
         let several = self.tile_starts.len() > 1;
+        let tile = [(0, codes.clone())];
         let whole = Whole {
-            tiles: lod::Tiles {
-                tiles: &[(0, codes.clone())],
-                coarse_levels: several.then(|| lod::coarse_levels(self.count, &options)),
-            },
+            tiles: lod::Tiles::new(&tile, several, self.count, &options),
             mean_importance: self.mean_importance,
             sh_degree: Some(self.sh_degree),
         };

@@ -5,18 +5,18 @@ use crate::check::check_lengths;
 use crate::encode::encode_source;
 use crate::encoded::{Encoded, LEFT_OUT};
 use crate::error::{Error, Result, check_length};
+use crate::exact::encode_lossless;
 use crate::importance;
 use crate::lod;
-use crate::options::{EncodeOptions, Leaves};
-use crate::outliers::{coarse_cells, split_outliers};
+use crate::options::{EncodeOptions, MaxError};
+use crate::outliers::split_outliers;
 use crate::source::{Source, Whole};
 use crate::strategy::{Seen, j_high};
 use crate::survey::Survey;
-use crate::tiled::{TileRules, Tiled};
+use crate::tiled::{self, TileRules, Tiled};
 use gs_model::Scene;
 use std::borrow::Cow;
-use std::ops::Range;
-use voxel::{Importance, Merge, Strategy, Trimmed, Voxelization};
+use voxel::{Importance, Merge, Trimmed, Voxelization};
 
 /// Encodes a trained model, in three steps:
 ///
@@ -32,44 +32,54 @@ use voxel::{Importance, Merge, Strategy, Trimmed, Voxelization};
 /// [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     let mut input = Input::new(scene, options)?;
-    input.prune(options.prune)?;
+    let count = input.scene.len();
+    let outliers = split_outliers(&input.scene, &input.survey)?;
     let encoded = match &options.max_error {
-        Some(bounds) => bounded::encode(&input.scene, &input.survey, bounds, options)?,
-        None => encode_leaves(&mut input, options)?,
+        None => encode_leaves(&mut input, outliers, options)?,
+        Some(bounds) => {
+            if input.scene.sh_degree > options.max_sh_degree {
+                input.scene.to_mut().cut_sh(options.max_sh_degree);
+            }
+            let outliers = outliers.map_or(Vec::new(), |split| split.outliers);
+            let max_error = Some(MaxError { mean: 0.0, opacity: 0.0, shape: 0.0, sh: 0.0 });
+            match bounded::encode(&input.scene, &outliers, bounds, options)? {
+                Some(encoded) => encoded,
+                None => Encoded { max_error, ..encode_lossless(&input.scene, false)? },
+            }
+        }
     };
     let rows = encoded.rows.map(|rows| input.rows(&rows, scene.len()));
-    Ok(Encoded { pruned: scene.len() - input.count, rows, ..encoded })
+    Ok(Encoded { pruned: scene.len() - count, rows, ..encoded })
 }
 
-/// Outliers, voxelization and coding.
-fn encode_leaves(input: &mut Input<'_>, options: &EncodeOptions) -> Result<Encoded> {
-    let split = input.split()?;
-    let coarse_cells = coarse_cells(&input.survey);
+/// Voxelization and coding.
+fn encode_leaves(
+    input: &mut Input<'_>,
+    split: Option<Trimmed>,
+    options: &EncodeOptions,
+) -> Result<Encoded> {
+    let outliers = input.take_out(split.as_ref())?;
     let Tiled { voxels, importance, shared } = input.voxelize(options)?;
-    let weights = Importance::Given(importance);
+    let gaussians = input.scene.len() as u64;
     let whole = shared.as_ref().map(|shared| Whole {
-        tiles: tiles_of(&shared.tiles, input.scene.len() as u64, options),
+        tiles: lod::Tiles::new(&shared.tiles, shared.tiles.len() > 1, gaussians, options),
         mean_importance: shared.mean_importance,
         sh_degree: None,
     });
-    let source =
-        Source { scene: &input.scene, voxels: &voxels, weights: &weights, merged: false, whole };
-    let outliers = split.as_ref().map(|s| &s.1);
-    let encoded = Encoded { coarse_cells, ..encode_source(&source, outliers, options)? };
-    let Some((trimmed, outliers)) = &split else { return Ok(encoded) };
-    let leaves = encoded.index.header.count as usize - outliers.len();
-    let rows = encoded.rows.as_ref().map(|rows| trimmed.rows(rows, leaves as u32));
-    Ok(Encoded { rows, ..encoded })
-}
-
-/// The tiles of a scene of so many Gaussians.
-pub(crate) fn tiles_of<'a>(
-    tiles: &'a [(usize, Range<u64>)],
-    gaussians: u64,
-    options: &EncodeOptions,
-) -> lod::Tiles<'a> {
-    let several = tiles.len() > 1;
-    lod::Tiles { tiles, coarse_levels: several.then(|| lod::coarse_levels(gaussians, options)) }
+    let source = Source {
+        scene: &input.scene,
+        voxels: &voxels,
+        weights: &Importance::Given(importance),
+        merged: false,
+        whole,
+    };
+    let encoded = encode_source(&source, outliers.as_ref(), options)?;
+    let leaves = encoded.index.header.count as u32;
+    let rows = match (&split, encoded.rows) {
+        (Some(split), Some(rows)) => Some(split.rows(&rows, leaves - split.outliers.len() as u32)),
+        (_, rows) => rows,
+    };
+    Ok(Encoded { coarse_cells: input.survey.coarse_cells(), rows, ..encoded })
 }
 
 /// A voxelized scene with the importance of each leaf, for [`crate::encode_voxels`].
@@ -92,39 +102,46 @@ pub struct Prepared {
 /// As [`encode`].
 pub fn prepare(scene: &Scene, options: &EncodeOptions) -> Result<Prepared> {
     let mut input = Input::new(scene, options)?;
-    input.prune(options.prune)?;
-    let split = input.split()?;
+    let split = split_outliers(&input.scene, &input.survey)?;
+    let outliers = input.take_out(split.as_ref())?;
     let Tiled { voxels, importance: weights, .. } = input.voxelize(options)?;
     let importance = voxels.sums(&weights);
     let weights = Importance::Given(weights);
     let scene = voxel::Merging::new(&input.scene, &voxels, Merge::Moments, &weights)?.scene();
-    Ok(Prepared { scene, voxels, importance, outliers: split.map(|s| s.1) })
+    Ok(Prepared { scene, voxels, importance, outliers })
 }
 
 /// What is encoded, with what belongs to each Gaussian.
 struct Input<'a> {
     scene: Cow<'a, Scene>,
     importance: Option<Vec<f32>>,
-    /// Where each Gaussian that [`Input::prune`] kept was; `None` if it kept all.
+    /// Where each Gaussian that pruning kept was; `None` if it kept all.
     kept: Option<Vec<usize>>,
-    /// Gaussians that [`Input::prune`] kept.
-    count: usize,
     survey: Survey,
 }
 
 impl<'a> Input<'a> {
+    /// A scene without the least important Gaussians.
     fn new(scene: &'a Scene, options: &EncodeOptions) -> Result<Self> {
         check_lengths(scene)?;
-        let count = scene.len();
         if let Some(given) = &options.importance {
-            check_length("importances", given.len(), count)?;
+            check_length("importances", given.len(), scene.len())?;
         }
         let survey = Survey::of(scene)?;
         let importance = options.importance.as_ref().map(|given| match options.drop_unseen {
             true => given.clone(),
             false => importance::with_unseen(scene, given),
         });
-        Ok(Self { scene: Cow::Borrowed(scene), importance, kept: None, count, survey })
+        let mut input = Self { scene: Cow::Borrowed(scene), importance, kept: None, survey };
+        if options.prune != 0.0 {
+            let kept = match &input.importance {
+                Some(importance) => prune(importance, options.prune)?,
+                None => prune(&importance::without_cameras(scene), options.prune)?,
+            };
+            input.select(&kept)?;
+            input.kept = Some(kept);
+        }
+        Ok(input)
     }
 
     /// Keeps the Gaussians at `indices` only.
@@ -137,27 +154,12 @@ impl<'a> Input<'a> {
         Ok(())
     }
 
-    /// Leaves out the least important Gaussians.
-    fn prune(&mut self, fraction: f64) -> Result<()> {
-        if fraction == 0.0 {
-            return Ok(());
-        }
-        let kept = match &self.importance {
-            Some(importance) => prune(importance, fraction)?,
-            None => prune(&importance::without_cameras(&self.scene), fraction)?,
-        };
-        self.select(&kept)?;
-        self.count = kept.len();
-        self.kept = Some(kept);
-        Ok(())
-    }
-
     /// Takes the outliers out, if there are any.
-    fn split(&mut self) -> Result<Option<(Trimmed, Scene)>> {
-        let Some(split) = split_outliers(&self.scene, &self.survey)? else { return Ok(None) };
+    fn take_out(&mut self, split: Option<&Trimmed>) -> Result<Option<Scene>> {
+        let Some(split) = split else { return Ok(None) };
         let outliers = self.scene.select(&split.outliers);
         self.select(&split.inside)?;
-        Ok(Some((split, outliers)))
+        Ok(Some(outliers))
     }
 
     /// The leaves, and the importance of each Gaussian.
@@ -168,19 +170,9 @@ impl<'a> Input<'a> {
             (Some(_), false) => Seen::ByCameras,
         };
         let cube = self.survey.cube();
-        let given = self.importance.take();
-        let strategy = match options.leaves {
-            Leaves::RateDistortion => {
-                let depth = j_high(self.survey.median_log_scale(), &cube);
-                let rules = TileRules { cube, depth, quality: options.quality, seen };
-                return rules.voxelize(&self.scene, given);
-            }
-            Leaves::Uniform { depth } => Strategy::Uniform { depth },
-            Leaves::Paper { j_low, j_high } => Strategy::paper(j_low, j_high),
-        };
-        let voxels = voxel::voxelize(&self.scene, &cube, &strategy)?;
-        let importance = given.unwrap_or_else(|| importance::without_cameras(&self.scene));
-        Ok(Tiled { voxels, importance, shared: None })
+        let depth = j_high(self.survey.median_log_scale(), &cube);
+        let rules = TileRules { cube, depth, quality: options.quality, seen };
+        tiled::voxelize(&self.scene, self.importance.take(), &rules, options.leaves)
     }
 
     /// The rows of all Gaussians, from those of the ones that were kept.

@@ -1,7 +1,7 @@
 //! [`Source`]: where the Gaussians of leaves come from, and how a chunk of them is encoded.
 
 use crate::assemble::{EncodedChunk, leaves_chunk};
-use crate::chunk::{self, ChunkEncoder, How};
+use crate::chunk::{ChunkEncoder, How};
 use crate::error::Result;
 use crate::lod::{self, LodLevel};
 use gs_model::Scene;
@@ -69,21 +69,16 @@ impl Source<'_> {
         range: Range<usize>,
     ) -> Result<EncodedChunk> {
         let base = self.base(level, range.clone())?;
-        chunk::check(&base, range.start)?;
         let octree = level.octree(self.voxels).part(range.clone());
         let chunk = leaves_chunk(level.lod, &octree);
         // Coarse levels are seen for a moment or from afar, so they have base layers only.
-        let sh_degree = how.sh_degree;
-        let how = How { sh_degree: if level.lod > 0 { 0 } else { how.sh_degree }, ..how };
+        let sh_degree = if level.lod > 0 { 0 } else { how.sh_degree };
         let sh = |degree, piece: Range<usize>| {
-            let leaves = range.start + piece.start..range.start + piece.end;
-            let sh = self.sh(level, leaves.clone(), degree)?;
-            chunk::check_sh(&sh, usize::from(2 * degree + 1), leaves.start)?;
-            Ok(sh)
+            self.sh(level, range.start + piece.start..range.start + piece.end, degree)
         };
         let encoder = ChunkEncoder::new(octree, &classes[range.clone()])?;
-        let mut layers = encoder.encode(&how, base, sh)?;
-        layers.resize(1 + usize::from(sh_degree), Vec::new());
+        let mut layers = encoder.encode(&How { sh_degree, ..how }, base, sh, range.start)?;
+        layers.resize(1 + usize::from(how.sh_degree), Vec::new());
         Ok((chunk, layers))
     }
 }

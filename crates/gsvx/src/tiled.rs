@@ -8,6 +8,7 @@
 
 use crate::error::Result;
 use crate::importance;
+use crate::options::Leaves;
 use crate::strategy::{Seen, rate_distortion};
 use gpcc_lite::Cube;
 use gs_model::Scene;
@@ -15,7 +16,7 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::convert::Infallible;
 use std::ops::Range;
-use voxel::{RateDistortion, Tiles, Voxelization, WeightSums, rate_distortion_of_tile};
+use voxel::{RateDistortion, Strategy, Tiles, Voxelization, WeightSums, rate_distortion_of_tile};
 
 /// Most Gaussians of a tile: enough for eight chunks.
 pub(crate) const TILE: u64 = 1 << 18;
@@ -77,93 +78,128 @@ impl TileRules {
         let strategy = self.strategy(importance)?;
         Ok(rate_distortion_of_tile(tile, &self.cube, &strategy, codes, sums)?)
     }
+}
 
-    /// The leaves of a scene in memory.
-    pub(crate) fn voxelize(&self, scene: &Scene, given: Option<Vec<f32>>) -> Result<Tiled> {
-        let (tiles, members) = self.tiles(scene)?;
-        let of_tile = |t: usize| part(scene, members.get(t));
-        let sampled = sample(tiles.len());
-        let mut importance = given.unwrap_or_default();
-        if importance.is_empty() {
-            let guess = |t| importance::without_cameras(&of_tile(t));
-            let guessed: Vec<_> = (0..tiles.len()).into_par_iter().map(guess).collect();
-            importance = scattered(guessed, &members, scene.len());
+/// The leaves of a scene in memory. A strategy of the paper takes the scene as a whole.
+pub(crate) fn voxelize(
+    scene: &Scene,
+    given: Option<Vec<f32>>,
+    rules: &TileRules,
+    leaves: Leaves,
+) -> Result<Tiled> {
+    let strategy = match leaves {
+        Leaves::RateDistortion => None,
+        Leaves::Uniform { depth } => Some(Strategy::Uniform { depth }),
+        Leaves::Paper { j_low, j_high } => Some(Strategy::paper(j_low, j_high)),
+    };
+    let cut = Cut::new(scene, rules, strategy.is_some())?;
+    let importance = given.unwrap_or_else(|| cut.guessed());
+    match strategy {
+        None => cut.voxelize(importance, rules),
+        Some(strategy) => {
+            let voxels = voxel::voxelize(scene, &rules.cube, &strategy)?;
+            Ok(Tiled { voxels, importance, shared: None })
         }
-        let of_members = |t: usize| match members.get(t) {
-            Some(m) => Cow::Owned(m.iter().map(|&i| importance[i as usize]).collect()),
-            None => Cow::Borrowed(&importance[..]),
-        };
-        let sums = sampled.par_iter().map(|&t| self.sums(&of_tile(t), &of_members(t)));
-        let sums: Vec<Result<WeightSums>> = sums.collect();
-        let mut sum = WeightSums::default();
-        for of_one in sums {
-            sum.add(&of_one?);
-        }
-        let leaves = |t: usize| self.leaves(&of_tile(t), &of_members(t), &tiles.codes(t), sum);
-        let mut voxelized: Vec<_> = (0..tiles.len()).into_par_iter().map(leaves).collect();
-        if members.is_empty() {
-            let voxels = voxelized.remove(0)?;
-            let mean_importance = Mean::of(&voxels.sums(&importance)).value();
-            let shared = Shared { tiles: vec![(0, tiles.codes(0))], mean_importance };
-            return Ok(Tiled { voxels, importance, shared: Some(shared) });
-        }
-        let mut voxels = Voxelization::empty(self.cube, self.depth)?;
-        let (mut cuts, mut mean) = (Vec::new(), Mean::default());
-        for (t, tile) in voxelized.into_iter().enumerate() {
-            let tile = tile?;
-            if sampled.contains(&t) {
-                mean.add(&Mean::of(&tile.sums(&of_members(t))));
-            }
-            cuts.push((voxels.len(), tiles.codes(t)));
-            voxels.append(&tile, &members[t])?;
-        }
-        let shared = Shared { tiles: cuts, mean_importance: mean.value() };
-        Ok(Tiled { voxels, importance, shared: Some(shared) })
     }
+}
 
-    /// The tiles, and their Gaussians in ascending order; none of these for one tile.
-    fn tiles(&self, scene: &Scene) -> Result<(Tiles, Vec<Vec<u32>>)> {
-        if scene.len() as u64 <= TILE {
-            return Ok((Tiles::one(scene.len() as u64), Vec::new()));
+/// A scene in memory, cut into tiles.
+struct Cut<'a> {
+    scene: &'a Scene,
+    tiles: Tiles,
+    /// The Gaussians of each tile, ascending; empty if there is one tile.
+    members: Vec<Vec<u32>>,
+}
+
+impl<'a> Cut<'a> {
+    fn new(scene: &'a Scene, rules: &TileRules, whole: bool) -> Result<Self> {
+        let gaussians = scene.len() as u64;
+        if whole || gaussians <= TILE {
+            return Ok(Self { scene, tiles: Tiles::one(gaussians), members: Vec::new() });
         }
-        let codes = voxel::morton_codes(&scene.means, &self.cube, self.depth)?;
+        let codes = voxel::morton_codes(&scene.means, &rules.cube, rules.depth)?;
         let visit = |take: &mut dyn FnMut(&[u64])| {
             take(&codes);
             Ok::<(), Infallible>(())
         };
-        let Ok(tiles) = Tiles::cut(self.depth, TILE, visit);
+        let Ok(tiles) = Tiles::cut(rules.depth, TILE, visit);
         let mut members: Vec<Vec<u32>> =
             tiles.counts().iter().map(|&n| Vec::with_capacity(n as usize)).collect();
         (0..).zip(&codes).for_each(|(i, &code)| members[tiles.of(code)].push(i));
-        Ok((tiles, members))
+        Ok(Self { scene, tiles, members })
     }
-}
 
-/// What voxelization needs of some Gaussians: all but SH coefficients above DC.
-fn part<'a>(scene: &'a Scene, members: Option<&Vec<u32>>) -> Cow<'a, Scene> {
-    let Some(members) = members else { return Cow::Borrowed(scene) };
-    let of = || members.iter().map(|&i| i as usize);
-    let sh_len = scene.sh_len();
-    Cow::Owned(Scene {
-        means: of().map(|i| scene.means[i]).collect(),
-        rotations: of().map(|i| scene.rotations[i]).collect(),
-        log_scales: of().map(|i| scene.log_scales[i]).collect(),
-        opacity_logits: of().map(|i| scene.opacity_logits[i]).collect(),
-        sh_degree: 0,
-        sh: of().map(|i| scene.sh[i * sh_len]).collect(),
-    })
-}
+    /// What voxelization needs of the Gaussians of a tile: all but SH coefficients above DC.
+    fn part(&self, tile: usize) -> Cow<'a, Scene> {
+        let scene = self.scene;
+        let Some(members) = self.members.get(tile) else { return Cow::Borrowed(scene) };
+        let of = || members.iter().map(|&i| i as usize);
+        let sh_len = scene.sh_len();
+        Cow::Owned(Scene {
+            means: of().map(|i| scene.means[i]).collect(),
+            rotations: of().map(|i| scene.rotations[i]).collect(),
+            log_scales: of().map(|i| scene.log_scales[i]).collect(),
+            opacity_logits: of().map(|i| scene.opacity_logits[i]).collect(),
+            sh_degree: 0,
+            sh: of().map(|i| scene.sh[i * sh_len]).collect(),
+        })
+    }
 
-/// Values of the Gaussians of tiles, in the order of the scene.
-fn scattered(of_tiles: Vec<Vec<f32>>, members: &[Vec<u32>], len: usize) -> Vec<f32> {
-    if members.is_empty() {
-        return of_tiles.concat();
+    /// The values of the Gaussians of a tile.
+    fn values<'v>(&self, tile: usize, values: &'v [f32]) -> Cow<'v, [f32]> {
+        match self.members.get(tile) {
+            Some(members) => members.iter().map(|&i| values[i as usize]).collect(),
+            None => Cow::Borrowed(values),
+        }
     }
-    let mut all = vec![0.0; len];
-    for (values, members) in of_tiles.iter().zip(members) {
-        members.iter().zip(values).for_each(|(&i, &value)| all[i as usize] = value);
+
+    /// Importances without cameras.
+    fn guessed(&self) -> Vec<f32> {
+        let guess = |tile| importance::without_cameras(&self.part(tile));
+        let mut of_tiles: Vec<_> = (0..self.tiles.len()).into_par_iter().map(guess).collect();
+        if self.members.is_empty() {
+            return of_tiles.pop().unwrap_or_default();
+        }
+        let mut all = vec![0.0; self.scene.len()];
+        for (values, members) in of_tiles.iter().zip(&self.members) {
+            members.iter().zip(values).for_each(|(&i, &value)| all[i as usize] = value);
+        }
+        all
     }
-    all
+
+    /// The leaves of all tiles.
+    fn voxelize(&self, importance: Vec<f32>, rules: &TileRules) -> Result<Tiled> {
+        let sampled = sample(self.tiles.len());
+        let sums = |&t: &usize| rules.sums(&self.part(t), &self.values(t, &importance));
+        let sums: Vec<Result<WeightSums>> = sampled.par_iter().map(sums).collect();
+        let mut sum = WeightSums::default();
+        for of_one in sums {
+            sum.add(&of_one?);
+        }
+        let leaves = |t: usize| {
+            let values = self.values(t, &importance);
+            rules.leaves(&self.part(t), &values, &self.tiles.codes(t), sum)
+        };
+        let mut voxelized: Vec<_> = (0..self.tiles.len()).into_par_iter().map(leaves).collect();
+        if self.members.is_empty() {
+            let voxels = voxelized.remove(0)?;
+            let mean_importance = Mean::of(&voxels.sums(&importance)).value();
+            let shared = Shared { tiles: vec![(0, self.tiles.codes(0))], mean_importance };
+            return Ok(Tiled { voxels, importance, shared: Some(shared) });
+        }
+        let mut voxels = Voxelization::empty(rules.cube, rules.depth)?;
+        let (mut tiles, mut mean) = (Vec::new(), Mean::default());
+        for (t, tile) in voxelized.into_iter().enumerate() {
+            let tile = tile?;
+            if sampled.contains(&t) {
+                mean.add(&Mean::of(&tile.sums(&self.values(t, &importance))));
+            }
+            tiles.push((voxels.len(), self.tiles.codes(t)));
+            voxels.append(&tile, &self.members[t])?;
+        }
+        let shared = Shared { tiles, mean_importance: mean.value() };
+        Ok(Tiled { voxels, importance, shared: Some(shared) })
+    }
 }
 
 /// A mean that grows.

@@ -3,6 +3,7 @@
 use crate::covariance::coordinates;
 use crate::options::MaxError;
 use gs_model::Scene;
+use rayon::prelude::*;
 
 /// Values that share a step: the mean, which has none, opacity, DC, SH degrees 1 to 3, shape.
 pub(super) const GROUPS: usize = 7;
@@ -31,13 +32,7 @@ fn alpha(logit: f32) -> f64 {
 }
 
 /// Errors over their bounds: of Gaussian `k` of `decoded`, which stands for Gaussian `i` of `scene`.
-pub(super) fn measure(
-    scene: &Scene,
-    i: usize,
-    decoded: &Scene,
-    k: usize,
-    bounds: &MaxError,
-) -> Ratios {
+fn measure(scene: &Scene, i: usize, decoded: &Scene, k: usize, bounds: &MaxError) -> Ratios {
     let opacity = alpha(scene.opacity_logits[i]) - alpha(decoded.opacity_logits[k]);
     let before = coordinates(scene.rotations[i], scene.log_scales[i]);
     let after = coordinates(decoded.rotations[k], decoded.log_scales[k]);
@@ -60,6 +55,17 @@ pub(super) fn measure(
         degree(3),
         shape / bounds.shape,
     ]
+}
+
+/// For each Gaussian of `order`, its errors in `decoded` over their bounds.
+pub(super) fn ratios(
+    scene: &Scene,
+    order: &[usize],
+    decoded: &Scene,
+    bounds: &MaxError,
+) -> Vec<Ratios> {
+    let each = order.par_iter().enumerate();
+    each.map(|(k, &i)| measure(scene, i, decoded, k, bounds)).collect()
 }
 
 /// The larger number; NaN if one is.

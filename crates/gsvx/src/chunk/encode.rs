@@ -6,6 +6,7 @@
 //!
 //! *Invariant:* [`ChunkEncoder::decoded`] makes the Gaussians that a decoder makes of the layers, bit for bit.
 
+use super::check::{check, check_sh};
 use super::groups::{BASE, GROUPS, Group, Predicted, Prediction, colours};
 use super::skeleton::{Skeleton, classes};
 use super::{CLASS_STEP, ChunkValues, steps_of};
@@ -102,13 +103,16 @@ impl ChunkEncoder {
     }
 
     /// The layers of a chunk whose Gaussians, one per leaf, are read once. `base` holds them with SH degree
-    /// 0. `sh` gives the coefficients of a degree for a range of leaves: `2 degree + 1` per leaf.
+    /// 0. `sh` gives the coefficients of a degree for a range of leaves: `2 degree + 1` per leaf. Errors count
+    /// leaves from `before` on.
     pub(crate) fn encode(
         mut self,
         how: &How<'_>,
         base: Scene,
         sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
+        before: usize,
     ) -> Result<Vec<Vec<u8>>> {
+        check(&base, before)?;
         let leaves = base.len();
         let (front, coder) = (self.importance.depth as u8, std::mem::take(&mut self.coder));
         let (mut low, mut high) = self.parts(how, false);
@@ -130,7 +134,9 @@ impl ChunkEncoder {
                     rows.resize(leaves, high.groups[number].channels);
                     for first in (0..leaves).step_by(PIECE) {
                         let piece = sh(degree, first..leaves.min(first + PIECE))?;
-                        let each = piece.chunks_exact(usize::from(2 * degree + 1));
+                        let own = usize::from(2 * degree + 1);
+                        check_sh(&piece, own, before + first)?;
+                        let each = piece.chunks_exact(own);
                         (first..).zip(each).for_each(|(i, sh)| colours(sh, rows.row_mut(i)));
                     }
                     let layer = high.degree_layer(number);

@@ -14,7 +14,7 @@ mod skeleton;
 mod values;
 
 #[cfg(feature = "encode")]
-pub(crate) use check::{check, check_sh};
+pub(crate) use check::check;
 #[cfg(feature = "encode")]
 pub use encode::Transform;
 #[cfg(feature = "encode")]
