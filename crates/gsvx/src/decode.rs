@@ -1,10 +1,11 @@
 //! The decoder of whole streams, in memory or in files. [`crate::Reader`] is for those that arrive in parts.
 
-use crate::chunk::{ChunkValues, GaussiansMut, resize};
+use crate::chunk::{GaussiansMut, resize};
+use crate::decoded_chunk::{DecodedChunk, verify};
 use crate::error::{Error, Result, coding};
-use crate::head::{Chunk, Header, Index, Kind, Layer, head_len};
-use crate::{lossless, parallel};
-use gpcc_lite::{Leaf, Octree};
+use crate::head::{Header, Index, Layer, head_len};
+use crate::parallel;
+use gpcc_lite::Octree;
 use gs_model::Scene;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -75,13 +76,9 @@ pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         jobs.push((job, out));
     }
     let work = |(job, mut out): (&Job, GaussiansMut<'_>)| {
-        decoder.decode_job::<Error>(job, &mut ChunkValues::default(), |decoded| match decoded {
-            Part::Leaves(chunk) => chunk.fill(0, &mut out),
-            Part::Exact(scene) => {
-                out.copy_from(scene, 0);
-                Ok(())
-            }
-        })
+        let mut chunk = DecodedChunk::default();
+        decoder.decode_job(job, &mut chunk)?;
+        chunk.fill(0, &mut out)
     };
     parallel::map(jobs, work).into_iter().collect::<Result<()>>()?;
     let Decoder { index, skipped, .. } = decoder;
@@ -98,15 +95,13 @@ pub fn decode_leaves(bytes: &[u8]) -> Result<(Octree, Vec<u8>)> {
     let Header { cube, j_high, .. } = decoder.index.header;
     let mut octree = Octree::new(cube, j_high, Vec::new()).map_err(coding("geometry"))?;
     let mut classes = Vec::new();
-    let mut chunk = ChunkValues::default();
+    let mut chunk = DecodedChunk::default();
     for job in &decoder.jobs {
-        decoder.decode_job::<Error>(job, &mut chunk, |part| {
-            if let Part::Leaves(chunk) = part {
-                octree.append(chunk.octree()).map_err(coding("geometry"))?;
-                classes.extend_from_slice(chunk.classes());
-            }
-            Ok(())
-        })?;
+        decoder.decode_job(job, &mut chunk)?;
+        if let Some(leaves) = chunk.leaves() {
+            octree.append(leaves.octree()).map_err(coding("geometry"))?;
+            classes.extend_from_slice(leaves.classes());
+        }
     }
     Ok((octree, classes))
 }
@@ -196,12 +191,6 @@ struct Job {
     /// The number of its first Gaussian in the output, and of its Gaussians.
     first: usize,
     count: usize,
-}
-
-/// The decoded values of a chunk.
-enum Part<'a> {
-    Leaves(&'a ChunkValues),
-    Exact(&'a Scene),
 }
 
 impl<'a> Decoder<'a> {
@@ -311,31 +300,15 @@ impl<'a> Decoder<'a> {
         &self.skipped
     }
 
-    /// Decodes a chunk and hands it to `then`.
-    fn decode_job<E: From<Error>>(
-        &self,
-        job: &Job,
-        decoder: &mut ChunkValues,
-        then: impl FnOnce(Part<'_>) -> std::result::Result<(), E>,
-    ) -> std::result::Result<(), E> {
-        let Chunk { kind, ref layers, .. } = self.index.chunks[job.chunk];
+    /// Decodes the wanted layers of a chunk.
+    fn decode_job(&self, job: &Job, decoded: &mut DecodedChunk) -> Result<()> {
+        let layers = &self.index.chunks[job.chunk].layers;
         let bytes = |i: usize| match self.bytes {
             // Verified already, and cannot have changed.
             Bytes::Memory(_) => self.bytes.read(layers[i].range(), "a chunk"),
             Bytes::Source(_) => self.layer(job.chunk, i, layers[i]),
         };
-        match kind {
-            Kind::Exact => {
-                let scene = decode_exact(&self.index, job.chunk, &bytes(0)?)?;
-                then(Part::Exact(&scene))
-            }
-            Kind::Leaves => {
-                let all = (0..job.layers).map(bytes).collect::<Result<Vec<_>>>()?;
-                let all: Vec<&[u8]> = all.iter().map(|b| &**b).collect();
-                decode_leaf_chunk(&self.index, job.chunk, &all, decoder)?;
-                then(Part::Leaves(decoder))
-            }
-        }
+        (0..job.layers).try_for_each(|i| decoded.layer(&self.index, job.chunk, i, &bytes(i)?))
     }
 
     /// Decodes the chunks on all threads and hands their Gaussians to `take` in order. As many chunks as
@@ -350,14 +323,9 @@ impl<'a> Decoder<'a> {
         for jobs in self.jobs.chunks(parallel::threads()) {
             let work = |job: &Job| {
                 let mut scene = Scene::zeros(job.count, self.sh_degree);
-                let mut out = GaussiansMut::of(&mut scene);
-                self.decode_job::<Error>(job, &mut ChunkValues::default(), |part| match part {
-                    Part::Leaves(chunk) => chunk.fill(0, &mut out),
-                    Part::Exact(exact) => {
-                        out.copy_from(exact, 0);
-                        Ok(())
-                    }
-                })?;
+                let mut chunk = DecodedChunk::default();
+                self.decode_job(job, &mut chunk)?;
+                chunk.fill(0, &mut GaussiansMut::of(&mut scene))?;
                 Ok(scene)
             };
             let scenes: Vec<Result<Scene>> = parallel::map(jobs.iter().collect(), work);
@@ -379,74 +347,21 @@ impl<'a> Decoder<'a> {
         &self,
         visit: impl Fn(&mut T, usize, &Scene) -> std::result::Result<(), E> + Sync + Send,
     ) -> std::result::Result<(), E> {
-        type Space<T> = (ChunkValues, T, Scene);
-        let free: Mutex<Vec<Space<T>>> = Mutex::default();
+        let free: Mutex<Vec<(DecodedChunk, T, Scene)>> = Mutex::default();
         let lock = || free.lock().unwrap_or_else(PoisonError::into_inner);
         let work = |job: &Job| {
             let space = lock().pop();
-            let empty = || Scene { sh_degree: self.sh_degree, ..Scene::default() };
-            let mut space =
-                space.unwrap_or_else(|| (ChunkValues::default(), T::default(), empty()));
-            let (decoder, buffer, block) = &mut space;
-            self.decode_job::<E>(job, decoder, |part| {
-                for at in (0..job.count).step_by(BLOCK) {
-                    resize(block, BLOCK.min(job.count - at));
-                    let mut out = GaussiansMut::of(block);
-                    match &part {
-                        Part::Leaves(chunk) => chunk.fill(at, &mut out)?,
-                        Part::Exact(scene) => out.copy_from(scene, at),
-                    }
-                    visit(buffer, job.first + at, block)?;
-                }
-                Ok(())
-            })?;
-            lock().push(space);
+            let (mut chunk, mut buffer, mut block) = space.unwrap_or_default();
+            block.sh_degree = self.sh_degree;
+            self.decode_job(job, &mut chunk)?;
+            for at in (0..job.count).step_by(BLOCK) {
+                resize(&mut block, BLOCK.min(job.count - at));
+                chunk.fill(at, &mut GaussiansMut::of(&mut block))?;
+                visit(&mut buffer, job.first + at, &block)?;
+            }
+            lock().push((chunk, buffer, block));
             Ok(())
         };
         parallel::map(self.jobs.iter().collect(), work).into_iter().collect()
     }
-}
-
-/// Compares a layer with its checksum.
-pub(crate) fn verify(bytes: &[u8], chunk: usize, number: usize, layer: Layer) -> Result<()> {
-    let found = crc32c::crc32c(bytes);
-    if found != layer.crc {
-        let Layer { offset, crc: expected, .. } = layer;
-        return Err(Error::Checksum { chunk, layer: number, offset, expected, found });
-    }
-    Ok(())
-}
-
-/// Decodes a chunk of leaves from its first layers.
-pub(crate) fn decode_leaf_chunk(
-    index: &Index,
-    number: usize,
-    layers: &[&[u8]],
-    decoder: &mut ChunkValues,
-) -> Result<()> {
-    let Some((base, degrees)) = layers.split_first() else { return Ok(()) };
-    let named = |source: Error| Error::Chunk { chunk: number, source: Box::new(source) };
-    decoder.base(&index.header, index.chunks[number].count, base).map_err(named)?;
-    check_place(index, number, decoder.octree().leaves()).map_err(named)?;
-    degrees.iter().try_for_each(|bytes| decoder.next_degree(&index.header, bytes)).map_err(named)
-}
-
-/// Decodes a chunk of exact Gaussians.
-pub(crate) fn decode_exact(index: &Index, number: usize, bytes: &[u8]) -> Result<Scene> {
-    let count = index.chunks[number].count;
-    lossless::decode_payload(bytes, count, index.header.sh_degree)
-        .map_err(|source| Error::Chunk { chunk: number, source: Box::new(source) })
-}
-
-/// The leaves begin where the index says, and end before the next chunk begins.
-fn check_place(index: &Index, number: usize, leaves: &[Leaf]) -> Result<()> {
-    let chunk = &index.chunks[number];
-    let (Some(first), Some(last)) = (leaves.first(), leaves.last()) else { return Ok(()) };
-    let end = last.morton + (1 << (3 * (index.header.j_high - last.depth)));
-    let next = index.chunks.get(number + 1);
-    let next = next.filter(|c| c.kind == Kind::Leaves && c.lod == chunk.lod);
-    if first.morton != chunk.first_cell || next.is_some_and(|c| c.first_cell < end) {
-        return Err(Error::Corrupt { what: "first cell of a chunk", value: first.morton });
-    }
-    Ok(())
 }

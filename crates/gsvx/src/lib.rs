@@ -12,6 +12,7 @@ mod check;
 mod chunk;
 pub mod covariance;
 mod decode;
+mod decoded_chunk;
 #[cfg(feature = "encode")]
 mod encode;
 #[cfg(feature = "encode")]

@@ -29,7 +29,7 @@
 
 mod held;
 
-use crate::chunk::ChunkValues;
+use crate::decoded_chunk::DecodedChunk;
 use crate::error::Result;
 use crate::head::{Index, head_len};
 use held::Held;
@@ -49,7 +49,8 @@ pub struct Reader {
     index: Option<Index>,
     /// The layers of each chunk, as far as they have arrived.
     layers: Vec<Vec<Buffer>>,
-    decoder: ChunkValues,
+    decoded: DecodedChunk,
+    /// What of which chunk is decoded.
     held: Option<Held>,
 }
 

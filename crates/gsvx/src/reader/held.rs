@@ -6,20 +6,17 @@
 
 use super::Reader;
 use crate::chunk::{GaussiansMut, resize};
-use crate::decode::{decode_exact, decode_leaf_chunk, verify};
+use crate::decoded_chunk::verify;
 use crate::error::{Error, Result};
-use crate::head::Kind;
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 use std::ops::Range;
 
 /// What is decoded of a chunk.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Held {
     chunk: usize,
     layers: usize,
-    /// The Gaussians of an exact chunk. Those of others are in the reader's decoder.
-    exact: Option<Scene>,
 }
 
 impl Reader {
@@ -51,16 +48,8 @@ impl Reader {
                 });
             }
             verify(bytes, chunk, number, layer)?;
-            let mut exact = None;
-            match (entry.kind, number) {
-                (Kind::Exact, _) => exact = Some(decode_exact(index, chunk, bytes)?),
-                (Kind::Leaves, 0) => decode_leaf_chunk(index, chunk, &[bytes], &mut self.decoder)?,
-                (Kind::Leaves, _) => self
-                    .decoder
-                    .next_degree(&index.header, bytes)
-                    .map_err(|source| Error::Chunk { chunk, source: Box::new(source) })?,
-            }
-            self.held = Some(Held { chunk, layers: number + 1, exact });
+            self.decoded.layer(index, chunk, number, bytes)?;
+            self.held = Some(Held { chunk, layers: number + 1 });
         }
         Ok(self.held_len())
     }
@@ -68,21 +57,14 @@ impl Reader {
     /// The number of Gaussians of the chunk that is held; 0 without one.
     #[must_use]
     pub fn held_len(&self) -> usize {
-        match &self.held {
-            Some(Held { exact: Some(scene), .. }) => scene.len(),
-            Some(_) => self.decoder.octree().len(),
-            None => 0,
-        }
+        self.held.map_or(0, |_| self.decoded.len())
     }
 
     /// The leaves of the chunk that is held, in the order of its Gaussians; none for an exact chunk.
     #[must_use]
     pub fn held_leaves(&self) -> &[Leaf] {
-        if self.held.as_ref().is_some_and(|h| h.exact.is_none()) {
-            self.decoder.octree().leaves()
-        } else {
-            &[]
-        }
+        let leaves = self.held.and_then(|_| self.decoded.leaves());
+        leaves.map_or(&[], |leaves| leaves.octree().leaves())
     }
 
     /// Puts some Gaussians of the chunk that is held into `out`, in place of what was there. They have the
@@ -94,13 +76,10 @@ impl Reader {
         let end = range.end.min(self.held_len());
         let first = range.start.min(end);
         resize(out, end - first);
-        let mut gaussians = GaussiansMut::of(out);
-        match &self.held {
-            Some(Held { exact: Some(scene), .. }) => gaussians.copy_from(scene, first),
-            Some(_) => self.decoder.fill(first, &mut gaussians)?,
-            None => {}
+        match self.held {
+            Some(_) => self.decoded.fill(first, &mut GaussiansMut::of(out)),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// Decodes the first `layers` layers of a chunk: its Gaussians, at the SH degree of these layers.
@@ -109,10 +88,10 @@ impl Reader {
     /// As [`Reader::hold`].
     pub fn decode(&mut self, chunk: usize, layers: usize) -> Result<Scene> {
         let count = self.hold(chunk, layers)?;
-        if let Some(Held { exact: Some(scene), .. }) = &self.held {
-            return Ok(scene.clone());
-        }
-        let sh_degree = self.held.as_ref().map_or(0, |h| h.layers as u8 - 1);
+        let sh_degree = match (self.decoded.leaves(), &self.index, self.held) {
+            (None, Some(index), _) => index.header.sh_degree,
+            (_, _, held) => held.map_or(0, |h| h.layers as u8 - 1),
+        };
         let mut scene = Scene { sh_degree, ..Scene::default() };
         self.held_block(0..count, &mut scene)?;
         Ok(scene)

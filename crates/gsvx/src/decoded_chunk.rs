@@ -1,0 +1,90 @@
+//! One decoded chunk of either kind, layer after layer.
+
+use crate::chunk::{ChunkValues, GaussiansMut};
+use crate::error::{Error, Result};
+use crate::head::{Index, Kind, Layer};
+use crate::lossless;
+use gpcc_lite::Leaf;
+use gs_model::Scene;
+
+/// One decoded chunk. Its memory serves one chunk after another.
+#[derive(Debug, Default)]
+pub(crate) struct DecodedChunk {
+    leaves: ChunkValues,
+    /// The Gaussians of an exact chunk; `leaves` mean nothing then.
+    exact: Option<Scene>,
+}
+
+impl DecodedChunk {
+    /// Decodes layer `number` of a chunk. The layers before it have been decoded.
+    ///
+    /// # Errors
+    /// [`Error::Chunk`], with the cause.
+    pub(crate) fn layer(
+        &mut self,
+        index: &Index,
+        chunk: usize,
+        number: usize,
+        bytes: &[u8],
+    ) -> Result<()> {
+        let Self { leaves, exact } = self;
+        let count = index.chunks[chunk].count;
+        let decoded = match (index.chunks[chunk].kind, number) {
+            (Kind::Exact, _) => lossless::decode_payload(bytes, count, index.header.sh_degree)
+                .map(|scene| *exact = Some(scene)),
+            (Kind::Leaves, 0) => {
+                *exact = None;
+                leaves
+                    .base(&index.header, count, bytes)
+                    .and_then(|()| check_place(index, chunk, leaves.octree().leaves()))
+            }
+            (Kind::Leaves, _) => leaves.next_degree(&index.header, bytes),
+        };
+        decoded.map_err(|source| Error::Chunk { chunk, source: Box::new(source) })
+    }
+
+    /// The leaves; `None` for an exact chunk.
+    pub(crate) fn leaves(&self) -> Option<&ChunkValues> {
+        self.exact.is_none().then_some(&self.leaves)
+    }
+
+    /// The number of Gaussians.
+    pub(crate) fn len(&self) -> usize {
+        self.exact.as_ref().map_or(self.leaves.octree().len(), Scene::len)
+    }
+
+    /// Puts the Gaussians from `first` on into `out`. SH degrees that were not decoded become 0.
+    ///
+    /// # Errors
+    /// [`Error::Corrupt`] if a mean is beyond what an f32 holds: an encoder refuses such scenes.
+    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) -> Result<()> {
+        match &self.exact {
+            Some(scene) => out.copy_from(scene, first),
+            None => self.leaves.fill(first, out)?,
+        }
+        Ok(())
+    }
+}
+
+/// Compares a layer with its checksum.
+pub(crate) fn verify(bytes: &[u8], chunk: usize, number: usize, layer: Layer) -> Result<()> {
+    let found = crc32c::crc32c(bytes);
+    if found != layer.crc {
+        let Layer { offset, crc: expected, .. } = layer;
+        return Err(Error::Checksum { chunk, layer: number, offset, expected, found });
+    }
+    Ok(())
+}
+
+/// The leaves begin where the index says, and end before the next chunk begins.
+fn check_place(index: &Index, number: usize, leaves: &[Leaf]) -> Result<()> {
+    let chunk = &index.chunks[number];
+    let (Some(first), Some(last)) = (leaves.first(), leaves.last()) else { return Ok(()) };
+    let end = last.morton + (1 << (3 * (index.header.j_high - last.depth)));
+    let next = index.chunks.get(number + 1);
+    let next = next.filter(|c| c.kind == Kind::Leaves && c.lod == chunk.lod);
+    if first.morton != chunk.first_cell || next.is_some_and(|c| c.first_cell < end) {
+        return Err(Error::Corrupt { what: "first cell of a chunk", value: first.morton });
+    }
+    Ok(())
+}
