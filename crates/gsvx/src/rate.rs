@@ -51,59 +51,22 @@ pub fn to_bytes<T: AsRef<[u8]>>(
     target: u64,
     mut encode: impl FnMut(f32) -> Result<T>,
 ) -> Result<Found<T>> {
-    // Aim a little below the target: from above counts as a miss.
-    let aim = target as f64 * (1.0 - 0.5 * BYTES_TOLERANCE);
-    let points = |from: f64| libm::log(aim / from.max(1.0)) / LOG_BYTES_PER_POINT;
-    let mut below: Option<(f32, T)> = None;
-    let mut above: Option<(f32, u64)> = None;
-    let mut encodes = 0;
-    loop {
-        let quality = match (&below, above) {
-            (None, None) => FIRST,
-            (Some((low, found)), None) => outwards(*low, points(found.as_ref().len() as f64)),
-            // The last attempt at all is the smallest stream.
-            (None, Some(_)) if encodes + 1 == MAX_ENCODES => LOWEST,
-            (None, Some((high, bytes))) => outwards(high, points(bytes as f64)),
-            (Some((low, found)), Some((high, bytes))) => {
-                let have = found.as_ref().len() as f64;
-                let t = libm::log(aim / have) / libm::log(bytes as f64 / have);
-                between(*low, high, t)
-            }
-        };
-        let next = encode(quality)?;
-        encodes += 1;
-        let bytes = next.as_ref().len() as u64;
-        if bytes > target {
-            if quality <= LOWEST {
-                let (encoded, measured, reached) = (next, None, false);
-                return Ok(Found { encoded, quality, encodes, measured, reached });
-            }
-            above = Some((quality, bytes));
-        } else {
-            let near = bytes as f64 >= target as f64 * (1.0 - BYTES_TOLERANCE);
-            if near || quality >= HIGHEST {
-                let (encoded, measured, reached) = (next, None, true);
-                return Ok(Found { encoded, quality, encodes, measured, reached });
-            }
-            below = Some((quality, next));
-        }
-        if encodes >= MAX_ENCODES
-            && let Some((quality, encoded)) = below.take()
-        {
-            return Ok(Found { encoded, quality, encodes, measured: None, reached: true });
-        }
-    }
-}
-
-/// A quality beyond `from` by about `points`, in either direction.
-fn outwards(from: f32, points: f64) -> f32 {
-    (from + (OVERSHOOT * points + f64::from(points.signum() as f32)) as f32).clamp(LOWEST, HIGHEST)
-}
-
-/// A quality at the share `t` of the way from `low` to `high`, away from the ends, so that a bend
-/// in the curve cannot stall the search.
-fn between(low: f32, high: f32, t: f64) -> f32 {
-    low + (high - low) * (t as f32).clamp(0.05, 0.95)
+    let log = |bytes: f64| libm::log(bytes.max(1.0));
+    let least = target as f64 * (1.0 - BYTES_TOLERANCE);
+    let search = Search {
+        // A little below the target: from above counts as a miss.
+        aim: log(target as f64 * (1.0 - 0.5 * BYTES_TOLERANCE)),
+        per_point: LOG_BYTES_PER_POINT,
+        reaches: |log_bytes| log_bytes <= log(target as f64),
+        near: |log_bytes| log_bytes >= log(least),
+        best: HIGHEST,
+    };
+    let found = search.run(|quality| {
+        let encoded = encode(quality)?;
+        let log_bytes = log(encoded.as_ref().len() as f64);
+        Ok((encoded, log_bytes))
+    })?;
+    Ok(Found { measured: None, ..found })
 }
 
 /// The smallest stream found whose measure (larger is better, say PSNR in dB) reaches `target`.
@@ -117,52 +80,81 @@ pub fn to_measure<T>(
     mut encode: impl FnMut(f32) -> Result<T>,
     mut measure: impl FnMut(&T) -> Result<f64>,
 ) -> Result<Found<T>> {
-    let aim = target + 0.5 * MEASURE_TOLERANCE;
-    let mut good: Option<(f32, T, f64)> = None;
-    let mut bad: Option<(f32, T, f64)> = None;
-    let mut encodes = 0;
-    loop {
-        let quality = match (&bad, &good) {
-            (None, None) => FIRST,
-            (Some((low, _, value)), None) if encodes + 1 < MAX_ENCODES => {
-                outwards(*low, (aim - value) / DB_PER_POINT)
-            }
-            // The last attempt at all is the best quality.
-            (Some(_), None) => HIGHEST,
-            (None, Some((high, _, value))) => outwards(*high, (aim - value) / DB_PER_POINT),
-            (Some((low, _, under)), Some((high, _, over))) => {
-                between(*low, *high, (aim - under) / (over - under))
-            }
-        };
+    let search = Search {
+        aim: target + 0.5 * MEASURE_TOLERANCE,
+        per_point: DB_PER_POINT,
+        reaches: |value| value >= target,
+        near: |value| value <= target + MEASURE_TOLERANCE,
+        best: LOWEST,
+    };
+    search.run(|quality| {
         let encoded = encode(quality)?;
         let value = measure(&encoded)?;
-        encodes += 1;
-        let reached = value >= target;
-        let done = encodes >= MAX_ENCODES
-            || if reached {
-                value <= target + MEASURE_TOLERANCE || quality <= LOWEST
-            } else {
-                quality >= HIGHEST
+        Ok((encoded, value))
+    })
+}
+
+/// A search for a value that grows with quality.
+struct Search<R, N> {
+    /// The value that is best.
+    aim: f64,
+    /// About how much a quality point adds.
+    per_point: f64,
+    /// Whether a value reaches the target.
+    reaches: R,
+    /// Whether a value that does is near enough.
+    near: N,
+    /// The quality wanted most among those that reach the target: the lowest or the highest.
+    best: f32,
+}
+
+impl<R: Fn(f64) -> bool, N: Fn(f64) -> bool> Search<R, N> {
+    fn run<T>(&self, mut encode: impl FnMut(f32) -> Result<(T, f64)>) -> Result<Found<T>> {
+        let worst = LOWEST + HIGHEST - self.best;
+        let mut good: Option<(f32, f64, T)> = None;
+        let mut bad: Option<(f32, f64)> = None;
+        let mut encodes = 0;
+        loop {
+            let known = good.as_ref().map(|g| (g.0, g.1));
+            let quality = match (known, bad) {
+                (None, None) => FIRST,
+                // The last attempt at all is what reaches the target if anything does.
+                (None, Some(_)) if encodes + 1 == MAX_ENCODES => worst,
+                (None, Some((from, value))) | (Some((from, value)), None) => {
+                    outwards(from, (self.aim - value) / self.per_point)
+                }
+                (Some(a), Some(b)) => {
+                    let (low, high) = if a.0 < b.0 { (a, b) } else { (b, a) };
+                    between(low.0, high.0, (self.aim - low.1) / (high.1 - low.1))
+                }
             };
-        // Without one that is good, the last bad one is that of the best quality.
-        let found = |(quality, encoded, value): (f32, T, f64)| Found {
-            encoded,
-            quality,
-            encodes,
-            measured: Some(value),
-            reached: value >= target,
-        };
-        if reached {
-            good = Some((quality, encoded, value));
-        } else if done && good.is_none() {
-            return Ok(found((quality, encoded, value)));
-        } else {
-            bad = Some((quality, encoded, value));
-        }
-        if done && let Some(good) = good.take() {
-            return Ok(found(good));
+            let (encoded, value) = encode(quality)?;
+            encodes += 1;
+            let reached = (self.reaches)(value);
+            let end = if reached { self.best } else { worst };
+            let done = encodes >= MAX_ENCODES || quality == end || reached && (self.near)(value);
+            if reached || done && good.is_none() {
+                good = Some((quality, value, encoded));
+            } else {
+                bad = Some((quality, value));
+            }
+            if done && let Some((quality, value, encoded)) = good.take() {
+                let (measured, reached) = (Some(value), (self.reaches)(value));
+                return Ok(Found { encoded, quality, encodes, measured, reached });
+            }
         }
     }
+}
+
+/// A quality beyond `from` by about `points`, in either direction.
+fn outwards(from: f32, points: f64) -> f32 {
+    (from + (OVERSHOOT * points + f64::from(points.signum() as f32)) as f32).clamp(LOWEST, HIGHEST)
+}
+
+/// A quality at the share `t` of the way from `low` to `high`, away from the ends, so that a bend
+/// in the curve cannot stall the search.
+fn between(low: f32, high: f32, t: f64) -> f32 {
+    low + (high - low) * (t as f32).clamp(0.05, 0.95)
 }
 
 #[cfg(test)]
