@@ -1,7 +1,7 @@
 //! How many leaves a quality asks for: the parameters of the rate-distortion strategy.
 
+use super::options::EncodeOptions;
 use crate::error::Result;
-use crate::options::EncodeOptions;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
 use voxel::{Importance, RateDistortion, Strategy};
@@ -91,7 +91,7 @@ pub(crate) fn depth_of(cells: f64, log_scale: f64, cube: &Cube) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::survey::Survey;
+    use crate::encoder::survey::Survey;
 
     #[test]
     fn a_far_sky_took_depth_from_small_gaussians() {

@@ -1,15 +1,15 @@
 //! The encoder: chunks of leaves, levels of detail, and the head in front of them.
 
-use crate::assemble::{assemble, joined, without_zero_degrees};
-use crate::check::{check_centres, check_lengths, check_steps, checked_outliers, used_degree};
+use super::assemble::{assemble, joined, without_zero_degrees};
+use super::check::{check_centres, check_lengths, check_steps, checked_outliers, used_degree};
+use super::encoded::Encoded;
+use super::lod::{self, LodLevel};
+use super::options::EncodeOptions;
+use super::source::{Source, Whole};
 use crate::chunk::How;
-use crate::encoded::Encoded;
 use crate::error::{Result, check_length};
 use crate::head::Header;
 use crate::importance;
-use crate::lod::{self, LodLevel};
-use crate::options::EncodeOptions;
-use crate::source::{Source, Whole};
 use gpcc_lite::Octree;
 use gs_model::Scene;
 use rayon::prelude::*;

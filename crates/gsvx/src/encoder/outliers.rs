@@ -1,9 +1,9 @@
 //! Gaussians so far away that the octree would be too coarse for all others.
 
+use super::strategy::{BITS_AT_50, depth_of};
+use super::survey::Survey;
 use crate::error::Result;
 use crate::lossless::layout;
-use crate::strategy::{BITS_AT_50, depth_of};
-use crate::survey::Survey;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;

@@ -1,7 +1,7 @@
 //! The errors of a decoded Gaussian, over their bounds.
 
 use crate::covariance::coordinates;
-use crate::options::MaxError;
+use crate::encoder::options::MaxError;
 use gs_model::Scene;
 use rayon::prelude::*;
 

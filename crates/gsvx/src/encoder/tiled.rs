@@ -6,10 +6,10 @@
 //!
 //! Invariant: what becomes of a tile follows from its own Gaussians, the [`TileRules`] and the sums.
 
+use super::options::Leaves;
+use super::strategy::{Seen, rate_distortion};
 use crate::error::Result;
 use crate::importance;
-use crate::options::Leaves;
-use crate::strategy::{Seen, rate_distortion};
 use gpcc_lite::Cube;
 use gs_model::Scene;
 use rayon::prelude::*;

@@ -12,18 +12,18 @@
 //!
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
-use crate::assemble::{assemble, leaves_chunk, with_outliers, without_zero_degrees};
+use super::assemble::{assemble, leaves_chunk, with_outliers, without_zero_degrees};
+use super::check::{check_centres, check_lengths, check_steps, used_degree};
+use super::encoded::Encoded;
+use super::lod;
+use super::options::EncodeOptions;
 use crate::attributes::opacity;
-use crate::check::{check_centres, check_lengths, check_steps, used_degree};
 use crate::chunk::{self, BASE, ChunkEncoder, GROUPS, GaussiansMut, How, LAMBDA_MOVED, Values};
 pub use crate::chunk::{GaussianGradient, Transform};
 pub use crate::covariance::EQUAL_AXES;
-use crate::encoded::Encoded;
 use crate::error::{Result, check_length};
 use crate::head::{Header, Index, Steps};
 use crate::importance;
-use crate::lod;
-use crate::options::EncodeOptions;
 use gpcc_lite::Octree;
 use gs_model::Scene;
 use rayon::prelude::*;

@@ -8,8 +8,8 @@
 //! Invariant: no Gaussian of any level stands for leaves of two tiles, so the levels of a tile follow from its own
 //! leaves and the number of levels.
 
+use super::options::EncodeOptions;
 use crate::error::{Result, coding};
-use crate::options::EncodeOptions;
 use gpcc_lite::{Leaf, Octree};
 use std::ops::Range;
 use voxel::Voxelization;

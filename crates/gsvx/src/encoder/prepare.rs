@@ -1,19 +1,19 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
-use crate::bounded;
-use crate::check::check_lengths;
-use crate::encode::encode_source;
-use crate::encoded::{Encoded, LEFT_OUT};
+use super::bounded;
+use super::check::check_lengths;
+use super::encode::encode_source;
+use super::encoded::{Encoded, LEFT_OUT};
+use super::exact::encode_lossless;
+use super::lod;
+use super::options::{EncodeOptions, MaxError};
+use super::outliers::split_outliers;
+use super::source::{Source, Whole};
+use super::strategy::{Seen, j_high};
+use super::survey::Survey;
+use super::tiled::{self, TileRules, Tiled};
 use crate::error::{Error, Result, check_length};
-use crate::exact::encode_lossless;
 use crate::importance;
-use crate::lod;
-use crate::options::{EncodeOptions, MaxError};
-use crate::outliers::split_outliers;
-use crate::source::{Source, Whole};
-use crate::strategy::{Seen, j_high};
-use crate::survey::Survey;
-use crate::tiled::{self, TileRules, Tiled};
 use gs_model::Scene;
 use std::borrow::Cow;
 use voxel::{Importance, Merge, Trimmed, Voxelization};

@@ -1,9 +1,9 @@
 //! [`Source`]: where the Gaussians of leaves come from, and how a chunk of them is encoded.
 
-use crate::assemble::{EncodedChunk, leaves_chunk};
+use super::assemble::{EncodedChunk, leaves_chunk};
+use super::lod::{self, LodLevel};
 use crate::chunk::{ChunkEncoder, How};
 use crate::error::Result;
-use crate::lod::{self, LodLevel};
 use gs_model::Scene;
 use std::ops::Range;
 use voxel::{Importance, Merge, Merging, Voxelization};

@@ -7,11 +7,11 @@
 //!
 //! Invariant: what [`encode`] returns has been decoded, and keeps all bounds.
 
-use crate::encode::encode_source;
-use crate::encoded::Encoded;
+use super::encode::encode_source;
+use super::encoded::Encoded;
+use super::options::{EncodeOptions, MaxError};
+use super::source::Source;
 use crate::error::Result;
-use crate::options::{EncodeOptions, MaxError};
-use crate::source::Source;
 use gs_model::Scene;
 use rayon::prelude::*;
 use voxel::{Importance, Voxelization};

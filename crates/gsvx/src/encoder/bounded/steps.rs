@@ -1,8 +1,8 @@
 //! The quantisation steps that keep bounds on errors.
 
 use super::errors::Ratios;
+use crate::encoder::options::MaxError;
 use crate::head::Steps;
-use crate::options::MaxError;
 
 /// Ratio of step to bound in the first encode, and the smallest. Below the smallest, a finer step does not reduce
 /// the error.

@@ -1,7 +1,7 @@
 //! The parts of a stream put together: chunks of leaves, the exact chunk, and the head in front of them.
 
-use crate::check::checked_outliers;
-use crate::encoded::Encoded;
+use super::check::checked_outliers;
+use super::encoded::Encoded;
 use crate::error::Result;
 use crate::head::{Chunk, Header, Index, Kind, Layer};
 use crate::lossless;

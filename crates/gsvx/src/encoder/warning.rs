@@ -1,6 +1,6 @@
 //! What the user of a stream should know: warnings, and why a stream misses its aim.
 
-use crate::encoded::{CoarseCells, Encoded};
+use super::encoded::{CoarseCells, Encoded};
 use gs_model::Scene;
 use std::fmt;
 

@@ -4,18 +4,18 @@
 //! A plan is made in three passes over the Gaussians: a [`Survey`], then [`Plan::new`] counts Morton codes,
 //! then [`Plan::measure`] looks at a sample of the tiles.
 
-use crate::encode::encode_source;
-use crate::encoded::{CoarseCells, Encoded};
+use super::encode::encode_source;
+use super::encoded::{CoarseCells, Encoded};
+use super::lod;
+use super::options::EncodeOptions;
+use super::outliers::suffices;
+use super::source::{Source, Whole};
+use super::strategy::{Seen, j_high};
+use super::survey::Survey;
+use super::tiled::{Mean, TILE, TileRules, sample};
+use super::warning::EncodeWarning;
 use crate::error::{Error, Result, check_length};
 use crate::importance::{self, UnseenUnit};
-use crate::lod;
-use crate::options::EncodeOptions;
-use crate::outliers::suffices;
-use crate::source::{Source, Whole};
-use crate::strategy::{Seen, j_high};
-use crate::survey::Survey;
-use crate::tiled::{Mean, TILE, TileRules, sample};
-use crate::warning::EncodeWarning;
 use gpcc_lite::Cube;
 use gs_model::Scene;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! Streams in which every Gaussian is coded bit for bit.
 
-use crate::assemble::{assemble, exact_chunk};
-use crate::check::check_lengths;
-use crate::encoded::Encoded;
+use super::assemble::{assemble, exact_chunk};
+use super::check::check_lengths;
+use super::encoded::Encoded;
 use crate::error::{Error, Result};
 use crate::head::{Header, Steps};
 use gpcc_lite::Cube;

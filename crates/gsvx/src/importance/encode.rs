@@ -1,45 +1,19 @@
-//! Importance classes: how precisely each Gaussian deserves to be coded.
-//!
-//! A colour error `e` of one Gaussian changes the squared error of the rendered views by
-//! `e^2 * sum((alpha T)^2)` over its pixels. That sum varies over six orders of magnitude
-//! within a scene, so a common quantisation step spends most bits on errors that nobody sees.
-//! Each Gaussian gets a class `c`; attributes are transformed with weight `4^c`, which makes
-//! the effective step of a Gaussian finer by `2^c`. Squared error suggests one class per factor
-//! of four in importance; measured, a smaller slope with a floor is better, because steps far
-//! above the mean one leave the range in which errors stay small (a log-scale off by 1.5
-//! makes a Gaussian 4.5 times as wide). Classes are coded in the base layer of each chunk,
-//! before all attributes.
+//! Importances of Gaussians, and their classes: what the encoder decides.
 
-#[cfg(feature = "encode")]
+use super::{CLASSES, MEAN_CLASS};
 use gs_model::Scene;
-#[cfg(feature = "encode")]
 use rayon::prelude::*;
 
-/// Number of classes; weights run from 1 to `4^(CLASSES - 1)`.
-pub(crate) const CLASSES: u8 = 12;
-/// The class of the mean importance of a scene.
-pub const MEAN_CLASS: u8 = 5;
-
-/// RAHT weight of a class, `4^class`.
-pub(crate) fn weight(class: u8) -> u32 {
-    1 << (2 * u32::from(class.min(CLASSES - 1)))
-}
-
 /// Gaussians of a neighbourhood, for [`without_cameras`].
-#[cfg(feature = "encode")]
 const NEIGHBOURHOOD: usize = 128;
 /// Powers of opacity and of relative area in [`without_cameras`], chosen on room, fox and bonsai.
-#[cfg(feature = "encode")]
 const OPACITY_POWER: f64 = 1.3;
-#[cfg(feature = "encode")]
 const AREA_POWER: f64 = 0.85;
 /// Logarithm of the greatest relative area in [`without_cameras`]: a few Gaussians of another part of the scene
 /// among the neighbours must not take the precision of all others.
-#[cfg(feature = "encode")]
 const MAX_LOG_RELATIVE_AREA: f64 = 4.5;
 /// The least importance without cameras, in units of that of an opaque Gaussian as large as its neighbours.
 /// It bounds the error of the position of faint and small Gaussians to a few times their size.
-#[cfg(feature = "encode")]
 const MIN_IMPORTANCE: f64 = 1e-3;
 
 /// Importance without cameras: `alpha^1.3 * relative_area^0.85`. The area is that of the two largest axes, relative
@@ -49,7 +23,6 @@ const MIN_IMPORTANCE: f64 = 1e-3;
 /// for that distance. The result does not depend on the scene's scale: two distant parts, or an object and the
 /// sky, get similar importances whatever their sizes. This guess does not know what is hidden. With cameras,
 /// the rasterizer's sum of squared blending weights over the training views is better.
-#[cfg(feature = "encode")]
 #[must_use]
 pub fn without_cameras(scene: &Scene) -> Vec<f32> {
     let area = |ls: &[f32; 3]| {
@@ -75,7 +48,6 @@ pub fn without_cameras(scene: &Scene) -> Vec<f32> {
 
 /// Importance of a Gaussian that no camera sees, relative to one that cameras see. It is coded as if at 30 quality
 /// points less: coarse, but still recognisable.
-#[cfg(feature = "encode")]
 const UNSEEN: f64 = 1.0 / 16.0;
 
 /// Importances from cameras for an encoder that keeps what no camera sees: at least a sixteenth of
@@ -84,7 +56,6 @@ const UNSEEN: f64 = 1.0 / 16.0;
 ///
 /// `seen` is the rasterizer's sum of squared blending weights, one per Gaussian; what is not a positive
 /// number counts as not seen.
-#[cfg(feature = "encode")]
 #[must_use]
 pub fn with_unseen(scene: &Scene, seen: &[f32]) -> Vec<f32> {
     let guess = without_cameras(scene);
@@ -94,14 +65,12 @@ pub fn with_unseen(scene: &Scene, seen: &[f32]) -> Vec<f32> {
 }
 
 /// The importance of what no camera sees follows from the sums over what they see.
-#[cfg(feature = "encode")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct UnseenUnit {
     seen: f64,
     guessed: f64,
 }
 
-#[cfg(feature = "encode")]
 impl UnseenUnit {
     /// Adds some Gaussians.
     pub(crate) fn add(&mut self, seen: &[f32], guess: &[f32]) {
@@ -121,33 +90,27 @@ impl UnseenUnit {
 
 /// Classes per factor of four in importance. On `fox` at equal rendered error the streams of
 /// slopes 0, 0.5, 0.7, 1 are 1.00, 0.87, 0.86, 0.91 in size.
-#[cfg(feature = "encode")]
 const SLOPE: f64 = 0.7;
 /// Lowest class, relative to [`MEAN_CLASS`]: steps are at most `2^3` times the mean one.
-#[cfg(feature = "encode")]
 const FLOOR: f64 = 3.0;
 /// Greatest step of covariances at the lowest class, in log-scale; it matters at qualities below 33. A faint
 /// Gaussian whose log-scale errs by more may become as large as its neighbours, and then shows where it did not
 /// before. With steps up to 6.4, quality 23 of `fox` was 0.44 dB worse than 22.5.
-#[cfg(feature = "encode")]
 const GREATEST_STEP: f64 = 4.0;
 
 /// Real-valued classes from importances (any unit; negative and NaN count as 0), relative to
 /// their mean. `covariance_step` is that of [`MEAN_CLASS`].
-#[cfg(feature = "encode")]
 pub(crate) fn log_classes(importance: &[f32], covariance_step: f32) -> Vec<f32> {
     let mean = sum(importance) / importance.len().max(1) as f64;
     log_classes_about(mean, importance, covariance_step)
 }
 
 /// The sum of importances.
-#[cfg(feature = "encode")]
 pub(crate) fn sum(importance: &[f32]) -> f64 {
     importance.iter().map(|&v| clean(v)).sum()
 }
 
 /// As [`log_classes`], relative to a mean importance that is given.
-#[cfg(feature = "encode")]
 pub(crate) fn log_classes_about(mean: f64, importance: &[f32], covariance_step: f32) -> Vec<f32> {
     let floor = libm::log2(GREATEST_STEP / f64::from(covariance_step)).clamp(0.0, FLOOR);
     let lowest = f64::from(MEAN_CLASS) - floor;
@@ -165,17 +128,11 @@ pub(crate) fn log_classes_about(mean: f64, importance: &[f32], covariance_step: 
 }
 
 /// An importance, or 0 for what is none.
-#[cfg(feature = "encode")]
 fn clean(importance: f32) -> f64 {
     if importance.is_finite() && importance > 0.0 { f64::from(importance) } else { 0.0 }
 }
 
-/// The class of a decoded value.
-pub(crate) fn class_of(value: f32) -> u8 {
-    (value + 0.5).clamp(0.0, f32::from(CLASSES - 1)) as u8
-}
-
-#[cfg(all(test, feature = "encode"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 

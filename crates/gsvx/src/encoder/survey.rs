@@ -2,8 +2,8 @@
 //!
 //! Invariant: the result does not depend on the order of the Gaussians, nor on how they are divided into parts.
 
-use crate::check::used_degree;
-use crate::encoded::CoarseCells;
+use super::check::used_degree;
+use super::encoded::CoarseCells;
 use crate::error::Result;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;

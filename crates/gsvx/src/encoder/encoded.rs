@@ -1,9 +1,9 @@
 //! [`Encoded`]: a finished stream, and what is known of it.
 
+use super::options::MaxError;
 use crate::decode::{DecodeOptions, decode_with};
 use crate::error::Result;
 use crate::head::{Index, Kind};
-use crate::options::MaxError;
 use gs_model::Scene;
 
 /// A finished stream.

@@ -1,8 +1,8 @@
 //! Leaves for Gaussians whose means must not err by more than a bound.
 
 use super::errors;
+use crate::encoder::options::MaxError;
 use crate::error::{Result, coding};
-use crate::options::MaxError;
 use gpcc_lite::morton::{self, MAX_DEPTH};
 use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;

@@ -1,17 +1,44 @@
 //! [`Encoder`]: the one way from a model to a stream, whatever the stream aims for.
 
-use crate::encoded::Encoded;
+mod assemble;
+mod bounded;
+mod check;
+mod encode;
+mod encoded;
+mod exact;
+mod join;
+pub mod latents;
+mod lod;
+mod options;
+mod outliers;
+mod plan;
+mod prepare;
+mod preset;
+pub mod rate;
+mod source;
+mod strategy;
+mod survey;
+mod tiled;
+mod warning;
+
+pub use encode::encode_voxels;
+pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
+pub use exact::encode_lossless;
+pub use join::{Joined, join};
+pub use options::{DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
+pub use plan::{Choices, Plan};
+pub use prepare::{Prepared, encode, prepare, prune};
+pub use preset::Preset;
+pub use strategy::{Seen, default_strategy};
+pub use survey::Survey;
+pub use warning::{EncodeWarning, Missed};
+
 use crate::error::{Error, Result};
-use crate::exact::encode_lossless;
-use crate::options::{EncodeOptions, Leaves, MaxError};
-use crate::plan::Choices;
-use crate::prepare::encode;
-use crate::rate::{self, Found};
-use crate::strategy::Seen;
-use crate::warning::{EncodeWarning, Missed, warnings};
 use gs_model::Scene;
+use rate::Found;
 use std::num::NonZeroUsize;
 use std::ops::ControlFlow;
+use warning::warnings;
 
 /// What a stream aims for.
 pub enum Aim<'a> {
