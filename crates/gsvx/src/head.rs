@@ -205,6 +205,19 @@ impl Index {
         out.bytes
     }
 
+    /// The head in front of layers that follow it back to back, and the same as bytes.
+    #[cfg(feature = "encode")]
+    pub(crate) fn before(header: Header, mut chunks: Vec<Chunk>) -> (Self, Vec<u8>) {
+        let bytes = Self::to_bytes(&header, &chunks);
+        let head_len = bytes.len() as u64;
+        let mut offset = head_len;
+        for layer in chunks.iter_mut().flat_map(|c| &mut c.layers) {
+            layer.offset = offset;
+            offset += layer.len;
+        }
+        (Self { header, chunks, head_len }, bytes)
+    }
+
     /// The head of a stream of some chunks of this one, as its finest level of detail. Their layers follow it,
     /// back to back and in the given order. SH degrees that are empty in all of them are left out: each chunk
     /// of leaves has as many layers in the new stream as [`Index::parse`] of the result says.

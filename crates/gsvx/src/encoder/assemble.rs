@@ -65,15 +65,9 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
         }
         chunks.push(chunk);
     }
-    let mut bytes = Index::to_bytes(&header, &chunks);
-    let head_len = bytes.len() as u64;
-    let mut offset = head_len;
-    for layer in chunks.iter_mut().flat_map(|c| &mut c.layers) {
-        layer.offset = offset;
-        offset += layer.len;
-    }
+    let (index, mut bytes) = Index::before(header, chunks);
     bytes.extend(payload);
-    Encoded { bytes, index: Index { header, chunks, head_len }, ..Encoded::default() }
+    Encoded { bytes, index, ..Encoded::default() }
 }
 
 /// Gives a scene another SH degree: coefficients are cut, or zeros are added.

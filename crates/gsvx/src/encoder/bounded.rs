@@ -32,7 +32,7 @@ const MOST_ENCODES: usize = 24;
 /// have to be.
 ///
 /// # Errors
-/// [`Error::Option`] for bounds out of range; those of [`crate::encode_voxels`].
+/// [`crate::Error::Option`] for bounds out of range; those of [`crate::encode_voxels`].
 pub(crate) fn encode(
     scene: &Scene,
     outliers: &[usize],

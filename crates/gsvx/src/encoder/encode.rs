@@ -23,8 +23,9 @@ use voxel::{Importance, Voxelization};
 /// `outliers` are coded bit for bit; a decoder returns them behind the leaves, in their order.
 ///
 /// # Errors
-/// [`Error::Length`], [`Error::OffCentre`] or [`Error::NonFinite`] if the scene does not fit,
-/// [`Error::InvalidOutlier`] if an outlier does not.
+/// [`Length`](crate::Error::Length), [`OffCentre`](crate::Error::OffCentre) or
+/// [`NonFinite`](crate::Error::NonFinite) if the scene does not fit,
+/// [`InvalidOutlier`](crate::Error::InvalidOutlier) if an outlier does not.
 pub fn encode_voxels(
     scene: &Scene,
     octree: &Octree,

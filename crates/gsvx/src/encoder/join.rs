@@ -78,12 +78,6 @@ fn put_together(header: Header, chunks: &[(usize, &Chunk)]) -> Joined {
         chunk.layers.resize(1 + usize::from(header.sh_degree), empty);
         joined.push(chunk);
     }
-    let head = Index::to_bytes(&header, &joined);
-    let head_len = head.len() as u64;
-    let mut offset = head_len;
-    for layer in joined.iter_mut().flat_map(|c| &mut c.layers) {
-        layer.offset = offset;
-        offset += layer.len;
-    }
-    Joined { head, pieces, index: Index { header, chunks: joined, head_len } }
+    let (index, head) = Index::before(header, joined);
+    Joined { head, pieces, index }
 }

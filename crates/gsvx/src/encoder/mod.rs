@@ -25,11 +25,11 @@ pub use encode::encode_voxels;
 pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
 pub use exact::encode_lossless;
 pub use join::{Joined, join};
-pub use options::{DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError};
+pub use options::{DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError, Seen};
 pub use plan::{Choices, Plan};
 pub use prepare::{Prepared, encode, prepare, prune};
 pub use preset::Preset;
-pub use strategy::{Seen, default_strategy};
+pub use strategy::default_strategy;
 pub use survey::Survey;
 pub use warning::{EncodeWarning, Missed};
 
@@ -205,11 +205,7 @@ impl<'a> Encoder<'a> {
         if let Some(option) = option {
             return Err(Error::NotAtScale { option });
         }
-        let seen = match (by_cameras, options.drop_unseen) {
-            (false, _) => Seen::Guessed,
-            (true, false) => Seen::ByCameras,
-            (true, true) => Seen::ByCamerasOnly,
-        };
+        let seen = options.seen(by_cameras);
         let EncodeOptions { max_sh_degree, chunk_leaves, lod, .. } = *options;
         Ok(Choices { quality, max_sh_degree, chunk_leaves, seen, lod })
     }

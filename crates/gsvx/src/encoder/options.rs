@@ -25,6 +25,19 @@ pub enum Leaves {
     },
 }
 
+/// Where importances come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Seen {
+    /// The rasterizer's sum of squared blending weights over cameras. Nothing is left out: see
+    /// [`crate::importance::with_unseen`].
+    ByCameras,
+    /// The same from cameras that show all that counts: what they see too little of to pay for its bits
+    /// is left out.
+    ByCamerasOnly,
+    /// [`crate::importance::without_cameras`]: a guess, on which nothing is left out.
+    Guessed,
+}
+
 /// The greatest error of each attribute, as a bound or as measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MaxError {
@@ -151,6 +164,15 @@ impl EncodeOptions {
     pub fn at_quality(&self, quality: f32) -> Result<Self> {
         let Self { quality, steps, .. } = Self::from_quality(quality)?;
         Ok(Self { quality, steps, ..self.clone() })
+    }
+
+    /// Where importances come from, if they come from cameras or not.
+    pub(crate) fn seen(&self, by_cameras: bool) -> Seen {
+        match (by_cameras, self.drop_unseen) {
+            (false, _) => Seen::Guessed,
+            (true, false) => Seen::ByCameras,
+            (true, true) => Seen::ByCamerasOnly,
+        }
     }
 
     fn at(quality: f32) -> Self {

@@ -7,10 +7,10 @@
 use super::encode::encode_source;
 use super::encoded::{CoarseCells, Encoded};
 use super::lod;
-use super::options::EncodeOptions;
+use super::options::{EncodeOptions, Seen};
 use super::outliers::suffices;
 use super::source::{Source, Whole};
-use super::strategy::{Seen, j_high};
+use super::strategy::j_high;
 use super::survey::Survey;
 use super::tiled::{Mean, TILE, TileRules, sample};
 use super::warning::EncodeWarning;

@@ -9,7 +9,7 @@ use super::lod;
 use super::options::{EncodeOptions, MaxError};
 use super::outliers::split_outliers;
 use super::source::{Source, Whole};
-use super::strategy::{Seen, j_high};
+use super::strategy::j_high;
 use super::survey::Survey;
 use super::tiled::{self, TileRules, Tiled};
 use crate::error::{Error, Result, check_length};
@@ -164,11 +164,7 @@ impl<'a> Input<'a> {
 
     /// The leaves, and the importance of each Gaussian.
     fn voxelize(&mut self, options: &EncodeOptions) -> Result<Tiled> {
-        let seen = match (&self.importance, options.drop_unseen) {
-            (None, _) => Seen::Guessed,
-            (Some(_), true) => Seen::ByCamerasOnly,
-            (Some(_), false) => Seen::ByCameras,
-        };
+        let seen = options.seen(self.importance.is_some());
         let cube = self.survey.cube();
         let depth = j_high(self.survey.median_log_scale(), &cube);
         let rules = TileRules { cube, depth, quality: options.quality, seen };

@@ -1,6 +1,6 @@
 //! How many leaves a quality asks for: the parameters of the rate-distortion strategy.
 
-use super::options::EncodeOptions;
+use super::options::{EncodeOptions, Seen};
 use crate::error::Result;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
@@ -27,19 +27,6 @@ const DROP: f64 = 5.0;
 /// Attribute bits per Gaussian at quality 50, and how they grow per quality point.
 pub(crate) const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
-
-/// Where importances come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Seen {
-    /// The rasterizer's sum of squared blending weights over cameras. Nothing is left out: see
-    /// [`crate::importance::with_unseen`].
-    ByCameras,
-    /// The same from cameras that show all that counts: what they see too little of to pay for its bits
-    /// is left out.
-    ByCamerasOnly,
-    /// [`crate::importance::without_cameras`]: a guess, on which nothing is left out.
-    Guessed,
-}
 
 /// The default voxelization strategy at a quality of 0 to 100.
 ///

@@ -6,8 +6,8 @@
 //!
 //! Invariant: what becomes of a tile follows from its own Gaussians, the [`TileRules`] and the sums.
 
-use super::options::Leaves;
-use super::strategy::{Seen, rate_distortion};
+use super::options::{Leaves, Seen};
+use super::strategy::rate_distortion;
 use crate::error::Result;
 use crate::importance;
 use gpcc_lite::Cube;

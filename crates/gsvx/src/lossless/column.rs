@@ -58,6 +58,15 @@ pub(super) enum Cell {
     },
 }
 
+impl Cell {
+    /// The cell index that stands for the value in predictions.
+    pub(super) fn q(self) -> i32 {
+        match self {
+            Self::At { q, .. } | Self::Tiny { q, .. } | Self::Escape { q } => q,
+        }
+    }
+}
+
 /// Bit patterns in the order of the values they stand for.
 pub(super) fn ordered(bits: u32) -> u32 {
     if bits >> 31 == 1 { !bits } else { bits | 1 << 31 }
@@ -86,9 +95,7 @@ pub(super) fn parts(bits: u32) -> (u32, u32) {
 impl Map {
     /// The cell index that stands for a value in predictions.
     pub(super) fn stand_in(&self, bits: u32) -> i32 {
-        match self.split(bits) {
-            Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
-        }
+        self.split(bits).q()
     }
 
     /// The cell of a bit pattern.

@@ -96,9 +96,7 @@ fn morton_order(scene: &Scene) -> MortonOrder {
     drop(all);
     let column =
         Column { map: grid, predictor: Default::default(), centre: 0, common: None, escapes };
-    let cell = |a: usize, i: usize| match column.map.split(means[a][i]) {
-        Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
-    };
+    let cell = |a: usize, i: usize| column.map.stand_in(means[a][i]);
     let cells: Vec<[i32; 3]> = (0..n).map(|i| std::array::from_fn(|a| cell(a, i))).collect();
     drop(means);
     let least: [i32; 3] =

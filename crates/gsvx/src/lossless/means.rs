@@ -49,9 +49,7 @@ impl Means<'_> {
                 Some(&v) => map.split(v),
                 None => Cell::Escape { q: 0 },
             });
-            let at = cells.map(|cell| match cell {
-                Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q,
-            });
+            let at = cells.map(Cell::q);
             let grid = gpcc_lite::morton::decode(codes.next(coder, self.key(at)));
             for a in 0..MEANS {
                 let offset = (at[a].wrapping_sub(self.least[a])) as u32 & ((1 << self.below) - 1);

@@ -218,10 +218,7 @@ impl<'a> Rows<'a> {
             last: (centre + (trend.fast >> 4)).max(0),
             sign: (trend.sign + 1) as usize,
         };
-        let e = match cell {
-            Cell::At { q, .. } | Cell::Tiny { q, .. } | Cell::Escape { q } => q - predicted,
-        };
-        let e = self.models[kind(MEANS + c)].code(coder, expect, e);
+        let e = self.models[kind(MEANS + c)].code(coder, expect, cell.q() - predicted);
         let q = (predicted + e).clamp(-CELLS, CELLS - 1);
         self.q[MEANS + c] = q;
         self.rests[at] = q - own;
