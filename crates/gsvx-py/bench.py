@@ -32,7 +32,7 @@ PAGE = REPOSITORY / "docs" / "results" / "python.md"
 ROOM = REPOSITORY / "fixtures" / "room"
 
 # What each process of Python does: its arguments are a task, a model or stream, and a place for the output. It
-# prints seconds, processor seconds, bytes of the arrays, and the peak before and after in kB.
+# prints seconds, bytes of the arrays, and the peak before and after in kB.
 WORKER = """
 import json, re, sys, time
 import numpy, gsvx
@@ -48,19 +48,15 @@ if what == "compress":
 def peak():
     with open("/proc/self/status") as file:
         return int(re.search(r"VmHWM:\\s+(\\d+)", file.read())[1])
-before, start, cpu = peak(), time.perf_counter(), time.process_time()
+before, start = peak(), time.perf_counter()
 if what == "compress":
     gsvx.compress(out, splats)
-elif what == "lossless":
-    gsvx.compress(out, source, lossless=True)
 elif what == "decompress":
     splats = gsvx.decompress(source)
-seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
+seconds = time.perf_counter() - start
 size = sum(a.nbytes for a in splats.values())
 gaussians = len(splats["means"]) if splats else 0
-print(json.dumps(dict(
-    seconds=seconds, cpu=cpu, arrays=size, before=before, peak=peak(), gaussians=gaussians
-)))
+print(json.dumps(dict(seconds=seconds, arrays=size, before=before, peak=peak(), gaussians=gaussians)))
 """
 RUNS = 15
 
@@ -77,8 +73,8 @@ def worker(*words):
 
 
 def command(*words):
-    """The report of the command, with its processor seconds and its peak in kB. This process is small, for
-    the peak of a child is at least that of the process that starts it."""
+    """The report of the command, with its peak in kB. This process is small, for the peak of a child is at
+    least that of the process that starts it."""
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
@@ -90,22 +86,17 @@ def command(*words):
     _, status, usage = os.wait4(child, 0)
     if status:
         sys.exit(f"{' '.join(map(str, words))} failed")
-    return {**json.loads(said), "cpu": usage.ru_utime + usage.ru_stime, "peak": usage.ru_maxrss}
+    return {**json.loads(said), "peak": usage.ru_maxrss}
 
 
 def model_rows(gsvx, model, folder):
-    """The figures of a model: rows of the three tables."""
+    """The figures of a model: rows of both tables."""
     prepared = worker("prepare", model, folder)
-    names = ("a.gsvx", "b.gsvx", "exact.gsvx", "a.ply")
-    stream, other, exact, ply = (folder / name for name in names)
-    runs = {name: [] for name in ("encode", "compress", "lossless", "decode", "decompress")}
-    runs["encode lossless"] = []
+    stream, other, ply = (folder / name for name in ("a.gsvx", "b.gsvx", "a.ply"))
+    runs = {name: [] for name in ("encode", "compress", "decode", "decompress")}
     for _ in range(RUNS):
         runs["encode"].append(command(gsvx, "encode", model, "-o", stream, "--force", "--json"))
         runs["compress"].append(worker("compress", folder, other))
-        words = [gsvx, "encode", model, "-o", exact, "--lossless", "--force", "--json"]
-        runs["encode lossless"].append(command(*words))
-        runs["lossless"].append(worker("lossless", model, exact))
         runs["decode"].append(command(gsvx, "decode", stream, "-o", "/dev/null", "--force", "--json"))
         runs["decompress"].append(worker("decompress", stream, "-"))
     if stream.read_bytes() != other.read_bytes():
@@ -118,10 +109,6 @@ def model_rows(gsvx, model, folder):
         row(name, "compress", values("encode", "encode_seconds"), values("compress", "seconds")),
         row(name, "decompress", values("decode", "decode_seconds"), values("decompress", "seconds")),
     ]
-    cpus = [
-        row(name, "lossless", values("encode lossless", "cpu"), values("lossless", "cpu")),
-        row(name, "decompress", values("decode", "cpu"), values("decompress", "cpu")),
-    ]
     peaks = []
     for what, theirs in (("compress", "encode"), ("decompress", "decode to a file")):
         size = worker("decompress", stream, "-")["arrays"] if what == "decompress" else prepared["arrays"]
@@ -130,8 +117,8 @@ def model_rows(gsvx, model, folder):
         columns = [a, size, base, b]
         text = " | ".join(f"{v / 1e6:.1f}" for v in columns)
         peaks.append(f"| {name} | {what} | {text} | {(b - size - base - a) / 1e6:+.1f} |")
-    print(*times, *cpus, *peaks, sep="\n")
-    return times, cpus, peaks
+    print(*times, *peaks, sep="\n")
+    return times, peaks
 
 
 def row(name, what, theirs, ours):
@@ -165,7 +152,6 @@ def install():
         return [
             f"| environment, wheel and installation, seconds | {installed - start:.0f} |",
             f"| the README's example, seconds | {end - installed:.1f} |",
-            f"| processor seconds of both | {cpu:.0f} |",
             f"| processor seconds divided by {os.cpu_count()} cores | {cpu / os.cpu_count():.0f} |",
             f"| size of the wheel, MB | {wheel.stat().st_size / 1e6:.2f} |",
             f"| what the example says | {'; '.join(said)} |",
@@ -203,21 +189,20 @@ def main():
     parser.add_argument("--tests", action="store_true")
     parser.add_argument("--command", type=Path, default=REPOSITORY / "target" / "release" / "gsvx")
     arguments = parser.parse_args()
-    tables = [[], [], []]
+    tables = [[], []]
     for model in arguments.models:
         with tempfile.TemporaryDirectory() as folder:
             found = model_rows(arguments.command, model.resolve(), Path(folder))
             tables = [table + rows for table, rows in zip(tables, found)]
     installed = install() if arguments.install else kept("From nothing")
-    headings = ("How fast", "How much work", "How much memory")
-    times, cpus, peaks = (table or kept(heading) for table, heading in zip(tables, headings))
+    headings = ("How fast", "How much memory")
+    times, peaks = (table or kept(heading) for table, heading in zip(tables, headings))
     os.environ["GSVX"] = str(arguments.command)
     page = TEMPLATE.format(
         machine=f"{processor()}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.0f}; "
         f"Python {platform.python_version()}, numpy {version('numpy')}",
         installed="\n".join(installed),
         times="\n".join(times),
-        cpus="\n".join(cpus),
         peaks="\n".join(peaks),
         runs=RUNS,
         tests=tests() if arguments.tests else kept_tests(),
@@ -233,8 +218,7 @@ TEMPLATE = """# In Python
 ## From nothing
 
 An empty environment and an empty cargo target folder; crates and wheels come from the network or from its
-caches. Where other programs are busy too, processor seconds tell more than those that passed. The aim is 5
-minutes on 2 cores, and a wheel of at most 6 MB.
+caches. The aim is 5 minutes on 2 cores, and a wheel of at most 6 MB.
 
 | | |
 |---|---|
@@ -242,31 +226,18 @@ minutes on 2 cores, and a wheel of at most 6 MB.
 
 ## How fast
 
-Seconds, the best of {runs} runs each, in turn. `more` is the median over pairs of runs, one right after the
-other: other programs disturb both alike. Of the command, `encode` is without the reading of the PLY and
-without the writing, `decode` writes its PLY to /dev/null. Of Python: `gsvx.compress` from numpy arrays to a
-file, `gsvx.decompress` from a file to arrays. The aim is 10 % more at most.
+Seconds, the best of {runs} runs each, in turn. `more` is the median over pairs of consecutive runs. The command
+encodes without file I/O and decodes a PLY to /dev/null; `gsvx.compress` writes arrays to a file,
+`gsvx.decompress` reads a file into arrays. The streams are byte for byte the same. The aim is 10 % more at most.
 
 | model, Gaussians | | command | Python | more |
 |---|---|---:|---:|---:|
 {times}
 
-The streams are byte for byte the same.
-
-## How much work
-
-Processor seconds, which other programs on the machine disturb less. Of the command they are those of the whole process:
-`encode --lossless`, which makes no estimate of the loss, and `decode`. Of Python they are those of
-`gsvx.compress` with the name of the same PLY, which it reads into arrays first, and of `gsvx.decompress`.
-
-| model, Gaussians | | command | Python | more |
-|---|---|---:|---:|---:|
-{cpus}
-
 ## How much memory
 
 Peaks of the processes in MB, the best of {runs}. `base` is Python with numpy and the package before the call,
-without the arrays; `beyond` is what Python takes beyond the command, the arrays and the base. The aim
+without the arrays; `beyond` is what Python takes beyond the command, the arrays and the base; the aim
 is 0 at most.
 
 | model, Gaussians | | command | arrays | base | Python | beyond |
@@ -275,9 +246,9 @@ is 0 at most.
 
 ## How safe
 
-`pytest crates/gsvx-py/tests`: {tests}. Among them: 1,000 streams with random damage are given to
-`decompress_bytes` and to `open`, and every one is decoded as if it were whole or raises `gsvx.Error`; the
-streams of 19 sets of options are those of the command.
+`pytest crates/gsvx-py/tests`: {tests}. Of 1,000 streams with random damage,
+`decompress_bytes` and `open` decode each as if it were whole or raise `gsvx.Error`. The streams of 19 sets of
+options are those of the command.
 """
 
 if __name__ == "__main__":

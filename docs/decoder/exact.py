@@ -180,7 +180,7 @@ class LocalPrediction:
             D[c] = max(int(self.C[c, c]) + 393216 - (int(s @ L[c, :c]) >> 12), 196608)
 
 class RowDecoder:
-    """The columns of a block behind the means (8)."""
+    """The columns of a block behind the means (6)."""
 
     def __init__(self, block, columns, means):
         self.block, self.columns, self.means, n = block, columns, means, len(columns)
@@ -229,7 +229,7 @@ class RowDecoder:
         return self.block.bits(32) if escape else None
 
     def error(self, kind, X, Y, Z, sign):
-        """8.2."""
+        """6.2."""
         block, k = self.block, min(((X + Y + 1) >> 1) >> 2, 26)
         bits = self.error_bits(kind, k, *(clamp(v - 4 * k + 12, 0, 23) for v in (X, Y, Z)))
         if bits == 0:

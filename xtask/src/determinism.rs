@@ -149,9 +149,9 @@ fn differing(runs: &[(String, String)]) -> Vec<String> {
 fn page(out: &Path, runs: &[(String, String)], skipped: &[String], differing: &[String]) -> Page {
     let mut page = Page::new(out, "Are the bytes the same everywhere?");
     page.text(
-        "`cargo xtask determinism`: every golden stream and the fixture room are voxelized, tuned, encoded in every \
-         mode and decoded (at each level of detail) by builds for several processors, and the SHA-256 (first 12 bytes) \
-         of coded bytes and decoded floats are compared.",
+        "`cargo xtask determinism`: builds for several processors voxelize, tune, encode in every mode and decode (at \
+         each level of detail) every golden stream and the fixture room. The hashes of coded bytes and decoded floats \
+         are compared.",
     );
     let total = lines(runs);
     let mut table = Table::new("run | lines equal to the first run's");

@@ -38,23 +38,19 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 /// `... worst relative error ...`.
 fn write(page: &mut Page, printed: &str) {
     page.text(
-        "Written by `cargo xtask stability` from the tests `stability` and `oracle` of finetune, which fail where a \
-         bound is broken. The oracle is a renderer in f64 without tiles: covariance and conic as in the textbook, every \
-         Gaussian against every pixel. A pixel is doubtful, and not counted, if in f64 some alpha is within 1e-3 of the \
-         cut at 1/255 or some transmittance within 1 % of the stop: there f32 may decide otherwise, and both images are \
-         right. All images, losses and gradients must be finite.",
+        "`cargo xtask stability` runs the tests `stability` and `oracle` of finetune. The oracle is a renderer in f64 \
+         without tiles: covariance and conic as in the textbook, every Gaussian against every pixel. A pixel is \
+         doubtful, and not counted, if in f64 some alpha is within 1e-3 of the cut at 1/255 or some transmittance \
+         within 1 % of the stop: there f32 may decide otherwise, and both images are right. All images, losses and \
+         gradients must be finite.",
     );
     let rows: Vec<&str> = printed.lines().filter(|l| l.starts_with('|')).collect();
     page.text(rows.join("\n"));
     page.table(&figures(printed));
     page.text(
         "The tests also render cameras with zero, negative, infinite and NaN parameters, images without pixels, 100,000 \
-         layers in a pixel, and random bit patterns, and demand finite output.",
-    );
-    page.text(
-        "The 2D shape of a Gaussian is the Cholesky factor of half its conic, not the conic: its exponent is a sum of \
-         two squares, in which nothing cancels. The determinant is a sum of squares as well. The adjoint blends front to \
-         back a second time, and divides by no transmittance.",
+         layers in a pixel, and random bit patterns, and demand finite output. How the rasterizer avoids cancellation: \
+         [finetune](../../crates/finetune/README.md#method).",
     );
 }
 
@@ -62,7 +58,7 @@ fn figures(printed: &str) -> Table {
     let mut table = Table::new("input | result");
     for (input, says) in printed.lines().filter_map(|line| line.split_once(": ")) {
         if says.ends_with("from the oracle") || says.contains("relative error") {
-            table.row(cells![input, says]);
+            table.row(cells![input, says.split(',').next().unwrap_or(says)]);
         }
     }
     table

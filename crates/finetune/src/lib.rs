@@ -90,8 +90,3 @@ pub use saliency::{Saliency, saliency, saliency_per_view};
 pub use stages::removal::removal_effects;
 pub use train_view::TrainView;
 pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};
-
-// The README's example is a test too.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;

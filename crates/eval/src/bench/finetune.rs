@@ -55,9 +55,8 @@ pub fn run(options: &Options) -> Result<()> {
     let mut page = Page::new(&options.out, "What does the fine-tune bring?");
     page.text(format!(
         "`cargo xtask bench-finetune {} --steps {}` voxelizes and merges a model, tunes the result on the training \
-         views and measures PSNR at the held-out views, which the fine-tune never sees. Nothing is coded. Means are \
-         frozen; loss, rates and decay are the defaults. What a fine-tune with the codec in the loop saves in bytes: \
-         [tune.md](tune.md).",
+         views as the paper does, and measures PSNR at the held-out views. Nothing is coded. With the codec in the \
+         loop: [tune.md](tune.md).",
         options.scenes.join(" "),
         options.steps,
     ));

@@ -26,7 +26,7 @@ pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
     ));
     page.text(
         "BD-rate (pchip, qualities 34, 48, 62, 76 and 90, PSNR of the held-out views against the photos) against a \
-         plainer guess: opacity times the root of the area of the two largest axes. Negative is smaller.",
+         plainer guess: opacity times the root of the area of the two largest axes.",
     );
     let mut table = Table::new(
         "scene | without cameras | cameras, nothing left out | cameras, what they do not see left out",
@@ -37,8 +37,8 @@ pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
     page.table(&table);
     page.text("## Skies and copies");
     page.text(format!(
-        "The room, a few units wide, at quality {}, without cameras: alone; with a third as many large Gaussians on a \
-         sphere around it; and with a copy of itself far away. dB of the room's held-out views against renders of the \
+        "The room, a few units wide, at quality {}, without cameras: alone, with a third as many large Gaussians on a \
+         sphere around it, and with a distant copy of itself. dB of the room's held-out views against renders of the \
          input.",
         gsvx::DEFAULT_QUALITY
     ));

@@ -39,7 +39,7 @@ pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
     };
     let models = SCENES.iter().map(model).collect::<Result<Vec<Scene>>>()?;
     let mut tables = Tables {
-        stages: Table::new("Gaussians | stage | wall s | user s | user s per million | peak MB"),
+        stages: Table::new("Gaussians | stage | wall s | user s | peak MB"),
         streams: Table::new(
             "Gaussians | stream MB | join, of the wall seconds of plan, parts and join | a box with, of the Gaussians \
              | reads of the stream",
@@ -96,10 +96,9 @@ fn measure(run: &Run<'_>, inputs: &[PathBuf], tables: &mut Tables) -> Result<()>
         let sum = |of: fn(&Done) -> f64| costs.iter().map(of).sum::<f64>();
         let peak_mb = costs.iter().map(|c| c.peak_mb).fold(0.0, f64::max);
         let (wall, user) = (sum(|c| c.wall), sum(|c| c.user));
-        let each = user / millions as f64;
-        let [wall_s, user_s, each] = [wall, user, each].map(|s| format!("{s:.2}"));
+        let [wall_s, user_s] = [wall, user].map(|s| format!("{s:.2}"));
         let peak = format!("{peak_mb:.0}");
-        tables.stages.told(cells![format!("{millions} M"), stage, wall_s, user_s, each, peak]);
+        tables.stages.told(cells![format!("{millions} M"), stage, wall_s, user_s, peak]);
         wall
     };
     row("encode --memory", &[run.make(&["encode", "--memory", run.memory], inputs, "city.gsvx")?]);
@@ -159,11 +158,10 @@ fn page(options: &Options, tables: &Tables, out: &Path) -> Page {
     let millions: Vec<String> = options.millions.iter().map(ToString::to_string).collect();
     let mut page = Page::new(out, "Larger than memory?");
     page.text(format!(
-        "`cargo build --release -p gsvx-cli && cargo xtask bench-gsvx --millions {}` encodes scenes of many millions \
-         of Gaussians: {} in turn, replicated side by side and jittered, in files of a million each. `--memory {}`, \
-         {}. The stream of the joined parts is the stream of `encode --memory`, byte for byte: the command checks it. \
-         Parts run one after the other; their peak is that of one. Times are those of whole processes, files \
-         included.",
+        "`cargo build --release -p gsvx-cli && cargo xtask bench-gsvx --millions {}` encodes {} in turn, replicated \
+         side by side and jittered, in files of a million each. `--memory {}`, {}. The bench checks that the joined \
+         parts are the stream of `encode --memory`. Parts run one after the other; their peak is that of one. Times \
+         are those of whole processes, files included. How it works: [scale.md](../scale.md).",
         millions.join(","),
         SCENES.join(" and "),
         options.memory,

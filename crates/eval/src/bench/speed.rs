@@ -31,15 +31,13 @@ pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
     let found = scenes::find(&options.scene)?;
     let (scene, _) = ply::read(&found.dataset.model_path)?;
     ensure!(!scene.is_empty(), "{}: the model is empty", found.name);
-    let mut table = Table::new(
-        "Gaussians | step | wall s | user s | Gaussians/s (wall) | peak MB | peak / raw floats | stream MB",
-    );
+    let mut table =
+        Table::new("Gaussians | step | wall s | user s | Gaussians/s (wall) | peak MB | stream MB");
     let mut series = STEPS.map(|(step, _)| Series::ours(step, Vec::new()));
     let dir = tempfile::tempdir().context("make a temporary folder")?;
     let [model, stream, back] = ["model.ply", "model.gsvx", "back.ply"].map(|f| dir.path().join(f));
     for &n in &options.sizes {
         let many = replicate(&scene, n);
-        let raw_mb = (many.len() * (11 + 3 * many.sh_len()) * 4) as f64 / 1e6;
         ply::write(&model, &many)?;
         drop(many);
         // Otherwise the disk would still be busy with it in the first measurement.
@@ -58,7 +56,6 @@ pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
                 format!("{:.2}", cost.user),
                 format!("{:.0}", n as f64 / cost.wall),
                 format!("{:.0}", cost.peak_mb),
-                format!("{:.2}", cost.peak_mb / raw_mb),
                 format!("{stream_mb:.2}"),
             ]);
             line.points.push((n as f64 / 1e6, cost.wall));
@@ -68,7 +65,7 @@ pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
     page.text(format!(
         "`cargo build --release -p gsvx-cli && cargo xtask bench-gsvx {0}` times the command as a whole process, with \
          reading and writing of files, at the default quality and without cameras. Models are {0} replicated side by \
-         side, every float jittered a little; the raw floats are the 59 of a Gaussian, four bytes each. {1}.",
+         side, every float jittered a little. {1}.",
         options.scene,
         manifest::machine(),
     ));

@@ -156,15 +156,13 @@ pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
         names.join(","),
     ));
     page.text(
-        "Where Gaussians lie at equal depth, as on a wall that faces the camera, their order decides which is in \
-         front, and the least change of a mean decides anew. How much that alone changes is the PSNR of the input in \
-         reverse order, \"order alone\" in the table. In each view no more than that counts. \"Merging alone\" renders \
-         the merged Gaussians before their attributes are coded: what the choice of leaves loses.",
+        "Where Gaussians lie at equal depth, as on a wall that faces the camera, the least change of a mean decides \
+         which is in front. \"Order alone\" measures this: the PSNR of the input in reverse order. PSNRs are cut \
+         to it. \"Merging alone\" renders the merged Gaussians before their attributes are coded.",
     );
     page.text(
-        "The desk is generated (`testing::desk`): 60,000 Gaussians at the scale of a metre, with 300 bright ones that \
-         are up to ninety times as long as wide. Turned by one step of its covariance, the end of such a Gaussian \
-         moves by several times its width.",
+        "The desk is generated (`testing::desk`): 60,000 Gaussians, of which 300 bright ones are up to ninety times as \
+         long as wide. An error of one covariance step moves the end of such a Gaussian by several times its width.",
     );
     let axes = ["quality", "PSNR against renders of the input, dB"].map(Axis::linear);
     page.chart("", Chart::new("Quality and PSNR", axes, series, None));

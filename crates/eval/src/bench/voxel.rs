@@ -181,30 +181,24 @@ fn curves(study: &Study<'_>, qualities: &[f32]) -> Result<Vec<Curve>> {
 
 fn introduction(page: &mut Page, options: &Options) {
     page.text(format!("`cargo xtask bench-voxel {}`.", options.scenes.join(" ")));
-    let mut strategies = Table::new("strategy | where the octree stops");
-    strategies.row(cells!["Uniform", "all leaves at one depth J"]);
-    strategies.row(cells!["Paper", "the paper's criteria (section 3.2), between two depths"]);
-    strategies.row(cells![
-        "RateDistortion",
-        "where distortion plus lambda times bits is least, found by dynamic programming; the default",
-    ]);
-    page.table(&strategies);
     page.text(
-        "`RateDistortion` weighs each Gaussian by what the training cameras see of it, and drops those that show less \
-         than their bits cost. \"No cameras\" guesses the weights from opacity and size and drops nothing; \"nothing \
-         dropped\" has cameras. \"Paper merging\" averages the Gaussians of a leaf as the paper does; \"Moments \
-         merging\" keeps their first two moments. All streams are coded with importances from the cameras.",
+        "`Uniform` has all leaves at one depth, `Paper` follows the paper's criteria between two depths, and \
+         `RateDistortion`, the default, minimises distortion plus lambda times bits \
+         ([voxel](../../crates/voxel/README.md)). `RateDistortion` weighs each Gaussian by what the training cameras \
+         see of it, and drops those that show less than their bits cost. \"No cameras\" guesses the weights from \
+         opacity and size and drops nothing; \"nothing dropped\" has cameras. \"Paper merging\" averages the Gaussians \
+         of a leaf as the paper does; \"Moments merging\" keeps their first two moments.",
     );
     page.text(
-        "Where `Paper` is larger than `Uniform`, its criteria are the reason: they send the largest 20 % of the \
-         Gaussians, and every cell with a mean outside its inscribed ball, to the deepest level, at about three bits a \
-         level. A large Gaussian tolerates a larger displacement, not a smaller one.",
+        "`Paper` needs more bytes than `Uniform`, because its criteria send the largest 20 % of the Gaussians, and \
+         every cell with a mean outside its inscribed ball, to the deepest level, at about three bits a level. A \
+         large Gaussian tolerates a larger displacement, not a smaller one.",
     );
     page.text(format!(
-        "Real streams, decoded, rendered at the held-out views, without a fine-tune (with one: `cargo xtask rd-curve \
-         SCENE --experiment adaptive`). Each strategy has {} settings: {} qualities with three depths or lambdas each \
-         (\"nothing dropped\" has one). The table has the BD-rate between the hulls of all points, by pchip, against \
-         \"{ANCHOR}\".",
+        "Streams have importances from the cameras and no fine-tune (with one: `cargo xtask rd-curve SCENE \
+         --experiment adaptive`); decoded, they are rendered at the held-out views. Each strategy has {} settings: {} \
+         qualities with three depths or lambdas each (\"nothing dropped\" has one). BD-rate between the hulls of all \
+         points, by pchip, against \"{ANCHOR}\":",
         3 * options.qualities.len(),
         options.qualities.len(),
     ));

@@ -46,14 +46,13 @@ pub fn run(options: &Options) -> Result<()> {
     ));
     page.chart("", chart(runs.first().context("no scene")?));
     page.text(
-        "BD-rate of gsvx with cameras, by pchip on the hulls of the points; negative is smaller. A dash: not recorded, \
-         or no common range:",
+        "BD-rate of gsvx with cameras, by pchip on the hulls of the points. A dash: not recorded, or no common range.",
     );
     page.table(&against(&runs, &scenes));
     page.table(&points(&runs)?);
     page.text(
-        "Why the paper's adaptive criteria need more bytes than uniform voxels: [voxel.md](voxel.md). `cargo xtask \
-         rd-curve SCENE` writes all curves and pictures of a scene as one page.",
+        "Strategies of voxelization: [voxel.md](voxel.md). `cargo xtask rd-curve SCENE` writes all curves and pictures \
+         of a scene as one page.",
     );
     page.write()
 }

@@ -71,8 +71,6 @@ pub(crate) struct Point {
     pub(crate) user_seconds: f64,
     /// Greatest memory of the command, MB.
     pub(crate) peak_mb: f64,
-    /// Bytes that the loop counted, of a tune.
-    pub(crate) counted_bytes: Option<u64>,
 }
 
 /// Streams of one scene by one build of the command.
@@ -142,8 +140,7 @@ impl<'a> Streams<'a> {
             render_seconds,
             stream,
         };
-        let counted_bytes = said["counted_bytes"].as_u64();
-        Ok(Point { coded, user_seconds: cost.user, peak_mb: cost.peak_mb, counted_bytes })
+        Ok(Point { coded, user_seconds: cost.user, peak_mb: cost.peak_mb })
     }
 }
 

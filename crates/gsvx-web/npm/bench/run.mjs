@@ -56,11 +56,11 @@ async function inPage(browser, base, query) {
   return result;
 }
 
-/** Bytes of a process: of its own, and with the pages of files that it maps, such as Chromium itself. */
+/** Bytes of a process that are its own: not the pages of files that it maps, such as Chromium itself. */
 function uses(process) {
   const status = readFileSync(`/proc/${process}/status`, 'utf8');
   const of = (name) => 1024 * Number(new RegExp(`${name}:\\s+(\\d+)`).exec(status)[1]);
-  return { own: of('RssAnon') + of('RssShmem'), resident: of('VmRSS') };
+  return of('RssAnon') + of('RssShmem');
 }
 
 /** What decodings of a scene take in a page's process, the first and a later one: the greatest use, every 2 ms. */
@@ -77,16 +77,13 @@ async function peaks(base, layout) {
     await collector.send('HeapProfiler.collectGarbage');
     await page.waitForTimeout(500);
     const before = pages.map(uses);
-    const most = structuredClone(before);
-    const look = () => pages.map(uses).forEach((now, i) => {
-      for (const name of Object.keys(now)) most[i][name] = Math.max(most[i][name], now[name]);
-    });
+    const most = [...before];
+    const look = () => pages.map(uses).forEach((now, i) => { most[i] = Math.max(most[i], now); });
     const timer = setInterval(look, 2);
     const { seconds, output, count } = await page.evaluate(() => window.again());
     clearInterval(timer);
     look();
-    const growth = (name) => Math.max(...most.map((m, i) => m[name] - before[i][name]));
-    found.push({ which, seconds, count, output, own: growth('own'), resident: growth('resident') });
+    found.push({ which, seconds, count, output, own: Math.max(...most.map((m, i) => m - before[i])) });
   }
   await browser.close();
   return found;
@@ -124,8 +121,7 @@ try {
   const speed = (r) => (r.count / r.cpu / 1e6).toFixed(2);
   const row = (name, r) => `| ${name} | ${r.seconds.toFixed(2)} | ${r.cpu.toFixed(2)} | ${speed(r)} | ${megabytes(r.output)} | ${megabytes(r.peak)} | ${(r.peak / r.output).toFixed(2)} |`;
   const ratio = (bytes, { output }) => `${megabytes(bytes)} (${(bytes / output).toFixed(2)})`;
-  const used = Object.entries(memory).flatMap(([layout, runs]) => runs.map((r) => `| ${layout}, ${r.which} | ${r.seconds.toFixed(2)} | ${rate(r)} | ${megabytes(r.output)} | ${ratio(r.own, r)} | ${ratio(r.resident, r)} |`)).join('\n');
-  const [first, later] = memory.planar;
+  const used = Object.entries(memory).flatMap(([layout, runs]) => runs.map((r) => `| ${layout}, ${r.which} | ${r.seconds.toFixed(2)} | ${rate(r)} | ${megabytes(r.output)} | ${ratio(r.own, r)} |`)).join('\n');
   const text = `# In the browser
 
 \`cargo xtask web --bench\`: fox, replicated to ${COUNT.toLocaleString('en')} Gaussians with SH degree 3, one run. Streams are those of
@@ -142,10 +138,9 @@ ${cpus().length} cores; Node ${process.version}, Chromium ${version}.
 
 ## Beside another decoder
 
-In Node, one worker, a process of its own for each row, the best of three. Where other programs run beside them (the
-load average was ${loadavg()[0].toFixed(0)}), the processor's time tells more than the seconds that passed; it has all threads in it, those that
-compile WebAssembly too. That compiling is in the time and the memory of gsvx; @adobe/spz is made ready before. Peak is
-the growth of the process's resident memory from before the decoding, with the output.
+In Node, one worker, a process of its own for each row, the best of three; load average ${loadavg()[0].toFixed(0)}. Processor time is that of all
+threads. Time and memory of gsvx include the compiling of WebAssembly; @adobe/spz is made ready before. Peak is the
+growth of the process's resident memory during the decoding, with the output.
 
 | decoder and output | seconds | processor, s | M Gaussians per processor second | output, MB | peak, MB | peak / output |
 |---|---:|---:|---:|---:|---:|---:|
@@ -157,16 +152,15 @@ ${row('@adobe/spz, version 4 (floats)', decode.spz4)}
 
 ## In a page
 
-Whole scenes in Chromium, one worker: seconds, and the growth of the page's process while a scene is decoded, with the
-output, in MB and as a multiple of the output. A page's first decoding starts and compiles the decoder. "Own" is memory
-that only this process has; "resident" counts the pages of Chromium's own program too that are touched then.
+Whole scenes in Chromium, one worker: seconds, and the growth of the page's own memory with the output, in MB and as a
+multiple of the output. A page's first decoding starts and compiles the decoder.
 
-| decoding | seconds | M Gaussians/s | output, MB | own, MB | resident, MB |
-|---|---:|---:|---:|---:|---:|
+| decoding | seconds | M Gaussians/s | output, MB | growth, MB |
+|---|---:|---:|---:|---:|
 ${used}
 
-What is not output is about the same for any scene: the worker, WebAssembly's memory (${megabytes(decode.planar.memory)} MB, most of it the
-values of the chunk that is decoded), the compiled decoder, and the stream. So a layout of fewer bytes has a greater ratio.
+What is not output is about the same for any layout: the worker, WebAssembly's memory (${megabytes(decode.planar.memory)} MB), the compiled decoder,
+and the stream.
 
 ## Workers, and the page's own thread
 
@@ -176,21 +170,16 @@ Two workers (\`workers: 2\`) beside one, in Chromium, chunk by chunk, M Gaussian
 |---|---:|---:|---:|
 ${Object.entries(shared).map(([layout, { one, two }]) => `| ${layout} | ${(one / 1e6).toFixed(2)} | ${(two / 1e6).toFixed(2)} | ${(two / one).toFixed(2)} |`).join('\n')}
 
-While one worker decodes and chunks come in, the longest time that the page's main thread is not free is
-${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms (packed), in the best of three runs: the thread asks all the time, and the system
-gives the two cores to others too.
+While one worker decodes and chunks come in, the page's main thread is busy for at most ${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms
+(packed) at a time, in the best of three runs.
 
-| aim | here |
-|---|---:|
-| 0.8 M Gaussians per second, all SH, in one worker | first decoding ${rate(first)}, later ones ${rate(later)} |
-| the main thread is kept for 16 ms at most | ${Math.max(longest.planar, longest.packed).toFixed(1)} ms |
-| peak of at most 1.3 times the output | first decoding ${(first.own / first.output).toFixed(2)}, later ones ${(later.own / later.output).toFixed(2)} |
+The aims are 0.8 M Gaussians per second with all SH in one worker, 16 ms of the main thread at a time, and a peak of 1.3
+times the output.
 
 ## Over a link of 10 Mbit/s
 
-Seconds in Spark 2.2.0 until a first whole picture can be drawn (of .gsvx: the coarse level) and until all is there. The
-drawing itself is not in it: this machine draws in software. The files differ in quality too: SPZ keeps nearly all of the
-model, a stream of quality 50 is 35 to 38 dB from it.
+Seconds in Spark 2.2.0 until a first whole picture can be drawn (of .gsvx: the coarse level) and until all is there,
+without the drawing. SPZ keeps nearly all of the model; the stream has quality 50 ([quality.md](quality.md)).
 
 | file | first picture | all |
 |---|---:|---:|

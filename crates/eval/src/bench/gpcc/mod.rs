@@ -38,17 +38,16 @@ pub fn run(options: &Options) -> Result<()> {
     let peers = cloud::peers(&options.clouds.join("tmc13.jsonl"))?;
     let mut page = Page::new(&options.out, "How does the point-cloud coder compare with TMC13?");
     page.text(
-        "`cargo xtask bench-gpcc`. TMC13 v23 is MPEG's test model of G-PCC, the coder that the paper uses. Its figures \
-         are recorded runs (`tmc13.jsonl` beside the clouds). Ours are whole streams, decoded and compared. Rates are \
-         bits per point. \"Authors\" are the settings of the paper's scripts, \"best\" is the smallest of all recorded \
+        "`cargo xtask bench-gpcc`. TMC13 v23 is MPEG's test model of G-PCC, the coder that the paper uses; its figures \
+         are recorded (`tmc13.jsonl` beside the clouds). Ours are whole streams that decode correctly. Rates are bits \
+         per point. \"Authors\" are the settings of the paper's scripts, \"best\" is the smallest of all recorded \
          option sets.",
     );
     page.text(
-        "Lossy rates are compared at the peer's squared error, summed over the stored 8-bit channels after rounding \
-         and clipping to 0..255 (opacity: the 16-bit attribute divided by 257, as the peer codes it). Our step is \
-         searched until the error agrees within 0.2 %; the rest is interpolated. A byte for the step of each channel \
-         is counted. \"RAHT and RLGR\" is the paper's coder: a uniform quantiser of RAHT coefficients, each channel \
-         coded by RLGR.",
+        "Lossy rates are compared at TMC13's squared error, summed over the 8-bit channels after rounding and clipping \
+         (opacity: the 16-bit attribute divided by 257, as TMC13 codes it). Our step is searched until the error \
+         agrees within 0.2 %; the rest is interpolated. A byte for the step of each channel is counted. \"RAHT and \
+         RLGR\" is the paper's coder: a uniform quantiser of RAHT coefficients, each channel coded by RLGR.",
     );
     page.text("## Geometry");
     page.table(&of_geometry(options, &peers)?);
@@ -112,6 +111,9 @@ fn lossless(options: &Options, peers: &[Peer]) -> Result<Table> {
             let authors = of.clone().find(|p| p.name == "p_auth" || p.name == "p_auth_col");
             let authors = authors.map_or(f64::NAN, |p| p.attribute_bits);
             let best = of.map(|p| p.attribute_bits).fold(f64::NAN, f64::min);
+            if authors.is_nan() && best.is_nan() {
+                continue;
+            }
             let ours = bytes.len() as f64 * 8.0 / cloud.octree.len() as f64;
             let mut row = cells![name, attribute];
             row.extend(cells_of(authors, best, ours));

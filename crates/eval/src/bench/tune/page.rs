@@ -5,9 +5,10 @@ use crate::bd::{self, Method};
 use crate::cells;
 use crate::chart::{Chart, Series};
 use crate::page::{Page, Table, signed};
+use crate::rd_curve::streams::How;
 use crate::report;
 
-/// What was tried when the settings were chosen.
+/// What the settings are chosen by.
 const CHOICES: &str = include_str!("choices.md");
 
 fn rates(points: &[Point]) -> Vec<bd::Point> {
@@ -26,11 +27,11 @@ pub(super) fn page(options: &Options, scenes: &[Scene]) -> Page {
     let mut page = Page::new(&options.out, "What does tuning save?");
     page.text(format!(
         "`cargo build --release -p gsvx-cli && cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q \
-         QUALITY --effort EFFORT` for each row below. Another process decodes the stream and compares it with the \
-         photos that are held out: every 8th, which neither training nor importance nor the views kept aside see. PSNR \
-         (dB) and SSIM are means over those views. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` of the \
-         same build. CPU minutes are user time of all threads. The points are recorded: `--run` and `--quality` \
-         measure a part, and rows that were not measured with this build are missing.",
+         QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
+         (dB) and SSIM are means over these. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
+         ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos; \"seed-1\" visits the views \
+         in another order. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
+         this build has not measured are missing.",
         names.join(" "),
     ));
     page.text(format!(
@@ -40,14 +41,9 @@ pub(super) fn page(options: &Options, scenes: &[Scene]) -> Page {
     if let Some(scene) = scenes.first() {
         page.chart("", chart(scene));
     }
-    page.text(
-        "Bytes against untuned at equal PSNR, mean over the range that both curves share (BD-rate by pchip; negative \
-         is smaller):",
-    );
+    page.text("BD-rate against untuned, by pchip:");
     page.table(&bd_table(scenes));
     page.table(&points_table(scenes));
-    page.text("Untuned:");
-    page.table(&untuned_table(scenes));
     page.text(CHOICES.trim());
     page
 }
@@ -75,44 +71,32 @@ fn bd_table(scenes: &[Scene]) -> Table {
     table
 }
 
+/// The points of each effort, with photos and the first seed.
 fn points_table(scenes: &[Scene]) -> Table {
     let mut table = Table::new(
-        "scene | run | quality | Gaussians | bytes | dB | SSIM | bytes against untuned at these dB | counted bytes off \
-         by | CPU minutes | peak MB",
+        "scene | run | quality | bytes | dB | SSIM | bytes against untuned at these dB | CPU minutes | peak MB",
     );
     let off = |bytes: u64, of: f64| Some(100.0 * (bytes as f64 / of.max(1.0) - 1.0));
     for scene in scenes {
         let untuned = rates(&scene.untuned);
-        for (how, point) in scene.tuned.iter().flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
+        let usual = |t: &&Tuned| matches!(t.how, How::Tune { distil: false, seed: 0, .. });
+        let runs = scene.tuned.iter().filter(usual);
+        for (how, point) in runs.flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
             let p = &point.coded;
             let db = p.score.psnr_db;
             let bold = if db >= scene.original[0] { "**" } else { "" };
             let against = bd::rate_at(&untuned, db).and_then(|rate| off(p.bytes, rate));
-            let counted = point.counted_bytes.and_then(|n| off(n, p.bytes as f64));
             table.row(cells![
                 scene.name,
                 how.name(),
                 p.quality,
-                p.gaussians,
                 p.bytes,
                 format!("{bold}{db:.2}{bold}"),
                 format!("{:.4}", p.score.ssim),
                 signed(against, 1, " %"),
-                signed(counted, 1, " %"),
                 format!("{:.1}", point.user_seconds / 60.0),
                 format!("{:.0}", point.peak_mb),
             ]);
-        }
-    }
-    table
-}
-
-fn untuned_table(scenes: &[Scene]) -> Table {
-    let mut table = Table::new("scene | quality | bytes | dB | SSIM");
-    for scene in scenes {
-        for Point { coded: p, .. } in &scene.untuned {
-            let [db, ssim] = [p.score.psnr_db, p.score.ssim].map(|v| format!("{v:.4}"));
-            table.row(cells![scene.name, p.quality, p.bytes, db, ssim]);
         }
     }
     table
