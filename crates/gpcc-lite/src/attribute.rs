@@ -171,7 +171,7 @@ fn check_steps(steps: &[f32], channels: usize) -> Result<()> {
         return Err(Error::Count { what: "steps", got: steps.len(), want: channels });
     }
     match steps.iter().position(|s| !(s.is_normal() && *s > 0.0)) {
-        Some(channel) => Err(Error::Step { channel, step: steps[channel] }),
+        Some(channel) => Err(Error::Step { channel }),
         None => Ok(()),
     }
 }

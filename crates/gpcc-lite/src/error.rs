@@ -53,12 +53,10 @@ pub enum Error {
         offset: usize,
     },
     /// A quantiser step that is not a positive normal number.
-    #[error("channel {channel} has a step of {step}")]
+    #[error("the step of channel {channel} is not a positive normal number")]
     Step {
         /// Index of the channel.
         channel: usize,
-        /// Its step.
-        step: f32,
     },
     /// A channel whose length is not the number of points.
     #[error("channel {channel} has {got} values for {want} points")]

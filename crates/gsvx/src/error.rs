@@ -81,6 +81,7 @@ pub enum Error {
         limit: u64,
     },
     /// Lengths that belong together differ.
+    #[cfg(feature = "encode")]
     #[error("{found} {what} given, {expected} needed")]
     Length {
         /// Of what: `Gaussians of the leaves`, say.
@@ -91,12 +92,14 @@ pub enum Error {
         expected: usize,
     },
     /// A Gaussian's mean is not its leaf's centre.
+    #[cfg(feature = "encode")]
     #[error("Gaussian {index} is not at the centre of its voxel; merge the scene first")]
     OffCentre {
         /// Index of the first such Gaussian.
         index: usize,
     },
     /// A value is NaN or infinite.
+    #[cfg(feature = "encode")]
     #[error("Gaussian {index} has a non-finite {field}; drop invalid Gaussians before encoding")]
     NonFinite {
         /// Index of the first such Gaussian.
@@ -105,6 +108,7 @@ pub enum Error {
         field: &'static str,
     },
     /// A value is finite, but beyond what lossy coding can hold.
+    #[cfg(feature = "encode")]
     #[error(
         "Gaussian {index} has a {field} of {value:e}, and lossy coding holds +-{limit}; drop the Gaussian or encode without loss"
     )]
@@ -159,6 +163,7 @@ pub enum Error {
         why: &'static str,
     },
     /// An option is out of its range.
+    #[cfg(feature = "encode")]
     #[error("{option} is {value}, must be {range}")]
     Option {
         /// The option's name.
@@ -185,8 +190,8 @@ pub enum Error {
 /// Result with [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
-#[cfg(feature = "encode")]
 /// Refuses a number of things that is not the one needed.
+#[cfg(feature = "encode")]
 pub(crate) fn check_length(what: &'static str, found: usize, expected: usize) -> Result<()> {
     if found == expected { Ok(()) } else { Err(Error::Length { what, found, expected }) }
 }
