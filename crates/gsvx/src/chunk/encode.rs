@@ -7,7 +7,7 @@
 //! *Invariant:* [`ChunkEncoder::decoded`] makes the Gaussians that a decoder makes of the layers, bit for bit.
 
 use super::check::{check, check_sh};
-use super::groups::{BASE, GROUPS, Group, Predicted, Prediction, colours};
+use super::groups::{Attribute, BASE, GROUPS, Group, Predicted, Prediction, coded, colours};
 use super::skeleton::{Skeleton, classes};
 use super::{CLASS_STEP, ChunkValues, steps_of};
 use crate::attributes::side::Factors;
@@ -182,7 +182,7 @@ impl ChunkEncoder {
             || (0..usize::from(how.sh_degree)).map(|n| high.degree_bytes(n)).sum::<Result<u64>>(),
         );
         if let Some(out) = prices {
-            let groups = &GROUPS[..BASE + usize::from(how.sh_degree)];
+            let groups = coded(how.sh_degree);
             for (i, out) in out.chunks_exact_mut(values.channels).enumerate() {
                 for (group, prices) in groups.iter().zip(&self.prices) {
                     copy_short(prices.row(i), &mut out[group.among(values.channels)]);
@@ -204,28 +204,31 @@ impl ChunkEncoder {
 
     /// The transform and the predictions.
     pub(crate) fn transform(&self) -> Transform<'_> {
-        let [opacity, _, covariance, _, two, three] = &self.predictions;
-        let of_leaf = |prediction: &Prediction| match prediction {
-            Prediction::Leaf(factors) => factors.as_floats(),
+        let of = |attribute: Attribute| {
+            let groups = GROUPS.iter().zip(&self.predictions);
+            groups.filter(|(g, _)| g.attribute == attribute).map(|(_, p)| p).next()
+        };
+        let of_leaf = |attribute| match of(attribute) {
+            Some(Prediction::Leaf(factors)) => factors.as_floats(),
             _ => [0.0; 2],
         };
-        let of_degree = |prediction: &Prediction| match prediction {
-            Prediction::Below(predictor) => Some(predictor.as_floats()),
+        let of_degree = |degree| match of(Attribute::Colour { degree }) {
+            Some(Prediction::Below(predictor)) => Some(predictor.as_floats()),
             _ => None,
         };
         Transform {
             plan: &self.values.skeleton.plan,
             classes: &self.values.skeleton.classes,
-            opacity: of_leaf(opacity),
-            size: of_leaf(covariance),
-            sh: [of_degree(two), of_degree(three)],
+            opacity: of_leaf(Attribute::Opacity),
+            size: of_leaf(Attribute::Covariance),
+            sh: [2, 3].map(of_degree),
         }
     }
 
     /// Distributes the values of all leaves to their groups.
     fn set(&mut self, sh_degree: u8, values: Values<'_>) {
         let leaves = values.flat.len() / values.channels;
-        let groups = &GROUPS[..BASE + usize::from(sh_degree)];
+        let groups = coded(sh_degree);
         let all_rows = &mut self.values.rows[..groups.len()];
         for (group, rows) in groups.iter().zip(&mut *all_rows) {
             rows.resize(leaves, group.channels);

@@ -56,6 +56,11 @@ pub(crate) const GROUPS: [Group; 6] = [
 /// Groups of the base layer.
 pub(crate) const BASE: usize = 3;
 
+/// The groups of a chunk of this SH degree.
+pub(crate) fn coded(sh_degree: u8) -> &'static [Group] {
+    &GROUPS[..BASE + usize::from(sh_degree)]
+}
+
 /// Gaussians taken apart at a time.
 const RUN: usize = 64;
 

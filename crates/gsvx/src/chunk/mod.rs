@@ -23,7 +23,7 @@ pub(crate) use encode::{ChunkEncoder, How, LAMBDA_MOVED, Values};
 pub use gaussians::GaussianGradient;
 pub(crate) use gaussians::{GaussiansMut, resize};
 #[cfg(feature = "encode")]
-pub(crate) use groups::{BASE, GROUPS};
+pub(crate) use groups::coded;
 pub(crate) use skeleton::Skeleton;
 pub(crate) use values::ChunkValues;
 

@@ -1,6 +1,6 @@
 //! The decoded values of one chunk: from its layers, and to Gaussians.
 
-use super::groups::{BASE, GROUPS, Prediction, coefficients};
+use super::groups::{BASE, GROUPS, Prediction, coded, coefficients};
 use super::skeleton::{Skeleton, classes};
 use super::{CLASS_STEP, GaussiansMut, steps_of};
 use crate::attributes::side::Factors;
@@ -112,8 +112,7 @@ impl ChunkValues {
                 return Err(Error::Corrupt { what: "mean beyond f32", value });
             }
         }
-        let known = BASE + usize::from(self.sh_degree);
-        for (group, rows) in GROUPS.iter().zip(&self.rows).take(known) {
+        for (group, rows) in coded(self.sh_degree).iter().zip(&self.rows) {
             group.restore(rows, first, out);
         }
         let sh_len = out.sh.len() / out.len().max(1);

@@ -18,7 +18,7 @@ use super::encoded::Encoded;
 use super::lod;
 use super::options::EncodeOptions;
 use crate::attributes::opacity;
-use crate::chunk::{self, BASE, ChunkEncoder, GROUPS, GaussiansMut, How, LAMBDA_MOVED, Values};
+use crate::chunk::{self, ChunkEncoder, GaussiansMut, How, LAMBDA_MOVED, Values, coded};
 pub use crate::chunk::{GaussianGradient, Transform};
 pub use crate::covariance::EQUAL_AXES;
 use crate::error::{Result, check_length};
@@ -32,8 +32,6 @@ use voxel::Voxelization;
 
 /// Opacity logits are moved into this range.
 pub const LOGIT_RANGE: [f32; 2] = opacity::LOGIT_RANGE;
-/// Channels beside the SH coefficients: ln(alpha) and six coordinates.
-const OTHERS: usize = 7;
 /// Gaussians rebuilt at a time.
 const BLOCK: usize = 512;
 
@@ -64,11 +62,11 @@ impl Latents {
             }
         };
         let sh_degree = used_degree(scene, options.max_sh_degree);
-        let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
+        let channels = channels(sh_degree);
         let mut values = vec![0.0; channels * scene.len()];
         let rows = values.par_chunks_mut(channels).enumerate();
         rows.for_each(|(i, row)| {
-            for group in &GROUPS[..BASE + usize::from(sh_degree)] {
+            for group in coded(sh_degree) {
                 group.values(scene, i, &mut row[group.among(channels)]);
             }
         });
@@ -87,7 +85,7 @@ impl Latents {
         values: Vec<f32>,
     ) -> Result<Self> {
         check_steps(&options.steps)?;
-        let channels = OTHERS + 3 * gs_model::scene::sh_len(sh_degree);
+        let channels = channels(sh_degree);
         check_length("importances", importance.len(), octree.len())?;
         check_length("values", values.len(), channels * octree.len())?;
         let classes = importance::log_classes(importance, options.steps.covariance);
@@ -262,7 +260,7 @@ impl Latents {
     /// Takes the derivatives of a loss by the arrays of Gaussian `i` of the last scene of
     /// [`Latents::reconstruct`] to its values.
     pub fn gradient(&self, scene: &Scene, i: usize, given: &GaussianGradient<'_>, out: &mut [f32]) {
-        for group in &GROUPS[..BASE + usize::from(self.header.sh_degree)] {
+        for group in coded(self.header.sh_degree) {
             group.gradient(scene, i, given, &mut out[group.among(self.channels)]);
         }
     }
@@ -286,6 +284,11 @@ impl Latents {
         let chunks = without_zero_degrees(chunks, least);
         with_outliers(header, chunks, outliers).map(|(header, chunks)| assemble(header, chunks))
     }
+}
+
+/// Values per leaf.
+fn channels(sh_degree: u8) -> usize {
+    coded(sh_degree).iter().map(|group| group.channels).sum()
 }
 
 /// Values that an optimiser moves are coded with a dead zone of their own.

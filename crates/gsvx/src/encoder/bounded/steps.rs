@@ -21,35 +21,31 @@ pub(super) fn first(bounds: &MaxError) -> Steps {
 
 /// Steps of this many bounds.
 fn steps_over(bounds: &MaxError, factor: f32) -> Steps {
-    Steps {
-        opacity: factor * bounds.opacity,
-        dc: factor * bounds.sh,
-        sh: [factor * bounds.sh; 3],
-        covariance: factor * bounds.shape,
-    }
+    let mut steps = Steps::from_dc(factor * bounds.sh);
+    steps.opacity = factor * bounds.opacity;
+    steps.sh = [factor * bounds.sh; 3];
+    steps.covariance = factor * bounds.shape;
+    steps
 }
 
 /// New steps, from the worst errors at the present ones. Errors are about proportional to steps. Steps may grow
 /// after the `first` encode only.
-pub(super) fn next(steps: Steps, worst: &Ratios, first: bool, bounds: &MaxError) -> Steps {
+pub(super) fn next(mut steps: Steps, worst: &Ratios, first: bool, bounds: &MaxError) -> Steps {
     let least = steps_over(bounds, MIN_STEP);
-    let times = |step: f32, worst: f32, least: f32| {
+    let times = |step: &mut f32, worst: f32, least: f32| {
         let scale = match worst {
             w if first => (1.0 / w).min(MAX_GROWTH),
             w if w > 1.0 => SAFETY / w,
             _ => 1.0,
         };
-        (step * scale).max(least)
+        *step = (*step * scale).max(least);
     };
     let [_, opacity, dc, sh1, sh2, sh3, shape] = *worst;
-    Steps {
-        opacity: times(steps.opacity, opacity, least.opacity),
-        dc: times(steps.dc, dc, least.dc),
-        sh: [
-            times(steps.sh[0], sh1, least.sh[0]),
-            times(steps.sh[1], sh2, least.sh[1]),
-            times(steps.sh[2], sh3, least.sh[2]),
-        ],
-        covariance: times(steps.covariance, shape, least.covariance),
+    times(&mut steps.opacity, opacity, least.opacity);
+    times(&mut steps.dc, dc, least.dc);
+    for (k, worst) in [sh1, sh2, sh3].into_iter().enumerate() {
+        times(&mut steps.sh[k], worst, least.sh[k]);
     }
+    times(&mut steps.covariance, shape, least.covariance);
+    steps
 }
