@@ -71,8 +71,6 @@ mod fs;
 #[cfg(feature = "formats")]
 mod gltf;
 #[cfg(feature = "cameras")]
-mod image_size;
-#[cfg(feature = "cameras")]
 pub mod inria;
 #[cfg(feature = "formats")]
 mod ksplat;
@@ -96,14 +94,12 @@ mod splat;
 pub mod spz;
 #[cfg(feature = "files")]
 pub mod validate;
-#[cfg(feature = "cameras")]
-mod view;
 
 #[cfg(feature = "cameras")]
-pub use camera::Camera;
+pub use camera::{Camera, View};
 pub use chain::chain;
 #[cfg(feature = "cameras")]
-pub use dataset::{Dataset, View};
+pub use dataset::Dataset;
 #[cfg(feature = "files")]
 pub use error::{Error, Result};
 #[cfg(feature = "files")]

@@ -65,12 +65,7 @@ impl Scene {
     /// Least and greatest coordinates of the means; of an empty scene infinity and minus infinity.
     #[must_use]
     pub fn bounds(&self) -> [[f32; 3]; 2] {
-        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        for mean in &self.means {
-            low = std::array::from_fn(|k| low[k].min(mean[k]));
-            high = std::array::from_fn(|k| high[k].max(mean[k]));
-        }
-        [low, high]
+        bounds_of(self.means.iter().copied())
     }
 
     /// The SH coefficients of Gaussian `i`, DC first; `sh_len()` RGB triples.
@@ -158,6 +153,16 @@ impl Scene {
             sh: self.sh.split_off(at * self.sh_len()),
         }
     }
+}
+
+/// Least and greatest coordinates; without a point infinity and minus infinity.
+pub(crate) fn bounds_of(points: impl Iterator<Item = [f32; 3]>) -> [[f32; 3]; 2] {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for point in points {
+        low = std::array::from_fn(|k| low[k].min(point[k]));
+        high = std::array::from_fn(|k| high[k].max(point[k]));
+    }
+    [low, high]
 }
 
 /// SH coefficients per colour channel of a given degree, DC included.

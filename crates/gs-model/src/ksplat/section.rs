@@ -194,14 +194,13 @@ impl Row<'_> {
 
 /// The number of an IEEE 754 half float.
 fn from_half(bits: u16) -> f32 {
-    let (exponent, fraction) = (u32::from(bits >> 10 & 31), u32::from(bits & 1023));
-    let magnitude = match exponent {
-        // Subnormal: a multiple of 2^-24.
-        0 => fraction as f32 / (1 << 24) as f32,
-        31 => f32::from_bits(0x7f80_0000 | fraction << 13),
-        _ => f32::from_bits((exponent + 112) << 23 | fraction << 13),
+    let [sign, magnitude] = [bits & 0x8000, bits & 0x7fff].map(u32::from);
+    // As the bits of a float, a finite magnitude is 2^112 times too small.
+    let number = match magnitude {
+        0..0x7c00 => f32::from_bits(magnitude << 13) * f32::from_bits((127 + 112) << 23),
+        _ => f32::from_bits(0x7f80_0000 | magnitude << 13),
     };
-    if bits & 0x8000 == 0 { magnitude } else { -magnitude }
+    f32::from_bits(number.to_bits() | sign << 16)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::malformed;
-use super::meta::{Means, Meta, Palette};
+use super::meta::{Meta, Palette};
 use super::texture::Texture;
 use crate::error::Result;
 use crate::math::completed;
@@ -83,7 +83,7 @@ impl Row<'_> {
         let of =
             |values: &[f32], byte: u8| values.get(usize::from(byte)).copied().unwrap_or(f32::NAN);
         match c {
-            0..3 => mean(&meta.means, c, self.means[c]),
+            0..3 => mean(meta.means, c, self.means[c]),
             3..7 => self.rotation[c - 3],
             7..10 => of(&meta.scales[c - 7], self.scales[c - 7]),
             10 => of(&meta.opacities, self.colour[3]),
@@ -99,8 +99,8 @@ impl Row<'_> {
     }
 }
 
-fn mean(means: &Means, k: usize, step: u16) -> f32 {
-    let (low, high) = (means.mins[k], means.maxs[k]);
+fn mean([low, high]: [[f64; 3]; 2], k: usize, step: u16) -> f32 {
+    let (low, high) = (low[k], high[k]);
     let v = low + (high - low) * (f64::from(step) / 65535.0);
     libm::expm1(v.abs()).copysign(v) as f32
 }

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::format::Format;
-use crate::report::{self, ReadOptions, Report};
+use crate::report::Report;
 use crate::rows;
 use crate::scene::Scene;
 use decoder::Decoder;
@@ -40,7 +40,7 @@ pub(crate) static FORMAT: Format = Format {
 };
 
 /// Reads a bundled `.sog`, or the `meta.json` of an unbundled one, with the images beside it.
-fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let (meta, mut members) = if bytes.starts_with(b"PK") {
         let mut archive = Members::archive(file, bytes)?;
         (archive.read(file, "meta.json")?, archive)
@@ -65,12 +65,11 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
         move |c| row.number(c)
     });
     let form = format!("SOG, version {}", meta.version);
-    let (scene, report) = report::finish(file, scene, (FORMAT.name, form), options)?;
     let bytes_beside = match members {
         Members::Folder(_) => images.iter().map(|image| image.len() as u64).sum(),
         Members::Archive(..) => 0,
     };
-    Ok((scene, Report { bytes_beside, ..report }))
+    Ok((scene, Report { bytes_beside, ..Report::of(FORMAT.name, form) }))
 }
 
 fn malformed(file: &Path, place: &str, reason: impl AsRef<str>) -> Error {
