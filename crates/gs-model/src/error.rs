@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::field::Field;
+use crate::scene::Field;
 
 /// The result of this crate's functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;

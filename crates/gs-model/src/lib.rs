@@ -61,8 +61,6 @@ pub mod dataset;
 #[cfg(feature = "files")]
 pub mod error;
 #[cfg(feature = "files")]
-mod field;
-#[cfg(feature = "files")]
 mod format;
 #[cfg(feature = "files")]
 mod formats;

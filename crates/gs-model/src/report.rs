@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::error::Result;
 use crate::scene::Scene;
 
-/// What to do with Gaussians that are invalid (see [`crate::validate::InvalidReport`]).
+/// What to do with Gaussians that are invalid (see [`crate::validate::InvalidGaussians`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Invalid {
     /// Fail with [`crate::Error::InvalidGaussian`], which names the first one and their number.
@@ -82,8 +82,8 @@ impl ReadOptions {
             }
         }
         match self.invalid {
-            Invalid::Drop => report.dropped = scene.drop_invalid().count,
-            Invalid::Error => scene.invalid().error(file).map_or(Ok(()), Err)?,
+            Invalid::Drop => report.dropped = scene.drop_invalid(),
+            Invalid::Error => scene.refuse_invalid(file)?,
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
-//! [`Scene`]: a trained 3DGS model as a struct of arrays.
+//! [`Scene`]: a trained 3DGS model as a struct of arrays, and [`Field`]: one of them.
 
+use std::fmt;
 use std::ops::Range;
 
 /// The constant of the degree-0 spherical harmonic, 1 / (2 sqrt(pi)).
@@ -27,6 +28,33 @@ pub struct Scene {
     /// triple of basis function `k` of Gaussian `i`; `k = 0` is the DC term. (Inria PLY files
     /// store `f_rest` channel-major; the reader and the writer convert.)
     pub sh: Vec<[f32; 3]>,
+}
+
+/// One array of a [`Scene`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Field {
+    /// [`Scene::means`].
+    Mean,
+    /// [`Scene::rotations`].
+    Rotation,
+    /// [`Scene::log_scales`].
+    LogScale,
+    /// [`Scene::opacity_logits`].
+    OpacityLogit,
+    /// [`Scene::sh`].
+    Sh,
+}
+
+impl fmt::Display for Field {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mean => "mean",
+            Self::Rotation => "rotation",
+            Self::LogScale => "log-scale",
+            Self::OpacityLogit => "opacity logit",
+            Self::Sh => "SH coefficient",
+        })
+    }
 }
 
 impl Scene {

@@ -90,7 +90,7 @@ pub(crate) fn checked_outliers<'a>(
         });
     }
     check_lengths(outliers)?;
-    match outliers.invalid().first {
+    match outliers.invalid() {
         Some(first) => Err(Error::InvalidOutlier { index: first.index, field: first.field }),
         None => Ok(Some(outliers)),
     }

@@ -16,7 +16,6 @@ use crate::bytes::{float, half_word, word};
 use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::report::Report;
-use crate::rows;
 use crate::scene::Scene;
 use section::{SECTION_HEADER, Section};
 
@@ -41,11 +40,7 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let sh_degree = sections.iter().map(|s| s.sh_degree).max().unwrap_or(0);
     let mut scene = Scene { sh_degree, ..Scene::default() };
     for section in &sections {
-        // Every row of a section is in the file.
-        scene.append(&rows::scene_of(section.rows, section.sh_degree, |i| {
-            let row = section.row(i);
-            move |c| row.number(c)
-        }));
+        scene.append(&section.scene());
     }
     Ok((scene, Report::of(FORMAT.name, ".ksplat")))
 }

@@ -75,7 +75,7 @@ impl Parts {
             Ok(()) => Ok(Some(scene)),
             Err(Error::InvalidGaussian { file, index, field, value, mut count }) => {
                 while let Some(rest) = body.next_part()? {
-                    count += rest.invalid().count;
+                    count += rest.invalid().map_or(0, |invalid| invalid.count);
                 }
                 Err(Error::InvalidGaussian { file, index: first + index, field, value, count })
             }

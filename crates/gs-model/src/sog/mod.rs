@@ -22,9 +22,7 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::report::Report;
-use crate::rows;
 use crate::scene::Scene;
-use decoder::Decoder;
 use members::Members;
 use meta::Meta;
 use texture::Texture;
@@ -59,11 +57,7 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         })
         .collect();
     let textures: Vec<Texture> = textures.into_iter().collect::<Result<_>>()?;
-    let decoder = Decoder::new(file, &meta, &textures)?;
-    let scene = rows::scene_of(meta.count, meta.sh_degree(), |i| {
-        let row = decoder.row(i);
-        move |c| row.number(c)
-    });
+    let scene = decoder::scene(file, &meta, &textures)?;
     let form = format!("SOG, version {}", meta.version);
     let bytes_beside = match members {
         Members::Folder(_) => images.iter().map(|image| image.len() as u64).sum(),

@@ -18,7 +18,6 @@ use super::header::{Encoding, Header, Scalar};
 use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::report::Report;
-use crate::rows;
 use crate::scene::{Scene, sh_len};
 use layout::Decoder;
 use table::Table;
@@ -51,10 +50,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], header: &Header) -> Result<(Scene,
         return Err(malformed(file, "header", "it is not binary_little_endian"));
     }
     let (n, sh_degree, decoder) = decoder(file, bytes, header)?;
-    let scene = rows::scene_of(n, sh_degree, |i| {
-        let row = decoder.row(i);
-        move |c| row.number(c)
-    });
+    let scene = decoder.scene(n, sh_degree);
     Ok((scene, Report::of(FORMAT.name, "PlayCanvas compressed.ply")))
 }
 
