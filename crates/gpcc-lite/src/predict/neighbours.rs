@@ -25,25 +25,12 @@ pub struct Neighbours {
     /// Squared distances in half-cells, saturating.
     distance: Vec<u32>,
     count: Vec<u8>,
-    /// First point (in coding order) of each level of detail, then their number.
-    levels: Vec<u32>,
 }
 
 impl Neighbours {
     /// Orders the leaves of an octree and finds each one's neighbours among all that precede it.
     #[must_use]
     pub fn new(tree: &Octree) -> Self {
-        Self::build(tree, true)
-    }
-
-    /// As [`Neighbours::new`], but finds neighbours in coarser levels of detail only, as lifting
-    /// needs them.
-    #[must_use]
-    pub fn coarser(tree: &Octree) -> Self {
-        Self::build(tree, false)
-    }
-
-    fn build(tree: &Octree, same_level: bool) -> Self {
         let leaves = tree.leaves();
         let n = leaves.len();
         let centre = |l: &Leaf| {
@@ -56,46 +43,26 @@ impl Neighbours {
             index: vec![0; n * MAX_NEIGHBOURS],
             distance: vec![0; n * MAX_NEIGHBOURS],
             count: vec![0; n],
-            levels: vec![0],
         };
-        let mut level = 0;
-        while 1usize << (STRIDE_LOG2 * (level + 1)) < n {
-            level += 1;
+        let mut coarsest = 0;
+        while 1usize << (STRIDE_LOG2 * (coarsest + 1)) < n {
+            coarsest += 1;
         }
-        let mut coarsest = true;
-        loop {
+        for level in (0..=coarsest).rev() {
             let stride = 1usize << (STRIDE_LOG2 * level);
             let coarser = stride << STRIDE_LOG2;
-            for i in (0..n).step_by(stride) {
-                if !coarsest && i % coarser == 0 {
-                    continue;
-                }
-                let near = if same_level { stride } else { coarser };
-                if coarsest {
-                    this.search(
-                        &position,
-                        i,
-                        if same_level { near } else { usize::MAX },
-                        usize::MAX,
-                    );
-                } else {
-                    this.search(&position, i, near, coarser);
-                }
+            if level == coarsest {
+                (0..n).step_by(stride).for_each(|i| this.search(&position, i, stride, None));
+            } else {
+                let new = (0..n).step_by(stride).filter(|i| i % coarser != 0);
+                new.for_each(|i| this.search(&position, i, stride, Some(coarser)));
             }
-            this.levels.push(this.order.len() as u32);
-            coarsest = false;
-            if level == 0 {
-                break;
-            }
-            level -= 1;
         }
         this
     }
 
-    /// Looks for the neighbours of leaf `i` among multiples of `before` below it and multiples of
-    /// `after` from it on; `usize::MAX` means none.
-    fn search(&mut self, position: &[[i32; 3]], i: usize, before: usize, after: usize) {
-        let n = position.len();
+    /// Looks for the neighbours of leaf `i` among multiples of `before` below it, and of `after` from it on.
+    fn search(&mut self, position: &[[i32; 3]], i: usize, before: usize, after: Option<usize>) {
         let at = self.order.len();
         self.order.push(i as u32);
         let base = at * MAX_NEIGHBOURS;
@@ -124,21 +91,15 @@ impl Neighbours {
             best_d[slot] = d;
             best_i[slot] = j as u32;
         };
-        if before != usize::MAX && i > 0 {
+        if i > 0 {
             let last = (i - 1) / before;
             for t in 0..=last.min(BEFORE - 1) {
                 consider((last - t) * before);
             }
         }
-        if after != usize::MAX {
-            let first = i.div_ceil(after);
-            for t in 0..AFTER {
-                let j = (first + t) * after;
-                if j >= n {
-                    break;
-                }
-                consider(j);
-            }
+        if let Some(after) = after {
+            let all = (i.div_ceil(after) * after..position.len()).step_by(after);
+            all.take(AFTER).for_each(consider);
         }
         self.count[at] = kept as u8;
     }
@@ -159,12 +120,6 @@ impl Neighbours {
     #[must_use]
     pub fn order(&self) -> &[u32] {
         &self.order
-    }
-
-    /// First point (in coding order) of each level of detail, coarse to fine, then [`Self::len`].
-    #[must_use]
-    pub fn levels(&self) -> &[u32] {
-        &self.levels
     }
 
     /// Leaf indices and squared distances (in half-cells) of the neighbours of the `at`-th point

@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::{Result, ensure};
 use gpcc_lite::attribute::{self, Options};
 use gpcc_lite::coder::{Decoder, Encoder};
-use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
 use gpcc_lite::rlgr;
 
@@ -49,8 +48,8 @@ fn coded(bytes: usize, cloud: &Cloud, decoded: &[Vec<i32>]) -> Coded {
 }
 
 /// Codes a cloud with the attribute coder, decodes it and compares with the encoder's reconstruction.
-fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
-    let steps = vec![step.value() as f32; cloud.channels.len()];
+fn by_contexts(plan: &Plan, cloud: &Cloud, step: f64) -> Result<Coded> {
+    let steps = vec![step as f32; cloud.channels.len()];
     let mut rows = rows_of(&cloud.channels);
     let mut coder = Encoder::default();
     attribute::encode(&mut coder, plan, &steps, &Options::default(), &mut rows)?;
@@ -66,20 +65,20 @@ fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
 }
 
 /// RAHT coefficients of a channel, rounded to multiples of the step.
-fn levels(plan: &Plan, values: &[i32], step: Step) -> Result<Vec<i32>> {
+fn levels(plan: &Plan, values: &[i32], step: f64) -> Result<Vec<i32>> {
     let mut coefficients: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
     plan.forward_f64(&mut coefficients)?;
-    Ok(coefficients.iter().map(|c| (c / step.value()).round() as i32).collect())
+    Ok(coefficients.iter().map(|c| (c / step).round() as i32).collect())
 }
 
 /// Codes a cloud as the paper does: RAHT, a uniform quantiser, RLGR for each channel.
-fn by_rlgr(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
+fn by_rlgr(plan: &Plan, cloud: &Cloud, step: f64) -> Result<Coded> {
     let (mut bytes, mut decoded) = (0, Vec::new());
     for values in &cloud.channels {
         let stream = rlgr::encode(&levels(plan, values, step)?);
         bytes += stream.len();
         let levels = rlgr::decode(&stream, values.len())?;
-        let mut back: Vec<f64> = levels.iter().map(|&q| f64::from(q) * step.value()).collect();
+        let mut back: Vec<f64> = levels.iter().map(|&q| f64::from(q) * step).collect();
         plan.inverse_f64(&mut back)?;
         decoded.push(back.iter().map(|v| v.round() as i32).collect());
     }
@@ -87,13 +86,13 @@ fn by_rlgr(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
 }
 
 /// Bits per point at the step whose error is `target`.
-fn rate_at(target: f64, channels: usize, run: impl Fn(Step) -> Result<Coded>) -> Result<f64> {
+fn rate_at(target: f64, channels: usize, run: impl Fn(f64) -> Result<Coded>) -> Result<f64> {
     // Secant on log(error) against log(step), then log-linear interpolation of the rate.
     let mut x = (target * 12.0 / channels as f64).sqrt().ln();
     let mut low: Option<(f64, f64, f64)> = None;
     let mut high: Option<(f64, f64, f64)> = None;
     for _ in 0..12 {
-        let Coded { bits, error } = run(Step::new(x.exp()))?;
+        let Coded { bits, error } = run(x.exp())?;
         let y = error.max(1e-9).ln() - target.ln();
         if y.abs() < 0.002 {
             // At high rate one bit is a factor of 4 in error: correct the remainder.
@@ -113,7 +112,7 @@ fn rate_at(target: f64, channels: usize, run: impl Fn(Step) -> Result<Coded>) ->
             _ => x - y * 0.55,
         };
     }
-    Ok(run(Step::new(x.exp()))?.bits)
+    Ok(run(x.exp())?.bits)
 }
 
 /// The comparisons with the recorded QPs of one cloud and attribute, per cent.
