@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use finetune::{Image, RenderOptions, TrainView, metrics};
 use gs_model::Scene;
-use gs_model::dataset::View;
+use gs_model::View;
 use serde::{Deserialize, Serialize};
 
 use crate::progress::Bar;

@@ -128,12 +128,9 @@ impl<'a> BitReader<'a> {
     /// Reads `n` bits, at most 32.
     #[inline]
     pub(crate) fn get(&mut self, n: u32) -> u32 {
-        if self.fill < n {
-            self.refill();
-        }
-        self.fill -= n;
-        let mask = (1u64 << n) - 1;
-        ((self.acc >> self.fill) & mask) as u32
+        let bits = self.peek(n);
+        self.skip(n);
+        bits
     }
 
     /// Looks at the next `n` bits, at most 32.

@@ -58,9 +58,8 @@ pub trait Coder {
     /// Codes `n <= 32` plain bits; `value` must be below `2^n`.
     fn bits(&mut self, value: u32, n: u32) -> u32;
 
-    /// Codes plain bits (value and number, at most 30) and then a sign, if they or what is `above` them
-    /// is not zero.
-    fn bits_and_sign(&mut self, above: u32, value: (u32, u32), negative: bool) -> (u32, bool);
+    /// Codes `n <= 30` plain bits and then a sign, if they or what is `above` them is not zero.
+    fn bits_and_sign(&mut self, above: u32, value: u32, n: u32, negative: bool) -> (u32, bool);
 
     /// True when the decoder has read past the end: the stream is truncated or damaged.
     fn exhausted(&self) -> bool;
@@ -82,8 +81,19 @@ pub(crate) fn code_gamma<C: Coder>(coder: &mut C, value: u32) -> u32 {
 
 /// Codes a signed number in plain bits, the sign in the lowest bit.
 pub(crate) fn code_signed<C: Coder>(coder: &mut C, v: i32) -> i32 {
-    let folded = code_gamma(coder, (v << 1 ^ v >> 31) as u32);
-    (folded >> 1) as i32 ^ -((folded & 1) as i32)
+    unfolded(code_gamma(coder, folded(v)))
+}
+
+/// A signed number as an unsigned one, the sign in the lowest bit.
+#[inline]
+pub(crate) fn folded(v: i32) -> u32 {
+    (v << 1 ^ v >> 31) as u32
+}
+
+/// The inverse of [`folded`].
+#[inline]
+pub(crate) fn unfolded(u: u32) -> i32 {
+    (u >> 1) as i32 ^ -((u & 1) as i32)
 }
 
 #[cfg(test)]

@@ -353,7 +353,7 @@ fn code_rest<C: Coder>(coder: &mut C, symbol: u32, shift: u32, level: i32) -> i3
     }
     let high = high.min(i32::MAX as u32 >> shift);
     let low = magnitude & ((1 << shift) - 1);
-    let (low, negative) = coder.bits_and_sign(high, (low, shift), level < 0);
+    let (low, negative) = coder.bits_and_sign(high, low, shift, level < 0);
     let (magnitude, sign) = ((high << shift | low) as i32, -i32::from(negative));
     (magnitude ^ sign).wrapping_sub(sign)
 }

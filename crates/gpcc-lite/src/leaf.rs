@@ -11,3 +11,13 @@ pub struct Leaf {
     /// Depth of the cell, 0 (the root) to that of the octree.
     pub depth: u8,
 }
+
+impl Leaf {
+    /// The leaf at `depth` that holds the finest cell of this code, in an octree of depth `tree_depth`.
+    #[inline]
+    #[must_use]
+    pub fn of(code: u64, depth: u8, tree_depth: u8) -> Self {
+        let shift = 3 * u32::from(tree_depth - depth);
+        Self { morton: code >> shift << shift, depth }
+    }
+}

@@ -9,6 +9,7 @@
 //! value itself in 32 bits, so no value costs more than 64 bits.
 
 use crate::bytes::{BitReader, BitWriter};
+use crate::coder::{folded, unfolded};
 use crate::error::{Error, Result};
 
 // Constants of the adaptation, those of RemoteFX: smaller on RAHT coefficients than Malvar's.
@@ -47,6 +48,12 @@ impl State {
         }
     }
 
+    /// After a number in Golomb-Rice mode.
+    #[inline]
+    fn adapt_mode(&mut self, number: u32) {
+        if number == 0 { self.up(U0) } else { self.down(D0) }
+    }
+
     #[inline]
     fn up(&mut self, by: u32) {
         self.k_p = (self.k_p + by).min(K_P_MAX);
@@ -56,16 +63,6 @@ impl State {
     fn down(&mut self, by: u32) {
         self.k_p = self.k_p.saturating_sub(by);
     }
-}
-
-#[inline]
-fn zigzag(v: i32) -> u32 {
-    ((v << 1) ^ (v >> 31)) as u32
-}
-
-#[inline]
-fn unzigzag(u: u32) -> i32 {
-    ((u >> 1) as i32) ^ -((u & 1) as i32)
 }
 
 #[inline]
@@ -105,14 +102,10 @@ pub fn encode(values: &[i32]) -> Vec<u8> {
     while i < values.len() {
         let k = s.k_p >> L_LOG2;
         if k == 0 {
-            let u = zigzag(values[i]);
+            let u = folded(values[i]);
             i += 1;
             put_rice(&mut w, u, &mut s);
-            if u == 0 {
-                s.up(U0)
-            } else {
-                s.down(D0)
-            }
+            s.adapt_mode(u);
             continue;
         }
         let full = 1usize << k;
@@ -126,7 +119,7 @@ pub fn encode(values: &[i32]) -> Vec<u8> {
             Some(run) => {
                 w.put(1, 1);
                 w.put(run as u32, k);
-                put_rice(&mut w, zigzag(values[i + run]) - 1, &mut s);
+                put_rice(&mut w, folded(values[i + run]) - 1, &mut s);
                 s.down(D1);
                 i += run + 1;
             }
@@ -151,12 +144,8 @@ pub fn decode(bytes: &[u8], count: usize) -> Result<Vec<i32>> {
         let k = s.k_p >> L_LOG2;
         if k == 0 {
             let u = get_rice(&mut r, &mut s);
-            values.push(unzigzag(u));
-            if u == 0 {
-                s.up(U0)
-            } else {
-                s.down(D0)
-            }
+            values.push(unfolded(u));
+            s.adapt_mode(u);
             continue;
         }
         let left = count - values.len();
@@ -170,7 +159,7 @@ pub fn decode(bytes: &[u8], count: usize) -> Result<Vec<i32>> {
             }
             values.resize(values.len() + run, 0);
             let u = get_rice(&mut r, &mut s);
-            values.push(unzigzag(u.wrapping_add(1)));
+            values.push(unfolded(u.wrapping_add(1)));
             s.down(D1);
         }
     }

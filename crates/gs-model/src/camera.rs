@@ -1,6 +1,6 @@
-//! [`Camera`]: a pinhole view.
+//! [`Camera`]: a pinhole view, and [`View`]: its photo.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
@@ -159,6 +159,23 @@ impl Camera {
             cy: self.cy * sy,
             ..self.clone()
         })
+    }
+}
+
+/// One posed photo.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// Where the photo was taken from.
+    pub camera: Camera,
+    /// Where the photo is expected. It may be missing: see [`View::has_photo`].
+    pub image_path: PathBuf,
+}
+
+impl View {
+    /// True if the photo is there.
+    #[must_use]
+    pub fn has_photo(&self) -> bool {
+        self.image_path.is_file()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::field::Field;
+use crate::scene::Field;
 
 /// The result of this crate's functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -26,27 +26,13 @@ pub enum Error {
         /// The operating system's reason.
         source: std::io::Error,
     },
-    /// The file is of another format than expected, or of none that is known.
-    #[error("{}: {}", file.display(), not_that(expected, found))]
+    /// The file is empty, or of another format than expected.
+    #[error("{}: {reason}", file.display())]
     OtherFormat {
         /// The file.
         file: PathBuf,
-        /// What it should be.
-        expected: &'static str,
-        /// Its first bytes; empty if the file is.
-        found: String,
-    },
-    /// A version of a format that is not read.
-    #[error("{}: {format} version {found} is not read ({read}); convert it to PLY first", file.display())]
-    Version {
-        /// The file.
-        file: PathBuf,
-        /// The format.
-        format: &'static str,
-        /// The version.
-        found: String,
-        /// Which versions are read.
-        read: &'static str,
+        /// What it should be, and what it is.
+        reason: String,
     },
     /// The file ends before what it promises.
     #[error("{}: truncated at byte {len}: {missing}", file.display())]
@@ -58,7 +44,7 @@ pub enum Error {
         /// What is promised and not there.
         missing: String,
     },
-    /// A part of the file is not as its format has it.
+    /// A part of the file is not as its format has it, or its version is not read.
     #[error("{}: {place}: {reason}", file.display())]
     Malformed {
         /// The file.
@@ -145,23 +131,13 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
-    /// A folder that is none of the known kinds of data set.
-    #[error(
-        "{}: no cameras: expected sparse/0/images.bin or .txt (COLMAP), cameras.json (Inria output) \
-         or transforms.json (NeRF)",
-        dir.display()
-    )]
-    NoCameras {
+    /// A folder without cameras, without a model, or with several models, none of them called `point_cloud.ply`.
+    #[error("{}: {reason}", dir.display())]
+    NotADataset {
         /// The folder.
         dir: PathBuf,
-    },
-    /// A folder without a model, or with several, none of them called `point_cloud.ply`.
-    #[error("{}: {}", dir.display(), not_one_model(found))]
-    NotOneModel {
-        /// The folder.
-        dir: PathBuf,
-        /// The models, sorted by name.
-        found: Vec<String>,
+        /// What it lacks, or which models it has.
+        reason: String,
     },
 }
 
@@ -180,30 +156,40 @@ impl Error {
     }
 
     /// The file with these bytes is not what it should be.
-    pub(crate) fn other_format(file: &Path, expected: &'static str, bytes: &[u8]) -> Self {
-        let found = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).into_owned();
-        Self::OtherFormat { file: file.to_owned(), expected, found }
+    pub(crate) fn other_format(file: &Path, expected: &str, bytes: &[u8]) -> Self {
+        let reason = match &bytes[..bytes.len().min(32)] {
+            [] => "is empty".into(),
+            start => {
+                format!("not {expected}: it starts with {:?}", String::from_utf8_lossy(start))
+            }
+        };
+        Self::OtherFormat { file: file.to_owned(), reason }
+    }
+
+    /// A version of a format that is not read; `read` says which are.
+    #[cfg(feature = "formats")]
+    pub(crate) fn version(
+        file: &Path,
+        format: &str,
+        found: impl std::fmt::Display,
+        read: &str,
+    ) -> Self {
+        let place = format!("{format} version {found}");
+        Self::malformed(file, &place, format!("not read ({read}); convert it to PLY first"))
+    }
+
+    #[cfg(feature = "cameras")]
+    pub(crate) fn not_a_dataset(dir: &Path, reason: impl Into<String>) -> Self {
+        Self::NotADataset { dir: dir.to_owned(), reason: reason.into() }
+    }
+
+    pub(crate) fn unwritable(file: &Path, reason: impl Into<String>) -> Self {
+        Self::Unwritable { file: file.to_owned(), reason: reason.into() }
     }
 
     #[cfg(any(feature = "cameras", feature = "formats"))]
     pub(crate) fn json(file: &Path, what: &'static str, source: serde_json::Error) -> Self {
         Self::Json { file: file.to_owned(), what, source: source.into() }
-    }
-}
-
-fn not_that(expected: &str, found: &str) -> String {
-    match found {
-        "" => "is empty".into(),
-        found => format!("not {expected}: it starts with {found:?}"),
-    }
-}
-
-fn not_one_model(found: &[String]) -> String {
-    match found {
-        [] => "no model: expected point_cloud.ply, point_cloud/iteration_N/point_cloud.ply or a single \
-               .ply file"
-            .into(),
-        names => format!("several models: {}; rename one to point_cloud.ply", names.join(", ")),
     }
 }
 

@@ -9,8 +9,8 @@ use crate::fs;
 use crate::report::{ReadOptions, Report};
 use crate::scene::Scene;
 
-/// Reads a model from the bytes of the file of that name.
-pub(crate) type ReadModel = fn(&Path, &[u8], &ReadOptions) -> Result<(Scene, Report)>;
+/// Reads a model as it is from the bytes of the file of that name.
+pub(crate) type ReadModel = fn(&Path, &[u8]) -> Result<(Scene, Report)>;
 /// Writes a scene; the name is for messages. The shape of the scene has been checked.
 pub(crate) type WriteModel = fn(&Path, &mut dyn Write, &Scene) -> Result<()>;
 
@@ -46,7 +46,9 @@ impl Format {
         if bytes.is_empty() && !self.magic.is_empty() {
             return Err(Error::other_format(name, self.name, bytes));
         }
-        (self.read)(name, bytes, options)
+        let (mut scene, mut report) = (self.read)(name, bytes)?;
+        options.apply(name, &mut scene, &mut report)?;
+        Ok((scene, report))
     }
 
     /// True if the format is written.
@@ -77,8 +79,7 @@ impl Format {
     ) -> Result<()> {
         let file = name.as_ref();
         let Some(write) = self.write else {
-            let reason = format!("{} is read only", self.name);
-            return Err(Error::Unwritable { file: file.into(), reason });
+            return Err(Error::unwritable(file, format!("{} is read only", self.name)));
         };
         scene.check_shape()?;
         write(file, &mut out, scene)

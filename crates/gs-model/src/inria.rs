@@ -11,10 +11,9 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
-use crate::camera::{Camera, checked_size};
+use crate::camera::{Camera, View, checked_size};
 use crate::error::{Error, Result};
 use crate::fs;
-use crate::view::View;
 
 #[derive(Deserialize)]
 struct Entry {
@@ -29,19 +28,10 @@ struct Entry {
     fy: f64,
 }
 
-/// Reads a `cameras.json`, in file order.
+/// Reads a `cameras.json` from its bytes, in file order; `file` is its name in errors.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`].
-pub fn read_cameras(file: impl AsRef<Path>) -> Result<Vec<Camera>> {
-    let file = file.as_ref();
-    cameras_from_bytes(file, &fs::read(file)?)
-}
-
-/// Reads a `cameras.json` from its bytes; `file` is its name in errors.
-///
-/// # Errors
-/// As [`read_cameras`].
+/// [`Error::Json`], [`Error::BadCamera`].
 pub fn cameras_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<Camera>> {
     let file = file.as_ref();
     let entries: Vec<Entry> =
@@ -74,12 +64,9 @@ fn camera(file: &Path, entry: Entry) -> Result<Camera> {
 /// (`source_path` and `images` in `cfg_args`, if that folder still exists) and in `images/` in
 /// the output folder. A name without extension matches the photo whose name begins with it and
 /// continues with a dot. A photo that is in neither place is expected in `images/`.
-///
-/// # Errors
-/// As [`read_cameras`], and [`Error::Io`] if a folder cannot be listed.
-pub fn read_views(dir: impl AsRef<Path>) -> Result<Vec<View>> {
-    let dir = dir.as_ref();
-    let cameras = read_cameras(dir.join("cameras.json"))?;
+pub(crate) fn views(dir: &Path) -> Result<Vec<View>> {
+    let file = dir.join("cameras.json");
+    let cameras = cameras_from_bytes(&file, &fs::read(&file)?)?;
     let output_images = dir.join("images");
     let mut photos = Vec::new();
     for folder in source_images(dir).into_iter().chain([output_images.clone()]) {

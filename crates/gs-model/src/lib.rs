@@ -61,8 +61,6 @@ pub mod dataset;
 #[cfg(feature = "files")]
 pub mod error;
 #[cfg(feature = "files")]
-mod field;
-#[cfg(feature = "files")]
 mod format;
 #[cfg(feature = "files")]
 mod formats;
@@ -70,8 +68,6 @@ mod formats;
 mod fs;
 #[cfg(feature = "formats")]
 mod gltf;
-#[cfg(feature = "cameras")]
-mod image_size;
 #[cfg(feature = "cameras")]
 pub mod inria;
 #[cfg(feature = "formats")]
@@ -96,14 +92,12 @@ mod splat;
 pub mod spz;
 #[cfg(feature = "files")]
 pub mod validate;
-#[cfg(feature = "cameras")]
-mod view;
 
 #[cfg(feature = "cameras")]
-pub use camera::Camera;
+pub use camera::{Camera, View};
 pub use chain::chain;
 #[cfg(feature = "cameras")]
-pub use dataset::{Dataset, View};
+pub use dataset::Dataset;
 #[cfg(feature = "files")]
 pub use error::{Error, Result};
 #[cfg(feature = "files")]

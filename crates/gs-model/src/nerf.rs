@@ -5,16 +5,16 @@
 //! taken as they are.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
+use imagesize::ImageError;
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::camera::{self, Camera, LensDistortion, checked_size};
+use crate::camera::{self, Camera, LensDistortion, View, checked_size};
 use crate::error::{Error, Result};
-use crate::view::View;
-use crate::{fs, image_size};
 
 #[derive(Deserialize)]
 struct Transforms {
@@ -62,7 +62,8 @@ impl Intrinsics<'_> {
     }
 }
 
-/// Reads the views of a `transforms.json`, in file order.
+/// Reads the views from the bytes of a `transforms.json`, in file order. `file` is the path that the file would
+/// have; the paths of the photos are relative to its folder.
 ///
 /// [`Camera::name`] is the frame's `file_path` without a leading `./`; the photo is at that
 /// path relative to the file's folder (with `.png` added if only that is there, as in Blender
@@ -74,16 +75,6 @@ impl Intrinsics<'_> {
 /// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`], [`Error::Malformed`] for a photo without a size. With
 /// [`LensDistortion::Refuse`] [`Error::DistortedCamera`] if a distortion coefficient is not zero or the camera
 /// model is a fisheye.
-pub fn read_views(file: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
-    let file = file.as_ref();
-    views_from_bytes(file, &fs::read(file)?, distortion)
-}
-
-/// Reads the views from the bytes of a `transforms.json`. `file` is the path that the file would
-/// have; the paths of the photos are relative to its folder.
-///
-/// # Errors
-/// As [`read_views`].
 pub fn views_from_bytes(
     file: impl AsRef<Path>,
     bytes: &[u8],
@@ -154,8 +145,16 @@ fn size_of(
     image_path: &Path,
 ) -> Result<(u32, u32)> {
     let (Some(w), Some(h)) = (intrinsics.get("w"), intrinsics.get("h")) else {
-        let (width, height) = image_size::read(image_path)?;
-        return checked_size(image_path, name, width.into(), height.into());
+        let size = imagesize::size(image_path).map_err(|e| match e {
+            ImageError::IoError(e) if e.kind() != ErrorKind::UnexpectedEof => {
+                Error::io(image_path, "read", e)
+            }
+            _ => {
+                let reason = "not that of a whole PNG or JPEG, so its size is not known";
+                Error::malformed(image_path, "image header", reason)
+            }
+        })?;
+        return checked_size(image_path, name, size.width as u64, size.height as u64);
     };
     if [w, h].iter().any(|v| v.fract() != 0.0 || *v < 0.0) {
         return Err(camera::bad(file, name, "w or h is not a whole number of pixels"));

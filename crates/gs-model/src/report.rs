@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::error::Result;
 use crate::scene::Scene;
 
-/// What to do with Gaussians that are invalid (see [`crate::validate::InvalidReport`]).
+/// What to do with Gaussians that are invalid (see [`crate::validate::InvalidGaussians`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Invalid {
     /// Fail with [`crate::Error::InvalidGaussian`], which names the first one and their number.
@@ -35,7 +35,7 @@ pub struct ReadOptions {
 }
 
 /// What a model file held. What only PLY files have is empty for other formats.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Report {
     /// The [`crate::Format::name`] of the format.
@@ -64,46 +64,27 @@ pub struct Report {
     pub trailing_bytes: usize,
 }
 
-impl ReadOptions {
-    /// Does to a scene just read what the options ask for. Returns the number of opacities
-    /// clamped and of invalid Gaussians dropped. `file` is for the message.
-    pub(crate) fn apply(&self, scene: &mut Scene, file: &Path) -> Result<(usize, usize)> {
-        let mut clamped = 0;
-        if let Some(limit) = self.clamp_infinite_opacity {
-            for logit in scene.opacity_logits.iter_mut().filter(|l| l.is_infinite()) {
-                *logit = limit.copysign(*logit);
-                clamped += 1;
-            }
-        }
-        match self.invalid {
-            Invalid::Drop => Ok((clamped, scene.drop_invalid().count)),
-            Invalid::Error => scene.invalid().error(file).map_or(Ok((clamped, 0)), Err),
-        }
+impl Report {
+    /// Of a file of this form that holds nothing but Gaussians.
+    pub(crate) fn of(format: &'static str, form: impl Into<String>) -> Self {
+        Self { format, form: form.into(), ..Self::default() }
     }
 }
 
-/// Applies the options to a scene just read, and reports.
-pub(crate) fn finish(
-    file: &Path,
-    mut scene: Scene,
-    (format, form): (&'static str, impl Into<String>),
-    options: &ReadOptions,
-) -> Result<(Scene, Report)> {
-    let gaussians_in_file = scene.len();
-    let (clamped_opacities, dropped) = options.apply(&mut scene, file)?;
-    let (notes, unknown_properties, lost, comments) = Default::default();
-    let report = Report {
-        format,
-        form: form.into(),
-        bytes_beside: 0,
-        gaussians_in_file,
-        dropped,
-        clamped_opacities,
-        notes,
-        unknown_properties,
-        lost,
-        comments,
-        trailing_bytes: 0,
-    };
-    Ok((scene, report))
+impl ReadOptions {
+    /// Does to a scene just read what the options ask for, and reports it. `file` is for the message.
+    pub(crate) fn apply(&self, file: &Path, scene: &mut Scene, report: &mut Report) -> Result<()> {
+        report.gaussians_in_file = scene.len();
+        if let Some(limit) = self.clamp_infinite_opacity {
+            for logit in scene.opacity_logits.iter_mut().filter(|l| l.is_infinite()) {
+                *logit = limit.copysign(*logit);
+                report.clamped_opacities += 1;
+            }
+        }
+        match self.invalid {
+            Invalid::Drop => report.dropped = scene.drop_invalid(),
+            Invalid::Error => scene.refuse_invalid(file)?,
+        }
+        Ok(())
+    }
 }

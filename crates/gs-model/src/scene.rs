@@ -1,5 +1,6 @@
-//! [`Scene`]: a trained 3DGS model as a struct of arrays.
+//! [`Scene`]: a trained 3DGS model as a struct of arrays, and [`Field`]: one of them.
 
+use std::fmt;
 use std::ops::Range;
 
 /// The constant of the degree-0 spherical harmonic, 1 / (2 sqrt(pi)).
@@ -27,6 +28,33 @@ pub struct Scene {
     /// triple of basis function `k` of Gaussian `i`; `k = 0` is the DC term. (Inria PLY files
     /// store `f_rest` channel-major; the reader and the writer convert.)
     pub sh: Vec<[f32; 3]>,
+}
+
+/// One array of a [`Scene`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Field {
+    /// [`Scene::means`].
+    Mean,
+    /// [`Scene::rotations`].
+    Rotation,
+    /// [`Scene::log_scales`].
+    LogScale,
+    /// [`Scene::opacity_logits`].
+    OpacityLogit,
+    /// [`Scene::sh`].
+    Sh,
+}
+
+impl fmt::Display for Field {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mean => "mean",
+            Self::Rotation => "rotation",
+            Self::LogScale => "log-scale",
+            Self::OpacityLogit => "opacity logit",
+            Self::Sh => "SH coefficient",
+        })
+    }
 }
 
 impl Scene {
@@ -65,12 +93,7 @@ impl Scene {
     /// Least and greatest coordinates of the means; of an empty scene infinity and minus infinity.
     #[must_use]
     pub fn bounds(&self) -> [[f32; 3]; 2] {
-        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        for mean in &self.means {
-            low = std::array::from_fn(|k| low[k].min(mean[k]));
-            high = std::array::from_fn(|k| high[k].max(mean[k]));
-        }
-        [low, high]
+        bounds_of(self.means.iter().copied())
     }
 
     /// The SH coefficients of Gaussian `i`, DC first; `sh_len()` RGB triples.
@@ -158,6 +181,16 @@ impl Scene {
             sh: self.sh.split_off(at * self.sh_len()),
         }
     }
+}
+
+/// Least and greatest coordinates; without a point infinity and minus infinity.
+pub(crate) fn bounds_of(points: impl Iterator<Item = [f32; 3]>) -> [[f32; 3]; 2] {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for point in points {
+        low = std::array::from_fn(|k| low[k].min(point[k]));
+        high = std::array::from_fn(|k| high[k].max(point[k]));
+    }
+    [low, high]
 }
 
 /// SH coefficients per colour channel of a given degree, DC included.

@@ -16,7 +16,7 @@ use crate::bytes::float;
 use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::math::unit;
-use crate::report::{self, ReadOptions, Report};
+use crate::report::Report;
 use crate::rows::{self, SH};
 use crate::scene::{SH_C0, Scene};
 
@@ -42,7 +42,7 @@ pub(crate) fn opacity_logit(byte: u8) -> f32 {
     libm::log(opacity / (1.0 - opacity)) as f32
 }
 
-fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     if !bytes.len().is_multiple_of(ROW) {
         let missing = format!("the rows of a .splat are {ROW} bytes each, the last is not whole");
         return Err(Error::truncated(file, bytes.len(), missing));
@@ -57,7 +57,7 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
             _ => (f32::from(row[24 + c - SH]) / 255.0 - 0.5) / SH_C0,
         }
     });
-    report::finish(file, scene, (FORMAT.name, ".splat"), options)
+    Ok((scene, Report::of(FORMAT.name, ".splat")))
 }
 
 fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {

@@ -9,31 +9,23 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-pub use crate::field::Field;
-use crate::scene::{Scene, sh_len};
-
-/// One invalid Gaussian.
-#[derive(Clone, Copy, Debug)]
-pub struct InvalidGaussian {
-    /// Its index in the scene that was checked.
-    pub index: usize,
-    /// Its first invalid field, in the order of [`Field::ALL`].
-    pub field: Field,
-    /// The value that is not finite; of a quaternion without direction, its w.
-    pub value: f32,
-}
+use crate::scene::{Field, Scene, sh_len};
 
 /// The invalid Gaussians of a scene.
 ///
 /// A Gaussian is invalid if any of its numbers is NaN or infinite, or if its quaternion has no
 /// direction: `w² + x² + y² + z²` in `f32`, summed in this order, is zero, subnormal or
 /// infinite, so that normalising it in `f32` cannot give a rotation.
-#[derive(Clone, Debug, Default)]
-pub struct InvalidReport {
-    /// How many Gaussians are invalid.
+#[derive(Clone, Copy, Debug)]
+pub struct InvalidGaussians {
+    /// How many there are.
     pub count: usize,
-    /// The invalid Gaussian with the smallest index.
-    pub first: Option<InvalidGaussian>,
+    /// The least index of one in the scene that was checked.
+    pub index: usize,
+    /// Its first invalid field, in the order of the variants.
+    pub field: Field,
+    /// The value that is not finite; of a quaternion without direction, its w.
+    pub value: f32,
 }
 
 impl Scene {
@@ -63,44 +55,45 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::SceneShape`] or [`Error::SceneDegree`]; [`Error::InvalidGaussian`] naming the
-    /// first invalid Gaussian (see [`InvalidReport`]) and how many there are.
+    /// first invalid Gaussian (see [`InvalidGaussians`]) and how many there are.
     pub fn validate(&self) -> Result<()> {
         self.check_shape()?;
-        self.invalid().error(Path::new("scene")).map_or(Ok(()), Err)
+        self.refuse_invalid(Path::new("scene"))
     }
 
-    /// Finds and counts the invalid Gaussians.
+    /// Refuses a scene with invalid Gaussians; `file` is for the message.
+    pub(crate) fn refuse_invalid(&self, file: &Path) -> Result<()> {
+        let Some(invalid) = self.invalid() else { return Ok(()) };
+        let InvalidGaussians { index, field, value, count } = invalid;
+        Err(Error::InvalidGaussian { file: file.into(), index, field, value, count })
+    }
+
+    /// Finds and counts the invalid Gaussians; `None` if there are none.
     ///
     /// The arrays must have consistent lengths ([`Scene::check_shape`]); Gaussians beyond the
     /// shortest array are ignored.
     #[must_use]
-    pub fn invalid(&self) -> InvalidReport {
+    pub fn invalid(&self) -> Option<InvalidGaussians> {
         const ROWS: usize = 1 << 14;
         let n = self.checked_len();
-        // Integer counts, combined in chunk order: the same for any number of threads.
-        let parts: Vec<InvalidReport> = (0..n.div_ceil(ROWS))
-            .into_par_iter()
-            .map(|c| {
-                let rows = c * ROWS..n.min((c + 1) * ROWS);
-                let mut all = rows.filter_map(|index| self.defect(index));
-                let first = all.next();
-                InvalidReport { count: usize::from(first.is_some()) + all.count(), first }
-            })
-            .collect();
-        let first = parts.iter().find_map(|part| part.first);
-        InvalidReport { count: parts.iter().map(|part| part.count).sum(), first }
+        let parts = (0..n.div_ceil(ROWS)).into_par_iter().filter_map(|c| {
+            let rows = c * ROWS..n.min((c + 1) * ROWS);
+            let mut all = rows.filter_map(|index| self.defect(index));
+            let first = all.next()?;
+            Some(InvalidGaussians { count: 1 + all.count(), ..first })
+        });
+        parts.reduce_with(|a, b| InvalidGaussians { count: a.count + b.count, ..a })
     }
 
-    /// Removes the invalid Gaussians, keeping the order of the others.
+    /// Removes the invalid Gaussians, keeping the order of the others. Returns how many there were.
     ///
-    /// Returns what was removed; indices in it are those before the removal. A scene whose
-    /// arrays have inconsistent lengths loses its surplus entries too.
-    pub fn drop_invalid(&mut self) -> InvalidReport {
-        let report = self.invalid();
-        if report.count > 0 || self.check_shape().is_err() {
+    /// A scene whose arrays have inconsistent lengths loses its surplus entries too.
+    pub fn drop_invalid(&mut self) -> usize {
+        let count = self.invalid().map_or(0, |invalid| invalid.count);
+        if count > 0 || self.check_shape().is_err() {
             *self = self.select(&self.valid_indices());
         }
-        report
+        count
     }
 
     /// The indices of the Gaussians that are valid: those that [`Scene::drop_invalid`] keeps.
@@ -120,7 +113,7 @@ impl Scene {
     }
 
     /// What is wrong with Gaussian `index`, if anything is.
-    fn defect(&self, index: usize) -> Option<InvalidGaussian> {
+    fn defect(&self, index: usize) -> Option<InvalidGaussians> {
         let not_finite = |values: &[f32]| values.iter().copied().find(|v| !v.is_finite());
         let bad_value = |field: Field| match field {
             Field::Mean => not_finite(&self.means[index]),
@@ -135,15 +128,10 @@ impl Scene {
             Field::OpacityLogit => not_finite(&[self.opacity_logits[index]]),
             Field::Sh => not_finite(self.sh_of(index).as_flattened()),
         };
-        let bad = |field| bad_value(field).map(|value| InvalidGaussian { index, field, value });
-        Field::ALL.into_iter().find_map(bad)
-    }
-}
-
-impl InvalidReport {
-    /// The error about the first invalid Gaussian, if there is one.
-    pub(crate) fn error(&self, file: &Path) -> Option<Error> {
-        let InvalidGaussian { index, field, value } = self.first?;
-        Some(Error::InvalidGaussian { file: file.into(), index, field, value, count: self.count })
+        let fields =
+            [Field::Mean, Field::Rotation, Field::LogScale, Field::OpacityLogit, Field::Sh];
+        fields.into_iter().find_map(|field| {
+            Some(InvalidGaussians { count: 1, index, field, value: bad_value(field)? })
+        })
     }
 }

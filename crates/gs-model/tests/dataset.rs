@@ -7,8 +7,8 @@ use std::path::Path;
 
 use common::{says, scene, share_in_view, shared};
 use gs_model::camera::LensDistortion;
-use gs_model::dataset::{Dataset, View, open_views};
-use gs_model::{Camera, Error, Result, inria, nerf, ply};
+use gs_model::dataset::{Dataset, open_views};
+use gs_model::{Camera, Error, Result, View, ply};
 use serde_json::json;
 use tempfile::TempDir;
 
@@ -17,8 +17,10 @@ fn views(dir: &Path) -> Result<Vec<View>> {
     open_views(dir, LensDistortion::Refuse)
 }
 
-fn transforms(dir: &TempDir) -> Result<Vec<View>> {
-    nerf::read_views(dir.path().join("transforms.json"), LensDistortion::Refuse)
+/// The start of a PNG file of this size.
+fn png(width: u32, height: u32) -> Vec<u8> {
+    let start: &[u8] = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR";
+    [start, &width.to_be_bytes(), &height.to_be_bytes(), b"\x08\x02\0\0\0"].concat()
 }
 
 fn put(dir: &TempDir, name: &str, contents: impl AsRef<[u8]>) {
@@ -177,9 +179,9 @@ fn inria_output_finds_its_photos() {
     assert_eq!(photos[3], images.join("d.png"));
     // Without cfg_args, and with one that names a missing folder, the output folder's photos remain.
     put(&dir, "cfg_args", "Namespace(source_path='/nowhere/at/all')");
-    assert_eq!(inria::read_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
+    assert_eq!(views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
     fs::remove_file(dir.path().join("cfg_args")).unwrap();
-    assert_eq!(inria::read_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
+    assert_eq!(views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
 }
 
 #[test]
@@ -215,19 +217,19 @@ fn transforms_with_an_angle_take_the_size_from_the_photo() {
     let frame =
         json!({"file_path": "./train/r_0", "rotation": 0.1, "transform_matrix": nerf_matrix(&c)});
     put(&dir, "transforms.json", json!({"camera_angle_x": 0.69, "frames": [frame]}).to_string());
-    put(
-        &dir,
-        "train/r_0.png",
-        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\x03\x20\0\0\x02\x58\x08\x02\0\0\0",
-    );
-    let views = transforms(&dir).unwrap();
-    assert_same(&views[0].camera, &c);
-    assert_eq!(views[0].image_path, dir.path().join("train/r_0.png"));
+    put(&dir, "train/r_0.png", png(800, 600));
+    let found = views(dir.path()).unwrap();
+    assert_same(&found[0].camera, &c);
+    assert_eq!(found[0].image_path, dir.path().join("train/r_0.png"));
+    // A progressive JPEG under that name.
+    let jpeg = b"\xff\xd8\xff\xe0\0\x04ab\xff\xc4\0\x03x\xff\xc2\0\x11\x08\x02\x58\x03\x20\x03";
+    put(&dir, "train/r_0.png", jpeg);
+    assert_same(&views(dir.path()).unwrap()[0].camera, &c);
     // The photo is not an image; then it is missing.
     put(&dir, "train/r_0.png", "GIF89a");
-    says(transforms(&dir), "image header: not that of a PNG or JPEG");
+    says(views(dir.path()), "image header: not that of a whole PNG or JPEG");
     fs::remove_file(dir.path().join("train/r_0.png")).unwrap();
-    let outcome = transforms(&dir);
+    let outcome = views(dir.path());
     assert!(matches!(outcome, Err(Error::Io { .. })), "{outcome:?}");
 }
 
@@ -240,7 +242,7 @@ fn wrong_transforms_are_named() {
         let mut json = good.clone();
         change(&mut json);
         put(&dir, "transforms.json", json.to_string());
-        transforms(&dir)
+        views(dir.path())
     };
     assert!(read(&|_| {}).is_ok());
     for (key, value, model) in [
@@ -281,7 +283,7 @@ fn wrong_inria_cameras_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let read = |json: &str| {
         put(&dir, "cameras.json", json);
-        inria::read_views(dir.path())
+        views(dir.path())
     };
     assert_eq!(read("[]").unwrap(), []);
     for json in ["", "{}", "[{\"id\": 0}]", "[", "[[[[[[[["] {
@@ -315,7 +317,7 @@ fn images_of_100000_by_100000_pixels_are_refused() {
     refused(views(dir.path()));
     // The size may also come from the photo.
     put(&dir, "transforms.json", json!({"fl_x": 500.0, "frames": [frame]}).to_string());
-    put(&dir, "a.png", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x01\x86\xa0\0\x01\x86\xa0\x08\x02\0\0\0");
+    put(&dir, "a.png", png(100_000, 100_000));
     refused(views(dir.path()));
 
     let dir = tempfile::tempdir().unwrap();
@@ -350,7 +352,7 @@ fn a_message_contains_its_cause_once() {
     let dir = tempfile::tempdir().unwrap();
     put(&dir, "cameras.json", "{}");
     let missing = ply::read(dir.path().join("gone.ply")).unwrap_err();
-    let json = inria::read_cameras(dir.path().join("cameras.json")).unwrap_err();
+    let json = views(dir.path()).unwrap_err();
     for (error, cause) in [(missing, "os error 2"), (json, "line 1 column")] {
         assert!(!error.to_string().contains(cause), "{error}");
         assert_eq!(gs_model::chain(&error).matches(cause).count(), 1, "{error}");

@@ -145,15 +145,15 @@ fn webp(width: u32, height: u32, rgba: &[u8]) -> Vec<u8> {
     file
 }
 
-/// A SOG of version 1 with two Gaussians of degree 1; in its `meta.json`, the second replaces the first.
-fn sog_1(change: (&str, &str)) -> Vec<u8> {
+/// A SOG of version 1 with two Gaussians of degree 1; in its `meta.json`, `to` replaces `from`.
+fn sog_1(from: &str, to: &str) -> Vec<u8> {
     let meta = r#"{
         "means": {"shape": [2, 3], "dtype": "float32", "mins": [-1, 0, 0], "maxs": [1, 2, 4], "files": ["l", "u"]},
         "scales": {"shape": [2, 3], "mins": [-10, -9, -8], "maxs": [-5, -4, -3], "files": ["s"]},
         "quats": {"shape": [2, 4], "encoding": "quaternion_packed", "files": ["q"]},
         "sh0": {"shape": [2, 1, 4], "mins": [-2, -1, 0, -5], "maxs": [3, 4, 5, 10], "files": ["c"]},
         "shN": {"shape": [2, 9], "mins": -0.5, "maxs": 0.52, "quantization": 8, "files": ["p", "i"]}}"#;
-    assert!(meta.contains(change.0));
+    assert!(meta.contains(from));
     // The second entry of the palette: coefficients 0, 51 and 255 of 255 in red.
     let mut palette = vec![255; 4 * 64 * 3];
     palette[12..24].copy_from_slice(&[0, 0, 0, 255, 51, 0, 0, 255, 255, 0, 0, 255]);
@@ -169,7 +169,7 @@ fn sog_1(change: (&str, &str)) -> Vec<u8> {
     let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let stored =
         zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
-    let meta = meta.replace(change.0, change.1).into_bytes();
+    let meta = meta.replace(from, to).into_bytes();
     for (name, bytes) in [("meta.json", meta)].into_iter().chain(images) {
         zip.start_file(name, stored).unwrap();
         zip.write_all(&bytes).unwrap();
@@ -179,7 +179,7 @@ fn sog_1(change: (&str, &str)) -> Vec<u8> {
 
 #[test]
 fn bytes_of_a_sog_of_version_1_are_steps_between_bounds() {
-    let (scene, report) = read("a.sog", &sog_1(("means", "means"))).unwrap();
+    let (scene, report) = read("a.sog", &sog_1("means", "means")).unwrap();
     assert_eq!((&report.form[..], scene.len(), scene.sh_degree), ("SOG, version 1", 2, 1));
     let close = |a: f32, b: f64| assert!((f64::from(a) - b).abs() < 1e-5, "{a} is not {b}");
     // 127 * 256 + 255 of 65535, just below the middle of -1 to 1; sign(v) (exp(|v|) - 1).
@@ -213,10 +213,10 @@ fn a_hostile_meta_of_a_sog_is_refused() {
         ("[2, 9]", "[2, 24]", "p: it is 192 pixels wide, not 512"),
         ("[\"s\"]", "[\"../s\"]", "not the name of a file beside meta.json"),
         ("[\"s\"]", "[\"gone\"]", "gone: it is not in the archive"),
-        ("\"means\"", "\"version\": 3, \"means\"", "SOG version 3 is not read (1 and 2 are)"),
+        ("\"means\"", "\"version\": 3, \"means\"", "SOG version 3: not read (1 and 2 are)"),
         ("\"means\"", "\"version\": 2, \"means\"", not_json),
     ] {
-        says(read("a.sog", &sog_1((from, to))), said);
+        says(read("a.sog", &sog_1(from, to)), said);
     }
 }
 
@@ -351,7 +351,7 @@ fn broken_spz_files_are_named() {
         says(read("a.spz", &gzip(&spz_header(3, n, 3))), &format!("promises {n} Gaussians"));
     }
     for version in [1, 4, 5] {
-        let said = format!("SPZ version {version} is not read (2 to 4 are)");
+        let said = format!("SPZ version {version}: not read (2 to 4 are)");
         says(read("a.spz", &gzip(&spz_header(version, 0, 0))), &said);
     }
     says(read("a.spz", &gzip(&spz_header(3, 0, 4))), "an SH degree above 3");

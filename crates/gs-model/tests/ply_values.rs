@@ -3,7 +3,7 @@
 mod common;
 
 use common::{ENCODINGS, File, bits, scene};
-use gs_model::validate::Field;
+use gs_model::scene::Field;
 use gs_model::{CLAMPED_OPACITY_LOGIT, Error, Invalid, ReadOptions, Scene, model, ply};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -142,13 +142,13 @@ fn quaternions_without_direction_are_found() {
             Err(Error::InvalidGaussian { index: 1, field: Field::Rotation, .. }) => {}
             other => panic!("{q:?}: {other:?}"),
         }
-        assert_eq!(scene.drop_invalid().count, 1);
+        assert_eq!(scene.drop_invalid(), 1);
         assert_eq!(scene, good.select(&[0, 2, 3]));
     }
     let mut scene = good;
     scene.rotations[1] = [1e-15, 0.0, 0.0, 0.0];
     assert!(scene.validate().is_ok());
-    assert_eq!(scene.drop_invalid().count, 0);
+    assert_eq!(scene.drop_invalid(), 0);
 }
 
 #[test]
@@ -160,13 +160,11 @@ fn invalid_gaussians_are_counted_once() {
         scene.sh[i][2] = f32::INFINITY;
     }
     scene.rotations[7] = [0.0; 4];
-    let report = scene.invalid();
-    assert_eq!(report.count, 5001);
-    let first = report.first.unwrap();
-    assert_eq!((first.index, first.field), (0, Field::Mean));
+    let found = scene.invalid().unwrap();
+    assert_eq!((found.count, found.index, found.field), (5001, 0, Field::Mean));
     let message = scene.validate().unwrap_err().to_string();
     assert!(message.contains("Gaussian 0: mean is NaN (5001 invalid"), "{message}");
-    assert_eq!(scene.drop_invalid().count, 5001);
+    assert_eq!(scene.drop_invalid(), 5001);
     assert_eq!(scene.len(), 44_999);
     assert!(scene.validate().is_ok());
 }

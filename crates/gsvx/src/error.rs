@@ -129,7 +129,7 @@ pub enum Error {
         /// Index of the first such outlier.
         index: usize,
         /// The attribute.
-        field: gs_model::validate::Field,
+        field: gs_model::scene::Field,
     },
     /// Gaussians lie so far apart that some should be outliers, which a plan for parts does not have.
     #[cfg(feature = "encode")]

@@ -34,22 +34,15 @@ pub(crate) fn exp(x: f64) -> f64 {
     f64::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 52))
 }
 
-const FACTORIALS: [f64; 14] = [
-    1.0,
-    1.0,
-    2.0,
-    6.0,
-    24.0,
-    120.0,
-    720.0,
-    5_040.0,
-    40_320.0,
-    362_880.0,
-    3_628_800.0,
-    39_916_800.0,
-    479_001_600.0,
-    6_227_020_800.0,
-];
+const FACTORIALS: [f64; 14] = {
+    let mut all = [1.0; 14];
+    let mut k = 1;
+    while k < 14 {
+        all[k] = all[k - 1] * k as f64;
+        k += 1;
+    }
+    all
+};
 
 /// Natural logarithm of a positive, normal, finite `x`, to 1 unit in the last place.
 ///

@@ -4,7 +4,7 @@ use gs_model::Scene;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::parallel::CHUNK;
+use crate::order::CHUNK;
 
 /// How much each Gaussian counts in the distortion, and in the mean of a leaf.
 #[derive(Clone, Debug, Default, PartialEq)]

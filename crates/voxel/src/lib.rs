@@ -41,6 +41,7 @@
 // with an addition. The functions they call are `inline(always)`, so that they are compiled for
 // AVX2 too.
 
+mod cell;
 mod check;
 mod cost;
 mod cube;
@@ -54,9 +55,7 @@ mod merge;
 mod order;
 mod pages;
 mod paper;
-mod parallel;
 mod pruning;
-mod radix;
 mod rate_distortion;
 mod record;
 mod released;
@@ -76,8 +75,8 @@ pub use importance::Importance;
 pub use local::local_means;
 pub use merge::{Merge, Merging, merge};
 pub use order::morton_codes;
-pub use pruning::{rate_distortion, rate_distortion_of_tile};
-pub use rate_distortion::{RateDistortion, RateDistortionReport};
+pub use pruning::rate_distortion_of_tile;
+pub use rate_distortion::RateDistortion;
 pub use record::WeightSums;
 pub use released::{Released, released};
 pub use strategy::Strategy;

@@ -10,9 +10,10 @@ use crate::check::check_depths;
 use crate::cube::check_cube;
 use crate::error::{Error, Result};
 use crate::pages::Pages;
-use crate::parallel::CHUNK;
-use crate::radix;
 use gpcc_lite::{Cube, Grid};
+
+/// Gaussians per parallel work item. Fixed, so that no result depends on the number of threads.
+pub(crate) const CHUNK: usize = 4096;
 
 /// The Gaussians of a scene in Morton order at one depth.
 #[derive(Debug)]
@@ -24,7 +25,7 @@ pub(crate) struct MortonOrder {
 }
 
 impl MortonOrder {
-    /// Codes every mean at `depth` and sorts. Linear in the number of Gaussians.
+    /// Codes every mean at `depth` and sorts.
     pub(crate) fn of(scene: &Scene, cube: &Cube, depth: u8) -> Result<Self> {
         let len = scene.len();
         if u32::try_from(len).is_err() {
@@ -37,7 +38,13 @@ impl MortonOrder {
 
     /// Sorts the codes of Gaussians 0, 1, ... (fewer than 2^32); ties keep that order.
     pub(crate) fn sorted(mut codes: Pages<u64>) -> Self {
-        let members = radix::sort(&mut codes);
+        let mut pairs = Pages::<[u64; 2]>::zeroed(codes.len());
+        let numbered = pairs.par_iter_mut().zip(&codes[..]).enumerate();
+        numbered.for_each(|(i, (pair, &code))| *pair = [code, i as u64]);
+        // No two are equal, so the result does not depend on the number of threads.
+        pairs.par_sort_unstable();
+        codes.par_iter_mut().zip(&pairs[..]).for_each(|(code, pair)| *code = pair[0]);
+        let members = pairs.par_iter().map(|pair| pair[1] as u32).collect();
         Self { codes, members }
     }
 }

@@ -6,11 +6,11 @@ use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
 
+use crate::cell::Cell;
 use crate::descend;
 use crate::gaussian::log_volume;
-use crate::order::MortonOrder;
+use crate::order::{CHUNK, MortonOrder};
 use crate::pages::Pages;
-use crate::parallel::CHUNK;
 use gpcc_lite::Cube;
 
 /// Flags the Gaussians whose volume reaches the `100 - percent` percentile.
@@ -100,18 +100,16 @@ impl Rule<'_> {
                 *point = Point { mean: self.scene.means[i], large: u32::from(self.large[i]) };
             }
         });
-        let points = &points[..];
-        descend::depths(&order.codes, self.j_low, self.j_high, |code, range, depth| {
-            self.splits(code, &points[range], depth)
-        })
+        let root = Cell { codes: &order.codes, members: &points };
+        descend::depths(&root, self.j_low, self.j_high, |voxel, depth| self.splits(voxel, depth))
     }
 
-    fn splits(&self, code: u64, points: &[Point], depth: u8) -> bool {
+    fn splits(&self, voxel: &Cell<'_, Point>, depth: u8) -> bool {
+        let points = voxel.members;
         if points.len() as u64 > u64::from(self.tau1) || points.iter().any(|p| p.large != 0) {
             return true;
         }
-        let shift = 3 * u32::from(self.j_high - depth);
-        let leaf = Leaf { morton: code >> shift << shift, depth };
+        let leaf = Leaf::of(voxel.codes[0], depth, self.j_high);
         let centre = self.cube.centre_offset(leaf, self.j_high);
         let limit = self.tau2 * self.cube.cell(depth);
         points.iter().any(|point| {

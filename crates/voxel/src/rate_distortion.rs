@@ -98,16 +98,3 @@ impl RateDistortion {
         Ok(())
     }
 }
-
-/// What a [`rate_distortion`](crate::rate_distortion) run did.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RateDistortionReport {
-    /// Cells whose division was decided. A cell above `j_low` is always divided, and not counted,
-    /// unless Gaussians may be dropped.
-    pub decided: u64,
-    /// Of these, cells whose subtrees were not visited, since no division there could pay: those
-    /// of one Gaussian that became a leaf above `j_high`.
-    pub skipped: u64,
-    /// The minimum: distortion plus lambda times bits.
-    pub cost: f64,
-}

@@ -93,33 +93,18 @@ impl Records {
         Ok(Self { records, sums })
     }
 
-    /// Scales weights by the sums of a scene of which this one is a part.
-    pub(crate) fn scaled_by(self, sums: WeightSums) -> Self {
-        Self { sums, ..self }
+    /// Scales weights by the sums of a scene of which this one is a part, if there is one.
+    pub(crate) fn scaled_by(self, sums: Option<WeightSums>) -> Self {
+        Self { sums: sums.unwrap_or(self.sums), ..self }
     }
 
-    pub(crate) fn view(&self) -> RecordView<'_> {
-        let Self { records, sums } = self;
-        let scale = |sum: f64| if sum > 0.0 { sums.count as f64 / sum } else { 1.0 };
-        let (per_importance, per_geometry) = (scale(sums.importance), scale(sums.geometry));
-        RecordView { records, per_importance, per_geometry }
-    }
-}
-
-/// [`Records`], read-only.
-#[derive(Clone, Copy)]
-pub(crate) struct RecordView<'a> {
-    records: &'a [Record],
-    per_importance: f64,
-    per_geometry: f64,
-}
-
-impl RecordView<'_> {
     /// The record of Gaussian `i`, its weights in units of the mean importance.
     pub(crate) fn get(&self, i: u32) -> Record {
-        let mut record = self.records[i as usize];
-        record.geometry *= self.per_geometry;
-        record.importance *= self.per_importance;
+        let Self { records, sums } = self;
+        let scale = |sum: f64| if sum > 0.0 { sums.count as f64 / sum } else { 1.0 };
+        let mut record = records[i as usize];
+        record.geometry *= scale(sums.geometry);
+        record.importance *= scale(sums.importance);
         record
     }
 }

@@ -103,7 +103,7 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
     let cell = width / (1u32 << depth) as f32;
     let order = sorted(&points, origin, cell, depth);
     let cube = Cube { origin: tight.origin, side: 2.0 * f64::from(width) };
-    Voxelization::from_depths(cube, depth + 1, order, |_| depth + 1)
+    Voxelization::from_depths(cube, depth + 1, order, vec![depth + 1; points.len()])
 }
 
 fn sorted(points: &[[f32; 3]], origin: [f32; 3], cell: f32, depth: u8) -> MortonOrder {

@@ -9,27 +9,28 @@ use crate::cube::cube_of;
 use crate::error::{Error, Result};
 use gpcc_lite::Cube;
 
-/// The costs that [`trim`] compares.
+/// Bits per octree level of a Gaussian that is alone in its cell.
+const BITS_PER_LEVEL: f64 = 3.0;
+/// Bits that a small part of a missing octree level is worth, per Gaussian. An octree has at most
+/// 21 levels; every further one that the wanted cell needs is missing, and doubles the cells.
+/// Squared errors of the positions are then four times as large, so `m` missing levels are worth
+/// `(4^m - 1) / ln 4` times as much.
+const BITS_PER_MISSING_LEVEL: f64 = 3.0;
+
+/// What [`trim`] is to reach, and what an outlier costs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trim {
     /// Side of the finest cells wanted, in world units. Positive.
     pub cell: f64,
     /// Bits of the position of a Gaussian that is not in the octree; three `f32` are 96.
     pub bits_per_outlier: f64,
-    /// Bits per octree level of a Gaussian that is alone in its cell.
-    pub bits_per_level: f64,
-    /// Bits that a small part of a missing octree level is worth, per Gaussian. An octree has at most
-    /// 21 levels; every further one that the wanted cell needs is missing, and doubles the cells.
-    /// Squared errors of the positions are then four times as large, so `m` missing levels are worth
-    /// `(4^m - 1) / ln 4` times as much.
-    pub bits_per_missing_level: f64,
 }
 
 impl Trim {
-    /// Finest cells of side `cell`, 96 bits per outlier, 3 bits per level and per missing level.
+    /// Finest cells of side `cell`, 96 bits per outlier.
     #[must_use]
     pub fn new(cell: f64) -> Self {
-        Self { cell, bits_per_outlier: 96.0, bits_per_level: 3.0, bits_per_missing_level: 3.0 }
+        Self { cell, bits_per_outlier: 96.0 }
     }
 }
 
@@ -72,11 +73,8 @@ impl Trimmed {
 /// [`Error::NonFiniteMean`]; [`Error::Parameter`] if `cell` is not positive and finite.
 pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
     if !(options.cell > 0.0 && options.cell.is_finite()) {
-        return Err(Error::Parameter {
-            name: "cell",
-            value: options.cell,
-            range: "above 0, finite",
-        });
+        let (name, value, range) = ("cell", options.cell, "above 0, finite");
+        return Err(Error::Parameter { name, value, range });
     }
     let all = cube_of(means)?;
     let plain = Trimmed {
@@ -95,10 +93,10 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
         let missing = f64::from(wanted.saturating_sub(MAX_DEPTH));
         let inside = (means.len() - outliers) as f64;
         let worth = (libm::exp2(2.0 * missing) - 1.0) / (2.0 * std::f64::consts::LN_2);
-        outliers as f64 * options.bits_per_outlier + inside * worth * options.bits_per_missing_level
+        outliers as f64 * options.bits_per_outlier + inside * worth * BITS_PER_MISSING_LEVEL
     };
     // What an outlier costs in the octree of all means.
-    let chain = f64::from(plain.j_high) * options.bits_per_level;
+    let chain = f64::from(plain.j_high) * BITS_PER_LEVEL;
     let whole = cost(&all, 0);
     let mut best = plain;
     let mut radius = all.side;

@@ -7,8 +7,7 @@ use gpcc_lite::{Cube, Leaf, Octree};
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::order::MortonOrder;
-use crate::parallel::CHUNK;
+use crate::order::{CHUNK, MortonOrder};
 
 /// The leaves of a pruned octree and the Gaussians in each.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -137,80 +136,45 @@ impl Voxelization {
         }
     }
 
-    /// Cuts the sorted Gaussians into leaves. `depth_at(i)` is the depth of the leaf of the `i`-th
-    /// Gaussian of `order`, or [`DROPPED`]. It is the same for all Gaussians of one leaf.
+    /// Cuts the sorted Gaussians into leaves. `depths` are those of the leaves of the Gaussians of `order`, or
+    /// [`DROPPED`], and the same for all Gaussians of one leaf.
     pub(crate) fn from_depths(
         cube: Cube,
         j_high: u8,
         order: MortonOrder,
-        depth_at: impl Fn(usize) -> u8 + Sync,
+        mut depths: Vec<u8>,
     ) -> Result<Self> {
         // The leaf of a Gaussian is that of its code, not of its mean: the authors' code moves
         // Gaussians before it voxelizes them.
-        let MortonOrder { codes, members: sorted } = order;
-        let codes = &codes[..];
+        let MortonOrder { mut codes, mut members } = order;
+        let mut dropped = Vec::new();
+        if depths.contains(&DROPPED) {
+            let mut kept = positions(depths.len(), |i| depths[i] != DROPPED);
+            let mut others = positions(depths.len(), |i| depths[i] == DROPPED);
+            kept.pop();
+            others.pop();
+            dropped = others.par_iter().map(|&i| members[i as usize]).collect();
+            members = kept.par_iter().map(|&i| members[i as usize]).collect();
+            codes = kept.par_iter().map(|&i| codes[i as usize]).collect::<Vec<_>>().into();
+            depths = kept.par_iter().map(|&i| depths[i as usize]).collect();
+        }
         let shift = |depth: u8| 3 * u32::from(j_high - depth);
         // Whether a leaf starts at a Gaussian depends on the one before it only, so the loop over
         // the Gaussians is parallel.
-        let starts_leaf = |i: usize| {
-            let depth = depth_at(i);
-            // No branch, because a processor could not predict it.
-            i == 0 || (depth_at(i - 1) != depth) | ((codes[i] ^ codes[i - 1]) >> shift(depth) != 0)
-        };
-        let is_dropped = |i: usize| depth_at(i) == DROPPED;
-        let leaf = |i: usize| {
-            let depth = depth_at(i);
-            Leaf { morton: codes[i] >> shift(depth) << shift(depth), depth }
-        };
-        let chunks = (0..codes.len().div_ceil(CHUNK)).into_par_iter();
-        let range = |chunk: usize| chunk * CHUNK..codes.len().min((chunk + 1) * CHUNK);
-        if !chunks.into_par_iter().any(|chunk| range(chunk).any(is_dropped)) {
-            let member_offsets = positions(codes.len(), starts_leaf);
-            let starts = &member_offsets[..member_offsets.len() - 1];
-            let leaves = starts.par_iter().map(|&i| leaf(i as usize)).collect();
-            let octree = Octree::new(cube, j_high, leaves)?;
-            return Ok(Self { octree, member_offsets, members: sorted, dropped: vec![] });
-        }
-        let members_at = |mut positions: Vec<u32>| -> (Vec<u32>, Vec<u32>) {
-            positions.pop();
-            let members = positions.par_iter().map(|&i| sorted[i as usize]).collect();
-            (positions, members)
-        };
-        let (_, dropped) = members_at(positions(codes.len(), is_dropped));
-        let (kept, members) = members_at(positions(codes.len(), |i| !is_dropped(i)));
-        let member_offsets = positions(kept.len(), |j| starts_leaf(kept[j] as usize));
+        let member_offsets = positions(codes.len(), |i| {
+            i == 0
+                || (depths[i - 1] != depths[i])
+                    | ((codes[i] ^ codes[i - 1]) >> shift(depths[i]) != 0)
+        });
         let starts = &member_offsets[..member_offsets.len() - 1];
-        let leaves = starts.par_iter().map(|&j| leaf(kept[j as usize] as usize)).collect();
-        let octree = Octree::new(cube, j_high, leaves)?;
+        let leaf = |&i: &u32| Leaf::of(codes[i as usize], depths[i as usize], j_high);
+        let octree = Octree::new(cube, j_high, starts.par_iter().map(leaf).collect())?;
         Ok(Self { octree, member_offsets, members, dropped })
     }
 }
 
 /// Ascending indices below `len` for which `wanted` holds, then `len` itself.
 fn positions(len: usize, wanted: impl Fn(usize) -> bool + Sync) -> Vec<u32> {
-    let range = |chunk: usize| chunk * CHUNK..len.min((chunk + 1) * CHUNK);
-    let counts: Vec<usize> = (0..len.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| range(chunk).filter(|&i| wanted(i)).count())
-        .collect();
-    let mut out = vec![0u32; counts.iter().sum::<usize>() + 1];
-    let mut parts = Vec::with_capacity(counts.len());
-    let mut rest = out.as_mut_slice();
-    for count in counts {
-        let (head, tail) = rest.split_at_mut(count);
-        parts.push(head);
-        rest = tail;
-    }
-    rest.fill(len as u32);
-    parts.into_par_iter().enumerate().for_each(|(chunk, part)| {
-        // Each index is written where the next wanted one belongs, and overwritten if not wanted.
-        let mut next = 0;
-        for i in range(chunk) {
-            if let Some(slot) = part.get_mut(next) {
-                *slot = i as u32;
-            }
-            next += usize::from(wanted(i));
-        }
-    });
-    out
+    let all = (0..len).into_par_iter().with_min_len(CHUNK).filter(|&i| wanted(i));
+    all.chain(rayon::iter::once(len)).map(|i| i as u32).collect()
 }

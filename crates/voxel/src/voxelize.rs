@@ -7,7 +7,7 @@ use crate::cube::check_cube;
 use crate::error::Result;
 use crate::order::MortonOrder;
 use crate::paper;
-use crate::pruning::rate_distortion;
+use crate::pruning::prune;
 use crate::released::released;
 use crate::strategy::Strategy;
 use crate::voxelization::Voxelization;
@@ -16,7 +16,7 @@ use gpcc_lite::Cube;
 /// Divides `cube` by `strategy` and assigns every Gaussian of `scene` to the leaf that
 /// contains its mean.
 ///
-/// The time is that of one radix sort, plus a part that is linear in the number of Gaussians times
+/// The time is that of one sort, plus a part that is linear in the number of Gaussians times
 /// the number of depths. The result does not depend on the number of threads. An empty scene gives
 /// no leaf.
 ///
@@ -31,18 +31,16 @@ pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxel
     rayon::scope(|_| match strategy {
         &Strategy::Uniform { depth } => {
             let order = MortonOrder::of(scene, cube, depth)?;
-            Voxelization::from_depths(*cube, depth, order, |_| depth)
+            Voxelization::from_depths(*cube, depth, order, vec![depth; scene.len()])
         }
         &Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => {
             let order = MortonOrder::of(scene, cube, j_high)?;
             let large = paper::large(scene, large_percent);
             let rule = paper::Rule { scene, cube, large: &large, j_low, j_high, tau1, tau2 };
             let depths = rule.depths(&order);
-            Voxelization::from_depths(*cube, j_high, order, |i| depths[i])
+            Voxelization::from_depths(*cube, j_high, order, depths)
         }
         Strategy::Released(options) => released(scene, options),
-        Strategy::RateDistortion(options) => {
-            rate_distortion(scene, cube, options).map(|(voxelization, _)| voxelization)
-        }
+        Strategy::RateDistortion(options) => prune(scene, cube, options, &(0..u64::MAX), None),
     })
 }

@@ -21,7 +21,7 @@ use nalgebra::{Matrix3, SVD, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use crate::gaussian::scale;
-use crate::parallel::CHUNK;
+use crate::order::CHUNK;
 use crate::voxelization::Voxelization;
 
 /// A Gaussian distribution in space.
@@ -232,8 +232,9 @@ pub fn voxelize_exact(
     crate::check::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
     crate::cube::check_cube(cube)?;
     let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
-    let depths = crate::descend::depths(&order.codes, j_low, j_high, |_, range, _| {
-        voxel_distortion(scene, &order.members[range]) > limit
+    let root = crate::cell::Cell { codes: &order.codes, members: &order.members };
+    let depths = crate::descend::depths(&root, j_low, j_high, |voxel, _| {
+        voxel_distortion(scene, voxel.members) > limit
     });
-    Voxelization::from_depths(*cube, j_high, order, |i| depths[i])
+    Voxelization::from_depths(*cube, j_high, order, depths)
 }

@@ -75,18 +75,15 @@ pub(crate) fn canonicalise(quaternion: [f32; 4], log_scales: [f32; 3]) -> ([f32;
 
 /// The rotation of the cube that, applied on the right, leaves `q` with the largest |w|.
 fn smallest_angle(q: [f64; 4]) -> &'static CubeRotation {
-    let w = |e: &CubeRotation| {
-        let p = e.quaternion;
-        (q[0] * p[0] - q[1] * p[1] - q[2] * p[2] - q[3] * p[3]).abs()
-    };
-    let mut best = (0, w(&CUBE[0]) + MARGIN);
-    for (k, candidate) in CUBE.iter().enumerate().skip(1) {
+    let w = |e: &CubeRotation| quaternion_product(q, e.quaternion)[0].abs();
+    let mut best = (&CUBE[0], w(&CUBE[0]) + MARGIN);
+    for candidate in &CUBE[1..] {
         let size = w(candidate);
         if size > best.1 {
-            best = (k, size);
+            best = (candidate, size);
         }
     }
-    &CUBE[best.0]
+    best.0
 }
 
 #[cfg(test)]
@@ -101,7 +98,7 @@ mod tests {
             .prop_filter("some length", |(q, _)| q.iter().map(|c| c * c).sum::<f32>() > 1e-6)
     }
 
-    fn covariance((q, log_scales): ([f32; 4], [f32; 3])) -> [f64; 6] {
+    fn covariance(q: [f32; 4], log_scales: [f32; 3]) -> [f64; 6] {
         axes_product(&rotation(q), log_scales.map(|l| libm::exp(2.0 * f64::from(l))))
     }
 
@@ -127,7 +124,7 @@ mod tests {
         fn the_covariance_is_kept_and_the_angle_is_small(g in gaussian()) {
             let (q, s) = canonicalise(g.0, g.1);
             prop_assert!(q[0] >= 0.8535, "{q:?}");
-            let (a, b) = (covariance(g), covariance((q, s)));
+            let (a, b) = (covariance(g.0, g.1), covariance(q, s));
             let size = a[0] + a[1] + a[2];
             prop_assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-6 * size), "{a:?} {b:?}");
         }

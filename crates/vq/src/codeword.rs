@@ -48,10 +48,11 @@ impl Codeword {
         let square = x * x + y * y + z * z;
         let inverse = 1.0 / (1.0 + square);
         let twice = 2.0 * inverse;
-        let quaternion = [(1.0 - square) * inverse, x * twice, y * twice, z * twice];
+        let quaternion =
+            [(1.0 - square) * inverse, x * twice, y * twice, z * twice].map(|c| c as f32);
         // Exact: a small integer over a power of two (and never -0.0).
         let log_scales = self.log_scale.map(|l| 0.0 - f32::from(l) / PER_UNIT);
-        Covariance::from_parts(quaternion.map(|c| c as f32), log_scales)
+        Covariance { quaternion, log_scales }
     }
 
     /// The three integers of the rotation, then those of minus the log-scales.

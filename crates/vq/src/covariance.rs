@@ -17,8 +17,8 @@ pub const MIN_LOG_SCALE: f32 = -16.0;
 /// A covariance of trace 1: unit quaternion and log-scales with sum(exp(2 log_scale)) = 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Covariance {
-    quaternion: [f32; 4],
-    log_scales: [f32; 3],
+    pub(crate) quaternion: [f32; 4],
+    pub(crate) log_scales: [f32; 3],
 }
 
 /// A covariance as a point in six dimensions; see [`Covariance::feature`].
@@ -42,11 +42,6 @@ impl Covariance {
         let (quaternion, log_scales) = canonicalise(quaternion, log_scales);
         let (log_scales, log_gamma) = normalise(log_scales.map(f64::from));
         Ok((Self { quaternion, log_scales }, log_gamma as f32))
-    }
-
-    /// A covariance from parts that are canonical and normalised already (a decoded codeword).
-    pub(crate) fn from_parts(quaternion: [f32; 4], log_scales: [f32; 3]) -> Self {
-        Self { quaternion, log_scales }
     }
 
     /// The covariance nearest to a mean of features, which is positive semi-definite but for

@@ -17,15 +17,9 @@ const TOLERANCE: f64 = 2e-3;
 /// Nearest centre of every point. `hints` (one centre a point) make it faster.
 fn assign(points: &[Feature], centres: &[Feature], hints: Option<&[u32]>) -> Vec<Hit> {
     let tree = Nearest::new(centres);
-    let mut hits = vec![Hit { id: 0, cost: 0.0 }; points.len()];
-    hits.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
-        let first = chunk * CHUNK;
-        for (k, hit) in out.iter_mut().enumerate() {
-            let hint = hints.map(|h| (h[first + k], &centres[h[first + k] as usize]));
-            *hit = tree.find(&points[first + k], hint);
-        }
-    });
-    hits
+    let hint = |i: usize| hints.map(|hints| (hints[i], &centres[hints[i] as usize]));
+    let points = points.par_iter().enumerate().with_min_len(CHUNK);
+    points.map(|(i, point)| tree.find(point, hint(i))).collect()
 }
 
 /// Sum of weight times cost.

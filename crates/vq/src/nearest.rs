@@ -94,7 +94,7 @@ impl Nearest {
             parts = parts.into_iter().flat_map(|p| split_in_two(codewords, p)).collect();
         }
         for (lane, part) in parts.into_iter().enumerate().filter(|(_, p)| !p.is_empty()) {
-            let (low, high) = bounds(codewords, part);
+            let [low, high] = bounds_of(codewords, part);
             let child = self.build(codewords, part);
             let node = &mut self.nodes[index];
             for k in 0..6 {
@@ -187,38 +187,34 @@ fn box_distances(low: &[[f32; LANES]; 6], high: &[[f32; LANES]; 6], x: &Feature)
 }
 
 /// Smallest box around points.
-pub(crate) fn bounds(points: &[Feature], ids: &[u32]) -> (Feature, Feature) {
-    let mut low = [f32::INFINITY; 6];
-    let mut high = [f32::NEG_INFINITY; 6];
-    for &id in ids {
-        for k in 0..6 {
-            low[k] = low[k].min(points[id as usize][k]);
-            high[k] = high[k].max(points[id as usize][k]);
-        }
+pub(crate) fn bounds<'a>(points: impl IntoIterator<Item = &'a Feature>) -> [Feature; 2] {
+    let (mut low, mut high) = ([f32::INFINITY; 6], [f32::NEG_INFINITY; 6]);
+    for point in points {
+        low = std::array::from_fn(|k| low[k].min(point[k]));
+        high = std::array::from_fn(|k| high[k].max(point[k]));
     }
-    (low, high)
+    [low, high]
+}
+
+/// Smallest box around some of the points.
+pub(crate) fn bounds_of(points: &[Feature], ids: &[u32]) -> [Feature; 2] {
+    bounds(ids.iter().map(|&id| &points[id as usize]))
 }
 
 /// Halves at the median of the widest dimension; equal values are told apart by index, so the
 /// two sets do not depend on the sort's inner workings.
 pub(crate) fn split_in_two<'a>(points: &[Feature], ids: &'a mut [u32]) -> [&'a mut [u32]; 2] {
     if ids.len() < 2 {
-        let (a, b) = ids.split_at_mut(ids.len());
-        return [a, b];
+        return [ids, &mut []];
     }
-    let (low, high) = bounds(points, ids);
-    let mut widest = 0;
-    for k in 1..6 {
-        if high[k] - low[k] > high[widest] - low[widest] {
-            widest = k;
-        }
-    }
+    let [low, high] = bounds_of(points, ids);
+    let width = |k: usize| high[k] - low[k];
+    let widest = (1..6).fold(0, |best, k| if width(k) > width(best) { k } else { best });
     let middle = ids.len() / 2;
     ids.select_nth_unstable_by(middle, |&a, &b| {
         points[a as usize][widest].total_cmp(&points[b as usize][widest]).then(a.cmp(&b))
     });
-    let (a, b) = ids.split_at_mut(middle);
-    [a, b]
+    ids.split_at_mut(middle).into()
 }
 
 /// The reference: a scan over all codewords.

@@ -2,40 +2,26 @@
 //! neighbours in the table are similar.
 
 use crate::covariance::Feature;
+use crate::nearest::bounds;
 
 const BITS: u32 = 10;
 
 /// Position of each feature along the Hilbert curve through the bounding box of all of them.
 pub(crate) fn hilbert_keys(features: &[Feature]) -> Vec<u64> {
-    let mut low = [f32::INFINITY; 6];
-    let mut high = [f32::NEG_INFINITY; 6];
-    for f in features {
-        for k in 0..6 {
-            low[k] = low[k].min(f[k]);
-            high[k] = high[k].max(f[k]);
-        }
-    }
+    let [low, high] = bounds(features);
     let top = ((1u32 << BITS) - 1) as f32;
-    features
-        .iter()
-        .map(|f| {
-            let mut cell = [0u32; 6];
-            for k in 0..6 {
-                let width = high[k] - low[k];
-                if width > 0.0 {
-                    cell[k] = ((f[k] - low[k]) / width * top) as u32;
-                }
-            }
-            hilbert_key(cell)
-        })
-        .collect()
+    // Without width the quotient is NaN, which is 0 as an integer.
+    let cell = |f: &Feature| {
+        [0, 1, 2, 3, 4, 5].map(|k| ((f[k] - low[k]) / (high[k] - low[k]) * top) as u32)
+    };
+    features.iter().map(|f| hilbert_key(cell(f))).collect()
 }
 
 /// Distance along the six-dimensional Hilbert curve of a cell with [`BITS`] bits a side
 /// (Skilling, "Programming the Hilbert curve", 2004).
 fn hilbert_key(mut x: [u32; 6]) -> u64 {
-    let mut q = 1 << (BITS - 1);
-    while q > 1 {
+    let bits = || (1..BITS).rev().map(|bit| 1 << bit);
+    for q in bits() {
         let p = q - 1;
         for i in 0..6 {
             if x[i] & q != 0 {
@@ -46,19 +32,11 @@ fn hilbert_key(mut x: [u32; 6]) -> u64 {
                 x[i] ^= t;
             }
         }
-        q >>= 1;
     }
     for i in 1..6 {
         x[i] ^= x[i - 1];
     }
-    let mut t = 0;
-    let mut q = 1 << (BITS - 1);
-    while q > 1 {
-        if x[5] & q != 0 {
-            t ^= q - 1;
-        }
-        q >>= 1;
-    }
+    let t = bits().filter(|q| x[5] & q != 0).fold(0, |t, q| t ^ (q - 1));
     let mut key = 0;
     for bit in (0..BITS).rev() {
         for coordinate in x {

@@ -7,7 +7,7 @@
 //! point is one descent. Every centre is a data point, and so a valid covariance.
 
 use crate::covariance::Feature;
-use crate::nearest::{bounds, split_in_two, squared_distance};
+use crate::nearest::{bounds_of, split_in_two, squared_distance};
 use crate::rng::SplitMix64;
 
 const LEAF_SIZE: usize = 16;
@@ -78,7 +78,7 @@ impl<'a> Tree<'a> {
     }
 
     fn build(&mut self, ids: &mut [u32], first: u32) {
-        let (low, high) = bounds(self.points, ids);
+        let [low, high] = bounds_of(self.points, ids);
         let index = self.nodes.len();
         let end = first + ids.len() as u32;
         let leaf = Node { low, high, first, end, right: 0, farthest: 1.0, mass: 0.0 };

@@ -26,7 +26,7 @@ fn cloud(n: usize, seed: u64) -> (Vec<Covariance>, Vec<f32>) {
 }
 
 /// The square root of a covariance.
-fn root((q, log_scales): ([f32; 4], [f32; 3])) -> [f64; 6] {
+fn root(q: [f32; 4], log_scales: [f32; 3]) -> [f64; 6] {
     axes_product(&rotation(q), log_scales.map(|l| libm::exp(f64::from(l))))
 }
 
@@ -37,8 +37,11 @@ fn distance(a: [f64; 6], b: [f64; 6]) -> f64 {
 }
 
 fn distances(codebook: &Codebook, covariance: &Covariance) -> Vec<f64> {
-    let own = root((covariance.quaternion(), covariance.log_scales()));
-    let codeword = |i| root(codebook.decode(i).unwrap());
+    let own = root(covariance.quaternion(), covariance.log_scales());
+    let codeword = |i| {
+        let (q, log_scales) = codebook.decode(i).unwrap();
+        root(q, log_scales)
+    };
     (0..codebook.len() as u32).map(|i| distance(own, codeword(i))).collect()
 }
 

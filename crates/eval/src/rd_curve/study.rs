@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use finetune::TrainView;
-use gs_model::dataset::{Dataset, View};
+use gs_model::{Dataset, View};
 use serde::Serialize;
 
 use super::options::Options;

@@ -141,7 +141,7 @@ impl Coder for Decoder<'_> {
     }
 
     #[inline]
-    fn bits_and_sign(&mut self, above: u32, (_, n): (u32, u32), _: bool) -> (u32, bool) {
+    fn bits_and_sign(&mut self, above: u32, _: u32, n: u32, _: bool) -> (u32, bool) {
         // Both at once, the sign on trial.
         let both = self.plain.peek(n + 1);
         let (value, sign) = (both >> 1, both & 1);

@@ -92,7 +92,7 @@ impl Coder for Encoder {
     }
 
     #[inline]
-    fn bits_and_sign(&mut self, above: u32, (value, n): (u32, u32), negative: bool) -> (u32, bool) {
+    fn bits_and_sign(&mut self, above: u32, value: u32, n: u32, negative: bool) -> (u32, bool) {
         self.plain.put(value, n);
         self.plain.put(u32::from(negative), u32::from(above | value != 0));
         (value, negative)

@@ -27,8 +27,8 @@ impl Coder for Silent {
     }
 
     #[inline]
-    fn bits_and_sign(&mut self, _above: u32, value: (u32, u32), negative: bool) -> (u32, bool) {
-        (value.0, negative)
+    fn bits_and_sign(&mut self, _: u32, value: u32, _: u32, negative: bool) -> (u32, bool) {
+        (value, negative)
     }
 
     fn exhausted(&self) -> bool {

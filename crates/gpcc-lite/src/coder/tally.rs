@@ -62,7 +62,7 @@ impl Coder for Tally {
     }
 
     #[inline]
-    fn bits_and_sign(&mut self, above: u32, (value, n): (u32, u32), negative: bool) -> (u32, bool) {
+    fn bits_and_sign(&mut self, above: u32, value: u32, n: u32, negative: bool) -> (u32, bool) {
         self.bits += u64::from(n) + u64::from(above | value != 0);
         (value, negative)
     }

@@ -153,8 +153,8 @@ fn decode_channel(near: &Neighbours, bytes: &[u8]) -> Result<Vec<i32>> {
 
 /// Least and greatest value of a channel whose offsets from `min` have `width` bits. Encoder and
 /// decoder derive them from the header, because the first prediction is their middle.
-fn bounds(min: i32, width: u32) -> (i64, i64) {
-    (i64::from(min), (i64::from(min) + (1i64 << width) - 1).min(i64::from(i32::MAX)))
+fn bounds(min: i32, width: u32) -> [i64; 2] {
+    [i64::from(min), (i64::from(min) + (1i64 << width) - 1).min(i64::from(i32::MAX))]
 }
 
 /// Coding without prediction: a binary tree of models over the offsets from `min`.
@@ -178,7 +178,7 @@ fn code_histogram<C: Coder>(values: &mut [i32], min: i32, width: u32, coder: &mu
 fn code_predicted<C: Coder>(
     near: &Neighbours,
     values: &mut [i32],
-    (lo, hi): (i64, i64),
+    [lo, hi]: [i64; 2],
     coder: &mut C,
 ) {
     let mut model = Residual::new();

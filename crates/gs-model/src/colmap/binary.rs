@@ -54,10 +54,14 @@ impl<'a> Cursor<'a> {
         self.take(what).map(u64::from_le_bytes)
     }
 
+    fn f64(&mut self, what: &'static str) -> Result<f64> {
+        self.take(what).map(f64::from_le_bytes)
+    }
+
     fn f64s<const N: usize>(&mut self, what: &'static str) -> Result<[f64; N]> {
         let mut out = [0.0; N];
         for v in &mut out {
-            *v = f64::from_le_bytes(self.take(what)?);
+            *v = self.f64(what)?;
         }
         Ok(out)
     }
@@ -89,10 +93,8 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
         };
         let width = cursor.u64("a camera's width")?;
         let height = cursor.u64("a camera's height")?;
-        let mut params = Vec::with_capacity(model.params());
-        for _ in 0..model.params() {
-            params.extend(cursor.f64s::<1>("a camera's parameters")?);
-        }
+        let params = (0..model.params()).map(|_| cursor.f64("a camera's parameters"));
+        let params = params.collect::<Result<_>>()?;
         cameras.push(Intrinsics { id, model, width, height, params });
     }
     Ok(cameras)

@@ -22,9 +22,6 @@ pub(super) struct Image {
     pub(super) translation: [f64; 3],
 }
 
-/// The two camera models without distortion, as their index in [`MODELS`].
-const UNDISTORTED: [Model; 2] = [Model(0), Model(1)];
-
 /// COLMAP's camera models, each at the index that is its id: name, number of parameters, and
 /// how many of these are focal lengths. The focal lengths come first, then `cx` and `cy`, then the
 /// distortion (`src/colmap/sensor/models.h`).
@@ -43,8 +40,11 @@ pub(super) const MODELS: [(&str, usize, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16, 2),
 ];
 
+/// How many of [`MODELS`], the first, have no distortion.
+const UNDISTORTED: usize = 2;
+
 /// A camera model, as its index in [`MODELS`].
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub(super) struct Model(pub(super) usize);
 
 impl Model {
@@ -62,7 +62,7 @@ impl Model {
     }
 
     pub(super) fn is_distorted(self) -> bool {
-        !UNDISTORTED.contains(&self)
+        self.0 >= UNDISTORTED
     }
 }
 

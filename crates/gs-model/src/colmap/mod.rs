@@ -39,11 +39,11 @@ pub(crate) fn is_model(dir: impl AsRef<Path>) -> bool {
 /// a camera that an image uses, with [`LensDistortion::Refuse`].
 pub fn read_cameras(dir: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<Camera>> {
     let dir = dir.as_ref();
-    let (cameras_file, form) = choose(dir, "cameras");
-    let cameras = cameras(&cameras_file, &fs::read(&cameras_file)?, form)?;
-    let (images_file, form) = choose(dir, "images");
-    let images = images(&images_file, &fs::read(&images_file)?, form)?;
-    with_intrinsics((&cameras_file, cameras), (&images_file, images), distortion)
+    let [(cameras_file, cameras_form), (images_file, images_form)] =
+        ["cameras", "images"].map(|stem| choose(dir, stem));
+    let cameras = cameras(&cameras_file, &fs::read(&cameras_file)?, cameras_form)?;
+    let images = images(&images_file, &fs::read(&images_file)?, images_form)?;
+    with_intrinsics([&cameras_file, &images_file], cameras, images, distortion)
 }
 
 /// Reads the posed images from the bytes of a `cameras` and an `images` file of the same form.
@@ -55,10 +55,10 @@ pub fn cameras_from_bytes(
     images_file: &[u8],
     form: Form,
 ) -> Result<Vec<Camera>> {
-    let names = [Path::new("<cameras>"), Path::new("<images>")];
-    let cameras = cameras(names[0], cameras_file, form)?;
-    let images = images(names[1], images_file, form)?;
-    with_intrinsics((names[0], cameras), (names[1], images), LensDistortion::Refuse)
+    let files = [Path::new("<cameras>"), Path::new("<images>")];
+    let cameras = cameras(files[0], cameras_file, form)?;
+    let images = images(files[1], images_file, form)?;
+    with_intrinsics(files, cameras, images, LensDistortion::Refuse)
 }
 
 fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {
@@ -75,31 +75,28 @@ fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Image>> {
     }
 }
 
-/// Each image with the intrinsics of its camera.
+/// Each image with the intrinsics of its camera; `files` are those of cameras and images.
 fn with_intrinsics(
-    (cameras_file, cameras): (&Path, Vec<Intrinsics>),
-    (images_file, images): (&Path, Vec<Image>),
+    files: [&Path; 2],
+    cameras: Vec<Intrinsics>,
+    images: Vec<Image>,
     distortion: LensDistortion,
 ) -> Result<Vec<Camera>> {
     let mut by_id = BTreeMap::new();
     for camera in cameras {
-        let id = camera.id;
-        if by_id.insert(id, camera).is_some() {
-            return Err(Error::malformed(
-                cameras_file,
-                &format!("camera {id}"),
-                "it is there twice",
-            ));
+        let place = format!("camera {}", camera.id);
+        if by_id.insert(camera.id, camera).is_some() {
+            return Err(Error::malformed(files[0], &place, "it is there twice"));
         }
     }
     images
         .into_iter()
         .map(|image| match by_id.get(&image.camera) {
-            Some(camera) => posed((cameras_file, camera), (images_file, image), distortion),
+            Some(camera) => posed(files, camera, image, distortion),
             None => {
                 let camera = image.camera;
                 let reason = format!("it names camera {camera}, which is not in the cameras file");
-                Err(Error::malformed(images_file, &format!("image {:?}", image.name), reason))
+                Err(Error::malformed(files[1], &format!("image {:?}", image.name), reason))
             }
         })
         .collect()
@@ -120,13 +117,15 @@ fn choose(dir: &Path, stem: &str) -> (PathBuf, Form) {
     if !binary.is_file() && text.is_file() { (text, Form::Text) } else { (binary, Form::Binary) }
 }
 
-/// An image with the intrinsics of its camera, each with the file that it comes from.
+/// An image with the intrinsics of its camera.
 fn posed(
-    (cameras_file, intrinsics): (&Path, &Intrinsics),
-    (images_file, image): (&Path, Image),
+    [cameras_file, images_file]: [&Path; 2],
+    intrinsics: &Intrinsics,
+    image: Image,
     distortion: LensDistortion,
 ) -> Result<Camera> {
     let Intrinsics { id, model, width, height, ref params } = *intrinsics;
+    let view = format!("camera {id}");
     if model.is_distorted() && distortion == LensDistortion::Refuse {
         let (file, model) = (cameras_file.into(), model.name().to_owned());
         return Err(Error::DistortedCamera { file, camera: id.to_string(), model });
@@ -134,11 +133,9 @@ fn posed(
     let (fx, fy, cx, cy) = match *params.as_slice() {
         [f, cx, cy, ..] if model.has_one_focal_length() => (f, f, cx, cy),
         [fx, fy, cx, cy, ..] => (fx, fy, cx, cy),
-        _ => {
-            return Err(camera::bad(cameras_file, format!("camera {id}"), "too few parameters"));
-        }
+        _ => return Err(camera::bad(cameras_file, view, "too few parameters")),
     };
-    let (width, height) = checked_size(cameras_file, &format!("camera {id}"), width, height)?;
+    let (width, height) = checked_size(cameras_file, &view, width, height)?;
 
     let [w, x, y, z] = image.rotation;
     // COLMAP writes unit quaternions, in text files with few digits, and normalises what it reads.

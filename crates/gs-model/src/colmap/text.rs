@@ -63,10 +63,8 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
         };
         let width = line.next("width")?;
         let height = line.next("height")?;
-        let mut params = Vec::with_capacity(model.params());
-        for _ in 0..model.params() {
-            params.push(line.next("camera parameter")?);
-        }
+        let params = (0..model.params()).map(|_| line.next("camera parameter"));
+        let params = params.collect::<Result<_>>()?;
         if !line.word().is_empty() {
             return Err(line.error("number of camera parameters"));
         }

@@ -7,7 +7,7 @@ use super::json::{POINTS, Primitive, Root, Splats};
 use super::{EXTENSION, FORMAT, attribute, container, malformed, sh_attribute};
 use crate::axes::ABOUT_Z;
 use crate::error::{Error, Result};
-use crate::report::{self, ReadOptions, Report};
+use crate::report::Report;
 use crate::rows::{self, SH};
 use crate::scene::{Scene, sh_len};
 
@@ -17,7 +17,7 @@ const KNOWN: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
 const LEAST_BYTES: usize = 3;
 
 /// Reads a `.glb` file: all primitives with the extension, one after the other.
-pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let (json, data) = container::split(bytes).map_err(|e| malformed(file, "the file", e))?;
     let root: Root =
         serde_json::from_slice(json).map_err(|e| Error::json(file, "a glTF file", e))?;
@@ -47,7 +47,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
     for part in parts {
         scene.append(&part.scene());
     }
-    report::finish(file, scene, (FORMAT.name, "glTF, KHR_gaussian_splatting"), options)
+    Ok((scene, Report::of(FORMAT.name, "glTF, KHR_gaussian_splatting")))
 }
 
 /// Refuses what would change the splats and is not read.

@@ -110,15 +110,14 @@ fn colour(scene: &Scene, i: usize) -> [u16; 4] {
 
 /// Everything before the data.
 fn head(file: &Path, scene: &Scene) -> Result<Vec<u8>> {
-    let unwritable = |reason: &str| Error::Unwritable { file: file.into(), reason: reason.into() };
     if scene.is_empty() {
-        return Err(unwritable("the model is empty, and glTF has no empty meshes"));
+        return Err(Error::unwritable(file, "the model is empty, and glTF has no empty meshes"));
     }
     let attributes = attributes(scene);
     let data_len: u64 = attributes.iter().map(|a| (a.size * scene.len()) as u64).sum();
     let json = root(scene, &attributes, data_len).to_string().into_bytes();
     let large = "it takes more than 4 GiB, which glTF cannot hold; lower its SH degree";
-    container::head(&json, data_len).ok_or_else(|| unwritable(large))
+    container::head(&json, data_len).ok_or_else(|| Error::unwritable(file, large))
 }
 
 fn root(scene: &Scene, attributes: &[Attribute], data_len: u64) -> Value {

@@ -15,8 +15,7 @@ use std::path::Path;
 use crate::bytes::{float, half_word, word};
 use crate::error::{Error, Result};
 use crate::format::Format;
-use crate::report::{self, ReadOptions, Report};
-use crate::rows;
+use crate::report::Report;
 use crate::scene::Scene;
 use section::{SECTION_HEADER, Section};
 
@@ -35,19 +34,15 @@ const HEADER: usize = 4096;
 /// What the SH bounds of level 2 are where the header says 0.
 const DEFAULT_SH_BOUND: f32 = 1.5;
 
-fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let header = Header::parse(file, bytes)?;
     let sections = sections(file, bytes, &header)?;
     let sh_degree = sections.iter().map(|s| s.sh_degree).max().unwrap_or(0);
     let mut scene = Scene { sh_degree, ..Scene::default() };
     for section in &sections {
-        // Every row of a section is in the file.
-        scene.append(&rows::scene_of(section.rows, section.sh_degree, |i| {
-            let row = section.row(i);
-            move |c| row.number(c)
-        }));
+        scene.append(&section.scene());
     }
-    report::finish(file, scene, (FORMAT.name, ".ksplat"), options)
+    Ok((scene, Report::of(FORMAT.name, ".ksplat")))
 }
 
 /// What the header says of all sections.
@@ -65,8 +60,7 @@ impl Header {
         }
         let (major, minor) = (bytes[0], bytes[1]);
         if major != 0 || minor < 1 {
-            let (found, read) = (format!("{major}.{minor}"), "0.1 is");
-            return Err(Error::Version { file: file.into(), format: ".ksplat", found, read });
+            return Err(Error::version(file, ".ksplat", format!("{major}.{minor}"), "0.1 is"));
         }
         let level = half_word(bytes, 20);
         if level > 2 {

@@ -2,8 +2,8 @@
 
 use super::Header;
 use crate::bytes::{float, half_word, word};
-use crate::rows::SH;
-use crate::scene::{SH_C0, sh_len};
+use crate::rows::{self, SH};
+use crate::scene::{SH_C0, Scene, sh_len};
 use crate::splat::opacity_logit;
 
 /// Bytes of a section's header.
@@ -21,7 +21,7 @@ pub(super) struct Section<'a> {
     sh_bounds: [f32; 2],
     pub(super) sh_degree: u8,
     /// Gaussians.
-    pub(super) rows: usize,
+    rows: usize,
     row_bytes: usize,
     data: &'a [u8],
     buckets: Buckets<'a>,
@@ -37,13 +37,6 @@ struct Buckets<'a> {
     full_size: usize,
     /// For each bucket that is not full, the row after its last.
     partial_ends: Vec<u64>,
-}
-
-/// One Gaussian.
-pub(super) struct Row<'a> {
-    section: &'a Section<'a>,
-    bytes: &'a [u8],
-    centre: [f32; 3],
 }
 
 impl<'a> Section<'a> {
@@ -101,12 +94,53 @@ impl<'a> Section<'a> {
         ))
     }
 
-    pub(super) fn row(&self, i: usize) -> Row<'_> {
-        let centre = if self.level == 0 { None } else { self.buckets.of(i) };
-        Row {
-            section: self,
-            bytes: &self.data[i * self.row_bytes..(i + 1) * self.row_bytes],
-            centre: centre.unwrap_or_default(),
+    /// The Gaussians, all of whose rows are in the file.
+    pub(super) fn scene(&self) -> Scene {
+        let colours = 10 * number_bytes(self.level);
+        rows::scene_of(self.rows, self.sh_degree, |i| {
+            let row = &self.data[i * self.row_bytes..(i + 1) * self.row_bytes];
+            let centre = if self.level == 0 { None } else { self.buckets.of(i) };
+            let centre = centre.unwrap_or_default();
+            move |c| match c {
+                0..3 if self.level == 0 => float(row, 4 * c),
+                0..3 => {
+                    let steps = f64::from(half_word(row, 2 * c)) - self.range;
+                    (steps * self.unit + f64::from(centre[c])) as f32
+                }
+                // Scales come before quaternions in the file, after them in a scene.
+                3..7 => self.float(row, c + 3),
+                7..10 => {
+                    let scale = self.float(row, c - 4);
+                    let least = if self.level == 0 { 0.0 } else { LEAST_HALF };
+                    libm::logf(if scale >= 0.0 { scale.max(least) } else { scale })
+                }
+                10 => opacity_logit(row[colours + 3]),
+                11..14 => (f32::from(row[colours + c - SH]) / 255.0 - 0.5) / SH_C0,
+                _ => self.sh(&row[colours + 4..], (c - SH) / 3, (c - SH) % 3),
+            }
+        })
+    }
+
+    /// Number `i` of scales and quaternion, counted from the start of a row.
+    fn float(&self, row: &[u8], i: usize) -> f32 {
+        match self.level {
+            0 => float(row, 4 * i),
+            _ => from_half(half_word(row, 2 * i)),
+        }
+    }
+
+    /// The coefficient of basis function `k` among the higher ones.
+    fn sh(&self, higher: &[u8], k: usize, channel: usize) -> f32 {
+        let degree = k.isqrt();
+        let (first, width) = (degree * degree, 2 * degree + 1);
+        let i = 3 * (first - 1) + channel * width + k - first;
+        match self.level {
+            0 => float(higher, 4 * i),
+            1 => from_half(half_word(higher, 2 * i)),
+            _ => {
+                let [low, high] = self.sh_bounds;
+                low + f32::from(higher[i]) / 255.0 * (high - low)
+            }
         }
     }
 }
@@ -129,79 +163,20 @@ fn number_bytes(level: u16) -> usize {
     if level == 0 { 4 } else { 2 }
 }
 
-fn sh_bytes(level: u16) -> usize {
-    [4, 2, 1][usize::from(level)]
-}
-
 fn row_bytes(level: u16, sh_degree: u8) -> usize {
-    10 * number_bytes(level) + 4 + 3 * (sh_len(sh_degree) - 1) * sh_bytes(level)
-}
-
-impl Row<'_> {
-    /// Number `c` in scene order.
-    pub(super) fn number(&self, c: usize) -> f32 {
-        let section = self.section;
-        let colours = 10 * number_bytes(section.level);
-        match c {
-            0..3 => self.mean(c),
-            // Scales come before quaternions in the file, after them in a scene.
-            3..7 => self.float(c + 3),
-            7..10 => {
-                let scale = self.float(c - 4);
-                let least = if section.level == 0 { 0.0 } else { LEAST_HALF };
-                libm::logf(if scale >= 0.0 { scale.max(least) } else { scale })
-            }
-            10 => opacity_logit(self.bytes[colours + 3]),
-            11..14 => (f32::from(self.bytes[colours + c - SH]) / 255.0 - 0.5) / SH_C0,
-            _ => self.sh((c - SH) / 3, (c - SH) % 3, colours + 4),
-        }
-    }
-
-    fn mean(&self, c: usize) -> f32 {
-        let section = self.section;
-        if section.level == 0 {
-            return self.float(c);
-        }
-        let steps = f64::from(half_word(self.bytes, 2 * c)) - section.range;
-        (steps * section.unit + f64::from(self.centre[c])) as f32
-    }
-
-    /// Number `i` of scales and quaternion, counted from the start of the row.
-    fn float(&self, i: usize) -> f32 {
-        match self.section.level {
-            0 => float(self.bytes, 4 * i),
-            _ => from_half(half_word(self.bytes, 2 * i)),
-        }
-    }
-
-    /// The coefficient of basis function `k`.
-    fn sh(&self, k: usize, channel: usize, start: usize) -> f32 {
-        let section = self.section;
-        let degree = k.isqrt();
-        let (first, width) = (degree * degree, 2 * degree + 1);
-        let i = 3 * (first - 1) + channel * width + k - first;
-        let at = start + i * sh_bytes(section.level);
-        match section.level {
-            0 => float(self.bytes, at),
-            1 => from_half(half_word(self.bytes, at)),
-            _ => {
-                let [low, high] = section.sh_bounds;
-                low + f32::from(self.bytes[at]) / 255.0 * (high - low)
-            }
-        }
-    }
+    let sh_bytes = [4, 2, 1][usize::from(level)];
+    10 * number_bytes(level) + 4 + 3 * (sh_len(sh_degree) - 1) * sh_bytes
 }
 
 /// The number of an IEEE 754 half float.
 fn from_half(bits: u16) -> f32 {
-    let (exponent, fraction) = (u32::from(bits >> 10 & 31), u32::from(bits & 1023));
-    let magnitude = match exponent {
-        // Subnormal: a multiple of 2^-24.
-        0 => fraction as f32 / (1 << 24) as f32,
-        31 => f32::from_bits(0x7f80_0000 | fraction << 13),
-        _ => f32::from_bits((exponent + 112) << 23 | fraction << 13),
+    let [sign, magnitude] = [bits & 0x8000, bits & 0x7fff].map(u32::from);
+    // As the bits of a float, a finite magnitude is 2^112 times too small.
+    let number = match magnitude {
+        0..0x7c00 => f32::from_bits(magnitude << 13) * f32::from_bits((127 + 112) << 23),
+        _ => f32::from_bits(0x7f80_0000 | magnitude << 13),
     };
-    if bits & 0x8000 == 0 { magnitude } else { -magnitude }
+    f32::from_bits(number.to_bits() | sign << 16)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{Element, Encoding, Header, Property, Scalar};
+use super::header::{Element, Header, Property, Scalar};
 use crate::error::{Error, Result, excerpt};
 use crate::rows;
 use crate::scene::Scene;
@@ -79,11 +79,9 @@ impl<'a> Lines<'a> {
 
     /// Refuses an element whose rows, at one digit per number, do not fit in the rest of the file.
     fn check_fits(&self, element: &Element) -> Result<()> {
-        // One more byte: the last line need not end.
-        let bytes = self.bytes.len() - self.at + 1;
-        let least = element.least_row_bytes(Encoding::Ascii);
-        let fitting = bytes.checked_div(least).map_or(u64::MAX, |n| n as u64);
-        if element.count > fitting { Err(self.truncated(element, fitting)) } else { Ok(()) }
+        let len = self.bytes.len();
+        // A digit and a separator per number. One more byte: the last line need not end.
+        element.check_fits(self.file, len, len - self.at + 1, 2 * element.properties.len())
     }
 
     fn truncated(&self, element: &Element, row: u64) -> Error {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{Element, Encoding, Scalar};
+use super::header::{Element, Scalar};
 use crate::bytes;
 use crate::error::{Error, Result};
 use crate::rows::{self, Rows};
@@ -26,7 +26,7 @@ impl Body<'_> {
         self.check_fits(element, at)?;
         if !element.has_list() {
             // Fits, as just checked: `least_row_bytes` is exact without lists.
-            return Ok(at + element.count as usize * self.least(element));
+            return Ok(at + element.count as usize * element.least_row_bytes());
         }
         let mut end = at;
         for row in 0..element.count {
@@ -82,17 +82,9 @@ impl Body<'_> {
         Ok(end)
     }
 
-    /// Refuses an element whose rows, at their least size, do not fit in the rest of the file.
-    ///
-    /// This is what bounds every allocation by the size of the input.
     fn check_fits(&self, element: &Element, at: usize) -> Result<()> {
-        let least = self.least(element);
-        let fitting = (self.bytes.len() - at).checked_div(least).map_or(u64::MAX, |n| n as u64);
-        if element.count > fitting { Err(self.truncated(element, fitting)) } else { Ok(()) }
-    }
-
-    fn least(&self, element: &Element) -> usize {
-        element.least_row_bytes(Encoding::BinaryLittleEndian)
+        let len = self.bytes.len();
+        element.check_fits(self.file, len, len - at, element.least_row_bytes())
     }
 
     fn truncated(&self, element: &Element, row: u64) -> Error {
@@ -119,7 +111,7 @@ impl RowLayout {
         let properties = offsets_and_types(vertex);
         let numbers = || columns.properties.iter().map(|&p| properties[p]);
         Self {
-            stride: vertex.least_row_bytes(Encoding::BinaryLittleEndian),
+            stride: vertex.least_row_bytes(),
             plain: numbers().all(|s| s.1 == Scalar::F32) && !columns.variants.any(),
             numbers: numbers().map(|s| s.0).collect(),
             properties,
@@ -152,7 +144,7 @@ impl RowLayout {
 }
 
 /// Offset in a row without lists, and type, of each property.
-fn offsets_and_types(element: &Element) -> Vec<(usize, Scalar)> {
+pub(super) fn offsets_and_types(element: &Element) -> Vec<(usize, Scalar)> {
     let ends = element.properties.iter().scan(0, |end, p| {
         let start = *end;
         *end += p.scalar.size();

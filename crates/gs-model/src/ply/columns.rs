@@ -35,10 +35,15 @@ pub(super) fn name(i: usize, sh_degree: u8) -> String {
 pub(super) fn inria_names(sh_degree: u8) -> Vec<String> {
     let fixed = |names: &[&str]| names.iter().map(|&n| n.to_owned()).collect::<Vec<_>>();
     let mut all = fixed(&["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]);
-    all.extend((0..3 * (sh_len(sh_degree) - 1)).map(|i| format!("f_rest_{i}")));
+    all.extend(rest_names(3 * (sh_len(sh_degree) - 1)));
     all.extend(fixed(&["opacity", "scale_0", "scale_1", "scale_2"]));
     all.extend(fixed(&["rot_0", "rot_1", "rot_2", "rot_3"]));
     all
+}
+
+/// Names of the first `count` higher SH coefficients.
+pub(super) fn rest_names(count: usize) -> Vec<String> {
+    (0..count).map(|i| format!("f_rest_{i}")).collect()
 }
 
 /// The properties of `vertex`: those that make a Gaussian, and those that the scene does not keep.

@@ -93,13 +93,23 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// The least number of bytes that a row can take.
-    pub(super) fn least_row_bytes(&self, encoding: Encoding) -> usize {
-        match encoding {
-            // A digit and a separator per number; the last line may end without separator.
-            Encoding::Ascii => 2 * self.properties.len(),
-            _ => self.properties.iter().map(|p| p.list.unwrap_or(p.scalar).size()).sum(),
-        }
+    /// The least number of bytes that a binary row can take.
+    pub(super) fn least_row_bytes(&self) -> usize {
+        self.properties.iter().map(|p| p.list.unwrap_or(p.scalar).size()).sum()
+    }
+
+    /// Refuses rows that, at `least` bytes each, do not fit in the `room` left in a file of `len` bytes.
+    ///
+    /// This is what bounds every allocation by the size of the input.
+    pub(super) fn check_fits(
+        &self,
+        file: &Path,
+        len: usize,
+        room: usize,
+        least: usize,
+    ) -> Result<()> {
+        let fitting = room.checked_div(least).map_or(u64::MAX, |n| n as u64);
+        if self.count > fitting { Err(self.truncated(file, len, fitting)) } else { Ok(()) }
     }
 
     /// The error of a file of `len` bytes without all rows; `row` is the first that is missing.

@@ -26,12 +26,12 @@ pub use stream::Parts;
 pub use write::{header, row_bytes, rows, write, write_rows_to, write_to};
 
 use columns::Columns;
-use header::{Element, Encoding, Header};
+use header::{Encoding, Header};
 
 use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::fs;
-use crate::report::{self, ReadOptions, Report};
+use crate::report::{ReadOptions, Report};
 use crate::scene::Scene;
 
 pub(crate) static FORMAT: Format = Format {
@@ -40,7 +40,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["ply"],
     magic: &[b"ply"],
     max_sh_degree: 3,
-    read: read_named,
+    read: read_file,
     write: Some(write::write_all),
 };
 
@@ -62,10 +62,11 @@ pub fn read(path: impl AsRef<Path>) -> Result<(Scene, Report)> {
 /// As [`read`]; with [`crate::Invalid::Drop`] no invalid Gaussian is an error.
 pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
-    match stream::read(path, options)? {
-        Some(read) => Ok(read),
-        None => read_named(path, &fs::read(path)?, options),
-    }
+    let Some((mut scene, mut report)) = stream::read(path)? else {
+        return FORMAT.read(path, &fs::read(path)?, options);
+    };
+    options.apply(path, &mut scene, &mut report)?;
+    Ok((scene, report))
 }
 
 /// Reads a 3DGS model from the bytes of a PLY file, with the default [`ReadOptions`].
@@ -73,14 +74,10 @@ pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene
 /// # Errors
 /// As [`read`]; the file in the errors is `<bytes>`.
 pub fn read_bytes(bytes: &[u8]) -> Result<(Scene, Report)> {
-    read_named(Path::new("<bytes>"), bytes, &ReadOptions::default())
+    FORMAT.read("<bytes>", bytes, &ReadOptions::default())
 }
 
-pub(crate) fn read_named(
-    file: &Path,
-    bytes: &[u8],
-    options: &ReadOptions,
-) -> Result<(Scene, Report)> {
+fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let header = header::parse(file, bytes)?;
     let Some(vertex_at) = header.elements.iter().position(|e| e.name == "vertex") else {
         return Err(Error::malformed(file, "header", "no element \"vertex\""));
@@ -88,7 +85,7 @@ pub(crate) fn read_named(
     let vertex = &header.elements[vertex_at];
     if vertex.properties.iter().any(|p| p.name == "packed_position") {
         #[cfg(feature = "formats")]
-        return compressed::read(file, bytes, &header, options);
+        return compressed::read(file, bytes, &header);
         #[cfg(not(feature = "formats"))]
         return Err(Error::malformed(
             file,
@@ -115,27 +112,19 @@ pub(crate) fn read_named(
             (scene, bytes.len() - end)
         }
     };
-
-    let (scene, mut report) = finish(file, scene, options, &header, columns)?;
-    let others = before.iter().chain(after).filter(|e| e.count > 0);
-    report.lost.splice(
-        0..0,
-        others.map(|Element { name, count, .. }| format!("element {name} ({count} rows)")),
-    );
-    Ok((scene, Report { trailing_bytes, ..report }))
+    Ok((scene, report_of(&header, &columns, trailing_bytes)))
 }
 
-/// Applies the options to a scene just read, and reports what its columns were.
-fn finish(
-    file: &Path,
-    scene: Scene,
-    options: &ReadOptions,
-    header: &Header,
-    columns: Columns,
-) -> Result<(Scene, Report)> {
-    let (scene, report) =
-        report::finish(file, scene, (FORMAT.name, header.encoding.form()), options)?;
-    let (notes, comments) = (columns.variants.notes(), header.comments.clone());
-    let lost = columns.lost().collect();
-    Ok((scene, Report { notes, lost, unknown_properties: columns.unknown, comments, ..report }))
+/// What a file of that header holds, after its rows were read.
+fn report_of(header: &Header, columns: &Columns, trailing_bytes: usize) -> Report {
+    let others = header.elements.iter().filter(|e| e.name != "vertex" && e.count > 0);
+    let others = others.map(|e| format!("element {} ({} rows)", e.name, e.count));
+    Report {
+        notes: columns.variants.notes(),
+        lost: others.chain(columns.lost()).collect(),
+        unknown_properties: columns.unknown.clone(),
+        comments: header.comments.clone(),
+        trailing_bytes,
+        ..Report::of(FORMAT.name, header.encoding.form())
+    }
 }

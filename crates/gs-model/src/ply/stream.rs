@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use super::binary::RowLayout;
 use super::columns::Columns;
-use super::finish;
 use super::header::{self, Encoding, Header};
+use super::report_of;
 use crate::error::{Error, Result};
 use crate::report::{ReadOptions, Report};
 use crate::rows;
@@ -24,7 +24,7 @@ const PART_BYTES: usize = 1 << 20;
 /// Reads a file whose rows are Gaussians of fixed length, in parts: one part is converted while the
 /// next is read. `None` if the file has another layout or is wrong in any way: then the reader of
 /// whole files decides, and words the error.
-pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, Report)>> {
+pub(super) fn read(path: &Path) -> Result<Option<(Scene, Report)>> {
     let small = std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < SMALL_FILE);
     if small {
         return Ok(None);
@@ -34,9 +34,8 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Option<(Scene, 
     while body.first < body.rows {
         body.fill_part(&mut scene, 0)?;
     }
-    let Body { header, columns, trailing_bytes, .. } = body;
-    let (scene, report) = finish(path, scene, options, &header, columns)?;
-    Ok(Some((scene, Report { trailing_bytes, ..report })))
+    let report = report_of(&body.header, &body.columns, body.trailing_bytes);
+    Ok(Some((scene, report)))
 }
 
 /// A PLY file that is read some Gaussians at a time, for scenes larger than memory.
@@ -71,19 +70,12 @@ impl Parts {
     pub fn next_part(&mut self) -> Result<Option<Scene>> {
         let body = &mut self.body;
         let first = body.first;
-        if first == body.rows {
-            return Ok(None);
-        }
-        let mut scene = Scene::zeros(body.rows_in_part(), body.columns.sh_degree);
-        body.fill_part(&mut scene, first)?;
-        match self.options.apply(&mut scene, &body.path) {
-            Ok(_) => Ok(Some(scene)),
+        let Some(mut scene) = body.next_part()? else { return Ok(None) };
+        match self.options.apply(&body.path, &mut scene, &mut Report::default()) {
+            Ok(()) => Ok(Some(scene)),
             Err(Error::InvalidGaussian { file, index, field, value, mut count }) => {
-                while body.first < body.rows {
-                    let start = body.first;
-                    let mut rest = Scene::zeros(body.rows_in_part(), body.columns.sh_degree);
-                    body.fill_part(&mut rest, start)?;
-                    count += rest.invalid().count;
+                while let Some(rest) = body.next_part()? {
+                    count += rest.invalid().map_or(0, |invalid| invalid.count);
                 }
                 Err(Error::InvalidGaussian { file, index: first + index, field, value, count })
             }
@@ -154,8 +146,15 @@ impl Body {
         }))
     }
 
-    fn rows_in_part(&self) -> usize {
-        self.part.len() / self.layout.stride
+    /// The Gaussians that have been read; `None` at the end.
+    fn next_part(&mut self) -> Result<Option<Scene>> {
+        if self.first == self.rows {
+            return Ok(None);
+        }
+        let rows = self.part.len() / self.layout.stride;
+        let mut scene = Scene::zeros(rows, self.columns.sh_degree);
+        self.fill_part(&mut scene, self.first)?;
+        Ok(Some(scene))
     }
 
     /// Converts what has been read while it reads more. `scene` holds rows from `origin` on.

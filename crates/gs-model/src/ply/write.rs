@@ -1,6 +1,5 @@
 //! Writes the Inria layout.
 
-use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
@@ -40,13 +39,25 @@ pub fn write_to(out: impl Write, scene: &Scene) -> Result<()> {
 /// writers that do not hold the whole scene in memory.
 #[must_use]
 pub fn header(count: usize, sh_degree: u8) -> Vec<u8> {
-    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
-    for name in &columns::inria_names(sh_degree) {
-        // Writing to a String does not fail.
-        let _ = writeln!(header, "property float {name}");
-    }
-    header.push_str("end_header\n");
-    header.into_bytes()
+    let vertex = element("vertex", count, "float", &columns::inria_names(sh_degree));
+    header_of(&[vertex])
+}
+
+/// The lines of a header that declare an element whose properties all have the type `kind`.
+pub(super) fn element(
+    name: &str,
+    count: usize,
+    kind: &str,
+    properties: &[impl AsRef<str>],
+) -> String {
+    let properties = properties.iter().map(|name| format!("property {kind} {}\n", name.as_ref()));
+    format!("element {name} {count}\n{}", properties.collect::<String>())
+}
+
+/// The header of these elements.
+pub(super) fn header_of(elements: &[String]) -> Vec<u8> {
+    let elements = elements.concat();
+    format!("ply\nformat binary_little_endian 1.0\n{elements}end_header\n").into_bytes()
 }
 
 /// Replaces the contents of `out` by the rows of a scene's Gaussians as [`write()`] makes them. Runs

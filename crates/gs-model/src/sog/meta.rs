@@ -13,7 +13,8 @@ pub(super) struct Meta {
     pub(super) version: u8,
     /// Gaussians.
     pub(super) count: usize,
-    pub(super) means: Means,
+    /// Least and greatest values of `sign(x) ln(1 + |x|)` of the means.
+    pub(super) means: [[f64; 3]; 2],
     /// Of each axis, the log-scales of the bytes.
     pub(super) scales: [Vec<f32>; 3],
     /// Of each channel, the SH coefficients of degree 0 of the bytes.
@@ -24,12 +25,6 @@ pub(super) struct Meta {
     /// The names of the images: low and high bytes of the means, rotations, scales, colours, and where
     /// there is a palette, the palette and the places in it.
     pub(super) files: Vec<String>,
-}
-
-/// Bounds of `sign(x) ln(1 + |x|)`.
-pub(super) struct Means {
-    pub(super) mins: [f64; 3],
-    pub(super) maxs: [f64; 3],
 }
 
 /// The palette of higher SH coefficients.
@@ -52,9 +47,10 @@ struct Files {
     files: [String; 1],
 }
 
-/// A part of version 1: bytes are steps between bounds.
+/// A part of version 1, or the means of version 2, which have no shape: bytes are steps between bounds.
 #[derive(Deserialize)]
 struct Steps<B, F = [String; 1]> {
+    #[serde(default)]
     shape: Vec<usize>,
     mins: B,
     maxs: B,
@@ -69,14 +65,6 @@ struct Meta1 {
     sh0: Steps<[f32; 4]>,
     #[serde(rename = "shN")]
     sh_n: Option<Steps<f32, [String; 2]>>,
-}
-
-/// The means of version 2.
-#[derive(Deserialize)]
-struct Means2 {
-    mins: [f64; 3],
-    maxs: [f64; 3],
-    files: [String; 2],
 }
 
 /// A part of version 2: bytes are indices of a codebook.
@@ -97,7 +85,7 @@ struct Palette2 {
 #[derive(Deserialize)]
 struct Meta2 {
     count: usize,
-    means: Means2,
+    means: Steps<[f64; 3], [String; 2]>,
     scales: Indexed,
     quats: Files,
     sh0: Indexed,
@@ -121,10 +109,7 @@ impl Meta {
                 serde_json::from_slice::<Meta1>(json).map_err(not_meta)?.meta().map_err(bad)
             }
             Some(2) => serde_json::from_slice::<Meta2>(json).map_err(not_meta)?.meta().map_err(bad),
-            Some(other) => {
-                let (found, read) = (other.to_string(), "1 and 2 are");
-                Err(Error::Version { file: file.into(), format: "SOG", found, read })
-            }
+            Some(other) => Err(Error::version(file, "SOG", other, "1 and 2 are")),
         }
     }
 
@@ -136,7 +121,7 @@ impl Meta {
 impl Meta1 {
     fn meta(self) -> Result<Meta, &'static str> {
         let Self { means, scales, quats, sh0, sh_n } = self;
-        let count = *means.shape.first().ok_or("means: its shape is empty")?;
+        let count = *means.shape.first().ok_or("means: its shape is empty or missing")?;
         if scales.shape.first() != Some(&count) || sh0.shape.first() != Some(&count) {
             return Err("means, scales and sh0 have different shapes");
         }
@@ -153,7 +138,7 @@ impl Meta1 {
         Ok(Meta {
             version: 1,
             count,
-            means: Means { mins: means.mins, maxs: means.maxs },
+            means: [means.mins, means.maxs],
             scales: [0, 1, 2].map(|k| steps(scales.mins[k], scales.maxs[k])),
             colours: [0, 1, 2].map(|k| steps(sh0.mins[k], sh0.maxs[k])),
             opacities: steps(sh0.mins[3], sh0.maxs[3]),
@@ -177,7 +162,7 @@ impl Meta2 {
         Ok(Meta {
             version: 2,
             count,
-            means: Means { mins: means.mins, maxs: means.maxs },
+            means: [means.mins, means.maxs],
             scales: [(); 3].map(|()| scales.codebook.clone()),
             colours: [(); 3].map(|()| sh0.codebook.clone()),
             opacities: (0..=255).map(opacity_logit).collect(),

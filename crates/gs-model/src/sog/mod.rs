@@ -21,10 +21,8 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::format::Format;
-use crate::report::{self, ReadOptions, Report};
-use crate::rows;
+use crate::report::Report;
 use crate::scene::Scene;
-use decoder::Decoder;
 use members::Members;
 use meta::Meta;
 use texture::Texture;
@@ -40,7 +38,7 @@ pub(crate) static FORMAT: Format = Format {
 };
 
 /// Reads a bundled `.sog`, or the `meta.json` of an unbundled one, with the images beside it.
-fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let (meta, mut members) = if bytes.starts_with(b"PK") {
         let mut archive = Members::archive(file, bytes)?;
         (archive.read(file, "meta.json")?, archive)
@@ -59,18 +57,13 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
         })
         .collect();
     let textures: Vec<Texture> = textures.into_iter().collect::<Result<_>>()?;
-    let decoder = Decoder::new(file, &meta, &textures)?;
-    let scene = rows::scene_of(meta.count, meta.sh_degree(), |i| {
-        let row = decoder.row(i);
-        move |c| row.number(c)
-    });
+    let scene = decoder::scene(file, &meta, &textures)?;
     let form = format!("SOG, version {}", meta.version);
-    let (scene, report) = report::finish(file, scene, (FORMAT.name, form), options)?;
     let bytes_beside = match members {
         Members::Folder(_) => images.iter().map(|image| image.len() as u64).sum(),
         Members::Archive(..) => 0,
     };
-    Ok((scene, Report { bytes_beside, ..report }))
+    Ok((scene, Report { bytes_beside, ..Report::of(FORMAT.name, form) }))
 }
 
 fn malformed(file: &Path, place: &str, reason: impl AsRef<str>) -> Error {

@@ -28,7 +28,7 @@ use crate::axes::ABOUT_X;
 use crate::bytes::word;
 use crate::error::{Error, Result};
 use crate::format::Format;
-use crate::report::{self, ReadOptions, Report};
+use crate::report::Report;
 use crate::scene::Scene;
 
 pub(crate) static FORMAT: Format = Format {
@@ -54,7 +54,7 @@ pub fn turn(scene: &mut Scene) {
 /// Memory: the scene and as much of the decompressed file as the header's count needs. DEFLATE data
 /// decompresses to at most 1,032 times its size; Zstandard streams that promise more than 1,024 times
 /// the size of the file are refused.
-fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
+fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let (scene, version) = if bytes.starts_with(MAGIC) {
         // From version 4 the header is not compressed.
         let (layout, n, streams) = streams::parse(file, bytes)?;
@@ -64,7 +64,7 @@ fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Repo
     } else {
         return Err(Error::other_format(file, "an SPZ file", bytes));
     };
-    report::finish(file, scene, (FORMAT.name, format!("SPZ, version {version}")), options)
+    Ok((scene, Report::of(FORMAT.name, format!("SPZ, version {version}"))))
 }
 
 /// Versions 2 and 3: one gzip stream. Returns the version too.
@@ -109,8 +109,7 @@ fn zipped(file: &Path, bytes: &[u8]) -> Result<(Scene, u32)> {
 }
 
 fn other_version(file: &Path, version: u32) -> Error {
-    let (found, read) = (version.to_string(), "2 to 4 are");
-    Error::Version { file: file.into(), format: "SPZ", found, read }
+    Error::version(file, "SPZ", version, "2 to 4 are")
 }
 
 /// The decompressors' own messages name their internal types.

@@ -88,7 +88,7 @@ pub fn pack(file: impl AsRef<Path>, scene: &Scene, bits: ShBits) -> Result<Vec<u
     let file = file.as_ref();
     scene.check_shape()?;
     let n = u32::try_from(scene.len())
-        .map_err(|_| unwritable(file, "SPZ holds at most 2^32 - 1 Gaussians".into()))?;
+        .map_err(|_| Error::unwritable(file, "SPZ holds at most 2^32 - 1 Gaussians"))?;
     let fractional_bits = fractional_bits(file, scene)?;
     let packed: Vec<(usize, Vec<u8>)> = attributes(scene, fractional_bits, bits)
         .par_iter()
@@ -109,10 +109,6 @@ pub fn pack(file: impl AsRef<Path>, scene: &Scene, bits: ShBits) -> Result<Vec<u
         out.extend(part);
     }
     Ok(out)
-}
-
-fn unwritable(file: &Path, reason: String) -> Error {
-    Error::Unwritable { file: file.into(), reason }
 }
 
 /// The attributes in file order.
@@ -161,7 +157,7 @@ fn fractional_bits(file: &Path, scene: &Scene) -> Result<u8> {
                 let (what, most) =
                     (format!("Gaussian {index}: coordinate {value}"), MAX_COORDINATE);
                 let reason = format!("{what} is outside the range of SPZ, -{most} to {most}");
-                return Err(unwritable(file, reason));
+                return Err(Error::unwritable(file, reason));
             }
             largest = largest.max(value.abs());
         }

@@ -42,7 +42,6 @@ pub(crate) fn is_broken(error: &Error) -> bool {
         Error::Truncated { .. }
             | Error::Malformed { .. }
             | Error::OtherFormat { .. }
-            | Error::Version { .. }
             | Error::Json { .. }
             | Error::InvalidGaussian { .. }
     );

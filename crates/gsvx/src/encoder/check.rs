@@ -53,7 +53,7 @@ pub(crate) fn checked_outliers(outliers: Option<&Scene>, sh_degree: u8) -> Resul
         });
     }
     check_lengths(outliers)?;
-    match outliers.invalid().first {
+    match outliers.invalid() {
         Some(first) => Err(Error::InvalidOutlier { index: first.index, field: first.field }),
         None => Ok(Some(outliers)),
     }

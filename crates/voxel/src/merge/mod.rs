@@ -92,15 +92,8 @@ impl<'a> Merging<'a> {
     #[must_use]
     pub fn up_to(&self, degree: u8) -> Scene {
         let sh_degree = degree.min(self.scene.sh_degree);
-        let (len, sh_len) = (self.voxelization.len(), gs_model::sh_len(sh_degree));
-        let mut out = Scene {
-            means: vec![[0.0; 3]; len],
-            rotations: vec![[0.0; 4]; len],
-            log_scales: vec![[0.0; 3]; len],
-            opacity_logits: vec![0.0; len],
-            sh_degree,
-            sh: vec![[0.0; 3]; len * sh_len],
-        };
+        let mut out = Scene::zeros(self.voxelization.len(), sh_degree);
+        let sh_len = out.sh_len();
         out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
             for (i, mean) in means.iter_mut().enumerate() {
                 *mean = self.voxelization.octree().centre(batch * BATCH + i);

@@ -1,7 +1,8 @@
 //! The base case: a cell at `j_high`, which has no children.
 
 use super::Pruning;
-use super::state::{Cell, Solved, Tally};
+use super::state::Solved;
+use crate::cell::Cell;
 use crate::distortion::Moments;
 use crate::record::Record;
 
@@ -17,7 +18,6 @@ impl Pruning<'_> {
         depths.fill(depth);
         let leaf = self.leaf_cost(&moments, depth);
         let (cost, empty) = self.drop_if_cheaper(leaf, moments.importance, depths);
-        let tally = Tally { decided: 1, skipped: 0 };
-        Solved { cost, empty, centre, moments, tally }
+        Solved { cost, empty, centre, moments }
     }
 }

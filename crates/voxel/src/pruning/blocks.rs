@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use super::Pruning;
 use super::recurrence::Division;
-use super::state::{Cell, Solved};
+use super::state::Solved;
+use crate::cell::Cell;
 use crate::record::Record;
 
 /// Cells of at most this many Gaussians are solved by one thread, in its second-level cache.

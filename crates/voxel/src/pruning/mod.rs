@@ -1,4 +1,4 @@
-//! [`rate_distortion`]: the dynamic programme of the rate-distortion strategy.
+//! [`prune`]: the dynamic programme of the rate-distortion strategy.
 //!
 //! The strategy chooses, among all prunings of the full octree, the one whose distortion plus
 //! lambda times bits is least. It replaces the thresholds of the paper's section 3.2.2. Costs add
@@ -34,40 +34,16 @@ use std::ops::Range;
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 
+use crate::cell::Cell;
 use crate::cube::check_cube;
 use crate::error::Result;
 use crate::order::MortonOrder;
-use crate::rate_distortion::{RateDistortion, RateDistortionReport};
-use crate::record::{Record, RecordView, Records, WeightSums};
+use crate::rate_distortion::RateDistortion;
+use crate::record::{Record, Records, WeightSums};
 use crate::voxelization::Voxelization;
 use gpcc_lite::Cube;
-use prices::Prices;
-use state::Cell;
 
-/// As [`voxelize`](crate::voxelize) with
-/// [`Strategy::RateDistortion`](crate::Strategy::RateDistortion), with a report.
-///
-/// # Errors
-/// As [`voxelize`](crate::voxelize).
-pub fn rate_distortion(
-    scene: &Scene,
-    cube: &Cube,
-    options: &RateDistortion,
-) -> Result<(Voxelization, RateDistortionReport)> {
-    options.validate()?;
-    check_cube(cube)?;
-    // One scope for all parallel loops, so that the threads wake up once.
-    rayon::scope(|_| {
-        let order = MortonOrder::of(scene, cube, options.j_high)?;
-        let records = Records::of(scene, &options.importance, options.size_exponent)?;
-        let (depths, report) = Pruning::new(cube, options, &records).run(&order);
-        drop(records);
-        let voxelization = Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i])?;
-        Ok((voxelization, report))
-    })
-}
-
-/// As [`rate_distortion`] for one tile of a larger scene: `scene` holds the Gaussians of the tile `codes` of
+/// The [`RateDistortion`] strategy for one tile of a larger scene: `scene` holds the Gaussians of the tile `codes` of
 /// [`Tiles`](crate::Tiles), whose Morton codes are at `options.j_high`, and `sums` scale its weights. Cells that reach
 /// beyond the tile are divided.
 ///
@@ -82,49 +58,41 @@ pub fn rate_distortion_of_tile(
 ) -> Result<Voxelization> {
     options.validate()?;
     check_cube(cube)?;
-    rayon::scope(|_| {
-        let order = MortonOrder::of(scene, cube, options.j_high)?;
-        let records = Records::of(scene, &options.importance, options.size_exponent)?;
-        let records = records.scaled_by(sums);
-        let mut depths = vec![0; scene.len()];
-        let root = Cell { codes: &order.codes, members: &order.members };
-        Pruning::new(cube, options, &records).solve_inside(codes, root, 0, &mut depths);
-        drop(records);
-        Voxelization::from_depths(*cube, options.j_high, order, |i| depths[i])
-    })
+    rayon::scope(|_| prune(scene, cube, options, codes, Some(sums)))
+}
+
+/// The leaves of the Gaussians whose Morton codes are in `codes`. Their weights are scaled by `sums`, or by those of
+/// this scene.
+pub(crate) fn prune(
+    scene: &Scene,
+    cube: &Cube,
+    options: &RateDistortion,
+    codes: &Range<u64>,
+    sums: Option<WeightSums>,
+) -> Result<Voxelization> {
+    let order = MortonOrder::of(scene, cube, options.j_high)?;
+    let records = Records::of(scene, &options.importance, options.size_exponent)?.scaled_by(sums);
+    let mut depths = vec![0; scene.len()];
+    let root = Cell { codes: &order.codes, members: &order.members };
+    Pruning::new(cube, options, &records).solve_inside(codes, root, 0, &mut depths);
+    drop(records);
+    Voxelization::from_depths(*cube, options.j_high, order, depths)
 }
 
 /// The rate-distortion strategy on one scene.
 pub(crate) struct Pruning<'a> {
     cube: &'a Cube,
     options: &'a RateDistortion,
-    records: RecordView<'a>,
-    prices: Prices,
+    records: &'a Records,
 }
 
 impl<'a> Pruning<'a> {
     pub(crate) fn new(cube: &'a Cube, options: &'a RateDistortion, records: &'a Records) -> Self {
-        Self { cube, options, records: records.view(), prices: Prices::new(options) }
+        Self { cube, options, records }
     }
 
-    /// Finds the best pruning: the leaf depth of each Gaussian of `order`
-    /// ([`DROPPED`](crate::voxelization::DROPPED) for none), and the report.
-    pub(crate) fn run(&self, order: &MortonOrder) -> (Vec<u8>, RateDistortionReport) {
-        let mut depths = vec![0u8; order.codes.len()];
-        if depths.is_empty() {
-            return (depths, RateDistortionReport::default());
-        }
-        let root = Cell { codes: &order.codes, members: &order.members };
-        let solved = self.solve_in_blocks(root, 0, &mut depths);
-        let report = RateDistortionReport {
-            decided: solved.tally.decided,
-            skipped: solved.tally.skipped,
-            cost: solved.cost,
-        };
-        (depths, report)
-    }
-
-    /// Solves the largest cells whose codes are all in `codes`.
+    /// Solves the largest cells whose codes are all in `codes`: writes the leaf depth of each Gaussian,
+    /// [`DROPPED`](crate::voxelization::DROPPED) for none.
     fn solve_inside(&self, codes: &Range<u64>, cell: Cell<'_, u32>, depth: u8, depths: &mut [u8]) {
         let Some(&code) = cell.codes.first() else { return };
         let below = (1u64 << (3 * u32::from(self.options.j_high - depth))) - 1;
@@ -140,8 +108,7 @@ impl<'a> Pruning<'a> {
     /// Centre of the cell at `depth` that holds `code`, relative to the cube's origin.
     fn centre(&self, code: u64, depth: u8) -> [f64; 3] {
         let j_high = self.options.j_high;
-        let shift = 3 * u32::from(j_high - depth);
-        self.cube.centre_offset(Leaf { morton: code >> shift << shift, depth }, j_high)
+        self.cube.centre_offset(Leaf::of(code, depth, j_high), j_high)
     }
 
     /// The mean of a Gaussian relative to `centre`.

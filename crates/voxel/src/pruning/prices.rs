@@ -2,33 +2,7 @@
 
 use super::Pruning;
 use crate::distortion::Moments;
-use crate::rate_distortion::RateDistortion;
 use crate::voxelization::DROPPED;
-
-/// Lambda times the bits of cells that hold one leaf.
-#[derive(Clone, Copy)]
-pub(super) struct Prices {
-    /// A divided cell with one child, above `j_low`.
-    pub(super) above_j_low: f64,
-    /// A divided cell with one child, from `j_low` on: it has a flag too.
-    pub(super) from_j_low: f64,
-    /// A leaf at `j_high`.
-    pub(super) finest_leaf: f64,
-    /// A leaf above `j_high`: it has a flag too.
-    pub(super) flagged_leaf: f64,
-}
-
-impl Prices {
-    pub(super) fn new(options: &RateDistortion) -> Self {
-        let (lambda, c) = (options.lambda, &options.cost);
-        Self {
-            above_j_low: lambda * c.occupancy[0],
-            from_j_low: lambda * (c.occupancy[0] + c.go_on),
-            finest_leaf: lambda * c.gaussian,
-            flagged_leaf: lambda * (c.stop + c.gaussian),
-        }
-    }
-}
 
 impl Pruning<'_> {
     /// Price of dividing a cell at `depth` into `occupied` children. A cell without an occupied
@@ -44,7 +18,10 @@ impl Pruning<'_> {
 
     /// Price of a leaf at `depth`, without its distortion.
     pub(super) fn leaf_price(&self, depth: u8) -> f64 {
-        if depth < self.options.j_high { self.prices.flagged_leaf } else { self.prices.finest_leaf }
+        let c = &self.options.cost;
+        // A leaf above `j_high` has a flag too.
+        let bits = if depth < self.options.j_high { c.stop + c.gaussian } else { c.gaussian };
+        self.options.lambda * bits
     }
 
     /// Cost of a leaf at `depth` of which these are the moments, relative to its centre: its

@@ -1,7 +1,8 @@
 //! The recurrence: the best pruning of a cell from the best prunings of its children.
 
 use super::Pruning;
-use super::state::{Cell, Solved, Tally};
+use super::state::Solved;
+use crate::cell::Cell;
 use crate::distortion::Moments;
 use crate::record::Record;
 
@@ -33,11 +34,10 @@ impl Pruning<'_> {
 
     /// The least of a leaf, a division and a drop.
     pub(super) fn choose(&self, division: Division, depth: u8, depths: &mut [u8]) -> Solved {
-        let Division { centre, occupied, moments, mut tally, .. } = division;
+        let Division { centre, occupied, moments, .. } = division;
         let mut cost = division.cost + self.division_price(occupied, depth);
         let mut empty = occupied == 0;
-        let may_be_leaf = depth >= self.options.j_low;
-        if may_be_leaf {
+        if depth >= self.options.j_low {
             let leaf = self.leaf_cost(&moments, depth);
             // Equal costs: the leaf, which codes faster.
             if leaf <= cost {
@@ -46,8 +46,7 @@ impl Pruning<'_> {
             }
         }
         let (cost, dropped) = self.drop_if_cheaper(cost, moments.importance, depths);
-        tally.decided += u64::from(may_be_leaf || self.options.drop.is_some());
-        Solved { cost, empty: empty || dropped, centre, moments, tally }
+        Solved { cost, empty: empty || dropped, centre, moments }
     }
 }
 
@@ -61,14 +60,12 @@ pub(super) struct Division {
     occupied: usize,
     /// Of all Gaussians in the cell; means are relative to `centre`.
     moments: Moments,
-    tally: Tally,
 }
 
 impl Division {
     /// No child yet, of a cell with this centre.
     pub(super) fn of_cell(centre: [f64; 3]) -> Self {
-        let (moments, tally) = (Moments::default(), Tally::default());
-        Self { centre, cost: 0.0, occupied: 0, moments, tally }
+        Self { centre, cost: 0.0, occupied: 0, moments: Moments::default() }
     }
 
     pub(super) fn add(&mut self, child: &Solved) {
@@ -76,6 +73,5 @@ impl Division {
         self.moments.add(&child.moments.moved(shift));
         self.cost += child.cost;
         self.occupied += usize::from(!child.empty);
-        self.tally.add(child.tally);
     }
 }

@@ -1,7 +1,8 @@
 //! Fast path: a cell of one Gaussian, in closed form.
 
 use super::Pruning;
-use super::state::{Cell, Solved, Tally};
+use super::state::Solved;
+use crate::cell::Cell;
 use crate::distortion::Moments;
 use crate::record::Record;
 
@@ -17,6 +18,11 @@ impl Pruning<'_> {
     pub(super) fn solve_single(&self, cell: &Cell<'_, Record>, depth: u8, leaf: &mut u8) -> Solved {
         let (code, record) = (cell.codes[0], &cell.members[0]);
         let (j_low, j_high) = (self.options.j_low, self.options.j_high);
+        let (lambda, bits) = (self.options.lambda, &self.options.cost);
+        // Of a divided cell with one child, and that with the flag that it has from `j_low` on.
+        let division = lambda * bits.occupancy[0];
+        let flagged_division = lambda * (bits.occupancy[0] + bits.go_on);
+        let finest_leaf = self.leaf_price(j_high);
         let centre = self.centre(code, depth);
         let moments = Moments::of(record, self.offset_from(centre, record));
         let first = depth.max(j_low);
@@ -24,7 +30,7 @@ impl Pruning<'_> {
         // From the centre of the cell at `d` to the mean, except for the signs.
         let mut displacement = self.offset_from(first_centre, record);
         let mut half_side = 0.5 * self.cube.cell(first);
-        let mut path = f64::from(first - depth) * self.prices.above_j_low;
+        let mut path = f64::from(first - depth) * division;
         let (mut cost, mut best, mut d) = (f64::INFINITY, j_high, first);
         loop {
             let [x, y, z] = displacement;
@@ -33,20 +39,19 @@ impl Pruning<'_> {
             if leaf_at_d < cost {
                 (cost, best) = (leaf_at_d, d);
             }
-            let least_deeper = path + self.prices.above_j_low + self.prices.finest_leaf;
+            let least_deeper = path + division + finest_leaf;
             if d == j_high || least_deeper >= cost {
                 break;
             }
-            path += self.prices.from_j_low;
+            path += flagged_division;
             d += 1;
             // The child that holds the mean has its centre half its own side towards the mean.
             half_side *= 0.5;
             displacement = displacement.map(|x| x.abs() - half_side);
         }
         *leaf = best;
-        let tally = Tally { decided: 1, skipped: u64::from(best < j_high) };
-        let depths = std::slice::from_mut(leaf);
-        let (cost, empty) = self.drop_if_cheaper(cost, record.importance, depths);
-        Solved { cost, empty, centre, moments, tally }
+        let (cost, empty) =
+            self.drop_if_cheaper(cost, record.importance, std::slice::from_mut(leaf));
+        Solved { cost, empty, centre, moments }
     }
 }

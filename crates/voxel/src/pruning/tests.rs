@@ -2,8 +2,9 @@
 
 use gs_model::Scene;
 
-use super::state::{Cell, Solved};
-use super::{Pruning, blocks, rate_distortion, rate_distortion_of_tile};
+use super::state::Solved;
+use super::{Pruning, blocks, prune, rate_distortion_of_tile};
+use crate::cell::Cell;
 use crate::cube::cube_of;
 use crate::importance::Importance;
 use crate::order::{MortonOrder, morton_codes};
@@ -98,11 +99,11 @@ fn blocks_equal_one_pass() {
         let solved = pruning.solve(root, 0, &mut wanted);
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let (depths, report) = pool.install(|| pruning.run(&order));
+            let mut depths = vec![0; wanted.len()];
+            let root = Cell { codes: &order.codes, members: &order.members };
+            let in_blocks = pool.install(|| pruning.solve_in_blocks(root, 0, &mut depths));
             assert!(depths == wanted, "{options:?}");
-            assert_eq!(report.cost.to_bits(), solved.cost.to_bits());
-            assert_eq!(report.decided, solved.tally.decided);
-            assert_eq!(report.skipped, solved.tally.skipped);
+            assert_eq!(in_blocks.cost.to_bits(), solved.cost.to_bits());
         }
     }
 }
@@ -120,7 +121,7 @@ fn tiles_joined_are_the_whole_scene() {
         };
         let options = RateDistortion { importance: Importance::Given(of(0..3000)), ..base.clone() };
         let sums = WeightSums::of(&scene, &options).unwrap();
-        let (whole, _) = rate_distortion(&scene, &cube, &options).unwrap();
+        let whole = prune(&scene, &cube, &options, &(0..u64::MAX), None).unwrap();
         let codes = morton_codes(&scene.means, &cube, options.j_high).unwrap();
         let tiles = Tiles::cut(options.j_high, 700, |take| {
             take(&codes);

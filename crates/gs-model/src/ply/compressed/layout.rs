@@ -3,8 +3,8 @@
 use super::CHUNK;
 use super::table::Columns;
 use crate::math::{completed, smallest_three, unit};
-use crate::rows::SH;
-use crate::scene::SH_C0;
+use crate::rows::{self, SH};
+use crate::scene::{SH_C0, Scene};
 use crate::splat::opacity_logit;
 
 /// Bits of x, y and z in a packed position or scale, the first in the highest bits.
@@ -22,27 +22,27 @@ pub(super) struct Decoder<'a> {
     pub(super) sh: Option<Columns<'a>>,
 }
 
-/// One Gaussian.
-pub(super) struct Row<'a> {
-    decoder: &'a Decoder<'a>,
-    index: usize,
-    means: [u32; 3],
-    log_scales: [u32; 3],
-    rotation: [f32; 4],
-    colour: [u8; 4],
-}
-
 impl Decoder<'_> {
-    pub(super) fn row(&self, index: usize) -> Row<'_> {
-        let [means, rotation, log_scales, colour] = [0, 1, 2, 3].map(|k| self.words.word(index, k));
-        Row {
-            decoder: self,
-            index,
-            means: unpack(means),
-            log_scales: unpack(log_scales),
-            rotation: unpack_rotation(rotation),
-            colour: colour.to_be_bytes(),
-        }
+    pub(super) fn scene(&self, n: usize, sh_degree: u8) -> Scene {
+        rows::scene_of(n, sh_degree, |i| {
+            let [means, rotation, log_scales, colour] = [0, 1, 2, 3].map(|k| self.words.word(i, k));
+            let [means, log_scales] = [means, log_scales].map(unpack);
+            let (rotation, colour) = (unpack_rotation(rotation), colour.to_be_bytes());
+            move |c| match c {
+                0..3 => self.between(i, c, means[c]) as f32,
+                3..7 => rotation[c - 3],
+                7..10 => self.between(i, 6 + c - 7, log_scales[c - 7]) as f32,
+                10 => opacity_logit(colour[3]),
+                11..14 => {
+                    let t = f64::from(colour[c - SH]) / 255.0;
+                    ((self.between(i, 12 + c - SH, t) - 0.5) / f64::from(SH_C0)) as f32
+                }
+                _ => self.sh.as_ref().map_or(0.0, |sh| {
+                    let (k, channel) = ((c - SH) / 3, (c - SH) % 3);
+                    sh_value(sh.byte(i, channel * (sh.offsets.len() / 3) + k - 1))
+                }),
+            }
+        })
     }
 
     /// The number between bounds `low` and `low + 3` of a chunk; 0 and 1 where the file has none.
@@ -52,35 +52,6 @@ impl Decoder<'_> {
         }
         let bound = |k: usize| f64::from(self.bounds.float(index / CHUNK, k));
         bound(low) * (1.0 - t) + bound(low + 3) * t
-    }
-}
-
-impl Row<'_> {
-    /// Number `c` in scene order.
-    pub(super) fn number(&self, c: usize) -> f32 {
-        let decoder = self.decoder;
-        let part = |k: usize, v: u32| f64::from(v) / f64::from((1u32 << BITS[k]) - 1);
-        match c {
-            0..3 => decoder.between(self.index, c, part(c, self.means[c])) as f32,
-            3..7 => self.rotation[c - 3],
-            7..10 => {
-                let k = c - 7;
-                decoder.between(self.index, 6 + k, part(k, self.log_scales[k])) as f32
-            }
-            10 => opacity_logit(self.colour[3]),
-            11..14 => {
-                let k = c - SH;
-                let t = f64::from(self.colour[k]) / 255.0;
-                ((decoder.between(self.index, 12 + k, t) - 0.5) / f64::from(SH_C0)) as f32
-            }
-            _ => {
-                let (k, channel) = ((c - SH) / 3, (c - SH) % 3);
-                decoder.sh.as_ref().map_or(0.0, |sh| {
-                    let per_channel = sh.offsets.len() / 3;
-                    sh_value(sh.byte(self.index, channel * per_channel + k - 1))
-                })
-            }
-        }
     }
 }
 
@@ -100,8 +71,10 @@ pub(super) fn sh_byte(value: f32) -> u8 {
     ((value / SH_RANGE + 0.5) * 256.0) as u8
 }
 
-fn unpack(word: u32) -> [u32; 3] {
-    [word >> 21, word >> 11 & 1023, word & 2047]
+/// Three numbers from 0 to 1.
+fn unpack(word: u32) -> [f64; 3] {
+    let steps = [word >> 21, word >> 11 & 1023, word & 2047];
+    std::array::from_fn(|k| f64::from(steps[k]) / f64::from((1u32 << BITS[k]) - 1))
 }
 
 /// The word of three numbers from 0 to 1.

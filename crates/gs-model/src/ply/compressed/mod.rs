@@ -13,11 +13,11 @@ mod write;
 
 use std::path::Path;
 
-use super::header::{Encoding, Header};
+use super::columns::{rest_count, rest_names};
+use super::header::{Encoding, Header, Scalar};
 use crate::error::{Error, Result};
 use crate::format::Format;
-use crate::report::{self, ReadOptions, Report};
-use crate::rows;
+use crate::report::Report;
 use crate::scene::{Scene, sh_len};
 use layout::Decoder;
 use table::Table;
@@ -29,7 +29,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["compressed.ply"],
     magic: super::FORMAT.magic,
     max_sh_degree: 3,
-    read: super::read_named,
+    read: super::read_file,
     write: Some(write::write),
 };
 
@@ -45,21 +45,13 @@ const BOUNDS: [[&str; 6]; 3] = [
 const WORDS: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
 /// Reads the file of that header.
-pub(super) fn read(
-    file: &Path,
-    bytes: &[u8],
-    header: &Header,
-    options: &ReadOptions,
-) -> Result<(Scene, Report)> {
+pub(super) fn read(file: &Path, bytes: &[u8], header: &Header) -> Result<(Scene, Report)> {
     if header.encoding != Encoding::BinaryLittleEndian {
         return Err(malformed(file, "header", "it is not binary_little_endian"));
     }
     let (n, sh_degree, decoder) = decoder(file, bytes, header)?;
-    let scene = rows::scene_of(n, sh_degree, |i| {
-        let row = decoder.row(i);
-        move |c| row.number(c)
-    });
-    report::finish(file, scene, (FORMAT.name, "PlayCanvas compressed.ply"), options)
+    let scene = decoder.scene(n, sh_degree);
+    Ok((scene, Report::of(FORMAT.name, "PlayCanvas compressed.ply")))
 }
 
 /// The number of Gaussians, their SH degree, and where the file holds them.
@@ -84,7 +76,7 @@ fn decoder<'a>(
         Some(sh) => {
             let fits = (1..=3u8).find(|&d| 3 * (sh_len(d) - 1) == sh.properties());
             let count = sh.properties();
-            fits.ok_or_else(|| super::columns::rest_count(file, count))?
+            fits.ok_or_else(|| rest_count(file, count))?
         }
     };
     if sh.as_ref().is_some_and(|sh| sh.rows != n) {
@@ -92,9 +84,9 @@ fn decoder<'a>(
     }
     let bounds = if chunks.has("min_r") { &BOUNDS[..] } else { &BOUNDS[..2] };
     let decoder = Decoder {
-        words: vertices.words(file, &WORDS)?,
-        bounds: chunks.floats(file, bounds.as_flattened())?,
-        sh: sh.map(|sh| sh.sh_bytes(file)).transpose()?,
+        words: vertices.columns(file, &WORDS, Scalar::U32)?,
+        bounds: chunks.columns(file, bounds.as_flattened(), Scalar::F32)?,
+        sh: sh.map(|sh| sh.columns(file, &rest_names(sh.properties()), Scalar::U8)).transpose()?,
     };
     Ok((n, sh_degree, decoder))
 }

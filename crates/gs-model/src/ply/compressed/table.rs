@@ -1,11 +1,12 @@
 //! The rows of one element, whose columns are all of one type.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::malformed;
 use crate::bytes;
 use crate::error::Result;
-use crate::ply::binary::Body;
+use crate::ply::binary::{Body, offsets_and_types};
 use crate::ply::header::{Element, Header, Scalar};
 
 /// The rows of an element without lists.
@@ -40,7 +41,7 @@ impl<'a> Table<'a> {
                     return Err(malformed(file, &format!("element {name:?}"), "it has a list"));
                 }
                 // Both fit: `skip` has found the rows in the file. A row without a byte has no end.
-                let stride = element.properties.iter().map(|p| p.scalar.size()).sum::<usize>();
+                let stride = element.least_row_bytes();
                 let rows = if stride == 0 { 0 } else { element.count as usize };
                 return Ok(Some(Self { element, rows, bytes: &bytes[at..end], stride }));
             }
@@ -57,32 +58,15 @@ impl<'a> Table<'a> {
         self.element.properties.iter().any(|p| p.name == name)
     }
 
-    pub(super) fn words(&self, file: &Path, names: &[&str]) -> Result<Columns<'a>> {
-        self.columns(file, names.iter().copied(), Scalar::U32)
-    }
-
-    pub(super) fn floats(&self, file: &Path, names: &[&str]) -> Result<Columns<'a>> {
-        self.columns(file, names.iter().copied(), Scalar::F32)
-    }
-
-    /// The columns `f_rest_0`, `f_rest_1` and so on.
-    pub(super) fn sh_bytes(&self, file: &Path) -> Result<Columns<'a>> {
-        let names: Vec<String> = (0..self.properties()).map(|i| format!("f_rest_{i}")).collect();
-        self.columns(file, names.iter().map(String::as_str), Scalar::U8)
-    }
-
-    fn columns<'n>(
+    /// The columns of these names, all of type `scalar`.
+    pub(super) fn columns(
         &self,
         file: &Path,
-        names: impl Iterator<Item = &'n str>,
+        names: &[impl AsRef<str>],
         scalar: Scalar,
     ) -> Result<Columns<'a>> {
-        let mut places = std::collections::BTreeMap::new();
-        let mut at = 0;
-        for property in &self.element.properties {
-            places.insert(property.name.as_str(), (at, property.scalar));
-            at += property.scalar.size();
-        }
+        let names_found = self.element.properties.iter().map(|p| p.name.as_str());
+        let places: BTreeMap<_, _> = names_found.zip(offsets_and_types(self.element)).collect();
         let offset = |name: &str| match places.get(name) {
             Some(&(at, found)) if found == scalar => Ok(at),
             _ => {
@@ -92,7 +76,7 @@ impl<'a> Table<'a> {
                 Err(malformed(file, &place, reason))
             }
         };
-        let offsets = names.map(offset).collect::<Result<_>>()?;
+        let offsets = names.iter().map(|name| offset(name.as_ref())).collect::<Result<_>>()?;
         Ok(Columns { bytes: self.bytes, stride: self.stride, offsets })
     }
 }

@@ -1,6 +1,5 @@
 //! Writes `compressed.ply`.
 
-use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
@@ -9,7 +8,9 @@ use rayon::prelude::*;
 use super::layout::{pack, pack_rotation, sh_byte, step};
 use super::{BOUNDS, CHUNK, WORDS};
 use crate::error::{Error, Result};
-use crate::scene::{SH_C0, Scene};
+use crate::ply::columns::rest_names;
+use crate::ply::write::{element, header_of};
+use crate::scene::{SH_C0, Scene, bounds_of};
 
 /// Log-scales are kept within minus and plus this: one infinite scale would spoil its whole chunk.
 const MAX_LOG_SCALE: f32 = 20.0;
@@ -24,8 +25,9 @@ pub(super) fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<(
     let order = morton_order(&scene.means);
     let chunks: Vec<Chunk> = order.par_chunks(CHUNK).map(|part| Chunk::of(scene, part)).collect();
     let mut put = |bytes: &[u8]| out.write_all(bytes).map_err(|e| Error::io(file, "write", e));
-    put(header(scene).as_bytes())?;
-    let bounds = chunks.iter().flat_map(|c| c.bounds).flat_map(f32::to_le_bytes);
+    put(&header(scene))?;
+    let bounds = chunks.iter().flat_map(|c| c.bounds.as_flattened().as_flattened());
+    let bounds = bounds.flat_map(|bound| bound.to_le_bytes());
     put(&bounds.collect::<Vec<u8>>())?;
     for chunk in &chunks {
         let words = chunk.words.as_flattened().iter().flat_map(|w| w.to_le_bytes());
@@ -34,23 +36,16 @@ pub(super) fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<(
     order.chunks(CHUNK).try_for_each(|part| put(&sh_bytes(scene, part)))
 }
 
-fn header(scene: &Scene) -> String {
+fn header(scene: &Scene) -> Vec<u8> {
     let (n, rest) = (scene.len(), 3 * (scene.sh_len() - 1));
-    let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
-    let mut element = |name: &str, count: usize, kind: &str, properties: &[&str]| {
-        // Writing to a String does not fail.
-        let _ = writeln!(text, "element {name} {count}");
-        for property in properties {
-            let _ = writeln!(text, "property {kind} {property}");
-        }
-    };
-    element("chunk", n.div_ceil(CHUNK), "float", BOUNDS.as_flattened());
-    element("vertex", n, "uint", &WORDS);
+    let mut elements = vec![
+        element("chunk", n.div_ceil(CHUNK), "float", BOUNDS.as_flattened()),
+        element("vertex", n, "uint", &WORDS),
+    ];
     if rest > 0 {
-        let names: Vec<String> = (0..rest).map(|i| format!("f_rest_{i}")).collect();
-        element("sh", n, "uchar", &names.iter().map(String::as_str).collect::<Vec<_>>());
+        elements.push(element("sh", n, "uchar", &rest_names(rest)));
     }
-    text + "end_header\n"
+    header_of(&elements)
 }
 
 /// The higher SH coefficients of some Gaussians, channel-major.
@@ -64,9 +59,9 @@ fn sh_bytes(scene: &Scene, part: &[usize]) -> Vec<u8> {
     out
 }
 
-/// The bounds and the words of some Gaussians.
+/// The bounds of means, log-scales and colours, and the words, of some Gaussians.
 struct Chunk {
-    bounds: [f32; 18],
+    bounds: [[[f32; 3]; 2]; 3],
     words: Vec<[u32; 4]>,
 }
 
@@ -75,64 +70,42 @@ impl Chunk {
         let log_scale =
             |i: usize| scene.log_scales[i].map(|v| v.clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE));
         let colour = |i: usize| scene.sh_of(i)[0].map(|v| 0.5 + SH_C0 * v);
-        let mean = |i: usize| scene.means[i];
-        let ranges = [Range::of(part, mean), Range::of(part, log_scale), Range::of(part, colour)];
-        let mut bounds = [0.0; 18];
-        for (slot, range) in bounds.chunks_exact_mut(6).zip(&ranges) {
-            slot[..3].copy_from_slice(&range.low);
-            slot[3..].copy_from_slice(&range.high);
-        }
+        let all = || part.iter().copied();
+        let means = bounds_of(all().map(|i| scene.means[i]));
+        let log_scales = bounds_of(all().map(log_scale));
+        let colours = bounds_of(all().map(colour));
         let words = part.iter().map(|&i| {
-            let [r, g, b] = ranges[2].parts(colour(i)).map(|t| step(t, 8) as u8);
+            let [r, g, b] = parts(colours, colour(i)).map(|t| step(t, 8) as u8);
             let opacity = 1.0 / (1.0 + libm::exp(-f64::from(scene.opacity_logits[i])));
             [
-                pack(ranges[0].parts(mean(i))),
+                pack(parts(means, scene.means[i])),
                 pack_rotation(scene.rotations[i]),
-                pack(ranges[1].parts(log_scale(i))),
+                pack(parts(log_scales, log_scale(i))),
                 u32::from_be_bytes([r, g, b, step(opacity, 8) as u8]),
             ]
         });
-        Self { bounds, words: words.collect() }
+        Self { words: words.collect(), bounds: [means, log_scales, colours] }
     }
 }
 
-/// The least and the greatest of each of three numbers.
-struct Range {
-    low: [f32; 3],
-    high: [f32; 3],
-}
-
-impl Range {
-    fn of(part: &[usize], get: impl Fn(usize) -> [f32; 3]) -> Self {
-        let mut range = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
-        for &i in part {
-            for (k, v) in get(i).into_iter().enumerate() {
-                range.low[k] = range.low[k].min(v);
-                range.high[k] = range.high[k].max(v);
-            }
-        }
-        range
-    }
-
-    /// Where numbers lie between the bounds, from 0 to 1.
-    fn parts(&self, values: [f32; 3]) -> [f64; 3] {
-        std::array::from_fn(|k| {
-            let [low, high, v] = [self.low[k], self.high[k], values[k]].map(f64::from);
-            if high > low { (v - low) / (high - low) } else { 0.0 }
-        })
-    }
+/// Where numbers lie between bounds, from 0 to 1.
+fn parts([low, high]: [[f32; 3]; 2], values: [f32; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| {
+        let [low, high, v] = [low[k], high[k], values[k]].map(f64::from);
+        if high > low { (v - low) / (high - low) } else { 0.0 }
+    })
 }
 
 /// The indices of points, sorted along a Morton curve of 2^21 steps along each axis of their bounds.
 fn morton_order(means: &[[f32; 3]]) -> Vec<usize> {
-    let all: Vec<usize> = (0..means.len()).collect();
-    let range = Range::of(&all, |i| means[i]);
+    let bounds = bounds_of(means.iter().copied());
     let key = |i: usize| {
-        let steps = range.parts(means[i]).map(|t| u64::from(step(t, 21)));
+        let steps = parts(bounds, means[i]).map(|t| u64::from(step(t, 21)));
         let bit = |b: u32, k: usize| (steps[k] >> b & 1) << (3 * b + k as u32);
         (0..21).map(|b| bit(b, 0) | bit(b, 1) | bit(b, 2)).sum::<u64>()
     };
-    let mut order: Vec<(u64, usize)> = all.into_par_iter().map(|i| (key(i), i)).collect();
+    let mut order: Vec<(u64, usize)> =
+        (0..means.len()).into_par_iter().map(|i| (key(i), i)).collect();
     order.par_sort_unstable();
     order.into_iter().map(|(_, i)| i).collect()
 }

@@ -1,12 +1,9 @@
 //! [`Dataset`]: photos with cameras, and a model trained on them.
 
-mod model;
-
 use std::path::{Path, PathBuf};
 
-use crate::camera::{Camera, LensDistortion};
+use crate::camera::{Camera, LensDistortion, View};
 use crate::error::{Error, Result};
-pub use crate::view::View;
 use crate::{colmap, fs, inria, nerf};
 
 /// Every how many views one is held out.
@@ -36,14 +33,14 @@ impl Dataset {
     /// with the largest `N`, and a single `*.ply` in the folder.
     ///
     /// # Errors
-    /// [`Error::Io`] if the folder is not there, [`Error::NoCameras`], [`Error::NotOneModel`],
+    /// [`Error::Io`] if the folder is not there, [`Error::NotADataset`],
     /// [`Error::Malformed`] if two images share a name, and those of the
     /// readers in [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]: distorted cameras are
     /// refused. A photo that is missing is not an error here.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         let dir = dir.as_ref();
         let views = open_views(dir, LensDistortion::Refuse)?;
-        Ok(Self { dir: dir.into(), views, model_path: model::find(dir)? })
+        Ok(Self { dir: dir.into(), views, model_path: find_model(dir)? })
     }
 
     /// The held-out views: the first and every [`HOLD_OUT_EVERY`]th after it, by sorted name.
@@ -80,28 +77,72 @@ pub fn open_views(path: impl AsRef<Path>, distortion: LensDistortion) -> Result<
 
 fn of_folder(dir: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
     let sparse = [dir.join("sparse/0"), dir.join("sparse")];
+    let transforms = dir.join("transforms.json");
     if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
         let images = dir.join("images");
         let view = |camera: Camera| View { image_path: images.join(&camera.name), camera };
         Ok(colmap::read_cameras(sparse, distortion)?.into_iter().map(view).collect())
     } else if dir.join("cameras.json").is_file() {
-        inria::read_views(dir)
-    } else if dir.join("transforms.json").is_file() {
-        nerf::read_views(dir.join("transforms.json"), distortion)
+        inria::views(dir)
+    } else if transforms.is_file() {
+        nerf::views_from_bytes(&transforms, &fs::read(&transforms)?, distortion)
     } else {
         // A missing folder is reported as such, not as a folder without cameras.
         std::fs::read_dir(dir).map_err(|e| Error::io(dir, "list", e))?;
-        Err(Error::NoCameras { dir: dir.into() })
+        let reason = "no cameras: expected sparse/0/images.bin or .txt (COLMAP), cameras.json (Inria \
+                      output) or transforms.json (NeRF)";
+        Err(Error::not_a_dataset(dir, reason))
     }
 }
 
 fn of_file(path: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
     // Inria's cameras.json is a list, a transforms.json an object.
     let text = fs::read(path)?;
-    if text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'[') {
+    if text.trim_ascii_start().starts_with(b"[") {
         let view = |camera: Camera| View { image_path: camera.name.clone().into(), camera };
-        Ok(inria::read_cameras(path)?.into_iter().map(view).collect())
+        Ok(inria::cameras_from_bytes(path, &text)?.into_iter().map(view).collect())
     } else {
-        nerf::read_views(path, distortion)
+        nerf::views_from_bytes(path, &text, distortion)
+    }
+}
+
+/// The trained model in a folder: see [`Dataset::open`].
+fn find_model(dir: &Path) -> Result<PathBuf> {
+    let direct = dir.join("point_cloud.ply");
+    if direct.is_file() {
+        return Ok(direct);
+    }
+    let iterations = dir.join("point_cloud");
+    let last = fs::names(&iterations)?
+        .iter()
+        .filter_map(|name| {
+            let n: u64 = name.to_str()?.strip_prefix("iteration_")?.parse().ok()?;
+            let file = iterations.join(name).join("point_cloud.ply");
+            file.is_file().then_some((n, file))
+        })
+        .max();
+    if let Some((_, file)) = last {
+        return Ok(file);
+    }
+    let mut models: Vec<PathBuf> = fs::names(dir)?
+        .iter()
+        .map(|name| dir.join(name))
+        .filter(|p| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) && p.is_file())
+        .collect();
+    // The Inria trainer puts the SfM points that it started from beside its output.
+    models.retain(|p| !p.ends_with("input.ply"));
+    match &models[..] {
+        [only] => Ok(only.clone()),
+        [] => {
+            let reason = "no model: expected point_cloud.ply, point_cloud/iteration_N/point_cloud.ply or a \
+                          single .ply file";
+            Err(Error::not_a_dataset(dir, reason))
+        }
+        several => {
+            let names = several.iter().filter_map(|p| Some(p.file_name()?.to_string_lossy()));
+            let names = names.collect::<Vec<_>>().join(", ");
+            let reason = format!("several models: {names}; rename one to point_cloud.ply");
+            Err(Error::not_a_dataset(dir, reason))
+        }
     }
 }
