@@ -71,7 +71,6 @@ mod saliency;
 #[cfg(any(test, feature = "gpu"))]
 mod shaders;
 mod shuffle;
-mod simd;
 mod stages;
 mod train_view;
 mod view_gradients;

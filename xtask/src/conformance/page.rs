@@ -30,7 +30,7 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Seen)]) -> Result<
     }
     page.table(&table);
     page.text(
-        "The crates deny `unsafe`, but for two small modules of the fine-tune and the command \
+        "The crates deny `unsafe`, but for one small module of the command \
          ([architecture](../architecture.md)). The decoder refuses a stream that claims more Gaussians than its bytes \
          can hold, or than the caller allows (`max_gaussians`), before it asks for memory. Long runs of libFuzzer: \
          [fuzz.md](fuzz.md).",

@@ -8,8 +8,8 @@ pub use scene::SceneOptimiser;
 #[cfg(feature = "gpu")]
 pub(crate) use scene::rows_of;
 
-use crate::simd;
 use crate::stages::finite;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 pub(crate) const BETA1: f32 = 0.9;
@@ -56,29 +56,21 @@ impl Adam {
         gradient: &[f32],
         rates: &[f32],
     ) {
-        simd::run(Update { adam: self, parameters, moments, gradient, rates });
+        update_all(self, parameters, moments, gradient, rates);
     }
 }
 
-struct Update<'a> {
-    adam: &'a Adam,
-    parameters: &'a mut [f32],
-    moments: [&'a mut [f32]; 2],
-    gradient: &'a [f32],
-    rates: &'a [f32],
-}
-
-impl simd::Kernel for Update<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { adam, parameters, moments: [m, v], gradient, rates } = self;
-        for ((((p, m), v), &g), &rate) in
-            parameters.iter_mut().zip(m).zip(v).zip(gradient).zip(rates)
-        {
-            update(p, [m, v], g, rate * adam.inverse_bias1, adam.inv_sqrt_bias2);
-        }
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn update_all(
+    adam: &Adam,
+    parameters: &mut [f32],
+    moments: [&mut [f32]; 2],
+    gradient: &[f32],
+    rates: &[f32],
+) {
+    let [m, v] = moments;
+    for ((((p, m), v), &g), &rate) in parameters.iter_mut().zip(m).zip(v).zip(gradient).zip(rates) {
+        update(p, [m, v], g, rate * adam.inverse_bias1, adam.inv_sqrt_bias2);
     }
 }
 

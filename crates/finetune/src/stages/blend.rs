@@ -1,11 +1,11 @@
 //! Stage `blend`: front-to-back blending, tile by tile.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::project::{Splat, View};
 use super::tiles::TileLists;
 use super::*;
-use crate::simd;
 
 /// Pixels of a row of a tile: the vector width that the inner loops are written for.
 pub(crate) const LANES: usize = TILE as usize;
@@ -88,7 +88,7 @@ pub(crate) fn sum_lanes(v: &[f32; LANES]) -> f32 {
     s[0]
 }
 
-struct BlendTile<'a, const WEIGHTS: bool> {
+struct BlendTile<'a> {
     view: &'a View,
     splats: &'a [Splat],
     ids: &'a [u32],
@@ -100,80 +100,76 @@ struct BlendTile<'a, const WEIGHTS: bool> {
     weights: &'a mut [[f32; 2]],
 }
 
-impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
-    /// Number of splats at the start of the list that some pixel may have blended.
-    type Output = u32;
-
-    #[inline(always)]
-    fn call(self) -> u32 {
-        let Self { view, splats, ids, tx, ty, out, weights } = self;
-        let mut px = [0.0f32; LANES];
-        for (l, p) in px.iter_mut().enumerate() {
-            *p = (tx * TILE + l as u32) as f32 + 0.5;
-        }
-        let y0 = ty * TILE;
-        let rows = (view.height - y0).min(TILE);
-        let mut px_state = TilePixels::CLEAR;
-        // Pixels beyond the image's edge begin as stopped: lanes first, then rows.
-        for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
-            for row in &mut px_state.t {
-                row[l] = -1.0;
-            }
-        }
-        for row in &mut px_state.t[rows as usize..] {
-            *row = [-1.0; LANES];
-        }
-        let mut row_live = [true; LANES];
-        let mut last = 0;
-        // Whether a row still blends is tested once per batch. In between, the sign of its
-        // transmittance keeps a stopped pixel as it is.
-        const BATCH: usize = 32;
-        for (batch, list) in ids.chunks(BATCH).enumerate() {
-            for (k, &i) in list.iter().enumerate() {
-                let s = splats[i as usize];
-                let mut dx = [0.0f32; LANES];
-                for l in 0..LANES {
-                    dx[l] = s.x - px[l];
-                }
-                let mut weight = [0.0f32; LANES];
-                let mut square = [0.0f32; LANES];
-                let first = s.row0.max(y0) - y0;
-                let end = (s.row1 - y0.min(s.row1)).min(rows);
-                for y in first..end {
-                    let y = y as usize;
-                    if !row_live[y] {
-                        continue;
-                    }
-                    let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                    blend_row::<WEIGHTS>(
-                        &s,
-                        &dx,
-                        dy,
-                        &mut px_state.t[y],
-                        &mut px_state.red[y],
-                        &mut px_state.green[y],
-                        &mut px_state.blue[y],
-                        &mut weight,
-                        &mut square,
-                    );
-                }
-                if WEIGHTS {
-                    weights[batch * BATCH + k] = [sum_lanes(&weight), sum_lanes(&square)];
-                }
-            }
-            last = (batch * BATCH + list.len()) as u32;
-            let mut any = false;
-            for y in 0..rows as usize {
-                row_live[y] = row_live[y] && live(&px_state.t[y]) != 0;
-                any |= row_live[y];
-            }
-            if !any {
-                break;
-            }
-        }
-        *out = px_state;
-        last
+/// Number of splats at the start of the list that some pixel may have blended.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn blend_tile<const WEIGHTS: bool>(tile: BlendTile<'_>) -> u32 {
+    let BlendTile { view, splats, ids, tx, ty, out, weights } = tile;
+    let mut px = [0.0f32; LANES];
+    for (l, p) in px.iter_mut().enumerate() {
+        *p = (tx * TILE + l as u32) as f32 + 0.5;
     }
+    let y0 = ty * TILE;
+    let rows = (view.height - y0).min(TILE);
+    let mut px_state = TilePixels::CLEAR;
+    // Pixels beyond the image's edge begin as stopped: lanes first, then rows.
+    for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
+        for row in &mut px_state.t {
+            row[l] = -1.0;
+        }
+    }
+    for row in &mut px_state.t[rows as usize..] {
+        *row = [-1.0; LANES];
+    }
+    let mut row_live = [true; LANES];
+    let mut last = 0;
+    // Whether a row still blends is tested once per batch. In between, the sign of its
+    // transmittance keeps a stopped pixel as it is.
+    const BATCH: usize = 32;
+    for (batch, list) in ids.chunks(BATCH).enumerate() {
+        for (k, &i) in list.iter().enumerate() {
+            let s = splats[i as usize];
+            let mut dx = [0.0f32; LANES];
+            for l in 0..LANES {
+                dx[l] = s.x - px[l];
+            }
+            let mut weight = [0.0f32; LANES];
+            let mut square = [0.0f32; LANES];
+            let first = s.row0.max(y0) - y0;
+            let end = (s.row1 - y0.min(s.row1)).min(rows);
+            for y in first..end {
+                let y = y as usize;
+                if !row_live[y] {
+                    continue;
+                }
+                let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
+                blend_row::<WEIGHTS>(
+                    &s,
+                    &dx,
+                    dy,
+                    &mut px_state.t[y],
+                    &mut px_state.red[y],
+                    &mut px_state.green[y],
+                    &mut px_state.blue[y],
+                    &mut weight,
+                    &mut square,
+                );
+            }
+            if WEIGHTS {
+                weights[batch * BATCH + k] = [sum_lanes(&weight), sum_lanes(&square)];
+            }
+        }
+        last = (batch * BATCH + list.len()) as u32;
+        let mut any = false;
+        for y in 0..rows as usize {
+            row_live[y] = row_live[y] && live(&px_state.t[y]) != 0;
+            any |= row_live[y];
+        }
+        if !any {
+            break;
+        }
+    }
+    *out = px_state;
+    last
 }
 
 /// Blends every tile. `last[tile]` becomes the number of splats of the tile's list that were needed.
@@ -190,7 +186,7 @@ pub(crate) fn blend(
         let ids = lists.of(tile);
         let (tx, ty) = view.tile_at(tile);
         let weights = &mut [];
-        *last = simd::run(BlendTile::<false> { view, splats, ids, tx, ty, out, weights });
+        *last = blend_tile::<false>(BlendTile { view, splats, ids, tx, ty, out, weights });
     });
 }
 
@@ -209,6 +205,6 @@ pub(crate) fn blend_weights(
         let (tx, ty) = view.tile_at(tile);
         let mut pixels = TilePixels::CLEAR;
         let out = &mut pixels;
-        simd::run(BlendTile::<true> { view, splats, ids, tx, ty, out, weights });
+        blend_tile::<true>(BlendTile { view, splats, ids, tx, ty, out, weights });
     });
 }

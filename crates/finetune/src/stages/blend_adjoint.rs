@@ -1,13 +1,13 @@
 //! Stage `blend_adjoint`: one record of gradients per slot (splat and tile).
 
 use glam::{Mat4, Vec4};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blend::{LANES, TilePixels, live};
 use super::project::{Splat, View};
 use super::tiles::TileLists;
 use super::*;
-use crate::simd;
 
 /// Gradient of the loss with respect to a tile's pixels; zero beyond the image's edge.
 #[repr(C)]
@@ -116,83 +116,79 @@ struct ReplayTile<'a, const N: usize> {
     records: &'a mut [[f32; N]],
 }
 
-impl<const N: usize> simd::Kernel for ReplayTile<'_, N> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { view, splats, ids, tile: (tx, ty), pixels, gradient, records } = self;
-        let mut px = [0.0f32; LANES];
-        for (l, p) in px.iter_mut().enumerate() {
-            *p = (tx * TILE + l as u32) as f32 + 0.5;
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn replay_tile<const N: usize>(tile: ReplayTile<'_, N>) {
+    let ReplayTile { view, splats, ids, tile: (tx, ty), pixels, gradient, records } = tile;
+    let mut px = [0.0f32; LANES];
+    for (l, p) in px.iter_mut().enumerate() {
+        *p = (tx * TILE + l as u32) as f32 + 0.5;
+    }
+    let y0 = ty * TILE;
+    let rows = (view.height - y0).min(TILE);
+    let mut state = [PixelRow { t: [1.0; LANES], rg: [0.0; LANES] }; LANES];
+    for (y, row) in state.iter_mut().enumerate() {
+        for l in 0..LANES {
+            let (r, g, b) = (pixels.red[y][l], pixels.green[y][l], pixels.blue[y][l]);
+            let t = pixels.t[y][l].abs();
+            let tr = t * view.background[0];
+            let tg = t * view.background[1];
+            let tb = t * view.background[2];
+            let mr = (r + tr) * gradient.red[y][l];
+            let mg = (g + tg) * gradient.green[y][l];
+            let mb = (b + tb) * gradient.blue[y][l];
+            let mrg = mr + mg;
+            row.rg[l] = mrg + mb;
         }
-        let y0 = ty * TILE;
-        let rows = (view.height - y0).min(TILE);
-        let mut state = [PixelRow { t: [1.0; LANES], rg: [0.0; LANES] }; LANES];
-        for (y, row) in state.iter_mut().enumerate() {
+    }
+    for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
+        for row in &mut state {
+            row.t[l] = -1.0;
+        }
+    }
+    let mut row_live = [true; LANES];
+    const BATCH: usize = 32;
+    for (list, records) in ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
+        for (&i, record) in list.iter().zip(records) {
+            let s = splats[i as usize];
+            let mut dx = [0.0f32; LANES];
             for l in 0..LANES {
-                let (r, g, b) = (pixels.red[y][l], pixels.green[y][l], pixels.blue[y][l]);
-                let t = pixels.t[y][l].abs();
-                let tr = t * view.background[0];
-                let tg = t * view.background[1];
-                let tb = t * view.background[2];
-                let mr = (r + tr) * gradient.red[y][l];
-                let mg = (g + tg) * gradient.green[y][l];
-                let mb = (b + tb) * gradient.blue[y][l];
-                let mrg = mr + mg;
-                row.rg[l] = mrg + mb;
+                dx[l] = s.x - px[l];
             }
-        }
-        for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
-            for row in &mut state {
-                row.t[l] = -1.0;
-            }
-        }
-        let mut row_live = [true; LANES];
-        const BATCH: usize = 32;
-        for (list, records) in ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
-            for (&i, record) in list.iter().zip(records) {
-                let s = splats[i as usize];
-                let mut dx = [0.0f32; LANES];
-                for l in 0..LANES {
-                    dx[l] = s.x - px[l];
+            let first = s.row0.max(y0) - y0;
+            let end = (s.row1 - y0.min(s.row1)).min(rows);
+            // Left and right half of the tile, four sums per vector.
+            let mut sides = [[Vec4::ZERO; 2]; QUADS];
+            for top in (0..TILE).step_by(BLOCK_ROWS) {
+                let (first, end) = (first.max(top), end.min(top + BLOCK_ROWS as u32));
+                if first >= end {
+                    continue;
                 }
-                let first = s.row0.max(y0) - y0;
-                let end = (s.row1 - y0.min(s.row1)).min(rows);
-                // Left and right half of the tile, four sums per vector.
-                let mut sides = [[Vec4::ZERO; 2]; QUADS];
-                for top in (0..TILE).step_by(BLOCK_ROWS) {
-                    let (first, end) = (first.max(top), end.min(top + BLOCK_ROWS as u32));
-                    if first >= end {
+                let mut acc = [[0.0f32; LANES]; N];
+                for y in first..end {
+                    let y = y as usize;
+                    if !row_live[y] {
                         continue;
                     }
-                    let mut acc = [[0.0f32; LANES]; N];
-                    for y in first..end {
-                        let y = y as usize;
-                        if !row_live[y] {
-                            continue;
-                        }
-                        let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                        let g = [&gradient.red[y], &gradient.green[y], &gradient.blue[y]];
-                        replay_row::<N>(&s, &dx, dy, &mut state[y], g, &mut acc);
-                    }
-                    for (side, part) in sides.iter_mut().zip(acc.chunks(4)) {
-                        side[0] += sum_eight(part, 0);
-                        side[1] += sum_eight(part, 8);
-                    }
+                    let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
+                    let g = [&gradient.red[y], &gradient.green[y], &gradient.blue[y]];
+                    replay_row::<N>(&s, &dx, dy, &mut state[y], g, &mut acc);
                 }
-                for (value, [left, right]) in record.chunks_mut(4).zip(sides) {
-                    value.copy_from_slice(&(left + right).to_array()[..value.len()]);
+                for (side, part) in sides.iter_mut().zip(acc.chunks(4)) {
+                    side[0] += sum_eight(part, 0);
+                    side[1] += sum_eight(part, 8);
                 }
             }
-            let mut any = false;
-            for y in 0..rows as usize {
-                row_live[y] = row_live[y] && live(&state[y].t) != 0;
-                any |= row_live[y];
+            for (value, [left, right]) in record.chunks_mut(4).zip(sides) {
+                value.copy_from_slice(&(left + right).to_array()[..value.len()]);
             }
-            if !any {
-                break;
-            }
+        }
+        let mut any = false;
+        for y in 0..rows as usize {
+            row_live[y] = row_live[y] && live(&state[y].t) != 0;
+            any |= row_live[y];
+        }
+        if !any {
+            break;
         }
     }
 }
@@ -211,7 +207,7 @@ pub(crate) fn blend_adjoint<const N: usize>(
     records.resize(lists.ids.len(), [0.0; N]);
     lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
         let ids = &lists.of(k)[..last[k] as usize];
-        simd::run(ReplayTile {
+        replay_tile(ReplayTile {
             view,
             splats,
             ids,

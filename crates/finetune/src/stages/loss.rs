@@ -1,5 +1,6 @@
 //! Stage `loss`: the value of the loss and its gradient per pixel.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blend::{LANES, TilePixels};
@@ -7,7 +8,6 @@ use super::blend_adjoint::TileGradient;
 use super::project::View;
 use super::*;
 use crate::metrics::taps;
-use crate::simd;
 
 /// Radius of the SSIM window.
 pub(crate) const RADIUS: usize = 5;
@@ -137,25 +137,22 @@ struct RowMoments<'a> {
     out: &'a mut [f32],
 }
 
-impl simd::Kernel for RowMoments<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn call(self) {
-        let Self { x, y, out } = self;
-        let (w, taps) = (x.len(), window());
-        let mut padded = vec![0.0f32; w + 2 * RADIUS];
-        for (q, out) in out.chunks_exact_mut(w).enumerate() {
-            for ((p, &x), &y) in padded[RADIUS..].iter_mut().zip(x).zip(y) {
-                *p = match q {
-                    0 => x,
-                    1 => y,
-                    2 => x * x,
-                    3 => y * y,
-                    _ => x * y,
-                };
-            }
-            along(&taps, &padded, out);
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn row_moments(of: RowMoments<'_>) {
+    let RowMoments { x, y, out } = of;
+    let (w, taps) = (x.len(), window());
+    let mut padded = vec![0.0f32; w + 2 * RADIUS];
+    for (q, out) in out.chunks_exact_mut(w).enumerate() {
+        for ((p, &x), &y) in padded[RADIUS..].iter_mut().zip(x).zip(y) {
+            *p = match q {
+                0 => x,
+                1 => y,
+                2 => x * x,
+                3 => y * y,
+                _ => x * y,
+            };
         }
+        along(&taps, &padded, out);
     }
 }
 
@@ -168,53 +165,49 @@ struct RowSsim<'a> {
     out: &'a mut [f32],
 }
 
-impl simd::Kernel for RowSsim<'_> {
-    /// Sum of SSIM over the row.
-    type Output = f64;
-    #[inline(always)]
-    fn call(self) -> f64 {
-        let Self { w, h, row, moments, out } = self;
-        let taps = window();
-        let mut m = vec![0.0f32; 5 * w];
-        for (i, tap) in window_rows(row % h, h) {
-            let at = (row - row % h + i) * 5 * w;
-            for (m, v) in m.iter_mut().zip(&moments[at..at + 5 * w]) {
-                *m += taps[tap] * v;
-            }
+/// Sum of SSIM over the row.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn row_ssim(of: RowSsim<'_>) -> f64 {
+    let RowSsim { w, h, row, moments, out } = of;
+    let taps = window();
+    let mut m = vec![0.0f32; 5 * w];
+    for (i, tap) in window_rows(row % h, h) {
+        let at = (row - row % h + i) * 5 * w;
+        for (m, v) in m.iter_mut().zip(&moments[at..at + 5 * w]) {
+            *m += taps[tap] * v;
         }
-        let (mx, rest) = m.split_at(w);
-        let (my, rest) = rest.split_at(w);
-        let (exx, rest) = rest.split_at(w);
-        let (eyy, exy) = rest.split_at(w);
-        let mut padded = [(); 3].map(|()| vec![0.0f32; w + 2 * RADIUS]);
-        let mut values = vec![0.0f32; w];
-        {
-            let [pm, pv, pc] = &mut padded;
-            let (pm, pv, pc) =
-                (&mut pm[RADIUS..][..w], &mut pv[RADIUS..][..w], &mut pc[RADIUS..][..w]);
-            for i in 0..w {
-                let (ux, uy) = (mx[i], my[i]);
-                let (uxx, uyy, uxy) = (ux * ux, uy * uy, ux * uy);
-                let a1 = 2.0 * uxy + C1;
-                let a2 = 2.0 * (exy[i] - uxy) + C2;
-                let b1 = uxx + uyy + C1;
-                let b2 = (exx[i] - uxx) + (eyy[i] - uyy) + C2;
-                let inv = 1.0 / (b1 * b2);
-                let s = a1 * a2 * inv;
-                let d_var = -(s / b2);
-                let d_cov = 2.0 * a1 * inv;
-                let d_mean = 2.0 * uy * a2 * inv - 2.0 * ux * (s / b1);
-                values[i] = s;
-                pm[i] = d_mean - 2.0 * ux * d_var - uy * d_cov;
-                pv[i] = d_var;
-                pc[i] = d_cov;
-            }
-        }
-        for (p, out) in padded.iter().zip(out.chunks_exact_mut(w)) {
-            along(&taps, p, out);
-        }
-        values.iter().map(|&v| f64::from(v)).sum()
     }
+    let (mx, rest) = m.split_at(w);
+    let (my, rest) = rest.split_at(w);
+    let (exx, rest) = rest.split_at(w);
+    let (eyy, exy) = rest.split_at(w);
+    let mut padded = [(); 3].map(|()| vec![0.0f32; w + 2 * RADIUS]);
+    let mut values = vec![0.0f32; w];
+    {
+        let [pm, pv, pc] = &mut padded;
+        let (pm, pv, pc) = (&mut pm[RADIUS..][..w], &mut pv[RADIUS..][..w], &mut pc[RADIUS..][..w]);
+        for i in 0..w {
+            let (ux, uy) = (mx[i], my[i]);
+            let (uxx, uyy, uxy) = (ux * ux, uy * uy, ux * uy);
+            let a1 = 2.0 * uxy + C1;
+            let a2 = 2.0 * (exy[i] - uxy) + C2;
+            let b1 = uxx + uyy + C1;
+            let b2 = (exx[i] - uxx) + (eyy[i] - uyy) + C2;
+            let inv = 1.0 / (b1 * b2);
+            let s = a1 * a2 * inv;
+            let d_var = -(s / b2);
+            let d_cov = 2.0 * a1 * inv;
+            let d_mean = 2.0 * uy * a2 * inv - 2.0 * ux * (s / b1);
+            values[i] = s;
+            pm[i] = d_mean - 2.0 * ux * d_var - uy * d_cov;
+            pv[i] = d_var;
+            pc[i] = d_cov;
+        }
+    }
+    for (p, out) in padded.iter().zip(out.chunks_exact_mut(w)) {
+        along(&taps, p, out);
+    }
+    values.iter().map(|&v| f64::from(v)).sum()
 }
 
 /// Column blur of the partials and the gradient of the whole loss.
@@ -229,38 +222,35 @@ struct RowGradient<'a> {
     out: &'a mut [f32],
 }
 
-impl simd::Kernel for RowGradient<'_> {
-    /// Sums over the row of |x - y| and of the clamped squared error.
-    type Output = (f64, f64);
-    #[inline(always)]
-    fn call(self) -> (f64, f64) {
-        let Self { w, h, row, weight, partials, x, y, out } = self;
-        let taps = window();
-        let mut m = vec![0.0f32; 3 * w];
-        for (i, tap) in window_rows(row % h, h) {
-            let at = (row - row % h + i) * 3 * w;
-            for (m, v) in m.iter_mut().zip(&partials[at..at + 3 * w]) {
-                *m += taps[tap] * v;
-            }
+/// Sums over the row of |x - y| and of the clamped squared error.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn row_gradient(of: RowGradient<'_>) -> (f64, f64) {
+    let RowGradient { w, h, row, weight, partials, x, y, out } = of;
+    let taps = window();
+    let mut m = vec![0.0f32; 3 * w];
+    for (i, tap) in window_rows(row % h, h) {
+        let at = (row - row % h + i) * 3 * w;
+        for (m, v) in m.iter_mut().zip(&partials[at..at + 3 * w]) {
+            *m += taps[tap] * v;
         }
-        let n = (3 * w * h) as f32;
-        let (ssim_scale, l1_scale) = (-weight / n, (1.0 - weight) / n);
-        let (pm, rest) = m.split_at(w);
-        let (pv, pc) = rest.split_at(w);
-        for i in 0..w {
-            let d = x[i] - y[i];
-            let sign = if d > 0.0 { l1_scale } else { -l1_scale };
-            let l1 = if d == 0.0 { 0.0 } else { sign };
-            let s = pm[i] + 2.0 * x[i] * pv[i] + y[i] * pc[i];
-            out[i] = l1 + ssim_scale * s;
-        }
-        let (mut abs, mut clamped) = (0.0, 0.0);
-        for (&x, &y) in x.iter().zip(y) {
-            abs += f64::from((x - y).abs());
-            clamped += clamped_error2(x, y);
-        }
-        (abs, clamped)
     }
+    let n = (3 * w * h) as f32;
+    let (ssim_scale, l1_scale) = (-weight / n, (1.0 - weight) / n);
+    let (pm, rest) = m.split_at(w);
+    let (pv, pc) = rest.split_at(w);
+    for i in 0..w {
+        let d = x[i] - y[i];
+        let sign = if d > 0.0 { l1_scale } else { -l1_scale };
+        let l1 = if d == 0.0 { 0.0 } else { sign };
+        let s = pm[i] + 2.0 * x[i] * pv[i] + y[i] * pc[i];
+        out[i] = l1 + ssim_scale * s;
+    }
+    let (mut abs, mut clamped) = (0.0, 0.0);
+    for (&x, &y) in x.iter().zip(y) {
+        abs += f64::from((x - y).abs());
+        clamped += clamped_error2(x, y);
+    }
+    (abs, clamped)
 }
 
 /// `(1 - weight) L1 + weight (1 - SSIM)` over three planes of `w` x `h`; `gradient` becomes its
@@ -281,13 +271,13 @@ pub(crate) fn l1_ssim(
         .par_chunks_mut(5 * w)
         .zip(x.par_chunks(w))
         .zip(y.par_chunks(w))
-        .for_each(|((out, x), y)| simd::run(RowMoments { x, y, out }));
+        .for_each(|((out, x), y)| row_moments(RowMoments { x, y, out }));
     let moments = &scratch.moments;
     let ssim: Vec<f64> = scratch
         .partials
         .par_chunks_mut(3 * w)
         .enumerate()
-        .map(|(row, out)| simd::run(RowSsim { w, h, row, moments, out }))
+        .map(|(row, out)| row_ssim(RowSsim { w, h, row, moments, out }))
         .collect();
     let partials = &scratch.partials;
     let rows: Vec<(f64, f64)> = gradient
@@ -296,7 +286,7 @@ pub(crate) fn l1_ssim(
         .zip(y.par_chunks(w))
         .enumerate()
         .map(|(row, ((out, x), y))| {
-            simd::run(RowGradient { w, h, row, weight, partials, x, y, out })
+            row_gradient(RowGradient { w, h, row, weight, partials, x, y, out })
         })
         .collect();
     let l1 = total(&rows, n);

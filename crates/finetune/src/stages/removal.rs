@@ -1,6 +1,7 @@
 //! Removal effects: how the views change when one Gaussian is left out.
 
 use gs_model::{Camera, Scene};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blend::{LANES, TilePixels, live, sum_lanes};
@@ -9,7 +10,6 @@ use super::project::{Splat, View};
 use super::{T_STOP, TILE, gate};
 use crate::forward::Forward;
 use crate::options::RenderOptions;
-use crate::simd;
 
 /// For each Gaussian, the sum over all pixels and channels of `cameras` of the squared change when it
 /// alone is left out and what lies behind it shows instead.
@@ -40,7 +40,7 @@ fn effects(view: &View, f: &Forward, records: &mut Vec<[f32; 1]>) {
     records.clear();
     records.resize(f.lists.ids.len(), [0.0]);
     f.lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
-        simd::run(EffectsTile {
+        effects_tile(EffectsTile {
             view,
             splats: &f.projected.splats,
             ids: &f.lists.of(k)[..f.last[k] as usize],
@@ -111,42 +111,38 @@ impl EffectsTile<'_> {
     }
 }
 
-impl simd::Kernel for EffectsTile<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let mut state = self.rows();
-        let Self { view, splats, ids, tile: (tx, ty), records, .. } = self;
-        let y0 = ty * TILE;
-        let height = (view.height - y0).min(TILE);
-        let mut row_live = [true; LANES];
-        const BATCH: usize = 32;
-        for (list, records) in ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
-            for (&i, record) in list.iter().zip(records) {
-                let s = splats[i as usize];
-                let mut dx = [0.0f32; LANES];
-                for (l, d) in dx.iter_mut().enumerate() {
-                    *d = s.x - ((tx * TILE + l as u32) as f32 + 0.5);
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn effects_tile(tile: EffectsTile<'_>) {
+    let mut state = tile.rows();
+    let EffectsTile { view, splats, ids, tile: (tx, ty), records, .. } = tile;
+    let y0 = ty * TILE;
+    let height = (view.height - y0).min(TILE);
+    let mut row_live = [true; LANES];
+    const BATCH: usize = 32;
+    for (list, records) in ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
+        for (&i, record) in list.iter().zip(records) {
+            let s = splats[i as usize];
+            let mut dx = [0.0f32; LANES];
+            for (l, d) in dx.iter_mut().enumerate() {
+                *d = s.x - ((tx * TILE + l as u32) as f32 + 0.5);
+            }
+            let mut sum = [0.0f32; LANES];
+            let first = s.row0.max(y0) - y0;
+            let end = (s.row1 - y0.min(s.row1)).min(height);
+            for y in first..end {
+                let y = y as usize;
+                if row_live[y] {
+                    let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
+                    effect_row(&s, &dx, dy, &mut state[y], &mut sum);
                 }
-                let mut sum = [0.0f32; LANES];
-                let first = s.row0.max(y0) - y0;
-                let end = (s.row1 - y0.min(s.row1)).min(height);
-                for y in first..end {
-                    let y = y as usize;
-                    if row_live[y] {
-                        let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                        effect_row(&s, &dx, dy, &mut state[y], &mut sum);
-                    }
-                }
-                *record = [sum_lanes(&sum)];
             }
-            for (alive, row) in row_live.iter_mut().zip(&state).take(height as usize) {
-                *alive = *alive && live(&row.t) != 0;
-            }
-            if !row_live[..height as usize].contains(&true) {
-                break;
-            }
+            *record = [sum_lanes(&sum)];
+        }
+        for (alive, row) in row_live.iter_mut().zip(&state).take(height as usize) {
+            *alive = *alive && live(&row.t) != 0;
+        }
+        if !row_live[..height as usize].contains(&true) {
+            break;
         }
     }
 }
