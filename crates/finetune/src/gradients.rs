@@ -119,7 +119,7 @@ impl<const N: usize> Backward<N> {
         let value = self.loss(view, photo, loss);
         let f = &self.forward;
         let splats = &f.projected.splats;
-        blend_adjoint(view, splats, &f.lists, &f.tiles, &f.last, &self.tiles, &mut self.records);
+        blend_adjoint(view, f, &self.tiles, &mut self.records);
         gather_gradients(&f.lists, &self.records, splats, &mut self.sums);
         value
     }
