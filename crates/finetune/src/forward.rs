@@ -22,11 +22,16 @@ pub(crate) struct Forward {
 impl Forward {
     /// Runs project .. blend.
     pub(crate) fn run(&mut self, scene: &Scene, view: &View) {
+        self.lists(scene, view);
+        blend(view, &self.projected.splats, &self.lists, &mut self.tiles, &mut self.last);
+    }
+
+    /// Runs project .. ranges.
+    pub(crate) fn lists(&mut self, scene: &Scene, view: &View) {
         project(view, scene, &mut self.projected);
         sort_depth(&self.projected.keys, &mut self.order);
         let (splats, boxes) = (&self.projected.splats, &self.projected.boxes);
         tile_lists(view, splats, boxes, &self.order, &mut self.lists);
-        blend(view, splats, &self.lists, &mut self.tiles, &mut self.last);
     }
 
     /// The blended tiles as an image, over the background.

@@ -6,7 +6,7 @@
 //! the lens, is found by drawing a thinned-out copy of the model, small, from circles of different
 //! size, height and axis.
 
-use crate::saliency::saliency_per_view;
+use crate::saliency::saliency;
 use gs_model::{Camera, Scene};
 use rayon::prelude::*;
 
@@ -368,7 +368,7 @@ impl ThinnedScene {
         let size = self.tangents.map(|t| (EDGE_PIXELS * t / wide).round().max(1.0) as u32);
         let focal = 0.5 * EDGE_PIXELS / wide;
         let camera = ring.camera(String::new(), turn, size, focal);
-        let seen = saliency_per_view(&self.scene, &[camera]).total;
+        let seen = saliency(&self.scene, &[camera]).total;
         let sum: f64 =
             seen.iter().zip(&self.weights).map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
         sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)

@@ -78,7 +78,7 @@ mod tests {
             cameras.iter().partition(|c| ball.meets(c));
         assert!(meeting.len() > 20 && left.len() > 20, "{} {}", meeting.len(), left.len());
         for camera in left {
-            assert!(saliency(&scene, std::slice::from_ref(camera)).iter().all(|&w| w == 0.0));
+            assert!(saliency(&scene, std::slice::from_ref(camera)).total.iter().all(|&w| w == 0.0));
         }
     }
 

@@ -5,9 +5,7 @@
 
 use std::fmt::Write as _;
 
-use finetune::kernels::{
-    Call, PARAMS, PROJECT, PROJECT_ADJOINT, Program, SCALAR, SH, STEP, Shader,
-};
+use finetune::kernels::{Call, GAUSSIAN, PROJECT_ADJOINT, Program, STEP, Shader};
 use gpcc_lite::attribute::CLASSES;
 use gsvx::latents::{EQUAL_AXES, LOGIT_RANGE, Latents, Transform};
 
@@ -34,16 +32,7 @@ const SHADERS: &[Shader] = &[
     Shader::new(
         "move_latents",
         &["move_latents"],
-        &[
-            SCALAR,
-            PROJECT,
-            PROJECT_ADJOINT,
-            SH,
-            STEP,
-            PARAMS,
-            CODEC,
-            include_str!("kernels/latents.wgsl"),
-        ],
+        &[STEP, GAUSSIAN, PROJECT_ADJOINT, CODEC, include_str!("kernels/latents.wgsl")],
     ),
 ];
 

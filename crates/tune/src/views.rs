@@ -97,7 +97,7 @@ impl Views {
 
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
-        finetune::saliency_per_view(scene, &self.cameras).squared
+        finetune::saliency(scene, &self.cameras).squared
     }
 }
 

@@ -76,7 +76,7 @@ fn a_short_tune_saves_bytes_at_held_out_views() {
     options.effort = Effort::Quick;
     let outcome = tuned(&options);
     let cameras: Vec<Camera> = training().into_iter().map(|v| v.camera).collect();
-    let importance = finetune::saliency_per_view(&model(), &cameras).squared;
+    let importance = finetune::saliency(&model(), &cameras).squared;
     // The untuned stream of the same PSNR.
     let mut untuned = gsvx::EncodeOptions::from_quality(50.0).unwrap();
     untuned.importance = Some(importance);
@@ -206,7 +206,7 @@ fn the_smallest_runs_end() {
     one.photo = render(&model(), &one.camera, &RenderOptions::default());
     let run = Tune::new(model(), vec![one.clone()], options()).unwrap();
     assert!(!gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().is_empty());
-    let importance = finetune::saliency_per_view(&model(), &[one.camera.clone()]).squared;
+    let importance = finetune::saliency(&model(), &[one.camera.clone()]).squared;
     let most = (0..importance.len()).max_by(|&a, &b| importance[a].total_cmp(&importance[b]));
     let scene = model().select(&[most.unwrap()]);
     one.photo = render(&scene, &one.camera, &RenderOptions::default());

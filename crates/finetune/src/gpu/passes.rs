@@ -27,22 +27,9 @@ pub(crate) enum Stage {
     After,
 }
 
-/// All stages of a step, in order.
-pub(crate) const STEP: [Stage; 10] = [
-    Stage::Project,
-    Stage::SortDepth,
-    Stage::Emit,
-    Stage::SortTile,
-    Stage::Ranges,
-    Stage::Blend,
-    Stage::Loss,
-    Stage::BlendAdjoint,
-    Stage::Gather,
-    Stage::Adam,
-];
-
-/// All stages of a step with kernels of another crate. Without the first, the scene is that of the step before.
-pub(crate) const KERNEL_STEP: [Stage; 11] = [
+/// All stages, in order. A step without kernels of another crate has nothing to do in [`Stage::Before`] and
+/// [`Stage::After`].
+pub(crate) static STEP: [Stage; 12] = [
     Stage::Before,
     Stage::Project,
     Stage::SortDepth,
@@ -54,7 +41,12 @@ pub(crate) const KERNEL_STEP: [Stage; 11] = [
     Stage::BlendAdjoint,
     Stage::Gather,
     Stage::After,
+    Stage::Adam,
 ];
+
+/// The stages of a step with kernels of another crate, which move the parameters. Without the first, the scene is
+/// that of the step before.
+pub(crate) static KERNEL_STEP: &[Stage] = STEP.split_at(11).0;
 
 impl Workspace {
     /// Records and submits stages for the view in `u`. `photo` is the loss stage's bind group.

@@ -1,5 +1,7 @@
 //! [`StepUniform`].
 
+use gs_model::Scene;
+
 use crate::options::Loss;
 use crate::stages::project::View;
 
@@ -52,11 +54,14 @@ impl StepUniform {
         }
     }
 
-    pub(crate) fn with_loss(mut self, loss: Loss) -> Self {
-        if let Loss::L1Ssim { ssim_weight } = loss {
-            (self.l1_ssim, self.ssim_weight) = (1, ssim_weight);
-        }
-        self
+    /// The numbers of `scene`, and the loss; the rest zero.
+    pub(crate) fn of_scene(scene: &Scene, loss: Loss) -> Self {
+        let (l1_ssim, ssim_weight) = match loss {
+            Loss::Mse => (0, 0.0),
+            Loss::L1Ssim { ssim_weight } => (1, ssim_weight),
+        };
+        let (count, sh_len) = (scene.len() as u32, scene.sh_len() as u32);
+        Self { count, sh_len, l1_ssim, ssim_weight, ..Self::default() }
     }
 
     /// The view of `self` with the scene and loss of `base`.

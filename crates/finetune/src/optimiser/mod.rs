@@ -46,23 +46,14 @@ impl Adam {
     pub(crate) fn corrections(&self) -> (f32, f32) {
         (self.inverse_bias1, self.inv_sqrt_bias2)
     }
-
-    /// Moves parameters against their gradient. `moments` are the first and the second, zero before the
-    /// first step. A gradient that is not finite counts as zero.
-    pub fn update(
-        &self,
-        parameters: &mut [f32],
-        moments: [&mut [f32]; 2],
-        gradient: &[f32],
-        rates: &[f32],
-    ) {
-        update_all(self, parameters, moments, gradient, rates);
-    }
 }
 
+/// Moves parameters against their gradient. `moments` are the first and the second, zero before the
+/// first step. A gradient that is not finite counts as zero, so that one bad pixel does not end a run of thousands of
+/// steps.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-fn update_all(
-    adam: &Adam,
+fn update(
+    adam: Adam,
     parameters: &mut [f32],
     moments: [&mut [f32]; 2],
     gradient: &[f32],
@@ -70,26 +61,19 @@ fn update_all(
 ) {
     let [m, v] = moments;
     for ((((p, m), v), &g), &rate) in parameters.iter_mut().zip(m).zip(v).zip(gradient).zip(rates) {
-        update(p, [m, v], g, rate * adam.inverse_bias1, adam.inv_sqrt_bias2);
+        let g = if finite(g) { g } else { 0.0 };
+        let m0 = *m * BETA1;
+        let m1 = g * (1.0 - BETA1);
+        *m = m0 + m1;
+        let gg = g * g;
+        let v0 = *v * BETA2;
+        let v1 = gg * (1.0 - BETA2);
+        *v = v0 + v1;
+        let root = v.sqrt() * adam.inv_sqrt_bias2;
+        let ratio = *m / (root + EPSILON);
+        let move_by = ratio * (rate * adam.inverse_bias1);
+        *p -= move_by;
     }
-}
-
-/// Updates one parameter. A gradient that is not finite counts as zero, so that one bad pixel does
-/// not end a run of thousands of steps.
-#[inline(always)]
-fn update(p: &mut f32, [m, v]: [&mut f32; 2], g: f32, rate: f32, inv_sqrt_bias2: f32) {
-    let g = if finite(g) { g } else { 0.0 };
-    let m0 = *m * BETA1;
-    let m1 = g * (1.0 - BETA1);
-    *m = m0 + m1;
-    let gg = g * g;
-    let v0 = *v * BETA2;
-    let v1 = gg * (1.0 - BETA2);
-    *v = v0 + v1;
-    let root = v.sqrt() * inv_sqrt_bias2;
-    let ratio = *m / (root + EPSILON);
-    let move_by = ratio * rate;
-    *p -= move_by;
 }
 
 /// Adam's two moments of rows of parameters.
@@ -133,7 +117,7 @@ impl Moments {
                 let first = c * CHUNK + b * BLOCK;
                 let rows = g.chunks_exact_mut(stride).enumerate();
                 rows.for_each(|(j, row)| gradient(first + j, row));
-                adam.update(p, [m, v], g, &rates);
+                update(adam, p, [m, v], g, &rates);
                 p.chunks_exact_mut(stride).for_each(&after);
             }
         });
@@ -150,10 +134,10 @@ mod tests {
         for step in 1..=2000 {
             let gradient = p.map(|p| 2.0 * p);
             let rate = 0.05 * (1.0 - step as f32 / 2000.0);
-            Adam::new(step).update(&mut p, [&mut m, &mut v], &gradient, &[rate; 2]);
+            update(Adam::new(step), &mut p, [&mut m, &mut v], &gradient, &[rate; 2]);
         }
         assert!(p.iter().all(|p| p.abs() < 1e-2), "{p:?}");
-        Adam::new(1).update(&mut p, [&mut m, &mut v], &[f32::NAN, 0.0], &[1e-3; 2]);
+        update(Adam::new(1), &mut p, [&mut m, &mut v], &[f32::NAN, 0.0], &[1e-3; 2]);
         assert!(p.iter().all(|p| p.is_finite()));
     }
 }

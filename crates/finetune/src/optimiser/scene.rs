@@ -2,7 +2,8 @@
 
 use super::{Adam, Moments};
 use crate::options::LearningRates;
-use crate::view_gradients::{ViewGradients, ViewLoss};
+use crate::stages::loss::ViewLoss;
+use crate::view_gradients::ViewGradients;
 use gs_model::Scene;
 use rayon::prelude::*;
 

@@ -152,8 +152,9 @@ fn evaluate(lens: &Lens, p: &[f64]) -> (f64, Vec<f64>) {
     for (d, r) in drawn.iter().zip(&records) {
         let shape = shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]));
         let v_raw = [0, 1, 2].map(|ch| if d.raw[ch] >= 0.0 { r[ch] } else { 0.0 });
-        let mean = mean_adjoint(lens, &d.frame, shape.v_s, [r[7], r[8]], DEGREE, &d.sh, v_raw);
-        gradient.extend(mean);
+        let mean = mean_adjoint(lens, &d.frame, shape.v_s, [r[7], r[8]]);
+        let mean = add3(mean, direction_adjoint(&d.frame, &d.sh, v_raw));
+        gradient.extend([mean.x, mean.y, mean.z]);
         gradient.extend(shape.d_rotation);
         gradient.extend(shape.d_log_scale);
         gradient.push(-(r[3] * (1.0 - d.opacity)));
@@ -182,9 +183,8 @@ fn all_gradients_agree_with_central_differences() {
         ignored_distortion: None,
     };
     let lens = Lens::new(&camera);
-    let mut rng = crate::shuffle::Rng(12);
-    let mut r =
-        |low: f64, high: f64| low + (high - low) * (rng.next() >> 11) as f64 / 2f64.powi(53);
+    let mut rng = testing::Rng::seeded(12);
+    let mut r = |low: f64, high: f64| rng.range(low, high);
     let mut p = Vec::new();
     for i in 0..N {
         let z = 2.0 + i as f64;

@@ -207,9 +207,8 @@ mod tests {
     /// `A C - B^2` as every published rasterizer has it, both against f64.
     #[test]
     fn the_factor_is_more_accurate_than_the_conic() {
-        let mut rng = crate::shuffle::Rng(8);
-        let mut r =
-            |low: f64, high: f64| low + (high - low) * (rng.next() >> 11) as f64 * 2f64.powi(-53);
+        let mut rng = testing::Rng::seeded(8);
+        let mut r = |low: f64, high: f64| rng.range(low, high);
         let (mut ours, mut naive, mut not_positive) = (Vec::new(), Vec::new(), 0);
         for _ in 0..20_000 {
             // Rows of V for a needle of up to 3000 pixels and a width far below one.

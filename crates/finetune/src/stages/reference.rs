@@ -111,17 +111,15 @@ pub(crate) fn blend_adjoint(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gradients::{Backward, planes_of};
+    use crate::backward::{Backward, planes_of};
     use crate::image::Image;
     use crate::options::{Loss, RenderOptions};
     use gs_model::{Camera, Scene};
 
     #[test]
     fn the_executor_agrees_with_the_scalar_reference() {
-        let mut rng = crate::shuffle::Rng(4);
-        let mut r = |low: f32, high: f32| {
-            low + (high - low) * (rng.next() >> 40) as f32 / (1u64 << 24) as f32
-        };
+        let mut rng = testing::Rng::seeded(4);
+        let mut r = |low: f64, high: f64| rng.range_f32(low, high);
         let mut scene = Scene { sh_degree: 0, ..Scene::default() };
         for _ in 0..800 {
             scene.means.push([r(-1.0, 1.0), r(-1.0, 1.0), r(1.0, 4.0)]);
@@ -147,7 +145,7 @@ mod tests {
         let mut photo = Image::new(75, 53);
         photo.rgb.iter_mut().for_each(|v| *v = r(0.0, 1.0));
         let mut pass = Backward::<FROZEN>::default();
-        pass.run(&scene, &view, &planes_of(&photo), Loss::default());
+        pass.run(&scene, &view, &planes_of(&photo.rgb), Loss::default());
         let f = &pass.forward;
         let tiles = blend(&view, &f.projected.splats, &f.lists);
         let bits = |v: &[TilePixels]| bytemuck::cast_slice::<_, u32>(v).to_vec();

@@ -27,7 +27,7 @@ pub fn removal_effects(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
         let view = View::new(camera, &RenderOptions::default());
         f.run(scene, &view);
         effects(&view, &f, &mut records);
-        gather::<1>(&f.lists, &records, n, &mut sums);
+        gather(&f.lists, &records, n, &mut sums, |_, _| ());
         for (o, &[s]) in out.iter_mut().zip(&sums) {
             *o += s;
         }

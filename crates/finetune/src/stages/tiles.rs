@@ -109,7 +109,6 @@ pub(crate) fn tile_lists(
 mod tests {
     use super::*;
     use crate::options::RenderOptions;
-    use crate::shuffle::Rng;
     use gs_model::Camera;
 
     #[test]
@@ -123,8 +122,8 @@ mod tests {
             60.0,
         );
         let view = View::new(&camera, &RenderOptions::default());
-        let mut rng = Rng(3);
-        let mut unit = || (rng.next() >> 40) as f32 / (1 << 24) as f32;
+        let mut rng = testing::Rng::seeded(3);
+        let mut unit = || rng.range_f32(0.0, 1.0);
         let mut skipped = 0;
         for _ in 0..2000 {
             let (x, y, cut) = (64.0 * unit(), 64.0 * unit(), 5.0 * unit());
