@@ -67,7 +67,7 @@ pub mod metrics;
 pub mod optimiser;
 mod options;
 mod saliency;
-#[cfg(any(test, feature = "gpu"))]
+#[cfg(feature = "gpu")]
 mod shaders;
 mod shuffle;
 mod stages;

@@ -38,7 +38,7 @@ impl StepUniform {
     pub(crate) fn of_view(view: &View) -> Self {
         let v = |a: [f32; 3]| [a[0], a[1], a[2], 0.0];
         let l = &view.lens;
-        let (rows, eye) = l.arrays();
+        let (rows, eye) = view.pose();
         Self {
             rotation: rows.map(v),
             eye: v(eye),

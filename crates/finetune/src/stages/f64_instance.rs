@@ -32,9 +32,6 @@ fn max(a: F, b: F) -> F {
 fn clamp(x: F, low: F, high: F) -> F {
     x.max(low).min(high)
 }
-fn abs(x: F) -> F {
-    x.abs()
-}
 fn sqrt(x: F) -> F {
     x.sqrt()
 }
@@ -47,7 +44,6 @@ fn sigmoid(l: F) -> F {
 
 include!("math/prelude.rs");
 include!("math/project.wgsl");
-include!("math/reach.wgsl");
 include!("math/project_adjoint.wgsl");
 include!("math/sh.wgsl");
 include!("math/blend.wgsl");
@@ -201,6 +197,15 @@ fn all_gradients_agree_with_central_differences() {
         for k in 0..48 {
             let a = if k < 3 { 1.0 } else { 0.25 };
             p.push(r(-a, a));
+        }
+    }
+    // The factor is that of half the inverse of the covariance.
+    for p in p.chunks_exact(STRIDE) {
+        let s = draw(&lens, p).frame.shape;
+        let det = 1.0 / (4.0 * s.p * s.p * s.r * s.r);
+        let wanted = [det, 2.0 * det * (s.q * s.q + s.r * s.r), 2.0 * det * s.p * s.p];
+        for (got, wanted) in [s.det_over_m * s.m, s.cov_xx, s.cov_yy].iter().zip(wanted) {
+            assert!((got / wanted - 1.0).abs() < 1e-9, "{got} {wanted}");
         }
     }
     let frame = draw(&lens, &p[3 * STRIDE..]).frame;

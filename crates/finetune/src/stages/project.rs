@@ -72,6 +72,13 @@ impl View {
         self.tiles_x as usize * self.tiles_y as usize
     }
 
+    /// Rows of the rotation, and the camera's position.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn pose(&self) -> ([[f32; 3]; 3], [f32; 3]) {
+        let a = |v: V3| [v.x, v.y, v.z];
+        ([self.lens.w0, self.lens.w1, self.lens.w2].map(a), a(self.lens.eye))
+    }
+
     pub(crate) fn tile_at(&self, tile: usize) -> (u32, u32) {
         (tile as u32 % self.tiles_x, tile as u32 / self.tiles_x)
     }

@@ -43,14 +43,6 @@ impl Lens {
     }
 }
 
-impl Lens {
-    /// Rows of the rotation, and the camera's position.
-    pub(crate) fn arrays(&self) -> ([[F; 3]; 3], [F; 3]) {
-        let a = |v: V3| [v.x, v.y, v.z];
-        ([a(self.w0), a(self.w1), a(self.w2)], a(self.eye))
-    }
-}
-
 /// What projection and its adjoint share: everything up to the 2D shape.
 pub(crate) struct Frame {
     /// Mean minus camera position, world axes.
