@@ -7,7 +7,7 @@ use crate::options::Loss;
 use crate::stages::blend_adjoint::{FROZEN, MOVING, TileGradient, blend_adjoint};
 use crate::stages::gather::gather;
 use crate::stages::loss::{SsimScratch, ViewLoss, l1_ssim, mse, to_planes, to_tiles};
-use crate::stages::project::View;
+use crate::stages::project::RenderView;
 
 /// Interleaved pixels as three planes.
 pub(crate) fn planes_of<T: Copy>(rgb: &[T]) -> Vec<T> {
@@ -45,7 +45,7 @@ impl<const N: usize> Backward<N> {
     pub(crate) fn run(
         &mut self,
         scene: &Scene,
-        view: &View,
+        view: &RenderView,
         photo: &[f32],
         loss: Loss,
     ) -> ViewLoss {
@@ -64,7 +64,7 @@ impl<const N: usize> Backward<N> {
     }
 
     /// The stage `loss` on the blended tiles.
-    pub(crate) fn loss(&mut self, view: &View, photo: &[f32], loss: Loss) -> ViewLoss {
+    pub(crate) fn loss(&mut self, view: &RenderView, photo: &[f32], loss: Loss) -> ViewLoss {
         let Self { planes, gradient, scratch, .. } = self;
         to_planes(view, &self.forward.tiles, planes);
         let w = view.width as usize;

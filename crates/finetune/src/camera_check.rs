@@ -59,14 +59,14 @@ const LEAST_SEEN: f64 = 0.5;
 
 /// What cameras see of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct Visibility {
     /// Sum of squared blending weights of each Gaussian over the pixels of all views.
     pub weights: Vec<f32>,
     /// See [`seen_opacity_share`].
     pub share: f64,
 }
 
-impl Seen {
+impl Visibility {
     /// Renders `scene` from each camera that can see it; if these are more than 256, from as many of them, which stand
     /// for all. `step` is called after each with the number of cameras that are done. An error from it ends the
     /// work.

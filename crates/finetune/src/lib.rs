@@ -75,7 +75,7 @@ mod train_view;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{PhotoMatch, References, Seen, photo_match, seen_opacity_share};
+pub use camera_check::{PhotoMatch, References, Visibility, photo_match, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 #[cfg(feature = "gpu")]

@@ -6,7 +6,7 @@ use crate::forward::Forward;
 use crate::options::RenderOptions;
 use crate::stages::blend::blend_weights;
 use crate::stages::gather::gather;
-use crate::stages::project::View;
+use crate::stages::project::RenderView;
 
 /// Blending weights of each Gaussian over a set of views; unit: pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,7 +27,7 @@ pub fn saliency(scene: &Scene, cameras: &[Camera]) -> Saliency {
     let mut f = Forward::default();
     let (mut weights, mut sums) = (Vec::new(), Vec::new());
     for camera in cameras {
-        let view = View::new(camera, &RenderOptions::default());
+        let view = RenderView::new(camera, &RenderOptions::default());
         f.lists(scene, &view);
         blend_weights(&view, &f.projected.splats, &f.lists, &mut weights);
         gather(&f.lists, &weights, n, &mut sums, |_, _| ());

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING};
 use crate::stages::loss::ViewLoss;
-use crate::stages::project::View;
+use crate::stages::project::RenderView;
 use crate::stages::project_adjoint::{ParameterGradient, parameter_gradient};
 use crate::train_view::{TrainView, check_views};
 
@@ -24,7 +24,7 @@ pub struct ViewGradients {
 
 /// A view and the planes of its photo.
 pub(crate) struct PreparedView {
-    pub(crate) view: View,
+    pub(crate) view: RenderView,
     planes: Vec<u8>,
     /// What its gradients are multiplied by.
     pub(crate) weight: f32,
@@ -33,7 +33,7 @@ pub(crate) struct PreparedView {
 impl PreparedView {
     pub(crate) fn new(TrainView { camera, photo }: TrainView, options: &RenderOptions) -> Self {
         let planes = planes_of(&photo.to_rgb8());
-        Self { view: View::new(&camera, options), planes, weight: 1.0 }
+        Self { view: RenderView::new(&camera, options), planes, weight: 1.0 }
     }
 
     /// Puts the planes into `out`.

@@ -5,7 +5,7 @@ use crate::orbit::Orbit;
 use crate::output::is_stdio;
 use crate::progress::Steps;
 use anyhow::{Result, bail};
-use finetune::Seen;
+use finetune::Visibility;
 use gs_model::camera::LensDistortion;
 use gs_model::dataset::{self, HOLD_OUT_EVERY};
 use gs_model::{Camera, Scene, View};
@@ -178,9 +178,9 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
 ///
 /// # Errors
 /// If they see nothing.
-pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Seen> {
+pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Visibility> {
     let steps = Steps::new("importance", cameras.len() as u64);
-    let Ok(seen) = Seen::of(scene, cameras, |_| {
+    let Ok(seen) = Visibility::of(scene, cameras, |_| {
         steps.inc();
         Ok::<_, Infallible>(())
     });

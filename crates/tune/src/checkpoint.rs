@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use finetune::TrainView;
-use finetune::optimiser::Moments;
+use finetune::optimiser::AdamMoments;
 use gs_model::Scene;
 
 use crate::error::{Error, Result};
@@ -35,9 +35,9 @@ pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &str) -> 
 }
 
 /// A checkpoint that is being put together.
-pub(crate) struct Writer(Vec<u8>);
+pub(crate) struct CheckpointWriter(Vec<u8>);
 
-impl Writer {
+impl CheckpointWriter {
     pub(crate) fn new(fingerprint: u32) -> Self {
         let mut out = MAGIC.to_vec();
         out.extend(VERSION.to_le_bytes());
@@ -60,7 +60,7 @@ impl Writer {
         values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
     }
 
-    pub(crate) fn moments(&mut self, moments: &Moments) {
+    pub(crate) fn moments(&mut self, moments: &AdamMoments) {
         self.floats(&moments.first);
         self.floats(&moments.second);
     }
@@ -107,19 +107,19 @@ fn io(file: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Error
 }
 
 /// A checkpoint that is being taken apart.
-pub(crate) struct Reader<'a> {
+pub(crate) struct CheckpointReader<'a> {
     path: &'a Path,
     bytes: Vec<u8>,
     at: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> CheckpointReader<'a> {
     /// Opens a checkpoint of the run with this fingerprint.
     pub(crate) fn open(path: &'a Path, fingerprint: u32) -> Result<Self> {
         Self::new(path, std::fs::read(path).map_err(io(path, "read"))?, fingerprint)
     }
 
-    /// As [`Reader::open`], of what is in memory.
+    /// As [`CheckpointReader::open`], of what is in memory.
     pub(crate) fn new(path: &'a Path, bytes: Vec<u8>, fingerprint: u32) -> Result<Self> {
         let mut this = Self { path, bytes, at: 0 };
         if this.take::<8>()? != MAGIC || u32::from_le_bytes(this.take()?) != VERSION {
@@ -197,8 +197,8 @@ impl<'a> Reader<'a> {
     }
 
     /// Moments of as many parameters as `like`.
-    pub(crate) fn moments(&mut self, like: &Moments) -> Result<Moments> {
-        let read = Moments { first: self.floats()?, second: self.floats()? };
+    pub(crate) fn moments(&mut self, like: &AdamMoments) -> Result<AdamMoments> {
+        let read = AdamMoments { first: self.floats()?, second: self.floats()? };
         if read.first.len() != like.first.len() || read.second.len() != like.second.len() {
             return Err(self.error("moments differ in number"));
         }

@@ -5,7 +5,7 @@
 //! codec makes a new scene of the values, and the bits have a gradient too, from what the coder expects of
 //! each coefficient. The steps between render the same scene, which costs little more than a plain step.
 
-use finetune::optimiser::{Adam, Moments};
+use finetune::optimiser::{Adam, AdamMoments};
 #[cfg(feature = "gpu")]
 use finetune::{Adapter, kernels::KernelStep};
 use finetune::{ViewGradients, ViewLoss};
@@ -40,7 +40,7 @@ pub(crate) struct CodecLoop {
     /// What a decoder would return when the codec last ran, then the outliers.
     pub(crate) scene: Scene,
     pub(crate) outliers: Option<Scene>,
-    pub(crate) moments: Moments,
+    pub(crate) moments: AdamMoments,
     rates: Vec<f32>,
     prices: Vec<f32>,
     pub(crate) quality: f32,
@@ -58,7 +58,7 @@ pub(crate) struct CodecLoop {
 }
 
 /// Where a loop begins.
-pub(crate) struct Start {
+pub(crate) struct LoopStart {
     pub(crate) octree: Octree,
     /// Importance of each leaf.
     pub(crate) importance: Vec<f32>,
@@ -79,8 +79,8 @@ pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> Result<Encod
 }
 
 impl CodecLoop {
-    pub(crate) fn new(start: Start) -> Self {
-        let Start { octree, importance, outliers, latents, quality, steps, pixels } = start;
+    pub(crate) fn new(start: LoopStart) -> Self {
+        let LoopStart { octree, importance, outliers, latents, quality, steps, pixels } = start;
         let n = latents.values().len();
         let [opacity, dc, ac, covariance] = RATES;
         let mut rates = vec![opacity];
@@ -106,7 +106,7 @@ impl CodecLoop {
             importance,
             scene,
             outliers,
-            moments: Moments::zeros(n),
+            moments: AdamMoments::zeros(n),
             rates,
             prices: vec![0.0; n],
             quality,

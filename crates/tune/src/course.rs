@@ -2,15 +2,15 @@
 
 use gs_model::Scene;
 
-use crate::checkpoint::{Reader, Writer};
+use crate::checkpoint::{CheckpointReader, CheckpointWriter};
 use crate::codec_loop::{CodecLoop, FITTED};
 use crate::error::{Error, Result};
 use crate::options::Target;
-use crate::plan::Plan;
+use crate::plan::TunePlan;
 use crate::progress::{StageName, StopReason};
 use crate::stage::{self, Stage};
 use crate::steering;
-use crate::trainer::{State, Work};
+use crate::trainer::{RunState, Work};
 use crate::views::Views;
 
 /// From this share of the loop on, the best state is kept.
@@ -18,7 +18,7 @@ const BEST_FROM: f64 = 0.5;
 
 /// See the module.
 pub(crate) struct Course {
-    pub(crate) plan: Plan,
+    pub(crate) plan: TunePlan,
     target: Target,
     /// Gaussians of the input.
     pub(crate) input: usize,
@@ -30,7 +30,12 @@ pub(crate) struct Course {
 
 impl Course {
     /// Prunes for the first round.
-    pub(crate) fn new(plan: Plan, target: Target, scene: Scene, views: &mut Views) -> Result<Self> {
+    pub(crate) fn new(
+        plan: TunePlan,
+        target: Target,
+        scene: Scene,
+        views: &mut Views,
+    ) -> Result<Self> {
         let input = scene.len();
         let stage = stage::round(&plan, views, scene, input, 1)?;
         views.gradients.move_means(true);
@@ -145,7 +150,7 @@ impl Work for Course {
         }
     }
 
-    fn write(&self, out: &mut Writer) {
+    fn write(&self, out: &mut CheckpointWriter) {
         out.numbers(self.aside_psnr.as_slice());
         match &self.best {
             Some((cost, (values, quality))) => {
@@ -157,7 +162,7 @@ impl Work for Course {
         self.stage.write(out);
     }
 
-    fn read(&mut self, input: &mut Reader<'_>, views: &mut Views) -> Result<()> {
+    fn read(&mut self, input: &mut CheckpointReader<'_>, views: &mut Views) -> Result<()> {
         self.aside_psnr = input.numbers()?.first().copied();
         self.best = match input.numbers()?[..] {
             [cost, quality] => Some((cost, (input.floats()?, quality as f32))),
@@ -168,7 +173,7 @@ impl Work for Course {
         Ok(())
     }
 
-    fn state(&self) -> State<'_> {
+    fn state(&self) -> RunState<'_> {
         let (stage, bytes) = match &self.stage {
             Stage::Round { round, .. } => {
                 (StageName::Round { round: *round, rounds: self.plan.rounds }, None)
@@ -176,6 +181,6 @@ impl Work for Course {
             Stage::Loop(state) => (StageName::CodecInTheLoop, Some(state.bytes)),
         };
         let (scene, aside_psnr) = (self.stage.scene(), self.aside_psnr);
-        State { stage, scene, aside_psnr, pass_psnr: None, bytes }
+        RunState { stage, scene, aside_psnr, pass_psnr: None, bytes }
     }
 }

@@ -5,7 +5,7 @@
 //! the bytes is work of the encoder, and so is the stream at the end.
 
 use finetune::kernels::{KernelLoop, KernelStep};
-use finetune::optimiser::Moments;
+use finetune::optimiser::AdamMoments;
 use finetune::{Adapter, ViewGradients, ViewLoss};
 use gs_model::Scene;
 use gsvx::latents::Latents;
@@ -29,7 +29,7 @@ impl Device {
         views: &ViewGradients,
         scene: &Scene,
         latents: &Latents,
-        moments: &Moments,
+        moments: &AdamMoments,
         loss: ViewLoss,
     ) -> Result<Self> {
         let mut kernels = views.with_kernels(adapter, scene, &program(latents))?;
@@ -45,7 +45,7 @@ impl Device {
     }
 
     /// Fetches values and moments if the device has newer ones.
-    pub(crate) fn fetch(&mut self, latents: &mut Latents, moments: &mut Moments) -> Result<()> {
+    pub(crate) fn fetch(&mut self, latents: &mut Latents, moments: &mut AdamMoments) -> Result<()> {
         if !std::mem::take(&mut self.ahead) {
             return Ok(());
         }
@@ -77,8 +77,8 @@ impl Device {
 mod tests {
     use super::*;
     use crate::codec_loop::CodecLoop;
-    use crate::options::{Options, Target};
-    use crate::plan::Plan;
+    use crate::options::{Target, TuneOptions};
+    use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
     use finetune::{Image, TrainView};
@@ -86,8 +86,8 @@ mod tests {
     use gs_model::{dataset, ply};
     use std::path::Path;
 
-    const PLAN: Plan =
-        Plan { quality: 58.0, fraction: 0.5, rounds: 1, round_steps: 0, loop_steps: 100 };
+    const PLAN: TunePlan =
+        TunePlan { quality: 58.0, fraction: 0.5, rounds: 1, round_steps: 0, loop_steps: 100 };
 
     /// A loop on every `every`th Gaussian of the room, and six of its views; `None` without an adapter.
     fn room(every: usize) -> Option<(CodecLoop, CodecLoop, Views)> {
@@ -103,7 +103,7 @@ mod tests {
         };
         let views =
             dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
-        let options = Options::new(Target::Quality(PLAN.quality));
+        let options = TuneOptions::new(Target::Quality(PLAN.quality));
         let mut views = Views::new(&scene, views, options.seed).unwrap();
         let on_host = stage::codec_loop(&PLAN, &views, &scene).unwrap();
         let mut on_device = stage::codec_loop(&PLAN, &views, &scene).unwrap();

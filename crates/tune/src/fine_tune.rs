@@ -9,13 +9,13 @@ use finetune::{Adapter, DeviceOptimiser};
 use finetune::{Backend, BackendReport, Loss, TrainView, ViewLoss};
 use gs_model::Scene;
 
-use crate::checkpoint::{Reader, Writer, fingerprint};
+use crate::checkpoint::{CheckpointReader, CheckpointWriter, fingerprint};
 use crate::clock::Clock;
 use crate::epochs::Epochs;
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
 use crate::scene_loop::SceneLoop;
-use crate::trainer::{Settings, State, Trainer, Work};
+use crate::trainer::{RunState, Settings, Trainer, Work};
 use crate::views::Views;
 
 /// How to fine-tune.
@@ -253,13 +253,13 @@ impl Work for Attributes {
         Ok(())
     }
 
-    fn write(&self, out: &mut Writer) {
+    fn write(&self, out: &mut CheckpointWriter) {
         out.numbers(&self.epochs.past);
         out.numbers(&self.epochs.current);
         self.run.write(out);
     }
 
-    fn read(&mut self, input: &mut Reader<'_>, _: &mut Views) -> Result<()> {
+    fn read(&mut self, input: &mut CheckpointReader<'_>, _: &mut Views) -> Result<()> {
         let (past, current) = (input.numbers()?, input.numbers()?);
         // A pass ends when its length is reached, so a longer one would never end.
         if current.len() >= self.views {
@@ -277,8 +277,8 @@ impl Work for Attributes {
         Ok(())
     }
 
-    fn state(&self) -> State<'_> {
-        State {
+    fn state(&self) -> RunState<'_> {
+        RunState {
             stage: StageName::Attributes,
             scene: self.run.scene(),
             aside_psnr: None,

@@ -1,4 +1,4 @@
-//! [`Plan`]: how far to prune and how long to tune, from the target.
+//! [`TunePlan`]: how far to prune and how long to tune, from the target.
 //!
 //! All settings follow from one number, the quality, which sets the quantisation steps. A Gaussian is left
 //! out if the views change less without it than by the quantisation error that the quality allows: see
@@ -15,7 +15,7 @@ const LEFT_OUT_BELOW: f64 = 9.0;
 const MOST_LEFT_OUT: f64 = 0.95;
 /// The DC basis function.
 pub(crate) const DC_BASIS: f64 = 0.282_094_791_773_878_14;
-/// [`Effort::Quick`] prunes as far as a quality so much higher.
+/// [`TuneEffort::Quick`] prunes as far as a quality so much higher.
 const QUICK_PRUNES_AS: f32 = 4.0;
 /// The octree is that of a quality so much lower: positions are fitted no better than that.
 const VOXEL_QUALITY_BELOW: f32 = 14.0;
@@ -25,7 +25,7 @@ const COVARIANCE_STEP: f32 = 1.4;
 
 /// How long to tune.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Effort {
+pub enum TuneEffort {
     /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on one core.
     Quick,
     /// About five minutes for the same.
@@ -37,7 +37,7 @@ pub enum Effort {
 
 /// What a run will do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plan {
+pub struct TunePlan {
     /// Sets the quantisation steps.
     pub quality: f32,
     /// Fraction of the Gaussians that is left out.
@@ -50,17 +50,17 @@ pub struct Plan {
     pub loop_steps: u64,
 }
 
-impl Plan {
+impl TunePlan {
     /// The plan for a quality.
-    pub(crate) fn new(quality: f32, effort: Effort, spare: &Spare) -> Result<Self> {
+    pub(crate) fn new(quality: f32, effort: TuneEffort, spare: &Spare) -> Result<Self> {
         EncodeOptions::from_quality(quality)?;
         let (rounds, round_steps, loop_steps) = match effort {
-            Effort::Quick => (3, 80, 400),
-            Effort::Normal => (4, 300, 2400),
-            Effort::Long => (5, 1000, 9000),
+            TuneEffort::Quick => (3, 80, 400),
+            TuneEffort::Normal => (4, 300, 2400),
+            TuneEffort::Long => (5, 1000, 9000),
         };
         // A short run recovers from less pruning.
-        let mild = if effort == Effort::Quick { QUICK_PRUNES_AS } else { 0.0 };
+        let mild = if effort == TuneEffort::Quick { QUICK_PRUNES_AS } else { 0.0 };
         let fraction = spare.fraction((quality + mild).min(100.0))?;
         Ok(Self { quality, fraction, rounds, round_steps, loop_steps })
     }
@@ -186,7 +186,7 @@ mod tests {
         let fractions: Vec<f64> = (0..=100).map(|q| spare.fraction(q as f32).unwrap()).collect();
         assert!(fractions.windows(2).all(|w| w[0] >= w[1]), "{fractions:?}");
         assert!(fractions[20] > fractions[58] && fractions[58] > fractions[90], "{fractions:?}");
-        assert!(Plan::new(101.0, Effort::Quick, &spare).is_err());
+        assert!(TunePlan::new(101.0, TuneEffort::Quick, &spare).is_err());
     }
 
     #[test]
@@ -214,7 +214,10 @@ mod tests {
 
     #[test]
     fn rounds_leave_the_fraction() {
-        let plan = Plan { fraction: 0.5, ..Plan::new(58.0, Effort::Normal, &spare()).unwrap() };
+        let plan = TunePlan {
+            fraction: 0.5,
+            ..TunePlan::new(58.0, TuneEffort::Normal, &spare()).unwrap()
+        };
         let kept: Vec<usize> = (1..=plan.rounds).map(|r| plan.kept(1000, r)).collect();
         assert_eq!(kept[3], 500);
         assert!(kept.windows(2).all(|w| w[0] > w[1]));

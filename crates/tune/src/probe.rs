@@ -5,8 +5,8 @@ use gsvx::rate;
 
 use crate::codec_loop::encode_options;
 use crate::error::{Error, Result};
-use crate::options::{Options, Target};
-use crate::plan::{Plan, Spare, quality_for_psnr, voxel_options};
+use crate::options::{Target, TuneOptions};
+use crate::plan::{Spare, TunePlan, quality_for_psnr, voxel_options};
 use crate::views::Views;
 
 /// Bytes of a tuned stream over those of one of the same plan without tuning, about: where a search for
@@ -17,9 +17,9 @@ const TUNED_OVER_PROBED: f64 = 0.85;
 pub(crate) fn plan(
     scene: &Scene,
     views: &Views,
-    options: &Options,
+    options: &TuneOptions,
     input_psnr: f64,
-) -> Result<Plan> {
+) -> Result<TunePlan> {
     if let Some(plan) = options.plan {
         return plan.checked();
     }
@@ -39,7 +39,7 @@ pub(crate) fn plan(
             found.quality
         }
     };
-    Plan::new(quality, options.effort, &spare)
+    TunePlan::new(quality, options.effort, &spare)
 }
 
 /// Bytes of the smallest stream that has a Gaussian, to five points of quality.
@@ -63,13 +63,13 @@ fn probe(
     (effects, importance): (&[f32], &[f32]),
     spare: &Spare,
     quality: f32,
-    options: &Options,
+    options: &TuneOptions,
 ) -> gsvx::Result<Vec<u8>> {
     let as_codec = |e: Error| match e {
         Error::Codec(e) => e,
         _ => gsvx::Error::Option { option: "quality", value: quality.into(), range: "0 to 100" },
     };
-    let plan = Plan::new(quality, options.effort, spare).map_err(as_codec)?;
+    let plan = TunePlan::new(quality, options.effort, spare).map_err(as_codec)?;
     let kept = gsvx::prune(effects, plan.fraction)?;
     let importance = kept.iter().map(|&i| importance[i]).collect();
     let prepared = gsvx::prepare(&scene.select(&kept), &voxel_options(quality, importance)?)?;

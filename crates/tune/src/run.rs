@@ -8,10 +8,10 @@ use crate::clock::Clock;
 use crate::codec_loop::CodecLoop;
 use crate::course::Course;
 use crate::error::{Error, Result};
-use crate::options::{Options, Target};
-use crate::plan::Plan;
+use crate::options::{Target, TuneOptions};
+use crate::plan::TunePlan;
 use crate::probe::plan;
-use crate::progress::{Outcome, Progress, StopReason};
+use crate::progress::{Progress, StopReason, TuneOutcome};
 use crate::steering;
 use crate::trainer::{Settings, Trainer};
 use crate::views::Views;
@@ -47,20 +47,20 @@ impl Tune {
     ///
     /// # Errors
     /// Those of [`Error`].
-    pub fn new(scene: Scene, views: Vec<TrainView>, options: Options) -> Result<Self> {
+    pub fn new(scene: Scene, views: Vec<TrainView>, options: TuneOptions) -> Result<Self> {
         scene.validate()?;
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
         {
             return Err(Error::target("target PSNR", db, "a number of dB"));
         }
-        let Options { target, effort, plan: given, seed, .. } = &options;
+        let TuneOptions { target, effort, plan: given, seed, .. } = &options;
         let shared = format!("{target:?} {effort:?} {given:?} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
         let views = Views::new(&scene, views, options.seed)?;
         let input_psnr = views.check(&scene)?;
         let plan = plan(&scene, &views, &options, input_psnr)?;
-        let Options { target, backend, checkpoint, cancel, .. } = options;
+        let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
         let settings = Settings { fingerprint, backend, checkpoint, cancel };
         let mut trainer = Trainer::new(views, settings)?;
         let step_seconds = seconds_of_a_step(&scene, &mut trainer.views);
@@ -71,7 +71,7 @@ impl Tune {
 
     /// What the run will do.
     #[must_use]
-    pub fn plan(&self) -> &Plan {
+    pub fn plan(&self) -> &TunePlan {
         &self.course.plan
     }
 
@@ -122,7 +122,7 @@ impl Tune {
     ///
     /// # Errors
     /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Finetune`] if a GPU that was asked for fails.
-    pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<Outcome> {
+    pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
         let Self { mut trainer, mut course, target, input_psnr, .. } = self;
         let started = Clock::start();
         let cancelled = trainer.run(&mut course, progress)? == StopReason::Cancelled;
@@ -140,7 +140,7 @@ impl Tune {
         let sh_degree = encoded.index.header.sh_degree;
         let mut scene = Scene { sh_degree, ..Scene::default() };
         scene.append(&last);
-        Ok(Outcome {
+        Ok(TuneOutcome {
             encoded,
             scene,
             counted_bytes,

@@ -5,7 +5,7 @@ use finetune::optimiser::SceneOptimiser;
 use finetune::{LearningRates, ViewGradients, ViewLoss};
 use gs_model::{Camera, Scene};
 
-use crate::checkpoint::{Reader, Writer};
+use crate::checkpoint::{CheckpointReader, CheckpointWriter};
 use crate::error::Result;
 
 /// Rate of the means where they move, over the extent of the cameras.
@@ -62,14 +62,18 @@ impl SceneLoop {
     }
 
     /// Adds what a run needs to go on from here.
-    pub(crate) fn write(&self, out: &mut Writer) {
+    pub(crate) fn write(&self, out: &mut CheckpointWriter) {
         out.integers(&[self.done]);
         out.scene(self.scene());
         out.moments(&self.optimiser.moments);
     }
 
     /// Undoes [`SceneLoop::write`].
-    pub(crate) fn read(input: &mut Reader<'_>, mean_rate: f32, steps: u64) -> Result<Self> {
+    pub(crate) fn read(
+        input: &mut CheckpointReader<'_>,
+        mean_rate: f32,
+        steps: u64,
+    ) -> Result<Self> {
         let [done] = input.integers()?[..] else { return Err(input.error("steps")) };
         let scene = input.scene()?;
         scene.validate().map_err(|_| input.error("a scene that is not valid"))?;

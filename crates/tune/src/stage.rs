@@ -1,15 +1,15 @@
 //! The two stages of a run, how one follows the other, and what a checkpoint keeps of each.
 
-use finetune::optimiser::Moments;
+use finetune::optimiser::AdamMoments;
 use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;
 use gsvx::latents::Latents;
 use gsvx::{EncodeOptions, Prepared};
 
-use crate::checkpoint::{Reader, Writer};
-use crate::codec_loop::{CodecLoop, Start, encode_options};
+use crate::checkpoint::{CheckpointReader, CheckpointWriter};
+use crate::codec_loop::{CodecLoop, LoopStart, encode_options};
 use crate::error::{Error, Result};
-use crate::plan::{Plan, voxel_options};
+use crate::plan::{TunePlan, voxel_options};
 use crate::scene_loop::{SceneLoop, mean_rate};
 use crate::views::Views;
 
@@ -23,7 +23,7 @@ pub(crate) enum Stage {
 
 /// Prunes to what remains after round `round` and starts the recovery.
 pub(crate) fn round(
-    plan: &Plan,
+    plan: &TunePlan,
     views: &Views,
     scene: Scene,
     input: usize,
@@ -42,7 +42,7 @@ pub(crate) fn round(
 }
 
 /// Voxelizes and puts the codec into the loop.
-pub(crate) fn codec_loop(plan: &Plan, views: &Views, scene: &Scene) -> Result<CodecLoop> {
+pub(crate) fn codec_loop(plan: &TunePlan, views: &Views, scene: &Scene) -> Result<CodecLoop> {
     let options = voxel_options(plan.quality, views.importance(scene))?;
     let Prepared { scene, voxels, importance, outliers } = gsvx::prepare(scene, &options)?;
     if scene.is_empty() {
@@ -52,7 +52,7 @@ pub(crate) fn codec_loop(plan: &Plan, views: &Views, scene: &Scene) -> Result<Co
     let octree = voxels.octree().clone();
     let latents = Latents::new(&scene, &octree, &options)?;
     let outliers = outliers.map(|o| at_degree(&o, latents.sh_degree()));
-    let start = Start {
+    let start = LoopStart {
         octree,
         importance,
         outliers,
@@ -81,7 +81,7 @@ impl Stage {
     }
 
     /// Adds what a run needs to go on from here.
-    pub(crate) fn write(&self, out: &mut Writer) {
+    pub(crate) fn write(&self, out: &mut CheckpointWriter) {
         match self {
             Self::Round { round, recovery } => {
                 out.integers(&[0, *round]);
@@ -102,7 +102,11 @@ impl Stage {
     }
 
     /// Undoes [`Stage::write`].
-    pub(crate) fn read(input: &mut Reader<'_>, plan: &Plan, views: &Views) -> Result<Self> {
+    pub(crate) fn read(
+        input: &mut CheckpointReader<'_>,
+        plan: &TunePlan,
+        views: &Views,
+    ) -> Result<Self> {
         match input.integers()?[..] {
             [0, round] => {
                 let recovery = SceneLoop::read(input, mean_rate(&views.cameras), plan.round_steps)?;
@@ -117,14 +121,14 @@ impl Stage {
     }
 }
 
-fn write_leaves(out: &mut Writer, octree: &Octree) {
+fn write_leaves(out: &mut CheckpointWriter, octree: &Octree) {
     let Cube { origin, side } = octree.cube();
     out.numbers(&[origin[0], origin[1], origin[2], side, octree.depth().into()]);
     out.integers(&octree.leaves().iter().map(|l| l.morton).collect::<Vec<_>>());
     out.integers(&octree.leaves().iter().map(|l| l.depth.into()).collect::<Vec<_>>());
 }
 
-fn read_leaves(input: &mut Reader<'_>) -> Result<Octree> {
+fn read_leaves(input: &mut CheckpointReader<'_>) -> Result<Octree> {
     let [x, y, z, side, depth] = input.numbers()?[..] else {
         return Err(input.error("octree"));
     };
@@ -139,7 +143,7 @@ fn read_leaves(input: &mut Reader<'_>) -> Result<Octree> {
 }
 
 fn read_loop(
-    input: &mut Reader<'_>,
+    input: &mut CheckpointReader<'_>,
     views: &Views,
     (steps, done, sh_degree): (u64, u64, u8),
 ) -> Result<CodecLoop> {
@@ -149,12 +153,12 @@ fn read_loop(
     let values = input.floats()?;
     let options: EncodeOptions = encode_options(quality as f32, importance.clone())?;
     let latents = Latents::with_values(&octree, &importance, &options, sh_degree, values)?;
-    let moments = input.moments(&Moments::zeros(latents.values().len()))?;
+    let moments = input.moments(&AdamMoments::zeros(latents.values().len()))?;
     let outliers = input.scene()?;
     let outliers = (!outliers.is_empty()).then_some(outliers);
     let pixels = views.pixels();
     let quality = quality as f32;
-    let start = Start { octree, importance, outliers, latents, quality, steps, pixels };
+    let start = LoopStart { octree, importance, outliers, latents, quality, steps, pixels };
     let mut state = CodecLoop::new(start);
     (state.moments, state.done) = (moments, done);
     Ok(state)

@@ -9,7 +9,7 @@ use finetune::backend;
 use finetune::{Backend, BackendReport};
 use gs_model::Scene;
 
-use crate::checkpoint::{self, Reader, Writer};
+use crate::checkpoint::{self, CheckpointReader, CheckpointWriter};
 use crate::clock::Clock;
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
@@ -35,15 +35,15 @@ pub(crate) trait Work {
     /// Takes the steps back from a graphics adapter.
     fn fetch(&mut self) -> Result<()>;
     /// Adds what a run needs to go on from here.
-    fn write(&self, out: &mut Writer);
+    fn write(&self, out: &mut CheckpointWriter);
     /// Undoes [`Work::write`]. The steps that come are made on the processor.
-    fn read(&mut self, input: &mut Reader<'_>, views: &mut Views) -> Result<()>;
+    fn read(&mut self, input: &mut CheckpointReader<'_>, views: &mut Views) -> Result<()>;
     /// For a report.
-    fn state(&self) -> State<'_>;
+    fn state(&self) -> RunState<'_>;
 }
 
 /// See the fields of [`Progress`].
-pub(crate) struct State<'a> {
+pub(crate) struct RunState<'a> {
     pub(crate) stage: StageName,
     pub(crate) scene: &'a Scene,
     pub(crate) aside_psnr: Option<f64>,
@@ -97,10 +97,10 @@ impl Trainer {
     /// Goes on from the checkpoint, if there is one.
     pub(crate) fn resume(&mut self, work: &mut impl Work) -> Result<()> {
         let Some(path) = self.checkpoint.clone().filter(|p| p.exists()) else { return Ok(()) };
-        self.read(work, Reader::open(&path, self.fingerprint)?)
+        self.read(work, CheckpointReader::open(&path, self.fingerprint)?)
     }
 
-    fn read(&mut self, work: &mut impl Work, mut file: Reader<'_>) -> Result<()> {
+    fn read(&mut self, work: &mut impl Work, mut file: CheckpointReader<'_>) -> Result<()> {
         let [done] = file.integers()?[..] else { return Err(file.error("steps")) };
         work.read(&mut file, &mut self.views)?;
         (self.done, self.begun) = (done, done);
@@ -120,7 +120,8 @@ impl Trainer {
         loop {
             match (self.steps(work, clock, &mut progress), self.kept.take()) {
                 (Err(Error::Finetune(finetune::Error::Gpu { reason })), Some(kept)) => {
-                    let kept = Reader::new(Path::new("kept state"), kept, self.fingerprint)?;
+                    let kept =
+                        CheckpointReader::new(Path::new("kept state"), kept, self.fingerprint)?;
                     self.read(work, kept)?;
                     self.backend = took_over(&reason, self.done);
                 }
@@ -162,7 +163,7 @@ impl Trainer {
     }
 
     fn state(&self, work: &impl Work) -> Vec<u8> {
-        let mut out = Writer::new(self.fingerprint);
+        let mut out = CheckpointWriter::new(self.fingerprint);
         out.integers(&[self.done]);
         work.write(&mut out);
         out.finish()
@@ -192,7 +193,7 @@ impl Trainer {
     ) -> Progress<'a> {
         let seconds = started.seconds();
         let per_step = seconds / self.done.saturating_sub(first).max(1) as f64;
-        let State { stage, scene, aside_psnr, pass_psnr, bytes } = work.state();
+        let RunState { stage, scene, aside_psnr, pass_psnr, bytes } = work.state();
         Progress {
             stage,
             step: self.done,
@@ -273,19 +274,19 @@ mod tests {
             Ok(())
         }
 
-        fn write(&self, out: &mut Writer) {
+        fn write(&self, out: &mut CheckpointWriter) {
             out.integers(&[self.sum, self.done]);
         }
 
-        fn read(&mut self, input: &mut Reader<'_>, _: &mut Views) -> Result<()> {
+        fn read(&mut self, input: &mut CheckpointReader<'_>, _: &mut Views) -> Result<()> {
             let [sum, done] = input.integers()?[..] else { return Err(input.error("sum")) };
             (self.sum, self.done, self.on_gpu) = (sum, done, None);
             Ok(())
         }
 
-        fn state(&self) -> State<'_> {
+        fn state(&self) -> RunState<'_> {
             let (stage, scene) = (StageName::Attributes, &self.scene);
-            State { stage, scene, aside_psnr: None, pass_psnr: None, bytes: None }
+            RunState { stage, scene, aside_psnr: None, pass_psnr: None, bytes: None }
         }
     }
 

@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use super::device::Context;
 use super::loops;
-use super::passes::Stage;
+use super::passes::GpuStage;
 use super::program::Program;
 use super::sizes::{LOSS_RING, Sizes};
 use super::uniform::StepUniform;
@@ -12,7 +12,7 @@ use super::workspace::Workspace;
 use crate::error::Result;
 use crate::options::Loss;
 use crate::stages::loss::ViewLoss;
-use crate::stages::project::View;
+use crate::stages::project::RenderView;
 use crate::view_gradients::PreparedView;
 
 /// A training view and its photo on the device.
@@ -24,7 +24,7 @@ struct DeviceView {
 
 impl DeviceView {
     /// A view with the planes of its photo.
-    fn new(workspace: &Workspace, view: &View, planes: &[f32]) -> Result<Self> {
+    fn new(workspace: &Workspace, view: &RenderView, planes: &[f32]) -> Result<Self> {
         let photo = workspace.storage("photo", planes.len())?;
         workspace.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(planes));
         let group = workspace.bind_group("loss", &[], &[("photo", &photo)]);
@@ -40,18 +40,19 @@ impl DeviceView {
 struct Pending {
     view: usize,
     u: StepUniform,
-    stages: &'static [Stage],
+    stages: &'static [GpuStage],
 }
 
 /// The sizes of a scene and its views.
 fn sizes(scene: &Scene, views: &[PreparedView]) -> Sizes {
-    let largest = |of: fn(&View) -> usize| views.iter().map(|v| of(&v.view)).fold(1, usize::max);
+    let largest =
+        |of: fn(&RenderView) -> usize| views.iter().map(|v| of(&v.view)).fold(1, usize::max);
     Sizes {
         count: scene.len(),
         sh_len: scene.sh_len(),
         // Grows on demand: a step that needs more slots is repeated.
         capacity: (4 * scene.len()).max(1 << 14),
-        tiles: largest(View::tiles),
+        tiles: largest(RenderView::tiles),
         pixels: largest(|v| v.width as usize * v.height as usize),
     }
 }
@@ -104,7 +105,7 @@ impl DeviceSteps {
         &mut self,
         view: usize,
         u: StepUniform,
-        stages: &'static [Stage],
+        stages: &'static [GpuStage],
     ) -> Result<()> {
         self.submit(Pending { view: view % self.views.len(), u, stages })?;
         if self.pending.len() == LOSS_RING { self.settle() } else { Ok(()) }
@@ -119,7 +120,7 @@ impl DeviceSteps {
             None => self.workspace.run(step.stages, u, group),
             // Slower, but only a software adapter has a limit.
             Some(limit) => {
-                let lists = step.stages.iter().take_while(|s| **s != Stage::Blend).count();
+                let lists = step.stages.iter().take_while(|s| **s != GpuStage::Blend).count();
                 self.workspace.run(&step.stages[..lists], u, group);
                 let tiles = (u.tiles_x * u.tiles_y) as usize;
                 loops::check_lists(limit, &self.workspace.read::<u32>("offsets", tiles + 1)?)?;

@@ -7,7 +7,7 @@ use gs_model::{Camera, Scene};
 
 use super::device::Context;
 use super::executor::DeviceOptimiser;
-use super::passes::{Stage, fold};
+use super::passes::{GpuStage, fold};
 use super::sizes::Sizes;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
@@ -20,7 +20,7 @@ use crate::options::{LearningRates, Loss, RenderOptions};
 use crate::shaders::BLOCKS;
 use crate::stages::blend_adjoint::{FROZEN, TileGradient};
 use crate::stages::loss::ViewLoss;
-use crate::stages::project::{CULLED, View};
+use crate::stages::project::{CULLED, RenderView};
 use crate::train_view::TrainView;
 use crate::view_gradients::{PreparedView, ViewGradients};
 use testing::Rng;
@@ -79,7 +79,7 @@ fn photo(width: u32, height: u32) -> Image {
 /// A step in both executors: the Rust results, and a workspace into which tests write inputs.
 struct Pair {
     scene: Scene,
-    view: View,
+    view: RenderView,
     cpu: Backward<FROZEN>,
     loss: ViewLoss,
     photo: Vec<f32>,
@@ -97,7 +97,7 @@ fn pair_of(scene: Scene, [width, height]: [u32; 2], loss: Loss) -> Option<Pair> 
     let context = context()?;
     let n = scene.len();
     let options = RenderOptions { background: BACKGROUND, ..Default::default() };
-    let view = View::new(&camera(width, height), &options);
+    let view = RenderView::new(&camera(width, height), &options);
     let photo = planes_of(&photo(width, height).rgb);
     let mut cpu = Backward::<FROZEN>::default();
     let value = cpu.run(&scene, &view, &photo, loss);
@@ -152,7 +152,7 @@ fn flat<T: bytemuck::NoUninit>(v: &[T]) -> Vec<f32> {
 #[test]
 fn project_agrees() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
-    p.gpu.run(&[Stage::Project], &p.u, None);
+    p.gpu.run(&[GpuStage::Project], &p.u, None);
     let keys: Vec<u32> = p.gpu.read("keys", 3000).unwrap();
     let f = &p.cpu.forward.projected;
     let visible = f.keys.iter().filter(|&&k| k != CULLED).count();
@@ -187,12 +187,16 @@ fn project_agrees() {
 fn lists_are_equal() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     // Counts come from `project`; everything else from the Rust executor.
-    p.gpu.run(&[Stage::Project], &p.u, None);
+    p.gpu.run(&[GpuStage::Project], &p.u, None);
     let f = &p.cpu.forward;
     p.gpu.write("keys", &f.projected.keys);
     p.gpu.write("splats", &f.projected.splats);
     p.gpu.write("boxes", &f.projected.boxes);
-    p.gpu.run(&[Stage::SortDepth, Stage::Emit, Stage::SortTile, Stage::Ranges], &p.u, None);
+    p.gpu.run(
+        &[GpuStage::SortDepth, GpuStage::Emit, GpuStage::SortTile, GpuStage::Ranges],
+        &p.u,
+        None,
+    );
     let order: Vec<u32> = p.gpu.read("order", f.order.len()).unwrap();
     assert_eq!(order, f.order);
     let ties = f
@@ -245,7 +249,7 @@ fn skipped_blocks_have_no_pixel_that_counts() {
 fn blend_is_equal_to_the_bit() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     upload_lists(&p);
-    p.gpu.run(&[Stage::Blend], &p.u, None);
+    p.gpu.run(&[GpuStage::Blend], &p.u, None);
     let f = &p.cpu.forward;
     let wanted = flat(&f.tiles);
     assert!(f.tiles.iter().any(|t| t.t[3][3] < 0.0), "no pixel stops early");
@@ -267,7 +271,7 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     let last: Vec<u32> = f.last.iter().flat_map(|&l| [l; BLOCKS as usize]).collect();
     p.gpu.write("last", &last);
     p.gpu.write("gradient", &flat(&p.cpu.tiles));
-    p.gpu.run(&[Stage::BlendAdjoint], &p.u, None);
+    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, None);
     let wanted = flat(&p.cpu.records);
     assert!(wanted.iter().filter(|&&v| v != 0.0).count() > wanted.len() / 4);
     let got: Vec<f32> = p.gpu.read("records", wanted.len()).unwrap();
@@ -275,7 +279,7 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     worst_ulps("blend_adjoint", &got, &wanted);
     assert!(bits(&got) == bits(&wanted), "records differ");
     p.gpu.write("records", &wanted);
-    p.gpu.run(&[Stage::Gather], &p.u, None);
+    p.gpu.run(&[GpuStage::Gather], &p.u, None);
     let sums: Vec<f32> = p.gpu.read("sums", 7 * 3000).unwrap();
     assert!(bits(&sums) == bits(&flat(&p.cpu.sums)), "sums differ");
     let clamped = |s: &[f32; 7]| s[..3].contains(&0.0) && s[3] != 0.0;
@@ -293,7 +297,7 @@ fn losses_agree() {
         let photo = p.gpu.storage("photo", p.photo.len()).unwrap();
         p.gpu.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(&p.photo));
         let group = p.gpu.bind_group("loss", &[], &[("photo", &photo)]);
-        p.gpu.run(&[Stage::Loss], &p.u, Some(&group));
+        p.gpu.run(&[GpuStage::Loss], &p.u, Some(&group));
         let wanted = flat(&p.cpu.tiles);
         let got: Vec<f32> = p.gpu.read("gradient", wanted.len()).unwrap();
         assert!(relative("gradient", &got, &wanted) < 1e-5);
@@ -320,7 +324,7 @@ fn adam_agrees() {
     host.step(&mut views, 0, 1, 1.0);
     // The photo of the views has 8 bits per value, so the sums are those of the views.
     p.gpu.write("sums", &flat(&views.sums()));
-    p.gpu.run(&[Stage::Adam], &p.u.with_adam(&LearningRates::default(), 1, 1.0), None);
+    p.gpu.run(&[GpuStage::Adam], &p.u.with_adam(&LearningRates::default(), 1, 1.0), None);
     let [rows, first, second] = p.gpu.download().unwrap();
     assert!(relative("first moments", &first, &host.moments.first) < 1e-5);
     assert!(relative("second moments", &second, &host.moments.second) < 1e-5);
@@ -413,7 +417,7 @@ fn long_dispatches_are_folded() {
 #[test]
 fn the_forward_pass_has_the_lists_that_the_tests_rely_on() {
     let mut f = Forward::default();
-    let view = View::new(&camera(200, 130), &RenderOptions::default());
+    let view = RenderView::new(&camera(200, 130), &RenderOptions::default());
     f.run(&scene(3000, 3, 11), &view);
     let longest = f.lists.offsets.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
     assert!((200..30_000).contains(&longest), "{longest}");

@@ -3,7 +3,7 @@
 use gs_model::Scene;
 
 use crate::options::Loss;
-use crate::stages::project::View;
+use crate::stages::project::RenderView;
 
 /// `StepUniform` of `stages/step.wgsl`.
 #[repr(C)]
@@ -35,7 +35,7 @@ pub(crate) struct StepUniform {
 
 impl StepUniform {
     /// Everything about `view`; the rest zero.
-    pub(crate) fn of_view(view: &View) -> Self {
+    pub(crate) fn of_view(view: &RenderView) -> Self {
         let v = |a: [f32; 3]| [a[0], a[1], a[2], 0.0];
         let l = &view.lens;
         let (rows, eye) = view.pose();

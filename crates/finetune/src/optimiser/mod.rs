@@ -1,4 +1,4 @@
-//! Adam, for the attributes of a scene ([`SceneOptimiser`]) and for rows of any other parameters ([`Moments`]),
+//! Adam, for the attributes of a scene ([`SceneOptimiser`]) and for rows of any other parameters ([`AdamMoments`]),
 //! and the order of views.
 
 mod scene;
@@ -78,14 +78,14 @@ fn update(
 
 /// Adam's two moments of rows of parameters.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Moments {
+pub struct AdamMoments {
     /// Of the gradient.
     pub first: Vec<f32>,
     /// Of its square.
     pub second: Vec<f32>,
 }
 
-impl Moments {
+impl AdamMoments {
     /// Those before the first step.
     #[must_use]
     pub fn zeros(len: usize) -> Self {

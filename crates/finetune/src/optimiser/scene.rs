@@ -1,6 +1,6 @@
 //! [`SceneOptimiser`]: a scene that is fine-tuned.
 
-use super::{Adam, Moments};
+use super::{Adam, AdamMoments};
 use crate::options::LearningRates;
 use crate::stages::loss::ViewLoss;
 use crate::view_gradients::ViewGradients;
@@ -13,7 +13,7 @@ pub struct SceneOptimiser {
     scene: Scene,
     rows: Vec<f32>,
     /// Adam's moments, in the layout of the rows.
-    pub moments: Moments,
+    pub moments: AdamMoments,
     rates: LearningRates,
     mean_rate: f32,
 }
@@ -23,7 +23,7 @@ impl SceneOptimiser {
     #[must_use]
     pub fn new(scene: Scene, rates: LearningRates, mean_rate: f32) -> Self {
         let rows = rows_of(&scene);
-        let moments = Moments::zeros(rows.len());
+        let moments = AdamMoments::zeros(rows.len());
         Self { scene, rows, moments, rates, mean_rate }
     }
 
@@ -137,7 +137,7 @@ impl SceneOptimiser {
     /// Takes parameters and moments.
     pub(crate) fn set_state(&mut self, [rows, first, second]: [Vec<f32>; 3]) {
         self.rows = rows;
-        self.moments = Moments { first, second };
+        self.moments = AdamMoments { first, second };
         self.rebuild();
     }
 }

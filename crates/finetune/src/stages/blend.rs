@@ -3,7 +3,7 @@
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::project::{Splat, View};
+use super::project::{RenderView, Splat};
 use super::tiles::TileLists;
 use super::*;
 
@@ -49,7 +49,12 @@ pub(crate) struct TileSplats<'a> {
 }
 
 impl<'a> TileSplats<'a> {
-    pub(crate) fn new(view: &View, splats: &'a [Splat], lists: &'a TileLists, tile: usize) -> Self {
+    pub(crate) fn new(
+        view: &RenderView,
+        splats: &'a [Splat],
+        lists: &'a TileLists,
+        tile: usize,
+    ) -> Self {
         let (tx, ty) = view.tile_at(tile);
         let (x0, y0) = (tx * TILE, ty * TILE);
         let mut x = [0.0; LANES];
@@ -203,7 +208,7 @@ fn blend_tile<const WEIGHTS: bool>(
 
 /// Blends every tile. `last[tile]` becomes the number of splats of the tile's list that were needed.
 pub(crate) fn blend(
-    view: &View,
+    view: &RenderView,
     splats: &[Splat],
     lists: &TileLists,
     tiles: &mut Vec<TilePixels>,
@@ -219,7 +224,7 @@ pub(crate) fn blend(
 /// Blends every tile for the weights alone: `weights[slot]` becomes the sums over the tile's
 /// pixels of alpha T and of its square.
 pub(crate) fn blend_weights(
-    view: &View,
+    view: &RenderView,
     splats: &[Splat],
     lists: &TileLists,
     weights: &mut Vec<[f32; 2]>,

@@ -5,7 +5,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blend::{BATCH, LANES, TilePixels, TileSplats, still_live};
-use super::project::{Splat, View};
+use super::project::{RenderView, Splat};
 use super::*;
 use crate::forward::Forward;
 
@@ -175,7 +175,7 @@ fn replay_tile<const N: usize>(
 
 /// Fills `records`, one per slot in tile order; slots that no pixel needed stay zero.
 pub(crate) fn blend_adjoint<const N: usize>(
-    view: &View,
+    view: &RenderView,
     f: &Forward,
     gradients: &[TileGradient],
     records: &mut Vec<[f32; N]>,

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::blend::{LANES, TilePixels};
 use super::blend_adjoint::TileGradient;
-use super::project::View;
+use super::project::RenderView;
 use super::*;
 use crate::metrics::taps;
 
@@ -33,7 +33,7 @@ impl ViewLoss {
 }
 
 /// The rendered tiles over the background, as three planes.
-pub(crate) fn to_planes(view: &View, tiles: &[TilePixels], planes: &mut Vec<f32>) {
+pub(crate) fn to_planes(view: &RenderView, tiles: &[TilePixels], planes: &mut Vec<f32>) {
     let (w, h) = (view.width as usize, view.height as usize);
     planes.resize(3 * w * h, 0.0);
     planes.par_chunks_mut(w).enumerate().for_each(|(row, out)| {
@@ -55,7 +55,7 @@ pub(crate) fn to_planes(view: &View, tiles: &[TilePixels], planes: &mut Vec<f32>
 }
 
 /// Gradient planes to tiles.
-pub(crate) fn to_tiles(view: &View, planes: &[f32], tiles: &mut Vec<TileGradient>) {
+pub(crate) fn to_tiles(view: &RenderView, planes: &[f32], tiles: &mut Vec<TileGradient>) {
     let (w, h) = (view.width as usize, view.height as usize);
     tiles.resize(view.tiles(), TileGradient::ZERO);
     tiles.par_iter_mut().enumerate().for_each(|(k, tile)| {

@@ -44,7 +44,7 @@ pub(crate) struct TileBox {
 
 /// A camera and the options, in the form that the stages use.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct View {
+pub(crate) struct RenderView {
     pub(crate) lens: Lens,
     pub(crate) width: u32,
     pub(crate) height: u32,
@@ -55,7 +55,7 @@ pub(crate) struct View {
     pub(crate) reference: bool,
 }
 
-impl View {
+impl RenderView {
     pub(crate) fn new(camera: &Camera, options: &RenderOptions) -> Self {
         Self {
             lens: Lens::new(camera),
@@ -96,7 +96,7 @@ fn span(centre: F, half: F, limit: u32) -> (u32, u32) {
 
 /// Projects Gaussian `i`; `None` if it cannot be seen.
 #[inline]
-fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, u32)> {
+fn project_one(view: &RenderView, scene: &Scene, i: usize) -> Option<(Splat, TileBox, u32)> {
     let opacity = sigmoid(scene.opacity_logits[i]);
     let o255 = opacity * 255.0;
     // NaN is culled too.
@@ -183,7 +183,7 @@ pub(crate) struct Projected {
 }
 
 /// Projects every Gaussian of `scene`.
-pub(crate) fn project(view: &View, scene: &Scene, out: &mut Projected) {
+pub(crate) fn project(view: &RenderView, scene: &Scene, out: &mut Projected) {
     const CHUNK: usize = 1024;
     // Arrays of inconsistent lengths: nothing can be drawn.
     let n = if scene.check_shape().is_ok() { scene.len() } else { 0 };

@@ -3,7 +3,7 @@
 use gs_model::Scene;
 
 use super::blend_adjoint::MOVING;
-use super::project::View;
+use super::project::RenderView;
 use super::*;
 
 /// Derivatives of a loss by the arrays of one Gaussian.
@@ -28,7 +28,7 @@ pub struct ParameterGradient {
 /// nothing of them is read, which takes 2 % off a step.
 #[inline(always)]
 pub(crate) fn parameter_gradient<const N: usize>(
-    view: &View,
+    view: &RenderView,
     weight: f32,
     scene: &Scene,
     i: usize,

@@ -3,7 +3,7 @@
 
 use super::blend::{LANES, TilePixels};
 use super::blend_adjoint::{FROZEN, TileGradient};
-use super::project::{Splat, View};
+use super::project::{RenderView, Splat};
 use super::tiles::TileLists;
 use super::{T_STOP, TILE, gate, replay};
 
@@ -16,7 +16,7 @@ struct Pixel {
     row: u32,
 }
 
-fn pixels_of(view: &View) -> impl Iterator<Item = Pixel> {
+fn pixels_of(view: &RenderView) -> impl Iterator<Item = Pixel> {
     let (w, h, tiles_x) = (view.width, view.height, view.tiles_x);
     (0..h).flat_map(move |row| {
         (0..w).map(move |column| Pixel {
@@ -36,7 +36,7 @@ fn offsets(s: &Splat, p: &Pixel) -> (f32, f32, f32) {
     (s.p * dx + s.q * dy, s.r * dy, if within { s.cut } else { -1.0 })
 }
 
-pub(crate) fn blend(view: &View, splats: &[Splat], lists: &TileLists) -> Vec<TilePixels> {
+pub(crate) fn blend(view: &RenderView, splats: &[Splat], lists: &TileLists) -> Vec<TilePixels> {
     let mut tiles = vec![TilePixels::CLEAR; view.tiles()];
     for tile in &mut tiles {
         // Pixels beyond the image's edge begin as stopped.
@@ -63,7 +63,7 @@ pub(crate) fn blend(view: &View, splats: &[Splat], lists: &TileLists) -> Vec<Til
 }
 
 pub(crate) fn blend_adjoint(
-    view: &View,
+    view: &RenderView,
     splats: &[Splat],
     lists: &TileLists,
     pixels: &[TilePixels],
@@ -141,7 +141,7 @@ mod tests {
             ignored_distortion: None,
         };
         let options = RenderOptions { background: [0.4, 0.1, 0.8], ..Default::default() };
-        let view = View::new(&camera, &options);
+        let view = RenderView::new(&camera, &options);
         let mut photo = Image::new(75, 53);
         photo.rgb.iter_mut().for_each(|v| *v = r(0.0, 1.0));
         let mut pass = Backward::<FROZEN>::default();

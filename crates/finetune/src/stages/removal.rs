@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::blend::{BATCH, LANES, TilePixels, TileSplats, still_live, sum_lanes};
 use super::gather::gather;
-use super::project::{Splat, View};
+use super::project::{RenderView, Splat};
 use super::{T_STOP, gate};
 use crate::forward::Forward;
 use crate::options::RenderOptions;
@@ -24,7 +24,7 @@ pub fn removal_effects(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
     let mut f = Forward::default();
     let (mut records, mut sums) = (Vec::new(), Vec::new());
     for camera in cameras {
-        let view = View::new(camera, &RenderOptions::default());
+        let view = RenderView::new(camera, &RenderOptions::default());
         f.run(scene, &view);
         effects(&view, &f, &mut records);
         gather(&f.lists, &records, n, &mut sums, |_, _| ());
@@ -36,7 +36,7 @@ pub fn removal_effects(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
 }
 
 /// Fills `records`, one per slot in tile order: the sum over the tile's pixels.
-fn effects(view: &View, f: &Forward, records: &mut Vec<[f32; 1]>) {
+fn effects(view: &RenderView, f: &Forward, records: &mut Vec<[f32; 1]>) {
     records.clear();
     records.resize(f.lists.ids.len(), [0.0]);
     f.lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {

@@ -92,13 +92,13 @@ fn the_longest_list_that_is_let_through_is_not_cut() {
     upload_lists(&p);
     let f = &p.cpu.forward;
     assert_eq!(f.last[0] as usize, n, "some pixel needs every splat");
-    p.gpu.run(&[Stage::Blend], &p.u, None);
+    p.gpu.run(&[GpuStage::Blend], &p.u, None);
     let wanted = flat(&f.tiles);
     let got: Vec<f32> = p.gpu.read("pixels", wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend", &got, &wanted), 0);
     p.gpu.write("pixels", &wanted);
     p.gpu.write("gradient", &flat(&p.cpu.tiles));
-    p.gpu.run(&[Stage::BlendAdjoint], &p.u, None);
+    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, None);
     let wanted = flat(&p.cpu.records);
     let got: Vec<f32> = p.gpu.read("records", wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend_adjoint", &got, &wanted), 0);
@@ -130,7 +130,7 @@ fn lists_that_the_driver_would_cut_are_refused() {
 fn views_whose_loops_the_driver_would_cut_are_refused() {
     let view = |size| {
         let camera = camera(size, size);
-        StepUniform::of_view(&View::new(&camera, &RenderOptions::default()))
+        StepUniform::of_view(&RenderView::new(&camera, &RenderOptions::default()))
     };
     assert!(loops::check_view(65_535, &view(3200)).is_ok());
     let error = loops::check_view(65_535, &view(4096)).unwrap_err().to_string();
