@@ -203,8 +203,9 @@ fn run_tune(
     choices.cancel = Some(Arc::clone(&line.cancel));
     let mut warnings = Vec::new();
     let outcome = Tune::new(scene, training, choices)?.run(|p| {
-        if let (Some(error), true) = (p.checkpoint_failed, warnings.is_empty()) {
-            warnings.push(format!("{error}; the run goes on without checkpoints"));
+        if let Some(error) = p.checkpoint_failed {
+            let text = gs_model::chain(error);
+            warnings.push(format!("{text}; the run goes on without checkpoints"));
         }
         line.tell(event(p));
     })?;

@@ -45,19 +45,21 @@ impl CheckpointWriter {
         Self(out)
     }
 
-    pub(crate) fn numbers(&mut self, values: &[f64]) {
+    fn list<const N: usize>(&mut self, values: impl ExactSizeIterator<Item = [u8; N]>) {
         self.0.extend((values.len() as u64).to_le_bytes());
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        values.for_each(|v| self.0.extend(v));
+    }
+
+    pub(crate) fn numbers(&mut self, values: &[f64]) {
+        self.list(values.iter().map(|v| v.to_le_bytes()));
     }
 
     pub(crate) fn integers(&mut self, values: &[u64]) {
-        self.0.extend((values.len() as u64).to_le_bytes());
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        self.list(values.iter().map(|v| v.to_le_bytes()));
     }
 
     pub(crate) fn floats(&mut self, values: &[f32]) {
-        self.0.extend((values.len() as u64).to_le_bytes());
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        self.list(values.iter().map(|v| v.to_le_bytes()));
     }
 
     pub(crate) fn moments(&mut self, moments: &AdamMoments) {
@@ -103,7 +105,7 @@ pub(crate) fn save(path: &Path, bytes: &[u8]) -> Result<()> {
 
 fn io(file: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Error {
     let file = file.to_owned();
-    move |cause| Error::Io { file, action, cause }
+    move |source| Error::Io { file, action, source }
 }
 
 /// A checkpoint that is being taken apart.
@@ -138,7 +140,17 @@ impl<'a> CheckpointReader<'a> {
 
     pub(crate) fn error(&self, reason: &'static str) -> Error {
         let (file, offset) = (self.path.into(), self.at as u64);
-        Error::Checkpoint { file, offset, reason }
+        Error::Checkpoint { file, offset, reason, source: None }
+    }
+
+    /// As [`CheckpointReader::error`], of what was refused.
+    pub(crate) fn refused(
+        &self,
+        reason: &'static str,
+        cause: impl std::error::Error + Send + Sync + 'static,
+    ) -> Error {
+        let (file, offset) = (self.path.into(), self.at as u64);
+        Error::Checkpoint { file, offset, reason, source: Some(Box::new(cause)) }
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {

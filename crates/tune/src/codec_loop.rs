@@ -32,7 +32,7 @@ const _: () = assert!(FITTED.is_multiple_of(CODED), "a fit runs the codec");
 /// `step^2 / 12` by the bits, `ln 2 / 6 step^2`.
 const PRICE: f64 = 8.0;
 
-/// Latents on their way.
+/// The latents, and what the codec made of them last.
 pub(crate) struct CodecLoop {
     pub(crate) latents: Latents,
     pub(crate) octree: Octree,
@@ -57,6 +57,12 @@ pub(crate) struct CodecLoop {
     pub(crate) device: Option<Device>,
 }
 
+/// Values and quality that a loop can come back to.
+pub(crate) struct Snapshot {
+    pub(crate) values: Vec<f32>,
+    pub(crate) quality: f32,
+}
+
 /// Where a loop begins.
 pub(crate) struct LoopStart {
     pub(crate) octree: Octree,
@@ -71,7 +77,7 @@ pub(crate) struct LoopStart {
 }
 
 /// The encoder's options for the latents.
-pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> Result<EncodeOptions> {
+pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<EncodeOptions> {
     let mut options = EncodeOptions::from_quality(quality)?;
     options.steps = plan::steps(quality)?;
     options.importance = Some(importance);
@@ -266,14 +272,14 @@ impl CodecLoop {
     }
 
     /// Values and steps, to come back to.
-    pub(crate) fn snapshot(&self) -> (Vec<f32>, f32) {
-        (self.latents.values().to_vec(), self.quality)
+    pub(crate) fn snapshot(&self) -> Snapshot {
+        Snapshot { values: self.latents.values().to_vec(), quality: self.quality }
     }
 
     /// Comes back to a snapshot.
-    pub(crate) fn restore(&mut self, (values, quality): (Vec<f32>, f32)) -> Result<()> {
-        *self.latents.values_mut() = values;
-        self.set_quality(quality)?;
+    pub(crate) fn restore(&mut self, snapshot: Snapshot) -> Result<()> {
+        *self.latents.values_mut() = snapshot.values;
+        self.set_quality(snapshot.quality)?;
         self.settle()
     }
 }

@@ -3,11 +3,12 @@
 use gs_model::Scene;
 
 use crate::checkpoint::{CheckpointReader, CheckpointWriter};
-use crate::codec_loop::{CodecLoop, FITTED};
-use crate::error::{Error, Result};
+use crate::codec_loop::{CodecLoop, FITTED, Snapshot};
+use crate::error::Result;
 use crate::options::Target;
 use crate::plan::TunePlan;
 use crate::progress::{StageName, StopReason};
+use crate::scene_loop::SceneLoop;
 use crate::stage::{self, Stage};
 use crate::steering;
 use crate::trainer::{RunState, Work};
@@ -16,7 +17,7 @@ use crate::views::Views;
 /// From this share of the loop on, the best state is kept.
 const BEST_FROM: f64 = 0.5;
 
-/// See the module.
+/// A run of [`crate::Tune`].
 pub(crate) struct Course {
     pub(crate) plan: TunePlan,
     target: Target,
@@ -24,44 +25,44 @@ pub(crate) struct Course {
     pub(crate) input: usize,
     stage: Stage,
     /// The values of least cost so far in the last part of the loop, and that cost.
-    best: Option<(f64, (Vec<f32>, f32))>,
+    best: Option<(f64, Snapshot)>,
     aside_psnr: Option<f64>,
 }
 
 impl Course {
-    /// Prunes for the first round.
-    pub(crate) fn new(
-        plan: TunePlan,
-        target: Target,
-        scene: Scene,
-        views: &mut Views,
-    ) -> Result<Self> {
+    /// Begins with a round that is over: the next one prunes.
+    pub(crate) fn new(plan: TunePlan, target: Target, scene: Scene) -> Self {
         let input = scene.len();
-        let stage = stage::round(&plan, views, scene, input, 1)?;
-        views.gradients.move_means(true);
-        Ok(Self { plan, target, input, stage, best: None, aside_psnr: None })
+        let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
+        let stage = Stage::Round { round: 0, recovery };
+        Self { plan, target, input, stage, best: None, aside_psnr: None }
     }
 
-    fn enter_loop(&mut self, scene: &Scene, views: &mut Views) -> Result<()> {
+    /// The loop on what the rounds have left.
+    fn codec_loop(
+        plan: &TunePlan,
+        target: Target,
+        scene: &Scene,
+        views: &mut Views,
+    ) -> Result<Box<CodecLoop>> {
         views.gradients.move_means(false);
-        let mut state = stage::codec_loop(&self.plan, views, scene)?;
-        steering::begin(&mut state, self.target)?;
-        self.stage = Stage::Loop(Box::new(state));
-        Ok(())
+        let mut state = stage::codec_loop(plan, views, scene)?;
+        steering::begin(&mut state, target)?;
+        Ok(Box::new(state))
     }
 
     /// The loop at its end, with the best state if the last one costs more, unless the run was cut short.
-    pub(crate) fn finish(mut self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
-        if let Stage::Round { recovery, .. } = &mut self.stage {
-            let scene = recovery.take_scene();
-            self.enter_loop(&scene, views)?;
-        }
-        let Stage::Loop(mut state) = self.stage else { return Err(Error::NothingSeen) };
+    pub(crate) fn finish(self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
+        let Self { plan, target, stage, best, .. } = self;
+        let mut state = match stage {
+            Stage::Round { mut recovery, .. } => {
+                Self::codec_loop(&plan, target, &recovery.take_scene(), views)?
+            }
+            Stage::Loop(state) => state,
+        };
         state.settle()?;
         // With a target the quality was steered until the end: the last state is closest to it.
-        if let (false, Target::Quality(_), Some((best, snapshot))) =
-            (cancelled, self.target, self.best)
-        {
+        if let (false, Target::Quality(_), Some((best, snapshot))) = (cancelled, target, best) {
             let (mse, _) = views.aside(&state.scene);
             if best < cost(&state, mse) {
                 state.restore(snapshot)?;
@@ -87,9 +88,11 @@ impl Work for Course {
             Stage::Round { round, recovery } => {
                 let (round, scene) = (*round, recovery.take_scene());
                 if round < self.plan.rounds {
+                    views.gradients.move_means(true);
                     self.stage = stage::round(&self.plan, views, scene, self.input, round + 1)?;
                 } else {
-                    self.enter_loop(&scene, views)?;
+                    let state = Self::codec_loop(&self.plan, self.target, &scene, views)?;
+                    self.stage = Stage::Loop(state);
                 }
                 Ok(None)
             }
@@ -153,7 +156,7 @@ impl Work for Course {
     fn write(&self, out: &mut CheckpointWriter) {
         out.numbers(self.aside_psnr.as_slice());
         match &self.best {
-            Some((cost, (values, quality))) => {
+            Some((cost, Snapshot { values, quality })) => {
                 out.numbers(&[*cost, (*quality).into()]);
                 out.floats(values);
             }
@@ -165,7 +168,9 @@ impl Work for Course {
     fn read(&mut self, input: &mut CheckpointReader<'_>, views: &mut Views) -> Result<()> {
         self.aside_psnr = input.numbers()?.first().copied();
         self.best = match input.numbers()?[..] {
-            [cost, quality] => Some((cost, (input.floats()?, quality as f32))),
+            [cost, quality] => {
+                Some((cost, Snapshot { values: input.floats()?, quality: quality as f32 }))
+            }
             _ => None,
         };
         self.stage = Stage::read(input, &self.plan, views)?;

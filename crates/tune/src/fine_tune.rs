@@ -10,12 +10,11 @@ use finetune::{Backend, BackendReport, Loss, TrainView, ViewLoss};
 use gs_model::Scene;
 
 use crate::checkpoint::{CheckpointReader, CheckpointWriter, fingerprint};
-use crate::clock::Clock;
 use crate::epochs::Epochs;
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
 use crate::scene_loop::SceneLoop;
-use crate::trainer::{RunState, Settings, Trainer, Work};
+use crate::trainer::{RunState, Trainer, Work};
 use crate::views::Views;
 
 /// How to fine-tune.
@@ -35,7 +34,7 @@ pub struct FineTuneOptions {
     /// Where to keep a checkpoint. An existing one is continued; the number of steps and the rules for stopping may
     /// differ.
     pub checkpoint: Option<PathBuf>,
-    /// Steps between checkpoints, at least 1. So far goes a run back if a GPU fails.
+    /// Steps between checkpoints, at least 1. If a GPU fails, the run goes back this far.
     pub checkpoint_every: u64,
     /// Setting it ends the run after the current step.
     pub cancel: Option<Arc<AtomicBool>>,
@@ -104,12 +103,11 @@ impl FineTune {
         if let Loss::L1Ssim { ssim_weight } = loss
             && !(0.0..=1.0).contains(&ssim_weight)
         {
-            return Err(Error::target("SSIM weight", ssim_weight.into(), "from 0 to 1"));
+            return Err(Error::option("SSIM weight", ssim_weight.into(), "from 0 to 1"));
         }
         let fingerprint = fingerprint(&scene, &views, &format!("attributes {loss:?} {seed}"));
         let views = Views::all(views, loss, seed)?;
-        let settings = Settings { fingerprint, backend, checkpoint, cancel };
-        let mut trainer = Trainer::new(views, settings)?;
+        let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let mut work = Attributes::new(scene, trainer.views.gradients.views(), options);
         trainer.resume(&mut work)?;
         Ok(Self { trainer, work })
@@ -137,14 +135,13 @@ impl FineTune {
     /// [`Error::Finetune`] if a GPU that was asked for fails.
     pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<FineTuned> {
         let Self { mut trainer, mut work } = self;
-        let (started, first) = (Clock::start(), trainer.done);
         let reason = trainer.run(&mut work, &mut progress)?;
         trainer.keep(&work);
-        progress(&trainer.progress(&work, work.psnr, (started, first)));
+        progress(&trainer.progress(&work, work.psnr));
         Ok(FineTuned {
             scene: work.run.take_scene(),
             steps: trainer.done,
-            seconds: started.seconds(),
+            seconds: trainer.clock.seconds(),
             reason,
             pass_psnr: work.epochs.past,
             backend: trainer.backend,
@@ -152,7 +149,7 @@ impl FineTune {
     }
 }
 
-/// The attributes of a scene on their way.
+/// What a [`FineTune`] moves.
 struct Attributes {
     options: FineTuneOptions,
     run: SceneLoop,

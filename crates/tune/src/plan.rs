@@ -52,7 +52,7 @@ pub struct TunePlan {
 
 impl TunePlan {
     /// The plan for a quality.
-    pub(crate) fn new(quality: f32, effort: TuneEffort, spare: &Spare) -> Result<Self> {
+    pub(crate) fn new(quality: f32, effort: TuneEffort, spare: &Spare) -> gsvx::Result<Self> {
         EncodeOptions::from_quality(quality)?;
         let (rounds, round_steps, loop_steps) = match effort {
             TuneEffort::Quick => (3, 80, 400),
@@ -70,10 +70,10 @@ impl TunePlan {
         EncodeOptions::from_quality(self.quality)?;
         if !(0.0..1.0).contains(&self.fraction) {
             let range = "from 0 to below 1";
-            return Err(Error::target("fraction", self.fraction, range));
+            return Err(Error::option("fraction", self.fraction, range));
         }
         if self.rounds == 0 || self.loop_steps == 0 {
-            return Err(Error::target("rounds and steps of the loop", 0.0, "1 or more"));
+            return Err(Error::option("rounds and steps of the loop", 0.0, "1 or more"));
         }
         Ok(self)
     }
@@ -101,7 +101,7 @@ pub(crate) fn voxel_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<
 }
 
 /// The quantisation steps of a quality.
-pub(crate) fn steps(quality: f32) -> Result<Steps> {
+pub(crate) fn steps(quality: f32) -> gsvx::Result<Steps> {
     let mut steps = EncodeOptions::from_quality(quality)?.steps;
     steps.sh = steps.sh.map(|s| s * SH_STEP);
     steps.covariance *= COVARIANCE_STEP;
@@ -128,7 +128,7 @@ impl Spare {
     }
 
     /// The fraction that is left out at a quality.
-    fn fraction(&self, quality: f32) -> Result<f64> {
+    fn fraction(&self, quality: f32) -> gsvx::Result<f64> {
         let step = f64::from(EncodeOptions::from_quality(quality)?.steps.dc);
         let most = LEFT_OUT_BELOW * step * step;
         let out = self.ratios.partition_point(|&r| r < most);
@@ -168,12 +168,6 @@ fn quality_for_loss(loss: f64) -> f32 {
         let t = (w[0].1 - loss) / (w[0].1 - w[1].1);
         w[0].0 + t as f32 * (w[1].0 - w[0].0)
     })
-}
-
-impl Error {
-    pub(crate) fn target(option: &'static str, value: f64, range: &'static str) -> Self {
-        Self::Option { option, value, range }
-    }
 }
 
 #[cfg(test)]

@@ -29,8 +29,13 @@ pub(crate) fn plan(
         Target::Quality(quality) => quality,
         Target::Psnr(db) => quality_for_psnr(db, input_psnr),
         Target::Bytes(bytes) => {
-            let seen = (effects.as_slice(), importance.as_slice());
-            let probe = |quality: f32| probe(scene, seen, &spare, quality, options);
+            // The stream of a plan without any tuning.
+            let probe = |quality: f32| {
+                let plan = TunePlan::new(quality, options.effort, &spare)?;
+                let kept = gsvx::prune(&effects, plan.fraction)?;
+                let importance = kept.iter().map(|&i| importance[i]).collect();
+                probe(&scene.select(&kept), importance, quality)
+            };
             let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
             if !found.reached || is_empty(&found.encoded)? {
                 let smallest = smallest(probe)? as f64 * TUNED_OVER_PROBED;
@@ -39,7 +44,7 @@ pub(crate) fn plan(
             found.quality
         }
     };
-    TunePlan::new(quality, options.effort, &spare)
+    Ok(TunePlan::new(quality, options.effort, &spare)?)
 }
 
 /// Bytes of the smallest stream that has a Gaussian, to five points of quality.
@@ -57,22 +62,9 @@ fn is_empty(stream: &[u8]) -> Result<bool> {
     Ok(gsvx::Index::parse(stream)?.header.count == 0)
 }
 
-/// The stream of a plan without any tuning.
-fn probe(
-    scene: &Scene,
-    (effects, importance): (&[f32], &[f32]),
-    spare: &Spare,
-    quality: f32,
-    options: &TuneOptions,
-) -> gsvx::Result<Vec<u8>> {
-    let as_codec = |e: Error| match e {
-        Error::Codec(e) => e,
-        _ => gsvx::Error::Option { option: "quality", value: quality.into(), range: "0 to 100" },
-    };
-    let plan = TunePlan::new(quality, options.effort, spare).map_err(as_codec)?;
-    let kept = gsvx::prune(effects, plan.fraction)?;
-    let importance = kept.iter().map(|&i| importance[i]).collect();
-    let prepared = gsvx::prepare(&scene.select(&kept), &voxel_options(quality, importance)?)?;
-    let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
+/// The stream of a scene at a quality.
+fn probe(scene: &Scene, importance: Vec<f32>, quality: f32) -> gsvx::Result<Vec<u8>> {
+    let prepared = gsvx::prepare(scene, &voxel_options(quality, importance)?)?;
+    let encode = encode_options(quality, prepared.importance)?;
     Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &encode)?.bytes)
 }

@@ -84,7 +84,7 @@ pub struct Progress<'a> {
     pub scene: &'a Scene,
     /// Where the last step was made: it changes if a GPU fails under [`Backend::Auto`].
     pub backend: Backend,
-    /// Why the checkpoint could not be written, the first time that it could not.
+    /// Why the checkpoint could not be written. Only the first report after that has it: no other is written.
     pub checkpoint_failed: Option<&'a crate::Error>,
 }
 

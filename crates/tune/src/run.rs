@@ -12,8 +12,9 @@ use crate::options::{Target, TuneOptions};
 use crate::plan::TunePlan;
 use crate::probe::plan;
 use crate::progress::{Progress, StopReason, TuneOutcome};
+use crate::stage::at_degree;
 use crate::steering;
-use crate::trainer::{Settings, Trainer};
+use crate::trainer::{Trainer, Work};
 use crate::views::Views;
 
 /// A view of the loop takes this much longer than one without the codec.
@@ -52,7 +53,7 @@ impl Tune {
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
         {
-            return Err(Error::target("target PSNR", db, "a number of dB"));
+            return Err(Error::option("target PSNR", db, "a number of dB"));
         }
         let TuneOptions { target, effort, plan: given, seed, .. } = &options;
         let shared = format!("{target:?} {effort:?} {given:?} {seed}");
@@ -61,11 +62,13 @@ impl Tune {
         let input_psnr = views.check(&scene)?;
         let plan = plan(&scene, &views, &options, input_psnr)?;
         let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
-        let settings = Settings { fingerprint, backend, checkpoint, cancel };
-        let mut trainer = Trainer::new(views, settings)?;
+        let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let step_seconds = seconds_of_a_step(&scene, &mut trainer.views);
-        let mut course = Course::new(plan, target, scene, &mut trainer.views)?;
-        trainer.resume(&mut course)?;
+        let mut course = Course::new(plan, target, scene);
+        if !trainer.resume(&mut course)? {
+            // Views that see nothing are an error before the run.
+            course.advance(&mut trainer.views)?;
+        }
         Ok(Self { trainer, course, target, input_psnr, step_seconds })
     }
 
@@ -116,17 +119,16 @@ impl Tune {
     /// Runs to the end, calling `progress` now and then.
     ///
     /// Ends early when the cancellation flag is set; the stream is then that of what has been reached.
-    /// A checkpoint that cannot be written does not end the run: [`Progress::checkpoint_failed`] says so
-    /// once, and the last one that could be written stays. If a GPU fails under [`Backend::Auto`](finetune::Backend),
+    /// A checkpoint that cannot be written does not end the run, which goes on without checkpoints:
+    /// [`Progress::checkpoint_failed`] says so once, and the last one that could be written stays. If a GPU fails under [`Backend::Auto`](finetune::Backend),
     /// the processor goes on from the last state that was kept.
     ///
     /// # Errors
     /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Finetune`] if a GPU that was asked for fails.
     pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
         let Self { mut trainer, mut course, target, input_psnr, .. } = self;
-        let started = Clock::start();
         let cancelled = trainer.run(&mut course, progress)? == StopReason::Cancelled;
-        let Trainer { views, done: steps, backend, .. } = &mut trainer;
+        let Trainer { views, done: steps, backend, clock, .. } = &mut trainer;
         let mut state = course.finish(views, cancelled)?;
         let encoded = steering::fitting(&mut state, target)?;
         let (_, psnr) = views.aside(&state.scene);
@@ -137,9 +139,7 @@ impl Tune {
         };
         let CodecLoop { scene: last, quality, bytes: counted_bytes, outliers, .. } = state;
         // The stream leaves out SH degrees that are zero everywhere.
-        let sh_degree = encoded.index.header.sh_degree;
-        let mut scene = Scene { sh_degree, ..Scene::default() };
-        scene.append(&last);
+        let scene = at_degree(&last, encoded.index.header.sh_degree);
         Ok(TuneOutcome {
             encoded,
             scene,
@@ -149,7 +149,7 @@ impl Tune {
             quality,
             outliers: outliers.map_or(0, |o| o.len()),
             steps: *steps,
-            seconds: started.seconds(),
+            seconds: clock.seconds(),
             backend: backend.clone(),
             cancelled,
             reached,

@@ -25,7 +25,7 @@ pub(crate) fn mean_rate(cameras: &[Camera]) -> f32 {
     MEAN_RATE * (1.1 * centres.iter().map(distance).fold(0.0, f64::max)) as f32
 }
 
-/// A scene on its way.
+/// The steps on a scene.
 pub(crate) struct SceneLoop {
     pub(crate) optimiser: SceneOptimiser,
     pub(crate) steps: u64,
@@ -76,7 +76,7 @@ impl SceneLoop {
     ) -> Result<Self> {
         let [done] = input.integers()?[..] else { return Err(input.error("steps")) };
         let scene = input.scene()?;
-        scene.validate().map_err(|_| input.error("a scene that is not valid"))?;
+        scene.validate().map_err(|e| input.refused("a scene that is not valid", e))?;
         let mut this = Self::new(scene, mean_rate, steps);
         this.optimiser.moments = input.moments(&this.optimiser.moments)?;
         this.done = done;

@@ -64,8 +64,8 @@ pub(crate) fn codec_loop(plan: &TunePlan, views: &Views, scene: &Scene) -> Resul
     Ok(CodecLoop::new(start))
 }
 
-/// A scene cut to a lower SH degree.
-fn at_degree(scene: &Scene, degree: u8) -> Scene {
+/// A scene cut or filled up to an SH degree.
+pub(crate) fn at_degree(scene: &Scene, degree: u8) -> Scene {
     let mut out = Scene { sh_degree: degree, ..Scene::default() };
     out.append(scene);
     out
@@ -96,7 +96,7 @@ impl Stage {
                 out.floats(&state.importance);
                 out.floats(state.latents.values());
                 out.moments(&state.moments);
-                out.scene(outliers.unwrap_or(&Scene { sh_degree: degree, ..Scene::default() }));
+                out.scene(outliers.unwrap_or(&at_degree(&Scene::default(), degree)));
             }
         }
     }
@@ -113,7 +113,8 @@ impl Stage {
                 Ok(Self::Round { round, recovery: Box::new(recovery) })
             }
             [1, done, degree @ 0..=3] => {
-                let state = read_loop(input, views, (plan.loop_steps, done, degree as u8))?;
+                let mut state = read_loop(input, views, plan.loop_steps, degree as u8)?;
+                state.done = done;
                 Ok(Self::Loop(Box::new(state)))
             }
             _ => Err(input.error("unknown stage")),
@@ -139,13 +140,14 @@ fn read_leaves(input: &mut CheckpointReader<'_>) -> Result<Octree> {
     let leaf = |(morton, depth): (u64, u64)| Leaf { morton, depth: depth as u8 };
     let leaves = cells.into_iter().zip(depths).map(leaf).collect();
     let cube = Cube { origin: [x, y, z], side };
-    Octree::new(cube, depth as u8, leaves).map_err(|_| input.error("leaves"))
+    Octree::new(cube, depth as u8, leaves).map_err(|e| input.refused("leaves", e))
 }
 
 fn read_loop(
     input: &mut CheckpointReader<'_>,
     views: &Views,
-    (steps, done, sh_degree): (u64, u64, u8),
+    steps: u64,
+    sh_degree: u8,
 ) -> Result<CodecLoop> {
     let [quality] = input.numbers()?[..] else { return Err(input.error("quality")) };
     let octree = read_leaves(input)?;
@@ -160,6 +162,6 @@ fn read_loop(
     let quality = quality as f32;
     let start = LoopStart { octree, importance, outliers, latents, quality, steps, pixels };
     let mut state = CodecLoop::new(start);
-    (state.moments, state.done) = (moments, done);
+    state.moments = moments;
     Ok(state)
 }

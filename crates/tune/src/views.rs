@@ -17,7 +17,7 @@ const LEAST_MATCH_DB: f64 = 12.0;
 /// A photo counts in full up to this many times the median of the squared errors (3 dB).
 const FULL_WEIGHT: f64 = 2.0;
 
-/// See the module.
+/// The views of a run.
 pub(crate) struct Views {
     /// All cameras, for importance.
     pub(crate) cameras: Vec<Camera>,
