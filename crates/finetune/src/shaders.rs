@@ -122,10 +122,10 @@ impl Shader {
         self.entries
     }
 
-    /// The whole text, with constants of the caller's before the rest.
+    /// The whole text, with that of the caller before the rest.
     #[must_use]
-    pub fn source(&self, constants: &str) -> String {
-        let mut out = String::from(constants);
+    pub fn source(&self, shared: &str) -> String {
+        let mut out = String::from(shared);
         // Formatting into a String cannot fail.
         let _ = self.constants(&mut out);
         out.push_str(PRELUDE);

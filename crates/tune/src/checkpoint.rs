@@ -35,9 +35,9 @@ pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &str) -> 
 }
 
 /// A checkpoint that is being put together.
-pub(crate) struct CheckpointWriter(Vec<u8>);
+pub(crate) struct StateWriter(Vec<u8>);
 
-impl CheckpointWriter {
+impl StateWriter {
     pub(crate) fn new(fingerprint: u32) -> Self {
         let mut out = MAGIC.to_vec();
         out.extend(VERSION.to_le_bytes());
@@ -109,19 +109,19 @@ fn io(file: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Error
 }
 
 /// A checkpoint that is being taken apart.
-pub(crate) struct CheckpointReader<'a> {
+pub(crate) struct StateReader<'a> {
     path: &'a Path,
     bytes: Vec<u8>,
     at: usize,
 }
 
-impl<'a> CheckpointReader<'a> {
+impl<'a> StateReader<'a> {
     /// Opens a checkpoint of the run with this fingerprint.
     pub(crate) fn open(path: &'a Path, fingerprint: u32) -> Result<Self> {
         Self::new(path, std::fs::read(path).map_err(io(path, "read"))?, fingerprint)
     }
 
-    /// As [`CheckpointReader::open`], of what is in memory.
+    /// As [`StateReader::open`], of what is in memory.
     pub(crate) fn new(path: &'a Path, bytes: Vec<u8>, fingerprint: u32) -> Result<Self> {
         let mut this = Self { path, bytes, at: 0 };
         if this.take::<8>()? != MAGIC || u32::from_le_bytes(this.take()?) != VERSION {
@@ -143,7 +143,7 @@ impl<'a> CheckpointReader<'a> {
         Error::Checkpoint { file, offset, reason, source: None }
     }
 
-    /// As [`CheckpointReader::error`], of what was refused.
+    /// As [`StateReader::error`], of what was refused.
     pub(crate) fn refused(
         &self,
         reason: &'static str,
@@ -200,18 +200,16 @@ impl<'a> CheckpointReader<'a> {
             opacity_logits: self.floats()?,
             sh: self.rows()?,
         };
-        let n = n as usize;
-        let lengths = [scene.rotations.len(), scene.log_scales.len(), scene.opacity_logits.len()];
-        if scene.len() != n || lengths != [n; 3] || scene.sh.len() != n * scene.sh_len() {
-            return Err(self.error("arrays of a scene differ in length"));
+        match scene.check_shape() {
+            Ok(()) if scene.len() as u64 == n => Ok(scene),
+            _ => Err(self.error("arrays of a scene differ in length")),
         }
-        Ok(scene)
     }
 
-    /// Moments of as many parameters as `like`.
-    pub(crate) fn moments(&mut self, like: &AdamMoments) -> Result<AdamMoments> {
+    /// Moments of so many parameters.
+    pub(crate) fn moments(&mut self, len: usize) -> Result<AdamMoments> {
         let read = AdamMoments { first: self.floats()?, second: self.floats()? };
-        if read.first.len() != like.first.len() || read.second.len() != like.second.len() {
+        if [read.first.len(), read.second.len()] != [len; 2] {
             return Err(self.error("moments differ in number"));
         }
         Ok(read)

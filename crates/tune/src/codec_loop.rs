@@ -17,7 +17,8 @@ use gsvx::latents::{GaussianGradient, Latents};
 #[cfg(feature = "gpu")]
 use crate::device::Device;
 use crate::error::Result;
-use crate::plan::{self, DC_BASIS};
+use crate::plan::{self, DC_BASIS, TunePlan};
+use crate::scene_loop::decay;
 
 /// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
 const RATES: [f32; 4] = [0.01, 0.003, 4e-4, 0.005];
@@ -35,14 +36,12 @@ const PRICE: f64 = 8.0;
 /// The latents, and what the codec made of them last.
 pub(crate) struct CodecLoop {
     pub(crate) latents: Latents,
-    pub(crate) octree: Octree,
-    pub(crate) importance: Vec<f32>,
+    pub(crate) leaves: LoopLeaves,
     /// What a decoder would return when the codec last ran, then the outliers.
     pub(crate) scene: Scene,
-    pub(crate) outliers: Option<Scene>,
     pub(crate) moments: AdamMoments,
-    rates: Vec<f32>,
-    prices: Vec<f32>,
+    /// The derivatives of the bits when the codec last ran here.
+    pub(crate) prices: Vec<f32>,
     pub(crate) quality: f32,
     /// MSE per bit for a DC step of 1.
     price: f64,
@@ -63,17 +62,12 @@ pub(crate) struct Snapshot {
     pub(crate) quality: f32,
 }
 
-/// Where a loop begins.
-pub(crate) struct LoopStart {
+/// What a loop does not move.
+pub(crate) struct LoopLeaves {
     pub(crate) octree: Octree,
     /// Importance of each leaf.
     pub(crate) importance: Vec<f32>,
     pub(crate) outliers: Option<Scene>,
-    pub(crate) latents: Latents,
-    pub(crate) quality: f32,
-    pub(crate) steps: u64,
-    /// Pixels of all cameras.
-    pub(crate) pixels: f64,
 }
 
 /// The encoder's options for the latents.
@@ -85,16 +79,12 @@ pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> gsvx::Result
 }
 
 impl CodecLoop {
-    pub(crate) fn new(start: LoopStart) -> Self {
-        let LoopStart { octree, importance, outliers, latents, quality, steps, pixels } = start;
+    /// Begins at the plan's quality. `pixels` are those of all cameras.
+    pub(crate) fn new(plan: &TunePlan, pixels: f64, leaves: LoopLeaves, latents: Latents) -> Self {
+        let LoopLeaves { octree, importance, outliers } = &leaves;
         let n = latents.values().len();
-        let [opacity, dc, ac, covariance] = RATES;
-        let mut rates = vec![opacity];
-        rates.extend([dc; 3]);
-        rates.extend(vec![ac; latents.channels() - 10]);
-        rates.extend([covariance; 6]);
         let mut scene = Scene { sh_degree: latents.sh_degree(), ..Scene::default() };
-        if let Some(outliers) = &outliers {
+        if let Some(outliers) = outliers {
             // The leaves come before the outliers; their values are filled in by the first step.
             let blank = vec![0; octree.len()];
             scene.append(&outliers.select(&blank));
@@ -108,16 +98,13 @@ impl CodecLoop {
         let price = PRICE * std::f64::consts::LN_2 / 6.0 * DC_BASIS * DC_BASIS * weight;
         Self {
             latents,
-            octree,
-            importance,
+            leaves,
             scene,
-            outliers,
             moments: AdamMoments::zeros(n),
-            rates,
             prices: vec![0.0; n],
-            quality,
+            quality: plan.quality,
             price,
-            steps,
+            steps: plan.loop_steps,
             done: 0,
             bytes: 0,
             settled: false,
@@ -130,12 +117,6 @@ impl CodecLoop {
     pub(crate) fn lambda(&self) -> f64 {
         let dc = f64::from(self.latents.steps().dc);
         self.price * dc * dc
-    }
-
-    /// The derivatives of the bits when the codec last ran here.
-    #[cfg(all(test, feature = "gpu"))]
-    pub(crate) fn prices(&self) -> &[f32] {
-        &self.prices
     }
 
     /// Goes to another quality: other steps, and another price of bits.
@@ -177,61 +158,41 @@ impl CodecLoop {
     pub(crate) fn leave_device(&mut self) -> Result<()> {
         self.fetch()?;
         #[cfg(feature = "gpu")]
-        {
-            self.device = None;
-        }
+        drop(self.device.take());
         Ok(())
     }
 
-    /// One step at a view on the device, if there is one. The loss is that of an earlier step.
-    #[cfg(feature = "gpu")]
-    fn step_on_device(&mut self, view: usize) -> Result<Option<ViewLoss>> {
-        let fit = self.at_fit();
+    /// One step at a view. On a device the loss is that of an earlier step.
+    pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
+        let (coded, fit) = (self.done.is_multiple_of(CODED), self.at_fit());
+        // The price of a bit, where the codec runs.
+        let lambda = if coded { self.lambda() as f32 } else { 0.0 };
+        let decay = decay(FINAL_RATE, self.done, self.steps);
+        let rates = RATES.map(|r| r * decay);
+        #[cfg(feature = "gpu")]
         if self.device.is_some() && fit && !self.settled {
             self.settle()?;
         }
-        let decay = self.decay();
-        let coded = self.done.is_multiple_of(CODED);
-        let step = KernelStep {
-            view,
-            number: self.done + 1,
-            rates: RATES.map(|r| r * decay),
-            made: coded,
-            // The price of a bit, where the codec runs.
-            extra: if coded { self.lambda() as f32 } else { 0.0 },
-        };
-        let Some(device) = &mut self.device else { return Ok(None) };
-        if fit {
-            device.update(&self.latents)?;
-        }
-        let loss = device.step(&step)?;
-        self.settled = false;
-        self.done += 1;
-        Ok(Some(loss))
-    }
-
-    /// What the rates are multiplied by in the next step.
-    fn decay(&self) -> f32 {
-        let share = self.done as f64 / self.steps.saturating_sub(1).max(1) as f64;
-        libm::pow(FINAL_RATE, share) as f32
-    }
-
-    /// One step at a view.
-    pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
         #[cfg(feature = "gpu")]
-        if let Some(loss) = self.step_on_device(view)? {
+        if let Some(device) = &mut self.device {
+            if fit {
+                device.update(&self.latents)?;
+            }
+            let number = self.done + 1;
+            let step = KernelStep { view, number, rates, made: coded, extra: lambda };
+            let loss = device.step(&step)?;
+            (self.done, self.settled) = (number, false);
             return Ok(loss);
         }
-        let coded = self.done.is_multiple_of(CODED);
         if coded && !self.settled {
-            self.code(self.at_fit())?;
+            self.code(fit)?;
         }
         self.settled = false;
-        let lambda = if coded { self.lambda() as f32 } else { 0.0 };
-        let decay = self.decay();
         let loss = views.run(&self.scene, view);
         self.done += 1;
-        let rates: Vec<f32> = self.rates.iter().map(|r| r * decay).collect();
+        let [opacity, dc, ac, covariance] = rates;
+        let ac = vec![ac; self.latents.channels() - 10];
+        let rates = [&[opacity, dc, dc, dc], &ac[..], &[covariance; 6]].concat();
         let mut values = std::mem::take(self.latents.values_mut());
         let (latents, scene, views, prices) = (&self.latents, &self.scene, &*views, &self.prices);
         let gradient = |i: usize, row: &mut [f32]| {
@@ -271,7 +232,6 @@ impl CodecLoop {
         Ok(())
     }
 
-    /// Values and steps, to come back to.
     pub(crate) fn snapshot(&self) -> Snapshot {
         Snapshot { values: self.latents.values().to_vec(), quality: self.quality }
     }

@@ -2,7 +2,7 @@
 
 use gs_model::Scene;
 
-use crate::checkpoint::{CheckpointReader, CheckpointWriter};
+use crate::checkpoint::{StateReader, StateWriter};
 use crate::codec_loop::{CodecLoop, FITTED, Snapshot};
 use crate::error::Result;
 use crate::options::Target;
@@ -38,32 +38,19 @@ impl Course {
         Self { plan, target, input, stage, best: None, aside_psnr: None }
     }
 
-    /// The loop on what the rounds have left.
-    fn codec_loop(
-        plan: &TunePlan,
-        target: Target,
-        scene: &Scene,
-        views: &mut Views,
-    ) -> Result<Box<CodecLoop>> {
-        views.gradients.move_means(false);
-        let mut state = stage::codec_loop(plan, views, scene)?;
-        steering::begin(&mut state, target)?;
-        Ok(Box::new(state))
-    }
-
     /// The loop at its end, with the best state if the last one costs more, unless the run was cut short.
     pub(crate) fn finish(self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
         let Self { plan, target, stage, best, .. } = self;
         let mut state = match stage {
             Stage::Round { mut recovery, .. } => {
-                Self::codec_loop(&plan, target, &recovery.take_scene(), views)?
+                stage::codec_loop(&plan, target, views, &recovery.optimiser.take_scene())?
             }
             Stage::Loop(state) => state,
         };
         state.settle()?;
         // With a target the quality was steered until the end: the last state is closest to it.
         if let (false, Target::Quality(_), Some((best, snapshot))) = (cancelled, target, best) {
-            let (mse, _) = views.aside(&state.scene);
+            let (mse, _) = views.at_aside(&state.scene);
             if best < cost(&state, mse) {
                 state.restore(snapshot)?;
             }
@@ -86,12 +73,11 @@ impl Work for Course {
         match &mut self.stage {
             Stage::Round { recovery, .. } if recovery.done < recovery.steps => Ok(None),
             Stage::Round { round, recovery } => {
-                let (round, scene) = (*round, recovery.take_scene());
+                let (round, scene) = (*round, recovery.optimiser.take_scene());
                 if round < self.plan.rounds {
-                    views.gradients.move_means(true);
                     self.stage = stage::round(&self.plan, views, scene, self.input, round + 1)?;
                 } else {
-                    let state = Self::codec_loop(&self.plan, self.target, &scene, views)?;
+                    let state = stage::codec_loop(&self.plan, self.target, views, &scene)?;
                     self.stage = Stage::Loop(state);
                 }
                 Ok(None)
@@ -116,7 +102,7 @@ impl Work for Course {
             Stage::Loop(state) => state.settle()?,
             Stage::Round { .. } => (),
         }
-        let (mse, psnr) = views.aside(self.stage.scene());
+        let (mse, psnr) = views.at_aside(self.stage.scene());
         self.aside_psnr = Some(psnr);
         let Stage::Loop(state) = &mut self.stage else { return Ok(()) };
         if state.done as f64 >= BEST_FROM * state.steps as f64 {
@@ -146,14 +132,14 @@ impl Work for Course {
         Ok(loss.psnr())
     }
 
-    fn fetch(&mut self) -> Result<()> {
+    fn fetch(&mut self, _: &Views) -> Result<()> {
         match &mut self.stage {
             Stage::Loop(state) => state.leave_device(),
             Stage::Round { .. } => Ok(()),
         }
     }
 
-    fn write(&self, out: &mut CheckpointWriter) {
+    fn write(&self, out: &mut StateWriter) {
         out.numbers(self.aside_psnr.as_slice());
         match &self.best {
             Some((cost, Snapshot { values, quality })) => {
@@ -165,7 +151,7 @@ impl Work for Course {
         self.stage.write(out);
     }
 
-    fn read(&mut self, input: &mut CheckpointReader<'_>, views: &mut Views) -> Result<()> {
+    fn read(&mut self, input: &mut StateReader<'_>, views: &mut Views) -> Result<()> {
         self.aside_psnr = input.numbers()?.first().copied();
         self.best = match input.numbers()?[..] {
             [cost, quality] => {

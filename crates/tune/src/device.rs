@@ -77,7 +77,7 @@ impl Device {
 mod tests {
     use super::*;
     use crate::codec_loop::CodecLoop;
-    use crate::options::{Target, TuneOptions};
+    use crate::options::Target;
     use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
@@ -103,10 +103,10 @@ mod tests {
         };
         let views =
             dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
-        let options = TuneOptions::new(Target::Quality(PLAN.quality));
-        let mut views = Views::new(&scene, views, options.seed).unwrap();
-        let on_host = stage::codec_loop(&PLAN, &views, &scene).unwrap();
-        let mut on_device = stage::codec_loop(&PLAN, &views, &scene).unwrap();
+        let mut views = Views::new(&scene, views, 0).unwrap();
+        let target = Target::Quality(PLAN.quality);
+        let on_host = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
+        let mut on_device = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         match on_device.place(Adapter::Software, &mut views.gradients) {
             Ok(()) => Some((on_host, on_device, views)),
             Err(crate::Error::Finetune(e @ finetune::Error::NoAdapter { .. })) => {
@@ -154,9 +154,9 @@ mod tests {
         for (row, weight) in rows.zip(fixed(&host.latents).2) {
             row.iter_mut().for_each(|p| *p *= weight);
         }
-        let largest = host.prices().iter().fold(0.0f32, |m, p| m.max(p.abs()));
+        let largest = host.prices.iter().fold(0.0f32, |m, p| m.max(p.abs()));
         let scaled = |p: &[f32]| p.iter().map(|p| p / largest * 100.0).collect::<Vec<_>>();
-        let share = differing(&scaled(&prices), &scaled(host.prices()), 1e-3);
+        let share = differing(&scaled(&prices), &scaled(&host.prices), 1e-3);
         assert!(share < 0.01, "{share} of the prices differ");
     }
 
@@ -179,7 +179,7 @@ mod tests {
         println!("moved {moved}, apart {apart}; {} and {} bytes", host.bytes, device.bytes);
         assert!(moved > 0.1 && apart < 0.1 * moved, "moved {moved}, apart {apart}");
         assert!((host.bytes as f64 / device.bytes as f64 - 1.0).abs() < 0.005);
-        let (a, b) = (views.aside(&host.scene).1, views.aside(&device.scene).1);
+        let (a, b) = (views.at_aside(&host.scene).1, views.at_aside(&device.scene).1);
         assert!((a - b).abs() < 0.02, "{a} and {b} dB");
     }
 }

@@ -89,11 +89,5 @@ pub enum Error {
     },
 }
 
-impl Error {
-    pub(crate) fn option(option: &'static str, value: f64, range: &'static str) -> Self {
-        Self::Option { option, value, range }
-    }
-}
-
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;

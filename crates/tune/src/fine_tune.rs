@@ -9,7 +9,7 @@ use finetune::{Adapter, DeviceOptimiser};
 use finetune::{Backend, BackendReport, Loss, TrainView, ViewLoss};
 use gs_model::Scene;
 
-use crate::checkpoint::{CheckpointReader, CheckpointWriter, fingerprint};
+use crate::checkpoint::{StateReader, StateWriter, fingerprint};
 use crate::epochs::Epochs;
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
@@ -103,7 +103,8 @@ impl FineTune {
         if let Loss::L1Ssim { ssim_weight } = loss
             && !(0.0..=1.0).contains(&ssim_weight)
         {
-            return Err(Error::option("SSIM weight", ssim_weight.into(), "from 0 to 1"));
+            let (value, range) = (ssim_weight.into(), "from 0 to 1");
+            return Err(Error::Option { option: "SSIM weight", value, range });
         }
         let fingerprint = fingerprint(&scene, &views, &format!("attributes {loss:?} {seed}"));
         let views = Views::all(views, loss, seed)?;
@@ -139,7 +140,7 @@ impl FineTune {
         trainer.keep(&work);
         progress(&trainer.progress(&work, work.psnr));
         Ok(FineTuned {
-            scene: work.run.take_scene(),
+            scene: work.run.optimiser.take_scene(),
             steps: trainer.done,
             seconds: trainer.clock.seconds(),
             reason,
@@ -241,43 +242,39 @@ impl Work for Attributes {
         Ok(self.psnr)
     }
 
-    fn fetch(&mut self) -> Result<()> {
-        self.listen()?;
+    fn fetch(&mut self, views: &Views) -> Result<()> {
+        self.measure(views)?;
         #[cfg(feature = "gpu")]
-        if let Some(mut device) = self.device.take() {
-            device.fetch(&mut self.run.optimiser)?;
-        }
+        drop(self.device.take());
         Ok(())
     }
 
-    fn write(&self, out: &mut CheckpointWriter) {
+    fn write(&self, out: &mut StateWriter) {
         out.numbers(&self.epochs.past);
         out.numbers(&self.epochs.current);
         self.run.write(out);
     }
 
-    fn read(&mut self, input: &mut CheckpointReader<'_>, _: &mut Views) -> Result<()> {
+    fn read(&mut self, input: &mut StateReader<'_>, _: &mut Views) -> Result<()> {
         let (past, current) = (input.numbers()?, input.numbers()?);
         // A pass ends when its length is reached, so a longer one would never end.
         if current.len() >= self.views {
             return Err(input.error("more steps in a pass than views"));
         }
         let run = SceneLoop::read(input, 0.0, self.options.steps)?;
-        if run.scene().means != self.run.scene().means {
+        if run.optimiser.scene().means != self.run.optimiser.scene().means {
             return Err(input.error("other means"));
         }
         (self.epochs, self.run) = (Epochs { past, current }, run);
         #[cfg(feature = "gpu")]
-        {
-            self.device = None;
-        }
+        drop(self.device.take());
         Ok(())
     }
 
     fn state(&self) -> RunState<'_> {
         RunState {
             stage: StageName::Attributes,
-            scene: self.run.scene(),
+            scene: self.run.optimiser.scene(),
             aside_psnr: None,
             pass_psnr: self.epochs.psnr(),
             bytes: None,

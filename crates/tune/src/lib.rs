@@ -1,7 +1,6 @@
 #![doc = include_str!("../README.md")]
 
 mod checkpoint;
-mod clock;
 mod codec_loop;
 mod course;
 #[cfg(feature = "gpu")]

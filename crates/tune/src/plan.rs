@@ -69,11 +69,12 @@ impl TunePlan {
     pub(crate) fn checked(self) -> Result<Self> {
         EncodeOptions::from_quality(self.quality)?;
         if !(0.0..1.0).contains(&self.fraction) {
-            let range = "from 0 to below 1";
-            return Err(Error::option("fraction", self.fraction, range));
+            let (value, range) = (self.fraction, "from 0 to below 1");
+            return Err(Error::Option { option: "fraction", value, range });
         }
         if self.rounds == 0 || self.loop_steps == 0 {
-            return Err(Error::option("rounds and steps of the loop", 0.0, "1 or more"));
+            let option = "rounds and steps of the loop";
+            return Err(Error::Option { option, value: 0.0, range: "1 or more" });
         }
         Ok(self)
     }

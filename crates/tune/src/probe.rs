@@ -1,5 +1,6 @@
 //! The plan that follows from a target: for a size, by streams of the scene without tuning.
 
+use finetune::removal_effects;
 use gs_model::Scene;
 use gsvx::rate;
 
@@ -23,7 +24,7 @@ pub(crate) fn plan(
     if let Some(plan) = options.plan {
         return plan.checked();
     }
-    let (effects, importance) = (views.removal_effects(scene), views.importance(scene));
+    let (effects, importance) = (removal_effects(scene, &views.cameras), views.importance(scene));
     let spare = Spare::new(&effects, &importance);
     let quality = match options.target {
         Target::Quality(quality) => quality,

@@ -9,30 +9,20 @@ use finetune::kernels::{Call, GAUSSIAN, PROJECT_ADJOINT, Program, STEP, Shader};
 use gpcc_lite::attribute::CLASSES;
 use gsvx::latents::{EQUAL_AXES, LOGIT_RANGE, Latents, Transform};
 
-const CODEC: &str = include_str!("kernels/codec.wgsl");
-
 /// The kernels, in the order of their calls.
 const SHADERS: &[Shader] = &[
-    Shader::new(
-        "side",
-        &["load", "add_predicted"],
-        &[STEP, CODEC, include_str!("kernels/side.wgsl")],
-    ),
-    Shader::new(
-        "transform",
-        &["transform"],
-        &[STEP, CODEC, include_str!("kernels/transform.wgsl")],
-    ),
+    Shader::new("side", &["load", "add_predicted"], &[STEP, include_str!("kernels/side.wgsl")]),
+    Shader::new("transform", &["transform"], &[STEP, include_str!("kernels/transform.wgsl")]),
     Shader::new(
         "quantise",
         &["quantise_means", "quantise"],
-        &[STEP, CODEC, include_str!("kernels/quantise.wgsl")],
+        &[STEP, include_str!("kernels/quantise.wgsl")],
     ),
-    Shader::new("rebuild", &["rebuild"], &[STEP, CODEC, include_str!("kernels/rebuild.wgsl")]),
+    Shader::new("rebuild", &["rebuild"], &[STEP, include_str!("kernels/rebuild.wgsl")]),
     Shader::new(
         "move_latents",
         &["move_latents"],
-        &[STEP, GAUSSIAN, PROJECT_ADJOINT, CODEC, include_str!("kernels/latents.wgsl")],
+        &[STEP, GAUSSIAN, PROJECT_ADJOINT, include_str!("kernels/latents.wgsl")],
     ),
 ];
 
@@ -44,9 +34,9 @@ const GROUPS: usize = 6;
 /// Activities of a merge and group.
 const ACTIVITIES: usize = 3;
 
-/// Constants of the codec, for the kernels.
-fn constants() -> String {
-    let mut out = String::new();
+/// What the kernels share of the codec, and its constants.
+fn shared() -> String {
+    let mut out = String::from(include_str!("kernels/codec.wgsl"));
     let [low, high] = LOGIT_RANGE;
     // Formatting into a String cannot fail.
     let _ = writeln!(out, "const CHUNK_WORDS: u32 = {CHUNK_WORDS}u;");
@@ -98,8 +88,8 @@ pub(crate) fn program(latents: &Latents) -> Program {
     }
     before.push(call("rebuild", "rebuild", [0; 4], leaf_groups));
     let after = vec![call("move_latents", "move_latents", [0; 4], leaf_groups)];
-    let (constants, uniform) = (constants(), ("codec", uniform(latents)));
-    Program { constants, shaders: SHADERS, buffers, uniform, before, after }
+    let (shared, uniform) = (shared(), ("codec", uniform(latents)));
+    Program { shared, shaders: SHADERS, buffers, uniform, before, after }
 }
 
 /// The words of `Codec` in `codec.wgsl`.
@@ -187,7 +177,7 @@ mod tests {
     #[test]
     fn every_kernel_is_valid_and_translates_everywhere() {
         for shader in SHADERS {
-            let source = shader.source(&constants());
+            let source = shader.source(&shared());
             testing::wgsl::check(shader.name(), &source, shader.entries());
             let storage = source.matches("var<storage").count();
             assert!(storage <= 8, "{}: {storage} storage buffers", shader.name());

@@ -4,7 +4,6 @@ use finetune::{BackendReport, TrainView};
 use gs_model::Scene;
 
 use crate::checkpoint::fingerprint;
-use crate::clock::Clock;
 use crate::codec_loop::CodecLoop;
 use crate::course::Course;
 use crate::error::{Error, Result};
@@ -14,9 +13,11 @@ use crate::probe::plan;
 use crate::progress::{Progress, StopReason, TuneOutcome};
 use crate::stage::at_degree;
 use crate::steering;
-use crate::trainer::{Trainer, Work};
+use crate::trainer::{Clock, Trainer, Work};
 use crate::views::Views;
 
+/// A model whose renders match the photos worse than this does not belong to them.
+const LEAST_MATCH_DB: f64 = 12.0;
 /// A view of the loop takes this much longer than one without the codec.
 const LOOP_OVER_STEP: f64 = 1.4;
 /// Time of a step grows with the number of Gaussians to this power.
@@ -53,13 +54,20 @@ impl Tune {
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
         {
-            return Err(Error::option("target PSNR", db, "a number of dB"));
+            return Err(Error::Option {
+                option: "target PSNR",
+                value: db,
+                range: "a number of dB",
+            });
         }
         let TuneOptions { target, effort, plan: given, seed, .. } = &options;
         let shared = format!("{target:?} {effort:?} {given:?} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
         let views = Views::new(&scene, views, options.seed)?;
-        let input_psnr = views.check(&scene)?;
+        let (_, input_psnr) = views.at_aside(&scene);
+        if input_psnr < LEAST_MATCH_DB {
+            return Err(Error::OtherPhotos { psnr: input_psnr });
+        }
         let plan = plan(&scene, &views, &options, input_psnr)?;
         let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
@@ -88,7 +96,7 @@ impl Tune {
     #[must_use]
     pub fn views(&self) -> (usize, usize) {
         let views = &self.trainer.views;
-        (views.gradients.views(), views.kept_aside())
+        (views.gradients.views(), views.aside.len())
     }
 
     /// Where the steps with the codec in the loop are made, and why there.
@@ -131,13 +139,13 @@ impl Tune {
         let Trainer { views, done: steps, backend, clock, .. } = &mut trainer;
         let mut state = course.finish(views, cancelled)?;
         let encoded = steering::fitting(&mut state, target)?;
-        let (_, psnr) = views.aside(&state.scene);
+        let (_, psnr) = views.at_aside(&state.scene);
         let reached = match target {
             Target::Quality(_) => true,
             Target::Bytes(bytes) => encoded.bytes.len() as u64 <= bytes,
             Target::Psnr(db) => psnr >= db,
         };
-        let CodecLoop { scene: last, quality, bytes: counted_bytes, outliers, .. } = state;
+        let CodecLoop { scene: last, quality, bytes: counted_bytes, leaves, .. } = state;
         // The stream leaves out SH degrees that are zero everywhere.
         let scene = at_degree(&last, encoded.index.header.sh_degree);
         Ok(TuneOutcome {
@@ -147,7 +155,7 @@ impl Tune {
             input_psnr,
             psnr,
             quality,
-            outliers: outliers.map_or(0, |o| o.len()),
+            outliers: leaves.outliers.map_or(0, |o| o.len()),
             steps: *steps,
             seconds: clock.seconds(),
             backend: backend.clone(),

@@ -4,19 +4,34 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use finetune::backend;
 use finetune::{Backend, BackendReport};
 use gs_model::Scene;
 
-use crate::checkpoint::{self, CheckpointReader, CheckpointWriter};
-use crate::clock::Clock;
+use crate::checkpoint::{self, StateReader, StateWriter};
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
 use crate::views::Views;
 
 /// Steps between two reports.
 const REPORTED: u64 = 10;
+
+/// When something began. The standard library has no clock on wasm32-unknown-unknown; there everything takes 0 s.
+#[derive(Clone, Copy)]
+pub(crate) struct Clock(Option<Instant>);
+
+impl Clock {
+    pub(crate) fn start() -> Self {
+        let there = !cfg!(all(target_family = "wasm", target_os = "unknown"));
+        Self(there.then(Instant::now))
+    }
+
+    pub(crate) fn seconds(self) -> f64 {
+        self.0.map_or(0.0, |started| started.elapsed().as_secs_f64())
+    }
+}
 
 /// What a run moves, and what it does between its steps.
 pub(crate) trait Work {
@@ -33,11 +48,11 @@ pub(crate) trait Work {
     /// One step at a view; its PSNR, dB.
     fn step(&mut self, views: &mut Views, view: usize) -> Result<f64>;
     /// Moves the following steps back to the processor.
-    fn fetch(&mut self) -> Result<()>;
+    fn fetch(&mut self, views: &Views) -> Result<()>;
     /// Adds what a run needs to go on from here.
-    fn write(&self, out: &mut CheckpointWriter);
+    fn write(&self, out: &mut StateWriter);
     /// Undoes [`Work::write`]. The following steps run on the processor.
-    fn read(&mut self, input: &mut CheckpointReader<'_>, views: &mut Views) -> Result<()>;
+    fn read(&mut self, input: &mut StateReader<'_>, views: &mut Views) -> Result<()>;
     /// For a report.
     fn state(&self) -> RunState<'_>;
 }
@@ -100,11 +115,11 @@ impl Trainer {
     /// Goes on from the checkpoint. False if there is none.
     pub(crate) fn resume(&mut self, work: &mut impl Work) -> Result<bool> {
         let Some(path) = self.checkpoint.clone().filter(|p| p.exists()) else { return Ok(false) };
-        self.read(work, CheckpointReader::open(&path, self.fingerprint)?)?;
+        self.read(work, StateReader::open(&path, self.fingerprint)?)?;
         Ok(true)
     }
 
-    fn read(&mut self, work: &mut impl Work, mut file: CheckpointReader<'_>) -> Result<()> {
+    fn read(&mut self, work: &mut impl Work, mut file: StateReader<'_>) -> Result<()> {
         let [done] = file.integers()?[..] else { return Err(file.error("steps")) };
         work.read(&mut file, &mut self.views)?;
         (self.done, self.begun) = (done, done);
@@ -124,8 +139,7 @@ impl Trainer {
         loop {
             match (self.steps(work, &mut progress), self.kept.take()) {
                 (Err(Error::Finetune(finetune::Error::Gpu { reason })), Some(kept)) => {
-                    let kept =
-                        CheckpointReader::new(Path::new("kept state"), kept, self.fingerprint)?;
+                    let kept = StateReader::new(Path::new("kept state"), kept, self.fingerprint)?;
                     self.read(work, kept)?;
                     self.backend = took_over(&reason, self.done);
                 }
@@ -162,12 +176,12 @@ impl Trainer {
                 self.checkpoint_failed = None;
             }
         };
-        work.fetch()?;
+        work.fetch(&self.views)?;
         Ok(reason)
     }
 
     fn state(&self, work: &impl Work) -> Vec<u8> {
-        let mut out = CheckpointWriter::new(self.fingerprint);
+        let mut out = StateWriter::new(self.fingerprint);
         out.integers(&[self.done]);
         work.write(&mut out);
         out.finish()
@@ -270,15 +284,15 @@ mod tests {
             Ok(0.0)
         }
 
-        fn fetch(&mut self) -> Result<()> {
+        fn fetch(&mut self, _: &Views) -> Result<()> {
             Ok(())
         }
 
-        fn write(&self, out: &mut CheckpointWriter) {
+        fn write(&self, out: &mut StateWriter) {
             out.integers(&[self.sum, self.done]);
         }
 
-        fn read(&mut self, input: &mut CheckpointReader<'_>, _: &mut Views) -> Result<()> {
+        fn read(&mut self, input: &mut StateReader<'_>, _: &mut Views) -> Result<()> {
             let [sum, done] = input.integers()?[..] else { return Err(input.error("sum")) };
             (self.sum, self.done, self.on_gpu) = (sum, done, None);
             Ok(())

@@ -48,13 +48,12 @@ pub(crate) struct Workspace {
 
 impl Workspace {
     pub(crate) fn new(context: Context, sizes: Sizes, program: Option<&Program>) -> Result<Self> {
-        let compiled =
-            |s: &Shader, constants: &str| (s.name, compile(&context.device, s, constants));
+        let compiled = |s: &Shader, shared: &str| (s.name, compile(&context.device, s, shared));
         let mut pipelines: BTreeMap<_, _> = SHADERS.iter().map(|s| compiled(s, "")).collect();
         let mut lengths = sizes.buffers();
         if let Some(program) = program {
             program.check()?;
-            pipelines.extend(program.shaders.iter().map(|s| compiled(s, &program.constants)));
+            pipelines.extend(program.shaders.iter().map(|s| compiled(s, &program.shared)));
             lengths.extend(&program.buffers);
         }
         let uniform = context.uniform("step", size_of::<StepUniform>());
