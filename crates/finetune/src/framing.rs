@@ -17,7 +17,7 @@ use glam::DVec3;
 use gs_model::Scene;
 use thinned::{FEW, ThinnedScene, thinned};
 
-/// What is given, and what is to be found.
+/// What the caller fixes. `find` chooses what is `None`.
 #[derive(Clone, Copy, Debug)]
 pub struct Constraints {
     /// A direction of length 1: see [`unit`].
@@ -36,12 +36,12 @@ const MARGIN: f64 = 1.15;
 const RADII: [f64; 6] = [1.0, 0.8, 0.64, 0.5, 0.4, 0.3];
 /// Heights that are tried, degrees: eye level first.
 const ELEVATIONS: [f64; 3] = [8.0, 20.0, 32.0];
-/// What a smaller circle, another height and a leaning axis must gain to be preferred.
+/// The least gains of a smaller circle, another height and a leaning axis.
 const CLOSER: f64 = 1.08;
 const HIGHER: f64 = 1.06;
 const LEANING: f64 = 1.12;
 const LEANING_HALF: f64 = 1.07;
-/// What the circle that leans the other way must lose.
+/// The circle that leans the other way must see less than this share.
 const OTHER_WAY: f64 = 0.97;
 /// Cameras that on average see less than this share of all Gaussians look at specks.
 const SPECKS_SEE: f64 = 0.2;
@@ -68,7 +68,7 @@ pub fn unit(direction: [f64; 3]) -> [f64; 3] {
 const FEWER: usize = 8_000;
 const QUICK_ELEVATION: f64 = 20.0;
 
-/// As [`find`], in a tenth of a second for a model of any size: from some of the Gaussians, and at one height.
+/// As [`find`], but from some of the Gaussians and at one height. It takes a tenth of a second for a model of any size.
 #[must_use]
 pub fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
     let (up, elevation) = (Some(COLMAP_UP.to_array()), Some(QUICK_ELEVATION));
@@ -113,7 +113,7 @@ fn find_around(scene: &Scene, bulk: Bulk, constraints: &Constraints, weigh: Weig
     thin.arc(lean(&thin, &straight).map_or(straight, best_of))
 }
 
-/// What is up in COLMAP scenes, nearly.
+/// The direction that is nearly up in COLMAP scenes.
 const COLMAP_UP: DVec3 = DVec3::NEG_Y;
 
 /// A direction, leaning from that of `ring`, whose circle sees clearly more; COLMAP's first camera may

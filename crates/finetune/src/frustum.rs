@@ -40,7 +40,7 @@ impl Ball {
             glam::DVec3::new(0.0, -camera.fy, h - camera.cy),
             glam::DVec3::Z,
         ];
-        // What is not a number is not left out.
+        // A comparison with NaN is false: such a camera is kept.
         !sides.iter().any(|side| side.normalize().dot(c) < -self.radius)
     }
 }

@@ -26,7 +26,7 @@ pub struct ViewGradients {
 pub(crate) struct PreparedView {
     pub(crate) view: RenderView,
     planes: Vec<u8>,
-    /// What its gradients are multiplied by.
+    /// Its gradients are multiplied by it.
     pub(crate) weight: f32,
 }
 

@@ -24,9 +24,9 @@ use crate::scene_loop::decay;
 const RATES: [f32; 4] = [0.01, 0.003, 4e-4, 0.005];
 /// Rates fall to this fraction.
 const FINAL_RATE: f64 = 0.05;
-/// Every so many steps the codec runs, and the bits have a gradient.
+/// The codec runs, and the bits have a gradient, once in this many steps.
 const CODED: u64 = 4;
-/// Every so many steps the predictions are fitted anew; between two fits a run cannot be cut.
+/// The predictions are fitted once in this many steps. A checkpoint is possible only where they are.
 pub(crate) const FITTED: u64 = 48;
 const _: () = assert!(FITTED.is_multiple_of(CODED), "a fit runs the codec");
 /// Price of a bit over that of a uniform quantiser at high rates. The latter is the derivative of
@@ -51,7 +51,7 @@ pub(crate) struct CodecLoop {
     pub(crate) bytes: u64,
     /// Scene, prices, predictions and bytes are those of the values and steps as they are.
     settled: bool,
-    /// Where the steps are made, if not here.
+    /// Runs the steps on a GPU, if there is one.
     #[cfg(feature = "gpu")]
     pub(crate) device: Option<Device>,
 }
@@ -62,7 +62,7 @@ pub(crate) struct Snapshot {
     pub(crate) quality: f32,
 }
 
-/// What a loop does not move.
+/// The leaves and what does not change of them.
 pub(crate) struct LoopLeaves {
     pub(crate) octree: Octree,
     /// Importance of each leaf.
@@ -126,7 +126,7 @@ impl CodecLoop {
         Ok(self.latents.set_steps(plan::steps(self.quality)?)?)
     }
 
-    /// Whether the next step fits the predictions: only there the state is whole without them.
+    /// Whether the next step fits the predictions. Before such a step a checkpoint does not need them.
     pub(crate) fn at_fit(&self) -> bool {
         self.done.is_multiple_of(FITTED)
     }
@@ -154,7 +154,7 @@ impl CodecLoop {
         Ok(())
     }
 
-    /// Goes on on the processor.
+    /// Moves the following steps back to the processor.
     pub(crate) fn leave_device(&mut self) -> Result<()> {
         self.fetch()?;
         #[cfg(feature = "gpu")]

@@ -14,7 +14,7 @@ use crate::steering;
 use crate::trainer::{RunState, Work};
 use crate::views::Views;
 
-/// From this share of the loop on, the best state is kept.
+/// The best state is kept after this share of the loop.
 const BEST_FROM: f64 = 0.5;
 
 /// A run of [`crate::Tune`].
@@ -30,7 +30,7 @@ pub(crate) struct Course {
 }
 
 impl Course {
-    /// Begins with a round that is over: the next one prunes.
+    /// Begins with a round of no steps, which keeps all Gaussians. The next one prunes.
     pub(crate) fn new(plan: TunePlan, target: Target, scene: Scene) -> Self {
         let input = scene.len();
         let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
@@ -59,7 +59,7 @@ impl Course {
     }
 }
 
-/// What a state costs, with its squared error at the views kept aside.
+/// The cost of a state with this squared error at the views kept aside.
 fn cost(state: &CodecLoop, mse: f64) -> f64 {
     mse + state.lambda() * 8.0 * state.bytes as f64
 }
@@ -86,7 +86,7 @@ impl Work for Course {
         }
     }
 
-    /// Where the state is whole without the predictions of the codec.
+    /// A checkpoint does not hold the predictions of the codec, so it is made where they are fitted.
     fn due(&self) -> bool {
         match &self.stage {
             Stage::Round { recovery, .. } => recovery.done.is_multiple_of(FITTED),

@@ -150,15 +150,15 @@ impl FineTune {
     }
 }
 
-/// What a [`FineTune`] moves.
+/// The scene whose attributes a [`FineTune`] moves.
 struct Attributes {
     options: FineTuneOptions,
     run: SceneLoop,
     epochs: Epochs,
-    /// Of the last step that is known.
+    /// PSNR of the last step whose loss is known.
     psnr: f64,
     views: usize,
-    /// Where the steps are made, if not here.
+    /// Runs the steps on a GPU, if there is one.
     #[cfg(feature = "gpu")]
     device: Option<DeviceOptimiser>,
 }

@@ -137,8 +137,8 @@ impl Spare {
     }
 }
 
-/// How far the PSNR of a tuned stream is below that of the input model, dB, by quality. Where a search
-/// for a PSNR begins.
+/// The loss of a tuned stream by quality: how far its PSNR is below that of the input model, dB. A search for a PSNR
+/// begins with it.
 const LOSSES: [(f32, f64); 6] =
     [(42.0, 3.0), (50.0, 1.7), (58.0, 0.9), (66.0, 0.45), (78.0, 0.1), (90.0, 0.0)];
 /// Loss per quality point below all of these.
@@ -146,7 +146,7 @@ const LOSS_PER_POINT: f64 = 0.12;
 
 /// Against renders of the input model there is no loss: the PSNR at quality 58, and dB per point.
 const AGAINST_RENDERS: (f64, f64) = (36.0, 0.5);
-/// What matches the views this well was made to, dB.
+/// From this PSNR on, the views are renders of the model, dB.
 const IS_RENDERS: f64 = 60.0;
 
 /// The quality at which a stream has a PSNR of `target` dB, about, where the input model has `input`.

@@ -34,7 +34,7 @@ const GROUPS: usize = 6;
 /// Activities of a merge and group.
 const ACTIVITIES: usize = 3;
 
-/// What the kernels share of the codec, and its constants.
+/// The text that all kernels share: functions and constants of the codec.
 fn shared() -> String {
     let mut out = String::from(include_str!("kernels/codec.wgsl"));
     let [low, high] = LOGIT_RANGE;
@@ -104,7 +104,7 @@ pub(crate) fn uniform(latents: &Latents) -> Vec<u32> {
     [&steps[..], &[0; 2], &counts, &[half_lambda, 0, 0, 0]].concat()
 }
 
-/// What does not change: merges, leaves, and the weights of the leaves.
+/// The constant buffers: merges, leaves, and the weights of the leaves.
 pub(crate) fn fixed(latents: &Latents) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
     let transforms: Vec<Transform<'_>> = latents.transforms().collect();
     let (mut words, mut weights) = (Vec::new(), Vec::new());
@@ -119,7 +119,7 @@ pub(crate) fn fixed(latents: &Latents) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
     (merges(&transforms).words, words, weights)
 }
 
-/// What the last fit has changed: the words of all chunks, and the factors of their SH predictions.
+/// The results of the last fit: the words of all chunks, and the factors of their SH predictions.
 pub(crate) fn fitted(latents: &Latents) -> (Vec<u32>, Vec<f32>) {
     let (mut words, mut factors, mut first) = (Vec::new(), Vec::new(), 0);
     for t in latents.transforms() {

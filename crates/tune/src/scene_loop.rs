@@ -13,7 +13,7 @@ const MEAN_RATE: f32 = 2e-5;
 /// Rates fall to this fraction in a loop.
 const FINAL_RATE: f64 = 0.1;
 
-/// What rates are multiplied by after `done` of `steps` steps: it falls from 1 to `last`.
+/// The factor of all rates after `done` of `steps` steps. It falls from 1 to `last`.
 pub(crate) fn decay(last: f64, done: u64, steps: u64) -> f32 {
     libm::pow(last, done as f64 / steps.saturating_sub(1).max(1) as f64) as f32
 }

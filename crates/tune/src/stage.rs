@@ -1,4 +1,4 @@
-//! The two stages of a run, how one follows the other, and what a checkpoint keeps of each.
+//! The two stages of a run, how each begins, and what a checkpoint keeps of it.
 
 use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;

@@ -1,5 +1,5 @@
-//! [`Trainer`]: the steps of a run, whatever it moves. It gives the order of the views, writes the checkpoint, makes the
-//! reports, and lets the processor go on when a GPU fails.
+//! [`Trainer`]: what all runs share. It gives the order of the views, writes the checkpoint, makes the reports, and lets
+//! the processor go on when a GPU fails.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -33,7 +33,7 @@ impl Clock {
     }
 }
 
-/// What a run moves, and what it does between its steps.
+/// The parameters that a run moves, and its work between the steps.
 pub(crate) trait Work {
     /// Steps of the whole run, at most.
     fn steps(&self) -> u64;
@@ -41,7 +41,7 @@ pub(crate) trait Work {
     fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>>;
     /// Whether it is time to measure and to keep the state.
     fn due(&self) -> bool;
-    /// Measures, and steers by what it finds.
+    /// Measures the state, and steers by it.
     fn measure(&mut self, views: &Views) -> Result<()>;
     /// Moves the following steps to a graphics adapter, if they can run there and do not yet.
     fn place(&mut self, views: &mut Views) -> Result<()>;
@@ -66,7 +66,7 @@ pub(crate) struct RunState<'a> {
     pub(crate) bytes: Option<u64>,
 }
 
-/// A run, but for what it moves.
+/// A run without the parameters that it moves.
 pub(crate) struct Trainer {
     pub(crate) views: Views,
     /// Steps done.

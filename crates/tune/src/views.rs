@@ -10,7 +10,7 @@ use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 
-/// Of so many training views one is kept aside; none of fewer.
+/// One of this many training views is kept aside; with fewer views, none.
 const ASIDE: usize = 16;
 /// A photo counts in full up to this many times the median of the squared errors (3 dB).
 const FULL_WEIGHT: f64 = 2.0;

@@ -11,7 +11,7 @@ pub(super) struct Bulk {
     pub(super) radius: f64,
 }
 
-/// Share of the smallest Gaussians that weigh no more than the largest of them: a few specks would
+/// The smallest Gaussians, by this share, weigh no more than the largest of them. Otherwise a few specks would
 /// outweigh the rest.
 const SPECKS: f64 = 0.05;
 /// The share of the weight whose distance from the median stands for the size of the subject; what is
@@ -22,7 +22,7 @@ const FAR: f64 = 2.0;
 const EDGE: f64 = 0.01;
 const WITHIN: f64 = 0.99;
 
-/// Gaussians all in one place are as large as this many of their standard deviations.
+/// Least radius of the bulk, in standard deviations of a typical Gaussian: all means may be equal.
 const SIZES: f64 = 2.0;
 const LEAST_RADIUS: f64 = 1e-9;
 
@@ -50,7 +50,7 @@ impl Bulk {
         let typical = share_of(&near, 0.5, &|i| largest(&scene.log_scales[i]).into());
         let least = SIZES * libm::exp(typical);
         let radius = share_of(&near, WITHIN, &|i| at(i).distance(centre)).max(least);
-        // What is smaller than numbers of 32 bits can tell apart is nothing.
+        // The radius must be a positive f32.
         Some(Self { centre, radius: radius.clamp(LEAST_RADIUS, f64::from(f32::MAX)) })
     }
 }

@@ -65,7 +65,7 @@ impl ThinnedScene {
         sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
-    /// What each of a few cameras on a circle sees, the most first.
+    /// How much each of a few cameras on a circle sees, in descending order.
     fn few(&self, ring: &Ring) -> Vec<f64> {
         let turn = |i: u32| f64::from(i) / f64::from(FEW);
         let mut seen: Vec<f64> = (0..FEW).map(|i| self.view(ring, turn(i))).collect();

@@ -50,7 +50,7 @@ pub struct KernelStep {
     /// Rates of four kinds of values: `u.rates` holds them over Adam's first correction, `u.inv_sqrt_bias2` the
     /// second.
     pub rates: [f32; 4],
-    /// Whether the scene is made anew. Otherwise it is the one of the step before.
+    /// Whether the kernels make a new scene. Otherwise the step renders that of the step before.
     pub made: bool,
     /// A number for the kernels: `u.extra`.
     pub extra: f32,

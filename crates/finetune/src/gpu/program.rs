@@ -19,9 +19,9 @@ pub struct Program {
     pub buffers: Vec<(&'static str, usize)>,
     /// A uniform by name, with its words.
     pub uniform: (&'static str, Vec<u32>),
-    /// What makes the scene, in order.
+    /// Calls that make the scene, in order.
     pub before: Vec<Call>,
-    /// What uses the derivatives of the loss, in order.
+    /// Calls that use the derivatives of the loss, in order.
     pub after: Vec<Call>,
 }
 

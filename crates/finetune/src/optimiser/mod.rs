@@ -24,7 +24,7 @@ const BLOCK: usize = 16;
 /// The part of a step that all parameters share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adam {
-    /// What a rate is divided by: the first bias correction.
+    /// The inverse of the first bias correction; a rate is multiplied by it.
     inverse_bias1: f32,
     inv_sqrt_bias2: f32,
 }
@@ -41,7 +41,7 @@ impl Adam {
         }
     }
 
-    /// What a rate is multiplied by, and the root of the second moment.
+    /// The factors of a rate and of the root of the second moment.
     #[cfg(feature = "gpu")]
     pub(crate) fn corrections(&self) -> (f32, f32) {
         (self.inverse_bias1, self.inv_sqrt_bias2)

@@ -121,7 +121,7 @@ pub(crate) fn rows_of(scene: &Scene) -> Vec<f32> {
     rows
 }
 
-/// What an executor of the same steps on a device has to know, and what it gives back.
+/// The state of the steps, for the executor on a device.
 #[cfg(feature = "gpu")]
 impl SceneOptimiser {
     /// The rates, with the means frozen.
