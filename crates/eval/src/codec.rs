@@ -156,7 +156,7 @@ impl Gsvx {
     /// codec is then for that scene only.
     #[must_use]
     pub fn with_cameras(scene: &TestScene) -> Self {
-        let seen = || finetune::saliency_per_view(&scene.model, &scene.training).squared;
+        let seen = || finetune::saliency(&scene.model, &scene.training).squared;
         Self { importance: (!scene.training.is_empty()).then(seen) }
     }
 

@@ -10,7 +10,7 @@ use crate::frustum::that_see;
 use crate::image::Image;
 use crate::metrics::psnr;
 use crate::options::RenderOptions;
-use crate::saliency::saliency_per_view;
+use crate::saliency::saliency;
 use crate::stages::opacity_of;
 use crate::train_view::TrainView;
 
@@ -21,8 +21,7 @@ const MAX_PSNR: f64 = 100.0;
 /// Gaussians whose blending weight is above zero, over the sum of all opacities. It is 0 if the
 /// cameras see nothing, and 1 if they see every Gaussian, or if the scene has no opacity at all.
 ///
-/// `weights` are the blending weights of the Gaussians, as [`crate::saliency`] gives them (or
-/// [`crate::Saliency::squared`]). A Gaussian without a weight counts as unseen.
+/// `weights` are blending weights of the Gaussians, as [`crate::saliency`] gives them. A Gaussian without a weight counts as unseen.
 ///
 /// ```
 /// use finetune::{saliency, seen_opacity_share};
@@ -39,7 +38,7 @@ const MAX_PSNR: f64 = 100.0;
 /// // The camera looks at the first Gaussian; the second is behind it.
 /// let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
 /// let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [32, 24], 30.0);
-/// let share = seen_opacity_share(&scene, &saliency(&scene, &[camera]));
+/// let share = seen_opacity_share(&scene, &saliency(&scene, &[camera]).total);
 /// assert_eq!(share, 0.5);
 /// ```
 #[must_use]
@@ -60,14 +59,14 @@ const LEAST_SEEN: f64 = 0.5;
 
 /// What cameras see of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct Visibility {
     /// Sum of squared blending weights of each Gaussian over the pixels of all views.
     pub weights: Vec<f32>,
     /// See [`seen_opacity_share`].
     pub share: f64,
 }
 
-impl Seen {
+impl Visibility {
     /// Renders `scene` from each camera that can see it; if these are more than 256, from as many of them, which stand
     /// for all. `step` is called after each with the number of cameras that are done. An error from it ends the
     /// work.
@@ -82,7 +81,7 @@ impl Seen {
         let mut weights = vec![0.0f32; scene.len()];
         let (chosen, each) = that_see(scene, cameras);
         for (i, camera) in chosen.iter().enumerate() {
-            let one = saliency_per_view(scene, std::slice::from_ref(camera));
+            let one = saliency(scene, std::slice::from_ref(camera));
             weights.iter_mut().zip(one.squared).for_each(|(sum, w)| *sum += w);
             step((i + 1) * cameras.len() / chosen.len())?;
         }

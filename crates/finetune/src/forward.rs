@@ -5,7 +5,7 @@ use gs_model::{Camera, Scene};
 use crate::image::Image;
 use crate::options::RenderOptions;
 use crate::stages::blend::{LANES, TilePixels, blend};
-use crate::stages::project::{Projected, View, project};
+use crate::stages::project::{Projected, RenderView, project};
 use crate::stages::sort_depth::sort_depth;
 use crate::stages::tiles::{TileLists, tile_lists};
 
@@ -21,16 +21,21 @@ pub(crate) struct Forward {
 
 impl Forward {
     /// Runs project .. blend.
-    pub(crate) fn run(&mut self, scene: &Scene, view: &View) {
+    pub(crate) fn run(&mut self, scene: &Scene, view: &RenderView) {
+        self.lists(scene, view);
+        blend(view, &self.projected.splats, &self.lists, &mut self.tiles, &mut self.last);
+    }
+
+    /// Runs project .. ranges.
+    pub(crate) fn lists(&mut self, scene: &Scene, view: &RenderView) {
         project(view, scene, &mut self.projected);
         sort_depth(&self.projected.keys, &mut self.order);
         let (splats, boxes) = (&self.projected.splats, &self.projected.boxes);
         tile_lists(view, splats, boxes, &self.order, &mut self.lists);
-        blend(view, splats, &self.lists, &mut self.tiles, &mut self.last);
     }
 
     /// The blended tiles as an image, over the background.
-    pub(crate) fn image(&self, view: &View) -> Image {
+    pub(crate) fn image(&self, view: &RenderView) -> Image {
         let mut image = Image::new(view.width, view.height);
         let width = view.width as usize;
         for (y, row) in image.rgb.chunks_exact_mut(3 * width.max(1)).enumerate() {
@@ -58,7 +63,7 @@ pub fn render(scene: &Scene, camera: &Camera, options: &RenderOptions) -> Image 
     if !camera.image_fits() {
         return Image::default();
     }
-    let view = View::new(camera, options);
+    let view = RenderView::new(camera, options);
     let mut forward = Forward::default();
     forward.run(scene, &view);
     forward.image(&view)

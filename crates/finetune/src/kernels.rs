@@ -9,4 +9,4 @@
 
 pub use crate::gpu::kernels::{KernelLoop, KernelStep};
 pub use crate::gpu::program::{Call, Program};
-pub use crate::shaders::{PARAMS, PROJECT, PROJECT_ADJOINT, SCALAR, SH, STEP, Shader};
+pub use crate::shaders::{GAUSSIAN, PROJECT_ADJOINT, STEP, Shader};

@@ -5,9 +5,8 @@
 //! - [`framing`] finds cameras for a scene that has none; [`Pictures`] tell how alike two versions of a scene
 //!   look.
 //! - [`seen_opacity_share`] and [`photo_match`] tell cameras and photos of another scene.
-//! - [`gradients`] gives a loss and its gradients by all arrays of a scene.
-//! - [`ViewGradients`] gives them view after view, and [`optimiser`] moves a scene or other parameters against
-//!   them. The crate tune makes runs of such steps.
+//! - [`ViewGradients`] gives a loss and its gradients by all arrays of a scene, view after view, and [`optimiser`]
+//!   moves a scene or other parameters against them. The crate tune makes runs of such steps.
 //!
 //! There is one list of stages (project, depth sort, tile lists, blend, loss, blend adjoint,
 //! gather, projection adjoint and Adam) and two executors of it: Rust on all cores, and WGSL on
@@ -52,6 +51,7 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 pub mod backend;
+mod backward;
 mod camera_check;
 mod error;
 mod forward;
@@ -59,7 +59,6 @@ pub mod framing;
 mod frustum;
 #[cfg(feature = "gpu")]
 mod gpu;
-mod gradients;
 mod image;
 #[cfg(feature = "gpu")]
 pub mod kernels;
@@ -68,25 +67,25 @@ pub mod metrics;
 pub mod optimiser;
 mod options;
 mod saliency;
-#[cfg(any(test, feature = "gpu"))]
+#[cfg(feature = "gpu")]
 mod shaders;
 mod shuffle;
-mod simd;
 mod stages;
 mod train_view;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{PhotoMatch, References, Seen, photo_match, seen_opacity_share};
+pub use camera_check::{PhotoMatch, References, Visibility, photo_match, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
-pub use gradients::{Gradients, gradients};
 pub use image::Image;
 pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
-pub use saliency::{Saliency, saliency, saliency_per_view};
+pub use saliency::{Saliency, saliency};
+pub use stages::loss::ViewLoss;
+pub use stages::project_adjoint::ParameterGradient;
 pub use stages::removal::removal_effects;
 pub use train_view::TrainView;
-pub use view_gradients::{GaussianGradient, ViewGradients, ViewLoss};
+pub use view_gradients::ViewGradients;

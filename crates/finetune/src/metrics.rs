@@ -24,16 +24,6 @@ pub fn psnr(a: &Image, b: &Image) -> f64 {
     -10.0 * libm::log10(sum / a.rgb.len() as f64)
 }
 
-/// As [`psnr`], with `a` rounded to 8 bits first: the figure of saved PNGs, as in the reference
-/// implementation.
-#[must_use]
-pub fn psnr8(a: &Image, b: &Image) -> f64 {
-    match Image::from_rgb8(a.width, a.height, &a.to_rgb8()) {
-        Some(a8) => psnr(&a8, b),
-        None => f64::NAN,
-    }
-}
-
 /// Mean SSIM over pixels and channels: 11x11 Gaussian window of sigma 1.5, zero padding,
 /// C1 = 1e-4, C2 = 9e-4, values clamped to 0..=1. NaN if the sizes differ or are zero.
 #[must_use]

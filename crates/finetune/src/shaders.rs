@@ -12,7 +12,6 @@ pub(crate) const DISPATCH_ROW: u32 = 32_768;
 /// Pairs that one workgroup of the radix sort handles.
 pub(crate) const RADIX_BLOCK: u32 = 1024;
 /// Values that one workgroup of the scan handles.
-#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
 pub(crate) const SCAN_BLOCK: u32 = 1024;
 /// Splats whose partial sums `blend_adjoint` keeps in workgroup memory: the most that fit in 16 KiB.
 const RECORD_BATCH: u32 = 16;
@@ -21,138 +20,79 @@ pub(crate) const GROUP_TILES: u32 = 4;
 /// Blocks of a tile, two columns of four; a lane handles a block.
 pub(crate) const BLOCKS: u32 = 8;
 /// Pixels of a run in the stage `loss`, where a lane handles a run.
-#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "the test only validates"))]
 pub(crate) const LOSS_RUN: u32 = 8;
-
-/// The type F of the shared mathematics in a shader.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ScalarType {
-    F32,
-    Vec4,
-}
 
 /// A shader module: the entry points of a stage, and the texts that it is made of, its own file last.
 #[derive(Debug)]
 pub struct Shader {
     pub(crate) name: &'static str,
     pub(crate) entries: &'static [&'static str],
-    scalar: ScalarType,
+    /// Whether the type F of the shared mathematics is `vec4<f32>`.
+    vec4: bool,
     parts: &'static [&'static str],
 }
 
 const PRELUDE: &str = include_str!("stages/math/prelude.wgsl");
-/// Exponentials and the like.
-pub const SCALAR: &str = include_str!("stages/math/scalar.wgsl");
-/// Projection of a Gaussian.
-pub const PROJECT: &str = include_str!("stages/math/project.wgsl");
-/// Its adjoint.
+const SCALAR: &str = include_str!("stages/math/scalar.wgsl");
+/// Parameters of a Gaussian, its projection, its `Frame` in a view, and the SH basis. Needs the buffers `means`, `geo`
+/// and `sh`, and [`STEP`].
+pub const GAUSSIAN: &str = concat!(
+    include_str!("stages/math/scalar.wgsl"),
+    include_str!("stages/math/project.wgsl"),
+    include_str!("stages/math/sh.wgsl"),
+    include_str!("stages/params.wgsl"),
+);
+/// The adjoint of the projection. Needs [`GAUSSIAN`].
 pub const PROJECT_ADJOINT: &str = include_str!("stages/math/project_adjoint.wgsl");
-/// SH basis.
-pub const SH: &str = include_str!("stages/math/sh.wgsl");
 const BLEND: &str = include_str!("stages/math/blend.wgsl");
 const REACH: &str = include_str!("stages/math/reach.wgsl");
 const BLOCK: &str = include_str!("stages/block.wgsl");
 /// The uniform `u` of a step, and `group_index` of a folded dispatch.
 pub const STEP: &str = include_str!("stages/step.wgsl");
-/// Parameters of a Gaussian and its `Frame` in a view. Needs the buffers `means`, `geo` and `sh`, and the texts
-/// above.
-pub const PARAMS: &str = include_str!("stages/params.wgsl");
 const TOUCHES: &str = include_str!("stages/touches.wgsl");
 /// `struct Splat` for stages that do not test tiles.
 const SPLAT: &str = "struct Splat { a: vec4<f32>, b: vec4<f32>, c: vec4<f32> }\n";
 
 /// All shaders, in the order of the stages.
 pub(crate) const SHADERS: &[Shader] = &[
-    Shader {
-        name: "project",
-        entries: &["project"],
-        scalar: ScalarType::F32,
-        parts: &[
-            SCALAR,
-            PROJECT,
-            REACH,
-            SH,
-            STEP,
-            PARAMS,
-            TOUCHES,
-            include_str!("stages/project.wgsl"),
-        ],
-    },
-    Shader {
-        name: "sort",
-        entries: &["sort_count", "sort_scatter"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, include_str!("stages/sort.wgsl")],
-    },
-    Shader {
-        name: "scan",
-        entries: &["scan_local", "scan_add"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, include_str!("stages/scan.wgsl")],
-    },
-    Shader {
-        name: "emit",
-        entries: &["rank_counts", "check_capacity", "emit"],
-        scalar: ScalarType::F32,
-        parts: &[REACH, STEP, TOUCHES, include_str!("stages/emit.wgsl")],
-    },
-    Shader {
-        name: "ranges",
-        entries: &["ranges"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, include_str!("stages/ranges.wgsl")],
-    },
-    Shader {
-        name: "reach",
-        entries: &["reach"],
-        scalar: ScalarType::Vec4,
-        parts: &[REACH, STEP, SPLAT, include_str!("stages/reach.wgsl")],
-    },
-    Shader {
-        name: "blend",
-        entries: &["blend"],
-        scalar: ScalarType::Vec4,
-        parts: &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend.wgsl")],
-    },
-    Shader {
-        name: "loss",
-        entries: &[
-            "ssim_rows",
-            "ssim_values",
-            "ssim_spread",
-            "loss_gradient",
-            "loss_blocks",
-            "loss_total",
-        ],
-        scalar: ScalarType::F32,
-        parts: &[STEP, include_str!("stages/loss.wgsl")],
-    },
-    Shader {
-        name: "blend_adjoint",
-        entries: &["blend_adjoint"],
-        scalar: ScalarType::Vec4,
-        parts: &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend_adjoint.wgsl")],
-    },
-    Shader {
-        name: "gather",
-        entries: &["gather"],
-        scalar: ScalarType::F32,
-        parts: &[STEP, SPLAT, include_str!("stages/gather.wgsl")],
-    },
-    Shader {
-        name: "adam",
-        entries: &["adam"],
-        scalar: ScalarType::F32,
-        parts: &[
-            SCALAR,
-            PROJECT,
-            PROJECT_ADJOINT,
-            SH,
-            STEP,
-            PARAMS,
-            include_str!("stages/adam.wgsl"),
-        ],
-    },
+    Shader::new(
+        "project",
+        &["project"],
+        &[STEP, GAUSSIAN, REACH, TOUCHES, include_str!("stages/project.wgsl")],
+    ),
+    Shader::new("sort", &["sort_count", "sort_scatter"], &[STEP, include_str!("stages/sort.wgsl")]),
+    Shader::new("scan", &["scan_local", "scan_add"], &[STEP, include_str!("stages/scan.wgsl")]),
+    Shader::new(
+        "emit",
+        &["rank_counts", "check_capacity", "emit"],
+        &[REACH, STEP, TOUCHES, include_str!("stages/emit.wgsl")],
+    ),
+    Shader::new("ranges", &["ranges"], &[STEP, include_str!("stages/ranges.wgsl")]),
+    Shader::new("reach", &["reach"], &[REACH, STEP, SPLAT, include_str!("stages/reach.wgsl")])
+        .vec4(),
+    Shader::new(
+        "blend",
+        &["blend"],
+        &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend.wgsl")],
+    )
+    .vec4(),
+    Shader::new(
+        "loss",
+        &["ssim_rows", "ssim_values", "ssim_spread", "loss_gradient", "loss_blocks", "loss_total"],
+        &[STEP, include_str!("stages/loss.wgsl")],
+    ),
+    Shader::new(
+        "blend_adjoint",
+        &["blend_adjoint"],
+        &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend_adjoint.wgsl")],
+    )
+    .vec4(),
+    Shader::new("gather", &["gather"], &[STEP, SPLAT, include_str!("stages/gather.wgsl")]),
+    Shader::new(
+        "adam",
+        &["adam"],
+        &[STEP, GAUSSIAN, PROJECT_ADJOINT, include_str!("stages/adam.wgsl")],
+    ),
 ];
 
 impl Shader {
@@ -163,7 +103,11 @@ impl Shader {
         entries: &'static [&'static str],
         parts: &'static [&'static str],
     ) -> Self {
-        Self { name, entries, scalar: ScalarType::F32, parts }
+        Self { name, entries, vec4: false, parts }
+    }
+
+    const fn vec4(self) -> Self {
+        Self { vec4: true, ..self }
     }
 
     /// Its name.
@@ -178,10 +122,10 @@ impl Shader {
         self.entries
     }
 
-    /// The whole text, with constants of the caller's before the rest.
+    /// The whole text, with that of the caller before the rest.
     #[must_use]
-    pub fn source(&self, constants: &str) -> String {
-        let mut out = String::from(constants);
+    pub fn source(&self, shared: &str) -> String {
+        let mut out = String::from(shared);
         // Formatting into a String cannot fail.
         let _ = self.constants(&mut out);
         out.push_str(PRELUDE);
@@ -193,12 +137,9 @@ impl Shader {
     }
 
     fn constants(&self, out: &mut String) -> std::fmt::Result {
-        let aliases = match self.scalar {
-            ScalarType::F32 => ["f32", "bool", "i32", "u32"].map(String::from),
-            ScalarType::Vec4 => ["f32", "bool", "i32", "u32"].map(|t| format!("vec4<{t}>")),
-        };
-        for (name, alias) in ["F", "B", "I", "U"].iter().zip(&aliases) {
-            writeln!(out, "alias {name} = {alias};")?;
+        for (name, scalar) in [("F", "f32"), ("B", "bool"), ("I", "i32"), ("U", "u32")] {
+            let wide = if self.vec4 { format!("vec4<{scalar}>") } else { scalar.into() };
+            writeln!(out, "alias {name} = {wide};")?;
         }
         for (name, value) in [
             ("TILE", TILE),

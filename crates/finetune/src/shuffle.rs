@@ -1,10 +1,10 @@
 //! The order in which views are visited.
 
 /// SplitMix64.
-pub(crate) struct Rng(pub(crate) u64);
+struct SplitMix(u64);
 
-impl Rng {
-    pub(crate) fn next(&mut self) -> u64 {
+impl SplitMix {
+    fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -17,7 +17,7 @@ impl Rng {
 /// arguments alone, so that a resumed run continues with the same order.
 #[must_use]
 pub fn permutation(seed: u64, epoch: u64, n: usize) -> Vec<u32> {
-    let mut rng = Rng(seed ^ epoch.wrapping_mul(0xd134_2543_de82_ef95));
+    let mut rng = SplitMix(seed ^ epoch.wrapping_mul(0xd134_2543_de82_ef95));
     let mut order: Vec<u32> = (0..n as u32).collect();
     for i in (1..n).rev() {
         let j = ((u128::from(rng.next()) * (i as u128 + 1)) >> 64) as usize;

@@ -2,46 +2,14 @@
 
 use gs_model::Scene;
 
+use crate::backward::{Backward, planes_of};
 use crate::error::Result;
-use crate::gradients::Backward;
-use crate::image::Image;
 use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING};
-use crate::stages::project::View;
-use crate::stages::project_adjoint::{self, Gaussian, gaussian_gradient};
+use crate::stages::loss::ViewLoss;
+use crate::stages::project::RenderView;
+use crate::stages::project_adjoint::{ParameterGradient, parameter_gradient};
 use crate::train_view::{TrainView, check_views};
-
-/// The loss of one view.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ViewLoss {
-    /// The loss that the gradients are of.
-    pub loss: f64,
-    /// Mean squared error of the clamped image, for the PSNR.
-    pub mse: f64,
-}
-
-impl ViewLoss {
-    /// PSNR in dB, at most 100.
-    #[must_use]
-    pub fn psnr(&self) -> f64 {
-        (-10.0 * libm::log10(self.mse)).min(100.0)
-    }
-}
-
-/// Derivatives of a loss by the arrays of one Gaussian.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct GaussianGradient {
-    /// By its SH coefficients, as many as the scene has.
-    pub sh: [[f32; 3]; 16],
-    /// By its opacity logit.
-    pub opacity_logit: f32,
-    /// By its log-scales.
-    pub log_scale: [f32; 3],
-    /// By its quaternion, not normalised.
-    pub rotation: [f32; 4],
-    /// By its mean; zero where means are frozen.
-    pub mean: [f32; 3],
-}
 
 /// Renders views, compares them with their photos and gives gradients. Buffers are used again from view
 /// to view. Photos are kept with 8 bits per value, as their files have them.
@@ -56,17 +24,16 @@ pub struct ViewGradients {
 
 /// A view and the planes of its photo.
 pub(crate) struct PreparedView {
-    pub(crate) view: View,
+    pub(crate) view: RenderView,
     planes: Vec<u8>,
-    /// What its gradients are multiplied by.
+    /// Its gradients are multiplied by it.
     pub(crate) weight: f32,
 }
 
 impl PreparedView {
     pub(crate) fn new(TrainView { camera, photo }: TrainView, options: &RenderOptions) -> Self {
-        let bytes = photo.to_rgb8();
-        let planes = (0..3).flat_map(|c| bytes.iter().skip(c).step_by(3)).copied().collect();
-        Self { view: View::new(&camera, options), planes, weight: 1.0 }
+        let planes = planes_of(&photo.to_rgb8());
+        Self { view: RenderView::new(&camera, options), planes, weight: 1.0 }
     }
 
     /// Puts the planes into `out`.
@@ -118,11 +85,10 @@ impl ViewGradients {
         let prepared = &self.views[self.last];
         prepared.planes(&mut self.planes);
         let (view, photo) = (&prepared.view, &self.planes);
-        let value = match &mut self.pass {
+        match &mut self.pass {
             Pass::Frozen(pass) => pass.run(scene, view, photo, self.loss),
             Pass::Moving(pass) => pass.run(scene, view, photo, self.loss),
-        };
-        ViewLoss { loss: value.loss, mse: value.mse }
+        }
     }
 
     /// What the stage `gather` found at the last view, means frozen.
@@ -134,52 +100,16 @@ impl ViewGradients {
         }
     }
 
-    /// The image of the last [`ViewGradients::run`].
-    #[must_use]
-    pub fn image(&self) -> Image {
-        let view = &self.views[self.last].view;
-        match &self.pass {
-            Pass::Frozen(pass) => pass.forward.image(view),
-            Pass::Moving(pass) => pass.forward.image(view),
-        }
-    }
-
     /// The gradients of Gaussian `i` at the last view; `None` if it reaches no pixel. `scene` is that of
     /// [`ViewGradients::run`].
     // The result is large: a call would copy it through memory.
     #[inline(always)]
     #[must_use]
-    pub fn of(&self, scene: &Scene, i: usize) -> Option<GaussianGradient> {
+    pub fn of(&self, scene: &Scene, i: usize) -> Option<ParameterGradient> {
         let PreparedView { view, weight, .. } = &self.views[self.last];
-        let g = match &self.pass {
-            Pass::Frozen(pass) => gradient_of(scene, i, view, pass.sums.get(i)?),
-            Pass::Moving(pass) => gradient_of(scene, i, view, pass.sums.get(i)?),
-        }?;
-        let mut out = GaussianGradient {
-            opacity_logit: g.d_opacity_logit * weight,
-            log_scale: g.d_log_scale.map(|v| v * weight),
-            rotation: g.d_rotation.map(|v| v * weight),
-            mean: g.d_mean.map(|v| v * weight),
-            ..GaussianGradient::default()
-        };
-        for (d, b) in out.sh.iter_mut().zip(&g.basis).take(scene.sh_len()) {
-            *d = g.v_raw.map(|v| b * v * weight);
+        match &self.pass {
+            Pass::Frozen(pass) => parameter_gradient(view, *weight, scene, i, pass.sums.get(i)?),
+            Pass::Moving(pass) => parameter_gradient(view, *weight, scene, i, pass.sums.get(i)?),
         }
-        Some(out)
     }
-}
-
-/// The gradients by the Gaussian's `sums`.
-#[inline(always)]
-fn gradient_of<const N: usize>(
-    scene: &Scene,
-    i: usize,
-    view: &View,
-    sums: &[f32; N],
-) -> Option<project_adjoint::GaussianGradient> {
-    // Many Gaussians are not in a view. Nothing of them is read, which takes 2 % off a step.
-    if *sums == [0.0; N] {
-        return None;
-    }
-    gaussian_gradient(view, &Gaussian::of(scene, i), sums)
 }

@@ -26,7 +26,7 @@ fn views(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
 #[test]
 fn cameras_that_do_not_show_the_scene_are_detected() {
     let scene = common::scene(400, 0, 21);
-    let share = |cameras: &[Camera]| seen_opacity_share(&scene, &saliency(&scene, cameras));
+    let share = |cameras: &[Camera]| seen_opacity_share(&scene, &saliency(&scene, cameras).total);
     let all_around = share(&cameras(8));
     assert!(all_around > 0.9, "{all_around}");
     // Of another scene, far away.

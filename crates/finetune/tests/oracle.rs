@@ -3,7 +3,7 @@
 mod common;
 
 use common::oracle::{self, Parameters};
-use finetune::{Image, Loss, RenderOptions, gradients, render};
+use finetune::{Loss, ParameterGradient, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
 
 /// Largest difference outside doubtful pixels; fails if more than one pixel in 100 is doubtful.
@@ -66,10 +66,11 @@ fn class_error(
     worst
 }
 
-fn check_gradients(scene: &Scene, camera: &Camera, photo: &Image, loss: Loss) {
+fn check_gradients(scene: &Scene, view: TrainView, loss: Loss) {
     let background = [0.3f32, 0.1, 0.6];
     let options = RenderOptions { background, ..RenderOptions::default() };
-    let (value, got) = gradients(scene, camera, photo, loss, &options).unwrap();
+    let (camera, photo) = (&view.camera, &view.photo);
+    let (value, got) = common::gradients(scene, view.clone(), loss, &options);
     let base = Parameters::of(scene);
     let background = background.map(f64::from);
     let gates = oracle::render(&base, camera, background, None).gates;
@@ -81,15 +82,17 @@ fn check_gradients(scene: &Scene, camera: &Camera, photo: &Image, loss: Loss) {
         }
     };
     assert!((value - f(&base)).abs() < 1e-5 * value, "loss {value}, oracle {}", f(&base));
-    let flat3 = |v: &[[f32; 3]]| v.as_flattened().to_vec();
-    let classes: [(&str, Vec<f32>, Get); 5] = [
-        ("sh", flat3(&got.d_sh), |p, i| &mut p.sh[i / 3][i % 3]),
-        ("opacity", got.d_opacity_logit.clone(), |p, i| &mut p.opacity_logits[i]),
-        ("log-scale", flat3(&got.d_log_scale), |p, i| &mut p.log_scales[i / 3][i % 3]),
-        ("rotation", got.d_rotation.as_flattened().to_vec(), |p, i| &mut p.rotations[i / 4][i % 4]),
-        ("mean", flat3(&got.d_mean), |p, i| &mut p.means[i / 3][i % 3]),
+    type Of = fn(&ParameterGradient) -> &[f32];
+    let classes: [(&str, Of, Get); 5] = [
+        ("sh", |g| g.sh.as_flattened(), |p, i| &mut p.sh[i / 3][i % 3]),
+        ("opacity", |g| std::slice::from_ref(&g.opacity_logit), |p, i| &mut p.opacity_logits[i]),
+        ("log-scale", |g| &g.log_scale, |p, i| &mut p.log_scales[i / 3][i % 3]),
+        ("rotation", |g| &g.rotation, |p, i| &mut p.rotations[i / 4][i % 4]),
+        ("mean", |g| &g.mean, |p, i| &mut p.means[i / 3][i % 3]),
     ];
-    for (name, got, get) in classes {
+    for (name, of, get) in classes {
+        let len = if name == "sh" { 3 * scene.sh_len() } else { of(&got[0]).len() };
+        let got: Vec<f32> = got.iter().flat_map(|g| &of(g)[..len]).copied().collect();
         let worst = class_error(name, &got, &base, get, &f);
         assert!(worst < 1e-4, "{name}: {worst}");
     }
@@ -98,12 +101,14 @@ fn check_gradients(scene: &Scene, camera: &Camera, photo: &Image, loss: Loss) {
 #[test]
 fn gradients_of_the_squared_error_agree_with_central_differences() {
     let scene = common::scene(12, 3, 7);
-    check_gradients(&scene, &common::camera(40, 30), &common::photo(40, 30, 1), Loss::Mse);
+    let (camera, photo) = (common::camera(40, 30), common::photo(40, 30, 1));
+    check_gradients(&scene, TrainView { camera, photo }, Loss::Mse);
 }
 
 #[test]
 fn gradients_of_l1_and_ssim_agree_with_central_differences() {
     let scene = common::scene(8, 1, 11);
     let loss = Loss::L1Ssim { ssim_weight: 0.2 };
-    check_gradients(&scene, &common::camera(29, 21), &common::photo(29, 21, 2), loss);
+    let (camera, photo) = (common::camera(29, 21), common::photo(29, 21, 2));
+    check_gradients(&scene, TrainView { camera, photo }, loss);
 }

@@ -1,7 +1,7 @@
 #![allow(clippy::disallowed_methods, reason = "a test of a rasterizer, not of a bitstream")]
 //! Blending weights: their sum is the image, and their squares are its energy.
 
-use finetune::{RenderOptions, removal_effects, render, saliency_per_view};
+use finetune::{RenderOptions, removal_effects, render, saliency};
 use glam::{DMat3, DVec3};
 use gs_model::{Camera, SH_C0, Scene};
 
@@ -44,7 +44,7 @@ fn weights_add_up_to_the_white_image() {
     let (scene, camera) = (scene(60), camera());
     let image = render(&scene, &camera, &RenderOptions::default());
     let pixels: f64 = image.rgb.iter().step_by(3).map(|&v| f64::from(v)).sum();
-    let found = saliency_per_view(&scene, &[camera]);
+    let found = saliency(&scene, &[camera]);
     let total: f64 = found.total.iter().map(|&v| f64::from(v)).sum();
     assert!(pixels > 100.0 && (pixels - total).abs() < 1e-4 * pixels, "{pixels} {total}");
 }
@@ -54,7 +54,7 @@ fn weights_add_up_to_the_white_image() {
 #[test]
 fn squares_are_the_energy_of_one_gaussian() {
     let (white, camera) = (scene(25), camera());
-    let found = saliency_per_view(&white, std::slice::from_ref(&camera));
+    let found = saliency(&white, std::slice::from_ref(&camera));
     for i in 0..white.len() {
         let mut one = white.clone();
         for (k, sh) in one.sh.iter_mut().enumerate() {

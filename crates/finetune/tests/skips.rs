@@ -2,7 +2,7 @@
 
 mod common;
 
-use finetune::{RenderOptions, render, saliency, saliency_per_view};
+use finetune::{RenderOptions, render, saliency};
 use gs_model::Scene;
 
 fn cameras() -> Vec<gs_model::Camera> {
@@ -32,7 +32,7 @@ fn crowded() -> Scene {
 #[test]
 fn gaussians_without_weight_can_be_dropped() {
     let (scene, cameras) = (crowded(), cameras());
-    let weights = saliency(&scene, &cameras);
+    let weights = saliency(&scene, &cameras).total;
     let kept: Vec<usize> = (0..scene.len()).filter(|&i| weights[i] > 0.0).collect();
     assert!(kept.len() < 300 && kept.len() > 100, "{}", kept.len());
     let less = scene.select(&kept);
@@ -41,20 +41,18 @@ fn gaussians_without_weight_can_be_dropped() {
         assert_eq!(render(&scene, camera, &options), render(&less, camera, &options));
     }
     // The weights of the others stay the same.
-    let again = saliency(&less, &cameras);
+    let again = saliency(&less, &cameras).total;
     assert!(kept.iter().zip(&again).all(|(&i, w)| weights[i].to_bits() == w.to_bits()));
 }
 
 #[test]
-fn saliency_counts_views_and_peaks() {
+fn saliency_adds_the_views_up() {
     let (scene, cameras) = (crowded(), cameras());
-    let all = saliency_per_view(&scene, &cameras);
+    let all = saliency(&scene, &cameras);
     let each: Vec<_> = cameras.iter().map(|c| saliency(&scene, std::slice::from_ref(c))).collect();
     for i in 0..scene.len() {
-        let w: Vec<f32> = each.iter().map(|e| e[i]).collect();
-        assert_eq!(all.total[i], w[0] + w[1] + w[2]);
-        assert_eq!(all.peak[i], w.iter().copied().fold(0.0, f32::max));
-        assert_eq!(all.views[i], w.iter().filter(|&&w| w > 0.0).count() as u32);
+        assert_eq!(all.total[i], each[0].total[i] + each[1].total[i] + each[2].total[i]);
+        assert_eq!(all.squared[i], each[0].squared[i] + each[1].squared[i] + each[2].squared[i]);
     }
 }
 

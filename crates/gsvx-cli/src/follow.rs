@@ -10,21 +10,19 @@ use tune::Progress;
 /// A bar with what a run reports.
 pub(crate) struct Follower {
     steps: Steps,
-    /// Whether a checkpoint that could not be written was reported.
-    told: bool,
     backend: Backend,
 }
 
 impl Follower {
     /// Of a run of so many steps.
     pub(crate) fn new(steps: u64, backend: &BackendReport) -> Self {
-        Self { steps: Steps::new("tune", steps), told: false, backend: backend.used }
+        Self { steps: Steps::new("tune", steps), backend: backend.used }
     }
 
     pub(crate) fn see(&mut self, p: &Progress<'_>) {
-        if let (Some(error), false) = (p.checkpoint_failed, self.told) {
-            self.say(&format!("warning: {error}; the run goes on without checkpoints"));
-            self.told = true;
+        if let Some(error) = p.checkpoint_failed {
+            let text = gs_model::chain(error);
+            self.say(&format!("warning: {text}; the run goes on without checkpoints"));
         }
         if p.backend != self.backend {
             self.say("the GPU failed: going on without it");

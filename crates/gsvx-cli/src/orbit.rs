@@ -1,7 +1,7 @@
 //! Generated cameras: a circle around what matters in a model, or the part of a circle from which it
 //! was photographed.
 
-use finetune::framing::{self, Constraints, V3};
+use finetune::framing::{self, Constraints};
 use gs_model::{Camera, Scene};
 
 /// Options for cameras on a circle.
@@ -38,7 +38,7 @@ pub(crate) struct Orbit {
 
 /// A direction of length 1.
 #[derive(Clone, Copy, Debug)]
-struct Up(V3);
+struct Up([f64; 3]);
 
 fn up(text: &str) -> Result<Up, String> {
     let (sign, axis) = match text.strip_prefix('-') {
@@ -83,7 +83,7 @@ impl Orbit {
         &self,
         scene: &Scene,
         n: u32,
-        up: Option<V3>,
+        up: Option<[f64; 3]>,
     ) -> anyhow::Result<Vec<Camera>> {
         let (width, height) = self.size;
         let tangent = libm::tan(0.5 * self.fov.to_radians());

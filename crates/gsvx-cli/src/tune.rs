@@ -14,7 +14,7 @@ use finetune::{Backend, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use tune::{Effort, Options, Outcome, Progress, StopReason, Target, Tune};
+use tune::{Progress, StopReason, Target, Tune, TuneEffort, TuneOptions, TuneOutcome};
 
 /// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
@@ -205,14 +205,14 @@ fn tuned(
     (scene, training): (Scene, Vec<TrainView>),
     backend: Backend,
     pictures: Option<&(PathBuf, Camera)>,
-) -> Result<Outcome> {
+) -> Result<TuneOutcome> {
     let name = || input::name(&args.input);
     let gaussians = scene.len();
-    let mut options = Options::new(args.target());
+    let mut options = TuneOptions::new(args.target());
     options.effort = match args.effort {
-        EffortName::Quick => Effort::Quick,
-        EffortName::Normal => Effort::Normal,
-        EffortName::Long => Effort::Long,
+        EffortName::Quick => TuneEffort::Quick,
+        EffortName::Normal => TuneEffort::Normal,
+        EffortName::Long => TuneEffort::Long,
     };
     options.backend = backend;
     options.seed = args.seed;
@@ -276,7 +276,7 @@ fn tell(
     args: &Args,
     name: &str,
     distilled: bool,
-    outcome: &Outcome,
+    outcome: &TuneOutcome,
     report: Reporter,
 ) -> Result<()> {
     let bytes = outcome.encoded.bytes.len() as u64;

@@ -5,7 +5,7 @@ use crate::orbit::Orbit;
 use crate::output::is_stdio;
 use crate::progress::Steps;
 use anyhow::{Result, bail};
-use finetune::{Seen, framing};
+use finetune::Visibility;
 use gs_model::camera::LensDistortion;
 use gs_model::dataset::{self, HOLD_OUT_EVERY};
 use gs_model::{Camera, Scene, View};
@@ -118,14 +118,9 @@ fn up_beside(model: &Path) -> Option<[f64; 3]> {
 
 /// What is up for some cameras; `None` if they do not agree.
 pub(crate) fn up(views: &[View]) -> Option<[f64; 3]> {
-    let mut sum = [0.0; 3];
-    for view in views {
-        // A camera's second axis points down.
-        let down = view.camera.rotation.row(1);
-        sum = [sum[0] - down.x, sum[1] - down.y, sum[2] - down.z];
-    }
-    let length = framing::distance(sum, [0.0; 3]);
-    (length > 0.5 * views.len() as f64).then(|| framing::unit(sum))
+    // A camera's second axis points down.
+    let sum = views.iter().map(|v| -v.camera.rotation.row(1)).reduce(|a, b| a + b)?;
+    (sum.length() > 0.5 * views.len() as f64).then(|| sum.normalize().to_array())
 }
 
 /// The views of a scene folder or of a camera file, by name. Lenses that distort count as pinholes: a
@@ -183,9 +178,9 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
 ///
 /// # Errors
 /// If they see nothing.
-pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Seen> {
+pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Visibility> {
     let steps = Steps::new("importance", cameras.len() as u64);
-    let Ok(seen) = Seen::of(scene, cameras, |_| {
+    let Ok(seen) = Visibility::of(scene, cameras, |_| {
         steps.inc();
         Ok::<_, Infallible>(())
     });

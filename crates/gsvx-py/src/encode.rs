@@ -4,7 +4,7 @@ use crate::arrays::Splats;
 use crate::background::{Event, Line, pool, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
-use finetune::{Likeness, Pictures, References, Seen};
+use finetune::{Likeness, Pictures, References, Visibility};
 use gs_model::Scene;
 use gsvx::{Aim, EncodeProgress, Encoded, Encoder, LEFT_OUT, Leaves, Made, MaxError};
 use numpy::PyArray1;
@@ -158,7 +158,7 @@ fn encode(
 /// What cameras see of each Gaussian.
 fn seen(scene: &Scene, cameras: &Cameras, done: &mut Done, line: &Line) -> Result<Vec<f32>> {
     let Cameras { name, list } = cameras;
-    let seen = Seen::of(scene, list, |done| line.step("importance", done, list.len()))?;
+    let seen = Visibility::of(scene, list, |done| line.step("importance", done, list.len()))?;
     match seen.doubt() {
         Some(doubt) if seen.share == 0.0 => {
             return Err(Fault::Failed(format!("{name}: {doubt}")));

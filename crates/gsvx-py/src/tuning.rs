@@ -6,7 +6,7 @@ use crate::cameras::{CameraArrays, Cameras};
 use crate::encode::parts;
 use crate::error::{Fault, Result};
 use ::finetune::{Image, RenderOptions, TrainView, render};
-use ::tune::{Effort, Outcome, Progress, Target, Tune};
+use ::tune::{Progress, Target, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
@@ -43,7 +43,7 @@ enum Photo {
 
 /// What a tune returns.
 struct Tuned {
-    outcome: Outcome,
+    outcome: TuneOutcome,
     missed: Option<String>,
     warnings: Vec<String>,
 }
@@ -69,7 +69,7 @@ pub(crate) fn tune<'py>(
         tune_scene(scene, cameras, photos, &options, line)
     })?;
     let out = PyDict::new(py);
-    let Outcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } =
+    let TuneOutcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } =
         &tuned.outcome;
     out.set_item("bytes", encoded.bytes.len())?;
     out.set_item("gaussians", encoded.index.header.count)?;
@@ -192,19 +192,20 @@ fn run_tune(
         (_, Some(db)) => Target::Psnr(db),
         _ => Target::Quality(options.quality.unwrap_or(::tune::DEFAULT_QUALITY)),
     };
-    let mut choices = ::tune::Options::new(target);
+    let mut choices = ::tune::TuneOptions::new(target);
     choices.effort = match &options.effort[..] {
-        "quick" => Effort::Quick,
-        "long" => Effort::Long,
-        _ => Effort::Normal,
+        "quick" => TuneEffort::Quick,
+        "long" => TuneEffort::Long,
+        _ => TuneEffort::Normal,
     };
     choices.seed = options.seed;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
     let mut warnings = Vec::new();
     let outcome = Tune::new(scene, training, choices)?.run(|p| {
-        if let (Some(error), true) = (p.checkpoint_failed, warnings.is_empty()) {
-            warnings.push(format!("{error}; the run goes on without checkpoints"));
+        if let Some(error) = p.checkpoint_failed {
+            let text = gs_model::chain(error);
+            warnings.push(format!("{text}; the run goes on without checkpoints"));
         }
         line.tell(event(p));
     })?;

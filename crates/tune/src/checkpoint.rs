@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use finetune::TrainView;
-use finetune::optimiser::Moments;
+use finetune::optimiser::AdamMoments;
 use gs_model::Scene;
 
 use crate::error::{Error, Result};
@@ -35,9 +35,9 @@ pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &str) -> 
 }
 
 /// A checkpoint that is being put together.
-pub(crate) struct Writer(Vec<u8>);
+pub(crate) struct StateWriter(Vec<u8>);
 
-impl Writer {
+impl StateWriter {
     pub(crate) fn new(fingerprint: u32) -> Self {
         let mut out = MAGIC.to_vec();
         out.extend(VERSION.to_le_bytes());
@@ -45,22 +45,24 @@ impl Writer {
         Self(out)
     }
 
-    pub(crate) fn numbers(&mut self, values: &[f64]) {
+    fn list<const N: usize>(&mut self, values: impl ExactSizeIterator<Item = [u8; N]>) {
         self.0.extend((values.len() as u64).to_le_bytes());
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        values.for_each(|v| self.0.extend(v));
+    }
+
+    pub(crate) fn numbers(&mut self, values: &[f64]) {
+        self.list(values.iter().map(|v| v.to_le_bytes()));
     }
 
     pub(crate) fn integers(&mut self, values: &[u64]) {
-        self.0.extend((values.len() as u64).to_le_bytes());
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        self.list(values.iter().map(|v| v.to_le_bytes()));
     }
 
     pub(crate) fn floats(&mut self, values: &[f32]) {
-        self.0.extend((values.len() as u64).to_le_bytes());
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        self.list(values.iter().map(|v| v.to_le_bytes()));
     }
 
-    pub(crate) fn moments(&mut self, moments: &Moments) {
+    pub(crate) fn moments(&mut self, moments: &AdamMoments) {
         self.floats(&moments.first);
         self.floats(&moments.second);
     }
@@ -103,23 +105,23 @@ pub(crate) fn save(path: &Path, bytes: &[u8]) -> Result<()> {
 
 fn io(file: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Error {
     let file = file.to_owned();
-    move |cause| Error::Io { file, action, cause }
+    move |source| Error::Io { file, action, source }
 }
 
 /// A checkpoint that is being taken apart.
-pub(crate) struct Reader<'a> {
+pub(crate) struct StateReader<'a> {
     path: &'a Path,
     bytes: Vec<u8>,
     at: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> StateReader<'a> {
     /// Opens a checkpoint of the run with this fingerprint.
     pub(crate) fn open(path: &'a Path, fingerprint: u32) -> Result<Self> {
         Self::new(path, std::fs::read(path).map_err(io(path, "read"))?, fingerprint)
     }
 
-    /// As [`Reader::open`], of what is in memory.
+    /// As [`StateReader::open`], of what is in memory.
     pub(crate) fn new(path: &'a Path, bytes: Vec<u8>, fingerprint: u32) -> Result<Self> {
         let mut this = Self { path, bytes, at: 0 };
         if this.take::<8>()? != MAGIC || u32::from_le_bytes(this.take()?) != VERSION {
@@ -138,7 +140,17 @@ impl<'a> Reader<'a> {
 
     pub(crate) fn error(&self, reason: &'static str) -> Error {
         let (file, offset) = (self.path.into(), self.at as u64);
-        Error::Checkpoint { file, offset, reason }
+        Error::Checkpoint { file, offset, reason, source: None }
+    }
+
+    /// As [`StateReader::error`], of what was refused.
+    pub(crate) fn refused(
+        &self,
+        reason: &'static str,
+        cause: impl std::error::Error + Send + Sync + 'static,
+    ) -> Error {
+        let (file, offset) = (self.path.into(), self.at as u64);
+        Error::Checkpoint { file, offset, reason, source: Some(Box::new(cause)) }
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
@@ -188,18 +200,16 @@ impl<'a> Reader<'a> {
             opacity_logits: self.floats()?,
             sh: self.rows()?,
         };
-        let n = n as usize;
-        let lengths = [scene.rotations.len(), scene.log_scales.len(), scene.opacity_logits.len()];
-        if scene.len() != n || lengths != [n; 3] || scene.sh.len() != n * scene.sh_len() {
-            return Err(self.error("arrays of a scene differ in length"));
+        match scene.check_shape() {
+            Ok(()) if scene.len() as u64 == n => Ok(scene),
+            _ => Err(self.error("arrays of a scene differ in length")),
         }
-        Ok(scene)
     }
 
-    /// Moments of as many parameters as `like`.
-    pub(crate) fn moments(&mut self, like: &Moments) -> Result<Moments> {
-        let read = Moments { first: self.floats()?, second: self.floats()? };
-        if read.first.len() != like.first.len() || read.second.len() != like.second.len() {
+    /// Moments of so many parameters.
+    pub(crate) fn moments(&mut self, len: usize) -> Result<AdamMoments> {
+        let read = AdamMoments { first: self.floats()?, second: self.floats()? };
+        if [read.first.len(), read.second.len()] != [len; 2] {
             return Err(self.error("moments differ in number"));
         }
         Ok(read)

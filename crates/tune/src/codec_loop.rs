@@ -5,7 +5,7 @@
 //! codec makes a new scene of the values, and the bits have a gradient too, from what the coder expects of
 //! each coefficient. The steps between render the same scene, which costs little more than a plain step.
 
-use finetune::optimiser::{Adam, Moments};
+use finetune::optimiser::{Adam, AdamMoments};
 #[cfg(feature = "gpu")]
 use finetune::{Adapter, kernels::KernelStep};
 use finetune::{ViewGradients, ViewLoss};
@@ -17,32 +17,31 @@ use gsvx::latents::{GaussianGradient, Latents};
 #[cfg(feature = "gpu")]
 use crate::device::Device;
 use crate::error::Result;
-use crate::plan::{self, DC_BASIS};
+use crate::plan::{self, DC_BASIS, TunePlan};
+use crate::scene_loop::decay;
 
 /// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
 const RATES: [f32; 4] = [0.01, 0.003, 4e-4, 0.005];
 /// Rates fall to this fraction.
 const FINAL_RATE: f64 = 0.05;
-/// Every so many steps the codec runs, and the bits have a gradient.
+/// The codec runs, and the bits have a gradient, once in this many steps.
 const CODED: u64 = 4;
-/// Every so many steps the predictions are fitted anew; between two fits a run cannot be cut.
+/// The predictions are fitted once in this many steps. A checkpoint is possible only where they are.
 pub(crate) const FITTED: u64 = 48;
 const _: () = assert!(FITTED.is_multiple_of(CODED), "a fit runs the codec");
 /// Price of a bit over that of a uniform quantiser at high rates. The latter is the derivative of
 /// `step^2 / 12` by the bits, `ln 2 / 6 step^2`.
 const PRICE: f64 = 8.0;
 
-/// Latents on their way.
+/// The latents, and what the codec made of them last.
 pub(crate) struct CodecLoop {
     pub(crate) latents: Latents,
-    pub(crate) octree: Octree,
-    pub(crate) importance: Vec<f32>,
+    pub(crate) leaves: LoopLeaves,
     /// What a decoder would return when the codec last ran, then the outliers.
     pub(crate) scene: Scene,
-    pub(crate) outliers: Option<Scene>,
-    pub(crate) moments: Moments,
-    rates: Vec<f32>,
-    prices: Vec<f32>,
+    pub(crate) moments: AdamMoments,
+    /// The derivatives of the bits when the codec last ran here.
+    pub(crate) prices: Vec<f32>,
     pub(crate) quality: f32,
     /// MSE per bit for a DC step of 1.
     price: f64,
@@ -52,26 +51,27 @@ pub(crate) struct CodecLoop {
     pub(crate) bytes: u64,
     /// Scene, prices, predictions and bytes are those of the values and steps as they are.
     settled: bool,
-    /// Where the steps are made, if not here.
+    /// Runs the steps on a GPU, if there is one.
     #[cfg(feature = "gpu")]
     pub(crate) device: Option<Device>,
 }
 
-/// Where a loop begins.
-pub(crate) struct Start {
+/// Values and quality that a loop can come back to.
+pub(crate) struct Snapshot {
+    pub(crate) values: Vec<f32>,
+    pub(crate) quality: f32,
+}
+
+/// The leaves and what does not change of them.
+pub(crate) struct LoopLeaves {
     pub(crate) octree: Octree,
     /// Importance of each leaf.
     pub(crate) importance: Vec<f32>,
     pub(crate) outliers: Option<Scene>,
-    pub(crate) latents: Latents,
-    pub(crate) quality: f32,
-    pub(crate) steps: u64,
-    /// Pixels of all cameras.
-    pub(crate) pixels: f64,
 }
 
 /// The encoder's options for the latents.
-pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> Result<EncodeOptions> {
+pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<EncodeOptions> {
     let mut options = EncodeOptions::from_quality(quality)?;
     options.steps = plan::steps(quality)?;
     options.importance = Some(importance);
@@ -79,16 +79,12 @@ pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> Result<Encod
 }
 
 impl CodecLoop {
-    pub(crate) fn new(start: Start) -> Self {
-        let Start { octree, importance, outliers, latents, quality, steps, pixels } = start;
+    /// Begins at the plan's quality. `pixels` are those of all cameras.
+    pub(crate) fn new(plan: &TunePlan, pixels: f64, leaves: LoopLeaves, latents: Latents) -> Self {
+        let LoopLeaves { octree, importance, outliers } = &leaves;
         let n = latents.values().len();
-        let [opacity, dc, ac, covariance] = RATES;
-        let mut rates = vec![opacity];
-        rates.extend([dc; 3]);
-        rates.extend(vec![ac; latents.channels() - 10]);
-        rates.extend([covariance; 6]);
         let mut scene = Scene { sh_degree: latents.sh_degree(), ..Scene::default() };
-        if let Some(outliers) = &outliers {
+        if let Some(outliers) = outliers {
             // The leaves come before the outliers; their values are filled in by the first step.
             let blank = vec![0; octree.len()];
             scene.append(&outliers.select(&blank));
@@ -102,16 +98,13 @@ impl CodecLoop {
         let price = PRICE * std::f64::consts::LN_2 / 6.0 * DC_BASIS * DC_BASIS * weight;
         Self {
             latents,
-            octree,
-            importance,
+            leaves,
             scene,
-            outliers,
-            moments: Moments::zeros(n),
-            rates,
+            moments: AdamMoments::zeros(n),
             prices: vec![0.0; n],
-            quality,
+            quality: plan.quality,
             price,
-            steps,
+            steps: plan.loop_steps,
             done: 0,
             bytes: 0,
             settled: false,
@@ -126,12 +119,6 @@ impl CodecLoop {
         self.price * dc * dc
     }
 
-    /// The derivatives of the bits when the codec last ran here.
-    #[cfg(all(test, feature = "gpu"))]
-    pub(crate) fn prices(&self) -> &[f32] {
-        &self.prices
-    }
-
     /// Goes to another quality: other steps, and another price of bits.
     pub(crate) fn set_quality(&mut self, quality: f32) -> Result<()> {
         self.quality = quality.clamp(0.0, 100.0);
@@ -139,7 +126,7 @@ impl CodecLoop {
         Ok(self.latents.set_steps(plan::steps(self.quality)?)?)
     }
 
-    /// Whether the next step fits the predictions: only there the state is whole without them.
+    /// Whether the next step fits the predictions. Before such a step a checkpoint does not need them.
     pub(crate) fn at_fit(&self) -> bool {
         self.done.is_multiple_of(FITTED)
     }
@@ -167,65 +154,45 @@ impl CodecLoop {
         Ok(())
     }
 
-    /// Goes on on the processor.
+    /// Moves the following steps back to the processor.
     pub(crate) fn leave_device(&mut self) -> Result<()> {
         self.fetch()?;
         #[cfg(feature = "gpu")]
-        {
-            self.device = None;
-        }
+        drop(self.device.take());
         Ok(())
     }
 
-    /// One step at a view on the device, if there is one. The loss is that of an earlier step.
-    #[cfg(feature = "gpu")]
-    fn step_on_device(&mut self, view: usize) -> Result<Option<ViewLoss>> {
-        let fit = self.at_fit();
+    /// One step at a view. On a device the loss is that of an earlier step.
+    pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
+        let (coded, fit) = (self.done.is_multiple_of(CODED), self.at_fit());
+        // The price of a bit, where the codec runs.
+        let lambda = if coded { self.lambda() as f32 } else { 0.0 };
+        let decay = decay(FINAL_RATE, self.done, self.steps);
+        let rates = RATES.map(|r| r * decay);
+        #[cfg(feature = "gpu")]
         if self.device.is_some() && fit && !self.settled {
             self.settle()?;
         }
-        let decay = self.decay();
-        let coded = self.done.is_multiple_of(CODED);
-        let step = KernelStep {
-            view,
-            number: self.done + 1,
-            rates: RATES.map(|r| r * decay),
-            made: coded,
-            // The price of a bit, where the codec runs.
-            extra: if coded { self.lambda() as f32 } else { 0.0 },
-        };
-        let Some(device) = &mut self.device else { return Ok(None) };
-        if fit {
-            device.update(&self.latents)?;
-        }
-        let loss = device.step(&step)?;
-        self.settled = false;
-        self.done += 1;
-        Ok(Some(loss))
-    }
-
-    /// What the rates are multiplied by in the next step.
-    fn decay(&self) -> f32 {
-        let share = self.done as f64 / self.steps.saturating_sub(1).max(1) as f64;
-        libm::pow(FINAL_RATE, share) as f32
-    }
-
-    /// One step at a view.
-    pub(crate) fn step(&mut self, views: &mut ViewGradients, view: usize) -> Result<ViewLoss> {
         #[cfg(feature = "gpu")]
-        if let Some(loss) = self.step_on_device(view)? {
+        if let Some(device) = &mut self.device {
+            if fit {
+                device.update(&self.latents)?;
+            }
+            let number = self.done + 1;
+            let step = KernelStep { view, number, rates, made: coded, extra: lambda };
+            let loss = device.step(&step)?;
+            (self.done, self.settled) = (number, false);
             return Ok(loss);
         }
-        let coded = self.done.is_multiple_of(CODED);
         if coded && !self.settled {
-            self.code(self.at_fit())?;
+            self.code(fit)?;
         }
         self.settled = false;
-        let lambda = if coded { self.lambda() as f32 } else { 0.0 };
-        let decay = self.decay();
         let loss = views.run(&self.scene, view);
         self.done += 1;
-        let rates: Vec<f32> = self.rates.iter().map(|r| r * decay).collect();
+        let [opacity, dc, ac, covariance] = rates;
+        let ac = vec![ac; self.latents.channels() - 10];
+        let rates = [&[opacity, dc, dc, dc], &ac[..], &[covariance; 6]].concat();
         let mut values = std::mem::take(self.latents.values_mut());
         let (latents, scene, views, prices) = (&self.latents, &self.scene, &*views, &self.prices);
         let gradient = |i: usize, row: &mut [f32]| {
@@ -265,15 +232,14 @@ impl CodecLoop {
         Ok(())
     }
 
-    /// Values and steps, to come back to.
-    pub(crate) fn snapshot(&self) -> (Vec<f32>, f32) {
-        (self.latents.values().to_vec(), self.quality)
+    pub(crate) fn snapshot(&self) -> Snapshot {
+        Snapshot { values: self.latents.values().to_vec(), quality: self.quality }
     }
 
     /// Comes back to a snapshot.
-    pub(crate) fn restore(&mut self, (values, quality): (Vec<f32>, f32)) -> Result<()> {
-        *self.latents.values_mut() = values;
-        self.set_quality(quality)?;
+    pub(crate) fn restore(&mut self, snapshot: Snapshot) -> Result<()> {
+        *self.latents.values_mut() = snapshot.values;
+        self.set_quality(snapshot.quality)?;
         self.settle()
     }
 }

@@ -2,62 +2,55 @@
 
 use gs_model::Scene;
 
-use crate::checkpoint::{Reader, Writer};
-use crate::codec_loop::{CodecLoop, FITTED};
-use crate::error::{Error, Result};
+use crate::checkpoint::{StateReader, StateWriter};
+use crate::codec_loop::{CodecLoop, FITTED, Snapshot};
+use crate::error::Result;
 use crate::options::Target;
-use crate::plan::Plan;
+use crate::plan::TunePlan;
 use crate::progress::{StageName, StopReason};
+use crate::scene_loop::SceneLoop;
 use crate::stage::{self, Stage};
 use crate::steering;
-use crate::trainer::{State, Work};
+use crate::trainer::{RunState, Work};
 use crate::views::Views;
 
-/// From this share of the loop on, the best state is kept.
+/// The best state is kept after this share of the loop.
 const BEST_FROM: f64 = 0.5;
 
-/// See the module.
+/// A run of [`crate::Tune`].
 pub(crate) struct Course {
-    pub(crate) plan: Plan,
+    pub(crate) plan: TunePlan,
     target: Target,
     /// Gaussians of the input.
     pub(crate) input: usize,
     stage: Stage,
     /// The values of least cost so far in the last part of the loop, and that cost.
-    best: Option<(f64, (Vec<f32>, f32))>,
+    best: Option<(f64, Snapshot)>,
     aside_psnr: Option<f64>,
 }
 
 impl Course {
-    /// Prunes for the first round.
-    pub(crate) fn new(plan: Plan, target: Target, scene: Scene, views: &mut Views) -> Result<Self> {
+    /// Begins with a round of no steps, which keeps all Gaussians. The next one prunes.
+    pub(crate) fn new(plan: TunePlan, target: Target, scene: Scene) -> Self {
         let input = scene.len();
-        let stage = stage::round(&plan, views, scene, input, 1)?;
-        views.gradients.move_means(true);
-        Ok(Self { plan, target, input, stage, best: None, aside_psnr: None })
-    }
-
-    fn enter_loop(&mut self, scene: &Scene, views: &mut Views) -> Result<()> {
-        views.gradients.move_means(false);
-        let mut state = stage::codec_loop(&self.plan, views, scene)?;
-        steering::begin(&mut state, self.target)?;
-        self.stage = Stage::Loop(Box::new(state));
-        Ok(())
+        let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
+        let stage = Stage::Round { round: 0, recovery };
+        Self { plan, target, input, stage, best: None, aside_psnr: None }
     }
 
     /// The loop at its end, with the best state if the last one costs more, unless the run was cut short.
-    pub(crate) fn finish(mut self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
-        if let Stage::Round { recovery, .. } = &mut self.stage {
-            let scene = recovery.take_scene();
-            self.enter_loop(&scene, views)?;
-        }
-        let Stage::Loop(mut state) = self.stage else { return Err(Error::NothingSeen) };
+    pub(crate) fn finish(self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
+        let Self { plan, target, stage, best, .. } = self;
+        let mut state = match stage {
+            Stage::Round { mut recovery, .. } => {
+                stage::codec_loop(&plan, target, views, &recovery.optimiser.take_scene())?
+            }
+            Stage::Loop(state) => state,
+        };
         state.settle()?;
         // With a target the quality was steered until the end: the last state is closest to it.
-        if let (false, Target::Quality(_), Some((best, snapshot))) =
-            (cancelled, self.target, self.best)
-        {
-            let (mse, _) = views.aside(&state.scene);
+        if let (false, Target::Quality(_), Some((best, snapshot))) = (cancelled, target, best) {
+            let (mse, _) = views.at_aside(&state.scene);
             if best < cost(&state, mse) {
                 state.restore(snapshot)?;
             }
@@ -66,7 +59,7 @@ impl Course {
     }
 }
 
-/// What a state costs, with its squared error at the views kept aside.
+/// The cost of a state with this squared error at the views kept aside.
 fn cost(state: &CodecLoop, mse: f64) -> f64 {
     mse + state.lambda() * 8.0 * state.bytes as f64
 }
@@ -80,11 +73,12 @@ impl Work for Course {
         match &mut self.stage {
             Stage::Round { recovery, .. } if recovery.done < recovery.steps => Ok(None),
             Stage::Round { round, recovery } => {
-                let (round, scene) = (*round, recovery.take_scene());
+                let (round, scene) = (*round, recovery.optimiser.take_scene());
                 if round < self.plan.rounds {
                     self.stage = stage::round(&self.plan, views, scene, self.input, round + 1)?;
                 } else {
-                    self.enter_loop(&scene, views)?;
+                    let state = stage::codec_loop(&self.plan, self.target, views, &scene)?;
+                    self.stage = Stage::Loop(state);
                 }
                 Ok(None)
             }
@@ -92,7 +86,7 @@ impl Work for Course {
         }
     }
 
-    /// Where the state is whole without the predictions of the codec.
+    /// A checkpoint does not hold the predictions of the codec, so it is made where they are fitted.
     fn due(&self) -> bool {
         match &self.stage {
             Stage::Round { recovery, .. } => recovery.done.is_multiple_of(FITTED),
@@ -108,7 +102,7 @@ impl Work for Course {
             Stage::Loop(state) => state.settle()?,
             Stage::Round { .. } => (),
         }
-        let (mse, psnr) = views.aside(self.stage.scene());
+        let (mse, psnr) = views.at_aside(self.stage.scene());
         self.aside_psnr = Some(psnr);
         let Stage::Loop(state) = &mut self.stage else { return Ok(()) };
         if state.done as f64 >= BEST_FROM * state.steps as f64 {
@@ -138,17 +132,17 @@ impl Work for Course {
         Ok(loss.psnr())
     }
 
-    fn fetch(&mut self) -> Result<()> {
+    fn fetch(&mut self, _: &Views) -> Result<()> {
         match &mut self.stage {
             Stage::Loop(state) => state.leave_device(),
             Stage::Round { .. } => Ok(()),
         }
     }
 
-    fn write(&self, out: &mut Writer) {
+    fn write(&self, out: &mut StateWriter) {
         out.numbers(self.aside_psnr.as_slice());
         match &self.best {
-            Some((cost, (values, quality))) => {
+            Some((cost, Snapshot { values, quality })) => {
                 out.numbers(&[*cost, (*quality).into()]);
                 out.floats(values);
             }
@@ -157,10 +151,12 @@ impl Work for Course {
         self.stage.write(out);
     }
 
-    fn read(&mut self, input: &mut Reader<'_>, views: &mut Views) -> Result<()> {
+    fn read(&mut self, input: &mut StateReader<'_>, views: &mut Views) -> Result<()> {
         self.aside_psnr = input.numbers()?.first().copied();
         self.best = match input.numbers()?[..] {
-            [cost, quality] => Some((cost, (input.floats()?, quality as f32))),
+            [cost, quality] => {
+                Some((cost, Snapshot { values: input.floats()?, quality: quality as f32 }))
+            }
             _ => None,
         };
         self.stage = Stage::read(input, &self.plan, views)?;
@@ -168,7 +164,7 @@ impl Work for Course {
         Ok(())
     }
 
-    fn state(&self) -> State<'_> {
+    fn state(&self) -> RunState<'_> {
         let (stage, bytes) = match &self.stage {
             Stage::Round { round, .. } => {
                 (StageName::Round { round: *round, rounds: self.plan.rounds }, None)
@@ -176,6 +172,6 @@ impl Work for Course {
             Stage::Loop(state) => (StageName::CodecInTheLoop, Some(state.bytes)),
         };
         let (scene, aside_psnr) = (self.stage.scene(), self.aside_psnr);
-        State { stage, scene, aside_psnr, pass_psnr: None, bytes }
+        RunState { stage, scene, aside_psnr, pass_psnr: None, bytes }
     }
 }

@@ -5,7 +5,7 @@
 //! the bytes is work of the encoder, and so is the stream at the end.
 
 use finetune::kernels::{KernelLoop, KernelStep};
-use finetune::optimiser::Moments;
+use finetune::optimiser::AdamMoments;
 use finetune::{Adapter, ViewGradients, ViewLoss};
 use gs_model::Scene;
 use gsvx::latents::Latents;
@@ -29,7 +29,7 @@ impl Device {
         views: &ViewGradients,
         scene: &Scene,
         latents: &Latents,
-        moments: &Moments,
+        moments: &AdamMoments,
         loss: ViewLoss,
     ) -> Result<Self> {
         let mut kernels = views.with_kernels(adapter, scene, &program(latents))?;
@@ -45,7 +45,7 @@ impl Device {
     }
 
     /// Fetches values and moments if the device has newer ones.
-    pub(crate) fn fetch(&mut self, latents: &mut Latents, moments: &mut Moments) -> Result<()> {
+    pub(crate) fn fetch(&mut self, latents: &mut Latents, moments: &mut AdamMoments) -> Result<()> {
         if !std::mem::take(&mut self.ahead) {
             return Ok(());
         }
@@ -77,8 +77,8 @@ impl Device {
 mod tests {
     use super::*;
     use crate::codec_loop::CodecLoop;
-    use crate::options::{Options, Target};
-    use crate::plan::Plan;
+    use crate::options::Target;
+    use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
     use finetune::{Image, TrainView};
@@ -86,8 +86,8 @@ mod tests {
     use gs_model::{dataset, ply};
     use std::path::Path;
 
-    const PLAN: Plan =
-        Plan { quality: 58.0, fraction: 0.5, rounds: 1, round_steps: 0, loop_steps: 100 };
+    const PLAN: TunePlan =
+        TunePlan { quality: 58.0, fraction: 0.5, rounds: 1, round_steps: 0, loop_steps: 100 };
 
     /// A loop on every `every`th Gaussian of the room, and six of its views; `None` without an adapter.
     fn room(every: usize) -> Option<(CodecLoop, CodecLoop, Views)> {
@@ -103,10 +103,10 @@ mod tests {
         };
         let views =
             dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
-        let options = Options::new(Target::Quality(PLAN.quality));
-        let mut views = Views::new(&scene, views, options.seed).unwrap();
-        let on_host = stage::codec_loop(&PLAN, &views, &scene).unwrap();
-        let mut on_device = stage::codec_loop(&PLAN, &views, &scene).unwrap();
+        let mut views = Views::new(&scene, views, 0).unwrap();
+        let target = Target::Quality(PLAN.quality);
+        let on_host = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
+        let mut on_device = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         match on_device.place(Adapter::Software, &mut views.gradients) {
             Ok(()) => Some((on_host, on_device, views)),
             Err(crate::Error::Finetune(e @ finetune::Error::NoAdapter { .. })) => {
@@ -154,9 +154,9 @@ mod tests {
         for (row, weight) in rows.zip(fixed(&host.latents).2) {
             row.iter_mut().for_each(|p| *p *= weight);
         }
-        let largest = host.prices().iter().fold(0.0f32, |m, p| m.max(p.abs()));
+        let largest = host.prices.iter().fold(0.0f32, |m, p| m.max(p.abs()));
         let scaled = |p: &[f32]| p.iter().map(|p| p / largest * 100.0).collect::<Vec<_>>();
-        let share = differing(&scaled(&prices), &scaled(host.prices()), 1e-3);
+        let share = differing(&scaled(&prices), &scaled(&host.prices), 1e-3);
         assert!(share < 0.01, "{share} of the prices differ");
     }
 
@@ -179,7 +179,7 @@ mod tests {
         println!("moved {moved}, apart {apart}; {} and {} bytes", host.bytes, device.bytes);
         assert!(moved > 0.1 && apart < 0.1 * moved, "moved {moved}, apart {apart}");
         assert!((host.bytes as f64 / device.bytes as f64 - 1.0).abs() < 0.005);
-        let (a, b) = (views.aside(&host.scene).1, views.aside(&device.scene).1);
+        let (a, b) = (views.at_aside(&host.scene).1, views.at_aside(&device.scene).1);
         assert!((a - b).abs() < 0.02, "{a} and {b} dB");
     }
 }

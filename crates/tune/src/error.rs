@@ -57,14 +57,14 @@ pub enum Error {
         range: &'static str,
     },
     /// A checkpoint could not be read or written.
-    #[error("{}: cannot {action}: {cause}", file.display())]
+    #[error("{}: cannot {action}", file.display())]
     Io {
         /// The file.
         file: PathBuf,
         /// What was tried: `read`, `write`, `rename`.
         action: &'static str,
         /// The operating system's reason.
-        cause: std::io::Error,
+        source: std::io::Error,
     },
     /// A checkpoint that cannot be used.
     #[error("{}: not a usable checkpoint: at byte {offset}: {reason}", file.display())]
@@ -75,6 +75,8 @@ pub enum Error {
         offset: u64,
         /// What is wrong.
         reason: &'static str,
+        /// Why, if what it holds was refused.
+        source: Option<Box<dyn std::error::Error + Send + Sync>>,
     },
     /// A checkpoint of another run.
     #[error(

@@ -9,13 +9,12 @@ use finetune::{Adapter, DeviceOptimiser};
 use finetune::{Backend, BackendReport, Loss, TrainView, ViewLoss};
 use gs_model::Scene;
 
-use crate::checkpoint::{Reader, Writer, fingerprint};
-use crate::clock::Clock;
+use crate::checkpoint::{StateReader, StateWriter, fingerprint};
 use crate::epochs::Epochs;
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
 use crate::scene_loop::SceneLoop;
-use crate::trainer::{Settings, State, Trainer, Work};
+use crate::trainer::{RunState, Trainer, Work};
 use crate::views::Views;
 
 /// How to fine-tune.
@@ -35,7 +34,7 @@ pub struct FineTuneOptions {
     /// Where to keep a checkpoint. An existing one is continued; the number of steps and the rules for stopping may
     /// differ.
     pub checkpoint: Option<PathBuf>,
-    /// Steps between checkpoints, at least 1. So far goes a run back if a GPU fails.
+    /// Steps between checkpoints, at least 1. If a GPU fails, the run goes back this far.
     pub checkpoint_every: u64,
     /// Setting it ends the run after the current step.
     pub cancel: Option<Arc<AtomicBool>>,
@@ -104,12 +103,12 @@ impl FineTune {
         if let Loss::L1Ssim { ssim_weight } = loss
             && !(0.0..=1.0).contains(&ssim_weight)
         {
-            return Err(Error::target("SSIM weight", ssim_weight.into(), "from 0 to 1"));
+            let (value, range) = (ssim_weight.into(), "from 0 to 1");
+            return Err(Error::Option { option: "SSIM weight", value, range });
         }
         let fingerprint = fingerprint(&scene, &views, &format!("attributes {loss:?} {seed}"));
         let views = Views::all(views, loss, seed)?;
-        let settings = Settings { fingerprint, backend, checkpoint, cancel };
-        let mut trainer = Trainer::new(views, settings)?;
+        let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let mut work = Attributes::new(scene, trainer.views.gradients.views(), options);
         trainer.resume(&mut work)?;
         Ok(Self { trainer, work })
@@ -137,14 +136,13 @@ impl FineTune {
     /// [`Error::Finetune`] if a GPU that was asked for fails.
     pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<FineTuned> {
         let Self { mut trainer, mut work } = self;
-        let (started, first) = (Clock::start(), trainer.done);
         let reason = trainer.run(&mut work, &mut progress)?;
         trainer.keep(&work);
-        progress(&trainer.progress(&work, work.psnr, (started, first)));
+        progress(&trainer.progress(&work, work.psnr));
         Ok(FineTuned {
-            scene: work.run.take_scene(),
+            scene: work.run.optimiser.take_scene(),
             steps: trainer.done,
-            seconds: started.seconds(),
+            seconds: trainer.clock.seconds(),
             reason,
             pass_psnr: work.epochs.past,
             backend: trainer.backend,
@@ -152,15 +150,15 @@ impl FineTune {
     }
 }
 
-/// The attributes of a scene on their way.
+/// The scene whose attributes a [`FineTune`] moves.
 struct Attributes {
     options: FineTuneOptions,
     run: SceneLoop,
     epochs: Epochs,
-    /// Of the last step that is known.
+    /// PSNR of the last step whose loss is known.
     psnr: f64,
     views: usize,
-    /// Where the steps are made, if not here.
+    /// Runs the steps on a GPU, if there is one.
     #[cfg(feature = "gpu")]
     device: Option<DeviceOptimiser>,
 }
@@ -244,43 +242,39 @@ impl Work for Attributes {
         Ok(self.psnr)
     }
 
-    fn fetch(&mut self) -> Result<()> {
-        self.listen()?;
+    fn fetch(&mut self, views: &Views) -> Result<()> {
+        self.measure(views)?;
         #[cfg(feature = "gpu")]
-        if let Some(mut device) = self.device.take() {
-            device.fetch(&mut self.run.optimiser)?;
-        }
+        drop(self.device.take());
         Ok(())
     }
 
-    fn write(&self, out: &mut Writer) {
+    fn write(&self, out: &mut StateWriter) {
         out.numbers(&self.epochs.past);
         out.numbers(&self.epochs.current);
         self.run.write(out);
     }
 
-    fn read(&mut self, input: &mut Reader<'_>, _: &mut Views) -> Result<()> {
+    fn read(&mut self, input: &mut StateReader<'_>, _: &mut Views) -> Result<()> {
         let (past, current) = (input.numbers()?, input.numbers()?);
         // A pass ends when its length is reached, so a longer one would never end.
         if current.len() >= self.views {
             return Err(input.error("more steps in a pass than views"));
         }
         let run = SceneLoop::read(input, 0.0, self.options.steps)?;
-        if run.scene().means != self.run.scene().means {
+        if run.optimiser.scene().means != self.run.optimiser.scene().means {
             return Err(input.error("other means"));
         }
         (self.epochs, self.run) = (Epochs { past, current }, run);
         #[cfg(feature = "gpu")]
-        {
-            self.device = None;
-        }
+        drop(self.device.take());
         Ok(())
     }
 
-    fn state(&self) -> State<'_> {
-        State {
+    fn state(&self) -> RunState<'_> {
+        RunState {
             stage: StageName::Attributes,
-            scene: self.run.scene(),
+            scene: self.run.optimiser.scene(),
             aside_psnr: None,
             pass_psnr: self.epochs.psnr(),
             bytes: None,

@@ -1,7 +1,6 @@
 #![doc = include_str!("../README.md")]
 
 mod checkpoint;
-mod clock;
 mod codec_loop;
 mod course;
 #[cfg(feature = "gpu")]
@@ -24,7 +23,7 @@ mod views;
 
 pub use error::{Error, Result};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
-pub use options::{DEFAULT_QUALITY, Options, Target};
-pub use plan::{Effort, Plan};
-pub use progress::{Outcome, Progress, StageName, StopReason};
+pub use options::{DEFAULT_QUALITY, Target, TuneOptions};
+pub use plan::{TuneEffort, TunePlan};
+pub use progress::{Progress, StageName, StopReason, TuneOutcome};
 pub use run::Tune;

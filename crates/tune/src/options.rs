@@ -1,4 +1,4 @@
-//! [`Options`]: what to aim for, and how long.
+//! [`TuneOptions`]: what to aim for, and how long.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use finetune::Backend;
 
-use crate::plan::{Effort, Plan};
+use crate::plan::{TuneEffort, TunePlan};
 
 /// Quality used when none is asked for.
 pub const DEFAULT_QUALITY: f32 = 58.0;
@@ -24,13 +24,13 @@ pub enum Target {
 
 /// How to tune.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct TuneOptions {
     /// What the stream aims for.
     pub target: Target,
     /// How long to tune.
-    pub effort: Effort,
+    pub effort: TuneEffort,
     /// A plan of the caller's instead of the one that follows from target and effort.
-    pub plan: Option<Plan>,
+    pub plan: Option<TunePlan>,
     /// Where the steps with the codec in the loop are made. Pruning is on the processor.
     pub backend: Backend,
     /// Seed of the order of the views.
@@ -41,13 +41,13 @@ pub struct Options {
     pub cancel: Option<Arc<AtomicBool>>,
 }
 
-impl Options {
+impl TuneOptions {
     /// Normal effort, on the processor.
     #[must_use]
     pub fn new(target: Target) -> Self {
         Self {
             target,
-            effort: Effort::Normal,
+            effort: TuneEffort::Normal,
             plan: None,
             backend: Backend::Cpu,
             seed: 0,

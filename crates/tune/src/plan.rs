@@ -1,4 +1,4 @@
-//! [`Plan`]: how far to prune and how long to tune, from the target.
+//! [`TunePlan`]: how far to prune and how long to tune, from the target.
 //!
 //! All settings follow from one number, the quality, which sets the quantisation steps. A Gaussian is left
 //! out if the views change less without it than by the quantisation error that the quality allows: see
@@ -15,7 +15,7 @@ const LEFT_OUT_BELOW: f64 = 9.0;
 const MOST_LEFT_OUT: f64 = 0.95;
 /// The DC basis function.
 pub(crate) const DC_BASIS: f64 = 0.282_094_791_773_878_14;
-/// [`Effort::Quick`] prunes as far as a quality so much higher.
+/// [`TuneEffort::Quick`] prunes as far as a quality so much higher.
 const QUICK_PRUNES_AS: f32 = 4.0;
 /// The octree is that of a quality so much lower: positions are fitted no better than that.
 const VOXEL_QUALITY_BELOW: f32 = 14.0;
@@ -25,7 +25,7 @@ const COVARIANCE_STEP: f32 = 1.4;
 
 /// How long to tune.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Effort {
+pub enum TuneEffort {
     /// About a minute for 120,000 Gaussians and photos of 265x474 pixels on one core.
     Quick,
     /// About five minutes for the same.
@@ -37,7 +37,7 @@ pub enum Effort {
 
 /// What a run will do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plan {
+pub struct TunePlan {
     /// Sets the quantisation steps.
     pub quality: f32,
     /// Fraction of the Gaussians that is left out.
@@ -50,17 +50,17 @@ pub struct Plan {
     pub loop_steps: u64,
 }
 
-impl Plan {
+impl TunePlan {
     /// The plan for a quality.
-    pub(crate) fn new(quality: f32, effort: Effort, spare: &Spare) -> Result<Self> {
+    pub(crate) fn new(quality: f32, effort: TuneEffort, spare: &Spare) -> gsvx::Result<Self> {
         EncodeOptions::from_quality(quality)?;
         let (rounds, round_steps, loop_steps) = match effort {
-            Effort::Quick => (3, 80, 400),
-            Effort::Normal => (4, 300, 2400),
-            Effort::Long => (5, 1000, 9000),
+            TuneEffort::Quick => (3, 80, 400),
+            TuneEffort::Normal => (4, 300, 2400),
+            TuneEffort::Long => (5, 1000, 9000),
         };
         // A short run recovers from less pruning.
-        let mild = if effort == Effort::Quick { QUICK_PRUNES_AS } else { 0.0 };
+        let mild = if effort == TuneEffort::Quick { QUICK_PRUNES_AS } else { 0.0 };
         let fraction = spare.fraction((quality + mild).min(100.0))?;
         Ok(Self { quality, fraction, rounds, round_steps, loop_steps })
     }
@@ -69,11 +69,12 @@ impl Plan {
     pub(crate) fn checked(self) -> Result<Self> {
         EncodeOptions::from_quality(self.quality)?;
         if !(0.0..1.0).contains(&self.fraction) {
-            let range = "from 0 to below 1";
-            return Err(Error::target("fraction", self.fraction, range));
+            let (value, range) = (self.fraction, "from 0 to below 1");
+            return Err(Error::Option { option: "fraction", value, range });
         }
         if self.rounds == 0 || self.loop_steps == 0 {
-            return Err(Error::target("rounds and steps of the loop", 0.0, "1 or more"));
+            let option = "rounds and steps of the loop";
+            return Err(Error::Option { option, value: 0.0, range: "1 or more" });
         }
         Ok(self)
     }
@@ -101,7 +102,7 @@ pub(crate) fn voxel_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<
 }
 
 /// The quantisation steps of a quality.
-pub(crate) fn steps(quality: f32) -> Result<Steps> {
+pub(crate) fn steps(quality: f32) -> gsvx::Result<Steps> {
     let mut steps = EncodeOptions::from_quality(quality)?.steps;
     steps.sh = steps.sh.map(|s| s * SH_STEP);
     steps.covariance *= COVARIANCE_STEP;
@@ -128,7 +129,7 @@ impl Spare {
     }
 
     /// The fraction that is left out at a quality.
-    fn fraction(&self, quality: f32) -> Result<f64> {
+    fn fraction(&self, quality: f32) -> gsvx::Result<f64> {
         let step = f64::from(EncodeOptions::from_quality(quality)?.steps.dc);
         let most = LEFT_OUT_BELOW * step * step;
         let out = self.ratios.partition_point(|&r| r < most);
@@ -136,8 +137,8 @@ impl Spare {
     }
 }
 
-/// How far the PSNR of a tuned stream is below that of the input model, dB, by quality. Where a search
-/// for a PSNR begins.
+/// The loss of a tuned stream by quality: how far its PSNR is below that of the input model, dB. A search for a PSNR
+/// begins with it.
 const LOSSES: [(f32, f64); 6] =
     [(42.0, 3.0), (50.0, 1.7), (58.0, 0.9), (66.0, 0.45), (78.0, 0.1), (90.0, 0.0)];
 /// Loss per quality point below all of these.
@@ -145,7 +146,7 @@ const LOSS_PER_POINT: f64 = 0.12;
 
 /// Against renders of the input model there is no loss: the PSNR at quality 58, and dB per point.
 const AGAINST_RENDERS: (f64, f64) = (36.0, 0.5);
-/// What matches the views this well was made to, dB.
+/// From this PSNR on, the views are renders of the model, dB.
 const IS_RENDERS: f64 = 60.0;
 
 /// The quality at which a stream has a PSNR of `target` dB, about, where the input model has `input`.
@@ -170,12 +171,6 @@ fn quality_for_loss(loss: f64) -> f32 {
     })
 }
 
-impl Error {
-    pub(crate) fn target(option: &'static str, value: f64, range: &'static str) -> Self {
-        Self::Option { option, value, range }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -186,7 +181,7 @@ mod tests {
         let fractions: Vec<f64> = (0..=100).map(|q| spare.fraction(q as f32).unwrap()).collect();
         assert!(fractions.windows(2).all(|w| w[0] >= w[1]), "{fractions:?}");
         assert!(fractions[20] > fractions[58] && fractions[58] > fractions[90], "{fractions:?}");
-        assert!(Plan::new(101.0, Effort::Quick, &spare).is_err());
+        assert!(TunePlan::new(101.0, TuneEffort::Quick, &spare).is_err());
     }
 
     #[test]
@@ -214,7 +209,10 @@ mod tests {
 
     #[test]
     fn rounds_leave_the_fraction() {
-        let plan = Plan { fraction: 0.5, ..Plan::new(58.0, Effort::Normal, &spare()).unwrap() };
+        let plan = TunePlan {
+            fraction: 0.5,
+            ..TunePlan::new(58.0, TuneEffort::Normal, &spare()).unwrap()
+        };
         let kept: Vec<usize> = (1..=plan.rounds).map(|r| plan.kept(1000, r)).collect();
         assert_eq!(kept[3], 500);
         assert!(kept.windows(2).all(|w| w[0] > w[1]));

@@ -1,12 +1,13 @@
 //! The plan that follows from a target: for a size, by streams of the scene without tuning.
 
+use finetune::removal_effects;
 use gs_model::Scene;
 use gsvx::rate;
 
 use crate::codec_loop::encode_options;
 use crate::error::{Error, Result};
-use crate::options::{Options, Target};
-use crate::plan::{Plan, Spare, quality_for_psnr, voxel_options};
+use crate::options::{Target, TuneOptions};
+use crate::plan::{Spare, TunePlan, quality_for_psnr, voxel_options};
 use crate::views::Views;
 
 /// Bytes of a tuned stream over those of one of the same plan without tuning, about: where a search for
@@ -17,20 +18,25 @@ const TUNED_OVER_PROBED: f64 = 0.85;
 pub(crate) fn plan(
     scene: &Scene,
     views: &Views,
-    options: &Options,
+    options: &TuneOptions,
     input_psnr: f64,
-) -> Result<Plan> {
+) -> Result<TunePlan> {
     if let Some(plan) = options.plan {
         return plan.checked();
     }
-    let (effects, importance) = (views.removal_effects(scene), views.importance(scene));
+    let (effects, importance) = (removal_effects(scene, &views.cameras), views.importance(scene));
     let spare = Spare::new(&effects, &importance);
     let quality = match options.target {
         Target::Quality(quality) => quality,
         Target::Psnr(db) => quality_for_psnr(db, input_psnr),
         Target::Bytes(bytes) => {
-            let seen = (effects.as_slice(), importance.as_slice());
-            let probe = |quality: f32| probe(scene, seen, &spare, quality, options);
+            // The stream of a plan without any tuning.
+            let probe = |quality: f32| {
+                let plan = TunePlan::new(quality, options.effort, &spare)?;
+                let kept = gsvx::prune(&effects, plan.fraction)?;
+                let importance = kept.iter().map(|&i| importance[i]).collect();
+                probe(&scene.select(&kept), importance, quality)
+            };
             let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
             if !found.reached || is_empty(&found.encoded)? {
                 let smallest = smallest(probe)? as f64 * TUNED_OVER_PROBED;
@@ -39,7 +45,7 @@ pub(crate) fn plan(
             found.quality
         }
     };
-    Plan::new(quality, options.effort, &spare)
+    Ok(TunePlan::new(quality, options.effort, &spare)?)
 }
 
 /// Bytes of the smallest stream that has a Gaussian, to five points of quality.
@@ -57,22 +63,9 @@ fn is_empty(stream: &[u8]) -> Result<bool> {
     Ok(gsvx::Index::parse(stream)?.header.count == 0)
 }
 
-/// The stream of a plan without any tuning.
-fn probe(
-    scene: &Scene,
-    (effects, importance): (&[f32], &[f32]),
-    spare: &Spare,
-    quality: f32,
-    options: &Options,
-) -> gsvx::Result<Vec<u8>> {
-    let as_codec = |e: Error| match e {
-        Error::Codec(e) => e,
-        _ => gsvx::Error::Option { option: "quality", value: quality.into(), range: "0 to 100" },
-    };
-    let plan = Plan::new(quality, options.effort, spare).map_err(as_codec)?;
-    let kept = gsvx::prune(effects, plan.fraction)?;
-    let importance = kept.iter().map(|&i| importance[i]).collect();
-    let prepared = gsvx::prepare(&scene.select(&kept), &voxel_options(quality, importance)?)?;
-    let encode = encode_options(quality, prepared.importance).map_err(as_codec)?;
+/// The stream of a scene at a quality.
+fn probe(scene: &Scene, importance: Vec<f32>, quality: f32) -> gsvx::Result<Vec<u8>> {
+    let prepared = gsvx::prepare(scene, &voxel_options(quality, importance)?)?;
+    let encode = encode_options(quality, prepared.importance)?;
     Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &encode)?.bytes)
 }

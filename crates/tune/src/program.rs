@@ -5,45 +5,24 @@
 
 use std::fmt::Write as _;
 
-use finetune::kernels::{
-    Call, PARAMS, PROJECT, PROJECT_ADJOINT, Program, SCALAR, SH, STEP, Shader,
-};
+use finetune::kernels::{Call, GAUSSIAN, PROJECT_ADJOINT, Program, STEP, Shader};
 use gpcc_lite::attribute::CLASSES;
 use gsvx::latents::{EQUAL_AXES, LOGIT_RANGE, Latents, Transform};
 
-const CODEC: &str = include_str!("kernels/codec.wgsl");
-
 /// The kernels, in the order of their calls.
 const SHADERS: &[Shader] = &[
-    Shader::new(
-        "side",
-        &["load", "add_predicted"],
-        &[STEP, CODEC, include_str!("kernels/side.wgsl")],
-    ),
-    Shader::new(
-        "transform",
-        &["transform"],
-        &[STEP, CODEC, include_str!("kernels/transform.wgsl")],
-    ),
+    Shader::new("side", &["load", "add_predicted"], &[STEP, include_str!("kernels/side.wgsl")]),
+    Shader::new("transform", &["transform"], &[STEP, include_str!("kernels/transform.wgsl")]),
     Shader::new(
         "quantise",
         &["quantise_means", "quantise"],
-        &[STEP, CODEC, include_str!("kernels/quantise.wgsl")],
+        &[STEP, include_str!("kernels/quantise.wgsl")],
     ),
-    Shader::new("rebuild", &["rebuild"], &[STEP, CODEC, include_str!("kernels/rebuild.wgsl")]),
+    Shader::new("rebuild", &["rebuild"], &[STEP, include_str!("kernels/rebuild.wgsl")]),
     Shader::new(
         "move_latents",
         &["move_latents"],
-        &[
-            SCALAR,
-            PROJECT,
-            PROJECT_ADJOINT,
-            SH,
-            STEP,
-            PARAMS,
-            CODEC,
-            include_str!("kernels/latents.wgsl"),
-        ],
+        &[STEP, GAUSSIAN, PROJECT_ADJOINT, include_str!("kernels/latents.wgsl")],
     ),
 ];
 
@@ -55,9 +34,9 @@ const GROUPS: usize = 6;
 /// Activities of a merge and group.
 const ACTIVITIES: usize = 3;
 
-/// Constants of the codec, for the kernels.
-fn constants() -> String {
-    let mut out = String::new();
+/// The text that all kernels share: functions and constants of the codec.
+fn shared() -> String {
+    let mut out = String::from(include_str!("kernels/codec.wgsl"));
     let [low, high] = LOGIT_RANGE;
     // Formatting into a String cannot fail.
     let _ = writeln!(out, "const CHUNK_WORDS: u32 = {CHUNK_WORDS}u;");
@@ -109,8 +88,8 @@ pub(crate) fn program(latents: &Latents) -> Program {
     }
     before.push(call("rebuild", "rebuild", [0; 4], leaf_groups));
     let after = vec![call("move_latents", "move_latents", [0; 4], leaf_groups)];
-    let (constants, uniform) = (constants(), ("codec", uniform(latents)));
-    Program { constants, shaders: SHADERS, buffers, uniform, before, after }
+    let (shared, uniform) = (shared(), ("codec", uniform(latents)));
+    Program { shared, shaders: SHADERS, buffers, uniform, before, after }
 }
 
 /// The words of `Codec` in `codec.wgsl`.
@@ -125,7 +104,7 @@ pub(crate) fn uniform(latents: &Latents) -> Vec<u32> {
     [&steps[..], &[0; 2], &counts, &[half_lambda, 0, 0, 0]].concat()
 }
 
-/// What does not change: merges, leaves, and the weights of the leaves.
+/// The constant buffers: merges, leaves, and the weights of the leaves.
 pub(crate) fn fixed(latents: &Latents) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
     let transforms: Vec<Transform<'_>> = latents.transforms().collect();
     let (mut words, mut weights) = (Vec::new(), Vec::new());
@@ -140,7 +119,7 @@ pub(crate) fn fixed(latents: &Latents) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
     (merges(&transforms).words, words, weights)
 }
 
-/// What the last fit has changed: the words of all chunks, and the factors of their SH predictions.
+/// The results of the last fit: the words of all chunks, and the factors of their SH predictions.
 pub(crate) fn fitted(latents: &Latents) -> (Vec<u32>, Vec<f32>) {
     let (mut words, mut factors, mut first) = (Vec::new(), Vec::new(), 0);
     for t in latents.transforms() {
@@ -198,7 +177,7 @@ mod tests {
     #[test]
     fn every_kernel_is_valid_and_translates_everywhere() {
         for shader in SHADERS {
-            let source = shader.source(&constants());
+            let source = shader.source(&shared());
             testing::wgsl::check(shader.name(), &source, shader.entries());
             let storage = source.matches("var<storage").count();
             assert!(storage <= 8, "{}: {storage} storage buffers", shader.name());

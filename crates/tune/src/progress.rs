@@ -1,4 +1,4 @@
-//! [`Progress`] and [`Outcome`].
+//! [`Progress`] and [`TuneOutcome`].
 
 use finetune::{Backend, BackendReport};
 use gs_model::Scene;
@@ -84,13 +84,13 @@ pub struct Progress<'a> {
     pub scene: &'a Scene,
     /// Where the last step was made: it changes if a GPU fails under [`Backend::Auto`].
     pub backend: Backend,
-    /// Why the checkpoint could not be written, the first time that it could not.
+    /// Why the checkpoint could not be written. Only the first report after that has it: no other is written.
     pub checkpoint_failed: Option<&'a crate::Error>,
 }
 
 /// The result of a tune.
 #[derive(Clone, Debug)]
-pub struct Outcome {
+pub struct TuneOutcome {
     /// The stream.
     pub encoded: Encoded,
     /// What a decoder returns for it.
@@ -99,7 +99,7 @@ pub struct Outcome {
     pub counted_bytes: u64,
     /// PSNR of the input model at the views kept aside, dB.
     pub input_psnr: f64,
-    /// PSNR of [`Outcome::scene`] at the same views, dB.
+    /// PSNR of [`TuneOutcome::scene`] at the same views, dB.
     pub psnr: f64,
     /// Final quality.
     pub quality: f32,

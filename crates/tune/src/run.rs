@@ -4,18 +4,20 @@ use finetune::{BackendReport, TrainView};
 use gs_model::Scene;
 
 use crate::checkpoint::fingerprint;
-use crate::clock::Clock;
 use crate::codec_loop::CodecLoop;
 use crate::course::Course;
 use crate::error::{Error, Result};
-use crate::options::{Options, Target};
-use crate::plan::Plan;
+use crate::options::{Target, TuneOptions};
+use crate::plan::TunePlan;
 use crate::probe::plan;
-use crate::progress::{Outcome, Progress, StopReason};
+use crate::progress::{Progress, StopReason, TuneOutcome};
+use crate::stage::at_degree;
 use crate::steering;
-use crate::trainer::{Settings, Trainer};
+use crate::trainer::{Clock, Trainer, Work};
 use crate::views::Views;
 
+/// A model whose renders match the photos worse than this does not belong to them.
+const LEAST_MATCH_DB: f64 = 12.0;
 /// A view of the loop takes this much longer than one without the codec.
 const LOOP_OVER_STEP: f64 = 1.4;
 /// Time of a step grows with the number of Gaussians to this power.
@@ -47,31 +49,40 @@ impl Tune {
     ///
     /// # Errors
     /// Those of [`Error`].
-    pub fn new(scene: Scene, views: Vec<TrainView>, options: Options) -> Result<Self> {
+    pub fn new(scene: Scene, views: Vec<TrainView>, options: TuneOptions) -> Result<Self> {
         scene.validate()?;
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
         {
-            return Err(Error::target("target PSNR", db, "a number of dB"));
+            return Err(Error::Option {
+                option: "target PSNR",
+                value: db,
+                range: "a number of dB",
+            });
         }
-        let Options { target, effort, plan: given, seed, .. } = &options;
+        let TuneOptions { target, effort, plan: given, seed, .. } = &options;
         let shared = format!("{target:?} {effort:?} {given:?} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
         let views = Views::new(&scene, views, options.seed)?;
-        let input_psnr = views.check(&scene)?;
+        let (_, input_psnr) = views.at_aside(&scene);
+        if input_psnr < LEAST_MATCH_DB {
+            return Err(Error::OtherPhotos { psnr: input_psnr });
+        }
         let plan = plan(&scene, &views, &options, input_psnr)?;
-        let Options { target, backend, checkpoint, cancel, .. } = options;
-        let settings = Settings { fingerprint, backend, checkpoint, cancel };
-        let mut trainer = Trainer::new(views, settings)?;
+        let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
+        let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let step_seconds = seconds_of_a_step(&scene, &mut trainer.views);
-        let mut course = Course::new(plan, target, scene, &mut trainer.views)?;
-        trainer.resume(&mut course)?;
+        let mut course = Course::new(plan, target, scene);
+        if !trainer.resume(&mut course)? {
+            // Views that see nothing are an error before the run.
+            course.advance(&mut trainer.views)?;
+        }
         Ok(Self { trainer, course, target, input_psnr, step_seconds })
     }
 
     /// What the run will do.
     #[must_use]
-    pub fn plan(&self) -> &Plan {
+    pub fn plan(&self) -> &TunePlan {
         &self.course.plan
     }
 
@@ -85,7 +96,7 @@ impl Tune {
     #[must_use]
     pub fn views(&self) -> (usize, usize) {
         let views = &self.trainer.views;
-        (views.gradients.views(), views.kept_aside())
+        (views.gradients.views(), views.aside.len())
     }
 
     /// Where the steps with the codec in the loop are made, and why there.
@@ -116,40 +127,37 @@ impl Tune {
     /// Runs to the end, calling `progress` now and then.
     ///
     /// Ends early when the cancellation flag is set; the stream is then that of what has been reached.
-    /// A checkpoint that cannot be written does not end the run: [`Progress::checkpoint_failed`] says so
-    /// once, and the last one that could be written stays. If a GPU fails under [`Backend::Auto`](finetune::Backend),
+    /// A checkpoint that cannot be written does not end the run, which goes on without checkpoints:
+    /// [`Progress::checkpoint_failed`] says so once, and the last one that could be written stays. If a GPU fails under [`Backend::Auto`](finetune::Backend),
     /// the processor goes on from the last state that was kept.
     ///
     /// # Errors
     /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Finetune`] if a GPU that was asked for fails.
-    pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<Outcome> {
+    pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
         let Self { mut trainer, mut course, target, input_psnr, .. } = self;
-        let started = Clock::start();
         let cancelled = trainer.run(&mut course, progress)? == StopReason::Cancelled;
-        let Trainer { views, done: steps, backend, .. } = &mut trainer;
+        let Trainer { views, done: steps, backend, clock, .. } = &mut trainer;
         let mut state = course.finish(views, cancelled)?;
         let encoded = steering::fitting(&mut state, target)?;
-        let (_, psnr) = views.aside(&state.scene);
+        let (_, psnr) = views.at_aside(&state.scene);
         let reached = match target {
             Target::Quality(_) => true,
             Target::Bytes(bytes) => encoded.bytes.len() as u64 <= bytes,
             Target::Psnr(db) => psnr >= db,
         };
-        let CodecLoop { scene: last, quality, bytes: counted_bytes, outliers, .. } = state;
+        let CodecLoop { scene: last, quality, bytes: counted_bytes, leaves, .. } = state;
         // The stream leaves out SH degrees that are zero everywhere.
-        let sh_degree = encoded.index.header.sh_degree;
-        let mut scene = Scene { sh_degree, ..Scene::default() };
-        scene.append(&last);
-        Ok(Outcome {
+        let scene = at_degree(&last, encoded.index.header.sh_degree);
+        Ok(TuneOutcome {
             encoded,
             scene,
             counted_bytes,
             input_psnr,
             psnr,
             quality,
-            outliers: outliers.map_or(0, |o| o.len()),
+            outliers: leaves.outliers.map_or(0, |o| o.len()),
             steps: *steps,
-            seconds: started.seconds(),
+            seconds: clock.seconds(),
             backend: backend.clone(),
             cancelled,
             reached,

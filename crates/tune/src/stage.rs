@@ -1,16 +1,17 @@
-//! The two stages of a run, how one follows the other, and what a checkpoint keeps of each.
+//! The two stages of a run, how each begins, and what a checkpoint keeps of it.
 
-use finetune::optimiser::Moments;
 use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;
+use gsvx::Prepared;
 use gsvx::latents::Latents;
-use gsvx::{EncodeOptions, Prepared};
 
-use crate::checkpoint::{Reader, Writer};
-use crate::codec_loop::{CodecLoop, Start, encode_options};
+use crate::checkpoint::{StateReader, StateWriter};
+use crate::codec_loop::{CodecLoop, LoopLeaves, encode_options};
 use crate::error::{Error, Result};
-use crate::plan::{Plan, voxel_options};
+use crate::options::Target;
+use crate::plan::{TunePlan, voxel_options};
 use crate::scene_loop::{SceneLoop, mean_rate};
+use crate::steering;
 use crate::views::Views;
 
 /// What a run is doing.
@@ -23,13 +24,14 @@ pub(crate) enum Stage {
 
 /// Prunes to what remains after round `round` and starts the recovery.
 pub(crate) fn round(
-    plan: &Plan,
-    views: &Views,
+    plan: &TunePlan,
+    views: &mut Views,
     scene: Scene,
     input: usize,
     round: u64,
 ) -> Result<Stage> {
-    let effects = views.removal_effects(&scene);
+    views.gradients.move_means(true);
+    let effects = finetune::removal_effects(&scene, &views.cameras);
     if effects.iter().all(|&v| v <= 0.0) {
         return Err(Error::NothingSeen);
     }
@@ -42,7 +44,13 @@ pub(crate) fn round(
 }
 
 /// Voxelizes and puts the codec into the loop.
-pub(crate) fn codec_loop(plan: &Plan, views: &Views, scene: &Scene) -> Result<CodecLoop> {
+pub(crate) fn codec_loop(
+    plan: &TunePlan,
+    target: Target,
+    views: &mut Views,
+    scene: &Scene,
+) -> Result<Box<CodecLoop>> {
+    views.gradients.move_means(false);
     let options = voxel_options(plan.quality, views.importance(scene))?;
     let Prepared { scene, voxels, importance, outliers } = gsvx::prepare(scene, &options)?;
     if scene.is_empty() {
@@ -52,20 +60,14 @@ pub(crate) fn codec_loop(plan: &Plan, views: &Views, scene: &Scene) -> Result<Co
     let octree = voxels.octree().clone();
     let latents = Latents::new(&scene, &octree, &options)?;
     let outliers = outliers.map(|o| at_degree(&o, latents.sh_degree()));
-    let start = Start {
-        octree,
-        importance,
-        outliers,
-        latents,
-        quality: plan.quality,
-        steps: plan.loop_steps,
-        pixels: views.pixels(),
-    };
-    Ok(CodecLoop::new(start))
+    let leaves = LoopLeaves { octree, importance, outliers };
+    let mut state = CodecLoop::new(plan, views.pixels(), leaves, latents);
+    steering::begin(&mut state, target)?;
+    Ok(Box::new(state))
 }
 
-/// A scene cut to a lower SH degree.
-fn at_degree(scene: &Scene, degree: u8) -> Scene {
+/// A scene cut or filled up to an SH degree.
+pub(crate) fn at_degree(scene: &Scene, degree: u8) -> Scene {
     let mut out = Scene { sh_degree: degree, ..Scene::default() };
     out.append(scene);
     out
@@ -75,41 +77,46 @@ impl Stage {
     /// The scene as it is.
     pub(crate) fn scene(&self) -> &Scene {
         match self {
-            Self::Round { recovery, .. } => recovery.scene(),
+            Self::Round { recovery, .. } => recovery.optimiser.scene(),
             Self::Loop(state) => &state.scene,
         }
     }
 
     /// Adds what a run needs to go on from here.
-    pub(crate) fn write(&self, out: &mut Writer) {
+    pub(crate) fn write(&self, out: &mut StateWriter) {
         match self {
             Self::Round { round, recovery } => {
                 out.integers(&[0, *round]);
                 recovery.write(out);
             }
             Self::Loop(state) => {
-                let outliers = state.outliers.as_ref();
+                let LoopLeaves { octree, importance, outliers } = &state.leaves;
                 let degree = state.latents.sh_degree();
                 out.integers(&[1, state.done, degree.into()]);
                 out.numbers(&[state.quality.into()]);
-                write_leaves(out, &state.octree);
-                out.floats(&state.importance);
+                write_leaves(out, octree);
+                out.floats(importance);
                 out.floats(state.latents.values());
                 out.moments(&state.moments);
-                out.scene(outliers.unwrap_or(&Scene { sh_degree: degree, ..Scene::default() }));
+                out.scene(outliers.as_ref().unwrap_or(&at_degree(&Scene::default(), degree)));
             }
         }
     }
 
     /// Undoes [`Stage::write`].
-    pub(crate) fn read(input: &mut Reader<'_>, plan: &Plan, views: &Views) -> Result<Self> {
+    pub(crate) fn read(
+        input: &mut StateReader<'_>,
+        plan: &TunePlan,
+        views: &Views,
+    ) -> Result<Self> {
         match input.integers()?[..] {
             [0, round] => {
                 let recovery = SceneLoop::read(input, mean_rate(&views.cameras), plan.round_steps)?;
                 Ok(Self::Round { round, recovery: Box::new(recovery) })
             }
             [1, done, degree @ 0..=3] => {
-                let state = read_loop(input, views, (plan.loop_steps, done, degree as u8))?;
+                let mut state = read_loop(input, views, plan, degree as u8)?;
+                state.done = done;
                 Ok(Self::Loop(Box::new(state)))
             }
             _ => Err(input.error("unknown stage")),
@@ -117,14 +124,14 @@ impl Stage {
     }
 }
 
-fn write_leaves(out: &mut Writer, octree: &Octree) {
+fn write_leaves(out: &mut StateWriter, octree: &Octree) {
     let Cube { origin, side } = octree.cube();
     out.numbers(&[origin[0], origin[1], origin[2], side, octree.depth().into()]);
     out.integers(&octree.leaves().iter().map(|l| l.morton).collect::<Vec<_>>());
     out.integers(&octree.leaves().iter().map(|l| l.depth.into()).collect::<Vec<_>>());
 }
 
-fn read_leaves(input: &mut Reader<'_>) -> Result<Octree> {
+fn read_leaves(input: &mut StateReader<'_>) -> Result<Octree> {
     let [x, y, z, side, depth] = input.numbers()?[..] else {
         return Err(input.error("octree"));
     };
@@ -135,27 +142,27 @@ fn read_leaves(input: &mut Reader<'_>) -> Result<Octree> {
     let leaf = |(morton, depth): (u64, u64)| Leaf { morton, depth: depth as u8 };
     let leaves = cells.into_iter().zip(depths).map(leaf).collect();
     let cube = Cube { origin: [x, y, z], side };
-    Octree::new(cube, depth as u8, leaves).map_err(|_| input.error("leaves"))
+    Octree::new(cube, depth as u8, leaves).map_err(|e| input.refused("leaves", e))
 }
 
 fn read_loop(
-    input: &mut Reader<'_>,
+    input: &mut StateReader<'_>,
     views: &Views,
-    (steps, done, sh_degree): (u64, u64, u8),
+    plan: &TunePlan,
+    sh_degree: u8,
 ) -> Result<CodecLoop> {
     let [quality] = input.numbers()?[..] else { return Err(input.error("quality")) };
-    let octree = read_leaves(input)?;
+    let (octree, quality) = (read_leaves(input)?, quality as f32);
     let importance = input.floats()?;
     let values = input.floats()?;
-    let options: EncodeOptions = encode_options(quality as f32, importance.clone())?;
+    let options = encode_options(quality, importance.clone())?;
     let latents = Latents::with_values(&octree, &importance, &options, sh_degree, values)?;
-    let moments = input.moments(&Moments::zeros(latents.values().len()))?;
+    let moments = input.moments(latents.values().len())?;
     let outliers = input.scene()?;
     let outliers = (!outliers.is_empty()).then_some(outliers);
-    let pixels = views.pixels();
-    let quality = quality as f32;
-    let start = Start { octree, importance, outliers, latents, quality, steps, pixels };
-    let mut state = CodecLoop::new(start);
-    (state.moments, state.done) = (moments, done);
+    let leaves = LoopLeaves { octree, importance, outliers };
+    let plan = TunePlan { quality, ..*plan };
+    let mut state = CodecLoop::new(&plan, views.pixels(), leaves, latents);
+    state.moments = moments;
     Ok(state)
 }

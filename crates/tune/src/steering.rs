@@ -56,7 +56,7 @@ pub(crate) fn steer(state: &mut CodecLoop, target: Target, psnr: f64) -> Result<
 
 /// The stream; with a target in bytes one that fits it, if there is one.
 pub(crate) fn fitting(state: &mut CodecLoop, target: Target) -> Result<Encoded> {
-    let mut encoded = state.latents.encode(state.outliers.as_ref())?;
+    let mut encoded = state.latents.encode(state.leaves.outliers.as_ref())?;
     let Target::Bytes(bytes) = target else { return Ok(encoded) };
     for _ in 0..LAST_TRIES {
         let over = encoded.bytes.len() as f64 / bytes as f64;
@@ -66,7 +66,7 @@ pub(crate) fn fitting(state: &mut CodecLoop, target: Target) -> Result<Encoded> 
         let points = (libm::log(over) / LOG_BYTES_PER_POINT).max(0.05);
         state.set_quality(state.quality - points as f32)?;
         state.settle()?;
-        encoded = state.latents.encode(state.outliers.as_ref())?;
+        encoded = state.latents.encode(state.leaves.outliers.as_ref())?;
     }
     Ok(encoded)
 }

@@ -1,16 +1,16 @@
-//! [`Trainer`]: the steps of a run, whatever it moves. One order of views, one checkpoint, one kind of report, one
-//! way on when a GPU fails.
+//! [`Trainer`]: what all runs share. It gives the order of the views, writes the checkpoint, makes the reports, and lets
+//! the processor go on when a GPU fails.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use finetune::backend;
 use finetune::{Backend, BackendReport};
 use gs_model::Scene;
 
-use crate::checkpoint::{self, Reader, Writer};
-use crate::clock::Clock;
+use crate::checkpoint::{self, StateReader, StateWriter};
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
 use crate::views::Views;
@@ -18,32 +18,47 @@ use crate::views::Views;
 /// Steps between two reports.
 const REPORTED: u64 = 10;
 
-/// What a run moves, and what it does between its steps.
+/// When something began. The standard library has no clock on wasm32-unknown-unknown; there everything takes 0 s.
+#[derive(Clone, Copy)]
+pub(crate) struct Clock(Option<Instant>);
+
+impl Clock {
+    pub(crate) fn start() -> Self {
+        let there = !cfg!(all(target_family = "wasm", target_os = "unknown"));
+        Self(there.then(Instant::now))
+    }
+
+    pub(crate) fn seconds(self) -> f64 {
+        self.0.map_or(0.0, |started| started.elapsed().as_secs_f64())
+    }
+}
+
+/// The parameters that a run moves, and its work between the steps.
 pub(crate) trait Work {
     /// Steps of the whole run, at most.
     fn steps(&self) -> u64;
-    /// Goes to what follows the steps that are done; says why the run ends if nothing does.
+    /// Prepares the next step; says why the run ends if there is none.
     fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>>;
     /// Whether it is time to measure and to keep the state.
     fn due(&self) -> bool;
-    /// Measures, and steers by what it finds.
+    /// Measures the state, and steers by it.
     fn measure(&mut self, views: &Views) -> Result<()>;
-    /// Moves the steps that come to a graphics adapter, where it can make them and does not yet.
+    /// Moves the following steps to a graphics adapter, if they can run there and do not yet.
     fn place(&mut self, views: &mut Views) -> Result<()>;
     /// One step at a view; its PSNR, dB.
     fn step(&mut self, views: &mut Views, view: usize) -> Result<f64>;
-    /// Takes the steps back from a graphics adapter.
-    fn fetch(&mut self) -> Result<()>;
+    /// Moves the following steps back to the processor.
+    fn fetch(&mut self, views: &Views) -> Result<()>;
     /// Adds what a run needs to go on from here.
-    fn write(&self, out: &mut Writer);
-    /// Undoes [`Work::write`]. The steps that come are made on the processor.
-    fn read(&mut self, input: &mut Reader<'_>, views: &mut Views) -> Result<()>;
+    fn write(&self, out: &mut StateWriter);
+    /// Undoes [`Work::write`]. The following steps run on the processor.
+    fn read(&mut self, input: &mut StateReader<'_>, views: &mut Views) -> Result<()>;
     /// For a report.
-    fn state(&self) -> State<'_>;
+    fn state(&self) -> RunState<'_>;
 }
 
 /// See the fields of [`Progress`].
-pub(crate) struct State<'a> {
+pub(crate) struct RunState<'a> {
     pub(crate) stage: StageName,
     pub(crate) scene: &'a Scene,
     pub(crate) aside_psnr: Option<f64>,
@@ -51,7 +66,7 @@ pub(crate) struct State<'a> {
     pub(crate) bytes: Option<u64>,
 }
 
-/// See the module.
+/// A run without the parameters that it moves.
 pub(crate) struct Trainer {
     pub(crate) views: Views,
     /// Steps done.
@@ -65,19 +80,20 @@ pub(crate) struct Trainer {
     kept: Option<Vec<u8>>,
     /// Steps that were done when the run began here, or went on from a state that was kept.
     begun: u64,
-}
-
-/// What all runs are told.
-pub(crate) struct Settings {
-    pub(crate) fingerprint: u32,
-    pub(crate) backend: Backend,
-    pub(crate) checkpoint: Option<PathBuf>,
-    pub(crate) cancel: Option<Arc<AtomicBool>>,
+    /// Since [`Trainer::run`], and the steps that were done then.
+    pub(crate) clock: Clock,
+    resumed: u64,
 }
 
 impl Trainer {
-    pub(crate) fn new(views: Views, settings: Settings) -> Result<Self> {
-        let Settings { fingerprint, backend: wanted, checkpoint, cancel } = settings;
+    /// `fingerprint` is that of the run's checkpoints.
+    pub(crate) fn new(
+        views: Views,
+        fingerprint: u32,
+        wanted: Backend,
+        checkpoint: Option<PathBuf>,
+        cancel: Option<Arc<AtomicBool>>,
+    ) -> Result<Self> {
         let backend = backend::choose(wanted)?;
         // What is kept before the first step follows in `run`.
         let may_fall_back = wanted == Backend::Auto && backend.used == Backend::Gpu;
@@ -91,16 +107,19 @@ impl Trainer {
             checkpoint_failed: None,
             kept: may_fall_back.then(Vec::new),
             begun: 0,
+            clock: Clock::start(),
+            resumed: 0,
         })
     }
 
-    /// Goes on from the checkpoint, if there is one.
-    pub(crate) fn resume(&mut self, work: &mut impl Work) -> Result<()> {
-        let Some(path) = self.checkpoint.clone().filter(|p| p.exists()) else { return Ok(()) };
-        self.read(work, Reader::open(&path, self.fingerprint)?)
+    /// Goes on from the checkpoint. False if there is none.
+    pub(crate) fn resume(&mut self, work: &mut impl Work) -> Result<bool> {
+        let Some(path) = self.checkpoint.clone().filter(|p| p.exists()) else { return Ok(false) };
+        self.read(work, StateReader::open(&path, self.fingerprint)?)?;
+        Ok(true)
     }
 
-    fn read(&mut self, work: &mut impl Work, mut file: Reader<'_>) -> Result<()> {
+    fn read(&mut self, work: &mut impl Work, mut file: StateReader<'_>) -> Result<()> {
         let [done] = file.integers()?[..] else { return Err(file.error("steps")) };
         work.read(&mut file, &mut self.views)?;
         (self.done, self.begun) = (done, done);
@@ -116,11 +135,11 @@ impl Trainer {
         if self.kept.is_some() {
             self.kept = Some(self.state(work));
         }
-        let clock = (Clock::start(), self.done);
+        (self.clock, self.resumed) = (Clock::start(), self.done);
         loop {
-            match (self.steps(work, clock, &mut progress), self.kept.take()) {
+            match (self.steps(work, &mut progress), self.kept.take()) {
                 (Err(Error::Finetune(finetune::Error::Gpu { reason })), Some(kept)) => {
-                    let kept = Reader::new(Path::new("kept state"), kept, self.fingerprint)?;
+                    let kept = StateReader::new(Path::new("kept state"), kept, self.fingerprint)?;
                     self.read(work, kept)?;
                     self.backend = took_over(&reason, self.done);
                 }
@@ -133,7 +152,6 @@ impl Trainer {
     fn steps(
         &mut self,
         work: &mut impl Work,
-        clock: (Clock, u64),
         progress: &mut impl FnMut(&Progress<'_>),
     ) -> Result<StopReason> {
         let reason = loop {
@@ -154,45 +172,42 @@ impl Trainer {
             let psnr = work.step(&mut self.views, view)?;
             self.done += 1;
             if self.done.is_multiple_of(REPORTED) || self.done == work.steps() {
-                progress(&self.progress(work, psnr, clock));
+                progress(&self.progress(work, psnr));
+                self.checkpoint_failed = None;
             }
         };
-        work.fetch()?;
+        work.fetch(&self.views)?;
         Ok(reason)
     }
 
     fn state(&self, work: &impl Work) -> Vec<u8> {
-        let mut out = Writer::new(self.fingerprint);
+        let mut out = StateWriter::new(self.fingerprint);
         out.integers(&[self.done]);
         work.write(&mut out);
         out.finish()
     }
 
     /// Keeps the state: in the checkpoint, and for the case that the GPU fails. A checkpoint that cannot be written
-    /// does not end the run.
+    /// does not end the run, which goes on without checkpoints.
     pub(crate) fn keep(&mut self, work: &impl Work) {
-        let path = self.checkpoint.as_ref().filter(|_| self.checkpoint_failed.is_none());
-        if path.is_none() && self.kept.is_none() {
+        if self.checkpoint.is_none() && self.kept.is_none() {
             return;
         }
         let state = self.state(work);
-        if let Some(path) = path {
-            self.checkpoint_failed = checkpoint::save(path, &state).err();
+        if let Some(Err(error)) =
+            self.checkpoint.as_ref().map(|path| checkpoint::save(path, &state))
+        {
+            (self.checkpoint, self.checkpoint_failed) = (None, Some(error));
         }
         if let Some(kept) = &mut self.kept {
             *kept = state;
         }
     }
 
-    pub(crate) fn progress<'a>(
-        &'a self,
-        work: &'a impl Work,
-        psnr: f64,
-        (started, first): (Clock, u64),
-    ) -> Progress<'a> {
-        let seconds = started.seconds();
-        let per_step = seconds / self.done.saturating_sub(first).max(1) as f64;
-        let State { stage, scene, aside_psnr, pass_psnr, bytes } = work.state();
+    pub(crate) fn progress<'a>(&'a self, work: &'a impl Work, psnr: f64) -> Progress<'a> {
+        let seconds = self.clock.seconds();
+        let per_step = seconds / self.done.saturating_sub(self.resumed).max(1) as f64;
+        let RunState { stage, scene, aside_psnr, pass_psnr, bytes } = work.state();
         Progress {
             stage,
             step: self.done,
@@ -269,23 +284,23 @@ mod tests {
             Ok(0.0)
         }
 
-        fn fetch(&mut self) -> Result<()> {
+        fn fetch(&mut self, _: &Views) -> Result<()> {
             Ok(())
         }
 
-        fn write(&self, out: &mut Writer) {
+        fn write(&self, out: &mut StateWriter) {
             out.integers(&[self.sum, self.done]);
         }
 
-        fn read(&mut self, input: &mut Reader<'_>, _: &mut Views) -> Result<()> {
+        fn read(&mut self, input: &mut StateReader<'_>, _: &mut Views) -> Result<()> {
             let [sum, done] = input.integers()?[..] else { return Err(input.error("sum")) };
             (self.sum, self.done, self.on_gpu) = (sum, done, None);
             Ok(())
         }
 
-        fn state(&self) -> State<'_> {
+        fn state(&self) -> RunState<'_> {
             let (stage, scene) = (StageName::Attributes, &self.scene);
-            State { stage, scene, aside_psnr: None, pass_psnr: None, bytes: None }
+            RunState { stage, scene, aside_psnr: None, pass_psnr: None, bytes: None }
         }
     }
 
@@ -297,9 +312,7 @@ mod tests {
         let view = TrainView { camera, photo: Image::new(4, 3) };
         let views = Views::all(vec![view; 5], Loss::Mse, 1).unwrap();
         let checkpoint = checkpoint.map(Into::into);
-        let (fingerprint, backend, cancel) = (7, Backend::Cpu, None);
-        let settings = Settings { fingerprint, backend, checkpoint, cancel };
-        let mut trainer = Trainer::new(views, settings).unwrap();
+        let mut trainer = Trainer::new(views, 7, Backend::Cpu, checkpoint, None).unwrap();
         trainer.backend = BackendReport { used, reason: "given".into() };
         trainer.kept = may_fall_back.then(Vec::new);
         trainer
@@ -339,7 +352,7 @@ mod tests {
         assert!(matches!(&error, Error::Finetune(finetune::Error::Gpu { .. })), "{error}");
         let mut rest = trainer(Backend::Cpu, false, Some(&path));
         let mut work = Sum::default();
-        rest.resume(&mut work).unwrap();
+        assert!(rest.resume(&mut work).unwrap());
         assert_eq!(rest.done, 24);
         rest.run(&mut work, |_| ()).unwrap();
         let mut whole = Sum::default();

@@ -10,19 +10,17 @@ use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 
-/// Of so many training views one is kept aside; none of fewer.
+/// One of this many training views is kept aside; with fewer views, none.
 const ASIDE: usize = 16;
-/// A model whose renders match the photos worse than this does not belong to them.
-const LEAST_MATCH_DB: f64 = 12.0;
 /// A photo counts in full up to this many times the median of the squared errors (3 dB).
 const FULL_WEIGHT: f64 = 2.0;
 
-/// See the module.
+/// The views of a run.
 pub(crate) struct Views {
     /// All cameras, for importance.
     pub(crate) cameras: Vec<Camera>,
     pub(crate) gradients: ViewGradients,
-    aside: Vec<TrainView>,
+    pub(crate) aside: Vec<TrainView>,
     seed: u64,
     order: Vec<u32>,
 }
@@ -53,15 +51,6 @@ impl Views {
         Ok(Self { cameras, gradients, aside, seed, order: Vec::new() })
     }
 
-    /// PSNR of the input model at the views kept aside.
-    ///
-    /// # Errors
-    /// [`Error::OtherPhotos`] if the photos show something else.
-    pub(crate) fn check(&self, scene: &Scene) -> Result<f64> {
-        let (_, psnr) = self.aside(scene);
-        if psnr < LEAST_MATCH_DB { Err(Error::OtherPhotos { psnr }) } else { Ok(psnr) }
-    }
-
     /// The view of a step, counted from 0. Each is visited once before any is visited again.
     pub(crate) fn at(&mut self, step: u64) -> usize {
         let n = self.gradients.views() as u64;
@@ -73,16 +62,11 @@ impl Views {
     }
 
     /// Mean squared error and mean PSNR at the views kept aside.
-    pub(crate) fn aside(&self, scene: &Scene) -> (f64, f64) {
+    pub(crate) fn at_aside(&self, scene: &Scene) -> (f64, f64) {
         let all: Vec<f64> = self.aside.iter().map(|v| psnr(scene, v)).collect();
         let n = all.len().max(1) as f64;
         let mse = all.iter().map(|db| libm::exp10(-0.1 * db)).sum::<f64>() / n;
         (mse, all.iter().sum::<f64>() / n)
-    }
-
-    /// Number of views kept aside.
-    pub(crate) fn kept_aside(&self) -> usize {
-        self.aside.len()
     }
 
     /// Pixels of all cameras.
@@ -90,14 +74,9 @@ impl Views {
         self.cameras.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum()
     }
 
-    /// How much the views change without each Gaussian.
-    pub(crate) fn removal_effects(&self, scene: &Scene) -> Vec<f32> {
-        finetune::removal_effects(scene, &self.cameras)
-    }
-
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
-        finetune::saliency_per_view(scene, &self.cameras).squared
+        finetune::saliency(scene, &self.cameras).squared
     }
 }
 

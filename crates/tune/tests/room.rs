@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use finetune::{Image, RenderOptions, TrainView, metrics, render};
 use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, dataset, ply};
-use tune::{Effort, Error, Options, Outcome, Plan, Target, Tune};
+use tune::{Error, Target, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
 
 fn room() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
@@ -32,14 +32,19 @@ fn training() -> Vec<TrainView> {
     views().into_iter().enumerate().filter(|(i, _)| i % 8 != 0).map(|(_, v)| v).collect()
 }
 
-fn short(target: Target) -> Options {
-    let mut options = Options::new(target);
-    options.plan =
-        Some(Plan { quality: 54.0, fraction: 0.5, rounds: 2, round_steps: 60, loop_steps: 150 });
+fn short(target: Target) -> TuneOptions {
+    let mut options = TuneOptions::new(target);
+    options.plan = Some(TunePlan {
+        quality: 54.0,
+        fraction: 0.5,
+        rounds: 2,
+        round_steps: 60,
+        loop_steps: 150,
+    });
     options
 }
 
-fn tuned(options: &Options) -> Outcome {
+fn tuned(options: &TuneOptions) -> TuneOutcome {
     Tune::new(model(), training(), options.clone()).unwrap().run(|_| ()).unwrap()
 }
 
@@ -72,11 +77,11 @@ fn a_short_tune_saves_bytes_at_held_out_views() {
         };
         held_out.iter().map(of).sum::<f64>() / held_out.len() as f64
     };
-    let mut options = Options::new(Target::Quality(60.0));
-    options.effort = Effort::Quick;
+    let mut options = TuneOptions::new(Target::Quality(60.0));
+    options.effort = TuneEffort::Quick;
     let outcome = tuned(&options);
     let cameras: Vec<Camera> = training().into_iter().map(|v| v.camera).collect();
-    let importance = finetune::saliency_per_view(&model(), &cameras).squared;
+    let importance = finetune::saliency(&model(), &cameras).squared;
     // The untuned stream of the same PSNR.
     let mut untuned = gsvx::EncodeOptions::from_quality(50.0).unwrap();
     untuned.importance = Some(importance);
@@ -162,8 +167,8 @@ fn a_psnr_out_of_reach_ends_with_the_best() {
 #[test]
 fn bad_input_gives_one_line() {
     let error = |scene: Scene, views: Vec<TrainView>, target: Target| {
-        let mut options = Options::new(target);
-        options.effort = tune::Effort::Quick;
+        let mut options = TuneOptions::new(target);
+        options.effort = tune::TuneEffort::Quick;
         let text = Tune::new(scene, views, options).unwrap_err().to_string();
         assert_eq!(text.lines().count(), 1, "{text}");
         text
@@ -206,7 +211,7 @@ fn the_smallest_runs_end() {
     one.photo = render(&model(), &one.camera, &RenderOptions::default());
     let run = Tune::new(model(), vec![one.clone()], options()).unwrap();
     assert!(!gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().is_empty());
-    let importance = finetune::saliency_per_view(&model(), &[one.camera.clone()]).squared;
+    let importance = finetune::saliency(&model(), &[one.camera.clone()]).squared;
     let most = (0..importance.len()).max_by(|&a, &b| importance[a].total_cmp(&importance[b]));
     let scene = model().select(&[most.unwrap()]);
     one.photo = render(&scene, &one.camera, &RenderOptions::default());

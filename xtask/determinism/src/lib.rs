@@ -13,7 +13,7 @@ use finetune::{RenderOptions, TrainView, render};
 use gs_model::{Scene, ply};
 use gsvx::{DecodeOptions, EncodeOptions, Leaves};
 use sha2::{Digest, Sha256};
-use tune::{Options, Plan, Target, Tune};
+use tune::{Target, Tune, TuneOptions, TunePlan};
 
 const ROOM: &[u8] = include_bytes!("../../../fixtures/room/point_cloud.ply");
 
@@ -82,9 +82,9 @@ fn tuned(room: &Scene) -> Vec<u8> {
     let view =
         |camera| TrainView { photo: render(room, &camera, &RenderOptions::default()), camera };
     let cameras = placement.cameras(6, "tuned", [48, 36], 40.0);
-    let mut options = Options::new(Target::Quality(50.0));
+    let mut options = TuneOptions::new(Target::Quality(50.0));
     options.plan =
-        Some(Plan { quality: 50.0, fraction: 0.5, rounds: 1, round_steps: 6, loop_steps: 54 });
+        Some(TunePlan { quality: 50.0, fraction: 0.5, rounds: 1, round_steps: 6, loop_steps: 54 });
     let run = Tune::new(room.clone(), cameras.into_iter().map(view).collect(), options);
     run.expect("tune").run(|_| ()).expect("tune").encoded.bytes
 }

@@ -8,7 +8,7 @@ use std::num::NonZeroUsize;
 
 use sha2::{Digest, Sha256};
 use testing::sha256;
-use tune::{FineTune, FineTuneOptions, Options, Plan, Target, Tune};
+use tune::{FineTune, FineTuneOptions, Target, Tune, TuneOptions, TunePlan};
 
 use super::{Tally, Verdict};
 
@@ -91,10 +91,10 @@ pub(super) fn checks(tally: &mut Tally) {
     });
     tally.check("tune over threads", || {
         same("the same bytes after 8 steps", || {
-            let mut options = Options::new(Target::Quality(54.0));
+            let mut options = TuneOptions::new(Target::Quality(54.0));
             let (rounds, round_steps, loop_steps) = (1, 4, 4);
             let (quality, fraction) = (54.0, 0.5);
-            options.plan = Some(Plan { quality, fraction, rounds, round_steps, loop_steps });
+            options.plan = Some(TunePlan { quality, fraction, rounds, round_steps, loop_steps });
             let tune = Tune::new(scene.clone(), views.clone(), options)?;
             Ok(hash_bytes(&tune.run(|_| ())?.encoded.bytes))
         })

@@ -87,7 +87,7 @@ fn beside_cameras(name: &str, table: &mut Table) -> Result<()> {
         codec::curve(&With { importance, seen }, &scene, &QUALITIES)
     };
     let plainer = curve(opacity_and_size(&scene.model), Seen::Guessed)?.rates();
-    let seen = finetune::saliency_per_view(&scene.model, &scene.training).squared;
+    let seen = finetune::saliency(&scene.model, &scene.training).squared;
     let kept = gsvx::importance::with_unseen(&scene.model, &seen);
     let guessed = gsvx::importance::without_cameras(&scene.model);
     let mut row = cells![name];

@@ -114,7 +114,7 @@ fn of_input(found: &SceneFiles, stage: &str) -> Result<Work> {
         return Ok(work(move || Ok(importance::without_cameras(&scene))));
     }
     let cameras: Vec<_> = found.dataset.training().map(|v| v.camera.clone()).collect();
-    Ok(work(move || Ok(finetune::saliency_per_view(&scene, &cameras))))
+    Ok(work(move || Ok(finetune::saliency(&scene, &cameras))))
 }
 
 /// The leaves of the default.

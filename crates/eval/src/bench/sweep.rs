@@ -62,7 +62,7 @@ impl Sweep {
     pub fn of(name: &str, qualities: &[f32]) -> Result<Self> {
         let scene = ModelAndCameras::open(name, VIEWS)?;
         let settings = RenderOptions::default();
-        let seen = finetune::saliency_per_view(&scene.model, &scene.training).squared;
+        let seen = finetune::saliency(&scene.model, &scene.training).squared;
         let draw = |model: &Scene| -> Vec<Image> {
             scene.held_out.iter().map(|c| render(model, c, &settings)).collect()
         };

@@ -97,7 +97,7 @@ pub fn run(options: &Options) -> Result<()> {
 impl<'a> Study<'a> {
     fn of(test: &'a TestScene) -> Result<Self> {
         let cube = voxel::cube_of(&test.model.means)?;
-        let seen = finetune::saliency_per_view(&test.model, &test.training).squared;
+        let seen = finetune::saliency(&test.model, &test.training).squared;
         // The shallowest depth that keeps nine Gaussians in ten apart.
         let mut depth = 4;
         while depth < 20 {

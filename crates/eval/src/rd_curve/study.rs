@@ -101,7 +101,7 @@ impl Study {
     pub(super) fn importance(&self) -> &(Option<Vec<f32>>, f64) {
         self.saliency.get_or_init(|| {
             let TestScene { model, training, .. } = &self.test;
-            let seen = || finetune::saliency_per_view(model, training).squared;
+            let seen = || finetune::saliency(model, training).squared;
             timed(|| (!training.is_empty()).then(seen))
         })
     }

@@ -1,48 +1,19 @@
 //! [`DeviceOptimiser`]: the fine-tune's steps on the device.
 
-use gs_model::Scene;
-
 use super::device::Context;
 use super::passes::STEP;
-use super::sizes::Sizes;
-use super::steps::{DeviceSteps, DeviceView};
+use super::steps::DeviceSteps;
 use super::uniform::StepUniform;
-use super::workspace::Workspace;
 use crate::error::Result;
 use crate::optimiser::{Adam, SceneOptimiser};
 use crate::options::{LearningRates, Loss};
-use crate::stages::project::View;
-use crate::view_gradients::{PreparedView, ViewLoss};
+use crate::stages::loss::ViewLoss;
+use crate::view_gradients::PreparedView;
 
 /// A [`SceneOptimiser`] on a graphics adapter. Means stay where they are.
 pub struct DeviceOptimiser {
     steps: DeviceSteps,
-    base: StepUniform,
     rates: LearningRates,
-}
-
-/// The sizes of a scene and its views.
-pub(super) fn sizes<'a>(scene: &Scene, views: impl Iterator<Item = &'a View>) -> Sizes {
-    let one = |v: &View| (v.tiles(), v.width as usize * v.height as usize);
-    let largest = views.map(one).fold((1, 1), |a, b| (a.0.max(b.0), a.1.max(b.1)));
-    Sizes {
-        count: scene.len(),
-        sh_len: scene.sh_len(),
-        // Grows on demand: a step that needs more slots is repeated.
-        capacity: (4 * scene.len()).max(1 << 14),
-        tiles: largest.0,
-        pixels: largest.1,
-    }
-}
-
-/// The views and their photos on the device.
-pub(super) fn on_device(workspace: &Workspace, views: &[PreparedView]) -> Result<Vec<DeviceView>> {
-    let mut planes = Vec::new();
-    let one = |prepared: &PreparedView| {
-        prepared.planes(&mut planes);
-        DeviceView::new(workspace, &prepared.view, &planes)
-    };
-    views.iter().map(one).collect()
 }
 
 impl DeviceOptimiser {
@@ -52,17 +23,9 @@ impl DeviceOptimiser {
         views: &[PreparedView],
         loss: Loss,
     ) -> Result<Self> {
-        let scene = from.scene();
-        let workspace = Workspace::new(context, sizes(scene, views.iter().map(|v| &v.view)), None)?;
-        workspace.upload(from.state());
-        let base = StepUniform {
-            count: scene.len() as u32,
-            sh_len: scene.sh_len() as u32,
-            ..StepUniform::default()
-        };
-        let on_device = on_device(&workspace, views)?;
-        let steps = DeviceSteps::new(workspace, on_device)?;
-        Ok(Self { steps, base: base.with_loss(loss), rates: *from.rates() })
+        let steps = DeviceSteps::new(context, from.scene(), views, loss, None)?;
+        steps.workspace.upload(from.state());
+        Ok(Self { steps, rates: *from.rates() })
     }
 
     /// Submits step number `number`, counted from 1, at a view. It does not wait for the device.
@@ -70,10 +33,7 @@ impl DeviceOptimiser {
     /// # Errors
     /// [`crate::Error::Gpu`].
     pub fn step(&mut self, view: usize, number: u64, decay: f32) -> Result<()> {
-        let view = view % self.steps.views.len();
-        let mut u =
-            self.steps.views[view].view.merge(&self.base).with_adam(&self.rates, number, decay);
-        u.step = number as u32;
+        let u = self.steps.uniform(view, number).with_adam(&self.rates, number, decay);
         self.steps.step(view, u, &STEP)
     }
 

@@ -3,27 +3,27 @@
 use gs_model::Scene;
 
 use super::device::Context;
-use super::executor::{on_device, sizes};
 use super::passes::KERNEL_STEP;
 use super::program::{Call, Program};
 use super::steps::DeviceSteps;
-use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::error::{Error, Result};
 use crate::optimiser::{Adam, SceneOptimiser, rows_of};
-use crate::options::LearningRates;
-use crate::view_gradients::{PreparedView, ViewLoss};
+use crate::options::{LearningRates, Loss};
+use crate::stages::loss::ViewLoss;
+use crate::view_gradients::PreparedView;
 
 impl Workspace {
     /// Binds calls of a program.
     fn bind_calls(
         &self,
         calls: &[Call],
-        uniform: (&str, &wgpu::Buffer),
+        name: &str,
+        uniform: &wgpu::Buffer,
     ) -> Vec<(Call, wgpu::BindGroup)> {
         let bind = |call: &Call| {
             let words = self.constant("call", &call.words);
-            (*call, self.bind_group(call.shader, &[], &[uniform, ("call", &words)]))
+            (*call, self.bind_group(call.shader, &[], &[(name, uniform), ("call", &words)]))
         };
         calls.iter().map(bind).collect()
     }
@@ -50,7 +50,7 @@ pub struct KernelStep {
     /// Rates of four kinds of values: `u.rates` holds them over Adam's first correction, `u.inv_sqrt_bias2` the
     /// second.
     pub rates: [f32; 4],
-    /// Whether the scene is made anew. Otherwise it is the one of the step before.
+    /// Whether the kernels make a new scene. Otherwise the step renders that of the step before.
     pub made: bool,
     /// A number for the kernels: `u.extra`.
     pub extra: f32,
@@ -61,7 +61,6 @@ pub struct KernelLoop {
     steps: DeviceSteps,
     uniform: wgpu::Buffer,
     buffers: Vec<(&'static str, usize)>,
-    base: StepUniform,
     weights: Vec<f32>,
 }
 
@@ -78,25 +77,17 @@ impl KernelLoop {
         program: &Program,
         views: &[PreparedView],
     ) -> Result<Self> {
-        let sizes = sizes(scene, views.iter().map(|v| &v.view));
-        let mut workspace = Workspace::new(context, sizes, Some(program))?;
+        let mut steps = DeviceSteps::new(context, scene, views, Loss::Mse, Some(program))?;
+        let workspace = &mut steps.workspace;
         let rows = rows_of(scene);
         let still = vec![0.0; rows.len()];
         workspace.upload([&rows, &still, &still]);
         let (name, words) = &program.uniform;
         let uniform = workspace.context.uniform(name, 4 * words.len());
-        workspace.before = workspace.bind_calls(&program.before, (name, &uniform));
-        workspace.after = workspace.bind_calls(&program.after, (name, &uniform));
-        let base = StepUniform {
-            count: scene.len() as u32,
-            sh_len: scene.sh_len() as u32,
-            ..StepUniform::default()
-        };
-        let on_device = on_device(&workspace, views)?;
-        let steps = DeviceSteps::new(workspace, on_device)?;
+        workspace.before = workspace.bind_calls(&program.before, name, &uniform);
+        workspace.after = workspace.bind_calls(&program.after, name, &uniform);
         let weights = views.iter().map(|v| v.weight).collect();
-        let buffers = program.buffers.clone();
-        let mut this = Self { steps, uniform, buffers, base, weights };
+        let mut this = Self { steps, uniform, buffers: program.buffers.clone(), weights };
         this.set_uniform(words)?;
         Ok(this)
     }
@@ -145,15 +136,13 @@ impl KernelLoop {
     /// # Errors
     /// [`Error::Gpu`].
     pub fn step(&mut self, step: &KernelStep) -> Result<()> {
-        let view = step.view % self.steps.views.len();
         let (inverse_bias1, inv_sqrt_bias2) = Adam::new(step.number).corrections();
-        let mut u = self.steps.views[view].view.merge(&self.base);
+        let mut u = self.steps.uniform(step.view, step.number);
         u.rates = step.rates.map(|r| r * inverse_bias1);
         u.inv_sqrt_bias2 = inv_sqrt_bias2;
-        u.view_weight = self.weights[view];
+        u.view_weight = self.weights[step.view % self.weights.len()];
         u.extra = step.extra;
-        u.step = step.number as u32;
-        self.steps.step(view, u, if step.made { &KERNEL_STEP } else { &KERNEL_STEP[1..] })
+        self.steps.step(step.view, u, if step.made { KERNEL_STEP } else { &KERNEL_STEP[1..] })
     }
 
     /// The losses of the steps since the last call, in order. Waits for the device.

@@ -10,7 +10,7 @@ use crate::stages::TILE;
 
 /// A stage of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Stage {
+pub(crate) enum GpuStage {
     Project,
     SortDepth,
     Emit,
@@ -27,38 +27,35 @@ pub(crate) enum Stage {
     After,
 }
 
-/// All stages of a step, in order.
-pub(crate) const STEP: [Stage; 10] = [
-    Stage::Project,
-    Stage::SortDepth,
-    Stage::Emit,
-    Stage::SortTile,
-    Stage::Ranges,
-    Stage::Blend,
-    Stage::Loss,
-    Stage::BlendAdjoint,
-    Stage::Gather,
-    Stage::Adam,
+/// All stages, in order. A step without kernels of another crate has nothing to do in [`GpuStage::Before`] and
+/// [`GpuStage::After`].
+pub(crate) static STEP: [GpuStage; 12] = [
+    GpuStage::Before,
+    GpuStage::Project,
+    GpuStage::SortDepth,
+    GpuStage::Emit,
+    GpuStage::SortTile,
+    GpuStage::Ranges,
+    GpuStage::Blend,
+    GpuStage::Loss,
+    GpuStage::BlendAdjoint,
+    GpuStage::Gather,
+    GpuStage::After,
+    GpuStage::Adam,
 ];
 
-/// All stages of a step with kernels of another crate. Without the first, the scene is that of the step before.
-pub(crate) const KERNEL_STEP: [Stage; 11] = [
-    Stage::Before,
-    Stage::Project,
-    Stage::SortDepth,
-    Stage::Emit,
-    Stage::SortTile,
-    Stage::Ranges,
-    Stage::Blend,
-    Stage::Loss,
-    Stage::BlendAdjoint,
-    Stage::Gather,
-    Stage::After,
-];
+/// The stages of a step with kernels of another crate, which move the parameters. Without the first, the scene is
+/// that of the step before.
+pub(crate) static KERNEL_STEP: &[GpuStage] = STEP.split_at(11).0;
 
 impl Workspace {
     /// Records and submits stages for the view in `u`. `photo` is the loss stage's bind group.
-    pub(crate) fn run(&self, stages: &[Stage], u: &StepUniform, photo: Option<&wgpu::BindGroup>) {
+    pub(crate) fn run(
+        &self,
+        stages: &[GpuStage],
+        u: &StepUniform,
+        photo: Option<&wgpu::BindGroup>,
+    ) {
         let queue = &self.context.queue;
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(u));
         let mut encoder = self.context.device.create_command_encoder(&Default::default());
@@ -85,7 +82,11 @@ impl Workspace {
         self.write("boxes", &projected.boxes);
         self.write("counts", &counts);
         self.write("state", &[counts.len() as u32, lists.ids.len() as u32, 0, 0]);
-        self.run(&[Stage::SortDepth, Stage::Emit, Stage::SortTile, Stage::Ranges], u, None);
+        self.run(
+            &[GpuStage::SortDepth, GpuStage::Emit, GpuStage::SortTile, GpuStage::Ranges],
+            u,
+            None,
+        );
         self.write("ids", &lists.ids);
         self.write("offsets", &lists.offsets);
     }
@@ -93,7 +94,7 @@ impl Workspace {
     fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
-        stage: Stage,
+        stage: GpuStage,
         u: &StepUniform,
         photo: Option<&wgpu::BindGroup>,
     ) {
@@ -103,31 +104,31 @@ impl Workspace {
             self.dispatch(pass, shader, shader, self.group(shader), groups, 1);
         };
         match stage {
-            Stage::Project => single(pass, "project", gaussians),
-            Stage::SortDepth => {
+            GpuStage::Project => single(pass, "project", gaussians),
+            GpuStage::SortDepth => {
                 let blocks = self.sizes.depth_blocks() as u32;
                 // The number of pairs is in `state`; `check_capacity` writes it, and the host
                 // wrote it before the first step.
                 self.sort(pass, &self.depth_passes, Scan::DepthHistogram, blocks);
             }
-            Stage::Emit => {
+            GpuStage::Emit => {
                 let group = self.group("emit");
                 self.dispatch(pass, "emit", "rank_counts", group, gaussians, 1);
                 self.scan(pass, Scan::Starts);
                 self.dispatch(pass, "emit", "check_capacity", group, 1, 1);
                 self.dispatch(pass, "emit", "emit", group, gaussians, 1);
             }
-            Stage::SortTile => {
+            GpuStage::SortTile => {
                 let blocks = self.sizes.tile_blocks() as u32;
                 self.sort(pass, &self.tile_passes, Scan::TileHistogram, blocks);
             }
-            Stage::Ranges => {
+            GpuStage::Ranges => {
                 let n = (self.sizes.capacity as u32).max(tiles + 1);
                 single(pass, "ranges", n.div_ceil(64));
                 single(pass, "reach", (self.sizes.capacity as u32).div_ceil(4 * 64));
             }
-            Stage::Blend => single(pass, "blend", tiles.div_ceil(GROUP_TILES)),
-            Stage::Loss => {
+            GpuStage::Blend => single(pass, "blend", tiles.div_ceil(GROUP_TILES)),
+            GpuStage::Loss => {
                 let Some(group) = photo else { return };
                 let pixels = u.width * u.height;
                 let lanes = |n: u32| n.div_ceil(64);
@@ -143,11 +144,11 @@ impl Workspace {
                 self.dispatch(pass, "loss", "loss_blocks", group, (3 * pixels).div_ceil(4096), 1);
                 self.dispatch(pass, "loss", "loss_total", group, 1, 1);
             }
-            Stage::BlendAdjoint => single(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
-            Stage::Gather => single(pass, "gather", gaussians),
-            Stage::Adam => single(pass, "adam", gaussians),
-            Stage::Before => self.calls(pass, &self.before),
-            Stage::After => self.calls(pass, &self.after),
+            GpuStage::BlendAdjoint => single(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
+            GpuStage::Gather => single(pass, "gather", gaussians),
+            GpuStage::Adam => single(pass, "adam", gaussians),
+            GpuStage::Before => self.calls(pass, &self.before),
+            GpuStage::After => self.calls(pass, &self.after),
         }
     }
 

@@ -12,8 +12,8 @@ pub(super) struct Pipeline {
 }
 
 /// Compiles a shader.
-pub(super) fn compile(device: &wgpu::Device, shader: &Shader, constants: &str) -> Pipeline {
-    let source = shader.source(constants);
+pub(super) fn compile(device: &wgpu::Device, shader: &Shader, shared: &str) -> Pipeline {
+    let source = shader.source(shared);
     let bindings = bindings(&source);
     let entries: Vec<_> = bindings
         .iter()

@@ -9,8 +9,8 @@ const SHARED: [&str; 4] = ["means", "geo", "sh", "sums"];
 
 /// Kernels, their buffers, and when they run.
 pub struct Program {
-    /// WGSL constants for all shaders.
-    pub constants: String,
+    /// WGSL text that all shaders share.
+    pub shared: String,
     /// The kernels. A variable is bound to the buffer of its name: one of `buffers`, or `means`, `geo`, `sh`, `sums`.
     /// The uniform `u` is that of the step, `call` holds [`Call::words`], and one of another name holds
     /// [`Program::uniform`].
@@ -19,9 +19,9 @@ pub struct Program {
     pub buffers: Vec<(&'static str, usize)>,
     /// A uniform by name, with its words.
     pub uniform: (&'static str, Vec<u32>),
-    /// What makes the scene, in order.
+    /// Calls that make the scene, in order.
     pub before: Vec<Call>,
-    /// What uses the derivatives of the loss, in order.
+    /// Calls that use the derivatives of the loss, in order.
     pub after: Vec<Call>,
 }
 
@@ -43,7 +43,7 @@ impl Program {
     pub(super) fn check(&self) -> Result<()> {
         let failed = |reason| Err(Error::Gpu { reason });
         for shader in self.shaders {
-            for binding in bindings(&shader.source(&self.constants)) {
+            for binding in bindings(&shader.source(&self.shared)) {
                 let name = binding.name.as_str();
                 let known = ["u", "call", self.uniform.0].contains(&name)
                     || SHARED.contains(&name)

@@ -7,21 +7,23 @@ use gs_model::{Camera, Scene};
 
 use super::device::Context;
 use super::executor::DeviceOptimiser;
-use super::passes::{Stage, fold};
+use super::passes::{GpuStage, fold};
 use super::sizes::Sizes;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
+use crate::backward::{Backward, planes_of};
 use crate::forward::Forward;
-use crate::gradients::{Backward, planes_of};
+
 use crate::image::Image;
 use crate::optimiser::{SceneOptimiser, rows_of};
 use crate::options::{LearningRates, Loss, RenderOptions};
 use crate::shaders::BLOCKS;
-use crate::shuffle::Rng;
 use crate::stages::blend_adjoint::{FROZEN, TileGradient};
-use crate::stages::project::{CULLED, View};
+use crate::stages::loss::ViewLoss;
+use crate::stages::project::{CULLED, RenderView};
 use crate::train_view::TrainView;
 use crate::view_gradients::{PreparedView, ViewGradients};
+use testing::Rng;
 
 fn context() -> Option<Context> {
     match Context::software() {
@@ -33,24 +35,20 @@ fn context() -> Option<Context> {
     }
 }
 
-fn uniform(r: &mut Rng, low: f32, high: f32) -> f32 {
-    low + (high - low) * (r.next() >> 40) as f32 / (1u64 << 24) as f32
-}
-
 /// Gaussians of all sizes on a lattice (so that depths tie), some behind the camera, some
 /// transparent.
 fn scene(n: usize, degree: u8, seed: u64) -> Scene {
-    let mut r = Rng(seed);
+    let mut r = Rng::seeded(seed);
     let mut s = Scene { sh_degree: degree, ..Scene::default() };
     for _ in 0..n {
-        let cell = |r: &mut Rng, low, high| (uniform(r, low, high) * 8.0).round() / 8.0;
+        let cell = |r: &mut Rng, low, high| (r.range_f32(low, high) * 8.0).round() / 8.0;
         s.means.push([cell(&mut r, -3.0, 3.0), cell(&mut r, -2.0, 2.0), cell(&mut r, -1.0, 8.0)]);
-        s.rotations.push([0; 4].map(|_| uniform(&mut r, -1.0, 1.0)));
-        s.log_scales.push([0; 3].map(|_| uniform(&mut r, -5.0, 0.0)));
-        s.opacity_logits.push(uniform(&mut r, -7.0, 6.0));
+        s.rotations.push([0; 4].map(|_| r.range_f32(-1.0, 1.0)));
+        s.log_scales.push([0; 3].map(|_| r.range_f32(-5.0, 0.0)));
+        s.opacity_logits.push(r.range_f32(-7.0, 6.0));
         for k in 0..s.sh_len() {
             let a = if k == 0 { 1.5 } else { 0.3 };
-            s.sh.push([0; 3].map(|_| uniform(&mut r, -a, a)));
+            s.sh.push([0; 3].map(|_| r.range_f32(-a, a)));
         }
     }
     s
@@ -72,18 +70,18 @@ fn camera(width: u32, height: u32) -> Camera {
 }
 
 fn photo(width: u32, height: u32) -> Image {
-    let mut r = Rng(3);
+    let mut r = Rng::seeded(3);
     let mut image = Image::new(width, height);
-    image.rgb.iter_mut().for_each(|v| *v = uniform(&mut r, 0.0, 1.0));
+    image.rgb.iter_mut().for_each(|v| *v = r.range_f32(0.0, 1.0));
     image
 }
 
 /// A step in both executors: the Rust results, and a workspace into which tests write inputs.
 struct Pair {
     scene: Scene,
-    view: View,
+    view: RenderView,
     cpu: Backward<FROZEN>,
-    loss: crate::stages::loss::LossValue,
+    loss: ViewLoss,
     photo: Vec<f32>,
     gpu: Workspace,
     u: StepUniform,
@@ -91,16 +89,16 @@ struct Pair {
 
 const BACKGROUND: [f32; 3] = [0.1, 0.7, 0.3];
 
-fn pair(n: usize, size: (u32, u32), loss: Loss) -> Option<Pair> {
+fn pair(n: usize, size: [u32; 2], loss: Loss) -> Option<Pair> {
     pair_of(scene(n, 3, 11), size, loss)
 }
 
-fn pair_of(scene: Scene, (width, height): (u32, u32), loss: Loss) -> Option<Pair> {
+fn pair_of(scene: Scene, [width, height]: [u32; 2], loss: Loss) -> Option<Pair> {
     let context = context()?;
     let n = scene.len();
     let options = RenderOptions { background: BACKGROUND, ..Default::default() };
-    let view = View::new(&camera(width, height), &options);
-    let photo = planes_of(&photo(width, height));
+    let view = RenderView::new(&camera(width, height), &options);
+    let photo = planes_of(&photo(width, height).rgb);
     let mut cpu = Backward::<FROZEN>::default();
     let value = cpu.run(&scene, &view, &photo, loss);
     let sizes = Sizes {
@@ -114,8 +112,8 @@ fn pair_of(scene: Scene, (width, height): (u32, u32), loss: Loss) -> Option<Pair
     let still = vec![0.0; rows_of(&scene).len()];
     gpu.upload([&rows_of(&scene), &still, &still]);
     gpu.write("state", &[n as u32, cpu.forward.lists.ids.len() as u32, 0, 0]);
-    let mut u = StepUniform::of_view(&view).with_loss(loss);
-    (u.count, u.sh_len, u.step) = (n as u32, scene.sh_len() as u32, 1);
+    let mut u = StepUniform::of_view(&view).merge(&StepUniform::of_scene(&scene, loss));
+    u.step = 1;
     u.capacity = sizes.capacity as u32;
     Some(Pair { scene, view, cpu, loss: value, photo, gpu, u })
 }
@@ -153,8 +151,8 @@ fn flat<T: bytemuck::NoUninit>(v: &[T]) -> Vec<f32> {
 
 #[test]
 fn project_agrees() {
-    let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
-    p.gpu.run(&[Stage::Project], &p.u, None);
+    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
+    p.gpu.run(&[GpuStage::Project], &p.u, None);
     let keys: Vec<u32> = p.gpu.read("keys", 3000).unwrap();
     let f = &p.cpu.forward.projected;
     let visible = f.keys.iter().filter(|&&k| k != CULLED).count();
@@ -187,14 +185,18 @@ fn project_agrees() {
 
 #[test]
 fn lists_are_equal() {
-    let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     // Counts come from `project`; everything else from the Rust executor.
-    p.gpu.run(&[Stage::Project], &p.u, None);
+    p.gpu.run(&[GpuStage::Project], &p.u, None);
     let f = &p.cpu.forward;
     p.gpu.write("keys", &f.projected.keys);
     p.gpu.write("splats", &f.projected.splats);
     p.gpu.write("boxes", &f.projected.boxes);
-    p.gpu.run(&[Stage::SortDepth, Stage::Emit, Stage::SortTile, Stage::Ranges], &p.u, None);
+    p.gpu.run(
+        &[GpuStage::SortDepth, GpuStage::Emit, GpuStage::SortTile, GpuStage::Ranges],
+        &p.u,
+        None,
+    );
     let order: Vec<u32> = p.gpu.read("order", f.order.len()).unwrap();
     assert_eq!(order, f.order);
     let ties = f
@@ -216,7 +218,7 @@ fn upload_lists(p: &Pair) {
 /// A block that a splat does not reach is skipped: every reached pixel is in a reached block.
 #[test]
 fn skipped_blocks_have_no_pixel_that_counts() {
-    let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     upload_lists(&p);
     let f = &p.cpu.forward;
     let words: Vec<u32> = p.gpu.read("hits", f.lists.ids.len().div_ceil(4)).unwrap();
@@ -245,9 +247,9 @@ fn skipped_blocks_have_no_pixel_that_counts() {
 
 #[test]
 fn blend_is_equal_to_the_bit() {
-    let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     upload_lists(&p);
-    p.gpu.run(&[Stage::Blend], &p.u, None);
+    p.gpu.run(&[GpuStage::Blend], &p.u, None);
     let f = &p.cpu.forward;
     let wanted = flat(&f.tiles);
     assert!(f.tiles.iter().any(|t| t.t[3][3] < 0.0), "no pixel stops early");
@@ -262,14 +264,14 @@ fn blend_is_equal_to_the_bit() {
 
 #[test]
 fn blend_adjoint_and_gather_are_equal_to_the_bit() {
-    let Some(p) = pair(3000, (200, 130), Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     upload_lists(&p);
     let f = &p.cpu.forward;
     p.gpu.write("pixels", &flat(&f.tiles));
     let last: Vec<u32> = f.last.iter().flat_map(|&l| [l; BLOCKS as usize]).collect();
     p.gpu.write("last", &last);
     p.gpu.write("gradient", &flat(&p.cpu.tiles));
-    p.gpu.run(&[Stage::BlendAdjoint], &p.u, None);
+    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, None);
     let wanted = flat(&p.cpu.records);
     assert!(wanted.iter().filter(|&&v| v != 0.0).count() > wanted.len() / 4);
     let got: Vec<f32> = p.gpu.read("records", wanted.len()).unwrap();
@@ -277,7 +279,7 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     worst_ulps("blend_adjoint", &got, &wanted);
     assert!(bits(&got) == bits(&wanted), "records differ");
     p.gpu.write("records", &wanted);
-    p.gpu.run(&[Stage::Gather], &p.u, None);
+    p.gpu.run(&[GpuStage::Gather], &p.u, None);
     let sums: Vec<f32> = p.gpu.read("sums", 7 * 3000).unwrap();
     assert!(bits(&sums) == bits(&flat(&p.cpu.sums)), "sums differ");
     let clamped = |s: &[f32; 7]| s[..3].contains(&0.0) && s[3] != 0.0;
@@ -287,7 +289,7 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
 #[test]
 fn losses_agree() {
     for loss in [Loss::Mse, Loss::default()] {
-        let Some(p) = pair(500, (90, 61), loss) else { return };
+        let Some(p) = pair(500, [90, 61], loss) else { return };
         let f = &p.cpu.forward;
         p.gpu.write("pixels", &flat(&f.tiles));
         // Old values that the stage must overwrite.
@@ -295,7 +297,7 @@ fn losses_agree() {
         let photo = p.gpu.storage("photo", p.photo.len()).unwrap();
         p.gpu.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(&p.photo));
         let group = p.gpu.bind_group("loss", &[], &[("photo", &photo)]);
-        p.gpu.run(&[Stage::Loss], &p.u, Some(&group));
+        p.gpu.run(&[GpuStage::Loss], &p.u, Some(&group));
         let wanted = flat(&p.cpu.tiles);
         let got: Vec<f32> = p.gpu.read("gradient", wanted.len()).unwrap();
         assert!(relative("gradient", &got, &wanted) < 1e-5);
@@ -314,15 +316,15 @@ fn gradients_at(views: &[TrainView], loss: Loss) -> ViewGradients {
 
 #[test]
 fn adam_agrees() {
-    let size = (200, 130);
+    let size = [200, 130];
     let Some(p) = pair(3000, size, Loss::Mse) else { return };
-    let view = TrainView { camera: camera(size.0, size.1), photo: photo(size.0, size.1) };
+    let view = TrainView { camera: camera(size[0], size[1]), photo: photo(size[0], size[1]) };
     let mut views = gradients_at(&[view], Loss::Mse);
     let mut host = SceneOptimiser::new(p.scene.clone(), LearningRates::default(), 0.0);
     host.step(&mut views, 0, 1, 1.0);
     // The photo of the views has 8 bits per value, so the sums are those of the views.
     p.gpu.write("sums", &flat(&views.sums()));
-    p.gpu.run(&[Stage::Adam], &p.u.with_adam(&LearningRates::default(), 1, 1.0), None);
+    p.gpu.run(&[GpuStage::Adam], &p.u.with_adam(&LearningRates::default(), 1, 1.0), None);
     let [rows, first, second] = p.gpu.download().unwrap();
     assert!(relative("first moments", &first, &host.moments.first) < 1e-5);
     assert!(relative("second moments", &second, &host.moments.second) < 1e-5);
@@ -358,7 +360,7 @@ fn on_device(
 }
 
 /// Three views of a scene with large Gaussians: more than the four slots each that the executor begins with.
-fn large(n: usize, (width, height): (u32, u32)) -> (Scene, Vec<TrainView>) {
+fn large(n: usize, [width, height]: [u32; 2]) -> (Scene, Vec<TrainView>) {
     let mut scene = scene(n, 1, 5);
     scene.log_scales.iter_mut().flatten().for_each(|l| *l = l.max(-1.0));
     let view = |i| {
@@ -373,7 +375,7 @@ fn large(n: usize, (width, height): (u32, u32)) -> (Scene, Vec<TrainView>) {
 #[test]
 fn whole_steps_agree_and_slots_grow() {
     let Some(context) = context() else { return };
-    let (scene, views) = large(6000, (120, 80));
+    let (scene, views) = large(6000, [120, 80]);
     let start = || SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
     let decay = |step: u64| 1.0 - 0.1 * step as f32;
     let run = |mut gpu: DeviceOptimiser| {
@@ -415,7 +417,7 @@ fn long_dispatches_are_folded() {
 #[test]
 fn the_forward_pass_has_the_lists_that_the_tests_rely_on() {
     let mut f = Forward::default();
-    let view = View::new(&camera(200, 130), &RenderOptions::default());
+    let view = RenderView::new(&camera(200, 130), &RenderOptions::default());
     f.run(&scene(3000, 3, 11), &view);
     let longest = f.lists.offsets.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
     assert!((200..30_000).contains(&longest), "{longest}");

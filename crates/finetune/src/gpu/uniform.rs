@@ -1,7 +1,9 @@
 //! [`StepUniform`].
 
+use gs_model::Scene;
+
 use crate::options::Loss;
-use crate::stages::project::View;
+use crate::stages::project::RenderView;
 
 /// `StepUniform` of `stages/step.wgsl`.
 #[repr(C)]
@@ -33,10 +35,10 @@ pub(crate) struct StepUniform {
 
 impl StepUniform {
     /// Everything about `view`; the rest zero.
-    pub(crate) fn of_view(view: &View) -> Self {
+    pub(crate) fn of_view(view: &RenderView) -> Self {
         let v = |a: [f32; 3]| [a[0], a[1], a[2], 0.0];
         let l = &view.lens;
-        let (rows, eye) = l.arrays();
+        let (rows, eye) = view.pose();
         Self {
             rotation: rows.map(v),
             eye: v(eye),
@@ -52,11 +54,14 @@ impl StepUniform {
         }
     }
 
-    pub(crate) fn with_loss(mut self, loss: Loss) -> Self {
-        if let Loss::L1Ssim { ssim_weight } = loss {
-            (self.l1_ssim, self.ssim_weight) = (1, ssim_weight);
-        }
-        self
+    /// The numbers of `scene`, and the loss; the rest zero.
+    pub(crate) fn of_scene(scene: &Scene, loss: Loss) -> Self {
+        let (l1_ssim, ssim_weight) = match loss {
+            Loss::Mse => (0, 0.0),
+            Loss::L1Ssim { ssim_weight } => (1, ssim_weight),
+        };
+        let (count, sh_len) = (scene.len() as u32, scene.sh_len() as u32);
+        Self { count, sh_len, l1_ssim, ssim_weight, ..Self::default() }
     }
 
     /// The view of `self` with the scene and loss of `base`.

@@ -11,9 +11,21 @@ use crate::error::{Error, Result};
 use crate::shaders::{SCAN_BLOCK, SHADERS, Shader};
 
 /// One level of a scan: its bind group and its number of workgroups (folded by the encoder).
-pub(crate) struct Level {
+pub(crate) struct ScanLevel {
     pub(crate) group: wgpu::BindGroup,
     pub(crate) blocks: u32,
+}
+
+/// A radix sort: from `keys` (with values 0, 1, 2 ..) to the first of `pairs`, from there to the second, and back.
+struct RadixSort {
+    passes: u32,
+    /// Where `state` has the number of pairs.
+    count_slot: u32,
+    blocks: u32,
+    keys: &'static str,
+    /// Keys and values.
+    pairs: [(&'static str, &'static str); 2],
+    histogram: &'static str,
 }
 
 /// Everything on the device.
@@ -28,7 +40,7 @@ pub(crate) struct Workspace {
     pub(crate) depth_passes: Vec<wgpu::BindGroup>,
     /// Passes over the tile keys, as many as the largest tile index needs.
     pub(crate) tile_passes: Vec<wgpu::BindGroup>,
-    scans: Vec<Vec<Level>>,
+    scans: Vec<Vec<ScanLevel>>,
     /// Calls of kernels of another crate, before and after the other stages.
     pub(super) before: Vec<(Call, wgpu::BindGroup)>,
     pub(super) after: Vec<(Call, wgpu::BindGroup)>,
@@ -36,13 +48,12 @@ pub(crate) struct Workspace {
 
 impl Workspace {
     pub(crate) fn new(context: Context, sizes: Sizes, program: Option<&Program>) -> Result<Self> {
-        let compiled =
-            |s: &Shader, constants: &str| (s.name, compile(&context.device, s, constants));
+        let compiled = |s: &Shader, shared: &str| (s.name, compile(&context.device, s, shared));
         let mut pipelines: BTreeMap<_, _> = SHADERS.iter().map(|s| compiled(s, "")).collect();
         let mut lengths = sizes.buffers();
         if let Some(program) = program {
             program.check()?;
-            pipelines.extend(program.shaders.iter().map(|s| compiled(s, &program.constants)));
+            pipelines.extend(program.shaders.iter().map(|s| compiled(s, &program.shared)));
             lengths.extend(&program.buffers);
         }
         let uniform = context.uniform("step", size_of::<StepUniform>());
@@ -127,7 +138,7 @@ impl Workspace {
         &self.groups[shader]
     }
 
-    pub(crate) fn scan_levels(&self, scan: Scan) -> &[Level] {
+    pub(crate) fn scan_levels(&self, scan: Scan) -> &[ScanLevel] {
         &self.scans[scan as usize]
     }
 
@@ -141,22 +152,24 @@ impl Workspace {
     }
 
     fn bind(&mut self) {
-        self.depth_passes = self.passes(
-            8,
-            (0, self.sizes.depth_blocks()),
-            "keys",
-            [("depth_keys_a", "order_a"), ("depth_keys_b", "order")],
-            "depth_histogram",
-        );
+        self.depth_passes = self.passes(&RadixSort {
+            passes: 8,
+            count_slot: 0,
+            blocks: self.sizes.depth_blocks() as u32,
+            keys: "keys",
+            pairs: [("depth_keys_a", "order_a"), ("depth_keys_b", "order")],
+            histogram: "depth_histogram",
+        });
         // The sentinel is the number of tiles.
         let bits = usize::BITS - self.sizes.tiles.leading_zeros();
-        self.tile_passes = self.passes(
-            bits.div_ceil(4).max(1),
-            (1, self.sizes.tile_blocks()),
-            "slot_tiles",
-            [("tile_keys_a", "tile_slots_a"), ("tile_keys_b", "tile_slots_b")],
-            "tile_histogram",
-        );
+        self.tile_passes = self.passes(&RadixSort {
+            passes: bits.div_ceil(4).max(1),
+            count_slot: 1,
+            blocks: self.sizes.tile_blocks() as u32,
+            keys: "slot_tiles",
+            pairs: [("tile_keys_a", "tile_slots_a"), ("tile_keys_b", "tile_slots_b")],
+            histogram: "tile_histogram",
+        });
         let (keys, slots) = self.sorted_tiles();
         for shader in
             ["project", "emit", "ranges", "reach", "blend", "blend_adjoint", "gather", "adam"]
@@ -167,43 +180,33 @@ impl Workspace {
         self.scans = self.sizes.scans().iter().map(|&(s, n)| self.bind_scan(s, n)).collect();
     }
 
-    /// Bind groups of the passes of a radix sort: from `keys` (with values 0, 1, 2 ..) to the
-    /// first of `pairs`, from there to the second, and back.
-    fn passes(
-        &self,
-        count: u32,
-        (count_slot, blocks): (u32, usize),
-        keys: &'static str,
-        pairs: [(&'static str, &'static str); 2],
-        histogram: &'static str,
-    ) -> Vec<wgpu::BindGroup> {
-        (0..count)
-            .map(|k| {
-                let words = [4 * k, count_slot, blocks as u32, u32::from(k == 0)];
-                let pass = self.constant("radix pass", &words);
-                let (keys_out, values_out) = pairs[k as usize % 2];
-                let (from, values_in) = pairs[(k as usize + 1) % 2];
-                let keys_in = if k == 0 { keys } else { from };
-                let names = [
-                    ("keys_in", keys_in),
-                    ("values_in", values_in),
-                    ("keys_out", keys_out),
-                    ("values_out", values_out),
-                    ("histogram", histogram),
-                ];
-                self.bind_group("sort", &names, &[("p", &pass)])
-            })
-            .collect()
+    /// Bind groups of the passes of a sort.
+    fn passes(&self, sort: &RadixSort) -> Vec<wgpu::BindGroup> {
+        let bind = |k: u32| {
+            let words = [4 * k, sort.count_slot, sort.blocks, u32::from(k == 0)];
+            let pass = self.constant("radix pass", &words);
+            let (keys_out, values_out) = sort.pairs[k as usize % 2];
+            let (from, values_in) = sort.pairs[(k as usize + 1) % 2];
+            let names = [
+                ("keys_in", if k == 0 { sort.keys } else { from }),
+                ("values_in", values_in),
+                ("keys_out", keys_out),
+                ("values_out", values_out),
+                ("histogram", sort.histogram),
+            ];
+            self.bind_group("sort", &names, &[("p", &pass)])
+        };
+        (0..sort.passes).map(bind).collect()
     }
 
-    fn bind_scan(&self, scan: Scan, length: usize) -> Vec<Level> {
+    fn bind_scan(&self, scan: Scan, length: usize) -> Vec<ScanLevel> {
         let mut values = SCANNED[scan as usize];
         let mut out = Vec::new();
         for (k, n) in scan_lengths(length).into_iter().enumerate() {
             let totals = SCAN_TOTALS[scan as usize][k];
             let level = self.constant("scan level", &[n as u32, 0, 0, 0]);
             let names = [("values", values), ("totals", totals)];
-            out.push(Level {
+            out.push(ScanLevel {
                 group: self.bind_group("scan", &names, &[("level", &level)]),
                 blocks: n.div_ceil(SCAN_BLOCK as usize) as u32,
             });

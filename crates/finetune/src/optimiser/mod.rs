@@ -1,4 +1,4 @@
-//! Adam, for the attributes of a scene ([`SceneOptimiser`]) and for rows of any other parameters ([`Moments`]),
+//! Adam, for the attributes of a scene ([`SceneOptimiser`]) and for rows of any other parameters ([`AdamMoments`]),
 //! and the order of views.
 
 mod scene;
@@ -8,8 +8,8 @@ pub use scene::SceneOptimiser;
 #[cfg(feature = "gpu")]
 pub(crate) use scene::rows_of;
 
-use crate::simd;
 use crate::stages::finite;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 pub(crate) const BETA1: f32 = 0.9;
@@ -24,7 +24,7 @@ const BLOCK: usize = 16;
 /// The part of a step that all parameters share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adam {
-    /// What a rate is divided by: the first bias correction.
+    /// The inverse of the first bias correction; a rate is multiplied by it.
     inverse_bias1: f32,
     inv_sqrt_bias2: f32,
 }
@@ -41,75 +41,51 @@ impl Adam {
         }
     }
 
-    /// What a rate is multiplied by, and the root of the second moment.
+    /// The factors of a rate and of the root of the second moment.
     #[cfg(feature = "gpu")]
     pub(crate) fn corrections(&self) -> (f32, f32) {
         (self.inverse_bias1, self.inv_sqrt_bias2)
     }
+}
 
-    /// Moves parameters against their gradient. `moments` are the first and the second, zero before the
-    /// first step. A gradient that is not finite counts as zero.
-    pub fn update(
-        &self,
-        parameters: &mut [f32],
-        moments: [&mut [f32]; 2],
-        gradient: &[f32],
-        rates: &[f32],
-    ) {
-        simd::run(Update { adam: self, parameters, moments, gradient, rates });
+/// Moves parameters against their gradient. `moments` are the first and the second, zero before the
+/// first step. A gradient that is not finite counts as zero, so that one bad pixel does not end a run of thousands of
+/// steps.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn update(
+    adam: Adam,
+    parameters: &mut [f32],
+    moments: [&mut [f32]; 2],
+    gradient: &[f32],
+    rates: &[f32],
+) {
+    let [m, v] = moments;
+    for ((((p, m), v), &g), &rate) in parameters.iter_mut().zip(m).zip(v).zip(gradient).zip(rates) {
+        let g = if finite(g) { g } else { 0.0 };
+        let m0 = *m * BETA1;
+        let m1 = g * (1.0 - BETA1);
+        *m = m0 + m1;
+        let gg = g * g;
+        let v0 = *v * BETA2;
+        let v1 = gg * (1.0 - BETA2);
+        *v = v0 + v1;
+        let root = v.sqrt() * adam.inv_sqrt_bias2;
+        let ratio = *m / (root + EPSILON);
+        let move_by = ratio * (rate * adam.inverse_bias1);
+        *p -= move_by;
     }
-}
-
-struct Update<'a> {
-    adam: &'a Adam,
-    parameters: &'a mut [f32],
-    moments: [&'a mut [f32]; 2],
-    gradient: &'a [f32],
-    rates: &'a [f32],
-}
-
-impl simd::Kernel for Update<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { adam, parameters, moments: [m, v], gradient, rates } = self;
-        for ((((p, m), v), &g), &rate) in
-            parameters.iter_mut().zip(m).zip(v).zip(gradient).zip(rates)
-        {
-            update(p, [m, v], g, rate * adam.inverse_bias1, adam.inv_sqrt_bias2);
-        }
-    }
-}
-
-/// Updates one parameter. A gradient that is not finite counts as zero, so that one bad pixel does
-/// not end a run of thousands of steps.
-#[inline(always)]
-fn update(p: &mut f32, [m, v]: [&mut f32; 2], g: f32, rate: f32, inv_sqrt_bias2: f32) {
-    let g = if finite(g) { g } else { 0.0 };
-    let m0 = *m * BETA1;
-    let m1 = g * (1.0 - BETA1);
-    *m = m0 + m1;
-    let gg = g * g;
-    let v0 = *v * BETA2;
-    let v1 = gg * (1.0 - BETA2);
-    *v = v0 + v1;
-    let root = v.sqrt() * inv_sqrt_bias2;
-    let ratio = *m / (root + EPSILON);
-    let move_by = ratio * rate;
-    *p -= move_by;
 }
 
 /// Adam's two moments of rows of parameters.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Moments {
+pub struct AdamMoments {
     /// Of the gradient.
     pub first: Vec<f32>,
     /// Of its square.
     pub second: Vec<f32>,
 }
 
-impl Moments {
+impl AdamMoments {
     /// Those before the first step.
     #[must_use]
     pub fn zeros(len: usize) -> Self {
@@ -141,7 +117,7 @@ impl Moments {
                 let first = c * CHUNK + b * BLOCK;
                 let rows = g.chunks_exact_mut(stride).enumerate();
                 rows.for_each(|(j, row)| gradient(first + j, row));
-                adam.update(p, [m, v], g, &rates);
+                update(adam, p, [m, v], g, &rates);
                 p.chunks_exact_mut(stride).for_each(&after);
             }
         });
@@ -158,10 +134,10 @@ mod tests {
         for step in 1..=2000 {
             let gradient = p.map(|p| 2.0 * p);
             let rate = 0.05 * (1.0 - step as f32 / 2000.0);
-            Adam::new(step).update(&mut p, [&mut m, &mut v], &gradient, &[rate; 2]);
+            update(Adam::new(step), &mut p, [&mut m, &mut v], &gradient, &[rate; 2]);
         }
         assert!(p.iter().all(|p| p.abs() < 1e-2), "{p:?}");
-        Adam::new(1).update(&mut p, [&mut m, &mut v], &[f32::NAN, 0.0], &[1e-3; 2]);
+        update(Adam::new(1), &mut p, [&mut m, &mut v], &[f32::NAN, 0.0], &[1e-3; 2]);
         assert!(p.iter().all(|p| p.is_finite()));
     }
 }

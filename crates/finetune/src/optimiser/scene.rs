@@ -1,8 +1,9 @@
 //! [`SceneOptimiser`]: a scene that is fine-tuned.
 
-use super::{Adam, Moments};
+use super::{Adam, AdamMoments};
 use crate::options::LearningRates;
-use crate::view_gradients::{ViewGradients, ViewLoss};
+use crate::stages::loss::ViewLoss;
+use crate::view_gradients::ViewGradients;
 use gs_model::Scene;
 use rayon::prelude::*;
 
@@ -12,7 +13,7 @@ pub struct SceneOptimiser {
     scene: Scene,
     rows: Vec<f32>,
     /// Adam's moments, in the layout of the rows.
-    pub moments: Moments,
+    pub moments: AdamMoments,
     rates: LearningRates,
     mean_rate: f32,
 }
@@ -22,7 +23,7 @@ impl SceneOptimiser {
     #[must_use]
     pub fn new(scene: Scene, rates: LearningRates, mean_rate: f32) -> Self {
         let rows = rows_of(&scene);
-        let moments = Moments::zeros(rows.len());
+        let moments = AdamMoments::zeros(rows.len());
         Self { scene, rows, moments, rates, mean_rate }
     }
 
@@ -120,7 +121,7 @@ pub(crate) fn rows_of(scene: &Scene) -> Vec<f32> {
     rows
 }
 
-/// What an executor of the same steps on a device has to know, and what it gives back.
+/// The state of the steps, for the executor on a device.
 #[cfg(feature = "gpu")]
 impl SceneOptimiser {
     /// The rates, with the means frozen.
@@ -136,7 +137,7 @@ impl SceneOptimiser {
     /// Takes parameters and moments.
     pub(crate) fn set_state(&mut self, [rows, first, second]: [Vec<f32>; 3]) {
         self.rows = rows;
-        self.moments = Moments { first, second };
+        self.moments = AdamMoments { first, second };
         self.rebuild();
     }
 }

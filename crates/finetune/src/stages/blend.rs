@@ -1,11 +1,11 @@
 //! Stage `blend`: front-to-back blending, tile by tile.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::project::{Splat, View};
+use super::project::{RenderView, Splat};
 use super::tiles::TileLists;
 use super::*;
-use crate::simd;
 
 /// Pixels of a row of a tile: the vector width that the inner loops are written for.
 pub(crate) const LANES: usize = TILE as usize;
@@ -30,19 +30,90 @@ impl TilePixels {
     };
 }
 
-/// One splat on one row of pixels.
+/// Splats between two tests of which rows still blend. Within a batch, the sign of its transmittance keeps a stopped
+/// pixel as it is.
+pub(crate) const BATCH: usize = 32;
+
+/// A tile, and the splats that it blends, near to far.
+#[derive(Clone, Copy)]
+pub(crate) struct TileSplats<'a> {
+    splats: &'a [Splat],
+    pub(crate) ids: &'a [u32],
+    /// First row of pixels.
+    y0: u32,
+    /// Centres of the columns.
+    x: [f32; LANES],
+    /// Columns and rows within the image.
+    columns: usize,
+    pub(crate) rows: usize,
+}
+
+impl<'a> TileSplats<'a> {
+    pub(crate) fn new(
+        view: &RenderView,
+        splats: &'a [Splat],
+        lists: &'a TileLists,
+        tile: usize,
+    ) -> Self {
+        let (tx, ty) = view.tile_at(tile);
+        let (x0, y0) = (tx * TILE, ty * TILE);
+        let mut x = [0.0; LANES];
+        x.iter_mut().zip(x0..).for_each(|(x, column)| *x = column as f32 + 0.5);
+        Self {
+            splats,
+            ids: lists.of(tile),
+            y0,
+            x,
+            columns: (view.width - x0).min(TILE) as usize,
+            rows: (view.height - y0).min(TILE) as usize,
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn splat(&self, id: u32) -> Splat {
+        self.splats[id as usize]
+    }
+
+    /// The splat's offsets from the columns.
+    #[inline(always)]
+    pub(crate) fn dx(&self, s: &Splat) -> [f32; LANES] {
+        self.x.map(|x| s.x - x)
+    }
+
+    /// Its offset from a row.
+    #[inline(always)]
+    pub(crate) fn dy(&self, s: &Splat, row: usize) -> f32 {
+        s.y - ((self.y0 + row as u32) as f32 + 0.5)
+    }
+
+    /// The rows that the splat reaches.
+    #[inline(always)]
+    pub(crate) fn reached(&self, s: &Splat) -> std::ops::Range<usize> {
+        let end = (s.row1 - self.y0.min(s.row1)).min(self.rows as u32);
+        (s.row0.max(self.y0) - self.y0) as usize..end as usize
+    }
+
+    /// The transmittance before the first splat. Pixels beyond the image's edge begin as stopped.
+    #[inline(always)]
+    pub(crate) fn clear(&self) -> [[f32; LANES]; LANES] {
+        let mut t = [[-1.0; LANES]; LANES];
+        for row in &mut t[..self.rows] {
+            row[..self.columns].fill(1.0);
+        }
+        t
+    }
+}
+
+/// One splat on one row of pixels; `row` is transmittance and colour.
 #[inline(always)]
 fn blend_row<const WEIGHTS: bool>(
     s: &Splat,
     dx: &[f32; LANES],
     dy: f32,
-    t: &mut [f32; LANES],
-    red: &mut [f32; LANES],
-    green: &mut [f32; LANES],
-    blue: &mut [f32; LANES],
-    weight: &mut [f32; LANES],
-    square: &mut [f32; LANES],
+    row: [&mut [f32; LANES]; 4],
+    [weight, square]: &mut [[f32; LANES]; 2],
 ) {
+    let [t, red, green, blue] = row;
     let qy = s.q * dy;
     let e1 = s.r * dy;
     for l in 0..LANES {
@@ -66,7 +137,7 @@ fn blend_row<const WEIGHTS: bool>(
 
 /// Number of pixels of a row that still blend. Integer arithmetic, so that it is vectorised.
 #[inline(always)]
-pub(crate) fn live(t: &[f32; LANES]) -> u32 {
+fn live(t: &[f32; LANES]) -> u32 {
     let mut n = 0;
     for v in t {
         n += 1 - (v.to_bits() >> 31);
@@ -88,97 +159,56 @@ pub(crate) fn sum_lanes(v: &[f32; LANES]) -> f32 {
     s[0]
 }
 
-struct BlendTile<'a, const WEIGHTS: bool> {
-    view: &'a View,
-    splats: &'a [Splat],
-    ids: &'a [u32],
-    tx: u32,
-    ty: u32,
-    out: &'a mut TilePixels,
-    /// With `WEIGHTS`, one entry per slot of the list: the sums of its weights alpha T and of
-    /// their squares.
-    weights: &'a mut [[f32; 2]],
+/// Which rows of a tile still blend. False if none does.
+#[inline(always)]
+pub(crate) fn still_live<'a>(rows: &mut [bool], t: impl Iterator<Item = &'a [f32; LANES]>) -> bool {
+    let mut any = false;
+    for (row, t) in rows.iter_mut().zip(t) {
+        *row = *row && live(t) != 0;
+        any |= *row;
+    }
+    any
 }
 
-impl<const WEIGHTS: bool> simd::Kernel for BlendTile<'_, WEIGHTS> {
-    /// Number of splats at the start of the list that some pixel may have blended.
-    type Output = u32;
-
-    #[inline(always)]
-    fn call(self) -> u32 {
-        let Self { view, splats, ids, tx, ty, out, weights } = self;
-        let mut px = [0.0f32; LANES];
-        for (l, p) in px.iter_mut().enumerate() {
-            *p = (tx * TILE + l as u32) as f32 + 0.5;
-        }
-        let y0 = ty * TILE;
-        let rows = (view.height - y0).min(TILE);
-        let mut px_state = TilePixels::CLEAR;
-        // Pixels beyond the image's edge begin as stopped: lanes first, then rows.
-        for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
-            for row in &mut px_state.t {
-                row[l] = -1.0;
-            }
-        }
-        for row in &mut px_state.t[rows as usize..] {
-            *row = [-1.0; LANES];
-        }
-        let mut row_live = [true; LANES];
-        let mut last = 0;
-        // Whether a row still blends is tested once per batch. In between, the sign of its
-        // transmittance keeps a stopped pixel as it is.
-        const BATCH: usize = 32;
-        for (batch, list) in ids.chunks(BATCH).enumerate() {
-            for (k, &i) in list.iter().enumerate() {
-                let s = splats[i as usize];
-                let mut dx = [0.0f32; LANES];
-                for l in 0..LANES {
-                    dx[l] = s.x - px[l];
-                }
-                let mut weight = [0.0f32; LANES];
-                let mut square = [0.0f32; LANES];
-                let first = s.row0.max(y0) - y0;
-                let end = (s.row1 - y0.min(s.row1)).min(rows);
-                for y in first..end {
-                    let y = y as usize;
-                    if !row_live[y] {
-                        continue;
-                    }
-                    let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                    blend_row::<WEIGHTS>(
-                        &s,
-                        &dx,
-                        dy,
-                        &mut px_state.t[y],
-                        &mut px_state.red[y],
-                        &mut px_state.green[y],
-                        &mut px_state.blue[y],
-                        &mut weight,
-                        &mut square,
-                    );
-                }
-                if WEIGHTS {
-                    weights[batch * BATCH + k] = [sum_lanes(&weight), sum_lanes(&square)];
+/// Blends a tile; the number of splats at the start of the list that some pixel may have blended. With `WEIGHTS`,
+/// `weights` has one entry per slot of the list: the sums of its weights alpha T and of their squares.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn blend_tile<const WEIGHTS: bool>(
+    tile: TileSplats<'_>,
+    out: &mut TilePixels,
+    weights: &mut [[f32; 2]],
+) -> u32 {
+    let mut pixels = TilePixels { t: tile.clear(), ..TilePixels::CLEAR };
+    let mut row_live = [true; LANES];
+    let mut last = 0;
+    for (batch, list) in tile.ids.chunks(BATCH).enumerate() {
+        for (k, &i) in list.iter().enumerate() {
+            let s = tile.splat(i);
+            let dx = tile.dx(&s);
+            let mut sums = [[0.0f32; LANES]; 2];
+            for y in tile.reached(&s) {
+                if row_live[y] {
+                    let TilePixels { t, red, green, blue } = &mut pixels;
+                    let row = [&mut t[y], &mut red[y], &mut green[y], &mut blue[y]];
+                    blend_row::<WEIGHTS>(&s, &dx, tile.dy(&s, y), row, &mut sums);
                 }
             }
-            last = (batch * BATCH + list.len()) as u32;
-            let mut any = false;
-            for y in 0..rows as usize {
-                row_live[y] = row_live[y] && live(&px_state.t[y]) != 0;
-                any |= row_live[y];
-            }
-            if !any {
-                break;
+            if WEIGHTS {
+                weights[batch * BATCH + k] = [sum_lanes(&sums[0]), sum_lanes(&sums[1])];
             }
         }
-        *out = px_state;
-        last
+        last = (batch * BATCH + list.len()) as u32;
+        if !still_live(&mut row_live[..tile.rows], pixels.t.iter()) {
+            break;
+        }
     }
+    *out = pixels;
+    last
 }
 
 /// Blends every tile. `last[tile]` becomes the number of splats of the tile's list that were needed.
 pub(crate) fn blend(
-    view: &View,
+    view: &RenderView,
     splats: &[Splat],
     lists: &TileLists,
     tiles: &mut Vec<TilePixels>,
@@ -186,29 +216,24 @@ pub(crate) fn blend(
 ) {
     tiles.resize(view.tiles(), TilePixels::CLEAR);
     last.resize(view.tiles(), 0);
-    tiles.par_iter_mut().zip(last.par_iter_mut()).enumerate().for_each(|(tile, (out, last))| {
-        let ids = lists.of(tile);
-        let (tx, ty) = view.tile_at(tile);
-        let weights = &mut [];
-        *last = simd::run(BlendTile::<false> { view, splats, ids, tx, ty, out, weights });
+    tiles.par_iter_mut().zip(last.par_iter_mut()).enumerate().for_each(|(k, (out, last))| {
+        *last = blend_tile::<false>(TileSplats::new(view, splats, lists, k), out, &mut []);
     });
 }
 
 /// Blends every tile for the weights alone: `weights[slot]` becomes the sums over the tile's
 /// pixels of alpha T and of its square.
 pub(crate) fn blend_weights(
-    view: &View,
+    view: &RenderView,
     splats: &[Splat],
     lists: &TileLists,
     weights: &mut Vec<[f32; 2]>,
 ) {
     weights.clear();
     weights.resize(lists.ids.len(), [0.0; 2]);
-    lists.split_mut(weights).into_par_iter().enumerate().for_each(|(tile, weights)| {
-        let ids = lists.of(tile);
-        let (tx, ty) = view.tile_at(tile);
+    lists.split_mut(weights).into_par_iter().enumerate().for_each(|(k, weights)| {
+        let tile = TileSplats::new(view, splats, lists, k);
         let mut pixels = TilePixels::CLEAR;
-        let out = &mut pixels;
-        simd::run(BlendTile::<true> { view, splats, ids, tx, ty, out, weights });
+        blend_tile::<true>(tile, &mut pixels, weights);
     });
 }

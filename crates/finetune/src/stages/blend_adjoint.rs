@@ -1,13 +1,13 @@
 //! Stage `blend_adjoint`: one record of gradients per slot (splat and tile).
 
 use glam::{Mat4, Vec4};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::blend::{LANES, TilePixels, live};
-use super::project::{Splat, View};
-use super::tiles::TileLists;
+use super::blend::{BATCH, LANES, TilePixels, TileSplats, still_live};
+use super::project::{RenderView, Splat};
 use super::*;
-use crate::simd;
+use crate::forward::Forward;
 
 /// Gradient of the loss with respect to a tile's pixels; zero beyond the image's edge.
 #[repr(C)]
@@ -50,12 +50,13 @@ fn sum_eight(v: &[[f32; LANES]], side: usize) -> Vec4 {
     (m.x_axis + m.z_axis) + (m.y_axis + m.w_axis)
 }
 
-/// The state of a row of pixels: transmittance, and the light behind the splats so far, dotted with
-/// the gradient.
+/// The state of a row of pixels: transmittance, the light behind the splats so far, dotted with the gradient, and
+/// the gradient by the colour.
 #[derive(Clone, Copy)]
 struct PixelRow {
     t: [f32; LANES],
     rg: [f32; LANES],
+    g: [[f32; LANES]; 3],
 }
 
 /// The adjoint of one splat on one row of pixels.
@@ -64,8 +65,7 @@ fn replay_row<const N: usize>(
     s: &Splat,
     dx: &[f32; LANES],
     dy: f32,
-    state: &mut PixelRow,
-    g: [&[f32; LANES]; 3],
+    row: &mut PixelRow,
     acc: &mut [[f32; LANES]; N],
 ) {
     let qy = s.q * dy;
@@ -74,15 +74,15 @@ fn replay_row<const N: usize>(
     for l in 0..LANES {
         let px = s.p * dx[l];
         let e0 = px + qy;
-        let (gr, gg, gb) = (g[0][l], g[1][l], g[2][l]);
+        let (gr, gg, gb) = (row.g[0][l], row.g[1][l], row.g[2][l]);
         let cr = s.red * gr;
         let cgr = s.green * gg;
         let cb = s.blue * gb;
         let crg = cr + cgr;
         let cg = crg + cb;
-        let step = replay(e0, e1, s.cut, s.opacity, T_STOP, state.t[l], state.rg[l], cg);
-        state.t[l] = step.t;
-        state.rg[l] = step.rg;
+        let step = replay(e0, e1, s.cut, s.opacity, T_STOP, row.t[l], row.rg[l], cg);
+        row.t[l] = step.t;
+        row.rg[l] = step.rg;
         let v = step.v_sigma;
         let v0 = v * e0;
         let wr = step.w * gr;
@@ -106,119 +106,85 @@ fn replay_row<const N: usize>(
     }
 }
 
-struct ReplayTile<'a, const N: usize> {
-    view: &'a View,
-    splats: &'a [Splat],
-    ids: &'a [u32],
-    tile: (u32, u32),
-    pixels: &'a TilePixels,
-    gradient: &'a TileGradient,
-    records: &'a mut [[f32; N]],
+/// The rows before the first splat.
+#[inline(always)]
+fn rows(
+    tile: &TileSplats<'_>,
+    pixels: &TilePixels,
+    gradient: &TileGradient,
+    background: [f32; 3],
+) -> [PixelRow; LANES] {
+    let start = tile.clear();
+    std::array::from_fn(|y| {
+        let g = [gradient.red[y], gradient.green[y], gradient.blue[y]];
+        let mut rg = [0.0; LANES];
+        for l in 0..LANES {
+            let t = pixels.t[y][l].abs();
+            let mr = (pixels.red[y][l] + t * background[0]) * g[0][l];
+            let mg = (pixels.green[y][l] + t * background[1]) * g[1][l];
+            let mb = (pixels.blue[y][l] + t * background[2]) * g[2][l];
+            rg[l] = (mr + mg) + mb;
+        }
+        PixelRow { t: start[y], rg, g }
+    })
 }
 
-impl<const N: usize> simd::Kernel for ReplayTile<'_, N> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { view, splats, ids, tile: (tx, ty), pixels, gradient, records } = self;
-        let mut px = [0.0f32; LANES];
-        for (l, p) in px.iter_mut().enumerate() {
-            *p = (tx * TILE + l as u32) as f32 + 0.5;
-        }
-        let y0 = ty * TILE;
-        let rows = (view.height - y0).min(TILE);
-        let mut state = [PixelRow { t: [1.0; LANES], rg: [0.0; LANES] }; LANES];
-        for (y, row) in state.iter_mut().enumerate() {
-            for l in 0..LANES {
-                let (r, g, b) = (pixels.red[y][l], pixels.green[y][l], pixels.blue[y][l]);
-                let t = pixels.t[y][l].abs();
-                let tr = t * view.background[0];
-                let tg = t * view.background[1];
-                let tb = t * view.background[2];
-                let mr = (r + tr) * gradient.red[y][l];
-                let mg = (g + tg) * gradient.green[y][l];
-                let mb = (b + tb) * gradient.blue[y][l];
-                let mrg = mr + mg;
-                row.rg[l] = mrg + mb;
-            }
-        }
-        for l in (view.width - tx * TILE).min(TILE) as usize..LANES {
-            for row in &mut state {
-                row.t[l] = -1.0;
-            }
-        }
-        let mut row_live = [true; LANES];
-        const BATCH: usize = 32;
-        for (list, records) in ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
-            for (&i, record) in list.iter().zip(records) {
-                let s = splats[i as usize];
-                let mut dx = [0.0f32; LANES];
-                for l in 0..LANES {
-                    dx[l] = s.x - px[l];
+/// Fills the records of a tile's slots.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn replay_tile<const N: usize>(
+    tile: TileSplats<'_>,
+    pixels: &TilePixels,
+    gradient: &TileGradient,
+    background: [f32; 3],
+    records: &mut [[f32; N]],
+) {
+    let mut state = rows(&tile, pixels, gradient, background);
+    let mut row_live = [true; LANES];
+    for (list, records) in tile.ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
+        for (&i, record) in list.iter().zip(records) {
+            let s = tile.splat(i);
+            let dx = tile.dx(&s);
+            let reached = tile.reached(&s);
+            // Left and right half of the tile, four sums per vector.
+            let mut sides = [[Vec4::ZERO; 2]; QUADS];
+            for top in (0..LANES).step_by(BLOCK_ROWS) {
+                let block = reached.start.max(top)..reached.end.min(top + BLOCK_ROWS);
+                if block.is_empty() {
+                    continue;
                 }
-                let first = s.row0.max(y0) - y0;
-                let end = (s.row1 - y0.min(s.row1)).min(rows);
-                // Left and right half of the tile, four sums per vector.
-                let mut sides = [[Vec4::ZERO; 2]; QUADS];
-                for top in (0..TILE).step_by(BLOCK_ROWS) {
-                    let (first, end) = (first.max(top), end.min(top + BLOCK_ROWS as u32));
-                    if first >= end {
-                        continue;
-                    }
-                    let mut acc = [[0.0f32; LANES]; N];
-                    for y in first..end {
-                        let y = y as usize;
-                        if !row_live[y] {
-                            continue;
-                        }
-                        let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                        let g = [&gradient.red[y], &gradient.green[y], &gradient.blue[y]];
-                        replay_row::<N>(&s, &dx, dy, &mut state[y], g, &mut acc);
-                    }
-                    for (side, part) in sides.iter_mut().zip(acc.chunks(4)) {
-                        side[0] += sum_eight(part, 0);
-                        side[1] += sum_eight(part, 8);
+                let mut acc = [[0.0f32; LANES]; N];
+                for y in block {
+                    if row_live[y] {
+                        replay_row::<N>(&s, &dx, tile.dy(&s, y), &mut state[y], &mut acc);
                     }
                 }
-                for (value, [left, right]) in record.chunks_mut(4).zip(sides) {
-                    value.copy_from_slice(&(left + right).to_array()[..value.len()]);
+                for (side, part) in sides.iter_mut().zip(acc.chunks(4)) {
+                    side[0] += sum_eight(part, 0);
+                    side[1] += sum_eight(part, 8);
                 }
             }
-            let mut any = false;
-            for y in 0..rows as usize {
-                row_live[y] = row_live[y] && live(&state[y].t) != 0;
-                any |= row_live[y];
+            for (value, [left, right]) in record.chunks_mut(4).zip(sides) {
+                value.copy_from_slice(&(left + right).to_array()[..value.len()]);
             }
-            if !any {
-                break;
-            }
+        }
+        if !still_live(&mut row_live[..tile.rows], state.iter().map(|row| &row.t)) {
+            break;
         }
     }
 }
 
-/// Fills `records`, one per slot in tile order; slots past `last` stay zero.
+/// Fills `records`, one per slot in tile order; slots that no pixel needed stay zero.
 pub(crate) fn blend_adjoint<const N: usize>(
-    view: &View,
-    splats: &[Splat],
-    lists: &TileLists,
-    pixels: &[TilePixels],
-    last: &[u32],
+    view: &RenderView,
+    f: &Forward,
     gradients: &[TileGradient],
     records: &mut Vec<[f32; N]>,
 ) {
     records.clear();
-    records.resize(lists.ids.len(), [0.0; N]);
-    lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
-        let ids = &lists.of(k)[..last[k] as usize];
-        simd::run(ReplayTile {
-            view,
-            splats,
-            ids,
-            tile: view.tile_at(k),
-            pixels: &pixels[k],
-            gradient: &gradients[k],
-            records,
-        });
+    records.resize(f.lists.ids.len(), [0.0; N]);
+    f.lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
+        let mut tile = TileSplats::new(view, &f.projected.splats, &f.lists, k);
+        tile.ids = &tile.ids[..f.last[k] as usize];
+        replay_tile(tile, &f.tiles[k], &gradients[k], view.background, records);
     });
 }

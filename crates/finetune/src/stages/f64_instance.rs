@@ -32,9 +32,6 @@ fn max(a: F, b: F) -> F {
 fn clamp(x: F, low: F, high: F) -> F {
     x.max(low).min(high)
 }
-fn abs(x: F) -> F {
-    x.abs()
-}
 fn sqrt(x: F) -> F {
     x.sqrt()
 }
@@ -47,7 +44,6 @@ fn sigmoid(l: F) -> F {
 
 include!("math/prelude.rs");
 include!("math/project.wgsl");
-include!("math/reach.wgsl");
 include!("math/project_adjoint.wgsl");
 include!("math/sh.wgsl");
 include!("math/blend.wgsl");
@@ -152,8 +148,9 @@ fn evaluate(lens: &Lens, p: &[f64]) -> (f64, Vec<f64>) {
     for (d, r) in drawn.iter().zip(&records) {
         let shape = shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]));
         let v_raw = [0, 1, 2].map(|ch| if d.raw[ch] >= 0.0 { r[ch] } else { 0.0 });
-        let mean = mean_adjoint(lens, &d.frame, shape.v_s, [r[7], r[8]], DEGREE, &d.sh, v_raw);
-        gradient.extend(mean);
+        let mean = mean_adjoint(lens, &d.frame, shape.v_s, [r[7], r[8]]);
+        let mean = add3(mean, direction_adjoint(&d.frame, &d.sh, v_raw));
+        gradient.extend([mean.x, mean.y, mean.z]);
         gradient.extend(shape.d_rotation);
         gradient.extend(shape.d_log_scale);
         gradient.push(-(r[3] * (1.0 - d.opacity)));
@@ -182,9 +179,8 @@ fn all_gradients_agree_with_central_differences() {
         ignored_distortion: None,
     };
     let lens = Lens::new(&camera);
-    let mut rng = crate::shuffle::Rng(12);
-    let mut r =
-        |low: f64, high: f64| low + (high - low) * (rng.next() >> 11) as f64 / 2f64.powi(53);
+    let mut rng = testing::Rng::seeded(12);
+    let mut r = |low: f64, high: f64| rng.range(low, high);
     let mut p = Vec::new();
     for i in 0..N {
         let z = 2.0 + i as f64;
@@ -201,6 +197,15 @@ fn all_gradients_agree_with_central_differences() {
         for k in 0..48 {
             let a = if k < 3 { 1.0 } else { 0.25 };
             p.push(r(-a, a));
+        }
+    }
+    // The factor is that of half the inverse of the covariance.
+    for p in p.chunks_exact(STRIDE) {
+        let s = draw(&lens, p).frame.shape;
+        let det = 1.0 / (4.0 * s.p * s.p * s.r * s.r);
+        let wanted = [det, 2.0 * det * (s.q * s.q + s.r * s.r), 2.0 * det * s.p * s.p];
+        for (got, wanted) in [s.det_over_m * s.m, s.cov_xx, s.cov_yy].iter().zip(wanted) {
+            assert!((got / wanted - 1.0).abs() < 1e-9, "{got} {wanted}");
         }
     }
     let frame = draw(&lens, &p[3 * STRIDE..]).frame;

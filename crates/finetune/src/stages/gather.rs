@@ -2,38 +2,12 @@
 
 use rayon::prelude::*;
 
-use super::project::Splat;
 use super::tiles::TileLists;
 
 /// `out[i]` = sum of `records[slot]` over the slots of Gaussian `i`, in tile order, which is
-/// the order of emission. Each task owns a range of Gaussians and scans all slots, so the order of
-/// the additions does not depend on the number of tasks.
+/// the order of emission; `finish` may change it. Each task owns a range of Gaussians and scans all slots, so the
+/// order of the additions does not depend on the number of tasks.
 pub(crate) fn gather<const N: usize>(
-    lists: &TileLists,
-    records: &[[f32; N]],
-    gaussians: usize,
-    out: &mut Vec<[f32; N]>,
-) {
-    gather_then(lists, records, gaussians, out, |_, _| {});
-}
-
-/// [`gather`] for the records of `blend_adjoint`: the gradient of a colour that was clamped at
-/// zero is zero.
-pub(crate) fn gather_gradients<const N: usize>(
-    lists: &TileLists,
-    records: &[[f32; N]],
-    splats: &[Splat],
-    out: &mut Vec<[f32; N]>,
-) {
-    gather_then(lists, records, splats.len(), out, |i, sum| {
-        let s = &splats[i];
-        for (v, shown) in sum.iter_mut().zip([s.red, s.green, s.blue]) {
-            *v = if shown > 0.0 { *v } else { 0.0 };
-        }
-    });
-}
-
-fn gather_then<const N: usize>(
     lists: &TileLists,
     records: &[[f32; N]],
     gaussians: usize,

@@ -1,13 +1,13 @@
 //! Stage `loss`: the value of the loss and its gradient per pixel.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blend::{LANES, TilePixels};
 use super::blend_adjoint::TileGradient;
-use super::project::View;
+use super::project::RenderView;
 use super::*;
 use crate::metrics::taps;
-use crate::simd;
 
 /// Radius of the SSIM window.
 pub(crate) const RADIUS: usize = 5;
@@ -15,17 +15,25 @@ const TAPS: usize = 2 * RADIUS + 1;
 const C1: f32 = 1.0e-4;
 const C2: f32 = 9.0e-4;
 
-/// What the loss stage reports.
+/// The loss of one view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct LossValue {
-    /// The loss that the gradient is of.
-    pub(crate) loss: f64,
+pub struct ViewLoss {
+    /// The loss that the gradients are of.
+    pub loss: f64,
     /// Mean squared error of the clamped image, for the PSNR.
-    pub(crate) mse: f64,
+    pub mse: f64,
+}
+
+impl ViewLoss {
+    /// PSNR in dB, at most 100.
+    #[must_use]
+    pub fn psnr(&self) -> f64 {
+        (-10.0 * libm::log10(self.mse)).min(100.0)
+    }
 }
 
 /// The rendered tiles over the background, as three planes.
-pub(crate) fn to_planes(view: &View, tiles: &[TilePixels], planes: &mut Vec<f32>) {
+pub(crate) fn to_planes(view: &RenderView, tiles: &[TilePixels], planes: &mut Vec<f32>) {
     let (w, h) = (view.width as usize, view.height as usize);
     planes.resize(3 * w * h, 0.0);
     planes.par_chunks_mut(w).enumerate().for_each(|(row, out)| {
@@ -47,7 +55,7 @@ pub(crate) fn to_planes(view: &View, tiles: &[TilePixels], planes: &mut Vec<f32>
 }
 
 /// Gradient planes to tiles.
-pub(crate) fn to_tiles(view: &View, planes: &[f32], tiles: &mut Vec<TileGradient>) {
+pub(crate) fn to_tiles(view: &RenderView, planes: &[f32], tiles: &mut Vec<TileGradient>) {
     let (w, h) = (view.width as usize, view.height as usize);
     tiles.resize(view.tiles(), TileGradient::ZERO);
     tiles.par_iter_mut().enumerate().for_each(|(k, tile)| {
@@ -70,7 +78,7 @@ fn clamped_error2(x: f32, y: f32) -> f64 {
 }
 
 /// Mean squared error over all values; `gradient` becomes its gradient with respect to `x`.
-pub(crate) fn mse(w: usize, x: &[f32], y: &[f32], gradient: &mut Vec<f32>) -> LossValue {
+pub(crate) fn mse(w: usize, x: &[f32], y: &[f32], gradient: &mut Vec<f32>) -> ViewLoss {
     gradient.resize(x.len(), 0.0);
     let scale = 2.0 / x.len() as f32;
     let rows: Vec<(f64, f64)> = gradient
@@ -91,10 +99,10 @@ pub(crate) fn mse(w: usize, x: &[f32], y: &[f32], gradient: &mut Vec<f32>) -> Lo
     total(&rows, x.len())
 }
 
-fn total(rows: &[(f64, f64)], n: usize) -> LossValue {
+fn total(rows: &[(f64, f64)], n: usize) -> ViewLoss {
     let loss: f64 = rows.iter().map(|r| r.0).sum();
     let mse: f64 = rows.iter().map(|r| r.1).sum();
-    LossValue { loss: loss / n as f64, mse: mse / n as f64 }
+    ViewLoss { loss: loss / n as f64, mse: mse / n as f64 }
 }
 
 /// Buffers of the L1 + SSIM loss.
@@ -125,182 +133,139 @@ fn along(taps: &[f32; TAPS], padded: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Rows y - 5 ..= y + 5 that exist, each with its tap.
-#[inline(always)]
-fn window_rows(y: usize, h: usize) -> impl Iterator<Item = (usize, usize)> {
-    (y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(h)).map(move |i| (i, i + RADIUS - y))
-}
-
-struct RowMoments<'a> {
-    x: &'a [f32],
-    y: &'a [f32],
-    out: &'a mut [f32],
-}
-
-impl simd::Kernel for RowMoments<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn call(self) {
-        let Self { x, y, out } = self;
-        let (w, taps) = (x.len(), window());
-        let mut padded = vec![0.0f32; w + 2 * RADIUS];
-        for (q, out) in out.chunks_exact_mut(w).enumerate() {
-            for ((p, &x), &y) in padded[RADIUS..].iter_mut().zip(x).zip(y) {
-                *p = match q {
-                    0 => x,
-                    1 => y,
-                    2 => x * x,
-                    3 => y * y,
-                    _ => x * y,
-                };
-            }
-            along(&taps, &padded, out);
-        }
-    }
-}
-
-/// Column blur of one image row of [`RowMoments`], SSIM, its partials, row blur of those.
-struct RowSsim<'a> {
+/// A row of one plane of three, each of `h` rows of `w` pixels, and what is known of each of their rows.
+struct PlaneRow<'a> {
     w: usize,
     h: usize,
     row: usize,
-    moments: &'a [f32],
-    out: &'a mut [f32],
+    known: &'a [f32],
 }
 
-impl simd::Kernel for RowSsim<'_> {
-    /// Sum of SSIM over the row.
-    type Output = f64;
+impl PlaneRow<'_> {
+    /// The column blur of `Q` quantities per pixel.
     #[inline(always)]
-    fn call(self) -> f64 {
-        let Self { w, h, row, moments, out } = self;
-        let taps = window();
-        let mut m = vec![0.0f32; 5 * w];
-        for (i, tap) in window_rows(row % h, h) {
-            let at = (row - row % h + i) * 5 * w;
-            for (m, v) in m.iter_mut().zip(&moments[at..at + 5 * w]) {
-                *m += taps[tap] * v;
+    fn blurred<const Q: usize>(&self, taps: &[f32; TAPS]) -> [Vec<f32>; Q] {
+        let (w, y) = (self.w, self.row % self.h);
+        let mut out = [(); Q].map(|()| vec![0.0f32; w]);
+        for i in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(self.h) {
+            let at = (self.row - y + i) * Q * w;
+            let known = self.known[at..at + Q * w].chunks_exact(w);
+            for (out, known) in out.iter_mut().zip(known) {
+                for (o, v) in out.iter_mut().zip(known) {
+                    *o += taps[i + RADIUS - y] * v;
+                }
             }
         }
-        let (mx, rest) = m.split_at(w);
-        let (my, rest) = rest.split_at(w);
-        let (exx, rest) = rest.split_at(w);
-        let (eyy, exy) = rest.split_at(w);
-        let mut padded = [(); 3].map(|()| vec![0.0f32; w + 2 * RADIUS]);
-        let mut values = vec![0.0f32; w];
-        {
-            let [pm, pv, pc] = &mut padded;
-            let (pm, pv, pc) =
-                (&mut pm[RADIUS..][..w], &mut pv[RADIUS..][..w], &mut pc[RADIUS..][..w]);
-            for i in 0..w {
-                let (ux, uy) = (mx[i], my[i]);
-                let (uxx, uyy, uxy) = (ux * ux, uy * uy, ux * uy);
-                let a1 = 2.0 * uxy + C1;
-                let a2 = 2.0 * (exy[i] - uxy) + C2;
-                let b1 = uxx + uyy + C1;
-                let b2 = (exx[i] - uxx) + (eyy[i] - uyy) + C2;
-                let inv = 1.0 / (b1 * b2);
-                let s = a1 * a2 * inv;
-                let d_var = -(s / b2);
-                let d_cov = 2.0 * a1 * inv;
-                let d_mean = 2.0 * uy * a2 * inv - 2.0 * ux * (s / b1);
-                values[i] = s;
-                pm[i] = d_mean - 2.0 * ux * d_var - uy * d_cov;
-                pv[i] = d_var;
-                pc[i] = d_cov;
-            }
-        }
-        for (p, out) in padded.iter().zip(out.chunks_exact_mut(w)) {
-            along(&taps, p, out);
-        }
-        values.iter().map(|&v| f64::from(v)).sum()
+        out
     }
 }
 
-/// Column blur of the partials and the gradient of the whole loss.
-struct RowGradient<'a> {
-    w: usize,
-    h: usize,
-    row: usize,
+/// x, y, x^2, y^2 and x y, blurred along a row.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn row_moments(x: &[f32], y: &[f32], out: &mut [f32]) {
+    let (w, taps) = (x.len(), window());
+    let mut padded = vec![0.0f32; w + 2 * RADIUS];
+    for (q, out) in out.chunks_exact_mut(w).enumerate() {
+        for ((p, &x), &y) in padded[RADIUS..].iter_mut().zip(x).zip(y) {
+            *p = match q {
+                0 => x,
+                1 => y,
+                2 => x * x,
+                3 => y * y,
+                _ => x * y,
+            };
+        }
+        along(&taps, &padded, out);
+    }
+}
+
+/// SSIM of a row from its moments, and its partials, blurred along the row. Returns the sum of SSIM.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn row_ssim(moments: PlaneRow<'_>, out: &mut [f32]) -> f64 {
+    let (w, taps) = (moments.w, window());
+    let [mx, my, exx, eyy, exy] = moments.blurred::<5>(&taps);
+    let mut padded = [(); 3].map(|()| vec![0.0f32; w + 2 * RADIUS]);
+    let mut values = vec![0.0f32; w];
+    let [pm, pv, pc] = &mut padded;
+    let (pm, pv, pc) = (&mut pm[RADIUS..][..w], &mut pv[RADIUS..][..w], &mut pc[RADIUS..][..w]);
+    for i in 0..w {
+        let (ux, uy) = (mx[i], my[i]);
+        let (uxx, uyy, uxy) = (ux * ux, uy * uy, ux * uy);
+        let a1 = 2.0 * uxy + C1;
+        let a2 = 2.0 * (exy[i] - uxy) + C2;
+        let b1 = uxx + uyy + C1;
+        let b2 = (exx[i] - uxx) + (eyy[i] - uyy) + C2;
+        let inv = 1.0 / (b1 * b2);
+        let s = a1 * a2 * inv;
+        let d_var = -(s / b2);
+        let d_cov = 2.0 * a1 * inv;
+        let d_mean = 2.0 * uy * a2 * inv - 2.0 * ux * (s / b1);
+        values[i] = s;
+        pm[i] = d_mean - 2.0 * ux * d_var - uy * d_cov;
+        pv[i] = d_var;
+        pc[i] = d_cov;
+    }
+    for (p, out) in padded.iter().zip(out.chunks_exact_mut(w)) {
+        along(&taps, p, out);
+    }
+    values.iter().map(|&v| f64::from(v)).sum()
+}
+
+/// The gradient of the whole loss in a row, from the partials. Returns the sums of |x - y| and of the clamped squared
+/// error.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn row_gradient(
+    partials: PlaneRow<'_>,
     weight: f32,
-    partials: &'a [f32],
-    x: &'a [f32],
-    y: &'a [f32],
-    out: &'a mut [f32],
-}
-
-impl simd::Kernel for RowGradient<'_> {
-    /// Sums over the row of |x - y| and of the clamped squared error.
-    type Output = (f64, f64);
-    #[inline(always)]
-    fn call(self) -> (f64, f64) {
-        let Self { w, h, row, weight, partials, x, y, out } = self;
-        let taps = window();
-        let mut m = vec![0.0f32; 3 * w];
-        for (i, tap) in window_rows(row % h, h) {
-            let at = (row - row % h + i) * 3 * w;
-            for (m, v) in m.iter_mut().zip(&partials[at..at + 3 * w]) {
-                *m += taps[tap] * v;
-            }
-        }
-        let n = (3 * w * h) as f32;
-        let (ssim_scale, l1_scale) = (-weight / n, (1.0 - weight) / n);
-        let (pm, rest) = m.split_at(w);
-        let (pv, pc) = rest.split_at(w);
-        for i in 0..w {
-            let d = x[i] - y[i];
-            let sign = if d > 0.0 { l1_scale } else { -l1_scale };
-            let l1 = if d == 0.0 { 0.0 } else { sign };
-            let s = pm[i] + 2.0 * x[i] * pv[i] + y[i] * pc[i];
-            out[i] = l1 + ssim_scale * s;
-        }
-        let (mut abs, mut clamped) = (0.0, 0.0);
-        for (&x, &y) in x.iter().zip(y) {
-            abs += f64::from((x - y).abs());
-            clamped += clamped_error2(x, y);
-        }
-        (abs, clamped)
+    x: &[f32],
+    y: &[f32],
+    out: &mut [f32],
+) -> (f64, f64) {
+    let n = (3 * partials.w * partials.h) as f32;
+    let (ssim_scale, l1_scale) = (-weight / n, (1.0 - weight) / n);
+    let [pm, pv, pc] = partials.blurred::<3>(&window());
+    for i in 0..partials.w {
+        let d = x[i] - y[i];
+        let sign = if d > 0.0 { l1_scale } else { -l1_scale };
+        let l1 = if d == 0.0 { 0.0 } else { sign };
+        let s = pm[i] + 2.0 * x[i] * pv[i] + y[i] * pc[i];
+        out[i] = l1 + ssim_scale * s;
     }
+    let (mut abs, mut clamped) = (0.0, 0.0);
+    for (&x, &y) in x.iter().zip(y) {
+        abs += f64::from((x - y).abs());
+        clamped += clamped_error2(x, y);
+    }
+    (abs, clamped)
 }
 
-/// `(1 - weight) L1 + weight (1 - SSIM)` over three planes of `w` x `h`; `gradient` becomes its
+/// `(1 - weight) L1 + weight (1 - SSIM)` over three planes of rows of `w` pixels; `gradient` becomes its
 /// gradient with respect to `x`. The window is 11x11, sigma 1.5, zero padding.
 pub(crate) fn l1_ssim(
-    (w, h): (usize, usize),
+    w: usize,
     weight: f32,
     [x, y]: [&[f32]; 2],
     scratch: &mut SsimScratch,
     gradient: &mut Vec<f32>,
-) -> LossValue {
+) -> ViewLoss {
     let n = x.len();
+    let h = n / (3 * w);
     gradient.resize(n, 0.0);
     scratch.moments.resize(5 * n, 0.0);
     scratch.partials.resize(3 * n, 0.0);
-    scratch
-        .moments
-        .par_chunks_mut(5 * w)
-        .zip(x.par_chunks(w))
-        .zip(y.par_chunks(w))
-        .for_each(|((out, x), y)| simd::run(RowMoments { x, y, out }));
+    let moments = scratch.moments.par_chunks_mut(5 * w).zip(x.par_chunks(w)).zip(y.par_chunks(w));
+    moments.for_each(|((out, x), y)| row_moments(x, y, out));
+    let of = |row, known| PlaneRow { w, h, row, known };
     let moments = &scratch.moments;
-    let ssim: Vec<f64> = scratch
-        .partials
-        .par_chunks_mut(3 * w)
-        .enumerate()
-        .map(|(row, out)| simd::run(RowSsim { w, h, row, moments, out }))
-        .collect();
+    let ssim = scratch.partials.par_chunks_mut(3 * w).enumerate();
+    let ssim: Vec<f64> = ssim.map(|(row, out)| row_ssim(of(row, moments), out)).collect();
     let partials = &scratch.partials;
-    let rows: Vec<(f64, f64)> = gradient
-        .par_chunks_mut(w)
-        .zip(x.par_chunks(w))
-        .zip(y.par_chunks(w))
-        .enumerate()
-        .map(|(row, ((out, x), y))| {
-            simd::run(RowGradient { w, h, row, weight, partials, x, y, out })
-        })
+    let rows = gradient.par_chunks_mut(w).zip(x.par_chunks(w)).zip(y.par_chunks(w)).enumerate();
+    let rows: Vec<(f64, f64)> = rows
+        .map(|(row, ((out, x), y))| row_gradient(of(row, partials), weight, x, y, out))
         .collect();
     let l1 = total(&rows, n);
     let ssim = ssim.iter().sum::<f64>() / n as f64;
     let weight = f64::from(weight);
-    LossValue { loss: (1.0 - weight) * l1.loss + weight * (1.0 - ssim), mse: l1.mse }
+    ViewLoss { loss: (1.0 - weight) * l1.loss + weight * (1.0 - ssim), mse: l1.mse }
 }

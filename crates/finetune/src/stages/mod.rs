@@ -5,7 +5,6 @@
 //! `if`), and a prelude per instance supplies the scalar type `F`, the boolean type `B` and a
 //! dozen functions. This module is the f32 instance; tests instantiate it in f64.
 #![allow(
-    dead_code,
     private_interfaces,
     non_snake_case,
     clippy::needless_return,
@@ -36,8 +35,6 @@ pub(crate) use consts::*;
 pub(crate) mod consts {
     /// Tile edge in pixels.
     pub(crate) const TILE: u32 = 16;
-    /// Pixels of a tile.
-    pub(crate) const TILE_PIXELS: usize = (TILE * TILE) as usize;
     /// Blending stops before the transmittance would fall below this.
     pub(crate) const T_STOP: f32 = 1.0e-4;
     /// Cap of alpha.

@@ -44,7 +44,7 @@ pub(crate) struct TileBox {
 
 /// A camera and the options, in the form that the stages use.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct View {
+pub(crate) struct RenderView {
     pub(crate) lens: Lens,
     pub(crate) width: u32,
     pub(crate) height: u32,
@@ -55,7 +55,7 @@ pub(crate) struct View {
     pub(crate) reference: bool,
 }
 
-impl View {
+impl RenderView {
     pub(crate) fn new(camera: &Camera, options: &RenderOptions) -> Self {
         Self {
             lens: Lens::new(camera),
@@ -70,6 +70,13 @@ impl View {
 
     pub(crate) fn tiles(&self) -> usize {
         self.tiles_x as usize * self.tiles_y as usize
+    }
+
+    /// Rows of the rotation, and the camera's position.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn pose(&self) -> ([[f32; 3]; 3], [f32; 3]) {
+        let a = |v: V3| [v.x, v.y, v.z];
+        ([self.lens.w0, self.lens.w1, self.lens.w2].map(a), a(self.lens.eye))
     }
 
     pub(crate) fn tile_at(&self, tile: usize) -> (u32, u32) {
@@ -89,7 +96,7 @@ fn span(centre: F, half: F, limit: u32) -> (u32, u32) {
 
 /// Projects Gaussian `i`; `None` if it cannot be seen.
 #[inline]
-fn project_one(view: &View, scene: &Scene, i: usize) -> Option<(Splat, TileBox, u32)> {
+fn project_one(view: &RenderView, scene: &Scene, i: usize) -> Option<(Splat, TileBox, u32)> {
     let opacity = sigmoid(scene.opacity_logits[i]);
     let o255 = opacity * 255.0;
     // NaN is culled too.
@@ -176,7 +183,7 @@ pub(crate) struct Projected {
 }
 
 /// Projects every Gaussian of `scene`.
-pub(crate) fn project(view: &View, scene: &Scene, out: &mut Projected) {
+pub(crate) fn project(view: &RenderView, scene: &Scene, out: &mut Projected) {
     const CHUNK: usize = 1024;
     // Arrays of inconsistent lengths: nothing can be drawn.
     let n = if scene.check_shape().is_ok() { scene.len() } else { 0 };
@@ -207,9 +214,8 @@ mod tests {
     /// `A C - B^2` as every published rasterizer has it, both against f64.
     #[test]
     fn the_factor_is_more_accurate_than_the_conic() {
-        let mut rng = crate::shuffle::Rng(8);
-        let mut r =
-            |low: f64, high: f64| low + (high - low) * (rng.next() >> 11) as f64 * 2f64.powi(-53);
+        let mut rng = testing::Rng::seeded(8);
+        let mut r = |low: f64, high: f64| rng.range(low, high);
         let (mut ours, mut naive, mut not_positive) = (Vec::new(), Vec::new(), 0);
         for _ in 0..20_000 {
             // Rows of V for a needle of up to 3000 pixels and a width far below one.

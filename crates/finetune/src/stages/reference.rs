@@ -3,7 +3,7 @@
 
 use super::blend::{LANES, TilePixels};
 use super::blend_adjoint::{FROZEN, TileGradient};
-use super::project::{Splat, View};
+use super::project::{RenderView, Splat};
 use super::tiles::TileLists;
 use super::{T_STOP, TILE, gate, replay};
 
@@ -16,7 +16,7 @@ struct Pixel {
     row: u32,
 }
 
-fn pixels_of(view: &View) -> impl Iterator<Item = Pixel> {
+fn pixels_of(view: &RenderView) -> impl Iterator<Item = Pixel> {
     let (w, h, tiles_x) = (view.width, view.height, view.tiles_x);
     (0..h).flat_map(move |row| {
         (0..w).map(move |column| Pixel {
@@ -36,7 +36,7 @@ fn offsets(s: &Splat, p: &Pixel) -> (f32, f32, f32) {
     (s.p * dx + s.q * dy, s.r * dy, if within { s.cut } else { -1.0 })
 }
 
-pub(crate) fn blend(view: &View, splats: &[Splat], lists: &TileLists) -> Vec<TilePixels> {
+pub(crate) fn blend(view: &RenderView, splats: &[Splat], lists: &TileLists) -> Vec<TilePixels> {
     let mut tiles = vec![TilePixels::CLEAR; view.tiles()];
     for tile in &mut tiles {
         // Pixels beyond the image's edge begin as stopped.
@@ -63,7 +63,7 @@ pub(crate) fn blend(view: &View, splats: &[Splat], lists: &TileLists) -> Vec<Til
 }
 
 pub(crate) fn blend_adjoint(
-    view: &View,
+    view: &RenderView,
     splats: &[Splat],
     lists: &TileLists,
     pixels: &[TilePixels],
@@ -111,17 +111,15 @@ pub(crate) fn blend_adjoint(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gradients::{Backward, planes_of};
+    use crate::backward::{Backward, planes_of};
     use crate::image::Image;
     use crate::options::{Loss, RenderOptions};
     use gs_model::{Camera, Scene};
 
     #[test]
     fn the_executor_agrees_with_the_scalar_reference() {
-        let mut rng = crate::shuffle::Rng(4);
-        let mut r = |low: f32, high: f32| {
-            low + (high - low) * (rng.next() >> 40) as f32 / (1u64 << 24) as f32
-        };
+        let mut rng = testing::Rng::seeded(4);
+        let mut r = |low: f64, high: f64| rng.range_f32(low, high);
         let mut scene = Scene { sh_degree: 0, ..Scene::default() };
         for _ in 0..800 {
             scene.means.push([r(-1.0, 1.0), r(-1.0, 1.0), r(1.0, 4.0)]);
@@ -143,11 +141,11 @@ mod tests {
             ignored_distortion: None,
         };
         let options = RenderOptions { background: [0.4, 0.1, 0.8], ..Default::default() };
-        let view = View::new(&camera, &options);
+        let view = RenderView::new(&camera, &options);
         let mut photo = Image::new(75, 53);
         photo.rgb.iter_mut().for_each(|v| *v = r(0.0, 1.0));
         let mut pass = Backward::<FROZEN>::default();
-        pass.run(&scene, &view, &planes_of(&photo), Loss::default());
+        pass.run(&scene, &view, &planes_of(&photo.rgb), Loss::default());
         let f = &pass.forward;
         let tiles = blend(&view, &f.projected.splats, &f.lists);
         let bits = |v: &[TilePixels]| bytemuck::cast_slice::<_, u32>(v).to_vec();

@@ -1,15 +1,15 @@
 //! Removal effects: how the views change when one Gaussian is left out.
 
 use gs_model::{Camera, Scene};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::blend::{LANES, TilePixels, live, sum_lanes};
+use super::blend::{BATCH, LANES, TilePixels, TileSplats, still_live, sum_lanes};
 use super::gather::gather;
-use super::project::{Splat, View};
-use super::{T_STOP, TILE, gate};
+use super::project::{RenderView, Splat};
+use super::{T_STOP, gate};
 use crate::forward::Forward;
 use crate::options::RenderOptions;
-use crate::simd;
 
 /// For each Gaussian, the sum over all pixels and channels of `cameras` of the squared change when it
 /// alone is left out and what lies behind it shows instead.
@@ -24,10 +24,10 @@ pub fn removal_effects(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
     let mut f = Forward::default();
     let (mut records, mut sums) = (Vec::new(), Vec::new());
     for camera in cameras {
-        let view = View::new(camera, &RenderOptions::default());
+        let view = RenderView::new(camera, &RenderOptions::default());
         f.run(scene, &view);
         effects(&view, &f, &mut records);
-        gather::<1>(&f.lists, &records, n, &mut sums);
+        gather(&f.lists, &records, n, &mut sums, |_, _| ());
         for (o, &[s]) in out.iter_mut().zip(&sums) {
             *o += s;
         }
@@ -36,18 +36,12 @@ pub fn removal_effects(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
 }
 
 /// Fills `records`, one per slot in tile order: the sum over the tile's pixels.
-fn effects(view: &View, f: &Forward, records: &mut Vec<[f32; 1]>) {
+fn effects(view: &RenderView, f: &Forward, records: &mut Vec<[f32; 1]>) {
     records.clear();
     records.resize(f.lists.ids.len(), [0.0]);
     f.lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
-        simd::run(EffectsTile {
-            view,
-            splats: &f.projected.splats,
-            ids: &f.lists.of(k)[..f.last[k] as usize],
-            tile: view.tile_at(k),
-            pixels: &f.tiles[k],
-            records,
-        });
+        let tile = TileSplats::new(view, &f.projected.splats, &f.lists, k);
+        effects_tile(tile, &f.tiles[k], view.background, records);
     });
 }
 
@@ -80,73 +74,44 @@ fn effect_row(s: &Splat, dx: &[f32; LANES], dy: f32, row: &mut Row, sum: &mut [f
     }
 }
 
-struct EffectsTile<'a> {
-    view: &'a View,
-    splats: &'a [Splat],
-    ids: &'a [u32],
-    tile: (u32, u32),
-    pixels: &'a TilePixels,
-    records: &'a mut [[f32; 1]],
-}
-
-impl EffectsTile<'_> {
-    /// The rows before the first splat. Pixels beyond the image's edge begin as stopped.
-    #[inline(always)]
-    fn rows(&self) -> [Row; LANES] {
-        let Self { view, pixels: p, tile: (tx, _), .. } = self;
-        let mut rows = [Row { t: [1.0; LANES], rest: [[0.0; LANES]; 3] }; LANES];
-        for (y, row) in rows.iter_mut().enumerate() {
-            for l in 0..LANES {
-                let t = p.t[y][l].abs();
-                let shown = [p.red[y][l], p.green[y][l], p.blue[y][l]];
-                for (c, rest) in row.rest.iter_mut().enumerate() {
-                    rest[l] = shown[c] + t * view.background[c];
-                }
-            }
-            for t in &mut row.t[(view.width - tx * TILE).min(TILE) as usize..] {
-                *t = -1.0;
+/// The rows before the first splat.
+#[inline(always)]
+fn rows(tile: &TileSplats<'_>, p: &TilePixels, background: [f32; 3]) -> [Row; LANES] {
+    let start = tile.clear();
+    std::array::from_fn(|y| {
+        let mut rest = [p.red[y], p.green[y], p.blue[y]];
+        for (shown, background) in rest.iter_mut().zip(background) {
+            for (shown, t) in shown.iter_mut().zip(&p.t[y]) {
+                *shown += t.abs() * background;
             }
         }
-        rows
-    }
+        Row { t: start[y], rest }
+    })
 }
 
-impl simd::Kernel for EffectsTile<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let mut state = self.rows();
-        let Self { view, splats, ids, tile: (tx, ty), records, .. } = self;
-        let y0 = ty * TILE;
-        let height = (view.height - y0).min(TILE);
-        let mut row_live = [true; LANES];
-        const BATCH: usize = 32;
-        for (list, records) in ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
-            for (&i, record) in list.iter().zip(records) {
-                let s = splats[i as usize];
-                let mut dx = [0.0f32; LANES];
-                for (l, d) in dx.iter_mut().enumerate() {
-                    *d = s.x - ((tx * TILE + l as u32) as f32 + 0.5);
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn effects_tile(
+    tile: TileSplats<'_>,
+    pixels: &TilePixels,
+    background: [f32; 3],
+    records: &mut [[f32; 1]],
+) {
+    let mut state = rows(&tile, pixels, background);
+    let mut row_live = [true; LANES];
+    for (list, records) in tile.ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
+        for (&i, record) in list.iter().zip(records) {
+            let s = tile.splat(i);
+            let dx = tile.dx(&s);
+            let mut sum = [0.0f32; LANES];
+            for y in tile.reached(&s) {
+                if row_live[y] {
+                    effect_row(&s, &dx, tile.dy(&s, y), &mut state[y], &mut sum);
                 }
-                let mut sum = [0.0f32; LANES];
-                let first = s.row0.max(y0) - y0;
-                let end = (s.row1 - y0.min(s.row1)).min(height);
-                for y in first..end {
-                    let y = y as usize;
-                    if row_live[y] {
-                        let dy = s.y - ((y0 + y as u32) as f32 + 0.5);
-                        effect_row(&s, &dx, dy, &mut state[y], &mut sum);
-                    }
-                }
-                *record = [sum_lanes(&sum)];
             }
-            for (alive, row) in row_live.iter_mut().zip(&state).take(height as usize) {
-                *alive = *alive && live(&row.t) != 0;
-            }
-            if !row_live[..height as usize].contains(&true) {
-                break;
-            }
+            *record = [sum_lanes(&sum)];
+        }
+        if !still_live(&mut row_live[..tile.rows], state.iter().map(|row| &row.t)) {
+            break;
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::project::{Splat, TileBox, View};
+use super::project::{RenderView, Splat, TileBox};
 use super::*;
 
 /// Per-tile lists of Gaussian indices.
@@ -33,7 +33,7 @@ impl TileLists {
 
 /// Whether the splat reaches a pixel centre of tile (tx, ty).
 #[inline]
-pub(crate) fn touches(view: &View, s: &Splat, tx: u32, ty: u32) -> bool {
+pub(crate) fn touches(view: &RenderView, s: &Splat, tx: u32, ty: u32) -> bool {
     if view.reference {
         return true;
     }
@@ -47,7 +47,7 @@ pub(crate) fn touches(view: &View, s: &Splat, tx: u32, ty: u32) -> bool {
 /// Builds the lists from the depth order: first one list per row of tiles (serial, one write
 /// per Gaussian and row), then a counting sort of each row's list into tiles (parallel).
 pub(crate) fn tile_lists(
-    view: &View,
+    view: &RenderView,
     splats: &[Splat],
     boxes: &[TileBox],
     order: &[u32],
@@ -109,7 +109,6 @@ pub(crate) fn tile_lists(
 mod tests {
     use super::*;
     use crate::options::RenderOptions;
-    use crate::shuffle::Rng;
     use gs_model::Camera;
 
     #[test]
@@ -122,9 +121,9 @@ mod tests {
             [64; 2],
             60.0,
         );
-        let view = View::new(&camera, &RenderOptions::default());
-        let mut rng = Rng(3);
-        let mut unit = || (rng.next() >> 40) as f32 / (1 << 24) as f32;
+        let view = RenderView::new(&camera, &RenderOptions::default());
+        let mut rng = testing::Rng::seeded(3);
+        let mut unit = || rng.range_f32(0.0, 1.0);
         let mut skipped = 0;
         for _ in 0..2000 {
             let (x, y, cut) = (64.0 * unit(), 64.0 * unit(), 5.0 * unit());

@@ -57,10 +57,23 @@ pub fn scene(n: usize, degree: u8, seed: u64) -> Scene {
     s
 }
 
-/// A noisy photo.
+/// A noisy photo of 8 bits.
 pub fn photo(width: u32, height: u32, seed: u64) -> finetune::Image {
     let mut r = Rng::seeded(seed);
     let mut image = finetune::Image::new(width, height);
     image.rgb.iter_mut().for_each(|v| *v = r.range_f32(0.0, 1.0));
-    image
+    finetune::Image::from_rgb8(width, height, &image.to_rgb8()).unwrap()
+}
+
+/// The loss at one view with means that move, and the gradient of each Gaussian.
+pub fn gradients(
+    scene: &Scene,
+    view: finetune::TrainView,
+    loss: finetune::Loss,
+    options: &finetune::RenderOptions,
+) -> (f64, Vec<finetune::ParameterGradient>) {
+    let mut views = finetune::ViewGradients::new(vec![view], loss, options).unwrap();
+    views.move_means(true);
+    let loss = views.run(scene, 0).loss;
+    (loss, (0..scene.len()).map(|i| views.of(scene, i).unwrap_or_default()).collect())
 }

@@ -28,7 +28,7 @@ impl Parameters {
     }
 }
 
-struct Projected {
+struct OracleSplat {
     i: usize,
     z: f32,
     x: f64,
@@ -82,7 +82,7 @@ fn basis(d: [f64; 3]) -> [f64; 16] {
     ]
 }
 
-fn project(p: &Parameters, camera: &Camera, i: usize) -> Option<Projected> {
+fn project(p: &Parameters, camera: &Camera, i: usize) -> Option<OracleSplat> {
     let mu = glam::DVec3::from(p.means[i]);
     let m = camera.rotation * mu + camera.translation;
     // The executor's comparison: 0.2 itself is not the same number in f32 and f64.
@@ -122,7 +122,7 @@ fn project(p: &Parameters, camera: &Camera, i: usize) -> Option<Projected> {
             colour[ch] += basis[n] * coefficient[ch];
         }
     }
-    Some(Projected {
+    Some(OracleSplat {
         i,
         // The executor sorts by f32 depth; ties by index.
         z: m.z as f32,

@@ -3,7 +3,7 @@
 use crate::exit::note;
 use crate::views;
 use anyhow::{Result, bail};
-use finetune::Seen;
+use finetune::Visibility;
 use gs_model::{Camera, Scene};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
@@ -36,8 +36,8 @@ impl Sight {
     }
 
     /// What they see of a tile.
-    pub(crate) fn of(&self, tile: &Scene) -> Seen {
-        let Ok(seen) = Seen::of(tile, &self.cameras, |_| Ok::<_, Infallible>(()));
+    pub(crate) fn of(&self, tile: &Scene) -> Visibility {
+        let Ok(seen) = Visibility::of(tile, &self.cameras, |_| Ok::<_, Infallible>(()));
         seen
     }
 
@@ -46,7 +46,7 @@ impl Sight {
     /// # Errors
     /// If they see nothing.
     pub(crate) fn check(&self, share: f64) -> Result<()> {
-        match (Seen { weights: Vec::new(), share }).doubt() {
+        match (Visibility { weights: Vec::new(), share }).doubt() {
             Some(doubt) if share == 0.0 => bail!("{}: {doubt}", self.path.display()),
             Some(doubt) => note(format_args!("warning: {}: {doubt}", self.path.display())),
             None => {}

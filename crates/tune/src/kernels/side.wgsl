@@ -38,7 +38,7 @@ fn by_degree_below(leaf: u32, degree: u32, channel: u32) -> f32 {
     return sum;
 }
 
-// The predictions with a sign.
+// What is predicted of a channel of a group.
 fn predicted(leaf: u32, group: u32, channel: u32) -> f32 {
     if (group == OPACITY) {
         return by_depth_and_class(leaf, 2u);
@@ -52,9 +52,8 @@ fn predicted(leaf: u32, group: u32, channel: u32) -> f32 {
     return 0.0;
 }
 
-@compute @workgroup_size(64)
-fn load(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let leaf = group_index(group) * 64u + lane;
+// Of all channels of a leaf in this pass: the values without their predictions, or the rows with them.
+fn with_predictions(leaf: u32, add: bool) {
     if (leaf >= codec.leaves) {
         return;
     }
@@ -62,9 +61,19 @@ fn load(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let g = group_of_pass(call.pass_index, j);
         let first = leaf * codec.channels + first_channel(g, codec.channels);
         for (var c = 0u; c < channels_of(g); c++) {
-            latent_rows[first + c] = latents[first + c] - predicted(leaf, g, c);
+            let prediction = predicted(leaf, g, c);
+            if (add) {
+                latent_rows[first + c] += prediction;
+            } else {
+                latent_rows[first + c] = latents[first + c] - prediction;
+            }
         }
     }
+}
+
+@compute @workgroup_size(64)
+fn load(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    with_predictions(group_index(group) * 64u + lane, false);
 }
 
 @compute @workgroup_size(64)
@@ -72,15 +81,5 @@ fn add_predicted(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let leaf = group_index(group) * 64u + lane;
-    if (leaf >= codec.leaves) {
-        return;
-    }
-    for (var j = 0u; j < groups_of_pass(call.pass_index, codec.sh_degree); j++) {
-        let g = group_of_pass(call.pass_index, j);
-        let first = leaf * codec.channels + first_channel(g, codec.channels);
-        for (var c = 0u; c < channels_of(g); c++) {
-            latent_rows[first + c] += predicted(leaf, g, c);
-        }
-    }
+    with_predictions(group_index(group) * 64u + lane, true);
 }

@@ -14,7 +14,7 @@ fn one_line(error: &Error, reason: &str) {
 #[test]
 fn a_lost_device_is_an_error() {
     let Some(context) = context() else { return };
-    let (scene, views) = large(400, (60, 40));
+    let (scene, views) = large(400, [60, 40]);
     let device = context.device.clone();
     let mut run = on_device(context, &scene, &views).unwrap();
     run.step(0, 1, 1.0).unwrap();
@@ -32,7 +32,7 @@ fn a_lost_device_is_an_error() {
 #[test]
 fn a_device_without_room_is_an_error() {
     let Some(mut small) = context() else { return };
-    let (scene, views) = large(6000, (120, 80));
+    let (scene, views) = large(6000, [120, 80]);
     // The records of the slots that the executor begins with fit, those that it needs do not.
     small.limits.max_storage_buffer_binding_size = 700_000;
     let mut run = on_device(small, &scene, &views).unwrap();
@@ -69,16 +69,16 @@ fn a_panic_in_a_wait_is_an_error() {
 
 /// `n` small Gaussians in the first tile of 16x16, so faint that no pixel stops.
 fn crowd(n: usize) -> Scene {
-    let mut r = Rng(17);
+    let mut r = Rng::seeded(17);
     let mut s = Scene { sh_degree: 0, ..Scene::default() };
     for _ in 0..n {
-        let z = uniform(&mut r, 2.0, 4.0);
-        let at = |r: &mut Rng| (uniform(r, 1.0, 15.0) - 16.0) * (z + 0.5) / 32.0;
+        let z = r.range_f32(2.0, 4.0);
+        let at = |r: &mut Rng| (r.range_f32(1.0, 15.0) - 16.0) * (z + 0.5) / 32.0;
         s.means.push([at(&mut r), at(&mut r), z]);
         s.rotations.push([1.0, 0.0, 0.0, 0.0]);
         s.log_scales.push([-7.0; 3]);
         s.opacity_logits.push(-4.5);
-        s.sh.push([0; 3].map(|_| uniform(&mut r, -1.0, 1.0)));
+        s.sh.push([0; 3].map(|_| r.range_f32(-1.0, 1.0)));
     }
     s
 }
@@ -87,18 +87,18 @@ fn crowd(n: usize) -> Scene {
 #[test]
 fn the_longest_list_that_is_let_through_is_not_cut() {
     let n = loops::longest_list(65_535) as usize;
-    let Some(p) = pair_of(crowd(n), (32, 32), Loss::Mse) else { return };
+    let Some(p) = pair_of(crowd(n), [32, 32], Loss::Mse) else { return };
     println!("loops end after: {:?}", p.gpu.context.loop_limit);
     upload_lists(&p);
     let f = &p.cpu.forward;
     assert_eq!(f.last[0] as usize, n, "some pixel needs every splat");
-    p.gpu.run(&[Stage::Blend], &p.u, None);
+    p.gpu.run(&[GpuStage::Blend], &p.u, None);
     let wanted = flat(&f.tiles);
     let got: Vec<f32> = p.gpu.read("pixels", wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend", &got, &wanted), 0);
     p.gpu.write("pixels", &wanted);
     p.gpu.write("gradient", &flat(&p.cpu.tiles));
-    p.gpu.run(&[Stage::BlendAdjoint], &p.u, None);
+    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, None);
     let wanted = flat(&p.cpu.records);
     let got: Vec<f32> = p.gpu.read("records", wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend_adjoint", &got, &wanted), 0);
@@ -130,7 +130,7 @@ fn lists_that_the_driver_would_cut_are_refused() {
 fn views_whose_loops_the_driver_would_cut_are_refused() {
     let view = |size| {
         let camera = camera(size, size);
-        StepUniform::of_view(&View::new(&camera, &RenderOptions::default()))
+        StepUniform::of_view(&RenderView::new(&camera, &RenderOptions::default()))
     };
     assert!(loops::check_view(65_535, &view(3200)).is_ok());
     let error = loops::check_view(65_535, &view(4096)).unwrap_err().to_string();

@@ -43,14 +43,6 @@ impl Lens {
     }
 }
 
-impl Lens {
-    /// Rows of the rotation, and the camera's position.
-    pub(crate) fn arrays(&self) -> ([[F; 3]; 3], [F; 3]) {
-        let a = |v: V3| [v.x, v.y, v.z];
-        ([a(self.w0), a(self.w1), a(self.w2)], a(self.eye))
-    }
-}
-
 /// What projection and its adjoint share: everything up to the 2D shape.
 pub(crate) struct Frame {
     /// Mean minus camera position, world axes.
@@ -165,19 +157,11 @@ pub(crate) fn shape_adjoint(f: &Frame, e: Sym2) -> ShapeGradient {
     ShapeGradient { d_log_scale: [l.x, l.y, l.z], d_rotation: [q.w, q.x, q.y, q.z], v_s }
 }
 
-/// Gradient with respect to the mean, for tests and for callers that move means.
+/// Gradient with respect to the mean, through the pixel position and the shape.
 ///
-/// `e` holds the sums of v_sigma e0 and v_sigma e1 over the pixels; `v_raw` is the gradient
-/// with respect to the colour before its clamp.
-pub(crate) fn mean_adjoint(
-    lens: &Lens,
-    f: &Frame,
-    v_s: Sym2,
-    e: [F; 2],
-    degree: u8,
-    sh: &[[F; 3]],
-    v_raw: [F; 3],
-) -> [F; 3] {
+/// `v_s` is the gradient with respect to the 2D covariance; `e` holds the sums of v_sigma e0 and v_sigma e1 over
+/// the pixels.
+pub(crate) fn mean_adjoint(lens: &Lens, f: &Frame, v_s: Sym2, e: [F; 2]) -> V3 {
     // Through the pixel position (unclamped slopes).
     let (p, q, r) = (f.shape.p, f.shape.q, f.shape.r);
     let v_px = 2.0 * p * e[0];
@@ -217,54 +201,47 @@ pub(crate) fn mean_adjoint(
     } else {
         v_m[2] += ky * f.v * j1[2];
     }
-    let mut v_mean = add3(
-        add3(scale3(lens.w0, v_m[0]), scale3(lens.w1, v_m[1])),
-        scale3(lens.w2, v_m[2]),
-    );
-    // Through the view direction.
+    add3(add3(scale3(lens.w0, v_m[0]), scale3(lens.w1, v_m[1])), scale3(lens.w2, v_m[2]))
+}
+
+/// Gradient with respect to the mean, through the view direction. `v_raw` is the gradient with respect to the colour
+/// before its clamp.
+pub(crate) fn direction_adjoint(f: &Frame, sh: &[[F; 3]], v_raw: [F; 3]) -> V3 {
     let (d, inv) = direction(f.from_eye);
     let mut v_d = V3(0.0, 0.0, 0.0);
-    for (k, g) in sh_gradient(degree, d).iter().enumerate() {
-        let c = sh[k][0] * v_raw[0] + sh[k][1] * v_raw[1] + sh[k][2] * v_raw[2];
-        v_d = add3(v_d, scale3(*g, c));
+    for (k, g) in sh.iter().zip(sh_gradient(d)) {
+        let c = k[0] * v_raw[0] + k[1] * v_raw[1] + k[2] * v_raw[2];
+        v_d = add3(v_d, scale3(g, c));
     }
     let along = dot3(d, v_d);
-    v_mean = add3(v_mean, scale3(sub3(v_d, scale3(d, along)), inv));
-    [v_mean.x, v_mean.y, v_mean.z]
+    scale3(sub3(v_d, scale3(d, along)), inv)
 }
 
 /// Gradients of the SH basis functions with respect to the direction, the polynomials being
 /// those of `sh_band1` to `sh_band3`.
-fn sh_gradient(degree: u8, d: V3) -> Vec<V3> {
+fn sh_gradient(d: V3) -> [V3; 16] {
     let (x, y, z) = (d.x, d.y, d.z);
-    let mut g = vec![V3(0.0, 0.0, 0.0)];
-    if degree >= 1 {
-        let c = 0.4886025119029199;
-        g.extend([V3(0.0, -c, 0.0), V3(0.0, 0.0, c), V3(-c, 0.0, 0.0)]);
-    }
-    if degree >= 2 {
-        let (c, e, h) = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396);
-        g.extend([
-            V3(c * y, c * x, 0.0),
-            V3(0.0, -c * z, -c * y),
-            V3(-2.0 * e * x, -2.0 * e * y, 4.0 * e * z),
-            V3(-c * z, 0.0, -c * x),
-            V3(2.0 * h * x, -2.0 * h * y, 0.0),
-        ]);
-    }
-    if degree >= 3 {
-        let (a, b, c) = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658);
-        let (e, h) = (0.3731763325901154, 1.445305721320277);
-        let (xx, yy, zz) = (x * x, y * y, z * z);
-        g.extend([
-            V3(a * 6.0 * x * y, a * 3.0 * (xx - yy), 0.0),
-            V3(b * y * z, b * x * z, b * x * y),
-            V3(-2.0 * c * x * y, c * (4.0 * zz - xx - 3.0 * yy), 8.0 * c * y * z),
-            V3(-6.0 * e * x * z, -6.0 * e * y * z, e * (6.0 * zz - 3.0 * xx - 3.0 * yy)),
-            V3(c * (4.0 * zz - 3.0 * xx - yy), -2.0 * c * x * y, 8.0 * c * x * z),
-            V3(2.0 * h * x * z, -2.0 * h * y * z, h * (xx - yy)),
-            V3(a * 3.0 * (xx - yy), -6.0 * a * x * y, 0.0),
-        ]);
-    }
-    g
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let c1 = 0.4886025119029199;
+    let (c2, e2, h2) = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396);
+    let (a, b, c) = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658);
+    let (e, h) = (0.3731763325901154, 1.445305721320277);
+    [
+        V3(0.0, 0.0, 0.0),
+        V3(0.0, -c1, 0.0),
+        V3(0.0, 0.0, c1),
+        V3(-c1, 0.0, 0.0),
+        V3(c2 * y, c2 * x, 0.0),
+        V3(0.0, -c2 * z, -c2 * y),
+        V3(-2.0 * e2 * x, -2.0 * e2 * y, 4.0 * e2 * z),
+        V3(-c2 * z, 0.0, -c2 * x),
+        V3(2.0 * h2 * x, -2.0 * h2 * y, 0.0),
+        V3(a * 6.0 * x * y, a * 3.0 * (xx - yy), 0.0),
+        V3(b * y * z, b * x * z, b * x * y),
+        V3(-2.0 * c * x * y, c * (4.0 * zz - xx - 3.0 * yy), 8.0 * c * y * z),
+        V3(-6.0 * e * x * z, -6.0 * e * y * z, e * (6.0 * zz - 3.0 * xx - 3.0 * yy)),
+        V3(c * (4.0 * zz - 3.0 * xx - yy), -2.0 * c * x * y, 8.0 * c * x * z),
+        V3(2.0 * h * x * z, -2.0 * h * y * z, h * (xx - yy)),
+        V3(a * 3.0 * (xx - yy), -6.0 * a * x * y, 0.0),
+    ]
 }

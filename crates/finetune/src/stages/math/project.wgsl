@@ -12,7 +12,7 @@ struct Ewa { t0: V3, t1: V3 }
 // The projected shape, with sigma = e0^2 + e1^2, e0 = p dx + q dy, e1 = r dy: the Cholesky
 // factor of half the conic. Against a dx^2 + 2 b dx dy + c dy^2 it costs less, cannot be
 // negative, and does not cancel for needles.
-struct Shape { p: F, q: F, r: F, cov_xx: F, cov_xy: F, cov_yy: F, det_over_m: F, m: F }
+struct Shape { p: F, q: F, r: F, cov_xx: F, cov_yy: F, det_over_m: F, m: F }
 
 fn dot3(a: V3, b: V3) -> F {
     let x = a.x * b.x;
@@ -103,5 +103,5 @@ fn shape_of(v0: V3, v1: V3, blur: F) -> Shape {
     let q = -(bn / pdet);
     let c2 = c * 2.0;
     let r = sqrt(1.0 / c2);
-    return Shape(p, q, r, a, s01, c, det, m);
+    return Shape(p, q, r, a, c, det, m);
 }

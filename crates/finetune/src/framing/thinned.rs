@@ -1,0 +1,104 @@
+//! [`ThinnedScene`]: how much of the detail a camera sees, quickly.
+
+use gs_model::Scene;
+
+use super::bulk::{Weigh, weights};
+use super::ring::{Placement, Ring};
+use crate::saliency::saliency;
+
+/// Cameras on a circle during the search, and for the choice of an arc.
+pub(super) const FEW: u32 = 8;
+const MANY: u32 = 24;
+/// Cameras that see less than this share of what the best one sees are not on the arc.
+const SEES: f64 = 0.6;
+/// An arc longer than this is the whole circle, in turns.
+const WHOLE: f64 = 0.8;
+
+/// A copy of a scene with fewer, larger Gaussians without view dependence, which is drawn quickly.
+pub(super) struct ThinnedScene {
+    scene: Scene,
+    weights: Vec<f64>,
+    tangents: [f64; 2],
+}
+
+/// Gaussians that a copy has at most.
+const MOST: usize = 16_000;
+/// Pixels along the longer edge of its images.
+const EDGE_PIXELS: f64 = 64.0;
+/// A Gaussian that fills this much of a pixel is seen.
+const SEEN: f64 = 0.02;
+
+/// At most `most` Gaussians of a scene, larger by as much as they are fewer, without view dependence; and
+/// their numbers.
+pub(super) fn thinned(scene: &Scene, most: usize) -> (Scene, Vec<usize>) {
+    let step = scene.len().div_ceil(most).max(1);
+    let chosen: Vec<usize> = (0..scene.len()).step_by(step).collect();
+    let mut base = Scene { sh_degree: 0, ..Scene::default() };
+    let larger = 0.5 * libm::log(step as f64) as f32;
+    for &i in &chosen {
+        base.means.push(scene.means[i]);
+        base.rotations.push(scene.rotations[i]);
+        base.log_scales.push(scene.log_scales[i].map(|s| s + larger));
+        base.opacity_logits.push(scene.opacity_logits[i]);
+        base.sh.push(scene.sh_of(i)[0]);
+    }
+    (base, chosen)
+}
+
+impl ThinnedScene {
+    pub(super) fn of(scene: &Scene, tangents: [f64; 2], weigh: Weigh) -> Self {
+        let weights = weights(scene, weigh);
+        let (base, chosen) = thinned(scene, MOST);
+        let weights = chosen.iter().map(|&i| weights[i]).collect();
+        Self { scene: base, weights, tangents }
+    }
+
+    /// The share of the detail that one camera sees.
+    fn view(&self, ring: &Ring, turn: f64) -> f64 {
+        let wide = self.tangents[0].max(self.tangents[1]);
+        let size = self.tangents.map(|t| (EDGE_PIXELS * t / wide).round().max(1.0) as u32);
+        let focal = 0.5 * EDGE_PIXELS / wide;
+        let camera = ring.camera(String::new(), turn, size, focal);
+        let seen = saliency(&self.scene, &[camera]).total;
+        let sum: f64 =
+            seen.iter().zip(&self.weights).map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
+        sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+
+    /// How much each of a few cameras on a circle sees, in descending order.
+    fn few(&self, ring: &Ring) -> Vec<f64> {
+        let turn = |i: u32| f64::from(i) / f64::from(FEW);
+        let mut seen: Vec<f64> = (0..FEW).map(|i| self.view(ring, turn(i))).collect();
+        seen.sort_by(|a, b| b.total_cmp(a));
+        seen
+    }
+
+    /// How much the better half of a circle sees: many models were photographed from one side.
+    pub(super) fn best_half(&self, ring: &Ring) -> f64 {
+        self.few(ring).iter().take(FEW as usize / 2).sum()
+    }
+
+    /// How much a whole circle sees.
+    pub(super) fn all(&self, ring: &Ring) -> f64 {
+        self.few(ring).iter().sum()
+    }
+
+    /// The part of a circle around its best camera from which as much is seen as from there.
+    pub(super) fn arc(&self, ring: Ring) -> Placement {
+        let turn = |i: u32| f64::from(i % MANY) / f64::from(MANY);
+        let seen: Vec<f64> = (0..MANY).map(|i| self.view(&ring, turn(i))).collect();
+        let best = (0..MANY).max_by(|&a, &b| {
+            let order = seen[a as usize].total_cmp(&seen[b as usize]);
+            order.then(b.cmp(&a))
+        });
+        let best = best.unwrap_or(0);
+        let good = |i: u32| seen[(i % MANY) as usize] >= SEES * seen[best as usize];
+        let after = (1..MANY).take_while(|&k| good(best + k)).count() as u32;
+        let before = (1..MANY).take_while(|&k| good(best + MANY - k)).count() as u32;
+        let step = 1.0 / f64::from(MANY);
+        let whole = f64::from(after + before) * step >= WHOLE;
+        let place = turn(best);
+        let ends = [place - f64::from(before) * step, place + f64::from(after) * step];
+        Placement { ring, best: place, arc: (!whole).then_some(ends) }
+    }
+}
