@@ -3,7 +3,8 @@
 use crate::exit::{note, usage};
 use crate::orbit::Orbit;
 use crate::output::is_stdio;
-use crate::progress::Steps;
+use crate::progress::Meter;
+use crate::size::number;
 use anyhow::{Result, bail};
 use finetune::{Seen, framing};
 use gs_model::camera::LensDistortion;
@@ -18,7 +19,7 @@ const MAX_EDGE: u32 = 1 << 14;
 /// Which views to look at a model from.
 #[derive(clap::Args, Clone, Debug)]
 #[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
-pub(crate) struct ViewArgs {
+pub(crate) struct WhichViews {
     /// Cameras: a scene folder (COLMAP project, Inria output, transforms.json), or a cameras.json
     /// or transforms.json itself.
     #[arg(long, value_name = "PATH")]
@@ -36,7 +37,7 @@ pub(crate) struct ViewArgs {
     scale: f64,
 }
 
-impl ViewArgs {
+impl WhichViews {
     /// The cameras; `scene`, read from `path`, is what generated ones look at.
     pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<Vec<Camera>> {
         let all = match (&self.cameras, self.orbit.orbit) {
@@ -62,8 +63,7 @@ impl ViewArgs {
 }
 
 fn factor(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|v| *v > 0.0 && *v <= 16.0);
-    value.ok_or_else(|| "use a number above 0 and at most 16".into())
+    number(text, |v| *v > 0.0 && *v <= 16.0, "use a number above 0 and at most 16")
 }
 
 /// Refuses images that no memory holds.
@@ -184,18 +184,27 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
 /// # Errors
 /// If they see nothing.
 pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Seen> {
-    let steps = Steps::new("importance", cameras.len() as u64);
+    let steps = Meter::new("importance", cameras.len());
     let Ok(seen) = Seen::of(scene, cameras, |_| {
         steps.inc();
         Ok::<_, Infallible>(())
     });
     drop(steps);
+    check(&seen, path)?;
+    Ok(seen)
+}
+
+/// Warns if the cameras, which `path` names, see little.
+///
+/// # Errors
+/// If they see nothing.
+pub(crate) fn check(seen: &Seen, path: &Path) -> Result<()> {
     match seen.doubt() {
         Some(doubt) if seen.share == 0.0 => bail!("{}: {doubt}", path.display()),
         Some(doubt) => note(format_args!("warning: {}: {doubt}", path.display())),
         None => {}
     }
-    Ok(seen)
+    Ok(())
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@
 //! Invariant: a file has its name only once it is whole. What another command, another input or another
 //! version of this one has left is never used.
 
-use crate::output::megabytes;
 use anyhow::{Context, Result, anyhow, bail};
+use indicatif::DecimalBytes;
 use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -114,8 +114,8 @@ impl Scratch {
             Some(free) if free + there < needed => bail!(
                 "{}: {} of scratch files are needed, {} are free; name a folder on another disk with --scratch",
                 self.dir.display(),
-                megabytes(needed),
-                megabytes(free + there)
+                DecimalBytes(needed),
+                DecimalBytes(free + there)
             ),
             _ => Ok(()),
         }
