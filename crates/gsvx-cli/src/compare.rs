@@ -61,8 +61,10 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     let (b, _) = args.reading.any(&args.model)?;
     let cameras = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
+    let mut order: Vec<_> = seen.iter().collect();
+    order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
     let pictures = match folder {
-        Some(folder) => write_pictures(&a, &b, &seen, folder, args.force)?,
+        Some(folder) => write_pictures(&a, &b, &order, folder, args.force)?,
         None => Vec::new(),
     };
     let n = seen.len() as f64;
@@ -76,7 +78,7 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     let mut human = model(&args.reference, &a) + &model(&args.model, &b);
     human +=
         &format!("renders, mean over {} views: PSNR {psnr:.3} dB, SSIM {ssim:.5}\n", seen.len());
-    if let Some(worst) = worst_first(&seen).first() {
+    if let Some(worst) = order.first() {
         human += &format!(
             "  worst: {} with PSNR {:.3} dB, SSIM {:.5}\n",
             worst.camera.name, worst.psnr, worst.ssim
@@ -124,27 +126,19 @@ fn score_views<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<ViewScore
     seen
 }
 
-/// The views by PSNR, the lowest first; equal ones stay in order.
-fn worst_first<'a, 'b>(seen: &'b [ViewScore<'a>]) -> Vec<&'b ViewScore<'a>> {
-    let mut order: Vec<_> = seen.iter().collect();
-    order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
-    order
-}
-
 /// Writes a picture per view. Returns their names. Views are drawn again: kept images of many
 /// large views would not fit into memory.
 fn write_pictures(
     a: &Scene,
     b: &Scene,
-    seen: &[ViewScore<'_>],
+    order: &[&ViewScore<'_>],
     dir: &Path,
     force: bool,
 ) -> Result<Vec<String>> {
-    let order = worst_first(seen);
     let digits = order.len().to_string().len();
     let steps = Meter::new("pictures", order.len());
     let mut names = Vec::with_capacity(order.len());
-    for (rank, view) in order.into_iter().enumerate() {
+    for (rank, view) in order.iter().enumerate() {
         let stem = pictures::stem(&view.camera.name).unwrap_or_default();
         let path = dir.join(format!("{:0digits$}-{stem}.png", rank + 1));
         let output = Output::open::<&Path>(&path, force, &[])?;

@@ -56,7 +56,6 @@ pub(crate) struct Room {
 
 /// Quality and content of a stream.
 #[derive(clap::Args)]
-#[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Content {
     /// Quality from 0 (smallest) to 100 (best) [default: 80].
     #[arg(short, long, group = "rate", value_parser = quality)]

@@ -53,19 +53,15 @@ pub(crate) fn read(
     let index = &file.index;
     let sh_degree = index.header.sh_degree.min(max_sh_degree);
     let of_level: Vec<usize> = index.chunks_of_lod(lod.min(index.coarsest_lod())).collect();
-    let wanted: Vec<usize> =
-        of_level.iter().copied().filter(|&i| region.meets(index.chunks[i].bounds)).collect();
+    let meets = |&i: &usize| region.meets(index.chunks[i].bounds);
+    let wanted: Vec<usize> = of_level.iter().copied().filter(meets).collect();
     limit.check(path, wanted.iter().map(|&i| index.chunks[i].count).sum())?;
-    let layers: Vec<usize> = wanted
-        .iter()
-        .map(|&i| index.chunks[i].layers.len().min(1 + usize::from(sh_degree)))
-        .collect();
     let mut scene = Scene { sh_degree, ..Scene::default() };
-    for (&chunk, &layers) in wanted.iter().zip(&layers) {
+    for &chunk in &wanted {
+        let layers = file.index.chunks[chunk].layers.len().min(1 + usize::from(sh_degree));
         let decoded = file.decode(chunk, layers)?;
-        let inside: Vec<usize> =
-            (0..decoded.len()).filter(|&i| region.contains(decoded.means[i])).collect();
-        scene.append(&decoded.select(&inside));
+        let inside = (0..decoded.len()).filter(|&i| region.contains(decoded.means[i]));
+        scene.append(&decoded.select(&inside.collect::<Vec<_>>()));
     }
     Ok(Inside { scene, chunks: [wanted.len(), of_level.len()], bytes_read: file.bytes_read })
 }

@@ -34,7 +34,6 @@ the command without an output.";
 const PICTURED: u64 = 100;
 
 #[derive(clap::Args)]
-#[command(group = clap::ArgGroup::new("target"))]
 #[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
 pub(crate) struct TuneArgs {
     /// The trained model, of any format that gsvx convert reads; `-` for standard input.

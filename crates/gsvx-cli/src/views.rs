@@ -49,7 +49,7 @@ impl WhichViews {
             .into_iter()
             .step_by(self.every as usize)
             .filter(|c| self.view.as_ref().is_none_or(|name| c.name == *name))
-            .map(|c| scaled(&c, self.scale))
+            .map(|c| scaled(c, self.scale))
             .collect();
         if chosen.is_empty() {
             match &self.view {
@@ -79,23 +79,10 @@ fn drawable(cameras: &[Camera], remedy: &str) -> Result<()> {
     }
 }
 
-fn scaled(camera: &Camera, factor: f64) -> Camera {
-    if factor == 1.0 {
-        return camera.clone();
-    }
-    let size = |s: u32| ((f64::from(s) * factor).round() as u32).max(1);
-    let (width, height) = (size(camera.width), size(camera.height));
-    let (sx, sy) =
-        (f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
-    Camera {
-        width,
-        height,
-        fx: camera.fx * sx,
-        fy: camera.fy * sy,
-        cx: camera.cx * sx,
-        cy: camera.cy * sy,
-        ..camera.clone()
-    }
+fn scaled(camera: Camera, factor: f64) -> Camera {
+    let size = |edge: u32| ((f64::from(edge) * factor).round() as u32).max(1);
+    // Edges that are rounded keep the aspect ratio to within a pixel.
+    camera.scaled_to(size(camera.width), size(camera.height)).unwrap_or(camera)
 }
 
 /// The views that lie beside a model, in a scene folder or an output of Inria's trainer.

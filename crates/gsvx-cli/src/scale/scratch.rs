@@ -141,12 +141,10 @@ impl Drop for Scratch {
 }
 
 fn files(dir: &Path) -> Result<Vec<String>> {
-    let list =
-        std::fs::read_dir(dir).with_context(|| format!("{}: cannot be read", dir.display()))?;
-    let names = list.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
-    names
-        .collect::<std::io::Result<_>>()
-        .with_context(|| format!("{}: cannot be read", dir.display()))
+    let list = std::fs::read_dir(dir).and_then(|list| {
+        list.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned())).collect()
+    });
+    list.with_context(|| format!("{}: cannot be read", dir.display()))
 }
 
 /// Bytes that a user may still write to a disk; `None` where the system does not say.
