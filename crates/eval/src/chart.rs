@@ -41,7 +41,7 @@ impl Axis {
         let (low, high) = if log { (low.log10(), high.log10()) } else { (low, high) };
         let air = (AIR * (high - low)).max(1e-3 * high.abs().max(1e-3));
         let ends = (low - air, high + air);
-        let ticks = if log { decades(ends) } else { multiples(ends) };
+        let ticks = if log { decades(ends.0, ends.1) } else { multiples(ends.0, ends.1) };
         let label = if log { format!("{}, logarithmic", self.label) } else { self.label.clone() };
         Placed { label, log, ends, ticks }
     }
@@ -67,7 +67,8 @@ impl Ranged for Placed {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;
 
-    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+    fn map(&self, value: &f64, pixels: (i32, i32)) -> i32 {
+        let (from, to) = pixels;
         let place = if self.log { value.log10() } else { *value };
         let share = (place - self.ends.0) / (self.ends.1 - self.ends.0);
         from + (share * f64::from(to - from)).round() as i32
@@ -95,7 +96,7 @@ impl ValueFormatter<f64> for Placed {
 }
 
 /// Multiples of 1, 2 or 5 times a power of ten, about seven.
-fn multiples((low, high): (f64, f64)) -> Vec<f64> {
+fn multiples(low: f64, high: f64) -> Vec<f64> {
     let rough = (high - low) / 8.0;
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough);
@@ -104,7 +105,7 @@ fn multiples((low, high): (f64, f64)) -> Vec<f64> {
 }
 
 /// Round numbers of each decade, more where there are few decades.
-fn decades((low, high): (f64, f64)) -> Vec<f64> {
+fn decades(low: f64, high: f64) -> Vec<f64> {
     let mantissas: &[f64] = match high - low {
         span if span > 3.0 => &[1.0],
         span if span > 1.2 => &[1.0, 2.0, 5.0],

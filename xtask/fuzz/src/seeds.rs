@@ -113,12 +113,12 @@ fn spz() -> Vec<Vec<u8>> {
     let inner = [file(2, 2, 0), file(3, 1, 3), file(3, 0, 0), file(2, 1, 1)];
     let mut out: Vec<Vec<u8>> = inner.iter().map(|f| with(4, f)).collect();
     out.push(with(0, &crate::gzip::gzip(&inner[0])));
-    out.push(written("spz", (2, 1)));
+    out.push(written("spz", 2, 1));
     out
 }
 
 /// Strict options, then a file of that format with so many Gaussians of that SH degree.
-fn written(format: &str, (n, degree): (usize, u8)) -> Vec<u8> {
+fn written(format: &str, n: usize, degree: u8) -> Vec<u8> {
     let mut file = vec![0];
     let format = gs_model::Format::named(format).expect("a format of the table");
     format.write_to("<seed>", &mut file, &scene(n, degree, 1)).expect("written");
