@@ -23,7 +23,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Task {
     /// Rate-distortion curves of a scene, with a report
-    RdCurve(rd_curve::Options),
+    RdCurve(rd_curve::CurveOptions),
     /// Fetch a scene of the paper
     Fetch(fetch::FetchArgs),
     /// Check this build: golden streams, threads, broken streams
@@ -31,25 +31,25 @@ enum Task {
     /// Compare streams over threads, builds and processors
     Determinism(determinism::DeterminismArgs),
     /// Pathological scenes against the bounds of docs/accuracy.md
-    Stress(stress::Options),
+    Stress(stress::StressOptions),
     /// The rasterizer against its f64 oracle
     Stability(stability::StabilityArgs),
     /// Time and peak memory of every stage
-    Bench(bench::Options),
+    Bench(bench::BenchOptions),
     /// Sizes of streams on the test scenes, beside other codecs
     BenchSize(rd_curve::SizeOptions),
     /// gpcc-lite beside TMC13's recorded figures
-    BenchGpcc(bench::gpcc::Options),
+    BenchGpcc(bench::gpcc::GpccOptions),
     /// Strategies of voxelization at equal quality
-    BenchVoxel(bench::voxel::Options),
+    BenchVoxel(bench::voxel::VoxelOptions),
     /// What the fine-tune restores of a voxelized model
-    BenchFinetune(bench::finetune::Options),
+    BenchFinetune(bench::finetune::FinetuneOptions),
     /// The gsvx command: seconds and memory by size of model
-    BenchGsvx(bench::gsvx::Options),
+    BenchGsvx(bench::gsvx::GsvxOptions),
     /// What is lost at each quality, and what bounds on errors cost
-    BenchQuality(bench::quality::Options),
+    BenchQuality(bench::quality::QualityOptions),
     /// What gsvx tune saves, beside streams without it
-    BenchTune(bench::tune::Options),
+    BenchTune(bench::tune::TuneBenchOptions),
     /// The decoder for browsers: npm package, viewer page, tests
     Web(web::WebArgs),
 }

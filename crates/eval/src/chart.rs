@@ -118,7 +118,7 @@ fn decades(low: f64, high: f64) -> Vec<f64> {
 
 /// What a line stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum LineKind {
     /// Measured here: thick.
     Ours,
     /// Another codec on the same model: thin.
@@ -133,7 +133,7 @@ pub struct Series {
     /// Name in the legend.
     pub name: String,
     /// What it stands for.
-    pub kind: Kind,
+    pub kind: LineKind,
     /// Its points in drawing order.
     pub points: Vec<(f64, f64)>,
 }
@@ -144,7 +144,7 @@ const MARKS: usize = 30;
 impl Series {
     /// A line of what was measured here.
     pub fn ours(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
-        Self { name: name.into(), kind: Kind::Ours, points }
+        Self { name: name.into(), kind: LineKind::Ours, points }
     }
 
     /// `values` in ascending order over the share of them that is not greater, per cent; a selection of
@@ -156,7 +156,7 @@ impl Series {
         let every = values.len().div_ceil(MARKS).max(1);
         let marks = (0..last).step_by(every).chain([last]).filter(|&i| i < values.len());
         let points = marks.map(|i| (100.0 * i as f64 / last as f64, values[i])).collect();
-        Self { name: name.to_owned(), kind: Kind::Theirs, points }
+        Self { name: name.to_owned(), kind: LineKind::Theirs, points }
     }
 }
 
@@ -289,9 +289,9 @@ impl Chart {
             let line: Vec<Pixel> = series.points.iter().map(at).collect();
             for line in [&line, &sample(i)] {
                 match series.kind {
-                    Kind::Ours => path(area, line, 3, colour(i))?,
-                    Kind::Theirs => path(area, line, 1, colour(i))?,
-                    Kind::Published => dashed(area, line, 1, colour(i))?,
+                    LineKind::Ours => path(area, line, 3, colour(i))?,
+                    LineKind::Theirs => path(area, line, 1, colour(i))?,
+                    LineKind::Published => dashed(area, line, 1, colour(i))?,
                 }
             }
             let marked = if line.len() > MARKS + 2 { &[] } else { &line[..] };
@@ -345,9 +345,9 @@ pub(crate) mod tests {
             "a < b",
             [Axis::logarithmic("size, MB"), Axis::linear("PSNR, dB")],
             [
-                line("ours & more", Kind::Ours, 0.0),
-                line("theirs", Kind::Theirs, -1.0),
-                line("published", Kind::Published, -2.0),
+                line("ours & more", LineKind::Ours, 0.0),
+                line("theirs", LineKind::Theirs, -1.0),
+                line("published", LineKind::Published, -2.0),
             ],
             Some((31.9, "uncompressed".into())),
         )

@@ -6,7 +6,7 @@ use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
 use crate::info::parts;
 use crate::input::{self, Loaded};
-use crate::join::{self, Part};
+use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
@@ -97,7 +97,7 @@ pub(crate) struct EncodeArgs {
     #[arg(long, value_name = "K/N", value_parser = join::part, hide_short_help = true,
           conflicts_with_all = ["rate", "content", "lossless", "prune", "depth"],
           help_heading = LARGE)]
-    part: Option<Part>,
+    part: Option<ScenePart>,
 }
 
 impl EncodeArgs {

@@ -99,20 +99,20 @@ fn copy(from: &mut StreamFile, range: Range<u64>, out: &mut (dyn Write + Send)) 
 
 /// A part of a scene, as `--part` names it: the `k`-th of `n`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Part {
+pub(crate) struct ScenePart {
     pub(crate) k: u64,
     pub(crate) n: u64,
 }
 
 /// Reads `K/N`.
-pub(crate) fn part(text: &str) -> Result<Part, String> {
+pub(crate) fn part(text: &str) -> Result<ScenePart, String> {
     match size::list(text, '/') {
-        Some([k, n]) if (1..=n).contains(&k) => Ok(Part { k, n }),
+        Some([k, n]) if (1..=n).contains(&k) => Ok(ScenePart { k, n }),
         _ => Err("use K/N, as in 3/16, with K from 1 to N".into()),
     }
 }
 
-impl Part {
+impl ScenePart {
     /// What stands behind the stream of a part. Decoders ignore it.
     pub(crate) fn mark(self, plan: u32) -> String {
         format!("\ngsvx part {}/{} of plan {plan:08x}\n", self.k, self.n)
@@ -120,7 +120,7 @@ impl Part {
 }
 
 /// The part that a stream is, and its plan.
-fn mark_of(stream: &mut StreamFile, name: &str) -> Result<(Part, String)> {
+fn mark_of(stream: &mut StreamFile, name: &str) -> Result<(ScenePart, String)> {
     let end = stream.index.stream_len();
     let bytes = stream.read(end..end + 100)?;
     let text = String::from_utf8_lossy(&bytes);
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn parts_are_counted_from_one() {
-        assert_eq!(part("3/16"), Ok(Part { k: 3, n: 16 }));
+        assert_eq!(part("3/16"), Ok(ScenePart { k: 3, n: 16 }));
         for wrong in ["", "3", "0/4", "5/4", "1/0", "a/b", "-1/4"] {
             assert!(part(wrong).is_err(), "{wrong}");
         }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Result;
 
-pub use super::gsvx_flags::Options;
+pub use super::gsvx_flags::GsvxOptions;
 use super::{importance, scale, speed, sweep};
 use crate::process::Gsvx;
 
@@ -12,7 +12,7 @@ use crate::process::Gsvx;
 ///
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &GsvxOptions) -> Result<()> {
     let out = |page: &'static str| options.out.as_deref().unwrap_or(Path::new(page));
     if !options.importance.is_empty() {
         return importance::run(&options.importance, out("docs/results/importance.md"));

@@ -18,7 +18,7 @@ use crate::scenes::{self, TestScene};
 
 /// Flags of `cargo xtask bench-quality`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct QualityOptions {
     /// Scenes with photos
     #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
     scenes: Vec<String>,
@@ -82,7 +82,7 @@ impl Row {
 ///
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &QualityOptions) -> Result<()> {
     let gsvx = Gsvx::find(&options.gsvx)?;
     let mut rows = Vec::new();
     let mut table =

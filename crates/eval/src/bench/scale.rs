@@ -9,7 +9,7 @@ use anyhow::{Context, Result, ensure};
 use gs_model::{Scene, ply};
 use serde_json::Value;
 
-use super::gsvx_flags::Options;
+use super::gsvx_flags::GsvxOptions;
 use super::speed::replicate;
 use crate::cells;
 use crate::page::{Page, Table};
@@ -30,7 +30,7 @@ struct Tables {
 }
 
 /// Measures and writes the page.
-pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
+pub(super) fn run(options: &GsvxOptions, gsvx: &Gsvx, out: &Path) -> Result<()> {
     let model = |name: &&str| -> Result<Scene> {
         let (mut model, _) = ply::read(&scenes::find(name)?.dataset.model_path)?;
         model.drop_invalid();
@@ -155,7 +155,7 @@ fn region(run: &Run<'_>, stream: &[u8]) -> Result<[f64; 2]> {
 }
 
 /// The page.
-fn page(options: &Options, tables: &Tables, out: &Path) -> Page {
+fn page(options: &GsvxOptions, tables: &Tables, out: &Path) -> Page {
     let millions: Vec<String> = options.millions.iter().map(ToString::to_string).collect();
     let mut page = Page::new(out, "Larger than memory?");
     page.text(format!(

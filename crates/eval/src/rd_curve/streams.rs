@@ -10,7 +10,7 @@ use std::fs;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use super::options::Effort;
+use super::options::TuneEffort;
 use super::record::{Coded, Curve};
 use super::study::Study;
 use crate::cache::Cache;
@@ -26,7 +26,7 @@ pub(crate) enum How {
     /// `gsvx tune`.
     Tune {
         /// How long.
-        effort: Effort,
+        effort: TuneEffort,
         /// To the renders of the model instead of the photos.
         distil: bool,
         /// Of the order of the views.
@@ -36,7 +36,7 @@ pub(crate) enum How {
 
 impl How {
     /// With photos, and the first seed.
-    pub(crate) fn tune(effort: Effort) -> Self {
+    pub(crate) fn tune(effort: TuneEffort) -> Self {
         Self::Tune { effort, distil: false, seed: 0 }
     }
 
@@ -155,7 +155,7 @@ fn stage(how: How, quality: f32) -> String {
 pub(crate) const QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
 
 /// The tuned curve of a report.
-pub(crate) fn curve(study: &Study, gsvx: &Gsvx, effort: Effort) -> Result<Curve> {
+pub(crate) fn curve(study: &Study, gsvx: &Gsvx, effort: TuneEffort) -> Result<Curve> {
     let streams = Streams::open(study, gsvx)?;
     let point = |q: &f32| Ok(streams.point(How::tune(effort), *q)?.coded);
     let points = QUALITIES.iter().map(point).collect::<Result<_>>()?;
@@ -170,9 +170,9 @@ mod tests {
     #[test]
     fn each_way_has_its_words() {
         assert_eq!(How::Encode.words(), ["encode", "--drop-unseen"]);
-        let distil = How::Tune { effort: Effort::Quick, distil: true, seed: 1 };
+        let distil = How::Tune { effort: TuneEffort::Quick, distil: true, seed: 1 };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
         assert_eq!(distil.name(), "quick-distil-seed-1");
-        assert_eq!(How::tune(Effort::Normal).name(), "normal");
+        assert_eq!(How::tune(TuneEffort::Normal).name(), "normal");
     }
 }

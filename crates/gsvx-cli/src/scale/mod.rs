@@ -13,7 +13,7 @@ mod sight;
 
 use crate::content::SceneArgs;
 use crate::exit::{note, usage};
-use crate::join::{self, Part};
+use crate::join::{self, ScenePart};
 use crate::output::{Output, counted, is_stdio};
 use crate::progress::Meter;
 use crate::report::Reporter;
@@ -99,7 +99,7 @@ pub(crate) fn plan(args: &SceneArgs, choices: Choices, report: Reporter) -> Resu
 }
 
 /// `gsvx encode --part`.
-pub(crate) fn part(args: &SceneArgs, part: Part, report: Reporter) -> Result<()> {
+pub(crate) fn part(args: &SceneArgs, part: ScenePart, report: Reporter) -> Result<()> {
     let [plan_path] = &args.inputs[..] else {
         return Err(usage("--part: name one plan, which gsvx plan has made"));
     };

@@ -1,6 +1,6 @@
 //! The page and its picture.
 
-use super::{Options, Point, Scene, Tuned};
+use super::{Point, Scene, TuneBenchOptions, Tuned};
 use crate::bd::{self, Method};
 use crate::cells;
 use crate::chart::{Chart, Series};
@@ -16,7 +16,7 @@ fn rates(points: &[Point]) -> Vec<bd::Point> {
     points.iter().map(point).collect()
 }
 
-pub(super) fn page(options: &Options, scenes: &[Scene]) -> Page {
+pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
     let model = |s: &Scene| {
         let [db, ssim] = s.original;
