@@ -27,7 +27,9 @@ impl Meter {
     /// Work of unknown length.
     pub(crate) fn spinner(what: String) -> Self {
         let this = Self::of(ProgressBar::new_spinner().with_message(what));
-        this.bar.enable_steady_tick(Duration::from_millis(120));
+        if this.lines.is_none() {
+            this.bar.enable_steady_tick(Duration::from_millis(120));
+        }
         this
     }
 

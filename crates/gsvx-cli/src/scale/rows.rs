@@ -12,7 +12,7 @@ use std::fs::File;
 use std::io::{Read, Write};
 use std::ops::Range;
 
-/// TileRows of some tiles.
+/// Rows of some tiles.
 #[derive(Debug)]
 pub(crate) struct TileRows {
     file: File,
@@ -22,7 +22,7 @@ pub(crate) struct TileRows {
 }
 
 impl TileRows {
-    /// TileRows of the tiles `wanted`, without room for others.
+    /// Rows of the tiles `wanted`, without room for others.
     fn of(file: File, plan: &Plan, wanted: &[usize], sh_degree: u8) -> Self {
         let mut end = 0;
         let place = |(tile, &count): (usize, &u64)| {
