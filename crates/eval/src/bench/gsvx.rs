@@ -6,7 +6,7 @@ use anyhow::Result;
 
 pub use super::gsvx_flags::GsvxOptions;
 use super::{importance, scale, speed, sweep};
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 
 /// Measures and writes the page that is asked for.
 ///
@@ -20,7 +20,7 @@ pub fn run(options: &GsvxOptions) -> Result<()> {
     if !options.sweep.is_empty() {
         return sweep::run(&options.sweep, out("docs/results/sweep.md"));
     }
-    let gsvx = Gsvx::find(&options.gsvx)?;
+    let gsvx = GsvxCommand::find(&options.gsvx)?;
     if !options.millions.is_empty() {
         return scale::run(options, &gsvx, out("docs/results/scale.md"));
     }

@@ -13,7 +13,7 @@ use super::gsvx_flags::GsvxOptions;
 use super::speed::replicate;
 use crate::cells;
 use crate::page::{Page, Table};
-use crate::process::{Done, Gsvx};
+use crate::process::{Done, GsvxCommand};
 use crate::{manifest, scenes};
 
 /// Scenes whose Gaussians are replicated.
@@ -30,7 +30,7 @@ struct Tables {
 }
 
 /// Measures and writes the page.
-pub(super) fn run(options: &GsvxOptions, gsvx: &Gsvx, out: &Path) -> Result<()> {
+pub(super) fn run(options: &GsvxOptions, gsvx: &GsvxCommand, out: &Path) -> Result<()> {
     let model = |name: &&str| -> Result<Scene> {
         let (mut model, _) = ply::read(&scenes::find(name)?.dataset.model_path)?;
         model.drop_invalid();
@@ -75,7 +75,7 @@ fn inputs(models: &[Scene], files: usize, dir: &Path) -> Result<Vec<PathBuf>> {
 
 /// The command in a folder.
 struct Run<'a> {
-    gsvx: &'a Gsvx,
+    gsvx: &'a GsvxCommand,
     memory: &'a str,
     dir: &'a Path,
 }

@@ -9,8 +9,8 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 
-use crate::process::Gsvx;
-use crate::rd_curve::streams::{How, Point, QUALITIES, Streams};
+use crate::process::GsvxCommand;
+use crate::rd_curve::streams::{How, QUALITIES, StreamPoint, Streams};
 use crate::rd_curve::study::Study;
 use crate::rd_curve::{CurveOptions, TuneEffort};
 
@@ -49,7 +49,7 @@ const RUNS: [How; 4] = [
 /// The points of one way of tuning, by quality.
 struct Tuned {
     how: How,
-    points: Vec<Point>,
+    points: Vec<StreamPoint>,
 }
 
 /// What the page has of one scene.
@@ -58,7 +58,7 @@ struct Scene {
     gaussians: usize,
     /// PSNR and SSIM of the model as it was trained.
     original: [f64; 2],
-    untuned: Vec<Point>,
+    untuned: Vec<StreamPoint>,
     tuned: Vec<Tuned>,
 }
 
@@ -71,12 +71,12 @@ pub fn run(options: &TuneBenchOptions) -> Result<()> {
     for name in &options.runs {
         ensure!(known.contains(name), "{name}: no such run; there are {}", known.join(", "));
     }
-    let gsvx = Gsvx::find(&options.gsvx)?;
+    let gsvx = GsvxCommand::find(&options.gsvx)?;
     let scenes = options.scenes.iter().map(|name| scene(options, &gsvx, name));
     page::page(options, &scenes.collect::<Result<Vec<_>>>()?).write()
 }
 
-fn scene(options: &TuneBenchOptions, gsvx: &Gsvx, name: &str) -> Result<Scene> {
+fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<Scene> {
     let study = Study::open(&CurveOptions::of(name)?)?;
     let original = study.original()?;
     let streams = Streams::open(&study, gsvx)?;

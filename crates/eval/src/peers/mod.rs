@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::cache::{self, Cache};
 use crate::cells;
-use crate::codec::{Codec, Point, measure_point};
+use crate::codec::{Codec, CodedPoint, measure_point};
 use crate::page::Table;
 use crate::published::{Other, OtherPoint};
 use crate::report::megabits;
@@ -67,7 +67,7 @@ pub(crate) struct ToolOutcome {
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Fate {
     /// It ran.
-    Measured(Point),
+    Measured(CodedPoint),
     /// It is not here.
     Absent(String),
     /// It is here, but it failed.

@@ -55,7 +55,7 @@ impl Setup {
     }
 }
 
-fn measured(all: &[ToolOutcome], peer: &str) -> Vec<Point> {
+fn measured(all: &[ToolOutcome], peer: &str) -> Vec<CodedPoint> {
     let of = |o: &ToolOutcome| match &o.fate {
         Fate::Measured(m) if o.peer == peer => Some(m.clone()),
         _ => None,

@@ -19,7 +19,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 use crate::report::{self, sections};
 use crate::{peers, published};
 use plan::{Coding, GSVX, TUNED};
@@ -77,7 +77,7 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
     if let Some(effort) = options.tune {
-        curves.push(streams::curve(study, &Gsvx::find(&options.gsvx)?, effort)?);
+        curves.push(streams::curve(study, &GsvxCommand::find(&options.gsvx)?, effort)?);
     }
     let tools = study.peers(&options.peers, base)?;
 

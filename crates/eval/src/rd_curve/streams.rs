@@ -15,7 +15,7 @@ use super::record::{Coded, Curve};
 use super::study::Study;
 use crate::cache::Cache;
 use crate::measure;
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 use crate::progress::Bar;
 
 /// How the command makes a stream.
@@ -64,7 +64,7 @@ impl How {
 
 /// One stream.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Point {
+pub(crate) struct StreamPoint {
     /// Size and quality.
     pub(crate) coded: Coded,
     /// Processor seconds of the command, all threads.
@@ -78,23 +78,23 @@ pub(crate) struct Point {
 /// Streams of one scene by one build of the command.
 pub(crate) struct Streams<'a> {
     study: &'a Study,
-    gsvx: &'a Gsvx,
+    gsvx: &'a GsvxCommand,
     cache: Cache,
 }
 
 impl<'a> Streams<'a> {
-    pub(crate) fn open(study: &'a Study, gsvx: &'a Gsvx) -> Result<Self> {
+    pub(crate) fn open(study: &'a Study, gsvx: &'a GsvxCommand) -> Result<Self> {
         Ok(Self { study, gsvx, cache: study.cache_of(gsvx.path())? })
     }
 
     /// The point, if it was measured before.
-    pub(crate) fn find(&self, how: How, quality: f32) -> Result<Option<Point>> {
-        let usable = |p: &Point| self.study.has_stream(&p.coded);
+    pub(crate) fn find(&self, how: How, quality: f32) -> Result<Option<StreamPoint>> {
+        let usable = |p: &StreamPoint| self.study.has_stream(&p.coded);
         self.cache.find(&stage(how, quality), &(how, quality), usable)
     }
 
     /// The point, measured unless that was done before.
-    pub(crate) fn point(&self, how: How, quality: f32) -> Result<Point> {
+    pub(crate) fn point(&self, how: How, quality: f32) -> Result<StreamPoint> {
         if let Some(point) = self.find(how, quality)? {
             return Ok(point);
         }
@@ -103,7 +103,7 @@ impl<'a> Streams<'a> {
         Ok(point)
     }
 
-    fn measure(&self, how: How, quality: f32) -> Result<Point> {
+    fn measure(&self, how: How, quality: f32) -> Result<StreamPoint> {
         let Self { study, gsvx, .. } = self;
         let dataset = &study.test.files.dataset;
         let name = stage(how, quality);
@@ -143,7 +143,7 @@ impl<'a> Streams<'a> {
             stream,
         };
         let counted_bytes = said["counted_bytes"].as_u64();
-        Ok(Point { coded, user_seconds: cost.user, peak_mb: cost.peak_mb, counted_bytes })
+        Ok(StreamPoint { coded, user_seconds: cost.user, peak_mb: cost.peak_mb, counted_bytes })
     }
 }
 
@@ -155,7 +155,7 @@ fn stage(how: How, quality: f32) -> String {
 pub(crate) const QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
 
 /// The tuned curve of a report.
-pub(crate) fn curve(study: &Study, gsvx: &Gsvx, effort: TuneEffort) -> Result<Curve> {
+pub(crate) fn curve(study: &Study, gsvx: &GsvxCommand, effort: TuneEffort) -> Result<Curve> {
     let streams = Streams::open(study, gsvx)?;
     let point = |q: &f32| Ok(streams.point(How::tune(effort), *q)?.coded);
     let points = QUALITIES.iter().map(point).collect::<Result<_>>()?;

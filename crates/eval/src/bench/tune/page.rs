@@ -1,6 +1,6 @@
 //! The page and its picture.
 
-use super::{Point, Scene, TuneBenchOptions, Tuned};
+use super::{Scene, StreamPoint, TuneBenchOptions, Tuned};
 use crate::bd::{self, Method};
 use crate::cells;
 use crate::chart::{Chart, Series};
@@ -10,9 +10,9 @@ use crate::report;
 /// What was tried when the settings were chosen.
 const CHOICES: &str = include_str!("choices.md");
 
-fn rates(points: &[Point]) -> Vec<bd::Point> {
+fn rates(points: &[StreamPoint]) -> Vec<bd::Point> {
     let point =
-        |p: &Point| bd::Point { rate: p.coded.bytes as f64, psnr_db: p.coded.score.psnr_db };
+        |p: &StreamPoint| bd::Point { rate: p.coded.bytes as f64, psnr_db: p.coded.score.psnr_db };
     points.iter().map(point).collect()
 }
 
@@ -110,7 +110,7 @@ fn points_table(scenes: &[Scene]) -> Table {
 fn untuned_table(scenes: &[Scene]) -> Table {
     let mut table = Table::new("scene | quality | bytes | dB | SSIM");
     for scene in scenes {
-        for Point { coded: p, .. } in &scene.untuned {
+        for StreamPoint { coded: p, .. } in &scene.untuned {
             let [db, ssim] = [p.score.psnr_db, p.score.ssim].map(|v| format!("{v:.4}"));
             table.row(cells![scene.name, p.quality, p.bytes, db, ssim]);
         }
@@ -120,7 +120,7 @@ fn untuned_table(scenes: &[Scene]) -> Table {
 
 /// All curves of a scene.
 fn chart(scene: &Scene) -> Chart {
-    let series = |name: String, points: &[Point]| {
+    let series = |name: String, points: &[StreamPoint]| {
         Series::ours(name, rates(points).iter().map(|p| (p.rate / 1e6, p.psnr_db)).collect())
     };
     let tuned = scene.tuned.iter().map(|t| series(t.how.name(), &t.points));
