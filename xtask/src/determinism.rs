@@ -13,7 +13,7 @@ use eval::page::{Page, Table};
 
 /// Arguments of `determinism`.
 #[derive(clap::Args, Debug)]
-pub(crate) struct Args {
+pub(crate) struct DeterminismArgs {
     /// Fail where a target or a tool is missing instead of skipping it.
     #[arg(long)]
     strict: bool,
@@ -31,7 +31,7 @@ const ARM: &str = "aarch64-unknown-linux-gnu";
 const ARM_LINKER: &str = "aarch64-linux-gnu-gcc";
 
 /// Builds, runs, compares and writes the table.
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
     let mut runs: Vec<(String, String)> = Vec::new();
     let mut skipped = Vec::new();
     let profiles: &[&str] = if args.quick { &["release"] } else { &["release", "debug"] };

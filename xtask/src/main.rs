@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use eval::{bench, rd_curve, stress};
+use gs_model::chain;
 
 /// Tasks of this project.
 #[derive(Debug, Parser)]
@@ -22,35 +23,35 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Task {
     /// Rate-distortion curves of a scene, with a report
-    RdCurve(rd_curve::Options),
+    RdCurve(rd_curve::CurveOptions),
     /// Fetch a scene of the paper
-    Fetch(fetch::Args),
+    Fetch(fetch::FetchArgs),
     /// Check this build: golden streams, threads, broken streams
-    Conformance(conformance::Args),
+    Conformance(conformance::ConformanceArgs),
     /// Compare streams over threads, builds and processors
-    Determinism(determinism::Args),
+    Determinism(determinism::DeterminismArgs),
     /// Pathological scenes against the bounds of docs/accuracy.md
-    Stress(stress::Options),
+    Stress(stress::StressOptions),
     /// The rasterizer against its f64 oracle
-    Stability(stability::Args),
+    Stability(stability::StabilityArgs),
     /// Time and peak memory of every stage
-    Bench(bench::Options),
+    Bench(bench::BenchOptions),
     /// Sizes of streams on the test scenes, beside other codecs
     BenchSize(rd_curve::SizeOptions),
     /// gpcc-lite beside TMC13's recorded figures
-    BenchGpcc(bench::gpcc::Options),
+    BenchGpcc(bench::gpcc::GpccOptions),
     /// Strategies of voxelization at equal quality
-    BenchVoxel(bench::voxel::Options),
+    BenchVoxel(bench::voxel::VoxelOptions),
     /// What the fine-tune restores of a voxelized model
-    BenchFinetune(bench::finetune::Options),
+    BenchFinetune(bench::finetune::FinetuneOptions),
     /// The gsvx command: seconds and memory by size of model
-    BenchGsvx(bench::gsvx::Options),
+    BenchGsvx(bench::gsvx::GsvxOptions),
     /// What is lost at each quality, and what bounds on errors cost
-    BenchQuality(bench::quality::Options),
+    BenchQuality(bench::quality::QualityOptions),
     /// What gsvx tune saves, beside streams without it
-    BenchTune(bench::tune::Options),
+    BenchTune(bench::tune::TuneBenchOptions),
     /// The decoder for browsers: npm package, viewer page, tests
-    Web(web::Args),
+    Web(web::WebArgs),
 }
 
 fn main() -> ExitCode {
@@ -74,24 +75,10 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", one_line(&error));
+            eprintln!("error: {}", chain(error.as_ref()));
             ExitCode::FAILURE
         }
     }
-}
-
-/// The chain of causes, outermost first, on one line. Causes that their parent already quotes
-/// are left out.
-fn one_line(error: &anyhow::Error) -> String {
-    let mut line = String::new();
-    for cause in error.chain().map(|c| c.to_string().replace('\n', " ")) {
-        if line.is_empty() {
-            line = cause;
-        } else if !line.contains(&cause) {
-            line = format!("{line}: {cause}");
-        }
-    }
-    line
 }
 
 #[cfg(test)]
@@ -104,12 +91,5 @@ mod tests {
         let help = Cli::command().render_help().to_string();
         assert!(help.lines().count() <= 25, "{help}");
         assert!(help.lines().all(|l| l.chars().count() <= 80), "{help}");
-    }
-
-    #[test]
-    fn a_cause_is_said_once() {
-        let inner = anyhow::anyhow!("no such file");
-        let error = inner.context("cannot list: no such file").context("scene x");
-        assert_eq!(one_line(&error), "scene x: cannot list: no such file");
     }
 }

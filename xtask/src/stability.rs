@@ -10,13 +10,13 @@ use eval::page::{Page, Table};
 
 /// Flags of `cargo xtask stability`.
 #[derive(clap::Args, Debug)]
-pub(crate) struct Args {
+pub(crate) struct StabilityArgs {
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/stability.md")]
     out: PathBuf,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &StabilityArgs) -> Result<()> {
     let words =
         "test --quiet -p finetune --test stability --test oracle -- --nocapture --test-threads 1";
     let tests = Command::new("cargo")

@@ -11,7 +11,7 @@ use wasm_bindgen_cli_support::Bindgen;
 
 /// Arguments of `web`.
 #[derive(clap::Args, Debug)]
-pub(crate) struct Args {
+pub(crate) struct WebArgs {
     /// Make the viewer page too.
     #[arg(long)]
     page: bool,
@@ -26,7 +26,7 @@ pub(crate) struct Args {
 const TARGET: &str = "wasm32-unknown-unknown";
 
 /// Builds, and does what else is asked for.
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &WebArgs) -> Result<()> {
     let npm = eval::scenes::root().join("crates/gsvx-web/npm");
     decoder(&[], &npm.join("wasm"))?;
     let tarball = pack(&npm)?;

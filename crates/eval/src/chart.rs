@@ -41,7 +41,7 @@ impl Axis {
         let (low, high) = if log { (low.log10(), high.log10()) } else { (low, high) };
         let air = (AIR * (high - low)).max(1e-3 * high.abs().max(1e-3));
         let ends = (low - air, high + air);
-        let ticks = if log { decades(ends) } else { multiples(ends) };
+        let ticks = if log { decades(ends.0, ends.1) } else { multiples(ends.0, ends.1) };
         let label = if log { format!("{}, logarithmic", self.label) } else { self.label.clone() };
         Placed { label, log, ends, ticks }
     }
@@ -67,7 +67,8 @@ impl Ranged for Placed {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;
 
-    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+    fn map(&self, value: &f64, pixels: (i32, i32)) -> i32 {
+        let (from, to) = pixels;
         let place = if self.log { value.log10() } else { *value };
         let share = (place - self.ends.0) / (self.ends.1 - self.ends.0);
         from + (share * f64::from(to - from)).round() as i32
@@ -95,7 +96,7 @@ impl ValueFormatter<f64> for Placed {
 }
 
 /// Multiples of 1, 2 or 5 times a power of ten, about seven.
-fn multiples((low, high): (f64, f64)) -> Vec<f64> {
+fn multiples(low: f64, high: f64) -> Vec<f64> {
     let rough = (high - low) / 8.0;
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough);
@@ -104,7 +105,7 @@ fn multiples((low, high): (f64, f64)) -> Vec<f64> {
 }
 
 /// Round numbers of each decade, more where there are few decades.
-fn decades((low, high): (f64, f64)) -> Vec<f64> {
+fn decades(low: f64, high: f64) -> Vec<f64> {
     let mantissas: &[f64] = match high - low {
         span if span > 3.0 => &[1.0],
         span if span > 1.2 => &[1.0, 2.0, 5.0],
@@ -117,7 +118,7 @@ fn decades((low, high): (f64, f64)) -> Vec<f64> {
 
 /// What a line stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum LineKind {
     /// Measured here: thick.
     Ours,
     /// Another codec on the same model: thin.
@@ -132,7 +133,7 @@ pub struct Series {
     /// Name in the legend.
     pub name: String,
     /// What it stands for.
-    pub kind: Kind,
+    pub kind: LineKind,
     /// Its points in drawing order.
     pub points: Vec<(f64, f64)>,
 }
@@ -143,7 +144,7 @@ const MARKS: usize = 30;
 impl Series {
     /// A line of what was measured here.
     pub fn ours(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
-        Self { name: name.into(), kind: Kind::Ours, points }
+        Self { name: name.into(), kind: LineKind::Ours, points }
     }
 
     /// `values` in ascending order over the share of them that is not greater, per cent; a selection of
@@ -155,7 +156,7 @@ impl Series {
         let every = values.len().div_ceil(MARKS).max(1);
         let marks = (0..last).step_by(every).chain([last]).filter(|&i| i < values.len());
         let points = marks.map(|i| (100.0 * i as f64 / last as f64, values[i])).collect();
-        Self { name: name.to_owned(), kind: Kind::Theirs, points }
+        Self { name: name.to_owned(), kind: LineKind::Theirs, points }
     }
 }
 
@@ -288,9 +289,9 @@ impl Chart {
             let line: Vec<Pixel> = series.points.iter().map(at).collect();
             for line in [&line, &sample(i)] {
                 match series.kind {
-                    Kind::Ours => path(area, line, 3, colour(i))?,
-                    Kind::Theirs => path(area, line, 1, colour(i))?,
-                    Kind::Published => dashed(area, line, 1, colour(i))?,
+                    LineKind::Ours => path(area, line, 3, colour(i))?,
+                    LineKind::Theirs => path(area, line, 1, colour(i))?,
+                    LineKind::Published => dashed(area, line, 1, colour(i))?,
                 }
             }
             let marked = if line.len() > MARKS + 2 { &[] } else { &line[..] };
@@ -344,9 +345,9 @@ pub(crate) mod tests {
             "a < b",
             [Axis::logarithmic("size, MB"), Axis::linear("PSNR, dB")],
             [
-                line("ours & more", Kind::Ours, 0.0),
-                line("theirs", Kind::Theirs, -1.0),
-                line("published", Kind::Published, -2.0),
+                line("ours & more", LineKind::Ours, 0.0),
+                line("theirs", LineKind::Theirs, -1.0),
+                line("published", LineKind::Published, -2.0),
             ],
             Some((31.9, "uncompressed".into())),
         )

@@ -43,7 +43,7 @@ pub trait Codec {
 
 /// One stream, decoded and compared with the photos.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Point {
+pub struct CodedPoint {
     /// What the codec was asked for.
     pub quality: f32,
     /// Size of the stream.
@@ -60,22 +60,22 @@ pub struct Point {
 
 /// The points of one codec on one scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Curve {
+pub struct CodecCurve {
     /// Name of the codec.
     pub codec: String,
     /// One point per quality, in the order asked for.
-    pub points: Vec<Point>,
+    pub points: Vec<CodedPoint>,
 }
 
-impl Curve {
+impl CodecCurve {
     /// Sizes in bytes with PSNRs.
     #[must_use]
     pub fn rates(&self) -> Vec<bd::Point> {
-        let point = |p: &Point| bd::Point { rate: p.bytes as f64, psnr_db: p.score.psnr_db };
+        let point = |p: &CodedPoint| bd::Point { rate: p.bytes as f64, psnr_db: p.score.psnr_db };
         self.points.iter().map(point).collect()
     }
 
-    /// Mean difference in bytes at equal PSNR against `anchor` (the [`Curve::rates`] of another curve,
+    /// Mean difference in bytes at equal PSNR against `anchor` (the [`CodecCurve::rates`] of another curve,
     /// or the [`rates`](crate::published::Other::rates) of a recorded one), per cent, between the
     /// convex hulls by monotone interpolation. Negative: this curve is smaller. `None` if the two
     /// share no range of PSNR or have fewer than two points on their hulls.
@@ -89,20 +89,20 @@ impl Curve {
 ///
 /// # Errors
 /// Those of the codec.
-pub fn curve(codec: &dyn Codec, scene: &TestScene, qualities: &[f32]) -> Result<Curve> {
+pub fn curve(codec: &dyn Codec, scene: &TestScene, qualities: &[f32]) -> Result<CodecCurve> {
     let points = qualities.iter().map(|&quality| measure_point(codec, scene, quality));
-    Ok(Curve { codec: codec.name(), points: points.collect::<Result<_>>()? })
+    Ok(CodecCurve { codec: codec.name(), points: points.collect::<Result<_>>()? })
 }
 
 /// Measures `codec` on `scene` at one quality.
 ///
 /// # Errors
 /// Those of the codec.
-pub fn measure_point(codec: &dyn Codec, scene: &TestScene, quality: f32) -> Result<Point> {
+pub fn measure_point(codec: &dyn Codec, scene: &TestScene, quality: f32) -> Result<CodedPoint> {
     let label = format!("{}, quality {quality:.0}", codec.name());
     let encode = || codec.encode(scene, quality);
     let trip = round_trip(&label, &scene.held_out, encode, |stream| codec.decode(stream))?;
-    Ok(Point {
+    Ok(CodedPoint {
         quality,
         bytes: codec.counted_bytes(&trip.stream)?,
         gaussians: trip.decoded.len(),
@@ -196,8 +196,9 @@ mod tests {
         let guessed = curve(&Gsvx::without_cameras(), &scene, &qualities).unwrap();
         let seen = curve(&Gsvx::with_cameras(&scene), &scene, &qualities).unwrap();
         for c in [&guessed, &seen] {
-            let rises =
-                |w: &[Point]| w[0].bytes < w[1].bytes && w[0].score.psnr_db < w[1].score.psnr_db;
+            let rises = |w: &[CodedPoint]| {
+                w[0].bytes < w[1].bytes && w[0].score.psnr_db < w[1].score.psnr_db
+            };
             assert!(c.points.windows(2).all(rises), "{c:?}");
         }
         let rate = seen.bd_rate(&guessed.rates()).unwrap();

@@ -27,5 +27,5 @@ pub mod stress;
 mod usage;
 mod voxelized;
 
-pub use codec::{Codec, Curve, Gsvx, Point, curve, measure_point};
+pub use codec::{Codec, CodecCurve, CodedPoint, Gsvx, curve, measure_point};
 pub use scenes::TestScene;

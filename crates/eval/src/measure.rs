@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use finetune::{Image, RenderOptions, TrainView, metrics};
 use gs_model::Scene;
 use gs_model::View;
@@ -39,7 +39,8 @@ pub(crate) fn read_photo(path: &Path) -> Result<Image> {
         .with_guessed_format()
         .with_context(|| format!("read photo {}", path.display()))?
         .decode()
-        .with_context(|| format!("decode photo {} (PNG or JPEG expected)", path.display()))?;
+        // An image error repeats its own cause.
+        .map_err(|e| anyhow!("decode photo {} (PNG or JPEG expected): {e}", path.display()))?;
     let rgb = decoded.to_rgb8();
     let (width, height) = rgb.dimensions();
     Image::from_rgb8(width, height, rgb.as_raw())

@@ -87,9 +87,9 @@ pub(crate) fn own(words: &[&str]) -> Result<Command> {
 }
 
 /// The command `gsvx`, relative to the root of the workspace.
-pub(crate) struct Gsvx(PathBuf);
+pub(crate) struct GsvxCommand(PathBuf);
 
-impl Gsvx {
+impl GsvxCommand {
     pub(crate) fn find(path: &Path) -> Result<Self> {
         let path = scenes::root().join(path);
         let remedy = "run `cargo build --release -p gsvx-cli` first";

@@ -128,7 +128,7 @@ impl Reference<'_> {
     }
 
     /// The children of a node with several leaves.
-    fn children(&mut self, (code, depth): (u64, u8), near: &[[i64; 3]], least: usize) -> u8 {
+    fn children(&mut self, code: u64, depth: u8, near: &[[i64; 3]], least: usize) -> u8 {
         let (mut mask, mut count) = (0u8, 0usize);
         for c in 0..8usize {
             let forced = count < least && 8 - c == least - count;
@@ -158,7 +158,7 @@ impl Reference<'_> {
                 self.single(code, depth);
                 continue;
             }
-            let mask = self.children((code, depth), &near, if depth + 1 == self.j { 2 } else { 1 });
+            let mask = self.children(code, depth, &near, if depth + 1 == self.j { 2 } else { 1 });
             let children = (0..8).filter(|c| mask >> c & 1 == 1);
             below.extend(children.map(|c| (code * 8 + c, mask.count_ones() as usize)));
         }

@@ -1,10 +1,12 @@
 //! Errors of the attributes of one model against another.
 
-use crate::nearest::{Tree, square};
 use gs_model::Scene;
 use gsvx::covariance::coordinates;
 use rayon::prelude::*;
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 
 /// How the Gaussians of the two models were paired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,14 +122,19 @@ fn pair(a: &Scene, b: &Scene) -> Option<(Pairing, Vec<u32>)> {
             return Some((Pairing::Rows, (0..a.len() as u32).collect()));
         }
     }
-    let tree = Tree::new(&a.means);
-    let partner: Option<Vec<u32>> =
-        b.means.par_iter().map(|&p| Some(tree.nearest(p)? as u32)).collect();
+    // Of several in one place the first counts, and of several equally near.
+    let places = (0..a.len()).rev().map(|i| (a.means[i].map(f32::to_bits), i as u32));
+    let places = places.collect::<BTreeMap<_, _>>().into_iter();
+    let point = |mean: [f32; 3]| mean.map(f64::from);
+    let place = |(mean, i): ([u32; 3], _)| GeomWithData::new(point(mean.map(f32::from_bits)), i);
+    let tree = RTree::bulk_load(places.map(place).collect());
+    let nearest = |&mean| tree.nearest_neighbors(&point(mean)).iter().map(|near| near.data).min();
+    let partner: Option<Vec<u32>> = b.means.par_iter().map(nearest).collect();
     Some((Pairing::Nearest, partner?))
 }
 
 fn distance2(a: [f32; 3], b: [f32; 3]) -> f64 {
-    a.iter().zip(b).map(|(&x, y)| square(f64::from(x) - f64::from(y))).sum()
+    a.iter().zip(b).map(|(&x, y)| f64::from(x) - f64::from(y)).map(|d| d * d).sum()
 }
 
 /// Diagonal of the bounding box; 1 if that is a point.

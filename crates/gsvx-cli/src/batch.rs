@@ -2,7 +2,7 @@
 
 use crate::exit::{self, note, usage};
 use crate::output::{self, is_stdio};
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use std::collections::BTreeMap;
 use std::path::{MAIN_SEPARATOR, Path, PathBuf};
 
@@ -21,10 +21,9 @@ pub(crate) fn jobs(
     extension: &str,
     force: bool,
 ) -> Result<Vec<Job>> {
-    let inputs = inputs.iter().map(|i| wildcard::expand(i)).collect::<Result<Vec<_>>>()?.concat();
     let ends_like_folder = output.to_string_lossy().ends_with(['/', MAIN_SEPARATOR]);
     let is_folder = output.is_dir() || ends_like_folder;
-    if let ([input], false) = (&inputs[..], is_folder) {
+    if let ([input], false) = (inputs, is_folder) {
         return Ok(vec![Job { input: input.clone(), output: output.into() }]);
     }
     if is_stdio(output) || (output.exists() && !is_folder) {
@@ -33,7 +32,7 @@ pub(crate) fn jobs(
     }
     let mut taken: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     let mut jobs = Vec::with_capacity(inputs.len());
-    for input in &inputs {
+    for input in inputs {
         if is_stdio(input) {
             return Err(usage(
                 "standard input has no name for a file in a folder; name the output",
@@ -42,10 +41,7 @@ pub(crate) fn jobs(
         let Some(stem) = input.file_stem() else {
             bail!("{}: names no file", input.display());
         };
-        let mut file = stem.to_os_string();
-        file.push(".");
-        file.push(extension);
-        let output = output.join(file);
+        let output = output.join(stem).with_added_extension(extension);
         if let Some(other) = taken.insert(output.clone(), input) {
             let [a, b] = [other.display(), input.display()];
             return Err(usage(format!(
@@ -56,19 +52,12 @@ pub(crate) fn jobs(
         output::check(&output, force, &[input])?;
         jobs.push(Job { input: input.clone(), output });
     }
-    std::fs::create_dir_all(output)
-        .with_context(|| format!("{}: the folder cannot be made", output.display()))?;
+    output::make_folder(output)?;
     Ok(jobs)
 }
 
-/// Jobs that only read.
-pub(crate) fn readers(inputs: &[PathBuf]) -> Result<Vec<Job>> {
-    let inputs = inputs.iter().map(|i| wildcard::expand(i)).collect::<Result<Vec<_>>>()?.concat();
-    Ok(inputs.into_iter().map(|input| Job { input, output: PathBuf::new() }).collect())
-}
-
 /// Does all jobs; one that fails does not keep the others from being done.
-pub(crate) fn run(jobs: &[Job], mut one: impl FnMut(&Job) -> Result<()>) -> Result<()> {
+pub(crate) fn run<J>(jobs: &[J], mut one: impl FnMut(&J) -> Result<()>) -> Result<()> {
     if let [job] = jobs {
         return one(job);
     }
@@ -82,72 +71,5 @@ pub(crate) fn run(jobs: &[Job], mut one: impl FnMut(&Job) -> Result<()>) -> Resu
     match failed {
         0 => Ok(()),
         n => bail!("{n} of {} inputs failed", jobs.len()),
-    }
-}
-
-/// Patterns such as `*.ply`. Shells on Unix replace them by names; those on Windows leave it to the
-/// command.
-mod wildcard {
-    use super::{Context, Path, PathBuf, Result, bail};
-
-    /// The files that a pattern stands for, sorted; a name without wildcards stands for itself.
-    pub(super) fn expand(path: &Path) -> Result<Vec<PathBuf>> {
-        if cfg!(windows) { matching(path) } else { Ok(vec![path.into()]) }
-    }
-
-    pub(super) fn matching(path: &Path) -> Result<Vec<PathBuf>> {
-        let pattern = path.file_name().map(|n| n.to_string_lossy().into_owned());
-        let Some(pattern) = pattern.filter(|p| p.contains(['*', '?'])) else {
-            return Ok(vec![path.into()]);
-        };
-        let dir = path.parent().filter(|p| !p.as_os_str().is_empty());
-        let list = std::fs::read_dir(dir.unwrap_or(Path::new(".")))
-            .with_context(|| format!("{}: no such folder", path.display()))?;
-        let names = list.flatten().map(|e| e.file_name());
-        let mut found: Vec<PathBuf> = names
-            .filter(|n| fits(&lower(&pattern), &lower(&n.to_string_lossy())))
-            .map(|n| dir.map_or_else(|| PathBuf::from(&n), |d| d.join(&n)))
-            .collect();
-        if found.is_empty() {
-            bail!("{}: no such file", path.display());
-        }
-        found.sort();
-        Ok(found)
-    }
-
-    fn lower(text: &str) -> Vec<char> {
-        text.to_lowercase().chars().collect()
-    }
-
-    fn fits(pattern: &[char], name: &[char]) -> bool {
-        match (pattern, name) {
-            ([], []) => true,
-            (['*', rest @ ..], _) => (0..=name.len()).any(|skip| fits(rest, &name[skip..])),
-            (['?', rest @ ..], [_, name @ ..]) => fits(rest, name),
-            ([p, rest @ ..], [n, name @ ..]) => p == n && fits(rest, name),
-            _ => false,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn wildcards_were_not_expanded_on_windows() {
-        let dir = tempfile::tempdir().unwrap();
-        for name in ["a.ply", "b.PLY", "c.spz", "dd.ply"] {
-            std::fs::write(dir.path().join(name), "").unwrap();
-        }
-        let names = |pattern: &str| {
-            let found = wildcard::matching(&dir.path().join(pattern)).unwrap();
-            let name = |p: PathBuf| p.file_name().unwrap().to_str().unwrap().to_owned();
-            found.into_iter().map(name).collect::<Vec<_>>()
-        };
-        assert_eq!(names("*.ply"), ["a.ply", "b.PLY", "dd.ply"]);
-        assert_eq!(names("?.*"), ["a.ply", "b.PLY", "c.spz"]);
-        assert_eq!(names("plain.ply"), ["plain.ply"]);
-        assert!(wildcard::matching(&dir.path().join("*.gsvx")).is_err());
     }
 }

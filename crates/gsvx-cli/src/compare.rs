@@ -5,16 +5,15 @@ use crate::exit::{note, usage};
 use crate::input::ReadingAny;
 use crate::output::{Output, is_stdio};
 use crate::pictures;
-use crate::progress::Steps;
+use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::ViewArgs;
+use crate::views::WhichViews;
 use anyhow::Result;
 use finetune::{Image, RenderOptions, metrics, render};
 use gs_model::{Camera, Scene};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx compare model.ply scene.gsvx --cameras data/fox
@@ -22,15 +21,14 @@ Examples:
   gsvx compare model.ply scene.gsvx --orbit 12 -o pictures     reference, model, difference
   gsvx compare model.ply scene.spz --orbit 12 --json";
 
-/// Arguments of `gsvx compare`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct CompareArgs {
     /// The reference: a stream or a model of any format.
     reference: PathBuf,
     /// The one that is judged: a stream or a model of any format.
     model: PathBuf,
     #[command(flatten)]
-    views: ViewArgs,
+    views: WhichViews,
     /// Folder for a PNG per view: the reference, the model, and their difference 8 times amplified,
     /// side by side. The worst view is the first.
     #[arg(short, long, value_name = "FOLDER")]
@@ -53,35 +51,34 @@ struct ViewScore<'a> {
 
 /// Compares two models. PSNR and SSIM are of the float renders, clamped to 0..=1; means are over the
 /// views' figures.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     if is_stdio(&args.reference) && is_stdio(&args.model) {
         return Err(usage("only one of the two models can be standard input"));
     }
-    let folder = args.output.as_deref().map(|o| pictures::folder(o, args.force)).transpose()?;
-    let a = args.reading.any(&args.reference)?.scene;
-    let b = args.reading.any(&args.model)?.scene;
+    let folder = args.output.as_deref();
+    folder.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
+    let (a, _) = args.reading.any(&args.reference)?;
+    let (b, _) = args.reading.any(&args.model)?;
     let cameras = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
-    let pictures = match &folder {
-        Some(folder) => write_pictures(&a, &b, &seen, folder, args.force)?,
+    let mut order: Vec<_> = seen.iter().collect();
+    order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
+    let pictures = match folder {
+        Some(folder) => write_pictures(&a, &b, &order, folder, args.force)?,
         None => Vec::new(),
     };
     let n = seen.len() as f64;
     let psnr = seen.iter().map(|s| s.psnr).sum::<f64>() / n;
     let ssim = seen.iter().map(|s| s.ssim).sum::<f64>() / n;
     let errors = AttributeErrors::of(&a, &b);
-    let mut human = format!(
-        "{}: {} Gaussians, SH degree {}\n{}: {} Gaussians, SH degree {}\n",
-        args.reference.display(),
-        a.len(),
-        a.sh_degree,
-        args.model.display(),
-        b.len(),
-        b.sh_degree,
-    );
+    let model = |path: &Path, scene: &Scene| {
+        let (gaussians, degree) = (scene.len(), scene.sh_degree);
+        format!("{}: {gaussians} Gaussians, SH degree {degree}\n", path.display())
+    };
+    let mut human = model(&args.reference, &a) + &model(&args.model, &b);
     human +=
         &format!("renders, mean over {} views: PSNR {psnr:.3} dB, SSIM {ssim:.5}\n", seen.len());
-    if let Some(worst) = worst_first(&seen).first() {
+    if let Some(worst) = order.first() {
         human += &format!(
             "  worst: {} with PSNR {:.3} dB, SSIM {:.5}\n",
             worst.camera.name, worst.psnr, worst.ssim
@@ -92,7 +89,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
             "warning: nothing of either model shows in any view, so the renders say nothing; give --cameras",
         );
     }
-    if let (Some(folder), Some(first)) = (&folder, pictures.first()) {
+    if let (Some(folder), Some(first)) = (folder, pictures.first()) {
         let (n, folder) = (pictures.len(), folder.display());
         human += &format!("  {n} pictures in {folder}, the worst view first: {first}\n");
     }
@@ -117,7 +114,7 @@ fn render_both(a: &Scene, b: &Scene, camera: &Camera) -> [Image; 2] {
 
 /// Compares both models from every camera.
 fn score_views<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<ViewScore<'a>> {
-    let steps = Steps::new("compare", cameras.len() as u64);
+    let steps = Meter::new("compare", cameras.len());
     let mut seen = Vec::with_capacity(cameras.len());
     for camera in cameras {
         let [reference, image] = render_both(a, b, camera);
@@ -129,30 +126,22 @@ fn score_views<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<ViewScore
     seen
 }
 
-/// The views by PSNR, the lowest first; equal ones stay in order.
-fn worst_first<'a, 'b>(seen: &'b [ViewScore<'a>]) -> Vec<&'b ViewScore<'a>> {
-    let mut order: Vec<_> = seen.iter().collect();
-    order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
-    order
-}
-
 /// Writes a picture per view. Returns their names. Views are drawn again: kept images of many
 /// large views would not fit into memory.
 fn write_pictures(
     a: &Scene,
     b: &Scene,
-    seen: &[ViewScore<'_>],
+    order: &[&ViewScore<'_>],
     dir: &Path,
     force: bool,
 ) -> Result<Vec<String>> {
-    let order = worst_first(seen);
     let digits = order.len().to_string().len();
-    let steps = Steps::new("pictures", order.len() as u64);
+    let steps = Meter::new("pictures", order.len());
     let mut names = Vec::with_capacity(order.len());
-    for (rank, view) in order.into_iter().enumerate() {
+    for (rank, view) in order.iter().enumerate() {
         let stem = pictures::stem(&view.camera.name).unwrap_or_default();
         let path = dir.join(format!("{:0digits$}-{stem}.png", rank + 1));
-        let output = Output::open(&path, force, &[])?;
+        let output = Output::open::<&Path>(&path, force, &[])?;
         names.push(output.name());
         let [reference, image] = render_both(a, b, view.camera);
         pictures::write(&pictures::side_by_side(&reference, &image), output)?;

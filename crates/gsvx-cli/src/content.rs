@@ -1,5 +1,7 @@
-//! What `gsvx encode` and `gsvx plan` both take: the quality, and what is kept.
+//! What `gsvx encode` and `gsvx plan` both take.
 
+use crate::input::Reading;
+use crate::size;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use gsvx::{Aim, DEFAULT_QUALITY, EncodeOptions, Encoder, Preset};
 use std::path::PathBuf;
@@ -7,9 +9,53 @@ use std::path::PathBuf;
 /// Heading of what changes the scene.
 pub(crate) const CONTENT: &str = "What is kept";
 
+/// Heading of what is for large scenes.
+pub(crate) const LARGE: &str = "Scenes larger than memory";
+
+/// Models, and the stream of them.
+#[derive(clap::Args)]
+pub(crate) struct SceneArgs {
+    /// The trained models, of any format that gsvx convert reads; `-` for standard input. With --part: the plan.
+    #[arg(required = true, value_name = "MODEL")]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// The stream to write; `-` for standard output. A folder for one stream per model; with a name in .gsvx
+    /// several models become one scene.
+    #[arg(short, long, value_name = "PATH")]
+    pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) content: Content,
+    #[command(flatten)]
+    pub(crate) reading: Reading,
+    #[command(flatten)]
+    pub(crate) room: Room,
+    /// Replace an existing output.
+    #[arg(long, display_order = 900)]
+    pub(crate) force: bool,
+}
+
+/// Where the work is done, and with how much.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct Room {
+    /// Most memory to use, as in 1G; the rest goes to scratch files. [default: as much as the models need, up to a
+    /// quarter of the machine's]
+    ///
+    /// Needs as much room on the disk as the models take, in a folder beside the output. If the run is killed,
+    /// the same command goes on from there.
+    #[arg(long, value_name = "SIZE", value_parser = size::bytes, hide_short_help = true,
+          help_heading = LARGE)]
+    pub(crate) memory: Option<u64>,
+    /// Folder for scratch files [default: OUTPUT.scratch].
+    #[arg(
+        long,
+        value_name = "FOLDER",
+        hide_short_help = true,
+        help_heading = LARGE
+    )]
+    pub(crate) scratch: Option<PathBuf>,
+}
+
 /// Quality and content of a stream.
 #[derive(clap::Args)]
-#[command(group = clap::ArgGroup::new("rate"))]
 pub(crate) struct Content {
     /// Quality from 0 (smallest) to 100 (best) [default: 80].
     #[arg(short, long, group = "rate", value_parser = quality)]

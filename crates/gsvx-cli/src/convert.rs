@@ -2,16 +2,17 @@
 
 use crate::format;
 use crate::input::ReadingAny;
-use crate::output::{Output, counted, megabytes};
+use crate::output::{Output, counted};
 use crate::report::Reporter;
+use crate::size;
 use anyhow::Result;
 use clap::ValueEnum;
 use gs_model::Format;
 use gs_model::spz::{self, ShBits};
+use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::PathBuf;
 
-/// Shown after the help.
 pub(crate) fn more() -> String {
     format!("{EXAMPLES}\n\n{}\n{AXES}", format::table())
 }
@@ -28,6 +29,9 @@ Examples:
   gsvx convert folder/meta.json model.ply               an unbundled SOG
   cat a.splat | gsvx convert - a.ply --from splat";
 
+/// The name of the format that has other axes.
+const SPZ: &str = "spz";
+
 const AXES: &str = "\
 To write a gsvx stream, use gsvx encode.
 
@@ -37,9 +41,8 @@ specification. Niantic's own ply_to_spz and spz_to_ply copy the numbers without 
 went through one of them stands on its head after the other kind of tool; --axes keep leaves the
 numbers as they are, as Niantic's tools do.";
 
-/// Arguments of `gsvx convert`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct ConvertArgs {
     /// A model of any format, or a stream; `-` for standard input.
     input: PathBuf,
     /// The file to write; `-` for standard output.
@@ -69,41 +72,36 @@ enum Axes {
     Keep,
 }
 
-fn sh_bits(text: &str) -> std::result::Result<ShBits, String> {
-    let parsed = text.split_once(',').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
-    match parsed {
-        Some((a, b)) if (1..=8).contains(&a) && (1..=8).contains(&b) => {
-            Ok(ShBits { degree_1: a, rest: b })
+fn sh_bits(text: &str) -> Result<ShBits, String> {
+    match size::list(text, ',') {
+        Some([degree_1, rest]) if [degree_1, rest].iter().all(|bits| (1..=8).contains(bits)) => {
+            Ok(ShBits { degree_1, rest })
         }
         _ => Err("use N,M with 1 to 8 each".into()),
     }
 }
 
 /// Converts a model.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
     let format = format::of_output(args.to, &args.output, None)?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
-    let loaded = args.reading.any(&args.input)?;
-    let is_spz = |name: &str| name == "spz";
+    let (mut scene, read) = args.reading.any(&args.input)?;
     // Each of reading and writing SPZ has turned the scene once, or is about to.
-    let read = loaded.report.as_ref().is_some_and(|r| is_spz(r.format));
-    let mut scene = loaded.scene;
-    if args.axes == Axes::Keep && read != is_spz(format.name) {
+    if args.axes == Axes::Keep && (read == SPZ) != (format.name == SPZ) {
         spz::turn(&mut scene);
     }
-    let (name, stdout) = (output.name(), output.is_stdout());
-    let bytes = if is_spz(format.name) {
+    let written = if format.name == SPZ {
+        let name = output.name();
         output.write(|out| Ok(out.write_all(&spz::pack(&name, &scene, args.spz_sh_bits)?)?))?
     } else {
         format::write(format, output, &scene)?
     };
-    let human =
-        format!("{name}: {}, {}", counted(scene.len() as u64, "Gaussian"), megabytes(bytes));
+    let size = DecimalBytes(written.bytes);
+    let human = format!("{}, {size}", counted(scene.len(), "Gaussian"));
     let json = json!({
-        "output": name,
         "gaussians": scene.len(),
         "sh_degree": scene.sh_degree.min(format.max_sh_degree),
-        "bytes": bytes,
+        "bytes": written.bytes,
     });
-    report.say(stdout, &human, &json)
+    report.wrote(&written, &human, json)
 }

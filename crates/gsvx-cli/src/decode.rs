@@ -1,22 +1,21 @@
 //! `gsvx decode`.
 
 use crate::batch::{self, Job};
-use crate::exit::{Failure, note};
+use crate::exit::note;
 use crate::format;
 use crate::input::{self, Limit};
-use crate::output::{Output, counted, is_stdio, megabytes};
-use crate::positional;
+use crate::output::{Output, Written, counted};
 use crate::region::{self, Inside, Region};
 use crate::report::Reporter;
+use crate::stream_file::StreamBytes;
 use anyhow::{Context, Result, bail};
-use gs_model::Format;
+use gs_model::{Format, Scene, ply};
+use gsvx::Decoder;
+use indicatif::DecimalBytes;
 use serde_json::{Value, json};
-use std::fs::File;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx decode scene.gsvx -o back.ply
@@ -28,9 +27,8 @@ Examples:
   curl https://example.org/scene.gsvx | gsvx decode - -o back.ply
   gsvx decode half.gsvx -o part.ply --allow-truncated";
 
-/// Arguments of `gsvx decode`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct DecodeArgs {
     /// The streams; `-` for standard input.
     #[arg(required = true, value_name = "STREAM")]
     inputs: Vec<PathBuf>,
@@ -64,107 +62,41 @@ pub(crate) struct Args {
 }
 
 /// Decodes the streams.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+pub(crate) fn run(args: &DecodeArgs, report: Reporter) -> Result<()> {
     let format = format::of_output(args.to, &args.output, Format::named(PLY))?;
     let jobs = batch::jobs(&args.inputs, &args.output, format.extensions[0], args.force)?;
     batch::run(&jobs, |job| decode_file(args, job, format, report))
 }
 
 /// Decodes one stream to a model.
-fn decode_file(args: &Args, job: &Job, format: &Format, report: Reporter) -> Result<()> {
+fn decode_file(args: &DecodeArgs, job: &Job, format: &Format, report: Reporter) -> Result<()> {
     let output = Output::open(&job.output, args.force, &[&job.input])?;
-    let (written, stdout) = (output.name(), output.is_stdout());
     let start = Instant::now();
-    let (human, json) = if let Some(region) = args.region {
-        let part = region::read(&job.input, region, args.lod, args.max_sh_degree, args.limit)?;
-        format::write(format, output, &part.scene)?;
-        describe_part(&part)
-    } else {
-        let decoded = decode(args, &job.input, format, output)?;
-        decoded.skipped.iter().for_each(|skipped| note(format_args!("note: {skipped}")));
-        decoded.describe()
+    let (written, human, mut json) = match args.region {
+        Some(region) => decode_part(args, job, region, format, output)?,
+        None => decode(args, &job.input, format, output)?,
     };
     let seconds = start.elapsed().as_secs_f64();
-    let mut json = json;
-    json["output"] = json!(written);
     json["decode_seconds"] = json!(seconds);
-    report.say(stdout, &format!("{written}: {human}, in {seconds:.2} s"), &json)
+    report.wrote(&written, &format!("{human}, in {seconds:.2} s"), json)
 }
 
-/// Writes the whole of a stream as a model.
-fn decode(args: &Args, input: &Path, format: &Format, output: Output) -> Result<Decoding> {
-    let mut options = gsvx::DecodeOptions::default();
-    options.max_sh_degree = args.max_sh_degree;
-    options.lod = args.lod;
-    options.salvage = args.allow_truncated;
-    options.max_gaussians = args.limit.max_gaussians;
-    let named = || input::name(input);
-    // A file need not be in memory.
-    let file = if format.name == PLY { FileBytes::open(input)? } else { None };
-    let bytes = if file.is_none() { input::bytes(input)? } else { Vec::new() };
-    if format.name != PLY {
-        let gsvx::Decoded { scene, skipped, .. } =
-            gsvx::decode_with(&bytes, &options).with_context(named)?;
-        something(args, input, scene.len(), &skipped)?;
-        format::write(format, output, &scene)?;
-        return Ok(Decoding { gaussians: scene.len(), sh_degree: scene.sh_degree, skipped });
-    }
-    let decoder = match &file {
-        Some(file) => gsvx::Decoder::of_source(file, &options),
-        None => gsvx::Decoder::new(&bytes, &options),
-    };
-    let decoder = decoder.with_context(named)?;
-    something(args, input, decoder.len(), decoder.skipped())?;
-    write_ply(&decoder, output)
-        .map_err(|e| if e.is::<gsvx::Error>() { e.context(named()) } else { e })?;
-    let skipped = decoder.skipped().to_vec();
-    Ok(Decoding { gaussians: decoder.len(), sh_degree: decoder.sh_degree(), skipped })
-}
-
-/// The format that is written while a stream is decoded.
-const PLY: &str = "ply";
-
-/// The bytes of a stream in a file.
-#[derive(Debug)]
-struct FileBytes {
-    file: File,
-    len: u64,
-}
-
-impl FileBytes {
-    /// Opens a plain file; `None` for what can only be read from its start.
-    fn open(path: &Path) -> Result<Option<Self>> {
-        let is_file = std::fs::metadata(path).is_ok_and(|m| m.is_file());
-        if is_stdio(path) || !is_file {
-            return Ok(None);
-        }
-        let cannot = || format!("{}: cannot be read", input::name(path));
-        let file = File::open(path).with_context(cannot)?;
-        let len = file.metadata().with_context(cannot)?.len();
-        Ok(Some(Self { file, len }))
-    }
-}
-
-impl gsvx::Source for FileBytes {
-    fn len(&self) -> u64 {
-        self.len
-    }
-
-    fn read(&self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
-        let mut bytes = vec![0; (range.end - range.start) as usize];
-        positional::read_exact_at(&self.file, &mut bytes, range.start)?;
-        Ok(bytes)
-    }
-}
-
-/// What was decoded of a region, for a person and as JSON.
-fn describe_part(part: &Inside) -> (String, Value) {
-    let Inside { scene, chunks: [decoded, all], bytes_read } = part;
+/// Writes a part of a stream as a model. Returns what was decoded, for a person and as JSON.
+fn decode_part(
+    args: &DecodeArgs,
+    job: &Job,
+    region: Region,
+    format: &Format,
+    output: Output,
+) -> Result<(Written, String, Value)> {
+    let Inside { scene, chunks: [decoded, all], bytes_read } =
+        region::read(&job.input, region, args.lod, args.max_sh_degree, args.limit)?;
+    let written = format::write(format, output, &scene)?;
     let human = format!(
-        "{} Gaussians in the box, SH degree {}, from {decoded} of {all} chunks ({} read)",
-        scene.len(),
+        "{} in the box, SH degree {}, from {decoded} of {all} chunks ({} read)",
+        counted(scene.len(), "Gaussian"),
         scene.sh_degree,
-        megabytes(*bytes_read)
+        DecimalBytes(bytes_read)
     );
     let json = json!({
         "gaussians": scene.len(),
@@ -173,58 +105,76 @@ fn describe_part(part: &Inside) -> (String, Value) {
         "chunks": all,
         "bytes_read": bytes_read,
     });
-    (human, json)
+    Ok((written, human, json))
 }
 
-/// What was decoded.
-struct Decoding {
-    gaussians: usize,
-    sh_degree: u8,
-    skipped: Vec<String>,
-}
-
-impl Decoding {
-    /// For a person and as JSON.
-    fn describe(&self) -> (String, Value) {
-        let Self { gaussians, sh_degree, skipped } = self;
-        let human = format!("{}, SH degree {sh_degree}", counted(*gaussians as u64, "Gaussian"));
-        let json = json!({ "gaussians": gaussians, "sh_degree": sh_degree, "skipped": skipped });
-        (human, json)
+/// Writes the whole of a stream as a model. Returns what was decoded, for a person and as JSON.
+fn decode(
+    args: &DecodeArgs,
+    input: &Path,
+    format: &Format,
+    output: Output,
+) -> Result<(Written, String, Value)> {
+    let mut options = gsvx::DecodeOptions::default();
+    options.max_sh_degree = args.max_sh_degree;
+    options.lod = args.lod;
+    options.salvage = args.allow_truncated;
+    options.max_gaussians = args.limit.max_gaussians;
+    let source = StreamBytes::open(input)?;
+    let decoder = match &source {
+        StreamBytes::Memory(bytes) => Decoder::new(bytes, &options),
+        file => Decoder::of_source(file, &options),
+    };
+    let named = || input::name(input);
+    let decoder = decoder.with_context(named)?;
+    let (gaussians, sh_degree, skipped) = (decoder.len(), decoder.sh_degree(), decoder.skipped());
+    if let (true, 0, Some(why)) = (args.allow_truncated, gaussians, skipped.last()) {
+        // A model of no Gaussian would look like a success.
+        bail!("{}: nothing of it can be decoded: {why}", named());
     }
+    let written = if format.name == PLY {
+        write_ply(&decoder, output)
+    } else {
+        whole(&decoder).and_then(|scene| format::write(format, output, &scene))
+    };
+    let written =
+        written.map_err(|e| if e.is::<gsvx::Error>() { e.context(named()) } else { e })?;
+    skipped.iter().for_each(|skipped| note(format_args!("note: {skipped}")));
+    let human = format!("{}, SH degree {sh_degree}", counted(gaussians, "Gaussian"));
+    let json = json!({ "gaussians": gaussians, "sh_degree": sh_degree, "skipped": skipped });
+    Ok((written, human, json))
 }
 
-/// An error where damage has left no Gaussian: a model of none would look like a success.
-fn something(args: &Args, input: &Path, gaussians: usize, skipped: &[String]) -> Result<()> {
-    match skipped.last() {
-        Some(why) if args.allow_truncated && gaussians == 0 => {
-            bail!("{}: nothing of it can be decoded: {why}", input::name(input))
-        }
-        _ => Ok(()),
-    }
-}
+/// The format that is written while a stream is decoded.
+const PLY: &str = "ply";
 
 /// Writes what the decoder gives as PLY.
-fn write_ply(decoder: &gsvx::Decoder<'_>, output: Output) -> Result<()> {
-    let header = gs_model::ply::header(decoder.len(), decoder.sh_degree());
+fn write_ply(decoder: &Decoder<'_>, output: Output) -> Result<Written> {
+    let header = ply::header(decoder.len(), decoder.sh_degree());
     // Every thread writes what it decodes to where it belongs: nothing waits for its turn, and
     // nothing holds more than a block of floats.
     if output.is_file() {
-        let row = gs_model::ply::row_bytes(decoder.sh_degree()) as u64;
+        let row = ply::row_bytes(decoder.sh_degree()) as u64;
         return output.write_at(|write| {
             write(&header, 0)?;
-            let outcome = decoder.blocks(|rows: &mut Vec<u8>, first, scene| {
-                gs_model::ply::rows(scene, rows).map_err(Failure::from)?;
-                let at = header.len() as u64 + first as u64 * row;
-                write(rows, at).map_err(Failure)
-            });
-            outcome.map_err(|e| e.0)
+            decoder.blocks(|rows: &mut Vec<u8>, first, scene| {
+                ply::rows(scene, rows)?;
+                write(rows, header.len() as u64 + first as u64 * row)
+            })
         });
     }
     output.write(|out| {
         out.write_all(&header)?;
-        let outcome = decoder
-            .chunks(|scene| Ok::<_, Failure>(gs_model::ply::write_rows_to(&mut *out, &scene)?));
-        outcome.map_err(|e| e.0)
+        decoder.chunks(|scene| Ok(ply::write_rows_to(&mut *out, &scene)?))
+    })
+}
+
+/// All that the decoder gives.
+fn whole(decoder: &Decoder<'_>) -> Result<Scene> {
+    let mut all = Scene { sh_degree: decoder.sh_degree(), ..Scene::default() };
+    decoder.chunks::<gsvx::Error>(|scene| {
+        all.append(&scene);
+        Ok(())
     })?;
-    Ok(())
+    Ok(all)
 }

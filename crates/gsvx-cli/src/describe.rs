@@ -1,24 +1,22 @@
 //! What `gsvx info` says of a model that is no stream.
 
 use crate::input::{self, Loaded};
-use crate::output::with_bytes;
 use crate::report::Reporter;
 use anyhow::Result;
 use gs_model::Scene;
+use indicatif::DecimalBytes;
 use serde_json::{Value, json};
 use std::path::Path;
 
 /// Describes a model.
 pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()> {
     let Loaded { scene, bytes, report: file } = loaded;
-    let format = loaded.form();
-    let gaussians_in_file = file.as_ref().map_or(scene.len(), |r| r.gaussians_in_file);
-    let name = input::name(path);
-    let bits = 8.0 * *bytes as f64 / gaussians_in_file.max(1) as f64;
+    let (name, size) = (input::name(path), DecimalBytes(*bytes));
+    let bits = 8.0 * *bytes as f64 / file.gaussians_in_file.max(1) as f64;
     let mut text = format!(
-        "{name}: {}\n  format         {format}\n  Gaussians      {}\n  \
+        "{name}: {size} ({bytes} bytes)\n  format         {}\n  Gaussians      {}\n  \
          SH degree      {}\n  bits/Gaussian  {bits:.2}\n",
-        with_bytes(*bytes),
+        file.form,
         scene.len(),
         scene.sh_degree,
     );
@@ -30,21 +28,20 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         text += &format!("  from           ({x}, {y}, {z})\n  to             ({u}, {v}, {w})\n");
         text += &spread.human();
     }
-    let unknown: &[String] = file.as_ref().map_or(&[], |r| &r.unknown_properties);
-    if !unknown.is_empty() {
-        text += &format!("  other columns  {}\n", unknown.join(", "));
+    if !file.unknown_properties.is_empty() {
+        text += &format!("  other columns  {}\n", file.unknown_properties.join(", "));
     }
     let json = json!({
-        "format": format,
+        "format": file.form,
         "bytes": bytes,
         "gaussians": scene.len(),
-        "gaussians_in_file": gaussians_in_file,
+        "gaussians_in_file": file.gaussians_in_file,
         "sh_degree": scene.sh_degree,
         "low": low,
         "high": high,
         "spread": spread.map(|s| s.json()),
-        "other_columns": unknown,
-        "comments": file.as_ref().map(|r| &r.comments),
+        "other_columns": file.unknown_properties,
+        "comments": file.comments,
     });
     report.say(false, text.trim_end(), &json)
 }

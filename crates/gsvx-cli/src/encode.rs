@@ -1,31 +1,29 @@
 //! `gsvx encode`.
 
 use crate::batch::{self, Job};
-use crate::content::{CONTENT, Content};
+use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
-use crate::format::is_stream_name;
-use crate::input::Reading;
-use crate::join::{self, Part};
-use crate::loss::{Loss, Pictures};
-use crate::output::{Output, counted, megabytes};
-use crate::progress::{self, Steps};
+use crate::format::{STREAM, is_stream_name};
+use crate::info::parts;
+use crate::input::{self, Loaded};
+use crate::join::{self, ScenePart};
+use crate::output::{Output, counted};
+use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::scale::{self, Room};
-use crate::{input, max_error, size, views};
+use crate::{loss, max_error, scale, size, views};
 use anyhow::{Context, Result};
-use finetune::References;
-use gs_model::{Camera, Format, Scene};
+use finetune::{Likeness, Pictures, References};
+use gs_model::{Camera, Format, Scene, chain};
 use gsvx::{Aim, Choices, EncodeProgress, EncodeWarning, Encoder, Leaves, Made, MaxError, Missed};
+use indicatif::DecimalBytes;
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
-/// Shown after the short help.
 pub(crate) const MORE: &str = "gsvx encode --help shows all flags, and examples.";
 
-/// Shown after the long help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx encode model.ply -o scene.gsvx                          default quality
@@ -45,18 +43,10 @@ Examples:
 /// Heading of what most people never need.
 const EXPERTS: &str = "For experts, and for comparison with the paper";
 
-/// Arguments of `gsvx encode`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
-    /// The trained models, of any format that gsvx convert reads; `-` for standard input. With --part: the plan.
-    #[arg(required = true, value_name = "MODEL")]
-    inputs: Vec<PathBuf>,
-    /// The stream to write; `-` for standard output. A folder for one stream per model; with a name in .gsvx
-    /// several models become one scene.
-    #[arg(short, long, value_name = "PATH")]
-    output: PathBuf,
+pub(crate) struct EncodeArgs {
     #[command(flatten)]
-    content: Content,
+    pub(crate) scene: SceneArgs,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
     #[arg(long, value_name = "SIZE", group = "rate", value_parser = size::bytes)]
     target_bytes: Option<u64>,
@@ -82,9 +72,6 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras",
           "max_sh_degree", "prune", "lod", "web", "drop_unseen"])]
     lossless: bool,
-    /// Replace an existing output.
-    #[arg(long)]
-    force: bool,
     /// Do not estimate the loss: less time and memory. The stream is the same.
     #[arg(long, hide_short_help = true)]
     no_estimate: bool,
@@ -93,11 +80,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FRACTION", default_value_t = 0.0, value_parser = fraction,
           hide_short_help = true, help_heading = CONTENT)]
     prune: f64,
-    #[command(flatten)]
-    reading: Reading,
-
     /// The target size in megabits (10^6 bits).
-    #[arg(long, value_name = "MBIT", group = "rate", value_parser = crate::size::positive,
+    #[arg(long, value_name = "MBIT", group = "rate", value_parser = size::positive,
           hide_short_help = true, help_heading = EXPERTS)]
     target_mbit: Option<f64>,
     /// Voxelize uniformly at this octree depth instead of by rate and distortion.
@@ -109,22 +93,14 @@ pub(crate) struct Args {
           value_parser = clap::value_parser!(u8).range(1..=21), hide_short_help = true,
           help_heading = EXPERTS)]
     j_low: Option<u8>,
-
-    #[command(flatten)]
-    room: Room,
     /// Encode the K-th of N parts of a plan; the plan stands in the place of the model, and says the quality.
     #[arg(long, value_name = "K/N", value_parser = join::part, hide_short_help = true,
           conflicts_with_all = ["rate", "content", "lossless", "prune", "depth"],
-          help_heading = "Scenes larger than memory")]
-    part: Option<Part>,
+          help_heading = LARGE)]
+    part: Option<ScenePart>,
 }
 
-impl Args {
-    /// Where the models are.
-    pub(crate) fn inputs(&self) -> &[PathBuf] {
-        &self.inputs
-    }
-
+impl EncodeArgs {
     /// The greatest number of bytes, if there is one.
     fn most_bytes(&self) -> Option<u64> {
         self.target_mbit.map(|mbit| (mbit * 1e6 / 8.0) as u64).or(self.target_bytes)
@@ -137,13 +113,13 @@ impl Args {
             (Some(bytes), ..) => Aim::Bytes(bytes),
             (_, Some((db, measure)), _) => Aim::Psnr { db, measure: Box::new(measure) },
             (.., Some(bounds)) => Aim::MaxError(bounds),
-            _ => Aim::Quality(self.content.quality()),
+            _ => Aim::Quality(self.scene.content.quality()),
         }
     }
 
     /// An encoder that does what the flags ask for.
     fn encoder<'a>(&self, aim: Aim<'a>) -> Encoder<'a> {
-        let mut encoder = self.content.encoder(aim);
+        let mut encoder = self.scene.content.encoder(aim);
         encoder.options.prune = self.prune;
         encoder.options.leaves = match (self.depth, self.j_low) {
             (Some(depth), Some(j_low)) => Leaves::Paper { j_low: j_low.min(depth), j_high: depth },
@@ -156,140 +132,116 @@ impl Args {
     /// The choices of a scene larger than memory, where the flags go with that.
     fn choices(&self) -> gsvx::Result<Choices> {
         let aim = self.aim(self.target_psnr.map(|_| |_: &Scene| f64::NAN));
-        self.encoder(aim).choices(self.content.cameras.is_some())
+        self.encoder(aim).choices(self.scene.content.cameras.is_some())
     }
 }
 
-fn fraction(text: &str) -> std::result::Result<f64, String> {
+fn fraction(text: &str) -> Result<f64, String> {
     let value = text.parse().map_err(|_| "use a fraction such as 0.2".to_owned())?;
     gsvx::prune(&[], value).map_err(|e| e.to_string())?;
     Ok(value)
 }
 
 /// A number of dB on the command line.
-pub(crate) fn finite(text: &str) -> std::result::Result<f64, String> {
-    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "use a number of dB".into())
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
+    size::number(text, |v| v.is_finite(), "use a number of dB")
 }
 
 /// Encodes the models.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    if let Some(format) = Format::of_name(&args.output).filter(|f| f.is_written()) {
-        let (name, extension) = (args.output.display(), format.extensions[0]);
+pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
+    let SceneArgs { inputs, output, room, force, .. } = &args.scene;
+    if let Some(format) = Format::of_name(output).filter(|f| f.is_written()) {
+        let (name, extension) = (output.display(), format.extensions[0]);
         return Err(usage(format!(
             "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
         )));
     }
     if let Some(part) = args.part {
-        return encode_part(args, part, report);
+        return scale::part(&args.scene, part, report);
     }
-    let as_one = args.inputs.len() > 1 && is_stream_name(&args.output) && !args.output.is_dir();
-    let large = scale::is_large(&args.inputs) && args.inputs.len() == 1;
-    if as_one || large || args.room.memory.is_some() {
+    let as_one = inputs.len() > 1 && is_stream_name(output) && !output.is_dir();
+    let large = scale::is_large(inputs) && inputs.len() == 1;
+    if as_one || large || room.memory.is_some() {
         match args.choices() {
-            Ok(choices) => return encode_large(args, choices, report),
+            Ok(choices) => return scale::encode(&args.scene, choices, report),
             Err(why) if as_one => {
-                return Err(usage(format!("several models as one scene: {why}")));
+                return Err(usage(format!("several models as one scene: {}", chain(&why))));
             }
-            Err(why) if args.room.memory.is_some() => {
-                return Err(usage(format!("--memory: {why}")));
+            Err(why) if room.memory.is_some() => {
+                return Err(usage(format!("--memory: {}", chain(&why))));
             }
             // The machine may have the memory after all.
             Err(_) => {}
         }
     }
-    let jobs = batch::jobs(&args.inputs, &args.output, "gsvx", args.force)?;
+    let jobs = batch::jobs(inputs, output, STREAM, *force)?;
     batch::run(&jobs, |job| encode_file(args, job, report))
 }
 
-/// Encodes a part of a plan.
-fn encode_part(args: &Args, part: Part, report: Reporter) -> Result<()> {
-    let [plan] = &args.inputs[..] else {
-        return Err(usage("--part: name one plan, which gsvx plan has made"));
-    };
-    scale::part(plan, part, (&args.output, args.force), &args.room, report)
-}
-
-/// Encodes models as one scene, within a bound on memory.
-fn encode_large(args: &Args, choices: Choices, report: Reporter) -> Result<()> {
-    let job = scale::LargeJob {
-        inputs: &args.inputs,
-        reading: &args.reading,
-        choices,
-        cameras: args.content.cameras.as_deref(),
-        output: &args.output,
-        force: args.force,
-        room: &args.room,
-    };
-    scale::encode(&job, report)
-}
-
 /// Encodes one model.
-fn encode_file(args: &Args, job: &Job, report: Reporter) -> Result<()> {
-    let output = Output::open(&job.output, args.force, &[&job.input])?;
-    let start = Instant::now();
-    let loaded = args.reading.model(&job.input)?;
-    let lost = if args.lossless { loaded.lost().to_vec() } else { Vec::new() };
-    let (scene, input_bytes) = (loaded.scene, loaded.bytes);
-    let in_input = scene.len();
+fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
+    let output = Output::open(&job.output, args.scene.force, &[&job.input])?;
+    let (start, name) = (Instant::now(), input::name(&job.input));
+    let Loaded { scene, bytes: input_bytes, report: file } =
+        args.scene.reading.model(&job.input)?;
+    let lost = if args.lossless { file.lost } else { Vec::new() };
     if !lost.is_empty() {
         note(format_args!(
-            "warning: {}: the stream keeps the floats of the Gaussians only; it loses: {}",
-            input::name(&job.input),
+            "warning: {name}: the stream keeps the floats of the Gaussians only; it loses: {}",
             lost.join(", ")
         ));
     }
+    let input_gaussians = scene.len();
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
-    let done = encoded(args, job, scene)?;
+    let done = encoded(args, &name, scene)?;
     let encode_seconds = step.elapsed().as_secs_f64() - done.estimate_seconds;
-    let (name, stdout) = (output.name(), output.is_stdout());
-    let encoded = &done.made.encoded;
-    output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
-
-    let (bytes, gaussians) = (encoded.bytes.len() as u64, encoded.index.header.count);
+    let Made { encoded, warnings, .. } = &done.made;
+    let written = output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
+    let (bytes, gaussians) = (written.bytes, encoded.index.header.count);
     let mut human = format!(
-        "{name}: {} coded as {gaussians}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
+        "{} coded as {gaussians}, {} -> {} ({:.1}x, {:.1} bits per Gaussian); {}\n\
          read {read_seconds:.2} s, encode {encode_seconds:.2} s, estimate {:.2} s",
-        counted(in_input as u64, "Gaussian"),
-        megabytes(input_bytes),
-        megabytes(bytes),
+        counted(input_gaussians, "Gaussian"),
+        DecimalBytes(input_bytes),
+        DecimalBytes(bytes),
         input_bytes as f64 / bytes as f64,
         8.0 * bytes as f64 / gaussians.max(1) as f64,
         done.remarks(),
         done.estimate_seconds,
     );
     let mut json = done.json();
-    for warning in &done.made.warnings {
-        note(format_args!("warning: {}: {warning}", input::name(&job.input)));
+    for warning in warnings {
+        note(format_args!("warning: {name}: {warning}"));
     }
     if let Some(loss) = &done.loss {
-        human += &format!("\n{}", loss.human());
-        json["estimated_loss"] = loss.json();
+        human += &format!("\n{}", loss::human(loss));
+        json["estimated_loss"] = loss::json(loss);
         // Where positions coincide, another warning says what helps.
-        let coincident = |w: &EncodeWarning| matches!(w, EncodeWarning::Coincident(_));
-        if let Some(warning) = loss.warning().filter(|_| !done.made.warnings.iter().any(coincident))
-        {
-            note(format_args!("{warning}"));
+        let coincident = warnings.iter().any(|w| matches!(w, EncodeWarning::Coincident(_)));
+        if loss.psnr.round() < Likeness::POOR && !coincident {
+            note(
+                "warning: the loss is easy to see; a higher --quality keeps more, and so does --cameras at \
+                 the same size",
+            );
         }
     } else if done.unseen_estimate {
         human += "\nno estimate of the loss: nothing of the model shows in the pictures";
     }
-    if args.content.web {
+    if args.scene.content.web {
         let snippet = embed(&job.output);
         human += &format!("\nembed it: {snippet}");
         json["embed"] = json!(snippet);
     }
-    json["output"] = json!(name);
     json["bytes"] = json!(bytes);
     json["input_bytes"] = json!(input_bytes);
-    json["input_gaussians"] = json!(in_input);
+    json["input_gaussians"] = json!(input_gaussians);
     json["lost_columns"] = json!(lost);
     json["read_seconds"] = json!(read_seconds);
     json["encode_seconds"] = json!(encode_seconds);
-    json["estimate_seconds"] = json!(done.estimate_seconds);
-    report.say(stdout, &human, &json)?;
+    report.wrote(&written, &human, json)?;
     match done.made.missed {
-        Some(why) => Err(missed(format!("{name}: written, but {why}"))),
+        Some(why) => Err(missed(format!("{}: written, but {why}", written.name))),
         None => Ok(()),
     }
 }
@@ -308,7 +260,7 @@ struct Done {
     /// With cameras: what they see.
     seen: Option<SeenShare>,
     /// How much less the stream shows than the input, and how long the estimate took.
-    loss: Option<Loss>,
+    loss: Option<Likeness>,
     estimate_seconds: f64,
     /// The loss was to be estimated, and the pictures show nothing.
     unseen_estimate: bool,
@@ -325,36 +277,29 @@ impl Done {
     /// For a person.
     fn remarks(&self) -> String {
         let encoded = &self.made.encoded;
-        let pruned = match encoded.pruned {
-            0 => String::new(),
-            n => format!("; {n} pruned"),
-        };
+        let (outliers, left_out) = (encoded.outliers(), encoded.left_out);
+        let mut remarks = vec![self.note.clone()];
+        if encoded.pruned > 0 {
+            remarks.push(format!("{} pruned", encoded.pruned));
+        }
         // With bounds on errors the note says how many are exact.
-        let outliers = match encoded.outliers() {
-            0 => String::new(),
-            _ if encoded.max_error.is_some() => String::new(),
-            n => format!(
-                "; {} coded exactly, far from all others: {:.0} % of the bytes",
-                counted(n as u64, "outlier"),
+        if outliers > 0 && encoded.max_error.is_none() {
+            remarks.push(format!(
+                "{} coded exactly, far from all others: {:.0} % of the bytes",
+                counted(outliers, "outlier"),
                 100.0 * encoded.exact_share()
-            ),
-        };
-        let unseen = match self.seen {
-            Some(_) if encoded.left_out > 0 => {
-                let n = encoded.left_out;
-                format!("; {n} Gaussians left out that the cameras see too little of")
-            }
-            Some(SeenShare { unseen, .. }) if unseen > 0 => {
-                format!("; {unseen} Gaussians that no camera sees are kept, coarsely")
-            }
-            _ => String::new(),
-        };
-        format!("{}{pruned}{outliers}{unseen}", self.note)
+            ));
+        }
+        remarks.extend(self.seen.and_then(|SeenShare { unseen, .. }| match (left_out, unseen) {
+            (0, 0) => None,
+            (0, n) => Some(format!("{n} Gaussians that no camera sees are kept, coarsely")),
+            (n, _) => Some(format!("{n} Gaussians left out that the cameras see too little of")),
+        }));
+        remarks.join("; ")
     }
 
     fn json(&self) -> Value {
         let Self { made: Made { encoded, .. }, seen, .. } = self;
-        let parts = encoded.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n)));
         json!({
             "gaussians": encoded.index.header.count,
             "quality": self.made.quality,
@@ -367,16 +312,16 @@ impl Done {
             "left_out": encoded.left_out,
             "max_error": max_error::json(encoded),
             "target_reached": self.made.missed.is_none(),
-            "parts": parts.collect::<serde_json::Map<String, Value>>(),
+            "parts": parts(&encoded.parts()),
+            "estimate_seconds": self.estimate_seconds,
         })
     }
 }
 
 /// The stream that the flags ask for.
-fn encoded(args: &Args, job: &Job, scene: Scene) -> Result<Done> {
-    let name = || input::name(&job.input);
+fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
     let (mut seen_share, mut importance, mut cameras) = (None, None, None);
-    if let Some(path) = &args.content.cameras {
+    if let Some(path) = &args.scene.content.cameras {
         let training = views::cameras(path)?;
         let seen = views::seen(&scene, &training, path)?;
         seen_share = Some(SeenShare { of_opacity: seen.share, unseen: seen.unseen() });
@@ -395,15 +340,15 @@ fn encoded(args: &Args, job: &Job, scene: Scene) -> Result<Done> {
     encoder.on_progress(move |event| {
         drop(bar.take());
         if let EncodeProgress::Begins(quality) = event {
-            bar = Some(progress::spinner(format!("encoding at quality {quality:.1}")));
+            bar = Some(Meter::spinner(format!("encoding at quality {quality:.1}")));
         }
         ControlFlow::Continue(())
     });
-    let made = encoder.encode(&scene).with_context(name)?;
+    let made = encoder.encode(&scene).with_context(|| name.to_owned())?;
     drop((encoder, scene));
-    let compare = |pictures: Pictures| pictures.loss(&made.encoded.bytes).transpose();
-    let (loss, seconds_after) = timed(|| pictures.and_then(compare).transpose());
-    let loss = loss.with_context(name)?;
+    let compare = |pictures| loss::loss(&pictures, &made.encoded.bytes);
+    let (loss, seconds_after) = timed(|| pictures.map(compare).transpose());
+    let loss = loss.with_context(|| name.to_owned())?.flatten();
     Ok(Done {
         note: aimed(args, &made),
         seen: seen_share,
@@ -415,7 +360,7 @@ fn encoded(args: &Args, job: &Job, scene: Scene) -> Result<Done> {
 }
 
 /// What the stream aimed for, and how near it came.
-fn aimed(args: &Args, made: &Made) -> String {
+fn aimed(args: &EncodeArgs, made: &Made) -> String {
     let Some(quality) = made.quality else {
         let bounds = max_error::human(&made.encoded);
         return bounds.unwrap_or_else(|| "every float bit for bit".into());
@@ -429,7 +374,7 @@ fn aimed(args: &Args, made: &Made) -> String {
             format!("{share:.1} % of the target")
         }
         _ => {
-            return match args.content.preset() {
+            return match args.scene.content.preset() {
                 Some(preset) => format!("preset {}, quality {quality}", preset.name),
                 None => format!("quality {quality}"),
             };
@@ -440,9 +385,9 @@ fn aimed(args: &Args, made: &Made) -> String {
 
 /// Renders of the input.
 fn references(scene: &Scene, cameras: &[Camera]) -> References {
-    let mut bar: Option<Steps> = None;
+    let mut bar: Option<Meter> = None;
     let Ok(references) = References::new(scene, cameras, |_, all| {
-        bar.get_or_insert_with(|| Steps::new("renders of the input", all as u64)).inc();
+        bar.get_or_insert_with(|| Meter::new("renders of the input", all)).inc();
         Ok::<_, Infallible>(())
     });
     references

@@ -24,19 +24,12 @@ const MISSED: u8 = 3;
 const READER_GONE: u8 = 141;
 
 /// An error with an exit code of its own.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{text}")]
 struct Coded {
     code: u8,
     text: String,
 }
-
-impl Display for Coded {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.text)
-    }
-}
-
-impl std::error::Error for Coded {}
 
 /// An error that ends the command with the exit code of wrong usage.
 pub(crate) fn usage(text: impl Into<String>) -> anyhow::Error {
@@ -46,15 +39,6 @@ pub(crate) fn usage(text: impl Into<String>) -> anyhow::Error {
 /// An error that says that the output was written, but misses its target.
 pub(crate) fn missed(text: impl Into<String>) -> anyhow::Error {
     anyhow::Error::new(Coded { code: MISSED, text: text.into() })
-}
-
-/// An error of work that a library crate calls back: its own, or one of this command.
-pub(crate) struct Failure(pub(crate) anyhow::Error);
-
-impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
-    fn from(error: E) -> Self {
-        Self(error.into())
-    }
 }
 
 /// The chain of causes on one line, outermost first, and what the flags of this command do about it.
@@ -78,6 +62,14 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
             ),
             _ => None,
         };
+    }
+    let drawing = match cause.downcast_ref() {
+        Some(tune::Error::Finetune(error)) => Some(error),
+        _ => cause.downcast_ref(),
+    };
+    if let Some(finetune::Error::Gpu { .. } | finetune::Error::NoAdapter { .. }) = drawing {
+        let how = "--backend auto or cpu goes on without it, from the checkpoint if there is one";
+        return Some(how.into());
     }
     match cause.downcast_ref::<Stream>()? {
         Stream::Limit { points, .. } => {

@@ -1,7 +1,7 @@
 //! Formats on the command line: the models of [`Format::all`], and streams beside them.
 
 use crate::exit::{note, usage};
-use crate::output::{Output, is_stdio};
+use crate::output::{Output, Written, is_stdio};
 use anyhow::Result;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use gs_model::{Format, Scene};
@@ -80,14 +80,14 @@ pub(crate) fn of_output(
     }
 }
 
-/// Writes a model, and says what its format does not hold. Returns the bytes written.
-pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<u64> {
+/// Writes a model, and says what its format does not hold.
+pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<Written> {
     let name = output.name();
-    let bytes = output.write(|out| Ok(format.write_to(&name, out, scene)?))?;
+    let written = output.write(|out| Ok(format.write_to(&name, out, scene)?))?;
     let (kept, all) = (format.max_sh_degree, scene.sh_degree);
     if kept < all {
         let (first, format) = (kept + 1, format.extensions[0]);
         note(format_args!("skipped: SH degrees {first} to {all}: .{format} does not hold them"));
     }
-    Ok(bytes)
+    Ok(written)
 }

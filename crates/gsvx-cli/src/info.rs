@@ -3,24 +3,21 @@
 use crate::batch;
 use crate::describe;
 use crate::input::{self, Opened, ReadingAny};
-use crate::output::{short, with_bytes};
 use crate::report::Reporter;
 use anyhow::{Context, Result};
 use gsvx::{Chunk, DecodeOptions, Decoder, Index, Kind};
-use serde_json::json;
-use std::fmt::Write;
+use indicatif::DecimalBytes;
+use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx info scene.gsvx
   gsvx info model.ply
   gsvx info scene.gsvx model.spz --json";
 
-/// Arguments of `gsvx info`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct InfoArgs {
     /// Streams or models of any format; `-` for standard input.
     #[arg(required = true, value_name = "FILE")]
     inputs: Vec<PathBuf>,
@@ -29,28 +26,24 @@ pub(crate) struct Args {
 }
 
 /// Describes streams and models.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let files = batch::readers(&args.inputs)?;
-    batch::run(&files, |file| match args.reading.open(&file.input)? {
-        Opened::Stream(bytes) => stream(&bytes, &file.input, args, report),
-        Opened::Model(loaded) => describe::model(&loaded, &file.input, report),
+pub(crate) fn run(args: &InfoArgs, report: Reporter) -> Result<()> {
+    batch::run(&args.inputs, |path| match args.reading.open(path)? {
+        Opened::Stream(bytes) => stream(&bytes, path, args, report),
+        Opened::Model(loaded) => describe::model(&loaded, path, report),
     })
 }
 
 /// Prints what a stream holds, and what is missing or damaged.
-fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()> {
+fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Result<()> {
     let name = input::name(path);
-    let index = Index::parse(bytes).with_context(|| input::name(path))?;
+    let index = Index::parse(bytes).with_context(|| name.clone())?;
     let h = &index.header;
     let (have, total) = (bytes.len() as u64, index.stream_len());
     let exact: u64 = index.chunks.iter().filter(|c| c.kind == Kind::Exact).map(|c| c.count).sum();
-    args.reading.limit().check(path, h.count)?;
+    args.reading.limit.check(path, h.count)?;
     let per = |n: u64| 8.0 * n as f64 / (h.count.max(1) as f64);
-    let mut text = format!("{name}: {}\n", with_bytes(have));
-    let mut line = |s: String| {
-        // Writing to a String does not fail.
-        let _ = writeln!(text, "{s}");
-    };
+    let mut text = format!("{name}: {} ({have} bytes)\n", DecimalBytes(have));
+    let mut line = |s: String| text += &(s + "\n");
     let coded_exactly = match exact {
         0 => String::new(),
         n if n == h.count => ", all bit for bit".into(),
@@ -73,15 +66,13 @@ fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()
         let share = 100.0 * n as f64 / total.max(1) as f64;
         line(format!("  {part:<16} {n:>12} {:>14.2} {share:>6.1}%", per(n)));
     }
-    let faults = faults(bytes);
+    let faults = faults(bytes, &index);
     for fault in &faults {
         line(format!("\n  {fault}"));
     }
     if have > total {
         line(format!("\n  {} bytes after the last chunk are not part of it", have - total));
     }
-    let parts: serde_json::Map<String, serde_json::Value> =
-        index.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n))).collect();
     let json = json!({
         "bytes": have,
         "expected_bytes": total,
@@ -92,13 +83,18 @@ fn stream(bytes: &[u8], path: &Path, args: &Args, report: Reporter) -> Result<()
         "cube": { "origin": h.cube.origin, "side": h.cube.side },
         "levels_of_detail": 1 + index.coarsest_lod(),
         "chunks": index.chunks.iter().map(chunk_json).collect::<Vec<_>>(),
-        "parts": parts,
+        "parts": parts(&index.parts()),
         "faults": faults,
     });
     report.say(false, text.trim_end(), &json)
 }
 
-fn chunk_json(chunk: &Chunk) -> serde_json::Value {
+/// Bytes by part of a stream.
+pub(crate) fn parts(parts: &[(&str, u64)]) -> Map<String, Value> {
+    parts.iter().map(|&(part, n)| (part.to_owned(), n.into())).collect()
+}
+
+fn chunk_json(chunk: &Chunk) -> Value {
     json!({
         "exact": chunk.kind == Kind::Exact,
         "level_of_detail": chunk.lod,
@@ -109,17 +105,24 @@ fn chunk_json(chunk: &Chunk) -> serde_json::Value {
     })
 }
 
+/// A number with five digits, without the zeros of very small and very large ones.
+fn short(x: f64) -> String {
+    if x == 0.0 || (1e-3..1e6).contains(&x.abs()) {
+        format!("{}", (x * 1e4).round() / 1e4)
+    } else {
+        format!("{x:.4e}")
+    }
+}
+
 /// What is missing or damaged, level of detail by level of detail.
-fn faults(bytes: &[u8]) -> Vec<String> {
-    let coarsest = Index::parse(bytes).map_or(0, |index| index.coarsest_lod());
+fn faults(bytes: &[u8], index: &Index) -> Vec<String> {
     let mut faults = Vec::new();
-    for lod in 0..=coarsest {
+    for lod in 0..=index.coarsest_lod() {
         let mut options = DecodeOptions::default();
         (options.lod, options.salvage, options.max_gaussians) = (lod, true, Some(u64::MAX));
         if let Ok(decoder) = Decoder::new(bytes, &options) {
             let new = decoder.skipped().iter().filter(|fault| !faults.contains(*fault));
-            let new: Vec<String> = new.cloned().collect();
-            faults.extend(new);
+            faults.extend(new.cloned().collect::<Vec<_>>());
         }
     }
     faults

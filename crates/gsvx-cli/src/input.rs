@@ -29,7 +29,7 @@ pub(crate) struct ReadingAny {
     #[command(flatten)]
     model: Reading,
     #[command(flatten)]
-    limit: Limit,
+    pub(crate) limit: Limit,
 }
 
 /// How large an input may be.
@@ -46,59 +46,42 @@ pub(crate) struct Loaded {
     pub(crate) scene: Scene,
     /// Length of the file, and of what belongs to it.
     pub(crate) bytes: u64,
-    /// None of a stream.
-    pub(crate) report: Option<Report>,
+    pub(crate) report: Report,
 }
 
-impl Loaded {
-    /// A model just read. Says what was skipped.
-    fn of_model((scene, report): (Scene, Report), bytes: u64) -> Self {
-        for said in &report.notes {
-            note(format_args!("note: {said}"));
-        }
-        for property in &report.unknown_properties {
-            note(format_args!("skipped: property {property} is not part of a 3DGS model"));
-        }
-        if report.dropped > 0 {
-            let (dropped, all) = (report.dropped as u64, report.gaussians_in_file);
-            note(format_args!("skipped: {} of {all}", counted(dropped, "invalid Gaussian")));
-        }
-        let bytes = bytes + report.bytes_beside;
-        Self { scene, bytes, report: Some(report) }
-    }
+/// A file that was opened: the bytes of a stream, or a model.
+pub(crate) enum Opened {
+    Stream(Vec<u8>),
+    Model(Box<Loaded>),
+}
 
-    /// The file's format, in words.
-    pub(crate) fn form(&self) -> &str {
-        self.report.as_ref().map_or("gsvx stream", |r| &r.form)
+/// Opens a file.
+pub(crate) fn open(path: &Path) -> Result<File> {
+    if path.is_dir() {
+        bail!("{}: is a folder; name the model in it", path.display());
     }
-
-    /// What a scene does not keep of the file, in words.
-    pub(crate) fn lost(&self) -> &[String] {
-        self.report.as_ref().map_or(&[], |r| &r.lost)
-    }
+    File::open(path).with_context(|| cannot_read(path))
 }
 
 /// The whole of a file, or of standard input for `-`.
 pub(crate) fn bytes(path: &Path) -> Result<Vec<u8>> {
-    if is_stdio(path) {
-        let mut all = Vec::new();
-        std::io::stdin().lock().read_to_end(&mut all).context(STDIN)?;
-        return Ok(all);
-    }
-    no_folder(path)?;
-    std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))
-}
-
-fn no_folder(path: &Path) -> Result<()> {
-    if path.is_dir() {
-        bail!("{}: is a folder; name the model in it", path.display());
-    }
-    Ok(())
+    let mut all = Vec::new();
+    let read = match is_stdio(path) {
+        true => std::io::stdin().lock().read_to_end(&mut all),
+        false => open(path)?.read_to_end(&mut all),
+    };
+    read.with_context(|| cannot_read(path))?;
+    Ok(all)
 }
 
 /// What a person calls the input.
 pub(crate) fn name(path: &Path) -> String {
     if is_stdio(path) { STDIN.into() } else { path.display().to_string() }
+}
+
+/// What is said of an input that cannot be read.
+pub(crate) fn cannot_read(path: &Path) -> String {
+    format!("{}: cannot be read", name(path))
 }
 
 impl Reading {
@@ -115,7 +98,7 @@ impl Reading {
         Ok(ply::Parts::open(path, &self.options())?)
     }
 
-    /// A model of any format that gs-model reads; a stream is refused. Says what it skipped.
+    /// A model of any format that gs-model reads; a stream is refused.
     pub(crate) fn model(&self, path: &Path) -> Result<Loaded> {
         match self.open(path)? {
             Opened::Model(loaded) => Ok(*loaded),
@@ -126,34 +109,44 @@ impl Reading {
         }
     }
 
-    /// Reads a model, or the bytes of a stream.
+    /// Reads a model, or the bytes of a stream. Says what it skipped.
     fn open(&self, path: &Path) -> Result<Opened> {
-        let from = self.from.as_deref();
-        let (options, model) = (self.options(), |loaded| Opened::Model(Box::new(loaded)));
+        let (from, options) = (self.from.as_deref(), self.options());
         let length = std::fs::metadata(path).ok().filter(|m| m.is_file()).map(|m| m.len());
-        if let (None, Some(length)) = (from, length)
+        let ((scene, report), bytes) = if let (None, Some(length)) = (from, length)
             && !starts_like_stream(path)?
         {
             // A plain file need not be in memory whole.
-            return Ok(model(Loaded::of_model(model::read(path, &options)?, length)));
-        }
-        let all = bytes(path)?;
-        if from == Some(STREAM) || (from.is_none() && is_stream(&all)) {
-            return Ok(Opened::Stream(all));
-        }
-        let name = name(path);
-        let read = match from.and_then(Format::named) {
-            Some(format) => format.read(&name, &all, &options)?,
-            None => model::read_named(&name, &all, &options)?,
+            (model::read(path, &options)?, length)
+        } else {
+            let all = bytes(path)?;
+            if from == Some(STREAM) || (from.is_none() && is_stream(&all)) {
+                return Ok(Opened::Stream(all));
+            }
+            let read = match from.and_then(Format::named) {
+                Some(format) => format.read(name(path), &all, &options)?,
+                None => model::read_named(name(path), &all, &options)?,
+            };
+            (read, all.len() as u64)
         };
-        Ok(model(Loaded::of_model(read, all.len() as u64)))
+        say_skipped(&report);
+        let bytes = bytes + report.bytes_beside;
+        Ok(Opened::Model(Box::new(Loaded { scene, bytes, report })))
     }
 }
 
-/// A file that was opened: the bytes of a stream, or a model.
-pub(crate) enum Opened {
-    Stream(Vec<u8>),
-    Model(Box<Loaded>),
+fn say_skipped(report: &Report) {
+    for said in &report.notes {
+        note(format_args!("note: {said}"));
+    }
+    for property in &report.unknown_properties {
+        note(format_args!("skipped: property {property} is not part of a 3DGS model"));
+    }
+    if report.dropped > 0 {
+        let (dropped, all) =
+            (counted(report.dropped, "invalid Gaussian"), report.gaussians_in_file);
+        note(format_args!("skipped: {dropped} of {all}"));
+    }
 }
 
 impl ReadingAny {
@@ -166,24 +159,16 @@ impl ReadingAny {
         Ok(opened)
     }
 
-    /// A model of any format, streams included.
-    pub(crate) fn any(&self, path: &Path) -> Result<Loaded> {
-        match self.open(path)? {
-            Opened::Stream(all) => self.stream(path, &all),
-            Opened::Model(loaded) => Ok(*loaded),
-        }
-    }
-
-    /// The limits on inputs.
-    pub(crate) fn limit(&self) -> Limit {
-        self.limit
-    }
-
-    fn stream(&self, path: &Path, all: &[u8]) -> Result<Loaded> {
+    /// A model of any format, streams included, and the name of the format.
+    pub(crate) fn any(&self, path: &Path) -> Result<(Scene, &'static str)> {
+        let bytes = match self.open(path)? {
+            Opened::Stream(bytes) => bytes,
+            Opened::Model(loaded) => return Ok((loaded.scene, loaded.report.format)),
+        };
         let mut options = gsvx::DecodeOptions::default();
         options.max_gaussians = self.limit.max_gaussians;
-        let decoded = gsvx::decode_with(all, &options).with_context(|| name(path))?;
-        Ok(Loaded { scene: decoded.scene, bytes: all.len() as u64, report: None })
+        let decoded = gsvx::decode_with(&bytes, &options).with_context(|| name(path))?;
+        Ok((decoded.scene, STREAM))
     }
 }
 
@@ -201,11 +186,9 @@ impl Limit {
 }
 
 fn starts_like_stream(path: &Path) -> Result<bool> {
-    let file = File::open(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let mut start = Vec::new();
-    let most = gsvx::SIGNATURE.len() as u64;
-    let read = file.take(most).read_to_end(&mut start);
-    read.with_context(|| format!("{}: cannot be read", path.display()))?;
+    let file = open(path)?.take(gsvx::SIGNATURE.len() as u64).read_to_end(&mut start);
+    file.with_context(|| cannot_read(path))?;
     Ok(is_stream(&start))
 }
 

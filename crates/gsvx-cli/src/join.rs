@@ -2,18 +2,19 @@
 
 use crate::exit::usage;
 use crate::input;
-use crate::output::{Output, megabytes};
+use crate::output::Output;
 use crate::report::Reporter;
+use crate::size;
 use crate::stream_file::StreamFile;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Error, Result, anyhow, bail};
 use gsvx::Index;
+use indicatif::DecimalBytes;
 use serde_json::json;
 use std::io::Write;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx join part-*.gsvx -o city.gsvx";
@@ -21,9 +22,8 @@ Examples:
 /// Bytes that are copied at a time.
 const PIECE: u64 = 1 << 22;
 
-/// Arguments of `gsvx join`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct JoinArgs {
     /// All parts that gsvx encode --part has made by one plan, in any order.
     #[arg(required = true, value_name = "PART")]
     inputs: Vec<PathBuf>,
@@ -36,54 +36,40 @@ pub(crate) struct Args {
 }
 
 /// Joins parts.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    let inputs: Vec<&Path> = args.inputs.iter().map(PathBuf::as_path).collect();
-    let output = Output::open(&args.output, args.force, &inputs)?;
+pub(crate) fn run(args: &JoinArgs, report: Reporter) -> Result<()> {
+    let inputs = &args.inputs;
+    let output = Output::open(&args.output, args.force, inputs)?;
     let start = Instant::now();
-    let indices = inputs.iter().map(|i| head(i)).collect::<Result<Vec<_>>>()?;
-    check_complete(&inputs, &indices)?;
-    let (name, stdout) = (output.name(), output.is_stdout());
+    let heads = heads_of_all(inputs)?;
     let mut joined = Index::default();
-    output.write(|out| {
-        joined = write(&inputs, &indices, out)?;
+    let written = output.write(|out| {
+        joined = write(inputs, &heads, out)?;
         Ok(())
     })?;
-    let (bytes, seconds) = (joined.stream_len(), start.elapsed().as_secs_f64());
-    let gaussians = joined.header.count;
-    let human = format!(
-        "{name}: {gaussians} Gaussians of {} parts, {}, joined in {seconds:.2} s",
-        inputs.len(),
-        megabytes(bytes)
-    );
+    let (bytes, seconds) = (written.bytes, start.elapsed().as_secs_f64());
+    let (gaussians, parts) = (joined.header.count, inputs.len());
+    let size = DecimalBytes(bytes);
+    let human = format!("{gaussians} Gaussians of {parts} parts, {size}, joined in {seconds:.2} s");
     let json = json!({
-        "output": name,
         "bytes": bytes,
         "gaussians": gaussians,
-        "parts": inputs.len(),
+        "parts": parts,
         "join_seconds": seconds,
     });
-    report.say(stdout, &human, &json)
-}
-
-/// The head of a stream.
-pub(crate) fn head(path: &Path) -> Result<Index> {
-    Ok(StreamFile::open(path)?.index().clone())
+    report.wrote(&written, &human, json)
 }
 
 /// Writes the stream that some streams are joined to, whose heads are known. Returns its head.
-pub(crate) fn write<P: AsRef<Path>>(
-    paths: &[P],
-    indices: &[Index],
+pub(crate) fn write(
+    paths: &[PathBuf],
+    heads: &[Index],
     out: &mut (dyn Write + Send),
 ) -> Result<Index> {
-    let named = |number: usize| input::name(paths[number].as_ref());
-    let joined = gsvx::join(indices).map_err(|error| match error {
+    let named = |number: usize| input::name(&paths[number]);
+    let joined = gsvx::join(heads).map_err(|error| match error {
         gsvx::Error::NotOneScene { first, second, why } => {
-            anyhow::anyhow!(
-                "{} and {} are not parts of one scene: {why}",
-                named(first),
-                named(second)
-            )
+            let [first, second] = [first, second].map(named);
+            anyhow!("{first} and {second} are not parts of one scene: {why}")
         }
         other => other.into(),
     })?;
@@ -92,7 +78,7 @@ pub(crate) fn write<P: AsRef<Path>>(
     for (number, range) in &joined.pieces {
         let source = match &mut open {
             Some((same, source)) if same == number => source,
-            other => &mut other.insert((*number, StreamFile::open(paths[*number].as_ref())?)).1,
+            other => &mut other.insert((*number, StreamFile::open(&paths[*number])?)).1,
         };
         copy(source, range.clone(), out).with_context(|| named(*number))?;
     }
@@ -113,21 +99,20 @@ fn copy(from: &mut StreamFile, range: Range<u64>, out: &mut (dyn Write + Send)) 
 
 /// A part of a scene, as `--part` names it: the `k`-th of `n`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Part {
+pub(crate) struct ScenePart {
     pub(crate) k: u64,
     pub(crate) n: u64,
 }
 
 /// Reads `K/N`.
-pub(crate) fn part(text: &str) -> Result<Part, String> {
-    let parsed = text.split_once('/').map(|(k, n)| (k.trim().parse(), n.trim().parse()));
-    match parsed {
-        Some((Ok(k), Ok(n))) if (1..=n).contains(&k) => Ok(Part { k, n }),
+pub(crate) fn part(text: &str) -> Result<ScenePart, String> {
+    match size::list(text, '/') {
+        Some([k, n]) if (1..=n).contains(&k) => Ok(ScenePart { k, n }),
         _ => Err("use K/N, as in 3/16, with K from 1 to N".into()),
     }
 }
 
-impl Part {
+impl ScenePart {
     /// What stands behind the stream of a part. Decoders ignore it.
     pub(crate) fn mark(self, plan: u32) -> String {
         format!("\ngsvx part {}/{} of plan {plan:08x}\n", self.k, self.n)
@@ -135,45 +120,42 @@ impl Part {
 }
 
 /// The part that a stream is, and its plan.
-fn mark_of(path: &Path, index: &Index) -> Result<(Part, String)> {
-    let end = index.stream_len();
-    let bytes = StreamFile::open(path)?.read(end..end + 100)?;
+fn mark_of(stream: &mut StreamFile, name: &str) -> Result<(ScenePart, String)> {
+    let end = stream.index.stream_len();
+    let bytes = stream.read(end..end + 100)?;
     let text = String::from_utf8_lossy(&bytes);
     let words: Vec<&str> = text.split_whitespace().collect();
     match words[..] {
         ["gsvx", "part", k_of_n, "of", "plan", plan] if text.ends_with('\n') => {
-            Ok((part(k_of_n).map_err(anyhow::Error::msg)?, plan.to_owned()))
+            Ok((part(k_of_n).map_err(Error::msg)?, plan.to_owned()))
         }
-        _ => bail!("{}: is no whole part; gsvx encode --part makes parts", input::name(path)),
+        _ => bail!("{name}: is no whole part; gsvx encode --part makes parts"),
     }
 }
 
-/// Checks that all parts of one plan are there.
-fn check_complete(paths: &[&Path], indices: &[Index]) -> Result<()> {
-    let mut parts = Vec::new();
-    for (path, index) in paths.iter().zip(indices) {
-        let (part, plan) = mark_of(path, index)?;
-        parts.push((part.k, part.n, plan, input::name(path)));
+/// The heads of all parts of one plan.
+fn heads_of_all(paths: &[PathBuf]) -> Result<Vec<Index>> {
+    let (mut parts, mut heads) = (Vec::new(), Vec::new());
+    for path in paths {
+        let (mut stream, name) = (StreamFile::open(path)?, input::name(path));
+        let (part, plan) = mark_of(&mut stream, &name)?;
+        parts.push((part.k, part.n, plan, name));
+        heads.push(stream.index);
     }
     parts.sort();
-    let Some((_, n, plan, first)) = parts.first().cloned() else { return Ok(()) };
-    if let Some(other) = parts.iter().find(|p| p.1 != n || p.2 != plan) {
-        bail!(
-            "{} and {first} are parts of different plans or of different numbers of parts",
-            other.3
-        );
+    let Some((_, n, plan, first)) = parts.first() else { return Ok(heads) };
+    if let Some((.., other)) = parts.iter().find(|p| p.1 != *n || p.2 != *plan) {
+        bail!("{other} and {first} are parts of different plans or of different numbers of parts");
     }
     if let Some(w) = parts.windows(2).find(|w| w[0].0 == w[1].0) {
         return Err(usage(format!("{} and {} are the same part", w[0].3, w[1].3)));
     }
-    let missing: Vec<String> = (1..=n)
-        .filter(|k| parts.binary_search_by_key(k, |p| p.0).is_err())
-        .map(|k| format!("{k}/{n}"))
-        .collect();
+    let missing = (1..=*n).filter(|k| parts.binary_search_by_key(k, |p| p.0).is_err());
+    let missing: Vec<String> = missing.map(|k| format!("{k}/{n}")).collect();
     if !missing.is_empty() {
         bail!("parts are missing: {}", missing.join(", "));
     }
-    Ok(())
+    Ok(heads)
 }
 
 #[cfg(test)]
@@ -182,7 +164,7 @@ mod tests {
 
     #[test]
     fn parts_are_counted_from_one() {
-        assert_eq!(part("3/16"), Ok(Part { k: 3, n: 16 }));
+        assert_eq!(part("3/16"), Ok(ScenePart { k: 3, n: 16 }));
         for wrong in ["", "3", "0/4", "5/4", "1/0", "a/b", "-1/4"] {
             assert!(part(wrong).is_err(), "{wrong}");
         }

@@ -6,26 +6,25 @@
 //! are the environment, which is always shown.
 
 use crate::input::{self, Limit};
-use crate::output::{Output, megabytes};
+use crate::output::Output;
 use crate::pictures::folder;
-use crate::progress::Steps;
+use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::stream_file::StreamFile;
 use anyhow::{Result, bail};
 use gsvx::{Index, Kind};
+use indicatif::DecimalBytes;
 use serde_json::{Value, json};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx encode city.ply -o city.gsvx --web
   gsvx lod city.gsvx -o web/          put web/ on a server and give PlayCanvas web/lod-meta.json";
 
-/// Arguments of `gsvx lod`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct LodArgs {
     /// The stream; one that was encoded with --lod or --web has coarse levels.
     #[arg(value_name = "STREAM")]
     input: PathBuf,
@@ -45,9 +44,9 @@ const LIST: &str = "lod-meta.json";
 const EXACT: &str = "exact.gsvx";
 
 /// Writes the folder.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
     let mut stream = StreamFile::open(&args.input)?;
-    let index = stream.index().clone();
+    let index = stream.index.clone();
     args.limit.check(&args.input, index.header.count)?;
     let name = input::name(&args.input);
     if index.chunks.iter().all(|c| c.kind == Kind::Exact) {
@@ -55,7 +54,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     folder(&args.output, args.force)?;
     let mut bytes = 0;
-    let progress = Steps::new("chunks", index.chunks.len() as u64);
+    let progress = Meter::new("chunks", index.chunks.len());
     for chunk in 0..index.chunks.len() {
         bytes += write_chunk(args, &mut stream, &index, chunk)?;
         progress.inc();
@@ -69,7 +68,7 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         "{}: {} places at {levels} levels of detail, in {files} files of {}",
         args.output.join(LIST).display(),
         places.len(),
-        megabytes(bytes)
+        DecimalBytes(bytes)
     );
     if levels == 1 {
         human += "\nThe stream has no coarse levels, so a place is shown whole or not at all. gsvx encode --lod makes them.";
@@ -93,7 +92,12 @@ fn file_name(index: &Index, chunk: usize) -> String {
 }
 
 /// Writes a chunk as a stream. Returns its length.
-fn write_chunk(args: &Args, stream: &mut StreamFile, index: &Index, chunk: usize) -> Result<u64> {
+fn write_chunk(
+    args: &LodArgs,
+    stream: &mut StreamFile,
+    index: &Index,
+    chunk: usize,
+) -> Result<u64> {
     let head = index.head_of(&[chunk]);
     let layers = Index::parse(&head)?.chunks[0].layers.len();
     let body = stream.bytes(chunk, layers)?;
@@ -101,9 +105,8 @@ fn write_chunk(args: &Args, stream: &mut StreamFile, index: &Index, chunk: usize
     Ok((head.len() + body.len()) as u64)
 }
 
-fn write(args: &Args, name: &str, parts: &[&[u8]]) -> Result<()> {
-    let inputs: [&Path; 1] = [&args.input];
-    let output = Output::open(&args.output.join(name), args.force, &inputs)?;
+fn write(args: &LodArgs, name: &str, parts: &[&[u8]]) -> Result<()> {
+    let output = Output::open(&args.output.join(name), args.force, &[&args.input])?;
     output.write(|out| Ok(parts.iter().try_for_each(|part| out.write_all(part))?))?;
     Ok(())
 }
@@ -152,18 +155,13 @@ fn list(index: &Index, places: &[Place]) -> Value {
     let bound = |[min, max]: [[f32; 3]; 2]| json!({ "min": min, "max": max });
     let node = |place: &Place| {
         let chunk = &index.chunks[place.chunk];
-        let fine = [(place.chunk, 0..chunk.count as usize)];
-        let lods: serde_json::Map<String, Value> = fine
-            .iter()
-            .chain(&place.coarser)
-            .enumerate()
-            .map(|(lod, (file, range))| {
-                (
-                    lod.to_string(),
-                    json!({ "file": file, "offset": range.start, "count": range.len() }),
-                )
-            })
-            .collect();
+        let fine = (place.chunk, 0..chunk.count as usize);
+        let levels = std::iter::once(&fine).chain(&place.coarser).enumerate();
+        let of_level = |(lod, (file, range)): (usize, &(usize, Range<usize>))| {
+            let shown = json!({ "file": file, "offset": range.start, "count": range.len() });
+            (lod.to_string(), shown)
+        };
+        let lods: serde_json::Map<String, Value> = levels.map(of_level).collect();
         json!({ "bound": bound(chunk.bounds), "lods": lods })
     };
     let mut all = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];

@@ -19,7 +19,6 @@ mod lod;
 mod loss;
 mod max_error;
 mod memory;
-mod nearest;
 mod orbit;
 mod output;
 mod paper_tune;
@@ -64,42 +63,42 @@ struct Cli {
 enum Command {
     /// Compress a model (PLY, SOG, SPZ, glTF ...) into a gsvx stream.
     #[command(after_help = encode::MORE, after_long_help = encode::EXAMPLES)]
-    Encode(encode::Args),
+    Encode(encode::EncodeArgs),
     /// Write the model in a stream as a PLY that any 3DGS viewer opens, or as glTF, SPZ, .splat.
     #[command(after_help = decode::EXAMPLES)]
-    Decode(decode::Args),
+    Decode(decode::DecodeArgs),
     /// Tune a model to its photos, or to itself, for a smaller stream of equal quality.
     #[command(after_help = tune::EXAMPLES)]
-    Tune(tune::Args),
+    Tune(tune::TuneArgs),
     /// Show what a stream or a model holds: Gaussians, chunks, sizes.
     #[command(after_help = info::EXAMPLES)]
-    Info(info::Args),
+    Info(info::InfoArgs),
     /// Draw a model or stream from given or generated cameras as PNGs.
     #[command(after_help = render::EXAMPLES)]
-    Render(render::Args),
+    Render(render::RenderArgs),
     /// Compare two models: PSNR and SSIM of their renders, errors of their attributes.
     #[command(after_help = compare::EXAMPLES)]
-    Compare(compare::Args),
+    Compare(compare::CompareArgs),
     /// Convert between PLY, glTF, SPZ, SOG and the formats of other tools; streams are read too.
     #[command(after_help = convert::more())]
-    Convert(convert::Args),
+    Convert(convert::ConvertArgs),
     /// Divide a scene that is too large for one machine, for gsvx encode --part.
     #[command(after_help = plan::EXAMPLES)]
-    Plan(plan::Args),
+    Plan(plan::PlanArgs),
     /// Make one stream of the parts of a plan.
     #[command(after_help = join::EXAMPLES)]
-    Join(join::Args),
+    Join(join::JoinArgs),
     /// Divide a stream into files that PlayCanvas streams by distance.
     #[command(after_help = lod::EXAMPLES)]
-    Lod(lod::Args),
+    Lod(lod::LodArgs),
     /// Look at a stream or a model in the browser.
     #[command(after_help = view::EXAMPLES)]
-    View(view::Args),
+    View(view::ViewArgs),
 }
 
 fn run(cli: &Cli) -> anyhow::Result<()> {
     if let Command::Encode(args) = &cli.command {
-        memory::return_soon(args.inputs());
+        memory::return_soon(&args.scene.inputs);
     }
     interrupt::install()?;
     if let Some(threads) = cli.threads {
@@ -125,7 +124,8 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
 }
 
 fn main() -> std::process::ExitCode {
-    match run(&Cli::parse()) {
+    // Shells on Windows leave patterns such as `*.ply` to the command.
+    match run(&Cli::parse_from(wild::args_os())) {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => exit::code(&error).into(),
     }

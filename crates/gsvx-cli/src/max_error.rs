@@ -1,7 +1,7 @@
 //! `gsvx encode --max-error`: bounds on errors, and what they became.
 
 use crate::output::counted;
-use gsvx::{Encoded, Kind, MaxError};
+use gsvx::{Encoded, MaxError};
 use serde_json::{Value, json};
 
 /// Reads `0.01`, or `0.01,mean=0.05`, or a number for each name.
@@ -39,12 +39,6 @@ pub(crate) fn parse(text: &str) -> Result<MaxError, String> {
 const USE: &str =
     "use a number such as 0.01, or 0.01,mean=0.05 with the names mean, opacity, shape, sh";
 
-/// Gaussians of a stream that are coded exactly.
-fn exact(encoded: &Encoded) -> u64 {
-    let chunks = encoded.index.chunks.iter();
-    chunks.filter(|c| c.kind == Kind::Exact).map(|c| c.count).sum()
-}
-
 /// For a person.
 pub(crate) fn human(encoded: &Encoded) -> Option<String> {
     let e = encoded.max_error?;
@@ -55,16 +49,15 @@ pub(crate) fn human(encoded: &Encoded) -> Option<String> {
         e.opacity,
         e.shape,
         e.sh,
-        counted(exact(encoded), "Gaussian")
+        counted(encoded.exact(), "Gaussian")
     ))
 }
 
 /// The same as JSON.
 pub(crate) fn json(encoded: &Encoded) -> Option<Value> {
-    let e = encoded.max_error?;
-    Some(
-        json!({ "mean": e.mean, "opacity": e.opacity, "shape": e.shape, "sh": e.sh, "exact": exact(encoded) }),
-    )
+    let MaxError { mean, opacity, shape, sh } = encoded.max_error?;
+    let exact = encoded.exact();
+    Some(json!({ "mean": mean, "opacity": opacity, "shape": shape, "sh": sh, "exact": exact }))
 }
 
 #[cfg(test)]

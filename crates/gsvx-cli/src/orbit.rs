@@ -1,6 +1,8 @@
 //! Generated cameras: a circle around what matters in a model, or the part of a circle from which it
 //! was photographed.
 
+use crate::size::{list, number, positive};
+use anyhow::{Result, bail};
 use finetune::framing::{self, Constraints};
 use gs_model::{Camera, Scene};
 
@@ -12,7 +14,7 @@ pub(crate) struct Orbit {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub(crate) orbit: Option<u32>,
     /// With --orbit: distance from the centre in world units [default: what sees most].
-    #[arg(long, value_name = "UNITS", requires = "orbit", value_parser = crate::size::positive)]
+    #[arg(long, value_name = "UNITS", requires = "orbit", value_parser = positive)]
     orbit_radius: Option<f64>,
     /// With --orbit: height of the circle, degrees above the horizon [default: 8, or higher where
     /// more is seen from there].
@@ -29,7 +31,7 @@ pub(crate) struct Orbit {
     full_circle: bool,
     /// With --orbit: image size.
     #[arg(long, value_name = "WxH", default_value = "640x480", requires = "orbit", value_parser = size)]
-    size: (u32, u32),
+    size: [u32; 2],
     /// With --orbit: horizontal field of view, degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = 60.0, requires = "orbit",
           value_parser = field_of_view)]
@@ -50,31 +52,24 @@ fn up(text: &str) -> Result<Up, String> {
         direction[k] = sign;
         return Ok(Up(direction));
     }
-    let parts: Option<Vec<f64>> = text.split(',').map(|p| p.trim().parse().ok()).collect();
-    match parts.as_deref() {
-        Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) && [x, y, z] != [0.0; 3] => {
-            Ok(Up(framing::unit([x, y, z])))
-        }
-        _ => Err("use x, -x, y, -y, z, -z or X,Y,Z".into()),
-    }
+    let direction: Option<[f64; 3]> = list(text, ',');
+    let usable = |d: &[f64; 3]| d.iter().all(|v| v.is_finite()) && *d != [0.0; 3];
+    let direction = direction.filter(usable).map(|d| Up(framing::unit(d)));
+    direction.ok_or_else(|| "use x, -x, y, -y, z, -z or X,Y,Z".into())
 }
 
 fn elevation(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|v: &f64| v.abs() < 90.0);
-    value.ok_or_else(|| "use a number between -90 and 90".into())
+    number(text, |v| v.abs() < 90.0, "use a number between -90 and 90")
 }
 
 fn field_of_view(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|v| (1.0..=170.0).contains(v));
-    value.ok_or_else(|| "use 1 to 170 degrees".into())
+    number(text, |v| (1.0..=170.0).contains(v), "use 1 to 170 degrees")
 }
 
-fn size(text: &str) -> Result<(u32, u32), String> {
-    let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    match parsed {
-        Some((w, h)) if (1..=8192).contains(&w) && (1..=8192).contains(&h) => Ok((w, h)),
-        _ => Err("use WIDTHxHEIGHT, 1 to 8192 each".into()),
-    }
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let within = |size: &[u32; 2]| size.iter().all(|edge| (1..=8192).contains(edge));
+    let size = list(text, 'x').filter(within);
+    size.ok_or_else(|| "use WIDTHxHEIGHT, 1 to 8192 each".into())
 }
 
 impl Orbit {
@@ -84,8 +79,8 @@ impl Orbit {
         scene: &Scene,
         n: u32,
         up: Option<[f64; 3]>,
-    ) -> anyhow::Result<Vec<Camera>> {
-        let (width, height) = self.size;
+    ) -> Result<Vec<Camera>> {
+        let [width, height] = self.size;
         let tangent = libm::tan(0.5 * self.fov.to_radians());
         let constraints = Constraints {
             up: self.up.map(|u| u.0).or(up),
@@ -94,7 +89,7 @@ impl Orbit {
             tangents: [tangent, tangent * f64::from(height) / f64::from(width)],
         };
         let Some(mut found) = framing::find(scene, &constraints) else {
-            anyhow::bail!("the model holds no Gaussian to look at");
+            bail!("the model holds no Gaussian to look at");
         };
         if self.full_circle {
             found.arc = None;

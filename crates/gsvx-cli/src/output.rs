@@ -6,8 +6,9 @@
 //! pipes cannot be renamed onto; they are written directly.
 
 use crate::exit::usage;
-use crate::positional;
+use crate::positional::At;
 use anyhow::{Context, Result, anyhow, bail};
+use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -90,7 +91,7 @@ struct Replacement {
 
 impl Output {
     /// Opens `path`, or standard output for `-`. Refuses to replace one of the `inputs`.
-    pub(crate) fn open(path: &Path, force: bool, inputs: &[&Path]) -> Result<Self> {
+    pub(crate) fn open<P: AsRef<Path>>(path: &Path, force: bool, inputs: &[P]) -> Result<Self> {
         if is_stdout(path) {
             if std::io::stdout().is_terminal() {
                 return Err(usage(
@@ -136,21 +137,22 @@ impl Output {
         if self.is_stdout() { "standard output".into() } else { self.path.display().to_string() }
     }
 
-    /// Writes everything and gives the file its name. Returns the bytes written.
+    /// Writes everything and gives the file its name.
     pub(crate) fn write(
         self,
         fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
-    ) -> Result<u64> {
-        let name = self.name();
-        match self.target {
-            Target::Stdout => Watched::fill(&mut io::stdout(), &name, fill),
-            Target::Device(mut file) => Watched::fill(&mut file, &name, fill),
+    ) -> Result<Written> {
+        let (name, stdout) = (self.name(), self.is_stdout());
+        let bytes = match self.target {
+            Target::Stdout => Watched::fill(&mut io::stdout(), &name, fill)?,
+            Target::Device(mut file) => Watched::fill(&mut file, &name, fill)?,
             Target::File(mut to) => {
                 let bytes = Watched::fill(to.file.as_file_mut(), &name, fill)?;
                 to.put_in_place(&name, true)?;
-                Ok(bytes)
+                bytes
             }
-        }
+        };
+        Ok(Written { name, bytes, stdout })
     }
 
     /// As [`Output::write`], at any position and from any thread, for files. The result can be made
@@ -158,18 +160,27 @@ impl Output {
     pub(crate) fn write_at(
         self,
         fill: impl FnOnce(&(dyn Fn(&[u8], u64) -> Result<()> + Sync)) -> Result<()>,
-    ) -> Result<()> {
+    ) -> Result<Written> {
         let name = self.name();
         let Target::File(to) = self.target else {
             bail!("{name}: can only be written from its start");
         };
         let file = to.file.as_file();
-        fill(&|bytes, at| {
-            positional::write_all_at(file, bytes, at).map_err(|e| not_written(&name, e))
-        })?;
+        fill(&|bytes, at| At(file, at).write_all(bytes).map_err(|e| not_written(&name, e)))?;
+        let bytes = file.metadata().map_err(|e| not_written(&name, e))?.len();
         let replaces = to.path.exists();
-        to.put_in_place(&name, replaces)
+        to.put_in_place(&name, replaces)?;
+        Ok(Written { name, bytes, stdout: false })
     }
+}
+
+/// What was written.
+pub(crate) struct Written {
+    /// As given.
+    pub(crate) name: String,
+    pub(crate) bytes: u64,
+    /// It is on standard output.
+    pub(crate) stdout: bool,
 }
 
 /// A writer that counts what goes through, and keeps the first failure: what is above it words it
@@ -267,11 +278,11 @@ fn device(path: &Path) -> Result<Option<File>> {
 
 /// Checks that a file may be made at `path`, or replaced with --force. Returns the name of the file
 /// that `path` leads to.
-pub(crate) fn check(path: &Path, force: bool, inputs: &[&Path]) -> Result<PathBuf> {
+pub(crate) fn check<P: AsRef<Path>>(path: &Path, force: bool, inputs: &[P]) -> Result<PathBuf> {
     let name = path.display();
     let file = follow_links(path)?;
     let Ok(there) = std::fs::metadata(&file) else { return Ok(file) };
-    if inputs.iter().any(|input| is_same(&file, input)) {
+    if inputs.iter().any(|input| is_same(&file, input.as_ref())) {
         bail!("{name}: is the input itself, which would be lost; give another name");
     }
     if !force {
@@ -304,6 +315,12 @@ fn is_same(path: &Path, input: &Path) -> bool {
     use same_file::Handle;
     let input = if is_stdio(input) { Handle::stdin() } else { Handle::from_path(input) };
     matches!((Handle::from_path(path), input), (Ok(a), Ok(b)) if a == b)
+}
+
+/// Makes a folder, unless it is there.
+pub(crate) fn make_folder(path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path)
+        .with_context(|| format!("{}: the folder cannot be made", path.display()))
 }
 
 fn parent(path: &Path) -> &Path {
@@ -339,32 +356,8 @@ fn is_stdout(path: &Path) -> bool {
     is_stdio(path) || (cfg!(unix) && path == Path::new("/dev/stdout"))
 }
 
-/// Bytes as a person reads them, and their exact number.
-pub(crate) fn with_bytes(bytes: u64) -> String {
-    if bytes < 1000 { megabytes(bytes) } else { format!("{} ({bytes} bytes)", megabytes(bytes)) }
-}
-
 /// A number of things: "1 Gaussian", "2 Gaussians".
-pub(crate) fn counted(n: u64, thing: &str) -> String {
-    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
-}
-
-/// A number with five digits, without the zeros of very small and very large ones.
-pub(crate) fn short(x: f64) -> String {
-    if x == 0.0 || (1e-3..1e6).contains(&x.abs()) {
-        format!("{}", (x * 1e4).round() / 1e4)
-    } else {
-        format!("{x:.4e}")
-    }
-}
-
-/// Bytes as a person reads them (decimal megabytes).
-pub(crate) fn megabytes(bytes: u64) -> String {
-    if bytes >= 1_000_000 {
-        format!("{:.2} MB", bytes as f64 / 1e6)
-    } else if bytes >= 1000 {
-        format!("{:.1} kB", bytes as f64 / 1e3)
-    } else {
-        format!("{bytes} bytes")
-    }
+pub(crate) fn counted(n: impl Display, thing: &str) -> String {
+    let n = n.to_string();
+    format!("{n} {thing}{}", if n == "1" { "" } else { "s" })
 }

@@ -2,22 +2,20 @@
 //! bits have no price.
 
 use crate::exit::note;
-use crate::follow::{Follower, gpu_hint};
+use crate::follow::Follower;
 use crate::input;
-use crate::interrupt;
-use crate::output::{Output, megabytes};
-use crate::progress::spinner;
+use crate::output::{Output, counted};
+use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::views;
 use anyhow::{Context, Result};
-use finetune::backend::Backend;
 use finetune::{RenderOptions, TrainView, photo_match};
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
+use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::Path;
 use tune::{FineTune, FineTuneOptions, FineTuned};
-use voxel::Voxelization;
 
 /// Heading of what belongs to this profile.
 const PAPER: &str = "With --profile paper";
@@ -41,6 +39,21 @@ pub(crate) struct PaperArgs {
 }
 
 impl PaperArgs {
+    /// PSNR of the input model at the training views, where the fine-tune ends.
+    fn target(&self, scene: &Scene, training: &[TrainView]) -> Option<f64> {
+        if self.past_input {
+            return None;
+        }
+        let alive = Meter::spinner("input model".into());
+        let found = photo_match(scene, training, training.len(), &RenderOptions::default());
+        drop(alive);
+        let db = found?.mean_psnr;
+        note(format_args!(
+            "input model: {db:.2} dB at the training views; the fine-tune ends there"
+        ));
+        Some(db)
+    }
+
     /// A flag of this profile that was given, if any.
     pub(crate) fn given(&self) -> Option<&'static str> {
         let Self { steps, patience, past_input, checkpoint_every } = self;
@@ -55,142 +68,74 @@ impl PaperArgs {
     }
 }
 
-/// What to tune, whatever the profile.
-pub(crate) struct Job<'a> {
+/// What to tune.
+pub(crate) struct PaperJob<'a> {
     pub(crate) input: &'a Path,
     /// Where the cameras come from, for messages.
     pub(crate) cameras: &'a Path,
     pub(crate) scene: Scene,
     pub(crate) training: Vec<TrainView>,
     pub(crate) quality: f32,
-    pub(crate) checkpoint: Option<&'a Path>,
+    pub(crate) tuning: FineTuneOptions,
     pub(crate) output: Output,
-    /// The backend that was asked for.
-    pub(crate) wanted: Backend,
     /// A model instead of a stream.
     pub(crate) ply: bool,
 }
 
-/// A model about to be tuned.
-struct Start {
-    /// The voxelized scene, then the Gaussians that are coded exactly.
-    scene: Scene,
-    voxels: Voxelization,
-    importance: Vec<f32>,
-    training: Vec<TrainView>,
-    /// PSNR of the input model at the training views.
-    target: Option<f64>,
-}
-
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
-pub(crate) fn run(args: &PaperArgs, mut job: Job<'_>, report: Reporter) -> Result<()> {
-    let options = EncodeOptions::from_quality(job.quality)?;
-    let (scene, training) = (std::mem::take(&mut job.scene), std::mem::take(&mut job.training));
-    let start = prepare(args, &job, scene, training)?;
-    let (voxels, importance) = (start.voxels, start.importance);
-    let outcome = tune(args, &job, start.scene, start.training, start.target)?;
-    let (target, mut tuned) = (job.output.name(), outcome.scene);
-    let gaussians = tuned.len();
-    let mut bytes = 0;
-    if job.ply {
-        job.output.write(|out| Ok(gs_model::ply::write_to(out, &tuned)?))?;
-    } else {
-        let outliers = tuned.split_off(voxels.len());
-        let outliers = (!outliers.is_empty()).then_some(outliers);
-        let mut options = options;
-        options.importance = Some(importance);
-        let encoded = gsvx::encode_voxels(&tuned, voxels.octree(), outliers.as_ref(), &options)
-            .with_context(|| input::name(job.input))?;
-        bytes = encoded.bytes.len() as u64;
-        job.output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
+pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Result<()> {
+    let PaperJob { training, mut tuning, output, ply, .. } = job;
+    let name = || input::name(job.input);
+    let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
+    let seen = views::seen(&job.scene, &cameras, job.cameras)?;
+    let (unseen, n) = (seen.unseen(), job.scene.len());
+    if unseen > 0 {
+        note(format_args!("{unseen} of {n} Gaussians show in no training view: kept, coarsely"));
     }
-    let size = if bytes > 0 { format!(", {}", megabytes(bytes)) } else { String::new() };
-    let (steps, seconds, reason) = (outcome.steps, outcome.seconds, outcome.reason);
+    let patience = args.patience.unwrap_or(5);
+    tuning.target_psnr = args.target(&job.scene, &training);
+    tuning.steps = args.steps.unwrap_or(tuning.steps);
+    tuning.patience = (patience > 0).then_some(patience);
+    tuning.checkpoint_every = args.checkpoint_every.unwrap_or(tuning.checkpoint_every);
+    let mut options = EncodeOptions::from_quality(job.quality)?;
+    options.importance = Some(seen.weights);
+    let Prepared { mut scene, voxels, importance, outliers } =
+        gsvx::prepare(&job.scene, &options).with_context(name)?;
+    drop(job.scene);
+    options.importance = Some(importance);
+    // The means of Gaussians that are coded exactly stay where they are, as those of the leaves do.
+    if let Some(outliers) = &outliers {
+        note(format_args!("{} will be coded exactly", counted(outliers.len(), "outlier")));
+        scene.append(outliers);
+    }
+    let steps = tuning.steps;
+    let run = FineTune::new(scene, training, tuning).with_context(name)?;
+    let mut follower = Follower::new(steps, run.backend());
+    let mut outcome = run.run(|p| follower.see(p)).with_context(name)?;
+    follower.end(&outcome.backend);
+    let (gaussians, outliers) = (outcome.scene.len(), outcome.scene.len() - voxels.len());
+    let (written, bytes) = if ply {
+        (output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?, 0)
+    } else {
+        let exact = Some(outcome.scene.split_off(voxels.len())).filter(|exact| !exact.is_empty());
+        let octree = voxels.octree();
+        let encoded = gsvx::encode_voxels(&outcome.scene, octree, exact.as_ref(), &options);
+        let stream = encoded.with_context(name)?.bytes;
+        (output.write(|out| Ok(out.write_all(&stream)?))?, stream.len() as u64)
+    };
+    let size = if ply { String::new() } else { format!(", {}", DecimalBytes(bytes)) };
+    let (target, FineTuned { steps, seconds, reason, backend, .. }) = (written.name, outcome);
     let human =
         format!("{steps} steps in {seconds:.1} s: {reason}\n{target}: {gaussians} Gaussians{size}");
     let json = json!({
         "output": target,
         "gaussians": gaussians,
-        "outliers": gaussians - voxels.len(),
+        "outliers": outliers,
         "bytes": bytes,
         "steps": steps,
         "seconds": seconds,
         "reason": reason.to_string(),
-        "backend": format!("{:?}", outcome.backend.used).to_lowercase(),
+        "backend": format!("{:?}", backend.used).to_lowercase(),
     });
     report.say(false, &human, &json)
-}
-
-/// Voxelizes the model.
-fn prepare(
-    args: &PaperArgs,
-    job: &Job<'_>,
-    scene: Scene,
-    training: Vec<TrainView>,
-) -> Result<Start> {
-    let name = || input::name(job.input);
-    let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let seen = views::seen(&scene, &cameras, job.cameras)?;
-    let unseen = seen.unseen();
-    if unseen > 0 {
-        let n = scene.len();
-        note(format_args!("{unseen} of {n} Gaussians show in no training view: kept, coarsely"));
-    }
-    let target = if args.past_input {
-        None
-    } else {
-        let _alive = spinner("input model".into());
-        photo_match(&scene, &training, training.len(), &RenderOptions::default())
-            .map(|m| m.mean_psnr)
-    };
-    if let Some(db) = target {
-        note(format_args!(
-            "input model: {db:.2} dB at the training views; the fine-tune ends there"
-        ));
-    }
-    let mut options = EncodeOptions::from_quality(job.quality)?;
-    options.importance = Some(seen.weights);
-    let Prepared { mut scene, voxels, importance, outliers } =
-        gsvx::prepare(&scene, &options).with_context(name)?;
-    // The means of Gaussians that are coded exactly stay where they are, as those of the leaves do.
-    if let Some(outliers) = &outliers {
-        let n = outliers.len();
-        let s = if n == 1 { "" } else { "s" };
-        note(format_args!("{n} outlier{s} will be coded exactly"));
-        scene.append(outliers);
-    }
-    Ok(Start { scene, voxels, importance, training, target })
-}
-
-/// Runs the fine-tune.
-fn tune(
-    args: &PaperArgs,
-    job: &Job<'_>,
-    scene: Scene,
-    training: Vec<TrainView>,
-    target_psnr: Option<f64>,
-) -> Result<FineTuned> {
-    let name = || input::name(job.input);
-    let (steps, patience) = (args.steps.unwrap_or(8000), args.patience.unwrap_or(5));
-    let tuning = FineTuneOptions {
-        steps,
-        target_psnr,
-        patience: (patience > 0).then_some(patience),
-        checkpoint: job.checkpoint.map(Path::to_owned),
-        checkpoint_every: args.checkpoint_every.unwrap_or(1000),
-        cancel: Some(interrupt::cancel_flag()),
-        // With auto, a GPU that fails is followed by the processor.
-        backend: job.wanted,
-        ..Default::default()
-    };
-    let hint = |e| gpu_hint(e, job.checkpoint);
-    let run = FineTune::new(scene, training, tuning).map_err(hint).with_context(name)?;
-    let begun = run.backend().used;
-    let mut follower = Follower::new(steps, run.backend());
-    let outcome = run.run(|p| follower.see(p)).map_err(hint).with_context(name)?;
-    drop(follower);
-    if outcome.backend.used != begun {
-        note(format_args!("backend: {}", outcome.backend.reason));
-    }
-    Ok(outcome)
 }

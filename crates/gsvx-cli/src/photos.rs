@@ -1,8 +1,7 @@
 //! What a model is tuned to: photos, or renders of the model itself.
 
 use crate::exit::note;
-use crate::orbit::Orbit;
-use crate::progress::Steps;
+use crate::progress::Meter;
 use crate::views;
 use anyhow::{Context, Result, anyhow, bail};
 use finetune::{Image, RenderOptions, TrainView, photo_match, render};
@@ -64,30 +63,16 @@ pub(crate) fn warn_of_others(scene: &Scene, training: &[TrainView], path: &Path)
     }
 }
 
-/// Renders of the model at the training cameras.
-pub(crate) fn renders_at(path: &Path, scene: &Scene) -> Result<Vec<TrainView>> {
-    Ok(renders(scene, views::cameras(path)?))
-}
-
-/// Renders of the model at generated cameras.
-pub(crate) fn renders_around(
-    orbit: &Orbit,
-    n: u32,
-    path: &Path,
-    scene: &Scene,
-) -> Result<Vec<TrainView>> {
-    Ok(renders(scene, views::around(orbit, n, path, scene)?))
-}
-
-fn renders(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
-    let steps = Steps::new("renders", cameras.len() as u64);
+/// Renders of the model at some cameras.
+pub(crate) fn renders(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
+    let bar = Meter::new("renders", cameras.len());
     let one = |mut camera: Camera| {
         // A render has no lens.
         camera.ignored_distortion = None;
         let mut photo = render(scene, &camera, &RenderOptions::default());
         // What a screen shows is clamped; differences beyond it do not count.
         photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
-        steps.inc();
+        bar.inc();
         TrainView { camera, photo }
     };
     cameras.into_iter().map(one).collect()

@@ -1,9 +1,11 @@
 //! Pictures: PNG files, and what shows the difference of two images.
 
-use crate::output::Output;
-use anyhow::{Result, bail};
+use crate::output::{self, Output};
+use anyhow::{Context, Result, bail};
 use finetune::Image;
-use std::path::{Path, PathBuf};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use std::path::{Component, Path};
 
 /// Factor on the differences that are drawn: an error of an eighth of full scale, 18 dB, is white.
 const AMPLIFIED: f32 = 8.0;
@@ -12,18 +14,11 @@ const GAP: u32 = 8;
 
 /// Writes an image as PNG.
 pub(crate) fn write(image: &Image, output: Output) -> Result<()> {
-    let png = png(image)?;
+    let mut png = Vec::new();
+    let (rgb, colour) = (image.to_rgb8(), ExtendedColorType::Rgb8);
+    PngEncoder::new(&mut png).write_image(&rgb, image.width, image.height, colour)?;
     output.write(|out| Ok(out.write_all(&png)?))?;
     Ok(())
-}
-
-fn png(image: &Image) -> Result<Vec<u8>> {
-    use image::ImageEncoder;
-    let mut bytes = Vec::new();
-    let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
-    let rgb = image.to_rgb8();
-    encoder.write_image(&rgb, image.width, image.height, image::ExtendedColorType::Rgb8)?;
-    Ok(bytes)
 }
 
 /// The reference, the model and their amplified difference, from left to right.
@@ -50,31 +45,28 @@ pub(crate) fn side_by_side(reference: &Image, model: &Image) -> Image {
 /// `a/b.jpg` becomes `a-b`. None if nothing is left.
 pub(crate) fn stem(camera: &str) -> Option<String> {
     let stem = Path::new(camera).with_extension("");
-    let parts: Vec<String> = stem
-        .components()
-        .filter_map(|c| match c {
-            std::path::Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
-            _ => None,
-        })
-        .collect();
+    let parts = stem.components().filter_map(|c| match c {
+        Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
+        _ => None,
+    });
+    let parts: Vec<String> = parts.collect();
     // What Windows allows in no file name.
     let name = parts.join("-").replace(['<', '>', ':', '"', '|', '?', '*', '\\'], "_");
     (!name.is_empty()).then_some(name)
 }
 
 /// Makes a folder for pictures; one that holds something already needs --force.
-pub(crate) fn folder(path: &Path, force: bool) -> Result<PathBuf> {
-    use anyhow::Context;
+pub(crate) fn folder(path: &Path, force: bool) -> Result<()> {
     let name = path.display();
     if path.is_file() {
         bail!("{name}: is a file; name a folder for the pictures");
     }
-    std::fs::create_dir_all(path).with_context(|| format!("{name}: the folder cannot be made"))?;
-    let list = std::fs::read_dir(path).with_context(|| format!("{name}: cannot be read"))?;
-    if !force && list.flatten().next().is_some() {
+    output::make_folder(path)?;
+    let mut list = std::fs::read_dir(path).with_context(|| format!("{name}: cannot be read"))?;
+    if !force && list.next().is_some() {
         bail!("{name}: is not empty; pass --force to write into it");
     }
-    Ok(path.into())
+    Ok(())
 }
 
 #[cfg(test)]

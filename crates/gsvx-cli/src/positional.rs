@@ -1,47 +1,38 @@
 //! Reading and writing at a position of a file, from several threads at once.
 
 use std::fs::File;
-use std::io::Result;
-
-/// Writes all of `bytes` at the position `at`.
+use std::io::{Read, Result, Write};
 #[cfg(unix)]
-pub(crate) fn write_all_at(file: &File, bytes: &[u8], at: u64) -> Result<()> {
-    std::os::unix::fs::FileExt::write_all_at(file, bytes, at)
-}
-
-/// Writes all of `bytes` at the position `at`. Each call names its position, so it does not matter
-/// that Windows also moves the file's cursor.
+use std::os::unix::fs::FileExt;
 #[cfg(windows)]
-pub(crate) fn write_all_at(file: &File, mut bytes: &[u8], mut at: u64) -> Result<()> {
-    use std::os::windows::fs::FileExt;
-    while !bytes.is_empty() {
-        let written = file.seek_write(bytes, at)?;
-        if written == 0 {
-            return Err(std::io::ErrorKind::WriteZero.into());
-        }
-        bytes = &bytes[written..];
-        at += written as u64;
+use std::os::windows::fs::FileExt;
+
+/// A position in a file, which moves behind what is read or written here. It is not the file's own: it does not
+/// matter that Windows moves that too.
+pub(crate) struct At<'a>(pub(crate) &'a File, pub(crate) u64);
+
+impl Read for At<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize> {
+        #[cfg(unix)]
+        let n = self.0.read_at(bytes, self.1)?;
+        #[cfg(windows)]
+        let n = self.0.seek_read(bytes, self.1)?;
+        self.1 += n as u64;
+        Ok(n)
     }
-    Ok(())
 }
 
-/// Reads as many bytes as `bytes` has, from the position `at` on.
-#[cfg(unix)]
-pub(crate) fn read_exact_at(file: &File, bytes: &mut [u8], at: u64) -> Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, bytes, at)
-}
-
-/// Reads as many bytes as `bytes` has, from the position `at` on.
-#[cfg(windows)]
-pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut at: u64) -> Result<()> {
-    use std::os::windows::fs::FileExt;
-    while !bytes.is_empty() {
-        let read = file.seek_read(bytes, at)?;
-        if read == 0 {
-            return Err(std::io::ErrorKind::UnexpectedEof.into());
-        }
-        bytes = &mut bytes[read..];
-        at += read as u64;
+impl Write for At<'_> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        #[cfg(unix)]
+        let n = self.0.write_at(bytes, self.1)?;
+        #[cfg(windows)]
+        let n = self.0.seek_write(bytes, self.1)?;
+        self.1 += n as u64;
+        Ok(n)
     }
-    Ok(())
+
+    fn flush(&mut self) -> Result<()> {
+        Ok(())
+    }
 }

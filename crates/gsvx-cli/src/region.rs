@@ -1,6 +1,7 @@
 //! `gsvx decode --box`: the Gaussians of a part of the scene. Only the chunks that reach into it are read.
 
 use crate::input::Limit;
+use crate::size;
 use crate::stream_file::StreamFile;
 use anyhow::Result;
 use gs_model::Scene;
@@ -15,17 +16,9 @@ pub(crate) struct Region {
 
 /// Reads `X0,Y0,Z0,X1,Y1,Z1`.
 pub(crate) fn parse(text: &str) -> Result<Region, String> {
-    const USE: &str = "use two corners, six numbers: X0,Y0,Z0,X1,Y1,Z1";
-    let numbers: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
-    let numbers = numbers.map_err(|_| USE.to_owned())?;
-    match <[f32; 6]>::try_from(numbers) {
-        Ok(n) if n.iter().all(|v| v.is_finite()) => {
-            let (a, b) = ([n[0], n[1], n[2]], [n[3], n[4], n[5]]);
-            let (low, high) = (|k: usize| a[k].min(b[k]), |k: usize| a[k].max(b[k]));
-            Ok(Region { low: std::array::from_fn(low), high: std::array::from_fn(high) })
-        }
-        _ => Err(USE.into()),
-    }
+    let corners = size::list(text, ',').filter(|c: &[f32; 6]| c.iter().all(|v| v.is_finite()));
+    let [a, b, c, x, y, z] = corners.ok_or("use two corners, six numbers: X0,Y0,Z0,X1,Y1,Z1")?;
+    Ok(Region { low: [a.min(x), b.min(y), c.min(z)], high: [a.max(x), b.max(y), c.max(z)] })
 }
 
 impl Region {
@@ -57,24 +50,20 @@ pub(crate) fn read(
     limit: Limit,
 ) -> Result<Inside> {
     let mut file = StreamFile::open(path)?;
-    let index = file.index();
+    let index = &file.index;
     let sh_degree = index.header.sh_degree.min(max_sh_degree);
     let of_level: Vec<usize> = index.chunks_of_lod(lod.min(index.coarsest_lod())).collect();
-    let wanted: Vec<usize> =
-        of_level.iter().copied().filter(|&i| region.meets(index.chunks[i].bounds)).collect();
+    let meets = |&i: &usize| region.meets(index.chunks[i].bounds);
+    let wanted: Vec<usize> = of_level.iter().copied().filter(meets).collect();
     limit.check(path, wanted.iter().map(|&i| index.chunks[i].count).sum())?;
-    let layers: Vec<usize> = wanted
-        .iter()
-        .map(|&i| index.chunks[i].layers.len().min(1 + usize::from(sh_degree)))
-        .collect();
     let mut scene = Scene { sh_degree, ..Scene::default() };
-    for (&chunk, &layers) in wanted.iter().zip(&layers) {
+    for &chunk in &wanted {
+        let layers = file.index.chunks[chunk].layers.len().min(1 + usize::from(sh_degree));
         let decoded = file.decode(chunk, layers)?;
-        let inside: Vec<usize> =
-            (0..decoded.len()).filter(|&i| region.contains(decoded.means[i])).collect();
-        scene.append(&decoded.select(&inside));
+        let inside = (0..decoded.len()).filter(|&i| region.contains(decoded.means[i]));
+        scene.append(&decoded.select(&inside.collect::<Vec<_>>()));
     }
-    Ok(Inside { scene, chunks: [wanted.len(), of_level.len()], bytes_read: file.bytes_read() })
+    Ok(Inside { scene, chunks: [wanted.len(), of_level.len()], bytes_read: file.bytes_read })
 }
 
 #[cfg(test)]

@@ -3,19 +3,18 @@
 use crate::exit::usage;
 use crate::format::is_stream_name;
 use crate::input::ReadingAny;
-use crate::output::{Output, counted, is_stdio};
-use crate::pictures;
-use crate::progress::Steps;
+use crate::output::{Output, counted, is_stdio, make_folder};
+use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::ViewArgs;
-use anyhow::{Context, Result, bail};
+use crate::views::WhichViews;
+use crate::{pictures, size};
+use anyhow::{Result, bail};
 use finetune::{RenderOptions, render};
 use gs_model::{Camera, Format};
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx render scene.gsvx --cameras data/fox -o views            one PNG per camera
@@ -23,9 +22,8 @@ Examples:
   gsvx render scene.gsvx --orbit 24 --size 800x600 -o turn
   gsvx render scene.gsvx --orbit 1 -o view.png";
 
-/// Arguments of `gsvx render`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct RenderArgs {
     /// A stream or a model of any format; `-` for standard input.
     input: PathBuf,
     /// Folder for the PNGs (made if it is not there), or with a single view a file called .png;
@@ -33,7 +31,7 @@ pub(crate) struct Args {
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
-    views: ViewArgs,
+    views: WhichViews,
     /// Background colour: red, green, blue from 0 to 1.
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = colour)]
     background: [f32; 3],
@@ -44,17 +42,16 @@ pub(crate) struct Args {
     force: bool,
 }
 
-fn colour(text: &str) -> std::result::Result<[f32; 3], String> {
-    let parts: Vec<f32> = text.split(',').filter_map(|p| p.trim().parse().ok()).collect();
-    let three = <[f32; 3]>::try_from(parts).ok().filter(|_| text.split(',').count() == 3);
-    let within = three.filter(|c| c.iter().all(|v| (0.0..=1.0).contains(v)));
-    within.ok_or_else(|| "use R,G,B with three numbers from 0 to 1".into())
+fn colour(text: &str) -> Result<[f32; 3], String> {
+    let within = |colour: &[f32; 3]| colour.iter().all(|v| (0.0..=1.0).contains(v));
+    let colour = size::list(text, ',').filter(within);
+    colour.ok_or_else(|| "use R,G,B with three numbers from 0 to 1".into())
 }
 
 /// Renders a model.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+pub(crate) fn run(args: &RenderArgs, report: Reporter) -> Result<()> {
     let single = is_single(&args.output)?;
-    let scene = args.reading.any(&args.input)?.scene;
+    let (scene, _) = args.reading.any(&args.input)?;
     let cameras = args.views.cameras(&scene, &args.input)?;
     let options = RenderOptions { background: args.background, ..Default::default() };
     if single && cameras.len() > 1 {
@@ -69,14 +66,13 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
         vec![open(&args.output)?]
     } else {
         let names = file_names(&cameras)?;
-        std::fs::create_dir_all(&args.output)
-            .with_context(|| format!("{}: the folder cannot be made", args.output.display()))?;
+        make_folder(&args.output)?;
         // All are opened before the first is drawn: a conflict loses no work.
         names.iter().map(|name| open(&args.output.join(name))).collect::<Result<Vec<_>>>()?
     };
     let stdout = outputs.iter().any(Output::is_stdout);
     let names: Vec<String> = outputs.iter().map(Output::name).collect();
-    let steps = Steps::new("render", cameras.len() as u64);
+    let steps = Meter::new("render", cameras.len());
     for (camera, output) in cameras.iter().zip(outputs) {
         pictures::write(&render(&scene, camera, &options), output)?;
         steps.inc();
@@ -85,10 +81,11 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     let human = format!(
         "{}: {} of {}",
         args.output.display(),
-        counted(names.len() as u64, "image"),
-        counted(scene.len() as u64, "Gaussian")
+        counted(names.len(), "image"),
+        counted(scene.len(), "Gaussian")
     );
-    report.say(stdout, &human, &json!({ "images": names, "gaussians": scene.len() }))
+    let json = json!({ "images": names, "gaussians": scene.len() });
+    report.say(stdout, &human, &json)
 }
 
 /// True if the output is one image, false if it is a folder.

@@ -1,56 +1,35 @@
 //! Numbers as people write them on a command line: 1MB, 500k, 2.5M.
 
-/// Units of bytes, the longest names first. A k is a thousand, a Ki is 1024.
-const BYTES: [(&str, f64); 13] = [
-    ("kib", 1024.0),
-    ("mib", 1_048_576.0),
-    ("gib", 1_073_741_824.0),
-    ("ki", 1024.0),
-    ("mi", 1_048_576.0),
-    ("gi", 1_073_741_824.0),
-    ("kb", 1e3),
-    ("mb", 1e6),
-    ("gb", 1e9),
-    ("k", 1e3),
-    ("m", 1e6),
-    ("g", 1e9),
-    ("b", 1.0),
-];
-/// Units of counts.
-const COUNT: [(&str, f64); 3] = [("k", 1e3), ("m", 1e6), ("g", 1e9)];
+use parse_size::{ByteSuffix, Config};
+use std::str::FromStr;
 
-/// A number of bytes.
+/// A number of bytes. A k is a thousand, a Ki is 1024.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
-    parse(text, &BYTES).ok_or_else(|| "use a size such as 800000, 500k, 1.5MB or 2MiB".into())
+    let bytes = parse_size::parse_size(text).ok().filter(|&n| n > 0);
+    bytes.ok_or_else(|| "use a size such as 800000, 500k, 1.5MB or 2MiB".into())
 }
 
 /// A number of things.
 pub(crate) fn count(text: &str) -> Result<u64, String> {
-    parse(text, &COUNT).ok_or_else(|| "use a number such as 800000, 500k or 2M".into())
+    let config = Config::new().with_byte_suffix(ByteSuffix::Deny);
+    let count = config.parse_size(text).ok().filter(|&n| n > 0);
+    count.ok_or_else(|| "use a number such as 800000, 500k or 2M".into())
 }
 
 /// A positive number.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
-    value.ok_or_else(|| "use a positive number".into())
+    number(text, |v| v.is_finite() && *v > 0.0, "use a positive number")
 }
 
-fn parse(text: &str, units: &[(&str, f64)]) -> Option<u64> {
-    let text = text.trim().to_ascii_lowercase();
-    let unit = units.iter().find_map(|&(u, f)| Some((text.strip_suffix(u)?, f)));
-    let (number, factor) = unit.unwrap_or((&text, 1.0));
-    let number = number.trim_end();
-    if factor == 1.0
-        && let Ok(exact) = number.parse::<u64>()
-    {
-        return (exact > 0).then_some(exact);
-    }
-    // Words such as inf are numbers to Rust, but not here.
-    if !number.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
-        return None;
-    }
-    let value = number.parse::<f64>().ok()? * factor;
-    (1.0..9e18).contains(&value).then(|| value.round() as u64)
+/// A number that `fits`; `usage` says which do.
+pub(crate) fn number(text: &str, fits: impl Fn(&f64) -> bool, usage: &str) -> Result<f64, String> {
+    text.parse().ok().filter(fits).ok_or_else(|| usage.into())
+}
+
+/// As many numbers as an array has.
+pub(crate) fn list<T: FromStr, const N: usize>(text: &str, separator: char) -> Option<[T; N]> {
+    let parts = text.split(separator).map(|part| part.trim().parse().ok());
+    parts.collect::<Option<Vec<T>>>()?.try_into().ok()
 }
 
 #[cfg(test)]

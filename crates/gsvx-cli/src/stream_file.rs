@@ -2,131 +2,130 @@
 
 use crate::input;
 use crate::output::is_stdio;
+use crate::positional::At;
 use anyhow::{Context, Result};
 use gs_model::Scene;
-use gsvx::{Index, Reader};
+use gsvx::{Index, Reader, Source};
 use std::fs::File;
-use std::io::{Cursor, Read, Seek, SeekFrom};
+use std::io::Read;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+/// The bytes of a stream: those of a plain file where they are; in memory what can only be read from its start.
+#[derive(Debug)]
+pub(crate) enum StreamBytes {
+    File(File, u64),
+    Memory(Vec<u8>),
+}
+
+impl StreamBytes {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
+        if is_stdio(path) || !std::fs::metadata(path).is_ok_and(|m| m.is_file()) {
+            return Ok(Self::Memory(input::bytes(path)?));
+        }
+        let file = input::open(path)?;
+        let length = file.metadata().with_context(|| input::cannot_read(path))?.len();
+        Ok(Self::File(file, length))
+    }
+}
+
+impl Source for StreamBytes {
+    fn len(&self) -> u64 {
+        match self {
+            Self::File(_, length) => *length,
+            Self::Memory(bytes) => bytes.len() as u64,
+        }
+    }
+
+    fn read(&self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
+        match self {
+            Self::File(file, _) => {
+                let mut bytes = vec![0; (range.end - range.start) as usize];
+                At(file, range.start).read_exact(&mut bytes)?;
+                Ok(bytes)
+            }
+            Self::Memory(all) => Ok(all[range.start as usize..range.end as usize].to_vec()),
+        }
+    }
+}
 
 /// A stream whose head has been read.
 pub(crate) struct StreamFile {
-    path: PathBuf,
-    source: Source,
+    name: String,
+    source: StreamBytes,
     reader: Reader,
-    index: Index,
+    pub(crate) index: Index,
+    pub(crate) bytes_read: u64,
 }
 
 impl StreamFile {
-    /// Opens a stream and reads its head. Standard input is read whole.
+    /// Opens a stream and reads its head.
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let named = || input::name(path);
-        let mut source = Source::open(path)?;
-        let mut reader = Reader::new();
-        while let Some(range) = reader.head_needs() {
-            let bytes = source.read(range.clone())?;
+        let (name, source) = (input::name(path), StreamBytes::open(path)?);
+        let (reader, index) = (Reader::new(), Index::default());
+        let mut this = Self { name, source, reader, index, bytes_read: 0 };
+        while let Some(range) = this.reader.head_needs() {
+            let bytes = this.read(range.clone())?;
             if bytes.is_empty() {
-                let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
-                let cut = gsvx::Error::Truncated { what: "head", offset, need, have: 0 };
-                return Err(cut).with_context(named);
+                return this.cut("head", range, 0);
             }
-            reader.give(range.start, &bytes).with_context(named)?;
+            this.reader.give(range.start, &bytes).with_context(|| this.name.clone())?;
         }
-        let index = reader.index().context("a head without an index")?.clone();
-        Ok(Self { path: path.into(), source, reader, index })
+        this.index = this.reader.index().context("a head without an index")?.clone();
+        Ok(this)
     }
 
-    /// The head.
-    pub(crate) fn index(&self) -> &Index {
-        &self.index
-    }
-
-    /// Bytes read so far.
-    pub(crate) fn bytes_read(&self) -> u64 {
-        self.source.bytes_read
-    }
-
-    /// The bytes of a range; fewer where the file ends.
+    /// The bytes of a range; fewer where the stream ends.
     pub(crate) fn read(&mut self, range: Range<u64>) -> Result<Vec<u8>> {
-        self.source.read(range)
+        let end = range.end.min(self.source.len());
+        let read = self.source.read(range.start.min(end)..end);
+        let bytes = read.with_context(|| format!("{}: cannot be read", self.name))?;
+        self.bytes_read += bytes.len() as u64;
+        Ok(bytes)
     }
 
     /// The first layers of a chunk, as they are in the stream.
     pub(crate) fn bytes(&mut self, chunk: usize, layers: usize) -> Result<Vec<u8>> {
         let range = self.index.chunks[chunk].range(layers);
-        let bytes = self.source.read(range.clone())?;
-        if bytes.len() as u64 != range.end - range.start {
-            let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
-            let have = bytes.len();
-            let error = gsvx::Error::Truncated { what: "chunk", offset, need, have };
-            return Err(error).with_context(|| input::name(&self.path));
+        let bytes = self.read(range.clone())?;
+        match bytes.len() {
+            have if (have as u64) < range.end - range.start => self.cut("chunk", range, have),
+            _ => Ok(bytes),
         }
-        Ok(bytes)
+    }
+
+    fn cut<T>(&self, what: &'static str, range: Range<u64>, have: usize) -> Result<T> {
+        let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
+        let error = gsvx::Error::Truncated { what, offset, need, have };
+        Err(error).with_context(|| self.name.clone())
     }
 
     /// The Gaussians of a chunk, of an SH degree one below the number of layers.
     pub(crate) fn decode(&mut self, chunk: usize, layers: usize) -> Result<Scene> {
-        self.fetch(chunk, layers)?;
-        let scene = self.reader.decode(chunk, layers);
-        self.reader.forget(chunk);
-        scene.with_context(|| input::name(&self.path))
+        self.with(chunk, layers, |reader| reader.decode(chunk, layers))
     }
 
     /// The greatest Morton code, at the finest depth, within the leaf of each Gaussian of a chunk of leaves.
     pub(crate) fn last_codes(&mut self, chunk: usize) -> Result<Vec<u64>> {
-        self.fetch(chunk, 1)?;
-        let held = self.reader.hold(chunk, 1);
-        self.reader.forget(chunk);
-        held.with_context(|| input::name(&self.path))?;
+        self.with(chunk, 1, |reader| reader.hold(chunk, 1))?;
         let j_high = self.index.header.j_high;
         let last = |depth: u8| (1u64 << (3 * u32::from(j_high - depth))) - 1;
         Ok(self.reader.held_leaves().iter().map(|l| l.morton + last(l.depth)).collect())
     }
 
-    fn fetch(&mut self, chunk: usize, layers: usize) -> Result<()> {
+    /// Does `work` while the reader has the first layers of a chunk.
+    fn with<T>(
+        &mut self,
+        chunk: usize,
+        layers: usize,
+        work: impl FnOnce(&mut Reader) -> gsvx::Result<T>,
+    ) -> Result<T> {
         for range in self.reader.needs(chunk, layers) {
-            let bytes = self.source.read(range.clone())?;
-            let given = self.reader.give(range.start, &bytes);
-            given.with_context(|| input::name(&self.path))?;
+            let bytes = self.read(range.clone())?;
+            self.reader.give(range.start, &bytes).with_context(|| self.name.clone())?;
         }
-        Ok(())
-    }
-}
-
-/// A stream that is read in ranges; standard input is read whole.
-struct Source {
-    file: Box<dyn ReadSeek>,
-    bytes_read: u64,
-    name: String,
-}
-
-trait ReadSeek: Read + Seek {}
-impl<T: Read + Seek> ReadSeek for T {}
-
-impl Source {
-    fn open(path: &Path) -> Result<Self> {
-        let name = input::name(path);
-        let file: Box<dyn ReadSeek> = if is_stdio(path) {
-            Box::new(Cursor::new(input::bytes(path)?))
-        } else {
-            Box::new(File::open(path).with_context(|| format!("{name}: cannot be read"))?)
-        };
-        Ok(Self { file, bytes_read: 0, name })
-    }
-
-    /// The bytes of a range; fewer where the stream ends.
-    fn read(&mut self, range: Range<u64>) -> Result<Vec<u8>> {
-        let bytes =
-            self.try_read(range).with_context(|| format!("{}: cannot be read", self.name))?;
-        self.bytes_read += bytes.len() as u64;
-        Ok(bytes)
-    }
-
-    fn try_read(&mut self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        self.file.seek(SeekFrom::Start(range.start))?;
-        self.file.by_ref().take(range.end - range.start).read_to_end(&mut bytes)?;
-        Ok(bytes)
+        let done = work(&mut self.reader);
+        self.reader.forget(chunk);
+        done.with_context(|| self.name.clone())
     }
 }

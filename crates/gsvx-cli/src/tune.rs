@@ -2,21 +2,24 @@
 
 use crate::content::quality;
 use crate::exit::{missed, note, usage};
-use crate::follow::{Follower, duration, gpu_hint};
+use crate::follow::{Follower, duration};
+use crate::info::parts;
 use crate::input::{self, Reading};
 use crate::orbit::Orbit;
-use crate::output::{Output, megabytes};
-use crate::paper_tune::{self, PaperArgs};
+use crate::output::Output;
+use crate::paper_tune::{self, PaperArgs, PaperJob};
 use crate::report::Reporter;
-use crate::{interrupt, photos, pictures, size};
+use crate::{interrupt, photos, pictures, size, views};
 use anyhow::{Context, Result};
 use finetune::{Backend, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
+use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use tune::{Progress, StopReason, Target, Tune, TuneEffort, TuneOptions, TuneOutcome};
+use tune::{
+    FineTuneOptions, Progress, StopReason, Target, Tune, TuneEffort, TuneOptions, TuneOutcome,
+};
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx tune model.ply --cameras data/fox -o small.gsvx
@@ -32,11 +35,9 @@ the command without an output.";
 /// Steps between two pictures.
 const PICTURED: u64 = 100;
 
-/// Arguments of `gsvx tune`.
 #[derive(clap::Args)]
-#[command(group = clap::ArgGroup::new("target"))]
 #[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
-pub(crate) struct Args {
+pub(crate) struct TuneArgs {
     /// The trained model, of any format that gsvx convert reads; `-` for standard input.
     input: PathBuf,
     /// Scene folder with cameras and photos. Without photos, or with --distil, the model is tuned to
@@ -105,7 +106,7 @@ enum Profile {
     Paper,
 }
 
-impl Args {
+impl TuneArgs {
     fn target(&self) -> Target {
         match (self.target_bytes, self.target_psnr) {
             (Some(bytes), _) => Target::Bytes(bytes),
@@ -130,20 +131,31 @@ impl Args {
 
     /// Views to tune on, and whether their images are renders of the model.
     fn views(&self, scene: &Scene) -> Result<(Vec<TrainView>, bool)> {
-        if let (None, Some(n)) = (&self.cameras, self.orbit.orbit) {
-            return Ok((photos::renders_around(&self.orbit, n, &self.input, scene)?, true));
+        let cameras = match (&self.cameras, self.orbit.orbit) {
+            (Some(path), _) => match self.distil {
+                false if let Some(views) = photos::photos(path)? => return Ok((views, false)),
+                _ => views::cameras(path)?,
+            },
+            (None, Some(n)) => views::around(&self.orbit, n, &self.input, scene)?,
+            (None, None) => return Err(usage("give --cameras or --orbit")),
+        };
+        Ok((photos::renders(scene, cameras), true))
+    }
+
+    /// Where to compute, said unless nobody asked.
+    fn backend(&self) -> Result<Backend> {
+        if let (Profile::Rate, None) = (self.profile, self.backend) {
+            return Ok(Backend::Cpu);
         }
-        let Some(path) = &self.cameras else { return Err(usage("give --cameras or --orbit")) };
-        let photos = if self.distil { None } else { photos::photos(path)? };
-        match photos {
-            Some(views) => Ok((views, false)),
-            None => Ok((photos::renders_at(path, scene)?, true)),
-        }
+        let wanted = self.backend.unwrap_or_default();
+        // Whoever asked for a GPU should not wait to hear that there is none.
+        note(format_args!("backend: {}", finetune::backend::choose(wanted)?.reason));
+        Ok(wanted)
     }
 }
 
 /// Tunes and writes a stream or a model.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
+pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     let extension = args.output.extension().and_then(|e| e.to_str()).unwrap_or_default();
     let extension = extension.to_ascii_lowercase();
     if extension != "gsvx" && extension != "ply" {
@@ -152,17 +164,9 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     args.check()?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
-    let pictures = args.pictures.as_deref().map(|p| pictures::folder(p, args.force)).transpose()?;
-    let wanted = args.backend.unwrap_or_default();
-    let wanted = match (args.profile, args.backend) {
-        (Profile::Rate, None) => Backend::Cpu,
-        _ => {
-            // Whoever asked for a GPU should not wait to hear that there is none.
-            let found = finetune::backend::choose(wanted).context("try --backend cpu or auto")?;
-            note(format_args!("backend: {}", found.reason));
-            wanted
-        }
-    };
+    let pictures = args.pictures.as_deref();
+    pictures.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
+    let backend = args.backend()?;
     let scene = args.reading.model(&args.input)?.scene;
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
@@ -174,39 +178,35 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     }
     let ply = extension == "ply";
     if args.profile == Profile::Paper {
-        let job = paper_tune::Job {
-            input: &args.input,
-            cameras,
-            scene,
-            training,
-            quality: args.quality.unwrap_or(gsvx::DEFAULT_QUALITY),
-            checkpoint: args.checkpoint.as_deref(),
-            output,
-            wanted,
-            ply,
+        let tuning = FineTuneOptions {
+            checkpoint: args.checkpoint.clone(),
+            cancel: Some(interrupt::cancel_flag()),
+            // With auto, a GPU that fails is followed by the processor.
+            backend,
+            ..Default::default()
         };
+        let (input, quality) = (&*args.input, args.quality.unwrap_or(gsvx::DEFAULT_QUALITY));
+        let job = PaperJob { input, cameras, scene, training, quality, tuning, output, ply };
         return paper_tune::run(&args.paper, job, report);
     }
-    let first = training.first().map(|v| v.camera.clone());
-    let pictures = pictures.zip(first);
-    let outcome = tuned(args, (scene, training), wanted, pictures.as_ref())?;
-    let name = output.name();
-    if ply {
-        output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?;
+    let outcome = tuned(args, scene, training, backend)?;
+    let written = if ply {
+        output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?
     } else {
-        output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?;
-    }
-    tell(args, &name, distilled, &outcome, report)
+        output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?
+    };
+    tell(args, &written.name, distilled, &outcome, report)
 }
 
 /// Says what will be done, and does it.
 fn tuned(
-    args: &Args,
-    (scene, training): (Scene, Vec<TrainView>),
+    args: &TuneArgs,
+    scene: Scene,
+    training: Vec<TrainView>,
     backend: Backend,
-    pictures: Option<&(PathBuf, Camera)>,
 ) -> Result<TuneOutcome> {
     let name = || input::name(&args.input);
+    let pictured = args.pictures.as_deref().zip(training.first().map(|v| v.camera.clone()));
     let gaussians = scene.len();
     let mut options = TuneOptions::new(args.target());
     options.effort = match args.effort {
@@ -220,23 +220,18 @@ fn tuned(
     options.cancel = Some(interrupt::cancel_flag());
     let run = Tune::new(scene, training, options).with_context(name)?;
     announce(&run, gaussians);
-    let begun = run.backend().used;
     let mut follower = Follower::new(run.plan().steps(), run.backend());
     let outcome = run.run(|p| {
         follower.see(p);
-        if let Some((folder, camera)) = pictures
+        if let Some((folder, camera)) = &pictured
             && p.step.is_multiple_of(PICTURED)
             && let Err(error) = picture(folder, camera, p)
         {
             follower.say(&format!("warning: {error:#}"));
         }
     });
-    drop(follower);
-    let outcome =
-        outcome.map_err(|e| gpu_hint(e, args.checkpoint.as_deref())).with_context(name)?;
-    if outcome.backend.used != begun {
-        note(format_args!("backend: {}", outcome.backend.reason));
-    }
+    let outcome = outcome.with_context(name)?;
+    follower.end(&outcome.backend);
     Ok(outcome)
 }
 
@@ -268,12 +263,12 @@ fn announce(run: &Tune, gaussians: usize) {
 fn picture(folder: &Path, camera: &Camera, p: &Progress<'_>) -> Result<()> {
     let file = folder.join(format!("step-{:06}.png", p.step));
     let image = render(p.scene, camera, &RenderOptions::default());
-    pictures::write(&image, Output::open(&file, true, &[])?)
+    pictures::write(&image, Output::open::<&Path>(&file, true, &[])?)
 }
 
 /// Reports what has been written.
 fn tell(
-    args: &Args,
+    args: &TuneArgs,
     name: &str,
     distilled: bool,
     outcome: &TuneOutcome,
@@ -288,11 +283,10 @@ fn tell(
          aside (input model: {:.2} dB)",
         outcome.steps,
         outcome.seconds,
-        megabytes(bytes),
+        DecimalBytes(bytes),
         outcome.psnr,
         outcome.input_psnr.min(100.0),
     );
-    let parts = outcome.encoded.parts().into_iter().map(|(part, n)| (part.to_owned(), json!(n)));
     let json = json!({
         "output": name,
         "gaussians": gaussians,
@@ -307,7 +301,7 @@ fn tell(
         "seconds": outcome.seconds,
         "reason": ended.to_string(),
         "target_reached": outcome.reached,
-        "parts": parts.collect::<serde_json::Map<_, _>>(),
+        "parts": parts(&outcome.encoded.parts()),
     });
     report.say(false, &human, &json)?;
     if loss(outcome.psnr, outcome.input_psnr) < finetune::Likeness::POOR {

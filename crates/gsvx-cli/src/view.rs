@@ -3,17 +3,16 @@
 mod answer;
 
 use crate::exit::note;
+use crate::input;
 use crate::interrupt;
 use crate::report::Reporter;
 use crate::views;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use serde_json::json;
-use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use tiny_http::Server;
 
-/// Shown after the help.
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx view scene.gsvx
@@ -23,9 +22,8 @@ Examples:
 /// Requests that are answered at once: a page fetches some ranges side by side.
 const ANSWERERS: usize = 4;
 
-/// Arguments of `gsvx view`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct ViewArgs {
     /// A stream, PLY, .splat or SPZ, and a second one to compare it with.
     #[arg(required = true, num_args = 1..=2)]
     files: Vec<PathBuf>,
@@ -38,10 +36,9 @@ pub(crate) struct Args {
 }
 
 /// Serves until it is interrupted.
-pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
-    for file in &args.files {
-        readable(file)?;
-    }
+pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
+    // A file that cannot be shown is told before the browser opens.
+    args.files.iter().try_for_each(|file| input::open(file).map(drop))?;
     let server = Server::http(("127.0.0.1", args.port)).map_err(|e| {
         anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
     })?;
@@ -69,15 +66,6 @@ pub(crate) fn run(args: &Args, report: Reporter) -> Result<()> {
     for answerer in answerers {
         answerer.join().map_err(|_| anyhow!("the server ended"))?;
     }
-    Ok(())
-}
-
-/// Tells before the browser opens that a file cannot be shown.
-fn readable(path: &Path) -> Result<()> {
-    if path.is_dir() {
-        bail!("{}: is a folder; name the model in it", path.display());
-    }
-    File::open(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     Ok(())
 }
 

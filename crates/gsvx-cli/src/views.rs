@@ -3,7 +3,8 @@
 use crate::exit::{note, usage};
 use crate::orbit::Orbit;
 use crate::output::is_stdio;
-use crate::progress::Steps;
+use crate::progress::Meter;
+use crate::size::number;
 use anyhow::{Result, bail};
 use finetune::Visibility;
 use gs_model::camera::LensDistortion;
@@ -18,7 +19,7 @@ const MAX_EDGE: u32 = 1 << 14;
 /// Which views to look at a model from.
 #[derive(clap::Args, Clone, Debug)]
 #[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
-pub(crate) struct ViewArgs {
+pub(crate) struct WhichViews {
     /// Cameras: a scene folder (COLMAP project, Inria output, transforms.json), or a cameras.json
     /// or transforms.json itself.
     #[arg(long, value_name = "PATH")]
@@ -36,7 +37,7 @@ pub(crate) struct ViewArgs {
     scale: f64,
 }
 
-impl ViewArgs {
+impl WhichViews {
     /// The cameras; `scene`, read from `path`, is what generated ones look at.
     pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<Vec<Camera>> {
         let all = match (&self.cameras, self.orbit.orbit) {
@@ -48,7 +49,7 @@ impl ViewArgs {
             .into_iter()
             .step_by(self.every as usize)
             .filter(|c| self.view.as_ref().is_none_or(|name| c.name == *name))
-            .map(|c| scaled(&c, self.scale))
+            .map(|c| scaled(c, self.scale))
             .collect();
         if chosen.is_empty() {
             match &self.view {
@@ -62,8 +63,7 @@ impl ViewArgs {
 }
 
 fn factor(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|v| *v > 0.0 && *v <= 16.0);
-    value.ok_or_else(|| "use a number above 0 and at most 16".into())
+    number(text, |v| *v > 0.0 && *v <= 16.0, "use a number above 0 and at most 16")
 }
 
 /// Refuses images that no memory holds.
@@ -79,23 +79,10 @@ fn drawable(cameras: &[Camera], remedy: &str) -> Result<()> {
     }
 }
 
-fn scaled(camera: &Camera, factor: f64) -> Camera {
-    if factor == 1.0 {
-        return camera.clone();
-    }
-    let size = |s: u32| ((f64::from(s) * factor).round() as u32).max(1);
-    let (width, height) = (size(camera.width), size(camera.height));
-    let (sx, sy) =
-        (f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
-    Camera {
-        width,
-        height,
-        fx: camera.fx * sx,
-        fy: camera.fy * sy,
-        cx: camera.cx * sx,
-        cy: camera.cy * sy,
-        ..camera.clone()
-    }
+fn scaled(camera: Camera, factor: f64) -> Camera {
+    let size = |edge: u32| ((f64::from(edge) * factor).round() as u32).max(1);
+    // Edges that are rounded keep the aspect ratio to within a pixel.
+    camera.scaled_to(size(camera.width), size(camera.height)).unwrap_or(camera)
 }
 
 /// The views that lie beside a model, in a scene folder or an output of Inria's trainer.
@@ -179,18 +166,27 @@ pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
 /// # Errors
 /// If they see nothing.
 pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Visibility> {
-    let steps = Steps::new("importance", cameras.len() as u64);
+    let steps = Meter::new("importance", cameras.len());
     let Ok(seen) = Visibility::of(scene, cameras, |_| {
         steps.inc();
         Ok::<_, Infallible>(())
     });
     drop(steps);
+    check(&seen, path)?;
+    Ok(seen)
+}
+
+/// Warns if the cameras, which `path` names, see little.
+///
+/// # Errors
+/// If they see nothing.
+pub(crate) fn check(seen: &Visibility, path: &Path) -> Result<()> {
     match seen.doubt() {
         Some(doubt) if seen.share == 0.0 => bail!("{}: {doubt}", path.display()),
         Some(doubt) => note(format_args!("warning: {}: {doubt}", path.display())),
         None => {}
     }
-    Ok(seen)
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
-//! Splats as gsplat has them, six arrays, into a scene and back.
+//! SplatArrays as gsplat has them, six arrays, into a scene and back.
 
+use crate::background::pool;
 use crate::error::Fault;
 use gs_model::Scene;
 use numpy::ndarray::{ArrayView2, ArrayView3};
@@ -15,47 +16,48 @@ use std::array;
 
 /// The arrays of a dict of splats: aligned float32 of the right shapes, in any memory order.
 #[derive(FromPyObject)]
-pub(crate) struct Splats<'py> {
-    #[pyo3(item)]
+#[pyo3(from_item_all)]
+pub(crate) struct SplatArrays<'py> {
     means: PyReadonlyArray2<'py, f32>,
-    #[pyo3(item)]
     scales: PyReadonlyArray2<'py, f32>,
-    #[pyo3(item)]
     quats: PyReadonlyArray2<'py, f32>,
-    #[pyo3(item)]
     opacities: PyReadonlyArray1<'py, f32>,
-    #[pyo3(item)]
     sh0: PyReadonlyArray3<'py, f32>,
     #[pyo3(item("shN"))]
     rest: PyReadonlyArray3<'py, f32>,
 }
 
-impl Splats<'_> {
+impl SplatArrays<'_> {
+    /// Threads for a call, and the scene. The arrays are released.
+    pub(crate) fn take(self) -> PyResult<(ThreadPool, Scene)> {
+        let pool = pool()?;
+        let scene = self.scene(&pool)?;
+        Ok((pool, scene))
+    }
+
     /// The scene: the one copy of the numbers that is made.
     pub(crate) fn scene(&self, pool: &ThreadPool) -> PyResult<Scene> {
-        let (dc, rest) = (self.sh0.as_array(), self.rest.as_array());
-        let sh_degree = match rest.shape()[1] {
-            0 => 0,
-            3 => 1,
-            8 => 2,
-            15 => 3,
-            k => return Err(wrong("shN", "K of 0, 3, 8 or 15", &[k])),
-        };
-        for (name, array, width) in [
-            ("means", self.means.shape(), 3),
-            ("scales", self.scales.shape(), 3),
-            ("quats", self.quats.shape(), 4),
+        let (n, k) = (self.means.shape()[0], self.rest.shape()[1]);
+        for (name, found, expected) in [
+            ("means", self.means.shape(), &[n, 3][..]),
+            ("scales", self.scales.shape(), &[n, 3]),
+            ("quats", self.quats.shape(), &[n, 4]),
+            ("opacities", self.opacities.shape(), &[n]),
+            ("sh0", self.sh0.shape(), &[n, 1, 3]),
+            ("shN", self.rest.shape(), &[n, k, 3]),
         ] {
-            if array[1] != width {
-                return Err(wrong(name, "3 columns, quats 4", array));
+            if found != expected {
+                let message = format!("{name}: shape {expected:?} expected, not {found:?}");
+                return Err(Fault::Usage(message).into());
             }
         }
-        if dc.shape()[1..] != [1, 3] || rest.shape()[2] != 3 || dc.shape()[0] != rest.shape()[0] {
-            return Err(wrong("sh0 and shN", "shapes (N, 1, 3) and (N, K, 3)", dc.shape()));
-        }
+        let Some(sh_degree) = (0..4).find(|&degree| usize::from(degree * (degree + 2)) == k) else {
+            return Err(Fault::Usage(format!("shN: K of 0, 3, 8 or 15 expected, not {k}")).into());
+        };
+        let (dc, rest) = (self.sh0.as_array(), self.rest.as_array());
         let (means, scales) = (self.means.as_array(), self.scales.as_array());
         let (quats, opacities) = (self.quats.as_array(), self.opacities.as_array());
-        let scene = pool.install(|| Scene {
+        Ok(pool.install(|| Scene {
             means: rows(&means),
             rotations: rows(&quats),
             log_scales: rows(&scales),
@@ -65,14 +67,8 @@ impl Splats<'_> {
             },
             sh_degree,
             sh: coefficients(&dc, &rest),
-        });
-        scene.check_shape().map_err(Fault::from)?;
-        Ok(scene)
+        }))
     }
-}
-
-fn wrong(name: &str, expected: &str, found: &[usize]) -> PyErr {
-    Fault::Usage(format!("{name}: {expected} expected, not {found:?}")).into()
 }
 
 fn rows<const W: usize>(array: &ArrayView2<'_, f32>) -> Vec<[f32; W]> {

@@ -8,7 +8,6 @@ use crate::error::{Fault, Result};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -36,20 +35,20 @@ pub(crate) struct Event {
     pub(crate) values: Vec<(&'static str, f64)>,
 }
 
-enum Message<T> {
-    Event(Event),
-    Done(Result<T>),
-}
-
 /// What work tells the thread that waits for it, and hears from it.
 pub(crate) struct Line {
-    tell: Box<dyn Fn(Event) + Send + Sync>,
+    sender: Sender<Event>,
+    /// Whether anyone listens.
+    heard: bool,
     pub(crate) cancel: Arc<AtomicBool>,
 }
 
 impl Line {
     pub(crate) fn tell(&self, event: Event) {
-        (self.tell)(event);
+        if self.heard {
+            // Nobody waits after an interruption.
+            let _ = self.sender.send(event);
+        }
     }
 
     /// Steps of a stage.
@@ -81,56 +80,32 @@ pub(crate) fn run<T: Send + 'static>(
 ) -> PyResult<T> {
     let (sender, receiver) = channel();
     let cancel: Arc<AtomicBool> = Arc::default();
-    let line = Line { tell: teller(progress.is_some(), &sender), cancel: Arc::clone(&cancel) };
-    pool.spawn(move || {
-        let done = catch_unwind(AssertUnwindSafe(|| work(&line)));
-        let done = done.unwrap_or_else(|_| Err(Fault::Internal("internal error: a panic".into())));
-        // Nobody waits after an interruption.
-        let _ = sender.send(Message::Done(done));
+    let line = Line { sender, heard: progress.is_some(), cancel: Arc::clone(&cancel) };
+    let worker = std::thread::spawn(move || {
+        let line = line;
+        pool.install(|| work(&line))
     });
-    let outcome = wait(py, receiver, progress);
-    if outcome.is_err() {
-        cancel.store(true, Ordering::Relaxed);
-    }
-    outcome?.map_err(PyErr::from)
+    wait(py, receiver, progress).inspect_err(|_| cancel.store(true, Ordering::Relaxed))?;
+    let panic = |_| Err(Fault::Internal("internal error: a panic".into()));
+    Ok(worker.join().unwrap_or_else(panic)?)
 }
 
-fn teller<T: Send + 'static>(
-    wanted: bool,
-    sender: &Sender<Message<T>>,
-) -> Box<dyn Fn(Event) + Send + Sync> {
-    if !wanted {
-        return Box::new(|_| {});
-    }
-    let sender = sender.clone();
-    Box::new(move |event| {
-        let _ = sender.send(Message::Event(event));
-    })
-}
-
-/// The result of the work, or the exception that ends the waiting.
-fn wait<T: Send + 'static>(
+/// Waits until the work is done and its sender gone, or for an exception.
+fn wait(
     py: Python<'_>,
-    mut receiver: Receiver<Message<T>>,
+    mut receiver: Receiver<Event>,
     progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Result<T>> {
+) -> PyResult<()> {
     loop {
-        let message;
-        (receiver, message) = py.detach(move || {
-            let message = receiver.recv_timeout(POLL);
-            (receiver, message)
+        let event;
+        (receiver, event) = py.detach(move || {
+            let event = receiver.recv_timeout(POLL);
+            (receiver, event)
         });
-        match message {
-            Ok(Message::Done(done)) => return Ok(done),
-            Ok(Message::Event(event)) => {
-                if let Some(progress) = progress {
-                    pass_on(py, progress, event)?;
-                }
-            }
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => {
-                return Ok(Err(Fault::Internal("internal error: the work is gone".into())));
-            }
+        match (event, progress) {
+            (Ok(event), Some(progress)) => pass_on(py, progress, event)?,
+            (Err(RecvTimeoutError::Disconnected), _) => return Ok(()),
+            _ => {}
         }
         py.check_signals()?;
     }

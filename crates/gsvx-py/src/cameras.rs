@@ -1,14 +1,13 @@
 //! Cameras as arrays, as gsplat has them: from files, or around a model.
 
-use crate::arrays::Splats;
-use crate::background::{pool, run};
+use crate::arrays::SplatArrays;
+use crate::background::run;
 use crate::error::{Fault, Result};
 use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
 use gs_model::Camera;
 use gs_model::camera::LensDistortion;
 use gs_model::dataset::open_views;
-use numpy::ndarray::{ArrayView2, Axis};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -19,22 +18,18 @@ const MAX_EDGE: u32 = 1 << 14;
 
 /// Cameras as Python has checked them.
 #[derive(FromPyObject)]
+#[pyo3(from_item_all)]
 pub(crate) struct CameraArrays<'py> {
     /// What a person calls them: the path that they are from.
-    #[pyo3(item)]
     name: String,
-    #[pyo3(item)]
     names: Vec<String>,
     /// World to camera, (C, 4, 4).
-    #[pyo3(item)]
     viewmats: PyReadonlyArray3<'py, f64>,
     /// Intrinsics in pixels, (C, 3, 3).
     #[pyo3(item("Ks"))]
     intrinsics: PyReadonlyArray3<'py, f64>,
     /// Width and height, (C, 2).
-    #[pyo3(item)]
     sizes: PyReadonlyArray2<'py, i64>,
-    #[pyo3(item)]
     ignored_distortion: Vec<Option<String>>,
 }
 
@@ -51,43 +46,31 @@ impl CameraArrays<'_> {
         let sizes = self.sizes.as_array();
         let mut list = Vec::with_capacity(self.names.len());
         for (i, name) in self.names.iter().enumerate() {
-            let size = [0, 1].map(|k| u32::try_from(sizes[[i, k]]).unwrap_or(0));
-            let (pose, lens) = (poses.index_axis(Axis(0), i), lenses.index_axis(Axis(0), i));
-            let mut camera = camera(name, size, &pose, &lens).checked(Path::new(&self.name))?;
-            camera.ignored_distortion = self.ignored_distortion.get(i).cloned().flatten();
-            if camera.width.max(camera.height) > MAX_EDGE {
-                let (w, h) = (camera.width, camera.height);
+            let [width, height] = [0, 1].map(|k| u32::try_from(sizes[[i, k]]).unwrap_or(0));
+            let column = |k: usize| DVec3::from([0, 1, 2].map(|j| poses[[i, j, k]]));
+            let camera = Camera {
+                name: name.clone(),
+                width,
+                height,
+                fx: lenses[[i, 0, 0]],
+                fy: lenses[[i, 1, 1]],
+                cx: lenses[[i, 0, 2]],
+                cy: lenses[[i, 1, 2]],
+                rotation: DMat3::from_cols(column(0), column(1), column(2)),
+                translation: column(3),
+                ignored_distortion: self.ignored_distortion.get(i).cloned().flatten(),
+            };
+            list.push(camera.checked(Path::new(&self.name))?);
+            if width.max(height) > MAX_EDGE {
                 return Err(Fault::Failed(format!(
-                    "camera {name:?}: {w}x{h} pixels, more than {MAX_EDGE} along an edge"
+                    "camera {name:?}: {width}x{height} pixels, more than {MAX_EDGE} along an edge"
                 )));
             }
-            list.push(camera);
         }
         if list.is_empty() {
             return Err(Fault::Failed(format!("{}: no cameras", self.name)));
         }
         Ok(Cameras { name: self.name.clone(), list })
-    }
-}
-
-fn camera(
-    name: &str,
-    [width, height]: [u32; 2],
-    pose: &ArrayView2<'_, f64>,
-    lens: &ArrayView2<'_, f64>,
-) -> Camera {
-    let column = |k: usize| DVec3::new(pose[[0, k]], pose[[1, k]], pose[[2, k]]);
-    Camera {
-        name: name.into(),
-        width,
-        height,
-        fx: lens[[0, 0]],
-        fy: lens[[1, 1]],
-        cx: lens[[0, 2]],
-        cy: lens[[1, 2]],
-        rotation: DMat3::from_cols(column(0), column(1), column(2)),
-        translation: column(3),
-        ignored_distortion: None,
     }
 }
 
@@ -105,7 +88,7 @@ pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, 
 /// Cameras around a model, as Python asks for them. What is `None` is found.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Orbit {
+pub(crate) struct OrbitOptions {
     count: u32,
     size: [u32; 2],
     field_of_view: f64,
@@ -119,13 +102,11 @@ pub(crate) struct Orbit {
 #[pyfunction]
 pub(crate) fn orbit<'py>(
     py: Python<'py>,
-    splats: Splats<'py>,
-    orbit: Orbit,
+    splats: SplatArrays<'py>,
+    orbit: OrbitOptions,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let Orbit { count, size, field_of_view, up, radius, elevation, full_circle } = orbit;
-    let pool = pool()?;
-    let scene = splats.scene(&pool)?;
-    drop(splats);
+    let OrbitOptions { count, size, field_of_view, up, radius, elevation, full_circle } = orbit;
+    let (pool, scene) = splats.take()?;
     let cameras = run(py, pool, None, move |_| {
         let tangent = libm::tan(0.5 * field_of_view.to_radians());
         let tangents = [tangent, tangent * f64::from(size[1]) / f64::from(size[0])];

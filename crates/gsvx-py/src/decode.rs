@@ -6,7 +6,7 @@ use crate::error::Fault;
 use gsvx::{Chunk, DecodeOptions, Index, Kind};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
 /// What of a stream is decoded, as Python has it.
 #[derive(FromPyObject)]
@@ -38,15 +38,15 @@ pub(crate) fn decompress<'py>(
 }
 
 /// A stream that arrives in parts; it does no I/O.
-#[pyclass(module = "gsvx._gsvx")]
+#[pyclass(module = "gsvx._gsvx", name = "Reader")]
 #[derive(Default)]
-pub(crate) struct Reader {
+pub(crate) struct StreamReader {
     reader: gsvx::Reader,
     name: String,
 }
 
 #[pymethods]
-impl Reader {
+impl StreamReader {
     #[new]
     fn new(name: String) -> Self {
         Self { reader: gsvx::Reader::new(), name }
@@ -102,11 +102,7 @@ fn head<'py>(py: Python<'py>, index: &Index) -> PyResult<Bound<'py, PyDict>> {
     out.set_item("cube_side", header.cube.side)?;
     out.set_item("levels", 1 + index.coarsest_lod())?;
     out.set_item("bytes", index.stream_len())?;
-    let parts = PyDict::new(py);
-    for (part, bytes) in index.parts() {
-        parts.set_item(part, bytes)?;
-    }
-    out.set_item("parts", parts)?;
+    out.set_item("parts", index.parts().into_py_dict(py)?)?;
     let chunks = index.chunks.iter().enumerate().map(|(number, c)| chunk(py, index, number, c));
     out.set_item("chunks", chunks.collect::<PyResult<Vec<_>>>()?)?;
     Ok(out)

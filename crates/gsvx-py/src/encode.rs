@@ -1,7 +1,7 @@
 //! Arrays to streams: the choices of `gsvx encode`, in its order, so that the bytes are the same.
 
-use crate::arrays::Splats;
-use crate::background::{Event, Line, pool, run};
+use crate::arrays::SplatArrays;
+use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use finetune::{Likeness, Pictures, References, Visibility};
@@ -13,10 +13,10 @@ use pyo3::types::{IntoPyDict, PyBytes, PyDict};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Options as Python has them.
+/// CompressOptions as Python has them.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Options {
+pub(crate) struct CompressOptions {
     quality: Option<f32>,
     target_bytes: Option<u64>,
     target_psnr: Option<f64>,
@@ -32,13 +32,13 @@ pub(crate) struct Options {
     prune: f64,
     depth: Option<u8>,
     j_low: Option<u8>,
-    /// Name and bits.
+    /// In which row each Gaussian of the input comes back.
     rows: bool,
     /// Estimate how much less the stream shows.
     estimate: bool,
 }
 
-impl Options {
+impl CompressOptions {
     /// An encoder that does what the options ask for; `measure` tells the PSNR of a decoded scene.
     fn encoder<'a>(&self, measure: Option<impl FnMut(&Scene) -> f64 + 'a>) -> Encoder<'a> {
         let aim = match (self.max_error, self.target_bytes, self.target_psnr.zip(measure)) {
@@ -85,20 +85,16 @@ struct Done {
 #[pyfunction]
 pub(crate) fn compress<'py>(
     py: Python<'py>,
-    splats: Splats<'py>,
-    options: Options,
+    splats: SplatArrays<'py>,
+    options: CompressOptions,
     cameras: Option<CameraArrays<'py>>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyDict>)> {
-    let pool = pool()?;
-    let scene = splats.scene(&pool)?;
-    drop(splats);
+    let (pool, scene) = splats.take()?;
     let cameras = cameras.map(|c| c.cameras()).transpose()?;
     let input = scene.len();
     let done = run(py, pool, progress.as_ref(), move |line| {
-        let start = Instant::now();
-        let done = encode(scene, &options, cameras.as_ref(), line)?;
-        Ok(Done { seconds: start.elapsed().as_secs_f64(), ..done })
+        encode(scene, &options, cameras.as_ref(), line)
     })?;
     let report = report(py, &done, input)?;
     Ok((PyBytes::new(py, &done.made.encoded.bytes), report))
@@ -106,11 +102,11 @@ pub(crate) fn compress<'py>(
 
 fn encode(
     mut scene: Scene,
-    options: &Options,
+    options: &CompressOptions,
     cameras: Option<&Cameras>,
     line: &Line,
 ) -> Result<Done> {
-    let input = scene.len();
+    let (start, input) = (Instant::now(), scene.len());
     let valid = options.drop_invalid.then(|| scene.valid_indices());
     let valid = valid.filter(|valid| valid.len() < input);
     if let Some(valid) = &valid {
@@ -125,14 +121,11 @@ fn encode(
     line.check()?;
     let seen = cameras.map(|cameras| seen(&scene, cameras, &mut done, line)).transpose()?;
     // The PSNR is measured against the input before pruning.
-    let references = match (options.target_psnr, cameras) {
-        (None, _) => None,
-        (Some(_), None) => return Err(Fault::Usage("target_psnr needs cameras".into())),
-        (Some(_), Some(cameras)) => {
-            let step = |done, all| line.step("renders of the input", done, all);
-            Some(References::new(&scene, &cameras.list, step)?)
-        }
-    };
+    let references = options.target_psnr.and(cameras).map(|cameras| {
+        let step = |done, all| line.step("renders of the input", done, all);
+        References::new(&scene, &cameras.list, step)
+    });
+    let references = references.transpose()?;
     let measure = references.as_ref().map(|references| |scene: &Scene| references.psnr(scene));
     let mut encoder = options.encoder(measure);
     encoder.options.importance = seen;
@@ -143,7 +136,12 @@ fn encode(
         }
         if let EncodeProgress::Made(quality, encoded) = event {
             encodes += 1;
-            line.tell(encoded_event(encodes, quality, encoded));
+            let values = vec![
+                ("quality", quality.into()),
+                ("bytes", encoded.bytes.len() as f64),
+                ("gaussians", encoded.index.header.count as f64),
+            ];
+            line.tell(Event { stage: "encode".into(), done: encodes, total: 0, values });
         }
         ControlFlow::Continue(())
     });
@@ -152,6 +150,7 @@ fn encode(
     done.warnings.extend(done.made.warnings.iter().map(ToString::to_string));
     let rows = done.made.encoded.rows.take().filter(|_| options.rows);
     done.rows = rows.map(|rows| rows_of_input(&rows, valid.as_deref(), input));
+    done.seconds = start.elapsed().as_secs_f64();
     Ok(done)
 }
 
@@ -178,28 +177,14 @@ fn rows_of_input(rows: &[u32], valid: Option<&[usize]>, input: usize) -> Vec<i64
     all
 }
 
-fn decoded(encoded: &Encoded) -> gsvx::Result<Scene> {
-    let mut options = gsvx::DecodeOptions::default();
-    options.max_gaussians = Some(u64::MAX);
-    Ok(gsvx::decode_with(&encoded.bytes, &options)?.scene)
-}
-
 /// How alike the pictures of the input and those of a stream are.
 fn likeness(pictures: &Pictures, encoded: &Encoded) -> Result<Option<Likeness>> {
-    Ok(if pictures.is_empty() { None } else { pictures.likeness(&decoded(encoded)?) })
-}
-
-fn encoded_event(encodes: u64, quality: f32, encoded: &Encoded) -> Event {
-    Event {
-        stage: "encode".into(),
-        done: encodes,
-        total: 0,
-        values: vec![
-            ("quality", quality.into()),
-            ("bytes", encoded.bytes.len() as f64),
-            ("gaussians", encoded.index.header.count as f64),
-        ],
+    if pictures.is_empty() {
+        return Ok(None);
     }
+    let mut options = gsvx::DecodeOptions::default();
+    options.max_gaussians = Some(u64::MAX);
+    Ok(pictures.likeness(&gsvx::decode_with(&encoded.bytes, &options)?.scene))
 }
 
 fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py, PyDict>> {
@@ -224,7 +209,7 @@ fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py
     out.set_item("missed", made.missed.map(|missed| missed.to_string()))?;
     out.set_item("warnings", &done.warnings)?;
     out.set_item("seconds", done.seconds)?;
-    out.set_item("parts", parts(py, encoded)?)?;
+    out.set_item("parts", encoded.parts().into_py_dict(py)?)?;
     let rows = done.rows.as_ref().map(|rows| PyArray1::from_slice(py, rows));
     out.set_item("index_map", rows)?;
     let errors = encoded
@@ -232,13 +217,4 @@ fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py
         .map(|e| [("mean", e.mean), ("opacity", e.opacity), ("shape", e.shape), ("sh", e.sh)]);
     out.set_item("max_error", errors.map(|e| e.into_py_dict(py)).transpose()?)?;
     Ok(out)
-}
-
-/// The bytes of each part of a stream.
-pub(crate) fn parts<'py>(py: Python<'py>, encoded: &Encoded) -> PyResult<Bound<'py, PyDict>> {
-    let parts = PyDict::new(py);
-    for (part, bytes) in encoded.parts() {
-        parts.set_item(part, bytes)?;
-    }
-    Ok(parts)
 }

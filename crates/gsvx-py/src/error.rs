@@ -66,9 +66,6 @@ impl From<gs_model::Error> for Fault {
         let text = line(&error);
         match error {
             gs_model::Error::Io { source, .. } => Self::Io(io::Error::new(source.kind(), text)),
-            gs_model::Error::SceneShape { .. } | gs_model::Error::SceneDegree { .. } => {
-                Self::Usage(text)
-            }
             _ => Self::Failed(text),
         }
     }

@@ -1,6 +1,6 @@
 //! Models in files: whatever gs-model reads and writes, and streams.
 
-use crate::arrays::{self, Splats};
+use crate::arrays::{self, SplatArrays};
 use crate::background::{pool, run};
 use crate::error::{Fault, Result};
 use gs_model::{Format, Invalid, ReadOptions, Scene};
@@ -10,18 +10,18 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// Reads a model or a stream. Returns a dict of arrays and notes.
+/// Reads a model or a stream. Returns a dict of arrays, and what was left out, in words.
 #[pyfunction]
 pub(crate) fn read_model(
     py: Python<'_>,
     path: PathBuf,
     drop_invalid: bool,
-) -> PyResult<(Bound<'_, PyDict>, Vec<String>)> {
-    let (scene, notes) = run(py, pool()?, None, move |_| read(&path, drop_invalid))?;
-    Ok((arrays::dict(py, scene)?, notes))
+) -> PyResult<(Bound<'_, PyDict>, Option<String>)> {
+    let (scene, left_out) = run(py, pool()?, None, move |_| read(&path, drop_invalid))?;
+    Ok((arrays::dict(py, scene)?, left_out))
 }
 
-fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Vec<String>)> {
+fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Option<String>)> {
     let name = path.display();
     if path.is_dir() {
         return Err(Fault::Failed(format!("{name}: is a folder; name the model in it")));
@@ -31,20 +31,15 @@ fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Vec<String>)> {
     if starts_like_stream(path).map_err(failed)? {
         let stream = std::fs::read(path).map_err(failed)?;
         let scene = gsvx::decode(&stream).map_err(|e| Fault::from(e).named(&name.to_string()))?;
-        return Ok((scene, Vec::new()));
+        return Ok((scene, None));
     }
     let invalid = if drop_invalid { Invalid::Drop } else { Invalid::Error };
     let options = ReadOptions { invalid, ..Default::default() };
     let (scene, report) = gs_model::model::read(path, &options)?;
-    let mut notes: Vec<String> = (report.unknown_properties.iter())
-        .map(|property| format!("{name}: property {property} is not part of a 3DGS model"))
-        .collect();
     let (n, all) = (report.dropped, report.gaussians_in_file);
-    if n > 0 {
-        let s = if n == 1 { "" } else { "s" };
-        notes.push(format!("{name}: left out: {n} invalid Gaussian{s} of {all}"));
-    }
-    Ok((scene, notes))
+    let s = if n == 1 { "" } else { "s" };
+    let left_out = || format!("{name}: left out: {n} invalid Gaussian{s} of {all}");
+    Ok((scene, (n > 0).then(left_out)))
 }
 
 fn starts_like_stream(path: &Path) -> io::Result<bool> {
@@ -55,9 +50,8 @@ fn starts_like_stream(path: &Path) -> io::Result<bool> {
 
 /// Writes a model; the extension names the format.
 #[pyfunction]
-pub(crate) fn write_model(py: Python<'_>, path: PathBuf, splats: Splats<'_>) -> PyResult<()> {
-    let pool = pool()?;
-    let scene = splats.scene(&pool)?;
+pub(crate) fn write_model(py: Python<'_>, path: PathBuf, splats: SplatArrays<'_>) -> PyResult<()> {
+    let (pool, scene) = splats.take()?;
     run(py, pool, None, move |_| write(&path, &scene))
 }
 

@@ -25,7 +25,7 @@ fn _gsvx(m: &Bound<'_, PyModule>) -> PyResult<()> {
     let presets = gsvx::Preset::ALL.map(|preset| (preset.name, preset.quality));
     m.add("PRESETS", presets.into_py_dict(m.py())?)?;
     m.add("Error", m.py().get_type::<error::Error>())?;
-    m.add_class::<decode::Reader>()?;
+    m.add_class::<decode::StreamReader>()?;
     m.add_function(wrap_pyfunction!(background::set_threads, m)?)?;
     m.add_function(wrap_pyfunction!(cameras::read_cameras, m)?)?;
     m.add_function(wrap_pyfunction!(cameras::orbit, m)?)?;

@@ -1,6 +1,6 @@
 //! Renders, and how alike two models look.
 
-use crate::arrays::Splats;
+use crate::arrays::SplatArrays;
 use crate::background::{pool, run};
 use crate::cameras::CameraArrays;
 use finetune::{Image, RenderOptions, metrics};
@@ -11,14 +11,12 @@ use pyo3::prelude::*;
 #[pyfunction]
 pub(crate) fn render<'py>(
     py: Python<'py>,
-    splats: Splats<'py>,
+    splats: SplatArrays<'py>,
     cameras: CameraArrays<'py>,
     background: [f32; 3],
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyArray3<f32>>>> {
-    let pool = pool()?;
-    let scene = splats.scene(&pool)?;
-    drop(splats);
+    let (pool, scene) = splats.take()?;
     let cameras = cameras.cameras()?.list;
     let images = run(py, pool, progress.as_ref(), move |line| {
         let options = RenderOptions { background, ..Default::default() };
@@ -40,8 +38,8 @@ pub(crate) fn render<'py>(
 #[pyfunction]
 pub(crate) fn compare<'py>(
     py: Python<'py>,
-    reference: Splats<'py>,
-    model: Splats<'py>,
+    reference: SplatArrays<'py>,
+    model: SplatArrays<'py>,
     cameras: CameraArrays<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Vec<(f64, f64)>> {

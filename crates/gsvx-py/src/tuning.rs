@@ -1,23 +1,23 @@
 //! `gsvx tune` for arrays.
 
-use crate::arrays::Splats;
-use crate::background::{Event, Line, pool, run};
+use crate::arrays::SplatArrays;
+use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
-use crate::encode::parts;
 use crate::error::{Fault, Result};
 use ::finetune::{Image, RenderOptions, TrainView, render};
 use ::tune::{Progress, Target, Tune, TuneEffort, TuneOutcome};
-use gs_model::{Camera, Scene};
+use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
-use std::path::PathBuf;
+use pyo3::types::{IntoPyDict, PyBytes, PyDict};
+use std::io;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Options as Python has them.
+/// TuneDict as Python has them.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Options {
+pub(crate) struct TuneDict {
     quality: Option<f32>,
     target_bytes: Option<u64>,
     target_psnr: Option<f64>,
@@ -25,6 +25,16 @@ pub(crate) struct Options {
     seed: u64,
     checkpoint: Option<PathBuf>,
     drop_invalid: bool,
+}
+
+impl TuneDict {
+    fn target(&self) -> Target {
+        match (self.target_bytes, self.target_psnr) {
+            (Some(bytes), _) => Target::Bytes(bytes),
+            (_, Some(db)) => Target::Psnr(db),
+            _ => Target::Quality(self.quality.unwrap_or(::tune::DEFAULT_QUALITY)),
+        }
+    }
 }
 
 /// A photo: an array (height, width, 3) or a file.
@@ -41,37 +51,35 @@ enum Photo {
     File(PathBuf),
 }
 
-/// What a tune returns.
-struct Tuned {
-    outcome: TuneOutcome,
-    missed: Option<String>,
-    warnings: Vec<String>,
-}
-
 /// Tunes splats to photos, or to renders of themselves if there are none. Returns the stream and the fields of
 /// a report.
 #[pyfunction]
 pub(crate) fn tune<'py>(
     py: Python<'py>,
-    splats: Splats<'py>,
+    splats: SplatArrays<'py>,
     cameras: CameraArrays<'py>,
     photos: Option<Vec<PhotoArg<'py>>>,
-    options: Options,
+    options: TuneDict,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyDict>)> {
-    let pool = pool()?;
-    let scene = splats.scene(&pool)?;
-    drop(splats);
+    let (pool, scene) = splats.take()?;
     let cameras = cameras.cameras()?;
-    let photos = photos.map(|photos| photos.into_iter().map(Photo::of).collect::<Result<Vec<_>>>());
-    let photos = photos.transpose()?;
-    let tuned = run(py, pool, progress.as_ref(), move |line| {
+    let photo = |photos: Vec<_>| photos.into_iter().map(Photo::of).collect::<Result<Vec<_>>>();
+    let photos = photos.map(photo).transpose()?;
+    let target = options.target();
+    let (outcome, warnings) = run(py, pool, progress.as_ref(), move |line| {
         tune_scene(scene, cameras, photos, &options, line)
     })?;
+    let TuneOutcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } = &outcome;
+    let bytes = encoded.bytes.len();
+    let missed = match target {
+        _ if outcome.reached => None,
+        Target::Psnr(db) => Some(format!("{psnr:.2} dB are below the target of {db} dB")),
+        Target::Bytes(most) => Some(format!("{bytes} bytes are above the target of {most}")),
+        Target::Quality(_) => None,
+    };
     let out = PyDict::new(py);
-    let TuneOutcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } =
-        &tuned.outcome;
-    out.set_item("bytes", encoded.bytes.len())?;
+    out.set_item("bytes", bytes)?;
     out.set_item("gaussians", encoded.index.header.count)?;
     out.set_item("sh_degree", encoded.index.header.sh_degree)?;
     out.set_item("outliers", outliers)?;
@@ -80,9 +88,9 @@ pub(crate) fn tune<'py>(
     out.set_item("quality", quality)?;
     out.set_item("steps", steps)?;
     out.set_item("seconds", seconds)?;
-    out.set_item("missed", &tuned.missed)?;
-    out.set_item("warnings", &tuned.warnings)?;
-    out.set_item("parts", parts(py, encoded)?)?;
+    out.set_item("missed", missed)?;
+    out.set_item("warnings", warnings)?;
+    out.set_item("parts", encoded.parts().into_py_dict(py)?)?;
     Ok((PyBytes::new(py, &encoded.bytes), out))
 }
 
@@ -110,34 +118,35 @@ impl Photo {
         Ok(Self::Image(Image { width: size[0], height: size[1], rgb }))
     }
 
-    fn read(self) -> Result<(String, Image)> {
-        let path = match self {
-            Self::Image(image) => return Ok(("photo".into(), image)),
-            Self::File(path) => path,
+    /// The photo at its camera.
+    fn at(self, camera: &Camera) -> Result<TrainView> {
+        let (name, photo) = match self {
+            Self::Image(photo) => ("photo".into(), photo),
+            Self::File(path) => read(&path)?,
         };
-        let name = format!("photo {}", path.display());
-        let photo = image::ImageReader::open(&path)
-            .and_then(image::ImageReader::with_guessed_format)
-            .map_err(|e| Fault::Io(std::io::Error::new(e.kind(), format!("{name}: {e}"))))?
-            .decode()
-            .map_err(|e| Fault::Failed(format!("{name}: PNG or JPEG expected: {e}")))?
-            .to_rgb8();
-        let (width, height) = photo.dimensions();
-        let empty = || Fault::Failed(format!("{name} is empty"));
-        Ok((name.clone(), Image::from_rgb8(width, height, photo.as_raw()).ok_or_else(empty)?))
+        let (width, height) = (photo.width, photo.height);
+        let Some(camera) = camera.scaled_to(width, height) else {
+            return Err(Fault::Failed(format!(
+                "{name} is {width}x{height}, which is not its camera's aspect ratio"
+            )));
+        };
+        Ok(TrainView { camera, photo })
     }
 }
 
-/// A photo at its camera.
-fn view(camera: &Camera, photo: Photo) -> Result<TrainView> {
-    let (name, photo) = photo.read()?;
-    let Some(camera) = camera.scaled_to(photo.width, photo.height) else {
-        let (width, height) = (photo.width, photo.height);
-        return Err(Fault::Failed(format!(
-            "{name} is {width}x{height}, which is not its camera's aspect ratio"
-        )));
-    };
-    Ok(TrainView { camera, photo })
+/// A file's name, for messages, and its photo.
+fn read(path: &Path) -> Result<(String, Image)> {
+    let name = format!("photo {}", path.display());
+    let photo = image::ImageReader::open(path)
+        .and_then(image::ImageReader::with_guessed_format)
+        .map_err(|e| Fault::Io(io::Error::new(e.kind(), format!("{name}: {e}"))))?
+        .decode()
+        .map_err(|e| Fault::Failed(format!("{name}: PNG or JPEG expected: {e}")))?
+        .to_rgb8();
+    let (width, height) = photo.dimensions();
+    let photo = Image::from_rgb8(width, height, photo.as_raw());
+    let photo = photo.ok_or_else(|| Fault::Failed(format!("{name} is empty")))?;
+    Ok((name, photo))
 }
 
 /// Renders of the model at the cameras.
@@ -159,40 +168,25 @@ fn tune_scene(
     mut scene: Scene,
     cameras: Cameras,
     photos: Option<Vec<Photo>>,
-    options: &Options,
+    options: &TuneDict,
     line: &Line,
-) -> Result<Tuned> {
+) -> Result<(TuneOutcome, Vec<String>)> {
     if options.drop_invalid {
         scene.drop_invalid();
     }
     let list = cameras.list;
     let training = match photos {
-        Some(photos) if photos.len() == list.len() => list
-            .iter()
-            .zip(photos)
-            .map(|(camera, photo)| view(camera, photo))
-            .collect::<Result<_>>()?,
+        Some(photos) if photos.len() == list.len() => {
+            let views = list.iter().zip(photos).map(|(camera, photo)| photo.at(camera));
+            views.collect::<Result<_>>()?
+        }
         Some(photos) => {
             let (p, c) = (photos.len(), list.len());
             return Err(Fault::Usage(format!("photos: {p} of them for {c} cameras")));
         }
         None => renders(&scene, list, line)?,
     };
-    run_tune(scene, training, options, line)
-}
-
-fn run_tune(
-    scene: Scene,
-    training: Vec<TrainView>,
-    options: &Options,
-    line: &Line,
-) -> Result<Tuned> {
-    let target = match (options.target_bytes, options.target_psnr) {
-        (Some(bytes), _) => Target::Bytes(bytes),
-        (_, Some(db)) => Target::Psnr(db),
-        _ => Target::Quality(options.quality.unwrap_or(::tune::DEFAULT_QUALITY)),
-    };
-    let mut choices = ::tune::TuneOptions::new(target);
+    let mut choices = ::tune::TuneOptions::new(options.target());
     choices.effort = match &options.effort[..] {
         "quick" => TuneEffort::Quick,
         "long" => TuneEffort::Long,
@@ -204,20 +198,12 @@ fn run_tune(
     let mut warnings = Vec::new();
     let outcome = Tune::new(scene, training, choices)?.run(|p| {
         if let Some(error) = p.checkpoint_failed {
-            let text = gs_model::chain(error);
-            warnings.push(format!("{text}; the run goes on without checkpoints"));
+            warnings.push(format!("{}; the run goes on without checkpoints", chain(error)));
         }
         line.tell(event(p));
     })?;
     line.check()?;
-    let bytes = outcome.encoded.bytes.len();
-    let missed = match target {
-        _ if outcome.reached => None,
-        Target::Psnr(db) => Some(format!("{:.2} dB are below the target of {db} dB", outcome.psnr)),
-        Target::Bytes(most) => Some(format!("{bytes} bytes are above the target of {most}")),
-        Target::Quality(_) => None,
-    };
-    Ok(Tuned { outcome, missed, warnings })
+    Ok((outcome, warnings))
 }
 
 fn event(p: &Progress<'_>) -> Event {

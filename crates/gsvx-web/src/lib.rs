@@ -8,5 +8,5 @@ mod model;
 mod stream;
 
 #[cfg(feature = "models")]
-pub use model::Model;
+pub use model::WholeModel;
 pub use stream::Stream;

@@ -9,14 +9,14 @@ use wasm_bindgen::prelude::*;
 const BLOCK: usize = 512;
 
 /// A model that was read whole.
-#[wasm_bindgen]
+#[wasm_bindgen(js_name = Model)]
 #[derive(Debug)]
-pub struct Model {
+pub struct WholeModel {
     scene: Scene,
 }
 
-#[wasm_bindgen]
-impl Model {
+#[wasm_bindgen(js_class = Model)]
+impl WholeModel {
     /// Reads a model. `name` tells a .splat from others. Invalid Gaussians are left out.
     ///
     /// # Errors

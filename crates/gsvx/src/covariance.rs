@@ -211,9 +211,9 @@ fn decompose_lanes(rows: &[[f32; 6]], rotations: &mut [[f32; 4]], log_scales: &m
         if go == [0; LANES] {
             break;
         }
-        rotate_lanes(&mut a, &mut v, &go, (0, 1, 2));
-        rotate_lanes(&mut a, &mut v, &go, (0, 2, 1));
-        rotate_lanes(&mut a, &mut v, &go, (1, 2, 0));
+        rotate_lanes(&mut a, &mut v, &go, 0, 1);
+        rotate_lanes(&mut a, &mut v, &go, 0, 2);
+        rotate_lanes(&mut a, &mut v, &go, 1, 2);
     }
     for (i, (rotation, scales)) in rotations.iter_mut().zip(log_scales).enumerate() {
         *rotation = quaternion_of(&v.map(|row| row.map(|x| x[i])));
@@ -242,14 +242,10 @@ fn each(f: impl Fn(usize) -> f32) -> Wide {
     std::array::from_fn(f)
 }
 
-/// [`rotate`] where `go` is set.
+/// [`rotate`] of axes `p` and `q` where `go` is set.
 #[inline(always)]
-fn rotate_lanes(
-    a: &mut [[Wide; 3]; 3],
-    v: &mut [[Wide; 3]; 3],
-    go: &Mask,
-    (p, q, r): (usize, usize, usize),
-) {
+fn rotate_lanes(a: &mut [[Wide; 3]; 3], v: &mut [[Wide; 3]; 3], go: &Mask, p: usize, q: usize) {
+    let r = 3 - p - q;
     let (apq, app, aqq) = (a[p][q], a[p][p], a[q][q]);
     let go = std::array::from_fn(|i| go[i] & mask(apq[i] != 0.0));
     let theta = each(|i| (aqq[i] - app[i]) / (2.0 * apq[i]));

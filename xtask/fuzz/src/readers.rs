@@ -121,7 +121,9 @@ pub fn cameras(data: &[u8]) -> bool {
         cameras.iter().for_each(check_camera);
     } else {
         let place = "/nowhere/transforms.json";
-        let Ok(views) = nerf::views_from_bytes(place, file, LensDistortion::Refuse) else { return false };
+        let Ok(views) = nerf::views_from_bytes(place, file, LensDistortion::Refuse) else {
+            return false;
+        };
         views.iter().for_each(|v| check_camera(&v.camera));
     }
     true

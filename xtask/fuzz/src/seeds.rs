@@ -13,7 +13,7 @@ use crate::codec::{self, plans};
 use crate::common::{self, forge, scene};
 
 /// A fuzz target.
-pub struct Target {
+pub struct FuzzTarget {
     /// Its name.
     pub name: &'static str,
     /// What it runs; returns whether the input was accepted.
@@ -29,22 +29,22 @@ const fn target(
     run: fn(&[u8]) -> bool,
     max_len: usize,
     seeds: fn() -> Vec<Vec<u8>>,
-) -> Target {
-    Target { name, run, max_len, seeds }
+) -> FuzzTarget {
+    FuzzTarget { name, run, max_len, seeds }
 }
 
 /// All targets.
-pub const TARGETS: &[Target] = &[
+pub const TARGETS: &[FuzzTarget] = &[
     target("ply", crate::ply, 2048, models),
     target("spz", crate::spz, 512, spz),
     target("splat", crate::splat, 256, || vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])]),
     target("compressed_ply", crate::compressed_ply, 1024, || {
-        [(1, 0), (2, 0), (1, 3)].map(|m| written("compressed-ply", m)).into()
+        [(1, 0), (2, 0), (1, 3)].map(|(n, degree)| written("compressed-ply", n, degree)).into()
     }),
     target("ksplat", crate::ksplat, 384, ksplat),
     target("sog", crate::sog, 4096, sog),
     // More coefficients make JSON longer than what is worth trying.
-    target("glb", crate::glb, 2048, || vec![written("glb", (2, 0))]),
+    target("glb", crate::glb, 2048, || vec![written("glb", 2, 0)]),
     target("colmap", crate::colmap, 512, colmap),
     target("cameras", crate::cameras, 768, cameras),
     target("gsvx", crate::gsvx, 1024, whole),
@@ -113,12 +113,12 @@ fn spz() -> Vec<Vec<u8>> {
     let inner = [file(2, 2, 0), file(3, 1, 3), file(3, 0, 0), file(2, 1, 1)];
     let mut out: Vec<Vec<u8>> = inner.iter().map(|f| with(4, f)).collect();
     out.push(with(0, &crate::gzip::gzip(&inner[0])));
-    out.push(written("spz", (2, 1)));
+    out.push(written("spz", 2, 1));
     out
 }
 
 /// Strict options, then a file of that format with so many Gaussians of that SH degree.
-fn written(format: &str, (n, degree): (usize, u8)) -> Vec<u8> {
+fn written(format: &str, n: usize, degree: u8) -> Vec<u8> {
     let mut file = vec![0];
     let format = gs_model::Format::named(format).expect("a format of the table");
     format.write_to("<seed>", &mut file, &scene(n, degree, 1)).expect("written");

@@ -108,7 +108,7 @@ fn template() -> &'static (Index, Layers) {
 }
 
 /// The template with one chunk of `count` Gaussians from a cell on that has these layers.
-fn forged((count, cell): (usize, u64), layers: &[&[u8]]) -> Vec<u8> {
+fn forged(count: usize, cell: u64, layers: &[&[u8]]) -> Vec<u8> {
     let (mut index, _) = template().clone();
     index.chunks.truncate(1);
     index.header.count = count as u64;
@@ -130,7 +130,7 @@ pub fn chunk(data: &[u8]) -> bool {
     let (len, layers) = number(data);
     let (base, sh) = layers.split_at(len.min(layers.len()));
     let count = 1 + count % MOST as usize;
-    let stream = forged((count, cell), &[base, sh]);
+    let stream = forged(count, cell, &[base, sh]);
     let Ok(decoded) = gsvx::decode_with(&stream, &options()) else { return false };
     assert_eq!(decoded.scene.len(), count);
     decoded.scene.validate().expect("the decoder returned an invalid scene");

@@ -17,7 +17,7 @@ const SLOWEST: Duration = Duration::from_secs(5);
 
 /// What the decoder returned for one kind of damage.
 #[derive(Default)]
-pub(super) struct Seen {
+pub(super) struct Findings {
     /// Errors by the first word of each.
     errors: BTreeMap<String, usize>,
     /// Streams that were decoded to a scene.
@@ -37,7 +37,7 @@ enum Allowed {
     Anything,
 }
 
-impl Seen {
+impl Findings {
     /// Decodes one broken stream.
     fn decode(&mut self, bytes: &[u8], options: &DecodeOptions, allowed: Allowed) -> Result<()> {
         let started = Instant::now();
@@ -91,7 +91,7 @@ fn salvage() -> DecodeOptions {
 /// Golden streams by name.
 type Streams = [(String, Vec<u8>)];
 /// Damages each stream so many times.
-type Damage = fn(&Streams, usize) -> Result<Seen>;
+type Damage = fn(&Streams, usize) -> Result<Findings>;
 
 /// The kinds of damage.
 const KINDS: [(&str, Damage); 4] = [
@@ -102,7 +102,7 @@ const KINDS: [(&str, Damage); 4] = [
 ];
 
 /// Makes the checks and returns what the decoder did, for each kind of damage that went through.
-pub(super) fn checks(tally: &mut Tally, each: u32) -> Vec<(&'static str, Seen)> {
+pub(super) fn checks(tally: &mut Tally, each: u32) -> Vec<(&'static str, Findings)> {
     let each = each as usize;
     let mut found = Vec::new();
     let streams: Vec<(String, Vec<u8>)> = match golden::streams() {
@@ -127,8 +127,8 @@ pub(super) fn checks(tally: &mut Tally, each: u32) -> Vec<(&'static str, Seen)> 
     found
 }
 
-fn cut(streams: &Streams, each: usize) -> Result<Seen> {
-    let mut seen = Seen::default();
+fn cut(streams: &Streams, each: usize) -> Result<Findings> {
+    let mut seen = Findings::default();
     for (_, bytes) in streams {
         let step = (bytes.len() / each).max(1);
         for end in (0..bytes.len()).step_by(step) {
@@ -139,8 +139,8 @@ fn cut(streams: &Streams, each: usize) -> Result<Seen> {
     Ok(seen)
 }
 
-fn flipped(streams: &Streams, each: usize) -> Result<Seen> {
-    let (mut seen, mut rng) = (Seen::default(), Rng::seeded(1));
+fn flipped(streams: &Streams, each: usize) -> Result<Findings> {
+    let (mut seen, mut rng) = (Findings::default(), Rng::seeded(1));
     for (name, bytes) in streams {
         let coarsest = Index::parse(bytes)?.coarsest_lod();
         for _ in 0..each {
@@ -162,8 +162,8 @@ fn flipped(streams: &Streams, each: usize) -> Result<Seen> {
     Ok(seen)
 }
 
-fn spliced(streams: &Streams, each: usize) -> Result<Seen> {
-    let (mut seen, mut rng) = (Seen::default(), Rng::seeded(2));
+fn spliced(streams: &Streams, each: usize) -> Result<Findings> {
+    let (mut seen, mut rng) = (Findings::default(), Rng::seeded(2));
     for (i, (_, a)) in streams.iter().enumerate() {
         for _ in 0..each {
             let (_, b) = &streams[(i + 1 + rng.below(streams.len() - 1)) % streams.len()];
@@ -179,8 +179,8 @@ fn spliced(streams: &Streams, each: usize) -> Result<Seen> {
 }
 
 /// Bytes of heads and layers changed, and layers exchanged, under checksums that are right.
-fn forged(streams: &Streams, each: usize) -> Result<Seen> {
-    let (mut seen, mut rng) = (Seen::default(), Rng::seeded(3));
+fn forged(streams: &Streams, each: usize) -> Result<Findings> {
+    let (mut seen, mut rng) = (Findings::default(), Rng::seeded(3));
     let mut parsed: Vec<(Index, &[u8])> = Vec::new();
     for (name, bytes) in streams {
         // A stream that is whole is sealed already.
@@ -202,7 +202,7 @@ fn forged(streams: &Streams, each: usize) -> Result<Seen> {
                 }
                 _ => {
                     let (other, of) = &parsed[rng.below(parsed.len())];
-                    exchange((index, &mut broken), (other, of), &mut rng);
+                    exchange(index, &mut broken, other, of, &mut rng);
                 }
             }
             seal::repair(&mut broken);
@@ -213,7 +213,7 @@ fn forged(streams: &Streams, each: usize) -> Result<Seen> {
 }
 
 /// Writes a layer of one stream over a layer of another, as far as it goes.
-fn exchange((own, into): (&Index, &mut [u8]), (other, from): (&Index, &[u8]), rng: &mut Rng) {
+fn exchange(own: &Index, into: &mut [u8], other: &Index, from: &[u8], rng: &mut Rng) {
     let any = |index: &Index, rng: &mut Rng| {
         let layers: Vec<_> = index.chunks.iter().flat_map(|c| &c.layers).collect();
         let layer = layers.get(rng.below(layers.len())).map(|l| l.range());

@@ -15,10 +15,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
+use gs_model::chain;
 
 /// Flags of `cargo xtask conformance`.
 #[derive(Clone, Debug, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct ConformanceArgs {
     /// Leave out the WGSL executor, whose tests are built first
     #[arg(long)]
     no_gpu: bool,
@@ -63,7 +64,7 @@ impl Tally {
                 println!("skip  {name}: {why}");
             }
             Ok(Err(why)) => {
-                println!("FAIL  {name}: {}", crate::one_line(&why));
+                println!("FAIL  {name}: {}", chain(why.as_ref()));
                 self.failed.push(name.to_owned());
             }
             Err(_) => {
@@ -75,7 +76,7 @@ impl Tally {
 }
 
 /// Makes all checks.
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &ConformanceArgs) -> Result<()> {
     let started = Instant::now();
     let mut tally = Tally::default();
     golden::checks(&mut tally);

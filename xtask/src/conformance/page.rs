@@ -7,10 +7,10 @@ use eval::cells;
 use eval::chart::{Axis, Chart, Series};
 use eval::page::{Page, Table};
 
-use super::damage::Seen;
+use super::damage::Findings;
 
 /// Writes the page of a run without a failure.
-pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Seen)]) -> Result<()> {
+pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Result<()> {
     let streams: usize = broken.iter().map(|(_, seen)| seen.times.len()).sum();
     let mut page = Page::new(out, "How safe?");
     page.text(format!(
@@ -36,9 +36,9 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Seen)]) -> Result<
 }
 
 /// Times of each kind of damage, sorted.
-fn chart(broken: &[(&str, Seen)]) -> Chart {
-    let milliseconds = |seen: &Seen| seen.times.iter().map(|t| t.as_secs_f64() * 1e3).collect();
-    let line = |(kind, seen): &(&str, Seen)| Series::sorted(kind, milliseconds(seen));
+fn chart(broken: &[(&str, Findings)]) -> Chart {
+    let milliseconds = |seen: &Findings| seen.times.iter().map(|t| t.as_secs_f64() * 1e3).collect();
+    let line = |(kind, seen): &(&str, Findings)| Series::sorted(kind, milliseconds(seen));
     let axes = [Axis::linear("streams, sorted, per cent"), Axis::logarithmic("milliseconds")];
     let title = "Time to refuse or decode a broken stream, sorted";
     Chart::new(title, axes, broken.iter().map(line), None)

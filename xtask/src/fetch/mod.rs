@@ -14,11 +14,12 @@ use std::fs::{self, File};
 use std::io::{self, Read, Seek};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 use eval::progress::Bar;
 use eval::scenes;
 use gs_model::dataset::Dataset;
 use zip::ZipArchive;
+use zip::result::ZipError;
 
 use ranged::Ranged;
 
@@ -35,7 +36,7 @@ const SCENES: [(&str, &str); 4] = [
 
 /// Flags of `cargo xtask fetch`.
 #[derive(Clone, Debug, clap::Args)]
-pub(crate) struct Args {
+pub(crate) struct FetchArgs {
     /// playroom, truck, train or drjohnson
     #[arg(required = true, value_parser = SCENES.map(|s| s.0))]
     scenes: Vec<String>,
@@ -48,7 +49,7 @@ pub(crate) struct Args {
 }
 
 /// Fetches the scenes.
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &FetchArgs) -> Result<()> {
     for name in &args.scenes {
         let (dir, argument) = match &args.cache {
             Some(cache) => (cache.join(name), cache.join(name).display().to_string()),
@@ -118,10 +119,10 @@ fn of_model(path: &str) -> Option<&str> {
 
 /// Writes the wanted files that are not in `dir` yet.
 fn extract(source: &Source, bytes: impl Read + Seek, dir: &Path) -> Result<()> {
-    let mut zip = ZipArchive::new(bytes)?;
+    let mut zip = ZipArchive::new(bytes).map_err(cause)?;
     let (mut missing, mut total, mut found) = (Vec::new(), 0, 0);
     for i in 0..zip.len() {
-        let entry = zip.by_index_raw(i)?;
+        let entry = zip.by_index_raw(i).map_err(cause)?;
         let name = entry.name()?;
         let wanted = name.strip_prefix(&source.folder).and_then(source.wanted);
         let Some(path) = wanted.filter(|_| entry.enclosed_name().is_some()) else { continue };
@@ -135,13 +136,21 @@ fn extract(source: &Source, bytes: impl Read + Seek, dir: &Path) -> Result<()> {
     ensure!(found > 0, "there is no entry {}*", source.folder);
     let bar = Bar::bytes(&format!("{} files from {}", missing.len(), source.archive), total);
     for (i, path) in missing {
-        let mut entry = zip.by_index(i)?;
+        let mut entry = zip.by_index(i).map_err(cause)?;
         bar.step(entry.size());
         let name = entry.name()?.into_owned();
         write(&mut entry, &path).with_context(|| format!("entry {name}"))?;
     }
     bar.done();
     Ok(())
+}
+
+/// What went wrong with an archive. An error of reading quotes its cause, so the cause alone is told.
+fn cause(error: ZipError) -> Error {
+    match error {
+        ZipError::Io(cause) => cause.into(),
+        other => other.into(),
+    }
 }
 
 /// Writes a file that gets its name when it is whole. At its end the reader checks the CRC-32.

@@ -38,40 +38,53 @@ fn curve(method: Method, xs: &[f64], ys: &[f64]) -> Option<Box<dyn Curve>> {
 
 /// Mean difference of two curves over the interval that both cover. `None` if they do not
 /// overlap or a curve cannot be drawn.
-fn mean_gap(method: Method, anchor: (&[f64], &[f64]), test: (&[f64], &[f64])) -> Option<f64> {
+fn mean_gap(method: Method, anchor: &Columns, test: &Columns) -> Option<f64> {
     let ends = |xs: &[f64]| {
         let low = xs.iter().copied().fold(f64::INFINITY, f64::min);
         (low, xs.iter().copied().fold(f64::NEG_INFINITY, f64::max))
     };
-    let ((a0, a1), (t0, t1)) = (ends(anchor.0), ends(test.0));
+    let ((a0, a1), (t0, t1)) = (ends(&anchor.x), ends(&test.x));
     let (low, high) = (a0.max(t0), a1.min(t1));
     if low.is_nan() || high.is_nan() || low >= high {
         return None;
     }
-    let gap = curve(method, test.0, test.1)?.integral(low, high)
-        - curve(method, anchor.0, anchor.1)?.integral(low, high);
+    let gap = curve(method, &test.x, &test.y)?.integral(low, high)
+        - curve(method, &anchor.x, &anchor.y)?.integral(low, high);
     let mean = gap / (high - low);
     mean.is_finite().then_some(mean)
 }
 
-fn columns(points: &[Point]) -> (Vec<f64>, Vec<f64>) {
-    let mut sorted = points.to_vec();
-    sorted.sort_by(|a, b| a.rate.total_cmp(&b.rate));
-    (sorted.iter().map(|p| p.rate.log10()).collect(), sorted.iter().map(|p| p.psnr_db).collect())
+/// The coordinates of points.
+struct Columns {
+    x: Vec<f64>,
+    y: Vec<f64>,
+}
+
+impl Columns {
+    /// PSNR over the logarithm of the rate.
+    fn of(points: &[Point]) -> Self {
+        let mut sorted = points.to_vec();
+        sorted.sort_by(|a, b| a.rate.total_cmp(&b.rate));
+        let (x, y) = sorted.iter().map(|p| (p.rate.log10(), p.psnr_db)).unzip();
+        Self { x, y }
+    }
+
+    fn turned(self) -> Self {
+        Self { x: self.y, y: self.x }
+    }
 }
 
 /// BD-rate: mean rate difference at equal PSNR of `test` against `anchor`, per cent (negative:
 /// `test` is smaller). `None` if the PSNR ranges do not overlap or there are too few points.
 pub fn bd_rate(anchor: &[Point], test: &[Point], method: Method) -> Option<f64> {
-    let ((ar, ap), (tr, tp)) = (columns(anchor), columns(test));
-    let gap = mean_gap(method, (&ap, &ar), (&tp, &tr))?;
+    let [anchor, test] = [anchor, test].map(|points| Columns::of(points).turned());
+    let gap = mean_gap(method, &anchor, &test)?;
     Some((10f64.powf(gap) - 1.0) * 100.0)
 }
 
 /// BD-PSNR: mean PSNR difference at equal rate of `test` against `anchor`, dB.
 pub fn bd_psnr(anchor: &[Point], test: &[Point], method: Method) -> Option<f64> {
-    let ((ar, ap), (tr, tp)) = (columns(anchor), columns(test));
-    mean_gap(method, (&ar, &ap), (&tr, &tp))
+    mean_gap(method, &Columns::of(anchor), &Columns::of(test))
 }
 
 /// The rate of a curve at a PSNR, linear between the points of its hull; `None` beyond its ends.

@@ -7,7 +7,7 @@ use anyhow::Result;
 use voxel::Strategy;
 
 use crate::page::Page;
-use crate::rd_curve::Options as CurveOptions;
+use crate::rd_curve::CurveOptions;
 use crate::rd_curve::plan::Voxels;
 use crate::rd_curve::stages::Branch;
 use crate::rd_curve::study::Study;
@@ -16,7 +16,7 @@ use crate::report::tunes;
 
 /// Flags of `cargo xtask bench-finetune`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct FinetuneOptions {
     /// Scenes: names of crates/eval/scenes.toml, or folders with photos, cameras and model
     #[arg(default_values_t = ["fox", "bonsai"].map(String::from))]
     scenes: Vec<String>,
@@ -51,7 +51,7 @@ fn parse_strategy(text: &str) -> Result<Strategy, String> {
 ///
 /// # Errors
 /// If a scene cannot be read or a fine-tune fails.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &FinetuneOptions) -> Result<()> {
     let mut page = Page::new(&options.out, "What does the fine-tune bring?");
     page.text(format!(
         "`cargo xtask bench-finetune {} --steps {}` voxelizes and merges a model, tunes the result on the training \

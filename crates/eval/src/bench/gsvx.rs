@@ -4,15 +4,15 @@ use std::path::Path;
 
 use anyhow::Result;
 
-pub use super::gsvx_flags::Options;
+pub use super::gsvx_flags::GsvxOptions;
 use super::{importance, scale, speed, sweep};
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 
 /// Measures and writes the page that is asked for.
 ///
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &GsvxOptions) -> Result<()> {
     let out = |page: &'static str| options.out.as_deref().unwrap_or(Path::new(page));
     if !options.importance.is_empty() {
         return importance::run(&options.importance, out("docs/results/importance.md"));
@@ -20,7 +20,7 @@ pub fn run(options: &Options) -> Result<()> {
     if !options.sweep.is_empty() {
         return sweep::run(&options.sweep, out("docs/results/sweep.md"));
     }
-    let gsvx = Gsvx::find(&options.gsvx)?;
+    let gsvx = GsvxCommand::find(&options.gsvx)?;
     if !options.millions.is_empty() {
         return scale::run(options, &gsvx, out("docs/results/scale.md"));
     }

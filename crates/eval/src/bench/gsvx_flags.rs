@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 /// Flags of `cargo xtask bench-gsvx`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct GsvxOptions {
     /// Scene that is replicated.
     #[arg(default_value = "fox")]
     pub(super) scene: String,

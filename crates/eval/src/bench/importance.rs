@@ -9,7 +9,7 @@ use gsvx::{EncodeOptions, Seen};
 use testing::Rng;
 
 use crate::cells;
-use crate::codec::{self, Codec, Curve};
+use crate::codec::{self, Codec, CodecCurve};
 use crate::page::{Page, Table, signed};
 use crate::scenes::{self, TestScene};
 use crate::voxelized::voxelized;
@@ -83,7 +83,7 @@ impl Codec for With {
 /// One row: the curves of a scene, against that of opacity and size.
 fn beside_cameras(name: &str, table: &mut Table) -> Result<()> {
     let scene = TestScene::open(name, usize::MAX)?;
-    let curve = |importance: Vec<f32>, seen| -> Result<Curve> {
+    let curve = |importance: Vec<f32>, seen| -> Result<CodecCurve> {
         codec::curve(&With { importance, seen }, &scene, &QUALITIES)
     };
     let plainer = curve(opacity_and_size(&scene.model), Seen::Guessed)?.rates();

@@ -27,7 +27,7 @@ pub use sweep::{ALLOWED_DB, Drop, Sweep, all_qualities};
 
 /// Flags of `cargo xtask bench`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct BenchOptions {
     /// Scene whose model is measured.
     #[arg(default_value = "fox")]
     scene: String,
@@ -50,7 +50,7 @@ pub struct Options {
 ///
 /// # Errors
 /// If the scene cannot be read, a stage fails or the page cannot be written.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &BenchOptions) -> Result<()> {
     let found = scenes::find(&options.scene)?;
     if let (Some(stage), Some(scratch)) = (&options.stage, &options.scratch) {
         return stages::child(&found, stage, scratch, options.repeat);

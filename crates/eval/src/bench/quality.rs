@@ -12,13 +12,13 @@ use serde_json::Value;
 use crate::cells;
 use crate::measure;
 use crate::page::{Page, Table};
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 use crate::progress::Bar;
 use crate::scenes::{self, TestScene};
 
 /// Flags of `cargo xtask bench-quality`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct QualityOptions {
     /// Scenes with photos
     #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
     scenes: Vec<String>,
@@ -82,8 +82,8 @@ impl Row {
 ///
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
-pub fn run(options: &Options) -> Result<()> {
-    let gsvx = Gsvx::find(&options.gsvx)?;
+pub fn run(options: &QualityOptions) -> Result<()> {
+    let gsvx = GsvxCommand::find(&options.gsvx)?;
     let mut rows = Vec::new();
     let mut table =
         Table::new("model | quality | bytes | PSNR dB | worst view dB | SSIM | lost dB | enough");
@@ -215,7 +215,7 @@ impl Reference {
 }
 
 /// One model at one quality, at eight viewpoints that the command makes.
-fn from_the_command(gsvx: &Gsvx, model: &Path, quality: f32) -> Result<Row> {
+fn from_the_command(gsvx: &GsvxCommand, model: &Path, quality: f32) -> Result<Row> {
     let dir = tempfile::tempdir().context("make a temporary folder")?;
     let stream = dir.path().join("a.gsvx");
     let q = quality.to_string();

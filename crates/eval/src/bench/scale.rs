@@ -9,11 +9,11 @@ use anyhow::{Context, Result, ensure};
 use gs_model::{Scene, ply};
 use serde_json::Value;
 
-use super::gsvx_flags::Options;
+use super::gsvx_flags::GsvxOptions;
 use super::speed::replicate;
 use crate::cells;
 use crate::page::{Page, Table};
-use crate::process::{Done, Gsvx};
+use crate::process::{Done, GsvxCommand};
 use crate::{manifest, scenes};
 
 /// Scenes whose Gaussians are replicated.
@@ -30,7 +30,7 @@ struct Tables {
 }
 
 /// Measures and writes the page.
-pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
+pub(super) fn run(options: &GsvxOptions, gsvx: &GsvxCommand, out: &Path) -> Result<()> {
     let model = |name: &&str| -> Result<Scene> {
         let (mut model, _) = ply::read(&scenes::find(name)?.dataset.model_path)?;
         model.drop_invalid();
@@ -75,7 +75,7 @@ fn inputs(models: &[Scene], files: usize, dir: &Path) -> Result<Vec<PathBuf>> {
 
 /// The command in a folder.
 struct Run<'a> {
-    gsvx: &'a Gsvx,
+    gsvx: &'a GsvxCommand,
     memory: &'a str,
     dir: &'a Path,
 }
@@ -154,7 +154,7 @@ fn region(run: &Run<'_>, stream: &[u8]) -> Result<[f64; 2]> {
 }
 
 /// The page.
-fn page(options: &Options, tables: &Tables, out: &Path) -> Page {
+fn page(options: &GsvxOptions, tables: &Tables, out: &Path) -> Page {
     let millions: Vec<String> = options.millions.iter().map(ToString::to_string).collect();
     let mut page = Page::new(out, "Larger than memory?");
     page.text(format!(

@@ -8,11 +8,11 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use gs_model::{Scene, ply};
 
-use super::gsvx_flags::Options;
+use super::gsvx_flags::GsvxOptions;
 use crate::cells;
 use crate::chart::{Axis, Chart, Series};
 use crate::page::{Page, Table};
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 use crate::{manifest, scenes};
 
 /// Steps that are measured: name, and words of the command.
@@ -27,7 +27,7 @@ const STEPS: [(&str, &[&str]); 6] = [
 ];
 
 /// Measures and writes the page.
-pub(super) fn run(options: &Options, gsvx: &Gsvx, out: &Path) -> Result<()> {
+pub(super) fn run(options: &GsvxOptions, gsvx: &GsvxCommand, out: &Path) -> Result<()> {
     let found = scenes::find(&options.scene)?;
     let (scene, _) = ply::read(&found.dataset.model_path)?;
     ensure!(!scene.is_empty(), "{}: the model is empty", found.name);

@@ -9,14 +9,14 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 
-use crate::process::Gsvx;
-use crate::rd_curve::streams::{How, Point, QUALITIES, Streams};
+use crate::process::GsvxCommand;
+use crate::rd_curve::streams::{How, QUALITIES, StreamPoint, Streams};
 use crate::rd_curve::study::Study;
-use crate::rd_curve::{Effort, Options as CurveOptions};
+use crate::rd_curve::{CurveOptions, TuneEffort};
 
 /// Flags of `cargo xtask bench-tune`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct TuneBenchOptions {
     /// Scenes of the page; the picture is of the first.
     #[arg(default_values_t = ["room", "fox", "bonsai"].map(String::from))]
     scenes: Vec<String>,
@@ -40,16 +40,16 @@ const UNTUNED: [f32; 7] = [30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0];
 
 /// Ways of tuning on the page.
 const RUNS: [How; 4] = [
-    How::Tune { effort: Effort::Normal, distil: false, seed: 0 },
-    How::Tune { effort: Effort::Normal, distil: false, seed: 1 },
-    How::Tune { effort: Effort::Quick, distil: false, seed: 0 },
-    How::Tune { effort: Effort::Normal, distil: true, seed: 0 },
+    How::Tune { effort: TuneEffort::Normal, distil: false, seed: 0 },
+    How::Tune { effort: TuneEffort::Normal, distil: false, seed: 1 },
+    How::Tune { effort: TuneEffort::Quick, distil: false, seed: 0 },
+    How::Tune { effort: TuneEffort::Normal, distil: true, seed: 0 },
 ];
 
 /// The points of one way of tuning, by quality.
 struct Tuned {
     how: How,
-    points: Vec<Point>,
+    points: Vec<StreamPoint>,
 }
 
 /// What the page has of one scene.
@@ -58,7 +58,7 @@ struct Scene {
     gaussians: usize,
     /// PSNR and SSIM of the model as it was trained.
     original: [f64; 2],
-    untuned: Vec<Point>,
+    untuned: Vec<StreamPoint>,
     tuned: Vec<Tuned>,
 }
 
@@ -66,17 +66,17 @@ struct Scene {
 ///
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &TuneBenchOptions) -> Result<()> {
     let known = RUNS.map(How::name);
     for name in &options.runs {
         ensure!(known.contains(name), "{name}: no such run; there are {}", known.join(", "));
     }
-    let gsvx = Gsvx::find(&options.gsvx)?;
+    let gsvx = GsvxCommand::find(&options.gsvx)?;
     let scenes = options.scenes.iter().map(|name| scene(options, &gsvx, name));
     page::page(options, &scenes.collect::<Result<Vec<_>>>()?).write()
 }
 
-fn scene(options: &Options, gsvx: &Gsvx, name: &str) -> Result<Scene> {
+fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<Scene> {
     let study = Study::open(&CurveOptions::of(name)?)?;
     let original = study.original()?;
     let streams = Streams::open(&study, gsvx)?;

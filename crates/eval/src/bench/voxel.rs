@@ -14,7 +14,7 @@ use crate::scenes::TestScene;
 
 /// Flags of `cargo xtask bench-voxel`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct VoxelOptions {
     /// Scenes: names of crates/eval/scenes.toml, or folders
     #[arg(default_values_t = ["fox", "bonsai", "room"].map(String::from))]
     scenes: Vec<String>,
@@ -64,7 +64,7 @@ struct Curve {
 ///
 /// # Errors
 /// If a scene cannot be read, or a stage fails.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &VoxelOptions) -> Result<()> {
     let mut page = Page::new(&options.out, "What does adaptive voxelization bring?");
     introduction(&mut page, options);
     let mut table = Table::new(&format!("strategy | {}", options.scenes.join(" | ")));
@@ -179,7 +179,7 @@ fn curves(study: &Study<'_>, qualities: &[f32]) -> Result<Vec<Curve>> {
     ])
 }
 
-fn introduction(page: &mut Page, options: &Options) {
+fn introduction(page: &mut Page, options: &VoxelOptions) {
     page.text(format!("`cargo xtask bench-voxel {}`.", options.scenes.join(" ")));
     page.text(
         "`Uniform` has all leaves at one depth, `Paper` follows the paper's criteria between two depths, and \

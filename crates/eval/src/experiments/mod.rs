@@ -18,9 +18,9 @@ use serde::Serialize;
 use voxel::Strategy;
 
 use crate::manifest::Manifest;
-use crate::peers::Outcome;
+use crate::peers::ToolOutcome;
 use crate::published::Other;
-use crate::rd_curve::options::{Experiment, Options};
+use crate::rd_curve::options::{CurveOptions, Experiment};
 use crate::rd_curve::plan::{Coding, PAPER_QPS, Voxels};
 use crate::rd_curve::record::{Bd, Curve, Original};
 use crate::rd_curve::stages::Branch;
@@ -47,7 +47,7 @@ fn nearest(quality: f32) -> f32 {
 /// What an experiment works on.
 struct Inputs<'a> {
     study: &'a Study,
-    options: &'a Options,
+    options: &'a CurveOptions,
     qualities: &'a [f32],
     original: Original,
     /// Uniform depth that the scene asks for.
@@ -65,7 +65,7 @@ struct Record<'a> {
     curves: &'a [Curve],
     bd: &'a [Bd],
     others: &'a [Other],
-    tools: &'a [Outcome],
+    tools: &'a [ToolOutcome],
     manifest: Manifest,
 }
 
@@ -80,7 +80,7 @@ struct Results {
     curves: Vec<Curve>,
     bd: Vec<Bd>,
     others: Vec<Other>,
-    tools: Vec<Outcome>,
+    tools: Vec<ToolOutcome>,
 }
 
 impl Experiment {
@@ -88,7 +88,7 @@ impl Experiment {
     pub(crate) fn run(
         self,
         study: &Study,
-        options: &Options,
+        options: &CurveOptions,
         qualities: &[f32],
     ) -> Result<PathBuf> {
         let original = study.original()?;

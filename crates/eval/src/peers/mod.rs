@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::cache::{self, Cache};
 use crate::cells;
-use crate::codec::{Codec, Point, measure_point};
+use crate::codec::{Codec, CodedPoint, measure_point};
 use crate::page::Table;
 use crate::published::{Other, OtherPoint};
 use crate::report::megabits;
@@ -30,7 +30,7 @@ use tmc3::Tmc3;
 #[derive(Clone, Debug, clap::Args)]
 #[cfg_attr(test, derive(Default))]
 #[command(next_help_heading = "Peers")]
-pub(crate) struct Options {
+pub(crate) struct PeerOptions {
     /// MPEG's tmc3, for the paper's own chain [default: on the PATH]
     #[arg(long, value_name = "FILE")]
     tmc3: Option<PathBuf>,
@@ -53,7 +53,7 @@ pub(crate) struct Options {
 
 /// What came of one peer at one setting.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Outcome {
+pub(crate) struct ToolOutcome {
     /// Codec.
     pub(crate) peer: String,
     /// Its settings.
@@ -67,14 +67,14 @@ pub(crate) struct Outcome {
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Fate {
     /// It ran.
-    Measured(Point),
+    Measured(CodedPoint),
     /// It is not here.
     Absent(String),
     /// It is here, but it failed.
     Failed(String),
 }
 
-impl Outcome {
+impl ToolOutcome {
     fn absent(peer: &str, why: impl Into<String>) -> Self {
         Self { peer: peer.into(), settings: String::new(), fate: Fate::Absent(why.into()) }
     }
@@ -100,13 +100,13 @@ struct Setting<'a> {
 }
 
 /// Runs one peer at one setting, unless that was done before with the same tool.
-fn measured(cache: &Cache, scene: &TestScene, of: &Setting<'_>) -> Result<Outcome> {
+fn measured(cache: &Cache, scene: &TestScene, of: &Setting<'_>) -> Result<ToolOutcome> {
     let key = (cache::hash_file(of.tool)?, of.peer, of.settings);
     let fate = match cache.run("peer", &key, || measure_point(of.codec, scene, of.quality)) {
         Ok(point) => Fate::Measured(point),
         Err(why) => Fate::Failed(format!("{why:#}").replace('\n', " ")),
     };
-    Ok(Outcome { peer: of.peer.into(), settings: of.settings.into(), fate })
+    Ok(ToolOutcome { peer: of.peer.into(), settings: of.settings.into(), fate })
 }
 
 /// Reads what a peer decoded. Opacities of 0 and 1 come as infinite logits from codecs of 8-bit
@@ -119,11 +119,11 @@ fn read(path: &Path) -> Result<Scene> {
 
 /// Runs the peers whose tools are there. `depth` is that of the uniform octree of the paper's chain.
 pub(crate) fn run(
-    options: &Options,
+    options: &PeerOptions,
     cache: &Cache,
     scene: &TestScene,
     depth: u8,
-) -> Result<Vec<Outcome>> {
+) -> Result<Vec<ToolOutcome>> {
     if options.no_peers {
         return Ok(Vec::new());
     }
@@ -131,7 +131,7 @@ pub(crate) fn run(
     let mut out = Vec::new();
     let mut convert = |peer: &str, found: Result<Converter, String>| -> Result<()> {
         out.push(match found {
-            Err(why) => Outcome::absent(peer, why),
+            Err(why) => ToolOutcome::absent(peer, why),
             Ok(codec) => {
                 let (settings, tool) = (codec.format, codec.program());
                 measured(
@@ -161,7 +161,7 @@ pub(crate) fn run(
                 out.push(measured(cache, scene, &of)?);
             }
         }
-        Err(why) => out.push(Outcome::absent("tmc3", why)),
+        Err(why) => out.push(ToolOutcome::absent("tmc3", why)),
     }
     // Without splat-transform, neither of its formats is there: one line.
     out.dedup_by_key(|o| o.absence().unwrap_or(o.settings.clone()));
@@ -169,7 +169,7 @@ pub(crate) fn run(
 }
 
 /// The points of those that ran.
-pub(crate) fn table(all: &[Outcome]) -> Table {
+pub(crate) fn table(all: &[ToolOutcome]) -> Table {
     let mut table = Table::new(
         "peer | settings | bytes | Mbit | PSNR dB | SSIM | Gaussians | encode s | decode s",
     );
@@ -191,7 +191,7 @@ pub(crate) fn table(all: &[Outcome]) -> Table {
 }
 
 /// The points as curves: tmc3's settings are one, each format of the other tools is its own.
-pub(crate) fn curves(all: &[Outcome]) -> Vec<Other> {
+pub(crate) fn curves(all: &[ToolOutcome]) -> Vec<Other> {
     let mut out: Vec<Other> = Vec::new();
     for outcome in all {
         let Fate::Measured(m) = &outcome.fate else { continue };

@@ -45,7 +45,7 @@ impl Setup {
         Self { dir: tempfile::tempdir().unwrap(), scene }
     }
 
-    fn run(&self, options: &Options) -> Vec<Outcome> {
+    fn run(&self, options: &PeerOptions) -> Vec<ToolOutcome> {
         let cache = Cache::open(&self.dir.path().join("stages"), &"x", false).unwrap();
         run(options, &cache, &self.scene, 12).unwrap()
     }
@@ -55,8 +55,8 @@ impl Setup {
     }
 }
 
-fn measured(all: &[Outcome], peer: &str) -> Vec<Point> {
-    let of = |o: &Outcome| match &o.fate {
+fn measured(all: &[ToolOutcome], peer: &str) -> Vec<CodedPoint> {
+    let of = |o: &ToolOutcome| match &o.fate {
         Fate::Measured(m) if o.peer == peer => Some(m.clone()),
         _ => None,
     };
@@ -70,12 +70,12 @@ fn every_peer_is_run_decoded_and_scored() {
     fs::create_dir(&tools).unwrap();
     script(&tools, "ply_to_spz", COPY);
     script(&tools, "spz_to_ply", COPY);
-    let options = Options {
+    let options = PeerOptions {
         tmc3: Some(script(&tools, "tmc3", TMC3)),
         spz: Some(tools.clone()),
         splat_transform: Some(script(&tools, "splat-transform", COPY)),
         peer_seconds: 60,
-        ..Options::default()
+        ..PeerOptions::default()
     };
     let all = setup.run(&options);
     let original = setup.original_db();
@@ -109,7 +109,7 @@ fn absent_and_failing_tools_are_lines_not_errors() {
     // Success without a file; a failure with a message; a tool that hangs.
     script(&tools, "ply_to_spz", "exit 0");
     script(&tools, "spz_to_ply", "exit 0");
-    let options = Options {
+    let options = PeerOptions {
         tmc3: Some(tools.join("no such file")),
         spz: Some(tools.clone()),
         splat_transform: Some(script(
@@ -118,22 +118,22 @@ fn absent_and_failing_tools_are_lines_not_errors() {
             "echo first >&2; echo 'no memory' >&2; exit 3",
         )),
         peer_seconds: 60,
-        ..Options::default()
+        ..PeerOptions::default()
     };
-    let lines: Vec<String> = setup.run(&options).iter().filter_map(Outcome::absence).collect();
+    let lines: Vec<String> = setup.run(&options).iter().filter_map(ToolOutcome::absence).collect();
     let says = |part: &str| assert!(lines.iter().any(|l| l.contains(part)), "{part}: {lines:?}");
     says("wrote no model.spz");
     says("no memory");
     says("no such file is not a file");
     assert!(lines.iter().all(|l| !l.contains('\n')), "{lines:?}");
-    let options = Options {
+    let options = PeerOptions {
         splat_transform: Some(script(&tools, "slow", "exec sleep 60")),
         spz: Some(tools.join("nowhere")),
         tmc3: Some(tools.join("nowhere")),
         peer_seconds: 1,
-        ..Options::default()
+        ..PeerOptions::default()
     };
-    let lines: Vec<String> = setup.run(&options).iter().filter_map(Outcome::absence).collect();
+    let lines: Vec<String> = setup.run(&options).iter().filter_map(ToolOutcome::absence).collect();
     assert!(lines.iter().any(|l| l.contains("stopped after 1 s")), "{lines:?}");
-    assert!(setup.run(&Options { no_peers: true, ..options }).is_empty());
+    assert!(setup.run(&PeerOptions { no_peers: true, ..options }).is_empty());
 }

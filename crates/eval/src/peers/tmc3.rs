@@ -154,7 +154,7 @@ impl Codec for Tmc3 {
             let (stream, [geometry, attribute]) = self.code(&positions, &integers, &options, qp)?;
             // The authors count positions once, in the first (DC) stream.
             header.counted += attribute + if index == 0 { geometry } else { 0 };
-            let bits = ranges.iter().map(|&(low, high)| [low.to_bits(), high.to_bits()]);
+            let bits = ranges.iter().map(|range| range.map(f64::to_bits));
             header.parts.push((stream.len(), bits.collect()));
             streams.extend(stream);
         }
@@ -181,7 +181,7 @@ impl Codec for Tmc3 {
             }
             let same = *first.get_or_insert_with(|| positions.clone()) == positions;
             ensure!(same, "tmc3 decoded other positions for {part:?} than for DC");
-            let ranges = bits.iter().map(|r| (f64::from_bits(r[0]), f64::from_bits(r[1])));
+            let ranges = bits.iter().map(|range| range.map(f64::from_bits));
             part.put(&mut scene, &channels, &ranges.collect());
         }
         Ok(scene)

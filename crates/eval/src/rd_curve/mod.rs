@@ -19,7 +19,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 use crate::report::{self, sections};
 use crate::{peers, published};
 use plan::{Coding, GSVX, TUNED};
@@ -28,15 +28,15 @@ use stages::Branch;
 use study::Study;
 use tune::Tuning;
 
-pub use options::{Effort, Options};
-pub use size::{Options as SizeOptions, run as size};
+pub use options::{CurveOptions, TuneEffort};
+pub use size::{SizeOptions, run as size};
 
 /// Measures the curves of a scene, or an experiment of the paper, and writes the report: `report.html`, `report.md`,
 /// a JSON and the charts.
 ///
 /// # Errors
 /// If the scene cannot be read, an option is out of range or a file cannot be written.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &CurveOptions) -> Result<()> {
     let started = Instant::now();
     // Before anything long, so that a bad option is reported at once.
     let qualities = options.qualities()?;
@@ -60,7 +60,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// The default run: measures all curves of a scene and writes the report.
-fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
+fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Run> {
     let original = study.original()?;
     let base = study.depth(options.depth)?;
     let tuning = options.finetune.map(|steps| Tuning { steps, initialised: true });
@@ -77,7 +77,7 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
     if let Some(effort) = options.tune {
-        curves.push(streams::curve(study, &Gsvx::find(&options.gsvx)?, effort)?);
+        curves.push(streams::curve(study, &GsvxCommand::find(&options.gsvx)?, effort)?);
     }
     let tools = study.peers(&options.peers, base)?;
 
@@ -110,7 +110,7 @@ fn curves(study: &Study, options: &Options, qualities: &[f32]) -> Result<Run> {
     let document = report::run::document(&run, views);
     document.write(&study.out)?;
     document.print();
-    run.tools.iter().filter_map(peers::Outcome::absence).for_each(|line| println!("{line}"));
+    run.tools.iter().filter_map(peers::ToolOutcome::absence).for_each(|line| println!("{line}"));
     Ok(run)
 }
 

@@ -11,7 +11,7 @@ use crate::peers;
 
 /// How long to tune.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
-pub enum Effort {
+pub enum TuneEffort {
     /// About a minute for a scene of 120,000 Gaussians and small photos.
     Quick,
     /// About five.
@@ -20,7 +20,7 @@ pub enum Effort {
     Long,
 }
 
-impl Effort {
+impl TuneEffort {
     /// As the command calls it.
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -46,7 +46,7 @@ pub(crate) enum Experiment {
 
 /// Flags of `cargo xtask rd-curve`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct CurveOptions {
     /// A folder with model, cameras and photos, or a name from crates/eval/scenes.toml
     #[arg(default_value = crate::scenes::DEFAULT)]
     pub(crate) scene: String,
@@ -78,7 +78,7 @@ pub struct Options {
     /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long
     #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
         default_missing_value = "normal", hide_possible_values = true)]
-    pub(crate) tune: Option<Effort>,
+    pub(crate) tune: Option<TuneEffort>,
     /// The command that tunes
     #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
     pub(crate) gsvx: PathBuf,
@@ -86,13 +86,13 @@ pub struct Options {
     #[arg(long)]
     pub(crate) fresh: bool,
     #[command(flatten)]
-    pub(crate) peers: peers::Options,
+    pub(crate) peers: peers::PeerOptions,
 }
 
 /// `--quick`: held-out views and rates.
 const QUICK: (usize, usize) = (2, 5);
 
-impl Options {
+impl CurveOptions {
     /// Those of `cargo xtask rd-curve SCENE`, without flags.
     pub(crate) fn of(scene: &str) -> Result<Self> {
         let command = Self::augment_args(clap::Command::new("rd-curve").no_binary_name(true));

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::bd::Point;
 use crate::manifest::Manifest;
 use crate::measure::Score;
-use crate::peers::Outcome;
+use crate::peers::ToolOutcome;
 use crate::published::Other;
 
 /// The uncompressed model.
@@ -185,7 +185,7 @@ pub(crate) struct Run {
     /// Others, recorded or published.
     pub(crate) others: Vec<Other>,
     /// Others whose tools were run here.
-    pub(crate) tools: Vec<Outcome>,
+    pub(crate) tools: Vec<ToolOutcome>,
     /// Bjontegaard differences.
     pub(crate) bd: Vec<Bd>,
     /// Side-by-side pictures.

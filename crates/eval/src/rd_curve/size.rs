@@ -15,7 +15,7 @@ use crate::report::run;
 
 /// Flags of `cargo xtask bench-size`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct SizeOptions {
     /// Scenes to measure; the picture is of the first.
     #[arg(default_values_t = ["fox", "bonsai", "room"].map(String::from))]
     scenes: Vec<String>,
@@ -28,10 +28,10 @@ pub struct Options {
 ///
 /// # Errors
 /// If a scene cannot be read or a file cannot be written.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &SizeOptions) -> Result<()> {
     let mut runs = Vec::new();
     for scene in &options.scenes {
-        let mut of_scene = super::options::Options::of(scene)?;
+        let mut of_scene = super::options::CurveOptions::of(scene)?;
         of_scene.peers.no_peers = true;
         runs.push(super::curves(&Study::open(&of_scene)?, &of_scene, &of_scene.qualities()?)?);
     }

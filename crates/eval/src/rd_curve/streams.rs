@@ -10,12 +10,12 @@ use std::fs;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use super::options::Effort;
+use super::options::TuneEffort;
 use super::record::{Coded, Curve};
 use super::study::Study;
 use crate::cache::Cache;
 use crate::measure;
-use crate::process::Gsvx;
+use crate::process::GsvxCommand;
 use crate::progress::Bar;
 
 /// How the command makes a stream.
@@ -26,7 +26,7 @@ pub(crate) enum How {
     /// `gsvx tune`.
     Tune {
         /// How long.
-        effort: Effort,
+        effort: TuneEffort,
         /// To the renders of the model instead of the photos.
         distil: bool,
         /// Of the order of the views.
@@ -36,7 +36,7 @@ pub(crate) enum How {
 
 impl How {
     /// With photos, and the first seed.
-    pub(crate) fn tune(effort: Effort) -> Self {
+    pub(crate) fn tune(effort: TuneEffort) -> Self {
         Self::Tune { effort, distil: false, seed: 0 }
     }
 
@@ -64,7 +64,7 @@ impl How {
 
 /// One stream.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Point {
+pub(crate) struct StreamPoint {
     /// Size and quality.
     pub(crate) coded: Coded,
     /// Processor seconds of the command, all threads.
@@ -76,23 +76,23 @@ pub(crate) struct Point {
 /// Streams of one scene by one build of the command.
 pub(crate) struct Streams<'a> {
     study: &'a Study,
-    gsvx: &'a Gsvx,
+    gsvx: &'a GsvxCommand,
     cache: Cache,
 }
 
 impl<'a> Streams<'a> {
-    pub(crate) fn open(study: &'a Study, gsvx: &'a Gsvx) -> Result<Self> {
+    pub(crate) fn open(study: &'a Study, gsvx: &'a GsvxCommand) -> Result<Self> {
         Ok(Self { study, gsvx, cache: study.cache_of(gsvx.path())? })
     }
 
     /// The point, if it was measured before.
-    pub(crate) fn find(&self, how: How, quality: f32) -> Result<Option<Point>> {
-        let usable = |p: &Point| self.study.has_stream(&p.coded);
+    pub(crate) fn find(&self, how: How, quality: f32) -> Result<Option<StreamPoint>> {
+        let usable = |p: &StreamPoint| self.study.has_stream(&p.coded);
         self.cache.find(&stage(how, quality), &(how, quality), usable)
     }
 
     /// The point, measured unless that was done before.
-    pub(crate) fn point(&self, how: How, quality: f32) -> Result<Point> {
+    pub(crate) fn point(&self, how: How, quality: f32) -> Result<StreamPoint> {
         if let Some(point) = self.find(how, quality)? {
             return Ok(point);
         }
@@ -101,7 +101,7 @@ impl<'a> Streams<'a> {
         Ok(point)
     }
 
-    fn measure(&self, how: How, quality: f32) -> Result<Point> {
+    fn measure(&self, how: How, quality: f32) -> Result<StreamPoint> {
         let Self { study, gsvx, .. } = self;
         let dataset = &study.test.files.dataset;
         let name = stage(how, quality);
@@ -140,7 +140,7 @@ impl<'a> Streams<'a> {
             render_seconds,
             stream,
         };
-        Ok(Point { coded, user_seconds: cost.user, peak_mb: cost.peak_mb })
+        Ok(StreamPoint { coded, user_seconds: cost.user, peak_mb: cost.peak_mb })
     }
 }
 
@@ -152,7 +152,7 @@ fn stage(how: How, quality: f32) -> String {
 pub(crate) const QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
 
 /// The tuned curve of a report.
-pub(crate) fn curve(study: &Study, gsvx: &Gsvx, effort: Effort) -> Result<Curve> {
+pub(crate) fn curve(study: &Study, gsvx: &GsvxCommand, effort: TuneEffort) -> Result<Curve> {
     let streams = Streams::open(study, gsvx)?;
     let point = |q: &f32| Ok(streams.point(How::tune(effort), *q)?.coded);
     let points = QUALITIES.iter().map(point).collect::<Result<_>>()?;
@@ -167,9 +167,9 @@ mod tests {
     #[test]
     fn each_way_has_its_words() {
         assert_eq!(How::Encode.words(), ["encode", "--drop-unseen"]);
-        let distil = How::Tune { effort: Effort::Quick, distil: true, seed: 1 };
+        let distil = How::Tune { effort: TuneEffort::Quick, distil: true, seed: 1 };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
         assert_eq!(distil.name(), "quick-distil-seed-1");
-        assert_eq!(How::tune(Effort::Normal).name(), "normal");
+        assert_eq!(How::tune(TuneEffort::Normal).name(), "normal");
     }
 }

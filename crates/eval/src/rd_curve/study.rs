@@ -9,7 +9,7 @@ use finetune::TrainView;
 use gs_model::{Dataset, View};
 use serde::Serialize;
 
-use super::options::Options;
+use super::options::CurveOptions;
 use super::plan;
 use super::record::{Coded, Original};
 use crate::cache::{self, Cache};
@@ -47,7 +47,7 @@ pub(crate) struct Study {
 
 impl Study {
     /// Reads the scene of `options`.
-    pub(crate) fn open(options: &Options) -> Result<Self> {
+    pub(crate) fn open(options: &CurveOptions) -> Result<Self> {
         ensure!(options.views() > 0, "--views must be at least 1");
         let test = TestScene::open(&options.scene, options.views())?;
         let files = &test.files;
@@ -130,7 +130,11 @@ impl Study {
     }
 
     /// Runs the peers whose tools are there.
-    pub(crate) fn peers(&self, options: &peers::Options, depth: u8) -> Result<Vec<peers::Outcome>> {
+    pub(crate) fn peers(
+        &self,
+        options: &peers::PeerOptions,
+        depth: u8,
+    ) -> Result<Vec<peers::ToolOutcome>> {
         peers::run(options, &self.cache, &self.test, depth)
     }
 

@@ -6,7 +6,7 @@ use super::{Block, Document, Section, View, megabits};
 use crate::cells;
 use crate::chart::{Axis, Chart, Series};
 use crate::page::Table;
-use crate::peers::Outcome;
+use crate::peers::ToolOutcome;
 use crate::published::Other;
 use crate::rd_curve::record::{Coded, Curve, Original, Run};
 
@@ -145,7 +145,7 @@ pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
 }
 
 /// Peers' tools run here, and those that were not; nothing where none was asked for.
-pub(crate) fn peers(tools: &[Outcome]) -> Section {
+pub(crate) fn peers(tools: &[ToolOutcome]) -> Section {
     let mut blocks = Vec::new();
     let table = crate::peers::table(tools);
     if !table.rows.is_empty() {
@@ -153,7 +153,7 @@ pub(crate) fn peers(tools: &[Outcome]) -> Section {
                     processes, reading and writing files included.";
         blocks.extend([Block::Text(text.into()), Block::Table(table)]);
     }
-    let absent: Vec<String> = tools.iter().filter_map(Outcome::absence).collect();
+    let absent: Vec<String> = tools.iter().filter_map(ToolOutcome::absence).collect();
     if !absent.is_empty() {
         blocks.push(Block::List(absent));
     }

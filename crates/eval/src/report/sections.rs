@@ -3,7 +3,7 @@
 use super::{Block, Section, megabits};
 use crate::bd::{self, Method, Point};
 use crate::cells;
-use crate::chart::{Kind, Series};
+use crate::chart::{LineKind, Series};
 use crate::manifest::Manifest;
 use crate::page::{Table, signed};
 use crate::published::{Other, PAPER_CHAIN};
@@ -63,8 +63,8 @@ pub(crate) fn other_series(others: &[Other], widest: f64) -> Vec<Series> {
         let points: Vec<(f64, f64)> =
             points.iter().map(|p| (p.rate / 1e6, p.psnr_db)).filter(|p| p.0 <= widest).collect();
         if !points.is_empty() {
-            let kind = if other.is_published() { Kind::Published } else { Kind::Theirs };
-            let name = if kind == Kind::Published {
+            let kind = if other.is_published() { LineKind::Published } else { LineKind::Theirs };
+            let name = if kind == LineKind::Published {
                 format!("{} (published)", other.name)
             } else {
                 other.name.clone()

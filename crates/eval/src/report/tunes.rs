@@ -1,7 +1,7 @@
 //! Fine-tunes of voxelized models: as a table, and over their steps.
 
 use crate::cells;
-use crate::chart::{Axis, Chart, Kind, Series};
+use crate::chart::{Axis, Chart, LineKind, Series};
 use crate::page::Table;
 use crate::rd_curve::record::{Original, Tuned, Voxelized};
 
@@ -51,7 +51,7 @@ pub(crate) fn chart<'a>(
 ) -> Chart {
     let line = |(m, t): (&Voxelized, &Tuned)| Series {
         name: format!("{}, {}", m.what, if t.initialised { "initialised" } else { "from nothing" }),
-        kind: if t.initialised { Kind::Ours } else { Kind::Theirs },
+        kind: if t.initialised { LineKind::Ours } else { LineKind::Theirs },
         points: t.held_out_db.iter().map(|&(step, db)| (step as f64, db)).collect(),
     };
     let axes = ["steps, one training view each", "PSNR at held-out views, dB"].map(Axis::linear);

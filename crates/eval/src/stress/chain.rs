@@ -33,7 +33,7 @@ const SMALL: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
 /// The result of one run.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct Outcome {
+pub(crate) struct ChainOutcome {
     /// Which part refused, and its message.
     pub(crate) refused: Option<String>,
     pub(crate) gaussians: usize,
@@ -80,13 +80,13 @@ struct Coded {
 ///
 /// # Errors
 /// If the chain accepts the scene, but the decoded scene is invalid or not what it must be.
-pub(crate) fn run(scene: &Scene, mode: &str) -> Result<Outcome> {
+pub(crate) fn run(scene: &Scene, mode: &str) -> Result<ChainOutcome> {
     if mode.starts_with("--lossless") {
         return lossless(scene, mode.ends_with("in order"));
     }
     match coded(scene, mode) {
         Ok(coded) => checked(&coded),
-        Err(refused) => Ok(Outcome { refused: Some(refused), ..Default::default() }),
+        Err(refused) => Ok(ChainOutcome { refused: Some(refused), ..Default::default() }),
     }
 }
 
@@ -112,7 +112,7 @@ fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
 }
 
 /// Decodes a stream and compares with what it was made from.
-fn checked(coded: &Coded) -> Result<Outcome> {
+fn checked(coded: &Coded) -> Result<ChainOutcome> {
     let Coded { prepared, inside, outliers, bytes, options } = coded;
     let decoded = gsvx::decode(bytes)?;
     decoded.validate().map_err(|e| anyhow!("the decoder returned {e}"))?;
@@ -140,7 +140,7 @@ fn checked(coded: &Coded) -> Result<Outcome> {
         levels::check(bytes, voxels, &outliers)?;
     }
     let mut outcome =
-        Outcome { gaussians: decoded.len(), bytes: bytes.len(), ..Default::default() };
+        ChainOutcome { gaussians: decoded.len(), bytes: bytes.len(), ..Default::default() };
     outcome.worst.push(("mean".into(), displacement(inside, voxels)));
     outcome.worst.extend(attributes(&classes, prepared, &leaves, options)?);
     Ok(outcome)
@@ -176,7 +176,7 @@ fn attributes(
     Ok(worst)
 }
 
-fn lossless(scene: &Scene, in_order: bool) -> Result<Outcome> {
+fn lossless(scene: &Scene, in_order: bool) -> Result<ChainOutcome> {
     let encoded = gsvx::encode_lossless(scene, in_order)?;
     let decoded = gsvx::decode(&encoded.bytes)?;
     let (mut want, mut got) = (rows(scene), rows(&decoded));
@@ -185,7 +185,7 @@ fn lossless(scene: &Scene, in_order: bool) -> Result<Outcome> {
         got.sort_unstable();
     }
     ensure!(want == got, "a float came back with other bits");
-    Ok(Outcome {
+    Ok(ChainOutcome {
         gaussians: decoded.len(),
         bytes: encoded.bytes.len(),
         worst: vec![("every float".into(), 0.0)],

@@ -14,12 +14,12 @@ use anyhow::{Context, Result, bail};
 
 use crate::page::Page;
 use crate::process;
-use chain::{MODES, Outcome};
+use chain::{ChainOutcome, MODES};
 use inputs::{HUGE, INPUTS, Input};
 
 /// Flags of `cargo xtask stress`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct StressOptions {
     /// Only this input.
     #[arg(long)]
     input: Option<String>,
@@ -54,7 +54,7 @@ struct Run {
     input: &'static str,
     mode: &'static str,
     /// What came out, or why the run failed.
-    outcome: Result<Outcome, String>,
+    outcome: Result<ChainOutcome, String>,
 }
 
 impl Run {
@@ -87,7 +87,7 @@ impl Run {
     }
 }
 
-fn size_of(input: &Input, args: &Options) -> usize {
+fn size_of(input: &Input, args: &StressOptions) -> usize {
     if input.name == HUGE { TEN_MILLION } else { args.size }
 }
 
@@ -95,7 +95,7 @@ fn size_of(input: &Input, args: &Options) -> usize {
 ///
 /// # Errors
 /// If a run fails, hangs or breaks a bound.
-pub fn run(args: &Options) -> Result<()> {
+pub fn run(args: &StressOptions) -> Result<()> {
     if let (true, Some(input), Some(mode)) = (args.child, &args.input, &args.mode) {
         return child(input, mode, args.size);
     }
@@ -145,11 +145,11 @@ fn child(input: &str, mode: &str, size: usize) -> Result<()> {
 }
 
 /// Runs one input in one mode in a process of its own.
-fn apart(input: &Input, mode: &str, args: &Options) -> Result<Outcome> {
+fn apart(input: &Input, mode: &str, args: &StressOptions) -> Result<ChainOutcome> {
     let (size, mode) = (size_of(input, args).to_string(), format!("--mode={mode}"));
     let words = ["stress", "--child", "--size", &size, "--input", input.name, &mode];
     let done = process::run(&mut process::own(&words)?, Duration::from_secs(args.timeout))?;
-    Ok(Outcome { seconds: done.wall, peak_mb: done.peak_mb, ..done.json()? })
+    Ok(ChainOutcome { seconds: done.wall, peak_mb: done.peak_mb, ..done.json()? })
 }
 
 #[cfg(test)]

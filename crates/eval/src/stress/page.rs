@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Options, Run};
+use super::{Run, StressOptions};
 use crate::cells;
 use crate::chart::{Axis, Chart, Series};
 use crate::page::{Page, Table};
@@ -58,7 +58,7 @@ fn attributes(runs: &[Run]) -> Vec<Attribute> {
 }
 
 /// The page.
-pub(super) fn page(args: &Options, runs: &[Run], elapsed: Duration, details: &str) -> Page {
+pub(super) fn page(args: &StressOptions, runs: &[Run], elapsed: Duration, details: &str) -> Page {
     let count = |of: &dyn Fn(&Run) -> bool| runs.iter().filter(|r| of(r)).count();
     let refused = count(&|r| r.refused().is_some());
     let failed = count(&|r| r.outcome.is_err());

@@ -1,10 +1,10 @@
 //! Several files as one scene, read some Gaussians at a time.
 
 use crate::exit::note;
-use crate::input::{Reading, name};
+use crate::input::{Reading, cannot_read, name, open};
 use crate::output::is_stdio;
-use crate::progress::Steps;
-use anyhow::{Context, Result, bail};
+use crate::progress::Meter;
+use anyhow::{Context, Result, anyhow, bail};
 use gs_model::Scene;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ const STEP: u64 = 1 << 20;
 
 /// One file of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Input {
+pub(crate) struct SceneFile {
     pub(crate) path: PathBuf,
     /// Length of the file.
     pub(crate) bytes: u64,
@@ -25,7 +25,7 @@ pub(crate) struct Input {
     pub(crate) tiles: Vec<u32>,
 }
 
-impl Input {
+impl SceneFile {
     /// The input at `path`, of which nothing is read yet.
     pub(crate) fn new(path: &Path) -> Result<Self> {
         if is_stdio(path) {
@@ -40,22 +40,22 @@ impl Input {
         &self,
         reading: &Reading,
         say: bool,
-        steps: &Steps,
+        bar: &Meter,
         mut take: impl FnMut(Scene) -> Result<()>,
     ) -> Result<u64> {
-        let mut all = 0;
         let Some(mut parts) = reading.parts(&self.path)? else {
             // Formats that are read whole.
             let scene = reading.model(&self.path)?.scene;
-            all += scene.len() as u64;
+            let all = scene.len() as u64;
             take(scene)?;
-            (0..self.bytes / STEP).for_each(|_| steps.inc());
+            (0..self.bytes / STEP).for_each(|_| bar.inc());
             return Ok(all);
         };
+        let mut all = 0;
         while let Some(scene) = parts.next_part()? {
             all += scene.len() as u64;
             take(scene)?;
-            steps.inc();
+            bar.inc();
         }
         let skipped = parts.gaussians_in_file() as u64 - all;
         if say && skipped > 0 {
@@ -64,17 +64,9 @@ impl Input {
         Ok(all)
     }
 
-    /// An error for a file that is not what it was.
-    pub(crate) fn changed(&self) -> anyhow::Error {
-        anyhow::anyhow!(
-            "{}: has changed since the plan was made; make the plan anew",
-            name(&self.path)
-        )
-    }
-
     /// Refuses a file of another length.
     pub(crate) fn check(&self) -> Result<()> {
-        if length(&self.path)? == self.bytes { Ok(()) } else { Err(self.changed()) }
+        if length(&self.path)? == self.bytes { Ok(()) } else { Err(changed(&self.path)) }
     }
 
     /// What tells this file from others of the same name.
@@ -86,15 +78,18 @@ impl Input {
 }
 
 /// Progress of reading these files.
-pub(crate) fn steps<'a>(what: &'static str, inputs: impl Iterator<Item = &'a Input>) -> Steps {
-    Steps::new(what, inputs.map(|i| i.bytes / STEP).sum())
+pub(crate) fn progress<'a>(
+    what: &'static str,
+    files: impl Iterator<Item = &'a SceneFile>,
+) -> Meter {
+    Meter::new(what, files.map(|file| (file.bytes / STEP) as usize).sum())
+}
+
+/// An error for a file that is not what it was.
+pub(crate) fn changed(path: &Path) -> anyhow::Error {
+    anyhow!("{}: has changed since the plan was made; make the plan anew", name(path))
 }
 
 fn length(path: &Path) -> Result<u64> {
-    let found =
-        std::fs::metadata(path).with_context(|| format!("{}: cannot be read", name(path)))?;
-    if found.is_dir() {
-        bail!("{}: is a folder; name the model in it", name(path));
-    }
-    Ok(found.len())
+    Ok(open(path)?.metadata().with_context(|| cannot_read(path))?.len())
 }

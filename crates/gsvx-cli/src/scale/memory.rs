@@ -1,8 +1,8 @@
 //! How much memory to use.
 
 use crate::exit::usage;
-use crate::output::megabytes;
 use anyhow::Result;
+use indicatif::DecimalBytes;
 
 /// The bound where the system does not say how much memory there is.
 const UNKNOWN: u64 = 4 << 30;
@@ -14,19 +14,19 @@ const TILE: u64 = 150_000_000;
 const TIMES: u64 = 2;
 
 /// Most bytes to use: as asked for, or a quarter of the machine's.
-pub(crate) fn bound(asked: Option<u64>) -> u64 {
+fn bound(asked: Option<u64>) -> u64 {
     asked.unwrap_or_else(|| total().map_or(UNKNOWN, |all| all / 4))
 }
 
-/// Bytes of memory for an encode in memory of files of so many bytes.
-pub(crate) fn in_memory(bytes: u64) -> u64 {
-    bytes.saturating_mul(TIMES)
+/// Whether files of so many bytes are not encoded in memory.
+pub(crate) fn is_large(bytes: u64) -> bool {
+    bytes.saturating_mul(TIMES) > bound(None)
 }
 
-/// Tiles that are encoded at once within a bound.
-pub(crate) fn tiles_at_once(bound: u64) -> Result<usize> {
-    match bound.saturating_sub(PROCESS) / TILE {
-        0 => Err(usage(format!("--memory: at least {} are needed", megabytes(PROCESS + TILE)))),
+/// Tiles that are encoded at once.
+pub(crate) fn tiles_at_once(asked: Option<u64>) -> Result<usize> {
+    match bound(asked).saturating_sub(PROCESS) / TILE {
+        0 => Err(usage(format!("--memory: at least {} are needed", DecimalBytes(PROCESS + TILE)))),
         n => Ok((n as usize).min(rayon::current_num_threads())),
     }
 }

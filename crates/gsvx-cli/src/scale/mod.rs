@@ -11,20 +11,22 @@ mod rows;
 mod scratch;
 mod sight;
 
-use crate::exit::note;
-use crate::input::Reading;
-use crate::join::{self, Part};
-use crate::output::{Output, counted, is_stdio, megabytes};
-use crate::progress::Steps;
+use crate::content::SceneArgs;
+use crate::exit::{note, usage};
+use crate::join::{self, ScenePart};
+use crate::output::{Output, counted, is_stdio};
+use crate::progress::Meter;
 use crate::report::Reporter;
-use anyhow::Result;
+use crate::stream_file::StreamFile;
+use anyhow::{Error, Result};
 use gsvx::{Choices, Index};
-use inputs::Input;
+use indicatif::DecimalBytes;
+use inputs::SceneFile;
 use plan_file::PlanFile;
 use rayon::prelude::*;
-use rows::Rows;
+use rows::TileRows;
 use scratch::Scratch;
-use serde_json::{Value, json};
+use serde_json::json;
 use sight::{CameraFile, Sight};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -40,168 +42,106 @@ const STREAM_BYTES: u64 = 60;
 /// Bytes of a mean.
 const MEAN_BYTES: u64 = 12;
 
-/// Where the work is done, and with how much.
-#[derive(clap::Args, Clone, Debug)]
-pub(crate) struct Room {
-    /// Most memory to use, as in 1G; the rest goes to scratch files. [default: as much as the models need, up to a
-    /// quarter of the machine's]
-    ///
-    /// Needs as much room on the disk as the models take, in a folder beside the output. If the run is killed,
-    /// the same command goes on from there.
-    #[arg(long, value_name = "SIZE", value_parser = crate::size::bytes, hide_short_help = true,
-          help_heading = "Scenes larger than memory")]
-    pub(crate) memory: Option<u64>,
-    /// Folder for scratch files [default: OUTPUT.scratch].
-    #[arg(
-        long,
-        value_name = "FOLDER",
-        hide_short_help = true,
-        help_heading = "Scenes larger than memory"
-    )]
-    scratch: Option<PathBuf>,
+/// The folder for scratch files of the work that `key` tells from other work.
+fn scratch(args: &SceneArgs, key: &str) -> Result<Scratch> {
+    let beside = || match is_stdio(&args.output) {
+        true => "gsvx.scratch".into(),
+        false => args.output.with_added_extension("scratch"),
+    };
+    let dir = args.room.scratch.clone().unwrap_or_else(beside);
+    let scratch = Scratch::open(&dir, key)?;
+    if scratch.resumed {
+        note(format_args!("going on with what is in {}", dir.display()));
+    }
+    Ok(scratch)
 }
 
-impl Room {
-    fn tiles_at_once(&self) -> Result<usize> {
-        memory::tiles_at_once(memory::bound(self.memory))
+/// Tells work from other work.
+fn key(args: &SceneArgs, choices: Choices, what: &str, sight: Option<&Sight>) -> Result<String> {
+    let mut key = format!("gsvx {VERSION} {what}\n");
+    key += &serde_json::to_string(&(&args.reading, choices, sight.map(Sight::file)))?;
+    key.push('\n');
+    for path in &args.inputs {
+        key += &SceneFile::new(path)?.key();
     }
-
-    fn scratch(&self, output: &Path, key: &str) -> Result<Scratch> {
-        let beside = || {
-            let mut name = output.as_os_str().to_owned();
-            if is_stdio(output) {
-                name = "gsvx".into();
-            }
-            name.push(".scratch");
-            PathBuf::from(name)
-        };
-        let dir = self.scratch.clone().unwrap_or_else(beside);
-        let scratch = Scratch::open(&dir, key)?;
-        if scratch.resumed {
-            note(format_args!("going on with what is in {}", dir.display()));
-        }
-        Ok(scratch)
-    }
+    Ok(key)
 }
 
-/// Several models as one scene, and how they are encoded.
-pub(crate) struct LargeJob<'a> {
-    pub(crate) inputs: &'a [PathBuf],
-    pub(crate) reading: &'a Reading,
-    pub(crate) choices: Choices,
-    pub(crate) cameras: Option<&'a Path>,
-    pub(crate) output: &'a Path,
-    pub(crate) force: bool,
-    pub(crate) room: &'a Room,
-}
-
-impl LargeJob<'_> {
-    /// Tells this work from other work.
-    fn key(&self, what: &str, sight: Option<&Sight>) -> Result<String> {
-        let mut key = format!("gsvx {} {what}\n", VERSION);
-        key += &serde_json::to_string(&(self.reading, self.choices, sight.map(Sight::file)))?;
-        key.push('\n');
-        for path in self.inputs {
-            key += &Input::new(path)?.key();
-        }
-        Ok(key)
+/// Says how much room is needed, as far as the lengths of the files tell, and checks it.
+fn state_room(inputs: &[PathBuf], scratch: &Scratch) -> Result<()> {
+    let bytes = inputs.iter().map(|p| Ok(SceneFile::new(p)?.bytes)).sum::<Result<u64>>()?;
+    if !scratch.resumed {
+        let (size, folder) = (DecimalBytes(bytes), scratch.path(""));
+        note(format_args!("scratch files: about {size} in {}", folder.display()));
     }
-
-    fn sight(&self) -> Result<Option<Sight>> {
-        self.cameras.map(Sight::read).transpose()
-    }
-
-    fn open_output(&self) -> Result<Output> {
-        let inputs: Vec<&Path> = self.inputs.iter().map(PathBuf::as_path).collect();
-        Output::open(self.output, self.force, &inputs)
-    }
-
-    /// Says how much room is needed, as far as the lengths of the files tell, and checks it.
-    fn state_room(&self, scratch: &Scratch) -> Result<()> {
-        let bytes = self.inputs.iter().map(|p| Ok(Input::new(p)?.bytes)).sum::<Result<u64>>()?;
-        if !scratch.resumed {
-            note(format_args!(
-                "scratch files: about {} in {}",
-                megabytes(bytes),
-                scratch.path("").display()
-            ));
-        }
-        scratch.check_room(bytes)
-    }
+    scratch.check_room(bytes)
 }
 
 /// `gsvx plan`.
-pub(crate) fn plan(job: &LargeJob<'_>, report: Reporter) -> Result<()> {
-    let output = job.open_output()?;
+pub(crate) fn plan(args: &SceneArgs, choices: Choices, report: Reporter) -> Result<()> {
+    let output = Output::open(&args.output, args.force, &args.inputs)?;
     let start = Instant::now();
-    let sight = job.sight()?;
-    let scratch = job.room.scratch(job.output, &job.key("plan", sight.as_ref())?)?;
-    let mut plan =
-        planning::survey(job.inputs, job.reading, job.choices, sight.as_ref(), &scratch)?;
-    let rows = Rows::write(&plan, &plan.plan.sample(), 0, &scratch)?;
-    planning::measure(&mut plan.plan, &rows, sight.as_ref())?;
+    let sight = args.content.cameras.as_deref().map(Sight::read).transpose()?;
+    let sight = sight.as_ref();
+    let scratch = scratch(args, &key(args, choices, "plan", sight)?)?;
+    let mut plan = planning::survey(args, choices, sight, &scratch)?;
+    let rows = TileRows::write(&plan, &plan.plan.sample(), 0, &scratch)?;
+    planning::measure(&mut plan.plan, &rows, sight)?;
     let text = plan.text()?;
-    let (name, stdout) = (output.name(), output.is_stdout());
-    output.write(|out| Ok(out.write_all(text.as_bytes())?))?;
+    let written = output.write(|out| Ok(out.write_all(text.as_bytes())?))?;
     scratch.remove();
     let (count, tiles) = (plan.plan.count(), plan.plan.tile_counts().len());
     let seconds = start.elapsed().as_secs_f64();
-    let (of, into) = (counted(count, "Gaussian"), counted(tiles as u64, "tile"));
-    let human = format!("{name}: {of} in {into}, planned in {seconds:.2} s");
-    let json =
-        json!({ "output": name, "gaussians": count, "tiles": tiles, "plan_seconds": seconds });
+    let (of, into) = (counted(count, "Gaussian"), counted(tiles, "tile"));
+    let json = json!({ "gaussians": count, "tiles": tiles, "plan_seconds": seconds });
     warn_of_coarse_cells(&plan);
-    report.say(stdout, &human, &json)
+    report.wrote(&written, &format!("{of} in {into}, planned in {seconds:.2} s"), json)
 }
 
 /// `gsvx encode --part`.
-pub(crate) fn part(
-    plan_path: &Path,
-    part: Part,
-    (output, force): (&Path, bool),
-    room: &Room,
-    report: Reporter,
-) -> Result<()> {
+pub(crate) fn part(args: &SceneArgs, part: ScenePart, report: Reporter) -> Result<()> {
+    let [plan_path] = &args.inputs[..] else {
+        return Err(usage("--part: name one plan, which gsvx plan has made"));
+    };
+    let start = Instant::now();
     let plan = PlanFile::read(plan_path)?;
-    let inputs: Vec<&Path> = plan.inputs.iter().map(|i| &*i.path).chain([plan_path]).collect();
-    let opened = Output::open(output, force, &inputs)?;
+    let inputs: Vec<&Path> = plan.inputs.iter().map(|i| &*i.path).chain([&**plan_path]).collect();
+    let output = Output::open(&args.output, args.force, &inputs)?;
     let id = plan.id()?;
-    let mut key = format!("gsvx {} part {}/{} of {id:08x}\n", VERSION, part.k, part.n);
+    let mut key = format!("gsvx {VERSION} part {}/{} of {id:08x}\n", part.k, part.n);
     plan.inputs.iter().for_each(|i| key += &i.key());
-    let scratch = room.scratch(output, &key)?;
-    let tiles: Vec<usize> = plan.plan.part(part.k - 1, part.n).collect();
+    let scratch = scratch(args, &key)?;
+    let tiles = plan.plan.part(part.k - 1, part.n).collect();
     let sight = plan.cameras.as_ref().map(CameraFile::open).transpose()?;
-    let made = Made::of(&plan, &tiles, (room, sight.as_ref()), &scratch, Instant::now())?;
-    made.write(opened, &part.mark(id), report)?;
+    let work = Work { plan: &plan, tiles, sight: sight.as_ref(), scratch: &scratch };
+    let made = work.encode(memory::tiles_at_once(args.room.memory)?, start)?;
+    made.write(output, &part.mark(id), report)?;
     scratch.remove();
     Ok(())
 }
 
 /// `gsvx encode` of a scene that does not fit in memory, or that is in several files.
-pub(crate) fn encode(job: &LargeJob<'_>, report: Reporter) -> Result<()> {
-    job.room.tiles_at_once()?;
-    let output = job.open_output()?;
+pub(crate) fn encode(args: &SceneArgs, choices: Choices, report: Reporter) -> Result<()> {
+    let at_once = memory::tiles_at_once(args.room.memory)?;
+    let output = Output::open(&args.output, args.force, &args.inputs)?;
     let start = Instant::now();
-    let sight = job.sight()?;
-    let scratch = job.room.scratch(job.output, &job.key("encode", sight.as_ref())?)?;
-    job.state_room(&scratch)?;
+    let sight = args.content.cameras.as_deref().map(Sight::read).transpose()?;
+    let sight = sight.as_ref();
+    let scratch = scratch(args, &key(args, choices, "encode", sight)?)?;
+    state_room(&args.inputs, &scratch)?;
     let plan = match std::fs::read(scratch.path(PLAN)) {
         Ok(bytes) => PlanFile::parse(&bytes)?,
         Err(_) => {
-            let sight = sight.as_ref();
-            let mut plan = planning::survey(job.inputs, job.reading, job.choices, sight, &scratch)?;
-            let all: Vec<usize> = (0..plan.plan.tile_counts().len()).collect();
-            check_room(&plan, &all, &scratch)?;
-            let rows = Rows::write(&plan, &all, plan.plan.sh_degree(), &scratch)?;
+            let mut plan = planning::survey(args, choices, sight, &scratch)?;
+            let rows = Work::of_all(&plan, sight, &scratch).rows()?;
             planning::measure(&mut plan.plan, &rows, sight)?;
             scratch.write(PLAN, plan.text()?.as_bytes())?;
             plan
         }
     };
     warn_of_coarse_cells(&plan);
-    let all: Vec<usize> = (0..plan.plan.tile_counts().len()).collect();
-    let made = Made::of(&plan, &all, (job.room, sight.as_ref()), &scratch, start)?;
-    made.write(output, "", report)?;
+    let work = Work::of_all(&plan, sight, &scratch);
+    work.encode(at_once, start)?.write(output, "", report)?;
     scratch.remove();
     Ok(())
 }
@@ -212,34 +152,35 @@ fn warn_of_coarse_cells(plan: &PlanFile) {
     }
 }
 
-/// Refuses work on some tiles for which the disk is too small.
-fn check_room(plan: &PlanFile, tiles: &[usize], scratch: &Scratch) -> Result<()> {
-    let plan = &plan.plan;
-    let rows: u64 = tiles.iter().map(|&t| plan.tile_counts()[t]).sum();
-    let row = gs_model::ply::row_bytes(plan.sh_degree()) as u64;
-    scratch.check_room(rows * (row + STREAM_BYTES + MEAN_BYTES))
+/// Tiles of a plan that are to be encoded.
+struct Work<'a> {
+    plan: &'a PlanFile,
+    tiles: Vec<usize>,
+    sight: Option<&'a Sight>,
+    scratch: &'a Scratch,
 }
 
-/// Tiles as streams among the scratch files.
-struct Made {
-    streams: Vec<PathBuf>,
-    gaussians: u64,
-    input_bytes: u64,
-    /// Seconds until the tiles were begun, and of the tiles.
-    before: f64,
-    tiles: f64,
-}
+impl<'a> Work<'a> {
+    fn of_all(plan: &'a PlanFile, sight: Option<&'a Sight>, scratch: &'a Scratch) -> Self {
+        let tiles = (0..plan.plan.tile_counts().len()).collect();
+        Self { plan, tiles, sight, scratch }
+    }
 
-impl Made {
-    fn of(
-        plan: &PlanFile,
-        tiles: &[usize],
-        (room, sight): (&Room, Option<&Sight>),
-        scratch: &Scratch,
-        start: Instant,
-    ) -> Result<Self> {
-        check_room(plan, tiles, scratch)?;
-        let at_once = room.tiles_at_once()?;
+    fn gaussians(&self) -> u64 {
+        self.tiles.iter().map(|&t| self.plan.plan.tile_counts()[t]).sum()
+    }
+
+    /// The Gaussians of the tiles on disk. Refuses work for which the disk is too small.
+    fn rows(&self) -> Result<TileRows> {
+        let sh_degree = self.plan.plan.sh_degree();
+        let row = gs_model::ply::row_bytes(sh_degree) as u64;
+        self.scratch.check_room(self.gaussians() * (row + STREAM_BYTES + MEAN_BYTES))?;
+        TileRows::write(self.plan, &self.tiles, sh_degree, self.scratch)
+    }
+
+    /// Encodes the tiles, each as a stream among the scratch files.
+    fn encode(&self, at_once: usize, start: Instant) -> Result<TileStreams> {
+        let Self { plan, tiles, sight, scratch } = self;
         let name = |tile: usize| format!("tile-{tile:06}.gsvx");
         let left: Vec<usize> = tiles.iter().copied().filter(|&t| !scratch.has(&name(t))).collect();
         let mut streams: Vec<PathBuf> = tiles.iter().map(|&t| scratch.path(&name(t))).collect();
@@ -248,15 +189,11 @@ impl Made {
             scratch.write(NOTHING, &plan.plan.encode_nothing()?.bytes)?;
             streams.push(scratch.path(NOTHING));
         }
-        let gaussians = tiles.iter().map(|&t| plan.plan.tile_counts()[t]).sum();
-        let input_bytes = plan.inputs.iter().map(|i| i.bytes).sum();
-        let mut before = start.elapsed().as_secs_f64();
+        let rows = if left.is_empty() { None } else { Some(self.rows()?) };
+        let before = start.elapsed().as_secs_f64();
         let step = Instant::now();
-        let mut waited = 0.0;
-        if !left.is_empty() {
-            let rows = Rows::write(plan, tiles, plan.plan.sh_degree(), scratch)?;
-            waited = step.elapsed().as_secs_f64();
-            let bar = Steps::new("encode", tiles.len() as u64);
+        if let Some(rows) = rows {
+            let bar = Meter::new("encode", tiles.len());
             (left.len()..tiles.len()).for_each(|_| bar.inc());
             for some in left.chunks(at_once) {
                 some.par_iter().with_max_len(1).try_for_each(|&tile| {
@@ -265,53 +202,64 @@ impl Made {
                     let encoded = plan.plan.encode(tile, &gaussians, &seen)?;
                     scratch.write(&name(tile), &encoded.bytes)?;
                     bar.inc();
-                    Ok::<(), anyhow::Error>(())
+                    Ok::<(), Error>(())
                 })?;
             }
         }
-        before += waited;
-        let tiles = step.elapsed().as_secs_f64() - waited;
-        Ok(Self { streams, gaussians, input_bytes, before, tiles })
+        let input_bytes = plan.inputs.iter().map(|i| i.bytes).sum();
+        let (gaussians, tiles) = (self.gaussians(), step.elapsed().as_secs_f64());
+        Ok(TileStreams { streams, gaussians, input_bytes, before, tiles })
     }
+}
 
+/// Tiles as streams among the scratch files.
+struct TileStreams {
+    streams: Vec<PathBuf>,
+    gaussians: u64,
+    input_bytes: u64,
+    /// Seconds until the tiles were begun, and of the tiles.
+    before: f64,
+    tiles: f64,
+}
+
+impl TileStreams {
     /// Joins the tiles, and says what was made.
     fn write(self, output: Output, mark: &str, report: Reporter) -> Result<()> {
         let step = Instant::now();
-        let (name, stdout) = (output.name(), output.is_stdout());
-        let indices = self.streams.iter().map(|p| join::head(p)).collect::<Result<Vec<_>>>()?;
+        let heads = self.streams.iter().map(|p| Ok(StreamFile::open(p)?.index));
+        let heads = heads.collect::<Result<Vec<_>>>()?;
         let mut index = Index::default();
-        output.write(|out| {
-            index = join::write(&self.streams, &indices, out)?;
+        let written = output.write(|out| {
+            index = join::write(&self.streams, &heads, out)?;
             Ok(out.write_all(mark.as_bytes())?)
         })?;
         let join = step.elapsed().as_secs_f64();
         let (bytes, coded) = (index.stream_len(), index.header.count);
-        let Self { gaussians, input_bytes, before, tiles, .. } = self;
+        let Self { streams, gaussians, input_bytes, before, tiles } = self;
         let human = format!(
-            "{name}: {gaussians} Gaussians coded as {coded}, {} -> {} ({:.1} bits per Gaussian), {}\n\
+            "{gaussians} Gaussians coded as {coded}, {} -> {} ({:.1} bits per Gaussian), {}\n\
              read and partition {before:.2} s, encode {tiles:.2} s, join {join:.2} s",
-            megabytes(input_bytes),
-            megabytes(bytes),
+            DecimalBytes(input_bytes),
+            DecimalBytes(bytes),
             8.0 * bytes as f64 / coded.max(1) as f64,
-            counted(self.streams.len() as u64, "tile"),
+            counted(streams.len(), "tile"),
         );
-        let json: Value = json!({
-            "output": name,
+        let json = json!({
             "bytes": bytes,
             "input_bytes": input_bytes,
             "input_gaussians": gaussians,
             "gaussians": coded,
-            "tiles": self.streams.len(),
+            "tiles": streams.len(),
             "partition_seconds": before,
             "encode_seconds": tiles,
             "join_seconds": join,
         });
-        report.say(stdout, &human, &json)
+        report.wrote(&written, &human, json)
     }
 }
 
 /// Whether models are so large that they are not encoded in memory.
 pub(crate) fn is_large(inputs: &[PathBuf]) -> bool {
-    let bytes: u64 = inputs.iter().filter_map(|p| std::fs::metadata(p).ok()).map(|m| m.len()).sum();
-    memory::in_memory(bytes) > memory::bound(None)
+    let files = inputs.iter().filter_map(|p| std::fs::metadata(p).ok());
+    memory::is_large(files.map(|m| m.len()).sum())
 }

@@ -1,6 +1,6 @@
 //! [`PlanFile`]: what `gsvx plan` writes.
 
-use super::inputs::Input;
+use super::inputs::SceneFile;
 use super::sight::CameraFile;
 use crate::input::{self, Reading, name};
 use anyhow::{Context, Result, bail};
@@ -14,7 +14,7 @@ pub(crate) struct PlanFile {
     /// The version of gsvx. Another may cut and code differently.
     pub(crate) gsvx: String,
     pub(crate) reading: Reading,
-    pub(crate) inputs: Vec<Input>,
+    pub(crate) inputs: Vec<SceneFile>,
     pub(crate) cameras: Option<CameraFile>,
     pub(crate) plan: Plan,
 }

@@ -1,19 +1,17 @@
 //! Plans: what `gsvx plan` writes, and how it is found.
 
-use super::inputs::{Input, steps};
+use super::inputs::{SceneFile, progress};
 use super::plan_file::PlanFile;
-use super::rows::Rows;
+use super::rows::TileRows;
 use super::scratch::Scratch;
 use super::sight::Sight;
-use crate::exit::Failure;
-use crate::input::Reading;
-use crate::progress::{self, Steps};
-use anyhow::Result;
+use crate::content::SceneArgs;
+use crate::progress::Meter;
+use anyhow::{Error, Result};
 use gs_model::Scene;
 use gsvx::{Choices, Plan, Survey};
 use std::fs::File;
 use std::io::{BufWriter, Read, Seek, Write};
-use std::path::PathBuf;
 
 /// Name of the file of all means.
 const MEANS: &str = "means";
@@ -22,18 +20,18 @@ const PIECE: usize = 1 << 16;
 
 /// Reads all inputs, and cuts their scene into tiles. The plan lacks what the sample says.
 pub(crate) fn survey(
-    inputs: &[PathBuf],
-    reading: &Reading,
+    args: &SceneArgs,
     choices: Choices,
     sight: Option<&Sight>,
     scratch: &Scratch,
 ) -> Result<PlanFile> {
-    let mut inputs = inputs.iter().map(|path| Input::new(path)).collect::<Result<Vec<_>>>()?;
+    let files = args.inputs.iter().map(|path| SceneFile::new(path));
+    let mut inputs = files.collect::<Result<Vec<_>>>()?;
     let mut survey = Survey::new(choices.max_sh_degree);
     let mut means = BufWriter::with_capacity(1 << 20, scratch.begin(MEANS)?);
-    let bar = steps("survey", inputs.iter());
+    let bar = progress("survey", inputs.iter());
     for input in &mut inputs {
-        input.gaussians = input.each(reading, true, &bar, |scene| {
+        input.gaussians = input.each(&args.reading, true, &bar, |scene| {
             survey.add(&scene);
             let coordinates = scene.means.as_flattened().iter();
             let bytes: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
@@ -42,17 +40,15 @@ pub(crate) fn survey(
     }
     drop(bar);
     let mut means = means.into_inner().map_err(|e| scratch.full(e.into_error()))?;
-    let _bar = progress::spinner("counting".into());
-    let plan = Plan::new::<Failure>(&survey, choices, |take| {
-        means.rewind().map_err(|e| Failure(scratch.full(e)))?;
+    let _bar = Meter::spinner("counting".into());
+    let plan = Plan::new::<Error>(&survey, choices, |take| {
+        means.rewind().map_err(|e| scratch.full(e))?;
         let mut left = survey.count();
         while left > 0 {
-            let piece = read_means(&mut means, &mut left).map_err(|e| Failure(scratch.full(e)))?;
-            take(&piece);
+            take(&read_means(&mut means, &mut left).map_err(|e| scratch.full(e))?);
         }
         Ok(())
-    })
-    .map_err(|e| e.0)?;
+    })?;
     means.rewind().map_err(|e| scratch.full(e))?;
     for input in &mut inputs {
         let mut left = input.gaussians;
@@ -64,7 +60,7 @@ pub(crate) fn survey(
         input.tiles = (0..).zip(found).filter(|(_, f)| *f).map(|(t, _)| t).collect();
     }
     scratch.forget(&format!("{MEANS}.part"));
-    let (reading, cameras) = (reading.clone(), sight.map(Sight::file));
+    let (reading, cameras) = (args.reading.clone(), sight.map(Sight::file));
     Ok(PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan })
 }
 
@@ -79,18 +75,18 @@ fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>>
 }
 
 /// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians.
-pub(crate) fn measure(plan: &mut Plan, rows: &Rows, sight: Option<&Sight>) -> Result<()> {
-    let bar = sight.map(|_| Steps::new("importance of a sample", plan.sample().len() as u64));
-    let _spinner = sight.is_none().then(|| progress::spinner("measuring a sample".into()));
+pub(crate) fn measure(plan: &mut Plan, rows: &TileRows, sight: Option<&Sight>) -> Result<()> {
+    let bar = sight.map(|_| Meter::new("importance of a sample", plan.sample().len()));
+    let _spinner = sight.is_none().then(|| Meter::spinner("measuring a sample".into()));
     let (mut seen, mut all) = (0.0, 0.0);
     let see = |tile: &Scene| {
         let found = sight.map(|s| s.of(tile)).unwrap_or_default();
         seen += found.share * tile.len() as f64;
         all += tile.len() as f64;
-        bar.iter().for_each(Steps::inc);
+        bar.iter().for_each(Meter::inc);
         Ok(found.weights)
     };
-    plan.measure::<Failure>(|tile| rows.tile(tile).map_err(Failure), see).map_err(|e| e.0)?;
+    plan.measure::<Error>(|tile| rows.tile(tile), see)?;
     drop(bar);
     sight.map_or(Ok(()), |s| s.check(if all > 0.0 { seen / all } else { 1.0 }))
 }

@@ -1,33 +1,27 @@
 //! The Gaussians of a scene on disk, tile by tile, each in the order of the input: as rows of a PLY.
 
-use super::inputs::{Input, steps};
+use super::inputs::{SceneFile, changed, progress};
 use super::plan_file::PlanFile;
 use super::scratch::{KEPT as FILE, Scratch};
-use crate::positional::{read_exact_at, write_all_at};
-use anyhow::{Context, Result};
+use crate::positional::At;
+use anyhow::{Context, Error, Result};
 use gs_model::{Scene, ply};
 use gsvx::Plan;
 use rayon::prelude::*;
 use std::fs::File;
+use std::io::{Read, Write};
 use std::ops::Range;
 
 /// Rows of some tiles.
 #[derive(Debug)]
-pub(crate) struct Rows {
+pub(crate) struct TileRows {
     file: File,
     /// The rows of each tile; none of those that are not here.
     places: Vec<Range<u64>>,
     sh_degree: u8,
 }
 
-/// Where Gaussians come from.
-struct From<'a> {
-    input: &'a Input,
-    plan: &'a Plan,
-    scratch: &'a Scratch,
-}
-
-impl Rows {
+impl TileRows {
     /// Rows of the tiles `wanted`, without room for others.
     fn of(file: File, plan: &Plan, wanted: &[usize], sh_degree: u8) -> Self {
         let mut end = 0;
@@ -55,49 +49,60 @@ impl Rows {
         }
         let rows = open(scratch.begin(FILE)?);
         let mut next: Vec<u64> = rows.places.iter().map(|p| p.start).collect();
-        let has_wanted = |i: &&Input| i.tiles.iter().any(|&t| !rows.places[t as usize].is_empty());
-        let bar = steps("partition", inputs.iter().filter(has_wanted));
+        let has_wanted =
+            |i: &&SceneFile| i.tiles.iter().any(|&t| !rows.places[t as usize].is_empty());
+        let bar = progress("partition", inputs.iter().filter(has_wanted));
         for input in inputs.iter().filter(has_wanted) {
             input.check()?;
-            let from = From { input, plan, scratch };
-            let found =
-                input.each(reading, false, &bar, |scene| rows.put(&from, &scene, &mut next))?;
+            let found = input.each(reading, false, &bar, |scene| {
+                let tiles = plan.tiles_of(&scene.means).map_err(|_| changed(&input.path))?;
+                let fit = rows.put(&scene, &tiles, &mut next, scratch)?;
+                if fit { Ok(()) } else { Err(changed(&input.path)) }
+            })?;
             if found != input.gaussians {
-                return Err(input.changed());
+                return Err(changed(&input.path));
             }
         }
         if let Some(tile) = (0..next.len()).find(|&t| next[t] != rows.places[t].end) {
             let input = inputs.iter().find(|i| i.tiles.contains(&(tile as u32)));
-            return Err(input.context("a plan without inputs")?.changed());
+            return Err(changed(&input.context("a plan without inputs")?.path));
         }
         scratch.finish(FILE)?;
         Ok(rows)
     }
 
-    /// Appends Gaussians to their tiles; `next` is where the next row of each tile goes.
-    fn put(&self, from: &From<'_>, scene: &Scene, next: &mut [u64]) -> Result<()> {
-        let From { input, plan, scratch } = from;
+    /// Appends Gaussians to their tiles; `next` is where the next row of each tile goes. False if a tile has no
+    /// room for them.
+    fn put(
+        &self,
+        scene: &Scene,
+        tiles: &[u32],
+        next: &mut [u64],
+        scratch: &Scratch,
+    ) -> Result<bool> {
         let mut members = vec![Vec::new(); self.places.len()];
-        let tiles = plan.tiles_of(&scene.means).map_err(|_| input.changed())?;
-        for (i, tile) in tiles.into_iter().enumerate() {
+        for (i, &tile) in tiles.iter().enumerate() {
             if !self.places[tile as usize].is_empty() {
                 members[tile as usize].push(i);
             }
         }
+        let places = self.places.iter().zip(&members);
+        if next.iter().zip(places).any(|(next, (p, m))| next + m.len() as u64 > p.end) {
+            return Ok(false);
+        }
         let row = ply::row_bytes(self.sh_degree) as u64;
-        let jobs: Vec<_> = members.iter().enumerate().filter(|(_, m)| !m.is_empty()).collect();
-        jobs.into_par_iter().try_for_each(|(tile, members)| {
-            if next[tile] + members.len() as u64 > self.places[tile].end {
-                return Err(input.changed());
-            }
-            let mut part = Scene { sh_degree: self.sh_degree, ..Scene::default() };
-            part.append(&scene.select(members));
-            let mut bytes = Vec::new();
-            ply::rows(&part, &mut bytes)?;
-            write_all_at(&self.file, &bytes, next[tile] * row).map_err(|e| scratch.full(e))
-        })?;
-        next.iter_mut().zip(&members).for_each(|(next, m)| *next += m.len() as u64);
-        Ok(())
+        next.par_iter_mut().zip(&members).filter(|(_, m)| !m.is_empty()).try_for_each(
+            |(next, members)| {
+                let mut part = Scene { sh_degree: self.sh_degree, ..Scene::default() };
+                part.append(&scene.select(members));
+                let mut bytes = Vec::new();
+                ply::rows(&part, &mut bytes)?;
+                At(&self.file, *next * row).write_all(&bytes).map_err(|e| scratch.full(e))?;
+                *next += members.len() as u64;
+                Ok::<_, Error>(())
+            },
+        )?;
+        Ok(true)
     }
 
     /// The Gaussians of a tile.
@@ -107,7 +112,8 @@ impl Rows {
         let mut bytes = ply::header(count, self.sh_degree);
         let header = bytes.len();
         bytes.resize(header + count * row, 0);
-        read_exact_at(&self.file, &mut bytes[header..], start * row as u64)
+        At(&self.file, start * row as u64)
+            .read_exact(&mut bytes[header..])
             .context("the scratch files cannot be read")?;
         Ok(ply::read_bytes(&bytes)?.0)
     }

@@ -4,8 +4,8 @@
 //! Invariant: a file has its name only once it is whole. What another command, another input or another
 //! version of this one has left is never used.
 
-use crate::output::megabytes;
 use anyhow::{Context, Result, anyhow, bail};
+use indicatif::DecimalBytes;
 use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -114,8 +114,8 @@ impl Scratch {
             Some(free) if free + there < needed => bail!(
                 "{}: {} of scratch files are needed, {} are free; name a folder on another disk with --scratch",
                 self.dir.display(),
-                megabytes(needed),
-                megabytes(free + there)
+                DecimalBytes(needed),
+                DecimalBytes(free + there)
             ),
             _ => Ok(()),
         }
@@ -141,12 +141,10 @@ impl Drop for Scratch {
 }
 
 fn files(dir: &Path) -> Result<Vec<String>> {
-    let list =
-        std::fs::read_dir(dir).with_context(|| format!("{}: cannot be read", dir.display()))?;
-    let names = list.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
-    names
-        .collect::<std::io::Result<_>>()
-        .with_context(|| format!("{}: cannot be read", dir.display()))
+    let list = std::fs::read_dir(dir).and_then(|list| {
+        list.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned())).collect()
+    });
+    list.with_context(|| format!("{}: cannot be read", dir.display()))
 }
 
 /// Bytes that a user may still write to a disk; `None` where the system does not say.

@@ -1,8 +1,8 @@
 //! What cameras see of a scene, tile by tile: of each tile from the cameras that can see it, with nothing else in front.
 
-use crate::exit::note;
+use super::inputs::changed;
 use crate::views;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use finetune::Visibility;
 use gs_model::{Camera, Scene};
 use serde::{Deserialize, Serialize};
@@ -46,12 +46,7 @@ impl Sight {
     /// # Errors
     /// If they see nothing.
     pub(crate) fn check(&self, share: f64) -> Result<()> {
-        match (Visibility { weights: Vec::new(), share }).doubt() {
-            Some(doubt) if share == 0.0 => bail!("{}: {doubt}", self.path.display()),
-            Some(doubt) => note(format_args!("warning: {}: {doubt}", self.path.display())),
-            None => {}
-        }
-        Ok(())
+        views::check(&Visibility { weights: Vec::new(), share }, &self.path)
     }
 }
 
@@ -60,10 +55,7 @@ impl CameraFile {
     pub(crate) fn open(&self) -> Result<Sight> {
         let sight = Sight::read(&self.path)?;
         if sight.file() != *self {
-            bail!(
-                "{}: has changed since the plan was made; make the plan anew",
-                self.path.display()
-            );
+            return Err(changed(&self.path));
         }
         Ok(sight)
     }

@@ -54,15 +54,17 @@ fn response(request: &Request, host: &str, files: &[PathBuf]) -> ResponseBox {
     }
 }
 
-fn header(name: &str, value: &str) -> Option<Header> {
-    Header::from_bytes(name, value).ok()
+fn with(mut response: ResponseBox, headers: &[(&str, &str)]) -> ResponseBox {
+    let headers = headers.iter().filter_map(|&(name, value)| Header::from_bytes(name, value).ok());
+    headers.for_each(|header| response.add_header(header));
+    response
 }
 
-fn with(mut response: ResponseBox, headers: &[(&str, &str)]) -> ResponseBox {
-    for (name, value) in headers {
-        header(name, value).into_iter().for_each(|h| response.add_header(h));
-    }
-    response
+/// A body that is never sent by chunks: the page shows how much is still to come.
+fn sized(status: u16, body: impl Read + Send + 'static, length: usize) -> ResponseBox {
+    Response::new(status.into(), Vec::new(), body, Some(length), None)
+        .with_chunked_threshold(usize::MAX)
+        .boxed()
 }
 
 fn refused(status: u16, text: &str) -> ResponseBox {
@@ -70,17 +72,12 @@ fn refused(status: u16, text: &str) -> ResponseBox {
 }
 
 fn page() -> ResponseBox {
-    let page = Response::new(200.into(), Vec::new(), PAGE, Some(PAGE.len()), None)
-        .with_chunked_threshold(usize::MAX)
-        .boxed();
-    with(
-        page,
-        &[
-            ("Content-Type", "text/html; charset=utf-8"),
-            ("Content-Encoding", "gzip"),
-            ("Cache-Control", "no-store"),
-        ],
-    )
+    let headers = [
+        ("Content-Type", "text/html; charset=utf-8"),
+        ("Content-Encoding", "gzip"),
+        ("Cache-Control", "no-store"),
+    ];
+    with(sized(200, PAGE, PAGE.len()), &headers)
 }
 
 /// A file, or the range of it that is asked for.
@@ -95,22 +92,16 @@ fn part(path: &Path, range: Option<&str>) -> std::io::Result<ResponseBox> {
     }
     file.seek(SeekFrom::Start(start))?;
     let status = if wanted.is_some() { 206 } else { 200 };
-    let body = file.take(end - start);
-    // Never by chunks: the page shows how much is still to come.
-    let response =
-        Response::new(status.into(), Vec::new(), body, Some((end - start) as usize), None)
-            .with_chunked_threshold(usize::MAX)
-            .boxed();
-    let response = with(
-        response,
-        &[
-            ("Content-Type", "application/octet-stream"),
-            ("Accept-Ranges", "bytes"),
-            ("Cache-Control", "no-store"),
-        ],
-    );
     let range = format!("bytes {start}-{}/{length}", end.saturating_sub(1));
-    Ok(if wanted.is_some() { with(response, &[("Content-Range", &range)]) } else { response })
+    let headers = [
+        ("Content-Type", "application/octet-stream"),
+        ("Accept-Ranges", "bytes"),
+        ("Cache-Control", "no-store"),
+        ("Content-Range", &range),
+    ];
+    // The last is of ranges only.
+    let headers = if wanted.is_some() { &headers[..] } else { &headers[..3] };
+    Ok(with(sized(status, file.take(end - start), (end - start) as usize), headers))
 }
 
 /// A single range of bytes, cut to the file; an empty one if it is beyond it. Others are none.

@@ -85,10 +85,9 @@ def read_model(path: PathLike, *, drop_invalid: bool = False) -> Splats:
 
     Raises :class:`gsvx.Error` for a file that holds no model, OSError for one that cannot be read.
     """
-    arrays, notes = _gsvx.read_model(os.fspath(path), drop_invalid)
-    for note in notes:
-        if "invalid Gaussian" in note:
-            warnings.warn(note, stacklevel=2)
+    arrays, left_out = _gsvx.read_model(os.fspath(path), drop_invalid)
+    if left_out is not None:
+        warnings.warn(left_out, stacklevel=2)
     return from_native(arrays)
 
 

@@ -4,7 +4,7 @@ use js_sys::{Float32Array, Object, Reflect, Uint32Array};
 use wasm_bindgen::{JsCast, JsValue};
 
 /// A number that a typed array holds.
-pub(crate) trait Element: Copy {
+pub(crate) trait Number: Copy {
     /// The typed array.
     type Array: JsCast;
     /// An array of zeros.
@@ -17,7 +17,7 @@ pub(crate) trait Element: Copy {
 
 macro_rules! element {
     ($number:ty, $array:ty) => {
-        impl Element for $number {
+        impl Number for $number {
             type Array = $array;
             fn zeros(len: usize) -> $array {
                 <$array>::new_with_length(len as u32)
@@ -36,14 +36,14 @@ element!(f32, Float32Array);
 element!(u32, Uint32Array);
 
 /// A typed array of so many numbers for each Gaussian.
-pub(crate) struct Column<T: Element> {
+pub(crate) struct Column<T: Number> {
     width: usize,
     array: T::Array,
     /// The numbers of the block that is being written.
     pub(crate) block: Vec<T>,
 }
 
-impl<T: Element> Column<T> {
+impl<T: Number> Column<T> {
     /// The array of that name in `object`. One that is not there, or has no room, is made.
     pub(crate) fn of(object: &Object, name: &str, width: usize, capacity: usize) -> Self {
         let there = Reflect::get(object, &name.into()).and_then(JsValue::dyn_into::<T::Array>).ok();

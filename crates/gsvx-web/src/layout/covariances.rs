@@ -2,7 +2,7 @@
 //! coefficients as bytes.
 
 use super::column::Column;
-use super::{Layout, base_colour, of_degree, opacity};
+use super::{ArrayLayout, base_colour, of_degree, opacity};
 use gs_model::Scene;
 use js_sys::Object;
 
@@ -32,7 +32,7 @@ impl Covariances {
     }
 }
 
-impl Layout for Covariances {
+impl ArrayLayout for Covariances {
     fn put(&mut self, first: usize, block: &Scene) {
         self.centers.copy(first, block.means.as_flattened());
         for i in 0..block.len() {

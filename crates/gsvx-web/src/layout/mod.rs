@@ -17,7 +17,7 @@ use wasm_bindgen::JsValue;
 const C0: f32 = 0.282_094_8;
 
 /// Arrays that are being filled.
-pub(crate) trait Layout {
+pub(crate) trait ArrayLayout {
     /// Puts Gaussians at `first` and behind it. Their SH degree is the layout's.
     fn put(&mut self, first: usize, block: &Scene);
 }
@@ -28,7 +28,7 @@ pub(crate) fn named(
     arrays: &Object,
     capacity: usize,
     sh_degree: u8,
-) -> Result<Box<dyn Layout>, JsValue> {
+) -> Result<Box<dyn ArrayLayout>, JsValue> {
     Ok(match name {
         "planar" => Box::new(planar::Planar::of(arrays, capacity, sh_degree)),
         "packed" => Box::new(packed::Packed::of(arrays, capacity, sh_degree)),

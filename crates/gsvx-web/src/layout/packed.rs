@@ -12,7 +12,7 @@
 //! is three magnitudes of 8 bits, their signs, and a common exponent of 5 bits.
 
 use super::column::Column;
-use super::{Layout, base_colour, opacity};
+use super::{ArrayLayout, base_colour, opacity};
 use gs_model::Scene;
 use half::f16;
 use js_sys::Object;
@@ -41,7 +41,7 @@ impl Packed {
     }
 }
 
-impl Layout for Packed {
+impl ArrayLayout for Packed {
     fn put(&mut self, first: usize, block: &Scene) {
         for i in 0..block.len() {
             let sh = block.sh_of(i);

@@ -1,6 +1,6 @@
 //! Plain floats, as trained: one array for each attribute.
 
-use super::Layout;
+use super::ArrayLayout;
 use super::column::Column;
 use gs_model::Scene;
 use js_sys::Object;
@@ -28,7 +28,7 @@ impl Planar {
     }
 }
 
-impl Layout for Planar {
+impl ArrayLayout for Planar {
     fn put(&mut self, first: usize, block: &Scene) {
         self.means.copy(first, block.means.as_flattened());
         self.rotations.copy(first, block.rotations.as_flattened());

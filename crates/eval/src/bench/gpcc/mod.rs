@@ -15,7 +15,7 @@ use cloud::{Peer, read};
 
 /// Flags of `cargo xtask bench-gpcc`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct GpccOptions {
     /// Directory of the clouds and `tmc13.jsonl`
     #[arg(long, default_value = "../shared/clouds")]
     clouds: PathBuf,
@@ -34,7 +34,7 @@ pub struct Options {
 ///
 /// # Errors
 /// If a cloud or the record cannot be read, or a stream does not decode to what was coded.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &GpccOptions) -> Result<()> {
     let peers = cloud::peers(&options.clouds.join("tmc13.jsonl"))?;
     let mut page = Page::new(&options.out, "How does the point-cloud coder compare with TMC13?");
     page.text(
@@ -71,7 +71,7 @@ fn cells_of(authors: f64, best: f64, ours: f64) -> Vec<String> {
 const COLUMNS: &str = "TMC13 authors | TMC13 best | gpcc-lite | against authors | against best";
 
 /// Geometry of each cloud.
-fn of_geometry(options: &Options, peers: &[Peer]) -> Result<Table> {
+fn of_geometry(options: &GpccOptions, peers: &[Peer]) -> Result<Table> {
     let mut table = Table::new(&format!("cloud | points | {COLUMNS}"));
     for name in &options.only {
         let cloud =
@@ -94,7 +94,7 @@ fn of_geometry(options: &Options, peers: &[Peer]) -> Result<Table> {
 }
 
 /// Channels without loss.
-fn lossless(options: &Options, peers: &[Peer]) -> Result<Table> {
+fn lossless(options: &GpccOptions, peers: &[Peer]) -> Result<Table> {
     let mut table = Table::new(&format!("cloud | attribute | {COLUMNS}"));
     for name in &options.only {
         for attribute in ["dc", "rest", "scale", "rot"] {

@@ -1,6 +1,6 @@
 //! The page and its picture.
 
-use super::{Options, Point, Scene, Tuned};
+use super::{Scene, StreamPoint, TuneBenchOptions, Tuned};
 use crate::bd::{self, Method};
 use crate::cells;
 use crate::chart::{Chart, Series};
@@ -11,13 +11,13 @@ use crate::report;
 /// What the settings are chosen by.
 const CHOICES: &str = include_str!("choices.md");
 
-fn rates(points: &[Point]) -> Vec<bd::Point> {
+fn rates(points: &[StreamPoint]) -> Vec<bd::Point> {
     let point =
-        |p: &Point| bd::Point { rate: p.coded.bytes as f64, psnr_db: p.coded.score.psnr_db };
+        |p: &StreamPoint| bd::Point { rate: p.coded.bytes as f64, psnr_db: p.coded.score.psnr_db };
     points.iter().map(point).collect()
 }
 
-pub(super) fn page(options: &Options, scenes: &[Scene]) -> Page {
+pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
     let model = |s: &Scene| {
         let [db, ssim] = s.original;
@@ -104,7 +104,7 @@ fn points_table(scenes: &[Scene]) -> Table {
 
 /// All curves of a scene.
 fn chart(scene: &Scene) -> Chart {
-    let series = |name: String, points: &[Point]| {
+    let series = |name: String, points: &[StreamPoint]| {
         Series::ours(name, rates(points).iter().map(|p| (p.rate / 1e6, p.psnr_db)).collect())
     };
     let tuned = scene.tuned.iter().map(|t| series(t.how.name(), &t.points));

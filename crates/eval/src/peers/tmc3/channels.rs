@@ -5,7 +5,7 @@ use gs_model::Scene;
 use crate::cloud::Channels;
 
 /// Least and greatest value of each channel.
-pub(super) type Ranges = Vec<(f64, f64)>;
+pub(super) type Ranges = Vec<[f64; 2]>;
 
 /// What one run of tmc3 codes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,16 +56,16 @@ fn to_rgb([y, u, v]: [f64; 3]) -> [f64; 3] {
     [y + 1.5748 * v, y - 0.187_32 * u - 0.468_12 * v, y + 1.8556 * u]
 }
 
-fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)])
 }
 
 /// Truncated, not rounded: as the authors do.
-fn quantise(value: f64, (low, high): (f64, f64), most: f64) -> f64 {
+fn quantise(value: f64, [low, high]: [f64; 2], most: f64) -> f64 {
     if high > low { ((value - low) / (high - low) * most).floor() } else { 0.0 }
 }
 
-fn restore(integer: f64, (low, high): (f64, f64), most: f64) -> f64 {
+fn restore(integer: f64, [low, high]: [f64; 2], most: f64) -> f64 {
     if high > low { integer / most * (high - low) + low } else { low }
 }
 
