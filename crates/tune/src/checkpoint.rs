@@ -200,10 +200,8 @@ impl<'a> StateReader<'a> {
             opacity_logits: self.floats()?,
             sh: self.rows()?,
         };
-        match scene.check_shape() {
-            Ok(()) if scene.len() as u64 == n => Ok(scene),
-            _ => Err(self.error("arrays of a scene differ in length")),
-        }
+        scene.validate().map_err(|e| self.refused("a scene that is not valid", e))?;
+        if scene.len() as u64 == n { Ok(scene) } else { Err(self.error("length of a scene")) }
     }
 
     /// Moments of so many parameters.

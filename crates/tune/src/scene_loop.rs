@@ -64,9 +64,7 @@ impl SceneLoop {
     /// Undoes [`SceneLoop::write`].
     pub(crate) fn read(input: &mut StateReader<'_>, mean_rate: f32, steps: u64) -> Result<Self> {
         let [done] = input.integers()?[..] else { return Err(input.error("steps")) };
-        let scene = input.scene()?;
-        scene.validate().map_err(|e| input.refused("a scene that is not valid", e))?;
-        let mut this = Self::new(scene, mean_rate, steps);
+        let mut this = Self::new(input.scene()?, mean_rate, steps);
         this.optimiser.moments = input.moments(this.optimiser.moments.first.len())?;
         this.done = done;
         Ok(this)
