@@ -13,7 +13,7 @@ mod reconstruct;
 
 use crate::coder::{Coder, Decoder, code_signed};
 pub use crate::coefficients::CLASSES;
-use crate::coefficients::{Level, RowCoder};
+use crate::coefficients::{LevelRows, RowCoder};
 use crate::error::{Error, Result};
 use crate::raht::{self, LANES, Plan, Rows};
 use quantiser::{Quantiser, Row};
@@ -87,7 +87,7 @@ pub fn encode_with_prices<C: Coder>(
         prices.row_mut(0).fill(0.0);
     }
     let mut context = RowCoder::new(plan, steps.len());
-    let mut level = Level::default();
+    let mut level = LevelRows::default();
     let mut row = Row::new(rows.width());
     for range in plan.levels().windows(2) {
         if range[0] == range[1] {
@@ -150,7 +150,7 @@ pub fn decode(coder: &mut Decoder<'_>, plan: &Plan, steps: &[f32], rows: &mut Ro
         *v = mean_of_level(plan, code_signed(coder, 0), step);
     }
     let mut context = RowCoder::new(plan, steps.len());
-    let mut level = Level::default();
+    let mut level = LevelRows::default();
     for range in plan.levels().windows(2) {
         if range[0] == range[1] {
             continue;

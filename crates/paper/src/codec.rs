@@ -5,7 +5,7 @@ use gpcc_lite::raht::Plan;
 use gpcc_lite::{Limits, Octree};
 use gs_model::Scene;
 
-use crate::container::{Reader, Writer};
+use crate::container::{ContainerReader, ContainerWriter};
 use crate::covariance::{self, Covariance};
 use crate::error::{Error, Result};
 use crate::positions;
@@ -50,7 +50,7 @@ pub fn encode(
     scene.validate()?;
     check_means(scene, octree)?;
     let plan = Plan::new(octree.clone());
-    let mut out = Writer::new(scene.sh_degree);
+    let mut out = ContainerWriter::new(scene.sh_degree);
     positions::encode(octree, &mut out)?;
     sh_and_opacity::encode(scene, &plan, qp, &mut out)?;
     let covariances = covariance.encode(scene, &plan, sensitivities)?;
@@ -83,7 +83,7 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 /// # Errors
 /// As [`decode`].
 pub fn decode_within(bytes: &[u8], limits: &Limits) -> Result<Scene> {
-    let (mut input, sh_degree) = Reader::open(bytes)?;
+    let (mut input, sh_degree) = ContainerReader::open(bytes)?;
     let octree = positions::decode(&mut input, limits)?;
     let means = (0..octree.len()).map(|i| octree.centre(i)).collect();
     let plan = Plan::new(octree);

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
-use entries::{Image, Intrinsics};
+use entries::{Intrinsics, PosedImage};
 
 use crate::camera::{self, Camera, LensDistortion, checked_size};
 use crate::error::{Error, Result};
@@ -68,7 +68,7 @@ fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {
     }
 }
 
-fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Image>> {
+fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<PosedImage>> {
     match form {
         Form::Binary => binary::images(file, bytes),
         Form::Text => text::images(file, bytes),
@@ -79,7 +79,7 @@ fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Image>> {
 fn with_intrinsics(
     files: [&Path; 2],
     cameras: Vec<Intrinsics>,
-    images: Vec<Image>,
+    images: Vec<PosedImage>,
     distortion: LensDistortion,
 ) -> Result<Vec<Camera>> {
     let mut by_id = BTreeMap::new();
@@ -121,7 +121,7 @@ fn choose(dir: &Path, stem: &str) -> (PathBuf, Form) {
 fn posed(
     [cameras_file, images_file]: [&Path; 2],
     intrinsics: &Intrinsics,
-    image: Image,
+    image: PosedImage,
     distortion: LensDistortion,
 ) -> Result<Camera> {
     let Intrinsics { id, model, width, height, ref params } = *intrinsics;

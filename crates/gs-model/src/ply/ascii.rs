@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{Element, Header, Property, Scalar};
+use super::header::{PlyElement, PlyHeader, Property, Scalar};
 use crate::error::{Error, Result, excerpt};
 use crate::rows;
 use crate::scene::Scene;
@@ -18,12 +18,12 @@ pub(super) struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    pub(super) fn new(file: &'a Path, bytes: &'a [u8], header: &Header) -> Self {
+    pub(super) fn new(file: &'a Path, bytes: &'a [u8], header: &PlyHeader) -> Self {
         Self { file, bytes, at: header.len, line: header.lines, line_end: header.line_end }
     }
 
     /// Skips the rows of an element.
-    pub(super) fn skip(&mut self, element: &Element) -> Result<()> {
+    pub(super) fn skip(&mut self, element: &PlyElement) -> Result<()> {
         self.check_fits(element)?;
         // A row without properties is an empty line, and those are ignored.
         let rows = if element.properties.is_empty() { 0 } else { element.count };
@@ -37,7 +37,7 @@ impl<'a> Lines<'a> {
     }
 
     /// Reads the Gaussians of `vertex`.
-    pub(super) fn vertices(&mut self, vertex: &Element, columns: &Columns) -> Result<Scene> {
+    pub(super) fn vertices(&mut self, vertex: &PlyElement, columns: &Columns) -> Result<Scene> {
         self.check_fits(vertex)?;
         let n = vertex.count as usize;
         let mut lines = Vec::with_capacity(n);
@@ -78,13 +78,13 @@ impl<'a> Lines<'a> {
     }
 
     /// Refuses an element whose rows, at one digit per number, do not fit in the rest of the file.
-    fn check_fits(&self, element: &Element) -> Result<()> {
+    fn check_fits(&self, element: &PlyElement) -> Result<()> {
         let len = self.bytes.len();
         // A digit and a separator per number. One more byte: the last line need not end.
         element.check_fits(self.file, len, len - self.at + 1, 2 * element.properties.len())
     }
 
-    fn truncated(&self, element: &Element, row: u64) -> Error {
+    fn truncated(&self, element: &PlyElement, row: u64) -> Error {
         element.truncated(self.file, self.bytes.len(), row)
     }
 }
@@ -94,7 +94,7 @@ fn parse_row(
     file: &Path,
     line: usize,
     text: &[u8],
-    element: &Element,
+    element: &PlyElement,
     out: &mut Vec<f32>,
 ) -> Result<()> {
     out.clear();

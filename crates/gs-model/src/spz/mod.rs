@@ -21,7 +21,7 @@ use std::path::Path;
 
 use flate2::bufread::GzDecoder;
 
-use layout::Layout;
+use layout::SpzLayout;
 pub use write::{MAX_COORDINATE, ShBits, pack};
 
 use crate::axes::ABOUT_X;
@@ -90,7 +90,7 @@ fn zipped(file: &Path, bytes: &[u8]) -> Result<(Scene, u32)> {
     if !matches!(version, 2 | 3) {
         return Err(other_version(file, version));
     }
-    let layout = Layout::new(file, version, data[12], data[13])?;
+    let layout = SpzLayout::new(file, version, data[12], data[13])?;
     let needed = u64::from(promised) * layout.sizes().iter().sum::<usize>() as u64;
     inflate(&mut data, needed)?;
     let body = &data[HEADER..];
