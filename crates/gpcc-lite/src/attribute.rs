@@ -21,15 +21,19 @@ use reconstruct::reconstruct;
 
 /// How an encoder quantises.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct Quantisation<'a> {
+    /// The step of each channel.
+    pub steps: &'a [f32],
     /// Lagrangian multiplier of the rate-distortion optimised quantiser, in `step^2` per bit; 0
     /// rounds to nearest.
     pub lambda: f32,
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Self { lambda: 0.1 }
+impl<'a> Quantisation<'a> {
+    /// These steps, and a `lambda` of 0.1.
+    #[must_use]
+    pub fn new(steps: &'a [f32]) -> Self {
+        Self { steps, lambda: 0.1 }
     }
 }
 
@@ -44,11 +48,10 @@ impl Default for Options {
 pub fn encode<C: Coder>(
     coder: &mut C,
     plan: &Plan,
-    steps: &[f32],
-    options: &Options,
+    quantisation: &Quantisation<'_>,
     rows: &mut Rows,
 ) -> Result<bool> {
-    encode_with_prices(coder, plan, steps, options, rows, None)
+    encode_with_prices(coder, plan, quantisation, rows, None)
 }
 
 /// As [`encode`]; `prices`, if they are wanted, become the derivatives of the number of bits by the values.
@@ -62,11 +65,11 @@ pub fn encode<C: Coder>(
 pub fn encode_with_prices<C: Coder>(
     coder: &mut C,
     plan: &Plan,
-    steps: &[f32],
-    options: &Options,
+    quantisation: &Quantisation<'_>,
     rows: &mut Rows,
     mut prices: Option<&mut Rows>,
 ) -> Result<bool> {
+    let steps = quantisation.steps;
     if let Some(prices) = &mut prices {
         prices.resize(plan.len(), steps.len());
     }
@@ -75,7 +78,7 @@ pub fn encode_with_prices<C: Coder>(
         return Ok(true);
     }
     raht::forward(plan, rows)?;
-    let quantiser = Quantiser::new(steps, options);
+    let quantiser = Quantiser::new(quantisation);
     let mut all_zero = true;
     for (v, &step) in rows.row_mut(0).iter_mut().zip(steps) {
         let level = level_of_mean(plan, *v, step);

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 
 /// How covariances are coded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Covariance {
+pub enum CovarianceCoding {
     /// Vector quantisation: an index into a codebook of `2^codebook_bits` normalised covariances, and a
     /// scale factor. The authors use 12.
     Lossy {
@@ -31,7 +31,7 @@ const LOSSLESS: u8 = 1;
 /// Rotations and log-scales.
 pub(crate) type DecodedCovariances = (Vec<[f32; 4]>, Vec<[f32; 3]>);
 
-impl Covariance {
+impl CovarianceCoding {
     pub(crate) fn check(self) -> Result<()> {
         match self {
             Self::Lossy { codebook_bits: value @ 21.. } => {
@@ -61,7 +61,7 @@ impl Covariance {
     }
 }
 
-/// Decodes what [`Covariance::encode`] coded.
+/// Decodes what [`CovarianceCoding::encode`] coded.
 pub(crate) fn decode(coded: &[u8], plan: &Plan) -> Result<DecodedCovariances> {
     let mut coded = ContainerReader(coded);
     let mode = coded.array("covariance")?;
