@@ -90,7 +90,7 @@ proptest! {
             }
             prop_assert!(distance.is_sorted());
             // In the finest level the predecessor in Morton order is always a candidate.
-            if i % 4 != 0 {
+            if !i.is_multiple_of(4) {
                 let (a, b) = (centre(i), centre(i - 1));
                 let d: i64 = (0..3).map(|k| (a[k] - b[k]).pow(2)).sum();
                 prop_assert!(i64::from(distance[0]) <= d);

@@ -54,7 +54,7 @@ impl Neighbours {
             if level == coarsest {
                 (0..n).step_by(stride).for_each(|i| this.search(&position, i, stride, None));
             } else {
-                let new = (0..n).step_by(stride).filter(|i| i % coarser != 0);
+                let new = (0..n).step_by(stride).filter(|i| !i.is_multiple_of(coarser));
                 new.for_each(|i| this.search(&position, i, stride, Some(coarser)));
             }
         }

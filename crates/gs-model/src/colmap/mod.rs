@@ -21,13 +21,11 @@ use crate::error::{Error, Result};
 use crate::fs;
 
 /// True if `dir` holds a sparse model: `cameras` and `images`, `.bin` or `.txt`.
-#[must_use]
-pub(crate) fn is_model(dir: impl AsRef<Path>) -> bool {
-    let dir = dir.as_ref();
-    ["bin", "txt"].iter().any(|e| {
-        dir.join("cameras").with_extension(e).is_file()
-            && dir.join("images").with_extension(e).is_file()
-    })
+pub(crate) fn is_model(dir: &Path) -> bool {
+    let has = |extension: &str| {
+        ["cameras", "images"].iter().all(|stem| dir.join(stem).with_extension(extension).is_file())
+    };
+    has("bin") || has("txt")
 }
 
 /// Reads the posed images of the sparse model in `dir` (say `sparse/0`), in file order.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{PlyElement, PlyHeader, Property, Scalar};
+use super::header::{PlyElement, PlyHeader, Scalar};
 use crate::error::{Error, Result, excerpt};
 use crate::rows;
 use crate::scene::Scene;
@@ -99,16 +99,21 @@ fn parse_row(
 ) -> Result<()> {
     out.clear();
     let words = || text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
+    let malformed = |reason: String| Error::malformed(file, &format!("line {line}"), reason);
     let short = || {
         let (found, expected) = (words().count(), element.properties.len());
-        Error::malformed(file, &place(line), format!("{found} numbers, expected {expected}"))
+        malformed(format!("{found} numbers, expected {expected}"))
     };
     let mut rest = words();
     for property in &element.properties {
         let word = rest.next().ok_or_else(short)?;
-        let bad = || bad_number(file, line, property, word);
+        let bad = || {
+            let name = &property.name;
+            malformed(format!("property {name:?}: {:?} is not a number", excerpt(word)))
+        };
         if property.list.is_some() {
-            let length: usize = ascii(word).and_then(|w| w.parse().ok()).ok_or_else(bad)?;
+            let length: usize =
+                std::str::from_utf8(word).ok().and_then(|w| w.parse().ok()).ok_or_else(bad)?;
             if length > 0 {
                 rest.nth(length - 1).ok_or_else(short)?;
             }
@@ -120,23 +125,10 @@ fn parse_row(
     if rest.next().is_some() { Err(short()) } else { Ok(()) }
 }
 
-fn bad_number(file: &Path, line: usize, property: &Property, word: &[u8]) -> Error {
-    let reason = format!("property {:?}: {:?} is not a number", property.name, excerpt(word));
-    Error::malformed(file, &place(line), reason)
-}
-
-fn place(line: usize) -> String {
-    format!("line {line}")
-}
-
-fn ascii(word: &[u8]) -> Option<&str> {
-    std::str::from_utf8(word).ok()
-}
-
 /// A number as the property's type rounds it. Fractions in integer columns are accepted: some
 /// writers put them there, and their meaning is clear.
 fn number(word: &[u8], scalar: Scalar) -> Option<f32> {
-    let word = ascii(word)?;
+    let word = std::str::from_utf8(word).ok()?;
     match scalar {
         Scalar::F32 => word.parse().ok(),
         _ => word.parse::<f64>().ok().map(|v| v as f32),

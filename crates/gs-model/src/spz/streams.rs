@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use ruzstd::decoding::StreamingDecoder;
 
 use super::layout::SpzLayout;
-use super::{broken, other_version, short};
+use super::{READ, broken, short};
 use crate::bytes::word;
 use crate::error::{Error, Result};
 
@@ -28,7 +28,7 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(SpzLayout, usize, [Vec
     }
     let version = word(bytes, 4);
     if version != 4 {
-        return Err(other_version(file, version));
+        return Err(Error::version(file, "SPZ", version, READ));
     }
     if bytes.len() < HEADER {
         return Err(header());
