@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lossless, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
@@ -93,7 +93,7 @@ fn attributes(g: &mut Group<'_>, tree: &Octree, channels: &[Vec<i32>]) {
     let steps = [8.0; 3];
     let encode = |rows: &mut Rows| {
         let mut coder = Encoder::default();
-        attribute::encode(&mut coder, &plan, &steps, &Options::default(), rows)
+        attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), rows)
             .map(|_| coder.finish())
     };
     g.bench_function("attributes encode, three channels", |b| {

@@ -13,7 +13,7 @@ mod reconstruct;
 
 use crate::coder::{Coder, Decoder, code_signed};
 pub use crate::coefficients::CLASSES;
-use crate::coefficients::{Level, RowCoder};
+use crate::coefficients::{LevelRows, RowCoder};
 use crate::error::{Error, Result};
 use crate::raht::{self, LANES, Plan, Rows};
 use quantiser::{Quantiser, Row};
@@ -21,15 +21,19 @@ use reconstruct::reconstruct;
 
 /// How an encoder quantises.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct Quantisation<'a> {
+    /// The step of each channel.
+    pub steps: &'a [f32],
     /// Lagrangian multiplier of the rate-distortion optimised quantiser, in `step^2` per bit; 0
     /// rounds to nearest.
     pub lambda: f32,
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Self { lambda: 0.1 }
+impl<'a> Quantisation<'a> {
+    /// These steps, and a `lambda` of 0.1.
+    #[must_use]
+    pub fn new(steps: &'a [f32]) -> Self {
+        Self { steps, lambda: 0.1 }
     }
 }
 
@@ -44,11 +48,10 @@ impl Default for Options {
 pub fn encode<C: Coder>(
     coder: &mut C,
     plan: &Plan,
-    steps: &[f32],
-    options: &Options,
+    quantisation: &Quantisation<'_>,
     rows: &mut Rows,
 ) -> Result<bool> {
-    encode_with_prices(coder, plan, steps, options, rows, None)
+    encode_with_prices(coder, plan, quantisation, rows, None)
 }
 
 /// As [`encode`]; `prices`, if they are wanted, become the derivatives of the number of bits by the values.
@@ -62,11 +65,11 @@ pub fn encode<C: Coder>(
 pub fn encode_with_prices<C: Coder>(
     coder: &mut C,
     plan: &Plan,
-    steps: &[f32],
-    options: &Options,
+    quantisation: &Quantisation<'_>,
     rows: &mut Rows,
     mut prices: Option<&mut Rows>,
 ) -> Result<bool> {
+    let steps = quantisation.steps;
     if let Some(prices) = &mut prices {
         prices.resize(plan.len(), steps.len());
     }
@@ -75,7 +78,7 @@ pub fn encode_with_prices<C: Coder>(
         return Ok(true);
     }
     raht::forward(plan, rows)?;
-    let quantiser = Quantiser::new(steps, options);
+    let quantiser = Quantiser::new(quantisation);
     let mut all_zero = true;
     for (v, &step) in rows.row_mut(0).iter_mut().zip(steps) {
         let level = level_of_mean(plan, *v, step);
@@ -87,7 +90,7 @@ pub fn encode_with_prices<C: Coder>(
         prices.row_mut(0).fill(0.0);
     }
     let mut context = RowCoder::new(plan, steps.len());
-    let mut level = Level::default();
+    let mut level = LevelRows::default();
     let mut row = Row::new(rows.width());
     for range in plan.levels().windows(2) {
         if range[0] == range[1] {
@@ -150,7 +153,7 @@ pub fn decode(coder: &mut Decoder<'_>, plan: &Plan, steps: &[f32], rows: &mut Ro
         *v = mean_of_level(plan, code_signed(coder, 0), step);
     }
     let mut context = RowCoder::new(plan, steps.len());
-    let mut level = Level::default();
+    let mut level = LevelRows::default();
     for range in plan.levels().windows(2) {
         if range[0] == range[1] {
             continue;

@@ -13,12 +13,12 @@ pub(crate) fn put_varint(out: &mut Vec<u8>, mut v: u64) {
 
 /// Reads a stream front to back; every read is checked.
 #[derive(Clone, Debug)]
-pub(crate) struct Reader<'a> {
+pub(crate) struct ByteReader<'a> {
     data: &'a [u8],
     pos: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ByteReader<'a> {
     pub(crate) fn new(data: &'a [u8]) -> Self {
         Self { data, pos: 0 }
     }
@@ -199,11 +199,11 @@ mod tests {
         for v in [0, 127, 128, 1 << 35, 1 << 62, 1 << 63, u64::MAX] {
             let mut bytes = Vec::new();
             put_varint(&mut bytes, v);
-            assert_eq!(Reader::new(&bytes).varint("number").unwrap(), v);
+            assert_eq!(ByteReader::new(&bytes).varint("number").unwrap(), v);
         }
         let mut too_great = [0xff; 10];
         too_great[9] = 2;
-        assert!(Reader::new(&too_great).varint("number").is_err());
-        assert!(Reader::new(&[0x80; 11]).varint("number").is_err());
+        assert!(ByteReader::new(&too_great).varint("number").is_err());
+        assert!(ByteReader::new(&[0x80; 11]).varint("number").is_err());
     }
 }

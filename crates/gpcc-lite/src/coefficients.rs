@@ -95,7 +95,7 @@ pub(crate) struct RowCoder {
     /// sum.
     expected: Vec<[f32; LANES]>,
     /// The active rows in which the current group is not all zero, as indices into
-    /// [`Level::active`].
+    /// [`LevelRows::active`].
     chosen: Vec<u32>,
     /// For each of these the sum of the magnitudes of the group's channels so far.
     sums: Vec<u32>,
@@ -107,7 +107,7 @@ pub(crate) struct RowCoder {
 
 /// The rows of one level of merges that are not all zero.
 #[derive(Debug, Default)]
-pub(crate) struct Level {
+pub(crate) struct LevelRows {
     /// First coefficient, and number of coefficients.
     pub(crate) first: usize,
     pub(crate) count: usize,
@@ -117,7 +117,7 @@ pub(crate) struct Level {
     pub(crate) levels: Vec<[i32; LANES]>,
 }
 
-impl Level {
+impl LevelRows {
     /// Goes to the level of the coefficients `first..end`, without any active row.
     pub(crate) fn start(&mut self, first: u32, end: u32) {
         (self.first, self.count) = (first as usize, (end - first) as usize);
@@ -160,7 +160,7 @@ impl RowCoder {
     }
 
     /// Finds the magnitudes expected in each row of a level, by the activities of the rows above.
-    pub(crate) fn expect(&mut self, plan: &Plan, level: &Level) {
+    pub(crate) fn expect(&mut self, plan: &Plan, level: &LevelRows) {
         self.expected.clear();
         let range = level.first - 1..level.first - 1 + level.count;
         let above = plan.parents()[range.clone()].iter().zip(&plan.noise_gains()[range]);
@@ -178,7 +178,7 @@ impl RowCoder {
     }
 
     /// Codes the rows of a level, after [`RowCoder::expect`]. A decoder fills in what is active.
-    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, plan: &Plan, level: &mut Level) {
+    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, plan: &Plan, level: &mut LevelRows) {
         if !C::HEARD {
             return self.learn(plan, level);
         }
@@ -202,7 +202,7 @@ impl RowCoder {
     }
 
     /// Codes which rows are not all zero. A single channel has no flags.
-    fn code_row_flags<C: Coder>(&mut self, coder: &mut C, level: &mut Level) {
+    fn code_row_flags<C: Coder>(&mut self, coder: &mut C, level: &mut LevelRows) {
         let width = self.channels.div_ceil(LANES);
         if self.channels == 1 {
             if C::ENCODING {
@@ -243,7 +243,7 @@ impl RowCoder {
     fn code_group_flags<C: Coder>(
         &mut self,
         coder: &mut C,
-        level: &Level,
+        level: &LevelRows,
         group: usize,
         groups: usize,
     ) {
@@ -273,7 +273,7 @@ impl RowCoder {
     fn code_magnitudes<C: Coder>(
         &mut self,
         coder: &mut C,
-        level: &mut Level,
+        level: &mut LevelRows,
         channel: usize,
         i: usize,
     ) {
@@ -308,7 +308,7 @@ impl RowCoder {
     }
 
     /// Computes the activities of the level's rows.
-    fn learn(&mut self, plan: &Plan, level: &Level) {
+    fn learn(&mut self, plan: &Plan, level: &LevelRows) {
         let range = level.first - 1..level.first - 1 + level.count;
         for (row, &parent) in plan.parents()[range].iter().enumerate() {
             self.activity[level.first + row] = self.activity[parent as usize].map(|a| a * KEPT);

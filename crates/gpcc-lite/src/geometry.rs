@@ -21,15 +21,15 @@ mod slabs;
 mod source;
 mod tree;
 
-use crate::bytes::{Reader, put_varint};
+use crate::bytes::{ByteReader, put_varint};
 use crate::coder::{Coder, Decoder, Encoder};
 use crate::cube::Cube;
 use crate::error::{Error, Result};
 use crate::leaf::Leaf;
 use crate::limits::Limits;
 use crate::octree::{Octree, check_count, check_depth};
-use models::Models;
-use tree::Tree;
+use models::GeometryModels;
+use tree::CodedTree;
 
 /// Leaves that are coded as a sample, with slabs and without.
 const SAMPLE: usize = 2048;
@@ -67,7 +67,7 @@ pub fn encode(tree: &Octree) -> Result<Vec<u8>> {
 /// # Errors
 /// If the stream is truncated, corrupt, or claims more points than `limits` allows.
 pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Octree> {
-    let mut r = Reader::new(bytes);
+    let mut r = ByteReader::new(bytes);
     let depth = r.u8("geometry header")?;
     check_depth(depth)?;
     let offset = r.pos();
@@ -137,8 +137,8 @@ fn code<C: Coder>(coder: &mut C, leaves: Option<&[Leaf]>, shape: Shape) -> Resul
     if count == 0 {
         return Ok(Vec::new());
     }
-    let mut models = Models::new(slabs, depth);
-    let mut tree = Tree::new(leaves, depth, count);
+    let mut models = GeometryModels::new(slabs, depth);
+    let mut tree = CodedTree::new(leaves, depth, count);
     for level in 0..depth {
         tree.level(level, &mut models, coder)?;
     }

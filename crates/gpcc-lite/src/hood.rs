@@ -157,12 +157,12 @@ impl Hoods {
 }
 
 /// The cells in and around a node, and the children of the node and of its neighbours.
-pub(crate) struct Block {
+pub(crate) struct CellBlock {
     cells: u64,
     children: [Children; 64],
 }
 
-impl Block {
+impl CellBlock {
     pub(crate) fn new() -> Self {
         Self { cells: 0, children: [Children::default(); 64] }
     }
@@ -249,7 +249,7 @@ mod tests {
         for depth in 0..=6 {
             let list = level(depth);
             let mut below = Hoods::default();
-            let mut block = Block::new();
+            let mut block = CellBlock::new();
             let mut near = hoods.near.as_slice();
             let mut at = 0;
             for &present in &hoods.present {

@@ -58,7 +58,7 @@ pub struct Plan {
 
 /// A merge of a [`Plan`], for an executor that does not run in Rust.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Merge {
+pub struct RahtMerge {
     /// First leaf of the left child: its row holds the mean of the node.
     pub left: u32,
     /// First leaf of the right child: its row holds the difference of the children's means.
@@ -153,9 +153,9 @@ impl Plan {
 
     /// The merge of coefficient `k >= 1`.
     #[must_use]
-    pub fn merge(&self, k: usize) -> Merge {
+    pub fn merge(&self, k: usize) -> RahtMerge {
         let m = k - 1;
-        Merge {
+        RahtMerge {
             left: self.left[m],
             right: self.right[m],
             parent: self.parent[m],

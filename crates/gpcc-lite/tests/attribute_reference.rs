@@ -7,7 +7,7 @@ mod common;
 use std::collections::BTreeMap;
 
 use common::{any_octree, any_weights, power_of_two, rows_of};
-use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gpcc_lite::model::{Bit, Symbols};
 use gpcc_lite::raht::{Plan, Rows};
@@ -234,7 +234,7 @@ fn compare(tree: &Octree, weights: &[u32], steps: &[f32], lambda: f32, rows: &Ro
     let plan = Plan::new(tree.clone()).weighted(weights).unwrap();
     let mut told = rows.clone();
     let mut coder = Encoder::default();
-    attribute::encode(&mut coder, &plan, steps, &Options { lambda }, &mut told).unwrap();
+    attribute::encode(&mut coder, &plan, &Quantisation { steps, lambda }, &mut told).unwrap();
     let bytes = coder.finish();
     let mut read = Rows::new(tree.len(), steps.len());
     attribute::decode(&mut Decoder::new(&bytes).unwrap(), &plan, steps, &mut read).unwrap();

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{any_weights, channel, octree_from, rows_of};
-use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::Encoder;
 use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
@@ -40,7 +40,7 @@ fn attributes_have_one_result() {
         let mut rows = rows_of(tree.len(), channels, 5, 1);
         let mut coder = Encoder::default();
         let steps = vec![3.5; channels];
-        attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
+        attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), &mut rows).unwrap();
         let values = (0..tree.len()).flat_map(|i| rows.row(i).to_vec());
         hash(coder.finish().into_iter().chain(values.flat_map(f32::to_le_bytes)))
     });

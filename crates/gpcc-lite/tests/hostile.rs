@@ -3,7 +3,7 @@
 mod common;
 
 use common::{channel, rows_of};
-use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Coder, Decoder, Encoder};
 use gpcc_lite::predict::{
     Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
@@ -68,7 +68,7 @@ fn attributes() {
         let mut rows = rows_of(tree.len(), channels, 3, 1);
         let mut coder = Encoder::default();
         let steps = vec![30.0; channels];
-        attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
+        attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), &mut rows).unwrap();
         let bytes = coder.finish();
         damage(&bytes, |b| drop(decode_attributes(&plan, b, channels)));
         assert!(decode_attributes(&plan, &bytes, channels).is_ok());
@@ -115,7 +115,7 @@ fn the_greatest_values_wrap_or_saturate() {
         }
         let mut coder = Encoder::default();
         let steps = [f32::MIN_POSITIVE, 1.0, f32::MAX];
-        attribute::encode(&mut coder, &plan, &steps, &Options::default(), &mut rows).unwrap();
+        attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), &mut rows).unwrap();
         let (bytes, mut read) = (coder.finish(), Rows::new(tree.len(), 3));
         let mut decoder = Decoder::new(&bytes).unwrap();
         attribute::decode(&mut decoder, &plan, &steps, &mut read).unwrap();
@@ -188,7 +188,7 @@ fn bad_arguments_are_refused() {
     let n = tree.len();
     let plan = Plan::new(tree.clone());
     let encode = |steps: &[f32], rows: &mut Rows| {
-        attribute::encode(&mut Encoder::default(), &plan, steps, &Options::default(), rows).err()
+        attribute::encode(&mut Encoder::default(), &plan, &Quantisation::new(steps), rows).err()
     };
     let mut rows = Rows::new(n, 2);
     assert_eq!(encode(&[1.0], &mut rows), Some(Error::Count { what: "steps", got: 1, want: 2 }));

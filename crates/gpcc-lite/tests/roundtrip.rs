@@ -3,7 +3,7 @@
 mod common;
 
 use common::{any_octree, any_weights, channel, power_of_two, rows_of, shapes};
-use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::predict::{
     Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
@@ -15,10 +15,11 @@ use proptest::prelude::*;
 
 /// Codes the rows, decodes them, and checks that the decoder returns what the encoder says, bit for
 /// bit. Returns the bytes and the decoded rows.
-fn attributes(plan: &Plan, steps: &[f32], options: &Options, rows: &Rows) -> (Vec<u8>, Rows) {
+fn attributes(plan: &Plan, how: &Quantisation<'_>, rows: &Rows) -> (Vec<u8>, Rows) {
+    let steps = how.steps;
     let mut told = rows.clone();
     let mut coder = Encoder::default();
-    let all_zero = attribute::encode(&mut coder, plan, steps, options, &mut told).unwrap();
+    let all_zero = attribute::encode(&mut coder, plan, how, &mut told).unwrap();
     let bytes = coder.finish();
     let mut read = Rows::new(plan.len(), steps.len());
     let mut decoder = Decoder::new(&bytes).unwrap();
@@ -72,7 +73,7 @@ proptest! {
         let rows = rows_of(tree.len(), channels, seed, kind);
         let step = power_of_two(log_step);
         let steps: Vec<f32> = (0..channels).map(|c| step * (1.0 + c as f32 / 7.0)).collect();
-        attributes(&plan, &steps, &Options { lambda }, &rows);
+        attributes(&plan, &Quantisation { steps: &steps, lambda }, &rows);
     }
 
     /// The transform is orthonormal and the quantiser's error of a coefficient is at most a step,
@@ -86,7 +87,7 @@ proptest! {
         let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
         let rows = rows_of(n, channels, seed, 1);
         let step = power_of_two(log_step);
-        let (_, read) = attributes(&plan, &vec![step; channels], &Options::default(), &rows);
+        let (_, read) = attributes(&plan, &Quantisation::new(&vec![step; channels]), &rows);
         let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
         for c in 0..channels {
             let error = |i: usize| f64::from(read.row(i)[c]) - f64::from(rows.row(i)[c]);
@@ -156,7 +157,7 @@ fn shapes_survive_every_coder() {
             assert_eq!(back, [c.clone(), d.clone()], "{name}");
             for channels in [1, 3, 6, 9, 15, 21, 7] {
                 let rows = rows_of(tree.len(), channels, 5, kind);
-                attributes(&plan, &vec![2.0; channels], &Options::default(), &rows);
+                attributes(&plan, &Quantisation::new(&vec![2.0; channels]), &rows);
             }
         }
     }
@@ -170,8 +171,8 @@ fn channels_beyond_the_last_whole_group_are_coded() {
     let plan = Plan::new(tree.clone());
     for channels in [7, 8, 10, 11] {
         let rows = rows_of(tree.len(), channels, 1, 1);
-        let options = Options { lambda: 0.0 };
-        let (_, read) = attributes(&plan, &vec![1.0; channels], &options, &rows);
+        let quantisation = Quantisation { steps: &vec![1.0; channels], lambda: 0.0 };
+        let (_, read) = attributes(&plan, &quantisation, &rows);
         let last = channels - 1;
         let squares = |value: &dyn Fn(usize) -> f32| -> f32 {
             (0..tree.len()).map(|i| value(i) * value(i)).sum()
@@ -189,7 +190,7 @@ fn constants_are_almost_free() {
     let plan = Plan::new(tree.clone());
     let mut rows = Rows::new(tree.len(), 3);
     (0..tree.len()).for_each(|i| rows.row_mut(i).fill(200.0));
-    let (bytes, read) = attributes(&plan, &[4.0; 3], &Options::default(), &rows);
+    let (bytes, read) = attributes(&plan, &Quantisation::new(&[4.0; 3]), &rows);
     assert!(bytes.len() < 40, "{}", bytes.len());
     let half = 0.5 * 4.0 / 64.0;
     assert!((0..tree.len()).all(|i| read.row(i).iter().all(|v| (v - 200.0).abs() <= half)));
@@ -201,7 +202,7 @@ fn rows_may_hold_anything_before_decoding() {
     let (_, tree) = shapes().pop().unwrap();
     let plan = Plan::new(tree.clone());
     let rows = rows_of(tree.len(), 6, 3, 1);
-    let (bytes, want) = attributes(&plan, &[3.0; 6], &Options::default(), &rows);
+    let (bytes, want) = attributes(&plan, &Quantisation::new(&[3.0; 6]), &rows);
     let mut used = Rows::new(tree.len(), 8);
     (0..tree.len()).for_each(|i| used.row_mut(i).fill(f32::NAN));
     used.resize(tree.len(), 6);
@@ -216,7 +217,7 @@ fn lambda_trades_bytes_for_error() {
     let plan = Plan::new(tree.clone());
     let rows = rows_of(tree.len(), 3, 8, 1);
     let run = |lambda| {
-        let (bytes, read) = attributes(&plan, &[60.0; 3], &Options { lambda }, &rows);
+        let (bytes, read) = attributes(&plan, &Quantisation { steps: &[60.0; 3], lambda }, &rows);
         let square = |i: usize| -> f64 {
             let pairs = read.row(i).iter().zip(rows.row(i));
             pairs.map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum()

@@ -23,7 +23,7 @@ pub(crate) const fn row_len(sh_degree: u8) -> usize {
 const ROWS_PER_TASK: usize = 1024;
 
 /// Some consecutive Gaussians of a scene under construction.
-pub(crate) struct Rows<'a> {
+pub(crate) struct SceneRows<'a> {
     /// Index of the first one.
     pub(crate) first: usize,
     means: &'a mut [[f32; 3]],
@@ -33,7 +33,7 @@ pub(crate) struct Rows<'a> {
     sh: &'a mut [[f32; 3]],
 }
 
-impl Rows<'_> {
+impl SceneRows<'_> {
     pub(crate) fn len(&self) -> usize {
         self.means.len()
     }
@@ -60,7 +60,7 @@ impl Rows<'_> {
 pub(crate) fn scene(
     n: usize,
     sh_degree: u8,
-    fill: impl Fn(Rows) -> Result<()> + Sync,
+    fill: impl Fn(SceneRows) -> Result<()> + Sync,
 ) -> Result<Scene> {
     let mut scene = Scene::zeros(n, sh_degree);
     fill_range(&mut scene, 0..n, fill)?;
@@ -90,7 +90,7 @@ pub(crate) fn scene_of<R: Fn(usize) -> f32>(
 pub(crate) fn fill_range(
     scene: &mut Scene,
     range: Range<usize>,
-    fill: impl Fn(Rows) -> Result<()> + Sync,
+    fill: impl Fn(SceneRows) -> Result<()> + Sync,
 ) -> Result<()> {
     let k = scene.sh_len();
     let outcomes: Vec<Result<()>> = scene.means[range.clone()]
@@ -102,7 +102,7 @@ pub(crate) fn fill_range(
         .enumerate()
         .map(|(task, ((((means, rotations), log_scales), opacity_logits), sh))| {
             let first = range.start + task * ROWS_PER_TASK;
-            fill(Rows { first, means, rotations, log_scales, opacity_logits, sh })
+            fill(SceneRows { first, means, rotations, log_scales, opacity_logits, sh })
         })
         .collect();
     outcomes.into_iter().collect()

@@ -42,6 +42,11 @@ pub(crate) fn opacity_logit(byte: u8) -> f32 {
     libm::log(opacity / (1.0 - opacity)) as f32
 }
 
+/// The byte of the opacity of a logit.
+pub(crate) fn opacity_byte(logit: f32) -> u8 {
+    libm::roundf(255.0 / (1.0 + libm::expf(-logit))) as u8
+}
+
 fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     if !bytes.len().is_multiple_of(ROW) {
         let missing = format!("the rows of a .splat are {ROW} bytes each, the last is not whole");
@@ -71,7 +76,7 @@ fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
         for (o, v) in row[24..27].iter_mut().zip(scene.sh_of(i)[0]) {
             *o = libm::roundf(255.0 * (0.5 + SH_C0 * v)) as u8;
         }
-        row[27] = libm::roundf(255.0 / (1.0 + libm::expf(-scene.opacity_logits[i]))) as u8;
+        row[27] = opacity_byte(scene.opacity_logits[i]);
         for (o, v) in row[28..].iter_mut().zip(unit(scene.rotations[i])) {
             *o = libm::round(128.0 + 128.0 * v) as u8;
         }

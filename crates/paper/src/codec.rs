@@ -5,24 +5,24 @@ use gpcc_lite::raht::Plan;
 use gpcc_lite::{Limits, Octree};
 use gs_model::Scene;
 
-use crate::container::{Reader, Writer};
-use crate::covariance::{self, Covariance};
+use crate::container::{ContainerReader, ContainerWriter};
+use crate::covariance::{self, CovarianceCoding};
 use crate::error::{Error, Result};
 use crate::positions;
 use crate::sh_and_opacity::{self, Qp};
 
 /// What a stream is coded with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
+pub struct PaperOptions {
     /// Quantisation parameters.
     pub qp: Qp,
     /// How covariances are coded.
-    pub covariance: Covariance,
+    pub covariance: CovarianceCoding,
 }
 
 /// A finished stream.
 #[derive(Clone, Debug)]
-pub struct Encoded {
+pub struct PaperStream {
     /// The stream.
     pub bytes: Vec<u8>,
     /// Bytes by what they are for, in the order of the stream.
@@ -42,20 +42,20 @@ pub fn encode(
     scene: &Scene,
     octree: &Octree,
     sensitivities: Option<&[f32]>,
-    options: &Options,
-) -> Result<Encoded> {
-    let Options { qp, covariance } = options;
+    options: &PaperOptions,
+) -> Result<PaperStream> {
+    let PaperOptions { qp, covariance } = options;
     qp.check()?;
     covariance.check()?;
     scene.validate()?;
     check_means(scene, octree)?;
     let plan = Plan::new(octree.clone());
-    let mut out = Writer::new(scene.sh_degree);
+    let mut out = ContainerWriter::new(scene.sh_degree);
     positions::encode(octree, &mut out)?;
     sh_and_opacity::encode(scene, &plan, qp, &mut out)?;
     let covariances = covariance.encode(scene, &plan, sensitivities)?;
     out.block("covariance", &covariances);
-    Ok(Encoded { bytes: out.bytes, parts: out.parts })
+    Ok(PaperStream { bytes: out.bytes, parts: out.parts })
 }
 
 fn check_means(scene: &Scene, octree: &Octree) -> Result<()> {
@@ -83,7 +83,7 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 /// # Errors
 /// As [`decode`].
 pub fn decode_within(bytes: &[u8], limits: &Limits) -> Result<Scene> {
-    let (mut input, sh_degree) = Reader::open(bytes)?;
+    let (mut input, sh_degree) = ContainerReader::open(bytes)?;
     let octree = positions::decode(&mut input, limits)?;
     let means = (0..octree.len()).map(|i| octree.centre(i)).collect();
     let plan = Plan::new(octree);

@@ -17,13 +17,13 @@ use crate::error::{Error, Result};
 const SIGNATURE: [u8; 6] = *b"paper\x01";
 
 /// A stream that is being written.
-pub(crate) struct Writer {
+pub(crate) struct ContainerWriter {
     pub(crate) bytes: Vec<u8>,
     /// Bytes by what they are for.
     pub(crate) parts: Vec<(&'static str, u64)>,
 }
 
-impl Writer {
+impl ContainerWriter {
     pub(crate) fn new(sh_degree: u8) -> Self {
         let mut this = Self { bytes: Vec::new(), parts: Vec::new() };
         this.raw("head", &SIGNATURE);
@@ -60,9 +60,9 @@ pub(crate) fn put_block(out: &mut Vec<u8>, bytes: &[u8]) {
 }
 
 /// What is left of a stream or a block.
-pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
+pub(crate) struct ContainerReader<'a>(pub(crate) &'a [u8]);
 
-impl<'a> Reader<'a> {
+impl<'a> ContainerReader<'a> {
     /// Opens a stream; returns its SH degree too.
     pub(crate) fn open(bytes: &'a [u8]) -> Result<(Self, u8)> {
         let mut this = Self(bytes.strip_prefix(&SIGNATURE).ok_or(Error::Signature)?);

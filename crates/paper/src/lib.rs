@@ -35,8 +35,8 @@ mod positions;
 mod sh_and_opacity;
 mod voxelization;
 
-pub use codec::{Encoded, Options, decode, decode_within, encode};
-pub use covariance::Covariance;
+pub use codec::{PaperOptions, PaperStream, decode, decode_within, encode};
+pub use covariance::CovarianceCoding;
 pub use error::{Error, Result};
 pub use gpcc_lite::Limits;
 pub use sh_and_opacity::Qp;

@@ -3,13 +3,13 @@
 
 use gpcc_lite::{Cube, Limits, Octree, geometry};
 
-use crate::container::{Reader, Writer};
+use crate::container::{ContainerReader, ContainerWriter};
 use crate::error::{Error, Result, coding};
 
 const NAME: &str = "geometry";
 
 /// Writes the cube and the leaves.
-pub(crate) fn encode(octree: &Octree, out: &mut Writer) -> Result<()> {
+pub(crate) fn encode(octree: &Octree, out: &mut ContainerWriter) -> Result<()> {
     let Cube { origin, side } = octree.cube();
     for number in origin.into_iter().chain([side]) {
         out.raw("head", &number.to_le_bytes());
@@ -20,7 +20,7 @@ pub(crate) fn encode(octree: &Octree, out: &mut Writer) -> Result<()> {
 }
 
 /// Reads what [`encode`] wrote.
-pub(crate) fn decode(input: &mut Reader<'_>, limits: &Limits) -> Result<Octree> {
+pub(crate) fn decode(input: &mut ContainerReader<'_>, limits: &Limits) -> Result<Octree> {
     let mut number = || Ok::<_, Error>(f64::from_le_bytes(input.array("cube")?));
     let cube = Cube { origin: [number()?, number()?, number()?], side: number()? };
     let octree = geometry::decode(input.block(NAME)?, limits).map_err(coding(NAME))?;

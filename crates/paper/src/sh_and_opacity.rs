@@ -9,7 +9,7 @@ use gpcc_lite::rlgr;
 use gs_model::{Scene, sh_len};
 use rayon::prelude::*;
 
-use crate::container::{Reader, Writer};
+use crate::container::{ContainerReader, ContainerWriter};
 use crate::error::{Error, Result, coding};
 
 /// Quantisation parameters, 0 to 51. The step is `2^((qp - 4) / 6)` 255ths of a channel's range, because the
@@ -89,7 +89,7 @@ impl Channel {
 }
 
 /// Writes opacity and SH coefficients of the Gaussians at the leaves of `plan`.
-pub(crate) fn encode(scene: &Scene, plan: &Plan, qp: &Qp, out: &mut Writer) -> Result<()> {
+pub(crate) fn encode(scene: &Scene, plan: &Plan, qp: &Qp, out: &mut ContainerWriter) -> Result<()> {
     let all = channels(scene.sh_degree);
     let code = |c: &Channel| {
         let values = c.values(scene);
@@ -103,7 +103,7 @@ pub(crate) fn encode(scene: &Scene, plan: &Plan, qp: &Qp, out: &mut Writer) -> R
 
 /// Reads opacity logits and SH coefficients.
 pub(crate) fn decode(
-    input: &mut Reader<'_>,
+    input: &mut ContainerReader<'_>,
     plan: &Plan,
     sh_degree: u8,
 ) -> Result<(Vec<f32>, Vec<[f32; 3]>)> {
@@ -165,7 +165,7 @@ pub(crate) fn encode_channel(
 
 /// Decodes what [`encode_channel`] coded.
 pub(crate) fn decode_channel(plan: &Plan, coded: &[u8], name: &'static str) -> Result<Vec<f64>> {
-    let mut coded = Reader(coded);
+    let mut coded = ContainerReader(coded);
     let step = coded.float(name)?;
     let levels = rlgr::decode(coded.0, plan.len()).map_err(coding(name))?;
     let mut values: Vec<f64> = levels.into_iter().map(|l| f64::from(l) * step).collect();

@@ -1,18 +1,19 @@
 //! The codec as its users see it: round trips, recorded streams, hostile input.
 
-use paper::{Covariance, Encoded, Error, Limits, Options, Qp, Strategy, Voxelized};
+use paper::{CovarianceCoding, Error, Limits, PaperOptions, PaperStream, Qp, Strategy, Voxelized};
 use proptest::prelude::*;
 use testing::{Rng, sha256, trained_like};
 
 const QP: Qp = Qp { ac: 28, dc: 4, opacity: 16 };
-const LOSSY: Covariance = Covariance::Lossy { codebook_bits: 7 };
+const LOSSY: CovarianceCoding = CovarianceCoding::Lossy { codebook_bits: 7 };
 
 fn voxelized(n: usize, sh_degree: u8, strategy: &Strategy) -> Voxelized {
     paper::voxelize(&trained_like(n, sh_degree, &mut Rng::seeded(7)), strategy).unwrap()
 }
 
-fn encode(of: &Voxelized, covariance: Covariance) -> paper::Encoded {
-    paper::encode(&of.scene, of.voxels.octree(), None, &Options { qp: QP, covariance }).unwrap()
+fn encode(of: &Voxelized, covariance: CovarianceCoding) -> paper::PaperStream {
+    paper::encode(&of.scene, of.voxels.octree(), None, &PaperOptions { qp: QP, covariance })
+        .unwrap()
 }
 
 #[test]
@@ -21,7 +22,7 @@ fn positions_and_integers_of_covariances_come_back() {
     assert!(
         of.scene.len() < 2000 && of.voxels.octree().depth_histogram()[5..].iter().all(|&n| n > 0)
     );
-    let encoded = encode(&of, Covariance::Lossless);
+    let encoded = encode(&of, CovarianceCoding::Lossless);
     let sum: u64 = encoded.parts.iter().map(|p| p.1).sum();
     assert_eq!(sum, encoded.bytes.len() as u64);
     let names: Vec<&str> = encoded.parts.iter().map(|p| p.0).collect();
@@ -45,7 +46,7 @@ fn covariances_are_the_nearest_codewords() {
     let of = voxelized(2000, 0, &Strategy::Uniform { depth: 8 });
     let (scene, n) = (&of.scene, of.scene.len());
     let sensitivities: Vec<f32> = (0..n).map(|i| (i % 10) as f32).collect();
-    let options = Options { qp: QP, covariance: LOSSY };
+    let options = PaperOptions { qp: QP, covariance: LOSSY };
     let bytes =
         paper::encode(scene, of.voxels.octree(), Some(&sensitivities), &options).unwrap().bytes;
     let back = paper::decode(&bytes).unwrap();
@@ -78,7 +79,8 @@ fn streams_are_what_they_were() {
     };
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let (lossy, lossless) = pool.install(|| (hashes(LOSSY), hashes(Covariance::Lossless)));
+        let (lossy, lossless) =
+            pool.install(|| (hashes(LOSSY), hashes(CovarianceCoding::Lossless)));
         assert_eq!((lossy.0, &*lossy.1), (6_885_165_950_135_831_776, "bac1a7cbec94a469"));
         assert_eq!((lossless.0, &*lossless.1), (6_476_668_322_353_165_340, "e0d9b164e6d1ede6"));
     }
@@ -87,7 +89,7 @@ fn streams_are_what_they_were() {
 #[test]
 fn a_scene_without_gaussians_comes_back() {
     let of = voxelized(0, 3, &Strategy::Uniform { depth: 4 });
-    for covariance in [LOSSY, Covariance::Lossless] {
+    for covariance in [LOSSY, CovarianceCoding::Lossless] {
         assert_eq!(paper::decode(&encode(&of, covariance).bytes).unwrap(), of.scene);
     }
 }
@@ -95,11 +97,11 @@ fn a_scene_without_gaussians_comes_back() {
 #[test]
 fn what_cannot_be_encoded_is_refused() {
     let of = voxelized(50, 1, &Strategy::Uniform { depth: 6 });
-    let options = |ac, codebook_bits| Options {
+    let options = |ac, codebook_bits| PaperOptions {
         qp: Qp { ac, ..QP },
-        covariance: Covariance::Lossy { codebook_bits },
+        covariance: CovarianceCoding::Lossy { codebook_bits },
     };
-    let result = |scene: &gs_model::Scene, given: Option<&[f32]>, options: Options| {
+    let result = |scene: &gs_model::Scene, given: Option<&[f32]>, options: PaperOptions| {
         paper::encode(scene, of.voxels.octree(), given, &options)
     };
     assert!(matches!(result(&of.scene, None, options(52, 7)), Err(Error::Option { .. })));
@@ -116,7 +118,7 @@ fn what_cannot_be_encoded_is_refused() {
 #[test]
 fn what_is_cut_off_or_too_large_is_refused() {
     let of = voxelized(300, 1, &Strategy::paper(3, 6));
-    for covariance in [LOSSY, Covariance::Lossless] {
+    for covariance in [LOSSY, CovarianceCoding::Lossless] {
         let mut bytes = encode(&of, covariance).bytes;
         for len in 0..bytes.len() {
             assert!(paper::decode(&bytes[..len]).is_err(), "{len}");
@@ -134,7 +136,7 @@ fn what_is_cut_off_or_too_large_is_refused() {
 #[test]
 fn a_forged_codebook_is_not_allocated() {
     let of = voxelized(300, 0, &Strategy::Uniform { depth: 6 });
-    let Encoded { bytes, parts } = encode(&of, LOSSY);
+    let PaperStream { bytes, parts } = encode(&of, LOSSY);
     let covariance = parts.last().unwrap().1 as usize;
     // Two bytes of the block's length, one of its mode.
     let at = bytes.len() - covariance + 3;
@@ -151,7 +153,7 @@ proptest! {
         lossless: bool, damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
     ) {
         let of = voxelized(60, 1, &Strategy::paper(3, 6));
-        let mut bytes = encode(&of, if lossless { Covariance::Lossless } else { LOSSY }).bytes;
+        let mut bytes = encode(&of, if lossless { CovarianceCoding::Lossless } else { LOSSY }).bytes;
         for (at, value) in damage {
             let at = at.index(bytes.len());
             bytes[at] = value;

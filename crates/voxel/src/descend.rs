@@ -3,16 +3,16 @@
 
 use rayon::prelude::*;
 
-use crate::cell::Cell;
+use crate::cell::OccupiedCell;
 
 /// Depth of the leaf of every Gaussian of the root.
 ///
 /// A voxel at `j_low` to `j_high - 1` is divided if `splits` returns true for it and its depth.
 pub(crate) fn depths<M: Sync>(
-    root: &Cell<'_, M>,
+    root: &OccupiedCell<'_, M>,
     j_low: u8,
     j_high: u8,
-    splits: impl Fn(&Cell<'_, M>, u8) -> bool + Sync,
+    splits: impl Fn(&OccupiedCell<'_, M>, u8) -> bool + Sync,
 ) -> Vec<u8> {
     let mut depths = vec![0; root.codes.len()];
     // Voxels at j_low are independent of each other.
@@ -24,11 +24,11 @@ pub(crate) fn depths<M: Sync>(
 
 /// Decides one voxel and the voxels below it.
 fn divide<M>(
-    voxel: &Cell<'_, M>,
+    voxel: &OccupiedCell<'_, M>,
     depth: u8,
     j_high: u8,
     depths: &mut [u8],
-    splits: &impl Fn(&Cell<'_, M>, u8) -> bool,
+    splits: &impl Fn(&OccupiedCell<'_, M>, u8) -> bool,
 ) {
     if let [leaf] = depths {
         // One Gaussian: every voxel below holds it alone.

@@ -1,4 +1,4 @@
-//! [`Moments`]: sums over the members of a cell, from which the distortion of a leaf follows.
+//! [`CellMoments`]: sums over the members of a cell, from which the distortion of a leaf follows.
 //!
 //! The distortion is the weighted 2-Wasserstein distortion of merging the members (the paper's
 //! eq. 3 to 5), in closed form. For Gaussians, `W2^2 = |mu - mu'|^2 + B^2(S, S')` with the Bures
@@ -17,7 +17,7 @@ use crate::record::Record;
 /// Moments of the means, shapes and DC colours of a set of Gaussians. Means are relative to some
 /// point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Moments {
+pub(crate) struct CellMoments {
     /// Sum of importances.
     pub(crate) importance: f64,
     /// Sum of weights ([`Record::geometry`]).
@@ -36,7 +36,7 @@ pub(crate) struct Moments {
     colour_squared: f64,
 }
 
-impl Moments {
+impl CellMoments {
     /// Of one Gaussian, whose mean is at `offset` from the point.
     pub(crate) fn of(record: &Record, offset: [f64; 3]) -> Self {
         let (weight, importance) = (record.geometry, record.importance);
@@ -129,10 +129,10 @@ mod tests {
             .collect();
         let point = [0.3, -0.2, 0.7];
         // Each relative to its own mean, then moved to the common point.
-        let mut sum = Moments::default();
+        let mut sum = CellMoments::default();
         for r in &records {
             let shift = [0, 1, 2].map(|k| point[k] - f64::from(r.mean[k]));
-            sum.add(&Moments::of(r, [0.0; 3]).moved(shift));
+            sum.add(&CellMoments::of(r, [0.0; 3]).moved(shift));
         }
         let displacement = |r: &Record| {
             (0..3).map(|k| f64::from(r.mean[k]) - point[k]).map(|d| d * d).sum::<f64>()

@@ -6,7 +6,7 @@ use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
 
-use crate::cell::Cell;
+use crate::cell::OccupiedCell;
 use crate::descend;
 use crate::gaussian::log_volume;
 use crate::order::{CHUNK, MortonOrder};
@@ -69,7 +69,7 @@ fn ascending(x: f64) -> u64 {
 }
 
 /// The criteria, and the scene that they are applied to.
-pub(crate) struct Rule<'a> {
+pub(crate) struct PaperRule<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) cube: &'a Cube,
     pub(crate) large: &'a [bool],
@@ -88,7 +88,7 @@ struct Point {
     large: u32,
 }
 
-impl Rule<'_> {
+impl PaperRule<'_> {
     /// Depth of the leaf of every Gaussian of `order`.
     pub(crate) fn depths(&self, order: &MortonOrder) -> Vec<u8> {
         // In Morton order, because the members of a cell are read once for every depth.
@@ -100,11 +100,11 @@ impl Rule<'_> {
                 *point = Point { mean: self.scene.means[i], large: u32::from(self.large[i]) };
             }
         });
-        let root = Cell { codes: &order.codes, members: &points };
+        let root = OccupiedCell { codes: &order.codes, members: &points };
         descend::depths(&root, self.j_low, self.j_high, |voxel, depth| self.splits(voxel, depth))
     }
 
-    fn splits(&self, voxel: &Cell<'_, Point>, depth: u8) -> bool {
+    fn splits(&self, voxel: &OccupiedCell<'_, Point>, depth: u8) -> bool {
         let points = voxel.members;
         if points.len() as u64 > u64::from(self.tau1) || points.iter().any(|p| p.large != 0) {
             return true;

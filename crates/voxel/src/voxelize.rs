@@ -36,7 +36,7 @@ pub fn voxelize(scene: &Scene, cube: &Cube, strategy: &Strategy) -> Result<Voxel
         &Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => {
             let order = MortonOrder::of(scene, cube, j_high)?;
             let large = paper::large(scene, large_percent);
-            let rule = paper::Rule { scene, cube, large: &large, j_low, j_high, tau1, tau2 };
+            let rule = paper::PaperRule { scene, cube, large: &large, j_low, j_high, tau1, tau2 };
             let depths = rule.depths(&order);
             Voxelization::from_depths(*cube, j_high, order, depths)
         }

@@ -232,7 +232,7 @@ pub fn voxelize_exact(
     crate::check::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
     crate::cube::check_cube(cube)?;
     let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
-    let root = crate::cell::Cell { codes: &order.codes, members: &order.members };
+    let root = crate::cell::OccupiedCell { codes: &order.codes, members: &order.members };
     let depths = crate::descend::depths(&root, j_low, j_high, |voxel, _| {
         voxel_distortion(scene, voxel.members) > limit
     });

@@ -342,7 +342,7 @@ fn attributes() -> Vec<Vec<u8>> {
             let steps = vec![0.5; channels];
             // Coarse enough that some seeds are short.
             (0..plan.len()).for_each(|i| rows.row_mut(i).iter_mut().for_each(|v| *v /= 30.0));
-            attribute::encode(&mut coder, plan, &steps, &attribute::Options::default(), &mut rows)
+            attribute::encode(&mut coder, plan, &attribute::Quantisation::new(&steps), &mut rows)
                 .expect("encoded");
             out.push(with(byte, &coder.finish()));
             let words: Vec<u8> = v.iter().flat_map(|v| (*v as i16).to_le_bytes()).collect();

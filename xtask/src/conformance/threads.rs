@@ -64,8 +64,8 @@ pub(super) fn checks(tally: &mut Tally) {
         same("the same bytes and floats", || {
             let voxelized = paper::voxelize(&scene, &paper::Strategy::paper(8, 12))?;
             let qp = paper::Qp { ac: 28, dc: 4, opacity: 16 };
-            let covariance = paper::Covariance::Lossy { codebook_bits: 8 };
-            let options = paper::Options { qp, covariance };
+            let covariance = paper::CovarianceCoding::Lossy { codebook_bits: 8 };
+            let options = paper::PaperOptions { qp, covariance };
             let bytes =
                 paper::encode(&voxelized.scene, voxelized.voxels.octree(), None, &options)?.bytes;
             Ok(hash_bytes(&[&*bytes, sha256(&paper::decode(&bytes)?).as_bytes()].concat()))

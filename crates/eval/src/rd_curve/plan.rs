@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Camera, Scene};
-use paper::{Covariance, Qp};
+use paper::{CovarianceCoding, Qp};
 use voxel::{Merge, Strategy};
 
 use crate::progress::Bar;
@@ -153,7 +153,7 @@ pub(crate) enum Coding {
         /// The quality under which the QPs appear in tables.
         quality: f32,
         /// Its QPs and its way of coding covariances.
-        options: paper::Options,
+        options: paper::PaperOptions,
     },
 }
 
@@ -186,10 +186,10 @@ impl Coding {
         let (ac, dc, opacity, own) = PAPER_QPS[index.min(PAPER_QPS.len() - 1)];
         let quality = quality.unwrap_or(own);
         let covariance = match lossless_covariance {
-            true => Covariance::Lossless,
-            false => Covariance::Lossy { codebook_bits: CODEBOOK_BITS },
+            true => CovarianceCoding::Lossless,
+            false => CovarianceCoding::Lossy { codebook_bits: CODEBOOK_BITS },
         };
-        let options = paper::Options { qp: Qp { ac, dc, opacity }, covariance };
+        let options = paper::PaperOptions { qp: Qp { ac, dc, opacity }, covariance };
         Self::Paper { quality, options }
     }
 
@@ -202,20 +202,20 @@ impl Coding {
 
     /// File-name part.
     pub(crate) fn name(&self) -> String {
-        let lossless = self.paper().is_some_and(|o| o.covariance == Covariance::Lossless);
+        let lossless = self.paper().is_some_and(|o| o.covariance == CovarianceCoding::Lossless);
         format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
     }
 
     /// The paper's QPs in words.
     pub(crate) fn paper_setting(&self) -> Option<String> {
-        let paper::Options { qp, covariance } = self.paper()?;
-        let lossless = *covariance == Covariance::Lossless;
+        let paper::PaperOptions { qp, covariance } = self.paper()?;
+        let lossless = *covariance == CovarianceCoding::Lossless;
         let covariance = if lossless { ", lossless covariance" } else { "" };
         Some(format!("QP {}/{}/{}{covariance}", qp.ac, qp.dc, qp.opacity))
     }
 
     /// The paper's coding, if it is that.
-    pub(crate) fn paper(&self) -> Option<&paper::Options> {
+    pub(crate) fn paper(&self) -> Option<&paper::PaperOptions> {
         match self {
             Self::Paper { options, .. } => Some(options),
             Self::Quality(_) => None,

@@ -1,6 +1,6 @@
 //! [`Quantiser`]: from coefficients to levels, and the prices of both.
 
-use super::Options;
+use super::Quantisation;
 use crate::coefficients::{
     ACTIVITIES, CLASSES, RowCoder, class_of, expected_in_group, mean_of_class,
 };
@@ -41,8 +41,9 @@ pub(super) struct Quantiser {
 }
 
 impl Quantiser {
-    pub(super) fn new(steps: &[f32], options: &Options) -> Self {
-        let half = 0.5 * options.lambda;
+    pub(super) fn new(quantisation: &Quantisation<'_>) -> Self {
+        let &Quantisation { steps, lambda } = quantisation;
+        let half = 0.5 * lambda;
         let means = std::array::from_fn(|class| mean_of_class(class).max(1.0 / 512.0));
         let bits = |class: usize| log2(1.0 + 1.0 / means[class]);
         let mut per_step = vec![[0.0; LANES]; steps.len().div_ceil(LANES)];

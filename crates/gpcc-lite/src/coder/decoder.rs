@@ -1,7 +1,7 @@
 //! Reads a stream, symbol by symbol.
 
 use super::{Coder, LOWEST, STATES};
-use crate::bytes::{BitReader, Reader};
+use crate::bytes::{BitReader, ByteReader};
 use crate::error::{Error, Result};
 use crate::symbols::{SCALE_BITS, Symbols};
 
@@ -28,7 +28,7 @@ impl<'a> Decoder<'a> {
             let plain = BitReader::new(data);
             return Ok(Self { states, turn: 0, words: &[], taken: 0, plain });
         }
-        let mut r = Reader::new(data);
+        let mut r = ByteReader::new(data);
         let words = r.varint("number of words")?;
         for x in &mut states {
             let b = r.bytes(4, "rANS state")?;

@@ -17,7 +17,7 @@ const CONTEXTS: usize = 8 * 8 * 4 * 4;
 const DEEP: u32 = SYMBOLS as u32 - 1;
 
 /// All adaptive state of a geometry stream.
-pub(super) struct Models {
+pub(super) struct GeometryModels {
     /// Whether a node has a single leaf.
     single: Box<[Bit; 32]>,
     /// Levels from a node to its single leaf, by the node's depth.
@@ -28,7 +28,7 @@ pub(super) struct Models {
     tree_depth: u8,
 }
 
-impl Models {
+impl GeometryModels {
     pub(super) fn new(slabs: bool, tree_depth: u8) -> Self {
         let fits = if slabs { FITS } else { 1 };
         Self {

@@ -8,7 +8,7 @@
 use crate::leaf::Leaf;
 
 /// Walks the tree of the leaves, level by level and node by node, as the coder does.
-pub(super) struct Source<'a> {
+pub(super) struct LeafSource<'a> {
     leaves: &'a [Leaf],
     tree_depth: u8,
     /// Boundaries by level, in order; boundary `j` lies before leaf `j`.
@@ -28,7 +28,7 @@ pub(super) struct Source<'a> {
     range: [u32; 2],
 }
 
-impl<'a> Source<'a> {
+impl<'a> LeafSource<'a> {
     /// Starts above the root. The leaves must be valid.
     pub(super) fn new(leaves: &'a [Leaf], tree_depth: u8) -> Self {
         let depth_of = |pair: &[Leaf]| {

@@ -1,11 +1,11 @@
 //! The traversal of the tree, level by level, written once for both directions.
 
-use super::models::Models;
+use super::models::GeometryModels;
 use super::node::NodeContext;
-use super::source::Source;
+use super::source::LeafSource;
 use crate::coder::Coder;
 use crate::error::{Error, Result};
-use crate::hood::{Block, Children, Hoods, ONES};
+use crate::hood::{CellBlock, Children, Hoods, ONES};
 use crate::leaf::Leaf;
 
 /// The nodes of one level, as the level below needs them. Nodes without children (those with a
@@ -21,9 +21,9 @@ struct Nodes {
 }
 
 /// The tree as far as it is coded, and the leaves found so far.
-pub(super) struct Tree<'a> {
+pub(super) struct CodedTree<'a> {
     /// What the encoder codes; a decoder has none.
-    source: Option<Source<'a>>,
+    source: Option<LeafSource<'a>>,
     tree_depth: u8,
     /// The level above the one that is coded next.
     above: Nodes,
@@ -33,7 +33,7 @@ pub(super) struct Tree<'a> {
     limit: usize,
 }
 
-impl<'a> Tree<'a> {
+impl<'a> CodedTree<'a> {
     /// The root alone. The encoder gives the leaves.
     pub(super) fn new(leaves: Option<&'a [Leaf]>, tree_depth: u8, limit: usize) -> Self {
         let above = Nodes {
@@ -41,7 +41,7 @@ impl<'a> Tree<'a> {
             hoods: Hoods::above_root(),
             children: vec![Children { first: 0, mask: 1 }],
         };
-        let source = leaves.map(|l| Source::new(l, tree_depth));
+        let source = leaves.map(|l| LeafSource::new(l, tree_depth));
         Self { source, tree_depth, above, leaves: Vec::new(), limit }
     }
 
@@ -49,7 +49,7 @@ impl<'a> Tree<'a> {
     pub(super) fn level<C: Coder>(
         &mut self,
         depth: u8,
-        models: &mut Models,
+        models: &mut GeometryModels,
         coder: &mut C,
     ) -> Result<()> {
         let least = if depth + 1 == self.tree_depth { 2 } else { 1 };
@@ -59,7 +59,7 @@ impl<'a> Tree<'a> {
         if let Some(source) = known::<C>(&mut self.source) {
             source.start_level(depth);
         }
-        let mut block = Block::new();
+        let mut block = CellBlock::new();
         let mut near = self.above.hoods.near.as_slice();
         let (mut index, mut children) = (0usize, 0usize);
         for (&parent, &present) in self.above.codes.iter().zip(&self.above.hoods.present) {
@@ -72,7 +72,7 @@ impl<'a> Tree<'a> {
                 let code = parent << 3 | u64::from(c);
                 let window = block.window(c);
                 let node = NodeContext { depth, code, siblings, window, least };
-                let single = known::<C>(&mut self.source).is_some_and(Source::next_is_single);
+                let single = known::<C>(&mut self.source).is_some_and(LeafSource::next_is_single);
                 if !node.splits() && models.single(coder, &node, single) {
                     let wanted = known::<C>(&mut self.source).map(|s| s.first_leaf());
                     let leaf = models.leaf(coder, &node, wanted);
@@ -81,7 +81,7 @@ impl<'a> Tree<'a> {
                     continue;
                 }
                 enter_neighbours(&mut level, &block, c, window);
-                let wanted = known::<C>(&mut self.source).map_or(0, Source::occupied_children);
+                let wanted = known::<C>(&mut self.source).map_or(0, LeafSource::occupied_children);
                 let mask = models.occupancy(coder, &node, wanted);
                 level.codes.push(code);
                 level.children[index] = Children { first: children as u32, mask };
@@ -118,7 +118,7 @@ impl<'a> Tree<'a> {
 
 /// Records the neighbourhood of child `c` of the block's node.
 #[inline(always)]
-fn enter_neighbours(level: &mut Nodes, block: &Block, c: u32, window: u64) {
+fn enter_neighbours(level: &mut Nodes, block: &CellBlock, c: u32, window: u64) {
     let mut rest = window;
     while rest != 0 {
         level.hoods.near.push(block.index(c, rest.trailing_zeros()));
@@ -130,6 +130,8 @@ fn enter_neighbours(level: &mut Nodes, block: &Block, c: u32, window: u64) {
 /// The encoder's source. It is a constant `None` in a decoder, so that the compiler drops what
 /// follows.
 #[inline]
-fn known<'s, 'a, C: Coder>(source: &'s mut Option<Source<'a>>) -> Option<&'s mut Source<'a>> {
+fn known<'s, 'a, C: Coder>(
+    source: &'s mut Option<LeafSource<'a>>,
+) -> Option<&'s mut LeafSource<'a>> {
     if C::ENCODING { source.as_mut() } else { None }
 }

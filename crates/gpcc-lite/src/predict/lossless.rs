@@ -7,7 +7,7 @@
 use super::neighbours::Neighbours;
 use super::palette;
 use super::residual::Residual;
-use crate::bytes::{BitReader, BitWriter, Reader, put_varint};
+use crate::bytes::{BitReader, BitWriter, ByteReader, put_varint};
 use crate::coder::{Coder, Decoder, Encoder};
 use crate::error::{Error, Result};
 use crate::model::Bit;
@@ -52,7 +52,7 @@ pub fn decode_lossless(
     bytes: &[u8],
     max_channels: usize,
 ) -> Result<Vec<Vec<i32>>> {
-    let mut r = Reader::new(bytes);
+    let mut r = ByteReader::new(bytes);
     let channels = r.channels(max_channels)?;
     let mut streams = Vec::new();
     for _ in 0..channels {
@@ -111,7 +111,7 @@ fn encode_values(near: &Neighbours, values: &[i32], flag: u8) -> Vec<u8> {
 }
 
 fn decode_channel(near: &Neighbours, bytes: &[u8]) -> Result<Vec<i32>> {
-    let mut r = Reader::new(bytes);
+    let mut r = ByteReader::new(bytes);
     let tag = r.u8("channel mode")?;
     let palette = if tag & PALETTE != 0 { Some(palette::read(&mut r)?) } else { None };
     let b = r.bytes(4, "channel minimum")?;

@@ -58,44 +58,31 @@ impl Neighbours {
             count: vec![0; n],
             levels: vec![0],
         };
-        let mut level = 0;
-        while 1usize << (STRIDE_LOG2 * (level + 1)) < n {
-            level += 1;
+        let mut coarsest = 0;
+        while 1usize << (STRIDE_LOG2 * (coarsest + 1)) < n {
+            coarsest += 1;
         }
-        let mut coarsest = true;
-        loop {
+        for level in (0..=coarsest).rev() {
             let stride = 1usize << (STRIDE_LOG2 * level);
-            let coarser = stride << STRIDE_LOG2;
-            for i in (0..n).step_by(stride) {
-                if !coarsest && i % coarser == 0 {
-                    continue;
-                }
-                let near = if same_level { stride } else { coarser };
-                if coarsest {
-                    this.search(
-                        &position,
-                        i,
-                        if same_level { near } else { usize::MAX },
-                        usize::MAX,
-                    );
-                } else {
-                    this.search(&position, i, near, coarser);
-                }
+            let coarser = (level < coarsest).then_some(stride << STRIDE_LOG2);
+            let before = if same_level { Some(stride) } else { coarser };
+            let new = |i: &usize| coarser.is_none_or(|coarser| !i.is_multiple_of(coarser));
+            for i in (0..n).step_by(stride).filter(new) {
+                this.search(&position, i, before, coarser);
             }
             this.levels.push(this.order.len() as u32);
-            coarsest = false;
-            if level == 0 {
-                break;
-            }
-            level -= 1;
         }
         this
     }
 
-    /// Looks for the neighbours of leaf `i` among multiples of `before` below it and multiples of
-    /// `after` from it on; `usize::MAX` means none.
-    fn search(&mut self, position: &[[i32; 3]], i: usize, before: usize, after: usize) {
-        let n = position.len();
+    /// Looks for the neighbours of leaf `i` among multiples of `before` below it, and of `after` from it on.
+    fn search(
+        &mut self,
+        position: &[[i32; 3]],
+        i: usize,
+        before: Option<usize>,
+        after: Option<usize>,
+    ) {
         let at = self.order.len();
         self.order.push(i as u32);
         let base = at * MAX_NEIGHBOURS;
@@ -124,21 +111,15 @@ impl Neighbours {
             best_d[slot] = d;
             best_i[slot] = j as u32;
         };
-        if before != usize::MAX && i > 0 {
+        if let (Some(before), true) = (before, i > 0) {
             let last = (i - 1) / before;
             for t in 0..=last.min(BEFORE - 1) {
                 consider((last - t) * before);
             }
         }
-        if after != usize::MAX {
-            let first = i.div_ceil(after);
-            for t in 0..AFTER {
-                let j = (first + t) * after;
-                if j >= n {
-                    break;
-                }
-                consider(j);
-            }
+        if let Some(after) = after {
+            let all = (i.div_ceil(after) * after..position.len()).step_by(after);
+            all.take(AFTER).for_each(consider);
         }
         self.count[at] = kept as u8;
     }

@@ -3,7 +3,7 @@
 //! A channel that was quantised to 8 bits and stored in 16 has gaps between its values. A predictor
 //! of values does not know them. Indices into the sorted list of values have no gaps.
 
-use crate::bytes::{Reader, put_varint};
+use crate::bytes::{ByteReader, put_varint};
 use crate::error::Result;
 
 /// Most values in a palette.
@@ -48,7 +48,7 @@ pub(super) fn write(out: &mut Vec<u8>, palette: &[i32]) {
     }
 }
 
-pub(super) fn read(r: &mut Reader<'_>) -> Result<Vec<i32>> {
+pub(super) fn read(r: &mut ByteReader<'_>) -> Result<Vec<i32>> {
     let count = r.varint("palette size")?;
     if count == 0 || count > MAX as u64 {
         return Err(r.corrupt("palette size"));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::entries::{Image, Intrinsics, MODELS, Model, unknown_model};
+use super::entries::{CameraModel, Intrinsics, MODELS, PosedImage, unknown_model};
 use crate::camera;
 use crate::error::{Error, Result, excerpt};
 
@@ -87,7 +87,8 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
     for _ in 0..cursor.promised {
         let id = cursor.u32("a camera id")?;
         let model = cursor.u32("a camera model")?;
-        let Some(model) = Some(model as usize).filter(|&m| m < MODELS.len()).map(Model) else {
+        let Some(model) = Some(model as usize).filter(|&m| m < MODELS.len()).map(CameraModel)
+        else {
             // The number of its parameters is not known, so nothing after it can be read.
             return Err(unknown_model(file, id, &model.to_string()));
         };
@@ -100,7 +101,7 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
     Ok(cameras)
 }
 
-pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
+pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<PosedImage>> {
     let (mut cursor, mut images) = Cursor::open(file, bytes, 73)?;
     for _ in 0..cursor.promised {
         cursor.u32("an image id")?;
@@ -113,7 +114,7 @@ pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
         };
         let observations = cursor.u64("an image's number of points")?;
         cursor.skip(observations, 24, "an image's points")?;
-        images.push(Image { name, camera, rotation, translation });
+        images.push(PosedImage { name, camera, rotation, translation });
     }
     Ok(images)
 }

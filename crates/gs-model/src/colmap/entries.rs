@@ -7,14 +7,14 @@ use crate::error::Error;
 /// A row of the cameras file.
 pub(super) struct Intrinsics {
     pub(super) id: u32,
-    pub(super) model: Model,
+    pub(super) model: CameraModel,
     pub(super) width: u64,
     pub(super) height: u64,
     pub(super) params: Vec<f64>,
 }
 
 /// A row of the images file.
-pub(super) struct Image {
+pub(super) struct PosedImage {
     pub(super) name: String,
     pub(super) camera: u32,
     /// World to camera, w first.
@@ -45,9 +45,9 @@ const UNDISTORTED: usize = 2;
 
 /// A camera model, as its index in [`MODELS`].
 #[derive(Clone, Copy)]
-pub(super) struct Model(pub(super) usize);
+pub(super) struct CameraModel(pub(super) usize);
 
-impl Model {
+impl CameraModel {
     pub(super) fn name(self) -> &'static str {
         MODELS[self.0].0
     }

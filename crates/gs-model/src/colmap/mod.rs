@@ -14,20 +14,18 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
-use entries::{Image, Intrinsics};
+use entries::{Intrinsics, PosedImage};
 
 use crate::camera::{self, Camera, LensDistortion, checked_size};
 use crate::error::{Error, Result};
 use crate::fs;
 
 /// True if `dir` holds a sparse model: `cameras` and `images`, `.bin` or `.txt`.
-#[must_use]
-pub(crate) fn is_model(dir: impl AsRef<Path>) -> bool {
-    let dir = dir.as_ref();
-    ["bin", "txt"].iter().any(|e| {
-        dir.join("cameras").with_extension(e).is_file()
-            && dir.join("images").with_extension(e).is_file()
-    })
+pub(crate) fn is_model(dir: &Path) -> bool {
+    let has = |extension: &str| {
+        ["cameras", "images"].iter().all(|stem| dir.join(stem).with_extension(extension).is_file())
+    };
+    has("bin") || has("txt")
 }
 
 /// Reads the posed images of the sparse model in `dir` (say `sparse/0`), in file order.
@@ -68,7 +66,7 @@ fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {
     }
 }
 
-fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Image>> {
+fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<PosedImage>> {
     match form {
         Form::Binary => binary::images(file, bytes),
         Form::Text => text::images(file, bytes),
@@ -79,7 +77,7 @@ fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Image>> {
 fn with_intrinsics(
     files: [&Path; 2],
     cameras: Vec<Intrinsics>,
-    images: Vec<Image>,
+    images: Vec<PosedImage>,
     distortion: LensDistortion,
 ) -> Result<Vec<Camera>> {
     let mut by_id = BTreeMap::new();
@@ -121,7 +119,7 @@ fn choose(dir: &Path, stem: &str) -> (PathBuf, Form) {
 fn posed(
     [cameras_file, images_file]: [&Path; 2],
     intrinsics: &Intrinsics,
-    image: Image,
+    image: PosedImage,
     distortion: LensDistortion,
 ) -> Result<Camera> {
     let Intrinsics { id, model, width, height, ref params } = *intrinsics;

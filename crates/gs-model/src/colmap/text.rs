@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::entries::{Image, Intrinsics, MODELS, Model, unknown_model};
+use super::entries::{CameraModel, Intrinsics, MODELS, PosedImage, unknown_model};
 use crate::error::{Error, Result, excerpt};
 
 /// One line, taken apart word by word.
@@ -58,7 +58,7 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
     for mut line in lines(file, bytes).filter(holds_data) {
         let id = line.next("camera id")?;
         let name: String = line.next("camera model")?;
-        let Some(model) = MODELS.iter().position(|m| m.0 == name).map(Model) else {
+        let Some(model) = MODELS.iter().position(|m| m.0 == name).map(CameraModel) else {
             return Err(unknown_model(file, id, &name));
         };
         let width = line.next("width")?;
@@ -74,7 +74,7 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
 }
 
 /// Two lines per image; the second lists its points and is empty if it has none.
-pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
+pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<PosedImage>> {
     let mut images = Vec::new();
     let mut all = lines(file, bytes);
     while let Some(mut line) = all.next() {
@@ -90,7 +90,7 @@ pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
         if name.is_empty() {
             return Err(line.error("image name"));
         }
-        images.push(Image { name, camera, rotation, translation });
+        images.push(PosedImage { name, camera, rotation, translation });
         all.next();
     }
     Ok(images)

@@ -75,13 +75,13 @@ fn triangles() -> u32 {
 #[derive(Default, Deserialize)]
 pub(super) struct Extensions {
     #[serde(rename = "KHR_gaussian_splatting")]
-    pub(super) splats: Option<Splats>,
+    pub(super) splats: Option<SplatExtension>,
 }
 
 /// The extension of a primitive.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-pub(super) struct Splats {
+pub(super) struct SplatExtension {
     pub(super) kernel: String,
     pub(super) color_space: String,
     /// Extensions of the extension: compression.

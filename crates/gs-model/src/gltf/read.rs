@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::accessor::Numbers;
-use super::json::{POINTS, Primitive, Root, Splats};
+use super::json::{POINTS, Primitive, Root, SplatExtension};
 use super::{EXTENSION, FORMAT, attribute, container, malformed, sh_attribute};
 use crate::axes::ABOUT_Z;
 use crate::error::{Error, Result};
@@ -97,7 +97,7 @@ impl<'a> Part<'a> {
         root: &Root,
         data: &'a [u8],
         primitive: &Primitive,
-        splats: &Splats,
+        splats: &SplatExtension,
     ) -> Result<Self, Problem> {
         let whole = |reason: &str| (String::new(), reason.to_owned());
         if let Some(problem) = not_read(primitive, splats) {
@@ -150,7 +150,7 @@ impl<'a> Part<'a> {
 }
 
 /// What of a primitive is not read.
-fn not_read(primitive: &Primitive, splats: &Splats) -> Option<String> {
+fn not_read(primitive: &Primitive, splats: &SplatExtension) -> Option<String> {
     if let Some(name) = splats.extensions.keys().next() {
         return Some(format!("it is compressed ({name}), which is not read; decompress it first"));
     }

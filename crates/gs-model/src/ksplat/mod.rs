@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::report::Report;
 use crate::scene::Scene;
-use section::{SECTION_HEADER, Section};
+use section::{KsplatSection, SECTION_HEADER};
 
 pub(crate) static FORMAT: Format = Format {
     name: "ksplat",
@@ -35,7 +35,7 @@ const HEADER: usize = 4096;
 const DEFAULT_SH_BOUND: f32 = 1.5;
 
 fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
-    let header = Header::parse(file, bytes)?;
+    let header = KsplatHeader::parse(file, bytes)?;
     let sections = sections(file, bytes, &header)?;
     let sh_degree = sections.iter().map(|s| s.sh_degree).max().unwrap_or(0);
     let mut scene = Scene { sh_degree, ..Scene::default() };
@@ -46,13 +46,13 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
 }
 
 /// What the header says of all sections.
-struct Header {
+struct KsplatHeader {
     sections: usize,
     level: u16,
     sh_bounds: [f32; 2],
 }
 
-impl Header {
+impl KsplatHeader {
     fn parse(file: &Path, bytes: &[u8]) -> Result<Self> {
         if bytes.len() < HEADER {
             let missing = format!("the header of a .ksplat takes {HEADER} bytes");
@@ -77,7 +77,11 @@ impl Header {
 }
 
 /// The sections, in file order.
-fn sections<'a>(file: &Path, bytes: &'a [u8], header: &Header) -> Result<Vec<Section<'a>>> {
+fn sections<'a>(
+    file: &Path,
+    bytes: &'a [u8],
+    header: &KsplatHeader,
+) -> Result<Vec<KsplatSection<'a>>> {
     let room = (bytes.len() - HEADER) / SECTION_HEADER;
     if header.sections > room {
         let missing =
@@ -88,7 +92,7 @@ fn sections<'a>(file: &Path, bytes: &'a [u8], header: &Header) -> Result<Vec<Sec
     let mut sections = Vec::with_capacity(header.sections);
     for (i, head) in heads.chunks_exact(SECTION_HEADER).enumerate() {
         let bad = |reason: &str| Error::malformed(file, &format!("section {i}"), reason);
-        let (section, rest) = Section::parse(head, data, header).map_err(bad)?;
+        let (section, rest) = KsplatSection::parse(head, data, header).map_err(bad)?;
         sections.push(section);
         data = rest;
     }

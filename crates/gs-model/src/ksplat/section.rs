@@ -1,6 +1,6 @@
 //! One section: where its rows are, and how a Gaussian is decoded from its row.
 
-use super::Header;
+use super::KsplatHeader;
 use crate::bytes::{float, half_word, word};
 use crate::rows::{self, SH};
 use crate::scene::{SH_C0, Scene, sh_len};
@@ -16,7 +16,7 @@ const DEFAULT_RANGE: u32 = 32767;
 const LEAST_HALF: f32 = 1.0 / (1 << 25) as f32;
 
 /// A section whose rows are all in the file.
-pub(super) struct Section<'a> {
+pub(super) struct KsplatSection<'a> {
     level: u16,
     sh_bounds: [f32; 2],
     pub(super) sh_degree: u8,
@@ -39,12 +39,12 @@ struct Buckets<'a> {
     partial_ends: Vec<u64>,
 }
 
-impl<'a> Section<'a> {
+impl<'a> KsplatSection<'a> {
     /// The section with that header at the start of `data`, and what follows it.
     pub(super) fn parse(
         head: &[u8],
         data: &'a [u8],
-        header: &Header,
+        header: &KsplatHeader,
     ) -> Result<(Self, &'a [u8]), &'static str> {
         let [rows, most_rows, full_size, buckets] = [0, 4, 8, 12].map(|at| word(head, at) as usize);
         let (full, partial) = (word(head, 32) as usize, word(head, 36) as usize);

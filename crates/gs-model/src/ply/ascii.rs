@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{Element, Header, Property, Scalar};
+use super::header::{PlyElement, PlyHeader, Scalar};
 use crate::error::{Error, Result, excerpt};
 use crate::rows;
 use crate::scene::Scene;
@@ -18,12 +18,12 @@ pub(super) struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    pub(super) fn new(file: &'a Path, bytes: &'a [u8], header: &Header) -> Self {
+    pub(super) fn new(file: &'a Path, bytes: &'a [u8], header: &PlyHeader) -> Self {
         Self { file, bytes, at: header.len, line: header.lines, line_end: header.line_end }
     }
 
     /// Skips the rows of an element.
-    pub(super) fn skip(&mut self, element: &Element) -> Result<()> {
+    pub(super) fn skip(&mut self, element: &PlyElement) -> Result<()> {
         self.check_fits(element)?;
         // A row without properties is an empty line, and those are ignored.
         let rows = if element.properties.is_empty() { 0 } else { element.count };
@@ -37,7 +37,7 @@ impl<'a> Lines<'a> {
     }
 
     /// Reads the Gaussians of `vertex`.
-    pub(super) fn vertices(&mut self, vertex: &Element, columns: &Columns) -> Result<Scene> {
+    pub(super) fn vertices(&mut self, vertex: &PlyElement, columns: &Columns) -> Result<Scene> {
         self.check_fits(vertex)?;
         let n = vertex.count as usize;
         let mut lines = Vec::with_capacity(n);
@@ -78,13 +78,13 @@ impl<'a> Lines<'a> {
     }
 
     /// Refuses an element whose rows, at one digit per number, do not fit in the rest of the file.
-    fn check_fits(&self, element: &Element) -> Result<()> {
+    fn check_fits(&self, element: &PlyElement) -> Result<()> {
         let len = self.bytes.len();
         // A digit and a separator per number. One more byte: the last line need not end.
         element.check_fits(self.file, len, len - self.at + 1, 2 * element.properties.len())
     }
 
-    fn truncated(&self, element: &Element, row: u64) -> Error {
+    fn truncated(&self, element: &PlyElement, row: u64) -> Error {
         element.truncated(self.file, self.bytes.len(), row)
     }
 }
@@ -94,21 +94,26 @@ fn parse_row(
     file: &Path,
     line: usize,
     text: &[u8],
-    element: &Element,
+    element: &PlyElement,
     out: &mut Vec<f32>,
 ) -> Result<()> {
     out.clear();
     let words = || text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
+    let malformed = |reason: String| Error::malformed(file, &format!("line {line}"), reason);
     let short = || {
         let (found, expected) = (words().count(), element.properties.len());
-        Error::malformed(file, &place(line), format!("{found} numbers, expected {expected}"))
+        malformed(format!("{found} numbers, expected {expected}"))
     };
     let mut rest = words();
     for property in &element.properties {
         let word = rest.next().ok_or_else(short)?;
-        let bad = || bad_number(file, line, property, word);
+        let bad = || {
+            let name = &property.name;
+            malformed(format!("property {name:?}: {:?} is not a number", excerpt(word)))
+        };
         if property.list.is_some() {
-            let length: usize = ascii(word).and_then(|w| w.parse().ok()).ok_or_else(bad)?;
+            let length: usize =
+                std::str::from_utf8(word).ok().and_then(|w| w.parse().ok()).ok_or_else(bad)?;
             if length > 0 {
                 rest.nth(length - 1).ok_or_else(short)?;
             }
@@ -120,23 +125,10 @@ fn parse_row(
     if rest.next().is_some() { Err(short()) } else { Ok(()) }
 }
 
-fn bad_number(file: &Path, line: usize, property: &Property, word: &[u8]) -> Error {
-    let reason = format!("property {:?}: {:?} is not a number", property.name, excerpt(word));
-    Error::malformed(file, &place(line), reason)
-}
-
-fn place(line: usize) -> String {
-    format!("line {line}")
-}
-
-fn ascii(word: &[u8]) -> Option<&str> {
-    std::str::from_utf8(word).ok()
-}
-
 /// A number as the property's type rounds it. Fractions in integer columns are accepted: some
 /// writers put them there, and their meaning is clear.
 fn number(word: &[u8], scalar: Scalar) -> Option<f32> {
-    let word = ascii(word)?;
+    let word = std::str::from_utf8(word).ok()?;
     match scalar {
         Scalar::F32 => word.parse().ok(),
         _ => word.parse::<f64>().ok().map(|v| v as f32),

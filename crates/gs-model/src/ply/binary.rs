@@ -3,26 +3,26 @@
 use std::path::Path;
 
 use super::columns::Columns;
-use super::header::{Element, Scalar};
+use super::header::{PlyElement, Scalar};
 use crate::bytes;
 use crate::error::{Error, Result};
-use crate::rows::{self, Rows};
+use crate::rows::{self, SceneRows};
 use crate::scene::Scene;
 
 /// The body of a binary file.
-pub(super) struct Body<'a> {
+pub(super) struct BinaryBody<'a> {
     pub(super) file: &'a Path,
     /// The whole file, so that offsets in messages are file offsets.
     pub(super) bytes: &'a [u8],
     pub(super) big_endian: bool,
 }
 
-impl Body<'_> {
+impl BinaryBody<'_> {
     /// The offset after all rows of `element`, which start at `at`.
     ///
     /// Rows with lists are walked; the walk ends with the file, since a list has a length of at
     /// least one byte.
-    pub(super) fn skip(&self, element: &Element, at: usize) -> Result<usize> {
+    pub(super) fn skip(&self, element: &PlyElement, at: usize) -> Result<usize> {
         self.check_fits(element, at)?;
         if !element.has_list() {
             // Fits, as just checked: `least_row_bytes` is exact without lists.
@@ -38,7 +38,7 @@ impl Body<'_> {
     /// Reads the Gaussians of `vertex`, whose rows start at `at`. Returns the offset after them.
     pub(super) fn vertices(
         &self,
-        vertex: &Element,
+        vertex: &PlyElement,
         columns: &Columns,
         at: usize,
     ) -> Result<(Scene, usize)> {
@@ -56,7 +56,7 @@ impl Body<'_> {
     }
 
     /// The offset after a row that starts at `at`.
-    fn walk(&self, element: &Element, row: u64, at: usize) -> Result<usize> {
+    fn walk(&self, element: &PlyElement, row: u64, at: usize) -> Result<usize> {
         let len = self.bytes.len();
         let mut end = at;
         for property in &element.properties {
@@ -82,12 +82,12 @@ impl Body<'_> {
         Ok(end)
     }
 
-    fn check_fits(&self, element: &Element, at: usize) -> Result<()> {
+    fn check_fits(&self, element: &PlyElement, at: usize) -> Result<()> {
         let len = self.bytes.len();
         element.check_fits(self.file, len, len - at, element.least_row_bytes())
     }
 
-    fn truncated(&self, element: &Element, row: u64) -> Error {
+    fn truncated(&self, element: &PlyElement, row: u64) -> Error {
         element.truncated(self.file, self.bytes.len(), row)
     }
 }
@@ -107,7 +107,7 @@ pub(super) struct RowLayout {
 }
 
 impl RowLayout {
-    pub(super) fn of(vertex: &Element, columns: &Columns, big_endian: bool) -> Self {
+    pub(super) fn of(vertex: &PlyElement, columns: &Columns, big_endian: bool) -> Self {
         let properties = offsets_and_types(vertex);
         let numbers = || columns.properties.iter().map(|&p| properties[p]);
         Self {
@@ -120,7 +120,7 @@ impl RowLayout {
     }
 
     /// Fills `rows` from the bytes that hold them, and notes in `columns` what a scene does not keep.
-    pub(super) fn fill(&self, rows: Rows, part: &[u8], columns: &Columns) {
+    pub(super) fn fill(&self, rows: SceneRows, part: &[u8], columns: &Columns) {
         let (stride, at) = (self.stride, &self.numbers);
         let of_property = |row: &[u8], p: usize| {
             let (offset, scalar) = self.properties[p];
@@ -144,7 +144,7 @@ impl RowLayout {
 }
 
 /// Offset in a row without lists, and type, of each property.
-pub(super) fn offsets_and_types(element: &Element) -> Vec<(usize, Scalar)> {
+pub(super) fn offsets_and_types(element: &PlyElement) -> Vec<(usize, Scalar)> {
     let ends = element.properties.iter().scan(0, |end, p| {
         let start = *end;
         *end += p.scalar.size();
@@ -154,7 +154,7 @@ pub(super) fn offsets_and_types(element: &Element) -> Vec<(usize, Scalar)> {
 }
 
 #[inline]
-fn fill(mut rows: Rows, part: &[u8], stride: usize, get: impl Fn(&[u8], usize) -> f32) {
+fn fill(mut rows: SceneRows, part: &[u8], stride: usize, get: impl Fn(&[u8], usize) -> f32) {
     for (i, row) in part.chunks_exact(stride).enumerate() {
         rows.set(i, |c| get(row, c));
     }

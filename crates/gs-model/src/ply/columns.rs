@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::header::{Element, Scalar};
+use super::header::{PlyElement, Scalar};
 use super::variants::Variants;
 use crate::error::{Error, Result};
 use crate::rows::{SH, row_len};
@@ -85,7 +85,7 @@ impl Lost {
 
 impl Columns {
     /// Finds the columns of a `vertex` element.
-    pub(super) fn of(file: &Path, vertex: &Element) -> Result<Self> {
+    pub(super) fn of(file: &Path, vertex: &PlyElement) -> Result<Self> {
         let index: BTreeMap<&str, usize> =
             vertex.properties.iter().enumerate().map(|(i, p)| (p.name.as_str(), i)).collect();
         let rest = index.keys().filter(|n| is_rest(n)).count();

@@ -86,13 +86,13 @@ pub(super) struct Property {
 
 /// One element: `count` rows of the same properties.
 #[derive(Clone, Debug)]
-pub(super) struct Element {
+pub(super) struct PlyElement {
     pub(super) name: String,
     pub(super) count: u64,
     pub(super) properties: Vec<Property>,
 }
 
-impl Element {
+impl PlyElement {
     /// The least number of bytes that a binary row can take.
     pub(super) fn least_row_bytes(&self) -> usize {
         self.properties.iter().map(|p| p.list.unwrap_or(p.scalar).size()).sum()
@@ -129,9 +129,9 @@ impl Element {
 
 /// A parsed header.
 #[derive(Clone, Debug)]
-pub(super) struct Header {
+pub(super) struct PlyHeader {
     pub(super) encoding: Encoding,
-    pub(super) elements: Vec<Element>,
+    pub(super) elements: Vec<PlyElement>,
     pub(super) comments: Vec<String>,
     /// Offset of the first byte after the header.
     pub(super) len: usize,
@@ -142,7 +142,7 @@ pub(super) struct Header {
 }
 
 /// Parses the header at the start of `bytes`.
-pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Header> {
+pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<PlyHeader> {
     // Lines end as the first one does: \n, \r\n, or the \r of old Mac files.
     let line_end = match bytes {
         [b'p', b'l', b'y', b'\n', ..] | [b'p', b'l', b'y', b'\r', b'\n', ..] => b'\n',
@@ -167,7 +167,7 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Header> {
             let Some(encoding) = parser.encoding else {
                 return Err(parser.error("no format line before it", text));
             };
-            return Ok(Header {
+            return Ok(PlyHeader {
                 encoding,
                 elements: parser.elements,
                 comments: parser.comments,
@@ -193,7 +193,7 @@ struct Parser<'a> {
     file: &'a Path,
     line: usize,
     encoding: Option<Encoding>,
-    elements: Vec<Element>,
+    elements: Vec<PlyElement>,
     comments: Vec<String>,
     elements_seen: BTreeSet<String>,
     properties_seen: BTreeSet<String>,
@@ -251,7 +251,7 @@ impl Parser<'_> {
             return Err(self.error("element is declared twice", text));
         }
         self.properties_seen.clear();
-        self.elements.push(Element { name, count, properties: Vec::new() });
+        self.elements.push(PlyElement { name, count, properties: Vec::new() });
         Ok(())
     }
 

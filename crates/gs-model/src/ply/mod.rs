@@ -26,7 +26,7 @@ pub use stream::Parts;
 pub use write::{header, row_bytes, rows, write, write_rows_to, write_to};
 
 use columns::Columns;
-use header::{Encoding, Header};
+use header::{Encoding, PlyHeader};
 
 use crate::error::{Error, Result};
 use crate::format::Format;
@@ -105,7 +105,7 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         }
         encoding => {
             let big_endian = encoding == Encoding::BinaryBigEndian;
-            let body = binary::Body { file, bytes, big_endian };
+            let body = binary::BinaryBody { file, bytes, big_endian };
             let at = before.iter().try_fold(header.len, |at, e| body.skip(e, at))?;
             let (scene, at) = body.vertices(vertex, &columns, at)?;
             let end = after.iter().try_fold(at, |at, e| body.skip(e, at))?;
@@ -116,7 +116,7 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
 }
 
 /// What a file of that header holds, after its rows were read.
-fn report_of(header: &Header, columns: &Columns, trailing_bytes: usize) -> Report {
+fn report_of(header: &PlyHeader, columns: &Columns, trailing_bytes: usize) -> Report {
     let others = header.elements.iter().filter(|e| e.name != "vertex" && e.count > 0);
     let others = others.map(|e| format!("element {} ({} rows)", e.name, e.count));
     Report {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::binary::RowLayout;
 use super::columns::Columns;
-use super::header::{self, Encoding, Header};
+use super::header::{self, Encoding, PlyHeader};
 use super::report_of;
 use crate::error::{Error, Result};
 use crate::report::{ReadOptions, Report};
@@ -89,7 +89,7 @@ impl Parts {
 struct Body {
     path: PathBuf,
     file: File,
-    header: Header,
+    header: PlyHeader,
     columns: Columns,
     layout: RowLayout,
     /// Length of what follows the rows.

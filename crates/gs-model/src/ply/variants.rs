@@ -9,7 +9,7 @@
 
 use std::collections::BTreeMap;
 
-use super::header::{Element, Scalar};
+use super::header::{PlyElement, Scalar};
 use crate::rows::SH;
 use crate::scene::SH_C0;
 
@@ -30,7 +30,7 @@ pub(super) struct Variants {
 }
 
 impl Variants {
-    pub(super) fn of(vertex: &Element, index: &BTreeMap<&str, usize>) -> Self {
+    pub(super) fn of(vertex: &PlyElement, index: &BTreeMap<&str, usize>) -> Self {
         let has = |name: &str| index.contains_key(name);
         let scalar = |name: &str| index.get(name).map(|&at| vertex.properties[at].scalar);
         let has_dc = ["f_dc_0", "f_dc_1", "f_dc_2"].into_iter().any(has);

@@ -13,13 +13,13 @@ use crate::splat::opacity_logit;
 pub(super) const COLOUR_SCALE: f32 = 0.15;
 
 /// What the header says about the attributes.
-pub(super) struct Layout {
+pub(super) struct SpzLayout {
     version: u32,
     sh_degree: u8,
     fractional_bits: u8,
 }
 
-impl Layout {
+impl SpzLayout {
     pub(super) fn new(
         file: &Path,
         version: u32,

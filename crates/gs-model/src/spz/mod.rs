@@ -21,7 +21,7 @@ use std::path::Path;
 
 use flate2::bufread::GzDecoder;
 
-use layout::Layout;
+use layout::SpzLayout;
 pub use write::{MAX_COORDINATE, ShBits, pack};
 
 use crate::axes::ABOUT_X;
@@ -42,6 +42,8 @@ pub(crate) static FORMAT: Format = Format {
 };
 
 const MAGIC: &[u8] = b"NGSP";
+/// Which versions are read.
+const READ: &str = "2 to 4 are";
 const HEADER: usize = 16;
 
 /// Turns a scene between the axes of PLY files and those of SPZ, as reading and writing SPZ do.
@@ -88,9 +90,9 @@ fn zipped(file: &Path, bytes: &[u8]) -> Result<(Scene, u32)> {
     }
     let (version, promised) = (word(&data, 4), word(&data, 8));
     if !matches!(version, 2 | 3) {
-        return Err(other_version(file, version));
+        return Err(Error::version(file, "SPZ", version, READ));
     }
-    let layout = Layout::new(file, version, data[12], data[13])?;
+    let layout = SpzLayout::new(file, version, data[12], data[13])?;
     let needed = u64::from(promised) * layout.sizes().iter().sum::<usize>() as u64;
     inflate(&mut data, needed)?;
     let body = &data[HEADER..];
@@ -106,10 +108,6 @@ fn zipped(file: &Path, bytes: &[u8]) -> Result<(Scene, u32)> {
         attribute
     });
     Ok((layout.scene(attributes, promised as usize), version))
-}
-
-fn other_version(file: &Path, version: u32) -> Error {
-    Error::version(file, "SPZ", version, "2 to 4 are")
 }
 
 /// The decompressors' own messages name their internal types.

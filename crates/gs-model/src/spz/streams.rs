@@ -6,8 +6,8 @@ use std::path::Path;
 use rayon::prelude::*;
 use ruzstd::decoding::StreamingDecoder;
 
-use super::layout::Layout;
-use super::{broken, other_version, short};
+use super::layout::SpzLayout;
+use super::{READ, broken, short};
 use crate::bytes::word;
 use crate::error::{Error, Result};
 
@@ -20,7 +20,7 @@ pub(super) const ENTRY: usize = 16;
 const MAX_RATIO: u64 = 1024;
 
 /// The layout, the number of Gaussians, and the decompressed attributes in file order.
-pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(Layout, usize, [Vec<u8>; 6])> {
+pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(SpzLayout, usize, [Vec<u8>; 6])> {
     let bad = |reason: &str| Error::malformed(file, "SPZ header", reason);
     let header = || Error::truncated(file, bytes.len(), "the header is not whole");
     if bytes.len() < 8 {
@@ -28,13 +28,13 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(Layout, usize, [Vec<u8
     }
     let version = word(bytes, 4);
     if version != 4 {
-        return Err(other_version(file, version));
+        return Err(Error::version(file, "SPZ", version, READ));
     }
     if bytes.len() < HEADER {
         return Err(header());
     }
     let promised = word(bytes, 8);
-    let layout = Layout::new(file, version, bytes[12], bytes[13])?;
+    let layout = SpzLayout::new(file, version, bytes[12], bytes[13])?;
     let sizes = layout.sizes().map(|size| u64::from(promised) * size as u64);
     let needed: u64 = sizes.iter().sum();
     let truncated = |needed| short(file, bytes.len(), promised, needed);

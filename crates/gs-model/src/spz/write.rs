@@ -12,6 +12,7 @@ use crate::axes::ABOUT_X;
 use crate::error::{Error, Result};
 use crate::math::{smallest_three, unit};
 use crate::scene::Scene;
+use crate::splat::opacity_byte;
 
 /// Fractional bits of positions by default: a step of 2^-12 world units, as in Niantic's packer, and
 /// coordinates to +-2048.
@@ -173,11 +174,6 @@ fn fractional_bits(file: &Path, scene: &Scene) -> Result<u8> {
 /// The nearest byte; NaN gives 0.
 fn byte(v: f32) -> u8 {
     libm::roundf(v) as u8
-}
-
-/// The opacity of a logit as a byte.
-fn opacity_byte(logit: f32) -> u8 {
-    byte(255.0 / (1.0 + libm::expf(-logit)))
 }
 
 /// The nearest multiple of `bucket` from the middle of the range.

@@ -14,7 +14,7 @@ use crate::attributes::side::Factors;
 use crate::error::{Result, coding};
 use crate::head::Steps;
 use gpcc_lite::Octree;
-use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Coder, Encoder, Silent, Tally};
 use gpcc_lite::geometry;
 use gpcc_lite::raht::{Plan, Rows};
@@ -92,8 +92,8 @@ impl ChunkEncoder {
         for (i, &leaf) in leaves.iter().enumerate() {
             rows.row_mut(i)[0] = log_classes[i] - importance.predict(leaf, 0);
         }
-        let options = Options { lambda: LAMBDA_CLASSES };
-        attribute::encode(&mut coder, &plan, &[CLASS_STEP], &options, &mut rows)
+        let quantisation = Quantisation { steps: &[CLASS_STEP], lambda: LAMBDA_CLASSES };
+        attribute::encode(&mut coder, &plan, &quantisation, &mut rows)
             .map_err(coding("importance"))?;
         let classes = classes(importance, leaves, &rows);
         let skeleton = Skeleton::new(plan, classes)?;
@@ -306,9 +306,10 @@ impl Part<'_> {
         }
         prediction.subtract(self.skeleton, below, rows);
         let steps = steps_of(step, group.channels);
-        let options = &Options { lambda: self.how.lambda.unwrap_or(group.lambda()) };
+        let lambda = self.how.lambda.unwrap_or(group.lambda());
+        let quantisation = &Quantisation { steps: &steps, lambda };
         let prices = self.prices.as_mut().map(|prices| &mut prices[number]);
-        let all_zero = attribute::encode_with_prices(coder, plan, &steps, options, rows, prices);
+        let all_zero = attribute::encode_with_prices(coder, plan, quantisation, rows, prices);
         let all_zero = all_zero.map_err(coding("attribute"))?;
         prediction.add(self.skeleton, below, rows);
         Ok(all_zero)

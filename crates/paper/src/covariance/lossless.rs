@@ -5,8 +5,8 @@ use gpcc_lite::Octree;
 use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
 use gs_model::Scene;
 
-use super::Decoded;
-use crate::container::Reader;
+use super::DecodedCovariances;
+use crate::container::ContainerReader;
 use crate::error::{Error, Result, coding};
 use crate::sh_and_opacity::finite;
 
@@ -43,7 +43,10 @@ pub(super) fn encode(scene: &Scene, octree: &Octree) -> Result<Vec<u8>> {
 }
 
 /// Decodes what [`encode`] coded.
-pub(super) fn decode(mut coded: Reader<'_>, octree: &Octree) -> Result<Decoded> {
+pub(super) fn decode(
+    mut coded: ContainerReader<'_>,
+    octree: &Octree,
+) -> Result<DecodedCovariances> {
     let mut ranges = [[0.0; 2]; CHANNELS];
     for end in ranges.as_flattened_mut() {
         *end = coded.float(NAME)?;

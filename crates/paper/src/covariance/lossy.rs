@@ -8,8 +8,8 @@ use gpcc_lite::rlgr;
 use gs_model::Scene;
 use vq::{Codebook, default_sensitivity};
 
-use super::Decoded;
-use crate::container::{Reader, put_block};
+use super::DecodedCovariances;
+use crate::container::{ContainerReader, put_block};
 use crate::error::{Error, Result, coding};
 use crate::sh_and_opacity::{decode_channel, encode_channel, finite};
 
@@ -58,7 +58,7 @@ pub(super) fn encode(
 }
 
 /// Decodes what [`encode`] coded.
-pub(super) fn decode(mut coded: Reader<'_>, plan: &Plan) -> Result<Decoded> {
+pub(super) fn decode(mut coded: ContainerReader<'_>, plan: &Plan) -> Result<DecodedCovariances> {
     let count = u32::from_le_bytes(coded.array(CODEBOOK)?) as usize;
     // Each codeword was trained on a Gaussian of its own.
     if count > plan.len() {

@@ -7,12 +7,12 @@ mod lossy;
 use gpcc_lite::raht::Plan;
 use gs_model::Scene;
 
-use crate::container::Reader;
+use crate::container::ContainerReader;
 use crate::error::{Error, Result};
 
 /// How covariances are coded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Covariance {
+pub enum CovarianceCoding {
     /// Vector quantisation: an index into a codebook of `2^codebook_bits` normalised covariances, and a
     /// scale factor. The authors use 12.
     Lossy {
@@ -29,9 +29,9 @@ const LOSSY: u8 = 0;
 const LOSSLESS: u8 = 1;
 
 /// Rotations and log-scales.
-pub(crate) type Decoded = (Vec<[f32; 4]>, Vec<[f32; 3]>);
+pub(crate) type DecodedCovariances = (Vec<[f32; 4]>, Vec<[f32; 3]>);
 
-impl Covariance {
+impl CovarianceCoding {
     pub(crate) fn check(self) -> Result<()> {
         match self {
             Self::Lossy { codebook_bits: value @ 21.. } => {
@@ -61,12 +61,12 @@ impl Covariance {
     }
 }
 
-/// Decodes what [`Covariance::encode`] coded.
-pub(crate) fn decode(coded: &[u8], plan: &Plan) -> Result<Decoded> {
-    let mut coded = Reader(coded);
+/// Decodes what [`CovarianceCoding::encode`] coded.
+pub(crate) fn decode(coded: &[u8], plan: &Plan) -> Result<DecodedCovariances> {
+    let mut coded = ContainerReader(coded);
     let mode = coded.array("covariance")?;
     match mode {
-        _ if plan.is_empty() => Ok(Decoded::default()),
+        _ if plan.is_empty() => Ok(DecodedCovariances::default()),
         [LOSSY] => lossy::decode(coded, plan),
         [LOSSLESS] => lossless::decode(coded, plan.octree()),
         _ => Err(Error::Corrupt { what: "covariance mode" }),

@@ -2,18 +2,22 @@
 
 use super::Pruning;
 use super::state::Solved;
-use crate::cell::Cell;
-use crate::distortion::Moments;
+use crate::cell::OccupiedCell;
+use crate::distortion::CellMoments;
 use crate::record::Record;
 
 impl Pruning<'_> {
     /// The lesser of a leaf and a drop.
-    pub(super) fn solve_finest(&self, cell: &Cell<'_, Record>, depths: &mut [u8]) -> Solved {
+    pub(super) fn solve_finest(
+        &self,
+        cell: &OccupiedCell<'_, Record>,
+        depths: &mut [u8],
+    ) -> Solved {
         let depth = self.options.j_high;
         let centre = self.centre(cell.codes[0], depth);
-        let mut moments = Moments::default();
+        let mut moments = CellMoments::default();
         for record in cell.members {
-            moments.add(&Moments::of(record, self.offset_from(centre, record)));
+            moments.add(&CellMoments::of(record, self.offset_from(centre, record)));
         }
         depths.fill(depth);
         let leaf = self.leaf_cost(&moments, depth);

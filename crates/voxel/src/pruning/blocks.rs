@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::Pruning;
 use super::recurrence::Division;
 use super::state::Solved;
-use crate::cell::Cell;
+use crate::cell::OccupiedCell;
 use crate::record::Record;
 
 /// Cells of at most this many Gaussians are solved by one thread, in its second-level cache.
@@ -20,14 +20,14 @@ impl Pruning<'_> {
     /// gathering, a voxelization of two million Gaussians takes 1.9 times as long.
     pub(super) fn solve_in_blocks(
         &self,
-        cell: Cell<'_, u32>,
+        cell: OccupiedCell<'_, u32>,
         depth: u8,
         depths: &mut [u8],
     ) -> Solved {
-        let Cell { codes, members } = cell;
+        let OccupiedCell { codes, members } = cell;
         if members.len() <= BLOCK || depth == self.options.j_high {
             let records: Vec<Record> = members.iter().map(|&i| self.records.get(i)).collect();
-            return self.solve(Cell { codes, members: &records }, depth, depths);
+            return self.solve(OccupiedCell { codes, members: &records }, depth, depths);
         }
         let children: Vec<_> = cell.children(depths, depth + 1, self.options.j_high).collect();
         let solved: Vec<Solved> = children

@@ -5,7 +5,7 @@
 //! up over cells, so the best pruning of a cell follows from those of its children:
 //!
 //! - **State** (`state`): of every occupied cell, the least cost of what lies in it, and the
-//!   [`Moments`](crate::distortion::Moments) that the distortion of a leaf there follows from.
+//!   [`CellMoments`](crate::distortion::CellMoments) that the distortion of a leaf there follows from.
 //! - **Recurrence** (`recurrence`): the cost of a cell is the least of three: a leaf (allowed from
 //!   `j_low` on), a division plus the costs of the children, and dropping every Gaussian. The
 //!   prices of these are in `prices`.
@@ -34,7 +34,7 @@ use std::ops::Range;
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 
-use crate::cell::Cell;
+use crate::cell::OccupiedCell;
 use crate::cube::check_cube;
 use crate::error::Result;
 use crate::order::MortonOrder;
@@ -73,7 +73,7 @@ pub(crate) fn prune(
     let order = MortonOrder::of(scene, cube, options.j_high)?;
     let records = Records::of(scene, &options.importance, options.size_exponent)?.scaled_by(sums);
     let mut depths = vec![0; scene.len()];
-    let root = Cell { codes: &order.codes, members: &order.members };
+    let root = OccupiedCell { codes: &order.codes, members: &order.members };
     Pruning::new(cube, options, &records).solve_inside(codes, root, 0, &mut depths);
     drop(records);
     Voxelization::from_depths(*cube, options.j_high, order, depths)
@@ -93,7 +93,13 @@ impl<'a> Pruning<'a> {
 
     /// Solves the largest cells whose codes are all in `codes`: writes the leaf depth of each Gaussian,
     /// [`DROPPED`](crate::voxelization::DROPPED) for none.
-    fn solve_inside(&self, codes: &Range<u64>, cell: Cell<'_, u32>, depth: u8, depths: &mut [u8]) {
+    fn solve_inside(
+        &self,
+        codes: &Range<u64>,
+        cell: OccupiedCell<'_, u32>,
+        depth: u8,
+        depths: &mut [u8],
+    ) {
         let Some(&code) = cell.codes.first() else { return };
         let below = (1u64 << (3 * u32::from(self.options.j_high - depth))) - 1;
         if codes.start <= code & !below && code | below < codes.end {

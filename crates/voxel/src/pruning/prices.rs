@@ -1,7 +1,7 @@
 //! What a leaf, a division and a drop cost: distortion, and lambda times bits.
 
 use super::Pruning;
-use crate::distortion::Moments;
+use crate::distortion::CellMoments;
 use crate::voxelization::DROPPED;
 
 impl Pruning<'_> {
@@ -26,7 +26,7 @@ impl Pruning<'_> {
 
     /// Cost of a leaf at `depth` of which these are the moments, relative to its centre: its
     /// price, and the distortion of giving all members one mean, one shape and one colour.
-    pub(super) fn leaf_cost(&self, moments: &Moments, depth: u8) -> f64 {
+    pub(super) fn leaf_cost(&self, moments: &CellMoments, depth: u8) -> f64 {
         moments.displacement()
             + self.leaf_price(depth)
             + (self.options.shape * moments.shape() + self.options.colour * moments.colour())

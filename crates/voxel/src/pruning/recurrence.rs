@@ -2,13 +2,18 @@
 
 use super::Pruning;
 use super::state::Solved;
-use crate::cell::Cell;
-use crate::distortion::Moments;
+use crate::cell::OccupiedCell;
+use crate::distortion::CellMoments;
 use crate::record::Record;
 
 impl Pruning<'_> {
     /// Solves a cell at `depth`, and writes the leaf depth of each of its Gaussians.
-    pub(super) fn solve(&self, cell: Cell<'_, Record>, depth: u8, depths: &mut [u8]) -> Solved {
+    pub(super) fn solve(
+        &self,
+        cell: OccupiedCell<'_, Record>,
+        depth: u8,
+        depths: &mut [u8],
+    ) -> Solved {
         if let [leaf] = depths {
             self.solve_single(&cell, depth, leaf)
         } else if depth == self.options.j_high {
@@ -21,7 +26,7 @@ impl Pruning<'_> {
     /// Solves a cell above `j_high`, after its children.
     pub(super) fn solve_divided(
         &self,
-        cell: Cell<'_, Record>,
+        cell: OccupiedCell<'_, Record>,
         depth: u8,
         depths: &mut [u8],
     ) -> Solved {
@@ -59,13 +64,13 @@ pub(super) struct Division {
     /// Children that are not empty.
     occupied: usize,
     /// Of all Gaussians in the cell; means are relative to `centre`.
-    moments: Moments,
+    moments: CellMoments,
 }
 
 impl Division {
     /// No child yet, of a cell with this centre.
     pub(super) fn of_cell(centre: [f64; 3]) -> Self {
-        Self { centre, cost: 0.0, occupied: 0, moments: Moments::default() }
+        Self { centre, cost: 0.0, occupied: 0, moments: CellMoments::default() }
     }
 
     pub(super) fn add(&mut self, child: &Solved) {

@@ -2,8 +2,8 @@
 
 use super::Pruning;
 use super::state::Solved;
-use crate::cell::Cell;
-use crate::distortion::Moments;
+use crate::cell::OccupiedCell;
+use crate::distortion::CellMoments;
 use crate::record::Record;
 
 impl Pruning<'_> {
@@ -15,7 +15,12 @@ impl Pruning<'_> {
     /// loop over `d` finds the least; it ends where a deeper leaf would cost more bits than the
     /// best leaf costs in all. Without this path a voxelization takes 2.3 times as long.
     #[inline(always)]
-    pub(super) fn solve_single(&self, cell: &Cell<'_, Record>, depth: u8, leaf: &mut u8) -> Solved {
+    pub(super) fn solve_single(
+        &self,
+        cell: &OccupiedCell<'_, Record>,
+        depth: u8,
+        leaf: &mut u8,
+    ) -> Solved {
         let (code, record) = (cell.codes[0], &cell.members[0]);
         let (j_low, j_high) = (self.options.j_low, self.options.j_high);
         let (lambda, bits) = (self.options.lambda, &self.options.cost);
@@ -24,7 +29,7 @@ impl Pruning<'_> {
         let flagged_division = lambda * (bits.occupancy[0] + bits.go_on);
         let finest_leaf = self.leaf_price(j_high);
         let centre = self.centre(code, depth);
-        let moments = Moments::of(record, self.offset_from(centre, record));
+        let moments = CellMoments::of(record, self.offset_from(centre, record));
         let first = depth.max(j_low);
         let first_centre = if first == depth { centre } else { self.centre(code, first) };
         // From the centre of the cell at `d` to the mean, except for the signs.

@@ -1,6 +1,6 @@
 //! The state of the dynamic programme: what is known of a cell once it is solved.
 
-use crate::distortion::Moments;
+use crate::distortion::CellMoments;
 
 /// The best pruning of a cell, and what its parent needs to know of it.
 #[derive(Clone, Copy)]
@@ -12,5 +12,5 @@ pub(super) struct Solved {
     /// Centre of the cell, relative to the cube's origin.
     pub(super) centre: [f64; 3],
     /// Of all Gaussians in the cell; means are relative to `centre`.
-    pub(super) moments: Moments,
+    pub(super) moments: CellMoments,
 }

@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use super::state::Solved;
 use super::{Pruning, blocks, prune, rate_distortion_of_tile};
-use crate::cell::Cell;
+use crate::cell::OccupiedCell;
 use crate::cube::cube_of;
 use crate::importance::Importance;
 use crate::order::{MortonOrder, morton_codes};
@@ -65,7 +65,7 @@ fn single_equals_the_recurrence() {
         let pruning = Pruning::new(&cube, &options, &records);
         for (code, &i) in order.codes.iter().zip(&order.members) {
             let record = pruning.records.get(i);
-            let cell = || Cell {
+            let cell = || OccupiedCell {
                 codes: std::slice::from_ref(code),
                 members: std::slice::from_ref(&record),
             };
@@ -95,12 +95,12 @@ fn blocks_equal_one_pass() {
         let pruning = Pruning::new(&cube, &options, &records);
         let all: Vec<Record> = order.members.iter().map(|&i| pruning.records.get(i)).collect();
         let mut wanted = vec![0; all.len()];
-        let root = Cell { codes: &order.codes, members: &all };
+        let root = OccupiedCell { codes: &order.codes, members: &all };
         let solved = pruning.solve(root, 0, &mut wanted);
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut depths = vec![0; wanted.len()];
-            let root = Cell { codes: &order.codes, members: &order.members };
+            let root = OccupiedCell { codes: &order.codes, members: &order.members };
             let in_blocks = pool.install(|| pruning.solve_in_blocks(root, 0, &mut depths));
             assert!(depths == wanted, "{options:?}");
             assert_eq!(in_blocks.cost.to_bits(), solved.cost.to_bits());

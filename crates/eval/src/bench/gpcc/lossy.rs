@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Result, ensure};
-use gpcc_lite::attribute::{self, Options};
+use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Decoder, Encoder};
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::{Plan, Rows};
@@ -53,7 +53,7 @@ fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
     let steps = vec![step.value() as f32; cloud.channels.len()];
     let mut rows = rows_of(&cloud.channels);
     let mut coder = Encoder::default();
-    attribute::encode(&mut coder, plan, &steps, &Options::default(), &mut rows)?;
+    attribute::encode(&mut coder, plan, &Quantisation::new(&steps), &mut rows)?;
     let bytes = coder.finish();
     let mut back = Rows::new(rows.leaves(), rows.channels());
     let mut decoder = Decoder::new(&bytes)?;

@@ -1,7 +1,7 @@
 //! The bits of a Gaussian's words: how they are decoded, and how they are packed.
 
 use super::CHUNK;
-use super::table::Columns;
+use super::table::TableColumns;
 use crate::math::{completed, smallest_three, unit};
 use crate::rows::{self, SH};
 use crate::scene::{SH_C0, Scene};
@@ -13,16 +13,16 @@ const BITS: [u32; 3] = [11, 10, 11];
 pub(super) const SH_RANGE: f32 = 8.0;
 
 /// The elements of a file.
-pub(super) struct Decoder<'a> {
+pub(super) struct PackedRows<'a> {
     /// `packed_position`, `packed_rotation`, `packed_scale`, `packed_color` of each Gaussian.
-    pub(super) words: Columns<'a>,
+    pub(super) words: TableColumns<'a>,
     /// Minima and maxima of each chunk.
-    pub(super) bounds: Columns<'a>,
+    pub(super) bounds: TableColumns<'a>,
     /// The higher SH coefficients of each Gaussian.
-    pub(super) sh: Option<Columns<'a>>,
+    pub(super) sh: Option<TableColumns<'a>>,
 }
 
-impl Decoder<'_> {
+impl PackedRows<'_> {
     pub(super) fn scene(&self, n: usize, sh_degree: u8) -> Scene {
         rows::scene_of(n, sh_degree, |i| {
             let [means, rotation, log_scales, colour] = [0, 1, 2, 3].map(|k| self.words.word(i, k));

@@ -14,13 +14,13 @@ mod write;
 use std::path::Path;
 
 use super::columns::{rest_count, rest_names};
-use super::header::{Encoding, Header, Scalar};
+use super::header::{Encoding, PlyHeader, Scalar};
 use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::report::Report;
 use crate::scene::{Scene, sh_len};
-use layout::Decoder;
-use table::Table;
+use layout::PackedRows;
+use table::ElementTable;
 
 /// Files are read as other PLY files are, whose reader finds them by their header.
 pub(crate) static FORMAT: Format = Format {
@@ -45,7 +45,7 @@ const BOUNDS: [[&str; 6]; 3] = [
 const WORDS: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
 /// Reads the file of that header.
-pub(super) fn read(file: &Path, bytes: &[u8], header: &Header) -> Result<(Scene, Report)> {
+pub(super) fn read(file: &Path, bytes: &[u8], header: &PlyHeader) -> Result<(Scene, Report)> {
     if header.encoding != Encoding::BinaryLittleEndian {
         return Err(malformed(file, "header", "it is not binary_little_endian"));
     }
@@ -58,9 +58,9 @@ pub(super) fn read(file: &Path, bytes: &[u8], header: &Header) -> Result<(Scene,
 fn decoder<'a>(
     file: &Path,
     bytes: &'a [u8],
-    header: &'a Header,
-) -> Result<(usize, u8, Decoder<'a>)> {
-    let table = |element: &str| Table::find(file, bytes, header, element);
+    header: &'a PlyHeader,
+) -> Result<(usize, u8, PackedRows<'a>)> {
+    let table = |element: &str| ElementTable::find(file, bytes, header, element);
     let needed = |element: &str| {
         table(element)?
             .ok_or_else(|| malformed(file, "header", format!("it has no element {element:?}")))
@@ -83,7 +83,7 @@ fn decoder<'a>(
         return Err(malformed(file, "element \"sh\"", "it has other rows than \"vertex\""));
     }
     let bounds = if chunks.has("min_r") { &BOUNDS[..] } else { &BOUNDS[..2] };
-    let decoder = Decoder {
+    let decoder = PackedRows {
         words: vertices.columns(file, &WORDS, Scalar::U32)?,
         bounds: chunks.columns(file, bounds.as_flattened(), Scalar::F32)?,
         sh: sh.map(|sh| sh.columns(file, &rest_names(sh.properties()), Scalar::U8)).transpose()?,

@@ -6,33 +6,33 @@ use std::path::Path;
 use super::malformed;
 use crate::bytes;
 use crate::error::Result;
-use crate::ply::binary::{Body, offsets_and_types};
-use crate::ply::header::{Element, Header, Scalar};
+use crate::ply::binary::{BinaryBody, offsets_and_types};
+use crate::ply::header::{PlyElement, PlyHeader, Scalar};
 
 /// The rows of an element without lists.
-pub(super) struct Table<'a> {
-    element: &'a Element,
+pub(super) struct ElementTable<'a> {
+    element: &'a PlyElement,
     pub(super) rows: usize,
     bytes: &'a [u8],
     stride: usize,
 }
 
 /// Some columns of a table: their offsets in a row.
-pub(super) struct Columns<'a> {
+pub(super) struct TableColumns<'a> {
     bytes: &'a [u8],
     stride: usize,
     pub(super) offsets: Vec<usize>,
 }
 
-impl<'a> Table<'a> {
+impl<'a> ElementTable<'a> {
     /// The element of that name, if the file has it. All its rows are in the file.
     pub(super) fn find(
         file: &Path,
         bytes: &'a [u8],
-        header: &'a Header,
+        header: &'a PlyHeader,
         name: &str,
     ) -> Result<Option<Self>> {
-        let body = Body { file, bytes, big_endian: false };
+        let body = BinaryBody { file, bytes, big_endian: false };
         let mut at = header.len;
         for element in &header.elements {
             let end = body.skip(element, at)?;
@@ -64,7 +64,7 @@ impl<'a> Table<'a> {
         file: &Path,
         names: &[impl AsRef<str>],
         scalar: Scalar,
-    ) -> Result<Columns<'a>> {
+    ) -> Result<TableColumns<'a>> {
         let names_found = self.element.properties.iter().map(|p| p.name.as_str());
         let places: BTreeMap<_, _> = names_found.zip(offsets_and_types(self.element)).collect();
         let offset = |name: &str| match places.get(name) {
@@ -77,11 +77,11 @@ impl<'a> Table<'a> {
             }
         };
         let offsets = names.iter().map(|name| offset(name.as_ref())).collect::<Result<_>>()?;
-        Ok(Columns { bytes: self.bytes, stride: self.stride, offsets })
+        Ok(TableColumns { bytes: self.bytes, stride: self.stride, offsets })
     }
 }
 
-impl Columns<'_> {
+impl TableColumns<'_> {
     pub(super) fn word(&self, row: usize, column: usize) -> u32 {
         bytes::word(self.bytes, row * self.stride + self.offsets[column])
     }
