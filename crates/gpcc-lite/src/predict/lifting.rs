@@ -8,7 +8,7 @@
 
 use super::neighbours::Neighbours;
 use super::residual::Residual;
-use crate::bytes::{Reader, put_varint};
+use crate::bytes::{ByteReader, put_varint};
 use crate::coder::{Coder, Decoder, Encoder};
 use crate::error::{Error, Result};
 use crate::quant::{MAX_STEP, Step, VALUE_BITS};
@@ -186,7 +186,7 @@ pub fn decode_lifting(
     bytes: &[u8],
     max_channels: usize,
 ) -> Result<Vec<Vec<i32>>> {
-    let mut r = Reader::new(bytes);
+    let mut r = ByteReader::new(bytes);
     let channels = r.channels(max_channels)?;
     let mut out = Vec::new();
     for _ in 0..channels {
