@@ -90,8 +90,8 @@ pub fn attribute(data: &[u8]) -> bool {
         values.row_mut(i).iter_mut().for_each(|v| *v = words.next().unwrap_or(0.0));
     }
     let mut encoder = Encoder::default();
-    let options = rows::Options::default();
-    rows::encode(&mut encoder, plan, &steps, &options, &mut values).expect("values were refused");
+    let quantisation = rows::Quantisation::new(&steps);
+    rows::encode(&mut encoder, plan, &quantisation, &mut values).expect("values were refused");
     let coded = encoder.finish();
     let mut decoder = Decoder::new(&coded).expect("own stream was refused");
     let mut back = Rows::new(plan.len(), channels);
