@@ -190,12 +190,6 @@ pub enum Error {
 /// Result with [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Refuses a number of things that is not the one needed.
-#[cfg(feature = "encode")]
-pub(crate) fn check_length(what: &'static str, found: usize, expected: usize) -> Result<()> {
-    if found == expected { Ok(()) } else { Err(Error::Length { what, found, expected }) }
-}
-
 /// Wraps an error of the coder with the part in which it happened.
 pub(crate) fn coding(what: &'static str) -> impl Fn(gpcc_lite::Error) -> Error + Copy {
     move |source| Error::Coding { what, source }

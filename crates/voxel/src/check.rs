@@ -1,8 +1,15 @@
 //! Checks of parameters, shared by the strategies.
 
+use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
 
 use crate::error::{Error, Result};
+
+/// Refuses a cube that cannot be divided.
+pub(crate) fn check_cube(cube: &Cube) -> Result<()> {
+    let &Cube { origin, side } = cube;
+    if cube.is_valid() { Ok(()) } else { Err(Error::InvalidCube { origin, side }) }
+}
 
 /// Checks the range of leaf depths.
 pub(crate) fn check_depths(j_low: u8, j_high: u8) -> Result<()> {

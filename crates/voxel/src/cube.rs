@@ -23,9 +23,3 @@ pub fn cube_of(means: &[[f32; 3]]) -> Result<Cube> {
     }
     Ok(Cube::spanning(low, high))
 }
-
-/// Refuses a cube that cannot be divided.
-pub(crate) fn check_cube(cube: &Cube) -> Result<()> {
-    let &Cube { origin, side } = cube;
-    if cube.is_valid() { Ok(()) } else { Err(Error::InvalidCube { origin, side }) }
-}

@@ -1,9 +1,57 @@
-//! Top-down division by a rule that decides one voxel at a time: the form of the paper's criteria
-//! (section 3.2.2).
+//! Occupied cells of the octree, and top-down division by a rule that decides one of them at a time: the form of
+//! the paper's criteria (section 3.2.2).
 
 use rayon::prelude::*;
+use std::ops::Range;
 
-use crate::cell::OccupiedCell;
+use crate::order::cell_end;
+
+/// An occupied cell: its Gaussians, in Morton order. A member is an index into the scene (`u32`),
+/// or what a strategy needs of the Gaussian.
+pub(crate) struct OccupiedCell<'a, M> {
+    /// Morton codes at `j_high`.
+    pub(crate) codes: &'a [u64],
+    /// As many members.
+    pub(crate) members: &'a [M],
+}
+
+/// The occupied children of a cell in Morton order, each with the part of `depths` that belongs
+/// to it.
+pub(crate) struct ChildCells<'a, 'd, M> {
+    rest: OccupiedCell<'a, M>,
+    depths: &'d mut [u8],
+    child_depth: u8,
+    j_high: u8,
+}
+
+impl<'a, M> OccupiedCell<'a, M> {
+    /// The children, at `child_depth`. `depths` has one entry per member.
+    pub(crate) fn children<'d>(
+        &self,
+        depths: &'d mut [u8],
+        child_depth: u8,
+        j_high: u8,
+    ) -> ChildCells<'a, 'd, M> {
+        let rest = OccupiedCell { codes: self.codes, members: self.members };
+        ChildCells { rest, depths, child_depth, j_high }
+    }
+}
+
+impl<'a, 'd, M> Iterator for ChildCells<'a, 'd, M> {
+    type Item = (OccupiedCell<'a, M>, &'d mut [u8]);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let OccupiedCell { codes, members } = self.rest;
+        if codes.is_empty() {
+            return None;
+        }
+        let end = cell_end(codes, 0, self.j_high, self.child_depth);
+        let (depths, rest) = std::mem::take(&mut self.depths).split_at_mut(end);
+        self.depths = rest;
+        self.rest = OccupiedCell { codes: &codes[end..], members: &members[end..] };
+        Some((OccupiedCell { codes: &codes[..end], members: &members[..end] }, depths))
+    }
+}
 
 /// Depth of the leaf of every Gaussian of the root.
 ///
@@ -39,5 +87,25 @@ fn divide<M>(
         for (child, depths) in voxel.children(depths, depth + 1, j_high) {
             divide(&child, depth + 1, j_high, depths, splits);
         }
+    }
+}
+
+/// Hands the largest cells below `cell` whose codes are all in `codes` to `solve`, with their depths and the depths of
+/// their Gaussians.
+pub(crate) fn inside<M>(
+    cell: OccupiedCell<'_, M>,
+    codes: &Range<u64>,
+    depth: u8,
+    j_high: u8,
+    depths: &mut [u8],
+    solve: &impl Fn(OccupiedCell<'_, M>, u8, &mut [u8]),
+) {
+    let Some(&code) = cell.codes.first() else { return };
+    let below = (1u64 << (3 * u32::from(j_high - depth))) - 1;
+    if codes.start <= code & !below && code | below < codes.end {
+        return solve(cell, depth, depths);
+    }
+    for (child, depths) in cell.children(depths, depth + 1, j_high) {
+        inside(child, codes, depth + 1, j_high, depths, solve);
     }
 }

@@ -41,7 +41,6 @@
 // with an addition. The functions they call are `inline(always)`, so that they are compiled for
 // AVX2 too.
 
-mod cell;
 mod check;
 mod cost;
 mod cube;
@@ -75,15 +74,14 @@ pub use importance::Importance;
 pub use local::local_means;
 pub use merge::{Merge, Merging, merge};
 pub use order::morton_codes;
-pub use pruning::rate_distortion_of_tile;
 pub use rate_distortion::RateDistortion;
 pub use record::WeightSums;
-pub use released::{Released, released};
+pub use released::Released;
 pub use strategy::Strategy;
 pub use tiles::Tiles;
 pub use trim::{Trim, Trimmed, trim};
 pub use voxelization::Voxelization;
-pub use voxelize::voxelize;
+pub use voxelize::{voxelize, voxelize_tile};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

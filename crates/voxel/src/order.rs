@@ -6,8 +6,8 @@ use gs_model::Scene;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+use crate::check::check_cube;
 use crate::check::check_depths;
-use crate::cube::check_cube;
 use crate::error::{Error, Result};
 use crate::pages::Pages;
 use gpcc_lite::{Cube, Grid};

@@ -6,8 +6,7 @@ use gpcc_lite::Leaf;
 use gs_model::Scene;
 use rayon::prelude::*;
 
-use crate::cell::OccupiedCell;
-use crate::descend;
+use crate::descend::{self, OccupiedCell};
 use crate::gaussian::log_volume;
 use crate::order::{CHUNK, MortonOrder};
 use crate::pages::Pages;

@@ -16,7 +16,7 @@ use crate::cube::cube_of;
 use crate::error::{Error, Result};
 use crate::order::MortonOrder;
 use crate::paper::large;
-use crate::voxelization::Voxelization;
+use crate::voxelization::PrunedOctree;
 use gpcc_lite::Cube;
 
 /// Parameters of the authors' released code.
@@ -50,7 +50,7 @@ impl Released {
 /// # Errors
 /// [`Error::NonFiniteMean`], [`Error::DepthTooGreat`], [`Error::DepthRange`];
 /// [`Error::InvalidCube`] if the extent overflows the `f32` of the authors' arithmetic.
-pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
+pub(crate) fn released(scene: &Scene, options: &Released) -> Result<PrunedOctree> {
     let &Released { j_low, tau1, large_percent, max_depth } = options;
     if max_depth > MAX_DEPTH - 2 {
         return Err(Error::DepthTooGreat { depth: max_depth, max: MAX_DEPTH - 2 });
@@ -70,10 +70,18 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
     let large = large(scene, large_percent);
     let mut points = scene.means.clone();
     let mut moved = vec![false; points.len()];
+    // A point on the upper face has the last index. Where the cell underflows, so have others.
+    let index = |p: &[f32; 3], cell: f32, depth: u8| {
+        std::array::from_fn(|k| (((p[k] - origin[k]) / cell) as u32).min(1 << depth))
+    };
+    let sorted = |points: &[[f32; 3]], cell: f32, depth: u8| {
+        let code = |p: &[f32; 3]| morton::encode(index(p, cell, depth));
+        MortonOrder::sorted(points.iter().map(code).collect::<Vec<u64>>().into())
+    };
     let mut depth = j_low;
     loop {
         let cell = width / (1u32 << depth) as f32;
-        let order = sorted(&points, origin, cell, depth);
+        let order = sorted(&points, cell, depth);
         let mut all_small = true;
         let mut start = 0;
         while start < order.codes.len() {
@@ -86,7 +94,8 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
                     std::array::from_fn(|k| (index[k] as f32 + 0.5) * cell + origin[k]);
                 for &i in &order.members[start..start + run] {
                     let i = i as usize;
-                    let near = distance(points[i], centre) < cell / 2.0;
+                    let d: [f32; 3] = std::array::from_fn(|k| points[i][k] - centre[k]);
+                    let near = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() < cell / 2.0;
                     if near && !large[i] && !moved[i] {
                         points[i] = centre;
                         moved[i] = true;
@@ -101,23 +110,7 @@ pub fn released(scene: &Scene, options: &Released) -> Result<Voxelization> {
         }
     }
     let cell = width / (1u32 << depth) as f32;
-    let order = sorted(&points, origin, cell, depth);
+    let order = sorted(&points, cell, depth);
     let cube = Cube { origin: tight.origin, side: 2.0 * f64::from(width) };
-    Voxelization::from_depths(cube, depth + 1, order, vec![depth + 1; points.len()])
-}
-
-fn sorted(points: &[[f32; 3]], origin: [f32; 3], cell: f32, depth: u8) -> MortonOrder {
-    let codes: Vec<u64> = points.iter().map(|p| code(*p, origin, cell, depth)).collect();
-    MortonOrder::sorted(codes.into())
-}
-
-fn code(p: [f32; 3], origin: [f32; 3], cell: f32, depth: u8) -> u64 {
-    // A point on the upper face has this index. Where the cell underflows, so have others.
-    let last = 1 << depth;
-    morton::encode(std::array::from_fn(|k| (((p[k] - origin[k]) / cell) as u32).min(last)))
-}
-
-fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
-    let d: [f32; 3] = std::array::from_fn(|k| a[k] - b[k]);
-    (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
+    Ok(PrunedOctree { cube, j_high: depth + 1, order, depths: vec![depth + 1; points.len()] })
 }

@@ -19,6 +19,15 @@ pub struct Voxelization {
     dropped: Vec<u32>,
 }
 
+/// What a strategy decides.
+pub(crate) struct PrunedOctree {
+    pub(crate) cube: Cube,
+    pub(crate) j_high: u8,
+    pub(crate) order: MortonOrder,
+    /// Depth of the leaf of each Gaussian of `order`, or [`DROPPED`]; the same for all Gaussians of one leaf.
+    pub(crate) depths: Vec<u8>,
+}
+
 /// The depth of Gaussians without a leaf.
 pub(crate) const DROPPED: u8 = u8::MAX;
 
@@ -136,14 +145,9 @@ impl Voxelization {
         }
     }
 
-    /// Cuts the sorted Gaussians into leaves. `depths` are those of the leaves of the Gaussians of `order`, or
-    /// [`DROPPED`], and the same for all Gaussians of one leaf.
-    pub(crate) fn from_depths(
-        cube: Cube,
-        j_high: u8,
-        order: MortonOrder,
-        mut depths: Vec<u8>,
-    ) -> Result<Self> {
+    /// Cuts the sorted Gaussians into leaves.
+    pub(crate) fn of(pruned: PrunedOctree) -> Result<Self> {
+        let PrunedOctree { cube, j_high, order, mut depths } = pruned;
         // The leaf of a Gaussian is that of its code, not of its mean: the authors' code moves
         // Gaussians before it voxelizes them.
         let MortonOrder { mut codes, mut members } = order;

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use crate::gaussian::scale;
 use crate::order::CHUNK;
-use crate::voxelization::Voxelization;
+use crate::voxelization::{PrunedOctree, Voxelization};
 
 /// A Gaussian distribution in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -230,11 +230,11 @@ pub fn voxelize_exact(
 ) -> crate::Result<Voxelization> {
     crate::check::check_depths(j_low, j_high)?;
     crate::check::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
-    crate::cube::check_cube(cube)?;
+    crate::check::check_cube(cube)?;
     let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
-    let root = crate::cell::OccupiedCell { codes: &order.codes, members: &order.members };
+    let root = crate::descend::OccupiedCell { codes: &order.codes, members: &order.members };
     let depths = crate::descend::depths(&root, j_low, j_high, |voxel, _| {
         voxel_distortion(scene, voxel.members) > limit
     });
-    Voxelization::from_depths(*cube, j_high, order, depths)
+    Voxelization::of(PrunedOctree { cube: *cube, j_high, order, depths })
 }

@@ -6,9 +6,7 @@ use common::{clustered, cube, shared};
 use gpcc_lite::{Leaf, morton};
 use gs_model::Scene;
 use nalgebra::{Matrix3, Vector3};
-use voxel::{
-    CostModel, Cube, Importance, RateDistortion, Released, Strategy, released, voxelize, w2,
-};
+use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy, voxelize, w2};
 
 /// Every subtree of the full octree by recursion over explicit member lists, distortions by
 /// direct double sums over members, no statistics, no skipping.
@@ -156,7 +154,12 @@ fn released_reproduces_the_recorded_counts() {
     ] {
         let Some(path) = shared(&format!("scenes/{scene}/point_cloud.ply")) else { return };
         let (scene, _) = gs_model::ply::read(&path).unwrap();
-        let v = released(&scene, &Released::new(j_low)).unwrap();
+        let v = voxelize(
+            &scene,
+            &voxel::cube_of(&scene.means).unwrap(),
+            &Strategy::Released(Released::new(j_low)),
+        )
+        .unwrap();
         eprintln!(
             "{path:?}: {} leaves, recorded {recorded}, j_high {}",
             v.len(),

@@ -1,10 +1,15 @@
 //! What the encoder refuses before it begins.
 
-use crate::error::{Error, Result, check_length};
+use crate::error::{Error, Result};
 use crate::head::Steps;
 use gpcc_lite::Octree;
 use gs_model::Scene;
 use rayon::prelude::*;
+
+/// Refuses a number of things that is not the one needed.
+pub(crate) fn check_length(what: &'static str, found: usize, expected: usize) -> Result<()> {
+    if found == expected { Ok(()) } else { Err(Error::Length { what, found, expected }) }
+}
 
 /// All arrays of a scene have the lengths that its number of Gaussians and its SH degree ask for.
 pub(crate) fn check_lengths(scene: &Scene) -> Result<()> {

@@ -1,13 +1,15 @@
 //! The encoder: chunks of leaves, levels of detail, and the head in front of them.
 
 use super::assemble::{assemble, joined, without_zero_degrees};
-use super::check::{check_centres, check_lengths, check_steps, checked_outliers, used_degree};
+use super::check::{
+    check_centres, check_length, check_lengths, check_steps, checked_outliers, used_degree,
+};
 use super::encoded::Encoded;
 use super::lod::{self, LodLevel};
 use super::options::EncodeOptions;
 use super::source::{Source, Whole};
 use crate::chunk::How;
-use crate::error::{Result, check_length};
+use crate::error::Result;
 use crate::head::Header;
 use crate::importance;
 use gpcc_lite::Octree;

@@ -16,6 +16,11 @@ use gs_model::Scene;
 /// 2^32 - 2 Gaussians.
 pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
     check_lengths(scene)?;
+    all_exact(scene, keep_order)
+}
+
+/// As [`encode_lossless`], of a scene whose arrays have been checked.
+pub(crate) fn all_exact(scene: &Scene, keep_order: bool) -> Result<Encoded> {
     let n = scene.len();
     if n as u64 >= u64::from(u32::MAX) {
         return Err(Error::Limit { points: n as u64, limit: u64::from(u32::MAX) - 1 });

@@ -13,7 +13,7 @@
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
 use super::assemble::{assemble, leaves_chunk, with_outliers, without_zero_degrees};
-use super::check::{check_centres, check_lengths, check_steps, used_degree};
+use super::check::{check_centres, check_length, check_lengths, check_steps, used_degree};
 use super::encoded::Encoded;
 use super::lod;
 use super::options::EncodeOptions;
@@ -21,7 +21,7 @@ use crate::attributes::opacity;
 use crate::chunk::{self, ChunkEncoder, GaussiansMut, How, LAMBDA_MOVED, Values, coded};
 pub use crate::chunk::{GaussianGradient, Transform};
 pub use crate::covariance::EQUAL_AXES;
-use crate::error::{Result, check_length};
+use crate::error::Result;
 use crate::head::{Header, Index, Steps};
 use crate::importance;
 use gpcc_lite::Octree;

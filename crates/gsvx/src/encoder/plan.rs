@@ -4,17 +4,18 @@
 //! A plan is made in three passes over the Gaussians: a [`Survey`], then [`Plan::new`] counts Morton codes,
 //! then [`Plan::measure`] looks at a sample of the tiles.
 
+use super::check::check_length;
 use super::encode::encode_source;
 use super::encoded::{CoarseCells, Encoded};
 use super::lod;
-use super::options::{EncodeOptions, Seen};
+use super::options::{EncodeOptions, Leaves, Seen};
 use super::outliers::suffices;
 use super::source::{Source, Whole};
 use super::strategy::j_high;
 use super::survey::Survey;
 use super::tiled::{Mean, TILE, TileRules, sample};
 use super::warning::EncodeWarning;
-use crate::error::{Error, Result, check_length};
+use crate::error::{Error, Result};
 use crate::importance::{self, UnseenUnit};
 use gpcc_lite::Cube;
 use gs_model::Scene;
@@ -156,7 +157,7 @@ impl Plan {
         self.sample_geometry = sums.geometry;
         let mut mean = Mean::default();
         for (tile, importance) in sample.into_iter().zip(importances) {
-            let voxels = rules.leaves(&scene(tile)?, &importance, &self.codes(tile), sums)?;
+            let voxels = rules.leaves(&scene(tile)?, &importance, &self.codes(tile), Some(sums))?;
             mean.add(&Mean::of(&voxels.sums(&importance)));
         }
         self.mean_importance = mean.value();
@@ -201,7 +202,7 @@ impl Plan {
             importance: self.sample_importance,
             geometry: self.sample_geometry,
         };
-        let voxels = self.rules().leaves(scene, &importance, codes, sums)?;
+        let voxels = self.rules().leaves(scene, &importance, codes, Some(sums))?;
         let options = self.choices.options()?;
         let several = self.tile_starts.len() > 1;
         let tile = [(0, codes.clone())];
@@ -272,7 +273,7 @@ impl Plan {
     fn rules(&self) -> TileRules {
         let cube = Cube { origin: self.origin, side: self.side };
         let Choices { quality, seen, .. } = self.choices;
-        TileRules { cube, depth: self.depth, quality, seen }
+        TileRules { cube, depth: self.depth, quality, seen, leaves: Leaves::RateDistortion }
     }
 
     fn codes(&self, tile: usize) -> Range<u64> {

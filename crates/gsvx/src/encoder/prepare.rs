@@ -1,10 +1,10 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
 use super::bounded;
-use super::check::check_lengths;
+use super::check::{check_length, check_lengths};
 use super::encode::encode_source;
 use super::encoded::{Encoded, LEFT_OUT};
-use super::exact::encode_lossless;
+use super::exact::all_exact;
 use super::lod;
 use super::options::{EncodeOptions, MaxError};
 use super::outliers::split_outliers;
@@ -12,7 +12,7 @@ use super::source::{Source, Whole};
 use super::strategy::j_high;
 use super::survey::Survey;
 use super::tiled::{self, TileRules, Tiled};
-use crate::error::{Error, Result, check_length};
+use crate::error::{Error, Result};
 use crate::importance;
 use gs_model::Scene;
 use std::borrow::Cow;
@@ -44,7 +44,7 @@ pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
             let max_error = Some(MaxError { mean: 0.0, opacity: 0.0, shape: 0.0, sh: 0.0 });
             match bounded::encode(&input.scene, &outliers, bounds, options)? {
                 Some(encoded) => encoded,
-                None => Encoded { max_error, ..encode_lossless(&input.scene, false)? },
+                None => Encoded { max_error, ..all_exact(&input.scene, false)? },
             }
         }
     };
@@ -167,8 +167,9 @@ impl<'a> Input<'a> {
         let seen = options.seen(self.importance.is_some());
         let cube = self.survey.cube();
         let depth = j_high(self.survey.median_log_scale(), &cube);
-        let rules = TileRules { cube, depth, quality: options.quality, seen };
-        tiled::voxelize(&self.scene, self.importance.take(), &rules, options.leaves)
+        let &EncodeOptions { quality, leaves, .. } = options;
+        let rules = TileRules { cube, depth, quality, seen, leaves };
+        tiled::voxelize(&self.scene, self.importance.take(), &rules)
     }
 
     /// The rows of all Gaussians, from those of the ones that were kept.

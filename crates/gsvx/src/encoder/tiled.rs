@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::convert::Infallible;
 use std::ops::Range;
-use voxel::{RateDistortion, Strategy, Tiles, Voxelization, WeightSums, rate_distortion_of_tile};
+use voxel::{RateDistortion, Strategy, Tiles, Voxelization, WeightSums, voxelize_tile};
 
 /// Most Gaussians of a tile: enough for eight chunks.
 pub(crate) const TILE: u64 = 1 << 18;
@@ -37,6 +37,7 @@ pub(crate) struct TileRules {
     pub(crate) depth: u8,
     pub(crate) quality: f32,
     pub(crate) seen: Seen,
+    pub(crate) leaves: Leaves,
 }
 
 /// A voxelized scene.
@@ -67,40 +68,33 @@ impl TileRules {
         Ok(WeightSums::of(tile, &self.strategy(importance)?)?)
     }
 
-    /// The leaves of a tile, which has these codes.
+    /// The leaves of a tile, which has these codes. Without `sums`, those of the tile itself scale its weights.
     pub(crate) fn leaves(
         &self,
         tile: &Scene,
         importance: &[f32],
         codes: &Range<u64>,
-        sums: WeightSums,
+        sums: Option<WeightSums>,
     ) -> Result<Voxelization> {
-        let strategy = self.strategy(importance)?;
-        Ok(rate_distortion_of_tile(tile, &self.cube, &strategy, codes, sums)?)
+        let strategy = match self.leaves {
+            Leaves::RateDistortion => Strategy::RateDistortion(self.strategy(importance)?),
+            Leaves::Uniform { depth } => Strategy::Uniform { depth },
+            Leaves::Paper { j_low, j_high } => Strategy::paper(j_low, j_high),
+        };
+        Ok(voxelize_tile(tile, &self.cube, &strategy, codes, sums)?)
+    }
+
+    /// Whether a scene is never cut: the paper's strategies do not know tiles.
+    fn whole(&self) -> bool {
+        self.leaves != Leaves::RateDistortion
     }
 }
 
-/// The leaves of a scene in memory. A strategy of the paper takes the scene as a whole.
-pub(crate) fn voxelize(
-    scene: &Scene,
-    given: Option<Vec<f32>>,
-    rules: &TileRules,
-    leaves: Leaves,
-) -> Result<Tiled> {
-    let strategy = match leaves {
-        Leaves::RateDistortion => None,
-        Leaves::Uniform { depth } => Some(Strategy::Uniform { depth }),
-        Leaves::Paper { j_low, j_high } => Some(Strategy::paper(j_low, j_high)),
-    };
-    let cut = Cut::new(scene, rules, strategy.is_some())?;
+/// The leaves of a scene in memory.
+pub(crate) fn voxelize(scene: &Scene, given: Option<Vec<f32>>, rules: &TileRules) -> Result<Tiled> {
+    let cut = Cut::new(scene, rules)?;
     let importance = given.unwrap_or_else(|| cut.guessed());
-    match strategy {
-        None => cut.voxelize(importance, rules),
-        Some(strategy) => {
-            let voxels = voxel::voxelize(scene, &rules.cube, &strategy)?;
-            Ok(Tiled { voxels, importance, shared: None })
-        }
-    }
+    cut.voxelize(importance, rules)
 }
 
 /// A scene in memory, cut into tiles.
@@ -112,9 +106,9 @@ struct Cut<'a> {
 }
 
 impl<'a> Cut<'a> {
-    fn new(scene: &'a Scene, rules: &TileRules, whole: bool) -> Result<Self> {
+    fn new(scene: &'a Scene, rules: &TileRules) -> Result<Self> {
         let gaussians = scene.len() as u64;
-        if whole || gaussians <= TILE {
+        if rules.whole() || gaussians <= TILE {
             return Ok(Self { scene, tiles: Tiles::one(gaussians), members: Vec::new() });
         }
         let codes = voxel::morton_codes(&scene.means, &rules.cube, rules.depth)?;
@@ -169,12 +163,12 @@ impl<'a> Cut<'a> {
 
     /// The leaves of all tiles.
     fn voxelize(&self, importance: Vec<f32>, rules: &TileRules) -> Result<Tiled> {
-        let sampled = sample(self.tiles.len());
+        let sampled = if rules.whole() { Vec::new() } else { sample(self.tiles.len()) };
         let sums = |&t: &usize| rules.sums(&self.part(t), &self.values(t, &importance));
         let sums: Vec<Result<WeightSums>> = sampled.par_iter().map(sums).collect();
-        let mut sum = WeightSums::default();
+        let mut sum = None;
         for of_one in sums {
-            sum.add(&of_one?);
+            sum.get_or_insert_with(WeightSums::default).add(&of_one?);
         }
         let leaves = |t: usize| {
             let values = self.values(t, &importance);
@@ -185,7 +179,7 @@ impl<'a> Cut<'a> {
             let voxels = voxelized.remove(0)?;
             let mean_importance = Mean::of(&voxels.sums(&importance)).value();
             let shared = Shared { tiles: vec![(0, self.tiles.codes(0))], mean_importance };
-            return Ok(Tiled { voxels, importance, shared: Some(shared) });
+            return Ok(Tiled { voxels, importance, shared: sum.map(|_| shared) });
         }
         let mut voxels = Voxelization::empty(rules.cube, rules.depth)?;
         let (mut tiles, mut mean) = (Vec::new(), Mean::default());

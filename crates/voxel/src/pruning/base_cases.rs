@@ -2,7 +2,7 @@
 
 use super::Pruning;
 use super::state::Solved;
-use crate::cell::OccupiedCell;
+use crate::descend::OccupiedCell;
 use crate::distortion::CellMoments;
 use crate::record::Record;
 

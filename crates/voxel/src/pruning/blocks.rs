@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::Pruning;
 use super::recurrence::Division;
 use super::state::Solved;
-use crate::cell::OccupiedCell;
+use crate::descend::OccupiedCell;
 use crate::record::Record;
 
 /// Cells of at most this many Gaussians are solved by one thread, in its second-level cache.

@@ -34,32 +34,13 @@ use std::ops::Range;
 use gpcc_lite::Leaf;
 use gs_model::Scene;
 
-use crate::cell::OccupiedCell;
-use crate::cube::check_cube;
+use crate::descend::{self, OccupiedCell};
 use crate::error::Result;
 use crate::order::MortonOrder;
 use crate::rate_distortion::RateDistortion;
 use crate::record::{Record, Records, WeightSums};
-use crate::voxelization::Voxelization;
+use crate::voxelization::PrunedOctree;
 use gpcc_lite::Cube;
-
-/// The [`RateDistortion`] strategy for one tile of a larger scene: `scene` holds the Gaussians of the tile `codes` of
-/// [`Tiles`](crate::Tiles), whose Morton codes are at `options.j_high`, and `sums` scale its weights. Cells that reach
-/// beyond the tile are divided.
-///
-/// # Errors
-/// As [`voxelize`](crate::voxelize).
-pub fn rate_distortion_of_tile(
-    scene: &Scene,
-    cube: &Cube,
-    options: &RateDistortion,
-    codes: &Range<u64>,
-    sums: WeightSums,
-) -> Result<Voxelization> {
-    options.validate()?;
-    check_cube(cube)?;
-    rayon::scope(|_| prune(scene, cube, options, codes, Some(sums)))
-}
 
 /// The leaves of the Gaussians whose Morton codes are in `codes`. Their weights are scaled by `sums`, or by those of
 /// this scene.
@@ -69,14 +50,18 @@ pub(crate) fn prune(
     options: &RateDistortion,
     codes: &Range<u64>,
     sums: Option<WeightSums>,
-) -> Result<Voxelization> {
+) -> Result<PrunedOctree> {
     let order = MortonOrder::of(scene, cube, options.j_high)?;
     let records = Records::of(scene, &options.importance, options.size_exponent)?.scaled_by(sums);
     let mut depths = vec![0; scene.len()];
     let root = OccupiedCell { codes: &order.codes, members: &order.members };
-    Pruning::new(cube, options, &records).solve_inside(codes, root, 0, &mut depths);
+    let pruning = Pruning::new(cube, options, &records);
+    let solve = |cell: OccupiedCell<'_, u32>, depth: u8, depths: &mut [u8]| {
+        pruning.solve_in_blocks(cell, depth, depths);
+    };
+    descend::inside(root, codes, 0, options.j_high, &mut depths, &solve);
     drop(records);
-    Voxelization::from_depths(*cube, options.j_high, order, depths)
+    Ok(PrunedOctree { cube: *cube, j_high: options.j_high, order, depths })
 }
 
 /// The rate-distortion strategy on one scene.
@@ -89,26 +74,6 @@ pub(crate) struct Pruning<'a> {
 impl<'a> Pruning<'a> {
     pub(crate) fn new(cube: &'a Cube, options: &'a RateDistortion, records: &'a Records) -> Self {
         Self { cube, options, records }
-    }
-
-    /// Solves the largest cells whose codes are all in `codes`: writes the leaf depth of each Gaussian,
-    /// [`DROPPED`](crate::voxelization::DROPPED) for none.
-    fn solve_inside(
-        &self,
-        codes: &Range<u64>,
-        cell: OccupiedCell<'_, u32>,
-        depth: u8,
-        depths: &mut [u8],
-    ) {
-        let Some(&code) = cell.codes.first() else { return };
-        let below = (1u64 << (3 * u32::from(self.options.j_high - depth))) - 1;
-        if codes.start <= code & !below && code | below < codes.end {
-            self.solve_in_blocks(cell, depth, depths);
-            return;
-        }
-        for (child, depths) in cell.children(depths, depth + 1, self.options.j_high) {
-            self.solve_inside(codes, child, depth + 1, depths);
-        }
     }
 
     /// Centre of the cell at `depth` that holds `code`, relative to the cube's origin.

@@ -3,15 +3,17 @@
 use gs_model::Scene;
 
 use super::state::Solved;
-use super::{Pruning, blocks, prune, rate_distortion_of_tile};
-use crate::cell::OccupiedCell;
+use super::{Pruning, blocks};
 use crate::cube::cube_of;
+use crate::descend::OccupiedCell;
 use crate::importance::Importance;
 use crate::order::{MortonOrder, morton_codes};
 use crate::rate_distortion::RateDistortion;
 use crate::record::{Record, Records, WeightSums};
+use crate::strategy::Strategy;
 use crate::tiles::Tiles;
 use crate::voxelization::Voxelization;
+use crate::voxelize::{voxelize, voxelize_tile};
 
 /// Clusters of small Gaussians, every tenth one at the mean of the one before.
 fn scene(len: usize) -> Scene {
@@ -121,7 +123,8 @@ fn tiles_joined_are_the_whole_scene() {
         };
         let options = RateDistortion { importance: Importance::Given(of(0..3000)), ..base.clone() };
         let sums = WeightSums::of(&scene, &options).unwrap();
-        let whole = prune(&scene, &cube, &options, &(0..u64::MAX), None).unwrap();
+        let whole = Strategy::RateDistortion(options.clone());
+        let whole = voxelize(&scene, &cube, &whole).unwrap();
         let codes = morton_codes(&scene.means, &cube, options.j_high).unwrap();
         let tiles = Tiles::cut(options.j_high, 700, |take| {
             take(&codes);
@@ -136,10 +139,10 @@ fn tiles_joined_are_the_whole_scene() {
             let places: Vec<usize> = members.iter().map(|&i| i as usize).collect();
             let all = of(0..3000);
             let importance = Importance::Given(places.iter().map(|&i| all[i]).collect());
-            let options = RateDistortion { importance, ..base.clone() };
+            let strategy = Strategy::RateDistortion(RateDistortion { importance, ..base.clone() });
             let part = scene.select(&places);
             let leaves =
-                rate_distortion_of_tile(&part, &cube, &options, &tiles.codes(tile), sums).unwrap();
+                voxelize_tile(&part, &cube, &strategy, &tiles.codes(tile), Some(sums)).unwrap();
             joined.append(&leaves, &members).unwrap();
         }
         assert!(joined == whole, "{drop:?}");
