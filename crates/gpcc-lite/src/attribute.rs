@@ -96,8 +96,7 @@ pub fn encode_with_prices<C: Coder>(
         if range[0] == range[1] {
             continue;
         }
-        level.start(range[0], range[1]);
-        context.expect(plan, &level);
+        context.next_level(plan, &mut level, range[0], range[1]);
         for i in 0..level.count {
             let k = level.first + i;
             let to_high_pass = 1.0 / plan.scale_of(k);
@@ -115,7 +114,7 @@ pub fn encode_with_prices<C: Coder>(
                 all_zero = false;
             }
         }
-        context.code(coder, plan, &mut level);
+        context.code(coder, &mut level);
         reconstruct(plan, &level, steps, rows);
     }
     if let Some(prices) = prices {
@@ -158,9 +157,8 @@ pub fn decode(coder: &mut Decoder<'_>, plan: &Plan, steps: &[f32], rows: &mut Ro
         if range[0] == range[1] {
             continue;
         }
-        level.start(range[0], range[1]);
-        context.expect(plan, &level);
-        context.code(coder, plan, &mut level);
+        context.next_level(plan, &mut level, range[0], range[1]);
+        context.code(coder, &mut level);
         if coder.exhausted() {
             return Err(Error::Truncated { offset: 0, what: "coefficients" });
         }

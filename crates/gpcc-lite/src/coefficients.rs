@@ -117,15 +117,6 @@ pub(crate) struct LevelRows {
     pub(crate) levels: Vec<[i32; LANES]>,
 }
 
-impl LevelRows {
-    /// Goes to the level of the coefficients `first..end`, without any active row.
-    pub(crate) fn start(&mut self, first: u32, end: u32) {
-        (self.first, self.count) = (first as usize, (end - first) as usize);
-        self.active.clear();
-        self.levels.clear();
-    }
-}
-
 impl RowCoder {
     pub(crate) fn new(plan: &Plan, channels: usize) -> Self {
         let model = |i: usize| {
@@ -159,8 +150,13 @@ impl RowCoder {
         if self.channels > UNGROUPED { GROUP } else { self.channels }
     }
 
-    /// Finds the magnitudes expected in each row of a level, by the activities of the rows above.
-    pub(crate) fn expect(&mut self, plan: &Plan, level: &LevelRows) {
+    /// Goes on to the level of the coefficients `first..end`, without any active row. It takes note of the activities
+    /// of the level before, and finds the magnitudes expected in each row by the activities of the rows above.
+    pub(crate) fn next_level(&mut self, plan: &Plan, level: &mut LevelRows, first: u32, end: u32) {
+        self.learn(plan, level);
+        (level.first, level.count) = (first as usize, (end - first) as usize);
+        level.active.clear();
+        level.levels.clear();
         self.expected.clear();
         let range = level.first - 1..level.first - 1 + level.count;
         let above = plan.parents()[range.clone()].iter().zip(&plan.noise_gains()[range]);
@@ -171,16 +167,16 @@ impl RowCoder {
         }));
     }
 
-    /// What [`RowCoder::expect`] found for a row.
+    /// What [`RowCoder::next_level`] found for a row.
     #[inline]
     pub(crate) fn expected(&self, row: usize) -> &[f32; LANES] {
         &self.expected[row]
     }
 
-    /// Codes the rows of a level, after [`RowCoder::expect`]. A decoder fills in what is active.
-    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, plan: &Plan, level: &mut LevelRows) {
+    /// Codes the rows of a level. A decoder fills in what is active.
+    pub(crate) fn code<C: Coder>(&mut self, coder: &mut C, level: &mut LevelRows) {
         if !C::HEARD {
-            return self.learn(plan, level);
+            return;
         }
         self.code_row_flags(coder, level);
         let size = self.group_size();
@@ -198,7 +194,6 @@ impl RowCoder {
                 self.code_magnitudes(coder, level, group * size + i, i);
             }
         }
-        self.learn(plan, level);
     }
 
     /// Codes which rows are not all zero. A single channel has no flags.
@@ -309,6 +304,9 @@ impl RowCoder {
 
     /// Computes the activities of the level's rows.
     fn learn(&mut self, plan: &Plan, level: &LevelRows) {
+        if level.count == 0 {
+            return;
+        }
         let range = level.first - 1..level.first - 1 + level.count;
         for (row, &parent) in plan.parents()[range].iter().enumerate() {
             self.activity[level.first + row] = self.activity[parent as usize].map(|a| a * KEPT);

@@ -32,13 +32,12 @@ impl DecodedChunk {
         let decoded = match (index.chunks[chunk].kind, number) {
             (Kind::Exact, _) => lossless::decode_payload(bytes, count, index.header.sh_degree)
                 .map(|scene| *exact = Some(scene)),
-            (Kind::Leaves, 0) => {
+            (Kind::Leaves, number) => {
                 *exact = None;
-                leaves
-                    .base(&index.header, count, bytes)
-                    .and_then(|()| check_place(index, chunk, leaves.octree().leaves()))
+                let count = usize::try_from(count).unwrap_or(usize::MAX);
+                let layer = leaves.layer(number as u8, &index.header, count, bytes);
+                layer.and_then(|()| check_place(index, chunk, leaves.octree().leaves()))
             }
-            (Kind::Leaves, _) => leaves.next_degree(&index.header, bytes),
         };
         decoded.map_err(|source| Error::Chunk { chunk, source: Box::new(source) })
     }

@@ -1,10 +1,13 @@
 //! [`Skeleton`]: leaves, importance classes and weights of a chunk.
 
+use super::CLASS_STEP;
 use crate::attributes::side::Factors;
 use crate::error::{Result, coding};
+use crate::head::Header;
 use crate::importance;
-use gpcc_lite::Leaf;
+use gpcc_lite::coder::Decoder;
 use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::{Leaf, attribute, geometry};
 
 /// What all groups of a chunk share.
 #[derive(Debug, Default)]
@@ -21,6 +24,24 @@ impl Skeleton {
         let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
         let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
         Ok(Self { plan, classes })
+    }
+
+    /// Decodes the front of a base layer: geometry and importance classes, with the factors that predict them. `rows`
+    /// are scratch space.
+    pub(super) fn decode(
+        coder: &mut Decoder<'_>,
+        header: &Header,
+        leaves: usize,
+        importance: Factors,
+        rows: &mut Rows,
+    ) -> Result<Self> {
+        let octree = geometry::decode_leaves(coder, leaves, header.cube, header.j_high)
+            .map_err(coding("geometry"))?;
+        let plan = Plan::new(octree);
+        rows.resize(plan.len(), 1);
+        attribute::decode(coder, &plan, &[CLASS_STEP], rows).map_err(coding("importance"))?;
+        let classes = classes(importance, plan.leaves(), rows);
+        Self::new(plan, classes)
     }
 
     /// Changes the first channel of each leaf by what depth and class predict.

@@ -1,17 +1,15 @@
 //! The decoded values of one chunk: from its layers, and to Gaussians.
 
-use super::groups::{BASE, GROUPS, Prediction, coded, coefficients};
-use super::skeleton::{Skeleton, classes};
-use super::{CLASS_STEP, GaussiansMut, steps_of};
+use super::groups::{BASE, GROUPS, coded, coefficients};
+use super::skeleton::Skeleton;
+use super::{GaussiansMut, steps_of};
 use crate::attributes::side::Factors;
 use crate::bytes::Reader;
 use crate::error::{Error, Result, coding};
 use crate::head::Header;
 use gpcc_lite::coder::Decoder;
-use gpcc_lite::geometry;
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::Rows;
 use gpcc_lite::{Octree, attribute};
-use std::ops::Range;
 
 /// The decoded values of one chunk. Its memory serves one chunk after another.
 #[derive(Debug, Default)]
@@ -24,56 +22,38 @@ pub(crate) struct ChunkValues {
 }
 
 impl ChunkValues {
-    /// Decodes the first layer of a chunk that has so many leaves.
+    /// Decodes layer `number` of a chunk that has so many leaves, after the layers before it: the base layer, or an SH
+    /// degree.
     ///
     /// # Errors
     /// [`Error::Truncated`], [`Error::Corrupt`] and [`Error::Coding`].
-    pub(crate) fn base(&mut self, header: &Header, count: u64, bytes: &[u8]) -> Result<()> {
-        let mut r = Reader::new(bytes, "base layer");
-        let count = usize::try_from(count).unwrap_or(usize::MAX);
-        let importance = Factors { depth: r.u8()? as i8, class: 0 };
-        let predictions = predictions(0..BASE, count, &mut r)?;
-        let mut coder = Decoder::new(r.take(r.remaining())?).map_err(coding("base layer"))?;
-        let octree = geometry::decode_leaves(&mut coder, count, header.cube, header.j_high)
-            .map_err(coding("geometry"))?;
-        let plan = Plan::new(octree);
-        let rows = &mut self.rows[0];
-        rows.resize(plan.len(), 1);
-        attribute::decode(&mut coder, &plan, &[CLASS_STEP], rows).map_err(coding("importance"))?;
-        let classes = classes(importance, plan.leaves(), rows);
-        self.skeleton = Skeleton::new(plan, classes)?;
-        self.sh_degree = 0;
-        self.groups(0..BASE, header, &predictions, coder)
-    }
-
-    /// Decodes the layer of the next SH degree.
-    ///
-    /// # Errors
-    /// As [`ChunkValues::base`].
-    pub(crate) fn next_degree(&mut self, header: &Header, bytes: &[u8]) -> Result<()> {
-        self.sh_degree += 1;
-        let group = BASE - 1 + usize::from(self.sh_degree);
-        let leaves = self.skeleton.plan.len();
-        if bytes.is_empty() {
-            let rows = &mut self.rows[group];
-            rows.resize(leaves, GROUPS[group].channels);
+    pub(crate) fn layer(
+        &mut self,
+        number: u8,
+        header: &Header,
+        leaves: usize,
+        bytes: &[u8],
+    ) -> Result<()> {
+        self.sh_degree = number;
+        let numbers =
+            if number == 0 { 0..BASE } else { coded(number).len() - 1..coded(number).len() };
+        if number > 0 && bytes.is_empty() {
+            let (group, rows) = (&GROUPS[numbers.start], &mut self.rows[numbers.start]);
+            rows.resize(leaves, group.channels);
             (0..leaves).for_each(|i| rows.row_mut(i).fill(0.0));
             return Ok(());
         }
-        let mut r = Reader::new(bytes, "SH prediction");
-        let predictions = predictions(group..group + 1, leaves, &mut r)?;
-        let coder = Decoder::new(r.take(r.remaining())?).map_err(coding("SH coefficients"))?;
-        self.groups(group..group + 1, header, &predictions, coder)
-    }
-
-    /// Decodes the groups of a layer.
-    fn groups(
-        &mut self,
-        numbers: Range<usize>,
-        header: &Header,
-        predictions: &[Prediction],
-        mut coder: Decoder<'_>,
-    ) -> Result<()> {
+        let mut r = Reader::new(bytes, if number == 0 { "base layer" } else { "SH layer" });
+        let importance = if number == 0 { Some(r.u8()? as i8) } else { None };
+        let groups = GROUPS[numbers.clone()].iter();
+        let predictions = groups.map(|group| group.read_prediction(leaves, &mut r));
+        let predictions = predictions.collect::<Result<Vec<_>>>()?;
+        let mut coder = Decoder::new(r.take(r.remaining())?).map_err(coding("attribute"))?;
+        if let Some(depth) = importance {
+            let importance = Factors { depth, class: 0 };
+            self.skeleton =
+                Skeleton::decode(&mut coder, header, leaves, importance, &mut self.rows[0])?;
+        }
         let Self { skeleton, rows, .. } = self;
         for (number, prediction) in numbers.zip(predictions) {
             let group = &GROUPS[number];
@@ -122,8 +102,4 @@ impl ChunkValues {
         }
         Ok(())
     }
-}
-
-fn predictions(groups: Range<usize>, leaves: usize, r: &mut Reader<'_>) -> Result<Vec<Prediction>> {
-    GROUPS[groups].iter().map(|group| group.read_prediction(leaves, r)).collect()
 }
