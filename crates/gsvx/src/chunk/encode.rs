@@ -8,7 +8,7 @@
 
 use super::check::{check, check_sh};
 use super::groups::{Attribute, BASE, GROUPS, Group, Predicted, Prediction, coded, colours};
-use super::skeleton::{Skeleton, classes};
+use super::skeleton::Skeleton;
 use super::{CLASS_STEP, ChunkValues, steps_of};
 use crate::attributes::side::Factors;
 use crate::error::{Result, coding};
@@ -95,8 +95,7 @@ impl ChunkEncoder {
         let quantisation = Quantisation { steps: &[CLASS_STEP], lambda: LAMBDA_CLASSES };
         attribute::encode(&mut coder, &plan, &quantisation, &mut rows)
             .map_err(coding("importance"))?;
-        let classes = classes(importance, leaves, &rows);
-        let skeleton = Skeleton::new(plan, classes)?;
+        let skeleton = Skeleton::new(plan, importance, &rows)?;
         let values = ChunkValues { skeleton, ..ChunkValues::default() };
         let (predictions, prices) = Default::default();
         Ok(Self { values, predictions, importance, coder, prices })

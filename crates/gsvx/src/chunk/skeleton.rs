@@ -6,8 +6,9 @@ use crate::error::{Result, coding};
 use crate::head::Header;
 use crate::importance;
 use gpcc_lite::coder::Decoder;
+use gpcc_lite::geometry::decode_leaves;
 use gpcc_lite::raht::{Plan, Rows};
-use gpcc_lite::{Leaf, attribute, geometry};
+use gpcc_lite::{Leaf, attribute};
 
 /// What all groups of a chunk share.
 #[derive(Debug, Default)]
@@ -19,8 +20,12 @@ pub(crate) struct Skeleton {
 }
 
 impl Skeleton {
-    /// The classes as weights.
-    pub(super) fn new(plan: Plan, classes: Vec<u8>) -> Result<Self> {
+    /// Classes from decoded values and the factors that predict them, and the classes as weights.
+    pub(super) fn new(plan: Plan, factors: Factors, rows: &Rows) -> Result<Self> {
+        let class = |(i, &leaf): (usize, &Leaf)| {
+            importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
+        };
+        let classes: Vec<u8> = plan.leaves().iter().enumerate().map(class).collect();
         let weights: Vec<u32> = classes.iter().map(|&c| importance::weight(c)).collect();
         let plan = plan.weighted(&weights).map_err(coding("base layer"))?;
         Ok(Self { plan, classes })
@@ -35,13 +40,12 @@ impl Skeleton {
         importance: Factors,
         rows: &mut Rows,
     ) -> Result<Self> {
-        let octree = geometry::decode_leaves(coder, leaves, header.cube, header.j_high)
-            .map_err(coding("geometry"))?;
+        let octree =
+            decode_leaves(coder, leaves, header.cube, header.j_high).map_err(coding("geometry"))?;
         let plan = Plan::new(octree);
         rows.resize(plan.len(), 1);
         attribute::decode(coder, &plan, &[CLASS_STEP], rows).map_err(coding("importance"))?;
-        let classes = classes(importance, plan.leaves(), rows);
-        Self::new(plan, classes)
+        Self::new(plan, importance, rows)
     }
 
     /// Changes the first channel of each leaf by what depth and class predict.
@@ -51,12 +55,4 @@ impl Skeleton {
             *value = op(*value, factors.predict(leaf, class));
         }
     }
-}
-
-/// The importance classes, from decoded values.
-pub(super) fn classes(factors: Factors, leaves: &[Leaf], rows: &Rows) -> Vec<u8> {
-    let class = |(i, &leaf): (usize, &Leaf)| {
-        importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
-    };
-    leaves.iter().enumerate().map(class).collect()
 }

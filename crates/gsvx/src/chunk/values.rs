@@ -43,7 +43,7 @@ impl ChunkValues {
             (0..leaves).for_each(|i| rows.row_mut(i).fill(0.0));
             return Ok(());
         }
-        let mut r = Reader::new(bytes, if number == 0 { "base layer" } else { "SH layer" });
+        let mut r = Reader::new(bytes, if number == 0 { "base layer" } else { "SH prediction" });
         let importance = if number == 0 { Some(r.u8()? as i8) } else { None };
         let groups = GROUPS[numbers.clone()].iter();
         let predictions = groups.map(|group| group.read_prediction(leaves, &mut r));
