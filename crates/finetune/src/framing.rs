@@ -20,7 +20,7 @@ use thinned::{FEW, ThinnedScene, thinned};
 /// What the caller fixes. `find` chooses what is `None`.
 #[derive(Clone, Copy, Debug)]
 pub struct Constraints {
-    /// A direction of length 1: see [`unit`].
+    /// A direction of length 1: see [`unit()`].
     pub up: Option<[f64; 3]>,
     /// World units.
     pub radius: Option<f64>,

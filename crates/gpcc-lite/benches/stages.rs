@@ -7,10 +7,10 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::{Decoder, Encoder};
+use gpcc_lite::coder::{RansDecoder, RansEncoder};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lossless, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::{Plan, Rows, forward, inverse};
+use gpcc_lite::raht::{RahtPlan, Rows, forward, inverse};
 use gpcc_lite::{Leaf, Limits, Octree, geometry, morton, rlgr};
 
 const J: u8 = 15;
@@ -66,14 +66,14 @@ fn stages(c: &mut Criterion) {
 }
 
 fn attributes(g: &mut Group<'_>, tree: &Octree, channels: &[Vec<i32>]) {
-    g.bench_function("RAHT plan", |b| b.iter(|| Plan::new(tree.clone())));
-    let plan = Plan::new(tree.clone());
+    g.bench_function("RAHT plan", |b| b.iter(|| RahtPlan::new(tree.clone())));
+    let plan = RahtPlan::new(tree.clone());
     let mut rows = Rows::new(tree.len(), channels.len());
     for i in 0..tree.len() {
         (0..channels.len()).for_each(|c| rows.row_mut(i)[c] = channels[c][i] as f32);
     }
     for (name, transform) in
-        [("forward", forward as fn(&Plan, &mut Rows) -> _), ("inverse", inverse)]
+        [("forward", forward as fn(&RahtPlan, &mut Rows) -> _), ("inverse", inverse)]
     {
         g.bench_function(format!("RAHT {name}, rows of three channels"), |b| {
             b.iter_batched_ref(
@@ -92,7 +92,7 @@ fn attributes(g: &mut Group<'_>, tree: &Octree, channels: &[Vec<i32>]) {
     });
     let steps = [8.0; 3];
     let encode = |rows: &mut Rows| {
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), rows)
             .map(|_| coder.finish())
     };
@@ -101,7 +101,7 @@ fn attributes(g: &mut Group<'_>, tree: &Octree, channels: &[Vec<i32>]) {
     });
     let bytes = encode(&mut rows.clone()).expect("valid rows");
     g.bench_function("attributes decode, three channels", |b| {
-        b.iter(|| attribute::decode(&mut Decoder::new(&bytes)?, &plan, &steps, &mut rows));
+        b.iter(|| attribute::decode(&mut RansDecoder::new(&bytes)?, &plan, &steps, &mut rows));
     });
 }
 

@@ -11,11 +11,11 @@
 mod quantiser;
 mod reconstruct;
 
-use crate::coder::{Coder, Decoder, code_signed};
+use crate::coder::{Coder, RansDecoder, code_signed};
 pub use crate::coefficients::CLASSES;
 use crate::coefficients::{LevelRows, RowCoder};
 use crate::error::{Error, Result};
-use crate::raht::{self, LANES, Plan, Rows};
+use crate::raht::{self, LANES, RahtPlan, Rows};
 use quantiser::{Quantiser, Row};
 use reconstruct::reconstruct;
 
@@ -40,14 +40,14 @@ impl<'a> Quantisation<'a> {
 /// Codes the values in `rows` with a step for each channel, and replaces them by what a decoder
 /// will return, bit for bit. Returns whether every level is zero.
 ///
-/// The coder is an [`Encoder`](crate::coder::Encoder), or a [`Tally`](crate::coder::Tally) if only
+/// The coder is an [`RansEncoder`](crate::coder::RansEncoder), or a [`Tally`](crate::coder::Tally) if only
 /// the size and the values are wanted. A level saturates at `2^31 - 1` steps.
 ///
 /// # Errors
 /// If there is not one row per leaf and one positive step per channel.
 pub fn encode<C: Coder>(
     coder: &mut C,
-    plan: &Plan,
+    plan: &RahtPlan,
     quantisation: &Quantisation<'_>,
     rows: &mut Rows,
 ) -> Result<bool> {
@@ -64,7 +64,7 @@ pub fn encode<C: Coder>(
 /// As [`encode`].
 pub fn encode_with_prices<C: Coder>(
     coder: &mut C,
-    plan: &Plan,
+    plan: &RahtPlan,
     quantisation: &Quantisation<'_>,
     rows: &mut Rows,
     mut prices: Option<&mut Rows>,
@@ -124,7 +124,7 @@ pub fn encode_with_prices<C: Coder>(
 }
 
 /// Takes prices of coefficients to those of the values.
-fn to_prices_of_values(plan: &Plan, prices: &mut Rows) -> Result<()> {
+fn to_prices_of_values(plan: &RahtPlan, prices: &mut Rows) -> Result<()> {
     // The transform of the weighted values is orthonormal, so its inverse is its transpose.
     raht::inverse(plan, prices)?;
     for leaf in 0..plan.len() {
@@ -138,7 +138,12 @@ fn to_prices_of_values(plan: &Plan, prices: &mut Rows) -> Result<()> {
 ///
 /// # Errors
 /// If there is not one row per leaf and one positive step per channel, or the stream is truncated.
-pub fn decode(coder: &mut Decoder<'_>, plan: &Plan, steps: &[f32], rows: &mut Rows) -> Result<()> {
+pub fn decode(
+    coder: &mut RansDecoder<'_>,
+    plan: &RahtPlan,
+    steps: &[f32],
+    rows: &mut Rows,
+) -> Result<()> {
     check_steps(steps, rows.channels())?;
     if rows.leaves() != plan.len() {
         return Err(Error::ChannelLength { channel: 0, got: rows.leaves(), want: plan.len() });
@@ -179,12 +184,12 @@ fn check_steps(steps: &[f32], channels: usize) -> Result<()> {
 
 /// The level of coefficient 0, which is the mean of all leaves times the root of the sum of
 /// weights.
-fn level_of_mean(plan: &Plan, mean: f32, step: f32) -> i32 {
+fn level_of_mean(plan: &RahtPlan, mean: f32, step: f32) -> i32 {
     let exact = f64::from(mean) * plan.root_of_weight() / f64::from(step);
     // Saturates: the sign takes one bit of 32.
     ((exact + 0.5f64.copysign(exact)) as i32).clamp(-(1 << 30), 1 << 30)
 }
 
-fn mean_of_level(plan: &Plan, level: i32, step: f32) -> f32 {
+fn mean_of_level(plan: &RahtPlan, level: i32, step: f32) -> f32 {
     (f64::from(level) * f64::from(step) / plan.root_of_weight()) as f32
 }

@@ -20,8 +20,8 @@ mod encoder;
 mod silent;
 mod tally;
 
-pub use decoder::Decoder;
-pub use encoder::Encoder;
+pub use decoder::RansDecoder;
+pub use encoder::RansEncoder;
 pub use silent::Silent;
 pub use tally::Tally;
 
@@ -120,11 +120,11 @@ mod tests {
     #[test]
     fn everything_comes_back() {
         for rounds in [0, 1, 2, 3, 5, 2000] {
-            let mut encoder = Encoder::default();
+            let mut encoder = RansEncoder::default();
             let want = run(&mut encoder, rounds);
             let bytes = encoder.finish();
             assert_eq!(bytes.is_empty(), rounds == 0);
-            let mut decoder = Decoder::new(&bytes).unwrap();
+            let mut decoder = RansDecoder::new(&bytes).unwrap();
             assert_eq!(run(&mut decoder, rounds), want);
             decoder.finish().unwrap();
         }
@@ -132,11 +132,11 @@ mod tests {
 
     #[test]
     fn what_is_cut_off_is_noticed() {
-        let mut encoder = Encoder::default();
+        let mut encoder = RansEncoder::default();
         run(&mut encoder, 2000);
         let bytes = encoder.finish();
         for len in 0..bytes.len() {
-            let cut = Decoder::new(&bytes[..len]);
+            let cut = RansDecoder::new(&bytes[..len]);
             let whole = cut.is_ok_and(|mut decoder| {
                 run(&mut decoder, 2000);
                 decoder.finish().is_ok()
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_likely_decision_takes_little() {
-        let mut encoder = Encoder::default();
+        let mut encoder = RansEncoder::default();
         for _ in 0..32_000 {
             encoder.decision((1 << SCALE_BITS) - 32, true);
         }

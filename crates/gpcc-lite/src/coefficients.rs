@@ -16,14 +16,14 @@
 //!    bits.
 //!
 //! Weights make coefficients differ in size even where the values vary alike. The factor follows
-//! from the weights ([`Plan::noise_gain`]): a row divides what it passes on by its own, and
+//! from the weights ([`RahtPlan::noise_gain`]): a row divides what it passes on by its own, and
 //! multiplies what it expects by its own.
 //!
 //! Normative description: `docs/format.md`, "Attributes".
 
 use crate::coder::{Coder, code_gamma};
 use crate::model::Bit;
-use crate::raht::{LANES, Plan};
+use crate::raht::{LANES, RahtPlan};
 use crate::symbols::{SCALE_BITS, SYMBOLS, Symbols};
 
 /// Activities of a row: activity `a` is that of the channels `a`, `a + 3`, `a + 6` and so on.
@@ -118,7 +118,7 @@ pub(crate) struct LevelRows {
 }
 
 impl RowCoder {
-    pub(crate) fn new(plan: &Plan, channels: usize) -> Self {
+    pub(crate) fn new(plan: &RahtPlan, channels: usize) -> Self {
         let model = |i: usize| {
             let (class, group_is_zero) = (i % CLASSES, (i / CLASSES).is_multiple_of(2));
             let mean = mean_of_class(class);
@@ -152,7 +152,13 @@ impl RowCoder {
 
     /// Goes on to the level of the coefficients `first..end`, without any active row. It takes note of the activities
     /// of the level before, and finds the magnitudes expected in each row by the activities of the rows above.
-    pub(crate) fn next_level(&mut self, plan: &Plan, level: &mut LevelRows, first: u32, end: u32) {
+    pub(crate) fn next_level(
+        &mut self,
+        plan: &RahtPlan,
+        level: &mut LevelRows,
+        first: u32,
+        end: u32,
+    ) {
         self.learn(plan, level);
         (level.first, level.count) = (first as usize, (end - first) as usize);
         level.active.clear();
@@ -303,7 +309,7 @@ impl RowCoder {
     }
 
     /// Computes the activities of the level's rows.
-    fn learn(&mut self, plan: &Plan, level: &LevelRows) {
+    fn learn(&mut self, plan: &RahtPlan, level: &LevelRows) {
         if level.count == 0 {
             return;
         }

@@ -22,7 +22,7 @@ mod source;
 mod tree;
 
 use crate::bytes::{ByteReader, put_varint};
-use crate::coder::{Coder, Decoder, Encoder};
+use crate::coder::{Coder, RansDecoder, RansEncoder};
 use crate::cube::Cube;
 use crate::error::{Error, Result};
 use crate::leaf::Leaf;
@@ -40,7 +40,7 @@ const LEAST_GAIN: usize = 50;
 fn slabs_pay(tree: &Octree) -> Result<bool> {
     let sample = &tree.leaves()[..tree.len().min(SAMPLE)];
     let cost = |slabs| -> Result<usize> {
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         code(&mut coder, Some(sample), Shape { count: sample.len(), depth: tree.depth(), slabs })?;
         Ok(coder.finish().len())
     };
@@ -56,7 +56,7 @@ pub fn encode(tree: &Octree) -> Result<Vec<u8>> {
     let (count, depth, slabs) = (tree.len(), tree.depth(), slabs_pay(tree)?);
     let mut out = vec![depth, u8::from(slabs)];
     put_varint(&mut out, count as u64);
-    let mut coder = Encoder::default();
+    let mut coder = RansEncoder::default();
     code(&mut coder, Some(tree.leaves()), Shape { count, depth, slabs })?;
     out.extend(coder.finish());
     Ok(out)
@@ -79,7 +79,7 @@ pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Octree> {
     if points > limits.max_points as u64 {
         return Err(Error::TooManyPoints { points, limit: limits.max_points });
     }
-    let mut coder = Decoder::new(&bytes[r.pos()..])?;
+    let mut coder = RansDecoder::new(&bytes[r.pos()..])?;
     let leaves = decode_counted(&mut coder, Shape { count: points as usize, depth, slabs })?;
     coder.finish()?;
     Octree::of_points(depth, leaves)
@@ -89,7 +89,7 @@ pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Octree> {
 ///
 /// # Errors
 /// None for a valid octree.
-pub fn encode_leaves(coder: &mut Encoder, tree: &Octree) -> Result<()> {
+pub fn encode_leaves(coder: &mut RansEncoder, tree: &Octree) -> Result<()> {
     let shape = Shape { count: tree.len(), depth: tree.depth(), slabs: false };
     code(coder, Some(tree.leaves()), shape).map(|_| ())
 }
@@ -103,7 +103,7 @@ pub fn encode_leaves(coder: &mut Encoder, tree: &Octree) -> Result<()> {
 /// If the stream is truncated or does not hold `count` leaves, or `depth` exceeds
 /// [`MAX_DEPTH`](crate::morton::MAX_DEPTH).
 pub fn decode_leaves(
-    coder: &mut Decoder<'_>,
+    coder: &mut RansDecoder<'_>,
     count: usize,
     cube: Cube,
     depth: u8,
@@ -122,7 +122,7 @@ struct Shape {
     slabs: bool,
 }
 
-fn decode_counted(coder: &mut Decoder<'_>, shape: Shape) -> Result<Vec<Leaf>> {
+fn decode_counted(coder: &mut RansDecoder<'_>, shape: Shape) -> Result<Vec<Leaf>> {
     check_count(shape.count as u64)?;
     let leaves = code(coder, None, shape)?;
     if leaves.len() != shape.count {

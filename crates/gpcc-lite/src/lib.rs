@@ -18,13 +18,13 @@
 //! bounded by what the caller allows ([`Limits`]).
 //!
 //! ```
-//! use gpcc_lite::raht::{Plan, Rows, forward, inverse};
+//! use gpcc_lite::raht::{RahtPlan, Rows, forward, inverse};
 //! use gpcc_lite::{Leaf, Octree, morton};
 //!
 //! // Occupied voxels in Morton order, each with one row of channels.
 //! let leaves: Vec<Leaf> =
 //!     (0..100).map(|i| Leaf { morton: morton::encode([i, i, i]), depth: 7 }).collect();
-//! let plan = Plan::new(Octree::of_points(7, leaves)?);
+//! let plan = RahtPlan::new(Octree::of_points(7, leaves)?);
 //! let mut rows = Rows::new(100, 1);
 //! (0..100).for_each(|i| rows.row_mut(i)[0] = i as f32);
 //! forward(&plan, &mut rows)?; // The mean in row 0, differences of means in all others.

@@ -1,7 +1,7 @@
 //! RAHT: the region-adaptive hierarchical transform (de Queiroz and Chou, 2016).
 //!
 //! Sorted Morton codes form a binary radix tree with exactly `N - 1` merges, whatever its depth.
-//! [`Plan`] finds them once, in `O(N)`, for all channels. The transform is orthonormal: for
+//! [`RahtPlan`] finds them once, in `O(N)`, for all channels. The transform is orthonormal: for
 //! children with weights `w1`, `w2`
 //!
 //! ```text
@@ -32,7 +32,7 @@ const MAX_WEIGHT_SUM: u64 = 1 << 50;
 
 /// The merges of a set of leaves, shared by all channels.
 #[derive(Clone, Debug, Default)]
-pub struct Plan {
+pub struct RahtPlan {
     /// Per merge, coarse to fine: position of the low-pass value (first leaf of the left child).
     left: Vec<u32>,
     /// Per merge: position of the high-pass value (first leaf of the right child).
@@ -46,7 +46,7 @@ pub struct Plan {
     /// Per merge: `sqrt(w / (w1 w2))`, which takes a high-pass value to the difference of the
     /// children's means.
     scale: Vec<f32>,
-    /// Per merge: see [`Plan::noise_gain`].
+    /// Per merge: see [`RahtPlan::noise_gain`].
     noise_gain: Vec<f32>,
     /// First coefficient of each level of merges, `3 tree_depth` levels, then `N`.
     levels: Vec<u32>,
@@ -56,7 +56,7 @@ pub struct Plan {
     prefix: Vec<Sums>,
 }
 
-/// A merge of a [`Plan`], for an executor that does not run in Rust.
+/// A merge of a [`RahtPlan`], for an executor that does not run in Rust.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RahtMerge {
     /// First leaf of the left child: its row holds the mean of the node.
@@ -81,7 +81,7 @@ struct Sums {
     squares: f64,
 }
 
-impl Plan {
+impl RahtPlan {
     /// The plan for the leaves of an octree, with weight 1 each.
     #[must_use]
     pub fn new(tree: Octree) -> Self {
@@ -242,7 +242,7 @@ impl Plan {
         self.noise_gain[k - 1]
     }
 
-    /// [`Plan::noise_gain`] of coefficients `1..len()`.
+    /// [`RahtPlan::noise_gain`] of coefficients `1..len()`.
     pub(crate) fn noise_gains(&self) -> &[f32] {
         &self.noise_gain
     }
@@ -403,7 +403,7 @@ mod tests {
 
     #[test]
     fn weights_of_one_change_nothing_and_others_come_back() {
-        let plan = Plan::new(some_leaves());
+        let plan = RahtPlan::new(some_leaves());
         let ones = plan.clone().weighted(&vec![1; plan.len()]).unwrap();
         assert_eq!((&plan.share, &plan.scale), (&ones.share, &ones.scale));
         assert_eq!(plan.noise_gain, ones.noise_gain);

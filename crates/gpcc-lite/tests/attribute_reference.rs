@@ -8,14 +8,14 @@ use std::collections::BTreeMap;
 
 use common::{any_octree, any_weights, power_of_two, rows_of};
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::{Coder, Decoder, Encoder};
+use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
 use gpcc_lite::model::{Bit, Symbols};
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Leaf, Octree, morton};
 use proptest::prelude::*;
 
 /// Elias gamma.
-fn gamma(coder: &mut Decoder<'_>) -> u32 {
+fn gamma(coder: &mut RansDecoder<'_>) -> u32 {
     let mut zeros = 0;
     while zeros < 32 && coder.bits(0, 1) == 0 {
         zeros += 1;
@@ -104,7 +104,7 @@ struct State {
 
 impl State {
     /// Which of the rows a flag is set for.
-    fn row_flags(&mut self, coder: &mut Decoder<'_>, expected: &[[f32; 3]]) -> Vec<usize> {
+    fn row_flags(&mut self, coder: &mut RansDecoder<'_>, expected: &[[f32; 3]]) -> Vec<usize> {
         if self.channels == 1 {
             return (0..expected.len()).collect();
         }
@@ -119,7 +119,7 @@ impl State {
     }
 
     /// The quantised values of a level's rows.
-    fn level(&mut self, coder: &mut Decoder<'_>, expected: &[[f32; 3]]) -> Vec<Vec<i32>> {
+    fn level(&mut self, coder: &mut RansDecoder<'_>, expected: &[[f32; 3]]) -> Vec<Vec<i32>> {
         let channels = self.channels;
         let mut values = vec![vec![0i32; channels]; expected.len()];
         let active = self.row_flags(coder, expected);
@@ -156,7 +156,7 @@ impl State {
         values
     }
 
-    fn value(&mut self, coder: &mut Decoder<'_>, i: usize, some: bool, expected: f32) -> i32 {
+    fn value(&mut self, coder: &mut RansDecoder<'_>, i: usize, some: bool, expected: f32) -> i32 {
         let (class, plain, channels) =
             (class(expected).min(15), plain_bits(expected), self.channels);
         let position = if channels > 6 { i } else { 0 };
@@ -185,7 +185,7 @@ impl State {
 
 fn decode(bytes: &[u8], leaves: &[Leaf], weights: &[u32], steps: &[f32]) -> Vec<Vec<f32>> {
     let channels = steps.len();
-    let mut coder = Decoder::new(bytes).unwrap();
+    let mut coder = RansDecoder::new(bytes).unwrap();
     let mut rows = vec![vec![0f32; channels]; leaves.len()];
     if leaves.is_empty() {
         return rows;
@@ -231,13 +231,13 @@ fn decode(bytes: &[u8], leaves: &[Leaf], weights: &[u32], steps: &[f32]) -> Vec<
 
 /// Encodes rows and compares both decoders.
 fn compare(tree: &Octree, weights: &[u32], steps: &[f32], lambda: f32, rows: &Rows) {
-    let plan = Plan::new(tree.clone()).weighted(weights).unwrap();
+    let plan = RahtPlan::new(tree.clone()).weighted(weights).unwrap();
     let mut told = rows.clone();
-    let mut coder = Encoder::default();
+    let mut coder = RansEncoder::default();
     attribute::encode(&mut coder, &plan, &Quantisation { steps, lambda }, &mut told).unwrap();
     let bytes = coder.finish();
     let mut read = Rows::new(tree.len(), steps.len());
-    attribute::decode(&mut Decoder::new(&bytes).unwrap(), &plan, steps, &mut read).unwrap();
+    attribute::decode(&mut RansDecoder::new(&bytes).unwrap(), &plan, steps, &mut read).unwrap();
     let second = decode(&bytes, tree.leaves(), weights, steps);
     for (i, row) in second.iter().enumerate() {
         assert_eq!(row, read.row(i), "leaf {i} of {}, {} channels", tree.len(), steps.len());

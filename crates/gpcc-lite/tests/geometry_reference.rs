@@ -6,14 +6,14 @@ mod common;
 use std::collections::{BTreeMap, BTreeSet};
 
 use common::{any_octree, shapes};
-use gpcc_lite::coder::{Coder, Decoder};
+use gpcc_lite::coder::{Coder, RansDecoder};
 use gpcc_lite::geometry;
 use gpcc_lite::model::{Bit, Symbols};
 use gpcc_lite::{Leaf, Octree, morton};
 use proptest::prelude::*;
 
 /// Elias gamma.
-fn gamma(coder: &mut Decoder<'_>) -> u32 {
+fn gamma(coder: &mut RansDecoder<'_>) -> u32 {
     let mut zeros = 0;
     while zeros < 32 && coder.bits(0, 1) == 0 {
         zeros += 1;
@@ -52,7 +52,7 @@ fn touching(near: &[[i64; 3]], child: usize) -> usize {
 }
 
 struct Reference<'a> {
-    coder: Decoder<'a>,
+    coder: RansDecoder<'a>,
     j: u8,
     slabs_kept: bool,
     bits: BTreeMap<(&'static str, usize), Bit>,
@@ -178,7 +178,7 @@ fn decode(bytes: &[u8]) -> (Vec<Leaf>, u8) {
         }
     }
     let mut reference = Reference {
-        coder: Decoder::new(&bytes[at + 1..]).unwrap(),
+        coder: RansDecoder::new(&bytes[at + 1..]).unwrap(),
         j,
         slabs_kept,
         bits: BTreeMap::new(),
@@ -260,7 +260,7 @@ fn a_second_decoder_agrees_on_planes() {
         let tree = Octree::of_points(9, leaves.clone()).unwrap();
         let bytes = geometry::encode(&tree).unwrap();
         assert_eq!(bytes[1], 1, "{name}");
-        let mut without = gpcc_lite::coder::Encoder::default();
+        let mut without = gpcc_lite::coder::RansEncoder::default();
         geometry::encode_leaves(&mut without, &tree).unwrap();
         assert!(bytes.len() * 10 < without.finish().len() * 9, "{name}");
         assert_eq!(decode(&bytes), (leaves, 9), "{name}");

@@ -4,10 +4,10 @@ mod common;
 
 use common::{any_weights, channel, octree_from, rows_of};
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::Encoder;
+use gpcc_lite::coder::RansEncoder;
 use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::RahtPlan;
 use gpcc_lite::{Leaf, Octree, geometry, rlgr};
 
 fn hash(bytes: impl IntoIterator<Item = u8>) -> u64 {
@@ -35,10 +35,10 @@ fn geometry_has_one_result() {
 #[test]
 fn attributes_have_one_result() {
     let tree = cloud();
-    let plan = Plan::new(tree.clone()).weighted(&any_weights(tree.len(), 3)).unwrap();
+    let plan = RahtPlan::new(tree.clone()).weighted(&any_weights(tree.len(), 3)).unwrap();
     let hashes = [1, 3, 6, 9, 15, 21].map(|channels| {
         let mut rows = rows_of(tree.len(), channels, 5, 1);
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         let steps = vec![3.5; channels];
         attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), &mut rows).unwrap();
         let values = (0..tree.len()).flat_map(|i| rows.row(i).to_vec());

@@ -4,12 +4,12 @@ mod common;
 
 use common::{channel, rows_of};
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::{Coder, Decoder, Encoder};
+use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
 use gpcc_lite::predict::{
     Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
 };
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Cube, Error, Leaf, Limits, Octree, geometry, rlgr};
 use proptest::prelude::*;
 
@@ -36,9 +36,9 @@ fn tree() -> Octree {
     common::octree_from(&codes, 7)
 }
 
-fn decode_attributes(plan: &Plan, bytes: &[u8], channels: usize) -> Result<(), Error> {
+fn decode_attributes(plan: &RahtPlan, bytes: &[u8], channels: usize) -> Result<(), Error> {
     let mut rows = Rows::new(plan.len(), channels);
-    attribute::decode(&mut Decoder::new(bytes)?, plan, &vec![1.0; channels], &mut rows)
+    attribute::decode(&mut RansDecoder::new(bytes)?, plan, &vec![1.0; channels], &mut rows)
 }
 
 #[test]
@@ -63,10 +63,10 @@ fn geometry() {
 #[test]
 fn attributes() {
     let tree = tree();
-    let plan = Plan::new(tree.clone());
+    let plan = RahtPlan::new(tree.clone());
     for channels in [1, 3, 7, 9] {
         let mut rows = rows_of(tree.len(), channels, 3, 1);
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         let steps = vec![30.0; channels];
         attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), &mut rows).unwrap();
         let bytes = coder.finish();
@@ -97,9 +97,9 @@ fn lossless_lifting_and_rlgr() {
 fn the_greatest_values_wrap_or_saturate() {
     let tree = tree();
     for weights in [vec![1; tree.len()], (0..tree.len()).map(|i| 1 << (i % 23)).collect()] {
-        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
+        let plan = RahtPlan::new(tree.clone()).weighted(&weights).unwrap();
         for channels in [1, 3, 6, 7, 21] {
-            let mut coder = Encoder::default();
+            let mut coder = RansEncoder::default();
             // Certain decisions and the escape symbol, as far as a stream of this length goes.
             for i in 0..4000 {
                 coder.decision(1 + (i * 7919) % 32_766, i % 3 == 0);
@@ -113,11 +113,11 @@ fn the_greatest_values_wrap_or_saturate() {
             let v = [f32::MAX, f32::NAN, f32::NEG_INFINITY];
             rows.row_mut(i).copy_from_slice(&[v[i % 3], v[(i + 1) % 3], 1e30]);
         }
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         let steps = [f32::MIN_POSITIVE, 1.0, f32::MAX];
         attribute::encode(&mut coder, &plan, &Quantisation::new(&steps), &mut rows).unwrap();
         let (bytes, mut read) = (coder.finish(), Rows::new(tree.len(), 3));
-        let mut decoder = Decoder::new(&bytes).unwrap();
+        let mut decoder = RansDecoder::new(&bytes).unwrap();
         attribute::decode(&mut decoder, &plan, &steps, &mut read).unwrap();
         decoder.finish().unwrap();
     }
@@ -157,14 +157,14 @@ fn a_short_stream_with_a_great_count_ends_early() {
         }
         bytes.resize(20, 0);
         for j in [21, 12, 32] {
-            let Ok(mut coder) = Decoder::new(&bytes) else { continue };
+            let Ok(mut coder) = RansDecoder::new(&bytes) else { continue };
             assert!(geometry::decode_leaves(&mut coder, count, CUBE, j).is_err());
             let head = [j, 1, 0xfe, 0xff, 0xff, 0xff, 0x0f];
             let with_slabs = [&head[..], &bytes].concat();
             assert!(geometry::decode(&with_slabs, &Limits { max_points: count }).is_err());
         }
     }
-    let mut coder = Decoder::new(&[]).unwrap();
+    let mut coder = RansDecoder::new(&[]).unwrap();
     assert!(geometry::decode_leaves(&mut coder, count, CUBE, 21).is_err());
     assert!(geometry::decode_leaves(&mut coder, u32::MAX as usize, CUBE, 21).is_err());
 }
@@ -186,9 +186,9 @@ fn bad_leaves_are_refused() {
 fn bad_arguments_are_refused() {
     let tree = tree();
     let n = tree.len();
-    let plan = Plan::new(tree.clone());
+    let plan = RahtPlan::new(tree.clone());
     let encode = |steps: &[f32], rows: &mut Rows| {
-        attribute::encode(&mut Encoder::default(), &plan, &Quantisation::new(steps), rows).err()
+        attribute::encode(&mut RansEncoder::default(), &plan, &Quantisation::new(steps), rows).err()
     };
     let mut rows = Rows::new(n, 2);
     assert_eq!(encode(&[1.0], &mut rows), Some(Error::Count { what: "steps", got: 1, want: 2 }));
@@ -198,7 +198,7 @@ fn bad_arguments_are_refused() {
     let short = Error::ChannelLength { channel: 0, got: n - 1, want: n };
     let mut rows = Rows::new(n - 1, 1);
     assert_eq!(encode(&[1.0], &mut rows), Some(short.clone()));
-    let mut decoder = Decoder::new(&[]).unwrap();
+    let mut decoder = RansDecoder::new(&[]).unwrap();
     assert_eq!(attribute::decode(&mut decoder, &plan, &[1.0], &mut rows), Err(short));
     let zero = Error::Weight { index: 0, weight: 0 };
     assert_eq!(plan.weighted(&vec![0; n]).unwrap_err(), zero);
@@ -210,7 +210,7 @@ proptest! {
     #[test]
     fn noise(bytes in prop::collection::vec(any::<u8>(), 0..400), whole_states: bool, channels in 1usize..10) {
         let tree = tree();
-        let plan = Plan::new(tree.clone());
+        let plan = RahtPlan::new(tree.clone());
         let near = Neighbours::new(&tree);
         // Without this most streams end at the check of the states.
         let mut bytes = bytes;
@@ -222,7 +222,7 @@ proptest! {
         let _ = decode_attributes(&plan, &bytes, channels);
         let _ = decode_lossless(&near, &bytes, 4);
         let _ = rlgr::decode(&bytes, 5000);
-        if let Ok(mut coder) = Decoder::new(&bytes) {
+        if let Ok(mut coder) = RansDecoder::new(&bytes) {
             let _ = geometry::decode_leaves(&mut coder, 100_000, CUBE, 7);
         }
     }

@@ -4,7 +4,7 @@ mod common;
 
 use common::{any_octree, any_weights, channel};
 use gpcc_lite::Leaf;
-use gpcc_lite::raht::{Plan, Rows, forward, inverse};
+use gpcc_lite::raht::{RahtPlan, Rows, forward, inverse};
 use proptest::prelude::*;
 
 /// RAHT bit by bit: neighbours with equal prefixes merge. Returns the DC and, for each leaf that
@@ -51,7 +51,7 @@ proptest! {
     fn raht_agrees_with_the_paper(tree in any_octree(), seed: u64) {
         let n = tree.len();
         let weights = any_weights(n, seed);
-        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
+        let plan = RahtPlan::new(tree.clone()).weighted(&weights).unwrap();
         let values: Vec<f64> = channel(n, seed, 1).iter().map(|&v| f64::from(v)).collect();
         let (dc, high) = raht(tree.leaves(), &weights, &values);
         let mut transformed = values.clone();
@@ -76,7 +76,7 @@ proptest! {
     fn rows_agree_with_double_precision(tree in any_octree(), seed: u64, channels in 1usize..8) {
         let n = tree.len();
         let weights = any_weights(n, seed);
-        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
+        let plan = RahtPlan::new(tree.clone()).weighted(&weights).unwrap();
         let all: Vec<Vec<i32>> = (0..channels).map(|c| channel(n, seed ^ c as u64, 1)).collect();
         let mut rows = Rows::new(n, channels);
         for i in 0..n {
@@ -110,7 +110,7 @@ proptest! {
 
     #[test]
     fn coefficients_run_coarse_to_fine(tree in any_octree()) {
-        let plan = Plan::new(tree.clone());
+        let plan = RahtPlan::new(tree.clone());
         let (leaves, j) = (tree.leaves(), tree.depth());
         let bit = |k: usize| {
             let r = plan.split_leaf(k);

@@ -4,25 +4,25 @@ mod common;
 
 use common::{any_octree, any_weights, channel, power_of_two, rows_of, shapes};
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::{Decoder, Encoder};
+use gpcc_lite::coder::{RansDecoder, RansEncoder};
 use gpcc_lite::predict::{
     Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
 };
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Leaf, Limits, Octree, geometry, rlgr};
 use proptest::prelude::*;
 
 /// Codes the rows, decodes them, and checks that the decoder returns what the encoder says, bit for
 /// bit. Returns the bytes and the decoded rows.
-fn attributes(plan: &Plan, how: &Quantisation<'_>, rows: &Rows) -> (Vec<u8>, Rows) {
+fn attributes(plan: &RahtPlan, how: &Quantisation<'_>, rows: &Rows) -> (Vec<u8>, Rows) {
     let steps = how.steps;
     let mut told = rows.clone();
-    let mut coder = Encoder::default();
+    let mut coder = RansEncoder::default();
     let all_zero = attribute::encode(&mut coder, plan, how, &mut told).unwrap();
     let bytes = coder.finish();
     let mut read = Rows::new(plan.len(), steps.len());
-    let mut decoder = Decoder::new(&bytes).unwrap();
+    let mut decoder = RansDecoder::new(&bytes).unwrap();
     attribute::decode(&mut decoder, plan, steps, &mut read).unwrap();
     decoder.finish().unwrap();
     for i in 0..plan.len() {
@@ -51,12 +51,12 @@ proptest! {
     #[test]
     fn leaves_share_a_stream_with_other_things(tree in any_octree(), before: u32, after: u32) {
         use gpcc_lite::coder::Coder;
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         coder.bits(before, 32);
         geometry::encode_leaves(&mut coder, &tree).unwrap();
         coder.bits(after, 32);
         let bytes = coder.finish();
-        let mut decoder = Decoder::new(&bytes).unwrap();
+        let mut decoder = RansDecoder::new(&bytes).unwrap();
         prop_assert_eq!(decoder.bits(0, 32), before);
         let back = geometry::decode_leaves(&mut decoder, tree.len(), tree.cube(), tree.depth());
         prop_assert_eq!(back.unwrap(), tree);
@@ -69,7 +69,7 @@ proptest! {
         tree in any_octree(), seed: u64, kind: u8, log_step in -8i32..12, lambda in 0.0f32..0.5,
         channels in prop::sample::select(vec![1usize, 2, 3, 5, 6, 7, 8, 9, 15, 21, 25]),
     ) {
-        let plan = Plan::new(tree.clone()).weighted(&any_weights(tree.len(), seed)).unwrap();
+        let plan = RahtPlan::new(tree.clone()).weighted(&any_weights(tree.len(), seed)).unwrap();
         let rows = rows_of(tree.len(), channels, seed, kind);
         let step = power_of_two(log_step);
         let steps: Vec<f32> = (0..channels).map(|c| step * (1.0 + c as f32 / 7.0)).collect();
@@ -84,7 +84,7 @@ proptest! {
     ) {
         let n = tree.len();
         let weights = any_weights(n, seed);
-        let plan = Plan::new(tree.clone()).weighted(&weights).unwrap();
+        let plan = RahtPlan::new(tree.clone()).weighted(&weights).unwrap();
         let rows = rows_of(n, channels, seed, 1);
         let step = power_of_two(log_step);
         let (_, read) = attributes(&plan, &Quantisation::new(&vec![step; channels]), &rows);
@@ -147,7 +147,7 @@ fn shapes_survive_every_coder() {
         let limits = Limits { max_points: tree.len() };
         let bytes = geometry::encode(&tree).unwrap();
         assert_eq!(geometry::decode(&bytes, &limits).unwrap(), tree, "{name}");
-        let plan = Plan::new(tree.clone());
+        let plan = RahtPlan::new(tree.clone());
         let near = Neighbours::new(&tree);
         for kind in 0..4 {
             let c = channel(tree.len(), 99, kind);
@@ -168,7 +168,7 @@ fn shapes_survive_every_coder() {
 #[test]
 fn channels_beyond_the_last_whole_group_are_coded() {
     let tree = uniform(4, (0..500u64).map(|i| 3 * i));
-    let plan = Plan::new(tree.clone());
+    let plan = RahtPlan::new(tree.clone());
     for channels in [7, 8, 10, 11] {
         let rows = rows_of(tree.len(), channels, 1, 1);
         let quantisation = Quantisation { steps: &vec![1.0; channels], lambda: 0.0 };
@@ -187,7 +187,7 @@ fn channels_beyond_the_last_whole_group_are_coded() {
 #[test]
 fn constants_are_almost_free() {
     let tree = uniform(4, 0..4096u64);
-    let plan = Plan::new(tree.clone());
+    let plan = RahtPlan::new(tree.clone());
     let mut rows = Rows::new(tree.len(), 3);
     (0..tree.len()).for_each(|i| rows.row_mut(i).fill(200.0));
     let (bytes, read) = attributes(&plan, &Quantisation::new(&[4.0; 3]), &rows);
@@ -200,13 +200,13 @@ fn constants_are_almost_free() {
 #[test]
 fn rows_may_hold_anything_before_decoding() {
     let (_, tree) = shapes().pop().unwrap();
-    let plan = Plan::new(tree.clone());
+    let plan = RahtPlan::new(tree.clone());
     let rows = rows_of(tree.len(), 6, 3, 1);
     let (bytes, want) = attributes(&plan, &Quantisation::new(&[3.0; 6]), &rows);
     let mut used = Rows::new(tree.len(), 8);
     (0..tree.len()).for_each(|i| used.row_mut(i).fill(f32::NAN));
     used.resize(tree.len(), 6);
-    attribute::decode(&mut Decoder::new(&bytes).unwrap(), &plan, &[3.0; 6], &mut used).unwrap();
+    attribute::decode(&mut RansDecoder::new(&bytes).unwrap(), &plan, &[3.0; 6], &mut used).unwrap();
     assert!((0..tree.len()).all(|i| used.row(i) == want.row(i)));
 }
 
@@ -214,7 +214,7 @@ fn rows_may_hold_anything_before_decoding() {
 #[test]
 fn lambda_trades_bytes_for_error() {
     let tree = uniform(5, (0..4000u64).map(|i| i * 5));
-    let plan = Plan::new(tree.clone());
+    let plan = RahtPlan::new(tree.clone());
     let rows = rows_of(tree.len(), 3, 8, 1);
     let run = |lambda| {
         let (bytes, read) = attributes(&plan, &Quantisation { steps: &[60.0; 3], lambda }, &rows);

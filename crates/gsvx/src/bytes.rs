@@ -50,13 +50,13 @@ impl Writer {
 
 /// Reads little-endian values from a slice; every read is bounds-checked.
 #[derive(Clone, Debug)]
-pub(crate) struct Reader<'a> {
+pub(crate) struct SliceReader<'a> {
     bytes: &'a [u8],
     at: usize,
     what: &'static str,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> SliceReader<'a> {
     /// Reads `bytes`; `what` names the part in errors.
     pub(crate) fn new(bytes: &'a [u8], what: &'static str) -> Self {
         Self { bytes, at: 0, what }

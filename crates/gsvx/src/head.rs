@@ -3,7 +3,7 @@
 //! The index tells where each layer of each chunk lies, so that a reader fetches what it wants and
 //! nothing else. Normative description: `docs/format.md`, "Head".
 
-use crate::bytes::Reader;
+use crate::bytes::SliceReader;
 #[cfg(feature = "encode")]
 use crate::bytes::Writer;
 use crate::error::{Error, Result};
@@ -141,7 +141,7 @@ pub(crate) fn head_len(start: &[u8]) -> Result<u64> {
     if known == 0 || start[..known] != SIGNATURE[..known] {
         return Err(Error::NotGsvx);
     }
-    let mut r = Reader::new(start, "head");
+    let mut r = SliceReader::new(start, "head");
     r.take(SIGNATURE.len())?;
     let version = r.u8()?;
     if version != VERSION {
@@ -171,7 +171,7 @@ impl Index {
         if found != expected {
             return Err(Error::HeadChecksum { expected, found });
         }
-        let mut r = Reader::new(&checked[PREAMBLE..], "head");
+        let mut r = SliceReader::new(&checked[PREAMBLE..], "head");
         let header = read_header(&mut r)?;
         let chunks = read_chunks(&mut r, &header, head_len)?;
         Ok(Self { header, chunks, head_len })
@@ -320,7 +320,7 @@ fn corrupt(what: &'static str, value: impl Into<u64>) -> Error {
     Error::Corrupt { what, value: value.into() }
 }
 
-fn read_header(r: &mut Reader<'_>) -> Result<Header> {
+fn read_header(r: &mut SliceReader<'_>) -> Result<Header> {
     let sh_degree = r.u8()?;
     if sh_degree > 3 {
         return Err(corrupt("SH degree", sh_degree));
@@ -350,7 +350,7 @@ fn read_header(r: &mut Reader<'_>) -> Result<Header> {
     Ok(Header { count, sh_degree, j_high, cube: Cube { origin, side }, steps })
 }
 
-fn read_chunks(r: &mut Reader<'_>, header: &Header, head_len: u64) -> Result<Vec<Chunk>> {
+fn read_chunks(r: &mut SliceReader<'_>, header: &Header, head_len: u64) -> Result<Vec<Chunk>> {
     let count = r.varint()?;
     if count > (r.remaining() / LEAST_ENTRY) as u64 {
         return Err(corrupt("number of chunks", count));
@@ -392,7 +392,7 @@ fn in_order(before: &Chunk, chunk: &Chunk) -> bool {
     }
 }
 
-fn read_chunk(r: &mut Reader<'_>, header: &Header, offset: &mut u64) -> Result<Chunk> {
+fn read_chunk(r: &mut SliceReader<'_>, header: &Header, offset: &mut u64) -> Result<Chunk> {
     let (kind, lod) = match r.u8()? {
         EXACT => (Kind::Exact, 0),
         lod if lod <= MAX_LODS => (Kind::Leaves, lod),

@@ -1,7 +1,7 @@
 //! Section 2.2: the codec as a whole. Voxelized Gaussians go in; positions, opacity and SH coefficients, and
 //! covariances are coded one after the other.
 
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::RahtPlan;
 use gpcc_lite::{Limits, Octree};
 use gs_model::Scene;
 
@@ -49,7 +49,7 @@ pub fn encode(
     covariance.check()?;
     scene.validate()?;
     check_means(scene, octree)?;
-    let plan = Plan::new(octree.clone());
+    let plan = RahtPlan::new(octree.clone());
     let mut out = ContainerWriter::new(scene.sh_degree);
     positions::encode(octree, &mut out)?;
     sh_and_opacity::encode(scene, &plan, qp, &mut out)?;
@@ -86,7 +86,7 @@ pub fn decode_within(bytes: &[u8], limits: &Limits) -> Result<Scene> {
     let (mut input, sh_degree) = ContainerReader::open(bytes)?;
     let octree = positions::decode(&mut input, limits)?;
     let means = (0..octree.len()).map(|i| octree.centre(i)).collect();
-    let plan = Plan::new(octree);
+    let plan = RahtPlan::new(octree);
     let (opacity_logits, sh) = sh_and_opacity::decode(&mut input, &plan, sh_degree)?;
     let coded = input.block("covariance")?;
     let (rotations, log_scales) = covariance::decode(coded, &plan)?;

@@ -4,7 +4,7 @@
 //! quantized and [...] entropy coded using the run-length Golomb-Rice (RLGR) algorithm". The opacity is
 //! coded as its logit, as in the authors' code.
 
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::RahtPlan;
 use gpcc_lite::rlgr;
 use gs_model::{Scene, sh_len};
 use rayon::prelude::*;
@@ -89,7 +89,12 @@ impl Channel {
 }
 
 /// Writes opacity and SH coefficients of the Gaussians at the leaves of `plan`.
-pub(crate) fn encode(scene: &Scene, plan: &Plan, qp: &Qp, out: &mut ContainerWriter) -> Result<()> {
+pub(crate) fn encode(
+    scene: &Scene,
+    plan: &RahtPlan,
+    qp: &Qp,
+    out: &mut ContainerWriter,
+) -> Result<()> {
     let all = channels(scene.sh_degree);
     let code = |c: &Channel| {
         let values = c.values(scene);
@@ -104,7 +109,7 @@ pub(crate) fn encode(scene: &Scene, plan: &Plan, qp: &Qp, out: &mut ContainerWri
 /// Reads opacity logits and SH coefficients.
 pub(crate) fn decode(
     input: &mut ContainerReader<'_>,
-    plan: &Plan,
+    plan: &RahtPlan,
     sh_degree: u8,
 ) -> Result<(Vec<f32>, Vec<[f32; 3]>)> {
     let logits = decode_channel(plan, input.block("opacity")?, "opacity")?;
@@ -147,7 +152,7 @@ pub(crate) fn step(qp: u8, values: &[f64]) -> f32 {
 
 /// Codes the values of all leaves, step first: RAHT without weights, a uniform quantiser, RLGR.
 pub(crate) fn encode_channel(
-    plan: &Plan,
+    plan: &RahtPlan,
     mut values: Vec<f64>,
     step: f32,
     name: &'static str,
@@ -164,7 +169,11 @@ pub(crate) fn encode_channel(
 }
 
 /// Decodes what [`encode_channel`] coded.
-pub(crate) fn decode_channel(plan: &Plan, coded: &[u8], name: &'static str) -> Result<Vec<f64>> {
+pub(crate) fn decode_channel(
+    plan: &RahtPlan,
+    coded: &[u8],
+    name: &'static str,
+) -> Result<Vec<f64>> {
     let mut coded = ContainerReader(coded);
     let step = coded.float(name)?;
     let levels = rlgr::decode(coded.0, plan.len()).map_err(coding(name))?;
@@ -205,7 +214,7 @@ mod tests {
     fn channels_come_back_within_their_steps() {
         let scene = trained_like(3000, 3, &mut Rng::seeded(5));
         let voxelized = crate::voxelize(&scene, &Strategy::paper(5, 9)).unwrap();
-        let plan = Plan::new(voxelized.voxels.octree().clone());
+        let plan = RahtPlan::new(voxelized.voxels.octree().clone());
         let qp = Qp { ac: 28, dc: 4, opacity: 16 };
         for channel in channels(3) {
             let values = channel.values(&voxelized.scene);
@@ -231,7 +240,7 @@ mod tests {
     #[test]
     fn levels_fit_however_little_values_differ() {
         let root = gpcc_lite::Leaf { morton: 0, depth: 0 };
-        let plan = Plan::new(gpcc_lite::Octree::of_points(0, vec![root]).unwrap());
+        let plan = RahtPlan::new(gpcc_lite::Octree::of_points(0, vec![root]).unwrap());
         for value in [1e30, -3.4e38, 1e-45, 0.0] {
             let coded = encode_channel(&plan, vec![value], step(4, &[value]), "").unwrap();
             let back = decode_channel(&plan, &coded, "").unwrap()[0];

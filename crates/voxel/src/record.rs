@@ -57,7 +57,7 @@ pub struct WeightSums {
 }
 
 impl WeightSums {
-    /// Of one scene, for [`rate_distortion_of_tile`](crate::rate_distortion_of_tile).
+    /// Of one scene, for [`voxelize_tile`](crate::voxelize_tile).
     ///
     /// # Errors
     /// As [`voxelize`](crate::voxelize), for the importances.

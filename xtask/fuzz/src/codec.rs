@@ -2,10 +2,10 @@
 
 use std::sync::OnceLock;
 
-use gpcc_lite::coder::{Coder, Decoder, Encoder};
+use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
 use gpcc_lite::model::{Bit, Symbols};
 use gpcc_lite::predict::{Lifting, Neighbours, decode_lifting, decode_lossless};
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Leaf, Limits, Octree, attribute as rows, geometry as octree};
 use gpcc_lite::{morton, rlgr as golomb};
 
@@ -41,14 +41,14 @@ pub(crate) fn octrees() -> Vec<Octree> {
 }
 
 /// Unweighted and weighted transforms of every set.
-pub(crate) fn plans() -> &'static [Plan] {
-    static PLANS: OnceLock<Vec<Plan>> = OnceLock::new();
+pub(crate) fn plans() -> &'static [RahtPlan] {
+    static PLANS: OnceLock<Vec<RahtPlan>> = OnceLock::new();
     PLANS.get_or_init(|| {
         let mut plans = Vec::new();
         for tree in octrees() {
             let weights: Vec<u32> = (0..tree.len()).map(|i| 1 << (2 * (i % 11))).collect();
-            plans.push(Plan::new(tree.clone()));
-            plans.push(Plan::new(tree).weighted(&weights).expect("valid weights"));
+            plans.push(RahtPlan::new(tree.clone()));
+            plans.push(RahtPlan::new(tree).weighted(&weights).expect("valid weights"));
         }
         plans
     })
@@ -76,7 +76,7 @@ pub fn attribute(data: &[u8]) -> bool {
     let steps = vec![0.5; channels];
     let mut values = Rows::new(plan.len(), channels);
     if byte < 128 {
-        let Ok(mut decoder) = Decoder::new(bytes) else { return false };
+        let Ok(mut decoder) = RansDecoder::new(bytes) else { return false };
         if rows::decode(&mut decoder, plan, &steps, &mut values).is_err() {
             return false;
         }
@@ -89,11 +89,11 @@ pub fn attribute(data: &[u8]) -> bool {
     for i in 0..plan.len() {
         values.row_mut(i).iter_mut().for_each(|v| *v = words.next().unwrap_or(0.0));
     }
-    let mut encoder = Encoder::default();
+    let mut encoder = RansEncoder::default();
     let quantisation = rows::Quantisation::new(&steps);
     rows::encode(&mut encoder, plan, &quantisation, &mut values).expect("values were refused");
     let coded = encoder.finish();
-    let mut decoder = Decoder::new(&coded).expect("own stream was refused");
+    let mut decoder = RansDecoder::new(&coded).expect("own stream was refused");
     let mut back = Rows::new(plan.len(), channels);
     rows::decode(&mut decoder, plan, &steps, &mut back).expect("own stream was refused");
     decoder.finish().expect("own stream does not end where it should");
@@ -128,14 +128,14 @@ pub fn coder(data: &[u8]) -> bool {
     let (len, data) = choice(data);
     let (what, rest) = data.split_at(usize::from(len).min(data.len()));
     if byte & 1 == 0 {
-        let Ok(mut decoder) = Decoder::new(rest) else { return false };
+        let Ok(mut decoder) = RansDecoder::new(rest) else { return false };
         drive(&mut decoder, what, &[]);
         return decoder.finish().is_ok();
     }
-    let mut encoder = Encoder::default();
+    let mut encoder = RansEncoder::default();
     let coded = drive(&mut encoder, what, rest);
     let bytes = encoder.finish();
-    let mut decoder = Decoder::new(&bytes).expect("own stream was refused");
+    let mut decoder = RansDecoder::new(&bytes).expect("own stream was refused");
     assert_eq!(drive(&mut decoder, what, &[]), coded);
     decoder.finish().expect("own stream does not end where it should");
     true

@@ -1,6 +1,6 @@
 //! Small valid inputs of every target, made by the encoders and writers themselves.
 
-use gpcc_lite::coder::Encoder;
+use gpcc_lite::coder::RansEncoder;
 use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
 use gpcc_lite::quant::Step;
 use gpcc_lite::raht::Rows;
@@ -338,7 +338,7 @@ fn attributes() -> Vec<Vec<u8>> {
                 }
             }
             let byte = at as u8 + 8 * (channels as u8 - 1);
-            let mut coder = Encoder::default();
+            let mut coder = RansEncoder::default();
             let steps = vec![0.5; channels];
             // Coarse enough that some seeds are short.
             (0..plan.len()).for_each(|i| rows.row_mut(i).iter_mut().for_each(|v| *v /= 30.0));
@@ -356,7 +356,7 @@ fn coded() -> Vec<Vec<u8>> {
     let what: Vec<u8> = (0..40u8).map(|i| i.wrapping_mul(37)).collect();
     let head = |byte: u8| [&[byte, what.len() as u8], &what[..]].concat();
     let data: Vec<u8> = values(40, 3).iter().map(|v| *v as u8).collect();
-    let mut encoder = Encoder::default();
+    let mut encoder = RansEncoder::default();
     crate::codec::drive(&mut encoder, &what, &data);
     vec![[head(0), encoder.finish()].concat(), [head(1), data].concat(), vec![0, 0], vec![1, 1, 3]]
 }

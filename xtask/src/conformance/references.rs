@@ -4,7 +4,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use eval::scenes;
-use gpcc_lite::raht::{self, Plan, Rows};
+use gpcc_lite::raht::{self, RahtPlan, Rows};
 use gpcc_lite::{Leaf, morton};
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Reader};
@@ -31,7 +31,7 @@ fn raht() -> Result<Verdict> {
     let voxels = voxel::voxelize(&scene, &cube, &voxel::Strategy::Uniform { depth: 12 })?;
     let leaves: &[Leaf] = voxels.octree().leaves();
     ensure!(leaves.windows(2).all(|w| w[0].morton < w[1].morton), "leaves are not in Morton order");
-    let plan = Plan::new(voxels.octree().clone());
+    let plan = RahtPlan::new(voxels.octree().clone());
     // Values from -1 to 1 without correlation between neighbours.
     let values: Vec<f32> = leaves
         .iter()

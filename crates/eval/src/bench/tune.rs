@@ -10,9 +10,9 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 
 use crate::process::GsvxCommand;
-use crate::rd_curve::streams::{How, QUALITIES, StreamPoint, Streams};
+use crate::rd_curve::streams::{QUALITIES, StreamKind, StreamPoint, Streams};
 use crate::rd_curve::study::Study;
-use crate::rd_curve::{CurveOptions, TuneEffort};
+use crate::rd_curve::{CurveEffort, CurveOptions};
 
 /// Flags of `cargo xtask bench-tune`.
 #[derive(Clone, Debug, clap::Args)]
@@ -39,16 +39,16 @@ pub struct TuneBenchOptions {
 const UNTUNED: [f32; 7] = [30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0];
 
 /// Ways of tuning on the page.
-const RUNS: [How; 4] = [
-    How::Tune { effort: TuneEffort::Normal, distil: false, seed: 0 },
-    How::Tune { effort: TuneEffort::Normal, distil: false, seed: 1 },
-    How::Tune { effort: TuneEffort::Quick, distil: false, seed: 0 },
-    How::Tune { effort: TuneEffort::Normal, distil: true, seed: 0 },
+const RUNS: [StreamKind; 4] = [
+    StreamKind::Tune { effort: CurveEffort::Normal, distil: false, seed: 0 },
+    StreamKind::Tune { effort: CurveEffort::Normal, distil: false, seed: 1 },
+    StreamKind::Tune { effort: CurveEffort::Quick, distil: false, seed: 0 },
+    StreamKind::Tune { effort: CurveEffort::Normal, distil: true, seed: 0 },
 ];
 
 /// The points of one way of tuning, by quality.
 struct Tuned {
-    how: How,
+    how: StreamKind,
     points: Vec<StreamPoint>,
 }
 
@@ -67,7 +67,7 @@ struct Scene {
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn run(options: &TuneBenchOptions) -> Result<()> {
-    let known = RUNS.map(How::name);
+    let known = RUNS.map(StreamKind::name);
     for name in &options.runs {
         ensure!(known.contains(name), "{name}: no such run; there are {}", known.join(", "));
     }
@@ -92,7 +92,7 @@ fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<S
         let points: Vec<_> = QUALITIES.into_iter().map(point).collect::<Result<_>>()?;
         tuned.push(Tuned { how, points: points.into_iter().flatten().collect() });
     }
-    let untuned = UNTUNED.iter().map(|&q| streams.point(How::Encode, q));
+    let untuned = UNTUNED.iter().map(|&q| streams.point(StreamKind::Encode, q));
     Ok(Scene {
         name: study.test.files.name.clone(),
         gaussians: original.gaussians,

@@ -5,7 +5,7 @@ use anyhow::Result;
 
 use super::{Inputs, Results, compare, page};
 use crate::published::NO_INIT;
-use crate::rd_curve::record::Voxelized;
+use crate::rd_curve::record::VoxelizedRecord;
 use crate::rd_curve::stages::Branch;
 use crate::report::{Block, Section, sections, tunes};
 
@@ -20,7 +20,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
         let parts = [(inputs.uniform(depth), inputs.paper())];
         curves.push(inputs.curve(name, what, &parts, inputs.tuning(initialised))?);
     }
-    let mut models: Vec<Voxelized> = Vec::new();
+    let mut models: Vec<VoxelizedRecord> = Vec::new();
     for depth in inputs.depths() {
         for voxels in [inputs.uniform(depth), inputs.adaptive(depth)] {
             for initialised in [true, false] {
@@ -62,7 +62,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
 }
 
 /// The smallest model that the fine-tune brought back.
-fn highlight(inputs: &Inputs<'_>, models: &[Voxelized]) -> (String, String) {
+fn highlight(inputs: &Inputs<'_>, models: &[VoxelizedRecord]) -> (String, String) {
     let original = inputs.original.score.psnr_db;
     let back = tunes::of(models)
         .filter(|(_, t)| t.initialised && t.last_db() >= original - RECOVERED_DB)

@@ -3,7 +3,7 @@
 use super::{Inputs, Results};
 use crate::chart::Chart;
 use crate::published::Other;
-use crate::rd_curve::record::{Curve, Voxelized};
+use crate::rd_curve::record::{Curve, VoxelizedRecord};
 use crate::report::{Block, Document, Section, run, sections, tunes};
 
 /// PSNR over size: our curves in words, then the others'.
@@ -25,7 +25,7 @@ pub(super) fn curves(
 /// The fine-tunes of models, one row each.
 pub(super) fn tunes<'a>(
     inputs: &Inputs<'_>,
-    models: impl IntoIterator<Item = &'a Voxelized>,
+    models: impl IntoIterator<Item = &'a VoxelizedRecord>,
 ) -> Section {
     let text = format!(
         "Mean PSNR at the held-out views, which the fine-tune never sees, before coding; the original model \

@@ -11,7 +11,7 @@ use crate::peers;
 
 /// How long to tune.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
-pub enum TuneEffort {
+pub enum CurveEffort {
     /// About a minute for a scene of 120,000 Gaussians and small photos.
     Quick,
     /// About five.
@@ -20,7 +20,7 @@ pub enum TuneEffort {
     Long,
 }
 
-impl TuneEffort {
+impl CurveEffort {
     /// As the command calls it.
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -78,7 +78,7 @@ pub struct CurveOptions {
     /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long
     #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
         default_missing_value = "normal", hide_possible_values = true)]
-    pub(crate) tune: Option<TuneEffort>,
+    pub(crate) tune: Option<CurveEffort>,
     /// The command that tunes
     #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
     pub(crate) gsvx: PathBuf,

@@ -27,7 +27,7 @@ pub(crate) struct Original {
 
 /// One voxelization of the model, before coding.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Voxelized {
+pub(crate) struct VoxelizedRecord {
     /// File-name part; [`Coded::voxels`] refers to it.
     pub(crate) name: String,
     /// Parameters in words.
@@ -123,14 +123,14 @@ pub(crate) struct Curve {
     /// What it is, in words.
     pub(crate) what: String,
     /// The voxelized models, in the order of their first quality.
-    pub(crate) voxelized: Vec<Voxelized>,
+    pub(crate) voxelized: Vec<VoxelizedRecord>,
     /// Coded at each quality, ascending.
     pub(crate) points: Vec<Coded>,
 }
 
 impl Curve {
     /// The voxelization that a point was coded with.
-    pub(crate) fn voxels_of(&self, point: &Coded) -> Option<&Voxelized> {
+    pub(crate) fn voxels_of(&self, point: &Coded) -> Option<&VoxelizedRecord> {
         self.voxelized.iter().find(|v| v.name == point.voxels)
     }
 

@@ -10,7 +10,7 @@ use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 
 use super::plan::{Coding, Rule, Voxels, slug};
-use super::record::{Coded, Voxelized};
+use super::record::{Coded, VoxelizedRecord};
 use super::study::Study;
 use super::tune::{self, Tuning};
 use crate::codec::{RoundTrip, round_trip, timed};
@@ -87,14 +87,14 @@ impl<'a> Branch<'a> {
     }
 
     /// Voxelizes, merges, perhaps fine-tunes, and scores the result.
-    pub(crate) fn voxelized(&self) -> Result<Voxelized> {
+    pub(crate) fn voxelized(&self) -> Result<VoxelizedRecord> {
         let name = self.name();
         self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
             let Model { prepared: Prepared { scene, voxels, .. }, seconds } = self.model()?;
             let bar = Bar::new(&format!("render {name}"), self.study.test.held_out.len() as u64);
             let (score, _) = measure::score(scene, &self.study.test.held_out, &bar);
             let tuned = self.tuning.map(|_| tune::find(self.study, &name, &self.key()));
-            Ok(Voxelized {
+            Ok(VoxelizedRecord {
                 name: name.clone(),
                 what: self.plan.what.clone(),
                 j_high: voxels.octree().depth(),

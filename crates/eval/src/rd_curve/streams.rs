@@ -10,7 +10,7 @@ use std::fs;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use super::options::TuneEffort;
+use super::options::CurveEffort;
 use super::record::{Coded, Curve};
 use super::study::Study;
 use crate::cache::Cache;
@@ -20,13 +20,13 @@ use crate::progress::Bar;
 
 /// How the command makes a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub(crate) enum How {
+pub(crate) enum StreamKind {
     /// `gsvx encode`, with cameras and without what they do not see.
     Encode,
     /// `gsvx tune`.
     Tune {
         /// How long.
-        effort: TuneEffort,
+        effort: CurveEffort,
         /// To the renders of the model instead of the photos.
         distil: bool,
         /// Of the order of the views.
@@ -34,9 +34,9 @@ pub(crate) enum How {
     },
 }
 
-impl How {
+impl StreamKind {
     /// With photos, and the first seed.
-    pub(crate) fn tune(effort: TuneEffort) -> Self {
+    pub(crate) fn tune(effort: CurveEffort) -> Self {
         Self::Tune { effort, distil: false, seed: 0 }
     }
 
@@ -86,13 +86,13 @@ impl<'a> Streams<'a> {
     }
 
     /// The point, if it was measured before.
-    pub(crate) fn find(&self, how: How, quality: f32) -> Result<Option<StreamPoint>> {
+    pub(crate) fn find(&self, how: StreamKind, quality: f32) -> Result<Option<StreamPoint>> {
         let usable = |p: &StreamPoint| self.study.has_stream(&p.coded);
         self.cache.find(&stage(how, quality), &(how, quality), usable)
     }
 
     /// The point, measured unless that was done before.
-    pub(crate) fn point(&self, how: How, quality: f32) -> Result<StreamPoint> {
+    pub(crate) fn point(&self, how: StreamKind, quality: f32) -> Result<StreamPoint> {
         if let Some(point) = self.find(how, quality)? {
             return Ok(point);
         }
@@ -101,7 +101,7 @@ impl<'a> Streams<'a> {
         Ok(point)
     }
 
-    fn measure(&self, how: How, quality: f32) -> Result<StreamPoint> {
+    fn measure(&self, how: StreamKind, quality: f32) -> Result<StreamPoint> {
         let Self { study, gsvx, .. } = self;
         let dataset = &study.test.files.dataset;
         let name = stage(how, quality);
@@ -144,7 +144,7 @@ impl<'a> Streams<'a> {
     }
 }
 
-fn stage(how: How, quality: f32) -> String {
+fn stage(how: StreamKind, quality: f32) -> String {
     format!("{}-q{quality:.0}", how.name())
 }
 
@@ -152,9 +152,9 @@ fn stage(how: How, quality: f32) -> String {
 pub(crate) const QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
 
 /// The tuned curve of a report.
-pub(crate) fn curve(study: &Study, gsvx: &GsvxCommand, effort: TuneEffort) -> Result<Curve> {
+pub(crate) fn curve(study: &Study, gsvx: &GsvxCommand, effort: CurveEffort) -> Result<Curve> {
     let streams = Streams::open(study, gsvx)?;
-    let point = |q: &f32| Ok(streams.point(How::tune(effort), *q)?.coded);
+    let point = |q: &f32| Ok(streams.point(StreamKind::tune(effort), *q)?.coded);
     let points = QUALITIES.iter().map(point).collect::<Result<_>>()?;
     let what = format!("pruned and tuned with the codec in the loop, effort {}", effort.name());
     Ok(Curve { name: super::plan::TUNED.into(), what, voxelized: Vec::new(), points })
@@ -166,10 +166,10 @@ mod tests {
 
     #[test]
     fn each_way_has_its_words() {
-        assert_eq!(How::Encode.words(), ["encode", "--drop-unseen"]);
-        let distil = How::Tune { effort: TuneEffort::Quick, distil: true, seed: 1 };
+        assert_eq!(StreamKind::Encode.words(), ["encode", "--drop-unseen"]);
+        let distil = StreamKind::Tune { effort: CurveEffort::Quick, distil: true, seed: 1 };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
         assert_eq!(distil.name(), "quick-distil-seed-1");
-        assert_eq!(How::tune(TuneEffort::Normal).name(), "normal");
+        assert_eq!(StreamKind::tune(CurveEffort::Normal).name(), "normal");
     }
 }

@@ -10,7 +10,7 @@ use image::imageops::{FilterType, resize};
 use super::plan::slug;
 use super::record::{Picture, Run};
 use super::study::Study;
-use crate::report::{self, Shown, View};
+use crate::report::{self, CropView, Shown};
 use crate::{measure, pictures};
 
 /// Views of which there are pictures.
@@ -19,7 +19,7 @@ const VIEWS: usize = 2;
 const LEAST_WIDTH: u32 = 480;
 
 /// Draws the last curve at its lowest, a middle and the highest rate.
-pub(super) fn draw(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<View>)> {
+pub(super) fn draw(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<CropView>)> {
     let (mut files, mut views) = (Vec::new(), Vec::new());
     let Some(curve) = run.curves.last() else { return Ok((files, views)) };
     // Pictures of earlier settings would stay beside the report and contradict it.
@@ -75,7 +75,7 @@ pub(super) fn draw(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<View>)
             files.push(Picture { file, view: view.clone(), caption });
             all.push(shown);
         }
-        views.push(View { name: view.clone(), crops: report::crops(photo, original, all)? });
+        views.push(CropView { name: view.clone(), crops: report::crops(photo, original, all)? });
     }
     Ok((files, views))
 }

@@ -14,7 +14,7 @@ const STRIDE: usize = 8;
 
 /// A view with its crops.
 #[derive(Clone, Debug)]
-pub(crate) struct View {
+pub(crate) struct CropView {
     /// Photo name.
     pub(crate) name: String,
     /// The same window of several pictures.

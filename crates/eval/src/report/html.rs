@@ -6,7 +6,7 @@ use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use super::{Block, Document, View};
+use super::{Block, CropView, Document};
 use crate::page::Table;
 
 /// Text that is safe inside HTML.
@@ -118,7 +118,7 @@ fn render_table(out: &mut String, table: &Table) {
 }
 
 /// Crops of one view on top of each other, one shown at a time: buttons, no script.
-fn render_view(out: &mut String, view: &View, id: &str) -> Result<()> {
+fn render_view(out: &mut String, view: &CropView, id: &str) -> Result<()> {
     let _ = writeln!(out, "<fieldset class=\"view\">\n<legend>{}</legend>", escape(&view.name));
     let shown = view.crops.iter().position(|c| c.shown).unwrap_or(0);
     for (i, crop) in view.crops.iter().enumerate() {

@@ -16,7 +16,7 @@ use anyhow::{Context, Result};
 use crate::chart::Chart;
 use crate::page::Table;
 
-pub(crate) use crops::{Shown, View, crops};
+pub(crate) use crops::{CropView, Shown, crops};
 
 /// A report, independent of how it is shown.
 #[derive(Debug)]
@@ -54,7 +54,7 @@ pub(crate) enum Block {
     /// A chart and the stem of its files.
     Chart(Chart, String),
     /// Views to compare: a page shows crops, Markdown links files.
-    Views(Vec<View>),
+    Views(Vec<CropView>),
     /// Picture files: caption and path from the report. Markdown only; a page has the crops.
     Files(Vec<(String, String)>),
 }

@@ -2,7 +2,7 @@
 
 use super::headline;
 use super::sections::{self, UNITS};
-use super::{Block, Document, Section, View, megabits};
+use super::{Block, CropView, Document, Section, megabits};
 use crate::cells;
 use crate::chart::{Axis, Chart, Series};
 use crate::page::Table;
@@ -95,7 +95,7 @@ pub(crate) fn chart(title: String, series: Vec<Series>, original_db: f64) -> Cha
 }
 
 /// The report, with crops of the views where they are at hand.
-pub(crate) fn document(run: &Run, views: Vec<View>) -> Document {
+pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
     let o = &run.original;
     let invalid = if o.invalid > 0 {
         format!(" ({} invalid ones left out)", o.invalid)
@@ -233,7 +233,7 @@ fn per_view(run: &Run) -> Section {
     Section::folded("Views", vec![Block::Table(table)])
 }
 
-fn pictures(run: &Run, views: Vec<View>) -> Section {
+fn pictures(run: &Run, views: Vec<CropView>) -> Section {
     if run.pictures.is_empty() {
         return Section::open("Pictures", Vec::new());
     }

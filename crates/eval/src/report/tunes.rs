@@ -3,12 +3,12 @@
 use crate::cells;
 use crate::chart::{Axis, Chart, LineKind, Series};
 use crate::page::Table;
-use crate::rd_curve::record::{Original, Tuned, Voxelized};
+use crate::rd_curve::record::{Original, Tuned, VoxelizedRecord};
 
 /// The models that were tuned, each once.
 pub(crate) fn of<'a>(
-    models: impl IntoIterator<Item = &'a Voxelized>,
-) -> impl Iterator<Item = (&'a Voxelized, &'a Tuned)> {
+    models: impl IntoIterator<Item = &'a VoxelizedRecord>,
+) -> impl Iterator<Item = (&'a VoxelizedRecord, &'a Tuned)> {
     let mut seen: Vec<&str> = Vec::new();
     models.into_iter().filter_map(move |model| {
         let new = !seen.contains(&model.name.as_str());
@@ -19,7 +19,7 @@ pub(crate) fn of<'a>(
 
 /// One row each.
 pub(crate) fn table<'a>(
-    models: impl Iterator<Item = (&'a Voxelized, &'a Tuned)>,
+    models: impl Iterator<Item = (&'a VoxelizedRecord, &'a Tuned)>,
     original: &Original,
 ) -> Table {
     let mut table = Table::new(
@@ -46,10 +46,10 @@ pub(crate) fn table<'a>(
 /// PSNR at the held-out views over steps; runs without initialisation are thin lines.
 pub(crate) fn chart<'a>(
     title: String,
-    models: impl Iterator<Item = (&'a Voxelized, &'a Tuned)>,
+    models: impl Iterator<Item = (&'a VoxelizedRecord, &'a Tuned)>,
     original: &Original,
 ) -> Chart {
-    let line = |(m, t): (&Voxelized, &Tuned)| Series {
+    let line = |(m, t): (&VoxelizedRecord, &Tuned)| Series {
         name: format!("{}, {}", m.what, if t.initialised { "initialised" } else { "from nothing" }),
         kind: if t.initialised { LineKind::Ours } else { LineKind::Theirs },
         points: t.held_out_db.iter().map(|&(step, db)| (step as f64, db)).collect(),

@@ -1,10 +1,10 @@
 //! From levels back to the means of the children.
 
 use crate::coefficients::LevelRows;
-use crate::raht::{self, LANES, Plan, Rows};
+use crate::raht::{self, LANES, RahtPlan, Rows};
 
 /// Rebuilds the means of the children that the coefficients of a level split.
-pub(super) fn reconstruct(plan: &Plan, level: &LevelRows, steps: &[f32], rows: &mut Rows) {
+pub(super) fn reconstruct(plan: &RahtPlan, level: &LevelRows, steps: &[f32], rows: &mut Rows) {
     // With a width known at compile time, copying a row is a few instructions instead of a call.
     match rows.width() {
         1 => reconstruct_rows(plan, level, steps, rows, 1),
@@ -18,7 +18,13 @@ pub(super) fn reconstruct(plan: &Plan, level: &LevelRows, steps: &[f32], rows: &
 
 /// As [`reconstruct`], for rows of this width.
 #[inline(always)]
-fn reconstruct_rows(plan: &Plan, level: &LevelRows, steps: &[f32], rows: &mut Rows, width: usize) {
+fn reconstruct_rows(
+    plan: &RahtPlan,
+    level: &LevelRows,
+    steps: &[f32],
+    rows: &mut Rows,
+    width: usize,
+) {
     let mut all = vec![[0.0; LANES]; width];
     all.as_flattened_mut()[..steps.len()].copy_from_slice(steps);
     let mut active = level.active.iter().zip(level.levels.chunks_exact(width)).peekable();

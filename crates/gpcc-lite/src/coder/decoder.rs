@@ -7,7 +7,7 @@ use crate::symbols::{SCALE_BITS, Symbols};
 
 /// The decoder half of the [coder](super).
 #[derive(Clone, Debug)]
-pub struct Decoder<'a> {
+pub struct RansDecoder<'a> {
     states: [u32; STATES],
     /// Number of symbols decoded so far, modulo [`STATES`].
     turn: usize,
@@ -17,7 +17,7 @@ pub struct Decoder<'a> {
     plain: BitReader<'a>,
 }
 
-impl<'a> Decoder<'a> {
+impl<'a> RansDecoder<'a> {
     /// A decoder of the stream `data`.
     ///
     /// # Errors
@@ -84,7 +84,7 @@ fn refilled(x: u32, words: &[[u8; 2]], taken: &mut usize) -> u32 {
     std::hint::select_unpredictable(take, x << 16 | u32::from(word), x)
 }
 
-impl Coder for Decoder<'_> {
+impl Coder for RansDecoder<'_> {
     const ENCODING: bool = false;
 
     #[inline]

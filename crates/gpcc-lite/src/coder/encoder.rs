@@ -9,14 +9,14 @@ const BLOCK: usize = 1 << 16;
 
 /// The encoder half of the [coder](super).
 #[derive(Clone, Debug, Default)]
-pub struct Encoder {
+pub struct RansEncoder {
     /// Start in the low 16 bits, size in the high 16. In blocks, since a growing list would be in memory
     /// twice while it is moved.
     intervals: Vec<Vec<u32>>,
     plain: BitWriter,
 }
 
-impl Encoder {
+impl RansEncoder {
     #[inline]
     fn interval(&mut self, start: u32, size: u32) {
         debug_assert!(size > 0 && start + size <= 1 << SCALE_BITS);
@@ -64,7 +64,7 @@ impl Encoder {
     }
 }
 
-impl Coder for Encoder {
+impl Coder for RansEncoder {
     const ENCODING: bool = true;
 
     #[inline]

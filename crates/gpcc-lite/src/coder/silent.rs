@@ -3,7 +3,7 @@
 use super::Coder;
 use crate::symbols::Symbols;
 
-/// Takes what an [`Encoder`](super::Encoder) would write, and forgets it.
+/// Takes what an [`RansEncoder`](super::RansEncoder) would write, and forgets it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 

@@ -9,7 +9,7 @@
 use super::neighbours::Neighbours;
 use super::residual::Residual;
 use crate::bytes::{ByteReader, put_varint};
-use crate::coder::{Coder, Decoder, Encoder};
+use crate::coder::{Coder, RansDecoder, RansEncoder};
 use crate::error::{Error, Result};
 use crate::quant::{MAX_STEP, Step, VALUE_BITS};
 
@@ -167,7 +167,7 @@ pub fn encode_lifting(lift: &Lifting<'_>, channels: &[&[i32]], steps: &[Step]) -
                 if c < 0 { -m } else { m }
             })
             .collect();
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         code_levels(lift, &mut q, &mut coder);
         let coded = coder.finish();
         put_varint(&mut out, step.0);
@@ -192,7 +192,7 @@ pub fn decode_lifting(
     for _ in 0..channels {
         let step = Step(r.varint("step")?).min(MAX_STEP);
         let len = r.varint("channel length")?;
-        let mut coder = Decoder::new(r.bytes(len, "channel")?)?;
+        let mut coder = RansDecoder::new(r.bytes(len, "channel")?)?;
         let mut q = vec![0i32; lift.near.len()];
         code_levels(lift, &mut q, &mut coder);
         coder.finish()?;

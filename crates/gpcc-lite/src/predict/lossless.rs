@@ -8,7 +8,7 @@ use super::neighbours::Neighbours;
 use super::palette;
 use super::residual::Residual;
 use crate::bytes::{BitReader, BitWriter, ByteReader, put_varint};
-use crate::coder::{Coder, Decoder, Encoder};
+use crate::coder::{Coder, RansDecoder, RansEncoder};
 use crate::error::{Error, Result};
 use crate::model::Bit;
 
@@ -84,12 +84,12 @@ fn encode_values(near: &Neighbours, values: &[i32], flag: u8) -> Vec<u8> {
     let min = values.iter().copied().min().unwrap_or(0);
     let max = values.iter().copied().max().unwrap_or(0);
     let width = 32 - max.wrapping_sub(min).cast_unsigned().leading_zeros();
-    let mut coder = Encoder::default();
+    let mut coder = RansEncoder::default();
     let mut copy = values.to_vec();
     code_predicted(near, &mut copy, bounds(min, width), &mut coder);
     let (mut mode, mut body) = (PREDICTED, coder.finish());
     if width <= HISTOGRAM_BITS {
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         code_histogram(&mut copy, min, width, &mut coder);
         let coded = coder.finish();
         if coded.len() < body.len() {
@@ -134,12 +134,12 @@ fn decode_channel(near: &Neighbours, bytes: &[u8]) -> Result<Vec<i32>> {
             }
         }
         PREDICTED => {
-            let mut coder = Decoder::new(data)?;
+            let mut coder = RansDecoder::new(data)?;
             code_predicted(near, &mut values, bounds(min, width), &mut coder);
             coder.finish()?;
         }
         HISTOGRAM if width <= HISTOGRAM_BITS => {
-            let mut coder = Decoder::new(data)?;
+            let mut coder = RansDecoder::new(data)?;
             code_histogram(&mut values, min, width, &mut coder);
             coder.finish()?;
         }
@@ -151,7 +151,7 @@ fn decode_channel(near: &Neighbours, bytes: &[u8]) -> Result<Vec<i32>> {
     Ok(values)
 }
 
-/// Least and greatest value of a channel whose offsets from `min` have `width` bits. Encoder and
+/// Least and greatest value of a channel whose offsets from `min` have `width` bits. RansEncoder and
 /// decoder derive them from the header, because the first prediction is their middle.
 fn bounds(min: i32, width: u32) -> [i64; 2] {
     [i64::from(min), (i64::from(min) + (1i64 << width) - 1).min(i64::from(i32::MAX))]

@@ -1,10 +1,10 @@
 //! The transform in double precision, merge by merge: the reference for [`super::forward`] and
 //! [`super::inverse`].
 
-use super::Plan;
+use super::RahtPlan;
 use crate::error::Result;
 
-impl Plan {
+impl RahtPlan {
     /// Forward transform of one channel, from leaf order to coefficient order, in place.
     ///
     /// # Errors
@@ -25,7 +25,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Inverse of [`Plan::forward_f64`].
+    /// Inverse of [`RahtPlan::forward_f64`].
     ///
     /// # Errors
     /// If `coefficients` is not one per point.

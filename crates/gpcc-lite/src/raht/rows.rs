@@ -10,7 +10,7 @@
 //! Every operation is rounded to single precision in the order written: the decoder's bits are the
 //! same on every machine.
 
-use super::Plan;
+use super::RahtPlan;
 use crate::error::Result;
 
 /// Four channels of a row.
@@ -101,7 +101,7 @@ impl Rows {
 ///
 /// # Errors
 /// If there is not one row per leaf of the plan.
-pub fn forward(plan: &Plan, rows: &mut Rows) -> Result<()> {
+pub fn forward(plan: &RahtPlan, rows: &mut Rows) -> Result<()> {
     plan.check(rows.leaves)?;
     let width = rows.width();
     for merge in (0..plan.left.len()).rev() {
@@ -121,7 +121,7 @@ pub fn forward(plan: &Plan, rows: &mut Rows) -> Result<()> {
 ///
 /// # Errors
 /// If there is not one row per leaf of the plan.
-pub fn inverse(plan: &Plan, rows: &mut Rows) -> Result<()> {
+pub fn inverse(plan: &RahtPlan, rows: &mut Rows) -> Result<()> {
     plan.check(rows.leaves)?;
     let width = rows.width();
     for merge in 0..plan.left.len() {
@@ -146,7 +146,7 @@ pub(crate) fn undo(left: &mut Lanes, right: &mut Lanes, share: f32) {
 /// The rows of a merge's children, and the share of the right one.
 #[inline(always)]
 pub(crate) fn split<'a>(
-    plan: &Plan,
+    plan: &RahtPlan,
     merge: usize,
     lanes: &'a mut [Lanes],
     width: usize,

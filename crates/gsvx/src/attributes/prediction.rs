@@ -8,7 +8,7 @@
 //!
 //! A decoder's arithmetic is `+` and `*` in single precision in a stated order.
 
-use crate::bytes::Reader;
+use crate::bytes::SliceReader;
 use crate::error::{Error, Result};
 #[cfg(feature = "encode")]
 use crate::importance;
@@ -74,7 +74,7 @@ impl Predictor {
     ///
     /// # Errors
     /// [`Error::Truncated`] and [`Error::Corrupt`].
-    pub(crate) fn read(degree: u8, leaves: usize, r: &mut Reader<'_>) -> Result<Option<Self>> {
+    pub(crate) fn read(degree: u8, leaves: usize, r: &mut SliceReader<'_>) -> Result<Option<Self>> {
         let log_run = r.u8()?;
         if log_run == 0 {
             return Ok(None);
@@ -429,8 +429,8 @@ mod tests {
             predictor.write(&mut bytes);
             let head = bytes.len();
             bytes.extend(&rest);
-            let read = |bytes| Predictor::read(degree, leaves, &mut Reader::new(bytes, "test"));
-            let mut r = Reader::new(&bytes, "test");
+            let read = |bytes| Predictor::read(degree, leaves, &mut SliceReader::new(bytes, "test"));
+            let mut r = SliceReader::new(&bytes, "test");
             prop_assert_eq!(Predictor::read(degree, leaves, &mut r).unwrap(), Some(predictor));
             prop_assert_eq!(r.remaining(), rest.len());
             prop_assert!(read(&bytes[..head - 1]).is_err());

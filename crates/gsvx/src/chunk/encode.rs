@@ -15,9 +15,9 @@ use crate::error::{Result, coding};
 use crate::head::Steps;
 use gpcc_lite::Octree;
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::{Coder, Encoder, Silent, Tally};
+use gpcc_lite::coder::{Coder, RansEncoder, Silent, Tally};
 use gpcc_lite::geometry;
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::{RahtPlan, Rows};
 use gs_model::Scene;
 use std::ops::Range;
 
@@ -54,7 +54,7 @@ pub(crate) struct Values<'a> {
 #[derive(Clone, Debug)]
 pub struct Transform<'a> {
     /// The transform.
-    pub plan: &'a Plan,
+    pub plan: &'a RahtPlan,
     /// Importance class of each leaf.
     pub classes: &'a [u8],
     /// Factors of depth and class that predict ln(alpha).
@@ -73,7 +73,7 @@ pub(crate) struct ChunkEncoder {
     /// The prediction of importance classes.
     importance: Factors,
     /// Holds geometry and importance classes.
-    coder: Encoder,
+    coder: RansEncoder,
     /// Derivatives of the bits by the values, by group.
     prices: [Rows; GROUPS.len()],
 }
@@ -81,9 +81,9 @@ pub(crate) struct ChunkEncoder {
 impl ChunkEncoder {
     /// Codes leaves and classes; `log_classes` are real-valued classes of the leaves.
     pub(crate) fn new(octree: Octree, log_classes: &[f32]) -> Result<Self> {
-        let plan = Plan::new(octree);
+        let plan = RahtPlan::new(octree);
         let leaves = plan.leaves();
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         geometry::encode_leaves(&mut coder, plan.octree()).map_err(coding("geometry"))?;
         let even = vec![0; leaves.len()];
         let fitted = Factors::fit(leaves, &even, |i| log_classes[i]);
@@ -342,7 +342,7 @@ impl Part<'_> {
 
     /// The layer of an SH degree.
     fn degree_layer(&mut self, number: usize) -> Result<Vec<u8>> {
-        let mut coder = Encoder::default();
+        let mut coder = RansEncoder::default();
         let all_zero = self.code(number, &mut coder)?;
         let mut out = Vec::new();
         if !self.is_empty(number, all_zero) {
@@ -353,7 +353,7 @@ impl Part<'_> {
     }
 
     /// The base layer. `coder` holds geometry and importance classes already, `importance` is their prediction.
-    fn base_layer(&mut self, importance: u8, mut coder: Encoder) -> Result<Vec<u8>> {
+    fn base_layer(&mut self, importance: u8, mut coder: RansEncoder) -> Result<Vec<u8>> {
         let mut out = vec![importance];
         for (number, group) in self.groups.iter().enumerate() {
             self.code(number, &mut coder)?;

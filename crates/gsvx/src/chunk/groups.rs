@@ -7,7 +7,7 @@ use super::{GaussiansMut, Skeleton};
 use crate::attributes::prediction::Predictor;
 use crate::attributes::side::Factors;
 use crate::attributes::{colour, opacity};
-use crate::bytes::Reader;
+use crate::bytes::SliceReader;
 use crate::covariance;
 use crate::error::Result;
 use crate::head::Steps;
@@ -119,7 +119,11 @@ impl Group {
     ///
     /// # Errors
     /// [`crate::Error::Truncated`] and [`crate::Error::Corrupt`].
-    pub(crate) fn read_prediction(&self, leaves: usize, r: &mut Reader<'_>) -> Result<Prediction> {
+    pub(crate) fn read_prediction(
+        &self,
+        leaves: usize,
+        r: &mut SliceReader<'_>,
+    ) -> Result<Prediction> {
         Ok(match (self.predicted, self.attribute) {
             (Predicted::FromLeaf, _) => {
                 Prediction::Leaf(Factors { depth: r.u8()? as i8, class: r.u8()? as i8 })

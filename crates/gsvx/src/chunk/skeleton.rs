@@ -5,23 +5,23 @@ use crate::attributes::side::Factors;
 use crate::error::{Result, coding};
 use crate::head::Header;
 use crate::importance;
-use gpcc_lite::coder::Decoder;
+use gpcc_lite::coder::RansDecoder;
 use gpcc_lite::geometry::decode_leaves;
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Leaf, attribute};
 
 /// What all groups of a chunk share.
 #[derive(Debug, Default)]
 pub(crate) struct Skeleton {
     /// The leaves and their weighted transform.
-    pub(crate) plan: Plan,
+    pub(crate) plan: RahtPlan,
     /// Importance class of each leaf.
     pub(crate) classes: Vec<u8>,
 }
 
 impl Skeleton {
     /// Classes from decoded values and the factors that predict them, and the classes as weights.
-    pub(super) fn new(plan: Plan, factors: Factors, rows: &Rows) -> Result<Self> {
+    pub(super) fn new(plan: RahtPlan, factors: Factors, rows: &Rows) -> Result<Self> {
         let class = |(i, &leaf): (usize, &Leaf)| {
             importance::class_of(rows.row(i)[0] + factors.predict(leaf, 0))
         };
@@ -34,7 +34,7 @@ impl Skeleton {
     /// Decodes the front of a base layer: geometry and importance classes, with the factors that predict them. `rows`
     /// are scratch space.
     pub(super) fn decode(
-        coder: &mut Decoder<'_>,
+        coder: &mut RansDecoder<'_>,
         header: &Header,
         leaves: usize,
         importance: Factors,
@@ -42,7 +42,7 @@ impl Skeleton {
     ) -> Result<Self> {
         let octree =
             decode_leaves(coder, leaves, header.cube, header.j_high).map_err(coding("geometry"))?;
-        let plan = Plan::new(octree);
+        let plan = RahtPlan::new(octree);
         rows.resize(plan.len(), 1);
         attribute::decode(coder, &plan, &[CLASS_STEP], rows).map_err(coding("importance"))?;
         Self::new(plan, importance, rows)

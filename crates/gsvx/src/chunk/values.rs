@@ -4,10 +4,10 @@ use super::groups::{BASE, GROUPS, coded, coefficients};
 use super::skeleton::Skeleton;
 use super::{GaussiansMut, steps_of};
 use crate::attributes::side::Factors;
-use crate::bytes::Reader;
+use crate::bytes::SliceReader;
 use crate::error::{Error, Result, coding};
 use crate::head::Header;
-use gpcc_lite::coder::Decoder;
+use gpcc_lite::coder::RansDecoder;
 use gpcc_lite::raht::Rows;
 use gpcc_lite::{Octree, attribute};
 
@@ -43,12 +43,13 @@ impl ChunkValues {
             (0..leaves).for_each(|i| rows.row_mut(i).fill(0.0));
             return Ok(());
         }
-        let mut r = Reader::new(bytes, if number == 0 { "base layer" } else { "SH prediction" });
+        let mut r =
+            SliceReader::new(bytes, if number == 0 { "base layer" } else { "SH prediction" });
         let importance = if number == 0 { Some(r.u8()? as i8) } else { None };
         let groups = GROUPS[numbers.clone()].iter();
         let predictions = groups.map(|group| group.read_prediction(leaves, &mut r));
         let predictions = predictions.collect::<Result<Vec<_>>>()?;
-        let mut coder = Decoder::new(r.take(r.remaining())?).map_err(coding("attribute"))?;
+        let mut coder = RansDecoder::new(r.take(r.remaining())?).map_err(coding("attribute"))?;
         if let Some(depth) = importance {
             let importance = Factors { depth, class: 0 };
             self.skeleton =

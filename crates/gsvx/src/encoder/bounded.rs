@@ -10,7 +10,7 @@
 use super::encode::encode_source;
 use super::encoded::Encoded;
 use super::options::{EncodeOptions, MaxError};
-use super::source::Source;
+use super::source::GaussianSource;
 use crate::error::Result;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -86,7 +86,7 @@ fn encode_once(
     let mut inside = scene.select(&placed.order);
     let centre = |(k, mean): (usize, &mut [f32; 3])| *mean = placed.octree.centre(k);
     inside.means.par_iter_mut().enumerate().for_each(centre);
-    let source = Source {
+    let source = GaussianSource {
         scene: &inside,
         voxels: &Voxelization::one_each(placed.octree.clone()),
         weights: &Importance::Given(vec![1.0; inside.len()]),

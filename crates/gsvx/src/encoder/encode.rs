@@ -7,7 +7,7 @@ use super::check::{
 use super::encoded::Encoded;
 use super::lod::{self, LodLevel};
 use super::options::EncodeOptions;
-use super::source::{Source, Whole};
+use super::source::{GaussianSource, Whole};
 use crate::chunk::How;
 use crate::error::Result;
 use crate::head::Header;
@@ -43,13 +43,13 @@ pub fn encode_voxels(
     let importance = given.unwrap_or_else(|| importance::without_cameras(scene));
     let weights = &Importance::Given(importance);
     let voxels = &Voxelization::one_each(octree.clone());
-    let source = Source { scene, voxels, weights, merged: true, whole: None };
+    let source = GaussianSource { scene, voxels, weights, merged: true, whole: None };
     encode_source(&source, outliers, options)
 }
 
 /// Encodes the leaves of a source, a chunk at a time on each thread.
 pub(crate) fn encode_source(
-    source: &Source<'_>,
+    source: &GaussianSource<'_>,
     outliers: Option<&Scene>,
     options: &EncodeOptions,
 ) -> Result<Encoded> {
@@ -73,7 +73,7 @@ pub(crate) fn encode_source(
         // What saves bits on average makes single errors large.
         lambda: options.max_error.map(|_| 0.0),
     };
-    let tiles = source.whole.map_or(lod::Tiles::ONE, |w| w.tiles);
+    let tiles = source.whole.map_or(lod::LodTiles::ONE, |w| w.tiles);
     let levels = lod::levels(source.voxels, options, tiles)?;
     let mut jobs = Vec::new();
     for level in levels.iter().rev() {

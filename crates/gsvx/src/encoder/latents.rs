@@ -91,7 +91,7 @@ impl Latents {
         let classes = importance::log_classes(importance, options.steps.covariance);
         let whole = EncodeOptions { lod: false, ..options.clone() };
         let voxels = Voxelization::one_each(octree.clone());
-        let cuts = lod::levels(&voxels, &whole, lod::Tiles::ONE)?.swap_remove(0).cuts;
+        let cuts = lod::levels(&voxels, &whole, lod::LodTiles::ONE)?.swap_remove(0).cuts;
         let chunk = |cut: &[usize]| {
             let range = cut[0]..cut[1];
             let chunk = ChunkEncoder::new(octree.part(range.clone()), &classes[range.clone()])?;

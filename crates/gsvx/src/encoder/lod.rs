@@ -54,14 +54,14 @@ impl LodLevel {
 
 /// The tiles of a voxelized scene.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Tiles<'a> {
+pub(crate) struct LodTiles<'a> {
     /// The first leaf of each, and its Morton codes.
     pub(crate) tiles: &'a [(usize, Range<u64>)],
     /// Levels beside the finest, if other tiles have a say in it.
     pub(crate) coarse_levels: Option<usize>,
 }
 
-impl<'a> Tiles<'a> {
+impl<'a> LodTiles<'a> {
     /// A scene that is not cut.
     pub(crate) const ONE: Self = Self { tiles: &[(0, 0..u64::MAX)], coarse_levels: None };
 
@@ -95,7 +95,7 @@ fn another(levels: usize, leaves: usize, options: &EncodeOptions) -> bool {
 pub(crate) fn levels(
     voxels: &Voxelization,
     options: &EncodeOptions,
-    tiles: Tiles<'_>,
+    tiles: LodTiles<'_>,
 ) -> Result<Vec<LodLevel>> {
     let n = voxels.len();
     let ends = tiles.tiles.iter().skip(1).map(|t| t.0).chain([n]);
@@ -243,7 +243,7 @@ mod tests {
         // Two tiles: the second begins with leaf 700.
         let code = voxels.octree().leaves()[700].morton;
         let tiles = [(0, 0..code), (700, code..u64::MAX)];
-        let tiles = Tiles { tiles: &tiles, coarse_levels: Some(3) };
+        let tiles = LodTiles { tiles: &tiles, coarse_levels: Some(3) };
         let levels = levels(&voxels, &options, tiles).unwrap();
         assert!(levels[0].cuts.contains(&700));
         assert_eq!(levels.len(), 4);

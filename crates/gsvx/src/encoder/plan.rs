@@ -10,7 +10,7 @@ use super::encoded::{CoarseCells, Encoded};
 use super::lod;
 use super::options::{EncodeOptions, Leaves, Seen};
 use super::outliers::suffices;
-use super::source::{Source, Whole};
+use super::source::{GaussianSource, Whole};
 use super::strategy::j_high;
 use super::survey::Survey;
 use super::tiled::{Mean, TILE, TileRules, sample};
@@ -207,11 +207,11 @@ impl Plan {
         let several = self.tile_starts.len() > 1;
         let tile = [(0, codes.clone())];
         let whole = Whole {
-            tiles: lod::Tiles::new(&tile, several, self.count, &options),
+            tiles: lod::LodTiles::new(&tile, several, self.count, &options),
             mean_importance: self.mean_importance,
             sh_degree: Some(self.sh_degree),
         };
-        let source = Source {
+        let source = GaussianSource {
             scene,
             voxels: &voxels,
             weights: &Importance::Given(importance),

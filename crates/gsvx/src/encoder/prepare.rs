@@ -8,7 +8,7 @@ use super::exact::all_exact;
 use super::lod;
 use super::options::{EncodeOptions, MaxError};
 use super::outliers::split_outliers;
-use super::source::{Source, Whole};
+use super::source::{GaussianSource, Whole};
 use super::strategy::j_high;
 use super::survey::Survey;
 use super::tiled::{self, TileRules, Tiled};
@@ -62,11 +62,11 @@ fn encode_leaves(
     let Tiled { voxels, importance, shared } = input.voxelize(options)?;
     let gaussians = input.scene.len() as u64;
     let whole = shared.as_ref().map(|shared| Whole {
-        tiles: lod::Tiles::new(&shared.tiles, shared.tiles.len() > 1, gaussians, options),
+        tiles: lod::LodTiles::new(&shared.tiles, shared.tiles.len() > 1, gaussians, options),
         mean_importance: shared.mean_importance,
         sh_degree: None,
     });
-    let source = Source {
+    let source = GaussianSource {
         scene: &input.scene,
         voxels: &voxels,
         weights: &Importance::Given(importance),

@@ -1,4 +1,4 @@
-//! [`Source`]: where the Gaussians of leaves come from, and how a chunk of them is encoded.
+//! [`GaussianSource`]: where the Gaussians of leaves come from, and how a chunk of them is encoded.
 
 use super::assemble::{EncodedChunk, leaves_chunk};
 use super::lod::{self, LodLevel};
@@ -9,7 +9,7 @@ use std::ops::Range;
 use voxel::{Importance, Merge, Merging, Voxelization};
 
 /// Where the Gaussians of leaves come from.
-pub(crate) struct Source<'a> {
+pub(crate) struct GaussianSource<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) voxels: &'a Voxelization,
     /// Importance of each Gaussian of the scene.
@@ -24,14 +24,14 @@ pub(crate) struct Source<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Whole<'a> {
     /// The tiles: chunks begin where they begin.
-    pub(crate) tiles: lod::Tiles<'a>,
+    pub(crate) tiles: lod::LodTiles<'a>,
     /// Mean importance of leaves.
     pub(crate) mean_importance: f64,
     /// The highest SH degree in use.
     pub(crate) sh_degree: Option<u8>,
 }
 
-impl Source<'_> {
+impl GaussianSource<'_> {
     /// The sum of the members' importance, per leaf.
     pub(crate) fn importance(&self) -> Vec<f32> {
         let Importance::Given(importance) = self.weights else { return Vec::new() };

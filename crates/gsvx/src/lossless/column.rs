@@ -6,7 +6,7 @@
 //! mantissas need no special case. Patterns outside the grid (values beyond its range, NaN,
 //! infinity) are escapes and stored as 32 bits.
 
-use crate::bytes::Reader;
+use crate::bytes::SliceReader;
 use crate::error::{Error, Result};
 
 /// Cell indices lie in `[-CELLS, CELLS)`.
@@ -180,7 +180,7 @@ impl Map {
         sign | (e << 23) | (significand & 0x7f_ffff)
     }
 
-    pub(super) fn read(r: &mut Reader<'_>) -> Result<Self> {
+    pub(super) fn read(r: &mut SliceReader<'_>) -> Result<Self> {
         let corrupt = |what, value: u64| Error::Corrupt { what, value };
         match r.u8()? {
             kind @ 0..=1 => {

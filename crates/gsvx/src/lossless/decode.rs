@@ -3,14 +3,14 @@
 use super::column::{CELLS, Map};
 use super::layout::{self, MEANS};
 use super::means::Means;
-use super::predictor::Predictor;
+use super::predictor::ColumnPredictor;
 use super::{
     Coded, Column, MAX_PART, MORTON_ORDER, OWN_ORDER, RAW, index_bits, neighbours, part_bounds,
     rows,
 };
-use crate::bytes::Reader;
+use crate::bytes::SliceReader;
 use crate::error::{Error, Result, coding};
-use gpcc_lite::coder::{Coder, Decoder};
+use gpcc_lite::coder::{Coder, RansDecoder};
 use gs_model::Scene;
 
 /// Gaussians that one byte of a part can stand for. A decision costs at least 0.0007 bit, and a Gaussian
@@ -33,7 +33,7 @@ pub(crate) fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Resul
     if let Some((&RAW, rows)) = payload.split_first() {
         return decode_raw(rows, n, sh_degree);
     }
-    let mut r = Reader::new(payload, "exact Gaussians");
+    let mut r = SliceReader::new(payload, "exact Gaussians");
     let head = Head::read(&mut r, n, sh_degree)?;
     let blocks: Vec<&[u8]> = (0..head.parts).map(|_| r.block()).collect::<Result<_>>()?;
     if r.remaining() != 0 {
@@ -93,7 +93,7 @@ struct Head {
 }
 
 impl Head {
-    fn read(r: &mut Reader<'_>, n: usize, sh_degree: u8) -> Result<Self> {
+    fn read(r: &mut SliceReader<'_>, n: usize, sh_degree: u8) -> Result<Self> {
         let keep_order = match r.u8()? {
             MORTON_ORDER => false,
             OWN_ORDER => true,
@@ -128,7 +128,7 @@ impl Head {
         check_limit(count as u64, block.len(), 64)?;
         let what = "a part of exact Gaussians";
         let short = || Error::Truncated { what, offset: block.len(), need: 1, have: 0 };
-        let mut coder = Decoder::new(block).map_err(coding(what))?;
+        let mut coder = RansDecoder::new(block).map_err(coding(what))?;
         let width = self.columns.len();
         let mut coded = Coded { bits: vec![0; count * width], ..Default::default() };
         let means = Means { column: &self.columns[0], least: self.least, below: self.below };
@@ -149,20 +149,20 @@ impl Head {
     }
 }
 
-fn read_column(r: &mut Reader<'_>, c: usize) -> Result<Column> {
+fn read_column(r: &mut SliceReader<'_>, c: usize) -> Result<Column> {
     let map = Map::read(r)?;
     let flags = r.u8()?;
     if flags > 3 {
         return Err(corrupt("flags of a column", flags));
     }
     let common = if flags & 2 != 0 { Some(r.u32()?) } else { None };
-    let (mut centre, mut predictor) = (0, Predictor::default());
+    let (mut centre, mut predictor) = (0, ColumnPredictor::default());
     if c >= MEANS {
         centre = r.u8()?;
         if centre > 120 {
             return Err(corrupt("error level of a column", centre));
         }
-        predictor = Predictor::read(r, c)?;
+        predictor = ColumnPredictor::read(r, c)?;
     }
     Ok(Column { map, predictor, centre, common, escapes: flags & 1 != 0 })
 }

@@ -4,12 +4,12 @@ use super::column::{Cell, Map};
 use super::fit::{self, Sample};
 use super::layout::{self, MEANS};
 use super::means::Means;
-use super::neighbours::{self, Neighbours};
+use super::neighbours::{self, NearRows};
 use super::{
     Coded, Column, MAX_PART, MORTON_ORDER, OWN_ORDER, RAW, column, index_bits, part_bounds, rows,
 };
 use crate::bytes::Writer;
-use gpcc_lite::coder::{Coder, Encoder};
+use gpcc_lite::coder::{Coder, RansEncoder};
 use gs_model::Scene;
 use rayon::prelude::*;
 
@@ -137,7 +137,7 @@ fn neighbours_and_sample(
     scene: &Scene,
     parts: &[&[u32]],
     columns: &[Column],
-) -> (Vec<Neighbours>, Sample) {
+) -> (Vec<NearRows>, Sample) {
     let stride = fit::stride(scene.len());
     let width = columns.len();
     let of_part = |order: &&[u32]| {
@@ -189,10 +189,10 @@ fn encode_part(
     order: &[u32],
     means: &Means<'_>,
     columns: &[Column],
-    near: &Neighbours,
-) -> Encoder {
+    near: &NearRows,
+) -> RansEncoder {
     let bits = layout::gather_rows(scene, order);
-    let mut coder = Encoder::default();
+    let mut coder = RansEncoder::default();
     let mut coded = Coded { bits: vec![0; bits.len()], ..Default::default() };
     means.code(&mut coder, &mut coded, order.len(), columns.len(), &bits);
     rows::code(&mut coder, columns, near, &bits, &mut coded);

@@ -5,7 +5,7 @@
 
 use super::layout::MEANS;
 use super::neighbours::NEIGHBOURS;
-use super::predictor::{MAX_SHIFT, NEIGHBOUR_BITS, Predictor};
+use super::predictor::{ColumnPredictor, MAX_SHIFT, NEIGHBOUR_BITS};
 
 /// Rows the weights are fitted to, at most.
 const SAMPLE: usize = 5000;
@@ -57,10 +57,14 @@ impl Sample {
 
 /// Fits the predictor of column `c`, and the mean level of its remainders; `skip` tells values
 /// coded otherwise.
-pub(super) fn fit(gaussians: &Sample, c: usize, skip: impl Fn(u32) -> bool) -> (Predictor, u8) {
+pub(super) fn fit(
+    gaussians: &Sample,
+    c: usize,
+    skip: impl Fn(u32) -> bool,
+) -> (ColumnPredictor, u8) {
     let rows: Vec<usize> =
         (0..gaussians.len()).filter(|&i| !skip(gaussians.bits[i * gaussians.width + c])).collect();
-    let mut predictor = Predictor { shift: 0, ..Default::default() };
+    let mut predictor = ColumnPredictor { shift: 0, ..Default::default() };
     if rows.len() < 64 {
         return (predictor, 0);
     }
@@ -70,7 +74,7 @@ pub(super) fn fit(gaussians: &Sample, c: usize, skip: impl Fn(u32) -> bool) -> (
 }
 
 /// Fits the weights of the Gaussian's own earlier columns.
-fn fit_own(predictor: &mut Predictor, gaussians: &Sample, rows: &[usize], c: usize) {
+fn fit_own(predictor: &mut ColumnPredictor, gaussians: &Sample, rows: &[usize], c: usize) {
     // The last column of the sample is the target, the one before it the constant.
     let inputs: Vec<usize> = (MEANS..c).collect();
     let n = inputs.len() + 1;
@@ -123,7 +127,12 @@ fn normalise(sample: &mut [f64], width: usize) -> Vec<f64> {
 
 /// Fits the weights of the neighbours to what the own columns leave; returns the mean level of what
 /// both leave.
-fn fit_neighbours(predictor: &mut Predictor, gaussians: &Sample, rows: &[usize], c: usize) -> u8 {
+fn fit_neighbours(
+    predictor: &mut ColumnPredictor,
+    gaussians: &Sample,
+    rows: &[usize],
+    c: usize,
+) -> u8 {
     let rest = |i: usize, place: usize| {
         let q = gaussians.row(i, place, c + 1);
         f64::from(q[c] - predictor.own(q))
@@ -203,7 +212,7 @@ fn solve(sample: &[f64], weights: &[f64], n: usize) -> Vec<f64> {
 }
 
 /// Rounds weights in units of the columns to integers with a common number of fraction bits.
-fn quantise(predictor: &mut Predictor, inputs: &[usize], solution: &[f64], scale: &[f64]) {
+fn quantise(predictor: &mut ColumnPredictor, inputs: &[usize], solution: &[f64], scale: &[f64]) {
     let n = inputs.len();
     let target = scale[n + 1];
     // Weights that move the prediction by less than 2 % of its size are left out: time, not bits.

@@ -42,7 +42,7 @@ const MAX_PART: usize = 1 << 16;
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Column {
     map: column::Map,
-    predictor: predictor::Predictor,
+    predictor: predictor::ColumnPredictor,
     /// Mean level of the errors.
     centre: u8,
     /// A value frequent enough to have a flag of its own.

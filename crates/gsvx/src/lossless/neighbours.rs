@@ -1,16 +1,16 @@
 //! Earlier Gaussians near each Gaussian of a chunk.
 
-/// Neighbours per Gaussian.
+/// NearRows per Gaussian.
 pub(super) const NEIGHBOURS: usize = 8;
 /// Gaussians before the current one, in Morton order, that are looked at.
 const WINDOW: usize = 64;
 
 /// The rows of the nearest earlier Gaussians, nearest first; the first rows of a chunk repeat
 /// what there is, and row 0 names itself.
-pub(super) type Neighbours = Vec<[u32; NEIGHBOURS]>;
+pub(super) type NearRows = Vec<[u32; NEIGHBOURS]>;
 
 /// Finds the neighbours by the distance of the means' cells; ties go to the later row.
-pub(super) fn find(means: &[Vec<i32>]) -> Neighbours {
+pub(super) fn find(means: &[Vec<i32>]) -> NearRows {
     let n = means[0].len();
     let points: Vec<[i64; 3]> =
         (0..n).map(|i| std::array::from_fn(|a| i64::from(means[a][i]))).collect();

@@ -2,7 +2,7 @@
 
 use super::column::CELLS;
 use super::neighbours::NEIGHBOURS;
-use crate::bytes::Reader;
+use crate::bytes::SliceReader;
 #[cfg(feature = "encode")]
 use crate::bytes::Writer;
 use crate::error::{Error, Result};
@@ -15,7 +15,7 @@ pub(super) const MAX_SHIFT: u8 = 36;
 /// Predicts a cell index from earlier columns of the same Gaussian, then the rest from what the
 /// same step left over at its neighbours.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Predictor {
+pub(super) struct ColumnPredictor {
     /// Fraction bits of `own` and `bias`.
     pub(super) shift: u8,
     /// Added to the weighted sum.
@@ -26,7 +26,7 @@ pub(super) struct Predictor {
     pub(super) near: [i32; NEIGHBOURS],
 }
 
-impl Predictor {
+impl ColumnPredictor {
     /// The part that depends on the cell indices of the Gaussian's own earlier columns.
     #[inline]
     pub(super) fn own(&self, q: &[i32]) -> i32 {
@@ -53,14 +53,14 @@ impl Predictor {
     }
 
     /// Reads the predictor of column `column`.
-    pub(super) fn read(r: &mut Reader<'_>, column: usize) -> Result<Self> {
+    pub(super) fn read(r: &mut SliceReader<'_>, column: usize) -> Result<Self> {
         let corrupt = |what, value: u64| Error::Corrupt { what, value };
         let shift = r.u8()?;
         if shift > MAX_SHIFT {
             return Err(corrupt("predictor shift", shift.into()));
         }
         let bias = unzigzag(r.varint()?);
-        let weight = |r: &mut Reader<'_>| {
+        let weight = |r: &mut SliceReader<'_>| {
             let v = unzigzag(r.varint()?);
             i32::try_from(v).map_err(|_| corrupt("predictor weight", v as u64))
         };

@@ -141,20 +141,20 @@ impl Models {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gpcc_lite::coder::{Decoder, Encoder};
+    use gpcc_lite::coder::{RansDecoder, RansEncoder};
     use proptest::prelude::*;
 
     proptest! {
         #[test]
         fn errors_come_back(errors in prop::collection::vec((-(1 << 26) + 1..1 << 26, 0..120i32, 0..120i32, 0..120i32), 0..200)) {
             let expect = |near, own, last| Expect { near, own, last, sign: 3 };
-            let mut encoder = Encoder::default();
+            let mut encoder = RansEncoder::default();
             let mut models = Models::default();
             for &(e, a, b, c) in &errors {
                 models.code(&mut encoder, expect(a, b, c), e);
             }
             let bytes = encoder.finish();
-            let mut decoder = Decoder::new(&bytes).unwrap();
+            let mut decoder = RansDecoder::new(&bytes).unwrap();
             let mut models = Models::default();
             for &(e, a, b, c) in &errors {
                 prop_assert_eq!(models.code(&mut decoder, expect(a, b, c), 0), e);

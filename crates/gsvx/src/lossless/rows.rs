@@ -3,7 +3,7 @@
 use super::column::{CELLS, Cell};
 use super::layout::{KINDS, MEANS, kind};
 use super::local::{self, Local};
-use super::neighbours::{NEIGHBOURS, Neighbours};
+use super::neighbours::{NEIGHBOURS, NearRows};
 use super::predictor::NEIGHBOUR_BITS;
 use super::residual::{Expect, Models, level};
 use super::tail::{MEMORY, Tail};
@@ -11,7 +11,7 @@ use super::{Coded, Column};
 use gpcc_lite::coder::Coder;
 use gpcc_lite::model::Bit;
 
-/// Neighbours whose error levels are looked at.
+/// NearRows whose error levels are looked at.
 const LEVEL_NEIGHBOURS: usize = 4;
 
 /// Codes all columns but the means of a part whose means are coded. The encoder gives the rows, the
@@ -19,7 +19,7 @@ const LEVEL_NEIGHBOURS: usize = 4;
 pub(super) fn code<C: Coder>(
     coder: &mut C,
     columns: &[Column],
-    near: &Neighbours,
+    near: &NearRows,
     given: &[u32],
     coded: &mut Coded,
 ) -> bool {
@@ -56,7 +56,7 @@ struct Trend {
 /// The state of the coder. Column 0 is the first that is not a mean.
 struct Rows<'a> {
     columns: &'a [Column],
-    near: &'a Neighbours,
+    near: &'a NearRows,
     given: &'a [u32],
     models: Vec<Models>,
     tails: Vec<Tail>,
@@ -88,7 +88,7 @@ struct Place {
 }
 
 impl<'a> Rows<'a> {
-    fn new(columns: &'a [Column], near: &'a Neighbours, given: &'a [u32]) -> Self {
+    fn new(columns: &'a [Column], near: &'a NearRows, given: &'a [u32]) -> Self {
         let n = columns.len() - MEANS;
         let weights = (0..NEIGHBOURS)
             .flat_map(|k| columns[MEANS..].iter().map(move |c| i64::from(c.predictor.near[k])));

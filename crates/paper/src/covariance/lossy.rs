@@ -1,9 +1,9 @@
 //! Lossy covariance compression: a codebook designed "based on the relative impact of each Gaussian on the
 //! rendered images", an index into it per Gaussian, and a scale factor per Gaussian.
 
-use gpcc_lite::coder::{Coder, Decoder, Encoder};
+use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
 use gpcc_lite::model::Bit;
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::RahtPlan;
 use gpcc_lite::rlgr;
 use gs_model::Scene;
 use vq::{Codebook, default_sensitivity};
@@ -27,7 +27,7 @@ const FACTORS: &str = "scale factors";
 /// Codes the covariances of a scene that has Gaussians. Without sensitivities, opacity and size stand in.
 pub(super) fn encode(
     scene: &Scene,
-    plan: &Plan,
+    plan: &RahtPlan,
     codebook_bits: u8,
     sensitivities: Option<&[f32]>,
 ) -> Result<Vec<u8>> {
@@ -49,7 +49,7 @@ pub(super) fn encode(
         let differences = codewords.iter().map(|w| w[k] - std::mem::replace(&mut before, w[k]));
         put_block(&mut out, &rlgr::encode(&differences.collect::<Vec<i32>>()));
     }
-    let mut coder = Encoder::default();
+    let mut coder = RansEncoder::default();
     code_indices(&mut coder, &mut book.assign(&covariances), codewords.len());
     put_block(&mut out, &coder.finish());
     let factors = factors.into_iter().map(f64::from).collect();
@@ -58,7 +58,10 @@ pub(super) fn encode(
 }
 
 /// Decodes what [`encode`] coded.
-pub(super) fn decode(mut coded: ContainerReader<'_>, plan: &Plan) -> Result<DecodedCovariances> {
+pub(super) fn decode(
+    mut coded: ContainerReader<'_>,
+    plan: &RahtPlan,
+) -> Result<DecodedCovariances> {
     let count = u32::from_le_bytes(coded.array(CODEBOOK)?) as usize;
     // Each codeword was trained on a Gaussian of its own.
     if count > plan.len() {
@@ -76,7 +79,7 @@ pub(super) fn decode(mut coded: ContainerReader<'_>, plan: &Plan) -> Result<Deco
     }
     let book = Codebook::from_integers(&codewords)?;
     let mut indices = vec![0; plan.len()];
-    let mut coder = Decoder::new(coded.block(INDICES)?).map_err(coding(INDICES))?;
+    let mut coder = RansDecoder::new(coded.block(INDICES)?).map_err(coding(INDICES))?;
     code_indices(&mut coder, &mut indices, count);
     coder.finish().map_err(coding(INDICES))?;
     let factors = decode_channel(plan, coded.0, FACTORS)?;

@@ -4,7 +4,7 @@
 mod lossless;
 mod lossy;
 
-use gpcc_lite::raht::Plan;
+use gpcc_lite::raht::RahtPlan;
 use gs_model::Scene;
 
 use crate::container::ContainerReader;
@@ -45,7 +45,7 @@ impl CovarianceCoding {
     pub(crate) fn encode(
         self,
         scene: &Scene,
-        plan: &Plan,
+        plan: &RahtPlan,
         sensitivities: Option<&[f32]>,
     ) -> Result<Vec<u8>> {
         let mode = if self == Self::Lossless { LOSSLESS } else { LOSSY };
@@ -62,7 +62,7 @@ impl CovarianceCoding {
 }
 
 /// Decodes what [`CovarianceCoding::encode`] coded.
-pub(crate) fn decode(coded: &[u8], plan: &Plan) -> Result<DecodedCovariances> {
+pub(crate) fn decode(coded: &[u8], plan: &RahtPlan) -> Result<DecodedCovariances> {
     let mut coded = ContainerReader(coded);
     let mode = coded.array("covariance")?;
     match mode {

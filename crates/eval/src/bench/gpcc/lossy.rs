@@ -4,9 +4,9 @@ use std::path::Path;
 
 use anyhow::{Result, ensure};
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::{Decoder, Encoder};
+use gpcc_lite::coder::{RansDecoder, RansEncoder};
 use gpcc_lite::quant::Step;
-use gpcc_lite::raht::{Plan, Rows};
+use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::rlgr;
 
 use super::cloud::{Cloud, Peer, read};
@@ -49,14 +49,14 @@ fn coded(bytes: usize, cloud: &Cloud, decoded: &[Vec<i32>]) -> Coded {
 }
 
 /// Codes a cloud with the attribute coder, decodes it and compares with the encoder's reconstruction.
-fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
+fn by_contexts(plan: &RahtPlan, cloud: &Cloud, step: Step) -> Result<Coded> {
     let steps = vec![step.value() as f32; cloud.channels.len()];
     let mut rows = rows_of(&cloud.channels);
-    let mut coder = Encoder::default();
+    let mut coder = RansEncoder::default();
     attribute::encode(&mut coder, plan, &Quantisation::new(&steps), &mut rows)?;
     let bytes = coder.finish();
     let mut back = Rows::new(rows.leaves(), rows.channels());
-    let mut decoder = Decoder::new(&bytes)?;
+    let mut decoder = RansDecoder::new(&bytes)?;
     attribute::decode(&mut decoder, plan, &steps, &mut back)?;
     decoder.finish()?;
     ensure!(back == rows, "the decoder's values are not those of the encoder");
@@ -66,14 +66,14 @@ fn by_contexts(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
 }
 
 /// RAHT coefficients of a channel, rounded to multiples of the step.
-fn levels(plan: &Plan, values: &[i32], step: Step) -> Result<Vec<i32>> {
+fn levels(plan: &RahtPlan, values: &[i32], step: Step) -> Result<Vec<i32>> {
     let mut coefficients: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
     plan.forward_f64(&mut coefficients)?;
     Ok(coefficients.iter().map(|c| (c / step.value()).round() as i32).collect())
 }
 
 /// Codes a cloud as the paper does: RAHT, a uniform quantiser, RLGR for each channel.
-fn by_rlgr(plan: &Plan, cloud: &Cloud, step: Step) -> Result<Coded> {
+fn by_rlgr(plan: &RahtPlan, cloud: &Cloud, step: Step) -> Result<Coded> {
     let (mut bytes, mut decoded) = (0, Vec::new());
     for values in &cloud.channels {
         let stream = rlgr::encode(&levels(plan, values, step)?);
@@ -174,7 +174,7 @@ pub(super) fn table(dir: &Path, clouds: &[String], qps: &[u8], peers: &[Peer]) -
 impl Against {
     /// One QP: the peer with the authors' settings, and with its prediction.
     fn add(&mut self, cloud: &Cloud, authors: &Peer, predicted: Option<&Peer>) -> Result<()> {
-        let plan = Plan::new(cloud.octree.clone());
+        let plan = RahtPlan::new(cloud.octree.clone());
         let channels = cloud.channels.len();
         let percent = |ours: f64, theirs: &Peer| (ours / theirs.attribute_bits - 1.0) * 100.0;
         let contexts = |peer: &Peer| {

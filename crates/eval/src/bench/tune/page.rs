@@ -5,7 +5,7 @@ use crate::bd::{self, Method};
 use crate::cells;
 use crate::chart::{Chart, Series};
 use crate::page::{Page, Table, signed};
-use crate::rd_curve::streams::How;
+use crate::rd_curve::streams::StreamKind;
 use crate::report;
 
 /// What the settings are chosen by.
@@ -79,7 +79,7 @@ fn points_table(scenes: &[Scene]) -> Table {
     let off = |bytes: u64, of: f64| Some(100.0 * (bytes as f64 / of.max(1.0) - 1.0));
     for scene in scenes {
         let untuned = rates(&scene.untuned);
-        let usual = |t: &&Tuned| matches!(t.how, How::Tune { distil: false, seed: 0, .. });
+        let usual = |t: &&Tuned| matches!(t.how, StreamKind::Tune { distil: false, seed: 0, .. });
         let runs = scene.tuned.iter().filter(usual);
         for (how, point) in runs.flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
             let p = &point.coded;
