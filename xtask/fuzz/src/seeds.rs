@@ -38,7 +38,7 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("ply", crate::ply, 2048, models),
     target("spz", crate::spz, 512, spz),
     target("splat", crate::splat, 256, || vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])]),
-    target("compressed_ply", crate::compressed_ply, 1024, || {
+    target("compressed_ply", crate::compressed_ply, 2048, || {
         [(1, 0), (2, 0), (1, 3)].map(|(n, degree)| written("compressed-ply", n, degree)).into()
     }),
     target("ksplat", crate::ksplat, 384, ksplat),
