@@ -70,7 +70,7 @@ const QUICK_ELEVATION: f64 = 20.0;
 
 /// As [`find`], but from some of the Gaussians and at one height. It takes a tenth of a second for a model of any size.
 #[must_use]
-pub fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
+pub(crate) fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
     let (up, elevation) = (Some(COLMAP_UP.to_array()), Some(QUICK_ELEVATION));
     let (thin, _) = thinned(scene, FEWER);
     find(&thin, &Constraints { up, radius: None, elevation, tangents })

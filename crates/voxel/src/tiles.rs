@@ -86,14 +86,6 @@ impl Tiles {
         tiles
     }
 
-    /// Tiles whose first codes and numbers of Gaussians are known; `None` unless the codes ascend from 0.
-    #[must_use]
-    pub fn from_parts(starts: Vec<u64>, counts: Vec<u64>) -> Option<Self> {
-        let ascend = starts.windows(2).all(|w| w[0] < w[1]);
-        let fit = starts.first() == Some(&0) && starts.len() == counts.len();
-        (ascend && fit).then_some(Self { starts, counts })
-    }
-
     /// The number of tiles; at least 1.
     #[must_use]
     #[allow(clippy::len_without_is_empty, reason = "there is always a tile")]

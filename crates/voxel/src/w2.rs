@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use crate::gaussian::scale;
 use crate::order::CHUNK;
-use crate::voxelization::{PrunedOctree, Voxelization};
+use crate::voxelization::Voxelization;
 
 /// A Gaussian distribution in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -214,27 +214,4 @@ pub fn total_distortion(scene: &Scene, voxelization: &Voxelization) -> f64 {
         })
         .collect();
     chunks.iter().sum()
-}
-
-/// The exact criterion that the paper starts from: a voxel at `j_low` to `j_high - 1` is divided
-/// if the sum of eq. 5 over its members exceeds `limit` (squared world units).
-///
-/// # Errors
-/// As [`voxelize`](crate::voxelize).
-pub fn voxelize_exact(
-    scene: &Scene,
-    cube: &gpcc_lite::Cube,
-    j_low: u8,
-    j_high: u8,
-    limit: f64,
-) -> crate::Result<Voxelization> {
-    crate::check::check_depths(j_low, j_high)?;
-    crate::check::check("limit", limit, 0.0, f64::INFINITY, "0 upwards")?;
-    crate::check::check_cube(cube)?;
-    let order = crate::order::MortonOrder::of(scene, cube, j_high)?;
-    let root = crate::descend::OccupiedCell { codes: &order.codes, members: &order.members };
-    let depths = crate::descend::depths(&root, j_low, j_high, |voxel, _| {
-        voxel_distortion(scene, voxel.members) > limit
-    });
-    Voxelization::of(PrunedOctree { cube: *cube, j_high, order, depths })
 }

@@ -75,7 +75,7 @@ pub fn to_bytes<T: AsRef<[u8]>>(
 ///
 /// # Errors
 /// Errors of `encode` and `measure`.
-pub fn to_measure<T>(
+pub(crate) fn to_measure<T>(
     target: f64,
     mut encode: impl FnMut(f32) -> Result<T>,
     mut measure: impl FnMut(&T) -> Result<f64>,
