@@ -25,7 +25,7 @@ Examples:
   gsvx decode scene.gsvx -o coarse.ply --lod 1             a coarser level of detail
   gsvx decode city.gsvx -o house.ply --box 3,0,-2,9,5,4    a part of it
   curl https://example.org/scene.gsvx | gsvx decode - -o back.ply
-  gsvx decode half.gsvx -o part.ply --allow-truncated";
+  gsvx decode half.gsvx -o part.ply --salvage";
 
 #[derive(clap::Args)]
 pub(crate) struct DecodeArgs {
@@ -49,11 +49,11 @@ pub(crate) struct DecodeArgs {
     /// Only the Gaussians whose centres lie in this box, given by two corners. Only the chunks that reach into
     /// it are read. The centres of all are between the corners that gsvx info prints.
     #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = region::parse,
-          allow_hyphen_values = true, conflicts_with = "allow_truncated")]
+          allow_hyphen_values = true, conflicts_with = "salvage")]
     region: Option<Region>,
     /// Decode what is whole of a truncated or damaged stream instead of failing.
     #[arg(long)]
-    allow_truncated: bool,
+    salvage: bool,
     #[command(flatten)]
     limit: Limit,
     /// Replace an existing output.
@@ -118,7 +118,7 @@ fn decode(
     let mut options = gsvx::DecodeOptions::default();
     options.max_sh_degree = args.max_sh_degree;
     options.lod = args.lod;
-    options.salvage = args.allow_truncated;
+    options.salvage = args.salvage;
     options.max_gaussians = args.limit.max_gaussians;
     let source = StreamBytes::open(input)?;
     let decoder = match &source {
@@ -128,7 +128,7 @@ fn decode(
     let named = || input::name(input);
     let decoder = decoder.with_context(named)?;
     let (gaussians, sh_degree, skipped) = (decoder.len(), decoder.sh_degree(), decoder.skipped());
-    if let (true, 0, Some(why)) = (args.allow_truncated, gaussians, skipped.last()) {
+    if let (true, 0, Some(why)) = (args.salvage, gaussians, skipped.last()) {
         // A model of no Gaussian would look like a success.
         bail!("{}: nothing of it can be decoded: {why}", named());
     }

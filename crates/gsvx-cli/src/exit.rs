@@ -76,7 +76,7 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
             Some(format!("pass --max-gaussians {points} if you trust it"))
         }
         Stream::Truncated { what, .. } if *what != "head" => {
-            Some("gsvx decode --allow-truncated writes what is there".into())
+            Some("gsvx decode --salvage writes what is there".into())
         }
         _ => None,
     }

@@ -81,7 +81,7 @@ fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Resul
         "sh_degree": h.sh_degree,
         "octree_depth": h.j_high,
         "cube": { "origin": h.cube.origin, "side": h.cube.side },
-        "levels_of_detail": 1 + index.coarsest_lod(),
+        "lods": 1 + index.coarsest_lod(),
         "chunks": index.chunks.iter().map(chunk_json).collect::<Vec<_>>(),
         "parts": parts(&index.parts()),
         "faults": faults,
@@ -97,7 +97,7 @@ pub(crate) fn parts(parts: &[(&str, u64)]) -> Map<String, Value> {
 fn chunk_json(chunk: &Chunk) -> Value {
     json!({
         "exact": chunk.kind == Kind::Exact,
-        "level_of_detail": chunk.lod,
+        "lod": chunk.lod,
         "gaussians": chunk.count,
         "bounds": chunk.bounds,
         "offset": chunk.layers.first().map(|l| l.offset),

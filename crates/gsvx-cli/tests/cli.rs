@@ -115,7 +115,7 @@ fn mistakes_get_one_line() {
     decode(&file("flip.gsvx", &flipped), "CRC-32C");
     let cut = file("cut.gsvx", &bytes[..bytes.len() - 10]);
     decode(&cut, "truncated");
-    ok(&words("decode @ -o @ --allow-truncated"), &[&cut, &back]);
+    ok(&words("decode @ -o @ --salvage"), &[&cut, &back]);
 }
 
 #[test]
@@ -159,8 +159,8 @@ fn info_tells_chunks_and_levels_of_detail() {
     let golden = room().join("../streams");
     let info = |name: &str| json(&["info", "@"], &[&golden.join(name)]);
     assert!(info("chunks.gsvx")["chunks"].as_array().unwrap().len() > 1);
-    assert!(info("lod.gsvx")["levels_of_detail"].as_u64().unwrap() > 1);
-    assert_eq!(info("default.gsvx")["levels_of_detail"], 1);
+    assert!(info("lod.gsvx")["lods"].as_u64().unwrap() > 1);
+    assert_eq!(info("default.gsvx")["lods"], 1);
     let text = ok(&["info", "@"], &[&golden.join("lod.gsvx")]);
     assert!(text.contains("level 1") && text.contains("coarse levels"), "{text}");
 }

@@ -96,11 +96,11 @@ fn messages_named_wrong_causes() {
     std::fs::write(at("empty.ply"), b"").unwrap();
     line(&run(&["info", "@"], &[&at("empty.ply")]), "empty.ply: is empty");
     std::fs::write(at("cut.gsvx"), &bytes[..bytes.len() - 9]).unwrap();
-    line(&run(&["decode", "@", "-o", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--allow-truncated");
-    line(&run(&["convert", "@", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--allow-truncated");
+    line(&run(&["decode", "@", "-o", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--salvage");
+    line(&run(&["convert", "@", "@"], &[&at("cut.gsvx"), &at("b.ply")]), "--salvage");
     // With nothing left, a model of no Gaussians looked like a success.
     std::fs::write(at("start.gsvx"), &bytes[..bytes.len() / 20]).unwrap();
-    let words = ["decode", "--allow-truncated", "@", "-o", "@"];
+    let words = ["decode", "--salvage", "@", "-o", "@"];
     line(&run(&words, &[&at("start.gsvx"), &at("b.ply")]), "nothing of it can be decoded");
     // The system's reason once.
     let said = line(&run(&["info", "@"], &[&at("absent.ply")]), "absent.ply");

@@ -14,7 +14,7 @@ use pyo3::types::{IntoPyDict, PyDict};
 pub(crate) struct Wanted {
     max_sh_degree: u8,
     lod: u8,
-    allow_truncated: bool,
+    salvage: bool,
     max_gaussians: Option<u64>,
 }
 
@@ -29,7 +29,7 @@ pub(crate) fn decompress<'py>(
     let mut options = DecodeOptions::default();
     options.max_sh_degree = wanted.max_sh_degree;
     options.lod = wanted.lod;
-    options.salvage = wanted.allow_truncated;
+    options.salvage = wanted.salvage;
     options.max_gaussians = wanted.max_gaussians;
     let decoded = run(py, pool()?, None, move |_| {
         gsvx::decode_with(&stream, &options).map_err(|e| Fault::from(e).named(&name))
@@ -100,7 +100,7 @@ fn head<'py>(py: Python<'py>, index: &Index) -> PyResult<Bound<'py, PyDict>> {
     out.set_item("octree_depth", header.j_high)?;
     out.set_item("cube_origin", header.cube.origin)?;
     out.set_item("cube_side", header.cube.side)?;
-    out.set_item("levels", 1 + index.coarsest_lod())?;
+    out.set_item("lods", 1 + index.coarsest_lod())?;
     out.set_item("bytes", index.stream_len())?;
     out.set_item("parts", index.parts().into_py_dict(py)?)?;
     let chunks = index.chunks.iter().enumerate().map(|(number, c)| chunk(py, index, number, c));

@@ -211,7 +211,7 @@ fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py
     out.set_item("seconds", done.seconds)?;
     out.set_item("parts", encoded.parts().into_py_dict(py)?)?;
     let rows = done.rows.as_ref().map(|rows| PyArray1::from_slice(py, rows));
-    out.set_item("index_map", rows)?;
+    out.set_item("rows", rows)?;
     let errors = encoded
         .max_error
         .map(|e| [("mean", e.mean), ("opacity", e.opacity), ("shape", e.shape), ("sh", e.sh)]);

@@ -106,7 +106,7 @@ fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
             Some(format!("pass max_gaussians={points} if you trust it"))
         }
         gsvx::Error::Truncated { what, .. } if *what != "head" => {
-            Some("pass allow_truncated=True to decode what is there".into())
+            Some("pass salvage=True to decode what is there".into())
         }
         _ => None,
     }

@@ -35,26 +35,26 @@ def test_round_trip_has_gsplats_names_shapes_and_types(splats, tmp_path):
     assert score.psnr > 36 and score.ssim > 0.97
 
 
-def test_lossless_keeps_every_bit_and_index_map_finds_it(splats):
+def test_lossless_keeps_every_bit_and_rows_find_it(splats):
     out = io.BytesIO()
     splats["opacities"] = splats["opacities"].copy()
     splats["opacities"][5] = np.nan
-    report = gsvx.compress(out, splats, lossless=True, index_map=True)
+    report = gsvx.compress(out, splats, lossless=True, rows=True)
     back = gsvx.decompress_bytes(out.getvalue())
-    assert sorted(report.index_map) == list(range(len(splats["means"])))
-    assert equal({name: array[report.index_map] for name, array in back.items()}, splats)
+    assert sorted(report.rows) == list(range(len(splats["means"])))
+    assert equal({name: array[report.rows] for name, array in back.items()}, splats)
 
 
-def test_index_map_tells_what_became_of_each_gaussian(splats):
+def test_rows_tell_what_became_of_each_gaussian(splats):
     n = len(splats["means"])
     splats = {name: array.copy() for name, array in splats.items()}
     splats["scales"][7] = np.inf
     splats["means"][11] = [1e7, 0, 0]
     out = io.BytesIO()
-    options = dict(prune=0.2, drop_invalid=True, quality=40, index_map=True)
+    options = dict(prune=0.2, drop_invalid=True, quality=40, rows=True)
     report = gsvx.compress(out, splats, **options)
     back = gsvx.decompress_bytes(out.getvalue())
-    rows = report.index_map
+    rows = report.rows
     assert rows.shape == (n,) and rows.dtype == np.int64 and rows[7] == -1
     assert report.invalid == 1 and report.pruned == (n - 1) // 5
     assert (rows < 0).sum() == report.invalid + report.pruned
@@ -64,17 +64,17 @@ def test_index_map_tells_what_became_of_each_gaussian(splats):
     kept = np.flatnonzero((rows >= 0) & (np.arange(n) != 11))
     moved = np.abs(back["means"][rows[kept]] - splats["means"][kept]).max()
     assert moved < 0.5, "rows lead to Gaussians at the same place"
-    plain = gsvx.compress_to_bytes(splats, **{**options, "index_map": False})
+    plain = gsvx.compress_to_bytes(splats, **{**options, "rows": False})
     assert plain == out.getvalue()
-    assert gsvx.compress(io.BytesIO(), MODEL).index_map is None
+    assert gsvx.compress(io.BytesIO(), MODEL).rows is None
 
 
 def test_errors_keep_their_bounds(small):
     out = io.BytesIO()
     bounds = dict(mean=0.1, opacity=0.02, shape=0.05, sh=0.01)
-    report = gsvx.compress(out, small, max_error=bounds, index_map=True)
+    report = gsvx.compress(out, small, max_error=bounds, rows=True)
     assert report.gaussians == 400 and all(report.max_error[name] <= bounds[name] for name in bounds)
-    back = {name: a[report.index_map] for name, a in gsvx.decompress_bytes(out.getvalue()).items()}
+    back = {name: a[report.rows] for name, a in gsvx.decompress_bytes(out.getvalue()).items()}
     assert np.abs(back["shN"] - small["shN"]).max() <= 0.01
     longest = np.exp(small["scales"].max(axis=1))
     assert (np.linalg.norm(back["means"] - small["means"], axis=1) <= 0.1001 * longest).all()
@@ -272,10 +272,10 @@ def test_damage_is_named_and_the_rest_can_be_had(splats, tmp_path):
     path = tmp_path / "cut.gsvx"
     stream = gsvx.compress_to_bytes(splats, web=True)
     path.write_bytes(stream[:-100])
-    with pytest.raises(gsvx.Error, match="cut.gsvx: .*pass allow_truncated=True"):
+    with pytest.raises(gsvx.Error, match="cut.gsvx: .*pass salvage=True"):
         gsvx.decompress(path)
     with pytest.warns(UserWarning, match="truncated"):
-        part = gsvx.decompress(path, allow_truncated=True)
+        part = gsvx.decompress(path, salvage=True)
     assert len(part["means"]) > 5000 and not part["shN"][:, 8:].any()
     with pytest.raises(gsvx.Error, match="pass max_gaussians="):
         gsvx.decompress_bytes(stream, max_gaussians=10)

@@ -42,7 +42,7 @@ def test_only_the_bytes_of_a_chunk_are_read(stream):
     file = Ranged(stream)
     with gsvx.open(file) as opened:
         assert opened.bytes_read < 5000 and opened.size == len(stream)
-        assert opened.levels > 1 and len(opened.chunks) > 3
+        assert opened.lods > 1 and len(opened.chunks) > 3
         chunk = opened.of_lod(0)[1]
         before = len(file.ranges)
         opened.read(chunk.number, max_sh_degree=0)
@@ -61,9 +61,9 @@ def test_chunks_one_after_another_are_the_whole(stream, tmp_path):
         low, high = opened.chunks[numbers[0]].bounds
         means = opened.read(numbers[0])["means"]
         assert (means.min(axis=0) == low).all() and (means.max(axis=0) == high).all()
-        coarse = opened.of_lod(opened.levels - 1)
+        coarse = opened.of_lod(opened.lods - 1)
         finer = {number for chunk in coarse for number in chunk.finer}
-        assert finer == {chunk.number for chunk in opened.of_lod(opened.levels - 2)}
+        assert finer == {chunk.number for chunk in opened.of_lod(opened.lods - 2)}
         with pytest.raises(IndexError):
             opened.read(len(opened.chunks))
     assert equal(gsvx.decompress(path, chunks=numbers), whole)

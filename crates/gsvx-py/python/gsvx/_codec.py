@@ -37,7 +37,7 @@ def compress(
     prune: float = 0.0,
     depth: Optional[int] = None,
     j_low: Optional[int] = None,
-    index_map: bool = False,
+    rows: bool = False,
     estimate: bool = False,
     progress: Optional[ProgressCallback] = None,
 ) -> Report:
@@ -83,7 +83,7 @@ def compress(
     criteria from this depth to ``depth``.
 
     The order of the Gaussians changes: they come back in Morton order, outliers last, and Gaussians of one
-    voxel are merged. With ``index_map`` the report says which row each became. With ``estimate`` it says how much
+    voxel are merged. With ``rows`` the report says which row each became. With ``estimate`` it says how much
     less the stream shows, from a few pictures, as the command does; that takes time and memory of its own.
 
     ``progress``: called with a :class:`gsvx.Progress` now and then. Ctrl-C ends the work, and nothing is
@@ -111,7 +111,7 @@ def compress(
         prune=prune,
         depth=depth,
         j_low=j_low,
-        rows=index_map,
+        rows=rows,
         estimate=estimate,
     )
     write(path, stream)
@@ -207,7 +207,7 @@ def decompress(
     chunks: Optional[Sequence[int]] = None,
     max_sh_degree: Optional[int] = None,
     lod: int = 0,
-    allow_truncated: bool = False,
+    salvage: bool = False,
     max_gaussians: Optional[int] = None,
 ) -> Splats:
     """Decompresses a stream.
@@ -215,7 +215,7 @@ def decompress(
     ``path``: a file name, or an object with ``read`` and ``seek``. ``chunks``: only the chunks of these
     numbers, in this order; of the stream only their bytes are read (see :func:`gsvx.open`).
     ``max_sh_degree``: highest SH degree to decode; less is faster. ``lod``: level of detail, 0 is the finest.
-    ``allow_truncated``: decode what is whole of a truncated or damaged stream instead of failing; warnings
+    ``salvage``: decode what is whole of a truncated or damaged stream instead of failing; warnings
     say what is missing. ``max_gaussians``: refuse streams of more; the default follows from the length.
 
     Returns a dict of float32 arrays with gsplat's names; see :func:`gsvx.compress`. Gaussians come in Morton
@@ -225,8 +225,8 @@ def decompress(
     read.
     """
     if chunks is not None:
-        if lod or allow_truncated:
-            raise ValueError("chunks: cannot be used with lod or allow_truncated")
+        if lod or salvage:
+            raise ValueError("chunks: cannot be used with lod or salvage")
         with open_stream(path) as stream:
             wanted = [stream.chunks[number].gaussians for number in chunks]
             if max_gaussians is not None and sum(wanted) > max_gaussians:
@@ -236,7 +236,7 @@ def decompress(
     with opened(path) as (file, name):
         file.seek(0)
         data = file.read()
-    return _decode(data, name, max_sh_degree, lod, allow_truncated, max_gaussians)
+    return _decode(data, name, max_sh_degree, lod, salvage, max_gaussians)
 
 
 def decompress_bytes(
@@ -244,13 +244,13 @@ def decompress_bytes(
     *,
     max_sh_degree: Optional[int] = None,
     lod: int = 0,
-    allow_truncated: bool = False,
+    salvage: bool = False,
     max_gaussians: Optional[int] = None,
 ) -> Splats:
     """As :func:`gsvx.decompress`, from bytes, a bytearray or a memoryview."""
     if not isinstance(data, (bytes, bytearray, memoryview)):
         raise ValueError(f"data: bytes expected, not {type(data).__name__}")
-    return _decode(bytes(data), "", max_sh_degree, lod, allow_truncated, max_gaussians)
+    return _decode(bytes(data), "", max_sh_degree, lod, salvage, max_gaussians)
 
 
 def _degree(max_sh_degree: Optional[int]) -> int:
@@ -265,7 +265,7 @@ def _decode(
     name: str,
     max_sh_degree: Optional[int],
     lod: int,
-    allow_truncated: bool,
+    salvage: bool,
     max_gaussians: Optional[int],
 ) -> Splats:
     degree = _degree(max_sh_degree)
@@ -274,7 +274,7 @@ def _decode(
     wanted = dict(
         max_sh_degree=degree,
         lod=lod,
-        allow_truncated=allow_truncated,
+        salvage=salvage,
         max_gaussians=max_gaussians,
     )
     arrays, skipped = _gsvx.decompress(data, name, wanted)

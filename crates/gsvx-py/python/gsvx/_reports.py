@@ -56,7 +56,7 @@ class Report:
     bit for bit because they are far away. ``seen_opacity_share``, ``unseen``: with cameras, the share of the
     opacity that they see, and the number of Gaussians that they do not. ``missed``: why the stream misses
     its target, or None. ``parts``: bytes by part of the stream. ``seconds``: time of the encoding.
-    ``max_error``: the greatest errors, where bounds were asked for, as measured. ``index_map``: if asked for,
+    ``max_error``: the greatest errors, where bounds were asked for, as measured. ``rows``: if asked for,
     (N,) int64, the row in which :func:`gsvx.decompress` returns each Gaussian of the input;
     merged Gaussians share one, -1 is for those left out. ``estimate``: if asked for, how much is lost; None where
     the pictures show nothing.
@@ -81,7 +81,7 @@ class Report:
     parts: Dict[str, int]
     max_error: Optional[Dict[str, float]] = None
     estimate: Optional[Estimate] = None
-    index_map: Optional[npt.NDArray[np.int64]] = field(default=None, repr=False, compare=False)
+    rows: Optional[npt.NDArray[np.int64]] = field(default=None, repr=False, compare=False)
 
     @property
     def bits_per_gaussian(self) -> float:

@@ -34,14 +34,14 @@ class Chunk:
 class Stream:
     """A stream whose chunks are read one by one; :func:`gsvx.open` makes it.
 
-    ``gaussians``: of the finest level. ``sh_degree``. ``levels``: levels of detail. ``octree_depth``,
+    ``gaussians``: of the finest level. ``sh_degree``. ``lods``: levels of detail. ``octree_depth``,
     ``cube_origin``, ``cube_side``: the octree. ``size``: its bytes. ``parts``: bytes by part.
     ``chunks``: the index. ``bytes_read``: bytes read so far.
     """
 
     gaussians: int
     sh_degree: int
-    levels: int
+    lods: int
     octree_depth: int
     cube_origin: Tuple[float, float, float]
     cube_side: float
@@ -64,7 +64,7 @@ class Stream:
         head: Dict[str, Any] = self._reader.head() or {}
         self.gaussians = head["gaussians"]
         self.sh_degree = head["sh_degree"]
-        self.levels = head["levels"]
+        self.lods = head["lods"]
         self.octree_depth = head["octree_depth"]
         self.cube_origin = tuple(head["cube_origin"])
         self.cube_side = head["cube_side"]
@@ -80,7 +80,7 @@ class Stream:
             data = self._fetch(*needs)
             if not data:
                 # The decoder of whole streams says what is missing.
-                whole = dict(max_sh_degree=3, lod=0, allow_truncated=False, max_gaussians=None)
+                whole = dict(max_sh_degree=3, lod=0, salvage=False, max_gaussians=None)
                 _gsvx.decompress(start, name, whole)
                 raise _gsvx.Error(f"{name}: the head is not whole")
             start += data
