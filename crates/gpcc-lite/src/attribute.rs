@@ -40,7 +40,7 @@ impl<'a> Quantisation<'a> {
 /// Codes the values in `rows` with a step for each channel, and replaces them by what a decoder
 /// will return, bit for bit. Returns whether every level is zero.
 ///
-/// The coder is an [`RansEncoder`](crate::coder::RansEncoder), or a [`Tally`](crate::coder::Tally) if only
+/// The coder is a [`RansEncoder`](crate::coder::RansEncoder), or a [`Tally`](crate::coder::Tally) if only
 /// the size and the values are wanted. A level saturates at `2^31 - 1` steps.
 ///
 /// # Errors

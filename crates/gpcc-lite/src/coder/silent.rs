@@ -3,7 +3,7 @@
 use super::Coder;
 use crate::symbols::Symbols;
 
-/// Takes what an [`RansEncoder`](super::RansEncoder) would write, and forgets it.
+/// Takes what a [`RansEncoder`](super::RansEncoder) would write, and forgets it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 

@@ -3,7 +3,7 @@
 use super::Coder;
 use crate::symbols::{SCALE_BITS, Symbols};
 
-/// Counts what an [`RansEncoder`](super::RansEncoder) would write, without writing it.
+/// Counts what a [`RansEncoder`](super::RansEncoder) would write, without writing it.
 #[derive(Clone, Copy, Debug)]
 pub struct Tally {
     /// Whole bits.

@@ -151,7 +151,7 @@ fn decode_channel(near: &Neighbours, bytes: &[u8]) -> Result<Vec<i32>> {
     Ok(values)
 }
 
-/// Least and greatest value of a channel whose offsets from `min` have `width` bits. RansEncoder and
+/// Least and greatest value of a channel whose offsets from `min` have `width` bits. Encoder and
 /// decoder derive them from the header, because the first prediction is their middle.
 fn bounds(min: i32, width: u32) -> [i64; 2] {
     [i64::from(min), (i64::from(min) + (1i64 << width) - 1).min(i64::from(i32::MAX))]

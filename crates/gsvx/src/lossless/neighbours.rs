@@ -1,6 +1,6 @@
 //! Earlier Gaussians near each Gaussian of a chunk.
 
-/// NearRows per Gaussian.
+/// Neighbours per Gaussian.
 pub(super) const NEIGHBOURS: usize = 8;
 /// Gaussians before the current one, in Morton order, that are looked at.
 const WINDOW: usize = 64;

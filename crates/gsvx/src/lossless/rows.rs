@@ -11,7 +11,7 @@ use super::{Coded, Column};
 use gpcc_lite::coder::Coder;
 use gpcc_lite::model::Bit;
 
-/// NearRows whose error levels are looked at.
+/// Neighbours whose error levels are looked at.
 const LEVEL_NEIGHBOURS: usize = 4;
 
 /// Codes all columns but the means of a part whose means are coded. The encoder gives the rows, the
