@@ -4,12 +4,17 @@
 //! small Gaussians, and what lies around it by few large ones. So a Gaussian weighs its opacity
 //! divided by its area. Which cameras see the detail, and not the back of a wall or fog right before
 //! the lens, is found by drawing a thinned-out copy of the model, small, from circles of different
-//! size, height and axis.
+//! size, height and axis. [`cover`] gives cameras that show a model from wherever it can be seen, and
+//! [`nearby`] some that stand near given ones.
 
 mod bulk;
+mod coverage;
+mod nearby;
 mod ring;
 mod thinned;
 
+pub use coverage::{Coverage, cover};
+pub use nearby::nearby;
 pub use ring::{Placement, Ring};
 
 use bulk::{Bulk, Weigh};

@@ -15,6 +15,7 @@ use crate::train_view::{TrainView, check_views};
 /// to view. Photos are kept with 8 bits per value, as their files have them.
 pub struct ViewGradients {
     pub(crate) views: Vec<PreparedView>,
+    options: RenderOptions,
     pub(crate) loss: Loss,
     pass: Pass,
     last: usize,
@@ -58,7 +59,18 @@ impl ViewGradients {
     pub fn new(views: Vec<TrainView>, loss: Loss, options: &RenderOptions) -> Result<Self> {
         check_views(&views)?;
         let views = views.into_iter().map(|v| PreparedView::new(v, options)).collect();
-        Ok(Self { views, loss, pass: Pass::Frozen(Box::default()), last: 0, planes: Vec::new() })
+        let (options, pass) = (*options, Pass::Frozen(Box::default()));
+        Ok(Self { views, options, loss, pass, last: 0, planes: Vec::new() })
+    }
+
+    /// Adds a view of this weight behind the others.
+    ///
+    /// # Errors
+    /// As [`ViewGradients::new`].
+    pub fn add(&mut self, view: TrainView, weight: f32) -> Result<()> {
+        check_views(std::slice::from_ref(&view))?;
+        self.views.push(PreparedView { weight, ..PreparedView::new(view, &self.options) });
+        Ok(())
     }
 
     /// Gives view `view` (modulo their number) a weight: its gradients are multiplied by it. At first it is 1.

@@ -1,16 +1,17 @@
 //! Generated cameras: a circle around what matters in a model, or the part of a circle from which it
 //! was photographed.
 
+use crate::exit::note;
 use crate::size::{list, number, positive};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result};
 use finetune::framing::{self, Constraints};
 use gs_model::{Camera, Scene};
 
 /// Options for cameras on a circle.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct Orbit {
-    /// Generate this many cameras around what the model shows: on a circle, or where the model is
-    /// seen from one side only, on an arc. The first is the one that sees most.
+    /// Generate this many cameras around what the model shows: on a circle (to tune: at several heights), or
+    /// where the model is seen from one side only, on an arc. The first is the one that sees most.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub(crate) orbit: Option<u32>,
     /// With --orbit: distance from the centre in world units [default: what sees most].
@@ -73,28 +74,58 @@ fn size(text: &str) -> Result<[u32; 2], String> {
 }
 
 impl Orbit {
-    /// `n` cameras that look at what matters in `scene`; `up` is what its own cameras say is up.
+    /// `n` cameras on a circle around what matters in `scene`; `up` is what its own cameras say is up.
     pub(crate) fn cameras(
         &self,
         scene: &Scene,
         n: u32,
         up: Option<[f64; 3]>,
     ) -> Result<Vec<Camera>> {
+        let constraints = self.constraints(up);
+        let mut found = framing::find(scene, &constraints).context(NOTHING)?;
+        if self.full_circle {
+            found.arc = None;
+        }
+        let focal = 0.5 * f64::from(self.size[0]) / constraints.tangents[0];
+        Ok(found.cameras(n, "orbit", self.size, focal))
+    }
+
+    /// `n` cameras that show what matters in `scene` from wherever it can be seen. Says where they stand.
+    pub(crate) fn covering(
+        &self,
+        scene: &Scene,
+        n: u32,
+        up: Option<[f64; 3]>,
+    ) -> Result<Vec<Camera>> {
+        let constraints = self.constraints(up);
+        let covered = framing::cover(scene, &constraints, n, self.size, self.full_circle);
+        let framing::Coverage { cameras, placement, empty } = covered.context(NOTHING)?;
+        let place = match placement.arc {
+            None => "all around what the model shows".into(),
+            Some([first, last]) => format!(
+                "on {:.0} degrees around what the model shows; from the other side next to nothing is seen \
+                 (--full-circle goes there)",
+                360.0 * (last - first)
+            ),
+        };
+        let passed = match empty {
+            0 => String::new(),
+            n => format!("; {n} other places see next to nothing"),
+        };
+        note(format_args!("{} cameras {place}{passed}", cameras.len()));
+        Ok(cameras)
+    }
+
+    fn constraints(&self, up: Option<[f64; 3]>) -> Constraints {
         let [width, height] = self.size;
         let tangent = libm::tan(0.5 * self.fov.to_radians());
-        let constraints = Constraints {
+        Constraints {
             up: self.up.map(|u| u.0).or(up),
             radius: self.orbit_radius,
             elevation: self.elevation,
             tangents: [tangent, tangent * f64::from(height) / f64::from(width)],
-        };
-        let Some(mut found) = framing::find(scene, &constraints) else {
-            bail!("the model holds no Gaussian to look at");
-        };
-        if self.full_circle {
-            found.arc = None;
         }
-        let focal = 0.5 * f64::from(width) / tangent;
-        Ok(found.cameras(n, "orbit", [width, height], focal))
     }
 }
+
+const NOTHING: &str = "the model holds no Gaussian to look at";

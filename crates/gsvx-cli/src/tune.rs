@@ -17,7 +17,8 @@ use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use tune::{
-    FineTuneOptions, Progress, StopReason, Target, Tune, TuneEffort, TuneOptions, TuneOutcome,
+    AgainstInput, FineTuneOptions, Progress, StopReason, Target, Tune, TuneEffort, TuneOptions,
+    TuneOutcome,
 };
 
 pub(crate) const EXAMPLES: &str = "\
@@ -32,6 +33,8 @@ Examples:
 Ctrl-C, or SIGTERM, ends the tuning early; what has been reached is written. A second one, later, ends
 the command without an output.";
 
+/// A stream that is worse beside the path of the cameras than on it by more than this is warned of, dB.
+const WORSE_ELSEWHERE: f64 = 3.0;
 /// Steps between two pictures.
 const PICTURED: u64 = 100;
 
@@ -62,6 +65,9 @@ pub(crate) struct TuneArgs {
     /// Tune to renders of the model itself, also where there are photos.
     #[arg(long)]
     distil: bool,
+    /// Leave out what the views do not show: fewer bytes, and good only where the cameras stand.
+    #[arg(long)]
+    drop_unseen: bool,
     /// File that keeps what is needed to go on after an interruption; an existing one is continued.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
@@ -214,6 +220,7 @@ fn tuned(
         EffortName::Normal => TuneEffort::Normal,
         EffortName::Long => TuneEffort::Long,
     };
+    options.drop_unseen = args.drop_unseen;
     options.backend = backend;
     options.seed = args.seed;
     options.checkpoint.clone_from(&args.checkpoint);
@@ -278,9 +285,15 @@ fn tell(
     let ended = if outcome.cancelled { StopReason::Cancelled } else { StopReason::Steps };
     let of = if distilled { "renders of the input" } else { "photos" };
     let gaussians = outcome.scene.len();
+    let elsewhere = match outcome.against_input {
+        Some(shown) => {
+            format!("; elsewhere {:.2} dB against renders of the input", shown.elsewhere)
+        }
+        None => String::new(),
+    };
     let human = format!(
         "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB against {of} kept \
-         aside (input model: {:.2} dB)",
+         aside (input model: {:.2} dB){elsewhere}",
         outcome.steps,
         outcome.seconds,
         DecimalBytes(bytes),
@@ -295,6 +308,7 @@ fn tell(
         "counted_bytes": outcome.counted_bytes,
         "psnr": outcome.psnr,
         "input_psnr": outcome.input_psnr,
+        "elsewhere_psnr": outcome.against_input.map(|shown| shown.elsewhere),
         "quality": outcome.quality,
         "distilled": distilled,
         "steps": outcome.steps,
@@ -307,6 +321,19 @@ fn tell(
     if loss(outcome.psnr, outcome.input_psnr) < finetune::Likeness::POOR {
         note(format_args!(
             "warning: the loss is easy to see; use a higher --quality, or a larger target"
+        ));
+    }
+    if let Some(AgainstInput { aside, elsewhere }) = outcome.against_input
+        && elsewhere < aside - WORSE_ELSEWHERE
+    {
+        let remedy = if args.drop_unseen {
+            "without --drop-unseen the rest is kept"
+        } else {
+            "more views help"
+        };
+        note(format_args!(
+            "warning: beside the cameras' path the stream is worse than at the cameras: {elsewhere:.1} against \
+             {aside:.1} dB from the input; {remedy}"
         ));
     }
     match (outcome.reached, args.target()) {

@@ -132,9 +132,9 @@ pub(crate) fn read(path: &Path) -> Result<Vec<View>> {
     Ok(dataset::open_views(path, LensDistortion::Ignore)?)
 }
 
-/// Generated cameras around a model that was read from `path`.
+/// Cameras that show a model, which was read from `path`, from wherever it can be seen.
 pub(crate) fn around(orbit: &Orbit, n: u32, path: &Path, scene: &Scene) -> Result<Vec<Camera>> {
-    let cameras = orbit.cameras(scene, n, up_beside(path))?;
+    let cameras = orbit.covering(scene, n, up_beside(path))?;
     drawable(&cameras, "pass a smaller --size")?;
     Ok(cameras)
 }

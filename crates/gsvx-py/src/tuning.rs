@@ -14,7 +14,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// TuneDict as Python has them.
+/// Options as Python has them.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct TuneDict {
@@ -24,6 +24,7 @@ pub(crate) struct TuneDict {
     effort: String,
     seed: u64,
     checkpoint: Option<PathBuf>,
+    drop_unseen: bool,
     drop_invalid: bool,
 }
 
@@ -85,6 +86,7 @@ pub(crate) fn tune<'py>(
     out.set_item("outliers", outliers)?;
     out.set_item("psnr", psnr)?;
     out.set_item("input_psnr", input_psnr)?;
+    out.set_item("elsewhere_psnr", outcome.against_input.map(|shown| shown.elsewhere))?;
     out.set_item("quality", quality)?;
     out.set_item("steps", steps)?;
     out.set_item("seconds", seconds)?;
@@ -193,6 +195,7 @@ fn tune_scene(
         _ => TuneEffort::Normal,
     };
     choices.seed = options.seed;
+    choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
     let mut warnings = Vec::new();

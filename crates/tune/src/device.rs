@@ -103,7 +103,7 @@ mod tests {
         };
         let views =
             dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
-        let mut views = Views::new(&scene, views, 0).unwrap();
+        let mut views = Views::new(&scene, views, 0, true).unwrap();
         let target = Target::Quality(PLAN.quality);
         let on_host = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         let mut on_device = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();

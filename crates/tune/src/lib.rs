@@ -27,3 +27,4 @@ pub use options::{DEFAULT_QUALITY, Target, TuneOptions};
 pub use plan::{TuneEffort, TunePlan};
 pub use progress::{Progress, StageName, StopReason, TuneOutcome};
 pub use run::Tune;
+pub use views::AgainstInput;

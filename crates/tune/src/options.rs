@@ -31,6 +31,9 @@ pub struct TuneOptions {
     pub effort: TuneEffort,
     /// A plan of the caller's instead of the one that follows from target and effort.
     pub plan: Option<TunePlan>,
+    /// Leave out what the views do not show, and judge the scene at the views alone: fewer bytes, and good only where
+    /// the cameras stand.
+    pub drop_unseen: bool,
     /// Where the steps with the codec in the loop are made. Pruning is on the processor.
     pub backend: Backend,
     /// Seed of the order of the views.
@@ -49,6 +52,7 @@ impl TuneOptions {
             target,
             effort: TuneEffort::Normal,
             plan: None,
+            drop_unseen: false,
             backend: Backend::Cpu,
             seed: 0,
             checkpoint: None,

@@ -93,11 +93,15 @@ impl TunePlan {
     }
 }
 
-/// The voxelization of a quality, with importances from cameras.
-pub(crate) fn voxel_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<EncodeOptions> {
+/// The voxelization of a quality, with importances from cameras. `drop_unseen` leaves out what they do not see.
+pub(crate) fn voxel_options(
+    quality: f32,
+    importance: Vec<f32>,
+    drop_unseen: bool,
+) -> gsvx::Result<EncodeOptions> {
     let mut options = EncodeOptions::from_quality((quality - VOXEL_QUALITY_BELOW).max(0.0))?;
     options.importance = Some(importance);
-    options.drop_unseen = true;
+    options.drop_unseen = drop_unseen;
     Ok(options)
 }
 

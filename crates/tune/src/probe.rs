@@ -1,6 +1,5 @@
 //! The plan that follows from a target: for a size, by streams of the scene without tuning.
 
-use finetune::removal_effects;
 use gs_model::Scene;
 use gsvx::rate;
 
@@ -24,7 +23,7 @@ pub(crate) fn plan(
     if let Some(plan) = options.plan {
         return plan.checked();
     }
-    let (effects, importance) = (removal_effects(scene, &views.cameras), views.importance(scene));
+    let (effects, importance) = (views.removal_effects(scene)?, views.importance(scene));
     let spare = Spare::new(&effects, &importance);
     let quality = match options.target {
         Target::Quality(quality) => quality,
@@ -35,7 +34,7 @@ pub(crate) fn plan(
                 let plan = TunePlan::new(quality, options.effort, &spare)?;
                 let kept = gsvx::prune(&effects, plan.fraction)?;
                 let importance = kept.iter().map(|&i| importance[i]).collect();
-                probe(&scene.select(&kept), importance, quality)
+                probe(&scene.select(&kept), importance, quality, options.drop_unseen)
             };
             let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
             if !found.reached || is_empty(&found.encoded)? {
@@ -64,8 +63,13 @@ fn is_empty(stream: &[u8]) -> Result<bool> {
 }
 
 /// The stream of a scene at a quality.
-fn probe(scene: &Scene, importance: Vec<f32>, quality: f32) -> gsvx::Result<Vec<u8>> {
-    let prepared = gsvx::prepare(scene, &voxel_options(quality, importance)?)?;
+fn probe(
+    scene: &Scene,
+    importance: Vec<f32>,
+    quality: f32,
+    drop_unseen: bool,
+) -> gsvx::Result<Vec<u8>> {
+    let prepared = gsvx::prepare(scene, &voxel_options(quality, importance, drop_unseen)?)?;
     let encode = encode_options(quality, prepared.importance)?;
     Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &encode)?.bytes)
 }

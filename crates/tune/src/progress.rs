@@ -4,6 +4,8 @@ use finetune::{Backend, BackendReport};
 use gs_model::Scene;
 use gsvx::Encoded;
 
+use crate::views::AgainstInput;
+
 /// What a run is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StageName {
@@ -101,6 +103,8 @@ pub struct TuneOutcome {
     pub input_psnr: f64,
     /// PSNR of [`TuneOutcome::scene`] at the same views, dB.
     pub psnr: f64,
+    /// How well the scene shows what the input model shows, also where no photo was taken.
+    pub against_input: Option<AgainstInput>,
     /// Final quality.
     pub quality: f32,
     /// Gaussians coded exactly, among those of the scene.

@@ -60,10 +60,10 @@ impl Tune {
                 range: "a number of dB",
             });
         }
-        let TuneOptions { target, effort, plan: given, seed, .. } = &options;
-        let shared = format!("{target:?} {effort:?} {given:?} {seed}");
+        let TuneOptions { target, effort, plan: given, drop_unseen, seed, .. } = &options;
+        let shared = format!("{target:?} {effort:?} {given:?} {drop_unseen} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
-        let views = Views::new(&scene, views, options.seed)?;
+        let views = Views::new(&scene, views, options.seed, options.drop_unseen)?;
         let (_, input_psnr) = views.at_aside(&scene);
         if input_psnr < LEAST_MATCH_DB {
             return Err(Error::OtherPhotos { psnr: input_psnr });
@@ -96,7 +96,7 @@ impl Tune {
     #[must_use]
     pub fn views(&self) -> (usize, usize) {
         let views = &self.trainer.views;
-        (views.gradients.views(), views.aside.len())
+        (views.photos(), views.aside.len())
     }
 
     /// Where the steps with the codec in the loop are made, and why there.
@@ -140,6 +140,7 @@ impl Tune {
         let mut state = course.finish(views, cancelled)?;
         let encoded = steering::fitting(&mut state, target)?;
         let (_, psnr) = views.at_aside(&state.scene);
+        let against_input = views.against_input(&state.scene);
         let reached = match target {
             Target::Quality(_) => true,
             Target::Bytes(bytes) => encoded.bytes.len() as u64 <= bytes,
@@ -154,6 +155,7 @@ impl Tune {
             counted_bytes,
             input_psnr,
             psnr,
+            against_input,
             quality,
             outliers: leaves.outliers.map_or(0, |o| o.len()),
             steps: *steps,

@@ -31,10 +31,7 @@ pub(crate) fn round(
     round: u64,
 ) -> Result<Stage> {
     views.gradients.move_means(true);
-    let effects = finetune::removal_effects(&scene, &views.cameras);
-    if effects.iter().all(|&v| v <= 0.0) {
-        return Err(Error::NothingSeen);
-    }
+    let effects = views.removal_effects(&scene)?;
     let kept = plan.kept(input, round).min(scene.len());
     let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
     let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
@@ -51,7 +48,7 @@ pub(crate) fn codec_loop(
     scene: &Scene,
 ) -> Result<Box<CodecLoop>> {
     views.gradients.move_means(false);
-    let options = voxel_options(plan.quality, views.importance(scene))?;
+    let options = voxel_options(plan.quality, views.importance(scene), views.drop_unseen())?;
     let Prepared { scene, voxels, importance, outliers } = gsvx::prepare(scene, &options)?;
     if scene.is_empty() {
         return Err(Error::NothingSeen);

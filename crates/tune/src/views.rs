@@ -3,7 +3,11 @@
 //! A photo that the input model matches far worse than it does most photos shows something that the model
 //! cannot: another exposure, a lens out of focus, a person who walked by. Its squared error is so large that it
 //! would outweigh all others, so it counts less: see [`weights`].
+//!
+//! A viewer lets people walk anywhere. So some steps are made at views near the path of the photos, with renders of the
+//! input model as targets, and what these views see counts in pruning and in the codec.
 
+use finetune::framing::nearby;
 use finetune::optimiser::permutation;
 use finetune::{Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
 use gs_model::{Camera, Scene};
@@ -14,6 +18,16 @@ use crate::error::{Error, Result};
 const ASIDE: usize = 16;
 /// A photo counts in full up to this many times the median of the squared errors (3 dB).
 const FULL_WEIGHT: f64 = 2.0;
+/// One step in this many is made at a nearby view.
+const NEARBY_EVERY: u64 = 4;
+/// What a nearby view counts, and a pixel of it, over one of a photo.
+const NEARBY_WEIGHT: f32 = 0.3;
+/// Most nearby views, and the longest edge of their pictures.
+const MOST_NEARBY: usize = 64;
+const NEARBY_EDGE: f64 = 640.0;
+/// Nearby views that judge the result, and the longest edge of their pictures.
+const JUDGED: usize = 12;
+const JUDGED_EDGE: f64 = 320.0;
 
 /// The views of a run.
 pub(crate) struct Views {
@@ -21,8 +35,38 @@ pub(crate) struct Views {
     pub(crate) cameras: Vec<Camera>,
     pub(crate) gradients: ViewGradients,
     pub(crate) aside: Vec<TrainView>,
+    /// Cameras near the others. Their views are the last ones of `gradients`.
+    nearby: Vec<Camera>,
+    /// Renders of the input model, to compare the result with.
+    judged: Option<Judged>,
     seed: u64,
     order: Vec<u32>,
+}
+
+/// Small renders of the input model.
+struct Judged {
+    /// At the views kept aside.
+    aside: Vec<TrainView>,
+    /// At cameras near the path, which no step visits.
+    elsewhere: Vec<TrainView>,
+}
+
+/// How well a scene shows what the input model shows: mean PSNR against its renders, dB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AgainstInput {
+    /// At the views kept aside.
+    pub aside: f64,
+    /// At views that no photo shows: between the cameras, beside them and farther back.
+    pub elsewhere: f64,
+}
+
+impl Judged {
+    fn of(scene: &Scene, aside: &[TrainView], cameras: &[Camera]) -> Self {
+        let render = |camera: &Camera| of_input(scene, within(camera, JUDGED_EDGE));
+        let aside = aside.iter().map(|v| render(&v.camera)).collect();
+        let elsewhere = nearby(scene, cameras, JUDGED, 1).iter().map(render).collect();
+        Self { aside, elsewhere }
+    }
 }
 
 impl Views {
@@ -30,11 +74,25 @@ impl Views {
     pub(crate) fn all(views: Vec<TrainView>, loss: Loss, seed: u64) -> Result<Self> {
         let cameras = cameras_of(&views)?;
         let gradients = ViewGradients::new(views, loss, &RenderOptions::default())?;
-        Ok(Self { cameras, gradients, aside: Vec::new(), seed, order: Vec::new() })
+        Ok(Self {
+            cameras,
+            gradients,
+            aside: Vec::new(),
+            nearby: Vec::new(),
+            judged: None,
+            seed,
+            order: Vec::new(),
+        })
     }
 
-    /// Some views are kept aside, and photos that `scene`, the input model, matches badly count less.
-    pub(crate) fn new(scene: &Scene, views: Vec<TrainView>, seed: u64) -> Result<Self> {
+    /// Some views are kept aside, and photos that `scene`, the input model, matches badly count less. There are
+    /// nearby views unless what no photo shows is left out.
+    pub(crate) fn new(
+        scene: &Scene,
+        views: Vec<TrainView>,
+        seed: u64,
+        drop_unseen: bool,
+    ) -> Result<Self> {
         let cameras = cameras_of(&views)?;
         let (mut training, mut aside) = (Vec::new(), Vec::new());
         for (i, view) in views.into_iter().enumerate() {
@@ -48,12 +106,32 @@ impl Views {
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
-        Ok(Self { cameras, gradients, aside, seed, order: Vec::new() })
+        let count = if drop_unseen { 0 } else { gradients.views().min(MOST_NEARBY) };
+        let nearby: Vec<Camera> =
+            nearby(scene, &cameras, count, 0).iter().map(|c| within(c, NEARBY_EDGE)).collect();
+        for camera in &nearby {
+            gradients.add(of_input(scene, camera.clone()), NEARBY_WEIGHT)?;
+        }
+        let judged = Some(Judged::of(scene, &aside, &cameras));
+        Ok(Self { cameras, gradients, aside, nearby, judged, seed, order: Vec::new() })
     }
 
-    /// The view of a step, counted from 0. Each is visited once before any is visited again.
+    /// Number of views whose photos the steps visit.
+    pub(crate) fn photos(&self) -> usize {
+        self.gradients.views() - self.nearby.len()
+    }
+
+    /// The view of a step, counted from 0. Each photo is visited once before any is visited again.
     pub(crate) fn at(&mut self, step: u64) -> usize {
-        let n = self.gradients.views() as u64;
+        let n = self.photos() as u64;
+        let mut step = step;
+        if !self.nearby.is_empty() {
+            let visited = step / NEARBY_EVERY;
+            if step % NEARBY_EVERY == NEARBY_EVERY - 1 {
+                return (n + visited % self.nearby.len() as u64) as usize;
+            }
+            step -= visited;
+        }
         let (epoch, within) = (step / n, step % n);
         if self.order.is_empty() || within == 0 {
             self.order = permutation(self.seed, epoch, n as usize);
@@ -69,15 +147,74 @@ impl Views {
         (mse, all.iter().sum::<f64>() / n)
     }
 
-    /// Pixels of all cameras.
+    /// Compares a scene with the input model; `None` without a single view of it.
+    pub(crate) fn against_input(&self, scene: &Scene) -> Option<AgainstInput> {
+        let Judged { aside, elsewhere } = self.judged.as_ref()?;
+        let mean = |views: &[TrainView]| {
+            views.iter().map(|v| psnr(scene, v)).sum::<f64>() / views.len() as f64
+        };
+        (!elsewhere.is_empty())
+            .then(|| AgainstInput { aside: mean(aside), elsewhere: mean(elsewhere) })
+    }
+
+    /// Pixels of all cameras, as they count in importances.
     pub(crate) fn pixels(&self) -> f64 {
-        self.cameras.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum()
+        let nearby = if self.nearby.is_empty() { 0.0 } else { NEARBY_WEIGHT };
+        pixels(&self.cameras) * f64::from(1.0 + nearby)
     }
 
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
-        finetune::saliency(scene, &self.cameras).squared
+        self.over_all(|cameras| finetune::saliency(scene, cameras).squared)
     }
+
+    /// How much the squared error of all pixels grows when a Gaussian is left out: the greatest number for one that no
+    /// view sees, as nothing is known of it, unless it is to be left out.
+    pub(crate) fn removal_effects(&self, scene: &Scene) -> Result<Vec<f32>> {
+        let mut out = self.over_all(|cameras| finetune::removal_effects(scene, cameras));
+        if out.iter().all(|&effect| effect <= 0.0) {
+            return Err(Error::NothingSeen);
+        }
+        if !self.drop_unseen() {
+            let unseen = out.iter_mut().filter(|effect| **effect <= 0.0);
+            unseen.for_each(|effect| *effect = f32::MAX);
+        }
+        Ok(out)
+    }
+
+    /// A sum over the cameras, and that over the nearby ones, which count less.
+    fn over_all(&self, sum: impl Fn(&[Camera]) -> Vec<f32>) -> Vec<f32> {
+        let mut out = sum(&self.cameras);
+        if !self.nearby.is_empty() {
+            let weight = NEARBY_WEIGHT * (pixels(&self.cameras) / pixels(&self.nearby)) as f32;
+            out.iter_mut().zip(sum(&self.nearby)).for_each(|(all, near)| *all += weight * near);
+        }
+        out
+    }
+
+    /// Whether what no view sees is left out.
+    pub(crate) fn drop_unseen(&self) -> bool {
+        self.nearby.is_empty()
+    }
+}
+
+/// A render of the input model as a target.
+fn of_input(scene: &Scene, camera: Camera) -> TrainView {
+    let mut photo = render(scene, &camera, &RenderOptions::default());
+    photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+    TrainView { camera, photo }
+}
+
+/// The same view with no edge longer than `most` pixels.
+fn within(camera: &Camera, most: f64) -> Camera {
+    let factor = (most / f64::from(camera.width.max(camera.height))).min(1.0);
+    let edge = |pixels: u32| ((f64::from(pixels) * factor).round() as u32).max(1);
+    camera.scaled_to(edge(camera.width), edge(camera.height)).unwrap_or_else(|| camera.clone())
+}
+
+/// Pixels of all cameras.
+fn pixels(cameras: &[Camera]) -> f64 {
+    cameras.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum()
 }
 
 /// The cameras of views whose photos hold numbers.

@@ -96,6 +96,15 @@ pub fn rate_at(curve: &[Point], psnr_db: f64) -> Option<f64> {
     })
 }
 
+/// The PSNR of a curve at a rate, on its hull; `None` outside the rates of its points.
+pub fn psnr_at(curve: &[Point], rate: f64) -> Option<f64> {
+    hull(curve).windows(2).find_map(|w| {
+        let (a, b) = (w[0], w[1]);
+        ((a.rate..=b.rate).contains(&rate))
+            .then(|| a.psnr_db + (b.psnr_db - a.psnr_db) * (rate - a.rate) / (b.rate - a.rate))
+    })
+}
+
 /// The upper-left convex hull (rate linear): the points that no mixture of others beats, by
 /// rising rate and PSNR.
 pub fn hull(points: &[Point]) -> Vec<Point> {

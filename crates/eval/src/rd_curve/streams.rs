@@ -4,10 +4,13 @@
 //! A tune takes minutes, so a point is recorded by the hash of the command: it is measured once for one
 //! build of `gsvx`, whatever becomes of this program.
 
+use std::cell::OnceCell;
 use std::ffi::OsStr;
 use std::fs;
 
 use anyhow::{Context, Result, ensure};
+use finetune::{RenderOptions, TrainView, framing};
+use gs_model::Camera;
 use serde::{Deserialize, Serialize};
 
 use super::options::CurveEffort;
@@ -17,6 +20,7 @@ use crate::cache::Cache;
 use crate::measure;
 use crate::process::GsvxCommand;
 use crate::progress::Bar;
+use crate::scenes::TestScene;
 
 /// How the command makes a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -71,18 +75,27 @@ pub(crate) struct StreamPoint {
     pub(crate) user_seconds: f64,
     /// Greatest memory of the command, MB.
     pub(crate) peak_mb: f64,
+    /// PSNR against renders of the model as it was trained, at views off the path of the cameras, dB.
+    pub(crate) elsewhere_db: f64,
 }
+
+/// Views off the path of the cameras.
+const ELSEWHERE: usize = 16;
+/// Which of them: others than those that a tune visits or tells of.
+const ELSEWHERE_SET: u32 = 2;
 
 /// Streams of one scene by one build of the command.
 pub(crate) struct Streams<'a> {
     study: &'a Study,
     gsvx: &'a GsvxCommand,
     cache: Cache,
+    elsewhere: OnceCell<Vec<TrainView>>,
 }
 
 impl<'a> Streams<'a> {
     pub(crate) fn open(study: &'a Study, gsvx: &'a GsvxCommand) -> Result<Self> {
-        Ok(Self { study, gsvx, cache: study.cache_of(gsvx.path())? })
+        let cache = study.cache_of(gsvx.path())?;
+        Ok(Self { study, gsvx, cache, elsewhere: OnceCell::new() })
     }
 
     /// The point, if it was measured before.
@@ -140,7 +153,19 @@ impl<'a> Streams<'a> {
             render_seconds,
             stream,
         };
-        Ok(StreamPoint { coded, user_seconds: cost.user, peak_mb: cost.peak_mb })
+        let elsewhere_db = measure::psnr_db(&scene, self.elsewhere());
+        Ok(StreamPoint { coded, user_seconds: cost.user, peak_mb: cost.peak_mb, elsewhere_db })
+    }
+
+    /// Renders of the model off the path of the cameras.
+    fn elsewhere(&self) -> &[TrainView] {
+        let TestScene { model, training, .. } = &self.study.test;
+        let view = |camera: Camera| {
+            let photo = finetune::render(model, &camera, &RenderOptions::default());
+            TrainView { camera, photo }
+        };
+        let cameras = || framing::nearby(model, training, ELSEWHERE, ELSEWHERE_SET);
+        self.elsewhere.get_or_init(|| cameras().into_iter().map(view).collect())
     }
 }
 

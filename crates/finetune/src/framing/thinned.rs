@@ -9,8 +9,9 @@ use crate::saliency::saliency;
 /// Cameras on a circle during the search, and for the choice of an arc.
 pub(super) const FEW: u32 = 8;
 const MANY: u32 = 24;
-/// Cameras that see less than this share of what the best one sees are not on the arc.
-const SEES: f64 = 0.6;
+/// From where cameras see less than this share of what the best one sees, there is next to nothing: the other side of
+/// a model that was photographed from one side. The back of an object has half of the detail of its front, or a third.
+pub(super) const SEES: f64 = 0.25;
 /// An arc longer than this is the whole circle, in turns.
 const WHOLE: f64 = 0.8;
 
@@ -54,7 +55,7 @@ impl ThinnedScene {
     }
 
     /// The share of the detail that one camera sees.
-    fn view(&self, ring: &Ring, turn: f64) -> f64 {
+    pub(super) fn view(&self, ring: &Ring, turn: f64) -> f64 {
         let wide = self.tangents[0].max(self.tangents[1]);
         let size = self.tangents.map(|t| (EDGE_PIXELS * t / wide).round().max(1.0) as u32);
         let focal = 0.5 * EDGE_PIXELS / wide;

@@ -94,6 +94,8 @@ class TuneReport:
     """What :func:`gsvx.tune` made.
 
     ``psnr`` and ``input_psnr``: of the stream and of the input model at views kept aside, in dB.
+    ``elsewhere_psnr``: against renders of the input model at views beside the cameras' path; None if nothing
+    is seen there.
     ``distilled``: whether the model was tuned to its own renders. ``steps``, ``seconds``: how long. The others
     are as in :class:`Report`.
     """
@@ -104,6 +106,7 @@ class TuneReport:
     outliers: int
     psnr: float
     input_psnr: float
+    elsewhere_psnr: Optional[float]
     quality: float
     distilled: bool
     steps: int

@@ -26,6 +26,7 @@ def tune(
     target_psnr: Optional[float] = None,
     effort: str = "normal",
     distil: bool = False,
+    drop_unseen: bool = False,
     checkpoint: Optional[PathLike] = None,
     seed: int = 0,
     drop_invalid: bool = False,
@@ -42,7 +43,8 @@ def tune(
     One of these is the target (default: quality 58): ``quality``, 0 to 100; ``target_bytes``;
     ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (about 1 minute for 120,000
     Gaussians and small photos on one core), "normal" (5 minutes) or "long" (30 minutes). ``seed``: of the
-    order of the views. ``checkpoint``: file that keeps what is needed to go on after an interruption; an
+    order of the views. ``drop_unseen`` leaves out what the views do not show: fewer bytes, and good only where the
+    cameras stand. ``checkpoint``: file that keeps what is needed to go on after an interruption; an
     existing one is continued.
 
     Ctrl-C ends the work, and no stream is written; the checkpoint stays. To see the tuned model, decompress
@@ -60,6 +62,7 @@ def tune(
         target_psnr=target_psnr,
         effort=effort,
         seed=seed,
+        drop_unseen=drop_unseen,
         checkpoint=None if checkpoint is None else os.fspath(checkpoint),
         drop_invalid=drop_invalid,
     )

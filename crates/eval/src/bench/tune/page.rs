@@ -11,10 +11,12 @@ use crate::report;
 /// What the settings are chosen by.
 const CHOICES: &str = include_str!("choices.md");
 
+fn rate(point: &StreamPoint) -> bd::Point {
+    bd::Point { rate: point.coded.bytes as f64, psnr_db: point.coded.score.psnr_db }
+}
+
 fn rates(points: &[StreamPoint]) -> Vec<bd::Point> {
-    let point =
-        |p: &StreamPoint| bd::Point { rate: p.coded.bytes as f64, psnr_db: p.coded.score.psnr_db };
-    points.iter().map(point).collect()
+    points.iter().map(rate).collect()
 }
 
 pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
@@ -28,7 +30,8 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     page.text(format!(
         "`cargo build --release -p gsvx-cli && cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q \
          QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
-         (dB) and SSIM are means over these. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
+         (dB) and SSIM are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
+         off the path of the cameras: between them, beside them and farther back. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
          ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos; \"seed-1\" visits the views \
          in another order. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
          this build has not measured are missing.",
@@ -74,11 +77,17 @@ fn bd_table(scenes: &[Scene]) -> Table {
 /// The points of each effort, with photos and the first seed.
 fn points_table(scenes: &[Scene]) -> Table {
     let mut table = Table::new(
-        "scene | run | quality | bytes | dB | SSIM | bytes against untuned at these dB | CPU minutes | peak MB",
+        "scene | run | quality | bytes | dB | SSIM | bytes against untuned at these dB | elsewhere, dB | \
+         untuned of equal bytes, dB | CPU minutes | peak MB",
     );
     let off = |bytes: u64, of: f64| Some(100.0 * (bytes as f64 / of.max(1.0) - 1.0));
     for scene in scenes {
         let untuned = rates(&scene.untuned);
+        let elsewhere: Vec<bd::Point> = scene
+            .untuned
+            .iter()
+            .map(|p| bd::Point { psnr_db: p.elsewhere_db, ..rate(p) })
+            .collect();
         let usual = |t: &&Tuned| matches!(t.how, StreamKind::Tune { distil: false, seed: 0, .. });
         let runs = scene.tuned.iter().filter(usual);
         for (how, point) in runs.flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
@@ -94,6 +103,8 @@ fn points_table(scenes: &[Scene]) -> Table {
                 format!("{bold}{db:.2}{bold}"),
                 format!("{:.4}", p.score.ssim),
                 signed(against, 1, " %"),
+                format!("{:.2}", point.elsewhere_db),
+                bd::psnr_at(&elsewhere, p.bytes as f64).map_or("-".into(), |db| format!("{db:.2}")),
                 format!("{:.1}", point.user_seconds / 60.0),
                 format!("{:.0}", point.peak_mb),
             ]);
