@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cameras_hardly_see_took_a_sixth_of_the_bytes() {
+    fn what_cameras_hardly_see_takes_a_bounded_share_of_importance() {
         let scene = testing::trained_like(4000, 0, &mut testing::Rng::seeded(3));
         // Four in ten are hardly seen, or not at all.
         let guess = without_cameras(&scene);
