@@ -72,8 +72,8 @@ pub(crate) struct Content {
     /// With --cameras: leave out the Gaussians that they see too little of to pay for their bits, and
     /// so all that they do not see.
     ///
-    /// Streams are 5 to 15 % smaller and show the same from places like those of the cameras. From elsewhere
-    /// parts may be missing. Without this, what the cameras do not see is kept coarsely.
+    /// Streams are up to 2 % smaller and show the same from places like those of the cameras. From elsewhere
+    /// parts may be missing. Without this, the most prominent part of what the cameras hardly see is kept, coarsely.
     #[arg(long, requires = "cameras", hide_short_help = true, help_heading = CONTENT)]
     pub(crate) drop_unseen: bool,
     /// Store a coarse scene first, for viewers that show a scene while it loads.

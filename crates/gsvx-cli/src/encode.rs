@@ -14,7 +14,10 @@ use crate::{loss, max_error, scale, size, views};
 use anyhow::{Context, Result};
 use finetune::{Likeness, Pictures, References};
 use gs_model::{Camera, Format, Scene, chain};
-use gsvx::{Aim, Choices, EncodeProgress, EncodeWarning, Encoder, Leaves, Made, MaxError, Missed};
+use gsvx::importance::with_unseen;
+use gsvx::{
+    Aim, Choices, EncodeProgress, EncodeWarning, Encoder, LEFT_OUT, Leaves, Made, MaxError, Missed,
+};
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
 use std::convert::Infallible;
@@ -271,13 +274,46 @@ struct Done {
 struct SeenShare {
     of_opacity: f64,
     unseen: usize,
+    /// Gaussians that cameras see, but too little to pay for their bits.
+    hardly: usize,
+    /// Of both, those in the stream.
+    kept: usize,
+}
+
+impl SeenShare {
+    /// Counts what became of what cameras see too little of. `least` has the importances by which it was kept.
+    fn count(&mut self, weights: &[f32], least: &[f32], rows: &[u32]) {
+        for ((&seen, &least), &row) in weights.iter().zip(least).zip(rows) {
+            let kept = row != LEFT_OUT;
+            let hardly = !kept || least > seen;
+            self.hardly += usize::from(hardly && seen > 0.0);
+            self.kept += usize::from(hardly && kept);
+        }
+    }
+
+    /// For a person.
+    fn remark(&self, gaussians: u64) -> Option<String> {
+        let Self { unseen, hardly, kept, .. } = *self;
+        if unseen + hardly == 0 {
+            return None;
+        }
+        let these = format!("{unseen} Gaussians that no camera sees and {hardly} hardly seen");
+        Some(match kept {
+            0 => format!("{these} are left out"),
+            _ => format!(
+                "{these}: {kept} of them kept, coarsely; --drop-unseen leaves them out, which saves at most about \
+                 {:.1} %",
+                100.0 * kept.min(gaussians as usize) as f64 / gaussians.max(1) as f64
+            ),
+        })
+    }
 }
 
 impl Done {
     /// For a person.
     fn remarks(&self) -> String {
         let encoded = &self.made.encoded;
-        let (outliers, left_out) = (encoded.outliers(), encoded.left_out);
+        let outliers = encoded.outliers();
         let mut remarks = vec![self.note.clone()];
         if encoded.pruned > 0 {
             remarks.push(format!("{} pruned", encoded.pruned));
@@ -290,11 +326,7 @@ impl Done {
                 100.0 * encoded.exact_share()
             ));
         }
-        remarks.extend(self.seen.and_then(|SeenShare { unseen, .. }| match (left_out, unseen) {
-            (0, 0) => None,
-            (0, n) => Some(format!("{n} Gaussians that no camera sees are kept, coarsely")),
-            (n, _) => Some(format!("{n} Gaussians left out that the cameras see too little of")),
-        }));
+        remarks.extend(self.seen.and_then(|seen| seen.remark(encoded.index.header.count)));
         remarks.join("; ")
     }
 
@@ -309,6 +341,8 @@ impl Done {
             "outliers": encoded.outliers(),
             "seen_opacity_share": seen.map(|s| s.of_opacity),
             "unseen": seen.map(|s| s.unseen),
+            "hardly_seen": seen.map(|s| s.hardly),
+            "hardly_seen_kept": seen.map(|s| s.kept),
             "left_out": encoded.left_out,
             "max_error": max_error::json(encoded),
             "target_reached": self.made.missed.is_none(),
@@ -324,7 +358,8 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
     if let Some(path) = &args.scene.content.cameras {
         let training = views::cameras(path)?;
         let seen = views::seen(&scene, &training, path)?;
-        seen_share = Some(SeenShare { of_opacity: seen.share, unseen: seen.unseen() });
+        let (of_opacity, unseen) = (seen.share, seen.unseen());
+        seen_share = Some(SeenShare { of_opacity, unseen, hardly: 0, kept: 0 });
         importance = Some(seen.weights);
         cameras = Some(training);
     }
@@ -335,6 +370,7 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
         timed(|| estimated.then(|| Pictures::of(&scene, cameras.as_deref())));
     let measure = references.as_ref().map(|references| |scene: &Scene| references.psnr(scene));
     let mut encoder = args.encoder(args.aim(measure));
+    encoder.options.rows = importance.is_some();
     encoder.options.importance = importance;
     let mut bar = None;
     encoder.on_progress(move |event| {
@@ -345,6 +381,15 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
         ControlFlow::Continue(())
     });
     let made = encoder.encode(&scene).with_context(|| name.to_owned())?;
+    let weights = encoder.options.importance.as_ref();
+    if let (Some(share), Some(weights), Some(rows)) = (&mut seen_share, weights, &made.encoded.rows)
+    {
+        let least = match encoder.options.drop_unseen {
+            true => weights.clone(),
+            false => with_unseen(&scene, weights, made.quality.unwrap_or_default()),
+        };
+        share.count(weights, &least, rows);
+    }
     drop((encoder, scene));
     let compare = |pictures| loss::loss(&pictures, &made.encoded.bytes);
     let (loss, seconds_after) = timed(|| pictures.map(compare).transpose());

@@ -2,16 +2,17 @@
 
 use std::path::Path;
 
-use anyhow::Result;
-use finetune::{RenderOptions, metrics, render};
-use gs_model::{Camera, Scene};
+use anyhow::{Context, Result};
+use finetune::framing::{self, Constraints};
+use finetune::{RenderOptions, TrainView, metrics, render};
+use gs_model::{Camera, Format, ReadOptions, Scene};
 use gsvx::{EncodeOptions, Seen};
 use testing::Rng;
 
+use crate::bd;
 use crate::cells;
-use crate::codec::{self, Codec, CodecCurve};
 use crate::page::{Page, Table, signed};
-use crate::scenes::{self, TestScene};
+use crate::scenes::{self, ModelAndCameras, TestScene};
 use crate::voxelized::voxelized;
 
 const QUALITIES: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
@@ -20,19 +21,32 @@ const QUALITIES: [f32; 5] = [34.0, 48.0, 62.0, 76.0, 90.0];
 pub(super) fn run(names: &[String], out: &Path) -> Result<()> {
     let mut page = Page::new(out, "What do cameras bring?");
     page.text(format!(
-        "`cargo xtask bench-gsvx --importance {}`. Without cameras, importance is a guess from opacity and from area \
-         relative to that of the neighbours (`gsvx::importance::without_cameras`).",
+        "`cargo xtask bench-gsvx --importance {}`. BD-rates: pchip, qualities 34, 48, 62, 76 and 90. PSNR of the \
+         held-out views: scenes against photos, the desk, the room below a sky, and models (12 views of an orbit, \
+         640 x 480) against renders of the input.",
         names.join(","),
     ));
+    page.text("## With cameras");
     page.text(
-        "BD-rate (pchip, qualities 34, 48, 62, 76 and 90, PSNR of the held-out views against the photos) against a \
-         plainer guess: opacity times the root of the area of the two largest axes.",
+        "Against `--drop-unseen`. Without that flag the most prominent part of what cameras hardly see is kept. Off the \
+         cameras: dB from renders of the input, 8 views of a full circle at 30 degrees, at quality 62: dropped, kept.",
     );
-    let mut table = Table::new(
-        "scene | without cameras | cameras, nothing left out | cameras, what they do not see left out",
+    let scenes = names.iter().map(|name| Measured::open(name)).collect::<Result<Vec<_>>>()?;
+    let mut table =
+        Table::new("scene | Gaussians | kept | off the cameras, dropped | off the cameras, kept");
+    for scene in scenes.iter().filter(|s| !s.training.is_empty()) {
+        with_cameras(scene, &mut table)?;
+    }
+    page.table(&table);
+    page.text("## Without cameras");
+    page.text(
+        "Importance is a guess (`gsvx::importance::without_cameras`). Against opacity times the root of the area of the \
+         two largest axes; against the same importance for all; against the better of both.",
     );
-    for name in names {
-        beside_cameras(name, &mut table)?;
+    let mut table =
+        Table::new("scene | against opacity and size | against uniform | against the better");
+    for scene in &scenes {
+        guessed(scene, &mut table)?;
     }
     page.table(&table);
     page.text("## Skies and copies");
@@ -56,47 +70,129 @@ fn opacity_and_size(scene: &Scene) -> Vec<f32> {
     scene.opacity_logits.iter().zip(&scene.log_scales).map(of).collect()
 }
 
-/// The codec with importances from one source.
-struct With {
-    importance: Vec<f32>,
-    seen: Seen,
+/// A model with what it is measured at.
+struct Measured {
+    name: String,
+    model: Scene,
+    training: Vec<Camera>,
+    views: Vec<TrainView>,
 }
 
-impl Codec for With {
-    fn name(&self) -> String {
-        format!("{:?}", self.seen)
+/// The room with a sky 100 units away.
+const ROOM_AND_SKY: &str = "room-and-sky";
+
+impl Measured {
+    /// A scene, [`scenes::DESK`], [`ROOM_AND_SKY`], or the path of a model.
+    fn open(name: &str) -> Result<Self> {
+        let from_renders = |model: Scene, training, cameras: Vec<Camera>| {
+            let views = cameras.into_iter().map(|c| rendered(&model, c)).collect();
+            Self { name: stem(name), views, model, training }
+        };
+        if Format::of_name(name).is_some() {
+            let (mut model, _) = gs_model::model::read(name, &ReadOptions::default())?;
+            model.drop_invalid();
+            let cameras = orbit(&model, 12, None, [640, 480])?;
+            return Ok(from_renders(model, Vec::new(), cameras));
+        }
+        if name == scenes::DESK {
+            let ModelAndCameras { model, training, held_out } = ModelAndCameras::open(name, 12)?;
+            return Ok(from_renders(model, training, held_out));
+        }
+        let base = if name == ROOM_AND_SKY { scenes::DEFAULT } else { name };
+        let TestScene { mut model, training, held_out, .. } = TestScene::open(base, 12)?;
+        if name == ROOM_AND_SKY {
+            model.append(&sky(100.0, model.len() / 3, model.sh_degree));
+            let cameras = held_out.into_iter().map(|v| v.camera).collect();
+            return Ok(from_renders(model, training, cameras));
+        }
+        Ok(Self { name: name.to_owned(), model, training, views: held_out })
     }
 
-    fn encode(&self, scene: &TestScene, quality: f32) -> Result<Vec<u8>> {
-        let strategy = gsvx::default_strategy(quality, &self.importance, self.seen)?;
-        let prepared = voxelized(&scene.model, &strategy, self.importance.clone())?;
-        let mut options = EncodeOptions::from_quality(quality)?;
-        options.importance = Some(prepared.importance);
-        Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &options)?.bytes)
+    /// Sizes and PSNRs at all qualities.
+    fn curve(&self, encode: impl Fn(f32) -> Result<Vec<u8>>) -> Result<Vec<bd::Point>> {
+        let point = |&quality: &f32| {
+            let stream = encode(quality)?;
+            let psnr_db = db(&gsvx::decode(&stream)?, &self.views);
+            Ok(bd::Point { rate: stream.len() as f64, psnr_db })
+        };
+        QUALITIES.iter().map(point).collect()
     }
 
-    fn decode(&self, stream: &[u8]) -> Result<Scene> {
-        Ok(gsvx::decode(stream)?)
+    /// The curve of importances that stand for a guess.
+    fn guessed(&self, importance: &[f32]) -> Result<Vec<bd::Point>> {
+        self.curve(|quality| {
+            let strategy = gsvx::default_strategy(quality, importance, Seen::Guessed)?;
+            let prepared = voxelized(&self.model, &strategy, importance.to_vec())?;
+            let mut options = EncodeOptions::from_quality(quality)?;
+            options.importance = Some(prepared.importance);
+            let octree = prepared.voxels.octree();
+            Ok(gsvx::encode_voxels(&prepared.scene, octree, None, &options)?.bytes)
+        })
     }
 }
 
-/// One row: the curves of a scene, against that of opacity and size.
-fn beside_cameras(name: &str, table: &mut Table) -> Result<()> {
-    let scene = TestScene::open(name, usize::MAX)?;
-    let curve = |importance: Vec<f32>, seen| -> Result<CodecCurve> {
-        codec::curve(&With { importance, seen }, &scene, &QUALITIES)
-    };
-    let plainer = curve(opacity_and_size(&scene.model), Seen::Guessed)?.rates();
+/// The name of a file without folder and extension.
+fn stem(name: &str) -> String {
+    Path::new(name).file_stem().map_or(name.into(), |s| s.to_string_lossy().into_owned())
+}
+
+/// A view with a render in the place of the photo.
+fn rendered(model: &Scene, camera: Camera) -> TrainView {
+    let photo = render(model, &camera, &RenderOptions::default());
+    TrainView { camera, photo }
+}
+
+/// Cameras on a circle; on the whole of it if `up` is known.
+fn orbit(
+    model: &Scene,
+    n: u32,
+    up: Option<[f64; 3]>,
+    [width, height]: [u32; 2],
+) -> Result<Vec<Camera>> {
+    let tangent = 0.577;
+    let tangents = [tangent, tangent * f64::from(height) / f64::from(width)];
+    let elevation = up.map(|_| 30.0);
+    let found = framing::find(model, &Constraints { up, radius: None, elevation, tangents });
+    let mut placement = found.context("nothing to look at")?;
+    placement.arc = placement.arc.filter(|_| up.is_none());
+    Ok(placement.cameras(n, "orbit", [width, height], 0.5 * f64::from(width) / tangent))
+}
+
+/// Difference in bytes at equal PSNR, per cent.
+fn bd_rate(anchor: &[bd::Point], curve: &[bd::Point]) -> Option<f64> {
+    bd::bd_rate(&bd::hull(anchor), &bd::hull(curve), bd::Method::Pchip)
+}
+
+/// One row: what keeping something of what cameras hardly see costs and brings.
+fn with_cameras(scene: &Measured, table: &mut Table) -> Result<()> {
     let seen = finetune::saliency(&scene.model, &scene.training).squared;
-    let kept = gsvx::importance::with_unseen(&scene.model, &seen);
-    let guessed = gsvx::importance::without_cameras(&scene.model);
-    let mut row = cells![name];
-    for (importance, seen) in
-        [(guessed, Seen::Guessed), (kept, Seen::ByCameras), (seen, Seen::ByCamerasOnly)]
-    {
-        row.push(signed(curve(importance, seen)?.bd_rate(&plainer), 1, " %"));
+    let encode = |quality, drop_unseen| -> Result<Vec<u8>> {
+        let mut options = EncodeOptions::from_quality(quality)?;
+        (options.importance, options.drop_unseen) = (Some(seen.clone()), drop_unseen);
+        Ok(gsvx::encode(&scene.model, &options)?.bytes)
+    };
+    let dropped = scene.curve(|quality| encode(quality, true))?;
+    let kept = scene.curve(|quality| encode(quality, false))?;
+    let up = scene.training.iter().map(|c| -c.rotation.row(1)).sum::<glam::DVec3>();
+    let cameras = orbit(&scene.model, 8, Some(up.normalize().to_array()), [320, 240])?;
+    let off: Vec<_> = cameras.into_iter().map(|c| rendered(&scene.model, c)).collect();
+    let mut row = cells![scene.name, scene.model.len(), signed(bd_rate(&dropped, &kept), 1, " %")];
+    for drop_unseen in [true, false] {
+        let decoded = gsvx::decode(&encode(62.0, drop_unseen)?)?;
+        row.push(format!("{:.1}", db(&decoded, &off)));
     }
     table.told(row);
+    Ok(())
+}
+
+/// One row: the guess against two plainer ones.
+fn guessed(scene: &Measured, table: &mut Table) -> Result<()> {
+    let guess = scene.guessed(&gsvx::importance::without_cameras(&scene.model))?;
+    let plainer = scene.guessed(&opacity_and_size(&scene.model))?;
+    let uniform = scene.guessed(&vec![1.0; scene.model.len()])?;
+    let (a, b) = (bd_rate(&plainer, &guess), bd_rate(&uniform, &guess));
+    let worse = a.zip(b).map(|(a, b)| a.max(b));
+    table.told(cells![scene.name, signed(a, 1, " %"), signed(b, 1, " %"), signed(worse, 1, " %")]);
     Ok(())
 }
 
@@ -120,22 +216,18 @@ fn far_parts(name: &str) -> Result<Table> {
         let encoded = gsvx::encode(&model, &EncodeOptions::default())?;
         let decoded = gsvx::decode(&encoded.bytes)?;
         let (count, bytes) = (encoded.index.header.count, encoded.bytes.len());
-        let cameras = held_out.iter().map(|v| &v.camera);
-        table.told(cells![what, count, bytes, format!("{:.2}", db(&decoded, &model, cameras))]);
+        let views: Vec<_> = held_out.iter().map(|v| rendered(&model, v.camera.clone())).collect();
+        table.told(cells![what, count, bytes, format!("{:.2}", db(&decoded, &views))]);
     }
     Ok(table)
 }
 
-/// Mean PSNR between the renders of two scenes, dB.
-fn db<'a>(
-    scene: &Scene,
-    reference: &Scene,
-    cameras: impl ExactSizeIterator<Item = &'a Camera>,
-) -> f64 {
-    let (options, count) = (RenderOptions::default(), cameras.len());
-    let of =
-        |c: &Camera| metrics::psnr(&render(scene, c, &options), &render(reference, c, &options));
-    cameras.map(of).sum::<f64>() / count as f64
+/// Mean PSNR of the renders of a scene, dB.
+fn db(scene: &Scene, views: &[TrainView]) -> f64 {
+    let of = |v: &TrainView| {
+        metrics::psnr(&render(scene, &v.camera, &RenderOptions::default()), &v.photo)
+    };
+    views.iter().map(of).sum::<f64>() / views.len() as f64
 }
 
 /// Large Gaussians on a sphere, of two colours. Each covers twice its share of the sphere.

@@ -28,11 +28,10 @@ pub enum Leaves {
 /// Where importances come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Seen {
-    /// The rasterizer's sum of squared blending weights over cameras. Nothing is left out: see
-    /// [`crate::importance::with_unseen`].
+    /// The rasterizer's sum of squared blending weights over cameras, and something of what they hardly see: see
+    /// [`crate::importance::with_unseen`]. What is too little to pay for its bits is left out.
     ByCameras,
-    /// The same from cameras that show all that counts: what they see too little of to pay for its bits
-    /// is left out.
+    /// The same from cameras that show all that counts: what they hardly see is left out.
     ByCamerasOnly,
     /// [`crate::importance::without_cameras`]: a guess, on which nothing is left out.
     Guessed,
@@ -103,8 +102,8 @@ pub struct EncodeOptions {
     /// [`crate::importance`]. `None` uses [`crate::importance::without_cameras`].
     pub importance: Option<Vec<f32>>,
     /// With importances from cameras: [`crate::encode`] leaves out what they see too little of to pay for
-    /// its bits, and above all what they do not see. Otherwise it keeps that, coarsely
-    /// ([`crate::importance::with_unseen`]).
+    /// its bits, and above all what they do not see. Otherwise it keeps the most prominent part of that,
+    /// coarsely ([`crate::importance::with_unseen`]).
     pub drop_unseen: bool,
     /// Code all Gaussians with the same precision, as the paper does.
     pub uniform_precision: bool,

@@ -182,7 +182,10 @@ impl Plan {
         }
         Ok(match self.choices.seen {
             Seen::Guessed => importance::without_cameras(scene),
-            Seen::ByCameras => self.unseen.fill(seen, &importance::without_cameras(scene)),
+            Seen::ByCameras => {
+                let guess = importance::without_cameras(scene);
+                self.unseen.fill(seen, &guess, self.choices.quality)
+            }
             Seen::ByCamerasOnly => seen.to_vec(),
         })
     }

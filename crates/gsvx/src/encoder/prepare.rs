@@ -130,7 +130,7 @@ impl<'a> Input<'a> {
         let survey = Survey::of(scene)?;
         let importance = options.importance.as_ref().map(|given| match options.drop_unseen {
             true => given.clone(),
-            false => importance::with_unseen(scene, given),
+            false => importance::with_unseen(scene, given, options.quality),
         });
         let mut input = Self { scene: Cow::Borrowed(scene), importance, kept: None, survey };
         if options.prune != 0.0 {

@@ -46,8 +46,7 @@ pub(crate) fn rate_distortion(
 ) -> Result<RateDistortion> {
     EncodeOptions::from_quality(quality)?;
     let (lambda, exponent, drop) = match seen {
-        Seen::ByCameras => (LAMBDA_AT_50, EXPONENT, None),
-        Seen::ByCamerasOnly => (LAMBDA_AT_50, EXPONENT, Some(DROP)),
+        Seen::ByCameras | Seen::ByCamerasOnly => (LAMBDA_AT_50, EXPONENT, Some(DROP)),
         Seen::Guessed => (LAMBDA_AT_50_GUESSED, 1.0, None),
     };
     let above = f64::from(quality) - 50.0;
