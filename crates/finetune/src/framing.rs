@@ -150,6 +150,7 @@ fn lean(thin: &ThinnedScene, ring: &Ring) -> Option<DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gs_model::Camera;
 
     /// A sphere of small Gaussians, one unit around `centre`, and a few large ones far away.
     fn sphere(centre: [f32; 3]) -> Scene {
@@ -211,25 +212,86 @@ mod tests {
         }
     }
 
-    #[test]
-    fn cameras_stood_behind_the_wall() {
-        // A dense wall right behind the sphere: z grows away from the cameras that see it.
+    /// A sphere with a dense wall right behind it: z grows away from the cameras that see it.
+    fn sphere_before_a_wall() -> Scene {
         let mut scene = sphere([0.0; 3]);
-        for i in 0..900 {
-            let (x, y) = ((i % 30) as f32 - 14.5, (i / 30) as f32 - 14.5);
-            scene.means.push([0.3 * x, 0.3 * y, 1.2]);
+        for i in 0..324 {
+            let (x, y) = ((i % 18) as f32 - 8.5, (i / 18) as f32 - 8.5);
+            scene.means.push([0.5 * x, 0.5 * y, 1.2]);
             scene.rotations.push([1.0, 0.0, 0.0, 0.0]);
-            scene.log_scales.push([-1.6, -1.6, -6.0]);
+            scene.log_scales.push([-0.9, -0.9, -6.0]);
             scene.opacity_logits.push(8.0);
             scene.sh.push([0.0; 3]);
         }
-        let up = Some([0.0, -1.0, 0.0]);
-        let constraints = Constraints { up, radius: None, elevation: None, tangents: [0.6, 0.45] };
-        let found = find(&scene, &constraints).unwrap();
+        scene
+    }
+
+    /// A camera here does not see past the wall: Gaussians right beside a camera are not drawn.
+    const BEHIND: f64 = 1.6;
+
+    const UPRIGHT: Constraints = Constraints {
+        up: Some([0.0, -1.0, 0.0]),
+        radius: None,
+        elevation: None,
+        tangents: [0.6, 0.45],
+    };
+
+    #[test]
+    fn no_camera_of_an_arc_is_behind_the_wall() {
+        let found = find(&sphere_before_a_wall(), &UPRIGHT).unwrap();
         let [first, last] = found.arc.expect("half of the circle is behind the wall");
         for turn in [first, found.best, last] {
             let eye = found.ring.camera(String::new(), turn, [8, 6], 8.0).position();
-            assert!(eye.z < 1.2, "{eye} at {turn} of {found:?}");
+            assert!(eye.z < BEHIND, "{eye} at {turn} of {found:?}");
         }
+    }
+
+    #[test]
+    fn cameras_cover_an_object_all_around_from_above_and_at_two_distances() {
+        let covered = cover(&sphere([0.0; 3]), &UPRIGHT, 24, [64, 48], false).unwrap();
+        assert_eq!((covered.cameras.len(), covered.empty), (24, 0));
+        let eyes: Vec<DVec3> = covered.cameras.iter().map(Camera::position).collect();
+        let quarters = |k: usize| [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)][k];
+        for (x, z) in (0..4).map(quarters) {
+            assert!(eyes.iter().filter(|e| e.x * x > 0.0 && e.z * z > 0.0).count() >= 4);
+        }
+        let steepest = eyes.iter().map(|e| -e.y / e.length()).fold(0.0, f64::max);
+        assert!(steepest > 0.85, "sine of the height {steepest}");
+        let far = covered.placement.ring.radius * 1.2;
+        assert!((6..=10).contains(&eyes.iter().filter(|e| e.length() > far).count()));
+    }
+
+    #[test]
+    fn cameras_cover_one_side_only_where_the_other_is_empty() {
+        let scene = sphere_before_a_wall();
+        let before = cover(&scene, &UPRIGHT, 24, [64, 48], false).unwrap();
+        assert!(before.placement.arc.is_some());
+        let last = before.cameras.iter().map(|c| c.position().z).fold(f64::MIN, f64::max);
+        assert!(last < BEHIND, "{last}");
+        let around = cover(&scene, &UPRIGHT, 24, [64, 48], true).unwrap();
+        assert!(
+            around.cameras.len() == 24 && around.cameras.iter().any(|c| c.position().z > BEHIND)
+        );
+    }
+
+    #[test]
+    fn nearby_cameras_stand_off_the_path_and_look_the_same_way() {
+        let scene = sphere([0.0; 3]);
+        let path = find(&scene, &UPRIGHT).unwrap().cameras(12, "orbit", [64, 48], 53.0);
+        let near = nearby(&scene, &path, 9, 0);
+        assert_eq!(near.len(), 9);
+        assert_eq!(near, nearby(&scene, &path, 9, 0));
+        assert_ne!(near, nearby(&scene, &path, 9, 1));
+        for camera in &near {
+            let next = |c: &&Camera| c.position().distance_squared(camera.position());
+            let beside = path.iter().min_by(|a, b| next(a).total_cmp(&next(b))).unwrap();
+            let (eye, apart) = (camera.position(), next(&beside).sqrt());
+            assert!(apart > 0.01 && apart < eye.length(), "{apart} from the path at {eye}");
+            assert!(camera.rotation.row(2).dot(-eye.normalize()) > 0.8, "{eye}");
+        }
+        // One camera has no neighbour, and an empty scene nothing to look at.
+        assert_eq!(nearby(&scene, &path[..1], 3, 0).len(), 3);
+        assert!(nearby(&Scene::default(), &path, 3, 0).is_empty());
+        assert!(nearby(&scene, &[], 3, 0).is_empty());
     }
 }

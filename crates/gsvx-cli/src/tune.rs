@@ -195,7 +195,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         let job = PaperJob { input, cameras, scene, training, quality, tuning, output, ply };
         return paper_tune::run(&args.paper, job, report);
     }
-    let outcome = tuned(args, scene, training, backend)?;
+    let outcome = tuned(args, scene, training, distilled, backend)?;
     let written = if ply {
         output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?
     } else {
@@ -209,6 +209,7 @@ fn tuned(
     args: &TuneArgs,
     scene: Scene,
     training: Vec<TrainView>,
+    distilled: bool,
     backend: Backend,
 ) -> Result<TuneOutcome> {
     let name = || input::name(&args.input);
@@ -220,6 +221,7 @@ fn tuned(
         EffortName::Normal => TuneEffort::Normal,
         EffortName::Long => TuneEffort::Long,
     };
+    options.distil = distilled;
     options.drop_unseen = args.drop_unseen;
     options.backend = backend;
     options.seed = args.seed;

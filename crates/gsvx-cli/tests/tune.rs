@@ -43,8 +43,11 @@ fn a_model_is_tuned_to_itself() {
         (bytes.len() as u64, decoded.len() as u64)
     );
     assert_eq!((&json["distilled"], &json["steps"]), (&true.into(), &640.into()));
+    assert!(text.contains("6 cameras "), "{text}");
+    assert!(json["elsewhere_psnr"].as_f64().unwrap() > 20.0, "{json}");
     // A PLY holds what a decoder returns.
-    said(&quick(dir.path(), "a.ply").output().unwrap());
+    let text = said(&quick(dir.path(), "a.ply").output().unwrap());
+    assert!(text.contains("; elsewhere "), "{text}");
     let (ply, _) = gs_model::ply::read(dir.path().join("a.ply")).unwrap();
     assert_eq!((ply.means, ply.sh), (decoded.means, decoded.sh));
 }

@@ -176,7 +176,7 @@ fn tune_scene(
     if options.drop_invalid {
         scene.drop_invalid();
     }
-    let list = cameras.list;
+    let (list, distil) = (cameras.list, photos.is_none());
     let training = match photos {
         Some(photos) if photos.len() == list.len() => {
             let views = list.iter().zip(photos).map(|(camera, photo)| photo.at(camera));
@@ -194,6 +194,7 @@ fn tune_scene(
         "long" => TuneEffort::Long,
         _ => TuneEffort::Normal,
     };
+    choices.distil = distil;
     choices.seed = options.seed;
     choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);

@@ -77,7 +77,7 @@ impl Device {
 mod tests {
     use super::*;
     use crate::codec_loop::CodecLoop;
-    use crate::options::Target;
+    use crate::options::{Target, TuneOptions};
     use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
@@ -103,8 +103,10 @@ mod tests {
         };
         let views =
             dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
-        let mut views = Views::new(&scene, views, 0, true).unwrap();
         let target = Target::Quality(PLAN.quality);
+        let mut options = TuneOptions::new(target);
+        options.drop_unseen = true;
+        let mut views = Views::new(&scene, views, &options).unwrap();
         let on_host = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         let mut on_device = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         match on_device.place(Adapter::Software, &mut views.gradients) {

@@ -31,6 +31,8 @@ pub struct TuneOptions {
     pub effort: TuneEffort,
     /// A plan of the caller's instead of the one that follows from target and effort.
     pub plan: Option<TunePlan>,
+    /// The views are renders of the model, not photos: views near them, whose targets are renders too, count as much.
+    pub distil: bool,
     /// Leave out what the views do not show, and judge the scene at the views alone: fewer bytes, and good only where
     /// the cameras stand.
     pub drop_unseen: bool,
@@ -52,6 +54,7 @@ impl TuneOptions {
             target,
             effort: TuneEffort::Normal,
             plan: None,
+            distil: false,
             drop_unseen: false,
             backend: Backend::Cpu,
             seed: 0,

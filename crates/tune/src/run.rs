@@ -60,10 +60,10 @@ impl Tune {
                 range: "a number of dB",
             });
         }
-        let TuneOptions { target, effort, plan: given, drop_unseen, seed, .. } = &options;
-        let shared = format!("{target:?} {effort:?} {given:?} {drop_unseen} {seed}");
+        let TuneOptions { target, effort, plan: given, distil, drop_unseen, seed, .. } = &options;
+        let shared = format!("{target:?} {effort:?} {given:?} {distil} {drop_unseen} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
-        let views = Views::new(&scene, views, options.seed, options.drop_unseen)?;
+        let views = Views::new(&scene, views, &options)?;
         let (_, input_psnr) = views.at_aside(&scene);
         if input_psnr < LEAST_MATCH_DB {
             return Err(Error::OtherPhotos { psnr: input_psnr });

@@ -13,21 +13,31 @@ use finetune::{Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
+use crate::options::TuneOptions;
 
 /// One of this many training views is kept aside; with fewer views, none.
 const ASIDE: usize = 16;
 /// A photo counts in full up to this many times the median of the squared errors (3 dB).
 const FULL_WEIGHT: f64 = 2.0;
-/// One step in this many is made at a nearby view.
-const NEARBY_EVERY: u64 = 4;
-/// What a nearby view counts, and a pixel of it, over one of a photo.
-const NEARBY_WEIGHT: f32 = 0.3;
 /// Most nearby views, and the longest edge of their pictures.
 const MOST_NEARBY: usize = 64;
 const NEARBY_EDGE: f64 = 640.0;
 /// Nearby views that judge the result, and the longest edge of their pictures.
 const JUDGED: usize = 12;
 const JUDGED_EDGE: f64 = 320.0;
+
+/// How much nearby views count.
+#[derive(Clone, Copy)]
+struct Share {
+    /// One step in this many is made at a nearby view.
+    every: u64,
+    /// What a nearby view counts, and a pixel of it, over one of the other views.
+    weight: f32,
+}
+
+/// Photos show more than the input model, renders the same as nearby views.
+const BESIDE_PHOTOS: Share = Share { every: 4, weight: 0.3 };
+const BESIDE_RENDERS: Share = Share { every: 2, weight: 1.0 };
 
 /// The views of a run.
 pub(crate) struct Views {
@@ -37,6 +47,7 @@ pub(crate) struct Views {
     pub(crate) aside: Vec<TrainView>,
     /// Cameras near the others. Their views are the last ones of `gradients`.
     nearby: Vec<Camera>,
+    share: Share,
     /// Renders of the input model, to compare the result with.
     judged: Option<Judged>,
     seed: u64,
@@ -79,6 +90,7 @@ impl Views {
             gradients,
             aside: Vec::new(),
             nearby: Vec::new(),
+            share: BESIDE_PHOTOS,
             judged: None,
             seed,
             order: Vec::new(),
@@ -87,12 +99,8 @@ impl Views {
 
     /// Some views are kept aside, and photos that `scene`, the input model, matches badly count less. There are
     /// nearby views unless what no photo shows is left out.
-    pub(crate) fn new(
-        scene: &Scene,
-        views: Vec<TrainView>,
-        seed: u64,
-        drop_unseen: bool,
-    ) -> Result<Self> {
+    pub(crate) fn new(scene: &Scene, views: Vec<TrainView>, options: &TuneOptions) -> Result<Self> {
+        let share = if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS };
         let cameras = cameras_of(&views)?;
         let (mut training, mut aside) = (Vec::new(), Vec::new());
         for (i, view) in views.into_iter().enumerate() {
@@ -106,14 +114,15 @@ impl Views {
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
-        let count = if drop_unseen { 0 } else { gradients.views().min(MOST_NEARBY) };
+        let count = if options.drop_unseen { 0 } else { gradients.views().min(MOST_NEARBY) };
         let nearby: Vec<Camera> =
             nearby(scene, &cameras, count, 0).iter().map(|c| within(c, NEARBY_EDGE)).collect();
         for camera in &nearby {
-            gradients.add(of_input(scene, camera.clone()), NEARBY_WEIGHT)?;
+            gradients.add(of_input(scene, camera.clone()), share.weight)?;
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));
-        Ok(Self { cameras, gradients, aside, nearby, judged, seed, order: Vec::new() })
+        let (seed, order) = (options.seed, Vec::new());
+        Ok(Self { cameras, gradients, aside, nearby, share, judged, seed, order })
     }
 
     /// Number of views whose photos the steps visit.
@@ -126,8 +135,9 @@ impl Views {
         let n = self.photos() as u64;
         let mut step = step;
         if !self.nearby.is_empty() {
-            let visited = step / NEARBY_EVERY;
-            if step % NEARBY_EVERY == NEARBY_EVERY - 1 {
+            let every = self.share.every;
+            let visited = step / every;
+            if step % every == every - 1 {
                 return (n + visited % self.nearby.len() as u64) as usize;
             }
             step -= visited;
@@ -159,7 +169,7 @@ impl Views {
 
     /// Pixels of all cameras, as they count in importances.
     pub(crate) fn pixels(&self) -> f64 {
-        let nearby = if self.nearby.is_empty() { 0.0 } else { NEARBY_WEIGHT };
+        let nearby = if self.nearby.is_empty() { 0.0 } else { self.share.weight };
         pixels(&self.cameras) * f64::from(1.0 + nearby)
     }
 
@@ -186,7 +196,7 @@ impl Views {
     fn over_all(&self, sum: impl Fn(&[Camera]) -> Vec<f32>) -> Vec<f32> {
         let mut out = sum(&self.cameras);
         if !self.nearby.is_empty() {
-            let weight = NEARBY_WEIGHT * (pixels(&self.cameras) / pixels(&self.nearby)) as f32;
+            let weight = self.share.weight * (pixels(&self.cameras) / pixels(&self.nearby)) as f32;
             out.iter_mut().zip(sum(&self.nearby)).for_each(|(all, near)| *all += weight * near);
         }
         out

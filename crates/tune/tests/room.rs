@@ -93,6 +93,21 @@ fn a_short_tune_saves_bytes_at_held_out_views() {
 }
 
 #[test]
+fn what_the_photos_do_not_show_stays_unless_it_is_dropped() {
+    // The cameras look at one side.
+    let few: Vec<TrainView> = training().into_iter().take(10).collect();
+    let shown = |drop_unseen: bool| {
+        let mut options = short(Target::Quality(54.0));
+        options.drop_unseen = drop_unseen;
+        let run = Tune::new(model(), few.clone(), options).unwrap();
+        run.run(|_| ()).unwrap().against_input.unwrap()
+    };
+    let (dropped, kept) = (shown(true), shown(false));
+    assert!(kept.elsewhere > dropped.elsewhere + 3.0, "{kept:?}, dropped: {dropped:?}");
+    assert!(kept.elsewhere > kept.aside - 5.0 && kept.aside > dropped.aside - 2.0, "{kept:?}");
+}
+
+#[test]
 fn the_bytes_are_the_same_for_any_number_of_threads() {
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
