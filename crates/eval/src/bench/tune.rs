@@ -59,6 +59,8 @@ struct Scene {
     /// PSNR and SSIM of the model as it was trained.
     original: [f64; 2],
     untuned: Vec<StreamPoint>,
+    /// With what the cameras do not see.
+    untuned_all: Vec<StreamPoint>,
     tuned: Vec<Tuned>,
 }
 
@@ -92,12 +94,16 @@ fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<S
         let points: Vec<_> = QUALITIES.into_iter().map(point).collect::<Result<_>>()?;
         tuned.push(Tuned { how, points: points.into_iter().flatten().collect() });
     }
-    let untuned = UNTUNED.iter().map(|&q| streams.point(StreamKind::Encode, q));
+    let untuned = |drop_unseen| {
+        let points = UNTUNED.iter().map(|&q| streams.point(StreamKind::Encode { drop_unseen }, q));
+        points.collect::<Result<Vec<_>>>()
+    };
     Ok(Scene {
         name: study.test.files.name.clone(),
         gaussians: original.gaussians,
         original: [original.score.psnr_db, original.score.ssim],
-        untuned: untuned.collect::<Result<_>>()?,
+        untuned: untuned(true)?,
+        untuned_all: untuned(false)?,
         tuned,
     })
 }

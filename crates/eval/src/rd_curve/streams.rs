@@ -25,8 +25,11 @@ use crate::scenes::TestScene;
 /// How the command makes a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub(crate) enum StreamKind {
-    /// `gsvx encode`, with cameras and without what they do not see.
-    Encode,
+    /// `gsvx encode`, with cameras.
+    Encode {
+        /// Without what the cameras do not see.
+        drop_unseen: bool,
+    },
     /// `gsvx tune`.
     Tune {
         /// How long.
@@ -46,7 +49,11 @@ impl StreamKind {
 
     /// For tables and file names.
     pub(crate) fn name(self) -> String {
-        let Self::Tune { effort, distil, seed } = self else { return "untuned".into() };
+        let (effort, distil, seed) = match self {
+            Self::Encode { drop_unseen: true } => return "untuned".into(),
+            Self::Encode { drop_unseen: false } => return "untuned-all".into(),
+            Self::Tune { effort, distil, seed } => (effort, distil, seed),
+        };
         let distil = if distil { "-distil" } else { "" };
         let seed = if seed == 0 { String::new() } else { format!("-seed-{seed}") };
         format!("{}{distil}{seed}", effort.name())
@@ -54,8 +61,12 @@ impl StreamKind {
 
     /// Words of the command, but for quality and paths.
     fn words(self) -> Vec<String> {
-        let Self::Tune { effort, distil, seed } = self else {
-            return vec!["encode".into(), "--drop-unseen".into()];
+        let (effort, distil, seed) = match self {
+            Self::Encode { drop_unseen: true } => {
+                return vec!["encode".into(), "--drop-unseen".into()];
+            }
+            Self::Encode { drop_unseen: false } => return vec!["encode".into()],
+            Self::Tune { effort, distil, seed } => (effort, distil, seed),
         };
         let mut out = vec!["tune".into(), "--effort".into(), effort.name().into()];
         out.extend(["--seed".into(), seed.to_string()]);
@@ -191,7 +202,9 @@ mod tests {
 
     #[test]
     fn each_way_has_its_words() {
-        assert_eq!(StreamKind::Encode.words(), ["encode", "--drop-unseen"]);
+        let encode = |drop_unseen| StreamKind::Encode { drop_unseen };
+        assert_eq!(encode(true).words(), ["encode", "--drop-unseen"]);
+        assert_eq!(encode(false).words(), ["encode"]);
         let distil = StreamKind::Tune { effort: CurveEffort::Quick, distil: true, seed: 1 };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
         assert_eq!(distil.name(), "quick-distil-seed-1");

@@ -31,7 +31,8 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
         "`cargo build --release -p gsvx-cli && cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q \
          QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
          (dB) and SSIM are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
-         off the path of the cameras: between them, beside them and farther back. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
+         off the path of the cameras: between them, beside them and farther back, beside that of `gsvx encode --cameras \
+         SCENE`. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
          ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos; \"seed-1\" visits the views \
          in another order. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
          this build has not measured are missing.",
@@ -84,7 +85,7 @@ fn points_table(scenes: &[Scene]) -> Table {
     for scene in scenes {
         let untuned = rates(&scene.untuned);
         let elsewhere: Vec<bd::Point> = scene
-            .untuned
+            .untuned_all
             .iter()
             .map(|p| bd::Point { psnr_db: p.elsewhere_db, ..rate(p) })
             .collect();
