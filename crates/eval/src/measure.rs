@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail};
-use finetune::{Image, RenderOptions, TrainView, metrics};
+use finetune::{Image, Photo, RenderOptions, TrainView, metrics};
 use gs_model::Scene;
 use gs_model::View;
 use serde::{Deserialize, Serialize};
@@ -33,7 +33,7 @@ pub struct Score {
 }
 
 /// Reads an 8-bit photo.
-pub(crate) fn read_photo(path: &Path) -> Result<Image> {
+pub(crate) fn read_photo(path: &Path) -> Result<Photo> {
     let decoded = image::ImageReader::open(path)
         .with_context(|| format!("open photo {}", path.display()))?
         .with_guessed_format()
@@ -43,7 +43,7 @@ pub(crate) fn read_photo(path: &Path) -> Result<Image> {
         .map_err(|e| anyhow!("decode photo {} (PNG or JPEG expected): {e}", path.display()))?;
     let rgb = decoded.to_rgb8();
     let (width, height) = rgb.dimensions();
-    Image::from_rgb8(width, height, rgb.as_raw())
+    Photo::new(width, height, rgb.into_raw())
         .with_context(|| format!("photo {} has an impossible size", path.display()))
 }
 
@@ -80,10 +80,11 @@ pub fn score(scene: &Scene, views: &[TrainView], bar: &Bar) -> (Score, Vec<Image
     let mut renders = Vec::with_capacity(views.len());
     for view in views {
         let render = finetune::render(scene, &view.camera, &options);
+        let photo = view.photo.image();
         scores.push(ViewScore {
             view: view.camera.name.clone(),
-            psnr_db: metrics::psnr(&render, &view.photo),
-            ssim: metrics::ssim(&render, &view.photo),
+            psnr_db: metrics::psnr(&render, &photo),
+            ssim: metrics::ssim(&render, &photo),
         });
         renders.push(render);
         bar.step(1);

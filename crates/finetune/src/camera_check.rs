@@ -7,7 +7,6 @@ use gs_model::{Camera, Scene};
 
 use crate::forward::render;
 use crate::frustum::that_see;
-use crate::image::Image;
 use crate::metrics::psnr;
 use crate::options::RenderOptions;
 use crate::saliency::saliency;
@@ -118,7 +117,7 @@ const REFERENCES: usize = 12;
 /// Renders of a scene, to measure its stream against.
 #[derive(Clone, Debug)]
 pub struct References {
-    views: Vec<(Camera, Image)>,
+    views: Vec<TrainView>,
 }
 
 impl References {
@@ -136,10 +135,7 @@ impl References {
         let chosen: Vec<&Camera> = cameras.iter().step_by(every).collect();
         let mut views = Vec::with_capacity(chosen.len());
         for camera in &chosen {
-            let image = render(scene, camera, &RenderOptions::default());
-            // What a screen shows is clamped; differences beyond it do not count.
-            let image = Image::from_rgb8(image.width, image.height, &image.to_rgb8());
-            views.push(((*camera).clone(), image.unwrap_or_default()));
+            views.push(TrainView::rendered(scene, (*camera).clone()));
             step(views.len(), chosen.len())?;
         }
         Ok(Self { views })
@@ -148,10 +144,7 @@ impl References {
     /// Mean over the views of the PSNR of `scene`'s render, dB.
     #[must_use]
     pub fn psnr(&self, scene: &Scene) -> f64 {
-        let of = |(camera, image): &(Camera, Image)| {
-            psnr(&render(scene, camera, &RenderOptions::default()), image)
-        };
-        self.views.iter().map(of).sum::<f64>() / self.views.len() as f64
+        self.views.iter().map(|view| view.psnr(scene)).sum::<f64>() / self.views.len() as f64
     }
 }
 
@@ -185,7 +178,7 @@ pub fn photo_match(
         .step_by(step)
         .take(at_most)
         .filter(|(_, view)| view.camera.ignored_distortion.is_none())
-        .map(|(i, view)| (i, psnr(&render(scene, &view.camera, options), &view.photo)))
+        .map(|(i, view)| (i, psnr(&render(scene, &view.camera, options), &view.photo.image())))
         .filter(|(_, value)| !value.is_nan())
         .map(|(i, value)| (i, value.min(MAX_PSNR)))
         .collect();

@@ -17,7 +17,7 @@
 //!
 //! ```
 //! use finetune::optimiser::SceneOptimiser;
-//! use finetune::{LearningRates, Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
+//! use finetune::{LearningRates, Loss, RenderOptions, Photo, TrainView, ViewGradients, metrics, render};
 //! use gs_model::{Camera, Scene};
 //!
 //! let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
@@ -31,19 +31,19 @@
 //!     sh: vec![[1.0, 0.2, -0.5]],
 //! };
 //! let options = RenderOptions::default();
-//! let photo = render(&scene, &camera, &options);
+//! let input = render(&scene, &camera, &options);
 //!
 //! // Spoil the colour, then let the photo bring it back. The mean stays where it is.
 //! scene.sh[0] = [0.5, 0.5, 0.5];
-//! let before = metrics::psnr(&render(&scene, &camera, &options), &photo);
-//! let views = vec![TrainView { camera: camera.clone(), photo: photo.clone() }];
+//! let before = metrics::psnr(&render(&scene, &camera, &options), &input);
+//! let views = vec![TrainView { camera: camera.clone(), photo: Photo::from(&input) }];
 //! let mut views = ViewGradients::new(views, Loss::default(), &options)?;
 //! let mut run = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
 //! for step in 1..=300 {
 //!     let loss = run.step(&mut views, 0, step, 1.0);
 //!     assert!(loss.loss.is_finite());
 //! }
-//! let after = metrics::psnr(&render(run.scene(), &camera, &options), &photo);
+//! let after = metrics::psnr(&render(run.scene(), &camera, &options), &input);
 //! assert!(after > before + 3.0, "{before} dB, then {after} dB");
 //! # Ok::<(), finetune::Error>(())
 //! ```
@@ -80,7 +80,7 @@ pub use error::{Error, Result};
 pub use forward::render;
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
-pub use image::Image;
+pub use image::{Image, Photo};
 pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use saliency::{Saliency, saliency};

@@ -4,7 +4,7 @@ use crate::exit::note;
 use crate::progress::Meter;
 use crate::views;
 use anyhow::{Context, Result, anyhow, bail};
-use finetune::{Image, RenderOptions, TrainView, photo_match, render};
+use finetune::{Photo, RenderOptions, TrainView, photo_match};
 use gs_model::{Camera, Scene, View};
 use std::path::Path;
 
@@ -37,7 +37,7 @@ fn photo(view: &View) -> Result<TrainView> {
     let Some(camera) = view.camera.scaled_to(width, height) else {
         bail!("photo {file} is {width}x{height}, which is not its camera's aspect ratio");
     };
-    let photo = Image::from_rgb8(width, height, photo.as_raw())
+    let photo = Photo::new(width, height, photo.into_raw())
         .with_context(|| format!("photo {file} is empty"))?;
     Ok(TrainView { camera, photo })
 }
@@ -66,14 +66,10 @@ pub(crate) fn warn_of_others(scene: &Scene, training: &[TrainView], path: &Path)
 /// Renders of the model at some cameras.
 pub(crate) fn renders(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
     let bar = Meter::new("renders", cameras.len());
-    let one = |mut camera: Camera| {
-        // A render has no lens.
-        camera.ignored_distortion = None;
-        let mut photo = render(scene, &camera, &RenderOptions::default());
-        // What a screen shows is clamped; differences beyond it do not count.
-        photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+    let one = |camera: Camera| {
+        let view = TrainView::rendered(scene, camera);
         bar.inc();
-        TrainView { camera, photo }
+        view
     };
     cameras.into_iter().map(one).collect()
 }

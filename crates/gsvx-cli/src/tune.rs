@@ -228,7 +228,7 @@ fn tuned(
     options.checkpoint.clone_from(&args.checkpoint);
     options.cancel = Some(interrupt::cancel_flag());
     let run = Tune::new(scene, training, options).with_context(name)?;
-    announce(&run, gaussians);
+    announce(&run, gaussians, distilled);
     let mut follower = Follower::new(run.plan().steps(), run.backend());
     let outcome = run.run(|p| {
         follower.see(p);
@@ -245,14 +245,21 @@ fn tuned(
 }
 
 /// What will be done, and how long it takes.
-fn announce(run: &Tune, gaussians: usize) {
+fn announce(run: &Tune, gaussians: usize, distilled: bool) {
     let plan = run.plan();
-    let (used, aside) = run.views();
-    note(format_args!(
-        "input model: {gaussians} Gaussians, {:.2} dB at {aside} of {} views, which are kept aside",
-        run.input_psnr(),
-        used + aside,
-    ));
+    let (views, aside) = run.views();
+    let judge = match aside {
+        0 => format!("at the first of {views} photos"),
+        n => format!("at {n} of {views} photos, which are kept aside"),
+    };
+    if distilled {
+        note(format_args!(
+            "input model: {gaussians} Gaussians; {views} renders of it are the targets"
+        ));
+    } else {
+        let db = run.input_psnr();
+        note(format_args!("input model: {gaussians} Gaussians, {db:.2} dB {judge}"));
+    }
     let done = match run.steps_done() {
         0 => String::new(),
         n => format!(", {n} of them done"),
@@ -285,22 +292,20 @@ fn tell(
 ) -> Result<()> {
     let bytes = outcome.encoded.bytes.len() as u64;
     let ended = if outcome.cancelled { StopReason::Cancelled } else { StopReason::Steps };
-    let of = if distilled { "renders of the input" } else { "photos" };
     let gaussians = outcome.scene.len();
-    let elsewhere = match outcome.against_input {
-        Some(shown) => {
-            format!("; elsewhere {:.2} dB against renders of the input", shown.elsewhere)
-        }
-        None => String::new(),
+    let of = match distilled {
+        true => "renders of the input".into(),
+        false => format!("the photos kept aside (input model: {:.2} dB)", outcome.input_psnr),
     };
+    let elsewhere = outcome.against_input.map_or(String::new(), |shown| {
+        format!("; elsewhere {:.2} dB from renders of the input", shown.elsewhere)
+    });
     let human = format!(
-        "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB against {of} kept \
-         aside (input model: {:.2} dB){elsewhere}",
+        "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB at {of}{elsewhere}",
         outcome.steps,
         outcome.seconds,
         DecimalBytes(bytes),
         outcome.psnr,
-        outcome.input_psnr.min(100.0),
     );
     let json = json!({
         "output": name,
@@ -309,7 +314,7 @@ fn tell(
         "bytes": bytes,
         "counted_bytes": outcome.counted_bytes,
         "psnr": outcome.psnr,
-        "input_psnr": outcome.input_psnr,
+        "input_psnr": (!distilled).then_some(outcome.input_psnr),
         "elsewhere_psnr": outcome.against_input.map(|shown| shown.elsewhere),
         "quality": outcome.quality,
         "distilled": distilled,

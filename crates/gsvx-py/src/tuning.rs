@@ -4,7 +4,7 @@ use crate::arrays::SplatArrays;
 use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
-use ::finetune::{Image, RenderOptions, TrainView, render};
+use ::finetune::{Photo, TrainView};
 use ::tune::{Progress, Target, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
@@ -47,8 +47,8 @@ pub(crate) enum PhotoArg<'py> {
 }
 
 /// A photo that is no Python object.
-enum Photo {
-    Image(Image),
+enum PhotoSource {
+    Pixels(Photo),
     File(PathBuf),
 }
 
@@ -65,7 +65,8 @@ pub(crate) fn tune<'py>(
 ) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyDict>)> {
     let (pool, scene) = splats.take()?;
     let cameras = cameras.cameras()?;
-    let photo = |photos: Vec<_>| photos.into_iter().map(Photo::of).collect::<Result<Vec<_>>>();
+    let photo =
+        |photos: Vec<_>| photos.into_iter().map(PhotoSource::of).collect::<Result<Vec<_>>>();
     let photos = photos.map(photo).transpose()?;
     let target = options.target();
     let (outcome, warnings) = run(py, pool, progress.as_ref(), move |line| {
@@ -96,18 +97,21 @@ pub(crate) fn tune<'py>(
     Ok((PyBytes::new(py, &encoded.bytes), out))
 }
 
-impl Photo {
+impl PhotoSource {
     fn of(photo: PhotoArg<'_>) -> Result<Self> {
         let (shape, rgb) = match photo {
             PhotoArg::File(path) => return Ok(Self::File(path)),
             PhotoArg::Bytes(array) => {
                 let array = array.as_array();
-                let values = array.iter().map(|&v| f32::from(v) / 255.0).collect();
-                (array.raw_dim(), values)
+                (array.raw_dim(), array.iter().copied().collect())
             }
             PhotoArg::Floats(array) => {
                 let array = array.as_array();
-                (array.raw_dim(), array.iter().copied().collect())
+                if array.iter().any(|v| !v.is_finite()) {
+                    return Err(Fault::Usage("photos: a value is not finite".into()));
+                }
+                let eight = |v: &f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+                (array.raw_dim(), array.iter().map(eight).collect())
             }
         };
         let size = [shape[1], shape[0]].map(|v| u32::try_from(v).unwrap_or(0));
@@ -117,13 +121,13 @@ impl Photo {
                 "photos: arrays (height, width, 3) expected, not ({h}, {w}, {c})"
             )));
         }
-        Ok(Self::Image(Image { width: size[0], height: size[1], rgb }))
+        Ok(Self::Pixels(Photo { width: size[0], height: size[1], rgb }))
     }
 
     /// The photo at its camera.
     fn at(self, camera: &Camera) -> Result<TrainView> {
         let (name, photo) = match self {
-            Self::Image(photo) => ("photo".into(), photo),
+            Self::Pixels(photo) => ("photo".into(), photo),
             Self::File(path) => read(&path)?,
         };
         let (width, height) = (photo.width, photo.height);
@@ -137,7 +141,7 @@ impl Photo {
 }
 
 /// A file's name, for messages, and its photo.
-fn read(path: &Path) -> Result<(String, Image)> {
+fn read(path: &Path) -> Result<(String, Photo)> {
     let name = format!("photo {}", path.display());
     let photo = image::ImageReader::open(path)
         .and_then(image::ImageReader::with_guessed_format)
@@ -146,7 +150,7 @@ fn read(path: &Path) -> Result<(String, Image)> {
         .map_err(|e| Fault::Failed(format!("{name}: PNG or JPEG expected: {e}")))?
         .to_rgb8();
     let (width, height) = photo.dimensions();
-    let photo = Image::from_rgb8(width, height, photo.as_raw());
+    let photo = Photo::new(width, height, photo.into_raw());
     let photo = photo.ok_or_else(|| Fault::Failed(format!("{name} is empty")))?;
     Ok((name, photo))
 }
@@ -154,14 +158,10 @@ fn read(path: &Path) -> Result<(String, Image)> {
 /// Renders of the model at the cameras.
 fn renders(scene: &Scene, cameras: Vec<Camera>, line: &Line) -> Result<Vec<TrainView>> {
     let n = cameras.len();
-    let one = |(i, mut camera): (usize, Camera)| {
-        // A render has no lens.
-        camera.ignored_distortion = None;
-        let mut photo = render(scene, &camera, &RenderOptions::default());
-        // What a screen shows is clamped; differences beyond it do not count.
-        photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+    let one = |(i, camera): (usize, Camera)| {
+        let view = TrainView::rendered(scene, camera);
         line.step("renders", i + 1, n)?;
-        Ok(TrainView { camera, photo })
+        Ok(view)
     };
     cameras.into_iter().enumerate().map(one).collect()
 }
@@ -169,7 +169,7 @@ fn renders(scene: &Scene, cameras: Vec<Camera>, line: &Line) -> Result<Vec<Train
 fn tune_scene(
     mut scene: Scene,
     cameras: Cameras,
-    photos: Option<Vec<Photo>>,
+    photos: Option<Vec<PhotoSource>>,
     options: &TuneDict,
     line: &Line,
 ) -> Result<(TuneOutcome, Vec<String>)> {

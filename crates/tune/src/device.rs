@@ -81,7 +81,7 @@ mod tests {
     use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
-    use finetune::{Image, TrainView};
+    use finetune::{Photo, TrainView};
     use gs_model::camera::LensDistortion::Refuse;
     use gs_model::{dataset, ply};
     use std::path::Path;
@@ -98,7 +98,7 @@ mod tests {
         let load = |view: gs_model::View| {
             let photo = image::open(&view.image_path).unwrap().to_rgb8();
             let (width, height) = photo.dimensions();
-            let photo = Image::from_rgb8(width, height, photo.as_raw()).unwrap();
+            let photo = Photo::new(width, height, photo.into_raw()).unwrap();
             TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
         };
         let views =

@@ -15,14 +15,6 @@ pub enum Error {
     /// The codec refuses the scene or the target.
     #[error(transparent)]
     Codec(#[from] gsvx::Error),
-    /// A photo holds a value that is no number.
-    #[error("view {index} ({name}): the photo holds a value that is not finite")]
-    PhotoValue {
-        /// Index of the view.
-        index: usize,
-        /// Its camera's name.
-        name: String,
-    },
     /// The photos show something else than the model.
     #[error(
         "the photos do not show this model: its renders match them to {psnr:.1} dB on average; \

@@ -92,11 +92,12 @@ impl Tune {
         self.input_psnr
     }
 
-    /// Number of views that gradients come from, and number of those kept aside.
+    /// Number of views, and how many of them are kept aside to judge the result. Of few views none is: then the first
+    /// judges.
     #[must_use]
     pub fn views(&self) -> (usize, usize) {
-        let views = &self.trainer.views;
-        (views.photos(), views.aside.len())
+        let Views { cameras, .. } = &self.trainer.views;
+        (cameras.len(), cameras.len() - self.trainer.views.photos())
     }
 
     /// Where the steps with the codec in the loop are made, and why there.

@@ -9,7 +9,7 @@
 
 use finetune::framing::nearby;
 use finetune::optimiser::permutation;
-use finetune::{Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
+use finetune::{Loss, RenderOptions, TrainView, ViewGradients};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
@@ -33,11 +33,13 @@ struct Share {
     every: u64,
     /// What a nearby view counts, and a pixel of it, over one of the other views.
     weight: f32,
+    /// Nearby views for each other view.
+    each: usize,
 }
 
 /// Photos show more than the input model, renders the same as nearby views.
-const BESIDE_PHOTOS: Share = Share { every: 4, weight: 0.3 };
-const BESIDE_RENDERS: Share = Share { every: 2, weight: 1.0 };
+const BESIDE_PHOTOS: Share = Share { every: 4, weight: 0.3, each: 1 };
+const BESIDE_RENDERS: Share = Share { every: 2, weight: 1.0, each: 2 };
 
 /// The views of a run.
 pub(crate) struct Views {
@@ -73,7 +75,7 @@ pub struct AgainstInput {
 
 impl Judged {
     fn of(scene: &Scene, aside: &[TrainView], cameras: &[Camera]) -> Self {
-        let render = |camera: &Camera| of_input(scene, within(camera, JUDGED_EDGE));
+        let render = |camera: &Camera| TrainView::rendered(scene, within(camera, JUDGED_EDGE));
         let aside = aside.iter().map(|v| render(&v.camera)).collect();
         let elsewhere = nearby(scene, cameras, JUDGED, 1).iter().map(render).collect();
         Self { aside, elsewhere }
@@ -83,7 +85,7 @@ impl Judged {
 impl Views {
     /// Gradients of `loss` come from all views, which all count the same.
     pub(crate) fn all(views: Vec<TrainView>, loss: Loss, seed: u64) -> Result<Self> {
-        let cameras = cameras_of(&views)?;
+        let cameras = cameras_of(&views);
         let gradients = ViewGradients::new(views, loss, &RenderOptions::default())?;
         Ok(Self {
             cameras,
@@ -101,7 +103,7 @@ impl Views {
     /// nearby views unless what no photo shows is left out.
     pub(crate) fn new(scene: &Scene, views: Vec<TrainView>, options: &TuneOptions) -> Result<Self> {
         let share = if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS };
-        let cameras = cameras_of(&views)?;
+        let cameras = cameras_of(&views);
         let (mut training, mut aside) = (Vec::new(), Vec::new());
         for (i, view) in views.into_iter().enumerate() {
             if i % ASIDE == ASIDE / 2 { aside.push(view) } else { training.push(view) }
@@ -109,16 +111,18 @@ impl Views {
         if aside.is_empty() {
             aside.extend(training.first().cloned());
         }
-        let errors: Vec<f64> =
-            training.iter().map(|v| libm::exp10(-0.1 * psnr(scene, v))).collect();
+        let errors: Vec<f64> = training.iter().map(|v| libm::exp10(-0.1 * v.psnr(scene))).collect();
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
-        let count = if options.drop_unseen { 0 } else { gradients.views().min(MOST_NEARBY) };
+        let count = match options.drop_unseen {
+            true => 0,
+            false => (share.each * gradients.views()).min(MOST_NEARBY),
+        };
         let nearby: Vec<Camera> =
             nearby(scene, &cameras, count, 0).iter().map(|c| within(c, NEARBY_EDGE)).collect();
         for camera in &nearby {
-            gradients.add(of_input(scene, camera.clone()), share.weight)?;
+            gradients.add(TrainView::rendered(scene, camera.clone()), share.weight)?;
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
@@ -151,7 +155,7 @@ impl Views {
 
     /// Mean squared error and mean PSNR at the views kept aside.
     pub(crate) fn at_aside(&self, scene: &Scene) -> (f64, f64) {
-        let all: Vec<f64> = self.aside.iter().map(|v| psnr(scene, v)).collect();
+        let all: Vec<f64> = self.aside.iter().map(|v| v.psnr(scene)).collect();
         let n = all.len().max(1) as f64;
         let mse = all.iter().map(|db| libm::exp10(-0.1 * db)).sum::<f64>() / n;
         (mse, all.iter().sum::<f64>() / n)
@@ -161,7 +165,7 @@ impl Views {
     pub(crate) fn against_input(&self, scene: &Scene) -> Option<AgainstInput> {
         let Judged { aside, elsewhere } = self.judged.as_ref()?;
         let mean = |views: &[TrainView]| {
-            views.iter().map(|v| psnr(scene, v)).sum::<f64>() / views.len() as f64
+            views.iter().map(|v| v.psnr(scene)).sum::<f64>() / views.len() as f64
         };
         (!elsewhere.is_empty())
             .then(|| AgainstInput { aside: mean(aside), elsewhere: mean(elsewhere) })
@@ -208,13 +212,6 @@ impl Views {
     }
 }
 
-/// A render of the input model as a target.
-fn of_input(scene: &Scene, camera: Camera) -> TrainView {
-    let mut photo = render(scene, &camera, &RenderOptions::default());
-    photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
-    TrainView { camera, photo }
-}
-
 /// The same view with no edge longer than `most` pixels.
 fn within(camera: &Camera, most: f64) -> Camera {
     let factor = (most / f64::from(camera.width.max(camera.height))).min(1.0);
@@ -227,19 +224,8 @@ fn pixels(cameras: &[Camera]) -> f64 {
     cameras.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum()
 }
 
-/// The cameras of views whose photos hold numbers.
-fn cameras_of(views: &[TrainView]) -> Result<Vec<Camera>> {
-    for (index, view) in views.iter().enumerate() {
-        if view.photo.rgb.iter().any(|v| !v.is_finite()) {
-            return Err(Error::PhotoValue { index, name: view.camera.name.clone() });
-        }
-    }
-    Ok(views.iter().map(|v| v.camera.clone()).collect())
-}
-
-/// PSNR of a scene at a view, dB, at most 100.
-fn psnr(scene: &Scene, view: &TrainView) -> f64 {
-    metrics::psnr(&render(scene, &view.camera, &RenderOptions::default()), &view.photo).min(100.0)
+fn cameras_of(views: &[TrainView]) -> Vec<Camera> {
+    views.iter().map(|v| v.camera.clone()).collect()
 }
 
 /// Weights of photos with these mean squared errors.
