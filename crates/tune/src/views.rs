@@ -35,7 +35,8 @@ struct Share {
     weight: f32,
 }
 
-/// Photos show more than the input model, renders the same as nearby views.
+/// The targets at nearby views are renders of the input model. Photos are better targets, so nearby views count less
+/// beside them. Beside other renders they count the same.
 const BESIDE_PHOTOS: Share = Share { every: 4, weight: 0.3 };
 const BESIDE_RENDERS: Share = Share { every: 2, weight: 1.0 };
 
