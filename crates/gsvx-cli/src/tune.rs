@@ -98,7 +98,7 @@ pub(crate) struct TuneArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum EffortName {
-    /// About 1 minute for 120,000 Gaussians and small photos on one core.
+    /// About 1.5 minutes for 120,000 Gaussians and small photos on one core.
     Quick,
     /// About 5 minutes.
     Normal,

@@ -31,7 +31,7 @@ pub struct TuneOptions {
     pub effort: TuneEffort,
     /// A plan of the caller's instead of the one that follows from target and effort.
     pub plan: Option<TunePlan>,
-    /// The views are renders of the model, not photos: views near them, whose targets are renders too, count as much.
+    /// The views are renders of the model, not photos. Nearby views then count as much as they do.
     pub distil: bool,
     /// Leave out what the views do not show, and judge the scene at the views alone: fewer bytes, and good only where
     /// the cameras stand.

@@ -33,13 +33,12 @@ struct Share {
     every: u64,
     /// What a nearby view counts, and a pixel of it, over one of the other views.
     weight: f32,
-    /// Nearby views for each other view.
-    each: usize,
 }
 
-/// Photos show more than the input model, renders the same as nearby views.
-const BESIDE_PHOTOS: Share = Share { every: 4, weight: 0.3, each: 1 };
-const BESIDE_RENDERS: Share = Share { every: 2, weight: 1.0, each: 2 };
+/// The targets at nearby views are renders of the input model. Photos are better targets, so nearby views count less
+/// beside them. Beside other renders they count the same.
+const BESIDE_PHOTOS: Share = Share { every: 4, weight: 0.3 };
+const BESIDE_RENDERS: Share = Share { every: 2, weight: 1.0 };
 
 /// The views of a run.
 pub(crate) struct Views {
@@ -115,10 +114,7 @@ impl Views {
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
-        let count = match options.drop_unseen {
-            true => 0,
-            false => (share.each * gradients.views()).min(MOST_NEARBY),
-        };
+        let count = if options.drop_unseen { 0 } else { gradients.views().min(MOST_NEARBY) };
         let nearby: Vec<Camera> =
             nearby(scene, &cameras, count, 0).iter().map(|c| within(c, NEARBY_EDGE)).collect();
         for camera in &nearby {

@@ -59,7 +59,7 @@ struct Scene {
     /// PSNR and SSIM of the model as it was trained.
     original: [f64; 2],
     untuned: Vec<StreamPoint>,
-    /// With what the cameras do not see.
+    /// Streams that keep what the cameras do not see.
     untuned_all: Vec<StreamPoint>,
     tuned: Vec<Tuned>,
 }

@@ -41,7 +41,7 @@ def tune(
     files (PNG, JPEG). Without photos, or with ``distil``, the model is tuned to its own renders.
 
     One of these is the target (default: quality 58): ``quality``, 0 to 100; ``target_bytes``;
-    ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (about 1 minute for 120,000
+    ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (1.5 minutes for 120,000
     Gaussians and small photos on one core), "normal" (5 minutes) or "long" (30 minutes). ``seed``: of the
     order of the views. ``drop_unseen`` leaves out what the views do not show: fewer bytes, and good only where the
     cameras stand. ``checkpoint``: file that keeps what is needed to go on after an interruption; an

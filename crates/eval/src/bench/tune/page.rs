@@ -31,8 +31,8 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
         "`cargo build --release -p gsvx-cli && cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q \
          QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
          (dB) and SSIM are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
-         off the path of the cameras: between them, beside them and farther back, beside that of `gsvx encode --cameras \
-         SCENE`. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
+         off the path of the cameras: between them, beside them and farther back. The column after it is the same of `gsvx \
+         encode --cameras SCENE`, interpolated at these bytes. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
          ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos; \"seed-1\" visits the views \
          in another order. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
          this build has not measured are missing.",
@@ -79,7 +79,7 @@ fn bd_table(scenes: &[Scene]) -> Table {
 fn points_table(scenes: &[Scene]) -> Table {
     let mut table = Table::new(
         "scene | run | quality | bytes | dB | SSIM | bytes against untuned at these dB | elsewhere, dB | \
-         untuned of equal bytes, dB | CPU minutes | peak MB",
+         elsewhere without tuning, dB | CPU minutes | peak MB",
     );
     let off = |bytes: u64, of: f64| Some(100.0 * (bytes as f64 / of.max(1.0) - 1.0));
     for scene in scenes {
