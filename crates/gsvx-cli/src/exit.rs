@@ -63,6 +63,9 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
             _ => None,
         };
     }
+    if let Some(tune::Error::NoPhotos { .. }) = cause.downcast_ref() {
+        return Some("--distil tunes to renders instead".into());
+    }
     let drawing = match cause.downcast_ref() {
         Some(tune::Error::Finetune(error)) => Some(error),
         _ => cause.downcast_ref(),

@@ -43,8 +43,8 @@ const PICTURED: u64 = 100;
 pub(crate) struct TuneArgs {
     /// The trained model, of any format that gsvx convert reads; `-` for standard input.
     input: PathBuf,
-    /// Scene folder with cameras and photos. Without photos, or with --distil, the model is tuned to
-    /// its own renders at the cameras.
+    /// Scene folder with cameras and photos (PNG, JPEG, WebP; in images, or else images_2, _4 or _8; with
+    /// any extension). Without photos, or with --distil, the model is tuned to its own renders at the cameras.
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
     /// What to write: NAME.gsvx for a stream, NAME.ply for the tuned model.
@@ -138,10 +138,13 @@ impl TuneArgs {
     /// Views to tune on, and whether their images are renders of the model.
     fn views(&self, scene: &Scene) -> Result<(Vec<TrainView>, bool)> {
         let cameras = match (&self.cameras, self.orbit.orbit) {
-            (Some(path), _) => match self.distil {
-                false if let Some(views) = photos::photos(path)? => return Ok((views, false)),
-                _ => views::cameras(path)?,
-            },
+            (Some(path), _) => {
+                let found = if self.distil { Vec::new() } else { photos::photos(path)? };
+                if !found.is_empty() {
+                    return Ok((found, false));
+                }
+                views::cameras(path)?
+            }
             (None, Some(n)) => views::around(&self.orbit, n, &self.input, scene)?,
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
@@ -177,7 +180,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {
-        note("no photos: the model is tuned to its own renders");
+        note("the model is tuned to its own renders");
     } else if args.profile == Profile::Paper {
         // The other profile refuses photos that show something else.
         photos::warn_of_others(&scene, &training, cameras);
