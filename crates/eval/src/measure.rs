@@ -1,7 +1,7 @@
 //! Renders a scene at a set of views and compares the renders with the photos.
 
 use anyhow::Result;
-use finetune::{RenderOptions, TrainView, metrics};
+use finetune::{Image, RenderOptions, TrainView, metrics};
 use gs_model::Scene;
 use gs_model::View;
 use serde::{Deserialize, Serialize};

@@ -66,6 +66,7 @@ mod likeness;
 pub mod metrics;
 pub mod optimiser;
 mod options;
+mod photo_check;
 mod saliency;
 #[cfg(feature = "gpu")]
 mod shaders;
@@ -83,6 +84,7 @@ pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::Image;
 pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
+pub use photo_check::PhotoCheck;
 pub use saliency::{Saliency, saliency};
 pub use stages::loss::ViewLoss;
 pub use stages::project_adjoint::ParameterGradient;

@@ -65,6 +65,9 @@ pub(crate) struct TuneArgs {
     /// Tune to renders of the model itself, also where there are photos.
     #[arg(long)]
     distil: bool,
+    /// Tune also to photos that seem to be of other views than their cameras'.
+    #[arg(long, conflicts_with = "distil")]
+    force_photos: bool,
     /// Leave out what the views do not show: fewer bytes, and good only where the cameras stand.
     #[arg(long)]
     drop_unseen: bool,
@@ -139,7 +142,11 @@ impl TuneArgs {
     fn views(&self, scene: &Scene) -> Result<(Vec<TrainView>, bool)> {
         let cameras = match (&self.cameras, self.orbit.orbit) {
             (Some(path), _) => {
-                let found = if self.distil { Vec::new() } else { photos::photos(path)? };
+                let found = if self.distil {
+                    Vec::new()
+                } else {
+                    photos::photos(scene, path, self.force_photos)?
+                };
                 if !found.is_empty() {
                     return Ok((found, false));
                 }
@@ -181,9 +188,6 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {
         note("the model is tuned to its own renders");
-    } else if args.profile == Profile::Paper {
-        // The other profile refuses photos that show something else.
-        photos::warn_of_others(&scene, &training, cameras);
     }
     let ply = extension == "ply";
     if args.profile == Profile::Paper {

@@ -109,3 +109,24 @@ fn transparent_pixels_are_black() {
     assert!(!distilled && psnr > 20.0, "{psnr} {said}");
     assert!(said.contains("photos have transparent pixels, which are black"), "{said}");
 }
+
+#[test]
+fn photos_of_other_views_are_refused_and_another_exposure_is_told() {
+    // The names of the photos in the opposite order, and off by one.
+    for other in [|i: usize| 31 - i, |i: usize| (i + 1) % 32] {
+        let scene = Scene::new(|dir, stem, photo| {
+            let i: usize = stem.strip_prefix("view_").unwrap().parse().unwrap();
+            save(dir.join(format!("images/view_{:03}.png", other(i))), photo);
+        });
+        let out = scene.tune(&[]);
+        one_line(&out, "not of their cameras' views");
+        assert!(heard(&out).contains("--force-photos"), "{out:?}");
+        said(&scene.tune(&["--force-photos"]));
+    }
+    let scene = Scene::new(|dir, stem, mut photo| {
+        photo.pixels_mut().for_each(|p| p.0 = p.0.map(|v| (f32::from(v) * 0.6) as u8));
+        save(dir.join(format!("images/{stem}.png")), photo);
+    });
+    let (_, _, said) = scene.tuned();
+    assert!(said.contains("exposure differs"), "{said}");
+}

@@ -104,6 +104,9 @@ fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
     if let Some(tune::Error::NoPhotos { .. }) = error.downcast_ref() {
         return Some("distil=True tunes to renders instead".into());
     }
+    if let Some(tune::Error::OtherViews { .. }) = error.downcast_ref() {
+        return Some("force_photos=True uses them".into());
+    }
     match error.downcast_ref()? {
         gsvx::Error::Limit { points, .. } => {
             Some(format!("pass max_gaussians={points} if you trust it"))

@@ -5,7 +5,7 @@ use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use ::finetune::{Image, RenderOptions, TrainView, render};
-use ::tune::{Progress, Target, Tune, TuneEffort, TuneOutcome};
+use ::tune::{Photos, Progress, Target, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
@@ -32,6 +32,7 @@ pub(crate) struct TuneDict {
     seed: u64,
     checkpoint: Option<PathBuf>,
     distil: bool,
+    force_photos: bool,
     drop_unseen: bool,
     drop_invalid: bool,
 }
@@ -170,17 +171,15 @@ fn tune_scene(
     if options.drop_invalid {
         scene.drop_invalid();
     }
-    let mut warnings = Vec::new();
-    let training = match photos {
-        Some(photos) => given(&cameras.list, photos)?,
-        None if options.distil || cameras.photos.is_empty() => Vec::new(),
-        None => {
-            let found = ::tune::photos(Path::new(&cameras.name), &cameras.views())?;
-            let words = found.notes.iter().map(|note| note.trim_start_matches("warning: ").into());
-            warnings.extend(words);
-            found.views
-        }
+    let mut found = match photos {
+        Some(photos) => Photos { views: given(&cameras.list, photos)?, notes: Vec::new() },
+        None if options.distil || cameras.photos.is_empty() => Photos::default(),
+        None => ::tune::photos(Path::new(&cameras.name), &cameras.views())?,
     };
+    found.check(&scene, options.force_photos)?;
+    let words = found.notes.iter().map(|note| note.trim_start_matches("warning: ").to_owned());
+    let mut warnings: Vec<String> = words.collect();
+    let training = found.views;
     let distilled = training.is_empty();
     let training = if distilled { renders(&scene, cameras.list, line)? } else { training };
     let mut choices = ::tune::TuneOptions::new(options.target());

@@ -59,6 +59,17 @@ pub enum Error {
         /// The photos that are in its place.
         there: String,
     },
+    /// Photos of other views than those of their cameras.
+    #[error(
+        "the photos are not of their cameras' views: {psnr:.1} dB at {views} of them, and the model at other cameras \
+         resembles them as much or more; check that photos and cameras have each other's names"
+    )]
+    OtherViews {
+        /// Number of photos that were compared.
+        views: usize,
+        /// Mean PSNR of the model at the photos, dB.
+        psnr: f64,
+    },
     /// The photos show something else than the model.
     #[error(
         "the photos do not show this model: its renders match them to {psnr:.1} dB on average; \

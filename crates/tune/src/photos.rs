@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use finetune::{Image, TrainView};
-use gs_model::{Camera, View, photos_beside};
+use finetune::{Image, PhotoCheck, TrainView};
+use gs_model::{Camera, Scene, View, photos_beside};
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
@@ -25,6 +25,27 @@ pub struct Photos {
     pub views: Vec<TrainView>,
     /// What to say of the photos: those that are not there, and those with transparent pixels.
     pub notes: Vec<String>,
+}
+
+impl Photos {
+    /// Compares some photos with the model. A note says if they are exposed differently.
+    ///
+    /// # Errors
+    /// [`Error::OtherViews`] if they are of other views than their cameras', unless `force`.
+    pub fn check(&mut self, scene: &Scene, force: bool) -> Result<()> {
+        let Some(found) = PhotoCheck::of(scene, &self.views) else { return Ok(()) };
+        let PhotoCheck { views, psnr, fitted_psnr, .. } = found;
+        if found.of_other_views() && !force {
+            return Err(Error::OtherViews { views, psnr });
+        }
+        if found.of_other_exposure() {
+            self.notes.push(format!(
+                "warning: the photos' exposure differs from the model's: {psnr:.1} dB, {fitted_psnr:.1} dB with \
+                 the brightness of each photo fitted; the tuned model takes on that of the photos"
+            ));
+        }
+        Ok(())
+    }
 }
 
 /// A photo at its camera.

@@ -26,6 +26,7 @@ def tune(
     target_psnr: Optional[float] = None,
     effort: str = "normal",
     distil: bool = False,
+    force_photos: bool = False,
     drop_unseen: bool = False,
     checkpoint: Optional[PathLike] = None,
     seed: int = 0,
@@ -39,6 +40,7 @@ def tune(
     ``cameras``: a scene folder, of which the training views with their photos count, or cameras as for
     :func:`gsvx.compress`. ``photos``: one per camera: arrays (height, width, 3), uint8 or floats from 0 to 1, or
     files (PNG, JPEG, WebP). Without photos, or with ``distil``, the model is tuned to its own renders.
+    Photos that seem to be of other views than their cameras' are refused without ``force_photos``.
 
     One of these is the target (default: quality 58): ``quality``, 0 to 100; ``target_bytes``;
     ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (about 1 minute for 120,000
@@ -63,6 +65,7 @@ def tune(
         effort=effort,
         seed=seed,
         distil=distil,
+        force_photos=force_photos,
         drop_unseen=drop_unseen,
         checkpoint=None if checkpoint is None else os.fspath(checkpoint),
         drop_invalid=drop_invalid,
