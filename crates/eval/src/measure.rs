@@ -1,9 +1,7 @@
 //! Renders a scene at a set of views and compares the renders with the photos.
 
-use std::path::Path;
-
-use anyhow::{Context, Result, anyhow, bail};
-use finetune::{Image, Photo, RenderOptions, TrainView, metrics};
+use anyhow::Result;
+use finetune::{Image, RenderOptions, TrainView, metrics};
 use gs_model::Scene;
 use gs_model::View;
 use serde::{Deserialize, Serialize};
@@ -32,42 +30,12 @@ pub struct Score {
     pub views: Vec<ViewScore>,
 }
 
-/// Reads an 8-bit photo.
-pub(crate) fn read_photo(path: &Path) -> Result<Photo> {
-    let decoded = image::ImageReader::open(path)
-        .with_context(|| format!("open photo {}", path.display()))?
-        .with_guessed_format()
-        .with_context(|| format!("read photo {}", path.display()))?
-        .decode()
-        // An image error repeats its own cause.
-        .map_err(|e| anyhow!("decode photo {} (PNG or JPEG expected): {e}", path.display()))?;
-    let rgb = decoded.to_rgb8();
-    let (width, height) = rgb.dimensions();
-    Photo::new(width, height, rgb.into_raw())
-        .with_context(|| format!("photo {} has an impossible size", path.display()))
-}
-
 /// Reads the photos of `views`. A camera is scaled to the size of its photo.
 ///
 /// # Errors
 /// If a photo cannot be read, or has another aspect ratio than its camera.
 pub fn load<'a>(views: impl IntoIterator<Item = &'a View>) -> Result<Vec<TrainView>> {
-    let load = |view: &View| {
-        let photo = read_photo(&view.image_path)?;
-        let camera = &view.camera;
-        let Some(scaled) = camera.scaled_to(photo.width, photo.height) else {
-            bail!(
-                "photo {} is {}x{} pixels but its camera says {}x{}, which is not the same view: \
-                 use the photos that the cameras were made for",
-                view.image_path.display(),
-                photo.width,
-                photo.height,
-                camera.width,
-                camera.height
-            );
-        };
-        Ok(TrainView { camera: scaled, photo })
-    };
+    let load = |view: &View| Ok(tune::photo(&view.camera, &view.image_path)?);
     views.into_iter().map(load).collect()
 }
 

@@ -4,7 +4,7 @@
 //!   Gaussian contributes to a set of views.
 //! - [`framing`] finds cameras for a scene that has none; [`Pictures`] tell how alike two versions of a scene
 //!   look.
-//! - [`seen_opacity_share`] and [`photo_match`] tell cameras and photos of another scene.
+//! - [`seen_opacity_share`] and [`PhotoCheck`] tell cameras and photos of another scene.
 //! - [`ViewGradients`] gives a loss and its gradients by all arrays of a scene, view after view, and [`optimiser`]
 //!   moves a scene or other parameters against them. The crate tune makes runs of such steps.
 //!
@@ -66,6 +66,7 @@ mod likeness;
 pub mod metrics;
 pub mod optimiser;
 mod options;
+mod photo_check;
 mod saliency;
 #[cfg(feature = "gpu")]
 mod shaders;
@@ -75,7 +76,7 @@ mod train_view;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{PhotoMatch, References, Visibility, photo_match, seen_opacity_share};
+pub use camera_check::{References, Visibility, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 #[cfg(feature = "gpu")]
@@ -83,6 +84,7 @@ pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
 pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
+pub use photo_check::PhotoCheck;
 pub use saliency::{Saliency, saliency};
 pub use stages::loss::ViewLoss;
 pub use stages::project_adjoint::ParameterGradient;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::camera::{Camera, LensDistortion, View};
 use crate::error::{Error, Result};
+use crate::photos::Finder;
 use crate::{colmap, fs, inria, nerf};
 
 /// Every how many views one is held out.
@@ -36,7 +37,8 @@ impl Dataset {
     /// [`Error::Io`] if the folder is not there, [`Error::NotADataset`],
     /// [`Error::Malformed`] if two images share a name, and those of the
     /// readers in [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]: distorted cameras are
-    /// refused. A photo that is missing is not an error here.
+    /// refused. A photo that is missing is not an error here; one with another extension, or in `images_2`,
+    /// `images_4` or `images_8` (after the name of its folder), is found.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         let dir = dir.as_ref();
         let views = open_views(dir, LensDistortion::Refuse)?;
@@ -79,9 +81,13 @@ fn of_folder(dir: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
     let sparse = [dir.join("sparse/0"), dir.join("sparse")];
     let transforms = dir.join("transforms.json");
     if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
-        let images = dir.join("images");
-        let view = |camera: Camera| View { image_path: images.join(&camera.name), camera };
-        Ok(colmap::read_cameras(sparse, distortion)?.into_iter().map(view).collect())
+        let mut finder = Finder::default();
+        let mut view = |camera: Camera| {
+            let expected = Path::new("images").join(&camera.name);
+            let found = finder.find(dir, &expected)?;
+            Ok(View { image_path: found.unwrap_or_else(|| dir.join(expected)), camera })
+        };
+        colmap::read_cameras(sparse, distortion)?.into_iter().map(&mut view).collect()
     } else if dir.join("cameras.json").is_file() {
         inria::views(dir)
     } else if transforms.is_file() {

@@ -77,6 +77,8 @@ pub mod math;
 pub mod model;
 #[cfg(feature = "cameras")]
 pub mod nerf;
+#[cfg(feature = "cameras")]
+mod photos;
 #[cfg(feature = "files")]
 pub mod ply;
 #[cfg(feature = "files")]
@@ -102,6 +104,8 @@ pub use dataset::Dataset;
 pub use error::{Error, Result};
 #[cfg(feature = "files")]
 pub use format::Format;
+#[cfg(feature = "cameras")]
+pub use photos::photos_beside;
 #[cfg(feature = "files")]
 pub use report::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions, Report};
 pub use scene::{SH_C0, Scene, sh_len};

@@ -227,7 +227,7 @@ fn transforms_with_an_angle_take_the_size_from_the_photo() {
     assert_same(&views(dir.path()).unwrap()[0].camera, &c);
     // The photo is not an image; then it is missing.
     put(&dir, "train/r_0.png", "GIF89a");
-    says(views(dir.path()), "image header: not that of a whole PNG or JPEG");
+    says(views(dir.path()), "image header: not that of a whole PNG, JPEG or WebP");
     fs::remove_file(dir.path().join("train/r_0.png")).unwrap();
     let outcome = views(dir.path());
     assert!(matches!(outcome, Err(Error::Io { .. })), "{outcome:?}");

@@ -43,8 +43,8 @@ const PICTURED: u64 = 100;
 pub(crate) struct TuneArgs {
     /// The trained model, of any format that gsvx convert reads; `-` for standard input.
     input: PathBuf,
-    /// Scene folder with cameras and photos. Without photos, or with --distil, the model is tuned to
-    /// its own renders at the cameras.
+    /// Scene folder with cameras and photos (PNG, JPEG, WebP; in images, or else images_2, _4 or _8; with
+    /// any extension). Without photos, or with --distil, the model is tuned to its own renders at the cameras.
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
     /// What to write: NAME.gsvx for a stream, NAME.ply for the tuned model.
@@ -65,6 +65,9 @@ pub(crate) struct TuneArgs {
     /// Tune to renders of the model itself, also where there are photos.
     #[arg(long)]
     distil: bool,
+    /// Tune also to photos that seem to be of other views than their cameras'.
+    #[arg(long, conflicts_with = "distil")]
+    force_photos: bool,
     /// Leave out what the views do not show: fewer bytes, and good only where the cameras stand.
     #[arg(long)]
     drop_unseen: bool,
@@ -138,10 +141,17 @@ impl TuneArgs {
     /// Views to tune on, and whether their images are renders of the model.
     fn views(&self, scene: &Scene) -> Result<(Vec<TrainView>, bool)> {
         let cameras = match (&self.cameras, self.orbit.orbit) {
-            (Some(path), _) => match self.distil {
-                false if let Some(views) = photos::photos(path)? => return Ok((views, false)),
-                _ => views::cameras(path)?,
-            },
+            (Some(path), _) => {
+                let found = if self.distil {
+                    Vec::new()
+                } else {
+                    photos::photos(scene, path, self.force_photos)?
+                };
+                if !found.is_empty() {
+                    return Ok((found, false));
+                }
+                views::cameras(path)?
+            }
             (None, Some(n)) => views::around(&self.orbit, n, &self.input, scene)?,
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
@@ -177,10 +187,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {
-        note("no photos: the model is tuned to its own renders");
-    } else if args.profile == Profile::Paper {
-        // The other profile refuses photos that show something else.
-        photos::warn_of_others(&scene, &training, cameras);
+        note("the model is tuned to its own renders");
     }
     let ply = extension == "ply";
     if args.profile == Profile::Paper {

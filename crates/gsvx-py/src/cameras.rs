@@ -5,9 +5,9 @@ use crate::background::run;
 use crate::error::{Fault, Result};
 use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
-use gs_model::Camera;
 use gs_model::camera::LensDistortion;
 use gs_model::dataset::open_views;
+use gs_model::{Camera, View};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -31,6 +31,8 @@ pub(crate) struct CameraArrays<'py> {
     /// Width and height, (C, 2).
     sizes: PyReadonlyArray2<'py, i64>,
     ignored_distortion: Vec<Option<String>>,
+    /// Files, or none if they are not known.
+    photos: Vec<PathBuf>,
 }
 
 /// Cameras, and what a person calls them.
@@ -38,6 +40,16 @@ pub(crate) struct CameraArrays<'py> {
 pub(crate) struct Cameras {
     pub(crate) name: String,
     pub(crate) list: Vec<Camera>,
+    /// Files, or none if they are not known.
+    pub(crate) photos: Vec<PathBuf>,
+}
+
+impl Cameras {
+    /// The cameras with the files of their photos.
+    pub(crate) fn views(&self) -> Vec<View> {
+        let both = self.list.iter().cloned().zip(self.photos.iter().cloned());
+        both.map(|(camera, image_path)| View { camera, image_path }).collect()
+    }
 }
 
 impl CameraArrays<'_> {
@@ -70,7 +82,7 @@ impl CameraArrays<'_> {
         if list.is_empty() {
             return Err(Fault::Failed(format!("{}: no cameras", self.name)));
         }
-        Ok(Cameras { name: self.name.clone(), list })
+        Ok(Cameras { name: self.name.clone(), list, photos: self.photos.clone() })
     }
 }
 

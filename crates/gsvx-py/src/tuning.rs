@@ -5,14 +5,21 @@ use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use ::finetune::{Photo, TrainView};
-use ::tune::{Progress, Target, Tune, TuneEffort, TuneOutcome};
+use ::tune::{Photos, Progress, Target, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict};
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// What a run returns.
+struct Tuned {
+    outcome: TuneOutcome,
+    /// Whether the targets were renders of the model.
+    distilled: bool,
+    warnings: Vec<String>,
+}
 
 /// Options as Python has them.
 #[derive(FromPyObject)]
@@ -24,6 +31,8 @@ pub(crate) struct TuneDict {
     effort: String,
     seed: u64,
     checkpoint: Option<PathBuf>,
+    distil: bool,
+    force_photos: bool,
     drop_unseen: bool,
     drop_invalid: bool,
 }
@@ -69,7 +78,7 @@ pub(crate) fn tune<'py>(
         |photos: Vec<_>| photos.into_iter().map(PhotoSource::of).collect::<Result<Vec<_>>>();
     let photos = photos.map(photo).transpose()?;
     let target = options.target();
-    let (outcome, warnings) = run(py, pool, progress.as_ref(), move |line| {
+    let Tuned { outcome, distilled, warnings } = run(py, pool, progress.as_ref(), move |line| {
         tune_scene(scene, cameras, photos, &options, line)
     })?;
     let TuneOutcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } = &outcome;
@@ -91,6 +100,7 @@ pub(crate) fn tune<'py>(
     out.set_item("quality", quality)?;
     out.set_item("steps", steps)?;
     out.set_item("seconds", seconds)?;
+    out.set_item("distilled", distilled)?;
     out.set_item("missed", missed)?;
     out.set_item("warnings", warnings)?;
     out.set_item("parts", encoded.parts().into_py_dict(py)?)?;
@@ -126,33 +136,18 @@ impl PhotoSource {
 
     /// The photo at its camera.
     fn at(self, camera: &Camera) -> Result<TrainView> {
-        let (name, photo) = match self {
-            Self::Pixels(photo) => ("photo".into(), photo),
-            Self::File(path) => read(&path)?,
+        let photo = match self {
+            Self::Pixels(photo) => photo,
+            Self::File(path) => return Ok(::tune::photo(camera, &path)?),
         };
         let (width, height) = (photo.width, photo.height);
         let Some(camera) = camera.scaled_to(width, height) else {
             return Err(Fault::Failed(format!(
-                "{name} is {width}x{height}, which is not its camera's aspect ratio"
+                "photo is {width}x{height}, which is not its camera's aspect ratio"
             )));
         };
         Ok(TrainView { camera, photo })
     }
-}
-
-/// A file's name, for messages, and its photo.
-fn read(path: &Path) -> Result<(String, Photo)> {
-    let name = format!("photo {}", path.display());
-    let photo = image::ImageReader::open(path)
-        .and_then(image::ImageReader::with_guessed_format)
-        .map_err(|e| Fault::Io(io::Error::new(e.kind(), format!("{name}: {e}"))))?
-        .decode()
-        .map_err(|e| Fault::Failed(format!("{name}: PNG or JPEG expected: {e}")))?
-        .to_rgb8();
-    let (width, height) = photo.dimensions();
-    let photo = Photo::new(width, height, photo.into_raw());
-    let photo = photo.ok_or_else(|| Fault::Failed(format!("{name} is empty")))?;
-    Ok((name, photo))
 }
 
 /// Renders of the model at the cameras.
@@ -172,34 +167,32 @@ fn tune_scene(
     photos: Option<Vec<PhotoSource>>,
     options: &TuneDict,
     line: &Line,
-) -> Result<(TuneOutcome, Vec<String>)> {
+) -> Result<Tuned> {
     if options.drop_invalid {
         scene.drop_invalid();
     }
-    let (list, distil) = (cameras.list, photos.is_none());
-    let training = match photos {
-        Some(photos) if photos.len() == list.len() => {
-            let views = list.iter().zip(photos).map(|(camera, photo)| photo.at(camera));
-            views.collect::<Result<_>>()?
-        }
-        Some(photos) => {
-            let (p, c) = (photos.len(), list.len());
-            return Err(Fault::Usage(format!("photos: {p} of them for {c} cameras")));
-        }
-        None => renders(&scene, list, line)?,
+    let mut found = match photos {
+        Some(photos) => Photos { views: given(&cameras.list, photos)?, notes: Vec::new() },
+        None if options.distil || cameras.photos.is_empty() => Photos::default(),
+        None => ::tune::photos(Path::new(&cameras.name), &cameras.views())?,
     };
+    found.check(&scene, options.force_photos)?;
+    let words = found.notes.iter().map(|note| note.trim_start_matches("warning: ").to_owned());
+    let mut warnings: Vec<String> = words.collect();
+    let training = found.views;
+    let distilled = training.is_empty();
+    let training = if distilled { renders(&scene, cameras.list, line)? } else { training };
     let mut choices = ::tune::TuneOptions::new(options.target());
     choices.effort = match &options.effort[..] {
         "quick" => TuneEffort::Quick,
         "long" => TuneEffort::Long,
         _ => TuneEffort::Normal,
     };
-    choices.distil = distil;
+    choices.distil = distilled;
     choices.seed = options.seed;
     choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
-    let mut warnings = Vec::new();
     let outcome = Tune::new(scene, training, choices)?.run(|p| {
         if let Some(error) = p.checkpoint_failed {
             warnings.push(format!("{}; the run goes on without checkpoints", chain(error)));
@@ -207,7 +200,17 @@ fn tune_scene(
         line.tell(event(p));
     })?;
     line.check()?;
-    Ok((outcome, warnings))
+    Ok(Tuned { outcome, distilled, warnings })
+}
+
+/// Photos that Python gives, at their cameras.
+fn given(cameras: &[Camera], photos: Vec<PhotoSource>) -> Result<Vec<TrainView>> {
+    let (p, c) = (photos.len(), cameras.len());
+    if p != c {
+        return Err(Fault::Usage(format!("photos: {p} of them for {c} cameras")));
+    }
+    // Photos are compared pixel by pixel, so a lens that distorts is not ignored here.
+    cameras.iter().zip(photos).map(|(camera, photo)| photo.at(camera)).collect()
 }
 
 fn event(p: &Progress<'_>) -> Event {

@@ -87,6 +87,7 @@ class Cameras:
             "Ks": self.Ks,
             "sizes": self.sizes,
             "ignored_distortion": self.ignored_distortion,
+            "photos": self.photos,
         }
 
 
