@@ -88,6 +88,6 @@ pub use photo_check::PhotoCheck;
 pub use saliency::{Saliency, saliency};
 pub use stages::loss::ViewLoss;
 pub use stages::project_adjoint::ParameterGradient;
-pub use stages::removal::removal_effects;
+pub use stages::removal::{Worth, worth};
 pub use train_view::TrainView;
 pub use view_gradients::ViewGradients;

@@ -20,7 +20,7 @@ const EDGE: f64 = 320.0;
 /// Another camera resembles a photo more if less than this part of the difference remains.
 const BETTER: f64 = 0.8;
 /// Photos of which more than this is unlike their cameras' renders may be of other views.
-const UNLIKE: f64 = 0.2;
+const UNLIKE: f64 = 0.1;
 /// A fit of the exposure that gains more than this is told, dB.
 const EXPOSURE: f64 = 3.0;
 
@@ -126,13 +126,15 @@ impl Picture {
     /// The part of the variance that is left when a gain, not below zero, and an offset fit the other to this.
     fn unlike(&self, other: &Self) -> f64 {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-        let (mut left, mut all) = (0.0, 0.0);
+        let (mut left, mut all, mut shown) = (0.0, 0.0, 0.0);
         for (a, b) in self.0.iter().zip(&other.0) {
             let (aa, ab, bb) = (dot(a, a), dot(a, b).max(0.0), dot(b, b));
             all += aa;
+            shown += bb;
             left += if bb > 0.0 { aa - ab * ab / bb } else { aa };
         }
-        if all > 0.0 { left / all } else { 0.0 }
+        // All of a photo of one colour is unlike a render that shows something.
+        if all > 0.0 { left / all } else { f64::from(u8::from(shown > 0.0)) }
     }
 }
 

@@ -66,7 +66,7 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
     if let Some(tune::Error::NoPhotos { .. }) = cause.downcast_ref() {
         return Some("--distil tunes to renders instead".into());
     }
-    if let Some(tune::Error::OtherViews { .. }) = cause.downcast_ref() {
+    if let Some(tune::Error::OtherPhotos { .. }) = cause.downcast_ref() {
         return Some("--force-photos uses them".into());
     }
     let drawing = match cause.downcast_ref() {

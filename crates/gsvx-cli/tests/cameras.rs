@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{model, one_line, report, room, run};
+use common::{heard, model, one_line, report, room, run};
 use finetune::{RenderOptions, metrics, render};
 use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, dataset};
@@ -177,8 +177,8 @@ fn a_tune_took_photos_of_another_scene_without_a_word() {
     let tuned = dir.path().join("tuned.ply");
     let words = "tune @ -o @ --cameras @ --profile paper --steps 1 --backend cpu --past-input";
     let words: Vec<&str> = words.split(' ').collect();
-    let (_, said) = report(&words, &[&model(), &tuned, dir.path()]);
-    assert!(said.contains("warning") && said.contains("are they of this scene?"), "{said}");
+    let refused = heard(&run(&words, &[&model(), &tuned, dir.path()]));
+    assert!(refused.contains("do not show this model"), "{refused}");
     let (_, said) = report(&[&words[..], &["--force"]].concat(), &[&model(), &tuned, &room()]);
     assert!(!said.contains("warning"), "{said}");
 }

@@ -104,7 +104,7 @@ fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
     if let Some(tune::Error::NoPhotos { .. }) = error.downcast_ref() {
         return Some("distil=True tunes to renders instead".into());
     }
-    if let Some(tune::Error::OtherViews { .. }) = error.downcast_ref() {
+    if let Some(tune::Error::OtherPhotos { .. }) = error.downcast_ref() {
         return Some("force_photos=True uses them".into());
     }
     match error.downcast_ref()? {

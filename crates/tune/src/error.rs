@@ -51,24 +51,15 @@ pub enum Error {
         /// The photos that are in its place.
         there: String,
     },
-    /// Photos of other views than those of their cameras.
+    /// The photos show something else than the model, or are of other views than those of their cameras.
     #[error(
-        "the photos are not of their cameras' views: {psnr:.1} dB at {views} of them, and the model at other cameras \
-         resembles them as much or more; check that photos and cameras have each other's names"
-    )]
-    OtherViews {
-        /// Number of photos that were compared.
-        views: usize,
-        /// Mean PSNR of the model at the photos, dB.
-        psnr: f64,
-    },
-    /// The photos show something else than the model.
-    #[error(
-        "the photos do not show this model: its renders match them to {psnr:.1} dB on average; \
-         check that model, cameras and photos belong together"
+        "the photos do not show this model at their cameras: {psnr:.1} dB at {views} of them, and renders of other \
+         cameras resemble them as much or more; check that model, cameras and photos belong together"
     )]
     OtherPhotos {
-        /// Mean PSNR of the model at the training views, dB.
+        /// Number of photos that were compared.
+        views: usize,
+        /// Mean PSNR of the model at these photos, dB.
         psnr: f64,
     },
     /// A target in bytes below what the coarsest plan reaches.

@@ -31,12 +31,12 @@ impl Photos {
     /// Compares some photos with the model. A note says if they are exposed differently.
     ///
     /// # Errors
-    /// [`Error::OtherViews`] if they are of other views than their cameras', unless `force`.
+    /// [`Error::OtherPhotos`] if they show something else than the model at their cameras, unless `force`.
     pub fn check(&mut self, scene: &Scene, force: bool) -> Result<()> {
         let Some(found) = PhotoCheck::of(scene, &self.views) else { return Ok(()) };
         let PhotoCheck { views, psnr, fitted_psnr, .. } = found;
         if found.of_other_views() && !force {
-            return Err(Error::OtherViews { views, psnr });
+            return Err(Error::OtherPhotos { views, psnr });
         }
         if found.of_other_exposure() {
             self.notes.push(format!(

@@ -16,8 +16,6 @@ use crate::steering;
 use crate::trainer::{Clock, Trainer, Work};
 use crate::views::Views;
 
-/// A model whose renders match the photos worse than this does not belong to them.
-const LEAST_MATCH_DB: f64 = 12.0;
 /// A view of the loop takes this much longer than one without the codec.
 const LOOP_OVER_STEP: f64 = 1.4;
 /// Time of a step grows with the number of Gaussians to this power.
@@ -65,14 +63,11 @@ impl Tune {
         let fingerprint = fingerprint(&scene, &views, &shared);
         let views = Views::new(&scene, views, &options)?;
         let (_, input_psnr) = views.at_aside(&scene);
-        if input_psnr < LEAST_MATCH_DB {
-            return Err(Error::OtherPhotos { psnr: input_psnr });
-        }
-        let plan = plan(&scene, &views, &options, input_psnr)?;
+        let (plan, effects) = plan(&scene, &views, &options, input_psnr)?;
         let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let step_seconds = seconds_of_a_step(&scene, &mut trainer.views);
-        let mut course = Course::new(plan, target, scene);
+        let mut course = Course::new(plan, target, scene, effects);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;

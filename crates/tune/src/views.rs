@@ -9,7 +9,7 @@
 
 use finetune::framing::nearby;
 use finetune::optimiser::permutation;
-use finetune::{Loss, RenderOptions, TrainView, ViewGradients};
+use finetune::{Loss, RenderOptions, TrainView, ViewGradients, Worth, saliency, worth};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
@@ -175,31 +175,33 @@ impl Views {
 
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
-        self.over_all(|cameras| finetune::saliency(scene, cameras).squared)
+        let mut sum = saliency(scene, &self.cameras).squared;
+        self.add_nearby(&mut sum, &saliency(scene, &self.nearby).squared);
+        sum
     }
 
-    /// How much the squared error of all pixels grows when a Gaussian is left out: the greatest number for one that no
-    /// view sees, as nothing is known of it, unless it is to be left out.
-    pub(crate) fn removal_effects(&self, scene: &Scene) -> Result<Vec<f32>> {
-        let mut out = self.over_all(|cameras| finetune::removal_effects(scene, cameras));
-        if out.iter().all(|&effect| effect <= 0.0) {
+    /// What each Gaussian is worth. The removal effect is the greatest number for one that no view sees, as nothing is
+    /// known of it, unless it is to be left out.
+    pub(crate) fn worth(&self, scene: &Scene) -> Result<Worth> {
+        let (mut all, near) = (worth(scene, &self.cameras), worth(scene, &self.nearby));
+        self.add_nearby(&mut all.removal, &near.removal);
+        self.add_nearby(&mut all.squared, &near.squared);
+        if all.removal.iter().all(|&effect| effect <= 0.0) {
             return Err(Error::NothingSeen);
         }
         if !self.drop_unseen() {
-            let unseen = out.iter_mut().filter(|effect| **effect <= 0.0);
+            let unseen = all.removal.iter_mut().filter(|effect| **effect <= 0.0);
             unseen.for_each(|effect| *effect = f32::MAX);
         }
-        Ok(out)
+        Ok(all)
     }
 
-    /// A sum over the cameras, and that over the nearby ones, which count less.
-    fn over_all(&self, sum: impl Fn(&[Camera]) -> Vec<f32>) -> Vec<f32> {
-        let mut out = sum(&self.cameras);
+    /// Adds to sums over the cameras those over the nearby ones, which count less.
+    fn add_nearby(&self, sum: &mut [f32], near: &[f32]) {
         if !self.nearby.is_empty() {
             let weight = self.share.weight * (pixels(&self.cameras) / pixels(&self.nearby)) as f32;
-            out.iter_mut().zip(sum(&self.nearby)).for_each(|(all, near)| *all += weight * near);
+            sum.iter_mut().zip(near).for_each(|(all, near)| *all += weight * near);
         }
-        out
     }
 
     /// Whether what no view sees is left out.
