@@ -1,5 +1,6 @@
 //! [`TrainView`]: a posed photo.
 
+use gs_model::lens::Lens;
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
@@ -21,7 +22,7 @@ impl TrainView {
     /// A render of a model in place of a photo. It has no lens.
     #[must_use]
     pub fn rendered(scene: &Scene, camera: Camera) -> Self {
-        let camera = Camera { ignored_distortion: None, ..camera };
+        let camera = Camera { lens: None, ..camera };
         let photo = Photo::from(&render(scene, &camera, &RenderOptions::default()));
         Self { camera, photo }
     }
@@ -46,7 +47,7 @@ pub(crate) fn check_views(views: &[TrainView]) -> Result<()> {
         if width == 0 || height == 0 || !camera.image_fits() {
             return Err(Error::ViewSize { index, name, width, height });
         }
-        if let Some(model) = camera.ignored_distortion.clone() {
+        if let Some(Lens { model, .. }) = camera.lens.clone() {
             return Err(Error::DistortedView { index, name, model });
         }
         let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);

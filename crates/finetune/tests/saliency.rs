@@ -16,7 +16,7 @@ fn camera() -> Camera {
         cy: 20.0,
         rotation: DMat3::IDENTITY,
         translation: DVec3::new(0.0, 0.0, 4.0),
-        ignored_distortion: None,
+        lens: None,
     }
 }
 

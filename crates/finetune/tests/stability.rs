@@ -21,7 +21,7 @@ fn straight(width: u32, height: u32, focal: f64) -> Camera {
         cy: f64::from(height) / 2.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
-        ignored_distortion: None,
+        lens: None,
     }
 }
 

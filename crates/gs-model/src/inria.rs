@@ -53,7 +53,7 @@ fn camera(file: &Path, entry: Entry) -> Result<Camera> {
         cy: f64::from(height) / 2.0,
         rotation,
         translation: -(rotation * DVec3::from_array(entry.position)),
-        ignored_distortion: None,
+        lens: None,
     }
     .checked(file)
 }

@@ -72,6 +72,8 @@ mod gltf;
 pub mod inria;
 #[cfg(feature = "formats")]
 mod ksplat;
+#[cfg(feature = "cameras")]
+pub mod lens;
 pub mod math;
 #[cfg(feature = "files")]
 pub mod model;

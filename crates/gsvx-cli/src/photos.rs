@@ -12,13 +12,6 @@ use std::path::Path;
 pub(crate) fn photos(scene: &Scene, path: &Path, force: bool) -> Result<Vec<TrainView>> {
     let training = views::training(path, views::read(path)?)?;
     let mut found = tune::photos(path, &training)?;
-    // Photos are compared pixel by pixel, so a lens that distorts is not ignored here.
-    let bent = |v: &&TrainView| v.camera.ignored_distortion.is_some();
-    if let Some(TrainView { camera, .. }) = found.views.iter().find(bent) {
-        let model = camera.ignored_distortion.clone().unwrap_or_default();
-        let (file, camera) = (path.to_owned(), camera.name.clone());
-        return Err(gs_model::Error::DistortedCamera { file, camera, model }.into());
-    }
     let checked = found.check(scene, force);
     found.notes.iter().for_each(note);
     checked.with_context(|| path.display().to_string())?;

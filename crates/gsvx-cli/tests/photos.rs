@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{gsvx, heard, model, one_line, room, said};
+use common::{gsvx, heard, model, one_line, room, room_cameras, said};
+use image::ImageEncoder;
+use image::codecs::jpeg::JpegEncoder;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -15,12 +17,7 @@ struct Scene {
 impl Scene {
     fn new(put: impl Fn(&Path, &str, image::RgbImage)) -> Self {
         let dir = tempfile::tempdir().unwrap();
-        let sparse = dir.path().join("sparse/0");
-        fs::create_dir_all(&sparse).unwrap();
-        for file in fs::read_dir(room().join("sparse/0")).unwrap() {
-            let file = file.unwrap();
-            fs::copy(file.path(), sparse.join(file.file_name())).unwrap();
-        }
+        room_cameras(dir.path(), "");
         for file in common::names(&room().join("images")) {
             let photo = image::open(room().join("images").join(&file)).unwrap().into_rgb8();
             // Small photos are quick.
@@ -108,6 +105,47 @@ fn transparent_pixels_are_black() {
     let (distilled, psnr, said) = scene.tuned();
     assert!(!distilled && psnr > 20.0, "{psnr} {said}");
     assert!(said.contains("photos have transparent pixels, which are black"), "{said}");
+}
+
+#[test]
+fn photos_are_undistorted_and_turned_as_their_exif_data_say() {
+    let scene = Scene::new(|dir, stem, photo| save(dir.join(format!("images/{stem}.png")), photo));
+    let (_, straight, _) = scene.tuned();
+    // Each pixel of a photo through a lens shows what its neighbourhood, found by a search, shows without.
+    let k1 = 0.1;
+    let scene = Scene::new(|dir, stem, photo| {
+        let focal = 97.5_f64;
+        let bent = image::RgbImage::from_fn(120, 80, |x, y| {
+            let [x, y] = [f64::from(x) + 0.5 - 60.0, f64::from(y) + 0.5 - 40.0];
+            let mut factor = 1.0;
+            for _ in 0..50 {
+                let r = factor * x.hypot(y) / focal;
+                factor = 1.0 / (1.0 + k1 * r * r);
+            }
+            let [x, y] = [factor * x + 59.5, factor * y + 39.5].map(|v| v as f32);
+            let shown = image::imageops::interpolate_bilinear(&photo, x, y);
+            shown.unwrap_or(image::Rgb([0; 3]))
+        });
+        save(dir.join(format!("images/{stem}.png")), bent);
+    });
+    let (_, ignored, _) = scene.tuned();
+    room_cameras(scene.dir.path(), &format!(" {k1} 0 0 0"));
+    let (_, undone, said) = scene.tuned();
+    assert!(
+        undone > straight - 1.0 && ignored < straight - 2.0,
+        "{straight} {ignored} {undone} {said}"
+    );
+    let scene = Scene::new(|dir, stem, photo| {
+        let file = dir.join(format!("images/{stem}.jpg"));
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        let mut encoder = JpegEncoder::new_with_quality(fs::File::create(file).unwrap(), 95);
+        // TIFF with one entry, the orientation: to be turned by 90 degrees to the right.
+        let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+        encoder.set_exif_metadata(exif.to_vec()).unwrap();
+        encoder.encode_image(&image::imageops::rotate270(&photo)).unwrap();
+    });
+    let (_, turned, said) = scene.tuned();
+    assert!(turned > straight - 1.0, "{straight} {turned} {said}");
 }
 
 #[test]

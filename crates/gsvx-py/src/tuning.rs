@@ -140,13 +140,8 @@ impl PhotoSource {
             Self::Pixels(photo) => photo,
             Self::File(path) => return Ok(::tune::photo(camera, &path)?),
         };
-        let (width, height) = (photo.width, photo.height);
-        let Some(camera) = camera.scaled_to(width, height) else {
-            return Err(Fault::Failed(format!(
-                "photo is {width}x{height}, which is not its camera's aspect ratio"
-            )));
-        };
-        Ok(TrainView { camera, photo })
+        let named = |reason: String| Fault::Failed(format!("photo of {}: {reason}", camera.name));
+        ::tune::at_camera(camera, photo).map_err(named)
     }
 }
 
@@ -209,7 +204,6 @@ fn given(cameras: &[Camera], photos: Vec<PhotoSource>) -> Result<Vec<TrainView>>
     if p != c {
         return Err(Fault::Usage(format!("photos: {p} of them for {c} cameras")));
     }
-    // Photos are compared pixel by pixel, so a lens that distorts is not ignored here.
     cameras.iter().zip(photos).map(|(camera, photo)| photo.at(camera)).collect()
 }
 

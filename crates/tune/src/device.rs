@@ -82,7 +82,6 @@ mod tests {
     use crate::stage;
     use crate::views::Views;
     use finetune::{Photo, TrainView};
-    use gs_model::camera::LensDistortion::Refuse;
     use gs_model::{dataset, ply};
     use std::path::Path;
 
@@ -101,8 +100,7 @@ mod tests {
             let photo = Photo::new(width, height, photo.into_raw()).unwrap();
             TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
         };
-        let views =
-            dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
+        let views = dataset::open_views(room).unwrap().into_iter().take(6).map(load).collect();
         let target = Target::Quality(PLAN.quality);
         let mut options = TuneOptions::new(target);
         options.drop_unseen = true;

@@ -20,12 +20,13 @@ mod scene_loop;
 mod stage;
 mod steering;
 mod trainer;
+mod undistort;
 mod views;
 
 pub use error::{Error, Result};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Target, TuneOptions};
-pub use photos::{Photos, photo, photos};
+pub use photos::{Photos, at_camera, photo, photos};
 pub use plan::{TuneEffort, TunePlan};
 pub use progress::{Progress, StageName, StopReason, TuneOutcome};
 pub use run::Tune;

@@ -10,6 +10,7 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
 use crate::error::{Error, Result};
+use crate::undistort::undistorted;
 
 /// A run leaves out at most one photo in this many.
 const LEFT_OUT: usize = 10;
@@ -143,18 +144,27 @@ fn read(camera: &Camera, file: &Path) -> Result<Read> {
     let (image, orientation) =
         decoded(file).map_err(|e| bad(format!("PNG, JPEG or WebP expected: {e}")))?;
     let image = turned(image, orientation, camera);
-    let size = (image.width(), image.height());
-    let Some(camera) = camera.scaled_to(size.0, size.1) else {
-        let (w, h) = (camera.width, camera.height);
-        return Err(bad(format!(
-            "{}x{}, which is not its camera's aspect ratio ({w}x{h})",
-            size.0, size.1
-        )));
-    };
+    let (width, height) = (image.width(), image.height());
     let (rgb, masked) = on_black(image);
-    let photo = Photo::new(size.0, size.1, rgb).filter(|photo| !photo.rgb.is_empty());
-    let photo = photo.ok_or_else(|| bad("empty".into()))?;
-    Ok(Read { view: TrainView { camera, photo }, masked })
+    let view = at_camera(camera, Photo { width, height, rgb }).map_err(bad)?;
+    Ok(Read { view, masked })
+}
+
+/// A photo at its camera, which is scaled to the photo's size. If the camera has a lens, its distortion is undone.
+///
+/// # Errors
+/// What is wrong with the photo.
+pub fn at_camera(camera: &Camera, photo: Photo) -> std::result::Result<TrainView, String> {
+    if photo.rgb.is_empty() {
+        return Err("empty".into());
+    }
+    let (w, h) = (photo.width, photo.height);
+    let Some(scaled) = camera.scaled_to(w, h) else {
+        let (width, height) = (camera.width, camera.height);
+        return Err(format!("{w}x{h}, which is not its camera's aspect ratio ({width}x{height})"));
+    };
+    let (camera, photo) = undistorted(scaled, photo)?;
+    Ok(TrainView { camera, photo })
 }
 
 fn decoded(file: &Path) -> image::ImageResult<(DynamicImage, Orientation)> {

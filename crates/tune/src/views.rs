@@ -21,7 +21,7 @@ const ASIDE: usize = 16;
 const FULL_WEIGHT: f64 = 2.0;
 /// Most nearby views, and the longest edge of their pictures.
 const MOST_NEARBY: usize = 64;
-const NEARBY_EDGE: f64 = 640.0;
+const NEARBY_EDGE: f64 = 320.0;
 /// Nearby views that judge the result, and the longest edge of their pictures.
 const JUDGED: usize = 12;
 const JUDGED_EDGE: f64 = 320.0;

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use finetune::{Photo, RenderOptions, TrainView, render};
-use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, dataset, ply};
 use tune::{Error, Target, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
 
@@ -25,7 +24,7 @@ fn views() -> Vec<TrainView> {
         let photo = Photo::new(width, height, photo.into_raw()).unwrap();
         TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
     };
-    dataset::open_views(room(), LensDistortion::Refuse).unwrap().into_iter().map(load).collect()
+    dataset::open_views(room()).unwrap().into_iter().map(load).collect()
 }
 
 fn training() -> Vec<TrainView> {

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use finetune::{Photo, TrainView};
-use gs_model::camera::LensDistortion;
 use gs_model::{Format, Invalid, ReadOptions, Scene, colmap as sfm, inria, nerf, ply};
 
 use tune::{FineTune, FineTuneOptions};
@@ -121,7 +120,7 @@ pub fn cameras(data: &[u8]) -> bool {
         cameras.iter().for_each(check_camera);
     } else {
         let place = "/nowhere/transforms.json";
-        let Ok(views) = nerf::views_from_bytes(place, file, LensDistortion::Refuse) else {
+        let Ok(views) = nerf::views_from_bytes(place, file) else {
             return false;
         };
         views.iter().for_each(|v| check_camera(&v.camera));

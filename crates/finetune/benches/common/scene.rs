@@ -36,7 +36,7 @@ pub(crate) fn setup() -> (Scene, Camera, Photo) {
         cy: 160.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
-        ignored_distortion: None,
+        lens: None,
     };
     let photo = Photo::from(&render(&scene, &camera, &RenderOptions::default()));
     scene.sh.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.1, 0.1));

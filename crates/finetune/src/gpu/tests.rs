@@ -65,7 +65,7 @@ fn camera(width: u32, height: u32) -> Camera {
         cy: f64::from(height) / 2.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::new(0.0, 0.0, 0.5),
-        ignored_distortion: None,
+        lens: None,
     }
 }
 

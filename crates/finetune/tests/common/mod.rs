@@ -24,7 +24,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
         cy: f64::from(height) * 0.5 - 0.7,
         rotation: glam::DMat3::from_quat(turn),
         translation: glam::DVec3::new(0.1, -0.05, 0.2),
-        ignored_distortion: None,
+        lens: None,
     }
 }
 

@@ -57,7 +57,7 @@ def tune(
     check_writable(path)
     _check(quality, target_bytes, target_psnr, effort)
     views = _as_cameras(cameras, training=True)
-    used = None if distil or photos is None else _photos(views, photos)
+    used = None if distil or photos is None else _photos(photos)
     options = dict(
         quality=quality,
         target_bytes=target_bytes,
@@ -94,15 +94,8 @@ def _check(
         raise ValueError(f"effort: use quick, normal or long, not {effort!r}")
 
 
-def _photos(views: Cameras, photos: Sequence[Any]) -> Sequence[Any]:
+def _photos(photos: Sequence[Any]) -> Sequence[Any]:
     """Photos as arrays or names of files."""
-    if any(views.ignored_distortion):
-        # Photos are compared pixel by pixel, so a lens that distorts is not ignored here.
-        i = next(i for i, lens in enumerate(views.ignored_distortion) if lens)
-        raise _gsvx.Error(
-            f"{views.name}: camera {views.names[i]} has lens distortion ({views.ignored_distortion[i]}); "
-            "undistort the photos first"
-        )
     used: List[Any] = []
     for photo in photos:
         if is_path(photo):
