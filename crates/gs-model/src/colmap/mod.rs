@@ -120,9 +120,9 @@ fn posed(
 ) -> Result<Camera> {
     let Intrinsics { id, model, width, height, ref params } = *intrinsics;
     let view = format!("camera {id}");
-    let (fx, fy, cx, cy, bent) = match params.as_slice() {
-        &[f, cx, cy, ref bent @ ..] if model.has_one_focal_length() => (f, f, cx, cy, bent),
-        &[fx, fy, cx, cy, ref bent @ ..] => (fx, fy, cx, cy, bent),
+    let (fx, fy, cx, cy, bent) = match *params.as_slice() {
+        [f, cx, cy, ref bent @ ..] if model.has_one_focal_length() => (f, f, cx, cy, bent),
+        [fx, fy, cx, cy, ref bent @ ..] => (fx, fy, cx, cy, bent),
         _ => return Err(camera::bad(cameras_file, view, "too few parameters")),
     };
     let (width, height) = checked_size(cameras_file, &view, width, height)?;
