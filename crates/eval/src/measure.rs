@@ -1,8 +1,6 @@
 //! Renders a scene at a set of views and compares the renders with the photos.
 
-use std::path::Path;
-
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::Result;
 use finetune::{Image, RenderOptions, TrainView, metrics};
 use gs_model::Scene;
 use gs_model::View;
@@ -32,42 +30,12 @@ pub struct Score {
     pub views: Vec<ViewScore>,
 }
 
-/// Reads an 8-bit photo.
-pub(crate) fn read_photo(path: &Path) -> Result<Image> {
-    let decoded = image::ImageReader::open(path)
-        .with_context(|| format!("open photo {}", path.display()))?
-        .with_guessed_format()
-        .with_context(|| format!("read photo {}", path.display()))?
-        .decode()
-        // An image error repeats its own cause.
-        .map_err(|e| anyhow!("decode photo {} (PNG or JPEG expected): {e}", path.display()))?;
-    let rgb = decoded.to_rgb8();
-    let (width, height) = rgb.dimensions();
-    Image::from_rgb8(width, height, rgb.as_raw())
-        .with_context(|| format!("photo {} has an impossible size", path.display()))
-}
-
 /// Reads the photos of `views`. A camera is scaled to the size of its photo.
 ///
 /// # Errors
 /// If a photo cannot be read, or has another aspect ratio than its camera.
 pub fn load<'a>(views: impl IntoIterator<Item = &'a View>) -> Result<Vec<TrainView>> {
-    let load = |view: &View| {
-        let photo = read_photo(&view.image_path)?;
-        let camera = &view.camera;
-        let Some(scaled) = camera.scaled_to(photo.width, photo.height) else {
-            bail!(
-                "photo {} is {}x{} pixels but its camera says {}x{}, which is not the same view: \
-                 use the photos that the cameras were made for",
-                view.image_path.display(),
-                photo.width,
-                photo.height,
-                camera.width,
-                camera.height
-            );
-        };
-        Ok(TrainView { camera: scaled, photo })
-    };
+    let load = |view: &View| Ok(tune::photo(&view.camera, &view.image_path)?);
     views.into_iter().map(load).collect()
 }
 
@@ -80,10 +48,11 @@ pub fn score(scene: &Scene, views: &[TrainView], bar: &Bar) -> (Score, Vec<Image
     let mut renders = Vec::with_capacity(views.len());
     for view in views {
         let render = finetune::render(scene, &view.camera, &options);
+        let photo = view.photo.image();
         scores.push(ViewScore {
             view: view.camera.name.clone(),
-            psnr_db: metrics::psnr(&render, &view.photo),
-            ssim: metrics::ssim(&render, &view.photo),
+            psnr_db: metrics::psnr(&render, &photo),
+            ssim: metrics::ssim(&render, &photo),
         });
         renders.push(render);
         bar.step(1);

@@ -1,21 +1,14 @@
-//! Checks that cameras and photos belong to a scene.
+//! Checks that cameras belong to a scene.
 //!
-//! Importances from cameras of another scene, or a fine-tune on photos of another scene, destroy a
-//! model without an error. These measures let a caller warn before that, and measure the loss after it.
+//! Importances from cameras of another scene destroy a model without an error. These measures let a caller warn
+//! before that, and measure the loss after it.
 
 use gs_model::{Camera, Scene};
 
-use crate::forward::render;
 use crate::frustum::that_see;
-use crate::image::Image;
-use crate::metrics::psnr;
-use crate::options::RenderOptions;
 use crate::saliency::saliency;
 use crate::stages::opacity_of;
 use crate::train_view::TrainView;
-
-/// A perfect view counts as this many dB, so that the mean stays finite.
-const MAX_PSNR: f64 = 100.0;
 
 /// Share of the scene's opacity that a set of cameras sees: the sum of the opacities of the
 /// Gaussians whose blending weight is above zero, over the sum of all opacities. It is 0 if the
@@ -118,7 +111,7 @@ const REFERENCES: usize = 12;
 /// Renders of a scene, to measure its stream against.
 #[derive(Clone, Debug)]
 pub struct References {
-    views: Vec<(Camera, Image)>,
+    views: Vec<TrainView>,
 }
 
 impl References {
@@ -136,10 +129,7 @@ impl References {
         let chosen: Vec<&Camera> = cameras.iter().step_by(every).collect();
         let mut views = Vec::with_capacity(chosen.len());
         for camera in &chosen {
-            let image = render(scene, camera, &RenderOptions::default());
-            // What a screen shows is clamped; differences beyond it do not count.
-            let image = Image::from_rgb8(image.width, image.height, &image.to_rgb8());
-            views.push(((*camera).clone(), image.unwrap_or_default()));
+            views.push(TrainView::rendered(scene, (*camera).clone()));
             step(views.len(), chosen.len())?;
         }
         Ok(Self { views })
@@ -148,48 +138,6 @@ impl References {
     /// Mean over the views of the PSNR of `scene`'s render, dB.
     #[must_use]
     pub fn psnr(&self, scene: &Scene) -> f64 {
-        let of = |(camera, image): &(Camera, Image)| {
-            psnr(&render(scene, camera, &RenderOptions::default()), image)
-        };
-        self.views.iter().map(of).sum::<f64>() / self.views.len() as f64
+        self.views.iter().map(|view| view.psnr(scene)).sum::<f64>() / self.views.len() as f64
     }
-}
-
-/// How well a scene's renders match photos.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PhotoMatch {
-    /// Number of views that were compared.
-    pub views: usize,
-    /// Mean PSNR of the renders against the photos, dB.
-    pub mean_psnr: f64,
-    /// Lowest PSNR of a view, dB.
-    pub lowest_psnr: f64,
-    /// Index of the view with the lowest PSNR.
-    pub lowest_view: usize,
-}
-
-/// Renders at most `at_most` of the views, evenly spread and the first among them, and compares
-/// them with their photos. A perfect view counts as 100 dB. A view is left out if its photo does not
-/// have the camera's size or if its camera ignores a lens distortion. `None` if no view remains.
-#[must_use]
-pub fn photo_match(
-    scene: &Scene,
-    views: &[TrainView],
-    at_most: usize,
-    options: &RenderOptions,
-) -> Option<PhotoMatch> {
-    let step = views.len().div_ceil(at_most.max(1)).max(1);
-    let compared: Vec<(usize, f64)> = views
-        .iter()
-        .enumerate()
-        .step_by(step)
-        .take(at_most)
-        .filter(|(_, view)| view.camera.ignored_distortion.is_none())
-        .map(|(i, view)| (i, psnr(&render(scene, &view.camera, options), &view.photo)))
-        .filter(|(_, value)| !value.is_nan())
-        .map(|(i, value)| (i, value.min(MAX_PSNR)))
-        .collect();
-    let &(lowest_view, lowest_psnr) = compared.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let mean_psnr = compared.iter().map(|c| c.1).sum::<f64>() / compared.len() as f64;
-    Some(PhotoMatch { views: compared.len(), mean_psnr, lowest_psnr, lowest_view })
 }

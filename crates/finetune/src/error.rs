@@ -34,18 +34,14 @@ pub enum Error {
         /// Height in pixels.
         height: u32,
     },
-    /// A view whose camera leaves out a lens distortion ([`gs_model::Camera::ignored_distortion`]): its
-    /// photo cannot be compared with renders.
-    #[error(
-        "view {index} ({name}): the camera has the distorted model {model}: undistort the images first \
-         with `colmap image_undistorter`"
-    )]
+    /// A view whose photo is distorted, so that renders cannot be compared with it.
+    #[error("view {index} ({name}): the lens ({model}) distorts: undistort the photo first")]
     DistortedView {
         /// Index of the view.
         index: usize,
         /// Its camera's name.
         name: String,
-        /// The distortion.
+        /// The lens model.
         model: String,
     },
     /// No graphics adapter that the choice of backend allows.

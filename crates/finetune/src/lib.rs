@@ -4,7 +4,7 @@
 //!   Gaussian contributes to a set of views.
 //! - [`framing`] finds cameras for a scene that has none; [`Pictures`] tell how alike two versions of a scene
 //!   look.
-//! - [`seen_opacity_share`] and [`photo_match`] tell cameras and photos of another scene.
+//! - [`seen_opacity_share`] and [`PhotoCheck`] tell cameras and photos of another scene.
 //! - [`ViewGradients`] gives a loss and its gradients by all arrays of a scene, view after view, and [`optimiser`]
 //!   moves a scene or other parameters against them. The crate tune makes runs of such steps.
 //!
@@ -17,7 +17,7 @@
 //!
 //! ```
 //! use finetune::optimiser::SceneOptimiser;
-//! use finetune::{LearningRates, Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
+//! use finetune::{LearningRates, Loss, RenderOptions, Photo, TrainView, ViewGradients, metrics, render};
 //! use gs_model::{Camera, Scene};
 //!
 //! let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
@@ -31,19 +31,19 @@
 //!     sh: vec![[1.0, 0.2, -0.5]],
 //! };
 //! let options = RenderOptions::default();
-//! let photo = render(&scene, &camera, &options);
+//! let input = render(&scene, &camera, &options);
 //!
 //! // Spoil the colour, then let the photo bring it back. The mean stays where it is.
 //! scene.sh[0] = [0.5, 0.5, 0.5];
-//! let before = metrics::psnr(&render(&scene, &camera, &options), &photo);
-//! let views = vec![TrainView { camera: camera.clone(), photo: photo.clone() }];
+//! let before = metrics::psnr(&render(&scene, &camera, &options), &input);
+//! let views = vec![TrainView { camera: camera.clone(), photo: Photo::from(&input) }];
 //! let mut views = ViewGradients::new(views, Loss::default(), &options)?;
 //! let mut run = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
 //! for step in 1..=300 {
 //!     let loss = run.step(&mut views, 0, step, 1.0);
 //!     assert!(loss.loss.is_finite());
 //! }
-//! let after = metrics::psnr(&render(run.scene(), &camera, &options), &photo);
+//! let after = metrics::psnr(&render(run.scene(), &camera, &options), &input);
 //! assert!(after > before + 3.0, "{before} dB, then {after} dB");
 //! # Ok::<(), finetune::Error>(())
 //! ```
@@ -66,6 +66,7 @@ mod likeness;
 pub mod metrics;
 pub mod optimiser;
 mod options;
+mod photo_check;
 mod saliency;
 #[cfg(feature = "gpu")]
 mod shaders;
@@ -75,17 +76,18 @@ mod train_view;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{PhotoMatch, References, Visibility, photo_match, seen_opacity_share};
+pub use camera_check::{References, Visibility, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
-pub use image::Image;
+pub use image::{Image, Photo};
 pub use likeness::{Likeness, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
+pub use photo_check::PhotoCheck;
 pub use saliency::{Saliency, saliency};
 pub use stages::loss::ViewLoss;
 pub use stages::project_adjoint::ParameterGradient;
-pub use stages::removal::removal_effects;
+pub use stages::removal::{Worth, worth};
 pub use train_view::TrainView;
 pub use view_gradients::ViewGradients;

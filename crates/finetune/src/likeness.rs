@@ -5,9 +5,10 @@
 
 use crate::forward::render;
 use crate::framing;
-use crate::image::Image;
+use crate::image::Photo;
 use crate::metrics;
 use crate::options::RenderOptions;
+use crate::train_view::TrainView;
 use gs_model::{Camera, Scene};
 
 /// Views that are looked at.
@@ -23,8 +24,7 @@ const EQUAL: f64 = 99.0;
 /// The pictures of a model, for comparison with those of another version of it.
 #[derive(Clone, Debug)]
 pub struct Pictures {
-    /// Cameras, and pictures of 8 bits, which take a quarter of the memory of floats.
-    views: Vec<(Camera, Vec<u8>)>,
+    views: Vec<TrainView>,
 }
 
 /// How alike two versions of a model look.
@@ -49,12 +49,9 @@ impl Pictures {
             }
             None => around(scene),
         };
-        let views = cameras.into_iter().map(|camera| {
-            let image = render(scene, &camera, &RenderOptions::default());
-            (camera, image.to_rgb8())
-        });
+        let views = cameras.into_iter().map(|camera| TrainView::rendered(scene, camera));
         // Where nothing is drawn there is nothing to compare.
-        let shows = |(_, rgb): &(Camera, Vec<u8>)| rgb.iter().any(|&v| v > 0);
+        let shows = |view: &TrainView| view.photo.rgb.iter().any(|&v| v > 0);
         Self { views: views.filter(shows).collect() }
     }
 
@@ -68,10 +65,9 @@ impl Pictures {
     #[must_use]
     pub fn likeness(&self, scene: &Scene) -> Option<Likeness> {
         let (mut psnr, mut ssim) = (0.0, 0.0);
-        for (camera, reference) in &self.views {
+        for TrainView { camera, photo } in &self.views {
             let shown = render(scene, camera, &RenderOptions::default());
-            let eight = |rgb: &[u8]| Image::from_rgb8(camera.width, camera.height, rgb);
-            let (Some(a), Some(b)) = (eight(&shown.to_rgb8()), eight(reference)) else { continue };
+            let [a, b] = [Photo::from(&shown).image(), photo.image()];
             psnr += metrics::psnr(&a, &b).min(EQUAL);
             ssim += metrics::ssim(&a, &b);
         }

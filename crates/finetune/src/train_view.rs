@@ -1,9 +1,13 @@
 //! [`TrainView`]: a posed photo.
 
-use gs_model::Camera;
+use gs_model::lens::Lens;
+use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
-use crate::image::Image;
+use crate::forward::render;
+use crate::image::Photo;
+use crate::metrics::psnr;
+use crate::options::RenderOptions;
 
 /// A posed photo to train on.
 #[derive(Clone, Debug)]
@@ -11,7 +15,24 @@ pub struct TrainView {
     /// Where the photo was taken from.
     pub camera: Camera,
     /// The photo, of the camera's size.
-    pub photo: Image,
+    pub photo: Photo,
+}
+
+impl TrainView {
+    /// A render of a model in place of a photo. It has no lens.
+    #[must_use]
+    pub fn rendered(scene: &Scene, camera: Camera) -> Self {
+        let camera = Camera { lens: None, ..camera };
+        let photo = Photo::from(&render(scene, &camera, &RenderOptions::default()));
+        Self { camera, photo }
+    }
+
+    /// PSNR of a scene's render against the photo, dB; at most 100.
+    #[must_use]
+    pub fn psnr(&self, scene: &Scene) -> f64 {
+        let shown = render(scene, &self.camera, &RenderOptions::default());
+        psnr(&shown, &self.photo.image()).min(100.0)
+    }
 }
 
 /// Checks that there are views, and that each has an undistorted camera of a possible size and a photo
@@ -26,7 +47,7 @@ pub(crate) fn check_views(views: &[TrainView]) -> Result<()> {
         if width == 0 || height == 0 || !camera.image_fits() {
             return Err(Error::ViewSize { index, name, width, height });
         }
-        if let Some(model) = camera.ignored_distortion.clone() {
+        if let Some(Lens { model, .. }) = camera.lens.clone() {
             return Err(Error::DistortedView { index, name, model });
         }
         let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);

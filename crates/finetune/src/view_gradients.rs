@@ -12,7 +12,7 @@ use crate::stages::project_adjoint::{ParameterGradient, parameter_gradient};
 use crate::train_view::{TrainView, check_views};
 
 /// Renders views, compares them with their photos and gives gradients. Buffers are used again from view
-/// to view. Photos are kept with 8 bits per value, as their files have them.
+/// to view.
 pub struct ViewGradients {
     pub(crate) views: Vec<PreparedView>,
     options: RenderOptions,
@@ -33,7 +33,7 @@ pub(crate) struct PreparedView {
 
 impl PreparedView {
     pub(crate) fn new(TrainView { camera, photo }: TrainView, options: &RenderOptions) -> Self {
-        let planes = planes_of(&photo.to_rgb8());
+        let planes = planes_of(&photo.rgb);
         Self { view: RenderView::new(&camera, options), planes, weight: 1.0 }
     }
 

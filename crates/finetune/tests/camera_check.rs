@@ -1,11 +1,9 @@
 //! An encoder deleted scenes that its cameras did not show, and a fine-tune accepted photos of another
-//! scene. [`seen_opacity_share`] and [`photo_match`] detect both.
+//! scene. [`seen_opacity_share`] and [`PhotoCheck`] detect both.
 
 mod common;
 
-use finetune::{
-    Image, RenderOptions, TrainView, photo_match, render, saliency, seen_opacity_share,
-};
+use finetune::{Photo, PhotoCheck, TrainView, saliency, seen_opacity_share};
 use gs_model::{Camera, Scene};
 
 /// Cameras around the middle of [`common::scene`].
@@ -19,8 +17,7 @@ fn cameras(count: usize) -> Vec<Camera> {
 }
 
 fn views(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
-    let photo = |camera: &Camera| render(scene, camera, &RenderOptions::default());
-    cameras.into_iter().map(|camera| TrainView { photo: photo(&camera), camera }).collect()
+    cameras.into_iter().map(|camera| TrainView::rendered(scene, camera)).collect()
 }
 
 #[test]
@@ -56,27 +53,26 @@ fn the_share_is_weighted_by_opacity() {
 }
 
 #[test]
-fn photos_that_the_model_does_not_match_are_detected() {
+fn photos_of_other_views_and_of_another_exposure_are_detected() {
     let scene = common::scene(300, 1, 5);
-    let options = RenderOptions::default();
-    let mut views = views(&scene, cameras(7));
-    let good = photo_match(&scene, &views, 3, &options).unwrap();
-    assert_eq!((good.views, good.mean_psnr, good.lowest_psnr), (3, 100.0, 100.0));
-    // Views 0, 3 and 6 are compared: one of them has another photo.
-    views[3].photo = common::photo(72, 56, 9);
-    let one_wrong = photo_match(&scene, &views, 3, &options).unwrap();
-    assert_eq!((one_wrong.views, one_wrong.lowest_view), (3, 3));
-    assert!(one_wrong.lowest_psnr < 15.0, "{one_wrong:?}");
-    let mean = (200.0 + one_wrong.lowest_psnr) / 3.0;
-    assert!((one_wrong.mean_psnr - mean).abs() < 1e-9, "{one_wrong:?}");
-    // A photo that cannot be compared is left out.
-    views[0].photo = Image::new(3, 3);
-    assert_eq!(photo_match(&scene, &views, 3, &options).unwrap().views, 2);
-    assert_eq!(photo_match(&scene, &views[..1], 3, &options), None);
-    assert_eq!(photo_match(&scene, &[], 3, &options), None);
-    assert_eq!(photo_match(&scene, &views, 0, &options), None);
-    let all = photo_match(&scene, &views, 100, &options).unwrap();
-    assert_eq!(all.views, 6);
-    views[1].camera.ignored_distortion = Some("OPENCV".into());
-    assert_eq!(photo_match(&scene, &views, 100, &options).unwrap().views, 5);
+    let good = views(&scene, cameras(7));
+    let check = |views: &[TrainView]| PhotoCheck::of(&scene, views).unwrap();
+    let found = check(&good);
+    assert!(!found.of_other_views() && !found.of_other_exposure(), "{found:?}");
+    // Photos have 8 bits.
+    assert!(found.views == 7 && found.psnr > 58.0 && found.unlike_own < 1e-3, "{found:?}");
+    let mut turned = good.clone();
+    (0..7).for_each(|i| turned[i].photo = good[(i + 3) % 7].photo.clone());
+    assert!(check(&turned).of_other_views(), "{:?}", check(&turned));
+    let mut dark = good.clone();
+    dark.iter_mut().for_each(|v| v.photo.rgb.iter_mut().for_each(|v| *v = *v / 2 + 20));
+    assert!(
+        check(&dark).of_other_exposure() && !check(&dark).of_other_views(),
+        "{:?}",
+        check(&dark)
+    );
+    // One photo has nothing to be compared with, and one of another size cannot be.
+    assert_eq!(PhotoCheck::of(&scene, &good[..1]), None);
+    dark[0].photo = Photo::black(3, 3);
+    assert_eq!(PhotoCheck::of(&scene, &dark), None);
 }

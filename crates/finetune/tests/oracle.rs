@@ -69,7 +69,7 @@ fn class_error(
 fn check_gradients(scene: &Scene, view: TrainView, loss: Loss) {
     let background = [0.3f32, 0.1, 0.6];
     let options = RenderOptions { background, ..RenderOptions::default() };
-    let (camera, photo) = (&view.camera, &view.photo);
+    let (camera, photo) = (&view.camera, &view.photo.image());
     let (value, got) = common::gradients(scene, view.clone(), loss, &options);
     let base = Parameters::of(scene);
     let background = background.map(f64::from);

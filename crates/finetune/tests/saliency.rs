@@ -1,7 +1,7 @@
 #![allow(clippy::disallowed_methods, reason = "a test of a rasterizer, not of a bitstream")]
 //! Blending weights: their sum is the image, and their squares are its energy.
 
-use finetune::{RenderOptions, removal_effects, render, saliency};
+use finetune::{RenderOptions, render, saliency, worth};
 use glam::{DMat3, DVec3};
 use gs_model::{Camera, SH_C0, Scene};
 
@@ -16,7 +16,7 @@ fn camera() -> Camera {
         cy: 20.0,
         rotation: DMat3::IDENTITY,
         translation: DVec3::new(0.0, 0.0, 4.0),
-        ignored_distortion: None,
+        lens: None,
     }
 }
 
@@ -71,20 +71,22 @@ fn squares_are_the_energy_of_one_gaussian() {
 // The sum of squares of the difference between two renders is the definition. Where a Gaussian is opaque
 // enough to stop a pixel, the effect leaves out what lies beyond; none of these does.
 #[test]
-fn removal_effects_are_differences_of_renders() {
+fn removal_effects_are_differences_of_renders_and_weights_those_of_saliency() {
     let (mut whole, camera) = (scene(25), camera());
     for (i, sh) in whole.sh.iter_mut().enumerate() {
         *sh = [0.0, 1.0, 2.0].map(|c| libm::sinf(c + 1.7 * i as f32) / SH_C0 * 0.4);
     }
     let options = RenderOptions::default();
     let image = render(&whole, &camera, &options);
-    let found = removal_effects(&whole, std::slice::from_ref(&camera));
-    for (i, &effect) in found.iter().enumerate() {
+    let found = worth(&whole, std::slice::from_ref(&camera));
+    let squared = saliency(&whole, std::slice::from_ref(&camera)).squared;
+    for (i, &effect) in found.removal.iter().enumerate() {
+        assert!((found.squared[i] - squared[i]).abs() <= 1e-4 * squared[i], "{i}");
         let others: Vec<usize> = (0..whole.len()).filter(|&j| j != i).collect();
         let without = render(&whole.select(&others), &camera, &options);
         let pairs = image.rgb.iter().zip(&without.rgb);
         let want: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
         assert!((want - f64::from(effect)).abs() <= 1e-3 * (want + 1e-3), "{i}: {want} {effect}");
     }
-    assert!(found.iter().filter(|&&e| e > 0.01).count() > 10, "{found:?}");
+    assert!(found.removal.iter().filter(|&&e| e > 0.01).count() > 10, "{found:?}");
 }

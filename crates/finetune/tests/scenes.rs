@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use finetune::{Image, RenderOptions, metrics, render};
+use finetune::{Photo, RenderOptions, metrics, render};
 use gs_model::dataset::Dataset;
 
 fn scene_dir(name: &str) -> Option<PathBuf> {
@@ -22,7 +22,7 @@ fn check(name: &str, psnr: f64, ssim: f64) {
     let (mut sum_psnr, mut sum_ssim, mut n) = (0.0, 0.0, 0.0);
     for view in dataset.held_out() {
         let photo = image::open(&view.image_path).unwrap().to_rgb8();
-        let photo = Image::from_rgb8(photo.width(), photo.height(), &photo).unwrap();
+        let photo = Photo::new(photo.width(), photo.height(), photo.into_raw()).unwrap().image();
         let image = render(&scene, &view.camera, &RenderOptions::default());
         sum_psnr += metrics::psnr(&image, &photo);
         sum_ssim += metrics::ssim(&image, &photo);

@@ -6,7 +6,7 @@
 mod common;
 
 use common::oracle::{self, Parameters};
-use finetune::{Image, Loss, RenderOptions, TrainView, render};
+use finetune::{Loss, Photo, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
 use proptest::prelude::*;
 
@@ -21,7 +21,7 @@ fn straight(width: u32, height: u32, focal: f64) -> Camera {
         cy: f64::from(height) / 2.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
-        ignored_distortion: None,
+        lens: None,
     }
 }
 
@@ -56,8 +56,8 @@ fn finite_everywhere(name: &str, scene: &Scene, camera: &Camera) -> f32 {
     let options = RenderOptions { background: [0.2, 0.3, 0.4], ..RenderOptions::default() };
     let image = render(scene, camera, &options);
     assert!(image.rgb.iter().all(|v| v.is_finite()), "{name}: image");
-    let mut photo = Image::new(camera.width, camera.height);
-    photo.rgb.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 7) as f32 / 7.0);
+    let mut photo = Photo::black(camera.width, camera.height);
+    photo.rgb.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 7 * 36) as u8);
     let mut largest = 0.0f32;
     for loss in [Loss::Mse, Loss::default()] {
         let view = TrainView { camera: camera.clone(), photo: photo.clone() };

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
+use crate::lens::Lens;
 
 /// Longest edge of an image, in pixels. It is the longest edge that a JPEG file can hold, and no
 /// camera needs more.
@@ -13,18 +14,6 @@ pub const MAX_IMAGE_EDGE: u32 = 65_535;
 /// Most pixels of an image. It is the limit of COLMAP, which computes the bytes of an RGB image,
 /// `width * height * 3`, in a C++ `int` (`Bitmap` in `src/colmap/sensor/bitmap.cc`).
 pub const MAX_IMAGE_PIXELS: u64 = i32::MAX as u64 / 3;
-
-/// What to do with a camera whose lens distorts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LensDistortion {
-    /// Fail with [`Error::DistortedCamera`]. Comparing a render with the photo needs this.
-    #[default]
-    Refuse,
-    /// Read the focal lengths, principal point and pose as those of a pinhole camera, and say so in
-    /// [`Camera::ignored_distortion`]. The view is then about right, which is enough to find out
-    /// what a set of cameras sees.
-    Ignore,
-}
 
 /// A pinhole camera. Camera axes are x right, y down, z forward (COLMAP and Inria).
 ///
@@ -51,9 +40,8 @@ pub struct Camera {
     pub rotation: DMat3,
     /// World-to-camera translation.
     pub translation: DVec3,
-    /// The lens distortion that the reader left out, as the file names it: a COLMAP camera model
-    /// or a coefficient. `None` if the camera file has no distortion.
-    pub ignored_distortion: Option<String>,
+    /// The lens, if the photo is distorted. Everything else describes the camera without it.
+    pub lens: Option<Lens>,
 }
 
 impl Camera {
@@ -94,7 +82,7 @@ impl Camera {
             cy: 0.5 * f64::from(size[1]),
             rotation,
             translation: -(rotation * eye),
-            ignored_distortion: None,
+            lens: None,
         }
     }
 
@@ -219,7 +207,7 @@ mod tests {
             cy: f64::from(height) / 2.0,
             rotation: DMat3::IDENTITY,
             translation: DVec3::ZERO,
-            ignored_distortion: None,
+            lens: None,
         }
     }
 

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::camera::{Camera, LensDistortion, View};
+use crate::camera::{Camera, View};
 use crate::error::{Error, Result};
+use crate::photos::Finder;
 use crate::{colmap, fs, inria, nerf};
 
 /// Every how many views one is held out.
@@ -35,11 +36,11 @@ impl Dataset {
     /// # Errors
     /// [`Error::Io`] if the folder is not there, [`Error::NotADataset`],
     /// [`Error::Malformed`] if two images share a name, and those of the
-    /// readers in [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]: distorted cameras are
-    /// refused. A photo that is missing is not an error here.
+    /// readers in [`crate::colmap`], [`crate::inria`] and [`crate::nerf`]. A photo that is missing is not an error here; one with another extension, or in `images_2`,
+    /// `images_4` or `images_8` (after the name of its folder), is found.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         let dir = dir.as_ref();
-        let views = open_views(dir, LensDistortion::Refuse)?;
+        let views = open_views(dir)?;
         Ok(Self { dir: dir.into(), views, model_path: find_model(dir)? })
     }
 
@@ -60,11 +61,10 @@ impl Dataset {
 /// file have the names of the images as their paths.
 ///
 /// # Errors
-/// As [`Dataset::open`], without those about the model; distorted cameras are refused as asked for.
-pub fn open_views(path: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<View>> {
+/// As [`Dataset::open`], without those about the model.
+pub fn open_views(path: impl AsRef<Path>) -> Result<Vec<View>> {
     let path = path.as_ref();
-    let mut views =
-        if path.is_file() { of_file(path, distortion)? } else { of_folder(path, distortion)? };
+    let mut views = if path.is_file() { of_file(path)? } else { of_folder(path)? };
     views.sort_by(|a, b| a.camera.name.cmp(&b.camera.name));
     match views.windows(2).find(|pair| pair[0].camera.name == pair[1].camera.name) {
         Some(pair) => {
@@ -75,17 +75,21 @@ pub fn open_views(path: impl AsRef<Path>, distortion: LensDistortion) -> Result<
     }
 }
 
-fn of_folder(dir: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
+fn of_folder(dir: &Path) -> Result<Vec<View>> {
     let sparse = [dir.join("sparse/0"), dir.join("sparse")];
     let transforms = dir.join("transforms.json");
     if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
-        let images = dir.join("images");
-        let view = |camera: Camera| View { image_path: images.join(&camera.name), camera };
-        Ok(colmap::read_cameras(sparse, distortion)?.into_iter().map(view).collect())
+        let mut finder = Finder::default();
+        let mut view = |camera: Camera| {
+            let expected = Path::new("images").join(&camera.name);
+            let found = finder.find(dir, &expected)?;
+            Ok(View { image_path: found.unwrap_or_else(|| dir.join(expected)), camera })
+        };
+        colmap::read_cameras(sparse)?.into_iter().map(&mut view).collect()
     } else if dir.join("cameras.json").is_file() {
         inria::views(dir)
     } else if transforms.is_file() {
-        nerf::views_from_bytes(&transforms, &fs::read(&transforms)?, distortion)
+        nerf::views_from_bytes(&transforms, &fs::read(&transforms)?)
     } else {
         // A missing folder is reported as such, not as a folder without cameras.
         std::fs::read_dir(dir).map_err(|e| Error::io(dir, "list", e))?;
@@ -95,14 +99,14 @@ fn of_folder(dir: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
     }
 }
 
-fn of_file(path: &Path, distortion: LensDistortion) -> Result<Vec<View>> {
+fn of_file(path: &Path) -> Result<Vec<View>> {
     // Inria's cameras.json is a list, a transforms.json an object.
     let text = fs::read(path)?;
     if text.trim_ascii_start().starts_with(b"[") {
         let view = |camera: Camera| View { image_path: camera.name.clone().into(), camera };
         Ok(inria::cameras_from_bytes(path, &text)?.into_iter().map(view).collect())
     } else {
-        nerf::views_from_bytes(path, &text, distortion)
+        nerf::views_from_bytes(path, &text)
     }
 }
 

@@ -106,20 +106,6 @@ pub enum Error {
         /// Why not.
         reason: String,
     },
-    /// A camera whose lens distorts, under [`LensDistortion::Refuse`](crate::camera::LensDistortion::Refuse).
-    #[error(
-        "{}: camera {camera} has the distorted model {model}: undistort the images first with \
-         `colmap image_undistorter`",
-        file.display()
-    )]
-    DistortedCamera {
-        /// The file.
-        file: PathBuf,
-        /// Camera id, or the frame's image.
-        camera: String,
-        /// COLMAP's name of the model, or the distortion coefficient that is not zero.
-        model: String,
-    },
     /// An impossible camera: size zero or too large, focal length not positive, or a pose that is not a
     /// rotation.
     #[error("{}: view {view:?}: {reason}", file.display())]

@@ -5,7 +5,6 @@
 //! photo, and the photo's name, in older versions without extension. It holds no principal
 //! point: the trainer renders as if it were the image's centre, and so does this reader.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
@@ -14,6 +13,7 @@ use serde::Deserialize;
 use crate::camera::{Camera, View, checked_size};
 use crate::error::{Error, Result};
 use crate::fs;
+use crate::photos::Finder;
 
 #[derive(Deserialize)]
 struct Entry {
@@ -53,7 +53,7 @@ fn camera(file: &Path, entry: Entry) -> Result<Camera> {
         cy: f64::from(height) / 2.0,
         rotation,
         translation: -(rotation * DVec3::from_array(entry.position)),
-        ignored_distortion: None,
+        lens: None,
     }
     .checked(file)
 }
@@ -62,24 +62,27 @@ fn camera(file: &Path, entry: Entry) -> Result<Camera> {
 ///
 /// Photos are searched in the images folder of the data set that the trainer was given
 /// (`source_path` and `images` in `cfg_args`, if that folder still exists) and in `images/` in
-/// the output folder. A name without extension matches the photo whose name begins with it and
-/// continues with a dot. A photo that is in neither place is expected in `images/`.
+/// the output folder. A photo that is in neither place is expected in `images/`.
 pub(crate) fn views(dir: &Path) -> Result<Vec<View>> {
     let file = dir.join("cameras.json");
     let cameras = cameras_from_bytes(&file, &fs::read(&file)?)?;
-    let output_images = dir.join("images");
-    let mut photos = Vec::new();
-    for folder in source_images(dir).into_iter().chain([output_images.clone()]) {
-        photos.push(Photos::list(folder)?);
-    }
-    let with_photo = |camera: Camera| View {
-        image_path: photos
-            .iter()
-            .find_map(|p| p.find(&camera.name))
-            .unwrap_or_else(|| output_images.join(&camera.name)),
-        camera,
+    let folders: Vec<PathBuf> =
+        source_images(dir).into_iter().chain([dir.join("images")]).collect();
+    let mut finder = Finder::default();
+    let with_photo = |camera: Camera| {
+        let mut image_path = dir.join("images").join(&camera.name);
+        for folder in &folders {
+            let (Some(parent), Some(name)) = (folder.parent(), folder.file_name()) else {
+                continue;
+            };
+            if let Some(found) = finder.find(parent, &Path::new(name).join(&camera.name))? {
+                image_path = found;
+                break;
+            }
+        }
+        Ok(View { camera, image_path })
     };
-    Ok(cameras.into_iter().map(with_photo).collect())
+    cameras.into_iter().map(with_photo).collect()
 }
 
 /// The images folder that `cfg_args` names: absolute, or relative to the output folder.
@@ -110,33 +113,6 @@ fn python_string(text: &str, key: &str) -> Option<String> {
         }
     }
     None
-}
-
-/// The files of an images folder.
-struct Photos {
-    folder: PathBuf,
-    /// From the name up to the first dot to the name; the first in sorted order wins.
-    by_stem: BTreeMap<String, String>,
-}
-
-impl Photos {
-    fn list(folder: PathBuf) -> Result<Self> {
-        let mut by_stem = BTreeMap::new();
-        for name in fs::names(&folder)? {
-            let Some(name) = name.to_str() else { continue };
-            let stem = name.split('.').next().unwrap_or(name);
-            by_stem.entry(stem.to_owned()).or_insert_with(|| name.to_owned());
-        }
-        Ok(Self { folder, by_stem })
-    }
-
-    fn find(&self, name: &str) -> Option<PathBuf> {
-        let exact = self.folder.join(name);
-        if exact.is_file() {
-            return Some(exact);
-        }
-        self.by_stem.get(name).map(|file| self.folder.join(file))
-    }
 }
 
 #[cfg(test)]

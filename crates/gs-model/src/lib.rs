@@ -72,11 +72,15 @@ mod gltf;
 pub mod inria;
 #[cfg(feature = "formats")]
 mod ksplat;
+#[cfg(feature = "cameras")]
+pub mod lens;
 pub mod math;
 #[cfg(feature = "files")]
 pub mod model;
 #[cfg(feature = "cameras")]
 pub mod nerf;
+#[cfg(feature = "cameras")]
+mod photos;
 #[cfg(feature = "files")]
 pub mod ply;
 #[cfg(feature = "files")]
@@ -102,6 +106,8 @@ pub use dataset::Dataset;
 pub use error::{Error, Result};
 #[cfg(feature = "files")]
 pub use format::Format;
+#[cfg(feature = "cameras")]
+pub use photos::photos_beside;
 #[cfg(feature = "files")]
 pub use report::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions, Report};
 pub use scene::{SH_C0, Scene, sh_len};

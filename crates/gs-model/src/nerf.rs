@@ -13,8 +13,10 @@ use imagesize::ImageError;
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::camera::{self, Camera, LensDistortion, View, checked_size};
+use crate::camera::{self, Camera, View, checked_size};
 use crate::error::{Error, Result};
+use crate::lens::Lens;
+use crate::photos::Finder;
 
 #[derive(Deserialize)]
 struct Transforms {
@@ -36,12 +38,16 @@ struct Frame {
 
 /// The focal lengths in pixels, or else the fields of view in radians.
 const FOCAL: [&str; 4] = ["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"];
-const DISTORTION: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
+/// Coefficients of the lens in the orders of `FULL_OPENCV` and `OPENCV_FISHEYE`.
+const OPENCV: [&str; 8] = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
+const FISHEYE: [&str; 4] = ["k1", "k2", "k3", "k4"];
 
 /// The numbers of a frame, and those that the file states for all frames.
 struct Intrinsics<'a> {
     own: &'a BTreeMap<String, Value>,
     all: &'a BTreeMap<String, Value>,
+    /// The photo, which has the size that the file does not give.
+    image_path: PathBuf,
 }
 
 impl Intrinsics<'_> {
@@ -55,10 +61,15 @@ impl Intrinsics<'_> {
         own(name).or_else(all)
     }
 
-    /// The first distortion coefficient that is not zero.
-    fn distortion(&self) -> Option<String> {
-        let value = |name: &str| self.get(name).filter(|&v| v != 0.0);
-        DISTORTION.iter().find_map(|name| Some(format!("{name} = {}", value(name)?)))
+    fn lens(&self, camera_model: Option<&str>) -> Option<Lens> {
+        let value = |name: &str| self.get(name).unwrap_or(0.0);
+        match camera_model.unwrap_or("OPENCV") {
+            "PINHOLE" | "SIMPLE_PINHOLE" | "OPENCV" | "FULL_OPENCV" => {
+                Lens::new("FULL_OPENCV", &OPENCV.map(value))
+            }
+            "OPENCV_FISHEYE" => Lens::new("OPENCV_FISHEYE", &FISHEYE.map(value)),
+            other => Lens::new(other, &[]),
+        }
     }
 }
 
@@ -66,28 +77,26 @@ impl Intrinsics<'_> {
 /// have; the paths of the photos are relative to its folder.
 ///
 /// [`Camera::name`] is the frame's `file_path` without a leading `./`; the photo is at that
-/// path relative to the file's folder (with `.png` added if only that is there, as in Blender
-/// scenes). The focal length is `fl_x`, `fl_y`, else that of `camera_angle_x`,
-/// `camera_angle_y`; a missing `y` is the `x`. The principal point is `cx`, `cy`, else the
+/// path relative to the file's folder, or beside it with another extension (Blender scenes name none).
+/// The focal length is `fl_x`, `fl_y`, else that of `camera_angle_x`, `camera_angle_y`; a missing `y` is the `x`. The principal point is `cx`, `cy`, else the
 /// image's centre. A size that the file does not give is read from the photo.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`], [`Error::Malformed`] for a photo without a size. With
-/// [`LensDistortion::Refuse`] [`Error::DistortedCamera`] if a distortion coefficient is not zero or the camera
-/// model is a fisheye.
-pub fn views_from_bytes(
-    file: impl AsRef<Path>,
-    bytes: &[u8],
-    distortion: LensDistortion,
-) -> Result<Vec<View>> {
+/// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`], [`Error::Malformed`] for a photo without a size.
+pub fn views_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<View>> {
     let file = file.as_ref();
     let transforms: Transforms =
         serde_json::from_slice(bytes).map_err(|e| Error::json(file, "a camera file", e))?;
     let Transforms { all, camera_model, frames } = transforms;
+    let mut finder = Finder::default();
+    let dir = file.parent().unwrap_or(Path::new(""));
     let of_frame = |frame: &Frame| {
         let camera_model = frame.camera_model.as_ref().or(camera_model.as_ref());
-        let intrinsics = Intrinsics { own: &frame.own, all: &all };
-        view(file, frame, &intrinsics, camera_model, distortion)
+        let name = frame.file_path.trim_start_matches("./");
+        let found = finder.find(dir, Path::new(name))?;
+        let image_path = found.unwrap_or_else(|| dir.join(name));
+        let intrinsics = Intrinsics { own: &frame.own, all: &all, image_path };
+        view(file, frame, intrinsics, camera_model.map(|m| &m[..]))
     };
     frames.iter().map(of_frame).collect()
 }
@@ -95,24 +104,14 @@ pub fn views_from_bytes(
 fn view(
     file: &Path,
     frame: &Frame,
-    intrinsics: &Intrinsics<'_>,
-    camera_model: Option<&String>,
-    distortion: LensDistortion,
+    intrinsics: Intrinsics<'_>,
+    camera_model: Option<&str>,
 ) -> Result<View> {
     let name = frame.file_path.trim_start_matches("./").to_owned();
-    let fisheye =
-        camera_model.filter(|m| !matches!(m.as_str(), "PINHOLE" | "SIMPLE_PINHOLE" | "OPENCV"));
-    let found = fisheye.cloned().or_else(|| intrinsics.distortion());
-    let ignored_distortion = match (found, distortion) {
-        (Some(model), LensDistortion::Refuse) => {
-            return Err(Error::DistortedCamera { file: file.into(), camera: name, model });
-        }
-        (found, _) => found,
-    };
+    let lens = intrinsics.lens(camera_model);
     let bad = |reason: &str| camera::bad(file, &name, reason);
 
-    let image_path = photo(file.parent().unwrap_or(Path::new("")), &name);
-    let (width, height) = size_of(file, &name, intrinsics, &image_path)?;
+    let (width, height) = size_of(file, &name, &intrinsics)?;
     let (w, h) = (f64::from(width), f64::from(height));
     let of_angle = |angle: f64, size: f64| size / 2.0 / libm::tan(angle / 2.0);
     let of = |name: &str| intrinsics.get(name);
@@ -132,25 +131,20 @@ fn view(
     let rotation = DMat3::from_cols(column(x), column(y), column(z));
     let translation = -(rotation * DVec3::new(x[3], y[3], z[3]));
     let (cx, cy) = (of("cx").unwrap_or(w / 2.0), of("cy").unwrap_or(h / 2.0));
-    let camera =
-        Camera { name, width, height, fx, fy, cx, cy, rotation, translation, ignored_distortion };
-    Ok(View { camera: camera.checked(file)?, image_path })
+    let camera = Camera { name, width, height, fx, fy, cx, cy, rotation, translation, lens };
+    Ok(View { camera: camera.checked(file)?, image_path: intrinsics.image_path })
 }
 
 /// The size that the file states, else that of the photo.
-fn size_of(
-    file: &Path,
-    name: &str,
-    intrinsics: &Intrinsics<'_>,
-    image_path: &Path,
-) -> Result<(u32, u32)> {
+fn size_of(file: &Path, name: &str, intrinsics: &Intrinsics<'_>) -> Result<(u32, u32)> {
+    let image_path = &intrinsics.image_path;
     let (Some(w), Some(h)) = (intrinsics.get("w"), intrinsics.get("h")) else {
         let size = imagesize::size(image_path).map_err(|e| match e {
             ImageError::IoError(e) if e.kind() != ErrorKind::UnexpectedEof => {
                 Error::io(image_path, "read", e)
             }
             _ => {
-                let reason = "not that of a whole PNG or JPEG, so its size is not known";
+                let reason = "not that of a whole PNG, JPEG or WebP, so its size is not known";
                 Error::malformed(image_path, "image header", reason)
             }
         })?;
@@ -161,11 +155,4 @@ fn size_of(
     }
     // The cast saturates.
     checked_size(file, name, w as u64, h as u64)
-}
-
-/// Where a frame's photo is: at its path, or with `.png` added if only that file exists.
-fn photo(dir: &Path, name: &str) -> PathBuf {
-    let exact = dir.join(name);
-    let png = dir.join(format!("{name}.png"));
-    if !exact.is_file() && png.is_file() { png } else { exact }
 }

@@ -5,7 +5,6 @@ mod common;
 use std::path::Path;
 
 use common::says;
-use gs_model::camera::LensDistortion;
 use gs_model::colmap;
 use gs_model::{Camera, Error};
 use tempfile::TempDir;
@@ -113,7 +112,7 @@ fn folder(files: &[(&str, Vec<u8>)]) -> TempDir {
 }
 
 fn read(dir: &Path) -> Result<Vec<Camera>, Error> {
-    colmap::read_cameras(dir, LensDistortion::Refuse)
+    colmap::read_cameras(dir)
 }
 
 #[test]
@@ -206,47 +205,9 @@ fn broken(change: impl Fn(&mut Model), expected: impl Fn(&Error) -> bool) {
 }
 
 #[test]
-fn distorted_cameras_are_refused_by_name() {
-    let models = [
-        ("SIMPLE_RADIAL", 4),
-        ("RADIAL", 5),
-        ("OPENCV", 8),
-        ("OPENCV_FISHEYE", 8),
-        ("FULL_OPENCV", 12),
-        ("FOV", 5),
-        ("SIMPLE_RADIAL_FISHEYE", 4),
-        ("RADIAL_FISHEYE", 5),
-        ("THIN_PRISM_FISHEYE", 12),
-        ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
-    ];
-    for (i, (name, params)) in models.into_iter().enumerate() {
-        let distort = |m: &mut Model| {
-            m.cameras[1].model = (i as u32 + 2, name);
-            m.cameras[1].params = vec![100.0; params];
-        };
-        broken(distort, |e| {
-            let message = e.to_string();
-            matches!(e, Error::DistortedCamera { model, camera, .. } if model == name && camera == "2")
-                && message.contains("colmap image_undistorter")
-        });
-        // A camera that no image uses may be distorted.
-        let mut model = model();
-        distort(&mut model);
-        model.images.iter_mut().for_each(|i| i.camera = 7);
-        assert!(read(folder(&model.binary()).path()).is_ok());
-        assert!(read(folder(&model.text()).path()).is_ok());
-    }
-    broken(
-        |m| m.cameras[1].model = (99, "NEW"),
-        |e| e.to_string().contains("camera 2: unknown camera model"),
-    );
-}
-
-/// They were refused, but importances need no undistorted photo.
-#[test]
-fn distorted_cameras_are_read_for_importances() {
+fn distorted_cameras_have_a_lens() {
     // Focal lengths first, then the principal point, then the distortion.
-    let models: [(u32, &str, &[f64], [f64; 4]); 3] = [
+    let models: [(u32, &str, &[f64], [f64; 4]); 4] = [
         (2, "SIMPLE_RADIAL", &[500.0, 321.0, 241.0, 0.1], [500.0, 500.0, 321.0, 241.0]),
         (
             4,
@@ -254,6 +215,7 @@ fn distorted_cameras_are_read_for_importances() {
             &[500.0, 490.0, 321.0, 241.0, 0.1, 0.0, 0.0, 0.0],
             [500.0, 490.0, 321.0, 241.0],
         ),
+        (7, "FOV", &[500.0, 490.0, 321.0, 241.0, 0.9], [500.0, 490.0, 321.0, 241.0]),
         (9, "RADIAL_FISHEYE", &[500.0, 321.0, 241.0, 0.1, 0.2], [500.0, 500.0, 321.0, 241.0]),
     ];
     let pinhole = read(folder(&model().text()).path()).unwrap();
@@ -262,28 +224,33 @@ fn distorted_cameras_are_read_for_importances() {
         model.cameras[1].model = (id, name);
         model.cameras[1].params = params.into();
         for files in [model.binary(), model.text()] {
-            let dir = folder(&files);
-            assert!(matches!(read(dir.path()), Err(Error::DistortedCamera { .. })));
-            let cameras = colmap::read_cameras(dir.path(), LensDistortion::Ignore).unwrap();
+            let cameras = read(folder(&files).path()).unwrap();
             for (camera, pinhole) in cameras.iter().zip(&pinhole) {
-                if camera.ignored_distortion.is_none() {
+                let Some(lens) = &camera.lens else {
                     assert_eq!(camera, pinhole);
                     continue;
-                }
-                assert_eq!(camera.ignored_distortion.as_deref(), Some(name));
+                };
+                assert_eq!(lens.model, name);
+                assert!(params.ends_with(&lens.coefficients) && !lens.coefficients.is_empty());
                 assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], expected);
                 assert_eq!((camera.width, camera.height), (pinhole.width, pinhole.height));
                 assert_eq!(camera.rotation, pinhole.rotation);
             }
-            let distorted = cameras.iter().filter(|c| c.ignored_distortion.is_some()).count();
+            let distorted = cameras.iter().filter(|c| c.lens.is_some()).count();
             assert!((1..3).contains(&distorted), "{distorted}");
         }
     }
+    // Coefficients of zero distort nothing.
+    let mut straight = model();
+    straight.cameras[1].model = (4, "OPENCV");
+    straight.cameras[1].params = vec![500.0, 490.0, 321.0, 241.0, 0.0, 0.0, 0.0, 0.0];
+    let cameras = read(folder(&straight.text()).path()).unwrap();
+    assert!(cameras.iter().all(|c| c.lens.is_none()));
     // A model that is not known cannot be read at all.
-    let mut unknown = model();
-    unknown.cameras[1].model = (99, "NEW");
-    let outcome = colmap::read_cameras(folder(&unknown.text()).path(), LensDistortion::Ignore);
-    says(outcome, "unknown camera model NEW");
+    broken(
+        |m| m.cameras[1].model = (99, "NEW"),
+        |e| e.to_string().contains("camera 2: unknown camera model"),
+    );
 }
 
 #[test]

@@ -6,7 +6,6 @@ use std::fs;
 use std::path::Path;
 
 use common::{says, scene, share_in_view, shared};
-use gs_model::camera::LensDistortion;
 use gs_model::dataset::{Dataset, open_views};
 use gs_model::{Camera, Error, Result, View, ply};
 use serde_json::json;
@@ -14,7 +13,7 @@ use tempfile::TempDir;
 
 /// The views of a folder whose photos are needed.
 fn views(dir: &Path) -> Result<Vec<View>> {
-    open_views(dir, LensDistortion::Refuse)
+    open_views(dir)
 }
 
 /// The start of a PNG file of this size.
@@ -56,7 +55,7 @@ fn camera(name: &str) -> Camera {
         cy: 240.0,
         rotation,
         translation,
-        ignored_distortion: None,
+        lens: None,
     }
 }
 
@@ -227,7 +226,7 @@ fn transforms_with_an_angle_take_the_size_from_the_photo() {
     assert_same(&views(dir.path()).unwrap()[0].camera, &c);
     // The photo is not an image; then it is missing.
     put(&dir, "train/r_0.png", "GIF89a");
-    says(views(dir.path()), "image header: not that of a whole PNG or JPEG");
+    says(views(dir.path()), "image header: not that of a whole PNG, JPEG or WebP");
     fs::remove_file(dir.path().join("train/r_0.png")).unwrap();
     let outcome = views(dir.path());
     assert!(matches!(outcome, Err(Error::Io { .. })), "{outcome:?}");
@@ -245,20 +244,6 @@ fn wrong_transforms_are_named() {
         views(dir.path())
     };
     assert!(read(&|_| {}).is_ok());
-    for (key, value, model) in [
-        ("k1", json!(0.1), "k1 = 0.1"),
-        ("p2", json!(-1e-3), "p2 = -0.001"),
-        ("camera_model", json!("OPENCV_FISHEYE"), "OPENCV_FISHEYE"),
-    ] {
-        let file = read(&|j| j[key] = value.clone());
-        let frame = read(&|j| j["frames"][0][key] = value.clone());
-        for outcome in [file, frame] {
-            assert!(
-                matches!(&outcome, Err(Error::DistortedCamera { model: m, .. }) if m == model),
-                "{outcome:?}"
-            );
-        }
-    }
     let mirrored = json!([[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
     type Change<'a> = &'a dyn Fn(&mut serde_json::Value);
     let changes: [(Change, &str); 10] = [
@@ -326,24 +311,25 @@ fn images_of_100000_by_100000_pixels_are_refused() {
     refused(views(dir.path()));
 }
 
-/// Importances could not be computed from COLMAP projects with distorted cameras.
 #[test]
-fn folders_with_distorted_cameras_open_for_importances_only() {
-    let colmap = tempfile::tempdir().unwrap();
-    put_colmap(&colmap, "sparse/0", &["a.png"]);
-    put(&colmap, "sparse/0/cameras.txt", "1 SIMPLE_RADIAL 8 6 10 4 3 0.1\n");
-    put_model(&colmap, "point_cloud.ply");
-    let nerf = tempfile::tempdir().unwrap();
-    let frame = json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
-    let json = json!({"fl_x": 500.0, "w": 8, "h": 6, "k1": 0.1, "frames": [frame]});
-    put(&nerf, "transforms.json", json.to_string());
-    put_model(&nerf, "point_cloud.ply");
-    for (dir, distortion) in [(colmap, "SIMPLE_RADIAL"), (nerf, "k1 = 0.1")] {
-        says(Dataset::open(dir.path()), "colmap image_undistorter");
-        let views = open_views(dir.path(), LensDistortion::Ignore).unwrap();
-        assert_eq!(views[0].camera.ignored_distortion.as_deref(), Some(distortion));
-        assert_eq!((views[0].camera.width, views[0].camera.height), (8, 6));
-    }
+fn the_lenses_of_transforms_are_read() {
+    let lens = |keys: serde_json::Value| {
+        let nerf = tempfile::tempdir().unwrap();
+        let mut frame =
+            json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
+        frame.as_object_mut().unwrap().append(keys.clone().as_object_mut().unwrap());
+        let json = json!({"fl_x": 500.0, "w": 8, "h": 6, "k2": 0.2, "frames": [frame]});
+        put(&nerf, "transforms.json", json.to_string());
+        let camera = views(nerf.path()).unwrap().remove(0).camera;
+        camera.lens.map(|lens| (lens.model, lens.coefficients))
+    };
+    let found = |model: &str, coefficients: &[f64]| Some((model.into(), coefficients.to_vec()));
+    let bent = found("FULL_OPENCV", &[0.1, 0.2, 0.0, -1e-3, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(lens(json!({"k1": 0.1, "p2": -1e-3})), bent);
+    assert_eq!(lens(json!({"k2": 0.0, "camera_model": "OPENCV"})), None);
+    let fisheye = found("OPENCV_FISHEYE", &[0.0, 0.2, 0.0, 0.0]);
+    assert_eq!(lens(json!({"camera_model": "OPENCV_FISHEYE"})), fisheye);
+    assert_eq!(lens(json!({"camera_model": "EQUIRECTANGULAR"})), found("EQUIRECTANGULAR", &[]));
 }
 
 /// A printed chain of causes contained each cause twice.
@@ -372,7 +358,7 @@ fn sfm_points(path: &Path) -> Vec<[f64; 3]> {
 fn real_inria_cameras_see_their_points() {
     for (name, views) in [("playroom", 225), ("truck", 251), ("train", 301), ("drjohnson", 263)] {
         let Some(dir) = shared(&format!("scenes/cameras/{name}")) else { return };
-        let all = open_views(&dir, LensDistortion::Refuse).unwrap();
+        let all = open_views(&dir).unwrap();
         assert_eq!(all.len(), views, "{name}");
         assert!(all.is_sorted_by(|a, b| a.camera.name < b.camera.name), "{name}");
         let file = dir.join("points.ply");

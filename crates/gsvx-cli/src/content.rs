@@ -40,7 +40,7 @@ pub(crate) struct Room {
     /// quarter of the machine's]
     ///
     /// Needs as much room on the disk as the models take, in a folder beside the output. If the run is killed,
-    /// the same command goes on from there.
+    /// the same command goes on from there. The loss is not estimated.
     #[arg(long, value_name = "SIZE", value_parser = size::bytes, hide_short_help = true,
           help_heading = LARGE)]
     pub(crate) memory: Option<u64>,

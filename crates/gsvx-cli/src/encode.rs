@@ -96,9 +96,10 @@ pub(crate) struct EncodeArgs {
           value_parser = clap::value_parser!(u8).range(1..=21), hide_short_help = true,
           help_heading = EXPERTS)]
     j_low: Option<u8>,
-    /// Encode the K-th of N parts of a plan; the plan stands in the place of the model, and says the quality.
+    /// Encode the K-th of N parts of a plan; the plan stands in the place of the model, and holds all choices.
     #[arg(long, value_name = "K/N", value_parser = join::part, hide_short_help = true,
-          conflicts_with_all = ["rate", "content", "lossless", "prune", "depth"],
+          conflicts_with_all = ["rate", "lossless", "prune", "depth", "cameras", "lod", "web", "max_sh_degree",
+          "drop_invalid", "from"],
           help_heading = LARGE)]
     part: Option<ScenePart>,
 }

@@ -63,6 +63,12 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
             _ => None,
         };
     }
+    if let Some(tune::Error::NoPhotos { .. }) = cause.downcast_ref() {
+        return Some("--distil tunes to renders instead".into());
+    }
+    if let Some(tune::Error::OtherPhotos { .. }) = cause.downcast_ref() {
+        return Some("--force-photos uses them".into());
+    }
     let drawing = match cause.downcast_ref() {
         Some(tune::Error::Finetune(error)) => Some(error),
         _ => cause.downcast_ref(),

@@ -43,8 +43,8 @@ const PICTURED: u64 = 100;
 pub(crate) struct TuneArgs {
     /// The trained model, of any format that gsvx convert reads; `-` for standard input.
     input: PathBuf,
-    /// Scene folder with cameras and photos. Without photos, or with --distil, the model is tuned to
-    /// its own renders at the cameras.
+    /// Scene folder with cameras and photos (PNG, JPEG, WebP; in images, or else images_2, _4 or _8; with
+    /// any extension). Without photos, or with --distil, the model is tuned to its own renders at the cameras.
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
     /// What to write: NAME.gsvx for a stream, NAME.ply for the tuned model.
@@ -65,6 +65,9 @@ pub(crate) struct TuneArgs {
     /// Tune to renders of the model itself, also where there are photos.
     #[arg(long)]
     distil: bool,
+    /// Tune also to photos that seem to be of other views than their cameras'.
+    #[arg(long, conflicts_with = "distil")]
+    force_photos: bool,
     /// Leave out what the views do not show: fewer bytes, and good only where the cameras stand.
     #[arg(long)]
     drop_unseen: bool,
@@ -138,10 +141,17 @@ impl TuneArgs {
     /// Views to tune on, and whether their images are renders of the model.
     fn views(&self, scene: &Scene) -> Result<(Vec<TrainView>, bool)> {
         let cameras = match (&self.cameras, self.orbit.orbit) {
-            (Some(path), _) => match self.distil {
-                false if let Some(views) = photos::photos(path)? => return Ok((views, false)),
-                _ => views::cameras(path)?,
-            },
+            (Some(path), _) => {
+                let found = if self.distil {
+                    Vec::new()
+                } else {
+                    photos::photos(scene, path, self.force_photos)?
+                };
+                if !found.is_empty() {
+                    return Ok((found, false));
+                }
+                views::cameras(path)?
+            }
             (None, Some(n)) => views::around(&self.orbit, n, &self.input, scene)?,
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
@@ -177,10 +187,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if distilled {
-        note("no photos: the model is tuned to its own renders");
-    } else if args.profile == Profile::Paper {
-        // The other profile refuses photos that show something else.
-        photos::warn_of_others(&scene, &training, cameras);
+        note("the model is tuned to its own renders");
     }
     let ply = extension == "ply";
     if args.profile == Profile::Paper {
@@ -228,7 +235,7 @@ fn tuned(
     options.checkpoint.clone_from(&args.checkpoint);
     options.cancel = Some(interrupt::cancel_flag());
     let run = Tune::new(scene, training, options).with_context(name)?;
-    announce(&run, gaussians);
+    announce(&run, gaussians, distilled);
     let mut follower = Follower::new(run.plan().steps(), run.backend());
     let outcome = run.run(|p| {
         follower.see(p);
@@ -245,14 +252,21 @@ fn tuned(
 }
 
 /// What will be done, and how long it takes.
-fn announce(run: &Tune, gaussians: usize) {
+fn announce(run: &Tune, gaussians: usize, distilled: bool) {
     let plan = run.plan();
-    let (used, aside) = run.views();
-    note(format_args!(
-        "input model: {gaussians} Gaussians, {:.2} dB at {aside} of {} views, which are kept aside",
-        run.input_psnr(),
-        used + aside,
-    ));
+    let (views, aside) = run.views();
+    let judge = match aside {
+        0 => format!("at the first of {views} photos"),
+        n => format!("at {n} of {views} photos, which are kept aside"),
+    };
+    if distilled {
+        note(format_args!(
+            "input model: {gaussians} Gaussians; {views} renders of it are the targets"
+        ));
+    } else {
+        let db = run.input_psnr();
+        note(format_args!("input model: {gaussians} Gaussians, {db:.2} dB {judge}"));
+    }
     let done = match run.steps_done() {
         0 => String::new(),
         n => format!(", {n} of them done"),
@@ -285,22 +299,20 @@ fn tell(
 ) -> Result<()> {
     let bytes = outcome.encoded.bytes.len() as u64;
     let ended = if outcome.cancelled { StopReason::Cancelled } else { StopReason::Steps };
-    let of = if distilled { "renders of the input" } else { "photos" };
     let gaussians = outcome.scene.len();
-    let elsewhere = match outcome.against_input {
-        Some(shown) => {
-            format!("; elsewhere {:.2} dB against renders of the input", shown.elsewhere)
-        }
-        None => String::new(),
+    let of = match distilled {
+        true => "renders of the input".into(),
+        false => format!("the photos kept aside (input model: {:.2} dB)", outcome.input_psnr),
     };
+    let elsewhere = outcome.against_input.map_or(String::new(), |shown| {
+        format!("; elsewhere {:.2} dB from renders of the input", shown.elsewhere)
+    });
     let human = format!(
-        "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB against {of} kept \
-         aside (input model: {:.2} dB){elsewhere}",
+        "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB at {of}{elsewhere}",
         outcome.steps,
         outcome.seconds,
         DecimalBytes(bytes),
         outcome.psnr,
-        outcome.input_psnr.min(100.0),
     );
     let json = json!({
         "output": name,
@@ -309,7 +321,7 @@ fn tell(
         "bytes": bytes,
         "counted_bytes": outcome.counted_bytes,
         "psnr": outcome.psnr,
-        "input_psnr": outcome.input_psnr,
+        "input_psnr": (!distilled).then_some(outcome.input_psnr),
         "elsewhere_psnr": outcome.against_input.map(|shown| shown.elsewhere),
         "quality": outcome.quality,
         "distilled": distilled,

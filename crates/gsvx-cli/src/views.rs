@@ -7,8 +7,8 @@ use crate::progress::Meter;
 use crate::size::number;
 use anyhow::{Result, bail};
 use finetune::Visibility;
-use gs_model::camera::LensDistortion;
 use gs_model::dataset::{self, HOLD_OUT_EVERY};
+use gs_model::lens::Lens;
 use gs_model::{Camera, Scene, View};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -94,7 +94,7 @@ pub(crate) fn beside(model: &Path) -> Option<Vec<View>> {
     // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
     [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        dataset::open_views(folder, LensDistortion::Refuse).ok()
+        dataset::open_views(folder).ok()
     })
 }
 
@@ -110,15 +110,13 @@ pub(crate) fn up(views: &[View]) -> Option<[f64; 3]> {
     (sum.length() > 0.5 * views.len() as f64).then(|| sum.normalize().to_array())
 }
 
-/// The views of a scene folder or of a camera file, by name. Lenses that distort count as pinholes: a
-/// note says so.
+/// The views of a scene folder or of a camera file, by name. A note says where photos are distorted.
 fn open(path: &Path) -> Result<Vec<View>> {
     let views = read(path)?;
-    let distorted = views.iter().filter_map(|v| v.camera.ignored_distortion.as_ref());
-    if let Some(model) = distorted.clone().next() {
+    let distorted = views.iter().filter_map(|v| v.camera.lens.as_ref());
+    if let Some(Lens { model, .. }) = distorted.clone().next() {
         note(format_args!(
-            "{}: {} of {} cameras have lens distortion ({model}), which is ignored: they show about \
-             what the photos show",
+            "{}: {} of {} cameras have lens distortion ({model}), which renders do not show",
             path.display(),
             distorted.count(),
             views.len()
@@ -129,7 +127,7 @@ fn open(path: &Path) -> Result<Vec<View>> {
 
 /// The same without a note.
 pub(crate) fn read(path: &Path) -> Result<Vec<View>> {
-    Ok(dataset::open_views(path, LensDistortion::Ignore)?)
+    Ok(dataset::open_views(path)?)
 }
 
 /// Cameras that show a model, which was read from `path`, from wherever it can be seen.

@@ -2,20 +2,14 @@
 
 mod common;
 
-use common::{model, one_line, report, room, run};
+use common::{heard, model, one_line, report, room, room_cameras, run};
 use finetune::{RenderOptions, metrics, render};
-use gs_model::camera::LensDistortion;
 use gs_model::{Camera, Scene, dataset};
 use serde_json::Value;
-use std::fmt::Write as _;
 use std::path::Path;
 
 fn cameras() -> Vec<Camera> {
-    dataset::open_views(room(), LensDistortion::Refuse)
-        .unwrap()
-        .into_iter()
-        .map(|v| v.camera)
-        .collect()
+    dataset::open_views(room()).unwrap().into_iter().map(|v| v.camera).collect()
 }
 
 /// A cameras.json as Inria's trainer writes it.
@@ -115,60 +109,24 @@ fn keeping_what_cameras_hardly_see_cost_a_sixth_of_the_bytes() {
     assert!(kept < 1.04 * dropped, "{kept} against {dropped}");
 }
 
-/// The room's cameras as a COLMAP project whose lens distorts.
-fn distorted_project(dir: &Path) {
-    let sparse = dir.join("sparse/0");
-    std::fs::create_dir_all(&sparse).unwrap();
-    let all = cameras();
-    let c = &all[0];
-    let lens = format!(
-        "1 OPENCV {} {} {} {} {} {} 0.05 0.01 0 0\n",
-        c.width, c.height, c.fx, c.fy, c.cx, c.cy
-    );
-    std::fs::write(sparse.join("cameras.txt"), lens).unwrap();
-    let mut images = String::new();
-    for (i, c) in all.iter().enumerate() {
-        let rows = [0, 1, 2].map(|k| c.rotation.row(k).to_array());
-        let [w, x, y, z] = gs_model::math::quaternion(&rows);
-        let t = c.translation;
-        let (id, name) = (i + 1, &c.name);
-        writeln!(images, "{id} {w} {x} {y} {z} {} {} {} 1 {name}\n", t.x, t.y, t.z).unwrap();
-    }
-    std::fs::write(sparse.join("images.txt"), images).unwrap();
-    std::fs::write(sparse.join("points3D.txt"), "").unwrap();
-}
-
 #[test]
-fn a_distorted_lens_was_refused_where_no_photo_is_compared() {
+fn a_lens_that_distorts_is_named_where_no_photo_is_compared() {
     let dir = tempfile::tempdir().unwrap();
-    distorted_project(dir.path());
+    room_cameras(dir.path(), " 0.05 0.01 0 0");
     let stream = dir.path().join("a.gsvx");
     let (project, input) = (dir.path(), model());
     let words = ["encode", "@", "-o", "@", "--cameras", "@"];
     let (json, said) = report(&words, &[&input, &stream, project]);
-    assert!(said.contains("lens distortion (OPENCV), which is ignored"), "{said}");
+    assert!(said.contains("lens distortion (OPENCV)"), "{said}");
     assert!(json["seen_opacity_share"].as_f64().unwrap() > 0.9, "{json}");
-    // Photos are compared pixel by pixel.
-    let images = project.join("images");
-    std::fs::create_dir_all(&images).unwrap();
-    for camera in cameras() {
-        let photo = image::RgbImage::new(camera.width, camera.height);
-        photo.save(images.join(&camera.name)).unwrap();
-    }
-    let words = ["tune", "@", "-o", "@", "--cameras", "@", "--force"];
-    one_line(&run(&words, &[&input, &stream, project]), "image_undistorter");
 }
 
 #[test]
 fn a_tune_took_photos_of_another_scene_without_a_word() {
     let dir = tempfile::tempdir().unwrap();
-    let (images, sparse) = (dir.path().join("images"), dir.path().join("sparse/0"));
+    let images = dir.path().join("images");
     std::fs::create_dir_all(&images).unwrap();
-    std::fs::create_dir_all(&sparse).unwrap();
-    for file in std::fs::read_dir(room().join("sparse/0")).unwrap() {
-        let file = file.unwrap();
-        std::fs::copy(file.path(), sparse.join(file.file_name())).unwrap();
-    }
+    room_cameras(dir.path(), "");
     for camera in cameras() {
         let pattern = |x: u32, y: u32| image::Rgb([(x * 40) as u8, (y * 90) as u8, 255]);
         let photo = image::RgbImage::from_fn(camera.width, camera.height, pattern);
@@ -177,8 +135,8 @@ fn a_tune_took_photos_of_another_scene_without_a_word() {
     let tuned = dir.path().join("tuned.ply");
     let words = "tune @ -o @ --cameras @ --profile paper --steps 1 --backend cpu --past-input";
     let words: Vec<&str> = words.split(' ').collect();
-    let (_, said) = report(&words, &[&model(), &tuned, dir.path()]);
-    assert!(said.contains("warning") && said.contains("are they of this scene?"), "{said}");
+    let refused = heard(&run(&words, &[&model(), &tuned, dir.path()]));
+    assert!(refused.contains("do not show this model"), "{refused}");
     let (_, said) = report(&[&words[..], &["--force"]].concat(), &[&model(), &tuned, &room()]);
     assert!(!said.contains("warning"), "{said}");
 }

@@ -135,7 +135,8 @@ fn a_finetune_said_why_it_ended_in_a_name_of_the_code() {
     let (input, out) = (small(dir.path()), dir.path().join("a.ply"));
     let room = common::room();
     let paper = ["tune", "@", "--profile", "paper"];
-    let options = ["--cameras", "@", "--steps", "2", "--backend", "cpu", "-o", "@"];
+    let options =
+        ["--cameras", "@", "--steps", "2", "--backend", "cpu", "--force-photos", "-o", "@"];
     let words: Vec<&str> = paper.into_iter().chain(options).collect();
     let said = ok(&words, &[&input, &room, &out]);
     assert!(said.contains("all steps are done") && !said.contains("Steps"), "{said}");

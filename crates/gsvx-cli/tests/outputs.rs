@@ -206,7 +206,7 @@ fn a_terminated_finetune_kept_nothing() {
             .arg("--cameras")
             .arg(common::room())
             .args(["--steps", "1000000", "--patience", "0", "--past-input", "--backend", "cpu"])
-            .arg("--checkpoint")
+            .args(["--force-photos", "--checkpoint"])
             .arg(dir.path().join("c.ckpt"))
             .args(["--checkpoint-every", "1", "-o"])
             .arg(&output)

@@ -173,7 +173,13 @@ fn flags_that_need_the_scene_in_memory_are_refused() {
     let with = |words: &[&str]| of(words, &[model()], &out).output().unwrap();
     let wide = "--memory: pruning needs the whole scene in memory";
     wrong_usage(&with(&["encode", "--memory", "1G", "--prune", "0.1"]), wide);
-    wrong_usage(&with(&["encode", "--part", "1/2", "--quality", "80"]), "--part");
+    // The plan holds all choices.
+    let chosen =
+        ["--quality 80", "--lod", "--web", "--max-sh-degree 1", "--drop-invalid", "--from ply"];
+    for flag in chosen.into_iter().chain(["--cameras x", "--depth 9 --j-low 3"]) {
+        let words: Vec<&str> = "encode --part 1/2".split(' ').chain(flag.split(' ')).collect();
+        wrong_usage(&with(&words), "--part");
+    }
     wrong_usage(&with(&["encode", "--memory", "1M"]), "at least");
     wrong_usage(&with(&["encode", "--part", "3/2"]), "K/N");
     one_line(&with(&["encode", "--part", "1/2"]), "is no plan");

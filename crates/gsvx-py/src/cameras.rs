@@ -5,9 +5,9 @@ use crate::background::run;
 use crate::error::{Fault, Result};
 use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
-use gs_model::Camera;
-use gs_model::camera::LensDistortion;
 use gs_model::dataset::open_views;
+use gs_model::lens::Lens;
+use gs_model::{Camera, View};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -30,7 +30,10 @@ pub(crate) struct CameraArrays<'py> {
     intrinsics: PyReadonlyArray3<'py, f64>,
     /// Width and height, (C, 2).
     sizes: PyReadonlyArray2<'py, i64>,
-    ignored_distortion: Vec<Option<String>>,
+    /// Lens models with their coefficients.
+    lenses: Vec<Option<(String, Vec<f64>)>>,
+    /// Files, or none if they are not known.
+    photos: Vec<PathBuf>,
 }
 
 /// Cameras, and what a person calls them.
@@ -38,11 +41,21 @@ pub(crate) struct CameraArrays<'py> {
 pub(crate) struct Cameras {
     pub(crate) name: String,
     pub(crate) list: Vec<Camera>,
+    /// Files, or none if they are not known.
+    pub(crate) photos: Vec<PathBuf>,
+}
+
+impl Cameras {
+    /// The cameras with the files of their photos.
+    pub(crate) fn views(&self) -> Vec<View> {
+        let both = self.list.iter().cloned().zip(self.photos.iter().cloned());
+        both.map(|(camera, image_path)| View { camera, image_path }).collect()
+    }
 }
 
 impl CameraArrays<'_> {
     pub(crate) fn cameras(&self) -> Result<Cameras> {
-        let (poses, lenses) = (self.viewmats.as_array(), self.intrinsics.as_array());
+        let (poses, intrinsics) = (self.viewmats.as_array(), self.intrinsics.as_array());
         let sizes = self.sizes.as_array();
         let mut list = Vec::with_capacity(self.names.len());
         for (i, name) in self.names.iter().enumerate() {
@@ -52,13 +65,18 @@ impl CameraArrays<'_> {
                 name: name.clone(),
                 width,
                 height,
-                fx: lenses[[i, 0, 0]],
-                fy: lenses[[i, 1, 1]],
-                cx: lenses[[i, 0, 2]],
-                cy: lenses[[i, 1, 2]],
+                fx: intrinsics[[i, 0, 0]],
+                fy: intrinsics[[i, 1, 1]],
+                cx: intrinsics[[i, 0, 2]],
+                cy: intrinsics[[i, 1, 2]],
                 rotation: DMat3::from_cols(column(0), column(1), column(2)),
                 translation: column(3),
-                ignored_distortion: self.ignored_distortion.get(i).cloned().flatten(),
+                lens: self
+                    .lenses
+                    .get(i)
+                    .cloned()
+                    .flatten()
+                    .map(|(model, coefficients)| Lens { model, coefficients }),
             };
             list.push(camera.checked(Path::new(&self.name))?);
             if width.max(height) > MAX_EDGE {
@@ -70,14 +88,14 @@ impl CameraArrays<'_> {
         if list.is_empty() {
             return Err(Fault::Failed(format!("{}: no cameras", self.name)));
         }
-        Ok(Cameras { name: self.name.clone(), list })
+        Ok(Cameras { name: self.name.clone(), list, photos: self.photos.clone() })
     }
 }
 
 /// The views of a folder or of a camera file, sorted by name, as a dict of arrays.
 #[pyfunction]
 pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let views = open_views(&path, LensDistortion::Ignore).map_err(Fault::from)?;
+    let views = open_views(&path).map_err(Fault::from)?;
     let cameras: Vec<&Camera> = views.iter().map(|v| &v.camera).collect();
     let out = as_arrays(py, &cameras)?;
     let photos: Vec<&Path> = views.iter().map(|v| v.image_path.as_path()).collect();
@@ -125,24 +143,25 @@ pub(crate) fn orbit<'py>(
 
 /// Cameras as a dict of arrays.
 fn as_arrays<'py>(py: Python<'py>, cameras: &[&Camera]) -> PyResult<Bound<'py, PyDict>> {
-    let (mut poses, mut lenses, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut poses, mut intrinsics, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
     for c in cameras {
         for k in 0..3 {
             let row = c.rotation.row(k);
             poses.extend([row.x, row.y, row.z, c.translation[k]]);
         }
         poses.extend([0.0, 0.0, 0.0, 1.0]);
-        lenses.extend([c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]);
+        intrinsics.extend([c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]);
         sizes.extend([i64::from(c.width), i64::from(c.height)]);
     }
     let n = cameras.len();
     let out = PyDict::new(py);
     out.set_item("viewmats", PyArray1::from_vec(py, poses).reshape([n, 4, 4])?)?;
-    out.set_item("Ks", PyArray1::from_vec(py, lenses).reshape([n, 3, 3])?)?;
+    out.set_item("Ks", PyArray1::from_vec(py, intrinsics).reshape([n, 3, 3])?)?;
     out.set_item("sizes", PyArray1::from_vec(py, sizes).reshape([n, 2])?)?;
     let names: Vec<&str> = cameras.iter().map(|c| &c.name[..]).collect();
     out.set_item("names", names)?;
-    let lenses: Vec<_> = cameras.iter().map(|c| c.ignored_distortion.as_deref()).collect();
-    out.set_item("ignored_distortion", lenses)?;
+    let lens = |l: &Lens| (l.model.clone(), l.coefficients.clone());
+    let lenses: Vec<_> = cameras.iter().map(|c| c.lens.as_ref().map(lens)).collect();
+    out.set_item("lenses", lenses)?;
     Ok(out)
 }

@@ -156,7 +156,7 @@ fn encode(
 
 /// What cameras see of each Gaussian.
 fn seen(scene: &Scene, cameras: &Cameras, done: &mut Done, line: &Line) -> Result<Vec<f32>> {
-    let Cameras { name, list } = cameras;
+    let Cameras { name, list, .. } = cameras;
     let seen = Visibility::of(scene, list, |done| line.step("importance", done, list.len()))?;
     match seen.doubt() {
         Some(doubt) if seen.share == 0.0 => {

@@ -101,6 +101,12 @@ fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
     if let Some(gs_model::Error::InvalidGaussian { .. }) = error.downcast_ref() {
         return Some("pass drop_invalid=True to leave them out".into());
     }
+    if let Some(tune::Error::NoPhotos { .. }) = error.downcast_ref() {
+        return Some("distil=True tunes to renders instead".into());
+    }
+    if let Some(tune::Error::OtherPhotos { .. }) = error.downcast_ref() {
+        return Some("force_photos=True uses them".into());
+    }
     match error.downcast_ref()? {
         gsvx::Error::Limit { points, .. } => {
             Some(format!("pass max_gaussians={points} if you trust it"))

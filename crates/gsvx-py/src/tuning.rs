@@ -4,15 +4,22 @@ use crate::arrays::SplatArrays;
 use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
-use ::finetune::{Image, RenderOptions, TrainView, render};
-use ::tune::{Progress, Target, Tune, TuneEffort, TuneOutcome};
+use ::finetune::{Photo, TrainView};
+use ::tune::{Photos, Progress, Target, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict};
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// What a run returns.
+struct Tuned {
+    outcome: TuneOutcome,
+    /// Whether the targets were renders of the model.
+    distilled: bool,
+    warnings: Vec<String>,
+}
 
 /// Options as Python has them.
 #[derive(FromPyObject)]
@@ -24,6 +31,8 @@ pub(crate) struct TuneDict {
     effort: String,
     seed: u64,
     checkpoint: Option<PathBuf>,
+    distil: bool,
+    force_photos: bool,
     drop_unseen: bool,
     drop_invalid: bool,
 }
@@ -47,8 +56,8 @@ pub(crate) enum PhotoArg<'py> {
 }
 
 /// A photo that is no Python object.
-enum Photo {
-    Image(Image),
+enum PhotoSource {
+    Pixels(Photo),
     File(PathBuf),
 }
 
@@ -65,10 +74,11 @@ pub(crate) fn tune<'py>(
 ) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyDict>)> {
     let (pool, scene) = splats.take()?;
     let cameras = cameras.cameras()?;
-    let photo = |photos: Vec<_>| photos.into_iter().map(Photo::of).collect::<Result<Vec<_>>>();
+    let photo =
+        |photos: Vec<_>| photos.into_iter().map(PhotoSource::of).collect::<Result<Vec<_>>>();
     let photos = photos.map(photo).transpose()?;
     let target = options.target();
-    let (outcome, warnings) = run(py, pool, progress.as_ref(), move |line| {
+    let Tuned { outcome, distilled, warnings } = run(py, pool, progress.as_ref(), move |line| {
         tune_scene(scene, cameras, photos, &options, line)
     })?;
     let TuneOutcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } = &outcome;
@@ -90,24 +100,28 @@ pub(crate) fn tune<'py>(
     out.set_item("quality", quality)?;
     out.set_item("steps", steps)?;
     out.set_item("seconds", seconds)?;
+    out.set_item("distilled", distilled)?;
     out.set_item("missed", missed)?;
     out.set_item("warnings", warnings)?;
     out.set_item("parts", encoded.parts().into_py_dict(py)?)?;
     Ok((PyBytes::new(py, &encoded.bytes), out))
 }
 
-impl Photo {
+impl PhotoSource {
     fn of(photo: PhotoArg<'_>) -> Result<Self> {
         let (shape, rgb) = match photo {
             PhotoArg::File(path) => return Ok(Self::File(path)),
             PhotoArg::Bytes(array) => {
                 let array = array.as_array();
-                let values = array.iter().map(|&v| f32::from(v) / 255.0).collect();
-                (array.raw_dim(), values)
+                (array.raw_dim(), array.iter().copied().collect())
             }
             PhotoArg::Floats(array) => {
                 let array = array.as_array();
-                (array.raw_dim(), array.iter().copied().collect())
+                if array.iter().any(|v| !v.is_finite()) {
+                    return Err(Fault::Usage("photos: a value is not finite".into()));
+                }
+                let eight = |v: &f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+                (array.raw_dim(), array.iter().map(eight).collect())
             }
         };
         let size = [shape[1], shape[0]].map(|v| u32::try_from(v).unwrap_or(0));
@@ -117,51 +131,27 @@ impl Photo {
                 "photos: arrays (height, width, 3) expected, not ({h}, {w}, {c})"
             )));
         }
-        Ok(Self::Image(Image { width: size[0], height: size[1], rgb }))
+        Ok(Self::Pixels(Photo { width: size[0], height: size[1], rgb }))
     }
 
     /// The photo at its camera.
     fn at(self, camera: &Camera) -> Result<TrainView> {
-        let (name, photo) = match self {
-            Self::Image(photo) => ("photo".into(), photo),
-            Self::File(path) => read(&path)?,
+        let photo = match self {
+            Self::Pixels(photo) => photo,
+            Self::File(path) => return Ok(::tune::photo(camera, &path)?),
         };
-        let (width, height) = (photo.width, photo.height);
-        let Some(camera) = camera.scaled_to(width, height) else {
-            return Err(Fault::Failed(format!(
-                "{name} is {width}x{height}, which is not its camera's aspect ratio"
-            )));
-        };
-        Ok(TrainView { camera, photo })
+        let named = |reason: String| Fault::Failed(format!("photo of {}: {reason}", camera.name));
+        ::tune::at_camera(camera, photo).map_err(named)
     }
-}
-
-/// A file's name, for messages, and its photo.
-fn read(path: &Path) -> Result<(String, Image)> {
-    let name = format!("photo {}", path.display());
-    let photo = image::ImageReader::open(path)
-        .and_then(image::ImageReader::with_guessed_format)
-        .map_err(|e| Fault::Io(io::Error::new(e.kind(), format!("{name}: {e}"))))?
-        .decode()
-        .map_err(|e| Fault::Failed(format!("{name}: PNG or JPEG expected: {e}")))?
-        .to_rgb8();
-    let (width, height) = photo.dimensions();
-    let photo = Image::from_rgb8(width, height, photo.as_raw());
-    let photo = photo.ok_or_else(|| Fault::Failed(format!("{name} is empty")))?;
-    Ok((name, photo))
 }
 
 /// Renders of the model at the cameras.
 fn renders(scene: &Scene, cameras: Vec<Camera>, line: &Line) -> Result<Vec<TrainView>> {
     let n = cameras.len();
-    let one = |(i, mut camera): (usize, Camera)| {
-        // A render has no lens.
-        camera.ignored_distortion = None;
-        let mut photo = render(scene, &camera, &RenderOptions::default());
-        // What a screen shows is clamped; differences beyond it do not count.
-        photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
+    let one = |(i, camera): (usize, Camera)| {
+        let view = TrainView::rendered(scene, camera);
         line.step("renders", i + 1, n)?;
-        Ok(TrainView { camera, photo })
+        Ok(view)
     };
     cameras.into_iter().enumerate().map(one).collect()
 }
@@ -169,37 +159,35 @@ fn renders(scene: &Scene, cameras: Vec<Camera>, line: &Line) -> Result<Vec<Train
 fn tune_scene(
     mut scene: Scene,
     cameras: Cameras,
-    photos: Option<Vec<Photo>>,
+    photos: Option<Vec<PhotoSource>>,
     options: &TuneDict,
     line: &Line,
-) -> Result<(TuneOutcome, Vec<String>)> {
+) -> Result<Tuned> {
     if options.drop_invalid {
         scene.drop_invalid();
     }
-    let (list, distil) = (cameras.list, photos.is_none());
-    let training = match photos {
-        Some(photos) if photos.len() == list.len() => {
-            let views = list.iter().zip(photos).map(|(camera, photo)| photo.at(camera));
-            views.collect::<Result<_>>()?
-        }
-        Some(photos) => {
-            let (p, c) = (photos.len(), list.len());
-            return Err(Fault::Usage(format!("photos: {p} of them for {c} cameras")));
-        }
-        None => renders(&scene, list, line)?,
+    let mut found = match photos {
+        Some(photos) => Photos { views: given(&cameras.list, photos)?, notes: Vec::new() },
+        None if options.distil || cameras.photos.is_empty() => Photos::default(),
+        None => ::tune::photos(Path::new(&cameras.name), &cameras.views())?,
     };
+    found.check(&scene, options.force_photos)?;
+    let words = found.notes.iter().map(|note| note.trim_start_matches("warning: ").to_owned());
+    let mut warnings: Vec<String> = words.collect();
+    let training = found.views;
+    let distilled = training.is_empty();
+    let training = if distilled { renders(&scene, cameras.list, line)? } else { training };
     let mut choices = ::tune::TuneOptions::new(options.target());
     choices.effort = match &options.effort[..] {
         "quick" => TuneEffort::Quick,
         "long" => TuneEffort::Long,
         _ => TuneEffort::Normal,
     };
-    choices.distil = distil;
+    choices.distil = distilled;
     choices.seed = options.seed;
     choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
-    let mut warnings = Vec::new();
     let outcome = Tune::new(scene, training, choices)?.run(|p| {
         if let Some(error) = p.checkpoint_failed {
             warnings.push(format!("{}; the run goes on without checkpoints", chain(error)));
@@ -207,7 +195,16 @@ fn tune_scene(
         line.tell(event(p));
     })?;
     line.check()?;
-    Ok((outcome, warnings))
+    Ok(Tuned { outcome, distilled, warnings })
+}
+
+/// Photos that Python gives, at their cameras.
+fn given(cameras: &[Camera], photos: Vec<PhotoSource>) -> Result<Vec<TrainView>> {
+    let (p, c) = (photos.len(), cameras.len());
+    if p != c {
+        return Err(Fault::Usage(format!("photos: {p} of them for {c} cameras")));
+    }
+    cameras.iter().zip(photos).map(|(camera, photo)| photo.at(camera)).collect()
 }
 
 fn event(p: &Progress<'_>) -> Event {

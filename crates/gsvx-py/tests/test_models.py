@@ -113,7 +113,7 @@ def test_tune_takes_photos_as_arrays(splats, tmp_path):
     photos = [image.clip(0, 1) for image in gsvx.render(splats, cameras)]
     given = dict(effort="quick", quality=30)
     report = gsvx.tune(tmp_path / "a.gsvx", splats, cameras, photos, **given)
-    assert not report.distilled and report.input_psnr > 60
+    assert not report.distilled and report.input_psnr > 58  # Photos have 8 bits.
     eight = [(255 * image + 0.5).astype(np.uint8) for image in photos]
     floats = [image.astype(np.float32) / 255 for image in eight]
     gsvx.tune(tmp_path / "a.gsvx", splats, cameras, floats, **given)

@@ -29,7 +29,7 @@ pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &str) -> 
         let matrix = c.rotation.to_cols_array();
         let numbers = [c.fx, c.fy, c.cx, c.cy].into_iter().chain(matrix);
         numbers.chain(c.translation.to_array()).for_each(|v| add(&v.to_le_bytes()));
-        photo.rgb.iter().step_by(97).for_each(|v| add(&v.to_le_bytes()));
+        photo.rgb.iter().step_by(97).for_each(|&v| add(&[v]));
     }
     crc
 }

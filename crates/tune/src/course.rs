@@ -23,6 +23,8 @@ pub(crate) struct Course {
     target: Target,
     /// Gaussians of the input.
     pub(crate) input: usize,
+    /// Removal effects of the input, where they are known.
+    effects: Option<Vec<f32>>,
     stage: Stage,
     /// The values of least cost so far in the last part of the loop, and that cost.
     best: Option<(f64, Snapshot)>,
@@ -31,11 +33,29 @@ pub(crate) struct Course {
 
 impl Course {
     /// Begins with a round of no steps, which keeps all Gaussians. The next one prunes.
-    pub(crate) fn new(plan: TunePlan, target: Target, scene: Scene) -> Self {
+    /// `effects` are the removal effects of the scene, if the plan has them.
+    pub(crate) fn new(
+        plan: TunePlan,
+        target: Target,
+        scene: Scene,
+        effects: Option<Vec<f32>>,
+    ) -> Self {
         let input = scene.len();
         let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
         let stage = Stage::Round { round: 0, recovery };
-        Self { plan, target, input, stage, best: None, aside_psnr: None }
+        Self { plan, target, input, effects, stage, best: None, aside_psnr: None }
+    }
+
+    /// Prunes to what remains after a round.
+    fn pruned(&mut self, views: &Views, scene: &Scene, round: u64) -> Result<Scene> {
+        let effects = match self.effects.take() {
+            Some(effects) => effects,
+            None => views.worth(scene)?.removal,
+        };
+        let kept = self.plan.kept(self.input, round).min(scene.len());
+        let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
+        let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
+        Ok(scene.select(&kept))
     }
 
     /// The loop at its end, with the best state if the last one costs more, unless the run was cut short.
@@ -75,7 +95,8 @@ impl Work for Course {
             Stage::Round { round, recovery } => {
                 let (round, scene) = (*round, recovery.optimiser.take_scene());
                 if round < self.plan.rounds {
-                    self.stage = stage::round(&self.plan, views, scene, self.input, round + 1)?;
+                    let kept = self.pruned(views, &scene, round + 1)?;
+                    self.stage = stage::round(&self.plan, views, kept, round + 1);
                 } else {
                     let state = stage::codec_loop(&self.plan, self.target, views, &scene)?;
                     self.stage = Stage::Loop(state);
@@ -159,6 +180,7 @@ impl Work for Course {
             }
             _ => None,
         };
+        self.effects = None;
         self.stage = Stage::read(input, &self.plan, views)?;
         views.gradients.move_means(matches!(self.stage, Stage::Round { .. }));
         Ok(())

@@ -81,8 +81,7 @@ mod tests {
     use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
-    use finetune::{Image, TrainView};
-    use gs_model::camera::LensDistortion::Refuse;
+    use finetune::{Photo, TrainView};
     use gs_model::{dataset, ply};
     use std::path::Path;
 
@@ -98,11 +97,10 @@ mod tests {
         let load = |view: gs_model::View| {
             let photo = image::open(&view.image_path).unwrap().to_rgb8();
             let (width, height) = photo.dimensions();
-            let photo = Image::from_rgb8(width, height, photo.as_raw()).unwrap();
+            let photo = Photo::new(width, height, photo.into_raw()).unwrap();
             TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
         };
-        let views =
-            dataset::open_views(room, Refuse).unwrap().into_iter().take(6).map(load).collect();
+        let views = dataset::open_views(room).unwrap().into_iter().take(6).map(load).collect();
         let target = Target::Quality(PLAN.quality);
         let mut options = TuneOptions::new(target);
         options.drop_unseen = true;

@@ -15,21 +15,51 @@ pub enum Error {
     /// The codec refuses the scene or the target.
     #[error(transparent)]
     Codec(#[from] gsvx::Error),
-    /// A photo holds a value that is no number.
-    #[error("view {index} ({name}): the photo holds a value that is not finite")]
-    PhotoValue {
-        /// Index of the view.
-        index: usize,
-        /// Its camera's name.
-        name: String,
+    /// A photo that cannot be used.
+    #[error("photo {}: {reason}", file.display())]
+    Photo {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        reason: String,
     },
-    /// The photos show something else than the model.
+    /// Too many photos that cannot be used.
+    #[error("of {all} photos more than a tenth are missing or broken: {files}")]
+    Photos {
+        /// Number of photos.
+        all: usize,
+        /// The names of the first ones.
+        files: String,
+        /// What is wrong with one of them.
+        source: Box<Error>,
+    },
+    /// There are photos, but hardly any of the views.
     #[error(
-        "the photos do not show this model: its renders match them to {psnr:.1} dB on average; \
-         check that model, cameras and photos belong together"
+        "{}: {missing} of {views} photos are not found: looked for {} with any extension, also in folders that end \
+         in _2, _4 and _8; there is {there}",
+        path.display(), looked_for.display()
+    )]
+    NoPhotos {
+        /// The scene.
+        path: PathBuf,
+        /// Number of views without a photo.
+        missing: usize,
+        /// Number of views.
+        views: usize,
+        /// Where the photo of the first of them is expected.
+        looked_for: PathBuf,
+        /// The photos that are in its place.
+        there: String,
+    },
+    /// The photos show something else than the model, or are of other views than those of their cameras.
+    #[error(
+        "the photos do not show this model at their cameras: {psnr:.1} dB at {views} of them, and renders of other \
+         cameras resemble them as much or more; check that model, cameras and photos belong together"
     )]
     OtherPhotos {
-        /// Mean PSNR of the model at the training views, dB.
+        /// Number of photos that were compared.
+        views: usize,
+        /// Mean PSNR of the model at these photos, dB.
         psnr: f64,
     },
     /// A target in bytes below what the coarsest plan reaches.

@@ -9,6 +9,7 @@ mod epochs;
 mod error;
 mod fine_tune;
 mod options;
+mod photos;
 mod plan;
 mod probe;
 #[cfg(feature = "gpu")]
@@ -19,11 +20,13 @@ mod scene_loop;
 mod stage;
 mod steering;
 mod trainer;
+mod undistort;
 mod views;
 
 pub use error::{Error, Result};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Target, TuneOptions};
+pub use photos::{Photos, at_camera, photo, photos};
 pub use plan::{TuneEffort, TunePlan};
 pub use progress::{Progress, StageName, StopReason, TuneOutcome};
 pub use run::Tune;

@@ -121,7 +121,7 @@ pub(crate) struct Spare {
 }
 
 impl Spare {
-    /// `effects` are `finetune::removal_effects`, `importance` the sums of squared blending weights.
+    /// Of all Gaussians the removal effects and the sums of squared blending weights, as in `finetune::Worth`.
     pub(crate) fn new(effects: &[f32], importance: &[f32]) -> Self {
         let sum: f64 = importance.iter().map(|&v| f64::from(v)).sum();
         let mean = sum / importance.len().max(1) as f64;

@@ -1,5 +1,6 @@
 //! The plan that follows from a target: for a size, by streams of the scene without tuning.
 
+use finetune::Worth;
 use gs_model::Scene;
 use gsvx::rate;
 
@@ -13,18 +14,18 @@ use crate::views::Views;
 /// a size begins.
 const TUNED_OVER_PROBED: f64 = 0.85;
 
-/// The plan for the target.
+/// The plan for the target, and the removal effects that it follows from unless the options give the plan.
 pub(crate) fn plan(
     scene: &Scene,
     views: &Views,
     options: &TuneOptions,
     input_psnr: f64,
-) -> Result<TunePlan> {
+) -> Result<(TunePlan, Option<Vec<f32>>)> {
     if let Some(plan) = options.plan {
-        return plan.checked();
+        return Ok((plan.checked()?, None));
     }
-    let (effects, importance) = (views.removal_effects(scene)?, views.importance(scene));
-    let spare = Spare::new(&effects, &importance);
+    let Worth { removal, squared } = views.worth(scene)?;
+    let spare = Spare::new(&removal, &squared);
     let quality = match options.target {
         Target::Quality(quality) => quality,
         Target::Psnr(db) => quality_for_psnr(db, input_psnr),
@@ -32,8 +33,8 @@ pub(crate) fn plan(
             // The stream of a plan without any tuning.
             let probe = |quality: f32| {
                 let plan = TunePlan::new(quality, options.effort, &spare)?;
-                let kept = gsvx::prune(&effects, plan.fraction)?;
-                let importance = kept.iter().map(|&i| importance[i]).collect();
+                let kept = gsvx::prune(&removal, plan.fraction)?;
+                let importance = kept.iter().map(|&i| squared[i]).collect();
                 probe(&scene.select(&kept), importance, quality, options.drop_unseen)
             };
             let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
@@ -44,7 +45,7 @@ pub(crate) fn plan(
             found.quality
         }
     };
-    Ok(TunePlan::new(quality, options.effort, &spare)?)
+    Ok((TunePlan::new(quality, options.effort, &spare)?, Some(removal)))
 }
 
 /// Bytes of the smallest stream that has a Gaussian, to five points of quality.

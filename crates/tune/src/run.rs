@@ -16,10 +16,10 @@ use crate::steering;
 use crate::trainer::{Clock, Trainer, Work};
 use crate::views::Views;
 
-/// A model whose renders match the photos worse than this does not belong to them.
-const LEAST_MATCH_DB: f64 = 12.0;
 /// A view of the loop takes this much longer than one without the codec.
 const LOOP_OVER_STEP: f64 = 1.4;
+/// Views that are timed.
+const TIMED: usize = 4;
 /// Time of a step grows with the number of Gaussians to this power.
 const TIME_EXPONENT: f64 = 0.6;
 
@@ -32,8 +32,16 @@ pub struct Tune {
     course: Course,
     target: Target,
     input_psnr: f64,
-    /// Seconds of a step on the input.
-    step_seconds: f64,
+    times: Times,
+}
+
+/// Seconds of work on the input, measured.
+#[derive(Clone, Copy)]
+struct Times {
+    /// A step.
+    step: f64,
+    /// What the Gaussians are worth to all views: for each round that prunes, and once more for the loop.
+    worth: f64,
 }
 
 impl std::fmt::Debug for Tune {
@@ -65,19 +73,18 @@ impl Tune {
         let fingerprint = fingerprint(&scene, &views, &shared);
         let views = Views::new(&scene, views, &options)?;
         let (_, input_psnr) = views.at_aside(&scene);
-        if input_psnr < LEAST_MATCH_DB {
-            return Err(Error::OtherPhotos { psnr: input_psnr });
-        }
-        let plan = plan(&scene, &views, &options, input_psnr)?;
+        let started = Clock::start();
+        let (plan, effects) = plan(&scene, &views, &options, input_psnr)?;
+        let worth = started.seconds();
         let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
-        let step_seconds = seconds_of_a_step(&scene, &mut trainer.views);
-        let mut course = Course::new(plan, target, scene);
+        let times = Times { step: seconds_of_a_step(&scene, &mut trainer.views), worth };
+        let mut course = Course::new(plan, target, scene, effects);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;
         }
-        Ok(Self { trainer, course, target, input_psnr, step_seconds })
+        Ok(Self { trainer, course, target, input_psnr, times })
     }
 
     /// What the run will do.
@@ -92,11 +99,12 @@ impl Tune {
         self.input_psnr
     }
 
-    /// Number of views that gradients come from, and number of those kept aside.
+    /// Number of views, and how many of them are kept aside to judge the result. Of few views none is: then the first
+    /// judges.
     #[must_use]
     pub fn views(&self) -> (usize, usize) {
-        let views = &self.trainer.views;
-        (views.photos(), views.aside.len())
+        let Views { cameras, .. } = &self.trainer.views;
+        (cameras.len(), cameras.len() - self.trainer.views.photos())
     }
 
     /// Where the steps with the codec in the loop are made, and why there.
@@ -119,9 +127,9 @@ impl Tune {
         let of_round = |r: u64| plan.kept(*input, r) as f64 / (*input).max(1) as f64;
         let rounds: f64 = (1..=plan.rounds).map(|r| share(of_round(r))).sum();
         let in_loop = LOOP_OVER_STEP * share(1.0 - plan.fraction);
-        let all = rounds * plan.round_steps as f64 + in_loop * plan.loop_steps as f64;
+        let steps = rounds * plan.round_steps as f64 + in_loop * plan.loop_steps as f64;
         let left = 1.0 - self.trainer.done as f64 / plan.steps().max(1) as f64;
-        self.step_seconds * all * left
+        (self.times.step * steps + self.times.worth * rounds) * left
     }
 
     /// Runs to the end, calling `progress` now and then.
@@ -167,10 +175,15 @@ impl Tune {
     }
 }
 
-/// Seconds of a render with its gradients, the second time.
+/// Seconds of a render with its gradients, the mean over some views.
 fn seconds_of_a_step(scene: &Scene, views: &mut Views) -> f64 {
+    let n = views.gradients.views();
+    // The first one makes room.
     views.gradients.run(scene, 0);
+    let timed: Vec<usize> = (0..n).step_by(n.div_ceil(TIMED)).collect();
     let started = Clock::start();
-    views.gradients.run(scene, 1);
-    started.seconds()
+    timed.iter().for_each(|&view| {
+        views.gradients.run(scene, view);
+    });
+    started.seconds() / timed.len() as f64
 }

@@ -22,22 +22,11 @@ pub(crate) enum Stage {
     Loop(Box<CodecLoop>),
 }
 
-/// Prunes to what remains after round `round` and starts the recovery.
-pub(crate) fn round(
-    plan: &TunePlan,
-    views: &mut Views,
-    scene: Scene,
-    input: usize,
-    round: u64,
-) -> Result<Stage> {
+/// Starts the recovery of round `round` from the scene that it keeps.
+pub(crate) fn round(plan: &TunePlan, views: &mut Views, kept: Scene, round: u64) -> Stage {
     views.gradients.move_means(true);
-    let effects = views.removal_effects(&scene)?;
-    let kept = plan.kept(input, round).min(scene.len());
-    let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
-    let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
-    let scene = scene.select(&kept);
-    let recovery = SceneLoop::new(scene, mean_rate(&views.cameras), plan.round_steps);
-    Ok(Stage::Round { round, recovery: Box::new(recovery) })
+    let recovery = SceneLoop::new(kept, mean_rate(&views.cameras), plan.round_steps);
+    Stage::Round { round, recovery: Box::new(recovery) }
 }
 
 /// Voxelizes and puts the codec into the loop.

@@ -236,7 +236,7 @@ fn took_over(reason: &str, step: u64) -> BackendReport {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use finetune::{Image, Loss, TrainView};
+    use finetune::{Loss, Photo, TrainView};
     use gs_model::Camera;
 
     /// Adds the numbers of its steps and views. Its GPU fails after so many steps on it.
@@ -309,7 +309,7 @@ mod tests {
         let up = [0.0, -1.0, 0.0];
         let eye = [0.0, 0.0, -2.0];
         let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [4, 3], 30.0);
-        let view = TrainView { camera, photo: Image::new(4, 3) };
+        let view = TrainView { camera, photo: Photo::black(4, 3) };
         let views = Views::all(vec![view; 5], Loss::Mse, 1).unwrap();
         let checkpoint = checkpoint.map(Into::into);
         let mut trainer = Trainer::new(views, 7, Backend::Cpu, checkpoint, None).unwrap();

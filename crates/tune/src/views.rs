@@ -9,7 +9,7 @@
 
 use finetune::framing::nearby;
 use finetune::optimiser::permutation;
-use finetune::{Loss, RenderOptions, TrainView, ViewGradients, metrics, render};
+use finetune::{Loss, RenderOptions, TrainView, ViewGradients, Worth, saliency, worth};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
@@ -21,7 +21,7 @@ const ASIDE: usize = 16;
 const FULL_WEIGHT: f64 = 2.0;
 /// Most nearby views, and the longest edge of their pictures.
 const MOST_NEARBY: usize = 64;
-const NEARBY_EDGE: f64 = 640.0;
+const NEARBY_EDGE: f64 = 320.0;
 /// Nearby views that judge the result, and the longest edge of their pictures.
 const JUDGED: usize = 12;
 const JUDGED_EDGE: f64 = 320.0;
@@ -74,7 +74,7 @@ pub struct AgainstInput {
 
 impl Judged {
     fn of(scene: &Scene, aside: &[TrainView], cameras: &[Camera]) -> Self {
-        let render = |camera: &Camera| of_input(scene, within(camera, JUDGED_EDGE));
+        let render = |camera: &Camera| TrainView::rendered(scene, within(camera, JUDGED_EDGE));
         let aside = aside.iter().map(|v| render(&v.camera)).collect();
         let elsewhere = nearby(scene, cameras, JUDGED, 1).iter().map(render).collect();
         Self { aside, elsewhere }
@@ -84,7 +84,7 @@ impl Judged {
 impl Views {
     /// Gradients of `loss` come from all views, which all count the same.
     pub(crate) fn all(views: Vec<TrainView>, loss: Loss, seed: u64) -> Result<Self> {
-        let cameras = cameras_of(&views)?;
+        let cameras = cameras_of(&views);
         let gradients = ViewGradients::new(views, loss, &RenderOptions::default())?;
         Ok(Self {
             cameras,
@@ -102,7 +102,7 @@ impl Views {
     /// nearby views unless what no photo shows is left out.
     pub(crate) fn new(scene: &Scene, views: Vec<TrainView>, options: &TuneOptions) -> Result<Self> {
         let share = if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS };
-        let cameras = cameras_of(&views)?;
+        let cameras = cameras_of(&views);
         let (mut training, mut aside) = (Vec::new(), Vec::new());
         for (i, view) in views.into_iter().enumerate() {
             if i % ASIDE == ASIDE / 2 { aside.push(view) } else { training.push(view) }
@@ -110,8 +110,7 @@ impl Views {
         if aside.is_empty() {
             aside.extend(training.first().cloned());
         }
-        let errors: Vec<f64> =
-            training.iter().map(|v| libm::exp10(-0.1 * psnr(scene, v))).collect();
+        let errors: Vec<f64> = training.iter().map(|v| libm::exp10(-0.1 * v.psnr(scene))).collect();
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
@@ -119,7 +118,7 @@ impl Views {
         let nearby: Vec<Camera> =
             nearby(scene, &cameras, count, 0).iter().map(|c| within(c, NEARBY_EDGE)).collect();
         for camera in &nearby {
-            gradients.add(of_input(scene, camera.clone()), share.weight)?;
+            gradients.add(TrainView::rendered(scene, camera.clone()), share.weight)?;
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
@@ -152,7 +151,7 @@ impl Views {
 
     /// Mean squared error and mean PSNR at the views kept aside.
     pub(crate) fn at_aside(&self, scene: &Scene) -> (f64, f64) {
-        let all: Vec<f64> = self.aside.iter().map(|v| psnr(scene, v)).collect();
+        let all: Vec<f64> = self.aside.iter().map(|v| v.psnr(scene)).collect();
         let n = all.len().max(1) as f64;
         let mse = all.iter().map(|db| libm::exp10(-0.1 * db)).sum::<f64>() / n;
         (mse, all.iter().sum::<f64>() / n)
@@ -162,7 +161,7 @@ impl Views {
     pub(crate) fn against_input(&self, scene: &Scene) -> Option<AgainstInput> {
         let Judged { aside, elsewhere } = self.judged.as_ref()?;
         let mean = |views: &[TrainView]| {
-            views.iter().map(|v| psnr(scene, v)).sum::<f64>() / views.len() as f64
+            views.iter().map(|v| v.psnr(scene)).sum::<f64>() / views.len() as f64
         };
         (!elsewhere.is_empty())
             .then(|| AgainstInput { aside: mean(aside), elsewhere: mean(elsewhere) })
@@ -176,44 +175,39 @@ impl Views {
 
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
-        self.over_all(|cameras| finetune::saliency(scene, cameras).squared)
+        let mut sum = saliency(scene, &self.cameras).squared;
+        self.add_nearby(&mut sum, &saliency(scene, &self.nearby).squared);
+        sum
     }
 
-    /// How much the squared error of all pixels grows when a Gaussian is left out: the greatest number for one that no
-    /// view sees, as nothing is known of it, unless it is to be left out.
-    pub(crate) fn removal_effects(&self, scene: &Scene) -> Result<Vec<f32>> {
-        let mut out = self.over_all(|cameras| finetune::removal_effects(scene, cameras));
-        if out.iter().all(|&effect| effect <= 0.0) {
+    /// What each Gaussian is worth. The removal effect is the greatest number for one that no view sees, as nothing is
+    /// known of it, unless it is to be left out.
+    pub(crate) fn worth(&self, scene: &Scene) -> Result<Worth> {
+        let (mut all, near) = (worth(scene, &self.cameras), worth(scene, &self.nearby));
+        self.add_nearby(&mut all.removal, &near.removal);
+        self.add_nearby(&mut all.squared, &near.squared);
+        if all.removal.iter().all(|&effect| effect <= 0.0) {
             return Err(Error::NothingSeen);
         }
         if !self.drop_unseen() {
-            let unseen = out.iter_mut().filter(|effect| **effect <= 0.0);
+            let unseen = all.removal.iter_mut().filter(|effect| **effect <= 0.0);
             unseen.for_each(|effect| *effect = f32::MAX);
         }
-        Ok(out)
+        Ok(all)
     }
 
-    /// A sum over the cameras, and that over the nearby ones, which count less.
-    fn over_all(&self, sum: impl Fn(&[Camera]) -> Vec<f32>) -> Vec<f32> {
-        let mut out = sum(&self.cameras);
+    /// Adds to sums over the cameras those over the nearby ones, which count less.
+    fn add_nearby(&self, sum: &mut [f32], near: &[f32]) {
         if !self.nearby.is_empty() {
             let weight = self.share.weight * (pixels(&self.cameras) / pixels(&self.nearby)) as f32;
-            out.iter_mut().zip(sum(&self.nearby)).for_each(|(all, near)| *all += weight * near);
+            sum.iter_mut().zip(near).for_each(|(all, near)| *all += weight * near);
         }
-        out
     }
 
     /// Whether what no view sees is left out.
     pub(crate) fn drop_unseen(&self) -> bool {
         self.nearby.is_empty()
     }
-}
-
-/// A render of the input model as a target.
-fn of_input(scene: &Scene, camera: Camera) -> TrainView {
-    let mut photo = render(scene, &camera, &RenderOptions::default());
-    photo.rgb.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
-    TrainView { camera, photo }
 }
 
 /// The same view with no edge longer than `most` pixels.
@@ -228,19 +222,8 @@ fn pixels(cameras: &[Camera]) -> f64 {
     cameras.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum()
 }
 
-/// The cameras of views whose photos hold numbers.
-fn cameras_of(views: &[TrainView]) -> Result<Vec<Camera>> {
-    for (index, view) in views.iter().enumerate() {
-        if view.photo.rgb.iter().any(|v| !v.is_finite()) {
-            return Err(Error::PhotoValue { index, name: view.camera.name.clone() });
-        }
-    }
-    Ok(views.iter().map(|v| v.camera.clone()).collect())
-}
-
-/// PSNR of a scene at a view, dB, at most 100.
-fn psnr(scene: &Scene, view: &TrainView) -> f64 {
-    metrics::psnr(&render(scene, &view.camera, &RenderOptions::default()), &view.photo).min(100.0)
+fn cameras_of(views: &[TrainView]) -> Vec<Camera> {
+    views.iter().map(|v| v.camera.clone()).collect()
 }
 
 /// Weights of photos with these mean squared errors.

@@ -7,8 +7,9 @@ mod common;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use finetune::{Image, Loss, RenderOptions, TrainView, render};
+use finetune::{Loss, Photo, RenderOptions, TrainView, render};
 use gs_model::Scene;
+use gs_model::lens::Lens;
 use testing::sha256;
 use tune::{Error, FineTune, FineTuneOptions, FineTuned, StopReason};
 
@@ -20,7 +21,7 @@ fn views(scene: &Scene, count: usize) -> Vec<TrainView> {
         let mut camera = common::camera(SIZE.0, SIZE.1);
         camera.translation += glam::DVec3::new(0.2 * i as f64 - 0.4, 0.1 * i as f64, 0.0);
         let image = render(scene, &camera, &RenderOptions::default());
-        let photo = Image::from_rgb8(SIZE.0, SIZE.1, &image.to_rgb8()).unwrap();
+        let photo = Photo::from(&image);
         TrainView { camera, photo }
     };
     (0..count).map(view).collect()
@@ -146,16 +147,16 @@ fn bad_input_is_an_error() {
     assert!(new(&scene(), &good, options(1)).is_ok());
     assert!(matches!(refused(&[]), Views::NoViews));
     let mut bad = good.clone();
-    bad[1].photo = Image::new(3, 3);
+    bad[1].photo = Photo::black(3, 3);
     assert!(matches!(refused(&bad), Views::PhotoSize { index: 1, .. }));
-    bad[1].photo = Image::new(0, 0);
+    bad[1].photo = Photo::black(0, 0);
     bad[1].camera.width = 0;
     assert!(matches!(refused(&bad), Views::ViewSize { index: 1, .. }));
     let mut distorted = good.clone();
-    distorted[1].camera.ignored_distortion = Some("SIMPLE_RADIAL".into());
+    let lens = Lens { model: "SIMPLE_RADIAL".into(), coefficients: vec![0.1] };
+    distorted[1].camera.lens = Some(lens);
     let error = refused(&distorted);
     assert!(matches!(error, Views::DistortedView { index: 1, .. }), "{error}");
-    assert!(error.to_string().contains("colmap image_undistorter"), "{error}");
     let mut nan = scene();
     nan.log_scales[4][1] = f32::NAN;
     assert!(matches!(new(&nan, &good, options(1)), Err(Error::Scene(_))));

@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use finetune::{Image, RenderOptions, TrainView, metrics, render};
-use gs_model::camera::LensDistortion;
+use finetune::{Photo, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene, dataset, ply};
 use tune::{Error, Target, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
 
@@ -22,10 +21,10 @@ fn views() -> Vec<TrainView> {
     let load = |view: gs_model::View| {
         let photo = image::open(&view.image_path).unwrap().to_rgb8();
         let (width, height) = photo.dimensions();
-        let photo = Image::from_rgb8(width, height, photo.as_raw()).unwrap();
+        let photo = Photo::new(width, height, photo.into_raw()).unwrap();
         TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
     };
-    dataset::open_views(room(), LensDistortion::Refuse).unwrap().into_iter().map(load).collect()
+    dataset::open_views(room()).unwrap().into_iter().map(load).collect()
 }
 
 fn training() -> Vec<TrainView> {
@@ -71,12 +70,8 @@ fn the_stream_is_what_the_loop_rendered_and_its_bytes_are_those_counted() {
 #[test]
 fn a_short_tune_saves_bytes_at_held_out_views() {
     let held_out: Vec<TrainView> = views().into_iter().step_by(8).collect();
-    let score = |scene: &Scene| {
-        let of = |v: &TrainView| {
-            metrics::psnr(&render(scene, &v.camera, &RenderOptions::default()), &v.photo)
-        };
-        held_out.iter().map(of).sum::<f64>() / held_out.len() as f64
-    };
+    let score =
+        |scene: &Scene| held_out.iter().map(|v| v.psnr(scene)).sum::<f64>() / held_out.len() as f64;
     let mut options = TuneOptions::new(Target::Quality(60.0));
     options.effort = TuneEffort::Quick;
     let outcome = tuned(&options);
@@ -191,14 +186,12 @@ fn bad_input_gives_one_line() {
     let quality = Target::Quality(54.0);
     assert!(error(model(), Vec::new(), quality).contains("no training views"));
     let mut black = training();
-    black.iter_mut().for_each(|v| v.photo.rgb.fill(0.0));
-    black.iter_mut().for_each(|v| v.photo.rgb.iter_mut().step_by(2).for_each(|p| *p = 1.0));
-    assert!(error(model(), black, quality).contains("do not show this model"));
-    let mut broken = training();
-    broken[3].photo.rgb[7] = f32::NAN;
-    assert!(error(model(), broken, quality).contains("view 3"));
+    black.iter_mut().for_each(|v| v.photo.rgb.fill(0));
+    black.iter_mut().for_each(|v| v.photo.rgb.iter_mut().step_by(2).for_each(|p| *p = 255));
+    let black = tune::Photos { views: black, notes: Vec::new() }.check(&model(), false);
+    assert!(black.unwrap_err().to_string().contains("do not show this model"));
     let mut small = training();
-    small[2].photo = Image::new(1, 2);
+    small[2].photo = Photo::black(1, 2);
     assert!(error(model(), small, quality).contains("1x2"));
     assert!(error(model(), training(), Target::Bytes(300)).contains("300 bytes"));
     assert!(error(model(), training(), Target::Psnr(f64::NAN)).contains("target PSNR"));
@@ -223,13 +216,13 @@ fn the_smallest_runs_end() {
     (one.camera.width, one.camera.height) = (2, 1);
     one.camera.cx -= 1.0;
     one.camera.cy -= 1.0;
-    one.photo = render(&model(), &one.camera, &RenderOptions::default());
+    let mut one = TrainView::rendered(&model(), one.camera);
     let run = Tune::new(model(), vec![one.clone()], options()).unwrap();
     assert!(!gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().is_empty());
     let importance = finetune::saliency(&model(), &[one.camera.clone()]).squared;
     let most = (0..importance.len()).max_by(|&a, &b| importance[a].total_cmp(&importance[b]));
     let scene = model().select(&[most.unwrap()]);
-    one.photo = render(&scene, &one.camera, &RenderOptions::default());
+    one = TrainView::rendered(&scene, one.camera);
     let run = Tune::new(scene, vec![one], options()).unwrap();
     assert_eq!(gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().len(), 1);
 }

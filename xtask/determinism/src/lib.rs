@@ -9,7 +9,7 @@ use std::num::NonZeroUsize;
 use std::sync::OnceLock;
 
 use finetune::framing::{self, Constraints};
-use finetune::{RenderOptions, TrainView, render};
+use finetune::TrainView;
 use gs_model::{Scene, ply};
 use gsvx::{DecodeOptions, EncodeOptions, Leaves};
 use sha2::{Digest, Sha256};
@@ -79,8 +79,7 @@ fn tuned(room: &Scene) -> Vec<u8> {
     let tangents = [0.6, 0.45];
     let constraints = Constraints { up: None, radius: None, elevation: None, tangents };
     let placement = framing::find(room, &constraints).expect("something to look at");
-    let view =
-        |camera| TrainView { photo: render(room, &camera, &RenderOptions::default()), camera };
+    let view = |camera| TrainView::rendered(room, camera);
     let cameras = placement.cameras(6, "tuned", [48, 36], 40.0);
     let mut options = TuneOptions::new(Target::Quality(50.0));
     options.plan =

@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use finetune::{Image, TrainView};
-use gs_model::camera::LensDistortion;
+use finetune::{Photo, TrainView};
 use gs_model::{Format, Invalid, ReadOptions, Scene, colmap as sfm, inria, nerf, ply};
 
 use tune::{FineTune, FineTuneOptions};
@@ -121,7 +120,7 @@ pub fn cameras(data: &[u8]) -> bool {
         cameras.iter().for_each(check_camera);
     } else {
         let place = "/nowhere/transforms.json";
-        let Ok(views) = nerf::views_from_bytes(place, file, LensDistortion::Refuse) else {
+        let Ok(views) = nerf::views_from_bytes(place, file) else {
             return false;
         };
         views.iter().for_each(|v| check_camera(&v.camera));
@@ -152,7 +151,7 @@ pub(crate) fn fine_tune(checkpoint: PathBuf) -> tune::Result<FineTune> {
     let up = [0.0, -1.0, 0.0];
     let eye = [0.0, 0.0, -2.0];
     let camera = gs_model::Camera::looking_at("front".into(), eye, [0.0; 3], up, [4, 3], 30.0);
-    let view = TrainView { camera, photo: Image::new(4, 3) };
+    let view = TrainView { camera, photo: Photo::black(4, 3) };
     let options =
         FineTuneOptions { steps: 0, checkpoint: Some(checkpoint), ..FineTuneOptions::default() };
     FineTune::new(tiny_scene(), vec![view; 3], options)

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use finetune::TrainView;
 use finetune::framing::{self, Constraints};
-use finetune::{RenderOptions, TrainView, metrics, render};
 use gs_model::{Camera, Format, ReadOptions, Scene};
 use gsvx::{EncodeOptions, Seen};
 use testing::Rng;
@@ -85,7 +85,7 @@ impl Measured {
     /// A scene, [`scenes::DESK`], [`ROOM_AND_SKY`], or the path of a model.
     fn open(name: &str) -> Result<Self> {
         let from_renders = |model: Scene, training, cameras: Vec<Camera>| {
-            let views = cameras.into_iter().map(|c| rendered(&model, c)).collect();
+            let views = cameras.into_iter().map(|c| TrainView::rendered(&model, c)).collect();
             Self { name: stem(name), views, model, training }
         };
         if Format::of_name(name).is_some() {
@@ -136,12 +136,6 @@ fn stem(name: &str) -> String {
     Path::new(name).file_stem().map_or(name.into(), |s| s.to_string_lossy().into_owned())
 }
 
-/// A view with a render in the place of the photo.
-fn rendered(model: &Scene, camera: Camera) -> TrainView {
-    let photo = render(model, &camera, &RenderOptions::default());
-    TrainView { camera, photo }
-}
-
 /// Cameras on a circle; on the whole of it if `up` is known.
 fn orbit(
     model: &Scene,
@@ -175,7 +169,7 @@ fn with_cameras(scene: &Measured, table: &mut Table) -> Result<()> {
     let kept = scene.curve(|quality| encode(quality, false))?;
     let up = scene.training.iter().map(|c| -c.rotation.row(1)).sum::<glam::DVec3>();
     let cameras = orbit(&scene.model, 8, Some(up.normalize().to_array()), [320, 240])?;
-    let off: Vec<_> = cameras.into_iter().map(|c| rendered(&scene.model, c)).collect();
+    let off: Vec<_> = cameras.into_iter().map(|c| TrainView::rendered(&scene.model, c)).collect();
     let mut row = cells![scene.name, scene.model.len(), signed(bd_rate(&dropped, &kept), 1, " %")];
     for drop_unseen in [true, false] {
         let decoded = gsvx::decode(&encode(62.0, drop_unseen)?)?;
@@ -216,7 +210,8 @@ fn far_parts(name: &str) -> Result<Table> {
         let encoded = gsvx::encode(&model, &EncodeOptions::default())?;
         let decoded = gsvx::decode(&encoded.bytes)?;
         let (count, bytes) = (encoded.index.header.count, encoded.bytes.len());
-        let views: Vec<_> = held_out.iter().map(|v| rendered(&model, v.camera.clone())).collect();
+        let views: Vec<_> =
+            held_out.iter().map(|v| TrainView::rendered(&model, v.camera.clone())).collect();
         table.told(cells![what, count, bytes, format!("{:.2}", db(&decoded, &views))]);
     }
     Ok(table)
@@ -224,10 +219,7 @@ fn far_parts(name: &str) -> Result<Table> {
 
 /// Mean PSNR of the renders of a scene, dB.
 fn db(scene: &Scene, views: &[TrainView]) -> f64 {
-    let of = |v: &TrainView| {
-        metrics::psnr(&render(scene, &v.camera, &RenderOptions::default()), &v.photo)
-    };
-    views.iter().map(of).sum::<f64>() / views.len() as f64
+    views.iter().map(|v| v.psnr(scene)).sum::<f64>() / views.len() as f64
 }
 
 /// Large Gaussians on a sphere, of two colours. Each covers twice its share of the sphere.

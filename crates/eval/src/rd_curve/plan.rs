@@ -332,7 +332,7 @@ mod tests {
             cy: 16.0,
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::new(0.0, 0.0, 1.0),
-            ignored_distortion: None,
+            lens: None,
         };
         let depth = choose_depth(&scene, &[camera]).unwrap();
         let cube = voxel::cube_of(&scene.means).unwrap();

@@ -9,8 +9,7 @@ use std::ffi::OsStr;
 use std::fs;
 
 use anyhow::{Context, Result, ensure};
-use finetune::{RenderOptions, TrainView, framing};
-use gs_model::Camera;
+use finetune::{TrainView, framing};
 use serde::{Deserialize, Serialize};
 
 use super::options::CurveEffort;
@@ -171,12 +170,9 @@ impl<'a> Streams<'a> {
     /// Renders of the model off the path of the cameras.
     fn elsewhere(&self) -> &[TrainView] {
         let TestScene { model, training, .. } = &self.study.test;
-        let view = |camera: Camera| {
-            let photo = finetune::render(model, &camera, &RenderOptions::default());
-            TrainView { camera, photo }
-        };
         let cameras = || framing::nearby(model, training, ELSEWHERE, ELSEWHERE_SET);
-        self.elsewhere.get_or_init(|| cameras().into_iter().map(view).collect())
+        self.elsewhere
+            .get_or_init(|| cameras().into_iter().map(|c| TrainView::rendered(model, c)).collect())
     }
 }
 

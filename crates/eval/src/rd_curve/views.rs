@@ -3,7 +3,7 @@
 use std::fs;
 
 use anyhow::{Context, Result};
-use finetune::{Image, RenderOptions, render};
+use finetune::{Photo, RenderOptions, render};
 use gs_model::{Camera, Scene};
 use image::imageops::{FilterType, resize};
 
@@ -45,7 +45,7 @@ pub(super) fn draw(run: &Run, study: &Study) -> Result<(Vec<Picture>, Vec<CropVi
         let view = &held_out.camera.name;
         let [w, h] = [held_out.photo.width, held_out.photo.height];
         let photo = Shown::new(
-            enlarged_photo(&held_out.photo, factor),
+            enlarged_photo(&held_out.photo, factor).image(),
             "photo",
             match factor {
                 1 => "The photo, held out from training.".to_owned(),
@@ -91,13 +91,13 @@ fn enlarged(camera: &Camera) -> (Camera, u32) {
 }
 
 /// A photo with more pixels, smooth between those that it has.
-fn enlarged_photo(photo: &Image, factor: u32) -> Image {
-    let pixels = image::RgbImage::from_raw(photo.width, photo.height, photo.to_rgb8());
+fn enlarged_photo(photo: &Photo, factor: u32) -> Photo {
+    let pixels = image::RgbImage::from_raw(photo.width, photo.height, photo.rgb.clone());
     let large = pixels
         .filter(|_| factor > 1)
         .map(|p| resize(&p, factor * photo.width, factor * photo.height, FilterType::CatmullRom));
     large
-        .and_then(|l| Image::from_rgb8(l.width(), l.height(), l.as_raw()))
+        .and_then(|l| Photo::new(l.width(), l.height(), l.into_raw()))
         .unwrap_or_else(|| photo.clone())
 }
 
@@ -115,9 +115,9 @@ mod tests {
         assert_eq!((large.width, large.height, factor), (480, 320, 2));
         assert_eq!((large.fx, large.cx), (198.0, 240.0));
         assert_eq!(enlarged(&camera([480, 320])).1, 1);
-        let small = Image { width: 4, height: 2, rgb: vec![0.5; 24] };
+        let small = Photo { width: 4, height: 2, rgb: vec![128; 24] };
         let large = enlarged_photo(&small, 3);
         assert_eq!((large.width, large.height), (12, 6));
-        assert!(large.rgb.iter().all(|v| (v - 0.5).abs() < 0.01));
+        assert!(large.rgb.iter().all(|v| v.abs_diff(128) < 3));
     }
 }

@@ -1,12 +1,12 @@
 //! The scene of the benchmarks.
 
-use finetune::{Image, RenderOptions, render};
+use finetune::{Photo, RenderOptions, render};
 use gs_model::{Camera, Scene};
 
 use crate::common;
 
 /// The scene of the benchmarks: 100,000 Gaussians, SH degree 3, 480x320.
-pub(crate) fn setup() -> (Scene, Camera, Image) {
+pub(crate) fn setup() -> (Scene, Camera, Photo) {
     let mut r = common::Rng::seeded(1);
     let mut scene = Scene { sh_degree: 3, ..Scene::default() };
     for _ in 0..100_000 {
@@ -36,9 +36,9 @@ pub(crate) fn setup() -> (Scene, Camera, Image) {
         cy: 160.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
-        ignored_distortion: None,
+        lens: None,
     };
-    let photo = render(&scene, &camera, &RenderOptions::default());
+    let photo = Photo::from(&render(&scene, &camera, &RenderOptions::default()));
     scene.sh.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.1, 0.1));
     (scene, camera, photo)
 }

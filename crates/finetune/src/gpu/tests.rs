@@ -14,7 +14,7 @@ use super::workspace::Workspace;
 use crate::backward::{Backward, planes_of};
 use crate::forward::Forward;
 
-use crate::image::Image;
+use crate::image::{Image, Photo};
 use crate::optimiser::{SceneOptimiser, rows_of};
 use crate::options::{LearningRates, Loss, RenderOptions};
 use crate::shaders::BLOCKS;
@@ -65,15 +65,15 @@ fn camera(width: u32, height: u32) -> Camera {
         cy: f64::from(height) / 2.0,
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::new(0.0, 0.0, 0.5),
-        ignored_distortion: None,
+        lens: None,
     }
 }
 
-fn photo(width: u32, height: u32) -> Image {
+fn photo(width: u32, height: u32) -> Photo {
     let mut r = Rng::seeded(3);
     let mut image = Image::new(width, height);
     image.rgb.iter_mut().for_each(|v| *v = r.range_f32(0.0, 1.0));
-    image
+    Photo::from(&image)
 }
 
 /// A step in both executors: the Rust results, and a workspace into which tests write inputs.
@@ -98,7 +98,7 @@ fn pair_of(scene: Scene, [width, height]: [u32; 2], loss: Loss) -> Option<Pair> 
     let n = scene.len();
     let options = RenderOptions { background: BACKGROUND, ..Default::default() };
     let view = RenderView::new(&camera(width, height), &options);
-    let photo = planes_of(&photo(width, height).rgb);
+    let photo = planes_of(&photo(width, height).image().rgb);
     let mut cpu = Backward::<FROZEN>::default();
     let value = cpu.run(&scene, &view, &photo, loss);
     let sizes = Sizes {

@@ -176,7 +176,7 @@ fn all_gradients_agree_with_central_differences() {
             0.05,
         )),
         translation: glam::DVec3::new(0.1, -0.2, 0.3),
-        ignored_distortion: None,
+        lens: None,
     };
     let lens = Lens::new(&camera);
     let mut rng = testing::Rng::seeded(12);

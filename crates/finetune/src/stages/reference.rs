@@ -138,7 +138,7 @@ mod tests {
             cy: 26.0,
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::ZERO,
-            ignored_distortion: None,
+            lens: None,
         };
         let options = RenderOptions { background: [0.4, 0.1, 0.8], ..Default::default() };
         let view = RenderView::new(&camera, &options);

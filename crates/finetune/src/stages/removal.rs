@@ -11,16 +11,25 @@ use super::{T_STOP, gate};
 use crate::forward::Forward;
 use crate::options::RenderOptions;
 
-/// For each Gaussian, the sum over all pixels and channels of `cameras` of the squared change when it
-/// alone is left out and what lies behind it shows instead.
+/// What each Gaussian is worth to a set of views.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Worth {
+    /// Removal effect: the sum over all pixels and channels of the squared change when this Gaussian
+    /// alone is left out and what lies behind it shows instead.
+    pub removal: Vec<f32>,
+    /// Sum over all pixels of squared blending weights, as [`crate::Saliency::squared`].
+    pub squared: Vec<f32>,
+}
+
+/// The worth of each Gaussian to the views of `cameras`.
 ///
-/// A Gaussian of large blending weights counts little here if what is behind it looks the same. Costs
-/// about two forward passes per camera; views are summed in the order given. The pixels at which
+/// The removal effect of a Gaussian of large blending weights is small if what is behind it looks the same.
+/// Costs about two forward passes per camera; views are summed in the order given. The pixels at which
 /// blending stops stay those of the whole scene.
 #[must_use]
-pub fn removal_effects(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
+pub fn worth(scene: &Scene, cameras: &[Camera]) -> Worth {
     let n = scene.len();
-    let mut out = vec![0.0; n];
+    let mut out = Worth { removal: vec![0.0; n], squared: vec![0.0; n] };
     let mut f = Forward::default();
     let (mut records, mut sums) = (Vec::new(), Vec::new());
     for camera in cameras {
@@ -28,17 +37,18 @@ pub fn removal_effects(scene: &Scene, cameras: &[Camera]) -> Vec<f32> {
         f.run(scene, &view);
         effects(&view, &f, &mut records);
         gather(&f.lists, &records, n, &mut sums, |_, _| ());
-        for (o, &[s]) in out.iter_mut().zip(&sums) {
-            *o += s;
+        for (i, &[removal, squared]) in sums.iter().enumerate() {
+            out.removal[i] += removal;
+            out.squared[i] += squared;
         }
     }
     out
 }
 
 /// Fills `records`, one per slot in tile order: the sum over the tile's pixels.
-fn effects(view: &RenderView, f: &Forward, records: &mut Vec<[f32; 1]>) {
+fn effects(view: &RenderView, f: &Forward, records: &mut Vec<[f32; 2]>) {
     records.clear();
-    records.resize(f.lists.ids.len(), [0.0]);
+    records.resize(f.lists.ids.len(), [0.0; 2]);
     f.lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
         let tile = TileSplats::new(view, &f.projected.splats, &f.lists, k);
         effects_tile(tile, &f.tiles[k], view.background, records);
@@ -52,9 +62,16 @@ struct Row {
     rest: [[f32; LANES]; 3],
 }
 
+/// Sums over rows of pixels: squared changes and squared blending weights.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    removal: [f32; LANES],
+    squared: [f32; LANES],
+}
+
 /// One splat on one row of pixels.
 #[inline(always)]
-fn effect_row(s: &Splat, dx: &[f32; LANES], dy: f32, row: &mut Row, sum: &mut [f32; LANES]) {
+fn effect_row(s: &Splat, dx: &[f32; LANES], dy: f32, row: &mut Row, sums: &mut Sums) {
     let qy = s.q * dy;
     let e1 = s.r * dy;
     let colour = [s.red, s.green, s.blue];
@@ -69,8 +86,9 @@ fn effect_row(s: &Splat, dx: &[f32; LANES], dy: f32, row: &mut Row, sum: &mut [f
             let behind = rest[l] - shown;
             rest[l] = behind;
             let change = alpha * behind / clear - shown;
-            sum[l] += change * change;
+            sums.removal[l] += change * change;
         }
+        sums.squared[l] += step.w * step.w;
     }
 }
 
@@ -94,7 +112,7 @@ fn effects_tile(
     tile: TileSplats<'_>,
     pixels: &TilePixels,
     background: [f32; 3],
-    records: &mut [[f32; 1]],
+    records: &mut [[f32; 2]],
 ) {
     let mut state = rows(&tile, pixels, background);
     let mut row_live = [true; LANES];
@@ -102,13 +120,13 @@ fn effects_tile(
         for (&i, record) in list.iter().zip(records) {
             let s = tile.splat(i);
             let dx = tile.dx(&s);
-            let mut sum = [0.0f32; LANES];
+            let mut sums = Sums::default();
             for y in tile.reached(&s) {
                 if row_live[y] {
-                    effect_row(&s, &dx, tile.dy(&s, y), &mut state[y], &mut sum);
+                    effect_row(&s, &dx, tile.dy(&s, y), &mut state[y], &mut sums);
                 }
             }
-            *record = [sum_lanes(&sum)];
+            *record = [sum_lanes(&sums.removal), sum_lanes(&sums.squared)];
         }
         if !still_live(&mut row_live[..tile.rows], state.iter().map(|row| &row.t)) {
             break;

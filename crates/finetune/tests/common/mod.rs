@@ -24,7 +24,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
         cy: f64::from(height) * 0.5 - 0.7,
         rotation: glam::DMat3::from_quat(turn),
         translation: glam::DVec3::new(0.1, -0.05, 0.2),
-        ignored_distortion: None,
+        lens: None,
     }
 }
 
@@ -58,11 +58,11 @@ pub fn scene(n: usize, degree: u8, seed: u64) -> Scene {
 }
 
 /// A noisy photo of 8 bits.
-pub fn photo(width: u32, height: u32, seed: u64) -> finetune::Image {
+pub fn photo(width: u32, height: u32, seed: u64) -> finetune::Photo {
     let mut r = Rng::seeded(seed);
     let mut image = finetune::Image::new(width, height);
     image.rgb.iter_mut().for_each(|v| *v = r.range_f32(0.0, 1.0));
-    finetune::Image::from_rgb8(width, height, &image.to_rgb8()).unwrap()
+    finetune::Photo::from(&image)
 }
 
 /// The loss at one view with means that move, and the gradient of each Gaussian.

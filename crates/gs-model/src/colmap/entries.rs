@@ -40,9 +40,6 @@ pub(super) const MODELS: [(&str, usize, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16, 2),
 ];
 
-/// How many of [`MODELS`], the first, have no distortion.
-const UNDISTORTED: usize = 2;
-
 /// A camera model, as its index in [`MODELS`].
 #[derive(Clone, Copy)]
 pub(super) struct CameraModel(pub(super) usize);
@@ -59,10 +56,6 @@ impl CameraModel {
 
     pub(super) fn has_one_focal_length(self) -> bool {
         MODELS[self.0].2 == 1
-    }
-
-    pub(super) fn is_distorted(self) -> bool {
-        self.0 >= UNDISTORTED
     }
 }
 

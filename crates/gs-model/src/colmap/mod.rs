@@ -1,9 +1,7 @@
 //! COLMAP sparse models: `cameras` and `images`, binary or text.
 //!
-//! Images should be undistorted, with the camera models `PINHOLE` and `SIMPLE_PINHOLE`. Models with
-//! lens distortion are refused by default and can be read as pinhole cameras
-//! ([`LensDistortion::Ignore`]). COLMAP's convention is that of [`Camera`]: x right, y down,
-//! z forward, world to camera, pixel centres at integer + 1/2.
+//! Models with lens distortion are read as pinhole cameras with a [`Lens`]. COLMAP's convention is that of
+//! [`Camera`]: x right, y down, z forward, world to camera, pixel centres at integer + 1/2.
 
 mod binary;
 mod entries;
@@ -16,9 +14,10 @@ use glam::{DMat3, DQuat, DVec3};
 
 use entries::{Intrinsics, PosedImage};
 
-use crate::camera::{self, Camera, LensDistortion, checked_size};
+use crate::camera::{self, Camera, checked_size};
 use crate::error::{Error, Result};
 use crate::fs;
+use crate::lens::Lens;
 
 /// True if `dir` holds a sparse model: `cameras` and `images`, `.bin` or `.txt`.
 pub(crate) fn is_model(dir: &Path) -> bool {
@@ -33,15 +32,14 @@ pub(crate) fn is_model(dir: &Path) -> bool {
 /// [`Camera::name`] is the image's path relative to the images folder.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Truncated`], [`Error::Malformed`], [`Error::BadCamera`]; [`Error::DistortedCamera`] for
-/// a camera that an image uses, with [`LensDistortion::Refuse`].
-pub fn read_cameras(dir: impl AsRef<Path>, distortion: LensDistortion) -> Result<Vec<Camera>> {
+/// [`Error::Io`], [`Error::Truncated`], [`Error::Malformed`], [`Error::BadCamera`].
+pub fn read_cameras(dir: impl AsRef<Path>) -> Result<Vec<Camera>> {
     let dir = dir.as_ref();
     let [(cameras_file, cameras_form), (images_file, images_form)] =
         ["cameras", "images"].map(|stem| choose(dir, stem));
     let cameras = cameras(&cameras_file, &fs::read(&cameras_file)?, cameras_form)?;
     let images = images(&images_file, &fs::read(&images_file)?, images_form)?;
-    with_intrinsics([&cameras_file, &images_file], cameras, images, distortion)
+    with_intrinsics([&cameras_file, &images_file], cameras, images)
 }
 
 /// Reads the posed images from the bytes of a `cameras` and an `images` file of the same form.
@@ -56,7 +54,7 @@ pub fn cameras_from_bytes(
     let files = [Path::new("<cameras>"), Path::new("<images>")];
     let cameras = cameras(files[0], cameras_file, form)?;
     let images = images(files[1], images_file, form)?;
-    with_intrinsics(files, cameras, images, LensDistortion::Refuse)
+    with_intrinsics(files, cameras, images)
 }
 
 fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {
@@ -78,7 +76,6 @@ fn with_intrinsics(
     files: [&Path; 2],
     cameras: Vec<Intrinsics>,
     images: Vec<PosedImage>,
-    distortion: LensDistortion,
 ) -> Result<Vec<Camera>> {
     let mut by_id = BTreeMap::new();
     for camera in cameras {
@@ -90,7 +87,7 @@ fn with_intrinsics(
     images
         .into_iter()
         .map(|image| match by_id.get(&image.camera) {
-            Some(camera) => posed(files, camera, image, distortion),
+            Some(camera) => posed(files, camera, image),
             None => {
                 let camera = image.camera;
                 let reason = format!("it names camera {camera}, which is not in the cameras file");
@@ -120,17 +117,12 @@ fn posed(
     [cameras_file, images_file]: [&Path; 2],
     intrinsics: &Intrinsics,
     image: PosedImage,
-    distortion: LensDistortion,
 ) -> Result<Camera> {
     let Intrinsics { id, model, width, height, ref params } = *intrinsics;
     let view = format!("camera {id}");
-    if model.is_distorted() && distortion == LensDistortion::Refuse {
-        let (file, model) = (cameras_file.into(), model.name().to_owned());
-        return Err(Error::DistortedCamera { file, camera: id.to_string(), model });
-    }
-    let (fx, fy, cx, cy) = match *params.as_slice() {
-        [f, cx, cy, ..] if model.has_one_focal_length() => (f, f, cx, cy),
-        [fx, fy, cx, cy, ..] => (fx, fy, cx, cy),
+    let (fx, fy, cx, cy, bent) = match *params.as_slice() {
+        [f, cx, cy, ref bent @ ..] if model.has_one_focal_length() => (f, f, cx, cy, bent),
+        [fx, fy, cx, cy, ref bent @ ..] => (fx, fy, cx, cy, bent),
         _ => return Err(camera::bad(cameras_file, view, "too few parameters")),
     };
     let (width, height) = checked_size(cameras_file, &view, width, height)?;
@@ -144,8 +136,7 @@ fn posed(
     let rotation =
         DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
     let translation = DVec3::from_array(image.translation);
-    let ignored_distortion = model.is_distorted().then(|| model.name().to_owned());
+    let lens = if bent.is_empty() { None } else { Lens::new(model.name(), bent) };
     let name = image.name;
-    Camera { name, width, height, fx, fy, cx, cy, rotation, translation, ignored_distortion }
-        .checked(images_file)
+    Camera { name, width, height, fx, fy, cx, cy, rotation, translation, lens }.checked(images_file)
 }

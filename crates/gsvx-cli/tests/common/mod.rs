@@ -106,6 +106,20 @@ pub(crate) fn wrong_usage(out: &Output, needle: &str) {
     assert!(error.contains(needle), "{needle:?} is not in {error:?}");
 }
 
+/// The room's cameras in `dir`, as a COLMAP project. With coefficients, each after a space, they have an OPENCV lens.
+pub(crate) fn room_cameras(dir: &Path, coefficients: &str) {
+    let [from, to] = [room(), dir.to_owned()].map(|dir| dir.join("sparse/0"));
+    std::fs::create_dir_all(&to).unwrap();
+    for name in ["images.txt", "points3D.txt"] {
+        std::fs::copy(from.join(name), to.join(name)).unwrap();
+    }
+    let mut cameras = std::fs::read_to_string(from.join("cameras.txt")).unwrap();
+    if !coefficients.is_empty() {
+        cameras = cameras.trim_end().replace(" PINHOLE ", " OPENCV ") + coefficients;
+    }
+    std::fs::write(to.join("cameras.txt"), cameras).unwrap();
+}
+
 /// The names in a folder, sorted.
 pub(crate) fn names(dir: &Path) -> Vec<String> {
     let list = std::fs::read_dir(dir).unwrap();

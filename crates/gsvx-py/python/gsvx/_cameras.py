@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
@@ -21,8 +20,9 @@ class Cameras:
 
     ``viewmats``: (C, 4, 4), world to camera. ``Ks``: (C, 3, 3), intrinsics in pixels, without skew.
     ``sizes``: (C, 2) or (2,), image width and height in pixels. ``names``: one per camera. ``photos``: files
-    with the photos, where they are known. ``ignored_distortion``: of each camera what its file says of the
-    lens and is left out, or None. ``name``: what messages call the cameras.
+    with the photos, where they are known. ``lenses``: of each camera None, or COLMAP's name of its lens model
+    and the coefficients that follow the principal point. Renders have no lens; photos that are compared with
+    them are undistorted. ``name``: what messages call the cameras.
     """
 
     viewmats: npt.NDArray[np.float64]
@@ -30,7 +30,7 @@ class Cameras:
     sizes: npt.NDArray[np.int64]
     names: List[str] = field(default_factory=list)
     photos: List[str] = field(default_factory=list)
-    ignored_distortion: List[Optional[str]] = field(default_factory=list)
+    lenses: List[Optional[Tuple[str, List[float]]]] = field(default_factory=list)
     name: str = "cameras"
 
     def __post_init__(self) -> None:
@@ -53,8 +53,8 @@ class Cameras:
         if n and np.any(self.Ks[:, 0, 1] != 0):
             raise ValueError("Ks: skew is not supported")
         self.names = list(self.names) or [f"camera-{i:04}" for i in range(n)]
-        self.ignored_distortion = list(self.ignored_distortion) or [None] * n
-        for what in ("names", "photos", "ignored_distortion"):
+        self.lenses = list(self.lenses) or [None] * n
+        for what in ("names", "photos", "lenses"):
             have = len(getattr(self, what))
             if have != n and not (what == "photos" and have == 0):
                 raise ValueError(f"{what}: {have} of them for {n} cameras")
@@ -75,7 +75,7 @@ class Cameras:
             self.sizes[index],
             pick(self.names),
             pick(self.photos),
-            pick(self.ignored_distortion),
+            pick(self.lenses),
             self.name,
         )
 
@@ -86,7 +86,8 @@ class Cameras:
             "viewmats": self.viewmats,
             "Ks": self.Ks,
             "sizes": self.sizes,
-            "ignored_distortion": self.ignored_distortion,
+            "lenses": self.lenses,
+            "photos": self.photos,
         }
 
 
@@ -99,8 +100,8 @@ def read_cameras(path: PathLike, split: str = "all") -> Cameras:
 
     ``path``: a scene folder (COLMAP project, output of Inria's trainer, or one with a transforms.json), a
     cameras.json or a transforms.json. ``split``: "all"; "test" for the first and every 8th after it, which
-    this project and the literature hold out for measuring; "train" for the others. Lenses that distort
-    count as pinholes.
+    this project and the literature hold out for measuring; "train" for the others. Of a lens that
+    distorts ``lenses`` holds the model.
 
     Raises :class:`gsvx.Error` or OSError.
     """
@@ -134,13 +135,6 @@ def _as_cameras(cameras: CamerasLike, training: bool) -> Cameras:
     found = _read(cameras)
     if not len(found):
         raise _gsvx.Error(f"{os.fspath(cameras)}: no cameras")
-    bent = [lens for lens in found.ignored_distortion if lens]
-    if bent:
-        warnings.warn(
-            f"{os.fspath(cameras)}: {len(bent)} of {len(found)} cameras have lens distortion ({bent[0]}), "
-            "which is ignored: they show about what the photos show",
-            stacklevel=4,
-        )
     if not training:
         return found
     found = found[np.arange(len(found)) % 8 != 0]

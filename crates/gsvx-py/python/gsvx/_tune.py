@@ -26,6 +26,7 @@ def tune(
     target_psnr: Optional[float] = None,
     effort: str = "normal",
     distil: bool = False,
+    force_photos: bool = False,
     drop_unseen: bool = False,
     checkpoint: Optional[PathLike] = None,
     seed: int = 0,
@@ -38,7 +39,8 @@ def tune(
 
     ``cameras``: a scene folder, of which the training views with their photos count, or cameras as for
     :func:`gsvx.compress`. ``photos``: one per camera: arrays (height, width, 3), uint8 or floats from 0 to 1, or
-    files (PNG, JPEG). Without photos, or with ``distil``, the model is tuned to its own renders.
+    files (PNG, JPEG, WebP). Without photos, or with ``distil``, the model is tuned to its own renders.
+    Photos that seem to be of other views than their cameras' are refused without ``force_photos``.
 
     One of these is the target (default: quality 58): ``quality``, 0 to 100; ``target_bytes``;
     ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (1.5 minutes for 120,000
@@ -55,13 +57,15 @@ def tune(
     check_writable(path)
     _check(quality, target_bytes, target_psnr, effort)
     views = _as_cameras(cameras, training=True)
-    used = None if distil else _photos(cameras, views, photos)
+    used = None if distil or photos is None else _photos(photos)
     options = dict(
         quality=quality,
         target_bytes=target_bytes,
         target_psnr=target_psnr,
         effort=effort,
         seed=seed,
+        distil=distil,
+        force_photos=force_photos,
         drop_unseen=drop_unseen,
         checkpoint=None if checkpoint is None else os.fspath(checkpoint),
         drop_invalid=drop_invalid,
@@ -69,7 +73,7 @@ def tune(
     native = views._native()
     stream, report = _gsvx.tune(model(splats), native, used, options, _callback(progress))
     write(path, stream)
-    result = TuneReport(**report, distilled=used is None)
+    result = TuneReport(**report)
     for warning in [*result.warnings, *filter(None, [result.missed])]:
         warnings.warn(warning, stacklevel=2)
     return result
@@ -90,22 +94,8 @@ def _check(
         raise ValueError(f"effort: use quick, normal or long, not {effort!r}")
 
 
-def _photos(
-    cameras: CamerasLike, views: Cameras, photos: Optional[Sequence[Any]]
-) -> Optional[Sequence[Any]]:
-    """Photos as arrays or names of files; None if there are none."""
-    if photos is None:
-        found = [photo for photo in views.photos if os.path.isfile(photo)]
-        if not found:
-            return None
-        photos = views.photos
-    if any(views.ignored_distortion):
-        # Photos are compared pixel by pixel, so a lens that distorts is not ignored here.
-        i = next(i for i, lens in enumerate(views.ignored_distortion) if lens)
-        raise _gsvx.Error(
-            f"{views.name}: camera {views.names[i]} has lens distortion ({views.ignored_distortion[i]}); "
-            "undistort the photos first"
-        )
+def _photos(photos: Sequence[Any]) -> Sequence[Any]:
+    """Photos as arrays or names of files."""
     used: List[Any] = []
     for photo in photos:
         if is_path(photo):

@@ -1,0 +1,207 @@
+//! Photos in files, as targets.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use finetune::{Photo, PhotoCheck, TrainView};
+use gs_model::{Camera, Scene, View, photos_beside};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageReader};
+
+use crate::error::{Error, Result};
+use crate::undistort::undistorted;
+
+/// A run leaves out at most one photo in this many.
+const LEFT_OUT: usize = 10;
+/// What photos save, from docs/results/tune.md.
+const WORTH: &str = "room: 71 % of the bytes instead of 66 %";
+/// Names that a message lists.
+const LISTED: usize = 3;
+
+/// The photos of a scene at their cameras.
+#[derive(Clone, Debug, Default)]
+pub struct Photos {
+    /// Cameras, scaled to the sizes of their photos. None if there are no photos at all.
+    pub views: Vec<TrainView>,
+    /// What to say of the photos: those that are not there, and those with transparent pixels.
+    pub notes: Vec<String>,
+}
+
+impl Photos {
+    /// Compares some photos with the model. A note says if they are exposed differently.
+    ///
+    /// # Errors
+    /// [`Error::OtherPhotos`] if they show something else than the model at their cameras, unless `force`.
+    pub fn check(&mut self, scene: &Scene, force: bool) -> Result<()> {
+        let Some(found) = PhotoCheck::of(scene, &self.views) else { return Ok(()) };
+        let PhotoCheck { views, psnr, fitted_psnr, .. } = found;
+        if found.of_other_views() && !force {
+            return Err(Error::OtherPhotos { views, psnr });
+        }
+        if found.of_other_exposure() {
+            self.notes.push(format!(
+                "warning: the photos' exposure differs from the model's: {psnr:.1} dB, {fitted_psnr:.1} dB with \
+                 the brightness of each photo fitted; the tuned model takes on that of the photos"
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A photo at its camera.
+struct Read {
+    view: TrainView,
+    masked: bool,
+}
+
+/// Reads the photos of some views of a scene, which `path` names.
+///
+/// A tenth of the photos may be missing or broken: these are left out. Transparent pixels are composited on black.
+///
+/// # Errors
+/// [`Error::NoPhotos`] if there are photos but hardly any of these views; [`Error::Photo`] for the first photo that
+/// cannot be used, if too many cannot.
+pub fn photos(path: &Path, views: &[View]) -> Result<Photos> {
+    let (there, missing): (Vec<&View>, Vec<&View>) = views.iter().partition(|v| v.has_photo());
+    let Some(first) = missing.first() else { return read_all(&there, &[]) };
+    let looked_for = &first.image_path;
+    let others = photos_beside(looked_for)
+        .map_err(|e| Error::Photo { file: looked_for.clone(), reason: gs_model::chain(&e) })?;
+    if there.is_empty() && others.is_empty() {
+        let note = format!(
+            "warning: {}: no photos ({} is not there): the targets are renders of the model; photos save \
+             more ({WORTH})",
+            path.display(),
+            looked_for.display()
+        );
+        return Ok(Photos { views: Vec::new(), notes: vec![note] });
+    }
+    if missing.len() * LEFT_OUT > views.len() {
+        return Err(Error::NoPhotos {
+            path: path.into(),
+            missing: missing.len(),
+            views: views.len(),
+            looked_for: looked_for.clone(),
+            there: match &others[..] {
+                [] => "nothing".into(),
+                found => listed(found.iter().map(|file| name(file))),
+            },
+        });
+    }
+    read_all(&there, &missing)
+}
+
+fn read_all(there: &[&View], missing: &[&View]) -> Result<Photos> {
+    let mut out = Photos::default();
+    let mut left_out: Vec<String> = missing.iter().map(|v| name(&v.image_path)).collect();
+    let (mut masked, mut broken) = (0, Vec::new());
+    for view in there {
+        match read(&view.camera, &view.image_path) {
+            Ok(read) => {
+                masked += usize::from(read.masked);
+                out.views.push(read.view);
+            }
+            Err(error) => {
+                left_out.push(name(&view.image_path));
+                broken.push(error);
+            }
+        }
+    }
+    let all = there.len() + missing.len();
+    if left_out.len() * LEFT_OUT > all
+        && let Some(source) = broken.into_iter().next()
+    {
+        let files = listed(left_out.into_iter());
+        return Err(Error::Photos { all, files, source: Box::new(source) });
+    }
+    if !left_out.is_empty() {
+        out.notes.push(format!(
+            "warning: {} of {all} photos are missing or broken and are left out: {}",
+            left_out.len(),
+            listed(left_out.iter().cloned())
+        ));
+    }
+    if masked > 0 {
+        out.notes.push(format!(
+            "{masked} of {all} photos have transparent pixels, which are black as the model is drawn"
+        ));
+    }
+    Ok(out)
+}
+
+/// Reads the photo of a camera, which is scaled to the photo's size.
+///
+/// # Errors
+/// [`Error::Photo`].
+pub fn photo(camera: &Camera, file: &Path) -> Result<TrainView> {
+    read(camera, file).map(|read| read.view)
+}
+
+fn read(camera: &Camera, file: &Path) -> Result<Read> {
+    let bad = |reason: String| Error::Photo { file: file.into(), reason };
+    // An image error repeats its own cause.
+    let (image, orientation) =
+        decoded(file).map_err(|e| bad(format!("PNG, JPEG or WebP expected: {e}")))?;
+    let image = turned(image, orientation, camera);
+    let (width, height) = (image.width(), image.height());
+    let (rgb, masked) = on_black(image);
+    let view = at_camera(camera, Photo { width, height, rgb }).map_err(bad)?;
+    Ok(Read { view, masked })
+}
+
+/// A photo at its camera, which is scaled to the photo's size. If the camera has a lens, its distortion is undone.
+///
+/// # Errors
+/// What is wrong with the photo.
+pub fn at_camera(camera: &Camera, photo: Photo) -> std::result::Result<TrainView, String> {
+    if photo.rgb.is_empty() {
+        return Err("empty".into());
+    }
+    let (w, h) = (photo.width, photo.height);
+    let Some(scaled) = camera.scaled_to(w, h) else {
+        let (width, height) = (camera.width, camera.height);
+        return Err(format!("{w}x{h}, which is not its camera's aspect ratio ({width}x{height})"));
+    };
+    let (camera, photo) = undistorted(scaled, photo)?;
+    Ok(TrainView { camera, photo })
+}
+
+fn decoded(file: &Path) -> image::ImageResult<(DynamicImage, Orientation)> {
+    let reader: ImageReader<BufReader<File>> = ImageReader::open(file)?.with_guessed_format()?;
+    let mut decoder = reader.into_decoder()?;
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    Ok((DynamicImage::from_decoder(decoder)?, orientation))
+}
+
+/// The photo as its EXIF data turns it, unless only the pixels as they are stored have the camera's shape: some
+/// programs that find cameras do not turn photos.
+fn turned(image: DynamicImage, orientation: Orientation, camera: &Camera) -> DynamicImage {
+    let (stored, mut turned) = (image.clone(), image);
+    turned.apply_orientation(orientation);
+    let fits = |image: &DynamicImage| camera.scaled_to(image.width(), image.height()).is_some();
+    if fits(&stored) && !fits(&turned) { stored } else { turned }
+}
+
+/// RGB on a black background, and whether a pixel is transparent.
+fn on_black(image: DynamicImage) -> (Vec<u8>, bool) {
+    if !image.color().has_alpha() {
+        return (image.into_rgb8().into_raw(), false);
+    }
+    let rgba = image.into_rgba8();
+    let masked = rgba.pixels().any(|p| p.0[3] < 255);
+    let over = |v: u8, a: u8| ((u32::from(v) * u32::from(a) + 127) / 255) as u8;
+    let rgb = rgba.pixels().flat_map(|p| [0, 1, 2].map(|k| over(p.0[k], p.0[3]))).collect();
+    (rgb, masked)
+}
+
+fn name(file: &Path) -> String {
+    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The first names, and how many more there are.
+fn listed(names: impl ExactSizeIterator<Item = String>) -> String {
+    let more = names.len().saturating_sub(LISTED);
+    let first = names.take(LISTED).collect::<Vec<_>>().join(", ");
+    if more == 0 { first } else { format!("{first} and {more} more") }
+}
