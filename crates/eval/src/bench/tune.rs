@@ -3,6 +3,7 @@
 //! A point takes minutes. What was measured stays recorded for one build of the command, so the page can
 //! be made in parts: a run measures what it is asked for and writes all that is recorded.
 
+mod object;
 mod page;
 
 use std::path::PathBuf;
@@ -27,6 +28,9 @@ pub struct TuneBenchOptions {
     /// Measure only these qualities (all if none).
     #[arg(long = "quality", value_delimiter = ',')]
     qualities: Vec<f32>,
+    /// A model without photos, for a table of its own.
+    #[arg(long, value_name = "MODEL")]
+    object: Option<PathBuf>,
     /// The command to measure.
     #[arg(long, default_value = "target/release/gsvx")]
     gsvx: PathBuf,
@@ -39,11 +43,10 @@ pub struct TuneBenchOptions {
 const UNTUNED: [f32; 7] = [30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0];
 
 /// Ways of tuning on the page.
-const RUNS: [StreamKind; 4] = [
-    StreamKind::Tune { effort: CurveEffort::Normal, distil: false, seed: 0 },
-    StreamKind::Tune { effort: CurveEffort::Normal, distil: false, seed: 1 },
-    StreamKind::Tune { effort: CurveEffort::Quick, distil: false, seed: 0 },
-    StreamKind::Tune { effort: CurveEffort::Normal, distil: true, seed: 0 },
+const RUNS: [StreamKind; 3] = [
+    StreamKind::Tune { effort: CurveEffort::Normal, distil: false },
+    StreamKind::Tune { effort: CurveEffort::Quick, distil: false },
+    StreamKind::Tune { effort: CurveEffort::Normal, distil: true },
 ];
 
 /// The points of one way of tuning, by quality.
@@ -75,7 +78,9 @@ pub fn run(options: &TuneBenchOptions) -> Result<()> {
     }
     let gsvx = GsvxCommand::find(&options.gsvx)?;
     let scenes = options.scenes.iter().map(|name| scene(options, &gsvx, name));
-    page::page(options, &scenes.collect::<Result<Vec<_>>>()?).write()
+    let scenes = scenes.collect::<Result<Vec<_>>>()?;
+    let object = options.object.as_deref().map(|model| object::object(&gsvx, model)).transpose()?;
+    page::page(options, &scenes, object.as_ref()).write()
 }
 
 fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<Scene> {

@@ -35,40 +35,36 @@ pub(crate) enum StreamKind {
         effort: CurveEffort,
         /// To the renders of the model instead of the photos.
         distil: bool,
-        /// Of the order of the views.
-        seed: u64,
     },
 }
 
 impl StreamKind {
-    /// With photos, and the first seed.
+    /// With photos.
     pub(crate) fn tune(effort: CurveEffort) -> Self {
-        Self::Tune { effort, distil: false, seed: 0 }
+        Self::Tune { effort, distil: false }
     }
 
     /// For tables and file names.
     pub(crate) fn name(self) -> String {
-        let (effort, distil, seed) = match self {
+        let (effort, distil) = match self {
             Self::Encode { drop_unseen: true } => return "untuned".into(),
             Self::Encode { drop_unseen: false } => return "untuned-all".into(),
-            Self::Tune { effort, distil, seed } => (effort, distil, seed),
+            Self::Tune { effort, distil } => (effort, distil),
         };
         let distil = if distil { "-distil" } else { "" };
-        let seed = if seed == 0 { String::new() } else { format!("-seed-{seed}") };
-        format!("{}{distil}{seed}", effort.name())
+        format!("{}{distil}", effort.name())
     }
 
     /// Words of the command, but for quality and paths.
     fn words(self) -> Vec<String> {
-        let (effort, distil, seed) = match self {
+        let (effort, distil) = match self {
             Self::Encode { drop_unseen: true } => {
                 return vec!["encode".into(), "--drop-unseen".into()];
             }
             Self::Encode { drop_unseen: false } => return vec!["encode".into()],
-            Self::Tune { effort, distil, seed } => (effort, distil, seed),
+            Self::Tune { effort, distil } => (effort, distil),
         };
         let mut out = vec!["tune".into(), "--effort".into(), effort.name().into()];
-        out.extend(["--seed".into(), seed.to_string()]);
         if distil {
             out.push("--distil".into());
         }
@@ -201,9 +197,9 @@ mod tests {
         let encode = |drop_unseen| StreamKind::Encode { drop_unseen };
         assert_eq!(encode(true).words(), ["encode", "--drop-unseen"]);
         assert_eq!(encode(false).words(), ["encode"]);
-        let distil = StreamKind::Tune { effort: CurveEffort::Quick, distil: true, seed: 1 };
-        assert_eq!(distil.words(), ["tune", "--effort", "quick", "--seed", "1", "--distil"]);
-        assert_eq!(distil.name(), "quick-distil-seed-1");
+        let distil = StreamKind::Tune { effort: CurveEffort::Quick, distil: true };
+        assert_eq!(distil.words(), ["tune", "--effort", "quick", "--distil"]);
+        assert_eq!(distil.name(), "quick-distil");
         assert_eq!(StreamKind::tune(CurveEffort::Normal).name(), "normal");
     }
 }

@@ -1,5 +1,6 @@
 //! The page and its picture.
 
+use super::object::Object;
 use super::{Scene, StreamPoint, TuneBenchOptions, Tuned};
 use crate::bd::{self, Method};
 use crate::cells;
@@ -19,7 +20,7 @@ fn rates(points: &[StreamPoint]) -> Vec<bd::Point> {
     points.iter().map(rate).collect()
 }
 
-pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
+pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene], object: Option<&Object>) -> Page {
     let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
     let model = |s: &Scene| {
         let [db, ssim] = s.original;
@@ -28,15 +29,15 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     let models: Vec<String> = scenes.iter().map(model).collect();
     let mut page = Page::new(&options.out, "What does tuning save?");
     page.text(format!(
-        "`cargo build --release -p gsvx-cli && cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q \
+        "`cargo build --release -p gsvx-cli && cargo xtask bench-tune {}{}` runs `gsvx tune MODEL --cameras SCENE -q \
          QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
          (dB) and SSIM are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
          off the path of the cameras: between them, beside them and farther back. The column after it is the same of `gsvx \
          encode --cameras SCENE`, interpolated at these bytes. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
-         ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos; \"seed-1\" visits the views \
-         in another order. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
+         ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
          this build has not measured are missing.",
         names.join(" "),
+        options.object.as_ref().map_or(String::new(), |o| format!(" --object {}", o.display())),
     ));
     page.text(format!(
         "The models as they were trained: {}. Bold: at or above that.",
@@ -48,6 +49,10 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     page.text("BD-rate against untuned, by pchip:");
     page.table(&bd_table(scenes));
     page.table(&points_table(scenes));
+    if let Some(object) = object {
+        page.text(object.text());
+        page.table(&object.table());
+    }
     page.text(CHOICES.trim());
     page
 }
@@ -75,7 +80,7 @@ fn bd_table(scenes: &[Scene]) -> Table {
     table
 }
 
-/// The points of each effort, with photos and the first seed.
+/// The points of each effort, with photos.
 fn points_table(scenes: &[Scene]) -> Table {
     let mut table = Table::new(
         "scene | run | quality | bytes | dB | SSIM | bytes against untuned at these dB | elsewhere, dB | \
@@ -89,7 +94,7 @@ fn points_table(scenes: &[Scene]) -> Table {
             .iter()
             .map(|p| bd::Point { psnr_db: p.elsewhere_db, ..rate(p) })
             .collect();
-        let usual = |t: &&Tuned| matches!(t.how, StreamKind::Tune { distil: false, seed: 0, .. });
+        let usual = |t: &&Tuned| matches!(t.how, StreamKind::Tune { distil: false, .. });
         let runs = scene.tuned.iter().filter(usual);
         for (how, point) in runs.flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
             let p = &point.coded;
