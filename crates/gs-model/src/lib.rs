@@ -80,6 +80,8 @@ pub mod model;
 #[cfg(feature = "cameras")]
 pub mod nerf;
 #[cfg(feature = "cameras")]
+mod nerfstudio;
+#[cfg(feature = "cameras")]
 mod photos;
 #[cfg(feature = "files")]
 pub mod ply;

@@ -16,6 +16,7 @@ use serde_json::Value;
 use crate::camera::{self, Camera, View, checked_size};
 use crate::error::{Error, Result};
 use crate::lens::Lens;
+use crate::nerfstudio::Placed;
 use crate::photos::Finder;
 
 #[derive(Deserialize)]
@@ -79,7 +80,8 @@ impl Intrinsics<'_> {
 /// [`Camera::name`] is the frame's `file_path` without a leading `./`; the photo is at that
 /// path relative to the file's folder, or beside it with another extension (Blender scenes name none).
 /// The focal length is `fl_x`, `fl_y`, else that of `camera_angle_x`, `camera_angle_y`; a missing `y` is the `x`. The principal point is `cx`, `cy`, else the
-/// image's centre. A size that the file does not give is read from the photo.
+/// image's centre. A size that the file does not give is read from the photo. With nerfstudio's
+/// `dataparser_transforms.json` beside the file, the cameras are those of the models that nerfstudio exports.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Json`], [`Error::BadCamera`], [`Error::Malformed`] for a photo without a size.
@@ -88,6 +90,7 @@ pub fn views_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<View
     let transforms: Transforms =
         serde_json::from_slice(bytes).map_err(|e| Error::json(file, "a camera file", e))?;
     let Transforms { all, camera_model, frames } = transforms;
+    let placed = Placed::beside(file, &all)?;
     let mut finder = Finder::default();
     let dir = file.parent().unwrap_or(Path::new(""));
     let of_frame = |frame: &Frame| {
@@ -96,7 +99,11 @@ pub fn views_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<View
         let found = finder.find(dir, Path::new(name))?;
         let image_path = found.unwrap_or_else(|| dir.join(name));
         let intrinsics = Intrinsics { own: &frame.own, all: &all, image_path };
-        view(file, frame, intrinsics, camera_model.map(|m| &m[..]))
+        let mut view = view(file, frame, intrinsics, camera_model.map(|m| &m[..]))?;
+        if let Some(placed) = &placed {
+            view.camera = placed.camera(view.camera).checked(file)?;
+        }
+        Ok(view)
     };
     frames.iter().map(of_frame).collect()
 }

@@ -311,6 +311,39 @@ fn images_of_100000_by_100000_pixels_are_refused() {
     refused(views(dir.path()));
 }
 
+/// Nerfstudio moves the world before it trains.
+#[test]
+fn cameras_follow_the_models_of_nerfstudio() {
+    let dir = tempfile::tempdir().unwrap();
+    let frame = json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
+    let applied = json!([[0, 1, 0, 0.5], [1, 0, 0, -1], [0, 0, -1, 2]]);
+    let transforms = json!({"fl_x": 500.0, "w": 640, "h": 480, "frames": [frame],
+        "applied_transform": applied, "applied_scale": 4.0});
+    put(&dir, "transforms.json", transforms.to_string());
+    let before = views(dir.path()).unwrap().remove(0).camera;
+    // By a third of a turn about (1, 1, 1), a shift and a scale.
+    let saved = json!({"transform": [[0, 0, 1, 3], [1, 0, 0, -2], [0, 1, 0, 1]], "scale": 0.5});
+    put(&dir, "dataparser_transforms.json", saved.to_string());
+    let after = views(dir.path()).unwrap().remove(0).camera;
+    let first = glam::DVec3::new(0.3, -0.2, 5.0);
+    let [x, y, z] = first.to_array();
+    // Where the two steps put a point that both files are about.
+    let old = glam::DVec3::new(y + 0.5, x - 1.0, 2.0 - z);
+    let new = 0.125 * glam::DVec3::new(z + 3.0, x - 2.0, y + 1.0);
+    let seen = |c: &Camera, p: glam::DVec3| {
+        let p = c.rotation * p + c.translation;
+        (p.truncate() / p.z, p.z)
+    };
+    let ((old, depth), (new, scaled)) = (seen(&before, old), seen(&after, new));
+    assert!((old - new).length() < 1e-12 && (0.125 * depth - scaled).abs() < 1e-12);
+    for broken in
+        [json!({"transform": [], "scale": 1}), json!({"transform": saved["transform"], "scale": 0})]
+    {
+        put(&dir, "dataparser_transforms.json", broken.to_string());
+        says(views(dir.path()), "dataparser_transforms.json: transform: 3 rows");
+    }
+}
+
 #[test]
 fn the_lenses_of_transforms_are_read() {
     let lens = |keys: serde_json::Value| {
