@@ -111,7 +111,11 @@ fn of_file(path: &Path) -> Result<Vec<View>> {
 }
 
 /// The trained model in a folder: see [`Dataset::open`].
-fn find_model(dir: &Path) -> Result<PathBuf> {
+///
+/// # Errors
+/// [`Error::NotADataset`], [`Error::Io`].
+pub fn find_model(dir: impl AsRef<Path>) -> Result<PathBuf> {
+    let dir = dir.as_ref();
     let direct = dir.join("point_cloud.ply");
     if direct.is_file() {
         return Ok(direct);

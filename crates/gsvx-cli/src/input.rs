@@ -58,7 +58,11 @@ pub(crate) enum Opened {
 /// Opens a file.
 pub(crate) fn open(path: &Path) -> Result<File> {
     if path.is_dir() {
-        bail!("{}: is a folder; name the model in it", path.display());
+        let folder = path.display();
+        match gs_model::dataset::find_model(path) {
+            Ok(model) => bail!("{folder}: is a folder; its model is {}", model.display()),
+            Err(_) => bail!("{folder}: is a folder; name the model in it"),
+        }
     }
     File::open(path).with_context(|| cannot_read(path))
 }
