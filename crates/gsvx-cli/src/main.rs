@@ -101,6 +101,10 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         memory::return_soon(&args.scene.inputs);
     }
     interrupt::install()?;
+    // A viewer waits.
+    if !matches!(cli.command, Command::View(_)) {
+        progress::watch();
+    }
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads.into())

@@ -2,18 +2,40 @@
 
 use crate::exit::note;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
-/// Time between two lines in a log; work that ends sooner writes none.
-const BETWEEN_LINES: Duration = Duration::from_secs(10);
+/// In a log: the time from the start to the first line, and between two lines.
+const FIRST_LINE: Duration = Duration::from_millis(1_800);
+const BETWEEN_LINES: Duration = Duration::from_secs(5);
+
+/// What is being done, the innermost last.
+static DOING: Mutex<Vec<ProgressBar>> = Mutex::new(Vec::new());
+
+/// From now on a log gets lines about what is being done, if it takes long.
+pub(crate) fn watch() {
+    let bar = ProgressBar::new_spinner();
+    if !bar.is_hidden() {
+        return;
+    }
+    let started = Instant::now();
+    // It ends with the process.
+    std::thread::spawn(move || {
+        std::thread::sleep(FIRST_LINE);
+        loop {
+            let doing = DOING.lock().unwrap_or_else(PoisonError::into_inner).last().cloned();
+            match doing {
+                Some(bar) => note(line(&bar)),
+                None => note(format_args!("{} s so far", started.elapsed().as_secs())),
+            }
+            std::thread::sleep(BETWEEN_LINES);
+        }
+    });
+}
 
 /// How far a piece of work is, until this is dropped.
 pub(crate) struct Meter {
     bar: ProgressBar,
-    /// Without a terminal: a thread that writes lines until the sender is gone.
-    lines: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
 impl Meter {
@@ -27,20 +49,15 @@ impl Meter {
     /// Work of unknown length.
     pub(crate) fn spinner(what: String) -> Self {
         let this = Self::of(ProgressBar::new_spinner().with_message(what));
-        if this.lines.is_none() {
+        if !this.bar.is_hidden() {
             this.bar.enable_steady_tick(Duration::from_millis(120));
         }
         this
     }
 
     fn of(bar: ProgressBar) -> Self {
-        let lines = bar.is_hidden().then(|| {
-            let (sender, receiver) = channel();
-            let bar = bar.clone();
-            let say = move || every(BETWEEN_LINES, &receiver, || note(line(&bar)));
-            (sender, std::thread::spawn(say))
-        });
-        Self { bar, lines }
+        DOING.lock().unwrap_or_else(PoisonError::into_inner).push(bar.clone());
+        Self { bar }
     }
 
     /// One more step is done.
@@ -63,18 +80,9 @@ impl Meter {
 impl Drop for Meter {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
-        if let Some((sender, thread)) = self.lines.take() {
-            drop(sender);
-            // It writes lines; a failure to do so does not matter.
-            let _ = thread.join();
-        }
-    }
-}
-
-/// Calls `say` after each `pause`, until the sender is gone.
-fn every(pause: Duration, gone: &Receiver<()>, say: impl Fn()) {
-    while gone.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
-        say();
+        let mut doing = DOING.lock().unwrap_or_else(PoisonError::into_inner);
+        // Work on other threads may have begun since.
+        doing.retain(|bar| !bar.is_finished());
     }
 }
 
@@ -103,21 +111,5 @@ mod tests {
         assert_eq!(later, "fine-tune: 200 of 500 after 21 s, 31.2 dB");
         let spinner = Meter::spinner("encoding".into());
         assert_eq!(line(&spinner.bar.clone().with_elapsed(at(10))), "encoding: 10 s so far");
-    }
-
-    #[test]
-    fn a_log_showed_no_sign_of_life() {
-        let (sender, receiver) = channel();
-        let (said, heard) = channel();
-        let thread = std::thread::spawn(move || {
-            every(Duration::from_millis(2), &receiver, || {
-                let _ = said.send(());
-            });
-        });
-        for _ in 0..2 {
-            heard.recv().unwrap();
-        }
-        drop(sender);
-        thread.join().unwrap();
     }
 }

@@ -8,6 +8,7 @@ use crate::input::{self, Reading};
 use crate::orbit::Orbit;
 use crate::output::Output;
 use crate::paper_tune::{self, PaperArgs, PaperJob};
+use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::{interrupt, photos, pictures, size, views};
 use anyhow::{Context, Result};
@@ -234,7 +235,12 @@ fn tuned(
     options.seed = args.seed;
     options.checkpoint.clone_from(&args.checkpoint);
     options.cancel = Some(interrupt::cancel_flag());
-    let run = Tune::new(scene, training, options).with_context(name)?;
+    let mut bar = None;
+    let run = Tune::with_progress(scene, training, options, |_, all| {
+        bar.get_or_insert_with(|| Meter::new("input model", all)).inc();
+    });
+    drop(bar);
+    let run = run.with_context(name)?;
     announce(&run, gaussians, distilled);
     let mut follower = Follower::new(run.plan().steps(), run.backend());
     let outcome = run.run(|p| {

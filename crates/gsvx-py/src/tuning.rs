@@ -188,7 +188,11 @@ fn tune_scene(
     choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
-    let outcome = Tune::new(scene, training, choices)?.run(|p| {
+    // A cancelled run ends after its first step.
+    let run = Tune::with_progress(scene, training, choices, |done, all| {
+        let _ = line.step("input model", done, all);
+    })?;
+    let outcome = run.run(|p| {
         if let Some(error) = p.checkpoint_failed {
             warnings.push(format!("{}; the run goes on without checkpoints", chain(error)));
         }

@@ -104,7 +104,7 @@ mod tests {
         let target = Target::Quality(PLAN.quality);
         let mut options = TuneOptions::new(target);
         options.drop_unseen = true;
-        let mut views = Views::new(&scene, views, &options).unwrap();
+        let mut views = Views::new(&scene, views, &options, &mut || ()).unwrap();
         let on_host = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         let mut on_device = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         match on_device.place(Adapter::Software, &mut views.gradients) {

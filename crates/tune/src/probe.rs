@@ -20,11 +20,12 @@ pub(crate) fn plan(
     views: &Views,
     options: &TuneOptions,
     input_psnr: f64,
+    seen: &mut dyn FnMut(),
 ) -> Result<(TunePlan, Option<Vec<f32>>)> {
     if let Some(plan) = options.plan {
         return Ok((plan.checked()?, None));
     }
-    let Worth { removal, squared } = views.worth(scene)?;
+    let Worth { removal, squared } = views.worth(scene, seen)?;
     let spare = Spare::new(&removal, &squared);
     let quality = match options.target {
         Target::Quality(quality) => quality,

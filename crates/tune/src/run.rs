@@ -58,6 +58,20 @@ impl Tune {
     /// # Errors
     /// Those of [`Error`].
     pub fn new(scene: Scene, views: Vec<TrainView>, options: TuneOptions) -> Result<Self> {
+        Self::with_progress(scene, views, options, |_, _| ())
+    }
+
+    /// As [`Tune::new`]. `looked` is told how many of the renders are done that come before the run, and how many there
+    /// are: for a million Gaussians they take a minute.
+    ///
+    /// # Errors
+    /// Those of [`Tune::new`].
+    pub fn with_progress(
+        scene: Scene,
+        views: Vec<TrainView>,
+        options: TuneOptions,
+        mut looked: impl FnMut(usize, usize),
+    ) -> Result<Self> {
         scene.validate()?;
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
@@ -71,10 +85,15 @@ impl Tune {
         let TuneOptions { target, effort, plan: given, distil, drop_unseen, seed, .. } = &options;
         let shared = format!("{target:?} {effort:?} {given:?} {distil} {drop_unseen} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
-        let views = Views::new(&scene, views, &options)?;
+        let (mut done, all) = (0, Views::renders(views.len(), &options));
+        let mut seen = || {
+            done += 1;
+            looked(done, all);
+        };
+        let views = Views::new(&scene, views, &options, &mut seen)?;
         let (_, input_psnr) = views.at_aside(&scene);
         let started = Clock::start();
-        let (plan, effects) = plan(&scene, &views, &options, input_psnr)?;
+        let (plan, effects) = plan(&scene, &views, &options, input_psnr, &mut seen)?;
         let worth = started.seconds();
         let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;

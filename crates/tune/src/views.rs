@@ -100,7 +100,14 @@ impl Views {
 
     /// Some views are kept aside, and photos that `scene`, the input model, matches badly count less. There are
     /// nearby views unless what no photo shows is left out.
-    pub(crate) fn new(scene: &Scene, views: Vec<TrainView>, options: &TuneOptions) -> Result<Self> {
+    ///
+    /// `seen` is called after each render, as often as [`Views::renders`] says.
+    pub(crate) fn new(
+        scene: &Scene,
+        views: Vec<TrainView>,
+        options: &TuneOptions,
+        seen: &mut dyn FnMut(),
+    ) -> Result<Self> {
         let share = if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS };
         let cameras = cameras_of(&views);
         let (mut training, mut aside) = (Vec::new(), Vec::new());
@@ -110,7 +117,12 @@ impl Views {
         if aside.is_empty() {
             aside.extend(training.first().cloned());
         }
-        let errors: Vec<f64> = training.iter().map(|v| libm::exp10(-0.1 * v.psnr(scene))).collect();
+        let mut error = |view: &TrainView| {
+            let error = libm::exp10(-0.1 * view.psnr(scene));
+            seen();
+            error
+        };
+        let errors: Vec<f64> = training.iter().map(&mut error).collect();
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
@@ -119,10 +131,20 @@ impl Views {
             nearby(scene, &cameras, count, 0).iter().map(|c| within(c, NEARBY_EDGE)).collect();
         for camera in &nearby {
             gradients.add(TrainView::rendered(scene, camera.clone()), share.weight)?;
+            seen();
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
         Ok(Self { cameras, gradients, aside, nearby, share, judged, seed, order })
+    }
+
+    /// Renders that come before a run of so many views, with those of [`Views::worth`] if it is asked for.
+    pub(crate) fn renders(views: usize, options: &TuneOptions) -> usize {
+        let aside = (views + ASIDE - ASIDE / 2 - 1) / ASIDE;
+        let training = views - aside;
+        let nearby = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
+        let worth = if options.plan.is_some() { 0 } else { views + nearby };
+        training + nearby + worth
     }
 
     /// Number of views whose photos the steps visit.
@@ -181,9 +203,10 @@ impl Views {
     }
 
     /// What each Gaussian is worth. The removal effect is the greatest number for one that no view sees, as nothing is
-    /// known of it, unless it is to be left out.
-    pub(crate) fn worth(&self, scene: &Scene) -> Result<Worth> {
-        let (mut all, near) = (worth(scene, &self.cameras), worth(scene, &self.nearby));
+    /// known of it, unless it is to be left out. `seen` is called after each view.
+    pub(crate) fn worth(&self, scene: &Scene, seen: &mut dyn FnMut()) -> Result<Worth> {
+        let mut all = worth(scene, &self.cameras, &mut *seen);
+        let near = worth(scene, &self.nearby, seen);
         self.add_nearby(&mut all.removal, &near.removal);
         self.add_nearby(&mut all.squared, &near.squared);
         if all.removal.iter().all(|&effect| effect <= 0.0) {

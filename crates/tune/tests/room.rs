@@ -94,7 +94,11 @@ fn what_the_photos_do_not_show_stays_unless_it_is_dropped() {
     let shown = |drop_unseen: bool| {
         let mut options = short(Target::Quality(54.0));
         options.drop_unseen = drop_unseen;
-        let run = Tune::new(model(), few.clone(), options).unwrap();
+        let mut looks = Vec::new();
+        let looked = |done, all| looks.push((done, all));
+        let run = Tune::with_progress(model(), few.clone(), options, looked).unwrap();
+        let all = looks.len();
+        assert_eq!(looks, (1..=all).map(|done| (done, all)).collect::<Vec<_>>());
         run.run(|_| ()).unwrap().against_input.unwrap()
     };
     let (dropped, kept) = (shown(true), shown(false));

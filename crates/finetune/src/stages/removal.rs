@@ -25,9 +25,9 @@ pub struct Worth {
 ///
 /// The removal effect of a Gaussian of large blending weights is small if what is behind it looks the same.
 /// Costs about two forward passes per camera; views are summed in the order given. The pixels at which
-/// blending stops stay those of the whole scene.
+/// blending stops stay those of the whole scene. `seen` is called after each camera.
 #[must_use]
-pub fn worth(scene: &Scene, cameras: &[Camera]) -> Worth {
+pub fn worth(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut()) -> Worth {
     let n = scene.len();
     let mut out = Worth { removal: vec![0.0; n], squared: vec![0.0; n] };
     let mut f = Forward::default();
@@ -41,6 +41,7 @@ pub fn worth(scene: &Scene, cameras: &[Camera]) -> Worth {
             out.removal[i] += removal;
             out.squared[i] += squared;
         }
+        seen();
     }
     out
 }
