@@ -77,7 +77,7 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
     if let Some(effort) = options.tune {
-        curves.push(streams::curve(study, &GsvxCommand::find(&options.gsvx)?, effort)?);
+        curves.push(streams::curve(study, &GsvxCommand::find()?, effort)?);
     }
     let tools = study.peers(&options.peers, base)?;
 

@@ -79,9 +79,6 @@ pub struct CurveOptions {
     #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
         default_missing_value = "normal", hide_possible_values = true)]
     pub(crate) tune: Option<CurveEffort>,
-    /// The command that tunes
-    #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
-    pub(crate) gsvx: PathBuf,
     /// Run every stage, done before or not
     #[arg(long)]
     pub(crate) fresh: bool,
