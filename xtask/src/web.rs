@@ -43,7 +43,7 @@ pub(crate) fn run(args: &WebArgs) -> Result<()> {
     let tarball = pack(&npm)?;
     println!("{}: {} bytes", tarball.display(), tarball.metadata()?.len());
     if args.page {
-        decoder(&["models"], &npm.join("viewer/wasm"))?;
+        decoder(&["page"], &npm.join("viewer/wasm"))?;
         script(&npm, "viewer/build.mjs", &[], &[])?;
     }
     if args.test || args.bench {
