@@ -2,7 +2,7 @@
 //! release, and on other processors.
 //!
 //! What is hashed is in `xtask/determinism`, a package that also builds for WebAssembly (run in
-//! Node) and 64-bit Arm (run by qemu's user mode). What is not installed is skipped, and said.
+//! Node) and 64-bit Arm (run by qemu's user mode). What cannot be had is skipped, and said.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -11,10 +11,12 @@ use anyhow::{Context, Result, bail, ensure};
 use eval::cells;
 use eval::page::{Page, Table};
 
+use crate::needs::{self, ARM, ARM_LIBRARY, ARM_LINKER, Need, ON_ARM, QEMU, WASM};
+
 /// Arguments of `determinism`.
 #[derive(clap::Args, Debug)]
 pub(crate) struct DeterminismArgs {
-    /// Fail where a target or a tool is missing instead of skipping it.
+    /// Install the tools for 64-bit Arm, and fail where something cannot be had instead of skipping it.
     #[arg(long)]
     strict: bool,
     /// Release builds only, and no table: what every push is checked with.
@@ -26,14 +28,23 @@ pub(crate) struct DeterminismArgs {
 }
 
 const THREADS: [&str; 4] = ["1", "2", "3", "8"];
-const WASM: &str = "wasm32-unknown-unknown";
-const ARM: &str = "aarch64-unknown-linux-gnu";
-const ARM_LINKER: &str = "aarch64-linux-gnu-gcc";
 
 /// Builds, runs, compares and writes the table.
 pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
+    let web = needs::all(&[Need::Target(WASM), Need::Node]).err().map(|e| e.to_string());
+    let arm = match args.strict {
+        true => needs::all(&ON_ARM).err().map(|e| e.to_string()),
+        // They are large.
+        false => ON_ARM.iter().find_map(Need::missing),
+    };
+    let skipped: Vec<&String> = web.iter().chain(&arm).collect();
+    for what in &skipped {
+        eprintln!("SKIPPED: {what}");
+    }
+    if args.strict && !skipped.is_empty() {
+        bail!("{} targets were skipped", skipped.len());
+    }
     let mut runs: Vec<(String, String)> = Vec::new();
-    let mut skipped = Vec::new();
     let profiles: &[&str] = if args.quick { &["release"] } else { &["release", "debug"] };
     for profile in profiles.iter().copied() {
         let binary = build(None, profile)?.join("gsvx-determinism");
@@ -43,35 +54,22 @@ pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
             runs.push((format!("{}, {profile}, {threads} threads", std::env::consts::ARCH), text));
         }
     }
-    match missing(WASM, &["node"]) {
-        Some(what) => skipped.push(format!("{WASM}: {what}")),
-        None => {
-            let module = build(Some(WASM), "release")?.join("gsvx_determinism.wasm");
-            let script = package().join("run.mjs");
-            let text = output(Command::new("node").arg(script).arg(module))?;
-            println!("{WASM}");
-            runs.push((format!("{WASM} in Node, release, no threads"), text));
+    if web.is_none() {
+        let module = build(Some(WASM), "release")?.join("gsvx_determinism.wasm");
+        let script = package().join("run.mjs");
+        let text = output(Command::new("node").arg(script).arg(module))?;
+        println!("{WASM}");
+        runs.push((format!("{WASM} in Node, release, no threads"), text));
+    }
+    if arm.is_none() {
+        let binary = build(Some(ARM), "release")?.join("gsvx-determinism");
+        for threads in ["1", "3"] {
+            let mut qemu = Command::new(QEMU);
+            qemu.args(["-L", ARM_LIBRARY]).arg(&binary);
+            let text = output(qemu.env("RAYON_NUM_THREADS", threads))?;
+            println!("{ARM}, {threads} threads");
+            runs.push((format!("{ARM} in qemu, release, {threads} threads"), text));
         }
-    }
-    match missing(ARM, &["qemu-aarch64", ARM_LINKER]) {
-        Some(what) => skipped.push(format!("{ARM}: {what}")),
-        None => {
-            let binary = build(Some(ARM), "release")?.join("gsvx-determinism");
-            for threads in ["1", "3"] {
-                // The C library of the cross compiler's package.
-                let mut qemu = Command::new("qemu-aarch64");
-                qemu.args(["-L", "/usr/aarch64-linux-gnu"]).arg(&binary);
-                let text = output(qemu.env("RAYON_NUM_THREADS", threads))?;
-                println!("{ARM}, {threads} threads");
-                runs.push((format!("{ARM} in qemu, release, {threads} threads"), text));
-            }
-        }
-    }
-    for what in &skipped {
-        eprintln!("SKIPPED: {what}");
-    }
-    if args.strict && !skipped.is_empty() {
-        bail!("{} targets were skipped", skipped.len());
     }
     let differing = differing(&runs);
     println!("{} runs, {} lines each, {} differ", runs.len(), lines(&runs), differing.len());
@@ -84,19 +82,6 @@ pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
 
 fn package() -> PathBuf {
     eval::scenes::root().join("xtask/determinism")
-}
-
-/// What is not there of a target and its tools.
-fn missing(target: &str, tools: &[&str]) -> Option<String> {
-    let dir = Command::new("rustc").args(["--print", "target-libdir", "--target", target]).output();
-    let installed = dir.is_ok_and(|o| {
-        Path::new(String::from_utf8_lossy(&o.stdout).trim()).read_dir().is_ok_and(|d| d.count() > 0)
-    });
-    if !installed {
-        return Some(format!("not installed; run `rustup target add {target}`"));
-    }
-    let absent = tools.iter().find(|t| Command::new(t).arg("--version").output().is_err());
-    absent.map(|t| format!("{t} is not installed"))
 }
 
 /// Builds the package; returns the folder of what was made.
@@ -146,7 +131,7 @@ fn differing(runs: &[(String, String)]) -> Vec<String> {
     out
 }
 
-fn page(out: &Path, runs: &[(String, String)], skipped: &[String], differing: &[String]) -> Page {
+fn page(out: &Path, runs: &[(String, String)], skipped: &[&String], differing: &[String]) -> Page {
     let mut page = Page::new(out, "Are the bytes the same everywhere?");
     page.text(
         "`cargo xtask determinism`: builds for several processors voxelize, tune, encode in every mode and decode (at \

@@ -3,6 +3,7 @@
 mod conformance;
 mod determinism;
 mod fetch;
+mod needs;
 mod stability;
 mod web;
 
@@ -22,6 +23,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Task {
+    /// Install what tests skip without: wasm target, Vulkan, Chromium
+    Setup,
     /// Rate-distortion curves of a scene, with a report
     RdCurve(rd_curve::CurveOptions),
     /// Fetch a scene of the paper
@@ -56,6 +59,7 @@ enum Task {
 
 fn main() -> ExitCode {
     let done = match Cli::parse().task {
+        Task::Setup => needs::setup(),
         Task::RdCurve(args) => rd_curve::run(&args),
         Task::Fetch(args) => fetch::run(&args),
         Task::Conformance(args) => conformance::run(&args),

@@ -9,6 +9,8 @@ use std::process::Command;
 use anyhow::{Context, Result, bail, ensure};
 use wasm_bindgen_cli_support::Bindgen;
 
+use crate::needs::{self, CHROMIUM, Need, WASM};
+
 /// Arguments of `web`.
 #[derive(clap::Args, Debug)]
 pub(crate) struct WebArgs {
@@ -23,48 +25,38 @@ pub(crate) struct WebArgs {
     bench: bool,
 }
 
-const TARGET: &str = "wasm32-unknown-unknown";
-
 /// Builds, and does what else is asked for.
 pub(crate) fn run(args: &WebArgs) -> Result<()> {
     let npm = eval::scenes::root().join("crates/gsvx-web/npm");
-    decoder(&[], &npm.join("wasm"))?;
-    let tarball = pack(&npm)?;
-    println!("{}: {} bytes", tarball.display(), tarball.metadata()?.len());
+    needs::all(&[Need::Target(WASM), Need::Node])?;
+    if args.bench {
+        CHROMIUM.get()?;
+    } else if args.test
+        && let Err(lacking) = CHROMIUM.get()
+    {
+        eprintln!("SKIPPED: all tests in a browser: {lacking}");
+    }
     if args.page || args.test || args.bench {
         dev_dependencies(&npm)?;
     }
+    decoder(&[], &npm.join("wasm"))?;
+    let tarball = pack(&npm)?;
+    println!("{}: {} bytes", tarball.display(), tarball.metadata()?.len());
     if args.page {
-        decoder(&["models"], &npm.join("viewer/wasm"))?;
-        script(&npm, "viewer/build.mjs", &[], None)?;
+        decoder(&["page"], &npm.join("viewer/wasm"))?;
+        script(&npm, "viewer/build.mjs", &[], &[])?;
     }
     if args.test || args.bench {
-        let command = command()?;
-        let gsvx = Some(command.as_path());
+        let mut tools = vec![("GSVX_BIN", eval::gsvx_command()?)];
+        tools.extend(needs::chromium().map(|path| ("CHROMIUM", path)));
         if args.test {
-            script(&npm, "test/run.mjs", &[&tarball], gsvx)?;
+            script(&npm, "test/run.mjs", &[&tarball], &tools)?;
         }
         if args.bench {
-            script(&npm, "bench/run.mjs", &[], gsvx)?;
+            script(&npm, "bench/run.mjs", &[], &tools)?;
         }
     }
     Ok(())
-}
-
-/// The command `gsvx`: what the environment variable GSVX names, or built as for tests.
-fn command() -> Result<PathBuf> {
-    if let Some(built) = std::env::var_os("GSVX") {
-        return Ok(built.into());
-    }
-    let root = eval::scenes::root();
-    let status = Command::new("cargo")
-        .current_dir(&root)
-        .args(["build", "--quiet", "--package", "gsvx-cli"])
-        .status()
-        .context("start cargo")?;
-    ensure!(status.success(), "gsvx-cli does not build");
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
-    Ok(target.join("debug/gsvx").with_extension(std::env::consts::EXE_EXTENSION))
 }
 
 /// Builds the decoder with some features, and its JavaScript, into a folder.
@@ -73,17 +65,14 @@ fn decoder(features: &[&str], out: &Path) -> Result<()> {
     let target = root.join("target/web");
     let mut cargo = Command::new("cargo");
     cargo.current_dir(&root);
-    cargo.args(["build", "--quiet", "--package", "gsvx-web", "--target", TARGET]);
+    cargo.args(["build", "--quiet", "--package", "gsvx-web", "--target", WASM]);
     cargo
         .args(["--profile", "web", "--features", &features.join(","), "--target-dir"])
         .arg(&target);
     cargo.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", "-C target-feature=+simd128");
     let status = cargo.status().context("start cargo")?;
-    ensure!(
-        status.success(),
-        "gsvx-web does not build; `rustup target add {TARGET}` if it is missing"
-    );
-    let module = target.join(TARGET).join("web/gsvx_web.wasm");
+    ensure!(status.success(), "gsvx-web does not build");
+    let module = target.join(WASM).join("web/gsvx_web.wasm");
     Bindgen::new()
         .input_path(&module)
         .web(true)?
@@ -100,7 +89,7 @@ fn pack(npm: &Path) -> Result<PathBuf> {
     std::fs::create_dir_all(&out)?;
     let mut command = Command::new("npm");
     command.current_dir(npm).args(["pack", "--silent", "--pack-destination"]).arg(&out);
-    let made = command.output().context("start npm, which comes with Node")?;
+    let made = command.output().context("start npm")?;
     ensure!(made.status.success(), "npm pack: {}", String::from_utf8_lossy(&made.stderr));
     let name = String::from_utf8(made.stdout)?;
     let name = name.lines().last().unwrap_or_default().trim();
@@ -124,13 +113,10 @@ fn dev_dependencies(npm: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Runs a script of the package's folder; `gsvx` is the command that it may call.
-fn script(npm: &Path, name: &str, arguments: &[&Path], gsvx: Option<&Path>) -> Result<()> {
+/// Runs a script of the package's folder. `tools` are the programs that it starts, by environment variable.
+fn script(npm: &Path, name: &str, arguments: &[&Path], tools: &[(&str, PathBuf)]) -> Result<()> {
     let mut node = Command::new("node");
-    node.current_dir(npm).arg(name).args(arguments);
-    if let Some(gsvx) = gsvx {
-        node.env("GSVX_BIN", gsvx);
-    }
+    node.current_dir(npm).arg(name).args(arguments).envs(tools.iter().map(|(k, v)| (k, v)));
     let status = node.status();
     ensure!(status.context("start node")?.success(), "node {name} failed");
     Ok(())

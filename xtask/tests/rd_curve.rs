@@ -1,6 +1,7 @@
 //! The whole chain on the embedded scene, as a user runs it.
 #![allow(unused_crate_dependencies, reason = "an integration test of the binary")]
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -19,8 +20,13 @@ fn the_room_gives_a_report_and_a_second_run_skips_it() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().unwrap();
     let args = ["rd-curve", "--quick", "--no-peers", "--out", out];
-    let first = stdout(&xtask(&args));
+    let output = xtask(&args);
+    let first = stdout(&output);
     assert!(!first.contains("skipped"), "{first}");
+    // The log has what took a while, once.
+    let log = String::from_utf8(output.stderr).unwrap();
+    let lines: BTreeSet<&str> = log.lines().collect();
+    assert!(lines.len() == log.lines().count() && !log.contains(": 0."), "{log}");
 
     let run: serde_json::Value =
         serde_json::from_slice(&fs::read(dir.path().join("rd.json")).unwrap()).unwrap();
@@ -55,6 +61,20 @@ fn the_room_gives_a_report_and_a_second_run_skips_it() {
     fs::remove_file(dir.path().join("streams/uniform-q20.gsvx")).unwrap();
     let third = stdout(&xtask(&args));
     assert!(third.contains(&format!("{} of {stages} stages", stages - 1)), "{third}");
+}
+
+#[test]
+fn the_room_shows_the_tuned_curve_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_str().unwrap();
+    let args = ["rd-curve", "--rates", "2", "--views", "1", "--no-peers", "--out", out];
+    let printed = stdout(&xtask(&args));
+    assert!(printed.contains("room: for the same picture quality, gsvx tune needs"), "{printed}");
+    let json = fs::read(dir.path().join("rd.json")).unwrap();
+    let run: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let tuned = run["curves"].as_array().unwrap().last().unwrap();
+    assert_eq!(tuned["name"], "gsvx, tuned");
+    assert_eq!(tuned["points"].as_array().unwrap().len(), 2);
 }
 
 #[test]

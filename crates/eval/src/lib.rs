@@ -28,4 +28,5 @@ mod usage;
 mod voxelized;
 
 pub use codec::{Codec, CodecCurve, CodedPoint, Gsvx, curve, measure_point};
+pub use process::gsvx_command;
 pub use scenes::TestScene;

@@ -86,15 +86,36 @@ pub(crate) fn own(words: &[&str]) -> Result<Command> {
     Ok(command)
 }
 
-/// The command `gsvx`, relative to the root of the workspace.
+/// The command `gsvx`: what the environment variable GSVX names, or built now beside this program.
+///
+/// # Errors
+/// If the file is not there, or the command does not build.
+pub fn gsvx_command() -> Result<PathBuf> {
+    let path = match std::env::var_os("GSVX") {
+        Some(path) => scenes::root().join(path),
+        None => {
+            let profile = if cfg!(debug_assertions) { "dev" } else { "release" };
+            eprintln!("build gsvx ...");
+            let status = Command::new("cargo")
+                .current_dir(scenes::root())
+                .args(["build", "--quiet", "--package", "gsvx-cli", "--profile", profile])
+                .status()
+                .context("start cargo")?;
+            ensure!(status.success(), "gsvx-cli does not build");
+            let beside = std::env::current_exe().context("find this program")?;
+            beside.with_file_name("gsvx").with_extension(std::env::consts::EXE_EXTENSION)
+        }
+    };
+    ensure!(path.is_file(), "{}: not there", path.display());
+    Ok(path)
+}
+
+/// The command `gsvx`.
 pub(crate) struct GsvxCommand(PathBuf);
 
 impl GsvxCommand {
-    pub(crate) fn find(path: &Path) -> Result<Self> {
-        let path = scenes::root().join(path);
-        let remedy = "run `cargo build --release -p gsvx-cli` first";
-        ensure!(path.is_file(), "{}: not there; {remedy}", path.display());
-        Ok(Self(path))
+    pub(crate) fn find() -> Result<Self> {
+        Ok(Self(gsvx_command()?))
     }
 
     pub(crate) fn path(&self) -> &Path {

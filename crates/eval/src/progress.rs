@@ -1,5 +1,6 @@
-//! Progress: a bar on a terminal, a plain line per stage elsewhere.
+//! Progress: a bar on a terminal, elsewhere a plain line every ten seconds. A stage that took a while ends with a line.
 
+use std::cell::Cell;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
@@ -10,17 +11,24 @@ pub struct Bar {
     bar: ProgressBar,
     label: String,
     started: Instant,
+    /// When something was last said; not on a terminal.
+    said: Option<Cell<Instant>>,
     quiet: bool,
 }
+
+/// Stages shorter than this say nothing when they end.
+const NOTABLE_SECONDS: f64 = 1.0;
+/// Without a terminal.
+const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
 impl Bar {
     /// A stage of `total` steps.
     #[must_use]
     pub fn new(label: &str, total: u64) -> Self {
-        let bar = if std::io::stderr().is_terminal() {
+        let terminal = std::io::stderr().is_terminal();
+        let bar = if terminal {
             ProgressBar::new(total)
         } else {
-            eprintln!("{label} ...");
             ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden())
         };
         // The template is a constant; the default style is a fair fallback all the same.
@@ -30,7 +38,9 @@ impl Bar {
         }
         bar.set_message(label.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
-        Self { bar, label: label.to_owned(), started: Instant::now(), quiet: false }
+        let started = Instant::now();
+        let said = (!terminal).then_some(Cell::new(started));
+        Self { bar, label: label.to_owned(), started, said, quiet: false }
     }
 
     /// A stage of `total` bytes; a step is a byte.
@@ -48,12 +58,19 @@ impl Bar {
     #[must_use]
     pub fn hidden() -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
-        Self { bar, label: String::new(), started: Instant::now(), quiet: true }
+        Self { bar, label: String::new(), started: Instant::now(), said: None, quiet: true }
     }
 
     /// Advances by `n` steps.
     pub fn step(&self, n: u64) {
         self.bar.inc(n);
+        if let Some(said) = &self.said
+            && said.get().elapsed() >= BETWEEN_LINES
+        {
+            said.set(Instant::now());
+            let percent = 100 * self.bar.position() / self.bar.length().unwrap_or(1).max(1);
+            eprintln!("{}: {percent} %", self.label);
+        }
     }
 
     /// Seconds since the stage began.
@@ -62,11 +79,11 @@ impl Bar {
         self.started.elapsed().as_secs_f64()
     }
 
-    /// Ends the stage with one line.
+    /// Ends the stage, with one line if it took a while.
     pub fn done(&self) -> f64 {
         let seconds = self.seconds();
         self.bar.finish_and_clear();
-        if !self.quiet {
+        if !self.quiet && seconds >= NOTABLE_SECONDS {
             eprintln!("{}: {seconds:.1} s", self.label);
         }
         seconds

@@ -35,6 +35,27 @@ pub struct Constraints {
     pub tangents: [f64; 2],
 }
 
+/// Size of an image, and its horizontal field of view in degrees, unless the caller has others.
+pub const SIZE: [u32; 2] = [640, 480];
+/// See [`SIZE`].
+pub const FIELD_OF_VIEW: f64 = 60.0;
+
+impl Constraints {
+    /// Nothing is fixed but the camera.
+    #[must_use]
+    pub fn of_camera([width, height]: [u32; 2], field_of_view: f64) -> Self {
+        let tangent = libm::tan(0.5 * field_of_view.to_radians());
+        let tangents = [tangent, tangent * f64::from(height) / f64::from(width)];
+        Self { up: None, radius: None, elevation: None, tangents }
+    }
+}
+
+impl Default for Constraints {
+    fn default() -> Self {
+        Self::of_camera(SIZE, FIELD_OF_VIEW)
+    }
+}
+
 /// Room around the bulk in the image.
 const MARGIN: f64 = 1.15;
 /// Radii that are tried, as shares of the one that frames the whole bulk.
@@ -73,9 +94,10 @@ pub fn unit(direction: [f64; 3]) -> [f64; 3] {
 const FEWER: usize = 8_000;
 const QUICK_ELEVATION: f64 = 20.0;
 
-/// As [`find`], but from some of the Gaussians and at one height. It takes a tenth of a second for a model of any size.
+/// As [`find`], but from some of the Gaussians and at one height, with -y up. It takes a tenth of a second for a model
+/// of any size.
 #[must_use]
-pub(crate) fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
+pub fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
     let (up, elevation) = (Some(COLMAP_UP.to_array()), Some(QUICK_ELEVATION));
     let (thin, _) = thinned(scene, FEWER);
     find(&thin, &Constraints { up, radius: None, elevation, tangents })

@@ -51,6 +51,14 @@ impl Camera {
         -(self.rotation.transpose() * self.translation)
     }
 
+    /// The field of view along the shorter edge of the image, degrees.
+    #[must_use]
+    pub fn narrow_angle(&self) -> f64 {
+        let wide = self.width > self.height;
+        let (edge, focal) = if wide { (self.height, self.fy) } else { (self.width, self.fx) };
+        2.0 * libm::atan(0.5 * f64::from(edge) / focal).to_degrees()
+    }
+
     /// A camera at `eye` that looks at `target`, with square pixels of focal length `focal` (in
     /// pixels) and its principal point at the image's centre. `up` is the world direction that is
     /// up in the image; if it is parallel to the viewing direction, another direction replaces it.

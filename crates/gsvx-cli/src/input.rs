@@ -139,6 +139,11 @@ impl Reading {
     }
 }
 
+/// Opens a file of any format, without its invalid Gaussians.
+pub(crate) fn lenient(path: &Path) -> Result<Opened> {
+    Reading { from: None, drop_invalid: true }.open(path)
+}
+
 fn say_skipped(report: &Report) {
     for said in &report.notes {
         note(format_args!("note: {said}"));

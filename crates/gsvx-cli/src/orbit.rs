@@ -31,10 +31,10 @@ pub(crate) struct Orbit {
     #[arg(long, requires = "orbit")]
     full_circle: bool,
     /// With --orbit: image size.
-    #[arg(long, value_name = "WxH", default_value = "640x480", requires = "orbit", value_parser = size)]
-    size: [u32; 2],
+    #[arg(long, value_name = "WxH", default_value_t = Size(framing::SIZE), requires = "orbit", value_parser = size)]
+    size: Size,
     /// With --orbit: horizontal field of view, degrees.
-    #[arg(long, value_name = "DEGREES", default_value_t = 60.0, requires = "orbit",
+    #[arg(long, value_name = "DEGREES", default_value_t = framing::FIELD_OF_VIEW, requires = "orbit",
           value_parser = field_of_view)]
     fov: f64,
 }
@@ -67,9 +67,19 @@ fn field_of_view(text: &str) -> Result<f64, String> {
     number(text, |v| (1.0..=170.0).contains(v), "use 1 to 170 degrees")
 }
 
-fn size(text: &str) -> Result<[u32; 2], String> {
+/// Of an image, in pixels.
+#[derive(Clone, Copy, Debug)]
+struct Size([u32; 2]);
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}x{}", self.0[0], self.0[1])
+    }
+}
+
+fn size(text: &str) -> Result<Size, String> {
     let within = |size: &[u32; 2]| size.iter().all(|edge| (1..=8192).contains(edge));
-    let size = list(text, 'x').filter(within);
+    let size = list(text, 'x').filter(within).map(Size);
     size.ok_or_else(|| "use WIDTHxHEIGHT, 1 to 8192 each".into())
 }
 
@@ -86,8 +96,8 @@ impl Orbit {
         if self.full_circle {
             found.arc = None;
         }
-        let focal = 0.5 * f64::from(self.size[0]) / constraints.tangents[0];
-        Ok(found.cameras(n, "orbit", self.size, focal))
+        let focal = 0.5 * f64::from(self.size.0[0]) / constraints.tangents[0];
+        Ok(found.cameras(n, "orbit", self.size.0, focal))
     }
 
     /// `n` cameras that show what matters in `scene` from wherever it can be seen. Says where they stand.
@@ -98,7 +108,7 @@ impl Orbit {
         up: Option<[f64; 3]>,
     ) -> Result<Vec<Camera>> {
         let constraints = self.constraints(up);
-        let covered = framing::cover(scene, &constraints, n, self.size, self.full_circle);
+        let covered = framing::cover(scene, &constraints, n, self.size.0, self.full_circle);
         let framing::Coverage { cameras, placement, empty } = covered.context(NOTHING)?;
         let place = match placement.arc {
             None => "all around what the model shows".into(),
@@ -117,13 +127,11 @@ impl Orbit {
     }
 
     fn constraints(&self, up: Option<[f64; 3]>) -> Constraints {
-        let [width, height] = self.size;
-        let tangent = libm::tan(0.5 * self.fov.to_radians());
         Constraints {
             up: self.up.map(|u| u.0).or(up),
             radius: self.orbit_radius,
             elevation: self.elevation,
-            tangents: [tangent, tangent * f64::from(height) / f64::from(width)],
+            ..Constraints::of_camera(self.size.0, self.fov)
         }
     }
 }

@@ -1,14 +1,15 @@
 //! `gsvx view`: serves the viewer page and the files on the loopback address.
 
 mod answer;
+mod start;
 
 use crate::exit::note;
 use crate::input;
 use crate::interrupt;
 use crate::report::Reporter;
-use crate::views;
 use anyhow::{Context, Result, anyhow};
 use serde_json::json;
+use start::Start;
 use std::path::PathBuf;
 use std::sync::Arc;
 use tiny_http::Server;
@@ -69,20 +70,13 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
     Ok(())
 }
 
-/// The address of the page with the files to show. Where cameras lie beside them, it says what is up, and
-/// the page starts at the first of them.
+/// The address of the page with the files to show, and where it starts.
 fn page(host: &str, files: &[PathBuf]) -> String {
     let name = |i: usize| answer::place(i, &files[i]);
     let mut url = format!("http://{host}/?url={}", name(0));
     if files.len() > 1 {
         url += &format!("&compare={}", name(1));
     }
-    let views = views::beside(&files[0]).unwrap_or_default();
-    let mut add = |name: &str, [x, y, z]: [f64; 3]| url += &format!("&{name}={x:.4},{y:.4},{z:.4}");
-    if let (Some(up), Some(first)) = (views::up(&views), views.first()) {
-        add("up", up);
-        add("eye", first.camera.position().into());
-        add("ahead", first.camera.rotation.row(2).into());
-    }
-    url
+    let start = Start::of(files);
+    url + &start.map_or(String::new(), |start| start.query())
 }

@@ -7,6 +7,8 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
 
+use gs_model::Camera;
+
 /// A running `gsvx view` and its address.
 struct View {
     child: Child,
@@ -73,6 +75,52 @@ fn page_and_ranges_are_served() {
     assert!(body == all[100..200]);
     let beyond = format!("Range: bytes={}-\r\n", all.len());
     assert!(view.get("/file/0/point_cloud.ply", &beyond).0.starts_with("HTTP/1.1 416"));
+}
+
+/// The numbers of a parameter of the page's address.
+fn numbers(page: &str, name: &str) -> Vec<f64> {
+    let value = page.split('&').find_map(|p| p.strip_prefix(name)?.strip_prefix('='));
+    value.expect(name).split(',').map(|v| v.parse().expect("a number")).collect()
+}
+
+#[test]
+fn the_page_starts_at_the_first_training_camera() {
+    let views = gs_model::dataset::open_views(room()).expect("cameras");
+    // The first one is held out.
+    let camera = &views[1].camera;
+    let near = |a: &[f64], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+    let (dir, room) = (tempfile::tempdir().expect("a folder"), room().join("point_cloud.ply"));
+    let alone = dir.path().join("alone.ply");
+    std::fs::copy(&room, &alone).expect("a copy");
+    // Also those of the second file.
+    for files in [&[&*room][..], &[&alone, &room]] {
+        let View { page, .. } = &View::of(files);
+        assert!(near(&numbers(page, "eye"), camera.position().into()), "{page}");
+        assert!(near(&numbers(page, "ahead"), camera.rotation.row(2).into()), "{page}");
+        assert!((numbers(page, "angle")[0] - camera.narrow_angle()).abs() < 0.01, "{page}");
+    }
+}
+
+#[test]
+fn without_cameras_the_page_starts_where_an_orbit_does() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let alone = dir.path().join("alone.ply");
+    std::fs::copy(room().join("point_cloud.ply"), &alone).expect("a copy");
+    let View { page, .. } = &View::of(&[&alone]);
+    let three = |name| <[f64; 3]>::try_from(numbers(page, name)).expect("three numbers");
+    let (eye, up, angle) = (three("eye"), three("up"), numbers(page, "angle")[0]);
+    let target = [0, 1, 2].map(|k| eye[k] + three("ahead")[k]);
+    let focal = 240.0 / libm::tan(0.5 * angle.to_radians());
+    let camera = Camera::looking_at("page".into(), eye, target, up, [640, 480], focal);
+    let (scene, _) = gs_model::ply::read(&alone).expect("the model");
+    let shown = finetune::render(&scene, &camera, &finetune::RenderOptions::default());
+    let png = dir.path().join("orbit.png");
+    let out = gsvx().arg("render").arg(&alone).args(["--orbit", "1", "-o"]).arg(&png).output();
+    assert!(out.expect("gsvx starts").status.success());
+    let orbit = image::open(&png).expect("the picture").to_rgb8();
+    let orbit = finetune::Photo::new(640, 480, orbit.into_raw()).expect("its size");
+    let psnr = finetune::metrics::psnr(&shown, &orbit.image());
+    assert!(psnr > 40.0, "{psnr} dB");
 }
 
 #[test]

@@ -3,10 +3,14 @@
 mod error;
 mod head;
 mod layout;
-#[cfg(feature = "models")]
+#[cfg(feature = "page")]
 mod model;
+#[cfg(feature = "page")]
+mod outlook;
 mod stream;
 
-#[cfg(feature = "models")]
+#[cfg(feature = "page")]
 pub use model::WholeModel;
+#[cfg(feature = "page")]
+pub use outlook::outlook;
 pub use stream::Stream;

@@ -2,6 +2,7 @@
 
 use crate::error;
 use crate::layout;
+use crate::outlook::{self, ENOUGH};
 use gs_model::{Invalid, ReadOptions, Scene, chain, model};
 use wasm_bindgen::prelude::*;
 
@@ -26,6 +27,7 @@ impl WholeModel {
         let options = ReadOptions { invalid: Invalid::Drop, ..Default::default() };
         let (scene, _) = model::read_named(name, bytes, &options)
             .map_err(|e| JsValue::from(error::object(&chain(&e), "model")))?;
+        outlook::see(&scene, scene.len().div_ceil(ENOUGH));
         Ok(Self { scene })
     }
 

@@ -111,9 +111,18 @@ impl Stream {
             self.reader
                 .held_block(range, &mut self.block)
                 .map_err(|e| error::of(&e, self.reader.index()))?;
+            #[cfg(feature = "page")]
+            crate::outlook::see(&self.block, self.seldom());
             out.put(at + done, &self.block);
         }
         Ok(())
+    }
+
+    /// One in so many Gaussians is enough to find the first view. A coarse level has few.
+    #[cfg(feature = "page")]
+    fn seldom(&self) -> usize {
+        let whole = self.reader.index().filter(|index| index.coarsest_lod() == 0);
+        whole.map_or(1, |i| (i.header.count as usize).div_ceil(crate::outlook::ENOUGH))
     }
 
     /// Forgets the bytes of a chunk.

@@ -17,6 +17,8 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use gs_model::chain;
 
+use crate::needs::VULKAN;
+
 /// Flags of `cargo xtask conformance`.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct ConformanceArgs {
@@ -77,6 +79,11 @@ impl Tally {
 
 /// Makes all checks.
 pub(crate) fn run(args: &ConformanceArgs) -> Result<()> {
+    if !args.no_gpu
+        && let Err(lacking) = VULKAN.get()
+    {
+        eprintln!("SKIPPED: the WGSL executor: {lacking}");
+    }
     let started = Instant::now();
     let mut tally = Tally::default();
     golden::checks(&mut tally);

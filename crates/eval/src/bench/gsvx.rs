@@ -20,7 +20,7 @@ pub fn run(options: &GsvxOptions) -> Result<()> {
     if !options.sweep.is_empty() {
         return sweep::run(&options.sweep, out("docs/results/sweep.md"));
     }
-    let gsvx = GsvxCommand::find(&options.gsvx)?;
+    let gsvx = GsvxCommand::find()?;
     if !options.millions.is_empty() {
         return scale::run(options, &gsvx, out("docs/results/scale.md"));
     }

@@ -11,9 +11,6 @@ pub struct GsvxOptions {
     /// Numbers of Gaussians.
     #[arg(long, value_delimiter = ',', default_values_t = [100_000, 1_000_000, 4_000_000])]
     pub(super) sizes: Vec<usize>,
-    /// The command to measure.
-    #[arg(long, default_value = "target/release/gsvx")]
-    pub(super) gsvx: PathBuf,
     /// Instead: compare rates with and without cameras, per scene (comma-separated), as
     /// docs/results/importance.md.
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]

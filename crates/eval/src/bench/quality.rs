@@ -25,9 +25,6 @@ pub struct QualityOptions {
     /// Folder of models without photos
     #[arg(long, default_value = "../shared/models")]
     models: PathBuf,
-    /// The command, which makes viewpoints around these
-    #[arg(long, default_value = "target/release/gsvx")]
-    gsvx: PathBuf,
     /// Where the page goes
     #[arg(long, default_value = "docs/results/quality.md")]
     out: PathBuf,
@@ -83,7 +80,7 @@ impl Row {
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn run(options: &QualityOptions) -> Result<()> {
-    let gsvx = GsvxCommand::find(&options.gsvx)?;
+    let gsvx = GsvxCommand::find()?;
     let mut rows = Vec::new();
     let mut table =
         Table::new("model | quality | bytes | PSNR dB | worst view dB | SSIM | lost dB | enough");
@@ -112,7 +109,7 @@ pub fn run(options: &QualityOptions) -> Result<()> {
     };
     let mut page = Page::new(&options.out, "What is lost?");
     page.text(
-        "`cargo build --release -p gsvx-cli && cargo xtask bench-quality`. Streams without cameras. PSNR and SSIM \
+        "`cargo xtask bench-quality`. Streams without cameras. PSNR and SSIM \
          compare renders of the stream with renders of the input: at the held-out views of scenes with photos, at eight \
          viewpoints around other models. \"Lost\" is how far the PSNR against the photos falls below that of the \
          input.",

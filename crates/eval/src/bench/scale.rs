@@ -158,7 +158,7 @@ fn page(options: &GsvxOptions, tables: &Tables, out: &Path) -> Page {
     let millions: Vec<String> = options.millions.iter().map(ToString::to_string).collect();
     let mut page = Page::new(out, "Larger than memory?");
     page.text(format!(
-        "`cargo build --release -p gsvx-cli && cargo xtask bench-gsvx --millions {}` encodes {} in turn, replicated \
+        "`cargo xtask bench-gsvx --millions {}` encodes {} in turn, replicated \
          side by side and jittered, in files of a million each. `--memory {}`, {}. The bench checks that the joined \
          parts are the stream of `encode --memory`. Parts run one after the other; their peak is that of one. Times \
          are those of whole processes, files included. How it works: [scale.md](../scale.md).",

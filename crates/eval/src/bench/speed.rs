@@ -63,7 +63,7 @@ pub(super) fn run(options: &GsvxOptions, gsvx: &GsvxCommand, out: &Path) -> Resu
     }
     let mut page = Page::new(out, "How fast?");
     page.text(format!(
-        "`cargo build --release -p gsvx-cli && cargo xtask bench-gsvx {0}` times the command as a whole process, with \
+        "`cargo xtask bench-gsvx {0}` times the command as a whole process, with \
          reading and writing of files, at the default quality and without cameras. Models are {0} replicated side by \
          side, every float jittered a little. {1}.",
         options.scene,

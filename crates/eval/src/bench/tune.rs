@@ -31,9 +31,6 @@ pub struct TuneBenchOptions {
     /// A model without photos, for a table of its own.
     #[arg(long, value_name = "MODEL")]
     object: Option<PathBuf>,
-    /// The command to measure.
-    #[arg(long, default_value = "target/release/gsvx")]
-    gsvx: PathBuf,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/tune.md")]
     out: PathBuf,
@@ -76,7 +73,7 @@ pub fn run(options: &TuneBenchOptions) -> Result<()> {
     for name in &options.runs {
         ensure!(known.contains(name), "{name}: no such run; there are {}", known.join(", "));
     }
-    let gsvx = GsvxCommand::find(&options.gsvx)?;
+    let gsvx = GsvxCommand::find()?;
     let scenes = options.scenes.iter().map(|name| scene(options, &gsvx, name));
     let scenes = scenes.collect::<Result<Vec<_>>>()?;
     let object = options.object.as_deref().map(|model| object::object(&gsvx, model)).transpose()?;

@@ -12,6 +12,7 @@ pub(crate) mod stages;
 pub(crate) mod streams;
 pub(crate) mod study;
 pub(crate) mod tune;
+mod tuned_curve;
 mod views;
 
 use std::fs;
@@ -19,7 +20,6 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 
-use crate::process::GsvxCommand;
 use crate::report::{self, sections};
 use crate::{peers, published};
 use plan::{Coding, GSVX, TUNED};
@@ -40,6 +40,7 @@ pub fn run(options: &CurveOptions) -> Result<()> {
     let started = Instant::now();
     // Before anything long, so that a bad option is reported at once.
     let qualities = options.qualities()?;
+    let options = &options.clone().with_tuned_room();
     let study = Study::open(options)?;
     let folder = match options.experiment {
         Some(experiment) => experiment.run(&study, options, &qualities)?,
@@ -77,7 +78,7 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
         curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
     }
     if let Some(effort) = options.tune {
-        curves.push(streams::curve(study, &GsvxCommand::find(&options.gsvx)?, effort)?);
+        curves.push(tuned_curve::curve(study, effort, &options.tuned_qualities())?);
     }
     let tools = study.peers(&options.peers, base)?;
 

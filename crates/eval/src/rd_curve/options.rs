@@ -75,13 +75,11 @@ pub struct CurveOptions {
     /// One of the paper's experiments instead of the default curves
     #[arg(long)]
     pub(crate) experiment: Option<Experiment>,
-    /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long
+    /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long [default: quick for the room,
+    /// unless --quick is given; none for other scenes]
     #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
         default_missing_value = "normal", hide_possible_values = true)]
     pub(crate) tune: Option<CurveEffort>,
-    /// The command that tunes
-    #[arg(long, value_name = "FILE", default_value = "target/release/gsvx")]
-    pub(crate) gsvx: PathBuf,
     /// Run every stage, done before or not
     #[arg(long)]
     pub(crate) fresh: bool,
@@ -103,7 +101,22 @@ impl CurveOptions {
         self.views.unwrap_or(if self.quick { QUICK.0 } else { usize::MAX })
     }
 
+    /// What a newcomer runs shows the best: of the room the tuned curve takes seconds.
+    pub(super) fn with_tuned_room(mut self) -> Self {
+        let room = self.scene == crate::scenes::DEFAULT && !self.quick && self.experiment.is_none();
+        self.tune = self.tune.or(room.then_some(CurveEffort::Quick));
+        self
+    }
+
+    fn rates(&self) -> usize {
+        self.rates.unwrap_or(if self.quick { QUICK.1 } else { 6 })
+    }
+
     pub(crate) fn qualities(&self) -> Result<Vec<f32>> {
-        plan::qualities(self.rates.unwrap_or(if self.quick { QUICK.1 } else { 6 }))
+        plan::qualities(self.rates())
+    }
+
+    pub(super) fn tuned_qualities(&self) -> Vec<f32> {
+        crate::scenes::spread(super::streams::QUALITIES.to_vec(), self.rates())
     }
 }

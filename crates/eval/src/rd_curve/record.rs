@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bd::Point;
+use crate::codec::RoundTrip;
 use crate::manifest::Manifest;
 use crate::measure::Score;
 use crate::peers::ToolOutcome;
@@ -104,6 +105,23 @@ pub(crate) struct Coded {
 }
 
 impl Coded {
+    /// A round trip of which `stream` is the file. The rest is the caller's to fill in.
+    pub(crate) fn of(trip: RoundTrip, stream: String, parts: Vec<(&str, u64)>) -> Self {
+        Self {
+            voxels: String::new(),
+            quality: 0.0,
+            paper: None,
+            bytes: trip.stream.len() as u64,
+            parts: parts.into_iter().map(|(part, bytes)| (part.to_owned(), bytes)).collect(),
+            gaussians: trip.decoded.len(),
+            score: trip.score,
+            encode_seconds: trip.encode_seconds,
+            decode_seconds: trip.decode_seconds,
+            render_seconds: trip.render_seconds,
+            stream,
+        }
+    }
+
     /// Quality or QPs.
     pub(crate) fn setting(&self) -> String {
         self.paper.clone().unwrap_or_else(|| format!("{:.0}", self.quality))

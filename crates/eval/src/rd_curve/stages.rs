@@ -2,7 +2,6 @@
 //! for its record first.
 
 use std::cell::OnceCell;
-use std::fs;
 
 use crate::voxelized::voxelized;
 use anyhow::{Context, Result, ensure};
@@ -13,7 +12,7 @@ use super::plan::{Coding, Rule, Voxels, slug};
 use super::record::{Coded, VoxelizedRecord};
 use super::study::Study;
 use super::tune::{self, Tuning};
-use crate::codec::{RoundTrip, round_trip, timed};
+use crate::codec::{round_trip, timed};
 use crate::measure;
 use crate::progress::Bar;
 
@@ -91,7 +90,10 @@ impl<'a> Branch<'a> {
         let name = self.name();
         self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
             let Model { prepared: Prepared { scene, voxels, .. }, seconds } = self.model()?;
-            let bar = Bar::new(&format!("render {name}"), self.study.test.held_out.len() as u64);
+            let bar = Bar::new(
+                &format!("render {name}, voxelized"),
+                self.study.test.held_out.len() as u64,
+            );
             let (score, _) = measure::score(scene, &self.study.test.held_out, &bar);
             let tuned = self.tuning.map(|_| tune::find(self.study, &name, &self.key()));
             Ok(VoxelizedRecord {
@@ -116,7 +118,6 @@ impl<'a> Branch<'a> {
         let stage = format!("code-{name}");
         let settings = (self.key(), format!("{coding:?}"));
         let extension = if coding.paper().is_some() { "paper" } else { "gsvx" };
-        let stream = format!("streams/{name}.{extension}");
         if let Some(record) = study.cache.find(&stage, &settings, |r| study.has_stream(r))? {
             return Ok(record);
         }
@@ -142,24 +143,15 @@ impl<'a> Branch<'a> {
             Coding::Paper { .. } => Ok(paper::decode(bytes)?),
         };
         let trip = round_trip(&name, &study.test.held_out, encode, decode)?;
-        let RoundTrip { stream: bytes, decoded, score, .. } = trip;
-        ensure!(decoded.means == merged.means, "{name}: decoded means are not the voxelized ones");
+        let means = &trip.decoded.means;
+        ensure!(*means == merged.means, "{name}: decoded means are not the voxelized ones");
 
-        let path = study.out.join(&stream);
-        fs::create_dir_all(study.out.join("streams")).context("create streams/")?;
-        fs::write(&path, &bytes).with_context(|| format!("write {}", path.display()))?;
+        let stream = study.keep(&name, extension, &trip.stream)?;
         let record = Coded {
             voxels: self.name(),
             quality: coding.quality(),
             paper: coding.paper_setting(),
-            bytes: bytes.len() as u64,
-            parts: parts.into_iter().map(|(part, bytes)| (part.to_owned(), bytes)).collect(),
-            gaussians: decoded.len(),
-            score,
-            encode_seconds: trip.encode_seconds,
-            decode_seconds: trip.decode_seconds,
-            render_seconds: trip.render_seconds,
-            stream,
+            ..Coded::of(trip, stream, parts)
         };
         study.cache.store(&stage, &settings, &record)?;
         Ok(record)

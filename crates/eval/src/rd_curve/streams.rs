@@ -13,7 +13,7 @@ use finetune::{TrainView, framing};
 use serde::{Deserialize, Serialize};
 
 use super::options::CurveEffort;
-use super::record::{Coded, Curve};
+use super::record::Coded;
 use super::study::Study;
 use crate::cache::Cache;
 use crate::measure;
@@ -39,11 +39,6 @@ pub(crate) enum StreamKind {
 }
 
 impl StreamKind {
-    /// With photos.
-    pub(crate) fn tune(effort: CurveEffort) -> Self {
-        Self::Tune { effort, distil: false }
-    }
-
     /// For tables and file names.
     pub(crate) fn name(self) -> String {
         let (effort, distil) = match self {
@@ -176,17 +171,8 @@ fn stage(how: StreamKind, quality: f32) -> String {
     format!("{}-q{quality:.0}", how.name())
 }
 
-/// Qualities of the tuned curve: from 2 dB or more below the model as it was trained to above it or near it.
+/// Qualities of tuned curves: from 2 dB or more below the model as it was trained to above it or near it.
 pub(crate) const QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
-
-/// The tuned curve of a report.
-pub(crate) fn curve(study: &Study, gsvx: &GsvxCommand, effort: CurveEffort) -> Result<Curve> {
-    let streams = Streams::open(study, gsvx)?;
-    let point = |q: &f32| Ok(streams.point(StreamKind::tune(effort), *q)?.coded);
-    let points = QUALITIES.iter().map(point).collect::<Result<_>>()?;
-    let what = format!("pruned and tuned with the codec in the loop, effort {}", effort.name());
-    Ok(Curve { name: super::plan::TUNED.into(), what, voxelized: Vec::new(), points })
-}
 
 #[cfg(test)]
 mod tests {
@@ -200,6 +186,7 @@ mod tests {
         let distil = StreamKind::Tune { effort: CurveEffort::Quick, distil: true };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--distil"]);
         assert_eq!(distil.name(), "quick-distil");
-        assert_eq!(StreamKind::tune(CurveEffort::Normal).name(), "normal");
+        let normal = StreamKind::Tune { effort: CurveEffort::Normal, distil: false };
+        assert_eq!(normal.name(), "normal");
     }
 }

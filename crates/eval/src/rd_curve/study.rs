@@ -92,8 +92,12 @@ impl Study {
         if let Some(photos) = self.photos.get() {
             return Ok(photos);
         }
-        let photos = measure::load(self.test.files.dataset.training())?;
-        Ok(self.photos.get_or_init(|| photos))
+        let dataset = &self.test.files.dataset;
+        let training: Vec<View> = dataset.training().cloned().collect();
+        let mut found = tune::photos(&dataset.dir, &training)?;
+        found.check(&self.test.model, false)?;
+        found.notes.iter().for_each(|note| eprintln!("{note}"));
+        Ok(self.photos.get_or_init(|| found.views))
     }
 
     /// What each Gaussian of the model contributes to the training views, and the seconds to find
@@ -147,6 +151,15 @@ impl Study {
     pub(crate) fn tally(&self) -> (usize, usize) {
         let (skipped, ran) = self.cache.tally();
         (skipped.len(), skipped.len() + ran.len())
+    }
+
+    /// Writes the stream of a point; its name, relative to the report.
+    pub(super) fn keep(&self, name: &str, extension: &str, bytes: &[u8]) -> Result<String> {
+        let stream = format!("streams/{name}.{extension}");
+        let path = self.out.join(&stream);
+        fs::create_dir_all(self.out.join("streams")).context("create streams/")?;
+        fs::write(&path, bytes).with_context(|| format!("write {}", path.display()))?;
+        Ok(stream)
     }
 
     /// Whether the stream of a point is still there.

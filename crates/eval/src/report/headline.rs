@@ -2,11 +2,13 @@
 
 use crate::bd;
 use crate::published::{Other, PAPER_CHAIN};
-use crate::rd_curve::plan::{GSVX, PAPER_CODING, PAPER_CRITERIA, UNIFORM};
+use crate::rd_curve::plan::{GSVX, PAPER_CODING, PAPER_CRITERIA, TUNED, UNIFORM};
 use crate::rd_curve::record::{Coded, Run};
 
 /// The bytes of gsvx beside those of something else at equal PSNR.
 pub(super) struct Comparison {
+    /// Of the curve of `gsvx tune`.
+    pub(super) tuned: bool,
     /// Per cent; negative if gsvx is smaller.
     pub(super) difference: f64,
     /// What it is compared with, in words.
@@ -18,6 +20,7 @@ pub(super) struct Comparison {
 /// What a curve is, for someone who has not seen its name before.
 pub(crate) fn in_words(name: &str) -> String {
     match name {
+        GSVX => "gsvx without tuning (`gsvx`)".into(),
         UNIFORM => "the same coding on an octree of one depth (`uniform`)".into(),
         PAPER_CRITERIA => {
             "the same coding on the paper's adaptive octree (`paper's criteria`)".into()
@@ -33,10 +36,11 @@ pub(crate) fn in_words(name: &str) -> String {
 /// All comparisons, the strongest first.
 pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
     let mut out: Vec<Comparison> = Vec::new();
-    for bd in run.bd.iter().filter(|b| b.test == GSVX) {
+    for bd in run.bd.iter().filter(|b| [GSVX, TUNED].contains(&b.test.as_str())) {
         if let Some(difference) = bd.rate {
             let at = "at equal picture quality, on average over the curve";
-            out.push(Comparison { difference, against: in_words(&bd.anchor), at });
+            let (tuned, against) = (bd.test == TUNED, in_words(&bd.anchor));
+            out.push(Comparison { tuned, difference, against, at });
         }
     }
     // Codecs of one setting have no curve.
@@ -52,7 +56,8 @@ pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
             let weakest = other.points.iter().filter_map(difference).reduce(f64::max);
             if let Some(difference) = weakest {
                 let at = "at its own picture quality";
-                out.push(Comparison { difference, against: in_words(&other.name), at });
+                let against = in_words(&other.name);
+                out.push(Comparison { tuned: false, difference, against, at });
             }
         }
     }
@@ -75,7 +80,8 @@ fn without_brackets(text: &str) -> &str {
 pub(super) fn title(scene: &str, all: &[Comparison]) -> String {
     match all.first() {
         Some(c) => format!(
-            "{scene}: for the same picture quality, gsvx needs {} bytes than {}",
+            "{scene}: for the same picture quality, gsvx{} needs {} bytes than {}",
+            if c.tuned { " tune" } else { "" },
             amount(c.difference),
             without_brackets(&c.against)
         ),
@@ -87,18 +93,23 @@ pub(super) fn title(scene: &str, all: &[Comparison]) -> String {
 pub(super) fn highlights(run: &Run, all: &[Comparison]) -> Vec<(String, String)> {
     let mut out: Vec<(String, String)> = all
         .iter()
-        .map(|c| (amount(c.difference), format!("bytes than {}, {}", c.against, c.at)))
+        .map(|c| {
+            let tuned = if c.tuned { ", tuned," } else { "" };
+            (amount(c.difference), format!("bytes{tuned} than {}, {}", c.against, c.at))
+        })
         .collect();
     // The smallest stream within half a dB of the uncompressed model.
-    let close = |p: &&Coded| p.score.psnr_db > run.original.score.psnr_db - 0.5;
-    let points = run.curves.iter().filter(|c| c.name == GSVX).flat_map(|c| &c.points);
-    if let Some(p) = points.filter(close).min_by_key(|p| p.bytes) {
+    let close = |p: &Coded| p.score.psnr_db > run.original.score.psnr_db - 0.5;
+    let ours = run.curves.iter().filter(|c| [GSVX, TUNED].contains(&c.name.as_str()));
+    let points = ours.flat_map(|c| c.points.iter().map(|p| (p, c.name == TUNED)));
+    if let Some((p, tuned)) = points.filter(|(p, _)| close(p)).min_by_key(|(p, _)| p.bytes) {
         out.push((
             format!("{:.0}x", run.original.file_bytes as f64 / p.bytes.max(1) as f64),
             format!(
-                "smaller than the model's PLY, {:+.2} dB from its PSNR: {:.3} MB, at quality {:.0}",
+                "smaller than the model's PLY, {:+.2} dB from its PSNR: {:.3} MB, {}at quality {:.0}",
                 p.score.psnr_db - run.original.score.psnr_db,
                 p.bytes as f64 / 1e6,
+                if tuned { "tuned " } else { "" },
                 p.quality
             ),
         ));
@@ -112,13 +123,20 @@ mod tests {
 
     #[test]
     fn the_strongest_comparison_comes_first_in_plain_words() {
-        let comparison =
-            |difference, name| Comparison { difference, against: in_words(name), at: "" };
+        let comparison = |difference, name| {
+            let against = in_words(name);
+            Comparison { tuned: false, difference, against, at: "" }
+        };
         let all = [comparison(-84.2, PAPER_CODING), comparison(2.6, UNIFORM)];
         assert_eq!(
             title("fox", &all).replace('\u{a0}', " "),
             "fox: for the same picture quality, gsvx needs 84 % fewer bytes than the coding of the paper that \
              gsvx follows"
+        );
+        let tuned = [Comparison { tuned: true, ..comparison(-90.0, GSVX) }];
+        assert_eq!(
+            title("fox", &tuned).replace('\u{a0}', " "),
+            "fox: for the same picture quality, gsvx tune needs 90 % fewer bytes than gsvx without tuning"
         );
         assert_eq!(title("fox", &[]), "fox: picture quality over size");
     }

@@ -3,6 +3,8 @@
 use glam::DVec3;
 use gs_model::Camera;
 
+use super::{Constraints, SIZE};
+
 /// A circle of cameras that look at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ring {
@@ -74,6 +76,13 @@ impl Placement {
             s => first + (s - 2.0 * ahead - back),
         };
         (0..n).map(|i| along(way * step(i))).collect()
+    }
+
+    /// The first camera of [`Placement::cameras`], of the size and the field of view that callers have by default.
+    #[must_use]
+    pub fn first(&self) -> Camera {
+        let focal = 0.5 * f64::from(SIZE[0]) / Constraints::default().tangents[0];
+        self.ring.camera("first".into(), self.best, SIZE, focal)
     }
 
     /// `n` cameras, at [`Placement::places`]. Their names are `name` and a number. `focal` is in pixels.

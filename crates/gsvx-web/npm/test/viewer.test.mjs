@@ -82,6 +82,79 @@ test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 
   assert.equal(await new Promise((resolve) => child.on('exit', resolve)), 0);
 });
 
+/** A sphere of Gaussians as a .splat, away from the origin, and a few black ones far around it. */
+function sphere(file) {
+  const all = Buffer.alloc(32 * 3000);
+  for (let i = 0; i < 3000; i += 1) {
+    const height = 1 - (2 * (i + 0.5)) / 3000;
+    const around = Math.sqrt(1 - height * height);
+    const far = i % 100 ? 1 : 30;
+    const at = [5 + far * around * Math.cos(2.4 * i), -2 + far * height, 9 + far * around * Math.sin(2.4 * i)];
+    [...at, 0.04, 0.04, 0.04].forEach((v, k) => all.writeFloatLE(v, 32 * i + 4 * k));
+    all.set([...(far > 1 ? [0, 0, 0] : [200, 110 + 50 * height, 40]), 255, 255, 128, 128, 128], 32 * i + 24);
+  }
+  writeFileSync(file, all);
+}
+
+/** Pixels that are lit, as a box in shares of the picture. */
+const lit = (page, png) => page.evaluate(async (base64) => {
+  const image = await createImageBitmap(await (await fetch(`data:image/png;base64,${base64}`)).blob());
+  const { width, height } = image;
+  const canvas = new OffscreenCanvas(width, height).getContext('2d');
+  canvas.drawImage(image, 0, 0);
+  const { data } = canvas.getImageData(0, 0, width, height);
+  const box = [1, 1, 0, 0];
+  for (let i = 0; i < width * height; i += 1) {
+    if (data[4 * i] < 60) continue;
+    const [x, y] = [(i % width) / width, Math.floor(i / width) / height];
+    box.splice(0, 4, Math.min(box[0], x), Math.min(box[1], y), Math.max(box[2], x), Math.max(box[3], y));
+  }
+  return box;
+}, png.toString('base64'));
+
+test('a single object is whole in the first view', { skip, timeout: 400000 }, async () => {
+  const splat = join(folder, 'sphere.splat');
+  sphere(splat);
+  gsvx('encode', splat, '-o', join(folder, 'sphere.gsvx'), '--no-estimate');
+  gsvx('encode', splat, '-o', join(folder, 'sphere-levels.gsvx'), '--web', '--no-estimate');
+  for (const name of ['sphere.splat', 'sphere.gsvx', 'sphere-levels.gsvx']) {
+    const viewer = await page(local({ url: `/data/${name}`, background: '#000' }), { viewport: { width: 640, height: 480 } });
+    await loaded(viewer);
+    await viewer.keyboard.press('h');
+    await viewer.waitForTimeout(3000);
+    const [left, top, right, bottom] = await lit(viewer, await shot(viewer, `viewer-${name}`));
+    const says = `${name}: ${[left, top, right, bottom]}`;
+    console.log(says);
+    assert.ok(left > 0.02 && top > 0.02 && right < 0.98 && bottom < 0.98, says);
+    assert.ok(bottom - top > 0.5, says);
+    await viewer.close();
+  }
+});
+
+test('gsvx view starts at the first camera of gsvx render --orbit', { skip, timeout: 400000 }, async () => {
+  // Beside no cameras.
+  const alone = mkdtempSync(join(tmpdir(), 'gsvx-alone-'));
+  const file = join(alone, 'sphere.gsvx');
+  sphere(join(alone, 'sphere.splat'));
+  gsvx('encode', join(alone, 'sphere.splat'), '-o', file, '--no-estimate');
+  gsvx('render', file, '--orbit', '3', '-o', join(alone, 'orbit'));
+  const child = spawn(process.env.GSVX_BIN, ['view', '--no-open', file], { stdio: ['ignore', 'pipe', 'inherit'] });
+  try {
+    const [line] = await new Promise((resolve) => child.stdout.on('data', (d) => resolve(String(d).split('\n'))));
+    const viewer = await page(`${line}&background=%23000`, { viewport: { width: 640, height: 480 } });
+    await loaded(viewer);
+    await viewer.keyboard.press('h');
+    const reference = readFileSync(join(alone, 'orbit/orbit-0000.png'));
+    const got = await nearing(viewer, () => shot(viewer, 'viewer-orbit'), reference, 35);
+    console.log(`viewer at the first camera of an orbit: ${got.toFixed(2)} dB`);
+    assert.ok(got >= 35, `${got} dB`);
+    await viewer.close();
+  } finally {
+    child.kill('SIGINT');
+    rmSync(alone, { recursive: true, force: true });
+  }
+});
+
 test('gsvx view answers with ranges, and a coarser level is read by them', { skip, timeout: 400000 }, async () => {
   const file = join(folder, 'rooms.gsvx');
   await rooms(file);

@@ -7,9 +7,9 @@ import { gzipSync } from 'node:zlib';
 const here = import.meta.dirname;
 const page = join(here, '../../../gsvx-cli/view/index.html.gz');
 
-// The decoder in core.js is the one that reads other models too.
-const models = {
-  name: 'models',
+// The decoder in core.js is the page's own.
+const decoder = {
+  name: 'decoder',
   setup({ onResolve }) {
     onResolve({ filter: /\/wasm\/gsvx\.js$/ }, () => ({ path: join(here, 'wasm/gsvx.js') }));
   },
@@ -18,7 +18,7 @@ const models = {
 async function bundle(entry, define, format) {
   const { outputFiles } = await build({
     entryPoints: [join(here, entry)], bundle: true, minify: true, write: false, format, define,
-    target: 'es2022', legalComments: 'none', logLevel: 'warning', plugins: [models],
+    target: 'es2022', legalComments: 'none', logLevel: 'warning', plugins: [decoder],
     external: ['node:*'], charset: 'ascii',
   });
   return outputFiles[0].text;

@@ -2,8 +2,7 @@
 import { PerspectiveCamera, Spherical, Quaternion, Vector3 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
-/** Degrees of the shorter side of the view, and most of the longer. */
-const FOV = 50;
+/** Most degrees of the longer side of the view. */
 const MOST = 75;
 /** Keys that fly: right, up, back, in units of the distance per second. */
 const FLY = { KeyW: [0, 0, -1], KeyS: [0, 0, 1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0] };
@@ -18,12 +17,12 @@ function wider(angle, times) {
 
 export class Camera {
   constructor(element, onChange) {
-    this.camera = new PerspectiveCamera(FOV, 1, 0.01, 1000);
+    this.camera = new PerspectiveCamera();
     this.element = element;
     this.onChange = onChange;
     this.keys = new Set();
     this.up = new Vector3(0, -1, 0);
-    this.home = { centre: [0, 0, 0], radius: 1 };
+    this.home = { eye: [0, 0, -1], target: [0, 0, 0], up: [0, -1, 0], angle: 50 };
     this.listen();
     this.controlled();
   }
@@ -36,6 +35,7 @@ export class Camera {
     this.controls.enableDamping = !matchMedia('(prefers-reduced-motion: reduce)').matches;
     this.controls.dampingFactor = 0.12;
     this.controls.addEventListener('change', this.onChange);
+    this.controls.addEventListener('start', () => (this.isMoved = true));
   }
 
   listen() {
@@ -44,6 +44,7 @@ export class Camera {
       if (typing(event) || !(event.code in FLY || event.code in TURN || event.code in ZOOM)) return;
       event.preventDefault();
       this.keys.add(event.code);
+      this.isMoved = true;
       this.onChange();
     });
     addEventListener('keyup', (event) => this.keys.delete(event.code));
@@ -56,35 +57,38 @@ export class Camera {
     this.reset();
   }
 
-  /** Looks at what `bulk` found. */
+  /** Starts where `outlook` of the decoder says, or turns around what is there. */
   frame(home) {
     this.home = home;
-    this.reset();
+    if (!this.isMoved) this.reset();
   }
 
   reset() {
-    const { centre, radius } = this.home;
+    const [eye, target, up] = [this.home.eye, this.home.target, this.home.up].map((v) => new Vector3(...v));
+    const offset = eye.sub(target);
+    const distance = offset.length();
     if (this.start) {
-      const { eye, ahead } = this.start;
-      this.camera.position.set(...eye);
-      const distance = Math.max(this.camera.position.distanceTo(new Vector3(...centre)), 0.2 * radius);
-      this.controls.target.copy(this.camera.position).addScaledVector(new Vector3(...ahead), distance);
-      this.finish(distance);
+      const { eye: start, ahead } = this.start;
+      this.camera.position.set(...start);
+      const away = Math.max(this.camera.position.distanceTo(target), 0.1 * distance);
+      this.controls.target.copy(this.camera.position).addScaledVector(new Vector3(...ahead), away);
+      this.finish(away);
       return;
     }
-    // Along the horizontal axis of most data sets: from -y where z is up, else from -z.
-    const ahead = Math.abs(this.up.z) > 0.5 ? new Vector3(0, 1, 0) : new Vector3(0, 0, 1);
-    const half = Math.tan((this.camera.fov * Math.PI) / 360) * Math.min(1, this.camera.aspect);
-    const distance = (0.9 * radius) / half;
-    this.controls.target.set(...centre);
-    this.camera.position.copy(this.controls.target).addScaledVector(ahead, -distance).addScaledVector(this.up, 0.25 * distance);
+    // As high above the horizon where something else is up.
+    const height = offset.dot(up) / distance;
+    const level = offset.clone().addScaledVector(this.up, -offset.dot(this.up));
+    if (level.length() < 0.3 * distance) level.copy(up);
+    this.controls.target.copy(target);
+    this.camera.position.copy(target).addScaledVector(this.up, height * distance);
+    this.camera.position.addScaledVector(level.normalize(), Math.sqrt(1 - height * height) * distance);
     this.finish(distance);
   }
 
   finish(distance) {
     this.camera.near = distance / 500;
     this.camera.far = distance * 500;
-    this.camera.updateProjectionMatrix();
+    this.resize(this.camera.aspect);
     this.controls.update();
     this.onChange();
   }
@@ -103,10 +107,10 @@ export class Camera {
     this.camera.updateProjectionMatrix();
   }
 
-  resize(width, height) {
-    const aspect = width / height;
+  resize(aspect) {
+    const angle = this.start?.angle ?? this.home.angle;
     this.camera.aspect = aspect;
-    if (!this.isFixed) this.camera.fov = aspect < 1 ? Math.min(wider(FOV, 1 / aspect), MOST) : FOV;
+    if (!this.isFixed) this.camera.fov = aspect < 1 ? Math.min(wider(angle, 1 / aspect), Math.max(MOST, angle)) : angle;
     this.camera.updateProjectionMatrix();
   }
 

@@ -1,6 +1,5 @@
 // The viewer page: opens scenes, draws them, and shows what is known of them.
 import { Camera } from './camera.js';
-import { bulk } from './frame.js';
 import { load } from './loading.js';
 import { View } from './view.js';
 
@@ -70,19 +69,23 @@ class Slot {
     this.complete = false;
     if (type === 'head') this.head = message.head;
     else if (type === 'progress') Object.assign(this, message);
+    else if (type === 'view') this.frame(message);
     else {
       this.view.put(message);
       for (const id of message.replaces) this.shown.delete(id);
       this.shown.set(message.id, message);
-      if (this.number === 0 && !state.framed && !camera.isFixed) {
-        state.framed = true;
-        camera.frame(bulk(message));
-      }
       const { id, replaces, lod, shDegree, count } = message;
       (state.log ??= []).push({ id, replaces, lod, shDegree, count, at: performance.now() });
       dirty();
     }
     show();
+  }
+
+  /** Goes to where the scene is best looked at from, unless that was done. */
+  frame({ view, last }) {
+    if (this.number > 0 || state.framed || camera.isFixed || !view) return;
+    state.framed = last;
+    camera.frame(view);
   }
 
   /** Gaussians that are drawn. */
@@ -137,7 +140,10 @@ function open(source, name, number) {
     theme();
     resize();
   }
-  if (number === 0) state.framed = false;
+  if (number === 0) {
+    state.framed = false;
+    camera.isMoved = false;
+  }
   return slots[number].open(source, name);
 }
 
@@ -158,7 +164,7 @@ function theme() {
 
 function resize() {
   const { innerWidth: width, innerHeight: height } = window;
-  camera.resize(width, height);
+  camera.resize(width / height);
   for (const { view } of slots) view.resize(width, height, Math.min(devicePixelRatio, 2));
   dirty();
 }
@@ -260,7 +266,10 @@ function start() {
     camera.setUp(up);
   }
   const triple = (name) => query.get(name).split(',').map(Number);
-  if (query.get('eye') && query.get('ahead')) camera.start = { eye: triple('eye'), ahead: triple('ahead') };
+  if (query.get('eye') && query.get('ahead')) {
+    camera.start = { eye: triple('eye'), ahead: triple('ahead') };
+    if (query.get('angle')) camera.start.angle = Number(query.get('angle'));
+  }
   if (query.get('camera')) camera.fixed(JSON.parse(query.get('camera')));
   const named = (url) => [new URL(url, location.href).href, decodeURIComponent(new URL(url, location.href).pathname.split('/').pop())];
   if (query.get('url')) open(...named(query.get('url')), 0);

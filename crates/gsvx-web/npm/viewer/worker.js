@@ -2,10 +2,34 @@
 import { GsvxError } from '../error.js';
 import { ready, run } from '../core.js';
 import { open } from '../source.js';
-import { Model } from '../wasm/gsvx.js';
+import { Model, outlook } from '../wasm/gsvx.js';
 
 /** Gaussians of a model that are handed out at a time. */
 const PIECE = 1 << 16;
+
+/** Says where the scene is best looked at from, as far as it is known. */
+const view = (last) => postMessage({ type: 'view', view: outlook(), last });
+
+/** Loads a stream. Its view is that of the coarsest level; of a stream without levels, that of the first chunk, then of all. */
+async function stream(source, options) {
+  const shown = new Set();
+  let [waits, told] = [Infinity, false];
+  const result = await run(source, options, (message, transfer) => {
+    postMessage(message, transfer ?? []);
+    const { type, head, id, count } = message;
+    if (type === 'head') {
+      const coarsest = head.chunks.filter((c) => head.lods === 1 || (!c.exact && c.lod === head.lods - 1));
+      waits = coarsest.reduce((sum, c) => sum + c.count, 0);
+    }
+    if (type !== 'chunk' || told || shown.has(id)) return;
+    waits -= count;
+    told = waits <= 0;
+    if (told || (shown.size === 0 && message.lod === 0)) view(told);
+    shown.add(id);
+  });
+  if (!told) view(true);
+  return result;
+}
 
 async function bytesOf(input) {
   if (input.range) return input.range(0, input.length);
@@ -30,6 +54,7 @@ async function model(source, name) {
   const model = new Model(name, bytes);
   const { count, shDegree } = model;
   postMessage({ type: 'head', head: { count, total: count, shDegree, lods: 1, lod: 0, length: bytes.length, chunks: [] } });
+  view(true);
   for (let first = 0; first < count; first += PIECE) {
     const size = Math.min(PIECE, count - first);
     const data = model.take(first, size, Math.ceil(size / 2048) * 2048, 'packed', shDegree);
@@ -43,9 +68,8 @@ async function model(source, name) {
 onmessage = async ({ data: { module, source, name, options } }) => {
   try {
     await ready(module);
-    const hand = (message, transfer) => postMessage(message, transfer ?? []);
     const other = /\.(ply|spz|splat)$/i.test(name);
-    const result = other ? await model(source, name) : await run(source, options, hand);
+    const result = other ? await model(source, name) : await stream(source, options);
     postMessage({ type: 'done', result });
   } catch (thrown) {
     postMessage({ type: 'error', error: GsvxError.from(thrown).plain() });

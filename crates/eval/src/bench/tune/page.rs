@@ -29,7 +29,7 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene], object: Option<
     let models: Vec<String> = scenes.iter().map(model).collect();
     let mut page = Page::new(&options.out, "What does tuning save?");
     page.text(format!(
-        "`cargo build --release -p gsvx-cli && cargo xtask bench-tune {}{}` runs `gsvx tune MODEL --cameras SCENE -q \
+        "`cargo xtask bench-tune {}{}` runs `gsvx tune MODEL --cameras SCENE -q \
          QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
          (dB) and SSIM are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
          off the path of the cameras: between them, beside them and farther back. The column after it is the same of `gsvx \
