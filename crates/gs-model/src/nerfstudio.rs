@@ -42,7 +42,10 @@ impl Placed {
             .map_err(|e| Error::json(&file, "nerfstudio's transform", e))?;
         let applied = match all.get("applied_transform") {
             None => Some((DMat3::IDENTITY, DVec3::ZERO)),
-            Some(value) => serde_json::from_value(value.clone()).ok().and_then(|rows| parts(&rows)),
+            Some(value) => {
+                let rows: Option<Vec<[f64; 4]>> = serde_json::from_value(value.clone()).ok();
+                rows.and_then(|rows| parts(&rows))
+            }
         };
         let applied_scale = all.get("applied_scale").and_then(Value::as_f64).unwrap_or(1.0);
         let scale = saved.scale / applied_scale;
@@ -65,8 +68,8 @@ impl Placed {
 }
 
 /// The rotation and the shift of the first three rows.
-fn parts(rows: &Vec<[f64; 4]>) -> Option<(DMat3, DVec3)> {
-    let &[x, y, z, ..] = &rows[..] else { return None };
+fn parts(rows: &[[f64; 4]]) -> Option<(DMat3, DVec3)> {
+    let &[x, y, z, ..] = rows else { return None };
     let column = |k: usize| DVec3::new(x[k], y[k], z[k]);
     Some((DMat3::from_cols(column(0), column(1), column(2)), column(3)))
 }
