@@ -5,7 +5,7 @@ use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 use crate::forward::render;
-use crate::image::Photo;
+use crate::image::{Image, Photo};
 use crate::metrics::psnr;
 use crate::options::RenderOptions;
 
@@ -30,14 +30,22 @@ impl TrainView {
     /// PSNR of a scene's render against the photo, dB; at most 100.
     #[must_use]
     pub fn psnr(&self, scene: &Scene) -> f64 {
-        let shown = render(scene, &self.camera, &RenderOptions::default());
-        psnr(&shown, &self.photo.image()).min(100.0)
+        self.psnr_of(&render(scene, &self.camera, &RenderOptions::default()))
+    }
+
+    /// PSNR of a render against the photo, dB; at most 100.
+    #[must_use]
+    pub fn psnr_of(&self, shown: &Image) -> f64 {
+        psnr(shown, &self.photo.image()).min(100.0)
     }
 }
 
 /// Checks that there are views, and that each has an undistorted camera of a possible size and a photo
 /// of that size.
-pub(crate) fn check_views(views: &[TrainView]) -> Result<()> {
+///
+/// # Errors
+/// [`Error::NoViews`], [`Error::PhotoSize`], [`Error::ViewSize`], [`Error::DistortedView`].
+pub fn check_views(views: &[TrainView]) -> Result<()> {
     if views.is_empty() {
         return Err(Error::NoViews);
     }

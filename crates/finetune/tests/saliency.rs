@@ -78,7 +78,7 @@ fn removal_effects_are_differences_of_renders_and_weights_those_of_saliency() {
     }
     let options = RenderOptions::default();
     let image = render(&whole, &camera, &options);
-    let found = worth(&whole, std::slice::from_ref(&camera), || ());
+    let found = worth(&whole, std::slice::from_ref(&camera), |seen| assert_eq!(seen, image));
     let squared = saliency(&whole, std::slice::from_ref(&camera)).squared;
     for (i, &effect) in found.removal.iter().enumerate() {
         assert!((found.squared[i] - squared[i]).abs() <= 1e-4 * squared[i], "{i}");

@@ -23,7 +23,7 @@ pub(crate) struct Course {
     target: Target,
     /// Gaussians of the input.
     pub(crate) input: usize,
-    /// Removal effects of the input, where they are known.
+    /// Removal effects of the input, until it is pruned.
     effects: Option<Vec<f32>>,
     stage: Stage,
     /// The values of least cost so far in the last part of the loop, and that cost.
@@ -33,16 +33,11 @@ pub(crate) struct Course {
 
 impl Course {
     /// Begins with a round of no steps, which keeps all Gaussians. The next one prunes.
-    /// `effects` are the removal effects of the scene, if the plan has them.
-    pub(crate) fn new(
-        plan: TunePlan,
-        target: Target,
-        scene: Scene,
-        effects: Option<Vec<f32>>,
-    ) -> Self {
+    /// `effects` are the removal effects of the scene.
+    pub(crate) fn new(plan: TunePlan, target: Target, scene: Scene, effects: Vec<f32>) -> Self {
         let input = scene.len();
         let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
-        let stage = Stage::Round { round: 0, recovery };
+        let (stage, effects) = (Stage::Round { round: 0, recovery }, Some(effects));
         Self { plan, target, input, effects, stage, best: None, aside_psnr: None }
     }
 
@@ -50,7 +45,7 @@ impl Course {
     fn pruned(&mut self, views: &Views, scene: &Scene, round: u64) -> Result<Scene> {
         let effects = match self.effects.take() {
             Some(effects) => effects,
-            None => views.worth(scene, &mut || ())?.removal,
+            None => views.worth(scene)?.removal,
         };
         let kept = self.plan.kept(self.input, round).min(scene.len());
         let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;

@@ -94,17 +94,12 @@ mod tests {
         let model = ply::read(room.join("point_cloud.ply")).unwrap().0;
         let kept: Vec<usize> = (0..model.len()).step_by(every).collect();
         let scene = model.select(&kept);
-        let load = |view: gs_model::View| {
-            let photo = image::open(&view.image_path).unwrap().to_rgb8();
-            let (width, height) = photo.dimensions();
-            let photo = Photo::new(width, height, photo.into_raw()).unwrap();
-            TrainView { camera: view.camera.scaled_to(width, height).unwrap(), photo }
-        };
+        let load = |view: gs_model::View| crate::photo(&view.camera, &view.image_path).unwrap();
         let views = dataset::open_views(room).unwrap().into_iter().take(6).map(load).collect();
         let target = Target::Quality(PLAN.quality);
         let mut options = TuneOptions::new(target);
         options.drop_unseen = true;
-        let mut views = Views::new(&scene, views, &options, &mut || ()).unwrap();
+        let mut views = Views::look(&scene, views, &options, |_, _| ()).unwrap().views;
         let on_host = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         let mut on_device = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
         match on_device.place(Adapter::Software, &mut views.gradients) {

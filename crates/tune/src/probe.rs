@@ -8,33 +8,27 @@ use crate::codec_loop::encode_options;
 use crate::error::{Error, Result};
 use crate::options::{Target, TuneOptions};
 use crate::plan::{Spare, TunePlan, quality_for_psnr, voxel_options};
-use crate::views::Views;
+use crate::views::Looked;
 
 /// Bytes of a tuned stream over those of one of the same plan without tuning, about: where a search for
 /// a size begins.
 const TUNED_OVER_PROBED: f64 = 0.85;
 
-/// The plan for the target, and the removal effects that it follows from unless the options give the plan.
-pub(crate) fn plan(
-    scene: &Scene,
-    views: &Views,
-    options: &TuneOptions,
-    input_psnr: f64,
-    seen: &mut dyn FnMut(),
-) -> Result<(TunePlan, Option<Vec<f32>>)> {
+/// The plan for the target.
+pub(crate) fn plan(scene: &Scene, looked: &Looked, options: &TuneOptions) -> Result<TunePlan> {
     if let Some(plan) = options.plan {
-        return Ok((plan.checked()?, None));
+        return plan.checked();
     }
-    let Worth { removal, squared } = views.worth(scene, seen)?;
-    let spare = Spare::new(&removal, &squared);
+    let Looked { worth: Worth { removal, squared }, input_psnr, .. } = looked;
+    let spare = Spare::new(removal, squared);
     let quality = match options.target {
         Target::Quality(quality) => quality,
-        Target::Psnr(db) => quality_for_psnr(db, input_psnr),
+        Target::Psnr(db) => quality_for_psnr(db, *input_psnr),
         Target::Bytes(bytes) => {
             // The stream of a plan without any tuning.
             let probe = |quality: f32| {
                 let plan = TunePlan::new(quality, options.effort, &spare)?;
-                let kept = gsvx::prune(&removal, plan.fraction)?;
+                let kept = gsvx::prune(removal, plan.fraction)?;
                 let importance = kept.iter().map(|&i| squared[i]).collect();
                 probe(&scene.select(&kept), importance, quality, options.drop_unseen)
             };
@@ -46,7 +40,7 @@ pub(crate) fn plan(
             found.quality
         }
     };
-    Ok((TunePlan::new(quality, options.effort, &spare)?, Some(removal)))
+    Ok(TunePlan::new(quality, options.effort, &spare)?)
 }
 
 /// Bytes of the smallest stream that has a Gaussian, to five points of quality.

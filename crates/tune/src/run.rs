@@ -1,6 +1,6 @@
 //! [`Tune`]: the run.
 
-use finetune::{BackendReport, TrainView};
+use finetune::{BackendReport, TrainView, Worth};
 use gs_model::Scene;
 
 use crate::checkpoint::fingerprint;
@@ -14,7 +14,7 @@ use crate::progress::{Progress, StopReason, TuneOutcome};
 use crate::stage::at_degree;
 use crate::steering;
 use crate::trainer::{Clock, Trainer, Work};
-use crate::views::Views;
+use crate::views::{Looked, Views};
 
 /// A view of the loop takes this much longer than one without the codec.
 const LOOP_OVER_STEP: f64 = 1.4;
@@ -61,8 +61,8 @@ impl Tune {
         Self::with_progress(scene, views, options, |_, _| ())
     }
 
-    /// As [`Tune::new`]. `looked` is told how many of the renders are done that come before the run, and how many there
-    /// are: for a million Gaussians they take a minute.
+    /// As [`Tune::new`]. `looked` is told from how many views the input has been seen, and how many there are: for a million
+    /// Gaussians that takes half a minute.
     ///
     /// # Errors
     /// Those of [`Tune::new`].
@@ -70,7 +70,7 @@ impl Tune {
         scene: Scene,
         views: Vec<TrainView>,
         options: TuneOptions,
-        mut looked: impl FnMut(usize, usize),
+        looked: impl FnMut(usize, usize),
     ) -> Result<Self> {
         scene.validate()?;
         if let Target::Psnr(db) = options.target
@@ -85,20 +85,15 @@ impl Tune {
         let TuneOptions { target, effort, plan: given, distil, drop_unseen, seed, .. } = &options;
         let shared = format!("{target:?} {effort:?} {given:?} {distil} {drop_unseen} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
-        let (mut done, all) = (0, Views::renders(views.len(), &options));
-        let mut seen = || {
-            done += 1;
-            looked(done, all);
-        };
-        let views = Views::new(&scene, views, &options, &mut seen)?;
-        let (_, input_psnr) = views.at_aside(&scene);
         let started = Clock::start();
-        let (plan, effects) = plan(&scene, &views, &options, input_psnr, &mut seen)?;
+        let looked = Views::look(&scene, views, &options, looked)?;
         let worth = started.seconds();
+        let plan = plan(&scene, &looked, &options)?;
+        let Looked { views, worth: Worth { removal, .. }, input_psnr } = looked;
         let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let times = Times { step: seconds_of_a_step(&scene, &mut trainer.views), worth };
-        let mut course = Course::new(plan, target, scene, effects);
+        let mut course = Course::new(plan, target, scene, removal);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;

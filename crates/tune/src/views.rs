@@ -9,7 +9,9 @@
 
 use finetune::framing::nearby;
 use finetune::optimiser::permutation;
-use finetune::{Loss, RenderOptions, TrainView, ViewGradients, Worth, saliency, worth};
+use finetune::{
+    Loss, Photo, RenderOptions, TrainView, ViewGradients, Worth, check_views, saliency, worth,
+};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
@@ -55,6 +57,14 @@ pub(crate) struct Views {
     order: Vec<u32>,
 }
 
+/// The views, and what they show of the input model.
+pub(crate) struct Looked {
+    pub(crate) views: Views,
+    pub(crate) worth: Worth,
+    /// PSNR at the views kept aside, dB.
+    pub(crate) input_psnr: f64,
+}
+
 /// Small renders of the input model.
 struct Judged {
     /// At the views kept aside.
@@ -98,53 +108,68 @@ impl Views {
         })
     }
 
-    /// Some views are kept aside, and photos that `scene`, the input model, matches badly count less. There are
-    /// nearby views unless what no photo shows is left out.
+    /// Looks at `scene`, the input model, from all views. Some views are kept aside, and photos that it matches badly
+    /// count less. There are nearby views unless what no photo shows is left out.
     ///
-    /// `seen` is called after each render, as often as [`Views::renders`] says.
-    pub(crate) fn new(
+    /// `seen` is told how many views are done, and how many there are.
+    pub(crate) fn look(
         scene: &Scene,
         views: Vec<TrainView>,
         options: &TuneOptions,
-        seen: &mut dyn FnMut(),
-    ) -> Result<Self> {
+        mut seen: impl FnMut(usize, usize),
+    ) -> Result<Looked> {
+        check_views(&views)?;
         let share = if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS };
         let cameras = cameras_of(&views);
-        let (mut training, mut aside) = (Vec::new(), Vec::new());
-        for (i, view) in views.into_iter().enumerate() {
-            if i % ASIDE == ASIDE / 2 { aside.push(view) } else { training.push(view) }
+        let is_aside = |i: usize| i % ASIDE == ASIDE / 2;
+        let training = (0..views.len()).filter(|&i| !is_aside(i)).count();
+        let count = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
+        let nearby = nearby(scene, &cameras, count, 0);
+        let nearby: Vec<Camera> = nearby.iter().map(|c| within(c, NEARBY_EDGE)).collect();
+
+        let (mut done, all) = (0, cameras.len() + nearby.len());
+        let mut one_more = || {
+            done += 1;
+            seen(done, all);
+        };
+        let mut psnr = Vec::with_capacity(views.len());
+        let at_views = worth(scene, &cameras, |image| {
+            psnr.push(views[psnr.len()].psnr_of(&image));
+            one_more();
+        });
+        let mut targets = Vec::with_capacity(nearby.len());
+        let at_nearby = worth(scene, &nearby, |image| {
+            targets.push(Photo::from(&image));
+            one_more();
+        });
+
+        let (mut photos, mut photos_db) = (Vec::new(), Vec::new());
+        let (mut aside, mut aside_db) = (Vec::new(), Vec::new());
+        for (i, (view, db)) in views.into_iter().zip(psnr).enumerate() {
+            let (views, dbs) = match is_aside(i) {
+                true => (&mut aside, &mut aside_db),
+                false => (&mut photos, &mut photos_db),
+            };
+            views.push(view);
+            dbs.push(db);
         }
         if aside.is_empty() {
-            aside.extend(training.first().cloned());
+            aside.extend(photos.first().cloned());
+            aside_db.extend(photos_db.first());
         }
-        let mut error = |view: &TrainView| {
-            let error = libm::exp10(-0.1 * view.psnr(scene));
-            seen();
-            error
-        };
-        let errors: Vec<f64> = training.iter().map(&mut error).collect();
+        let errors: Vec<f64> = photos_db.iter().map(|db| libm::exp10(-0.1 * db)).collect();
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
-        let mut gradients = ViewGradients::new(training, Loss::Mse, &RenderOptions::default())?;
+        let mut gradients = ViewGradients::new(photos, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
-        let count = if options.drop_unseen { 0 } else { gradients.views().min(MOST_NEARBY) };
-        let nearby: Vec<Camera> =
-            nearby(scene, &cameras, count, 0).iter().map(|c| within(c, NEARBY_EDGE)).collect();
-        for camera in &nearby {
-            gradients.add(TrainView::rendered(scene, camera.clone()), share.weight)?;
-            seen();
+        for (camera, photo) in nearby.iter().zip(targets) {
+            gradients.add(TrainView { camera: camera.clone(), photo }, share.weight)?;
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
-        Ok(Self { cameras, gradients, aside, nearby, share, judged, seed, order })
-    }
-
-    /// Renders that come before a run of so many views, with those of [`Views::worth`] if it is asked for.
-    pub(crate) fn renders(views: usize, options: &TuneOptions) -> usize {
-        let aside = (views + ASIDE - ASIDE / 2 - 1) / ASIDE;
-        let training = views - aside;
-        let nearby = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
-        let worth = if options.plan.is_some() { 0 } else { views + nearby };
-        training + nearby + worth
+        let this = Self { cameras, gradients, aside, nearby, share, judged, seed, order };
+        let worth = this.together(at_views, &at_nearby)?;
+        let input_psnr = aside_db.iter().sum::<f64>() / aside_db.len() as f64;
+        Ok(Looked { views: this, worth, input_psnr })
     }
 
     /// Number of views whose photos the steps visit.
@@ -202,11 +227,15 @@ impl Views {
         sum
     }
 
-    /// What each Gaussian is worth. The removal effect is the greatest number for one that no view sees, as nothing is
-    /// known of it, unless it is to be left out. `seen` is called after each view.
-    pub(crate) fn worth(&self, scene: &Scene, seen: &mut dyn FnMut()) -> Result<Worth> {
-        let mut all = worth(scene, &self.cameras, &mut *seen);
-        let near = worth(scene, &self.nearby, seen);
+    /// What each Gaussian is worth.
+    pub(crate) fn worth(&self, scene: &Scene) -> Result<Worth> {
+        let at = |cameras: &[Camera]| worth(scene, cameras, drop);
+        self.together(at(&self.cameras), &at(&self.nearby))
+    }
+
+    /// The worth to all views. The removal effect is the greatest number for a Gaussian that no view sees, as nothing
+    /// is known of it, unless it is to be left out.
+    fn together(&self, mut all: Worth, near: &Worth) -> Result<Worth> {
         self.add_nearby(&mut all.removal, &near.removal);
         self.add_nearby(&mut all.squared, &near.squared);
         if all.removal.iter().all(|&effect| effect <= 0.0) {

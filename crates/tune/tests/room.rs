@@ -98,6 +98,7 @@ fn what_the_photos_do_not_show_stays_unless_it_is_dropped() {
         let looked = |done, all| looks.push((done, all));
         let run = Tune::with_progress(model(), few.clone(), options, looked).unwrap();
         let all = looks.len();
+        assert!(all == if drop_unseen { 10 } else { 19 }, "{all}");
         assert_eq!(looks, (1..=all).map(|done| (done, all)).collect::<Vec<_>>());
         run.run(|_| ()).unwrap().against_input.unwrap()
     };

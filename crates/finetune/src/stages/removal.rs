@@ -9,6 +9,7 @@ use super::gather::gather;
 use super::project::{RenderView, Splat};
 use super::{T_STOP, gate};
 use crate::forward::Forward;
+use crate::image::Image;
 use crate::options::RenderOptions;
 
 /// What each Gaussian is worth to a set of views.
@@ -25,9 +26,9 @@ pub struct Worth {
 ///
 /// The removal effect of a Gaussian of large blending weights is small if what is behind it looks the same.
 /// Costs about two forward passes per camera; views are summed in the order given. The pixels at which
-/// blending stops stay those of the whole scene. `seen` is called after each camera.
+/// blending stops stay those of the whole scene. `seen` gets the render of each camera, as [`crate::render`] makes it.
 #[must_use]
-pub fn worth(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut()) -> Worth {
+pub fn worth(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut(Image)) -> Worth {
     let n = scene.len();
     let mut out = Worth { removal: vec![0.0; n], squared: vec![0.0; n] };
     let mut f = Forward::default();
@@ -41,7 +42,7 @@ pub fn worth(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut()) -> Worth
             out.removal[i] += removal;
             out.squared[i] += squared;
         }
-        seen();
+        seen(f.image(&view));
     }
     out
 }
