@@ -121,7 +121,6 @@ impl Views {
         check_views(&views)?;
         let share = if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS };
         let cameras = cameras_of(&views);
-        let is_aside = |i: usize| i % ASIDE == ASIDE / 2;
         let training = (0..views.len()).filter(|&i| !is_aside(i)).count();
         let count = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
         let nearby = nearby(scene, &cameras, count, 0);
@@ -143,23 +142,10 @@ impl Views {
             one_more();
         });
 
-        let (mut photos, mut photos_db) = (Vec::new(), Vec::new());
-        let (mut aside, mut aside_db) = (Vec::new(), Vec::new());
-        for (i, (view, db)) in views.into_iter().zip(psnr).enumerate() {
-            let (views, dbs) = match is_aside(i) {
-                true => (&mut aside, &mut aside_db),
-                false => (&mut photos, &mut photos_db),
-            };
-            views.push(view);
-            dbs.push(db);
-        }
-        if aside.is_empty() {
-            aside.extend(photos.first().cloned());
-            aside_db.extend(photos_db.first());
-        }
-        let errors: Vec<f64> = photos_db.iter().map(|db| libm::exp10(-0.1 * db)).collect();
+        let [photos, Scored { views: aside, psnr: aside_db }] = divided(views, psnr);
+        let errors: Vec<f64> = photos.psnr.iter().map(|db| libm::exp10(-0.1 * db)).collect();
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
-        let mut gradients = ViewGradients::new(photos, Loss::Mse, &RenderOptions::default())?;
+        let mut gradients = ViewGradients::new(photos.views, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
         for (camera, photo) in nearby.iter().zip(targets) {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.weight)?;
@@ -260,6 +246,34 @@ impl Views {
     pub(crate) fn drop_unseen(&self) -> bool {
         self.nearby.is_empty()
     }
+}
+
+/// Views, and the PSNR of the input model at each, dB.
+#[derive(Default)]
+struct Scored {
+    views: Vec<TrainView>,
+    psnr: Vec<f64>,
+}
+
+/// Whether a view is kept aside.
+fn is_aside(view: usize) -> bool {
+    view % ASIDE == ASIDE / 2
+}
+
+/// The views of the steps, and those kept aside. Of few views none is: then the first judges.
+fn divided(views: Vec<TrainView>, psnr: Vec<f64>) -> [Scored; 2] {
+    let mut out = [Scored::default(), Scored::default()];
+    for (i, (view, db)) in views.into_iter().zip(psnr).enumerate() {
+        let part = &mut out[usize::from(is_aside(i))];
+        part.views.push(view);
+        part.psnr.push(db);
+    }
+    let [photos, aside] = &mut out;
+    if aside.views.is_empty() {
+        aside.views.extend(photos.views.first().cloned());
+        aside.psnr.extend(photos.psnr.first());
+    }
+    out
 }
 
 /// The same view with no edge longer than `most` pixels.
