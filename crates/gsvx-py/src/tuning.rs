@@ -178,11 +178,8 @@ fn tune_scene(
     let distilled = training.is_empty();
     let training = if distilled { renders(&scene, cameras.list, line)? } else { training };
     let mut choices = ::tune::TuneOptions::new(options.target());
-    choices.effort = match &options.effort[..] {
-        "quick" => TuneEffort::Quick,
-        "long" => TuneEffort::Long,
-        _ => TuneEffort::Normal,
-    };
+    let named = TuneEffort::ALL.into_iter().find(|effort| effort.name() == options.effort);
+    choices.effort = named.unwrap_or_default();
     choices.distil = distilled;
     choices.seed = options.seed;
     choices.drop_unseen = options.drop_unseen;

@@ -81,7 +81,6 @@ mod tests {
     use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
-    use finetune::{Photo, TrainView};
     use gs_model::{dataset, ply};
     use std::path::Path;
 

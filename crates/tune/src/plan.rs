@@ -35,6 +35,21 @@ pub enum TuneEffort {
     Long,
 }
 
+impl TuneEffort {
+    /// From the shortest to the longest.
+    pub const ALL: [Self; 3] = [Self::Quick, Self::Normal, Self::Long];
+
+    /// Its name on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quick => "quick",
+            Self::Normal => "normal",
+            Self::Long => "long",
+        }
+    }
+}
+
 /// What a run will do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TunePlan {
@@ -54,15 +69,21 @@ impl TunePlan {
     /// The plan for a quality.
     pub(crate) fn new(quality: f32, effort: TuneEffort, spare: &Spare) -> gsvx::Result<Self> {
         EncodeOptions::from_quality(quality)?;
+        // A short run recovers from less pruning.
+        let mild = if effort == TuneEffort::Quick { QUICK_PRUNES_AS } else { 0.0 };
+        let fraction = spare.fraction((quality + mild).min(100.0))?;
+        let empty = Self { quality, fraction, rounds: 0, round_steps: 0, loop_steps: 0 };
+        Ok(empty.with(effort))
+    }
+
+    /// This plan with the rounds and steps of an effort.
+    pub(crate) fn with(self, effort: TuneEffort) -> Self {
         let (rounds, round_steps, loop_steps) = match effort {
             TuneEffort::Quick => (3, 80, 400),
             TuneEffort::Normal => (4, 300, 2400),
             TuneEffort::Long => (5, 1000, 9000),
         };
-        // A short run recovers from less pruning.
-        let mild = if effort == TuneEffort::Quick { QUICK_PRUNES_AS } else { 0.0 };
-        let fraction = spare.fraction((quality + mild).min(100.0))?;
-        Ok(Self { quality, fraction, rounds, round_steps, loop_steps })
+        Self { rounds, round_steps, loop_steps, ..self }
     }
 
     /// This plan, if a run can follow it.

@@ -8,7 +8,7 @@ use crate::codec_loop::CodecLoop;
 use crate::course::Course;
 use crate::error::{Error, Result};
 use crate::options::{Target, TuneOptions};
-use crate::plan::TunePlan;
+use crate::plan::{TuneEffort, TunePlan};
 use crate::probe::plan;
 use crate::progress::{Progress, StopReason, TuneOutcome};
 use crate::stage::at_degree;
@@ -136,14 +136,25 @@ impl Tune {
     /// Seconds that the rest of the run will take, about.
     #[must_use]
     pub fn estimated_seconds(&self) -> f64 {
-        let Course { plan, input, .. } = &self.course;
+        let plan = &self.course.plan;
+        let left = 1.0 - self.trainer.done as f64 / plan.steps().max(1) as f64;
+        self.seconds_of(plan) * left
+    }
+
+    /// Seconds that this run would take with another effort, about.
+    #[must_use]
+    pub fn seconds_with(&self, effort: TuneEffort) -> f64 {
+        self.seconds_of(&self.course.plan.with(effort))
+    }
+
+    fn seconds_of(&self, plan: &TunePlan) -> f64 {
+        let input = &self.course.input;
         let share = |kept: f64| libm::pow(kept, TIME_EXPONENT);
         let of_round = |r: u64| plan.kept(*input, r) as f64 / (*input).max(1) as f64;
         let rounds: f64 = (1..=plan.rounds).map(|r| share(of_round(r))).sum();
         let in_loop = LOOP_OVER_STEP * share(1.0 - plan.fraction);
         let steps = rounds * plan.round_steps as f64 + in_loop * plan.loop_steps as f64;
-        let left = 1.0 - self.trainer.done as f64 / plan.steps().max(1) as f64;
-        (self.times.step * steps + self.times.worth * rounds) * left
+        self.times.step * steps + self.times.worth * rounds
     }
 
     /// Runs to the end, calling `progress` now and then.
