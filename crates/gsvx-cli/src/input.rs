@@ -3,6 +3,7 @@
 use crate::exit::{STDIN, note};
 use crate::format::{self, STREAM};
 use crate::output::{counted, is_stdio};
+use crate::progress::Meter;
 use crate::size;
 use anyhow::{Context, Result, bail};
 use gs_model::{Format, Invalid, ReadOptions, Report, Scene, model, ply};
@@ -116,6 +117,7 @@ impl Reading {
     /// Reads a model, or the bytes of a stream. Says what it skipped.
     fn open(&self, path: &Path) -> Result<Opened> {
         let (from, options) = (self.from.as_deref(), self.options());
+        let reading = Meter::spinner(format!("reading {}", name(path)));
         let length = std::fs::metadata(path).ok().filter(|m| m.is_file()).map(|m| m.len());
         let ((scene, report), bytes) = if let (None, Some(length)) = (from, length)
             && !starts_like_stream(path)?
@@ -133,6 +135,7 @@ impl Reading {
             };
             (read, all.len() as u64)
         };
+        drop(reading);
         say_skipped(&report);
         let bytes = bytes + report.bytes_beside;
         Ok(Opened::Model(Box::new(Loaded { scene, bytes, report })))

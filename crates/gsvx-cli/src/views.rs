@@ -132,7 +132,9 @@ pub(crate) fn read(path: &Path) -> Result<Vec<View>> {
 
 /// Cameras that show a model, which was read from `path`, from wherever it can be seen.
 pub(crate) fn around(orbit: &Orbit, n: u32, path: &Path, scene: &Scene) -> Result<Vec<Camera>> {
+    let looking = Meter::spinner("looking for cameras".into());
     let cameras = orbit.covering(scene, n, up_beside(path))?;
+    drop(looking);
     drawable(&cameras, "pass a smaller --size")?;
     Ok(cameras)
 }

@@ -49,5 +49,8 @@ fn a_tune_of_a_million_gaussians_is_never_silent() {
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(LISTENED - last < BETWEEN, "{all:#?}");
-    assert!(all.iter().any(|line| line.contains("renders: ") || line.contains("input model: ")));
+    let tells = |line: &String| {
+        ["cameras: ", "renders: ", "input model: "].iter().any(|w| line.contains(w))
+    };
+    assert!(all.iter().any(tells), "{all:#?}");
 }
