@@ -3,19 +3,23 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
+use finetune::TrainView;
+use finetune::framing::{self, Constraints};
+use gs_model::ReadOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::cache::{self, Cache};
 use crate::cells;
+use crate::measure;
 use crate::page::Table;
 use crate::process::GsvxCommand;
 use crate::scenes;
 
 /// Cameras that the tune generates.
-const CAMERAS: &str = "32";
-/// The stream without tuning that is about as good at these.
-const UNTUNED_QUALITY: &str = "50";
+const CAMERAS: u32 = 32;
+/// Qualities without tuning: the first that is as good at these cameras is taken, or the last.
+const UNTUNED: [u8; 6] = [42, 44, 46, 48, 50, 52];
 /// Elevations of the circles that the streams are compared at, degrees, and views on each.
 const ELEVATIONS: [u32; 2] = [8, 60];
 const VIEWS: &str = "24";
@@ -26,7 +30,10 @@ const SIZE: &str = "320x240";
 pub(super) struct Object {
     name: String,
     untuned_bytes: u64,
+    untuned_quality: u8,
     bytes: u64,
+    /// PSNR at the cameras of the tune, without tuning and with it, dB.
+    at_cameras: [f64; 2],
     user_seconds: f64,
     peak_mb: f64,
     circles: Vec<Circle>,
@@ -52,17 +59,29 @@ pub(super) fn object(gsvx: &GsvxCommand, model: &Path) -> Result<Object> {
     let dir = scenes::root().join("out/rd").join(&*name);
     let inputs = (cache::hash_file(gsvx.path())?, cache::hash_file(&model)?);
     let cache = Cache::open(&dir.join("stages"), &inputs, false)?;
-    let what = (CAMERAS, UNTUNED_QUALITY, ELEVATIONS, VIEWS, SIZE);
+    let what = (CAMERAS, UNTUNED, ELEVATIONS, VIEWS, SIZE);
     cache.run("object", &what, || measure(gsvx, &model, &name, &dir))
 }
 
 fn measure(gsvx: &GsvxCommand, model: &Path, name: &str, dir: &Path) -> Result<Object> {
     println!("{name} ...");
     let [untuned, tuned] = ["untuned", "tuned"].map(|s| dir.join(s).with_extension("gsvx"));
-    gsvx.make(&[&"encode", &model, &"--quality", &UNTUNED_QUALITY, &"--no-estimate"], &untuned)?;
-    let words: [&dyn AsRef<std::ffi::OsStr>; 6] =
-        [&"tune", &model, &"--orbit", &CAMERAS, &"--effort", &"quick"];
-    let cost = gsvx.make(&words, &tuned)?;
+    let orbit = format!("--orbit={CAMERAS}");
+    let cost = gsvx.make(&[&"tune", &model, &orbit, &"--effort=quick"], &tuned)?;
+    let renders = renders(model)?;
+    let psnr_of = |stream: &Path| -> Result<f64> {
+        Ok(measure::psnr_db(&gsvx::decode(&std::fs::read(stream)?)?, &renders))
+    };
+    let tuned_db = psnr_of(&tuned)?;
+    let (mut untuned_quality, mut untuned_db) = (0, 0.0);
+    for quality in UNTUNED {
+        let words = format!("--quality={quality}");
+        gsvx.make(&[&"encode", &model, &words, &"--no-estimate"], &untuned)?;
+        (untuned_quality, untuned_db) = (quality, psnr_of(&untuned)?);
+        if untuned_db >= tuned_db {
+            break;
+        }
+    }
     let views = |stream: &Path, elevation: u32| -> Result<Vec<f64>> {
         let elevation = elevation.to_string();
         let words: [&dyn AsRef<std::ffi::OsStr>; 10] = [
@@ -92,26 +111,37 @@ fn measure(gsvx: &GsvxCommand, model: &Path, name: &str, dir: &Path) -> Result<O
     Ok(Object {
         name: name.to_owned(),
         untuned_bytes: bytes(&untuned)?,
+        untuned_quality,
         bytes: bytes(&tuned)?,
+        at_cameras: [untuned_db, tuned_db],
         user_seconds: cost.user,
         peak_mb: cost.peak_mb,
         circles,
     })
 }
 
+/// Renders of the model at the cameras of the tune.
+fn renders(model: &Path) -> Result<Vec<TrainView>> {
+    let (scene, _) = gs_model::model::read(model, &ReadOptions::default())?;
+    let covered = framing::cover(&scene, &Constraints::default(), CAMERAS, framing::SIZE, false);
+    let cameras = covered.context("a model without a Gaussian")?.cameras;
+    Ok(cameras.into_iter().map(|camera| TrainView::rendered(&scene, camera)).collect())
+}
+
 impl Object {
     /// What the table shows.
     pub(super) fn text(&self) -> String {
+        let Self {
+            name, bytes, untuned_bytes, untuned_quality, at_cameras: [untuned, tuned], ..
+        } = self;
         format!(
-            "Without photos: {} as `gsvx tune --orbit {CAMERAS} --effort quick` makes it ({} bytes, {:.1} CPU minutes, \
-             {:.0} MB) and as `gsvx encode --quality {UNTUNED_QUALITY}` does ({} bytes). PSNR against renders of the \
-             model at {VIEWS} views all around (`gsvx compare --full-circle --elevation E`), and the least difference \
-             at one of them.",
-            self.name,
-            self.bytes,
+            "Without photos: {name} as `gsvx tune --orbit {CAMERAS} --effort quick` makes it ({bytes} bytes, {:.1} CPU \
+             minutes, {:.0} MB, {tuned:.2} dB from the model at the cameras of the tune) and as `gsvx encode --quality \
+             {untuned_quality}` does ({untuned_bytes} bytes, {untuned:.2} dB). PSNR against renders of the model at \
+             {VIEWS} views all around (`gsvx compare --full-circle --elevation E`), and the least difference at one of \
+             them.",
             self.user_seconds / 60.0,
             self.peak_mb,
-            self.untuned_bytes,
         )
     }
 
