@@ -1,5 +1,6 @@
 //! A model without photos, tuned to its own renders at generated cameras and looked at from all around.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -18,8 +19,8 @@ use crate::scenes;
 
 /// Cameras that the tune generates.
 const CAMERAS: u32 = 32;
-/// Qualities without tuning: the first that is as good at these cameras is taken, or the last.
-const UNTUNED: [u8; 6] = [42, 44, 46, 48, 50, 52];
+/// Qualities without tuning: that which is most nearly as good at these cameras is taken.
+const UNTUNED: RangeInclusive<u8> = 44..=54;
 /// Elevations of the circles that the streams are compared at, degrees, and views on each.
 const ELEVATIONS: [u32; 2] = [8, 60];
 const VIEWS: &str = "24";
@@ -73,15 +74,16 @@ fn measure(gsvx: &GsvxCommand, model: &Path, name: &str, dir: &Path) -> Result<O
         Ok(measure::psnr_db(&gsvx::decode(&std::fs::read(stream)?)?, &renders))
     };
     let tuned_db = psnr_of(&tuned)?;
-    let (mut untuned_quality, mut untuned_db) = (0, 0.0);
-    for quality in UNTUNED {
+    let encoded = |quality: u8| -> Result<f64> {
         let words = format!("--quality={quality}");
         gsvx.make(&[&"encode", &model, &words, &"--no-estimate"], &untuned)?;
-        (untuned_quality, untuned_db) = (quality, psnr_of(&untuned)?);
-        if untuned_db >= tuned_db {
-            break;
-        }
-    }
+        psnr_of(&untuned)
+    };
+    let all: Vec<(u8, f64)> = UNTUNED.map(|q| Ok((q, encoded(q)?))).collect::<Result<_>>()?;
+    let off = |db: f64| (db - tuned_db).abs();
+    let nearest = all.into_iter().min_by(|a, b| off(a.1).total_cmp(&off(b.1)));
+    let (untuned_quality, untuned_db) = nearest.context("qualities")?;
+    encoded(untuned_quality)?;
     let views = |stream: &Path, elevation: u32| -> Result<Vec<f64>> {
         let elevation = elevation.to_string();
         let words: [&dyn AsRef<std::ffi::OsStr>; 10] = [
