@@ -11,9 +11,10 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 
 use crate::process::GsvxCommand;
+use crate::rd_curve::CurveOptions;
 use crate::rd_curve::streams::{QUALITIES, StreamKind, StreamPoint, Streams};
 use crate::rd_curve::study::Study;
-use crate::rd_curve::{CurveEffort, CurveOptions};
+use tune::TuneEffort;
 
 /// Flags of `cargo xtask bench-tune`.
 #[derive(Clone, Debug, clap::Args)]
@@ -41,9 +42,9 @@ const UNTUNED: [f32; 7] = [30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0];
 
 /// Ways of tuning on the page.
 const RUNS: [StreamKind; 3] = [
-    StreamKind::Tune { effort: CurveEffort::Normal, distil: false },
-    StreamKind::Tune { effort: CurveEffort::Quick, distil: false },
-    StreamKind::Tune { effort: CurveEffort::Normal, distil: true },
+    StreamKind::Tune { effort: TuneEffort::Normal, distil: false },
+    StreamKind::Tune { effort: TuneEffort::Quick, distil: false },
+    StreamKind::Tune { effort: TuneEffort::Normal, distil: true },
 ];
 
 /// The points of one way of tuning, by quality.
