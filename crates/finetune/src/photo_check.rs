@@ -1,9 +1,9 @@
 //! Whether photos are those of their cameras, and of the model's exposure.
 //!
-//! Photos whose names are mixed up still match the model to 15 or 20 dB, so their PSNR tells nothing. A photo that the
-//! render of another camera resembles more than that of its own does.
+//! Photos whose names are mixed up still match the model to 15 or 20 dB, so their PSNR does not reveal it. But such a
+//! photo is more like the render of another camera than like that of its own.
 
-use gs_model::{Camera, Scene};
+use gs_model::Scene;
 
 use crate::forward::render;
 use crate::image::Image;
@@ -15,13 +15,11 @@ use crate::train_view::TrainView;
 const VIEWS: usize = 8;
 /// Size of the pictures that are compared with each other.
 const SIZE: [usize; 2] = [64, 48];
-/// Longest edge of a render that becomes such a picture.
-const EDGE: f64 = 320.0;
-/// Another camera resembles a photo more if less than this part of the difference remains.
+/// A photo is more like another camera's render if less than this part of the difference remains.
 const BETTER: f64 = 0.8;
 /// Photos of which more than this is unlike their cameras' renders may be of other views.
 const UNLIKE: f64 = 0.1;
-/// A fit of the exposure that gains more than this is told, dB.
+/// The exposure differs if fitting it gains more than this, dB.
 const EXPOSURE: f64 = 3.0;
 
 /// How some photos match the renders of the model.
@@ -29,7 +27,7 @@ const EXPOSURE: f64 = 3.0;
 pub struct PhotoCheck {
     /// Number of photos that were compared.
     pub views: usize,
-    /// Those that the render of another camera resembles more than that of their own.
+    /// Those that are more like the render of another camera than like that of their own.
     pub misplaced: usize,
     /// The part of a photo's variance that its camera's render does not explain, mean.
     pub unlike_own: f64,
@@ -54,8 +52,8 @@ impl PhotoCheck {
         }
         let step = views.len().div_ceil(VIEWS).max(1);
         let chosen: Vec<usize> = (0..views.len()).step_by(step).collect();
-        let small = |i: usize| Picture::of(&render_small(scene, &views[i].camera));
-        let renders: Vec<Picture> = chosen.iter().map(|&i| small(i)).collect();
+        let n = chosen.len() as f64;
+        let (mut photos, mut renders) = (Vec::new(), Vec::new());
         let mut out = Self {
             views: chosen.len(),
             misplaced: 0,
@@ -64,23 +62,29 @@ impl PhotoCheck {
             psnr: 0.0,
             fitted_psnr: 0.0,
         };
-        let n = chosen.len() as f64;
-        for (k, &i) in chosen.iter().enumerate() {
-            let photo = views[i].photo.image();
-            let small_photo = Picture::of(&photo);
-            let others = renders.iter().enumerate().filter(|(j, _)| *j != k);
-            let mut unlike: Vec<f64> = others.map(|(_, r)| small_photo.unlike(r)).collect();
-            let own = small_photo.unlike(&renders[k]);
-            out.unlike_own += own / n;
-            out.unlike_others += unlike.iter().sum::<f64>() / unlike.len().max(1) as f64 / n;
-            // Names that are off by one give photos of the next cameras.
-            let next = [i.checked_sub(1), Some(i + 1).filter(|&next| next < views.len())];
-            unlike.extend(next.into_iter().flatten().map(|j| small_photo.unlike(&small(j))));
-            let best = unlike.iter().copied().fold(f64::INFINITY, f64::min);
-            out.misplaced += usize::from(best < BETTER * own);
+        for &i in &chosen {
             let shown = render(scene, &views[i].camera, &RenderOptions::default());
+            let photo = views[i].photo.image();
             out.psnr += psnr(&shown, &photo).min(100.0) / n;
             out.fitted_psnr += psnr(&fitted(&shown, &photo), &photo).min(100.0) / n;
+            photos.push(Picture::of(&photo));
+            renders.push(Picture::of(&shown));
+        }
+        let own: Vec<f64> = photos.iter().zip(&renders).map(|(p, r)| p.unlike(r)).collect();
+        out.unlike_own = own.iter().sum::<f64>() / n;
+        for (k, (&i, photo)) in chosen.iter().zip(&photos).enumerate() {
+            let others = renders.iter().enumerate().filter(|(j, _)| *j != k);
+            let mut unlike: Vec<f64> = others.map(|(_, r)| photo.unlike(r)).collect();
+            out.unlike_others += unlike.iter().sum::<f64>() / unlike.len().max(1) as f64 / n;
+            // Where names are off by one, a photo is that of the camera before or after its own.
+            if out.unlike_own > UNLIKE {
+                let beside = [i.checked_sub(1), Some(i + 1).filter(|&next| next < views.len())];
+                unlike.extend(beside.into_iter().flatten().map(|j| {
+                    let shown = render(scene, &views[j].camera, &RenderOptions::default());
+                    photo.unlike(&Picture::of(&shown))
+                }));
+            }
+            out.misplaced += usize::from(unlike.iter().any(|&other| other < BETTER * own[k]));
         }
         Some(out)
     }
@@ -133,16 +137,9 @@ impl Picture {
             shown += bb;
             left += if bb > 0.0 { aa - ab * ab / bb } else { aa };
         }
-        // All of a photo of one colour is unlike a render that shows something.
+        // A photo of one colour is wholly unlike a render that shows something.
         if all > 0.0 { left / all } else { f64::from(u8::from(shown > 0.0)) }
     }
-}
-
-fn render_small(scene: &Scene, camera: &Camera) -> Image {
-    let factor = (EDGE / f64::from(camera.width.max(camera.height))).min(1.0);
-    let edge = |pixels: u32| ((f64::from(pixels) * factor).round() as u32).max(1);
-    let small = camera.scaled_to(edge(camera.width), edge(camera.height));
-    render(scene, small.as_ref().unwrap_or(camera), &RenderOptions::default())
 }
 
 /// The render with the gain and the offset of each colour that fit it to the photo best.

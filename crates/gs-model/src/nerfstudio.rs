@@ -1,5 +1,5 @@
-//! Where nerfstudio's trainer puts the world: it turns, shifts and scales the cameras of a `transforms.json`, and the
-//! models that it exports stay there. It writes how to `dataparser_transforms.json`.
+//! The world of nerfstudio's models. Its trainer turns, shifts and scales the cameras of a `transforms.json` and saves
+//! that transform in `dataparser_transforms.json`. Exported models are not moved back.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -29,10 +29,10 @@ pub(crate) struct Placed {
 }
 
 impl Placed {
-    /// What the file beside a `transforms.json` says, if there is one; `all` are the values of that JSON.
+    /// Reads the file beside a `transforms.json`, if there is one. `all` are the values of the `transforms.json`.
     ///
-    /// The file is for points as they were before another step, which the JSON names, made its cameras of them:
-    /// `applied_transform` and `applied_scale`.
+    /// Its cameras may have been transformed before, by `applied_transform` and `applied_scale`. The saved transform
+    /// includes that one, so it is taken out.
     pub(crate) fn beside(transforms: &Path, all: &BTreeMap<String, Value>) -> Result<Option<Self>> {
         let file = transforms.with_file_name(FILE);
         if !file.is_file() {

@@ -13,7 +13,7 @@ pub(crate) fn photos(scene: &Scene, path: &Path, force: bool) -> Result<Vec<Trai
     let training = views::training(path, views::read(path)?)?;
     let mut found = tune::photos(path, &training)?;
     let checked = found.check(scene, force);
-    found.notes.iter().for_each(note);
+    found.warnings.iter().for_each(|warning| note(format_args!("warning: {warning}")));
     checked.with_context(|| path.display().to_string())?;
     Ok(found.views)
 }

@@ -35,7 +35,10 @@ fn a_model_is_tuned_to_itself() {
     let out = quick(dir.path(), "a.gsvx").arg("--json").output().unwrap();
     let json: serde_json::Value = serde_json::from_str(&said(&out)).unwrap();
     let text = heard(&out);
-    assert!(text.contains("own renders") && text.contains("plan: quality 58.0"), "{text}");
+    assert!(
+        text.contains("renders of it are the targets") && text.contains("plan: quality 58.0"),
+        "{text}"
+    );
     let bytes = std::fs::read(dir.path().join("a.gsvx")).unwrap();
     let decoded = gsvx::decode(&bytes).unwrap();
     assert_eq!(

@@ -167,19 +167,16 @@ fn tune_scene(
         scene.drop_invalid();
     }
     let mut found = match photos {
-        Some(photos) => Photos { views: given(&cameras.list, photos)?, notes: Vec::new() },
+        Some(photos) => Photos { views: given(&cameras.list, photos)?, warnings: Vec::new() },
         None if options.distil || cameras.photos.is_empty() => Photos::default(),
         None => ::tune::photos(Path::new(&cameras.name), &cameras.views())?,
     };
     found.check(&scene, options.force_photos)?;
-    let words = found.notes.iter().map(|note| note.trim_start_matches("warning: ").to_owned());
-    let mut warnings: Vec<String> = words.collect();
-    let training = found.views;
+    let Photos { views: training, mut warnings } = found;
     let distilled = training.is_empty();
     let training = if distilled { renders(&scene, cameras.list, line)? } else { training };
     let mut choices = ::tune::TuneOptions::new(options.target());
-    let named = TuneEffort::ALL.into_iter().find(|effort| effort.name() == options.effort);
-    choices.effort = named.unwrap_or_default();
+    choices.effort = TuneEffort::named(&options.effort).unwrap_or_default();
     choices.distil = distilled;
     choices.seed = options.seed;
     choices.drop_unseen = options.drop_unseen;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 import warnings
 
 import numpy as np
@@ -170,6 +171,16 @@ def test_cameras_as_arrays_are_those_of_the_folder(splats):
     assert gsvx.compress_to_bytes(splats, cameras=cameras, drop_unseen=True) == folder
     arrays = (cameras.viewmats, cameras.Ks, cameras.sizes)
     assert gsvx.compress_to_bytes(splats, cameras=arrays, drop_unseen=True) == folder
+
+
+def test_lenses_are_read_and_named_where_renders_do_not_show_them(splats, tmp_path):
+    shutil.copytree(ROOM / "sparse", tmp_path / "sparse")
+    cameras = tmp_path / "sparse/0/cameras.txt"
+    bent = cameras.read_text().strip().replace(" PINHOLE ", " OPENCV ") + " 0.1 0 0.01 0"
+    cameras.write_text(bent)
+    assert gsvx.read_cameras(tmp_path).lenses[0] == ("OPENCV", [0.1, 0.0, 0.01, 0.0])
+    with pytest.warns(UserWarning, match=r"lens distortion \(OPENCV\)"):
+        gsvx.compress_to_bytes(splats, cameras=tmp_path, quality=30)
 
 
 def test_cameras_of_another_scene_are_an_error_or_a_warning(splats):

@@ -33,7 +33,7 @@ pub enum Error {
         /// What is wrong with one of them.
         source: Box<Error>,
     },
-    /// There are photos, but hardly any of the views.
+    /// There are photos, but too few of them are those of the views.
     #[error(
         "{}: {missing} of {views} photos are not found: looked for {} with any extension, also in folders that end \
          in _2, _4 and _8; there is {there}",

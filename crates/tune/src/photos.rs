@@ -24,12 +24,12 @@ const LISTED: usize = 3;
 pub struct Photos {
     /// Cameras, scaled to the sizes of their photos. None if there are no photos at all.
     pub views: Vec<TrainView>,
-    /// What to say of the photos: those that are not there, and those with transparent pixels.
-    pub notes: Vec<String>,
+    /// What a user should know: which photos are left out, and how they differ from what is expected.
+    pub warnings: Vec<String>,
 }
 
 impl Photos {
-    /// Compares some photos with the model. A note says if they are exposed differently.
+    /// Compares some photos with the model. Warns if they are exposed differently.
     ///
     /// # Errors
     /// [`Error::OtherPhotos`] if they show something else than the model at their cameras, unless `force`.
@@ -40,8 +40,8 @@ impl Photos {
             return Err(Error::OtherPhotos { views, psnr });
         }
         if found.of_other_exposure() {
-            self.notes.push(format!(
-                "warning: the photos' exposure differs from the model's: {psnr:.1} dB, {fitted_psnr:.1} dB with \
+            self.warnings.push(format!(
+                "the photos' exposure differs from the model's: {psnr:.1} dB, {fitted_psnr:.1} dB with \
                  the brightness of each photo fitted; the tuned model takes on that of the photos"
             ));
         }
@@ -60,7 +60,7 @@ struct Read {
 /// A tenth of the photos may be missing or broken: these are left out. Transparent pixels are composited on black.
 ///
 /// # Errors
-/// [`Error::NoPhotos`] if there are photos but hardly any of these views; [`Error::Photo`] for the first photo that
+/// [`Error::NoPhotos`] if there are photos, but too few of them are those of the views; [`Error::Photo`] for the first photo that
 /// cannot be used, if too many cannot.
 pub fn photos(path: &Path, views: &[View]) -> Result<Photos> {
     let (there, missing): (Vec<&View>, Vec<&View>) = views.iter().partition(|v| v.has_photo());
@@ -69,13 +69,13 @@ pub fn photos(path: &Path, views: &[View]) -> Result<Photos> {
     let others = photos_beside(looked_for)
         .map_err(|e| Error::Photo { file: looked_for.clone(), reason: gs_model::chain(&e) })?;
     if there.is_empty() && others.is_empty() {
-        let note = format!(
-            "warning: {}: no photos ({} is not there): the targets are renders of the model; photos save \
+        let warning = format!(
+            "{}: no photos ({} is not there): the targets are renders of the model; photos save \
              more ({WORTH})",
             path.display(),
             looked_for.display()
         );
-        return Ok(Photos { views: Vec::new(), notes: vec![note] });
+        return Ok(Photos { views: Vec::new(), warnings: vec![warning] });
     }
     if missing.len() * LEFT_OUT > views.len() {
         return Err(Error::NoPhotos {
@@ -116,14 +116,14 @@ fn read_all(there: &[&View], missing: &[&View]) -> Result<Photos> {
         return Err(Error::Photos { all, files, source: Box::new(source) });
     }
     if !left_out.is_empty() {
-        out.notes.push(format!(
-            "warning: {} of {all} photos are missing or broken and are left out: {}",
+        out.warnings.push(format!(
+            "{} of {all} photos are missing or broken and are left out: {}",
             left_out.len(),
             listed(left_out.iter().cloned())
         ));
     }
     if masked > 0 {
-        out.notes.push(format!(
+        out.warnings.push(format!(
             "{masked} of {all} photos have transparent pixels, which are black as the model is drawn"
         ));
     }

@@ -113,8 +113,8 @@ impl Tune {
         self.input_psnr
     }
 
-    /// Number of views, and how many of them are kept aside to judge the result. Of few views none is: then the first
-    /// judges.
+    /// Number of views, and how many of them are kept aside to judge the result. If there are too few to keep one aside,
+    /// the first view judges.
     #[must_use]
     pub fn views(&self) -> (usize, usize) {
         let Views { cameras, .. } = &self.trainer.views;
@@ -148,9 +148,9 @@ impl Tune {
     }
 
     fn seconds_of(&self, plan: &TunePlan) -> f64 {
-        let input = &self.course.input;
+        let input = self.course.input;
         let share = |kept: f64| libm::pow(kept, TIME_EXPONENT);
-        let of_round = |r: u64| plan.kept(*input, r) as f64 / (*input).max(1) as f64;
+        let of_round = |r: u64| plan.kept(input, r) as f64 / input.max(1) as f64;
         let rounds: f64 = (1..=plan.rounds).map(|r| share(of_round(r))).sum();
         let in_loop = LOOP_OVER_STEP * share(1.0 - plan.fraction);
         let steps = rounds * plan.round_steps as f64 + in_loop * plan.loop_steps as f64;

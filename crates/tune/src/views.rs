@@ -260,7 +260,7 @@ fn is_aside(view: usize) -> bool {
     view % ASIDE == ASIDE / 2
 }
 
-/// The views of the steps, and those kept aside. Of few views none is: then the first judges.
+/// The views of the steps, and those kept aside. If there are too few to keep one aside, the first view judges.
 fn divided(views: Vec<TrainView>, psnr: Vec<f64>) -> [Scored; 2] {
     let mut out = [Scored::default(), Scored::default()];
     for (i, (view, db)) in views.into_iter().zip(psnr).enumerate() {

@@ -193,7 +193,7 @@ fn bad_input_gives_one_line() {
     let mut black = training();
     black.iter_mut().for_each(|v| v.photo.rgb.fill(0));
     black.iter_mut().for_each(|v| v.photo.rgb.iter_mut().step_by(2).for_each(|p| *p = 255));
-    let black = tune::Photos { views: black, notes: Vec::new() }.check(&model(), false);
+    let black = tune::Photos { views: black, warnings: Vec::new() }.check(&model(), false);
     assert!(black.unwrap_err().to_string().contains("do not show this model"));
     let mut small = training();
     small[2].photo = Photo::black(1, 2);

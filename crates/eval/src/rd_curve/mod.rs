@@ -28,7 +28,7 @@ use stages::Branch;
 use study::Study;
 use tune::Tuning;
 
-pub use options::{CurveEffort, CurveOptions};
+pub use options::CurveOptions;
 pub use size::{SizeOptions, run as size};
 
 /// Measures the curves of a scene, or an experiment of the paper, and writes the report: `report.html`, `report.md`,

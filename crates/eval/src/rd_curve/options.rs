@@ -4,31 +4,15 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::{Args as _, FromArgMatches as _};
-use serde::Serialize;
+use tune::TuneEffort;
 
 use super::plan;
 use crate::peers;
 
-/// How long to tune.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
-pub enum CurveEffort {
-    /// About a minute for a scene of 120,000 Gaussians and small photos.
-    Quick,
-    /// About five.
-    Normal,
-    /// About thirty.
-    Long,
-}
-
-impl CurveEffort {
-    /// As the command calls it.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Quick => "quick",
-            Self::Normal => "normal",
-            Self::Long => "long",
-        }
-    }
+/// Reads the name of an effort.
+fn effort(text: &str) -> Result<TuneEffort, String> {
+    let names = TuneEffort::ALL.map(TuneEffort::name).join(", ");
+    TuneEffort::named(text).ok_or_else(|| format!("use one of {names}"))
 }
 
 /// An experiment of the paper.
@@ -78,8 +62,8 @@ pub struct CurveOptions {
     /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long [default: quick for the room,
     /// unless --quick is given; none for other scenes]
     #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
-        default_missing_value = "normal", hide_possible_values = true)]
-    pub(crate) tune: Option<CurveEffort>,
+        default_missing_value = "normal", value_parser = effort)]
+    pub(crate) tune: Option<TuneEffort>,
     /// Run every stage, done before or not
     #[arg(long)]
     pub(crate) fresh: bool,
@@ -104,7 +88,7 @@ impl CurveOptions {
     /// What a newcomer runs shows the best: of the room the tuned curve takes seconds.
     pub(super) fn with_tuned_room(mut self) -> Self {
         let room = self.scene == crate::scenes::DEFAULT && !self.quick && self.experiment.is_none();
-        self.tune = self.tune.or(room.then_some(CurveEffort::Quick));
+        self.tune = self.tune.or(room.then_some(TuneEffort::Quick));
         self
     }
 

@@ -10,9 +10,9 @@ use std::fs;
 
 use anyhow::{Context, Result, ensure};
 use finetune::{TrainView, framing};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
+use tune::TuneEffort;
 
-use super::options::CurveEffort;
 use super::record::Coded;
 use super::study::Study;
 use crate::cache::Cache;
@@ -32,10 +32,16 @@ pub(crate) enum StreamKind {
     /// `gsvx tune`.
     Tune {
         /// How long.
-        effort: CurveEffort,
+        #[serde(serialize_with = "by_name")]
+        effort: TuneEffort,
         /// To the renders of the model instead of the photos.
         distil: bool,
     },
+}
+
+/// As the enumeration names it.
+fn by_name<S: Serializer>(effort: &TuneEffort, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_str(&format_args!("{effort:?}"))
 }
 
 impl StreamKind {
@@ -183,10 +189,10 @@ mod tests {
         let encode = |drop_unseen| StreamKind::Encode { drop_unseen };
         assert_eq!(encode(true).words(), ["encode", "--drop-unseen"]);
         assert_eq!(encode(false).words(), ["encode"]);
-        let distil = StreamKind::Tune { effort: CurveEffort::Quick, distil: true };
+        let distil = StreamKind::Tune { effort: TuneEffort::Quick, distil: true };
         assert_eq!(distil.words(), ["tune", "--effort", "quick", "--distil"]);
         assert_eq!(distil.name(), "quick-distil");
-        let normal = StreamKind::Tune { effort: CurveEffort::Normal, distil: false };
+        let normal = StreamKind::Tune { effort: TuneEffort::Normal, distil: false };
         assert_eq!(normal.name(), "normal");
     }
 }

@@ -96,7 +96,7 @@ impl Study {
         let training: Vec<View> = dataset.training().cloned().collect();
         let mut found = tune::photos(&dataset.dir, &training)?;
         found.check(&self.test.model, false)?;
-        found.notes.iter().for_each(|note| eprintln!("{note}"));
+        found.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
         Ok(self.photos.get_or_init(|| found.views))
     }
 

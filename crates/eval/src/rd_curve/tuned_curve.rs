@@ -3,7 +3,6 @@
 use anyhow::{Context, Result};
 use tune::{Target, Tune, TuneEffort, TuneOptions};
 
-use super::options::CurveEffort;
 use super::plan::{TUNED, slug};
 use super::record::{Coded, Curve};
 use super::study::Study;
@@ -12,7 +11,7 @@ use crate::codec::round_trip;
 use crate::progress::Bar;
 
 /// The points at these qualities.
-pub(super) fn curve(study: &Study, effort: CurveEffort, qualities: &[f32]) -> Result<Curve> {
+pub(super) fn curve(study: &Study, effort: TuneEffort, qualities: &[f32]) -> Result<Curve> {
     let cache = study.cache_of(&std::env::current_exe().context("find this program")?)?;
     let point = |&quality: &f32| point(study, &cache, effort, quality);
     let points = qualities.iter().map(point).collect::<Result<_>>()?;
@@ -20,7 +19,7 @@ pub(super) fn curve(study: &Study, effort: CurveEffort, qualities: &[f32]) -> Re
     Ok(Curve { name: TUNED.into(), what, voxelized: Vec::new(), points })
 }
 
-fn point(study: &Study, cache: &Cache, effort: CurveEffort, quality: f32) -> Result<Coded> {
+fn point(study: &Study, cache: &Cache, effort: TuneEffort, quality: f32) -> Result<Coded> {
     let name = format!("{}-{}-q{quality:.0}", slug(TUNED), effort.name());
     let stage = format!("code-{name}");
     if let Some(record) = cache.find(&stage, &quality, |r| study.has_stream(r))? {
@@ -29,11 +28,7 @@ fn point(study: &Study, cache: &Cache, effort: CurveEffort, quality: f32) -> Res
     let mut parts = Vec::new();
     let encode = || {
         let mut options = TuneOptions::new(Target::Quality(quality));
-        options.effort = match effort {
-            CurveEffort::Quick => TuneEffort::Quick,
-            CurveEffort::Normal => TuneEffort::Normal,
-            CurveEffort::Long => TuneEffort::Long,
-        };
+        options.effort = effort;
         let run = Tune::new(study.test.model.clone(), study.photos()?.to_vec(), options)?;
         let (bar, mut done) = (Bar::new(&format!("tune {name}"), run.plan().steps()), 0);
         let outcome = run.run(|progress| {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
@@ -120,8 +121,8 @@ def _read(path: PathLike) -> Cameras:
     return Cameras(**found, name=os.fspath(path))
 
 
-def _as_cameras(cameras: CamerasLike, training: bool) -> Cameras:
-    """Cameras of any kind; of a path the training views or all."""
+def _as_cameras(cameras: CamerasLike, training: bool, photos: bool = False) -> Cameras:
+    """Cameras of any kind; of a path the training views or all. Warns of lenses unless photos are undistorted."""
     if isinstance(cameras, Cameras):
         return cameras
     if not isinstance(cameras, (str, os.PathLike)):
@@ -135,6 +136,13 @@ def _as_cameras(cameras: CamerasLike, training: bool) -> Cameras:
     found = _read(cameras)
     if not len(found):
         raise _gsvx.Error(f"{os.fspath(cameras)}: no cameras")
+    bent = [lens for lens in found.lenses if lens]
+    if bent and not photos:
+        warnings.warn(
+            f"{os.fspath(cameras)}: {len(bent)} of {len(found)} cameras have lens distortion ({bent[0][0]}), "
+            "which renders do not show",
+            stacklevel=4,
+        )
     if not training:
         return found
     found = found[np.arange(len(found)) % 8 != 0]

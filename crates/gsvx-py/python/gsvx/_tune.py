@@ -56,7 +56,7 @@ def tune(
     """
     check_writable(path)
     _check(quality, target_bytes, target_psnr, effort)
-    views = _as_cameras(cameras, training=True)
+    views = _as_cameras(cameras, training=True, photos=not distil)
     used = None if distil or photos is None else _photos(photos)
     options = dict(
         quality=quality,
