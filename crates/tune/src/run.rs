@@ -89,7 +89,10 @@ impl Tune {
         let looked = Views::look(&scene, views, &options, looked)?;
         let worth = started.seconds();
         let plan = plan(&scene, &looked, &options)?;
-        let Looked { views, worth: Worth { removal, .. }, input_psnr } = looked;
+        let Looked { mut views, worth: Worth { removal, .. }, input_psnr } = looked;
+        if !options.distil {
+            views.of_quality(plan.quality);
+        }
         let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let times = Times { step: seconds_of_a_step(&scene, &mut trainer.views), worth };

@@ -31,16 +31,39 @@ const JUDGED_EDGE: f64 = 320.0;
 /// How much nearby views count.
 #[derive(Clone, Copy)]
 struct Share {
-    /// One step in this many is made at a nearby view.
-    every: u64,
-    /// What a nearby view counts, and a pixel of it, over one of the other views.
-    weight: f32,
+    /// Part of the steps that are made at nearby views.
+    of_steps: f64,
+    /// What the gradients at a nearby view count, over those at another view.
+    of_gradients: f32,
+    /// What a pixel of a nearby view counts in pruning and in the codec, over one of another view.
+    of_pixels: f32,
 }
 
-/// The targets at nearby views are renders of the input model. Photos are better targets, so nearby views count less
-/// beside them. Beside other renders they count the same.
-const BESIDE_PHOTOS: Share = Share { every: 4, weight: 0.3 };
-const BESIDE_RENDERS: Share = Share { every: 2, weight: 1.0 };
+/// Beside renders of the input model, nearby views count the same.
+const BESIDE_RENDERS: Share = Share { of_steps: 0.5, of_gradients: 1.0, of_pixels: 1.0 };
+/// Photos are better targets than renders, so nearby views count less beside them. But the better the stream, the more it
+/// differs from the input by what the photos ask for, and not by what the codec leaves out: from the first of these
+/// qualities to the second, nearby views come to count as beside renders.
+const BESIDE_PHOTOS: Share = Share { of_steps: 0.125, of_gradients: 0.1, of_pixels: 0.1 };
+const COUNT_MORE: [f32; 2] = [58.0, 90.0];
+
+impl Share {
+    /// Of a run to photos, or to renders.
+    fn of_run(options: &TuneOptions) -> Self {
+        if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS }
+    }
+
+    /// That of the steps of a run to photos at a quality.
+    fn at(quality: f32) -> Self {
+        let (few, many) = (BESIDE_PHOTOS, BESIDE_RENDERS);
+        let [from, to] = COUNT_MORE.map(f64::from);
+        let part = ((f64::from(quality) - from) / (to - from)).clamp(0.0, 1.0);
+        // Each point of quality multiplies by the same.
+        let between = |a: f64, b: f64| a * libm::pow(b / a, part);
+        let of_gradients = between(few.of_gradients.into(), many.of_gradients.into()) as f32;
+        Self { of_steps: between(few.of_steps, many.of_steps), of_gradients, ..few }
+    }
+}
 
 /// The views of a run.
 pub(crate) struct Views {
@@ -119,7 +142,7 @@ impl Views {
         mut seen: impl FnMut(usize, usize),
     ) -> Result<Looked> {
         check_views(&views)?;
-        let share = if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS };
+        let share = Share::of_run(options);
         let cameras = cameras_of(&views);
         let training = (0..views.len()).filter(|&i| !is_aside(i)).count();
         let count = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
@@ -148,7 +171,7 @@ impl Views {
         let mut gradients = ViewGradients::new(photos.views, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
         for (camera, photo) in nearby.iter().zip(targets) {
-            gradients.add(TrainView { camera: camera.clone(), photo }, share.weight)?;
+            gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
@@ -156,6 +179,13 @@ impl Views {
         let worth = this.together(at_views, &at_nearby)?;
         let input_psnr = aside_db.iter().sum::<f64>() / aside_db.len() as f64;
         Ok(Looked { views: this, worth, input_psnr })
+    }
+
+    /// Makes the steps of a run to photos those of a quality.
+    pub(crate) fn of_quality(&mut self, quality: f32) {
+        self.share = Share::at(quality);
+        let nearby = self.photos()..self.gradients.views();
+        nearby.for_each(|view| self.gradients.weigh(view, self.share.of_gradients));
     }
 
     /// Number of views whose photos the steps visit.
@@ -168,9 +198,9 @@ impl Views {
         let n = self.photos() as u64;
         let mut step = step;
         if !self.nearby.is_empty() {
-            let every = self.share.every;
-            let visited = step / every;
-            if step % every == every - 1 {
+            let nearby_before = |step: u64| (step as f64 * self.share.of_steps) as u64;
+            let visited = nearby_before(step);
+            if nearby_before(step + 1) > visited {
                 return (n + visited % self.nearby.len() as u64) as usize;
             }
             step -= visited;
@@ -202,7 +232,7 @@ impl Views {
 
     /// Pixels of all cameras, as they count in importances.
     pub(crate) fn pixels(&self) -> f64 {
-        let nearby = if self.nearby.is_empty() { 0.0 } else { self.share.weight };
+        let nearby = if self.nearby.is_empty() { 0.0 } else { self.share.of_pixels };
         pixels(&self.cameras) * f64::from(1.0 + nearby)
     }
 
@@ -237,7 +267,8 @@ impl Views {
     /// Adds to sums over the cameras those over the nearby ones, which count less.
     fn add_nearby(&self, sum: &mut [f32], near: &[f32]) {
         if !self.nearby.is_empty() {
-            let weight = self.share.weight * (pixels(&self.cameras) / pixels(&self.nearby)) as f32;
+            let pixels = pixels(&self.cameras) / pixels(&self.nearby);
+            let weight = self.share.of_pixels * pixels as f32;
             sum.iter_mut().zip(near).for_each(|(all, near)| *all += weight * near);
         }
     }
@@ -303,6 +334,16 @@ fn weights(errors: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nearby_views_come_to_count_as_beside_renders() {
+        let [low, middle, high] = [40.0, 74.0, 90.0].map(Share::at);
+        assert_eq!((low.of_steps, low.of_gradients), (0.125, 0.1));
+        assert!(
+            (middle.of_steps - 0.25).abs() < 1e-9 && (middle.of_gradients - 0.316).abs() < 1e-3
+        );
+        assert_eq!((high.of_steps, high.of_gradients), (0.5, 1.0));
+    }
 
     #[test]
     fn only_photos_that_match_far_worse_than_most_count_less() {
