@@ -75,10 +75,26 @@ pub fn open_views(path: impl AsRef<Path>) -> Result<Vec<View>> {
     }
 }
 
+/// The points of the COLMAP model in a folder, where training begins.
+///
+/// # Errors
+/// [`Error::NotADataset`] if there is none; those of [`colmap::read_points`].
+pub fn open_points(dir: impl AsRef<Path>) -> Result<Vec<colmap::Point>> {
+    let dir = dir.as_ref();
+    match sparse_of(dir) {
+        Some(sparse) => colmap::read_points(sparse),
+        None => Err(Error::not_a_dataset(dir, "no points: expected sparse/0/points3D.bin or .txt")),
+    }
+}
+
+/// The folder of the COLMAP model of a scene.
+fn sparse_of(dir: &Path) -> Option<PathBuf> {
+    [dir.join("sparse/0"), dir.join("sparse")].into_iter().find(|s| colmap::is_model(s))
+}
+
 fn of_folder(dir: &Path) -> Result<Vec<View>> {
-    let sparse = [dir.join("sparse/0"), dir.join("sparse")];
     let transforms = dir.join("transforms.json");
-    if let Some(sparse) = sparse.iter().find(|s| colmap::is_model(s)) {
+    if let Some(sparse) = sparse_of(dir) {
         let mut finder = Finder::default();
         let mut view = |camera: Camera| {
             let expected = Path::new("images").join(&camera.name);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::entries::{CameraModel, Intrinsics, MODELS, PosedImage, unknown_model};
+use super::entries::{CameraModel, Intrinsics, MODELS, Point, PosedImage, unknown_model};
 use crate::camera;
 use crate::error::{Error, Result, excerpt};
 
@@ -117,4 +117,18 @@ pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<PosedImage>> {
         images.push(PosedImage { name, camera, rotation, translation });
     }
     Ok(images)
+}
+
+pub(super) fn points(file: &Path, bytes: &[u8]) -> Result<Vec<Point>> {
+    let (mut cursor, mut points) = Cursor::open(file, bytes, 51)?;
+    for _ in 0..cursor.promised {
+        cursor.u64("a point's id")?;
+        let position = cursor.f64s("a point's position")?;
+        let colour = cursor.take("a point's colour")?;
+        cursor.f64s::<1>("a point's error")?;
+        let observations = cursor.u64("a point's number of images")?;
+        cursor.skip(observations, 8, "a point's images")?;
+        points.push(Point { position, colour });
+    }
+    Ok(points)
 }

@@ -22,6 +22,15 @@ pub(super) struct PosedImage {
     pub(super) translation: [f64; 3],
 }
 
+/// A point of a sparse model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Where it is, in the world's units.
+    pub position: [f64; 3],
+    /// RGB, 8 bits per value.
+    pub colour: [u8; 3],
+}
+
 /// COLMAP's camera models, each at the index that is its id: name, number of parameters, and
 /// how many of these are focal lengths. The focal lengths come first, then `cx` and `cy`, then the
 /// distortion (`src/colmap/sensor/models.h`).

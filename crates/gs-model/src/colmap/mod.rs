@@ -1,4 +1,4 @@
-//! COLMAP sparse models: `cameras` and `images`, binary or text.
+//! COLMAP sparse models: `cameras`, `images` and `points3D`, binary or text.
 //!
 //! Models with lens distortion are read as pinhole cameras with a [`Lens`]. COLMAP's convention is that of
 //! [`Camera`]: x right, y down, z forward, world to camera, pixel centres at integer + 1/2.
@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
+pub use entries::Point;
 use entries::{Intrinsics, PosedImage};
 
 use crate::camera::{self, Camera, checked_size};
@@ -55,6 +56,28 @@ pub fn cameras_from_bytes(
     let cameras = cameras(files[0], cameras_file, form)?;
     let images = images(files[1], images_file, form)?;
     with_intrinsics(files, cameras, images)
+}
+
+/// Reads the points of the sparse model in `dir`, in file order.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Truncated`], [`Error::Malformed`]; `Malformed` too if there is no point, or a coordinate is not
+/// finite.
+pub fn read_points(dir: impl AsRef<Path>) -> Result<Vec<Point>> {
+    let (file, form) = choose(dir.as_ref(), "points3D");
+    let bytes = fs::read(&file)?;
+    let points = match form {
+        Form::Binary => binary::points(&file, &bytes)?,
+        Form::Text => text::points(&file, &bytes)?,
+    };
+    let finite = |p: &Point| p.position.iter().all(|v| v.is_finite());
+    if let Some(i) = points.iter().position(|p| !finite(p)) {
+        return Err(Error::malformed(&file, &format!("point {i}"), "its position is not finite"));
+    }
+    if points.is_empty() {
+        return Err(Error::malformed(&file, "the list of points", "it is empty"));
+    }
+    Ok(points)
 }
 
 fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {

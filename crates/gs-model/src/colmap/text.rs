@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::entries::{CameraModel, Intrinsics, MODELS, PosedImage, unknown_model};
+use super::entries::{CameraModel, Intrinsics, MODELS, Point, PosedImage, unknown_model};
 use crate::error::{Error, Result, excerpt};
 
 /// One line, taken apart word by word.
@@ -94,4 +94,17 @@ pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<PosedImage>> {
         all.next();
     }
     Ok(images)
+}
+
+pub(super) fn points(file: &Path, bytes: &[u8]) -> Result<Vec<Point>> {
+    let point = |mut line: Line<'_>| {
+        let _id: u64 = line.next("point id")?;
+        let position = line.f64s("position")?;
+        let mut colour = [0; 3];
+        for v in &mut colour {
+            *v = line.next("colour")?;
+        }
+        Ok(Point { position, colour })
+    };
+    lines(file, bytes).filter(holds_data).map(point).collect()
 }
