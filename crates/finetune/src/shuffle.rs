@@ -1,9 +1,28 @@
-//! The order in which views are visited.
+//! Random numbers, and the order in which views are visited.
 
-/// SplitMix64.
-struct SplitMix(u64);
+/// Random numbers: SplitMix64.
+#[derive(Clone, Debug)]
+pub struct SplitMix(u64);
 
 impl SplitMix {
+    /// The numbers of a seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// From 0 to below 1.
+    pub fn uniform(&mut self) -> f64 {
+        (self.next() >> 11) as f64 * libm::exp2(-53.0)
+    }
+
+    /// Two numbers of the standard normal distribution (Box and Muller).
+    pub fn normal(&mut self) -> [f64; 2] {
+        let radius = (-2.0 * libm::log(1.0 - self.uniform())).sqrt();
+        let angle = std::f64::consts::TAU * self.uniform();
+        [radius * libm::cos(angle), radius * libm::sin(angle)]
+    }
+
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;

@@ -37,11 +37,42 @@ impl PreparedView {
         Self { view: RenderView::new(&camera, options), planes, weight: 1.0 }
     }
 
+    /// The view in windows of at most so many pixels, each as the whole view shows it.
+    fn in_windows(self, most: u32) -> impl Iterator<Item = Self> {
+        let (w, h) = (self.view.width, self.view.height);
+        let [columns, rows] = grid([w, h], most);
+        let cells = (0..rows).flat_map(move |row| (0..columns).map(move |column| (column, row)));
+        cells.map(move |(column, row)| {
+            let edge = |i: u32, n: u32, size: u32| i * size / n;
+            let x = edge(column, columns, w)..edge(column + 1, columns, w);
+            let y = edge(row, rows, h)..edge(row + 1, rows, h);
+            let lines = (0..3).flat_map(|plane| y.clone().map(move |y| plane * h + y));
+            let line = |line: u32| {
+                let start = line as usize * w as usize;
+                &self.planes[start + x.start as usize..start + x.end as usize]
+            };
+            let planes = lines.flat_map(line).copied().collect();
+            Self { view: self.view.window(x.clone(), y.clone()), planes, weight: self.weight }
+        })
+    }
+
     /// Puts the planes into `out`.
     pub(crate) fn planes(&self, out: &mut Vec<f32>) {
         out.clear();
         out.extend(self.planes.iter().map(|&v| f32::from(v) / 255.0));
     }
+}
+
+/// Columns and rows of windows of at most so many pixels that are as square as possible.
+fn grid([w, h]: [u32; 2], most: u32) -> [u32; 2] {
+    let mut cells = [1, 1];
+    let edges = |c: [u32; 2]| [w.div_ceil(c[0]), h.div_ceil(c[1])];
+    while let [x, y] = edges(cells)
+        && u64::from(x) * u64::from(y) > u64::from(most.max(1))
+    {
+        cells[usize::from(y > x)] += 1;
+    }
+    cells
 }
 
 /// With or without gradients of the means.
@@ -61,6 +92,13 @@ impl ViewGradients {
         let views = views.into_iter().map(|v| PreparedView::new(v, options)).collect();
         let (options, pass) = (*options, Pass::Frozen(Box::default()));
         Ok(Self { views, options, loss, pass, last: 0, planes: Vec::new() })
+    }
+
+    /// Divides the views into windows of at most so many pixels, which are views of their own: a step costs no more on
+    /// a large photo than on a small one.
+    pub fn split(&mut self, most: u32) {
+        let views = std::mem::take(&mut self.views);
+        self.views = views.into_iter().flat_map(|view| view.in_windows(most)).collect();
     }
 
     /// Adds a view of this weight behind the others.
@@ -123,5 +161,65 @@ impl ViewGradients {
             Pass::Frozen(pass) => parameter_gradient(view, *weight, scene, i, pass.sums.get(i)?),
             Pass::Moving(pass) => parameter_gradient(view, *weight, scene, i, pass.sums.get(i)?),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Photo;
+    use gs_model::Camera;
+
+    #[test]
+    fn windows_are_small_enough() {
+        for (size, most) in
+            [([749, 1000], 250_000), ([5, 3], 1), ([640, 480], 307_200), ([7, 900], 100)]
+        {
+            let [columns, rows] = grid(size, most);
+            assert!(size[0].div_ceil(columns) * size[1].div_ceil(rows) <= most, "{size:?}");
+            assert!(columns <= size[0] && rows <= size[1], "{size:?}");
+        }
+        assert_eq!(grid([640, 480], 640 * 480), [1, 1]);
+        assert_eq!(grid([749, 1000], 250_000), [2, 2]);
+    }
+
+    #[test]
+    fn the_gradients_of_the_windows_add_up_to_those_of_the_whole_view() {
+        let scene = testing::trained_like(300, 1, &mut testing::Rng::seeded(4));
+        let (eye, up) = ([0.0, 0.5, -3.0], [0.0, -1.0, 0.0]);
+        let camera = Camera::looking_at("a".into(), eye, [0.0; 3], up, [75, 53], 60.0);
+        let photo = Photo {
+            rgb: (0..75 * 53 * 3).map(|i| (i % 251) as u8).collect(),
+            ..Photo::black(75, 53)
+        };
+        let views = vec![TrainView { camera, photo }];
+        let options = RenderOptions::default();
+        let mut whole = ViewGradients::new(views.clone(), Loss::Mse, &options).unwrap();
+        let mut parts = ViewGradients::new(views, Loss::Mse, &options).unwrap();
+        parts.split(600);
+        assert!(parts.views() > 4);
+        let mut sums = vec![([0.0f32; 3], 0.0); scene.len()];
+        let mut mse = 0.0;
+        for part in 0..parts.views() {
+            let view = &parts.views[part].view;
+            let share = (view.width * view.height) as f32 / (75.0 * 53.0);
+            mse += f64::from(share) * parts.run(&scene, part).mse;
+            for (i, (scale, opacity)) in sums.iter_mut().enumerate() {
+                let Some(g) = parts.of(&scene, i) else { continue };
+                scale.iter_mut().zip(g.log_scale).for_each(|(sum, g)| *sum += share * g);
+                *opacity += share * g.opacity_logit;
+            }
+        }
+        assert!((whole.run(&scene, 0).mse - mse).abs() < 1e-6);
+        let mut seen = 0;
+        for (i, (scale, opacity)) in sums.iter().enumerate() {
+            let Some(g) = whole.of(&scene, i) else { continue };
+            seen += 1;
+            let close =
+                |a: f32, b: f32| assert!((a - b).abs() < 1e-5 + 1e-3 * a.abs(), "{i}: {a}, {b}");
+            scale.iter().zip(g.log_scale).for_each(|(a, b)| close(*a, b));
+            close(*opacity, g.opacity_logit);
+        }
+        assert!(seen > 100, "{seen}");
     }
 }

@@ -3,10 +3,10 @@
 
 mod scene;
 
-pub use crate::shuffle::permutation;
-pub use scene::SceneOptimiser;
+pub use crate::shuffle::{SplitMix, permutation};
 #[cfg(feature = "gpu")]
 pub(crate) use scene::rows_of;
+pub use scene::{SceneOptimiser, Shrinkage};
 
 use crate::stages::finite;
 use multiversion::multiversion;

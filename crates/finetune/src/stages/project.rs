@@ -1,5 +1,7 @@
 //! Stage `project`: one [`Splat`] per (Gaussian, view), its tile box and its depth key.
 
+use std::ops::Range;
+
 use gs_model::{Camera, Scene};
 use rayon::prelude::*;
 
@@ -66,6 +68,16 @@ impl RenderView {
             background: options.background,
             reference: options.profile == Profile::Reference,
         }
+    }
+
+    /// A part of the view. Gaussians have the same splats in it as in the whole.
+    pub(crate) fn window(&self, x: Range<u32>, y: Range<u32>) -> Self {
+        let mut lens = self.lens;
+        lens.cx -= x.start as f32;
+        lens.cy -= y.start as f32;
+        let (width, height) = (x.end - x.start, y.end - y.start);
+        let (tiles_x, tiles_y) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        Self { lens, width, height, tiles_x, tiles_y, ..*self }
     }
 
     pub(crate) fn tiles(&self) -> usize {
