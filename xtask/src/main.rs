@@ -5,6 +5,7 @@ mod determinism;
 mod fetch;
 mod needs;
 mod stability;
+mod train;
 mod web;
 
 use std::process::ExitCode;
@@ -29,6 +30,8 @@ enum Task {
     RdCurve(rd_curve::CurveOptions),
     /// Fetch a scene of the paper
     Fetch(fetch::FetchArgs),
+    /// Train a model from photos and COLMAP's points
+    Train(train::TrainArgs),
     /// Check this build: golden streams, threads, broken streams
     Conformance(conformance::ConformanceArgs),
     /// Compare streams over threads, builds and processors
@@ -62,6 +65,7 @@ fn main() -> ExitCode {
         Task::Setup => needs::setup(),
         Task::RdCurve(args) => rd_curve::run(&args),
         Task::Fetch(args) => fetch::run(&args),
+        Task::Train(args) => train::run(&args),
         Task::Conformance(args) => conformance::run(&args),
         Task::Determinism(args) => determinism::run(&args),
         Task::Stress(args) => stress::run(&args),

@@ -1,4 +1,4 @@
-//! Progress: a bar on a terminal, elsewhere a plain line every ten seconds. A stage that took a while ends with a line.
+//! Progress: a bar on a terminal, elsewhere a plain line every five seconds. A stage that took a while ends with a line.
 
 use std::cell::Cell;
 use std::io::IsTerminal;
@@ -19,7 +19,7 @@ pub struct Bar {
 /// Stages shorter than this say nothing when they end.
 const NOTABLE_SECONDS: f64 = 1.0;
 /// Without a terminal.
-const BETWEEN_LINES: Duration = Duration::from_secs(10);
+const BETWEEN_LINES: Duration = Duration::from_secs(5);
 
 impl Bar {
     /// A stage of `total` steps.
@@ -61,6 +61,11 @@ impl Bar {
         Self { bar, label: String::new(), started: Instant::now(), said: None, quiet: true }
     }
 
+    /// What is being done now.
+    pub fn note(&self, text: &str) {
+        self.bar.set_message(text.to_owned());
+    }
+
     /// Advances by `n` steps.
     pub fn step(&self, n: u64) {
         self.bar.inc(n);
@@ -69,7 +74,7 @@ impl Bar {
         {
             said.set(Instant::now());
             let percent = 100 * self.bar.position() / self.bar.length().unwrap_or(1).max(1);
-            eprintln!("{}: {percent} %", self.label);
+            eprintln!("{}: {percent} %", self.bar.message());
         }
     }
 

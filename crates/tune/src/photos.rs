@@ -6,8 +6,9 @@ use std::path::Path;
 
 use finetune::{Photo, PhotoCheck, TrainView};
 use gs_model::{Camera, Scene, View, photos_beside};
+use image::imageops::{FilterType, resize};
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageReader, RgbImage};
 
 use crate::error::{Error, Result};
 use crate::undistort::undistorted;
@@ -165,6 +166,23 @@ pub fn at_camera(camera: &Camera, photo: Photo) -> std::result::Result<TrainView
     };
     let (camera, photo) = undistorted(scaled, photo)?;
     Ok(TrainView { camera, photo })
+}
+
+/// The view with at most so many pixels.
+pub(crate) fn smaller(view: &TrainView, most: u32) -> TrainView {
+    let TrainView { camera, photo } = view;
+    let pixels = f64::from(photo.width) * f64::from(photo.height);
+    let factor = (f64::from(most) / pixels).sqrt();
+    let edge = |pixels: u32| ((f64::from(pixels) * factor) as u32).max(1);
+    let (w, h) = (edge(photo.width), edge(photo.height));
+    let image = RgbImage::from_raw(photo.width, photo.height, photo.rgb.clone());
+    match (camera.scaled_to(w, h), image) {
+        (Some(camera), Some(image)) if factor < 1.0 => {
+            let rgb = resize(&image, w, h, FilterType::Triangle).into_raw();
+            TrainView { camera, photo: Photo { width: w, height: h, rgb } }
+        }
+        _ => view.clone(),
+    }
 }
 
 fn decoded(file: &Path) -> image::ImageResult<(DynamicImage, Orientation)> {

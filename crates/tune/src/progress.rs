@@ -20,6 +20,8 @@ pub enum StageName {
     CodecInTheLoop,
     /// The fine-tune of attributes, without a codec.
     Attributes,
+    /// The training of a model from points.
+    Training,
 }
 
 impl std::fmt::Display for StageName {
@@ -28,6 +30,7 @@ impl std::fmt::Display for StageName {
             Self::Round { round, rounds } => write!(f, "pruning {round}/{rounds}"),
             Self::CodecInTheLoop => f.write_str("codec in the loop"),
             Self::Attributes => f.write_str("attributes"),
+            Self::Training => f.write_str("training"),
         }
     }
 }
@@ -73,7 +76,7 @@ pub struct Progress<'a> {
     /// PSNR at the views kept aside when it was last measured, dB.
     pub aside_psnr: Option<f64>,
     /// Mean PSNR over the last pass over the views, each as rendered in its step, dB; in the first pass over the
-    /// steps so far. Of [`StageName::Attributes`].
+    /// steps so far. Of [`StageName::Attributes`] and [`StageName::Training`].
     pub pass_psnr: Option<f64>,
     /// Bytes of the stream, with the codec in the loop.
     pub bytes: Option<u64>,

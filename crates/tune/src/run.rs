@@ -14,7 +14,7 @@ use crate::progress::{Progress, StopReason, TuneOutcome};
 use crate::stage::at_degree;
 use crate::steering;
 use crate::trainer::{Clock, Trainer, Work};
-use crate::views::{Looked, Views};
+use crate::views::{self, Looked, Views};
 
 /// A view of the loop takes this much longer than one without the codec.
 const LOOP_OVER_STEP: f64 = 1.4;
@@ -120,8 +120,8 @@ impl Tune {
     /// the first view judges.
     #[must_use]
     pub fn views(&self) -> (usize, usize) {
-        let Views { cameras, .. } = &self.trainer.views;
-        (cameras.len(), cameras.len() - self.trainer.views.photos())
+        let views = self.trainer.views.cameras.len();
+        (views, views::kept_aside(views))
     }
 
     /// Where the steps with the codec in the loop are made, and why there.

@@ -1,7 +1,7 @@
 //! Steps on the arrays of a scene: the recovery between two rounds of pruning, with means that move, and the
 //! paper's fine-tune, with means that stay.
 
-use finetune::optimiser::SceneOptimiser;
+use finetune::optimiser::{AdamMoments, SceneOptimiser};
 use finetune::{LearningRates, ViewGradients, ViewLoss};
 use gs_model::{Camera, Scene};
 
@@ -18,13 +18,17 @@ pub(crate) fn decay(last: f64, done: u64, steps: u64) -> f32 {
     libm::pow(last, done as f64 / steps.saturating_sub(1).max(1) as f64) as f32
 }
 
-/// Rate of the means that move: in proportion to half of the extent of the cameras, which is the greatest
-/// distance of one from their mean, and a tenth.
+/// Rate of the means that move.
 pub(crate) fn mean_rate(cameras: &[Camera]) -> f32 {
+    MEAN_RATE * extent(cameras)
+}
+
+/// The greatest distance of a camera from their mean, and a tenth.
+pub(crate) fn extent(cameras: &[Camera]) -> f32 {
     let centres = || cameras.iter().map(Camera::position);
     let Some(sum) = centres().reduce(|a, b| a + b) else { return 0.0 };
     let mean = sum / cameras.len() as f64;
-    MEAN_RATE * (1.1 * centres().map(|c| c.distance(mean)).fold(0.0, f64::max)) as f32
+    (1.1 * centres().map(|c| c.distance(mean)).fold(0.0, f64::max)) as f32
 }
 
 /// The steps on a scene.
@@ -41,9 +45,23 @@ impl SceneLoop {
         Self { optimiser, steps, done: 0 }
     }
 
+    /// What the rates of the next step are multiplied by.
+    pub(crate) fn decay(&self) -> f32 {
+        decay(FINAL_RATE, self.done, self.steps)
+    }
+
+    /// Changes scene and moments together.
+    pub(crate) fn change(&mut self, change: impl FnOnce(&mut Scene, &mut AdamMoments)) {
+        let mut scene = self.optimiser.take_scene();
+        let mut moments = std::mem::take(&mut self.optimiser.moments);
+        change(&mut scene, &mut moments);
+        self.optimiser = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
+        self.optimiser.moments = moments;
+    }
+
     /// Number of the next step, counted from 1, and what its rates are multiplied by. Counts it as done.
     pub(crate) fn next(&mut self) -> (u64, f32) {
-        let decay = decay(FINAL_RATE, self.done, self.steps);
+        let decay = self.decay();
         self.done += 1;
         (self.done, decay)
     }

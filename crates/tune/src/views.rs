@@ -21,6 +21,8 @@ use crate::options::TuneOptions;
 const ASIDE: usize = 16;
 /// A photo counts in full up to this many times the median of the squared errors (3 dB).
 const FULL_WEIGHT: f64 = 2.0;
+/// Most pixels of a step: larger photos come in windows.
+const PIXELS: u32 = 250_000;
 /// Most nearby views, and the longest edge of their pictures.
 const MOST_NEARBY: usize = 64;
 const NEARBY_EDGE: f64 = 320.0;
@@ -144,7 +146,7 @@ impl Views {
         check_views(&views)?;
         let share = Share::of_run(options);
         let cameras = cameras_of(&views);
-        let training = (0..views.len()).filter(|&i| !is_aside(i)).count();
+        let training = views.len() - kept_aside(views.len());
         let count = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
         let nearby = nearby(scene, &cameras, count, 0);
         let nearby: Vec<Camera> = nearby.iter().map(|c| within(c, NEARBY_EDGE)).collect();
@@ -170,6 +172,7 @@ impl Views {
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(photos.views, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
+        gradients.split(PIXELS);
         for (camera, photo) in nearby.iter().zip(targets) {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;
         }
@@ -188,7 +191,7 @@ impl Views {
         nearby.for_each(|view| self.gradients.weigh(view, self.share.of_gradients));
     }
 
-    /// Number of views whose photos the steps visit.
+    /// Number of photos that the steps visit, each window of a large one counted for itself.
     pub(crate) fn photos(&self) -> usize {
         self.gradients.views() - self.nearby.len()
     }
@@ -289,6 +292,11 @@ struct Scored {
 /// Whether a view is kept aside.
 fn is_aside(view: usize) -> bool {
     view % ASIDE == ASIDE / 2
+}
+
+/// How many of so many views are kept aside.
+pub(crate) fn kept_aside(views: usize) -> usize {
+    (0..views).filter(|&view| is_aside(view)).count()
 }
 
 /// The views of the steps, and those kept aside. If there are too few to keep one aside, the first view judges.

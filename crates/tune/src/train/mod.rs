@@ -1,0 +1,288 @@
+//! [`Train`]: a model from photos and the points of a COLMAP model.
+//!
+//! As MCMC training (see [`mcmc`]) has it, in fewer steps: the number of Gaussians grows to its cap in the first half, SH degrees are
+//! learned one after the other, and large photos are first matched at a smaller size and then in windows, so that a step costs
+//! about the same on photos of any size.
+
+mod begin;
+mod mcmc;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use finetune::optimiser::{Shrinkage, SplitMix, permutation};
+use finetune::{Backend, Loss, RenderOptions, TrainView, ViewGradients};
+use gs_model::Scene;
+use gs_model::colmap::Point;
+
+use crate::checkpoint::{StateReader, StateWriter, fingerprint};
+use crate::error::{Error, Result};
+use crate::photos::smaller;
+use crate::progress::{Progress, StageName, StopReason};
+use crate::scene_loop::{SceneLoop, extent};
+use crate::trainer::{RunState, Trainer, Work};
+use crate::views::Views;
+
+/// Rate of the means over the extent of the cameras, and the factor by which it falls besides that of all rates.
+const MEAN_RATE: f32 = 1.6e-4;
+const MEAN_FALL: f64 = 0.1;
+/// Weights of opacities and scales in the loss.
+const SHRINKAGE: Shrinkage = Shrinkage { opacity: 0.01, scale: 0.01 };
+/// Steps between two relocations.
+const EVERY: u64 = 100;
+/// Parts of the run: when the last relocation is, when the cap is reached, and when large photos come in windows.
+const RELOCATED: f64 = 5.0 / 6.0;
+const GROWN: f64 = 0.5;
+const COARSE: f64 = 0.6;
+/// A further SH degree is learned after each such part of the run.
+const DEGREE: f64 = 1.0 / 15.0;
+/// Steps between checkpoints.
+const KEPT: u64 = 500;
+
+/// How to train.
+#[derive(Clone, Debug)]
+pub struct TrainOptions {
+    /// Steps, one view each.
+    pub steps: u64,
+    /// Most Gaussians.
+    pub cap: usize,
+    /// SH degree of the model, at most 3.
+    pub sh_degree: u8,
+    /// Most pixels of a step.
+    pub pixels: u32,
+    /// Seed of the order of the views, the noise and the places of new Gaussians.
+    pub seed: u64,
+    /// Where to keep a checkpoint. An existing one is continued.
+    pub checkpoint: Option<PathBuf>,
+    /// Setting it ends the run after the current step.
+    pub cancel: Option<Arc<AtomicBool>>,
+}
+
+impl Default for TrainOptions {
+    fn default() -> Self {
+        Self {
+            steps: 7500,
+            cap: 200_000,
+            sh_degree: 3,
+            pixels: 250_000,
+            seed: 0,
+            checkpoint: None,
+            cancel: None,
+        }
+    }
+}
+
+/// The result of a training.
+#[derive(Clone, Debug)]
+pub struct Trained {
+    /// The model.
+    pub scene: Scene,
+    /// Steps done in all.
+    pub steps: u64,
+    /// Wall-clock seconds of this run.
+    pub seconds: f64,
+    /// Why the run ended.
+    pub reason: StopReason,
+}
+
+/// A training on the processor. The result is a function of points, views and options alone.
+pub struct Train {
+    trainer: Trainer,
+    work: Training,
+}
+
+impl std::fmt::Debug for Train {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Train").field("done", &self.trainer.done).finish_non_exhaustive()
+    }
+}
+
+impl Train {
+    /// Prepares a run. If the options name a checkpoint that exists, the run goes on from it.
+    ///
+    /// # Errors
+    /// [`Error::Option`] for a cap below the number of points or without points, [`Error::Finetune`] for views that cannot be used,
+    /// and those of checkpoints.
+    pub fn new(points: &[Point], views: Vec<TrainView>, options: TrainOptions) -> Result<Self> {
+        let TrainOptions { cap, sh_degree, pixels, seed, .. } = options;
+        let (checkpoint, cancel) = (options.checkpoint.clone(), options.cancel.clone());
+        let out_of = |option, value, range| Error::Option { option, value, range };
+        if points.is_empty() || cap < points.len() {
+            let range = "at least the number of points, which is not zero";
+            return Err(out_of("cap", cap as f64, range));
+        }
+        if sh_degree > 3 {
+            return Err(out_of("SH degree", sh_degree.into(), "at most 3"));
+        }
+        finetune::check_views(&views)?;
+        let scene = begin::begin(points, sh_degree);
+        let told = format!("train {} {cap} {pixels} {seed}", options.steps);
+        let fingerprint = fingerprint(&scene, &views, &told);
+        let coarse: Vec<TrainView> = views.iter().map(|view| smaller(view, pixels)).collect();
+        let fine = if coarse.iter().zip(&views).any(|(a, b)| a.camera.width < b.camera.width) {
+            let render = RenderOptions::default();
+            let mut fine = ViewGradients::new(views, Loss::default(), &render)?;
+            fine.split(pixels);
+            fine.move_means(true);
+            Some(fine)
+        } else {
+            None
+        };
+        let mut views = Views::all(coarse, Loss::default(), seed)?;
+        views.gradients.move_means(true);
+        let mut trainer = Trainer::new(views, fingerprint, Backend::Cpu, checkpoint, cancel)?;
+        let extent = extent(&trainer.views.cameras);
+        let mut work = Training::new(scene, fine, extent, options);
+        trainer.resume(&mut work)?;
+        Ok(Self { trainer, work })
+    }
+
+    /// Steps already done by the run whose checkpoint this one goes on from.
+    #[must_use]
+    pub fn steps_done(&self) -> u64 {
+        self.trainer.done
+    }
+
+    /// Runs to the end, calling `progress` now and then. The state at the end is kept in the checkpoint, if there is
+    /// one.
+    ///
+    /// # Errors
+    /// Those of [`Error`].
+    pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<Trained> {
+        let Self { mut trainer, mut work } = self;
+        let reason = trainer.run(&mut work, &mut progress)?;
+        trainer.keep(&work);
+        let (steps, seconds) = (trainer.done, trainer.clock.seconds());
+        Ok(Trained { scene: work.run.optimiser.take_scene(), steps, seconds, reason })
+    }
+}
+
+/// The scene that is trained.
+struct Training {
+    options: TrainOptions,
+    run: SceneLoop,
+    /// Large photos in windows.
+    fine: Option<ViewGradients>,
+    /// Of the cameras.
+    extent: f32,
+    points: usize,
+    /// PSNR over the last pass over the views, each as rendered in its step, dB.
+    passes: crate::epochs::Epochs,
+}
+
+impl Training {
+    fn new(scene: Scene, fine: Option<ViewGradients>, extent: f32, options: TrainOptions) -> Self {
+        let points = scene.len();
+        let run = SceneLoop::new(scene, 0.0, options.steps);
+        Self { options, run, fine, extent, points, passes: Default::default() }
+    }
+
+    /// The part of the run that is done.
+    fn part(&self) -> f64 {
+        self.run.done as f64 / self.options.steps.max(1) as f64
+    }
+
+    /// Gaussians at this time: their number grows by the same factor at each relocation.
+    fn wanted(&self) -> usize {
+        let grown =
+            libm::pow(self.options.cap as f64 / self.points as f64, (self.part() / GROWN).min(1.0));
+        ((self.points as f64 * grown) as usize).min(self.options.cap)
+    }
+
+    /// Puts Gaussians where they are needed.
+    fn densify(&mut self) {
+        let mut random = SplitMix::new(self.options.seed ^ self.run.done.wrapping_mul(0x9e6d));
+        let more = self.wanted().saturating_sub(self.run.optimiser.scene().len());
+        self.run.change(|scene, moments| {
+            mcmc::relocate(scene, moments, &mut random);
+            mcmc::grow(scene, moments, &mut random, more);
+        });
+    }
+
+    /// Sets the rates of the next step. That of the means is returned.
+    fn prepare(&mut self) -> f32 {
+        let part = self.part();
+        let rate = MEAN_RATE * self.extent * libm::pow(MEAN_FALL, part) as f32;
+        let optimiser = &mut self.run.optimiser;
+        optimiser.mean_rate = rate;
+        optimiser.shrinkage = SHRINKAGE;
+        optimiser.learned_degree = (part / DEGREE).min(3.0) as u8;
+        rate
+    }
+}
+
+impl Work for Training {
+    fn steps(&self) -> u64 {
+        self.options.steps
+    }
+
+    fn advance(&mut self, _: &mut Views) -> Result<Option<StopReason>> {
+        let done = self.run.done;
+        if done >= self.options.steps {
+            return Ok(Some(StopReason::Steps));
+        }
+        if done > 0 && done.is_multiple_of(EVERY) && self.part() <= RELOCATED {
+            self.densify();
+        }
+        Ok(None)
+    }
+
+    fn due(&self) -> bool {
+        // In between, Gaussians move; a run that goes on must not move them twice.
+        self.run.done % KEPT == EVERY / 2
+    }
+
+    fn measure(&mut self, _: &Views) -> Result<()> {
+        Ok(())
+    }
+
+    fn place(&mut self, _: &mut Views) -> Result<()> {
+        Ok(())
+    }
+
+    fn step(&mut self, views: &mut Views, view: usize) -> Result<f64> {
+        let rate = self.prepare() * self.run.decay();
+        let (seed, done, part) = (self.options.seed, self.run.done, self.part());
+        let photos = views.photos();
+        let loss = match &mut self.fine {
+            Some(fine) if part >= COARSE => {
+                let n = fine.views() as u64;
+                let window = permutation(seed, done / n, n as usize)[(done % n) as usize];
+                self.run.step(fine, window as usize)
+            }
+            _ => self.run.step(&mut views.gradients, view),
+        };
+        let random = |i: usize| SplitMix::new(seed ^ (done << 32) ^ i as u64);
+        self.run.optimiser.move_means(|scene, i| mcmc::noise(scene, i, rate, random(i)));
+        self.passes.add(loss.psnr(), photos);
+        Ok(loss.psnr())
+    }
+
+    fn fetch(&mut self, _: &Views) -> Result<()> {
+        Ok(())
+    }
+
+    fn write(&self, out: &mut StateWriter) {
+        out.numbers(&self.passes.past);
+        out.numbers(&self.passes.current);
+        self.run.write(out);
+    }
+
+    fn read(&mut self, input: &mut StateReader<'_>, _: &mut Views) -> Result<()> {
+        self.passes.past = input.numbers()?;
+        self.passes.current = input.numbers()?;
+        self.run = SceneLoop::read(input, 0.0, self.options.steps)?;
+        Ok(())
+    }
+
+    fn state(&self) -> RunState<'_> {
+        RunState {
+            stage: StageName::Training,
+            scene: self.run.optimiser.scene(),
+            aside_psnr: None,
+            pass_psnr: self.passes.psnr(),
+            bytes: None,
+        }
+    }
+}
