@@ -1,4 +1,4 @@
-//! Points of other codecs: published ones (`data/published.json`), and ones recorded beside a scene
+//! Points of other codecs: published ones and some that were recorded (`data/published.json`), and ones recorded beside a scene
 //! (`paper-chain.json`, `peers.json`).
 
 use std::collections::BTreeMap;
@@ -31,6 +31,9 @@ pub(crate) struct List {
     /// Covariance mode, for the paper's own lists.
     #[serde(default)]
     pub(crate) covariance: Option<String>,
+    /// Where its points come from, if not from the paper's authors.
+    #[serde(default)]
+    pub(crate) source: Option<String>,
     /// Bits to one unit of the rates below.
     pub(crate) unit_bits: f64,
     /// Rate and PSNR in dB.
@@ -162,7 +165,9 @@ fn published(list: &List) -> Other {
         psnr_db,
         ssim: None,
     };
-    let source = "published by the paper's authors; another model of the same photos".to_owned();
+    let authors =
+        || "published by the paper's authors; another model of the same photos".to_owned();
+    let source = list.source.clone().unwrap_or_else(authors);
     Other { name, source, points: list.points.iter().map(point).collect() }
 }
 
@@ -188,6 +193,10 @@ mod tests {
         assert_eq!(uniform.points[0].bytes, 18_017_751);
         let rdo = other.iter().find(|o| o.name == "RDO-GS").unwrap();
         assert_eq!(rdo.points[0].bytes, 13_110_000);
+        assert!(rdo.is_published());
+        let fox = others(Path::new("no such folder"), "fox").unwrap();
+        assert_eq!(fox[0].points[1].bytes, 2_460_000);
+        assert!(!fox[0].is_published(), "{}", fox[0].source);
     }
 
     #[test]

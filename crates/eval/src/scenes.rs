@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use finetune::TrainView;
-use gs_model::dataset::{Dataset, HOLD_OUT_EVERY};
+use gs_model::dataset::{Dataset, HOLD_OUT_EVERY, find_model, open_views};
 use gs_model::{Camera, Scene};
 use serde::Deserialize;
 
@@ -167,8 +167,8 @@ fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Resu
         if !dir.is_dir() {
             bail!("scene {scene} is not there; {}", remedy());
         }
-        let dataset =
-            open(&dir).with_context(|| format!("scene {scene} is not whole; {}", remedy()))?;
+        let dataset = open(&dir, &trained(root, scene))
+            .with_context(|| format!("scene {scene} is not whole; {}", remedy()))?;
         return Ok(SceneFiles { name: scene.to_owned(), what: entry.what.clone(), dataset });
     }
     let dir = Path::new(scene);
@@ -176,19 +176,32 @@ fn find_in(registry: &BTreeMap<String, Entry>, root: &Path, scene: &str) -> Resu
         let names: Vec<&str> = registry.keys().map(String::as_str).collect();
         bail!("{scene} is neither a folder nor a known scene ({})", names.join(", "));
     }
-    let dataset = open(dir).with_context(|| {
+    let name = dir.canonicalize().ok().and_then(|d| d.file_name().map(|n| n.to_owned()));
+    let name = name.map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned());
+    let dataset = open(dir, &trained(root, &name)).with_context(|| {
         format!(
             "{scene}: a scene is a model (point_cloud.ply) and cameras with photos (sparse/0 and \
              images/, cameras.json or transforms.json)"
         )
     })?;
-    let name = dir.canonicalize().ok().and_then(|d| d.file_name().map(|n| n.to_owned()));
-    let name = name.map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned());
     Ok(SceneFiles { name, what: format!("folder {scene}"), dataset })
 }
 
-fn open(dir: &Path) -> Result<Dataset> {
-    let dataset = Dataset::open(dir)?;
+/// Where `cargo xtask train` puts the model of a scene.
+#[must_use]
+pub fn trained(root: &Path, scene: &str) -> PathBuf {
+    root.join("out/train").join(scene).with_extension("ply")
+}
+
+/// A scene without a model has the one that was trained here, if there is one.
+fn open(dir: &Path, trained: &Path) -> Result<Dataset> {
+    let dataset = match find_model(dir) {
+        Err(_) if trained.is_file() => {
+            let (dir, model_path) = (dir.to_owned(), trained.to_owned());
+            Dataset { views: open_views(&dir)?, dir, model_path }
+        }
+        _ => Dataset::open(dir)?,
+    };
     if dataset.views.is_empty() {
         bail!("{} lists no camera", dir.display());
     }
