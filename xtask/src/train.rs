@@ -44,12 +44,20 @@ pub(crate) fn run(args: &TrainArgs) -> Result<()> {
         let list = if i % HOLD_OUT_EVERY == 0 { &mut held_out } else { &mut training };
         list.push(view);
     }
+    eprintln!(
+        "{}: {} points, {} photos to train on, {} held out",
+        dir.display(),
+        points.len(),
+        training.len(),
+        held_out.len()
+    );
     let training = photos(&dir, &training)?;
     let held_out = photos(&dir, &held_out)?;
     let name = dir.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy());
     let out = args.out.clone().unwrap_or_else(|| scenes::trained(&scenes::root(), &name));
     if let Some(folder) = out.parent() {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {folder:?}"))?;
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make {}", folder.display()))?;
     }
     let checkpoint = out.with_extension("checkpoint");
     let options = TrainOptions {
@@ -59,13 +67,6 @@ pub(crate) fn run(args: &TrainArgs) -> Result<()> {
         checkpoint: Some(checkpoint.clone()),
         ..TrainOptions::default()
     };
-    eprintln!(
-        "{}: {} points, {} photos to train on, {} held out",
-        dir.display(),
-        points.len(),
-        training.len(),
-        held_out.len()
-    );
     let run = Train::new(&points, training, options)?;
     if run.steps_done() > 0 {
         eprintln!("goes on after step {} ({})", run.steps_done(), checkpoint.display());

@@ -61,7 +61,7 @@ impl Bar {
         Self { bar, label: String::new(), started: Instant::now(), said: None, quiet: true }
     }
 
-    /// What is being done now.
+    /// Says what is being done now, in place of the label.
     pub fn note(&self, text: &str) {
         self.bar.set_message(text.to_owned());
     }

@@ -1,4 +1,4 @@
-//! Points of other codecs: published ones and some that were recorded (`data/published.json`), and ones recorded beside a scene
+//! Points of other codecs: published ones and recorded ones (`data/published.json`), and ones recorded beside a scene
 //! (`paper-chain.json`, `peers.json`).
 
 use std::collections::BTreeMap;
@@ -16,14 +16,14 @@ struct Published {
     scenes: BTreeMap<String, PublishedScene>,
 }
 
-/// What is published about one scene.
+/// What is known of one scene.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct PublishedScene {
     /// Curves.
     pub(crate) lists: Vec<List>,
 }
 
-/// One published curve.
+/// One curve.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct List {
     /// Codec and configuration.

@@ -246,6 +246,28 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_without_a_model_has_the_one_that_was_trained_here() {
+        let root = tempfile::tempdir().unwrap();
+        let (room, dir) = (super::root().join("fixtures/room"), root.path().join("a"));
+        for folder in ["images", "sparse/0"] {
+            std::fs::create_dir_all(dir.join(folder)).unwrap();
+            for file in std::fs::read_dir(room.join(folder)).unwrap() {
+                let file = file.unwrap();
+                std::fs::copy(file.path(), dir.join(folder).join(file.file_name())).unwrap();
+            }
+        }
+        let model = || {
+            let found = find_in(&registry().unwrap(), root.path(), dir.to_str().unwrap());
+            found.map(|files| files.dataset.model_path)
+        };
+        assert!(format!("{:#}", model().unwrap_err()).contains("point_cloud.ply"));
+        let trained = trained(root.path(), "a");
+        std::fs::create_dir_all(trained.parent().unwrap()).unwrap();
+        std::fs::write(&trained, "ply").unwrap();
+        assert_eq!(model().unwrap(), trained);
+    }
+
+    #[test]
     fn spread_keeps_the_first_and_reaches_far() {
         assert_eq!(spread((0..7).collect(), 3), [0, 2, 4]);
         assert_eq!(spread((0..7).collect(), 9).len(), 7);

@@ -21,8 +21,6 @@ use crate::options::TuneOptions;
 const ASIDE: usize = 16;
 /// A photo counts in full up to this many times the median of the squared errors (3 dB).
 const FULL_WEIGHT: f64 = 2.0;
-/// Most pixels of a step: larger photos come in windows.
-const PIXELS: u32 = 250_000;
 /// Most nearby views, and the longest edge of their pictures.
 const MOST_NEARBY: usize = 64;
 const NEARBY_EDGE: f64 = 320.0;
@@ -43,10 +41,11 @@ struct Share {
 
 /// Beside renders of the input model, nearby views count the same.
 const BESIDE_RENDERS: Share = Share { of_steps: 0.5, of_gradients: 1.0, of_pixels: 1.0 };
-/// Photos are better targets than renders, so nearby views count less beside them. But the better the stream, the more it
-/// differs from the input by what the photos ask for, and not by what the codec leaves out: from the first of these
-/// qualities to the second, nearby views come to count as beside renders.
+/// Photos are better targets than renders, so nearby views count less beside them. At a high quality the codec loses
+/// little, and most of what a stream differs from its input comes from the photos. So the share grows from the first of
+/// these to the second between these two qualities.
 const BESIDE_PHOTOS: Share = Share { of_steps: 0.125, of_gradients: 0.1, of_pixels: 0.1 };
+const BESIDE_PHOTOS_AT_MOST: Share = Share { of_steps: 0.5, of_gradients: 3.0, of_pixels: 0.1 };
 const COUNT_MORE: [f32; 2] = [58.0, 90.0];
 
 impl Share {
@@ -57,7 +56,7 @@ impl Share {
 
     /// That of the steps of a run to photos at a quality.
     fn at(quality: f32) -> Self {
-        let (few, many) = (BESIDE_PHOTOS, BESIDE_RENDERS);
+        let (few, many) = (BESIDE_PHOTOS, BESIDE_PHOTOS_AT_MOST);
         let [from, to] = COUNT_MORE.map(f64::from);
         let part = ((f64::from(quality) - from) / (to - from)).clamp(0.0, 1.0);
         // Each point of quality multiplies by the same.
@@ -172,7 +171,6 @@ impl Views {
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(photos.views, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
-        gradients.split(PIXELS);
         for (camera, photo) in nearby.iter().zip(targets) {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;
         }
@@ -191,7 +189,7 @@ impl Views {
         nearby.for_each(|view| self.gradients.weigh(view, self.share.of_gradients));
     }
 
-    /// Number of photos that the steps visit, each window of a large one counted for itself.
+    /// Number of views whose photos the steps visit.
     pub(crate) fn photos(&self) -> usize {
         self.gradients.views() - self.nearby.len()
     }

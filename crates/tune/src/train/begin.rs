@@ -8,8 +8,8 @@ use rstar::primitives::GeomWithData;
 
 /// Neighbours whose mean distance is the size of a Gaussian.
 const NEIGHBOURS: usize = 3;
-/// Opacity, as gsplat's MCMC preset has it, and the size over that distance. The preset's size is 0.1, which takes
-/// thousands of steps to grow: fox has 12.8 dB after 750 steps with it, and 23.6 dB after 600 with 1.
+/// Opacity, as in gsplat's MCMC preset, and the size over that distance. The preset has a size of 0.1, which takes
+/// thousands of steps to grow: fox is at 12.8 dB after 750 steps with 0.1, and at 23.6 dB after 600 with 1.
 const OPACITY: f32 = 0.5;
 const SIZE: f64 = 1.0;
 /// Least size, in world units.

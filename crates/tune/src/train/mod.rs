@@ -1,8 +1,8 @@
 //! [`Train`]: a model from photos and the points of a COLMAP model.
 //!
-//! As MCMC training (see [`mcmc`]) has it, in fewer steps: the number of Gaussians grows to its cap in the first half, SH degrees are
-//! learned one after the other, and large photos are first matched at a smaller size and then in windows, so that a step costs
-//! about the same on photos of any size.
+//! It is MCMC training (see [`mcmc`]) in fewer steps. The number of Gaussians grows to its cap in the first half of the
+//! run. SH degrees are learned one after the other. Large photos are first matched at a smaller size and then in
+//! windows, so a step costs about the same on photos of any size.
 
 mod begin;
 mod mcmc;
@@ -17,6 +17,7 @@ use gs_model::Scene;
 use gs_model::colmap::Point;
 
 use crate::checkpoint::{StateReader, StateWriter, fingerprint};
+use crate::epochs::Epochs;
 use crate::error::{Error, Result};
 use crate::photos::smaller;
 use crate::progress::{Progress, StageName, StopReason};
@@ -102,8 +103,8 @@ impl Train {
     /// Prepares a run. If the options name a checkpoint that exists, the run goes on from it.
     ///
     /// # Errors
-    /// [`Error::Option`] for a cap below the number of points or without points, [`Error::Finetune`] for views that cannot be used,
-    /// and those of checkpoints.
+    /// [`Error::Option`] if there are no points, or more of them than the cap; [`Error::Finetune`] for views that cannot
+    /// be used; [`Error::Io`], [`Error::Checkpoint`] and [`Error::OtherRun`] for a checkpoint.
     pub fn new(points: &[Point], views: Vec<TrainView>, options: TrainOptions) -> Result<Self> {
         let TrainOptions { cap, sh_degree, pixels, seed, .. } = options;
         let (checkpoint, cancel) = (options.checkpoint.clone(), options.cancel.clone());
@@ -164,18 +165,18 @@ struct Training {
     run: SceneLoop,
     /// Large photos in windows.
     fine: Option<ViewGradients>,
-    /// Of the cameras.
+    /// Of the cameras: see [`extent`].
     extent: f32,
+    /// Number of points that the run began with.
     points: usize,
-    /// PSNR over the last pass over the views, each as rendered in its step, dB.
-    passes: crate::epochs::Epochs,
+    passes: Epochs,
 }
 
 impl Training {
     fn new(scene: Scene, fine: Option<ViewGradients>, extent: f32, options: TrainOptions) -> Self {
         let points = scene.len();
         let run = SceneLoop::new(scene, 0.0, options.steps);
-        Self { options, run, fine, extent, points, passes: Default::default() }
+        Self { options, run, fine, extent, points, passes: Epochs::default() }
     }
 
     /// The part of the run that is done.
@@ -229,7 +230,7 @@ impl Work for Training {
     }
 
     fn due(&self) -> bool {
-        // In between, Gaussians move; a run that goes on must not move them twice.
+        // Between two relocations: the step of one would relocate again in a run that goes on from there.
         self.run.done % KEPT == EVERY / 2
     }
 
