@@ -4,7 +4,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::project::{RenderView, Splat};
-use super::tiles::TileLists;
+use super::tiles::{BATCH, TileLists, load};
 use super::*;
 
 /// Pixels of a row of a tile: the vector width that the inner loops are written for.
@@ -29,10 +29,6 @@ impl TilePixels {
         t: [[1.0; LANES]; LANES],
     };
 }
-
-/// Splats between two tests of which rows still blend. Within a batch, the sign of its transmittance keeps a stopped
-/// pixel as it is.
-pub(crate) const BATCH: usize = 32;
 
 /// A tile, and the splats that it blends, near to far.
 #[derive(Clone, Copy)]
@@ -69,9 +65,10 @@ impl<'a> TileSplats<'a> {
         }
     }
 
+    /// The splats of a batch.
     #[inline(always)]
-    pub(crate) fn splat(&self, id: u32) -> Splat {
-        self.splats[id as usize]
+    pub(crate) fn load<'b>(&self, batch: &[u32], out: &'b mut [Splat; BATCH]) -> &'b [Splat] {
+        load(self.splats, batch, out)
     }
 
     /// The splat's offsets from the columns.
@@ -159,7 +156,8 @@ pub(crate) fn sum_lanes(v: &[f32; LANES]) -> f32 {
     s[0]
 }
 
-/// Which rows of a tile still blend. False if none does.
+/// Which rows of a tile still blend. False if none does. It is tested once a batch; within a batch, the sign of its
+/// transmittance keeps a stopped pixel as it is.
 #[inline(always)]
 pub(crate) fn still_live<'a>(rows: &mut [bool], t: impl Iterator<Item = &'a [f32; LANES]>) -> bool {
     let mut any = false;
@@ -181,16 +179,16 @@ fn blend_tile<const WEIGHTS: bool>(
     let mut pixels = TilePixels { t: tile.clear(), ..TilePixels::CLEAR };
     let mut row_live = [true; LANES];
     let mut last = 0;
+    let mut loaded = [Splat::default(); BATCH];
     for (batch, list) in tile.ids.chunks(BATCH).enumerate() {
-        for (k, &i) in list.iter().enumerate() {
-            let s = tile.splat(i);
-            let dx = tile.dx(&s);
+        for (k, s) in tile.load(list, &mut loaded).iter().enumerate() {
+            let dx = tile.dx(s);
             let mut sums = [[0.0f32; LANES]; 2];
-            for y in tile.reached(&s) {
+            for y in tile.reached(s) {
                 if row_live[y] {
                     let TilePixels { t, red, green, blue } = &mut pixels;
                     let row = [&mut t[y], &mut red[y], &mut green[y], &mut blue[y]];
-                    blend_row::<WEIGHTS>(&s, &dx, tile.dy(&s, y), row, &mut sums);
+                    blend_row::<WEIGHTS>(s, &dx, tile.dy(s, y), row, &mut sums);
                 }
             }
             if WEIGHTS {

@@ -4,8 +4,9 @@ use glam::{Mat4, Vec4};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::blend::{BATCH, LANES, TilePixels, TileSplats, still_live};
+use super::blend::{LANES, TilePixels, TileSplats, still_live};
 use super::project::{RenderView, Splat};
+use super::tiles::BATCH;
 use super::*;
 use crate::forward::Forward;
 
@@ -140,11 +141,11 @@ fn replay_tile<const N: usize>(
 ) {
     let mut state = rows(&tile, pixels, gradient, background);
     let mut row_live = [true; LANES];
+    let mut loaded = [Splat::default(); BATCH];
     for (list, records) in tile.ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
-        for (&i, record) in list.iter().zip(records) {
-            let s = tile.splat(i);
-            let dx = tile.dx(&s);
-            let reached = tile.reached(&s);
+        for (s, record) in tile.load(list, &mut loaded).iter().zip(records) {
+            let dx = tile.dx(s);
+            let reached = tile.reached(s);
             // Left and right half of the tile, four sums per vector.
             let mut sides = [[Vec4::ZERO; 2]; QUADS];
             for top in (0..LANES).step_by(BLOCK_ROWS) {
@@ -155,7 +156,7 @@ fn replay_tile<const N: usize>(
                 let mut acc = [[0.0f32; LANES]; N];
                 for y in block {
                     if row_live[y] {
-                        replay_row::<N>(&s, &dx, tile.dy(&s, y), &mut state[y], &mut acc);
+                        replay_row::<N>(s, &dx, tile.dy(s, y), &mut state[y], &mut acc);
                     }
                 }
                 for (side, part) in sides.iter_mut().zip(acc.chunks(4)) {

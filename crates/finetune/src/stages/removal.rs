@@ -4,9 +4,10 @@ use gs_model::{Camera, Scene};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::blend::{BATCH, LANES, TilePixels, TileSplats, still_live, sum_lanes};
+use super::blend::{LANES, TilePixels, TileSplats, still_live, sum_lanes};
 use super::gather::gather;
 use super::project::{RenderView, Splat};
+use super::tiles::BATCH;
 use super::{T_STOP, gate};
 use crate::forward::Forward;
 use crate::image::Image;
@@ -118,14 +119,14 @@ fn effects_tile(
 ) {
     let mut state = rows(&tile, pixels, background);
     let mut row_live = [true; LANES];
+    let mut loaded = [Splat::default(); BATCH];
     for (list, records) in tile.ids.chunks(BATCH).zip(records.chunks_mut(BATCH)) {
-        for (&i, record) in list.iter().zip(records) {
-            let s = tile.splat(i);
-            let dx = tile.dx(&s);
+        for (s, record) in tile.load(list, &mut loaded).iter().zip(records) {
+            let dx = tile.dx(s);
             let mut sums = Sums::default();
-            for y in tile.reached(&s) {
+            for y in tile.reached(s) {
                 if row_live[y] {
-                    effect_row(&s, &dx, tile.dy(&s, y), &mut state[y], &mut sums);
+                    effect_row(s, &dx, tile.dy(s, y), &mut state[y], &mut sums);
                 }
             }
             *record = [sum_lanes(&sums.removal), sum_lanes(&sums.squared)];

@@ -31,6 +31,18 @@ impl TileLists {
     }
 }
 
+/// Splats that are loaded together.
+pub(crate) const BATCH: usize = 32;
+
+/// The entries of a batch. They lie far apart in memory: read one after the other, without work between, they are there
+/// in a fraction of the time.
+#[inline(always)]
+pub(crate) fn load<'a, T: Copy>(all: &[T], ids: &[u32], out: &'a mut [T; BATCH]) -> &'a [T] {
+    let out = &mut out[..ids.len()];
+    out.iter_mut().zip(ids).for_each(|(entry, &id)| *entry = all[id as usize]);
+    out
+}
+
 /// Whether the splat reaches a pixel centre of tile (tx, ty).
 #[inline]
 pub(crate) fn touches(view: &RenderView, s: &Splat, tx: u32, ty: u32) -> bool {
@@ -56,10 +68,10 @@ pub(crate) fn tile_lists(
     let rows = view.tiles_y as usize;
     let columns = view.tiles_x as usize;
     let mut by_row: Vec<Vec<u32>> = vec![Vec::new(); rows];
-    for &i in order {
-        let b = boxes[i as usize];
-        for list in &mut by_row[b.y0 as usize..b.y1 as usize] {
-            list.push(i);
+    let mut loaded = [TileBox::default(); BATCH];
+    for batch in order.chunks(BATCH) {
+        for (&i, b) in batch.iter().zip(load(boxes, batch, &mut loaded)) {
+            by_row[b.y0 as usize..b.y1 as usize].iter_mut().for_each(|list| list.push(i));
         }
     }
     let sorted: Vec<(Vec<u32>, Vec<u32>)> = by_row
@@ -68,10 +80,12 @@ pub(crate) fn tile_lists(
         .map(|(ty, list)| {
             let mut pairs = Vec::with_capacity(list.len() * 2);
             let mut counts = vec![0u32; columns];
-            for &i in list {
-                let (b, s) = (boxes[i as usize], &splats[i as usize]);
-                for tx in b.x0..b.x1 {
-                    if touches(view, s, tx, ty as u32) {
+            let mut loaded = ([TileBox::default(); BATCH], [Splat::default(); BATCH]);
+            for batch in list.chunks(BATCH) {
+                let boxes = load(boxes, batch, &mut loaded.0);
+                let splats = load(splats, batch, &mut loaded.1);
+                for ((&i, b), s) in batch.iter().zip(boxes).zip(splats) {
+                    for tx in (b.x0..b.x1).filter(|&tx| touches(view, s, tx, ty as u32)) {
                         counts[tx as usize] += 1;
                         pairs.push((tx, i));
                     }
