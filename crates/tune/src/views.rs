@@ -342,13 +342,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nearby_views_come_to_count_as_beside_renders() {
+    fn nearby_views_count_more_at_high_qualities() {
         let [low, middle, high] = [40.0, 74.0, 90.0].map(Share::at);
         assert_eq!((low.of_steps, low.of_gradients), (0.125, 0.1));
-        assert!(
-            (middle.of_steps - 0.25).abs() < 1e-9 && (middle.of_gradients - 0.316).abs() < 1e-3
-        );
-        assert_eq!((high.of_steps, high.of_gradients), (0.5, 1.0));
+        assert!((middle.of_steps - 0.25).abs() < 1e-9);
+        assert!((middle.of_gradients - 0.3f32.sqrt()).abs() < 1e-6);
+        assert_eq!((high.of_steps, high.of_gradients), (0.5, 3.0));
     }
 
     #[test]
