@@ -1,5 +1,5 @@
-//! Points of other codecs: published ones and recorded ones (`data/published.json`), and ones recorded beside a scene
-//! (`paper-chain.json`, `peers.json`).
+//! Points of other codecs: those of `data/published.json`, which were published or measured once, and those recorded
+//! beside a scene (`paper-chain.json`, `peers.json`).
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,7 +16,7 @@ struct Published {
     scenes: BTreeMap<String, PublishedScene>,
 }
 
-/// What is known of one scene.
+/// The curves of one scene.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct PublishedScene {
     /// Curves.

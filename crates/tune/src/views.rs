@@ -41,12 +41,12 @@ struct Share {
 
 /// Beside renders of the input model, nearby views count the same.
 const BESIDE_RENDERS: Share = Share { of_steps: 0.5, of_gradients: 1.0, of_pixels: 1.0 };
-/// Photos are better targets than renders, so nearby views count less beside them. At a high quality the codec loses
-/// little, and most of what a stream differs from its input comes from the photos. So the share grows from the first of
-/// these to the second between these two qualities.
+/// Beside photos they count less, because photos are better targets than renders. At a high quality the codec loses
+/// little, and a stream differs from its input mostly because it follows the photos. So the share grows with the quality:
+/// it is the first of these up to the first quality, and the second from the second quality on.
 const BESIDE_PHOTOS: Share = Share { of_steps: 0.125, of_gradients: 0.1, of_pixels: 0.1 };
-const BESIDE_PHOTOS_AT_MOST: Share = Share { of_steps: 0.5, of_gradients: 3.0, of_pixels: 0.1 };
-const COUNT_MORE: [f32; 2] = [58.0, 90.0];
+const BESIDE_PHOTOS_AT_HIGH: Share = Share { of_steps: 0.5, of_gradients: 3.0, ..BESIDE_PHOTOS };
+const GROWS_BETWEEN: [f32; 2] = [58.0, 90.0];
 
 impl Share {
     /// Of a run to photos, or to renders.
@@ -56,8 +56,8 @@ impl Share {
 
     /// That of the steps of a run to photos at a quality.
     fn at(quality: f32) -> Self {
-        let (few, many) = (BESIDE_PHOTOS, BESIDE_PHOTOS_AT_MOST);
-        let [from, to] = COUNT_MORE.map(f64::from);
+        let (few, many) = (BESIDE_PHOTOS, BESIDE_PHOTOS_AT_HIGH);
+        let [from, to] = GROWS_BETWEEN.map(f64::from);
         let part = ((f64::from(quality) - from) / (to - from)).clamp(0.0, 1.0);
         // Each point of quality multiplies by the same.
         let between = |a: f64, b: f64| a * libm::pow(b / a, part);

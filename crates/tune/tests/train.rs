@@ -44,7 +44,7 @@ fn a_model_grows_from_points_to_its_cap_and_shows_the_held_out_photos() {
     assert!(psnr > 23.0, "{psnr}");
 }
 
-/// Also in a step of a relocation, and where large photos come in windows, as they do in the last part of the run.
+/// It is interrupted between relocations and in the step of one. Large photos come in windows at the end.
 #[test]
 fn a_training_that_is_interrupted_ends_with_the_same_model() {
     let dir = tempfile::tempdir().unwrap();

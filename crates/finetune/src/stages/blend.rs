@@ -65,7 +65,7 @@ impl<'a> TileSplats<'a> {
         }
     }
 
-    /// The splats of a batch.
+    /// Copies the splats of a batch.
     #[inline(always)]
     pub(crate) fn load<'b>(&self, batch: &[u32], out: &'b mut [Splat; BATCH]) -> &'b [Splat] {
         load(self.splats, batch, out)
@@ -156,8 +156,8 @@ pub(crate) fn sum_lanes(v: &[f32; LANES]) -> f32 {
     s[0]
 }
 
-/// Which rows of a tile still blend. False if none does. It is tested once a batch; within a batch, the sign of its
-/// transmittance keeps a stopped pixel as it is.
+/// Which rows of a tile still blend. False if none does. It is tested once a batch. Within a batch, a stopped pixel stays
+/// as it is because its transmittance is negative.
 #[inline(always)]
 pub(crate) fn still_live<'a>(rows: &mut [bool], t: impl Iterator<Item = &'a [f32; LANES]>) -> bool {
     let mut any = false;

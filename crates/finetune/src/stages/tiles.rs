@@ -34,8 +34,8 @@ impl TileLists {
 /// Splats that are loaded together.
 pub(crate) const BATCH: usize = 32;
 
-/// The entries of a batch. They lie far apart in memory: read one after the other, without work between, they are there
-/// in a fraction of the time.
+/// Copies the entries of a batch. They lie far apart in memory, and each read waits long for it. Reads without work
+/// between them wait at the same time.
 #[inline(always)]
 pub(crate) fn load<'a, T: Copy>(all: &[T], ids: &[u32], out: &'a mut [T; BATCH]) -> &'a [T] {
     let out = &mut out[..ids.len()];

@@ -230,7 +230,7 @@ impl Work for Training {
     }
 
     fn due(&self) -> bool {
-        // Between two relocations: the step of one would relocate again in a run that goes on from there.
+        // Not in the step of a relocation: a run that goes on from there would relocate again.
         self.run.done % KEPT == EVERY / 2
     }
 
