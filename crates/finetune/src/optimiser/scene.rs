@@ -24,7 +24,8 @@ pub struct SceneOptimiser {
     rows: Vec<f32>,
     /// Adam's moments, in the layout of the rows.
     pub moments: AdamMoments,
-    rates: LearningRates,
+    /// Rates of the other parameters.
+    pub rates: LearningRates,
     /// Rate of the means.
     pub mean_rate: f32,
     /// Coefficients of higher SH degrees stay where they are.

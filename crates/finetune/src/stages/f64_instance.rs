@@ -73,7 +73,8 @@ struct Drawn {
 
 fn draw(lens: &Lens, p: &[f64]) -> Drawn {
     let rotation = [p[3], p[4], p[5], p[6]];
-    let frame = Frame::new(lens, three(p), rotation, three(&p[7..])).expect("in front");
+    let frame = Frame::new(lens, three(p), rotation, three(&p[7..]));
+    assert!(frame.in_front);
     let sh: Vec<[f64; 3]> = p[11..].as_chunks::<3>().0.to_vec();
     let basis = sh_basis(DEGREE, direction(frame.from_eye).0);
     let raw = raw_colour(&basis, &sh);

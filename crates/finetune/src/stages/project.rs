@@ -3,10 +3,11 @@
 use std::ops::Range;
 
 use gs_model::{Camera, Scene};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::*;
-use crate::options::{Profile, RenderOptions};
+use crate::options::{Fields, Profile, RenderOptions};
 
 /// Depth key of a culled Gaussian; sorts last.
 pub(crate) const CULLED: u32 = u32::MAX;
@@ -55,6 +56,8 @@ pub(crate) struct RenderView {
     pub(crate) background: [f32; 3],
     /// [`Profile::Reference`].
     pub(crate) reference: bool,
+    /// The tiles that are drawn.
+    pub(crate) fields: Fields,
 }
 
 impl RenderView {
@@ -67,7 +70,25 @@ impl RenderView {
             tiles_y: camera.height.div_ceil(TILE),
             background: options.background,
             reference: options.profile == Profile::Reference,
+            fields: Fields::All,
         }
+    }
+
+    /// Whether a tile is drawn.
+    #[inline]
+    pub(crate) fn draws(&self, tx: u32, ty: u32) -> bool {
+        match self.fields {
+            Fields::All => true,
+            Fields::Even => (tx + ty).is_multiple_of(2),
+            Fields::Odd => !(tx + ty).is_multiple_of(2),
+        }
+    }
+
+    /// Number of pixels that are drawn.
+    pub(crate) fn drawn_pixels(&self) -> usize {
+        let edge = |k: u32, size: u32| (size - k * TILE).min(TILE) as usize;
+        let tiles = (0..self.tiles()).map(|k| self.tile_at(k)).filter(|&(x, y)| self.draws(x, y));
+        tiles.map(|(x, y)| edge(x, self.width) * edge(y, self.height)).sum()
     }
 
     /// A part of the view. Gaussians have the same splats in it as in the whole.
@@ -106,22 +127,104 @@ fn span(centre: F, half: F, limit: u32) -> (u32, u32) {
     ((first as u32).min(limit), (last.max(0.0) as u32).min(limit))
 }
 
-/// Projects Gaussian `i`; `None` if it cannot be seen.
-#[inline]
-fn project_one(view: &RenderView, scene: &Scene, i: usize) -> Option<(Splat, TileBox, u32)> {
-    let opacity = sigmoid(scene.opacity_logits[i]);
-    let o255 = opacity * 255.0;
-    // NaN is culled too.
-    if o255.partial_cmp(&1.0) != Some(std::cmp::Ordering::Greater) {
+/// Gaussians that are projected together.
+const LANES: usize = 16;
+
+type Lanes = [F; LANES];
+
+/// What [`Shapes::of`] finds of each of several Gaussians, and [`finish`] makes a splat of.
+struct Shapes {
+    x: Lanes,
+    y: Lanes,
+    z: Lanes,
+    p: Lanes,
+    q: Lanes,
+    r: Lanes,
+    cov_xx: Lanes,
+    cov_yy: Lanes,
+    det: Lanes,
+    opacity: Lanes,
+    cut: Lanes,
+    direction: [Lanes; 3],
+    /// Not 0 where the Gaussian may be seen. An integer, so that the loop is vectorised.
+    visible: [u32; LANES],
+}
+
+impl Shapes {
+    const NONE: Self = Self {
+        x: [0.0; LANES],
+        y: [0.0; LANES],
+        z: [0.0; LANES],
+        p: [0.0; LANES],
+        q: [0.0; LANES],
+        r: [0.0; LANES],
+        cov_xx: [0.0; LANES],
+        cov_yy: [0.0; LANES],
+        det: [0.0; LANES],
+        opacity: [0.0; LANES],
+        cut: [0.0; LANES],
+        direction: [[0.0; LANES]; 3],
+        visible: [0; LANES],
+    };
+
+    /// Of up to [`LANES`] Gaussians, from `first` on. The loop has no branches.
+    #[inline(always)]
+    fn of(view: &RenderView, scene: &Scene, first: usize, count: usize) -> Self {
+        let mut mean = [[0.0; LANES]; 3];
+        let mut rotation = [[0.0; LANES]; 4];
+        let mut log_scale = [[0.0; LANES]; 3];
+        let mut logit = [0.0; LANES];
+        for l in 0..count.min(LANES) {
+            (0..3).for_each(|k| mean[k][l] = scene.means[first + l][k]);
+            (0..4).for_each(|k| rotation[k][l] = scene.rotations[first + l][k]);
+            (0..3).for_each(|k| log_scale[k][l] = scene.log_scales[first + l][k]);
+            logit[l] = scene.opacity_logits[first + l];
+        }
+        let mut out = Self::NONE;
+        for l in 0..LANES {
+            let opacity = sigmoid(logit[l]);
+            let o255 = opacity * 255.0;
+            let f = Frame::new(
+                &view.lens,
+                [mean[0][l], mean[1][l], mean[2][l]],
+                [rotation[0][l], rotation[1][l], rotation[2][l], rotation[3][l]],
+                [log_scale[0][l], log_scale[1][l], log_scale[2][l]],
+            );
+            let x = view.lens.fx * (f.m.x * f.inv_z) + view.lens.cx;
+            let y = view.lens.fy * (f.m.y * f.inv_z) + view.lens.cy;
+            let Shape { p, q, r, cov_xx, cov_yy, .. } = f.shape;
+            let sane = finite(x) & finite(y) & finite(p) & finite(q) & finite(r);
+            let (d, _) = direction(f.from_eye);
+            (out.x[l], out.y[l], out.z[l]) = (x, y, f.m.z);
+            (out.p[l], out.q[l], out.r[l]) = (p, q, r);
+            (out.cov_xx[l], out.cov_yy[l]) = (cov_xx, cov_yy);
+            out.det[l] = f.shape.det_over_m * f.shape.m;
+            (out.opacity[l], out.cut[l]) = (opacity, ln_polynomial(o255));
+            (out.direction[0][l], out.direction[1][l], out.direction[2][l]) = (d.x, d.y, d.z);
+            // NaN is culled too.
+            out.visible[l] = u32::from((o255 > 1.0) & f.in_front & sane);
+        }
+        out.visible[count.min(LANES)..].fill(0);
+        out
+    }
+}
+
+/// The splat of Gaussian `i`, which is in lane `l`; `None` if it cannot be seen.
+#[inline(always)]
+fn finish(
+    view: &RenderView,
+    scene: &Scene,
+    i: usize,
+    shapes: &Shapes,
+    l: usize,
+) -> Option<(Splat, TileBox, u32)> {
+    if shapes.visible[l] == 0 {
         return None;
     }
-    let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i])?;
-    let x = view.lens.fx * (f.m.x * f.inv_z) + view.lens.cx;
-    let y = view.lens.fy * (f.m.y * f.inv_z) + view.lens.cy;
-    let cut = ln_polynomial(o255);
-    let shape = f.shape;
+    let (x, y, cut, opacity) = (shapes.x[l], shapes.y[l], shapes.cut[l], shapes.opacity[l]);
+    let (cov_xx, cov_yy) = (shapes.cov_xx[l], shapes.cov_yy[l]);
     let (cols, rows) = if view.reference {
-        let half = reference_radius(&shape);
+        let half = reference_radius(cov_xx, cov_yy, shapes.det[l]);
         let x_span = square_tiles(x, half, view.tiles_x);
         let y_span = square_tiles(y, half, view.tiles_y);
         let pixels = |s: (u32, u32), limit: u32| (s.0 * TILE, (s.1 * TILE).min(limit));
@@ -129,28 +232,25 @@ fn project_one(view: &RenderView, scene: &Scene, i: usize) -> Option<(Splat, Til
     } else {
         // The exact box of the ellipse, widened by more than the rounding error.
         let t = 2.0 * cut * 1.0001;
-        let half_x = sqrt(t * shape.cov_xx) + 0.01;
-        let half_y = sqrt(t * shape.cov_yy) + 0.01;
+        let half_x = sqrt(t * cov_xx) + 0.01;
+        let half_y = sqrt(t * cov_yy) + 0.01;
         (span(x, half_x, view.width), span(y, half_y, view.height))
     };
     if !(cols.0 < cols.1 && rows.0 < rows.1) {
         return None;
     }
-    let sane = finite(x) & finite(y) & finite(shape.p) & finite(shape.q) & finite(shape.r);
-    if !sane {
-        return None;
-    }
-    let (d, _) = direction(f.from_eye);
-    let raw = raw_colour(&sh_basis(scene.sh_degree, d), scene.sh_of(i));
+    let [dx, dy, dz] = shapes.direction;
+    let basis = sh_basis(scene.sh_degree, V3(dx[l], dy[l], dz[l]));
+    let raw = raw_colour(&basis, scene.sh_of(i));
     if !(finite(raw[0]) & finite(raw[1]) & finite(raw[2])) {
         return None;
     }
     let splat = Splat {
         x,
         y,
-        p: shape.p,
-        q: shape.q,
-        r: shape.r,
+        p: shapes.p[l],
+        q: shapes.q[l],
+        r: shapes.r[l],
         cut,
         opacity,
         row0: rows.0,
@@ -165,13 +265,32 @@ fn project_one(view: &RenderView, scene: &Scene, i: usize) -> Option<(Splat, Til
         y0: rows.0 / TILE,
         y1: rows.1.div_ceil(TILE),
     };
-    Some((splat, tiles, f.m.z.to_bits()))
+    Some((splat, tiles, shapes.z[l].to_bits()))
+}
+
+/// Projects up to [`LANES`] Gaussians, from `first` on.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn project_lanes(
+    view: &RenderView,
+    scene: &Scene,
+    first: usize,
+    splats: &mut [Splat],
+    boxes: &mut [TileBox],
+    keys: &mut [u32],
+) {
+    let shapes = Shapes::of(view, scene, first, keys.len());
+    let out = splats.iter_mut().zip(boxes).zip(keys).enumerate();
+    for (l, ((splat, tiles), key)) in out {
+        match finish(view, scene, first + l, &shapes, l) {
+            Some(found) => (*splat, *tiles, *key) = found,
+            None => *key = CULLED,
+        }
+    }
 }
 
 /// Inria's radius: three standard deviations of the major axis, rounded up.
-fn reference_radius(shape: &Shape) -> F {
-    let mid = 0.5 * (shape.cov_xx + shape.cov_yy);
-    let det = shape.det_over_m * shape.m;
+fn reference_radius(cov_xx: F, cov_yy: F, det: F) -> F {
+    let mid = 0.5 * (cov_xx + cov_yy);
     let root = sqrt(max(mid * mid - det, 0.1));
     (3.0 * sqrt(mid + root)).ceil()
 }
@@ -208,11 +327,9 @@ pub(crate) fn project(view: &RenderView, scene: &Scene, out: &mut Projected) {
         .zip(out.keys.par_chunks_mut(CHUNK))
         .enumerate()
         .for_each(|(c, ((splats, boxes), keys))| {
-            for j in 0..splats.len() {
-                match project_one(view, scene, c * CHUNK + j) {
-                    Some((s, b, k)) => (splats[j], boxes[j], keys[j]) = (s, b, k),
-                    None => keys[j] = CULLED,
-                }
+            let lanes = splats.chunks_mut(LANES).zip(boxes.chunks_mut(LANES));
+            for (k, ((splats, boxes), keys)) in lanes.zip(keys.chunks_mut(LANES)).enumerate() {
+                project_lanes(view, scene, c * CHUNK + k * LANES, splats, boxes, keys);
             }
         });
 }

@@ -37,7 +37,10 @@ pub(crate) fn parameter_gradient<const N: usize>(
     if *record == [0.0; N] {
         return None;
     }
-    let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i])?;
+    let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i]);
+    if !f.in_front {
+        return None;
+    }
     let shape = shape_adjoint(&f, Sym2(record[4], record[5], record[6]));
     // With respect to the colour before its clamp.
     let v_raw = [record[0], record[1], record[2]];

@@ -31,6 +31,8 @@ impl TileLists {
     }
 }
 
+/// Gaussians of a part of the depth order.
+const PART: usize = 1 << 16;
 /// Splats that are loaded together.
 pub(crate) const BATCH: usize = 32;
 
@@ -56,8 +58,8 @@ pub(crate) fn touches(view: &RenderView, s: &Splat, tx: u32, ty: u32) -> bool {
     least <= s.cut
 }
 
-/// Builds the lists from the depth order: first one list per row of tiles (serial, one write
-/// per Gaussian and row), then a counting sort of each row's list into tiles (parallel).
+/// Builds the lists from the depth order: first one list per row of tiles, in parts of the order, then a counting sort
+/// of each row's list into tiles.
 pub(crate) fn tile_lists(
     view: &RenderView,
     splats: &[Splat],
@@ -67,25 +69,31 @@ pub(crate) fn tile_lists(
 ) {
     let rows = view.tiles_y as usize;
     let columns = view.tiles_x as usize;
-    let mut by_row: Vec<Vec<u32>> = vec![Vec::new(); rows];
-    let mut loaded = [TileBox::default(); BATCH];
-    for batch in order.chunks(BATCH) {
-        for (&i, b) in batch.iter().zip(load(boxes, batch, &mut loaded)) {
-            by_row[b.y0 as usize..b.y1 as usize].iter_mut().for_each(|list| list.push(i));
+    let by_row = |part: &[u32]| {
+        let mut by_row: Vec<Vec<u32>> = vec![Vec::new(); rows];
+        let mut loaded = [TileBox::default(); BATCH];
+        for batch in part.chunks(BATCH) {
+            for (&i, b) in batch.iter().zip(load(boxes, batch, &mut loaded)) {
+                by_row[b.y0 as usize..b.y1 as usize].iter_mut().for_each(|list| list.push(i));
+            }
         }
-    }
-    let sorted: Vec<(Vec<u32>, Vec<u32>)> = by_row
-        .par_iter()
-        .enumerate()
-        .map(|(ty, list)| {
-            let mut pairs = Vec::with_capacity(list.len() * 2);
+        by_row
+    };
+    let parts: Vec<_> = order.par_chunks(PART).map(by_row).collect();
+    let sorted: Vec<(Vec<u32>, Vec<u32>)> = (0..rows)
+        .into_par_iter()
+        .map(|ty| {
+            let row = || parts.iter().map(|part| &part[ty]);
+            let mut pairs = Vec::with_capacity(2 * row().map(Vec::len).sum::<usize>());
             let mut counts = vec![0u32; columns];
             let mut loaded = ([TileBox::default(); BATCH], [Splat::default(); BATCH]);
-            for batch in list.chunks(BATCH) {
+            for batch in row().flat_map(|list| list.chunks(BATCH)) {
                 let boxes = load(boxes, batch, &mut loaded.0);
                 let splats = load(splats, batch, &mut loaded.1);
                 for ((&i, b), s) in batch.iter().zip(boxes).zip(splats) {
-                    for tx in (b.x0..b.x1).filter(|&tx| touches(view, s, tx, ty as u32)) {
+                    let listed =
+                        |tx: u32| view.draws(tx, ty as u32) && touches(view, s, tx, ty as u32);
+                    for tx in (b.x0..b.x1).filter(|&tx| listed(tx)) {
                         counts[tx as usize] += 1;
                         pairs.push((tx, i));
                     }

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use finetune::optimiser::{Shrinkage, SplitMix, permutation};
-use finetune::{Backend, Loss, RenderOptions, TrainView, ViewGradients};
+use finetune::{Backend, LearningRates, Loss, RenderOptions, TrainView, ViewGradients};
 use gs_model::Scene;
 use gs_model::colmap::Point;
 
@@ -28,6 +28,11 @@ use crate::views::Views;
 /// Rate of the means over the extent of the cameras, and the factor by which it falls besides that of all rates.
 const MEAN_RATE: f32 = 1.6e-4;
 const MEAN_FALL: f64 = 0.1;
+/// Part of the run whose other rates do not fall. In 2000 steps fox reaches 30.9 dB with it, and 28.7 dB if rates fall from
+/// the start.
+const HELD: f64 = 0.8;
+/// Rate of SH degrees 1 to 3 over the usual one, which is for four times as many steps.
+const SH_RATE: f32 = 3.0;
 /// Weights of opacities and scales in the loss.
 const SHRINKAGE: Shrinkage = Shrinkage { opacity: 0.01, scale: 0.01 };
 /// Steps between two relocations.
@@ -175,7 +180,8 @@ struct Training {
 impl Training {
     fn new(scene: Scene, fine: Option<ViewGradients>, extent: f32, options: TrainOptions) -> Self {
         let points = scene.len();
-        let run = SceneLoop::new(scene, 0.0, options.steps);
+        let mut run = SceneLoop::new(scene, 0.0, options.steps);
+        run.held = HELD;
         Self { options, run, fine, extent, points, passes: Epochs::default() }
     }
 
@@ -208,6 +214,8 @@ impl Training {
         let optimiser = &mut self.run.optimiser;
         optimiser.mean_rate = rate;
         optimiser.shrinkage = SHRINKAGE;
+        let usual = LearningRates::default();
+        optimiser.rates = LearningRates { sh_rest: SH_RATE * usual.sh_rest, ..usual };
         optimiser.learned_degree = (part / DEGREE).min(3.0) as u8;
         rate
     }
@@ -274,6 +282,7 @@ impl Work for Training {
         self.passes.past = input.numbers()?;
         self.passes.current = input.numbers()?;
         self.run = SceneLoop::read(input, 0.0, self.options.steps)?;
+        self.run.held = HELD;
         Ok(())
     }
 

@@ -62,22 +62,21 @@ pub(crate) struct Frame {
     pub(crate) v0: V3,
     pub(crate) v1: V3,
     pub(crate) shape: Shape,
+    /// False if the Gaussian is at or behind the near plane or has no rotation. The other fields have no meaning then.
+    pub(crate) in_front: B,
 }
 
 impl Frame {
-    /// `None` if the Gaussian is at or behind the near plane or has no rotation. Guards are
-    /// phrased so that NaN fails them.
+    /// Has no branches, so that loops over Gaussians are vectorised. Guards are phrased so that NaN fails them.
     #[inline(always)]
-    pub(crate) fn new(lens: &Lens, mean: [F; 3], q: [F; 4], log_scale: [F; 3]) -> Option<Self> {
+    pub(crate) fn new(lens: &Lens, mean: [F; 3], q: [F; 4], log_scale: [F; 3]) -> Self {
         let from_eye = sub3(V3(mean[0], mean[1], mean[2]), lens.eye);
         let m = V3(dot3(lens.w0, from_eye), dot3(lens.w1, from_eye), dot3(lens.w2, from_eye));
         let n01 = q[0] * q[0] + q[1] * q[1];
         let n23 = q[2] * q[2] + q[3] * q[3];
         let norm2 = n01 + n23;
-        let turned = norm2 >= F(MIN_QUATERNION_NORM2) && norm2 <= F(MAX_QUATERNION_NORM2);
-        if !(m.z > F(NEAR) && turned) {
-            return None;
-        }
+        let turned = (norm2 >= F(MIN_QUATERNION_NORM2)) & (norm2 <= F(MAX_QUATERNION_NORM2));
+        let in_front = (m.z > F(NEAR)) & turned;
         let inv_norm = 1.0 / sqrt(norm2);
         let unit = q.map(|c| c * inv_norm);
         let rot = rotation_of(unit[0], unit[1], unit[2], unit[3]);
@@ -90,7 +89,7 @@ impl Frame {
         let v0 = half_cov_row(ewa.t0, rot, s);
         let v1 = half_cov_row(ewa.t1, rot, s);
         let shape = shape_of(v0, v1, F(BLUR));
-        Some(Self { from_eye, m, inv_z, u, v, unit, inv_norm, rot, s, ewa, v0, v1, shape })
+        Self { from_eye, m, inv_z, u, v, unit, inv_norm, rot, s, ewa, v0, v1, shape, in_front }
     }
 }
 
