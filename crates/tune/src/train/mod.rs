@@ -33,7 +33,7 @@ const MEAN_FALL: f64 = 0.1;
 const HELD: f64 = 0.8;
 /// Rate of SH degrees 1 to 3 over the usual one, which is for four times as many steps.
 const SH_RATE: f32 = 3.0;
-/// Weights of opacities and scales in the loss.
+/// Weights in the loss of opacities, and of scales over the extent.
 const SHRINKAGE: Shrinkage = Shrinkage { opacity: 0.01, scale: 0.01 };
 /// Steps between two relocations.
 const EVERY: u64 = 100;
@@ -139,6 +139,8 @@ impl Train {
         views.gradients.move_means(true);
         let mut trainer = Trainer::new(views, fingerprint, Backend::Cpu, checkpoint, cancel)?;
         let extent = extent(&trainer.views.cameras);
+        // Cameras at one place tell no size.
+        let extent = if extent > 0.0 { extent } else { 1.0 };
         let mut work = Training::new(scene, fine, extent, options);
         trainer.resume(&mut work)?;
         Ok(Self { trainer, work })
@@ -213,7 +215,7 @@ impl Training {
         let rate = MEAN_RATE * self.extent * libm::pow(MEAN_FALL, part) as f32;
         let optimiser = &mut self.run.optimiser;
         optimiser.mean_rate = rate;
-        optimiser.shrinkage = SHRINKAGE;
+        optimiser.shrinkage = Shrinkage { scale: SHRINKAGE.scale / self.extent, ..SHRINKAGE };
         let usual = LearningRates::default();
         optimiser.rates = LearningRates { sh_rest: SH_RATE * usual.sh_rest, ..usual };
         optimiser.learned_degree = (part / DEGREE).min(3.0) as u8;
@@ -263,7 +265,9 @@ impl Work for Training {
             _ => self.run.step(&mut views.gradients, view),
         };
         let random = |i: usize| SplitMix::new(seed ^ (done << 32) ^ i as u64);
-        self.run.optimiser.move_means(|scene, i| mcmc::noise(scene, i, rate, random(i)));
+        // MCMC's constants are for scenes of extent 1. Noise is a covariance times the rate, a cubed length.
+        let noise = rate / (self.extent * self.extent);
+        self.run.optimiser.move_means(|scene, i| mcmc::noise(scene, i, noise, random(i)));
         self.passes.add(loss.psnr(), photos);
         Ok(loss.psnr())
     }
