@@ -66,10 +66,10 @@ impl<const N: usize> Backward<N> {
     /// The stage `loss` on the blended tiles.
     pub(crate) fn loss(&mut self, view: &RenderView, photo: &[f32], loss: Loss) -> ViewLoss {
         let Self { planes, gradient, scratch, .. } = self;
-        to_planes(view, &self.forward.tiles, photo, planes);
+        to_planes(view, &self.forward.tiles, planes);
         let w = view.width as usize;
         let value = match loss {
-            Loss::Mse => mse(w, 3 * view.drawn_pixels(), [planes, photo], gradient),
+            Loss::Mse => mse(w, planes, photo, gradient),
             Loss::L1Ssim { ssim_weight } => {
                 l1_ssim(w, ssim_weight, [planes, photo], scratch, gradient)
             }

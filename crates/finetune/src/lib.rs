@@ -83,7 +83,7 @@ pub use forward::render;
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
 pub use likeness::{Likeness, Pictures};
-pub use options::{Fields, LearningRates, Loss, Profile, RenderOptions};
+pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
 pub use saliency::{Saliency, saliency};
 pub use stages::loss::ViewLoss;

@@ -49,26 +49,6 @@ impl Default for LearningRates {
     }
 }
 
-/// Which tiles of a view a step draws: all, or every second one, as the fields of a checkerboard.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fields {
-    /// All tiles.
-    #[default]
-    All,
-    /// Tiles whose column and row have an even sum.
-    Even,
-    /// The others.
-    Odd,
-}
-
-impl Fields {
-    /// One half in even passes over the views, the other in odd ones.
-    #[must_use]
-    pub fn of_pass(pass: u64) -> Self {
-        if pass.is_multiple_of(2) { Self::Even } else { Self::Odd }
-    }
-}
-
 /// What the fine-tune minimises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Loss {

@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use crate::backward::{Backward, planes_of};
 use crate::error::Result;
-use crate::options::{Fields, Loss, RenderOptions};
+use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING};
 use crate::stages::loss::ViewLoss;
 use crate::stages::project::RenderView;
@@ -18,7 +18,6 @@ pub struct ViewGradients {
     options: RenderOptions,
     pub(crate) loss: Loss,
     pass: Pass,
-    fields: Fields,
     last: usize,
     /// Planes of the photo of the last view.
     planes: Vec<f32>,
@@ -92,7 +91,7 @@ impl ViewGradients {
         check_views(&views)?;
         let views = views.into_iter().map(|v| PreparedView::new(v, options)).collect();
         let (options, pass) = (*options, Pass::Frozen(Box::default()));
-        Ok(Self { views, options, loss, pass, fields: Fields::All, last: 0, planes: Vec::new() })
+        Ok(Self { views, options, loss, pass, last: 0, planes: Vec::new() })
     }
 
     /// Divides the views into windows of at most so many pixels, which are views of their own: a step costs no more on
@@ -124,12 +123,6 @@ impl ViewGradients {
             if wanted { Pass::Moving(Box::default()) } else { Pass::Frozen(Box::default()) };
     }
 
-    /// Which tiles are drawn from now on; at first all are. Losses and gradients are those of the mean over the pixels that
-    /// are drawn.
-    pub fn draw(&mut self, fields: Fields) {
-        self.fields = fields;
-    }
-
     /// Number of views.
     #[must_use]
     pub fn views(&self) -> usize {
@@ -141,7 +134,7 @@ impl ViewGradients {
         self.last = view % self.views.len();
         let prepared = &self.views[self.last];
         prepared.planes(&mut self.planes);
-        let (view, photo) = (&RenderView { fields: self.fields, ..prepared.view }, &self.planes);
+        let (view, photo) = (&prepared.view, &self.planes);
         match &mut self.pass {
             Pass::Frozen(pass) => pass.run(scene, view, photo, self.loss),
             Pass::Moving(pass) => pass.run(scene, view, photo, self.loss),
@@ -190,8 +183,8 @@ mod tests {
         assert_eq!(grid([749, 1000], 250_000), [2, 2]);
     }
 
-    /// A scene and a view of it.
-    fn seen() -> (Scene, Vec<TrainView>) {
+    #[test]
+    fn the_gradients_of_the_windows_add_up_to_those_of_the_whole_view() {
         let scene = testing::trained_like(300, 1, &mut testing::Rng::seeded(4));
         let (eye, up) = ([0.0, 0.5, -3.0], [0.0, -1.0, 0.0]);
         let camera = Camera::looking_at("a".into(), eye, [0.0; 3], up, [75, 53], 60.0);
@@ -199,19 +192,20 @@ mod tests {
             rgb: (0..75 * 53 * 3).map(|i| (i % 251) as u8).collect(),
             ..Photo::black(75, 53)
         };
-        (scene, vec![TrainView { camera, photo }])
-    }
-
-    /// That parts of a view, each with its share of the pixels, give what the whole view gives.
-    fn parts_add_up(parts: impl IntoIterator<Item = (f32, f64, Vec<Option<ParameterGradient>>)>) {
-        let (scene, views) = seen();
-        let mut whole = ViewGradients::new(views, Loss::Mse, &RenderOptions::default()).unwrap();
+        let views = vec![TrainView { camera, photo }];
+        let options = RenderOptions::default();
+        let mut whole = ViewGradients::new(views.clone(), Loss::Mse, &options).unwrap();
+        let mut parts = ViewGradients::new(views, Loss::Mse, &options).unwrap();
+        parts.split(600);
+        assert!(parts.views() > 4);
         let mut sums = vec![([0.0f32; 3], 0.0); scene.len()];
         let mut mse = 0.0;
-        for (share, of_part, gradients) in parts {
-            mse += f64::from(share) * of_part;
-            for ((scale, opacity), g) in sums.iter_mut().zip(gradients) {
-                let Some(g) = g else { continue };
+        for part in 0..parts.views() {
+            let view = &parts.views[part].view;
+            let share = (view.width * view.height) as f32 / (75.0 * 53.0);
+            mse += f64::from(share) * parts.run(&scene, part).mse;
+            for (i, (scale, opacity)) in sums.iter_mut().enumerate() {
+                let Some(g) = parts.of(&scene, i) else { continue };
                 scale.iter_mut().zip(g.log_scale).for_each(|(sum, g)| *sum += share * g);
                 *opacity += share * g.opacity_logit;
             }
@@ -227,34 +221,5 @@ mod tests {
             close(*opacity, g.opacity_logit);
         }
         assert!(seen > 100, "{seen}");
-    }
-
-    #[test]
-    fn the_gradients_of_the_windows_add_up_to_those_of_the_whole_view() {
-        let (scene, views) = seen();
-        let mut parts = ViewGradients::new(views, Loss::Mse, &RenderOptions::default()).unwrap();
-        parts.split(600);
-        assert!(parts.views() > 4);
-        parts_add_up((0..parts.views()).map(|part| {
-            let view = &parts.views[part].view;
-            let share = (view.width * view.height) as f32 / (75.0 * 53.0);
-            let mse = parts.run(&scene, part).mse;
-            (share, mse, (0..scene.len()).map(|i| parts.of(&scene, i)).collect())
-        }));
-    }
-
-    #[test]
-    fn the_gradients_of_the_fields_add_up_to_those_of_the_whole_view() {
-        let (scene, views) = seen();
-        let mut parts = ViewGradients::new(views, Loss::Mse, &RenderOptions::default()).unwrap();
-        parts_add_up([0, 1].map(|pass| {
-            let fields = Fields::of_pass(pass);
-            let view = RenderView { fields, ..parts.views[0].view };
-            let share = view.drawn_pixels() as f32 / (75.0 * 53.0);
-            assert!((0.4..0.6).contains(&share), "{share}");
-            parts.draw(fields);
-            let mse = parts.run(&scene, 0).mse;
-            (share, mse, (0..scene.len()).map(|i| parts.of(&scene, i)).collect())
-        }));
     }
 }

@@ -167,7 +167,7 @@ impl CodecLoop {
         let (coded, fit) = (self.done.is_multiple_of(CODED), self.at_fit());
         // The price of a bit, where the codec runs.
         let lambda = if coded { self.lambda() as f32 } else { 0.0 };
-        let decay = decay(FINAL_RATE, self.done as f64 / self.steps.max(1) as f64);
+        let decay = decay(FINAL_RATE, self.done, self.steps);
         let rates = RATES.map(|r| r * decay);
         #[cfg(feature = "gpu")]
         if self.device.is_some() && fit && !self.settled {

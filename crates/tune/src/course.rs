@@ -141,7 +141,6 @@ impl Work for Course {
     }
 
     fn step(&mut self, views: &mut Views, view: usize) -> Result<f64> {
-        views.draw_halves(matches!(self.stage, Stage::Round { .. }));
         let loss = match &mut self.stage {
             Stage::Round { recovery, .. } => recovery.step(&mut views.gradients, view),
             Stage::Loop(state) => state.step(&mut views.gradients, view)?,

@@ -13,9 +13,9 @@ const MEAN_RATE: f32 = 2e-5;
 /// Rates fall to this fraction in a loop.
 const FINAL_RATE: f64 = 0.1;
 
-/// The factor of all rates when a part of the steps is done. It falls from 1 to `last`.
-pub(crate) fn decay(last: f64, part: f64) -> f32 {
-    libm::pow(last, part.max(0.0)) as f32
+/// The factor of all rates after `done` of `steps` steps. It falls from 1 to `last`.
+pub(crate) fn decay(last: f64, done: u64, steps: u64) -> f32 {
+    libm::pow(last, done as f64 / steps.saturating_sub(1).max(1) as f64) as f32
 }
 
 /// Rate of the means that move.
@@ -36,21 +36,21 @@ pub(crate) struct SceneLoop {
     pub(crate) optimiser: SceneOptimiser,
     pub(crate) steps: u64,
     pub(crate) done: u64,
-    /// Part of the steps whose rates do not fall yet.
-    pub(crate) held: f64,
+    /// Rates fall only after so many steps.
+    pub(crate) held: u64,
 }
 
 impl SceneLoop {
     /// `steps` steps on `scene`. Means stay where they are if their rate is zero.
     pub(crate) fn new(scene: Scene, mean_rate: f32, steps: u64) -> Self {
         let optimiser = SceneOptimiser::new(scene, LearningRates::default(), mean_rate);
-        Self { optimiser, steps, done: 0, held: 0.0 }
+        Self { optimiser, steps, done: 0, held: 0 }
     }
 
     /// What the rates of the next step are multiplied by.
     pub(crate) fn decay(&self) -> f32 {
-        let part = self.done as f64 / self.steps.max(1) as f64;
-        decay(FINAL_RATE, (part - self.held) / (1.0 - self.held))
+        let (done, steps) = (self.done.saturating_sub(self.held), self.steps - self.held);
+        decay(FINAL_RATE, done, steps)
     }
 
     /// Changes scene and moments together.

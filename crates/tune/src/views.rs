@@ -10,8 +10,7 @@
 use finetune::framing::nearby;
 use finetune::optimiser::permutation;
 use finetune::{
-    Fields, Loss, Photo, RenderOptions, TrainView, ViewGradients, Worth, check_views, saliency,
-    worth,
+    Loss, Photo, RenderOptions, TrainView, ViewGradients, Worth, check_views, saliency, worth,
 };
 use gs_model::{Camera, Scene};
 
@@ -80,8 +79,6 @@ pub(crate) struct Views {
     judged: Option<Judged>,
     seed: u64,
     order: Vec<u32>,
-    /// How often the view of the last step has been visited before.
-    pass: u64,
 }
 
 /// The views, and what they show of the input model.
@@ -132,7 +129,6 @@ impl Views {
             judged: None,
             seed,
             order: Vec::new(),
-            pass: 0,
         })
     }
 
@@ -179,8 +175,8 @@ impl Views {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));
-        let (seed, order, pass) = (options.seed, Vec::new(), 0);
-        let this = Self { cameras, gradients, aside, nearby, share, judged, seed, order, pass };
+        let (seed, order) = (options.seed, Vec::new());
+        let this = Self { cameras, gradients, aside, nearby, share, judged, seed, order };
         let worth = this.together(at_views, &at_nearby)?;
         let input_psnr = aside_db.iter().sum::<f64>() / aside_db.len() as f64;
         Ok(Looked { views: this, worth, input_psnr })
@@ -206,7 +202,6 @@ impl Views {
             let nearby_before = |step: u64| (step as f64 * self.share.of_steps) as u64;
             let visited = nearby_before(step);
             if nearby_before(step + 1) > visited {
-                self.pass = visited / self.nearby.len() as u64;
                 return (n + visited % self.nearby.len() as u64) as usize;
             }
             step -= visited;
@@ -215,15 +210,7 @@ impl Views {
         if self.order.is_empty() || within == 0 {
             self.order = permutation(self.seed, epoch, n as usize);
         }
-        self.pass = epoch;
         self.order[within as usize] as usize
-    }
-
-    /// Whether the next step draws one half of the tiles at one visit of a view, and the other half at the next. The
-    /// rounds of pruning do: it saves a tenth of the time of a run on fox and loses 0.02 dB on bonsai. In the loop
-    /// it would lose 0.1 dB there.
-    pub(crate) fn draw_halves(&mut self, halves: bool) {
-        self.gradients.draw(if halves { Fields::of_pass(self.pass) } else { Fields::All });
     }
 
     /// Mean squared error and mean PSNR at the views kept aside.

@@ -32,22 +32,14 @@ impl ViewLoss {
     }
 }
 
-/// The rendered tiles over the background, as three planes. Tiles that are not drawn are as in the photo, so they have
-/// neither error nor gradient.
-pub(crate) fn to_planes(
-    view: &RenderView,
-    tiles: &[TilePixels],
-    photo: &[f32],
-    planes: &mut Vec<f32>,
-) {
+/// The rendered tiles over the background, as three planes.
+pub(crate) fn to_planes(view: &RenderView, tiles: &[TilePixels], planes: &mut Vec<f32>) {
     let (w, h) = (view.width as usize, view.height as usize);
-    planes.clear();
-    planes.extend_from_slice(photo);
+    planes.resize(3 * w * h, 0.0);
     planes.par_chunks_mut(w).enumerate().for_each(|(row, out)| {
         let (channel, y) = (row / h, row % h);
-        let (tiles, ty) = (&tiles[y / LANES * view.tiles_x as usize..], (y / LANES) as u32);
-        let tiles = tiles.iter().zip(0..).zip(out.chunks_mut(LANES));
-        for ((tile, _), out) in tiles.filter(|((_, tx), _)| view.draws(*tx, ty)) {
+        let tiles = &tiles[y / LANES * view.tiles_x as usize..];
+        for (tile, out) in tiles.iter().zip(out.chunks_mut(LANES)) {
             let colour = match channel {
                 0 => &tile.red,
                 1 => &tile.green,
@@ -85,12 +77,10 @@ fn clamped_error2(x: f32, y: f32) -> f64 {
     d * d
 }
 
-/// Mean squared error over the `n` values that are drawn; `gradient` becomes its gradient with respect to `x`. The other
-/// values of `x` are those of `y`.
-pub(crate) fn mse(w: usize, n: usize, [x, y]: [&[f32]; 2], gradient: &mut Vec<f32>) -> ViewLoss {
+/// Mean squared error over all values; `gradient` becomes its gradient with respect to `x`.
+pub(crate) fn mse(w: usize, x: &[f32], y: &[f32], gradient: &mut Vec<f32>) -> ViewLoss {
     gradient.resize(x.len(), 0.0);
-    let n = n.max(1);
-    let scale = 2.0 / n as f32;
+    let scale = 2.0 / x.len() as f32;
     let rows: Vec<(f64, f64)> = gradient
         .par_chunks_mut(w)
         .zip(x.par_chunks(w))
@@ -106,7 +96,7 @@ pub(crate) fn mse(w: usize, n: usize, [x, y]: [&[f32]; 2], gradient: &mut Vec<f3
             (sum, clamped)
         })
         .collect();
-    total(&rows, n)
+    total(&rows, x.len())
 }
 
 fn total(rows: &[(f64, f64)], n: usize) -> ViewLoss {

@@ -7,7 +7,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::*;
-use crate::options::{Fields, Profile, RenderOptions};
+use crate::options::{Profile, RenderOptions};
 
 /// Depth key of a culled Gaussian; sorts last.
 pub(crate) const CULLED: u32 = u32::MAX;
@@ -56,8 +56,6 @@ pub(crate) struct RenderView {
     pub(crate) background: [f32; 3],
     /// [`Profile::Reference`].
     pub(crate) reference: bool,
-    /// The tiles that are drawn.
-    pub(crate) fields: Fields,
 }
 
 impl RenderView {
@@ -70,25 +68,7 @@ impl RenderView {
             tiles_y: camera.height.div_ceil(TILE),
             background: options.background,
             reference: options.profile == Profile::Reference,
-            fields: Fields::All,
         }
-    }
-
-    /// Whether a tile is drawn.
-    #[inline]
-    pub(crate) fn draws(&self, tx: u32, ty: u32) -> bool {
-        match self.fields {
-            Fields::All => true,
-            Fields::Even => (tx + ty).is_multiple_of(2),
-            Fields::Odd => !(tx + ty).is_multiple_of(2),
-        }
-    }
-
-    /// Number of pixels that are drawn.
-    pub(crate) fn drawn_pixels(&self) -> usize {
-        let edge = |k: u32, size: u32| (size - k * TILE).min(TILE) as usize;
-        let tiles = (0..self.tiles()).map(|k| self.tile_at(k)).filter(|&(x, y)| self.draws(x, y));
-        tiles.map(|(x, y)| edge(x, self.width) * edge(y, self.height)).sum()
     }
 
     /// A part of the view. Gaussians have the same splats in it as in the whole.
@@ -132,7 +112,8 @@ const LANES: usize = 16;
 
 type Lanes = [F; LANES];
 
-/// What [`Shapes::of`] finds of each of several Gaussians, and [`finish`] makes a splat of.
+/// Where the image shows up to [`LANES`] Gaussians, and in which shape. [`finish`] makes splats of it.
+#[derive(Default)]
 struct Shapes {
     x: Lanes,
     y: Lanes,
@@ -151,22 +132,6 @@ struct Shapes {
 }
 
 impl Shapes {
-    const NONE: Self = Self {
-        x: [0.0; LANES],
-        y: [0.0; LANES],
-        z: [0.0; LANES],
-        p: [0.0; LANES],
-        q: [0.0; LANES],
-        r: [0.0; LANES],
-        cov_xx: [0.0; LANES],
-        cov_yy: [0.0; LANES],
-        det: [0.0; LANES],
-        opacity: [0.0; LANES],
-        cut: [0.0; LANES],
-        direction: [[0.0; LANES]; 3],
-        visible: [0; LANES],
-    };
-
     /// Of up to [`LANES`] Gaussians, from `first` on. The loop has no branches.
     #[inline(always)]
     fn of(view: &RenderView, scene: &Scene, first: usize, count: usize) -> Self {
@@ -174,13 +139,14 @@ impl Shapes {
         let mut rotation = [[0.0; LANES]; 4];
         let mut log_scale = [[0.0; LANES]; 3];
         let mut logit = [0.0; LANES];
-        for l in 0..count.min(LANES) {
+        let count = count.min(LANES);
+        for l in 0..count {
             (0..3).for_each(|k| mean[k][l] = scene.means[first + l][k]);
             (0..4).for_each(|k| rotation[k][l] = scene.rotations[first + l][k]);
             (0..3).for_each(|k| log_scale[k][l] = scene.log_scales[first + l][k]);
             logit[l] = scene.opacity_logits[first + l];
         }
-        let mut out = Self::NONE;
+        let mut out = Self::default();
         for l in 0..LANES {
             let opacity = sigmoid(logit[l]);
             let o255 = opacity * 255.0;
@@ -204,7 +170,7 @@ impl Shapes {
             // NaN is culled too.
             out.visible[l] = u32::from((o255 > 1.0) & f.in_front & sane);
         }
-        out.visible[count.min(LANES)..].fill(0);
+        out.visible[count..].fill(0);
         out
     }
 }

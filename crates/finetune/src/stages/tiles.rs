@@ -91,9 +91,7 @@ pub(crate) fn tile_lists(
                 let boxes = load(boxes, batch, &mut loaded.0);
                 let splats = load(splats, batch, &mut loaded.1);
                 for ((&i, b), s) in batch.iter().zip(boxes).zip(splats) {
-                    let listed =
-                        |tx: u32| view.draws(tx, ty as u32) && touches(view, s, tx, ty as u32);
-                    for tx in (b.x0..b.x1).filter(|&tx| listed(tx)) {
+                    for tx in (b.x0..b.x1).filter(|&tx| touches(view, s, tx, ty as u32)) {
                         counts[tx as usize] += 1;
                         pairs.push((tx, i));
                     }
