@@ -392,7 +392,7 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
         share.count(weights, &least, rows);
     }
     drop((encoder, scene));
-    let compare = |pictures| loss::loss(&pictures, &made.encoded.bytes);
+    let compare = |pictures| tune::estimated_loss(&pictures, &made.encoded.bytes);
     let (loss, seconds_after) = timed(|| pictures.map(compare).transpose());
     let loss = loss.with_context(|| name.to_owned())?.flatten();
     Ok(Done {

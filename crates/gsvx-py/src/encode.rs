@@ -6,7 +6,7 @@ use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use finetune::{Likeness, Pictures, References, Visibility};
 use gs_model::Scene;
-use gsvx::{Aim, EncodeProgress, Encoded, Encoder, LEFT_OUT, Leaves, Made, MaxError};
+use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict};
@@ -146,7 +146,8 @@ fn encode(
         ControlFlow::Continue(())
     });
     done.made = encoder.encode(&scene)?;
-    done.likeness = pictures.map(|p| likeness(&p, &done.made.encoded)).transpose()?.flatten();
+    done.likeness =
+        pictures.map(|p| tune::estimated_loss(&p, &done.made.encoded.bytes)).transpose()?.flatten();
     done.warnings.extend(done.made.warnings.iter().map(ToString::to_string));
     let rows = done.made.encoded.rows.take().filter(|_| options.rows);
     done.rows = rows.map(|rows| rows_of_input(&rows, valid.as_deref(), input));
@@ -175,16 +176,6 @@ fn rows_of_input(rows: &[u32], valid: Option<&[usize]>, input: usize) -> Vec<i64
     let mut all = vec![-1; input];
     valid.iter().zip(rows).for_each(|(&i, row)| all[i] = number(row));
     all
-}
-
-/// How alike the pictures of the input and those of a stream are.
-fn likeness(pictures: &Pictures, encoded: &Encoded) -> Result<Option<Likeness>> {
-    if pictures.is_empty() {
-        return Ok(None);
-    }
-    let mut options = gsvx::DecodeOptions::default();
-    options.max_gaussians = Some(u64::MAX);
-    Ok(pictures.likeness(&gsvx::decode_with(&encoded.bytes, &options)?.scene))
 }
 
 fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py, PyDict>> {

@@ -7,6 +7,7 @@ mod course;
 mod device;
 mod epochs;
 mod error;
+mod estimate;
 mod fine_tune;
 mod options;
 mod photos;
@@ -25,6 +26,7 @@ mod undistort;
 mod views;
 
 pub use error::{Error, Result};
+pub use estimate::estimated_loss;
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Target, TuneOptions};
 pub use photos::{Photos, at_camera, photo, photos};
