@@ -4,6 +4,7 @@ mod conformance;
 mod determinism;
 mod fetch;
 mod needs;
+mod release;
 mod stability;
 mod train;
 mod web;
@@ -58,6 +59,8 @@ enum Task {
     BenchTune(bench::tune::TuneBenchOptions),
     /// The decoder for browsers: npm package, viewer page, tests
     Web(web::WebArgs),
+    /// Whether all packages could be published
+    Release(release::ReleaseArgs),
 }
 
 fn main() -> ExitCode {
@@ -79,6 +82,7 @@ fn main() -> ExitCode {
         Task::BenchQuality(args) => bench::quality::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),
         Task::Web(args) => web::run(&args),
+        Task::Release(args) => release::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -39,8 +39,7 @@ pub(crate) fn run(args: &WebArgs) -> Result<()> {
     if args.page || args.test || args.bench {
         dev_dependencies(&npm)?;
     }
-    decoder(&[], &npm.join("wasm"))?;
-    let tarball = pack(&npm)?;
+    let tarball = package()?;
     println!("{}: {} bytes", tarball.display(), tarball.metadata()?.len());
     if args.page {
         decoder(&["page"], &npm.join("viewer/wasm"))?;
@@ -57,6 +56,13 @@ pub(crate) fn run(args: &WebArgs) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Builds the decoder and packs the npm package; returns the tarball.
+pub(crate) fn package() -> Result<PathBuf> {
+    let npm = eval::scenes::root().join("crates/gsvx-web/npm");
+    decoder(&[], &npm.join("wasm"))?;
+    pack(&npm)
 }
 
 /// Builds the decoder with some features, and its JavaScript, into a folder.

@@ -1,4 +1,4 @@
-//! Strategies and merging: `cargo bench -p voxel`. Clusters of small Gaussians, as trainers make
+//! Strategies and merging: `cargo bench -p gsvx-voxel`. Clusters of small Gaussians, as trainers make
 //! them; the sort of as many integers gives the scale.
 #![allow(missing_docs, reason = "criterion_group! makes undocumented functions")]
 

@@ -94,7 +94,7 @@ fn part(path: &Path, range: Option<&str>) -> std::io::Result<ResponseBox> {
     let status = if wanted.is_some() { 206 } else { 200 };
     let range = format!("bytes {start}-{}/{length}", end.saturating_sub(1));
     let headers = [
-        ("Content-Type", "application/octet-stream"),
+        ("Content-Type", "model/vnd.gsvx"),
         ("Accept-Ranges", "bytes"),
         ("Cache-Control", "no-store"),
         ("Content-Range", &range),
