@@ -71,3 +71,16 @@ pub(crate) fn with_checksum(body: Vec<u8>) -> Vec<u8> {
     out.extend(crc.to_le_bytes());
     out
 }
+
+/// Changes some bytes of a layer.
+pub(crate) fn damage(layer: &mut Vec<u8>, rng: &mut Rng) {
+    for _ in 0..1 + rng.bits() % 3 {
+        let at = (rng.bits() % (layer.len() as u64 + 1)) as usize;
+        match rng.bits() % 6 {
+            0 => layer.truncate(at),
+            1 => layer.push(rng.bits() as u8),
+            _ if at < layer.len() => layer[at] ^= 1 << (rng.bits() % 8),
+            _ => layer.push(0),
+        }
+    }
+}
