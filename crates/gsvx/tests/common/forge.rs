@@ -1,6 +1,7 @@
 //! Streams that no encoder writes: heads and layers are changed, checksums are repaired.
 
 use gsvx::{Index, Kind};
+use testing::Rng;
 
 /// The layers of each chunk.
 pub(crate) type Layers = Vec<Vec<Vec<u8>>>;
