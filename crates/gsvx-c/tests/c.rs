@@ -58,12 +58,16 @@ fn compare(arrays: &[Vec<u32>], scene: &Scene, name: &str) {
     assert_eq!(arrays[2], bits(scene.log_scales.as_flattened()), "{name}");
     assert_eq!(arrays[3], bits(&scene.opacity_logits), "{name}");
     assert_eq!(arrays[4], bits(scene.sh.as_flattened()), "{name}");
-    near(&arrays[5], scene.log_scales.as_flattened().iter().map(|s| f64::from(*s).exp()), name);
+    near(
+        &arrays[5],
+        scene.log_scales.as_flattened().iter().map(|s| libm::exp(f64::from(*s))),
+        name,
+    );
     for i in 0..scene.len() {
-        let opacity = 1.0 / (1.0 + (-f64::from(scene.opacity_logits[i])).exp());
+        let opacity = 1.0 / (1.0 + libm::exp(-f64::from(scene.opacity_logits[i])));
         let [r, g, b] = scene.sh_of(i)[0].map(|v| 0.5 + f64::from(SH_C0 * v));
         near(&arrays[6][4 * i..], [r, g, b, opacity], name);
-        let variances = scene.log_scales[i].map(|s| (2.0 * f64::from(s)).exp());
+        let variances = scene.log_scales[i].map(|s| libm::exp(2.0 * f64::from(s)));
         let [xx, yy, zz, xy, xz, yz] = axes_product(&rotation(scene.rotations[i]), variances);
         near(&arrays[7][6 * i..], [xx, xy, xz, yy, yz, zz], name);
         let bytes = [r, g, b, opacity].map(|v| (255.0 * v + 0.5).clamp(0.0, 255.0) as u8);

@@ -114,7 +114,8 @@ fn the_importer_makes_scenes_in_unitys_coordinates() {
         };
         let rotations: Vec<_> = scene.rotations.iter().copied().map(unit).collect();
         near(imported.take(4 * n), rotations.as_flattened(), &name);
-        let scales: Vec<_> = scene.log_scales.as_flattened().iter().map(|s| s.exp()).collect();
+        let scales: Vec<_> =
+            scene.log_scales.as_flattened().iter().map(|s| libm::expf(*s)).collect();
         near(imported.take(3 * n), &scales, &name);
         imported.take(4 * n);
         let above: Vec<_> = (0..n).flat_map(|i| &scene.sh_of(i)[1..]).copied().collect();
