@@ -47,7 +47,6 @@
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-#[cfg(feature = "formats")]
 mod axes;
 #[cfg(feature = "files")]
 mod bytes;
@@ -72,6 +71,8 @@ mod gltf;
 pub mod inria;
 #[cfg(feature = "formats")]
 mod ksplat;
+#[cfg(feature = "layouts")]
+pub mod layout;
 #[cfg(feature = "cameras")]
 pub mod lens;
 pub mod math;
@@ -99,6 +100,7 @@ pub mod spz;
 #[cfg(feature = "files")]
 pub mod validate;
 
+pub use axes::Axes;
 #[cfg(feature = "cameras")]
 pub use camera::{Camera, View};
 pub use chain::chain;

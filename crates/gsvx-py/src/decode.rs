@@ -122,6 +122,6 @@ fn chunk<'py>(
     out.set_item("bounds", chunk.bounds)?;
     out.set_item("offset", chunk.layers.first().map_or(0, |layer| layer.offset))?;
     out.set_item("layers", chunk.layers.iter().map(|layer| layer.len).collect::<Vec<_>>())?;
-    out.set_item("finer", index.finer(number))?;
+    out.set_item("finer", index.finer(number).collect::<Vec<_>>())?;
     Ok(out)
 }

@@ -32,6 +32,6 @@ fn chunk(index: &Index, number: usize) -> JsValue {
     set(&entry, "bounds", &numbers(bounds.as_flattened().iter().map(|&v| v.into())));
     let layers: Array = layers.iter().map(|l| numbers([l.offset as f64, l.len as f64])).collect();
     set(&entry, "layers", &layers);
-    set(&entry, "finer", &numbers(index.finer(number).into_iter().map(|i| i as f64)));
+    set(&entry, "finer", &numbers(index.finer(number).map(|i| i as f64)));
     entry.into()
 }

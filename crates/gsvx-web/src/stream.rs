@@ -75,11 +75,11 @@ impl Stream {
             return Vec::new();
         };
         let leaves = self.reader.held_leaves();
-        let first = |&finer: &usize| {
+        let first = |finer: usize| {
             let cell = index.chunks[finer].first_cell;
             leaves.partition_point(|leaf| leaf.morton < cell) as u32
         };
-        index.finer(chunk).iter().map(first).collect()
+        index.finer(chunk).map(first).collect()
     }
 
     /// Puts some Gaussians of the chunk that is held into the typed arrays of `arrays`, from number `at` on.

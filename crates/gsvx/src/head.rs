@@ -289,17 +289,19 @@ impl Index {
     /// The chunks of the next finer level that together replace chunk `chunk`. Empty for a chunk of the
     /// finest level and for exact Gaussians.
     #[must_use]
-    pub fn finer(&self, chunk: usize) -> Vec<usize> {
+    pub fn finer(&self, chunk: usize) -> Range<usize> {
         let Chunk { kind, lod, first_cell, .. } = self.chunks[chunk];
         if kind == Kind::Exact || lod == 0 {
-            return Vec::new();
+            return 0..0;
         }
-        let next = self.chunks[chunk + 1..].iter().find(|c| c.kind == Kind::Leaves && c.lod == lod);
-        let end = next.map_or(u64::MAX, |c| c.first_cell);
-        let inside = |c: &Chunk| {
-            c.kind == Kind::Leaves && c.lod + 1 == lod && (first_cell..end).contains(&c.first_cell)
+        let next = self.chunks.get(chunk + 1).filter(|c| c.kind == Kind::Leaves && c.lod == lod);
+        // Coarse levels come first, and cells ascend in each.
+        let up_to = |cell: u64| {
+            self.chunks.partition_point(|c| {
+                c.kind == Kind::Leaves && (c.lod >= lod || c.lod + 1 == lod && c.first_cell < cell)
+            })
         };
-        (0..self.chunks.len()).filter(|&i| inside(&self.chunks[i])).collect()
+        up_to(first_cell)..up_to(next.map_or(u64::MAX, |c| c.first_cell))
     }
 }
 

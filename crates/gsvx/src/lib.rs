@@ -18,7 +18,7 @@ mod reader;
 
 pub use decode::{
     DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Source, decode, decode_leaves,
-    decode_with,
+    decode_with, default_max_gaussians,
 };
 #[cfg(feature = "encode")]
 pub use encoder::{

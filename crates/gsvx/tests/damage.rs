@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::forge::{assemble, head, take_apart, with_checksum};
+use common::forge::{assemble, damage, head, take_apart, with_checksum};
 use common::with_related_degrees;
 use common::{Rng, decoding, encoding, leaves, scene, voxelized, with_floaters};
 use gsvx::{
@@ -129,19 +129,6 @@ fn damage_in_one_chunk_costs_that_chunk_alone() {
             }
         }
         first += n;
-    }
-}
-
-/// Changes some bytes of a layer.
-fn damage(layer: &mut Vec<u8>, rng: &mut Rng) {
-    for _ in 0..1 + rng.bits() % 3 {
-        let at = (rng.bits() % (layer.len() as u64 + 1)) as usize;
-        match rng.bits() % 6 {
-            0 => layer.truncate(at),
-            1 => layer.push(rng.bits() as u8),
-            _ if at < layer.len() => layer[at] ^= 1 << (rng.bits() % 8),
-            _ => layer.push(0),
-        }
     }
 }
 

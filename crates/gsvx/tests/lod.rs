@@ -51,13 +51,13 @@ fn finer_chunks_cover_each_chunk_exactly_once() {
         for (i, chunk) in index.chunks.iter().enumerate() {
             let finer = index.finer(i);
             assert_eq!(finer.is_empty(), chunk.lod == 0, "chunk {i}");
-            for &f in &finer {
+            for f in finer.clone() {
                 assert_eq!(index.chunks[f].lod + 1, chunk.lod);
                 seen[f] += 1;
             }
             // The cells of the coarse chunk begin where its first finer chunk begins, or before.
-            if let Some(&first) = finer.first() {
-                assert!(index.chunks[first].first_cell >= chunk.first_cell);
+            if !finer.is_empty() {
+                assert!(index.chunks[finer.start].first_cell >= chunk.first_cell);
             }
         }
         for (i, chunk) in index.chunks.iter().enumerate() {

@@ -21,7 +21,7 @@
 
 mod eigen;
 mod rotation;
-#[cfg(all(test, feature = "formats"))]
+#[cfg(test)]
 pub(crate) mod sh_basis;
 #[cfg(feature = "formats")]
 mod smallest;

@@ -13,9 +13,6 @@ use gs_model::Scene;
 use js_sys::Object;
 use wasm_bindgen::JsValue;
 
-/// SH basis function of degree 0.
-const C0: f32 = 0.282_094_8;
-
 /// Arrays that are being filled.
 pub(crate) trait ArrayLayout {
     /// Puts Gaussians at `first` and behind it. Their SH degree is the layout's.
@@ -38,19 +35,4 @@ pub(crate) fn named(
             return Err(error::object(&message, "option").into());
         }
     })
-}
-
-/// The base colour of a DC coefficient.
-fn base_colour(dc: f32) -> f32 {
-    dc * C0 + 0.5
-}
-
-/// The opacity of a logit.
-fn opacity(logit: f32) -> f32 {
-    1.0 / (1.0 + libm::expf(-logit))
-}
-
-/// The SH coefficients of a degree among those of a Gaussian.
-fn of_degree(sh: &[[f32; 3]], degree: usize) -> &[[f32; 3]] {
-    &sh[degree * degree..(degree + 1) * (degree + 1)]
 }

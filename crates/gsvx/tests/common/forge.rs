@@ -1,6 +1,7 @@
 //! Streams that no encoder writes: heads and layers are changed, checksums are repaired.
 
 use gsvx::{Index, Kind};
+use testing::Rng;
 
 /// The layers of each chunk.
 pub(crate) type Layers = Vec<Vec<Vec<u8>>>;
@@ -70,4 +71,17 @@ pub(crate) fn with_checksum(body: Vec<u8>) -> Vec<u8> {
     let crc = crc32c::crc32c(&out);
     out.extend(crc.to_le_bytes());
     out
+}
+
+/// Changes some bytes of a layer.
+pub(crate) fn damage(layer: &mut Vec<u8>, rng: &mut Rng) {
+    for _ in 0..1 + rng.bits() % 3 {
+        let at = (rng.bits() % (layer.len() as u64 + 1)) as usize;
+        match rng.bits() % 6 {
+            0 => layer.truncate(at),
+            1 => layer.push(rng.bits() as u8),
+            _ if at < layer.len() => layer[at] ^= 1 << (rng.bits() % 8),
+            _ => layer.push(0),
+        }
+    }
 }

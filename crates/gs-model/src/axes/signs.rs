@@ -1,36 +1,44 @@
-//! Half turns, which lead from the axes of PLY files to those of other formats and back.
+//! Coordinate axes that change their signs: half turns and mirrors. They change no bit but signs.
 
 use crate::scene::Scene;
 
-/// Half a turn about a coordinate axis.
-pub(crate) struct HalfTurn {
-    /// Signs of x, y and z.
+/// The signs that the axes get.
+pub(crate) struct Signs {
+    /// Of x, y and z.
     axes: [f32; 3],
-    /// Sign of each basis function, degrees 0 to 3.
+    /// Of each basis function, degrees 0 to 3.
     sh: [f32; 16],
 }
 
-/// `(x, -y, -z)`: SPZ.
-pub(crate) const ABOUT_X: HalfTurn = HalfTurn {
+/// `(x, -y, -z)`, half a turn: SPZ.
+pub(crate) const ABOUT_X: Signs = Signs {
     axes: [1., -1., -1.],
     sh: [1., -1., -1., 1., -1., 1., 1., -1., 1., -1., 1., -1., -1., 1., -1., 1.],
 };
 
-/// `(-x, -y, z)`: glTF.
-pub(crate) const ABOUT_Z: HalfTurn = HalfTurn {
+/// `(-x, -y, z)`, half a turn: glTF.
+#[cfg(feature = "formats")]
+pub(crate) const ABOUT_Z: Signs = Signs {
     axes: [-1., -1., 1.],
     sh: [1., -1., 1., -1., 1., -1., 1., -1., 1., -1., 1., -1., 1., -1., 1., -1.],
 };
 
-impl HalfTurn {
+/// `(x, -y, z)`, a mirror: Unity.
+pub(crate) const MIRROR_Y: Signs = Signs {
+    axes: [1., -1., 1.],
+    sh: [1., -1., 1., 1., -1., -1., 1., 1., 1., -1., -1., -1., 1., 1., 1., 1.],
+};
+
+impl Signs {
     pub(crate) fn mean(&self, mean: [f32; 3]) -> [f32; 3] {
         std::array::from_fn(|k| self.axes[k] * mean[k])
     }
 
-    /// A quaternion `[w, x, y, z]`. The axes of its Gaussian keep their names: each of them changes
-    /// its sign at most, and a Gaussian is symmetric.
+    /// A quaternion `[w, x, y, z]`. A mirror turns the sense of a rotation. The axes of its Gaussian keep their
+    /// names: each of them changes its sign at most, and a Gaussian is symmetric.
     pub(crate) fn rotation(&self, [w, x, y, z]: [f32; 4]) -> [f32; 4] {
-        let [x, y, z] = self.mean([x, y, z]);
+        let sense: f32 = self.axes.iter().product();
+        let [x, y, z] = self.mean([x, y, z]).map(|v| sense * v);
         [w, x, y, z]
     }
 
@@ -56,12 +64,18 @@ mod tests {
 
     #[test]
     fn signs_are_those_of_the_basis_functions_and_covariances_turn_with_points() {
-        for turn in [ABOUT_X, ABOUT_Z] {
-            let [x, y, z] = turn.axes.map(f64::from);
-            assert_eq!(sh_basis::signs_under([x, y, z]), turn.sh);
+        let all = [
+            ABOUT_X,
+            #[cfg(feature = "formats")]
+            ABOUT_Z,
+            MIRROR_Y,
+        ];
+        for signs in all {
+            let [x, y, z] = signs.axes.map(f64::from);
+            assert_eq!(sh_basis::signs_under([x, y, z]), signs.sh);
             let (q, variances) = ([0.8, 0.3, -0.4, 0.2], [1.0, 4.0, 9.0]);
             let before = axes_product(&rotation(q), variances);
-            let after = axes_product(&rotation(turn.rotation(q)), variances);
+            let after = axes_product(&rotation(signs.rotation(q)), variances);
             // xx, yy, zz, xy, xz, yz.
             for (k, sign) in [1.0, 1.0, 1.0, x * y, x * z, y * z].into_iter().enumerate() {
                 assert!((after[k] - sign * before[k]).abs() < 1e-12, "{k}");

@@ -1,0 +1,85 @@
+//! The axes that change places: `(x, y, z)` becomes `(z, x, y)`, a third of a turn.
+
+use crate::scene::Scene;
+
+/// Square roots of 3/4, 15/16, 5/8 and 3/8.
+const R3: f32 = 0.866_025_4;
+const R15: f32 = 0.968_245_86;
+const R10: f32 = 0.790_569_4;
+const R6: f32 = 0.612_372_46;
+
+/// Puts the last axis first.
+pub(super) fn scene(scene: &mut Scene) {
+    let per_gaussian = scene.sh_len();
+    scene.means.iter_mut().for_each(|m| *m = axes(*m));
+    // The Gaussian's own axes change places with those of space.
+    scene.rotations.iter_mut().for_each(|[_, v @ ..]| *v = axes(*v));
+    scene.log_scales.iter_mut().for_each(|s| *s = axes(*s));
+    scene.sh.chunks_exact_mut(per_gaussian).for_each(sh);
+}
+
+/// Three numbers, one for each axis.
+pub(super) fn axes([x, y, z]: [f32; 3]) -> [f32; 3] {
+    [z, x, y]
+}
+
+/// The coefficients of a Gaussian.
+fn sh(all: &mut [[f32; 3]]) {
+    for channel in 0..3 {
+        let old: [f32; 16] = std::array::from_fn(|k| all.get(k).map_or(0.0, |c| c[channel]));
+        all.iter_mut().zip(turned(old)).for_each(|(c, v)| c[channel] = v);
+    }
+}
+
+/// The function that `c` stands for, with the axes in their new places. A degree stays what it is.
+fn turned(c: [f32; 16]) -> [f32; 16] {
+    [
+        c[0],
+        -c[2],
+        -c[3],
+        c[1],
+        -c[5],
+        c[7],
+        R3 * c[8] - 0.5 * c[6],
+        -c[4],
+        -R3 * c[6] - 0.5 * c[8],
+        R10 * c[12] + R6 * c[14],
+        c[10],
+        R6 * c[12] - R10 * c[14],
+        R6 * c[13] - R10 * c[15],
+        R15 * c[9] - 0.25 * c[11],
+        R10 * c[13] + R6 * c[15],
+        -0.25 * c[9] - R15 * c[11],
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{axes_product, rotation, sh_basis};
+
+    #[test]
+    fn a_turned_function_has_the_old_values_in_the_new_directions() {
+        let c: [f32; 16] = std::array::from_fn(|k| (k * k % 7) as f32 * 0.2 - 0.5);
+        let value = |c: [f32; 16], d: [f32; 3]| {
+            let basis = sh_basis::values(d.map(f64::from));
+            c.iter().zip(basis).map(|(&c, b)| f64::from(c) * b).sum::<f64>()
+        };
+        for d in [[0.6, 0.0, 0.8], [0.36, -0.48, 0.8], [-0.48, 0.8, -0.36], [0.0, -1.0, 0.0]] {
+            assert!((value(turned(c), axes(d)) - value(c, d)).abs() < 1e-6, "{d:?}");
+        }
+    }
+
+    #[test]
+    fn covariances_turn_with_points() {
+        let (q, scales) = ([0.8, 0.3, -0.4, 0.2], [1.0, 4.0, 9.0]);
+        let before = axes_product(&rotation(q), scales.map(f64::from));
+        let [w, v @ ..] = q;
+        let [x, y, z] = axes(v);
+        let after = axes_product(&rotation([w, x, y, z]), axes(scales).map(f64::from));
+        // xx, yy, zz, xy, xz, yz.
+        for (new, old) in [2, 0, 1, 4, 5, 3].into_iter().enumerate() {
+            assert!((after[new] - before[old]).abs() < 1e-12, "{new}");
+        }
+    }
+}

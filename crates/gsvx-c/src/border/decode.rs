@@ -1,0 +1,170 @@
+//! Decoding.
+
+use super::{buffer, given, place, run, slice};
+use crate::array::stride;
+use crate::plain::{ByteRange, Chunk, Info, Message, Options, Status};
+use crate::stream::Stream;
+use std::mem::MaybeUninit;
+
+/// Opens a stream of which no byte is known yet.
+///
+/// `options` may be NULL: see `gsvx_options`. `stream` gets the handle, or NULL if the options are out of their
+/// ranges (GSVX_STATUS_ARGUMENT).
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_open(
+    options: Option<&Options>,
+    stream: Option<&mut MaybeUninit<Option<Box<Stream>>>>,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        let stream = place(stream, "stream")?;
+        stream.write(None);
+        stream.write(Some(Box::new(Stream::new(options)?)));
+        Ok(String::new())
+    })
+}
+
+/// Frees a stream and all it holds. NULL is allowed. No thread may use the handle during the call or after it.
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_close(stream: Option<Box<Stream>>) {
+    run(None, || {
+        drop(stream);
+        Ok(String::new())
+    });
+}
+
+/// Gives `size` bytes of the stream, of which the first is number `offset` of the stream. They may come in any order, in
+/// pieces of any size, asked for or not. A stream in memory is given whole with `offset` 0. The bytes are copied.
+///
+/// GSVX_STATUS_NOT_GSVX, GSVX_STATUS_VERSION or GSVX_STATUS_DAMAGED if the head shows it. A NULL `bytes` is allowed if
+/// `size` is 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gsvx_give(
+    stream: Option<&Stream>,
+    offset: u64,
+    bytes: *const u8,
+    size: usize,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        // SAFETY: the header asks for `size` bytes at `bytes` that do not change during the call.
+        let bytes = unsafe { slice(bytes, size, "bytes") }?;
+        given(stream)?.lock()?.give(offset, bytes)?;
+        Ok(String::new())
+    })
+}
+
+/// Says which bytes are to be given next: those of the head until it is known, then those that are missing for the
+/// first `layers` layers of chunk `chunk`. `range` gets the first missing range; `begin` equals `end` when nothing is
+/// missing. To read the head alone, pass 0 layers.
+///
+/// Before the head is known the range may reach beyond the end of a short stream; give what there is. If nothing is
+/// there from `begin` on, the stream is truncated.
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_needs(
+    stream: Option<&Stream>,
+    chunk: u64,
+    layers: u32,
+    range: Option<&mut MaybeUninit<ByteRange>>,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        let range = place(range, "range")?;
+        range.write(given(stream)?.lock()?.needs(chunk, layers)?);
+        Ok(String::new())
+    })
+}
+
+/// Tells what holds for the whole stream. GSVX_STATUS_TRUNCATED until the head is known.
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_get_info(
+    stream: Option<&Stream>,
+    info: Option<&mut MaybeUninit<Info>>,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        let info = place(info, "info")?;
+        info.write(given(stream)?.lock()?.info()?);
+        Ok(String::new())
+    })
+}
+
+/// Tells what the index knows of chunk number `chunk`, from 0 to `gsvx_info.chunks - 1`.
+/// GSVX_STATUS_TRUNCATED until the head is known.
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_get_chunk(
+    stream: Option<&Stream>,
+    chunk: u64,
+    entry: Option<&mut MaybeUninit<Chunk>>,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        let entry = place(entry, "entry")?;
+        entry.write(given(stream)?.lock()?.chunk(chunk)?);
+        Ok(String::new())
+    })
+}
+
+/// Decodes the first `layers` layers of a chunk and holds its Gaussians in place of those held before. `gaussians` gets
+/// their number; it may be NULL. Fewer layers than there are leave the higher SH coefficients 0; numbers of layers
+/// beyond what there is stand for all. Further layers of a chunk that is held are added without decoding the first
+/// again.
+///
+/// GSVX_STATUS_TRUNCATED if bytes are missing (see `gsvx_needs`), GSVX_STATUS_DAMAGED if a checksum or a rule of the
+/// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then.
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_decode(
+    stream: Option<&Stream>,
+    chunk: u64,
+    layers: u32,
+    gaussians: Option<&mut MaybeUninit<u64>>,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        let count = given(stream)?.lock()?.decode(chunk, layers)?;
+        if let Some(gaussians) = gaussians {
+            gaussians.write(count);
+        }
+        Ok(String::new())
+    })
+}
+
+/// The bytes that each Gaussian takes in an array (one of `gsvx_array`) of a stream of SH degree `sh_degree`. 0 for
+/// what is no array, for degrees above 3, and for arrays of degrees above `sh_degree`.
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_stride(array: u32, sh_degree: u32) -> usize {
+    stride(array, sh_degree)
+}
+
+/// Copies an array (one of `gsvx_array`) of the chunk that is held to `out`: as many times `gsvx_stride` bytes as there
+/// are Gaussians. `size` is what `out` has room for; if that is less, GSVX_STATUS_BUFFER. Bytes beyond stay as they are.
+/// `out` needs no alignment. The order of the Gaussians is that of the stream, the same in all arrays.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gsvx_copy(
+    stream: Option<&Stream>,
+    array: u32,
+    out: *mut std::ffi::c_void,
+    size: usize,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        // SAFETY: the header asks for `size` bytes at `out` that nobody else uses during the call.
+        let out = unsafe { buffer(out.cast(), size) }?;
+        given(stream)?.lock()?.copy(array, out)?;
+        Ok(String::new())
+    })
+}
+
+/// Frees the bytes that were given of a chunk. What is decoded of it stays; to decode it once more, its bytes must be
+/// given again.
+#[unsafe(no_mangle)]
+pub extern "C" fn gsvx_forget(
+    stream: Option<&Stream>,
+    chunk: u64,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        given(stream)?.lock()?.forget(chunk)?;
+        Ok(String::new())
+    })
+}
