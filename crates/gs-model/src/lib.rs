@@ -54,6 +54,7 @@ mod bytes;
 #[cfg(feature = "cameras")]
 pub mod camera;
 mod chain;
+mod codec;
 #[cfg(feature = "cameras")]
 pub mod colmap;
 #[cfg(feature = "cameras")]
@@ -67,7 +68,7 @@ mod formats;
 #[cfg(feature = "files")]
 mod fs;
 #[cfg(feature = "formats")]
-mod gltf;
+pub mod gltf;
 #[cfg(feature = "cameras")]
 pub mod inria;
 #[cfg(feature = "formats")]
@@ -102,6 +103,7 @@ pub mod validate;
 #[cfg(feature = "cameras")]
 pub use camera::{Camera, View};
 pub use chain::chain;
+pub use codec::Codec;
 #[cfg(feature = "cameras")]
 pub use dataset::Dataset;
 #[cfg(feature = "files")]

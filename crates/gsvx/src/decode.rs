@@ -18,6 +18,11 @@ use std::sync::{Mutex, PoisonError};
 pub const DEFAULT_GAUSSIANS_PER_BYTE: u64 = 1024;
 /// Gaussians that a decoder accepts by default in a stream of any length.
 const LEAST_LIMIT: u64 = 1 << 17;
+/// Gaussians that a decoder accepts by default in a stream of this length.
+pub(crate) fn default_limit(len: u64) -> u64 {
+    DEFAULT_GAUSSIANS_PER_BYTE.saturating_mul(len).saturating_add(LEAST_LIMIT)
+}
+
 /// Gaussians per block of [`Decoder::blocks`]: a block fits a core's cache.
 const BLOCK: usize = 512;
 
@@ -213,8 +218,7 @@ impl<'a> Decoder<'a> {
 
     fn of(bytes: Bytes<'a>, options: &DecodeOptions) -> Result<Self> {
         let index = Index::parse(&bytes.head()?)?;
-        let limit =
-            options.max_gaussians.unwrap_or(DEFAULT_GAUSSIANS_PER_BYTE * bytes.len() + LEAST_LIMIT);
+        let limit = options.max_gaussians.unwrap_or_else(|| default_limit(bytes.len()));
         let sh_degree = index.header.sh_degree.min(options.max_sh_degree);
         let mut this = Self { bytes, index, sh_degree, skipped: Vec::new(), jobs: Vec::new() };
         if sh_degree < this.index.header.sh_degree {

@@ -37,7 +37,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["spz"],
     magic: &[b"\x1f\x8b", MAGIC],
     max_sh_degree: 3,
-    read,
+    read: |file, bytes, _| read(file, bytes),
     write: Some(write::write),
 };
 
