@@ -89,7 +89,7 @@ enum Command {
     /// Make one stream of the parts of a plan.
     #[command(after_help = join::EXAMPLES)]
     Join(join::JoinArgs),
-    /// Divide a stream into files that PlayCanvas streams by distance.
+    /// Divide a stream into files that PlayCanvas or CesiumJS streams by distance.
     #[command(after_help = lod::EXAMPLES)]
     Lod(lod::LodArgs),
     /// Look at a stream or a model in the browser.

@@ -8,6 +8,7 @@ use serde_json::json;
 use super::document::{Document, bound};
 use super::json::F32;
 use super::{attribute, container, sh_attribute};
+use crate::axes::ABOUT_Z;
 use crate::error::{Error, Result};
 use crate::scene::sh_len;
 
@@ -37,16 +38,6 @@ impl Compressed<'_> {
     /// [`Error::Io`].
     pub fn write_to(&self, name: impl AsRef<Path>, mut out: impl Write) -> Result<()> {
         let file = name.as_ref();
-        let head = self.head(file)?;
-        let padding = self.data.len().next_multiple_of(4) - self.data.len();
-        let mut put = |bytes: &[u8]| out.write_all(bytes).map_err(|e| Error::io(file, "write", e));
-        put(&head)?;
-        put(self.data)?;
-        put(&[0; 4][..padding])
-    }
-
-    /// Everything before the data.
-    fn head(&self, file: &Path) -> Result<Vec<u8>> {
         if self.count == 0 {
             return Err(empty(file));
         }
@@ -54,20 +45,36 @@ impl Compressed<'_> {
             return Err(Error::SceneDegree { degree: self.sh_degree });
         }
         let mut document = Document::new(self.count);
-        bound(document.attribute("POSITION".into(), F32, "VEC3", None), self.bounds);
+        bound(document.attribute("POSITION".into(), F32, "VEC3", None), self.bounds, &ABOUT_Z);
         for (name, kind) in [("ROTATION", "VEC4"), ("SCALE", "VEC3"), ("OPACITY", "SCALAR")] {
             document.attribute(attribute(name), F32, kind, None);
         }
         for k in 0..sh_len(self.sh_degree) {
             document.attribute(sh_attribute(k), F32, "VEC3", None);
         }
-        let view = document.view(self.data.len() as u64, None);
-        let length = document.length();
-        let json = document.json(Some((self.extension, json!({ "bufferView": view }))));
-        container::head(&json, length).ok_or_else(|| {
-            Error::unwritable(file, "it takes more than 4 GiB, which glTF cannot hold")
-        })
+        finish(file, &mut out, document, self.extension, self.data)
     }
+}
+
+/// Writes a file whose only data are those that an extension decodes to the attributes of `document`.
+pub(super) fn finish(
+    file: &Path,
+    out: &mut dyn Write,
+    mut document: Document,
+    extension: &str,
+    data: &[u8],
+) -> Result<()> {
+    let view = document.view(data.len() as u64, None);
+    let length = document.length();
+    let json = document.json(Some((extension, json!({ "bufferView": view }))));
+    let head = container::head(&json, length).ok_or_else(|| {
+        Error::unwritable(file, "it takes more than 4 GiB, which glTF cannot hold")
+    })?;
+    let padding = data.len().next_multiple_of(4) - data.len();
+    let mut put = |bytes: &[u8]| out.write_all(bytes).map_err(|e| Error::io(file, "write", e));
+    put(&head)?;
+    put(data)?;
+    put(&[0; 4][..padding])
 }
 
 pub(super) fn empty(file: &Path) -> Error {

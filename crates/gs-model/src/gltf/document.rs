@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::EXTENSION;
 use super::json::{F32, POINTS};
-use crate::axes::ABOUT_Z;
+use crate::axes::HalfTurn;
 
 /// A file with one primitive, all of whose attributes have the same length.
 pub(super) struct Document {
@@ -88,9 +88,9 @@ impl Document {
     }
 }
 
-/// Gives the accessor of the means their least and greatest values, of a model with the axes of a PLY file.
-pub(super) fn bound(accessor: &mut Value, bounds: [[f32; 3]; 2]) {
-    let [a, b] = bounds.map(|corner| ABOUT_Z.mean(corner).map(f64::from));
+/// Gives the accessor of the means their least and greatest values, of a model that the file has turned.
+pub(super) fn bound(accessor: &mut Value, bounds: [[f32; 3]; 2], turn: &HalfTurn) {
+    let [a, b] = bounds.map(|corner| turn.mean(corner).map(f64::from));
     let corner = |pick: fn(f64, f64) -> f64| json!([0, 1, 2].map(|k| pick(a[k], b[k])));
     (accessor["min"], accessor["max"]) = (corner(f64::min), corner(f64::max));
 }

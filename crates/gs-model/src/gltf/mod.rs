@@ -26,9 +26,11 @@ mod container;
 mod document;
 mod json;
 mod read;
+mod spz;
 mod write;
 
 pub use compressed::Compressed;
+pub use spz::write_spz;
 
 use std::path::Path;
 

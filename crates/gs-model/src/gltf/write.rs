@@ -119,7 +119,7 @@ fn head(file: &Path, scene: &Scene) -> Result<Vec<u8>> {
         let Attribute { name, component, kind, .. } = attribute;
         let accessor = document.attribute(name, component, kind, Some(view));
         if at == 0 {
-            bound(accessor, scene.bounds());
+            bound(accessor, scene.bounds(), &ABOUT_Z);
         }
     }
     let length = document.length();
