@@ -10,7 +10,7 @@ use crate::report::{ReadOptions, Report};
 use crate::scene::Scene;
 
 /// Reads a model as it is from the bytes of the file of that name.
-pub(crate) type ReadModel = fn(&Path, &[u8]) -> Result<(Scene, Report)>;
+pub(crate) type ReadModel = fn(&Path, &[u8], &ReadOptions) -> Result<(Scene, Report)>;
 /// Writes a scene; the name is for messages. The shape of the scene has been checked.
 pub(crate) type WriteModel = fn(&Path, &mut dyn Write, &Scene) -> Result<()>;
 
@@ -46,7 +46,7 @@ impl Format {
         if bytes.is_empty() && !self.magic.is_empty() {
             return Err(Error::other_format(name, self.name, bytes));
         }
-        let (mut scene, mut report) = (self.read)(name, bytes)?;
+        let (mut scene, mut report) = (self.read)(name, bytes, options)?;
         options.apply(name, &mut scene, &mut report)?;
         Ok((scene, report))
     }

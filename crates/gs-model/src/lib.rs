@@ -53,6 +53,7 @@ mod bytes;
 #[cfg(feature = "cameras")]
 pub mod camera;
 mod chain;
+mod codec;
 #[cfg(feature = "cameras")]
 pub mod colmap;
 #[cfg(feature = "cameras")]
@@ -66,7 +67,7 @@ mod formats;
 #[cfg(feature = "files")]
 mod fs;
 #[cfg(feature = "formats")]
-mod gltf;
+pub mod gltf;
 #[cfg(feature = "cameras")]
 pub mod inria;
 #[cfg(feature = "formats")]
@@ -104,6 +105,7 @@ pub use axes::Axes;
 #[cfg(feature = "cameras")]
 pub use camera::{Camera, View};
 pub use chain::chain;
+pub use codec::Codec;
 #[cfg(feature = "cameras")]
 pub use dataset::Dataset;
 #[cfg(feature = "files")]

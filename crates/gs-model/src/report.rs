@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::codec::Codec;
 use crate::error::Result;
 use crate::scene::Scene;
 
@@ -32,6 +33,8 @@ pub struct ReadOptions {
     /// Tools that convert 8-bit opacities (SPZ, compressed.ply) write 0 and 255 as infinite
     /// logits; these Gaussians are fully transparent or opaque rather than broken.
     pub clamp_infinite_opacity: Option<f32>,
+    /// Decodes primitives of glTF that are compressed. Without it they are an error.
+    pub codec: Option<&'static Codec>,
 }
 
 /// What a model file held. What only PLY files have is empty for other formats.

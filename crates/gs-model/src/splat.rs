@@ -26,7 +26,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["splat"],
     magic: &[],
     max_sh_degree: 0,
-    read,
+    read: |file, bytes, _| read(file, bytes),
     write: Some(write),
 };
 

@@ -485,6 +485,17 @@ fn spz_and_splat_round_trip() {
 }
 
 #[test]
+fn spz_3_that_is_written_holds_what_spz_4_holds() {
+    for (scene, rest) in [(small(), 8), (common::scene(5000, 3), 6), (Scene::default(), 6)] {
+        let bits = ShBits { degree_1: 6, rest };
+        let packed = spz::pack_version_3("a.spz", &scene, bits).unwrap();
+        let (old, report) = read("a.spz", &packed).unwrap();
+        assert_eq!(report.form, "SPZ, version 3");
+        assert_eq!(old, read("a.spz", &spz::pack("a.spz", &scene, bits).unwrap()).unwrap().0);
+    }
+}
+
+#[test]
 fn a_ply_file_is_read_whatever_its_name() {
     let dir = tempfile::tempdir().unwrap();
     let (scene, path) = (common::scene(3, 1), dir.path().join("model"));

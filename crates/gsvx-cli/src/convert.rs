@@ -1,14 +1,17 @@
 //! `gsvx convert`.
 
+use crate::content;
+use crate::exit::usage;
 use crate::format;
+use crate::glb;
 use crate::input::ReadingAny;
-use crate::output::{Output, counted};
+use crate::output::{Output, Written, counted};
 use crate::report::Reporter;
 use crate::size;
 use anyhow::Result;
 use clap::ValueEnum;
-use gs_model::Format;
 use gs_model::spz::{self, ShBits};
+use gs_model::{Format, Scene};
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::PathBuf;
@@ -25,15 +28,21 @@ Examples:
   gsvx convert scene.gsvx scene.splat
   gsvx convert old.spz - --to ply > new.ply
   gsvx convert scene.gsvx scene.glb                     glTF, as three.js and others read it
+  gsvx convert scene.gsvx small.glb --compress          glTF that holds the stream
   gsvx convert scene.sog scene.compressed.ply
   gsvx convert folder/meta.json model.ply               an unbundled SOG
   cat a.splat | gsvx convert - a.ply --from splat";
 
-/// The name of the format that has other axes.
+/// The name of the format whose axes are not always turned.
 const SPZ: &str = "spz";
+/// The name of the format that may hold a stream.
+const GLB: &str = "glb";
 
 const AXES: &str = "\
 To write a gsvx stream, use gsvx encode.
+
+With --compress a .glb holds a gsvx stream in the extension GSVX_gaussian_splatting_compression. gsvx
+reads such files wherever it reads models; three.js needs the plugin gsvx/gltf of the npm package.
 
 Axes of SPZ: its specification has y up and z back, PLY models have y down and z forward. gsvx turns
 the model around whenever it reads or writes SPZ, so that it stands upright in viewers that follow the
@@ -50,6 +59,13 @@ pub(crate) struct ConvertArgs {
     /// Format of the output [default: by its extension].
     #[arg(long, value_name = "FORMAT", value_parser = format::written())]
     to: Option<&'static Format>,
+    /// Put a gsvx stream into the .glb: the input as it is if it is one, else the input encoded.
+    #[arg(long)]
+    compress: bool,
+    /// With --compress, quality of a model that is encoded, from 0 to 100 [default: 80]. More choices: gsvx encode,
+    /// then this command.
+    #[arg(short, long, requires = "compress", value_parser = content::quality)]
+    quality: Option<f32>,
     /// Bits per SH coefficient in SPZ: of degree 1, of degrees 2 and 3.
     #[arg(long, value_name = "N,M", value_parser = sh_bits, default_value = "8,8")]
     spz_sh_bits: ShBits,
@@ -81,27 +97,43 @@ fn sh_bits(text: &str) -> Result<ShBits, String> {
     }
 }
 
+impl ConvertArgs {
+    /// Turns a model of format `read` where the flags ask for that.
+    fn turn(&self, scene: &mut Scene, read: &str, written: &Format) {
+        // Each of reading and writing SPZ has turned the scene once, or is about to.
+        if self.axes == Axes::Keep && (read == SPZ) != (written.name == SPZ) {
+            spz::turn(scene);
+        }
+    }
+}
+
 /// Converts a model.
 pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
     let format = format::of_output(args.to, &args.output, None)?;
-    let output = Output::open(&args.output, args.force, &[&args.input])?;
-    let (mut scene, read) = args.reading.any(&args.input)?;
-    // Each of reading and writing SPZ has turned the scene once, or is about to.
-    if args.axes == Axes::Keep && (read == SPZ) != (format.name == SPZ) {
-        spz::turn(&mut scene);
+    if args.compress && format.name != GLB {
+        let name = args.output.display();
+        return Err(usage(format!("{name}: only a .glb holds a stream; leave out --compress")));
     }
-    let written = if format.name == SPZ {
-        let name = output.name();
-        output.write(|out| Ok(out.write_all(&spz::pack(&name, &scene, args.spz_sh_bits)?)?))?
+    let output = Output::open(&args.output, args.force, &[&args.input])?;
+    let (written, gaussians, sh_degree) = if args.compress {
+        let turn = |scene: &mut Scene, read: &str| args.turn(scene, read, format);
+        glb::write(output, &glb::stream(&args.reading, &args.input, args.quality, turn)?)?
     } else {
-        format::write(format, output, &scene)?
+        let (mut scene, read) = args.reading.any(&args.input)?;
+        args.turn(&mut scene, read, format);
+        let sh_degree = scene.sh_degree.min(format.max_sh_degree);
+        (write(args, format, output, &scene)?, scene.len(), sh_degree)
     };
-    let size = DecimalBytes(written.bytes);
-    let human = format!("{}, {size}", counted(scene.len(), "Gaussian"));
-    let json = json!({
-        "gaussians": scene.len(),
-        "sh_degree": scene.sh_degree.min(format.max_sh_degree),
-        "bytes": written.bytes,
-    });
+    let human = format!("{}, {}", counted(gaussians, "Gaussian"), DecimalBytes(written.bytes));
+    let json = json!({ "gaussians": gaussians, "sh_degree": sh_degree, "bytes": written.bytes });
     report.wrote(&written, &human, json)
+}
+
+/// Writes a model.
+fn write(args: &ConvertArgs, format: &Format, output: Output, scene: &Scene) -> Result<Written> {
+    if format.name != SPZ {
+        return format::write(format, output, scene);
+    }
+    let name = output.name();
+    output.write(|out| Ok(out.write_all(&spz::pack(&name, scene, args.spz_sh_bits)?)?))
 }

@@ -92,7 +92,7 @@ pub(crate) fn cannot_read(path: &Path) -> String {
 impl Reading {
     fn options(&self) -> ReadOptions {
         let invalid = if self.drop_invalid { Invalid::Drop } else { Invalid::Error };
-        ReadOptions { invalid, ..Default::default() }
+        ReadOptions { invalid, codec: Some(&gsvx::gltf::CODEC), ..Default::default() }
     }
 
     /// A model that can be read some Gaussians at a time; `None` of any other.

@@ -1,10 +1,15 @@
-//! `gsvx lod`: a stream as a folder of small streams that PlayCanvas loads by distance.
+//! `gsvx lod`: a stream as a folder of small files that a viewer loads by distance: streams for PlayCanvas, or 3D
+//! Tiles (`tiles.rs`).
 //!
-//! Each chunk becomes a stream of its own. `lod-meta.json` lists places: one for each chunk of the finest level.
+//! For PlayCanvas each chunk becomes a stream of its own. `lod-meta.json` lists places: one for each chunk of the finest level.
 //! For each level of detail it says which file shows the place, and which of the file's Gaussians. Coarse chunks
 //! cover many places, so many places name the same file. Gaussians that are coded exactly belong to no place: they
 //! are the environment, which is always shown.
 
+mod site;
+mod tiles;
+
+use crate::exit::usage;
 use crate::input::{self, Limit};
 use crate::output::Output;
 use crate::pictures::folder;
@@ -12,30 +17,51 @@ use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::stream_file::StreamFile;
 use anyhow::{Result, bail};
+use clap::ValueEnum;
 use gsvx::{Index, Kind};
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
+use site::Site;
 use std::ops::Range;
 use std::path::PathBuf;
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx encode city.ply -o city.gsvx --web
-  gsvx lod city.gsvx -o web/          put web/ on a server and give PlayCanvas web/lod-meta.json";
+  gsvx lod city.gsvx -o web/          put web/ on a server and give PlayCanvas web/lod-meta.json
+  gsvx lod city.gsvx -o tiles/ --format 3dtiles --at 2.2945,48.8582,35    for CesiumJS: tiles/tileset.json";
 
 #[derive(clap::Args)]
 pub(crate) struct LodArgs {
     /// The stream; one that was encoded with --lod or --web has coarse levels.
     #[arg(value_name = "STREAM")]
     input: PathBuf,
-    /// Folder for lod-meta.json and the files that it names; made if it is not there.
+    /// Folder for lod-meta.json or tileset.json and the files that it names; made if it is not there.
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
+    /// Whom the folder is for.
+    #[arg(long, value_name = "FORMAT", default_value = "playcanvas")]
+    format: LodFormat,
+    /// With 3dtiles: where on the globe the origin of the scene is, in degrees and metres above the ellipsoid. One unit
+    /// is a metre, x points east, y down, z north.
+    #[arg(long, value_name = "LON,LAT,HEIGHT", value_parser = site::parse, allow_hyphen_values = true)]
+    at: Option<Site>,
     #[command(flatten)]
     limit: Limit,
     /// Write into a folder that is not empty, and replace files there.
     #[arg(long)]
     force: bool,
+}
+
+/// What the folder holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum LodFormat {
+    /// lod-meta.json and small streams, for PlayCanvas.
+    Playcanvas,
+    /// tileset.json and glTF with SPZ (KHR_gaussian_splatting_compression_spz_2), for CesiumJS. SPZ loses more than
+    /// the stream, and takes more bytes.
+    #[value(name = "3dtiles")]
+    Tiles,
 }
 
 /// Name of the list of places, as PlayCanvas looks for it.
@@ -45,6 +71,9 @@ const EXACT: &str = "exact.gsvx";
 
 /// Writes the folder.
 pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
+    if args.at.is_some() && args.format != LodFormat::Tiles {
+        return Err(usage("--at: only --format 3dtiles has a place on the globe"));
+    }
     let mut stream = StreamFile::open(&args.input)?;
     let index = stream.index.clone();
     args.limit.check(&args.input, index.header.count)?;
@@ -53,21 +82,16 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
         bail!("{name}: is lossless, so it has no octree to divide; encode without --lossless");
     }
     folder(&args.output, args.force)?;
-    let mut bytes = 0;
-    let progress = Meter::new("chunks", index.chunks.len());
-    for chunk in 0..index.chunks.len() {
-        bytes += write_chunk(args, &mut stream, &index, chunk)?;
-        progress.inc();
-    }
-    let places = places(&mut stream, &index)?;
-    let list = list(&index, &places).to_string();
-    write(args, LIST, &[list.as_bytes()])?;
+    let (list, bytes) = match args.format {
+        LodFormat::Playcanvas => (LIST, write_streams(args, &mut stream, &index)?),
+        LodFormat::Tiles => (tiles::LIST, tiles::write(args, &mut stream, args.at)?),
+    };
     let levels = u32::from(index.coarsest_lod()) + 1;
     let files = index.chunks.len();
+    let places = leaves_of(&index, 0).len();
     let mut human = format!(
-        "{}: {} places at {levels} levels of detail, in {files} files of {}",
-        args.output.join(LIST).display(),
-        places.len(),
+        "{}: {places} places at {levels} levels of detail, in {files} files of {}",
+        args.output.join(list).display(),
         DecimalBytes(bytes)
     );
     if levels == 1 {
@@ -75,12 +99,32 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
     }
     let json = json!({
         "output": args.output.display().to_string(),
-        "places": places.len(),
+        "places": places,
         "levels": levels,
         "files": files,
         "bytes": bytes,
     });
     report.say(false, &human, &json)
+}
+
+/// Writes the folder for PlayCanvas. Returns the bytes of all streams.
+fn write_streams(args: &LodArgs, stream: &mut StreamFile, index: &Index) -> Result<u64> {
+    let mut bytes = 0;
+    let progress = Meter::new("chunks", index.chunks.len());
+    for chunk in 0..index.chunks.len() {
+        bytes += write_chunk(args, stream, index, chunk)?;
+        progress.inc();
+    }
+    let places = places(stream, index)?;
+    let list = list(index, &places).to_string();
+    write(args, LIST, &[list.as_bytes()])?;
+    Ok(bytes)
+}
+
+/// The chunks of leaves of a level of detail.
+fn leaves_of(index: &Index, lod: u8) -> Vec<usize> {
+    let leaves = |&i: &usize| index.chunks[i].kind == Kind::Leaves;
+    index.chunks_of_lod(lod).filter(leaves).collect()
 }
 
 /// The name of a chunk's file: its level of detail and its number.
@@ -119,15 +163,11 @@ struct Place {
 
 /// The places, in Morton order.
 fn places(stream: &mut StreamFile, index: &Index) -> Result<Vec<Place>> {
-    let of_level = |lod: u8| -> Vec<usize> {
-        let leaves = |&i: &usize| index.chunks[i].kind == Kind::Leaves;
-        index.chunks_of_lod(lod).filter(leaves).collect()
-    };
-    let finest = of_level(0);
+    let finest = leaves_of(index, 0);
     let mut places: Vec<Place> =
         finest.iter().map(|&chunk| Place { chunk, coarser: Vec::new() }).collect();
     for lod in 1..=index.coarsest_lod() {
-        let level = of_level(lod);
+        let level = leaves_of(index, lod);
         for (k, &coarse) in level.iter().enumerate() {
             let starts = |c: usize| index.chunks[c].first_cell;
             let inside = |p: &&mut Place| {

@@ -11,6 +11,7 @@ mod encode;
 mod exit;
 mod follow;
 mod format;
+mod glb;
 mod info;
 mod input;
 mod interrupt;
@@ -79,7 +80,7 @@ enum Command {
     /// Compare two models: PSNR and SSIM of their renders, errors of their attributes.
     #[command(after_help = compare::EXAMPLES)]
     Compare(compare::CompareArgs),
-    /// Convert between PLY, glTF, SPZ, SOG and the formats of other tools; streams are read too.
+    /// Convert between PLY, glTF, SPZ, SOG and the formats of other tools; streams are read too, and put into glTF.
     #[command(after_help = convert::more())]
     Convert(convert::ConvertArgs),
     /// Divide a scene that is too large for one machine, for gsvx encode --part.
@@ -88,7 +89,7 @@ enum Command {
     /// Make one stream of the parts of a plan.
     #[command(after_help = join::EXAMPLES)]
     Join(join::JoinArgs),
-    /// Divide a stream into files that PlayCanvas streams by distance.
+    /// Divide a stream into files that PlayCanvas or CesiumJS streams by distance.
     #[command(after_help = lod::EXAMPLES)]
     Lod(lod::LodArgs),
     /// Look at a stream or a model in the browser.

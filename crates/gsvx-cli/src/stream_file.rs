@@ -113,6 +113,15 @@ impl StreamFile {
         Ok(self.reader.held_leaves().iter().map(|l| l.morton + last(l.depth)).collect())
     }
 
+    /// The side of the middle one of the cells of a chunk of leaves, by size.
+    pub(crate) fn middle_cell(&mut self, chunk: usize) -> Result<f64> {
+        self.with(chunk, 1, |reader| reader.hold(chunk, 1))?;
+        let mut depths: Vec<u8> = self.reader.held_leaves().iter().map(|l| l.depth).collect();
+        depths.sort_unstable();
+        let depth = depths.get(depths.len() / 2).copied().unwrap_or_default();
+        Ok(self.index.header.cube.side / (1u64 << depth) as f64)
+    }
+
     /// Does `work` while the reader has the first layers of a chunk.
     fn with<T>(
         &mut self,

@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::{json, ok, one_line, run};
-use gs_model::Scene;
+use common::{json, ok, one_line, report, run, wrong_usage};
+use gs_model::{Format, ReadOptions, Scene};
 use serde_json::Value;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -66,6 +66,69 @@ fn the_places_show_the_whole_scene_at_every_level() {
             assert_eq!(scene.sh, wanted.sh[..leaves * wanted.sh_len()]);
         }
     }
+}
+
+/// The SPZ in a `.glb`, and what its accessors say of the number of Gaussians.
+fn spz(glb: &[u8]) -> (Scene, u64) {
+    let len = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let json: Value = serde_json::from_slice(&glb[20..20 + len]).unwrap();
+    let data = &glb[28 + len..];
+    let length = json["bufferViews"][0]["byteLength"].as_u64().unwrap() as usize;
+    let spz = Format::named("spz").unwrap();
+    let (scene, report) = spz.read("tile", &data[..length], &ReadOptions::default()).unwrap();
+    assert_eq!(report.form, "SPZ, version 3");
+    (scene, json["accessors"][0]["count"].as_u64().unwrap())
+}
+
+/// The Gaussians of a tile and of all below it, which must be in its box and have no larger error.
+fn tiles(node: &Value, web: &Path, finest: &mut usize) {
+    let number = |v: &Value| v.as_f64().unwrap();
+    let volume: Vec<f64> =
+        node["boundingVolume"]["box"].as_array().unwrap().iter().map(number).collect();
+    let half = [volume[3], volume[7], volume[11]];
+    if let Some(uri) = node["content"]["uri"].as_str() {
+        let (scene, count) = spz(&std::fs::read(web.join(uri)).unwrap());
+        assert_eq!(scene.len() as u64, count);
+        for [x, y, z] in scene.means.iter().map(|m| m.map(f64::from)) {
+            for (k, v) in [x, z, -y].into_iter().enumerate() {
+                assert!((v - volume[k]).abs() <= half[k], "{uri}: {x} {y} {z}, {volume:?}");
+            }
+        }
+        if node.get("children").is_none() {
+            assert_eq!(number(&node["geometricError"]), 0.0);
+            *finest += scene.len();
+        }
+    }
+    for child in node["children"].as_array().into_iter().flatten() {
+        assert!(number(&child["geometricError"]) <= number(&node["geometricError"]));
+        tiles(child, web, finest);
+    }
+}
+
+#[test]
+fn three_d_tiles_hold_the_scene_within_their_boxes() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("tiles"));
+    stream(&input, true);
+    let words = ["lod", "@", "-o", "@", "--format", "3dtiles", "--at", "-70.5,12,100"];
+    let (said, heard) = report(&words, &[&input, &web]);
+    assert!(heard.contains("left out: 1 Gaussian farther"), "{heard}");
+    let list: Value =
+        serde_json::from_slice(&std::fs::read(web.join("tileset.json")).unwrap()).unwrap();
+    assert_eq!(list["root"]["transform"].as_array().unwrap().len(), 16);
+    let mut finest = 0;
+    tiles(&list["root"], &web, &mut finest);
+    let whole = at_level(&std::fs::read(&input).unwrap(), 0);
+    assert_eq!(finest, whole.len() - 1);
+    assert!(said["places"].as_u64().unwrap() > 30 && said["levels"].as_u64().unwrap() >= 3);
+    wrong_usage(
+        &run(&["lod", "@", "-o", "@", "--at", "1,2,3"], &[&input, &web]),
+        "--format 3dtiles",
+    );
+    wrong_usage(
+        &run(&["lod", "@", "-o", "@", "--at", "1,99,3"], &[&input, &web]),
+        "LON,LAT,HEIGHT",
+    );
 }
 
 #[test]

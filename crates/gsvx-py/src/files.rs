@@ -34,7 +34,8 @@ fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Option<String>)> {
         return Ok((scene, None));
     }
     let invalid = if drop_invalid { Invalid::Drop } else { Invalid::Error };
-    let options = ReadOptions { invalid, ..Default::default() };
+    let codec = Some(&gsvx::gltf::CODEC);
+    let options = ReadOptions { invalid, codec, ..Default::default() };
     let (scene, report) = gs_model::model::read(path, &options)?;
     let (n, all) = (report.dropped, report.gaussians_in_file);
     let s = if n == 1 { "" } else { "s" };

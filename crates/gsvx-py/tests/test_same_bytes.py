@@ -51,6 +51,16 @@ def test_convert(command, splats, tmp_path, name):
     assert ours.read_bytes() == (tmp_path / name).read_bytes()
 
 
+def test_a_stream_in_gltf_is_read_as_it_decodes(command, splats, tmp_path):
+    stream, model = tmp_path / "room.gsvx", tmp_path / "room.glb"
+    gsvx.compress(stream, splats, quality=40)
+    command("convert", stream, model, "--compress")
+    assert equal(gsvx.read_model(model), gsvx.decompress(stream))
+    model.write_bytes(model.read_bytes().replace(b'"bufferView":0', b'"bufferView":9'))
+    with pytest.raises(gsvx.Error, match="bufferView that is not there"):
+        gsvx.read_model(model)
+
+
 def test_tune(command, splats, tmp_path):
     path = tmp_path / "command.gsvx"
     command("tune", MODEL, "--cameras", ROOM, "-o", path, "--effort", "quick", "--target-bytes", 20_000)

@@ -5,6 +5,9 @@ import type { Covariances, Options, Progress, Source } from './index.js';
 /** The geometry of decoded Gaussians in the layout `covariances`. */
 export function splatGeometry(scene: Covariances): BufferGeometry;
 
+/** The object of decoded Gaussians in the layout `covariances`. */
+export function splatObject(scene: Covariances): GaussianSplat;
+
 /** Loads streams as GaussianSplat objects, which WebGPURenderer draws. */
 export class GSVXLoader extends Loader {
   options: Omit<Options<'covariances'>, 'layout' | 'onChunk'>;

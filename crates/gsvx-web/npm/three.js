@@ -10,7 +10,8 @@ export function splatGeometry({ centers, covariances, colors, sh1, sh2, sh3 }) {
   return createGaussianSplatGeometry(centers, covariances, bytes, { sh1, sh2, sh3 });
 }
 
-function splatObject(scene) {
+/** The object of decoded Gaussians in the layout `covariances`. */
+export function splatObject(scene) {
   const splat = new GaussianSplat(splatGeometry(scene));
   // In r187 objects whose materials have the same key share the buffers of the first.
   const { material } = splat;

@@ -10,6 +10,7 @@ mod decoded_chunk;
 #[cfg(feature = "encode")]
 mod encoder;
 mod error;
+pub mod gltf;
 mod head;
 pub mod importance;
 mod lossless;

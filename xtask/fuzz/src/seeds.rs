@@ -44,7 +44,7 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("ksplat", crate::ksplat, 384, ksplat),
     target("sog", crate::sog, 4096, sog),
     // More coefficients make JSON longer than what is worth trying.
-    target("glb", crate::glb, 2048, || vec![written("glb", 2, 0)]),
+    target("glb", crate::glb, 2048, || vec![written("glb", 2, 0), stream_in_glb()]),
     target("colmap", crate::colmap, 512, colmap),
     target("cameras", crate::cameras, 768, cameras),
     target("gsvx", crate::gsvx, 1024, whole),
@@ -123,6 +123,22 @@ fn written(format: &str, n: usize, degree: u8) -> Vec<u8> {
     let format = gs_model::Format::named(format).expect("a format of the table");
     format.write_to("<seed>", &mut file, &scene(n, degree, 1)).expect("written");
     file
+}
+
+/// A `.glb` that holds a stream.
+fn stream_in_glb() -> Vec<u8> {
+    let (_, data) = &streams()[2];
+    let header = gsvx::Index::parse(data).expect("parsed").header;
+    let file = gs_model::gltf::Compressed {
+        extension: gsvx::gltf::CODEC.extension,
+        data,
+        count: header.count as usize,
+        sh_degree: header.sh_degree,
+        bounds: [[0.0; 3], [1.0; 3]],
+    };
+    let mut out = vec![0];
+    file.write_to("<seed>", &mut out).expect("written");
+    out
 }
 
 /// The meaningful bytes of both headers, then the section: a row of each level.

@@ -112,8 +112,11 @@ fn measured(cache: &Cache, scene: &TestScene, of: &Setting<'_>) -> Result<ToolOu
 /// Reads what a peer decoded. Opacities of 0 and 1 come as infinite logits from codecs of 8-bit
 /// opacities: such Gaussians are transparent or opaque, not broken.
 fn read(path: &Path) -> Result<Scene> {
-    let options =
-        ReadOptions { invalid: Invalid::Drop, clamp_infinite_opacity: Some(CLAMPED_OPACITY_LOGIT) };
+    let options = ReadOptions {
+        invalid: Invalid::Drop,
+        clamp_infinite_opacity: Some(CLAMPED_OPACITY_LOGIT),
+        ..Default::default()
+    };
     Ok(gs_model::ply::read_with(path, &options)?.0)
 }
 

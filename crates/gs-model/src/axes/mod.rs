@@ -5,7 +5,7 @@ mod signs;
 
 use crate::scene::Scene;
 #[cfg(feature = "formats")]
-pub(crate) use signs::{ABOUT_X, ABOUT_Z};
+pub(crate) use signs::{ABOUT_X, ABOUT_Z, Signs};
 
 /// Coordinate axes of scenes. Lengths stay as they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,7 +1,23 @@
 //! The numbers of one attribute.
 
-use super::json::{self, Root};
+use super::json::{self, BufferView, Root};
 use crate::bytes::{float, half_word};
+
+const SHORT: &str = "it promises more than the file holds";
+
+/// The bytes of a view; an error is what is wrong with it.
+pub(super) fn view_bytes<'a>(
+    root: &Root,
+    data: &'a [u8],
+    view: &BufferView,
+) -> Result<&'a [u8], &'static str> {
+    let buffer = root.buffers.get(view.buffer).ok_or("it names a buffer that is not there")?;
+    if view.buffer != 0 || buffer.uri.is_some() {
+        return Err("it has its data in another file; pack all into one .glb");
+    }
+    let end = view.byte_offset.checked_add(view.byte_length).ok_or(SHORT)?;
+    data.get(view.byte_offset..end).ok_or(SHORT)
+}
 
 /// An attribute whose rows are all in the data.
 pub(super) struct Numbers<'a> {
@@ -32,10 +48,7 @@ impl<'a> Numbers<'a> {
         }
         let view = accessor.buffer_view.and_then(|at| root.buffer_views.get(at));
         let view = view.ok_or("it has an accessor without data")?;
-        let buffer = root.buffers.get(view.buffer).ok_or("it names a buffer that is not there")?;
-        if view.buffer != 0 || buffer.uri.is_some() {
-            return Err("it has its data in another file; pack all into one .glb");
-        }
+        let bytes = view_bytes(root, data, view)?;
         let component = accessor.component_type;
         let size = match component {
             json::I8 | json::U8 => 1,
@@ -46,9 +59,6 @@ impl<'a> Numbers<'a> {
         let row =
             size * [("SCALAR", 1), ("VEC3", 3)].iter().find(|t| t.0 == kind).map_or(4, |t| t.1);
         let stride = view.byte_stride.unwrap_or(row).max(row);
-        const SHORT: &str = "it promises more than the file holds";
-        let end = view.byte_offset.checked_add(view.byte_length).ok_or(SHORT)?;
-        let bytes = data.get(view.byte_offset..end).ok_or(SHORT)?;
         let bytes = bytes.get(accessor.byte_offset..).ok_or(SHORT)?;
         // The last row needs no gap after it.
         let before_last = accessor.count.saturating_sub(1).checked_mul(stride).ok_or(SHORT)?;

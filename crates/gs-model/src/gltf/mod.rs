@@ -13,14 +13,24 @@
 //! opacities linear, all as `f32`: log-scales come back to within 2^-22 of their size or of 1, opacities
 //! to within 2^-24. glTF holds no empty scene, and at most 4 GiB.
 //!
-//! Not read: node transforms, compressed primitives, colours in linear light, other kernels, data in
-//! other files. Each is an error that says so.
+//! A primitive may be compressed by an extension of the extension. The reader needs a [`crate::Codec`] for it;
+//! [`Compressed`] writes one.
+//!
+//! Not read: node transforms, primitives that something else compresses, colours in linear light, other kernels,
+//! data in other files. Each is an error that says so.
 
 mod accessor;
+mod coded;
+mod compressed;
 mod container;
+mod document;
 mod json;
 mod read;
+mod spz;
 mod write;
+
+pub use compressed::Compressed;
+pub use spz::write_spz;
 
 use std::path::Path;
 
@@ -37,7 +47,7 @@ pub(crate) static FORMAT: Format = Format {
     write: Some(write::write),
 };
 
-/// Name of the extension, and prefix of its attributes.
+/// Name of the extension of glTF, and prefix of its attributes.
 const EXTENSION: &str = "KHR_gaussian_splatting";
 
 /// The name of an attribute of the extension.

@@ -3,26 +3,28 @@
 use std::path::Path;
 
 use super::accessor::Numbers;
+use super::coded::Coded;
 use super::json::{POINTS, Primitive, Root, SplatExtension};
 use super::{EXTENSION, FORMAT, attribute, container, malformed, sh_attribute};
 use crate::axes::ABOUT_Z;
+use crate::codec::Codec;
 use crate::error::{Error, Result};
-use crate::report::Report;
+use crate::report::{ReadOptions, Report};
 use crate::rows::{self, SH};
 use crate::scene::{Scene, sh_len};
 
 /// Extensions that a file may require.
 const KNOWN: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
-/// Least bytes that a Gaussian takes: every one has a mean of its own.
-const LEAST_BYTES: usize = 3;
+/// Least bytes that a Gaussian takes that is not compressed: every one has a mean of its own.
+const LEAST_BYTES: u64 = 3;
 
 /// Reads a `.glb` file: all primitives with the extension, one after the other.
-pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
+pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
     let (json, data) = container::split(bytes).map_err(|e| malformed(file, "the file", e))?;
     let root: Root =
         serde_json::from_slice(json).map_err(|e| Error::json(file, "a glTF file", e))?;
     check(file, &root)?;
-    let mut parts = Vec::new();
+    let (mut parts, mut places) = (Vec::new(), Vec::new());
     for (m, mesh) in root.meshes.iter().enumerate() {
         for (p, primitive) in mesh.primitives.iter().enumerate() {
             if let Some(splats) = &primitive.extensions.splats {
@@ -30,29 +32,67 @@ pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
                 let bad = |(what, reason): Problem| {
                     malformed(file, &(place.clone() + what.as_str()), reason)
                 };
-                parts.push(Part::of(&root, data, primitive, splats).map_err(bad)?);
+                parts.push(Part::of(&root, data, primitive, splats, options.codec).map_err(bad)?);
+                places.push(place);
             }
         }
     }
     if parts.is_empty() {
         return Err(malformed(file, "the file", format!("no mesh has {EXTENSION}")));
     }
-    let total = parts.iter().try_fold(0usize, |sum, part| sum.checked_add(part.means.count));
-    // Primitives that share their data would claim any amount of memory.
-    if total.is_none_or(|n| n > data.len() / LEAST_BYTES) {
-        return Err(malformed(file, "the meshes", "more Gaussians than the file has data for"));
+    bound(&parts, data.len()).map_err(|why| malformed(file, "the meshes", why))?;
+    let form = form(&parts);
+    let mut scenes = Vec::with_capacity(parts.len());
+    for (part, place) in parts.iter().zip(places) {
+        scenes.push(part.scene().map_err(|why| malformed(file, &place, why))?);
     }
-    let sh_degree = parts.iter().map(Part::sh_degree).max().unwrap_or(0);
-    let mut scene = Scene { sh_degree, ..Scene::default() };
+    Ok((joined(scenes), Report::of(FORMAT.name, form)))
+}
+
+/// Refuses what would claim any amount of memory or time: primitives that share their data.
+fn bound(parts: &[Part<'_>], data_len: usize) -> Result<(), &'static str> {
+    let (mut plain, mut coded, mut coded_len) = (0u64, 0u64, 0u64);
     for part in parts {
-        scene.append(&part.scene());
+        let sum = if part.coded().is_some() { &mut coded } else { &mut plain };
+        *sum = sum.saturating_add(part.len() as u64);
+        coded_len += part.coded().map_or(0, |c| c.data.len() as u64);
     }
-    Ok((scene, Report::of(FORMAT.name, "glTF, KHR_gaussian_splatting")))
+    let codec = parts.iter().find_map(Part::coded).map(|c| c.codec);
+    let most = codec.map_or(0, |codec| (codec.most)(coded_len));
+    let least_len = plain.saturating_mul(LEAST_BYTES).saturating_add(coded_len);
+    if least_len > data_len as u64 || coded > most {
+        return Err("more Gaussians than the file has data for");
+    }
+    Ok(())
+}
+
+/// The form of the file in words.
+fn form(parts: &[Part<'_>]) -> String {
+    match parts.iter().find_map(Part::coded) {
+        Some(coded) => format!("glTF, {EXTENSION}, {}", coded.codec.extension),
+        None => format!("glTF, {EXTENSION}"),
+    }
+}
+
+/// All Gaussians, in order.
+fn joined(mut scenes: Vec<Scene>) -> Scene {
+    if scenes.len() == 1 {
+        return scenes.swap_remove(0);
+    }
+    let sh_degree = scenes.iter().map(|scene| scene.sh_degree).max().unwrap_or(0);
+    let mut all = Scene { sh_degree, ..Scene::default() };
+    scenes.into_iter().for_each(|scene| all.append(&scene));
+    all
 }
 
 /// Refuses what would change the splats and is not read.
 fn check(file: &Path, root: &Root) -> Result<()> {
-    if let Some(name) = root.extensions_required.iter().find(|n| !KNOWN.contains(&n.as_str())) {
+    let splats = || {
+        root.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.extensions.splats.as_ref())
+    };
+    // What compresses a primitive is looked at there.
+    let known = |n: &str| KNOWN.contains(&n) || splats().any(|s| s.extensions.contains_key(n));
+    if let Some(name) = root.extensions_required.iter().find(|n| !known(n)) {
         return Err(malformed(file, "the file", format!("it requires {name}, which is not read")));
     }
     // Nodes that something above them moves.
@@ -83,13 +123,10 @@ fn check(file: &Path, root: &Root) -> Result<()> {
 /// What of a primitive (nothing for the whole of it), and what is wrong with it.
 type Problem = (String, String);
 
-/// The attributes of a primitive, all of one length.
-struct Part<'a> {
-    means: Numbers<'a>,
-    rotations: Numbers<'a>,
-    scales: Numbers<'a>,
-    opacities: Numbers<'a>,
-    sh: Vec<Numbers<'a>>,
+/// A primitive.
+enum Part<'a> {
+    Plain(Attributes<'a>),
+    Coded(Coded<'a>),
 }
 
 impl<'a> Part<'a> {
@@ -98,11 +135,51 @@ impl<'a> Part<'a> {
         data: &'a [u8],
         primitive: &Primitive,
         splats: &SplatExtension,
+        codec: Option<&'static Codec>,
     ) -> Result<Self, Problem> {
-        let whole = |reason: &str| (String::new(), reason.to_owned());
+        let whole = |reason: String| (String::new(), reason);
         if let Some(problem) = not_read(primitive, splats) {
-            return Err(whole(&problem));
+            return Err(whole(problem));
         }
+        match Coded::of(root, data, primitive, splats, codec).map_err(whole)? {
+            Some(coded) => Ok(Self::Coded(coded)),
+            None => Attributes::of(root, data, primitive).map(Self::Plain),
+        }
+    }
+
+    fn coded(&self) -> Option<&Coded<'a>> {
+        match self {
+            Self::Coded(coded) => Some(coded),
+            Self::Plain(_) => None,
+        }
+    }
+
+    fn len(&self) -> usize {
+        match self {
+            Self::Coded(coded) => coded.count,
+            Self::Plain(attributes) => attributes.means.count,
+        }
+    }
+
+    fn scene(&self) -> Result<Scene, String> {
+        match self {
+            Self::Coded(coded) => coded.scene(),
+            Self::Plain(attributes) => Ok(attributes.scene()),
+        }
+    }
+}
+
+/// The attributes of a primitive, all of one length.
+struct Attributes<'a> {
+    means: Numbers<'a>,
+    rotations: Numbers<'a>,
+    scales: Numbers<'a>,
+    opacities: Numbers<'a>,
+    sh: Vec<Numbers<'a>>,
+}
+
+impl<'a> Attributes<'a> {
+    fn of(root: &Root, data: &'a [u8], primitive: &Primitive) -> Result<Self, Problem> {
         let numbers = |name: &str, kind: &str| {
             let bad = |reason: &str| (format!(", {name}"), reason.to_owned());
             let accessor = primitive.attributes.get(name).ok_or_else(|| bad("it is missing"))?;
@@ -121,7 +198,7 @@ impl<'a> Part<'a> {
         };
         let others = [&part.rotations, &part.scales, &part.opacities].into_iter().chain(&part.sh);
         if others.into_iter().any(|numbers| numbers.count != part.means.count) {
-            return Err(whole("its attributes have different lengths"));
+            return Err((String::new(), "its attributes have different lengths".into()));
         }
         Ok(part)
     }
@@ -151,9 +228,6 @@ impl<'a> Part<'a> {
 
 /// What of a primitive is not read.
 fn not_read(primitive: &Primitive, splats: &SplatExtension) -> Option<String> {
-    if let Some(name) = splats.extensions.keys().next() {
-        return Some(format!("it is compressed ({name}), which is not read; decompress it first"));
-    }
     if primitive.mode != POINTS {
         return Some("it is not of mode POINTS".into());
     }

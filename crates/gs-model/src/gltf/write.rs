@@ -1,13 +1,12 @@
 //! Writes `.glb` files.
 
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
-use serde_json::{Value, json};
-
+use super::compressed::empty;
+use super::document::{Document, bound};
 use super::json;
-use super::{EXTENSION, attribute, container, sh_attribute};
+use super::{attribute, container, sh_attribute};
 use crate::axes::ABOUT_Z;
 use crate::error::{Error, Result};
 use crate::math::unit;
@@ -111,48 +110,19 @@ fn colour(scene: &Scene, i: usize) -> [u16; 4] {
 /// Everything before the data.
 fn head(file: &Path, scene: &Scene) -> Result<Vec<u8>> {
     if scene.is_empty() {
-        return Err(Error::unwritable(file, "the model is empty, and glTF has no empty meshes"));
+        return Err(empty(file));
     }
-    let attributes = attributes(scene);
-    let data_len: u64 = attributes.iter().map(|a| (a.size * scene.len()) as u64).sum();
-    let json = root(scene, &attributes, data_len).to_string().into_bytes();
-    let large = "it takes more than 4 GiB, which glTF cannot hold; lower its SH degree";
-    container::head(&json, data_len).ok_or_else(|| Error::unwritable(file, large))
-}
-
-fn root(scene: &Scene, attributes: &[Attribute], data_len: u64) -> Value {
-    let [a, b] = scene.bounds().map(|corner| ABOUT_Z.mean(corner).map(f64::from));
-    let bound = |pick: fn(f64, f64) -> f64| [0, 1, 2].map(|k| pick(a[k], b[k]));
-    let (mut accessors, mut views, mut names) = (Vec::new(), Vec::new(), BTreeMap::new());
-    let mut offset = 0;
-    for (at, attribute) in attributes.iter().enumerate() {
-        let length = attribute.size * scene.len();
-        let mut accessor = json!({ "bufferView": at, "componentType": attribute.component,
-            "count": scene.len(), "type": attribute.kind });
-        if attribute.component != json::F32 {
-            accessor["normalized"] = json!(true);
-        }
+    let mut document = Document::new(scene.len());
+    for (at, attribute) in attributes(scene).into_iter().enumerate() {
+        let length = (attribute.size * scene.len()) as u64;
+        let view = document.view(length, Some(json::ARRAY_BUFFER));
+        let Attribute { name, component, kind, .. } = attribute;
+        let accessor = document.attribute(name, component, kind, Some(view));
         if at == 0 {
-            (accessor["min"], accessor["max"]) = (json!(bound(f64::min)), json!(bound(f64::max)));
+            bound(accessor, scene.bounds(), &ABOUT_Z);
         }
-        names.insert(&attribute.name, at);
-        accessors.push(accessor);
-        views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": length,
-            "target": json::ARRAY_BUFFER }));
-        offset += length;
     }
-    let splats = json!({ "kernel": "ellipse", "colorSpace": "srgb_rec709_display" });
-    let primitive =
-        json!({ "attributes": names, "mode": json::POINTS, "extensions": { EXTENSION: splats } });
-    json!({
-        "asset": { "version": "2.0", "generator": "gsvx" },
-        "extensionsUsed": [EXTENSION],
-        "scene": 0,
-        "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "mesh": 0 }],
-        "meshes": [{ "primitives": [primitive] }],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{ "byteLength": data_len }],
-    })
+    let length = document.length();
+    let large = "it takes more than 4 GiB, which glTF cannot hold; lower its SH degree";
+    container::head(&document.json(None), length).ok_or_else(|| Error::unwritable(file, large))
 }

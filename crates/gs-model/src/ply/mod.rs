@@ -40,7 +40,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["ply"],
     magic: &[b"ply"],
     max_sh_degree: 3,
-    read: read_file,
+    read: |file, bytes, _| read_file(file, bytes),
     write: Some(write::write_all),
 };
 

@@ -33,7 +33,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["sog", "json"],
     magic: &[b"PK"],
     max_sh_degree: 3,
-    read,
+    read: |file, bytes, _| read(file, bytes),
     write: None,
 };
 

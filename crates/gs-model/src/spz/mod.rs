@@ -1,4 +1,4 @@
-//! SPZ files (Niantic): versions 2 to 4 are read, version 4 is written.
+//! SPZ files (Niantic): versions 2 to 4 are read, version 4 is written, and version 3 inside glTF.
 //!
 //! A header (`NGSP`, version, number of Gaussians, SH degree, fractional bits of the positions,
 //! flags), then, each for all Gaussians: positions (3 x 24-bit fixed point), opacities (a byte),
@@ -22,7 +22,7 @@ use std::path::Path;
 use flate2::bufread::GzDecoder;
 
 use layout::SpzLayout;
-pub use write::{MAX_COORDINATE, ShBits, pack};
+pub use write::{MAX_COORDINATE, ShBits, pack, pack_version_3};
 
 use crate::axes::ABOUT_X;
 use crate::bytes::word;
@@ -37,7 +37,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["spz"],
     magic: &[b"\x1f\x8b", MAGIC],
     max_sh_degree: 3,
-    read,
+    read: |file, bytes, _| read(file, bytes),
     write: Some(write::write),
 };
 

@@ -1,13 +1,15 @@
-//! Writes version 4.
+//! Writes version 4, and version 3 for those who read no newer one.
 
 use std::io::Write;
 use std::path::Path;
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use rayon::prelude::*;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
 use super::layout::COLOUR_SCALE;
-use super::{MAGIC, streams};
+use super::{HEADER, MAGIC, streams};
 use crate::axes::ABOUT_X;
 use crate::error::{Error, Result};
 use crate::math::{smallest_three, unit};
@@ -63,15 +65,22 @@ impl<'a> Attribute<'a> {
         Self { size, write: Box::new(write) }
     }
 
-    /// The bytes of all `n` Gaussians, compressed, and their length before.
-    fn compressed(&self, n: usize) -> (usize, Vec<u8>) {
+    /// The bytes of all `n` Gaussians.
+    fn bytes(&self, n: usize) -> Vec<u8> {
         const ROWS: usize = 4096;
         let mut raw = vec![0; self.size * n];
-        raw.par_chunks_mut(self.size * ROWS).enumerate().for_each(|(chunk, part)| {
+        // There may be no higher SH coefficients.
+        raw.par_chunks_mut(self.size.max(1) * ROWS).enumerate().for_each(|(chunk, part)| {
             for (i, out) in part.chunks_exact_mut(self.size).enumerate() {
                 (self.write)(chunk * ROWS + i, out);
             }
         });
+        raw
+    }
+
+    /// The bytes of all `n` Gaussians, compressed, and their length before.
+    fn compressed(&self, n: usize) -> (usize, Vec<u8>) {
+        let raw = self.bytes(n);
         (raw.len(), compress_to_vec(&raw[..], CompressionLevel::Fastest))
     }
 }
@@ -86,20 +95,13 @@ impl<'a> Attribute<'a> {
 /// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
 /// [`Error::Unwritable`] for a coordinate beyond [`MAX_COORDINATE`] or not finite.
 pub fn pack(file: impl AsRef<Path>, scene: &Scene, bits: ShBits) -> Result<Vec<u8>> {
-    let file = file.as_ref();
-    scene.check_shape()?;
-    let n = u32::try_from(scene.len())
-        .map_err(|_| Error::unwritable(file, "SPZ holds at most 2^32 - 1 Gaussians"))?;
-    let fractional_bits = fractional_bits(file, scene)?;
+    let (mut out, fractional_bits) = start(file.as_ref(), scene, 4)?;
     let packed: Vec<(usize, Vec<u8>)> = attributes(scene, fractional_bits, bits)
         .par_iter()
-        .filter(|attribute| attribute.size > 0 && n > 0)
+        .filter(|attribute| attribute.size > 0 && !scene.is_empty())
         .map(|attribute| attribute.compressed(scene.len()))
         .collect();
-    let mut out = MAGIC.to_vec();
-    out.extend(4u32.to_le_bytes());
-    out.extend(n.to_le_bytes());
-    out.extend([scene.sh_degree, fractional_bits, 0, packed.len() as u8]);
+    out.push(packed.len() as u8);
     out.extend((streams::HEADER as u32).to_le_bytes());
     out.extend([0; 12]);
     for (raw, part) in &packed {
@@ -110,6 +112,36 @@ pub fn pack(file: impl AsRef<Path>, scene: &Scene, bits: ShBits) -> Result<Vec<u
         out.extend(part);
     }
     Ok(out)
+}
+
+/// As [`pack`], but of version 3, which is one gzip stream.
+///
+/// # Errors
+/// As [`pack`].
+pub fn pack_version_3(file: impl AsRef<Path>, scene: &Scene, bits: ShBits) -> Result<Vec<u8>> {
+    let file = file.as_ref();
+    let (mut head, fractional_bits) = start(file, scene, 3)?;
+    head.resize(HEADER, 0);
+    let mut zipped = GzEncoder::new(Vec::new(), Compression::default());
+    let io = |e| Error::io(file, "write", e);
+    zipped.write_all(&head).map_err(io)?;
+    for attribute in attributes(scene, fractional_bits, bits) {
+        zipped.write_all(&attribute.bytes(scene.len())).map_err(io)?;
+    }
+    zipped.finish().map_err(io)
+}
+
+/// The header up to its flags, and the fractional bits of positions.
+fn start(file: &Path, scene: &Scene, version: u32) -> Result<(Vec<u8>, u8)> {
+    scene.check_shape()?;
+    let n = u32::try_from(scene.len())
+        .map_err(|_| Error::unwritable(file, "SPZ holds at most 2^32 - 1 Gaussians"))?;
+    let fractional_bits = fractional_bits(file, scene)?;
+    let mut out = MAGIC.to_vec();
+    out.extend(version.to_le_bytes());
+    out.extend(n.to_le_bytes());
+    out.extend([scene.sh_degree, fractional_bits, 0]);
+    Ok((out, fractional_bits))
 }
 
 /// The attributes in file order.

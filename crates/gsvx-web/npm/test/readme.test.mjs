@@ -40,6 +40,7 @@ function show(id, replaces, count, data) {
   },
   { of: 'README.md', with: "from 'gsvx/spark'", after: `${draws} await splats.done;`, draws: true },
   { of: 'README.md', with: "from 'gsvx/three'", after: draws, draws: true, webgpu: true },
+  { of: 'README.md', with: "from 'gsvx/gltf'", after: `camera.rotation.x = Math.PI; ${draws}`, draws: true, webgpu: true },
   {
     of: 'README.md', with: "from 'gsvx/playcanvas'", before: playcanvas,
     after: 'await new Promise((resolve) => asset.ready(resolve));', draws: true,
@@ -65,6 +66,7 @@ before(async () => {
   folder = mkdtempSync(join(tmpdir(), 'gsvx-readme-'));
   mkdirSync(pictures, { recursive: true });
   gsvx('encode', join(root, 'fixtures/room/point_cloud.ply'), '-o', join(folder, 'scene.gsvx'), '--web', '--no-estimate');
+  gsvx('convert', join(folder, 'scene.gsvx'), join(folder, 'scene.glb'), '--compress');
   gsvx('lod', join(folder, 'scene.gsvx'), '-o', join(folder, 'web'));
   server = await serve({
     gsvx: join(import.meta.dirname, '../node_modules/gsvx'),
@@ -93,7 +95,7 @@ function html({ before = '', after, webgpu }, code) {
   const imports = {
     three, 'three/webgpu': three, 'three/tsl': '/engines/three/build/three.tsl.js', 'three/addons/': '/engines/three/examples/jsm/',
     '@sparkjsdev/spark': '/engines/@sparkjsdev/spark/dist/spark.module.js', playcanvas: '/engines/playcanvas/build/playcanvas.mjs',
-    gsvx: '/gsvx/index.js', 'gsvx/spark': '/gsvx/spark.js', 'gsvx/three': '/gsvx/three.js', 'gsvx/playcanvas': '/gsvx/playcanvas.js',
+    gsvx: '/gsvx/index.js', 'gsvx/spark': '/gsvx/spark.js', 'gsvx/three': '/gsvx/three.js', 'gsvx/gltf': '/gsvx/gltf.js', 'gsvx/playcanvas': '/gsvx/playcanvas.js',
   };
   return `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><style>body { margin: 0; background: #000 }</style>
 <script type="importmap">${JSON.stringify({ imports })}</script>

@@ -29,7 +29,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["compressed.ply"],
     magic: super::FORMAT.magic,
     max_sh_degree: 3,
-    read: super::read_file,
+    read: super::FORMAT.read,
     write: Some(write::write),
 };
 

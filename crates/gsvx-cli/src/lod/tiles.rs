@@ -1,0 +1,169 @@
+//! `gsvx lod --format 3dtiles`: a tree of 3D Tiles, as CesiumJS reads it.
+//!
+//! Each chunk becomes a node of the tree. A chunk of a coarse level has as children the finer chunks that replace it. The contents
+//! are glTF with SPZ. Gaussians that are coded exactly are a node without coarser ones; those that lie farther away than
+//! SPZ holds are left out.
+//!
+//! 3D Tiles have z up: `(x, z, -y)` of a stream, whose y points down.
+
+use super::LodArgs;
+use super::site::Site;
+use crate::exit::note;
+use crate::output::{Output, Written, counted};
+use crate::progress::Meter;
+use crate::stream_file::StreamFile;
+use anyhow::Result;
+use gs_model::spz::{MAX_COORDINATE, ShBits};
+use gs_model::{Scene, gltf};
+use gsvx::Index;
+use serde_json::{Value, json};
+
+/// Name of the tree.
+pub(super) const LIST: &str = "tileset.json";
+/// Bits of SH coefficients in SPZ. Niantic's 5 and 4 lose about a decibel against the photos, these a fifth of one.
+const SH_BITS: ShBits = ShBits { degree_1: 6, rest: 6 };
+/// Sides of a cell that a viewer takes for the error of its Gaussian. CesiumJS replaces a node where its error is
+/// larger than 16 pixels, and so where cells are larger than 2.
+const ERROR_OF_CELL: f64 = 8.0;
+
+/// A node, with the axes of 3D Tiles.
+struct Node {
+    uri: String,
+    error: f64,
+    bounds: [[f64; 3]; 2],
+    children: Vec<Node>,
+}
+
+/// Writes the folder. Returns the bytes of all contents.
+pub(super) fn write(args: &LodArgs, stream: &mut StreamFile, site: Option<Site>) -> Result<u64> {
+    let index = stream.index.clone();
+    let progress = Meter::new("chunks", index.chunks.len());
+    let mut tree = Tree { args, stream, index: &index, progress, bytes: 0, left_out: 0 };
+    let coarsest = index.coarsest_lod();
+    let roots = index.chunks_of_lod(coarsest).map(|chunk| tree.node(chunk));
+    let roots: Vec<Node> = roots.filter_map(Result::transpose).collect::<Result<_>>()?;
+    let Tree { bytes, left_out, .. } = tree;
+    if left_out > 0 {
+        let these = counted(left_out, "Gaussian");
+        note(format_args!(
+            "left out: {these} farther than {MAX_COORDINATE} units away, which SPZ does not hold"
+        ));
+    }
+    let list = tileset(&roots, site).to_string();
+    super::write(args, LIST, &[list.as_bytes()])?;
+    Ok(bytes)
+}
+
+/// What nodes are made from.
+struct Tree<'a> {
+    args: &'a LodArgs,
+    stream: &'a mut StreamFile,
+    index: &'a Index,
+    progress: Meter,
+    bytes: u64,
+    /// Gaussians that SPZ does not hold.
+    left_out: usize,
+}
+
+impl Tree<'_> {
+    /// Writes the content of a chunk, and those of all that replace it; none of a chunk that is left out.
+    fn node(&mut self, chunk: usize) -> Result<Option<Node>> {
+        let finer = self.index.finer(chunk).map(|c| self.node(c));
+        let children: Vec<Node> = finer.filter_map(Result::transpose).collect::<Result<_>>()?;
+        let layers = self.index.chunks[chunk].layers.len();
+        let mut scene = self.stream.decode(chunk, layers)?;
+        let held = |m: &[f32; 3]| m.iter().all(|v| v.abs() <= MAX_COORDINATE);
+        let near: Vec<usize> = (0..scene.len()).filter(|&i| held(&scene.means[i])).collect();
+        if near.len() < scene.len() {
+            self.left_out += scene.len() - near.len();
+            scene = scene.select(&near);
+        }
+        if scene.is_empty() {
+            return Ok(None);
+        }
+        let uri = super::file_name(self.index, chunk).replace(".gsvx", ".glb");
+        self.bytes += content(self.args, &uri, &scene)?.bytes;
+        self.progress.inc();
+        let mut bounds = bounds(&scene);
+        children.iter().for_each(|child| widen(&mut bounds, child.bounds));
+        let below = children.iter().map(|child| child.error).fold(0.0, f64::max);
+        let error = match children.is_empty() {
+            true => 0.0,
+            false => below.max(ERROR_OF_CELL * self.stream.middle_cell(chunk)?),
+        };
+        Ok(Some(Node { uri, error, bounds, children }))
+    }
+}
+
+fn content(args: &LodArgs, uri: &str, scene: &Scene) -> Result<Written> {
+    let output = Output::open(&args.output.join(uri), args.force, &[&args.input])?;
+    let name = output.name();
+    output.write(|out| Ok(gltf::write_spz(&name, out, scene, SH_BITS)?))
+}
+
+/// A box around the means, each with the standard deviation of its longest axis on all sides.
+fn bounds(scene: &Scene) -> [[f64; 3]; 2] {
+    let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for (mean, log_scale) in scene.means.iter().zip(&scene.log_scales) {
+        // SPZ holds no larger one.
+        let largest = log_scale.iter().copied().fold(f32::NEG_INFINITY, f32::max).min(6.0);
+        let size = libm::exp(f64::from(largest));
+        let [x, y, z] = mean.map(f64::from);
+        let at = [x, z, -y];
+        widen(&mut all, [at.map(|v| v - size), at.map(|v| v + size)]);
+    }
+    all
+}
+
+fn widen(all: &mut [[f64; 3]; 2], [low, high]: [[f64; 3]; 2]) {
+    for k in 0..3 {
+        all[0][k] = all[0][k].min(low[k]);
+        all[1][k] = all[1][k].max(high[k]);
+    }
+}
+
+/// `tileset.json`.
+fn tileset(roots: &[Node], site: Option<Site>) -> Value {
+    let mut all = roots.first().map_or([[0.0; 3]; 2], |node| node.bounds);
+    roots.iter().for_each(|node| widen(&mut all, node.bounds));
+    // Without the scene everything is missing.
+    let error = (0..3).map(|k| all[1][k] - all[0][k]).map(|v| v * v).sum::<f64>().sqrt();
+    let mut root = json!({
+        "boundingVolume": volume(all),
+        "geometricError": error,
+        "refine": "REPLACE",
+        "children": roots.iter().map(entry).collect::<Vec<_>>(),
+    });
+    if let Some(site) = site {
+        root["transform"] = json!(site.to_earth());
+    }
+    let extensions = ["KHR_gaussian_splatting", "KHR_gaussian_splatting_compression_spz_2"];
+    json!({
+        "asset": { "version": "1.1" },
+        "extensionsUsed": ["3DTILES_content_gltf"],
+        "extensions": { "3DTILES_content_gltf": {
+            "extensionsUsed": extensions, "extensionsRequired": extensions } },
+        "geometricError": error,
+        "root": root,
+    })
+}
+
+fn entry(node: &Node) -> Value {
+    let mut entry = json!({
+        "boundingVolume": volume(node.bounds),
+        "geometricError": node.error,
+        "content": { "uri": node.uri },
+    });
+    if !node.children.is_empty() {
+        entry["children"] = node.children.iter().map(self::entry).collect();
+    }
+    entry
+}
+
+/// A box: its centre, and half of each edge.
+fn volume([low, high]: [[f64; 3]; 2]) -> Value {
+    let middle = [0, 1, 2].map(|k| (low[k] + high[k]) / 2.0);
+    let [x, y, z] = [0, 1, 2].map(|k| (high[k] - low[k]) / 2.0);
+    let [a, b, c] = middle;
+    json!({ "box": [a, b, c, x, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, z] })
+}

@@ -1,0 +1,30 @@
+//! Streams inside glTF: the extension `GSVX_gaussian_splatting_compression`, for readers of gs-model.
+//!
+//! ```no_run
+//! use gs_model::ReadOptions;
+//!
+//! let options = ReadOptions { codec: Some(&gsvx::gltf::CODEC), ..ReadOptions::default() };
+//! let (scene, _) = gs_model::model::read("scene.glb", &options)?;
+//! # Ok::<(), gs_model::Error>(())
+//! ```
+
+use crate::decode::{decode, default_max_gaussians};
+use crate::error::Error;
+use crate::head::Index;
+use gs_model::{Codec, Scene, chain};
+
+/// What decodes primitives of glTF that hold a stream.
+pub static CODEC: Codec = Codec {
+    extension: "GSVX_gaussian_splatting_compression",
+    most: default_max_gaussians,
+    decode: of_primitive,
+};
+
+fn of_primitive(stream: &[u8], count: usize) -> Result<Scene, String> {
+    let in_words = |e: Error| chain(&e);
+    let held = Index::parse(stream).map_err(in_words)?.header.count;
+    if held != count as u64 {
+        return Err(format!("its accessors promise {count} Gaussians, its stream holds {held}"));
+    }
+    decode(stream).map_err(in_words)
+}
