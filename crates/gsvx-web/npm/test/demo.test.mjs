@@ -62,6 +62,10 @@ for (const [name, options] of [['desk', DESK], ['phone', PHONE]]) {
     assert.equal(await bytes(page, 'ply'), ply);
     await page.waitForTimeout(4000);
     await shot(page, `demo-${name}`);
+    if (name === 'phone') {
+      await page.locator('#about summary').tap();
+      await shot(page, 'demo-phone-about');
+    }
     const { width } = options.viewport;
     await page.mouse.move(width / 2, 450);
     await page.mouse.down();
@@ -72,9 +76,10 @@ for (const [name, options] of [['desk', DESK], ['phone', PHONE]]) {
     assert.ok(Math.abs(box.x + box.width / 2 - 0.25 * width) <= 0.01 * width + 1, JSON.stringify(box));
     await page.locator('#divider').press('ArrowRight');
     assert.ok(Math.abs((await split(page)) - 27) <= 1);
-    const outside = await page.evaluate(() => [...document.querySelectorAll('.side, #about, .bytes')].filter((e) => {
+    const outside = await page.evaluate(() => [...document.querySelectorAll('.side, .side *, #about, #title')].filter((e) => {
       const { left, right, top, bottom } = e.getBoundingClientRect();
-      return left < 0 || top < 0 || right > innerWidth || bottom > innerHeight || e.scrollWidth > e.clientWidth + 1;
+      const cut = e.clientWidth && (e.scrollWidth > e.clientWidth || e.scrollHeight > e.clientHeight + 1);
+      return left < 0 || top < 0 || right > innerWidth || bottom > innerHeight || cut;
     }).map((e) => e.id || e.className));
     assert.deepEqual(outside, []);
     assert.deepEqual(quiet(page), []);

@@ -35,12 +35,11 @@ function show() {
 }
 
 function describe() {
-  const times = Math.round(plyBytes / tuned.bytes);
-  $('title').textContent = `${name}: ${size(plyBytes)} as PLY, ${size(tuned.bytes)} here (1/${times})`;
+  $('title').textContent = `${name}: ${size(plyBytes)} as PLY, ${size(tuned.bytes)} tuned`;
   document.title = `gsvx: ${name}`;
   const facts = {
     'left-quality': original.quality, 'left-psnr': original.psnr.toFixed(1), ply: bytes(plyBytes), 'right-quality': tuned.quality,
-    'model-aside': tuned.modelPsnr.toFixed(1), 'right-aside': tuned.psnr.toFixed(1),
+    times: Math.round(plyBytes / tuned.bytes), 'model-psnr': tuned.modelPsnr.toFixed(1), 'right-psnr': tuned.psnr.toFixed(1),
   };
   for (const [id, text] of Object.entries(facts)) $(id).textContent = text;
   $('about').open = !matchMedia('(max-width: 600px)').matches;

@@ -103,7 +103,11 @@ export class Stage {
 
   listen() {
     const divider = $('divider');
-    divider.onpointerdown = (event) => divider.setPointerCapture(event.pointerId);
+    divider.onpointerdown = (event) => {
+      divider.setPointerCapture(event.pointerId);
+      // Or the camera turns instead.
+      event.stopPropagation();
+    };
     divider.onpointermove = (event) => divider.hasPointerCapture(event.pointerId) && this.split((100 * event.clientX) / innerWidth);
     divider.onkeydown = ({ key }) => {
       const step = { ArrowLeft: -2, ArrowRight: 2 }[key];
