@@ -1,9 +1,11 @@
 //! Project tasks: `cargo xtask --help`. A module a task; what they measure is in `eval`.
 
 mod conformance;
+mod demo;
 mod determinism;
 mod fetch;
 mod needs;
+mod npm;
 mod release;
 mod stability;
 mod train;
@@ -18,6 +20,7 @@ use gs_model::chain;
 /// Tasks of this project.
 #[derive(Debug, Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", disable_help_subcommand = true)]
+#[command(help_template = "Usage: {usage}\n\n{subcommands}")]
 struct Cli {
     #[command(subcommand)]
     task: Task,
@@ -59,6 +62,8 @@ enum Task {
     BenchTune(bench::tune::TuneBenchOptions),
     /// The decoder for browsers: npm package, viewer page, tests
     Web(web::WebArgs),
+    /// A page for any web host: a scene as trained and tuned, side by side
+    Demo(demo::DemoArgs),
     /// Whether all packages could be published
     Release(release::ReleaseArgs),
 }
@@ -82,6 +87,7 @@ fn main() -> ExitCode {
         Task::BenchQuality(args) => bench::quality::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),
         Task::Web(args) => web::run(&args),
+        Task::Demo(args) => demo::run(&args),
         Task::Release(args) => release::run(&args),
     };
     match done {

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use zip::ZipArchive;
 
 use crate::needs::{self, Need, WASM};
-use crate::web;
+use crate::npm;
 
 /// Files of the npm package and of the wheel.
 const NPM: &str = include_str!("release/npm.txt");
@@ -52,7 +52,7 @@ fn npm() -> Result<()> {
         eprintln!("SKIPPED: the npm package: {lacking}");
         return Ok(());
     }
-    let tarball = web::package()?;
+    let tarball = npm::package()?;
     let listed = Command::new("tar").arg("-tzf").arg(&tarball).output().context("start tar")?;
     ensure!(listed.status.success(), "{}: not a tarball", tarball.display());
     let listed = String::from_utf8(listed.stdout)?;

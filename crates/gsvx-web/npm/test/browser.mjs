@@ -26,6 +26,22 @@ export async function launch(more = []) {
   });
 }
 
+/** Opens a page that keeps what it writes to the console in `problems`, and what it asks other hosts for in `outside`. */
+export async function open(browser, address, options) {
+  const page = await browser.newPage(options);
+  page.setDefaultTimeout(180000);
+  page.problems = [];
+  page.outside = [];
+  page.on('console', (m) => { if (m.type() === 'error' || m.type() === 'warning') page.problems.push(m.text()); });
+  page.on('pageerror', (e) => page.problems.push(e.message));
+  page.on('request', (r) => { if (!/^(http:\/\/127\.0\.0\.1|blob:|data:|file:)/.test(r.url())) page.outside.push(r.url()); });
+  await page.goto(address);
+  return page;
+}
+
+/** Problems of a page without what drivers in software warn of. */
+export const quiet = (page) => page.problems.filter((p) => !/GPU stall|GL Driver Message|Automatic fallback to software/.test(p));
+
 const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.mjs': 'text/javascript', '.wasm': 'application/wasm', '.png': 'image/png', '.json': 'application/json' };
 
 /**

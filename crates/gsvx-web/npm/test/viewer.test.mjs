@@ -6,7 +6,7 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, afterEach, before, test } from 'node:test';
 import { gunzipSync } from 'node:zlib';
-import { CAMERA, gsvx, launch, missing, nearing, rooms, serve } from './browser.mjs';
+import { CAMERA, gsvx, launch, missing, nearing, open, quiet, rooms, serve } from './browser.mjs';
 
 const skip = missing();
 if (skip) console.error(skip);
@@ -39,23 +39,10 @@ after(async () => {
   if (folder) rmSync(folder, { recursive: true, force: true });
 });
 
-async function page(address, options = {}) {
-  const page = await browser.newPage({ viewport: { width: 800, height: 560 }, ...options });
-  page.setDefaultTimeout(180000);
-  page.problems = [];
-  page.outside = [];
-  page.on('console', (m) => { if (m.type() === 'error' || m.type() === 'warning') page.problems.push(m.text()); });
-  page.on('pageerror', (e) => page.problems.push(e.message));
-  page.on('request', (r) => { if (!/^(http:\/\/127\.0\.0\.1|blob:|data:|file:)/.test(r.url())) page.outside.push(r.url()); });
-  await page.goto(address);
-  return page;
-}
-
+const page = (address, options = {}) => open(browser, address, { viewport: { width: 800, height: 560 }, ...options });
 const local = (query) => `${server.base}/data/viewer.html?${new URLSearchParams(query)}`;
 const loaded = (page) => page.waitForFunction(() => window.gsvx?.slots.length && window.gsvx.slots.every((s) => s.complete), null, { timeout: 120000 });
 const text = (page, id) => page.locator(`#${id}`).innerText();
-/** What drivers in software warn of. */
-const quiet = (page) => page.problems.filter((p) => !/GPU stall|GL Driver Message|Automatic fallback to software/.test(p));
 const shot = async (page, name) => {
   const png = await page.screenshot();
   writeFileSync(join(pictures, `${name}.png`), png);
