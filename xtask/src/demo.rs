@@ -1,4 +1,4 @@
-//! `cargo xtask demo`: a folder for any web host, with a page that shows a scene as trained and as `gsvx tune` makes it.
+//! `cargo xtask demo`: a folder for any web host, with a page that shows streams of a scene, untuned and tuned.
 //!
 //! The page is `demo.html` of `crates/gsvx-web/npm/viewer`; the streams lie beside it.
 
@@ -14,7 +14,7 @@ use crate::npm;
 
 /// Of the stream that stands for the model as trained: differences are hard to see.
 const UNTUNED_QUALITY: &str = "90";
-/// The lowest of docs/results/tune.md at which a quick tune comes within 0.3 dB of the model on each of its scenes.
+/// The lowest of docs/results/tune.md at which a quick tune comes within 0.3 dB of the model on each scene.
 const TUNED_QUALITY: &str = "66";
 
 /// Arguments of `demo`.

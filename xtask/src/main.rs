@@ -62,7 +62,7 @@ enum Task {
     BenchTune(bench::tune::TuneBenchOptions),
     /// The decoder for browsers: npm package, viewer page, tests
     Web(web::WebArgs),
-    /// A page for any web host: a scene as trained and tuned, side by side
+    /// A page for any web host: a scene, untuned and tuned
     Demo(demo::DemoArgs),
     /// Whether all packages could be published
     Release(release::ReleaseArgs),

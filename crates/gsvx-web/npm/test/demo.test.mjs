@@ -64,6 +64,7 @@ for (const [name, options] of [['desk', DESK], ['phone', PHONE]]) {
     await shot(page, `demo-${name}`);
     if (name === 'phone') {
       await page.locator('#about summary').tap();
+      await page.waitForTimeout(500);
       await shot(page, 'demo-phone-about');
     }
     const { width } = options.viewport;

@@ -1,4 +1,4 @@
-// The page of `cargo xtask demo`: a scene as trained and tuned, side by side, and the bytes of both as they arrive.
+// The page of `cargo xtask demo`: a model untuned and tuned, side by side, and the bytes of both as they arrive.
 import { Stage, size } from './stage.js';
 
 /* global FACTS */
@@ -21,7 +21,7 @@ function say(text) {
 function drawn(slot) {
   const count = slot.drawn();
   if (!count) return slot.complete ? 'nothing to show' : 'loading';
-  return `${slot.isCoarse() ? 'coarse level, ' : ''}${numbers.format(count)} Gaussians`;
+  return `${slot.isCoarse() ? 'coarse, ' : ''}${numbers.format(count)} Gaussians`;
 }
 
 function show() {
