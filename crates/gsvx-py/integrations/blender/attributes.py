@@ -17,7 +17,7 @@ def to_mesh(name, splats):
     mesh = bpy.data.meshes.new(name)
     try:
         mesh.vertices.add(len(splats["means"]))
-        mesh.attributes["position"].data.foreach_set("vector", np.ravel(splats["means"]))
+        mesh.vertices.foreach_set("co", np.ravel(splats["means"]))
         for column, values in _columns(splats):
             attribute = mesh.attributes.new(column, "FLOAT", "POINT")
             attribute.data.foreach_set("value", np.ascontiguousarray(values))
@@ -30,7 +30,8 @@ def to_mesh(name, splats):
 
 def _columns(splats):
     # All coefficients of red come first.
-    rest = splats["shN"].transpose(0, 2, 1).reshape(len(splats["means"]), -1)
+    n, coefficients, _ = splats["shN"].shape
+    rest = splats["shN"].transpose(0, 2, 1).reshape(n, 3 * coefficients)
     groups = {"f_dc": splats["sh0"][:, 0], "f_rest": rest, "scale": splats["scales"], "rot": splats["quats"]}
     for group, values in groups.items():
         yield from ((f"{group}_{i}", values[:, i]) for i in range(values.shape[1]))
@@ -47,7 +48,7 @@ def from_mesh(mesh):
     groups = {group: _read(mesh, group, count) for group, count in {**_GROUPS, "f_rest": rest}.items()}
     n = len(mesh.vertices)
     means = np.empty(3 * n, np.float32)
-    mesh.attributes["position"].data.foreach_get("vector", means)
+    mesh.vertices.foreach_get("co", means)
     return {
         "means": means.reshape(n, 3),
         "scales": groups["scale"],

@@ -57,8 +57,7 @@ def _ellipsoids():
     size = nodes.add("ShaderNodeCombineXYZ", *radii).outputs[0]
     turn = nodes.add("FunctionNodeQuaternionToRotation", *[attribute(f"rot_{i}") for i in range(4)])
     ball = nodes.add("GeometryNodeMeshIcoSphere", 1.0, 2).outputs["Mesh"]
-    smooth = nodes.add("GeometryNodeSetShadeSmooth", ball).outputs[0]
-    shaded = nodes.add("GeometryNodeSetMaterial", smooth, None, _material()).outputs[0]
+    shaded = nodes.add("GeometryNodeSetMaterial", ball, None, _material()).outputs[0]
     points = nodes.add("NodeGroupInput").outputs[0]
     instances = nodes.add("GeometryNodeInstanceOnPoints", points)
     for name, socket in (("Instance", shaded), ("Rotation", turn.outputs[0]), ("Scale", size)):
@@ -92,11 +91,21 @@ def _colour(nodes):
 
 
 def _alpha(nodes):
-    """Opacity, with a Gaussian's falloff over the side of the ellipsoid that faces the camera."""
+    """Opacity times the most that the Gaussian has along the ray, on the side that faces the camera."""
     odds = nodes.math("EXPONENT", nodes.math("MULTIPLY", _attribute(nodes, "opacity"), -1.0))
     opacity = nodes.math("DIVIDE", 1.0, nodes.math("ADD", odds, 1.0))
-    facing = nodes.math("SUBTRACT", 1.0, nodes.add("ShaderNodeLayerWeight", 0.5).outputs["Facing"])
-    squared = nodes.math("MULTIPLY_ADD", nodes.math("MULTIPLY", facing, facing), -1.0, 1.0)
+    # In the space of the instance the ellipsoid is a unit sphere.
+    geometry = nodes.add("ShaderNodeNewGeometry").outputs
+    place = nodes.add("ShaderNodeTexCoord").outputs["Object"]
+    local = {"vector_type": "VECTOR", "convert_from": "WORLD", "convert_to": "OBJECT"}
+    ray = nodes.add("ShaderNodeVectorTransform", geometry["Incoming"], **local).outputs[0]
+    ray = nodes.add("ShaderNodeVectorMath", ray, operation="NORMALIZE").outputs["Vector"]
+    along = _dot(nodes, place, ray)
+    squared = nodes.math("SUBTRACT", _dot(nodes, place, place), nodes.math("MULTIPLY", along, along))
     falloff = nodes.math("EXPONENT", nodes.math("MULTIPLY", squared, -RADIUS * RADIUS / 2))
-    front = nodes.math("SUBTRACT", 1.0, nodes.add("ShaderNodeNewGeometry").outputs["Backfacing"])
+    front = nodes.math("SUBTRACT", 1.0, geometry["Backfacing"])
     return nodes.math("MULTIPLY", nodes.math("MULTIPLY", opacity, falloff), front)
+
+
+def _dot(nodes, a, b):
+    return nodes.add("ShaderNodeVectorMath", a, b, operation="DOT_PRODUCT").outputs["Value"]
