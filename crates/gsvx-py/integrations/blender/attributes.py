@@ -29,11 +29,11 @@ def to_mesh(name, splats):
 
 
 def _columns(splats):
-    # All coefficients of red come first.
-    n, coefficients, _ = splats["shN"].shape
-    rest = splats["shN"].transpose(0, 2, 1).reshape(n, 3 * coefficients)
-    groups = {"f_dc": splats["sh0"][:, 0], "f_rest": rest, "scale": splats["scales"], "rot": splats["quats"]}
-    for group, values in groups.items():
+    _, coefficients, channels = splats["shN"].shape
+    for i in range(coefficients * channels):
+        # All coefficients of red come first.
+        yield f"f_rest_{i}", splats["shN"][:, i % coefficients, i // coefficients]
+    for group, values in (("f_dc", splats["sh0"][:, 0]), ("scale", splats["scales"]), ("rot", splats["quats"])):
         yield from ((f"{group}_{i}", values[:, i]) for i in range(values.shape[1]))
     yield "opacity", splats["opacities"]
 
@@ -51,18 +51,18 @@ def from_mesh(mesh):
     mesh.vertices.foreach_get("co", means)
     return {
         "means": means.reshape(n, 3),
-        "scales": groups["scale"],
-        "quats": groups["rot"],
+        "scales": groups["scale"].T,
+        "quats": groups["rot"].T,
         "opacities": _column(mesh, "opacity"),
-        "sh0": groups["f_dc"][:, None],
-        "shN": groups["f_rest"].reshape(n, 3, rest // 3).transpose(0, 2, 1),
+        "sh0": groups["f_dc"].T[:, None],
+        "shN": groups["f_rest"].reshape(3, rest // 3, n).transpose(2, 1, 0),
     }
 
 
 def _read(mesh, group, count):
-    values = np.empty((len(mesh.vertices), count), np.float32)
+    values = np.empty((count, len(mesh.vertices)), np.float32)
     for i in range(count):
-        values[:, i] = _column(mesh, f"{group}_{i}")
+        values[i] = _column(mesh, f"{group}_{i}")
     return values
 
 

@@ -12,14 +12,14 @@ def turned(splats, matrix):
         return splats
     scale, rotation = _parts(matrix[:3, :3])
     means = splats["means"] @ matrix[:3, :3].T + matrix[:3, 3]
-    sh = _sh_rotation(rotation, splats["shN"].shape[1])
+    sh = _sh_rotation(rotation, splats["shN"].shape[1]).astype(np.float32)
     turned = {
         "means": means,
         "scales": splats["scales"] + np.log(scale),
         "quats": splats["quats"] @ _product(_quaternion(rotation)).T,
         "opacities": splats["opacities"],
         "sh0": splats["sh0"],
-        "shN": sh.astype(np.float32) @ splats["shN"],
+        "shN": np.tensordot(sh, splats["shN"], (1, 1)).transpose(1, 0, 2),
     }
     return {name: array.astype(np.float32, copy=False) for name, array in turned.items()}
 
