@@ -39,6 +39,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<()> {
 
 /// Writes the page and both streams of a scene into a folder.
 pub(crate) fn make(scene: &str, out: &Path) -> Result<()> {
+    npm::needed()?;
     let files = scenes::find(scene)?;
     std::fs::create_dir_all(out).with_context(|| format!("{}: not made", out.display()))?;
     let model = files.dataset.model_path.as_path();

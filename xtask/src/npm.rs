@@ -13,10 +13,15 @@ pub(crate) fn folder() -> PathBuf {
     eval::scenes::root().join("crates/gsvx-web/npm")
 }
 
+/// Looks for what building the decoder and running the scripts needs.
+pub(crate) fn needed() -> Result<()> {
+    needs::all(&[Need::Target(WASM), Need::Node])
+}
+
 /// Runs a script that makes a page, with the decoder that reads models too.
 pub(crate) fn page(name: &str, arguments: &[&Path]) -> Result<()> {
     let npm = folder();
-    needs::all(&[Need::Target(WASM), Need::Node])?;
+    needed()?;
     dev_dependencies(&npm)?;
     decoder(&["page"], &npm.join("viewer/wasm"))?;
     script(&npm, name, arguments, &[])

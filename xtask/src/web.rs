@@ -7,8 +7,8 @@ use anyhow::Result;
 use eval::scenes::DEFAULT;
 
 use crate::demo;
-use crate::needs::{self, CHROMIUM, Need, WASM};
-use crate::npm::{dev_dependencies, folder, package, page, script};
+use crate::needs::{self, CHROMIUM};
+use crate::npm::{dev_dependencies, folder, needed, package, page, script};
 
 /// Arguments of `web`.
 #[derive(clap::Args, Debug)]
@@ -16,7 +16,7 @@ pub(crate) struct WebArgs {
     /// Make the viewer page too.
     #[arg(long)]
     page: bool,
-    /// Test the packed package in Node, and the adapters and the page in Chromium.
+    /// Test the packed package in Node, and the adapters and the pages in Chromium.
     #[arg(long)]
     test: bool,
     /// Measure in Chromium and write docs/results/web.md.
@@ -27,7 +27,7 @@ pub(crate) struct WebArgs {
 /// Builds, and does what else is asked for.
 pub(crate) fn run(args: &WebArgs) -> Result<()> {
     let npm = folder();
-    needs::all(&[Need::Target(WASM), Need::Node])?;
+    needed()?;
     if args.bench {
         CHROMIUM.get()?;
     } else if args.test
@@ -47,9 +47,11 @@ pub(crate) fn run(args: &WebArgs) -> Result<()> {
         let mut tools = vec![("GSVX_BIN", eval::gsvx_command()?)];
         tools.extend(needs::chromium().map(|path| ("CHROMIUM", path)));
         if args.test {
-            let demo = eval::scenes::root().join("out/web/demo");
-            demo::make(DEFAULT, &demo)?;
-            tools.push(("GSVX_DEMO", demo));
+            if needs::chromium().is_some() {
+                let demo = eval::scenes::root().join("out/web/demo");
+                demo::make(DEFAULT, &demo)?;
+                tools.push(("GSVX_DEMO", demo));
+            }
             script(&npm, "test/run.mjs", &[&tarball], &tools)?;
         }
         if args.bench {
