@@ -102,9 +102,13 @@ pub(crate) fn run(args: &TrainArgs) -> Result<()> {
 
 /// Photos, with what is to be said of them.
 fn photos(dir: &Path, views: &[View]) -> Result<Vec<finetune::TrainView>> {
+    if views.is_empty() {
+        bail!("{}: every {HOLD_OUT_EVERY}th photo is held out, none is left", dir.display());
+    }
     let read = tune::photos(dir, views)?;
     if read.views.is_empty() {
-        bail!("{}: no photos to train from", dir.display());
+        let images = dir.join("images");
+        bail!("{}: none of the photos that the cameras name is there", images.display());
     }
     read.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
     Ok(read.views)

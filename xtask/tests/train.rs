@@ -68,7 +68,7 @@ fn one_view_is_held_out_and_nothing_is_left_to_train_on() {
     let lines: Vec<&str> = text.lines().filter(|l| !l.starts_with('#')).take(2).collect();
     fs::write(&list, lines.join("\n") + "\n").unwrap();
     let said = refused(scene.path(), "5000");
-    assert!(said.contains("no photos to train from"), "{said}");
+    assert!(said.contains("none is left"), "{said}");
 }
 
 #[test]
