@@ -1,23 +1,14 @@
 // The adapters in Chromium: pictures beside those of `gsvx render`, failures, and what is left behind.
 import assert from 'node:assert/strict';
-import { mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from 'node:fs';
-import { tmpdir } from 'node:os';
+import { readFileSync, statSync, writeFileSync } from 'node:fs';
 import { basename, join } from 'node:path';
-import { after, afterEach, before, test } from 'node:test';
-import { CAMERA, alike, gsvx, launch, missing, nearing, psnr, rooms, serve } from './browser.mjs';
+import { afterEach, test } from 'node:test';
+import { CAMERA, alike, browser, closePages, folder, gsvx, missing, nearing, pictures, psnr, rooms, server, setUp } from './browser.mjs';
 
 const skip = missing();
-if (skip) console.error(skip);
-const pictures = join(process.env.GSVX_ROOT, 'out/web/pictures');
-let folder;
-let server;
-let browser;
 let reference;
 
-before(async () => {
-  if (skip) return;
-  folder = mkdtempSync(join(tmpdir(), 'gsvx-adapters-'));
-  mkdirSync(pictures, { recursive: true });
+setUp(skip, async () => {
   const stream = join(folder, 'room.gsvx');
   gsvx('encode', join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply'), '-o', stream, '--web');
   writeFileSync(join(folder, 'cameras.json'), JSON.stringify([CAMERA]));
@@ -26,21 +17,8 @@ before(async () => {
   writeFileSync(join(pictures, 'reference.png'), reference);
   await rooms(join(folder, 'rooms.gsvx'));
   writeFileSync(join(folder, 'model.gsvx'), readFileSync(join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply')));
-  server = await serve({
-    gsvx: join(import.meta.dirname, '../node_modules/gsvx'),
-    engines: join(process.env.GSVX_NPM, 'node_modules'),
-    pages: join(import.meta.dirname, 'pages'),
-    data: folder,
-  });
-  browser = await launch();
 });
-// A test that failed leaves its page open.
-afterEach(() => Promise.all((browser?.contexts() ?? []).flatMap((c) => c.pages()).map((p) => p.close())));
-after(async () => {
-  await browser?.close();
-  await server?.close();
-  if (folder) rmSync(folder, { recursive: true, force: true });
-});
+afterEach(closePages);
 
 /** Opens the page of an engine on a file; console errors fail the test. */
 async function open(engine, file, { before = () => {}, options } = {}) {

@@ -1,12 +1,52 @@
 // Chromium and a file server for the tests that need a browser.
 import { createServer } from 'node:http';
-import { existsSync, readFileSync, statSync } from 'node:fs';
+import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, statSync } from 'node:fs';
 import { spawnSync } from 'node:child_process';
 import { createRequire } from 'node:module';
+import { tmpdir } from 'node:os';
 import { extname, join, normalize } from 'node:path';
+import { after, before } from 'node:test';
 import { pathToFileURL } from 'node:url';
 
 const npm = process.env.GSVX_NPM;
+
+/** Where pictures go that people look at. */
+export const pictures = join(process.env.GSVX_ROOT, 'out/web/pictures');
+/** What the tests of a file have after `setUp`: a folder, a server of it and of the package, and a browser. */
+export let folder;
+export let server;
+export let browser;
+
+/**
+ * Before the tests of a file: `prepare` fills the folder, which is served as `data` and removed at the end, and may
+ * return more folders by name; `ready` runs when the browser is there. `skip` is false, or why the tests cannot run.
+ */
+export function setUp(skip, prepare, ready = () => {}) {
+  if (skip) console.error(skip);
+  before(async () => {
+    if (skip) return;
+    mkdirSync(pictures, { recursive: true });
+    folder = mkdtempSync(join(tmpdir(), 'gsvx-web-'));
+    const more = await prepare();
+    server = await serve({
+      gsvx: join(import.meta.dirname, '../node_modules/gsvx'),
+      engines: join(npm, 'node_modules'),
+      pages: join(import.meta.dirname, 'pages'),
+      data: folder,
+      ...more,
+    });
+    browser = await launch();
+    await ready();
+  });
+  after(async () => {
+    await browser?.close();
+    await server?.close();
+    if (folder) rmSync(folder, { recursive: true, force: true });
+  });
+}
+
+/** Closes the pages that a test which failed leaves open. */
+export const closePages = () => Promise.all((browser?.contexts() ?? []).flatMap((c) => c.pages()).map((p) => p.close()));
 
 /** Why the tests here cannot run; false if they can. */
 export function missing() {

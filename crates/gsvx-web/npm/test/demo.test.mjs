@@ -1,39 +1,23 @@
 // The page of `cargo xtask demo` for the room, in Chromium.
 import assert from 'node:assert/strict';
-import { mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from 'node:fs';
-import { tmpdir } from 'node:os';
+import { readFileSync, statSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
-import { after, afterEach, before, test } from 'node:test';
+import { afterEach, test } from 'node:test';
 import { pathToFileURL } from 'node:url';
-import { CAMERA, gsvx, launch, missing, nearing, open, psnr, quiet, serve } from './browser.mjs';
+import { CAMERA, browser, closePages, folder, gsvx, missing, nearing, open, pictures, psnr, quiet, server, setUp } from './browser.mjs';
 
 const skip = missing() || (!process.env.GSVX_DEMO && 'SKIPPED: GSVX_DEMO does not name the folder of the demo');
-if (skip) console.error(skip);
 const demo = process.env.GSVX_DEMO;
-const pictures = join(process.env.GSVX_ROOT, 'out/web/pictures');
 const FILES = ['original.gsvx', 'tuned.gsvx'];
 const DESK = { viewport: { width: 1440, height: 900 } };
 const PHONE = { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, deviceScaleFactor: 1 };
-let folder;
-let server;
-let browser;
 
-before(async () => {
-  if (skip) return;
-  mkdirSync(pictures, { recursive: true });
-  folder = mkdtempSync(join(tmpdir(), 'gsvx-demo-'));
+setUp(skip, async () => {
   writeFileSync(join(folder, 'cameras.json'), JSON.stringify([CAMERA]));
   for (const name of FILES) gsvx('render', join(demo, name), '--cameras', join(folder, 'cameras.json'), '-o', join(folder, `${name}.png`));
-  server = await serve({ demo });
-  browser = await launch();
+  return { demo };
 });
-// A test that failed leaves its page open.
-afterEach(() => Promise.all((browser?.contexts() ?? []).flatMap((c) => c.pages()).map((p) => p.close())));
-after(async () => {
-  await browser?.close();
-  await server?.close();
-  if (folder) rmSync(folder, { recursive: true, force: true });
-});
+afterEach(closePages);
 
 const address = () => `${server.base}/demo/index.html`;
 const loaded = (page) => page.waitForFunction(() => window.gsvx?.slots.length === 2 && window.gsvx.slots.every((s) => s.complete), null, { timeout: 120000 });

@@ -1,15 +1,12 @@
 // What `gsvx convert` writes as glTF: Khronos' validator, and three.js beside `gsvx render`.
 import assert from 'node:assert/strict';
-import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { readFileSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
-import { tmpdir } from 'node:os';
 import { join } from 'node:path';
-import { after, before, test } from 'node:test';
-import { CAMERA, alike, gsvx, launch, missing, nearing, serve } from './browser.mjs';
+import { test } from 'node:test';
+import { CAMERA, alike, browser, folder, gsvx, missing, nearing, pictures, server, setUp } from './browser.mjs';
 
 const skip = missing();
-if (skip) console.error(skip);
-const pictures = join(process.env.GSVX_ROOT, 'out/web/pictures');
 const COMPRESSION = 'GSVX_gaussian_splatting_compression';
 const EXTENSIONS = '/meshes/0/primitives/0/extensions/KHR_gaussian_splatting/extensions';
 
@@ -17,30 +14,14 @@ const EXTENSIONS = '/meshes/0/primitives/0/extensions/KHR_gaussian_splatting/ext
 const ATTRIBUTES = ['ROTATION', 'SCALE', 'OPACITY', ...[1, 3, 5, 7].flatMap((count, degree) =>
   Array.from({ length: count }, (_, i) => `SH_DEGREE_${degree}_COEF_${i}`))];
 
-let folder;
-let server;
-let browser;
 const at = (name) => join(folder, name);
 
-before(async () => {
-  if (skip) return;
-  folder = mkdtempSync(join(tmpdir(), 'gsvx-gltf-'));
-  mkdirSync(pictures, { recursive: true });
+setUp(skip, async () => {
   const room = join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply');
   writeFileSync(at('cameras.json'), JSON.stringify([CAMERA]));
   gsvx('convert', room, at('room.glb'));
   gsvx('convert', room, at('compressed.glb'), '--compress');
   for (const name of ['room', 'compressed']) gsvx('render', at(`${name}.glb`), '--cameras', at('cameras.json'), '-o', at(`${name}.png`));
-  server = await serve({
-    gsvx: join(import.meta.dirname, '../node_modules/gsvx'), engines: join(process.env.GSVX_NPM, 'node_modules'),
-    pages: join(import.meta.dirname, 'pages'), data: folder,
-  });
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.close();
-  if (folder) rmSync(folder, { recursive: true, force: true });
 });
 
 /** Opens a file in three.js; returns the page, whose `log` has what the console says. */

@@ -1,33 +1,20 @@
 // What is left in Chromium of decodings that were cancelled or failed: no worker, no memory.
 import assert from 'node:assert/strict';
-import { cpSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
-import { tmpdir } from 'node:os';
+import { cpSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
-import { after, before, test } from 'node:test';
-import { launch, missing, serve } from './browser.mjs';
+import { test } from 'node:test';
+import { browser, folder, missing, server, setUp } from './browser.mjs';
 
 const skip = missing();
-if (skip) console.error(skip);
-let folder;
-let server;
-let browser;
 let page;
 
-before(async () => {
-  if (skip) return;
-  folder = mkdtempSync(join(tmpdir(), 'gsvx-leaks-'));
+setUp(skip, async () => {
   cpSync(join(process.env.GSVX_ROOT, 'fixtures/streams'), folder, { recursive: true });
   writeFileSync(join(folder, 'text.gsvx'), 'this is no stream, but text');
-  server = await serve({ gsvx: join(import.meta.dirname, '../node_modules/gsvx'), pages: join(import.meta.dirname, 'pages'), data: folder });
-  browser = await launch();
+}, async () => {
   page = await browser.newPage();
   await page.goto(`${server.base}/pages/decode.html`);
   await page.waitForFunction(() => window.ready);
-});
-after(async () => {
-  await browser?.close();
-  await server?.close();
-  if (folder) rmSync(folder, { recursive: true, force: true });
 });
 
 /** Does something a few times; the growth of memory from after the first. */

@@ -1,15 +1,12 @@
 // The examples of the READMEs, as they stand there, run in Chromium.
 import assert from 'node:assert/strict';
-import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
-import { tmpdir } from 'node:os';
+import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
-import { after, before, test } from 'node:test';
-import { gsvx, launch, missing, serve } from './browser.mjs';
+import { test } from 'node:test';
+import { browser, folder, gsvx, missing, pictures, server, setUp } from './browser.mjs';
 
 const skip = missing();
-if (skip) console.error(skip);
 const root = process.env.GSVX_ROOT;
-const pictures = join(root, 'out/web/pictures');
 
 /** What each example has in common with its page: what it finds there, and what is looked at afterwards. */
 const draws = 'renderer.setSize(480, 320); document.body.append(renderer.domElement);';
@@ -58,28 +55,10 @@ app.root.addChild(entity);`,
   { of: '../../../README.md', with: "from 'gsvx/spark'", before: threeScene, after: draws, draws: true },
 ];
 
-let folder;
-let server;
-let browser;
-before(async () => {
-  if (skip) return;
-  folder = mkdtempSync(join(tmpdir(), 'gsvx-readme-'));
-  mkdirSync(pictures, { recursive: true });
+setUp(skip, async () => {
   gsvx('encode', join(root, 'fixtures/room/point_cloud.ply'), '-o', join(folder, 'scene.gsvx'), '--web', '--no-estimate');
   gsvx('convert', join(folder, 'scene.gsvx'), join(folder, 'scene.glb'), '--compress');
   gsvx('lod', join(folder, 'scene.gsvx'), '-o', join(folder, 'web'));
-  server = await serve({
-    gsvx: join(import.meta.dirname, '../node_modules/gsvx'),
-    engines: join(process.env.GSVX_NPM, 'node_modules'),
-    pages: join(import.meta.dirname, 'pages'),
-    data: folder,
-  });
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.close();
-  if (folder) rmSync(folder, { recursive: true, force: true });
 });
 
 const blocks = (file) => [...readFileSync(join(process.env.GSVX_NPM, file), 'utf8').matchAll(/```js\n(.*?)```/gs)].map((m) => m[1]);

@@ -1,31 +1,15 @@
 // What `gsvx lod --format 3dtiles` writes, in CesiumJS, from near and from afar.
 import assert from 'node:assert/strict';
-import { mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, statSync, writeFileSync } from 'node:fs';
-import { tmpdir } from 'node:os';
+import { readFileSync, readdirSync, statSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
-import { after, before, test } from 'node:test';
-import { CAMERA, gsvx, launch, missing, nearing, rooms, serve } from './browser.mjs';
+import { test } from 'node:test';
+import { CAMERA, browser, folder, gsvx, missing, nearing, pictures, rooms, server, setUp } from './browser.mjs';
 
 const skip = missing();
-if (skip) console.error(skip);
-const pictures = join(process.env.GSVX_ROOT, 'out/web/pictures');
-let folder;
-let server;
-let browser;
 
-before(async () => {
-  if (skip) return;
-  folder = mkdtempSync(join(tmpdir(), 'gsvx-tiles-'));
-  mkdirSync(pictures, { recursive: true });
+setUp(skip, async () => {
   await rooms(join(folder, 'rooms.gsvx'));
   gsvx('lod', join(folder, 'rooms.gsvx'), '-o', join(folder, 'tiles'), '--format', '3dtiles', '--at', '2.2945,48.8582,35');
-  server = await serve({ engines: join(process.env.GSVX_NPM, 'node_modules'), pages: join(import.meta.dirname, 'pages'), data: folder });
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.close();
-  if (folder) rmSync(folder, { recursive: true, force: true });
 });
 
 /** What the camera sees, beside `gsvx render` of a model: the PSNR, and the tiles that were fetched and their bytes. */

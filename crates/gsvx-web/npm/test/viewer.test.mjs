@@ -1,26 +1,18 @@
 // The viewer page in Chromium, served by `gsvx view` and opened by itself.
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
-import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
-import { after, afterEach, before, test } from 'node:test';
+import { afterEach, test } from 'node:test';
 import { gunzipSync } from 'node:zlib';
-import { CAMERA, gsvx, launch, missing, nearing, open, quiet, rooms, serve } from './browser.mjs';
+import { CAMERA, browser, closePages, folder, gsvx, missing, nearing, open, pictures, quiet, rooms, server, setUp } from './browser.mjs';
 
 const skip = missing();
-if (skip) console.error(skip);
 const root = process.env.GSVX_ROOT;
-const pictures = join(root, 'out/web/pictures');
 const room = join(root, 'fixtures/room/point_cloud.ply');
-let folder;
-let server;
-let browser;
 
-before(async () => {
-  if (skip) return;
-  mkdirSync(pictures, { recursive: true });
-  folder = mkdtempSync(join(tmpdir(), 'gsvx-viewer-'));
+setUp(skip, async () => {
   gsvx('encode', room, '-o', join(folder, 'room.gsvx'), '--web');
   gsvx('convert', room, join(folder, 'room.spz'));
   gsvx('convert', room, join(folder, 'room.splat'));
@@ -28,16 +20,8 @@ before(async () => {
   for (const name of ['room.gsvx', 'room.spz']) gsvx('render', join(folder, name), '--cameras', join(folder, 'cameras.json'), '-o', join(folder, `${name}.png`));
   writeFileSync(join(folder, 'text.gsvx'), 'this is no stream, but text');
   writeFileSync(join(folder, 'viewer.html'), gunzipSync(readFileSync(join(root, 'crates/gsvx-cli/view/index.html.gz'))));
-  server = await serve({ data: folder });
-  browser = await launch();
 });
-// A test that failed leaves its page open.
-afterEach(() => Promise.all((browser?.contexts() ?? []).flatMap((c) => c.pages()).map((p) => p.close())));
-after(async () => {
-  await browser?.close();
-  await server?.close();
-  if (folder) rmSync(folder, { recursive: true, force: true });
-});
+afterEach(closePages);
 
 const page = (address, options = {}) => open(browser, address, { viewport: { width: 800, height: 560 }, ...options });
 const local = (query) => `${server.base}/data/viewer.html?${new URLSearchParams(query)}`;
