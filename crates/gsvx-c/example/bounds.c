@@ -25,7 +25,7 @@ int main(int count, char **arguments) {
         return 2;
     }
     gsvx_message why = {"the file is truncated"};
-    gsvx_options y_up = {GSVX_AXES_Y_UP, 3, 0};
+    gsvx_options y_up = {GSVX_AXES_Y_UP, 0, 0};
     gsvx_stream *stream = NULL;
     gsvx_info info;
     gsvx_status status = gsvx_open(&y_up, &stream, &why);

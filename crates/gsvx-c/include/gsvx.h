@@ -9,7 +9,8 @@
  *   1. gsvx_open, then gsvx_give with offset 0 and all bytes.
  *   2. gsvx_get_info: the number of chunks, and the SH degree d.
  *   3. For each chunk: gsvx_decode with d + 1 layers, then gsvx_copy once for each array that is wanted.
- *      Where gsvx_info.levels is above 1, take the chunks of one level: gsvx_get_chunk tells which.
+ *      Where gsvx_info.levels is above 1, take one level L: the chunks of which gsvx_get_chunk says `level == L` or
+ *      `exact`.
  *   4. gsvx_close.
  *
  * To decode a stream that arrives in parts, from a file or a server:
@@ -17,9 +18,9 @@
  *   1. gsvx_open. Ask gsvx_needs with 0 layers, fetch that range, pass it to gsvx_give; repeat until the range is
  *      empty. Two requests suffice.
  *   2. gsvx_get_info and gsvx_get_chunk tell what there is and where in space. Chunks of coarse levels come first.
- *   3. For each chunk that is wanted: gsvx_needs, fetch, gsvx_give until the range is empty; gsvx_decode, gsvx_copy,
- *      gsvx_forget. Base layers alone (layers = 1) show the scene without view dependence; ask for more layers of
- *      the same chunk later.
+ *   3. For each chunk that is wanted: gsvx_needs, fetch, gsvx_give until the range is empty; gsvx_decode, gsvx_copy.
+ *      Base layers alone (layers = 1) show the scene without view dependence; ask for more layers of the same chunk
+ *      later. gsvx_forget when no more of it is wanted.
  *
  * Errors. Functions return a gsvx_status. `message`, the last argument, gets one line of text about it; it may be
  * NULL. After an error nothing is written to other results, unless a function says otherwise.
@@ -31,8 +32,8 @@
  * wait for each other; as a stream holds one decoded chunk, let one thread at a time decode and copy. To decode chunks
  * of a file on several threads, open the stream once on each.
  *
- * Hostile streams give an error, or Gaussians that mean nothing. They cost no more memory than gsvx_options allows.
- * Where memory runs out the process ends.
+ * Hostile streams give an error, or Gaussians that mean nothing. The memory of a call is bounded by the bytes that
+ * were given and by gsvx_options. Where memory runs out the process ends.
  */
 
 
@@ -52,7 +53,7 @@ typedef enum {
   GSVX_STATUS_NOT_GSVX = 1,
   // A stream of another version of the format.
   GSVX_STATUS_VERSION = 2,
-  // Bytes that the call needs have not been given. A file of which all bytes have been given is truncated.
+  // Bytes that the call needs have not been given. If there are no more, the file is truncated.
   GSVX_STATUS_TRUNCATED = 3,
   // The stream is damaged.
   GSVX_STATUS_DAMAGED = 4,
@@ -73,14 +74,15 @@ typedef enum {
 typedef enum {
   // 3 floats: x, y, z.
   GSVX_ARRAY_MEANS = 0,
-  // 4 floats: a quaternion w, x, y, z. Its length need not be 1.
+  // 4 floats: a quaternion w, x, y, z. In exact chunks its length need not be 1.
   GSVX_ARRAY_ROTATIONS = 1,
   // 3 floats: natural logarithms of the standard deviations along the Gaussian's axes.
   GSVX_ARRAY_LOG_SCALES = 2,
   // 1 float: the opacity before the sigmoid.
   GSVX_ARRAY_OPACITY_LOGITS = 3,
   // 3 (d + 1)^2 floats: coefficient after coefficient of the spherical harmonics (SH), each red, green, blue, in
-  // the order and with the signs of 3DGS. The first is degree 0, the base colour.
+  // the order and with the signs of 3DGS. The first is degree 0: the base colour is 0.5 + 0.28209479 times it. PLY
+  // files have degree 0 as f_dc, and as f_rest all further coefficients of red, then of green, then of blue.
   GSVX_ARRAY_SH = 4,
   // 3 floats: standard deviations along the Gaussian's axes.
   GSVX_ARRAY_SCALES = 5,
@@ -134,14 +136,15 @@ typedef enum {
 // `gsvx_close` frees it. Functions take it as const because they may be called on several threads; they change it.
 typedef struct gsvx_stream gsvx_stream;
 
-// How a stream is decoded. Without options the axes are those stored, and all SH degrees are decoded.
+// How a stream is decoded. 0 is the default of each option; NULL stands for all defaults.
 typedef struct {
-  // Axes of everything that comes out: one of `gsvx_axes`.
+  // Axes of all that comes out, bounds included: one of `gsvx_axes`.
   uint32_t axes;
-  // Highest SH degree that is wanted, 0 to 3. Layers above it are never asked for.
-  uint32_t max_sh_degree;
-  // Most Gaussians that a chunk may have. 0 is the default: 1024 for each byte of the chunk and 131072 more, which
-  // no honest stream exceeds. Bounds the memory that a hostile one can take.
+  // Most SH coefficients for each colour channel: 1 (base colours alone), 4, 9 or 16. Layers with more are never
+  // asked for. 0 stands for all there are.
+  uint32_t max_sh_coefficients;
+  // Most Gaussians that a chunk may have. Bounds the memory that a hostile stream can take. 0 stands for 1024 for
+  // each byte of the chunk and 131072 more, which no honest stream exceeds.
   uint64_t max_gaussians;
 } gsvx_options;
 
@@ -161,19 +164,20 @@ typedef struct {
 
 // What holds for the whole stream.
 typedef struct {
-  // Gaussians of the finest level of detail.
+  // Gaussians of the finest level of detail, those of exact chunks included.
   uint64_t gaussians;
-  // Bytes of the whole stream.
+  // Bytes of the whole stream. A shorter file is truncated, even if what was asked for is all there.
   uint64_t bytes;
-  // Number of chunks, of all levels of detail; those of coarse levels come first.
+  // Number of chunks, of all levels of detail: from the coarsest to the finest, then exact chunks.
   uint64_t chunks;
   // Number of levels of detail, 1 or more. Level 0 is the finest.
   uint32_t levels;
-  // SH degree of the arrays, 0 to 3: the stream's, or `gsvx_options.max_sh_degree` if that is less.
+  // SH degree of the arrays, 0 to 3: the stream's, or less if `gsvx_options.max_sh_coefficients` says so.
   uint32_t sh_degree;
-  // Least coordinates of the means; infinity in a stream without Gaussians.
+  // Least coordinates of the means of the finest level; infinity in a stream without Gaussians. Means of coarse
+  // levels may lie outside.
   float low[3];
-  // Greatest coordinates of the means; minus infinity in a stream without Gaussians.
+  // Greatest coordinates of the means of the finest level; minus infinity in a stream without Gaussians.
   float high[3];
 } gsvx_info;
 
@@ -182,7 +186,8 @@ typedef struct {
   // Number of its Gaussians.
   uint64_t gaussians;
   // The chunks of the next finer level that together replace this one are `finer_begin`,
-  // `finer_begin + 1` ... `finer_end - 1`. Both are 0 in a chunk of the finest level.
+  // `finer_begin + 1` ... `finer_end - 1`. Both are 0 in a chunk of the finest level. Exact chunks are in no such
+  // range.
   uint64_t finer_begin;
   // See `finer_begin`.
   uint64_t finer_end;
@@ -192,11 +197,11 @@ typedef struct {
   float high[3];
   // Level of detail: 0 is the finest. 0 for an exact chunk too.
   uint32_t level;
-  // 1 if its Gaussians are coded bit for bit, otherwise 0. Such a chunk has one layer, with all SH degrees, and
-  // belongs to every level of detail: Gaussians that lie far from all others.
+  // 1 if its Gaussians are coded bit for bit, otherwise 0. Such a chunk has one layer, with all SH degrees. It
+  // belongs to every level of detail: show it beside the chunks of any level.
   uint32_t exact;
   // Number of its layers that are of use: the base layer (means, shapes, opacities, base colours) and one for
-  // each SH degree up to `gsvx_info.sh_degree`.
+  // each SH degree up to `gsvx_info.sh_degree`. Layers of coarse levels may have no bytes.
   uint32_t layers;
 } gsvx_chunk;
 
@@ -221,12 +226,12 @@ typedef struct {
   uint32_t axes;
 } gsvx_model;
 
-// What a stream aims for.
+// What a stream aims for. 0 is the default of each option; NULL stands for all defaults.
 typedef struct {
   // If not 0: the best stream of at most so many bytes. `quality` has no effect then.
   uint64_t max_bytes;
-  // 0 (smallest) to 100 (best); 15 points more make all values twice as precise. At 80 a difference is hard to
-  // see.
+  // From above 0 (smallest) to 100 (best); 15 points more make all values twice as precise. 0 stands for 80, where
+  // a difference is hard to see.
   float quality;
 } gsvx_encode_options;
 
@@ -248,8 +253,9 @@ void gsvx_close(gsvx_stream *stream);
 // Gives `size` bytes of the stream, of which the first is number `offset` of the stream. They may come in any order, in
 // pieces of any size, asked for or not. A stream in memory is given whole with `offset` 0. The bytes are copied.
 //
-// GSVX_STATUS_NOT_GSVX, GSVX_STATUS_VERSION or GSVX_STATUS_DAMAGED if the head shows it. A NULL `bytes` is allowed if
-// `size` is 0.
+// GSVX_STATUS_NOT_GSVX, GSVX_STATUS_VERSION or GSVX_STATUS_DAMAGED if the head shows it. All that was given is
+// forgotten then, and the stream is as after `gsvx_open`. `gsvx_decode` tells of damage in chunks. Bytes behind the end
+// of the stream are ignored. A NULL `bytes` is allowed if `size` is 0.
 gsvx_status gsvx_give(const gsvx_stream *stream,
                       uint64_t offset,
                       const uint8_t *bytes,
@@ -257,11 +263,12 @@ gsvx_status gsvx_give(const gsvx_stream *stream,
                       gsvx_message *message);
 
 // Says which bytes are to be given next: those of the head until it is known, then those that are missing for the
-// first `layers` layers of chunk `chunk`. `range` gets the first missing range; `begin` equals `end` when nothing is
-// missing. To read the head alone, pass 0 layers.
+// first `layers` layers of chunk `chunk`, but not for layers that `gsvx_decode` holds already. `range` gets the first
+// missing range; `begin` equals `end` when nothing is missing. To read the head alone, pass 0 layers; `chunk` is not
+// looked at then, nor before the head is known.
 //
-// Before the head is known the range may reach beyond the end of a short stream; give what there is. If nothing is
-// there from `begin` on, the stream is truncated.
+// Before the head is known the range may reach beyond the end of a short file: give what there is. A file that has no
+// bytes from `begin` on is truncated; only the caller can know.
 gsvx_status gsvx_needs(const gsvx_stream *stream,
                        uint64_t chunk,
                        uint32_t layers,
@@ -279,12 +286,13 @@ gsvx_status gsvx_get_chunk(const gsvx_stream *stream,
                            gsvx_message *message);
 
 // Decodes the first `layers` layers of a chunk and holds its Gaussians in place of those held before. `gaussians` gets
-// their number; it may be NULL. Fewer layers than there are leave the higher SH coefficients 0; numbers of layers
-// beyond what there is stand for all. Further layers of a chunk that is held are added without decoding the first
-// again.
+// their number, which is `gsvx_chunk.gaussians`; it may be NULL. Fewer layers than there are leave the higher SH
+// coefficients 0; numbers of layers beyond what there is stand for all, and 0 for 1. Further layers of a chunk that is
+// held are added without decoding the first again.
 //
 // GSVX_STATUS_TRUNCATED if bytes are missing (see `gsvx_needs`), GSVX_STATUS_DAMAGED if a checksum or a rule of the
-// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then.
+// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. After
+// GSVX_STATUS_ARGUMENT what was held stays.
 gsvx_status gsvx_decode(const gsvx_stream *stream,
                         uint64_t chunk,
                         uint32_t layers,
@@ -297,16 +305,16 @@ size_t gsvx_stride(uint32_t array,
                    uint32_t sh_degree);
 
 // Copies an array (one of `gsvx_array`) of the chunk that is held to `out`: as many times `gsvx_stride` bytes as there
-// are Gaussians. `size` is what `out` has room for; if that is less, GSVX_STATUS_BUFFER. Bytes beyond stay as they are.
-// `out` needs no alignment. The order of the Gaussians is that of the stream, the same in all arrays.
+// are Gaussians. `size` is what `out` has room for; if that is less, GSVX_STATUS_BUFFER. GSVX_STATUS_ARGUMENT if nothing
+// is held. Bytes beyond stay as they are. `out` needs no alignment. The order of the Gaussians is that of the stream, the same in all arrays.
 gsvx_status gsvx_copy(const gsvx_stream *stream,
                       uint32_t array,
                       void *out,
                       size_t size,
                       gsvx_message *message);
 
-// Frees the bytes that were given of a chunk. What is decoded of it stays; to decode it once more, its bytes must be
-// given again.
+// Frees the bytes that were given of a chunk. What is held of it stays, and further layers can be added; to decode it
+// anew, its bytes must be given again.
 gsvx_status gsvx_forget(const gsvx_stream *stream,
                         uint64_t chunk,
                         gsvx_message *message);

@@ -38,7 +38,7 @@ pub(crate) fn encode(
     };
     axes(arrays.axes)?.turn_back(&mut scene);
     let aim = match options {
-        None => Aim::Quality(DEFAULT_QUALITY),
+        None | Some(EncodeOptions { max_bytes: 0, quality: 0.0 }) => Aim::Quality(DEFAULT_QUALITY),
         Some(EncodeOptions { max_bytes: 0, quality }) => Aim::Quality(*quality),
         Some(options) => Aim::Bytes(options.max_bytes),
     };

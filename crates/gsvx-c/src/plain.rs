@@ -10,7 +10,7 @@ pub enum Status {
     NotGsvx = 1,
     /// A stream of another version of the format.
     Version = 2,
-    /// Bytes that the call needs have not been given. A file of which all bytes have been given is truncated.
+    /// Bytes that the call needs have not been given. If there are no more, the file is truncated.
     Truncated = 3,
     /// The stream is damaged.
     Damaged = 4,
@@ -48,14 +48,15 @@ pub enum Axes {
 pub enum Array {
     /// 3 floats: x, y, z.
     Means = 0,
-    /// 4 floats: a quaternion w, x, y, z. Its length need not be 1.
+    /// 4 floats: a quaternion w, x, y, z. In exact chunks its length need not be 1.
     Rotations = 1,
     /// 3 floats: natural logarithms of the standard deviations along the Gaussian's axes.
     LogScales = 2,
     /// 1 float: the opacity before the sigmoid.
     OpacityLogits = 3,
     /// 3 (d + 1)^2 floats: coefficient after coefficient of the spherical harmonics (SH), each red, green, blue, in
-    /// the order and with the signs of 3DGS. The first is degree 0, the base colour.
+    /// the order and with the signs of 3DGS. The first is degree 0: the base colour is 0.5 + 0.28209479 times it. PLY
+    /// files have degree 0 as f_dc, and as f_rest all further coefficients of red, then of green, then of blue.
     Sh = 4,
     /// 3 floats: standard deviations along the Gaussian's axes.
     Scales = 5,
@@ -100,16 +101,17 @@ pub struct Message {
     pub text: [std::ffi::c_char; 512],
 }
 
-/// How a stream is decoded. Without options the axes are those stored, and all SH degrees are decoded.
+/// How a stream is decoded. 0 is the default of each option; NULL stands for all defaults.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Axes of everything that comes out: one of `gsvx_axes`.
+    /// Axes of all that comes out, bounds included: one of `gsvx_axes`.
     pub axes: u32,
-    /// Highest SH degree that is wanted, 0 to 3. Layers above it are never asked for.
-    pub max_sh_degree: u32,
-    /// Most Gaussians that a chunk may have. 0 is the default: 1024 for each byte of the chunk and 131072 more, which
-    /// no honest stream exceeds. Bounds the memory that a hostile one can take.
+    /// Most SH coefficients for each colour channel: 1 (base colours alone), 4, 9 or 16. Layers with more are never
+    /// asked for. 0 stands for all there are.
+    pub max_sh_coefficients: u32,
+    /// Most Gaussians that a chunk may have. Bounds the memory that a hostile stream can take. 0 stands for 1024 for
+    /// each byte of the chunk and 131072 more, which no honest stream exceeds.
     pub max_gaussians: u64,
 }
 
@@ -117,19 +119,20 @@ pub struct Options {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct Info {
-    /// Gaussians of the finest level of detail.
+    /// Gaussians of the finest level of detail, those of exact chunks included.
     pub gaussians: u64,
-    /// Bytes of the whole stream.
+    /// Bytes of the whole stream. A shorter file is truncated, even if what was asked for is all there.
     pub bytes: u64,
-    /// Number of chunks, of all levels of detail; those of coarse levels come first.
+    /// Number of chunks, of all levels of detail: from the coarsest to the finest, then exact chunks.
     pub chunks: u64,
     /// Number of levels of detail, 1 or more. Level 0 is the finest.
     pub levels: u32,
-    /// SH degree of the arrays, 0 to 3: the stream's, or `gsvx_options.max_sh_degree` if that is less.
+    /// SH degree of the arrays, 0 to 3: the stream's, or less if `gsvx_options.max_sh_coefficients` says so.
     pub sh_degree: u32,
-    /// Least coordinates of the means; infinity in a stream without Gaussians.
+    /// Least coordinates of the means of the finest level; infinity in a stream without Gaussians. Means of coarse
+    /// levels may lie outside.
     pub low: [f32; 3],
-    /// Greatest coordinates of the means; minus infinity in a stream without Gaussians.
+    /// Greatest coordinates of the means of the finest level; minus infinity in a stream without Gaussians.
     pub high: [f32; 3],
 }
 
@@ -140,7 +143,8 @@ pub struct Chunk {
     /// Number of its Gaussians.
     pub gaussians: u64,
     /// The chunks of the next finer level that together replace this one are `finer_begin`,
-    /// `finer_begin + 1` ... `finer_end - 1`. Both are 0 in a chunk of the finest level.
+    /// `finer_begin + 1` ... `finer_end - 1`. Both are 0 in a chunk of the finest level. Exact chunks are in no such
+    /// range.
     pub finer_begin: u64,
     /// See `finer_begin`.
     pub finer_end: u64,
@@ -150,11 +154,11 @@ pub struct Chunk {
     pub high: [f32; 3],
     /// Level of detail: 0 is the finest. 0 for an exact chunk too.
     pub level: u32,
-    /// 1 if its Gaussians are coded bit for bit, otherwise 0. Such a chunk has one layer, with all SH degrees, and
-    /// belongs to every level of detail: Gaussians that lie far from all others.
+    /// 1 if its Gaussians are coded bit for bit, otherwise 0. Such a chunk has one layer, with all SH degrees. It
+    /// belongs to every level of detail: show it beside the chunks of any level.
     pub exact: u32,
     /// Number of its layers that are of use: the base layer (means, shapes, opacities, base colours) and one for
-    /// each SH degree up to `gsvx_info.sh_degree`.
+    /// each SH degree up to `gsvx_info.sh_degree`. Layers of coarse levels may have no bytes.
     pub layers: u32,
 }
 
@@ -191,13 +195,13 @@ pub struct Model {
     pub axes: u32,
 }
 
-/// What a stream aims for.
+/// What a stream aims for. 0 is the default of each option; NULL stands for all defaults.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct EncodeOptions {
     /// If not 0: the best stream of at most so many bytes. `quality` has no effect then.
     pub max_bytes: u64,
-    /// 0 (smallest) to 100 (best); 15 points more make all values twice as precise. At 80 a difference is hard to
-    /// see.
+    /// From above 0 (smallest) to 100 (best); 15 points more make all values twice as precise. 0 stands for 80, where
+    /// a difference is hard to see.
     pub quality: f32,
 }

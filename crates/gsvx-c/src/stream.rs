@@ -24,12 +24,12 @@ pub(crate) struct State {
 
 impl Stream {
     pub(crate) fn new(options: Option<&Options>) -> Result<Self> {
-        let default = Options { axes: 0, max_sh_degree: 3, max_gaussians: 0 };
+        let default = Options { axes: 0, max_sh_coefficients: 0, max_gaussians: 0 };
         let options = options.unwrap_or(&default);
         Ok(Self(Mutex::new(State {
             reader: Reader::new(),
             axes: axes(options.axes)?,
-            max_sh_degree: sh_degree(options.max_sh_degree)?,
+            max_sh_degree: max_sh_degree(options.max_sh_coefficients)?,
             max_gaussians: (options.max_gaussians > 0).then_some(options.max_gaussians),
             decoded: None,
         })))
@@ -52,6 +52,21 @@ pub(crate) fn axes(number: u32) -> Result<Axes> {
     }
 }
 
+/// The greatest SH degree with so many coefficients.
+fn max_sh_degree(coefficients: u32) -> Result<u8> {
+    match coefficients {
+        1 => Ok(0),
+        4 => Ok(1),
+        9 => Ok(2),
+        0 | 16 => Ok(3),
+        other => Err(Error::Argument {
+            what: "max_sh_coefficients",
+            value: other.into(),
+            range: "0, 1, 4, 9 or 16",
+        }),
+    }
+}
+
 /// An SH degree.
 pub(crate) fn sh_degree(degree: u32) -> Result<u8> {
     let fits = u8::try_from(degree).ok().filter(|d| *d <= 3);
@@ -61,6 +76,10 @@ pub(crate) fn sh_degree(degree: u32) -> Result<u8> {
 impl State {
     /// Takes bytes of the stream.
     pub(crate) fn give(&mut self, offset: u64, bytes: &[u8]) -> Result<()> {
+        if offset.checked_add(bytes.len() as u64).is_none() {
+            let range = "an offset of which the end fits 64 bits";
+            return Err(Error::Argument { what: "offset", value: offset, range });
+        }
         // The head first: what is given before it is known is copied once more.
         while let Some(need) = self.reader.head_needs() {
             let known = need.start.checked_sub(offset).filter(|&at| at < bytes.len() as u64);

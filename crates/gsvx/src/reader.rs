@@ -146,7 +146,7 @@ impl Reader {
     /// Takes bytes of the stream that begin at `offset`, whether they were asked for or not.
     ///
     /// # Errors
-    /// Damage of the head, as soon as it shows.
+    /// Damage of the head, as soon as it shows. All that was given is forgotten then: the head can be given again.
     pub fn give(&mut self, offset: u64, bytes: &[u8]) -> Result<()> {
         if let Some(index) = &self.index {
             put_layers(index, &mut self.layers, offset, bytes);
@@ -155,6 +155,11 @@ impl Reader {
         if offset.checked_add(bytes.len() as u64).is_some() {
             self.start.put(offset, bytes);
         }
+        self.read_head().inspect_err(|_| self.start = Buffer::default())
+    }
+
+    /// Reads the index, if the whole head has arrived.
+    fn read_head(&mut self) -> Result<()> {
         let front = self.start.front();
         if front.len() < LENGTH_KNOWN || (front.len() as u64) < head_len(front)? {
             return Ok(());
@@ -170,15 +175,16 @@ impl Reader {
         Ok(())
     }
 
-    /// The byte ranges that are missing for the first `layers` layers of a chunk. Nothing for a chunk that
-    /// is not there.
+    /// The byte ranges that are missing to hold the first `layers` layers of a chunk ([`Reader::hold`]): none of layers
+    /// that are held already. Nothing for a chunk that is not there.
     #[must_use]
     pub fn needs(&self, chunk: usize, layers: usize) -> Vec<Range<u64>> {
         let Some(entry) = self.index.as_ref().and_then(|i| i.chunks.get(chunk)) else {
             return Vec::new();
         };
         let mut missing: Vec<Range<u64>> = Vec::new();
-        for (layer, buffer) in entry.layers.iter().zip(&self.layers[chunk]).take(layers) {
+        let wanted = entry.layers.iter().zip(&self.layers[chunk]).take(layers);
+        for (layer, buffer) in wanted.skip(self.layers_of_use(chunk, layers)) {
             let mut at = 0u64;
             let there = buffer.pieces.iter().map(|p| p.start..p.end());
             for range in there.chain(std::iter::once(layer.len..layer.len)) {

@@ -81,15 +81,19 @@ fn one_chunk_is_read_with_its_base_layer_and_nothing_else() {
             assert!((0..n).all(|i| part.sh_of(i)[0] == whole.sh_of(first + i)[0]));
             // The other layers of a chunk are one range.
             if chunk.layers.len() > 1 {
+                // The base layer is held: its bytes are not needed for more.
+                reader.forget(number);
                 let rest = chunk.layers[1].offset..chunk.range(9).end;
                 assert_eq!(reader.needs(number, 9), std::slice::from_ref(&rest));
                 source.serve(rest, &mut reader);
                 let part = reader.decode(number, 9).unwrap();
                 let range: Vec<usize> = (first..first + n).collect();
                 assert_eq!(part, whole.select(&range));
+                // Layers that are held cannot be taken back.
+                reader.forget(number);
+                assert_eq!(reader.needs(number, 1), [chunk.layers[0].range()]);
             }
-            reader.forget(number);
-            assert_eq!(reader.needs(number, 1), [chunk.layers[0].range()]);
+            assert!(reader.needs(number, 9).is_empty());
         }
         first += n;
     }
@@ -106,6 +110,20 @@ fn the_head_takes_two_requests_at_most() {
         assert_eq!(reader.index(), Some(&encoded.index));
         assert_eq!(source.requests.len(), if encoded.index.head_len > 4096 { 2 } else { 1 });
     }
+}
+
+#[test]
+fn a_damaged_head_can_be_given_again() {
+    let Encoded { bytes, index, .. } = many_chunks();
+    let mut broken = bytes.clone();
+    broken[100] ^= 1;
+    let mut reader = Reader::new();
+    for wrong in [&broken[..], b"a text that is no stream"] {
+        assert!(reader.give(0, wrong).is_err());
+        assert_eq!(reader.head_needs(), Some(0..4096));
+    }
+    reader.give(0, &bytes).unwrap();
+    assert_eq!(reader.index(), Some(&index));
 }
 
 #[test]

@@ -66,7 +66,8 @@ namespace Gsvx
 
         public GsvxStream(Axes axes = Axes.Stored, uint maxShDegree = 3, ulong maxGaussians = 0)
         {
-            var options = new Native.Options { Axes = axes, MaxShDegree = maxShDegree, MaxGaussians = maxGaussians };
+            var coefficients = (maxShDegree + 1) * (maxShDegree + 1);
+            var options = new Native.Options { Axes = axes, MaxShCoefficients = coefficients, MaxGaussians = maxGaussians };
             Check(Native.gsvx_open(ref options, out handle, text));
         }
 
@@ -242,7 +243,7 @@ namespace Gsvx
         internal struct Options
         {
             public Axes Axes;
-            public uint MaxShDegree;
+            public uint MaxShCoefficients;
             public ulong MaxGaussians;
         }
 

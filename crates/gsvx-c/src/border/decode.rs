@@ -36,8 +36,9 @@ pub extern "C" fn gsvx_close(stream: Option<Box<Stream>>) {
 /// Gives `size` bytes of the stream, of which the first is number `offset` of the stream. They may come in any order, in
 /// pieces of any size, asked for or not. A stream in memory is given whole with `offset` 0. The bytes are copied.
 ///
-/// GSVX_STATUS_NOT_GSVX, GSVX_STATUS_VERSION or GSVX_STATUS_DAMAGED if the head shows it. A NULL `bytes` is allowed if
-/// `size` is 0.
+/// GSVX_STATUS_NOT_GSVX, GSVX_STATUS_VERSION or GSVX_STATUS_DAMAGED if the head shows it. All that was given is
+/// forgotten then, and the stream is as after `gsvx_open`. `gsvx_decode` tells of damage in chunks. Bytes behind the end
+/// of the stream are ignored. A NULL `bytes` is allowed if `size` is 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gsvx_give(
     stream: Option<&Stream>,
@@ -55,11 +56,12 @@ pub unsafe extern "C" fn gsvx_give(
 }
 
 /// Says which bytes are to be given next: those of the head until it is known, then those that are missing for the
-/// first `layers` layers of chunk `chunk`. `range` gets the first missing range; `begin` equals `end` when nothing is
-/// missing. To read the head alone, pass 0 layers.
+/// first `layers` layers of chunk `chunk`, but not for layers that `gsvx_decode` holds already. `range` gets the first
+/// missing range; `begin` equals `end` when nothing is missing. To read the head alone, pass 0 layers; `chunk` is not
+/// looked at then, nor before the head is known.
 ///
-/// Before the head is known the range may reach beyond the end of a short stream; give what there is. If nothing is
-/// there from `begin` on, the stream is truncated.
+/// Before the head is known the range may reach beyond the end of a short file: give what there is. A file that has no
+/// bytes from `begin` on is truncated; only the caller can know.
 #[unsafe(no_mangle)]
 pub extern "C" fn gsvx_needs(
     stream: Option<&Stream>,
@@ -106,12 +108,13 @@ pub extern "C" fn gsvx_get_chunk(
 }
 
 /// Decodes the first `layers` layers of a chunk and holds its Gaussians in place of those held before. `gaussians` gets
-/// their number; it may be NULL. Fewer layers than there are leave the higher SH coefficients 0; numbers of layers
-/// beyond what there is stand for all. Further layers of a chunk that is held are added without decoding the first
-/// again.
+/// their number, which is `gsvx_chunk.gaussians`; it may be NULL. Fewer layers than there are leave the higher SH
+/// coefficients 0; numbers of layers beyond what there is stand for all, and 0 for 1. Further layers of a chunk that is
+/// held are added without decoding the first again.
 ///
 /// GSVX_STATUS_TRUNCATED if bytes are missing (see `gsvx_needs`), GSVX_STATUS_DAMAGED if a checksum or a rule of the
-/// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then.
+/// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. After
+/// GSVX_STATUS_ARGUMENT what was held stays.
 #[unsafe(no_mangle)]
 pub extern "C" fn gsvx_decode(
     stream: Option<&Stream>,
@@ -137,8 +140,8 @@ pub extern "C" fn gsvx_stride(array: u32, sh_degree: u32) -> usize {
 }
 
 /// Copies an array (one of `gsvx_array`) of the chunk that is held to `out`: as many times `gsvx_stride` bytes as there
-/// are Gaussians. `size` is what `out` has room for; if that is less, GSVX_STATUS_BUFFER. Bytes beyond stay as they are.
-/// `out` needs no alignment. The order of the Gaussians is that of the stream, the same in all arrays.
+/// are Gaussians. `size` is what `out` has room for; if that is less, GSVX_STATUS_BUFFER. GSVX_STATUS_ARGUMENT if nothing
+/// is held. Bytes beyond stay as they are. `out` needs no alignment. The order of the Gaussians is that of the stream, the same in all arrays.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gsvx_copy(
     stream: Option<&Stream>,
@@ -155,8 +158,8 @@ pub unsafe extern "C" fn gsvx_copy(
     })
 }
 
-/// Frees the bytes that were given of a chunk. What is decoded of it stays; to decode it once more, its bytes must be
-/// given again.
+/// Frees the bytes that were given of a chunk. What is held of it stays, and further layers can be added; to decode it
+/// anew, its bytes must be given again.
 #[unsafe(no_mangle)]
 pub extern "C" fn gsvx_forget(
     stream: Option<&Stream>,

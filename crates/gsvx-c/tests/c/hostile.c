@@ -36,17 +36,19 @@ static void expect(gsvx_status got, gsvx_status wanted, int line) {
 /* Calls that no program should make. */
 static void misuse(void) {
     gsvx_stream *stream = NULL;
-    gsvx_options options = {9, 3, 0};
+    gsvx_options options = {9, 0, 0}, half = {0, 2, 0};
     gsvx_range range;
     gsvx_chunk entry;
     float out[4];
     EXPECT(gsvx_open(&options, &stream, &why), ARGUMENT);
     if (stream != NULL) exit(1);
+    EXPECT(gsvx_open(&half, &stream, &why), ARGUMENT);
     EXPECT(gsvx_open(NULL, NULL, &why), ARGUMENT);
     EXPECT(gsvx_open(NULL, &stream, NULL), OK);
     EXPECT(gsvx_give(stream, 0, NULL, 0, NULL), OK);
     EXPECT(gsvx_give(stream, 0, NULL, 1, NULL), ARGUMENT);
-    EXPECT(gsvx_give(stream, UINT64_MAX, (const uint8_t *)"x", 1, NULL), OK);
+    EXPECT(gsvx_give(stream, UINT64_MAX, (const uint8_t *)"x", 1, NULL), ARGUMENT);
+    EXPECT(gsvx_give(stream, 0, (const uint8_t *)"no stream at all", 16, NULL), NOT_GSVX);
     EXPECT(gsvx_give(NULL, 0, NULL, 0, NULL), ARGUMENT);
     EXPECT(gsvx_needs(stream, 7, 9, &range, NULL), OK);
     EXPECT(gsvx_needs(stream, 7, 9, NULL, NULL), ARGUMENT);
@@ -73,6 +75,9 @@ int main(int count, char **arguments) {
         gsvx_stream *stream = NULL;
         if (gsvx_open(NULL, &stream, &why) != GSVX_STATUS_OK) return 1;
         gsvx_status status = gsvx_give(stream, 0, file + at + 4, length, &why);
+        gsvx_range range;
+        EXPECT(gsvx_needs(stream, 0, 0, &range, NULL), OK);
+        if (range.begin > range.end || (status != GSVX_STATUS_OK && range.begin != 0)) return 1;
         if (status == GSVX_STATUS_OK) status = decode_all(stream);
         if (status == GSVX_STATUS_INTERNAL) return 1;
         if (status != GSVX_STATUS_OK && why.text[0] == 0) return 1;

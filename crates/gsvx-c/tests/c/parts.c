@@ -43,7 +43,7 @@ int main(int count, char **arguments) {
     size_t size = 0;
     unsigned char *file = count == 3 ? read_file(arguments[1], &size) : NULL;
     if (file == NULL) return 2;
-    gsvx_options options = {0, 3, 0};
+    gsvx_options options = {0};
     options.axes = (uint32_t)atoi(arguments[2]);
     gsvx_stream *stream;
     gsvx_info info;
@@ -63,8 +63,8 @@ int main(int count, char **arguments) {
             if (early != (missing.begin < missing.end ? GSVX_STATUS_TRUNCATED : GSVX_STATUS_OK)) return 1;
             fetch(stream, file, size, chunk, layers);
             check(gsvx_decode(stream, chunk, layers, &gaussians, &why));
+            check(gsvx_forget(stream, chunk, &why));
         }
-        check(gsvx_forget(stream, chunk, &why));
         if (gaussians != entry.gaussians) return 1;
         for (uint32_t array = GSVX_ARRAY_MEANS; array <= GSVX_ARRAY_PACKED_SH3B; array++)
             copy(stream, array, gaussians, info.sh_degree);

@@ -34,10 +34,11 @@ impl Reader {
             return Err(Error::Corrupt { what: "number of a chunk", value: chunk as u64 });
         };
         let layers = layers.clamp(1, entry.layers.len());
-        if !self.held.as_ref().is_some_and(|h| h.chunk == chunk && h.layers <= layers) {
+        let first = self.layers_of_use(chunk, layers);
+        if first == 0 {
             self.held = None;
         }
-        for number in self.held.as_ref().map_or(0, |h| h.layers)..layers {
+        for number in first..layers {
             let (layer, bytes) = (entry.layers[number], self.layers[chunk][number].front());
             if (bytes.len() as u64) < layer.len {
                 return Err(Error::Truncated {
@@ -52,6 +53,13 @@ impl Reader {
             self.held = Some(Held { chunk, layers: number + 1 });
         }
         Ok(self.held_len())
+    }
+
+    /// How many of the first `layers` layers of a chunk are held and need not be decoded again. Layers that are held
+    /// cannot be taken back: with fewer wanted, none is of use.
+    pub(super) fn layers_of_use(&self, chunk: usize, layers: usize) -> usize {
+        let held = self.held.filter(|h| h.chunk == chunk && h.layers <= layers);
+        held.map_or(0, |h| h.layers)
     }
 
     /// The number of Gaussians of the chunk that is held; 0 without one.
