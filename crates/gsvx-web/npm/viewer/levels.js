@@ -6,13 +6,14 @@ import { Stream } from '../wasm/gsvx.js';
 /** Requests that are under way at once. */
 const AHEAD = 4;
 
-/** The head of a source, and the source with all of its bytes still to come. `stop()` lets go of it. */
-export async function peek(source) {
-  const input = await open(source, {});
+/** The head of a source, and the source with all of its bytes still to come; `part` if not all are wanted. `stop()` lets go of it. */
+export async function peek(source, part) {
+  const input = await open(source, { part });
   const stream = new Stream();
   try {
     if (input.range) {
       const fetched = ranger(input);
+      if (input.first) stream.give(0, input.first);
       for (let needs = stream.headNeeds(); needs; needs = stream.headNeeds()) {
         const bytes = await fetched(...needs);
         if (!bytes.length) break;

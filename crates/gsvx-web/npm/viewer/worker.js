@@ -36,7 +36,7 @@ let levels;
 
 /** Loads a stream: all of it, or with levels of detail and more Gaussians than the budget what the page asks for. */
 async function scene(source, { budget, ...options }) {
-  const { head, input, stop } = await peek(source);
+  const { head, input, stop } = await peek(source, options.lod > 0);
   const lod = head && Math.min(options.lod, head.lods - 1);
   if (!head || gaussians(head, lod) <= budget) return stream(input, options);
   const inParts = lod < head.lods - 1 && (input.range ? input : await open(source, { part: true }));
