@@ -45,7 +45,8 @@ pub(crate) fn make(scene: &str, out: &Path) -> Result<()> {
     let model = files.dataset.model_path.as_path();
     let gsvx = Gsvx(eval::gsvx_command()?);
     let encode = ["encode", "--web", "--quality", UNTUNED_QUALITY, "--force"].map(Path::new);
-    let tune = ["tune", "--effort", "quick", "--quality", TUNED_QUALITY, "--force"].map(Path::new);
+    let tune = ["tune", "--web", "--effort", "quick", "--quality", TUNED_QUALITY, "--force"];
+    let tune = tune.map(Path::new);
     let cameras = [Path::new("--cameras"), &files.dataset.dir];
     let original = gsvx.stream(&encode, model, &out.join("original.gsvx"))?;
     let tuned = gsvx.stream(&[&tune[..], &cameras].concat(), model, &out.join("tuned.gsvx"))?;

@@ -108,7 +108,7 @@ impl Content {
         encoder.options.drop_unseen = self.drop_unseen;
         encoder.options.lod = self.lod;
         if self.web {
-            encoder.for_web();
+            encoder.options.for_web();
         }
         encoder
     }

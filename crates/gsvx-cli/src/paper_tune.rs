@@ -75,7 +75,8 @@ pub(crate) struct PaperJob<'a> {
     pub(crate) cameras: &'a Path,
     pub(crate) scene: Scene,
     pub(crate) training: Vec<TrainView>,
-    pub(crate) quality: f32,
+    /// Quality and layout of the stream.
+    pub(crate) options: EncodeOptions,
     pub(crate) tuning: FineTuneOptions,
     pub(crate) output: Output,
     /// A model instead of a stream.
@@ -84,7 +85,7 @@ pub(crate) struct PaperJob<'a> {
 
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
 pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Result<()> {
-    let PaperJob { training, mut tuning, output, ply, .. } = job;
+    let PaperJob { training, mut options, mut tuning, output, ply, .. } = job;
     let name = || input::name(job.input);
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
     let seen = views::seen(&job.scene, &cameras, job.cameras)?;
@@ -97,7 +98,6 @@ pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Resu
     tuning.steps = args.steps.unwrap_or(tuning.steps);
     tuning.patience = (patience > 0).then_some(patience);
     tuning.checkpoint_every = args.checkpoint_every.unwrap_or(tuning.checkpoint_every);
-    let mut options = EncodeOptions::from_quality(job.quality)?;
     options.importance = Some(seen.weights);
     let Prepared { mut scene, voxels, importance, outliers } =
         gsvx::prepare(&job.scene, &options).with_context(name)?;

@@ -15,12 +15,13 @@ use anyhow::{Context, Result};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use finetune::{Backend, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene};
+use gsvx::EncodeOptions;
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use tune::{
-    AgainstInput, FineTuneOptions, Progress, StopReason, Target, Tune, TuneEffort, TuneOptions,
-    TuneOutcome,
+    AgainstInput, FineTuneOptions, Layout, Progress, StopReason, Target, Tune, TuneEffort,
+    TuneOptions, TuneOutcome,
 };
 
 pub(crate) const EXAMPLES: &str = "\
@@ -28,6 +29,7 @@ Examples:
   gsvx tune model.ply --cameras data/fox -o small.gsvx
   gsvx tune model.ply --cameras data/fox -o small.gsvx --target-bytes 200k
   gsvx tune model.ply --cameras data/fox -o small.gsvx --target-psnr 31 --effort long
+  gsvx tune model.ply --cameras data/fox -o small.gsvx --web      for a web page
   gsvx tune model.ply --cameras data/fox --distil -o small.gsvx   no photos
   gsvx tune model.ply --orbit 60 -o small.gsvx                    no cameras either
   gsvx tune model.ply --cameras data/fox -o small.gsvx --checkpoint run.ckpt
@@ -73,6 +75,12 @@ pub(crate) struct TuneArgs {
     /// Leave out what the views do not show: fewer bytes, and good only where the cameras stand.
     #[arg(long)]
     drop_unseen: bool,
+    /// Store a coarse scene first, for viewers that show a scene while it loads. Its bytes count.
+    #[arg(long)]
+    lod: bool,
+    /// What a web page wants: a coarse scene first, and small chunks.
+    #[arg(long)]
+    web: bool,
     /// File that keeps what is needed to go on after an interruption; an existing one is continued.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
@@ -128,8 +136,19 @@ impl TuneArgs {
         }
     }
 
-    /// Combinations of flags that make no sense.
-    fn check(&self) -> Result<()> {
+    fn layout(&self) -> Layout {
+        match (self.lod, self.web) {
+            (_, true) => Layout::Web,
+            (true, _) => Layout::CoarseFirst,
+            _ => Layout::Finest,
+        }
+    }
+
+    /// Combinations of flags that make no sense; `ply` is the output's format.
+    fn check(&self, ply: bool) -> Result<()> {
+        if ply && self.layout() != Layout::Finest {
+            return Err(usage("--lod, --web: a PLY has no coarse level; name the output .gsvx"));
+        }
         if self.profile == Profile::Paper {
             if self.target_bytes.is_some() || self.target_psnr.is_some() {
                 return Err(usage("--profile paper has no target but --quality"));
@@ -182,7 +201,8 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         let name = args.output.display();
         return Err(usage(format!("{name}: the output must end in .gsvx or .ply")));
     }
-    args.check()?;
+    let ply = extension == "ply";
+    args.check(ply)?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
     let pictures = args.pictures.as_deref();
     pictures.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
@@ -190,7 +210,6 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     let scene = args.reading.model(&args.input)?.scene;
     let (training, distilled) = args.views(&scene)?;
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
-    let ply = extension == "ply";
     if args.profile == Profile::Paper {
         let tuning = FineTuneOptions {
             checkpoint: args.checkpoint.clone(),
@@ -199,8 +218,11 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
             backend,
             ..Default::default()
         };
-        let (input, quality) = (&*args.input, args.quality.unwrap_or(gsvx::DEFAULT_QUALITY));
-        let job = PaperJob { input, cameras, scene, training, quality, tuning, output, ply };
+        let mut options =
+            EncodeOptions::from_quality(args.quality.unwrap_or(gsvx::DEFAULT_QUALITY))?;
+        args.layout().set(&mut options);
+        let input = &*args.input;
+        let job = PaperJob { input, cameras, scene, training, options, tuning, output, ply };
         return paper_tune::run(&args.paper, job, report);
     }
     let outcome = tuned(args, scene, training, distilled, backend)?;
@@ -224,6 +246,7 @@ fn tuned(
     let pictured = args.pictures.as_deref().zip(training.first().map(|v| v.camera.clone()));
     let gaussians = scene.len();
     let mut options = TuneOptions::new(args.target());
+    options.layout = args.layout();
     options.effort = args.effort;
     options.distil = distilled;
     options.drop_unseen = args.drop_unseen;

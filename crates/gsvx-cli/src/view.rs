@@ -7,6 +7,7 @@ use crate::exit::note;
 use crate::input;
 use crate::interrupt;
 use crate::report::Reporter;
+use crate::size;
 use anyhow::{Context, Result, anyhow};
 use serde_json::json;
 use start::Start;
@@ -18,6 +19,7 @@ pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx view scene.gsvx
   gsvx view scene.gsvx point_cloud.ply       side by side, with a line to move
+  gsvx view city.gsvx --budget 500k          for a phone or an old machine
   gsvx view scene.gsvx --port 8000 --no-open";
 
 /// Requests that are answered at once: a page fetches some ranges side by side.
@@ -28,6 +30,10 @@ pub(crate) struct ViewArgs {
     /// A stream, PLY, .splat or SPZ, and a second one to compare it with.
     #[arg(required = true, num_args = 1..=2)]
     files: Vec<PathBuf>,
+    /// Most Gaussians to draw of a stream with levels of detail: near places are fine, distant ones coarse, and chunks
+    /// are loaded as the camera moves: 500k, 2M [default: 2M].
+    #[arg(long, value_name = "GAUSSIANS", value_parser = size::count)]
+    budget: Option<u64>,
     /// Port on this machine; 0 takes a free one.
     #[arg(long, default_value_t = 0)]
     port: u16,
@@ -44,7 +50,7 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
         anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
     })?;
     let address = server.server_addr().to_ip().context("the server has no address")?;
-    let url = page(&address.to_string(), &args.files);
+    let url = page(&address.to_string(), args);
     interrupt::is_the_end();
     report.say(false, &format!("{url}\nCtrl-C ends"), &json!({ "url": url }))?;
     if !args.no_open
@@ -71,11 +77,14 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
 }
 
 /// The address of the page with the files to show, and where it starts.
-fn page(host: &str, files: &[PathBuf]) -> String {
+fn page(host: &str, ViewArgs { files, budget, .. }: &ViewArgs) -> String {
     let name = |i: usize| answer::place(i, &files[i]);
     let mut url = format!("http://{host}/?url={}", name(0));
     if files.len() > 1 {
         url += &format!("&compare={}", name(1));
+    }
+    if let Some(budget) = budget {
+        url += &format!("&budget={budget}");
     }
     let start = Start::of(files);
     url + &start.map_or(String::new(), |start| start.query())

@@ -57,6 +57,24 @@ fn a_model_is_tuned_to_itself() {
 }
 
 #[test]
+fn a_coarse_scene_comes_first_if_it_is_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let paper = ["--profile", "paper", "--steps", "1", "--backend", "cpu"];
+    for (name, flag, more) in [("a", "--lod", &[][..]), ("b", "--web", &[]), ("c", "--web", &paper)]
+    {
+        let mut command = quick(dir.path(), &format!("{name}.gsvx"));
+        let json = said(&command.args([flag, "--json"]).args(more).output().unwrap());
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let bytes = std::fs::read(dir.path().join(format!("{name}.gsvx"))).unwrap();
+        let index = gsvx::Index::parse(&bytes).unwrap();
+        assert_eq!((index.chunks[0].lod, index.chunks.last().unwrap().lod), (1, 0), "{name}");
+        assert_eq!(json["bytes"].as_u64(), Some(bytes.len() as u64));
+        assert_eq!(json["gaussians"].as_u64(), Some(index.header.count));
+    }
+    wrong_usage(&quick(dir.path(), "a.ply").arg("--lod").output().unwrap(), "no coarse level");
+}
+
+#[test]
 fn a_target_in_bytes_is_met_or_missed_with_exit_code_3() {
     let dir = tempfile::tempdir().unwrap();
     said(&quick(dir.path(), "a.gsvx").args(["--target-bytes", "4500"]).output().unwrap());

@@ -77,6 +77,16 @@ fn page_and_ranges_are_served() {
     assert!(view.get("/file/0/point_cloud.ply", &beyond).0.starts_with("HTTP/1.1 416"));
 }
 
+#[test]
+fn the_page_is_told_the_budget_of_gaussians() {
+    let model = room().join("point_cloud.ply");
+    let View { page, .. } = &View::of(&["--budget".as_ref(), "500k".as_ref(), &model]);
+    assert_eq!(numbers(page, "budget"), [500_000.0]);
+    assert!(!View::of(&[&model]).page.contains("budget"));
+    let out = gsvx().args(["view", "--no-open", "--budget", "0"]).arg(&model).output();
+    common::wrong_usage(&out.expect("gsvx starts"), "--budget");
+}
+
 /// The numbers of a parameter of the page's address.
 fn numbers(page: &str, name: &str) -> Vec<f64> {
     let value = page.split('&').find_map(|p| p.strip_prefix(name)?.strip_prefix('='));

@@ -52,7 +52,7 @@ impl CompressOptions {
         };
         let mut encoder = Encoder::new(aim);
         if self.web {
-            encoder.for_web();
+            encoder.options.for_web();
         }
         let options = &mut encoder.options;
         options.leaves = match (self.depth, self.j_low) {

@@ -5,7 +5,7 @@ use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use ::finetune::{Photo, TrainView};
-use ::tune::{Photos, Progress, Target, Tune, TuneEffort, TuneOutcome};
+use ::tune::{Layout, Photos, Progress, Target, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
@@ -34,6 +34,9 @@ pub(crate) struct TuneDict {
     distil: bool,
     force_photos: bool,
     drop_unseen: bool,
+    lod: bool,
+    /// What a web page wants.
+    web: bool,
     drop_invalid: bool,
 }
 
@@ -43,6 +46,14 @@ impl TuneDict {
             (Some(bytes), _) => Target::Bytes(bytes),
             (_, Some(db)) => Target::Psnr(db),
             _ => Target::Quality(self.quality.unwrap_or(::tune::DEFAULT_QUALITY)),
+        }
+    }
+
+    fn layout(&self) -> Layout {
+        match (self.lod, self.web) {
+            (_, true) => Layout::Web,
+            (true, _) => Layout::CoarseFirst,
+            _ => Layout::Finest,
         }
     }
 }
@@ -176,6 +187,7 @@ fn tune_scene(
     let distilled = training.is_empty();
     let training = if distilled { renders(&scene, cameras.list, line)? } else { training };
     let mut choices = ::tune::TuneOptions::new(options.target());
+    choices.layout = options.layout();
     choices.effort = TuneEffort::named(&options.effort).unwrap_or_default();
     choices.distil = distilled;
     choices.seed = options.seed;

@@ -63,8 +63,8 @@ def test_a_stream_in_gltf_is_read_as_it_decodes(command, splats, tmp_path):
 
 def test_tune(command, splats, tmp_path):
     path = tmp_path / "command.gsvx"
-    command("tune", MODEL, "--cameras", ROOM, "-o", path, "--effort", "quick", "--target-bytes", 20_000)
+    command("tune", MODEL, "--cameras", ROOM, "-o", path, "--effort", "quick", "--target-bytes", 20_000, "--web")
     ours = tmp_path / "ours.gsvx"
-    report = gsvx.tune(ours, splats, ROOM, effort="quick", target_bytes=20_000)
+    report = gsvx.tune(ours, splats, ROOM, effort="quick", target_bytes=20_000, web=True)
     assert ours.read_bytes() == path.read_bytes()
     assert report.bytes <= 20_000 and not report.distilled

@@ -36,7 +36,7 @@ export async function ready(module) {
   memory ??= (await init({ module_or_path: module })).memory;
 }
 
-class Decoding {
+export class Decoding {
   constructor(options, emit) {
     this.options = options;
     this.emit = emit;
@@ -251,10 +251,15 @@ function ranges(decoding) {
   return list;
 }
 
-/** Only the bytes that are wanted. */
-async function byRanges(decoding, input) {
+/** What gives ranges of a stream as far as it has them. */
+export function ranger(input) {
   const length = input.length ?? Infinity;
-  const fetched = async (start, end) => (start < length ? input.range(start, Math.min(end, length)) : new Uint8Array(0));
+  return async (start, end) => (start < length ? input.range(start, Math.min(end, length)) : new Uint8Array(0));
+}
+
+/** Reads the head; returns how many bytes of the stream have been given for it. */
+export async function readHead(decoding, input) {
+  const fetched = ranger(input);
   let reached = 0;
   if (input.first) {
     decoding.give(0, input.first, input.length);
@@ -266,6 +271,14 @@ async function byRanges(decoding, input) {
     reached = needs[0] + bytes.length;
     if (bytes.length === 0) decoding.finish(reached);
   }
+  return reached;
+}
+
+/** Only the bytes that are wanted. */
+async function byRanges(decoding, input) {
+  const length = input.length ?? Infinity;
+  const fetched = ranger(input);
+  const reached = await readHead(decoding, input);
   const wanted = ranges(decoding).filter(([, end]) => end > reached).map(([start, end]) => [Math.max(start, reached), end]);
   const requests = [];
   const ask = (i) => {

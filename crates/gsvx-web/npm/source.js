@@ -6,9 +6,10 @@ const FIRST = 1 << 16;
 
 /**
  * Opens a source. `length` is that of the stream if it is known; `pieces()` gives its bytes in order;
- * `range(start, end)` gives a part, where parts can be had.
+ * `range(start, end)` gives a part, where parts can be had. A source that is open is returned.
  */
 export async function open(source, { request, part, signal }) {
+  if (source.pieces || source.range) return source;
   if (typeof source === 'string') {
     const local = source.startsWith('file:') && globalThis.process?.versions?.node;
     return local ? blob(await file(source)) : remote(source, { ...request, signal }, part);

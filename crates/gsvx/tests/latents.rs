@@ -62,6 +62,34 @@ fn the_stream_decodes_to_the_scene_of_the_loop() {
     }
 }
 
+/// The coarse level is the encoder's of the same Gaussians, and its bytes are counted.
+#[test]
+fn a_coarse_level_comes_first_and_is_counted() {
+    let p = prepared(3000, 1);
+    let mut options = options(&p);
+    let plain = {
+        let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
+        latents.reconstruct(true, None, &mut Scene::default()).unwrap().unwrap()
+    };
+    (options.lod, options.chunk_leaves) = (true, NonZeroUsize::new(300).unwrap());
+    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
+    let mut scene = Scene::default();
+    let counted = latents.reconstruct(true, None, &mut scene).unwrap().unwrap();
+    let encoded = latents.encode(None).unwrap();
+    assert_same(&decode(&encoded.bytes).unwrap(), &as_coded(&scene, &encoded));
+    let real = encoded.bytes.len() as f64;
+    assert!((counted as f64 - real).abs() < 0.005 * real + 64.0, "{counted} {real}");
+    assert!(counted > plain, "{counted}, {plain} without levels");
+    // Where chunks begin, and the bytes of the coarse ones, are those of the encoder.
+    let coarse = |encoded: &Encoded| -> Vec<_> {
+        let chunks = encoded.index.chunks.iter();
+        chunks.map(|c| (c.lod, c.first_cell, c.layers[0].crc * u32::from(c.lod > 0))).collect()
+    };
+    let theirs = encode_voxels(&scene, p.voxels.octree(), None, &options).unwrap();
+    assert_eq!(coarse(&encoded), coarse(&theirs));
+    assert!(coarse(&encoded)[0].0 > 0);
+}
+
 #[test]
 fn outliers_stay_behind_the_leaves() {
     let p = prepared(400, 2);

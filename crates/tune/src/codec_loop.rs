@@ -17,6 +17,7 @@ use gsvx::latents::{GaussianGradient, Latents};
 #[cfg(feature = "gpu")]
 use crate::device::Device;
 use crate::error::Result;
+use crate::options::Layout;
 use crate::plan::{self, DC_BASIS, TunePlan};
 use crate::scene_loop::decay;
 
@@ -71,10 +72,15 @@ pub(crate) struct LoopLeaves {
 }
 
 /// The encoder's options for the latents.
-pub(crate) fn encode_options(quality: f32, importance: Vec<f32>) -> gsvx::Result<EncodeOptions> {
+pub(crate) fn encode_options(
+    quality: f32,
+    importance: Vec<f32>,
+    layout: Layout,
+) -> gsvx::Result<EncodeOptions> {
     let mut options = EncodeOptions::from_quality(quality)?;
     options.steps = plan::steps(quality)?;
     options.importance = Some(importance);
+    layout.set(&mut options);
     Ok(options)
 }
 

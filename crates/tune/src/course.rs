@@ -5,7 +5,7 @@ use gs_model::Scene;
 use crate::checkpoint::{StateReader, StateWriter};
 use crate::codec_loop::{CodecLoop, FITTED, Snapshot};
 use crate::error::Result;
-use crate::options::Target;
+use crate::options::{Goal, Target};
 use crate::plan::TunePlan;
 use crate::progress::{StageName, StopReason};
 use crate::scene_loop::SceneLoop;
@@ -20,7 +20,7 @@ const BEST_FROM: f64 = 0.5;
 /// A run of [`crate::Tune`].
 pub(crate) struct Course {
     pub(crate) plan: TunePlan,
-    target: Target,
+    goal: Goal,
     /// Gaussians of the input.
     pub(crate) input: usize,
     /// Removal effects of the input, until it is pruned.
@@ -34,11 +34,11 @@ pub(crate) struct Course {
 impl Course {
     /// Begins with a round of no steps, which keeps all Gaussians. The next one prunes.
     /// `effects` are the removal effects of the scene.
-    pub(crate) fn new(plan: TunePlan, target: Target, scene: Scene, effects: Vec<f32>) -> Self {
+    pub(crate) fn new(plan: TunePlan, goal: Goal, scene: Scene, effects: Vec<f32>) -> Self {
         let input = scene.len();
         let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
         let (stage, effects) = (Stage::Round { round: 0, recovery }, Some(effects));
-        Self { plan, target, input, effects, stage, best: None, aside_psnr: None }
+        Self { plan, goal, input, effects, stage, best: None, aside_psnr: None }
     }
 
     /// Prunes to what remains after a round.
@@ -55,16 +55,17 @@ impl Course {
 
     /// The loop at its end, with the best state if the last one costs more, unless the run was cut short.
     pub(crate) fn finish(self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
-        let Self { plan, target, stage, best, .. } = self;
+        let Self { plan, goal, stage, best, .. } = self;
         let mut state = match stage {
             Stage::Round { mut recovery, .. } => {
-                stage::codec_loop(&plan, target, views, &recovery.optimiser.take_scene())?
+                stage::codec_loop(&plan, goal, views, &recovery.optimiser.take_scene())?
             }
             Stage::Loop(state) => state,
         };
         state.settle()?;
         // With a target the quality was steered until the end: the last state is closest to it.
-        if let (false, Target::Quality(_), Some((best, snapshot))) = (cancelled, target, best) {
+        if let (false, Target::Quality(_), Some((best, snapshot))) = (cancelled, goal.target, best)
+        {
             let (mse, _) = views.at_aside(&state.scene);
             if best < cost(&state, mse) {
                 state.restore(snapshot)?;
@@ -93,7 +94,7 @@ impl Work for Course {
                     let kept = self.pruned(views, &scene, round + 1)?;
                     self.stage = stage::round(&self.plan, views, kept, round + 1);
                 } else {
-                    let state = stage::codec_loop(&self.plan, self.target, views, &scene)?;
+                    let state = stage::codec_loop(&self.plan, self.goal, views, &scene)?;
                     self.stage = Stage::Loop(state);
                 }
                 Ok(None)
@@ -127,7 +128,7 @@ impl Work for Course {
                 self.best = Some((cost, state.snapshot()));
             }
         }
-        steering::steer(state, self.target, psnr)
+        steering::steer(state, self.goal.target, psnr)
     }
 
     /// Pruning is on the processor.
@@ -176,7 +177,7 @@ impl Work for Course {
             _ => None,
         };
         self.effects = None;
-        self.stage = Stage::read(input, &self.plan, views)?;
+        self.stage = Stage::read(input, &self.plan, self.goal.layout, views)?;
         views.gradients.move_means(matches!(self.stage, Stage::Round { .. }));
         Ok(())
     }

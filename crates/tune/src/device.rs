@@ -95,12 +95,12 @@ mod tests {
         let scene = model.select(&kept);
         let load = |view: gs_model::View| crate::photo(&view.camera, &view.image_path).unwrap();
         let views = dataset::open_views(room).unwrap().into_iter().take(6).map(load).collect();
-        let target = Target::Quality(PLAN.quality);
-        let mut options = TuneOptions::new(target);
+        let mut options = TuneOptions::new(Target::Quality(PLAN.quality));
         options.drop_unseen = true;
         let mut views = Views::look(&scene, views, &options, |_, _| ()).unwrap().views;
-        let on_host = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
-        let mut on_device = *stage::codec_loop(&PLAN, target, &mut views, &scene).unwrap();
+        let goal = options.goal();
+        let on_host = *stage::codec_loop(&PLAN, goal, &mut views, &scene).unwrap();
+        let mut on_device = *stage::codec_loop(&PLAN, goal, &mut views, &scene).unwrap();
         match on_device.place(Adapter::Software, &mut views.gradients) {
             Ok(()) => Some((on_host, on_device, views)),
             Err(crate::Error::Finetune(e @ finetune::Error::NoAdapter { .. })) => {

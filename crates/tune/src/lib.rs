@@ -28,7 +28,7 @@ mod views;
 pub use error::{Error, Result};
 pub use estimate::estimated_loss;
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
-pub use options::{DEFAULT_QUALITY, Target, TuneOptions};
+pub use options::{DEFAULT_QUALITY, Layout, Target, TuneOptions};
 pub use photos::{Photos, at_camera, photo, photos};
 pub use plan::{TuneEffort, TunePlan};
 pub use progress::{Progress, StageName, StopReason, TuneOutcome};

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use finetune::Backend;
+use gsvx::EncodeOptions;
 
 use crate::plan::{TuneEffort, TunePlan};
 
@@ -22,11 +23,43 @@ pub enum Target {
     Psnr(f64),
 }
 
+/// What a stream has beside its finest level, as [`gsvx::EncodeOptions`] describes it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Layout {
+    /// The finest level alone.
+    #[default]
+    Finest,
+    /// A coarse scene first.
+    CoarseFirst,
+    /// What a web page wants: a coarse scene first, and small chunks.
+    Web,
+}
+
+impl Layout {
+    /// Asks an encoder for it.
+    pub fn set(self, options: &mut EncodeOptions) {
+        match self {
+            Self::Finest => (),
+            Self::CoarseFirst => options.lod = true,
+            Self::Web => options.for_web(),
+        }
+    }
+}
+
+/// What a run makes in the end.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Goal {
+    pub(crate) target: Target,
+    pub(crate) layout: Layout,
+}
+
 /// How to tune.
 #[derive(Clone, Debug)]
 pub struct TuneOptions {
     /// What the stream aims for.
     pub target: Target,
+    /// What the stream has beside its finest level. Its bytes count.
+    pub layout: Layout,
     /// How long to tune.
     pub effort: TuneEffort,
     /// A plan of the caller's instead of the one that follows from target and effort.
@@ -47,11 +80,17 @@ pub struct TuneOptions {
 }
 
 impl TuneOptions {
+    /// Target and layout.
+    pub(crate) fn goal(&self) -> Goal {
+        Goal { target: self.target, layout: self.layout }
+    }
+
     /// Normal effort, on the processor.
     #[must_use]
     pub fn new(target: Target) -> Self {
         Self {
             target,
+            layout: Layout::Finest,
             effort: TuneEffort::Normal,
             plan: None,
             distil: false,

@@ -30,7 +30,7 @@ pub(crate) fn plan(scene: &Scene, looked: &Looked, options: &TuneOptions) -> Res
                 let plan = TunePlan::new(quality, options.effort, &spare)?;
                 let kept = gsvx::prune(removal, plan.fraction)?;
                 let importance = kept.iter().map(|&i| squared[i]).collect();
-                probe(&scene.select(&kept), importance, quality, options.drop_unseen)
+                probe(&scene.select(&kept), importance, quality, options)
             };
             let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
             if !found.reached || is_empty(&found.encoded)? {
@@ -63,9 +63,9 @@ fn probe(
     scene: &Scene,
     importance: Vec<f32>,
     quality: f32,
-    drop_unseen: bool,
+    options: &TuneOptions,
 ) -> gsvx::Result<Vec<u8>> {
-    let prepared = gsvx::prepare(scene, &voxel_options(quality, importance, drop_unseen)?)?;
-    let encode = encode_options(quality, prepared.importance)?;
+    let prepared = gsvx::prepare(scene, &voxel_options(quality, importance, options.drop_unseen)?)?;
+    let encode = encode_options(quality, prepared.importance, options.layout)?;
     Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &encode)?.bytes)
 }

@@ -82,8 +82,9 @@ impl Tune {
                 range: "a number of dB",
             });
         }
-        let TuneOptions { target, effort, plan: given, distil, drop_unseen, seed, .. } = &options;
-        let shared = format!("{target:?} {effort:?} {given:?} {distil} {drop_unseen} {seed}");
+        let TuneOptions { effort, plan: given, distil, drop_unseen, seed, .. } = &options;
+        let goal = options.goal();
+        let shared = format!("{goal:?} {effort:?} {given:?} {distil} {drop_unseen} {seed}");
         let fingerprint = fingerprint(&scene, &views, &shared);
         let started = Clock::start();
         let looked = Views::look(&scene, views, &options, looked)?;
@@ -93,15 +94,15 @@ impl Tune {
         if !options.distil {
             views.of_quality(plan.quality);
         }
-        let TuneOptions { target, backend, checkpoint, cancel, .. } = options;
+        let TuneOptions { backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let times = Times { step: seconds_of_a_step(&scene, &mut trainer.views), worth };
-        let mut course = Course::new(plan, target, scene, removal);
+        let mut course = Course::new(plan, goal, scene, removal);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;
         }
-        Ok(Self { trainer, course, target, input_psnr, times })
+        Ok(Self { trainer, course, target: goal.target, input_psnr, times })
     }
 
     /// What the run will do.

@@ -8,7 +8,7 @@ use gsvx::latents::Latents;
 use crate::checkpoint::{StateReader, StateWriter};
 use crate::codec_loop::{CodecLoop, LoopLeaves, encode_options};
 use crate::error::{Error, Result};
-use crate::options::Target;
+use crate::options::{Goal, Layout};
 use crate::plan::{TunePlan, voxel_options};
 use crate::scene_loop::{SceneLoop, mean_rate};
 use crate::steering;
@@ -32,7 +32,7 @@ pub(crate) fn round(plan: &TunePlan, views: &mut Views, kept: Scene, round: u64)
 /// Voxelizes and puts the codec into the loop.
 pub(crate) fn codec_loop(
     plan: &TunePlan,
-    target: Target,
+    goal: Goal,
     views: &mut Views,
     scene: &Scene,
 ) -> Result<Box<CodecLoop>> {
@@ -42,13 +42,13 @@ pub(crate) fn codec_loop(
     if scene.is_empty() {
         return Err(Error::NothingSeen);
     }
-    let options = encode_options(plan.quality, importance.clone())?;
+    let options = encode_options(plan.quality, importance.clone(), goal.layout)?;
     let octree = voxels.octree().clone();
     let latents = Latents::new(&scene, &octree, &options)?;
     let outliers = outliers.map(|o| at_degree(&o, latents.sh_degree()));
     let leaves = LoopLeaves { octree, importance, outliers };
     let mut state = CodecLoop::new(plan, views.pixels(), leaves, latents);
-    steering::begin(&mut state, target)?;
+    steering::begin(&mut state, goal.target)?;
     Ok(Box::new(state))
 }
 
@@ -93,6 +93,7 @@ impl Stage {
     pub(crate) fn read(
         input: &mut StateReader<'_>,
         plan: &TunePlan,
+        layout: Layout,
         views: &Views,
     ) -> Result<Self> {
         match input.integers()?[..] {
@@ -101,7 +102,8 @@ impl Stage {
                 Ok(Self::Round { round, recovery: Box::new(recovery) })
             }
             [1, done, degree @ 0..=3] => {
-                let mut state = read_loop(input, views, plan, degree as u8)?;
+                let latents = read_latents(input, layout, degree as u8)?;
+                let mut state = read_loop(input, views, plan, latents)?;
                 state.done = done;
                 Ok(Self::Loop(Box::new(state)))
             }
@@ -131,22 +133,29 @@ fn read_leaves(input: &mut StateReader<'_>) -> Result<Octree> {
     Octree::new(cube, depth as u8, leaves).map_err(|e| input.refused("leaves", e))
 }
 
-fn read_loop(
+/// The quality, the latents and their leaves, without outliers.
+fn read_latents(
     input: &mut StateReader<'_>,
-    views: &Views,
-    plan: &TunePlan,
+    layout: Layout,
     sh_degree: u8,
-) -> Result<CodecLoop> {
+) -> Result<(f32, LoopLeaves, Latents)> {
     let [quality] = input.numbers()?[..] else { return Err(input.error("quality")) };
     let (octree, quality) = (read_leaves(input)?, quality as f32);
     let importance = input.floats()?;
     let values = input.floats()?;
-    let options = encode_options(quality, importance.clone())?;
+    let options = encode_options(quality, importance.clone(), layout)?;
     let latents = Latents::with_values(&octree, &importance, &options, sh_degree, values)?;
+    Ok((quality, LoopLeaves { octree, importance, outliers: None }, latents))
+}
+
+fn read_loop(
+    input: &mut StateReader<'_>,
+    views: &Views,
+    plan: &TunePlan,
+    (quality, mut leaves, latents): (f32, LoopLeaves, Latents),
+) -> Result<CodecLoop> {
     let moments = input.moments(latents.values().len())?;
-    let outliers = input.scene()?;
-    let outliers = (!outliers.is_empty()).then_some(outliers);
-    let leaves = LoopLeaves { octree, importance, outliers };
+    leaves.outliers = Some(input.scene()?).filter(|outliers| !outliers.is_empty());
     let plan = TunePlan { quality, ..*plan };
     let mut state = CodecLoop::new(&plan, views.pixels(), leaves, latents);
     state.moments = moments;

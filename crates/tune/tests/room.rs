@@ -8,7 +8,7 @@ use finetune::framing::nearby;
 use finetune::{Photo, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene, dataset, ply};
 use gsvx::{Aim, Encoder};
-use tune::{Error, Target, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
+use tune::{Error, Layout, Target, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
 
 fn room() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
@@ -121,6 +121,36 @@ fn what_the_photos_do_not_show_stays_unless_it_is_dropped() {
     assert!(tuned > untuned, "{tuned:.2} dB, {untuned:.2} dB without tuning");
 }
 
+/// A page showed nothing of a tuned stream before all of it had come.
+#[test]
+fn a_tuned_stream_for_the_web_begins_with_a_coarse_level_that_fits_the_target() {
+    let mut options = short(Target::Bytes(60_000));
+    options.layout = Layout::Web;
+    let outcome = tuned(&options);
+    let (bytes, counted) = (outcome.encoded.bytes.len(), outcome.counted_bytes as f64);
+    assert!(outcome.reached && bytes > 58_000, "{bytes}");
+    assert!((counted / bytes as f64 - 1.0).abs() < 0.005, "{counted} counted, {bytes} real");
+    assert_eq!(bits(&gsvx::decode(&outcome.encoded.bytes).unwrap()), bits(&outcome.scene));
+    let chunks = &outcome.encoded.index.chunks;
+    assert!(chunks[0].lod > 0 && chunks.iter().all(|c| c.count <= 1 << 14));
+    // What arrives first looks like the whole, as much as that of an encoder does.
+    let camera = &views()[0].camera;
+    let whole = TrainView::rendered(&outcome.scene, camera.clone());
+    let coarse = |stream: &[u8]| {
+        let mut options = gsvx::DecodeOptions::default();
+        options.lod = 1;
+        gsvx::decode_with(stream, &options).unwrap().scene
+    };
+    let mut encoder = Encoder::new(Aim::Quality(54.0));
+    encoder.options.for_web();
+    let untuned = encoder.encode(&model()).unwrap().encoded;
+    let theirs = TrainView::rendered(&untuned.decode().unwrap(), camera.clone());
+    let (tuned, untuned) =
+        (whole.psnr(&coarse(&outcome.encoded.bytes)), theirs.psnr(&coarse(&untuned.bytes)));
+    println!("coarse from whole: {tuned:.2} dB tuned, {untuned:.2} dB untuned");
+    assert!(tuned > untuned - 2.0, "{tuned} dB, {untuned} dB untuned");
+}
+
 #[test]
 fn the_bytes_are_the_same_for_any_number_of_threads() {
     let on = |threads: usize| {
@@ -133,10 +163,11 @@ fn the_bytes_are_the_same_for_any_number_of_threads() {
 #[test]
 fn a_run_that_was_cut_goes_on_to_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
-    let whole = tuned(&short(Target::Bytes(60_000))).encoded.bytes;
+    let web = || TuneOptions { layout: Layout::Web, ..short(Target::Bytes(60_000)) };
+    let whole = tuned(&web()).encoded.bytes;
     // Cut in a round, in the loop, and in its last part, where the best state is kept.
     for cut in [70, 190, 260] {
-        let mut options = short(Target::Bytes(60_000));
+        let mut options = web();
         options.checkpoint = Some(dir.path().join(format!("{cut}.ckpt")));
         let cancel = Arc::new(AtomicBool::new(false));
         options.cancel = Some(Arc::clone(&cancel));

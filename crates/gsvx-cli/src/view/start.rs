@@ -8,7 +8,7 @@ use gs_model::{Camera, Scene};
 use std::path::{Path, PathBuf};
 
 /// A level of detail of at most so many Gaussians is enough to find a camera for.
-const ENOUGH: u64 = 1 << 20;
+const ENOUGH: u64 = 1 << 17;
 
 /// A camera, and what is up for whoever turns around the scene.
 pub(super) struct Start {

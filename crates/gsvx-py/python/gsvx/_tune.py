@@ -28,6 +28,8 @@ def tune(
     distil: bool = False,
     force_photos: bool = False,
     drop_unseen: bool = False,
+    lod: bool = False,
+    web: bool = False,
     checkpoint: Optional[PathLike] = None,
     seed: int = 0,
     drop_invalid: bool = False,
@@ -46,7 +48,8 @@ def tune(
     ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (1.5 minutes for 120,000
     Gaussians and small photos on one core), "normal" (5 minutes) or "long" (30 minutes). ``seed``: of the
     order of the views. ``drop_unseen`` leaves out what the views do not show: fewer bytes, and good only where the
-    cameras stand. ``checkpoint``: file that keeps what is needed to go on after an interruption; an
+    cameras stand. ``lod`` stores a coarse scene first, and ``web`` also makes small chunks; the bytes count.
+    ``checkpoint``: file that keeps what is needed to go on after an interruption; an
     existing one is continued.
 
     Ctrl-C ends the work, and no stream is written; the checkpoint stays. To see the tuned model, decompress
@@ -67,6 +70,8 @@ def tune(
         distil=distil,
         force_photos=force_photos,
         drop_unseen=drop_unseen,
+        lod=lod,
+        web=web,
         checkpoint=None if checkpoint is None else os.fspath(checkpoint),
         drop_invalid=drop_invalid,
     )

@@ -212,10 +212,10 @@ export const alike = (page) => page.route('**/objects/GaussianSplat.js', async (
   await route.fulfill({ response, body });
 });
 
-/** Writes the stream of a model that is larger than the first request of a part: copies of the fixture room. */
-export async function rooms(file) {
+/** Writes the stream of a model that is larger than the first request of a part: copies of the fixture room along x. */
+export async function rooms(file, count = 60_000) {
   const { replicate } = await import(pathToFileURL(join(npm, 'bench/model.mjs')));
   const model = `${file}.ply`;
-  replicate(join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply'), model, 60_000);
+  replicate(join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply'), model, count);
   gsvx('encode', model, '-o', file, '--web', '--no-estimate');
 }

@@ -127,10 +127,13 @@ test('bytes are counted while they arrive, and the coarse level comes first', { 
   await page.waitForFunction(() => /coarse/.test(document.getElementById('left-state').textContent), null, { timeout: 60000 });
   const counted = await bytes(page, 'left-bytes');
   assert.ok(counted > 0 && counted < length(FILES[0]), `${counted}`);
-  const first = await page.evaluate(() => window.gsvx.log.find((c) => c.number === 0));
-  assert.ok(first.lod > 0, JSON.stringify(first));
   await loaded(page);
-  assert.doesNotMatch(await text(page, 'left-state'), /coarse/);
+  // Of the tuned scene too.
+  for (const [number, side] of ['left', 'right'].entries()) {
+    const first = await page.evaluate((i) => window.gsvx.log.find((c) => c.number === i), number);
+    assert.ok(first.lod > 0, JSON.stringify(first));
+    assert.doesNotMatch(await text(page, `${side}-state`), /coarse/);
+  }
   assert.equal(await bytes(page, 'left-bytes'), length(FILES[0]));
 });
 

@@ -27,7 +27,7 @@ function drawn(slot) {
 function show() {
   for (const [i, [side, file]] of sides.entries()) {
     const slot = stage.slots[i];
-    if (!slot?.shown) continue;
+    if (!slot?.stop) continue;
     $(`${side}-bytes`).textContent = bytes(slot.received);
     $(`${side}-progress`).value = slot.received / file.bytes;
     $(`${side}-state`).textContent = drawn(slot);

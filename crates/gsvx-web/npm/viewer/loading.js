@@ -6,9 +6,12 @@ const bytes = Uint8Array.from(atob(WASM), (c) => c.charCodeAt(0));
 const module = WebAssembly.compile(bytes);
 const script = URL.createObjectURL(new Blob([WORKER], { type: 'text/javascript' }));
 
-/** Loads `source`, a URL or a file. `handle` gets its messages; the promise settles at the end. */
-export function load(source, name, lod, handle, signal) {
-  const options = { layout: 'packed', maxShDegree: 3, lod, salvage: true, limits: {}, progressive: true };
+/**
+ * Loads `source`, a URL or a file. `handle` gets its messages, and a function that asks for chunks if the scene is larger
+ * than the budget; the promise settles at the end.
+ */
+export function load(source, name, { lod, budget }, handle, signal) {
+  const options = { layout: 'packed', maxShDegree: 3, lod, budget, salvage: true, limits: {}, progressive: true };
   const worker = new Worker(script);
   return new Promise((resolve, reject) => {
     signal.addEventListener('abort', () => reject(signal.reason));
@@ -16,7 +19,7 @@ export function load(source, name, lod, handle, signal) {
     worker.onmessage = ({ data }) => {
       if (data.type === 'done') resolve(data.result);
       else if (data.type === 'error') reject(GsvxError.from(data.error));
-      else handle(data);
+      else handle(data, (want, gone) => worker.postMessage({ want, gone }));
     };
     module.then((compiled) => worker.postMessage({ module: compiled, source, name, options }), reject);
   }).finally(() => worker.terminate());

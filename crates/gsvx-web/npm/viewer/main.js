@@ -4,8 +4,13 @@ import { Stage, size } from './stage.js';
 const $ = (id) => document.getElementById(id);
 const query = new URLSearchParams(location.search);
 const numbers = new Intl.NumberFormat('en');
-const stage = (window.gsvx = new Stage({ show, say, background: query.get('background') }));
+/** Gaussians of a scene that are drawn at most, unless the address says otherwise. */
+const BUDGET = 2_000_000;
+const stage = (window.gsvx = new Stage({ show, say, background: query.get('background'), budget: Number(query.get('budget')) || BUDGET }));
 const { camera, slots } = stage;
+
+/** Whether the panel is put away. */
+let isHidden = false;
 
 function say(text) {
   $('message').textContent = text;
@@ -16,14 +21,18 @@ function say(text) {
 function show() {
   const [one, two] = slots;
   $('welcome').hidden = Boolean(one);
-  $('panel').hidden = !one;
+  $('panel').hidden = !one || isHidden;
   if (!one) return;
   // What is the same of both is said once.
-  const both = (f) => [...new Set(slots.filter((s) => s.shown).map(f))].join(' | ');
+  const both = (f) => [...new Set(slots.filter((s) => s.stop).map(f))].join(' | ');
   $('title').textContent = two ? `${one.name} | ${two.name}` : one.name;
   document.title = $('title').textContent;
-  $('size').textContent = both((s) => size(s.head?.length ?? s.received));
-  $('count').textContent = both((s) => s.drawn() ? numbers.format(s.drawn()) : '–');
+  const length = (s) => size(s.head?.length ?? s.received);
+  $('size').textContent = both((s) => s.detail ? `${size(s.received)} of ${length(s)}` : length(s));
+  const count = (s) => `${numbers.format(s.drawn())}${s.detail ? ` of ${numbers.format(s.head.total)}` : ''}`;
+  $('count').textContent = both((s) => s.drawn() ? count(s) : '–');
+  $('budget-row').hidden = !slots.some((s) => s.detail);
+  $('budget').textContent = numbers.format(stage.budget);
   $('layers').textContent = both((s) => s.layers());
   const { lods = 1, shDegree = 0 } = one.head ?? {};
   $('lod-row').hidden = lods < 2;
@@ -93,7 +102,9 @@ function listen() {
   });
   addEventListener('keydown', (event) => {
     if (event.target.closest?.('input, select') || event.ctrlKey || event.metaKey) return;
-    if (event.code === 'KeyH') $('panel').hidden = !$('panel').hidden;
+    if (event.code !== 'KeyH') return;
+    isHidden = !isHidden;
+    show();
   });
 }
 

@@ -1,4 +1,5 @@
 // A scene on the stage: its view, its loading, and what is known of it.
+import { Detail } from './detail.js';
 import { load } from './loading.js';
 import { View } from './view.js';
 
@@ -16,16 +17,16 @@ export class Slot {
   }
 
   async open(source, name, lod = 0) {
-    const { say, show } = this.stage;
+    const { say, show, budget } = this.stage;
     this.stop?.abort();
     this.view.clear();
-    Object.assign(this, { source, name, lod, stop: new AbortController(), complete: false, received: 0, gaussians: 0, length: undefined, head: undefined, shown: new Map() });
+    Object.assign(this, { source, name, lod, stop: new AbortController(), complete: false, received: 0, gaussians: 0, length: undefined, head: undefined, detail: undefined });
     const { stop } = this;
     this.view.canvas.setAttribute('aria-label', `Scene ${name}`);
     say('');
     show();
     try {
-      const { skipped, received } = await load(source, name, lod, (message) => !stop.signal.aborted && this.take(message), stop.signal);
+      const { skipped, received } = await load(source, name, { lod, budget }, (message, ask) => !stop.signal.aborted && this.take(message, ask), stop.signal);
       this.received = received;
       if (skipped.length) say(`${name}: ${skipped[0]}${skipped.length > 1 ? `, and ${skipped.length - 1} more` : ''}`);
     } catch (error) {
@@ -36,21 +37,38 @@ export class Slot {
     show();
   }
 
-  take({ type, ...message }) {
-    const { stage } = this;
-    this.complete = false;
-    if (type === 'head') this.head = message.head;
-    else if (type === 'progress') Object.assign(this, message);
+  take({ type, ...message }, ask) {
+    const { stage, view, name } = this;
+    if (type !== 'progress') this.complete = false;
+    if (type === 'head') {
+      this.head = message.head;
+      if (message.detail) this.detail = new Detail(message.head, { budget: stage.budget, view, ask });
+    } else if (type === 'progress') Object.assign(this, message);
     else if (type === 'view') this.frame(message);
-    else {
-      this.view.put(message);
-      for (const id of message.replaces) this.shown.delete(id);
-      this.shown.set(message.id, message);
+    else if (type === 'note') stage.say(`${name}: ${message.text}`);
+    else if (type === 'loaded') {
+      if (message.skipped.length) stage.say(`${name}: ${message.skipped[0]}`);
+      this.detail.finish(message.chunk, message.isGood);
+      stage.dirty();
+    } else {
+      (this.detail ? this.detail.take : view.put).call(this.detail ?? view, message);
       const { id, replaces, lod, shDegree, count } = message;
       (stage.log ??= []).push({ number: this.number, id, replaces, lod, shDegree, count, at: performance.now() });
       stage.dirty();
     }
     stage.show();
+  }
+
+  /** Asks for what a camera sees, if that is a part of the scene. */
+  look(camera, now) {
+    const { detail, view } = this;
+    if (!detail) return;
+    detail.look(camera, view.canvas.height, now);
+    const complete = detail.isSettled();
+    if (complete !== this.complete) {
+      this.complete = complete;
+      this.stage.show();
+    }
   }
 
   /** Goes to where the scene is best looked at from, unless that was done. */
@@ -63,18 +81,22 @@ export class Slot {
 
   /** Gaussians that are drawn. */
   drawn() {
-    return [...this.view.pieces.keys()].reduce((sum, id) => sum + (this.shown?.get(id)?.count ?? 0), 0);
+    return this.view.drawn();
+  }
+
+  pieces() {
+    return [...this.view.pieces.values()].map((mesh) => mesh.piece);
   }
 
   /** Whether a coarser level stands for a part of the scene. */
   isCoarse() {
-    return [...this.shown.values()].some((piece) => piece.lod > this.head.lod);
+    return this.pieces().some((piece) => piece.lod > this.head.lod);
   }
 
   layers() {
-    const pieces = [...this.shown.values()];
+    const pieces = this.pieces();
     if (!pieces.length) return '–';
-    const degree = Math.min(...pieces.map((p) => p.shDegree));
+    const degree = Math.min(...pieces.filter((p) => !this.detail || p.lod === this.head.lod).map((p) => p.shDegree), 3);
     return `${this.isCoarse() ? 'coarse, ' : ''}base${degree ? ` + SH ${degree > 1 ? `1–${degree}` : 1}` : ''}`;
   }
 }

@@ -15,9 +15,12 @@ export function size(bytes) {
 }
 
 export class Stage {
-  /** `show()` is called when more is known of a scene, `say(text)` when something fails. */
-  constructor({ show, say, background }) {
-    Object.assign(this, { show, say, background, slots: [], frames: 0, maxSh: 3, last: 0, until: 0 });
+  /**
+   * `show()` is called when more is known of a scene, `say(text)` when something fails. Of each scene with levels of detail
+   * at most `budget` Gaussians are drawn.
+   */
+  constructor({ show, say, background, budget = Infinity }) {
+    Object.assign(this, { show, say, background, budget, slots: [], frames: 0, maxSh: 3, last: 0, until: 0 });
     /** A change that no frame has shown yet, however long frames take. */
     this.changed = false;
     this.camera = new Camera($('stage'), () => this.dirty());
@@ -97,6 +100,7 @@ export class Stage {
     this.camera.step(seconds);
     if ((!this.changed && now >= this.until) || !this.slots.length) return;
     this.changed = false;
+    for (const slot of this.slots) slot.look(this.camera.camera, now);
     for (const { view } of this.slots) view.draw(this.camera.camera);
     this.frames += 1;
   }

@@ -16,6 +16,8 @@ export class View {
     });
     this.scene.add(this.spark);
     this.pieces = new Map();
+    /** Pieces that are there and not drawn. */
+    this.hidden = new Map();
     this.maxSh = 3;
   }
 
@@ -31,6 +33,8 @@ export class View {
   /** Shows a chunk in the place of what it replaces. */
   put(chunk) {
     const mesh = splatMesh(chunk);
+    const { lod, shDegree, count } = chunk;
+    mesh.piece = { lod, shDegree, count };
     mesh.maxSh = this.maxSh;
     for (const id of [chunk.id, ...chunk.replaces]) this.drop(id);
     this.pieces.set(chunk.id, mesh);
@@ -38,21 +42,48 @@ export class View {
   }
 
   drop(id) {
-    const mesh = this.pieces.get(id);
+    const mesh = this.pieces.get(id) ?? this.hidden.get(id);
     if (!mesh) return;
     this.pieces.delete(id);
+    this.hidden.delete(id);
     this.scene.remove(mesh);
     mesh.dispose();
   }
 
+  hide(id) {
+    const mesh = this.pieces.get(id);
+    if (!mesh) return;
+    this.pieces.delete(id);
+    this.hidden.set(id, mesh);
+    this.scene.remove(mesh);
+  }
+
+  unhide(id) {
+    const mesh = this.hidden.get(id);
+    if (!mesh) return;
+    this.hidden.delete(id);
+    this.pieces.set(id, mesh);
+    this.scene.add(mesh);
+  }
+
+  /** All pieces that are there. */
+  all() {
+    return new Map([...this.pieces, ...this.hidden]);
+  }
+
+  /** Gaussians that are drawn. */
+  drawn() {
+    return [...this.pieces.values()].reduce((sum, mesh) => sum + mesh.piece.count, 0);
+  }
+
   clear() {
-    for (const id of [...this.pieces.keys()]) this.drop(id);
+    for (const id of this.all().keys()) this.drop(id);
   }
 
   /** Draws SH coefficients up to this degree. */
   setMaxSh(degree) {
     this.maxSh = degree;
-    for (const mesh of this.pieces.values()) {
+    for (const mesh of this.all().values()) {
       mesh.maxSh = degree;
       mesh.updateGenerator();
     }

@@ -2,6 +2,7 @@
 import { GsvxError } from '../error.js';
 import { ready, run } from '../core.js';
 import { open } from '../source.js';
+import { Levels, gaussians, peek } from './levels.js';
 import { Model, outlook } from '../wasm/gsvx.js';
 
 /** Gaussians of a model that are handed out at a time. */
@@ -29,6 +30,24 @@ async function stream(source, options) {
   });
   if (!told) view(true);
   return result;
+}
+
+let levels;
+
+/** Loads a stream: all of it, or with levels of detail and more Gaussians than the budget what the page asks for. */
+async function scene(source, { budget, ...options }) {
+  const { head, input, stop } = await peek(source, options.lod > 0);
+  const lod = head && Math.min(options.lod, head.lods - 1);
+  if (!head || gaussians(head, lod) <= budget) return stream(input, options);
+  const inParts = lod < head.lods - 1 && (input.range ? input : await open(source, { part: true }));
+  if (!inParts?.range) {
+    const why = inParts ? 'the host gives no parts of files' : 'the stream has no levels of detail (gsvx encode --lod)';
+    postMessage({ type: 'note', text: `all ${gaussians(head, lod)} Gaussians are drawn, more than the budget of ${budget}: ${why}` });
+    return stream(input, options);
+  }
+  await stop();
+  levels = new Levels(inParts, options, (message, transfer) => postMessage(message, transfer ?? []));
+  return levels.run(() => view(true));
 }
 
 async function bytesOf(input) {
@@ -65,11 +84,15 @@ async function model(source, name) {
   return { skipped: [], received: bytes.length };
 }
 
-onmessage = async ({ data: { module, source, name, options } }) => {
+onmessage = async ({ data: { want, gone, module, source, name, options } }) => {
+  if (want) {
+    levels.want(want, gone);
+    return;
+  }
   try {
     await ready(module);
     const other = /\.(ply|spz|splat)$/i.test(name);
-    const result = other ? await model(source, name) : await stream(source, options);
+    const result = other ? await model(source, name) : await scene(source, options);
     postMessage({ type: 'done', result });
   } catch (thrown) {
     postMessage({ type: 'error', error: GsvxError.from(thrown).plain() });

@@ -1,6 +1,6 @@
 //! The encoder: chunks of leaves, levels of detail, and the head in front of them.
 
-use super::assemble::{assemble, joined, without_zero_degrees};
+use super::assemble::{EncodedChunk, assemble, joined, without_zero_degrees};
 use super::check::{
     check_centres, check_length, check_lengths, check_steps, checked_outliers, used_degree,
 };
@@ -58,7 +58,6 @@ pub(crate) fn encode_source(
     let exact_degree = outliers.map_or(0, |o| used_degree(o, options.max_sh_degree));
     let used = || used_degree(source.scene, options.max_sh_degree).max(exact_degree);
     let sh_degree = source.whole.and_then(|w| w.sh_degree).unwrap_or_else(used);
-    let importance = source.importance();
     let header = Header {
         count: 0,
         sh_degree,
@@ -66,6 +65,23 @@ pub(crate) fn encode_source(
         cube: source.voxels.octree().cube(),
         steps: options.steps,
     };
+    let tiles = source.whole.map_or(lod::LodTiles::ONE, |w| w.tiles);
+    let levels = lod::levels(source.voxels, options, tiles)?;
+    let chunks = encode_levels(source, &levels, sh_degree, options)?;
+    let chunks = without_zero_degrees(chunks, exact_degree);
+    let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
+    let left_out = source.voxels.dropped().len();
+    let rows = options.rows.then(|| source.voxels.leaf_of_each(source.scene.len()));
+    Ok(Encoded { left_out, rows, ..assemble(header, chunks) })
+}
+
+/// Encodes levels of the leaves of a source, the last one first.
+pub(crate) fn encode_levels(
+    source: &GaussianSource<'_>,
+    levels: &[LodLevel],
+    sh_degree: u8,
+    options: &EncodeOptions,
+) -> Result<Vec<EncodedChunk>> {
     let how = How {
         steps: &options.steps,
         sh_degree,
@@ -73,25 +89,12 @@ pub(crate) fn encode_source(
         // What saves bits on average makes single errors large.
         lambda: options.max_error.map(|_| 0.0),
     };
-    let tiles = source.whole.map_or(lod::LodTiles::ONE, |w| w.tiles);
-    let levels = lod::levels(source.voxels, options, tiles)?;
-    let mut jobs = Vec::new();
-    for level in levels.iter().rev() {
-        let importance = level.sum(&importance);
-        let classes = if options.uniform_precision {
-            vec![f32::from(importance::MEAN_CLASS); importance.len()]
-        } else if let Some(Whole { mean_importance, .. }) = source.whole.filter(|_| level.lod == 0)
-        {
-            importance::log_classes_about(mean_importance, &importance, options.steps.covariance)
-        } else {
-            // Relative to the mean of the tile.
-            let of = |tile: &Range<usize>| {
-                importance::log_classes(&importance[tile.clone()], options.steps.covariance)
-            };
-            level.tiles.iter().flat_map(of).collect()
-        };
-        jobs.push((level, classes));
-    }
+    let importance = source.importance();
+    let jobs: Vec<_> = levels
+        .iter()
+        .rev()
+        .map(|level| (level, classes(source, level, &level.sum(&importance), options)))
+        .collect();
     drop(importance);
     let each = jobs.iter().flat_map(|(level, classes)| {
         level.cuts.windows(2).map(move |cut| (*level, &classes[..], cut[0]..cut[1]))
@@ -109,9 +112,28 @@ pub(crate) fn encode_source(
         // The first error, on any number of threads.
         chunks.extend(encoded.into_iter().collect::<Result<Vec<_>>>()?);
     }
-    let chunks = without_zero_degrees(chunks, exact_degree);
-    let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
-    let left_out = source.voxels.dropped().len();
-    let rows = options.rows.then(|| source.voxels.leaf_of_each(source.scene.len()));
-    Ok(Encoded { left_out, rows, ..assemble(header, chunks) })
+    Ok(chunks)
+}
+
+/// The classes of the leaves of a level, from the importance of each.
+fn classes(
+    source: &GaussianSource<'_>,
+    level: &LodLevel,
+    importance: &[f32],
+    options: &EncodeOptions,
+) -> Vec<f32> {
+    let step = options.steps.covariance;
+    match source.whole.filter(|_| level.lod == 0) {
+        _ if options.uniform_precision => {
+            vec![f32::from(importance::MEAN_CLASS); importance.len()]
+        }
+        Some(Whole { mean_importance, .. }) => {
+            importance::log_classes_about(mean_importance, importance, step)
+        }
+        // Relative to the mean of the tile.
+        None => {
+            let of = |tile: &Range<usize>| importance::log_classes(&importance[tile.clone()], step);
+            level.tiles.iter().flat_map(of).collect()
+        }
+    }
 }

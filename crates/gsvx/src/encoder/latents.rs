@@ -3,7 +3,7 @@
 //! The values are those that the codec transforms: ln(alpha), Y Co Cg of each SH coefficient, and six
 //! log-Euclidean coordinates for each leaf. [`Latents::reconstruct`] does with them what the encoder does
 //! (weighted RAHT, quantisation, inverse), and returns the scene that a decoder would return, with the
-//! number of bytes. [`Latents::gradient`] takes the derivatives of a loss back to the values, as if
+//! number of bytes, those of coarser levels of detail among them. [`Latents::gradient`] takes the derivatives of a loss back to the values, as if
 //! quantisation were the identity. [`Latents::encode`] writes the stream.
 //!
 //! *Invariant:* the stream of [`Latents::encode`] decodes to the last scene of [`Latents::reconstruct`],
@@ -12,8 +12,9 @@
 //!
 //! Leaves, importance classes and weights are fixed when the latents are made; steps may change.
 
-use super::assemble::{assemble, leaves_chunk, with_outliers, without_zero_degrees};
+use super::assemble::{EncodedChunk, assemble, leaves_chunk, with_outliers, without_zero_degrees};
 use super::check::{check_centres, check_length, check_lengths, check_steps, used_degree};
+use super::coarse::Coarse;
 use super::encoded::Encoded;
 use super::lod;
 use super::options::EncodeOptions;
@@ -22,7 +23,7 @@ use crate::chunk::{self, ChunkEncoder, GaussiansMut, How, LAMBDA_MOVED, Values, 
 pub use crate::chunk::{GaussianGradient, Transform};
 pub use crate::covariance::EQUAL_AXES;
 use crate::error::Result;
-use crate::head::{Header, Index, Steps};
+use crate::head::{Header, Index, Layer, Steps};
 use crate::importance;
 use gpcc_lite::Octree;
 use gs_model::Scene;
@@ -41,6 +42,7 @@ pub struct Latents {
     chunks: Vec<(Range<usize>, ChunkEncoder)>,
     channels: usize,
     values: Vec<f32>,
+    coarse: Coarse,
 }
 
 impl Latents {
@@ -89,9 +91,10 @@ impl Latents {
         check_length("importances", importance.len(), octree.len())?;
         check_length("values", values.len(), channels * octree.len())?;
         let classes = importance::log_classes(importance, options.steps.covariance);
-        let whole = EncodeOptions { lod: false, ..options.clone() };
         let voxels = Voxelization::one_each(octree.clone());
-        let cuts = lod::levels(&voxels, &whole, lod::LodTiles::ONE)?.swap_remove(0).cuts;
+        let mut levels = lod::levels(&voxels, options, lod::LodTiles::ONE)?;
+        let cuts = levels.remove(0).cuts;
+        let coarse = Coarse::new(voxels, levels, importance.to_vec());
         let chunk = |cut: &[usize]| {
             let range = cut[0]..cut[1];
             let chunk = ChunkEncoder::new(octree.part(range.clone()), &classes[range.clone()])?;
@@ -106,7 +109,7 @@ impl Latents {
             steps: options.steps,
         };
         let chunks = chunks.into_iter().collect::<Result<_>>()?;
-        Ok(Self { header, chunks, channels, values })
+        Ok(Self { header, chunks, channels, values, coarse })
     }
 
     /// Values per leaf.
@@ -196,7 +199,7 @@ impl Latents {
         prices: Option<&mut [f32]>,
         scene: &mut Scene,
     ) -> Result<Option<u64>> {
-        let Self { header, chunks, channels, values } = self;
+        let Self { header, chunks, channels, values, .. } = self;
         let channels = *channels;
         let how = how(header, fit);
         let mut rest = prices;
@@ -217,7 +220,22 @@ impl Latents {
             .collect();
         let layers = sizes.into_iter().sum::<Result<u64>>()?;
         self.rebuild(scene)?;
-        Ok(fit.then(|| layers + self.head_bytes()))
+        if !fit {
+            return Ok(None);
+        }
+        let coarse = self.coarse_chunks()?;
+        let bytes = coarse.iter().flat_map(|(_, layers)| layers).map(|l| l.len() as u64);
+        Ok(Some(layers + bytes.sum::<u64>() + self.head_bytes(coarse)))
+    }
+
+    /// The coarse levels of what was coded last.
+    fn coarse_chunks(&self) -> Result<Vec<EncodedChunk>> {
+        if self.coarse.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut finest = Scene::default();
+        self.rebuild(&mut finest)?;
+        self.coarse.encode(&finest, &self.header)
     }
 
     /// The Gaussians of what was coded last.
@@ -242,18 +260,19 @@ impl Latents {
     }
 
     /// Bytes of the head of a stream without outliers.
-    fn head_bytes(&self) -> u64 {
+    fn head_bytes(&self, coarse: Vec<EncodedChunk>) -> u64 {
+        let layer = |len: usize| Layer { offset: 0, len: len as u64, crc: 0 };
+        let coarse = coarse.into_iter().map(|(mut entry, layers)| {
+            entry.layers = layers.iter().map(|bytes| layer(bytes.len())).collect();
+            entry
+        });
         let layers = 1 + usize::from(self.header.sh_degree);
-        let chunks: Vec<_> = self
-            .chunks
-            .iter()
-            .map(|(range, chunk)| {
-                let mut entry = leaves_chunk(0, chunk.decoded().octree());
-                let bytes = (range.len() * self.channels / 8) as u64;
-                entry.layers = vec![crate::head::Layer { offset: 0, len: bytes, crc: 0 }; layers];
-                entry
-            })
-            .collect();
+        let finest = self.chunks.iter().map(|(range, chunk)| {
+            let mut entry = leaves_chunk(0, chunk.decoded().octree());
+            entry.layers = vec![layer(range.len() * self.channels / 8); layers];
+            entry
+        });
+        let chunks: Vec<_> = coarse.chain(finest).collect();
         Index::to_bytes(&self.header, &chunks).len() as u64
     }
 
@@ -270,7 +289,7 @@ impl Latents {
     /// # Errors
     /// As [`crate::encode_voxels`].
     pub fn encode(&mut self, outliers: Option<&Scene>) -> Result<Encoded> {
-        let Self { header, chunks, channels, values } = self;
+        let Self { header, chunks, channels, values, .. } = self;
         let (channels, header) = (*channels, &*header);
         let encode = |(range, chunk): &mut (Range<usize>, ChunkEncoder)| {
             let flat = &values[range.start * channels..range.end * channels];
@@ -278,11 +297,14 @@ impl Latents {
             let layers = chunk.layers(&how(header, false), values)?;
             Ok((leaves_chunk(0, chunk.decoded().octree()), layers))
         };
-        let chunks: Vec<Result<_>> = chunks.par_iter_mut().with_max_len(1).map(encode).collect();
-        let chunks = chunks.into_iter().collect::<Result<Vec<_>>>()?;
+        let finest: Vec<Result<_>> = chunks.par_iter_mut().with_max_len(1).map(encode).collect();
+        let finest = finest.into_iter().collect::<Result<Vec<_>>>()?;
         let least = outliers.map_or(0, |o| o.sh_degree);
+        let mut chunks = self.coarse_chunks()?;
+        chunks.extend(finest);
         let chunks = without_zero_degrees(chunks, least);
-        with_outliers(header, chunks, outliers).map(|(header, chunks)| assemble(header, chunks))
+        with_outliers(&self.header, chunks, outliers)
+            .map(|(header, chunks)| assemble(header, chunks))
     }
 }
 

@@ -3,6 +3,7 @@
 mod assemble;
 mod bounded;
 mod check;
+mod coarse;
 mod encode;
 mod encoded;
 mod exact;
@@ -36,7 +37,6 @@ pub use warning::{EncodeWarning, Missed};
 use crate::error::{Error, Result};
 use gs_model::Scene;
 use rate::Found;
-use std::num::NonZeroUsize;
 use std::ops::ControlFlow;
 use warning::warnings;
 
@@ -111,21 +111,11 @@ pub struct Made {
     pub warnings: Vec<EncodeWarning>,
 }
 
-/// Leaves of a chunk for the web: a page shows it, and a worker holds it, at once.
-const WEB_CHUNK: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
-
 impl<'a> Encoder<'a> {
     /// With default options.
     #[must_use]
     pub fn new(aim: Aim<'a>) -> Self {
         Self { aim, options: EncodeOptions::default(), progress: None }
-    }
-
-    /// Makes what a web page wants: a coarse scene first, and small chunks. The quality for it is that of
-    /// [`crate::Preset::WEB`].
-    pub fn for_web(&mut self) {
-        self.options.lod = true;
-        self.options.chunk_leaves = WEB_CHUNK;
     }
 
     /// Calls `progress` before and after each stream. If that breaks, encoding ends with [`Error::Cancelled`].
@@ -272,7 +262,7 @@ mod tests {
             assert!(matches!(Encoder::new(aim).choices(false), Err(Error::NotAtScale { .. })));
         }
         let mut encoder = Encoder::new(Aim::Quality(70.0));
-        encoder.for_web();
+        encoder.options.for_web();
         let choices = encoder.choices(true).unwrap();
         assert_eq!((choices.quality, choices.lod, choices.seen), (70.0, true, Seen::ByCameras));
         encoder.options.prune = 0.1;

@@ -116,6 +116,9 @@ pub struct EncodeOptions {
     pub rows: bool,
 }
 
+/// Leaves of a chunk for the web: a page shows it, and a worker holds it, at once.
+const WEB_CHUNK: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
+
 /// Leaves of a chunk by default.
 const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 15) - 1);
 
@@ -163,6 +166,13 @@ impl EncodeOptions {
     pub fn at_quality(&self, quality: f32) -> Result<Self> {
         let Self { quality, steps, .. } = Self::from_quality(quality)?;
         Ok(Self { quality, steps, ..self.clone() })
+    }
+
+    /// Makes what a web page wants: a coarse scene first, and small chunks. The quality for it is that of
+    /// [`crate::Preset::WEB`].
+    pub fn for_web(&mut self) {
+        self.lod = true;
+        self.chunk_leaves = WEB_CHUNK;
     }
 
     /// Where importances come from, if they come from cameras or not.
