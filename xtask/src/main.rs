@@ -56,6 +56,8 @@ enum Task {
     BenchFinetune(bench::finetune::FinetuneOptions),
     /// The gsvx command: seconds and memory by size of model
     BenchGsvx(bench::gsvx::GsvxOptions),
+    /// Steps on a GPU beside the processor, by size of scene
+    BenchGpu(bench::gpu::GpuOptions),
     /// What is lost at each quality, and what bounds on errors cost
     BenchQuality(bench::quality::QualityOptions),
     /// What gsvx tune saves, beside streams without it
@@ -84,6 +86,7 @@ fn main() -> ExitCode {
         Task::BenchVoxel(args) => bench::voxel::run(&args),
         Task::BenchFinetune(args) => bench::finetune::run(&args),
         Task::BenchGsvx(args) => bench::gsvx::run(&args),
+        Task::BenchGpu(args) => bench::gpu::run(&args),
         Task::BenchQuality(args) => bench::quality::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),
         Task::Web(args) => web::run(&args),

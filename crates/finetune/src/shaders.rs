@@ -34,8 +34,8 @@ pub struct Shader {
 
 const PRELUDE: &str = include_str!("stages/math/prelude.wgsl");
 const SCALAR: &str = include_str!("stages/math/scalar.wgsl");
-/// Parameters of a Gaussian, its projection, its `Frame` in a view, and the SH basis. Needs the buffers `means`, `geo`
-/// and `sh`, and [`STEP`].
+/// Parameters of a Gaussian, its projection, its `Frame` in a view, and the SH basis. Needs the buffers `means` and
+/// `geo`, and [`STEP`].
 pub const GAUSSIAN: &str = concat!(
     include_str!("stages/math/scalar.wgsl"),
     include_str!("stages/math/project.wgsl"),
@@ -49,23 +49,25 @@ const REACH: &str = include_str!("stages/math/reach.wgsl");
 const BLOCK: &str = include_str!("stages/block.wgsl");
 /// The uniform `u` of a step, and `group_index` of a folded dispatch.
 pub const STEP: &str = include_str!("stages/step.wgsl");
+/// The page that a dispatch works on, `page`. Gaussians of a kernel count from its first.
+pub const PAGE: &str = include_str!("stages/page.wgsl");
+const SPLAT: &str = include_str!("stages/splat.wgsl");
 const TOUCHES: &str = include_str!("stages/touches.wgsl");
-/// `struct Splat` for stages that do not test tiles.
-const SPLAT: &str = "struct Splat { a: vec4<f32>, b: vec4<f32>, c: vec4<f32> }\n";
 
 /// All shaders, in the order of the stages.
 pub(crate) const SHADERS: &[Shader] = &[
     Shader::new(
         "project",
         &["project"],
-        &[STEP, GAUSSIAN, REACH, TOUCHES, include_str!("stages/project.wgsl")],
+        &[STEP, PAGE, GAUSSIAN, REACH, SPLAT, TOUCHES, include_str!("stages/project.wgsl")],
     ),
     Shader::new("sort", &["sort_count", "sort_scatter"], &[STEP, include_str!("stages/sort.wgsl")]),
     Shader::new("scan", &["scan_local", "scan_add"], &[STEP, include_str!("stages/scan.wgsl")]),
+    Shader::new("rank", &["rank"], &[STEP, PAGE, SPLAT, include_str!("stages/rank.wgsl")]),
     Shader::new(
         "emit",
-        &["rank_counts", "check_capacity", "emit"],
-        &[REACH, STEP, TOUCHES, include_str!("stages/emit.wgsl")],
+        &["check_capacity", "emit"],
+        &[REACH, STEP, SPLAT, TOUCHES, include_str!("stages/emit.wgsl")],
     ),
     Shader::new("ranges", &["ranges"], &[STEP, include_str!("stages/ranges.wgsl")]),
     Shader::new("reach", &["reach"], &[REACH, STEP, SPLAT, include_str!("stages/reach.wgsl")])
@@ -87,11 +89,11 @@ pub(crate) const SHADERS: &[Shader] = &[
         &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend_adjoint.wgsl")],
     )
     .vec4(),
-    Shader::new("gather", &["gather"], &[STEP, SPLAT, include_str!("stages/gather.wgsl")]),
+    Shader::new("gather", &["gather"], &[STEP, PAGE, SPLAT, include_str!("stages/gather.wgsl")]),
     Shader::new(
         "adam",
         &["adam"],
-        &[STEP, GAUSSIAN, PROJECT_ADJOINT, include_str!("stages/adam.wgsl")],
+        &[STEP, PAGE, GAUSSIAN, PROJECT_ADJOINT, include_str!("stages/adam.wgsl")],
     ),
 ];
 

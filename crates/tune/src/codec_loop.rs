@@ -137,9 +137,9 @@ impl CodecLoop {
         self.done.is_multiple_of(FITTED)
     }
 
-    /// Moves the steps to a graphics adapter, unless they are there.
+    /// Moves the steps to a graphics adapter, in pages of at most so many leaves, unless they are there.
     #[cfg(feature = "gpu")]
-    pub(crate) fn place(&mut self, adapter: Adapter, views: &mut ViewGradients) -> Result<()> {
+    pub(crate) fn place(&mut self, on: (Adapter, usize), views: &mut ViewGradients) -> Result<()> {
         if self.device.is_some() {
             return Ok(());
         }
@@ -147,7 +147,7 @@ impl CodecLoop {
         self.settle()?;
         let loss = views.run(&self.scene, 0);
         let Self { latents, scene, moments, .. } = self;
-        self.device = Some(Device::new(adapter, views, scene, latents, moments, loss)?);
+        self.device = Some(Device::new(on, views, scene, latents, moments, loss)?);
         Ok(())
     }
 

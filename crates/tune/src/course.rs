@@ -135,7 +135,8 @@ impl Work for Course {
     fn place(&mut self, views: &mut Views) -> Result<()> {
         #[cfg(feature = "gpu")]
         if let Stage::Loop(state) = &mut self.stage {
-            return state.place(finetune::Adapter::Hardware, &mut views.gradients);
+            let on = (finetune::Adapter::Hardware, finetune::kernels::PAGE_GAUSSIANS);
+            return state.place(on, &mut views.gradients);
         }
         let _ = views;
         Ok(())

@@ -11,11 +11,15 @@ use gs_model::Scene;
 use gsvx::latents::Latents;
 
 use crate::error::Result;
-use crate::program::{fitted, fixed, program, uniform};
+use crate::program::{fitted, fixed, pages, program, uniform};
 
 /// Latents on a device.
 pub(crate) struct Device {
     kernels: KernelLoop,
+    /// Leaves of a page, at most.
+    most: usize,
+    /// Values of each page.
+    values: Vec<usize>,
     /// The device has newer values than the host.
     ahead: bool,
     /// The last that was fetched.
@@ -23,23 +27,33 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// `scene` holds the leaves, then Gaussians that do not move; `loss` is that of one of the views.
+    /// On an adapter, in pages of at most `most` leaves. `scene` holds the leaves, then Gaussians that do not move;
+    /// `loss` is that of one of the views.
     pub(crate) fn new(
-        adapter: Adapter,
+        (adapter, most): (Adapter, usize),
         views: &ViewGradients,
         scene: &Scene,
         latents: &Latents,
         moments: &AdamMoments,
         loss: ViewLoss,
     ) -> Result<Self> {
-        let mut kernels = views.with_kernels(adapter, scene, &program(latents))?;
-        let (merges, leaves, weights) = fixed(latents);
-        kernels.write("merges", &merges)?;
-        kernels.write("leaf_words", &leaves)?;
-        kernels.write("leaf_weights", &weights)?;
-        kernels.write("latents", latents.values())?;
-        kernels.write("latent_moments", &[&moments.first[..], &moments.second].concat())?;
-        let mut this = Self { kernels, ahead: false, loss };
+        let pages = pages(latents, most);
+        let mut kernels = views.with_kernels(adapter, scene, &program(latents, &pages))?;
+        let mut values = Vec::new();
+        let mut first = 0;
+        for (k, page) in pages.iter().enumerate() {
+            let (merges, leaves, weights) = fixed(page);
+            kernels.write("merges", k, &merges)?;
+            kernels.write("leaf_words", k, &leaves)?;
+            kernels.write("leaf_weights", k, &weights)?;
+            let of_page = first..first + leaves.len() * latents.channels();
+            first = of_page.end;
+            values.push(of_page.len());
+            kernels.write("latents", k, &latents.values()[of_page.clone()])?;
+            kernels.write("first_moments", k, &moments.first[of_page.clone()])?;
+            kernels.write("second_moments", k, &moments.second[of_page])?;
+        }
+        let mut this = Self { kernels, most, values, ahead: false, loss };
         this.update(latents)?;
         Ok(this)
     }
@@ -50,19 +64,30 @@ impl Device {
             return Ok(());
         }
         self.loss = self.kernels.losses()?.pop().unwrap_or(self.loss);
-        let n = latents.values().len();
-        moments.first = self.kernels.read("latent_moments", 2 * n)?;
-        moments.second = moments.first.split_off(n);
-        *latents.values_mut() = self.kernels.read("latents", n)?;
+        moments.first = self.read("first_moments")?;
+        moments.second = self.read("second_moments")?;
+        *latents.values_mut() = self.read("latents")?;
         Ok(())
+    }
+
+    /// A buffer with an entry per value, of all pages.
+    fn read(&mut self, buffer: &str) -> Result<Vec<f32>> {
+        let mut all = Vec::new();
+        for (page, &n) in self.values.iter().enumerate() {
+            all.extend(self.kernels.read::<f32>(buffer, page, n)?);
+        }
+        Ok(all)
     }
 
     /// Tells the device the steps and the predictions of the last fit.
     pub(crate) fn update(&mut self, latents: &Latents) -> Result<()> {
-        let (chunks, factors) = fitted(latents);
-        self.kernels.set_uniform(&uniform(latents))?;
-        self.kernels.write("chunks", &chunks)?;
-        Ok(self.kernels.write("sh_factors", &factors)?)
+        for (k, page) in pages(latents, self.most).iter().enumerate() {
+            let (chunks, factors) = fitted(page);
+            self.kernels.set_uniform(k, &uniform(latents, page))?;
+            self.kernels.write("chunks", k, &chunks)?;
+            self.kernels.write("sh_factors", k, &factors)?;
+        }
+        Ok(())
     }
 
     /// One step. The loss is the last that was fetched.
@@ -76,12 +101,14 @@ impl Device {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec_loop::CodecLoop;
-    use crate::options::{Target, TuneOptions};
+    use crate::codec_loop::{CodecLoop, LoopLeaves, encode_options};
+    use crate::options::{Layout, Target, TuneOptions};
     use crate::plan::TunePlan;
     use crate::stage;
     use crate::views::Views;
+    use finetune::kernels::PAGE_GAUSSIANS;
     use gs_model::{dataset, ply};
+    use std::num::NonZeroUsize;
     use std::path::Path;
 
     const PLAN: TunePlan =
@@ -101,7 +128,7 @@ mod tests {
         let goal = options.goal();
         let on_host = *stage::codec_loop(&PLAN, goal, &mut views, &scene).unwrap();
         let mut on_device = *stage::codec_loop(&PLAN, goal, &mut views, &scene).unwrap();
-        match on_device.place(Adapter::Software, &mut views.gradients) {
+        match on_device.place((Adapter::Software, PAGE_GAUSSIANS), &mut views.gradients) {
             Ok(()) => Some((on_host, on_device, views)),
             Err(crate::Error::Finetune(e @ finetune::Error::NoAdapter { .. })) => {
                 println!("SKIPPED: {e}; install mesa-vulkan-drivers to compare with the device");
@@ -143,9 +170,12 @@ mod tests {
             assert!(share < 0.01, "{name}: {share} of the values differ");
         }
         let n = host.latents.values().len();
-        let mut prices: Vec<f32> = on_device.kernels.read("bit_prices", n).unwrap();
+        let mut prices = on_device.read("bit_prices").unwrap();
+        assert_eq!(prices.len(), n);
+        let whole = pages(&host.latents, usize::MAX);
+        let weights = whole.iter().flat_map(|page| fixed(page).2);
         let rows = prices.chunks_exact_mut(host.latents.channels());
-        for (row, weight) in rows.zip(fixed(&host.latents).2) {
+        for (row, weight) in rows.zip(weights) {
             row.iter_mut().for_each(|p| *p *= weight);
         }
         let largest = host.prices.iter().fold(0.0f32, |m, p| m.max(p.abs()));
@@ -175,5 +205,35 @@ mod tests {
         assert!((host.bytes as f64 / device.bytes as f64 - 1.0).abs() < 0.005);
         let (a, b) = (views.at_aside(&host.scene).1, views.at_aside(&device.scene).1);
         assert!((a - b).abs() < 0.02, "{a} and {b} dB");
+    }
+    /// The same values in chunks of 100 leaves.
+    fn in_small_chunks(state: &CodecLoop, views: &Views) -> CodecLoop {
+        let LoopLeaves { octree, importance, outliers } = &state.leaves;
+        let mut options = encode_options(PLAN.quality, importance.clone(), Layout::Finest).unwrap();
+        options.chunk_leaves = NonZeroUsize::new(100).unwrap();
+        let (degree, values) = (state.latents.sh_degree(), state.latents.values().to_vec());
+        let latents = Latents::with_values(octree, importance, &options, degree, values).unwrap();
+        let (octree, importance) = (octree.clone(), importance.clone());
+        let leaves = LoopLeaves { octree, importance, outliers: outliers.clone() };
+        CodecLoop::new(&PLAN, views.pixels(), leaves, latents)
+    }
+
+    #[test]
+    fn pages_do_not_change_a_bit() {
+        let Some((host, _, mut views)) = room(3) else { return };
+        let mut run = |most: usize| {
+            let mut state = in_small_chunks(&host, &views);
+            state.place((Adapter::Software, most), &mut views.gradients).unwrap();
+            let pages = pages(&state.latents, most).len();
+            for step in 0..50 {
+                state.step(&mut views.gradients, step).unwrap();
+            }
+            state.settle().unwrap();
+            (pages, state.latents.values().to_vec(), state.bytes)
+        };
+        let (whole, paged) = (run(PAGE_GAUSSIANS), run(350));
+        assert!(whole.0 == 1 && paged.0 > 2, "{} pages", paged.0);
+        assert!(whole.1 == paged.1 && whole.2 == paged.2);
+        assert!(whole.1 != host.latents.values());
     }
 }

@@ -5,7 +5,9 @@
 
 use std::fmt::Write as _;
 
-use finetune::kernels::{Call, GAUSSIAN, PROJECT_ADJOINT, Program, STEP, Shader};
+use finetune::kernels::{
+    Call, GAUSSIAN, PAGE, PROJECT_ADJOINT, Program, ProgramPage, STEP, Shader,
+};
 use gpcc_lite::attribute::CLASSES;
 use gsvx::latents::{EQUAL_AXES, LOGIT_RANGE, Latents, Transform};
 
@@ -22,7 +24,7 @@ const SHADERS: &[Shader] = &[
     Shader::new(
         "move_latents",
         &["move_latents"],
-        &[STEP, GAUSSIAN, PROJECT_ADJOINT, include_str!("kernels/latents.wgsl")],
+        &[STEP, PAGE, GAUSSIAN, PROJECT_ADJOINT, include_str!("kernels/latents.wgsl")],
     ),
 ];
 
@@ -49,16 +51,38 @@ fn shared() -> String {
     out
 }
 
+/// The chunks of each page: as many as have at most `most` leaves together, but at least one.
+pub(crate) fn pages(latents: &Latents, most: usize) -> Vec<Vec<Transform<'_>>> {
+    let mut pages: Vec<Vec<Transform<'_>>> = Vec::new();
+    for t in latents.transforms() {
+        match pages.last_mut() {
+            Some(page) if leaves_of(page) + t.plan.len() <= most => page.push(t),
+            _ => pages.push(vec![t]),
+        }
+    }
+    pages
+}
+
+/// The leaves of a page.
+pub(crate) fn leaves_of(page: &[Transform<'_>]) -> usize {
+    page.iter().map(|t| t.plan.len()).sum()
+}
+
 /// The program for latents; the values, and what [`fitted`] tells, are still to be written.
-pub(crate) fn program(latents: &Latents) -> Program {
-    let transforms: Vec<Transform<'_>> = latents.transforms().collect();
-    let (chunks, degree) = (transforms.len(), u32::from(latents.sh_degree()));
-    let leaves: usize = transforms.iter().map(|t| t.plan.len()).sum();
-    let (values, merges) = (leaves * latents.channels(), merges(&transforms));
+pub(crate) fn program(latents: &Latents, pages: &[Vec<Transform<'_>>]) -> Program {
+    let pages = pages.iter().map(|page| program_page(latents, page)).collect();
+    Program { shared: shared(), shaders: SHADERS, uniform: "codec", pages }
+}
+
+fn program_page(latents: &Latents, page: &[Transform<'_>]) -> ProgramPage {
+    let (chunks, degree) = (page.len(), u32::from(latents.sh_degree()));
+    let leaves = leaves_of(page);
+    let (values, merges) = (leaves * latents.channels(), merges(page));
     let count = merges.words.len() / 6;
     let buffers = vec![
         ("latents", values),
-        ("latent_moments", 2 * values),
+        ("first_moments", values),
+        ("second_moments", values),
         ("latent_rows", values),
         ("bit_prices", values),
         ("activity", ACTIVITIES * GROUPS * count),
@@ -88,27 +112,22 @@ pub(crate) fn program(latents: &Latents) -> Program {
     }
     before.push(call("rebuild", "rebuild", [0; 4], leaf_groups));
     let after = vec![call("move_latents", "move_latents", [0; 4], leaf_groups)];
-    let (shared, uniform) = (shared(), ("codec", uniform(latents)));
-    Program { shared, shaders: SHADERS, buffers, uniform, before, after }
+    ProgramPage { gaussians: leaves, buffers, uniform: uniform(latents, page), before, after }
 }
 
 /// The words of `Codec` in `codec.wgsl`.
-pub(crate) fn uniform(latents: &Latents) -> Vec<u32> {
+pub(crate) fn uniform(latents: &Latents, page: &[Transform<'_>]) -> Vec<u32> {
     let steps = latents.steps_of_unit_weight().map(f32::to_bits);
-    let (mut leaves, mut chunks) = (0, 0);
-    for t in latents.transforms() {
-        (leaves, chunks) = (leaves + t.plan.len() as u32, chunks + 1);
-    }
+    let (leaves, chunks) = (leaves_of(page) as u32, page.len() as u32);
     let counts = [leaves, latents.channels() as u32, latents.sh_degree().into(), chunks];
     let half_lambda = (0.5 * latents.lambda()).to_bits();
     [&steps[..], &[0; 2], &counts, &[half_lambda, 0, 0, 0]].concat()
 }
 
-/// The constant buffers: merges, leaves, and the weights of the leaves.
-pub(crate) fn fixed(latents: &Latents) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
-    let transforms: Vec<Transform<'_>> = latents.transforms().collect();
+/// The constant buffers of a page: merges, leaves, and the weights of the leaves.
+pub(crate) fn fixed(page: &[Transform<'_>]) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
     let (mut words, mut weights) = (Vec::new(), Vec::new());
-    for (number, t) in (0u32..).zip(&transforms) {
+    for (number, t) in (0u32..).zip(page) {
         let leaves = t.plan.leaves().iter().zip(t.classes);
         words
             .extend(leaves.map(|(leaf, &class)| {
@@ -116,13 +135,13 @@ pub(crate) fn fixed(latents: &Latents) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
             }));
         weights.extend((0..t.plan.len()).map(|i| t.plan.weight_of_leaf(i) as f32));
     }
-    (merges(&transforms).words, words, weights)
+    (merges(page).words, words, weights)
 }
 
-/// The results of the last fit: the words of all chunks, and the factors of their SH predictions.
-pub(crate) fn fitted(latents: &Latents) -> (Vec<u32>, Vec<f32>) {
+/// The results of the last fit for a page: the words of its chunks, and the factors of their SH predictions.
+pub(crate) fn fitted(page: &[Transform<'_>]) -> (Vec<u32>, Vec<f32>) {
     let (mut words, mut factors, mut first) = (Vec::new(), Vec::new(), 0);
-    for t in latents.transforms() {
+    for t in page {
         words.extend([first, (t.plan.root_of_weight() as f32).to_bits()]);
         words.extend([t.opacity, t.size].as_flattened().iter().map(|f| f.to_bits()));
         for prediction in &t.sh {
@@ -135,7 +154,7 @@ pub(crate) fn fitted(latents: &Latents) -> (Vec<u32>, Vec<f32>) {
     (words, factors)
 }
 
-/// The merges of all chunks from coarse to fine.
+/// The merges of the chunks of a page from coarse to fine.
 struct Merges {
     /// Of each merge: `Merge` of `codec.wgsl`.
     words: Vec<u32>,

@@ -2,6 +2,7 @@
 
 pub mod finetune;
 pub mod gpcc;
+pub mod gpu;
 pub mod gsvx;
 mod gsvx_flags;
 mod importance;

@@ -59,6 +59,21 @@ pub(crate) fn hardware_name() -> std::result::Result<String, String> {
     hardware().map(|a| describe(&a))
 }
 
+/// The software adapter if there is one, else any.
+fn software() -> Result<wgpu::Adapter> {
+    let mut all = adapters();
+    let at = all.iter().position(is_software).unwrap_or(0);
+    match all.len() {
+        0 => Err(Error::NoAdapter { reason: "no graphics adapter".into() }),
+        _ => Ok(all.swap_remove(at)),
+    }
+}
+
+/// Its name.
+pub(crate) fn software_name() -> Result<String> {
+    Ok(describe(&software()?))
+}
+
 impl Context {
     /// A device on the hardware adapter.
     pub(crate) fn hardware() -> Result<Self> {
@@ -69,12 +84,7 @@ impl Context {
     /// A device on the software adapter if there is one, else on any: for conformance tests and
     /// benchmarks.
     pub(crate) fn software() -> Result<Self> {
-        let all = adapters();
-        let adapter = all.iter().find(|a| is_software(a)).or_else(|| all.first());
-        match adapter {
-            Some(adapter) => Self::open(adapter),
-            None => Err(Error::NoAdapter { reason: "no graphics adapter".into() }),
-        }
+        Self::open(&software()?)
     }
 
     /// A device on an adapter, with its limit on loops.

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use super::sizes::PAGE_GAUSSIANS;
 use crate::error::{Error, Result};
 
 /// A device, its queue, and the errors that no call returned.
@@ -9,6 +10,8 @@ pub(crate) struct Context {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) limits: wgpu::Limits,
+    /// Gaussians of a page, at most.
+    pub(crate) page: usize,
     /// Iterations after which the driver ends the loops of an invocation without an error, if it
     /// does: see [`super::loops`].
     pub(crate) loop_limit: Option<u32>,
@@ -25,15 +28,10 @@ struct Errors {
 }
 
 impl Context {
-    /// A device on an adapter, whose `name` is for the message. The limits are wgpu's defaults,
-    /// except for the sizes of buffers, which are the adapter's.
+    /// A device on an adapter, whose `name` is for the message. The limits are WebGPU's defaults, whatever the
+    /// adapter has: what runs on one runs on all.
     pub(super) fn on(adapter: &wgpu::Adapter, name: &str) -> Result<Self> {
-        let available = adapter.limits();
-        let limits = wgpu::Limits {
-            max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
-            max_buffer_size: available.max_buffer_size,
-            ..wgpu::Limits::default()
-        };
+        let limits = wgpu::Limits::default();
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("finetune"),
             required_limits: limits.clone(),
@@ -61,7 +59,12 @@ impl Context {
                 errors.lost.get_or_insert_with(|| one_line(&text));
             }
         });
-        Ok(Self { device, queue, limits, loop_limit: None, errors })
+        Ok(Self { device, queue, limits, page: PAGE_GAUSSIANS, loop_limit: None, errors })
+    }
+
+    /// Bytes of a storage buffer, at most.
+    pub(super) fn binding(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
     }
 
     /// A uniform buffer of `size` bytes.

@@ -55,9 +55,20 @@ impl DeviceOptimiser {
         Ok(())
     }
 
+    /// Bytes of all buffers on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.steps.bytes()
+    }
+
     #[cfg(test)]
     pub(crate) fn capacity(&self) -> usize {
         self.steps.workspace.sizes.capacity
+    }
+
+    #[cfg(test)]
+    pub(crate) fn bands(&self) -> Vec<u32> {
+        self.steps.bands()
     }
 }
 

@@ -3,7 +3,7 @@
 use gs_model::Scene;
 
 use super::device::Context;
-use super::passes::KERNEL_STEP;
+use super::passes::{KERNEL_STEP, MAKING_STEP};
 use super::program::{Call, Program};
 use super::steps::DeviceSteps;
 use super::workspace::Workspace;
@@ -14,16 +14,16 @@ use crate::stages::loss::ViewLoss;
 use crate::view_gradients::PreparedView;
 
 impl Workspace {
-    /// Binds calls of a program.
+    /// Binds calls of a page of a program.
     fn bind_calls(
         &self,
         calls: &[Call],
-        name: &str,
-        uniform: &wgpu::Buffer,
+        page: usize,
+        uniform: (&str, &wgpu::Buffer),
     ) -> Vec<(Call, wgpu::BindGroup)> {
         let bind = |call: &Call| {
             let words = self.constant("call", &call.words);
-            (*call, self.bind_group(call.shader, &[], &[(name, uniform), ("call", &words)]))
+            (*call, self.bind_group(call.shader, page, &[], &[uniform, ("call", &words)]))
         };
         calls.iter().map(bind).collect()
     }
@@ -35,7 +35,7 @@ impl Workspace {
         calls: &[(Call, wgpu::BindGroup)],
     ) {
         for (call, group) in calls {
-            self.dispatch(pass, call.shader, call.entry, group, call.workgroups, 1);
+            self.dispatch(pass, call.shader, call.entry, group, call.workgroups);
         }
     }
 }
@@ -59,14 +59,20 @@ pub struct KernelStep {
 /// See [`crate::kernels`].
 pub struct KernelLoop {
     steps: DeviceSteps,
+    pages: Vec<LoopPage>,
+    weights: Vec<f32>,
+}
+
+/// The uniform of a page, and its buffers with their lengths.
+#[derive(Debug)]
+struct LoopPage {
     uniform: wgpu::Buffer,
     buffers: Vec<(&'static str, usize)>,
-    weights: Vec<f32>,
 }
 
 impl std::fmt::Debug for KernelLoop {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("KernelLoop").field("buffers", &self.buffers).finish()
+        f.debug_struct("KernelLoop").field("pages", &self.pages).finish()
     }
 }
 
@@ -82,50 +88,70 @@ impl KernelLoop {
         let rows = rows_of(scene);
         let still = vec![0.0; rows.len()];
         workspace.upload([&rows, &still, &still]);
-        let (name, words) = &program.uniform;
-        let uniform = workspace.context.uniform(name, 4 * words.len());
-        workspace.before = workspace.bind_calls(&program.before, name, &uniform);
-        workspace.after = workspace.bind_calls(&program.after, name, &uniform);
+        let mut pages = Vec::new();
+        for (number, page) in program.pages.iter().enumerate() {
+            let uniform = workspace.context.uniform(program.uniform, 4 * page.uniform.len());
+            let named = (program.uniform, &uniform);
+            let calls = workspace.bind_calls(&page.before, number, named);
+            workspace.before.extend(calls);
+            let calls = workspace.bind_calls(&page.after, number, named);
+            workspace.after.extend(calls);
+            pages.push(LoopPage { uniform, buffers: page.buffers.clone() });
+        }
         let weights = views.iter().map(|v| v.weight).collect();
-        let mut this = Self { steps, uniform, buffers: program.buffers.clone(), weights };
-        this.set_uniform(words)?;
+        let mut this = Self { steps, pages, weights };
+        for (number, page) in program.pages.iter().enumerate() {
+            this.set_uniform(number, &page.uniform)?;
+        }
         Ok(this)
     }
 
-    /// Other words of the uniform from now on.
+    /// Other words of the uniform of a page from now on.
     ///
     /// # Errors
-    /// [`Error::Gpu`].
-    pub fn set_uniform(&mut self, words: &[u32]) -> Result<()> {
+    /// [`Error::Gpu`], also if there is no such page.
+    pub fn set_uniform(&mut self, page: usize, words: &[u32]) -> Result<()> {
         self.steps.settle()?;
         let queue = &self.steps.workspace.context.queue;
-        queue.write_buffer(&self.uniform, 0, bytemuck::cast_slice(words));
+        let page = self.pages.get(page).ok_or(Error::Gpu { reason: format!("no page {page}") })?;
+        queue.write_buffer(&page.uniform, 0, bytemuck::cast_slice(words));
         Ok(())
     }
 
-    /// Writes the beginning of a buffer of the program.
+    /// Writes the beginning of a buffer of a page of the program.
     ///
     /// # Errors
     /// [`Error::Gpu`], also if there is no such buffer or it is shorter.
-    pub fn write<T: bytemuck::NoUninit>(&mut self, buffer: &str, data: &[T]) -> Result<()> {
-        self.fits(buffer, size_of_val(data).div_ceil(4))?;
+    pub fn write<T: bytemuck::NoUninit>(
+        &mut self,
+        buffer: &str,
+        page: usize,
+        data: &[T],
+    ) -> Result<()> {
+        self.fits(buffer, page, size_of_val(data).div_ceil(4))?;
         self.steps.settle()?;
-        self.steps.workspace.write(buffer, data);
+        self.steps.workspace.write(buffer, page, data);
         Ok(())
     }
 
-    /// Reads the first `n` values of a buffer of the program. Waits for the device.
+    /// Reads the first `n` values of a buffer of a page of the program. Waits for the device.
     ///
     /// # Errors
     /// As [`KernelLoop::write`].
-    pub fn read<T: bytemuck::AnyBitPattern>(&mut self, buffer: &str, n: usize) -> Result<Vec<T>> {
-        self.fits(buffer, (n * size_of::<T>()).div_ceil(4))?;
+    pub fn read<T: bytemuck::AnyBitPattern>(
+        &mut self,
+        buffer: &str,
+        page: usize,
+        n: usize,
+    ) -> Result<Vec<T>> {
+        self.fits(buffer, page, (n * size_of::<T>()).div_ceil(4))?;
         self.steps.settle()?;
-        self.steps.workspace.read(buffer, n)
+        self.steps.workspace.read(buffer, page, n)
     }
 
-    fn fits(&self, buffer: &str, words: usize) -> Result<()> {
-        match self.buffers.iter().find(|b| b.0 == buffer) {
+    fn fits(&self, buffer: &str, page: usize, words: usize) -> Result<()> {
+        let buffers = self.pages.get(page).map_or(&[][..], |page| &page.buffers);
+        match buffers.iter().find(|b| b.0 == buffer) {
             Some((_, length)) if words <= *length => Ok(()),
             _ => Err(Error::Gpu { reason: format!("no buffer {buffer} of {words} words") }),
         }
@@ -142,7 +168,7 @@ impl KernelLoop {
         u.inv_sqrt_bias2 = inv_sqrt_bias2;
         u.view_weight = self.weights[step.view % self.weights.len()];
         u.extra = step.extra;
-        self.steps.step(step.view, u, if step.made { KERNEL_STEP } else { &KERNEL_STEP[1..] })
+        self.steps.step(step.view, u, if step.made { &MAKING_STEP } else { &KERNEL_STEP })
     }
 
     /// The losses of the steps since the last call, in order. Waits for the device.

@@ -11,7 +11,7 @@ mod loops;
 mod passes;
 mod pipelines;
 pub(crate) mod program;
-mod sizes;
+pub(crate) mod sizes;
 mod start;
 mod steps;
 #[cfg(test)]

@@ -7,12 +7,15 @@ use super::workspace::Workspace;
 use crate::forward::Forward;
 use crate::shaders::{DISPATCH_ROW, GROUP_TILES, LOSS_RUN};
 use crate::stages::TILE;
+#[cfg(test)]
+use crate::stages::project::{Projected, Splat, TileBox};
 
 /// A stage of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum GpuStage {
     Project,
     SortDepth,
+    Rank,
     Emit,
     SortTile,
     Ranges,
@@ -27,35 +30,48 @@ pub(crate) enum GpuStage {
     After,
 }
 
-/// All stages, in order. A step without kernels of another crate has nothing to do in [`GpuStage::Before`] and
-/// [`GpuStage::After`].
-pub(crate) static STEP: [GpuStage; 12] = [
-    GpuStage::Before,
+/// The stages that make the lists of a band.
+pub(crate) const LISTS: [GpuStage; 6] = [
     GpuStage::Project,
     GpuStage::SortDepth,
+    GpuStage::Rank,
     GpuStage::Emit,
     GpuStage::SortTile,
     GpuStage::Ranges,
-    GpuStage::Blend,
-    GpuStage::Loss,
-    GpuStage::BlendAdjoint,
-    GpuStage::Gather,
-    GpuStage::After,
-    GpuStage::Adam,
 ];
 
-/// The stages of a step with kernels of another crate, which move the parameters. Without the first, the scene is
-/// that of the step before.
-pub(crate) static KERNEL_STEP: &[GpuStage] = STEP.split_at(11).0;
+/// The stages of a step before and after those of its bands.
+#[derive(Debug)]
+pub(crate) struct Ends(&'static [GpuStage], GpuStage);
+
+/// A step of Adam.
+pub(crate) static STEP: Ends = Ends(&[], GpuStage::Adam);
+/// A step with kernels of another crate, which move the parameters. The scene is that of the step before.
+pub(crate) static KERNEL_STEP: Ends = Ends(&[], GpuStage::After);
+/// Such a step, in which they make the scene.
+pub(crate) static MAKING_STEP: Ends = Ends(&[GpuStage::Before], GpuStage::After);
+
+impl Ends {
+    /// All stages of a step at a view of so many bands: what is done in each band, one after the other. The lists of a
+    /// band take the place of those of the band before, so the adjoint makes them again if there are several.
+    pub(crate) fn plan(&self, bands: u32) -> Vec<(u32, Vec<GpuStage>)> {
+        let mut plan = vec![(0, self.0.to_vec())];
+        let mut add = |band: u32, stages: &[GpuStage]| match plan.last_mut() {
+            Some(last) if last.0 == band => last.1.extend(stages),
+            _ => plan.push((band, [&LISTS[..], stages].concat())),
+        };
+        add(0, &LISTS);
+        (0..bands).for_each(|band| add(band, &[GpuStage::Blend]));
+        add(bands - 1, &[GpuStage::Loss]);
+        (0..bands).for_each(|band| add(band, &[GpuStage::BlendAdjoint, GpuStage::Gather]));
+        add(bands - 1, &[self.1]);
+        plan
+    }
+}
 
 impl Workspace {
-    /// Records and submits stages for the view in `u`. `photo` is the loss stage's bind group.
-    pub(crate) fn run(
-        &self,
-        stages: &[GpuStage],
-        u: &StepUniform,
-        photo: Option<&wgpu::BindGroup>,
-    ) {
+    /// Records and submits stages for the view in `u`. `photo` has the loss stage's bind groups.
+    pub(crate) fn run(&self, stages: &[GpuStage], u: &StepUniform, photo: &[wgpu::BindGroup]) {
         let queue = &self.context.queue;
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(u));
         let mut encoder = self.context.device.create_command_encoder(&Default::default());
@@ -72,23 +88,21 @@ impl Workspace {
     /// so that `blend` and its adjoint have the same inputs in both executors.
     #[cfg(test)]
     pub(crate) fn upload_lists(&self, forward: &Forward, u: &StepUniform) {
-        let (projected, lists) = (&forward.projected, &forward.lists);
-        let mut counts = vec![0u32; projected.splats.len()];
+        let lists = &forward.lists;
+        let mut counts = vec![0u32; forward.projected.splats.len()];
         for &i in &lists.ids {
             counts[i as usize] += 1;
         }
-        self.write("keys", &projected.keys);
-        self.write("splats", &projected.splats);
-        self.write("boxes", &projected.boxes);
-        self.write("counts", &counts);
-        self.write("state", &[counts.len() as u32, lists.ids.len() as u32, 0, 0]);
-        self.run(
-            &[GpuStage::SortDepth, GpuStage::Emit, GpuStage::SortTile, GpuStage::Ranges],
-            u,
-            None,
-        );
-        self.write("ids", &lists.ids);
-        self.write("offsets", &lists.offsets);
+        self.write("keys", 0, &forward.projected.keys);
+        self.write("page_splats", 0, &packed(&forward.projected));
+        self.write("page_counts", 0, &counts);
+        self.write("state", 0, &[counts.len() as u32, lists.ids.len() as u32, 0, 0]);
+        self.run(&LISTS[1..], u, &[]);
+        let mut ranks = counts;
+        forward.order.iter().zip(0..).for_each(|(&i, rank)| ranks[i as usize] = rank);
+        let ids: Vec<u32> = lists.ids.iter().map(|&i| ranks[i as usize]).collect();
+        self.write("ids", 0, &ids);
+        self.write("offsets", 0, &lists.offsets);
     }
 
     fn record(
@@ -96,59 +110,77 @@ impl Workspace {
         pass: &mut wgpu::ComputePass<'_>,
         stage: GpuStage,
         u: &StepUniform,
-        photo: Option<&wgpu::BindGroup>,
+        photo: &[wgpu::BindGroup],
     ) {
-        let gaussians = (u.count + 1).div_ceil(64);
-        let tiles = u.tiles_x * u.tiles_y;
+        let ranks = (u.count + 1).div_ceil(64);
+        let band = (u.end_row - u.first_row) * u.tiles_x;
+        // Once for each page, if the shader has pages.
+        let entry = |pass: &mut wgpu::ComputePass<'_>, shader, entry, groups| {
+            for group in self.groups(shader) {
+                self.dispatch(pass, shader, entry, group, groups);
+            }
+        };
         let single = |pass: &mut wgpu::ComputePass<'_>, shader, groups| {
-            self.dispatch(pass, shader, shader, self.group(shader), groups, 1);
+            entry(pass, shader, shader, groups);
         };
         match stage {
-            GpuStage::Project => single(pass, "project", gaussians),
+            GpuStage::Project => self.of_pages(pass, "project"),
             GpuStage::SortDepth => {
                 let blocks = self.sizes.depth_blocks() as u32;
                 // The number of pairs is in `state`; `check_capacity` writes it, and the host
                 // wrote it before the first step.
                 self.sort(pass, &self.depth_passes, Scan::DepthHistogram, blocks);
             }
+            GpuStage::Rank => single(pass, "rank", ranks),
             GpuStage::Emit => {
-                let group = self.group("emit");
-                self.dispatch(pass, "emit", "rank_counts", group, gaussians, 1);
                 self.scan(pass, Scan::Starts);
-                self.dispatch(pass, "emit", "check_capacity", group, 1, 1);
-                self.dispatch(pass, "emit", "emit", group, gaussians, 1);
+                entry(pass, "emit", "check_capacity", 1);
+                single(pass, "emit", ranks);
             }
             GpuStage::SortTile => {
                 let blocks = self.sizes.tile_blocks() as u32;
                 self.sort(pass, &self.tile_passes, Scan::TileHistogram, blocks);
             }
             GpuStage::Ranges => {
-                let n = (self.sizes.capacity as u32).max(tiles + 1);
+                let n = (self.sizes.capacity as u32).max(u.tiles_x * u.tiles_y + 1);
                 single(pass, "ranges", n.div_ceil(64));
                 single(pass, "reach", (self.sizes.capacity as u32).div_ceil(4 * 64));
             }
-            GpuStage::Blend => single(pass, "blend", tiles.div_ceil(GROUP_TILES)),
-            GpuStage::Loss => {
-                let Some(group) = photo else { return };
-                let pixels = u.width * u.height;
-                let lanes = |n: u32| n.div_ceil(64);
-                if u.is_l1_ssim() {
-                    let rows = lanes(u.width.div_ceil(LOSS_RUN) * u.height);
-                    let columns = lanes(u.width * u.height.div_ceil(LOSS_RUN));
-                    self.dispatch(pass, "loss", "ssim_rows", group, rows, 3);
-                    self.dispatch(pass, "loss", "ssim_values", group, columns, 3);
-                    self.dispatch(pass, "loss", "ssim_spread", group, rows, 3);
-                }
-                let every = lanes(tiles * TILE * TILE / LOSS_RUN);
-                self.dispatch(pass, "loss", "loss_gradient", group, every, 3);
-                self.dispatch(pass, "loss", "loss_blocks", group, (3 * pixels).div_ceil(4096), 1);
-                self.dispatch(pass, "loss", "loss_total", group, 1, 1);
-            }
-            GpuStage::BlendAdjoint => single(pass, "blend_adjoint", tiles.div_ceil(GROUP_TILES)),
-            GpuStage::Gather => single(pass, "gather", gaussians),
-            GpuStage::Adam => single(pass, "adam", gaussians),
+            GpuStage::Blend => single(pass, "blend", band.div_ceil(GROUP_TILES)),
+            GpuStage::Loss => self.loss(pass, u, photo),
+            GpuStage::BlendAdjoint => single(pass, "blend_adjoint", band.div_ceil(GROUP_TILES)),
+            GpuStage::Gather => single(pass, "gather", ranks),
+            GpuStage::Adam => self.of_pages(pass, "adam"),
             GpuStage::Before => self.calls(pass, &self.before),
             GpuStage::After => self.calls(pass, &self.after),
+        }
+    }
+
+    /// A shader with a lane per Gaussian of a page.
+    fn of_pages(&self, pass: &mut wgpu::ComputePass<'_>, shader: &'static str) {
+        for (group, &n) in self.groups(shader).iter().zip(&self.sizes.pages) {
+            self.dispatch(pass, shader, shader, group, (n as u32).div_ceil(64));
+        }
+    }
+
+    /// The loss, channel by channel; `photo` has a bind group of each.
+    fn loss(&self, pass: &mut wgpu::ComputePass<'_>, u: &StepUniform, photo: &[wgpu::BindGroup]) {
+        let lanes = |n: u32| n.div_ceil(64);
+        let rows = lanes(u.width.div_ceil(LOSS_RUN) * u.height);
+        let columns = lanes(u.width * u.height.div_ceil(LOSS_RUN));
+        let every = lanes(u.tiles_x * u.tiles_y * TILE * TILE / LOSS_RUN);
+        for group in photo {
+            if u.is_l1_ssim() {
+                self.dispatch(pass, "loss", "ssim_rows", group, rows);
+                self.dispatch(pass, "loss", "ssim_values", group, columns);
+                self.dispatch(pass, "loss", "ssim_spread", group, rows);
+            }
+            self.dispatch(pass, "loss", "loss_gradient", group, every);
+            let blocks = (u.width * u.height).div_ceil(4096);
+            self.dispatch(pass, "loss", "loss_blocks", group, blocks);
+        }
+        if let Some(group) = photo.last() {
+            self.dispatch(pass, "loss", "loss_total", group, 1);
         }
     }
 
@@ -160,20 +192,20 @@ impl Workspace {
         blocks: u32,
     ) {
         for group in passes {
-            self.dispatch(pass, "sort", "sort_count", group, blocks, 1);
+            self.dispatch(pass, "sort", "sort_count", group, blocks);
             self.scan(pass, scan);
-            self.dispatch(pass, "sort", "sort_scatter", group, blocks, 1);
+            self.dispatch(pass, "sort", "sort_scatter", group, blocks);
         }
     }
 
     fn scan(&self, pass: &mut wgpu::ComputePass<'_>, scan: Scan) {
         let levels = self.scan_levels(scan);
         for level in levels {
-            self.dispatch(pass, "scan", "scan_local", &level.group, level.blocks, 1);
+            self.dispatch(pass, "scan", "scan_local", &level.group, level.blocks);
         }
         // The last level has one workgroup, so its total is not added to anything.
         for level in levels.iter().rev().skip(1) {
-            self.dispatch(pass, "scan", "scan_add", &level.group, level.blocks, 1);
+            self.dispatch(pass, "scan", "scan_add", &level.group, level.blocks);
         }
     }
 
@@ -184,13 +216,24 @@ impl Workspace {
         entry: &'static str,
         group: &wgpu::BindGroup,
         groups: u32,
-        depth: u32,
     ) {
         pass.set_pipeline(self.pipeline(shader, entry));
         pass.set_bind_group(0, group, &[]);
         let (x, y) = fold(groups);
-        pass.dispatch_workgroups(x, y, depth);
+        pass.dispatch_workgroups(x, y, 1);
     }
+}
+
+/// Splats as the device has them: with the box of tiles instead of the rows of pixels.
+#[cfg(test)]
+pub(crate) fn packed(projected: &Projected) -> Vec<[u32; 12]> {
+    let all = projected.splats.iter().zip(&projected.boxes);
+    let pack = |(splat, b): (&Splat, &TileBox)| {
+        let mut words: [u32; 12] = bytemuck::cast(*splat);
+        (words[7], words[11]) = (b.x0 | b.x1 << 16, b.y0 | b.y1 << 16);
+        words
+    };
+    all.map(pack).collect()
 }
 
 /// Workgroups as rows of at most [`DISPATCH_ROW`]: a dimension has at most 65535.

@@ -1,5 +1,6 @@
 //! [`Program`]: kernels of another crate, their buffers, and when they run.
 
+use super::sizes::Lengths;
 use crate::error::{Error, Result};
 use crate::shaders::{Shader, bindings};
 
@@ -11,14 +12,25 @@ const SHARED: [&str; 4] = ["means", "geo", "sh", "sums"];
 pub struct Program {
     /// WGSL text that all shaders share.
     pub shared: String,
-    /// The kernels. A variable is bound to the buffer of its name: one of `buffers`, or `means`, `geo`, `sh`, `sums`.
-    /// The uniform `u` is that of the step, `call` holds [`Call::words`], and one of another name holds
-    /// [`Program::uniform`].
+    /// The kernels. A variable is bound to the buffer of its name: one of [`ProgramPage::buffers`], or `means`, `geo`,
+    /// `sh`, `sums`. The uniforms `u` and `page` are those of the step and of the page, `call` holds [`Call::words`],
+    /// and that of the name `uniform` holds [`ProgramPage::uniform`].
     pub shaders: &'static [Shader],
-    /// Buffers by name, with their lengths in 32-bit words. They begin with zeros.
+    /// Name of a uniform.
+    pub uniform: &'static str,
+    /// The pages: the first Gaussians of the scene, in order. The program does nothing with those behind them.
+    pub pages: Vec<ProgramPage>,
+}
+
+/// What a [`Program`] does with some Gaussians.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ProgramPage {
+    /// Their number.
+    pub gaussians: usize,
+    /// Buffers by name, with their lengths in 32-bit words: the same names on all pages. They begin with zeros.
     pub buffers: Vec<(&'static str, usize)>,
-    /// A uniform by name, with its words.
-    pub uniform: (&'static str, Vec<u32>),
+    /// Words of the uniform.
+    pub uniform: Vec<u32>,
     /// Calls that make the scene, in order.
     pub before: Vec<Call>,
     /// Calls that use the derivatives of the loss, in order.
@@ -39,24 +51,33 @@ pub struct Call {
 }
 
 impl Program {
+    /// Every buffer, with its length on each page.
+    pub(super) fn lengths(&self) -> Vec<Lengths> {
+        let names = self.pages.iter().take(1).flat_map(|page| &page.buffers);
+        let of = |k: usize| self.pages.iter().filter_map(move |page| page.buffers.get(k));
+        names.enumerate().map(|(k, b)| (b.0, of(k).map(|b| b.1).collect())).collect()
+    }
+
     /// Names that nothing stands for.
     pub(super) fn check(&self) -> Result<()> {
         let failed = |reason| Err(Error::Gpu { reason });
-        for shader in self.shaders {
-            for binding in bindings(&shader.source(&self.shared)) {
-                let name = binding.name.as_str();
-                let known = ["u", "call", self.uniform.0].contains(&name)
-                    || SHARED.contains(&name)
-                    || self.buffers.iter().any(|b| b.0 == name);
-                if !known {
-                    return failed(format!("{}: no buffer {name}", shader.name));
+        for page in &self.pages {
+            for shader in self.shaders {
+                for binding in bindings(&shader.source(&self.shared)) {
+                    let name = binding.name.as_str();
+                    let known = ["u", "page", "call", self.uniform].contains(&name)
+                        || SHARED.contains(&name)
+                        || page.buffers.iter().any(|b| b.0 == name);
+                    if !known {
+                        return failed(format!("{}: no buffer {name}", shader.name));
+                    }
                 }
             }
-        }
-        for call in self.before.iter().chain(&self.after) {
-            let of = |s: &&Shader| s.name == call.shader && s.entries.contains(&call.entry);
-            if !self.shaders.iter().any(|s| of(&s)) {
-                return failed(format!("no kernel {} in {}", call.entry, call.shader));
+            for call in page.before.iter().chain(&page.after) {
+                let of = |s: &&Shader| s.name == call.shader && s.entries.contains(&call.entry);
+                if !self.shaders.iter().any(|s| of(&s)) {
+                    return failed(format!("no kernel {} in {}", call.entry, call.shader));
+                }
             }
         }
         Ok(())

@@ -2,11 +2,12 @@
 
 use gs_model::Scene;
 
+use super::adapter::{hardware_name, software_name};
 use super::device::Context;
 use super::executor::DeviceOptimiser;
 use super::kernels::KernelLoop;
 use super::program::Program;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::optimiser::SceneOptimiser;
 use crate::view_gradients::ViewGradients;
 
@@ -20,6 +21,17 @@ pub enum Adapter {
 }
 
 impl Adapter {
+    /// Its name, kind and graphics API, for messages.
+    ///
+    /// # Errors
+    /// [`NoAdapter`](crate::Error::NoAdapter).
+    pub fn name(self) -> Result<String> {
+        match self {
+            Self::Hardware => hardware_name().map_err(|reason| Error::NoAdapter { reason }),
+            Self::Software => software_name(),
+        }
+    }
+
     fn context(self) -> Result<Context> {
         match self {
             Self::Hardware => Context::hardware(),

@@ -4,12 +4,12 @@ use gs_model::Scene;
 
 use super::device::Context;
 use super::loops;
-use super::passes::GpuStage;
+use super::passes::{Ends, GpuStage};
 use super::program::Program;
-use super::sizes::{LOSS_RING, Sizes};
+use super::sizes::{LOSS_RING, Sizes, pages};
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::options::Loss;
 use crate::stages::loss::ViewLoss;
 use crate::stages::project::RenderView;
@@ -19,7 +19,21 @@ use crate::view_gradients::PreparedView;
 struct DeviceView {
     view: StepUniform,
     photo: wgpu::Buffer,
-    group: wgpu::BindGroup,
+    /// Of the stage `loss`, by channel.
+    groups: Vec<wgpu::BindGroup>,
+    /// Bands of rows of tiles in which it is drawn: as many as its slots and splats need.
+    bands: u32,
+}
+
+impl Workspace {
+    /// Bind groups of the stage `loss`, by channel.
+    pub(crate) fn bind_photo(&self, photo: &wgpu::Buffer) -> Vec<wgpu::BindGroup> {
+        let of = |channel| {
+            let colour = self.constant("colour", &[channel, 0, 0, 0]);
+            self.bind_group("loss", 0, &[], &[("photo", photo), ("colour", &colour)])
+        };
+        (0..3).map(of).collect()
+    }
 }
 
 impl DeviceView {
@@ -27,12 +41,12 @@ impl DeviceView {
     fn new(workspace: &Workspace, view: &RenderView, planes: &[f32]) -> Result<Self> {
         let photo = workspace.storage("photo", planes.len())?;
         workspace.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(planes));
-        let group = workspace.bind_group("loss", &[], &[("photo", &photo)]);
+        let groups = workspace.bind_photo(&photo);
         let view = StepUniform::of_view(view);
         if let Some(limit) = workspace.context.loop_limit {
             loops::check_view(limit, &view)?;
         }
-        Ok(Self { view, photo, group })
+        Ok(Self { view, photo, groups, bands: 1 })
     }
 }
 
@@ -40,18 +54,29 @@ impl DeviceView {
 struct Pending {
     view: usize,
     u: StepUniform,
-    stages: &'static [GpuStage],
+    ends: &'static Ends,
 }
 
-/// The sizes of a scene and its views.
-fn sizes(scene: &Scene, views: &[PreparedView]) -> Sizes {
+/// The sizes of a scene and its views on a device. A program's pages come first.
+fn sizes(
+    context: &Context,
+    scene: &Scene,
+    views: &[PreparedView],
+    program: Option<&Program>,
+) -> Sizes {
+    let of_program = program.map_or(&[][..], |p| &p.pages).iter().map(|p| p.gaussians);
+    let mut all: Vec<usize> = of_program.collect();
+    let rest = scene.len().saturating_sub(all.iter().sum());
+    all.extend(pages(rest, context.page));
+    let [slots, splats] = Sizes::most(context.binding());
     let largest =
         |of: fn(&RenderView) -> usize| views.iter().map(|v| of(&v.view)).fold(1, usize::max);
     Sizes {
-        count: scene.len(),
+        pages: all,
         sh_len: scene.sh_len(),
         // Grows on demand: a step that needs more slots is repeated.
-        capacity: (4 * scene.len()).max(1 << 14),
+        capacity: (4 * scene.len()).max(1 << 14).min(slots),
+        splats: scene.len().min(splats),
         tiles: largest(RenderView::tiles),
         pixels: largest(|v| v.width as usize * v.height as usize),
     }
@@ -75,7 +100,8 @@ impl DeviceSteps {
         loss: Loss,
         program: Option<&Program>,
     ) -> Result<Self> {
-        let workspace = Workspace::new(context, sizes(scene, views), program)?;
+        let sizes = sizes(&context, scene, views, program);
+        let workspace = Workspace::new(context, sizes, program)?;
         let mut planes = Vec::new();
         let one = |prepared: &PreparedView| {
             prepared.planes(&mut planes);
@@ -91,7 +117,7 @@ impl DeviceSteps {
 
     /// The number of Gaussians; no step has failed.
     fn reset(&self) {
-        self.workspace.write("state", &[self.base.count, 0, 0, 0]);
+        self.workspace.write("state", 0, &[self.base.count, 0, 0, 0, 0]);
     }
 
     /// The uniform of step number `number` at a view, modulo their number.
@@ -100,32 +126,30 @@ impl DeviceSteps {
         StepUniform { step: number as u32, ..view.merge(&self.base) }
     }
 
-    /// Submits the stages of a step at a view; `u` is its uniform.
-    pub(super) fn step(
-        &mut self,
-        view: usize,
-        u: StepUniform,
-        stages: &'static [GpuStage],
-    ) -> Result<()> {
-        self.submit(Pending { view: view % self.views.len(), u, stages })?;
+    /// Submits a step at a view; `u` is its uniform.
+    pub(super) fn step(&mut self, view: usize, u: StepUniform, ends: &'static Ends) -> Result<()> {
+        self.submit(Pending { view: view % self.views.len(), u, ends })?;
         if self.pending.len() == LOSS_RING { self.settle() } else { Ok(()) }
     }
 
     fn submit(&mut self, mut step: Pending) -> Result<()> {
         let u = &mut step.u;
         u.capacity = self.workspace.sizes.capacity as u32;
+        u.most_splats = self.workspace.sizes.splats as u32;
         u.loss_slot = self.pending.len() as u32;
-        let group = Some(&self.views[step.view].group);
-        match self.workspace.context.loop_limit {
-            None => self.workspace.run(step.stages, u, group),
+        let DeviceView { groups, bands, .. } = &self.views[step.view];
+        for (band, stages) in step.ends.plan(*bands) {
+            let u = u.of_band(band, *bands);
+            let mut rest = &stages[..];
+            let blend = stages.iter().position(|s| *s == GpuStage::Blend);
             // Slower, but only a software adapter has a limit.
-            Some(limit) => {
-                let lists = step.stages.iter().take_while(|s| **s != GpuStage::Blend).count();
-                self.workspace.run(&step.stages[..lists], u, group);
+            if let (Some(limit), Some(blend)) = (self.workspace.context.loop_limit, blend) {
+                self.workspace.run(&stages[..blend], &u, groups);
                 let tiles = (u.tiles_x * u.tiles_y) as usize;
-                loops::check_lists(limit, &self.workspace.read::<u32>("offsets", tiles + 1)?)?;
-                self.workspace.run(&step.stages[lists..], u, group);
+                loops::check_lists(limit, &self.workspace.read::<u32>("offsets", 0, tiles + 1)?)?;
+                rest = &stages[blend..];
             }
+            self.workspace.run(rest, &u, groups);
         }
         self.pending.push(step);
         Ok(())
@@ -137,12 +161,12 @@ impl DeviceSteps {
         Ok(std::mem::take(&mut self.losses))
     }
 
-    /// Fetches the losses of all pending steps. If one of them did not have enough slots, it and
+    /// Fetches the losses of all pending steps. If one of them did not have enough slots or splats, it and
     /// those after it did nothing: makes room and repeats them.
     pub(super) fn settle(&mut self) -> Result<()> {
         while !self.pending.is_empty() {
-            let state: Vec<u32> = self.workspace.read("state", 4)?;
-            let values: Vec<[f32; 2]> = self.workspace.read("losses", self.pending.len())?;
+            let state: Vec<u32> = self.workspace.read("state", 0, 5)?;
+            let values: Vec<[f32; 2]> = self.workspace.read("losses", 0, self.pending.len())?;
             let failed = match state[2] {
                 0 => self.pending.len(),
                 step => self.pending.iter().position(|p| p.u.step == step).unwrap_or(0),
@@ -153,16 +177,45 @@ impl DeviceSteps {
             if again.is_empty() {
                 break;
             }
-            let needed = state[3] as usize;
-            self.workspace.grow(needed + needed / 4)?;
-            for v in &mut self.views {
-                v.group = self.workspace.bind_group("loss", &[], &[("photo", &v.photo)]);
-            }
+            self.make_room(again[0].view, [state[3] as usize, state[4] as usize])?;
             self.reset();
             for step in again {
                 self.submit(step)?;
             }
         }
         Ok(())
+    }
+
+    /// Room for a view of which a band needs so many slots and splats: larger buffers, or more bands if no binding
+    /// holds them.
+    fn make_room(&mut self, view: usize, [slots, splats]: [usize; 2]) -> Result<()> {
+        let [most_slots, most_splats] = Sizes::most(self.workspace.context.binding());
+        if slots <= most_slots && splats <= most_splats {
+            self.workspace.grow((slots + slots / 4).min(most_slots))?;
+            for v in &mut self.views {
+                v.groups = self.workspace.bind_photo(&v.photo);
+            }
+            return Ok(());
+        }
+        let DeviceView { view: u, bands, .. } = &mut self.views[view];
+        if *bands == u.tiles_y {
+            let reason = format!(
+                "view {view}: a row of tiles shows {splats} Gaussians, {slots} with their tiles, at most {most_splats} \
+                 and {most_slots} fit a binding: make the photos smaller, or use the CPU"
+            );
+            return Err(Error::Gpu { reason });
+        }
+        *bands = (2 * *bands).min(u.tiles_y);
+        Ok(())
+    }
+
+    /// Bytes of all buffers on the device.
+    pub(super) fn bytes(&self) -> u64 {
+        self.workspace.bytes() + self.views.iter().map(|v| v.photo.size()).sum::<u64>()
+    }
+
+    #[cfg(test)]
+    pub(super) fn bands(&self) -> Vec<u32> {
+        self.views.iter().map(|v| v.bands).collect()
     }
 }

@@ -2,12 +2,13 @@
 //! Without an adapter the tests are skipped with a message.
 
 mod faults;
+mod pages;
 
 use gs_model::{Camera, Scene};
 
 use super::device::Context;
 use super::executor::DeviceOptimiser;
-use super::passes::{GpuStage, fold};
+use super::passes::{GpuStage, LISTS, fold, packed};
 use super::sizes::Sizes;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
@@ -102,7 +103,8 @@ fn pair_of(scene: Scene, [width, height]: [u32; 2], loss: Loss) -> Option<Pair> 
     let mut cpu = Backward::<FROZEN>::default();
     let value = cpu.run(&scene, &view, &photo, loss);
     let sizes = Sizes {
-        count: n,
+        pages: vec![n],
+        splats: n,
         sh_len: scene.sh_len(),
         capacity: cpu.forward.lists.ids.len() + 100,
         tiles: view.tiles(),
@@ -111,10 +113,10 @@ fn pair_of(scene: Scene, [width, height]: [u32; 2], loss: Loss) -> Option<Pair> 
     let gpu = Workspace::new(context, sizes, None).unwrap();
     let still = vec![0.0; rows_of(&scene).len()];
     gpu.upload([&rows_of(&scene), &still, &still]);
-    gpu.write("state", &[n as u32, cpu.forward.lists.ids.len() as u32, 0, 0]);
+    gpu.write("state", 0, &[n as u32, cpu.forward.lists.ids.len() as u32, 0, 0]);
     let mut u = StepUniform::of_view(&view).merge(&StepUniform::of_scene(&scene, loss));
     u.step = 1;
-    u.capacity = sizes.capacity as u32;
+    (u.capacity, u.most_splats) = (gpu.sizes.capacity as u32, n as u32);
     Some(Pair { scene, view, cpu, loss: value, photo, gpu, u })
 }
 
@@ -152,23 +154,21 @@ fn flat<T: bytemuck::NoUninit>(v: &[T]) -> Vec<f32> {
 #[test]
 fn project_agrees() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
-    p.gpu.run(&[GpuStage::Project], &p.u, None);
-    let keys: Vec<u32> = p.gpu.read("keys", 3000).unwrap();
+    p.gpu.run(&[GpuStage::Project], &p.u, &[]);
+    let keys: Vec<u32> = p.gpu.read("keys", 0, 3000).unwrap();
     let f = &p.cpu.forward.projected;
     let visible = f.keys.iter().filter(|&&k| k != CULLED).count();
     assert!(visible > 500 && visible < 2800, "{visible}");
     assert_eq!(keys, f.keys);
-    let boxes: Vec<[u32; 4]> = p.gpu.read("boxes", 3000).unwrap();
-    let splats: Vec<[f32; 12]> = p.gpu.read("splats", 3000).unwrap();
+    let splats: Vec<[f32; 12]> = p.gpu.read("page_splats", 0, 3000).unwrap();
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let wanted = packed(f);
     for i in (0..3000).filter(|&i| keys[i] != CULLED) {
-        let b = f.boxes[i];
-        assert_eq!(boxes[i], [b.x0, b.x1, b.y0, b.y1], "box {i}");
         ours.extend_from_slice(&splats[i]);
-        theirs.extend_from_slice(bytemuck::cast_slice::<_, f32>(&[f.splats[i]]));
+        theirs.extend_from_slice(bytemuck::cast_slice::<_, f32>(&[wanted[i]]));
     }
     const FIELDS: [&str; 12] =
-        ["x", "y", "p", "q", "r", "cut", "opacity", "row0", "red", "green", "blue", "row1"];
+        ["x", "y", "p", "q", "r", "cut", "opacity", "columns", "red", "green", "blue", "rows"];
     // Mesa reassociates the products of the rotation and the sums of the colour.
     const INEXACT: [&str; 6] = ["p", "q", "r", "red", "green", "blue"];
     for (k, field) in FIELDS.iter().enumerate() {
@@ -187,26 +187,22 @@ fn project_agrees() {
 fn lists_are_equal() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     // Counts come from `project`; everything else from the Rust executor.
-    p.gpu.run(&[GpuStage::Project], &p.u, None);
+    p.gpu.run(&[GpuStage::Project], &p.u, &[]);
     let f = &p.cpu.forward;
-    p.gpu.write("keys", &f.projected.keys);
-    p.gpu.write("splats", &f.projected.splats);
-    p.gpu.write("boxes", &f.projected.boxes);
-    p.gpu.run(
-        &[GpuStage::SortDepth, GpuStage::Emit, GpuStage::SortTile, GpuStage::Ranges],
-        &p.u,
-        None,
-    );
-    let order: Vec<u32> = p.gpu.read("order", f.order.len()).unwrap();
+    p.gpu.write("keys", 0, &f.projected.keys);
+    p.gpu.write("page_splats", 0, &packed(&f.projected));
+    p.gpu.run(&LISTS[1..], &p.u, &[]);
+    let order: Vec<u32> = p.gpu.read("order", 0, f.order.len()).unwrap();
     assert_eq!(order, f.order);
     let ties = f
         .order
         .windows(2)
         .filter(|w| f.projected.keys[w[0] as usize] == f.projected.keys[w[1] as usize]);
     assert!(ties.count() > 500, "the scene has no depth ties");
-    let offsets: Vec<u32> = p.gpu.read("offsets", f.lists.offsets.len()).unwrap();
+    let offsets: Vec<u32> = p.gpu.read("offsets", 0, f.lists.offsets.len()).unwrap();
     assert_eq!(offsets, f.lists.offsets);
-    let ids: Vec<u32> = p.gpu.read("ids", f.lists.ids.len()).unwrap();
+    let ids: Vec<u32> = p.gpu.read("ids", 0, f.lists.ids.len()).unwrap();
+    let ids: Vec<u32> = ids.iter().map(|&rank| order[rank as usize]).collect();
     assert_eq!(ids, f.lists.ids);
     assert!(ids.len() > 3000);
 }
@@ -221,7 +217,7 @@ fn skipped_blocks_have_no_pixel_that_counts() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     upload_lists(&p);
     let f = &p.cpu.forward;
-    let words: Vec<u32> = p.gpu.read("hits", f.lists.ids.len().div_ceil(4)).unwrap();
+    let words: Vec<u32> = p.gpu.read("hits", 0, f.lists.ids.len().div_ceil(4)).unwrap();
     let (mut reached, mut skipped) = (0, 0);
     for tile in 0..p.view.tiles() {
         let (tx, ty) = p.view.tile_at(tile);
@@ -249,13 +245,13 @@ fn skipped_blocks_have_no_pixel_that_counts() {
 fn blend_is_equal_to_the_bit() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     upload_lists(&p);
-    p.gpu.run(&[GpuStage::Blend], &p.u, None);
+    p.gpu.run(&[GpuStage::Blend], &p.u, &[]);
     let f = &p.cpu.forward;
     let wanted = flat(&f.tiles);
     assert!(f.tiles.iter().any(|t| t.t[3][3] < 0.0), "no pixel stops early");
-    let got: Vec<f32> = p.gpu.read("pixels", wanted.len()).unwrap();
+    let got: Vec<f32> = p.gpu.read("pixels", 0, wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend", &got, &wanted), 0);
-    let blocks: Vec<u32> = p.gpu.read("last", BLOCKS as usize * f.last.len()).unwrap();
+    let blocks: Vec<u32> = p.gpu.read("last", 0, BLOCKS as usize * f.last.len()).unwrap();
     let last: Vec<u32> =
         blocks.chunks(BLOCKS as usize).map(|b| b.iter().copied().max().unwrap()).collect();
     assert_eq!(last, f.last);
@@ -267,20 +263,20 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
     upload_lists(&p);
     let f = &p.cpu.forward;
-    p.gpu.write("pixels", &flat(&f.tiles));
+    p.gpu.write("pixels", 0, &flat(&f.tiles));
     let last: Vec<u32> = f.last.iter().flat_map(|&l| [l; BLOCKS as usize]).collect();
-    p.gpu.write("last", &last);
-    p.gpu.write("gradient", &flat(&p.cpu.tiles));
-    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, None);
+    p.gpu.write("last", 0, &last);
+    p.gpu.write("gradient", 0, &flat(&p.cpu.tiles));
+    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, &[]);
     let wanted = flat(&p.cpu.records);
     assert!(wanted.iter().filter(|&&v| v != 0.0).count() > wanted.len() / 4);
-    let got: Vec<f32> = p.gpu.read("records", wanted.len()).unwrap();
+    let got: Vec<f32> = p.gpu.read("records", 0, wanted.len()).unwrap();
     let bits = |v: &[f32]| v.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
     worst_ulps("blend_adjoint", &got, &wanted);
     assert!(bits(&got) == bits(&wanted), "records differ");
-    p.gpu.write("records", &wanted);
-    p.gpu.run(&[GpuStage::Gather], &p.u, None);
-    let sums: Vec<f32> = p.gpu.read("sums", 7 * 3000).unwrap();
+    p.gpu.write("records", 0, &wanted);
+    p.gpu.run(&[GpuStage::Gather], &p.u, &[]);
+    let sums: Vec<f32> = p.gpu.read("sums", 0, 7 * 3000).unwrap();
     assert!(bits(&sums) == bits(&flat(&p.cpu.sums)), "sums differ");
     let clamped = |s: &[f32; 7]| s[..3].contains(&0.0) && s[3] != 0.0;
     assert!(p.cpu.sums.iter().any(clamped), "no colour is clamped");
@@ -291,17 +287,16 @@ fn losses_agree() {
     for loss in [Loss::Mse, Loss::default()] {
         let Some(p) = pair(500, [90, 61], loss) else { return };
         let f = &p.cpu.forward;
-        p.gpu.write("pixels", &flat(&f.tiles));
+        p.gpu.write("pixels", 0, &flat(&f.tiles));
         // Old values that the stage must overwrite.
-        p.gpu.write("gradient", &vec![9.0f32; 768 * p.view.tiles()]);
+        p.gpu.write("gradient", 0, &vec![9.0f32; 768 * p.view.tiles()]);
         let photo = p.gpu.storage("photo", p.photo.len()).unwrap();
         p.gpu.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(&p.photo));
-        let group = p.gpu.bind_group("loss", &[], &[("photo", &photo)]);
-        p.gpu.run(&[GpuStage::Loss], &p.u, Some(&group));
+        p.gpu.run(&[GpuStage::Loss], &p.u, &p.gpu.bind_photo(&photo));
         let wanted = flat(&p.cpu.tiles);
-        let got: Vec<f32> = p.gpu.read("gradient", wanted.len()).unwrap();
+        let got: Vec<f32> = p.gpu.read("gradient", 0, wanted.len()).unwrap();
         assert!(relative("gradient", &got, &wanted) < 1e-5);
-        let value: Vec<f32> = p.gpu.read("losses", 2).unwrap();
+        let value: Vec<f32> = p.gpu.read("losses", 0, 2).unwrap();
         println!("{loss:?}: {value:?} on the device, {:?}", p.loss);
         assert!((f64::from(value[0]) / p.loss.loss - 1.0).abs() < 1e-5);
         assert!((f64::from(value[1]) / p.loss.mse - 1.0).abs() < 1e-5);
@@ -323,8 +318,8 @@ fn adam_agrees() {
     let mut host = SceneOptimiser::new(p.scene.clone(), LearningRates::default(), 0.0);
     host.step(&mut views, 0, 1, 1.0);
     // The photo of the views has 8 bits per value, so the sums are those of the views.
-    p.gpu.write("sums", &flat(&views.sums()));
-    p.gpu.run(&[GpuStage::Adam], &p.u.with_adam(&LearningRates::default(), 1, 1.0), None);
+    p.gpu.write("sums", 0, &flat(&views.sums()));
+    p.gpu.run(&[GpuStage::Adam], &p.u.with_adam(&LearningRates::default(), 1, 1.0), &[]);
     let [rows, first, second] = p.gpu.download().unwrap();
     assert!(relative("first moments", &first, &host.moments.first) < 1e-5);
     assert!(relative("second moments", &second, &host.moments.second) < 1e-5);

@@ -31,6 +31,10 @@ pub(crate) struct StepUniform {
     pub(crate) inv_sqrt_bias2: f32,
     pub(crate) ssim_weight: f32,
     pub(crate) view_weight: f32,
+    pub(crate) first_row: u32,
+    pub(crate) end_row: u32,
+    pub(crate) most_splats: u32,
+    pub(crate) pad: u32,
 }
 
 impl StepUniform {
@@ -49,6 +53,7 @@ impl StepUniform {
             height: view.height,
             tiles_x: view.tiles_x,
             tiles_y: view.tiles_y,
+            end_row: view.tiles_y,
             reference: u32::from(view.reference),
             ..Default::default()
         }
@@ -68,6 +73,13 @@ impl StepUniform {
     pub(crate) fn merge(mut self, base: &Self) -> Self {
         (self.count, self.sh_len) = (base.count, base.sh_len);
         (self.l1_ssim, self.ssim_weight) = (base.l1_ssim, base.ssim_weight);
+        self
+    }
+
+    /// Band number `band` of `bands` of the view, from top to bottom.
+    pub(crate) fn of_band(mut self, band: u32, bands: u32) -> Self {
+        let edge = |k: u32| (u64::from(self.tiles_y) * u64::from(k) / u64::from(bands)) as u32;
+        (self.first_row, self.end_row) = (edge(band), edge(band + 1));
         self
     }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::device::Context;
 use super::pipelines::{Pipeline, compile};
 use super::program::{Call, Program};
-use super::sizes::{SCAN_TOTALS, SCANNED, Scan, Sizes, scan_lengths};
+use super::sizes::{Lengths, SCAN_TOTALS, SCANNED, Scan, Sizes, scan_lengths};
 use super::uniform::StepUniform;
 use crate::error::{Error, Result};
 use crate::shaders::{SCAN_BLOCK, SHADERS, Shader};
@@ -33,9 +33,13 @@ pub(crate) struct Workspace {
     pub(crate) context: Context,
     pub(crate) sizes: Sizes,
     pipelines: BTreeMap<&'static str, Pipeline>,
-    buffers: BTreeMap<&'static str, wgpu::Buffer>,
+    /// By name: one for each page, or the only one.
+    buffers: BTreeMap<&'static str, Vec<wgpu::Buffer>>,
     pub(crate) uniform: wgpu::Buffer,
-    pub(super) groups: BTreeMap<&'static str, wgpu::BindGroup>,
+    /// First Gaussian and length of each page.
+    pages: Vec<wgpu::Buffer>,
+    /// By shader: one for each page, or the only one.
+    pub(super) groups: BTreeMap<&'static str, Vec<wgpu::BindGroup>>,
     /// Eight passes over the depth keys.
     pub(crate) depth_passes: Vec<wgpu::BindGroup>,
     /// Passes over the tile keys, as many as the largest tile index needs.
@@ -48,13 +52,14 @@ pub(crate) struct Workspace {
 
 impl Workspace {
     pub(crate) fn new(context: Context, sizes: Sizes, program: Option<&Program>) -> Result<Self> {
+        sizes.check(context.binding())?;
         let compiled = |s: &Shader, shared: &str| (s.name, compile(&context.device, s, shared));
         let mut pipelines: BTreeMap<_, _> = SHADERS.iter().map(|s| compiled(s, "")).collect();
         let mut lengths = sizes.buffers();
         if let Some(program) = program {
             program.check()?;
             pipelines.extend(program.shaders.iter().map(|s| compiled(s, &program.shared)));
-            lengths.extend(&program.buffers);
+            lengths.extend(program.lengths());
         }
         let uniform = context.uniform("step", size_of::<StepUniform>());
         let mut out = Self {
@@ -63,6 +68,7 @@ impl Workspace {
             pipelines,
             buffers: BTreeMap::new(),
             uniform,
+            pages: Vec::new(),
             groups: BTreeMap::new(),
             depth_passes: Vec::new(),
             tile_passes: Vec::new(),
@@ -70,22 +76,31 @@ impl Workspace {
             before: Vec::new(),
             after: Vec::new(),
         };
-        for (name, words) in lengths {
-            let buffer = out.storage(name, words)?;
-            out.buffers.insert(name, buffer);
+        out.allocate(&lengths)?;
+        let mut first = 0;
+        for &count in &out.sizes.pages {
+            out.pages.push(out.constant("page", &[first, count as u32, 0, 0]));
+            first += count as u32;
         }
         out.bind();
         out.context.check()?;
         Ok(out)
     }
 
+    fn allocate(&mut self, lengths: &[Lengths]) -> Result<()> {
+        for (name, words) in lengths {
+            let buffers = words.iter().map(|&w| self.storage(name, w)).collect::<Result<_>>()?;
+            self.buffers.insert(name, buffers);
+        }
+        Ok(())
+    }
+
     /// A storage buffer of `words` 32-bit words, zeroed.
     pub(crate) fn storage(&self, name: &str, words: usize) -> Result<wgpu::Buffer> {
         let size = 4 * words.max(4) as u64;
-        let l = &self.context.limits;
-        let limit = l.max_storage_buffer_binding_size.min(l.max_buffer_size);
+        let limit = self.context.binding();
         if size > limit {
-            let reason = format!("{name} needs {size} bytes, the adapter binds {limit}");
+            let reason = format!("{name} needs {size} bytes, a binding has at most {limit}");
             return Err(Error::Gpu { reason });
         }
         Ok(self.context.device.create_buffer(&wgpu::BufferDescriptor {
@@ -98,33 +113,42 @@ impl Workspace {
         }))
     }
 
+    /// Bytes of all buffers but those of photos.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.buffers.values().flatten().map(wgpu::Buffer::size).sum()
+    }
+
     /// Makes the slot buffers larger. Their contents are lost.
     pub(crate) fn grow(&mut self, capacity: usize) -> Result<()> {
         let old = self.sizes.buffers();
         self.sizes.capacity = capacity;
-        for (name, words) in self.sizes.buffers() {
-            if !old.contains(&(name, words)) {
-                let buffer = self.storage(name, words)?;
-                self.buffers.insert(name, buffer);
-            }
-        }
+        let mut lengths = self.sizes.buffers();
+        lengths.retain(|l| !old.contains(l));
+        self.allocate(&lengths)?;
         self.bind();
         self.context.check()
     }
 
-    /// The buffer of that name; all names are in [`Sizes::buffers`] and [`Program::buffers`].
-    pub(crate) fn buffer(&self, name: &str) -> &wgpu::Buffer {
+    /// The buffer of that name for a page; all names are in [`Sizes::buffers`] and [`Program::lengths`]. A buffer
+    /// without pages is that of every page.
+    fn buffer(&self, name: &str, page: usize) -> &wgpu::Buffer {
         // Cannot fail: the names come from the text of the shaders and from this module, and the
         // conformance test binds each of them.
-        &self.buffers[name]
+        let buffers = &self.buffers[name];
+        if buffers.len() == 1 { &buffers[0] } else { &buffers[page] }
     }
 
-    pub(crate) fn write<T: bytemuck::NoUninit>(&self, name: &str, data: &[T]) {
-        self.context.queue.write_buffer(self.buffer(name), 0, bytemuck::cast_slice(data));
+    pub(crate) fn write<T: bytemuck::NoUninit>(&self, name: &str, page: usize, data: &[T]) {
+        self.context.queue.write_buffer(self.buffer(name, page), 0, bytemuck::cast_slice(data));
     }
 
-    pub(crate) fn read<T: bytemuck::AnyBitPattern>(&self, name: &str, n: usize) -> Result<Vec<T>> {
-        let bytes = self.context.read(self.buffer(name), (n * size_of::<T>()) as u64)?;
+    pub(crate) fn read<T: bytemuck::AnyBitPattern>(
+        &self,
+        name: &str,
+        page: usize,
+        n: usize,
+    ) -> Result<Vec<T>> {
+        let bytes = self.context.read(self.buffer(name, page), (n * size_of::<T>()) as u64)?;
         Ok(bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
     }
 
@@ -133,7 +157,7 @@ impl Workspace {
         &self.pipelines[shader].entries[entry]
     }
 
-    pub(crate) fn group(&self, shader: &str) -> &wgpu::BindGroup {
+    pub(crate) fn groups(&self, shader: &str) -> &[wgpu::BindGroup] {
         // Cannot fail, as in `buffer`.
         &self.groups[shader]
     }
@@ -171,11 +195,14 @@ impl Workspace {
             histogram: "tile_histogram",
         });
         let (keys, slots) = self.sorted_tiles();
-        for shader in
-            ["project", "emit", "ranges", "reach", "blend", "blend_adjoint", "gather", "adam"]
-        {
-            let group = self.bind_group(shader, &[("tile_keys", keys), ("tile_slots", slots)], &[]);
-            self.groups.insert(shader, group);
+        let sorted = [("tile_keys", keys), ("tile_slots", slots)];
+        for shader in ["emit", "ranges", "reach", "blend", "blend_adjoint"] {
+            self.groups.insert(shader, vec![self.bind_group(shader, 0, &sorted, &[])]);
+        }
+        for shader in ["project", "rank", "gather", "adam"] {
+            let pages = 0..self.pages.len();
+            let groups = pages.map(|page| self.bind_group(shader, page, &[], &[])).collect();
+            self.groups.insert(shader, groups);
         }
         self.scans = self.sizes.scans().iter().map(|&(s, n)| self.bind_scan(s, n)).collect();
     }
@@ -194,7 +221,7 @@ impl Workspace {
                 ("values_out", values_out),
                 ("histogram", sort.histogram),
             ];
-            self.bind_group("sort", &names, &[("p", &pass)])
+            self.bind_group("sort", 0, &names, &[("p", &pass)])
         };
         (0..sort.passes).map(bind).collect()
     }
@@ -207,7 +234,7 @@ impl Workspace {
             let level = self.constant("scan level", &[n as u32, 0, 0, 0]);
             let names = [("values", values), ("totals", totals)];
             out.push(ScanLevel {
-                group: self.bind_group("scan", &names, &[("level", &level)]),
+                group: self.bind_group("scan", 0, &names, &[("level", &level)]),
                 blocks: n.div_ceil(SCAN_BLOCK as usize) as u32,
             });
             values = totals;
@@ -221,11 +248,12 @@ impl Workspace {
         buffer
     }
 
-    /// Binds a shader's variables to the buffers of the same names, except for those in `renamed`
+    /// Binds a shader's variables to the buffers of the same names for a page, except for those in `renamed`
     /// (variable, buffer) and in `extra`.
     pub(crate) fn bind_group(
         &self,
         shader: &'static str,
+        page: usize,
         renamed: &[(&str, &str)],
         extra: &[(&str, &wgpu::Buffer)],
     ) -> wgpu::BindGroup {
@@ -240,7 +268,8 @@ impl Workspace {
                 let buffer = match extra.iter().find(|e| e.0 == name) {
                     Some(e) => e.1,
                     None if name == "u" => &self.uniform,
-                    None => self.buffer(other),
+                    None if name == "page" => &self.pages[page],
+                    None => self.buffer(other, page),
                 };
                 wgpu::BindGroupEntry { binding: b.index, resource: buffer.as_entire_binding() }
             })

@@ -1,4 +1,4 @@
-// Stages `project_adjoint` and `adam`: one lane per Gaussian, all its parameters.
+// Stages `project_adjoint` and `adam`: one lane per Gaussian of a page, all its parameters.
 
 @group(0) @binding(1) var<storage, read> sums: array<f32>;
 @group(0) @binding(2) var<storage, read> means: array<f32>;
@@ -41,7 +41,7 @@ fn update_sh(at: u32, gradient: f32, rate: f32) {
 @compute @workgroup_size(64)
 fn adam(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group) * 64u + lane;
-    if (i >= u.count || sums[7u * u.count] != 0.0) {
+    if (i >= page.count || sums[7u * page.count] != 0.0) {
         return;
     }
     let f = frame_of(i);

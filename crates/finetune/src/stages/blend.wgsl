@@ -22,8 +22,8 @@ fn store(at: u32, v: vec4<f32>) {
 
 @compute @workgroup_size(32)
 fn blend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let tile = group_index(group) * TILES + lane / BLOCKS;
-    if (tile >= u.tiles_x * u.tiles_y) {
+    let tile = u.first_row * u.tiles_x + group_index(group) * TILES + lane / BLOCKS;
+    if (tile >= u.end_row * u.tiles_x) {
         return;
     }
     let block = lane % BLOCKS;

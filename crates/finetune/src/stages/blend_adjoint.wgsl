@@ -55,8 +55,8 @@ fn blend_adjoint(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let tiles = u.tiles_x * u.tiles_y;
-    let wanted = group_index(group) * TILES + lane / BLOCKS;
+    let tiles = u.end_row * u.tiles_x;
+    let wanted = u.first_row * u.tiles_x + group_index(group) * TILES + lane / BLOCKS;
     let tile = min(wanted, tiles - 1u);
     let block = lane % BLOCKS;
     let pixel = corner_of(tile, block);

@@ -1,4 +1,5 @@
-// Stage `gather`: sums the records of a Gaussian's slots in the order of emission.
+// Stage `gather`: sums the records of the slots of a page's Gaussians in the order of emission. Bands follow each
+// other from top to bottom, so the order is that of a view without bands.
 
 @group(0) @binding(1) var<storage, read> state: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
@@ -13,27 +14,38 @@
 fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let rank = group_index(group) * 64u + lane;
     if (rank == 0u) {
-        sums[7u * u.count] = select(0.0, 1.0, state[2] != 0u);
+        sums[7u * page.count] = select(0.0, 1.0, state[2] != 0u);
     }
     if (rank >= u.count || state[2] != 0u) {
         return;
     }
+    let i = order[rank] - page.first;
+    let first = starts[rank];
+    let end = starts[rank + 1u];
+    let begins = u.first_row == 0u;
+    // Of another page; numbers before `first` wrap around.
+    if (i >= page.count || (first == end && !begins)) {
+        return;
+    }
     //@each c 0 1 2 3 4 5 6
     var s$c = 0.0;
+    if (!begins) {
+        s$c = sums[7u * i + $cu];
+    }
     //@end
-    let end = starts[rank + 1u];
-    for (var k = starts[rank]; k < end; k++) {
+    for (var k = first; k < end; k++) {
         let at = 7u * list_positions[k];
         //@each c 0 1 2 3 4 5 6
         s$c += records[at + $cu];
         //@end
     }
-    let i = order[rank];
-    // The gradient of a colour that was clamped at zero is zero.
-    let shown = splats[i].c;
-    s0 = select(0.0, s0, shown.x > 0.0);
-    s1 = select(0.0, s1, shown.y > 0.0);
-    s2 = select(0.0, s2, shown.z > 0.0);
+    if (first != end) {
+        // The gradient of a colour that was clamped at zero is zero.
+        let colour = splats[rank].c;
+        s0 = select(0.0, s0, colour.x > 0.0);
+        s1 = select(0.0, s1, colour.y > 0.0);
+        s2 = select(0.0, s2, colour.z > 0.0);
+    }
     //@each c 0 1 2 3 4 5 6
     sums[7u * i + $cu] = s$c;
     //@end

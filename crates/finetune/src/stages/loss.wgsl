@@ -1,20 +1,21 @@
-// Stage `loss`: value and gradient. The third coordinate of a workgroup is the colour channel. A
+// Stage `loss`: value and gradient, one colour channel after another in the same buffers. A
 // lane blurs a run of eight pixels along a row or a column: a window of eight slides over the
 // run, so a value is loaded two or three times instead of eleven.
 
 @group(0) @binding(1) var<storage, read> pixels: array<f32>;
 // Three planes of the photo.
 @group(0) @binding(2) var<storage, read> photo: array<f32>;
-// Per channel five planes: x, y, x^2, y^2, x y blurred along the rows.
+// Five planes, blurred along the rows: x, y, x^2, y^2, x y. Later three: `partials`, blurred likewise.
 @group(0) @binding(3) var<storage, read_write> moments: array<f32>;
-// Per channel six planes: the partials of SSIM with respect to mean, variance, covariance; the same
-// blurred along the rows.
+// Three planes: the partials of SSIM with respect to mean, variance, covariance.
 @group(0) @binding(4) var<storage, read_write> partials: array<f32>;
-// Per channel: loss and squared error of every pixel.
+// Loss and squared error of every pixel.
 @group(0) @binding(5) var<storage, read_write> values: array<vec2<f32>>;
 @group(0) @binding(6) var<storage, read_write> gradient: array<f32>;
 @group(0) @binding(7) var<storage, read_write> losses: array<vec2<f32>>;
 @group(0) @binding(8) var<storage, read_write> block_sums: array<vec2<f32>>;
+// The channel, in x.
+@group(0) @binding(9) var<uniform> colour: vec4<u32>;
 
 const C1: f32 = 1.0e-4;
 const C2: f32 = 9.0e-4;
@@ -60,12 +61,12 @@ struct Place { channel: u32, x: u32, y: u32, inside: bool }
 fn along_row(group: vec3<u32>, lane: u32) -> Place {
     let runs = (u.width + RUN - 1u) / RUN;
     let index = group_index(group) * 64u + lane;
-    return Place(group.z, (index % runs) * RUN, index / runs, index < runs * u.height);
+    return Place(colour.x, (index % runs) * RUN, index / runs, index < runs * u.height);
 }
 
 fn down_column(group: vec3<u32>, lane: u32, width: u32, height: u32) -> Place {
     let index = group_index(group) * 64u + lane;
-    return Place(group.z, index % width, (index / width) * RUN, index < width * (height / RUN));
+    return Place(colour.x, index % width, (index / width) * RUN, index < width * (height / RUN));
 }
 
 fn pair_at(p: Place, k: u32) -> vec2<f32> {
@@ -111,7 +112,7 @@ fn ssim_rows(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
     //@end
     //@each plane 0 1 2 3 4
-    store_moments(p.channel * 5u + $planeu, p, m$plane);
+    store_moments($planeu, p, m$plane);
     //@end
 }
 
@@ -155,14 +156,14 @@ fn ssim_of(x: vec4<f32>, y: vec4<f32>, xx: vec4<f32>, yy: vec4<f32>, xy: vec4<f3
     return Ssim(s, d_mean - 2.0 * x * d_var - y * d_cov, d_var, d_cov);
 }
 
-fn store_ssim(channel: u32, x: u32, y: u32, value: f32, mean: f32, variance: f32, cov: f32) {
+fn store_ssim(x: u32, y: u32, value: f32, mean: f32, variance: f32, cov: f32) {
     if (y < u.height) {
         let n = u.width * u.height;
         let at = y * u.width + x;
-        partials[channel * 6u * n + at] = mean;
-        partials[(channel * 6u + 1u) * n + at] = variance;
-        partials[(channel * 6u + 2u) * n + at] = cov;
-        values[channel * n + at] = vec2<f32>(u.ssim_weight * (1.0 - value), 0.0);
+        partials[at] = mean;
+        partials[n + at] = variance;
+        partials[2u * n + at] = cov;
+        values[at] = vec2<f32>(u.ssim_weight * (1.0 - value), 0.0);
     }
 }
 
@@ -173,14 +174,13 @@ fn ssim_values(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
         return;
     }
     //@each plane 0 1 2 3 4
-    let m$plane = moment_run(p.channel * 5u + $planeu, p);
+    let m$plane = moment_run($planeu, p);
     //@end
     let s_a = ssim_of(m0.a, m1.a, m2.a, m3.a, m4.a);
     let s_b = ssim_of(m0.b, m1.b, m2.b, m3.b, m4.b);
     //@each k 0 1 2 3
     //@each half a b
     store_ssim(
-        p.channel,
         p.x,
         p.y + $ku + HALF_$half,
         s_$half.value[$k],
@@ -209,8 +209,7 @@ fn ssim_spread(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
         return;
     }
     let n = u.width * u.height;
-    for (var c = 0u; c < 3u; c++) {
-        let plane = p.channel * 6u + c;
+    for (var plane = 0u; plane < 3u; plane++) {
         //@each k 0 1 2 3 4 5 6 7
         let v$k = partial_along(plane, p, $ku);
         //@end
@@ -222,17 +221,17 @@ fn ssim_spread(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
             r = slide(r, partial_along(plane, p, $tapu + RUN));
         }
         //@end
-        let at = (plane + 3u) * n + p.y * u.width + p.x;
+        let at = plane * n + p.y * u.width + p.x;
         //@each k 0 1 2 3
-        if (p.x + $ku < u.width) { partials[at + $ku] = sum.a[$k]; }
-        if (p.x + $ku + 4u < u.width) { partials[at + $ku + 4u] = sum.b[$k]; }
+        if (p.x + $ku < u.width) { moments[at + $ku] = sum.a[$k]; }
+        if (p.x + $ku + 4u < u.width) { moments[at + $ku + 4u] = sum.b[$k]; }
         //@end
     }
 }
 
 fn spread_at(plane: u32, p: Place, k: u32) -> f32 {
     let r = reach_of(p.y, k, u.height);
-    let v = partials[plane * u.width * u.height + r.at * u.width + min(p.x, u.width - 1u)];
+    let v = moments[plane * u.width * u.height + r.at * u.width + min(p.x, u.width - 1u)];
     return select(0.0, v, r.inside);
 }
 
@@ -261,7 +260,7 @@ fn finish(channel: u32, x: u32, y: u32, mean: f32, variance: f32, cov: f32) {
         let b = target_at(channel, x, y);
         let d = a - b;
         let shown = clamp(a, 0.0, 1.0) - b;
-        let at = channel * n + y * u.width + x;
+        let at = y * u.width + x;
         if (u.l1_ssim == 1u) {
             let s = mean + 2.0 * a * variance + b * cov;
             let l1 = sign(d) * ((1.0 - u.ssim_weight) / total);
@@ -291,9 +290,9 @@ fn loss_gradient(
     var variance: Run;
     var cov: Run;
     if (u.l1_ssim == 1u) {
-        mean = spread_run(p.channel * 6u + 3u, p);
-        variance = spread_run(p.channel * 6u + 4u, p);
-        cov = spread_run(p.channel * 6u + 5u, p);
+        mean = spread_run(0u, p);
+        variance = spread_run(1u, p);
+        cov = spread_run(2u, p);
     }
     //@each k 0 1 2 3
     finish(p.channel, p.x, p.y + $ku, mean.a[$k], variance.a[$k], cov.a[$k]);
@@ -307,7 +306,7 @@ var<workgroup> lanes: array<vec2<f32>, 64>;
 @compute @workgroup_size(64)
 fn loss_blocks(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let block = group_index(group);
-    let n = 3u * u.width * u.height;
+    let n = u.width * u.height;
     let first = (block * 64u + lane) * 64u;
     var sum = vec2<f32>();
     for (var k = 0u; k < 64u; k++) {
@@ -324,17 +323,17 @@ fn loss_blocks(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
         workgroupBarrier();
     }
     if (lane == 0u && block * 4096u < n) {
-        block_sums[block] = lanes[0];
+        block_sums[colour.x * ((n + 4095u) / 4096u) + block] = lanes[0];
     }
 }
 
 @compute @workgroup_size(1)
 fn loss_total() {
-    let n = 3u * u.width * u.height;
+    let n = u.width * u.height;
     let blocks = (n + 4095u) / 4096u;
     var sum = vec2<f32>();
-    for (var k = 0u; k < blocks; k++) {
+    for (var k = 0u; k < 3u * blocks; k++) {
         sum += block_sums[k];
     }
-    losses[u.loss_slot] = sum / f32(n);
+    losses[u.loss_slot] = sum / f32(3u * n);
 }

@@ -1,4 +1,4 @@
-// Loading parameters. `geo` holds eight floats per Gaussian: opacity logit, log-scales, quaternion.
+// Loading parameters of Gaussian `i` of the page. `geo` holds eight floats per Gaussian: opacity logit, log-scales, quaternion.
 
 fn load_opacity(i: u32) -> f32 {
     return geo[8u * i];
@@ -12,11 +12,6 @@ fn load_log_scale(i: u32) -> vec3<f32> {
 fn load_rotation(i: u32) -> vec4<f32> {
     let at = 8u * i + 4u;
     return vec4<f32>(geo[at], geo[at + 1u], geo[at + 2u], geo[at + 3u]);
-}
-
-fn load_sh(i: u32, k: u32) -> vec3<f32> {
-    let at = 3u * (i * u.sh_len + k);
-    return vec3<f32>(sh[at], sh[at + 1u], sh[at + 2u]);
 }
 
 // The SH basis; entries beyond the degree stay zero.
@@ -113,13 +108,4 @@ fn frame_of(i: u32) -> Frame {
 fn direction_of(from_eye: V3) -> V3 {
     let inv = 1.0 / sqrt(dot3(from_eye, from_eye));
     return scale3(from_eye, inv);
-}
-
-fn raw_colour(basis: ptr<function, array<f32, 16>>, i: u32) -> vec3<f32> {
-    var c = vec3<f32>(0.5);
-    for (var k = 0u; k < u.sh_len; k++) {
-        let term = load_sh(i, k) * (*basis)[k];
-        c += term;
-    }
-    return c;
 }

@@ -1,13 +1,27 @@
-// Stage `project`: one splat per (Gaussian, view), its tile box, its depth key, and the number
-// of tiles that it touches.
+// Stage `project`: one splat per Gaussian of a page that the band of the view shows, its depth key, and the
+// number of tiles of the band that it touches.
 
 @group(0) @binding(1) var<storage, read> means: array<f32>;
 @group(0) @binding(2) var<storage, read> geo: array<f32>;
 @group(0) @binding(3) var<storage, read> sh: array<f32>;
-@group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
-@group(0) @binding(5) var<storage, read_write> boxes: array<vec4<u32>>;
+@group(0) @binding(4) var<storage, read_write> page_splats: array<Splat>;
+@group(0) @binding(5) var<storage, read_write> page_counts: array<u32>;
+// Of all pages.
 @group(0) @binding(6) var<storage, read_write> keys: array<u32>;
-@group(0) @binding(7) var<storage, read_write> counts: array<u32>;
+
+fn load_sh(i: u32, k: u32) -> vec3<f32> {
+    let at = 3u * (i * u.sh_len + k);
+    return vec3<f32>(sh[at], sh[at + 1u], sh[at + 2u]);
+}
+
+fn raw_colour(basis: ptr<function, array<f32, 16>>, i: u32) -> vec3<f32> {
+    var c = vec3<f32>(0.5);
+    for (var k = 0u; k < u.sh_len; k++) {
+        let term = load_sh(i, k) * (*basis)[k];
+        c += term;
+    }
+    return c;
+}
 
 // Index range of the pixels whose centres lie in `centre` +- `half`, within 0..limit.
 fn span(centre: f32, half: f32, limit: u32) -> vec2<u32> {
@@ -35,14 +49,19 @@ fn reference_radius(shape: Shape) -> f32 {
     return ceil(3.0 * sqrt(mid + root));
 }
 
+// The tiles of a range of pixels.
+fn tiles_of(pixels: vec2<u32>) -> vec2<u32> {
+    return vec2<u32>(pixels.x / TILE, (pixels.y + TILE - 1u) / TILE);
+}
+
 @compute @workgroup_size(64)
 fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group) * 64u + lane;
-    if (i >= u.count) {
+    if (i >= page.count) {
         return;
     }
-    keys[i] = 0xffffffffu;
-    counts[i] = 0u;
+    keys[page.first + i] = 0xffffffffu;
+    page_counts[i] = 0u;
     let opacity = sigmoid(load_opacity(i));
     let o255 = opacity * 255.0;
     let f = frame_of(i);
@@ -79,6 +98,11 @@ fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     if (!(cols.x < cols.y && rows.x < rows.y)) {
         return;
     }
+    let columns = tiles_of(cols);
+    let shown_rows = vec2<u32>(max(tiles_of(rows).x, u.first_row), min(tiles_of(rows).y, u.end_row));
+    if (shown_rows.x >= shown_rows.y) {
+        return;
+    }
     var basis = sh_basis(direction_of(f.from_eye));
     let raw = raw_colour(&basis, i);
     if (!(finite(raw.x) && finite(raw.y) && finite(raw.z))) {
@@ -87,25 +111,20 @@ fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     let colour = max(raw, vec3<f32>(0.0));
     let s = Splat(
         vec4<f32>(x, y, shape.p, shape.q),
-        vec4<f32>(shape.r, cut, opacity, bitcast<f32>(rows.x)),
-        vec4<f32>(colour, bitcast<f32>(rows.y)),
-    );
-    let box = vec4<u32>(
-        cols.x / TILE,
-        (cols.y + TILE - 1u) / TILE,
-        rows.x / TILE,
-        (rows.y + TILE - 1u) / TILE,
+        vec3<f32>(shape.r, cut, opacity),
+        columns.x | (columns.y << 16u),
+        colour,
+        shown_rows.x | (shown_rows.y << 16u),
     );
     var n = 0u;
-    for (var ty = box.z; ty < box.w; ty++) {
-        for (var tx = box.x; tx < box.y; tx++) {
+    for (var ty = shown_rows.x; ty < shown_rows.y; ty++) {
+        for (var tx = columns.x; tx < columns.y; tx++) {
             if (touches(s, tx, ty)) {
                 n++;
             }
         }
     }
-    splats[i] = s;
-    boxes[i] = box;
-    keys[i] = bitcast<u32>(f.m.z);
-    counts[i] = n;
+    page_splats[i] = s;
+    keys[page.first + i] = bitcast<u32>(f.m.z);
+    page_counts[i] = n;
 }

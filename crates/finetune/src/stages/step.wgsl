@@ -32,6 +32,11 @@ struct StepUniform {
     ssim_weight: f32,
     // What the gradients of the view are multiplied by.
     view_weight: f32,
+    // The band of the view: its first row of tiles and one past its last; splats that there is room for.
+    first_row: u32,
+    end_row: u32,
+    most_splats: u32,
+    pad: u32,
 }
 
 @group(0) @binding(0) var<uniform> u: StepUniform;

@@ -1,11 +1,6 @@
-// A projected Gaussian as the host lays it out; `Splat` in Rust.
-struct Splat {
-    // x, y, p, q
-    a: vec4<f32>,
-    // r, cut, opacity, first row (bits)
-    b: vec4<f32>,
-    // colour, one past the last row (bits)
-    c: vec4<f32>,
+// First tile and one past the last, of packed columns or rows.
+fn range_of(packed: u32) -> vec2<u32> {
+    return vec2<u32>(packed & 0xffffu, packed >> 16u);
 }
 
 // Whether the splat reaches a pixel centre of tile (tx, ty).

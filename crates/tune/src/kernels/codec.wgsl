@@ -5,6 +5,7 @@
 // Degrees 2 and 3 are predicted from the reconstruction of the degree below. So there are up to three
 // passes: opacity, DC, covariance and degree 1; degree 2; degree 3.
 
+// Leaves, merges and chunks are those of a page: some whole chunks, which do not depend on others.
 struct Codec {
     // Steps of opacity, DC, degrees 1 and 2; of degree 3 and covariance.
     steps: vec4<f32>,

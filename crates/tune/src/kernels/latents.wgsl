@@ -6,21 +6,18 @@
 @group(0) @binding(3) var<storage, read> means: array<f32>;
 @group(0) @binding(4) var<storage, read> geo: array<f32>;
 @group(0) @binding(5) var<storage, read_write> latents: array<f32>;
-// First moments, then second ones.
-@group(0) @binding(6) var<storage, read_write> latent_moments: array<f32>;
-@group(0) @binding(7) var<storage, read> bit_prices: array<f32>;
-@group(0) @binding(8) var<storage, read> leaf_weights: array<f32>;
-// For the functions that load parameters.
-@group(0) @binding(9) var<storage, read> sh: array<f32>;
+@group(0) @binding(6) var<storage, read_write> first_moments: array<f32>;
+@group(0) @binding(7) var<storage, read_write> second_moments: array<f32>;
+@group(0) @binding(8) var<storage, read> bit_prices: array<f32>;
+@group(0) @binding(9) var<storage, read> leaf_weights: array<f32>;
 
 fn move_value(at: u32, by_loss: f32, weight: f32, rate: f32) {
     let gradient = by_loss * u.view_weight + u.extra * weight * bit_prices[at];
     let g = select(0.0, gradient, finite(gradient));
-    let second_at = codec.leaves * codec.channels + at;
-    let first = latent_moments[at] * ADAM_BETA1 + g * ADAM_BETA1_REST;
-    let second = latent_moments[second_at] * ADAM_BETA2 + g * g * ADAM_BETA2_REST;
-    latent_moments[at] = first;
-    latent_moments[second_at] = second;
+    let first = first_moments[at] * ADAM_BETA1 + g * ADAM_BETA1_REST;
+    let second = second_moments[at] * ADAM_BETA2 + g * g * ADAM_BETA2_REST;
+    first_moments[at] = first;
+    second_moments[at] = second;
     let root = sqrt(second) * u.inv_sqrt_bias2;
     latents[at] -= first / (root + ADAM_EPSILON) * rate;
 }
@@ -37,7 +34,7 @@ fn move_latents(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group) * 64u + lane;
-    if (i >= codec.leaves || sums[7u * u.count] != 0.0) {
+    if (i >= codec.leaves || sums[7u * page.count] != 0.0) {
         return;
     }
     let f = frame_of(i);

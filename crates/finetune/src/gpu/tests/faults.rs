@@ -32,17 +32,17 @@ fn a_lost_device_is_an_error() {
 #[test]
 fn a_device_without_room_is_an_error() {
     let Some(mut small) = context() else { return };
-    let (scene, views) = large(6000, [120, 80]);
-    // The records of the slots that the executor begins with fit, those that it needs do not.
-    small.limits.max_storage_buffer_binding_size = 700_000;
+    let (scene, views) = large(12_000, [120, 80]);
+    // The records of the slots that the executor begins with fit, those of a single row of tiles do not.
+    (small.page, small.limits.max_storage_buffer_binding_size) = (1000, 200_000);
     let mut run = on_device(small, &scene, &views).unwrap();
     let error = run.step(0, 1, 1.0).and_then(|()| run.losses()).unwrap_err();
-    one_line(&error, "records needs");
+    one_line(&error, "view 0: a row of tiles shows");
     // Not even the scene fits.
     let mut tiny = Context::software().unwrap();
     tiny.limits.max_buffer_size = 1000;
     let error = on_device(tiny, &scene, &views).map(|_| ()).unwrap_err();
-    one_line(&error, "the adapter binds 1000");
+    one_line(&error, "at most 249 fit a binding of 1000 bytes");
 }
 
 /// Memory beyond the driver's limits is an error, not a panic.
@@ -52,10 +52,11 @@ fn memory_that_the_driver_refuses_is_an_error() {
     let words = (context.device.limits().max_buffer_size / 4 + 1024) as usize;
     context.limits.max_buffer_size = u64::MAX;
     context.limits.max_storage_buffer_binding_size = u64::MAX;
-    let sizes = Sizes { count: 10, sh_len: 1, capacity: 16, tiles: 1, pixels: 256 };
+    let sizes =
+        Sizes { pages: vec![10], sh_len: 1, capacity: 16, splats: 10, tiles: 1, pixels: 256 };
     let workspace = Workspace::new(context, sizes, None).unwrap();
     let _ = workspace.storage("photo", words);
-    let error = workspace.read::<u32>("state", 4).unwrap_err().to_string();
+    let error = workspace.read::<u32>("state", 0, 4).unwrap_err().to_string();
     assert!(error.starts_with("GPU: ") && !error.contains('\n'), "{error}");
 }
 
@@ -92,15 +93,15 @@ fn the_longest_list_that_is_let_through_is_not_cut() {
     upload_lists(&p);
     let f = &p.cpu.forward;
     assert_eq!(f.last[0] as usize, n, "some pixel needs every splat");
-    p.gpu.run(&[GpuStage::Blend], &p.u, None);
+    p.gpu.run(&[GpuStage::Blend], &p.u, &[]);
     let wanted = flat(&f.tiles);
-    let got: Vec<f32> = p.gpu.read("pixels", wanted.len()).unwrap();
+    let got: Vec<f32> = p.gpu.read("pixels", 0, wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend", &got, &wanted), 0);
-    p.gpu.write("pixels", &wanted);
-    p.gpu.write("gradient", &flat(&p.cpu.tiles));
-    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, None);
+    p.gpu.write("pixels", 0, &wanted);
+    p.gpu.write("gradient", 0, &flat(&p.cpu.tiles));
+    p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, &[]);
     let wanted = flat(&p.cpu.records);
-    let got: Vec<f32> = p.gpu.read("records", wanted.len()).unwrap();
+    let got: Vec<f32> = p.gpu.read("records", 0, wanted.len()).unwrap();
     assert_eq!(worst_ulps("blend_adjoint", &got, &wanted), 0);
 }
 
