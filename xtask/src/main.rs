@@ -52,14 +52,14 @@ enum Task {
     BenchGpcc(bench::gpcc::GpccOptions),
     /// Strategies of voxelization at equal quality
     BenchVoxel(bench::voxel::VoxelOptions),
-    /// What the fine-tune restores of a voxelized model
-    BenchFinetune(bench::finetune::FinetuneOptions),
     /// The gsvx command: seconds and memory by size of model
     BenchGsvx(bench::gsvx::GsvxOptions),
     /// Steps on a GPU beside the processor, by size of scene
     BenchGpu(bench::gpu::GpuOptions),
-    /// What is lost at each quality, and what bounds on errors cost
+    /// What is lost at each quality, what bounds on errors cost
     BenchQuality(bench::quality::QualityOptions),
+    /// Models of a million Gaussians: coded, tuned, time, memory
+    BenchRealSize(bench::real_size::RealSizeOptions),
     /// What gsvx tune saves, beside streams without it
     BenchTune(bench::tune::TuneBenchOptions),
     /// The decoder for browsers: npm package, viewer page, tests
@@ -84,10 +84,10 @@ fn main() -> ExitCode {
         Task::BenchSize(args) => rd_curve::size(&args),
         Task::BenchGpcc(args) => bench::gpcc::run(&args),
         Task::BenchVoxel(args) => bench::voxel::run(&args),
-        Task::BenchFinetune(args) => bench::finetune::run(&args),
         Task::BenchGsvx(args) => bench::gsvx::run(&args),
         Task::BenchGpu(args) => bench::gpu::run(&args),
         Task::BenchQuality(args) => bench::quality::run(&args),
+        Task::BenchRealSize(args) => bench::real_size::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),
         Task::Web(args) => web::run(&args),
         Task::Demo(args) => demo::run(&args),

@@ -126,6 +126,13 @@ impl ModelAndCameras {
     }
 }
 
+/// The name of a model: that of its file, or of its folder where all such files have one name.
+pub(crate) fn name_of(model: &Path) -> String {
+    let folder = model.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+    let stem = model.file_stem().unwrap_or_default().to_string_lossy();
+    if stem == "meta" { folder.into_owned() } else { stem.into_owned() }
+}
+
 /// At most `most` of `all`, evenly spread.
 pub(crate) fn spread<T: Copy>(all: Vec<T>, most: usize) -> Vec<T> {
     let n = all.len();

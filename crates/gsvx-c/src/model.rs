@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::plain::{EncodeOptions, Model};
-use crate::stream::{axes, sh_degree};
+use crate::stream::axes;
 use gs_model::Scene;
 use gsvx::{Aim, DEFAULT_QUALITY, Encoder};
 
@@ -52,4 +52,10 @@ pub(crate) fn encode(
 
 fn rows<const N: usize>(floats: &[f32]) -> Vec<[f32; N]> {
     floats.as_chunks().0.to_vec()
+}
+
+/// An SH degree.
+fn sh_degree(degree: u32) -> Result<u8> {
+    let fits = u8::try_from(degree).ok().filter(|d| *d <= 3);
+    fits.ok_or(Error::Argument { what: "SH degree", value: degree.into(), range: "0 to 3" })
 }

@@ -67,12 +67,6 @@ fn max_sh_degree(coefficients: u32) -> Result<u8> {
     }
 }
 
-/// An SH degree.
-pub(crate) fn sh_degree(degree: u32) -> Result<u8> {
-    let fits = u8::try_from(degree).ok().filter(|d| *d <= 3);
-    fits.ok_or(Error::Argument { what: "SH degree", value: degree.into(), range: "0 to 3" })
-}
-
 impl State {
     /// Takes bytes of the stream.
     pub(crate) fn give(&mut self, offset: u64, bytes: &[u8]) -> Result<()> {

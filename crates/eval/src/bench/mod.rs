@@ -1,12 +1,12 @@
 //! Benches: time and memory of every stage, and the measurements behind pages of docs/results.
 
-pub mod finetune;
 pub mod gpcc;
 pub mod gpu;
 pub mod gsvx;
 mod gsvx_flags;
 mod importance;
 pub mod quality;
+pub mod real_size;
 mod scale;
 mod speed;
 mod stages;

@@ -3,8 +3,8 @@
 //! The values are those that the codec transforms: ln(alpha), Y Co Cg of each SH coefficient, and six
 //! log-Euclidean coordinates for each leaf. [`Latents::reconstruct`] does with them what the encoder does
 //! (weighted RAHT, quantisation, inverse), and returns the scene that a decoder would return, with the
-//! number of bytes, those of coarser levels of detail among them. [`Latents::gradient`] takes the derivatives of a loss back to the values, as if
-//! quantisation were the identity. [`Latents::encode`] writes the stream.
+//! number of bytes, those of coarser levels of detail among them. [`Latents::gradient`] takes the derivatives of a
+//! loss back to the values, as if quantisation were the identity. [`Latents::encode`] writes the stream.
 //!
 //! *Invariant:* the stream of [`Latents::encode`] decodes to the last scene of [`Latents::reconstruct`],
 //! bit for bit, if values, steps and fit are the same. Only SH degrees that are zero everywhere are missing:

@@ -54,10 +54,8 @@ struct Circle {
 pub(super) fn object(gsvx: &GsvxCommand, model: &Path) -> Result<Object> {
     let model = scenes::root().join(model);
     ensure!(model.is_file(), "{}: no such model", model.display());
-    let folder = model.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
-    let stem = model.file_stem().unwrap_or_default().to_string_lossy();
-    let name = if stem == "meta" { folder } else { stem };
-    let dir = scenes::root().join("out/rd").join(&*name);
+    let name = scenes::name_of(&model);
+    let dir = scenes::root().join("out/rd").join(&name);
     let inputs = (cache::hash_file(gsvx.path())?, cache::hash_file(&model)?);
     let cache = Cache::open(&dir.join("stages"), &inputs, false)?;
     let what = (CAMERAS, UNTUNED, ELEVATIONS, VIEWS, SIZE);

@@ -1,0 +1,269 @@
+//! `cargo xtask bench-real-size`: models of a million Gaussians, coded and tuned, and how time and memory grow.
+//!
+//! A stream takes minutes. What was measured stays recorded for one build of the command.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use finetune::TrainView;
+use gs_model::dataset::{HOLD_OUT_EVERY, open_views};
+use gs_model::{ReadOptions, Scene, ply};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::speed::replicate;
+use crate::cache::{self, Cache};
+use crate::page::{Page, Table};
+use crate::process::GsvxCommand;
+use crate::progress::Bar;
+use crate::{cells, manifest, measure, scenes};
+
+/// Flags of `cargo xtask bench-real-size`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct RealSizeOptions {
+    /// Models, as MODEL or SCENE:MODEL with the scene of the photos
+    #[arg(default_values_t = DEFAULT.map(String::from))]
+    models: Vec<String>,
+    /// Efforts of the tunes
+    #[arg(long, value_delimiter = ',', default_values_t = ["quick", "normal"].map(String::from))]
+    efforts: Vec<String>,
+    /// Millions of Gaussians of the second table
+    #[arg(long, value_delimiter = ',', default_values_t = [0.1, 0.3, 1.0, 3.0])]
+    millions: Vec<f64>,
+    /// Where the page goes
+    #[arg(long, default_value = "docs/results/real-size.md")]
+    out: PathBuf,
+}
+
+const DEFAULT: [&str; 2] =
+    ["office:out/train/office.ply", "../shared/models/la_fontaine/meta.json"];
+/// Generated cameras of a tune without photos, and those that its streams are compared at.
+const TUNE_ORBIT: &str = "--orbit=32";
+const COMPARE_ORBIT: [&str; 4] =
+    ["--orbit=24", "--full-circle", "--elevation=20", "--size=640x480"];
+
+/// A model, and what its streams are compared with.
+struct Model {
+    name: String,
+    path: PathBuf,
+    photos: Option<Photos>,
+}
+
+/// Photos of a scene.
+struct Photos {
+    dir: PathBuf,
+    held_out: Vec<TrainView>,
+}
+
+/// What was measured of a file of a model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Coded {
+    bytes: u64,
+    /// Not of the model itself, where it is compared with its own renders.
+    quality: Option<[f64; 2]>,
+    cost: Option<Cost>,
+}
+
+/// What a command took.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Cost {
+    wall: f64,
+    user: f64,
+    peak_mb: f64,
+}
+
+/// Measures and writes the page.
+///
+/// # Errors
+/// If the command or a model is not there, or something cannot be read.
+pub fn run(options: &RealSizeOptions) -> Result<()> {
+    let gsvx = GsvxCommand::find()?;
+    let models = options.models.iter().map(|word| Model::open(word)).collect::<Result<Vec<_>>>()?;
+    let mut page = Page::new(&options.out, "Real size?");
+    page.text(format!(
+        "`cargo xtask bench-real-size {}` runs whole commands of gsvx, files included. {}. Seconds are wall clock; CPU \
+         are the user seconds of all threads.",
+        options.models.join(" "),
+        manifest::machine(),
+    ));
+    for model in &models {
+        let (text, table) = model.table(&gsvx, &options.efforts)?;
+        page.text(text);
+        page.table(&table);
+    }
+    if let (Some(model), false) = (models.last(), options.millions.is_empty()) {
+        page.text(format!(
+            "How time and memory grow: Gaussians of {}, the first of them or copies side by side. The render has one \
+             view of a megapixel.",
+            model.name
+        ));
+        page.table(&growth(&gsvx, model, &options.millions)?);
+    }
+    page.write()
+}
+
+impl Model {
+    /// `word` is as on the command line.
+    fn open(word: &str) -> Result<Self> {
+        let (scene, path) = match word.split_once(':') {
+            Some((scene, path)) => (Some(scene), path),
+            None => (None, word),
+        };
+        let path = scenes::root().join(path);
+        let hint = scene.map(|s| format!("; `cargo xtask train {s} --cap 1000000` makes one"));
+        ensure!(path.is_file(), "{}: no such model{}", path.display(), hint.unwrap_or_default());
+        let photos = scene.map(Photos::open).transpose()?;
+        Ok(Self { name: scenes::name_of(&path), path, photos })
+    }
+
+    /// The files of the model that are measured: name and words of the command, in the table's order.
+    fn files(&self, efforts: &[String]) -> Vec<(String, Vec<String>)> {
+        let words = |all: &[&str]| all.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let cameras = self.photos.as_ref().map(|p| format!("--cameras={}", p.dir.display()));
+        let mut files = vec![
+            ("PLY".to_owned(), words(&["convert"])),
+            ("SPZ v4".to_owned(), words(&["convert"])),
+            ("`gsvx encode`".to_owned(), words(&["encode", "--no-estimate"])),
+        ];
+        if let Some(cameras) = &cameras {
+            let words = words(&["encode", "--no-estimate", cameras]);
+            files.push(("`gsvx encode --cameras`".to_owned(), words));
+        }
+        for effort in efforts {
+            let views = cameras.as_deref().unwrap_or(TUNE_ORBIT);
+            let name = format!("`gsvx tune --effort {effort}`");
+            files.push((name, words(&["tune", &format!("--effort={effort}"), views])));
+        }
+        files
+    }
+
+    fn table(&self, gsvx: &GsvxCommand, efforts: &[String]) -> Result<(String, Table)> {
+        let dir = scenes::root().join("out/rd").join(&self.name);
+        let inputs = (cache::hash_file(gsvx.path())?, cache::hash_file(&self.path)?);
+        let cache = Cache::open(&dir.join("stages"), &inputs, false)?;
+        let mut table = Table::new("file | MB | PSNR, dB | SSIM | seconds | CPU | peak MB");
+        for (name, words) in self.files(efforts) {
+            println!("{}: {name} ...", self.name);
+            let extension = match &*name {
+                "PLY" => "ply",
+                "SPZ v4" => "spz",
+                _ => "gsvx",
+            };
+            let file = dir.join("real-size").with_extension(extension);
+            let judge = (self.photos.as_ref().map(|p| p.held_out.len()), COMPARE_ORBIT);
+            let what = (&words, extension, judge);
+            let coded: Coded =
+                cache.run("real-size", &what, || self.measure(gsvx, &words, &file))?;
+            table.row(coded.row(&name));
+        }
+        let compared = match &self.photos {
+            Some(p) => format!("Against {} photos that were held out.", p.held_out.len()),
+            None => format!(
+                "Against renders of the model (`gsvx compare {}`).",
+                COMPARE_ORBIT.join(" ")
+            ),
+        };
+        Ok((format!("**{}.** {compared}", self.name), table))
+    }
+
+    /// Makes a file and compares it.
+    fn measure(&self, gsvx: &GsvxCommand, words: &[String], file: &Path) -> Result<Coded> {
+        let is_ply = file.extension().is_some_and(|e| e == "ply");
+        let mut all: Vec<&dyn AsRef<OsStr>> = words.iter().map(|w| w as _).collect();
+        all.insert(1, &self.path);
+        let done = gsvx.make(&all, file)?;
+        let bytes = std::fs::metadata(file)?.len();
+        let quality = match &self.photos {
+            Some(photos) => Some(photos.quality(file)?),
+            None if is_ply => None,
+            None => {
+                let words: Vec<&dyn AsRef<OsStr>> = vec![&"compare", &self.path, &file];
+                let orbit = COMPARE_ORBIT.iter().map(|w| w as &dyn AsRef<OsStr>);
+                let said: Value =
+                    gsvx.run(&words.into_iter().chain(orbit).collect::<Vec<_>>())?.json()?;
+                let number = |key: &str| said[key].as_f64().with_context(|| format!("no {key}"));
+                Some([number("psnr")?, number("ssim")?])
+            }
+        };
+        let cost = Cost { wall: done.wall, user: done.user, peak_mb: done.peak_mb };
+        Ok(Coded { bytes, quality, cost: (!is_ply).then_some(cost) })
+    }
+}
+
+impl Photos {
+    fn open(scene: &str) -> Result<Self> {
+        let dir = scenes::dir_of(scene)?;
+        let views = open_views(&dir)?;
+        Ok(Self { held_out: measure::load(views.iter().step_by(HOLD_OUT_EVERY))?, dir })
+    }
+
+    /// PSNR and SSIM of the model in a file.
+    fn quality(&self, file: &Path) -> Result<[f64; 2]> {
+        let bar = Bar::new("render", self.held_out.len() as u64);
+        let (score, _) = measure::score(&read(file)?, &self.held_out, &bar);
+        bar.done();
+        Ok([score.psnr_db, score.ssim])
+    }
+}
+
+/// The Gaussians of a file of any kind.
+fn read(file: &Path) -> Result<Scene> {
+    if file.extension().is_some_and(|e| e == "gsvx") {
+        return Ok(::gsvx::decode(&std::fs::read(file)?)?);
+    }
+    let (mut scene, _) = gs_model::model::read(file, &ReadOptions::default())?;
+    scene.drop_invalid();
+    Ok(scene)
+}
+
+impl Coded {
+    fn row(&self, name: &str) -> Vec<String> {
+        let number = |value: Option<f64>, digits: usize| {
+            value.map_or("-".to_owned(), |v| format!("{v:.digits$}"))
+        };
+        let cost = self.cost.as_ref();
+        cells![
+            name,
+            format!("{:.2}", self.bytes as f64 / 1e6),
+            number(self.quality.map(|q| q[0]), 2),
+            number(self.quality.map(|q| q[1]), 3),
+            number(cost.map(|c| c.wall), 1),
+            number(cost.map(|c| c.user), 1),
+            number(cost.map(|c| c.peak_mb), 0),
+        ]
+    }
+}
+
+/// What each command takes of models of several sizes.
+fn growth(gsvx: &GsvxCommand, model: &Model, millions: &[f64]) -> Result<Table> {
+    let scene = read(&model.path)?;
+    let mut table = Table::new("Gaussians | command | seconds | CPU | peak MB");
+    for millions in millions {
+        let dir = tempfile::tempdir().context("make a temporary folder")?;
+        let at = |name: &str| dir.path().join(name);
+        let (ply, stream) = (at("model.ply"), at("model.gsvx"));
+        ply::write(&ply, &replicate(&scene, (1e6 * millions) as usize))?;
+        let commands: [(&str, Vec<&dyn AsRef<OsStr>>, PathBuf); 4] = [
+            ("encode", vec![&"encode", &ply, &"--no-estimate"], stream.clone()),
+            ("decode", vec![&"decode", &stream], at("back.ply")),
+            ("render", vec![&"render", &stream, &"--orbit=1", &"--size=1000x1000"], at("pictures")),
+            (
+                "tune --effort quick",
+                vec![&"tune", &ply, &TUNE_ORBIT, &"--effort=quick"],
+                at("small.gsvx"),
+            ),
+        ];
+        for (name, words, output) in commands {
+            let done = gsvx.make(&words, &output)?;
+            table.told(cells![
+                format!("{millions} M"),
+                name,
+                format!("{:.1}", done.wall),
+                format!("{:.1}", done.user),
+                format!("{:.0}", done.peak_mb),
+            ]);
+        }
+    }
+    Ok(table)
+}
