@@ -28,7 +28,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Task {
-    /// Install what tests skip without: wasm target, Vulkan, Chromium
+    /// Install what tests skip without: wasm, Vulkan, Chromium
     Setup,
     /// Rate-distortion curves of a scene, with a report
     RdCurve(rd_curve::CurveOptions),
@@ -56,7 +56,7 @@ enum Task {
     BenchGsvx(bench::gsvx::GsvxOptions),
     /// Steps on a GPU beside the processor, by size of scene
     BenchGpu(bench::gpu::GpuOptions),
-    /// What is lost at each quality, what bounds on errors cost
+    /// What is lost at each quality, and what bounds on errors cost
     BenchQuality(bench::quality::QualityOptions),
     /// Models of a million Gaussians: coded, tuned, time, memory
     BenchRealSize(bench::real_size::RealSizeOptions),
