@@ -82,9 +82,11 @@ pub fn run(options: &RealSizeOptions) -> Result<()> {
     let models = options.models.iter().map(|word| Model::open(word)).collect::<Result<Vec<_>>>()?;
     let mut page = Page::new(&options.out, "Real size?");
     page.text(format!(
-        "`cargo xtask bench-real-size {}` runs whole commands of gsvx, files included. {}. Seconds are wall clock; CPU \
+        "`cargo xtask bench-real-size {} --efforts {} --millions {}` runs whole commands of gsvx, files included. {}. Seconds are wall clock; CPU \
          are the user seconds of all threads.",
         options.models.join(" "),
+        options.efforts.join(","),
+        options.millions.iter().map(ToString::to_string).collect::<Vec<_>>().join(","),
         manifest::machine(),
     ));
     for model in &models {
@@ -172,7 +174,10 @@ impl Model {
         let is_ply = file.extension().is_some_and(|e| e == "ply");
         let mut all: Vec<&dyn AsRef<OsStr>> = words.iter().map(|w| w as _).collect();
         all.insert(1, &self.path);
-        let done = gsvx.make(&all, file)?;
+        let done = match words[0].as_str() {
+            "convert" => gsvx.run(&[&"convert", &"--force", &self.path, &file])?,
+            _ => gsvx.make(&all, file)?,
+        };
         let bytes = std::fs::metadata(file)?.len();
         let quality = match &self.photos {
             Some(photos) => Some(photos.quality(file)?),
