@@ -184,7 +184,7 @@ impl Reader {
         };
         let mut missing: Vec<Range<u64>> = Vec::new();
         let wanted = entry.layers.iter().zip(&self.layers[chunk]).take(layers);
-        for (layer, buffer) in wanted.skip(self.layers_of_use(chunk, layers)) {
+        for (layer, buffer) in wanted.skip(self.held_layers(chunk, layers)) {
             let mut at = 0u64;
             let there = buffer.pieces.iter().map(|p| p.start..p.end());
             for range in there.chain(std::iter::once(layer.len..layer.len)) {

@@ -40,6 +40,16 @@ fn as_coded(scene: &Scene, encoded: &Encoded) -> Scene {
     out
 }
 
+/// The bytes that a fit counts, and the stream, which has about as many and decodes to the scene of the fit.
+fn counted_and_coded(latents: &mut Latents, scene: &mut Scene) -> (u64, Encoded) {
+    let counted = latents.reconstruct(true, None, scene).unwrap().unwrap();
+    let encoded = latents.encode(None).unwrap();
+    assert_same(&decode(&encoded.bytes).unwrap(), &as_coded(scene, &encoded));
+    let real = encoded.bytes.len() as f64;
+    assert!((counted as f64 - real).abs() < 0.005 * real + 64.0, "{counted} {real}");
+    (counted, encoded)
+}
+
 #[test]
 fn the_stream_decodes_to_the_scene_of_the_loop() {
     for (n, degree, chunk) in [(3000, 3, 1 << 16), (3000, 2, 700), (500, 1, 512), (1, 0, 512)] {
@@ -48,11 +58,7 @@ fn the_stream_decodes_to_the_scene_of_the_loop() {
         options.chunk_leaves = NonZeroUsize::new(chunk).unwrap();
         let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
         let mut scene = Scene::default();
-        let counted = latents.reconstruct(true, None, &mut scene).unwrap().unwrap();
-        let encoded = latents.encode(None).unwrap();
-        assert_same(&decode(&encoded.bytes).unwrap(), &as_coded(&scene, &encoded));
-        let real = encoded.bytes.len() as f64;
-        assert!((counted as f64 - real).abs() < 0.005 * real + 64.0, "{counted} {real}");
+        counted_and_coded(&mut latents, &mut scene);
         // Moved values, predictions of the last fit, other steps.
         latents.values_mut().iter_mut().for_each(|v| *v *= 0.97);
         latents.set_steps(EncodeOptions::from_quality(40.0).unwrap().steps).unwrap();
@@ -74,11 +80,7 @@ fn a_coarse_level_comes_first_and_is_counted() {
     (options.lod, options.chunk_leaves) = (true, NonZeroUsize::new(300).unwrap());
     let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
     let mut scene = Scene::default();
-    let counted = latents.reconstruct(true, None, &mut scene).unwrap().unwrap();
-    let encoded = latents.encode(None).unwrap();
-    assert_same(&decode(&encoded.bytes).unwrap(), &as_coded(&scene, &encoded));
-    let real = encoded.bytes.len() as f64;
-    assert!((counted as f64 - real).abs() < 0.005 * real + 64.0, "{counted} {real}");
+    let (counted, encoded) = counted_and_coded(&mut latents, &mut scene);
     assert!(counted > plain, "{counted}, {plain} without levels");
     // Where chunks begin, and the bytes of the coarse ones, are those of the encoder.
     let coarse = |encoded: &Encoded| -> Vec<_> {

@@ -124,8 +124,8 @@ impl Model {
         let words = |all: &[&str]| all.iter().map(ToString::to_string).collect::<Vec<_>>();
         let cameras = self.photos.as_ref().map(|p| format!("--cameras={}", p.dir.display()));
         let mut files = vec![
-            ("PLY".to_owned(), words(&["convert"])),
-            ("SPZ v4".to_owned(), words(&["convert"])),
+            ("PLY".to_owned(), words(&["convert", "--force"])),
+            ("SPZ v4".to_owned(), words(&["convert", "--force"])),
             ("`gsvx encode`".to_owned(), words(&["encode", "--no-estimate"])),
         ];
         if let Some(cameras) = &cameras {
@@ -173,9 +173,9 @@ impl Model {
     fn measure(&self, gsvx: &GsvxCommand, words: &[String], file: &Path) -> Result<Coded> {
         let is_ply = file.extension().is_some_and(|e| e == "ply");
         let mut all: Vec<&dyn AsRef<OsStr>> = words.iter().map(|w| w as _).collect();
-        all.insert(1, &self.path);
+        all.push(&self.path);
         let done = match words[0].as_str() {
-            "convert" => gsvx.run(&[&"convert", &"--force", &self.path, &file])?,
+            "convert" => gsvx.run(&[&all[..], &[&file]].concat())?,
             _ => gsvx.make(&all, file)?,
         };
         let bytes = std::fs::metadata(file)?.len();

@@ -51,7 +51,8 @@ export class Slot {
       this.detail.finish(message.chunk, message.isGood);
       stage.dirty();
     } else {
-      (this.detail ? this.detail.take : view.put).call(this.detail ?? view, message);
+      if (this.detail) this.detail.take(message);
+      else view.put(message);
       const { id, replaces, lod, shDegree, count } = message;
       (stage.log ??= []).push({ number: this.number, id, replaces, lod, shDegree, count, at: performance.now() });
       stage.dirty();

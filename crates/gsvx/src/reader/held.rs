@@ -34,7 +34,7 @@ impl Reader {
             return Err(Error::Corrupt { what: "number of a chunk", value: chunk as u64 });
         };
         let layers = layers.clamp(1, entry.layers.len());
-        let first = self.layers_of_use(chunk, layers);
+        let first = self.held_layers(chunk, layers);
         if first == 0 {
             self.held = None;
         }
@@ -55,9 +55,9 @@ impl Reader {
         Ok(self.held_len())
     }
 
-    /// How many of the first `layers` layers of a chunk are held and need not be decoded again. Layers that are held
-    /// cannot be taken back: with fewer wanted, none is of use.
-    pub(super) fn layers_of_use(&self, chunk: usize, layers: usize) -> usize {
+    /// How many of the first `layers` layers of a chunk are held, and need not be decoded again: 0 if more are held,
+    /// because layers cannot be taken back.
+    pub(super) fn held_layers(&self, chunk: usize, layers: usize) -> usize {
         let held = self.held.filter(|h| h.chunk == chunk && h.layers <= layers);
         held.map_or(0, |h| h.layers)
     }
