@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use finetune::TrainView;
 use gs_model::dataset::{Dataset, HOLD_OUT_EVERY, find_model, open_views};
-use gs_model::{Camera, Scene};
+use gs_model::{Camera, Invalid, ReadOptions, Scene};
 use serde::Deserialize;
 
 use crate::measure;
@@ -43,6 +43,16 @@ impl SceneFiles {
         let (scene, _) = gs_model::ply::read(&self.dataset.model_path)?;
         Ok((scene.len() * (11 + 3 * scene.sh_len()) * 4) as f64 / 1e6)
     }
+}
+
+/// The valid Gaussians of a model of any format, or of a stream.
+pub(crate) fn read_model(file: &Path) -> Result<Scene> {
+    if file.extension().is_some_and(|e| e == "gsvx") {
+        return Ok(gsvx::decode(&std::fs::read(file)?)?);
+    }
+    let codec = Some(&gsvx::gltf::CODEC);
+    let options = ReadOptions { invalid: Invalid::Drop, codec, ..Default::default() };
+    Ok(gs_model::model::read(file, &options)?.0)
 }
 
 /// The root of the workspace that this crate was built in.

@@ -35,6 +35,8 @@ pub struct ReadOptions {
     pub clamp_infinite_opacity: Option<f32>,
     /// Decodes primitives of glTF that are compressed. Without it they are an error.
     pub codec: Option<&'static Codec>,
+    /// Accept so many Gaussians that are compressed, even if [`Codec::most`] is less.
+    pub max_gaussians: Option<u64>,
 }
 
 /// What a model file held. What only PLY files have is empty for other formats.

@@ -4,7 +4,8 @@
 mod common;
 
 use common::{fixture, is_broken, read, says};
-use gs_model::{Format, Scene};
+use gs_model::gltf::Compressed;
+use gs_model::{Codec, Format, ReadOptions, Scene, model};
 use proptest::prelude::*;
 
 const NAMES: [&str; 7] = [
@@ -160,4 +161,25 @@ fn what_is_not_read_of_gltf_is_named() {
     // A transform that does nothing is none.
     let same = "\"nodes\":[{\"mesh\":0,\"scale\":[1,1,1],\"rotation\":[0,0,0,1]}]";
     assert_eq!(read("a.glb", &glb_with(node, same)).unwrap().0.len(), 3);
+}
+
+#[test]
+fn compressed_gaussians_beyond_what_their_bytes_may_hold_need_the_callers_word() {
+    static CODEC: Codec =
+        Codec { extension: "TEST", most: |bytes| bytes, decode: |_, n| Ok(Scene::zeros(n, 0)) };
+    let mut file = Vec::new();
+    let bounds = [[0.0; 3]; 2];
+    Compressed { extension: "TEST", data: &[0; 8], count: 9, sh_degree: 0, bounds }
+        .write_to("a.glb", &mut file)
+        .unwrap();
+    let read = |max_gaussians| {
+        let invalid = gs_model::Invalid::Drop;
+        let options =
+            ReadOptions { invalid, codec: Some(&CODEC), max_gaussians, ..Default::default() };
+        model::read_named("a.glb", &file, &options).map(|(_, report)| report.gaussians_in_file)
+    };
+    for limit in [None, Some(8)] {
+        says(read(limit), "more Gaussians than the file has data for");
+    }
+    assert_eq!(read(Some(9)).unwrap(), 9);
 }

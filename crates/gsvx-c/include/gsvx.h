@@ -133,7 +133,7 @@ typedef enum {
 } gsvx_axes;
 
 // A stream of which bytes are given as they arrive, and one decoded chunk of it. `gsvx_open` makes it,
-// `gsvx_close` frees it. Functions take it as const because they may be called on several threads; they change it.
+// `gsvx_close` frees it.
 typedef struct gsvx_stream gsvx_stream;
 
 // How a stream is decoded. 0 is the default of each option; NULL stands for all defaults.
@@ -256,7 +256,7 @@ void gsvx_close(gsvx_stream *stream);
 // GSVX_STATUS_NOT_GSVX, GSVX_STATUS_VERSION or GSVX_STATUS_DAMAGED if the head shows it. All that was given is
 // forgotten then, and the stream is as after `gsvx_open`. `gsvx_decode` tells of damage in chunks. Bytes behind the end
 // of the stream are ignored. A NULL `bytes` is allowed if `size` is 0.
-gsvx_status gsvx_give(const gsvx_stream *stream,
+gsvx_status gsvx_give(gsvx_stream *stream,
                       uint64_t offset,
                       const uint8_t *bytes,
                       size_t size,
@@ -293,7 +293,7 @@ gsvx_status gsvx_get_chunk(const gsvx_stream *stream,
 // GSVX_STATUS_TRUNCATED if bytes are missing (see `gsvx_needs`), GSVX_STATUS_DAMAGED if a checksum or a rule of the
 // format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. After
 // GSVX_STATUS_ARGUMENT what was held stays.
-gsvx_status gsvx_decode(const gsvx_stream *stream,
+gsvx_status gsvx_decode(gsvx_stream *stream,
                         uint64_t chunk,
                         uint32_t layers,
                         uint64_t *gaussians,
@@ -315,7 +315,7 @@ gsvx_status gsvx_copy(const gsvx_stream *stream,
 
 // Frees the bytes that were given of a chunk. What is held of it stays, and further layers can be added; to decode it
 // anew, its bytes must be given again.
-gsvx_status gsvx_forget(const gsvx_stream *stream,
+gsvx_status gsvx_forget(gsvx_stream *stream,
                         uint64_t chunk,
                         gsvx_message *message);
 

@@ -8,7 +8,7 @@ use std::mem::MaybeUninit;
 use std::sync::{Mutex, MutexGuard};
 
 /// A stream of which bytes are given as they arrive, and one decoded chunk of it. `gsvx_open` makes it,
-/// `gsvx_close` frees it. Functions take it as const because they may be called on several threads; they change it.
+/// `gsvx_close` frees it.
 #[derive(Debug)]
 pub struct Stream(Mutex<State>);
 

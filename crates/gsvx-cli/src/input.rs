@@ -90,9 +90,10 @@ pub(crate) fn cannot_read(path: &Path) -> String {
 }
 
 impl Reading {
-    fn options(&self) -> ReadOptions {
+    fn options(&self, max_gaussians: Option<u64>) -> ReadOptions {
         let invalid = if self.drop_invalid { Invalid::Drop } else { Invalid::Error };
-        ReadOptions { invalid, codec: Some(&gsvx::gltf::CODEC), ..Default::default() }
+        let codec = Some(&gsvx::gltf::CODEC);
+        ReadOptions { invalid, codec, max_gaussians, ..Default::default() }
     }
 
     /// A model that can be read some Gaussians at a time; `None` of any other.
@@ -100,12 +101,12 @@ impl Reading {
         if self.from.is_some() || starts_like_stream(path)? {
             return Ok(None);
         }
-        Ok(ply::Parts::open(path, &self.options())?)
+        Ok(ply::Parts::open(path, &self.options(None))?)
     }
 
     /// A model of any format that gs-model reads; a stream is refused.
     pub(crate) fn model(&self, path: &Path) -> Result<Loaded> {
-        match self.open(path)? {
+        match self.open(path, None)? {
             Opened::Model(loaded) => Ok(*loaded),
             Opened::Stream(_) => bail!(
                 "{}: is a gsvx stream already; to code it again, write it as a model with gsvx decode first",
@@ -115,8 +116,8 @@ impl Reading {
     }
 
     /// Reads a model, or the bytes of a stream. Says what it skipped.
-    fn open(&self, path: &Path) -> Result<Opened> {
-        let (from, options) = (self.from.as_deref(), self.options());
+    fn open(&self, path: &Path, max_gaussians: Option<u64>) -> Result<Opened> {
+        let (from, options) = (self.from.as_deref(), self.options(max_gaussians));
         let reading = Meter::spinner(format!("reading {}", name(path)));
         let length = std::fs::metadata(path).ok().filter(|m| m.is_file()).map(|m| m.len());
         let ((scene, report), bytes) = if let (None, Some(length)) = (from, length)
@@ -144,7 +145,7 @@ impl Reading {
 
 /// Opens a file of any format, without its invalid Gaussians.
 pub(crate) fn lenient(path: &Path) -> Result<Opened> {
-    Reading { from: None, drop_invalid: true }.open(path)
+    Reading { from: None, drop_invalid: true }.open(path, None)
 }
 
 fn say_skipped(report: &Report) {
@@ -164,7 +165,7 @@ fn say_skipped(report: &Report) {
 impl ReadingAny {
     /// Reads a model, or the bytes of a stream.
     pub(crate) fn open(&self, path: &Path) -> Result<Opened> {
-        let opened = self.model.open(path)?;
+        let opened = self.model.open(path, self.limit.max_gaussians)?;
         if let Opened::Model(loaded) = &opened {
             self.limit.check(path, loaded.scene.len() as u64)?;
         }

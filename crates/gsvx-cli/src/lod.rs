@@ -1,10 +1,10 @@
 //! `gsvx lod`: a stream as a folder of small files that a viewer loads by distance: streams for PlayCanvas, or 3D
 //! Tiles (`tiles.rs`).
 //!
-//! For PlayCanvas each chunk becomes a stream of its own. `lod-meta.json` lists places: one for each chunk of the finest level.
+//! For PlayCanvas each chunk of leaves becomes a stream of its own. `lod-meta.json` lists places: one for each chunk of the finest level.
 //! For each level of detail it says which file shows the place, and which of the file's Gaussians. Coarse chunks
-//! cover many places, so many places name the same file. Gaussians that are coded exactly belong to no place: they
-//! are the environment, which is always shown.
+//! cover many places, so many places name the same file. Gaussians that are coded exactly belong to no place: all of
+//! them are one stream, the environment, which is always shown.
 
 mod site;
 mod tiles;
@@ -66,7 +66,7 @@ enum LodFormat {
 
 /// Name of the list of places, as PlayCanvas looks for it.
 const LIST: &str = "lod-meta.json";
-/// Name of the stream of Gaussians that are coded exactly.
+/// Name of the stream of all Gaussians that are coded exactly.
 const EXACT: &str = "exact.gsvx";
 
 /// Writes the folder.
@@ -110,14 +110,16 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
 /// Writes the folder for PlayCanvas. Returns the bytes of all streams.
 fn write_streams(args: &LodArgs, stream: &mut StreamFile, index: &Index) -> Result<u64> {
     let mut bytes = 0;
-    let progress = Meter::new("chunks", index.chunks.len());
-    for chunk in 0..index.chunks.len() {
-        bytes += write_chunk(args, stream, index, chunk)?;
+    let files = files(index);
+    let progress = Meter::new("files", files.len());
+    for (name, chunks) in &files {
+        bytes += write_chunks(args, stream, index, name, chunks)?;
         progress.inc();
     }
     let places = places(stream, index)?;
-    let list = list(index, &places).to_string();
-    write(args, LIST, &[list.as_bytes()])?;
+    let names: Vec<&String> = files.iter().map(|(name, _)| name).collect();
+    let list = list(index, &places, &names).to_string();
+    write(args, LIST, list.as_bytes())?;
     Ok(bytes)
 }
 
@@ -127,31 +129,42 @@ fn leaves_of(index: &Index, lod: u8) -> Vec<usize> {
     index.chunks_of_lod(lod).filter(leaves).collect()
 }
 
-/// The name of a chunk's file: its level of detail and its number.
-fn file_name(index: &Index, chunk: usize) -> String {
-    match index.chunks[chunk].kind {
-        Kind::Exact => EXACT.into(),
-        Kind::Leaves => format!("{}-{chunk}.gsvx", index.chunks[chunk].lod),
+/// The files, and the chunks in each. File `i` has chunk `i` of leaves; the last has the exact chunks, if there are any.
+fn files(index: &Index) -> Vec<(String, Vec<usize>)> {
+    let is_exact = |&i: &usize| index.chunks[i].kind == Kind::Exact;
+    let (exact, leaves): (Vec<usize>, Vec<usize>) = (0..index.chunks.len()).partition(is_exact);
+    let of_leaves = |i| (format!("{}.gsvx", chunk_name(index, i)), vec![i]);
+    let mut files: Vec<_> = leaves.into_iter().map(of_leaves).collect();
+    if !exact.is_empty() {
+        files.push((EXACT.into(), exact));
     }
+    files
 }
 
-/// Writes a chunk as a stream. Returns its length.
-fn write_chunk(
+/// What a file of one chunk is called: its level of detail and its number.
+fn chunk_name(index: &Index, chunk: usize) -> String {
+    format!("{}-{chunk}", index.chunks[chunk].lod)
+}
+
+/// Writes chunks as a stream. Returns its length.
+fn write_chunks(
     args: &LodArgs,
     stream: &mut StreamFile,
     index: &Index,
-    chunk: usize,
+    name: &str,
+    chunks: &[usize],
 ) -> Result<u64> {
-    let head = index.head_of(&[chunk]);
-    let layers = Index::parse(&head)?.chunks[0].layers.len();
-    let body = stream.bytes(chunk, layers)?;
-    write(args, &file_name(index, chunk), &[&head, &body])?;
-    Ok((head.len() + body.len()) as u64)
+    let mut bytes = index.head_of(chunks);
+    for (chunk, made) in chunks.iter().zip(Index::parse(&bytes)?.chunks) {
+        bytes.extend(stream.bytes(*chunk, made.layers.len())?);
+    }
+    write(args, name, &bytes)?;
+    Ok(bytes.len() as u64)
 }
 
-fn write(args: &LodArgs, name: &str, parts: &[&[u8]]) -> Result<()> {
+fn write(args: &LodArgs, name: &str, bytes: &[u8]) -> Result<()> {
     let output = Output::open(&args.output.join(name), args.force, &[&args.input])?;
-    output.write(|out| Ok(parts.iter().try_for_each(|part| out.write_all(part))?))?;
+    output.write(|out| Ok(out.write_all(bytes)?))?;
     Ok(())
 }
 
@@ -191,7 +204,7 @@ fn places(stream: &mut StreamFile, index: &Index) -> Result<Vec<Place>> {
 }
 
 /// `lod-meta.json`.
-fn list(index: &Index, places: &[Place]) -> Value {
+fn list(index: &Index, places: &[Place], files: &[&String]) -> Value {
     let bound = |[min, max]: [[f32; 3]; 2]| json!({ "min": min, "max": max });
     let node = |place: &Place| {
         let chunk = &index.chunks[place.chunk];
@@ -212,10 +225,9 @@ fn list(index: &Index, places: &[Place]) -> Value {
             all[1][k] = all[1][k].max(high[k]);
         }
     }
-    let names: Vec<String> = (0..index.chunks.len()).map(|i| file_name(index, i)).collect();
     let mut list = json!({
         "lodLevels": u32::from(index.coarsest_lod()) + 1,
-        "filenames": names,
+        "filenames": files,
         "tree": { "bound": bound(all), "children": places.iter().map(node).collect::<Vec<_>>() },
     });
     if index.chunks.iter().any(|c| c.kind == Kind::Exact) {

@@ -27,7 +27,7 @@ const ANSWERERS: usize = 4;
 
 #[derive(clap::Args)]
 pub(crate) struct ViewArgs {
-    /// A stream, PLY, .splat or SPZ, and a second one to compare it with.
+    /// A stream, PLY, .glb, .splat or SPZ, and a second one to compare it with.
     #[arg(required = true, num_args = 1..=2)]
     files: Vec<PathBuf>,
     /// Most Gaussians to draw of a stream with levels of detail: near places are fine, distant ones coarse, and chunks

@@ -147,3 +147,27 @@ fn streams_without_an_octree_or_coarse_levels_say_so() {
     std::fs::write(&input, &bytes[..bytes.len() - 100]).unwrap();
     one_line(&run(&["lod", "@", "-o", "@", "--force"], &[&input, &web]), "chunk");
 }
+
+#[test]
+fn several_exact_chunks_are_all_shown() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("web"));
+    stream(&input, false);
+    let bytes = std::fs::read(&input).unwrap();
+    let index = gsvx::Index::parse(&bytes).unwrap();
+    let exact = index.chunks.len() - 1;
+    // A stream of another encoder: the exact chunk twice.
+    let chunks: Vec<usize> = (0..=exact).chain([exact]).collect();
+    let mut twice = index.head_of(&chunks);
+    for &chunk in &chunks {
+        let range = index.chunks[chunk].range(4);
+        twice.extend(&bytes[range.start as usize..range.end as usize]);
+    }
+    std::fs::write(&input, &twice).unwrap();
+    ok(&["lod", "@", "-o", "@"], &[&input, &web]);
+    let exact = gsvx::decode(&std::fs::read(web.join("exact.gsvx")).unwrap()).unwrap();
+    assert_eq!(exact.means, [[3e9, 0.0, 0.0]; 2]);
+    let tiles = dir.path().join("tiles");
+    let (_, heard) = report(&["lod", "@", "-o", "@", "--format", "3dtiles"], &[&input, &tiles]);
+    assert!(heard.contains("left out: 2 Gaussians farther"), "{heard}");
+}

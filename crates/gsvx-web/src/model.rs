@@ -1,4 +1,4 @@
-//! Models in other formats, for the viewer page: PLY, SPZ and .splat.
+//! Models in other formats, for the viewer page: PLY, glTF, SPZ and .splat.
 
 use crate::error;
 use crate::layout;
@@ -24,7 +24,8 @@ impl WholeModel {
     /// An object with `message` and `code`.
     #[wasm_bindgen(constructor)]
     pub fn new(name: &str, bytes: &[u8]) -> Result<Self, JsValue> {
-        let options = ReadOptions { invalid: Invalid::Drop, ..Default::default() };
+        let codec = Some(&gsvx::gltf::CODEC);
+        let options = ReadOptions { invalid: Invalid::Drop, codec, ..Default::default() };
         let (scene, _) = model::read_named(name, bytes, &options)
             .map_err(|e| JsValue::from(error::object(&chain(&e), "model")))?;
         outlook::see(&scene, scene.len().div_ceil(ENOUGH));

@@ -8,7 +8,7 @@
 //! # Ok::<(), gs_model::Error>(())
 //! ```
 
-use crate::decode::{decode, default_max_gaussians};
+use crate::decode::{DecodeOptions, decode_with, default_max_gaussians};
 use crate::error::Error;
 use crate::head::Index;
 use gs_model::{Codec, Scene, chain};
@@ -26,5 +26,7 @@ fn of_primitive(stream: &[u8], count: usize) -> Result<Scene, String> {
     if held != count as u64 {
         return Err(format!("its accessors promise {count} Gaussians, its stream holds {held}"));
     }
-    decode(stream).map_err(in_words)
+    // The reader of glTF has bounded the number.
+    let options = DecodeOptions { max_gaussians: Some(held), ..DecodeOptions::default() };
+    Ok(decode_with(stream, &options).map_err(in_words)?.scene)
 }

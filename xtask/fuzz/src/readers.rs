@@ -16,6 +16,7 @@ fn options(byte: u8) -> ReadOptions {
         invalid: if byte & 1 == 0 { Invalid::Error } else { Invalid::Drop },
         clamp_infinite_opacity: (byte & 2 != 0).then_some(10.0),
         codec: Some(&::gsvx::gltf::CODEC),
+        max_gaussians: None,
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use finetune::TrainView;
 use finetune::framing::{self, Constraints};
-use gs_model::{Camera, Format, ReadOptions, Scene};
+use gs_model::{Camera, Format, Scene};
 use gsvx::{EncodeOptions, Seen};
 use testing::Rng;
 
@@ -89,8 +89,7 @@ impl Measured {
             Self { name: stem(name), views, model, training }
         };
         if Format::of_name(name).is_some() {
-            let (mut model, _) = gs_model::model::read(name, &ReadOptions::default())?;
-            model.drop_invalid();
+            let model = scenes::read_model(name.as_ref())?;
             let cameras = orbit(&model, 12, None, [640, 480])?;
             return Ok(from_renders(model, Vec::new(), cameras));
         }

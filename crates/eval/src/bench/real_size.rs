@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use finetune::TrainView;
 use gs_model::dataset::{HOLD_OUT_EVERY, open_views};
-use gs_model::{ReadOptions, Scene, ply};
+use gs_model::ply;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -206,20 +206,10 @@ impl Photos {
     /// PSNR and SSIM of the model in a file.
     fn quality(&self, file: &Path) -> Result<[f64; 2]> {
         let bar = Bar::new("render", self.held_out.len() as u64);
-        let (score, _) = measure::score(&read(file)?, &self.held_out, &bar);
+        let (score, _) = measure::score(&scenes::read_model(file)?, &self.held_out, &bar);
         bar.done();
         Ok([score.psnr_db, score.ssim])
     }
-}
-
-/// The Gaussians of a file of any kind.
-fn read(file: &Path) -> Result<Scene> {
-    if file.extension().is_some_and(|e| e == "gsvx") {
-        return Ok(::gsvx::decode(&std::fs::read(file)?)?);
-    }
-    let (mut scene, _) = gs_model::model::read(file, &ReadOptions::default())?;
-    scene.drop_invalid();
-    Ok(scene)
 }
 
 impl Coded {
@@ -242,7 +232,7 @@ impl Coded {
 
 /// What each command takes of models of several sizes.
 fn growth(gsvx: &GsvxCommand, model: &Model, millions: &[f64]) -> Result<Table> {
-    let scene = read(&model.path)?;
+    let scene = scenes::read_model(&model.path)?;
     let mut table = Table::new("Gaussians | command | seconds | CPU | peak MB");
     for millions in millions {
         let dir = tempfile::tempdir().context("make a temporary folder")?;

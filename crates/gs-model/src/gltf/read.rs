@@ -40,7 +40,8 @@ pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
     if parts.is_empty() {
         return Err(malformed(file, "the file", format!("no mesh has {EXTENSION}")));
     }
-    bound(&parts, data.len()).map_err(|why| malformed(file, "the meshes", why))?;
+    bound(&parts, data.len(), options.max_gaussians)
+        .map_err(|why| malformed(file, "the meshes", why))?;
     let form = form(&parts);
     let mut scenes = Vec::with_capacity(parts.len());
     for (part, place) in parts.iter().zip(places) {
@@ -50,7 +51,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
 }
 
 /// Refuses what would claim any amount of memory or time: primitives that share their data.
-fn bound(parts: &[Part<'_>], data_len: usize) -> Result<(), &'static str> {
+fn bound(parts: &[Part<'_>], data_len: usize, trusted: Option<u64>) -> Result<(), &'static str> {
     let (mut plain, mut coded, mut coded_len) = (0u64, 0u64, 0u64);
     for part in parts {
         let sum = if part.coded().is_some() { &mut coded } else { &mut plain };
@@ -58,7 +59,7 @@ fn bound(parts: &[Part<'_>], data_len: usize) -> Result<(), &'static str> {
         coded_len += part.coded().map_or(0, |c| c.data.len() as u64);
     }
     let codec = parts.iter().find_map(Part::coded).map(|c| c.codec);
-    let most = codec.map_or(0, |codec| (codec.most)(coded_len));
+    let most = codec.map_or(0, |codec| (codec.most)(coded_len)).max(trusted.unwrap_or(0));
     let least_len = plain.saturating_mul(LEAST_BYTES).saturating_add(coded_len);
     if least_len > data_len as u64 || coded > most {
         return Err("more Gaussians than the file has data for");

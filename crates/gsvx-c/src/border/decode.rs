@@ -1,10 +1,11 @@
 //! Decoding.
 
-use super::{buffer, given, place, run, slice};
+use super::{buffer, changed, given, place, run, slice};
 use crate::array::stride;
 use crate::plain::{ByteRange, Chunk, Info, Message, Options, Status};
 use crate::stream::Stream;
 use std::mem::MaybeUninit;
+use std::ptr::NonNull;
 
 /// Opens a stream of which no byte is known yet.
 ///
@@ -41,7 +42,7 @@ pub extern "C" fn gsvx_close(stream: Option<Box<Stream>>) {
 /// of the stream are ignored. A NULL `bytes` is allowed if `size` is 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gsvx_give(
-    stream: Option<&Stream>,
+    stream: Option<NonNull<Stream>>,
     offset: u64,
     bytes: *const u8,
     size: usize,
@@ -50,7 +51,8 @@ pub unsafe extern "C" fn gsvx_give(
     run(message, || {
         // SAFETY: the header asks for `size` bytes at `bytes` that do not change during the call.
         let bytes = unsafe { slice(bytes, size, "bytes") }?;
-        given(stream)?.lock()?.give(offset, bytes)?;
+        // SAFETY: the header asks for a handle that is not closed during the call.
+        unsafe { changed(stream) }?.lock()?.give(offset, bytes)?;
         Ok(String::new())
     })
 }
@@ -116,15 +118,16 @@ pub extern "C" fn gsvx_get_chunk(
 /// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. After
 /// GSVX_STATUS_ARGUMENT what was held stays.
 #[unsafe(no_mangle)]
-pub extern "C" fn gsvx_decode(
-    stream: Option<&Stream>,
+pub unsafe extern "C" fn gsvx_decode(
+    stream: Option<NonNull<Stream>>,
     chunk: u64,
     layers: u32,
     gaussians: Option<&mut MaybeUninit<u64>>,
     message: Option<&mut MaybeUninit<Message>>,
 ) -> Status {
     run(message, || {
-        let count = given(stream)?.lock()?.decode(chunk, layers)?;
+        // SAFETY: the header asks for a handle that is not closed during the call.
+        let count = unsafe { changed(stream) }?.lock()?.decode(chunk, layers)?;
         if let Some(gaussians) = gaussians {
             gaussians.write(count);
         }
@@ -161,13 +164,14 @@ pub unsafe extern "C" fn gsvx_copy(
 /// Frees the bytes that were given of a chunk. What is held of it stays, and further layers can be added; to decode it
 /// anew, its bytes must be given again.
 #[unsafe(no_mangle)]
-pub extern "C" fn gsvx_forget(
-    stream: Option<&Stream>,
+pub unsafe extern "C" fn gsvx_forget(
+    stream: Option<NonNull<Stream>>,
     chunk: u64,
     message: Option<&mut MaybeUninit<Message>>,
 ) -> Status {
     run(message, || {
-        given(stream)?.lock()?.forget(chunk)?;
+        // SAFETY: the header asks for a handle that is not closed during the call.
+        unsafe { changed(stream) }?.lock()?.forget(chunk)?;
         Ok(String::new())
     })
 }

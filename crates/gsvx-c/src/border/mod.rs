@@ -2,10 +2,10 @@
 //!
 //! Invariant: nothing unwinds into C, and every pointer that may be null is looked at first. Structs and handles
 //! are references and boxes, of which Rust guarantees that they are pointers in C and null is `None`. What is unsafe is
-//! a buffer, which comes as pointer and length.
+//! a buffer, which comes as pointer and length, and a handle that is not const, which two threads may have.
 #![allow(
     unsafe_code,
-    reason = "functions with names for C, and buffers that come as pointer and length"
+    reason = "functions with names for C, buffers that come as pointer and length, handles that threads share"
 )]
 #![allow(
     clippy::missing_safety_doc,
@@ -26,6 +26,7 @@ use crate::stream::Stream;
 use std::ffi::c_char;
 use std::mem::MaybeUninit;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr::NonNull;
 
 /// A place in the caller's memory that is written before a function returns, or null.
 type Out<'a, T> = Option<&'a mut MaybeUninit<T>>;
@@ -69,6 +70,16 @@ fn place<'a, T>(out: Out<'a, T>, what: &'static str) -> Result<&'a mut MaybeUnin
 /// A handle, which C must give.
 fn given(stream: Option<&Stream>) -> Result<&Stream> {
     stream.ok_or(Error::Null("stream"))
+}
+
+/// The handle of a function that changes the stream, so that it is not const in the header. Several threads may have it at
+/// once, so it is no `&mut`.
+///
+/// # Safety
+/// It is one of `gsvx_open`, and is not closed during `'a`.
+unsafe fn changed<'a>(stream: Option<NonNull<Stream>>) -> Result<&'a Stream> {
+    // SAFETY: the caller's promise.
+    given(stream.map(|stream| unsafe { stream.as_ref() }))
 }
 
 /// Refuses a null pointer, unless nothing is behind it, and more than an address space holds.

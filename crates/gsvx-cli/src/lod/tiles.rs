@@ -23,7 +23,9 @@ pub(super) const LIST: &str = "tileset.json";
 /// Bits of SH coefficients in SPZ. Niantic's 5 and 4 lose about a decibel against the photos, these a fifth of one.
 const SH_BITS: ShBits = ShBits { degree_1: 6, rest: 6 };
 /// Sides of a cell that a viewer takes for the error of its Gaussian. CesiumJS replaces a node where its error is
-/// larger than 16 pixels, and so where cells are larger than 2.
+/// larger than 16 pixels, and so where cells are larger than 2. Five copies of la_fontaine there, fetched, and beside a render
+/// of four times the size: near 3.7 MB and 26.3 dB with 4, 23.7 MB and 30.3 dB with 8, 58.2 MB and 32.9 dB with 16; far 0.2 MB
+/// and 28.6 dB, 1.2 MB and 31.8 dB, 7.8 MB and 31.6 dB.
 const ERROR_OF_CELL: f64 = 8.0;
 
 /// A node, with the axes of 3D Tiles.
@@ -50,7 +52,7 @@ pub(super) fn write(args: &LodArgs, stream: &mut StreamFile, site: Option<Site>)
         ));
     }
     let list = tileset(&roots, site).to_string();
-    super::write(args, LIST, &[list.as_bytes()])?;
+    super::write(args, LIST, list.as_bytes())?;
     Ok(bytes)
 }
 
@@ -81,7 +83,7 @@ impl Tree<'_> {
         if scene.is_empty() {
             return Ok(None);
         }
-        let uri = super::file_name(self.index, chunk).replace(".gsvx", ".glb");
+        let uri = format!("{}.glb", super::chunk_name(self.index, chunk));
         self.bytes += content(self.args, &uri, &scene)?.bytes;
         self.progress.inc();
         let mut bounds = bounds(&scene);

@@ -1,8 +1,7 @@
 // A large scene that PlayCanvas streams from the folder of `gsvx lod`: which bytes it fetches.
-import { mkdirSync, readFileSync, readdirSync, rmSync, statSync, writeFileSync } from 'node:fs';
+import { mkdirSync, readFileSync, readdirSync, statSync, writeFileSync } from 'node:fs';
 import { basename, join } from 'node:path';
-import { gsvx, launch, serve } from '../test/browser.mjs';
-import { replicate } from './model.mjs';
+import { copies, gsvx, launch, serve } from '../test/browser.mjs';
 
 const COUNT = 5_000_000;
 /** Gaussians that the engine may draw at a time. */
@@ -19,10 +18,8 @@ const far = { ...near, position: [97.5, 0.9, -63.3] };
 
 /** Measures the views of copies of the model at `source`. `npm` is the package's folder. */
 export async function large(source, npm, folder, pictures) {
-  const [model, stream, tree] = ['large.ply', 'large.gsvx', 'large'].map((name) => join(folder, name));
-  replicate(source, model, COUNT);
-  gsvx('encode', model, '-o', stream, '--web', '--no-estimate');
-  rmSync(model);
+  const [stream, tree] = ['large.gsvx', 'large'].map((name) => join(folder, name));
+  await copies(source, stream, COUNT);
   gsvx('lod', stream, '-o', tree);
   mkdirSync(pictures, { recursive: true });
   const server = await serve({ gsvx: npm, engines: join(npm, 'node_modules'), pages: join(npm, 'test/pages'), data: tree });

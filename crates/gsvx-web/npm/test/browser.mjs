@@ -149,7 +149,7 @@ export function gsvx(...args) {
   return stdout;
 }
 
-/** PSNR of two PNGs of the same size, by the page's own decoder. */
+/** PSNR of two PNGs, by the page's own decoder. The other may be larger by a whole factor: the means of its pixels count. */
 export function psnr(page, one, other) {
   return page.evaluate(async ([a, b]) => {
     const pixels = async (base64) => {
@@ -160,10 +160,16 @@ export function psnr(page, one, other) {
       return canvas.getImageData(0, 0, image.width, image.height);
     };
     const [x, y] = await Promise.all([pixels(a), pixels(b)]);
-    if (x.width !== y.width || x.height !== y.height) throw new Error(`${x.width}x${x.height}, ${y.width}x${y.height}`);
+    const by = y.width / x.width;
+    if (by % 1 !== 0 || by * x.height !== y.height) throw new Error(`${x.width}x${x.height}, ${y.width}x${y.height}`);
+    const means = new Float32Array(x.data.length);
+    for (let i = 0; i < y.data.length; i += 1) {
+      const [column, row] = [(i >> 2) % y.width, Math.floor((i >> 2) / y.width)];
+      means[4 * (Math.floor(row / by) * x.width + Math.floor(column / by)) + (i & 3)] += y.data[i] / by ** 2;
+    }
     let sum = 0;
-    for (let i = 0; i < x.data.length; i += 1) if (i % 4 !== 3) sum += (x.data[i] - y.data[i]) ** 2;
-    return 10 * Math.log10((255 * 255 * 0.75 * x.data.length) / sum);
+    for (let i = 0; i < means.length; i += 1) if (i % 4 !== 3) sum += (x.data[i] - means[i]) ** 2;
+    return 10 * Math.log10((255 * 255 * 0.75 * means.length) / sum);
   }, [one.toString('base64'), other.toString('base64')]);
 }
 
@@ -212,10 +218,14 @@ export const alike = (page) => page.route('**/objects/GaussianSplat.js', async (
   await route.fulfill({ response, body });
 });
 
-/** Writes the stream of a model that is larger than the first request of a part: copies of the fixture room along x. */
-export async function rooms(file, count = 60_000) {
+/** Writes the stream of a larger model: copies of a PLY along x, each moved by up to half of `jitter`. */
+export async function copies(source, file, count, jitter) {
   const { replicate } = await import(pathToFileURL(join(npm, 'bench/model.mjs')));
   const model = `${file}.ply`;
-  replicate(join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply'), model, count);
+  replicate(source, model, count, jitter);
   gsvx('encode', model, '-o', file, '--web', '--no-estimate');
+  rmSync(model);
 }
+
+/** Writes the stream of a model that is larger than the first request of a part: copies of the fixture room. */
+export const rooms = (file, count = 60_000) => copies(join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply'), file, count);

@@ -16,8 +16,9 @@ setUp(skip, async () => {
   gsvx('encode', room, '-o', join(folder, 'room.gsvx'), '--web');
   gsvx('convert', room, join(folder, 'room.spz'));
   gsvx('convert', room, join(folder, 'room.splat'));
+  gsvx('convert', join(folder, 'room.gsvx'), join(folder, 'room.glb'), '--compress');
   writeFileSync(join(folder, 'cameras.json'), JSON.stringify([CAMERA]));
-  for (const name of ['room.gsvx', 'room.spz']) gsvx('render', join(folder, name), '--cameras', join(folder, 'cameras.json'), '-o', join(folder, `${name}.png`));
+  for (const name of ['room.gsvx', 'room.spz', 'room.glb']) gsvx('render', join(folder, name), '--cameras', join(folder, 'cameras.json'), '-o', join(folder, `${name}.png`));
   writeFileSync(join(folder, 'text.gsvx'), 'this is no stream, but text');
   writeFileSync(join(folder, 'viewer.html'), gunzipSync(readFileSync(join(root, 'crates/gsvx-cli/view/index.html.gz'))));
 });
@@ -151,7 +152,7 @@ test('gsvx view answers with ranges, and a coarser level is read by them', { ski
   }
 });
 
-for (const [name, least] of [['room.gsvx', 44], ['room.spz', 44]]) {
+for (const [name, least] of [['room.gsvx', 44], ['room.spz', 44], ['room.glb', 44]]) {
   test(`${name}: the picture is that of gsvx render`, { skip, timeout: 400000 }, async () => {
     const query = { url: `/data/${name}`, camera: JSON.stringify(CAMERA), background: '#000' };
     const viewer = await page(local(query), { viewport: { width: CAMERA.width, height: CAMERA.height } });

@@ -91,7 +91,7 @@ onmessage = async ({ data: { want, gone, module, source, name, options } }) => {
   }
   try {
     await ready(module);
-    const other = /\.(ply|spz|splat)$/i.test(name);
+    const other = /\.(ply|spz|splat|glb)$/i.test(name);
     const result = other ? await model(source, name) : await scene(source, options);
     postMessage({ type: 'done', result });
   } catch (thrown) {

@@ -6,7 +6,6 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use finetune::TrainView;
 use finetune::framing::{self, Constraints};
-use gs_model::ReadOptions;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -122,7 +121,7 @@ fn measure(gsvx: &GsvxCommand, model: &Path, name: &str, dir: &Path) -> Result<O
 
 /// Renders of the model at the cameras of the tune.
 fn renders(model: &Path) -> Result<Vec<TrainView>> {
-    let (scene, _) = gs_model::model::read(model, &ReadOptions::default())?;
+    let scene = scenes::read_model(model)?;
     let covered = framing::cover(&scene, &Constraints::default(), CAMERAS, framing::SIZE, false);
     let cameras = covered.context("a model without a Gaussian")?.cameras;
     Ok(cameras.into_iter().map(|camera| TrainView::rendered(&scene, camera)).collect())
