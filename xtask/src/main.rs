@@ -44,8 +44,6 @@ enum Task {
     Stress(stress::StressOptions),
     /// The rasterizer against its f64 oracle
     Stability(stability::StabilityArgs),
-    /// Time and peak memory of every stage
-    Bench(bench::BenchOptions),
     /// Sizes of streams on the test scenes, beside other codecs
     BenchSize(rd_curve::SizeOptions),
     /// gpcc-lite beside TMC13's recorded figures
@@ -54,8 +52,6 @@ enum Task {
     BenchVoxel(bench::voxel::VoxelOptions),
     /// The gsvx command: seconds and memory by size of model
     BenchGsvx(bench::gsvx::GsvxOptions),
-    /// Steps on a GPU beside the processor, by size of scene
-    BenchGpu(bench::gpu::GpuOptions),
     /// What is lost at each quality, and what bounds on errors cost
     BenchQuality(bench::quality::QualityOptions),
     /// Models of a million Gaussians: coded, tuned, time, memory
@@ -80,12 +76,10 @@ fn main() -> ExitCode {
         Task::Determinism(args) => determinism::run(&args),
         Task::Stress(args) => stress::run(&args),
         Task::Stability(args) => stability::run(&args),
-        Task::Bench(args) => bench::run(&args),
         Task::BenchSize(args) => rd_curve::size(&args),
         Task::BenchGpcc(args) => bench::gpcc::run(&args),
         Task::BenchVoxel(args) => bench::voxel::run(&args),
         Task::BenchGsvx(args) => bench::gsvx::run(&args),
-        Task::BenchGpu(args) => bench::gpu::run(&args),
         Task::BenchQuality(args) => bench::quality::run(&args),
         Task::BenchRealSize(args) => bench::real_size::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),

@@ -37,14 +37,6 @@ pub struct SceneFiles {
     pub dataset: Dataset,
 }
 
-impl SceneFiles {
-    /// MB (10^6 bytes) of the model's floats: 59 a Gaussian at SH degree 3.
-    pub(crate) fn raw_mb(&self) -> Result<f64> {
-        let (scene, _) = gs_model::ply::read(&self.dataset.model_path)?;
-        Ok((scene.len() * (11 + 3 * scene.sh_len()) * 4) as f64 / 1e6)
-    }
-}
-
 /// The root of the workspace that this crate was built in.
 #[must_use]
 pub fn root() -> PathBuf {

@@ -31,11 +31,6 @@ pub(crate) fn peak_bytes() -> u64 {
     peak_bytes_of("self").unwrap_or(0)
 }
 
-/// Resident memory now, bytes.
-pub(crate) fn resident_bytes() -> u64 {
-    memory("self", "VmRSS:").unwrap_or(0)
-}
-
 /// Greatest resident memory of another process, bytes; nothing once it has gone.
 pub(crate) fn peak_bytes_of(process: &str) -> Option<u64> {
     memory(process, "VmHWM:")
