@@ -79,13 +79,6 @@ fn text(mut file: File) -> Result<String> {
 /// A day: long enough for whatever is measured.
 pub(crate) const NO_LIMIT: Duration = Duration::from_secs(86_400);
 
-/// Another process of this program.
-pub(crate) fn own(words: &[&str]) -> Result<Command> {
-    let mut command = Command::new(std::env::current_exe().context("find this program")?);
-    command.args(words);
-    Ok(command)
-}
-
 /// The command `gsvx`: what the environment variable GSVX names, or built now beside this program.
 ///
 /// # Errors
