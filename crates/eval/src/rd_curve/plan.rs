@@ -346,18 +346,8 @@ mod tests {
             sh_degree: 0,
             sh: vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         };
-        let camera = Camera {
-            name: "a".into(),
-            width: 32,
-            height: 32,
-            fx: 1000.0,
-            fy: 1000.0,
-            cx: 16.0,
-            cy: 16.0,
-            rotation: glam::DMat3::IDENTITY,
-            translation: glam::DVec3::new(0.0, 0.0, 1.0),
-            lens: None,
-        };
+        let (eye, up) = ([0.0, 0.0, -1.0], [0.0, -1.0, 0.0]);
+        let camera = Camera::looking_at("a".into(), eye, [0.0; 3], up, [32; 2], 1000.0);
         let depth = choose_depth(&scene, &[camera]).unwrap();
         let cube = voxel::cube_of(&scene.means).unwrap();
         let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth }).unwrap();

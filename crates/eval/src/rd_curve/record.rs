@@ -60,7 +60,7 @@ pub(crate) struct Tuned {
     pub(crate) held_out_db: Vec<(u64, f64)>,
     /// Wall-clock seconds of the steps.
     pub(crate) seconds: f64,
-    /// Processor seconds of the steps, all threads; 0 where the system does not tell.
+    /// User seconds of the steps, all threads; 0 where the system does not tell.
     pub(crate) user_seconds: f64,
     /// Greatest memory of the process meanwhile, bytes; 0 where the system does not tell.
     pub(crate) peak_bytes: u64,
