@@ -4,12 +4,10 @@
 //! What is hashed is in `xtask/determinism`, a package that also builds for WebAssembly (run in
 //! Node) and 64-bit Arm (run by qemu's user mode). What cannot be had is skipped, and said.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
-use eval::cells;
-use eval::page::{Page, Table};
 
 use crate::needs::{self, ARM, ARM_LIBRARY, ARM_LINKER, Need, ON_ARM, QEMU, WASM};
 
@@ -19,17 +17,14 @@ pub(crate) struct DeterminismArgs {
     /// Install the tools for 64-bit Arm, and fail where something cannot be had instead of skipping it.
     #[arg(long)]
     strict: bool,
-    /// Release builds only, and no table: what every push is checked with.
+    /// Release builds only: what every push is checked with.
     #[arg(long)]
     quick: bool,
-    /// Where the table goes.
-    #[arg(long, default_value = "docs/results/determinism.md")]
-    out: PathBuf,
 }
 
 const THREADS: [&str; 4] = ["1", "2", "3", "8"];
 
-/// Builds, runs, compares and writes the table.
+/// Builds, runs and compares.
 pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
     let web = needs::all(&[Need::Target(WASM), Need::Node]).err().map(|e| e.to_string());
     let arm = match args.strict {
@@ -72,10 +67,8 @@ pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
         }
     }
     let differing = differing(&runs);
-    println!("{} runs, {} lines each, {} differ", runs.len(), lines(&runs), differing.len());
-    if !args.quick {
-        page(&args.out, &runs, &skipped, &differing).write()?;
-    }
+    let lines = runs.first().map_or(0, |r| r.1.lines().count());
+    println!("{} runs, {lines} lines each, {} differ", runs.len(), differing.len());
     ensure!(differing.is_empty(), "hashes differ: {}", differing.join("; "));
     Ok(())
 }
@@ -113,10 +106,6 @@ fn output(command: &mut Command) -> Result<String> {
     Ok(String::from_utf8(out.stdout)?)
 }
 
-fn lines(runs: &[(String, String)]) -> usize {
-    runs.first().map_or(0, |r| r.1.lines().count())
-}
-
 /// The lines in which a run is not the first one.
 fn differing(runs: &[(String, String)]) -> Vec<String> {
     let Some((_, first)) = runs.first() else { return Vec::new() };
@@ -129,32 +118,6 @@ fn differing(runs: &[(String, String)]) -> Vec<String> {
         out.extend(pairs.map(|(a, b)| format!("{name}: {a}, not {b}")));
     }
     out
-}
-
-fn page(out: &Path, runs: &[(String, String)], skipped: &[&String], differing: &[String]) -> Page {
-    let mut page = Page::new(out, "Are the bytes the same everywhere?");
-    page.text(
-        "`cargo xtask determinism`: builds for several processors voxelize, tune, encode in every mode and decode (at \
-         each level of detail) every golden stream and the fixture room. The hashes of coded bytes and decoded floats \
-         are compared.",
-    );
-    let total = lines(runs);
-    let mut table = Table::new("run | lines equal to the first run's");
-    for (name, _) in runs {
-        let start = format!("{name}: ");
-        let bad = differing.iter().filter(|d| d.starts_with(&start)).count();
-        table.row(cells![name, format!("{} of {total}", total - bad.min(total))]);
-    }
-    page.table(&table);
-    skipped.iter().for_each(|what| page.text(format!("Skipped: {what}.")));
-    let mut table = Table::new("stream | coded bytes | decoded floats");
-    for line in runs.first().map_or("", |r| r.1.as_str()).lines() {
-        let mut row: Vec<String> = line.rsplitn(3, ' ').map(str::to_owned).collect();
-        row.reverse();
-        table.row(row);
-    }
-    page.table(&table);
-    page
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ mod fetch;
 mod needs;
 mod npm;
 mod release;
-mod stability;
 mod train;
 mod web;
 
@@ -42,20 +41,14 @@ enum Task {
     Determinism(determinism::DeterminismArgs),
     /// Pathological scenes against the bounds of docs/accuracy.md
     Stress(stress::StressOptions),
-    /// The rasterizer against its f64 oracle
-    Stability(stability::StabilityArgs),
-    /// Time and peak memory of every stage
-    Bench(bench::BenchOptions),
     /// Sizes of streams on the test scenes, beside other codecs
     BenchSize(rd_curve::SizeOptions),
     /// gpcc-lite beside TMC13's recorded figures
     BenchGpcc(bench::gpcc::GpccOptions),
-    /// Strategies of voxelization at equal quality
-    BenchVoxel(bench::voxel::VoxelOptions),
-    /// The gsvx command: seconds and memory by size of model
-    BenchGsvx(bench::gsvx::GsvxOptions),
     /// Steps on a GPU beside the processor, by size of scene
     BenchGpu(bench::gpu::GpuOptions),
+    /// The gsvx command: seconds and memory by size of model
+    BenchGsvx(bench::gsvx::GsvxOptions),
     /// What is lost at each quality, and what bounds on errors cost
     BenchQuality(bench::quality::QualityOptions),
     /// Models of a million Gaussians: coded, tuned, time, memory
@@ -79,13 +72,10 @@ fn main() -> ExitCode {
         Task::Conformance(args) => conformance::run(&args),
         Task::Determinism(args) => determinism::run(&args),
         Task::Stress(args) => stress::run(&args),
-        Task::Stability(args) => stability::run(&args),
-        Task::Bench(args) => bench::run(&args),
         Task::BenchSize(args) => rd_curve::size(&args),
         Task::BenchGpcc(args) => bench::gpcc::run(&args),
-        Task::BenchVoxel(args) => bench::voxel::run(&args),
-        Task::BenchGsvx(args) => bench::gsvx::run(&args),
         Task::BenchGpu(args) => bench::gpu::run(&args),
+        Task::BenchGsvx(args) => bench::gsvx::run(&args),
         Task::BenchQuality(args) => bench::quality::run(&args),
         Task::BenchRealSize(args) => bench::real_size::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),

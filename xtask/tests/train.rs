@@ -10,13 +10,7 @@ use tempfile::TempDir;
 /// A copy of the embedded room, to be damaged.
 fn room() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
-    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/room");
-    for folder in ["images", "sparse/0"] {
-        fs::create_dir_all(dir.path().join(folder)).unwrap();
-        for file in fs::read_dir(from.join(folder)).unwrap().map(|f| f.unwrap()) {
-            fs::copy(file.path(), dir.path().join(folder).join(file.file_name())).unwrap();
-        }
-    }
+    testing::copy_room(dir.path());
     dir
 }
 

@@ -1,21 +1,19 @@
-//! Charts: curves over linear or logarithmic axes, as SVG and PNG.
+//! Charts: curves over linear or logarithmic axes, as SVG.
 //!
 //! This is the project's only chart code. The SVG has one form for files, on white, and one for pages, in the
 //! colours of the page.
 
-use anyhow::{Context, Result};
 use std::ops::Range;
 
+use anyhow::Result;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
-use resvg::tiny_skia::{Pixmap, Transform};
-use resvg::usvg::{Options, Tree};
 
 /// One axis.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
+pub(crate) struct Axis {
     /// Quantity and unit.
     label: String,
     log: bool,
@@ -23,12 +21,12 @@ pub struct Axis {
 
 impl Axis {
     /// A linear axis.
-    pub fn linear(label: &str) -> Self {
+    pub(crate) fn linear(label: &str) -> Self {
         Self { label: label.to_owned(), log: false }
     }
 
     /// Equal ratios have equal lengths; where the values span little, linear all the same.
-    pub fn logarithmic(label: &str) -> Self {
+    pub(crate) fn logarithmic(label: &str) -> Self {
         Self { label: label.to_owned(), log: true }
     }
 
@@ -118,7 +116,7 @@ fn decades(low: f64, high: f64) -> Vec<f64> {
 
 /// What a line stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LineKind {
+pub(crate) enum LineKind {
     /// Measured here: thick.
     Ours,
     /// Another codec on the same model: thin.
@@ -129,40 +127,25 @@ pub enum LineKind {
 
 /// One line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Series {
+pub(crate) struct Series {
     /// Name in the legend.
-    pub name: String,
+    pub(crate) name: String,
     /// What it stands for.
-    pub kind: LineKind,
+    pub(crate) kind: LineKind,
     /// Its points in drawing order.
-    pub points: Vec<(f64, f64)>,
+    pub(crate) points: Vec<(f64, f64)>,
 }
-
-/// Points of [`Series::sorted`], and the most that are marked: enough for the eye, and a small file.
-const MARKS: usize = 30;
 
 impl Series {
     /// A line of what was measured here.
-    pub fn ours(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+    pub(crate) fn ours(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), kind: LineKind::Ours, points }
-    }
-
-    /// `values` in ascending order over the share of them that is not greater, per cent; a selection of
-    /// them where there are many.
-    #[must_use]
-    pub fn sorted(name: &str, mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let last = values.len().max(2) - 1;
-        let every = values.len().div_ceil(MARKS).max(1);
-        let marks = (0..last).step_by(every).chain([last]).filter(|&i| i < values.len());
-        let points = marks.map(|i| (100.0 * i as f64 / last as f64, values[i])).collect();
-        Self { name: name.to_owned(), kind: LineKind::Theirs, points }
     }
 }
 
 /// A chart. Build it with [`Chart::new`], which drops what cannot be drawn.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Chart {
+pub(crate) struct Chart {
     /// One line.
     pub(crate) title: String,
     x: Axis,
@@ -194,12 +177,10 @@ const WIDTH: u32 = 720;
 const HEIGHT: u32 = 470;
 /// Of a line of the legend.
 const ROW: i32 = 22;
-/// Pixels of a PNG per unit of the SVG.
-const SCALE: f32 = 2.0;
 
 impl Chart {
     /// A chart of what is finite, and positive on a logarithmic axis.
-    pub fn new(
+    pub(crate) fn new(
         title: impl Into<String>,
         [x, y]: [Axis; 2],
         series: impl IntoIterator<Item = Series>,
@@ -232,18 +213,6 @@ impl Chart {
         Ok(colours.iter().fold(self.svg()?, |svg, (RGBColor(r, g, b), by)| {
             svg.replace(&format!("#{r:02X}{g:02X}{b:02X}"), by)
         }))
-    }
-
-    /// The chart as PNG, in the fonts of this machine. Without any it has no text.
-    pub(crate) fn png(&self) -> Result<Vec<u8>> {
-        let mut options = Options::default();
-        options.fontdb_mut().load_system_fonts();
-        options.fontdb_mut().set_sans_serif_family("DejaVu Sans");
-        let tree = Tree::from_str(&self.svg()?, &options).context("read the chart's SVG")?;
-        let size = tree.size().to_int_size().scale_by(SCALE).context("size of a chart")?;
-        let mut pixels = Pixmap::new(size.width(), size.height()).context("memory for a chart")?;
-        resvg::render(&tree, Transform::from_scale(SCALE, SCALE), &mut pixels.as_mut());
-        pixels.encode_png().context("encode a chart as PNG")
     }
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
@@ -294,8 +263,7 @@ impl Chart {
                     LineKind::Published => dashed(area, line, 1, colour(i))?,
                 }
             }
-            let marked = if line.len() > MARKS + 2 { &[] } else { &line[..] };
-            marked.iter().chain([&(38, legend(i))]).try_for_each(|p| mark(area, i, *p))?;
+            line.iter().chain([&(38, legend(i))]).try_for_each(|p| mark(area, i, *p))?;
             name(i, &series.name)?;
         }
         Ok(())
@@ -371,14 +339,6 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn sorted_values_keep_both_ends() {
-        let points = Series::sorted("a", (0..1000).rev().map(f64::from).collect()).points;
-        assert!(points.len() <= MARKS + 2);
-        assert_eq!((points[0], points[points.len() - 1]), ((0.0, 0.0), (100.0, 999.0)));
-        assert!(Series::sorted("a", Vec::new()).points.is_empty());
-    }
-
-    #[test]
     fn what_cannot_be_drawn_is_left_out() {
         let points = vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)];
         let lines = [points, vec![(f64::INFINITY, 0.0)]].map(|p| Series::ours("a", p));
@@ -393,12 +353,5 @@ pub(crate) mod tests {
             assert!(file.contains(name) && page.contains(name), "{name}");
         }
         assert!(page.contains("var(--ink)") && !page.contains("#FFFFFF") && !file.contains("var("));
-    }
-
-    #[test]
-    fn the_png_has_the_colours() {
-        let picture = image::load_from_memory(&sample().png().unwrap()).unwrap().to_rgb8();
-        let blue = picture.pixels().filter(|p| p.0 == [0x00, 0x72, 0xb2]).count();
-        assert!(blue > 100, "{blue}");
     }
 }

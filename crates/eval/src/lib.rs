@@ -5,28 +5,25 @@
 )]
 
 mod attributes;
-pub mod bd;
+mod bd;
 pub mod bench;
 mod cache;
-pub mod chart;
-mod cloud;
-mod codec;
+mod chart;
 mod experiments;
 mod manifest;
 pub mod measure;
 pub mod page;
 mod peers;
-mod pictures;
 mod process;
 pub mod progress;
-pub mod published;
+mod published;
 pub mod rd_curve;
 mod report;
+mod round_trip;
 pub mod scenes;
 pub mod stress;
 mod usage;
 mod voxelized;
 
-pub use codec::{Codec, CodecCurve, CodedPoint, Gsvx, curve, measure_point};
 pub use process::gsvx_command;
 pub use scenes::TestScene;

@@ -2,86 +2,41 @@
 
 use std::process::Command;
 
-use serde::{Deserialize, Serialize};
-
-/// Provenance of a run.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Manifest {
-    /// Command line.
-    pub(crate) command: String,
-    /// Commit of the checkout, "-dirty" if it has changes; empty without git.
-    pub(crate) commit: String,
-    /// Program, compiler and stream format, with their versions.
-    pub(crate) versions: Vec<(String, String)>,
-    /// Seed of the fine-tune's order of views.
-    pub(crate) seed: u64,
-    /// SHA-256 of the program.
-    pub(crate) program_sha256: String,
-    /// SHA-256 of the model file.
-    pub(crate) model_sha256: String,
-    /// SHA-256 over cameras and photos of the measured views.
-    pub(crate) views_sha256: String,
-    /// Threads available.
-    pub(crate) threads: usize,
-    /// Processor, where the system tells.
-    pub(crate) processor: String,
-    /// Target architecture and system.
-    pub(crate) target: String,
-}
-
-/// What this run is made of: hashes of its inputs, and everything the machine tells.
-pub(crate) fn of(program: &str, model: &str, views: &str) -> Manifest {
-    Manifest {
-        command: command(),
-        commit: commit(),
-        versions: versions(),
-        seed: tune::FineTuneOptions::default().seed,
-        program_sha256: program.to_owned(),
-        model_sha256: model.to_owned(),
-        views_sha256: views.to_owned(),
-        threads: rayon::current_num_threads(),
-        processor: processor(),
-        target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
-    }
-}
-
-/// The command line of this run.
-fn command() -> String {
+/// Provenance of a run: names and values. `hashes` are of the program, the model, and cameras with photos.
+pub(crate) fn of([program, model, views]: &[String; 3]) -> Vec<(&'static str, String)> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    format!("cargo xtask {}", args.join(" "))
+    let target = format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS);
+    let seed = tune::FineTuneOptions::default().seed;
+    vec![
+        ("Command", format!("cargo xtask {}", args.join(" "))),
+        ("Commit", commit()),
+        ("Version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("Compiler", printed("rustc", &["--version"]).unwrap_or_default()),
+        ("Seed of the fine-tune; everything else is without chance", seed.to_string()),
+        ("Model SHA-256", model.clone()),
+        ("Cameras and photos SHA-256", views.clone()),
+        ("Program SHA-256", program.clone()),
+        ("Machine", format!("{}, {target}", machine())),
+    ]
 }
 
-fn versions() -> Vec<(String, String)> {
-    let own = env!("CARGO_PKG_VERSION").to_owned();
-    let compiler = Command::new("rustc").arg("--version").output().ok();
-    let compiler = compiler.and_then(|o| String::from_utf8(o.stdout).ok()).unwrap_or_default();
-    let compiler = compiler.trim().trim_start_matches("rustc ").to_owned();
-    let mut out = vec![("gsvx".to_owned(), own)];
-    if !compiler.is_empty() {
-        out.push(("rustc".to_owned(), compiler));
-    }
-    out
+/// What a program prints, if it succeeds.
+fn printed(program: &str, args: &[&str]) -> Option<String> {
+    let out = Command::new(program).args(args).current_dir(crate::scenes::root()).output().ok()?;
+    out.status.success().then(|| String::from_utf8_lossy(&out.stdout).trim().to_owned())
 }
 
-/// Commit of the checkout.
+/// Commit of the checkout, "-dirty" if it has changes; empty without git.
 fn commit() -> String {
-    let git = |args: &[&str]| {
-        let out = Command::new("git").args(args).current_dir(crate::scenes::root()).output();
-        out.ok().filter(|o| o.status.success()).and_then(|o| String::from_utf8(o.stdout).ok())
-    };
-    let Some(head) = git(&["rev-parse", "--short=12", "HEAD"]) else { return String::new() };
-    let dirty = git(&["status", "--porcelain", "-uno"]).is_some_and(|s| !s.trim().is_empty());
-    format!("{}{}", head.trim(), if dirty { "-dirty" } else { "" })
+    let dirty = printed("git", &["status", "--porcelain", "-uno"]).is_some_and(|s| !s.is_empty());
+    let head = printed("git", &["rev-parse", "--short=12", "HEAD"]);
+    head.map_or(String::new(), |head| head + if dirty { "-dirty" } else { "" })
 }
 
-/// Threads and processor, in words.
+/// Threads and processor, in words. Only Linux tells the processor's name.
 pub(crate) fn machine() -> String {
-    format!("{} threads, {}", rayon::current_num_threads(), processor())
-}
-
-/// The processor's name, from Linux' `/proc/cpuinfo`; empty elsewhere.
-fn processor() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let line = text.lines().find_map(|l| l.strip_prefix("model name"));
-    line.map(|l| l.trim_start_matches([' ', '\t', ':']).to_owned()).unwrap_or_default()
+    let line = text.lines().find_map(|l| l.strip_prefix("model name")).unwrap_or_default();
+    let processor = line.trim_start_matches([' ', '\t', ':']);
+    format!("{} threads, {processor}", rayon::current_num_threads())
 }

@@ -103,7 +103,7 @@ impl Page {
     }
 
     /// Adds a picture, which has the page's name and `suffix`.
-    pub fn chart(&mut self, suffix: &str, chart: Chart) {
+    pub(crate) fn chart(&mut self, suffix: &str, chart: Chart) {
         let stem = self.out.file_stem().unwrap_or_default().to_string_lossy();
         let file = format!("{stem}{suffix}.svg");
         self.text += &format!("![{}]({file})\n\n", chart.title);

@@ -47,8 +47,8 @@ pub(crate) fn run(command: &mut Command, limit: Duration) -> Result<Done> {
     let status = loop {
         // Both are gone when the process ends, so the last reading before that is kept.
         let id = child.id().to_string();
-        peak = usage::peak_bytes_of(&id).unwrap_or(peak);
-        user = usage::user_seconds_of(&id).unwrap_or(user);
+        peak = usage::peak_bytes(&id).unwrap_or(peak);
+        user = usage::user_seconds(&id).unwrap_or(user);
         if let Some(status) = child.try_wait().with_context(|| format!("wait for {name}"))? {
             break status;
         }

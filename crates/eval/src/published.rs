@@ -17,70 +17,74 @@ struct Published {
 }
 
 /// The curves of one scene.
-#[derive(Clone, Debug, Deserialize)]
-pub(crate) struct PublishedScene {
-    /// Curves.
-    pub(crate) lists: Vec<List>,
+#[derive(Deserialize)]
+struct PublishedScene {
+    lists: Vec<List>,
 }
 
 /// One curve.
-#[derive(Clone, Debug, Deserialize)]
-pub(crate) struct List {
+#[derive(Deserialize)]
+struct List {
     /// Codec and configuration.
-    pub(crate) name: String,
+    name: String,
     /// Covariance mode, for the paper's own lists.
-    #[serde(default)]
-    pub(crate) covariance: Option<String>,
+    covariance: Option<String>,
     /// Where its points come from, if not from the paper's authors.
-    #[serde(default)]
-    pub(crate) source: Option<String>,
+    source: Option<String>,
     /// Bits to one unit of the rates below.
-    pub(crate) unit_bits: f64,
+    unit_bits: f64,
     /// Rate and PSNR in dB.
-    pub(crate) points: Vec<[f64; 2]>,
+    points: Vec<[f64; 2]>,
 }
 
-/// The published points that are built in, by scene name.
-pub(crate) fn read() -> Result<BTreeMap<String, PublishedScene>> {
+/// The published curves of a scene; they are built in.
+fn published(scene: &str) -> Result<Vec<Other>> {
     let text = include_str!("../data/published.json");
     let all: Published = serde_json::from_str(text).context("data/published.json")?;
-    Ok(all.scenes)
+    let lists = all.scenes.get(scene).map(|s| s.lists.as_slice()).unwrap_or_default();
+    Ok(lists.iter().map(List::other).collect())
+}
+
+/// All points that the paper's authors published of a scene, uniform and adaptive.
+pub(crate) fn uniform_and_adaptive(scene: &str) -> Result<[Vec<Point>; 2]> {
+    let all = published(scene)?;
+    Ok(["paper, uniform", "paper, adaptive"].map(|name| {
+        all.iter().filter(|o| o.name.starts_with(name)).flat_map(Other::rates).collect()
+    }))
 }
 
 /// A curve of another codec on a scene, in bytes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Other {
+pub(crate) struct Other {
     /// Codec and configuration.
-    pub name: String,
+    pub(crate) name: String,
     /// Where the points come from.
-    pub source: String,
+    pub(crate) source: String,
     /// Its points: bytes, PSNR in dB, SSIM where known.
-    pub points: Vec<OtherPoint>,
+    pub(crate) points: Vec<OtherPoint>,
 }
 
 /// One point of an [`Other`].
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct OtherPoint {
+pub(crate) struct OtherPoint {
     /// What distinguishes the point (settings).
-    pub label: String,
+    pub(crate) label: String,
     /// Size in bytes.
-    pub bytes: u64,
+    pub(crate) bytes: u64,
     /// Mean PSNR, dB.
-    pub psnr_db: f64,
+    pub(crate) psnr_db: f64,
     /// Mean SSIM.
-    pub ssim: Option<f64>,
+    pub(crate) ssim: Option<f64>,
 }
 
 impl Other {
     /// Whether the points are of another model of the same photos.
-    #[must_use]
-    pub fn is_published(&self) -> bool {
+    pub(crate) fn is_published(&self) -> bool {
         self.source.starts_with("published")
     }
 
     /// The points with rates in bytes.
-    #[must_use]
-    pub fn rates(&self) -> Vec<Point> {
+    pub(crate) fn rates(&self) -> Vec<Point> {
         let point = |p: &OtherPoint| Point { rate: p.bytes as f64, psnr_db: p.psnr_db };
         self.points.iter().map(point).collect()
     }
@@ -118,10 +122,7 @@ pub(crate) const NO_INIT: &str = "paper, no initialisation";
 pub(crate) const PAPER_CHAIN: &str = "paper's chain (TMC13)";
 
 /// What is known of other codecs on the scene in `dir` called `name`.
-///
-/// # Errors
-/// If a file is there but cannot be read.
-pub fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
+pub(crate) fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
     let mut out = Vec::new();
     if let Some(chain) = json::<PaperChain>(&dir.join("paper-chain.json"))? {
         let points = chain.points.into_iter().map(|p| {
@@ -148,27 +149,27 @@ pub fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
             out.push(Other { name, source: "peers.json, recorded".to_owned(), points });
         }
     }
-    if let Some(scene) = read()?.get(name) {
-        out.extend(scene.lists.iter().map(published));
-    }
+    out.extend(published(name)?);
     Ok(out)
 }
 
-fn published(list: &List) -> Other {
-    let name = match &list.covariance {
-        Some(mode) => format!("{}, {mode} covariance", list.name),
-        None => list.name.clone(),
-    };
-    let point = |&[rate, psnr_db]: &[f64; 2]| OtherPoint {
-        label: String::new(),
-        bytes: (rate * list.unit_bits / 8.0).round() as u64,
-        psnr_db,
-        ssim: None,
-    };
-    let authors =
-        || "published by the paper's authors; another model of the same photos".to_owned();
-    let source = list.source.clone().unwrap_or_else(authors);
-    Other { name, source, points: list.points.iter().map(point).collect() }
+impl List {
+    fn other(&self) -> Other {
+        let name = match &self.covariance {
+            Some(mode) => format!("{}, {mode} covariance", self.name),
+            None => self.name.clone(),
+        };
+        let point = |&[rate, psnr_db]: &[f64; 2]| OtherPoint {
+            label: String::new(),
+            bytes: (rate * self.unit_bits / 8.0).round() as u64,
+            psnr_db,
+            ssim: None,
+        };
+        let authors =
+            || "published by the paper's authors; another model of the same photos".to_owned();
+        let source = self.source.clone().unwrap_or_else(authors);
+        Other { name, source, points: self.points.iter().map(point).collect() }
+    }
 }
 
 /// A JSON file, or `None` if there is none.

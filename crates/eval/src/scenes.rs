@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use finetune::TrainView;
-use gs_model::dataset::{Dataset, HOLD_OUT_EVERY, find_model, open_views};
+use gs_model::dataset::{Dataset, find_model, open_views};
 use gs_model::{Camera, Invalid, ReadOptions, Scene};
 use serde::Deserialize;
 
@@ -35,14 +35,6 @@ pub struct SceneFiles {
     pub what: String,
     /// Where cameras, photos and model are.
     pub dataset: Dataset,
-}
-
-impl SceneFiles {
-    /// MB (10^6 bytes) of the model's floats: 59 a Gaussian at SH degree 3.
-    pub(crate) fn raw_mb(&self) -> Result<f64> {
-        let (scene, _) = gs_model::ply::read(&self.dataset.model_path)?;
-        Ok((scene.len() * (11 + 3 * scene.sh_len()) * 4) as f64 / 1e6)
-    }
 }
 
 /// The valid Gaussians of a model of any format, or of a stream.
@@ -94,45 +86,6 @@ impl TestScene {
         let invalid = before - model.len();
         let training = files.dataset.training().map(|v| v.camera.clone()).collect();
         Ok(Self { files, model, invalid, training, held_out })
-    }
-}
-
-/// A model and cameras, for what is compared with renders of the model rather than with photos.
-pub struct ModelAndCameras {
-    /// The valid Gaussians of the model.
-    pub model: Scene,
-    /// Training cameras.
-    pub training: Vec<Camera>,
-    /// Held-out cameras.
-    pub held_out: Vec<Camera>,
-}
-
-/// Name of the generated desk ([`testing::desk`]), which has no photos.
-pub const DESK: &str = "desk";
-const DESK_GAUSSIANS: usize = 60_000;
-const DESK_CAMERAS: usize = 32;
-
-impl ModelAndCameras {
-    /// Reads a scene as [`TestScene::open`] does, or generates the [`DESK`].
-    ///
-    /// # Errors
-    /// As [`TestScene::open`].
-    pub fn open(scene: &str, most: usize) -> Result<Self> {
-        if scene == DESK {
-            return Ok(Self::desk(most));
-        }
-        let TestScene { model, training, held_out, .. } = TestScene::open(scene, most)?;
-        Ok(Self { model, training, held_out: held_out.into_iter().map(|v| v.camera).collect() })
-    }
-
-    fn desk(most: usize) -> Self {
-        let (mut training, mut held_out) = (Vec::new(), Vec::new());
-        for (i, camera) in testing::desk_cameras(DESK_CAMERAS).into_iter().enumerate() {
-            let list = if i % HOLD_OUT_EVERY == 0 { &mut held_out } else { &mut training };
-            list.push(camera);
-        }
-        held_out.truncate(most);
-        Self { model: testing::desk(DESK_GAUSSIANS, 21), training, held_out }
     }
 }
 
@@ -265,14 +218,9 @@ mod tests {
     #[test]
     fn a_scene_without_a_model_has_the_one_that_was_trained_here() {
         let root = tempfile::tempdir().unwrap();
-        let (room, dir) = (super::root().join("fixtures/room"), root.path().join("a"));
-        for folder in ["images", "sparse/0"] {
-            std::fs::create_dir_all(dir.join(folder)).unwrap();
-            for file in std::fs::read_dir(room.join(folder)).unwrap() {
-                let file = file.unwrap();
-                std::fs::copy(file.path(), dir.join(folder).join(file.file_name())).unwrap();
-            }
-        }
+        let dir = root.path().join("a");
+        testing::copy_room(&dir);
+        std::fs::remove_file(dir.join("point_cloud.ply")).unwrap();
         let model = || {
             let found = find_in(&registry().unwrap(), root.path(), dir.to_str().unwrap());
             found.map(|files| files.dataset.model_path)

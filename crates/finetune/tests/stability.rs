@@ -1,5 +1,5 @@
 //! Stress inputs: no output of the rasterizer is NaN or infinite, and where the f64 oracle is finite
-//! the image agrees with it. Prints the table of docs/results/stability.md:
+//! the image agrees with it. Prints its figures:
 //! `cargo test -p finetune --test stability -- --nocapture --test-threads 1`.
 #![allow(clippy::disallowed_methods, reason = "a test")]
 

@@ -8,10 +8,12 @@
 
 mod desk;
 mod rng;
+mod room;
 mod scenes;
 #[cfg(feature = "wgsl")]
 pub mod wgsl;
 
 pub use desk::{desk, desk_cameras};
 pub use rng::Rng;
+pub use room::copy_room;
 pub use scenes::{clustered, sha256, trained_like, with_floaters, with_related_degrees};

@@ -44,7 +44,7 @@ fn trim_of_degenerate_scenes() {
     assert!(t.outliers.len() <= 50);
 }
 
-/// What docs/results/voxel.md says of the shared scenes.
+/// Nothing of the shared scenes is so far away that it costs bits.
 #[test]
 fn real_scenes_keep_their_floaters() {
     for name in ["fox", "bonsai"] {

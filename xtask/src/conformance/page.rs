@@ -4,14 +4,13 @@ use std::path::Path;
 
 use anyhow::Result;
 use eval::cells;
-use eval::chart::{Axis, Chart, Series};
 use eval::page::{Page, Table};
 
 use super::damage::Findings;
 
 /// Writes the page of a run without a failure.
 pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Result<()> {
-    let streams: usize = broken.iter().map(|(_, seen)| seen.times.len()).sum();
+    let streams: usize = broken.iter().map(|(_, seen)| seen.streams).sum();
     let mut page = Page::new(out, "How safe?");
     page.text(format!(
         "`cargo xtask conformance --page {}`: {held} checks hold. Four of them decode {streams} broken streams, made \
@@ -20,11 +19,10 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Res
          five seconds, fails the check.",
         out.display(),
     ));
-    page.chart("", chart(broken));
     let mut table =
         Table::new("damage | decodes | refused with an error | a scene came out | slowest, ms");
     for (kind, seen) in broken {
-        let (all, slowest) = (seen.times.len(), format!("{:.0}", seen.slowest_ms()));
+        let (all, slowest) = (seen.streams, format!("{:.0}", seen.slowest_ms()));
         table.row(cells![kind, all, all - seen.decoded, seen.decoded, slowest]);
     }
     page.table(&table);
@@ -33,13 +31,4 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Res
          (`max_gaussians`), before it asks for memory. Long runs of libFuzzer: [fuzz.md](fuzz.md).",
     );
     page.write()
-}
-
-/// Times of each kind of damage, sorted.
-fn chart(broken: &[(&str, Findings)]) -> Chart {
-    let milliseconds = |seen: &Findings| seen.times.iter().map(|t| t.as_secs_f64() * 1e3).collect();
-    let line = |(kind, seen): &(&str, Findings)| Series::sorted(kind, milliseconds(seen));
-    let axes = [Axis::linear("streams, sorted, per cent"), Axis::logarithmic("milliseconds")];
-    let title = "Time to refuse or decode a broken stream, sorted";
-    Chart::new(title, axes, broken.iter().map(line), None)
 }

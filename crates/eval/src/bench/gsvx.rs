@@ -1,28 +1,165 @@
-//! `cargo xtask bench-gsvx`: pages on the codec as a user has it.
+//! `cargo xtask bench-gsvx`: the `gsvx` command on models of growing size, as whole processes.
+//!
+//! Models are a real scene, replicated side by side and jittered: their attributes are real,
+//! their number is chosen. Memory is the peak resident set that Linux reports.
 
-use std::path::Path;
+use std::ffi::OsStr;
+use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
+use gs_model::{Scene, ply};
 
-pub use super::gsvx_flags::GsvxOptions;
-use super::{importance, scale, speed, sweep};
+use crate::cells;
+use crate::chart::{Axis, Chart, Series};
+use crate::page::{Page, Table};
 use crate::process::GsvxCommand;
+use crate::{manifest, scenes};
 
-/// Measures and writes the page that is asked for.
+/// Flags of `cargo xtask bench-gsvx`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct GsvxOptions {
+    /// Scene that is replicated
+    #[arg(default_value = "fox")]
+    scene: String,
+    /// Numbers of Gaussians
+    #[arg(long, value_delimiter = ',', default_values_t = [100_000, 1_000_000, 4_000_000])]
+    sizes: Vec<usize>,
+    /// Where the page goes
+    #[arg(long, default_value = "docs/results/speed.md")]
+    out: PathBuf,
+}
+
+/// What is done: a name, the words of the command, its input and its output.
+type Step = (&'static str, &'static [&'static str], File, File);
+
+/// A file of the bench's folder.
+#[derive(Clone, Copy, PartialEq)]
+enum File {
+    Model,
+    Stream,
+    Plan,
+    Other,
+}
+
+const STEPS: [Step; 12] = [
+    ("encode, with the estimate of the loss", &["encode"], File::Model, File::Stream),
+    ("encode", &["encode", "--no-estimate"], File::Model, File::Stream),
+    ("decode", &["decode"], File::Stream, File::Other),
+    ("decode, SH degree 0", &["decode", "--max-sh-degree=0"], File::Stream, File::Other),
+    ("encode --lod", &["encode", "--lod", "--no-estimate"], File::Model, File::Stream),
+    // What is beyond the coarsest level means the coarsest.
+    ("decode of the coarsest level", &["decode", "--lod=255"], File::Stream, File::Other),
+    ("encode --memory 1G", &["encode", "--memory=1G"], File::Model, File::Other),
+    ("plan", &["plan"], File::Model, File::Plan),
+    ("encode, a part of 16", &["encode", "--part=1/16"], File::Plan, File::Other),
+    ("render, a view of a megapixel", RENDER, File::Stream, File::Other),
+    ("render, nine such views", RENDER_NINE, File::Stream, File::Other),
+    (TUNE, &["tune", "--orbit=32", "--effort=quick"], File::Model, File::Other),
+];
+const RENDER: &[&str] = &["render", "--orbit=1", "--size=1000x1000"];
+const RENDER_NINE: &[&str] = &["render", "--orbit=9", "--size=1000x1000"];
+const TUNE: &str = "tune --effort quick";
+/// Larger models are not tuned: that takes many minutes.
+const MOST_TUNED: usize = 1_000_000;
+
+/// Measures and writes the page.
 ///
 /// # Errors
-/// If the command is not there or fails, or a scene cannot be read.
+/// If the command is not there or fails, or the scene cannot be read.
 pub fn run(options: &GsvxOptions) -> Result<()> {
-    let out = |page: &'static str| options.out.as_deref().unwrap_or(Path::new(page));
-    if !options.importance.is_empty() {
-        return importance::run(&options.importance, out("docs/results/importance.md"));
-    }
-    if !options.sweep.is_empty() {
-        return sweep::run(&options.sweep, out("docs/results/sweep.md"));
-    }
     let gsvx = GsvxCommand::find()?;
-    if !options.millions.is_empty() {
-        return scale::run(options, &gsvx, out("docs/results/scale.md"));
+    let found = scenes::find(&options.scene)?;
+    let (scene, _) = ply::read(&found.dataset.model_path)?;
+    ensure!(!scene.is_empty(), "{}: the model is empty", found.name);
+    let mut table = Table::new("Gaussians | step | wall s | user s | peak MB | written MB");
+    let mut series = STEPS.map(|(step, ..)| Series::ours(step, Vec::new()));
+    for &n in &options.sizes {
+        let dir = tempfile::tempdir().context("make a temporary folder")?;
+        let path = |file: File, words: &[&str]| {
+            dir.path().join(match (file, words[0]) {
+                (File::Model, _) => "model.ply",
+                (File::Stream, _) => "model.gsvx",
+                (File::Plan, _) => "model.plan",
+                (File::Other, "decode") => "back.ply",
+                (File::Other, "render") => "pictures",
+                (File::Other, _) => "other.gsvx",
+            })
+        };
+        let model = path(File::Model, &[""]);
+        ply::write(&model, &replicate(&scene, n))?;
+        // Otherwise the disk would still be busy with it in the first measurement.
+        std::fs::File::open(&model)?.sync_all()?;
+        for ((step, words, from, to), line) in STEPS.iter().zip(&mut series) {
+            if *step == TUNE && n > MOST_TUNED {
+                continue;
+            }
+            let (input, output) = (path(*from, words), path(*to, words));
+            let words: Vec<&dyn AsRef<OsStr>> =
+                words.iter().map(|w| w as _).chain([&input as _]).collect();
+            let cost = gsvx.make(&words, &output)?;
+            let written = std::fs::metadata(&output)?;
+            let written = written.is_file().then(|| format!("{:.2}", written.len() as f64 / 1e6));
+            table.told(cells![
+                n,
+                step,
+                format!("{:.2}", cost.wall),
+                format!("{:.2}", cost.user),
+                format!("{:.0}", cost.peak_mb),
+                written.unwrap_or("-".into()),
+            ]);
+            line.points.push((n as f64 / 1e6, cost.wall));
+        }
     }
-    speed::run(options, &gsvx, out("docs/results/speed.md"))
+    let mut page = Page::new(&options.out, "How fast?");
+    page.text(format!(
+        "`cargo xtask bench-gsvx {0} --sizes {1}` times the command as a whole process, with reading and writing of files, at \
+         the default quality and without cameras. Models are {0} replicated side by side, every float jittered a little. {2}. \
+         With `--memory` and in parts, scenes larger than memory are encoded: [scale.md](../scale.md).",
+        options.scene,
+        options.sizes.iter().map(ToString::to_string).collect::<Vec<_>>().join(","),
+        manifest::machine(),
+    ));
+    let axes = ["millions of Gaussians", "seconds, wall"].map(Axis::logarithmic);
+    let title = format!("{}, replicated: seconds over Gaussians", found.name);
+    page.chart("", Chart::new(title, axes, series, None));
+    page.table(&table);
+    page.write()
+}
+
+/// `n` Gaussians: copies of the scene on a grid, every float jittered a little so that copies
+/// are not equal.
+fn replicate(scene: &Scene, n: usize) -> Scene {
+    let indices: Vec<usize> = (0..n).map(|i| i % scene.len()).collect();
+    let mut out = scene.select(&indices);
+    let mut rng = testing::Rng::seeded(1);
+    let side = (n.div_ceil(scene.len()) as f64).sqrt().ceil() as usize;
+    let extent = scene.means.iter().fold(0.0f32, |m, p| m.max(p[0].abs()).max(p[2].abs()));
+    for i in 0..n {
+        let copy = i / scene.len();
+        out.means[i][0] += 2.0 * extent * (copy % side) as f32;
+        out.means[i][2] += 2.0 * extent * (copy / side) as f32;
+        if copy > 0 {
+            out.means[i].iter_mut().for_each(|v| *v += 1e-3 * rng.signed());
+            out.log_scales[i].iter_mut().for_each(|v| *v += 0.05 * rng.signed());
+            out.opacity_logits[i] += 0.05 * rng.signed();
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn replicas_have_the_size_asked_for_and_differ() {
+        let scene = testing::trained_like(20, 0, &mut testing::Rng::seeded(1));
+        let many = replicate(&scene, 70);
+        assert!(many.len() == 70 && many.validate().is_ok());
+        assert_eq!(many.means[..20], scene.means[..]);
+        let mut means = many.means.clone();
+        means.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        means.dedup();
+        assert_eq!(means.len(), 70);
+    }
 }

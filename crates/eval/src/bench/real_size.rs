@@ -1,4 +1,4 @@
-//! `cargo xtask bench-real-size`: models of a million Gaussians, coded and tuned, and how time and memory grow.
+//! `cargo xtask bench-real-size`: models of a million Gaussians, coded and tuned.
 //!
 //! A stream takes minutes. What was measured stays recorded for one build of the command.
 
@@ -8,11 +8,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use finetune::TrainView;
 use gs_model::dataset::{HOLD_OUT_EVERY, open_views};
-use gs_model::ply;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::speed::replicate;
 use crate::cache::{self, Cache};
 use crate::page::{Page, Table};
 use crate::process::GsvxCommand;
@@ -28,9 +26,6 @@ pub struct RealSizeOptions {
     /// Efforts of the tunes
     #[arg(long, value_delimiter = ',', default_values_t = ["quick", "normal"].map(String::from))]
     efforts: Vec<String>,
-    /// Millions of Gaussians of the second table
-    #[arg(long, value_delimiter = ',', default_values_t = [0.1, 0.3, 1.0, 3.0])]
-    millions: Vec<f64>,
     /// Where the page goes
     #[arg(long, default_value = "docs/results/real-size.md")]
     out: PathBuf,
@@ -82,25 +77,16 @@ pub fn run(options: &RealSizeOptions) -> Result<()> {
     let models = options.models.iter().map(|word| Model::open(word)).collect::<Result<Vec<_>>>()?;
     let mut page = Page::new(&options.out, "Real size?");
     page.text(format!(
-        "`cargo xtask bench-real-size {} --efforts {} --millions {}` runs whole commands of gsvx, files included. {}. Seconds are wall clock; CPU \
-         are the user seconds of all threads.",
+        "`cargo xtask bench-real-size {} --efforts {}` runs whole commands of gsvx, files included. {}. Seconds are wall \
+         clock; CPU are the user seconds of all threads.",
         options.models.join(" "),
         options.efforts.join(","),
-        options.millions.iter().map(ToString::to_string).collect::<Vec<_>>().join(","),
         manifest::machine(),
     ));
     for model in &models {
         let (text, table) = model.table(&gsvx, &options.efforts)?;
         page.text(text);
         page.table(&table);
-    }
-    if let (Some(model), false) = (models.last(), options.millions.is_empty()) {
-        page.text(format!(
-            "How time and memory grow: Gaussians of {}, the first of them or copies side by side. The render has one \
-             view of a megapixel.",
-            model.name
-        ));
-        page.table(&growth(&gsvx, model, &options.millions)?);
     }
     page.write()
 }
@@ -127,6 +113,7 @@ impl Model {
             ("PLY".to_owned(), words(&["convert", "--force"])),
             ("SPZ v4".to_owned(), words(&["convert", "--force"])),
             ("`gsvx encode`".to_owned(), words(&["encode", "--no-estimate"])),
+            ("`gsvx encode -q 45`".to_owned(), words(&["encode", "--no-estimate", "-q45"])),
         ];
         if let Some(cameras) = &cameras {
             let words = words(&["encode", "--no-estimate", cameras]);
@@ -228,37 +215,4 @@ impl Coded {
             number(cost.map(|c| c.peak_mb), 0),
         ]
     }
-}
-
-/// What each command takes of models of several sizes.
-fn growth(gsvx: &GsvxCommand, model: &Model, millions: &[f64]) -> Result<Table> {
-    let scene = scenes::read_model(&model.path)?;
-    let mut table = Table::new("Gaussians | command | seconds | CPU | peak MB");
-    for millions in millions {
-        let dir = tempfile::tempdir().context("make a temporary folder")?;
-        let at = |name: &str| dir.path().join(name);
-        let (ply, stream) = (at("model.ply"), at("model.gsvx"));
-        ply::write(&ply, &replicate(&scene, (1e6 * millions) as usize))?;
-        let commands: [(&str, Vec<&dyn AsRef<OsStr>>, PathBuf); 4] = [
-            ("encode", vec![&"encode", &ply, &"--no-estimate"], stream.clone()),
-            ("decode", vec![&"decode", &stream], at("back.ply")),
-            ("render", vec![&"render", &stream, &"--orbit=1", &"--size=1000x1000"], at("pictures")),
-            (
-                "tune --effort quick",
-                vec![&"tune", &ply, &TUNE_ORBIT, &"--effort=quick"],
-                at("small.gsvx"),
-            ),
-        ];
-        for (name, words, output) in commands {
-            let done = gsvx.make(&words, &output)?;
-            table.told(cells![
-                format!("{millions} M"),
-                name,
-                format!("{:.1}", done.wall),
-                format!("{:.1}", done.user),
-                format!("{:.0}", done.peak_mb),
-            ]);
-        }
-    }
-    Ok(table)
 }

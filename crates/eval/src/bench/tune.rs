@@ -3,7 +3,6 @@
 //! A point takes minutes. What was measured stays recorded for one build of the command, so the page can
 //! be made in parts: a run measures what it is asked for and writes all that is recorded.
 
-mod object;
 mod page;
 
 use std::path::PathBuf;
@@ -29,9 +28,6 @@ pub struct TuneBenchOptions {
     /// Measure only these qualities (all if none).
     #[arg(long = "quality", value_delimiter = ',')]
     qualities: Vec<f32>,
-    /// A model without photos, for a table of its own.
-    #[arg(long, value_name = "MODEL")]
-    object: Option<PathBuf>,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/tune.md")]
     out: PathBuf,
@@ -77,8 +73,7 @@ pub fn run(options: &TuneBenchOptions) -> Result<()> {
     let gsvx = GsvxCommand::find()?;
     let scenes = options.scenes.iter().map(|name| scene(options, &gsvx, name));
     let scenes = scenes.collect::<Result<Vec<_>>>()?;
-    let object = options.object.as_deref().map(|model| object::object(&gsvx, model)).transpose()?;
-    page::page(options, &scenes, object.as_ref()).write()
+    page::page(options, &scenes).write()
 }
 
 fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<Scene> {

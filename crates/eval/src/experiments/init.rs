@@ -58,7 +58,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
         sections::differences("Bjontegaard difference", &bd),
     ];
     let (title, highlights) = ("Initialisation (Fig. 7)", vec![highlight(inputs, &models)]);
-    Ok(Results { title, lead, highlights, sections, curves, bd, others, ..Results::default() })
+    Ok(Results { title, lead, highlights, sections, curves, bd, others })
 }
 
 /// The smallest model that the fine-tune brought back.

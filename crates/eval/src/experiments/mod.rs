@@ -17,8 +17,6 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use voxel::Strategy;
 
-use crate::manifest::Manifest;
-use crate::peers::ToolOutcome;
 use crate::published::Other;
 use crate::rd_curve::options::{CurveOptions, Experiment};
 use crate::rd_curve::plan::{Coding, PAPER_QPS, Voxels};
@@ -65,8 +63,7 @@ struct Record<'a> {
     curves: &'a [Curve],
     bd: &'a [Bd],
     others: &'a [Other],
-    tools: &'a [ToolOutcome],
-    manifest: Manifest,
+    manifest: Vec<(&'static str, String)>,
 }
 
 /// Results of an experiment.
@@ -80,7 +77,6 @@ struct Results {
     curves: Vec<Curve>,
     bd: Vec<Bd>,
     others: Vec<Other>,
-    tools: Vec<ToolOutcome>,
 }
 
 impl Experiment {
@@ -111,7 +107,6 @@ impl Experiment {
             curves: &results.curves,
             bd: &results.bd,
             others: &results.others,
-            tools: &results.tools,
             manifest: study.manifest(),
         };
         let json = out.join(format!("{name}.json"));
@@ -196,8 +191,7 @@ impl Inputs<'_> {
 
     /// Published and recorded points that an experiment shows beside its own.
     fn others(&self, shown: impl Fn(&Other) -> bool) -> Result<Vec<Other>> {
-        let found = &self.study.test.files;
-        let mut all = crate::published::others(&found.dataset.dir, &found.name)?;
+        let mut all = self.study.others()?;
         all.retain(shown);
         Ok(all)
     }

@@ -41,10 +41,9 @@ pub(super) fn tunes<'a>(
 
 /// The whole page.
 pub(super) fn document(inputs: &Inputs<'_>, results: Results) -> Document {
-    let Results { title, lead, highlights, mut sections, curves, others, tools, .. } = results;
+    let Results { title, lead, highlights, mut sections, curves, others, .. } = results;
     let (skipped, stages) = inputs.study.tally();
     sections.extend([
-        run::peers(&tools),
         run::points(&inputs.original, &curves),
         sections::others(&others),
         sections::provenance(&inputs.study.manifest(), skipped, stages),

@@ -6,7 +6,6 @@ use super::{Inputs, Results, compare, page};
 use crate::bd;
 use crate::cells;
 use crate::page::Table;
-use crate::peers;
 use crate::published::{NO_INIT, Other, PAPER_CHAIN};
 use crate::rd_curve::plan::{Coding, Voxels};
 use crate::rd_curve::record::{Bd, Curve};
@@ -25,11 +24,9 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let paper = inputs.curve("paper's criteria and coding", what, &parts, tuning)?;
     let curves = vec![tuned, plain, paper];
 
-    let tools = inputs.study.peers(&inputs.options.peers, inputs.depth)?;
     // Of the paper's own lists, Fig. 9 has the adaptive ones.
-    let mut others =
+    let others =
         inputs.others(|o| !o.name.starts_with(NO_INIT) && !o.name.starts_with("paper, uniform"))?;
-    others.extend(peers::curves(&tools));
     let mut bd: Vec<Bd> = Vec::new();
     for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
         bd.extend(curves.iter().map(|c| sections::compare(c, &other.name, &other.rates())));
@@ -38,7 +35,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let lead = format!(
         "The paper's Fig. 9: this codec, with {steps} steps of fine-tune and without any, the paper's way of coding on \
          its adaptive voxelization (fine-tuned alike), and other codecs on the same model: recorded beside the \
-         scene, run here where their tools are at hand, published where the scene is the paper's."
+         scene, written here, published where the scene is the paper's."
     );
     let sections = vec![
         page::curves(inputs, "against other codecs (Fig. 9)", &curves, &others, "sota"),
@@ -47,7 +44,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
         page::tunes(inputs, curves.iter().flat_map(|c| &c.voxelized)),
     ];
     let (title, highlights) = ("State of the art (Fig. 9)", highlights(&bd));
-    Ok(Results { title, lead, highlights, sections, curves, bd, others, tools })
+    Ok(Results { title, lead, highlights, sections, curves, bd, others })
 }
 
 fn highlights(bd: &[Bd]) -> Vec<(String, String)> {

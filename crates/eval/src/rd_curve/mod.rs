@@ -20,8 +20,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 
+use crate::published;
 use crate::report::{self, sections};
-use crate::{peers, published};
 use plan::{Coding, GSVX, TUNED};
 use record::{Bd, Curve, Run};
 use stages::Branch;
@@ -31,7 +31,7 @@ use tune::Tuning;
 pub use options::CurveOptions;
 pub use size::{SizeOptions, run as size};
 
-/// Measures the curves of a scene, or an experiment of the paper, and writes the report: `report.html`, `report.md`,
+/// Measures the curves of a scene, or an experiment of the paper, and writes the report: `report.html`,
 /// a JSON and the charts.
 ///
 /// # Errors
@@ -66,7 +66,7 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
     let base = study.depth(options.depth)?;
     let tuning = options.finetune.map(|steps| Tuning { steps, initialised: true });
     let mut curves = Vec::new();
-    for plan in plan::curves(base, options.depth, options.adaptive, qualities) {
+    for plan in plan::curves(base, options, qualities) {
         let (mut voxelized, mut points) = (Vec::new(), Vec::new());
         for (voxels, qualities) in &plan.steps {
             let branch = Branch::new(study, voxels, tuning);
@@ -80,14 +80,12 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
     if let Some(effort) = options.tune {
         curves.push(tuned_curve::curve(study, effort, &options.tuned_qualities())?);
     }
-    let tools = study.peers(&options.peers, base)?;
 
     let found = &study.test.files;
-    let mut others = published::others(&found.dataset.dir, &found.name)?;
+    let mut others = study.others()?;
     others.retain(|o| !o.name.starts_with(published::NO_INIT));
-    others.extend(peers::curves(&tools));
     let (skipped, stages) = study.tally();
-    let mut run = Run {
+    let run = Run {
         scene: found.name.clone(),
         what: found.what.clone(),
         views: found.dataset.views.len(),
@@ -97,21 +95,17 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
         bd: compare(&curves, &others),
         curves,
         others,
-        tools,
-        pictures: Vec::new(),
         skipped,
         stages,
         manifest: study.manifest(),
     };
-    let (files, views) = views::draw(&run, study)?;
-    run.pictures = files;
+    let views = views::draw(&run, study)?;
     let json = study.out.join("rd.json");
     let text = serde_json::to_string_pretty(&run).context("rd.json")? + "\n";
     fs::write(&json, text).with_context(|| format!("write {}", json.display()))?;
     let document = report::run::document(&run, views);
     document.write(&study.out)?;
     document.print();
-    run.tools.iter().filter_map(peers::ToolOutcome::absence).for_each(|line| println!("{line}"));
     Ok(run)
 }
 

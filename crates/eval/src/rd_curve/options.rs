@@ -7,7 +7,6 @@ use clap::{Args as _, FromArgMatches as _};
 use tune::TuneEffort;
 
 use super::plan;
-use crate::peers;
 
 /// Reads the name of an effort.
 fn effort(text: &str) -> Result<TuneEffort, String> {
@@ -64,11 +63,12 @@ pub struct CurveOptions {
     #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
         default_missing_value = "normal", value_parser = effort)]
     pub(crate) tune: Option<TuneEffort>,
+    /// Curves of gsvx without cameras, and with what they hardly see
+    #[arg(skip)]
+    pub(crate) sights: bool,
     /// Run every stage, done before or not
     #[arg(long)]
     pub(crate) fresh: bool,
-    #[command(flatten)]
-    pub(crate) peers: peers::PeerOptions,
 }
 
 /// `--quick`: held-out views and rates.

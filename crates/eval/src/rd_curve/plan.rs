@@ -5,6 +5,7 @@ use gs_model::{Camera, Scene};
 use paper::{CovarianceCoding, Qp};
 use voxel::{Merge, Strategy};
 
+use super::options::CurveOptions;
 use crate::progress::Bar;
 
 /// Depths among which the uniform depth is chosen.
@@ -33,7 +34,18 @@ pub(crate) enum Rule {
     /// As given.
     Fixed(Strategy),
     /// The codec's default at a quality: rate-distortion pruning.
-    Default(f32),
+    Default(f32, Sight),
+}
+
+/// What the codec's default knows of the cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Sight {
+    /// What they hardly see is left out.
+    DropUnseen,
+    /// They weigh each Gaussian.
+    KeepUnseen,
+    /// Nothing.
+    NoCameras,
 }
 
 impl Voxels {
@@ -51,8 +63,16 @@ impl Voxels {
 
     /// The codec's default at a quality.
     pub(crate) fn default(quality: f32) -> Self {
-        let name = format!("gsvx-q{quality:.0}");
-        Self { name, what: format!("quality {quality:.0}"), rule: Rule::Default(quality) }
+        Self::seen(quality, Sight::DropUnseen)
+    }
+
+    /// The codec's default with more or less knowledge of the cameras.
+    fn seen(quality: f32, sight: Sight) -> Self {
+        let name = match sight {
+            Sight::DropUnseen => format!("gsvx-q{quality:.0}"),
+            other => slug(&format!("gsvx-{other:?}-q{quality:.0}")),
+        };
+        Self { name, what: format!("quality {quality:.0}"), rule: Rule::Default(quality, sight) }
     }
 }
 
@@ -80,13 +100,9 @@ fn levels_deeper(quality: f32) -> i32 {
     }
 }
 
-/// The curves of a run. A given depth is used at all qualities.
-pub(crate) fn curves(
-    base: u8,
-    depth: Option<u8>,
-    adaptive: Option<(u8, u8)>,
-    qualities: &[f32],
-) -> Vec<CurvePlan> {
+/// The curves of a run; those that `options` ask for, around the depth `base`.
+pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec<CurvePlan> {
+    let CurveOptions { depth, adaptive, sights, .. } = *options;
     let shifted = |by: i32| (i32::from(base) + by).clamp(1, 20) as u8;
     let uniform = |q: f32| {
         let depth = depth.unwrap_or_else(|| shifted(levels_deeper(q)));
@@ -114,7 +130,7 @@ pub(crate) fn curves(
         };
         CurvePlan { name, what: format!("{what}, {span}"), steps }
     };
-    vec![
+    let mut curves = vec![
         plan(UNIFORM, "gsvx's coding, every leaf of the octree at one depth", &uniform),
         plan(PAPER_CRITERIA, "gsvx's coding, leaves by the paper's adaptive criteria", &paper),
         plan(
@@ -122,18 +138,24 @@ pub(crate) fn curves(
             "the uniform octree, coded as the paper does (RAHT and RLGR at its parameters, covariances by a codebook)",
             &uniform,
         ),
-        plan(
-            GSVX,
-            "this codec: leaves by rate and distortion, precision by importance",
-            &Voxels::default,
-        ),
-    ]
+    ];
+    if sights {
+        let seen = |sight: Sight| move |q: f32| Voxels::seen(q, sight);
+        curves.push(plan(NO_CAMERAS, "gsvx without cameras", &seen(Sight::NoCameras)));
+        let what = "gsvx with what the cameras hardly see";
+        curves.push(plan(ALL_KEPT, what, &seen(Sight::KeepUnseen)));
+    }
+    let what = "this codec: leaves by rate and distortion, precision by importance";
+    curves.push(plan(GSVX, what, &Voxels::default));
+    curves
 }
 
 /// Names of the curves.
 pub(crate) const UNIFORM: &str = "uniform";
 pub(crate) const PAPER_CRITERIA: &str = "paper's criteria";
 pub(crate) const PAPER_CODING: &str = "paper's coding";
+pub(crate) const NO_CAMERAS: &str = "gsvx, no cameras";
+pub(crate) const ALL_KEPT: &str = "gsvx, unseen kept";
 pub(crate) const GSVX: &str = "gsvx";
 pub(crate) const TUNED: &str = "gsvx, tuned";
 
@@ -294,11 +316,13 @@ mod tests {
     #[test]
     fn qualities_of_one_voxelization_stay_together() {
         let q = qualities(6).unwrap();
-        for plan in curves(11, None, None, &q) {
+        let mut options = CurveOptions::of("room").unwrap();
+        for plan in curves(11, &options, &q) {
             let all: Vec<f32> = plan.steps.iter().flat_map(|(_, q)| q.clone()).collect();
             assert_eq!(all, q, "{}", plan.name);
         }
-        let fixed = curves(11, Some(12), Some((9, 14)), &q);
+        (options.depth, options.adaptive) = (Some(12), Some((9, 14)));
+        let fixed = curves(11, &options, &q);
         assert_eq!((fixed[0].steps.len(), fixed[1].steps.len()), (1, 1));
         assert_eq!(fixed[0].steps[0].0.rule, Rule::Fixed(Strategy::Uniform { depth: 12 }));
     }
@@ -322,18 +346,8 @@ mod tests {
             sh_degree: 0,
             sh: vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         };
-        let camera = Camera {
-            name: "a".into(),
-            width: 32,
-            height: 32,
-            fx: 1000.0,
-            fy: 1000.0,
-            cx: 16.0,
-            cy: 16.0,
-            rotation: glam::DMat3::IDENTITY,
-            translation: glam::DVec3::new(0.0, 0.0, 1.0),
-            lens: None,
-        };
+        let (eye, up) = ([0.0, 0.0, -1.0], [0.0, -1.0, 0.0]);
+        let camera = Camera::looking_at("a".into(), eye, [0.0; 3], up, [32; 2], 1000.0);
         let depth = choose_depth(&scene, &[camera]).unwrap();
         let cube = voxel::cube_of(&scene.means).unwrap();
         let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth }).unwrap();

@@ -3,11 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bd::Point;
-use crate::codec::RoundTrip;
-use crate::manifest::Manifest;
 use crate::measure::Score;
-use crate::peers::ToolOutcome;
 use crate::published::Other;
+use crate::round_trip::RoundTrip;
 
 /// The uncompressed model.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -62,7 +60,7 @@ pub(crate) struct Tuned {
     pub(crate) held_out_db: Vec<(u64, f64)>,
     /// Wall-clock seconds of the steps.
     pub(crate) seconds: f64,
-    /// Processor seconds of the steps, all threads; 0 where the system does not tell.
+    /// User seconds of the steps, all threads; 0 where the system does not tell.
     pub(crate) user_seconds: f64,
     /// Greatest memory of the process meanwhile, bytes; 0 where the system does not tell.
     pub(crate) peak_bytes: u64,
@@ -172,17 +170,6 @@ pub(crate) struct Bd {
     pub(crate) psnr: Option<f64>,
 }
 
-/// One picture: photo, original, decoded side by side.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct Picture {
-    /// File, relative to the report.
-    pub(crate) file: String,
-    /// Photo name.
-    pub(crate) view: String,
-    /// Which decoded model is on the right.
-    pub(crate) caption: String,
-}
-
 /// A whole run.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Run {
@@ -200,18 +187,14 @@ pub(crate) struct Run {
     pub(crate) original: Original,
     /// Ours.
     pub(crate) curves: Vec<Curve>,
-    /// Others, recorded or published.
+    /// Others: recorded, published, or written here.
     pub(crate) others: Vec<Other>,
-    /// Others whose tools were run here.
-    pub(crate) tools: Vec<ToolOutcome>,
     /// Bjontegaard differences.
     pub(crate) bd: Vec<Bd>,
-    /// Side-by-side pictures.
-    pub(crate) pictures: Vec<Picture>,
     /// Stages found done, and stages in all.
     pub(crate) skipped: usize,
     /// See [`Run::skipped`].
     pub(crate) stages: usize,
     /// Where all this came from.
-    pub(crate) manifest: Manifest,
+    pub(crate) manifest: Vec<(&'static str, String)>,
 }

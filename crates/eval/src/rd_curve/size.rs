@@ -32,7 +32,7 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     let mut runs = Vec::new();
     for scene in &options.scenes {
         let mut of_scene = super::options::CurveOptions::of(scene)?;
-        of_scene.peers.no_peers = true;
+        of_scene.sights = true;
         runs.push(super::curves(&Study::open(&of_scene)?, &of_scene, &of_scene.qualities()?)?);
     }
     let scenes: Vec<&str> = runs.iter().map(|r| r.scene.as_str()).collect();
@@ -51,8 +51,8 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     page.table(&against(&runs, &scenes));
     page.table(&points(&runs)?);
     page.text(
-        "Strategies of voxelization: [voxel.md](voxel.md). `cargo xtask rd-curve SCENE` writes all curves and pictures \
-         of a scene as one page.",
+        "The strategies of voxelization: [voxel](../../crates/voxel/README.md). `cargo xtask rd-curve SCENE` writes all \
+         curves and pictures of a scene as one page.",
     );
     page.write()
 }

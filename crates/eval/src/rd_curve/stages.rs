@@ -8,13 +8,13 @@ use anyhow::{Context, Result, ensure};
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 
-use super::plan::{Coding, Rule, Voxels, slug};
+use super::plan::{Coding, Rule, Sight, Voxels, slug};
 use super::record::{Coded, VoxelizedRecord};
 use super::study::Study;
 use super::tune::{self, Tuning};
-use crate::codec::{round_trip, timed};
 use crate::measure;
 use crate::progress::Bar;
+use crate::round_trip::{round_trip, timed};
 
 /// The stages of one voxelization. The voxelized model is made when a stage first needs it.
 pub(crate) struct Branch<'a> {
@@ -75,11 +75,11 @@ impl<'a> Branch<'a> {
                 let guess = || gsvx::importance::without_cameras(scene);
                 Ok(voxelized(scene, strategy, importance.unwrap_or_else(guess))?)
             }
-            &Rule::Default(quality) => {
+            &Rule::Default(quality, sight) => {
                 let mut options = EncodeOptions::from_quality(quality)?;
-                options.importance = importance;
+                options.importance = importance.filter(|_| sight != Sight::NoCameras);
                 // The views measured are of the same capture as the cameras.
-                options.drop_unseen = true;
+                options.drop_unseen = sight == Sight::DropUnseen;
                 Ok(gsvx::prepare(scene, &options)?)
             }
         }

@@ -13,11 +13,12 @@ use super::options::CurveOptions;
 use super::plan;
 use super::record::{Coded, Original};
 use crate::cache::{self, Cache};
-use crate::codec::timed;
-use crate::manifest::{self, Manifest};
+use crate::manifest;
 use crate::measure;
 use crate::peers;
 use crate::progress::Bar;
+use crate::published::{self, Other};
+use crate::round_trip::timed;
 use crate::scenes::{self, TestScene};
 
 /// What every stage depends on.
@@ -133,18 +134,17 @@ impl Study {
         given.map_or_else(|| self.cache.run("depth", &(), choose), Ok)
     }
 
-    /// Runs the peers whose tools are there.
-    pub(crate) fn peers(
-        &self,
-        options: &peers::PeerOptions,
-        depth: u8,
-    ) -> Result<Vec<peers::ToolOutcome>> {
-        peers::run(options, &self.cache, &self.test, depth)
+    /// What is known of other codecs on the scene, and their formats as written here.
+    pub(crate) fn others(&self) -> Result<Vec<Other>> {
+        let files = &self.test.files;
+        let mut all = published::others(&files.dataset.dir, &files.name)?;
+        all.extend(peers::curves(&self.cache, &self.test, &all)?);
+        Ok(all)
     }
 
     /// Provenance of a report.
-    pub(crate) fn manifest(&self) -> Manifest {
-        manifest::of(&self.hashes[0], &self.hashes[1], &self.hashes[2])
+    pub(crate) fn manifest(&self) -> Vec<(&'static str, String)> {
+        manifest::of(&self.hashes)
     }
 
     /// Stages found done, and stages in all.

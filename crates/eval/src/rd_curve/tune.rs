@@ -91,7 +91,8 @@ fn fine_tune(
         ..Default::default()
     };
     usage::reset_peak();
-    let (started, began) = (Instant::now(), usage::cpu_seconds());
+    let user_seconds = || usage::user_seconds(usage::SELF).unwrap_or(0.0);
+    let (started, began) = (Instant::now(), user_seconds());
     let run = FineTune::new(start, study.photos()?.to_vec(), options)?;
     let (mut done, mut scoring) = (run.steps_done(), [0.0; 2]);
     // A run that goes on from a checkpoint is beyond some of the stops.
@@ -100,14 +101,14 @@ fn fine_tune(
         bar.step(p.step - done);
         done = p.step;
         if p.step < steps && STOPS * p.step >= next * steps {
-            let (wall, cpu) = (Instant::now(), usage::cpu_seconds());
+            let (wall, user) = (Instant::now(), user_seconds());
             held_out_db.push((p.step, score(p.scene)));
             scoring[0] += wall.elapsed().as_secs_f64();
-            scoring[1] += usage::cpu_seconds() - cpu;
+            scoring[1] += user_seconds() - user;
             next = STOPS * p.step / steps + 1;
         }
     })?;
-    let (seconds, cpu) = (started.elapsed().as_secs_f64(), usage::cpu_seconds() - began);
+    let (seconds, user) = (started.elapsed().as_secs_f64(), user_seconds() - began);
     held_out_db.push((outcome.steps, score(&outcome.scene)));
     bar.done();
     let record = Tuned {
@@ -115,8 +116,8 @@ fn fine_tune(
         initialised,
         held_out_db,
         seconds: seconds - scoring[0],
-        user_seconds: cpu - scoring[1],
-        peak_bytes: usage::peak_bytes(),
+        user_seconds: user - scoring[1],
+        peak_bytes: usage::peak_bytes(usage::SELF).unwrap_or(0),
         file: format!("tuned/{name}.ply"),
     };
     Ok((outcome.scene, record))

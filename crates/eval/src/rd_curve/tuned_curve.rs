@@ -7,8 +7,8 @@ use super::plan::{TUNED, slug};
 use super::record::{Coded, Curve};
 use super::study::Study;
 use crate::cache::Cache;
-use crate::codec::round_trip;
 use crate::progress::Bar;
+use crate::round_trip::round_trip;
 
 /// The points at these qualities.
 pub(super) fn curve(study: &Study, effort: TuneEffort, qualities: &[f32]) -> Result<Curve> {

@@ -1,9 +1,10 @@
 //! The part of a view where the decoded model differs most, as pictures to flip through.
 
-use anyhow::Result;
-use finetune::Image;
+use std::io::Cursor;
 
-use crate::pictures;
+use anyhow::{Context, Result};
+use finetune::Image;
+use image::{ImageFormat, RgbImage};
 
 /// Largest crop, pixels.
 const CROP: (usize, usize) = (480, 360);
@@ -67,7 +68,7 @@ pub(crate) fn crops(photo: Shown, original: Shown, decoded: Vec<Shown>) -> Resul
     let all = [photo, original].into_iter().chain(decoded).chain(differences);
     let crop = |(i, Shown { image, label, caption }): (usize, Shown)| {
         let part = cut(&image, window);
-        let (size, png) = ((part.width, part.height), pictures::encode(&part)?);
+        let (size, png) = ((part.width, part.height), png(&part)?);
         Ok(Crop { label, caption, shown: i == first, size, png })
     };
     all.enumerate().map(crop).collect()
@@ -115,6 +116,14 @@ fn cut(image: &Image, (x, y, w, h): Window) -> Image {
         line.copy_from_slice(&image.rgb[at..at + 3 * w]);
     }
     out
+}
+
+/// An image as the bytes of an 8-bit PNG file.
+fn png(image: &Image) -> Result<Vec<u8>> {
+    let rgb = RgbImage::from_raw(image.width, image.height, image.to_rgb8());
+    let mut out = Cursor::new(Vec::new());
+    rgb.context("the size of an image")?.write_to(&mut out, ImageFormat::Png)?;
+    Ok(out.into_inner())
 }
 
 fn difference(a: &Image, b: &Image) -> Image {

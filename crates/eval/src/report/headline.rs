@@ -2,7 +2,9 @@
 
 use crate::bd;
 use crate::published::{Other, PAPER_CHAIN};
-use crate::rd_curve::plan::{GSVX, PAPER_CODING, PAPER_CRITERIA, TUNED, UNIFORM};
+use crate::rd_curve::plan::{
+    ALL_KEPT, GSVX, NO_CAMERAS, PAPER_CODING, PAPER_CRITERIA, TUNED, UNIFORM,
+};
 use crate::rd_curve::record::{Coded, Run};
 
 /// The bytes of gsvx beside those of something else at equal PSNR.
@@ -26,6 +28,8 @@ pub(crate) fn in_words(name: &str) -> String {
             "the same coding on the paper's adaptive octree (`paper's criteria`)".into()
         }
         PAPER_CODING => "the coding of the paper that gsvx follows (`paper's coding`)".into(),
+        NO_CAMERAS => "gsvx without cameras".into(),
+        ALL_KEPT => "gsvx with cameras, which keeps what they hardly see".into(),
         PAPER_CHAIN => {
             "the whole chain of the paper that gsvx follows, by its authors' tools".into()
         }

@@ -37,10 +37,6 @@ pub(super) fn render(document: &Document) -> Result<String> {
         out.push_str("</ul>\n");
     }
     for (index, section) in document.sections.iter().enumerate() {
-        // A section that only Markdown needs would be an empty heading here.
-        if section.blocks.iter().all(|b| matches!(b, Block::Files(_))) {
-            continue;
-        }
         let title = escape(&section.title);
         if section.open {
             let _ = writeln!(out, "<section>\n<h2>{title}</h2>");
@@ -87,7 +83,6 @@ fn render_block(out: &mut String, block: &Block, section: usize) -> Result<()> {
                 render_view(out, view, &format!("s{section}v{i}"))?;
             }
         }
-        Block::Files(_) => {}
     }
     Ok(())
 }

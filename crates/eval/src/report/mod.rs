@@ -1,9 +1,8 @@
-//! Reports: one document, shown as Markdown, as an HTML page and on the terminal.
+//! Reports: one document, shown as an HTML page and on the terminal.
 
 mod crops;
 pub(crate) mod headline;
 mod html;
-mod markdown;
 pub(crate) mod run;
 pub(crate) mod sections;
 pub(crate) mod tunes;
@@ -51,12 +50,10 @@ pub(crate) enum Block {
     List(Vec<String>),
     /// A table.
     Table(Table),
-    /// A chart and the stem of its files.
+    /// A chart and the stem of its file.
     Chart(Chart, String),
-    /// Views to compare: a page shows crops, Markdown links files.
+    /// Crops of views to flip through.
     Views(Vec<CropView>),
-    /// Picture files: caption and path from the report. Markdown only; a page has the crops.
-    Files(Vec<(String, String)>),
 }
 
 impl Section {
@@ -72,7 +69,7 @@ impl Section {
 }
 
 impl Document {
-    /// Writes `report.md`, `report.html` and an SVG and a PNG of each chart into `out`.
+    /// Writes `report.html` and an SVG of each chart into `out`.
     pub(crate) fn write(&self, out: &Path) -> Result<()> {
         let put = |name: &str, bytes: &[u8]| {
             let path = out.join(name);
@@ -81,10 +78,8 @@ impl Document {
         for block in self.sections.iter().flat_map(|s| &s.blocks) {
             if let Block::Chart(chart, stem) = block {
                 put(&format!("{stem}.svg"), chart.svg()?.as_bytes())?;
-                put(&format!("{stem}.png"), &chart.png()?)?;
             }
         }
-        put("report.md", markdown::render(self).as_bytes())?;
         put("report.html", html::render(self)?.as_bytes())
     }
 
@@ -119,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_forms_say_the_same_and_the_page_needs_no_other_file() {
+    fn the_page_says_all_and_needs_no_other_file() {
         let dir = tempfile::tempdir().unwrap();
         let mut table = Table::new("curve | bytes");
         table.row(crate::cells!["a <b>", 12345]);
@@ -136,14 +131,12 @@ mod tests {
             ],
         };
         document.write(dir.path()).unwrap();
-        let read = |name: &str| fs::read_to_string(dir.path().join(name)).unwrap();
-        let (md, html) = (read("report.md"), read("report.html"));
-        for text in ["12345", "Curves", "-80 %", "one"] {
-            assert!(md.contains(text) && html.contains(text), "{text}");
+        let html = fs::read_to_string(dir.path().join("report.html")).unwrap();
+        let marked = ["Title &amp; more", "a &lt;b&gt;", "<code>cargo xtask</code>", "<svg"];
+        for text in ["12345", "Curves", "-80 %", "one", "name=\"viewport\""].iter().chain(&marked) {
+            assert!(html.contains(text), "{text}");
         }
-        assert!(html.contains("Title &amp; more") && html.contains("a &lt;b&gt;"));
-        assert!(html.contains("<code>cargo xtask</code>") && html.contains("name=\"viewport\""));
         assert!(!html.contains("src=\"http") && !html.contains("href=\"http"));
-        assert!(md.contains("](rd.svg)") && dir.path().join("rd.png").is_file());
+        assert!(dir.path().join("rd.svg").is_file());
     }
 }

@@ -3,10 +3,10 @@
 use super::headline;
 use super::sections::{self, UNITS};
 use super::{Block, CropView, Document, Section, megabits};
+use crate::bd::Point;
 use crate::cells;
 use crate::chart::{Axis, Chart, Series};
 use crate::page::Table;
-use crate::peers::ToolOutcome;
 use crate::published::Other;
 use crate::rd_curve::record::{Coded, Curve, Original, Run};
 
@@ -78,7 +78,7 @@ pub(crate) fn curves_and_others(
     let line = |curve: &Curve| {
         let mut points = curve.rates();
         points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
-        Series::ours(&curve.name, points.iter().map(|p| (p.rate / 1e6, p.psnr_db)).collect())
+        Series::ours(&curve.name, points.into_iter().map(Point::in_mb).collect())
     };
     let mut all: Vec<Series> = curves.iter().rev().map(line).collect();
     let largest = all.iter().flat_map(|s| &s.points).map(|p| p.0).fold(0.0, f64::max);
@@ -125,10 +125,9 @@ pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
             "Curves",
             vec![Block::Text(TERMS.into()), Block::List(curves), Block::Chart(chart, "rd".into())],
         ),
-        pictures(run, views),
+        pictures(views),
         points(o, &run.curves),
         sections::differences("Curves against each other (Bjontegaard differences)", &run.bd),
-        peers(&run.tools),
         sections::others(&run.others),
         voxelizations(run),
         spent(run),
@@ -142,22 +141,6 @@ pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
         highlights: headline::highlights(run, &comparisons),
         sections,
     }
-}
-
-/// Peers' tools run here, and those that were not; nothing where none was asked for.
-pub(crate) fn peers(tools: &[ToolOutcome]) -> Section {
-    let mut blocks = Vec::new();
-    let table = crate::peers::table(tools);
-    if !table.rows.is_empty() {
-        let text = "The peers' own tools on the same model; decoded models rendered like ours. Times are of whole \
-                    processes, reading and writing files included.";
-        blocks.extend([Block::Text(text.into()), Block::Table(table)]);
-    }
-    let absent: Vec<String> = tools.iter().filter_map(ToolOutcome::absence).collect();
-    if !absent.is_empty() {
-        blocks.push(Block::List(absent));
-    }
-    Section::open("Peers in this run", blocks)
 }
 
 fn voxelizations(run: &Run) -> Section {
@@ -233,24 +216,13 @@ fn per_view(run: &Run) -> Section {
     Section::folded("Views", vec![Block::Table(table)])
 }
 
-fn pictures(run: &Run, views: Vec<CropView>) -> Section {
-    if run.pictures.is_empty() {
-        return Section::open("Pictures", Vec::new());
-    }
-    let files = run.pictures.iter().map(|p| (format!("{}: {}", p.view, p.caption), p.file.clone()));
-    let mut blocks = vec![Block::Files(files.collect())];
-    if !views.is_empty() {
-        blocks.insert(
-            0,
-            Block::Text(
-                "Press a button to change the picture: the photo, the render of the uncompressed model \
-                 (original), of streams by their size, and the difference of each from the original. Of a large view \
-                 it is the window where the smallest stream differs most; whole views, side by side, are in \
-                 `pictures/`."
-                    .into(),
-            ),
-        );
-        blocks.insert(1, Block::Views(views));
-    }
+fn pictures(views: Vec<CropView>) -> Section {
+    let text = "Press a button to change the picture: the photo, the render of the uncompressed model (original), of \
+                streams by their size, and the difference of each from the original. Of a large view it is the window \
+                where the smallest stream differs most.";
+    let blocks = match views.is_empty() {
+        true => Vec::new(),
+        false => vec![Block::Text(text.into()), Block::Views(views)],
+    };
     Section::open("Pictures", blocks)
 }

@@ -1,22 +1,21 @@
 //! Parts that the default run and the experiments share.
 
 use super::{Block, Section, megabits};
-use crate::bd::{self, Method, Point};
+use crate::bd::{self, Point};
 use crate::cells;
 use crate::chart::{LineKind, Series};
-use crate::manifest::Manifest;
 use crate::page::{Table, signed};
 use crate::published::{Other, PAPER_CHAIN};
 use crate::rd_curve::record::{Bd, Curve};
 
 /// Bjontegaard differences of the hull of our curve against that of another.
 pub(crate) fn compare(test: &Curve, anchor: &str, rates: &[Point]) -> Bd {
-    let (t, a) = (bd::hull(&test.rates()), bd::hull(rates));
+    let own = test.rates();
     Bd {
         test: test.name.clone(),
         anchor: anchor.to_owned(),
-        rate: bd::bd_rate(&a, &t, Method::Pchip),
-        psnr: bd::bd_psnr(&a, &t, Method::Pchip),
+        rate: bd::bd_rate(rates, &own),
+        psnr: bd::bd_psnr(rates, &own),
     }
 }
 
@@ -61,7 +60,7 @@ pub(crate) fn other_series(others: &[Other], widest: f64) -> Vec<Series> {
         }
         points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
         let points: Vec<(f64, f64)> =
-            points.iter().map(|p| (p.rate / 1e6, p.psnr_db)).filter(|p| p.0 <= widest).collect();
+            points.into_iter().map(Point::in_mb).filter(|p| p.0 <= widest).collect();
         if !points.is_empty() {
             let kind = if other.is_published() { LineKind::Published } else { LineKind::Theirs };
             let name = if kind == LineKind::Published {
@@ -111,19 +110,13 @@ pub(crate) fn others(others: &[Other]) -> Section {
 }
 
 /// Provenance of a run, and how many of its stages were already done.
-pub(crate) fn provenance(m: &Manifest, skipped: usize, stages: usize) -> Section {
-    let known = |s: &str| if s.is_empty() { "unknown".to_owned() } else { s.to_owned() };
-    let versions: Vec<String> = m.versions.iter().map(|(name, v)| format!("{name} {v}")).collect();
-    let mut items = vec![
-        format!("Command: `{}`", m.command),
-        format!("Commit: {}", known(&m.commit)),
-        format!("Versions: {}", versions.join(", ")),
-        format!("Seed of the fine-tune: {}; everything else is without chance", m.seed),
-        format!("Model SHA-256: `{}`", m.model_sha256),
-        format!("Cameras and photos SHA-256: `{}`", m.views_sha256),
-        format!("Program SHA-256: `{}`", m.program_sha256),
-        format!("Machine: {}, {} threads, {}", known(&m.processor), m.threads, m.target),
-    ];
+pub(crate) fn provenance(
+    manifest: &[(&'static str, String)],
+    skipped: usize,
+    stages: usize,
+) -> Section {
+    let mut items: Vec<String> =
+        manifest.iter().map(|(name, value)| format!("{name}: `{value}`")).collect();
     if stages > 0 {
         items.push(format!(
             "{skipped} of {stages} stages were already done for the same inputs, settings and program and were \

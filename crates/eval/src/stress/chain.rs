@@ -7,7 +7,6 @@ use anyhow::{Result, anyhow, ensure};
 use gs_model::{Scene, ply};
 use gsvx::covariance;
 use gsvx::{EncodeOptions, Leaves, Prepared, importance};
-use serde::{Deserialize, Serialize};
 use voxel::Voxelization;
 
 use super::gaussians::{of_degree, rows};
@@ -32,17 +31,12 @@ pub(crate) const MODES: [&str; 10] = [
 const SMALL: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
 /// The result of one run.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct ChainOutcome {
+#[derive(Debug)]
+pub(crate) enum ChainOutcome {
     /// Which part refused, and its message.
-    pub(crate) refused: Option<String>,
-    pub(crate) gaussians: usize,
-    pub(crate) bytes: usize,
+    Refused(String),
     /// Per attribute: the worst error over its bound.
-    pub(crate) worst: Vec<(String, f64)>,
-    /// Of the whole process, as the greatest memory.
-    pub(crate) seconds: f64,
-    pub(crate) peak_mb: f64,
+    Accepted(Vec<(&'static str, f64)>),
 }
 
 /// What the encoder is asked for in a mode.
@@ -86,7 +80,7 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<ChainOutcome> {
     }
     match coded(scene, mode) {
         Ok(coded) => checked(&coded),
-        Err(refused) => Ok(ChainOutcome { refused: Some(refused), ..Default::default() }),
+        Err(refused) => Ok(ChainOutcome::Refused(refused)),
     }
 }
 
@@ -139,11 +133,9 @@ fn checked(coded: &Coded) -> Result<ChainOutcome> {
     if options.lod {
         levels::check(bytes, voxels, &outliers)?;
     }
-    let mut outcome =
-        ChainOutcome { gaussians: decoded.len(), bytes: bytes.len(), ..Default::default() };
-    outcome.worst.push(("mean".into(), displacement(inside, voxels)));
-    outcome.worst.extend(attributes(&classes, prepared, &leaves, options)?);
-    Ok(outcome)
+    let mut worst = attributes(&classes, prepared, &leaves, options)?;
+    worst.insert(0, ("mean", displacement(inside, voxels)));
+    Ok(ChainOutcome::Accepted(worst))
 }
 
 /// For each attribute, its worst error over its bound.
@@ -152,28 +144,29 @@ fn attributes(
     prepared: &Prepared,
     decoded: &Scene,
     options: &EncodeOptions,
-) -> Result<Vec<(String, f64)>> {
+) -> Result<Vec<(&'static str, f64)>> {
     let merged = &prepared.scene;
-    let mut worst = Vec::new();
-    let mut add = |name: &str, ratio: f64| worst.push((name.into(), ratio));
     let bound = Bound::of(classes, &prepared.voxels);
     let steps = &options.steps;
     let opacity = |s: &Scene, i: usize| [log_alpha(s.opacity_logits[i])];
-    add("opacity", bound.ratio(merged, decoded, steps.opacity, opacity));
+    let opacity = bound.ratio(merged, decoded, steps.opacity, opacity);
     let kept = usize::from(options.max_sh_degree.min(merged.sh_degree)) + 1;
     ensure!(decoded.sh_len() <= kept * kept, "SH degree {}", decoded.sh_degree);
+    let mut sh = 0.0f64;
     for k in 0..kept * kept {
         let step = if k == 0 { steps.dc } else { steps.sh[0] };
         // A degree of zeros is left out of the stream.
         let planes =
             |s: &Scene, i: usize| colour_planes(s.sh_of(i).get(k).copied().unwrap_or_default());
-        add("SH", bound.ratio(merged, decoded, step, planes));
+        let ratio = bound.ratio(merged, decoded, step, planes);
+        ensure!(!ratio.is_nan(), "SH coefficient {k} is not a number");
+        sh = sh.max(ratio);
     }
     let c = |s: &Scene, i: usize| {
         covariance::coordinates(s.rotations[i], s.log_scales[i]).map(f64::from)
     };
-    add("covariance", bound.ratio(merged, decoded, steps.covariance, c));
-    Ok(worst)
+    let covariance = bound.ratio(merged, decoded, steps.covariance, c);
+    Ok(vec![("opacity", opacity), ("SH", sh), ("covariance", covariance)])
 }
 
 fn lossless(scene: &Scene, in_order: bool) -> Result<ChainOutcome> {
@@ -185,12 +178,7 @@ fn lossless(scene: &Scene, in_order: bool) -> Result<ChainOutcome> {
         got.sort_unstable();
     }
     ensure!(want == got, "a float came back with other bits");
-    Ok(ChainOutcome {
-        gaussians: decoded.len(),
-        bytes: encoded.bytes.len(),
-        worst: vec![("every float".into(), 0.0)],
-        ..Default::default()
-    })
+    Ok(ChainOutcome::Accepted(vec![("every float", 0.0)]))
 }
 
 /// Distance of each input mean from its leaf's centre, per axis, over half the leaf's side.

@@ -10,9 +10,6 @@ pub(crate) struct Input {
     make: fn(&mut Scene, &mut Rng, usize),
 }
 
-/// Name of the input of ten million Gaussians; run only when named, or with `--all`.
-pub(crate) const HUGE: &str = "10 M Gaussians";
-
 /// Every input. `n` is the number of Gaussians of those that do not fix it.
 pub(crate) const INPUTS: &[Input] = &[
     input("no Gaussian", 3, |s, _, _| cut(s, 0)),
@@ -85,7 +82,6 @@ pub(crate) const INPUTS: &[Input] = &[
             *m = [i % side, i / side % side, i / side / side].map(|v| v as f32 * 0.25);
         }
     }),
-    input(HUGE, 0, |_, _, _| {}),
 ];
 
 const fn input(name: &'static str, sh_degree: u8, make: fn(&mut Scene, &mut Rng, usize)) -> Input {

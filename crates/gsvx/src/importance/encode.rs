@@ -7,7 +7,7 @@ use rayon::prelude::*;
 /// Gaussians of a neighbourhood, for [`without_cameras`].
 const NEIGHBOURHOOD: usize = 128;
 /// Powers of opacity, of relative area and of the area of the neighbours in [`without_cameras`], chosen for the least
-/// loss on any of eleven scenes: see docs/results/importance.md.
+/// loss on any of eleven scenes.
 const OPACITY_POWER: f64 = 1.1;
 const AREA_POWER: f64 = 0.75;
 const AROUND_POWER: f64 = 0.5;

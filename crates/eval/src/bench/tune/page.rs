@@ -1,8 +1,7 @@
 //! The page and its picture.
 
-use super::object::Object;
 use super::{Scene, StreamPoint, TuneBenchOptions, Tuned};
-use crate::bd::{self, Method};
+use crate::bd;
 use crate::cells;
 use crate::chart::{Chart, Series};
 use crate::page::{Page, Table, signed};
@@ -20,7 +19,7 @@ fn rates(points: &[StreamPoint]) -> Vec<bd::Point> {
     points.iter().map(rate).collect()
 }
 
-pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene], object: Option<&Object>) -> Page {
+pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
     let model = |s: &Scene| {
         let [db, ssim] = s.original;
@@ -29,7 +28,7 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene], object: Option<
     let models: Vec<String> = scenes.iter().map(model).collect();
     let mut page = Page::new(&options.out, "What does tuning save?");
     page.text(format!(
-        "`cargo xtask bench-tune {}{}` runs `gsvx tune MODEL --cameras SCENE -q \
+        "`cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q \
          QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
          (dB) and SSIM are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
          off the path of the cameras: between them, beside them and farther back. The column after it is the same of `gsvx \
@@ -37,7 +36,6 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene], object: Option<
          ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
          this build has not measured are missing.",
         names.join(" "),
-        options.object.as_ref().map_or(String::new(), |o| format!(" --object {}", o.display())),
     ));
     page.text(format!(
         "The models as they were trained: {}. Bold: at or above that.",
@@ -49,10 +47,7 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene], object: Option<
     page.text("BD-rate against untuned, by pchip:");
     page.table(&bd_table(scenes));
     page.table(&points_table(scenes));
-    if let Some(object) = object {
-        page.text(object.text());
-        page.table(&object.table());
-    }
+    page.text("A model without photos is tuned to its own renders: [real-size.md](real-size.md).");
     page.text(CHOICES.trim());
     page
 }
@@ -68,7 +63,7 @@ fn bd_table(scenes: &[Scene]) -> Table {
         let anchor = bd::hull(&rates(&scene.untuned));
         for Tuned { how, points } in &scene.tuned {
             let test = bd::hull(&rates(points));
-            let rate = bd::bd_rate(&anchor, &test, Method::Pchip);
+            let rate = bd::bd_rate(&anchor, &test);
             let ([a, b], [c, d]) = (ends(&anchor), ends(&test));
             if rate.is_some() {
                 let over = format!("{:.2} to {:.2}", a.max(c), b.min(d));
@@ -122,7 +117,7 @@ fn points_table(scenes: &[Scene]) -> Table {
 /// All curves of a scene.
 fn chart(scene: &Scene) -> Chart {
     let series = |name: String, points: &[StreamPoint]| {
-        Series::ours(name, rates(points).iter().map(|p| (p.rate / 1e6, p.psnr_db)).collect())
+        Series::ours(name, rates(points).into_iter().map(bd::Point::in_mb).collect())
     };
     let tuned = scene.tuned.iter().map(|t| series(t.how.name(), &t.points));
     let all = tuned.chain([series("untuned".into(), &scene.untuned)]).collect();

@@ -1,0 +1,72 @@
+//! Formats of other projects, as gs-model writes them: measured on the same model as gsvx, on any scene.
+
+use anyhow::Result;
+use gs_model::spz::{self, ShBits};
+use gs_model::{CLAMPED_OPACITY_LOGIT, Format, Invalid, ReadOptions, Scene, model};
+
+use crate::cache::Cache;
+use crate::published::{Other, OtherPoint};
+use crate::round_trip::round_trip;
+use crate::scenes::TestScene;
+
+/// Bits of SH coefficients of degree 1 and of the others, which are the rate of SPZ. 5 and 4 are the default of
+/// Niantic's packer.
+const SPZ_BITS: [[u8; 2]; 5] = [[3, 2], [5, 4], [6, 5], [6, 6], [8, 8]];
+
+/// Names of the files, by which gs-model knows the formats.
+const SPZ: &str = "model.spz";
+const COMPRESSED: &str = "model.compressed.ply";
+
+/// The curves of the formats, but for those that `known` has.
+pub(crate) fn curves(cache: &Cache, scene: &TestScene, known: &[Other]) -> Result<Vec<Other>> {
+    let mut out = Vec::new();
+    let is_known = |name: &str| known.iter().any(|o| o.name == name);
+    if !is_known("SPZ v4") {
+        let at = |&[degree_1, rest]: &[u8; 2]| {
+            let bits = ShBits { degree_1, rest };
+            let pack = |model: &Scene| Ok(spz::pack(SPZ, model, bits)?);
+            point(cache, scene, SPZ, &format!("SH bits {degree_1}/{rest}"), pack)
+        };
+        let points = SPZ_BITS.iter().map(at).collect::<Result<_>>()?;
+        out.push(Other { name: "SPZ v4".into(), source: SOURCE.into(), points });
+    }
+    if let (false, Some(format)) =
+        (is_known("PlayCanvas compressed PLY"), Format::of_name(COMPRESSED))
+    {
+        let write = |model: &Scene| {
+            let mut bytes = Vec::new();
+            format.write_to(COMPRESSED, &mut bytes, model)?;
+            Ok(bytes)
+        };
+        let points = vec![point(cache, scene, COMPRESSED, "", write)?];
+        out.push(Other { name: "PlayCanvas compressed PLY".into(), source: SOURCE.into(), points });
+    }
+    Ok(out)
+}
+
+const SOURCE: &str = "written and measured here";
+
+fn point(
+    cache: &Cache,
+    scene: &TestScene,
+    file: &str,
+    label: &str,
+    write: impl FnOnce(&Scene) -> Result<Vec<u8>>,
+) -> Result<OtherPoint> {
+    let read = |bytes: &[u8]| {
+        // Opacities of 0 and 1 come as infinite logits: such Gaussians are transparent or opaque, not broken.
+        let options = ReadOptions {
+            invalid: Invalid::Drop,
+            clamp_infinite_opacity: Some(CLAMPED_OPACITY_LOGIT),
+            ..Default::default()
+        };
+        Ok(model::read_named(file, bytes, &options)?.0)
+    };
+    cache.run("peer", &(file, label), || {
+        let name = format!("{file} {label}");
+        let trip = round_trip(name.trim(), &scene.held_out, || write(&scene.model), read)?;
+        let bytes = trip.stream.len() as u64;
+        let (psnr_db, ssim) = (trip.score.psnr_db, Some(trip.score.ssim));
+        Ok(OtherPoint { label: label.to_owned(), bytes, psnr_db, ssim })
+    })
+}
