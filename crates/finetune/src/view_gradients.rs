@@ -8,7 +8,7 @@ use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING};
 use crate::stages::loss::ViewLoss;
 use crate::stages::project::RenderView;
-use crate::stages::project_adjoint::{ParameterGradient, parameter_gradient};
+use crate::stages::project_adjoint::{Gaussian, ParameterGradient, parameter_gradient};
 use crate::train_view::{TrainView, check_views};
 
 /// Renders views, compares them with their photos and gives gradients. Buffers are used again from view
@@ -156,10 +156,20 @@ impl ViewGradients {
     #[inline(always)]
     #[must_use]
     pub fn of(&self, scene: &Scene, i: usize) -> Option<ParameterGradient> {
+        self.of_gaussian(&Gaussian::of(scene, i), i)
+    }
+
+    /// The same of a Gaussian in any form.
+    #[inline(always)]
+    pub(crate) fn of_gaussian(
+        &self,
+        gaussian: &Gaussian<'_>,
+        i: usize,
+    ) -> Option<ParameterGradient> {
         let PreparedView { view, weight, .. } = &self.views[self.last];
         match &self.pass {
-            Pass::Frozen(pass) => parameter_gradient(view, *weight, scene, i, pass.sums.get(i)?),
-            Pass::Moving(pass) => parameter_gradient(view, *weight, scene, i, pass.sums.get(i)?),
+            Pass::Frozen(pass) => parameter_gradient(view, *weight, gaussian, pass.sums.get(i)?),
+            Pass::Moving(pass) => parameter_gradient(view, *weight, gaussian, pass.sums.get(i)?),
         }
     }
 }

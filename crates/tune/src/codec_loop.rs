@@ -5,7 +5,7 @@
 //! codec makes a new scene of the values, and the bits have a gradient too, from what the coder expects of
 //! each coefficient. The steps between render the same scene, which costs little more than a plain step.
 
-use finetune::optimiser::{Adam, AdamMoments};
+use finetune::optimiser::{Adam, AdamMoments, Flat};
 #[cfg(feature = "gpu")]
 use finetune::{Adapter, kernels::KernelStep};
 use finetune::{ViewGradients, ViewLoss};
@@ -201,7 +201,7 @@ impl CodecLoop {
         let rates = [&[opacity, dc, dc, dc], &ac[..], &[covariance; 6]].concat();
         let mut values = std::mem::take(self.latents.values_mut());
         let (latents, scene, views, prices) = (&self.latents, &self.scene, &*views, &self.prices);
-        let gradient = |i: usize, row: &mut [f32]| {
+        let gradient = |i: usize, _: &[f32], row: &mut [f32]| {
             if let Some(g) = views.of(scene, i) {
                 let given = GaussianGradient {
                     opacity_logit: g.opacity_logit,
@@ -218,7 +218,8 @@ impl CodecLoop {
         };
         // An opacity is at most 1.
         let after = |row: &mut [f32]| row[0] = row[0].min(0.0);
-        self.moments.step(Adam::new(self.done), &rates, &mut values, gradient, after);
+        let rows = Flat::chunks(&mut values, rates.len());
+        self.moments.step(Adam::new(self.done), &rates, rows, gradient, after);
         *self.latents.values_mut() = values;
         Ok(loss)
     }

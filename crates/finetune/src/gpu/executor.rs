@@ -24,7 +24,8 @@ impl DeviceOptimiser {
         loss: Loss,
     ) -> Result<Self> {
         let steps = DeviceSteps::new(context, from.scene(), views, loss, None)?;
-        steps.workspace.upload(from.state());
+        let [rows, first, second] = &from.state();
+        steps.workspace.upload([rows, first, second]);
         Ok(Self { steps, rates: *from.rates() })
     }
 

@@ -1,11 +1,13 @@
 //! Adam, for the attributes of a scene ([`SceneOptimiser`]) and for rows of any other parameters ([`AdamMoments`]),
 //! and the order of views.
 
+mod rows;
 mod scene;
 
 pub use crate::shuffle::{SplitMix, permutation};
 #[cfg(feature = "gpu")]
-pub(crate) use scene::rows_of;
+pub(crate) use rows::rows_of;
+pub use rows::{Flat, RowChunk};
 pub use scene::{SceneOptimiser, Shrinkage};
 
 use crate::stages::finite;
@@ -92,33 +94,36 @@ impl AdamMoments {
         Self { first: vec![0.0; len], second: vec![0.0; len] }
     }
 
-    /// Moves rows of `rates.len()` parameters. `gradient` fills in the gradient of one row; it begins
-    /// with zeros. `after` may put a row back into its range.
-    pub fn step(
+    /// Moves rows of `rates.len()` parameters. `gradient` gets the number of a row and its parameters, and fills in its
+    /// gradient, which begins with zeros. `after` may put a row back into its range.
+    pub fn step<C: RowChunk>(
         &mut self,
         adam: Adam,
         rates: &[f32],
-        parameters: &mut [f32],
-        gradient: impl Fn(usize, &mut [f32]) + Sync,
+        chunks: impl IndexedParallelIterator<Item = C>,
+        gradient: impl Fn(usize, &[f32], &mut [f32]) + Sync,
         after: impl Fn(&mut [f32]) + Sync,
     ) {
         let stride = rates.len();
         let first = self.first.par_chunks_mut(CHUNK * stride);
         let second = self.second.par_chunks_mut(CHUNK * stride);
-        let chunks = parameters.par_chunks_mut(CHUNK * stride).zip(first).zip(second);
         let rates = rates.repeat(BLOCK);
-        chunks.enumerate().for_each(|(c, ((p, m), v))| {
-            let mut g = vec![0.0; BLOCK * stride];
-            let blocks = p.chunks_mut(BLOCK * stride);
-            let blocks = blocks.zip(m.chunks_mut(BLOCK * stride)).zip(v.chunks_mut(BLOCK * stride));
-            for (b, ((p, m), v)) in blocks.enumerate() {
-                let g = &mut g[..p.len()];
+        chunks.zip(first).zip(second).enumerate().for_each(|(c, ((mut chunk, m), v))| {
+            let mut rows = [vec![0.0; BLOCK * stride], vec![0.0; BLOCK * stride]];
+            let blocks = m.chunks_mut(BLOCK * stride).zip(v.chunks_mut(BLOCK * stride));
+            for (b, (m, v)) in blocks.enumerate() {
+                let [p, g] = rows.each_mut().map(|rows| &mut rows[..m.len()]);
                 g.fill(0.0);
-                let first = c * CHUNK + b * BLOCK;
-                let rows = g.chunks_exact_mut(stride).enumerate();
-                rows.for_each(|(j, row)| gradient(first + j, row));
+                let pairs = p.chunks_exact_mut(stride).zip(g.chunks_exact_mut(stride));
+                for (i, (p, g)) in (b * BLOCK..).zip(pairs) {
+                    chunk.load(i, p);
+                    gradient(c * CHUNK + i, p, g);
+                }
                 update(adam, p, [m, v], g, &rates);
-                p.chunks_exact_mut(stride).for_each(&after);
+                for (i, p) in (b * BLOCK..).zip(p.chunks_exact_mut(stride)) {
+                    after(p);
+                    chunk.store(i, p);
+                }
             }
         });
     }

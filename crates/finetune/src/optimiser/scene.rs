@@ -1,8 +1,15 @@
 //! [`SceneOptimiser`]: a scene that is fine-tuned.
 
+#[cfg(feature = "gpu")]
+use std::borrow::Cow;
+
+#[cfg(feature = "gpu")]
+use super::rows::{rows_of, set_rows};
+use super::rows::{scene_chunks, stride};
 use super::{Adam, AdamMoments};
 use crate::options::LearningRates;
 use crate::stages::loss::ViewLoss;
+use crate::stages::project_adjoint::Gaussian;
 use crate::view_gradients::ViewGradients;
 use gs_model::Scene;
 use rayon::prelude::*;
@@ -17,12 +24,10 @@ pub struct Shrinkage {
     pub scale: f32,
 }
 
-/// A scene as rows of parameters (mean, SH coefficients, opacity logit, log-scales, quaternion), and Adam on
-/// them.
+/// A scene, and Adam on the rows of its Gaussians.
 pub struct SceneOptimiser {
     scene: Scene,
-    rows: Vec<f32>,
-    /// Adam's moments, in the layout of the rows.
+    /// Adam's moments, row after row.
     pub moments: AdamMoments,
     /// Rates of the other parameters.
     pub rates: LearningRates,
@@ -38,10 +43,9 @@ impl SceneOptimiser {
     /// Starts from `scene`. Means stay where they are if their rate is zero.
     #[must_use]
     pub fn new(scene: Scene, rates: LearningRates, mean_rate: f32) -> Self {
-        let rows = rows_of(&scene);
-        let moments = AdamMoments::zeros(rows.len());
+        let moments = AdamMoments::zeros(stride(scene.sh_len()) * scene.len());
         let (learned_degree, shrinkage) = (scene.sh_degree, Shrinkage::default());
-        Self { scene, rows, moments, rates, mean_rate, learned_degree, shrinkage }
+        Self { scene, moments, rates, mean_rate, learned_degree, shrinkage }
     }
 
     /// The scene as it is.
@@ -71,42 +75,39 @@ impl SceneOptimiser {
 
     /// Moves means by what `by` says of each Gaussian, in world units.
     pub fn move_means(&mut self, by: impl Fn(&Scene, usize) -> Option<[f32; 3]> + Sync) {
-        let stride = stride(self.scene.sh_len());
         let scene = &self.scene;
-        self.rows.par_chunks_mut(stride).enumerate().for_each(|(i, row)| {
-            if let Some(by) = by(scene, i) {
-                row.iter_mut().zip(by).for_each(|(mean, by)| *mean += by);
+        let by: Vec<_> = (0..scene.len()).into_par_iter().map(|i| by(scene, i)).collect();
+        self.scene.means.par_iter_mut().zip(by).for_each(|(mean, by)| {
+            if let Some(by) = by {
+                mean.iter_mut().zip(by).for_each(|(mean, by)| *mean += by);
             }
         });
-        let (means, rows) = (&mut self.scene.means, &self.rows);
-        means.par_iter_mut().enumerate().for_each(|(i, v)| copy(&rows[i * stride..], v));
     }
 
     /// Moves the scene against the gradients of the last view.
     pub(crate) fn descend(&mut self, views: &ViewGradients, number: u64, decay: f32) {
         let rates: Vec<f32> = self.row_rates().iter().map(|r| r * decay).collect();
-        let scene = &self.scene;
+        let scene = &mut self.scene;
         let k = 3 * scene.sh_len();
         let Shrinkage { opacity, scale } = self.shrinkage;
         let n = scene.len().max(1) as f32;
         let shrinking = (opacity / n, scale / (3.0 * n));
-        let gradient = |i: usize, row: &mut [f32]| {
-            if let Some(g) = views.of(scene, i) {
-                row[..3].copy_from_slice(&g.mean);
-                row[3..3 + k].copy_from_slice(&g.sh.as_flattened()[..k]);
-                row[3 + k] = g.opacity_logit;
-                row[4 + k..7 + k].copy_from_slice(&g.log_scale);
-                row[7 + k..].copy_from_slice(&g.rotation);
+        let gradient = |i: usize, row: &[f32], g: &mut [f32]| {
+            if let Some(found) = views.of_gaussian(&Gaussian::of_row(row), i) {
+                g[..3].copy_from_slice(&found.mean);
+                g[3..3 + k].copy_from_slice(&found.sh.as_flattened()[..k]);
+                g[3 + k] = found.opacity_logit;
+                g[4 + k..7 + k].copy_from_slice(&found.log_scale);
+                g[7 + k..].copy_from_slice(&found.rotation);
             }
             if shrinking != (0.0, 0.0) {
-                let alpha = 1.0 / (1.0 + libm::expf(-scene.opacity_logits[i]));
-                row[3 + k] += shrinking.0 * (alpha * (1.0 - alpha));
-                let scales = row[4 + k..7 + k].iter_mut().zip(scene.log_scales[i]);
-                scales.for_each(|(g, s)| *g += shrinking.1 * libm::expf(s));
+                let alpha = 1.0 / (1.0 + libm::expf(-row[3 + k]));
+                g[3 + k] += shrinking.0 * (alpha * (1.0 - alpha));
+                let scales = g[4 + k..7 + k].iter_mut().zip(&row[4 + k..]);
+                scales.for_each(|(g, s)| *g += shrinking.1 * libm::expf(*s));
             }
         };
-        self.moments.step(Adam::new(number), &rates, &mut self.rows, gradient, |_| ());
-        self.rebuild();
+        self.moments.step(Adam::new(number), &rates, scene_chunks(scene), gradient, |_| ());
     }
 
     /// The rate of each parameter of a row.
@@ -122,46 +123,6 @@ impl SceneOptimiser {
         rates.extend([r.rotation; 4]);
         rates
     }
-
-    /// Puts the rows into the scene.
-    fn rebuild(&mut self) {
-        let k = self.scene.sh_len();
-        let (rows, stride) = (&self.rows, stride(k));
-        let row = |i: usize| &rows[i * stride..(i + 1) * stride];
-        let Scene { means, rotations, log_scales, opacity_logits, sh, .. } = &mut self.scene;
-        let at = 3 + 3 * k;
-        means.par_iter_mut().enumerate().for_each(|(i, v)| copy(row(i), v));
-        sh.par_chunks_mut(k)
-            .enumerate()
-            .for_each(|(i, v)| v.as_flattened_mut().copy_from_slice(&row(i)[3..at]));
-        opacity_logits.par_iter_mut().enumerate().for_each(|(i, v)| *v = row(i)[at]);
-        log_scales.par_iter_mut().enumerate().for_each(|(i, v)| copy(&row(i)[at + 1..], v));
-        rotations.par_iter_mut().enumerate().for_each(|(i, v)| copy(&row(i)[at + 4..], v));
-    }
-}
-
-fn copy<const N: usize>(from: &[f32], to: &mut [f32; N]) {
-    to.copy_from_slice(&from[..N]);
-}
-
-/// Parameters of a row, of `k` SH coefficients.
-fn stride(k: usize) -> usize {
-    3 * k + 11
-}
-
-/// The rows of a scene.
-pub(crate) fn rows_of(scene: &Scene) -> Vec<f32> {
-    let k = 3 * scene.sh_len();
-    let stride = stride(scene.sh_len());
-    let mut rows = vec![0.0; stride * scene.len()];
-    rows.par_chunks_mut(stride).enumerate().for_each(|(i, row)| {
-        row[..3].copy_from_slice(&scene.means[i]);
-        row[3..3 + k].copy_from_slice(scene.sh_of(i).as_flattened());
-        row[3 + k] = scene.opacity_logits[i];
-        row[4 + k..7 + k].copy_from_slice(&scene.log_scales[i]);
-        row[7 + k..].copy_from_slice(&scene.rotations[i]);
-    });
-    rows
 }
 
 /// The state of the steps, for the executor on a device.
@@ -173,14 +134,14 @@ impl SceneOptimiser {
     }
 
     /// Parameters and moments, row after row.
-    pub(crate) fn state(&self) -> [&[f32]; 3] {
-        [&self.rows, &self.moments.first, &self.moments.second]
+    pub(crate) fn state(&self) -> [Cow<'_, [f32]>; 3] {
+        let AdamMoments { first, second } = &self.moments;
+        [rows_of(&self.scene).into(), first.into(), second.into()]
     }
 
     /// Takes parameters and moments.
     pub(crate) fn set_state(&mut self, [rows, first, second]: [Vec<f32>; 3]) {
-        self.rows = rows;
+        set_rows(&mut self.scene, &rows);
         self.moments = AdamMoments { first, second };
-        self.rebuild();
     }
 }

@@ -21,7 +21,45 @@ pub struct ParameterGradient {
     pub mean: [f32; 3],
 }
 
-/// `weight` times the gradient of Gaussian `i`. `record` is what `gather` leaves of it, 7 or 9 sums.
+/// The parameters of one Gaussian that its gradient depends on.
+#[derive(Clone, Copy)]
+pub(crate) struct Gaussian<'a> {
+    mean: [f32; 3],
+    rotation: [f32; 4],
+    log_scale: [f32; 3],
+    opacity_logit: f32,
+    sh: &'a [[f32; 3]],
+}
+
+impl<'a> Gaussian<'a> {
+    /// Number `i` of a scene.
+    #[inline(always)]
+    pub(crate) fn of(scene: &'a Scene, i: usize) -> Self {
+        Self {
+            mean: scene.means[i],
+            rotation: scene.rotations[i],
+            log_scale: scene.log_scales[i],
+            opacity_logit: scene.opacity_logits[i],
+            sh: scene.sh_of(i),
+        }
+    }
+
+    /// Of a row of `SceneOptimiser`.
+    #[inline(always)]
+    pub(crate) fn of_row(row: &'a [f32]) -> Self {
+        let at = row.len() - 8;
+        let four = |i: usize| [row[i], row[i + 1], row[i + 2], row[i + 3]];
+        Self {
+            mean: [row[0], row[1], row[2]],
+            rotation: four(at + 4),
+            log_scale: [row[at + 1], row[at + 2], row[at + 3]],
+            opacity_logit: row[at],
+            sh: row[3..at].as_chunks().0,
+        }
+    }
+}
+
+/// `weight` times the gradient of a Gaussian. `record` is what `gather` leaves of it, 7 or 9 sums.
 ///
 /// `None` if the Gaussian was culled or reaches no pixel. Its gradient is then zero; computing it
 /// could give NaN, for example where an overflow made the Gaussian invisible. Many Gaussians are not in a view:
@@ -30,21 +68,21 @@ pub struct ParameterGradient {
 pub(crate) fn parameter_gradient<const N: usize>(
     view: &RenderView,
     weight: f32,
-    scene: &Scene,
-    i: usize,
+    gaussian: &Gaussian<'_>,
     record: &[f32; N],
 ) -> Option<ParameterGradient> {
     if *record == [0.0; N] {
         return None;
     }
-    let f = Frame::new(&view.lens, scene.means[i], scene.rotations[i], scene.log_scales[i]);
+    let Gaussian { mean, rotation, log_scale, opacity_logit, sh } = gaussian;
+    let f = Frame::new(&view.lens, *mean, *rotation, *log_scale);
     if !f.in_front {
         return None;
     }
     let shape = shape_adjoint(&f, Sym2(record[4], record[5], record[6]));
     // With respect to the colour before its clamp.
     let v_raw = [record[0], record[1], record[2]];
-    let o = sigmoid(scene.opacity_logits[i]);
+    let o = sigmoid(*opacity_logit);
     let mut out = ParameterGradient {
         // v_o = -(sum of v_sigma) / o and do/dl = o (1 - o).
         opacity_logit: -(record[3] * (1.0 - o)) * weight,
@@ -52,13 +90,14 @@ pub(crate) fn parameter_gradient<const N: usize>(
         rotation: shape.d_rotation.map(|v| v * weight),
         ..ParameterGradient::default()
     };
-    let basis = sh_basis(scene.sh_degree, direction(f.from_eye).0);
-    for (d, b) in out.sh.iter_mut().zip(&basis).take(scene.sh_len()) {
+    let degree = sh.len().isqrt().saturating_sub(1) as u8;
+    let basis = sh_basis(degree, direction(f.from_eye).0);
+    for (d, b) in out.sh.iter_mut().zip(&basis).take(sh.len()) {
         *d = v_raw.map(|v| b * v * weight);
     }
     if N == MOVING {
         let mean = mean_adjoint(&view.lens, &f, shape.v_s, [record[7], record[8]]);
-        let mean = add3(mean, direction_adjoint(&f, scene.sh_of(i), v_raw));
+        let mean = add3(mean, direction_adjoint(&f, sh, v_raw));
         out.mean = [mean.x, mean.y, mean.z].map(|v| v * weight);
     }
     Some(out)
