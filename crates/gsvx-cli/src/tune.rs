@@ -112,9 +112,9 @@ pub(crate) struct TuneArgs {
 /// Reads the name of an effort.
 fn efforts() -> impl TypedValueParser<Value = TuneEffort> {
     let help = |effort| match effort {
-        TuneEffort::Quick => "about 1.5 minutes for 120,000 Gaussians and small photos on one core",
-        TuneEffort::Normal => "about 5 minutes; 25 to 40 % fewer bytes than quick at equal quality",
-        TuneEffort::Long => "about 30 minutes",
+        TuneEffort::Quick => "about 45 seconds for 120,000 Gaussians and small photos on one core",
+        TuneEffort::Normal => "about 3 minutes; 25 to 40 % fewer bytes than quick at equal quality",
+        TuneEffort::Long => "about 10 minutes",
     };
     let values = TuneEffort::ALL.map(|e| PossibleValue::new(e.name()).help(help(e)));
     PossibleValuesParser::new(values)

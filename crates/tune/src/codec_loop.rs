@@ -22,7 +22,7 @@ use crate::plan::{self, DC_BASIS, TunePlan};
 use crate::scene_loop::decay;
 
 /// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
-const RATES: [f32; 4] = [0.01, 0.003, 4e-4, 0.005];
+const RATES: [f32; 4] = [0.012, 0.0036, 4.8e-4, 0.006];
 /// Rates fall to this fraction.
 const FINAL_RATE: f64 = 0.05;
 /// The codec runs, and the bits have a gradient, once in this many steps.

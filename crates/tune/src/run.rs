@@ -17,7 +17,7 @@ use crate::trainer::{Clock, Trainer, Work};
 use crate::views::{self, Looked, Views};
 
 /// A view of the loop takes this much longer than one without the codec.
-const LOOP_OVER_STEP: f64 = 1.4;
+const LOOP_OVER_STEP: f64 = 1.6;
 /// Views that are timed.
 const TIMED: usize = 4;
 /// Time of a step grows with the number of Gaussians to this power.

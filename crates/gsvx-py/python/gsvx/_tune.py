@@ -45,8 +45,8 @@ def tune(
     Photos that seem to be of other views than their cameras' are refused without ``force_photos``.
 
     One of these is the target (default: quality 58): ``quality``, 0 to 100; ``target_bytes``;
-    ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (1.5 minutes for 120,000
-    Gaussians and small photos on one core), "normal" (5 minutes) or "long" (30 minutes). ``seed``: of the
+    ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (45 seconds for 120,000
+    Gaussians and small photos on one core), "normal" (3 minutes) or "long" (10 minutes). ``seed``: of the
     order of the views. ``drop_unseen`` leaves out what the views do not show: fewer bytes, and good only where the
     cameras stand. ``lod`` stores a coarse scene first, and ``web`` also makes small chunks; the bytes count.
     ``checkpoint``: file that keeps what is needed to go on after an interruption; an
