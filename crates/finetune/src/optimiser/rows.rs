@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::CHUNK;
 
-/// Up to [`CHUNK`] rows of parameters that lie somewhere.
+/// Up to 256 rows of parameters that lie somewhere.
 pub trait RowChunk: Send {
     /// Copies the parameters of row `i` of the chunk.
     fn load(&self, i: usize, row: &mut [f32]);
@@ -39,7 +39,7 @@ impl RowChunk for Flat<'_> {
     }
 }
 
-/// Up to [`CHUNK`] Gaussians of a scene. Their rows: mean, SH coefficients, opacity logit, log-scales, quaternion.
+/// Up to 256 Gaussians of a scene. Their rows: mean, SH coefficients, opacity logit, log-scales, quaternion.
 pub(super) struct SceneChunk<'a> {
     means: &'a mut [[f32; 3]],
     sh: &'a mut [[f32; 3]],
