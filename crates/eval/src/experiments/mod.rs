@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn every_quality_has_a_tuned_voxelization() {
-        for q in crate::rd_curve::plan::qualities(6).unwrap() {
+        for q in crate::rd_curve::CurveOptions::of("room").unwrap().qualities().unwrap() {
             assert!((nearest(q) - q).abs() <= 14.0, "{q}");
         }
     }

@@ -2,16 +2,23 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
 use clap::{Args as _, FromArgMatches as _};
 use tune::TuneEffort;
-
-use super::plan;
 
 /// Reads the name of an effort.
 fn effort(text: &str) -> Result<TuneEffort, String> {
     let names = TuneEffort::ALL.map(TuneEffort::name).join(", ");
     TuneEffort::named(text).ok_or_else(|| format!("use one of {names}"))
+}
+
+/// Parses `LOW:HIGH`, two depths of an octree.
+fn depths(text: &str) -> Result<(u8, u8)> {
+    let (low, high) = text.split_once(':').context("expected LOW:HIGH, for example 9:14")?;
+    let depth = |s: &str| s.parse::<u8>().with_context(|| format!("{s} is not a depth"));
+    let (low, high) = (depth(low)?, depth(high)?);
+    ensure!(low <= high && high <= 21, "depths must ascend and be at most 21: {low}:{high}");
+    Ok((low, high))
 }
 
 /// An experiment of the paper.
@@ -49,7 +56,7 @@ pub struct CurveOptions {
     #[arg(long)]
     pub(crate) depth: Option<u8>,
     /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
-    #[arg(long, value_parser = plan::parse_depths)]
+    #[arg(long, value_parser = depths)]
     pub(crate) adaptive: Option<(u8, u8)>,
     /// Fine-tune each voxelized model against the training photos for this many steps [default:
     /// none; experiments: 400]
@@ -71,6 +78,9 @@ pub struct CurveOptions {
     pub(crate) fresh: bool,
 }
 
+/// The first and the last quality of a curve.
+const LOW: f32 = 20.0;
+const HIGH: f32 = 90.0;
 /// `--quick`: held-out views and rates.
 const QUICK: (usize, usize) = (2, 5);
 
@@ -96,11 +106,27 @@ impl CurveOptions {
         self.rates.unwrap_or(if self.quick { QUICK.1 } else { 6 })
     }
 
+    /// Qualities of the encoder, from low to high.
     pub(crate) fn qualities(&self) -> Result<Vec<f32>> {
-        plan::qualities(self.rates())
+        let count = self.rates();
+        ensure!(count >= 2, "--rates must be at least 2, is {count}");
+        Ok((0..count).map(|i| LOW + (HIGH - LOW) * i as f32 / (count - 1) as f32).collect())
     }
 
     pub(super) fn tuned_qualities(&self) -> Vec<f32> {
         crate::scenes::spread(super::streams::QUALITIES.to_vec(), self.rates())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depths_ascend_and_are_possible() {
+        assert_eq!(depths("9:14").unwrap(), (9, 14));
+        for bad in ["9", "9:x", "14:9", "9:22", ""] {
+            assert!(depths(bad).is_err(), "{bad}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! What a run does: views, voxelizations, qualities.
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail};
 use gs_model::{Camera, Scene};
 use paper::{CovarianceCoding, Qp};
 use voxel::{Merge, Strategy};
@@ -245,23 +245,6 @@ impl Coding {
     }
 }
 
-/// `count` encoder qualities from low to high.
-pub(crate) fn qualities(count: usize) -> Result<Vec<f32>> {
-    const LOW: f32 = 20.0;
-    const HIGH: f32 = 90.0;
-    ensure!(count >= 2, "--rates must be at least 2, is {count}");
-    Ok((0..count).map(|i| LOW + (HIGH - LOW) * i as f32 / (count - 1) as f32).collect())
-}
-
-/// Parses `LOW:HIGH`, two depths of an octree.
-pub(super) fn parse_depths(text: &str) -> Result<(u8, u8)> {
-    let (low, high) = text.split_once(':').context("expected LOW:HIGH, for example 9:14")?;
-    let depth = |s: &str| s.parse::<u8>().with_context(|| format!("{s} is not a depth"));
-    let (low, high) = (depth(low)?, depth(high)?);
-    ensure!(low <= high && high <= 21, "depths must ascend and be at most 21: {low}:{high}");
-    Ok((low, high))
-}
-
 /// Chooses the depth of the uniform octree.
 pub(crate) fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
     let step = cameras.len().div_ceil(CHOICE_VIEWS).max(1);
@@ -315,8 +298,8 @@ mod tests {
 
     #[test]
     fn qualities_of_one_voxelization_stay_together() {
-        let q = qualities(6).unwrap();
         let mut options = CurveOptions::of("room").unwrap();
+        let q = options.qualities().unwrap();
         for plan in curves(11, &options, &q) {
             let all: Vec<f32> = plan.steps.iter().flat_map(|(_, q)| q.clone()).collect();
             assert_eq!(all, q, "{}", plan.name);
@@ -325,14 +308,6 @@ mod tests {
         let fixed = curves(11, &options, &q);
         assert_eq!((fixed[0].steps.len(), fixed[1].steps.len()), (1, 1));
         assert_eq!(fixed[0].steps[0].0.rule, Rule::Fixed(Strategy::Uniform { depth: 12 }));
-    }
-
-    #[test]
-    fn depths_parse() {
-        assert_eq!(parse_depths("9:14").unwrap(), (9, 14));
-        for bad in ["9", "9:x", "14:9", "9:22", ""] {
-            assert!(parse_depths(bad).is_err(), "{bad}");
-        }
     }
 
     #[test]
