@@ -113,7 +113,7 @@ pub(crate) struct TuneArgs {
 fn efforts() -> impl TypedValueParser<Value = TuneEffort> {
     let help = |effort| match effort {
         TuneEffort::Quick => "about 45 seconds for 120,000 Gaussians and small photos on one core",
-        TuneEffort::Normal => "about 3 minutes; 25 to 40 % fewer bytes than quick at equal quality",
+        TuneEffort::Normal => "about 3 minutes, and fewer bytes than quick at equal quality",
         TuneEffort::Long => "about 10 minutes",
     };
     let values = TuneEffort::ALL.map(|e| PossibleValue::new(e.name()).help(help(e)));

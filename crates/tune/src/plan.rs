@@ -28,7 +28,7 @@ const COVARIANCE_STEP: f32 = 1.4;
 pub enum TuneEffort {
     /// About 45 seconds for 120,000 Gaussians and photos of 265x474 pixels on one core.
     Quick,
-    /// About three minutes for the same; 25 to 40 % fewer bytes than quick at equal quality.
+    /// About three minutes for the same, and fewer bytes than quick at equal quality.
     #[default]
     Normal,
     /// About ten minutes for the same.
@@ -112,8 +112,8 @@ impl TunePlan {
         self.rounds * self.round_steps + self.loop_steps
     }
 
-    /// Gaussians that remain of `n` after round `round`, counted from 1. The first rounds leave out most: what hardly shows
-    /// is not missed, and steps with fewer Gaussians take less time.
+    /// Gaussians that remain of `n` after round `round`, counted from 1. The first rounds leave out most:
+    /// what hardly shows needs no recovery, and steps with fewer Gaussians take less time.
     pub(crate) fn kept(&self, n: usize, round: u64) -> usize {
         let to_come = 1.0 - round as f64 / self.rounds.max(1) as f64;
         let share = libm::pow(1.0 - self.fraction, 1.0 - to_come * to_come);

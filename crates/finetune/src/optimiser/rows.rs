@@ -1,11 +1,11 @@
-//! Gaussians as rows of parameters, wherever they lie: in arrays of rows ([`Flat`]), or in the arrays of a scene.
+//! Rows of parameters for Adam: in one array ([`Flat`]), or gathered from the arrays of a scene.
 
 use gs_model::Scene;
 use rayon::prelude::*;
 
 use super::CHUNK;
 
-/// Up to 256 rows of parameters that lie somewhere.
+/// Up to 256 rows of parameters, in any memory layout.
 pub trait RowChunk: Send {
     /// Copies the parameters of row `i` of the chunk.
     fn load(&self, i: usize, row: &mut [f32]);
@@ -13,7 +13,7 @@ pub trait RowChunk: Send {
     fn store(&mut self, i: usize, row: &[f32]);
 }
 
-/// Rows one after the other.
+/// Rows that follow each other in one array.
 pub struct Flat<'a> {
     rows: &'a mut [f32],
     stride: usize,
@@ -102,7 +102,7 @@ pub(super) fn stride(k: usize) -> usize {
 /// The rows of a scene.
 #[cfg(feature = "gpu")]
 pub(crate) fn rows_of(scene: &Scene) -> Vec<f32> {
-    // Only so that the chunks serve both ways.
+    // A copy, because chunks borrow the scene mutably.
     let mut scene = scene.clone();
     let width = stride(scene.sh_len());
     let mut rows = vec![0.0; width * scene.len()];

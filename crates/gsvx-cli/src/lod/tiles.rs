@@ -23,9 +23,9 @@ pub(super) const LIST: &str = "tileset.json";
 /// Bits of SH coefficients in SPZ. Niantic's 5 and 4 lose about a decibel against the photos, these a fifth of one.
 const SH_BITS: ShBits = ShBits { degree_1: 6, rest: 6 };
 /// Sides of a cell that a viewer takes for the error of its Gaussian. CesiumJS replaces a node where its error is
-/// larger than 16 pixels, and so where cells are larger than 2. Five copies of la_fontaine there, fetched, and beside a render
-/// of four times the size: near 3.7 MB and 26.3 dB with 4, 23.7 MB and 30.3 dB with 8, 58.2 MB and 32.9 dB with 16; far 0.2 MB
-/// and 28.6 dB, 1.2 MB and 31.8 dB, 7.8 MB and 31.6 dB.
+/// larger than 16 pixels, and so where cells are larger than 2. Measured on five copies of la_fontaine, against a render
+/// of four times the size: a near view fetches 3.7 MB for 26.3 dB with 4, 23.7 MB for 30.3 dB with 8, 58.2 MB for 32.9 dB
+/// with 16. A far view fetches 0.2 MB for 28.6 dB, 1.2 MB for 31.8 dB, 7.8 MB for 31.6 dB.
 const ERROR_OF_CELL: f64 = 8.0;
 
 /// A node, with the axes of 3D Tiles.
