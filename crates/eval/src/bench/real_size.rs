@@ -33,6 +33,8 @@ pub struct RealSizeOptions {
 
 const DEFAULT: [&str; 2] =
     ["office:out/train/office.ply", "../shared/models/la_fontaine/meta.json"];
+/// Qualities of the streams without tuning that know the cameras.
+const WITH_CAMERAS: [u32; 4] = [20, 35, 50, 80];
 /// Generated cameras of a tune without photos, and those that its streams are compared at.
 const TUNE_ORBIT: &str = "--orbit=32";
 const COMPARE_ORBIT: [&str; 4] =
@@ -88,6 +90,7 @@ pub fn run(options: &RealSizeOptions) -> Result<()> {
         page.text(text);
         page.table(&table);
     }
+    page.text("How time and memory grow with the number of Gaussians: [speed.md](speed.md).");
     page.write()
 }
 
@@ -115,9 +118,10 @@ impl Model {
             ("`gsvx encode`".to_owned(), words(&["encode", "--no-estimate"])),
             ("`gsvx encode -q 45`".to_owned(), words(&["encode", "--no-estimate", "-q45"])),
         ];
-        if let Some(cameras) = &cameras {
-            let words = words(&["encode", "--no-estimate", cameras]);
-            files.push(("`gsvx encode --cameras`".to_owned(), words));
+        for quality in cameras.iter().flat_map(|_| WITH_CAMERAS) {
+            let cameras = cameras.as_deref().unwrap_or_default();
+            let words = words(&["encode", "--no-estimate", cameras, &format!("-q{quality}")]);
+            files.push((format!("`gsvx encode --cameras -q {quality}`"), words));
         }
         for effort in efforts {
             let views = cameras.as_deref().unwrap_or(TUNE_ORBIT);

@@ -16,6 +16,9 @@ use rayon::prelude::*;
 
 /// Weights of two terms of the loss that no view asks for, as MCMC training has them (Kheradmand et al. 2024, section 3.3):
 /// the mean opacity and the mean scale. What no photo needs fades and shrinks.
+///
+/// They act on the Gaussians that the view shows. A Gaussian whose moments are zero would otherwise fade at several
+/// times its rate until a view shows it, because Adam divides by the root of a second moment that is nearly zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shrinkage {
     /// Of the mean opacity.
@@ -93,13 +96,12 @@ impl SceneOptimiser {
         let n = scene.len().max(1) as f32;
         let shrinking = (opacity / n, scale / (3.0 * n));
         let gradient = |i: usize, row: &[f32], g: &mut [f32]| {
-            if let Some(found) = views.of_gaussian(&Gaussian::of_row(row), i) {
-                g[..3].copy_from_slice(&found.mean);
-                g[3..3 + k].copy_from_slice(&found.sh.as_flattened()[..k]);
-                g[3 + k] = found.opacity_logit;
-                g[4 + k..7 + k].copy_from_slice(&found.log_scale);
-                g[7 + k..].copy_from_slice(&found.rotation);
-            }
+            let Some(found) = views.of_gaussian(&Gaussian::of_row(row), i) else { return };
+            g[..3].copy_from_slice(&found.mean);
+            g[3..3 + k].copy_from_slice(&found.sh.as_flattened()[..k]);
+            g[3 + k] = found.opacity_logit;
+            g[4 + k..7 + k].copy_from_slice(&found.log_scale);
+            g[7 + k..].copy_from_slice(&found.rotation);
             if shrinking != (0.0, 0.0) {
                 let alpha = 1.0 / (1.0 + libm::expf(-row[3 + k]));
                 g[3 + k] += shrinking.0 * (alpha * (1.0 - alpha));
@@ -143,5 +145,37 @@ impl SceneOptimiser {
     pub(crate) fn set_state(&mut self, [rows, first, second]: [Vec<f32>; 3]) {
         set_rows(&mut self.scene, &rows);
         self.moments = AdamMoments { first, second };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Loss, Photo, RenderOptions, TrainView};
+    use gs_model::Camera;
+
+    #[test]
+    fn what_the_photos_do_not_need_fades_and_what_no_view_shows_stays() {
+        let (eye, up) = ([0.0, 0.0, -3.0], [0.0, -1.0, 0.0]);
+        let camera = Camera::looking_at("a".into(), eye, [0.0; 3], up, [32, 24], 60.0);
+        let mut scene = Scene::zeros(2, 0);
+        // The second lies behind the camera.
+        scene.means[1] = [0.0, 0.0, -9.0];
+        scene.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        scene.log_scales.fill([-1.0; 3]);
+        let photo = Photo { rgb: vec![90; 32 * 24 * 3], ..Photo::black(32, 24) };
+        let view = TrainView { camera, photo };
+        let after = |weight: f32| {
+            let options = RenderOptions::default();
+            let mut views = ViewGradients::new(vec![view.clone()], Loss::Mse, &options).unwrap();
+            let mut run = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
+            run.shrinkage = Shrinkage { opacity: weight, scale: weight };
+            (1..=20).for_each(|number| _ = run.step(&mut views, 0, number, 1.0));
+            run.take_scene()
+        };
+        let (free, after) = (after(0.0), after(1.0));
+        assert!(after.opacity_logits[0] < free.opacity_logits[0] - 0.5);
+        assert!(after.log_scales[0][0] < free.log_scales[0][0] - 0.05);
+        assert_eq!(after.select(&[1]), scene.select(&[1]));
     }
 }
