@@ -49,6 +49,7 @@ struct Model {
 
 /// Photos of a scene.
 struct Photos {
+    scene: String,
     dir: PathBuf,
     held_out: Vec<TrainView>,
 }
@@ -151,7 +152,11 @@ impl Model {
             table.row(coded.row(&name));
         }
         let compared = match &self.photos {
-            Some(p) => format!("Against {} photos that were held out.", p.held_out.len()),
+            Some(p) => format!(
+                "Trained by `cargo xtask train {} --cap 1000000`. Against {} photos that were held out.",
+                p.scene,
+                p.held_out.len()
+            ),
             None => format!(
                 "Against renders of the model (`gsvx compare {}`).",
                 COMPARE_ORBIT.join(" ")
@@ -191,7 +196,8 @@ impl Photos {
     fn open(scene: &str) -> Result<Self> {
         let dir = scenes::dir_of(scene)?;
         let views = open_views(&dir)?;
-        Ok(Self { held_out: measure::load(views.iter().step_by(HOLD_OUT_EVERY))?, dir })
+        let held_out = measure::load(views.iter().step_by(HOLD_OUT_EVERY))?;
+        Ok(Self { scene: scene.to_owned(), dir, held_out })
     }
 
     /// PSNR and SSIM of the model in a file.
