@@ -33,7 +33,7 @@ pub struct RealSizeOptions {
 
 const DEFAULT: [&str; 2] =
     ["office:out/train/office.ply", "../shared/models/la_fontaine/meta.json"];
-/// Qualities of the streams without tuning that know the cameras.
+/// Qualities of the untuned streams that are encoded with cameras.
 const WITH_CAMERAS: [u32; 4] = [20, 35, 50, 80];
 /// Generated cameras of a tune without photos, and those that its streams are compared at.
 const TUNE_ORBIT: &str = "--orbit=32";
@@ -119,10 +119,11 @@ impl Model {
             ("`gsvx encode`".to_owned(), words(&["encode", "--no-estimate"])),
             ("`gsvx encode -q 45`".to_owned(), words(&["encode", "--no-estimate", "-q45"])),
         ];
-        for quality in cameras.iter().flat_map(|_| WITH_CAMERAS) {
-            let cameras = cameras.as_deref().unwrap_or_default();
-            let words = words(&["encode", "--no-estimate", cameras, &format!("-q{quality}")]);
-            files.push((format!("`gsvx encode --cameras -q {quality}`"), words));
+        if let Some(cameras) = &cameras {
+            for quality in WITH_CAMERAS {
+                let words = words(&["encode", "--no-estimate", cameras, &format!("-q{quality}")]);
+                files.push((format!("`gsvx encode --cameras -q {quality}`"), words));
+            }
         }
         for effort in efforts {
             let views = cameras.as_deref().unwrap_or(TUNE_ORBIT);
@@ -152,10 +153,9 @@ impl Model {
             table.row(coded.row(&name));
         }
         let compared = match &self.photos {
-            Some(p) => format!(
-                "Trained by `cargo xtask train {} --cap 1000000`. Against {} photos that were held out.",
-                p.scene,
-                p.held_out.len()
+            Some(Photos { scene, held_out, .. }) => format!(
+                "Against {} held-out photos of {scene}. `cargo xtask train {scene} --cap 1000000` trains such a model.",
+                held_out.len()
             ),
             None => format!(
                 "Against renders of the model (`gsvx compare {}`).",

@@ -14,11 +14,11 @@ use crate::view_gradients::ViewGradients;
 use gs_model::Scene;
 use rayon::prelude::*;
 
-/// Weights of two terms of the loss that no view asks for, as MCMC training has them (Kheradmand et al. 2024, section 3.3):
-/// the mean opacity and the mean scale. What no photo needs fades and shrinks.
+/// Weights of the mean opacity and the mean scale in the loss, as in MCMC training (Kheradmand et al. 2024, section 3.3).
+/// What no photo needs fades and shrinks.
 ///
-/// They act on the Gaussians that the view shows. A Gaussian whose moments are zero would otherwise fade at several
-/// times its rate until a view shows it, because Adam divides by the root of a second moment that is nearly zero.
+/// A step shrinks only the Gaussians that its view shows. Adam divides by the root of the second moment. Where the
+/// moments are zero, shrinkage alone would move a Gaussian at several times its rate until a view shows it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shrinkage {
     /// Of the mean opacity.
