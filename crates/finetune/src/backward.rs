@@ -53,7 +53,7 @@ impl<const N: usize> Backward<N> {
         let value = self.loss(view, photo, loss);
         let f = &self.forward;
         blend_adjoint(view, f, &self.tiles, &mut self.records);
-        let splats = &f.projected.splats;
+        let splats = &f.projected.seen.splats;
         gather(&f.lists, &self.records, splats.len(), &mut self.sums, |i, sum| {
             // The gradient of a colour that was clamped at zero is zero.
             for (v, shown) in sum.iter_mut().zip([splats[i].red, splats[i].green, splats[i].blue]) {
@@ -61,6 +61,19 @@ impl<const N: usize> Backward<N> {
             }
         });
         value
+    }
+
+    /// What `gather` found for Gaussian `i`; `None` if it reaches no pixel.
+    #[inline(always)]
+    pub(crate) fn sum(&self, i: usize) -> Option<&[f32; N]> {
+        let place = self.forward.projected.place(i)?;
+        self.sums.get(place).filter(|sum| **sum != [0.0; N])
+    }
+
+    /// What `gather` found, for all Gaussians.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn all_sums(&self) -> Vec<[f32; N]> {
+        self.forward.projected.spread(&self.sums, [0.0; N])
     }
 
     /// The stage `loss` on the blended tiles.

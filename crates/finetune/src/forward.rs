@@ -5,7 +5,7 @@ use gs_model::{Camera, Scene};
 use crate::image::Image;
 use crate::options::RenderOptions;
 use crate::stages::blend::{LANES, TilePixels, blend};
-use crate::stages::project::{Projected, RenderView, project};
+use crate::stages::project::{Projected, RenderView, Splats, project};
 use crate::stages::sort_depth::sort_depth;
 use crate::stages::tiles::{TileLists, tile_lists};
 
@@ -23,14 +23,14 @@ impl Forward {
     /// Runs project .. blend.
     pub(crate) fn run(&mut self, scene: &Scene, view: &RenderView) {
         self.lists(scene, view);
-        blend(view, &self.projected.splats, &self.lists, &mut self.tiles, &mut self.last);
+        blend(view, &self.projected.seen.splats, &self.lists, &mut self.tiles, &mut self.last);
     }
 
     /// Runs project .. ranges.
     pub(crate) fn lists(&mut self, scene: &Scene, view: &RenderView) {
         project(view, scene, &mut self.projected);
-        sort_depth(&self.projected.keys, &mut self.order);
-        let (splats, boxes) = (&self.projected.splats, &self.projected.boxes);
+        let Splats { splats, boxes, keys } = &self.projected.seen;
+        sort_depth(keys, &mut self.order);
         tile_lists(view, splats, boxes, &self.order, &mut self.lists);
     }
 

@@ -29,9 +29,9 @@ pub fn saliency(scene: &Scene, cameras: &[Camera]) -> Saliency {
     for camera in cameras {
         let view = RenderView::new(camera, &RenderOptions::default());
         f.lists(scene, &view);
-        blend_weights(&view, &f.projected.splats, &f.lists, &mut weights);
-        gather(&f.lists, &weights, n, &mut sums, |_, _| ());
-        for (i, &[w, w2]) in sums.iter().enumerate() {
+        blend_weights(&view, &f.projected.seen.splats, &f.lists, &mut weights);
+        gather(&f.lists, &weights, f.order.len(), &mut sums, |_, _| ());
+        for (i, &[w, w2]) in f.projected.gaussians().zip(&sums) {
             out.total[i] += w;
             out.squared[i] += w2;
         }

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::options::{Loss, RenderOptions};
 use crate::stages::blend_adjoint::{FROZEN, MOVING};
 use crate::stages::loss::ViewLoss;
-use crate::stages::project::RenderView;
+use crate::stages::project::{RenderView, project};
 use crate::stages::project_adjoint::{Gaussian, ParameterGradient, parameter_gradient};
 use crate::train_view::{TrainView, check_views};
 
@@ -145,8 +145,35 @@ impl ViewGradients {
     #[cfg(all(test, feature = "gpu"))]
     pub(crate) fn sums(&self) -> Vec<[f32; 7]> {
         match &self.pass {
-            Pass::Frozen(pass) => pass.sums.clone(),
+            Pass::Frozen(pass) => pass.all_sums(),
             Pass::Moving(_) => Vec::new(),
+        }
+    }
+
+    /// Finds out which Gaussians view `view` (modulo their number) may show.
+    pub(crate) fn look(&mut self, scene: &Scene, view: usize) {
+        let view = &self.views[view % self.views.len()].view;
+        match &mut self.pass {
+            Pass::Frozen(pass) => project(view, scene, &mut pass.forward.projected),
+            Pass::Moving(pass) => project(view, scene, &mut pass.forward.projected),
+        }
+    }
+
+    /// Whether the view last looked at may show Gaussian `i`.
+    #[inline(always)]
+    pub(crate) fn may_show(&self, i: usize) -> bool {
+        match &self.pass {
+            Pass::Frozen(pass) => pass.forward.projected.place(i).is_some(),
+            Pass::Moving(pass) => pass.forward.projected.place(i).is_some(),
+        }
+    }
+
+    /// Whether Gaussian `i` reaches a pixel of the last view.
+    #[inline(always)]
+    pub(crate) fn shows(&self, i: usize) -> bool {
+        match &self.pass {
+            Pass::Frozen(pass) => pass.sum(i).is_some(),
+            Pass::Moving(pass) => pass.sum(i).is_some(),
         }
     }
 
@@ -168,8 +195,8 @@ impl ViewGradients {
     ) -> Option<ParameterGradient> {
         let PreparedView { view, weight, .. } = &self.views[self.last];
         match &self.pass {
-            Pass::Frozen(pass) => parameter_gradient(view, *weight, gaussian, pass.sums.get(i)?),
-            Pass::Moving(pass) => parameter_gradient(view, *weight, gaussian, pass.sums.get(i)?),
+            Pass::Frozen(pass) => Some(parameter_gradient(view, *weight, gaussian, pass.sum(i)?)),
+            Pass::Moving(pass) => Some(parameter_gradient(view, *weight, gaussian, pass.sum(i)?)),
         }
     }
 }

@@ -67,6 +67,10 @@ impl StateWriter {
         self.floats(&moments.second);
     }
 
+    pub(crate) fn steps(&mut self, steps: &[u32]) {
+        self.list(steps.iter().map(|v| v.to_le_bytes()));
+    }
+
     pub(crate) fn scene(&mut self, scene: &Scene) {
         self.integers(&[scene.sh_degree.into(), scene.len() as u64]);
         for array in [
@@ -202,6 +206,12 @@ impl<'a> StateReader<'a> {
         };
         scene.validate().map_err(|e| self.refused("a scene that is not valid", e))?;
         if scene.len() as u64 == n { Ok(scene) } else { Err(self.error("length of a scene")) }
+    }
+
+    /// So many numbers of steps.
+    pub(crate) fn steps(&mut self, len: usize) -> Result<Vec<u32>> {
+        let read = self.list(u32::from_le_bytes)?;
+        if read.len() == len { Ok(read) } else { Err(self.error("steps differ in number")) }
     }
 
     /// Moments of so many parameters.

@@ -219,7 +219,7 @@ impl CodecLoop {
         // An opacity is at most 1.
         let after = |row: &mut [f32]| row[0] = row[0].min(0.0);
         let rows = Flat::chunks(&mut values, rates.len());
-        self.moments.step(Adam::new(self.done), &rates, rows, gradient, after);
+        self.moments.step(Adam::new(self.done), &rates, rows, |_| true, gradient, after);
         *self.latents.values_mut() = values;
         Ok(loss)
     }

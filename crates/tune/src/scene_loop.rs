@@ -55,11 +55,14 @@ impl SceneLoop {
 
     /// Changes scene and moments together.
     pub(crate) fn change(&mut self, change: impl FnOnce(&mut Scene, &mut AdamMoments)) {
-        let mut scene = self.optimiser.take_scene();
-        let mut moments = std::mem::take(&mut self.optimiser.moments);
+        let old = &mut self.optimiser;
+        let mut scene = old.take_scene();
+        let mut moments = std::mem::take(&mut old.moments);
         change(&mut scene, &mut moments);
-        self.optimiser = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
-        self.optimiser.moments = moments;
+        let mut new = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
+        new.last[..old.last.len()].copy_from_slice(&old.last);
+        (new.moments, new.made) = (moments, old.made);
+        *old = new;
     }
 
     /// Number of the next step, counted from 1, and what its rates are multiplied by. Counts it as done.
@@ -80,13 +83,19 @@ impl SceneLoop {
         out.integers(&[self.done]);
         out.scene(self.optimiser.scene());
         out.moments(&self.optimiser.moments);
+        out.steps(&self.optimiser.last);
+        out.floats(&[self.optimiser.made.1]);
     }
 
     /// Undoes [`SceneLoop::write`].
     pub(crate) fn read(input: &mut StateReader<'_>, mean_rate: f32, steps: u64) -> Result<Self> {
         let [done] = input.integers()?[..] else { return Err(input.error("steps")) };
         let mut this = Self::new(input.scene()?, mean_rate, steps);
-        this.optimiser.moments = input.moments(this.optimiser.moments.first.len())?;
+        let optimiser = &mut this.optimiser;
+        optimiser.moments = input.moments(optimiser.moments.first.len())?;
+        optimiser.last = input.steps(optimiser.scene().len())?;
+        let [decay] = input.floats()?[..] else { return Err(input.error("rates")) };
+        optimiser.made = (done, decay);
         this.done = done;
         Ok(this)
     }

@@ -14,6 +14,8 @@ use crate::view_gradients::PreparedView;
 pub struct DeviceOptimiser {
     steps: DeviceSteps,
     rates: LearningRates,
+    /// Number of the last step.
+    made: u64,
 }
 
 impl DeviceOptimiser {
@@ -26,7 +28,7 @@ impl DeviceOptimiser {
         let steps = DeviceSteps::new(context, from.scene(), views, loss, None)?;
         let [rows, first, second] = &from.state();
         steps.workspace.upload([rows, first, second]);
-        Ok(Self { steps, rates: *from.rates() })
+        Ok(Self { steps, rates: *from.rates(), made: from.made.0 })
     }
 
     /// Submits step number `number`, counted from 1, at a view. It does not wait for the device.
@@ -35,6 +37,7 @@ impl DeviceOptimiser {
     /// [`crate::Error::Gpu`].
     pub fn step(&mut self, view: usize, number: u64, decay: f32) -> Result<()> {
         let u = self.steps.uniform(view, number).with_adam(&self.rates, number, decay);
+        self.made = number;
         self.steps.step(view, u, &STEP)
     }
 
@@ -52,7 +55,7 @@ impl DeviceOptimiser {
     /// [`crate::Error::Gpu`].
     pub fn fetch(&mut self, out: &mut SceneOptimiser) -> Result<()> {
         self.steps.settle()?;
-        out.set_state(self.steps.workspace.download()?);
+        out.set_state(self.steps.workspace.download()?, self.made);
         Ok(())
     }
 

@@ -186,7 +186,7 @@ impl KernelLoop {
     pub fn scene(&mut self, like: Scene) -> Result<Scene> {
         self.steps.settle()?;
         let mut out = SceneOptimiser::new(like, LearningRates::default(), 0.0);
-        out.set_state(self.steps.workspace.download()?);
+        out.set_state(self.steps.workspace.download()?, 0);
         Ok(out.take_scene())
     }
 }

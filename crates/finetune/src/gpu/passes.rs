@@ -8,7 +8,7 @@ use crate::forward::Forward;
 use crate::shaders::{DISPATCH_ROW, GROUP_TILES, LOSS_RUN};
 use crate::stages::TILE;
 #[cfg(test)]
-use crate::stages::project::{Projected, Splat, TileBox};
+use crate::stages::project::{CULLED, Projected, Splat, TileBox};
 
 /// A stage of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,15 +88,16 @@ impl Workspace {
     /// so that `blend` and its adjoint have the same inputs in both executors.
     #[cfg(test)]
     pub(crate) fn upload_lists(&self, forward: &Forward, u: &StepUniform) {
-        let lists = &forward.lists;
-        let mut counts = vec![0u32; forward.projected.splats.len()];
+        let (lists, projected) = (&forward.lists, &forward.projected);
+        let mut counts = vec![0u32; forward.order.len()];
         for &i in &lists.ids {
             counts[i as usize] += 1;
         }
-        self.write("keys", 0, &forward.projected.keys);
-        self.write("page_splats", 0, &packed(&forward.projected));
-        self.write("page_counts", 0, &counts);
-        self.write("state", 0, &[counts.len() as u32, lists.ids.len() as u32, 0, 0]);
+        self.write("keys", 0, &projected.spread(&projected.seen.keys, CULLED));
+        self.write("page_splats", 0, &projected.spread(&packed(projected), [0; 12]));
+        self.write("page_counts", 0, &projected.spread(&counts, 0));
+        let state = [projected.places.len() as u32, lists.ids.len() as u32, 0, 0];
+        self.write("state", 0, &state);
         self.run(&LISTS[1..], u, &[]);
         let mut ranks = counts;
         forward.order.iter().zip(0..).for_each(|(&i, rank)| ranks[i as usize] = rank);
@@ -227,7 +228,7 @@ impl Workspace {
 /// Splats as the device has them: with the box of tiles instead of the rows of pixels.
 #[cfg(test)]
 pub(crate) fn packed(projected: &Projected) -> Vec<[u32; 12]> {
-    let all = projected.splats.iter().zip(&projected.boxes);
+    let all = projected.seen.splats.iter().zip(&projected.seen.boxes);
     let pack = |(splat, b): (&Splat, &TileBox)| {
         let mut words: [u32; 12] = bytemuck::cast(*splat);
         (words[7], words[11]) = (b.x0 | b.x1 << 16, b.y0 | b.y1 << 16);

@@ -157,12 +157,12 @@ fn project_agrees() {
     p.gpu.run(&[GpuStage::Project], &p.u, &[]);
     let keys: Vec<u32> = p.gpu.read("keys", 0, 3000).unwrap();
     let f = &p.cpu.forward.projected;
-    let visible = f.keys.iter().filter(|&&k| k != CULLED).count();
+    let visible = f.seen.keys.len();
     assert!(visible > 500 && visible < 2800, "{visible}");
-    assert_eq!(keys, f.keys);
+    assert_eq!(keys, f.spread(&f.seen.keys, CULLED));
     let splats: Vec<[f32; 12]> = p.gpu.read("page_splats", 0, 3000).unwrap();
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
-    let wanted = packed(f);
+    let wanted = f.spread(&packed(f), [0; 12]);
     for i in (0..3000).filter(|&i| keys[i] != CULLED) {
         ours.extend_from_slice(&splats[i]);
         theirs.extend_from_slice(bytemuck::cast_slice::<_, f32>(&[wanted[i]]));
@@ -189,21 +189,24 @@ fn lists_are_equal() {
     // Counts come from `project`; everything else from the Rust executor.
     p.gpu.run(&[GpuStage::Project], &p.u, &[]);
     let f = &p.cpu.forward;
-    p.gpu.write("keys", 0, &f.projected.keys);
-    p.gpu.write("page_splats", 0, &packed(&f.projected));
+    let (projected, seen) = (&f.projected, &f.projected.seen);
+    p.gpu.write("keys", 0, &projected.spread(&seen.keys, CULLED));
+    p.gpu.write("page_splats", 0, &projected.spread(&packed(projected), [0; 12]));
     p.gpu.run(&LISTS[1..], &p.u, &[]);
     let order: Vec<u32> = p.gpu.read("order", 0, f.order.len()).unwrap();
-    assert_eq!(order, f.order);
-    let ties = f
-        .order
-        .windows(2)
-        .filter(|w| f.projected.keys[w[0] as usize] == f.projected.keys[w[1] as usize]);
+    let gaussians: Vec<u32> = projected.gaussians().map(|i| i as u32).collect();
+    let numbers = |places: &[u32]| -> Vec<u32> {
+        places.iter().map(|&place| gaussians[place as usize]).collect()
+    };
+    assert_eq!(order, numbers(&f.order));
+    let key = |place: u32| seen.keys[place as usize];
+    let ties = f.order.windows(2).filter(|w| key(w[0]) == key(w[1]));
     assert!(ties.count() > 500, "the scene has no depth ties");
     let offsets: Vec<u32> = p.gpu.read("offsets", 0, f.lists.offsets.len()).unwrap();
     assert_eq!(offsets, f.lists.offsets);
     let ids: Vec<u32> = p.gpu.read("ids", 0, f.lists.ids.len()).unwrap();
     let ids: Vec<u32> = ids.iter().map(|&rank| order[rank as usize]).collect();
-    assert_eq!(ids, f.lists.ids);
+    assert_eq!(ids, numbers(&f.lists.ids));
     assert!(ids.len() > 3000);
 }
 
@@ -223,7 +226,7 @@ fn skipped_blocks_have_no_pixel_that_counts() {
         let (tx, ty) = p.view.tile_at(tile);
         let first = f.lists.offsets[tile] as usize;
         for (k, &i) in f.lists.of(tile).iter().enumerate() {
-            let s = &f.projected.splats[i as usize];
+            let s = &f.projected.seen.splats[i as usize];
             let byte = words[(first + k) / 4] >> (8 * ((first + k) % 4));
             for pixel in 0..256u32 {
                 let (lx, ly) = (pixel % 16, pixel / 16);
@@ -277,7 +280,7 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     p.gpu.write("records", 0, &wanted);
     p.gpu.run(&[GpuStage::Gather], &p.u, &[]);
     let sums: Vec<f32> = p.gpu.read("sums", 0, 7 * 3000).unwrap();
-    assert!(bits(&sums) == bits(&flat(&p.cpu.sums)), "sums differ");
+    assert!(bits(&sums) == bits(&flat(&p.cpu.all_sums())), "sums differ");
     let clamped = |s: &[f32; 7]| s[..3].contains(&0.0) && s[3] != 0.0;
     assert!(p.cpu.sums.iter().any(clamped), "no colour is clamped");
 }
@@ -338,7 +341,7 @@ fn adam_agrees() {
     }
     assert!(compared > 100, "{compared}");
     let mut out = host;
-    out.set_state([rows, first, second]);
+    out.set_state([rows, first, second], 1);
     assert_eq!(out.scene().means, p.scene.means);
 }
 

@@ -3,6 +3,7 @@
 
 mod rows;
 mod scene;
+mod unseen;
 
 pub use crate::shuffle::{SplitMix, permutation};
 #[cfg(feature = "gpu")]
@@ -18,8 +19,10 @@ pub(crate) const BETA1: f32 = 0.9;
 pub(crate) const BETA2: f32 = 0.999;
 pub(crate) const EPSILON: f32 = 1.0e-15;
 
-/// Rows of a task.
+/// Rows that lie together in memory.
 const CHUNK: usize = 256;
+/// Most chunks of a task. Those that a view shows may follow each other; larger tasks would leave them to one thread.
+const TASK: usize = 8;
 /// Rows that Adam moves at once: a row alone is too short for wide registers.
 const BLOCK: usize = 16;
 
@@ -94,13 +97,14 @@ impl AdamMoments {
         Self { first: vec![0.0; len], second: vec![0.0; len] }
     }
 
-    /// Moves rows of `rates.len()` parameters. `gradient` gets the number of a row and its parameters, and fills in its
-    /// gradient, which begins with zeros. `after` may put a row back into its range.
+    /// Moves the rows of `rates.len()` parameters that are `due`. `gradient` gets the number of a row and its
+    /// parameters, and fills in its gradient, which begins with zeros. `after` may put a row back into its range.
     pub fn step<C: RowChunk>(
         &mut self,
         adam: Adam,
         rates: &[f32],
         chunks: impl IndexedParallelIterator<Item = C>,
+        due: impl Fn(usize) -> bool + Sync,
         gradient: impl Fn(usize, &[f32], &mut [f32]) + Sync,
         after: impl Fn(&mut [f32]) + Sync,
     ) {
@@ -108,21 +112,32 @@ impl AdamMoments {
         let first = self.first.par_chunks_mut(CHUNK * stride);
         let second = self.second.par_chunks_mut(CHUNK * stride);
         let rates = rates.repeat(BLOCK);
-        chunks.zip(first).zip(second).enumerate().for_each(|(c, ((mut chunk, m), v))| {
+        let all = chunks.zip(first).zip(second).enumerate().with_max_len(TASK);
+        all.for_each(|(c, ((mut chunk, m), v))| {
             let mut rows = [vec![0.0; BLOCK * stride], vec![0.0; BLOCK * stride]];
-            let blocks = m.chunks_mut(BLOCK * stride).zip(v.chunks_mut(BLOCK * stride));
-            for (b, (m, v)) in blocks.enumerate() {
-                let [p, g] = rows.each_mut().map(|rows| &mut rows[..m.len()]);
+            let len = m.len() / stride;
+            let due = |i: usize| i < len && due(c * CHUNK + i);
+            let mut next = 0;
+            while next < len {
+                let start = next;
+                while next < start + BLOCK && due(next) {
+                    next += 1;
+                }
+                let block = start * stride..next * stride;
+                let [p, g] = rows.each_mut().map(|rows| &mut rows[..block.len()]);
                 g.fill(0.0);
                 let pairs = p.chunks_exact_mut(stride).zip(g.chunks_exact_mut(stride));
-                for (i, (p, g)) in (b * BLOCK..).zip(pairs) {
+                for (i, (p, g)) in (start..).zip(pairs) {
                     chunk.load(i, p);
                     gradient(c * CHUNK + i, p, g);
                 }
-                update(adam, p, [m, v], g, &rates);
-                for (i, p) in (b * BLOCK..).zip(p.chunks_exact_mut(stride)) {
+                update(adam, p, [&mut m[block.clone()], &mut v[block]], g, &rates);
+                for (i, p) in (start..).zip(p.chunks_exact_mut(stride)) {
                     after(p);
                     chunk.store(i, p);
+                }
+                while next < len && !due(next) {
+                    next += 1;
                 }
             }
         });

@@ -1,11 +1,9 @@
 //! [`SceneOptimiser`]: a scene that is fine-tuned.
 
 #[cfg(feature = "gpu")]
-use std::borrow::Cow;
-
-#[cfg(feature = "gpu")]
 use super::rows::{rows_of, set_rows};
 use super::rows::{scene_chunks, stride};
+use super::unseen::catch_up;
 use super::{Adam, AdamMoments};
 use crate::options::LearningRates;
 use crate::stages::loss::ViewLoss;
@@ -27,11 +25,16 @@ pub struct Shrinkage {
     pub scale: f32,
 }
 
-/// A scene, and Adam on the rows of its Gaussians.
+/// A scene, and Adam on the rows of its Gaussians. A step moves those that its view shows. The others catch up before a
+/// view shows them, so a step costs what is seen, not the size of the scene.
 pub struct SceneOptimiser {
     scene: Scene,
     /// Adam's moments, row after row.
     pub moments: AdamMoments,
+    /// For each row the number of the step that it is up to date with; 0 if no view has shown it.
+    pub last: Vec<u32>,
+    /// Number of the last step, and what its rates were multiplied by.
+    pub made: (u64, f32),
     /// Rates of the other parameters.
     pub rates: LearningRates,
     /// Rate of the means.
@@ -47,19 +50,29 @@ impl SceneOptimiser {
     #[must_use]
     pub fn new(scene: Scene, rates: LearningRates, mean_rate: f32) -> Self {
         let moments = AdamMoments::zeros(stride(scene.sh_len()) * scene.len());
+        let last = vec![0; scene.len()];
         let (learned_degree, shrinkage) = (scene.sh_degree, Shrinkage::default());
-        Self { scene, moments, rates, mean_rate, learned_degree, shrinkage }
+        Self { scene, moments, last, made: (0, 1.0), rates, mean_rate, learned_degree, shrinkage }
     }
 
-    /// The scene as it is.
+    /// The scene as it is. Rows may have missed steps: see [`SceneOptimiser::settle`].
     #[must_use]
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
+    /// Makes the steps that rows have missed, at the rates of now.
+    pub fn settle(&mut self) {
+        let (rates, number) = (self.row_rates(self.made.1), self.made.0 as u32);
+        let Self { scene, moments, last, .. } = self;
+        let moved: Vec<bool> = last.iter().map(|&last| last > 0).collect();
+        catch_up([number; 2], &rates, scene_chunks(scene), moments, last, |i| moved[i]);
+    }
+
     /// Takes the scene out, after the last step.
     #[must_use]
     pub fn take_scene(&mut self) -> Scene {
+        self.settle();
         std::mem::take(&mut self.scene)
     }
 
@@ -71,8 +84,18 @@ impl SceneOptimiser {
         number: u64,
         decay: f32,
     ) -> ViewLoss {
-        let loss = views.run(&self.scene, view);
-        self.descend(views, number, decay);
+        let (rates, made) = (self.row_rates(decay), number.saturating_sub(1) as u32);
+        self.made = (number, decay);
+        let Self { scene, moments, last, .. } = self;
+        if last.par_iter().any(|&last| last > 0 && last < made) {
+            views.look(scene, view);
+            let due = |i: usize| views.may_show(i);
+            catch_up([made; 2], &rates, scene_chunks(scene), moments, last, due);
+        }
+        let loss = views.run(scene, view);
+        let shows = |i: usize| views.shows(i);
+        catch_up([made, number as u32], &rates, scene_chunks(scene), moments, last, shows);
+        self.descend(views, Adam::new(number), &rates);
         loss
     }
 
@@ -87,10 +110,9 @@ impl SceneOptimiser {
         });
     }
 
-    /// Moves the scene against the gradients of the last view.
-    pub(crate) fn descend(&mut self, views: &ViewGradients, number: u64, decay: f32) {
-        let rates: Vec<f32> = self.row_rates().iter().map(|r| r * decay).collect();
-        let scene = &mut self.scene;
+    /// Moves what the last view shows against its gradients.
+    fn descend(&mut self, views: &ViewGradients, adam: Adam, rates: &[f32]) {
+        let Self { scene, moments, .. } = self;
         let k = 3 * scene.sh_len();
         let Shrinkage { opacity, scale } = self.shrinkage;
         let n = scene.len().max(1) as f32;
@@ -109,11 +131,12 @@ impl SceneOptimiser {
                 scales.for_each(|(g, s)| *g += shrinking.1 * libm::expf(*s));
             }
         };
-        self.moments.step(Adam::new(number), &rates, scene_chunks(scene), gradient, |_| ());
+        let shows = |i: usize| views.shows(i);
+        moments.step(adam, rates, scene_chunks(scene), shows, gradient, |_| ());
     }
 
-    /// The rate of each parameter of a row.
-    fn row_rates(&self) -> Vec<f32> {
+    /// The rate of each parameter of a row, times `decay`.
+    fn row_rates(&self, decay: f32) -> Vec<f32> {
         let r = &self.rates;
         let mut rates = vec![self.mean_rate; 3];
         rates.extend([r.sh_dc; 3]);
@@ -123,6 +146,7 @@ impl SceneOptimiser {
         rates.push(r.opacity);
         rates.extend([r.log_scale; 3]);
         rates.extend([r.rotation; 4]);
+        rates.iter_mut().for_each(|rate| *rate *= decay);
         rates
     }
 }
@@ -136,15 +160,19 @@ impl SceneOptimiser {
     }
 
     /// Parameters and moments, row after row.
-    pub(crate) fn state(&self) -> [Cow<'_, [f32]>; 3] {
-        let AdamMoments { first, second } = &self.moments;
-        [rows_of(&self.scene).into(), first.into(), second.into()]
+    pub(crate) fn state(&self) -> [Vec<f32>; 3] {
+        let mut copy = Self::new(self.scene.clone(), self.rates, self.mean_rate);
+        (copy.moments, copy.last, copy.made) = (self.moments.clone(), self.last.clone(), self.made);
+        copy.settle();
+        [rows_of(&copy.scene), copy.moments.first, copy.moments.second]
     }
 
-    /// Takes parameters and moments.
-    pub(crate) fn set_state(&mut self, [rows, first, second]: [Vec<f32>; 3]) {
+    /// Takes parameters and moments after so many steps, which moved every row.
+    pub(crate) fn set_state(&mut self, [rows, first, second]: [Vec<f32>; 3], made: u64) {
         set_rows(&mut self.scene, &rows);
         self.moments = AdamMoments { first, second };
+        self.last.fill(made as u32);
+        self.made.0 = made;
     }
 }
 

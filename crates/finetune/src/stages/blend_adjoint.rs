@@ -184,7 +184,7 @@ pub(crate) fn blend_adjoint<const N: usize>(
     records.clear();
     records.resize(f.lists.ids.len(), [0.0; N]);
     f.lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
-        let mut tile = TileSplats::new(view, &f.projected.splats, &f.lists, k);
+        let mut tile = TileSplats::new(view, &f.projected.seen.splats, &f.lists, k);
         tile.ids = &tile.ids[..f.last[k] as usize];
         replay_tile(tile, &f.tiles[k], &gradients[k], view.background, records);
     });

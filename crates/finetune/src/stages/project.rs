@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::*;
 use crate::options::{Profile, RenderOptions};
 
-/// Depth key of a culled Gaussian; sorts last.
+/// The place of a Gaussian that the view does not show. On a device: its depth key, which sorts last.
 pub(crate) const CULLED: u32 = u32::MAX;
 
 /// A projected Gaussian. Twelve words, three `vec4` in WGSL.
@@ -112,6 +112,11 @@ const LANES: usize = 16;
 
 type Lanes = [F; LANES];
 
+/// A splat ends, in pixels, at most so many times its greatest scale over the depth and the focal length, and so many
+/// pixels beyond that, from its mean: where its opacity is 1/255, with room for rounding.
+const REACH: F = 3.4;
+const EDGE: F = 2.5;
+
 /// Where the image shows up to [`LANES`] Gaussians, and in which shape. [`finish`] makes splats of it.
 #[derive(Default)]
 struct Shapes {
@@ -175,6 +180,35 @@ impl Shapes {
     }
 }
 
+/// False if all of up to [`LANES`] Gaussians, from `first` on, lie behind the camera or beside the image. It reads half
+/// of what [`Shapes::of`] reads.
+#[inline(always)]
+fn may_be_seen(view: &RenderView, scene: &Scene, first: usize, count: usize) -> bool {
+    let lens = &view.lens;
+    let slope = |lo: F, hi: F| sqrt(1.0 + max(lo * lo, hi * hi));
+    let [reach_x, reach_y] = [
+        REACH * lens.fx * slope(lens.lo_x, lens.hi_x),
+        REACH * lens.fy * slope(lens.lo_y, lens.hi_y),
+    ];
+    let (right, below) = (view.width as F - lens.cx, view.height as F - lens.cy);
+    let mut seen = [0; LANES];
+    for l in 0..count.min(LANES) {
+        let [x, y, z] = scene.means[first + l];
+        let [a, b, c] = scene.log_scales[first + l];
+        let from_eye = sub3(V3(x, y, z), lens.eye);
+        let z = dot3(lens.w2, from_eye);
+        let (x, y) = (lens.fx * dot3(lens.w0, from_eye), lens.fy * dot3(lens.w1, from_eye));
+        let scale = exp_polynomial(clamp(max(max(a, b), c), -LOG_SCALE_MAX, LOG_SCALE_MAX));
+        let (half_x, half_y) = (reach_x * scale + EDGE * z, reach_y * scale + EDGE * z);
+        let beside = (x + half_x < -lens.cx * z)
+            | (x - half_x > right * z)
+            | (y + half_y < -lens.cy * z)
+            | (y - half_y > below * z);
+        seen[l] = u32::from((z > NEAR) & !beside);
+    }
+    seen != [0; LANES]
+}
+
 /// The splat of Gaussian `i`, which is in lane `l`; `None` if it cannot be seen.
 #[inline(always)]
 fn finish(
@@ -234,22 +268,27 @@ fn finish(
     Some((splat, tiles, shapes.z[l].to_bits()))
 }
 
-/// Projects up to [`LANES`] Gaussians, from `first` on.
+/// Projects up to [`LANES`] Gaussians, from `first` on. `places` gets their places in `out`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn project_lanes(
     view: &RenderView,
     scene: &Scene,
     first: usize,
-    splats: &mut [Splat],
-    boxes: &mut [TileBox],
-    keys: &mut [u32],
+    places: &mut [u32],
+    out: &mut Splats,
 ) {
-    let shapes = Shapes::of(view, scene, first, keys.len());
-    let out = splats.iter_mut().zip(boxes).zip(keys).enumerate();
-    for (l, ((splat, tiles), key)) in out {
-        match finish(view, scene, first + l, &shapes, l) {
-            Some(found) => (*splat, *tiles, *key) = found,
-            None => *key = CULLED,
+    if !view.reference && !may_be_seen(view, scene, first, places.len()) {
+        places.fill(CULLED);
+        return;
+    }
+    let shapes = Shapes::of(view, scene, first, places.len());
+    for (l, place) in places.iter_mut().enumerate() {
+        *place = CULLED;
+        if let Some((splat, tiles, key)) = finish(view, scene, first + l, &shapes, l) {
+            *place = out.keys.len() as u32;
+            out.splats.push(splat);
+            out.boxes.push(tiles);
+            out.keys.push(key);
         }
     }
 }
@@ -271,12 +310,68 @@ fn square_tiles(centre: F, half: F, limit: u32) -> (u32, u32) {
     (first.min(limit), last.min(limit))
 }
 
-/// Output of the stage: one entry per Gaussian, culled ones with key [`CULLED`].
+/// The splats of the Gaussians that the view may show, in the order of the scene. The later stages know a splat by its
+/// place here, so their time and memory follow what is seen.
 #[derive(Default)]
-pub(crate) struct Projected {
+pub(crate) struct Splats {
     pub(crate) splats: Vec<Splat>,
     pub(crate) boxes: Vec<TileBox>,
     pub(crate) keys: Vec<u32>,
+}
+
+impl Splats {
+    /// Puts the parts one behind the other.
+    fn join(&mut self, parts: &[Self]) {
+        join(parts, |part| &part.splats, &mut self.splats);
+        join(parts, |part| &part.boxes, &mut self.boxes);
+        join(parts, |part| &part.keys, &mut self.keys);
+    }
+}
+
+fn join<T: Copy + Default + Send + Sync>(
+    parts: &[Splats],
+    of: impl Fn(&Splats) -> &[T] + Sync,
+    out: &mut Vec<T>,
+) {
+    out.resize(parts.iter().map(|part| of(part).len()).sum(), T::default());
+    let mut rest = out.as_mut_slice();
+    let mut to = Vec::with_capacity(parts.len());
+    for part in parts {
+        let (head, tail) = rest.split_at_mut(of(part).len());
+        to.push(head);
+        rest = tail;
+    }
+    to.into_par_iter().zip(parts).for_each(|(to, part)| to.copy_from_slice(of(part)));
+}
+
+/// Output of the stage.
+#[derive(Default)]
+pub(crate) struct Projected {
+    pub(crate) seen: Splats,
+    /// For each Gaussian of the scene the place of its splat, or [`CULLED`].
+    pub(crate) places: Vec<u32>,
+}
+
+impl Projected {
+    /// The place of the splat of Gaussian `i`, if it has one.
+    #[inline(always)]
+    pub(crate) fn place(&self, i: usize) -> Option<usize> {
+        self.places.get(i).filter(|&&place| place != CULLED).map(|&place| place as usize)
+    }
+
+    /// The Gaussians that have splats; the n-th has the n-th splat.
+    pub(crate) fn gaussians(&self) -> impl Iterator<Item = usize> {
+        let all = self.places.iter().enumerate();
+        all.filter(|&(_, &place)| place != CULLED).map(|(i, _)| i)
+    }
+
+    /// What belongs to the splats, as an entry per Gaussian; `none` for those without a splat.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn spread<T: Copy>(&self, of_splats: &[T], none: T) -> Vec<T> {
+        (0..self.places.len())
+            .map(|i| self.place(i).map_or(none, |place| of_splats[place]))
+            .collect()
+    }
 }
 
 /// Projects every Gaussian of `scene`.
@@ -284,26 +379,56 @@ pub(crate) fn project(view: &RenderView, scene: &Scene, out: &mut Projected) {
     const CHUNK: usize = 1024;
     // Arrays of inconsistent lengths: nothing can be drawn.
     let n = if scene.check_shape().is_ok() { scene.len() } else { 0 };
-    out.splats.resize(n, Splat::default());
-    out.boxes.resize(n, TileBox::default());
-    out.keys.resize(n, CULLED);
-    out.splats
-        .par_chunks_mut(CHUNK)
-        .zip(out.boxes.par_chunks_mut(CHUNK))
-        .zip(out.keys.par_chunks_mut(CHUNK))
-        .enumerate()
-        .for_each(|(c, ((splats, boxes), keys))| {
-            let lanes = splats.chunks_mut(LANES).zip(boxes.chunks_mut(LANES));
-            for (k, ((splats, boxes), keys)) in lanes.zip(keys.chunks_mut(LANES)).enumerate() {
-                project_lanes(view, scene, c * CHUNK + k * LANES, splats, boxes, keys);
-            }
-        });
+    out.places.resize(n, CULLED);
+    let part = |(c, places): (usize, &mut [u32])| {
+        let mut part = Splats::default();
+        for (k, places) in places.chunks_mut(LANES).enumerate() {
+            project_lanes(view, scene, c * CHUNK + k * LANES, places, &mut part);
+        }
+        part
+    };
+    let chunks = out.places.par_chunks_mut(CHUNK).enumerate().with_max_len(4);
+    let parts: Vec<_> = chunks.map(part).collect();
+    out.seen.join(&parts);
+    let lengths = parts.iter().map(|part| part.keys.len() as u32);
+    let starts: Vec<u32> =
+        lengths.scan(0, |sum, n| Some(std::mem::replace(sum, *sum + n))).collect();
+    out.places.par_chunks_mut(CHUNK).zip(starts).for_each(|(places, start)| {
+        places.iter_mut().filter(|place| **place != CULLED).for_each(|place| *place += start);
+    });
 }
 
 #[cfg(test)]
 #[allow(clippy::disallowed_methods, reason = "a test")]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_left_out_without_its_shape_cannot_be_seen() {
+        let mut scene = testing::trained_like(4000, 0, &mut testing::Rng::seeded(3));
+        let mut rng = testing::Rng::seeded(8);
+        for (mean, scale) in scene.means.iter_mut().zip(&mut scene.log_scales) {
+            mean.iter_mut().for_each(|x| *x *= 3.0);
+            scale.iter_mut().for_each(|s| *s += rng.range_f32(-1.0, 2.0));
+        }
+        scene.opacity_logits.fill(9.0);
+        let (mut left, mut kept) = (0, 0);
+        for k in 0..8 {
+            let eye = [0, 1, 2].map(|_| f64::from(rng.signed()));
+            let target = [0, 1, 2].map(|_| 2.0 * f64::from(rng.signed()));
+            let up = [0.0, 1.0, 0.0];
+            let camera = Camera::looking_at(k.to_string(), eye, target, up, [40, 30], 30.0);
+            let view = RenderView::new(&camera, &RenderOptions::default());
+            for i in 0..scene.len() {
+                let shape = Shapes::of(&view, &scene, i, 1);
+                let seen = finish(&view, &scene, i, &shape, 0).is_some();
+                let may = may_be_seen(&view, &scene, i, 1);
+                assert!(may || !seen, "{i}");
+                (left, kept) = (left + u32::from(!may), kept + u32::from(seen));
+            }
+        }
+        assert!(left > 5000 && kept > 2000, "{left} {kept}");
+    }
 
     /// sigma of rotated needles out to their tips, in f32: by the factor, and by the conic from
     /// `A C - B^2` as every published rasterizer has it, both against f64.

@@ -59,26 +59,16 @@ impl<'a> Gaussian<'a> {
     }
 }
 
-/// `weight` times the gradient of a Gaussian. `record` is what `gather` leaves of it, 7 or 9 sums.
-///
-/// `None` if the Gaussian was culled or reaches no pixel. Its gradient is then zero; computing it
-/// could give NaN, for example where an overflow made the Gaussian invisible. Many Gaussians are not in a view:
-/// nothing of them is read, which takes 2 % off a step.
+/// `weight` times the gradient of a Gaussian that reaches a pixel. `record` is what `gather` leaves of it, 7 or 9 sums.
 #[inline(always)]
 pub(crate) fn parameter_gradient<const N: usize>(
     view: &RenderView,
     weight: f32,
     gaussian: &Gaussian<'_>,
     record: &[f32; N],
-) -> Option<ParameterGradient> {
-    if *record == [0.0; N] {
-        return None;
-    }
+) -> ParameterGradient {
     let Gaussian { mean, rotation, log_scale, opacity_logit, sh } = gaussian;
     let f = Frame::new(&view.lens, *mean, *rotation, *log_scale);
-    if !f.in_front {
-        return None;
-    }
     let shape = shape_adjoint(&f, Sym2(record[4], record[5], record[6]));
     // With respect to the colour before its clamp.
     let v_raw = [record[0], record[1], record[2]];
@@ -100,5 +90,5 @@ pub(crate) fn parameter_gradient<const N: usize>(
         let mean = add3(mean, direction_adjoint(&f, sh, v_raw));
         out.mean = [mean.x, mean.y, mean.z].map(|v| v * weight);
     }
-    Some(out)
+    out
 }

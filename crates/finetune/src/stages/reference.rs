@@ -147,11 +147,11 @@ mod tests {
         let mut pass = Backward::<FROZEN>::default();
         pass.run(&scene, &view, &planes_of(&photo.rgb), Loss::default());
         let f = &pass.forward;
-        let tiles = blend(&view, &f.projected.splats, &f.lists);
+        let tiles = blend(&view, &f.projected.seen.splats, &f.lists);
         let bits = |v: &[TilePixels]| bytemuck::cast_slice::<_, u32>(v).to_vec();
         assert!(tiles.iter().any(|t| t.t[2][2] < 0.0), "no pixel stops early");
         assert_eq!(bits(&tiles), bits(&f.tiles), "blend differs");
-        let records = blend_adjoint(&view, &f.projected.splats, &f.lists, &tiles, &pass.tiles);
+        let records = blend_adjoint(&view, &f.projected.seen.splats, &f.lists, &tiles, &pass.tiles);
         // The executor sums lanes first: another order, so not the same bits.
         let mut scale = [0.0f32; FROZEN];
         for r in &records {

@@ -38,8 +38,8 @@ pub fn worth(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut(Image)) -> 
         let view = RenderView::new(camera, &RenderOptions::default());
         f.run(scene, &view);
         effects(&view, &f, &mut records);
-        gather(&f.lists, &records, n, &mut sums, |_, _| ());
-        for (i, &[removal, squared]) in sums.iter().enumerate() {
+        gather(&f.lists, &records, f.order.len(), &mut sums, |_, _| ());
+        for (i, &[removal, squared]) in f.projected.gaussians().zip(&sums) {
             out.removal[i] += removal;
             out.squared[i] += squared;
         }
@@ -53,7 +53,7 @@ fn effects(view: &RenderView, f: &Forward, records: &mut Vec<[f32; 2]>) {
     records.clear();
     records.resize(f.lists.ids.len(), [0.0; 2]);
     f.lists.split_mut(records).into_par_iter().enumerate().for_each(|(k, records)| {
-        let tile = TileSplats::new(view, &f.projected.splats, &f.lists, k);
+        let tile = TileSplats::new(view, &f.projected.seen.splats, &f.lists, k);
         effects_tile(tile, &f.tiles[k], view.background, records);
     });
 }

@@ -1,16 +1,9 @@
-//! Stage `sort_depth`: indices of the visible Gaussians, near to far, ties by index.
-
-use super::project::CULLED;
+//! Stage `sort_depth`: places of the splats, near to far, ties by place.
 
 /// A stable radix sort on the bits of the depth (positive floats order as their bits do).
 /// Voxelized means lie on a lattice, so exact ties are common; stability breaks them by index.
 pub(crate) fn sort_depth(keys: &[u32], order: &mut Vec<u32>) {
-    let mut pairs: Vec<(u32, u32)> = keys
-        .iter()
-        .enumerate()
-        .filter(|&(_, &k)| k != CULLED)
-        .map(|(i, &k)| (k, i as u32))
-        .collect();
+    let mut pairs: Vec<(u32, u32)> = keys.iter().copied().zip(0..).collect();
     let mut other = vec![(0u32, 0u32); pairs.len()];
     for shift in [0u32, 11, 22] {
         let digit = |k: u32| ((k >> shift) & 0x7ff) as usize;

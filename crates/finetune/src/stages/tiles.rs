@@ -5,12 +5,12 @@ use rayon::prelude::*;
 use super::project::{RenderView, Splat, TileBox};
 use super::*;
 
-/// Per-tile lists of Gaussian indices.
+/// Per-tile lists of splats.
 #[derive(Default)]
 pub(crate) struct TileLists {
     /// Start of each tile's list in `ids`; one entry more than there are tiles.
     pub(crate) offsets: Vec<u32>,
-    /// Gaussian indices, tile by tile in row-major order, near to far within a tile.
+    /// Places of splats, tile by tile in row-major order, near to far within a tile.
     pub(crate) ids: Vec<u32>,
 }
 
@@ -31,7 +31,7 @@ impl TileLists {
     }
 }
 
-/// Gaussians of a part of the depth order.
+/// Splats of a part of the depth order.
 const PART: usize = 1 << 16;
 /// Splats that are loaded together.
 pub(crate) const BATCH: usize = 32;

@@ -163,6 +163,7 @@ impl Train {
         let reason = trainer.run(&mut work, &mut progress)?;
         trainer.keep(&work);
         let (steps, seconds) = (trainer.done, trainer.clock.seconds());
+        work.prepare();
         Ok(Trained { scene: work.run.optimiser.take_scene(), steps, seconds, reason })
     }
 }
@@ -201,6 +202,8 @@ impl Training {
 
     /// Puts Gaussians where they are needed.
     fn densify(&mut self) {
+        // The rates, for rows that catch up now.
+        self.prepare();
         let mut random = SplitMix::new(self.options.seed ^ self.run.done.wrapping_mul(0x9e6d));
         let more = self.wanted().saturating_sub(self.run.optimiser.scene().len());
         self.run.change(|scene, moments| {
